@@ -1,0 +1,117 @@
+//! What the log holds. The canonical encoding of an entry is borsh; its RFC 6962 leaf is the hash of those bytes.
+
+use crate::{
+    refusal::Refusal,
+    rules::Rules,
+    signed::{DatasetRegistration, Signed, Submission, UpdateCommitment},
+};
+use borsh::{BorshDeserialize, BorshSerialize};
+use zk0_circuits::{Digest, NodeId, WeightsDigest};
+
+/// Version of the encoding and meaning of [`Entry`].
+pub const ENTRY_VERSION: u16 = 1;
+
+/// Largest encoded entry, in bytes: proofs and weights are blobs beside the log.
+pub const MAX_ENTRY_BYTES: usize = 64 * 1024;
+
+/// One line of the history.
+#[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
+pub struct Entry {
+    /// [`ENTRY_VERSION`].
+    pub version: u16,
+    /// When the aggregator recorded it: Unix time in milliseconds, never decreasing along the log.
+    pub time_ms: u64,
+    /// What happened.
+    pub body: Body,
+}
+
+/// What happened.
+#[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
+pub enum Body {
+    /// The first entry, and only the first.
+    Genesis(Genesis),
+    /// A node joined.
+    NodeEnrolled(NodeEnrolled),
+    /// A node committed to a dataset.
+    DatasetCommitted(Signed<DatasetRegistration>),
+    /// A round opened.
+    RoundOpened(RoundOpened),
+    /// A node fixed its update. The tree that ends with this entry fixes the node's challenge.
+    UpdateCommitted(Signed<UpdateCommitment>),
+    /// A contribution was verified and counts.
+    ContributionAccepted(Signed<Submission>),
+    /// A contribution does not count, and why.
+    ContributionRejected {
+        /// What the node signed.
+        submission: Signed<Submission>,
+        /// Why it was refused.
+        reason: Refusal,
+    },
+    /// A round closed with new global weights.
+    RoundClosed(RoundClosed),
+}
+
+/// The founding document. Its digest is the network id.
+#[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
+pub struct Genesis {
+    /// A name for people, also the origin line of checkpoints.
+    pub name: String,
+    /// ed25519 key that signs checkpoints.
+    pub log_key: [u8; 32],
+    /// Keeps apart two networks founded alike.
+    pub nonce: [u8; 32],
+    /// The rules.
+    pub rules: Rules,
+    /// Verifying key of the proof program (SP1 `hash_koalabear`, as `zk0_circuits::program` encodes it).
+    pub program: Vec<u8>,
+    /// The evaluation specification, canonical encoding of `zk0_circuits::spec::EvalSpec`.
+    pub evaluation: Vec<u8>,
+    /// SHA-256 of the whole initial policy (safetensors): frozen part and expert.
+    pub policy: Digest,
+    /// The expert weights that round 0 starts from.
+    pub initial: WeightsDigest,
+}
+
+/// A node joined.
+#[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
+pub struct NodeEnrolled {
+    /// Its key.
+    pub node: NodeId,
+    /// A name for people.
+    pub name: String,
+}
+
+/// A round opened.
+#[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
+pub struct RoundOpened {
+    /// Counts from 0.
+    pub round: u64,
+    /// The weights it starts from.
+    pub base: WeightsDigest,
+    /// Digest of the evaluation specification.
+    pub evaluation: Digest,
+    /// Last moment for a commitment, Unix milliseconds.
+    pub commit_deadline_ms: u64,
+    /// Last moment for a submission, Unix milliseconds.
+    pub submit_deadline_ms: u64,
+}
+
+/// A round closed.
+#[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
+pub struct RoundClosed {
+    /// The round.
+    pub round: u64,
+    /// The new global weights; the base weights when nobody contributed.
+    pub global: WeightsDigest,
+    /// Who counted for how much, ordered by node.
+    pub contributors: Vec<Contributor>,
+}
+
+/// One contribution's share in FedAvg.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
+pub struct Contributor {
+    /// The node.
+    pub node: NodeId,
+    /// Its committed samples, capped by the rules.
+    pub samples: u64,
+}
