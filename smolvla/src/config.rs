@@ -1,0 +1,341 @@
+//! Every dimension of a policy, and the named profiles.
+//!
+//! Field meanings follow LeRobot's `SmolVLAConfig` and transformers' `SmolVLMConfig`
+//! ([`PolicyConfig::from_lerobot`] reads both). What never varies between SmolVLA models is a constant
+//! here, not a field.
+
+use serde::{Deserialize, Serialize};
+
+use crate::error::{PolicyError, Result};
+
+/// Base of the rotary embedding. LeRobot uses 10,000 whatever `rope_theta` says.
+pub const ROPE_BASE: f32 = 10_000.0;
+/// Epsilon of the RMSNorms of the text layers and the expert.
+pub const RMS_NORM_EPS: f64 = 1e-5;
+/// Epsilon of the LayerNorms of the vision tower.
+pub const LAYER_NORM_EPS: f64 = 1e-6;
+/// Colour channels of an image.
+pub const CHANNELS: usize = 3;
+
+/// No dimension or count may exceed this: the published model stays well below it.
+const LIMIT: usize = 1 << 17;
+
+/// The vision tower (SigLIP).
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct VisionConfig {
+    /// Height and width of the square input, in pixels.
+    pub image_size: usize,
+    /// Height and width of a patch, in pixels.
+    pub patch_size: usize,
+    /// Hidden width.
+    pub width: usize,
+    /// Hidden width of the MLPs.
+    pub mlp_width: usize,
+    /// Encoder layers.
+    pub layers: usize,
+    /// Attention heads.
+    pub heads: usize,
+    /// Pixel-shuffle factor of the connector: `shuffle x shuffle` patches become one token.
+    pub shuffle: usize,
+}
+
+/// The language layers (SmolLM2), only those that SmolVLA keeps.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TextConfig {
+    /// Hidden width.
+    pub width: usize,
+    /// Hidden width of the SwiGLU MLPs.
+    pub mlp_width: usize,
+    /// Layers kept; the expert has as many.
+    pub layers: usize,
+    /// Query heads, shared with the expert.
+    pub heads: usize,
+    /// Key/value heads, shared with the expert.
+    pub kv_heads: usize,
+    /// Width of a head.
+    pub head_dim: usize,
+    /// Token ids are below this.
+    pub vocabulary: usize,
+}
+
+/// The action expert.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ExpertConfig {
+    /// Hidden width.
+    pub width: usize,
+    /// Hidden width of the SwiGLU MLPs.
+    pub mlp_width: usize,
+}
+
+/// How a layer of the expert meets the prefix.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LayerKind {
+    /// One attention over the prefix's keys and the expert's own, causal among the action tokens.
+    Joint,
+    /// Attention over the prefix alone, its keys and values passed through the expert's own projections.
+    Cross,
+}
+
+/// All dimensions of one SmolVLA policy.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PolicyConfig {
+    /// Camera slots.
+    pub cameras: usize,
+    /// Vision tower and connector.
+    pub vision: VisionConfig,
+    /// Language layers.
+    pub text: TextConfig,
+    /// Action expert.
+    pub expert: ExpertConfig,
+    /// Layer `i` is [`LayerKind::Joint`] when `i` is a multiple of this, else [`LayerKind::Cross`].
+    pub self_attn_every: usize,
+    /// Action frames predicted at once.
+    pub chunk_size: usize,
+    /// Real state dimensions of the robot.
+    pub state_dim: usize,
+    /// Real action dimensions of the robot.
+    pub action_dim: usize,
+    /// State dimensions of the network; the rest is zero.
+    pub max_state_dim: usize,
+    /// Action dimensions of the network; the rest is zero.
+    pub max_action_dim: usize,
+    /// Longest instruction, in tokens.
+    pub max_language_tokens: usize,
+    /// Shortest period of the time embedding.
+    pub min_period: f64,
+    /// Longest period of the time embedding.
+    pub max_period: f64,
+}
+
+/// A named set of dimensions.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Profile {
+    /// The dimensions of the reference fixture `smolvla_tiny`.
+    Tiny,
+    /// Small enough that one proven evaluation stays near two million guest cycles.
+    Micro,
+}
+
+impl Profile {
+    /// The profile of that name, as written on a command line or in the ledger.
+    pub fn from_name(name: &str) -> Result<Self> {
+        match name {
+            "tiny" => Ok(Self::Tiny),
+            "micro" => Ok(Self::Micro),
+            _ => Err(PolicyError::Config(format!(
+                "no profile is called `{name}`; there are `tiny` and `micro`"
+            ))),
+        }
+    }
+
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Tiny => "tiny",
+            Self::Micro => "micro",
+        }
+    }
+
+    /// Its dimensions.
+    pub fn config(self) -> PolicyConfig {
+        match self {
+            Self::Tiny => PolicyConfig {
+                cameras: 2,
+                vision: VisionConfig {
+                    image_size: 64,
+                    patch_size: 16,
+                    width: 48,
+                    mlp_width: 96,
+                    layers: 2,
+                    heads: 3,
+                    shuffle: 2,
+                },
+                text: TextConfig {
+                    width: 72,
+                    mlp_width: 160,
+                    layers: 4,
+                    heads: 6,
+                    kv_heads: 2,
+                    head_dim: 12,
+                    vocabulary: 128,
+                },
+                expert: ExpertConfig {
+                    width: 54,
+                    mlp_width: 256,
+                },
+                self_attn_every: 2,
+                chunk_size: 10,
+                state_dim: 6,
+                action_dim: 6,
+                max_state_dim: 32,
+                max_action_dim: 32,
+                max_language_tokens: 48,
+                min_period: 0.004,
+                max_period: 4.0,
+            },
+            Self::Micro => PolicyConfig {
+                cameras: 2,
+                vision: VisionConfig {
+                    image_size: 64,
+                    patch_size: 16,
+                    width: 16,
+                    mlp_width: 32,
+                    layers: 2,
+                    heads: 2,
+                    shuffle: 2,
+                },
+                text: TextConfig {
+                    width: 16,
+                    mlp_width: 32,
+                    layers: 2,
+                    heads: 2,
+                    kv_heads: 1,
+                    head_dim: 8,
+                    vocabulary: 128,
+                },
+                expert: ExpertConfig {
+                    width: 12,
+                    mlp_width: 32,
+                },
+                self_attn_every: 2,
+                chunk_size: 6,
+                state_dim: 6,
+                action_dim: 6,
+                max_state_dim: 8,
+                max_action_dim: 8,
+                max_language_tokens: 4,
+                min_period: 0.004,
+                max_period: 4.0,
+            },
+        }
+    }
+}
+
+impl PolicyConfig {
+    /// Kind of the expert's layer `i`.
+    pub fn layer_kind(&self, i: usize) -> LayerKind {
+        if i % self.self_attn_every == 0 {
+            LayerKind::Joint
+        } else {
+            LayerKind::Cross
+        }
+    }
+
+    /// Width of all query heads together.
+    pub fn query_width(&self) -> usize {
+        self.text.heads * self.text.head_dim
+    }
+
+    /// Width of all key (or value) heads together.
+    pub fn kv_width(&self) -> usize {
+        self.text.kv_heads * self.text.head_dim
+    }
+
+    /// Patches of one image.
+    pub fn patches(&self) -> usize {
+        let side = self.vision.image_size / self.vision.patch_size;
+        side * side
+    }
+
+    /// Tokens that one camera adds to the prefix.
+    pub fn tokens_per_camera(&self) -> usize {
+        self.patches() / (self.vision.shuffle * self.vision.shuffle)
+    }
+
+    /// The longest possible prefix: all cameras, the longest instruction, one state token.
+    pub fn max_prefix_tokens(&self) -> usize {
+        self.cameras * self.tokens_per_camera() + self.max_language_tokens + 1
+    }
+
+    /// Elements of one action chunk, padded to the network's action dimensions.
+    pub fn chunk_elements(&self) -> usize {
+        self.chunk_size * self.max_action_dim
+    }
+
+    /// Refuses dimensions that no network can have.
+    pub fn validate(&self) -> Result<()> {
+        let (v, t, e) = (&self.vision, &self.text, &self.expert);
+        let sizes = [
+            ("cameras", self.cameras),
+            ("vision.image_size", v.image_size),
+            ("vision.patch_size", v.patch_size),
+            ("vision.width", v.width),
+            ("vision.mlp_width", v.mlp_width),
+            ("vision.layers", v.layers),
+            ("vision.heads", v.heads),
+            ("vision.shuffle", v.shuffle),
+            ("text.width", t.width),
+            ("text.mlp_width", t.mlp_width),
+            ("text.layers", t.layers),
+            ("text.heads", t.heads),
+            ("text.kv_heads", t.kv_heads),
+            ("text.head_dim", t.head_dim),
+            ("text.vocabulary", t.vocabulary),
+            ("expert.width", e.width),
+            ("expert.mlp_width", e.mlp_width),
+            ("self_attn_every", self.self_attn_every),
+            ("chunk_size", self.chunk_size),
+            ("state_dim", self.state_dim),
+            ("action_dim", self.action_dim),
+            ("max_state_dim", self.max_state_dim),
+            ("max_action_dim", self.max_action_dim),
+            ("max_language_tokens", self.max_language_tokens),
+        ];
+        for (name, value) in sizes {
+            if value == 0 || value > LIMIT {
+                return Err(PolicyError::Config(format!(
+                    "`{name}` is {value}; it must be in 1..={LIMIT}"
+                )));
+            }
+        }
+        let rules = [
+            (
+                v.image_size % v.patch_size == 0,
+                "vision.image_size must be a multiple of vision.patch_size",
+            ),
+            (
+                (v.image_size / v.patch_size) % v.shuffle == 0,
+                "the patch grid's side must be a multiple of vision.shuffle",
+            ),
+            (
+                v.width % v.heads == 0,
+                "vision.width must be a multiple of vision.heads",
+            ),
+            (
+                t.heads % t.kv_heads == 0,
+                "text.heads must be a multiple of text.kv_heads",
+            ),
+            (
+                t.head_dim % 2 == 0,
+                "text.head_dim must be even (rotary embedding)",
+            ),
+            (
+                e.width % 2 == 0 && e.width >= 4,
+                "expert.width must be even and at least 4 (time embedding)",
+            ),
+            (
+                self.state_dim <= self.max_state_dim,
+                "state_dim exceeds max_state_dim",
+            ),
+            (
+                self.action_dim <= self.max_action_dim,
+                "action_dim exceeds max_action_dim",
+            ),
+            (
+                self.min_period > 0.0
+                    && self.min_period < self.max_period
+                    && self.max_period.is_finite(),
+                "periods must satisfy 0 < min_period < max_period",
+            ),
+        ];
+        match rules.iter().find(|(holds, _)| !holds) {
+            Some((_, rule)) => Err(PolicyError::Config((*rule).into())),
+            None => Ok(()),
+        }
+    }
+}

@@ -1,0 +1,73 @@
+//! What can go wrong between a configuration, weights and samples, said for the person who reads it.
+
+/// Errors of the policy: configuration, weights, samples and training.
+#[derive(Debug, thiserror::Error)]
+pub enum PolicyError {
+    /// A configuration that is not JSON of the expected form, or that this implementation cannot run.
+    #[error("policy configuration: {0}")]
+    Config(String),
+    /// A weights file that is cut short or is not safetensors at all.
+    #[error("weights: not a complete safetensors file ({0}); fetch or write it again")]
+    Safetensors(String),
+    /// A tensor the policy needs is not there.
+    #[error("weights: tensor `{0}` is missing")]
+    MissingTensor(String),
+    /// A tensor that does not belong to this policy.
+    #[error("weights: unexpected tensor `{0}`; the file belongs to another model or profile")]
+    UnexpectedTensor(String),
+    /// A tensor with other dimensions than the configuration gives it.
+    #[error("weights: tensor `{name}` has shape {found:?}, the configuration needs {expected:?}")]
+    Shape {
+        /// LeRobot's name of the tensor.
+        name: String,
+        /// The shape that follows from the configuration.
+        expected: Vec<usize>,
+        /// The shape in the file.
+        found: Vec<usize>,
+    },
+    /// A tensor stored in another number format.
+    #[error("weights: tensor `{name}` has type {found}, only F32 is accepted")]
+    Dtype {
+        /// LeRobot's name of the tensor.
+        name: String,
+        /// The type in the file.
+        found: String,
+    },
+    /// A tensor holding NaN or an infinity.
+    #[error("weights: tensor `{name}` holds {value} at element {index}; refuse this file")]
+    NotFinite {
+        /// LeRobot's name of the tensor.
+        name: String,
+        /// Offset of the first offending element, row-major.
+        index: usize,
+        /// Its value.
+        value: f32,
+    },
+    /// A frame or prepared sample that does not fit the policy.
+    #[error("sample: {0}")]
+    Sample(String),
+    /// Training options that make no sense.
+    #[error("training options: {0}")]
+    Options(String),
+    /// A trainable tensor that the loss does not reach.
+    #[error("training: tensor `{0}` has no gradient; an operation between it and the loss lacks a backward pass")]
+    NoGradient(String),
+    /// The loss became NaN or infinite: the weights of that step are useless.
+    #[error(
+        "training diverged: the loss is {loss} at step {step} of {of}; lower the learning rate"
+    )]
+    Diverged {
+        /// Step at which it happened, from 1.
+        step: usize,
+        /// Steps asked for.
+        of: usize,
+        /// The offending loss.
+        loss: f32,
+    },
+    /// Tensor arithmetic failed.
+    #[error("tensor arithmetic: {0}")]
+    Candle(#[from] candle_core::Error),
+}
+
+/// Result of the policy's functions.
+pub type Result<T> = std::result::Result<T, PolicyError>;

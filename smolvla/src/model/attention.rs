@@ -1,0 +1,67 @@
+//! Masked softmax attention with grouped key/value heads.
+
+use candle_core::{Device, Tensor, D};
+
+use crate::error::Result;
+
+/// What each query may see, as numbers added to the scores: 0 where it may, the lowest `f32` where not.
+///
+/// A row that may see nothing (a padded token) then attends evenly to everything, as in the reference.
+pub struct Mask(Tensor);
+
+impl Mask {
+    /// From `allowed(sample, query, key)`.
+    pub fn new(
+        (batch, queries, keys): (usize, usize, usize),
+        device: &Device,
+        allowed: impl Fn(usize, usize, usize) -> bool,
+    ) -> Result<Self> {
+        let mut bias = Vec::with_capacity(batch * queries * keys);
+        for b in 0..batch {
+            for q in 0..queries {
+                bias.extend((0..keys).map(|k| if allowed(b, q, k) { 0.0 } else { f32::MIN }));
+            }
+        }
+        Ok(Self(Tensor::from_vec(
+            bias,
+            (batch, 1, queries, keys),
+            device,
+        )?))
+    }
+}
+
+/// Attention of queries (B, Q, heads, dim) to keys and values (B, K, kv_heads, dim), giving (B, Q, heads * dim).
+/// Query head `h` reads key/value head `h / (heads / kv_heads)`.
+pub fn attend(queries: &Tensor, keys: &Tensor, values: &Tensor, mask: &Mask) -> Result<Tensor> {
+    let (batch, count, heads, dim) = queries.dims4()?;
+    let groups = heads / keys.dim(2)?;
+    let q = queries.transpose(1, 2)?.contiguous()?;
+    let k = repeat(keys, groups)?.permute((0, 2, 3, 1))?.contiguous()?;
+    let v = repeat(values, groups)?.transpose(1, 2)?.contiguous()?;
+    let scores = (q.matmul(&k)? * (dim as f64).powf(-0.5))?;
+    let weights = softmax(&scores.broadcast_add(&mask.0)?)?;
+    Ok(weights
+        .matmul(&v)?
+        .transpose(1, 2)?
+        .reshape((batch, count, heads * dim))?)
+}
+
+/// (B, K, kv_heads, dim) with every head repeated `groups` times in a row.
+fn repeat(x: &Tensor, groups: usize) -> Result<Tensor> {
+    if groups == 1 {
+        return Ok(x.clone());
+    }
+    let (batch, count, heads, dim) = x.dims4()?;
+    let wide = x
+        .unsqueeze(3)?
+        .broadcast_as((batch, count, heads, groups, dim))?;
+    Ok(wide.reshape((batch, count, heads * groups, dim))?)
+}
+
+/// Softmax over the last dimension. The maximum only guards against overflow, so it carries no gradient.
+fn softmax(x: &Tensor) -> Result<Tensor> {
+    let shifted = x
+        .broadcast_sub(&x.max_keepdim(D::Minus1)?.detach())?
+        .exp()?;
+    Ok(shifted.broadcast_div(&shifted.sum_keepdim(D::Minus1)?)?)
+}

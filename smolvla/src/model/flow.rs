@@ -1,0 +1,68 @@
+//! Flow matching: the noisy actions, their target velocity, and the loss under both of LeRobot's rules.
+
+use candle_core::Tensor;
+
+use crate::error::Result;
+
+/// `x_t = t * noise + (1 - t) * action` for (B, chunk, dims) and one time a sample.
+pub fn noisy_actions(actions: &Tensor, noise: &Tensor, times: &[f32]) -> Result<Tensor> {
+    let t = Tensor::from_slice(times, (times.len(), 1, 1), actions.device())?;
+    Ok((noise.broadcast_mul(&t)? + actions.broadcast_mul(&t.affine(-1.0, 1.0)?)?)?)
+}
+
+/// The velocity to be learnt, `noise - action`.
+pub fn target_velocity(actions: &Tensor, noise: &Tensor) -> Result<Tensor> {
+    Ok((noise - actions)?)
+}
+
+/// Squared errors, element by element.
+pub fn losses(velocity: &Tensor, target: &Tensor) -> Result<Tensor> {
+    Ok((target - velocity)?.sqr()?)
+}
+
+/// LeRobot 0.4's mean: padded frames and padded dimensions count.
+pub fn mean_loss(losses: &Tensor) -> Result<Tensor> {
+    Ok(losses.mean_all()?)
+}
+
+/// LeRobot 0.6's mean, the one a claim is about: real action dimensions of frames that are not padding.
+/// `is_pad` has one row of `chunk` per sample. Over a batch without any real frame it is 0.
+pub fn mean_loss_valid_only(
+    losses: &Tensor,
+    action_dim: usize,
+    is_pad: &[Vec<bool>],
+) -> Result<Tensor> {
+    let (batch, chunk, _) = losses.dims3()?;
+    let weights: Vec<f32> = is_pad
+        .iter()
+        .flatten()
+        .map(|pad| if *pad { 0.0 } else { 1.0 })
+        .collect();
+    let count = weights.iter().filter(|w| **w > 0.0).count() * action_dim;
+    let weights = Tensor::from_vec(weights, (batch, chunk, 1), losses.device())?;
+    let total = losses
+        .narrow(2, 0, action_dim)?
+        .broadcast_mul(&weights)?
+        .sum_all()?;
+    Ok((total / count.max(1) as f64)?)
+}
+
+/// [`mean_loss_valid_only`] of every sample by itself: (B).
+pub fn per_sample_loss_valid_only(
+    losses: &Tensor,
+    action_dim: usize,
+    is_pad: &[Vec<bool>],
+) -> Result<Tensor> {
+    let means = is_pad
+        .iter()
+        .enumerate()
+        .map(|(b, pad)| {
+            mean_loss_valid_only(
+                &losses.narrow(0, b, 1)?,
+                action_dim,
+                std::slice::from_ref(pad),
+            )
+        })
+        .collect::<Result<Vec<_>>>()?;
+    Ok(Tensor::stack(&means, 0)?)
+}

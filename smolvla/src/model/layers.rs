@@ -1,0 +1,106 @@
+//! Building blocks: linear maps, RMSNorm, the SwiGLU MLP and the Llama layer made of them.
+
+use candle_core::{Module, Tensor, D};
+use candle_nn::Linear;
+
+use super::Parameters;
+use crate::config::RMS_NORM_EPS;
+use crate::error::Result;
+
+/// `name.weight` without a bias.
+pub fn linear_no_bias(parameters: &Parameters, name: &str) -> Result<Linear> {
+    Ok(Linear::new(
+        parameters.get(&format!("{name}.weight"))?,
+        None,
+    ))
+}
+
+/// `name.weight` and `name.bias`.
+pub fn linear(parameters: &Parameters, name: &str) -> Result<Linear> {
+    let weight = parameters.get(&format!("{name}.weight"))?;
+    Ok(Linear::new(
+        weight,
+        Some(parameters.get(&format!("{name}.bias"))?),
+    ))
+}
+
+/// Root-mean-square norm over the last dimension, with a gain.
+pub struct RmsNorm(Tensor);
+
+impl RmsNorm {
+    /// The norm with gain `name.weight`.
+    pub fn new(parameters: &Parameters, name: &str) -> Result<Self> {
+        Ok(Self(parameters.get(&format!("{name}.weight"))?))
+    }
+
+    /// `x / sqrt(mean(x^2) + eps) * gain`.
+    pub fn forward(&self, x: &Tensor) -> candle_core::Result<Tensor> {
+        let mean_square = x.sqr()?.mean_keepdim(D::Minus1)?;
+        x.broadcast_div(&(mean_square + RMS_NORM_EPS)?.sqrt()?)?
+            .broadcast_mul(&self.0)
+    }
+}
+
+/// A Llama layer: projections, norms and MLP. The attention between them belongs to the caller.
+pub struct DecoderLayer {
+    input_norm: RmsNorm,
+    q: Linear,
+    k: Linear,
+    v: Linear,
+    o: Linear,
+    post_norm: RmsNorm,
+    gate: Linear,
+    up: Linear,
+    down: Linear,
+}
+
+impl DecoderLayer {
+    /// The layer whose tensors begin with `name`.
+    pub fn new(parameters: &Parameters, name: &str) -> Result<Self> {
+        let matrix = |part: &str| linear_no_bias(parameters, &format!("{name}.{part}"));
+        Ok(Self {
+            input_norm: RmsNorm::new(parameters, &format!("{name}.input_layernorm"))?,
+            q: matrix("self_attn.q_proj")?,
+            k: matrix("self_attn.k_proj")?,
+            v: matrix("self_attn.v_proj")?,
+            o: matrix("self_attn.o_proj")?,
+            post_norm: RmsNorm::new(parameters, &format!("{name}.post_attention_layernorm"))?,
+            gate: matrix("mlp.gate_proj")?,
+            up: matrix("mlp.up_proj")?,
+            down: matrix("mlp.down_proj")?,
+        })
+    }
+
+    /// The first norm: what queries (and in joint layers keys and values) are made of.
+    pub fn normalised(&self, hidden: &Tensor) -> Result<Tensor> {
+        Ok(self.input_norm.forward(hidden)?)
+    }
+
+    /// Queries (B, L, heads, head_dim), before the rotary embedding.
+    pub fn queries(&self, x: &Tensor, head_dim: usize) -> Result<Tensor> {
+        heads(&self.q.forward(x)?, head_dim)
+    }
+
+    /// Keys (B, L, kv_heads, head_dim), before the rotary embedding.
+    pub fn keys(&self, x: &Tensor, head_dim: usize) -> Result<Tensor> {
+        heads(&self.k.forward(x)?, head_dim)
+    }
+
+    /// Values (B, L, kv_heads, head_dim).
+    pub fn values(&self, x: &Tensor, head_dim: usize) -> Result<Tensor> {
+        heads(&self.v.forward(x)?, head_dim)
+    }
+
+    /// Everything after the attention: output projection, residual, second norm, SwiGLU MLP, residual.
+    pub fn finish(&self, hidden: &Tensor, attended: &Tensor) -> Result<Tensor> {
+        let hidden = (self.o.forward(attended)? + hidden)?;
+        let x = self.post_norm.forward(&hidden)?;
+        let mlp = (self.gate.forward(&x)?.silu()? * self.up.forward(&x)?)?;
+        Ok((self.down.forward(&mlp)? + hidden)?)
+    }
+}
+
+fn heads(x: &Tensor, head_dim: usize) -> Result<Tensor> {
+    let (batch, tokens, width) = x.dims3()?;
+    Ok(x.reshape((batch, tokens, width / head_dim, head_dim))?)
+}

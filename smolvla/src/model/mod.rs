@@ -1,0 +1,59 @@
+//! SmolVLA in candle, in the two phases that training and proving need.
+//!
+//! - [`prefix`]: images, language and state through the [`vision`] tower and the language layers, giving the
+//!   per-layer key/value cache. Frozen in training: one run per frame, ever.
+//! - [`expert`]: noisy actions and a time, through the expert's layers over that cache, giving the velocity.
+//! - [`flow`]: the flow-matching loss between them.
+//!
+//! Everything but the vision tower is made of operations with a backward pass. (candle's fused softmax, norm,
+//! attention and rotary kernels have none and drop gradients silently; [`layers`], [`attention`] and [`rope`]
+//! are written without them.)
+
+pub mod attention;
+pub mod expert;
+pub mod flow;
+pub mod layers;
+pub mod prefix;
+pub mod rope;
+pub mod time_embedding;
+pub mod vision;
+
+use std::collections::BTreeMap;
+
+use candle_core::{Device, Tensor};
+
+use crate::error::{PolicyError, Result};
+use crate::weights::TensorSet;
+
+/// Weights on a device, by LeRobot's names.
+#[derive(Clone)]
+pub struct Parameters(BTreeMap<String, Tensor>);
+
+impl Parameters {
+    /// Copies plain weights to a device.
+    pub fn load(weights: &TensorSet, device: &Device) -> Result<Self> {
+        let tensors = weights
+            .iter()
+            .map(|(name, t)| {
+                Ok((
+                    name.clone(),
+                    Tensor::from_slice(&t.data, t.shape.as_slice(), device)?,
+                ))
+            })
+            .collect::<Result<_>>()?;
+        Ok(Self(tensors))
+    }
+
+    /// Uses tensors that are there already, for example trainable variables.
+    pub fn from_tensors(tensors: BTreeMap<String, Tensor>) -> Self {
+        Self(tensors)
+    }
+
+    /// The tensor of that name.
+    pub fn get(&self, name: &str) -> Result<Tensor> {
+        self.0
+            .get(name)
+            .cloned()
+            .ok_or_else(|| PolicyError::MissingTensor(name.into()))
+    }
+}

@@ -1,0 +1,195 @@
+//! Phase one: images, language and state to the per-layer key/value cache that the expert reads.
+
+use candle_core::{Module, Tensor};
+use candle_nn::Linear;
+
+use super::attention::{attend, Mask};
+use super::layers::{linear, DecoderLayer, RmsNorm};
+use super::rope::Rope;
+use super::vision::{Vision, VisionRun};
+use super::Parameters;
+use crate::config::PolicyConfig;
+use crate::error::{PolicyError, Result};
+use crate::layout::VLM;
+
+/// One camera of a batch.
+pub struct CameraInput {
+    /// (B, 3, size, size), values in [-1, 1].
+    pub pixels: Tensor,
+    /// Whether sample `b` really has this camera.
+    pub present: Vec<bool>,
+}
+
+/// What the prefix is made of, for a batch.
+pub struct PrefixInput {
+    /// At most as many as the policy has slots.
+    pub cameras: Vec<CameraInput>,
+    /// Token ids (B, L), `u32`; L may be zero.
+    pub tokens: Tensor,
+    /// Which of them are real: B rows of L.
+    pub token_mask: Vec<Vec<bool>>,
+    /// (B, max_state_dim), normalised and zero-padded.
+    pub state: Tensor,
+}
+
+/// The prefix as the language layers read it: cameras, then language, then one state token.
+pub struct PrefixEmbedding {
+    /// (B, P, text width).
+    pub tokens: Tensor,
+    /// Which tokens are real: B rows of P.
+    pub valid: Vec<Vec<bool>>,
+    /// The vision tower's values, camera by camera.
+    pub vision: Vec<VisionRun>,
+}
+
+/// The frozen half's result: constant for a frame.
+#[derive(Clone)]
+pub struct PrefixCache {
+    /// Per layer (B, P, kv_heads, head_dim), after the rotary embedding.
+    pub keys: Vec<Tensor>,
+    /// Per layer (B, P, kv_heads, head_dim).
+    pub values: Vec<Tensor>,
+    /// Which tokens are real: B rows of P. The others hold meaningless numbers and are never attended to.
+    pub valid: Vec<Vec<bool>>,
+}
+
+/// Values on the way through the language layers.
+pub struct PrefixRun {
+    /// Input of every layer, then the output of the last: each (B, P, text width).
+    pub hidden: Vec<Tensor>,
+    /// What the expert needs.
+    pub cache: PrefixCache,
+    /// After the final norm (B, P, text width); the policy has no use for it.
+    pub output: Tensor,
+}
+
+/// The frozen half of the policy.
+pub struct PrefixModel {
+    vision: Vision,
+    embeddings: Tensor,
+    layers: Vec<DecoderLayer>,
+    norm: RmsNorm,
+    state: Linear,
+    config: PolicyConfig,
+}
+
+impl PrefixModel {
+    /// From the weights of a whole policy, or of its frozen half.
+    pub fn new(config: &PolicyConfig, parameters: &Parameters) -> Result<Self> {
+        let text = format!("{VLM}.text_model");
+        Ok(Self {
+            vision: Vision::new(config, parameters)?,
+            embeddings: parameters.get(&format!("{text}.embed_tokens.weight"))?,
+            layers: (0..config.text.layers)
+                .map(|i| DecoderLayer::new(parameters, &format!("{text}.layers.{i}")))
+                .collect::<Result<_>>()?,
+            norm: RmsNorm::new(parameters, &format!("{text}.norm"))?,
+            state: linear(parameters, "model.state_proj")?,
+            config: config.clone(),
+        })
+    }
+
+    /// The cache of a batch: [`Self::embed`], then [`Self::run`].
+    pub fn cache(&self, input: &PrefixInput) -> Result<PrefixCache> {
+        Ok(self.run(&self.embed(input)?)?.cache)
+    }
+
+    /// Embeds cameras, language and state. Image and language tokens are scaled by sqrt(text width), the
+    /// state is not.
+    pub fn embed(&self, input: &PrefixInput) -> Result<PrefixEmbedding> {
+        let (batch, language) = input.tokens.dims2()?;
+        if input.cameras.len() > self.config.cameras {
+            return Err(PolicyError::Sample(format!(
+                "{} cameras for a policy with {} slots",
+                input.cameras.len(),
+                self.config.cameras
+            )));
+        }
+        let scale = (self.config.text.width as f64).sqrt();
+        let mut parts = Vec::new();
+        let mut valid = vec![Vec::new(); batch];
+        let mut vision = Vec::new();
+        for camera in &input.cameras {
+            let run = self.vision.run(&camera.pixels)?;
+            let tokens = run.tokens.dim(1)?;
+            for (row, present) in valid.iter_mut().zip(&camera.present) {
+                row.extend(std::iter::repeat_n(*present, tokens));
+            }
+            parts.push((&run.tokens * scale)?);
+            vision.push(run);
+        }
+        if language > 0 {
+            let words = self
+                .embeddings
+                .index_select(&input.tokens.flatten_all()?, 0)?;
+            parts.push((words.reshape((batch, language, self.config.text.width))? * scale)?);
+        }
+        parts.push(self.state.forward(&input.state)?.unsqueeze(1)?);
+        for (row, mask) in valid.iter_mut().zip(&input.token_mask) {
+            row.extend(mask);
+            row.push(true);
+        }
+        let tokens = Tensor::cat(&parts, 1)?;
+        let count = tokens.dim(1)?;
+        if valid.iter().any(|row| row.len() != count) {
+            return Err(PolicyError::Sample(
+                "camera or token masks do not fit the batch".into(),
+            ));
+        }
+        Ok(PrefixEmbedding {
+            tokens,
+            valid,
+            vision,
+        })
+    }
+
+    /// Runs the language layers. Images and language see each other; the state sees them and itself.
+    pub fn run(&self, embedding: &PrefixEmbedding) -> Result<PrefixRun> {
+        let (batch, count, _) = embedding.tokens.dims3()?;
+        let device = embedding.tokens.device();
+        let head_dim = self.config.text.head_dim;
+        let valid = &embedding.valid;
+        let mask = Mask::new((batch, count, count), device, |b, q, k| {
+            let state = count - 1;
+            valid[b][q] && valid[b][k] && (k != state || q == state)
+        })?;
+        let positions: Vec<Vec<i64>> = valid.iter().map(|row| running_count(row)).collect();
+        let rope = Rope::new(&positions, head_dim, device)?;
+
+        let mut x = embedding.tokens.clone();
+        let mut hidden = vec![x.clone()];
+        let (mut keys, mut values) = (Vec::new(), Vec::new());
+        for layer in &self.layers {
+            let normed = layer.normalised(&x)?;
+            let q = rope.apply(&layer.queries(&normed, head_dim)?)?;
+            let k = rope.apply(&layer.keys(&normed, head_dim)?)?;
+            let v = layer.values(&normed, head_dim)?;
+            x = layer.finish(&x, &attend(&q, &k, &v, &mask)?)?;
+            hidden.push(x.clone());
+            keys.push(k);
+            values.push(v);
+        }
+        let output = self.norm.forward(&x)?;
+        Ok(PrefixRun {
+            hidden,
+            cache: PrefixCache {
+                keys,
+                values,
+                valid: valid.clone(),
+            },
+            output,
+        })
+    }
+}
+
+/// Position of each token: the running count of valid tokens, minus one.
+fn running_count(valid: &[bool]) -> Vec<i64> {
+    let mut position = -1;
+    valid
+        .iter()
+        .map(|v| {
+            position += i64::from(*v);
+            position
+        })
+        .collect()
+}

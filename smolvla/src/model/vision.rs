@@ -1,0 +1,166 @@
+//! The vision tower (SigLIP) and the connector that turns patches into language-model tokens. Frozen: no
+//! gradient ever runs through this file, so it may use candle's fused layer norm.
+
+use candle_core::{Module, Tensor};
+use candle_nn::{LayerNorm, Linear};
+
+use super::attention::{attend, Mask};
+use super::layers::{linear, linear_no_bias};
+use super::Parameters;
+use crate::config::{PolicyConfig, CHANNELS, LAYER_NORM_EPS};
+use crate::error::Result;
+use crate::layout::VLM;
+
+/// Vision tower and connector.
+pub struct Vision {
+    patch: Linear,
+    positions: Tensor,
+    layers: Vec<EncoderLayer>,
+    post_norm: LayerNorm,
+    connector: Linear,
+    patch_size: usize,
+    shuffle: usize,
+}
+
+/// Values on the way of one camera's images, in order.
+pub struct VisionRun {
+    /// Input of every encoder layer, then the output of the last: each (B, patches, width).
+    pub hidden: Vec<Tensor>,
+    /// After the final norm (B, patches, width).
+    pub normed: Tensor,
+    /// After pixel shuffle and projection (B, tokens_per_camera, text width), not yet scaled.
+    pub tokens: Tensor,
+}
+
+struct EncoderLayer {
+    norm1: LayerNorm,
+    q: Linear,
+    k: Linear,
+    v: Linear,
+    out: Linear,
+    norm2: LayerNorm,
+    fc1: Linear,
+    fc2: Linear,
+    heads: usize,
+}
+
+impl Vision {
+    /// From the weights of a whole policy.
+    pub fn new(config: &PolicyConfig, parameters: &Parameters) -> Result<Self> {
+        let tower = format!("{VLM}.vision_model");
+        let vision = &config.vision;
+        let patch_weight = parameters.get(&format!("{tower}.embeddings.patch_embedding.weight"))?;
+        let patch_weight = patch_weight.reshape((
+            vision.width,
+            CHANNELS * vision.patch_size * vision.patch_size,
+        ))?;
+        let patch_bias = parameters.get(&format!("{tower}.embeddings.patch_embedding.bias"))?;
+        Ok(Self {
+            patch: Linear::new(patch_weight, Some(patch_bias)),
+            positions: parameters.get(&format!("{tower}.embeddings.position_embedding.weight"))?,
+            layers: (0..vision.layers)
+                .map(|i| {
+                    EncoderLayer::new(
+                        parameters,
+                        &format!("{tower}.encoder.layers.{i}"),
+                        vision.heads,
+                    )
+                })
+                .collect::<Result<_>>()?,
+            post_norm: layer_norm(parameters, &format!("{tower}.post_layernorm"))?,
+            connector: linear_no_bias(
+                parameters,
+                &format!("{VLM}.connector.modality_projection.proj"),
+            )?,
+            patch_size: vision.patch_size,
+            shuffle: vision.shuffle,
+        })
+    }
+
+    /// Tokens of images (B, 3, size, size) with values in [-1, 1].
+    pub fn run(&self, images: &Tensor) -> Result<VisionRun> {
+        let mut x = self
+            .patch
+            .forward(&self.patches(images)?)?
+            .broadcast_add(&self.positions)?;
+        let patches = x.dim(1)?;
+        let everything = Mask::new(
+            (images.dim(0)?, patches, patches),
+            images.device(),
+            |_, _, _| true,
+        )?;
+        let mut hidden = vec![x.clone()];
+        for layer in &self.layers {
+            x = layer.forward(&x, &everything)?;
+            hidden.push(x.clone());
+        }
+        let normed = self.post_norm.forward(&x)?;
+        let tokens = self.connector.forward(&self.pixel_shuffle(&normed)?)?;
+        Ok(VisionRun {
+            hidden,
+            normed,
+            tokens,
+        })
+    }
+
+    /// (B, 3, size, size) to (B, patches, 3 * patch * patch): the patch convolution as a matrix product.
+    fn patches(&self, images: &Tensor) -> Result<Tensor> {
+        let (batch, channels, height, width) = images.dims4()?;
+        let p = self.patch_size;
+        let (rows, columns) = (height / p, width / p);
+        let split = images
+            .reshape((batch, channels, rows, p, columns, p))?
+            .permute((0, 2, 4, 1, 3, 5))?;
+        Ok(split.reshape((batch, rows * columns, channels * p * p))?)
+    }
+
+    /// Joins each `shuffle x shuffle` square of patches into one token, features in (row, column, width) order.
+    fn pixel_shuffle(&self, x: &Tensor) -> Result<Tensor> {
+        let (batch, patches, width) = x.dims3()?;
+        let (s, side) = (self.shuffle, patches.isqrt() / self.shuffle);
+        let split = x
+            .reshape((batch, side, s, side, s, width))?
+            .permute((0, 1, 3, 2, 4, 5))?;
+        Ok(split.reshape((batch, side * side, s * s * width))?)
+    }
+}
+
+impl EncoderLayer {
+    fn new(parameters: &Parameters, name: &str, heads: usize) -> Result<Self> {
+        Ok(Self {
+            norm1: layer_norm(parameters, &format!("{name}.layer_norm1"))?,
+            q: linear(parameters, &format!("{name}.self_attn.q_proj"))?,
+            k: linear(parameters, &format!("{name}.self_attn.k_proj"))?,
+            v: linear(parameters, &format!("{name}.self_attn.v_proj"))?,
+            out: linear(parameters, &format!("{name}.self_attn.out_proj"))?,
+            norm2: layer_norm(parameters, &format!("{name}.layer_norm2"))?,
+            fc1: linear(parameters, &format!("{name}.mlp.fc1"))?,
+            fc2: linear(parameters, &format!("{name}.mlp.fc2"))?,
+            heads,
+        })
+    }
+
+    fn forward(&self, x: &Tensor, mask: &Mask) -> Result<Tensor> {
+        let normed = self.norm1.forward(x)?;
+        let (batch, tokens, width) = normed.dims3()?;
+        let heads = |y: Tensor| y.reshape((batch, tokens, self.heads, width / self.heads));
+        let attended = attend(
+            &heads(self.q.forward(&normed)?)?,
+            &heads(self.k.forward(&normed)?)?,
+            &heads(self.v.forward(&normed)?)?,
+            mask,
+        )?;
+        let x = (self.out.forward(&attended)? + x)?;
+        let mlp = self.fc1.forward(&self.norm2.forward(&x)?)?.gelu()?;
+        Ok((self.fc2.forward(&mlp)? + x)?)
+    }
+}
+
+fn layer_norm(parameters: &Parameters, name: &str) -> Result<LayerNorm> {
+    let weight = parameters.get(&format!("{name}.weight"))?;
+    Ok(LayerNorm::new(
+        weight,
+        parameters.get(&format!("{name}.bias"))?,
+        LAYER_NORM_EPS,
+    ))
+}

@@ -1,0 +1,195 @@
+//! Reads the LeRobot reference values, and compares with them.
+
+#![allow(dead_code)] // each test file uses its part
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+use candle_core::{Device, Tensor};
+use safetensors::tensor::{Dtype, SafeTensors};
+use zk0_smolvla::{Policy, PolicyConfig};
+
+/// The fixture's folder: `ZK0_PARITY_DIR`, or the one in the repository.
+pub fn folder() -> PathBuf {
+    std::env::var_os("ZK0_PARITY_DIR").map_or_else(
+        || PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../tests/fixtures/smolvla_tiny"),
+        PathBuf::from,
+    )
+}
+
+pub fn text(file: &str) -> String {
+    let path = folder().join(file);
+    std::fs::read_to_string(&path).unwrap_or_else(|e| panic!("{}: {e}", path.display()))
+}
+
+pub fn bytes(file: &str) -> Vec<u8> {
+    let path = folder().join(file);
+    std::fs::read(&path).unwrap_or_else(|e| panic!("{}: {e}", path.display()))
+}
+
+pub fn config() -> PolicyConfig {
+    PolicyConfig::from_lerobot(&text("policy_config.json"), &text("vlm_config.json")).unwrap()
+}
+
+pub fn policy() -> Policy {
+    Policy::from_safetensors(&config(), &bytes("weights.safetensors")).unwrap()
+}
+
+/// All tensors of one file as numbers.
+pub struct Values(BTreeMap<String, (Vec<usize>, Vec<f64>)>);
+
+impl Values {
+    pub fn read(file: &str) -> Self {
+        let raw = bytes(file);
+        let tensors = SafeTensors::deserialize(&raw).unwrap();
+        let numbers = |name: &str| {
+            let view = tensors.tensor(name).unwrap();
+            let data = view.data();
+            let wide = |n: usize| data.chunks_exact(n);
+            let values = match view.dtype() {
+                Dtype::F32 => wide(4)
+                    .map(|b| f64::from(f32::from_le_bytes(b.try_into().unwrap())))
+                    .collect(),
+                Dtype::F64 => wide(8)
+                    .map(|b| f64::from_le_bytes(b.try_into().unwrap()))
+                    .collect(),
+                Dtype::I64 => wide(8)
+                    .map(|b| i64::from_le_bytes(b.try_into().unwrap()) as f64)
+                    .collect(),
+                Dtype::BOOL => data.iter().map(|b| f64::from(*b)).collect(),
+                other => panic!("{name}: {other:?}"),
+            };
+            (view.shape().to_vec(), values)
+        };
+        Self(
+            tensors
+                .names()
+                .into_iter()
+                .map(|name| (name.to_string(), numbers(name)))
+                .collect(),
+        )
+    }
+
+    pub fn names(&self) -> impl Iterator<Item = &String> {
+        self.0.keys()
+    }
+
+    pub fn contains(&self, name: &str) -> bool {
+        self.0.contains_key(name)
+    }
+
+    fn get(&self, name: &str) -> &(Vec<usize>, Vec<f64>) {
+        self.0
+            .get(name)
+            .unwrap_or_else(|| panic!("the reference has no `{name}`"))
+    }
+
+    pub fn shape(&self, name: &str) -> &[usize] {
+        &self.get(name).0
+    }
+
+    pub fn numbers(&self, name: &str) -> &[f64] {
+        &self.get(name).1
+    }
+
+    pub fn f32s(&self, name: &str) -> Vec<f32> {
+        self.numbers(name).iter().map(|x| *x as f32).collect()
+    }
+
+    pub fn tensor(&self, name: &str) -> Tensor {
+        Tensor::from_vec(self.f32s(name), self.shape(name), &Device::Cpu).unwrap()
+    }
+
+    pub fn ids(&self, name: &str) -> Tensor {
+        let ids: Vec<u32> = self.numbers(name).iter().map(|x| *x as u32).collect();
+        Tensor::from_vec(ids, self.shape(name), &Device::Cpu).unwrap()
+    }
+
+    /// Rows of a two-dimensional mask.
+    pub fn mask(&self, name: &str) -> Vec<Vec<bool>> {
+        self.numbers(name)
+            .chunks(self.shape(name)[1])
+            .map(|row| row.iter().map(|x| *x != 0.0).collect())
+            .collect()
+    }
+
+    pub fn flags(&self, name: &str) -> Vec<bool> {
+        self.numbers(name).iter().map(|x| *x != 0.0).collect()
+    }
+}
+
+pub fn numbers(tensor: &Tensor) -> Vec<f64> {
+    tensor
+        .flatten_all()
+        .unwrap()
+        .to_vec1::<f32>()
+        .unwrap()
+        .into_iter()
+        .map(f64::from)
+        .collect()
+}
+
+/// Largest absolute difference.
+pub fn distance(a: &[f64], b: &[f64]) -> f64 {
+    assert_eq!(a.len(), b.len());
+    assert!(!a.is_empty());
+    a.iter()
+        .zip(b)
+        .map(|(x, y)| (x - y).abs())
+        .fold(
+            0.0,
+            |worst, d| if d > worst || d.is_nan() { d } else { worst },
+        )
+}
+
+/// `|a - b| / |b|` in L2.
+pub fn relative_distance(a: &[f64], b: &[f64]) -> f64 {
+    assert_eq!(a.len(), b.len());
+    let square = |values: &mut dyn Iterator<Item = f64>| values.map(|x| x * x).sum::<f64>().sqrt();
+    square(&mut a.iter().zip(b).map(|(x, y)| x - y))
+        / square(&mut b.iter().copied()).max(f64::MIN_POSITIVE)
+}
+
+/// Asserts and prints the distance of a tensor from the reference value of that name.
+#[track_caller]
+pub fn close(reference: &Values, name: &str, tensor: &Tensor, tolerance: f64) {
+    assert_eq!(tensor.dims(), reference.shape(name), "{name}");
+    check(
+        name,
+        distance(&numbers(tensor), reference.numbers(name)),
+        tolerance,
+    );
+}
+
+/// As [`close`], at the tokens that are valid: `mask` has one row of tokens per sample.
+#[track_caller]
+pub fn close_where(
+    reference: &Values,
+    name: &str,
+    tensor: &Tensor,
+    mask: &[Vec<bool>],
+    tolerance: f64,
+) {
+    assert_eq!(tensor.dims(), reference.shape(name), "{name}");
+    let width: usize = tensor.dims()[2..].iter().product();
+    let keep = |values: &[f64]| -> Vec<f64> {
+        let rows = values.chunks(width).zip(mask.iter().flatten());
+        rows.filter(|(_, valid)| **valid)
+            .flat_map(|(row, _)| row.to_vec())
+            .collect()
+    };
+    check(
+        name,
+        distance(&keep(&numbers(tensor)), &keep(reference.numbers(name))),
+        tolerance,
+    );
+}
+
+#[track_caller]
+pub fn check(name: &str, found: f64, tolerance: f64) {
+    println!("{name:<45} {found:9.2e}  (at most {tolerance:.0e})");
+    assert!(
+        found <= tolerance,
+        "{name}: off by {found:e}, {tolerance:e} is allowed"
+    );
+}
