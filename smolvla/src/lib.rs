@@ -2,22 +2,34 @@
 //!
 //! A tour, in the order data flows:
 //!
-//! - [`image`] brings camera frames to the vision tower's size.
+//! - `dataset` reads a LeRobotDataset: parquet rows, decoded camera frames, statistics.
+//! - [`sample`] turns a frame into a [`sample::PreparedSample`]: it normalises state and actions, brings
+//!   the images to size ([`image`]), makes language tokens ([`tokenizer`]) and runs the frozen half once.
 //! - [`model`] is the policy in candle, in two phases: [`model::prefix`] computes the per-layer key/value
 //!   cache of images, language and state (frozen in training), [`model::expert`] the action expert over
 //!   that cache. [`model::flow`] is the flow-matching loss.
+//! - [`train`] fits the expert to prepared samples with AdamW ([`optimizer`]); [`mod@evaluate`] gives the
+//!   loss at chosen noise and times, which is what a claim is about.
 //! - [`config`] has every dimension and the named profiles; [`layout`] the tensors that follow from it, by
-//!   LeRobot's names; [`weights`] their values as plain `f32`.
+//!   LeRobot's names; [`weights`] their values as plain `f32`; [`init`] a seeded start.
 //!
 //! The only code that knows sizes is [`config`]: the `tiny` fixture, the `micro` profile of the demo and
 //! the published model run through the same functions.
 
+pub mod batch;
 pub mod config;
 pub mod error;
+pub mod evaluate;
 pub mod image;
+pub mod init;
 pub mod layout;
 pub mod lerobot_config;
 pub mod model;
+pub mod optimizer;
+pub mod random;
+pub mod sample;
+pub mod tokenizer;
+pub mod train;
 pub mod weights;
 
 pub use config::{PolicyConfig, Profile};

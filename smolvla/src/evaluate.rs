@@ -1,0 +1,116 @@
+//! The flow-matching loss at given noise and times: the float32 side of what a claim proves.
+
+use candle_core::{Device, Tensor};
+use rand::RngCore;
+
+use crate::batch::SampleBank;
+use crate::config::PolicyConfig;
+use crate::error::{PolicyError, Result};
+use crate::model::expert::ExpertModel;
+use crate::model::flow::{losses, noisy_actions, target_velocity};
+use crate::model::Parameters;
+use crate::random::{flow_time, normal};
+use crate::sample::PreparedSample;
+use crate::weights::ExpertWeights;
+
+/// Samples run through the expert at once.
+const BATCH: usize = 64;
+
+/// The random part of one loss evaluation.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FlowDraw {
+    /// Flow time in [0, 1].
+    pub time: f32,
+    /// (chunk_size, max_action_dim), standard normal.
+    pub noise: Vec<f32>,
+}
+
+impl FlowDraw {
+    /// A draw as in training: time first, then the noise.
+    pub fn random(config: &PolicyConfig, rng: &mut impl RngCore) -> Self {
+        let time = flow_time(rng);
+        Self {
+            time,
+            noise: (0..config.chunk_elements()).map(|_| normal(rng)).collect(),
+        }
+    }
+}
+
+/// A loss as the sum it is a mean of.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Evaluation {
+    /// Sum of squared errors over the real action dimensions of frames that are not padding.
+    pub squared_error: f64,
+    /// How many were summed.
+    pub elements: usize,
+}
+
+impl Evaluation {
+    /// The `loss_valid_only` of all samples together.
+    pub fn loss(&self) -> f64 {
+        self.squared_error / self.elements.max(1) as f64
+    }
+}
+
+/// Evaluates `weights` on samples, each with its draw.
+///
+/// # Errors
+/// [`PolicyError::Sample`] for a sample or draw that does not fit the policy.
+pub fn evaluate(
+    config: &PolicyConfig,
+    weights: &ExpertWeights,
+    pairs: &[(&PreparedSample, &FlowDraw)],
+) -> Result<Evaluation> {
+    let device = Device::Cpu;
+    let expert = ExpertModel::new(config, &Parameters::load(weights.tensors(), &device)?)?;
+    let mut total = Evaluation {
+        squared_error: 0.0,
+        elements: 0,
+    };
+    for some in pairs.chunks(BATCH) {
+        for (_, draw) in some {
+            if draw.noise.len() != config.chunk_elements()
+                || !draw.noise.iter().all(|x| x.is_finite())
+            {
+                return Err(PolicyError::Sample(format!(
+                    "a draw needs {} finite noise values",
+                    config.chunk_elements()
+                )));
+            }
+            if !(0.0..=1.0).contains(&draw.time) {
+                return Err(PolicyError::Sample(format!(
+                    "flow time {} is not in [0, 1]",
+                    draw.time
+                )));
+            }
+        }
+        let samples: Vec<&PreparedSample> = some.iter().map(|(sample, _)| *sample).collect();
+        let batch = SampleBank::new(config, &samples, &device)?
+            .batch(&(0..some.len()).collect::<Vec<_>>())?;
+        let times: Vec<f32> = some.iter().map(|(_, draw)| draw.time).collect();
+        let noise: Vec<f32> = some
+            .iter()
+            .flat_map(|(_, draw)| draw.noise.iter().copied())
+            .collect();
+        let noise = Tensor::from_vec(noise, batch.actions.shape(), &device)?;
+        let velocity = expert.forward(
+            &batch.cache,
+            &noisy_actions(&batch.actions, &noise, &times)?,
+            &times,
+        )?;
+        let errors: Vec<f32> = losses(&velocity, &target_velocity(&batch.actions, &noise)?)?
+            .flatten_all()?
+            .to_vec1()?;
+        let frames = errors
+            .chunks_exact(config.max_action_dim)
+            .zip(batch.is_pad.iter().flatten());
+        for (frame, _) in frames.filter(|(_, pad)| !**pad) {
+            total.squared_error += frame[..config.action_dim]
+                .iter()
+                .map(|e| f64::from(*e))
+                .sum::<f64>();
+            total.elements += config.action_dim;
+        }
+    }
+    Ok(total)
+}

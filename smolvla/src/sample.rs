@@ -1,0 +1,188 @@
+//! Prepared samples: what one frame contributes to training and to a claim.
+//!
+//! The frozen half of the policy runs once per frame. What is left is its key/value cache, without the tokens that are
+//! padding (they influence nothing), the normalised action chunk, and which of its frames are padding.
+
+use candle_core::{Device, Tensor};
+
+use crate::config::PolicyConfig;
+use crate::error::{PolicyError, Result};
+use crate::image::vision_input;
+use crate::model::prefix::{CameraInput, PrefixInput, PrefixModel};
+use crate::model::Parameters;
+use crate::tokenizer::Tokenizer;
+use crate::weights::Policy;
+
+/// One frame, ready for the expert.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PreparedSample {
+    /// Tokens of the prefix, all of them real.
+    pub prefix_tokens: usize,
+    /// Per layer (prefix_tokens, kv_width), after the rotary embedding.
+    pub keys: Vec<Vec<f32>>,
+    /// Per layer (prefix_tokens, kv_width).
+    pub values: Vec<Vec<f32>>,
+    /// (chunk_size, max_action_dim), normalised and zero-padded.
+    pub actions: Vec<f32>,
+    /// Per frame of the chunk: past the end of the episode.
+    pub is_pad: Vec<bool>,
+}
+
+/// One camera's picture.
+pub struct CameraImage<'a> {
+    /// The camera's name in the recording; cameras fill the policy's slots in name order.
+    pub name: &'a str,
+    /// Pixels from top to bottom.
+    pub height: usize,
+    /// Pixels from left to right.
+    pub width: usize,
+    /// 8-bit RGB (3, height, width).
+    pub pixels: &'a [u8],
+}
+
+/// One frame of a recording, with state and actions already normalised.
+pub struct Observation<'a> {
+    /// At least one, at most as many as the policy has slots.
+    pub cameras: Vec<CameraImage<'a>>,
+    /// (state_dim), normalised.
+    pub state: &'a [f32],
+    /// (chunk_size, action_dim), normalised.
+    pub actions: &'a [f32],
+    /// (chunk_size): past the end of the episode.
+    pub is_pad: &'a [bool],
+    /// The instruction.
+    pub task: &'a str,
+}
+
+/// Runs the frozen half of a policy over frames.
+pub struct Preparer<'a> {
+    model: PrefixModel,
+    tokenizer: &'a dyn Tokenizer,
+    config: PolicyConfig,
+}
+
+impl<'a> Preparer<'a> {
+    /// For the frozen half of `policy`, on the CPU.
+    pub fn new(policy: &Policy, tokenizer: &'a dyn Tokenizer) -> Result<Self> {
+        let parameters = Parameters::load(&policy.frozen, &Device::Cpu)?;
+        let model = PrefixModel::new(&policy.config, &parameters)?;
+        Ok(Self {
+            model,
+            tokenizer,
+            config: policy.config.clone(),
+        })
+    }
+
+    /// Prepares one frame.
+    ///
+    /// # Errors
+    /// [`PolicyError::Sample`] says what does not fit the policy, or which value is not a number.
+    pub fn prepare(&self, observation: &Observation) -> Result<PreparedSample> {
+        self.check(observation)?;
+        let c = &self.config;
+        let device = &Device::Cpu;
+        let mut cameras: Vec<&CameraImage> = observation.cameras.iter().collect();
+        cameras.sort_by_key(|camera| camera.name);
+        let size = c.vision.image_size;
+        let cameras = cameras.into_iter().map(|camera| {
+            let pixels = vision_input(camera.pixels, (camera.height, camera.width), size);
+            Ok(CameraInput {
+                pixels: Tensor::from_vec(pixels, (1, 3, size, size), device)?,
+                present: vec![true],
+            })
+        });
+        let tokens = self.tokenizer.tokens(observation.task)?;
+        if tokens.len() > c.max_language_tokens
+            || tokens.iter().any(|id| *id as usize >= c.text.vocabulary)
+        {
+            return Err(PolicyError::Sample(format!(
+                "the tokenizer gave {tokens:?}, which the policy cannot read"
+            )));
+        }
+        let count = tokens.len();
+        let cache = self.model.cache(&PrefixInput {
+            cameras: cameras.collect::<Result<_>>()?,
+            tokens: Tensor::from_vec(tokens, (1, count), device)?,
+            token_mask: vec![vec![true; count]],
+            state: Tensor::from_vec(
+                widen(observation.state, c.state_dim, c.max_state_dim),
+                (1, c.max_state_dim),
+                device,
+            )?,
+        })?;
+        let plain = |layers: &[Tensor]| -> Result<Vec<Vec<f32>>> {
+            layers
+                .iter()
+                .map(|layer| Ok(layer.flatten_all()?.to_vec1()?))
+                .collect()
+        };
+        Ok(PreparedSample {
+            prefix_tokens: cache.valid[0].len(),
+            keys: plain(&cache.keys)?,
+            values: plain(&cache.values)?,
+            actions: widen(observation.actions, c.action_dim, c.max_action_dim),
+            is_pad: observation.is_pad.to_vec(),
+        })
+    }
+
+    fn check(&self, observation: &Observation) -> Result<()> {
+        let c = &self.config;
+        let wrong = |what: String| Err(PolicyError::Sample(what));
+        let cameras = observation.cameras.len();
+        if cameras == 0 || cameras > c.cameras {
+            return wrong(format!(
+                "the recording has {cameras} cameras, the policy takes 1 to {}",
+                c.cameras
+            ));
+        }
+        for camera in &observation.cameras {
+            let pixels = camera
+                .height
+                .checked_mul(camera.width)
+                .and_then(|n| n.checked_mul(3));
+            if pixels.is_none_or(|n| n == 0 || n != camera.pixels.len()) {
+                let (h, w) = (camera.height, camera.width);
+                return wrong(format!(
+                    "camera `{}`: {} bytes are not a {h} x {w} RGB picture",
+                    camera.name,
+                    camera.pixels.len()
+                ));
+            }
+        }
+        if observation.state.len() != c.state_dim {
+            return wrong(format!(
+                "the state has {} dimensions, the policy takes {}",
+                observation.state.len(),
+                c.state_dim
+            ));
+        }
+        if observation.is_pad.len() != c.chunk_size
+            || observation.actions.len() != c.chunk_size * c.action_dim
+        {
+            return wrong(format!(
+                "{} action values and {} padding flags, the policy takes {} frames of {} dimensions",
+                observation.actions.len(),
+                observation.is_pad.len(),
+                c.chunk_size,
+                c.action_dim
+            ));
+        }
+        for (what, values) in [
+            ("state", observation.state),
+            ("action", observation.actions),
+        ] {
+            if let Some(at) = values.iter().position(|x| !x.is_finite()) {
+                return wrong(format!("{what} value {at} is {}", values[at]));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Rows of `dim` values, each filled up with zeros to `wide`.
+fn widen(rows: &[f32], dim: usize, wide: usize) -> Vec<f32> {
+    let zeros = std::iter::repeat_n(0.0, wide - dim);
+    rows.chunks_exact(dim)
+        .flat_map(|row| row.iter().copied().chain(zeros.clone()))
+        .collect()
+}

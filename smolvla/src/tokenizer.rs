@@ -1,0 +1,77 @@
+//! Instructions to token ids.
+
+use sha2::{Digest, Sha256};
+
+use crate::config::PolicyConfig;
+use crate::error::Result;
+
+/// Turns an instruction into token ids below the policy's vocabulary, at most `max_language_tokens` of them.
+pub trait Tokenizer {
+    /// Token ids of one instruction, without padding.
+    fn tokens(&self, task: &str) -> Result<Vec<u32>>;
+}
+
+/// One token a word, by hash: for policies whose vocabulary no trained tokenizer goes with (the micro profile).
+///
+/// Words are maximal runs of letters and digits, lowercased. A word's id is the first 8 bytes of its SHA-256, as a
+/// big-endian number, modulo `vocabulary - 1`: the last id stays free, for padding. Words after the first
+/// `max_language_tokens` are dropped.
+#[derive(Clone, Debug)]
+pub struct WordHash {
+    vocabulary: usize,
+    limit: usize,
+}
+
+impl WordHash {
+    /// For the vocabulary and instruction length of a policy.
+    pub fn new(config: &PolicyConfig) -> Self {
+        Self {
+            vocabulary: config.text.vocabulary,
+            limit: config.max_language_tokens,
+        }
+    }
+}
+
+impl Tokenizer for WordHash {
+    fn tokens(&self, task: &str) -> Result<Vec<u32>> {
+        let words = task
+            .split(|c: char| !c.is_alphanumeric())
+            .filter(|w| !w.is_empty());
+        let ids = words.take(self.limit).map(|word| {
+            let hash = Sha256::digest(word.to_lowercase().as_bytes());
+            let number = hash
+                .iter()
+                .take(8)
+                .fold(0u64, |n, byte| n << 8 | u64::from(*byte));
+            (number % (self.vocabulary as u64 - 1).max(1)) as u32
+        });
+        Ok(ids.collect())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Profile;
+
+    #[test]
+    fn case_and_punctuation_do_not_matter_and_the_length_is_bounded() {
+        let tokenizer = WordHash::new(&Profile::Micro.config());
+        let tokens = |task| tokenizer.tokens(task).unwrap();
+        assert_eq!(
+            tokens("Stack the red cube on top."),
+            tokens("stack, the RED cube")
+        );
+        assert_ne!(tokens("put the red cube"), tokens("put the green cube"));
+        assert_eq!(tokens(""), Vec::<u32>::new());
+        assert!(tokens("a b c d e f").iter().all(|id| *id < 127));
+        assert_eq!(tokens("a b c d e f").len(), 4);
+    }
+
+    #[test]
+    fn ids_are_what_the_rule_says() {
+        // The first 8 bytes of sha256("red") are b1f51a511f1da0cd.
+        let tokenizer = WordHash::new(&Profile::Micro.config());
+        assert_eq!(tokenizer.tokens("red").unwrap(), [78]);
+    }
+}
