@@ -68,3 +68,50 @@ fn parse_hex(text: &str) -> Result<[u8; 32], ParseHexError> {
     }
     Ok(bytes)
 }
+
+/// SHA-256 over `parts` under a domain-separation tag.
+///
+/// The hashed bytes are the length of the tag as one byte, the tag, and for every part its length as a
+/// little-endian u64 followed by the part: no two calls with different arguments hash the same bytes. Tags are at most
+/// 255 bytes (longer ones are cut; all tags are literals of this workspace).
+pub fn tagged_sha256(tag: &str, parts: &[&[u8]]) -> Digest {
+    let tag = &tag.as_bytes()[..tag.len().min(255)];
+    let mut hasher = Sha256::new();
+    hasher.update(&[tag.len() as u8]);
+    hasher.update(tag);
+    for part in parts {
+        hasher.update(&(part.len() as u64).to_le_bytes());
+        hasher.update(part);
+    }
+    hasher.finish()
+}
+
+/// Plain SHA-256 (FIPS 180-4) of the concatenated parts.
+pub fn sha256(parts: &[&[u8]]) -> Digest {
+    let mut hasher = Sha256::new();
+    for part in parts {
+        hasher.update(part);
+    }
+    hasher.finish()
+}
+
+#[cfg(not(target_os = "zkvm"))]
+struct Sha256(sha2::Sha256);
+
+#[cfg(not(target_os = "zkvm"))]
+impl Sha256 {
+    fn new() -> Self {
+        Self(sha2::Digest::new())
+    }
+
+    fn update(&mut self, bytes: &[u8]) {
+        sha2::Digest::update(&mut self.0, bytes);
+    }
+
+    fn finish(self) -> Digest {
+        Digest(sha2::Digest::finalize(self.0).into())
+    }
+}
+
+#[cfg(target_os = "zkvm")]
+use crate::zkvm::Sha256;

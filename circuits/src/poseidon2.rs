@@ -1,0 +1,101 @@
+//! Hashing of int16 values with Poseidon2 over KoalaBear (eprint 2023/323; p = 2^31 − 2^24 + 1, width 16, 8 full and 20
+//! partial rounds, SP1's constants): a sponge of rate 8 and capacity 8.
+//!
+//! Inside the guest the permutation is SP1's precompile: 4 cycles for 12 values, where SHA-256 takes 130. Natively it
+//! is the same permutation from the crates SP1 is built of.
+//!
+//! Everything is stated in *canonical* field values (`p3-koala-bear` keeps Montgomery form in memory, the precompile
+//! does not). The state starts as zeros but for the capacity: `state[8]` is the domain, `state[9..=10]` the number of
+//! values (low and high 30 bits). Each block of 12 values is read as six little-endian u32 words w0…w5 and overwrites
+//! the rate: `state[i] = wi mod 2^30`, and the six pairs of top bits fill the last two elements,
+//! `state[6] = w0>>30 | w2>>30<<2 | w4>>30<<4`, `state[7]` likewise from w1, w3, w5. Every element stays below 2^30 < p
+//! and a block can be read back from its elements. The last block is zero-padded (the length is in the state). The digest
+//! is the rate after the last permutation, as eight little-endian u32.
+
+use crate::{values::Values, Digest};
+
+/// What is hashed: keeps digests of different things apart.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
+pub enum Domain {
+    /// Quantised weights: [`crate::weights::QuantisedWeights`].
+    Weights = 1,
+    /// A sample: [`crate::sample::Sample`].
+    Sample = 2,
+}
+
+const LOW_30: u64 = 0x3fff_ffff_3fff_ffff;
+const LOW_2: u64 = 0x0000_0003_0000_0003;
+
+/// The digest of `values` in `domain`.
+pub fn hash(domain: Domain, values: &Values) -> Digest {
+    let mut state = State::default();
+    let length = values.len() as u64;
+    state.0[8] = domain as u32;
+    state.0[9] = (length & 0x3fff_ffff) as u32;
+    state.0[10] = (length >> 30 & 0x3fff_ffff) as u32;
+    let mut blocks = values.words().chunks_exact(3);
+    for block in &mut blocks {
+        absorb(&mut state, [block[0], block[1], block[2]]);
+    }
+    let rest = blocks.remainder();
+    if !rest.is_empty() || values.is_empty() {
+        let mut block = [0; 3];
+        block[..rest.len()].copy_from_slice(rest);
+        absorb(&mut state, block);
+    }
+    let mut digest = [0; 32];
+    for (bytes, element) in digest.chunks_exact_mut(4).zip(&state.0) {
+        bytes.copy_from_slice(&element.to_le_bytes());
+    }
+    Digest(digest)
+}
+
+#[inline(always)]
+fn absorb(state: &mut State, block: [u64; 3]) {
+    let [a, b, c] = block;
+    let tops = (a >> 30 & LOW_2) | (b >> 30 & LOW_2) << 2 | (c >> 30 & LOW_2) << 4;
+    for (pair, word) in [a & LOW_30, b & LOW_30, c & LOW_30, tops]
+        .into_iter()
+        .enumerate()
+    {
+        state.0[2 * pair] = word as u32;
+        state.0[2 * pair + 1] = (word >> 32) as u32;
+    }
+    permute(state);
+}
+
+#[cfg(target_os = "zkvm")]
+use crate::zkvm::{poseidon2 as permute, Poseidon2State as State};
+
+#[cfg(target_os = "zkvm")]
+impl Default for State {
+    fn default() -> Self {
+        Self([0; 16])
+    }
+}
+
+#[cfg(not(target_os = "zkvm"))]
+pub use native::{permute, State};
+
+#[cfg(not(target_os = "zkvm"))]
+mod native {
+    use slop_algebra::{AbstractField, PrimeField32};
+    use slop_koala_bear::{my_kb_16_perm, KoalaBear, KoalaPerm};
+    use slop_symmetric::Permutation;
+    use std::sync::LazyLock;
+
+    static PERMUTATION: LazyLock<KoalaPerm> = LazyLock::new(my_kb_16_perm);
+
+    /// Sixteen canonical KoalaBear values.
+    #[derive(Default)]
+    pub struct State(pub [u32; 16]);
+
+    /// One permutation; the values of `state` are below the modulus before and after.
+    pub fn permute(state: &mut State) {
+        let input = state.0.map(KoalaBear::from_canonical_u32);
+        state.0 = PERMUTATION
+            .permute(input)
+            .map(|value| value.as_canonical_u32());
+    }
+}

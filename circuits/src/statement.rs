@@ -1,0 +1,209 @@
+//! The statement a proof proves: from a witness to the claim, every check in between.
+//!
+//! [`check`] is what the guest program runs. A failed check is an error here and a panic there, so that no proof exists.
+
+use crate::{
+    challenge::{draw, sample_indices, DrawError},
+    dataset::{leaf, salt_commitment},
+    eval::{EvalError, Evaluator, LossSum},
+    merkle,
+    spec::SpecError,
+    witness::Witness,
+    Claim, Digest, Losses, WeightsDigest, CLAIM_VERSION,
+};
+use borsh::{BorshDeserialize, BorshSerialize};
+
+/// What the network's rule lets a claim disclose of the losses.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
+pub enum Disclosure {
+    /// Nothing but that the improvement holds.
+    Hidden,
+    /// The sums of squared errors.
+    Disclosed,
+}
+
+/// Which of the two models.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Model {
+    /// The round's base weights.
+    Base,
+    /// The contributed weights.
+    Update,
+}
+
+/// Why there is no claim to be proven.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum StatementError {
+    /// The specification is refused.
+    #[error(transparent)]
+    Spec(#[from] SpecError),
+    /// The improvement asked for is not a share.
+    #[error("a minimum improvement of {0} basis points is above 10000")]
+    MinImprovement(u32),
+    /// The samples cannot be drawn.
+    #[error(transparent)]
+    Draw(#[from] DrawError),
+    /// Other number of samples than claimed.
+    #[error("the claim evaluates {claimed} samples, the witness opens {opened}")]
+    Openings {
+        /// Samples the claim names.
+        claimed: u32,
+        /// Samples opened.
+        opened: usize,
+    },
+    /// Not the sample that the challenge draws.
+    #[error("opening {position} is of sample {found}, the challenge draws sample {drawn}")]
+    Index {
+        /// Which opening.
+        position: usize,
+        /// Index opened.
+        found: u64,
+        /// Index drawn.
+        drawn: u64,
+    },
+    /// The sample is not in the committed dataset at that index.
+    #[error("sample {index} is not the one committed: its path does not lead to the dataset root")]
+    NotCommitted {
+        /// Index of the sample.
+        index: u64,
+    },
+    /// Not the dataset's salt.
+    #[error("the salt is not the one committed with the dataset")]
+    Salt,
+    /// An evaluation failed.
+    #[error("evaluating the {model:?} weights on sample {index}: {error}")]
+    Eval {
+        /// Which weights.
+        model: Model,
+        /// Index of the sample.
+        index: u64,
+        /// Why.
+        error: EvalError,
+    },
+    /// No element counts: all frames are padding.
+    #[error("every frame of the drawn samples is padding: there is no loss")]
+    NoElements,
+    /// The loss is not lower by the minimum.
+    #[error("sum of squared errors went from {before} to {after}: not lower by {min_improvement_bps} basis points")]
+    NoImprovement {
+        /// Sum under the base weights.
+        before: u64,
+        /// Sum under the update.
+        after: u64,
+        /// Least improvement asked for.
+        min_improvement_bps: u32,
+    },
+}
+
+/// Checks everything and returns the claim, or says which check failed.
+///
+/// The digests of weights and specification are computed here, from what is evaluated. The blob digests are carried as
+/// given: the verifier, who holds the files, recomputes both kinds.
+pub fn check(witness: &Witness) -> Result<Claim, StatementError> {
+    let header = &witness.header;
+    header.spec.validate()?;
+    if header.min_improvement_bps > 10_000 {
+        return Err(StatementError::MinImprovement(header.min_improvement_bps));
+    }
+    check_openings(witness)?;
+    let (before, after, elements) = losses(witness)?;
+    if !improves(before, after, header.min_improvement_bps) {
+        let min_improvement_bps = header.min_improvement_bps;
+        return Err(StatementError::NoImprovement {
+            before,
+            after,
+            min_improvement_bps,
+        });
+    }
+    let weights = |blob: Digest, quantised: Digest| WeightsDigest { blob, quantised };
+    Ok(Claim {
+        version: CLAIM_VERSION,
+        network: header.network,
+        round: header.round,
+        node: header.node,
+        dataset: header.dataset,
+        evaluation: header.spec.digest(),
+        base: weights(header.base_blob, witness.base.digest()),
+        update: weights(header.update_blob, witness.update.digest()),
+        challenge: header.challenge,
+        eval_samples: header.eval_samples,
+        min_improvement_bps: header.min_improvement_bps,
+        losses: match header.disclosure {
+            Disclosure::Hidden => Losses::Hidden,
+            Disclosure::Disclosed => Losses::Disclosed {
+                before,
+                after,
+                elements,
+            },
+        },
+        weight_check: None,
+    })
+}
+
+/// Whether a loss sum of `after` is lower than `before` by at least `min_improvement_bps` basis points; equal is never
+/// an improvement.
+pub fn improves(before: u64, after: u64, min_improvement_bps: u32) -> bool {
+    let kept = 10_000u128.saturating_sub(min_improvement_bps as u128);
+    after < before && after as u128 * 10_000 <= before as u128 * kept
+}
+
+/// The samples are those the challenge draws, from the committed dataset.
+fn check_openings(witness: &Witness) -> Result<(), StatementError> {
+    let header = &witness.header;
+    let dataset = &header.dataset;
+    let (claimed, opened) = (header.eval_samples, witness.openings.len());
+    if claimed as usize != opened {
+        return Err(StatementError::Openings { claimed, opened });
+    }
+    if salt_commitment(&header.salt) != dataset.salt_commitment {
+        return Err(StatementError::Salt);
+    }
+    let drawn = sample_indices(&header.challenge, dataset.samples, claimed)?;
+    for (position, (opening, drawn)) in witness.openings.iter().zip(drawn).enumerate() {
+        let found = opening.index;
+        if found != drawn {
+            return Err(StatementError::Index {
+                position,
+                found,
+                drawn,
+            });
+        }
+        let leaf = leaf(&header.salt, &opening.sample.digest());
+        if !merkle::verify(&dataset.root, dataset.samples, drawn, &leaf, &opening.path) {
+            return Err(StatementError::NotCommitted { index: drawn });
+        }
+    }
+    Ok(())
+}
+
+/// Sums of squared errors under base and update, and the number of elements.
+fn losses(witness: &Witness) -> Result<(u64, u64, u64), StatementError> {
+    let header = &witness.header;
+    let evaluator = Evaluator::new(&header.spec);
+    let (mut before, mut after, mut elements) = (0, 0, 0);
+    for (position, opening) in witness.openings.iter().enumerate() {
+        let draw = draw(&header.spec, &header.challenge, position as u32);
+        let evaluate = |model, weights| -> Result<LossSum, StatementError> {
+            let index = opening.index;
+            evaluator
+                .evaluate(weights, &opening.sample, &draw)
+                .map_err(|error| StatementError::Eval {
+                    model,
+                    index,
+                    error,
+                })
+        };
+        // At most 2^36 per element, 2^18 elements, 2^12 samples would be 2^66: saturate, which can only refuse.
+        let base = evaluate(Model::Base, &witness.base)?;
+        before = u64::saturating_add(before, base.squared_error);
+        after = u64::saturating_add(
+            after,
+            evaluate(Model::Update, &witness.update)?.squared_error,
+        );
+        elements += base.elements;
+    }
+    if elements == 0 {
+        return Err(StatementError::NoElements);
+    }
+    Ok((before, after, elements))
+}
