@@ -8,7 +8,8 @@
 
 use crate::{
     challenge::Draw,
-    fixed::{align, dot, integer_sqrt, round_divide, round_shift, Narrow},
+    fixed::{align, integer_sqrt, round_divide, round_shift, Narrow, Rescale},
+    products::{dot, products, Rows},
     sample::Sample,
     spec::{EvalSpec, LayerScales},
     tables,
@@ -248,7 +249,10 @@ impl<'a> Evaluator<'a> {
             values: &tensor(1).values[..real * width],
             ..tensor(1)
         };
-        let add = Add::Bias(tensor(2));
+        let add = Add::Bias(Tensor {
+            values: &tensor(2).values[..real],
+            ..tensor(2)
+        });
         self.linear(
             Site::Velocity,
             &normed,
@@ -514,42 +518,55 @@ impl<'a> Evaluator<'a> {
     ) -> Result<Vec<i16>, EvalError> {
         let dims = &self.spec.dims;
         let (head_dim, kv_width) = (dims.head_dim as usize, dims.kv_width());
-        let query_width = dims.query_width();
         let group = dims.heads as usize / dims.kv_heads as usize;
         // Scores have query + key fraction bits; the exponent of 2 has 12.
-        let score_bits = (scales.query + scales.key) as i32 + SOFTMAX_BITS - 12;
-        let mut output = Vec::with_capacity(queries.len());
-        let mut scores = vec![0i64; keys.len() / kv_width];
-        let mut sums = vec![0i64; head_dim];
+        let exponent = Rescale::new((scales.query + scales.key) as i32 + SOFTMAX_BITS, 12);
+        let tokens = keys.len() / kv_width;
+        let transposed = transpose(values, kv_width);
+        let mut output = vec![0; queries.len()];
+        let mut scores = vec![0i64; group * tokens];
+        let mut weights = vec![0i16; group * tokens];
+        let mut sums = vec![0i64; group * head_dim];
         let mut narrow = Narrow::new();
-        for (token, queries) in queries.chunks_exact(query_width).enumerate() {
+        let heads = queries.chunks_exact(group * head_dim);
+        for (index, (queries, output)) in heads
+            .zip(output.chunks_exact_mut(group * head_dim))
+            .enumerate()
+        {
+            let (token, kv_head) = (
+                index / dims.kv_heads as usize,
+                index % dims.kv_heads as usize,
+            );
             let visible = if causal { prefix + token + 1 } else { prefix };
-            for (head, query) in queries.chunks_exact(head_dim).enumerate() {
-                let offset = head / group * head_dim;
-                let mut largest = i64::MIN;
-                for (score, key) in scores[..visible]
-                    .iter_mut()
-                    .zip(keys.chunks_exact(kv_width))
-                {
-                    *score = dot(query, &key[offset..offset + head_dim]);
-                    largest = largest.max(*score);
-                }
-                sums.fill(0);
-                let mut total = 0;
-                for (&score, value) in scores[..visible].iter().zip(values.chunks_exact(kv_width)) {
+            let keys = &keys[..visible * kv_width][kv_head * head_dim..];
+            let scores = &mut scores[..group * visible];
+            let keys = Rows::strided(keys, kv_width, head_dim);
+            products(Rows::new(queries, head_dim), keys, scores);
+            let weights = &mut weights[..group * visible];
+            for (scores, weights) in scores
+                .chunks_exact(visible)
+                .zip(weights.chunks_exact_mut(visible))
+            {
+                let largest = scores
+                    .iter()
+                    .fold(i64::MIN, |largest, &score| largest.max(score));
+                for (&score, weight) in scores.iter().zip(weights) {
                     // Below 2^39 · 2^21.
-                    let distance = (largest - score) * self.softmax;
-                    let weight =
-                        tables::exp2_negative(align(distance, score_bits, 0) as u64) as i64;
-                    total += weight;
-                    for (sum, &value) in sums.iter_mut().zip(&value[offset..offset + head_dim]) {
-                        *sum += weight * value as i64;
-                    }
+                    let distance = exponent.apply((largest - score) * self.softmax);
+                    *weight = tables::exp2_negative(distance as u64);
                 }
-                output.extend(
-                    sums.iter()
-                        .map(|&sum| narrow.narrow(round_divide(sum, total))),
-                );
+            }
+            let values = &transposed[kv_head * head_dim * tokens..][..head_dim * tokens];
+            let values = Rows::strided(values, tokens, visible);
+            products(Rows::new(weights, visible), values, &mut sums);
+            let rows = sums
+                .chunks_exact(head_dim)
+                .zip(output.chunks_exact_mut(head_dim));
+            for ((sums, output), weights) in rows.zip(weights.chunks_exact(visible)) {
+                let total = weights.iter().map(|&weight| weight as i64).sum();
+                for (&sum, output) in sums.iter().zip(output) {
+                    *output = narrow.narrow(round_divide(sum, total));
+                }
             }
         }
         checked(site, narrow)?;
@@ -627,31 +644,42 @@ impl<'a> Evaluator<'a> {
     ) -> Result<Vec<i16>, EvalError> {
         let columns = matrix.columns;
         let (tokens, outputs) = (input.len() / columns, matrix.values.len() / columns);
-        let (sum_bits, out) = (matrix.bits + bits as i32, out as i32);
-        let mut output = Vec::with_capacity(tokens * outputs);
-        let mut narrow = Narrow::new();
-        let bias: Vec<i64> = match add {
-            Add::Bias(bias) => bias
-                .values
-                .iter()
-                .map(|&value| align(value as i64, bias.bits, sum_bits))
-                .collect(),
-            Add::Sums(sums, from) => sums.iter().map(|&sum| align(sum, from, sum_bits)).collect(),
-            Add::Nothing | Add::Residual(..) => vec![0; outputs],
-        };
-        for (token, row) in input.chunks_exact(columns).enumerate() {
-            for ((index, weights), &bias) in
-                matrix.values.chunks_exact(columns).enumerate().zip(&bias)
-            {
-                let residual = match add {
-                    Add::Residual(values, from) => {
-                        align(values[token * outputs + index] as i64, from, sum_bits)
-                    }
-                    _ => bias,
-                };
-                output.push(narrow.narrow(align(residual + dot(weights, row), sum_bits, out)));
+        let sum_bits = matrix.bits + bits as i32;
+        let mut sums = vec![0; tokens * outputs];
+        products(
+            Rows::new(input, columns),
+            Rows::new(matrix.values, columns),
+            &mut sums,
+        );
+        match add {
+            Add::Nothing => {}
+            Add::Bias(bias) => {
+                let rescale = Rescale::new(bias.bits, sum_bits);
+                let bias: Vec<i64> = bias
+                    .values
+                    .iter()
+                    .map(|&value| rescale.apply(value as i64))
+                    .collect();
+                add_to_rows(&mut sums, &bias);
+            }
+            Add::Sums(add, from) => {
+                let rescale = Rescale::new(from, sum_bits);
+                let add: Vec<i64> = add.iter().map(|&sum| rescale.apply(sum)).collect();
+                add_to_rows(&mut sums, &add);
+            }
+            Add::Residual(values, from) => {
+                let rescale = Rescale::new(from, sum_bits);
+                for (sum, &value) in sums.iter_mut().zip(values) {
+                    *sum += rescale.apply(value as i64);
+                }
             }
         }
+        let rescale = Rescale::new(sum_bits, out as i32);
+        let mut narrow = Narrow::new();
+        let output = sums
+            .iter()
+            .map(|&sum| narrow.narrow(rescale.apply(sum)))
+            .collect();
         checked(site, narrow)?;
         Ok(output)
     }
@@ -666,6 +694,27 @@ impl<'a> Evaluator<'a> {
             bits,
         }
     }
+}
+
+/// Adds `row` to each row of `sums`.
+fn add_to_rows(sums: &mut [i64], row: &[i64]) {
+    for sums in sums.chunks_exact_mut(row.len()) {
+        for (sum, add) in sums.iter_mut().zip(row) {
+            *sum += add;
+        }
+    }
+}
+
+/// `[rows, width]` as `[width, rows]`.
+fn transpose(values: &[i16], width: usize) -> Vec<i16> {
+    let rows = values.len() / width;
+    let mut transposed = vec![0; values.len()];
+    for (row, values) in values.chunks_exact(width).enumerate() {
+        for (&value, column) in values.iter().zip(transposed.chunks_exact_mut(rows)) {
+            column[row] = value;
+        }
+    }
+    transposed
 }
 
 fn checked(site: Site, narrow: Narrow) -> Result<(), EvalError> {

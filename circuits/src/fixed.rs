@@ -1,13 +1,35 @@
-//! Fixed-point arithmetic: shifts with explicit rounding, narrowing that refuses what does not fit, and the int16
-//! matrix product.
+//! Fixed-point arithmetic: shifts with explicit rounding, and narrowing that refuses what does not fit.
 
 /// `value` with `from` fraction bits, restated with `to`: exact to the left, rounded half up to the right.
 #[inline(always)]
 pub fn align(value: i64, from: i32, to: i32) -> i64 {
-    if to >= from {
-        value << (to - from)
-    } else {
-        round_shift(value, (from - to) as u32)
+    Rescale::new(from, to).apply(value)
+}
+
+/// A change of fraction bits, prepared: a shift left that is exact, or one right that rounds half up.
+#[derive(Clone, Copy)]
+pub struct Rescale {
+    left: u32,
+    half: i64,
+    right: u32,
+}
+
+impl Rescale {
+    /// From `from` fraction bits to `to`.
+    #[inline(always)]
+    pub fn new(from: i32, to: i32) -> Self {
+        let (left, right) = ((to - from).max(0) as u32, (from - to).max(0) as u32);
+        Self {
+            left,
+            half: 1 << right >> 1,
+            right,
+        }
+    }
+
+    /// `value` at the new scale.
+    #[inline(always)]
+    pub fn apply(self, value: i64) -> i64 {
+        ((value << self.left) + self.half) >> self.right
     }
 }
 
@@ -71,26 +93,4 @@ impl Narrow {
     fn refuse(&mut self, value: i64) {
         self.refused.get_or_insert(value);
     }
-}
-
-/// Σ a·b over equally long slices. |a·b| ≤ 2^30, so that 2^16 terms stay far inside int64.
-#[inline(always)]
-pub fn dot(a: &[i16], b: &[i16]) -> i64 {
-    let mut sum = 0;
-    let (a8, b8) = (a.chunks_exact(8), b.chunks_exact(8));
-    let (a_rest, b_rest) = (a8.remainder(), b8.remainder());
-    for (a, b) in a8.zip(b8) {
-        sum += a[0] as i64 * b[0] as i64
-            + a[1] as i64 * b[1] as i64
-            + a[2] as i64 * b[2] as i64
-            + a[3] as i64 * b[3] as i64
-            + a[4] as i64 * b[4] as i64
-            + a[5] as i64 * b[5] as i64
-            + a[6] as i64 * b[6] as i64
-            + a[7] as i64 * b[7] as i64;
-    }
-    for (&a, &b) in a_rest.iter().zip(b_rest) {
-        sum += a as i64 * b as i64;
-    }
-    sum
 }

@@ -4,7 +4,8 @@
 //! - [`claim`]: the public values of a proof, the statement a contribution makes; [`statement`] checks it from a
 //!   [`witness`]. The guest program runs [`statement::check`] and nothing else.
 //! - [`spec`]: dimensions and scales of the evaluation; [`weights`] and [`sample`]: what it takes, as int16
-//!   ([`values`]); [`eval`]: the evaluation itself, on [`fixed`]-point arithmetic and [`tables`].
+//!   ([`values`]); [`eval`]: the evaluation itself, on [`fixed`]-point arithmetic, [`products`] and
+//!   [`tables`].
 //! - [`challenge`]: what is drawn for a contribution: samples, flow times, noise.
 //! - [`dataset`]: what a dataset commitment commits to; [`merkle`]: its tree.
 //! - [`digest`]: 32-byte digests and domain-separated SHA-256; [`poseidon2`]: hashing of large int16 data.
@@ -19,6 +20,7 @@ pub mod eval;
 pub mod fixed;
 pub mod merkle;
 pub mod poseidon2;
+pub mod products;
 pub mod sample;
 pub mod spec;
 pub mod statement;
