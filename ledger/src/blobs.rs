@@ -1,0 +1,193 @@
+//! Content-addressed blobs beside the log: proofs, weights, leaf lists. A blob's name is the SHA-256 of its bytes, and is
+//! believed only after hashing them.
+
+use sha2::{Digest as _, Sha256};
+use std::{
+    fs::{self, File},
+    io::{self, Read, Write},
+    path::{Path, PathBuf},
+    sync::atomic::{AtomicU64, Ordering},
+};
+use zk0_circuits::Digest;
+
+/// The blobs of one ledger folder: `blobs/sha256/<digest>`, unfinished ones in `blobs/unfinished/`.
+#[derive(Clone, Debug)]
+pub struct Blobs {
+    dir: PathBuf,
+}
+
+/// Why a blob cannot be stored or read.
+#[derive(Debug, thiserror::Error)]
+pub enum BlobError {
+    /// Not there.
+    #[error("blob {0} is not there")]
+    Missing(Digest),
+    /// Over the limit.
+    #[error("the blob has {size} bytes or more, {limit} are allowed")]
+    TooLarge { size: u64, limit: u64 },
+    /// Other bytes than announced, or changed on disk.
+    #[error("the blob has SHA-256 {actual}, not {expected}")]
+    WrongDigest { expected: Digest, actual: Digest },
+    /// The file system.
+    #[error("{path}: {error}")]
+    Io { path: PathBuf, error: io::Error },
+}
+
+impl Blobs {
+    /// The blobs of the ledger in `dir`. Touches nothing.
+    pub fn at(dir: &Path) -> Self {
+        Self {
+            dir: dir.join("blobs"),
+        }
+    }
+
+    /// Where a blob lies, if it is there.
+    pub fn path(&self, digest: &Digest) -> PathBuf {
+        self.dir.join("sha256").join(digest.to_string())
+    }
+
+    /// Whether it is there. Its bytes are not checked.
+    pub fn contains(&self, digest: &Digest) -> bool {
+        self.path(digest).is_file()
+    }
+
+    /// Starts a blob of at most `limit` bytes.
+    pub fn writer(&self, limit: u64) -> Result<BlobWriter, BlobError> {
+        static UNFINISHED: AtomicU64 = AtomicU64::new(0);
+        let number = UNFINISHED.fetch_add(1, Ordering::Relaxed);
+        for folder in [self.unfinished(), self.dir.join("sha256")] {
+            fs::create_dir_all(&folder).map_err(io_error(&folder))?;
+        }
+        let path = self
+            .unfinished()
+            .join(format!("{}-{number}", std::process::id()));
+        let file = File::create(&path).map_err(io_error(&path))?;
+        Ok(BlobWriter {
+            blobs: self.clone(),
+            path,
+            file,
+            hasher: Sha256::new(),
+            size: 0,
+            limit,
+        })
+    }
+
+    /// Stores bytes under their digest; on disk when this returns.
+    pub fn put(&self, bytes: &[u8]) -> Result<Digest, BlobError> {
+        let digest = Digest(Sha256::digest(bytes).into());
+        if self.get(&digest, bytes.len() as u64).is_err() {
+            let mut writer = self.writer(bytes.len() as u64)?;
+            writer.write(bytes)?;
+            writer.finish(&digest)?;
+        }
+        Ok(digest)
+    }
+
+    /// Reads a blob of at most `limit` bytes and checks that it is what its name says.
+    pub fn get(&self, digest: &Digest, limit: u64) -> Result<Vec<u8>, BlobError> {
+        let path = self.path(digest);
+        let file = match File::open(&path) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => {
+                return Err(BlobError::Missing(*digest))
+            }
+            other => other.map_err(io_error(&path))?,
+        };
+        let size = file.metadata().map_err(io_error(&path))?.len();
+        let mut bytes = Vec::new();
+        if size <= limit {
+            file.take(limit.saturating_add(1))
+                .read_to_end(&mut bytes)
+                .map_err(io_error(&path))?;
+        }
+        let size = size.max(bytes.len() as u64);
+        if size > limit {
+            return Err(BlobError::TooLarge { size, limit });
+        }
+        check(digest, Sha256::digest(&bytes).into())?;
+        Ok(bytes)
+    }
+
+    /// Removes what killed processes left behind. Only for the ledger's one writer.
+    pub(crate) fn remove_unfinished(&self) -> Result<(), BlobError> {
+        let folder = self.unfinished();
+        match fs::remove_dir_all(&folder) {
+            Err(error) if error.kind() != io::ErrorKind::NotFound => Err(io_error(&folder)(error)),
+            _ => Ok(()),
+        }
+    }
+
+    fn unfinished(&self) -> PathBuf {
+        self.dir.join("unfinished")
+    }
+}
+
+/// A blob being written. Dropped before [`BlobWriter::finish`], it leaves nothing.
+#[derive(Debug)]
+pub struct BlobWriter {
+    blobs: Blobs,
+    path: PathBuf,
+    file: File,
+    hasher: Sha256,
+    size: u64,
+    limit: u64,
+}
+
+impl BlobWriter {
+    /// Adds bytes; refuses those over the limit before writing them.
+    pub fn write(&mut self, bytes: &[u8]) -> Result<(), BlobError> {
+        let size = self.size.saturating_add(bytes.len() as u64);
+        if size > self.limit {
+            return Err(BlobError::TooLarge {
+                size,
+                limit: self.limit,
+            });
+        }
+        self.file.write_all(bytes).map_err(io_error(&self.path))?;
+        self.hasher.update(bytes);
+        self.size = size;
+        Ok(())
+    }
+
+    /// Bytes so far.
+    pub fn size(&self) -> u64 {
+        self.size
+    }
+
+    /// Puts the blob in its place if its digest is `expected`; on disk when this returns.
+    pub fn finish(self, expected: &Digest) -> Result<(), BlobError> {
+        check(expected, self.hasher.clone().finalize().into())?;
+        self.file.sync_all().map_err(io_error(&self.path))?;
+        let place = self.blobs.path(expected);
+        fs::rename(&self.path, &place).map_err(io_error(&place))?;
+        for folder in [self.blobs.dir.join("sha256"), self.blobs.dir.clone()] {
+            File::open(&folder)
+                .and_then(|folder| folder.sync_all())
+                .map_err(io_error(&folder))?;
+        }
+        Ok(())
+    }
+}
+
+impl Drop for BlobWriter {
+    fn drop(&mut self) {
+        // After a successful finish there is nothing at this path any more.
+        let _ = fs::remove_file(&self.path);
+    }
+}
+
+fn check(expected: &Digest, actual: [u8; 32]) -> Result<(), BlobError> {
+    match expected.0 == actual {
+        true => Ok(()),
+        false => Err(BlobError::WrongDigest {
+            expected: *expected,
+            actual: Digest(actual),
+        }),
+    }
+}
+
+fn io_error(path: &Path) -> impl FnOnce(io::Error) -> BlobError + '_ {
+    |error| BlobError::Io {
+        path: path.into(),
+        error,
+    }
+}

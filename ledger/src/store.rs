@@ -1,0 +1,166 @@
+//! The log on disk: a RocksDB database with three kinds of keys, and nothing else.
+//!
+//! | key | value |
+//! |---|---|
+//! | `e` ‖ index (big-endian) | an entry's canonical bytes |
+//! | `h` ‖ position (big-endian) | a tree hash, at `tlog_tiles::tlog::stored_hash_index` |
+//! | `c` ‖ size (big-endian) | the signed checkpoint of the first `size` entries |
+
+use crate::error::LedgerError;
+use rocksdb::{
+    DBRecoveryMode, Direction, ErrorKind, InfoLogger, IteratorMode, LogLevel, Options, WriteBatch,
+    WriteOptions, DB,
+};
+use std::path::Path;
+use tlog_tiles::tlog::{stored_hash_index, Error as TreeError, Hash, HashReader};
+
+/// The database under a ledger.
+pub struct Store {
+    db: DB,
+}
+
+/// A key of the database, decoded.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Key {
+    /// An entry, by index.
+    Entry(u64),
+    /// A tree hash, by stored position.
+    Hash(u64),
+    /// A checkpoint, by tree size.
+    Checkpoint(u64),
+}
+
+impl Key {
+    fn bytes(self) -> [u8; 9] {
+        let (kind, number) = match self {
+            Self::Entry(index) => (b'e', index),
+            Self::Hash(position) => (b'h', position),
+            Self::Checkpoint(size) => (b'c', size),
+        };
+        let mut bytes = [kind; 9];
+        bytes[1..].copy_from_slice(&number.to_be_bytes());
+        bytes
+    }
+
+    fn parse(bytes: &[u8]) -> Option<Self> {
+        let (kind, number) = bytes.split_first()?;
+        let number = u64::from_be_bytes(number.try_into().ok()?);
+        match kind {
+            b'e' => Some(Self::Entry(number)),
+            b'h' => Some(Self::Hash(number)),
+            b'c' => Some(Self::Checkpoint(number)),
+            _ => None,
+        }
+    }
+}
+
+impl Store {
+    /// Opens for writing; one process at a time.
+    pub fn open(path: &Path) -> Result<Self, LedgerError> {
+        let mut options = options();
+        options.create_if_missing(true);
+        match DB::open(&options, path) {
+            Ok(db) => Ok(Self { db }),
+            Err(error) if is_locked(&error) => Err(LedgerError::Locked(path.into())),
+            Err(error) => Err(error.into()),
+        }
+    }
+
+    /// Opens for reading: a snapshot as of now, beside a writer or on read-only media. Writes nothing.
+    pub fn open_read_only(path: &Path) -> Result<Self, LedgerError> {
+        Ok(Self {
+            db: DB::open_for_read_only(&options(), path, false)?,
+        })
+    }
+
+    /// One entry's bytes.
+    pub fn entry(&self, index: u64) -> Result<Option<Vec<u8>>, LedgerError> {
+        self.get(Key::Entry(index))
+    }
+
+    /// The signed checkpoint of a size.
+    pub fn checkpoint(&self, size: u64) -> Result<Option<Vec<u8>>, LedgerError> {
+        self.get(Key::Checkpoint(size))
+    }
+
+    /// Number of entries: one more than the last index.
+    pub fn size(&self) -> Result<u64, LedgerError> {
+        let end = Key::Entry(u64::MAX).bytes();
+        match self
+            .db
+            .iterator(IteratorMode::From(&end, Direction::Reverse))
+            .next()
+        {
+            None => Ok(0),
+            Some(found) => match Key::parse(&found?.0) {
+                Some(Key::Entry(index)) => Ok(index.saturating_add(1)),
+                _ => Ok(0),
+            },
+        }
+    }
+
+    /// Every key in the database, in order; `None` is one that has no business there.
+    pub fn keys(&self) -> impl Iterator<Item = Result<Option<Key>, LedgerError>> + '_ {
+        self.db
+            .iterator(IteratorMode::Start)
+            .map(|found| Ok(Key::parse(&found?.0)))
+    }
+
+    /// Appends entry `index`, the hashes that become final with it and the checkpoint after it: all or nothing, and on disk
+    /// when this returns.
+    pub fn append(
+        &self,
+        index: u64,
+        entry: &[u8],
+        hashes: &[Hash],
+        checkpoint: &[u8],
+    ) -> Result<(), LedgerError> {
+        let mut batch = WriteBatch::default();
+        batch.put(Key::Entry(index).bytes(), entry);
+        for (position, hash) in (stored_hash_index(0, index)..).zip(hashes) {
+            batch.put(Key::Hash(position).bytes(), hash.0);
+        }
+        batch.put(Key::Checkpoint(index + 1).bytes(), checkpoint);
+        let mut durable = WriteOptions::default();
+        durable.set_sync(true);
+        Ok(self.db.write_opt(batch, &durable)?)
+    }
+
+    fn get(&self, key: Key) -> Result<Option<Vec<u8>>, LedgerError> {
+        Ok(self.db.get(key.bytes())?)
+    }
+}
+
+impl HashReader for Store {
+    fn read_hashes(&self, positions: &[u64]) -> Result<Vec<Hash>, TreeError> {
+        let read = |position: &u64| {
+            let bytes = self.get(Key::Hash(*position)).ok().flatten()?;
+            Some(Hash(bytes.try_into().ok()?))
+        };
+        positions
+            .iter()
+            .map(read)
+            .collect::<Option<_>>()
+            .ok_or(TreeError::IndexesNotInTree)
+    }
+}
+
+fn options() -> Options {
+    let mut options = Options::default();
+    options.set_paranoid_checks(true);
+    // A record torn by a crash is dropped: it was never acknowledged. Should a flipped byte look like one, the log is
+    // shorter than its signed checkpoint, and opening fails there.
+    options.set_wal_recovery_mode(DBRecoveryMode::TolerateCorruptedTailRecords);
+    // RocksDB's own log goes to ours: nothing but data lies in the folder, and read-only media can be read.
+    options.set_info_logger(InfoLogger::new_callback_logger(
+        LogLevel::Warn,
+        |_, message| tracing::debug!(target: "rocksdb", "{}", message.trim_end()),
+    ));
+    options
+}
+
+fn is_locked(error: &rocksdb::Error) -> bool {
+    let text = error.to_string();
+    error.kind() == ErrorKind::IOError
+        && (text.contains("lock hold") || text.contains("While lock file"))
+}

@@ -1,0 +1,72 @@
+//! The named reasons for which the state refuses an entry.
+
+use crate::{codec::EntryError, refusal::Refusal, rules::Disclosure};
+use zk0_circuits::NodeId;
+
+/// Why an entry cannot follow the history so far.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum RuleViolation {
+    /// A node's statement that the rules refuse.
+    #[error(transparent)]
+    Refused(#[from] Refusal),
+    /// An entry too large, or of another version.
+    #[error(transparent)]
+    Entry(#[from] EntryError),
+    /// Time ran backwards.
+    #[error("the entry's time is {time_ms} ms, the one before it has {last_ms} ms")]
+    TimeBackwards { time_ms: u64, last_ms: u64 },
+    /// The first entry is not a genesis.
+    #[error("the first entry is not a genesis")]
+    NoGenesis,
+    /// A genesis that is not the first entry.
+    #[error("a second genesis")]
+    SecondGenesis,
+    /// A genesis no network can live by.
+    #[error("genesis: {0}")]
+    BadGenesis(String),
+    /// A node that cannot be enrolled.
+    #[error("node {node} cannot be enrolled: {why}")]
+    BadNode { node: NodeId, why: String },
+    /// Enrolled twice.
+    #[error("node {0} is already enrolled")]
+    AlreadyEnrolled(NodeId),
+    /// A dataset changed under an open round.
+    #[error("node {node} cannot replace its dataset while round {round} is open")]
+    DatasetInUse { node: NodeId, round: u64 },
+    /// A round opened before the one before it closed.
+    #[error("round {0} is still open")]
+    RoundStillOpen(u64),
+    /// A field of a round's opening or closing is not what the ledger fixes.
+    #[error("round {round}: {field} is {found}, it has to be {expected}")]
+    RoundField {
+        round: u64,
+        field: &'static str,
+        found: String,
+        expected: String,
+    },
+    /// Nothing to close.
+    #[error("round {0} is not open")]
+    RoundNotOpen(u64),
+    /// Closed while a node could still contribute.
+    #[error("round {round} cannot close {early_ms} ms before its deadline: {waiting_for}")]
+    ClosedEarly {
+        round: u64,
+        early_ms: u64,
+        waiting_for: String,
+    },
+    /// Refused for a reason that does not hold, or not for the one that does.
+    #[error("the contribution is refused because '{given}', but {found}")]
+    WrongReason { given: String, found: String },
+    /// Deadlines beyond the end of time.
+    #[error("round {0}'s deadlines do not fit in 64 bits")]
+    EndOfTime(u64),
+}
+
+impl std::fmt::Display for Disclosure {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Nothing => "nothing",
+            Self::Losses => "losses",
+        })
+    }
+}
