@@ -195,7 +195,7 @@ impl EvalSpec {
             mlp_normed: normed,
             gate: 10,
             up: 10,
-            gated: 10,
+            gated: 9,
             hidden: 10,
         };
         Self {
