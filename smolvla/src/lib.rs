@@ -2,7 +2,7 @@
 //!
 //! A tour, in the order data flows:
 //!
-//! - `dataset` reads a LeRobotDataset: parquet rows, decoded camera frames, statistics.
+//! - [`dataset`] reads a LeRobotDataset: parquet rows, decoded camera frames, statistics.
 //! - [`sample`] turns a frame into a [`sample::PreparedSample`]: it normalises state and actions, brings
 //!   the images to size ([`image`]), makes language tokens ([`tokenizer`]) and runs the frozen half once.
 //! - [`model`] is the policy in candle, in two phases: [`model::prefix`] computes the per-layer key/value
@@ -18,6 +18,7 @@
 
 pub mod batch;
 pub mod config;
+pub mod dataset;
 pub mod error;
 pub mod evaluate;
 pub mod image;
