@@ -62,3 +62,16 @@ pub enum Losses {
         elements: u64,
     },
 }
+
+/// For people: a claim's losses in the units that training prints.
+#[cfg(feature = "std")]
+impl Losses {
+    /// Mean squared error per element under the base weights and under the update, if disclosed.
+    pub fn means(&self, spec: &crate::EvalSpec) -> Option<(f64, f64)> {
+        let Self::Disclosed { before, after, elements } = *self else {
+            return None;
+        };
+        let unit = (elements.max(1) as f64) * 4f64.powi(spec.action.into());
+        Some((before as f64 / unit, after as f64 / unit))
+    }
+}
