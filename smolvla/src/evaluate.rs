@@ -1,7 +1,8 @@
 //! The flow-matching loss at given noise and times: the float32 side of what a claim proves.
 
 use candle_core::{Device, Tensor};
-use rand::RngCore;
+use rand::{RngCore, SeedableRng};
+use rand_chacha::ChaCha20Rng;
 
 use crate::batch::SampleBank;
 use crate::config::PolicyConfig;
@@ -34,6 +35,14 @@ impl FlowDraw {
             noise: (0..config.chunk_elements()).map(|_| normal(rng)).collect(),
         }
     }
+}
+
+/// `count` draws that are the same for one seed: for comparing weights on the same noise and times.
+pub fn fixed_draws(config: &PolicyConfig, count: usize, seed: u64) -> Vec<FlowDraw> {
+    let mut rng = ChaCha20Rng::seed_from_u64(seed);
+    (0..count)
+        .map(|_| FlowDraw::random(config, &mut rng))
+        .collect()
 }
 
 /// A loss as the sum it is a mean of.

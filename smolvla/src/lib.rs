@@ -11,7 +11,8 @@
 //! - [`train`] fits the expert to prepared samples with AdamW ([`optimizer`]); [`mod@evaluate`] gives the
 //!   loss at chosen noise and times, which is what a claim is about.
 //! - [`config`] has every dimension and the named profiles; [`layout`] the tensors that follow from it, by
-//!   LeRobot's names; [`weights`] their values as plain `f32`; [`init`] a seeded start.
+//!   LeRobot's names; [`weights`] their values as plain `f32`; [`init`] a seeded start;
+//!   [`policy_file`] a whole policy as one file.
 //!
 //! The only code that knows sizes is [`config`]: the `tiny` fixture, the `micro` profile of the demo and
 //! the published model run through the same functions.
@@ -27,6 +28,7 @@ pub mod layout;
 pub mod lerobot_config;
 pub mod model;
 pub mod optimizer;
+pub mod policy_file;
 pub mod random;
 pub mod sample;
 pub mod tokenizer;

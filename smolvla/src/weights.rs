@@ -3,7 +3,7 @@
 //! Reading checks everything at once: names, shapes and types against the [`Layout`] of the configuration,
 //! and that every number is finite. Writing is deterministic: equal weights give equal bytes.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 
 use safetensors::tensor::{serialize, Dtype, SafeTensors, TensorView};
 
@@ -45,7 +45,7 @@ impl ExpertWeights {
 
     /// The bytes of a safetensors file; equal weights give equal bytes.
     pub fn to_safetensors(&self) -> Result<Vec<u8>> {
-        write(&self.0)
+        write(&self.0, None)
     }
 
     /// The tensors in name order.
@@ -99,7 +99,7 @@ impl Policy {
     pub fn to_safetensors(&self) -> Result<Vec<u8>> {
         let mut all = self.frozen.clone();
         all.extend(self.expert.0.clone());
-        write(&all)
+        write(&all, None)
     }
 }
 
@@ -177,7 +177,10 @@ fn shape_error(name: &str, expected: &[usize], found: &[usize]) -> PolicyError {
     }
 }
 
-fn write(tensors: &TensorSet) -> Result<Vec<u8>> {
+pub(crate) fn write(
+    tensors: &TensorSet,
+    metadata: Option<HashMap<String, String>>,
+) -> Result<Vec<u8>> {
     let failed = |e: safetensors::SafeTensorError| PolicyError::Safetensors(e.to_string());
     let bytes: Vec<(&String, &Vec<usize>, Vec<u8>)> = tensors
         .iter()
@@ -198,5 +201,5 @@ fn write(tensors: &TensorSet) -> Result<Vec<u8>> {
             ))
         })
         .collect::<Result<Vec<_>>>()?;
-    serialize(views, None).map_err(failed)
+    serialize(views, metadata).map_err(failed)
 }
