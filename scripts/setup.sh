@@ -1,0 +1,47 @@
+#!/usr/bin/env bash
+# Installs what building zk0 needs and is missing here: system packages, and a Rust toolchain where there is none recent
+# enough. Debian and Ubuntu; asks for sudo when not root. `setup.sh guest` also installs what rebuilds the guest program.
+set -euo pipefail
+
+packages=(gcc g++ make pkg-config git protobuf-compiler libprotobuf-dev clang libclang-dev cmake nasm)
+here=$(dirname "$(readlink -f "$0")")
+
+install() {
+    local missing=() package
+    for package in "$@"; do
+        [ "$(dpkg-query -W -f='${db:Status-Status}' "$package" 2>/dev/null)" = installed ] || missing+=("$package")
+    done
+    [ ${#missing[@]} -eq 0 ] && return
+    local sudo=()
+    if [ "$(id -u)" != 0 ]; then
+        command -v sudo >/dev/null || { echo "setup: please install as root: apt-get install ${missing[*]}" >&2; return 1; }
+        sudo=(sudo)
+    fi
+    echo "setup: installing ${missing[*]}" >&2
+    "${sudo[@]}" apt-get update -qq
+    "${sudo[@]}" env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "${missing[@]}" >/dev/null
+}
+
+if ! command -v apt-get >/dev/null; then
+    echo "setup: this is neither Debian nor Ubuntu; install by hand: ${packages[*]}, and Rust (see rust-version in Cargo.toml)" >&2
+    exit 0
+fi
+
+install "${packages[@]}"
+
+if ! "$here/with-rust" true 2>/dev/null; then
+    # Debian 12 carries a recent compiler as rustc-web; elsewhere rustup is the way.
+    if [ -n "$(apt-cache policy rustc-web 2>/dev/null | grep Candidate || true)" ]; then
+        install rustc-web cargo-web
+    else
+        install curl ca-certificates
+        curl --proto '=https' --tlsv1.2 -sSf https://sh.rustup.rs | sh -s -- -y --profile minimal
+    fi
+    "$here/with-rust" true
+fi
+
+if [ "${1:-}" = guest ]; then
+    # The guest is rebuilt with Debian's compiler; without it the check says that it did not run.
+    install rustc-web cargo-web rust-web-src lld ||
+        echo "setup: Debian's rustc-web is not to be had here; the guest program will not be rebuilt" >&2
+fi
