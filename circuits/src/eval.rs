@@ -144,8 +144,16 @@ const LOG2_E_SQUARED: u64 = 2_288_489_396_308;
 #[derive(Clone, Copy)]
 struct Tensor<'a> {
     values: &'a [i16],
+    /// Values used of each row, and from the start of one row to the next.
     columns: usize,
+    stride: usize,
     bits: i32,
+}
+
+impl<'a> Tensor<'a> {
+    fn rows(&self) -> Rows<'a> {
+        Rows::strided(self.values, self.stride, self.columns)
+    }
 }
 
 /// What a linear layer adds to its products.
@@ -308,15 +316,16 @@ impl<'a> Evaluator<'a> {
             .collect();
         let (matrix, bias) = (tensor(2), tensor(3));
         let time_bits = matrix.bits + tables::TRIG_BITS as i32;
-        let mut action_half = Vec::with_capacity(width * width);
-        let mut sums = Vec::with_capacity(width);
-        for (row, &bias_value) in matrix.values.chunks_exact(2 * width).zip(bias.values) {
-            let (action, time) = row.split_at(width);
-            action_half.extend_from_slice(action);
-            sums.push(align(bias_value as i64, bias.bits, time_bits) + dot(time, &time_embedding));
-        }
+        let rows = matrix.values.chunks_exact(2 * width);
+        let sums: Vec<i64> = rows
+            .zip(bias.values)
+            .map(|(row, &bias_value)| {
+                let bias = align(bias_value as i64, bias.bits, time_bits);
+                bias + dot(&row[width..], &time_embedding)
+            })
+            .collect();
+        // The first half of each row.
         let matrix = Tensor {
-            values: &action_half,
             columns: width,
             ..matrix
         };
@@ -541,7 +550,9 @@ impl<'a> Evaluator<'a> {
             let keys = &keys[..visible * kv_width][kv_head * head_dim..];
             let scores = &mut scores[..group * visible];
             let keys = Rows::strided(keys, kv_width, head_dim);
-            products(Rows::new(queries, head_dim), keys, scores);
+            products(Rows::new(queries, head_dim), keys, |index, _, sum| {
+                scores[index] = sum
+            });
             let weights = &mut weights[..group * visible];
             for (scores, weights) in scores
                 .chunks_exact(visible)
@@ -558,7 +569,9 @@ impl<'a> Evaluator<'a> {
             }
             let values = &transposed[kv_head * head_dim * tokens..][..head_dim * tokens];
             let values = Rows::strided(values, tokens, visible);
-            products(Rows::new(weights, visible), values, &mut sums);
+            products(Rows::new(weights, visible), values, |index, _, sum| {
+                sums[index] = sum
+            });
             let rows = sums
                 .chunks_exact(head_dim)
                 .zip(output.chunks_exact_mut(head_dim));
@@ -642,44 +655,36 @@ impl<'a> Evaluator<'a> {
         add: Add<'_>,
         out: u8,
     ) -> Result<Vec<i16>, EvalError> {
-        let columns = matrix.columns;
-        let (tokens, outputs) = (input.len() / columns, matrix.values.len() / columns);
         let sum_bits = matrix.bits + bits as i32;
-        let mut sums = vec![0; tokens * outputs];
-        products(
-            Rows::new(input, columns),
-            Rows::new(matrix.values, columns),
-            &mut sums,
-        );
+        let (input, matrix) = (Rows::new(input, matrix.columns), matrix.rows());
+        let mut output = vec![0; input.count() * matrix.count()];
+        let mut narrow = Narrow::new();
+        let out = Rescale::new(sum_bits, out as i32);
         match add {
-            Add::Nothing => {}
+            Add::Nothing => products(input, matrix, |index, _, sum| {
+                output[index] = narrow.narrow(out.apply(sum));
+            }),
             Add::Bias(bias) => {
                 let rescale = Rescale::new(bias.bits, sum_bits);
-                let bias: Vec<i64> = bias
-                    .values
-                    .iter()
-                    .map(|&value| rescale.apply(value as i64))
-                    .collect();
-                add_to_rows(&mut sums, &bias);
+                products(input, matrix, |index, column, sum| {
+                    let add = rescale.apply(bias.values[column] as i64);
+                    output[index] = narrow.narrow(out.apply(sum + add));
+                });
             }
-            Add::Sums(add, from) => {
+            Add::Sums(sums, from) => {
                 let rescale = Rescale::new(from, sum_bits);
-                let add: Vec<i64> = add.iter().map(|&sum| rescale.apply(sum)).collect();
-                add_to_rows(&mut sums, &add);
+                products(input, matrix, |index, column, sum| {
+                    output[index] = narrow.narrow(out.apply(sum + rescale.apply(sums[column])));
+                });
             }
             Add::Residual(values, from) => {
                 let rescale = Rescale::new(from, sum_bits);
-                for (sum, &value) in sums.iter_mut().zip(values) {
-                    *sum += rescale.apply(value as i64);
-                }
+                products(input, matrix, |index, _, sum| {
+                    let add = rescale.apply(values[index] as i64);
+                    output[index] = narrow.narrow(out.apply(sum + add));
+                });
             }
         }
-        let rescale = Rescale::new(sum_bits, out as i32);
-        let mut narrow = Narrow::new();
-        let output = sums
-            .iter()
-            .map(|&sum| narrow.narrow(rescale.apply(sum)))
-            .collect();
         checked(site, narrow)?;
         Ok(output)
     }
@@ -691,16 +696,8 @@ impl<'a> Evaluator<'a> {
         Tensor {
             values: &values[place.start..][..place.len],
             columns: place.columns,
+            stride: place.columns,
             bits,
-        }
-    }
-}
-
-/// Adds `row` to each row of `sums`.
-fn add_to_rows(sums: &mut [i64], row: &[i64]) {
-    for sums in sums.chunks_exact_mut(row.len()) {
-        for (sum, add) in sums.iter_mut().zip(row) {
-            *sum += add;
         }
     }
 }

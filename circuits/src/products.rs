@@ -15,9 +15,12 @@ impl<'a> Rows<'a> {
         Self::strided(values, columns, columns)
     }
 
-    /// Rows of `columns` values whose starts are `stride` ≥ `columns` apart.
+    /// Rows of `columns` values whose starts are `stride` ≥ `columns` apart, as many as lie in `values`.
     pub fn strided(values: &'a [i16], stride: usize, columns: usize) -> Self {
-        let count = (values.len() + stride).saturating_sub(columns) / stride.max(1);
+        let count = match values.len().checked_sub(columns) {
+            Some(rest) if stride > 0 => rest / stride + 1,
+            _ => 0,
+        };
         Self {
             values,
             stride,
@@ -26,62 +29,91 @@ impl<'a> Rows<'a> {
         }
     }
 
+    /// The first `count` rows, or all if there are fewer.
+    pub fn first(self, count: usize) -> Self {
+        Self {
+            count: self.count.min(count),
+            ..self
+        }
+    }
+
     /// Number of rows.
     pub fn count(&self) -> usize {
         self.count
     }
 
+    /// The first `columns` values of `N` rows from `first` on.
+    ///
+    /// # Safety
+    /// `first + N <= self.count` and `columns <= self.columns`.
     #[inline(always)]
-    fn row(&self, index: usize) -> &'a [i16] {
-        &self.values[index * self.stride..][..self.columns]
-    }
-
-    #[inline(always)]
-    fn some<const N: usize>(&self, first: usize) -> [&'a [i16]; N] {
-        core::array::from_fn(|index| self.row(first + index))
+    unsafe fn some<const N: usize>(&self, first: usize, columns: usize) -> [&'a [i16]; N] {
+        debug_assert!(first + N <= self.count && columns <= self.columns);
+        core::array::from_fn(|index| {
+            let start = (first + index) * self.stride;
+            // SAFETY: `strided` counts only rows that lie in `values`: row i ends at i·stride + columns ≤ len.
+            unsafe { self.values.get_unchecked(start..start + columns) }
+        })
     }
 }
 
-/// `a · bᵀ`: sets `sums[i * b.count + j]` to the product of row `i` of `a` with row `j` of `b`, which have equally many
-/// columns. |a·b| ≤ 2^30, so 2^16 columns stay far inside int64.
+/// `a · bᵀ`: gives `sink(i * b.count + j, j, sum)` the product of row `i` of `a` with row `j` of `b`, for all i and j.
+/// |a·b| ≤ 2^30, so 2^16 columns stay far inside int64. Should the rows differ in length, the shorter counts.
 ///
-/// Blocks of 2 × 3 rows share their loads: about 3 guest cycles per multiply-add, where a plain loop takes 12.
-pub fn products(a: Rows<'_>, b: Rows<'_>, sums: &mut [i64]) {
-    let (mut i, width) = (0, b.count);
+/// Blocks of 2 × 3 rows share their loads: about 3 guest cycles per multiply-add, where a plain loop takes 12. Bounds are
+/// checked once per matrix, not per block: at 12 columns those checks cost as much as a third of the products.
+#[inline(always)]
+pub fn products(a: Rows<'_>, b: Rows<'_>, mut sink: impl FnMut(usize, usize, i64)) {
+    let columns = a.columns.min(b.columns);
+    let width = b.count;
+    let mut i = 0;
+    // SAFETY, for every call of `some`: the loop conditions keep i + N ≤ a.count and j + N ≤ b.count.
     while i + 2 <= a.count {
+        let left: [&[i16]; 2] = unsafe { a.some(i, columns) };
+        let at = i * width;
         let mut j = 0;
         while j + 3 <= width {
-            let [first, second] = block::<2, 3>(a.some(i), b.some(j));
-            sums[i * width + j..][..3].copy_from_slice(&first);
-            sums[(i + 1) * width + j..][..3].copy_from_slice(&second);
+            let sums = block::<2, 3>(left, unsafe { b.some(j, columns) }, columns);
+            for (row, sums) in sums.into_iter().enumerate() {
+                for (column, sum) in sums.into_iter().enumerate() {
+                    sink(at + row * width + j + column, j + column, sum);
+                }
+            }
             j += 3;
         }
         while j < width {
-            let [[first], [second]] = block::<2, 1>(a.some(i), b.some(j));
-            sums[i * width + j] = first;
-            sums[(i + 1) * width + j] = second;
+            let [[first], [second]] = block::<2, 1>(left, unsafe { b.some(j, columns) }, columns);
+            sink(at + j, j, first);
+            sink(at + width + j, j, second);
             j += 1;
         }
         i += 2;
     }
-    while i < a.count {
+    if i < a.count {
+        let left: [&[i16]; 1] = unsafe { a.some(i, columns) };
         for j in 0..width {
-            sums[i * width + j] = dot(a.row(i), b.row(j));
+            let [[sum]] = block::<1, 1>(left, unsafe { b.some(j, columns) }, columns);
+            sink(i * width + j, j, sum);
         }
-        i += 1;
     }
 }
 
-/// Σ a·b over equally long slices.
+/// Σ a·b over two slices, as far as the shorter goes.
 pub fn dot(a: &[i16], b: &[i16]) -> i64 {
-    let [[sum]] = block([a], [b]);
+    let columns = a.len().min(b.len());
+    let [[sum]] = block([&a[..columns]], [&b[..columns]], columns);
     sum
 }
 
+/// Products of all rows of `a` and `b`, each of them `columns` long.
 #[inline(always)]
-fn block<const A: usize, const B: usize>(a: [&[i16]; A], b: [&[i16]; B]) -> [[i64; B]; A] {
+fn block<const A: usize, const B: usize>(
+    a: [&[i16]; A],
+    b: [&[i16]; B],
+    columns: usize,
+) -> [[i64; B]; A] {
     // Four columns at a time. All slices are cut to one length, so that the loops need no bounds checks.
-    let quads = a[0].len() / 4;
+    let quads = columns / 4;
     let a4 = a.map(|row| &row.as_chunks::<4>().0[..quads]);
     let b4 = b.map(|row| &row.as_chunks::<4>().0[..quads]);
     let mut sums = [[0i64; B]; A];
@@ -96,7 +128,7 @@ fn block<const A: usize, const B: usize>(a: [&[i16]; A], b: [&[i16]; B]) -> [[i6
             }
         }
     }
-    for column in 4 * quads..a[0].len() {
+    for column in 4 * quads..columns {
         for (sums, row) in sums.iter_mut().zip(a) {
             for (sum, right) in sums.iter_mut().zip(b) {
                 *sum += row[column] as i64 * right[column] as i64;
@@ -122,7 +154,10 @@ mod tests {
             let mut sums = vec![0; rows * others];
             let (a_rows, b_rows) = (Rows::strided(a, stride, columns), Rows::new(b, columns));
             prop_assert_eq!((a_rows.count(), b_rows.count()), (rows, others));
-            products(a_rows, b_rows, &mut sums);
+            products(a_rows, b_rows, |index, column, sum| {
+                assert_eq!(index % others, column);
+                sums[index] = sum;
+            });
             for i in 0..rows {
                 for j in 0..others {
                     let plain: i64 = (0..columns)
