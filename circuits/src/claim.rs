@@ -68,7 +68,12 @@ pub enum Losses {
 impl Losses {
     /// Mean squared error per element under the base weights and under the update, if disclosed.
     pub fn means(&self, spec: &crate::EvalSpec) -> Option<(f64, f64)> {
-        let Self::Disclosed { before, after, elements } = *self else {
+        let Self::Disclosed {
+            before,
+            after,
+            elements,
+        } = *self
+        else {
             return None;
         };
         let unit = (elements.max(1) as f64) * 4f64.powi(spec.action.into());

@@ -340,11 +340,14 @@ impl<'a> Evaluator<'a> {
         )?;
 
         let bits = spec.time_hidden as u32;
+        let rescale = Rescale::new(
+            (bits + tables::SIGMOID_BITS) as i32,
+            spec.time_activation as i32,
+        );
         let mut narrow = Narrow::new();
         for value in &mut mixed {
             let silu = *value as i64 * tables::sigmoid(*value, bits);
-            let from = (bits + tables::SIGMOID_BITS) as i32;
-            *value = narrow.narrow(align(silu, from, spec.time_activation as i32));
+            *value = narrow.narrow(rescale.apply(silu));
         }
         checked(Site::TimeMlpSilu, narrow)?;
         let add = Add::Bias(tensor(5));
@@ -494,10 +497,11 @@ impl<'a> Evaluator<'a> {
             scales.up,
         )?;
         let from = (scales.gate + scales.up) as i32 + tables::SIGMOID_BITS as i32;
+        let rescale = Rescale::new(from, scales.gated as i32);
         let mut narrow = Narrow::new();
         for (gate, &up) in gate.iter_mut().zip(&up) {
             let silu = *gate as i64 * tables::sigmoid(*gate, scales.gate as u32);
-            *gate = narrow.narrow(align(silu * up as i64, from, scales.gated as i32));
+            *gate = narrow.narrow(rescale.apply(silu * up as i64));
         }
         checked(Site::Gated(layer), narrow)?;
         let add = Add::Residual(&attended, scales.attended as i32);
