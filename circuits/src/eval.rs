@@ -11,7 +11,7 @@ use crate::{
     fixed::{align, integer_sqrt, round_divide, round_shift, Narrow, Rescale},
     products::{dot, products, Rows},
     sample::Sample,
-    spec::{EvalSpec, LayerScales},
+    spec::{EvalSpec, LayerScales, SpecError},
     tables,
     weights::{Layout, QuantisedWeights, HEAD_TENSORS, LAYER_TENSORS},
 };
@@ -104,6 +104,9 @@ pub enum EvalError {
     /// Weights, sample or draw were made for other dimensions.
     #[error("{0} does not have the dimensions of the specification")]
     Dimensions(&'static str),
+    /// The specification is refused.
+    #[error(transparent)]
+    Spec(#[from] SpecError),
 }
 
 /// Sum of squared errors over the elements that count, in units of 2^(−2·[`EvalSpec::action`]), and their number.
@@ -123,10 +126,10 @@ pub fn evaluate(
     sample: &Sample,
     draw: &Draw,
 ) -> Result<LossSum, EvalError> {
-    Evaluator::new(spec).evaluate(weights, sample, draw)
+    Evaluator::new(spec)?.evaluate(weights, sample, draw)
 }
 
-/// An evaluation specification with what follows from it. The specification must be valid ([`EvalSpec::validate`]).
+/// A valid evaluation specification with what follows from it.
 pub struct Evaluator<'a> {
     spec: &'a EvalSpec,
     layout: Layout,
@@ -169,8 +172,9 @@ enum Add<'a> {
 }
 
 impl<'a> Evaluator<'a> {
-    /// Prepares the evaluation: rotations for all positions, tensor layout.
-    pub fn new(spec: &'a EvalSpec) -> Self {
+    /// Validates the specification and prepares the evaluation: rotations for all positions, tensor layout.
+    pub fn new(spec: &'a EvalSpec) -> Result<Self, SpecError> {
+        spec.validate()?;
         let dims = &spec.dims;
         let positions = dims.max_prefix + dims.chunk;
         let mut rotations = Vec::with_capacity(positions as usize * spec.rope_frequencies.len());
@@ -181,12 +185,12 @@ impl<'a> Evaluator<'a> {
             }
         }
         let softmax = integer_sqrt(LOG2_E_SQUARED / dims.head_dim as u64) as i64;
-        Self {
+        Ok(Self {
             spec,
             layout: Layout::new(dims),
             rotations,
             softmax,
-        }
+        })
     }
 
     /// See [`evaluate`].

@@ -101,12 +101,12 @@ pub enum StatementError {
 /// given: the verifier, who holds the files, recomputes both kinds.
 pub fn check(witness: &Witness) -> Result<Claim, StatementError> {
     let header = &witness.header;
-    header.spec.validate()?;
+    let evaluator = Evaluator::new(&header.spec)?;
     if header.min_improvement_bps > 10_000 {
         return Err(StatementError::MinImprovement(header.min_improvement_bps));
     }
     check_openings(witness)?;
-    let (before, after, elements) = losses(witness)?;
+    let (before, after, elements) = losses(witness, &evaluator)?;
     if !improves(before, after, header.min_improvement_bps) {
         let min_improvement_bps = header.min_improvement_bps;
         return Err(StatementError::NoImprovement {
@@ -177,9 +177,8 @@ fn check_openings(witness: &Witness) -> Result<(), StatementError> {
 }
 
 /// Sums of squared errors under base and update, and the number of elements.
-fn losses(witness: &Witness) -> Result<(u64, u64, u64), StatementError> {
+fn losses(witness: &Witness, evaluator: &Evaluator<'_>) -> Result<(u64, u64, u64), StatementError> {
     let header = &witness.header;
-    let evaluator = Evaluator::new(&header.spec);
     let (mut before, mut after, mut elements) = (0, 0, 0);
     for (position, opening) in witness.openings.iter().enumerate() {
         let draw = draw(&header.spec, &header.challenge, position as u32);

@@ -10,7 +10,7 @@ use zk0_circuits::{challenge::draw, eval::Evaluator, spec::Dims, tables, Digest,
 /// Relative error of the loss over `count` samples; and the worst of single samples.
 fn fidelity(spec: &EvalSpec, tensors: &Tensors, random: &mut Random, count: usize) -> (f64, f64) {
     let weights = quantise(spec, tensors);
-    let evaluator = Evaluator::new(spec);
+    let evaluator = Evaluator::new(spec).unwrap();
     let scale = (1u64 << spec.action) as f64;
     let (mut fixed, mut real, mut worst) = (0.0, 0.0, 0f64);
     for position in 0..count {

@@ -111,7 +111,7 @@ fn velocity_and_loss_agree_with_lerobot() {
                 .map(|n| (n * scale).round() as i16)
                 .collect(),
         };
-        let evaluator = Evaluator::new(&spec);
+        let evaluator = Evaluator::new(&spec).unwrap();
         let velocity = evaluator
             .velocity(&quantised, &fixed_sample, &draw)
             .unwrap();
