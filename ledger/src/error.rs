@@ -58,8 +58,12 @@ pub enum LedgerError {
         error: CheckpointError,
     },
     /// The checkpoint file is not the newest stored checkpoint.
-    #[error("{path} is not the newest checkpoint of the database, which is of size {size}: if the aggregator was killed, start it once")]
-    OtherPublished { path: PathBuf, size: u64 },
+    #[error("{path} (of size {published}) is not the newest checkpoint in the database (of size {size}): if the aggregator was killed, start it once")]
+    OtherPublished {
+        path: PathBuf,
+        published: u64,
+        size: u64,
+    },
     /// An entry that does not belong where it is.
     #[error("entry {index}: {why}")]
     BadEntry { index: u64, why: String },

@@ -220,21 +220,28 @@ impl Replay {
     }
 }
 
-/// Opens a database whose newest checkpoint is the published one; looks again if a writer is at work just now.
+/// Opens a database whose newest checkpoint is the published one; looks again if a writer seems to be at work.
 fn open_published(dir: &Path) -> Result<(Store, u64), LedgerError> {
-    const LOOKS: u32 = 20;
+    const PAUSE: Duration = Duration::from_millis(20);
     let path = folder::database(dir);
     if !path.exists() {
         return Err(LedgerError::NoLedger(dir.into()));
     }
-    let mut look = 1;
+    let mut patience = 10;
     loop {
+        let before = folder::read_checkpoint(dir)?;
         let opened = open_once(dir, &path);
-        if opened.is_ok() || look == LOOKS {
+        sleep(match &opened {
+            Ok(_) => return opened,
+            Err(_) => PAUSE,
+        });
+        // Committed and not yet published, or published meanwhile: both pass. Anything else stays.
+        let between = matches!(&opened, Err(LedgerError::OtherPublished { published, size, .. })
+            if published.checked_add(1) == Some(*size));
+        patience -= 1;
+        if patience == 0 || !(between || folder::read_checkpoint(dir)? != before) {
             return opened;
         }
-        look += 1;
-        sleep(Duration::from_millis(20));
     }
 }
 
@@ -251,14 +258,13 @@ fn open_once(dir: &Path, path: &Path) -> Result<(Store, u64), LedgerError> {
     // A writer commits before it publishes: if it published something new meanwhile, what was published before has to be in
     // the database, but not be the newest.
     let at_work = folder::read_checkpoint(dir)?.as_ref() != Some(&published);
-    let at = match at_work {
-        true => claimed_size(&published).unwrap_or(size),
-        false => size,
-    };
+    let claimed = claimed_size(&published).unwrap_or_default();
+    let at = if at_work { claimed } else { size };
     match store.checkpoint(at)? == Some(published) {
         true => Ok((store, size)),
         false => Err(LedgerError::OtherPublished {
             path: folder::checkpoint(dir),
+            published: claimed,
             size,
         }),
     }

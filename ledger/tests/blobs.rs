@@ -1,0 +1,112 @@
+//! Blobs are what their names say, within their limits, or not there.
+
+mod network;
+
+use network::digest;
+use std::fs;
+use zk0_ledger::{BlobError, Blobs};
+
+#[test]
+fn a_blob_comes_back_as_it_went_in() {
+    let dir = tempfile::tempdir().unwrap();
+    let blobs = Blobs::at(dir.path());
+    let bytes = vec![5; 100_000];
+    let digest = blobs.put(&bytes).unwrap();
+    assert_eq!(
+        blobs.put(&bytes).unwrap(),
+        digest,
+        "once more changes nothing"
+    );
+    let mut writer = blobs.writer(100_000).unwrap();
+    bytes
+        .chunks(999)
+        .for_each(|chunk| writer.write(chunk).unwrap());
+    writer.finish(&digest).unwrap();
+    assert!(blobs.contains(&digest));
+    assert_eq!(blobs.get(&digest, 100_000).unwrap(), bytes);
+    assert_eq!(
+        fs::read_dir(dir.path().join("blobs/unfinished"))
+            .unwrap()
+            .count(),
+        0
+    );
+}
+
+#[test]
+fn a_blob_over_its_limit_is_refused_before_it_is_written_or_read() {
+    let dir = tempfile::tempdir().unwrap();
+    let blobs = Blobs::at(dir.path());
+    let mut writer = blobs.writer(10).unwrap();
+    writer.write(&[0; 6]).unwrap();
+    let refused = writer.write(&[0; 5]);
+    assert!(matches!(
+        refused,
+        Err(BlobError::TooLarge {
+            size: 11,
+            limit: 10
+        })
+    ));
+    drop(writer);
+    assert_eq!(
+        fs::read_dir(dir.path().join("blobs/unfinished"))
+            .unwrap()
+            .count(),
+        0
+    );
+    let digest = blobs.put(&[0; 11]).unwrap();
+    assert!(matches!(
+        blobs.get(&digest, 10),
+        Err(BlobError::TooLarge {
+            size: 11,
+            limit: 10
+        })
+    ));
+}
+
+#[test]
+fn other_bytes_than_announced_are_refused_and_leave_nothing() {
+    let dir = tempfile::tempdir().unwrap();
+    let blobs = Blobs::at(dir.path());
+    let mut writer = blobs.writer(10).unwrap();
+    writer.write(b"one thing").unwrap();
+    assert!(matches!(
+        writer.finish(&digest(1)),
+        Err(BlobError::WrongDigest { .. })
+    ));
+    assert!(!blobs.contains(&digest(1)));
+    assert_eq!(
+        fs::read_dir(dir.path().join("blobs/unfinished"))
+            .unwrap()
+            .count(),
+        0
+    );
+    assert_eq!(
+        fs::read_dir(dir.path().join("blobs/sha256"))
+            .unwrap()
+            .count(),
+        0
+    );
+}
+
+#[test]
+fn a_blob_changed_on_disk_is_noticed_and_can_be_put_again() {
+    let dir = tempfile::tempdir().unwrap();
+    let blobs = Blobs::at(dir.path());
+    let digest = blobs.put(b"weights").unwrap();
+    for changed in [&b"weightz"[..], b"weight", b""] {
+        fs::write(blobs.path(&digest), changed).unwrap();
+        assert!(matches!(
+            blobs.get(&digest, 100),
+            Err(BlobError::WrongDigest { .. })
+        ));
+    }
+    blobs.put(b"weights").unwrap();
+    assert_eq!(blobs.get(&digest, 100).unwrap(), b"weights");
+}
+
+#[test]
+fn a_missing_blob_is_named() {
+    let dir = tempfile::tempdir().unwrap();
+    let missing = Blobs::at(dir.path()).get(&digest(3), 10);
+    assert!(matches!(missing, Err(BlobError::Missing(name)) if name == digest(3)));
+}

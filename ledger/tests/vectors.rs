@@ -1,0 +1,176 @@
+//! Test vectors: the bytes of every hashed or signed structure, committed as data. Whoever changes one on purpose writes
+//! them anew with `ZK0_WRITE_VECTORS=1 cargo test -p zk0-ledger --test vectors`.
+
+mod network;
+
+use network::*;
+use std::{fs, path::PathBuf};
+use zk0_ledger::{
+    signed::{Statement, UploadRequest},
+    Body, Checkpoint, Entry, Receipt, Signed, State,
+};
+
+fn check(name: &str, bytes: &[u8]) {
+    let path = PathBuf::from(env!("CARGO_MANIFEST_DIR"))
+        .join("tests/vectors")
+        .join(format!("{name}.hex"));
+    if std::env::var_os("ZK0_WRITE_VECTORS").is_some() {
+        fs::write(&path, hex::encode(bytes) + "\n").unwrap();
+    }
+    let vector = fs::read_to_string(&path).unwrap();
+    assert_eq!(vector.trim_end(), hex::encode(bytes), "{name} has changed");
+}
+
+/// A state after an opening and a commitment.
+fn chain() -> Chain {
+    Chain::all_committed(1)
+}
+
+fn check_entry(name: &str, body: Body) {
+    let entry = entry(T0, body);
+    let bytes = entry.encode().unwrap();
+    check(name, &bytes);
+    assert_eq!(Entry::decode(&bytes).unwrap(), entry);
+}
+
+fn check_signed<T: Statement + Clone>(name: &str, statement: T) {
+    let signed = Signed::new(statement, &key(0));
+    signed.verify().unwrap();
+    check(name, &borsh::to_vec(&signed).unwrap());
+}
+
+#[test]
+fn entries() {
+    let state: State = chain().state;
+    check_entry("entry-genesis", Body::Genesis(genesis()));
+    check_entry("entry-node-enrolled", enrolled(0));
+    check_entry("entry-dataset-committed", registered(state.network(), 0));
+    check_entry("entry-round-opened", Body::RoundOpened(opened(&state, T0)));
+    check_entry(
+        "entry-update-committed",
+        committed(&state, 0, weights(0x10)),
+    );
+    check_entry("entry-contribution-accepted", accepted(&state, 0));
+    check_entry(
+        "entry-contribution-rejected",
+        rejected(&state, 0, invalid_proof()),
+    );
+    check_entry(
+        "entry-round-closed",
+        Body::RoundClosed(closed(&state, weights(0x50))),
+    );
+}
+
+#[test]
+fn statements() {
+    let state = chain().state;
+    check_signed(
+        "signed-dataset-registration",
+        registration(state.network(), 0),
+    );
+    check_signed(
+        "signed-update-commitment",
+        commitment(&state, 0, weights(0x10)),
+    );
+    check_signed(
+        "signed-submission",
+        submission(claim(&state, 0), 0).statement,
+    );
+    check_signed(
+        "signed-upload-request",
+        UploadRequest {
+            network: *state.network(),
+            round: 0,
+            node: id(0),
+            blob: digest(0x10),
+            size: 12345,
+        },
+    );
+}
+
+#[test]
+fn digests() {
+    let state = chain().state;
+    check("network-id", &state.network().0);
+    check("state-digest", &state.digest().0);
+}
+
+#[test]
+fn checkpoints_and_receipts() {
+    let genesis = genesis();
+    let checkpoint = Checkpoint {
+        size: 12,
+        root: digest(0x33),
+    };
+    let text = checkpoint.sign(&genesis.name, &log_key()).unwrap();
+    check("checkpoint", &text);
+    assert_eq!(
+        Checkpoint::open(&text, &genesis.name, &genesis.log_key),
+        Ok(checkpoint)
+    );
+    let dir = tempfile::tempdir().unwrap();
+    let (mut ledger, _) = zk0_ledger::Ledger::create(dir.path(), genesis, log_key(), T0).unwrap();
+    ledger.append(T0 + 1, enrolled(0)).unwrap();
+    let receipt: Receipt = ledger.append(T0 + 2, enrolled(1)).unwrap();
+    check("receipt", &borsh::to_vec(&receipt).unwrap());
+}
+
+#[test]
+fn a_signature_under_one_tag_is_none_under_another() {
+    // The same fields under another tag: only the tag keeps the two apart.
+    #[derive(Clone, borsh::BorshSerialize, borsh::BorshDeserialize)]
+    struct Other(UploadRequest);
+    impl Statement for Other {
+        const TAG: &'static str = "zk0:another:v1";
+        fn signer(&self) -> zk0_circuits::NodeId {
+            self.0.node
+        }
+    }
+    let request = UploadRequest {
+        network: digest(0),
+        round: 0,
+        node: id(0),
+        blob: digest(0x10),
+        size: 12345,
+    };
+    let signature = Signed::new(Other(request.clone()), &key(0)).signature;
+    let moved = Signed {
+        statement: request,
+        signature,
+    };
+    assert!(moved.verify().is_err());
+}
+
+/// A checkpoint is checked to the last byte: nothing can be added, removed or changed.
+#[test]
+fn a_checkpoint_has_one_form() {
+    let genesis = genesis();
+    let open = |text: &[u8]| Checkpoint::open(text, &genesis.name, &genesis.log_key);
+    let checkpoint = Checkpoint {
+        size: 12,
+        root: digest(0x33),
+    };
+    let text = checkpoint.sign(&genesis.name, &log_key()).unwrap();
+    for position in 0..text.len() {
+        for bit in 0..8 {
+            let mut changed = text.clone();
+            changed[position] ^= 1 << bit;
+            assert!(
+                open(&changed).is_err(),
+                "bit {bit} of byte {position} does not matter"
+            );
+        }
+        assert!(open(&text[..position]).is_err());
+    }
+    assert!(open(&[&text[..], b"\n"].concat()).is_err());
+    // A second, valid signature line; and the same once more.
+    let line = text.split(|byte| *byte == b'\n').nth(4).unwrap();
+    let doubled = [&text[..], line, b"\n"].concat();
+    assert!(open(&doubled).is_err());
+    // Signed by another key, or for another log.
+    let other = checkpoint.sign(&genesis.name, &key(0)).unwrap();
+    assert!(open(&other).is_err());
+    let other = checkpoint.sign("another.log", &log_key()).unwrap();
+    assert!(open(&other).is_err());
+    assert!(open(&vec![b'a'; 1 << 20]).is_err());
+}
