@@ -1,0 +1,275 @@
+//! Properties of trees, encodings and quantisation on random input; hostile input is refused, never a panic.
+
+mod claims;
+
+use claims::{honest, quantise, tensors, Parts, Random};
+use proptest::prelude::*;
+use zk0_circuits::{
+    challenge::{draw, sample_indices},
+    eval::{evaluate, EvalError, Evaluator},
+    merkle,
+    sample::SampleParts,
+    spec::{Dims, SpecError},
+    values::Values,
+    weights::{expert_tensors, QuantiseError, WeightsError},
+    Digest, EvalSpec, QuantisedWeights, Sample, Witness,
+};
+
+fn leaves(count: usize) -> Vec<Digest> {
+    (0..count)
+        .map(|index| merkle::leaf_hash(&index.to_le_bytes()))
+        .collect()
+}
+
+proptest! {
+    #[test]
+    fn every_leaf_has_a_path_that_fits_nothing_else(count in 1usize..70, index in 0usize..70, wrong in 0u64..80) {
+        let (leaves, index) = (leaves(count), index % count);
+        let root = merkle::root(&leaves);
+        let path = merkle::path(&leaves, index).unwrap();
+        prop_assert!(merkle::verify(&root, count as u64, index as u64, &leaves[index], &path));
+        if wrong != index as u64 {
+            prop_assert!(!merkle::verify(&root, count as u64, wrong, &leaves[index], &path));
+        }
+        let other = merkle::leaf_hash(b"other");
+        prop_assert!(!merkle::verify(&root, count as u64, index as u64, &other, &path));
+        prop_assert_eq!(merkle::path(&leaves, count), None);
+        let mut longer = path.clone();
+        longer.push(other);
+        prop_assert!(!merkle::verify(&root, count as u64, index as u64, &leaves[index], &longer));
+        if let Some((_, shorter)) = path.split_last() {
+            prop_assert!(!merkle::verify(&root, count as u64, index as u64, &leaves[index], shorter));
+        }
+    }
+
+    #[test]
+    fn indices_are_distinct_and_in_range(seed: [u8; 32], available in 1u64..5000, count in 1u32..40) {
+        let drawn = sample_indices(&Digest(seed), available, count);
+        if count as u64 > available {
+            prop_assert!(drawn.is_err());
+        } else {
+            let mut drawn = drawn.unwrap();
+            prop_assert!(drawn.iter().all(|&index| index < available));
+            drawn.sort_unstable();
+            drawn.dedup();
+            prop_assert_eq!(drawn.len(), count as usize);
+        }
+    }
+
+    #[test]
+    fn values_survive_their_bytes(list in prop::collection::vec(any::<i16>(), 0..50)) {
+        let values = Values::from_slice(&list);
+        prop_assert_eq!(values.as_bytes().len(), Values::byte_len(list.len()));
+        let read = Values::from_bytes(values.as_bytes(), list.len()).unwrap();
+        prop_assert_eq!(read.as_slice(), &list[..]);
+        prop_assert_eq!(read, values);
+    }
+
+    #[test]
+    fn mutilated_specifications_do_not_panic(at in 0usize..300, byte: u8, keep in 0usize..300) {
+        let mut bytes = EvalSpec::micro().encode();
+        let len = bytes.len();
+        bytes[at % len] = byte;
+        if let Ok(spec) = EvalSpec::decode(&bytes) {
+            // What is accepted can be evaluated, or says why not.
+            if spec.dims == Dims::MICRO {
+                let honest = honest(&EvalSpec::micro(), 2, 1, 1).witness;
+                let draw = draw(&spec, &Digest([0; 32]), 0);
+                let _ = evaluate(&spec, &honest.base, &honest.openings[0].sample, &draw);
+            }
+        }
+        prop_assert!(EvalSpec::decode(&bytes[..keep % len]).is_err());
+    }
+
+    #[test]
+    fn mutilated_witnesses_do_not_panic(buffer in 0usize..4, at: usize, byte: u8) {
+        let mut buffers = honest(&EvalSpec::micro(), 3, 2, 1).witness.to_buffers();
+        let len = buffers[buffer].len();
+        buffers[buffer][at % len] = byte;
+        if let Ok(witness) = Witness::from_buffers(&buffers) {
+            let _ = zk0_circuits::statement::check(&witness);
+        }
+    }
+
+    #[test]
+    fn quantised_weights_are_within_half_a_step(list in prop::collection::vec(-3.0f32..3.0, 12)) {
+        let spec = EvalSpec::micro();
+        let mut tensors = tensors(&spec, &mut Random(3), 1.0);
+        let name = "model.vlm_with_expert.lm_expert.norm.weight";
+        tensors.insert(name.into(), list.clone());
+        let quantised = quantise(&spec, &tensors);
+        let bytes = quantised.as_bytes();
+        let value = |index: usize| i16::from_le_bytes([bytes[2 * index], bytes[2 * index + 1]]);
+        let all = expert_tensors(&spec.dims);
+        let position = all.iter().position(|tensor| tensor.name == name).unwrap();
+        let start = all.len() + all[..position].iter().map(|tensor| tensor.len()).sum::<usize>();
+        let scale = (1u64 << value(position)) as f64;
+        let largest = list.iter().fold(0f32, |largest, x| largest.max(x.abs())) as f64;
+        prop_assert!(largest * scale <= 32767.5 && (value(position) == 24 || largest * scale * 2.0 > 32767.0));
+        for (index, x) in list.iter().enumerate() {
+            prop_assert!((value(start + index) as f64 - *x as f64 * scale).abs() <= 0.5);
+        }
+    }
+}
+
+#[test]
+fn unusable_weights_are_refused_by_name() {
+    let spec = EvalSpec::micro();
+    let good = tensors(&spec, &mut Random(3), 1.0);
+    let name = "model.action_time_mlp_in.weight";
+    let refuse = |change: &dyn Fn(&mut claims::Tensors)| {
+        let mut tensors = good.clone();
+        change(&mut tensors);
+        QuantisedWeights::quantise(&spec, |name| tensors.get(name).map(Vec::as_slice)).unwrap_err()
+    };
+    for value in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+        let error = refuse(&|tensors| tensors.get_mut(name).unwrap()[5] = value);
+        assert!(
+            matches!(&error, QuantiseError::NotFinite { name: n, index: 5, .. } if n == name),
+            "{error}"
+        );
+    }
+    let error = refuse(&|tensors| tensors.get_mut(name).unwrap()[7] = 40000.0);
+    assert!(
+        matches!(&error, QuantiseError::TooLarge { name: n, index: 7, .. } if n == name),
+        "{error}"
+    );
+    let error = refuse(&|tensors| drop(tensors.remove(name)));
+    assert_eq!(error, QuantiseError::Missing(name.into()));
+    let error = refuse(&|tensors| tensors.get_mut(name).unwrap().push(0.0));
+    assert!(
+        matches!(
+            &error,
+            QuantiseError::Length {
+                expected: 288,
+                found: 289,
+                ..
+            }
+        ),
+        "{error}"
+    );
+    // Zeros, subnormals and the largest that fits are fine.
+    for value in [0.0, f32::MIN_POSITIVE / 2.0, 32767.0] {
+        let mut tensors = good.clone();
+        tensors.get_mut(name).unwrap().fill(value);
+        assert!(
+            QuantisedWeights::quantise(&spec, |name| tensors.get(name).map(Vec::as_slice)).is_ok()
+        );
+    }
+}
+
+#[test]
+fn unusable_samples_are_refused_by_part() {
+    let spec = EvalSpec::micro();
+    let refuse = |change: &dyn Fn(&mut Parts)| {
+        let mut parts = Parts::random(&spec, &mut Random(3), 9, 1);
+        change(&mut parts);
+        let cache: Vec<_> = parts.cache.iter().map(|(k, v)| (&k[..], &v[..])).collect();
+        let (actions, is_pad) = (&parts.actions[..], &parts.is_pad[..]);
+        Sample::quantise(
+            &spec,
+            SampleParts {
+                cache: &cache,
+                actions,
+                is_pad,
+            },
+        )
+        .unwrap_err()
+        .to_string()
+    };
+    let said = [
+        refuse(&|parts| parts.actions[3] = f32::NAN),
+        refuse(&|parts| parts.actions[3] = 16.5),
+        refuse(&|parts| parts.cache[1].0[3] = 1e9),
+        refuse(&|parts| drop(parts.cache.pop())),
+        refuse(&|parts| parts.is_pad.truncate(3)),
+        refuse(&|parts| parts.cache[1].1.truncate(3)),
+        refuse(&|parts| {
+            parts
+                .cache
+                .iter_mut()
+                .for_each(|(k, v)| (k.clear(), v.clear()).0)
+        }),
+        refuse(&|parts| {
+            parts
+                .cache
+                .iter_mut()
+                .for_each(|(k, v)| (k.resize(14 * 8, 0.0), v.resize(14 * 8, 0.0)).0)
+        }),
+    ];
+    for (said, part) in said.iter().zip([
+        "actions[3]",
+        "actions[3]",
+        "keys of layer 1[3]",
+        "cache",
+        "pad mask",
+        "values of layer 1",
+        "prefix",
+        "prefix",
+    ]) {
+        assert!(said.contains(part), "'{said}' does not name '{part}'");
+    }
+}
+
+#[test]
+fn buffers_of_other_dimensions_are_refused() {
+    let spec = EvalSpec::micro();
+    let mut larger = Dims::MICRO;
+    larger.expert_mlp = 40;
+    let larger = EvalSpec::new(larger);
+    let weights = quantise(&larger, &tensors(&larger, &mut Random(1), 1.0));
+    let sample = Parts::random(&spec, &mut Random(1), 4, 0).quantise(&spec);
+    let draw = draw(&spec, &Digest([0; 32]), 0);
+    let error = evaluate(&spec, &weights, &sample, &draw).unwrap_err();
+    assert_eq!(error, EvalError::Dimensions("the weights"));
+    assert!(matches!(
+        QuantisedWeights::from_bytes(&spec, weights.as_bytes()),
+        Err(WeightsError::Length { .. })
+    ));
+    let mut bytes = quantise(&spec, &tensors(&spec, &mut Random(1), 1.0))
+        .as_bytes()
+        .to_vec();
+    bytes[0] = 25;
+    let expected = WeightsError::Scale { index: 0, bits: 25 };
+    assert_eq!(QuantisedWeights::from_bytes(&spec, &bytes), Err(expected));
+    let mut bytes = sample.as_bytes().to_vec();
+    bytes[2] = 2;
+    assert!(Sample::from_bytes(&spec.dims, &bytes)
+        .unwrap_err()
+        .to_string()
+        .contains("frame 0 is 2"));
+    bytes[0] = 14;
+    assert!(Sample::from_bytes(&spec.dims, &bytes)
+        .unwrap_err()
+        .to_string()
+        .contains("14 prefix tokens"));
+}
+
+#[test]
+fn specifications_out_of_bounds_are_refused() {
+    type Change = fn(&mut EvalSpec);
+    let changes: [Change; 14] = [
+        |spec| spec.version = 2,
+        |spec| spec.dims.expert_width = 13,
+        |spec| spec.dims.head_dim = 0,
+        |spec| spec.dims.kv_heads = 0,
+        |spec| spec.dims.self_attn_every = 0,
+        |spec| spec.dims.layers = 3,
+        |spec| spec.dims.action_dim = 9,
+        |spec| spec.dims.max_prefix = u32::MAX,
+        |spec| spec.action = 13,
+        |spec| spec.time_hidden = 5,
+        |spec| spec.layers[1].gate = 16,
+        |spec| spec.layers[0].key = 9,
+        |spec| spec.rope_frequencies.truncate(1),
+        |spec| spec.time_frequencies[0] = u64::MAX,
+    ];
+    for (index, change) in changes.iter().enumerate() {
+        let mut spec = EvalSpec::micro();
+        change(&mut spec);
+        assert!(spec.validate().is_err(), "change {index} is accepted");
+        assert!(EvalSpec::decode(&spec.encode()).is_err());
+        assert!(Evaluator::new(&spec).is_err());
+    }
+    assert_eq!(EvalSpec::decode(&[]), Err(SpecError::Encoding));
+}
