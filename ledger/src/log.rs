@@ -215,6 +215,25 @@ impl Ledger {
         })
     }
 
+    /// The receipt that [`Ledger::append`] gave for entry `index`: its checkpoint is the first that covers the entry, the
+    /// one a challenge follows from.
+    pub fn first_receipt(&self, index: u64) -> Result<Receipt, LedgerError> {
+        let missing = LedgerError::NoEntry(index);
+        let size = index.saturating_add(1);
+        let (Some(entry), Some(checkpoint)) =
+            (self.store.entry(index)?, self.store.checkpoint(size)?)
+        else {
+            return Err(missing);
+        };
+        let proof = prove_record(size, index, &self.store)?;
+        Ok(Receipt {
+            index,
+            entry,
+            checkpoint,
+            proof: proof.into_iter().map(|hash| Digest(hash.0)).collect(),
+        })
+    }
+
     /// RFC 6962 consistency proof from the tree of the first `size` entries to the newest checkpoint's.
     pub fn consistency(&self, size: u64) -> Result<Vec<Digest>, LedgerError> {
         let proof = prove_tree(self.tree.size(), size, &self.store)?;
