@@ -1,1 +1,19 @@
-//! placeholder
+//! Accepts or refuses one contribution. Light: neither `sp1-sdk` nor candle, so an auditor can build it.
+//!
+//! A short tour:
+//! - [`contribution`]: [`UnverifiedContribution`] → [`verify`] → [`VerifiedContribution`], which nothing else can make.
+//! - [`proof`]: the SP1 compressed proof, under limits, from hostile bytes.
+//! - [`update`]: the weight check: uploaded bytes, quantised anew, are what was proven.
+//! - [`weights`]: safetensors files of the action expert, read strictly and written canonically.
+
+pub mod contribution;
+pub mod proof;
+pub mod update;
+pub mod weights;
+
+pub use contribution::{
+    authenticate, verify, verify_claim, UnverifiedContribution, VerifiedContribution,
+};
+pub use proof::{check_proof, ProgramKey};
+pub use update::Evaluation;
+pub use weights::{blob_digest, ExpertTensors, WeightsError};

@@ -1,0 +1,117 @@
+//! Checks an SP1 compressed proof, in process, without `sp1-sdk`.
+//!
+//! Proof bytes are `bincode(SP1Proof::Compressed(…))`, the public values `borsh(Claim)`. Bytes come from strangers: they are
+//! decoded under a limit, have to be the one canonical encoding, and a panic inside SP1's verifier is a refusal, not a crash.
+
+use crate::weights::short;
+use bincode::Options;
+use sp1_verifier::{
+    compressed::{CompressedError, SP1CompressedVerifier},
+    SP1Proof,
+};
+use std::{
+    panic::{catch_unwind, AssertUnwindSafe},
+    sync::LazyLock,
+};
+use zk0_circuits::Claim;
+use zk0_ledger::Refusal;
+
+/// The KoalaBear prime, 2^31 − 2^24 + 1.
+const MODULUS: u32 = 0x7f00_0001;
+
+/// Index of `SP1Proof::Compressed` in its encoding; 0 is core, 2 PLONK, 3 Groth16.
+const COMPRESSED: u32 = 1;
+
+/// Verifying key of a guest program: SP1's `hash_koalabear`, eight field elements, each as four bytes, little endian.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ProgramKey([u8; 32]);
+
+/// The bytes are no verifying key.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum ProgramKeyError {
+    /// Not eight elements.
+    #[error("a program's verifying key has 32 bytes, not {0}")]
+    Length(usize),
+    /// An element is not below the field's modulus.
+    #[error("element {index} of the program's verifying key is {value}, not a KoalaBear element")]
+    NotCanonical { index: usize, value: u32 },
+}
+
+impl ProgramKey {
+    /// Reads a key as a genesis holds it.
+    pub fn from_bytes(bytes: &[u8]) -> Result<Self, ProgramKeyError> {
+        let key: [u8; 32] = bytes
+            .try_into()
+            .map_err(|_| ProgramKeyError::Length(bytes.len()))?;
+        for (index, element) in key.chunks_exact(4).enumerate() {
+            let value = u32::from_le_bytes([element[0], element[1], element[2], element[3]]);
+            if value >= MODULUS {
+                return Err(ProgramKeyError::NotCanonical { index, value });
+            }
+        }
+        Ok(Self(key))
+    }
+}
+
+/// Checks that `proof` proves `claim` under the program `key`. About 40 ms.
+pub fn check_proof(proof: &[u8], claim: &Claim, key: &ProgramKey) -> Result<(), Refusal> {
+    let public_values =
+        borsh::to_vec(claim).map_err(|error| Refusal::InvalidProof(error.to_string()))?;
+    catch_unwind(AssertUnwindSafe(|| {
+        let decoded = decode(proof)?;
+        verify(&decoded, &public_values, key)
+    }))
+    .unwrap_or_else(|_| {
+        tracing::error!("SP1's verifier panicked on a proof; the proof is refused");
+        Err(Refusal::InvalidProof("SP1's verifier gave up on it".into()))
+    })
+}
+
+fn decode(bytes: &[u8]) -> Result<SP1Proof, Refusal> {
+    let malformed = |cause: String| Refusal::MalformedProof(short(&cause));
+    let kind = bytes
+        .first_chunk::<4>()
+        .ok_or_else(|| malformed(format!("{} bytes are too few", bytes.len())))?;
+    match u32::from_le_bytes(*kind) {
+        COMPRESSED => {}
+        0 => return Err(malformed("it is a core proof".into())),
+        2 => return Err(malformed("it is a PLONK proof".into())),
+        3 => return Err(malformed("it is a Groth16 proof".into())),
+        other => return Err(malformed(format!("unknown kind of proof {other}"))),
+    }
+    let encoding = bincode::DefaultOptions::new()
+        .with_fixint_encoding()
+        .with_limit(bytes.len() as u64)
+        .reject_trailing_bytes();
+    let proof: SP1Proof = encoding
+        .deserialize(bytes)
+        .map_err(|error| malformed(error.to_string()))?;
+    // Field elements above the modulus and repeated map keys decode, but are a second encoding of the same proof.
+    let canonical = encoding
+        .serialize(&proof)
+        .map_err(|error| malformed(error.to_string()))?;
+    if canonical != bytes {
+        return Err(malformed("not in canonical encoding".into()));
+    }
+    Ok(proof)
+}
+
+fn verify(proof: &SP1Proof, public_values: &[u8], key: &ProgramKey) -> Result<(), Refusal> {
+    static VERIFIER: LazyLock<SP1CompressedVerifier> = LazyLock::new(SP1CompressedVerifier::new);
+
+    let SP1Proof::Compressed(proof) = proof else {
+        return Err(Refusal::MalformedProof(format!("it is a {proof} proof")));
+    };
+    let key = bincode::deserialize(&key.0)
+        .map_err(|error| Refusal::InvalidProof(short(&error.to_string())))?;
+    VERIFIER
+        .verify_compressed_with_public_values(proof, public_values, &key)
+        .map_err(|error| match error {
+            CompressedError::PublicValuesMismatch => Refusal::OtherClaim,
+            other => match other.to_string() {
+                // The last check before the public values: by then the proof was found valid, of some program.
+                text if text.ends_with("sp1 vk hash mismatch") => Refusal::OtherProgram,
+                text => Refusal::InvalidProof(short(&text)),
+            },
+        })
+}
