@@ -1,0 +1,456 @@
+//! The aggregator's one writer: owns the ledger, opens and closes rounds, records what nodes send.
+//!
+//! Everything here is synchronous and durable before it returns; [`crate::service`] puts a network in front of it. Nothing
+//! but the ledger, its blobs and the waiting uploads is kept on disk, and all memory is computed from them: a killed
+//! aggregator goes on where it was.
+
+use crate::{
+    clock::Clock,
+    close::close,
+    decide::{decide, Decision},
+    disclosed::Access,
+    recall::{recall, Recalled},
+    request::RequestError,
+    staging::Staging,
+};
+use borsh::BorshDeserialize;
+use ed25519_dalek::SigningKey;
+use std::{path::Path, sync::Arc};
+use zk0_circuits::{dataset::check_leaves, Digest, NodeId};
+use zk0_ledger::{
+    blobs::{BlobWriter, Blobs},
+    entry::{Body, Entry, Genesis, NodeEnrolled, ENTRY_VERSION},
+    log::Ledger,
+    receipt::Receipt,
+    signed::{DatasetRegistration, Signed, Submission, UpdateCommitment, UploadRequest},
+    state::State,
+    Refusal,
+};
+use zk0_verifier::{
+    blob_digest, Evaluation, ProgramKey, UnverifiedContribution, VerifiedContribution,
+};
+
+/// Largest encoded statement that is read, in bytes: ten times what any has.
+const MAX_STATEMENT_BYTES: usize = 16 * 1024;
+
+/// How the operator runs the network.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Config {
+    /// Rounds to run in all; `None` for no end.
+    pub rounds: Option<u64>,
+    /// Nodes that must have registered a dataset before a round opens.
+    pub min_nodes: usize,
+}
+
+/// What [`Aggregator::step`] did.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Progress {
+    /// Nothing: nodes are awaited.
+    Waiting,
+    /// Opened this round.
+    Opened(u64),
+    /// Closed this round.
+    Closed(u64),
+    /// All rounds are done.
+    Finished,
+}
+
+/// The decision on a submission, as it is answered.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Decided {
+    /// Why it does not count; `None` if it counts.
+    pub rejected: Option<Refusal>,
+    /// That the decision is on the ledger.
+    pub receipt: Receipt,
+}
+
+/// Owns the ledger.
+pub struct Aggregator {
+    ledger: Ledger,
+    staging: Staging,
+    clock: Arc<dyn Clock>,
+    config: Config,
+    recalled: Recalled,
+    /// What was accepted in the open round.
+    contributions: Vec<VerifiedContribution>,
+}
+
+impl Aggregator {
+    /// Founds a network in `dir`: `policy` is the whole initial policy, `initial` the expert weights that round 0 starts
+    /// from, both as safetensors files with the digests that the genesis names.
+    pub fn found(
+        dir: &Path,
+        genesis: Genesis,
+        key: SigningKey,
+        policy: &[u8],
+        initial: &[u8],
+        clock: Arc<dyn Clock>,
+        config: Config,
+    ) -> Result<Self, RequestError> {
+        check_genesis(&genesis)?;
+        let found = blob_digest(policy);
+        if found != genesis.policy {
+            return Err(RequestError::Malformed(format!(
+                "the policy has SHA-256 {found}, the genesis says {}",
+                genesis.policy
+            )));
+        }
+        Evaluation::decode(&genesis.evaluation)?.check_update(initial, &genesis.initial)?;
+        // Blobs first: there is never a ledger that names weights which are not there.
+        let blobs = Blobs::at(dir);
+        blobs.put(policy)?;
+        blobs.put(initial)?;
+        let (ledger, _) = Ledger::create(dir, genesis, key, clock.now_ms())?;
+        Self::resume(ledger, clock, config)
+    }
+
+    /// Opens the network in `dir` and goes on where it was. If `network` is given, it has to be that one.
+    pub fn open(
+        dir: &Path,
+        network: Option<&Digest>,
+        key: SigningKey,
+        clock: Arc<dyn Clock>,
+        config: Config,
+    ) -> Result<Self, RequestError> {
+        let ledger = Ledger::open(dir, network, key)?;
+        check_genesis(ledger.state().genesis())?;
+        Self::resume(ledger, clock, config)
+    }
+
+    fn resume(ledger: Ledger, clock: Arc<dyn Clock>, config: Config) -> Result<Self, RequestError> {
+        let (recalled, contributions) = recall(&ledger)?;
+        Ok(Self {
+            staging: Staging::at(ledger.dir()),
+            ledger,
+            clock,
+            config,
+            recalled,
+            contributions,
+        })
+    }
+
+    /// The network as it is now.
+    pub fn state(&self) -> &State {
+        self.ledger.state()
+    }
+
+    /// The ledger.
+    pub fn ledger(&self) -> &Ledger {
+        &self.ledger
+    }
+
+    /// The time that an entry recorded now gets.
+    pub fn now_ms(&self) -> u64 {
+        self.ledger.time_ms(self.clock.now_ms())
+    }
+
+    /// Enrols a node.
+    pub fn enrol(&mut self, node: NodeId, name: String) -> Result<Receipt, RequestError> {
+        self.append(Body::NodeEnrolled(NodeEnrolled { node, name }))
+    }
+
+    /// Opens the next round or closes the open one, if it is time to.
+    pub fn step(&mut self) -> Result<Progress, RequestError> {
+        let now = self.now_ms();
+        let state = self.state();
+        if state.round().is_some() {
+            return match state.may_close(now) {
+                true => self.close().map(Progress::Closed),
+                false => Ok(Progress::Waiting),
+            };
+        }
+        if self
+            .config
+            .rounds
+            .is_some_and(|rounds| state.next_round() >= rounds)
+        {
+            return Ok(Progress::Finished);
+        }
+        let ready = state.nodes().values().filter(|node| node.dataset.is_some());
+        if ready.count() < self.config.min_nodes {
+            return Ok(Progress::Waiting);
+        }
+        let opening = state.next_opening(now)?;
+        let round = opening.round;
+        self.append_at(now, Body::RoundOpened(opening))?;
+        tracing::info!(round, "round opened");
+        Ok(Progress::Opened(round))
+    }
+
+    fn close(&mut self) -> Result<u64, RequestError> {
+        let closing = close(self.state(), &self.contributions)?;
+        if let Some(file) = &closing.file {
+            self.ledger.blobs().put(file)?;
+        }
+        let (round, contributors) = (closing.closed.round, closing.closed.contributors.len());
+        self.append(Body::RoundClosed(closing.closed))?;
+        self.contributions.clear();
+        self.staging.clear()?;
+        tracing::info!(round, contributors, "round closed");
+        Ok(round)
+    }
+
+    /// Puts a dataset commitment on the ledger; its list of leaves is kept as a blob.
+    pub fn register(
+        &mut self,
+        registration: &[u8],
+        leaves: &[u8],
+    ) -> Result<Receipt, RequestError> {
+        let signed: Signed<DatasetRegistration> = decode("dataset registration", registration)?;
+        let DatasetRegistration {
+            node,
+            dataset,
+            leaves: digest,
+            ..
+        } = *signed.verify()?;
+        if let Some(known) = self.state().node(&node).and_then(|known| known.dataset) {
+            if known.commitment == dataset && known.leaves == digest {
+                return Ok(self.ledger.first_receipt(known.entry)?);
+            }
+        }
+        let body = Body::DatasetCommitted(signed);
+        self.check(body.clone())?;
+        let found = blob_digest(leaves);
+        if found != digest {
+            return Err(Refusal::Dataset(format!(
+                "the list of leaves has SHA-256 {found}, the registration says {digest}"
+            ))
+            .into());
+        }
+        check_leaves(&dataset, &parse_leaves(leaves)?)
+            .map_err(|error| Refusal::Dataset(error.to_string()))?;
+        self.ledger.blobs().put(leaves)?;
+        tracing::info!(%node, samples = dataset.samples, "dataset registered");
+        self.append(body)
+    }
+
+    /// Begins an upload; the caller writes, and calls [`BlobWriter::finish`] with the request's digest. `None` if the blob
+    /// is there already.
+    pub fn begin_upload(
+        &self,
+        request: &[u8],
+    ) -> Result<(UploadRequest, Option<BlobWriter>), RequestError> {
+        let signed: Signed<UploadRequest> = decode("upload request", request)?;
+        let request = signed.verify()?;
+        let state = self.state();
+        let refusal = if request.network != *state.network() {
+            Some(Refusal::WrongNetwork {
+                claimed: request.network,
+                ours: *state.network(),
+            })
+        } else if state.node(&request.node).is_none() {
+            Some(Refusal::NotEnrolled(request.node))
+        } else if state.round().map(|round| round.number()) != Some(request.round) {
+            Some(Refusal::WrongRound {
+                claimed: request.round,
+                open: state.round().map(|round| round.number()),
+            })
+        } else if request.size > state.rules().max_update_bytes {
+            Some(Refusal::TooLarge {
+                what: "the upload".into(),
+                size: request.size,
+                limit: state.rules().max_update_bytes,
+            })
+        } else {
+            None
+        };
+        if let Some(refusal) = refusal {
+            return Err(refusal.into());
+        }
+        let waiting = self.staging.of(request.round, &request.node);
+        let writer = match waiting.contains(&request.blob) {
+            true => None,
+            false => Some(
+                self.staging
+                    .begin(request.round, &request.node, request.size)?,
+            ),
+        };
+        Ok((signed.statement, writer))
+    }
+
+    /// Records a commitment to an uploaded update. Asked again for what is recorded already, gives the same receipt: its
+    /// checkpoint is the one that fixes the challenge.
+    pub fn commit(&mut self, commitment: &[u8]) -> Result<Receipt, RequestError> {
+        let signed: Signed<UpdateCommitment> = decode("commitment", commitment)?;
+        let UpdateCommitment {
+            node,
+            round,
+            update,
+            ..
+        } = *signed.verify()?;
+        if let Some(index) = self.recorded(
+            round,
+            &node,
+            |body| matches!(body, Body::UpdateCommitted(recorded) if *recorded == signed),
+        )? {
+            return Ok(self.ledger.first_receipt(index)?);
+        }
+        let body = Body::UpdateCommitted(signed);
+        self.check(body.clone())?;
+        let waiting = self.staging.of(round, &node);
+        if !waiting.contains(&update.blob) {
+            return Err(Refusal::MissingUpdate(update.blob).into());
+        }
+        let bytes = waiting.get(&update.blob, self.state().rules().max_update_bytes)?;
+        self.ledger.blobs().put(&bytes)?;
+        tracing::info!(%node, round, update = %update.blob, "update committed");
+        self.append(body)
+    }
+
+    /// Decides on a submission and records the decision. Asked again for the same submission, gives the same answer.
+    pub fn submit(&mut self, submission: &[u8], proof: Vec<u8>) -> Result<Decided, RequestError> {
+        let now = self.now_ms();
+        let submission: Signed<Submission> = decode("submission", submission)?;
+        zk0_verifier::authenticate(&submission, &proof, self.state())?;
+        let claim = &submission.statement.claim;
+        let (node, round) = (claim.node, claim.round);
+        if let Some(decided) = self.decided(&submission)? {
+            return Ok(decided);
+        }
+        let commit = self
+            .state()
+            .round()
+            .and_then(|round| round.commits.get(&node));
+        let Some(update) = commit.map(|commit| commit.update.blob) else {
+            // Say first what is wrong with the claim itself, if anything is.
+            self.state().check_claim(claim, now)?;
+            return Err(Refusal::NotCommitted(node).into());
+        };
+        let limit = self.state().rules().max_update_bytes;
+        let contribution = UnverifiedContribution {
+            update: self.ledger.blobs().get(&update, limit)?,
+            submission,
+            proof,
+        };
+        let decision = decide(self.state(), &contribution, now)?;
+        self.ledger.blobs().put(&contribution.proof)?;
+        let receipt = self.append_at(now, decision.body(&contribution))?;
+        let rejected = match decision {
+            Decision::Accepted(verified) => {
+                tracing::info!(%node, round, "contribution accepted");
+                self.contributions.push(*verified);
+                None
+            }
+            Decision::Rejected(reason) => {
+                tracing::warn!(%node, round, %reason, "contribution rejected");
+                Some(reason)
+            }
+        };
+        Ok(Decided { rejected, receipt })
+    }
+
+    fn decided(&self, submission: &Signed<Submission>) -> Result<Option<Decided>, RequestError> {
+        let claim = &submission.statement.claim;
+        let mut rejected = None;
+        let index = self.recorded(claim.round, &claim.node, |body| match body {
+            Body::ContributionAccepted(recorded) => recorded == submission,
+            Body::ContributionRejected {
+                submission: recorded,
+                reason,
+            } => {
+                rejected = Some(reason.clone());
+                recorded == submission
+            }
+            _ => false,
+        })?;
+        Ok(match index {
+            Some(index) => Some(Decided {
+                receipt: self.ledger.first_receipt(index)?,
+                rejected,
+            }),
+            None => None,
+        })
+    }
+
+    /// The index of an entry about a node that has committed in the open round.
+    fn recorded(
+        &self,
+        round: u64,
+        node: &NodeId,
+        mut is_it: impl FnMut(&Body) -> bool,
+    ) -> Result<Option<u64>, RequestError> {
+        let open = self.state().round().filter(|open| open.number() == round);
+        let Some(commit) = open.and_then(|open| open.commits.get(node)) else {
+            return Ok(None);
+        };
+        for index in commit.entry..self.ledger.size() {
+            if is_it(&self.ledger.entry(index)?.body) {
+                return Ok(Some(index));
+            }
+        }
+        Ok(None)
+    }
+
+    /// Whether and where a blob may be read.
+    pub fn blob(&self, digest: &Digest) -> Result<std::path::PathBuf, RequestError> {
+        match self.recalled.disclosed.access(digest) {
+            Access::Public => Ok(self.ledger.blobs().path(digest)),
+            Access::HeldBack => Err(RequestError::HeldBack(*digest)),
+            Access::Unknown => Err(RequestError::UnknownBlob(*digest)),
+        }
+    }
+
+    /// The receipts of a round's opening and, if it is over, closing; of the last round when none is named.
+    pub fn round(
+        &self,
+        round: Option<u64>,
+    ) -> Result<(Option<Receipt>, Option<Receipt>), RequestError> {
+        let Some((opened, closed)) = self.recalled.round(round) else {
+            return Ok((None, None));
+        };
+        let receipt = |index| self.ledger.receipt(index);
+        Ok((Some(receipt(opened)?), closed.map(receipt).transpose()?))
+    }
+
+    fn check(&self, body: Body) -> Result<(), RequestError> {
+        let time_ms = self.now_ms();
+        Ok(self.state().check(&Entry {
+            version: ENTRY_VERSION,
+            time_ms,
+            body,
+        })?)
+    }
+
+    fn append(&mut self, body: Body) -> Result<Receipt, RequestError> {
+        self.append_at(self.now_ms(), body)
+    }
+
+    fn append_at(&mut self, time_ms: u64, body: Body) -> Result<Receipt, RequestError> {
+        let receipt = self.ledger.append(time_ms, body.clone())?;
+        self.recalled.observe(receipt.index, &body);
+        Ok(receipt)
+    }
+}
+
+/// A network whose proofs or weights nobody could ever check is not run.
+fn check_genesis(genesis: &Genesis) -> Result<(), RequestError> {
+    ProgramKey::from_bytes(&genesis.program)
+        .map_err(|error| RequestError::Malformed(format!("genesis: {error}")))?;
+    Evaluation::decode(&genesis.evaluation)
+        .map_err(|error| RequestError::Malformed(format!("genesis: {error}")))?;
+    Ok(())
+}
+
+/// Decodes a statement as it was signed: exactly these bytes, and not too many of them.
+fn decode<T: BorshDeserialize>(what: &str, bytes: &[u8]) -> Result<T, RequestError> {
+    if bytes.len() > MAX_STATEMENT_BYTES {
+        return Err(RequestError::Malformed(format!(
+            "a {what} of {} bytes: at most {MAX_STATEMENT_BYTES} are read",
+            bytes.len()
+        )));
+    }
+    borsh::from_slice(bytes)
+        .map_err(|error| RequestError::Malformed(format!("not a signed {what}: {error}")))
+}
+
+/// Splits a list of leaf hashes, 32 bytes each.
+pub(crate) fn parse_leaves(bytes: &[u8]) -> Result<Vec<Digest>, Refusal> {
+    let (leaves, rest) = bytes.as_chunks::<32>();
+    match rest {
+        [] => Ok(leaves.iter().copied().map(Digest).collect()),
+        rest => Err(Refusal::Dataset(format!(
+            "its list of leaves ends with {} odd bytes: leaves have 32",
+            rest.len()
+        ))),
+    }
+}

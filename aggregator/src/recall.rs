@@ -1,0 +1,116 @@
+//! What a restarted aggregator has to know beside the ledger's state, computed from the ledger.
+
+use crate::{disclosed::Disclosed, request::RequestError};
+use zk0_ledger::{
+    blobs::Blobs,
+    entry::{Body, Entry},
+    log::Ledger,
+    replay::{replay, Finding, Recheck, Verdict},
+    signed::{Signed, Submission},
+    state::State,
+};
+use zk0_verifier::{verify, UnverifiedContribution, VerifiedContribution};
+
+/// Where things are in the ledger, as a fold over its entries.
+#[derive(Clone, Debug, Default)]
+pub struct Recalled {
+    /// Which blobs may be read.
+    pub disclosed: Disclosed,
+    /// The entries that opened and closed each round.
+    rounds: Vec<(u64, Option<u64>)>,
+}
+
+impl Recalled {
+    /// Takes note of entry `index`.
+    pub fn observe(&mut self, index: u64, body: &Body) {
+        self.disclosed.observe(body);
+        match body {
+            Body::RoundOpened(_) => self.rounds.push((index, None)),
+            Body::RoundClosed(_) => {
+                if let Some((_, closed)) = self.rounds.last_mut() {
+                    *closed = Some(index);
+                }
+            }
+            _ => {}
+        }
+    }
+
+    /// The entries that opened and closed a round, or the last one.
+    pub fn round(&self, round: Option<u64>) -> Option<(u64, Option<u64>)> {
+        match round {
+            Some(round) => self.rounds.get(usize::try_from(round).ok()?).copied(),
+            None => self.rounds.last().copied(),
+        }
+    }
+}
+
+/// Reads the whole ledger again: where things are, and what was accepted in the open round, verified anew.
+pub fn recall(ledger: &Ledger) -> Result<(Recalled, Vec<VerifiedContribution>), RequestError> {
+    let mut reader = Reader::default();
+    let report = replay(ledger.dir(), Some(ledger.state().network()), &mut reader);
+    if report.verdict != Verdict::Verified {
+        let findings: Vec<_> = report
+            .findings
+            .iter()
+            .map(|found| found.text.as_str())
+            .collect();
+        return Err(RequestError::Internal(format!(
+            "the ledger does not replay: {}",
+            findings.join("; ")
+        )));
+    }
+    let contributions = reader
+        .accepted
+        .iter()
+        .map(|accepted| accepted.verify(ledger.blobs()))
+        .collect::<Result<_, _>>()?;
+    let mut recalled = reader.recalled;
+    recalled.observe(0, &Body::Genesis(ledger.state().genesis().clone()));
+    Ok((recalled, contributions))
+}
+
+#[derive(Default)]
+struct Reader {
+    recalled: Recalled,
+    accepted: Vec<Accepted>,
+}
+
+/// An acceptance, and the state it was made on.
+struct Accepted {
+    before: State,
+    time_ms: u64,
+    submission: Signed<Submission>,
+}
+
+impl Recheck for Reader {
+    fn entry(&mut self, before: &State, index: u64, entry: &Entry, _: &Blobs) -> Vec<Finding> {
+        self.recalled.observe(index, &entry.body);
+        match &entry.body {
+            Body::ContributionAccepted(submission) => self.accepted.push(Accepted {
+                before: before.clone(),
+                time_ms: entry.time_ms,
+                submission: submission.clone(),
+            }),
+            Body::RoundClosed(_) => self.accepted.clear(),
+            _ => {}
+        }
+        Vec::new()
+    }
+}
+
+impl Accepted {
+    fn verify(&self, blobs: &Blobs) -> Result<VerifiedContribution, RequestError> {
+        let (rules, statement) = (self.before.rules(), &self.submission.statement);
+        let contribution = UnverifiedContribution {
+            proof: blobs.get(&statement.proof, rules.max_proof_bytes)?,
+            update: blobs.get(&statement.claim.update.blob, rules.max_update_bytes)?,
+            submission: self.submission.clone(),
+        };
+        verify(&contribution, &self.before, self.time_ms).map_err(|reason| {
+            RequestError::Internal(format!(
+                "the accepted contribution of node {} does not verify any more: {reason}",
+                statement.claim.node
+            ))
+        })
+    }
+}

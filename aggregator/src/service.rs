@@ -1,0 +1,366 @@
+//! The aggregator on the network: `proto/federation.proto` over tonic, with limits before work.
+//!
+//! | what | limit |
+//! |---|---|
+//! | one message | the rules' largest proof, or 4 MiB for lists of leaves, and 64 KiB |
+//! | one upload | what its signed request says, at most the rules' largest update; streamed to disk, never in memory |
+//! | uploads | one at a time and [`crate::staging::MAX_UPLOADS`] per node and round |
+//! | a silent peer | [`PATIENCE`] |
+//! | requests at once | [`CONCURRENT`] per connection |
+
+use crate::{
+    aggregator::{Aggregator, Progress},
+    proto::{
+        federation_server::{Federation, FederationServer},
+        upload_chunk::Part,
+        Chunk, CommitRequest, DownloadRequest, GetNetworkRequest, GetRoundRequest, NetworkInfo,
+        Receipt, RegisterDatasetRequest, RoundInfo, SubmitReply, SubmitRequest, UploadChunk,
+        UploadReply,
+    },
+    request::RequestError,
+};
+use std::{
+    collections::BTreeSet,
+    future::Future,
+    pin::Pin,
+    sync::{Arc, Mutex},
+    time::Duration,
+};
+use tokio::{
+    io::AsyncReadExt,
+    net::TcpListener,
+    sync::{mpsc, Notify},
+    task::spawn_blocking,
+    time::timeout,
+};
+use tokio_stream::{
+    wrappers::{ReceiverStream, TcpListenerStream},
+    Stream,
+};
+use tonic::{transport::Server, Request, Response, Status, Streaming};
+use zk0_circuits::{Digest, NodeId};
+use zk0_ledger::Refusal;
+
+/// How long a peer may be silent in the middle of a stream.
+pub const PATIENCE: Duration = Duration::from_secs(30);
+
+/// Requests one connection may have in progress.
+pub const CONCURRENT: usize = 8;
+
+/// Least limit of one message: room for the leaves of 131,072 samples.
+const MIN_MESSAGE_BYTES: u64 = 4 << 20;
+
+/// Room for what surrounds a proof or a list of leaves in a message.
+const MESSAGE_ROOM_BYTES: u64 = 64 << 10;
+
+/// Bytes in one message of a download.
+const CHUNK_BYTES: usize = 64 << 10;
+
+/// How often the rounds are looked after when nothing happens.
+const TICK: Duration = Duration::from_millis(250);
+
+/// An aggregator that is shared between the requests and the round timer.
+#[derive(Clone)]
+pub struct Service {
+    aggregator: Arc<Mutex<Aggregator>>,
+    changed: Arc<Notify>,
+    uploading: Arc<Mutex<BTreeSet<NodeId>>>,
+}
+
+impl Service {
+    /// Puts `aggregator` behind a service.
+    pub fn new(aggregator: Aggregator) -> Self {
+        Self {
+            aggregator: Arc::new(Mutex::new(aggregator)),
+            changed: Arc::new(Notify::new()),
+            uploading: Arc::default(),
+        }
+    }
+
+    /// Serves on `listener` and runs the rounds, until `stop` is ready, or all rounds are done and `stop` is ready. Ends
+    /// early when the aggregator cannot go on.
+    pub async fn serve(
+        self,
+        listener: TcpListener,
+        stop: impl Future<Output = ()> + Send,
+    ) -> Result<(), ServeError> {
+        let limit = self
+            .with(|aggregator| Ok(aggregator.state().rules().max_proof_bytes))
+            .await
+            .map_err(ServeError::Round)?
+            .max(MIN_MESSAGE_BYTES)
+            .saturating_add(MESSAGE_ROOM_BYTES) as usize;
+        let server = Server::builder()
+            .concurrency_limit_per_connection(CONCURRENT)
+            .max_concurrent_streams(Some(CONCURRENT as u32))
+            .http2_keepalive_interval(Some(PATIENCE))
+            .http2_keepalive_timeout(Some(PATIENCE))
+            .add_service(FederationServer::new(self.clone()).max_decoding_message_size(limit));
+        let rounds = self.rounds();
+        tokio::pin!(rounds);
+        let mut failed = None;
+        server
+            .serve_with_incoming_shutdown(TcpListenerStream::new(listener), async {
+                tokio::select! {
+                    _ = stop => {}
+                    error = &mut rounds => failed = Some(error),
+                }
+            })
+            .await?;
+        match failed {
+            Some(error) => Err(ServeError::Round(error)),
+            None => Ok(()),
+        }
+    }
+
+    /// Opens and closes rounds in time. Returns only when that fails.
+    async fn rounds(&self) -> RequestError {
+        loop {
+            match self.with(Aggregator::step).await {
+                Err(error) => return error,
+                Ok(Progress::Opened(_) | Progress::Closed(_)) => {}
+                Ok(Progress::Waiting | Progress::Finished) => {
+                    let _ = timeout(TICK, self.changed.notified()).await;
+                }
+            }
+        }
+    }
+
+    /// Runs `work` on the aggregator, away from the threads that serve the network: it writes to disk, and checking a proof
+    /// takes a while.
+    pub async fn with<T: Send + 'static>(
+        &self,
+        work: impl FnOnce(&mut Aggregator) -> Result<T, RequestError> + Send + 'static,
+    ) -> Result<T, RequestError> {
+        let aggregator = self.aggregator.clone();
+        let done = spawn_blocking(move || match aggregator.lock() {
+            Ok(mut aggregator) => work(&mut aggregator),
+            Err(_) => Err(RequestError::Internal("an earlier request panicked".into())),
+        });
+        done.await
+            .unwrap_or_else(|error| Err(RequestError::Internal(error.to_string())))
+    }
+
+    /// Takes the node's one place among the running uploads, until the result is dropped.
+    fn take_place(&self, node: NodeId) -> Result<Place, RequestError> {
+        let mut uploading = lock(&self.uploading);
+        match uploading.insert(node) {
+            true => Ok(Place {
+                node,
+                uploading: self.uploading.clone(),
+            }),
+            false => Err(RequestError::Busy(format!(
+                "an upload of node {node} is in progress: one at a time"
+            ))),
+        }
+    }
+}
+
+/// Why a service ended.
+#[derive(Debug, thiserror::Error)]
+pub enum ServeError {
+    /// The network.
+    #[error("cannot serve: {0}")]
+    Transport(#[from] tonic::transport::Error),
+    /// A round could not be opened or closed.
+    #[error("the rounds cannot go on: {0}")]
+    Round(RequestError),
+}
+
+struct Place {
+    node: NodeId,
+    uploading: Arc<Mutex<BTreeSet<NodeId>>>,
+}
+
+impl Drop for Place {
+    fn drop(&mut self) {
+        lock(&self.uploading).remove(&self.node);
+    }
+}
+
+/// A set of nodes is never half changed: a panic elsewhere does not spoil it.
+fn lock(uploading: &Mutex<BTreeSet<NodeId>>) -> std::sync::MutexGuard<'_, BTreeSet<NodeId>> {
+    uploading
+        .lock()
+        .unwrap_or_else(|poisoned| poisoned.into_inner())
+}
+
+#[tonic::async_trait]
+impl Federation for Service {
+    async fn get_network(
+        &self,
+        _: Request<GetNetworkRequest>,
+    ) -> Result<Response<NetworkInfo>, Status> {
+        let info = self.with(|aggregator| {
+            let ledger = aggregator.ledger();
+            Ok(NetworkInfo {
+                genesis: ledger.receipt(0)?.entry,
+                checkpoint: String::from_utf8_lossy(ledger.checkpoint()).into_owned(),
+            })
+        });
+        Ok(Response::new(info.await?))
+    }
+
+    async fn get_round(
+        &self,
+        request: Request<GetRoundRequest>,
+    ) -> Result<Response<RoundInfo>, Status> {
+        let round = request.into_inner().round;
+        let info = self.with(move |aggregator| {
+            let (opened, closed) = aggregator.round(round)?;
+            Ok(RoundInfo {
+                opened: opened.map(Into::into),
+                closed: closed.map(Into::into),
+                now_ms: aggregator.now_ms(),
+            })
+        });
+        Ok(Response::new(info.await?))
+    }
+
+    type DownloadStream = Pin<Box<dyn Stream<Item = Result<Chunk, Status>> + Send>>;
+
+    async fn download(
+        &self,
+        request: Request<DownloadRequest>,
+    ) -> Result<Response<Self::DownloadStream>, Status> {
+        let blob = digest(&request.into_inner().blob)?;
+        let path = self.with(move |aggregator| aggregator.blob(&blob)).await?;
+        let mut file = tokio::fs::File::open(&path)
+            .await
+            .map_err(|error| RequestError::Internal(format!("{}: {error}", path.display())))?;
+        let (sender, receiver) = mpsc::channel(2);
+        tokio::spawn(async move {
+            loop {
+                let mut data = vec![0; CHUNK_BYTES];
+                let chunk = match file.read(&mut data).await {
+                    Ok(0) => return,
+                    Ok(read) => {
+                        data.truncate(read);
+                        Ok(Chunk { data })
+                    }
+                    Err(error) => {
+                        Err(RequestError::Internal(format!("{}: {error}", path.display())).into())
+                    }
+                };
+                // A reader that stalls or goes away ends the download.
+                match timeout(PATIENCE, sender.send(chunk)).await {
+                    Ok(Ok(())) => {}
+                    _ => return,
+                }
+            }
+        });
+        Ok(Response::new(Box::pin(ReceiverStream::new(receiver))))
+    }
+
+    async fn register_dataset(
+        &self,
+        request: Request<RegisterDatasetRequest>,
+    ) -> Result<Response<Receipt>, Status> {
+        let RegisterDatasetRequest {
+            registration,
+            leaves,
+        } = request.into_inner();
+        let receipt = self
+            .with(move |aggregator| aggregator.register(&registration, &leaves))
+            .await?;
+        self.changed.notify_one();
+        Ok(Response::new(receipt.into()))
+    }
+
+    async fn upload(
+        &self,
+        request: Request<Streaming<UploadChunk>>,
+    ) -> Result<Response<UploadReply>, Status> {
+        let mut stream = request.into_inner();
+        let Some(Part::Request(first)) = next(&mut stream).await? else {
+            return Err(malformed("an upload begins with its signed request"));
+        };
+        let (upload, writer) = self
+            .with(move |aggregator| aggregator.begin_upload(&first))
+            .await?;
+        let Some(mut writer) = writer else {
+            return Ok(Response::new(UploadReply {}));
+        };
+        let _place = self.take_place(upload.node)?;
+        while let Some(part) = next(&mut stream).await? {
+            let Part::Data(data) = part else {
+                return Err(malformed("an upload has one request, and data after it"));
+            };
+            writer = blocking(move || {
+                writer.write(&data).map_err(RequestError::upload)?;
+                Ok(writer)
+            })
+            .await?;
+        }
+        if writer.size() != upload.size {
+            return Err(malformed(&format!(
+                "the upload ended after {} of {} bytes",
+                writer.size(),
+                upload.size
+            )));
+        }
+        blocking(move || writer.finish(&upload.blob).map_err(RequestError::upload)).await?;
+        tracing::info!(node = %upload.node, update = %upload.blob, size = upload.size, "update uploaded");
+        Ok(Response::new(UploadReply {}))
+    }
+
+    async fn commit(&self, request: Request<CommitRequest>) -> Result<Response<Receipt>, Status> {
+        let commitment = request.into_inner().commitment;
+        let receipt = self
+            .with(move |aggregator| aggregator.commit(&commitment))
+            .await?;
+        self.changed.notify_one();
+        Ok(Response::new(receipt.into()))
+    }
+
+    async fn submit(
+        &self,
+        request: Request<SubmitRequest>,
+    ) -> Result<Response<SubmitReply>, Status> {
+        let SubmitRequest { submission, proof } = request.into_inner();
+        let decided = self
+            .with(move |aggregator| aggregator.submit(&submission, proof))
+            .await?;
+        self.changed.notify_one();
+        Ok(Response::new(SubmitReply {
+            accepted: decided.rejected.is_none(),
+            reason: decided
+                .rejected
+                .as_ref()
+                .map(Refusal::to_string)
+                .unwrap_or_default(),
+            receipt: Some(decided.receipt.into()),
+        }))
+    }
+}
+
+/// The next part of an upload; an error if none comes for too long.
+async fn next(stream: &mut Streaming<UploadChunk>) -> Result<Option<Part>, Status> {
+    let message = timeout(PATIENCE, stream.message()).await.map_err(|_| {
+        RequestError::TimedOut(format!("nothing came for {} seconds", PATIENCE.as_secs()))
+    })??;
+    match message {
+        None => Ok(None),
+        Some(UploadChunk { part: Some(part) }) => Ok(Some(part)),
+        Some(UploadChunk { part: None }) => Err(malformed("an empty message in an upload")),
+    }
+}
+
+async fn blocking<T: Send + 'static>(
+    work: impl FnOnce() -> Result<T, RequestError> + Send + 'static,
+) -> Result<T, RequestError> {
+    spawn_blocking(work)
+        .await
+        .unwrap_or_else(|error| Err(RequestError::Internal(error.to_string())))
+}
+
+fn digest(bytes: &[u8]) -> Result<Digest, Status> {
+    bytes
+        .try_into()
+        .map(Digest)
+        .map_err(|_| malformed("a blob is named by the 32 bytes of its SHA-256"))
+}
+
+fn malformed(what: &str) -> Status {
+    RequestError::Malformed(what.into()).into()
+}
