@@ -7,6 +7,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::error::{PolicyError, Result};
+use crate::layout::policy_layout;
 
 /// Base of the rotary embedding. LeRobot uses 10,000 whatever `rope_theta` says.
 pub const ROPE_BASE: f32 = 10_000.0;
@@ -17,8 +18,12 @@ pub const LAYER_NORM_EPS: f64 = 1e-6;
 /// Colour channels of an image.
 pub const CHANNELS: usize = 3;
 
-/// No dimension or count may exceed this: the published model stays well below it.
+/// No dimension may exceed this: the published model stays well below it.
 const LIMIT: usize = 1 << 17;
+/// Nor the number of cameras or layers this.
+const COUNT_LIMIT: usize = 256;
+/// Nor the number of parameters this, four times those of the published model.
+const PARAMETER_LIMIT: u128 = 1 << 31;
 
 /// The vision tower (SigLIP).
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -287,9 +292,11 @@ impl PolicyConfig {
             ("max_language_tokens", self.max_language_tokens),
         ];
         for (name, value) in sizes {
-            if value == 0 || value > LIMIT {
+            let counts = name == "cameras" || name.ends_with(".layers");
+            let limit = if counts { COUNT_LIMIT } else { LIMIT };
+            if value == 0 || value > limit {
                 return Err(PolicyError::Config(format!(
-                    "`{name}` is {value}; it must be in 1..={LIMIT}"
+                    "`{name}` is {value}; it must be in 1..={limit}"
                 )));
             }
         }
@@ -333,9 +340,16 @@ impl PolicyConfig {
                 "periods must satisfy 0 < min_period < max_period",
             ),
         ];
-        match rules.iter().find(|(holds, _)| !holds) {
-            Some((_, rule)) => Err(PolicyError::Config((*rule).into())),
-            None => Ok(()),
+        if let Some((_, rule)) = rules.iter().find(|(holds, _)| !holds) {
+            return Err(PolicyError::Config((*rule).into()));
         }
+        let elements = |shape: &Vec<usize>| shape.iter().map(|d| *d as u128).product::<u128>();
+        let parameters: u128 = policy_layout(self).values().map(elements).sum();
+        if parameters > PARAMETER_LIMIT {
+            return Err(PolicyError::Config(format!(
+                "these dimensions make {parameters} parameters; {PARAMETER_LIMIT} are allowed"
+            )));
+        }
+        Ok(())
     }
 }

@@ -32,9 +32,7 @@ pub fn read(bytes: &[u8]) -> Result<Policy> {
         .metadata()
         .as_ref()
         .and_then(|metadata| metadata.get(CONFIG_KEY))
-        .ok_or_else(|| {
-            PolicyError::Config(format!("the file's metadata has no `{CONFIG_KEY}`"))
-        })?;
+        .ok_or_else(|| PolicyError::Config(format!("the file's metadata has no `{CONFIG_KEY}`")))?;
     let config: PolicyConfig =
         serde_json::from_str(config).map_err(|e| PolicyError::Config(e.to_string()))?;
     Policy::from_safetensors(&config, bytes)
@@ -56,9 +54,15 @@ mod tests {
     #[test]
     fn a_file_without_dimensions_or_with_absurd_ones_is_refused() {
         let policy = init_policy(&Profile::Micro.config(), 3).unwrap();
-        assert!(matches!(read(&policy.to_safetensors().unwrap()), Err(PolicyError::Config(_))));
+        assert!(matches!(
+            read(&policy.to_safetensors().unwrap()),
+            Err(PolicyError::Config(_))
+        ));
         let mut absurd = policy;
         absurd.config.text.layers = usize::MAX;
-        assert!(matches!(read(&write(&absurd).unwrap()), Err(PolicyError::Config(_))));
+        assert!(matches!(
+            read(&write(&absurd).unwrap()),
+            Err(PolicyError::Config(_))
+        ));
     }
 }

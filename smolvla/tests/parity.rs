@@ -4,6 +4,7 @@ mod reference;
 
 use candle_core::{Device, Tensor};
 use reference::{check, close, close_where, config, distance, numbers, policy, text, Values};
+use zk0_smolvla::evaluate::{evaluate, FlowDraw};
 use zk0_smolvla::image::resize_with_pad;
 use zk0_smolvla::model::expert::ExpertModel;
 use zk0_smolvla::model::flow;
@@ -11,6 +12,7 @@ use zk0_smolvla::model::prefix::{CameraInput, PrefixEmbedding, PrefixInput, Pref
 use zk0_smolvla::model::rope::Rope;
 use zk0_smolvla::model::time_embedding::time_embedding;
 use zk0_smolvla::model::Parameters;
+use zk0_smolvla::sample::PreparedSample;
 use zk0_smolvla::Profile;
 
 /// Before the transformer.
@@ -260,6 +262,81 @@ fn expert_and_losses() {
         (mean - facts["loss"].as_f64().unwrap()).abs(),
         1e-5,
     );
+}
+
+/// A prepared sample leaves the padded prefix tokens out; its loss must be the reference's all the same.
+#[test]
+fn loss_from_samples_without_padding() {
+    let run = Run::new();
+    let (inputs, out) = (&run.inputs, &run.outputs);
+    let cache = run.prefix.run(&run.embedding()).unwrap().cache;
+    let is_pad = inputs.mask("batch.action_is_pad");
+    let actions: Vec<Vec<f32>> = out
+        .tensor("prepared.action")
+        .flatten_from(1)
+        .unwrap()
+        .to_vec2()
+        .unwrap();
+    let noise: Vec<Vec<f32>> = inputs
+        .tensor("noise")
+        .flatten_from(1)
+        .unwrap()
+        .to_vec2()
+        .unwrap();
+    let pairs: Vec<(PreparedSample, FlowDraw)> = (0..2)
+        .map(|b| {
+            let valid = &cache.valid[b];
+            let keep = |layers: &[Tensor]| -> Vec<Vec<f32>> {
+                layers
+                    .iter()
+                    .map(|layer| {
+                        let rows: Vec<Vec<f32>> = layer
+                            .get(b)
+                            .unwrap()
+                            .flatten_from(1)
+                            .unwrap()
+                            .to_vec2()
+                            .unwrap();
+                        rows.into_iter()
+                            .zip(valid)
+                            .filter(|(_, v)| **v)
+                            .flat_map(|(row, _)| row)
+                            .collect()
+                    })
+                    .collect()
+            };
+            let sample = PreparedSample {
+                prefix_tokens: valid.iter().filter(|v| **v).count(),
+                keys: keep(&cache.keys),
+                values: keep(&cache.values),
+                actions: actions[b].clone(),
+                is_pad: is_pad[b].clone(),
+            };
+            (
+                sample,
+                FlowDraw {
+                    time: inputs.f32s("time")[b],
+                    noise: noise[b].clone(),
+                },
+            )
+        })
+        .collect();
+    let pairs: Vec<_> = pairs.iter().map(|(sample, draw)| (sample, draw)).collect();
+    let weights = policy().expert;
+    let loss = evaluate(&config(), &weights, &pairs).unwrap().loss();
+    check(
+        "loss_valid_only",
+        (loss - out.numbers("loss_valid_only")[0]).abs(),
+        1e-5,
+    );
+    for (b, pair) in pairs.iter().enumerate() {
+        let loss = evaluate(&config(), &weights, &[*pair]).unwrap().loss();
+        check(
+            "per_sample_loss_valid_only",
+            (loss - out.numbers("per_sample_loss_valid_only")[b]).abs(),
+            1e-5,
+        );
+    }
 }
 
 /// Ten Euler steps of the velocity field from noise to actions.

@@ -1,0 +1,339 @@
+//! Preparing samples, training and evaluating at the micro profile.
+
+use proptest::prelude::*;
+use rand::SeedableRng;
+use rand_chacha::ChaCha20Rng;
+use zk0_smolvla::evaluate::{evaluate, FlowDraw};
+use zk0_smolvla::init::init_policy;
+use zk0_smolvla::optimizer::{AdamWOptions, Schedule};
+use zk0_smolvla::sample::{CameraImage, Observation, PreparedSample, Preparer};
+use zk0_smolvla::tokenizer::WordHash;
+use zk0_smolvla::train::{train, TrainOptions};
+use zk0_smolvla::{ExpertWeights, Policy, PolicyConfig, PolicyError, Profile};
+
+fn config() -> PolicyConfig {
+    Profile::Micro.config()
+}
+
+fn policy() -> Policy {
+    init_policy(&config(), 7).unwrap()
+}
+
+/// What a frame is made of, owned, so that a test can spoil a part.
+struct Scene {
+    pictures: Vec<(&'static str, usize, usize, Vec<u8>)>,
+    state: Vec<f32>,
+    actions: Vec<f32>,
+    is_pad: Vec<bool>,
+    task: &'static str,
+}
+
+impl Scene {
+    /// Frame `k` of a smooth motion: a bright spot and six joints go round together; the last frames' chunks are padded.
+    fn at(k: usize) -> Self {
+        let phase = k as f32 * 0.2;
+        let joint = |i: usize, phase: f32| (phase + i as f32).sin() * 1.4;
+        let picture = |height: usize, width: usize, shift: f32| {
+            let centre = ((phase + shift).sin() * 0.4 + 0.5) * width as f32;
+            let bright = |p: usize| 255.0 / (1.0 + (((p % width) as f32 - centre) / 8.0).powi(2));
+            (0..3 * height * width).map(|p| bright(p) as u8).collect()
+        };
+        Self {
+            pictures: vec![
+                ("top", 48, 64, picture(48, 64, 0.0)),
+                ("wrist", 40, 40, picture(40, 40, 1.0)),
+            ],
+            state: (0..6).map(|i| joint(i, phase)).collect(),
+            actions: (0..6)
+                .flat_map(|t| (0..6).map(move |i| joint(i, phase + 0.2 * (t + 1) as f32)))
+                .collect(),
+            is_pad: (0..6).map(|t| k % 16 + t >= 16).collect(),
+            task: if k % 2 == 0 { "follow the spot" } else { "go" },
+        }
+    }
+
+    fn prepare(&self) -> Result<PreparedSample, PolicyError> {
+        let tokenizer = WordHash::new(&config());
+        let cameras = self
+            .pictures
+            .iter()
+            .map(|(name, height, width, pixels)| CameraImage {
+                name,
+                height: *height,
+                width: *width,
+                pixels,
+            });
+        Preparer::new(&policy(), &tokenizer)?.prepare(&Observation {
+            cameras: cameras.collect(),
+            state: &self.state,
+            actions: &self.actions,
+            is_pad: &self.is_pad,
+            task: self.task,
+        })
+    }
+}
+
+fn samples() -> Vec<PreparedSample> {
+    (0..48).map(|k| Scene::at(k).prepare().unwrap()).collect()
+}
+
+fn options(seed: u64, steps: usize) -> TrainOptions {
+    TrainOptions {
+        steps,
+        batch_size: 16,
+        learning_rate: 3e-3,
+        schedule: Schedule::WarmupCosine,
+        adamw: AdamWOptions::default(),
+        seed,
+    }
+}
+
+fn held_out(weights: &ExpertWeights, samples: &[PreparedSample]) -> f64 {
+    let mut rng = ChaCha20Rng::seed_from_u64(u64::MAX);
+    let draws: Vec<_> = (0..4 * samples.len())
+        .map(|_| FlowDraw::random(&config(), &mut rng))
+        .collect();
+    evaluate(
+        &config(),
+        weights,
+        &samples.iter().cycle().zip(&draws).collect::<Vec<_>>(),
+    )
+    .unwrap()
+    .loss()
+}
+
+#[test]
+fn a_sample_has_the_profiles_shapes_and_only_real_tokens() {
+    let sample = Scene::at(0).prepare().unwrap();
+    assert_eq!(sample.prefix_tokens, 2 * 4 + 3 + 1);
+    assert_eq!(Scene::at(1).prepare().unwrap().prefix_tokens, 2 * 4 + 1 + 1);
+    assert_eq!((sample.keys.len(), sample.values.len()), (2, 2));
+    assert!(sample
+        .keys
+        .iter()
+        .chain(&sample.values)
+        .all(|layer| layer.len() == 12 * 8));
+    assert!(sample
+        .actions
+        .chunks(8)
+        .all(|frame| frame[6..] == [0.0, 0.0] && frame[0] != 0.0));
+    let values: Vec<f32> = sample
+        .keys
+        .iter()
+        .chain(&sample.values)
+        .flatten()
+        .copied()
+        .collect();
+    let size = (values.iter().map(|x| x * x).sum::<f32>() / values.len() as f32).sqrt();
+    assert!(
+        (0.2..5.0).contains(&size),
+        "keys and values of about unit size, not {size}"
+    );
+}
+
+#[test]
+fn every_part_of_the_observation_reaches_the_cache() {
+    let plain = Scene::at(0).prepare().unwrap();
+    let changed = |change: fn(&mut Scene)| {
+        let mut scene = Scene::at(0);
+        change(&mut scene);
+        let sample = scene.prepare().unwrap();
+        sample.keys[1] != plain.keys[1] && sample.values[1] != plain.values[1]
+    };
+    assert!(changed(|s| s.pictures[0].3[500] ^= 128));
+    assert!(changed(|s| s.pictures[1].3[500] ^= 128));
+    assert!(changed(|s| s.state[5] += 0.5));
+    assert!(changed(|s| s.task = "follow the light"));
+    assert!(
+        !changed(|s| s.pictures.reverse()),
+        "cameras fill the slots in name order"
+    );
+    assert!(!changed(|s| s.task = "Follow the spot!"));
+}
+
+#[test]
+fn observations_that_do_not_fit_are_refused() {
+    let refusal = |change: fn(&mut Scene)| {
+        let mut scene = Scene::at(0);
+        change(&mut scene);
+        match scene.prepare() {
+            Err(PolicyError::Sample(what)) => what,
+            other => panic!("{other:?}"),
+        }
+    };
+    assert!(refusal(|s| s.pictures.clear()).contains("0 cameras"));
+    assert!(refusal(|s| s.pictures.push(("extra", 1, 1, vec![0; 3]))).contains("3 cameras"));
+    assert!(refusal(|s| s.pictures[1].1 = 41).contains("`wrist`"));
+    assert!(refusal(|s| s.pictures[1].1 = usize::MAX).contains("`wrist`"));
+    assert!(refusal(|s| (s.pictures[1].1, s.pictures[1].3) = (0, vec![])).contains("`wrist`"));
+    assert!(refusal(|s| s.state.push(0.0)).contains("7 dimensions"));
+    assert!(refusal(|s| s.state[2] = f32::NAN).contains("state value 2 is NaN"));
+    assert!(refusal(|s| s.actions[3] = f32::INFINITY).contains("action value 3 is inf"));
+    assert!(refusal(|s| s.actions.truncate(35)).contains("35 action values"));
+    assert!(refusal(|s| s.is_pad.push(true)).contains("7 padding flags"));
+}
+
+#[test]
+fn training_lowers_the_held_out_loss_round_after_round() {
+    let samples = samples();
+    let mut weights = policy().expert;
+    for round in 0..2 {
+        let trained = train(
+            &config(),
+            &weights,
+            &samples,
+            &options(round, 250),
+            &mut |_| (),
+        )
+        .unwrap();
+        let (before, after) = (
+            held_out(&weights, &samples),
+            held_out(&trained.weights, &samples),
+        );
+        println!("round {round}: {before:.4} -> {after:.4}");
+        assert!(after < 0.8 * before, "round {round}: {before} -> {after}");
+        weights = trained.weights;
+    }
+}
+
+#[test]
+fn training_is_a_function_of_its_seed() {
+    let (samples, start) = (samples(), policy().expert);
+    let run = |seed| train(&config(), &start, &samples, &options(seed, 20), &mut |_| ()).unwrap();
+    let (first, again, other) = (run(1), run(1), run(2));
+    assert_eq!(
+        first.weights.to_safetensors().unwrap(),
+        again.weights.to_safetensors().unwrap()
+    );
+    assert_eq!(first.losses, again.losses);
+    assert_ne!(first.weights, other.weights);
+}
+
+#[test]
+fn every_trainable_tensor_moves() {
+    let (samples, start) = (samples(), policy().expert);
+    let trained = train(&config(), &start, &samples, &options(1, 2), &mut |_| ()).unwrap();
+    for (name, tensor) in start.tensors() {
+        assert_ne!(tensor.data, trained.weights.tensors()[name].data, "{name}");
+    }
+}
+
+#[test]
+fn progress_is_reported_step_by_step() {
+    let mut seen = Vec::new();
+    let trained = train(
+        &config(),
+        &policy().expert,
+        &samples(),
+        &options(1, 5),
+        &mut |p| seen.push(p),
+    )
+    .unwrap();
+    assert_eq!(
+        seen.iter().map(|p| (p.step, p.of)).collect::<Vec<_>>(),
+        (1..=5).map(|i| (i, 5)).collect::<Vec<_>>()
+    );
+    assert_eq!(
+        seen.iter().map(|p| p.loss).collect::<Vec<_>>(),
+        trained.losses
+    );
+}
+
+#[test]
+fn a_diverging_run_stops_with_an_error() {
+    let wild = TrainOptions {
+        learning_rate: 1e25,
+        schedule: Schedule::Constant,
+        ..options(1, 50)
+    };
+    let error = train(&config(), &policy().expert, &samples(), &wild, &mut |_| ()).unwrap_err();
+    assert!(
+        matches!(
+            error,
+            PolicyError::Diverged {
+                step: 2..=50,
+                of: 50,
+                ..
+            }
+        ),
+        "{error}"
+    );
+}
+
+#[test]
+fn bad_options_and_samples_are_refused() {
+    let (samples, start) = (samples(), policy().expert);
+    let run = |samples: &[PreparedSample], options: TrainOptions| {
+        train(&config(), &start, samples, &options, &mut |_| ()).unwrap_err()
+    };
+    for wrong in [
+        options(1, 0),
+        TrainOptions {
+            batch_size: 0,
+            ..options(1, 1)
+        },
+        TrainOptions {
+            batch_size: usize::MAX,
+            ..options(1, 1)
+        },
+        TrainOptions {
+            learning_rate: f64::NAN,
+            ..options(1, 1)
+        },
+        TrainOptions {
+            learning_rate: -1.0,
+            ..options(1, 1)
+        },
+    ] {
+        assert!(matches!(run(&samples, wrong), PolicyError::Options(_)));
+    }
+    assert!(matches!(run(&[], options(1, 1)), PolicyError::Sample(_)));
+    let spoil: [fn(&mut PreparedSample); 6] = [
+        |s| s.actions[0] = f32::NAN,
+        |s| s.keys[1][0] = f32::INFINITY,
+        |s| s.prefix_tokens = 14,
+        |s| s.values.truncate(1),
+        |s| s.keys[0].truncate(5),
+        |s| s.is_pad.truncate(5),
+    ];
+    for change in spoil {
+        let mut spoilt = samples.clone();
+        change(&mut spoilt[3]);
+        match run(&spoilt, options(1, 1)) {
+            PolicyError::Sample(what) => assert!(what.starts_with("sample 3: "), "{what}"),
+            other => panic!("{other}"),
+        }
+    }
+    let draw = FlowDraw {
+        time: 1.5,
+        noise: vec![0.0; 48],
+    };
+    assert!(matches!(
+        evaluate(&config(), &start, &[(&samples[0], &draw)]),
+        Err(PolicyError::Sample(_))
+    ));
+    let draw = FlowDraw {
+        time: 0.5,
+        noise: vec![0.0; 47],
+    };
+    assert!(matches!(
+        evaluate(&config(), &start, &[(&samples[0], &draw)]),
+        Err(PolicyError::Sample(_))
+    ));
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(8))]
+    /// Shorter prefixes are filled up in a batch; that must not change what a sample contributes.
+    #[test]
+    fn a_sample_counts_the_same_alone_and_in_company(seed: u64) {
+        let (start, mut rng) = (policy().expert, ChaCha20Rng::seed_from_u64(seed));
+        let pairs: Vec<_> = (10..16).map(|k| (Scene::at(k).prepare().unwrap(), FlowDraw::random(&config(), &mut rng))).collect();
+        let pairs: Vec<_> = pairs.iter().map(|(s, d)| (s, d)).collect();
+        let together = evaluate(&config(), &start, &pairs).unwrap();
+        let alone: Vec<_> = pairs.iter().map(|pair| evaluate(&config(), &start, &[*pair]).unwrap()).collect();
+        prop_assert_eq!(together.elements, alone.iter().map(|e| e.elements).sum::<usize>());
+        let sum: f64 = alone.iter().map(|e| e.squared_error).sum();
+        prop_assert!((together.squared_error / sum - 1.0).abs() < 1e-5);
+    }
+}
