@@ -5,6 +5,7 @@
 //! - [`dataset`] reads a LeRobotDataset: parquet rows, decoded camera frames, statistics.
 //! - [`sample`] turns a frame into a [`sample::PreparedSample`]: it normalises state and actions, brings
 //!   the images to size ([`image`]), makes language tokens ([`tokenizer`]) and runs the frozen half once.
+//!   [`recording`] does so for a whole dataset.
 //! - [`model`] is the policy in candle, in two phases: [`model::prefix`] computes the per-layer key/value
 //!   cache of images, language and state (frozen in training), [`model::expert`] the action expert over
 //!   that cache. [`model::flow`] is the flow-matching loss.
@@ -30,6 +31,7 @@ pub mod model;
 pub mod optimizer;
 pub mod policy_file;
 pub mod random;
+pub mod recording;
 pub mod sample;
 pub mod tokenizer;
 pub mod train;

@@ -73,6 +73,11 @@ impl<'a> Preparer<'a> {
         })
     }
 
+    /// Dimensions of the policy.
+    pub fn config(&self) -> &PolicyConfig {
+        &self.config
+    }
+
     /// Prepares one frame.
     ///
     /// # Errors
