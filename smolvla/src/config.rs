@@ -224,7 +224,7 @@ impl Profile {
 impl PolicyConfig {
     /// Kind of the expert's layer `i`.
     pub fn layer_kind(&self, i: usize) -> LayerKind {
-        if i % self.self_attn_every == 0 {
+        if i.is_multiple_of(self.self_attn_every) {
             LayerKind::Joint
         } else {
             LayerKind::Cross

@@ -220,11 +220,11 @@ fn expert_and_losses() {
     let suffix = run.expert.embed(&x_t, &times).unwrap();
     close(out, "suffix_embs", &suffix, EARLY);
     let hidden = run.expert.hidden_states(&cache, &suffix).unwrap();
-    for layer in 0..4 {
+    for (layer, input) in hidden.iter().enumerate().take(4) {
         close(
             out,
             &format!("train.expert.layer.{layer}.input"),
-            &hidden[layer],
+            input,
             HIDDEN,
         );
     }

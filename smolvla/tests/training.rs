@@ -48,7 +48,11 @@ impl Scene {
                 .flat_map(|t| (0..6).map(move |i| joint(i, phase + 0.2 * (t + 1) as f32)))
                 .collect(),
             is_pad: (0..6).map(|t| k % 16 + t >= 16).collect(),
-            task: if k % 2 == 0 { "follow the spot" } else { "go" },
+            task: if k.is_multiple_of(2) {
+                "follow the spot"
+            } else {
+                "go"
+            },
         }
     }
 
