@@ -74,12 +74,12 @@ impl Checkpoint {
             });
         }
         let keys = VerifierList::new(vec![Box::new(LogKey::new(origin, key))]);
-        let (signatures, unknown) = note
+        let (signatures, _) = note
             .verify(&keys)
             .map_err(|error| CheckpointError::Signature(error.to_string()))?;
+        // Encoded again with nothing but the log's own signature: more of anything, or less, would differ.
         let canonical = Note::new(&body.to_bytes(), &signatures).map(|note| note.to_bytes());
-        let alone = signatures.len() == 1 && unknown.is_empty() && body.extension().is_empty();
-        if !alone || canonical.ok().as_deref() != Some(text) {
+        if !body.extension().is_empty() || canonical.ok().as_deref() != Some(text) {
             return Err(CheckpointError::NotCanonical);
         }
         Ok(Self {
@@ -138,5 +138,27 @@ impl Signer for LogSigner<'_> {
 
     fn sign(&self, message: &[u8]) -> Result<Vec<u8>, SignatureError> {
         Ok(self.secret.try_sign(message)?.to_vec())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_signed_extension_line_is_refused() {
+        let key = SigningKey::from_bytes(&[7; 32]);
+        let signed = |extension: &str| {
+            let body = Body::new("log", 3, Hash([5; 32]), extension).unwrap();
+            let mut note = Note::new(&body.to_bytes(), &[]).unwrap();
+            let signer = LogSigner {
+                key: LogKey::new("log", key.verifying_key()),
+                secret: &key,
+            };
+            note.add_sigs(&[&signer]).unwrap();
+            Checkpoint::open(&note.to_bytes(), "log", key.verifying_key().as_bytes())
+        };
+        assert!(signed("").is_ok());
+        assert_eq!(signed("more\n"), Err(CheckpointError::NotCanonical));
     }
 }

@@ -77,6 +77,9 @@ impl Ledger {
             poisoned: false,
         };
         folder::sync(dir)?;
+        if let Some(parent) = dir.parent().filter(|parent| parent.is_dir()) {
+            folder::sync(parent)?;
+        }
         ledger.write(&bytes)?;
         let receipt = ledger.receipt(0)?;
         Ok((ledger, receipt))

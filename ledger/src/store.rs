@@ -164,3 +164,25 @@ fn is_locked(error: &rocksdb::Error) -> bool {
     error.kind() == ErrorKind::IOError
         && (text.contains("lock hold") || text.contains("While lock file"))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rocksdb::statistics::Ticker;
+
+    #[test]
+    fn an_append_is_synced_before_it_returns() {
+        let dir = tempfile::tempdir().unwrap();
+        let mut options = options();
+        options.create_if_missing(true);
+        options.enable_statistics();
+        let store = Store {
+            db: DB::open(&options, dir.path()).unwrap(),
+        };
+        for index in 0..3 {
+            let before = options.get_ticker_count(Ticker::WalFileSynced);
+            store.append(index, b"entry", &[], b"checkpoint").unwrap();
+            assert_eq!(options.get_ticker_count(Ticker::WalFileSynced), before + 1);
+        }
+    }
+}

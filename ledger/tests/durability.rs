@@ -95,6 +95,7 @@ fn killed_at_any_moment_it_loses_nothing_acknowledged_and_never_forks() {
             })
             .collect();
         for receipt in &receipts {
+            assert_eq!(&ledger.first_receipt(receipt.index).unwrap(), receipt);
             let (checkpoint, entry) = receipt.verify(&genesis().log_key, &genesis().name).unwrap();
             assert_eq!(ledger.entry(receipt.index).unwrap(), entry);
             assert_eq!(roots[checkpoint.size as usize - 1], checkpoint.root);

@@ -83,6 +83,16 @@ fn any_changed_entry_hash_or_checkpoint_in_the_database_fails() {
         fails(dir.path(), "a missing key");
         db.put(key, value).unwrap();
     }
+    // Signed by the log, but of another size: nothing but the tree tells.
+    let (key_6, key_7) = (*b"c\0\0\0\0\0\0\0\x06", *b"c\0\0\0\0\0\0\0\x07");
+    let (text_6, text_7) = (
+        db.get(key_6).unwrap().unwrap(),
+        db.get(key_7).unwrap().unwrap(),
+    );
+    db.put(key_6, text_7).unwrap();
+    let finding = fails(dir.path(), "another checkpoint of the log");
+    assert_eq!(finding.index, Some(5), "{finding:?}");
+    db.put(key_6, text_6).unwrap();
     for key in [
         &b"x"[..],
         b"",
