@@ -273,3 +273,13 @@ fn specifications_out_of_bounds_are_refused() {
     }
     assert_eq!(EvalSpec::decode(&[]), Err(SpecError::Encoding));
 }
+
+#[test]
+fn an_inner_node_is_not_a_leaf() {
+    // With the rest of the path, an inner node's hash leads to the root as well: only the number of steps tells.
+    let leaves = leaves(8);
+    let (root, path) = (merkle::root(&leaves), merkle::path(&leaves, 0).unwrap());
+    let inner = merkle::node_hash(&leaves[0], &leaves[1]);
+    assert!(merkle::verify(&root, 4, 0, &inner, &path[1..]));
+    assert!(!merkle::verify(&root, 8, 0, &inner, &path[1..]));
+}
