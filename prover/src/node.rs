@@ -1,165 +1,299 @@
-//! The steps of a node through a round, each its own function; what happens between them (training, evaluating, proving) is
-//! the caller's.
-//!
-//! [`Node::join`] → [`Node::register`] → [`Node::wait_open`] → train → [`Node::commit`] → prove → [`Node::submit`] →
-//! [`Node::wait_closed`].
+//! A node's dealings with an aggregator. Nothing the aggregator says is believed: the network is known by its id, whatever
+//! was recorded comes with a receipt, and the challenge is derived from the receipt's checkpoint.
 
-use crate::client::{Client, ClientError, Committed, Decided, RoundView};
+use crate::rpc::{self, federation_client::FederationClient};
 use ed25519_dalek::SigningKey;
 use sha2::{Digest as _, Sha256};
 use std::time::Duration;
-use tokio::time::sleep;
-use zk0_circuits::{Claim, DatasetCommitment, Digest, NodeId, WeightsDigest};
+use tonic::{transport, Code, Status};
+use zk0_circuits::{challenge::challenge, Claim, DatasetCommitment, Digest, NodeId, WeightsDigest};
 use zk0_ledger::{
-    entry::{Genesis, RoundClosed, RoundOpened},
-    receipt::Receipt,
+    checkpoint::{Checkpoint, CheckpointError},
+    codec::EntryError,
+    entry::{Body, Entry, Genesis, RoundClosed, RoundOpened},
+    receipt::{Receipt, ReceiptError},
     signed::{DatasetRegistration, Signed, Submission, UpdateCommitment, UploadRequest},
+    Refusal,
 };
-use zk0_verifier::Evaluation;
 
-/// How often a node asks whether a round has opened or closed.
+/// Bytes in one message of an upload.
+const CHUNK_BYTES: usize = 64 << 10;
+
+/// Time between two looks at a round that is awaited.
 const POLL: Duration = Duration::from_millis(500);
 
-/// A node: a key, and a connection to the aggregator.
+/// Largest message that is read: a receipt or a chunk is far smaller.
+const MAX_MESSAGE_BYTES: usize = 4 << 20;
+
+/// A node of one network, connected to its aggregator.
 pub struct Node {
-    client: Client,
+    client: FederationClient<transport::Channel>,
     key: SigningKey,
+    network: Digest,
+    genesis: Genesis,
+}
+
+/// What the aggregator decided on a submission.
+#[derive(Clone, Debug)]
+pub struct Decision {
+    /// Why it does not count; `None` if it counts.
+    pub refusal: Option<Refusal>,
+    /// That the decision is on the ledger.
+    pub receipt: Receipt,
+}
+
+/// What goes wrong between a node and its aggregator.
+#[derive(Debug, thiserror::Error)]
+pub enum NodeError {
+    /// The address is no address, or nobody answers.
+    #[error("cannot be reached: {0}")]
+    Connect(#[from] transport::Error),
+    /// The aggregator refuses, and says why.
+    #[error("{}", .0.message())]
+    Refused(Box<Status>),
+    /// Another network than the one asked for.
+    #[error("it serves network {theirs}, not {ours}")]
+    OtherNetwork {
+        /// As the node was told.
+        ours: Digest,
+        /// As follows from the genesis it sent.
+        theirs: Digest,
+    },
+    /// It sent what is no entry of a ledger.
+    #[error("it sent a broken entry: {0}")]
+    Entry(#[from] EntryError),
+    /// A checkpoint that is not the log's.
+    #[error("{0}")]
+    Checkpoint(#[from] CheckpointError),
+    /// A receipt that proves nothing.
+    #[error("{0}")]
+    Receipt(#[from] ReceiptError),
+    /// It answered with something else than what was asked for.
+    #[error("it answered with {found} where {expected} was due")]
+    Unexpected {
+        /// What was due.
+        expected: String,
+        /// What came.
+        found: String,
+    },
+    /// A blob that is not the one asked for.
+    #[error("blob {asked} has SHA-256 {actual} as it sent it")]
+    OtherBlob {
+        /// As asked.
+        asked: Digest,
+        /// As received.
+        actual: Digest,
+    },
+    /// A blob over the limit.
+    #[error("blob {blob} is longer than the {limit} bytes it may have")]
+    TooLarge {
+        /// Which.
+        blob: Digest,
+        /// The limit.
+        limit: u64,
+    },
+}
+
+impl From<Status> for NodeError {
+    fn from(status: Status) -> Self {
+        Self::Refused(Box::new(status))
+    }
+}
+
+fn unexpected(expected: &str, found: impl Into<String>) -> NodeError {
+    NodeError::Unexpected { expected: expected.into(), found: found.into() }
 }
 
 impl Node {
-    /// Connects to the aggregator at `address` (`http://host:port`), which has to run `network`.
-    pub async fn join(
-        address: &str,
-        network: &Digest,
-        key: SigningKey,
-    ) -> Result<Self, ClientError> {
-        let client = Client::connect(address, network).await?;
-        Ok(Self { client, key })
+    /// Connects to the aggregator at `url`, which has to serve `network`.
+    pub async fn connect(url: String, network: Digest, key: SigningKey) -> Result<Self, NodeError> {
+        let channel =
+            transport::Endpoint::try_from(url)?.connect_timeout(Duration::from_secs(10)).connect().await?;
+        let mut client = FederationClient::new(channel).max_decoding_message_size(MAX_MESSAGE_BYTES);
+        let info = client.get_network(rpc::GetNetworkRequest {}).await?.into_inner();
+        let entry = Entry::decode(&info.genesis)?;
+        let Body::Genesis(genesis) = entry.body else {
+            return Err(unexpected("a genesis", "another entry"));
+        };
+        let theirs = genesis.network_id();
+        if theirs != network {
+            return Err(NodeError::OtherNetwork { ours: network, theirs });
+        }
+        Checkpoint::open(info.checkpoint.as_bytes(), genesis.origin(), &genesis.log_key)?;
+        Ok(Self { client, key, network, genesis })
     }
 
-    /// Who we are.
+    /// The network's founding document.
+    pub fn genesis(&self) -> &Genesis {
+        &self.genesis
+    }
+
+    /// The network's id.
+    pub fn network(&self) -> &Digest {
+        &self.network
+    }
+
+    /// The node's identity.
     pub fn id(&self) -> NodeId {
         NodeId(self.key.verifying_key().to_bytes())
     }
 
-    /// The connection.
-    pub fn client(&self) -> &Client {
-        &self.client
-    }
-
-    /// The founding document.
-    pub fn genesis(&self) -> &Genesis {
-        self.client.genesis()
-    }
-
-    /// The whole initial policy (safetensors), at most `limit` bytes.
-    pub async fn policy(&self, limit: u64) -> Result<Vec<u8>, ClientError> {
-        self.client.download(&self.genesis().policy, limit).await
-    }
-
-    /// Expert weights (safetensors): the file and its numbers are what `weights` says.
-    pub async fn weights(&self, weights: &WeightsDigest) -> Result<Vec<u8>, ClientError> {
-        // A file of the same tensors, whatever its header looks like.
-        let limit = self.genesis().rules.max_update_bytes.saturating_mul(2);
-        let file = self.client.download(&weights.blob, limit).await?;
-        Evaluation::decode(&self.genesis().evaluation)?.check_update(&file, weights)?;
-        Ok(file)
-    }
-
-    /// Puts our dataset on the ledger: the commitment and the leaf hashes that it is over.
-    pub async fn register(
-        &self,
-        dataset: DatasetCommitment,
-        leaves: &[Digest],
-    ) -> Result<Receipt, ClientError> {
-        let mut list = Sha256::new();
-        leaves.iter().for_each(|leaf| list.update(leaf.0));
-        let registration = DatasetRegistration {
-            network: *self.client.network(),
-            node: self.id(),
-            dataset,
-            leaves: Digest(list.finalize().into()),
-        };
-        let signed = Signed::new(registration, &self.key);
-        self.client.register(&signed, leaves).await
-    }
-
-    /// Waits until round `round` or a later one is open; there is no deadline.
-    pub async fn wait_open(&self, round: u64) -> Result<RoundOpened, ClientError> {
-        loop {
-            match self.client.round(None).await? {
-                Some(RoundView {
-                    opened,
-                    closed: None,
-                    ..
-                }) if opened.round >= round => return Ok(opened),
-                _ => sleep(POLL).await,
+    /// Downloads a public blob of at most `limit` bytes.
+    pub async fn download(&mut self, blob: &Digest, limit: u64) -> Result<Vec<u8>, NodeError> {
+        let mut chunks = self.client.download(rpc::DownloadRequest { blob: blob.0.to_vec() }).await?.into_inner();
+        let mut bytes = Vec::new();
+        while let Some(chunk) = chunks.message().await? {
+            bytes.extend_from_slice(&chunk.data);
+            if bytes.len() as u64 > limit {
+                return Err(NodeError::TooLarge { blob: *blob, limit });
             }
+        }
+        match Digest(Sha256::digest(&bytes).into()) {
+            actual if actual == *blob => Ok(bytes),
+            actual => Err(NodeError::OtherBlob { asked: *blob, actual }),
         }
     }
 
-    /// Uploads an update (safetensors) and commits to it, on the dataset with this root. The result holds the challenge.
-    pub async fn commit(
-        &self,
-        round: u64,
-        dataset_root: Digest,
-        update: &[u8],
-    ) -> Result<Committed, ClientError> {
-        let evaluation = Evaluation::decode(&self.genesis().evaluation)?;
-        let digest = evaluation.digest(update, &evaluation.read(update)?)?;
-        self.commit_as(round, dataset_root, update, digest).await
+    /// Puts a dataset on the ledger. One that is there already stays.
+    pub async fn register(&mut self, dataset: &DatasetCommitment, leaves: &[Digest]) -> Result<(), NodeError> {
+        let leaves: Vec<u8> = leaves.iter().flat_map(|leaf| leaf.0).collect();
+        let statement = DatasetRegistration {
+            network: self.network,
+            node: self.id(),
+            dataset: *dataset,
+            leaves: Digest(Sha256::digest(&leaves).into()),
+        };
+        let signed = Signed::new(statement, &self.key);
+        let request = rpc::RegisterDatasetRequest { registration: encode(&signed), leaves };
+        let receipt = match self.client.register_dataset(request).await {
+            Ok(reply) => reply.into_inner(),
+            // A node that was restarted registers again what it has registered.
+            Err(status) if status.code() == Code::AlreadyExists => return Ok(()),
+            Err(status) => return Err(status.into()),
+        };
+        self.recorded(receipt, Body::DatasetCommitted(signed)).map(drop)
     }
 
-    /// [`Node::commit`], under digests that are taken as they are.
-    pub async fn commit_as(
-        &self,
-        round: u64,
-        dataset_root: Digest,
-        update: &[u8],
-        digest: WeightsDigest,
-    ) -> Result<Committed, ClientError> {
-        let (network, node) = (*self.client.network(), self.id());
+    /// Waits until `round` is open, and returns how it was opened; a later one if that has closed meanwhile.
+    pub async fn wait_for_round(&mut self, round: u64) -> Result<RoundOpened, NodeError> {
+        loop {
+            let info = self.client.get_round(rpc::GetRoundRequest { round: None }).await?.into_inner();
+            if let (Some(opened), None) = (info.opened, info.closed) {
+                match self.entry(opened)?.1.body {
+                    Body::RoundOpened(opened) if opened.round >= round => return Ok(opened),
+                    Body::RoundOpened(_) => {}
+                    _ => return Err(unexpected("the opening of a round", "another entry")),
+                }
+            }
+            tokio::time::sleep(POLL).await;
+        }
+    }
+
+    /// Waits until `round` is closed, and returns how.
+    pub async fn wait_for_close(&mut self, round: u64) -> Result<RoundClosed, NodeError> {
+        loop {
+            let info = self.client.get_round(rpc::GetRoundRequest { round: Some(round) }).await?.into_inner();
+            if let Some(closed) = info.closed {
+                match self.entry(closed)?.1.body {
+                    Body::RoundClosed(closed) if closed.round == round => return Ok(closed),
+                    _ => return Err(unexpected("the close of the round", "another entry")),
+                }
+            }
+            tokio::time::sleep(POLL).await;
+        }
+    }
+
+    /// Uploads an update; it stays private until the round closes.
+    pub async fn upload(&mut self, round: u64, update: &[u8]) -> Result<(), NodeError> {
+        use rpc::upload_chunk::Part;
         let request = UploadRequest {
-            network,
+            network: self.network,
             round,
-            node,
-            blob: digest.blob,
+            node: self.id(),
+            blob: Digest(Sha256::digest(update).into()),
             size: update.len() as u64,
         };
-        let signed = Signed::new(request, &self.key);
-        self.client.upload(&signed, update).await?;
-        let commitment = UpdateCommitment {
-            network,
+        let first = Part::Request(encode(&Signed::new(request, &self.key)));
+        let rest = update.chunks(CHUNK_BYTES).map(|chunk| Part::Data(chunk.to_vec()));
+        let parts: Vec<_> =
+            std::iter::once(first).chain(rest).map(|part| rpc::UploadChunk { part: Some(part) }).collect();
+        self.client.upload(tokio_stream::iter(parts)).await?;
+        Ok(())
+    }
+
+    /// Commits to an uploaded update and derives the challenge from the checkpoint that covers the commitment.
+    pub async fn commit(
+        &mut self,
+        round: u64,
+        dataset_root: &Digest,
+        update: &WeightsDigest,
+    ) -> Result<Digest, NodeError> {
+        let statement = UpdateCommitment {
+            network: self.network,
             round,
-            node,
-            dataset_root,
-            update: digest,
+            node: self.id(),
+            dataset_root: *dataset_root,
+            update: *update,
         };
-        self.client
-            .commit(&Signed::new(commitment, &self.key))
-            .await
+        let signed = Signed::new(statement, &self.key);
+        let request = rpc::CommitRequest { commitment: encode(&signed) };
+        let receipt = self.client.commit(request).await?.into_inner();
+        let (receipt, checkpoint) = self.recorded(receipt, Body::UpdateCommitted(signed))?;
+        // The tree that ends with the commitment: nobody chose which checkpoint it is.
+        if checkpoint.size != receipt.index + 1 {
+            let found = format!("one of size {}", checkpoint.size);
+            return Err(unexpected("the first checkpoint that covers the commitment", found));
+        }
+        Ok(challenge(&self.network, round, &self.id(), receipt.index, &checkpoint.root))
     }
 
-    /// Signs and submits a claim with its proof.
-    pub async fn submit(&self, claim: Claim, proof: &[u8]) -> Result<Decided, ClientError> {
-        let submission = Submission {
-            claim,
-            proof: Digest(Sha256::digest(proof).into()),
+    /// Signs a claim and submits it with its proof.
+    pub async fn submit(&mut self, claim: Claim, proof: Vec<u8>) -> Result<Decision, NodeError> {
+        let signed = Signed::new(Submission { claim, proof: Digest(Sha256::digest(&proof).into()) }, &self.key);
+        let reply = self.client.submit(rpc::SubmitRequest { submission: encode(&signed), proof }).await?.into_inner();
+        let receipt = reply.receipt.ok_or_else(|| unexpected("a receipt of the decision", "none"))?;
+        let (receipt, _, entry) = self.opened(receipt)?;
+        let (submission, refusal) = match entry.body {
+            Body::ContributionAccepted(submission) => (submission, None),
+            Body::ContributionRejected { submission, reason } => (submission, Some(reason)),
+            _ => return Err(unexpected("the decision on the submission", "another entry")),
         };
-        let signed = Signed::new(submission, &self.key);
-        self.client.submit(&signed, proof).await
+        if submission != signed {
+            return Err(unexpected("the decision on this submission", "that on another"));
+        }
+        Ok(Decision { refusal, receipt })
     }
 
-    /// Waits until round `round` has closed; there is no deadline.
-    pub async fn wait_closed(&self, round: u64) -> Result<RoundClosed, ClientError> {
-        loop {
-            match self.client.round(Some(round)).await? {
-                Some(RoundView {
-                    closed: Some(closed),
-                    ..
-                }) => return Ok(closed),
-                _ => sleep(POLL).await,
-            }
+    /// Checks that what was just recorded is `body`.
+    fn recorded(&self, receipt: rpc::Receipt, body: Body) -> Result<(Receipt, Checkpoint), NodeError> {
+        let (receipt, checkpoint, entry) = self.opened(receipt)?;
+        match entry.body == body {
+            true => Ok((receipt, checkpoint)),
+            false => Err(unexpected("a receipt of what this node signed", "that of another entry")),
         }
     }
+
+    fn entry(&self, receipt: rpc::Receipt) -> Result<(Checkpoint, Entry), NodeError> {
+        let (_, checkpoint, entry) = self.opened(receipt)?;
+        Ok((checkpoint, entry))
+    }
+
+    fn opened(&self, receipt: rpc::Receipt) -> Result<(Receipt, Checkpoint, Entry), NodeError> {
+        let hash = |bytes: Vec<u8>| match <[u8; 32]>::try_from(bytes) {
+            Ok(hash) => Ok(Digest(hash)),
+            Err(bytes) => Err(unexpected("a hash of 32 bytes", format!("{} bytes", bytes.len()))),
+        };
+        let receipt = Receipt {
+            index: receipt.index,
+            entry: receipt.entry,
+            checkpoint: receipt.checkpoint.into_bytes(),
+            proof: receipt.inclusion.into_iter().map(hash).collect::<Result<_, _>>()?,
+        };
+        let (checkpoint, entry) = receipt.verify(&self.genesis.log_key, self.genesis.origin())?;
+        Ok((receipt, checkpoint, entry))
+    }
+}
+
+fn encode<T: borsh::BorshSerialize>(value: &T) -> Vec<u8> {
+    borsh::to_vec(value).expect("writing to a Vec cannot fail")
 }
