@@ -447,6 +447,83 @@ fn videos_that_are_cut_or_no_videos() {
     );
 }
 
+/// Overwrites bytes of the `nth` box of this kind, from `skip` bytes after its name on.
+fn patch(bytes: &mut [u8], kind: &[u8; 4], nth: usize, skip: usize, value: &[u8]) {
+    let mut named = bytes.windows(4).enumerate().filter(|(_, w)| w == kind);
+    let at = named.nth(nth).unwrap().0 + 4 + skip;
+    bytes[at..at + value.len()].copy_from_slice(value);
+}
+
+#[test]
+fn mp4_tables_that_contradict_themselves() {
+    let big = 0x7fff_ffff_u32.to_be_bytes();
+    // Box, bytes into it, what is written there, what the reader says.
+    let cases: [(&[u8; 4], usize, &[u8], &str); 11] = [
+        (b"stss", 8, &big, "key frame 2147483647 does not exist"),
+        (b"stss", 8, &[0; 4], "key frame 0 does not exist"),
+        (b"stss", 8, &[0, 0, 0, 2], "does not begin with a key frame"),
+        (b"stss", 4, &big, "a box ends too early"),
+        (b"stts", 12, &[0; 4], "frame 1 is not shown after frame 0"),
+        (b"stts", 8, &[0, 0, 0, 1], "a box ends too early"),
+        (b"mdhd", 12, &[0; 4], "timescale of 0"),
+        (b"stsz", 8, &big, "frame count 2147483647 does not fit"),
+        (
+            b"stsc",
+            12,
+            &[0, 0, 0, 1],
+            "declares 245 frames and places 1",
+        ),
+        (
+            b"stco",
+            8,
+            &big,
+            "from byte 2147483647) is not within the file",
+        ),
+        (b"hdlr", 8, b"soun", "has no video track"),
+    ];
+    for (kind, skip, value, cause) in cases {
+        let copy = Copy::new();
+        copy.edit(TOP, |mut bytes| {
+            patch(&mut bytes, kind, 0, skip, value);
+            bytes
+        });
+        copy.fails(TOP, cause);
+    }
+    for (kind, name, cause) in [
+        (b"udta", b"mvex", "fragmented"),
+        (b"moov", b"moof", "fragmented"),
+        (b"stsc", b"free", "has no stsc box"),
+        (b"stco", b"free", "has no chunk offsets"),
+    ] {
+        let copy = Copy::new();
+        copy.edit(TOP, |bytes| {
+            let at = bytes.windows(4).position(|w| w == kind).unwrap();
+            [&bytes[..at], name, &bytes[at + 4..]].concat()
+        });
+        copy.fails(TOP, cause);
+    }
+}
+
+#[test]
+fn a_bitstream_of_another_size_than_the_container_says() {
+    // The second "av01" is the sample description; width and height are 24 bytes into it.
+    let claim = |height: u8, width: u8| {
+        let copy = Copy::new();
+        copy.edit(TOP, |mut bytes| {
+            patch(&mut bytes, b"av01", 1, 24, &[0, width, 0, height]);
+            bytes
+        });
+        let size = |h, w| format!("[\n                {h},\n                {w},");
+        copy.edit_text(INFO, &size(96, 128), &size(height, width));
+        copy
+    };
+    claim(48, 64).fails(TOP, "video frame 0 does not decode"); // refused before it is decoded
+    claim(128, 96).fails(
+        TOP,
+        "video frame 0 is 96 x 128 (height x width), expected 128 x 96",
+    );
+}
+
 #[test]
 fn a_video_that_does_not_decode_names_the_frame() {
     // The container stays as it was; what it holds is noise.
@@ -490,6 +567,17 @@ fn parquet_files_cut_anywhere() {
             copy.fails(file, "damaged parquet file");
         }
     }
+}
+
+/// Found by random damage: with this byte changed the parquet crate (60.1) panics.
+#[test]
+fn a_panic_of_the_parquet_crate_becomes_an_error() {
+    let copy = Copy::new();
+    copy.edit(DATA, |mut bytes| {
+        bytes[959] = 0;
+        bytes
+    });
+    copy.fails(DATA, "damaged parquet file: ");
 }
 
 /// Random damage: a few bytes changed, a stretch overwritten, or the tail lost.

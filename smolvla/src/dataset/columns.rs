@@ -1,6 +1,7 @@
 //! Typed columns out of parquet files; every surprise is an error that names file and column.
 
 use std::fs::File;
+use std::panic::{catch_unwind, AssertUnwindSafe};
 use std::path::Path;
 
 use arrow_array::cast::AsArray;
@@ -23,10 +24,8 @@ pub(super) fn read(
     columns: &[&str],
     mut each: impl FnMut(&Columns) -> Result<(), DatasetError>,
 ) -> Result<(), DatasetError> {
-    let damaged = |e: String| DatasetError::parquet(path, format!("damaged parquet file: {e}"));
     let file = File::open(path).map_err(|e| DatasetError::io(path, e))?;
-    let builder =
-        ParquetRecordBatchReaderBuilder::try_new(file).map_err(|e| damaged(e.to_string()))?;
+    let builder = guarded(path, || ParquetRecordBatchReaderBuilder::try_new(file))?;
     let schema = builder.parquet_schema();
     let fields = schema.root_schema().get_fields();
     let roots = columns
@@ -39,16 +38,29 @@ pub(super) fn read(
         })
         .collect::<Result<Vec<_>, _>>()?;
     let mask = ProjectionMask::roots(schema, roots);
-    let reader = builder
-        .with_projection(mask)
-        .with_batch_size(BATCH)
-        .build()
-        .map_err(|e| damaged(e.to_string()))?;
-    for batch in reader {
-        let batch = batch.map_err(|e| damaged(e.to_string()))?;
+    let mut reader = guarded(path, || {
+        builder.with_projection(mask).with_batch_size(BATCH).build()
+    })?;
+    while let Some(batch) = guarded(path, || reader.next().transpose())? {
         each(&Columns { path, batch })?;
     }
     Ok(())
+}
+
+/// Runs a step of the parquet crate, which panics on some damaged files instead of giving an error.
+fn guarded<T, E: std::fmt::Display>(
+    path: &Path,
+    step: impl FnOnce() -> Result<T, E>,
+) -> Result<T, DatasetError> {
+    let cause = match catch_unwind(AssertUnwindSafe(step)) {
+        Ok(Ok(value)) => return Ok(value),
+        Ok(Err(e)) => e.to_string(),
+        Err(_) => "its pages contradict each other".into(),
+    };
+    Err(DatasetError::parquet(
+        path,
+        format!("damaged parquet file: {cause}"),
+    ))
 }
 
 /// Some rows of the columns asked for.
