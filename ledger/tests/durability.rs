@@ -46,6 +46,31 @@ fn append_until_killed() {
     }
 }
 
+/// `cargo test --release -p zk0-ledger --test durability -- --ignored --nocapture rates`
+#[test]
+#[ignore = "prints how fast entries are appended and replayed on this machine"]
+fn rates() {
+    const ENTRIES: u64 = 3000;
+    let dir = tempfile::tempdir().unwrap();
+    let (mut ledger, _) = Ledger::create(dir.path(), genesis(), log_key(), T0).unwrap();
+    let network = *ledger.state().network();
+    ledger.append(T0, enrolled(0)).unwrap();
+    let started = std::time::Instant::now();
+    for _ in 0..ENTRIES {
+        ledger.append(T0, registered(&network, 0)).unwrap();
+    }
+    println!(
+        "appended {:.0}/s",
+        ENTRIES as f64 / started.elapsed().as_secs_f64()
+    );
+    let started = std::time::Instant::now();
+    assert_eq!(replay(dir.path(), None, &mut ()).entries, ENTRIES + 2);
+    println!(
+        "replayed {:.0}/s",
+        ENTRIES as f64 / started.elapsed().as_secs_f64()
+    );
+}
+
 fn child(dir: &Path) -> Child {
     Command::new(std::env::current_exe().unwrap())
         .args(["--exact", "append_until_killed", "--ignored", "--nocapture"])

@@ -9,6 +9,9 @@ use zk0_ledger::{
     Signed, State,
 };
 
+/// What is wrong, and how to make it so.
+type Breaks<T> = (&'static str, fn(&mut T));
+
 fn refused(violation: RuleViolation) -> Refusal {
     match violation {
         RuleViolation::Refused(refusal) => refusal,
@@ -67,7 +70,7 @@ fn genesis_comes_first_and_only_first() {
 
 #[test]
 fn a_genesis_has_to_make_sense() {
-    let broken: [(&str, fn(&mut zk0_ledger::Genesis)); 15] = [
+    let broken: [Breaks<zk0_ledger::Genesis>; 15] = [
         ("evaluation", |g| g.evaluation[0] ^= 1),
         ("evaluation", |g| g.evaluation.push(0)),
         ("eval_samples", |g| g.rules.eval_samples = 11),
@@ -259,7 +262,7 @@ fn rounds_open_one_after_the_other_from_the_global_weights() {
     let mut chain = Chain::new();
     let at = chain.time_ms;
     let right = opened(&chain.state, at + 1);
-    let wrong: [(&str, fn(&mut zk0_ledger::entry::RoundOpened)); 6] = [
+    let wrong: [Breaks<zk0_ledger::entry::RoundOpened>; 6] = [
         ("round", |o| o.round = 1),
         ("base.blob", |o| o.base.blob = digest(0)),
         ("base.quantised", |o| o.base.quantised = digest(0)),
@@ -435,7 +438,7 @@ fn the_challenge_depends_on_everything_that_fixes_it() {
 
 #[test]
 fn a_claim_says_what_the_ledger_fixed() {
-    let wrong: [(&str, fn(&mut Claim)); 17] = [
+    let wrong: [Breaks<Claim>; 17] = [
         ("version", |c| c.version = 2),
         ("dataset.root", |c| c.dataset.root = digest(0)),
         ("dataset.samples", |c| c.dataset.samples += 1),
