@@ -190,7 +190,8 @@ impl Aggregator {
         Ok(round)
     }
 
-    /// Puts a dataset commitment on the ledger; its list of leaves is kept as a blob.
+    /// Puts a dataset commitment on the ledger; its list of leaves is kept as a blob. Asked again for what is recorded
+    /// already, gives the same receipt.
     pub fn register(
         &mut self,
         registration: &[u8],
@@ -203,12 +204,12 @@ impl Aggregator {
             leaves: digest,
             ..
         } = *signed.verify()?;
+        let body = Body::DatasetCommitted(signed);
         if let Some(known) = self.state().node(&node).and_then(|known| known.dataset) {
-            if known.commitment == dataset && known.leaves == digest {
+            if self.ledger.entry(known.entry)?.body == body {
                 return Ok(self.ledger.first_receipt(known.entry)?);
             }
         }
-        let body = Body::DatasetCommitted(signed);
         self.check(body.clone())?;
         let found = blob_digest(leaves);
         if found != digest {

@@ -1,0 +1,210 @@
+//! Floods, giants and quotas: limits act before work, and memory and disk stay bounded.
+
+mod harness;
+
+use harness::*;
+use std::time::Duration;
+use tokio::sync::mpsc;
+use tokio_stream::wrappers::ReceiverStream;
+use tonic::Code;
+use zk0_aggregator::proto::{self, upload_chunk::Part};
+use zk0_circuits::Digest;
+use zk0_ledger::signed::Signed;
+
+type Test = Result<(), Box<dyn std::error::Error>>;
+
+fn part(part: Part) -> proto::UploadChunk {
+    proto::UploadChunk { part: Some(part) }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_message_over_the_limit_is_not_decoded() -> Test {
+    let (network, first, _) = open_round().await;
+    committed(&network, &first, 0, 1).await;
+    let claim = first.claim(&network).await;
+    let before = network.entries().await.len();
+    let status = first
+        .submit(&network, claim, &vec![0; 5 << 20])
+        .await
+        .unwrap_err();
+    assert!(
+        matches!(status.code(), Code::OutOfRange | Code::ResourceExhausted),
+        "{status}"
+    );
+    assert_eq!(network.entries().await.len(), before);
+    Ok(())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_proof_over_the_rules_limit_is_refused() -> Test {
+    let (network, first, _) = open_round().await;
+    committed(&network, &first, 0, 1).await;
+    let claim = first.claim(&network).await;
+    let result = first
+        .submit(&network, claim, &vec![0; MAX_PROOF_BYTES as usize + 1])
+        .await;
+    refused(
+        result,
+        Code::ResourceExhausted,
+        "the proof has 100001 bytes",
+    );
+    Ok(())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn an_upload_over_the_rules_limit_is_refused_before_it_is_read() -> Test {
+    let (network, first, _) = open_round().await;
+    let mut request = first.upload_request(&network.genesis.network_id(), 0, b"");
+    request.size = MAX_UPDATE_BYTES + 1;
+    let request = Signed::new(request, &first.key);
+    refused(
+        first.upload_as(&network, &request, &[0; 10]).await,
+        Code::ResourceExhausted,
+        "more than the 200000 the rules allow",
+    );
+    assert_eq!(network.uploads(), 0);
+    Ok(())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn an_endless_upload_is_cut_at_its_announced_size() -> Test {
+    let (network, first, _) = open_round().await;
+    let mut request = first.upload_request(&network.genesis.network_id(), 0, b"");
+    request.size = 100_000;
+    let first_part = part(Part::Request(borsh::to_vec(&Signed::new(
+        request, &first.key,
+    ))?));
+    let (sender, receiver) = mpsc::channel(1);
+    let endless = tokio::spawn(async move {
+        let _ = sender.send(first_part).await;
+        let mut sent = 0u64;
+        while sender.send(part(Part::Data(vec![0; 10_000]))).await.is_ok() {
+            sent += 10_000;
+            if sent > 1 << 30 {
+                break;
+            }
+        }
+        sent
+    });
+    let result = network
+        .client()
+        .await
+        .upload(ReceiverStream::new(receiver))
+        .await;
+    refused(result, Code::ResourceExhausted, "the upload has");
+    // Whatever was on its way stops soon after: a few windows of HTTP/2, not a gigabyte.
+    let sent = tokio::time::timeout(Duration::from_secs(10), endless).await??;
+    assert!(sent < 20 << 20, "{sent} bytes were taken");
+    assert_eq!(network.uploads(), 0);
+    Ok(())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn an_upload_that_is_not_what_was_announced_is_not_kept() -> Test {
+    let (network, first, _) = open_round().await;
+    let update = weights(1);
+    let mut request = first.upload_request(&network.genesis.network_id(), 0, &update);
+    request.blob = Digest([3; 32]);
+    let request = Signed::new(request, &first.key);
+    refused(
+        first.upload_as(&network, &request, &update).await,
+        Code::InvalidArgument,
+        "SHA-256",
+    );
+    let request = Signed::new(
+        first.upload_request(&network.genesis.network_id(), 0, &update),
+        &first.key,
+    );
+    let short = first.upload_as(&network, &request, &update[..2000]).await;
+    refused(short, Code::InvalidArgument, "ended after 2000 of");
+    assert_eq!(network.uploads(), 0);
+    first.upload_as(&network, &request, &update).await?;
+    assert_eq!(network.uploads(), 1);
+    Ok(())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn an_upload_begins_with_its_request() -> Test {
+    let (network, ..) = open_round().await;
+    let mut client = network.client().await;
+    let data = tokio_stream::iter([part(Part::Data(vec![0; 10]))]);
+    refused(
+        client.upload(data).await,
+        Code::InvalidArgument,
+        "signed request",
+    );
+    let empty = tokio_stream::iter([proto::UploadChunk { part: None }]);
+    refused(client.upload(empty).await, Code::InvalidArgument, "empty");
+    Ok(())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_node_has_four_uploads_in_a_round() -> Test {
+    let (network, first, second) = open_round().await;
+    for seed in 1..=4 {
+        first.upload(&network, 0, &weights(seed)).await?;
+    }
+    // One that is there already costs nothing.
+    first.upload(&network, 0, &weights(4)).await?;
+    refused(
+        first.upload(&network, 0, &weights(5)).await,
+        Code::ResourceExhausted,
+        "already uploaded 4",
+    );
+    second.upload(&network, 0, &weights(5)).await?;
+    assert_eq!(network.uploads(), 5);
+    Ok(())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_node_uploads_one_thing_at_a_time() -> Test {
+    let (network, first, second) = open_round().await;
+    let slow = weights(1);
+    let request = Signed::new(
+        first.upload_request(&network.genesis.network_id(), 0, &slow),
+        &first.key,
+    );
+    let (sender, receiver) = mpsc::channel(4);
+    sender
+        .send(part(Part::Request(borsh::to_vec(&request)?)))
+        .await?;
+    sender.send(part(Part::Data(slow[..100].to_vec()))).await?;
+    let mut client = network.client().await;
+    let waiting = tokio::spawn(async move { client.upload(ReceiverStream::new(receiver)).await });
+    // The slow upload has its place once its first bytes are on disk.
+    let unfinished = network.dir.path().join("uploads");
+    for _ in 0..200 {
+        match files(&unfinished) {
+            0 => tokio::time::sleep(Duration::from_millis(20)).await,
+            _ => break,
+        }
+    }
+    let mut busy = false;
+    for _ in 0..50 {
+        match first.upload(&network, 0, &weights(2)).await {
+            Err(status) if status.code() == Code::ResourceExhausted => {
+                busy = true;
+                break;
+            }
+            _ => tokio::time::sleep(Duration::from_millis(20)).await,
+        }
+    }
+    assert!(busy);
+    second.upload(&network, 0, &weights(3)).await?;
+    sender.send(part(Part::Data(slow[100..].to_vec()))).await?;
+    drop(sender);
+    waiting.await??;
+    first.upload(&network, 0, &weights(4)).await?;
+    Ok(())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn what_was_not_committed_goes_when_the_round_does() -> Test {
+    let (network, first, _) = open_round().await;
+    first.upload(&network, 0, &weights(1)).await?;
+    assert_eq!(network.uploads(), 1);
+    network.clock.advance(SUBMIT_MS + 1);
+    network.settle().await;
+    assert_eq!(network.uploads(), 0);
+    Ok(())
+}

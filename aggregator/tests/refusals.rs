@@ -1,0 +1,435 @@
+//! What a stranger, a cheat or a late node is told, over the network, and what of it goes on the ledger.
+
+mod harness;
+
+use harness::*;
+use tonic::Code;
+use zk0_aggregator::Config;
+use zk0_circuits::Digest;
+use zk0_ledger::{entry::Body, signed::Signed, Refusal};
+
+type Test = Result<(), Box<dyn std::error::Error>>;
+
+#[tokio::test(flavor = "multi_thread")]
+async fn an_unknown_node_is_turned_away_everywhere() -> Test {
+    let (network, first, _) = open_round().await;
+    let stranger = Node::new(9);
+    let update = weights(5);
+    let before = network.entries().await.len();
+    refused(
+        stranger.register(&network).await,
+        Code::PermissionDenied,
+        "not enrolled",
+    );
+    refused(
+        stranger.upload(&network, 0, &update).await,
+        Code::PermissionDenied,
+        "not enrolled",
+    );
+    refused(
+        stranger.commit(&network, 0, &update).await,
+        Code::PermissionDenied,
+        "not enrolled",
+    );
+    committed(&network, &first, 0, 1).await;
+    let mut claim = first.claim(&network).await;
+    claim.node = stranger.id();
+    refused(
+        stranger.submit(&network, claim, b"proof").await,
+        Code::PermissionDenied,
+        "not enrolled",
+    );
+    assert_eq!(network.entries().await.len(), before + 1);
+    assert_eq!(network.uploads(), 1);
+    Ok(())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_signature_by_another_key_is_no_signature() -> Test {
+    let (network, first, second) = open_round().await;
+    let update = committed(&network, &first, 0, 1).await;
+    let before = network.entries().await.len();
+    let forger = &second.key;
+    let registration = Signed::new(
+        first.registration(&network.genesis.network_id()).statement,
+        forger,
+    );
+    let result = first
+        .register_as(&network, &registration, &first.leaves())
+        .await;
+    refused(result, Code::Unauthenticated, "signature");
+    let upload = Signed::new(
+        first.upload_request(&network.genesis.network_id(), 0, &update),
+        forger,
+    );
+    refused(
+        first.upload_as(&network, &upload, &update).await,
+        Code::Unauthenticated,
+        "signature",
+    );
+    let commitment = Signed::new(
+        first.commitment(&network.genesis.network_id(), 0, &update),
+        forger,
+    );
+    refused(
+        first.commit_as(&network, &commitment).await,
+        Code::Unauthenticated,
+        "signature",
+    );
+    let mut submission = first.submission(first.claim(&network).await, b"proof");
+    submission.signature[5] ^= 1;
+    let result = first.submit_as(&network, &submission, b"proof").await;
+    refused(result, Code::Unauthenticated, "signature");
+    assert_eq!(network.entries().await.len(), before);
+    Ok(())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn statements_for_another_network_or_round_are_turned_away() -> Test {
+    let (network, first, _) = open_round().await;
+    let elsewhere = Digest([99; 32]);
+    let update = weights(1);
+    let mut registration = first.registration(&network.genesis.network_id()).statement;
+    registration.network = elsewhere;
+    let registration = Signed::new(registration, &first.key);
+    let result = first
+        .register_as(&network, &registration, &first.leaves())
+        .await;
+    refused(result, Code::FailedPrecondition, "network");
+    let mut upload = first.upload_request(&network.genesis.network_id(), 0, &update);
+    upload.network = elsewhere;
+    let upload = Signed::new(upload, &first.key);
+    refused(
+        first.upload_as(&network, &upload, &update).await,
+        Code::FailedPrecondition,
+        "network",
+    );
+    refused(
+        first.upload(&network, 1, &update).await,
+        Code::FailedPrecondition,
+        "round 1",
+    );
+    first.upload(&network, 0, &update).await?;
+    let mut commitment = first.commitment(&network.genesis.network_id(), 0, &update);
+    commitment.network = elsewhere;
+    let commitment = Signed::new(commitment, &first.key);
+    refused(
+        first.commit_as(&network, &commitment).await,
+        Code::FailedPrecondition,
+        "network",
+    );
+    refused(
+        first.commit(&network, 1, &update).await,
+        Code::FailedPrecondition,
+        "round 1",
+    );
+    first.commit(&network, 0, &update).await?;
+    // What was signed for elsewhere can be replayed by anyone: it must not use up the node's one submission.
+    let before = network.entries().await.len();
+    let mut claim = first.claim(&network).await;
+    claim.network = elsewhere;
+    refused(
+        first.submit(&network, claim, b"proof").await,
+        Code::FailedPrecondition,
+        "network",
+    );
+    let mut claim = first.claim(&network).await;
+    claim.round = 7;
+    refused(
+        first.submit(&network, claim, b"proof").await,
+        Code::FailedPrecondition,
+        "round 7",
+    );
+    assert_eq!(network.entries().await.len(), before);
+    Ok(())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_commitment_after_its_deadline_is_late() -> Test {
+    let (network, first, _) = open_round().await;
+    let update = weights(1);
+    first.upload(&network, 0, &update).await?;
+    network.clock.advance(COMMIT_MS + 1);
+    refused(
+        first.commit(&network, 0, &update).await,
+        Code::FailedPrecondition,
+        "1 ms after the deadline",
+    );
+    Ok(())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_commitment_at_its_deadline_is_in_time() -> Test {
+    let (network, first, _) = open_round().await;
+    let update = weights(1);
+    first.upload(&network, 0, &update).await?;
+    network.clock.advance(COMMIT_MS);
+    first.commit(&network, 0, &update).await?;
+    Ok(())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_submission_after_the_round_is_turned_away() -> Test {
+    let (network, first, _) = open_round().await;
+    committed(&network, &first, 0, 1).await;
+    let claim = first.claim(&network).await;
+    network.clock.advance(SUBMIT_MS + 1);
+    network.settle().await;
+    refused(
+        first.submit(&network, claim, b"proof").await,
+        Code::FailedPrecondition,
+        "round 0",
+    );
+    assert!(network.round(Some(0)).await.closed.is_some());
+    Ok(())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_second_commitment_is_refused_the_same_one_is_answered_again() -> Test {
+    let (network, first, _) = open_round().await;
+    let update = committed(&network, &first, 0, 1).await;
+    let before = network.entries().await.len();
+    let (once, again) = (
+        first.commit(&network, 0, &update).await?,
+        first.commit(&network, 0, &update).await?,
+    );
+    assert_eq!(once, again);
+    let other = weights(2);
+    first.upload(&network, 0, &other).await?;
+    refused(
+        first.commit(&network, 0, &other).await,
+        Code::AlreadyExists,
+        "already committed",
+    );
+    assert_eq!(network.entries().await.len(), before);
+    Ok(())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_receipt_given_again_still_fixes_the_challenge() -> Test {
+    let (network, first, second) = open_round().await;
+    let update = committed(&network, &first, 0, 1).await;
+    committed(&network, &second, 0, 2).await;
+    let (index, checkpoint, entry) = network.opened(first.commit(&network, 0, &update).await?);
+    assert_eq!(checkpoint.size, index + 1);
+    assert!(
+        matches!(entry.body, Body::UpdateCommitted(signed) if signed.statement.node == first.id())
+    );
+    let challenge = zk0_circuits::challenge::challenge(
+        &network.genesis.network_id(),
+        0,
+        &first.id(),
+        index,
+        &checkpoint.root,
+    );
+    assert_eq!(first.claim(&network).await.challenge, challenge);
+    Ok(())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_copied_update_is_refused() -> Test {
+    let (network, first, second) = open_round().await;
+    let update = committed(&network, &first, 0, 1).await;
+    second.upload(&network, 0, &update).await?;
+    refused(
+        second.commit(&network, 0, &update).await,
+        Code::AlreadyExists,
+        "already committed by node",
+    );
+    Ok(())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn an_update_has_to_be_uploaded_by_the_node_that_commits_to_it() -> Test {
+    let (network, first, second) = open_round().await;
+    let update = weights(1);
+    refused(
+        first.commit(&network, 0, &update).await,
+        Code::FailedPrecondition,
+        "not uploaded",
+    );
+    second.upload(&network, 0, &update).await?;
+    refused(
+        first.commit(&network, 0, &update).await,
+        Code::FailedPrecondition,
+        "not uploaded",
+    );
+    Ok(())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_submission_without_a_commitment_is_turned_away() -> Test {
+    let (network, first, second) = open_round().await;
+    committed(&network, &first, 0, 1).await;
+    let mut claim = first.claim(&network).await;
+    claim.node = second.id();
+    refused(
+        second.submit(&network, claim, b"proof").await,
+        Code::FailedPrecondition,
+        "not committed",
+    );
+    Ok(())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_proof_that_is_none_is_recorded_and_kept() -> Test {
+    let (network, first, _) = open_round().await;
+    committed(&network, &first, 0, 1).await;
+    let claim = first.claim(&network).await;
+    let reply = first.submit(&network, claim, b"no proof at all").await?;
+    assert!(!reply.accepted);
+    assert!(
+        reply.reason.contains("not an SP1 compressed proof"),
+        "{}",
+        reply.reason
+    );
+    let (_, _, entry) = network.opened(reply.receipt.ok_or("no receipt")?);
+    let Body::ContributionRejected {
+        submission,
+        reason: Refusal::MalformedProof(_),
+    } = entry.body
+    else {
+        panic!("{entry:?}");
+    };
+    let blobs = network.dir.path().join("blobs/sha256");
+    assert_eq!(
+        std::fs::read(blobs.join(submission.statement.proof.to_string()))?,
+        b"no proof at all"
+    );
+    Ok(())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_claim_that_the_ledger_contradicts_is_recorded() -> Test {
+    let (network, first, _) = open_round().await;
+    committed(&network, &first, 0, 1).await;
+    let mut claim = first.claim(&network).await;
+    claim.eval_samples = 1;
+    let reply = first.submit(&network, claim, b"proof").await?;
+    assert!(
+        reply
+            .reason
+            .contains("eval_samples is 1 in the claim, but 4"),
+        "{}",
+        reply.reason
+    );
+    assert!(matches!(
+        network.last().await,
+        Body::ContributionRejected {
+            reason: Refusal::Binding { .. },
+            ..
+        }
+    ));
+    Ok(())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_second_submission_is_refused_the_same_one_is_answered_again() -> Test {
+    let (network, first, _) = open_round().await;
+    committed(&network, &first, 0, 1).await;
+    let claim = first.claim(&network).await;
+    let once = first.submit(&network, claim.clone(), b"no proof").await?;
+    let before = network.entries().await.len();
+    let again = first.submit(&network, claim.clone(), b"no proof").await?;
+    assert_eq!(once, again);
+    let other = first.submit(&network, claim, b"another proof").await;
+    refused(other, Code::AlreadyExists, "already submitted");
+    assert_eq!(network.entries().await.len(), before);
+    Ok(())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn other_bytes_than_the_node_signed_leave_no_trace() -> Test {
+    // Someone between the node and the aggregator swaps the proof: that must not cost the node its submission.
+    let (network, first, _) = open_round().await;
+    committed(&network, &first, 0, 1).await;
+    let submission = first.submission(first.claim(&network).await, b"proof");
+    let before = network.entries().await.len();
+    let result = first.submit_as(&network, &submission, b"swapped").await;
+    refused(result, Code::InvalidArgument, "the node signed");
+    assert_eq!(network.entries().await.len(), before);
+    let reply = first.submit_as(&network, &submission, b"proof").await?;
+    assert!(reply.receipt.is_some());
+    Ok(())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn datasets_are_checked_before_they_are_recorded() -> Test {
+    let first = Node::new(1);
+    let config = Config {
+        rounds: Some(1),
+        min_nodes: 1,
+    };
+    let network = Network::start(&[&first], config).await;
+    let sign = |leaves: &[Digest], samples: u64| {
+        let mut registration = first.registration(&network.genesis.network_id()).statement;
+        registration.dataset.root = zk0_circuits::merkle::root(leaves);
+        registration.dataset.samples = samples;
+        registration.leaves = zk0_verifier::blob_digest(&flat(leaves));
+        Signed::new(registration, &first.key)
+    };
+    let before = network.entries().await.len();
+    let mut doubled = first.leaves();
+    doubled[3] = doubled[7];
+    let result = first
+        .register_as(&network, &sign(&doubled, 10), &doubled)
+        .await;
+    refused(
+        result,
+        Code::InvalidArgument,
+        "samples 3 and 7 are the same",
+    );
+    let few = &first.leaves()[..3];
+    let result = first.register_as(&network, &sign(few, 3), few).await;
+    refused(result, Code::InvalidArgument, "at least 4");
+    let result = first
+        .register_as(&network, &sign(&first.leaves(), 11), &first.leaves())
+        .await;
+    refused(result, Code::InvalidArgument, "counts 11 samples");
+    let result = first
+        .register_as(
+            &network,
+            &first.registration(&network.genesis.network_id()),
+            &doubled,
+        )
+        .await;
+    refused(result, Code::InvalidArgument, "the registration says");
+    let mut other_root = first.registration(&network.genesis.network_id()).statement;
+    other_root.dataset.root = Digest([5; 32]);
+    let other_root = Signed::new(other_root, &first.key);
+    let result = first
+        .register_as(&network, &other_root, &first.leaves())
+        .await;
+    refused(result, Code::InvalidArgument, "root");
+    assert_eq!(network.entries().await.len(), before);
+    let receipt = first.register(&network).await?;
+    assert_eq!(first.register(&network).await?, receipt);
+    Ok(())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn bytes_that_are_no_statement_are_named() -> Test {
+    let (network, first, _) = open_round().await;
+    let mut client = network.client().await;
+    for commitment in [vec![], vec![1; 100], vec![0; 20_000]] {
+        let request = zk0_aggregator::proto::CommitRequest { commitment };
+        refused(
+            client.commit(request).await,
+            Code::InvalidArgument,
+            "commitment",
+        );
+    }
+    // A byte more than the statement is not the statement.
+    let mut commitment = borsh::to_vec(&Signed::new(
+        first.commitment(&network.genesis.network_id(), 0, &weights(1)),
+        &first.key,
+    ))?;
+    commitment.push(0);
+    let request = zk0_aggregator::proto::CommitRequest { commitment };
+    refused(
+        client.commit(request).await,
+        Code::InvalidArgument,
+        "commitment",
+    );
+    Ok(())
+}

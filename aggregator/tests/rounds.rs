@@ -1,0 +1,422 @@
+//! Rounds open and close in time, blobs become public in time, and a killed aggregator goes on where it was.
+
+mod harness;
+
+use ed25519_dalek::SigningKey;
+use harness::*;
+use std::sync::Arc;
+use tonic::Code;
+use zk0_aggregator::{Aggregator, Auditor, Config, ManualClock, Progress};
+use zk0_circuits::Digest;
+use zk0_ledger::{
+    entry::Body,
+    log::Ledger,
+    replay::{replay, Verdict},
+    signed::Signed,
+    Refusal,
+};
+use zk0_verifier::blob_digest;
+
+type Test = Result<(), Box<dyn std::error::Error>>;
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_round_opens_when_enough_nodes_have_datasets() -> Test {
+    let (first, second) = (Node::new(1), Node::new(2));
+    let config = Config {
+        rounds: Some(1),
+        min_nodes: 2,
+    };
+    let network = Network::start(&[&first, &second], config).await;
+    assert_eq!(network.round(None).await.opened, None);
+    first.register(&network).await?;
+    network.settle().await;
+    assert_eq!(network.round(None).await.opened, None);
+    second.register(&network).await?;
+    network.settle().await;
+    let (_, _, entry) = network.opened(network.round(None).await.opened.ok_or("not open")?);
+    let Body::RoundOpened(opened) = entry.body else {
+        panic!("{entry:?}");
+    };
+    assert_eq!((opened.round, opened.base), (0, network.genesis.initial));
+    assert_eq!(opened.submit_deadline_ms, START_MS + SUBMIT_MS);
+    Ok(())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_round_closes_early_when_everyone_is_decided() -> Test {
+    let (network, first, second) = open_round().await;
+    for (node, seed) in [(&first, 1), (&second, 2)] {
+        committed(&network, node, 0, seed).await;
+        let claim = node.claim(&network).await;
+        node.submit(&network, claim, b"no proof").await?;
+    }
+    network.settle().await;
+    let closed = network.round(Some(0)).await.closed.ok_or("not closed")?;
+    let (_, _, entry) = network.opened(closed);
+    let Body::RoundClosed(closed) = entry.body else {
+        panic!("{entry:?}");
+    };
+    // Nobody contributed: the weights stay.
+    assert_eq!(closed.global, network.genesis.initial);
+    assert_eq!(closed.contributors, []);
+    // The next round is open, on the same weights.
+    let (_, _, entry) = network.opened(network.round(None).await.opened.ok_or("not open")?);
+    assert!(
+        matches!(entry.body, Body::RoundOpened(opened) if opened.round == 1 && opened.base == closed.global)
+    );
+    Ok(())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_round_with_an_undecided_node_stays_open_until_its_deadline() -> Test {
+    let (network, first, _) = open_round().await;
+    committed(&network, &first, 0, 1).await;
+    network.clock.advance(SUBMIT_MS);
+    network.settle().await;
+    assert_eq!(network.round(Some(0)).await.closed, None);
+    network.clock.advance(1);
+    network.settle().await;
+    assert!(network.round(Some(0)).await.closed.is_some());
+    Ok(())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn no_more_rounds_than_asked_for_are_opened() -> Test {
+    let (network, ..) = open_round().await;
+    for _ in 0..5 {
+        network.clock.advance(SUBMIT_MS + 1);
+        network.settle().await;
+    }
+    let opened = network
+        .entries()
+        .await
+        .into_iter()
+        .filter(|entry| matches!(entry.body, Body::RoundOpened(_)));
+    assert_eq!(opened.count(), 2);
+    assert!(network.round(None).await.closed.is_some());
+    Ok(())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn an_update_and_its_proof_are_private_until_the_round_closes() -> Test {
+    let (network, first, _) = open_round().await;
+    let update = weights(1);
+    let blob = blob_digest(&update);
+    first.upload(&network, 0, &update).await?;
+    refused(
+        network.download(blob).await,
+        Code::NotFound,
+        "names no blob",
+    );
+    first.commit(&network, 0, &update).await?;
+    refused(
+        network.download(blob).await,
+        Code::PermissionDenied,
+        "private until its round closes",
+    );
+    let claim = first.claim(&network).await;
+    first.submit(&network, claim, b"no proof").await?;
+    let proof = blob_digest(b"no proof");
+    refused(
+        network.download(proof).await,
+        Code::PermissionDenied,
+        "private until its round closes",
+    );
+    network.clock.advance(SUBMIT_MS + 1);
+    network.settle().await;
+    assert_eq!(network.download(blob).await?, update);
+    assert_eq!(network.download(proof).await?, b"no proof");
+    Ok(())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn policy_weights_and_leaves_are_public() -> Test {
+    let (network, first, _) = open_round().await;
+    assert_eq!(network.download(network.genesis.policy).await?, POLICY);
+    assert_eq!(
+        network.download(network.genesis.initial.blob).await?,
+        weights(0)
+    );
+    let leaves = flat(&first.leaves());
+    assert_eq!(network.download(blob_digest(&leaves)).await?, leaves);
+    refused(
+        network.download(Digest([8; 32])).await,
+        Code::NotFound,
+        "names no blob",
+    );
+    let request = zk0_aggregator::proto::DownloadRequest {
+        blob: b"../../checkpoint".to_vec(),
+    };
+    refused(
+        network.client().await.download(request).await.map(drop),
+        Code::InvalidArgument,
+        "32 bytes",
+    );
+    Ok(())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn nothing_acknowledged_is_lost_when_the_aggregator_is_killed() -> Test {
+    let (mut network, first, second) = open_round().await;
+    let update = committed(&network, &first, 0, 1).await;
+    let committed = first.commit(&network, 0, &update).await?;
+    second.upload(&network, 0, &weights(2)).await?;
+    let claim = first.claim(&network).await;
+    let decided = first.submit(&network, claim.clone(), b"no proof").await?;
+    let entries = network.entries().await;
+
+    network.restart().await;
+
+    assert_eq!(network.entries().await, entries);
+    // What was acknowledged is acknowledged again, word for word.
+    assert_eq!(first.commit(&network, 0, &update).await?, committed);
+    assert_eq!(first.submit(&network, claim, b"no proof").await?, decided);
+    // What is private stays private.
+    let blob = blob_digest(&update);
+    refused(
+        network.download(blob).await,
+        Code::PermissionDenied,
+        "private",
+    );
+    // The round goes on: the second node commits to what it uploaded before, and is decided.
+    second.commit(&network, 0, &weights(2)).await?;
+    let claim = second.claim(&network).await;
+    second.submit(&network, claim, b"no proof").await?;
+    network.settle().await;
+    assert!(network.round(Some(0)).await.closed.is_some());
+    assert_eq!(network.download(blob).await?, update);
+    Ok(())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn the_history_replays_and_refusals_are_found_to_be_right() -> Test {
+    let (network, first, second) = open_round().await;
+    committed(&network, &first, 0, 1).await;
+    let claim = first.claim(&network).await;
+    first.submit(&network, claim, b"no proof").await?;
+    committed(&network, &second, 0, 2).await;
+    let mut claim = second.claim(&network).await;
+    claim.challenge = Digest([1; 32]);
+    second.submit(&network, claim, b"no proof").await?;
+    network.settle().await;
+    let mut auditor = Auditor::default();
+    let report = replay(
+        network.dir.path(),
+        Some(&network.genesis.network_id()),
+        &mut auditor,
+    );
+    assert_eq!(report.verdict, Verdict::Verified, "{:?}", report.findings);
+    let checked = auditor.checked();
+    assert_eq!(
+        (checked.datasets, checked.refusals, checked.not_checked),
+        (2, 2, 0)
+    );
+
+    // Without the evidence a refusal cannot be judged, and the report says so.
+    let proof = network
+        .dir
+        .path()
+        .join("blobs/sha256")
+        .join(blob_digest(b"no proof").to_string());
+    std::fs::remove_file(proof)?;
+    let mut auditor = Auditor::default();
+    let report = replay(network.dir.path(), None, &mut auditor);
+    assert_eq!(report.verdict, Verdict::Verified);
+    assert_eq!(
+        (auditor.checked().refusals, auditor.checked().not_checked),
+        (1, 1)
+    );
+    assert!(report
+        .findings
+        .iter()
+        .any(|finding| finding.text.contains("not at hand")));
+    Ok(())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn an_audit_finds_what_a_dishonest_aggregator_records() -> Test {
+    // The ledger's own rules cannot see into proofs and blobs; whoever holds the log's key can write these entries.
+    let cases: [(
+        &str,
+        fn(zk0_ledger::signed::Signed<zk0_ledger::signed::Submission>) -> Body,
+    ); 4] = [
+        ("was accepted, but", Body::ContributionAccepted),
+        (
+            "verification says: not an SP1 compressed proof",
+            |submission| Body::ContributionRejected {
+                submission,
+                reason: Refusal::InvalidProof("because".into()),
+            },
+        ),
+        (
+            "verification says: not an SP1 compressed proof",
+            |submission| Body::ContributionRejected {
+                submission,
+                reason: Refusal::MalformedUpdate("because".into()),
+            },
+        ),
+        ("cannot be held against it", |submission| {
+            let update = submission.statement.claim.update.blob;
+            Body::ContributionRejected {
+                submission,
+                reason: Refusal::MissingUpdate(update),
+            }
+        }),
+    ];
+    for (words, body) in cases {
+        let (network, first, _) = open_round().await;
+        committed(&network, &first, 0, 1).await;
+        let submission = first.submission(first.claim(&network).await, b"no proof");
+        network
+            .service
+            .with(move |aggregator| {
+                aggregator.ledger().blobs().put(b"no proof")?;
+                Ok(())
+            })
+            .await?;
+        let copy = tempfile::tempdir()?;
+        copy_folder(network.dir.path(), copy.path())?;
+        let mut ledger = Ledger::open(copy.path(), None, log_key())?;
+        ledger.append(START_MS, body(submission))?;
+        drop(ledger);
+        let report = replay(copy.path(), None, &mut Auditor::default());
+        assert_eq!(report.verdict, Verdict::Failed);
+        let found = report
+            .findings
+            .iter()
+            .any(|finding| finding.text.contains(words));
+        assert!(found, "{words}: {:?}", report.findings);
+    }
+    Ok(())
+}
+
+#[test]
+fn a_submission_after_the_deadline_of_an_open_round_is_recorded_as_late() -> Test {
+    // The aggregator alone, without the timer that would close the round at once.
+    let (dir, node) = (tempfile::tempdir()?, Node::new(1));
+    let clock = Arc::new(ManualClock::at(START_MS));
+    let config = Config {
+        rounds: Some(1),
+        min_nodes: 1,
+    };
+    let mut aggregator = Aggregator::found(
+        dir.path(),
+        genesis(),
+        log_key(),
+        POLICY,
+        &weights(0),
+        clock.clone(),
+        config,
+    )?;
+    aggregator.enrol(node.id(), "node".into())?;
+    let network = genesis().network_id();
+    let registration = borsh::to_vec(&node.registration(&network))?;
+    aggregator.register(&registration, &flat(&node.leaves()))?;
+    assert_eq!(aggregator.step()?, Progress::Opened(0));
+    let update = weights(1);
+    let request = Signed::new(node.upload_request(&network, 0, &update), &node.key);
+    let (_, writer) = aggregator.begin_upload(&borsh::to_vec(&request)?)?;
+    let mut writer = writer.ok_or("there already")?;
+    writer.write(&update)?;
+    writer.finish(&blob_digest(&update))?;
+    let commitment = Signed::new(node.commitment(&network, 0, &update), &node.key);
+    aggregator.commit(&borsh::to_vec(&commitment)?)?;
+    let claim = node.claim_of(aggregator.state().expected_claim(&node.id())?);
+    let submission = borsh::to_vec(&node.submission(claim, b"no proof"))?;
+    clock.advance(SUBMIT_MS + 5);
+    let decided = aggregator.submit(&submission, b"no proof".to_vec())?;
+    assert!(matches!(
+        decided.rejected,
+        Some(Refusal::Late {
+            late_ms: 5,
+            round: 0,
+            ..
+        })
+    ));
+    assert_eq!(aggregator.step()?, Progress::Closed(0));
+    assert_eq!(aggregator.step()?, Progress::Finished);
+    let report = replay(dir.path(), None, &mut Auditor::default());
+    assert_eq!(report.verdict, Verdict::Verified, "{:?}", report.findings);
+    Ok(())
+}
+
+#[test]
+fn a_folder_of_another_network_is_not_opened() -> Test {
+    let dir = tempfile::tempdir()?;
+    let clock = Arc::new(ManualClock::at(START_MS));
+    let config = Config {
+        rounds: None,
+        min_nodes: 1,
+    };
+    drop(Aggregator::found(
+        dir.path(),
+        genesis(),
+        log_key(),
+        POLICY,
+        &weights(0),
+        clock.clone(),
+        config,
+    )?);
+    let other = Digest([1; 32]);
+    let error = Aggregator::open(dir.path(), Some(&other), log_key(), clock.clone(), config).err();
+    assert!(error.ok_or("opened")?.to_string().contains("is of network"));
+    let stranger = SigningKey::from_bytes(&[1; 32]);
+    let error = Aggregator::open(dir.path(), None, stranger, clock.clone(), config).err();
+    assert!(error
+        .ok_or("opened")?
+        .to_string()
+        .contains("not the log key"));
+    Aggregator::open(
+        dir.path(),
+        Some(&genesis().network_id()),
+        log_key(),
+        clock,
+        config,
+    )?;
+    Ok(())
+}
+
+#[test]
+fn a_network_is_not_founded_on_other_bytes_than_its_genesis_names() -> Test {
+    let config = Config {
+        rounds: None,
+        min_nodes: 1,
+    };
+    let found = |genesis, policy: &[u8], initial: &[u8]| {
+        let dir = tempfile::tempdir().unwrap();
+        let clock = Arc::new(ManualClock::at(START_MS));
+        let error = Aggregator::found(
+            dir.path(),
+            genesis,
+            log_key(),
+            policy,
+            initial,
+            clock,
+            config,
+        )
+        .err();
+        error.map(|error| error.to_string()).unwrap_or_default()
+    };
+    assert!(found(genesis(), b"another policy", &weights(0)).contains("the policy has SHA-256"));
+    assert!(found(genesis(), POLICY, &weights(1)).contains("the update has SHA-256"));
+    let mut quantised = genesis();
+    quantised.initial.quantised = Digest([1; 32]);
+    assert!(found(quantised, POLICY, &weights(0)).contains("quantises to"));
+    let mut program = genesis();
+    program.program = vec![0; 31];
+    assert!(found(program, POLICY, &weights(0)).contains("verifying key"));
+    Ok(())
+}
+
+fn copy_folder(from: &std::path::Path, to: &std::path::Path) -> std::io::Result<()> {
+    std::fs::create_dir_all(to)?;
+    for entry in std::fs::read_dir(from)? {
+        let entry = entry?;
+        let target = to.join(entry.file_name());
+        match entry.path().is_dir() {
+            true => copy_folder(&entry.path(), &target)?,
+            false => std::fs::copy(entry.path(), target).map(drop)?,
+        }
+    }
+    Ok(())
+}
