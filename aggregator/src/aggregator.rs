@@ -95,6 +95,12 @@ impl Aggregator {
                 genesis.policy
             )));
         }
+        let (size, limit) = (initial.len() as u64, genesis.rules.max_update_bytes);
+        if size > limit {
+            return Err(RequestError::Malformed(format!(
+                "the initial weights have {size} bytes, but the rules allow updates of at most {limit}"
+            )));
+        }
         Evaluation::decode(&genesis.evaluation)?.check_update(initial, &genesis.initial)?;
         // Blobs first: there is never a ledger that names weights which are not there.
         let blobs = Blobs::at(dir);

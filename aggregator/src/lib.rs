@@ -9,7 +9,8 @@
 //! With the feature `service`, what runs it:
 //! - [`aggregator`]: the one writer of the ledger; [`recall`] what it knows after a restart, [`staging`] uploads that wait,
 //!   [`disclosed`] blobs that may be read, [`clock`] the time;
-//! - [`service`]: the network in front of it, with its limits; [`request`] its errors; [`wire`] its messages.
+//! - [`service`]: the network in front of it, with its limits; [`connections`] how many there may be; [`request`] its errors;
+//!   [`wire`] its messages.
 
 pub mod audit;
 pub mod close;
@@ -21,6 +22,8 @@ pub mod fedavg;
 pub mod aggregator;
 #[cfg(feature = "service")]
 pub mod clock;
+#[cfg(feature = "service")]
+pub mod connections;
 #[cfg(feature = "service")]
 pub mod recall;
 #[cfg(feature = "service")]
@@ -43,6 +46,6 @@ pub mod proto {
 pub use crate::{
     aggregator::{Aggregator, Config, Progress},
     clock::{Clock, ManualClock, SystemClock},
-    service::Service,
+    service::{Limits, Service},
 };
 pub use audit::Auditor;

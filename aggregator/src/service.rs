@@ -5,11 +5,15 @@
 //! | one message | the rules' largest proof, or 4 MiB for lists of leaves, and 64 KiB |
 //! | one upload | what its signed request says, at most the rules' largest update; streamed to disk, never in memory |
 //! | uploads | one at a time and [`crate::staging::MAX_UPLOADS`] per node and round |
-//! | a silent peer | [`PATIENCE`] |
-//! | requests at once | [`CONCURRENT`] per connection |
+//! | a silent peer in the middle of a stream | [`Limits::silence`] |
+//! | an upload in all | [`Limits::upload`] |
+//! | connections, and requests at once on each | [`Limits::connections`], [`CONCURRENT`] |
+//!
+//! So at most `connections · CONCURRENT` messages are in memory, whatever comes.
 
 use crate::{
     aggregator::{Aggregator, Progress},
+    connections::accept,
     proto::{
         federation_server::{Federation, FederationServer},
         upload_chunk::Part,
@@ -33,19 +37,37 @@ use tokio::{
     task::spawn_blocking,
     time::timeout,
 };
-use tokio_stream::{
-    wrappers::{ReceiverStream, TcpListenerStream},
-    Stream,
-};
+use tokio_stream::{wrappers::ReceiverStream, Stream};
 use tonic::{transport::Server, Request, Response, Status, Streaming};
 use zk0_circuits::{Digest, NodeId};
 use zk0_ledger::Refusal;
 
-/// How long a peer may be silent in the middle of a stream.
-pub const PATIENCE: Duration = Duration::from_secs(30);
-
 /// Requests one connection may have in progress.
-pub const CONCURRENT: usize = 8;
+pub const CONCURRENT: usize = 4;
+
+/// How often a connection is asked whether anyone is still there.
+const KEEPALIVE: Duration = Duration::from_secs(60);
+
+/// What a service puts up with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Limits {
+    /// Connections at once.
+    pub connections: usize,
+    /// How long a peer may be silent in the middle of a stream.
+    pub silence: Duration,
+    /// How long an upload may take in all.
+    pub upload: Duration,
+}
+
+impl Default for Limits {
+    fn default() -> Self {
+        Self {
+            connections: 64,
+            silence: Duration::from_secs(30),
+            upload: Duration::from_secs(600),
+        }
+    }
+}
 
 /// Least limit of one message: room for the leaves of 131,072 samples.
 const MIN_MESSAGE_BYTES: u64 = 4 << 20;
@@ -65,12 +87,19 @@ pub struct Service {
     aggregator: Arc<Mutex<Aggregator>>,
     changed: Arc<Notify>,
     uploading: Arc<Mutex<BTreeSet<NodeId>>>,
+    limits: Limits,
 }
 
 impl Service {
-    /// Puts `aggregator` behind a service.
+    /// Puts `aggregator` behind a service with the default limits.
     pub fn new(aggregator: Aggregator) -> Self {
+        Self::with_limits(aggregator, Limits::default())
+    }
+
+    /// Puts `aggregator` behind a service.
+    pub fn with_limits(aggregator: Aggregator, limits: Limits) -> Self {
         Self {
+            limits,
             aggregator: Arc::new(Mutex::new(aggregator)),
             changed: Arc::new(Notify::new()),
             uploading: Arc::default(),
@@ -93,14 +122,14 @@ impl Service {
         let server = Server::builder()
             .concurrency_limit_per_connection(CONCURRENT)
             .max_concurrent_streams(Some(CONCURRENT as u32))
-            .http2_keepalive_interval(Some(PATIENCE))
-            .http2_keepalive_timeout(Some(PATIENCE))
+            .http2_keepalive_interval(Some(KEEPALIVE))
+            .http2_keepalive_timeout(Some(KEEPALIVE))
             .add_service(FederationServer::new(self.clone()).max_decoding_message_size(limit));
         let rounds = self.rounds();
         tokio::pin!(rounds);
         let mut failed = None;
         server
-            .serve_with_incoming_shutdown(TcpListenerStream::new(listener), async {
+            .serve_with_incoming_shutdown(accept(listener, self.limits.connections), async {
                 tokio::select! {
                     _ = stop => {}
                     error = &mut rounds => failed = Some(error),
@@ -139,6 +168,53 @@ impl Service {
         });
         done.await
             .unwrap_or_else(|error| Err(RequestError::Internal(error.to_string())))
+    }
+
+    /// Receives an upload to its end.
+    async fn receive(&self, mut stream: Streaming<UploadChunk>) -> Result<(), Status> {
+        let Some(Part::Request(first)) = self.next(&mut stream).await? else {
+            return Err(malformed("an upload begins with its signed request"));
+        };
+        let (upload, writer) = self
+            .with(move |aggregator| aggregator.begin_upload(&first))
+            .await?;
+        let Some(mut writer) = writer else {
+            return Ok(());
+        };
+        let _place = self.take_place(upload.node)?;
+        while let Some(part) = self.next(&mut stream).await? {
+            let Part::Data(data) = part else {
+                return Err(malformed("an upload has one request, and data after it"));
+            };
+            writer = blocking(move || {
+                writer.write(&data).map_err(RequestError::upload)?;
+                Ok(writer)
+            })
+            .await?;
+        }
+        if writer.size() != upload.size {
+            return Err(malformed(&format!(
+                "the upload ended after {} of {} bytes",
+                writer.size(),
+                upload.size
+            )));
+        }
+        blocking(move || writer.finish(&upload.blob).map_err(RequestError::upload)).await?;
+        tracing::info!(node = %upload.node, update = %upload.blob, size = upload.size, "update uploaded");
+        Ok(())
+    }
+
+    /// The next part of an upload; an error if none comes for too long.
+    async fn next(&self, stream: &mut Streaming<UploadChunk>) -> Result<Option<Part>, Status> {
+        let silence = self.limits.silence;
+        let message = timeout(silence, stream.message())
+            .await
+            .map_err(|_| too_long("nothing came for", silence))??;
+        match message {
+            None => Ok(None),
+            Some(UploadChunk { part: Some(part) }) => Ok(Some(part)),
+            Some(UploadChunk { part: None }) => Err(malformed("an empty message in an upload")),
+        }
     }
 
     /// Takes the node's one place among the running uploads, until the result is dropped.
@@ -229,6 +305,7 @@ impl Federation for Service {
             .await
             .map_err(|error| RequestError::Internal(format!("{}: {error}", path.display())))?;
         let (sender, receiver) = mpsc::channel(2);
+        let silence = self.limits.silence;
         tokio::spawn(async move {
             loop {
                 let mut data = vec![0; CHUNK_BYTES];
@@ -243,7 +320,7 @@ impl Federation for Service {
                     }
                 };
                 // A reader that stalls or goes away ends the download.
-                match timeout(PATIENCE, sender.send(chunk)).await {
+                match timeout(silence, sender.send(chunk)).await {
                     Ok(Ok(())) => {}
                     _ => return,
                 }
@@ -271,37 +348,10 @@ impl Federation for Service {
         &self,
         request: Request<Streaming<UploadChunk>>,
     ) -> Result<Response<UploadReply>, Status> {
-        let mut stream = request.into_inner();
-        let Some(Part::Request(first)) = next(&mut stream).await? else {
-            return Err(malformed("an upload begins with its signed request"));
-        };
-        let (upload, writer) = self
-            .with(move |aggregator| aggregator.begin_upload(&first))
-            .await?;
-        let Some(mut writer) = writer else {
-            return Ok(Response::new(UploadReply {}));
-        };
-        let _place = self.take_place(upload.node)?;
-        while let Some(part) = next(&mut stream).await? {
-            let Part::Data(data) = part else {
-                return Err(malformed("an upload has one request, and data after it"));
-            };
-            writer = blocking(move || {
-                writer.write(&data).map_err(RequestError::upload)?;
-                Ok(writer)
-            })
-            .await?;
+        match timeout(self.limits.upload, self.receive(request.into_inner())).await {
+            Ok(received) => received.map(|()| Response::new(UploadReply {})),
+            Err(_) => Err(too_long("the upload took", self.limits.upload)),
         }
-        if writer.size() != upload.size {
-            return Err(malformed(&format!(
-                "the upload ended after {} of {} bytes",
-                writer.size(),
-                upload.size
-            )));
-        }
-        blocking(move || writer.finish(&upload.blob).map_err(RequestError::upload)).await?;
-        tracing::info!(node = %upload.node, update = %upload.blob, size = upload.size, "update uploaded");
-        Ok(Response::new(UploadReply {}))
     }
 
     async fn commit(&self, request: Request<CommitRequest>) -> Result<Response<Receipt>, Status> {
@@ -334,18 +384,6 @@ impl Federation for Service {
     }
 }
 
-/// The next part of an upload; an error if none comes for too long.
-async fn next(stream: &mut Streaming<UploadChunk>) -> Result<Option<Part>, Status> {
-    let message = timeout(PATIENCE, stream.message()).await.map_err(|_| {
-        RequestError::TimedOut(format!("nothing came for {} seconds", PATIENCE.as_secs()))
-    })??;
-    match message {
-        None => Ok(None),
-        Some(UploadChunk { part: Some(part) }) => Ok(Some(part)),
-        Some(UploadChunk { part: None }) => Err(malformed("an empty message in an upload")),
-    }
-}
-
 async fn blocking<T: Send + 'static>(
     work: impl FnOnce() -> Result<T, RequestError> + Send + 'static,
 ) -> Result<T, RequestError> {
@@ -359,6 +397,10 @@ fn digest(bytes: &[u8]) -> Result<Digest, Status> {
         .try_into()
         .map(Digest)
         .map_err(|_| malformed("a blob is named by the 32 bytes of its SHA-256"))
+}
+
+fn too_long(what: &str, limit: Duration) -> Status {
+    RequestError::TimedOut(format!("{what} more than {} ms", limit.as_millis())).into()
 }
 
 fn malformed(what: &str) -> Status {

@@ -7,7 +7,10 @@ use std::time::Duration;
 use tokio::sync::mpsc;
 use tokio_stream::wrappers::ReceiverStream;
 use tonic::Code;
-use zk0_aggregator::proto::{self, upload_chunk::Part};
+use zk0_aggregator::{
+    proto::{self, upload_chunk::Part},
+    Config, Limits,
+};
 use zk0_circuits::Digest;
 use zk0_ledger::signed::Signed;
 
@@ -206,5 +209,91 @@ async fn what_was_not_committed_goes_when_the_round_does() -> Test {
     network.clock.advance(SUBMIT_MS + 1);
     network.settle().await;
     assert_eq!(network.uploads(), 0);
+    Ok(())
+}
+
+/// A network of one node in round 0, with little patience.
+async fn impatient(limits: Limits) -> (Network, Node) {
+    let node = Node::new(1);
+    let config = Config {
+        rounds: Some(1),
+        min_nodes: 1,
+    };
+    let network = Network::start_with(&[&node], config, limits).await;
+    node.register(&network).await.unwrap();
+    network.settle().await;
+    (network, node)
+}
+
+fn begun(network: &Network, node: &Node, update: &[u8]) -> Vec<proto::UploadChunk> {
+    let request = node.upload_request(&network.genesis.network_id(), 0, update);
+    let request = borsh::to_vec(&Signed::new(request, &node.key)).unwrap();
+    vec![
+        part(Part::Request(request)),
+        part(Part::Data(update[..100].to_vec())),
+    ]
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn an_upload_that_falls_silent_loses_its_place() -> Test {
+    let limits = Limits {
+        silence: Duration::from_millis(300),
+        ..Limits::default()
+    };
+    let (network, node) = impatient(limits).await;
+    let update = weights(1);
+    let (sender, receiver) = mpsc::channel(4);
+    for part in begun(&network, &node, &update) {
+        sender.send(part).await?;
+    }
+    let mut client = network.client().await;
+    let result = client.upload(ReceiverStream::new(receiver)).await;
+    refused(result, Code::DeadlineExceeded, "nothing came for");
+    assert_eq!(network.uploads(), 0);
+    node.upload(&network, 0, &update).await?;
+    Ok(())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn an_upload_that_trickles_is_cut() -> Test {
+    let limits = Limits {
+        upload: Duration::from_millis(500),
+        ..Limits::default()
+    };
+    let (network, node) = impatient(limits).await;
+    let update = weights(1);
+    let (sender, receiver) = mpsc::channel(4);
+    for part in begun(&network, &node, &update) {
+        sender.send(part).await?;
+    }
+    let trickle = tokio::spawn(async move {
+        while sender.send(part(Part::Data(vec![0]))).await.is_ok() {
+            tokio::time::sleep(Duration::from_millis(50)).await;
+        }
+    });
+    let mut client = network.client().await;
+    let result = client.upload(ReceiverStream::new(receiver)).await;
+    refused(result, Code::DeadlineExceeded, "the upload took");
+    trickle.await?;
+    assert_eq!(network.uploads(), 0);
+    Ok(())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn connections_beyond_the_limit_wait_for_a_place() -> Test {
+    let limits = Limits {
+        connections: 2,
+        ..Limits::default()
+    };
+    let (network, _) = impatient(limits).await;
+    let (mut first, second) = (network.client().await, network.client().await);
+    first.get_network(proto::GetNetworkRequest {}).await?;
+    let mut third = network.client().await;
+    let waiting = third.get_network(proto::GetNetworkRequest {});
+    let early = tokio::time::timeout(Duration::from_millis(500), waiting).await;
+    assert!(early.is_err());
+    drop(second);
+    let answer = third.get_network(proto::GetNetworkRequest {});
+    tokio::time::timeout(Duration::from_secs(10), answer).await??;
     Ok(())
 }

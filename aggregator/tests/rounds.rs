@@ -268,7 +268,7 @@ async fn an_audit_finds_what_a_dishonest_aggregator_records() -> Test {
         committed(&network, &first, 0, 1).await;
         let submission = first.submission(first.claim(&network).await, b"no proof");
         network
-            .service
+            .service()
             .with(move |aggregator| {
                 aggregator.ledger().blobs().put(b"no proof")?;
                 Ok(())

@@ -57,11 +57,15 @@ impl ProgramKey {
 pub fn check_proof(proof: &[u8], claim: &Claim, key: &ProgramKey) -> Result<(), Refusal> {
     let public_values =
         borsh::to_vec(claim).map_err(|error| Refusal::InvalidProof(error.to_string()))?;
-    catch_unwind(AssertUnwindSafe(|| {
+    refuse_panics(|| {
         let decoded = decode(proof)?;
         verify(&decoded, &public_values, key)
-    }))
-    .unwrap_or_else(|_| {
+    })
+}
+
+/// SP1's verifier is a hundred thousand lines that read hostile bytes: should one of them panic, the proof is refused.
+fn refuse_panics(check: impl FnOnce() -> Result<(), Refusal>) -> Result<(), Refusal> {
+    catch_unwind(AssertUnwindSafe(check)).unwrap_or_else(|_| {
         tracing::error!("SP1's verifier panicked on a proof; the proof is refused");
         Err(Refusal::InvalidProof("SP1's verifier gave up on it".into()))
     })
@@ -114,4 +118,15 @@ fn verify(proof: &SP1Proof, public_values: &[u8], key: &ProgramKey) -> Result<()
                 text => Refusal::InvalidProof(short(&text)),
             },
         })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_panic_is_a_refusal() {
+        let refused = refuse_panics(|| panic!("index out of bounds"));
+        assert!(matches!(refused, Err(Refusal::InvalidProof(_))));
+    }
 }

@@ -9,7 +9,7 @@ use tokio::{net::TcpListener, sync::oneshot, task::JoinHandle};
 use tonic::{transport::Channel, Code, Status};
 use zk0_aggregator::{
     proto::{self, federation_client::FederationClient, upload_chunk::Part},
-    Aggregator, Config, ManualClock, Service,
+    Aggregator, Config, Limits, ManualClock, Service,
 };
 use zk0_circuits::{
     merkle,
@@ -40,7 +40,8 @@ pub struct Network {
     pub clock: Arc<ManualClock>,
     pub genesis: Genesis,
     pub config: Config,
-    pub service: Service,
+    service: Option<Service>,
+    limits: Limits,
     pub address: String,
     running: Option<(oneshot::Sender<()>, JoinHandle<()>)>,
 }
@@ -108,6 +109,10 @@ pub fn digest(file: &[u8]) -> WeightsDigest {
 impl Network {
     /// Founds a network with these nodes and serves it.
     pub async fn start(nodes: &[&Node], config: Config) -> Self {
+        Self::start_with(nodes, config, Limits::default()).await
+    }
+
+    pub async fn start_with(nodes: &[&Node], config: Config, limits: Limits) -> Self {
         let dir = tempfile::tempdir().unwrap();
         let clock = Arc::new(ManualClock::at(START_MS));
         let genesis = genesis();
@@ -131,7 +136,8 @@ impl Network {
             clock,
             genesis,
             config,
-            service: Service::new(aggregator),
+            service: Some(Service::with_limits(aggregator, limits)),
+            limits,
             address: String::new(),
             running: None,
         };
@@ -143,7 +149,7 @@ impl Network {
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
         self.address = format!("http://{}", listener.local_addr().unwrap());
         let (stop, stopped) = oneshot::channel::<()>();
-        let service = self.service.clone();
+        let service = self.service().clone();
         let task = tokio::spawn(async move {
             let stopped = async {
                 let _ = stopped.await;
@@ -159,10 +165,10 @@ impl Network {
         task.abort(); // without a goodbye
         let _ = task.await;
         drop(stop);
-        // The database is locked until every clone of the old service is gone.
+        // The database is locked until every clone of the old service is gone: requests that were in progress hold one.
         let mut tries = 0;
+        self.service = None;
         let aggregator = loop {
-            self.service = placeholder(&self.service);
             match self.open() {
                 Ok(aggregator) => break aggregator,
                 Err(error) if tries < 100 && error.to_string().contains("in use") => {
@@ -172,7 +178,7 @@ impl Network {
                 Err(error) => panic!("{error}"),
             }
         };
-        self.service = Service::new(aggregator);
+        self.service = Some(Service::with_limits(aggregator, self.limits));
         self.serve().await;
     }
 
@@ -186,11 +192,15 @@ impl Network {
         )
     }
 
+    pub fn service(&self) -> &Service {
+        self.service.as_ref().unwrap()
+    }
+
     /// Lets the aggregator look at the clock until nothing changes.
     pub async fn settle(&self) {
         use zk0_aggregator::Progress;
         loop {
-            let progress = self.service.with(Aggregator::step).await.unwrap();
+            let progress = self.service().with(Aggregator::step).await.unwrap();
             if matches!(progress, Progress::Waiting | Progress::Finished) {
                 return;
             }
@@ -198,7 +208,7 @@ impl Network {
     }
 
     pub async fn entries(&self) -> Vec<Entry> {
-        self.service
+        self.service()
             .with(|aggregator| {
                 let ledger = aggregator.ledger();
                 Ok((0..ledger.size())
@@ -263,24 +273,6 @@ impl Network {
     pub fn uploads(&self) -> usize {
         files(&self.dir.path().join("uploads"))
     }
-}
-
-/// Lets go of an aggregator whose handle cannot be dropped in place.
-fn placeholder(_: &Service) -> Service {
-    let dir = tempfile::tempdir().unwrap();
-    let aggregator = Aggregator::found(
-        dir.path(),
-        genesis(),
-        log_key(),
-        POLICY,
-        &weights(0),
-        Arc::new(ManualClock::at(START_MS)),
-        Config {
-            rounds: None,
-            min_nodes: usize::MAX,
-        },
-    );
-    Service::new(aggregator.unwrap())
 }
 
 /// Files in a folder, at any depth.
@@ -436,7 +428,7 @@ impl Node {
     pub async fn claim(&self, network: &Network) -> Claim {
         let node = self.id();
         let expected = network
-            .service
+            .service()
             .with(move |aggregator| Ok(aggregator.state().expected_claim(&node)?))
             .await
             .unwrap();
