@@ -67,7 +67,8 @@ case ${1:-} in '' | --check) ;; *) fail 1 "unknown argument '$1' (see the head o
 
 # --- the build -----------------------------------------------------------------------------------------------------------
 
-# What sp1-build 6.10 passes, and after it the paths: those of this machine must not show in the ELF.
+# What sp1-build 6.10 passes, and after it: no source lines in panics, so that moving a line in a source does not give
+# another verifying key; and no paths of this machine.
 flags=(
     -C passes=lower-atomic
     -C link-arg=--image-base=2013265920
@@ -75,6 +76,7 @@ flags=(
     --cfg 'getrandom_backend="custom"'
     -C llvm-args=-misched-prera-direction=bottomup
     -C llvm-args=-misched-postra-direction=bottomup
+    -Z location-detail=none
     "--remap-path-prefix=$target_dir=/target"
     "--remap-path-prefix=$circuits=/zk0/circuits"
     "--remap-path-prefix=$("$rustc" --print sysroot)=/rust"

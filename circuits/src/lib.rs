@@ -9,6 +9,7 @@
 //! - [`challenge`]: what is drawn for a contribution: samples, flow times, noise.
 //! - [`dataset`]: what a dataset commitment commits to; [`merkle`]: its tree.
 //! - [`digest`]: 32-byte digests and domain-separated SHA-256; [`poseidon2`]: hashing of large int16 data.
+//! - [`program`]: the guest programs' verifying keys.
 #![cfg_attr(not(any(feature = "std", test)), no_std)]
 extern crate alloc;
 
@@ -21,6 +22,8 @@ pub mod fixed;
 pub mod merkle;
 pub mod poseidon2;
 pub mod products;
+#[cfg(feature = "std")]
+pub mod program;
 pub mod sample;
 pub mod spec;
 pub mod statement;

@@ -101,26 +101,47 @@ impl From<Status> for NodeError {
 }
 
 fn unexpected(expected: &str, found: impl Into<String>) -> NodeError {
-    NodeError::Unexpected { expected: expected.into(), found: found.into() }
+    NodeError::Unexpected {
+        expected: expected.into(),
+        found: found.into(),
+    }
 }
 
 impl Node {
     /// Connects to the aggregator at `url`, which has to serve `network`.
     pub async fn connect(url: String, network: Digest, key: SigningKey) -> Result<Self, NodeError> {
-        let channel =
-            transport::Endpoint::try_from(url)?.connect_timeout(Duration::from_secs(10)).connect().await?;
-        let mut client = FederationClient::new(channel).max_decoding_message_size(MAX_MESSAGE_BYTES);
-        let info = client.get_network(rpc::GetNetworkRequest {}).await?.into_inner();
+        let channel = transport::Endpoint::try_from(url)?
+            .connect_timeout(Duration::from_secs(10))
+            .connect()
+            .await?;
+        let mut client =
+            FederationClient::new(channel).max_decoding_message_size(MAX_MESSAGE_BYTES);
+        let info = client
+            .get_network(rpc::GetNetworkRequest {})
+            .await?
+            .into_inner();
         let entry = Entry::decode(&info.genesis)?;
         let Body::Genesis(genesis) = entry.body else {
             return Err(unexpected("a genesis", "another entry"));
         };
         let theirs = genesis.network_id();
         if theirs != network {
-            return Err(NodeError::OtherNetwork { ours: network, theirs });
+            return Err(NodeError::OtherNetwork {
+                ours: network,
+                theirs,
+            });
         }
-        Checkpoint::open(info.checkpoint.as_bytes(), genesis.origin(), &genesis.log_key)?;
-        Ok(Self { client, key, network, genesis })
+        Checkpoint::open(
+            info.checkpoint.as_bytes(),
+            genesis.origin(),
+            &genesis.log_key,
+        )?;
+        Ok(Self {
+            client,
+            key,
+            network,
+            genesis,
+        })
     }
 
     /// The network's founding document.
@@ -140,7 +161,13 @@ impl Node {
 
     /// Downloads a public blob of at most `limit` bytes.
     pub async fn download(&mut self, blob: &Digest, limit: u64) -> Result<Vec<u8>, NodeError> {
-        let mut chunks = self.client.download(rpc::DownloadRequest { blob: blob.0.to_vec() }).await?.into_inner();
+        let mut chunks = self
+            .client
+            .download(rpc::DownloadRequest {
+                blob: blob.0.to_vec(),
+            })
+            .await?
+            .into_inner();
         let mut bytes = Vec::new();
         while let Some(chunk) = chunks.message().await? {
             bytes.extend_from_slice(&chunk.data);
@@ -150,12 +177,19 @@ impl Node {
         }
         match Digest(Sha256::digest(&bytes).into()) {
             actual if actual == *blob => Ok(bytes),
-            actual => Err(NodeError::OtherBlob { asked: *blob, actual }),
+            actual => Err(NodeError::OtherBlob {
+                asked: *blob,
+                actual,
+            }),
         }
     }
 
     /// Puts a dataset on the ledger. One that is there already stays.
-    pub async fn register(&mut self, dataset: &DatasetCommitment, leaves: &[Digest]) -> Result<(), NodeError> {
+    pub async fn register(
+        &mut self,
+        dataset: &DatasetCommitment,
+        leaves: &[Digest],
+    ) -> Result<(), NodeError> {
         let leaves: Vec<u8> = leaves.iter().flat_map(|leaf| leaf.0).collect();
         let statement = DatasetRegistration {
             network: self.network,
@@ -164,20 +198,28 @@ impl Node {
             leaves: Digest(Sha256::digest(&leaves).into()),
         };
         let signed = Signed::new(statement, &self.key);
-        let request = rpc::RegisterDatasetRequest { registration: encode(&signed), leaves };
+        let request = rpc::RegisterDatasetRequest {
+            registration: encode(&signed),
+            leaves,
+        };
         let receipt = match self.client.register_dataset(request).await {
             Ok(reply) => reply.into_inner(),
             // A node that was restarted registers again what it has registered.
             Err(status) if status.code() == Code::AlreadyExists => return Ok(()),
             Err(status) => return Err(status.into()),
         };
-        self.recorded(receipt, Body::DatasetCommitted(signed)).map(drop)
+        self.recorded(receipt, Body::DatasetCommitted(signed))
+            .map(drop)
     }
 
     /// Waits until `round` is open, and returns how it was opened; a later one if that has closed meanwhile.
     pub async fn wait_for_round(&mut self, round: u64) -> Result<RoundOpened, NodeError> {
         loop {
-            let info = self.client.get_round(rpc::GetRoundRequest { round: None }).await?.into_inner();
+            let info = self
+                .client
+                .get_round(rpc::GetRoundRequest { round: None })
+                .await?
+                .into_inner();
             if let (Some(opened), None) = (info.opened, info.closed) {
                 match self.entry(opened)?.1.body {
                     Body::RoundOpened(opened) if opened.round >= round => return Ok(opened),
@@ -192,7 +234,11 @@ impl Node {
     /// Waits until `round` is closed, and returns how.
     pub async fn wait_for_close(&mut self, round: u64) -> Result<RoundClosed, NodeError> {
         loop {
-            let info = self.client.get_round(rpc::GetRoundRequest { round: Some(round) }).await?.into_inner();
+            let info = self
+                .client
+                .get_round(rpc::GetRoundRequest { round: Some(round) })
+                .await?
+                .into_inner();
             if let Some(closed) = info.closed {
                 match self.entry(closed)?.1.body {
                     Body::RoundClosed(closed) if closed.round == round => return Ok(closed),
@@ -214,9 +260,13 @@ impl Node {
             size: update.len() as u64,
         };
         let first = Part::Request(encode(&Signed::new(request, &self.key)));
-        let rest = update.chunks(CHUNK_BYTES).map(|chunk| Part::Data(chunk.to_vec()));
-        let parts: Vec<_> =
-            std::iter::once(first).chain(rest).map(|part| rpc::UploadChunk { part: Some(part) }).collect();
+        let rest = update
+            .chunks(CHUNK_BYTES)
+            .map(|chunk| Part::Data(chunk.to_vec()));
+        let parts: Vec<_> = std::iter::once(first)
+            .chain(rest)
+            .map(|part| rpc::UploadChunk { part: Some(part) })
+            .collect();
         self.client.upload(tokio_stream::iter(parts)).await?;
         Ok(())
     }
@@ -236,40 +286,81 @@ impl Node {
             update: *update,
         };
         let signed = Signed::new(statement, &self.key);
-        let request = rpc::CommitRequest { commitment: encode(&signed) };
+        let request = rpc::CommitRequest {
+            commitment: encode(&signed),
+        };
         let receipt = self.client.commit(request).await?.into_inner();
         let (receipt, checkpoint) = self.recorded(receipt, Body::UpdateCommitted(signed))?;
         // The tree that ends with the commitment: nobody chose which checkpoint it is.
         if checkpoint.size != receipt.index + 1 {
             let found = format!("one of size {}", checkpoint.size);
-            return Err(unexpected("the first checkpoint that covers the commitment", found));
+            return Err(unexpected(
+                "the first checkpoint that covers the commitment",
+                found,
+            ));
         }
-        Ok(challenge(&self.network, round, &self.id(), receipt.index, &checkpoint.root))
+        Ok(challenge(
+            &self.network,
+            round,
+            &self.id(),
+            receipt.index,
+            &checkpoint.root,
+        ))
     }
 
     /// Signs a claim and submits it with its proof.
     pub async fn submit(&mut self, claim: Claim, proof: Vec<u8>) -> Result<Decision, NodeError> {
-        let signed = Signed::new(Submission { claim, proof: Digest(Sha256::digest(&proof).into()) }, &self.key);
-        let reply = self.client.submit(rpc::SubmitRequest { submission: encode(&signed), proof }).await?.into_inner();
-        let receipt = reply.receipt.ok_or_else(|| unexpected("a receipt of the decision", "none"))?;
+        let signed = Signed::new(
+            Submission {
+                claim,
+                proof: Digest(Sha256::digest(&proof).into()),
+            },
+            &self.key,
+        );
+        let reply = self
+            .client
+            .submit(rpc::SubmitRequest {
+                submission: encode(&signed),
+                proof,
+            })
+            .await?
+            .into_inner();
+        let receipt = reply
+            .receipt
+            .ok_or_else(|| unexpected("a receipt of the decision", "none"))?;
         let (receipt, _, entry) = self.opened(receipt)?;
         let (submission, refusal) = match entry.body {
             Body::ContributionAccepted(submission) => (submission, None),
             Body::ContributionRejected { submission, reason } => (submission, Some(reason)),
-            _ => return Err(unexpected("the decision on the submission", "another entry")),
+            _ => {
+                return Err(unexpected(
+                    "the decision on the submission",
+                    "another entry",
+                ))
+            }
         };
         if submission != signed {
-            return Err(unexpected("the decision on this submission", "that on another"));
+            return Err(unexpected(
+                "the decision on this submission",
+                "that on another",
+            ));
         }
         Ok(Decision { refusal, receipt })
     }
 
     /// Checks that what was just recorded is `body`.
-    fn recorded(&self, receipt: rpc::Receipt, body: Body) -> Result<(Receipt, Checkpoint), NodeError> {
+    fn recorded(
+        &self,
+        receipt: rpc::Receipt,
+        body: Body,
+    ) -> Result<(Receipt, Checkpoint), NodeError> {
         let (receipt, checkpoint, entry) = self.opened(receipt)?;
         match entry.body == body {
             true => Ok((receipt, checkpoint)),
-            false => Err(unexpected("a receipt of what this node signed", "that of another entry")),
+            false => Err(unexpected(
+                "a receipt of what this node signed",
+                "that of another entry",
+            )),
         }
     }
 
@@ -281,13 +372,20 @@ impl Node {
     fn opened(&self, receipt: rpc::Receipt) -> Result<(Receipt, Checkpoint, Entry), NodeError> {
         let hash = |bytes: Vec<u8>| match <[u8; 32]>::try_from(bytes) {
             Ok(hash) => Ok(Digest(hash)),
-            Err(bytes) => Err(unexpected("a hash of 32 bytes", format!("{} bytes", bytes.len()))),
+            Err(bytes) => Err(unexpected(
+                "a hash of 32 bytes",
+                format!("{} bytes", bytes.len()),
+            )),
         };
         let receipt = Receipt {
             index: receipt.index,
             entry: receipt.entry,
             checkpoint: receipt.checkpoint.into_bytes(),
-            proof: receipt.inclusion.into_iter().map(hash).collect::<Result<_, _>>()?,
+            proof: receipt
+                .inclusion
+                .into_iter()
+                .map(hash)
+                .collect::<Result<_, _>>()?,
         };
         let (checkpoint, entry) = receipt.verify(&self.genesis.log_key, self.genesis.origin())?;
         Ok((receipt, checkpoint, entry))

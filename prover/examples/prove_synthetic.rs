@@ -1,0 +1,60 @@
+//! Proves a claim made from a seed, to try a machine's prover or to make the proof that verifier tests are committed with:
+//! `cargo run --release -p zk0-prover --example prove_synthetic [FOLDER]`
+//!
+//! Writes `proof.bin`, `claim.bin` (the public values) and `witness.bin` (borsh) to FOLDER when one is given, and prints
+//! what it took.
+
+use serde_json::json;
+use std::{env, error::Error, fs, path::PathBuf, time::Instant};
+use zk0_circuits::{program::DIRECT_VERIFYING_KEY, EvalSpec};
+use zk0_prover::{
+    execute::Executor,
+    lock::ProverLock,
+    options::{ProverOptions, Resources},
+    program::DIRECT_ELF,
+    prove::Sp1Prover,
+    synthetic,
+};
+
+#[tokio::main]
+async fn main() -> Result<(), Box<dyn Error>> {
+    let folder = env::args().nth(1).map(PathBuf::from);
+    let witness = synthetic::witness(&EvalSpec::micro(), 4, 1)?.to_buffers();
+    let run = Executor::new().await?.execute(DIRECT_ELF, &witness).await?;
+    let options = ProverOptions::choose(Resources::of_this_machine()?)?;
+    let lock = ProverLock::acquire(&ProverLock::default_path(), Default::default())?;
+    let begin = Instant::now();
+    let prover = Sp1Prover::start(DIRECT_ELF, &DIRECT_VERIFYING_KEY, options, lock.into()).await?;
+    let start = begin.elapsed();
+    eprintln!("started in {start:.0?} with {options:?}");
+    let begin = Instant::now();
+    let proof = prover.prove_compressed(&witness).await?;
+    let proving = begin.elapsed();
+    if let Some(folder) = folder {
+        fs::create_dir_all(&folder)?;
+        fs::write(folder.join("proof.bin"), &proof.bytes)?;
+        fs::write(folder.join("claim.bin"), &proof.public_values)?;
+        fs::write(
+            folder.join("witness.bin"),
+            borsh::to_vec(&witness.to_vec())?,
+        )?;
+    }
+    let report = json!({
+        "cycles": run.cycles,
+        "gas": run.gas,
+        "start_seconds": start.as_secs(),
+        "proving_seconds": proving.as_secs(),
+        "proof_bytes": proof.bytes.len(),
+        "claim_is_that_of_the_execution": proof.public_values == run.public_values,
+        "peak_memory_bytes": peak_memory(),
+    });
+    println!("{report}");
+    Ok(())
+}
+
+/// `VmHWM` of this process.
+fn peak_memory() -> Option<u64> {
+    let status = fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find_map(|l| l.strip_prefix("VmHWM:"))?;
+    Some(line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()? * 1024)
+}

@@ -1,0 +1,42 @@
+//! After `circuits/build-guest.sh` has replaced an ELF: writes its verifying key and the record of how it was built.
+//!
+//! `cargo run --release -p zk0-prover --example record_guest`
+
+use serde_json::json;
+use sha2::{Digest, Sha256};
+use std::{error::Error, fs, path::Path, process::Command};
+use zk0_prover::execute::Executor;
+
+#[tokio::main]
+async fn main() -> Result<(), Box<dyn Error>> {
+    let circuits = Path::new(env!("CARGO_MANIFEST_DIR")).join("../circuits");
+    let elf = fs::read(circuits.join("elf/direct.elf"))?;
+    let sha256 = hex::encode(Sha256::digest(&elf));
+    let key = Executor::new().await?.verifying_key(elf.leak()).await?;
+    let toolchain = Command::new(circuits.join("build-guest.sh"))
+        .arg("--toolchain")
+        .output()?;
+    if !toolchain.status.success() {
+        return Err(String::from_utf8(toolchain.stderr)?.into());
+    }
+    let record = json!({
+        "program": "direct",
+        "elf_sha256": sha256,
+        "verifying_key_koalabear": hex::encode(&key.koalabear),
+        "verifying_key_bytes32": key.bytes32,
+        "sp1": sp1_version(&fs::read_to_string(circuits.join("guest/Cargo.lock"))?)?,
+        "toolchain": String::from_utf8(toolchain.stdout)?.trim(),
+    });
+    fs::write(circuits.join("elf/direct.vk"), &key.koalabear)?;
+    fs::write(circuits.join("elf/direct.json"), format!("{record:#}\n"))?;
+    println!("{record:#}");
+    Ok(())
+}
+
+/// The version of sp1-zkvm in the guest's lock file.
+fn sp1_version(lock: &str) -> Result<String, String> {
+    let (_, package) = lock
+        .split_once("name = \"sp1-zkvm\"\nversion = \"")
+        .ok_or("no sp1-zkvm in circuits/guest/Cargo.lock")?;
+    Ok(package.split('"').next().unwrap_or_default().into())
+}

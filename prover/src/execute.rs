@@ -1,0 +1,151 @@
+//! Runs the guest program without proving: the same public values, the cycles that a proof would cost, in a second.
+
+use sp1_sdk::{
+    blocking::{LightProver, Prover},
+    Elf, ExecutionReport, HashableKey, ProvingKey, SP1Stdin, SP1VerifyingKey,
+};
+use tokio::sync::watch;
+
+/// What one run of a guest program gave.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Execution {
+    /// What the program committed: borsh([`zk0_circuits::Claim`]).
+    pub public_values: Vec<u8>,
+    /// RISC-V instructions run. Proving time grows with them.
+    pub cycles: u64,
+    /// SP1's estimate of proving cost, precompiles included.
+    pub gas: u64,
+}
+
+/// Why an execution gave no public values.
+#[derive(Debug, thiserror::Error)]
+pub enum ExecuteError {
+    /// The program ended itself: the statement does not hold for this witness.
+    #[error("the guest program refuses the witness: {0}")]
+    Refused(String),
+    /// SP1 could not run the program.
+    #[error("SP1 cannot execute the guest program: {0}")]
+    Failed(String),
+}
+
+/// A program's verifying key in the two forms that verifiers ask for.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct VerifyingKey {
+    /// bincode of `vk.hash_koalabear()`: what compressed proofs are verified against.
+    pub koalabear: Vec<u8>,
+    /// `vk.bytes32()`, hexadecimal with 0x: what Groth16 and PLONK proofs are verified against.
+    pub bytes32: String,
+}
+
+impl VerifyingKey {
+    pub(crate) fn of(key: &SP1VerifyingKey) -> bincode::Result<Self> {
+        Ok(Self {
+            koalabear: bincode::serialize(&key.hash_koalabear())?,
+            bytes32: key.bytes32(),
+        })
+    }
+}
+
+/// SP1's executor. It proves nothing and starts in about a second. Clones share it.
+#[derive(Clone)]
+pub struct Executor {
+    client: LightProver,
+}
+
+impl Executor {
+    /// Starts the executor.
+    pub async fn new() -> Result<Self, ExecuteError> {
+        let client = blocking(|| Ok(LightProver::new())).await?;
+        Ok(Self { client })
+    }
+
+    /// Runs `elf` on `witness`, one buffer per read of the guest.
+    pub async fn execute(
+        &self,
+        elf: &'static [u8],
+        witness: &[Vec<u8>],
+    ) -> Result<Execution, ExecuteError> {
+        let (client, stdin) = (self.client.clone(), stdin(witness));
+        blocking(move || {
+            let (stderr, last_words) = watch::channel(String::new());
+            let (public_values, report) = client
+                .execute(Elf::Static(elf), stdin)
+                .stderr(stderr)
+                .run()
+                .map_err(|error| ExecuteError::Failed(error.to_string()))?;
+            if report.exit_code != 0 {
+                return Err(ExecuteError::Refused(panic_message(&last_words.borrow())));
+            }
+            Ok(Execution {
+                public_values: public_values.to_vec(),
+                cycles: report.total_instruction_count(),
+                gas: gas(&report)?,
+            })
+        })
+        .await
+    }
+
+    /// Derives the verifying key of `elf`; takes some seconds.
+    pub async fn verifying_key(&self, elf: &'static [u8]) -> Result<VerifyingKey, ExecuteError> {
+        let client = self.client.clone();
+        blocking(move || {
+            let program = client
+                .setup(Elf::Static(elf))
+                .map_err(|error| ExecuteError::Failed(error.to_string()))?;
+            VerifyingKey::of(program.verifying_key())
+                .map_err(|error| ExecuteError::Failed(error.to_string()))
+        })
+        .await
+    }
+}
+
+/// Runs SP1 on a thread where it may block; its panics become errors.
+async fn blocking<T: Send + 'static>(
+    work: impl FnOnce() -> Result<T, ExecuteError> + Send + 'static,
+) -> Result<T, ExecuteError> {
+    tokio::task::spawn_blocking(work)
+        .await
+        .unwrap_or_else(|panic| Err(ExecuteError::Failed(panic.to_string())))
+}
+
+/// The input stream of the guest: one entry per buffer, unframed, as `sp1_zkvm::io::read_vec` reads them.
+pub(crate) fn stdin(witness: &[Vec<u8>]) -> SP1Stdin {
+    let mut stdin = SP1Stdin::new();
+    for buffer in witness {
+        stdin.write_slice(buffer);
+    }
+    stdin
+}
+
+fn gas(report: &ExecutionReport) -> Result<u64, ExecuteError> {
+    report
+        .gas()
+        .ok_or_else(|| ExecuteError::Failed("no gas was calculated".into()))
+}
+
+/// The message of a Rust panic, without the line that says where in the source it was.
+fn panic_message(stderr: &str) -> String {
+    let text = stderr.trim();
+    let message = match text.split_once("panicked at ") {
+        Some((_, rest)) => rest.split_once('\n').map_or(rest, |(_, message)| message),
+        None => text,
+    };
+    match message.split("\nnote: ").next().unwrap_or_default().trim() {
+        "" => "it ended without a message".into(),
+        message => message.into(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_panic_is_reported_without_its_source_line() {
+        let stderr =
+            "\nthread 'main' panicked at src/direct.rs:9:5:\nthe loss did not fall\nnote: run with RUST_BACKTRACE=1\n";
+        assert_eq!(panic_message(stderr), "the loss did not fall");
+        assert_eq!(panic_message(""), "it ended without a message");
+        assert_eq!(panic_message("out of memory\n"), "out of memory");
+    }
+}

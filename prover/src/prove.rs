@@ -1,0 +1,147 @@
+//! Makes compressed SP1 proofs on the CPU of this machine.
+//!
+//! Starting takes minutes (SP1 derives its recursion programs) and gigabytes, so a process has one [`Sp1Prover`] and keeps
+//! it; a [lock](crate::lock) keeps other processes from having one too. SP1's blocking interface runs on threads of its
+//! own: the caller's runtime stays free to answer. (It is also compiled within `sp1-sdk`, once; the asynchronous one would
+//! be compiled anew, for minutes, in every crate that awaits it.)
+
+use crate::{
+    execute::{stdin, VerifyingKey},
+    lock::{LockError, ProverLock},
+    options::ProverOptions,
+    proof::Proof,
+};
+use sp1_sdk::{
+    blocking::{CpuProver, ProveRequest, Prover},
+    Elf, ProvingKey, SP1Proof, SP1ProvingKey,
+};
+use sp1_verifier::compressed::SP1CompressedVerifierRaw;
+use std::sync::Arc;
+use tokio::{sync::Mutex, task::spawn_blocking};
+
+/// Why there is no proof.
+#[derive(Debug, thiserror::Error)]
+pub enum ProveError {
+    /// Another process proves.
+    #[error(transparent)]
+    Lock(#[from] LockError),
+    /// The ELF is not the program that verifiers expect.
+    #[error("the guest ELF has another verifying key ({found}) than the one recorded with it: rebuild and record it")]
+    OtherProgram {
+        /// Its `bytes32`.
+        found: String,
+    },
+    /// SP1 failed; its log says more.
+    #[error("SP1 could not {doing}: {reason}")]
+    Sp1 {
+        /// What it was doing.
+        doing: &'static str,
+        /// What it said.
+        reason: String,
+    },
+    /// SP1 made a proof that a verifier would refuse.
+    #[error("SP1 made a proof that does not verify: {0}")]
+    Unsound(String),
+}
+
+/// The one prover of this machine, for one program.
+pub struct Sp1Prover {
+    sp1: Arc<Sp1>,
+    /// One proof at a time.
+    proving: Arc<Mutex<()>>,
+}
+
+struct Sp1 {
+    client: CpuProver,
+    program: SP1ProvingKey,
+    /// bincode of `hash_koalabear`.
+    verifying_key: Vec<u8>,
+    _lock: Arc<ProverLock>,
+}
+
+impl Sp1Prover {
+    /// Starts SP1 for `elf`, whose verifying key (bincode of `hash_koalabear`) must be `verifying_key`. Takes one to two
+    /// minutes on two cores.
+    pub async fn start(
+        elf: &'static [u8],
+        verifying_key: &[u8],
+        options: ProverOptions,
+        lock: Arc<ProverLock>,
+    ) -> Result<Self, ProveError> {
+        let failed = |reason| ProveError::Sp1 {
+            doing: "start",
+            reason,
+        };
+        let verifying_key = verifying_key.to_vec();
+        let sp1 = spawn_blocking(move || {
+            options.export();
+            let client = CpuProver::new_with_opts(Some(options.core()));
+            let program = client
+                .setup(Elf::Static(elf))
+                .map_err(|error| failed(error.to_string()))?;
+            let key = VerifyingKey::of(program.verifying_key())
+                .map_err(|error| failed(error.to_string()))?;
+            if key.koalabear != verifying_key {
+                let found = key.bytes32;
+                return Err(ProveError::OtherProgram { found });
+            }
+            Ok(Sp1 {
+                client,
+                program,
+                verifying_key,
+                _lock: lock,
+            })
+        });
+        let sp1 = sp1.await.map_err(|panic| failed(panic.to_string()))??;
+        Ok(Self {
+            sp1: Arc::new(sp1),
+            proving: Arc::default(),
+        })
+    }
+
+    /// Proves that the program accepts `witness`, and verifies the proof as a verifier would. Run
+    /// [`crate::execute::Executor`] first: a witness that the program refuses costs minutes here and ends in an error
+    /// that does not say why.
+    pub async fn prove_compressed(&self, witness: &[Vec<u8>]) -> Result<Proof, ProveError> {
+        let turn = self.proving.clone().lock_owned().await;
+        let (sp1, stdin) = (self.sp1.clone(), stdin(witness));
+        let work = spawn_blocking(move || {
+            // Held by the work itself: a caller that stops waiting does not let a second proof start beside it.
+            let _turn = turn;
+            sp1.prove(stdin)
+        });
+        work.await.map_err(|panic| proving(panic.to_string()))?
+    }
+}
+
+impl Sp1 {
+    fn prove(&self, stdin: sp1_sdk::SP1Stdin) -> Result<Proof, ProveError> {
+        let proven = self
+            .client
+            .prove(&self.program, stdin)
+            .compressed()
+            .run()
+            .map_err(|error| proving(error.to_string()))?;
+        if !matches!(proven.proof, SP1Proof::Compressed(_)) {
+            return Err(ProveError::Unsound("it is not a compressed proof".into()));
+        }
+        let proof = Proof {
+            bytes: bincode::serialize(&proven.proof).map_err(|error| proving(error.to_string()))?,
+            public_values: proven.public_values.to_vec(),
+        };
+        SP1CompressedVerifierRaw::verify_with_public_values(
+            &proof.bytes,
+            &proof.public_values,
+            &self.verifying_key,
+        )
+        .map_err(|error| ProveError::Unsound(error.to_string()))?;
+        Ok(proof)
+    }
+}
+
+fn proving(reason: String) -> ProveError {
+    ProveError::Sp1 {
+        doing: "prove",
+        reason,
+    }
+}

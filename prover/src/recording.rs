@@ -1,0 +1,160 @@
+//! A node's own recording, prepared: every frame through the frozen prefix once, quantised, and committed to.
+
+use crate::participant::ParticipantError;
+use crate::progress::Progress;
+use std::path::Path;
+use zk0_circuits::{
+    dataset::{leaf, salt_commitment},
+    merkle,
+    sample::{Sample, SampleParts},
+    spec::EvalSpec,
+    statement::Disclosure,
+    weights::QuantisedWeights,
+    witness::{Header, Opening, Witness},
+    DatasetCommitment, Digest,
+};
+use zk0_ledger::{bindings::ExpectedClaim, rules};
+use zk0_smolvla::{
+    dataset::Dataset,
+    sample::{PreparedSample, Preparer},
+    tokenizer::WordHash,
+    ExpertWeights, Policy,
+};
+
+/// A recording as training and proving use it.
+pub struct Recording {
+    /// For training: f32, in dataset order.
+    pub samples: Vec<PreparedSample>,
+    /// What the network learns of it.
+    pub commitment: DatasetCommitment,
+    /// The leaf hashes, in dataset order.
+    pub leaves: Vec<Digest>,
+    salt: [u8; 32],
+    quantised: Vec<Sample>,
+}
+
+impl Recording {
+    /// Reads the LeRobotDataset in `path`, runs `policy`'s frozen half over it and commits to the result under `salt`.
+    pub fn prepare(
+        path: &Path,
+        policy: &Policy,
+        spec: &EvalSpec,
+        salt: [u8; 32],
+    ) -> Result<Self, ParticipantError> {
+        let dataset = Dataset::open(path)?;
+        let samples = prepare_samples(&dataset, policy)?;
+        let quantised = samples
+            .iter()
+            .map(|sample| quantise_sample(spec, sample))
+            .collect::<Result<Vec<_>, _>>()?;
+        let leaves: Vec<Digest> = quantised
+            .iter()
+            .map(|sample| leaf(&salt, &sample.digest()))
+            .collect();
+        let chunk = policy.config.chunk_size;
+        let commitment = DatasetCommitment {
+            root: merkle::root(&leaves),
+            samples: leaves.len() as u64,
+            feature_spec: Digest(dataset.feature_spec_digest(chunk)),
+            salt_commitment: salt_commitment(&salt),
+        };
+        Ok(Self {
+            samples,
+            commitment,
+            leaves,
+            salt,
+            quantised,
+        })
+    }
+
+    /// All that proves `expected`: the challenged samples with their paths, and both sets of weights.
+    pub fn witness(
+        &self,
+        spec: &EvalSpec,
+        expected: &ExpectedClaim,
+        base: QuantisedWeights,
+        update: QuantisedWeights,
+    ) -> Result<Witness, ParticipantError> {
+        let indices = zk0_circuits::challenge::sample_indices(
+            &expected.challenge,
+            self.commitment.samples,
+            expected.eval_samples,
+        )?;
+        let openings = indices
+            .into_iter()
+            .filter_map(|index| {
+                let at = usize::try_from(index).ok()?;
+                Some(Opening {
+                    index,
+                    sample: self.quantised.get(at)?.clone(),
+                    path: merkle::path(&self.leaves, at)?,
+                })
+            })
+            .collect();
+        let header = Header {
+            spec: spec.clone(),
+            network: expected.network,
+            round: expected.round,
+            node: expected.node,
+            dataset: self.commitment,
+            base_blob: expected.base.blob,
+            update_blob: expected.update.blob,
+            challenge: expected.challenge,
+            eval_samples: expected.eval_samples,
+            min_improvement_bps: expected.min_improvement_bps,
+            disclosure: match expected.disclosure {
+                rules::Disclosure::Nothing => Disclosure::Hidden,
+                rules::Disclosure::Losses => Disclosure::Disclosed,
+            },
+            salt: self.salt,
+        };
+        Ok(Witness {
+            header,
+            base,
+            update,
+            openings,
+        })
+    }
+}
+
+/// Every frame of the recording, ready for training.
+pub fn prepare_samples(
+    dataset: &Dataset,
+    policy: &Policy,
+) -> Result<Vec<PreparedSample>, ParticipantError> {
+    let tokenizer = WordHash::new(&policy.config);
+    let mut progress = Progress::start("preparing samples", dataset.len() as u64);
+    let prepared = Preparer::new(policy, &tokenizer)?
+        .prepare_dataset(dataset, |done, _| progress.reached(done as u64));
+    Ok(prepared?)
+}
+
+/// The fixed-point form of a prepared sample.
+pub fn quantise_sample(
+    spec: &EvalSpec,
+    sample: &PreparedSample,
+) -> Result<Sample, ParticipantError> {
+    let cache: Vec<(&[f32], &[f32])> = sample
+        .keys
+        .iter()
+        .zip(&sample.values)
+        .map(|(keys, values)| (&keys[..], &values[..]))
+        .collect();
+    let parts = SampleParts {
+        cache: &cache,
+        actions: &sample.actions,
+        is_pad: &sample.is_pad,
+    };
+    Ok(Sample::quantise(spec, parts)?)
+}
+
+/// The fixed-point form of expert weights.
+pub fn quantise_weights(
+    spec: &EvalSpec,
+    weights: &ExpertWeights,
+) -> Result<QuantisedWeights, ParticipantError> {
+    let tensors = weights.tensors();
+    Ok(QuantisedWeights::quantise(spec, |name| {
+        tensors.get(name).map(|tensor| &tensor.data[..])
+    })?)
+}

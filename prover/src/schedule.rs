@@ -1,0 +1,205 @@
+//! How long proofs take, and which come first: what the proving service tells those who wait.
+//!
+//! Proving time is about `fixed + cycles / rate`: recursion down to one proof costs the same for any small program. The
+//! constants are measurements on two cores; after the first proof on this machine its real time scales them.
+
+use std::{
+    collections::VecDeque,
+    time::{Duration, Instant},
+};
+
+/// Proving time of an empty program, seconds, on two cores: start of a compressed proof and its recursion.
+const FIXED_SECONDS: f64 = 220.0;
+/// Cycles proven in a second on two cores, beyond that.
+const CYCLES_PER_SECOND: f64 = 18_000.0;
+/// Starting SP1, seconds, on two cores.
+const START_SECONDS: f64 = 100.0;
+/// The cores the constants were measured on.
+const CORES: f64 = 2.0;
+
+/// The work of one place in the queue.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Work {
+    /// Starting SP1.
+    Start,
+    /// A proof of so many guest cycles.
+    Proof {
+        /// Guest instructions.
+        cycles: u64,
+    },
+}
+
+/// A place in the queue.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Place(u64);
+
+/// What comes before a place, and how long it and its own work will take.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Outlook {
+    /// Proofs that come first.
+    pub ahead: u32,
+    /// From now until the work of this place is done.
+    pub remaining: Duration,
+}
+
+struct Job {
+    place: Place,
+    work: Work,
+    began: Option<Instant>,
+}
+
+/// The queue, with the times it will take. Pure: the clock is handed in.
+pub struct Schedule {
+    /// This machine's time over the constants' time.
+    scale: f64,
+    next: u64,
+    jobs: VecDeque<Job>,
+}
+
+impl Schedule {
+    /// An empty queue on a machine with `cores` hardware threads.
+    pub fn new(cores: usize) -> Self {
+        Self {
+            scale: CORES / cores.max(1) as f64,
+            next: 0,
+            jobs: VecDeque::new(),
+        }
+    }
+
+    /// Joins the queue.
+    pub fn join(&mut self, work: Work) -> Place {
+        let place = Place(self.next);
+        self.next += 1;
+        self.jobs.push_back(Job {
+            place,
+            work,
+            began: None,
+        });
+        place
+    }
+
+    /// Work at `place` begins.
+    pub fn begin(&mut self, place: Place, now: Instant) {
+        if let Some(job) = self.jobs.iter_mut().find(|job| job.place == place) {
+            job.began = Some(now);
+        }
+    }
+
+    /// Leaves the queue: done, failed or given up.
+    pub fn leave(&mut self, place: Place) {
+        self.jobs.retain(|job| job.place != place);
+    }
+
+    /// Leaves the queue with the work done, and learns from the time it took. Returns that time.
+    pub fn finish(&mut self, place: Place, now: Instant) -> Duration {
+        let job = self.jobs.iter().find(|job| job.place == place);
+        let took = match job.and_then(|job| Some((job.work, job.began?))) {
+            Some((work, began)) => {
+                let took = now.saturating_duration_since(began);
+                if let Work::Proof { .. } = work {
+                    self.scale = took.as_secs_f64() / expected(work);
+                }
+                took
+            }
+            None => Duration::ZERO,
+        };
+        self.leave(place);
+        took
+    }
+
+    /// What is ahead of `place`; nothing when it has left.
+    pub fn outlook(&self, place: Place, now: Instant) -> Outlook {
+        let mut outlook = Outlook {
+            ahead: 0,
+            remaining: Duration::ZERO,
+        };
+        for job in &self.jobs {
+            let whole = Duration::from_secs_f64(expected(job.work) * self.scale);
+            let spent = job
+                .began
+                .map_or(Duration::ZERO, |began| now.saturating_duration_since(began));
+            outlook.remaining += whole.saturating_sub(spent);
+            if job.place == place {
+                return outlook;
+            }
+            outlook.ahead += u32::from(job.work != Work::Start);
+        }
+        Outlook {
+            ahead: 0,
+            remaining: Duration::ZERO,
+        }
+    }
+}
+
+/// Seconds on the machine of the constants.
+fn expected(work: Work) -> f64 {
+    match work {
+        Work::Start => START_SECONDS,
+        Work::Proof { cycles } => FIXED_SECONDS + cycles as f64 / CYCLES_PER_SECOND,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SECOND: Duration = Duration::from_secs(1);
+
+    #[test]
+    fn those_who_wait_are_told_of_all_that_comes_first() {
+        let mut schedule = Schedule::new(2);
+        let now = Instant::now();
+        let start = schedule.join(Work::Start);
+        schedule.begin(start, now);
+        let work = Work::Proof { cycles: 1_800_000 };
+        let (first, second) = (schedule.join(work), schedule.join(work));
+        let later = now + 40 * SECOND;
+        let outlook = |schedule: &Schedule, place| schedule.outlook(place, later);
+        assert_eq!(
+            outlook(&schedule, first),
+            Outlook {
+                ahead: 0,
+                remaining: (60 + 320) * SECOND
+            }
+        );
+        assert_eq!(
+            outlook(&schedule, second),
+            Outlook {
+                ahead: 1,
+                remaining: (60 + 640) * SECOND
+            }
+        );
+        schedule.finish(start, later);
+        schedule.leave(first);
+        assert_eq!(
+            outlook(&schedule, second),
+            Outlook {
+                ahead: 0,
+                remaining: 320 * SECOND
+            }
+        );
+    }
+
+    #[test]
+    fn the_first_proof_teaches_the_speed_of_the_machine() {
+        let mut schedule = Schedule::new(2);
+        let now = Instant::now();
+        let work = Work::Proof { cycles: 1_800_000 };
+        let first = schedule.join(work);
+        schedule.begin(first, now);
+        let took = schedule.finish(first, now + 160 * SECOND);
+        assert_eq!(took, 160 * SECOND);
+        let second = schedule.join(work);
+        assert_eq!(schedule.outlook(second, now).remaining, 160 * SECOND);
+    }
+
+    #[test]
+    fn a_proof_that_takes_longer_than_expected_is_about_to_end() {
+        let mut schedule = Schedule::new(2);
+        let now = Instant::now();
+        let place = schedule.join(Work::Proof { cycles: 0 });
+        schedule.begin(place, now);
+        let outlook = schedule.outlook(place, now + 10_000 * SECOND);
+        assert_eq!(outlook.remaining, Duration::ZERO);
+    }
+}

@@ -1,0 +1,360 @@
+//! The proving service that the nodes of one machine share, and its client.
+//!
+//! A request is checked at once, by running the statement and counting its cycles: a claim that does not hold is told so
+//! in seconds. Then it queues, first come, first served, and one proof is made at a time. The protocol is
+//! `proto/prover.proto`; what proves is a [`Backend`], so that queue and protocol are tested without SP1.
+
+use crate::{
+    execute::Execution,
+    proof::Proof,
+    rpc::{self, progress::Phase, prover_client::ProverClient, prover_server},
+    schedule::{Place, Schedule, Work},
+};
+use std::{
+    future::Future,
+    sync::{Arc, Mutex, MutexGuard, PoisonError},
+    time::{Duration, Instant},
+};
+use tokio::{
+    net::TcpListener,
+    sync::{mpsc, OwnedSemaphorePermit, Semaphore},
+};
+use tokio_stream::wrappers::{ReceiverStream, TcpListenerStream};
+use tonic::{transport, Request, Response, Status};
+
+/// Largest request: the witness of one claim.
+pub const MAX_REQUEST_BYTES: usize = 64 << 20;
+/// Largest event: a proof (1.3 MB) with its public values.
+pub const MAX_EVENT_BYTES: usize = 8 << 20;
+/// Requests on one connection at a time.
+const REQUESTS_PER_CONNECTION: usize = 16;
+/// Time between two progress events.
+const TICK: Duration = Duration::from_secs(1);
+
+/// Why a request is refused or fails.
+#[derive(Debug, thiserror::Error)]
+pub enum JobError {
+    /// The buffers are no witness.
+    #[error("the witness cannot be read: {0}")]
+    BadWitness(String),
+    /// The statement is false.
+    #[error("the claim does not hold: {0}")]
+    ClaimFails(String),
+    /// The prover failed.
+    #[error("proving failed: {0}")]
+    Failed(String),
+}
+
+impl From<JobError> for Status {
+    fn from(error: JobError) -> Self {
+        let text = error.to_string();
+        match error {
+            JobError::BadWitness(_) => Self::invalid_argument(text),
+            JobError::ClaimFails(_) => Self::failed_precondition(text),
+            JobError::Failed(_) => Self::internal(text),
+        }
+    }
+}
+
+/// What checks and proves.
+#[tonic::async_trait]
+pub trait Backend: Send + Sync + 'static {
+    /// Gets ready to prove. Called once, before the first proof.
+    async fn start(&self) -> Result<(), JobError>;
+    /// Checks the statement and counts its cycles, in seconds.
+    async fn check(&self, witness: &[Vec<u8>]) -> Result<Execution, JobError>;
+    /// Proves it. The service never calls this twice at a time.
+    async fn prove(&self, witness: &[Vec<u8>]) -> Result<Proof, JobError>;
+}
+
+/// The service. Clones share one queue.
+pub struct ProvingService<B> {
+    shared: Arc<Shared<B>>,
+}
+
+struct Shared<B> {
+    backend: B,
+    /// Requests being served or waiting: how long the queue may grow.
+    slots: Arc<Semaphore>,
+    /// One check at a time.
+    checking: Semaphore,
+    /// One proof at a time, in order of arrival.
+    proving: Arc<Semaphore>,
+    schedule: Mutex<Schedule>,
+}
+
+impl<B: Backend> ProvingService<B> {
+    /// Starts `backend` in the background and serves at most `queue` requests at a time, on `cores` hardware threads.
+    pub fn start(backend: B, queue: usize, cores: usize) -> Self {
+        let shared = Arc::new(Shared {
+            backend,
+            slots: Arc::new(Semaphore::new(queue)),
+            checking: Semaphore::new(1),
+            proving: Arc::new(Semaphore::new(1)),
+            schedule: Mutex::new(Schedule::new(cores)),
+        });
+        // Starting is the first place in the queue: whoever comes meanwhile waits for it, and is told how long.
+        let turn = shared.proving.clone().try_acquire_owned();
+        let place = shared.schedule().join(Work::Start);
+        shared.schedule().begin(place, Instant::now());
+        let starting = shared.clone();
+        tokio::spawn(async move {
+            let _turn = turn;
+            match starting.backend.start().await {
+                Ok(()) => {
+                    let took = starting.schedule().finish(place, Instant::now());
+                    tracing::info!(seconds = took.as_secs(), "the prover is ready");
+                }
+                Err(error) => {
+                    starting.schedule().leave(place);
+                    tracing::error!(%error, "the prover did not start");
+                }
+            }
+        });
+        Self { shared }
+    }
+
+    /// Serves on `listener` until `shutdown` is ready.
+    pub async fn serve(
+        self,
+        listener: TcpListener,
+        shutdown: impl Future<Output = ()>,
+    ) -> Result<(), transport::Error> {
+        let service = prover_server::ProverServer::new(self)
+            .max_decoding_message_size(MAX_REQUEST_BYTES)
+            .max_encoding_message_size(MAX_EVENT_BYTES);
+        transport::Server::builder()
+            .concurrency_limit_per_connection(REQUESTS_PER_CONNECTION)
+            .add_service(service)
+            .serve_with_incoming_shutdown(TcpListenerStream::new(listener), shutdown)
+            .await
+    }
+}
+
+#[tonic::async_trait]
+impl<B: Backend> prover_server::Prover for ProvingService<B> {
+    type ProveStream = ReceiverStream<Result<rpc::ProveEvent, Status>>;
+
+    async fn prove(
+        &self,
+        request: Request<rpc::ProveRequest>,
+    ) -> Result<Response<Self::ProveStream>, Status> {
+        let slot = self.shared.slots.clone().try_acquire_owned().map_err(|_| {
+            Status::resource_exhausted("the prover's queue is full: try again when a proof is done")
+        })?;
+        let (events, stream) = mpsc::channel(4);
+        let job = Job {
+            shared: self.shared.clone(),
+            witness: request.into_inner().witness.into(),
+            events,
+            came: Instant::now(),
+            _slot: slot,
+        };
+        tokio::spawn(job.run());
+        Ok(Response::new(ReceiverStream::new(stream)))
+    }
+}
+
+impl<B> Shared<B> {
+    fn schedule(&self) -> MutexGuard<'_, Schedule> {
+        // Nothing panics while holding it; were it to, the figures would still be sound.
+        self.schedule.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// One request, from check to proof.
+struct Job<B> {
+    shared: Arc<Shared<B>>,
+    witness: Arc<[Vec<u8>]>,
+    events: mpsc::Sender<Result<rpc::ProveEvent, Status>>,
+    came: Instant,
+    _slot: OwnedSemaphorePermit,
+}
+
+/// The client has gone; nobody waits for the result.
+struct Gone;
+
+impl<B: Backend> Job<B> {
+    async fn run(self) {
+        let last = match self.steps().await {
+            Ok(Ok(proof)) => Ok(rpc::ProveEvent {
+                event: Some(rpc::prove_event::Event::Proof(proof)),
+            }),
+            Ok(Err(error)) => {
+                tracing::warn!(%error, "request refused");
+                Err(error.into())
+            }
+            Err(Gone) => {
+                tracing::info!("the client has gone; its request is dropped");
+                return;
+            }
+        };
+        let _ = self.events.send(last).await; // fails when the client has gone, too
+    }
+
+    async fn steps(&self) -> Result<Result<rpc::Proof, JobError>, Gone> {
+        let shared = &self.shared;
+        let checked = async {
+            let _turn = shared.checking.acquire().await;
+            shared.backend.check(&self.witness).await
+        };
+        let execution = match self.during(Phase::Checking, None, checked).await? {
+            Ok(execution) => execution,
+            Err(error) => return Ok(Err(error)),
+        };
+        tracing::info!(
+            cycles = execution.cycles,
+            gas = execution.gas,
+            "the claim holds; queued"
+        );
+
+        let work = Work::Proof {
+            cycles: execution.cycles,
+        };
+        let place = shared.schedule().join(work);
+        let turn = shared.proving.clone().acquire_owned();
+        let turn = match self.during(Phase::Queued, Some(place), turn).await {
+            Ok(turn) => turn,
+            Err(gone) => {
+                shared.schedule().leave(place);
+                return Err(gone);
+            }
+        };
+
+        // A task of its own holds the turn: SP1 cannot be interrupted, so a proof whose client goes away is still
+        // made to the end before the next begins.
+        shared.schedule().begin(place, Instant::now());
+        let (prover, witness) = (shared.clone(), self.witness.clone());
+        let proving = tokio::spawn(async move {
+            let _turn = turn;
+            let result = prover.backend.prove(&witness).await;
+            let mut schedule = prover.schedule();
+            match result {
+                Ok(proof) => Ok((proof, schedule.finish(place, Instant::now()))),
+                Err(error) => {
+                    schedule.leave(place);
+                    Err(error)
+                }
+            }
+        });
+        let proven = self.during(Phase::Proving, Some(place), proving).await?;
+        Ok(match proven {
+            Ok(Ok((proof, _))) if proof.public_values != execution.public_values => Err(
+                JobError::Failed("the proof's public values are not the claim's".into()),
+            ),
+            Ok(Ok((proof, took))) => {
+                tracing::info!(seconds = took.as_secs(), "proven");
+                Ok(rpc::Proof {
+                    proof: proof.bytes,
+                    public_values: proof.public_values,
+                    cycles: execution.cycles,
+                    gas: execution.gas,
+                    proving_ms: millis(took),
+                })
+            }
+            Ok(Err(error)) => Err(error),
+            Err(panic) => {
+                shared.schedule().leave(place);
+                Err(JobError::Failed(panic.to_string()))
+            }
+        })
+    }
+
+    /// Reports progress until `work` is done or the client has gone.
+    async fn during<T>(
+        &self,
+        phase: Phase,
+        place: Option<Place>,
+        work: impl Future<Output = T>,
+    ) -> Result<T, Gone> {
+        tokio::pin!(work);
+        let mut tick = tokio::time::interval(TICK);
+        loop {
+            tokio::select! {
+                biased;
+                () = self.events.closed() => return Err(Gone),
+                result = &mut work => return Ok(result),
+                _ = tick.tick() => {
+                    // A client that does not keep up misses ticks; it must not hold up the work.
+                    let _ = self.events.try_send(Ok(self.progress(phase, place)));
+                }
+            }
+        }
+    }
+
+    fn progress(&self, phase: Phase, place: Option<Place>) -> rpc::ProveEvent {
+        let now = Instant::now();
+        let elapsed = now - self.came;
+        let outlook = place.map(|place| self.shared.schedule().outlook(place, now));
+        rpc::ProveEvent {
+            event: Some(rpc::prove_event::Event::Progress(rpc::Progress {
+                phase: phase.into(),
+                elapsed_ms: millis(elapsed),
+                estimated_total_ms: outlook.map_or(0, |o| millis(elapsed + o.remaining)),
+                ahead: outlook.map_or(0, |o| o.ahead),
+            })),
+        }
+    }
+}
+
+fn millis(duration: Duration) -> u64 {
+    u64::try_from(duration.as_millis()).unwrap_or(u64::MAX)
+}
+
+/// A proving service to send claims to.
+#[derive(Clone)]
+pub struct ProvingClient {
+    client: ProverClient<transport::Channel>,
+}
+
+/// Why a service gave no proof.
+#[derive(Debug, thiserror::Error)]
+pub enum ClientError {
+    /// The address is no address, or nobody answers.
+    #[error("cannot reach the proving service: {0}")]
+    Connect(#[from] transport::Error),
+    /// The service refuses: code and reason as in `proto/prover.proto`.
+    #[error("{}", .0.message())]
+    Refused(Box<Status>),
+    /// The connection broke.
+    #[error("the proving service ended the stream without a proof")]
+    NoProof,
+}
+
+impl ProvingClient {
+    /// Connects to a service, `http://127.0.0.1:50052` for example.
+    pub async fn connect(address: String) -> Result<Self, ClientError> {
+        let channel = transport::Endpoint::try_from(address)?
+            .connect_timeout(Duration::from_secs(10))
+            .connect()
+            .await?;
+        let client = ProverClient::new(channel)
+            .max_encoding_message_size(MAX_REQUEST_BYTES)
+            .max_decoding_message_size(MAX_EVENT_BYTES);
+        Ok(Self { client })
+    }
+
+    /// Has a claim proven; `progress` hears of every event on the way. The proof is not verified here.
+    pub async fn prove(
+        &mut self,
+        witness: Vec<Vec<u8>>,
+        mut progress: impl FnMut(rpc::Progress),
+    ) -> Result<rpc::Proof, ClientError> {
+        let refused = |status| ClientError::Refused(Box::new(status));
+        let request = rpc::ProveRequest { witness };
+        let mut events = self
+            .client
+            .prove(request)
+            .await
+            .map_err(refused)?
+            .into_inner();
+        while let Some(event) = events.message().await.map_err(refused)? {
+            match event.event {
+                Some(rpc::prove_event::Event::Progress(event)) => progress(event),
+                Some(rpc::prove_event::Event::Proof(proof)) => return Ok(proof),
+                None => {}
+            }
+        }
+        Err(ClientError::NoProof)
+    }
+}

@@ -1,0 +1,99 @@
+//! SP1 on this machine's CPU as the backend of the proving service.
+
+use crate::{
+    execute::{ExecuteError, Execution, Executor},
+    lock::{LockError, ProverLock},
+    options::{OptionsError, ProverOptions, Resources},
+    program,
+    proof::Proof,
+    prove::Sp1Prover,
+    service::{Backend, JobError},
+};
+use std::{sync::Arc, time::Duration};
+use tokio::sync::OnceCell;
+use zk0_circuits::{program::DIRECT_VERIFYING_KEY, statement, Claim, Witness};
+
+/// Executes with SP1's executor, proves with the one prover of this machine.
+pub struct Sp1Backend {
+    executor: Executor,
+    options: ProverOptions,
+    lock: Arc<ProverLock>,
+    prover: OnceCell<Sp1Prover>,
+}
+
+/// Why this machine cannot prove now.
+#[derive(Debug, thiserror::Error)]
+pub enum Sp1BackendError {
+    /// Too little memory.
+    #[error(transparent)]
+    Options(#[from] OptionsError),
+    /// Another prover runs.
+    #[error(transparent)]
+    Lock(#[from] LockError),
+    /// SP1's executor did not start.
+    #[error(transparent)]
+    Executor(#[from] ExecuteError),
+}
+
+impl Sp1Backend {
+    /// Chooses options for this machine and takes its prover lock. SP1 itself starts with the service.
+    pub async fn new() -> Result<Self, Sp1BackendError> {
+        let options = ProverOptions::choose(Resources::of_this_machine()?)?;
+        let lock = ProverLock::acquire(&ProverLock::default_path(), Duration::ZERO)?;
+        Ok(Self {
+            executor: Executor::new().await?,
+            options,
+            lock: Arc::new(lock),
+            prover: OnceCell::new(),
+        })
+    }
+
+    async fn prover(&self) -> Result<&Sp1Prover, JobError> {
+        self.prover
+            .get_or_try_init(|| {
+                Sp1Prover::start(
+                    program::DIRECT_ELF,
+                    &DIRECT_VERIFYING_KEY,
+                    self.options,
+                    self.lock.clone(),
+                )
+            })
+            .await
+            .map_err(|error| JobError::Failed(error.to_string()))
+    }
+}
+
+#[tonic::async_trait]
+impl Backend for Sp1Backend {
+    async fn start(&self) -> Result<(), JobError> {
+        self.prover().await.map(|_| ())
+    }
+
+    async fn check(&self, witness: &[Vec<u8>]) -> Result<Execution, JobError> {
+        // Natively first: in a moment, and with the reason in full.
+        let claim = {
+            let witness = Witness::from_buffers(witness)
+                .map_err(|error| JobError::BadWitness(error.to_string()))?;
+            statement::check(&witness).map_err(|error| JobError::ClaimFails(error.to_string()))?
+        };
+        let execution = self
+            .executor
+            .execute(program::DIRECT_ELF, witness)
+            .await
+            .map_err(|error| JobError::Failed(error.to_string()))?;
+        match borsh::from_slice::<Claim>(&execution.public_values) {
+            Ok(proven) if proven == claim => Ok(execution),
+            _ => Err(JobError::Failed(
+                "the guest program commits to another claim than the statement gives here".into(),
+            )),
+        }
+    }
+
+    async fn prove(&self, witness: &[Vec<u8>]) -> Result<Proof, JobError> {
+        self.prover()
+            .await?
+            .prove_compressed(witness)
+            .await
+            .map_err(|error| JobError::Failed(error.to_string()))
+    }
+}

@@ -1,0 +1,258 @@
+//! The proving service over real sockets, with a backend that plays the prover.
+
+use std::{
+    sync::{
+        atomic::{AtomicUsize, Ordering},
+        Arc,
+    },
+    time::Duration,
+};
+use tokio::{net::TcpListener, sync::Semaphore};
+use zk0_prover::{
+    execute::Execution,
+    proof::Proof,
+    rpc::{progress::Phase, prover_client::ProverClient, Progress, ProveRequest},
+    service::{Backend, ClientError, JobError, ProvingClient, ProvingService, MAX_REQUEST_BYTES},
+};
+
+/// Proves when allowed to; refuses witnesses that begin with "false", forges the claim of those that begin with "forge".
+struct Fake {
+    allowed: Arc<Semaphore>,
+    at_once: AtomicUsize,
+    most_at_once: Arc<AtomicUsize>,
+}
+
+#[tonic::async_trait]
+impl Backend for Fake {
+    async fn start(&self) -> Result<(), JobError> {
+        Ok(())
+    }
+
+    async fn check(&self, witness: &[Vec<u8>]) -> Result<Execution, JobError> {
+        match witness.first() {
+            None => Err(JobError::BadWitness("it has no buffers".into())),
+            Some(first) if first == b"false" => {
+                Err(JobError::ClaimFails("the loss did not fall".into()))
+            }
+            Some(first) => Ok(Execution {
+                public_values: first.clone(),
+                cycles: 1_000_000,
+                gas: 1_100_000,
+            }),
+        }
+    }
+
+    async fn prove(&self, witness: &[Vec<u8>]) -> Result<Proof, JobError> {
+        let now = self.at_once.fetch_add(1, Ordering::SeqCst) + 1;
+        self.most_at_once.fetch_max(now, Ordering::SeqCst);
+        self.allowed.acquire().await.unwrap().forget();
+        self.at_once.fetch_sub(1, Ordering::SeqCst);
+        let public_values = match witness[0].as_slice() {
+            b"forge" => b"another claim".to_vec(),
+            b"fail" => return Err(JobError::Failed("out of luck".into())),
+            b"panic" => panic!("as told"),
+            first => first.to_vec(),
+        };
+        Ok(Proof {
+            bytes: [b"proof of ", witness[0].as_slice()].concat(),
+            public_values,
+        })
+    }
+}
+
+struct Service {
+    address: String,
+    /// One permit lets one proof end.
+    allowed: Arc<Semaphore>,
+    most_at_once: Arc<AtomicUsize>,
+}
+
+async fn service(queue: usize, permits: usize) -> Service {
+    let allowed = Arc::new(Semaphore::new(permits));
+    let most_at_once = Arc::new(AtomicUsize::new(0));
+    let backend = Fake {
+        allowed: allowed.clone(),
+        at_once: AtomicUsize::new(0),
+        most_at_once: most_at_once.clone(),
+    };
+    let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+    let address = format!("http://{}", listener.local_addr().unwrap());
+    let service = ProvingService::start(backend, queue, 2);
+    tokio::spawn(service.serve(listener, std::future::pending()));
+    Service {
+        address,
+        allowed,
+        most_at_once,
+    }
+}
+
+impl Service {
+    async fn prove(&self, claim: &str) -> Result<zk0_prover::rpc::Proof, ClientError> {
+        self.prove_and_watch(claim, |_| {}).await
+    }
+
+    async fn prove_and_watch(
+        &self,
+        claim: &str,
+        progress: impl FnMut(Progress),
+    ) -> Result<zk0_prover::rpc::Proof, ClientError> {
+        let mut client = ProvingClient::connect(self.address.clone()).await?;
+        client.prove(vec![claim.into()], progress).await
+    }
+}
+
+fn refusal(result: Result<zk0_prover::rpc::Proof, ClientError>) -> (tonic::Code, String) {
+    match result {
+        Err(ClientError::Refused(status)) => (status.code(), status.message().into()),
+        other => panic!("not refused: {other:?}"),
+    }
+}
+
+#[tokio::test]
+async fn a_claim_that_holds_is_proven() {
+    let service = service(4, 1).await;
+    let proof = service.prove("claim").await.unwrap();
+    assert_eq!(proof.proof, b"proof of claim");
+    assert_eq!(proof.public_values, b"claim");
+    assert_eq!((proof.cycles, proof.gas), (1_000_000, 1_100_000));
+}
+
+#[tokio::test]
+async fn a_false_claim_is_told_at_once_and_never_reaches_the_prover() {
+    let service = service(4, 0).await;
+    let (code, reason) = refusal(service.prove("false").await);
+    assert_eq!(code, tonic::Code::FailedPrecondition);
+    assert_eq!(reason, "the claim does not hold: the loss did not fall");
+    assert_eq!(service.most_at_once.load(Ordering::SeqCst), 0);
+}
+
+#[tokio::test]
+async fn what_is_no_witness_is_an_invalid_argument() {
+    let service = service(4, 0).await;
+    let mut client = ProvingClient::connect(service.address.clone())
+        .await
+        .unwrap();
+    let (code, _) = refusal(client.prove(vec![], |_| {}).await);
+    assert_eq!(code, tonic::Code::InvalidArgument);
+}
+
+#[tokio::test]
+async fn a_proof_of_another_claim_is_not_handed_out() {
+    let service = service(4, 1).await;
+    let (code, reason) = refusal(service.prove("forge").await);
+    assert_eq!(code, tonic::Code::Internal);
+    assert!(reason.contains("not the claim's"), "{reason}");
+}
+
+#[tokio::test]
+async fn a_failed_or_panicking_proof_does_not_stop_the_next() {
+    let service = service(4, 3).await;
+    assert!(refusal(service.prove("fail").await)
+        .1
+        .contains("out of luck"));
+    assert_eq!(
+        refusal(service.prove("panic").await).0,
+        tonic::Code::Internal
+    );
+    service.prove("claim").await.unwrap();
+}
+
+#[tokio::test]
+async fn a_full_queue_refuses_and_accepts_again_when_a_proof_is_done() {
+    let service = Arc::new(service(2, 0).await);
+    let waiting: Vec<_> = ["first", "second"]
+        .into_iter()
+        .map(|claim| {
+            let service = service.clone();
+            tokio::spawn(async move { service.prove(claim).await })
+        })
+        .collect();
+    tokio::time::sleep(Duration::from_millis(500)).await;
+    let (code, reason) = refusal(service.prove("third").await);
+    assert_eq!(code, tonic::Code::ResourceExhausted);
+    assert!(reason.contains("queue is full"), "{reason}");
+
+    service.allowed.add_permits(3);
+    for proof in waiting {
+        proof.await.unwrap().unwrap();
+    }
+    service.prove("third").await.unwrap();
+    assert_eq!(
+        service.most_at_once.load(Ordering::SeqCst),
+        1,
+        "proofs must not run side by side"
+    );
+}
+
+#[tokio::test]
+async fn those_in_the_queue_hear_of_their_place_and_time() {
+    let service = Arc::new(service(4, 0).await);
+    let first = {
+        let service = service.clone();
+        tokio::spawn(async move { service.prove("first").await })
+    };
+    tokio::time::sleep(Duration::from_millis(300)).await;
+    let mut heard = Vec::new();
+    let allowed = service.allowed.clone();
+    service
+        .prove_and_watch("second", |event| {
+            if event.phase() == Phase::Queued && event.elapsed_ms > 500 {
+                allowed.add_permits(1); // the first ends
+            }
+            if event.phase() == Phase::Proving {
+                allowed.add_permits(1);
+            }
+            heard.push(event);
+        })
+        .await
+        .unwrap();
+    first.await.unwrap().unwrap();
+    let queued = heard
+        .iter()
+        .find(|event| event.phase() == Phase::Queued)
+        .unwrap();
+    let proving = heard
+        .iter()
+        .find(|event| event.phase() == Phase::Proving)
+        .unwrap();
+    assert_eq!((queued.ahead, proving.ahead), (1, 0));
+    assert!(
+        queued.estimated_total_ms > 2 * 200_000,
+        "two proofs of minutes each: {queued:?}"
+    );
+    assert!(proving.elapsed_ms >= queued.elapsed_ms);
+}
+
+#[tokio::test]
+async fn a_client_that_goes_away_gives_up_its_place() {
+    let service = Arc::new(service(2, 0).await);
+    let spawn = |claim: &'static str| {
+        let service = service.clone();
+        tokio::spawn(async move { service.prove(claim).await })
+    };
+    let first = spawn("first");
+    tokio::time::sleep(Duration::from_millis(300)).await;
+    let second = spawn("second");
+    tokio::time::sleep(Duration::from_millis(300)).await;
+    second.abort();
+    tokio::time::sleep(Duration::from_millis(300)).await;
+    let third = spawn("third");
+    tokio::time::sleep(Duration::from_millis(300)).await;
+    service.allowed.add_permits(2);
+    first.await.unwrap().unwrap();
+    third
+        .await
+        .unwrap()
+        .expect("the place of the second was free");
+}
+
+#[tokio::test]
+async fn a_request_over_the_limit_is_refused_by_the_service_itself() {
+    let service = service(2, 1).await;
+    let mut client = ProverClient::connect(service.address.clone())
+        .await
+        .unwrap(); // the generated one: no limit of its own
+    let witness = vec![vec![0; MAX_REQUEST_BYTES]];
+    let status = client.prove(ProveRequest { witness }).await.unwrap_err();
+    assert_eq!(status.code(), tonic::Code::OutOfRange, "{status}");
+}
