@@ -7,7 +7,7 @@ export CARGO_TARGET_DIR ?= $(HOME)/.cache/zk0/target
 RUST := scripts/with-rust
 ZK0 := $(CARGO_TARGET_DIR)/release/zk0
 
-.PHONY: demo test setup build guest fixtures cycles lint
+.PHONY: demo test setup build guest fixtures cycles
 
 demo: build
 	$(ZK0) demo --rounds $(ROUNDS) --nodes $(NODES)
@@ -33,10 +33,6 @@ guest:
 	@scripts/setup.sh guest
 	$(RUST) circuits/build-guest.sh
 
-# Makes the committed real proof anew; needed whenever the guest program changes.
+# Makes the committed ledger and proof anew, by a demo; needed whenever the guest program changes.
 fixtures: build
-	$(ZK0) prover fixture tests/fixtures/proof
-
-lint: setup
-	$(RUST) cargo fmt --all --check
-	$(RUST) cargo clippy --workspace --all-targets --locked -- -D warnings
+	scripts/renew-fixtures.sh $(ZK0)

@@ -1,1 +1,37 @@
-//! placeholder
+//! The `zk0` command: thin shells over the crates that do the work.
+//!
+//! - [`audit`]: `zk0 audit replay`, all that an auditor's light build has.
+//! - `node`, `aggregator`, `prover`: the three services (feature `full`).
+//! - `demo`: all of them as processes on one machine, and what is left of it: metrics, chart, log.
+//! - [`logging`], [`chart`], [`keys`]: what they share.
+
+pub mod audit;
+pub mod logging;
+
+#[cfg(feature = "full")]
+pub mod aggregator;
+#[cfg(feature = "full")]
+pub mod chart;
+#[cfg(feature = "full")]
+pub mod demo;
+#[cfg(feature = "full")]
+pub mod keys;
+#[cfg(feature = "full")]
+pub mod node;
+#[cfg(feature = "full")]
+pub mod prover;
+
+/// Ready when the process is asked to end: Ctrl-C or SIGTERM.
+#[cfg(feature = "full")]
+pub(crate) async fn interrupted() {
+    use tokio::signal::unix::{signal, SignalKind};
+    match signal(SignalKind::terminate()) {
+        Ok(mut terminate) => tokio::select! {
+            _ = tokio::signal::ctrl_c() => {}
+            _ = terminate.recv() => {}
+        },
+        Err(_) => {
+            let _ = tokio::signal::ctrl_c().await;
+        }
+    }
+}

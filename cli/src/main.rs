@@ -1,1 +1,69 @@
-fn main() {}
+//! The one binary. Exit codes: 0 all is well; 1 it is not (an audit that fails, a refusal, an error); 2 wrong usage.
+
+use clap::{Parser, Subcommand};
+use std::process::ExitCode;
+use zk0::{audit, logging};
+
+/// Federated learning in which a contribution counts only if it is proven.
+#[derive(Parser)]
+#[command(name = "zk0", version, max_term_width = 100)]
+struct Cli {
+    /// How to write the log (to standard error).
+    #[arg(long, global = true, value_enum, default_value_t)]
+    log: logging::LogFormat,
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Run a whole federation on this machine: aggregator, prover and nodes, then the audit.
+    #[cfg(feature = "full")]
+    Demo(zk0::demo::Options),
+    /// Take part in a network with one's own recordings.
+    #[cfg(feature = "full")]
+    #[command(subcommand)]
+    Node(zk0::node::Command),
+    /// Found a network and run its rounds.
+    #[cfg(feature = "full")]
+    #[command(subcommand)]
+    Aggregator(zk0::aggregator::Command),
+    /// Make proofs for the nodes of this machine.
+    #[cfg(feature = "full")]
+    #[command(subcommand)]
+    Prover(zk0::prover::Command),
+    /// Check a ledger, trusting nobody.
+    #[command(subcommand)]
+    Audit(audit::Command),
+}
+
+fn main() -> ExitCode {
+    let cli = Cli::parse();
+    logging::init(cli.log);
+    let done = match cli.command {
+        #[cfg(feature = "full")]
+        Command::Demo(options) => zk0::demo::run(&options),
+        #[cfg(feature = "full")]
+        Command::Node(command) => zk0::node::run(&command),
+        #[cfg(feature = "full")]
+        Command::Aggregator(command) => zk0::aggregator::run(&command),
+        #[cfg(feature = "full")]
+        Command::Prover(command) => zk0::prover::run(&command),
+        Command::Audit(command) => match audit::run(&command) {
+            Ok(true) => Ok(()),
+            Ok(false) => return ExitCode::FAILURE,
+            Err(error) => Err(error),
+        },
+    };
+    match done {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            match cli.log {
+                // Whoever reads the JSON lines shall read the end as well.
+                logging::LogFormat::Json => tracing::error!("{error:#}"),
+                logging::LogFormat::Text => eprintln!("error: {error:#}"),
+            }
+            ExitCode::FAILURE
+        }
+    }
+}

@@ -1,1 +1,101 @@
-//! placeholder
+//! End-to-end, attack and fault tests of the whole system; the tests of one crate live in that crate.
+//!
+//! - `structure`: the crates depend on one another as the map says, and an auditor's build stays light.
+//! - `verifier_attacks`: a contribution with a real proof, with one thing changed at a time.
+//! - `ledger_tampering`: replay of a real ledger, with one byte changed at a time.
+//! - `real_proof`: the whole demo, a real compressed proof made in the run (run alone: it takes 17 GB).
+//!
+//! The first two work on `fixtures/ledger`, the ledger that a demo left (`make fixtures` makes it anew).
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+};
+use tempfile::TempDir;
+use zk0_circuits::merkle;
+use zk0_ledger::{
+    blobs::Blobs,
+    entry::{Body, Entry},
+    signed::{Signed, Submission},
+    state::State,
+};
+use zk0_verifier::UnverifiedContribution;
+
+/// Blobs of the fixture are below this.
+const MAX_BLOB: u64 = 4 << 20;
+
+/// A file or folder under `tests/fixtures`.
+pub fn fixture(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("fixtures")
+        .join(name)
+}
+
+/// A copy of a real demo's ledger, to be tampered with.
+pub fn ledger_copy() -> TempDir {
+    let dir = tempfile::tempdir().expect("a temporary folder");
+    copy(&fixture("ledger"), dir.path());
+    dir
+}
+
+/// Copies a folder with all that is in it.
+pub fn copy(from: &Path, to: &Path) {
+    fs::create_dir_all(to).expect("creating a folder");
+    for entry in fs::read_dir(from).expect("the fixture is there: see `make fixtures`") {
+        let entry = entry.expect("reading a folder");
+        let (path, place) = (entry.path(), to.join(entry.file_name()));
+        match path.is_dir() {
+            true => copy(&path, &place),
+            false => drop(fs::copy(&path, &place).expect("copying a file")),
+        }
+    }
+}
+
+/// The first accepted contribution of a ledger: what was submitted, the state it met, and when.
+pub struct Accepted {
+    /// Submission, proof, update.
+    pub contribution: UnverifiedContribution,
+    /// The state before it was recorded.
+    pub state: State,
+    /// The time of its entry.
+    pub time_ms: u64,
+}
+
+/// Finds the first accepted contribution of the ledger in `dir`.
+pub fn accepted(dir: &Path) -> Accepted {
+    let (entries, _) = zk0::audit::history(dir);
+    let blobs = Blobs::at(dir);
+    let mut leaves = Vec::new();
+    let mut state: Option<State> = None;
+    for entry in entries {
+        if let (Body::ContributionAccepted(submission), Some(state)) = (&entry.body, &state) {
+            let contribution = contribution(submission, &blobs);
+            return Accepted {
+                contribution,
+                state: state.clone(),
+                time_ms: entry.time_ms,
+            };
+        }
+        leaves.push(merkle::leaf_hash(
+            &entry.encode().expect("an entry of the log"),
+        ));
+        fold(&mut state, &merkle::root(&leaves), &entry);
+    }
+    panic!("the ledger has no accepted contribution");
+}
+
+fn contribution(submission: &Signed<Submission>, blobs: &Blobs) -> UnverifiedContribution {
+    let blob = |digest| blobs.get(digest, MAX_BLOB).expect("a blob of the fixture");
+    UnverifiedContribution {
+        submission: submission.clone(),
+        proof: blob(&submission.statement.proof),
+        update: blob(&submission.statement.claim.update.blob),
+    }
+}
+
+fn fold(state: &mut Option<State>, root: &zk0_circuits::Digest, entry: &Entry) {
+    match state {
+        None => *state = Some(State::found(entry).expect("a genesis")),
+        Some(state) => state.apply(root, entry).expect("an entry the rules allow"),
+    }
+}

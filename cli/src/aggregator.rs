@@ -1,0 +1,244 @@
+//! `zk0 aggregator`: found a network, enrol nodes, run rounds.
+
+use crate::keys;
+use anyhow::{bail, Context, Result};
+use std::{net::SocketAddr, path::PathBuf, sync::Arc};
+use tokio::{net::TcpListener, runtime::Runtime};
+use zk0_aggregator::{
+    aggregator::{Aggregator, Config},
+    clock::{Clock, SystemClock},
+    service::Service,
+};
+use zk0_circuits::{program::DIRECT_VERIFYING_KEY, spec::EvalSpec, NodeId, WeightsDigest};
+use zk0_ledger::{
+    entry::{Body, Genesis, NodeEnrolled},
+    log::Ledger,
+    rules::{Disclosure, Rules},
+};
+use zk0_prover::recording::quantise_weights;
+use zk0_smolvla::{init::init_policy, policy_file, Profile};
+use zk0_verifier::blob_digest;
+
+/// What to do.
+#[derive(Debug, clap::Subcommand)]
+pub enum Command {
+    /// Make a signing key for the log.
+    Keygen {
+        /// Where the key goes.
+        file: PathBuf,
+    },
+    /// Found a network: its rules, its initial policy, its first nodes.
+    Init(Init),
+    /// Enrol a node in a network that is not being served at the moment.
+    Enrol {
+        /// The ledger's directory.
+        dir: PathBuf,
+        /// The log's signing key.
+        #[arg(long)]
+        key: PathBuf,
+        /// NAME=IDENTITY, as `zk0 node keygen` prints it.
+        #[arg(long = "node", required = true)]
+        nodes: Vec<Enrolment>,
+    },
+    /// Serve a network: open rounds, verify contributions, aggregate.
+    Serve(Serve),
+}
+
+/// `zk0 aggregator init`.
+#[derive(Debug, clap::Args)]
+pub struct Init {
+    /// The ledger's directory; must not exist.
+    dir: PathBuf,
+    /// The network's name, also the origin of its checkpoints.
+    #[arg(long)]
+    name: String,
+    /// The log's signing key.
+    #[arg(long)]
+    key: PathBuf,
+    /// Nodes to enrol: NAME=IDENTITY.
+    #[arg(long = "node")]
+    nodes: Vec<Enrolment>,
+    /// Seed of the initial policy's random weights.
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// Fewest samples a dataset may have.
+    #[arg(long, default_value_t = 64)]
+    min_dataset_samples: u64,
+    /// Samples evaluated per claim.
+    #[arg(long, default_value_t = 4)]
+    eval_samples: u32,
+    /// Least improvement of the loss, in basis points (100 are 1 %).
+    #[arg(long, default_value_t = 100)]
+    min_improvement_bps: u32,
+    /// Most samples a contribution counts for.
+    #[arg(long, default_value_t = 10_000)]
+    max_weight_samples: u64,
+    /// Keep the losses out of the proofs' public values.
+    #[arg(long)]
+    hide_losses: bool,
+    /// Minutes from a round's opening in which updates may be committed.
+    #[arg(long, default_value_t = 10)]
+    commit_minutes: u64,
+    /// Minutes from a round's opening in which claims may be submitted.
+    #[arg(long, default_value_t = 60)]
+    submit_minutes: u64,
+}
+
+/// `zk0 aggregator serve`.
+#[derive(Debug, clap::Args)]
+pub struct Serve {
+    /// The ledger's directory.
+    dir: PathBuf,
+    /// The log's signing key.
+    #[arg(long)]
+    key: PathBuf,
+    /// Address to listen on; port 0 takes a free one. Traffic is not encrypted: put a TLS proxy before it.
+    #[arg(long, default_value = "127.0.0.1:7071")]
+    listen: SocketAddr,
+    /// Rounds to run before no more is opened.
+    #[arg(long, default_value_t = u64::MAX, hide_default_value = true)]
+    rounds: u64,
+    /// Nodes that must have committed to a dataset before a round opens.
+    #[arg(long, default_value_t = 1)]
+    min_nodes: usize,
+}
+
+/// A node to enrol, `NAME=IDENTITY`.
+#[derive(Clone, Debug)]
+pub struct Enrolment {
+    /// A name for people.
+    pub name: String,
+    /// Its key.
+    pub node: NodeId,
+}
+
+impl std::str::FromStr for Enrolment {
+    type Err = anyhow::Error;
+
+    fn from_str(text: &str) -> Result<Self> {
+        let Some((name, node)) = text.split_once('=') else {
+            bail!("'{text}' is not NAME=IDENTITY");
+        };
+        Ok(Self {
+            name: name.into(),
+            node: node.parse()?,
+        })
+    }
+}
+
+/// Runs the command.
+pub fn run(command: &Command) -> Result<()> {
+    match command {
+        Command::Keygen { file } => {
+            println!("{}", keys::generate(file)?);
+            Ok(())
+        }
+        Command::Init(options) => init(options),
+        Command::Enrol { dir, key, nodes } => {
+            let mut ledger = Ledger::open(dir, None, keys::read(key)?)?;
+            enrol(&mut ledger, nodes)
+        }
+        Command::Serve(options) => serve(options),
+    }
+}
+
+fn init(options: &Init) -> Result<()> {
+    let key = keys::read(&options.key)?;
+    let policy = init_policy(&Profile::Micro.config(), options.seed)?;
+    let (policy_file, initial_file) = (
+        policy_file::write(&policy)?,
+        policy.expert.to_safetensors()?,
+    );
+    let spec = EvalSpec::micro();
+    let genesis = Genesis {
+        name: options.name.clone(),
+        log_key: key.verifying_key().to_bytes(),
+        nonce: keys::random()?,
+        rules: options.rules()?,
+        program: DIRECT_VERIFYING_KEY.to_vec(),
+        evaluation: spec.encode(),
+        policy: blob_digest(&policy_file),
+        initial: WeightsDigest {
+            blob: blob_digest(&initial_file),
+            quantised: quantise_weights(&spec, &policy.expert)?.digest(),
+        },
+    };
+    let (mut ledger, _) = Ledger::create(&options.dir, genesis, key, SystemClock.now_ms())?;
+    for file in [policy_file, initial_file] {
+        ledger.blobs().put(&file)?;
+    }
+    tracing::info!(
+        "founded network {} ({})",
+        ledger.state().network(),
+        options.name
+    );
+    enrol(&mut ledger, &options.nodes)
+}
+
+impl Init {
+    fn rules(&self) -> Result<Rules> {
+        let minutes = |count: u64| {
+            count
+                .checked_mul(60_000)
+                .context("a window of so many minutes is no window")
+        };
+        Ok(Rules {
+            min_dataset_samples: self.min_dataset_samples,
+            eval_samples: self.eval_samples,
+            min_improvement_bps: self.min_improvement_bps,
+            max_weight_samples: self.max_weight_samples,
+            disclosure: if self.hide_losses {
+                Disclosure::Nothing
+            } else {
+                Disclosure::Losses
+            },
+            commit_window_ms: minutes(self.commit_minutes)?,
+            submit_window_ms: minutes(self.submit_minutes)?,
+            max_update_bytes: 1 << 20,
+            max_proof_bytes: 2 << 20,
+        })
+    }
+}
+
+fn enrol(ledger: &mut Ledger, nodes: &[Enrolment]) -> Result<()> {
+    for Enrolment { name, node } in nodes {
+        let enrolled = NodeEnrolled {
+            node: *node,
+            name: name.clone(),
+        };
+        ledger
+            .append(SystemClock.now_ms(), Body::NodeEnrolled(enrolled))
+            .with_context(|| format!("enrolling {name}"))?;
+        tracing::info!("enrolled {name} ({node})");
+    }
+    Ok(())
+}
+
+fn serve(options: &Serve) -> Result<()> {
+    let config = Config {
+        rounds: Some(options.rounds).filter(|rounds| *rounds != u64::MAX),
+        min_nodes: options.min_nodes,
+    };
+    let aggregator = Aggregator::open(
+        &options.dir,
+        None,
+        keys::read(&options.key)?,
+        Arc::new(SystemClock),
+        config,
+    )?;
+    Runtime::new()
+        .context("starting the runtime")?
+        .block_on(async {
+            let listen = options.listen;
+            let listener = TcpListener::bind(listen)
+                .await
+                .with_context(|| format!("listening on {listen}"))?;
+            let address = listener.local_addr()?;
+            let network = *aggregator.state().network();
+            tracing::info!(listening = %address, "aggregator of network {network} on {address}");
+            Service::new(aggregator)
+                .serve(listener, crate::interrupted())
+                .await
+                .context("the aggregator")
+        })
+}

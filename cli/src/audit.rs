@@ -1,0 +1,129 @@
+//! `zk0 audit`: check a ledger, trusting nobody. All that the auditor's light build has.
+
+use anyhow::{bail, Context, Result};
+use std::path::{Path, PathBuf};
+use zk0_aggregator::audit::Auditor;
+use zk0_circuits::Digest;
+use zk0_ledger::{
+    replay::{replay, Report, Severity, Verdict},
+    Entry,
+};
+
+/// What to do.
+#[derive(Debug, clap::Subcommand)]
+pub enum Command {
+    /// Replay a ledger from its first byte: signatures, tree, checkpoints, rules, proofs, refusals, FedAvg. Exit code 0 when
+    /// everything holds, 1 when anything does not.
+    Replay {
+        /// The ledger's directory, or a copy of it.
+        dir: PathBuf,
+        /// The network it has to be, if you know it by other means.
+        #[arg(long)]
+        network: Option<Digest>,
+        /// Print the report as JSON.
+        #[arg(long)]
+        json: bool,
+    },
+}
+
+/// Runs the command; `false` when the ledger does not hold.
+pub fn run(command: &Command) -> Result<bool> {
+    let Command::Replay { dir, network, json } = command;
+    if !dir.is_dir() {
+        bail!(
+            "{} is no directory: name a ledger's directory, such as outputs/<time>/network",
+            dir.display()
+        );
+    }
+    let report = replay(dir, network.as_ref(), &mut Auditor::default());
+    if *json {
+        println!("{}", serde_json::to_string_pretty(&report)?);
+    } else {
+        print!("{}", verdict(&report));
+    }
+    Ok(report.verdict == Verdict::Verified)
+}
+
+/// The report in words.
+pub fn verdict(report: &Report) -> String {
+    let mut text = String::new();
+    let mut line = |label: &str, value: &str| text.push_str(&format!("{label:<12} {value}\n"));
+    let unknown = || "unknown".to_owned();
+    line("network", &report.name.clone().unwrap_or_else(unknown));
+    line("id", &report.network.clone().unwrap_or_else(unknown));
+    line("entries", &report.entries.to_string());
+    line("checkpoints", &report.checkpoints.to_string());
+    line("root", &report.root.clone().unwrap_or_else(unknown));
+    for finding in &report.findings {
+        let label = match finding.severity {
+            Severity::Note => "note",
+            Severity::Fault => "FAULT",
+        };
+        let place = finding
+            .index
+            .map(|index| format!("entry {index}: "))
+            .unwrap_or_default();
+        line(label, &format!("{place}{}", finding.text));
+    }
+    match report.verdict {
+        Verdict::Verified => line(
+            "VERIFIED",
+            "every entry, signature, proof, refusal and average was checked again and holds,",
+        ),
+        Verdict::Failed => line(
+            "FAILED",
+            "this ledger is not to be trusted: see the faults above",
+        ),
+    }
+    if report.verdict == Verdict::Verified {
+        line("", "but for what the notes name");
+    }
+    text
+}
+
+/// The id of the network in `dir`.
+pub fn network_id(dir: &Path) -> Result<Digest> {
+    let report = replay(dir, None, &mut ());
+    let id = report
+        .network
+        .with_context(|| format!("{} is no ledger", dir.display()))?;
+    Ok(id.parse()?)
+}
+
+/// The verified history of the ledger in `dir`, and the report on it.
+pub fn history(dir: &Path) -> (Vec<Entry>, Report) {
+    let mut historian = Historian::default();
+    let report = replay(dir, None, &mut historian);
+    (historian.entries, report)
+}
+
+/// An auditor that takes notes.
+#[derive(Default)]
+struct Historian {
+    auditor: Auditor,
+    entries: Vec<Entry>,
+}
+
+impl zk0_ledger::replay::Recheck for Historian {
+    fn begin(&mut self, entries: u64) {
+        self.auditor.begin(entries);
+    }
+
+    fn genesis(
+        &mut self,
+        genesis: &zk0_ledger::entry::Genesis,
+    ) -> Vec<zk0_ledger::replay::Finding> {
+        self.auditor.genesis(genesis)
+    }
+
+    fn entry(
+        &mut self,
+        before: &zk0_ledger::state::State,
+        index: u64,
+        entry: &Entry,
+        blobs: &zk0_ledger::blobs::Blobs,
+    ) -> Vec<zk0_ledger::replay::Finding> {
+        self.entries.push(entry.clone());
+        self.auditor.entry(before, index, entry, blobs)
+    }
+}

@@ -1,0 +1,235 @@
+//! The demo's child processes: each is this very binary, its JSON log lines go to the one unified log and to the screen.
+
+use crate::logging::{Bars, Progress, PROGRESS};
+use anyhow::{bail, Context, Result};
+use serde_json::{Map, Value};
+use std::{
+    fs::File,
+    io::Write,
+    process::Stdio,
+    sync::{Arc, Mutex, PoisonError},
+    time::Instant,
+};
+use tokio::{
+    io::{AsyncBufReadExt, BufReader},
+    process::{Child, Command},
+    sync::watch,
+};
+
+/// The unified log and the screen, shared by all processes.
+#[derive(Clone, Debug)]
+pub struct Console(Arc<Inner>);
+
+#[derive(Debug)]
+struct Inner {
+    log: Mutex<File>,
+    bars: Bars,
+    started: Instant,
+}
+
+impl Console {
+    /// Writes the unified log to `log`.
+    pub fn new(log: File) -> Self {
+        Self(Arc::new(Inner {
+            log: Mutex::new(log),
+            bars: Bars::new(),
+            started: Instant::now(),
+        }))
+    }
+
+    /// Says something of the demo's own.
+    pub fn say(&self, text: &str) {
+        let mut line = Map::new();
+        line.insert("message".into(), text.into());
+        self.record("demo", line);
+        self.print("demo", text);
+    }
+
+    fn print(&self, process: &str, text: &str) {
+        let seconds = self.0.started.elapsed().as_secs();
+        self.0.bars.line(&format!(
+            "{:>3}:{:02} {process:>11}  {text}",
+            seconds / 60,
+            seconds % 60
+        ));
+    }
+
+    fn record(&self, process: &str, mut line: Map<String, Value>) {
+        line.insert("process".into(), process.into());
+        let mut log = self.0.log.lock().unwrap_or_else(PoisonError::into_inner);
+        // The log is for people: a full disk must not end the federation.
+        let _ = writeln!(log, "{}", Value::Object(line));
+    }
+
+    /// Takes one line of a child's standard error.
+    fn child_line(&self, process: &str, line: &str, last_progress: &mut (String, u64)) {
+        let Ok(Value::Object(fields)) = serde_json::from_str(line) else {
+            // Not a log line: a panic, or a word from a library.
+            self.record(
+                process,
+                Map::from_iter([("message".to_owned(), line.into())]),
+            );
+            return self.print(process, line);
+        };
+        if fields.get("target").and_then(Value::as_str) == Some(PROGRESS) {
+            if let Ok(progress) = serde_json::from_value::<Progress>(Value::Object(fields.clone()))
+            {
+                self.progress(process, &progress, last_progress);
+            }
+        } else if let Some(message) = fields.get("message").and_then(Value::as_str) {
+            self.print(process, &format!("{message}{}", details(&fields)));
+        }
+        self.record(process, fields);
+    }
+
+    /// A bar on a terminal; elsewhere a line each tenth of the way.
+    fn progress(&self, process: &str, progress: &Progress, last: &mut (String, u64)) {
+        use std::io::IsTerminal;
+        if std::io::stderr().is_terminal() {
+            return self
+                .0
+                .bars
+                .show(&format!("{process} {}", progress.phase), progress);
+        }
+        let tenth = progress.done.saturating_mul(10) / progress.total.max(1);
+        if *last != (progress.phase.clone(), tenth) {
+            *last = (progress.phase.clone(), tenth);
+            let eta = progress
+                .eta_ms
+                .map(|ms| format!(", about {} left", crate::logging::minutes(ms)));
+            self.print(
+                process,
+                &format!(
+                    "{} {} %{}",
+                    progress.phase,
+                    tenth * 10,
+                    eta.unwrap_or_default()
+                ),
+            );
+        }
+    }
+}
+
+/// A child process.
+#[derive(Debug)]
+pub struct Process {
+    name: String,
+    child: Child,
+    listening: watch::Receiver<Option<String>>,
+}
+
+impl Process {
+    /// Starts this binary with `arguments`; it is killed when the value is dropped.
+    pub fn start(name: &str, arguments: &[&str], console: &Console) -> Result<Self> {
+        let binary = std::env::current_exe().context("finding this program's file")?;
+        let mut child = Command::new(binary)
+            .args(["--log", "json"])
+            .args(arguments)
+            .stdin(Stdio::null())
+            .stdout(Stdio::null())
+            .stderr(Stdio::piped())
+            .kill_on_drop(true)
+            .spawn()
+            .with_context(|| format!("starting {name}"))?;
+        let stderr = child
+            .stderr
+            .take()
+            .context("the child has no standard error")?;
+        let (told, listening) = watch::channel(None);
+        let (process, console) = (name.to_owned(), console.clone());
+        tokio::spawn(async move {
+            let (mut lines, mut last) = (BufReader::new(stderr).lines(), Default::default());
+            while let Ok(Some(line)) = lines.next_line().await {
+                if let Some(address) = listening_address(&line) {
+                    told.send_replace(Some(address));
+                }
+                console.child_line(&process, &line, &mut last);
+            }
+        });
+        Ok(Self {
+            name: name.into(),
+            child,
+            listening,
+        })
+    }
+
+    /// The address the process says it listens on.
+    pub async fn address(&mut self) -> Result<String> {
+        let told = self
+            .listening
+            .wait_for(Option::is_some)
+            .await
+            .map(|address| address.clone());
+        match told {
+            Ok(Some(address)) => Ok(address),
+            _ => bail!(
+                "{} ended before it listened; its last words are above",
+                self.name
+            ),
+        }
+    }
+
+    /// Waits for a good end.
+    pub async fn finish(&mut self) -> Result<()> {
+        let status = self
+            .child
+            .wait()
+            .await
+            .with_context(|| format!("waiting for {}", self.name))?;
+        if !status.success() {
+            bail!(
+                "{} ended with {status}; its last words are above",
+                self.name
+            );
+        }
+        Ok(())
+    }
+
+    /// Resolves when the process ends, which a server should not do by itself.
+    pub async fn ended(&mut self) -> anyhow::Error {
+        match self.child.wait().await {
+            Ok(status) => anyhow::anyhow!(
+                "{} ended early with {status}; its last words are above",
+                self.name
+            ),
+            Err(error) => anyhow::Error::from(error).context(format!("waiting for {}", self.name)),
+        }
+    }
+
+    /// Ends the process. Servers lose nothing: what they acknowledged is on disk.
+    pub async fn stop(mut self) {
+        let _ = self.child.kill().await;
+    }
+}
+
+/// What an event says besides its message, as ` (name value, …)`; digests shortened, the log has them whole.
+fn details(fields: &Map<String, Value>) -> String {
+    const KNOWN: [&str; 5] = ["timestamp", "level", "target", "message", "listening"];
+    let short = |value: &Value| {
+        let text = value
+            .as_str()
+            .map_or_else(|| value.to_string(), str::to_owned);
+        let digest = text.len() == 64 && text.bytes().all(|byte| byte.is_ascii_hexdigit());
+        if digest {
+            format!("{}…", &text[..12])
+        } else {
+            text
+        }
+    };
+    let named: Vec<_> = fields
+        .iter()
+        .filter(|(name, _)| !KNOWN.contains(&name.as_str()))
+        .map(|(name, value)| format!("{name} {}", short(value)))
+        .collect();
+    if named.is_empty() {
+        String::new()
+    } else {
+        format!(" ({})", named.join(", "))
+    }
+}
+
+/// Servers log `listening` with their address.
+fn listening_address(line: &str) -> Option<String> {
+    let fields: Map<String, Value> = serde_json::from_str(line).ok()?;
+    Some(fields.get("listening")?.as_str()?.to_owned())
+}

@@ -1,0 +1,288 @@
+//! What is left of a demo: the audit's verdict, `metrics.json`, the chart, `global.safetensors`.
+
+use super::process::Console;
+use crate::{
+    audit,
+    chart::{self, Curve, Proven},
+};
+use anyhow::{bail, Context, Result};
+use serde::Serialize;
+use std::{collections::BTreeMap, fs, path::Path};
+use zk0_circuits::{spec::EvalSpec, Digest, NodeId};
+use zk0_ledger::{
+    blobs::Blobs,
+    entry::{Body, Entry, Genesis},
+    replay::{Report, Verdict},
+    signed::{Signed, Submission},
+};
+use zk0_prover::{participant::TrainingHistory, recording};
+use zk0_smolvla::{dataset::Dataset, evaluate, policy_file, ExpertWeights, Policy};
+
+/// Steps that one point of a training curve is the mean of.
+const WINDOW: usize = 20;
+
+/// Largest weights file the demo reads.
+const MAX_WEIGHTS: u64 = 1 << 30;
+
+#[derive(Serialize)]
+struct Metrics {
+    network: String,
+    contributions: Vec<Contribution>,
+    global: Vec<Global>,
+    training: Vec<Curve>,
+    audit: Report,
+}
+
+#[derive(Serialize)]
+struct Contribution {
+    round: u64,
+    node: String,
+    accepted: bool,
+    reason: Option<String>,
+    dataset_samples: u64,
+    /// SHA-256 of the proof, its name among the ledger's blobs.
+    proof: String,
+    /// What the claim says; proven if it was accepted.
+    loss_before: Option<f64>,
+    loss_after: Option<f64>,
+}
+
+#[derive(Serialize)]
+struct Global {
+    round: u64,
+    weights: String,
+    contributors: usize,
+    /// Mean float32 loss on a recording nobody trained on; fixed draws.
+    unseen_loss_before: Option<f64>,
+    unseen_loss_after: Option<f64>,
+}
+
+/// Audits, writes the results, prints the summary; an error unless the ledger holds, somebody was accepted and somebody refused.
+pub fn finish(
+    out: &Path,
+    network: &Path,
+    names: &[String],
+    unseen: Option<&Path>,
+    console: &Console,
+) -> Result<()> {
+    let (entries, report) = audit::history(network);
+    print!("\n{}\n", audit::verdict(&report));
+    if report.verdict == Verdict::Failed {
+        bail!("the audit failed");
+    }
+    let Some(Body::Genesis(genesis)) = entries.first().map(|entry| &entry.body) else {
+        bail!("the ledger has no genesis");
+    };
+    let spec = EvalSpec::decode(&genesis.evaluation)?;
+    let contributions = contributions(&entries, &spec);
+    let training = training_curves(&out.join("nodes"), names)?;
+    let global = global(&entries, genesis, &Blobs::at(network), unseen)?;
+    if let Some(last) = global.last() {
+        let bytes = Blobs::at(network).get(&last.weights.parse::<Digest>()?, MAX_WEIGHTS)?;
+        fs::write(out.join("global.safetensors"), bytes)?;
+    }
+    let proven: Vec<Proven> = contributions
+        .iter()
+        .filter(|contribution| contribution.accepted)
+        .filter_map(|contribution| {
+            Some(Proven {
+                name: contribution.node.clone(),
+                round: contribution.round,
+                before: contribution.loss_before?,
+                after: contribution.loss_after?,
+            })
+        })
+        .collect();
+    chart::draw(&out.join("loss"), &training, &proven)?;
+    summary(&contributions, &global);
+    let accepted = contributions
+        .iter()
+        .filter(|contribution| contribution.accepted)
+        .count();
+    let refused = contributions.len() - accepted;
+    let metrics = Metrics {
+        network: report.network.clone().unwrap_or_default(),
+        contributions,
+        global,
+        training,
+        audit: report,
+    };
+    fs::write(
+        out.join("metrics.json"),
+        serde_json::to_string_pretty(&metrics)?,
+    )
+    .context("writing metrics.json")?;
+    console.say(&format!(
+        "done: {accepted} accepted, {refused} refused, ledger verified; see {}",
+        out.display()
+    ));
+    println!(
+        "\nAudit it yourself:  zk0 audit replay {}",
+        network.display()
+    );
+    if accepted == 0 || refused == 0 {
+        bail!("the demo should end with a contribution accepted and one refused");
+    }
+    Ok(())
+}
+
+fn contributions(entries: &[Entry], spec: &EvalSpec) -> Vec<Contribution> {
+    let mut names: BTreeMap<NodeId, &str> = BTreeMap::new();
+    let mut contributions = Vec::new();
+    for entry in entries {
+        match &entry.body {
+            Body::NodeEnrolled(enrolled) => {
+                names.insert(enrolled.node, &enrolled.name);
+            }
+            Body::ContributionAccepted(submission) => {
+                contributions.push(contribution(submission, &names, spec, None));
+            }
+            Body::ContributionRejected { submission, reason } => {
+                contributions.push(contribution(
+                    submission,
+                    &names,
+                    spec,
+                    Some(reason.to_string()),
+                ));
+            }
+            _ => {}
+        }
+    }
+    contributions
+}
+
+fn contribution(
+    submission: &Signed<Submission>,
+    names: &BTreeMap<NodeId, &str>,
+    spec: &EvalSpec,
+    reason: Option<String>,
+) -> Contribution {
+    let claim = &submission.statement.claim;
+    let losses = claim.losses.means(spec);
+    Contribution {
+        round: claim.round,
+        node: names
+            .get(&claim.node)
+            .map_or_else(|| claim.node.to_string(), |name| (*name).to_owned()),
+        accepted: reason.is_none(),
+        reason,
+        dataset_samples: claim.dataset.samples,
+        proof: submission.statement.proof.to_string(),
+        loss_before: losses.map(|(before, _)| before),
+        loss_after: losses.map(|(_, after)| after),
+    }
+}
+
+/// The nodes' own training losses, smoothed; rounds follow one another.
+fn training_curves(nodes: &Path, names: &[String]) -> Result<Vec<Curve>> {
+    let mut curves = Vec::new();
+    for name in names {
+        let mut losses = Vec::new();
+        for round in 0.. {
+            let Some(history) = TrainingHistory::read(&nodes.join(name), round)? else {
+                break;
+            };
+            losses.extend(history.losses);
+        }
+        if losses.is_empty() {
+            continue;
+        }
+        let mean = |window: &[f32]| {
+            window.iter().map(|loss| f64::from(*loss)).sum::<f64>() / window.len() as f64
+        };
+        let points = losses
+            .chunks(WINDOW)
+            .enumerate()
+            .map(|(i, window)| ((i * WINDOW) as f64, mean(window)));
+        curves.push(Curve {
+            name: name.clone(),
+            points: points.collect(),
+        });
+    }
+    Ok(curves)
+}
+
+fn global(
+    entries: &[Entry],
+    genesis: &Genesis,
+    blobs: &Blobs,
+    unseen: Option<&Path>,
+) -> Result<Vec<Global>> {
+    let policy = policy_file::read(&blobs.get(&genesis.policy, MAX_WEIGHTS)?)?;
+    let unseen = unseen.map(|path| Unseen::new(path, &policy)).transpose()?;
+    let mut global = Vec::new();
+    let mut base = genesis.initial.blob;
+    for entry in entries {
+        let Body::RoundClosed(closed) = &entry.body else {
+            continue;
+        };
+        let loss = |weights: &Digest| {
+            unseen
+                .as_ref()
+                .map(|unseen| unseen.loss(blobs, weights))
+                .transpose()
+        };
+        global.push(Global {
+            round: closed.round,
+            weights: closed.global.blob.to_string(),
+            contributors: closed.contributors.len(),
+            unseen_loss_before: loss(&base)?,
+            unseen_loss_after: loss(&closed.global.blob)?,
+        });
+        base = closed.global.blob;
+    }
+    Ok(global)
+}
+
+/// A recording nobody trained on, with fixed draws.
+struct Unseen {
+    policy: Policy,
+    samples: Vec<zk0_smolvla::sample::PreparedSample>,
+    draws: Vec<evaluate::FlowDraw>,
+}
+
+impl Unseen {
+    fn new(path: &Path, policy: &Policy) -> Result<Self> {
+        let samples = recording::prepare_samples(&Dataset::open(path)?, policy)?;
+        let draws = evaluate::fixed_draws(&policy.config, samples.len(), 0);
+        Ok(Self {
+            policy: policy.clone(),
+            samples,
+            draws,
+        })
+    }
+
+    fn loss(&self, blobs: &Blobs, weights: &Digest) -> Result<f64> {
+        let config = &self.policy.config;
+        let weights = ExpertWeights::from_safetensors(config, &blobs.get(weights, MAX_WEIGHTS)?)?;
+        let pairs: Vec<_> = self.samples.iter().zip(&self.draws).collect();
+        Ok(evaluate::evaluate(config, &weights, &pairs)?.loss())
+    }
+}
+
+fn summary(contributions: &[Contribution], global: &[Global]) {
+    let loss = |loss: Option<f64>| loss.map_or("hidden".into(), |loss| format!("{loss:.4}"));
+    for one in contributions {
+        let (before, after) = (loss(one.loss_before), loss(one.loss_after));
+        match &one.reason {
+            None => println!(
+                "round {}  {:<8} accepted  proven loss {before} -> {after}",
+                one.round, one.node
+            ),
+            Some(reason) => println!(
+                "round {}  {:<8} REFUSED   claimed {before} -> {after}: {reason}",
+                one.round, one.node
+            ),
+        }
+    }
+    for one in global {
+        print!(
+            "round {}  global   average of {}",
+            one.round, one.contributors
+        );
+        if let (Some(before), Some(after)) = (one.unseen_loss_before, one.unseen_loss_after) {
+            print!("  loss on an unseen recording {before:.4} -> {after:.4}");
+        }
+        println!();
+    }
+}

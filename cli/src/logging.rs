@@ -1,0 +1,180 @@
+//! Logs and progress. Libraries report progress as tracing events of target [`PROGRESS`] (`phase`, `done`, `total`,
+//! `eta_ms`); here they become a bar on a terminal, and JSON lines for the process that reads them.
+
+use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
+use std::{
+    collections::HashMap,
+    io::IsTerminal,
+    sync::{Mutex, PoisonError},
+    time::Duration,
+};
+use tracing::{
+    field::{Field, Visit},
+    Event, Subscriber,
+};
+use tracing_subscriber::{
+    layer::{Context, SubscriberExt},
+    registry::LookupSpan,
+    util::SubscriberInitExt,
+    EnvFilter, Layer,
+};
+
+/// Target of progress events.
+pub const PROGRESS: &str = "zk0::progress";
+
+/// How a process writes its log.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+pub enum LogFormat {
+    /// For people.
+    #[default]
+    Text,
+    /// One JSON object per line.
+    Json,
+}
+
+/// Starts logging to standard error. `RUST_LOG` overrides the level.
+pub fn init(format: LogFormat) {
+    let filter =
+        || EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new("warn,zk0=info"));
+    let registry = tracing_subscriber::registry();
+    match format {
+        LogFormat::Json => registry
+            .with(
+                tracing_subscriber::fmt::layer()
+                    .json()
+                    .flatten_event(true)
+                    .with_writer(std::io::stderr)
+                    .with_filter(filter()),
+            )
+            .init(),
+        LogFormat::Text => registry
+            .with(
+                tracing_subscriber::fmt::layer()
+                    .with_target(false)
+                    .with_writer(std::io::stderr)
+                    .with_filter(tracing_subscriber::filter::filter_fn(|meta| {
+                        meta.target() != PROGRESS
+                    }))
+                    .with_filter(filter()),
+            )
+            .with(
+                std::io::stderr()
+                    .is_terminal()
+                    .then(|| BarLayer(Bars::new())),
+            )
+            .init(),
+    }
+}
+
+/// One progress event.
+#[derive(Clone, Debug, Default, PartialEq, Eq, serde::Deserialize)]
+pub struct Progress {
+    /// What is going on: `training`, `proving`, …
+    pub phase: String,
+    /// Units done.
+    pub done: u64,
+    /// Units in all.
+    pub total: u64,
+    /// Estimated time left, in milliseconds.
+    #[serde(default)]
+    pub eta_ms: Option<u64>,
+}
+
+impl Visit for Progress {
+    fn record_u64(&mut self, field: &Field, value: u64) {
+        match field.name() {
+            "done" => self.done = value,
+            "total" => self.total = value,
+            "eta_ms" => self.eta_ms = Some(value),
+            _ => {}
+        }
+    }
+
+    fn record_str(&mut self, field: &Field, value: &str) {
+        if field.name() == "phase" {
+            self.phase = value.into();
+        }
+    }
+
+    fn record_debug(&mut self, _: &Field, _: &dyn std::fmt::Debug) {}
+}
+
+/// Progress bars, one per key, drawn together.
+#[derive(Debug)]
+pub struct Bars {
+    all: MultiProgress,
+    by_key: Mutex<HashMap<String, ProgressBar>>,
+}
+
+impl Default for Bars {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Bars {
+    /// No bars yet.
+    pub fn new() -> Self {
+        Self {
+            all: MultiProgress::new(),
+            by_key: Mutex::default(),
+        }
+    }
+
+    /// Draws the bar of `key` anew; a finished one disappears.
+    pub fn show(&self, key: &str, progress: &Progress) {
+        let mut bars = self.by_key.lock().unwrap_or_else(PoisonError::into_inner);
+        if progress.done >= progress.total {
+            if let Some(bar) = bars.remove(key) {
+                bar.finish_and_clear();
+            }
+            return;
+        }
+        let bar = bars.entry(key.into()).or_insert_with(|| {
+            let style = ProgressStyle::with_template("{prefix:>22} [{bar:30}] {percent:>3}% {msg}")
+                .unwrap_or_else(|_| ProgressStyle::default_bar());
+            self.all.add(
+                ProgressBar::new(progress.total)
+                    .with_style(style)
+                    .with_prefix(key.to_owned()),
+            )
+        });
+        bar.set_length(progress.total);
+        bar.set_position(progress.done);
+        bar.set_message(
+            progress
+                .eta_ms
+                .map(|ms| format!("about {} left", minutes(ms)))
+                .unwrap_or_default(),
+        );
+    }
+
+    /// Prints a line above the bars.
+    pub fn line(&self, text: &str) {
+        if std::io::stderr().is_terminal() {
+            let _ = self.all.println(text);
+        } else {
+            eprintln!("{text}");
+        }
+    }
+}
+
+/// `90 s` or `12 min`.
+pub fn minutes(ms: u64) -> String {
+    match Duration::from_millis(ms).as_secs() {
+        seconds if seconds < 120 => format!("{seconds} s"),
+        seconds => format!("{} min", seconds.div_ceil(60)),
+    }
+}
+
+struct BarLayer(Bars);
+
+impl<S: Subscriber + for<'a> LookupSpan<'a>> Layer<S> for BarLayer {
+    fn on_event(&self, event: &Event<'_>, _: Context<'_, S>) {
+        if event.metadata().target() == PROGRESS {
+            let mut progress = Progress::default();
+            event.record(&mut progress);
+            self.0.show(&progress.phase.clone(), &progress);
+        }
+    }
+}

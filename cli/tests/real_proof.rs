@@ -1,0 +1,93 @@
+//! The whole demo with a real proof made in the run: two nodes as processes, one honest, one lazy. Run alone; `make test`
+//! does it last.
+
+use serde_json::Value;
+use sha2::{Digest, Sha256};
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    process::{Command, Output},
+};
+
+fn zk0(arguments: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_zk0"));
+    command
+        .args(arguments)
+        .current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/.."));
+    command
+}
+
+fn audit(ledger: &Path) -> Output {
+    zk0(&["audit", "replay", "--json", ledger.to_str().unwrap()])
+        .output()
+        .unwrap()
+}
+
+fn only_folder(dir: &Path) -> PathBuf {
+    fs::read_dir(dir).unwrap().next().unwrap().unwrap().path()
+}
+
+#[test]
+#[ignore = "makes a real proof: about ten minutes and 17 GB of memory on two cores"]
+fn a_federation_ends_with_a_proven_contribution_and_a_refused_one() {
+    let out = tempfile::tempdir().unwrap();
+    let demo = zk0(&[
+        "demo",
+        "--nodes",
+        "2",
+        "--out",
+        out.path().to_str().unwrap(),
+    ])
+    .status()
+    .unwrap();
+    assert!(demo.success());
+    let out = only_folder(out.path());
+
+    let metrics: Value =
+        serde_json::from_slice(&fs::read(out.join("metrics.json")).unwrap()).unwrap();
+    let contributions = metrics["contributions"].as_array().unwrap();
+    let (accepted, refused): (Vec<_>, Vec<_>) = contributions
+        .iter()
+        .partition(|one| one["accepted"] == true);
+    assert_eq!((accepted.len(), refused.len()), (1, 1));
+    assert!(accepted[0]["loss_after"].as_f64() < accepted[0]["loss_before"].as_f64());
+    // The stolen proof is real and of this program: only its public values give it away.
+    let reason = refused[0]["reason"].as_str().unwrap();
+    assert!(reason.contains("does not prove this claim"), "{reason}");
+
+    let global = fs::read(out.join("global.safetensors")).unwrap();
+    let digest: String = Sha256::digest(&global)
+        .iter()
+        .map(|byte| format!("{byte:02x}"))
+        .collect();
+    assert_eq!(metrics["global"][0]["weights"], digest.as_str());
+    let png = fs::read(out.join("loss.png")).unwrap();
+    assert!(
+        png.starts_with(b"\x89PNG") && png.len() > 10_000,
+        "the chart is drawn"
+    );
+    let log = fs::read_to_string(out.join("zk0.log")).unwrap();
+    for process in ["demo", "aggregator", "prover", "node-1", "node-2"] {
+        assert!(
+            log.contains(&format!("\"process\":\"{process}\"")),
+            "{process} is in the one log"
+        );
+    }
+
+    let ledger = out.join("network");
+    let report = audit(&ledger);
+    assert_eq!(report.status.code(), Some(0));
+    let report: Value = serde_json::from_slice(&report.stdout).unwrap();
+    assert_eq!(report["verdict"], "verified");
+    let proof = ledger
+        .join("blobs/sha256")
+        .join(accepted[0]["proof"].as_str().unwrap());
+    let mut bytes = fs::read(&proof).unwrap();
+    bytes[1000] ^= 1;
+    fs::write(&proof, bytes).unwrap();
+    assert_eq!(
+        audit(&ledger).status.code(),
+        Some(1),
+        "a changed proof fails the audit"
+    );
+}

@@ -1,0 +1,108 @@
+//! The replay of a real ledger holds; change any byte of an entry, a proof or a checkpoint, and it does not.
+
+use std::{fs, path::Path};
+use zk0::audit;
+use zk0_ledger::{
+    entry::Body,
+    replay::{replay, Verdict},
+};
+use zk0_tests::ledger_copy;
+
+fn verdict(dir: &Path) -> Verdict {
+    audit::history(dir).1.verdict
+}
+
+fn flip(path: &Path, at: usize) {
+    let mut bytes = fs::read(path).unwrap();
+    bytes[at] ^= 1;
+    fs::write(path, bytes).unwrap();
+}
+
+#[test]
+fn a_real_ledger_is_verified_with_an_acceptance_and_a_refusal() {
+    let dir = ledger_copy();
+    let (entries, report) = audit::history(dir.path());
+    assert_eq!(report.verdict, Verdict::Verified, "{report:?}");
+    let accepted = entries
+        .iter()
+        .filter(|entry| matches!(entry.body, Body::ContributionAccepted(_)))
+        .count();
+    let refused = entries
+        .iter()
+        .filter(|entry| matches!(entry.body, Body::ContributionRejected { .. }))
+        .count();
+    assert!(
+        accepted >= 1 && refused >= 1,
+        "{accepted} accepted, {refused} refused"
+    );
+}
+
+#[test]
+fn any_byte_of_the_published_checkpoint() {
+    let dir = ledger_copy();
+    let path = dir.path().join("checkpoint");
+    let whole = fs::read(&path).unwrap();
+    for at in 0..whole.len() {
+        flip(&path, at);
+        // The ledger's own checks are enough to see it: no proof has to be verified again.
+        assert_eq!(
+            replay(dir.path(), None, &mut ()).verdict,
+            Verdict::Failed,
+            "byte {at}"
+        );
+        fs::write(&path, &whole).unwrap();
+    }
+    assert_eq!(verdict(dir.path()), Verdict::Verified);
+}
+
+#[test]
+fn a_byte_of_any_proof_or_weights() {
+    let dir = ledger_copy();
+    for blob in fs::read_dir(dir.path().join("blobs/sha256")).unwrap() {
+        let path = blob.unwrap().path();
+        let whole = fs::read(&path).unwrap();
+        for at in [0, whole.len() / 2, whole.len() - 1] {
+            flip(&path, at);
+            assert_eq!(
+                verdict(dir.path()),
+                Verdict::Failed,
+                "{} byte {at}",
+                path.display()
+            );
+        }
+        fs::write(&path, &whole).unwrap();
+    }
+    assert_eq!(verdict(dir.path()), Verdict::Verified);
+}
+
+#[test]
+fn a_missing_proof() {
+    let dir = ledger_copy();
+    let (entries, _) = audit::history(dir.path());
+    let proof = entries.iter().find_map(|entry| match &entry.body {
+        Body::ContributionAccepted(submission) => Some(submission.statement.proof),
+        _ => None,
+    });
+    fs::remove_file(
+        dir.path()
+            .join("blobs/sha256")
+            .join(proof.unwrap().to_string()),
+    )
+    .unwrap();
+    assert_eq!(verdict(dir.path()), Verdict::Failed);
+}
+
+#[test]
+fn another_network() {
+    let dir = ledger_copy();
+    let id = audit::network_id(dir.path()).unwrap();
+    assert_eq!(
+        replay(dir.path(), Some(&id), &mut ()).verdict,
+        Verdict::Verified
+    );
+    let other = zk0_circuits::Digest([1; 32]);
+    assert_eq!(
+        replay(dir.path(), Some(&other), &mut ()).verdict,
+        Verdict::Failed
+    );
+}

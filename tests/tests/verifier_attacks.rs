@@ -1,0 +1,258 @@
+//! A contribution with a real SP1 proof is accepted; change one thing, and it is refused for that thing's reason.
+
+use ed25519_dalek::SigningKey;
+use zk0_circuits::{Claim, Digest, Losses};
+use zk0_ledger::{signed::Signed, Refusal};
+use zk0_tests::{accepted, ledger_copy, Accepted};
+use zk0_verifier::{blob_digest, check_proof, verify, ProgramKey, UnverifiedContribution};
+
+fn real() -> Accepted {
+    accepted(ledger_copy().path())
+}
+
+fn refusal(real: &Accepted, contribution: &UnverifiedContribution) -> Refusal {
+    verify(contribution, &real.state, real.time_ms).expect_err("has to be refused")
+}
+
+/// The contribution with its claim changed and signed again, as a cheat would who holds the node's key. The fixture's nodes
+/// keep theirs: the signature is then the first thing that is wrong, so what comes after is checked on its own.
+fn check_changed(real: &Accepted, change: impl FnOnce(&mut Claim)) -> (Refusal, Refusal) {
+    let mut changed = real.contribution.clone();
+    change(&mut changed.submission.statement.claim);
+    let claim = &changed.submission.statement.claim;
+    let key = ProgramKey::from_bytes(&real.state.genesis().program).unwrap();
+    let by_ledger = real
+        .state
+        .check_claim(claim, real.time_ms)
+        .expect_err("the ledger fixes this");
+    let by_proof = check_proof(&changed.proof, claim, &key).expect_err("the proof says otherwise");
+    assert!(matches!(refusal(real, &changed), Refusal::Signature(_)));
+    (by_ledger, by_proof)
+}
+
+#[test]
+fn the_real_contribution_is_accepted() {
+    let real = real();
+    let verified = verify(&real.contribution, &real.state, real.time_ms).unwrap();
+    assert_eq!(
+        verified.claim(),
+        &real.contribution.submission.statement.claim
+    );
+}
+
+#[test]
+fn a_flipped_byte_in_the_proof_is_refused() {
+    let real = real();
+    let claim = &real.contribution.submission.statement.claim;
+    let key = ProgramKey::from_bytes(&real.state.genesis().program).unwrap();
+    let length = real.contribution.proof.len();
+    for at in [
+        0,
+        4,
+        100,
+        length / 4,
+        length / 2,
+        length * 3 / 4,
+        length - 1,
+    ] {
+        let mut changed = real.contribution.clone();
+        changed.proof[at] ^= 1;
+        // The node signed the proof's digest, so a flip on the way is seen before SP1 is asked…
+        assert!(
+            matches!(refusal(&real, &changed), Refusal::ProofDigest { .. }),
+            "byte {at}"
+        );
+        // …and SP1 itself refuses what the node might have signed.
+        let by_proof = check_proof(&changed.proof, claim, &key).expect_err("a changed proof");
+        assert!(
+            matches!(
+                by_proof,
+                Refusal::MalformedProof(_)
+                    | Refusal::InvalidProof(_)
+                    | Refusal::OtherClaim
+                    | Refusal::OtherProgram
+            ),
+            "byte {at}: {by_proof}"
+        );
+    }
+}
+
+#[test]
+fn a_truncated_or_extended_proof_is_malformed() {
+    let real = real();
+    let claim = &real.contribution.submission.statement.claim;
+    let key = ProgramKey::from_bytes(&real.state.genesis().program).unwrap();
+    let proof = &real.contribution.proof;
+    for cut in [0, 3, 4, 5, 1000, proof.len() / 2, proof.len() - 1] {
+        assert!(
+            matches!(
+                check_proof(&proof[..cut], claim, &key),
+                Err(Refusal::MalformedProof(_))
+            ),
+            "cut to {cut}"
+        );
+    }
+    let longer = [&proof[..], &[0]].concat();
+    assert!(matches!(
+        check_proof(&longer, claim, &key),
+        Err(Refusal::MalformedProof(_))
+    ));
+}
+
+#[test]
+fn changed_public_values_are_another_claim() {
+    let real = real();
+    let mut claim = real.contribution.submission.statement.claim.clone();
+    let Losses::Disclosed {
+        before,
+        after,
+        elements,
+    } = claim.losses
+    else {
+        panic!("the fixture discloses losses")
+    };
+    claim.losses = Losses::Disclosed {
+        before,
+        after: after - 1,
+        elements,
+    };
+    let key = ProgramKey::from_bytes(&real.state.genesis().program).unwrap();
+    assert_eq!(
+        check_proof(&real.contribution.proof, &claim, &key),
+        Err(Refusal::OtherClaim)
+    );
+}
+
+#[test]
+fn another_programs_key_is_refused() {
+    let real = real();
+    let claim = &real.contribution.submission.statement.claim;
+    let mut key: Vec<u8> = real.state.genesis().program.clone();
+    key[0] ^= 1;
+    let key = ProgramKey::from_bytes(&key).unwrap();
+    assert_eq!(
+        check_proof(&real.contribution.proof, claim, &key),
+        Err(Refusal::OtherProgram)
+    );
+}
+
+#[test]
+fn a_flipped_bit_in_the_signature_is_refused() {
+    let real = real();
+    for at in [0, 31, 32, 63] {
+        let mut changed = real.contribution.clone();
+        changed.submission.signature[at] ^= 1;
+        assert!(
+            matches!(refusal(&real, &changed), Refusal::Signature(_)),
+            "byte {at}"
+        );
+    }
+}
+
+#[test]
+fn another_nodes_signature_is_refused() {
+    let real = real();
+    let mut changed = real.contribution.clone();
+    changed.submission = Signed::new(
+        changed.submission.statement,
+        &SigningKey::from_bytes(&[7; 32]),
+    );
+    assert!(matches!(refusal(&real, &changed), Refusal::Signature(_)));
+}
+
+#[test]
+fn other_weights_than_those_committed_are_refused() {
+    let real = real();
+    let mut changed = real.contribution.clone();
+    *changed.update.last_mut().unwrap() ^= 1;
+    assert!(matches!(
+        refusal(&real, &changed),
+        Refusal::UpdateDigest { .. }
+    ));
+}
+
+#[test]
+fn weights_that_quantise_to_something_else_are_refused() {
+    let real = real();
+    let claim = &real.contribution.submission.statement.claim;
+    let mut update = real.contribution.update.clone();
+    // The highest exponent bit but one of the last value: another number, still finite.
+    *update.last_mut().unwrap() ^= 0x20;
+    let mut digest = claim.update;
+    digest.blob = blob_digest(&update);
+    let evaluation = zk0_verifier::Evaluation::of(&real.state).unwrap();
+    match evaluation.check_update(&update, &digest) {
+        Err(Refusal::OtherWeights { proven, .. }) => assert_eq!(proven, claim.update.quantised),
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn every_field_the_ledger_fixes_is_bound() {
+    let real = real();
+    let flip = |digest: &mut Digest| digest.0[31] ^= 1;
+    let changes: [(&str, Box<dyn Fn(&mut Claim)>); 10] = [
+        (
+            "dataset.root",
+            Box::new(|claim| flip(&mut claim.dataset.root)),
+        ),
+        (
+            "dataset.samples",
+            Box::new(|claim| claim.dataset.samples += 1),
+        ),
+        (
+            "dataset.feature_spec",
+            Box::new(|claim| flip(&mut claim.dataset.feature_spec)),
+        ),
+        (
+            "dataset.salt_commitment",
+            Box::new(|claim| flip(&mut claim.dataset.salt_commitment)),
+        ),
+        ("evaluation", Box::new(|claim| flip(&mut claim.evaluation))),
+        ("base", Box::new(|claim| flip(&mut claim.base.blob))),
+        (
+            "update",
+            Box::new(|claim| flip(&mut claim.update.quantised)),
+        ),
+        ("challenge", Box::new(|claim| flip(&mut claim.challenge))),
+        ("eval_samples", Box::new(|claim| claim.eval_samples -= 1)),
+        (
+            "min_improvement_bps",
+            Box::new(|claim| claim.min_improvement_bps -= 1),
+        ),
+    ];
+    for (name, change) in changes {
+        let (by_ledger, by_proof) = check_changed(&real, change);
+        let Refusal::Binding { field, .. } = by_ledger else {
+            panic!("{name}: {by_ledger}")
+        };
+        assert!(field.starts_with(name), "{name} reported as {field}");
+        assert_eq!(by_proof, Refusal::OtherClaim, "{name}");
+    }
+}
+
+#[test]
+fn another_network_round_or_node_is_refused() {
+    let real = real();
+    let (by_ledger, _) = check_changed(&real, |claim| claim.network.0[0] ^= 1);
+    assert!(matches!(by_ledger, Refusal::WrongNetwork { .. }));
+    let (by_ledger, _) = check_changed(&real, |claim| claim.round += 1);
+    assert!(matches!(by_ledger, Refusal::WrongRound { .. }));
+}
+
+#[test]
+fn a_second_submission_is_refused() {
+    let real = real();
+    let entry = zk0_ledger::Entry {
+        version: zk0_ledger::entry::ENTRY_VERSION,
+        time_ms: real.time_ms,
+        body: zk0_ledger::Body::ContributionAccepted(real.contribution.submission.clone()),
+    };
+    let mut after = real.state.clone();
+    after.apply(&Digest::default(), &entry).unwrap();
+    let second = verify(&real.contribution, &after, real.time_ms);
+    assert!(
+        matches!(second, Err(Refusal::Duplicate { .. })),
+        "{second:?}"
+    );
+}
