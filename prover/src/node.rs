@@ -25,6 +25,30 @@ const POLL: Duration = Duration::from_millis(500);
 /// Largest message that is read: a receipt or a chunk is far smaller.
 const MAX_MESSAGE_BYTES: usize = 4 << 20;
 
+/// How often, and how long apart, an aggregator that does not answer is asked again: it may be restarting.
+const ATTEMPTS: u32 = 150;
+const APART: Duration = Duration::from_secs(2);
+
+/// Makes a request, again and again while the aggregator is away. That is safe: who asks for the same thing twice gets the
+/// same receipt.
+macro_rules! patiently {
+    ($self:ident.client.$method:ident($request:ident)) => {{
+        let mut attempt = 1;
+        loop {
+            match $self.client.$method($request.clone()).await {
+                Err(status) if status.code() == Code::Unavailable && attempt < ATTEMPTS => {
+                    if attempt == 1 {
+                        tracing::warn!("the aggregator does not answer; asking again");
+                    }
+                    attempt += 1;
+                    tokio::time::sleep(APART).await;
+                }
+                other => break other,
+            }
+        }
+    }};
+}
+
 /// A node of one network, connected to its aggregator.
 pub struct Node {
     client: FederationClient<transport::Channel>,
@@ -184,7 +208,7 @@ impl Node {
         }
     }
 
-    /// Puts a dataset on the ledger. One that is there already stays.
+    /// Puts a dataset on the ledger; a node that was restarted gets the receipt it got before.
     pub async fn register(
         &mut self,
         dataset: &DatasetCommitment,
@@ -202,12 +226,7 @@ impl Node {
             registration: encode(&signed),
             leaves,
         };
-        let receipt = match self.client.register_dataset(request).await {
-            Ok(reply) => reply.into_inner(),
-            // A node that was restarted registers again what it has registered.
-            Err(status) if status.code() == Code::AlreadyExists => return Ok(()),
-            Err(status) => return Err(status.into()),
-        };
+        let receipt = patiently!(self.client.register_dataset(request))?.into_inner();
         self.recorded(receipt, Body::DatasetCommitted(signed))
             .map(drop)
     }
@@ -215,11 +234,8 @@ impl Node {
     /// Waits until `round` is open, and returns how it was opened; a later one if that has closed meanwhile.
     pub async fn wait_for_round(&mut self, round: u64) -> Result<RoundOpened, NodeError> {
         loop {
-            let info = self
-                .client
-                .get_round(rpc::GetRoundRequest { round: None })
-                .await?
-                .into_inner();
+            let request = rpc::GetRoundRequest { round: None };
+            let info = patiently!(self.client.get_round(request))?.into_inner();
             if let (Some(opened), None) = (info.opened, info.closed) {
                 match self.entry(opened)?.1.body {
                     Body::RoundOpened(opened) if opened.round >= round => return Ok(opened),
@@ -234,11 +250,8 @@ impl Node {
     /// Waits until `round` is closed, and returns how.
     pub async fn wait_for_close(&mut self, round: u64) -> Result<RoundClosed, NodeError> {
         loop {
-            let info = self
-                .client
-                .get_round(rpc::GetRoundRequest { round: Some(round) })
-                .await?
-                .into_inner();
+            let request = rpc::GetRoundRequest { round: Some(round) };
+            let info = patiently!(self.client.get_round(request))?.into_inner();
             if let Some(closed) = info.closed {
                 match self.entry(closed)?.1.body {
                     Body::RoundClosed(closed) if closed.round == round => return Ok(closed),
@@ -289,7 +302,7 @@ impl Node {
         let request = rpc::CommitRequest {
             commitment: encode(&signed),
         };
-        let receipt = self.client.commit(request).await?.into_inner();
+        let receipt = patiently!(self.client.commit(request))?.into_inner();
         let (receipt, checkpoint) = self.recorded(receipt, Body::UpdateCommitted(signed))?;
         // The tree that ends with the commitment: nobody chose which checkpoint it is.
         if checkpoint.size != receipt.index + 1 {
@@ -317,14 +330,9 @@ impl Node {
             },
             &self.key,
         );
-        let reply = self
-            .client
-            .submit(rpc::SubmitRequest {
-                submission: encode(&signed),
-                proof,
-            })
-            .await?
-            .into_inner();
+        let submission = encode(&signed);
+        let request = rpc::SubmitRequest { submission, proof };
+        let reply = patiently!(self.client.submit(request))?.into_inner();
         let receipt = reply
             .receipt
             .ok_or_else(|| unexpected("a receipt of the decision", "none"))?;
