@@ -123,16 +123,16 @@ fn gas(report: &ExecutionReport) -> Result<u64, ExecuteError> {
         .ok_or_else(|| ExecuteError::Failed("no gas was calculated".into()))
 }
 
-/// The message of a Rust panic, without the line that says where in the source it was.
+/// The message of a Rust panic, one line: the guest's runtime says where in the source it was before, and says the
+/// message again after.
 fn panic_message(stderr: &str) -> String {
-    let text = stderr.trim();
-    let message = match text.split_once("panicked at ") {
+    let text = match stderr.split_once("panicked at ") {
         Some((_, rest)) => rest.split_once('\n').map_or(rest, |(_, message)| message),
-        None => text,
+        None => stderr,
     };
-    match message.split("\nnote: ").next().unwrap_or_default().trim() {
-        "" => "it ended without a message".into(),
-        message => message.into(),
+    match text.lines().find(|line| !line.trim().is_empty()) {
+        Some(message) => message.trim().into(),
+        None => "it ended without a message".into(),
     }
 }
 
@@ -143,7 +143,7 @@ mod tests {
     #[test]
     fn a_panic_is_reported_without_its_source_line() {
         let stderr =
-            "\nthread 'main' panicked at src/direct.rs:9:5:\nthe loss did not fall\nnote: run with RUST_BACKTRACE=1\n";
+            "\nthread 'main' panicked at src/direct.rs:9:5:\nthe loss did not fall\nthe loss did not fall\n";
         assert_eq!(panic_message(stderr), "the loss did not fall");
         assert_eq!(panic_message(""), "it ended without a message");
         assert_eq!(panic_message("out of memory\n"), "out of memory");
