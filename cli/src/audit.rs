@@ -5,7 +5,9 @@ use std::path::{Path, PathBuf};
 use zk0_aggregator::audit::Auditor;
 use zk0_circuits::Digest;
 use zk0_ledger::{
+    folder,
     replay::{replay, Report, Severity, Verdict},
+    store::Store,
     Entry,
 };
 
@@ -90,40 +92,16 @@ pub fn network_id(dir: &Path) -> Result<Digest> {
     Ok(id.parse()?)
 }
 
-/// The verified history of the ledger in `dir`, and the report on it.
-pub fn history(dir: &Path) -> (Vec<Entry>, Report) {
-    let mut historian = Historian::default();
-    let report = replay(dir, None, &mut historian);
-    (historian.entries, report)
-}
-
-/// An auditor that takes notes.
-#[derive(Default)]
-struct Historian {
-    auditor: Auditor,
-    entries: Vec<Entry>,
-}
-
-impl zk0_ledger::replay::Recheck for Historian {
-    fn begin(&mut self, entries: u64) {
-        self.auditor.begin(entries);
+/// The report on the ledger in `dir`, and its entries as far as they were verified.
+pub fn history(dir: &Path) -> Result<(Vec<Entry>, Report)> {
+    let report = replay(dir, None, &mut Auditor::default());
+    let store = Store::open_read_only(&folder::database(dir))?;
+    let mut entries = Vec::new();
+    for index in 0..report.entries {
+        let bytes = store
+            .entry(index)?
+            .with_context(|| format!("entry {index} has gone"))?;
+        entries.push(Entry::decode(&bytes)?);
     }
-
-    fn genesis(
-        &mut self,
-        genesis: &zk0_ledger::entry::Genesis,
-    ) -> Vec<zk0_ledger::replay::Finding> {
-        self.auditor.genesis(genesis)
-    }
-
-    fn entry(
-        &mut self,
-        before: &zk0_ledger::state::State,
-        index: u64,
-        entry: &Entry,
-        blobs: &zk0_ledger::blobs::Blobs,
-    ) -> Vec<zk0_ledger::replay::Finding> {
-        self.entries.push(entry.clone());
-        self.auditor.entry(before, index, entry, blobs)
-    }
+    Ok((entries, report))
 }

@@ -102,6 +102,10 @@ pub struct ProverOptions {
 /// Peak memory of a compressed proof under the smallest options.
 const NEEDED: u64 = 17 * GIB;
 
+/// Free memory from which SP1's own shard size fits, with one worker of each kind: a claim is then one shard or two, and
+/// there is a fraction of the recursion to do.
+const LARGE: u64 = 19 * GIB;
+
 impl ProverOptions {
     /// The options for `resources`, or how much memory is missing.
     pub fn choose(resources: Resources) -> Result<Self, OptionsError> {
@@ -121,7 +125,7 @@ impl ProverOptions {
                 needed: NEEDED,
                 free: memory,
             }),
-            _ if memory < 32 * GIB => Ok(small),
+            _ if memory < LARGE => Ok(small),
             _ if memory < 96 * GIB || cores < 8 => Ok(large),
             _ => Ok(Self {
                 workers: 4,
@@ -206,8 +210,8 @@ mod tests {
             })
             .unwrap()
         };
-        assert_eq!(options(20, 2).workers, 1);
-        assert!(options(20, 64).element_threshold < options(40, 64).element_threshold);
+        assert_eq!(options(18, 2).workers, 1);
+        assert!(options(18, 64).element_threshold < options(19, 64).element_threshold);
         assert_eq!(
             options(200, 2).workers,
             1,

@@ -63,7 +63,7 @@ pub struct Accepted {
 
 /// Finds the first accepted contribution of the ledger in `dir`.
 pub fn accepted(dir: &Path) -> Accepted {
-    let (entries, _) = zk0::audit::history(dir);
+    let (entries, _) = zk0::audit::history(dir).expect("a ledger");
     let blobs = Blobs::at(dir);
     let mut leaves = Vec::new();
     let mut state: Option<State> = None;

@@ -2,6 +2,7 @@
 
 use std::{fs, path::Path};
 use zk0::audit;
+use zk0_aggregator::Auditor;
 use zk0_ledger::{
     entry::Body,
     replay::{replay, Verdict},
@@ -9,7 +10,7 @@ use zk0_ledger::{
 use zk0_tests::ledger_copy;
 
 fn verdict(dir: &Path) -> Verdict {
-    audit::history(dir).1.verdict
+    replay(dir, None, &mut Auditor::default()).verdict
 }
 
 fn flip(path: &Path, at: usize) {
@@ -21,7 +22,7 @@ fn flip(path: &Path, at: usize) {
 #[test]
 fn a_real_ledger_is_verified_with_an_acceptance_and_a_refusal() {
     let dir = ledger_copy();
-    let (entries, report) = audit::history(dir.path());
+    let (entries, report) = audit::history(dir.path()).unwrap();
     assert_eq!(report.verdict, Verdict::Verified, "{report:?}");
     let accepted = entries
         .iter()
@@ -78,7 +79,7 @@ fn a_byte_of_any_proof_or_weights() {
 #[test]
 fn a_missing_proof() {
     let dir = ledger_copy();
-    let (entries, _) = audit::history(dir.path());
+    let (entries, _) = audit::history(dir.path()).unwrap();
     let proof = entries.iter().find_map(|entry| match &entry.body {
         Body::ContributionAccepted(submission) => Some(submission.statement.proof),
         _ => None,

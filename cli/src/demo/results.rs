@@ -65,7 +65,7 @@ pub fn finish(
     unseen: Option<&Path>,
     console: &Console,
 ) -> Result<()> {
-    let (entries, report) = audit::history(network);
+    let (entries, report) = audit::history(network)?;
     print!("\n{}\n", audit::verdict(&report));
     if report.verdict == Verdict::Failed {
         bail!("the audit failed");
