@@ -61,14 +61,16 @@ enum Check {
 }
 
 impl Recheck for Auditor {
-    fn genesis(&mut self, genesis: &Genesis) -> Vec<Finding> {
+    fn genesis(&mut self, genesis: &Genesis, blobs: &Blobs) -> Vec<Finding> {
         let program = ProgramKey::from_bytes(&genesis.program).map_err(|error| error.to_string());
         let evaluation = Evaluation::decode(&genesis.evaluation).map_err(|error| error.to_string());
-        [program.map(drop), evaluation.map(drop)]
+        let unusable = [program.map(drop), evaluation.map(drop)]
             .into_iter()
             .filter_map(Result::err)
-            .map(|error| Finding::fault(0, error))
-            .collect()
+            .map(Check::Failed);
+        let policy = whole("the initial policy", &genesis.policy, blobs);
+        let checks = unusable.chain([policy]).collect();
+        self.findings(0, checks)
     }
 
     fn entry(&mut self, before: &State, index: u64, entry: &Entry, blobs: &Blobs) -> Vec<Finding> {
@@ -93,10 +95,19 @@ impl Recheck for Auditor {
             Body::RoundClosed(closed) => {
                 let check = self.closed(before, closed);
                 count(&mut self.checked.averages, &check);
-                vec![check]
+                vec![
+                    check,
+                    whole("the global weights", &closed.global.blob, blobs),
+                ]
             }
             Body::Genesis(_) | Body::NodeEnrolled(_) | Body::UpdateCommitted(_) => Vec::new(),
         };
+        self.findings(index, checks)
+    }
+}
+
+impl Auditor {
+    fn findings(&mut self, index: u64, checks: Vec<Check>) -> Vec<Finding> {
         let mut findings = Vec::new();
         for check in checks {
             match check {
@@ -110,9 +121,7 @@ impl Recheck for Auditor {
         }
         findings
     }
-}
 
-impl Auditor {
     fn accepted(
         &mut self,
         before: &State,
@@ -191,6 +200,15 @@ impl Auditor {
 fn count(counter: &mut u64, check: &Check) {
     if matches!(check, Check::Passed) {
         *counter += 1;
+    }
+}
+
+/// A blob that the ledger names is the one at hand.
+fn whole(what: &str, blob: &Digest, blobs: &Blobs) -> Check {
+    match blobs.check(blob) {
+        Ok(()) => Check::Passed,
+        Err(BlobError::Missing(blob)) => Check::NotChecked(format!("{what} {blob}: not at hand")),
+        Err(error) => Check::Failed(format!("{what}: {error}")),
     }
 }
 

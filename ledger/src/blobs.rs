@@ -107,6 +107,20 @@ impl Blobs {
         Ok(bytes)
     }
 
+    /// Checks that a blob of any size is there and whole, without holding it in memory.
+    pub fn check(&self, digest: &Digest) -> Result<(), BlobError> {
+        let path = self.path(digest);
+        let mut file = match File::open(&path) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => {
+                return Err(BlobError::Missing(*digest))
+            }
+            other => other.map_err(io_error(&path))?,
+        };
+        let mut hasher = Sha256::new();
+        io::copy(&mut file, &mut hasher).map_err(io_error(&path))?;
+        check(digest, hasher.finalize().into())
+    }
+
     /// Removes what killed processes left behind. Only for the ledger's one writer.
     pub(crate) fn remove_unfinished(&self) -> Result<(), BlobError> {
         let folder = self.unfinished();

@@ -23,7 +23,7 @@ pub trait Recheck {
     fn begin(&mut self, _entries: u64) {}
 
     /// The founding document.
-    fn genesis(&mut self, _genesis: &Genesis) -> Vec<Finding> {
+    fn genesis(&mut self, _genesis: &Genesis, _blobs: &Blobs) -> Vec<Finding> {
         Vec::new()
     }
 
@@ -180,7 +180,8 @@ impl Replay {
                 let founded = State::found(&entry).map_err(|error| error.to_string())?;
                 check_network(dir, founded.network(), network).map_err(text)?;
                 check_checkpoint(store, founded.genesis(), index + 1, root)?;
-                self.findings.extend(recheck.genesis(founded.genesis()));
+                self.findings
+                    .extend(recheck.genesis(founded.genesis(), &self.blobs));
                 self.state = Some(founded);
             }
             Some(state) => {

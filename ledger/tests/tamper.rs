@@ -254,7 +254,7 @@ fn what_the_caller_finds_is_in_the_report() {
         fn begin(&mut self, entries: u64) {
             self.announced = entries;
         }
-        fn genesis(&mut self, found: &Genesis) -> Vec<Finding> {
+        fn genesis(&mut self, found: &Genesis, _: &Blobs) -> Vec<Finding> {
             assert_eq!(*found, genesis());
             vec![Finding::note(0, "a test network")]
         }
