@@ -361,7 +361,9 @@ impl Turn<'_> {
 fn proving_progress(event: rpc::Progress) {
     let phase = match event.phase() {
         rpc::progress::Phase::Queued => "waiting for the prover",
-        _ => "proving",
+        rpc::progress::Phase::Proving => "proving",
+        // Over in a second, and nothing is known of the time yet.
+        _ => return,
     };
     let total = event.estimated_total_ms.max(event.elapsed_ms + 1);
     progress::report(phase, event.elapsed_ms, total, total - event.elapsed_ms);
