@@ -7,7 +7,7 @@ export CARGO_TARGET_DIR ?= $(HOME)/.cache/zk0/target
 RUST := scripts/with-rust
 ZK0 := $(CARGO_TARGET_DIR)/release/zk0
 
-.PHONY: demo test setup build guest fixtures cycles
+.PHONY: demo test setup build guest fixtures cycles bench-weight-check
 
 demo: build
 	$(ZK0) demo --rounds $(ROUNDS) --nodes $(NODES)
@@ -24,14 +24,21 @@ test:
 	$(RUST) cargo test --release --workspace --locked
 	$(RUST) cargo test --release --workspace --locked --test real_proof -- --ignored --nocapture
 
-# Guest cycles and gas of one claim, from execute mode.
+# Guest cycles and gas of claims per profile and mode, from execute mode. The full profile takes minutes and 3 GB.
 cycles: build
 	$(ZK0) prover cycles
 
-# Rebuilds the guest program and its verifying key from source.
+# The verifier's half of mode `checked` at full size: seconds and memory, two sets of 98 M weights.
+bench-weight-check: build
+	$(RUST) cargo build --release --workspace --locked --example weight_check
+	$(CARGO_TARGET_DIR)/release/examples/weight_check
+
+# Rebuilds the guest programs and their verifying keys from source.
 guest:
 	@scripts/setup.sh guest
 	$(RUST) circuits/build-guest.sh
+	$(RUST) cargo build --release --workspace --locked --example record_guest
+	$(CARGO_TARGET_DIR)/release/examples/record_guest
 
 # Makes the committed ledger and proof anew, by a demo; needed whenever the guest program changes.
 fixtures: build

@@ -2,8 +2,8 @@
 # Builds the SP1 guest programs from source.
 #
 #   circuits/build-guest.sh            build, and replace the committed ELFs. The record beside them (verifying key, digest,
-#                                      toolchain) is then out of date until `cargo run --release -p zk0-prover --example
-#                                      record_guest` has renewed it.
+#                                      toolchain) is then out of date until the example record_guest of zk0-prover has
+#                                      renewed it, as `make guest` does.
 #   circuits/build-guest.sh --check    build, and compare with the committed ELFs
 #   circuits/build-guest.sh --toolchain  print the toolchain that would be used, as the record names it
 #
@@ -23,7 +23,7 @@ circuits=$(cd "$(dirname "$0")" && pwd -P)
 guest=$circuits/guest
 target=riscv64im-succinct-zkvm-elf
 target_dir=${ZK0_GUEST_TARGET_DIR:-$guest/target}
-programs=(direct)
+programs=(direct checked)
 
 fail() { echo "build-guest: $2" >&2; exit "$1"; }
 

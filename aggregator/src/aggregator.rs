@@ -101,7 +101,7 @@ impl Aggregator {
                 "the initial weights have {size} bytes, but the rules allow updates of at most {limit}"
             )));
         }
-        Evaluation::decode(&genesis.evaluation)?.check_update(initial, &genesis.initial)?;
+        Evaluation::of_genesis(&genesis)?.check_update(initial, &genesis.initial)?;
         // Blobs first: there is never a ledger that names weights which are not there.
         let blobs = Blobs::at(dir);
         blobs.put(policy)?;
@@ -318,7 +318,8 @@ impl Aggregator {
             .state()
             .round()
             .and_then(|round| round.commits.get(&node));
-        let Some(update) = commit.map(|commit| commit.update.blob) else {
+        let opened = self.state().round().map(|round| round.opened.base.blob);
+        let Some((update, base)) = commit.map(|commit| commit.update.blob).zip(opened) else {
             // Say first what is wrong with the claim itself, if anything is.
             self.state().check_claim(claim, now)?;
             return Err(Refusal::NotCommitted(node).into());
@@ -326,6 +327,10 @@ impl Aggregator {
         let limit = self.state().rules().max_update_bytes;
         let contribution = UnverifiedContribution {
             update: self.ledger.blobs().get(&update, limit)?,
+            base: self
+                .ledger
+                .blobs()
+                .get(&base, self.state().rules().max_base_bytes())?,
             submission,
             proof,
         };
@@ -433,7 +438,7 @@ impl Aggregator {
 fn check_genesis(genesis: &Genesis) -> Result<(), RequestError> {
     ProgramKey::from_bytes(&genesis.program)
         .map_err(|error| RequestError::Malformed(format!("genesis: {error}")))?;
-    Evaluation::decode(&genesis.evaluation)
+    Evaluation::of_genesis(genesis)
         .map_err(|error| RequestError::Malformed(format!("genesis: {error}")))?;
     Ok(())
 }

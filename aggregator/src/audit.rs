@@ -63,7 +63,7 @@ enum Check {
 impl Recheck for Auditor {
     fn genesis(&mut self, genesis: &Genesis, blobs: &Blobs) -> Vec<Finding> {
         let program = ProgramKey::from_bytes(&genesis.program).map_err(|error| error.to_string());
-        let evaluation = Evaluation::decode(&genesis.evaluation).map_err(|error| error.to_string());
+        let evaluation = Evaluation::of_genesis(genesis).map_err(|error| error.to_string());
         let unusable = [program.map(drop), evaluation.map(drop)]
             .into_iter()
             .filter_map(Result::err)
@@ -156,10 +156,15 @@ impl Auditor {
             }
             Err(error) => return failed(&format!("its update cannot be read: {error}")),
         };
+        let base = match blobs.get(&statement.claim.base.blob, rules.max_base_bytes()) {
+            Ok(base) => base,
+            Err(error) => return failed(&format!("its base weights cannot be read: {error}")),
+        };
         let contribution = UnverifiedContribution {
             submission: submission.clone(),
             proof,
             update,
+            base,
         };
         match verify(&contribution, before, time_ms) {
             Ok(verified) => {
@@ -236,8 +241,7 @@ fn dataset(registration: &DatasetRegistration, blobs: &Blobs) -> Check {
 
 /// The weights that a round starts from: the file and its numbers belong together.
 fn base(before: &State, base: &WeightsDigest, blobs: &Blobs) -> Check {
-    let limit = before.rules().max_update_bytes.saturating_mul(2);
-    let checked = match blobs.get(&base.blob, limit) {
+    let checked = match blobs.get(&base.blob, before.rules().max_base_bytes()) {
         Ok(file) => {
             Evaluation::of(before).and_then(|evaluation| evaluation.check_update(&file, base))
         }
@@ -286,7 +290,7 @@ fn rejected(
     };
     let about_update = matches!(
         reason,
-        Refusal::MalformedUpdate(_) | Refusal::OtherWeights { .. }
+        Refusal::MalformedUpdate(_) | Refusal::OtherWeights { .. } | Refusal::OtherProducts { .. }
     );
     let found = match blobs.get(&statement.claim.update.blob, rules.max_update_bytes) {
         Err(BlobError::Missing(blob)) if about_update => {
@@ -295,10 +299,15 @@ fn rejected(
             ))
         }
         Ok(update) if about_update => {
+            let base = match blobs.get(&statement.claim.base.blob, rules.max_base_bytes()) {
+                Ok(base) => base,
+                Err(error) => return failed(&format!("its base weights cannot be read: {error}")),
+            };
             let contribution = UnverifiedContribution {
                 submission: submission.clone(),
                 proof,
                 update,
+                base,
             };
             verify(&contribution, before, time_ms).map(drop)
         }

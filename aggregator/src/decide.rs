@@ -72,7 +72,8 @@ pub fn is_recorded(reason: &Refusal) -> bool {
         | Refusal::OtherProgram
         | Refusal::InvalidProof(_)
         | Refusal::MalformedUpdate(_)
-        | Refusal::OtherWeights { .. } => true,
+        | Refusal::OtherWeights { .. }
+        | Refusal::OtherProducts { .. } => true,
         Refusal::TooLarge { .. }
         | Refusal::Signature(_)
         | Refusal::NotEnrolled(_)

@@ -104,6 +104,7 @@ impl Accepted {
         let contribution = UnverifiedContribution {
             proof: blobs.get(&statement.proof, rules.max_proof_bytes)?,
             update: blobs.get(&statement.claim.update.blob, rules.max_update_bytes)?,
+            base: blobs.get(&statement.claim.base.blob, rules.max_base_bytes())?,
             submission: self.submission.clone(),
         };
         verify(&contribution, &self.before, self.time_ms).map_err(|reason| {

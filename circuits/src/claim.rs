@@ -4,7 +4,7 @@ use crate::{DatasetCommitment, Digest, NodeId};
 use borsh::{BorshDeserialize, BorshSerialize};
 
 /// Version of the encoding and meaning of [`Claim`].
-pub const CLAIM_VERSION: u16 = 1;
+pub const CLAIM_VERSION: u16 = 2;
 
 /// *With samples chosen by `challenge` from the committed dataset, the mean flow-matching loss of the update is lower
 /// than that of the base weights by at least `min_improvement_bps`.*
@@ -34,16 +34,38 @@ pub struct Claim {
     pub min_improvement_bps: u32,
     /// What the network's disclosure rule allows of the losses.
     pub losses: Losses,
-    /// Transcript digest of the weight check in `checked` mode; `None` in `direct` mode.
-    pub weight_check: Option<Digest>,
+    /// What the verifier has to check of the weights in mode `checked`; `None` in mode `direct`.
+    pub weight_check: Option<WeightCheck>,
+}
+
+/// The products that the guest took on trust in its projections of the weight matrices: the verifier expands the coefficients
+/// from `seed`, projects the matrices of both files with them ([`crate::projection`]), and compares.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
+pub struct WeightCheck {
+    /// What the coefficients are expanded from: the hash of header and hinted products.
+    pub seed: Digest,
+    /// What of the base weights was in the guest.
+    pub base: GuestWeights,
+    /// What of the update was in the guest.
+    pub update: GuestWeights,
+}
+
+/// What of a set of weights enters the guest in mode `checked`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
+pub struct GuestWeights {
+    /// Digest of norm gains and biases.
+    pub parameters: Digest,
+    /// Digest of the matrices' projections.
+    pub projections: Digest,
 }
 
 /// A set of expert weights, as bytes and as numbers.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
+#[derive(Default, Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct WeightsDigest {
     /// SHA-256 of the safetensors file.
     pub blob: Digest,
-    /// Poseidon2 digest of the quantised weights: what the guest evaluated. The verifier recomputes it from the file.
+    /// Digest of the quantised weights, [`crate::QuantisedWeights::digest`]: computed in the guest in mode `direct`. The
+    /// verifier recomputes it from the file in either.
     pub quantised: Digest,
 }
 

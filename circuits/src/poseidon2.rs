@@ -22,6 +22,14 @@ pub enum Domain {
     Weights = 1,
     /// A sample: [`crate::sample::Sample`].
     Sample = 2,
+    /// Norm gains and biases: [`crate::parameters::Parameters`].
+    Parameters = 3,
+    /// Hinted sums of one evaluation, two int16 each.
+    Hints = 4,
+    /// Projections of the weight matrices: [`crate::projection`].
+    Projections = 5,
+    /// The coefficients of the product checks: [`crate::coefficients`].
+    Coefficients = 6,
 }
 
 const LOW_30: u64 = 0x3fff_ffff_3fff_ffff;
@@ -29,26 +37,57 @@ const LOW_2: u64 = 0x0000_0003_0000_0003;
 
 /// The digest of `values` in `domain`.
 pub fn hash(domain: Domain, values: &Values) -> Digest {
-    let mut state = State::default();
-    let length = values.len() as u64;
-    state.0[8] = domain as u32;
-    state.0[9] = (length & 0x3fff_ffff) as u32;
-    state.0[10] = (length >> 30 & 0x3fff_ffff) as u32;
-    let mut blocks = values.words().chunks_exact(3);
-    for block in &mut blocks {
-        absorb(&mut state, [block[0], block[1], block[2]]);
-    }
-    let rest = blocks.remainder();
-    if !rest.is_empty() || values.is_empty() {
-        let mut block = [0; 3];
-        block[..rest.len()].copy_from_slice(rest);
-        absorb(&mut state, block);
-    }
+    hash_words(domain, values.words(), values.len() as u64)
+}
+
+/// The digest of `length` values in `domain`, given four to a word as [`Values::words`] does.
+pub fn hash_words(domain: Domain, words: &[u64], length: u64) -> Digest {
+    let state = absorb_words(domain, words, length);
     let mut digest = [0; 32];
     for (bytes, element) in digest.chunks_exact_mut(4).zip(&state.0) {
         bytes.copy_from_slice(&element.to_le_bytes());
     }
     Digest(digest)
+}
+
+/// Elements without end, from a seed: the rate after absorbing the seed, and after every further permutation.
+pub struct Squeeze(State);
+
+impl Squeeze {
+    /// Absorbs the seed as 16 values.
+    pub fn new(domain: Domain, seed: &Digest) -> Self {
+        let mut words = [0; 4];
+        for (word, bytes) in words.iter_mut().zip(seed.0.as_chunks::<8>().0) {
+            *word = u64::from_le_bytes(*bytes);
+        }
+        Self(absorb_words(domain, &words, 16))
+    }
+
+    /// The next eight elements.
+    #[allow(clippy::should_implement_trait)] // it never ends
+    pub fn next(&mut self) -> [u32; 8] {
+        let elements = core::array::from_fn(|index| self.0 .0[index]);
+        permute(&mut self.0);
+        elements
+    }
+}
+
+fn absorb_words(domain: Domain, words: &[u64], length: u64) -> State {
+    let mut state = State::default();
+    state.0[8] = domain as u32;
+    state.0[9] = (length & 0x3fff_ffff) as u32;
+    state.0[10] = (length >> 30 & 0x3fff_ffff) as u32;
+    let mut blocks = words.chunks_exact(3);
+    for block in &mut blocks {
+        absorb(&mut state, [block[0], block[1], block[2]]);
+    }
+    let rest = blocks.remainder();
+    if !rest.is_empty() || words.is_empty() {
+        let mut block = [0; 3];
+        block[..rest.len()].copy_from_slice(rest);
+        absorb(&mut state, block);
+    }
+    state
 }
 
 #[inline(always)]

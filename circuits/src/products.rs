@@ -1,22 +1,24 @@
-//! The int16 matrix product with int64 sums: where nearly all of the evaluation's work is.
+//! The int16 matrix product with int64 sums: where nearly all of the work of mode `direct` is.
 
-/// Rows of an int16 matrix inside a slice: row `i` is `values[i * stride..][..columns]`.
+use alloc::{vec, vec::Vec};
+
+/// Rows of a matrix inside a slice: row `i` is `values[i * stride..][..columns]`.
 #[derive(Clone, Copy)]
-pub struct Rows<'a> {
-    values: &'a [i16],
+pub struct Rows<'a, T = i16> {
+    values: &'a [T],
     stride: usize,
     columns: usize,
     count: usize,
 }
 
-impl<'a> Rows<'a> {
+impl<'a, T: Copy> Rows<'a, T> {
     /// Adjacent rows of `columns` values; a last incomplete one is left out.
-    pub fn new(values: &'a [i16], columns: usize) -> Self {
+    pub fn new(values: &'a [T], columns: usize) -> Self {
         Self::strided(values, columns, columns)
     }
 
     /// Rows of `columns` values whose starts are `stride` ≥ `columns` apart, as many as lie in `values`.
-    pub fn strided(values: &'a [i16], stride: usize, columns: usize) -> Self {
+    pub fn strided(values: &'a [T], stride: usize, columns: usize) -> Self {
         let count = match values.len().checked_sub(columns) {
             Some(rest) if stride > 0 => rest / stride + 1,
             _ => 0,
@@ -42,12 +44,43 @@ impl<'a> Rows<'a> {
         self.count
     }
 
+    /// Values of a row.
+    pub fn columns(&self) -> usize {
+        self.columns
+    }
+
+    /// All rows.
+    pub fn iter(self) -> impl Iterator<Item = &'a [T]> {
+        (0..self.count).map(move |row| &self.values[row * self.stride..][..self.columns])
+    }
+
+    /// `N` rows from `first` on, if there are as many.
+    #[inline(always)]
+    pub fn some<const N: usize>(&self, first: usize) -> Option<[&'a [T]; N]> {
+        let row = |index| &self.values[(first + index) * self.stride..][..self.columns];
+        (first + N <= self.count).then(|| core::array::from_fn(row))
+    }
+
+    /// The columns, one after another.
+    pub fn transposed(self) -> Vec<T>
+    where
+        T: Default,
+    {
+        let mut transposed = vec![T::default(); self.count * self.columns];
+        for (row, values) in self.iter().enumerate() {
+            for (&value, column) in values.iter().zip(transposed.chunks_exact_mut(self.count)) {
+                column[row] = value;
+            }
+        }
+        transposed
+    }
+
     /// The first `columns` values of `N` rows from `first` on.
     ///
     /// # Safety
     /// `first + N <= self.count` and `columns <= self.columns`.
     #[inline(always)]
-    unsafe fn some<const N: usize>(&self, first: usize, columns: usize) -> [&'a [i16]; N] {
+    unsafe fn some_unchecked<const N: usize>(&self, first: usize, columns: usize) -> [&'a [T]; N] {
         debug_assert!(first + N <= self.count && columns <= self.columns);
         core::array::from_fn(|index| {
             let start = (first + index) * self.stride;
@@ -67,13 +100,13 @@ pub fn products(a: Rows<'_>, b: Rows<'_>, mut sink: impl FnMut(usize, usize, i64
     let columns = a.columns.min(b.columns);
     let width = b.count;
     let mut i = 0;
-    // SAFETY, for every call of `some`: the loop conditions keep i + N ≤ a.count and j + N ≤ b.count.
+    // SAFETY, for every call of `some_unchecked`: the loop conditions keep i + N ≤ a.count and j + N ≤ b.count.
     while i + 2 <= a.count {
-        let left: [&[i16]; 2] = unsafe { a.some(i, columns) };
+        let left: [&[i16]; 2] = unsafe { a.some_unchecked(i, columns) };
         let at = i * width;
         let mut j = 0;
         while j + 3 <= width {
-            let sums = block::<2, 3>(left, unsafe { b.some(j, columns) }, columns);
+            let sums = block::<2, 3>(left, unsafe { b.some_unchecked(j, columns) }, columns);
             for (row, sums) in sums.into_iter().enumerate() {
                 for (column, sum) in sums.into_iter().enumerate() {
                     sink(at + row * width + j + column, j + column, sum);
@@ -82,7 +115,8 @@ pub fn products(a: Rows<'_>, b: Rows<'_>, mut sink: impl FnMut(usize, usize, i64
             j += 3;
         }
         while j < width {
-            let [[first], [second]] = block::<2, 1>(left, unsafe { b.some(j, columns) }, columns);
+            let [[first], [second]] =
+                block::<2, 1>(left, unsafe { b.some_unchecked(j, columns) }, columns);
             sink(at + j, j, first);
             sink(at + width + j, j, second);
             j += 1;
@@ -90,9 +124,9 @@ pub fn products(a: Rows<'_>, b: Rows<'_>, mut sink: impl FnMut(usize, usize, i64
         i += 2;
     }
     if i < a.count {
-        let left: [&[i16]; 1] = unsafe { a.some(i, columns) };
+        let left: [&[i16]; 1] = unsafe { a.some_unchecked(i, columns) };
         for j in 0..width {
-            let [[sum]] = block::<1, 1>(left, unsafe { b.some(j, columns) }, columns);
+            let [[sum]] = block::<1, 1>(left, unsafe { b.some_unchecked(j, columns) }, columns);
             sink(i * width + j, j, sum);
         }
     }

@@ -5,3 +5,5 @@
 
 /// bincode of the `direct` program's `vk.hash_koalabear()`: what a compressed proof is verified against.
 pub const DIRECT_VERIFYING_KEY: [u8; 32] = *include_bytes!("../elf/direct.vk");
+/// The same of the `checked` program.
+pub const CHECKED_VERIFYING_KEY: [u8; 32] = *include_bytes!("../elf/checked.vk");

@@ -6,7 +6,7 @@ use alloc::{vec, vec::Vec};
 use borsh::{BorshDeserialize, BorshSerialize};
 
 /// Version of [`EvalSpec`]'s encoding and of the arithmetic it specifies.
-pub const EVAL_VERSION: u16 = 1;
+pub const EVAL_VERSION: u16 = 2;
 
 /// Dimensions of the action expert and of a sample.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
@@ -51,6 +51,21 @@ impl Dims {
         max_prefix: 13,
     };
 
+    /// The `full` profile: SmolVLA's published action expert (98 M weights), two cameras (177 prefix tokens).
+    pub const FULL: Self = Self {
+        expert_width: 720,
+        expert_mlp: 2048,
+        heads: 15,
+        kv_heads: 5,
+        head_dim: 64,
+        layers: 16,
+        self_attn_every: 2,
+        chunk: 50,
+        max_action_dim: 32,
+        action_dim: 6,
+        max_prefix: 177,
+    };
+
     /// Width of one token's keys (or values).
     pub fn kv_width(&self) -> usize {
         self.kv_heads as usize * self.head_dim as usize
@@ -59,6 +74,11 @@ impl Dims {
     /// Width of one token's queries.
     pub fn query_width(&self) -> usize {
         self.heads as usize * self.head_dim as usize
+    }
+
+    /// Query heads per key and value head.
+    pub fn group(&self) -> usize {
+        self.heads as usize / self.kv_heads as usize
     }
 
     /// Whether layer `layer` attends to the action tokens too.
@@ -203,7 +223,7 @@ impl EvalSpec {
             dims,
             action: 11,
             embedding: 11,
-            time_hidden: 11,
+            time_hidden: 10,
             time_activation: 11,
             hidden: 10,
             layers: vec![layer; dims.layers.min(MAX_LAYERS) as usize],
@@ -215,7 +235,7 @@ impl EvalSpec {
 
     /// Digest of the specification: the claim's `evaluation`.
     pub fn digest(&self) -> Digest {
-        tagged_sha256("zk0/eval-spec/v1", &[&self.encode()])
+        tagged_sha256("zk0/eval-spec/v2", &[&self.encode()])
     }
 
     /// The canonical (borsh) encoding.
@@ -239,7 +259,7 @@ impl EvalSpec {
         self.dims.validate()?;
         scale("action", self.action, 1, 12)?;
         scale("embedding", self.embedding, 0, 15)?;
-        scale("time_hidden", self.time_hidden, 6, 15)?;
+        scale("time_hidden", self.time_hidden, 6, 10)?;
         scale("time_activation", self.time_activation, 0, 15)?;
         scale("hidden", self.hidden, 0, 15)?;
         scale("final_normed", self.final_normed, 0, 15)?;
@@ -335,7 +355,7 @@ impl LayerScales {
         scale("value", self.value, 0, 15)?;
         scale("attended", self.attended, 0, 15)?;
         scale("mlp_normed", self.mlp_normed, 0, 15)?;
-        scale("gate", self.gate, 6, 15)?;
+        scale("gate", self.gate, 6, 10)?;
         scale("up", self.up, 0, 15)?;
         scale("gated", self.gated, 0, 15)?;
         scale("layer hidden", self.hidden, 0, 15)
@@ -368,8 +388,8 @@ fn length(name: &'static str, found: usize, expected: usize) -> Result<(), SpecE
 /// Frequencies by IEEE additions, multiplications and divisions alone, which every machine rounds alike.
 mod frequencies {
     use alloc::vec::Vec;
+    use core::f64::consts::LOG2_10;
 
-    const LOG2_10: f64 = 3.321928094887362;
     const LN_2: f64 = core::f64::consts::LN_2;
 
     /// Periods are geometric from 0.004 to 4: frequency i is `250 · 1000^(−i/(half − 1))`.

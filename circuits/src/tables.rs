@@ -1,5 +1,5 @@
-//! The nonlinearities as tables: little-endian u16 data under `circuits/tables/`, regenerated from the formulas here
-//! by a test. Tables are data, not code, because `libm` differs between machines and the evaluation must not.
+//! The nonlinearities as tables: little-endian u16 data under `circuits/tables/`, compared
+//! with the formulas here by a test. Tables are data, not code, because `libm` differs between machines and the evaluation must not.
 
 /// Reads a table file at compile time.
 const fn table<const N: usize>(bytes: &[u8]) -> [u16; N] {
@@ -15,10 +15,10 @@ const fn table<const N: usize>(bytes: &[u8]) -> [u16; N] {
 
 /// `round(2^15 · sin(π/2 · i/1024))`, i = 0..=1024: a quarter wave.
 static SINE: [u16; 1025] = table(include_bytes!("../tables/sine.bin"));
-/// `round(2^14 · 2^(−i/4096))`, i = 0..4096.
-static EXP2: [u16; 4096] = table(include_bytes!("../tables/exp2.bin"));
-/// `round(2^15 / (1 + e^(−i/64)))`, i = 0..=1024: the logistic function from 0 to 16.
-static SIGMOID: [u16; 1025] = table(include_bytes!("../tables/sigmoid.bin"));
+/// `round(2^15 · 2^(−i/1024))`, i = 0..2^14: sixteen halvings.
+static EXP2: [u16; 1 << 14] = table(include_bytes!("../tables/exp2.bin"));
+/// `round(2^15 / (1 + e^(−(i − 2^14)/1024)))`, i = 0..2^15: the logistic function from −16 to 16.
+static SIGMOID: [u16; 1 << 15] = table(include_bytes!("../tables/sigmoid.bin"));
 /// `round(2^12 · Φ⁻¹(1/2 + (i + 1/2)/4096))`, i = 0..2048: the upper half of the normal distribution's quantiles.
 static GAUSS: [u16; 2048] = table(include_bytes!("../tables/gauss.bin"));
 /// `round(2^16 · (0.999 · ((i + 1/2)/4096)^(2/3) + 0.001))`, i = 0..4096: quantiles of LeRobot's flow time, 0.999 times
@@ -27,8 +27,12 @@ static FLOW_TIME: [u16; 4096] = table(include_bytes!("../tables/beta.bin"));
 
 /// Fraction bits of [`sine`] and [`cosine`].
 pub const TRIG_BITS: u32 = 14;
+/// Fraction bits of [`exp2_negative`]'s argument.
+pub const EXPONENT_BITS: u32 = 10;
 /// Fraction bits of [`exp2_negative`].
-pub const EXP_BITS: u32 = 14;
+pub const EXP_BITS: u32 = 15;
+/// Fraction bits of [`sigmoid`]'s argument.
+pub const LOGIT_BITS: u32 = 10;
 /// Fraction bits of [`sigmoid`].
 pub const SIGMOID_BITS: u32 = 15;
 /// Fraction bits of [`gaussian`].
@@ -58,36 +62,22 @@ pub fn cosine(phase: u32) -> i16 {
     sine(phase.wrapping_add(1 << 30))
 }
 
-/// 2^(−x) for `x` ≥ 0 with 12 fraction bits; in [0, 2^14].
-#[inline]
-pub fn exp2_negative(x: u64) -> i16 {
-    let shift = x >> 12;
-    if shift > 15 {
-        return 0;
+/// 2^(−x) for `x` ≥ 0 with [`EXPONENT_BITS`] fraction bits; in [0, 2^15], and 0 from 16 on.
+#[inline(always)]
+pub fn exp2_negative(x: u64) -> u16 {
+    match EXP2.get(x as usize) {
+        Some(&value) => value,
+        None => 0,
     }
-    let value = EXP2[(x & 4095) as usize] as u32;
-    // Rounds half up: 2^14 doubled stays below 2^16.
-    (((value << 1 >> shift) + 1) >> 1) as i16
 }
 
-/// Logistic function of `x` with `bits` fraction bits (6 ..= 15); in [0, 2^15]. Linear between table entries.
-#[inline]
-pub fn sigmoid(x: i16, bits: u32) -> i64 {
-    let magnitude = (x as i32).unsigned_abs();
-    let step = bits - 6;
-    let index = (magnitude >> step) as usize;
-    let value = if index >= 1024 {
-        1 << SIGMOID_BITS
-    } else {
-        let fraction = (magnitude & ((1 << step) - 1)) as i64;
-        let low = SIGMOID[index] as i64;
-        let slope = SIGMOID[index + 1] as i64 - low;
-        low + ((slope * fraction + (1 << step >> 1)) >> step)
-    };
-    if x < 0 {
-        (1 << SIGMOID_BITS) - value
-    } else {
-        value
+/// Logistic function of `x` with [`LOGIT_BITS`] fraction bits; in [0, 2^15], constant beyond ±16.
+#[inline(always)]
+pub fn sigmoid(x: i64) -> i64 {
+    match SIGMOID.get((x + (1 << 14)) as usize) {
+        Some(&value) => value as i64,
+        None if x < 0 => 0,
+        None => 1 << SIGMOID_BITS,
     }
 }
 

@@ -1,8 +1,11 @@
 //! The expert's weights as int16 tensors with power-of-two scales that follow from the weights by rule.
 
 use crate::{
+    digest::tagged_sha256,
+    linear::bit_limits,
     poseidon2::{hash, Domain},
     spec::{Dims, EvalSpec},
+    statement::Mode,
     values::Values,
     Digest,
 };
@@ -94,8 +97,8 @@ pub(crate) struct Layout {
 pub(crate) struct Place {
     pub start: usize,
     pub len: usize,
-    /// Inputs of a linear layer; the width of a bias or norm gain.
-    pub columns: usize,
+    /// Whether it is the matrix of a linear layer.
+    pub is_matrix: bool,
 }
 
 /// Tensors before the first layer, and in each layer.
@@ -107,8 +110,8 @@ impl Layout {
         let (width, mlp) = (dims.expert_width as usize, dims.expert_mlp as usize);
         let action = dims.max_action_dim as usize;
         let (query, kv) = (dims.query_width(), dims.kv_width());
-        // (rows, columns) of each tensor.
-        let vector = (1, width);
+        // (rows, columns) of each tensor; a bias or gain has no rows.
+        let vector = (0, width);
         let mut shapes = vec![
             (width, action),
             vector,
@@ -132,17 +135,17 @@ impl Layout {
             ]);
             shapes.extend([vector, (mlp, width), (mlp, width), (width, mlp)]);
         }
-        shapes.extend([vector, (action, width), (1, action)]);
+        shapes.extend([vector, (action, width), (0, action)]);
         let mut end = shapes.len();
         let tensors = shapes
             .into_iter()
             .map(|(rows, columns)| {
-                let (start, len) = (end, rows * columns);
+                let (start, len) = (end, rows.max(1) * columns);
                 end += len;
                 Place {
                     start,
                     len,
-                    columns,
+                    is_matrix: rows > 0,
                 }
             })
             .collect();
@@ -217,12 +220,16 @@ pub enum WeightsError {
         found: usize,
     },
     /// A scale out of bounds.
-    #[error("tensor {index} has {bits} fraction bits, must be within 0 ..= {MAX_WEIGHT_BITS}")]
+    #[error("tensor {index} has {bits} fraction bits, must be within {least} ..= {most}")]
     Scale {
         /// Which tensor, in canonical order.
         index: usize,
         /// Its fraction bits.
         bits: i16,
+        /// Least allowed at the specification's scales.
+        least: i16,
+        /// Most allowed.
+        most: i16,
     },
 }
 
@@ -249,18 +256,15 @@ impl QuantisedWeights {
                 });
             }
         }
+        let quantiser = Quantiser {
+            limits: bit_limits(spec, tensors.len()),
+            tensors,
+        };
         let mut values = Values::zeros(layout.len);
         let all = values.as_mut_slice();
-        for (index, (tensor, place)) in tensors.iter().zip(&layout.tensors).enumerate() {
-            let source = get(&tensor.name).unwrap_or_default();
-            let bits = weight_bits(&tensor.name, source)?;
-            all[index] = bits;
-            quantise_into(
-                &tensor.name,
-                source,
-                bits as u32,
-                &mut all[place.start..][..place.len],
-            )?;
+        for (index, place) in layout.tensors.iter().enumerate() {
+            let source = get(&quantiser.tensors[index].name).unwrap_or_default();
+            all[index] = quantiser.quantise(index, source, &mut all[place.start..][..place.len])?;
         }
         Ok(Self { values })
     }
@@ -273,11 +277,7 @@ impl QuantisedWeights {
             found: bytes.len(),
         })?;
         let scales = &values.as_slice()[..layout.tensors.len()];
-        for (index, &bits) in scales.iter().enumerate() {
-            if !(0..=MAX_WEIGHT_BITS).contains(&bits) {
-                return Err(WeightsError::Scale { index, bits });
-            }
-        }
+        check_bits(spec, scales.iter().map(|&bits| Some(bits)))?;
         Ok(Self { values })
     }
 
@@ -286,14 +286,80 @@ impl QuantisedWeights {
         self.values.as_bytes()
     }
 
-    /// Poseidon2 digest over scales and values: `WeightsDigest::quantised`.
-    pub fn digest(&self) -> Digest {
-        hash(Domain::Weights, &self.values)
+    /// The values of tensor number `index`, row-major, and their fraction bits.
+    pub(crate) fn tensor(&self, layout: &Layout, index: usize) -> (&[i16], i16) {
+        let values = self.values.as_slice();
+        let place = layout.tensors[index];
+        (&values[place.start..][..place.len], values[index])
+    }
+
+    /// Digest over scales and values: [`crate::WeightsDigest::quantised`]. Poseidon2 in mode `direct`, where the guest computes
+    /// it; SHA-256 in mode `checked`, where only verifiers do, in a tenth of the time.
+    pub fn digest(&self, mode: Mode) -> Digest {
+        match mode {
+            Mode::Direct => hash(Domain::Weights, &self.values),
+            Mode::Checked => tagged_sha256("zk0/quantised/v1", &[self.as_bytes()]),
+        }
     }
 }
 
+/// Quantises the expert's tensors one at a time.
+pub struct Quantiser {
+    tensors: Vec<TensorSpec>,
+    limits: Vec<(i16, i16)>,
+}
+
+impl Quantiser {
+    /// For the tensors of a valid specification.
+    pub fn new(spec: &EvalSpec) -> Self {
+        let tensors = expert_tensors(&spec.dims);
+        let limits = bit_limits(spec, tensors.len());
+        Self { tensors, limits }
+    }
+
+    /// The tensors, in canonical order.
+    pub fn tensors(&self) -> &[TensorSpec] {
+        &self.tensors
+    }
+
+    /// Quantises tensor number `index` into `target`, which is as long; returns its fraction bits.
+    pub fn quantise(
+        &self,
+        index: usize,
+        source: &[f32],
+        target: &mut [i16],
+    ) -> Result<i16, QuantiseError> {
+        let name = &self.tensors[index].name;
+        let bits = weight_bits(name, source, self.limits[index])?;
+        quantise_into(name, source, bits as u32, target)?;
+        Ok(bits)
+    }
+}
+
+/// Checks the fraction bits of the tensors that there are.
+pub(crate) fn check_bits(
+    spec: &EvalSpec,
+    tensors: impl ExactSizeIterator<Item = Option<i16>>,
+) -> Result<(), WeightsError> {
+    let limits = bit_limits(spec, tensors.len());
+    for (index, (bits, (least, most))) in tensors.zip(limits).enumerate() {
+        match bits {
+            Some(bits) if !(least..=most).contains(&bits) => {
+                return Err(WeightsError::Scale {
+                    index,
+                    bits,
+                    least,
+                    most,
+                })
+            }
+            _ => {}
+        }
+    }
+    Ok(())
+}
+
 /// The rule for a tensor's fraction bits.
-fn weight_bits(name: &str, values: &[f32]) -> Result<i16, QuantiseError> {
+fn weight_bits(name: &str, values: &[f32], limits: (i16, i16)) -> Result<i16, QuantiseError> {
     let mut largest = (0, 0f32);
     for (index, &value) in values.iter().enumerate() {
         if !value.is_finite() {
@@ -308,14 +374,14 @@ fn weight_bits(name: &str, values: &[f32]) -> Result<i16, QuantiseError> {
         }
     }
     let (index, value) = largest;
-    (0..=MAX_WEIGHT_BITS)
+    (limits.0..=limits.1)
         .rev()
         .find(|&bits| fixed(value, bits as u32).is_some())
         .ok_or(QuantiseError::TooLarge {
             name: name.into(),
             index,
             value,
-            limit: 32767.0,
+            limit: 32767.0 / (1u64 << limits.0) as f32,
         })
 }
 

@@ -4,7 +4,8 @@ use safetensors::{tensor::TensorView, SafeTensors};
 use std::{collections::HashMap, fs, path::PathBuf};
 use zk0_circuits::{
     challenge::Draw,
-    eval::Evaluator,
+    eval::{evaluate, Evaluator},
+    parameters::Parameters,
     sample::{Sample, SampleParts},
     spec::{Dims, EvalSpec},
     weights::{expert_tensors, QuantisedWeights},
@@ -112,8 +113,10 @@ fn velocity_and_loss_agree_with_lerobot() {
                 .collect(),
         };
         let evaluator = Evaluator::new(&spec).unwrap();
+        let parameters = Parameters::of(&spec, &quantised);
+        let mut products = evaluator.direct(&quantised).unwrap();
         let velocity = evaluator
-            .velocity(&quantised, &fixed_sample, &draw)
+            .velocity(&parameters, &mut products, &fixed_sample, &draw)
             .unwrap();
         let mut worst = 0f32;
         for (frame, values) in velocity.chunks_exact(6).enumerate() {
@@ -124,9 +127,7 @@ fn velocity_and_loss_agree_with_lerobot() {
                 worst = worst.max((*value as f32 / scale - expected).abs());
             }
         }
-        let sum = evaluator
-            .evaluate(&quantised, &fixed_sample, &draw)
-            .unwrap();
+        let sum = evaluate(&spec, &quantised, &fixed_sample, &draw).unwrap();
         let loss = sum.squared_error as f64 / (scale as f64).powi(2) / sum.elements as f64;
         // LeRobot's value is a mean over the padded action dims of the batch too where the fixture says so.
         let relative = (loss / expected_loss[sample] as f64 - 1.0).abs();

@@ -230,7 +230,13 @@ fn buffers_of_other_dimensions_are_refused() {
         .as_bytes()
         .to_vec();
     bytes[0] = 25;
-    let expected = WeightsError::Scale { index: 0, bits: 25 };
+    let (least, most) = (0, 16);
+    let expected = WeightsError::Scale {
+        index: 0,
+        bits: 25,
+        least,
+        most,
+    };
     assert_eq!(QuantisedWeights::from_bytes(&spec, &bytes), Err(expected));
     let mut bytes = sample.as_bytes().to_vec();
     bytes[2] = 2;
@@ -249,7 +255,7 @@ fn buffers_of_other_dimensions_are_refused() {
 fn specifications_out_of_bounds_are_refused() {
     type Change = fn(&mut EvalSpec);
     let changes: [Change; 14] = [
-        |spec| spec.version = 2,
+        |spec| spec.version = 1,
         |spec| spec.dims.expert_width = 13,
         |spec| spec.dims.head_dim = 0,
         |spec| spec.dims.kv_heads = 0,
@@ -259,7 +265,7 @@ fn specifications_out_of_bounds_are_refused() {
         |spec| spec.dims.max_prefix = u32::MAX,
         |spec| spec.action = 13,
         |spec| spec.time_hidden = 5,
-        |spec| spec.layers[1].gate = 16,
+        |spec| spec.layers[1].gate = 11,
         |spec| spec.layers[0].key = 9,
         |spec| spec.rope_frequencies.truncate(1),
         |spec| spec.time_frequencies[0] = u64::MAX,

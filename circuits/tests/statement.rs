@@ -2,13 +2,13 @@
 
 mod claims;
 
-use claims::{calmer, honest, quantise, tensors, Honest, Random};
+use claims::{calmer, honest, name_weights, quantise, tensors, Honest, Random};
 use zk0_circuits::{
     challenge::{challenge, sample_indices},
     dataset::{check_leaves, leaf, salt_commitment, LeavesError},
     eval::{evaluate, EvalError, Site},
     merkle,
-    statement::{check, improves, Disclosure, Model, StatementError},
+    statement::{check, improves, Disclosure, Mode, Model, StatementError},
     witness::{Opening, WitnessError},
     Digest, EvalSpec, Losses, NodeId, Witness,
 };
@@ -26,8 +26,14 @@ fn an_honest_claim_holds_and_says_what_was_evaluated() {
     let honest = micro();
     let claim = check(&honest.witness).unwrap();
     assert_eq!(claim.evaluation, EvalSpec::micro().digest());
-    assert_eq!(claim.base.quantised, honest.witness.base.digest());
-    assert_eq!(claim.update.quantised, honest.witness.update.digest());
+    assert_eq!(
+        claim.base.quantised,
+        honest.witness.base.digest(Mode::Direct)
+    );
+    assert_eq!(
+        claim.update.quantised,
+        honest.witness.update.digest(Mode::Direct)
+    );
     assert_eq!(claim.challenge, honest.witness.header.challenge);
     let Losses::Disclosed {
         before,
@@ -169,6 +175,7 @@ fn another_salt_is_refused() {
 fn swapped_weights_do_not_improve() {
     let mut honest = micro();
     std::mem::swap(&mut honest.witness.base, &mut honest.witness.update);
+    name_weights(&mut honest.witness);
     assert!(matches!(
         refused(&honest.witness),
         StatementError::NoImprovement { .. }
@@ -183,6 +190,10 @@ fn other_weights_give_another_digest() {
     let base = tensors(&spec, &mut Random(12), 1.0);
     (honest.witness.base, honest.witness.update) =
         (quantise(&spec, &base), quantise(&spec, &calmer(&base)));
+    // The header names the weights; others than these are refused.
+    let expected = StatementError::Weights(Model::Base);
+    assert_eq!(refused(&honest.witness), expected);
+    name_weights(&mut honest.witness);
     let other = check(&honest.witness).unwrap();
     assert_ne!(claim.base.quantised, other.base.quantised);
     assert_ne!(claim.update.quantised, other.update.quantised);
@@ -192,6 +203,7 @@ fn other_weights_give_another_digest() {
 fn the_base_itself_is_no_improvement() {
     let mut honest = micro();
     honest.witness.update = honest.witness.base.clone();
+    name_weights(&mut honest.witness);
     for bps in [0, 100] {
         honest.witness.header.min_improvement_bps = bps;
         assert!(matches!(
@@ -359,7 +371,10 @@ fn a_witness_survives_its_encoding_and_truncation_is_refused() {
     }
     assert_eq!(
         Witness::from_buffers(&buffers[..3]),
-        Err(WitnessError::Buffers(3))
+        Err(WitnessError::Buffers {
+            found: 3,
+            expected: 4
+        })
     );
 }
 

@@ -9,7 +9,9 @@ use zk0_aggregator::{
     clock::{Clock, SystemClock},
     service::Service,
 };
-use zk0_circuits::{program::DIRECT_VERIFYING_KEY, spec::EvalSpec, NodeId, WeightsDigest};
+use zk0_circuits::{
+    program::DIRECT_VERIFYING_KEY, spec::EvalSpec, statement::Mode, NodeId, WeightsDigest,
+};
 use zk0_ledger::{
     entry::{Body, Genesis, NodeEnrolled},
     log::Ledger,
@@ -156,11 +158,12 @@ fn init(options: &Init) -> Result<()> {
         nonce: keys::random()?,
         rules: options.rules()?,
         program: DIRECT_VERIFYING_KEY.to_vec(),
+        mode: Mode::Direct,
         evaluation: spec.encode(),
         policy: blob_digest(&policy_file),
         initial: WeightsDigest {
             blob: blob_digest(&initial_file),
-            quantised: quantise_weights(&spec, &policy.expert)?.digest(),
+            quantised: quantise_weights(&spec, &policy.expert)?.digest(Mode::Direct),
         },
     };
     let (mut ledger, _) = Ledger::create(&options.dir, genesis, key, SystemClock.now_ms())?;

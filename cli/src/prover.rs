@@ -3,7 +3,7 @@
 use anyhow::{Context, Result};
 use std::net::SocketAddr;
 use tokio::{net::TcpListener, runtime::Runtime};
-use zk0_prover::{cycles, service::ProvingService, sp1::Sp1Backend};
+use zk0_prover::{cycles, execute::Executor, service::ProvingService, sp1::Sp1Backend};
 
 /// What to do.
 #[derive(Debug, clap::Subcommand)]
@@ -27,7 +27,9 @@ pub fn run(command: &Command) -> Result<()> {
     match command {
         Command::Serve { listen, queue } => runtime.block_on(serve(*listen, *queue)),
         Command::Cycles => runtime.block_on(async {
-            for cost in cycles::measure().await? {
+            let executor = Executor::new().await?;
+            for case in cycles::cases() {
+                let cost = cycles::measure(&executor, case).await?;
                 println!("{}", serde_json::to_string(&cost)?);
             }
             Ok(())

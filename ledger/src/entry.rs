@@ -6,7 +6,7 @@ use crate::{
     signed::{DatasetRegistration, Signed, Submission, UpdateCommitment},
 };
 use borsh::{BorshDeserialize, BorshSerialize};
-use zk0_circuits::{Digest, NodeId, WeightsDigest};
+use zk0_circuits::{statement::Mode, Digest, NodeId, WeightsDigest};
 
 /// Version of the encoding and meaning of [`Entry`].
 pub const ENTRY_VERSION: u16 = 1;
@@ -64,6 +64,8 @@ pub struct Genesis {
     pub rules: Rules,
     /// Verifying key of the proof program (SP1 `hash_koalabear`, as `zk0_circuits::program` encodes it).
     pub program: Vec<u8>,
+    /// How that program proves matrix products.
+    pub mode: Mode,
     /// The evaluation specification, canonical encoding of `zk0_circuits::spec::EvalSpec`.
     pub evaluation: Vec<u8>,
     /// SHA-256 of the whole initial policy (safetensors): frozen part and expert.

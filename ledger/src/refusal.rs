@@ -76,6 +76,11 @@ pub enum Refusal {
     /// The update's bytes do not quantise to what was proven.
     #[error("the update quantises to {actual}, the proof is about {proven}")]
     OtherWeights { proven: Digest, actual: Digest },
+    /// The products that were proven are not those with the weights (mode `checked`).
+    #[error(
+        "the proof's products are not those with the {which} weights: their projections differ"
+    )]
+    OtherProducts { which: String },
     /// The update was never uploaded.
     #[error("update {0} was not uploaded")]
     MissingUpdate(Digest),

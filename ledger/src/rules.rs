@@ -34,6 +34,14 @@ pub struct Rules {
     pub max_proof_bytes: u64,
 }
 
+impl Rules {
+    /// Largest file of global weights: as large as an update, and then some for the names and order that the average gives
+    /// its tensors.
+    pub fn max_base_bytes(&self) -> u64 {
+        self.max_update_bytes.saturating_mul(2)
+    }
+}
+
 /// What a proof discloses of the losses.
 #[derive(
     Clone,

@@ -4,7 +4,7 @@ mod network;
 
 use network::*;
 use proptest::prelude::*;
-use zk0_circuits::{Claim, Digest, Losses, NodeId, WeightsDigest};
+use zk0_circuits::{Claim, Digest, GuestWeights, Losses, NodeId, WeightCheck, WeightsDigest};
 use zk0_ledger::{
     entry::{Contributor, NodeEnrolled, RoundClosed, RoundOpened},
     signed::{DatasetRegistration, Statement, Submission, UpdateCommitment},
@@ -78,6 +78,10 @@ prop_compose! {
         updates in (any_weights(), any_weights()),
         hidden in any::<bool>(),
     ) -> Submission {
+        let guest = GuestWeights {
+            parameters: digests.1,
+            projections: digests.3,
+        };
         Submission {
             claim: Claim {
                 version: numbers.3,
@@ -95,7 +99,11 @@ prop_compose! {
                     true => Losses::Hidden,
                     false => Losses::Disclosed { before: numbers.0, after: 1, elements: 1 },
                 },
-                weight_check: Some(digests.2),
+                weight_check: hidden.then_some(WeightCheck {
+                    seed: digests.2,
+                    base: guest,
+                    update: guest,
+                }),
             },
             proof: digests.3,
         }

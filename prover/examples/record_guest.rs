@@ -1,4 +1,4 @@
-//! After `circuits/build-guest.sh` has replaced an ELF: writes its verifying key and the record of how it was built.
+//! After `circuits/build-guest.sh` has replaced the ELFs: writes their verifying keys and the records of how they were built.
 //!
 //! `cargo run --release -p zk0-prover --example record_guest`
 
@@ -10,9 +10,18 @@ use zk0_prover::execute::Executor;
 #[tokio::main]
 async fn main() -> Result<(), Box<dyn Error>> {
     let circuits = Path::new(env!("CARGO_MANIFEST_DIR")).join("../circuits");
-    let elf = fs::read(circuits.join("elf/direct.elf"))?;
+    let executor = Executor::new().await?;
+    for program in ["direct", "checked"] {
+        record(&circuits, program, &executor).await?;
+    }
+    Ok(())
+}
+
+async fn record(circuits: &Path, program: &str, executor: &Executor) -> Result<(), Box<dyn Error>> {
+    let file = |extension: &str| circuits.join(format!("elf/{program}.{extension}"));
+    let elf = fs::read(file("elf"))?;
     let sha256 = hex::encode(Sha256::digest(&elf));
-    let key = Executor::new().await?.verifying_key(elf.leak()).await?;
+    let key = executor.verifying_key(elf.leak()).await?;
     let toolchain = Command::new(circuits.join("build-guest.sh"))
         .arg("--toolchain")
         .output()?;
@@ -20,15 +29,15 @@ async fn main() -> Result<(), Box<dyn Error>> {
         return Err(String::from_utf8(toolchain.stderr)?.into());
     }
     let record = json!({
-        "program": "direct",
+        "program": program,
         "elf_sha256": sha256,
         "verifying_key_koalabear": hex::encode(&key.koalabear),
         "verifying_key_bytes32": key.bytes32,
         "sp1": sp1_version(&fs::read_to_string(circuits.join("guest/Cargo.lock"))?)?,
         "toolchain": String::from_utf8(toolchain.stdout)?.trim(),
     });
-    fs::write(circuits.join("elf/direct.vk"), &key.koalabear)?;
-    fs::write(circuits.join("elf/direct.json"), format!("{record:#}\n"))?;
+    fs::write(file("vk"), &key.koalabear)?;
+    fs::write(file("json"), format!("{record:#}\n"))?;
     println!("{record:#}");
     Ok(())
 }

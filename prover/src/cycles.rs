@@ -7,7 +7,20 @@ use crate::{
     program, synthetic,
 };
 use serde::{Deserialize, Serialize};
-use zk0_circuits::EvalSpec;
+use zk0_circuits::{hinted::HintedWitness, spec::Dims, statement::Mode, EvalSpec};
+
+/// A claim that is measured.
+#[derive(Clone, Copy, Debug)]
+pub struct Case {
+    /// Name of the dimensions.
+    pub profile: &'static str,
+    /// The dimensions.
+    pub dims: Dims,
+    /// How matrix products are proven.
+    pub mode: Mode,
+    /// Samples evaluated.
+    pub samples: u32,
+}
 
 /// One line of `circuits/CYCLES.json`.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -24,20 +37,43 @@ pub struct Cost {
     pub gas: u64,
 }
 
-/// Measures all profiles and modes.
-pub async fn measure() -> Result<Vec<Cost>, ExecuteError> {
-    let samples = 4;
-    let witness =
-        synthetic::witness(&EvalSpec::micro(), samples, 1).map_err(ExecuteError::Failed)?;
-    let run = Executor::new()
-        .await?
-        .execute(program::DIRECT_ELF, &witness.to_buffers())
-        .await?;
-    Ok(vec![Cost {
-        profile: "micro".into(),
-        mode: "direct".into(),
+/// All that `make cycles` measures, the quick ones first.
+pub fn cases() -> Vec<Case> {
+    let (micro, full) = (("micro", Dims::MICRO), ("full", Dims::FULL));
+    [
+        (micro, Mode::Direct, 4),
+        (micro, Mode::Checked, 4),
+        (full, Mode::Checked, 1),
+        (full, Mode::Checked, 4),
+    ]
+    .map(|((profile, dims), mode, samples)| Case {
+        profile,
+        dims,
+        mode,
         samples,
+    })
+    .to_vec()
+}
+
+/// Makes a witness and executes its program. At full size that takes a minute and half a gigabyte for every sample.
+pub async fn measure(executor: &Executor, case: Case) -> Result<Cost, ExecuteError> {
+    let witness = synthetic::witness(&EvalSpec::new(case.dims), case.samples, 1);
+    let witness = witness.map_err(ExecuteError::Failed)?;
+    let (elf, buffers) = match case.mode {
+        Mode::Direct => (program::DIRECT_ELF, witness.to_buffers().to_vec()),
+        Mode::Checked => {
+            let hinted = HintedWitness::of(&witness);
+            let hinted = hinted.map_err(|error| ExecuteError::Failed(error.to_string()))?;
+            (program::CHECKED_ELF, hinted.to_buffers())
+        }
+    };
+    drop(witness);
+    let run = executor.execute(elf, &buffers).await?;
+    Ok(Cost {
+        profile: case.profile.into(),
+        mode: case.mode.to_string(),
+        samples: case.samples,
         cycles: run.cycles,
         gas: run.gas,
-    }])
+    })
 }

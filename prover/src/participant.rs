@@ -262,7 +262,7 @@ impl Turn<'_> {
         );
         let digest = WeightsDigest {
             blob: Digest(Sha256::digest(&update_file).into()),
-            quantised: quantised.digest(),
+            quantised: quantised.digest(node.genesis().mode),
         };
         write(
             &self

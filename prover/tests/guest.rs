@@ -7,11 +7,17 @@ use std::{
     path::PathBuf,
     process::Command,
 };
-use zk0_circuits::{spec::Dims, statement::check, EvalSpec, Witness};
+use zk0_circuits::{
+    hinted::HintedWitness,
+    program::{CHECKED_VERIFYING_KEY, DIRECT_VERIFYING_KEY},
+    spec::Dims,
+    statement::{check, check_hinted},
+    EvalSpec, Witness,
+};
 use zk0_prover::{
     cycles::{self, Cost},
     execute::{ExecuteError, Executor},
-    program::DIRECT_ELF,
+    program::{CHECKED_ELF, DIRECT_ELF},
     synthetic,
 };
 
@@ -48,20 +54,31 @@ async fn guest_and_host_give_the_same_claim() {
             .execute(DIRECT_ELF, &witness.to_buffers())
             .await
             .unwrap();
-        let claim = check(&witness).unwrap();
-        assert_eq!(
-            run.public_values,
-            borsh::to_vec(&claim).unwrap(),
-            "seed {seed}"
-        );
+        let claim = borsh::to_vec(&check(&witness).unwrap()).unwrap();
+        assert_eq!(run.public_values, claim, "seed {seed}, direct");
+
+        let hinted = HintedWitness::of(&witness).unwrap();
+        let run = executor
+            .execute(CHECKED_ELF, &hinted.to_buffers())
+            .await
+            .unwrap();
+        let claim = borsh::to_vec(&check_hinted(&hinted).unwrap()).unwrap();
+        assert_eq!(run.public_values, claim, "seed {seed}, checked");
     }
 }
 
 /// What a cheat may try on a witness that is honest otherwise.
 fn cheats() -> Vec<(&'static str, fn(&mut Witness))> {
     vec![
-        ("the update is the base", |w| w.update = w.base.clone()),
+        ("the update is the base", |w| {
+            w.update = w.base.clone();
+            w.header.update = w.header.base;
+        }),
         ("the update is worse", |w| {
+            std::mem::swap(&mut w.base, &mut w.update);
+            std::mem::swap(&mut w.header.base, &mut w.header.update);
+        }),
+        ("other weights than the header names", |w| {
             std::mem::swap(&mut w.base, &mut w.update)
         }),
         ("more improvement than there is", |w| {
@@ -112,6 +129,49 @@ async fn the_guest_refuses_what_the_host_refuses_for_the_same_reason() {
 }
 
 #[tokio::test]
+async fn the_checked_guest_refuses_what_the_host_refuses_for_the_same_reason() {
+    type Cheat = fn(&mut HintedWitness);
+    let cheats: [(&str, Cheat); 6] = [
+        ("a score", |w| w.update.hints[0].sums_mut()[900] += 1),
+        ("the first sum", |w| w.base.hints[1].sums_mut()[0] -= 1),
+        ("the last sum", |w| {
+            let sums = w.base.hints[0].sums_mut();
+            sums[sums.len() - 2] ^= 1 << 20;
+        }),
+        ("a projection", |w| w.update.projections.to_mut()[100] += 1),
+        ("too few projections", |w| {
+            let projections = w.update.projections.to_mut();
+            projections.truncate(projections.len() - 3);
+        }),
+        ("another challenge", |w| w.header.challenge.0[3] ^= 1),
+    ];
+    let executor = Executor::new().await.unwrap();
+    let witness = synthetic::witness(&EvalSpec::micro(), 2, 13).unwrap();
+    let honest = HintedWitness::of(&witness).unwrap();
+    for (name, cheat) in cheats {
+        // As it is, and with the seed drawn anew from what is hinted.
+        for sealed in [false, true] {
+            let mut hinted = honest.clone();
+            cheat(&mut hinted);
+            if sealed {
+                let projections = hinted.update.projections.clone();
+                hinted.seal([&witness.base, &witness.update]).unwrap();
+                if name.contains("projection") {
+                    hinted.update.projections = projections;
+                }
+            }
+            let buffers = hinted.to_buffers();
+            let read = HintedWitness::from_buffers(&buffers).expect(name);
+            let expected = check_hinted(&read).expect_err(name).to_string();
+            match executor.execute(CHECKED_ELF, &buffers).await {
+                Err(ExecuteError::Refused(reason)) => assert_eq!(reason, expected, "{name}"),
+                other => panic!("{name}: the guest gives {other:?}"),
+            }
+        }
+    }
+}
+
+#[tokio::test]
 async fn the_guest_refuses_buffers_that_are_no_witness() {
     let executor = Executor::new().await.unwrap();
     let honest = synthetic::witness(&EvalSpec::micro(), 1, 12)
@@ -145,13 +205,20 @@ async fn claims_do_not_get_dearer_unnoticed() {
         .lines()
         .map(|line| serde_json::from_str(line).unwrap())
         .collect();
-    let measured = cycles::measure().await.unwrap();
-    assert_eq!(committed.len(), measured.len());
-    for (before, now) in committed.iter().zip(&measured) {
-        assert_eq!(
-            (&before.profile, &before.mode, before.samples),
-            (&now.profile, &now.mode, now.samples)
-        );
+    let executor = Executor::new().await.unwrap();
+    let cases = cycles::cases();
+    assert_eq!(committed.len(), cases.len());
+    // More than one sample at full size takes minutes, and tells nothing new of the code.
+    let quick = |case: &&cycles::Case| case.profile == "micro" || case.samples == 1;
+    for case in cases.iter().filter(quick) {
+        let now = cycles::measure(&executor, *case).await.unwrap();
+        let before = committed
+            .iter()
+            .find(|before| {
+                (&before.profile, &before.mode, before.samples)
+                    == (&now.profile, &now.mode, now.samples)
+            })
+            .expect("a committed figure for every case");
         for (what, before, now) in [
             ("cycles", before.cycles, now.cycles),
             ("gas", before.gas, now.gas),
@@ -165,29 +232,26 @@ async fn claims_do_not_get_dearer_unnoticed() {
 }
 
 #[tokio::test]
-async fn the_record_beside_the_elf_is_true() {
-    let record = fs::read_to_string(circuits().join("elf/direct.json")).unwrap();
-    let record: serde_json::Value = serde_json::from_str(&record).unwrap();
-    assert_eq!(
-        record["elf_sha256"],
-        hex::encode(Sha256::digest(DIRECT_ELF))
-    );
-    let key = Executor::new()
-        .await
-        .unwrap()
-        .verifying_key(DIRECT_ELF)
-        .await
-        .unwrap();
-    assert_eq!(
-        key.koalabear,
-        zk0_circuits::program::DIRECT_VERIFYING_KEY,
-        "elf/direct.vk is of another ELF: run the example record_guest"
-    );
-    assert_eq!(
-        record["verifying_key_koalabear"],
-        hex::encode(&key.koalabear)
-    );
-    assert_eq!(record["verifying_key_bytes32"], key.bytes32);
+async fn the_records_beside_the_elfs_are_true() {
+    let executor = Executor::new().await.unwrap();
+    for (program, elf, expected) in [
+        ("direct", DIRECT_ELF, DIRECT_VERIFYING_KEY),
+        ("checked", CHECKED_ELF, CHECKED_VERIFYING_KEY),
+    ] {
+        let record = fs::read_to_string(circuits().join(format!("elf/{program}.json"))).unwrap();
+        let record: serde_json::Value = serde_json::from_str(&record).unwrap();
+        assert_eq!(record["elf_sha256"], hex::encode(Sha256::digest(elf)));
+        let key = executor.verifying_key(elf).await.unwrap();
+        assert_eq!(
+            key.koalabear, expected,
+            "elf/{program}.vk is of another ELF: run the example record_guest"
+        );
+        assert_eq!(
+            record["verifying_key_koalabear"],
+            hex::encode(&key.koalabear)
+        );
+        assert_eq!(record["verifying_key_bytes32"], key.bytes32);
+    }
 }
 
 /// Skipped, and said so, only where the recorded toolchain is not installed.

@@ -90,6 +90,7 @@ fn contribution(submission: &Signed<Submission>, blobs: &Blobs) -> UnverifiedCon
         submission: submission.clone(),
         proof: blob(&submission.statement.proof),
         update: blob(&submission.statement.claim.update.blob),
+        base: blob(&submission.statement.claim.base.blob),
     }
 }
 

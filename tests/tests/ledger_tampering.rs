@@ -40,7 +40,7 @@ fn a_real_ledger_is_verified_with_an_acceptance_and_a_refusal() {
 }
 
 #[test]
-fn bytes_all_over_every_entry_hash_and_stored_checkpoint() {
+fn any_byte_of_every_entry_hash_and_stored_checkpoint() {
     let dir = ledger_copy();
     let db = DB::open_default(dir.path().join("log")).unwrap();
     let records: Vec<_> = db
@@ -48,8 +48,7 @@ fn bytes_all_over_every_entry_hash_and_stored_checkpoint() {
         .map(Result::unwrap)
         .collect();
     for (key, value) in &records {
-        // One byte in eleven: each costs a replay.
-        for at in (0..value.len()).step_by(11) {
+        for at in 0..value.len() {
             let mut changed = value.to_vec();
             changed[at] ^= 1 << (at % 8);
             db.put(key, &changed).unwrap();

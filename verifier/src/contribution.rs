@@ -21,6 +21,8 @@ pub struct UnverifiedContribution {
     pub proof: Vec<u8>,
     /// The update: the expert's weights as a safetensors file.
     pub update: Vec<u8>,
+    /// The weights that the round started from, likewise.
+    pub base: Vec<u8>,
 }
 
 /// A contribution that counts: signed by an enrolled node, bound to the ledger, proven, and its weights are those that were
@@ -70,7 +72,7 @@ impl VerifiedContribution {
 
 /// Verifies a contribution recorded at `time_ms` on top of `state`, cheapest check first: sizes, signature, enrolment, the
 /// proof's digest, what the ledger fixes (network, round, commitment, one submission a round, every field of the claim,
-/// the deadline), the SP1 proof, and at last the weights.
+/// the deadline), the SP1 proof, and at last the weights and, in mode `checked`, that the products are those with them.
 pub fn verify(
     contribution: &UnverifiedContribution,
     state: &State,
@@ -80,11 +82,14 @@ pub fn verify(
         submission,
         proof,
         update,
+        base,
     } = contribution;
     check_size("the update", update, state.rules().max_update_bytes)?;
     verify_claim(submission, proof, state, time_ms)?;
     let claim = submission.statement.claim.clone();
-    let weights = Evaluation::of(state)?.check_update(update, &claim.update)?;
+    let evaluation = Evaluation::of(state)?;
+    let weights = evaluation.check_update(update, &claim.update)?;
+    evaluation.check_products(&claim, base, update)?;
     Ok(VerifiedContribution {
         samples: claim.dataset.samples.min(state.rules().max_weight_samples),
         claim,

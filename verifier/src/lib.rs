@@ -3,10 +3,12 @@
 //! A short tour:
 //! - [`contribution`]: [`UnverifiedContribution`] → [`verify`] → [`VerifiedContribution`], which nothing else can make.
 //! - [`proof`]: the SP1 compressed proof, under limits, from hostile bytes.
+//! - [`projection`]: the verifier's half of mode `checked`, from the weights' files.
 //! - [`update`]: the weight check: uploaded bytes, quantised anew, are what was proven.
 //! - [`weights`]: safetensors files of the action expert, read strictly and written canonically.
 
 pub mod contribution;
+pub mod projection;
 pub mod proof;
 pub mod update;
 pub mod weights;
@@ -14,6 +16,7 @@ pub mod weights;
 pub use contribution::{
     authenticate, verify, verify_claim, UnverifiedContribution, VerifiedContribution,
 };
+pub use projection::check_projections;
 pub use proof::{check_proof, ProgramKey};
 pub use update::Evaluation;
 pub use weights::{blob_digest, ExpertTensors, WeightsError};

@@ -1,32 +1,47 @@
 //! The weight check: the bytes a node uploaded are the weights that its proof is about.
 
-use crate::weights::{blob_digest, short, ExpertTensors};
+use crate::{
+    projection::check_projections,
+    weights::{blob_digest, short, ExpertTensors},
+};
+use std::io::Cursor;
 use zk0_circuits::{
     spec::EvalSpec,
+    statement::Mode,
     weights::{expert_tensors, QuantisedWeights, TensorSpec},
-    WeightsDigest,
+    Claim, WeightsDigest,
 };
-use zk0_ledger::{state::State, Refusal};
+use zk0_ledger::{entry::Genesis, state::State, Refusal};
 
 /// What a network evaluates, and so which tensors its weights have.
 #[derive(Clone, Debug)]
 pub struct Evaluation {
     spec: EvalSpec,
+    mode: Mode,
     tensors: Vec<TensorSpec>,
 }
 
 impl Evaluation {
     /// The evaluation that a network's genesis fixes.
     pub fn of(state: &State) -> Result<Self, Refusal> {
-        Self::decode(&state.genesis().evaluation)
+        Self::of_genesis(state.genesis())
     }
 
-    /// Reads an evaluation specification in its canonical encoding.
-    pub fn decode(bytes: &[u8]) -> Result<Self, Refusal> {
-        let spec = EvalSpec::decode(bytes)
+    /// The evaluation that `genesis` fixes.
+    pub fn of_genesis(genesis: &Genesis) -> Result<Self, Refusal> {
+        let spec = EvalSpec::decode(&genesis.evaluation)
             .map_err(|error| Refusal::MalformedUpdate(format!("no rule to read it by: {error}")))?;
+        Ok(Self::new(spec, genesis.mode))
+    }
+
+    /// An evaluation whose products are proven in `mode`.
+    pub fn new(spec: EvalSpec, mode: Mode) -> Self {
         let tensors = expert_tensors(&spec.dims);
-        Ok(Self { spec, tensors })
+        Self {
+            spec,
+            mode,
+            tensors,
+        }
     }
 
     /// The specification.
@@ -46,8 +61,31 @@ impl Evaluation {
             .map_err(|error| Refusal::MalformedUpdate(short(&error.to_string())))?;
         Ok(WeightsDigest {
             blob: blob_digest(bytes),
-            quantised: quantised.digest(),
+            quantised: quantised.digest(self.mode),
         })
+    }
+
+    /// Checks, in mode `checked`, that the products behind `claim` are those with the weights in the files `base`, the round's,
+    /// and `update`.
+    pub fn check_products(&self, claim: &Claim, base: &[u8], update: &[u8]) -> Result<(), Refusal> {
+        match (self.mode, &claim.weight_check) {
+            (Mode::Direct, None) => Ok(()),
+            (Mode::Checked, Some(check)) => {
+                let actual = blob_digest(base);
+                if actual != claim.base.blob {
+                    return Err(Refusal::UpdateDigest {
+                        expected: claim.base.blob,
+                        actual,
+                    });
+                }
+                check_projections(&self.spec, check, Cursor::new(base), Cursor::new(update))
+            }
+            (mode, check) => Err(Refusal::Binding {
+                field: "weight_check".into(),
+                claimed: if check.is_some() { "some" } else { "none" }.into(),
+                expected: format!("that of mode {mode}"),
+            }),
+        }
     }
 
     /// Checks that `bytes` are the weights named by `claimed`, as a file and, quantised anew, as numbers.

@@ -69,7 +69,10 @@ pub enum WeightsError {
 impl ExpertTensors {
     /// Reads a safetensors file that must hold exactly the `expected` tensors.
     pub fn read(bytes: &[u8], expected: &[TensorSpec]) -> Result<Self, WeightsError> {
-        check_header(bytes)?;
+        let start = bytes
+            .first_chunk()
+            .ok_or(WeightsError::NoHeader(bytes.len() as u64))?;
+        check_header(bytes.len() as u64, start)?;
         let file = SafeTensors::deserialize(bytes).map_err(|error| match error {
             SafeTensorError::MetadataIncompleteBuffer => WeightsError::Length(bytes.len() as u64),
             other => WeightsError::Header(short(&other.to_string())),
@@ -193,21 +196,17 @@ pub fn blob_digest(bytes: &[u8]) -> Digest {
     Digest(Sha256::digest(bytes).into())
 }
 
-/// The first eight bytes are the length of the JSON header that follows, little endian.
-fn check_header(bytes: &[u8]) -> Result<(), WeightsError> {
-    let size = bytes.len() as u64;
-    let Some(length) = bytes.first_chunk::<8>() else {
-        return Err(WeightsError::NoHeader(size));
-    };
-    let header = u64::from_le_bytes(*length);
+/// The first eight bytes of a file of `size` bytes are the length of the JSON header that follows, little endian.
+pub(crate) fn check_header(size: u64, start: &[u8; 8]) -> Result<u64, WeightsError> {
+    let header = u64::from_le_bytes(*start);
     if header > MAX_HEADER_BYTES {
         return Err(WeightsError::HeaderTooLarge(header));
     }
-    let left = size - 8;
+    let left = size.saturating_sub(8);
     if header > left {
         return Err(WeightsError::HeaderTruncated { header, left });
     }
-    Ok(())
+    Ok(header)
 }
 
 /// Messages quote names from the file: keep a hostile one short.

@@ -14,6 +14,7 @@ use zk0_aggregator::{
 use zk0_circuits::{
     merkle,
     spec::EvalSpec,
+    statement::Mode,
     weights::{expert_tensors, TensorSpec},
     Claim, DatasetCommitment, Digest, Losses, NodeId, WeightsDigest, CLAIM_VERSION,
 };
@@ -69,6 +70,7 @@ pub fn genesis() -> Genesis {
             max_proof_bytes: MAX_PROOF_BYTES,
         },
         program: vec![0; 32],
+        mode: Mode::Direct,
         evaluation: spec.encode(),
         policy: blob_digest(POLICY),
         initial: digest(&initial),
@@ -101,7 +103,7 @@ pub fn weights(seed: u32) -> Vec<u8> {
 }
 
 pub fn digest(file: &[u8]) -> WeightsDigest {
-    let evaluation = Evaluation::decode(&EvalSpec::micro().encode()).unwrap();
+    let evaluation = Evaluation::new(EvalSpec::micro(), Mode::Direct);
     let weights: ExpertTensors = evaluation.read(file).unwrap();
     evaluation.digest(file, &weights).unwrap()
 }

@@ -7,10 +7,10 @@ use zk0_circuits::{
     dataset::{leaf, salt_commitment},
     merkle,
     sample::SampleParts,
-    statement::Disclosure,
+    statement::{Disclosure, Mode},
     weights::expert_tensors,
     witness::{Header, Opening},
-    DatasetCommitment, Digest, EvalSpec, NodeId, QuantisedWeights, Sample, Witness,
+    DatasetCommitment, Digest, EvalSpec, NodeId, QuantisedWeights, Sample, WeightsDigest, Witness,
 };
 
 /// SplitMix64: a seed's uniform numbers.
@@ -150,6 +150,11 @@ pub fn honest(spec: &EvalSpec, samples: usize, count: u32, seed: u64) -> Honest 
             path: merkle::path(&leaves, index as usize).unwrap(),
         })
         .collect();
+    let (quantised_base, update) = (quantise(spec, &base), quantise(spec, &calmer(&base)));
+    let weights = |blob, weights: &QuantisedWeights| WeightsDigest {
+        blob,
+        quantised: weights.digest(Mode::Direct),
+    };
     let header = Header {
         spec: spec.clone(),
         network,
@@ -161,18 +166,17 @@ pub fn honest(spec: &EvalSpec, samples: usize, count: u32, seed: u64) -> Honest 
             feature_spec: Digest([8; 32]),
             salt_commitment: salt_commitment(&salt),
         },
-        base_blob: Digest([9; 32]),
-        update_blob: Digest([10; 32]),
+        base: weights(Digest([9; 32]), &quantised_base),
+        update: weights(Digest([10; 32]), &update),
         challenge,
         eval_samples: count,
         min_improvement_bps: 100,
         disclosure: Disclosure::Disclosed,
         salt,
     };
-    let update = quantise(spec, &calmer(&base));
     let witness = Witness {
         header,
-        base: quantise(spec, &base),
+        base: quantised_base,
         update,
         openings,
     };
@@ -181,4 +185,10 @@ pub fn honest(spec: &EvalSpec, samples: usize, count: u32, seed: u64) -> Honest 
         dataset,
         leaves,
     }
+}
+
+/// Names the witness's weights in its header, as they are now.
+pub fn name_weights(witness: &mut Witness) {
+    witness.header.base.quantised = witness.base.digest(Mode::Direct);
+    witness.header.update.quantised = witness.update.digest(Mode::Direct);
 }

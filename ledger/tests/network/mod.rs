@@ -5,7 +5,7 @@ pub mod rounds;
 
 use ed25519_dalek::SigningKey;
 use zk0_circuits::{
-    Claim, DatasetCommitment, Digest, Losses, NodeId, WeightsDigest, CLAIM_VERSION,
+    statement::Mode, Claim, DatasetCommitment, Digest, Losses, NodeId, WeightsDigest, CLAIM_VERSION,
 };
 use zk0_ledger::{
     entry::{Contributor, NodeEnrolled, RoundClosed, RoundOpened, ENTRY_VERSION},
@@ -58,6 +58,7 @@ pub fn genesis() -> Genesis {
             max_proof_bytes: 1 << 21,
         },
         program: vec![1; 32],
+        mode: Mode::Direct,
         evaluation: hex::decode(include_str!("../vectors/evaluation.hex").trim_end()).unwrap(),
         policy: digest(3),
         initial: weights(4),

@@ -1,0 +1,94 @@
+//! How long the verifier's half of mode `checked` takes at full size, and in how much memory.
+//!
+//! `cargo run --release -p zk0-verifier --example weight_check`: writes two sets of random full-size weights (393 MB each) to a
+//! temporary folder, projects both, prints one JSON line. `peer` is the time allowed, one second.
+
+use std::{
+    error::Error,
+    fs::{self, File},
+    io::{BufWriter, Write},
+    path::Path,
+    time::Instant,
+};
+use zk0_circuits::{
+    spec::Dims, weights::expert_tensors, Digest, EvalSpec, GuestWeights, WeightCheck,
+};
+use zk0_ledger::Refusal;
+use zk0_verifier::check_projections;
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let spec = EvalSpec::new(Dims::FULL);
+    let folder = std::env::temp_dir().join(format!("zk0-weight-check-{}", std::process::id()));
+    fs::create_dir_all(&folder)?;
+    let result = measure(&spec, &folder);
+    fs::remove_dir_all(&folder)?;
+    result
+}
+
+fn measure(spec: &EvalSpec, folder: &Path) -> Result<(), Box<dyn Error>> {
+    let paths = [folder.join("base"), folder.join("update")];
+    for (seed, path) in paths.iter().enumerate() {
+        write(spec, path, seed as u32)?;
+    }
+    let nothing = GuestWeights {
+        parameters: Digest::default(),
+        projections: Digest::default(),
+    };
+    let claimed = WeightCheck {
+        seed: Digest([7; 32]),
+        base: nothing,
+        update: nothing,
+    };
+    let mut best = f64::MAX;
+    for _ in 0..3 {
+        let [base, update] = [File::open(&paths[0])?, File::open(&paths[1])?];
+        let begin = Instant::now();
+        match check_projections(spec, &claimed, base, update) {
+            // Nobody claimed these: the comparison at the end fails, after all the work.
+            Err(Refusal::OtherProducts { .. }) => {}
+            other => return Err(format!("unexpected: {other:?}").into()),
+        }
+        best = best.min(begin.elapsed().as_secs_f64());
+    }
+    let status = fs::read_to_string("/proc/self/status")?;
+    let peak = status.lines().find_map(|line| {
+        let kilobytes = line.strip_prefix("VmHWM:")?.trim().strip_suffix(" kB")?;
+        kilobytes.parse::<u64>().ok()
+    });
+    println!(
+        r#"{{"bench":"weight-check-full","ours":{best:.3},"peer":1.0,"ratio":{:.2},"unit":"s","peak_resident_bytes":{}}}"#,
+        1.0 / best,
+        peak.unwrap_or(0) * 1024,
+    );
+    Ok(())
+}
+
+/// A safetensors file of random weights of a trained model's magnitudes.
+fn write(spec: &EvalSpec, path: &Path, seed: u32) -> Result<(), Box<dyn Error>> {
+    let tensors = expert_tensors(&spec.dims);
+    let mut at = 0;
+    let entries: Vec<String> = tensors
+        .iter()
+        .map(|tensor| {
+            let (from, to) = (at, at + 4 * tensor.len());
+            at = to;
+            let (name, shape) = (&tensor.name, &tensor.shape);
+            format!(r#""{name}":{{"dtype":"F32","shape":{shape:?},"data_offsets":[{from},{to}]}}"#)
+        })
+        .collect();
+    let mut header = format!("{{{}}}", entries.join(","));
+    header.push_str(&" ".repeat(header.len().next_multiple_of(8) - header.len()));
+    let mut file = BufWriter::new(File::create(path)?);
+    file.write_all(&(header.len() as u64).to_le_bytes())?;
+    file.write_all(header.as_bytes())?;
+    let mut state = 0x9e37_79b9 ^ seed;
+    for _ in 0..at / 4 {
+        state ^= state << 13;
+        state ^= state >> 17;
+        state ^= state << 5;
+        let value = state as f32 / u32::MAX as f32 * 0.2 - 0.1;
+        file.write_all(&value.to_le_bytes())?;
+    }
+    file.flush()?;
+    Ok(())
+}
