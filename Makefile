@@ -24,9 +24,11 @@ test:
 	$(RUST) cargo test --release --workspace --locked
 	$(RUST) cargo test --release --workspace --locked --test real_proof -- --ignored --nocapture
 
-# Guest cycles and gas of claims per profile and mode, from execute mode. The full profile takes minutes and 3 GB.
+# Guest cycles and gas of claims per profile and mode, from execute mode, and what each operation takes. Minutes and 3 GB.
 cycles: build
-	$(ZK0) prover cycles
+	@scripts/setup.sh guest
+	$(RUST) circuits/build-guest.sh --budget $(CARGO_TARGET_DIR)/budget.elf
+	$(ZK0) prover cycles --budget $(CARGO_TARGET_DIR)/budget.elf
 
 # The verifier's half of mode `checked` at full size: seconds and memory, two sets of 98 M weights.
 bench-weight-check: build

@@ -6,6 +6,7 @@
 //! `rest` the bias and rounding. In attention both factors are here, and so is their projection. See `SOUNDNESS.md`.
 
 use crate::{
+    budget::operation,
     coefficients::{combine_rows, rows_with_coefficients, rows_with_elements, Coefficients},
     field::{limbs, Element, Limbs},
     linear::{Linear, SUM_BITS},
@@ -92,13 +93,9 @@ impl<'a> Multiply for Checked<'a> {
         linear: &Linear,
         input: &[i16],
     ) -> Result<&'a [i32], EvalError> {
+        let _operation = operation("linear product checks");
         let input = Rows::new(input, linear.columns);
-        let outputs = linear
-            .outputs
-            .iter()
-            .map(|output| output.rows)
-            .sum::<usize>();
-        let sums = self.take(input.count() * outputs)?;
+        let sums = self.take(input.count() * linear.rows())?;
         let mut combined = vec![Element::ZERO; input.count()];
         let (mut first, mut rest) = (0, sums);
         for output in &linear.outputs {
@@ -126,6 +123,7 @@ impl<'a> Multiply for Checked<'a> {
         queries: Rows<'_>,
         keys: Rows<'_>,
     ) -> Result<&'a [i32], EvalError> {
+        let _operation = operation("attention product checks");
         let sums = self.take(queries.count() * keys.count())?;
         let coefficients = self.coefficients.range(0, keys.count());
         let projection = limbs(&combine_rows(keys, coefficients));
@@ -142,6 +140,7 @@ impl<'a> Multiply for Checked<'a> {
         weights: Rows<'_>,
         values: Rows<'_>,
     ) -> Result<&'a [i32], EvalError> {
+        let _operation = operation("attention product checks");
         let columns = values.columns();
         let sums = self.take(weights.count() * columns)?;
         let coefficients = self.coefficients.range(0, columns);

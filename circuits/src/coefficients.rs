@@ -123,18 +123,7 @@ where
     let mut start = 0;
     while start < factors.len() {
         let end = factors.len().min(start + terms);
-        let rows = rows.map(|row| &row[start..end]);
-        let factors = &factors[start..end];
-        let mut parts = [[0i64; K]; N];
-        for (column, factor) in factors.iter().enumerate() {
-            let factor = factor.map(Limb::signed);
-            for (parts, row) in parts.iter_mut().zip(rows) {
-                let value: i64 = row[column].into();
-                for (part, factor) in parts.iter_mut().zip(factor) {
-                    *part += value * factor;
-                }
-            }
-        }
+        let parts = short_sums(rows.map(|row| &row[start..end]), &factors[start..end]);
         for (totals, parts) in totals.iter_mut().zip(parts) {
             for (total, part) in totals.iter_mut().zip(parts) {
                 *total += part as i128;
@@ -143,6 +132,67 @@ where
         start = end;
     }
     totals
+}
+
+/// [`sums`] of so few terms that they fit an int64. Four columns at a time: pointers move once for all of them.
+#[inline(never)]
+fn short_sums<T, L, const N: usize, const K: usize>(
+    rows: [&[T]; N],
+    factors: &[[L; K]],
+) -> [[i64; K]; N]
+where
+    T: Copy + Into<i64>,
+    L: Limb,
+{
+    let mut sums = [[0i64; K]; N];
+    // All slices are cut to one length, so that the loops need no bounds checks.
+    let (columns, quads) = (factors.len(), factors.len() / 4);
+    let rows = rows.map(|row| &row[..columns]);
+    let factors4 = &factors.as_chunks::<4>().0[..quads];
+    let rows4 = rows.map(|row| &row.as_chunks::<4>().0[..quads]);
+    for quad in 0..quads {
+        for column in 0..4 {
+            let values = rows4.map(|row| row[quad][column]);
+            add_products(&mut sums, values, factors4[quad][column]);
+        }
+    }
+    for column in 4 * quads..columns {
+        add_products(&mut sums, rows.map(|row| row[column]), factors[column]);
+    }
+    sums
+}
+
+#[inline(always)]
+fn add_products<T, L, const N: usize, const K: usize>(
+    sums: &mut [[i64; K]; N],
+    values: [T; N],
+    factor: [L; K],
+) where
+    T: Into<i64>,
+    L: Limb,
+{
+    let factor = factor.map(Limb::signed);
+    for (sums, value) in sums.iter_mut().zip(values) {
+        let value: i64 = value.into();
+        for (sum, factor) in sums.iter_mut().zip(factor) {
+            *sum = opaque(*sum + value * factor);
+        }
+    }
+}
+
+/// `value`, about which the compiler knows nothing: it then keeps the order of additions. Left to itself it adds up
+/// products before it adds them to their sum, for which the guest's registers do not suffice.
+#[inline(always)]
+fn opaque(value: i64) -> i64 {
+    #[cfg(target_os = "zkvm")]
+    // SAFETY: no instructions.
+    unsafe {
+        let mut value = value;
+        core::arch::asm!("/* {0} */", inlateout(reg) value, options(pure, nomem, nostack, preserves_flags));
+        return value;
+    }
+    #[cfg(not(target_os = "zkvm"))]
+    value
 }
 
 /// A limb, which an int64 holds.
@@ -167,8 +217,8 @@ impl Limb for u64 {
 /// `Σ coefficient_i · row_i`: one element per column.
 pub fn combine_rows(rows: Rows<'_>, coefficients: &[Coefficient]) -> Vec<Element> {
     let mut combined = Vec::with_capacity(rows.columns());
-    while combined.len() + 4 <= rows.columns() {
-        let parts = combine_columns::<4>(rows, combined.len(), coefficients);
+    while combined.len() + TOGETHER <= rows.columns() {
+        let parts = combine_columns::<TOGETHER>(rows, combined.len(), coefficients);
         combined.extend(parts.map(|parts| compose(parts.map(i128::from))));
     }
     while combined.len() < rows.columns() {
@@ -185,14 +235,9 @@ fn combine_columns<const N: usize>(
     first: usize,
     coefficients: &[Coefficient],
 ) -> [[i64; 4]; N] {
-    let mut parts = [[0i64; 4]; N];
-    for (row, coefficient) in rows.iter().zip(coefficients) {
-        let row = &row[first..first + N];
-        for (parts, &value) in parts.iter_mut().zip(row) {
-            for (part, &limb) in parts.iter_mut().zip(coefficient) {
-                *part += value as i64 * limb as i64;
-            }
-        }
+    let mut sums = [[0i64; 4]; N];
+    for (&values, &coefficient) in rows.some_columns(first).zip(coefficients) {
+        add_products(&mut sums, values, coefficient);
     }
-    parts
+    sums
 }

@@ -2,7 +2,8 @@
 //! is a shift (half up) whose result must fit, or the evaluation fails and names the site.
 
 use crate::{
-    fixed::{integer_sqrt, round_shift, Narrow, Rescale},
+    budget::operation,
+    fixed::{integer_sqrt, round_shift, Range, Rescale},
     linear::output,
     multiply::ATTENTION_BITS,
     parameters::Vector,
@@ -12,25 +13,45 @@ use crate::{
 };
 use alloc::vec::Vec;
 
-/// Fails with the first value that did not fit, if any.
-fn checked(site: Site, narrow: Narrow) -> Result<(), EvalError> {
-    match narrow.refused {
-        None => Ok(()),
-        Some(value) => Err(EvalError::OutOfRange { site, value }),
+/// Appends `values` to `target` as int16.
+#[inline(always)]
+fn narrow(
+    site: Site,
+    values: impl Iterator<Item = i64> + Clone,
+    target: &mut Vec<i16>,
+) -> Result<(), EvalError> {
+    let mut range = Range::default();
+    target.extend(values.clone().map(|value| range.narrow(value)));
+    check(site, range, values)
+}
+
+/// Fails with the first of `values` that does not fit, if `range` says that there is one.
+#[inline(always)]
+fn check(site: Site, range: Range, values: impl Iterator<Item = i64>) -> Result<(), EvalError> {
+    if range.holds() {
+        return Ok(());
     }
+    let wrong = |value: &i64| *value as i16 as i64 != *value;
+    let value = values.into_iter().find(wrong).unwrap_or_default();
+    Err(EvalError::OutOfRange { site, value })
+}
+
+/// [`narrow`] into a vector of its own.
+#[inline(always)]
+fn narrowed(site: Site, values: impl Iterator<Item = i64> + Clone) -> Result<Vec<i16>, EvalError> {
+    let mut target = Vec::with_capacity(values.size_hint().0);
+    narrow(site, values, &mut target)?;
+    Ok(target)
 }
 
 /// `x_t = t · noise + (1 − t) · action`, `time` in units of 2^-16.
 pub fn noised(time: u16, noise: &[i16], actions: &[i16]) -> Result<Vec<i16>, EvalError> {
     let time = time as i64;
-    let mut narrow = Narrow::new();
     let values = noise.iter().zip(actions).map(|(&noise, &action)| {
         let sum = time * noise as i64 + (65536 - time) * action as i64;
-        narrow.narrow(round_shift(sum, 16))
+        round_shift(sum, 16)
     });
-    let values = values.collect();
-    checked(Site::NoisedAction, narrow)?;
-    Ok(values)
+    narrowed(Site::NoisedAction, values)
 }
 
 /// The outputs of sums.
@@ -47,6 +68,7 @@ pub fn norm(
     gain: Vector<'_>,
     out: u8,
 ) -> Result<Vec<i16>, EvalError> {
+    let _operation = operation("norms");
     /// 1e-5 with 32 fraction bits.
     const EPS: u64 = 42_950;
     let width = gain.values.len() as u64;
@@ -54,7 +76,6 @@ pub fn norm(
     // The reciprocal has 23 fraction bits, and x·gain·reciprocal bits + gain.bits + 23.
     let shift = gain.bits as u32 + bits as u32 + 23 - out as u32;
     let mut output = Vec::with_capacity(input.len());
-    let mut narrow = Narrow::new();
     for row in input.chunks_exact(gain.values.len()) {
         let squares = dot(row, row) as u64;
         let (whole, rest) = (squares / width, squares % width);
@@ -63,12 +84,12 @@ pub fn norm(
         let root = integer_sqrt(mean + eps);
         // Below 2^32; |x·gain| ≤ 2^30.
         let reciprocal = ((1u64 << (39 + bits as u32)) / root) as i64;
-        for (&x, &gain) in row.iter().zip(gain.values) {
-            let product = x as i64 * gain as i64 * reciprocal;
-            output.push(narrow.narrow(round_shift(product, shift)));
-        }
+        let values = row
+            .iter()
+            .zip(gain.values)
+            .map(|(&x, &gain)| round_shift(x as i64 * gain as i64 * reciprocal, shift));
+        narrow(site, values, &mut output)?;
     }
-    checked(site, narrow)?;
     Ok(output)
 }
 
@@ -82,24 +103,30 @@ pub fn rotate(
     target: &mut [i16],
     place: impl Fn(usize, usize) -> usize,
 ) -> Result<(), EvalError> {
+    let _operation = operation("rotation");
     let half = head_dim / 2;
-    let mut narrow = Narrow::new();
     let rows = sums.chunks_exact(width).zip(rotations.chunks_exact(half));
     for (row, (sums, rotations)) in rows.enumerate() {
         for (head, sums) in sums.chunks_exact(head_dim).enumerate() {
-            let target = &mut target[place(row, head)..][..head_dim];
-            let (low, high) = target.split_at_mut(half);
             let (a, b) = sums.split_at(half);
-            let inputs = a.iter().zip(b).zip(rotations);
-            for (((&a, &b), &(cosine, sine)), (low, high)) in inputs.zip(low.iter_mut().zip(high)) {
+            let pairs = a.iter().zip(b).zip(rotations);
+            let pairs = pairs.map(|((&a, &b), &(cosine, sine))| {
                 let (a, b) = (output(a), output(b));
                 let (cosine, sine) = (cosine as i64, sine as i64);
-                *low = narrow.narrow(round_shift(a * cosine - b * sine, tables::TRIG_BITS));
-                *high = narrow.narrow(round_shift(b * cosine + a * sine, tables::TRIG_BITS));
+                [
+                    round_shift(a * cosine - b * sine, tables::TRIG_BITS),
+                    round_shift(b * cosine + a * sine, tables::TRIG_BITS),
+                ]
+            });
+            let mut range = Range::default();
+            let (low, high) = target[place(row, head)..][..head_dim].split_at_mut(half);
+            for ((low, high), pair) in low.iter_mut().zip(high).zip(pairs.clone()) {
+                [*low, *high] = pair.map(|value| range.narrow(value));
             }
+            check(site, range, pairs.flatten())?;
         }
     }
-    checked(site, narrow)
+    Ok(())
 }
 
 /// The residual stream: outputs of `sums`, which have `out` fraction bits, plus `residual`, which has `bits`.
@@ -110,50 +137,43 @@ pub fn add(
     bits: u8,
     out: u8,
 ) -> Result<Vec<i16>, EvalError> {
+    let _operation = operation("residuals");
     let rescale = Rescale::new(bits as i32, out as i32);
-    let mut narrow = Narrow::new();
     let values = sums
         .iter()
         .zip(residual)
-        .map(|(&sum, &residual)| narrow.narrow(output(sum) + rescale.apply(residual as i64)));
-    let values = values.collect();
-    checked(site, narrow)?;
-    Ok(values)
+        .map(|(&sum, &residual)| output(sum) + rescale.apply(residual as i64));
+    narrowed(site, values)
 }
 
-/// SiLU of the outputs of `sums`, which have `bits` fraction bits; the result has `out`.
+/// SiLU of the outputs of `sums`, which have `bits` ≥ 6 fraction bits; the result has `out` ≤ 15.
 pub fn silu(site: Site, sums: &[i32], bits: u8, out: u8) -> Result<Vec<i16>, EvalError> {
-    let rescale = Rescale::new(bits as i32 + tables::SIGMOID_BITS as i32, out as i32);
+    let _operation = operation("SiLU");
+    let shift = bits as u32 + tables::SIGMOID_BITS - out as u32;
     let to_logit = tables::LOGIT_BITS - bits as u32;
-    let mut narrow = Narrow::new();
     let values = sums.iter().map(|&sum| {
         let x = output(sum);
-        narrow.narrow(rescale.apply(x * tables::sigmoid(x << to_logit)))
+        round_shift(x * tables::sigmoid(x << to_logit), shift)
     });
-    let values = values.collect();
-    checked(site, narrow)?;
-    Ok(values)
+    narrowed(site, values)
 }
 
-/// SwiGLU: `silu(gate) · up`, where the gate has `bits` fraction bits, the other `up_bits` and the result `out`.
+/// SwiGLU: `silu(gate) · up`, where the gate has `bits` ≥ 6 fraction bits, the other `up_bits` and the result `out` ≤ 15.
 pub fn swiglu(
     site: Site,
     (gate, bits): (&[i32], u8),
     (up, up_bits): (&[i32], u8),
     out: u8,
 ) -> Result<Vec<i16>, EvalError> {
-    let from = (bits + up_bits) as i32 + tables::SIGMOID_BITS as i32;
-    let rescale = Rescale::new(from, out as i32);
+    let _operation = operation("SiLU");
+    let shift = (bits + up_bits) as u32 + tables::SIGMOID_BITS - out as u32;
     let to_logit = tables::LOGIT_BITS - bits as u32;
-    let mut narrow = Narrow::new();
     let values = gate.iter().zip(up).map(|(&gate, &up)| {
         let gate = output(gate);
         let silu = gate * tables::sigmoid(gate << to_logit);
-        narrow.narrow(rescale.apply(silu * output(up)))
+        round_shift(silu * output(up), shift)
     });
-    let values = values.collect();
-    checked(site, narrow)?;
-    Ok(values)
+    narrowed(site, values)
 }
 
 /// Fraction bits of [`Softmax`]'s factor.
@@ -182,10 +202,11 @@ impl Softmax {
     /// Attention weights of `scores`, with [`ATTENTION_BITS`] fraction bits, into `weights`, which is as long.
     pub fn apply(self, scores: &[i32], weights: &mut [i16]) {
         let largest = scores.iter().fold(i32::MIN, |most, &score| most.max(score)) as i64;
+        // Distance below 2^33, factor below 2^21.
+        let nearest = largest * self.factor + (1 << (self.shift - 1));
         let mut total = 0;
         for (&score, weight) in scores.iter().zip(weights.iter_mut()) {
-            // Distance below 2^33, factor below 2^21.
-            let distance = round_shift((largest - score as i64) * self.factor, self.shift);
+            let distance = (nearest - score as i64 * self.factor) >> self.shift;
             let power = tables::exp2_negative(distance as u64);
             total += power as u64;
             *weight = power as i16; // its 16 bits, for the moment

@@ -5,6 +5,7 @@
 //! int64, of which a linear layer keeps 32 bits ([`crate::linear`]): each output is rounded once.
 
 use crate::{
+    budget::operation,
     challenge::Draw,
     elementwise::{add, noised, norm, outputs, rotate, silu, swiglu, Softmax},
     linear::{first_of_layer, linears, place, Linear},
@@ -347,6 +348,7 @@ impl<'a> Evaluator<'a> {
             let queries = Rows::new(&queries[kv_head * per_head..][..per_head], head_dim);
             let keys = head(&keys[kv_head * head_dim..]);
             let scores = multiply.scores(Site::Scores(layer), queries, keys)?;
+            let in_softmax = operation("softmax");
             let rows = scores
                 .chunks_exact(tokens)
                 .zip(weights.chunks_exact_mut(tokens));
@@ -354,6 +356,7 @@ impl<'a> Evaluator<'a> {
                 let visible = visible(row / group);
                 softmax.apply(&scores[..visible], &mut weights[..visible]);
             }
+            in_softmax.end();
             let values = head(&values[kv_head * head_dim..]);
             let weights = Rows::new(&weights, tokens);
             let mixed = multiply.mix(Site::Attention(layer), weights, values)?;

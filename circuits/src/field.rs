@@ -62,11 +62,12 @@ impl Element {
         Self::reduce(low | self.0 >> (BITS - bits))
     }
 
-    /// Σ `parts[i]` · 2^(`bits`·i).
+    /// Σ `parts[i]` · 2^(`bits`·i), for |`parts[i]`| < 2^(126 − `bits`): two neighbours fit an int128.
     pub fn compose<const N: usize>(parts: [i128; N], bits: u32) -> Self {
         let mut sum = Self::ZERO;
-        for (index, part) in parts.into_iter().enumerate() {
-            sum = sum.add(Self::from_i128(part).shift(bits * index as u32));
+        for (index, pair) in parts.chunks(2).enumerate() {
+            let value = pair.iter().rev().fold(0, |high, low| (high << bits) + low);
+            sum = sum.add(Self::from_i128(value).shift(2 * bits * index as u32));
         }
         sum
     }

@@ -66,31 +66,23 @@ pub fn integer_sqrt(value: u64) -> u64 {
     }
 }
 
-/// Narrows results to int16 and remembers the first that does not fit: out of range is an error, never a clamp.
-pub struct Narrow {
-    /// First value that did not fit, if any.
-    pub refused: Option<i64>,
+/// Whether values fit int16, at two instructions each: out of range is an error, never a clamp.
+#[derive(Default)]
+pub struct Range {
+    /// Bits of all values plus 2^15.
+    seen: u64,
 }
 
-impl Narrow {
-    /// Nothing refused yet.
-    pub fn new() -> Self {
-        Self { refused: None }
-    }
-
+impl Range {
     /// `value` as int16. What it returns for a value out of range is never used.
     #[inline(always)]
     pub fn narrow(&mut self, value: i64) -> i16 {
-        let narrowed = value as i16;
-        if narrowed as i64 != value {
-            self.refuse(value);
-        }
-        narrowed
+        self.seen |= value.wrapping_add(1 << 15) as u64;
+        value as i16
     }
 
-    #[cold]
-    #[inline(never)]
-    fn refuse(&mut self, value: i64) {
-        self.refused.get_or_insert(value);
+    /// Whether all values were in range.
+    pub fn holds(&self) -> bool {
+        self.seen >> 16 == 0
     }
 }

@@ -1,6 +1,7 @@
 //! The witness of a claim in mode `checked`: hinted products in place of weight matrices.
 
 use crate::{
+    budget::operation,
     challenge::{draw, Draw},
     checked::{rest, Checked},
     coefficients::Coefficients,
@@ -80,6 +81,7 @@ impl<'a> Hints<'a> {
 /// digests of gains and biases; the leaf of each opened sample; the digests of its hints under the base weights and
 /// under the update.
 pub fn seed(witness: &HintedWitness<'_>, leaves: &[Digest]) -> Digest {
+    let _operation = operation("hashing");
     // Writing to memory does not fail.
     let header = borsh::to_vec(&witness.header).unwrap_or_default();
     let (base, update) = (&witness.base, &witness.update);
@@ -163,6 +165,7 @@ impl HintedWitness<'static> {
 impl HintedWitness<'_> {
     /// What the verifier has to check of the weights.
     pub fn weight_check(&self) -> WeightCheck {
+        let _operation = operation("hashing");
         let [base, update] = [&self.base, &self.update].map(|weights| GuestWeights {
             parameters: weights.parameters.digest(),
             projections: projection::digest(weights.projections()),
@@ -177,6 +180,7 @@ impl HintedWitness<'_> {
 
 /// The coefficients of a seed, as many as the products take.
 pub fn coefficients(evaluator: &Evaluator<'_>, seed: &Digest) -> Coefficients {
+    let _operation = operation("coefficients");
     let count = projection::coefficient_count(&evaluator.spec.dims, &evaluator.linears);
     Coefficients::expand(seed, count)
 }

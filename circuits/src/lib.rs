@@ -13,10 +13,12 @@
 //! - [`challenge`]: what is drawn for a contribution: samples, flow times, noise.
 //! - [`dataset`]: what a dataset commitment commits to; [`merkle`]: its tree.
 //! - [`digest`]: 32-byte digests and domain-separated SHA-256; [`poseidon2`]: hashing of large int16 data.
+//! - [`budget`]: what of a guest's cycles each operation takes.
 //! - [`program`]: the guest programs' verifying keys.
 #![cfg_attr(not(any(feature = "std", test)), no_std)]
 extern crate alloc;
 
+pub mod budget;
 pub mod challenge;
 pub mod checked;
 pub mod claim;

@@ -53,6 +53,13 @@ pub struct Output {
     pub bits: u8,
 }
 
+impl Linear {
+    /// Rows of all matrices: outputs per input row.
+    pub fn rows(&self) -> usize {
+        self.outputs.iter().map(|output| output.rows).sum()
+    }
+}
+
 impl Output {
     /// Left shift of a product with a matrix of `matrix_bits` fraction bits and an input of `input_bits`.
     pub fn shift(&self, input_bits: u8, matrix_bits: i16) -> u32 {

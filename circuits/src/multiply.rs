@@ -78,12 +78,7 @@ impl Multiply for Direct<'_> {
 
     fn linear(&mut self, _: usize, linear: &Linear, input: &[i16]) -> Result<Vec<i32>, EvalError> {
         let input = Rows::new(input, linear.columns);
-        let outputs = linear
-            .outputs
-            .iter()
-            .map(|output| output.rows)
-            .sum::<usize>();
-        let mut sums = vec![0; input.count() * outputs];
+        let mut sums = vec![0; input.count() * linear.rows()];
         let mut rest = &mut sums[..];
         for output in &linear.outputs {
             let (matrix, bits) = self.weights.tensor(self.layout, output.matrix);
@@ -194,8 +189,9 @@ impl<'a> Recorder<'a> {
         }
     }
 
-    fn keep(&mut self, sums: Vec<i32>) -> Vec<i32> {
-        self.hints.extend_from_slice(&sums);
+    fn keep(&mut self, sums: Result<Vec<i32>, EvalError>) -> Result<Vec<i32>, EvalError> {
+        self.hints
+            .extend_from_slice(sums.as_deref().unwrap_or_default());
         sums
     }
 }
@@ -209,8 +205,8 @@ impl Multiply for Recorder<'_> {
         linear: &Linear,
         input: &[i16],
     ) -> Result<Vec<i32>, EvalError> {
-        let sums = self.direct.linear(index, linear, input)?;
-        Ok(self.keep(sums))
+        let sums = self.direct.linear(index, linear, input);
+        self.keep(sums)
     }
 
     fn scores(
@@ -219,8 +215,8 @@ impl Multiply for Recorder<'_> {
         queries: Rows<'_>,
         keys: Rows<'_>,
     ) -> Result<Vec<i32>, EvalError> {
-        let sums = self.direct.scores(site, queries, keys)?;
-        Ok(self.keep(sums))
+        let sums = self.direct.scores(site, queries, keys);
+        self.keep(sums)
     }
 
     fn mix(
@@ -229,7 +225,7 @@ impl Multiply for Recorder<'_> {
         weights: Rows<'_>,
         values: Rows<'_>,
     ) -> Result<Vec<i32>, EvalError> {
-        let sums = self.direct.mix(site, weights, values)?;
-        Ok(self.keep(sums))
+        let sums = self.direct.mix(site, weights, values);
+        self.keep(sums)
     }
 }

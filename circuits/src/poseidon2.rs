@@ -44,8 +44,8 @@ pub fn hash(domain: Domain, values: &Values) -> Digest {
 pub fn hash_words(domain: Domain, words: &[u64], length: u64) -> Digest {
     let state = absorb_words(domain, words, length);
     let mut digest = [0; 32];
-    for (bytes, element) in digest.chunks_exact_mut(4).zip(&state.0) {
-        bytes.copy_from_slice(&element.to_le_bytes());
+    for (bytes, pair) in digest.chunks_exact_mut(8).zip(&state.0) {
+        bytes.copy_from_slice(&pair.to_le_bytes());
     }
     Digest(digest)
 }
@@ -66,7 +66,7 @@ impl Squeeze {
     /// The next eight elements.
     #[allow(clippy::should_implement_trait)] // it never ends
     pub fn next(&mut self) -> [u32; 8] {
-        let elements = core::array::from_fn(|index| self.0 .0[index]);
+        let elements = core::array::from_fn(|i| (self.0 .0[i / 2] >> (i % 2 * 32)) as u32);
         permute(&mut self.0);
         elements
     }
@@ -74,9 +74,8 @@ impl Squeeze {
 
 fn absorb_words(domain: Domain, words: &[u64], length: u64) -> State {
     let mut state = State::default();
-    state.0[8] = domain as u32;
-    state.0[9] = (length & 0x3fff_ffff) as u32;
-    state.0[10] = (length >> 30 & 0x3fff_ffff) as u32;
+    state.0[4] = domain as u64 | (length & 0x3fff_ffff) << 32;
+    state.0[5] = length >> 30 & 0x3fff_ffff;
     let mut blocks = words.chunks_exact(3);
     for block in &mut blocks {
         absorb(&mut state, [block[0], block[1], block[2]]);
@@ -94,13 +93,10 @@ fn absorb_words(domain: Domain, words: &[u64], length: u64) -> State {
 fn absorb(state: &mut State, block: [u64; 3]) {
     let [a, b, c] = block;
     let tops = (a >> 30 & LOW_2) | (b >> 30 & LOW_2) << 2 | (c >> 30 & LOW_2) << 4;
-    for (pair, word) in [a & LOW_30, b & LOW_30, c & LOW_30, tops]
-        .into_iter()
-        .enumerate()
-    {
-        state.0[2 * pair] = word as u32;
-        state.0[2 * pair + 1] = (word >> 32) as u32;
-    }
+    state.0[0] = a & LOW_30;
+    state.0[1] = b & LOW_30;
+    state.0[2] = c & LOW_30;
+    state.0[3] = tops;
     permute(state);
 }
 
@@ -110,7 +106,7 @@ use crate::zkvm::{poseidon2 as permute, Poseidon2State as State};
 #[cfg(target_os = "zkvm")]
 impl Default for State {
     fn default() -> Self {
-        Self([0; 16])
+        Self([0; 8])
     }
 }
 
@@ -126,15 +122,18 @@ mod native {
 
     static PERMUTATION: LazyLock<KoalaPerm> = LazyLock::new(my_kb_16_perm);
 
-    /// Sixteen canonical KoalaBear values.
+    /// Sixteen canonical KoalaBear values, two to a word, the first in the low half.
     #[derive(Default)]
-    pub struct State(pub [u32; 16]);
+    pub struct State(pub [u64; 8]);
 
     /// One permutation; the values of `state` are below the modulus before and after.
     pub fn permute(state: &mut State) {
-        let input = state.0.map(KoalaBear::from_canonical_u32);
-        state.0 = PERMUTATION
-            .permute(input)
-            .map(|value| value.as_canonical_u32());
+        let element = |value: u64| KoalaBear::from_canonical_u32(value as u32);
+        let input = core::array::from_fn(|index| element(state.0[index / 2] >> (index % 2 * 32)));
+        let output = PERMUTATION.permute(input);
+        for (pair, elements) in state.0.iter_mut().zip(output.as_chunks::<2>().0) {
+            let [low, high] = elements.map(|element| element.as_canonical_u32() as u64);
+            *pair = low | high << 32;
+        }
     }
 }

@@ -16,9 +16,7 @@ use alloc::{vec, vec::Vec};
 
 /// Coefficients that the products of an evaluation take.
 pub fn coefficient_count(dims: &Dims, linears: &[Linear]) -> usize {
-    let outputs = linears
-        .iter()
-        .map(|linear| linear.outputs.iter().map(|output| output.rows).sum());
+    let outputs = linears.iter().map(|linear| linear.rows());
     let keys = dims.max_prefix as usize + dims.chunk as usize;
     let attention = keys.max(dims.head_dim as usize);
     outputs.fold(attention, usize::max)

@@ -4,6 +4,7 @@
 //! error here and a panic there, so that no proof exists.
 
 use crate::{
+    budget::operation,
     challenge::{draw, sample_indices, Draw, DrawError},
     claim::WeightCheck,
     dataset::salt_commitment,
@@ -35,6 +36,28 @@ pub enum Mode {
     Direct,
     /// The guest checks hinted ones, and the verifier projects the weights: [`check_hinted`].
     Checked,
+}
+
+impl Mode {
+    /// All of them.
+    pub const ALL: [Self; 2] = [Self::Direct, Self::Checked];
+}
+
+/// Not the name of a [`Mode`].
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("'{0}' is no mode; there are direct and checked")]
+pub struct UnknownMode(alloc::string::String);
+
+impl core::str::FromStr for Mode {
+    type Err = UnknownMode;
+
+    fn from_str(text: &str) -> Result<Self, UnknownMode> {
+        match text {
+            "direct" => Ok(Self::Direct),
+            "checked" => Ok(Self::Checked),
+            _ => Err(UnknownMode(text.into())),
+        }
+    }
 }
 
 impl core::fmt::Display for Mode {
@@ -229,6 +252,7 @@ pub fn improves(before: u64, after: u64, min_improvement_bps: u32) -> bool {
 
 /// The samples are those the challenge draws, from the committed dataset; returns their leaves.
 fn check_openings(header: &Header, openings: &[Opening]) -> Result<Vec<Digest>, StatementError> {
+    let _operation = operation("hashing");
     let dataset = &header.dataset;
     let (claimed, opened) = (header.eval_samples, openings.len());
     if claimed as usize != opened {

@@ -9,11 +9,22 @@ extern "C" {
     fn syscall_sha256_extend(words: *mut [u64; 64]);
     fn syscall_sha256_compress(words: *mut [u64; 64], state: *mut [u64; 8]);
     fn syscall_poseidon2(state: *mut Poseidon2State);
+    #[cfg(feature = "budget")]
+    fn syscall_write(file: u32, bytes: *const u8, count: usize);
 }
 
-/// Sixteen canonical KoalaBear values: what the Poseidon2 precompile permutes in place.
-#[repr(C, align(8))]
-pub struct Poseidon2State(pub [u32; 16]);
+/// What the Poseidon2 precompile permutes in place: sixteen canonical KoalaBear values, two to a word, the first in the
+/// low half.
+#[repr(C)]
+pub struct Poseidon2State(pub [u64; 8]);
+
+/// Writes to the executor's standard output.
+#[cfg(feature = "budget")]
+pub fn print(text: &str) {
+    const STDOUT: u32 = 1;
+    // SAFETY: the call reads exactly these bytes.
+    unsafe { syscall_write(STDOUT, text.as_ptr(), text.len()) }
+}
 
 /// One Poseidon2 permutation. Every value of `state` must be below the modulus, or no proof can be made.
 #[inline(always)]

@@ -10,7 +10,7 @@ use zk0_aggregator::{
     service::Service,
 };
 use zk0_circuits::{
-    program::DIRECT_VERIFYING_KEY, spec::EvalSpec, statement::Mode, NodeId, WeightsDigest,
+    program::verifying_key, spec::EvalSpec, statement::Mode, NodeId, WeightsDigest,
 };
 use zk0_ledger::{
     entry::{Body, Genesis, NodeEnrolled},
@@ -60,6 +60,10 @@ pub struct Init {
     /// Nodes to enrol: NAME=IDENTITY.
     #[arg(long = "node")]
     nodes: Vec<Enrolment>,
+    /// How matrix products are proven: direct (the guest multiplies) or checked (it checks products with random
+    /// coefficients, and verifiers project the weights; the only way at the published size).
+    #[arg(long, default_value = "direct")]
+    mode: Mode,
     /// Seed of the initial policy's random weights.
     #[arg(long, default_value_t = 0)]
     seed: u64,
@@ -157,13 +161,13 @@ fn init(options: &Init) -> Result<()> {
         log_key: key.verifying_key().to_bytes(),
         nonce: keys::random()?,
         rules: options.rules()?,
-        program: DIRECT_VERIFYING_KEY.to_vec(),
-        mode: Mode::Direct,
+        program: verifying_key(options.mode).to_vec(),
+        mode: options.mode,
         evaluation: spec.encode(),
         policy: blob_digest(&policy_file),
         initial: WeightsDigest {
             blob: blob_digest(&initial_file),
-            quantised: quantise_weights(&spec, &policy.expert)?.digest(Mode::Direct),
+            quantised: quantise_weights(&spec, &policy.expert)?.digest(options.mode),
         },
     };
     let (mut ledger, _) = Ledger::create(&options.dir, genesis, key, SystemClock.now_ms())?;

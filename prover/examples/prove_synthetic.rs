@@ -1,49 +1,55 @@
 //! Proves a claim made from a seed, to try a machine's prover or to make the proof that verifier tests are committed with:
-//! `cargo run --release -p zk0-prover --example prove_synthetic [FOLDER]`
+//! `cargo run --release -p zk0-prover --example prove_synthetic MODE SAMPLES [FOLDER]`
 //!
 //! Writes `proof.bin`, `claim.bin` (the public values) and `witness.bin` (borsh) to FOLDER when one is given, and prints
 //! what it took.
 
 use serde_json::json;
 use std::{env, error::Error, fs, path::PathBuf, time::Instant};
-use zk0_circuits::{program::DIRECT_VERIFYING_KEY, EvalSpec};
+use zk0_circuits::{statement::Mode, EvalSpec};
 use zk0_prover::{
     execute::Executor,
     lock::ProverLock,
     options::{ProverOptions, Resources},
-    program::DIRECT_ELF,
+    program::{elf, GuestInput},
     prove::Sp1Prover,
     synthetic,
 };
 
 #[tokio::main]
 async fn main() -> Result<(), Box<dyn Error>> {
-    let folder = env::args().nth(1).map(PathBuf::from);
-    let witness = synthetic::witness(&EvalSpec::micro(), 4, 1)?.to_buffers();
-    let run = Executor::new().await?.execute(DIRECT_ELF, &witness).await?;
+    const USAGE: &str = "usage: prove_synthetic MODE SAMPLES [FOLDER]";
+    let mut arguments = env::args().skip(1);
+    let mode: Mode = arguments.next().ok_or(USAGE)?.parse()?;
+    let samples = arguments.next().ok_or(USAGE)?.parse()?;
+    let folder = arguments.next().map(PathBuf::from);
+    let witness = synthetic::witness(&EvalSpec::micro(), samples, 1)?;
+    let (_, input) = GuestInput::of(mode, &witness)?;
+    let executor = Executor::new().await?;
+    let run = executor.execute(elf(mode), &input.buffers).await?;
     let options = ProverOptions::choose(Resources::of_this_machine()?)?;
     let lock = ProverLock::acquire(&ProverLock::default_path(), Default::default())?;
     let begin = Instant::now();
-    let prover = Sp1Prover::start(DIRECT_ELF, &DIRECT_VERIFYING_KEY, options, lock.into()).await?;
+    let prover = Sp1Prover::start(options, lock.into()).await?;
     let start = begin.elapsed();
     eprintln!("started in {start:.0?} with {options:?}");
     let begin = Instant::now();
-    let proof = prover.prove_compressed(&witness).await?;
+    let proof = prover.prove_compressed(&input).await?;
     let proving = begin.elapsed();
     if let Some(folder) = folder {
         fs::create_dir_all(&folder)?;
         fs::write(folder.join("proof.bin"), &proof.bytes)?;
         fs::write(folder.join("claim.bin"), &proof.public_values)?;
-        fs::write(
-            folder.join("witness.bin"),
-            borsh::to_vec(&witness.to_vec())?,
-        )?;
+        fs::write(folder.join("witness.bin"), borsh::to_vec(&input.buffers)?)?;
     }
     let report = json!({
+        "mode": mode.to_string(),
+        "samples": samples,
         "cycles": run.cycles,
         "gas": run.gas,
         "start_seconds": start.as_secs(),
         "proving_seconds": proving.as_secs(),
+        "cycles_per_second": run.cycles as f64 / proving.as_secs_f64(),
         "proof_bytes": proof.bytes.len(),
         "claim_is_that_of_the_execution": proof.public_values == run.public_values,
         "peak_memory_bytes": peak_memory(),

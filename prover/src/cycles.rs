@@ -3,11 +3,13 @@
 //! `circuits/CYCLES.json` holds the committed figures; a test fails when they grow.
 
 use crate::{
-    execute::{ExecuteError, Executor},
-    program, synthetic,
+    execute::{ExecuteError, Execution, Executor},
+    program::{self, GuestInput},
+    synthetic,
 };
 use serde::{Deserialize, Serialize};
-use zk0_circuits::{hinted::HintedWitness, spec::Dims, statement::Mode, EvalSpec};
+use std::collections::BTreeMap;
+use zk0_circuits::{spec::Dims, statement::Mode, EvalSpec};
 
 /// A claim that is measured.
 #[derive(Clone, Copy, Debug)]
@@ -20,6 +22,18 @@ pub struct Case {
     pub mode: Mode,
     /// Samples evaluated.
     pub samples: u32,
+}
+
+impl Case {
+    fn cost(&self, run: &Execution) -> Cost {
+        Cost {
+            profile: self.profile.into(),
+            mode: self.mode.to_string(),
+            samples: self.samples,
+            cycles: run.cycles,
+            gas: run.gas,
+        }
+    }
 }
 
 /// One line of `circuits/CYCLES.json`.
@@ -57,23 +71,46 @@ pub fn cases() -> Vec<Case> {
 
 /// Makes a witness and executes its program. At full size that takes a minute and half a gigabyte for every sample.
 pub async fn measure(executor: &Executor, case: Case) -> Result<Cost, ExecuteError> {
+    let run = run(executor, case, program::elf(case.mode)).await?;
+    Ok(case.cost(&run))
+}
+
+/// What of a claim's cycles each operation takes, measured with a `program` that reports it, as `circuits/build-guest.sh
+/// --budget` builds it. Reporting itself costs some.
+#[derive(Clone, Debug, Serialize)]
+pub struct Budget {
+    /// The claim, and what it costs with this program.
+    #[serde(flatten)]
+    pub cost: Cost,
+    /// Cycles per operation.
+    pub operations: BTreeMap<String, u64>,
+}
+
+/// The [`Budget`] of a claim.
+pub async fn budget(
+    executor: &Executor,
+    case: Case,
+    program: &'static [u8],
+) -> Result<Budget, ExecuteError> {
+    let run = run(executor, case, program).await?;
+    let mut operations = run.operations.clone();
+    let named = operations.values().sum::<u64>();
+    operations.insert("all else".into(), run.cycles.saturating_sub(named));
+    Ok(Budget {
+        cost: case.cost(&run),
+        operations,
+    })
+}
+
+async fn run(
+    executor: &Executor,
+    case: Case,
+    program: &'static [u8],
+) -> Result<Execution, ExecuteError> {
     let witness = synthetic::witness(&EvalSpec::new(case.dims), case.samples, 1);
     let witness = witness.map_err(ExecuteError::Failed)?;
-    let (elf, buffers) = match case.mode {
-        Mode::Direct => (program::DIRECT_ELF, witness.to_buffers().to_vec()),
-        Mode::Checked => {
-            let hinted = HintedWitness::of(&witness);
-            let hinted = hinted.map_err(|error| ExecuteError::Failed(error.to_string()))?;
-            (program::CHECKED_ELF, hinted.to_buffers())
-        }
-    };
+    let (_, input) = GuestInput::of(case.mode, &witness)
+        .map_err(|error| ExecuteError::Failed(error.to_string()))?;
     drop(witness);
-    let run = executor.execute(elf, &buffers).await?;
-    Ok(Cost {
-        profile: case.profile.into(),
-        mode: case.mode.to_string(),
-        samples: case.samples,
-        cycles: run.cycles,
-        gas: run.gas,
-    })
+    executor.execute(program, &input.buffers).await
 }

@@ -4,6 +4,7 @@ use sp1_sdk::{
     blocking::{LightProver, Prover},
     Elf, ExecutionReport, HashableKey, ProvingKey, SP1Stdin, SP1VerifyingKey,
 };
+use std::collections::BTreeMap;
 use tokio::sync::watch;
 
 /// What one run of a guest program gave.
@@ -15,6 +16,8 @@ pub struct Execution {
     pub cycles: u64,
     /// SP1's estimate of proving cost, precompiles included.
     pub gas: u64,
+    /// Cycles per operation, of a program that reports them ([`zk0_circuits::budget`]).
+    pub operations: BTreeMap<String, u64>,
 }
 
 /// Why an execution gave no public values.
@@ -80,6 +83,7 @@ impl Executor {
                 public_values: public_values.to_vec(),
                 cycles: report.total_instruction_count(),
                 gas: gas(&report)?,
+                operations: report.cycle_tracker.into_iter().collect(),
             })
         })
         .await

@@ -30,6 +30,7 @@ pub mod schedule;
 pub mod service;
 pub mod sp1;
 pub mod synthetic;
+pub mod upload;
 
 /// What `proto/prover.proto` generates.
 #[allow(missing_docs, clippy::all)]

@@ -2,6 +2,7 @@
 
 use crate::{
     node::{Decision, Node, NodeError},
+    program::GuestInput,
     progress::{self, Progress},
     recording::{quantise_weights, Recording},
     rpc,
@@ -14,8 +15,8 @@ use std::{
     path::{Path, PathBuf},
 };
 use zk0_circuits::{
-    challenge::DrawError, spec::EvalSpec, statement, Claim, Digest, Losses, WeightsDigest,
-    CLAIM_VERSION,
+    challenge::DrawError, program::verifying_key, spec::EvalSpec, statement, Claim, Digest, Losses,
+    WeightsDigest, CLAIM_VERSION,
 };
 use zk0_ledger::{bindings::ExpectedClaim, entry::RoundOpened, rules::Disclosure};
 use zk0_smolvla::{
@@ -82,6 +83,9 @@ pub enum ParticipantError {
     /// The network's evaluation specification.
     #[error("the network's evaluation specification: {0}")]
     Spec(#[from] zk0_circuits::spec::SpecError),
+    /// The network was founded with another guest program than this version of zk0 has.
+    #[error("the network proves with another program than this version of zk0 has: join with the version it was founded with")]
+    OtherProgram,
     /// The policy and the evaluation specification are not of the same dimensions.
     #[error("the network's policy and its evaluation specification differ in dimensions; its founder has to mend that")]
     Dimensions,
@@ -158,8 +162,12 @@ impl Participant {
         prover: &mut ProvingClient,
         rounds: u64,
     ) -> Result<(), ParticipantError> {
-        let spec = EvalSpec::decode(&node.genesis().evaluation)?;
-        let blob = node.genesis().policy;
+        let genesis = node.genesis();
+        if genesis.program != verifying_key(genesis.mode) {
+            return Err(ParticipantError::OtherProgram);
+        }
+        let spec = EvalSpec::decode(&genesis.evaluation)?;
+        let blob = genesis.policy;
         let policy = policy_file::read(&node.download(&blob, MAX_POLICY_BYTES).await?)?;
         check_dimensions(&policy, &spec)?;
         tracing::info!("preparing the recording {}", self.dataset.display());
@@ -301,10 +309,8 @@ impl Turn<'_> {
                     self.recording
                         .witness(self.spec, &expected, quantised_base, quantised)?;
                 // A second here spares minutes of proving what is not so.
-                let claim = statement::check(&witness)?;
-                let proof = prover
-                    .prove(witness.to_buffers().to_vec(), proving_progress)
-                    .await?;
+                let (claim, input) = GuestInput::of(node.genesis().mode, &witness)?;
+                let proof = prover.prove(input, proving_progress).await?;
                 tracing::info!(
                     "round {round}: proven, {} cycles in {} s, {} bytes",
                     proof.cycles,

@@ -9,6 +9,7 @@ use crate::{
     execute::{stdin, VerifyingKey},
     lock::{LockError, ProverLock},
     options::ProverOptions,
+    program::{elf, GuestInput},
     proof::Proof,
 };
 use sp1_sdk::{
@@ -18,6 +19,7 @@ use sp1_sdk::{
 use sp1_verifier::compressed::SP1CompressedVerifierRaw;
 use std::sync::Arc;
 use tokio::{sync::Mutex, task::spawn_blocking};
+use zk0_circuits::{program::verifying_key, statement::Mode};
 
 /// Why there is no proof.
 #[derive(Debug, thiserror::Error)]
@@ -44,7 +46,7 @@ pub enum ProveError {
     Unsound(String),
 }
 
-/// The one prover of this machine, for one program.
+/// The one prover of this machine.
 pub struct Sp1Prover {
     sp1: Arc<Sp1>,
     /// One proof at a time.
@@ -53,42 +55,39 @@ pub struct Sp1Prover {
 
 struct Sp1 {
     client: CpuProver,
-    program: SP1ProvingKey,
-    /// bincode of `hash_koalabear`.
-    verifying_key: Vec<u8>,
+    /// Per mode, as [`Mode::ALL`] lists them.
+    programs: [SP1ProvingKey; 2],
     _lock: Arc<ProverLock>,
 }
 
 impl Sp1Prover {
-    /// Starts SP1 for `elf`, whose verifying key (bincode of `hash_koalabear`) must be `verifying_key`. Takes one to two
-    /// minutes on two cores.
-    pub async fn start(
-        elf: &'static [u8],
-        verifying_key: &[u8],
-        options: ProverOptions,
-        lock: Arc<ProverLock>,
-    ) -> Result<Self, ProveError> {
+    /// Starts SP1 for the programs of both modes, whose verifying keys must be the recorded ones. Takes one to two minutes on
+    /// two cores.
+    pub async fn start(options: ProverOptions, lock: Arc<ProverLock>) -> Result<Self, ProveError> {
         let failed = |reason| ProveError::Sp1 {
             doing: "start",
             reason,
         };
-        let verifying_key = verifying_key.to_vec();
         let sp1 = spawn_blocking(move || {
             options.export();
             let client = CpuProver::new_with_opts(Some(options.core()));
-            let program = client
-                .setup(Elf::Static(elf))
-                .map_err(|error| failed(error.to_string()))?;
-            let key = VerifyingKey::of(program.verifying_key())
-                .map_err(|error| failed(error.to_string()))?;
-            if key.koalabear != verifying_key {
-                let found = key.bytes32;
-                return Err(ProveError::OtherProgram { found });
-            }
-            Ok(Sp1 {
+            let set_up = |mode| {
+                let program = client
+                    .setup(Elf::Static(elf(mode)))
+                    .map_err(|error| failed(error.to_string()))?;
+                let key = VerifyingKey::of(program.verifying_key())
+                    .map_err(|error| failed(error.to_string()))?;
+                if key.koalabear != verifying_key(mode) {
+                    let found = key.bytes32;
+                    return Err(ProveError::OtherProgram { found });
+                }
+                Ok(program)
+            };
+            let [direct, checked] = Mode::ALL.map(set_up);
+            let programs = [direct?, checked?];
+            Ok::<_, ProveError>(Sp1 {
                 client,
-                program,
-                verifying_key,
+                programs,
                 _lock: lock,
             })
         });
@@ -99,26 +98,26 @@ impl Sp1Prover {
         })
     }
 
-    /// Proves that the program accepts `witness`, and verifies the proof as a verifier would. Run
-    /// [`crate::execute::Executor`] first: a witness that the program refuses costs minutes here and ends in an error
+    /// Proves that the program accepts `input`, and verifies the proof as a verifier would. Run
+    /// [`crate::execute::Executor`] first: an input that the program refuses costs minutes here and ends in an error
     /// that does not say why.
-    pub async fn prove_compressed(&self, witness: &[Vec<u8>]) -> Result<Proof, ProveError> {
+    pub async fn prove_compressed(&self, input: &GuestInput) -> Result<Proof, ProveError> {
         let turn = self.proving.clone().lock_owned().await;
-        let (sp1, stdin) = (self.sp1.clone(), stdin(witness));
+        let (sp1, mode, stdin) = (self.sp1.clone(), input.mode, stdin(&input.buffers));
         let work = spawn_blocking(move || {
             // Held by the work itself: a caller that stops waiting does not let a second proof start beside it.
             let _turn = turn;
-            sp1.prove(stdin)
+            sp1.prove(mode, stdin)
         });
         work.await.map_err(|panic| proving(panic.to_string()))?
     }
 }
 
 impl Sp1 {
-    fn prove(&self, stdin: sp1_sdk::SP1Stdin) -> Result<Proof, ProveError> {
+    fn prove(&self, mode: Mode, stdin: sp1_sdk::SP1Stdin) -> Result<Proof, ProveError> {
         let proven = self
             .client
-            .prove(&self.program, stdin)
+            .prove(&self.programs[mode as usize], stdin)
             .compressed()
             .run()
             .map_err(|error| proving(error.to_string()))?;
@@ -132,7 +131,7 @@ impl Sp1 {
         SP1CompressedVerifierRaw::verify_with_public_values(
             &proof.bytes,
             &proof.public_values,
-            &self.verifying_key,
+            verifying_key(mode),
         )
         .map_err(|error| ProveError::Unsound(error.to_string()))?;
         Ok(proof)

@@ -6,9 +6,11 @@
 
 use crate::{
     execute::Execution,
+    program::{GuestInput, InputError},
     proof::Proof,
     rpc::{self, progress::Phase, prover_client::ProverClient, prover_server},
     schedule::{Place, Schedule, Work},
+    upload::{self, Announced},
 };
 use std::{
     future::Future,
@@ -20,10 +22,10 @@ use tokio::{
     sync::{mpsc, OwnedSemaphorePermit, Semaphore},
 };
 use tokio_stream::wrappers::{ReceiverStream, TcpListenerStream};
-use tonic::{transport, Request, Response, Status};
+use tonic::{transport, Request, Response, Status, Streaming};
 
-/// Largest request: the witness of one claim.
-pub const MAX_REQUEST_BYTES: usize = 64 << 20;
+/// Memory for the witnesses of all requests, in MiB.
+const MEMORY_MIB: u32 = 4 << 10;
 /// Largest event: a proof (1.3 MB) with its public values.
 pub const MAX_EVENT_BYTES: usize = 8 << 20;
 /// Requests on one connection at a time.
@@ -34,12 +36,9 @@ const TICK: Duration = Duration::from_secs(1);
 /// Why a request is refused or fails.
 #[derive(Debug, thiserror::Error)]
 pub enum JobError {
-    /// The buffers are no witness.
-    #[error("the witness cannot be read: {0}")]
-    BadWitness(String),
-    /// The statement is false.
-    #[error("the claim does not hold: {0}")]
-    ClaimFails(String),
+    /// There is no such claim.
+    #[error(transparent)]
+    Input(#[from] InputError),
     /// The prover failed.
     #[error("proving failed: {0}")]
     Failed(String),
@@ -49,8 +48,8 @@ impl From<JobError> for Status {
     fn from(error: JobError) -> Self {
         let text = error.to_string();
         match error {
-            JobError::BadWitness(_) => Self::invalid_argument(text),
-            JobError::ClaimFails(_) => Self::failed_precondition(text),
+            JobError::Input(InputError::Unreadable(_)) => Self::invalid_argument(text),
+            JobError::Input(InputError::Statement(_)) => Self::failed_precondition(text),
             JobError::Failed(_) => Self::internal(text),
         }
     }
@@ -62,9 +61,9 @@ pub trait Backend: Send + Sync + 'static {
     /// Gets ready to prove. Called once, before the first proof.
     async fn start(&self) -> Result<(), JobError>;
     /// Checks the statement and counts its cycles, in seconds.
-    async fn check(&self, witness: &[Vec<u8>]) -> Result<Execution, JobError>;
+    async fn check(&self, input: &GuestInput) -> Result<Execution, JobError>;
     /// Proves it. The service never calls this twice at a time.
-    async fn prove(&self, witness: &[Vec<u8>]) -> Result<Proof, JobError>;
+    async fn prove(&self, input: &GuestInput) -> Result<Proof, JobError>;
 }
 
 /// The service. Clones share one queue.
@@ -76,6 +75,8 @@ struct Shared<B> {
     backend: B,
     /// Requests being served or waiting: how long the queue may grow.
     slots: Arc<Semaphore>,
+    /// What is left of [`MEMORY_MIB`].
+    memory: Arc<Semaphore>,
     /// One check at a time.
     checking: Semaphore,
     /// One proof at a time, in order of arrival.
@@ -89,6 +90,7 @@ impl<B: Backend> ProvingService<B> {
         let shared = Arc::new(Shared {
             backend,
             slots: Arc::new(Semaphore::new(queue)),
+            memory: Arc::new(Semaphore::new(MEMORY_MIB as usize)),
             checking: Semaphore::new(1),
             proving: Arc::new(Semaphore::new(1)),
             schedule: Mutex::new(Schedule::new(cores)),
@@ -121,7 +123,7 @@ impl<B: Backend> ProvingService<B> {
         shutdown: impl Future<Output = ()>,
     ) -> Result<(), transport::Error> {
         let service = prover_server::ProverServer::new(self)
-            .max_decoding_message_size(MAX_REQUEST_BYTES)
+            .max_decoding_message_size(upload::MAX_MESSAGE_BYTES)
             .max_encoding_message_size(MAX_EVENT_BYTES);
         transport::Server::builder()
             .concurrency_limit_per_connection(REQUESTS_PER_CONNECTION)
@@ -137,18 +139,28 @@ impl<B: Backend> prover_server::Prover for ProvingService<B> {
 
     async fn prove(
         &self,
-        request: Request<rpc::ProveRequest>,
+        request: Request<Streaming<rpc::ProvePart>>,
     ) -> Result<Response<Self::ProveStream>, Status> {
+        let mut parts = request.into_inner();
         let slot = self.shared.slots.clone().try_acquire_owned().map_err(|_| {
             Status::resource_exhausted("the prover's queue is full: try again when a proof is done")
         })?;
+        let announced = Announced::receive(&mut parts).await?;
+        let mebibytes = announced.bytes().div_ceil(1 << 20).min(MEMORY_MIB.into()) as u32;
+        let memory = self.shared.memory.clone().try_acquire_many_owned(mebibytes);
+        let memory = memory.map_err(|_| {
+            Status::resource_exhausted(
+                "the witnesses in the prover's queue fill its memory: try again when a proof is done",
+            )
+        })?;
+        let input = announced.rest(&mut parts).await?;
         let (events, stream) = mpsc::channel(4);
         let job = Job {
             shared: self.shared.clone(),
-            witness: request.into_inner().witness.into(),
+            input: Arc::new(input),
             events,
             came: Instant::now(),
-            _slot: slot,
+            _taken: [slot, memory],
         };
         tokio::spawn(job.run());
         Ok(Response::new(ReceiverStream::new(stream)))
@@ -165,10 +177,11 @@ impl<B> Shared<B> {
 /// One request, from check to proof.
 struct Job<B> {
     shared: Arc<Shared<B>>,
-    witness: Arc<[Vec<u8>]>,
+    input: Arc<GuestInput>,
     events: mpsc::Sender<Result<rpc::ProveEvent, Status>>,
     came: Instant,
-    _slot: OwnedSemaphorePermit,
+    /// A slot of the queue, and memory.
+    _taken: [OwnedSemaphorePermit; 2],
 }
 
 /// The client has gone; nobody waits for the result.
@@ -196,7 +209,7 @@ impl<B: Backend> Job<B> {
         let shared = &self.shared;
         let checked = async {
             let _turn = shared.checking.acquire().await;
-            shared.backend.check(&self.witness).await
+            shared.backend.check(&self.input).await
         };
         let execution = match self.during(Phase::Checking, None, checked).await? {
             Ok(execution) => execution,
@@ -224,10 +237,10 @@ impl<B: Backend> Job<B> {
         // A task of its own holds the turn: SP1 cannot be interrupted, so a proof whose client goes away is still
         // made to the end before the next begins.
         shared.schedule().begin(place, Instant::now());
-        let (prover, witness) = (shared.clone(), self.witness.clone());
+        let (prover, input) = (shared.clone(), self.input.clone());
         let proving = tokio::spawn(async move {
             let _turn = turn;
-            let result = prover.backend.prove(&witness).await;
+            let result = prover.backend.prove(&input).await;
             let mut schedule = prover.schedule();
             match result {
                 Ok(proof) => Ok((proof, schedule.finish(place, Instant::now()))),
@@ -329,7 +342,7 @@ impl ProvingClient {
             .connect()
             .await?;
         let client = ProverClient::new(channel)
-            .max_encoding_message_size(MAX_REQUEST_BYTES)
+            .max_encoding_message_size(upload::MAX_MESSAGE_BYTES)
             .max_decoding_message_size(MAX_EVENT_BYTES);
         Ok(Self { client })
     }
@@ -337,11 +350,11 @@ impl ProvingClient {
     /// Has a claim proven; `progress` hears of every event on the way. The proof is not verified here.
     pub async fn prove(
         &mut self,
-        witness: Vec<Vec<u8>>,
+        input: GuestInput,
         mut progress: impl FnMut(rpc::Progress),
     ) -> Result<rpc::Proof, ClientError> {
         let refused = |status| ClientError::Refused(Box::new(status));
-        let request = rpc::ProveRequest { witness };
+        let request = tokio_stream::iter(upload::parts(input));
         let mut events = self
             .client
             .prove(request)

@@ -4,14 +4,14 @@ use crate::{
     execute::{ExecuteError, Execution, Executor},
     lock::{LockError, ProverLock},
     options::{OptionsError, ProverOptions, Resources},
-    program,
+    program::{self, GuestInput},
     proof::Proof,
     prove::Sp1Prover,
     service::{Backend, JobError},
 };
 use std::{sync::Arc, time::Duration};
 use tokio::sync::OnceCell;
-use zk0_circuits::{program::DIRECT_VERIFYING_KEY, statement, Claim, Witness};
+use zk0_circuits::Claim;
 
 /// Executes with SP1's executor, proves with the one prover of this machine.
 pub struct Sp1Backend {
@@ -50,14 +50,7 @@ impl Sp1Backend {
 
     async fn prover(&self) -> Result<&Sp1Prover, JobError> {
         self.prover
-            .get_or_try_init(|| {
-                Sp1Prover::start(
-                    program::DIRECT_ELF,
-                    &DIRECT_VERIFYING_KEY,
-                    self.options,
-                    self.lock.clone(),
-                )
-            })
+            .get_or_try_init(|| Sp1Prover::start(self.options, self.lock.clone()))
             .await
             .map_err(|error| JobError::Failed(error.to_string()))
     }
@@ -69,16 +62,12 @@ impl Backend for Sp1Backend {
         self.prover().await.map(|_| ())
     }
 
-    async fn check(&self, witness: &[Vec<u8>]) -> Result<Execution, JobError> {
+    async fn check(&self, input: &GuestInput) -> Result<Execution, JobError> {
         // Natively first: in a moment, and with the reason in full.
-        let claim = {
-            let witness = Witness::from_buffers(witness)
-                .map_err(|error| JobError::BadWitness(error.to_string()))?;
-            statement::check(&witness).map_err(|error| JobError::ClaimFails(error.to_string()))?
-        };
+        let claim = input.claim()?;
         let execution = self
             .executor
-            .execute(program::DIRECT_ELF, witness)
+            .execute(program::elf(input.mode), &input.buffers)
             .await
             .map_err(|error| JobError::Failed(error.to_string()))?;
         match borsh::from_slice::<Claim>(&execution.public_values) {
@@ -89,10 +78,10 @@ impl Backend for Sp1Backend {
         }
     }
 
-    async fn prove(&self, witness: &[Vec<u8>]) -> Result<Proof, JobError> {
+    async fn prove(&self, input: &GuestInput) -> Result<Proof, JobError> {
         self.prover()
             .await?
-            .prove_compressed(witness)
+            .prove_compressed(input)
             .await
             .map_err(|error| JobError::Failed(error.to_string()))
     }

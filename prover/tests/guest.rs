@@ -9,15 +9,15 @@ use std::{
 };
 use zk0_circuits::{
     hinted::HintedWitness,
-    program::{CHECKED_VERIFYING_KEY, DIRECT_VERIFYING_KEY},
+    program::verifying_key,
     spec::Dims,
-    statement::{check, check_hinted},
+    statement::{check, check_hinted, Mode},
     EvalSpec, Witness,
 };
 use zk0_prover::{
     cycles::{self, Cost},
     execute::{ExecuteError, Executor},
-    program::{CHECKED_ELF, DIRECT_ELF},
+    program::elf,
     synthetic,
 };
 
@@ -51,7 +51,7 @@ async fn guest_and_host_give_the_same_claim() {
     for (spec, samples, seed) in [&cases[..], &[(&other, 2, 7), (&other, 3, 8)]].concat() {
         let witness = synthetic::witness(spec, samples, seed).unwrap();
         let run = executor
-            .execute(DIRECT_ELF, &witness.to_buffers())
+            .execute(elf(Mode::Direct), &witness.to_buffers())
             .await
             .unwrap();
         let claim = borsh::to_vec(&check(&witness).unwrap()).unwrap();
@@ -59,7 +59,7 @@ async fn guest_and_host_give_the_same_claim() {
 
         let hinted = HintedWitness::of(&witness).unwrap();
         let run = executor
-            .execute(CHECKED_ELF, &hinted.to_buffers())
+            .execute(elf(Mode::Checked), &hinted.to_buffers())
             .await
             .unwrap();
         let claim = borsh::to_vec(&check_hinted(&hinted).unwrap()).unwrap();
@@ -121,7 +121,7 @@ async fn the_guest_refuses_what_the_host_refuses_for_the_same_reason() {
             Err(error) => error.to_string(),
             Ok(witness) => check(&witness).expect_err(name).to_string(),
         };
-        match executor.execute(DIRECT_ELF, &buffers).await {
+        match executor.execute(elf(Mode::Direct), &buffers).await {
             Err(ExecuteError::Refused(reason)) => assert_eq!(reason, expected, "{name}"),
             other => panic!("{name}: the guest gives {other:?}"),
         }
@@ -163,7 +163,7 @@ async fn the_checked_guest_refuses_what_the_host_refuses_for_the_same_reason() {
             let buffers = hinted.to_buffers();
             let read = HintedWitness::from_buffers(&buffers).expect(name);
             let expected = check_hinted(&read).expect_err(name).to_string();
-            match executor.execute(CHECKED_ELF, &buffers).await {
+            match executor.execute(elf(Mode::Checked), &buffers).await {
                 Err(ExecuteError::Refused(reason)) => assert_eq!(reason, expected, "{name}"),
                 other => panic!("{name}: the guest gives {other:?}"),
             }
@@ -187,7 +187,7 @@ async fn the_guest_refuses_buffers_that_are_no_witness() {
         empty[buffer].clear();
         for (what, buffers) in [("longer", longer), ("shorter", shorter), ("empty", empty)] {
             let expected = Witness::from_buffers(&buffers).unwrap_err().to_string();
-            match executor.execute(DIRECT_ELF, &buffers).await {
+            match executor.execute(elf(Mode::Direct), &buffers).await {
                 Err(ExecuteError::Refused(reason)) => {
                     assert_eq!(reason, expected, "buffer {buffer} {what}")
                 }
@@ -234,10 +234,8 @@ async fn claims_do_not_get_dearer_unnoticed() {
 #[tokio::test]
 async fn the_records_beside_the_elfs_are_true() {
     let executor = Executor::new().await.unwrap();
-    for (program, elf, expected) in [
-        ("direct", DIRECT_ELF, DIRECT_VERIFYING_KEY),
-        ("checked", CHECKED_ELF, CHECKED_VERIFYING_KEY),
-    ] {
+    for mode in Mode::ALL {
+        let (program, elf, expected) = (mode.to_string(), elf(mode), verifying_key(mode));
         let record = fs::read_to_string(circuits().join(format!("elf/{program}.json"))).unwrap();
         let record: serde_json::Value = serde_json::from_str(&record).unwrap();
         assert_eq!(record["elf_sha256"], hex::encode(Sha256::digest(elf)));

@@ -1,6 +1,7 @@
 //! The proving service over real sockets, with a backend that plays the prover.
 
 use std::{
+    collections::BTreeMap,
     sync::{
         atomic::{AtomicUsize, Ordering},
         Arc,
@@ -8,12 +9,28 @@ use std::{
     time::Duration,
 };
 use tokio::{net::TcpListener, sync::Semaphore};
+use zk0_circuits::{
+    statement::{Mode, StatementError},
+    witness::WitnessError,
+};
 use zk0_prover::{
     execute::Execution,
+    program::{GuestInput, InputError},
     proof::Proof,
-    rpc::{progress::Phase, prover_client::ProverClient, Progress, ProveRequest},
-    service::{Backend, ClientError, JobError, ProvingClient, ProvingService, MAX_REQUEST_BYTES},
+    rpc::{
+        progress::Phase, prove_part::Part, prove_request, prover_client::ProverClient, Progress,
+        ProvePart, ProveRequest,
+    },
+    service::{Backend, ClientError, JobError, ProvingClient, ProvingService},
+    upload::MAX_INPUT_BYTES,
 };
+
+fn input(buffers: Vec<Vec<u8>>) -> GuestInput {
+    GuestInput {
+        mode: Mode::Checked,
+        buffers,
+    }
+}
 
 /// Proves when allowed to; refuses witnesses that begin with "false", forges the claim of those that begin with "forge".
 struct Fake {
@@ -28,21 +45,23 @@ impl Backend for Fake {
         Ok(())
     }
 
-    async fn check(&self, witness: &[Vec<u8>]) -> Result<Execution, JobError> {
-        match witness.first() {
-            None => Err(JobError::BadWitness("it has no buffers".into())),
+    async fn check(&self, input: &GuestInput) -> Result<Execution, JobError> {
+        match input.buffers.first() {
+            None => Err(InputError::Unreadable(WitnessError::Header).into()),
             Some(first) if first == b"false" => {
-                Err(JobError::ClaimFails("the loss did not fall".into()))
+                Err(InputError::Statement(StatementError::NoElements).into())
             }
             Some(first) => Ok(Execution {
                 public_values: first.clone(),
                 cycles: 1_000_000,
                 gas: 1_100_000,
+                operations: BTreeMap::new(),
             }),
         }
     }
 
-    async fn prove(&self, witness: &[Vec<u8>]) -> Result<Proof, JobError> {
+    async fn prove(&self, input: &GuestInput) -> Result<Proof, JobError> {
+        let witness = &input.buffers;
         let now = self.at_once.fetch_add(1, Ordering::SeqCst) + 1;
         self.most_at_once.fetch_max(now, Ordering::SeqCst);
         self.allowed.acquire().await.unwrap().forget();
@@ -97,7 +116,7 @@ impl Service {
         progress: impl FnMut(Progress),
     ) -> Result<zk0_prover::rpc::Proof, ClientError> {
         let mut client = ProvingClient::connect(self.address.clone()).await?;
-        client.prove(vec![claim.into()], progress).await
+        client.prove(input(vec![claim.into()]), progress).await
     }
 }
 
@@ -122,7 +141,9 @@ async fn a_false_claim_is_told_at_once_and_never_reaches_the_prover() {
     let service = service(4, 0).await;
     let (code, reason) = refusal(service.prove("false").await);
     assert_eq!(code, tonic::Code::FailedPrecondition);
-    assert_eq!(reason, "the claim does not hold: the loss did not fall");
+    let expected =
+        "the claim does not hold: every frame of the drawn samples is padding: there is no loss";
+    assert_eq!(reason, expected);
     assert_eq!(service.most_at_once.load(Ordering::SeqCst), 0);
 }
 
@@ -132,7 +153,7 @@ async fn what_is_no_witness_is_an_invalid_argument() {
     let mut client = ProvingClient::connect(service.address.clone())
         .await
         .unwrap();
-    let (code, _) = refusal(client.prove(vec![], |_| {}).await);
+    let (code, _) = refusal(client.prove(input(vec![]), |_| {}).await);
     assert_eq!(code, tonic::Code::InvalidArgument);
 }
 
@@ -246,13 +267,106 @@ async fn a_client_that_goes_away_gives_up_its_place() {
         .expect("the place of the second was free");
 }
 
-#[tokio::test]
-async fn a_request_over_the_limit_is_refused_by_the_service_itself() {
+/// What the service says of a request that the real client would not make.
+async fn raw(parts: Vec<Part>) -> tonic::Status {
     let service = service(2, 1).await;
-    let mut client = ProverClient::connect(service.address.clone())
+    let mut client = ProverClient::connect(service.address).await.unwrap();
+    let parts = parts.into_iter().map(|part| ProvePart { part: Some(part) });
+    client
+        .prove(tokio_stream::iter(parts.collect::<Vec<_>>()))
         .await
-        .unwrap(); // the generated one: no limit of its own
-    let witness = vec![vec![0; MAX_REQUEST_BYTES]];
-    let status = client.prove(ProveRequest { witness }).await.unwrap_err();
-    assert_eq!(status.code(), tonic::Code::OutOfRange, "{status}");
+        .unwrap_err()
+}
+
+fn announce(mode: prove_request::Mode, buffers: Vec<u64>) -> Part {
+    Part::Request(ProveRequest {
+        mode: mode.into(),
+        buffers,
+    })
+}
+
+#[tokio::test]
+async fn a_request_over_the_limits_is_refused_before_its_data_come() {
+    use prove_request::Mode::Direct;
+    for buffers in [
+        vec![MAX_INPUT_BYTES + 1],
+        vec![MAX_INPUT_BYTES, 1],
+        vec![u64::MAX; 2],
+        vec![0; 1 << 15],
+    ] {
+        let status = raw(vec![announce(Direct, buffers)]).await;
+        assert_eq!(status.code(), tonic::Code::OutOfRange, "{status}");
+        assert!(status.message().contains("too large"), "{status}");
+    }
+}
+
+#[tokio::test]
+async fn a_request_that_is_not_what_it_announces_is_refused() {
+    use prove_request::Mode::{Direct, Unspecified};
+    for (parts, why) in [
+        (vec![], "begins with"),
+        (vec![Part::Data(vec![1])], "begins with"),
+        (vec![announce(Unspecified, vec![])], "no known mode"),
+        (vec![announce(Direct, vec![1])], "fewer"),
+        (
+            vec![announce(Direct, vec![2]), Part::Data(vec![1])],
+            "fewer",
+        ),
+        (
+            vec![announce(Direct, vec![2]), announce(Direct, vec![2])],
+            "fewer",
+        ),
+        (
+            vec![announce(Direct, vec![1]), Part::Data(vec![1, 2])],
+            "more",
+        ),
+        (vec![announce(Direct, vec![]), Part::Data(vec![1])], "more"),
+    ] {
+        let status = raw(parts).await;
+        assert_eq!(status.code(), tonic::Code::InvalidArgument, "{status}");
+        assert!(status.message().contains(why), "{status}");
+    }
+}
+
+/// Buffers of any size arrive as they were, whatever the cuts between messages.
+#[tokio::test]
+async fn a_large_witness_arrives_whole() {
+    let service = service(1, 1).await;
+    let mut client = ProvingClient::connect(service.address.clone())
+        .await
+        .unwrap();
+    let first: Vec<u8> = (0..5_000_001u32).map(|i| (i * i >> 7) as u8).collect();
+    let buffers = vec![first.clone(), vec![], vec![7; 3 << 20], vec![9]];
+    let proof = client.prove(input(buffers), |_| {}).await.unwrap();
+    assert!(proof.public_values == first, "the first buffer is another");
+}
+
+#[tokio::test]
+async fn witnesses_that_fill_the_memory_are_refused_until_a_proof_is_done() {
+    let service = Arc::new(service(16, 0).await);
+    let all_waiting: Vec<_> = (0..4)
+        .map(|_| {
+            // Announced, and never sent: the memory is set aside all the same.
+            let address = service.address.clone();
+            tokio::spawn(async move {
+                let mut client = ProverClient::connect(address).await.unwrap();
+                let announced = announce(prove_request::Mode::Direct, vec![MAX_INPUT_BYTES]);
+                let first = tokio_stream::once(ProvePart {
+                    part: Some(announced),
+                });
+                let parts = tokio_stream::StreamExt::chain(first, tokio_stream::pending());
+                client.prove(parts).await.map(|_| ())
+            })
+        })
+        .collect();
+    tokio::time::sleep(Duration::from_millis(500)).await;
+    let (code, reason) = refusal(service.prove("claim").await);
+    assert_eq!(code, tonic::Code::ResourceExhausted);
+    assert!(reason.contains("fill its memory"), "{reason}");
+    for waiting in all_waiting {
+        waiting.abort();
+    }
+    tokio::time::sleep(Duration::from_millis(500)).await;
+    service.allowed.add_permits(1);
+    service.prove("claim").await.unwrap();
 }

@@ -13,6 +13,7 @@ use std::{
     path::{Path, PathBuf},
     time::{Duration, SystemTime},
 };
+use zk0_circuits::statement::Mode;
 
 /// What to run.
 #[derive(Debug, clap::Args)]
@@ -23,6 +24,9 @@ pub struct Options {
     /// Nodes, each on its own recording; the last one is lazy.
     #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u64).range(2..=16))]
     nodes: u64,
+    /// How matrix products are proven: direct or checked (see `zk0 aggregator init --help`).
+    #[arg(long, default_value = "direct")]
+    mode: Mode,
     /// Recordings (LeRobotDataset v3.0 folders), one per node.
     #[arg(long = "dataset", default_values = [
         "tests/fixtures/datasets/so100_pickplace",
@@ -100,7 +104,8 @@ async fn federation(options: &Options) -> Result<()> {
     ];
     // One prover serves everybody in turn: leave each node its turn.
     let submit_window = (10 + 15 * count).to_string();
-    init.extend(["--submit-minutes", &submit_window]);
+    let mode = options.mode.to_string();
+    init.extend(["--submit-minutes", &submit_window, "--mode", &mode]);
     enrol.iter().for_each(|node| init.extend(["--node", node]));
     Process::start("init", &init, &console)?.finish().await?;
 
