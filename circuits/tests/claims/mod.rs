@@ -68,13 +68,34 @@ pub fn tensors(spec: &EvalSpec, random: &mut Random, gain: f32) -> Tensors {
 
 /// The same weights with a velocity a quarter as large: a lower loss where velocity and target are independent.
 pub fn calmer(tensors: &Tensors) -> Tensors {
-    let mut calmer = tensors.clone();
-    for (name, values) in &mut calmer {
+    louder(tensors, 0.25)
+}
+
+/// The same weights with a velocity `factor` times as large.
+pub fn louder(tensors: &Tensors, factor: f32) -> Tensors {
+    let mut louder = tensors.clone();
+    for (name, values) in &mut louder {
         if name.starts_with("model.action_out_proj") {
-            values.iter_mut().for_each(|value| *value *= 0.25);
+            values.iter_mut().for_each(|value| *value *= factor);
         }
     }
-    calmer
+    louder
+}
+
+/// The same weights, every value changed at random by about `amount` of its tensor's magnitude.
+pub fn nudged(tensors: &Tensors, random: &mut Random, amount: f32) -> Tensors {
+    let mut nudged = tensors.clone();
+    let mut names: Vec<&String> = tensors.keys().collect();
+    names.sort();
+    for name in names {
+        let values = nudged.get_mut(name).unwrap();
+        let squares: f32 = values.iter().map(|value| value * value).sum();
+        let by = amount * (squares / values.len() as f32).sqrt();
+        values
+            .iter_mut()
+            .for_each(|value| *value += by * random.normal());
+    }
+    nudged
 }
 
 pub fn quantise(spec: &EvalSpec, tensors: &Tensors) -> QuantisedWeights {
@@ -82,6 +103,7 @@ pub fn quantise(spec: &EvalSpec, tensors: &Tensors) -> QuantisedWeights {
 }
 
 /// Parts of a sample in f32.
+#[derive(Clone)]
 pub struct Parts {
     pub cache: Vec<(Vec<f32>, Vec<f32>)>,
     pub actions: Vec<f32>,
@@ -119,6 +141,100 @@ impl Parts {
     }
 }
 
+/// A node: its data and weights, and what it is asked to claim of them.
+pub struct Node {
+    pub spec: EvalSpec,
+    pub data: Vec<Parts>,
+    pub base: Tensors,
+    pub update: Tensors,
+    pub challenge: Digest,
+    pub eval_samples: u32,
+    pub min_improvement_bps: u32,
+}
+
+/// Secret salt of a [`Node`]'s dataset.
+pub const SALT: [u8; 32] = [7; 32];
+
+const NETWORK: Digest = Digest([1; 32]);
+const NODE: NodeId = NodeId([2; 32]);
+
+impl Node {
+    /// With `samples` samples, asked for `eval_samples` of them, and an update that lowers the loss.
+    pub fn new(spec: &EvalSpec, samples: usize, eval_samples: u32, seed: u64) -> Self {
+        let mut random = Random(seed);
+        let most = spec.dims.max_prefix as usize;
+        let data = (0..samples)
+            .map(|index| Parts::random(spec, &mut random, most - index % 2, index % 3))
+            .collect();
+        let base = tensors(spec, &mut random, 1.0);
+        Self {
+            spec: spec.clone(),
+            data,
+            update: calmer(&base),
+            base,
+            challenge: challenge(&NETWORK, 3, &NODE, 4, &Digest([5; 32])),
+            eval_samples,
+            min_improvement_bps: 100,
+        }
+    }
+
+    /// The honest claim's witness, and the dataset behind it.
+    pub fn honest(&self) -> Honest {
+        let spec = &self.spec;
+        let parts = self.data.iter();
+        let dataset: Vec<Sample> = parts.map(|parts| parts.quantise(spec)).collect();
+        let leaves: Vec<Digest> = dataset
+            .iter()
+            .map(|sample| leaf(&SALT, &sample.digest()))
+            .collect();
+        let samples = dataset.len() as u64;
+        let openings = sample_indices(&self.challenge, samples, self.eval_samples)
+            .unwrap()
+            .into_iter()
+            .map(|index| Opening {
+                index,
+                sample: dataset[index as usize].clone(),
+                path: merkle::path(&leaves, index as usize).unwrap(),
+            })
+            .collect();
+        let (base, update) = (quantise(spec, &self.base), quantise(spec, &self.update));
+        let weights = |blob, weights: &QuantisedWeights| WeightsDigest {
+            blob,
+            quantised: weights.digest(Mode::Direct),
+        };
+        let header = Header {
+            spec: spec.clone(),
+            network: NETWORK,
+            round: 3,
+            node: NODE,
+            dataset: DatasetCommitment {
+                root: merkle::root(&leaves),
+                samples,
+                feature_spec: Digest([8; 32]),
+                salt_commitment: salt_commitment(&SALT),
+            },
+            base: weights(Digest([9; 32]), &base),
+            update: weights(Digest([10; 32]), &update),
+            challenge: self.challenge,
+            eval_samples: self.eval_samples,
+            min_improvement_bps: self.min_improvement_bps,
+            disclosure: Disclosure::Disclosed,
+            salt: SALT,
+        };
+        let witness = Witness {
+            header,
+            base,
+            update,
+            openings,
+        };
+        Honest {
+            witness,
+            dataset,
+            leaves,
+        }
+    }
+}
+
 /// An honest claim and the dataset behind it.
 pub struct Honest {
     pub witness: Witness,
@@ -128,63 +244,7 @@ pub struct Honest {
 
 /// A claim over `count` of `samples` samples whose update lowers the loss.
 pub fn honest(spec: &EvalSpec, samples: usize, count: u32, seed: u64) -> Honest {
-    let mut random = Random(seed);
-    let salt = [7; 32];
-    let most = spec.dims.max_prefix as usize;
-    let dataset: Vec<Sample> = (0..samples)
-        .map(|index| Parts::random(spec, &mut random, most - index % 2, index % 3).quantise(spec))
-        .collect();
-    let leaves: Vec<Digest> = dataset
-        .iter()
-        .map(|sample| leaf(&salt, &sample.digest()))
-        .collect();
-    let base = tensors(spec, &mut random, 1.0);
-    let (network, node) = (Digest([1; 32]), NodeId([2; 32]));
-    let challenge = challenge(&network, 3, &node, 4, &Digest([5; 32]));
-    let openings = sample_indices(&challenge, samples as u64, count)
-        .unwrap()
-        .into_iter()
-        .map(|index| Opening {
-            index,
-            sample: dataset[index as usize].clone(),
-            path: merkle::path(&leaves, index as usize).unwrap(),
-        })
-        .collect();
-    let (quantised_base, update) = (quantise(spec, &base), quantise(spec, &calmer(&base)));
-    let weights = |blob, weights: &QuantisedWeights| WeightsDigest {
-        blob,
-        quantised: weights.digest(Mode::Direct),
-    };
-    let header = Header {
-        spec: spec.clone(),
-        network,
-        round: 3,
-        node,
-        dataset: DatasetCommitment {
-            root: merkle::root(&leaves),
-            samples: samples as u64,
-            feature_spec: Digest([8; 32]),
-            salt_commitment: salt_commitment(&salt),
-        },
-        base: weights(Digest([9; 32]), &quantised_base),
-        update: weights(Digest([10; 32]), &update),
-        challenge,
-        eval_samples: count,
-        min_improvement_bps: 100,
-        disclosure: Disclosure::Disclosed,
-        salt,
-    };
-    let witness = Witness {
-        header,
-        base: quantised_base,
-        update,
-        openings,
-    };
-    Honest {
-        witness,
-        dataset,
-        leaves,
-    }
+    Node::new(spec, samples, count, seed).honest()
 }
 
 /// Names the witness's weights in its header, as they are now.

@@ -123,7 +123,7 @@ impl Expert<'_> {
         let prefix = keys.len();
         let normed = self.norm(&name("input_layernorm"), hidden);
         let queries = self.linear(&name("self_attn.q_proj"), &normed);
-        let own = layer % self.dims.self_attn_every as usize == 0;
+        let own = layer.is_multiple_of(self.dims.self_attn_every as usize);
         let queries = self.rope(queries, if own { prefix } else { 0 });
         if own {
             keys.extend(self.rope(self.linear(&name("self_attn.k_proj"), &normed), prefix));
@@ -160,12 +160,14 @@ impl Expert<'_> {
         let mut output = Vec::new();
         for (head, query) in query.chunks(head_dim).enumerate() {
             let at = head / group * head_dim;
-            let scores: Vec<f64> = keys
+            let dots: Vec<f64> = keys
                 .iter()
-                .map(|key| {
-                    let dot: f64 = query.iter().zip(&key[at..]).map(|(q, k)| q * k).sum();
-                    (dot / (head_dim as f64).sqrt()).exp()
-                })
+                .map(|key| query.iter().zip(&key[at..]).map(|(q, k)| q * k).sum())
+                .collect();
+            let largest = dots.iter().copied().fold(f64::MIN, f64::max);
+            let scores: Vec<f64> = dots
+                .iter()
+                .map(|dot| ((dot - largest) / (head_dim as f64).sqrt()).exp())
                 .collect();
             let total: f64 = scores.iter().sum();
             for dim in 0..head_dim {

@@ -1,0 +1,330 @@
+//! The checks, each as text of the source whose deletion lets a cheat pass. Every text has to be there exactly once: where the
+//! source changes, it has to follow.
+
+/// Code deleted or, where it has to be an expression, replaced.
+type Replacement = (&'static str, &'static str);
+
+/// A check, and the cheat that it stops.
+pub struct Deletion {
+    pub check: &'static str,
+    pub file: &'static str,
+    pub replacements: &'static [Replacement],
+    pub cheat: &'static str,
+    /// How the whole code refuses the cheat.
+    pub refused: &'static str,
+    /// How the code without the check refuses it, where another check stops the same cheat.
+    pub still_refused: Option<&'static str>,
+}
+
+const fn check(
+    check: &'static str,
+    file: &'static str,
+    replacements: &'static [Replacement],
+    cheat: &'static str,
+    refused: &'static str,
+) -> Deletion {
+    Deletion {
+        check,
+        file,
+        replacements,
+        cheat,
+        refused,
+        still_refused: None,
+    }
+}
+
+impl Deletion {
+    /// Another check stops the cheat as well.
+    const fn still(mut self, refused: &'static str) -> Self {
+        self.still_refused = Some(refused);
+        self
+    }
+
+    /// What is deleted.
+    pub fn text(&self) -> String {
+        let each = |(code, left): &Replacement| match *left {
+            "" => format!("{}: `{code}`", self.file),
+            left => format!("{}: `{code}`, now `{left}`", self.file),
+        };
+        let all: Vec<String> = self.replacements.iter().map(each).collect();
+        all.join("; ")
+    }
+
+    /// The source without the check, or which text of it is not there.
+    pub fn apply(&self, source: &str) -> Result<String, String> {
+        let mut source = source.to_string();
+        for (code, left) in self.replacements {
+            let found = source.matches(code).count();
+            if found != 1 {
+                return Err(format!(
+                    "to delete '{}', `{code}` has to be in src/{} once and is there {found} times: \
+                     the source has changed, and this test's replacement has to follow",
+                    self.check, self.file
+                ));
+            }
+            source = source.replace(code, left);
+        }
+        Ok(source)
+    }
+}
+
+/// All checks.
+pub const DELETIONS: &[Deletion] = &[
+    // What is opened.
+    check(
+        "number of openings",
+        "statement.rs",
+        &[("claimed as usize != opened", "false")],
+        "opens the helpful samples only",
+        "claim evaluates 4 samples, the witness opens 1",
+    ),
+    check(
+        "salt",
+        "statement.rs",
+        &[(
+            "salt_commitment(&header.salt) != dataset.salt_commitment",
+            "false",
+        )],
+        "salts copies of a sample",
+        "salt is not the one committed",
+    ),
+    check(
+        "distinct samples",
+        "challenge.rs",
+        &[("!indices.contains(&index)", "true")],
+        "opens one sample twice",
+        "opening 1 is of sample 0",
+    ),
+    check(
+        "drawn index, in the opening and in the path",
+        "statement.rs",
+        &[
+            ("found != drawn", "false"),
+            ("dataset.samples, drawn,", "dataset.samples, found,"),
+        ],
+        "opens a lucky sample instead",
+        "the challenge draws sample",
+    ),
+    check(
+        "drawn index, in the opening alone",
+        "statement.rs",
+        &[("found != drawn", "false")],
+        "opens a lucky sample instead",
+        "the challenge draws sample",
+    )
+    .still("its path does not lead to the dataset root"),
+    check(
+        "drawn index, in the path alone",
+        "statement.rs",
+        &[("dataset.samples, drawn,", "dataset.samples, found,")],
+        "opens a lucky sample instead",
+        "the challenge draws sample",
+    )
+    .still("the challenge draws sample"),
+    check(
+        "Merkle path",
+        "statement.rs",
+        &[("!merkle::verify(", "false && !merkle::verify(")],
+        "invents a sample",
+        "its path does not lead to the dataset root",
+    ),
+    check(
+        "Merkle path: root",
+        "merkle.rs",
+        &[("last == 0 && hash == *root", "last == 0")],
+        "invents a sample",
+        "its path does not lead to the dataset root",
+    ),
+    check(
+        "Merkle path: not too short",
+        "merkle.rs",
+        &[("last == 0 && hash == *root", "hash == *root")],
+        "counts more samples than there are",
+        "its path does not lead to the dataset root",
+    ),
+    check(
+        "Merkle path: not too long",
+        "merkle.rs",
+        &[("if last == 0 {", "if false {")],
+        "hides more samples than it counts",
+        "its path does not lead to the dataset root",
+    ),
+    check(
+        "sample: pad mask of 0 and 1",
+        "sample.rs",
+        &[("value >> 1 != 0", "false")],
+        "flags copies of a sample",
+        "pad mask of frame 5",
+    ),
+    check(
+        "sample: zeros behind the last value",
+        "values.rs",
+        &[(".all(|&value| value == 0)", ".all(|_| true)")],
+        "pads copies of a sample",
+        "padding is not zero",
+    ),
+    // Products, in mode `checked`.
+    check(
+        "rows of a linear layer",
+        "checked.rs",
+        &[(
+            "Some(output) if !expected.eq(combined)",
+            "Some(output) if false",
+        )],
+        "makes a velocity up",
+        "velocity (action_out_proj): the hinted product is wrong",
+    ),
+    check(
+        "rows of attention scores",
+        "checked.rs",
+        &[(
+            "rows_with_elements(queries, &projection) != combined",
+            "false",
+        )],
+        "makes attention scores up",
+        "attention scores: the hinted product is wrong",
+    ),
+    check(
+        "rows of attention outputs",
+        "checked.rs",
+        &[("if !expected.eq(combined) {", "if false {")],
+        "makes attention outputs up",
+        "attention output: the hinted product is wrong",
+    ),
+    check(
+        "seed",
+        "statement.rs",
+        &[("witness.seed != expected", "false")],
+        "picks the update's sums last",
+        "coefficients were drawn from seed",
+    ),
+    check(
+        "transcript: hints of the update",
+        "hinted.rs",
+        &[(
+            "[base.digest(), update.digest()]",
+            "[base.digest(), Digest::default()]",
+        )],
+        "picks the update's sums last",
+        "coefficients were drawn from seed",
+    ),
+    check(
+        "transcript: hints of the base",
+        "hinted.rs",
+        &[(
+            "[base.digest(), update.digest()]",
+            "[Digest::default(), update.digest()]",
+        )],
+        "picks the base's sums last",
+        "coefficients were drawn from seed",
+    ),
+    check(
+        "transcript: header",
+        "hinted.rs",
+        &[("= vec![&header];", "= vec![];")],
+        "picks the update last",
+        "coefficients were drawn from seed",
+    ),
+    // Weights, in mode `direct`.
+    check(
+        "digest of the update",
+        "statement.rs",
+        &[(", (Model::Update, header.update)", "")],
+        "evaluates another update",
+        "the Update weights are not those of the header",
+    ),
+    check(
+        "digest of the base",
+        "statement.rs",
+        &[("(Model::Base, header.base), ", "")],
+        "evaluates another base",
+        "the Base weights are not those of the header",
+    ),
+    // Values.
+    check(
+        "values between products fit",
+        "fixed.rs",
+        &[("self.refuse(value);", "")],
+        "wraps a norm",
+        "final norm: 334400 does not fit",
+    ),
+    check(
+        "sums of a linear layer fit, in mode `direct`",
+        "multiply.rs",
+        &[("fit.check(output.site, SUM_BITS)?;", "")],
+        "wraps a velocity",
+        "velocity (action_out_proj): 65545 does not fit",
+    ),
+    check(
+        "attention scores fit, in mode `direct`",
+        "multiply.rs",
+        &[("fit.check(site, 0)?;", "")],
+        "wraps attention scores",
+        "attention scores: ",
+    ),
+    check(
+        "attention outputs fit, in mode `direct`",
+        "multiply.rs",
+        &[("fit.check(site, SUM_BITS)?;", "")],
+        "wraps attention outputs",
+        "attention output: 32771 does not fit",
+    ),
+    // Losses.
+    check(
+        "improvement",
+        "statement.rs",
+        &[(
+            "!improves(before, after, header.min_improvement_bps)",
+            "false",
+        )],
+        "contributes what is worse",
+        "not lower by 100 basis points",
+    ),
+    check(
+        "improvement: strictly lower",
+        "statement.rs",
+        &[("after < before && ", "")],
+        "contributes the base itself",
+        "not lower by 0 basis points",
+    ),
+    check(
+        "improvement: by its minimum",
+        "statement.rs",
+        &[(" && after as u128 * 10_000 <= before as u128 * kept", "")],
+        "improves less than it says",
+        "not lower by 9000 basis points",
+    ),
+    check(
+        "minimum improvement is a share",
+        "statement.rs",
+        &[("header.min_improvement_bps > 10_000", "false")],
+        "improves by twice the loss",
+        "minimum improvement of 20000 basis points",
+    ),
+    check(
+        "a frame that is not padding",
+        "statement.rs",
+        &[("elements == 0", "false")],
+        "pads every frame",
+        "there is no loss",
+    )
+    .still("from 0 to 0: not lower"),
+    // The specification.
+    check(
+        "specification: scales of the cache",
+        "spec.rs",
+        &[(
+            "(layer.key != layer.cache_key || layer.value != layer.cache_value)",
+            "false",
+        )],
+        "misreads the cache",
+        "must have the scale of the cache",
+    ),
+    check(
+        "specification: limits of a scale",
+        "spec.rs",
+        &[("scale(\"action\", self.action, 1, 12)?;", "")],
+        "wraps the noise",
+        "scale action has 14 fraction bits",
+    ),
+];

@@ -1,0 +1,197 @@
+//! Cheats with what is computed of the right samples: other weights, no improvement, values that wrap.
+
+use super::verifier::{direct, improves, loss, prove};
+use crate::claims::{calmer, louder, name_weights, nudged, quantise, Node, Parts, Random, Tensors};
+use zk0_circuits::{challenge::draw, EvalSpec, Witness};
+
+const LAYERS: &str = "model.vlm_with_expert.lm_expert.layers";
+
+/// A node whose update is to be chosen; one sample is drawn.
+fn node() -> Node {
+    Node::new(&EvalSpec::micro(), 3, 1, 11)
+}
+
+fn drawn(node: &Node) -> &Parts {
+    let index = node.honest().witness.openings[0].index;
+    &node.data[index as usize]
+}
+
+/// Claims in mode `direct` that the update improves, which it does not.
+fn prove_direct(node: &Node) -> Result<(), String> {
+    assert!(!improves(node, &[drawn(node)]));
+    let mut witness = node.honest().witness;
+    name_weights(&mut witness);
+    direct(&witness, [&witness.base, &witness.update]).map(drop)
+}
+
+/// The same in mode `checked`.
+fn prove_checked(node: &Node) -> Result<(), String> {
+    assert!(!improves(node, &[drawn(node)]));
+    prove(node.honest().witness).map(drop)
+}
+
+/// Evaluates the weights that `evaluate` puts into the witness in place of those it names, in mode `direct`.
+fn evaluate_others(node: &Node, evaluate: impl Fn(&mut Witness)) -> Result<(), String> {
+    assert!(!improves(node, &[drawn(node)]));
+    let named = node.honest().witness;
+    let mut witness = named.clone();
+    evaluate(&mut witness);
+    direct(&witness, [&named.base, &named.update]).map(drop)
+}
+
+/// Contributes the base, and evaluates a calmer update.
+pub fn other_update() -> Result<(), String> {
+    let mut node = node();
+    node.update = node.base.clone();
+    let other = quantise(&node.spec, &calmer(&node.base));
+    evaluate_others(&node, |witness| witness.update = other.clone())
+}
+
+/// Contributes the base, and evaluates a louder one as base.
+pub fn other_base() -> Result<(), String> {
+    let mut node = node();
+    node.update = node.base.clone();
+    let other = quantise(&node.spec, &louder(&node.base, 2.0));
+    evaluate_others(&node, |witness| witness.base = other.clone())
+}
+
+/// The update has a higher loss.
+pub fn worse() -> Result<(), String> {
+    let mut node = node();
+    node.update = louder(&node.base, 2.0);
+    prove_checked(&node)
+}
+
+/// No improvement is asked for but that there is one.
+pub fn same() -> Result<(), String> {
+    let mut node = node();
+    node.update = node.base.clone();
+    node.min_improvement_bps = 0;
+    prove_checked(&node)
+}
+
+/// Some improvement, where nine tenths are claimed.
+pub fn less() -> Result<(), String> {
+    let mut node = node();
+    node.min_improvement_bps = 9000;
+    prove_checked(&node)
+}
+
+/// An update that hits the one frame that counts leaves no loss; the claim is that it takes away twice what there was.
+pub fn twice_the_loss() -> Result<(), String> {
+    let mut node = node();
+    node.min_improvement_bps = 20_000;
+    for parts in &mut node.data {
+        parts.is_pad[1..].fill(true);
+    }
+    let unit = (1 << node.spec.action) as f32;
+    let noise = draw(&node.spec, &node.challenge, 0).noise;
+    let actions = drawn(&node).actions.clone();
+    let target = noise.iter().zip(&actions);
+    let target = target
+        .map(|(&noise, action)| noise as f32 / unit - (action * unit).round_ties_even() / unit);
+    let width = node.spec.dims.max_action_dim as usize;
+    let bias = target.take(width).collect();
+    node.update
+        .insert("model.action_out_proj.bias".into(), bias);
+    let weights = node.update.get_mut("model.action_out_proj.weight").unwrap();
+    weights.fill(0.0);
+    prove_checked(&node)
+}
+
+/// Multiplies a tensor of the update.
+fn scale(update: &mut Tensors, name: &str, factor: f32) {
+    let values = update.get_mut(name).unwrap();
+    values.iter_mut().for_each(|value| *value *= factor);
+}
+
+/// A final norm two hundred times as large, of which a hundredth is used: twice the velocity. Wrapped, it is next to none.
+pub fn wrapped_norm() -> Result<(), String> {
+    let mut node = node();
+    node.update = node.base.clone();
+    scale(
+        &mut node.update,
+        "model.vlm_with_expert.lm_expert.norm.weight",
+        200.0,
+    );
+    scale(&mut node.update, "model.action_out_proj.weight", 0.01);
+    prove_checked(&node)
+}
+
+/// A calmer velocity, but 32 too high, which is once around.
+pub fn wrapped_velocity() -> Result<(), String> {
+    let mut node = node();
+    let bias = node.update.get_mut("model.action_out_proj.bias").unwrap();
+    bias.iter_mut().for_each(|bias| *bias += 32.0);
+    prove_direct(&node)
+}
+
+/// Of many updates whose queries and keys are so large that their products wrap, one that looks better for it.
+pub fn wrapped_scores() -> Result<(), String> {
+    let mut node = node();
+    for parts in &mut node.data {
+        let keys = &mut parts.cache[0].0;
+        keys.iter_mut().for_each(|key| *key = key.signum() * 31.0);
+    }
+    tries(&mut node, |node, random| {
+        node.update = nudged(&node.base, random, 0.3);
+        scale(
+            &mut node.update,
+            &format!("{LAYERS}.0.self_attn.q_proj.weight"),
+            6.5,
+        );
+    })
+}
+
+/// The update attends to six tokens alike, whose values are as large as values can be. Six equal attention weights round up
+/// to slightly more than 1: the outputs wrap to the other sign, which may be the better one.
+pub fn wrapped_outputs() -> Result<(), String> {
+    let mut node = node();
+    let width = node.spec.dims.kv_width();
+    for parts in &mut node.data {
+        for (keys, values) in &mut parts.cache {
+            keys.truncate(6 * width);
+            values.truncate(6 * width);
+            values
+                .chunks_exact_mut(width)
+                .for_each(|token| token[0] = 1.0);
+        }
+    }
+    tries(&mut node, |node, random| {
+        node.update = node.base.clone();
+        scale(
+            &mut node.update,
+            &format!("{LAYERS}.1.self_attn.q_proj.weight"),
+            0.0,
+        );
+        let values = node
+            .update
+            .get_mut(&format!("{LAYERS}.1.self_attn.v_proj.weight"));
+        for row in values.unwrap().chunks_exact_mut(width) {
+            row.fill(0.0);
+            row[0] = 32767.0 / 1024.0;
+        }
+        let out = node
+            .update
+            .get_mut(&format!("{LAYERS}.1.self_attn.o_proj.weight"));
+        out.unwrap()
+            .iter_mut()
+            .for_each(|value| *value = 0.02 * random.unit());
+    })
+}
+
+/// Claims, in mode `direct`, of updates that are no improvement, until one is accepted, or refused for another reason than that.
+fn tries(node: &mut Node, update: impl Fn(&mut Node, &mut Random)) -> Result<(), String> {
+    for seed in 0..100 {
+        update(node, &mut Random(seed));
+        let drawn = [drawn(node)];
+        if loss(node, &node.update, &drawn) < loss(node, &node.base, &drawn) {
+            continue;
+        }
+        match prove_direct(node) {
+            Err(why) if why.contains("not lower") => {}
+            outcome => return outcome,
+        }
+    }
+    Err("no update looks like an improvement".into())
+}

@@ -1,0 +1,54 @@
+//! Cheats by name. Each wants a false claim accepted, and says whether it was.
+//!
+//! They play the prover, who runs code of his own, against the statement of the crate they are linked with: the real one in
+//! `deletion.rs`, one with a check deleted in `program.rs`.
+
+mod losses;
+mod products;
+mod relation;
+mod samples;
+mod specification;
+mod verifier;
+
+/// Done when a false claim was accepted, else why not. Panics if the claim that was accepted is true: then the cheat is
+/// none.
+pub type Cheat = fn() -> Result<(), String>;
+
+/// All cheats.
+pub const CHEATS: &[(&str, Cheat)] = &[
+    ("opens the helpful samples only", samples::fewer),
+    ("opens a lucky sample instead", samples::lucky),
+    ("invents a sample", samples::invented),
+    ("opens one sample twice", samples::twice),
+    ("hides more samples than it counts", samples::deeper),
+    ("counts more samples than there are", samples::shallower),
+    ("salts copies of a sample", samples::salted_copies),
+    ("flags copies of a sample", samples::flagged_copies),
+    ("pads copies of a sample", samples::padded_copies),
+    ("pads every frame", samples::padding_alone),
+    ("makes a velocity up", products::velocity),
+    ("makes attention scores up", products::scores),
+    ("makes attention outputs up", products::outputs),
+    ("picks the update's sums last", products::update_sums_last),
+    ("picks the base's sums last", products::base_sums_last),
+    ("picks the update last", products::update_last),
+    ("evaluates another update", losses::other_update),
+    ("evaluates another base", losses::other_base),
+    ("contributes what is worse", losses::worse),
+    ("contributes the base itself", losses::same),
+    ("improves less than it says", losses::less),
+    ("improves by twice the loss", losses::twice_the_loss),
+    ("wraps a norm", losses::wrapped_norm),
+    ("wraps a velocity", losses::wrapped_velocity),
+    ("wraps attention scores", losses::wrapped_scores),
+    ("wraps attention outputs", losses::wrapped_outputs),
+    ("misreads the cache", specification::misread_cache),
+    ("wraps the noise", specification::wrapped_noise),
+];
+
+/// Tries the cheat with this name.
+pub fn try_cheat(name: &str) -> Result<(), String> {
+    let cheat = CHEATS.iter().find(|(other, _)| *other == name);
+    let (_, cheat) = cheat.unwrap_or_else(|| panic!("there is no cheat '{name}'"));
+    cheat()
+}

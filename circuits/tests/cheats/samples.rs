@@ -1,0 +1,221 @@
+//! Cheats with samples: other samples than those drawn, or other data than the commitment says.
+
+use super::verifier::{improves, loss, loss_at, prove};
+use crate::claims::{nudged, Node, Parts, Random, SALT};
+use zk0_circuits::{
+    challenge::sample_indices,
+    dataset::{check_leaves, leaf, salt_commitment},
+    digest::tagged_sha256,
+    merkle,
+    witness::Opening,
+    Digest, EvalSpec, Sample,
+};
+
+/// A node with `samples` samples of which `count` are drawn.
+fn node(samples: usize, count: u32) -> Node {
+    Node::new(&EvalSpec::micro(), samples, count, 11)
+}
+
+/// Opens sample `index` by its path.
+fn open(dataset: &[Sample], leaves: &[Digest], index: usize) -> Opening {
+    Opening {
+        index: index as u64,
+        sample: dataset[index].clone(),
+        path: merkle::path(leaves, index).unwrap(),
+    }
+}
+
+/// Gives the node an update that lowers the loss on `some` (sample, position), and raises it on all samples drawn.
+fn help_only(node: &mut Node, some: &[(&Parts, usize)], drawn: &[&Parts]) {
+    let on_some = |node: &Node, tensors: &_| -> f64 {
+        let losses = some.iter();
+        losses
+            .map(|&(parts, position)| loss_at(node, tensors, parts, position))
+            .sum()
+    };
+    for seed in 0..1000 {
+        node.update = nudged(&node.base, &mut Random(seed), 0.3);
+        let lower = on_some(node, &node.update) < 0.95 * on_some(node, &node.base);
+        let higher = loss(node, &node.update, drawn) > 1.02 * loss(node, &node.base, drawn);
+        if lower && higher {
+            assert!(!improves(node, drawn));
+            return;
+        }
+    }
+    panic!("no update helps only these samples");
+}
+
+/// The update helps on the first sample drawn, and harms on all four.
+pub fn fewer() -> Result<(), String> {
+    let mut node = node(6, 4);
+    let data = node.data.clone();
+    let drawn = sample_indices(&node.challenge, 6, 4).unwrap();
+    let drawn: Vec<&Parts> = drawn.iter().map(|&index| &data[index as usize]).collect();
+    help_only(&mut node, &[(drawn[0], 0)], &drawn);
+    let mut witness = node.honest().witness;
+    witness.openings.truncate(1);
+    prove(witness).map(drop)
+}
+
+/// The update helps on another sample than the one drawn.
+pub fn lucky() -> Result<(), String> {
+    let mut node = node(6, 1);
+    let drawn = sample_indices(&node.challenge, 6, 1).unwrap()[0] as usize;
+    let lucky = (drawn + 1) % 6;
+    let data = node.data.clone();
+    help_only(&mut node, &[(&data[lucky], 0)], &[&data[drawn]]);
+    let honest = node.honest();
+    let mut witness = honest.witness;
+    witness.openings = vec![open(&honest.dataset, &honest.leaves, lucky)];
+    prove(witness).map(drop)
+}
+
+/// The update helps on a sample that is not in the dataset, put in the place of the one drawn.
+pub fn invented() -> Result<(), String> {
+    let mut node = node(6, 1);
+    let drawn = sample_indices(&node.challenge, 6, 1).unwrap()[0] as usize;
+    let invented = Parts::random(&node.spec, &mut Random(8), 9, 0);
+    let data = node.data.clone();
+    help_only(&mut node, &[(&invented, 0)], &[&data[drawn]]);
+    let mut witness = node.honest().witness;
+    witness.openings[0].sample = invented.quantise(&node.spec);
+    prove(witness).map(drop)
+}
+
+/// The update helps on one of two samples. The node waits for a challenge that hits this one twice before it hits the other.
+pub fn twice() -> Result<(), String> {
+    let mut node = node(2, 2);
+    // The first bit of each of a block's four little-endian words says which of two samples.
+    let hits = |challenge: &Digest| {
+        let block = tagged_sha256("zk0/indices/v1", &[&challenge.0, &0u64.to_le_bytes()]);
+        [7, 15].map(|byte: usize| block.0[byte] as usize >> 7)
+    };
+    let mut challenges = (0..).map(|round| Digest([round; 32]));
+    node.challenge = challenges
+        .find(|challenge| hits(challenge) == [0, 0])
+        .unwrap();
+    let data = node.data.clone();
+    let some = [(&data[0], 0), (&data[0], 1)];
+    help_only(&mut node, &some, &[&data[0], &data[1]]);
+    let honest = node.honest();
+    let mut witness = honest.witness;
+    witness.openings = vec![open(&honest.dataset, &honest.leaves, 0); 2];
+    prove(witness).map(drop)
+}
+
+/// The dataset counts two samples, and below what should be the second are two more: index 0 leads to the first of the two
+/// as well, by a path that is longer than it should be. The update helps on that one.
+pub fn deeper() -> Result<(), String> {
+    let mut node = node(3, 1);
+    let first_of_two = |challenge: &Digest| sample_indices(challenge, 2, 1).unwrap() == [0];
+    let mut challenges = (0..).map(|round| Digest([round; 32]));
+    node.challenge = challenges.find(first_of_two).unwrap();
+    let data = node.data.clone();
+    help_only(&mut node, &[(&data[1], 0)], &[&data[0]]);
+    let honest = node.honest();
+    let leaves = honest.leaves;
+    let mut witness = honest.witness;
+    let dataset = &mut witness.header.dataset;
+    let below = merkle::node_hash(&leaves[1], &leaves[2]);
+    dataset.root = merkle::node_hash(&leaves[0], &below);
+    dataset.samples = 2;
+    witness.openings = vec![Opening {
+        index: 0,
+        sample: honest.dataset[1].clone(),
+        path: vec![leaves[2], leaves[0]],
+    }];
+    prove(witness).map(drop)
+}
+
+/// One sample is all there is. The dataset counts six, and whichever is drawn is that one.
+pub fn shallower() -> Result<(), String> {
+    let node = node(1, 1);
+    let honest = node.honest();
+    let mut witness = honest.witness;
+    witness.header.dataset.samples = 6;
+    witness.header.eval_samples = 4;
+    let drawn = sample_indices(&node.challenge, 6, 4).unwrap();
+    let opening = witness.openings[0].clone();
+    witness.openings = vec![opening; 4];
+    for (opening, drawn) in witness.openings.iter_mut().zip(drawn) {
+        opening.index = drawn;
+    }
+    let claim = prove(witness)?;
+    assert!(merkle::root(&honest.leaves) == claim.dataset.root && honest.leaves.len() == 1);
+    Ok(())
+}
+
+/// A dataset of six samples that are all the same, though its leaves differ: by their salts, or by what `copy` makes of them.
+fn copies(
+    salts: [[u8; 32]; 6],
+    copy: impl Fn(&Sample, usize) -> Result<Sample, String>,
+) -> Result<(), String> {
+    let node = node(3, 1);
+    let one = node.data[2].clone();
+    let node = Node {
+        data: vec![one; 6],
+        ..node
+    };
+    let honest = node.honest();
+    let mut witness = honest.witness;
+    let dataset: Vec<Sample> = honest
+        .dataset
+        .iter()
+        .enumerate()
+        .map(|(index, sample)| copy(sample, index))
+        .collect::<Result<_, _>>()?;
+    let leaves: Vec<Digest> = dataset
+        .iter()
+        .zip(&salts)
+        .map(|(sample, salt)| leaf(salt, &sample.digest()))
+        .collect();
+    witness.header.dataset.root = merkle::root(&leaves);
+    witness.header.dataset.salt_commitment = salt_commitment(&salts[0]);
+    let drawn = witness.openings[0].index as usize;
+    assert_ne!(drawn, 0, "the sample drawn has the first salt");
+    witness.openings = vec![open(&dataset, &leaves, drawn)];
+    witness.header.salt = salts[drawn];
+    let claim = prove(witness)?;
+    // Who holds the list of leaves sees no duplicate.
+    assert_eq!(check_leaves(&claim.dataset, &leaves), Ok(()));
+    Ok(())
+}
+
+/// Each copy under a salt of its own.
+pub fn salted_copies() -> Result<(), String> {
+    let salts = [0, 1, 2, 3, 4, 5].map(|index| [index; 32]);
+    copies(salts, |sample, _| Ok(sample.clone()))
+}
+
+/// Each copy marks its last frame, which is padding, by another number.
+pub fn flagged_copies() -> Result<(), String> {
+    let chunk = EvalSpec::micro().dims.chunk as usize;
+    copies([SALT; 6], |sample, index| {
+        with_value(sample, chunk, 1 + index as i16)
+    })
+}
+
+/// Each copy has another number behind its last value, where nothing reads it.
+pub fn padded_copies() -> Result<(), String> {
+    copies([SALT; 6], |sample, index| {
+        let last = sample.as_bytes().len() / 2 - 1;
+        with_value(sample, last, index as i16)
+    })
+}
+
+/// The sample as the guest would read it with another value at `at`.
+fn with_value(sample: &Sample, at: usize, value: i16) -> Result<Sample, String> {
+    let mut bytes = sample.as_bytes().to_vec();
+    bytes[2 * at..][..2].copy_from_slice(&value.to_le_bytes());
+    let read = Sample::from_bytes(&EvalSpec::micro().dims, &bytes);
+    read.map_err(|error| error.to_string())
+}
+
+/// All frames are padding: no loss is lower than another.
+pub fn padding_alone() -> Result<(), String> {
+    let mut node = node(1, 1);
+    node.data[0].is_pad.fill(true);
+    node.min_improvement_bps = 0;
+    assert!(!improves(&node, &[&node.data[0]]));
+    prove(node.honest().witness).map(drop)
+}

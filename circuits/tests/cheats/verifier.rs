@@ -1,0 +1,94 @@
+//! The other side: what a verifier accepts who holds the files, and whether a claim is true, by float64.
+
+#[path = "../claims/reference.rs"]
+mod reference;
+
+use crate::claims::{Node, Parts, Tensors};
+use zk0_circuits::{
+    challenge::draw,
+    hinted::HintedWitness,
+    parameters::Parameters,
+    statement::{check, check_hinted, Mode},
+    Claim, EvalSpec, QuantisedWeights, Witness,
+};
+
+/// Runs the guest program of mode `direct`, and the verifier's checks of the claim against the files.
+pub fn direct(witness: &Witness, files: [&QuantisedWeights; 2]) -> Result<Claim, String> {
+    let read = Witness::from_buffers(&witness.to_buffers()).map_err(|error| error.to_string())?;
+    let claim = check(&read).map_err(|error| error.to_string())?;
+    names_files(&claim, Mode::Direct, files)?;
+    Ok(claim)
+}
+
+/// Runs the guest program of mode `checked`, and the verifier's checks of the claim against the files: their digests, and
+/// what of them was in the guest.
+pub fn checked(
+    witness: &HintedWitness<'static>,
+    files: [&QuantisedWeights; 2],
+) -> Result<Claim, String> {
+    let buffers = witness.to_buffers();
+    let read = HintedWitness::from_buffers(&buffers).map_err(|error| error.to_string())?;
+    let claim = check_hinted(&read).map_err(|error| error.to_string())?;
+    names_files(&claim, Mode::Checked, files)?;
+    let weight_check = claim.weight_check.ok_or("the claim has no weight check")?;
+    let [base, update] = files.map(|file| Parameters::of(&witness.header.spec, file));
+    let mut ours = witness.clone();
+    (ours.base.parameters, ours.update.parameters) = (base, update);
+    let projected = ours.project(weight_check.seed, files);
+    projected.map_err(|error| error.to_string())?;
+    if ours.weight_check() != weight_check {
+        return Err("the verifier finds other weights in the files".into());
+    }
+    Ok(claim)
+}
+
+/// Claims what `witness` says in mode `checked`, with hints as they should be. Its weights are those of the files.
+pub fn prove(mut witness: Witness) -> Result<Claim, String> {
+    name_weights(&mut witness);
+    let hinted = HintedWitness::of(&witness).map_err(|error| error.to_string())?;
+    checked(&hinted, [&witness.base, &witness.update])
+}
+
+/// Names the witness's weights in its header, as mode `checked` does.
+pub fn name_weights(witness: &mut Witness) {
+    witness.header.base.quantised = witness.base.digest(Mode::Checked);
+    witness.header.update.quantised = witness.update.digest(Mode::Checked);
+}
+
+fn names_files(claim: &Claim, mode: Mode, files: [&QuantisedWeights; 2]) -> Result<(), String> {
+    let named = [claim.base.quantised, claim.update.quantised];
+    if named != files.map(|file| file.digest(mode)) {
+        return Err("the claim names other weights than the files'".into());
+    }
+    Ok(())
+}
+
+/// The node's update improves on its base by what it claims, on the samples at these positions.
+pub fn improves(node: &Node, samples: &[&Parts]) -> bool {
+    let [before, after] = [&node.base, &node.update].map(|tensors| loss(node, tensors, samples));
+    let share = node.min_improvement_bps as f64 / 10_000.0;
+    after < before && before - after >= share * before
+}
+
+/// Sum of squared errors in float64.
+pub fn loss(node: &Node, tensors: &Tensors, samples: &[&Parts]) -> f64 {
+    let samples = samples.iter().enumerate();
+    samples
+        .map(|(position, parts)| loss_at(node, tensors, parts, position))
+        .sum()
+}
+
+/// That of one sample, with the noise and time of a position.
+pub fn loss_at(node: &Node, tensors: &Tensors, parts: &Parts, position: usize) -> f64 {
+    // The challenge's noise as its table has it, whatever the node's specification makes of it.
+    let exact = EvalSpec {
+        action: 12,
+        ..EvalSpec::new(node.spec.dims)
+    };
+    let draw = draw(&exact, &node.challenge, position as u32);
+    let noise: Vec<f64> = draw.noise.iter().map(|&n| n as f64 / 4096.0).collect();
+    let time = draw.time as f64 / 65536.0;
+    let (loss, _) = reference::loss(&node.spec.dims, tensors, parts, &noise, time);
+    assert!(loss.is_finite(), "the float64 loss is {loss}");
+    loss
+}

@@ -1,0 +1,160 @@
+//! For every check of the statement: without it a cheat passes, which it does not with it.
+//!
+//! Builds copies of this crate, each with one check deleted, and lets a cheat (`cheats/`) loose on them. What is
+//! deleted is in `cheats/checks.rs`.
+//!
+//! `cargo test --release -p zk0-circuits --test deletion -- --nocapture` prints what is deleted and what passes.
+
+mod cheats;
+#[path = "cheats/checks.rs"]
+mod checks;
+mod claims;
+
+use cheats::{try_cheat, CHEATS};
+use checks::{Deletion, DELETIONS};
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    process::Command,
+};
+
+#[test]
+fn every_check_stops_a_cheat() {
+    let workspace = Workspace::copy();
+    let sources: Vec<_> = DELETIONS
+        .iter()
+        .map(|deletion| deletion.apply(&workspace.source(deletion)))
+        .collect();
+    let moved: Vec<&str> = sources
+        .iter()
+        .filter_map(|source| source.as_ref().err().map(String::as_str))
+        .collect();
+    assert!(moved.is_empty(), "{}", moved.join("\n"));
+
+    let mut wrong = vec![];
+    for (deletion, source) in DELETIONS.iter().zip(sources.iter().flatten()) {
+        let Deletion { check, cheat, .. } = deletion;
+        let with = match try_cheat(cheat) {
+            Ok(()) => "accepted".to_string(),
+            Err(why) => format!("refused: {why}"),
+        };
+        let without = workspace.try_cheat(deletion, source);
+        println!("{check}\n  deleted   {}", deletion.text());
+        println!("  cheat     {cheat}\n  with      {with}\n  without   {without}\n");
+        if !with.starts_with("refused: ") || !with.contains(deletion.refused) {
+            wrong.push(format!("'{check}' does not refuse '{cheat}': {with}"));
+        }
+        let passed = match deletion.still_refused {
+            None => without == "accepted",
+            Some(why) => without.starts_with("refused: ") && without.contains(why),
+        };
+        if !passed {
+            wrong.push(format!("without '{check}', '{cheat}' is {without}"));
+        }
+    }
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+#[test]
+fn every_cheat_is_used() {
+    for (name, _) in CHEATS {
+        let used = DELETIONS.iter().any(|deletion| deletion.cheat == *name);
+        assert!(used, "no check is deleted for the cheat '{name}'");
+    }
+}
+
+/// A workspace of this crate and the program that cheats, beside the build that this test is part of.
+struct Workspace {
+    folder: PathBuf,
+    /// The crate as it is.
+    sources: PathBuf,
+}
+
+impl Workspace {
+    fn copy() -> Self {
+        let here = Path::new(env!("CARGO_MANIFEST_DIR"));
+        let root = here.parent().expect("the crate is in a workspace");
+        let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("deletion");
+        // What the crate is built from.
+        for name in ["src", "tables", "elf"] {
+            let (from, to) = (here.join(name), folder.join("circuits").join(name));
+            let _ = fs::remove_dir_all(&to); // of an earlier run
+            for entry in fs::read_dir(&from).expect(name) {
+                let file = entry.expect(name).file_name();
+                write(&to.join(&file), fs::read(from.join(&file)).expect(name));
+            }
+        }
+        let manifest = read(&here.join("Cargo.toml"));
+        write(&folder.join("circuits/Cargo.toml"), manifest);
+        let program = here.join("tests/cheats/program.rs");
+        let manifest = CHEATS_MANIFEST.to_string() + &format!("path = {program:?}\n");
+        write(&folder.join("cheats/Cargo.toml"), manifest);
+        // Versions of dependencies are the workspace's; its members are others.
+        let manifest = read(&root.join("Cargo.toml"));
+        let members = manifest.lines().find(|line| line.starts_with("members = "));
+        let members = members.expect("a line 'members = …' in the workspace's Cargo.toml");
+        let manifest = manifest.replace(members, "members = [\"circuits\", \"cheats\"]");
+        write(&folder.join("Cargo.toml"), manifest + PROFILE);
+        write(&folder.join("Cargo.lock"), read(&root.join("Cargo.lock")));
+        Self {
+            folder,
+            sources: here.join("src"),
+        }
+    }
+
+    /// The file in which a check is, whole.
+    fn source(&self, deletion: &Deletion) -> String {
+        read(&self.sources.join(deletion.file))
+    }
+
+    /// Builds with `source` in place of the file, lets the cheat loose, and puts the file back. Returns what the program says.
+    fn try_cheat(&self, deletion: &Deletion, source: &str) -> String {
+        let place = self.folder.join("circuits/src").join(deletion.file);
+        write(&place, source);
+        let output = Command::new(env!("CARGO"))
+            .args(["run", "--quiet", "--offline", "--profile", "weakened"])
+            .args(["--package", "cheats", "--", deletion.cheat])
+            .env("CARGO_TARGET_DIR", self.folder.join("target"))
+            .current_dir(&self.folder)
+            .output()
+            .expect("cargo runs");
+        write(&place, self.source(deletion));
+        if output.status.success() {
+            String::from_utf8_lossy(&output.stdout).trim().to_string()
+        } else {
+            format!("not tried:\n{}", String::from_utf8_lossy(&output.stderr))
+        }
+    }
+}
+
+fn read(path: &Path) -> String {
+    fs::read_to_string(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
+}
+
+fn write(path: &Path, content: impl AsRef<[u8]>) {
+    fs::create_dir_all(path.parent().expect("a file in a folder"))
+        .and_then(|()| fs::write(path, content))
+        .unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+}
+
+/// Quick to build: most of it is built once. Arithmetic wraps silently, as it does in the guest.
+const PROFILE: &str = r#"
+[profile.weakened]
+inherits = "release"
+opt-level = 0
+incremental = true
+
+[profile.weakened.package."*"]
+opt-level = 1
+"#;
+
+const CHEATS_MANIFEST: &str = r#"[package]
+name = "cheats"
+edition.workspace = true
+
+[dependencies]
+zk0-circuits.workspace = true
+
+[[bin]]
+name = "cheats"
+"#;
