@@ -1,15 +1,20 @@
 //! `zk0 node`: take part in a network.
 
 use crate::keys;
-use anyhow::{Context, Result};
+use anyhow::{bail, Context, Result};
 use std::{fs, path::PathBuf};
 use tokio::runtime::Runtime;
-use zk0_circuits::Digest;
+use zk0_circuits::{challenge::MAX_EVAL_SAMPLES, statement::Mode, Digest, EvalSpec};
 use zk0_prover::{
+    estimate as prover,
+    execute::Executor,
     node::Node,
+    options::Resources,
     participant::{Conduct, Participant, Training},
+    recording::dims,
     service::ProvingClient,
 };
+use zk0_smolvla::{dataset::Dataset, policy_file, Profile};
 
 /// What to do.
 #[derive(Debug, clap::Subcommand)]
@@ -19,8 +24,30 @@ pub enum Command {
         /// Where the key goes.
         file: PathBuf,
     },
+    /// Say what a claim will cost on this machine, before anything is spent: cycles, memory, time.
+    Estimate(Estimate),
     /// Join a network: commit to a recording, then train, prove and submit, round after round.
     Join(Join),
+}
+
+/// `zk0 node estimate`.
+#[derive(Debug, clap::Args)]
+pub struct Estimate {
+    /// The model: micro, tiny, full (the published size), or a network's policy file.
+    #[arg(long, default_value = "micro")]
+    model: String,
+    /// How matrix products are proven: direct or checked, as the network says.
+    #[arg(long, default_value = "checked")]
+    mode: Mode,
+    /// Samples evaluated per claim, as the network's rules say.
+    #[arg(long, default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=MAX_EVAL_SAMPLES as i64))]
+    samples: u32,
+    /// The recording that the claims will be about (LeRobotDataset v3.0 folder): checked to fit the model and the samples.
+    #[arg(long)]
+    dataset: Option<PathBuf>,
+    /// Print JSON.
+    #[arg(long)]
+    json: bool,
 }
 
 /// `zk0 node join`.
@@ -68,9 +95,96 @@ pub fn run(command: &Command) -> Result<()> {
             println!("{}", keys::generate(file)?);
             Ok(())
         }
+        Command::Estimate(options) => Runtime::new()
+            .context("starting the runtime")?
+            .block_on(estimate(options)),
         Command::Join(options) => Runtime::new()
             .context("starting the runtime")?
             .block_on(join(options)),
+    }
+}
+
+async fn estimate(options: &Estimate) -> Result<()> {
+    let config = match Profile::from_name(&options.model) {
+        Ok(profile) => profile.config(),
+        Err(unknown) => match fs::read(&options.model) {
+            Ok(file) => policy_file::read(&file)?.config,
+            Err(error) => bail!(
+                "{unknown}, and as a policy file {} cannot be read: {error}",
+                options.model
+            ),
+        },
+    };
+    if let Some(path) = &options.dataset {
+        let dataset = Dataset::open(path)?;
+        let frames = dataset.len() as u64;
+        if frames < options.samples as u64 {
+            bail!(
+                "{} has {frames} frames: no claim over {} samples can be made of it",
+                path.display(),
+                options.samples
+            );
+        }
+        if dataset.cameras().len() > config.cameras {
+            bail!(
+                "{} has {} cameras, the model takes {}",
+                path.display(),
+                dataset.cameras().len(),
+                config.cameras
+            );
+        }
+    }
+    let spec = EvalSpec::new(dims(&config));
+    spec.validate()?;
+    if !options.json {
+        eprintln!("counting cycles: executing the program on random weights and samples of these dimensions");
+    }
+    let machine = Resources::of_this_machine()?;
+    let executor = Executor::new().await?;
+    let estimate =
+        prover::Estimate::of(&executor, &spec, options.mode, options.samples, machine).await?;
+    match options.json {
+        true => println!("{}", serde_json::to_string(&estimate)?),
+        false => print!("{}", table(&options.model, &estimate)),
+    }
+    Ok(())
+}
+
+/// The estimate for people.
+fn table(model: &str, estimate: &prover::Estimate) -> String {
+    const GIB: f64 = (1u64 << 30) as f64;
+    let memory = match estimate.fits() {
+        true => "enough",
+        false => "NOT ENOUGH: the proof has to be made on another machine",
+    };
+    format!(
+        "a claim over {samples} samples of model {model}, mode {mode}\n\
+         \x20 guest cycles     {cycles:.1} million ({gas:.1} million gas)\n\
+         \x20 witness          {witness:.1} MB to the proving service, private\n\
+         \x20 memory           {needed:.0} GiB for a proof, {free:.1} GiB are free here: {memory}\n\
+         \x20 proof            {proof} on {cores} cores, and {start} once to start the service\n\
+         the time is computed from the cycles by constants measured on two cores (README, \"What proving costs\"); after its\n\
+         first proof the proving service knows this machine's own\n",
+        samples = estimate.samples,
+        mode = estimate.mode,
+        cycles = estimate.cycles as f64 / 1e6,
+        gas = estimate.gas as f64 / 1e6,
+        witness = estimate.witness_bytes as f64 / 1e6,
+        needed = estimate.memory_needed_bytes as f64 / GIB,
+        free = estimate.memory_free_bytes as f64 / GIB,
+        proof = duration(estimate.proving_seconds),
+        cores = estimate.cores,
+        start = duration(estimate.start_seconds),
+    )
+}
+
+/// `45 s`, `10 min`, `7.3 h`, `2.1 days`.
+fn duration(seconds: f64) -> String {
+    match seconds {
+        s if s < 100.0 => format!("{s:.0} s"),
+        s if s < 6000.0 => format!("{:.0} min", s / 60.0),
+        s if s < 172_800.0 => format!("{:.1} h", s / 3600.0),
+        s => format!("{:.1} days", s / 86_400.0),
     }
 }
 

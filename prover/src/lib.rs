@@ -16,6 +16,7 @@
 //! - [`synthetic`]: witnesses made from a seed; [`cycles`]: what proving them costs.
 
 pub mod cycles;
+pub mod estimate;
 pub mod execute;
 pub mod lock;
 pub mod node;

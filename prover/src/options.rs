@@ -99,14 +99,15 @@ pub struct ProverOptions {
     pub workers: usize,
 }
 
-/// Peak memory of a compressed proof under the smallest options.
-const NEEDED: u64 = 17 * GIB;
-
 /// Free memory from which SP1's own shard size fits, with one worker of each kind: a claim is then one shard or two, and
 /// there is a fraction of the recursion to do.
 const LARGE: u64 = 19 * GIB;
 
 impl ProverOptions {
+    /// Peak memory of a compressed proof under the smallest options, in bytes, whatever the number of cycles: a longer claim has
+    /// more shards, of which one is in memory at a time.
+    pub const NEEDED: u64 = 17 * GIB;
+
     /// The options for `resources`, or how much memory is missing.
     pub fn choose(resources: Resources) -> Result<Self, OptionsError> {
         let Resources { memory, cores } = resources;
@@ -121,8 +122,8 @@ impl ProverOptions {
             ..small
         };
         match memory {
-            0..NEEDED => Err(OptionsError::TooLittleMemory {
-                needed: NEEDED,
+            0..Self::NEEDED => Err(OptionsError::TooLittleMemory {
+                needed: Self::NEEDED,
                 free: memory,
             }),
             _ if memory < LARGE => Ok(small),
@@ -190,7 +191,7 @@ mod tests {
         assert_eq!(
             error,
             OptionsError::TooLittleMemory {
-                needed: NEEDED,
+                needed: ProverOptions::NEEDED,
                 free: 8 * GIB
             }
         );

@@ -4,7 +4,7 @@ use crate::{
     node::{Decision, Node, NodeError},
     program::GuestInput,
     progress::{self, Progress},
-    recording::{quantise_weights, Recording},
+    recording::{dims, quantise_weights, Recording},
     rpc,
     service::{ClientError, ProvingClient},
 };
@@ -403,20 +403,7 @@ fn pretended(expected: &ExpectedClaim) -> Claim {
 
 /// A node that trained at other dimensions than it proves would find out after minutes of work: check first.
 fn check_dimensions(policy: &Policy, spec: &EvalSpec) -> Result<(), ParticipantError> {
-    let (config, dims) = (&policy.config, &spec.dims);
-    let same = [
-        (config.expert.width, dims.expert_width),
-        (config.expert.mlp_width, dims.expert_mlp),
-        (config.text.heads, dims.heads),
-        (config.text.kv_heads, dims.kv_heads),
-        (config.text.head_dim, dims.head_dim),
-        (config.text.layers, dims.layers),
-        (config.self_attn_every, dims.self_attn_every),
-        (config.chunk_size, dims.chunk),
-        (config.max_action_dim, dims.max_action_dim),
-        (config.action_dim, dims.action_dim),
-    ];
-    match same.iter().all(|(ours, theirs)| *ours == *theirs as usize) {
+    match dims(&policy.config) == spec.dims {
         true => Ok(()),
         false => Err(ParticipantError::Dimensions),
     }

@@ -7,7 +7,7 @@ use zk0_circuits::{
     dataset::{leaf, salt_commitment},
     merkle,
     sample::{Sample, SampleParts},
-    spec::EvalSpec,
+    spec::{Dims, EvalSpec},
     statement::Disclosure,
     weights::QuantisedWeights,
     witness::{Header, Opening, Witness},
@@ -18,8 +18,27 @@ use zk0_smolvla::{
     dataset::Dataset,
     sample::{PreparedSample, Preparer},
     tokenizer::WordHash,
-    ExpertWeights, Policy,
+    ExpertWeights, Policy, PolicyConfig,
 };
+
+/// The dimensions of the evaluation of a policy of these dimensions; those beyond what an evaluation can have become ones
+/// that its specification refuses.
+pub fn dims(config: &PolicyConfig) -> Dims {
+    let size = |value: usize| u32::try_from(value).unwrap_or(u32::MAX);
+    Dims {
+        expert_width: size(config.expert.width),
+        expert_mlp: size(config.expert.mlp_width),
+        heads: size(config.text.heads),
+        kv_heads: size(config.text.kv_heads),
+        head_dim: size(config.text.head_dim),
+        layers: size(config.text.layers),
+        self_attn_every: size(config.self_attn_every),
+        chunk: size(config.chunk_size),
+        max_action_dim: size(config.max_action_dim),
+        action_dim: size(config.action_dim),
+        max_prefix: size(config.max_prefix_tokens()),
+    }
+}
 
 /// A recording as training and proving use it.
 pub struct Recording {
@@ -157,4 +176,16 @@ pub fn quantise_weights(
     Ok(QuantisedWeights::quantise(spec, |name| {
         tensors.get(name).map(|tensor| &tensor.data[..])
     })?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use zk0_smolvla::Profile;
+
+    #[test]
+    fn profiles_have_the_dimensions_that_are_measured() {
+        assert_eq!(dims(&Profile::Micro.config()), Dims::MICRO);
+        assert_eq!(dims(&Profile::Full.config()), Dims::FULL);
+    }
 }

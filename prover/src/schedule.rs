@@ -131,6 +131,11 @@ impl Schedule {
     }
 }
 
+/// Seconds that `work` takes on a machine with `cores` hardware threads of which nothing else is known.
+pub fn expected_on(cores: usize, work: Work) -> f64 {
+    expected(work) * CORES / cores.max(1) as f64
+}
+
 /// Seconds on the machine of the constants.
 fn expected(work: Work) -> f64 {
     match work {

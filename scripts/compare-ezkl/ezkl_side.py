@@ -191,7 +191,8 @@ def main():
     args.output.parent.mkdir(parents=True, exist_ok=True)
     done = {}
     if args.output.exists():
-        done = {line["model"]: line for line in map(json.loads, args.output.read_text().splitlines())}
+        lines = map(json.loads, args.output.read_text().splitlines())
+        done = {line["model"]: line for line in lines if line["side"] == "ezkl"}
     for size in sizes:
         model = size["model"]
         if model not in done:

@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
-# EZKL's side of the comparison, resumable: outputs/compare-ezkl.jsonl keeps what is finished. Options go to
-# ezkl_side.py, for example --memory-limit 20 or --models micro.
+# Proves the same small transformer with EZKL and with zk0, as it grows, until one side no longer fits, and prints the
+# table. Resumable: outputs/compare-ezkl.jsonl keeps what is finished. Options go to ezkl_side.py, for example
+# --memory-limit 20 or --models micro micro-x2. Hours; run it on a machine that does nothing else.
 set -euo pipefail
 
 here=$(dirname "$(readlink -f "$0")")
@@ -16,5 +17,16 @@ if ! cmp -s "$here/requirements.txt" "$cache/venv/requirements.txt"; then
     cp "$here/requirements.txt" "$cache/venv/"
 fi
 
-exec python3 "$here/ezkl_side.py" --python "$cache/venv/bin/python" --cache "$cache" \
-    --output "$here/../../outputs/compare-ezkl.jsonl" "$@"
+results=$here/../../outputs/compare-ezkl.jsonl
+python3 "$here/ezkl_side.py" --python "$cache/venv/bin/python" --cache "$cache" --output "$results" "$@"
+
+# zk0 proves the models that EZKL was tried on.
+mapfile -t models < <(python3 -c '
+import json, sys
+print(*(line["model"] for line in map(json.loads, open(sys.argv[1])) if line["side"] == "ezkl"), sep="\n")' "$results")
+cd "$here/../.."
+export CARGO_TARGET_DIR=${CARGO_TARGET_DIR:-$HOME/.cache/zk0/target}
+scripts/setup.sh
+scripts/with-rust cargo build --release --workspace --locked --example prove_sizes
+"$CARGO_TARGET_DIR/release/examples/prove_sizes" "$here/sizes.json" "$results" "${models[@]}"
+python3 "$here/table.py" "$results"

@@ -65,6 +65,7 @@ fn the_published_model_has_exactly_these_tensors() {
     trainable.retain(|name, _| !name.starts_with("model.state_proj."));
 
     let config = published();
+    assert_eq!(Profile::Full.config(), config);
     assert_eq!((config.expert.width, config.expert.mlp_width), (720, 2048));
     assert_eq!(config.max_prefix_tokens(), 2 * 64 + 48 + 1);
     assert_eq!(policy_layout(&config), all);
@@ -73,7 +74,7 @@ fn the_published_model_has_exactly_these_tensors() {
 
 #[test]
 fn profiles_are_valid_and_named() {
-    for profile in [Profile::Tiny, Profile::Micro] {
+    for profile in Profile::ALL {
         profile.config().validate().unwrap();
         assert_eq!(Profile::from_name(profile.name()).unwrap(), profile);
     }

@@ -1,0 +1,95 @@
+//! What a claim will cost, before anything is spent on it: cycles, memory, time on this machine.
+//!
+//! Cycles are counted, not guessed: the guest program is executed on random weights and samples of the claim's dimensions,
+//! for one sample and for two. Each further sample costs what the second did. Real samples cost at most that much: theirs
+//! have no longer prefix, and the work does not depend on values otherwise, but for a few cycles in ten thousand.
+
+use crate::{
+    execute::{ExecuteError, Execution, Executor},
+    options::{ProverOptions, Resources},
+    program::{elf, GuestInput},
+    schedule::{expected_on, Work},
+    synthetic,
+};
+use serde::Serialize;
+use zk0_circuits::{statement::Mode, EvalSpec};
+
+/// The cost of one claim.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Estimate {
+    /// `direct` or `checked`.
+    pub mode: String,
+    /// Samples that the claim evaluates, each under both sets of weights.
+    pub samples: u32,
+    /// Guest instructions.
+    pub cycles: u64,
+    /// SP1's estimate of proving cost, precompiles included.
+    pub gas: u64,
+    /// Bytes of the private witness that goes to the proving service.
+    pub witness_bytes: u64,
+    /// Free memory that a proof takes, in bytes.
+    pub memory_needed_bytes: u64,
+    /// Free memory of this machine, in bytes.
+    pub memory_free_bytes: u64,
+    /// Hardware threads of this machine.
+    pub cores: usize,
+    /// Seconds until the proving service is ready, once.
+    pub start_seconds: f64,
+    /// Seconds of one proof on this machine's CPU.
+    pub proving_seconds: f64,
+}
+
+impl Estimate {
+    /// Counts the cycles of a claim over `samples` samples, at most [`zk0_circuits::challenge::MAX_EVAL_SAMPLES`], and derives the
+    /// rest. Takes seconds for small models; at the published size minutes and 3 GB of memory.
+    pub async fn of(
+        executor: &Executor,
+        spec: &EvalSpec,
+        mode: Mode,
+        samples: u32,
+        machine: Resources,
+    ) -> Result<Self, ExecuteError> {
+        let (first, witness) = execute(executor, spec, mode, 1).await?;
+        let (mut cycles, mut gas, mut witness_bytes) = (first.cycles, first.gas, witness);
+        if samples > 1 {
+            let (second, witness) = execute(executor, spec, mode, 2).await?;
+            let further = |one: u64, two: u64| two.saturating_sub(one) * (samples as u64 - 1);
+            cycles += further(first.cycles, second.cycles);
+            gas += further(first.gas, second.gas);
+            witness_bytes += further(witness_bytes, witness);
+        }
+        Ok(Self {
+            mode: mode.to_string(),
+            samples,
+            cycles,
+            gas,
+            witness_bytes,
+            memory_needed_bytes: ProverOptions::NEEDED,
+            memory_free_bytes: machine.memory,
+            cores: machine.cores,
+            start_seconds: expected_on(machine.cores, Work::Start),
+            proving_seconds: expected_on(machine.cores, Work::Proof { cycles }),
+        })
+    }
+
+    /// Whether this machine has the memory.
+    pub fn fits(&self) -> bool {
+        self.memory_needed_bytes <= self.memory_free_bytes
+    }
+}
+
+/// Executes a claim over random samples; also the bytes of its witness.
+async fn execute(
+    executor: &Executor,
+    spec: &EvalSpec,
+    mode: Mode,
+    samples: u32,
+) -> Result<(Execution, u64), ExecuteError> {
+    let witness = synthetic::witness(spec, samples, 1).map_err(ExecuteError::Failed)?;
+    let (_, input) =
+        GuestInput::of(mode, &witness).map_err(|error| ExecuteError::Failed(error.to_string()))?;
+    drop(witness);
+    let run = executor.execute(elf(mode), &input.buffers).await?;
+    let bytes = input.buffers.iter().map(|buffer| buffer.len() as u64).sum();
+    Ok((run, bytes))
+}
