@@ -14,7 +14,7 @@
 //! - [`dataset`]: what a dataset commitment commits to; [`merkle`]: its tree.
 //! - [`digest`]: 32-byte digests and domain-separated SHA-256; [`poseidon2`]: hashing of large int16 data.
 //! - [`budget`]: what of a guest's cycles each operation takes.
-//! - [`program`]: the guest programs' verifying keys.
+//! - [`program`]: the guest programs' verifying keys; [`mode`]: modes by name.
 #![cfg_attr(not(any(feature = "std", test)), no_std)]
 extern crate alloc;
 
@@ -32,6 +32,8 @@ pub mod fixed;
 pub mod hinted;
 pub mod linear;
 pub mod merkle;
+#[cfg(feature = "std")]
+pub mod mode;
 pub mod multiply;
 pub mod parameters;
 pub mod poseidon2;

@@ -38,28 +38,6 @@ pub enum Mode {
     Checked,
 }
 
-impl Mode {
-    /// All of them.
-    pub const ALL: [Self; 2] = [Self::Direct, Self::Checked];
-}
-
-/// Not the name of a [`Mode`].
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("'{0}' is no mode; there are direct and checked")]
-pub struct UnknownMode(alloc::string::String);
-
-impl core::str::FromStr for Mode {
-    type Err = UnknownMode;
-
-    fn from_str(text: &str) -> Result<Self, UnknownMode> {
-        match text {
-            "direct" => Ok(Self::Direct),
-            "checked" => Ok(Self::Checked),
-            _ => Err(UnknownMode(text.into())),
-        }
-    }
-}
-
 impl core::fmt::Display for Mode {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         f.write_str(match self {

@@ -1,5 +1,5 @@
-//! The whole demo with a real proof made in the run: two nodes as processes, one honest, one lazy. Run alone; `make test`
-//! does it last.
+//! The whole demo with a real proof made in the run: two nodes as processes, one honest, one lazy. In mode `checked`: the
+//! proof of the committed ledger, which other tests audit, is of mode `direct`. Run alone; `make test` does it last.
 
 use serde_json::Value;
 use sha2::{Digest, Sha256};
@@ -33,6 +33,8 @@ fn a_federation_ends_with_a_proven_contribution_and_a_refused_one() {
     let out = tempfile::tempdir().unwrap();
     let demo = zk0(&[
         "demo",
+        "--mode",
+        "checked",
         "--nodes",
         "2",
         "--out",
@@ -51,9 +53,9 @@ fn a_federation_ends_with_a_proven_contribution_and_a_refused_one() {
         .partition(|one| one["accepted"] == true);
     assert_eq!((accepted.len(), refused.len()), (1, 1));
     assert!(accepted[0]["loss_after"].as_f64() < accepted[0]["loss_before"].as_f64());
-    // The stolen proof is real and of this program: only its public values give it away.
+    // The stolen proof is real, and of mode `direct`'s program. (The committed ledger has one of the same program.)
     let reason = refused[0]["reason"].as_str().unwrap();
-    assert!(reason.contains("does not prove this claim"), "{reason}");
+    assert!(reason.contains("not of this network's program"), "{reason}");
 
     let global = fs::read(out.join("global.safetensors")).unwrap();
     let digest: String = Sha256::digest(&global)

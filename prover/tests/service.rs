@@ -22,7 +22,7 @@ use zk0_prover::{
         ProvePart, ProveRequest,
     },
     service::{Backend, ClientError, JobError, ProvingClient, ProvingService},
-    upload::MAX_INPUT_BYTES,
+    upload::{self, Announced, MAX_INPUT_BYTES},
 };
 
 fn input(buffers: Vec<Vec<u8>>) -> GuestInput {
@@ -331,14 +331,21 @@ async fn a_request_that_is_not_what_it_announces_is_refused() {
 /// Buffers of any size arrive as they were, whatever the cuts between messages.
 #[tokio::test]
 async fn a_large_witness_arrives_whole() {
-    let service = service(1, 1).await;
-    let mut client = ProvingClient::connect(service.address.clone())
-        .await
-        .unwrap();
-    let first: Vec<u8> = (0..5_000_001u32).map(|i| (i * i >> 7) as u8).collect();
-    let buffers = vec![first.clone(), vec![], vec![7; 3 << 20], vec![9]];
-    let proof = client.prove(input(buffers), |_| {}).await.unwrap();
-    assert!(proof.public_values == first, "the first buffer is another");
+    let large: Vec<u8> = (0..5_000_001u32)
+        .map(|i| (i.wrapping_mul(i) >> 7) as u8)
+        .collect();
+    for mode in Mode::ALL {
+        let input = GuestInput {
+            mode,
+            buffers: vec![large.clone(), vec![], vec![7; 3 << 20], vec![9]],
+        };
+        let mut parts = tokio_stream::iter(upload::parts(input.clone()).map(Ok));
+        let announced = Announced::receive(&mut parts).await.unwrap();
+        assert!(
+            announced.rest(&mut parts).await.unwrap() == input,
+            "it is another"
+        );
+    }
 }
 
 #[tokio::test]
