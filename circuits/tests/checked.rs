@@ -8,7 +8,7 @@ use zk0_circuits::{
     hinted::HintedWitness,
     spec::Dims,
     statement::{check, check_hinted, StatementError},
-    Claim, Digest, EvalSpec, Losses, NodeId, WeightCheck,
+    Claim, Digest, EvalSpec, Losses, NodeId, Sample, WeightCheck,
 };
 
 fn micro() -> (Honest, HintedWitness<'static>) {
@@ -256,6 +256,47 @@ fn no_sample_index_or_path_can_be_changed() {
         cheat.seal(weights).unwrap();
         assert!(check_hinted(&cheat).is_err(), "change {index}, sealed anew");
     }
+}
+
+/// Every value of a sample: the frozen prefix's keys and values, actions, padding.
+#[test]
+fn no_value_of_a_sample_can_be_changed() {
+    let (honest, hinted) = micro();
+    let weights = [&honest.witness.base, &honest.witness.update];
+    let bytes = hinted.openings[0].sample.as_bytes().to_vec();
+    let mut evaluated = 0;
+    for at in (0..bytes.len()).step_by(2) {
+        let mut changed = bytes.clone();
+        changed[at] ^= 1;
+        let Ok((sample, _)) = Sample::split_from(&hinted.header.spec.dims, &changed) else {
+            continue; // another prefix, padding that is neither 0 nor 1
+        };
+        let mut cheat = hinted.clone();
+        cheat.openings[0].sample = sample;
+        assert!(check_hinted(&cheat).is_err(), "byte {at}");
+        cheat.seal(weights).unwrap();
+        assert!(check_hinted(&cheat).is_err(), "byte {at}, sealed anew");
+        evaluated += 1;
+    }
+    assert!(evaluated > 400, "only {evaluated} values could be changed");
+}
+
+/// Noise and flow times are not hinted but drawn: products under those of another challenge do not fit.
+#[test]
+fn products_under_other_noise_are_refused() {
+    let (honest, hinted) = micro();
+    let mut other = honest.witness.clone();
+    other.header.challenge.0[0] ^= 1;
+    let other = HintedWitness::of(&other).unwrap();
+    let mut cheat = hinted.clone();
+    cheat.update.hints = other.update.hints;
+    cheat
+        .seal([&honest.witness.base, &honest.witness.update])
+        .unwrap();
+    assert!(matches!(
+        check_hinted(&cheat),
+        Err(StatementError::Eval { .. })
+    ));
 }
 
 #[test]
