@@ -124,6 +124,8 @@ pub enum Profile {
     Tiny,
     /// Small enough that one proven evaluation stays near two million guest cycles.
     Micro,
+    /// The published model's dimensions, two cameras.
+    Full,
 }
 
 impl Profile {
@@ -132,8 +134,9 @@ impl Profile {
         match name {
             "tiny" => Ok(Self::Tiny),
             "micro" => Ok(Self::Micro),
+            "full" => Ok(Self::Full),
             _ => Err(PolicyError::Config(format!(
-                "no profile is called `{name}`; there are `tiny` and `micro`"
+                "no profile is called `{name}`; there are `tiny`, `micro` and `full`"
             ))),
         }
     }
@@ -143,6 +146,7 @@ impl Profile {
         match self {
             Self::Tiny => "tiny",
             Self::Micro => "micro",
+            Self::Full => "full",
         }
     }
 
@@ -214,6 +218,40 @@ impl Profile {
                 max_state_dim: 8,
                 max_action_dim: 8,
                 max_language_tokens: 4,
+                min_period: 0.004,
+                max_period: 4.0,
+            },
+            Self::Full => PolicyConfig {
+                cameras: 2,
+                vision: VisionConfig {
+                    image_size: 512,
+                    patch_size: 16,
+                    width: 768,
+                    mlp_width: 3072,
+                    layers: 12,
+                    heads: 12,
+                    shuffle: 4,
+                },
+                text: TextConfig {
+                    width: 960,
+                    mlp_width: 2560,
+                    layers: 16,
+                    heads: 15,
+                    kv_heads: 5,
+                    head_dim: 64,
+                    vocabulary: 49280,
+                },
+                expert: ExpertConfig {
+                    width: 720,
+                    mlp_width: 2048,
+                },
+                self_attn_every: 2,
+                chunk_size: 50,
+                state_dim: 6,
+                action_dim: 6,
+                max_state_dim: 32,
+                max_action_dim: 32,
+                max_language_tokens: 48,
                 min_period: 0.004,
                 max_period: 4.0,
             },

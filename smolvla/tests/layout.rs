@@ -69,11 +69,12 @@ fn the_published_model_has_exactly_these_tensors() {
     assert_eq!(config.max_prefix_tokens(), 2 * 64 + 48 + 1);
     assert_eq!(policy_layout(&config), all);
     assert_eq!(expert_layout(&config), trainable);
+    assert_eq!(Profile::Full.config(), config);
 }
 
 #[test]
 fn profiles_are_valid_and_named() {
-    for profile in [Profile::Tiny, Profile::Micro] {
+    for profile in [Profile::Tiny, Profile::Micro, Profile::Full] {
         profile.config().validate().unwrap();
         assert_eq!(Profile::from_name(profile.name()).unwrap(), profile);
     }
