@@ -17,8 +17,7 @@ use zk0_ledger::{
     log::Ledger,
     rules::{Disclosure, Rules},
 };
-use zk0_prover::recording::quantise_weights;
-use zk0_smolvla::{init::init_policy, policy_file, Profile};
+use zk0_smolvla::{fixed_point::quantise_weights, init::init_policy, policy_file, Profile};
 use zk0_verifier::blob_digest;
 
 /// What to do.

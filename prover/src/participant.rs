@@ -4,7 +4,7 @@ use crate::{
     node::{Decision, Node, NodeError},
     program::GuestInput,
     progress::{self, Progress},
-    recording::{quantise_weights, Recording},
+    recording::Recording,
     rpc,
     service::{ClientError, ProvingClient},
 };
@@ -20,6 +20,7 @@ use zk0_circuits::{
 };
 use zk0_ledger::{bindings::ExpectedClaim, entry::RoundOpened, rules::Disclosure};
 use zk0_smolvla::{
+    fixed_point::quantise_weights,
     optimizer::{AdamWOptions, Schedule},
     policy_file,
     train::{train, TrainOptions},

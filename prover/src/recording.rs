@@ -6,7 +6,7 @@ use std::path::Path;
 use zk0_circuits::{
     dataset::{leaf, salt_commitment},
     merkle,
-    sample::{Sample, SampleParts},
+    sample::Sample,
     spec::EvalSpec,
     statement::Disclosure,
     weights::QuantisedWeights,
@@ -16,9 +16,10 @@ use zk0_circuits::{
 use zk0_ledger::{bindings::ExpectedClaim, rules};
 use zk0_smolvla::{
     dataset::Dataset,
+    fixed_point::quantise_sample,
     sample::{PreparedSample, Preparer},
     tokenizer::WordHash,
-    ExpertWeights, Policy,
+    Policy,
 };
 
 /// A recording as training and proving use it.
@@ -127,34 +128,4 @@ pub fn prepare_samples(
     let prepared = Preparer::new(policy, &tokenizer)?
         .prepare_dataset(dataset, |done, _| progress.reached(done as u64));
     Ok(prepared?)
-}
-
-/// The fixed-point form of a prepared sample.
-pub fn quantise_sample(
-    spec: &EvalSpec,
-    sample: &PreparedSample,
-) -> Result<Sample, ParticipantError> {
-    let cache: Vec<(&[f32], &[f32])> = sample
-        .keys
-        .iter()
-        .zip(&sample.values)
-        .map(|(keys, values)| (&keys[..], &values[..]))
-        .collect();
-    let parts = SampleParts {
-        cache: &cache,
-        actions: &sample.actions,
-        is_pad: &sample.is_pad,
-    };
-    Ok(Sample::quantise(spec, parts)?)
-}
-
-/// The fixed-point form of expert weights.
-pub fn quantise_weights(
-    spec: &EvalSpec,
-    weights: &ExpertWeights,
-) -> Result<QuantisedWeights, ParticipantError> {
-    let tensors = weights.tensors();
-    Ok(QuantisedWeights::quantise(spec, |name| {
-        tensors.get(name).map(|tensor| &tensor.data[..])
-    })?)
 }

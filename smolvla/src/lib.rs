@@ -11,6 +11,7 @@
 //!   that cache. [`model::flow`] is the flow-matching loss.
 //! - [`train`] fits the expert to prepared samples with AdamW ([`optimizer`]); [`mod@evaluate`] gives the
 //!   loss at chosen noise and times, which is what a claim is about.
+//! - [`fixed_point`] brings weights and samples into the form that a claim evaluates.
 //! - [`config`] has every dimension and the named profiles; [`layout`] the tensors that follow from it, by
 //!   LeRobot's names; [`weights`] their values as plain `f32`; [`init`] a seeded start;
 //!   [`policy_file`] a whole policy as one file.
@@ -23,6 +24,7 @@ pub mod config;
 pub mod dataset;
 pub mod error;
 pub mod evaluate;
+pub mod fixed_point;
 pub mod image;
 pub mod init;
 pub mod layout;
