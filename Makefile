@@ -7,7 +7,7 @@ export CARGO_TARGET_DIR ?= $(HOME)/.cache/zk0/target
 RUST := scripts/with-rust
 ZK0 := $(CARGO_TARGET_DIR)/release/zk0
 
-.PHONY: demo test setup build guest fixtures cycles bench-weight-check
+.PHONY: demo test setup build guest fixtures cycles fidelity bench-weight-check
 
 demo: build
 	$(ZK0) demo --rounds $(ROUNDS) --nodes $(NODES)
@@ -29,6 +29,11 @@ cycles: build
 	@scripts/setup.sh guest
 	$(RUST) circuits/build-guest.sh --budget $(CARGO_TARGET_DIR)/budget.elf
 	$(ZK0) prover cycles --budget $(CARGO_TARGET_DIR)/budget.elf
+
+# Fixed-point against float32 losses, untrained and trained, up to the published size, with every range. Ten minutes and 6 GB.
+fidelity: build
+	$(ZK0) fidelity --lerobot tests/fixtures/smolvla_tiny --profile micro --profile full --ranges \
+		tests/fixtures/datasets/so100_pickplace tests/fixtures/datasets/so100_stacking tests/fixtures/datasets/so101_pickplace
 
 # The verifier's half of mode `checked` at full size: seconds and memory, two sets of 98 M weights.
 bench-weight-check: build

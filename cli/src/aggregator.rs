@@ -1,6 +1,9 @@
 //! `zk0 aggregator`: found a network, enrol nodes, run rounds.
 
-use crate::keys;
+use crate::{
+    calibration::{calibrated, samples},
+    keys,
+};
 use anyhow::{bail, Context, Result};
 use std::{net::SocketAddr, path::PathBuf, sync::Arc};
 use tokio::{net::TcpListener, runtime::Runtime};
@@ -17,8 +20,7 @@ use zk0_ledger::{
     log::Ledger,
     rules::{Disclosure, Rules},
 };
-use zk0_prover::recording::quantise_weights;
-use zk0_smolvla::{init::init_policy, policy_file, Profile};
+use zk0_smolvla::{fixed_point::quantise_weights, init::init_policy, policy_file, Profile};
 use zk0_verifier::blob_digest;
 
 /// What to do.
@@ -67,6 +69,10 @@ pub struct Init {
     /// Seed of the initial policy's random weights.
     #[arg(long, default_value_t = 0)]
     seed: u64,
+    /// Recordings (LeRobotDataset v3.0 folders) that the ranges of the fixed-point evaluation are chosen from, with fourfold
+    /// headroom. Without any, ranges are the default ones.
+    #[arg(long = "calibrate", value_name = "DATASET")]
+    calibrate: Vec<PathBuf>,
     /// Fewest samples a dataset may have.
     #[arg(long, default_value_t = 64)]
     min_dataset_samples: u64,
@@ -155,7 +161,13 @@ fn init(options: &Init) -> Result<()> {
         policy_file::write(&policy)?,
         policy.expert.to_safetensors()?,
     );
-    let spec = EvalSpec::micro();
+    let spec = match options.calibrate.as_slice() {
+        [] => EvalSpec::micro(),
+        recordings => {
+            let samples = samples(&policy, recordings, usize::MAX)?;
+            calibrated(&policy.config, &policy.expert, &samples)?
+        }
+    };
     let genesis = Genesis {
         name: options.name.clone(),
         log_key: key.verifying_key().to_bytes(),

@@ -32,6 +32,9 @@ enum Command {
     #[cfg(feature = "full")]
     #[command(subcommand)]
     Prover(zk0::prover::Command),
+    /// Compare the fixed-point loss with the float32 one, on untrained and trained weights.
+    #[cfg(feature = "full")]
+    Fidelity(zk0::fidelity::Options),
     /// Check a ledger, trusting nobody.
     #[command(subcommand)]
     Audit(audit::Command),
@@ -49,6 +52,8 @@ fn main() -> ExitCode {
         Command::Aggregator(command) => zk0::aggregator::run(&command),
         #[cfg(feature = "full")]
         Command::Prover(command) => zk0::prover::run(&command),
+        #[cfg(feature = "full")]
+        Command::Fidelity(options) => zk0::fidelity::run(&options),
         Command::Audit(command) => match audit::run(&command) {
             Ok(true) => Ok(()),
             Ok(false) => return ExitCode::FAILURE,

@@ -11,10 +11,9 @@ use zk0_prover::{
     node::Node,
     options::Resources,
     participant::{Conduct, Participant, Training},
-    recording::dims,
     service::ProvingClient,
 };
-use zk0_smolvla::{dataset::Dataset, policy_file, Profile};
+use zk0_smolvla::{dataset::Dataset, fixed_point::dims, policy_file, Profile};
 
 /// What to do.
 #[derive(Debug, clap::Subcommand)]
@@ -134,8 +133,7 @@ async fn estimate(options: &Estimate) -> Result<()> {
             );
         }
     }
-    let spec = EvalSpec::new(dims(&config));
-    spec.validate()?;
+    let spec = EvalSpec::new(dims(&config)?);
     if !options.json {
         eprintln!("counting cycles: executing the program on random weights and samples of these dimensions");
     }

@@ -4,7 +4,7 @@ use crate::{
     node::{Decision, Node, NodeError},
     program::GuestInput,
     progress::{self, Progress},
-    recording::{dims, quantise_weights, Recording},
+    recording::Recording,
     rpc,
     service::{ClientError, ProvingClient},
 };
@@ -20,6 +20,7 @@ use zk0_circuits::{
 };
 use zk0_ledger::{bindings::ExpectedClaim, entry::RoundOpened, rules::Disclosure};
 use zk0_smolvla::{
+    fixed_point::{dims, quantise_weights},
     optimizer::{AdamWOptions, Schedule},
     policy_file,
     train::{train, TrainOptions},
@@ -403,7 +404,7 @@ fn pretended(expected: &ExpectedClaim) -> Claim {
 
 /// A node that trained at other dimensions than it proves would find out after minutes of work: check first.
 fn check_dimensions(policy: &Policy, spec: &EvalSpec) -> Result<(), ParticipantError> {
-    match dims(&policy.config) == spec.dims {
+    match dims(&policy.config)? == spec.dims {
         true => Ok(()),
         false => Err(ParticipantError::Dimensions),
     }

@@ -6,8 +6,8 @@ use std::path::Path;
 use zk0_circuits::{
     dataset::{leaf, salt_commitment},
     merkle,
-    sample::{Sample, SampleParts},
-    spec::{Dims, EvalSpec},
+    sample::Sample,
+    spec::EvalSpec,
     statement::Disclosure,
     weights::QuantisedWeights,
     witness::{Header, Opening, Witness},
@@ -16,29 +16,11 @@ use zk0_circuits::{
 use zk0_ledger::{bindings::ExpectedClaim, rules};
 use zk0_smolvla::{
     dataset::Dataset,
+    fixed_point::quantise_sample,
     sample::{PreparedSample, Preparer},
     tokenizer::WordHash,
-    ExpertWeights, Policy, PolicyConfig,
+    Policy,
 };
-
-/// The dimensions of the evaluation of a policy of these dimensions; those beyond what an evaluation can have become ones
-/// that its specification refuses.
-pub fn dims(config: &PolicyConfig) -> Dims {
-    let size = |value: usize| u32::try_from(value).unwrap_or(u32::MAX);
-    Dims {
-        expert_width: size(config.expert.width),
-        expert_mlp: size(config.expert.mlp_width),
-        heads: size(config.text.heads),
-        kv_heads: size(config.text.kv_heads),
-        head_dim: size(config.text.head_dim),
-        layers: size(config.text.layers),
-        self_attn_every: size(config.self_attn_every),
-        chunk: size(config.chunk_size),
-        max_action_dim: size(config.max_action_dim),
-        action_dim: size(config.action_dim),
-        max_prefix: size(config.max_prefix_tokens()),
-    }
-}
 
 /// A recording as training and proving use it.
 pub struct Recording {
@@ -146,46 +128,4 @@ pub fn prepare_samples(
     let prepared = Preparer::new(policy, &tokenizer)?
         .prepare_dataset(dataset, |done, _| progress.reached(done as u64));
     Ok(prepared?)
-}
-
-/// The fixed-point form of a prepared sample.
-pub fn quantise_sample(
-    spec: &EvalSpec,
-    sample: &PreparedSample,
-) -> Result<Sample, ParticipantError> {
-    let cache: Vec<(&[f32], &[f32])> = sample
-        .keys
-        .iter()
-        .zip(&sample.values)
-        .map(|(keys, values)| (&keys[..], &values[..]))
-        .collect();
-    let parts = SampleParts {
-        cache: &cache,
-        actions: &sample.actions,
-        is_pad: &sample.is_pad,
-    };
-    Ok(Sample::quantise(spec, parts)?)
-}
-
-/// The fixed-point form of expert weights.
-pub fn quantise_weights(
-    spec: &EvalSpec,
-    weights: &ExpertWeights,
-) -> Result<QuantisedWeights, ParticipantError> {
-    let tensors = weights.tensors();
-    Ok(QuantisedWeights::quantise(spec, |name| {
-        tensors.get(name).map(|tensor| &tensor.data[..])
-    })?)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use zk0_smolvla::Profile;
-
-    #[test]
-    fn profiles_have_the_dimensions_that_are_measured() {
-        assert_eq!(dims(&Profile::Micro.config()), Dims::MICRO);
-        assert_eq!(dims(&Profile::Full.config()), Dims::FULL);
-    }
 }

@@ -9,6 +9,7 @@ use crate::config::PolicyConfig;
 use crate::error::{PolicyError, Result};
 use crate::model::expert::ExpertModel;
 use crate::model::flow::{losses, noisy_actions, target_velocity};
+use crate::model::observe::{ignore, Observer};
 use crate::model::Parameters;
 use crate::random::{flow_time, normal};
 use crate::sample::PreparedSample;
@@ -70,12 +71,30 @@ pub fn evaluate(
     weights: &ExpertWeights,
     pairs: &[(&PreparedSample, &FlowDraw)],
 ) -> Result<Evaluation> {
-    let device = Device::Cpu;
-    let expert = ExpertModel::new(config, &Parameters::load(weights.tensors(), &device)?)?;
     let mut total = Evaluation {
         squared_error: 0.0,
         elements: 0,
     };
+    for one in evaluate_each(config, weights, pairs, &mut ignore)? {
+        total.squared_error += one.squared_error;
+        total.elements += one.elements;
+    }
+    Ok(total)
+}
+
+/// The evaluation of every pair by itself, in their order; `observe` watches the passes.
+///
+/// # Errors
+/// As [`evaluate`], and those of `observe`.
+pub fn evaluate_each(
+    config: &PolicyConfig,
+    weights: &ExpertWeights,
+    pairs: &[(&PreparedSample, &FlowDraw)],
+    observe: &mut Observer,
+) -> Result<Vec<Evaluation>> {
+    let device = Device::Cpu;
+    let expert = ExpertModel::new(config, &Parameters::load(weights.tensors(), &device)?)?;
+    let mut all = Vec::with_capacity(pairs.len());
     for some in pairs.chunks(BATCH) {
         for (_, draw) in some {
             if draw.noise.len() != config.chunk_elements()
@@ -102,24 +121,29 @@ pub fn evaluate(
             .flat_map(|(_, draw)| draw.noise.iter().copied())
             .collect();
         let noise = Tensor::from_vec(noise, batch.actions.shape(), &device)?;
-        let velocity = expert.forward(
+        let velocity = expert.forward_observed(
             &batch.cache,
             &noisy_actions(&batch.actions, &noise, &times)?,
             &times,
+            observe,
         )?;
         let errors: Vec<f32> = losses(&velocity, &target_velocity(&batch.actions, &noise)?)?
             .flatten_all()?
             .to_vec1()?;
-        let frames = errors
-            .chunks_exact(config.max_action_dim)
-            .zip(batch.is_pad.iter().flatten());
-        for (frame, _) in frames.filter(|(_, pad)| !**pad) {
-            total.squared_error += frame[..config.action_dim]
-                .iter()
-                .map(|e| f64::from(*e))
-                .sum::<f64>();
-            total.elements += config.action_dim;
+        let samples = errors.chunks_exact(config.chunk_elements());
+        for (errors, is_pad) in samples.zip(&batch.is_pad) {
+            let frames = errors.chunks_exact(config.max_action_dim).zip(is_pad);
+            let mut one = Evaluation {
+                squared_error: 0.0,
+                elements: 0,
+            };
+            for (frame, _) in frames.filter(|(_, pad)| !**pad) {
+                let real = &frame[..config.action_dim];
+                one.squared_error += real.iter().map(|e| f64::from(*e)).sum::<f64>();
+                one.elements += config.action_dim;
+            }
+            all.push(one);
         }
     }
-    Ok(total)
+    Ok(all)
 }

@@ -11,6 +11,8 @@
 //!   that cache. [`model::flow`] is the flow-matching loss.
 //! - [`train`] fits the expert to prepared samples with AdamW ([`optimizer`]); [`mod@evaluate`] gives the
 //!   loss at chosen noise and times, which is what a claim is about.
+//! - [`fixed_point`] brings weights and samples into the form that a claim evaluates; [`calibrate`] chooses its ranges from
+//!   data, and [`fidelity`] compares its loss with the float32 one.
 //! - [`config`] has every dimension and the named profiles; [`layout`] the tensors that follow from it, by
 //!   LeRobot's names; [`weights`] their values as plain `f32`; [`init`] a seeded start;
 //!   [`policy_file`] a whole policy as one file.
@@ -19,10 +21,13 @@
 //! the published model run through the same functions.
 
 pub mod batch;
+pub mod calibrate;
 pub mod config;
 pub mod dataset;
 pub mod error;
 pub mod evaluate;
+pub mod fidelity;
+pub mod fixed_point;
 pub mod image;
 pub mod init;
 pub mod layout;

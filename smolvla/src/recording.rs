@@ -10,12 +10,25 @@ impl Preparer<'_> {
     pub fn prepare_dataset(
         &self,
         dataset: &Dataset,
+        progress: impl FnMut(usize, usize),
+    ) -> std::result::Result<Vec<PreparedSample>, PrepareError> {
+        self.prepare_every(dataset, 1, progress)
+    }
+
+    /// [`Self::prepare_dataset`] for frames 0, `step`, 2 · `step`, … alone; a `step` of 0 is taken for 1.
+    pub fn prepare_every(
+        &self,
+        dataset: &Dataset,
+        step: usize,
         mut progress: impl FnMut(usize, usize),
     ) -> std::result::Result<Vec<PreparedSample>, PrepareError> {
         let stats = dataset.stats();
-        let mut samples = Vec::with_capacity(dataset.len());
-        for frame in dataset.frames(self.config().chunk_size)? {
-            let mut frame = frame?;
+        let mut loader = dataset.loader(self.config().chunk_size)?;
+        let wanted = (0..dataset.len()).step_by(step.max(1));
+        let count = wanted.len();
+        let mut samples = Vec::with_capacity(count);
+        for index in wanted {
+            let mut frame = loader.frame(index)?;
             stats.state.normalize(&mut frame.state);
             stats.action.normalize(&mut frame.actions);
             let cameras = dataset
@@ -35,7 +48,7 @@ impl Preparer<'_> {
                 is_pad: &frame.action_is_pad,
                 task: &frame.task,
             })?);
-            progress(samples.len(), dataset.len());
+            progress(samples.len(), count);
         }
         Ok(samples)
     }

@@ -33,12 +33,25 @@ impl Mask {
 /// Attention of queries (B, Q, heads, dim) to keys and values (B, K, kv_heads, dim), giving (B, Q, heads * dim).
 /// Query head `h` reads key/value head `h / (heads / kv_heads)`.
 pub fn attend(queries: &Tensor, keys: &Tensor, values: &Tensor, mask: &Mask) -> Result<Tensor> {
-    let (batch, count, heads, dim) = queries.dims4()?;
-    let groups = heads / keys.dim(2)?;
+    mix(&products(queries, keys)?, values, mask)
+}
+
+/// Products of queries (B, Q, heads, dim) and keys (B, K, kv_heads, dim), neither scaled nor masked: (B, heads, Q, K).
+pub fn products(queries: &Tensor, keys: &Tensor) -> Result<Tensor> {
+    let groups = queries.dim(2)? / keys.dim(2)?;
     let q = queries.transpose(1, 2)?.contiguous()?;
     let k = repeat(keys, groups)?.permute((0, 2, 3, 1))?.contiguous()?;
-    let v = repeat(values, groups)?.transpose(1, 2)?.contiguous()?;
-    let scores = (q.matmul(&k)? * (dim as f64).powf(-0.5))?;
+    Ok(q.matmul(&k)?)
+}
+
+/// The second half of [`attend`]: from [`products`] and values (B, K, kv_heads, dim) to (B, Q, heads * dim).
+pub fn mix(products: &Tensor, values: &Tensor, mask: &Mask) -> Result<Tensor> {
+    let (batch, heads, count, _) = products.dims4()?;
+    let dim = values.dim(3)?;
+    let v = repeat(values, heads / values.dim(2)?)?
+        .transpose(1, 2)?
+        .contiguous()?;
+    let scores = (products * (dim as f64).powf(-0.5))?;
     let weights = softmax(&scores.broadcast_add(&mask.0)?)?;
     Ok(weights
         .matmul(&v)?

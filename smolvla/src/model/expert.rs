@@ -3,8 +3,9 @@
 use candle_core::{DType, Device, Module, Tensor};
 use candle_nn::Linear;
 
-use super::attention::{attend, Mask};
+use super::attention::{mix, products, Mask};
 use super::layers::{linear, DecoderLayer, RmsNorm};
+use super::observe::{ignore, Observer, Site};
 use super::prefix::PrefixCache;
 use super::rope::Rope;
 use super::time_embedding::time_embedding;
@@ -42,11 +43,32 @@ impl ExpertModel {
 
     /// The velocity (B, chunk, max_action_dim) at noisy actions `x_t` of the same shape and one time a sample.
     pub fn forward(&self, cache: &PrefixCache, x_t: &Tensor, times: &[f32]) -> Result<Tensor> {
-        let hidden = self.hidden_states(cache, &self.embed(x_t, times)?)?;
+        self.forward_observed(cache, x_t, times, &mut ignore)
+    }
+
+    /// [`Self::forward`], watched.
+    pub fn forward_observed(
+        &self,
+        cache: &PrefixCache,
+        x_t: &Tensor,
+        times: &[f32],
+        observe: &mut Observer,
+    ) -> Result<Tensor> {
+        observe(Site::NoisedAction, x_t)?;
+        let suffix = self.embed_observed(x_t, times, observe)?;
+        let hidden = self.hidden_states_observed(cache, &suffix, observe)?;
         let last = hidden
             .last()
             .ok_or_else(|| PolicyError::Config("a policy without layers".into()))?;
-        self.velocity(&self.output(last)?)
+        let output = self.output(last)?;
+        observe(Site::FinalNorm, &output)?;
+        let velocity = self.velocity(&output)?;
+        // The loss has no use for the other dimensions: the evaluation does not compute them.
+        observe(
+            Site::Velocity,
+            &velocity.narrow(2, 0, self.config.action_dim)?,
+        )?;
+        Ok(velocity)
     }
 
     /// The time embedding (B, expert width).
@@ -61,20 +83,43 @@ impl ExpertModel {
 
     /// Action tokens (B, chunk, expert width): actions and time joined, linear, SiLU, linear.
     pub fn embed(&self, x_t: &Tensor, times: &[f32]) -> Result<Tensor> {
+        self.embed_observed(x_t, times, &mut ignore)
+    }
+
+    fn embed_observed(
+        &self,
+        x_t: &Tensor,
+        times: &[f32],
+        observe: &mut Observer,
+    ) -> Result<Tensor> {
         let (batch, chunk, _) = x_t.dims3()?;
         let actions = self.action_in.forward(x_t)?;
+        observe(Site::ActionIn, &actions)?;
         let time = self.embed_time(times, x_t.device())?;
         let time = time
             .unsqueeze(1)?
             .broadcast_as((batch, chunk, self.config.expert.width))?;
         let joined = Tensor::cat(&[actions, time.contiguous()?], 2)?;
-        Ok(self
-            .time_out
-            .forward(&self.time_in.forward(&joined)?.silu()?)?)
+        let mixed = self.time_in.forward(&joined)?;
+        observe(Site::TimeMlpIn, &mixed)?;
+        let mixed = mixed.silu()?;
+        observe(Site::TimeMlpSilu, &mixed)?;
+        let suffix = self.time_out.forward(&mixed)?;
+        observe(Site::TimeMlpOut, &suffix)?;
+        Ok(suffix)
     }
 
     /// Input of every layer, then the output of the last: each (B, chunk, expert width).
     pub fn hidden_states(&self, cache: &PrefixCache, suffix: &Tensor) -> Result<Vec<Tensor>> {
+        self.hidden_states_observed(cache, suffix, &mut ignore)
+    }
+
+    fn hidden_states_observed(
+        &self,
+        cache: &PrefixCache,
+        suffix: &Tensor,
+        observe: &mut Observer,
+    ) -> Result<Vec<Tensor>> {
         let (batch, chunk, _) = suffix.dims3()?;
         let device = suffix.device();
         let head_dim = self.config.text.head_dim;
@@ -101,23 +146,42 @@ impl ExpertModel {
         for (i, layer) in self.layers.iter().enumerate() {
             let (keys, values) = (&cache.keys[i], &cache.values[i]);
             let normed = layer.normalised(&x)?;
+            observe(Site::InputNorm(i), &normed)?;
             let queries = layer.queries(&normed, head_dim)?;
-            let attended = match self.config.layer_kind(i) {
+            observe(Site::Query(i), &queries)?;
+            let (rope, mask) = match self.config.layer_kind(i) {
+                LayerKind::Joint => (&joint_rope, &joint_mask),
+                LayerKind::Cross => (&cross_rope, &cross_mask),
+            };
+            let queries = rope.apply(&queries)?;
+            observe(Site::RotatedQuery(i), &queries)?;
+            let (keys, values) = match self.config.layer_kind(i) {
                 LayerKind::Joint => {
-                    let own_keys = joint_rope.apply(&layer.keys(&normed, head_dim)?)?;
+                    let own_keys = layer.keys(&normed, head_dim)?;
+                    observe(Site::Key(i), &own_keys)?;
+                    let own_keys = rope.apply(&own_keys)?;
+                    observe(Site::RotatedKey(i), &own_keys)?;
                     let own_values = layer.values(&normed, head_dim)?;
-                    let keys = Tensor::cat(&[keys, &own_keys], 1)?;
-                    let values = Tensor::cat(&[values, &own_values], 1)?;
-                    attend(&joint_rope.apply(&queries)?, &keys, &values, &joint_mask)?
+                    observe(Site::Value(i), &own_values)?;
+                    (
+                        Tensor::cat(&[keys, &own_keys], 1)?,
+                        Tensor::cat(&[values, &own_values], 1)?,
+                    )
                 }
                 LayerKind::Cross => {
                     // The prefix's keys are rotated already; the expert's projections come after that.
                     let keys = layer.keys(&keys.flatten_from(2)?, head_dim)?;
+                    observe(Site::Key(i), &keys)?;
                     let values = layer.values(&values.flatten_from(2)?, head_dim)?;
-                    attend(&cross_rope.apply(&queries)?, &keys, &values, &cross_mask)?
+                    observe(Site::Value(i), &values)?;
+                    (keys, values)
                 }
             };
-            x = layer.finish(&x, &attended)?;
+            let scores = products(&queries, &keys)?;
+            observe(Site::Scores(i), &scores)?;
+            let attended = mix(&scores, &values, mask)?;
+            observe(Site::Attention(i), &attended)?;
+            x = layer.finish(&x, &attended, &mut |site, values| observe(site(i), values))?;
             hidden.push(x.clone());
         }
         Ok(hidden)

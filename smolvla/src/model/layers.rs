@@ -3,6 +3,7 @@
 use candle_core::{Module, Tensor, D};
 use candle_nn::Linear;
 
+use super::observe::Site;
 use super::Parameters;
 use crate::config::RMS_NORM_EPS;
 use crate::error::Result;
@@ -91,12 +92,30 @@ impl DecoderLayer {
         heads(&self.v.forward(x)?, head_dim)
     }
 
-    /// Everything after the attention: output projection, residual, second norm, SwiGLU MLP, residual.
-    pub fn finish(&self, hidden: &Tensor, attended: &Tensor) -> Result<Tensor> {
-        let hidden = (self.o.forward(attended)? + hidden)?;
+    /// Everything after the attention: output projection, residual, second norm, SwiGLU MLP, residual. `observe` gets
+    /// every value on the way, and the [`Site`] that it has in the layer of a given number.
+    pub fn finish(
+        &self,
+        hidden: &Tensor,
+        attended: &Tensor,
+        observe: &mut dyn FnMut(fn(usize) -> Site, &Tensor) -> Result<()>,
+    ) -> Result<Tensor> {
+        let out = self.o.forward(attended)?;
+        observe(Site::AttentionOut, &out)?;
+        let hidden = (out + hidden)?;
+        observe(Site::Attended, &hidden)?;
         let x = self.post_norm.forward(&hidden)?;
-        let mlp = (self.gate.forward(&x)?.silu()? * self.up.forward(&x)?)?;
-        Ok((self.down.forward(&mlp)? + hidden)?)
+        observe(Site::MlpNorm, &x)?;
+        let (gate, up) = (self.gate.forward(&x)?, self.up.forward(&x)?);
+        observe(Site::Gate, &gate)?;
+        observe(Site::Up, &up)?;
+        let mlp = (gate.silu()? * up)?;
+        observe(Site::Gated, &mlp)?;
+        let down = self.down.forward(&mlp)?;
+        observe(Site::Down, &down)?;
+        let hidden = (down + hidden)?;
+        observe(Site::MlpOut, &hidden)?;
+        Ok(hidden)
     }
 }
 

@@ -4,6 +4,7 @@
 //!   per-layer key/value cache. Frozen in training: one run per frame, ever.
 //! - [`expert`]: noisy actions and a time, through the expert's layers over that cache, giving the velocity.
 //! - [`flow`]: the flow-matching loss between them.
+//! - [`observe`]: watches the values inside a pass of the expert.
 //!
 //! Everything but the vision tower is made of operations with a backward pass. (candle's fused softmax, norm,
 //! attention and rotary kernels have none and drop gradients silently; [`layers`], [`attention`] and [`rope`]
@@ -13,6 +14,7 @@ pub mod attention;
 pub mod expert;
 pub mod flow;
 pub mod layers;
+pub mod observe;
 pub mod prefix;
 pub mod rope;
 pub mod time_embedding;

@@ -164,7 +164,7 @@ impl PrefixModel {
             let q = rope.apply(&layer.queries(&normed, head_dim)?)?;
             let k = rope.apply(&layer.keys(&normed, head_dim)?)?;
             let v = layer.values(&normed, head_dim)?;
-            x = layer.finish(&x, &attend(&q, &k, &v, &mask)?)?;
+            x = layer.finish(&x, &attend(&q, &k, &v, &mask)?, &mut |_, _| Ok(()))?;
             hidden.push(x.clone());
             keys.push(k);
             values.push(v);

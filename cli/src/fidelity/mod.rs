@@ -1,0 +1,210 @@
+//! `zk0 fidelity`: the fixed-point loss against the float32 loss, on untrained and trained weights, with default ranges and
+//! with ranges calibrated on the untrained weights, as a network's founder would.
+
+mod report;
+
+use crate::calibration::{calibrated, samples};
+use anyhow::{bail, Context, Result};
+use report::{print_ranges, table, Outcome, Row};
+use std::{
+    fs,
+    path::{Path, PathBuf},
+};
+use zk0_circuits::{Digest, EvalSpec};
+use zk0_smolvla::{
+    fidelity::measure,
+    fixed_point::dims,
+    init::init_policy,
+    optimizer::{AdamWOptions, Schedule},
+    sample::PreparedSample,
+    train::{train, TrainOptions},
+    ExpertWeights, Policy, PolicyConfig, Profile,
+};
+
+/// What to compare. Prints one JSON line per comparison to standard output, and a table of all of them to standard error.
+#[derive(Debug, clap::Args)]
+pub struct Options {
+    /// Recordings (LeRobotDataset v3.0 folders). Every other frame is trained and calibrated on, those between are compared on.
+    #[arg(required = true)]
+    datasets: Vec<PathBuf>,
+    /// A randomly initialised policy: micro, tiny or full (the published dimensions; takes ten minutes and 6 GB).
+    #[arg(long = "profile", value_parser = Profile::from_name)]
+    profiles: Vec<Profile>,
+    /// A policy of LeRobot's: a folder with policy_config.json, vlm_config.json and weights.safetensors.
+    #[arg(long = "lerobot")]
+    folders: Vec<PathBuf>,
+    /// Optimiser steps until weights count as trained [default: 600, for large policies 40]
+    #[arg(long)]
+    steps: Option<usize>,
+    /// Samples compared [default: 96, for large policies 12]
+    #[arg(long)]
+    samples: Option<usize>,
+    /// The largest difference of the mean losses, in percent, that is no failure.
+    #[arg(long, default_value_t = 0.5)]
+    limit: f64,
+    /// Also print every range: the largest magnitude seen, what the scale holds, the headroom.
+    #[arg(long)]
+    ranges: bool,
+}
+
+/// What noises and times are drawn from.
+const CHALLENGE: Digest = Digest([0xf1; 32]);
+
+/// How much is done with a policy, by its size.
+struct Effort {
+    /// Frames taken of each recording.
+    frames: usize,
+    /// Samples compared.
+    samples: usize,
+    training: TrainOptions,
+}
+
+impl Effort {
+    fn of(policy: &Policy, options: &Options) -> Self {
+        let values = policy.expert.tensors().values().map(|t| t.data.len());
+        let large = values.sum::<usize>() > 10_000_000;
+        let (frames, samples, steps, batch_size, learning_rate) = if large {
+            (6, 12, 40, 4, 1e-4)
+        } else {
+            (64, 96, 600, 32, 2e-3)
+        };
+        Self {
+            frames,
+            samples: options.samples.unwrap_or(samples),
+            training: TrainOptions {
+                steps: options.steps.unwrap_or(steps),
+                batch_size,
+                learning_rate,
+                schedule: Schedule::WarmupCosine,
+                adamw: AdamWOptions::default(),
+                seed: 1,
+            },
+        }
+    }
+}
+
+/// Runs the command; an error when a comparison fails or is beyond the limit.
+pub fn run(options: &Options) -> Result<()> {
+    if options.profiles.is_empty() && options.folders.is_empty() {
+        bail!("which policy? Add --profile NAME or --lerobot DIR");
+    }
+    let (mut rows, mut notes) = (Vec::new(), String::new());
+    let mut compare = |name: String, untrained: &str, policy: Policy| -> Result<()> {
+        let (some, training) = compare(options, &name, policy)?;
+        rows.extend(some);
+        notes += &format!("{name}: untrained is {untrained}; trained is {training}\n");
+        Ok(())
+    };
+    for folder in &options.folders {
+        let name = folder.file_name().unwrap_or(folder.as_os_str());
+        let name = name.to_string_lossy().into_owned();
+        compare(name, "what the folder holds", lerobot(folder)?)?;
+    }
+    for profile in &options.profiles {
+        let policy = init_policy(&profile.config(), 1)?;
+        let untrained = "a random initialisation, not a published checkpoint";
+        compare(profile.name().into(), untrained, policy)?;
+    }
+    eprint!("{}{notes}", table(&rows));
+    let beyond = |row: &&Row| !row.outcome.is_within(options.limit / 100.0);
+    match rows.iter().filter(beyond).count() {
+        0 => Ok(()),
+        count => bail!("{count} of {} comparisons failed", rows.len()),
+    }
+}
+
+/// Reads a policy of LeRobot's.
+fn lerobot(folder: &Path) -> Result<Policy> {
+    let file = |name: &str| {
+        let path = folder.join(name);
+        fs::read(&path).with_context(|| format!("reading {}", path.display()))
+    };
+    let json =
+        |name: &str| String::from_utf8(file(name)?).with_context(|| format!("{name} is not text"));
+    let config =
+        PolicyConfig::from_lerobot(&json("policy_config.json")?, &json("vlm_config.json")?)?;
+    Ok(Policy::from_safetensors(
+        &config,
+        &file("weights.safetensors")?,
+    )?)
+}
+
+/// The four rows of a policy, untrained and trained, with default and with calibrated ranges; and how it was trained.
+fn compare(options: &Options, name: &str, policy: Policy) -> Result<(Vec<Row>, String)> {
+    let effort = Effort::of(&policy, options);
+    tracing::info!("{name}: preparing samples");
+    let all = samples(&policy, &options.datasets, effort.frames)?;
+    let Policy { config, expert, .. } = policy; // the frozen half has done its part
+    let (mut ours, mut others) = (Vec::new(), Vec::new());
+    for (index, sample) in all.into_iter().enumerate() {
+        if index.is_multiple_of(2) {
+            ours.push(sample);
+        } else {
+            others.push(sample);
+        }
+    }
+    tracing::info!("{name}: choosing ranges from {} samples", ours.len());
+    let specs = [
+        ("default", EvalSpec::new(dims(&config)?)),
+        ("calibrated", calibrated(&config, &expert, &ours)?),
+    ];
+    let mut rows = Vec::new();
+    let mut add = |weights: &'static str, expert: &ExpertWeights| -> Result<()> {
+        for (ranges, spec) in &specs {
+            tracing::info!("{name}, {weights}, {ranges} ranges: comparing");
+            let measured = measure(spec, &config, expert, &others, &CHALLENGE, effort.samples);
+            let row = Row {
+                policy: name.into(),
+                weights,
+                ranges,
+                outcome: Outcome::of(&measured),
+            };
+            println!("{}", serde_json::to_string(&row)?);
+            if let (true, Ok(fidelity)) = (options.ranges, &measured) {
+                print_ranges(&row, &fidelity.ranges)?;
+            }
+            rows.push(row);
+        }
+        Ok(())
+    };
+    add("untrained", &expert)?;
+    let trained = fit(name, &config, &expert, &ours, &effort.training)?;
+    drop(expert);
+    add("trained", &trained)?;
+    let TrainOptions {
+        steps,
+        batch_size,
+        learning_rate,
+        ..
+    } = effort.training;
+    let tokens = ours.iter().map(|sample| sample.prefix_tokens).max();
+    let training = format!(
+        "that after {steps} steps of {batch_size} out of {} samples with cached prefixes of up to {} tokens, at {learning_rate}",
+        ours.len(),
+        tokens.unwrap_or(0)
+    );
+    Ok((rows, training))
+}
+
+/// Trains the expert.
+fn fit(
+    name: &str,
+    config: &PolicyConfig,
+    start: &ExpertWeights,
+    samples: &[PreparedSample],
+    training: &TrainOptions,
+) -> Result<ExpertWeights> {
+    let (steps, batch) = (training.steps, training.batch_size);
+    let frames = samples.len();
+    tracing::info!("{name}: training for {steps} steps of {batch} out of {frames} samples");
+    let trained = train(config, start, samples, training, &mut |made| {
+        if made.step % steps.div_ceil(10) == 0 {
+            tracing::info!(
+                "{name}: step {} of {steps}, loss {:.4}",
+                made.step,
+                made.loss
+            );
+        }
+    })?;
+    Ok(trained.weights)
+}

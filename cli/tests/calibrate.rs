@@ -1,0 +1,64 @@
+//! `zk0 aggregator init --calibrate`: a network founded with ranges chosen from recordings.
+
+use std::{
+    path::Path,
+    process::{Command, Output},
+};
+use zk0::keys;
+use zk0_circuits::EvalSpec;
+use zk0_ledger::log::Ledger;
+
+fn zk0(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_zk0"))
+        .args(arguments)
+        .current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/.."))
+        .output()
+        .unwrap()
+}
+
+fn found(dir: &Path, ledger: &str, more: &[&str]) -> Output {
+    let (ledger, key) = (dir.join(ledger), dir.join("log.key"));
+    let mut arguments = vec!["aggregator", "init", ledger.to_str().unwrap()];
+    arguments.extend(["--name", "calibrated", "--key", key.to_str().unwrap()]);
+    arguments.extend(more);
+    zk0(&arguments)
+}
+
+#[test]
+fn a_network_is_founded_with_ranges_chosen_from_a_recording() {
+    let dir = tempfile::tempdir().unwrap();
+    let key = dir.path().join("log.key");
+    assert!(zk0(&["aggregator", "keygen", key.to_str().unwrap()])
+        .status
+        .success());
+    let recording = "tests/fixtures/datasets/so100_pickplace";
+    for (ledger, options) in [
+        ("default", vec![]),
+        ("chosen", vec!["--calibrate", recording]),
+    ] {
+        let founded = found(dir.path(), ledger, &options);
+        let said = String::from_utf8_lossy(&founded.stderr);
+        assert!(founded.status.success(), "{said}");
+    }
+    let spec = |ledger: &str| {
+        let key = keys::read(&key).unwrap();
+        let ledger = Ledger::open(&dir.path().join(ledger), None, key).unwrap();
+        EvalSpec::decode(&ledger.state().genesis().evaluation).unwrap()
+    };
+    let (default, chosen) = (spec("default"), spec("chosen"));
+    assert_eq!(default, EvalSpec::micro());
+    assert_eq!(chosen.dims, default.dims);
+    assert_ne!(chosen, default);
+}
+
+#[test]
+fn a_recording_that_is_not_there_founds_nothing() {
+    let dir = tempfile::tempdir().unwrap();
+    let key = dir.path().join("log.key");
+    zk0(&["aggregator", "keygen", key.to_str().unwrap()]);
+    let refused = found(dir.path(), "ledger", &["--calibrate", "no/such/recording"]);
+    let said = String::from_utf8_lossy(&refused.stderr).into_owned();
+    assert_eq!(refused.status.code(), Some(1));
+    assert!(said.contains("recording no/such/recording"), "{said}");
+    assert!(!dir.path().join("ledger").exists());
+}
