@@ -7,7 +7,7 @@ export CARGO_TARGET_DIR ?= $(HOME)/.cache/zk0/target
 RUST := scripts/with-rust
 ZK0 := $(CARGO_TARGET_DIR)/release/zk0
 
-.PHONY: demo test setup build guest fixtures cycles fidelity bench-weight-check
+.PHONY: demo test setup build guest fixtures cycles fidelity bench-weight-check cuda
 
 demo: build
 	$(ZK0) demo --rounds $(ROUNDS) --nodes $(NODES)
@@ -17,6 +17,13 @@ setup:
 
 build: setup
 	$(RUST) cargo build --release --workspace --locked
+
+# `zk0`, and an example that measures, which prove on NVIDIA GPUs too. In a target folder of its own: with the feature, much
+# of what SP1 depends on is built differently. No GPU is needed here. CUDA_ARCHS chooses GPUs: see scripts/with-cuda.
+cuda: export CARGO_TARGET_DIR := $(CARGO_TARGET_DIR)-cuda
+cuda:
+	@scripts/setup.sh cuda
+	$(RUST) scripts/with-cuda cargo build --release --workspace --locked --features zk0/cuda --bin zk0 --example prove_synthetic
 
 # The real proof is made last and alone: it wants the memory for itself.
 test:

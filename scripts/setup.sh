@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # Installs what building zk0 needs and is missing here: system packages, and a Rust toolchain where there is none recent
-# enough. Debian and Ubuntu; asks for sudo when not root. `setup.sh guest` also installs what rebuilds the guest program.
+# enough. Debian and Ubuntu; asks for sudo when not root. `setup.sh guest` also installs what rebuilds the guest program,
+# `setup.sh cuda` what scripts/with-cuda needs.
 set -euo pipefail
 
 packages=(gcc g++ make pkg-config git protobuf-compiler libprotobuf-dev clang libclang-dev cmake nasm)
@@ -44,4 +45,8 @@ if [ "${1:-}" = guest ]; then
     # The guest is rebuilt with Debian's compiler; without it the check says that it did not run.
     install rustc-web cargo-web rust-web-src lld ||
         echo "setup: Debian's rustc-web is not to be had here; the guest program will not be rebuilt" >&2
+fi
+
+if [ "${1:-}" = cuda ] && ! command -v nvcc >/dev/null; then
+    python3 -c 'import ensurepip, venv' 2>/dev/null || install python3 python3-venv
 fi

@@ -7,7 +7,9 @@ use std::{
 };
 use tokio::{net::TcpListener, runtime::Runtime};
 use zk0_circuits::statement::Mode;
-use zk0_prover::{cycles, execute::Executor, service::ProvingService, sp1::Sp1Backend};
+use zk0_prover::{
+    cycles, device::DeviceKind, execute::Executor, service::ProvingService, sp1::Sp1Backend,
+};
 
 /// What to do.
 #[derive(Debug, clap::Subcommand)]
@@ -20,6 +22,9 @@ pub enum Command {
         /// Claims that may wait.
         #[arg(long, default_value_t = 16)]
         queue: usize,
+        /// What to prove on: cpu, or cuda for an NVIDIA GPU (in builds of `make cuda`).
+        #[arg(long, default_value_t)]
+        device: DeviceKind,
     },
     /// Print what claims cost, one JSON line per profile and mode, from execute mode: no proof is made.
     Cycles {
@@ -34,7 +39,11 @@ pub enum Command {
 pub fn run(command: &Command) -> Result<()> {
     let runtime = Runtime::new().context("starting the runtime")?;
     match command {
-        Command::Serve { listen, queue } => runtime.block_on(serve(*listen, *queue)),
+        Command::Serve {
+            listen,
+            queue,
+            device,
+        } => runtime.block_on(serve(*listen, *queue, *device)),
         Command::Cycles { budget } => runtime.block_on(cycles(budget.as_deref())),
     }
 }
@@ -57,15 +66,16 @@ async fn cycles(budget: Option<&Path>) -> Result<()> {
     Ok(())
 }
 
-async fn serve(listen: SocketAddr, queue: usize) -> Result<()> {
+async fn serve(listen: SocketAddr, queue: usize, device: DeviceKind) -> Result<()> {
     let listener = TcpListener::bind(listen)
         .await
         .with_context(|| format!("listening on {listen}"))?;
     let address = listener.local_addr()?;
-    let backend = Sp1Backend::new().await?;
+    let backend = Sp1Backend::new(device).await?;
+    // Before its first proof the service expects a GPU, too, to take a CPU's time.
     let cores = std::thread::available_parallelism().map_or(1, |cores| cores.get());
     let service = ProvingService::start(backend, queue, cores);
-    tracing::info!(listening = %address, "proving service on {address}; SP1 is starting");
+    tracing::info!(listening = %address, "proving service on {address}; SP1 is starting on device {device}");
     service
         .serve(listener, crate::interrupted())
         .await

@@ -18,9 +18,9 @@ use zk0_circuits::{
     weights::expert_tensors, EvalSpec,
 };
 use zk0_prover::{
+    device::{Device, DeviceKind},
     execute::Executor,
     lock::ProverLock,
-    options::{ProverOptions, Resources},
     program::{elf, GuestInput},
     prove::Sp1Prover,
     synthetic,
@@ -48,10 +48,10 @@ async fn main() -> Result<(), Box<dyn Error>> {
         return Ok(());
     }
     let executor = Executor::new().await?;
-    let options = ProverOptions::choose(Resources::of_this_machine()?)?;
+    let device = Device::find(DeviceKind::Cpu)?;
     let lock = ProverLock::acquire(&ProverLock::default_path(), Duration::ZERO)?;
     let begin = Instant::now();
-    let prover = Sp1Prover::start(options, lock.into()).await?;
+    let prover = Sp1Prover::start(device, lock.into()).await?;
     let setup = begin.elapsed();
     for (model, dims, mode) in work {
         eprintln!("zk0, mode {mode}: {model}");

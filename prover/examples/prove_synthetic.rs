@@ -1,16 +1,17 @@
 //! Proves a claim made from a seed, to try a machine's prover or to make the proof that verifier tests are committed with:
-//! `cargo run --release -p zk0-prover --example prove_synthetic MODE SAMPLES [FOLDER]`
+//! `cargo run --release --workspace --example prove_synthetic -- DEVICE MODEL MODE SAMPLES [FOLDER]`
 //!
-//! Writes `proof.bin`, `claim.bin` (the public values) and `witness.bin` (borsh) to FOLDER when one is given, and prints
-//! what it took.
+//! DEVICE is cpu or cuda (`make cuda` builds this example, too), MODEL micro or full, MODE direct or checked. Writes
+//! `proof.bin`, `claim.bin` (the public values) and `witness.bin` (borsh) to FOLDER when one is given, and prints what it
+//! took. A claim of model full takes a minute and 3 GB to make before it is proven.
 
 use serde_json::json;
 use std::{env, error::Error, fs, path::PathBuf, time::Instant};
-use zk0_circuits::{statement::Mode, EvalSpec};
+use zk0_circuits::{spec::Dims, statement::Mode, EvalSpec};
 use zk0_prover::{
+    device::{Device, DeviceKind},
     execute::Executor,
     lock::ProverLock,
-    options::{ProverOptions, Resources},
     program::{elf, GuestInput},
     prove::Sp1Prover,
     synthetic,
@@ -18,21 +19,30 @@ use zk0_prover::{
 
 #[tokio::main]
 async fn main() -> Result<(), Box<dyn Error>> {
-    const USAGE: &str = "usage: prove_synthetic MODE SAMPLES [FOLDER]";
+    const USAGE: &str = "usage: prove_synthetic DEVICE MODEL MODE SAMPLES [FOLDER]";
     let mut arguments = env::args().skip(1);
+    let kind: DeviceKind = arguments.next().ok_or(USAGE)?.parse()?;
+    let model = arguments.next().ok_or(USAGE)?;
+    let dims = match model.as_str() {
+        "micro" => Dims::MICRO,
+        "full" => Dims::FULL,
+        other => Err(format!("'{other}' is no model; there are micro and full"))?,
+    };
     let mode: Mode = arguments.next().ok_or(USAGE)?.parse()?;
     let samples = arguments.next().ok_or(USAGE)?.parse()?;
     let folder = arguments.next().map(PathBuf::from);
-    let witness = synthetic::witness(&EvalSpec::micro(), samples, 1)?;
+    // First of all: a device that is not there is not worth a minute's wait.
+    let device = Device::find(kind)?;
+    let lock = ProverLock::acquire(&ProverLock::default_path(), Default::default())?;
+    let witness = synthetic::witness(&EvalSpec::new(dims), samples, 1)?;
     let (_, input) = GuestInput::of(mode, &witness)?;
+    drop(witness);
     let executor = Executor::new().await?;
     let run = executor.execute(elf(mode), &input.buffers).await?;
-    let options = ProverOptions::choose(Resources::of_this_machine()?)?;
-    let lock = ProverLock::acquire(&ProverLock::default_path(), Default::default())?;
     let begin = Instant::now();
-    let prover = Sp1Prover::start(options, lock.into()).await?;
+    let prover = Sp1Prover::start(device.clone(), lock.into()).await?;
     let start = begin.elapsed();
-    eprintln!("started in {start:.0?} with {options:?}");
+    eprintln!("started in {start:.0?} on {device:?}");
     let begin = Instant::now();
     let proof = prover.prove_compressed(&input).await?;
     let proving = begin.elapsed();
@@ -43,16 +53,19 @@ async fn main() -> Result<(), Box<dyn Error>> {
         fs::write(folder.join("witness.bin"), borsh::to_vec(&input.buffers)?)?;
     }
     let report = json!({
+        "device": kind.to_string(),
+        "model": model,
         "mode": mode.to_string(),
         "samples": samples,
         "cycles": run.cycles,
         "gas": run.gas,
-        "start_seconds": start.as_secs(),
-        "proving_seconds": proving.as_secs(),
+        "start_seconds": start.as_secs_f64(),
+        "proving_seconds": proving.as_secs_f64(),
         "cycles_per_second": run.cycles as f64 / proving.as_secs_f64(),
         "proof_bytes": proof.bytes.len(),
         "claim_is_that_of_the_execution": proof.public_values == run.public_values,
         "peak_memory_bytes": peak_memory(),
+        "gpu_memory_bytes": device.gpu_memory_used(),
     });
     println!("{report}");
     Ok(())

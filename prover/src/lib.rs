@@ -7,15 +7,17 @@
 //! Proving:
 //! - [`program`]: the guest program's ELF.
 //! - [`execute`]: runs it without proving: public values, cycles, or why the claim does not hold.
-//! - [`options`]: SP1's options from free memory and cores.
+//! - [`device`]: what proves, CPU or GPU; [`options`]: SP1's options for the CPU, from free memory and cores.
 //! - [`lock`]: one prover at a time on a machine.
-//! - [`prove`]: the prover; makes and checks compressed [proofs](proof).
+//! - [`prove`]: the prover; makes and checks compressed [proofs](proof), with SP1 started on a device by `engine`.
 //! - [`schedule`]: how long proofs take and which come first.
 //! - [`service`]: the proving service that the nodes of a machine share, and its client.
 //! - [`sp1`]: SP1 as that service's backend.
 //! - [`synthetic`]: witnesses made from a seed; [`cycles`]: what proving them costs.
 
 pub mod cycles;
+pub mod device;
+mod engine;
 pub mod estimate;
 pub mod execute;
 pub mod lock;

@@ -1,4 +1,4 @@
-//! SP1's options from this machine's free memory and cores.
+//! SP1's options for the CPU, from this machine's free memory and cores.
 //!
 //! SP1's defaults suit a server: four provers at a time over shards of 400 million trace elements. On a small machine they
 //! end in the kernel's out-of-memory killer after minutes of work, so the choice is made, or refused, before anything runs.

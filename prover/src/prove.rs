@@ -1,21 +1,18 @@
-//! Makes compressed SP1 proofs on the CPU of this machine.
+//! Makes compressed SP1 proofs on a [device](crate::device) of this machine.
 //!
 //! Starting takes minutes (SP1 derives its recursion programs) and gigabytes, so a process has one [`Sp1Prover`] and keeps
-//! it; a [lock](crate::lock) keeps other processes from having one too. SP1's blocking interface runs on threads of its
-//! own: the caller's runtime stays free to answer. (It is also compiled within `sp1-sdk`, once; the asynchronous one would
-//! be compiled anew, for minutes, in every crate that awaits it.)
+//! it; a [lock](crate::lock) keeps other processes from having one too. SP1 blocks, on threads of its own: the caller's
+//! runtime stays free to answer.
 
 use crate::{
+    device::Device,
+    engine::{self, Engine},
     execute::{stdin, VerifyingKey},
     lock::{LockError, ProverLock},
-    options::ProverOptions,
     program::{elf, GuestInput},
     proof::Proof,
 };
-use sp1_sdk::{
-    blocking::{CpuProver, ProveRequest, Prover},
-    Elf, ProvingKey, SP1Proof, SP1ProvingKey,
-};
+use sp1_sdk::{ProvingKey, SP1Proof, SP1ProvingKey};
 use sp1_verifier::compressed::SP1CompressedVerifierRaw;
 use std::sync::Arc;
 use tokio::{sync::Mutex, task::spawn_blocking};
@@ -54,27 +51,24 @@ pub struct Sp1Prover {
 }
 
 struct Sp1 {
-    client: CpuProver,
+    engine: Box<dyn Engine>,
     /// Per mode, as [`Mode::ALL`] lists them.
     programs: [SP1ProvingKey; 2],
     _lock: Arc<ProverLock>,
 }
 
 impl Sp1Prover {
-    /// Starts SP1 for the programs of both modes, whose verifying keys must be the recorded ones. Takes one to two minutes on
-    /// two cores.
-    pub async fn start(options: ProverOptions, lock: Arc<ProverLock>) -> Result<Self, ProveError> {
+    /// Starts SP1 on `device` for the programs of both modes, whose verifying keys must be the recorded ones. Takes one to
+    /// two minutes on two cores.
+    pub async fn start(device: Device, lock: Arc<ProverLock>) -> Result<Self, ProveError> {
         let failed = |reason| ProveError::Sp1 {
             doing: "start",
             reason,
         };
         let sp1 = spawn_blocking(move || {
-            options.export();
-            let client = CpuProver::new_with_opts(Some(options.core()));
+            let engine = engine::start(device).map_err(failed)?;
             let set_up = |mode| {
-                let program = client
-                    .setup(Elf::Static(elf(mode)))
-                    .map_err(|error| failed(error.to_string()))?;
+                let program = engine.setup(elf(mode)).map_err(failed)?;
                 let key = VerifyingKey::of(program.verifying_key())
                     .map_err(|error| failed(error.to_string()))?;
                 if key.koalabear != verifying_key(mode) {
@@ -86,7 +80,7 @@ impl Sp1Prover {
             let [direct, checked] = Mode::ALL.map(set_up);
             let programs = [direct?, checked?];
             Ok::<_, ProveError>(Sp1 {
-                client,
+                engine,
                 programs,
                 _lock: lock,
             })
@@ -116,11 +110,9 @@ impl Sp1Prover {
 impl Sp1 {
     fn prove(&self, mode: Mode, stdin: sp1_sdk::SP1Stdin) -> Result<Proof, ProveError> {
         let proven = self
-            .client
+            .engine
             .prove(&self.programs[mode as usize], stdin)
-            .compressed()
-            .run()
-            .map_err(|error| proving(error.to_string()))?;
+            .map_err(proving)?;
         if !matches!(proven.proof, SP1Proof::Compressed(_)) {
             return Err(ProveError::Unsound("it is not a compressed proof".into()));
         }

@@ -1,9 +1,9 @@
-//! SP1 on this machine's CPU as the backend of the proving service.
+//! SP1 on this machine as the backend of the proving service.
 
 use crate::{
+    device::{Device, DeviceError, DeviceKind},
     execute::{ExecuteError, Execution, Executor},
     lock::{LockError, ProverLock},
-    options::{OptionsError, ProverOptions, Resources},
     program::{self, GuestInput},
     proof::Proof,
     prove::Sp1Prover,
@@ -16,7 +16,7 @@ use zk0_circuits::Claim;
 /// Executes with SP1's executor, proves with the one prover of this machine.
 pub struct Sp1Backend {
     executor: Executor,
-    options: ProverOptions,
+    device: Device,
     lock: Arc<ProverLock>,
     prover: OnceCell<Sp1Prover>,
 }
@@ -24,9 +24,9 @@ pub struct Sp1Backend {
 /// Why this machine cannot prove now.
 #[derive(Debug, thiserror::Error)]
 pub enum Sp1BackendError {
-    /// Too little memory.
+    /// The device is not there, or memory is missing.
     #[error(transparent)]
-    Options(#[from] OptionsError),
+    Device(#[from] DeviceError),
     /// Another prover runs.
     #[error(transparent)]
     Lock(#[from] LockError),
@@ -36,13 +36,13 @@ pub enum Sp1BackendError {
 }
 
 impl Sp1Backend {
-    /// Chooses options for this machine and takes its prover lock. SP1 itself starts with the service.
-    pub async fn new() -> Result<Self, Sp1BackendError> {
-        let options = ProverOptions::choose(Resources::of_this_machine()?)?;
+    /// Finds the device and takes this machine's prover lock. SP1 itself starts with the service.
+    pub async fn new(device: DeviceKind) -> Result<Self, Sp1BackendError> {
+        let device = Device::find(device)?;
         let lock = ProverLock::acquire(&ProverLock::default_path(), Duration::ZERO)?;
         Ok(Self {
             executor: Executor::new().await?,
-            options,
+            device,
             lock: Arc::new(lock),
             prover: OnceCell::new(),
         })
@@ -50,7 +50,7 @@ impl Sp1Backend {
 
     async fn prover(&self) -> Result<&Sp1Prover, JobError> {
         self.prover
-            .get_or_try_init(|| Sp1Prover::start(self.options, self.lock.clone()))
+            .get_or_try_init(|| Sp1Prover::start(self.device.clone(), self.lock.clone()))
             .await
             .map_err(|error| JobError::Failed(error.to_string()))
     }
