@@ -37,7 +37,7 @@ cycles: build
 	$(RUST) circuits/build-guest.sh --budget $(CARGO_TARGET_DIR)/budget.elf
 	$(ZK0) prover cycles --budget $(CARGO_TARGET_DIR)/budget.elf
 
-# Fixed-point against float32 losses, untrained and trained, up to the published size, with every range. Ten minutes and 6 GB.
+# Fixed-point against float32 losses, untrained and trained, up to the published size, with every range. Ten minutes and 5 GB.
 fidelity: build
 	$(ZK0) fidelity --lerobot tests/fixtures/smolvla_tiny --profile micro --profile full --ranges \
 		tests/fixtures/datasets/so100_pickplace tests/fixtures/datasets/so100_stacking tests/fixtures/datasets/so101_pickplace

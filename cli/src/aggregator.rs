@@ -69,7 +69,7 @@ pub struct Init {
     /// Seed of the initial policy's random weights.
     #[arg(long, default_value_t = 0)]
     seed: u64,
-    /// Recordings (LeRobotDataset v3.0 folders) that the ranges of the fixed-point evaluation are chosen from, with fourfold
+    /// Recordings (LeRobotDataset v3.0 folders) that the ranges of the fixed-point evaluation are chosen from, with eightfold
     /// headroom. Without any, ranges are the default ones.
     #[arg(long = "calibrate", value_name = "DATASET")]
     calibrate: Vec<PathBuf>,

@@ -27,11 +27,11 @@ pub struct Options {
     /// Recordings (LeRobotDataset v3.0 folders). Every other frame is trained and calibrated on, those between are compared on.
     #[arg(required = true)]
     datasets: Vec<PathBuf>,
-    /// A randomly initialised policy: micro, tiny or full (the published dimensions; takes ten minutes and 6 GB).
-    #[arg(long = "profile", value_parser = Profile::from_name)]
+    /// A randomly initialised policy: micro, tiny or full (the published dimensions; takes minutes and 5 GB).
+    #[arg(long = "profile", value_name = "NAME", value_parser = Profile::from_name)]
     profiles: Vec<Profile>,
     /// A policy of LeRobot's: a folder with policy_config.json, vlm_config.json and weights.safetensors.
-    #[arg(long = "lerobot")]
+    #[arg(long = "lerobot", value_name = "DIR")]
     folders: Vec<PathBuf>,
     /// Optimiser steps until weights count as trained [default: 600, for large policies 40]
     #[arg(long)]
@@ -109,7 +109,10 @@ pub fn run(options: &Options) -> Result<()> {
     let beyond = |row: &&Row| !row.outcome.is_within(options.limit / 100.0);
     match rows.iter().filter(beyond).count() {
         0 => Ok(()),
-        count => bail!("{count} of {} comparisons failed", rows.len()),
+        count => bail!(
+            "{count} of {} losses cannot be had or are too far off",
+            rows.len()
+        ),
     }
 }
 
@@ -179,7 +182,7 @@ fn compare(options: &Options, name: &str, policy: Policy) -> Result<(Vec<Row>, S
     } = effort.training;
     let tokens = ours.iter().map(|sample| sample.prefix_tokens).max();
     let training = format!(
-        "that after {steps} steps of {batch_size} out of {} samples with cached prefixes of up to {} tokens, at {learning_rate}",
+        "that after {steps} steps of {batch_size} at {learning_rate}, on {} samples whose cached prefixes have up to {} tokens",
         ours.len(),
         tokens.unwrap_or(0)
     );
@@ -196,7 +199,7 @@ fn fit(
 ) -> Result<ExpertWeights> {
     let (steps, batch) = (training.steps, training.batch_size);
     let frames = samples.len();
-    tracing::info!("{name}: training for {steps} steps of {batch} out of {frames} samples");
+    tracing::info!("{name}: training for {steps} steps of {batch}, on {frames} samples");
     let trained = train(config, start, samples, training, &mut |made| {
         if made.step % steps.div_ceil(10) == 0 {
             tracing::info!(
