@@ -35,7 +35,9 @@ test:
 cycles: build
 	@scripts/setup.sh guest
 	$(RUST) circuits/build-guest.sh --budget $(CARGO_TARGET_DIR)/budget.elf
-	$(ZK0) prover cycles --budget $(CARGO_TARGET_DIR)/budget.elf
+	$(RUST) cargo build --release --workspace --locked --example cycle_budget
+	$(ZK0) prover cycles
+	$(CARGO_TARGET_DIR)/release/examples/cycle_budget $(CARGO_TARGET_DIR)/budget.elf 1 micro full
 
 # Fixed-point against float32 losses, untrained and trained, up to the published size, with every range. Ten minutes and 5 GB.
 fidelity: build

@@ -1,12 +1,8 @@
 //! `zk0 prover`: the proving service that the nodes of one machine share, and what proving costs.
 
 use anyhow::{Context, Result};
-use std::{
-    net::SocketAddr,
-    path::{Path, PathBuf},
-};
+use std::net::SocketAddr;
 use tokio::{net::TcpListener, runtime::Runtime};
-use zk0_circuits::statement::Mode;
 use zk0_prover::{
     cycles, device::DeviceKind, execute::Executor, service::ProvingService, sp1::Sp1Backend,
 };
@@ -27,12 +23,7 @@ pub enum Command {
         device: DeviceKind,
     },
     /// Print what claims cost, one JSON line per profile and mode, from execute mode: no proof is made.
-    Cycles {
-        /// Also print what each operation of mode `checked` takes, with this program: the ELF that
-        /// `circuits/build-guest.sh --budget` writes.
-        #[arg(long)]
-        budget: Option<PathBuf>,
-    },
+    Cycles,
 }
 
 /// Runs the command.
@@ -44,24 +35,15 @@ pub fn run(command: &Command) -> Result<()> {
             queue,
             device,
         } => runtime.block_on(serve(*listen, *queue, *device)),
-        Command::Cycles { budget } => runtime.block_on(cycles(budget.as_deref())),
+        Command::Cycles => runtime.block_on(cycles()),
     }
 }
 
-async fn cycles(budget: Option<&Path>) -> Result<()> {
+async fn cycles() -> Result<()> {
     let executor = Executor::new().await?;
     for case in cycles::cases() {
         let cost = cycles::measure(&executor, case).await?;
         println!("{}", serde_json::to_string(&cost)?);
-    }
-    let Some(path) = budget else { return Ok(()) };
-    let program = std::fs::read(path).with_context(|| format!("reading {}", path.display()))?;
-    let program: &'static [u8] = program.leak(); // the executor keeps it for the life of the process anyway
-    for case in cycles::cases() {
-        if case.mode == Mode::Checked {
-            let budget = cycles::budget(&executor, case, program).await?;
-            println!("{}", serde_json::to_string(&budget)?);
-        }
     }
     Ok(())
 }

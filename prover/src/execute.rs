@@ -4,7 +4,6 @@ use sp1_sdk::{
     blocking::{LightProver, Prover},
     Elf, ExecutionReport, HashableKey, ProvingKey, SP1Stdin, SP1VerifyingKey,
 };
-use std::collections::BTreeMap;
 use tokio::sync::watch;
 
 /// What one run of a guest program gave.
@@ -16,8 +15,6 @@ pub struct Execution {
     pub cycles: u64,
     /// SP1's estimate of proving cost, precompiles included.
     pub gas: u64,
-    /// Cycles per operation, of a program that reports them ([`zk0_circuits::budget`]).
-    pub operations: BTreeMap<String, u64>,
 }
 
 /// Why an execution gave no public values.
@@ -83,7 +80,6 @@ impl Executor {
                 public_values: public_values.to_vec(),
                 cycles: report.total_instruction_count(),
                 gas: gas(&report)?,
-                operations: report.cycle_tracker.into_iter().collect(),
             })
         })
         .await

@@ -1,7 +1,6 @@
 //! The proving service over real sockets, with a backend that plays the prover.
 
 use std::{
-    collections::BTreeMap,
     sync::{
         atomic::{AtomicUsize, Ordering},
         Arc,
@@ -55,7 +54,6 @@ impl Backend for Fake {
                 public_values: first.clone(),
                 cycles: 1_000_000,
                 gas: 1_100_000,
-                operations: BTreeMap::new(),
             }),
         }
     }
