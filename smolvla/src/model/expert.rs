@@ -1,9 +1,9 @@
 //! Phase two: the action expert over a prefix cache, from noisy actions and a time to a velocity.
 
-use candle_core::{DType, Device, Module, Tensor};
-use candle_nn::Linear;
+use candle_core::{DType, Device, Tensor};
 
 use super::attention::{mix, products, Mask};
+use super::kernels::linear::Linear;
 use super::layers::{linear, DecoderLayer, RmsNorm};
 use super::observe::{ignore, Observer, Site};
 use super::prefix::PrefixCache;

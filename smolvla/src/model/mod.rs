@@ -6,13 +6,15 @@
 //! - [`flow`]: the flow-matching loss between them.
 //! - [`observe`]: watches the values inside a pass of the expert.
 //!
+//! - [`kernels`]: what their time is spent in, fast on the CPU.
+//!
 //! Everything but the vision tower is made of operations with a backward pass. (candle's fused softmax, norm,
-//! attention and rotary kernels have none and drop gradients silently; [`layers`], [`attention`] and [`rope`]
-//! are written without them.)
+//! attention and rotary operations have none and drop gradients silently; the kernels here have one, or say so.)
 
 pub mod attention;
 pub mod expert;
 pub mod flow;
+pub mod kernels;
 pub mod layers;
 pub mod observe;
 pub mod prefix;

@@ -1,9 +1,9 @@
 //! Phase one: images, language and state to the per-layer key/value cache that the expert reads.
 
-use candle_core::{Module, Tensor};
-use candle_nn::Linear;
+use candle_core::Tensor;
 
 use super::attention::{attend, Mask};
+use super::kernels::linear::Linear;
 use super::layers::{linear, DecoderLayer, RmsNorm};
 use super::rope::Rope;
 use super::vision::{Vision, VisionRun};
@@ -178,6 +178,40 @@ impl PrefixModel {
                 valid: valid.clone(),
             },
             output,
+        })
+    }
+
+    /// [`Self::cache`] with the state's token made anew, from a cache of the same images and language: of all tokens only the
+    /// state's sees the state, so the others' keys and values stay what they are. Training `state_proj` costs one token that way.
+    ///
+    /// `state` is (B, max_state_dim). A token for the state must not be valid in `observed`.
+    pub fn with_state(&self, observed: &PrefixCache, state: &Tensor) -> Result<PrefixCache> {
+        let head_dim = self.config.text.head_dim;
+        let position = |row: &Vec<bool>| vec![row.iter().filter(|valid| **valid).count() as i64];
+        let positions: Vec<_> = observed.valid.iter().map(position).collect();
+        let rope = Rope::new(&positions, head_dim, state.device())?;
+        let mut valid = observed.valid.clone();
+        valid.iter_mut().for_each(|row| row.push(true));
+        let count = valid.first().map_or(0, Vec::len);
+        let mask = Mask::new((valid.len(), 1, count), state.device(), |b, _, k| valid[b][k])?;
+
+        let mut x = self.state.forward(state)?.unsqueeze(1)?;
+        let (mut keys, mut values) = (Vec::new(), Vec::new());
+        let observed = observed.keys.iter().zip(&observed.values);
+        for (layer, (observed_keys, observed_values)) in self.layers.iter().zip(observed) {
+            let normed = layer.normalised(&x)?;
+            let q = rope.apply(&layer.queries(&normed, head_dim)?)?;
+            let k = rope.apply(&layer.keys(&normed, head_dim)?)?;
+            let k = Tensor::cat(&[observed_keys, &k], 1)?;
+            let v = Tensor::cat(&[observed_values, &layer.values(&normed, head_dim)?], 1)?;
+            x = layer.finish(&x, &attend(&q, &k, &v, &mask)?, &mut |_, _| Ok(()))?;
+            keys.push(k);
+            values.push(v);
+        }
+        Ok(PrefixCache {
+            keys,
+            values,
+            valid,
         })
     }
 }

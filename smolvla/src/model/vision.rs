@@ -2,9 +2,11 @@
 //! gradient ever runs through this file, so it may use candle's fused layer norm.
 
 use candle_core::{Module, Tensor};
-use candle_nn::{LayerNorm, Linear};
+use candle_nn::LayerNorm;
 
-use super::attention::{attend, Mask};
+use super::kernels::attention::attend_to_all;
+use super::kernels::gelu::gelu_tanh;
+use super::kernels::linear::Linear;
 use super::layers::{linear, linear_no_bias};
 use super::Parameters;
 use crate::config::{PolicyConfig, CHANNELS, LAYER_NORM_EPS};
@@ -83,15 +85,9 @@ impl Vision {
             .patch
             .forward(&self.patches(images)?)?
             .broadcast_add(&self.positions)?;
-        let patches = x.dim(1)?;
-        let everything = Mask::new(
-            (images.dim(0)?, patches, patches),
-            images.device(),
-            |_, _, _| true,
-        )?;
         let mut hidden = vec![x.clone()];
         for layer in &self.layers {
-            x = layer.forward(&x, &everything)?;
+            x = layer.forward(&x)?;
             hidden.push(x.clone());
         }
         let normed = self.post_norm.forward(&x)?;
@@ -140,18 +136,12 @@ impl EncoderLayer {
         })
     }
 
-    fn forward(&self, x: &Tensor, mask: &Mask) -> Result<Tensor> {
+    fn forward(&self, x: &Tensor) -> Result<Tensor> {
         let normed = self.norm1.forward(x)?;
-        let (batch, tokens, width) = normed.dims3()?;
-        let heads = |y: Tensor| y.reshape((batch, tokens, self.heads, width / self.heads));
-        let attended = attend(
-            &heads(self.q.forward(&normed)?)?,
-            &heads(self.k.forward(&normed)?)?,
-            &heads(self.v.forward(&normed)?)?,
-            mask,
-        )?;
+        let [q, k, v] = [&self.q, &self.k, &self.v].map(|projection| projection.forward(&normed));
+        let attended = attend_to_all(&q?, &k?, &v?, self.heads)?;
         let x = (self.out.forward(&attended)? + x)?;
-        let mlp = self.fc1.forward(&self.norm2.forward(&x)?)?.gelu()?;
+        let mlp = gelu_tanh(&self.fc1.forward(&self.norm2.forward(&x)?)?)?;
         Ok((self.fc2.forward(&mlp)? + x)?)
     }
 }
