@@ -4,12 +4,18 @@ use candle_core::{Device, Tensor, D};
 
 use crate::error::Result;
 
-/// What each query may see, as numbers added to the scores: 0 where it may, the lowest `f32` where not.
+/// What each query may see, as numbers added to the scores: 0 where it may, the lowest `f32` where not. Or nothing, where
+/// every query sees everything.
 ///
 /// A row that may see nothing (a padded token) then attends evenly to everything, as in the reference.
-pub struct Mask(Tensor);
+pub struct Mask(Option<Tensor>);
 
 impl Mask {
+    /// Hides nothing.
+    pub fn none() -> Self {
+        Self(None)
+    }
+
     /// From `allowed(sample, query, key)`.
     pub fn new(
         (batch, queries, keys): (usize, usize, usize),
@@ -22,11 +28,8 @@ impl Mask {
                 bias.extend((0..keys).map(|k| if allowed(b, q, k) { 0.0 } else { f32::MIN }));
             }
         }
-        Ok(Self(Tensor::from_vec(
-            bias,
-            (batch, 1, queries, keys),
-            device,
-        )?))
+        let shape = (batch, 1, queries, keys);
+        Ok(Self(Some(Tensor::from_vec(bias, shape, device)?)))
     }
 }
 
@@ -52,7 +55,11 @@ pub fn mix(products: &Tensor, values: &Tensor, mask: &Mask) -> Result<Tensor> {
         .transpose(1, 2)?
         .contiguous()?;
     let scores = (products * (dim as f64).powf(-0.5))?;
-    let weights = softmax(&scores.broadcast_add(&mask.0)?)?;
+    let scores = match &mask.0 {
+        Some(bias) => scores.broadcast_add(bias)?,
+        None => scores,
+    };
+    let weights = softmax(&scores)?;
     Ok(weights
         .matmul(&v)?
         .transpose(1, 2)?
