@@ -10,6 +10,7 @@ mod acting;
 mod case;
 mod expert;
 mod gradients;
+mod other_folder;
 mod prefix;
 mod sampling;
 mod steps;
