@@ -16,7 +16,8 @@
 //!   data, and [`fidelity`] compares its loss with the float32 one.
 //! - [`config`] has every dimension, [`profile`] named sets of them; [`layout`] the tensors that follow from it, by
 //!   LeRobot's names; [`weights`] their values as plain `f32`; [`init`] a seeded start;
-//!   [`policy_file`] a whole policy as one file; [`lerobot_config`] and [`vlm_config`] read LeRobot's configuration.
+//!   [`policy_file`] a whole policy as one file; [`checkpoint`] a folder of LeRobot's, read and written ([`lerobot_config`] and
+//!   [`vlm_config`] its configuration, [`tensor_file`] its weights).
 //!
 //! The only code that knows sizes is [`profile`]: the `tiny` fixture, the `micro` profile of the demo and
 //! the published model run through the same functions.
@@ -25,6 +26,7 @@ pub mod act;
 pub mod batch;
 pub mod calibrate;
 pub mod cameras;
+pub mod checkpoint;
 pub mod config;
 pub mod dataset;
 pub mod error;
@@ -42,11 +44,13 @@ pub mod profile;
 pub mod random;
 pub mod recording;
 pub mod sample;
+pub mod tensor_file;
 pub mod tokenizer;
 pub mod train;
 pub mod vlm_config;
 pub mod weights;
 
+pub use checkpoint::Checkpoint;
 pub use config::PolicyConfig;
 pub use error::PolicyError;
 pub use lerobot_config::LeRobotConfig;
