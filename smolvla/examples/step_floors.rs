@@ -34,7 +34,15 @@ impl Rates {
         let mut out = vec![0.0f32; n * n];
         let seconds = median(9, || {
             let (a, b) = (Matrix::new(&a, n, n), Matrix::new(&a, n, n));
-            product(a, b.transposed(), 1.0, &mut out, n, Into::Replace, Threads::All);
+            product(
+                a,
+                b.transposed(),
+                1.0,
+                &mut out,
+                n,
+                Into::Replace,
+                Threads::All,
+            );
         });
         let operations = 2.0 * (n * n * n) as f64 / seconds;
         let from = vec![1.0f32; 1 << 26];
@@ -72,14 +80,23 @@ struct Report {
 
 impl Report {
     /// Times `work`, which a step does `calls` times, and which takes so many operations and moves so many bytes.
-    fn kernel(&mut self, name: &str, calls: usize, operations: f64, bytes: f64, work: impl FnMut()) {
+    fn kernel(
+        &mut self,
+        name: &str,
+        calls: usize,
+        operations: f64,
+        bytes: f64,
+        work: impl FnMut(),
+    ) {
         let seconds = median(5, work);
-        let (by_operations, by_bytes) = (
-            operations / self.rates.operations,
-            bytes / self.rates.bytes,
-        );
+        let (by_operations, by_bytes) =
+            (operations / self.rates.operations, bytes / self.rates.bytes);
         let floor = by_operations.max(by_bytes);
-        let bound = if by_operations > by_bytes { "FLOP" } else { "memory" };
+        let bound = if by_operations > by_bytes {
+            "FLOP"
+        } else {
+            "memory"
+        };
         self.total += calls as f64 * seconds;
         self.floor += calls as f64 * floor;
         println!(
@@ -130,7 +147,11 @@ fn linear_maps(report: &mut Report, c: &PolicyConfig, batch: usize) -> Result<()
         } else {
             ("expert", suffix, shape, true)
         };
-        let calls = if matches!(key.0, "vision" | "connector") { c.cameras } else { 1 };
+        let calls = if matches!(key.0, "vision" | "connector") {
+            c.cameras
+        } else {
+            1
+        };
         *maps.entry(key).or_default() += calls;
     }
     for ((part, rows, shape, trained), calls) in maps {
@@ -148,7 +169,13 @@ fn linear_maps(report: &mut Report, c: &PolicyConfig, batch: usize) -> Result<()
             let work = || {
                 std::hint::black_box(out.backward().expect("sizes agree"));
             };
-            report.kernel(&format!("{name}, backward"), calls, 2.0 * operations, 2.0 * bytes, work);
+            report.kernel(
+                &format!("{name}, backward"),
+                calls,
+                2.0 * operations,
+                2.0 * bytes,
+                work,
+            );
         }
     }
     Ok(())
@@ -193,18 +220,31 @@ fn main() -> Result<(), Failure> {
     report.kernel("vision: GELU", layers, 0.0, bytes, || run(gelu_tanh(&x)));
 
     for (part, tokens, width, mlp_width) in [
-        ("text", c.max_prefix_tokens(), c.text.width, c.text.mlp_width),
+        (
+            "text",
+            c.max_prefix_tokens(),
+            c.text.width,
+            c.text.mlp_width,
+        ),
         ("expert", c.chunk_size, c.expert.width, c.expert.mlp_width),
     ] {
         let (gate, gain) = (tensor(&[batch, tokens, mlp_width])?, tensor(&[width])?);
         let x = tensor(&[batch, tokens, width])?;
         let bytes = |width: usize, tensors: f64| 4.0 * tensors * (batch * tokens * width) as f64;
-        report.kernel(&format!("{part}: SwiGLU"), c.text.layers, 0.0, bytes(mlp_width, 3.0), || {
-            run(swiglu(&gate, &gate))
-        });
-        report.kernel(&format!("{part}: RMSNorm"), 2 * c.text.layers + 1, 0.0, bytes(width, 2.0), || {
-            run(rms_norm(&x, &gain, 1e-5))
-        });
+        report.kernel(
+            &format!("{part}: SwiGLU"),
+            c.text.layers,
+            0.0,
+            bytes(mlp_width, 3.0),
+            || run(swiglu(&gate, &gate)),
+        );
+        report.kernel(
+            &format!("{part}: RMSNorm"),
+            2 * c.text.layers + 1,
+            0.0,
+            bytes(width, 2.0),
+            || run(rms_norm(&x, &gain, 1e-5)),
+        );
     }
 
     // AdamW reads gradient, weight and both moments, and writes all but the gradient.
@@ -217,7 +257,10 @@ fn main() -> Result<(), Failure> {
     let mut optimizer = AdamW::new(&variables, AdamWOptions::default())?;
     let gradients = variable.as_tensor().sum_all()?.backward()?;
     report.kernel("AdamW", 1, 0.0, 28.0 * trained as f64, || {
-        optimizer.step(&gradients, 1e-4).map(|_| ()).expect("a gradient is there");
+        optimizer
+            .step(&gradients, 1e-4)
+            .map(|_| ())
+            .expect("a gradient is there");
     });
     println!(
         "{}",

@@ -57,7 +57,10 @@ impl Bench {
         let policy = init_policy(&config, 1)?;
         let mut variables = BTreeMap::new();
         let mut tensors = BTreeMap::new();
-        let all = policy.frozen.into_iter().chain(policy.expert.into_tensors());
+        let all = policy
+            .frozen
+            .into_iter()
+            .chain(policy.expert.into_tensors());
         for (name, t) in all {
             let tensor = Tensor::from_vec(t.data, t.shape, device)?;
             let trained = expert_layout(&config).contains_key(&name)
@@ -113,9 +116,12 @@ impl Bench {
             })
         };
         let length = self.config.max_language_tokens.min(48);
-        let ids = (0..self.batch * length).map(|i| (i * 7 % (self.config.text.vocabulary - 1)) as u32);
+        let ids =
+            (0..self.batch * length).map(|i| (i * 7 % (self.config.text.vocabulary - 1)) as u32);
         Ok(self.prefix.cache(&PrefixInput {
-            cameras: (0..self.config.cameras).map(camera).collect::<Result<_, _>>()?,
+            cameras: (0..self.config.cameras)
+                .map(camera)
+                .collect::<Result<_, _>>()?,
             tokens: Tensor::from_iter(ids, &Device::Cpu)?.reshape((self.batch, length))?,
             token_mask: vec![vec![true; length]; self.batch],
             state: self.state.clone(),
@@ -132,7 +138,10 @@ impl Bench {
         let noise = Tensor::from_vec(noise, self.actions.shape(), &Device::Cpu)?;
         let x_t = noisy_actions(&self.actions, &noise, &times)?;
         let velocity = self.expert.forward(cache, &x_t, &times)?;
-        let loss = mean_loss(&losses(&velocity, &target_velocity(&self.actions, &noise)?)?)?;
+        let loss = mean_loss(&losses(
+            &velocity,
+            &target_velocity(&self.actions, &noise)?,
+        )?)?;
         self.optimizer.step(&loss.backward()?, 1e-4)?;
         Ok(loss.to_scalar()?)
     }
@@ -151,7 +160,9 @@ fn without_state(mut cache: PrefixCache) -> PrefixCache {
 /// The largest resident set of this process so far, in bytes.
 fn peak_memory() -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
-    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
+    let line = status
+        .lines()
+        .find_map(|line| line.strip_prefix("VmHWM:"))?;
     let kilobytes: u64 = line.split_whitespace().next()?.parse().ok()?;
     Some(1024 * kilobytes)
 }
@@ -159,7 +170,9 @@ fn peak_memory() -> Option<u64> {
 fn main() -> Result<(), Failure> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let [profile, batch, what, steps] = arguments.as_slice() else {
-        return Err("usage: train_step tiny|micro|full BATCH whole|cached|cached-state STEPS".into());
+        return Err(
+            "usage: train_step tiny|micro|full BATCH whole|cached|cached-state STEPS".into(),
+        );
     };
     let profile_named = Profile::from_name(profile)?;
     let (batch, steps): (usize, usize) = (batch.parse()?, steps.parse()?);

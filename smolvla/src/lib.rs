@@ -9,19 +9,24 @@
 //! - [`model`] is the policy in candle, in two phases: [`model::prefix`] computes the per-layer key/value
 //!   cache of images, language and state (frozen in training), [`model::expert`] the action expert over
 //!   that cache. [`model::flow`] is the flow-matching loss.
+//! - [`act`] goes from what a robot sees to its next actions.
 //! - [`train`] fits the expert to prepared samples with AdamW ([`optimizer`]); [`mod@evaluate`] gives the
 //!   loss at chosen noise and times, which is what a claim is about.
 //! - [`fixed_point`] brings weights and samples into the form that a claim evaluates; [`calibrate`] chooses its ranges from
 //!   data, and [`fidelity`] compares its loss with the float32 one.
-//! - [`config`] has every dimension and the named profiles; [`layout`] the tensors that follow from it, by
+//! - [`config`] has every dimension, [`profile`] named sets of them; [`layout`] the tensors that follow from it, by
 //!   LeRobot's names; [`weights`] their values as plain `f32`; [`init`] a seeded start;
-//!   [`policy_file`] a whole policy as one file.
+//!   [`policy_file`] a whole policy as one file; [`checkpoint`] a folder of LeRobot's, read and written ([`lerobot_config`] and
+//!   [`vlm_config`] its configuration, [`tensor_file`] its weights).
 //!
-//! The only code that knows sizes is [`config`]: the `tiny` fixture, the `micro` profile of the demo and
+//! The only code that knows sizes is [`profile`]: the `tiny` fixture, the `micro` profile of the demo and
 //! the published model run through the same functions.
 
+pub mod act;
 pub mod batch;
 pub mod calibrate;
+pub mod cameras;
+pub mod checkpoint;
 pub mod config;
 pub mod dataset;
 pub mod error;
@@ -35,13 +40,19 @@ pub mod lerobot_config;
 pub mod model;
 pub mod optimizer;
 pub mod policy_file;
+pub mod profile;
 pub mod random;
 pub mod recording;
 pub mod sample;
+pub mod tensor_file;
 pub mod tokenizer;
 pub mod train;
+pub mod vlm_config;
 pub mod weights;
 
-pub use config::{PolicyConfig, Profile};
+pub use checkpoint::Checkpoint;
+pub use config::PolicyConfig;
 pub use error::PolicyError;
+pub use lerobot_config::LeRobotConfig;
+pub use profile::Profile;
 pub use weights::{ExpertWeights, Policy, TensorData};

@@ -23,11 +23,8 @@ impl Mask {
                 bias.extend((0..keys).map(|k| if allowed(b, q, k) { 0.0 } else { f32::MIN }));
             }
         }
-        Ok(Self(Tensor::from_vec(
-            bias,
-            (batch, 1, queries, keys),
-            device,
-        )?))
+        let shape = (batch, 1, queries, keys);
+        Ok(Self(Tensor::from_vec(bias, shape, device)?))
     }
 }
 

@@ -6,6 +6,7 @@ use super::attention::{attend, Mask};
 use super::kernels::linear::Linear;
 use super::layers::{linear, DecoderLayer, RmsNorm};
 use super::rope::Rope;
+use super::visibility::{prefix_positions, prefix_sees};
 use super::vision::{Vision, VisionRun};
 use super::Parameters;
 use crate::config::PolicyConfig;
@@ -32,12 +33,15 @@ pub struct PrefixInput {
     pub state: Tensor,
 }
 
-/// The prefix as the language layers read it: cameras, then language, then one state token.
+/// The prefix as the language layers read it: cameras, then language, then one state token, then filling up to the
+/// configuration's `prefix_length`.
 pub struct PrefixEmbedding {
     /// (B, P, text width).
     pub tokens: Tensor,
     /// Which tokens are real: B rows of P.
     pub valid: Vec<Vec<bool>>,
+    /// Which of them is the state token.
+    pub state: usize,
     /// The vision tower's values, camera by camera.
     pub vision: Vec<VisionRun>,
 }
@@ -57,6 +61,8 @@ pub struct PrefixCache {
 pub struct PrefixRun {
     /// Input of every layer, then the output of the last: each (B, P, text width).
     pub hidden: Vec<Tensor>,
+    /// Attention output of every layer, before its output projection: each (B, P, heads * head_dim).
+    pub attended: Vec<Tensor>,
     /// What the expert needs.
     pub cache: PrefixCache,
     /// After the final norm (B, P, text width); the policy has no use for it.
@@ -131,14 +137,17 @@ impl PrefixModel {
         }
         let tokens = Tensor::cat(&parts, 1)?;
         let count = tokens.dim(1)?;
-        if valid.iter().any(|row| row.len() != count) {
+        if tokens.dim(0)? != batch || valid.iter().any(|row| row.len() != count) {
             return Err(PolicyError::Sample(
                 "camera or token masks do not fit the batch".into(),
             ));
         }
+        let length = self.config.prefix_length.max(count);
+        valid.iter_mut().for_each(|row| row.resize(length, false));
         Ok(PrefixEmbedding {
-            tokens,
+            tokens: tokens.pad_with_zeros(1, 0, length - count)?,
             valid,
+            state: count - 1,
             vision,
         })
     }
@@ -150,28 +159,30 @@ impl PrefixModel {
         let head_dim = self.config.text.head_dim;
         let valid = &embedding.valid;
         let mask = Mask::new((batch, count, count), device, |b, q, k| {
-            let state = count - 1;
-            valid[b][q] && valid[b][k] && (k != state || q == state)
+            prefix_sees(&valid[b], embedding.state, q, k)
         })?;
-        let positions: Vec<Vec<i64>> = valid.iter().map(|row| running_count(row)).collect();
+        let positions: Vec<Vec<i64>> = valid.iter().map(|row| prefix_positions(row)).collect();
         let rope = Rope::new(&positions, head_dim, device)?;
 
         let mut x = embedding.tokens.clone();
-        let mut hidden = vec![x.clone()];
+        let (mut hidden, mut attended) = (vec![x.clone()], Vec::new());
         let (mut keys, mut values) = (Vec::new(), Vec::new());
         for layer in &self.layers {
             let normed = layer.normalised(&x)?;
             let q = rope.apply(&layer.queries(&normed, head_dim)?)?;
             let k = rope.apply(&layer.keys(&normed, head_dim)?)?;
             let v = layer.values(&normed, head_dim)?;
-            x = layer.finish(&x, &attend(&q, &k, &v, &mask)?, &mut |_, _| Ok(()))?;
+            let mixed = attend(&q, &k, &v, &mask)?;
+            x = layer.finish(&x, &mixed, &mut |_, _| Ok(()))?;
             hidden.push(x.clone());
+            attended.push(mixed);
             keys.push(k);
             values.push(v);
         }
         let output = self.norm.forward(&x)?;
         Ok(PrefixRun {
             hidden,
+            attended,
             cache: PrefixCache {
                 keys,
                 values,
@@ -193,7 +204,9 @@ impl PrefixModel {
         let mut valid = observed.valid.clone();
         valid.iter_mut().for_each(|row| row.push(true));
         let count = valid.first().map_or(0, Vec::len);
-        let mask = Mask::new((valid.len(), 1, count), state.device(), |b, _, k| valid[b][k])?;
+        let mask = Mask::new((valid.len(), 1, count), state.device(), |b, _, k| {
+            valid[b][k]
+        })?;
 
         let mut x = self.state.forward(state)?.unsqueeze(1)?;
         let (mut keys, mut values) = (Vec::new(), Vec::new());
@@ -214,16 +227,4 @@ impl PrefixModel {
             valid,
         })
     }
-}
-
-/// Position of each token: the running count of valid tokens, minus one.
-fn running_count(valid: &[bool]) -> Vec<i64> {
-    let mut position = -1;
-    valid
-        .iter()
-        .map(|v| {
-            position += i64::from(*v);
-            position
-        })
-        .collect()
 }

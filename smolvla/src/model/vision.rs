@@ -26,6 +26,8 @@ pub struct Vision {
 
 /// Values on the way of one camera's images, in order.
 pub struct VisionRun {
+    /// The patch convolution (B, patches, width), before positions are added.
+    pub patches: Tensor,
     /// Input of every encoder layer, then the output of the last: each (B, patches, width).
     pub hidden: Vec<Tensor>,
     /// After the final norm (B, patches, width).
@@ -81,10 +83,8 @@ impl Vision {
 
     /// Tokens of images (B, 3, size, size) with values in [-1, 1].
     pub fn run(&self, images: &Tensor) -> Result<VisionRun> {
-        let mut x = self
-            .patch
-            .forward(&self.patches(images)?)?
-            .broadcast_add(&self.positions)?;
+        let patches = self.patch.forward(&self.patches(images)?)?;
+        let mut x = patches.broadcast_add(&self.positions)?;
         let mut hidden = vec![x.clone()];
         for layer in &self.layers {
             x = layer.forward(&x)?;
@@ -93,6 +93,7 @@ impl Vision {
         let normed = self.post_norm.forward(&x)?;
         let tokens = self.connector.forward(&self.pixel_shuffle(&normed)?)?;
         Ok(VisionRun {
+            patches,
             hidden,
             normed,
             tokens,
@@ -100,11 +101,14 @@ impl Vision {
     }
 
     /// (B, 3, size, size) to (B, patches, 3 * patch * patch): the patch convolution as a matrix product.
+    /// Pixels beyond the last whole patch are left out, as a convolution without padding does.
     fn patches(&self, images: &Tensor) -> Result<Tensor> {
         let (batch, channels, height, width) = images.dims4()?;
         let p = self.patch_size;
         let (rows, columns) = (height / p, width / p);
         let split = images
+            .narrow(2, 0, rows * p)?
+            .narrow(3, 0, columns * p)?
             .reshape((batch, channels, rows, p, columns, p))?
             .permute((0, 2, 4, 1, 3, 5))?;
         Ok(split.reshape((batch, rows * columns, channels * p * p))?)

@@ -56,12 +56,21 @@ impl CustomOp3 for AttendToAll {
         let (batch, tokens, width) = q_layout.shape().dims3()?;
         for layout in [k_layout, v_layout] {
             if layout.shape() != q_layout.shape() || width % self.heads.max(1) != 0 {
-                candle_core::bail!("queries {:?}, keys or values {:?}, {} heads", q_layout.shape(), layout.shape(), self.heads);
+                candle_core::bail!(
+                    "queries {:?}, keys or values {:?}, {} heads",
+                    q_layout.shape(),
+                    layout.shape(),
+                    self.heads
+                );
             }
         }
         let dim = width / self.heads.max(1);
         let scale = (dim as f32).powf(-0.5);
-        let (q, k, v) = (values(q, q_layout)?, values(k, k_layout)?, values(v, v_layout)?);
+        let (q, k, v) = (
+            values(q, q_layout)?,
+            values(k, k_layout)?,
+            values(v, v_layout)?,
+        );
         let mut out = vec![0.0f32; batch * tokens * width];
         // A block never reaches into another sample: samples are divided first.
         let samples = out.par_chunks_mut((tokens * width).max(1)).enumerate();
@@ -74,9 +83,11 @@ impl CustomOp3 for AttendToAll {
             let mut scores = vec![0.0f32; queries * tokens];
             for head in 0..self.heads {
                 let column = head * dim;
-                let queries_of = Matrix::strided(&q[first_query * width + column..], queries, dim, width);
+                let queries_of =
+                    Matrix::strided(&q[first_query * width + column..], queries, dim, width);
                 let keys_of = Matrix::strided(&k[first_key * width + column..], tokens, dim, width);
-                let values_of = Matrix::strided(&v[first_key * width + column..], tokens, dim, width);
+                let values_of =
+                    Matrix::strided(&v[first_key * width + column..], tokens, dim, width);
                 product(
                     queries_of,
                     keys_of.transposed(),
@@ -132,7 +143,13 @@ mod tests {
         let double = |x: &Tensor| x.to_dtype(candle_core::DType::F64).unwrap();
         let theirs = attend_to_all(&double(&q), &double(&k), &double(&v), heads).unwrap();
         let difference = (double(&ours) - theirs).unwrap().abs().unwrap();
-        let largest: f64 = difference.flatten_all().unwrap().max(0).unwrap().to_scalar().unwrap();
+        let largest: f64 = difference
+            .flatten_all()
+            .unwrap()
+            .max(0)
+            .unwrap()
+            .to_scalar()
+            .unwrap();
         assert!(largest < 1e-5, "{largest}");
     }
 }

@@ -52,7 +52,10 @@ mod tests {
         let ours: Vec<f32> = gelu_tanh(&x).unwrap().to_vec1().unwrap();
         let theirs: Vec<f32> = x.gelu().unwrap().to_vec1().unwrap();
         for (ours, theirs) in ours.iter().zip(&theirs) {
-            assert!((ours - theirs).abs() < 2e-6 * theirs.abs().max(1.0), "{ours} {theirs}");
+            assert!(
+                (ours - theirs).abs() < 2e-6 * theirs.abs().max(1.0),
+                "{ours} {theirs}"
+            );
         }
     }
 }

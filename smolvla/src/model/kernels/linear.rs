@@ -47,8 +47,7 @@ fn forward(
     (w, w_layout): (&CpuStorage, &Layout),
     bias: Option<&[f32]>,
 ) -> Result<(CpuStorage, Shape)> {
-    let ((rows, inner), (outer, columns)) =
-        (x_layout.shape().dims2()?, w_layout.shape().dims2()?);
+    let ((rows, inner), (outer, columns)) = (x_layout.shape().dims2()?, w_layout.shape().dims2()?);
     if inner != columns || bias.is_some_and(|bias| bias.len() != outer) {
         candle_core::bail!("a linear map of {columns} to {outer} values got {inner}");
     }
@@ -104,7 +103,15 @@ impl CustomOp2 for Backward {
             Self::Weight => (grad.transposed(), outer),
         };
         let mut out = vec![0.0; rows * inner];
-        product(grad, other, 1.0, &mut out, inner, Into::Replace, Threads::All);
+        product(
+            grad,
+            other,
+            1.0,
+            &mut out,
+            inner,
+            Into::Replace,
+            Threads::All,
+        );
         Ok((CpuStorage::F32(out), Shape::from((rows, inner))))
     }
 }
@@ -220,7 +227,9 @@ mod tests {
     #[test]
     fn a_bias_or_input_of_another_length_is_an_error() {
         let (x, w) = (tensor(&[4, 7], 0.3), tensor(&[3, 7], 0.7));
-        assert!(Linear::new(w.clone(), Some(tensor(&[7], 1.0))).forward(&x).is_err());
+        assert!(Linear::new(w.clone(), Some(tensor(&[7], 1.0)))
+            .forward(&x)
+            .is_err());
         assert!(Linear::new(w, None).forward(&tensor(&[4, 6], 1.0)).is_err());
     }
 }

@@ -131,9 +131,20 @@ mod tests {
         let a: Vec<f32> = (0..35).map(|x| x as f32 - 11.0).collect();
         let b: Vec<f32> = (0..30).map(|x| (x * x % 13) as f32).collect();
         // 4 x 3 inside rows of 7, times the transpose of 5 x 3 inside rows of 5.
-        let (left, right) = (Matrix::strided(&a[2..], 4, 3, 7), Matrix::strided(&b, 5, 3, 5));
+        let (left, right) = (
+            Matrix::strided(&a[2..], 4, 3, 7),
+            Matrix::strided(&b, 5, 3, 5),
+        );
         let mut out = vec![1.0f32; 4 * 6];
-        product(left, right.transposed(), 2.0, &mut out, 6, Into::Add, Threads::All);
+        product(
+            left,
+            right.transposed(),
+            2.0,
+            &mut out,
+            6,
+            Into::Add,
+            Threads::All,
+        );
         for i in 0..4 {
             for j in 0..5 {
                 let dot: f32 = (0..3).map(|k| a[2 + i * 7 + k] * b[j * 5 + k]).sum();
@@ -141,7 +152,15 @@ mod tests {
             }
             assert_eq!(out[i * 6 + 5], 1.0, "between the rows nothing is written");
         }
-        product(left, right.transposed(), 1.0, &mut out, 6, Into::Replace, Threads::One);
+        product(
+            left,
+            right.transposed(),
+            1.0,
+            &mut out,
+            6,
+            Into::Replace,
+            Threads::One,
+        );
         assert_eq!(out[0], (0..3).map(|k| a[2 + k] * b[k]).sum::<f32>());
     }
 }

@@ -141,7 +141,11 @@ mod tests {
         let ours = rms_norm(&x, &gain, 1e-5).unwrap();
         let mean_square = x.sqr().unwrap().mean_keepdim(D::Minus1).unwrap();
         let root = (mean_square + 1e-5).unwrap().sqrt().unwrap();
-        let theirs = x.broadcast_div(&root).unwrap().broadcast_mul(&gain).unwrap();
+        let theirs = x
+            .broadcast_div(&root)
+            .unwrap()
+            .broadcast_mul(&gain)
+            .unwrap();
         close(&ours, &theirs);
         let gradients = |out: Tensor| out.sin().unwrap().sum_all().unwrap().backward().unwrap();
         let (ours, theirs) = (gradients(ours), gradients(theirs));
@@ -150,7 +154,12 @@ mod tests {
         }
         // A frozen gain gets none.
         let frozen = gain.as_detached_tensor();
-        let gradients = rms_norm(&x, &frozen, 1e-5).unwrap().sum_all().unwrap().backward().unwrap();
+        let gradients = rms_norm(&x, &frozen, 1e-5)
+            .unwrap()
+            .sum_all()
+            .unwrap()
+            .backward()
+            .unwrap();
         assert!(gradients.get(&x).is_some() && gradients.get(&frozen).is_none());
     }
 }

@@ -44,8 +44,15 @@ impl CustomOp3 for Rotate {
         let (batch, tokens, heads, dim) = x_layout.shape().dims4()?;
         let half = dim / 2;
         let angles = (batch, tokens, 1, half);
-        if sin_layout.shape().dims4()? != angles || cos_layout.shape().dims4()? != angles || half == 0 {
-            candle_core::bail!("cannot rotate {:?} by angles {:?}", x_layout.shape(), sin_layout.shape());
+        if sin_layout.shape().dims4()? != angles
+            || cos_layout.shape().dims4()? != angles
+            || half == 0
+        {
+            candle_core::bail!(
+                "cannot rotate {:?} by angles {:?}",
+                x_layout.shape(),
+                sin_layout.shape()
+            );
         }
         let (sin, cos) = (values(sin, sin_layout)?, values(cos, cos_layout)?);
         let mut out = values(x, x_layout)?.to_vec();
@@ -91,7 +98,9 @@ mod tests {
         let count = batch * tokens * heads * dim;
         let x: Vec<f32> = (0..count).map(|i| (i as f32 * 0.7).sin()).collect();
         let x = Tensor::from_vec(x, (batch, tokens, heads, dim), &Device::Cpu).unwrap();
-        let angles: Vec<f32> = (0..batch * tokens * dim / 2).map(|i| i as f32 * 0.3).collect();
+        let angles: Vec<f32> = (0..batch * tokens * dim / 2)
+            .map(|i| i as f32 * 0.3)
+            .collect();
         let angles = Tensor::from_vec(angles, (batch, tokens, 1, dim / 2), &Device::Cpu).unwrap();
         let (sin, cos) = (angles.sin().unwrap(), angles.cos().unwrap());
         let variable = Var::from_tensor(&x).unwrap();

@@ -41,24 +41,30 @@ impl CustomOp2 for MaskedSoftmax {
     ) -> Result<(CpuStorage, Shape)> {
         let (batch, heads, queries, keys) = scores_layout.shape().dims4()?;
         if mask_layout.shape().dims4()? != (batch, 1, queries, keys) {
-            candle_core::bail!("scores {:?} and mask {:?}", scores_layout.shape(), mask_layout.shape());
+            candle_core::bail!(
+                "scores {:?} and mask {:?}",
+                scores_layout.shape(),
+                mask_layout.shape()
+            );
         }
         let mut out = values(scores, scores_layout)?.to_vec();
         let mask = values(mask, mask_layout)?;
         let scale = self.scale;
         let plane = (queries * keys).max(1);
-        out.par_chunks_mut(plane).enumerate().for_each(|(at, plane_of)| {
-            let mask = &mask[at / heads * plane..][..plane_of.len()];
-            vectorised(|| {
-                let rows = plane_of.chunks_exact_mut(keys.max(1));
-                for (row, mask) in rows.zip(mask.chunks_exact(keys.max(1))) {
-                    for (value, mask) in row.iter_mut().zip(mask) {
-                        *value = *value * scale + mask;
+        out.par_chunks_mut(plane)
+            .enumerate()
+            .for_each(|(at, plane_of)| {
+                let mask = &mask[at / heads * plane..][..plane_of.len()];
+                vectorised(|| {
+                    let rows = plane_of.chunks_exact_mut(keys.max(1));
+                    for (row, mask) in rows.zip(mask.chunks_exact(keys.max(1))) {
+                        for (value, mask) in row.iter_mut().zip(mask) {
+                            *value = *value * scale + mask;
+                        }
+                        softmax_row(row);
                     }
-                    softmax_row(row);
-                }
+                });
             });
-        });
         Ok((CpuStorage::F32(out), scores_layout.shape().clone()))
     }
 
@@ -71,7 +77,10 @@ impl CustomOp2 for MaskedSoftmax {
     ) -> Result<(Option<Tensor>, Option<Tensor>)> {
         let scale = self.scale;
         let grad = grad.contiguous()?;
-        Ok((Some(out.apply_op2_no_bwd(&grad, &Backward { scale })?), None))
+        Ok((
+            Some(out.apply_op2_no_bwd(&grad, &Backward { scale })?),
+            None,
+        ))
     }
 }
 
@@ -173,16 +182,28 @@ mod tests {
         let mask = Tensor::from_vec(mask, (batch, 1, queries, keys), &Device::Cpu).unwrap();
         let variable = Var::from_tensor(&scores).unwrap();
         let ours = masked_softmax(&variable, &mask, 0.3).unwrap();
-        let masked = (variable.as_tensor() * 0.3).unwrap().broadcast_add(&mask).unwrap();
+        let masked = (variable.as_tensor() * 0.3)
+            .unwrap()
+            .broadcast_add(&mask)
+            .unwrap();
         let theirs = candle_nn::ops::softmax(&masked, D::Minus1).unwrap();
         let distance = |a: &Tensor, b: &Tensor| {
             let difference = (a - b).unwrap().abs().unwrap().flatten_all().unwrap();
             difference.max(0).unwrap().to_scalar::<f32>().unwrap()
         };
         assert!(distance(&ours, &theirs) < 1e-6);
-        let weighted = |p: &Tensor| (p * &scores).unwrap().sum_all().unwrap().backward().unwrap();
+        let weighted = |p: &Tensor| {
+            (p * &scores)
+                .unwrap()
+                .sum_all()
+                .unwrap()
+                .backward()
+                .unwrap()
+        };
         let (ours, theirs) = (weighted(&ours), weighted(&theirs));
-        let of = |gradients: &candle_core::backprop::GradStore| gradients.get(&variable).unwrap().clone();
+        let of = |gradients: &candle_core::backprop::GradStore| {
+            gradients.get(&variable).unwrap().clone()
+        };
         assert!(distance(&of(&ours), &of(&theirs)) < 1e-5);
     }
 }

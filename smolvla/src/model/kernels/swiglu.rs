@@ -35,7 +35,11 @@ impl CustomOp2 for SwiGlu {
         let mut out = values(gate, gate_layout)?.to_vec();
         let up = values(up, up_layout)?;
         if gate_layout.shape() != up_layout.shape() {
-            candle_core::bail!("gate {:?} and up {:?}", gate_layout.shape(), up_layout.shape());
+            candle_core::bail!(
+                "gate {:?} and up {:?}",
+                gate_layout.shape(),
+                up_layout.shape()
+            );
         }
         let blocks = out.par_chunks_mut(BLOCK).zip(up.par_chunks(BLOCK));
         blocks.for_each(|(gate, up)| {
@@ -87,16 +91,18 @@ impl CustomOp3 for Backward {
         let mut out = values(grad, grad_layout)?.to_vec();
         let (gate, up) = (values(gate, gate_layout)?, values(up, up_layout)?);
         let blocks = out.par_chunks_mut(BLOCK).zip(gate.par_chunks(BLOCK));
-        blocks.zip(up.par_chunks(BLOCK)).for_each(|((grad, gate), up)| {
-            let values = grad.iter_mut().zip(gate).zip(up);
-            vectorised(|| match self {
-                Self::Gate => values.for_each(|((grad, gate), up)| {
-                    let s = sigmoid(*gate);
-                    *grad *= up * s * (1.0 + gate * (1.0 - s));
-                }),
-                Self::Up => values.for_each(|((grad, gate), _)| *grad *= gate * sigmoid(*gate)),
+        blocks
+            .zip(up.par_chunks(BLOCK))
+            .for_each(|((grad, gate), up)| {
+                let values = grad.iter_mut().zip(gate).zip(up);
+                vectorised(|| match self {
+                    Self::Gate => values.for_each(|((grad, gate), up)| {
+                        let s = sigmoid(*gate);
+                        *grad *= up * s * (1.0 + gate * (1.0 - s));
+                    }),
+                    Self::Up => values.for_each(|((grad, gate), _)| *grad *= gate * sigmoid(*gate)),
+                });
             });
-        });
         Ok((CpuStorage::F32(out), grad_layout.shape().clone()))
     }
 }
