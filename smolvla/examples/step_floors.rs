@@ -19,6 +19,10 @@ use zk0_smolvla::model::kernels::swiglu::swiglu;
 use zk0_smolvla::optimizer::{AdamW, AdamWOptions};
 use zk0_smolvla::{PolicyConfig, Profile};
 
+/// As in the `zk0` binary: it keeps freed memory, which large tensors ask for again and again.
+#[global_allocator]
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
+
 type Failure = Box<dyn std::error::Error>;
 
 /// What this machine does at best, per second.

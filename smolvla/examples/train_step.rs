@@ -24,6 +24,10 @@ use zk0_smolvla::model::Parameters;
 use zk0_smolvla::optimizer::{AdamW, AdamWOptions};
 use zk0_smolvla::{PolicyConfig, Profile};
 
+/// As in the `zk0` binary: it keeps freed memory, which large tensors ask for again and again.
+#[global_allocator]
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
+
 type Failure = Box<dyn std::error::Error>;
 
 /// Height and width of the recorded pictures: a webcam's, or the tiny fixture's.
