@@ -1,27 +1,38 @@
-//! The policy with LeRobot's trainable tensors as variables.
+//! The policy with the reference's trainable tensors as variables.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use candle_core::{Device, Tensor, Var};
-use zk0_smolvla::layout::trainable_layout;
+use zk0_smolvla::layout::{trainable_layout, Layout};
 use zk0_smolvla::model::{flow, Parameters};
 
 use crate::case::Case;
-use crate::reference::{lerobot, policy};
+use crate::reference::{json, lerobot, policy, Values};
 
 pub struct Training {
     pub variables: BTreeMap<String, Var>,
     pub case: Case,
 }
 
+/// Tensors that LeRobot would train but that no loss reaches: they stay as they are.
+pub fn idle() -> BTreeSet<String> {
+    let names = json("facts.json")["trainable_without_gradient"].clone();
+    serde_json::from_value(names).unwrap_or_default()
+}
+
 impl Training {
     pub fn new() -> Self {
         let lerobot = lerobot();
-        assert!(
-            lerobot.training.train_expert_only,
-            "training the vision-language model is not implemented"
-        );
-        let trainable = trainable_layout(&lerobot.dims, lerobot.training.train_state_proj);
+        let reference = Values::read("grads.safetensors");
+        let shape = |name: &String| (name.clone(), reference.shape(name).to_vec());
+        let trainable: Layout = reference.names().map(shape).collect();
+        if lerobot.training.train_expert_only {
+            // Not so only where the vision-language model is trained too, which the library has no set for.
+            let with_state = lerobot.training.train_state_proj;
+            let mut ours = trainable_layout(&lerobot.dims, with_state);
+            ours.retain(|name, _| !idle().contains(name));
+            assert_eq!(trainable, ours);
+        }
         let policy = policy();
         let mut all = policy.frozen;
         all.extend(policy.expert.into_tensors());

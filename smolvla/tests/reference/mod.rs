@@ -14,10 +14,11 @@ pub fn fixtures() -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../tests/fixtures")
 }
 
-/// The reference's folder: `ZK0_PARITY_DIR`, or the one in the repository.
+/// The reference's folder: `ZK0_PARITY_DIR` (from the repository's root, where it is relative), or the committed one.
 pub fn folder() -> PathBuf {
+    let root = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("..");
     std::env::var_os("ZK0_PARITY_DIR")
-        .map_or_else(|| fixtures().join("smolvla_tiny"), PathBuf::from)
+        .map_or_else(|| fixtures().join("smolvla_tiny"), |dir| root.join(dir))
 }
 
 /// The largest resident size that this process ever had, in GiB.
@@ -86,7 +87,10 @@ impl Values {
                 Dtype::I64 => wide(8)
                     .map(|b| i64::from_le_bytes(b.try_into().unwrap()) as f64)
                     .collect(),
-                Dtype::BOOL => data.iter().map(|b| f64::from(*b)).collect(),
+                Dtype::I32 => wide(4)
+                    .map(|b| f64::from(i32::from_le_bytes(b.try_into().unwrap())))
+                    .collect(),
+                Dtype::BOOL | Dtype::U8 => data.iter().map(|b| f64::from(*b)).collect(),
                 other => panic!("{name}: {other:?}"),
             };
             (view.shape().to_vec(), values)
