@@ -192,6 +192,20 @@ impl PrefixModel {
         })
     }
 
+    /// [`Self::cache`], through which a gradient reaches `state_proj` and nothing else: only the state's token depends on it, so
+    /// that all others are computed without one. Takes one token more than [`Self::cache`], and stores nothing for the others.
+    ///
+    /// The state's token is the last, and where it was before no token is valid.
+    pub fn cache_training_state(&self, input: &PrefixInput) -> Result<PrefixCache> {
+        let mut embedding = self.embed(input)?;
+        embedding.tokens = embedding.tokens.detach();
+        let mut observed = self.run(&embedding)?.cache;
+        for row in &mut observed.valid {
+            row[embedding.state] = false;
+        }
+        self.with_state(&observed, &input.state)
+    }
+
     /// [`Self::cache`] with the state's token made anew, from a cache of the same images and language: of all tokens only the
     /// state's sees the state, so the others' keys and values stay what they are. Training `state_proj` costs one token that way.
     ///

@@ -3,7 +3,7 @@
 use candle_core::Tensor;
 use zk0_smolvla::model::flow;
 
-use crate::reference::{check, numbers, relative_distance, Values};
+use crate::reference::{check, lerobot, numbers, relative_distance, Values};
 use crate::training::Training;
 
 fn gradients_agree(training: &Training, file: &str, loss: &Tensor) {
@@ -35,4 +35,18 @@ fn gradients_of_the_valid_only_loss() {
     let action_dim = training.case.config().action_dim;
     let loss = flow::mean_loss_valid_only(&losses, action_dim, &is_pad).unwrap();
     gradients_agree(&training, "grads_valid_only.safetensors", &loss);
+}
+
+/// What training with a cached prefix does: the state's token alone is made anew, and alone has a gradient.
+#[test]
+fn gradients_by_way_of_the_state_token_alone() {
+    if !lerobot().training.train_expert_only {
+        println!("not compared: the reference trains the vision-language model too");
+        return;
+    }
+    let training = Training::new();
+    let input = training.case.prefix_input();
+    let cache = training.case.prefix.cache_training_state(&input).unwrap();
+    let loss = flow::mean_loss(&training.losses_over(&cache, "noise", "time")).unwrap();
+    gradients_agree(&training, "grads.safetensors", &loss);
 }

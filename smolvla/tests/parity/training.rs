@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use candle_core::{Device, Tensor, Var};
 use zk0_smolvla::layout::{trainable_layout, Layout};
+use zk0_smolvla::model::prefix::PrefixCache;
 use zk0_smolvla::model::{flow, Parameters};
 
 use crate::case::Case;
@@ -46,13 +47,18 @@ impl Training {
 
     /// Element-wise losses, through the whole policy: the state projection may be trained.
     pub fn losses(&self, noise: &str, time: &str) -> Tensor {
+        let cache = self.case.prefix.cache(&self.case.prefix_input()).unwrap();
+        self.losses_over(&cache, noise, time)
+    }
+
+    /// Element-wise losses over a prefix.
+    pub fn losses_over(&self, cache: &PrefixCache, noise: &str, time: &str) -> Tensor {
         let case = &self.case;
-        let cache = case.prefix.cache(&case.prefix_input()).unwrap();
         let actions = case.outputs.tensor("prepared.action");
         let noise = case.inputs.tensor(noise);
         let times = case.inputs.f32s(time);
         let x_t = flow::noisy_actions(&actions, &noise, &times).unwrap();
-        let v_t = case.expert.forward(&cache, &x_t, &times).unwrap();
+        let v_t = case.expert.forward(cache, &x_t, &times).unwrap();
         flow::losses(&v_t, &flow::target_velocity(&actions, &noise).unwrap()).unwrap()
     }
 }
