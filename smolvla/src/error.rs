@@ -43,6 +43,14 @@ pub enum PolicyError {
         /// Its value.
         value: f32,
     },
+    /// A policy's file cannot be read or written.
+    #[error("{}: {source}", path.display())]
+    File {
+        /// Which.
+        path: std::path::PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
     /// A frame or prepared sample that does not fit the policy.
     #[error("sample: {0}")]
     Sample(String),
@@ -63,6 +71,12 @@ pub enum PolicyError {
         of: usize,
         /// The offending loss.
         loss: f32,
+    },
+    /// A gradient became NaN or infinite; the step was not made.
+    #[error("training: the norm of the gradient is {norm}; lower the learning rate")]
+    GradientNotFinite {
+        /// The norm over all tensors.
+        norm: f64,
     },
     /// Tensor arithmetic failed.
     #[error("tensor arithmetic: {0}")]

@@ -9,8 +9,10 @@
 //! - [`model`] is the policy in candle, in two phases: [`model::prefix`] computes the per-layer key/value
 //!   cache of images, language and state (frozen in training), [`model::expert`] the action expert over
 //!   that cache. [`model::flow`] is the flow-matching loss.
-//! - [`train`] fits the expert to prepared samples with AdamW ([`optimizer`]); [`mod@evaluate`] gives the
-//!   loss at chosen noise and times, which is what a claim is about.
+//! - [`prefix_cache`] keeps samples on disk, so that the frozen half runs once per frame and not once per start.
+//! - [`train`] fits the expert to samples ([`batch`]) with AdamW ([`optimizer`]) along a [`schedule`], and can be stopped at any
+//!   moment; [`adaptive`] has the rules by which a federation's losses change its rates. [`mod@evaluate`] gives the loss at
+//!   chosen noise and times, which is what a claim is about; [`action_error`] samples actions and compares them.
 //! - [`fixed_point`] brings weights and samples into the form that a claim evaluates; [`calibrate`] chooses its ranges from
 //!   data, and [`fidelity`] compares its loss with the float32 one.
 //! - [`config`] has every dimension and the named profiles; [`layout`] the tensors that follow from it, by
@@ -20,10 +22,13 @@
 //! The only code that knows sizes is [`config`]: the `tiny` fixture, the `micro` profile of the demo and
 //! the published model run through the same functions.
 
+pub mod action_error;
+pub mod adaptive;
 pub mod batch;
 pub mod calibrate;
 pub mod config;
 pub mod dataset;
+pub mod device;
 pub mod error;
 pub mod evaluate;
 pub mod fidelity;
@@ -35,9 +40,12 @@ pub mod lerobot_config;
 pub mod model;
 pub mod optimizer;
 pub mod policy_file;
+pub mod prefix_cache;
 pub mod random;
 pub mod recording;
 pub mod sample;
+pub mod schedule;
+mod tensor_file;
 pub mod tokenizer;
 pub mod train;
 pub mod weights;

@@ -2,6 +2,9 @@
 //!
 //! The frozen half of the policy runs once per frame. What is left is its key/value cache, without the tokens that are
 //! padding (they influence nothing), the normalised action chunk, and which of its frames are padding.
+//!
+//! Where the state projection is trained too, the language layers are not the same from step to step. What is left of a frame
+//! then is what goes into them: an [`EmbeddedSample`].
 
 use candle_core::{Device, Tensor};
 
@@ -26,6 +29,116 @@ pub struct PreparedSample {
     pub actions: Vec<f32>,
     /// Per frame of the chunk: past the end of the episode.
     pub is_pad: Vec<bool>,
+}
+
+/// One frame, embedded for the language layers: cameras and language, without the state's token.
+#[derive(Clone, Debug, PartialEq)]
+pub struct EmbeddedSample {
+    /// Tokens of cameras and language, all of them real.
+    pub tokens: usize,
+    /// (tokens, text width).
+    pub embedding: Vec<f32>,
+    /// (max_state_dim), normalised and zero-padded.
+    pub state: Vec<f32>,
+    /// (chunk_size, max_action_dim), normalised and zero-padded.
+    pub actions: Vec<f32>,
+    /// Per frame of the chunk: past the end of the episode.
+    pub is_pad: Vec<bool>,
+}
+
+/// A kind of sample that a frame can be made into.
+pub trait FromFrame: Clone {
+    /// Runs the frozen part over one frame.
+    ///
+    /// # Errors
+    /// As [`Preparer::prepare`].
+    fn from_frame(preparer: &Preparer, observation: &Observation) -> Result<Self>;
+}
+
+impl FromFrame for PreparedSample {
+    fn from_frame(preparer: &Preparer, observation: &Observation) -> Result<Self> {
+        preparer.prepare(observation)
+    }
+}
+
+impl FromFrame for EmbeddedSample {
+    fn from_frame(preparer: &Preparer, observation: &Observation) -> Result<Self> {
+        preparer.embed(observation)
+    }
+}
+
+impl PreparedSample {
+    /// Says what does not fit the policy, or that a value is not finite.
+    pub(crate) fn check(&self, config: &PolicyConfig) -> std::result::Result<(), String> {
+        if !(1..=config.max_prefix_tokens()).contains(&self.prefix_tokens) {
+            return Err(format!(
+                "{} prefix tokens, the policy takes 1 to {}",
+                self.prefix_tokens,
+                config.max_prefix_tokens()
+            ));
+        }
+        let layer = self.prefix_tokens * config.kv_width();
+        for (what, layers) in [("keys", &self.keys), ("values", &self.values)] {
+            if layers.len() != config.text.layers || layers.iter().any(|l| l.len() != layer) {
+                return Err(format!(
+                    "its {what} are not {} layers of {layer} values",
+                    config.text.layers
+                ));
+            }
+            for values in layers {
+                finite(what, values)?;
+            }
+        }
+        check_actions(config, &self.actions, &self.is_pad)
+    }
+}
+
+impl EmbeddedSample {
+    /// Says what does not fit the policy, or that a value is not finite.
+    pub(crate) fn check(&self, config: &PolicyConfig) -> std::result::Result<(), String> {
+        let most = config.max_prefix_tokens() - 1;
+        if !(1..=most).contains(&self.tokens) {
+            return Err(format!(
+                "{} tokens, the policy takes 1 to {most}",
+                self.tokens
+            ));
+        }
+        let (values, state) = (self.tokens * config.text.width, config.max_state_dim);
+        if self.embedding.len() != values || self.state.len() != state {
+            return Err(format!(
+                "{} embedding and {} state values, the policy takes {values} and {state}",
+                self.embedding.len(),
+                self.state.len()
+            ));
+        }
+        finite("embedding", &self.embedding)?;
+        finite("state", &self.state)?;
+        check_actions(config, &self.actions, &self.is_pad)
+    }
+}
+
+fn check_actions(
+    config: &PolicyConfig,
+    actions: &[f32],
+    is_pad: &[bool],
+) -> std::result::Result<(), String> {
+    if actions.len() != config.chunk_elements() || is_pad.len() != config.chunk_size {
+        return Err(format!(
+            "{} action values and {} padding flags, the policy takes {} and {}",
+            actions.len(),
+            is_pad.len(),
+            config.chunk_elements(),
+            config.chunk_size
+        ));
+    }
+    finite("actions", actions)
+}
+
+fn finite(what: &str, values: &[f32]) -> std::result::Result<(), String> {
+    match values.iter().all(|x| x.is_finite()) {
+        true => Ok(()),
+        false => Err(format!("its {what} hold a value that is not finite")),
+    }
 }
 
 /// One camera's picture.
@@ -78,11 +191,53 @@ impl<'a> Preparer<'a> {
         &self.config
     }
 
+    /// The tokenizer of instructions.
+    pub fn tokenizer(&self) -> &dyn Tokenizer {
+        self.tokenizer
+    }
+
     /// Prepares one frame.
     ///
     /// # Errors
     /// [`PolicyError::Sample`] says what does not fit the policy, or which value is not a number.
     pub fn prepare(&self, observation: &Observation) -> Result<PreparedSample> {
+        let c = &self.config;
+        let cache = self.model.cache(&self.input(observation)?)?;
+        let plain = |layers: &[Tensor]| -> Result<Vec<Vec<f32>>> {
+            layers
+                .iter()
+                .map(|layer| Ok(layer.flatten_all()?.to_vec1()?))
+                .collect()
+        };
+        Ok(PreparedSample {
+            prefix_tokens: cache.valid[0].len(),
+            keys: plain(&cache.keys)?,
+            values: plain(&cache.values)?,
+            actions: widen(observation.actions, c.action_dim, c.max_action_dim),
+            is_pad: observation.is_pad.to_vec(),
+        })
+    }
+
+    /// Embeds one frame.
+    ///
+    /// # Errors
+    /// As [`Self::prepare`].
+    pub fn embed(&self, observation: &Observation) -> Result<EmbeddedSample> {
+        let c = &self.config;
+        let input = self.input(observation)?;
+        let embedded = self.model.embed(&input)?.tokens;
+        // The state's token is the last one.
+        let tokens = embedded.dim(1)? - 1;
+        Ok(EmbeddedSample {
+            tokens,
+            embedding: embedded.narrow(1, 0, tokens)?.flatten_all()?.to_vec1()?,
+            state: input.state.flatten_all()?.to_vec1()?,
+            actions: widen(observation.actions, c.action_dim, c.max_action_dim),
+            is_pad: observation.is_pad.to_vec(),
+        })
+    }
+
+    fn input(&self, observation: &Observation) -> Result<PrefixInput> {
         self.check(observation)?;
         let c = &self.config;
         let device = &Device::Cpu;
@@ -105,7 +260,7 @@ impl<'a> Preparer<'a> {
             )));
         }
         let count = tokens.len();
-        let cache = self.model.cache(&PrefixInput {
+        Ok(PrefixInput {
             cameras: cameras.collect::<Result<_>>()?,
             tokens: Tensor::from_vec(tokens, (1, count), device)?,
             token_mask: vec![vec![true; count]],
@@ -114,19 +269,6 @@ impl<'a> Preparer<'a> {
                 (1, c.max_state_dim),
                 device,
             )?,
-        })?;
-        let plain = |layers: &[Tensor]| -> Result<Vec<Vec<f32>>> {
-            layers
-                .iter()
-                .map(|layer| Ok(layer.flatten_all()?.to_vec1()?))
-                .collect()
-        };
-        Ok(PreparedSample {
-            prefix_tokens: cache.valid[0].len(),
-            keys: plain(&cache.keys)?,
-            values: plain(&cache.values)?,
-            actions: widen(observation.actions, c.action_dim, c.max_action_dim),
-            is_pad: observation.is_pad.to_vec(),
         })
     }
 

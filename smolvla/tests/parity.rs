@@ -4,6 +4,8 @@ mod reference;
 
 use candle_core::{Device, Tensor};
 use reference::{check, close, close_where, config, distance, numbers, policy, text, Values};
+use zk0_smolvla::action_error::{sample_actions, STEPS};
+use zk0_smolvla::batch::Batch;
 use zk0_smolvla::evaluate::{evaluate, FlowDraw};
 use zk0_smolvla::image::resize_with_pad;
 use zk0_smolvla::model::expert::ExpertModel;
@@ -344,7 +346,8 @@ fn loss_from_samples_without_padding() {
 fn sampling() {
     let run = Run::new();
     let cache = run.prefix.run(&run.embedding()).unwrap().cache;
-    let mut x = run.inputs.tensor("sample_noise");
+    let noise = run.inputs.tensor("sample_noise");
+    let mut x = noise.clone();
     let velocities = run.outputs.tensor("sample.v_t");
     for step in 0..10 {
         let time = (1.0 + f64::from(step) * -0.1) as f32;
@@ -358,4 +361,15 @@ fn sampling() {
         x = (x + (v * -0.1).unwrap()).unwrap();
     }
     close(&run.outputs, "sample.actions", &x, 2e-4);
+
+    let rows: Vec<Vec<f32>> = noise.flatten_from(1).unwrap().to_vec2().unwrap();
+    let draw = |noise| FlowDraw { time: 1.0, noise };
+    let draws: Vec<FlowDraw> = rows.into_iter().map(draw).collect();
+    let batch = Batch {
+        cache,
+        is_pad: vec![vec![false; x.dim(1).unwrap()]; draws.len()],
+        actions: noise,
+    };
+    let sampled = sample_actions(&run.expert, &batch, &draws, STEPS).unwrap();
+    close(&run.outputs, "sample.actions", &sampled, 2e-4);
 }
