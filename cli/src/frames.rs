@@ -14,7 +14,7 @@ use zk0_smolvla::{
         entry::Entry, CacheError, DiskCache, FileDigests, FrameMaker, FrameRef, FrameSource,
         KeySpace,
     },
-    sample::{EmbeddedSample, FromFrame, PreparedSample},
+    sample::{FromFrame, ObservedSample, PreparedSample},
     tokenizer::Tokenizer,
     train::Samples,
     PolicyConfig, PolicyError,
@@ -90,9 +90,9 @@ impl Kind for PreparedSample {
     }
 }
 
-impl Kind for EmbeddedSample {
+impl Kind for ObservedSample {
     fn samples(source: &dyn SampleSource<Self>) -> Samples<'_> {
-        Samples::Embedded(source)
+        Samples::Observed(source)
     }
 }
 

@@ -7,7 +7,7 @@ use candle_core::{Device, Tensor};
 use crate::config::PolicyConfig;
 use crate::error::{PolicyError, Result};
 use crate::model::prefix::PrefixCache;
-use crate::sample::{EmbeddedSample, PreparedSample};
+use crate::sample::{ObservedSample, PreparedSample};
 
 /// Samples by number: in memory, or read from a [cache](crate::prefix_cache) one at a time.
 pub trait SampleSource<S: Clone> {
@@ -39,9 +39,9 @@ impl<'a> InMemory<'a, PreparedSample> {
     }
 }
 
-impl<'a> InMemory<'a, EmbeddedSample> {
+impl<'a> InMemory<'a, ObservedSample> {
     /// As [`InMemory::new`].
-    pub fn embedded(config: &PolicyConfig, samples: &'a [EmbeddedSample]) -> Result<Self> {
+    pub fn observed(config: &PolicyConfig, samples: &'a [ObservedSample]) -> Result<Self> {
         Self::checked(samples, |sample| sample.check(config))
     }
 }
@@ -138,49 +138,32 @@ impl Batch {
     }
 }
 
-/// Some embedded samples as tensors.
-pub struct EmbeddedBatch {
-    /// (B, longest, text width): cameras and language, filled up.
-    pub tokens: Tensor,
-    /// Which of them are real: B rows.
-    pub valid: Vec<Vec<bool>>,
+/// Some samples without their state's token as tensors, and their states.
+pub struct ObservedBatch {
+    /// The samples; their prefix lacks the last token.
+    pub observed: Batch,
     /// (B, max_state_dim).
     pub state: Tensor,
-    /// (B, chunk, max_action_dim).
-    pub actions: Tensor,
-    /// B rows of chunk.
-    pub is_pad: Vec<Vec<bool>>,
 }
 
-impl EmbeddedBatch {
+impl ObservedBatch {
     /// As [`Batch::new`].
     ///
     /// # Errors
     /// As [`Batch::new`].
     pub fn new(
         config: &PolicyConfig,
-        samples: &[&EmbeddedSample],
+        samples: &[&ObservedSample],
         numbers: &[usize],
         device: &Device,
     ) -> Result<Self> {
         checked(samples, numbers, |sample| sample.check(config))?;
-        let (count, width) = (samples.len(), config.text.width);
-        let longest = samples.iter().map(|s| s.tokens).max().unwrap_or(0);
-        let rows = samples.iter().map(|s| &s.embedding[..]);
-        let tokens = filled_up(rows, longest * width, count);
-        let state: Vec<f32> = samples
-            .iter()
-            .flat_map(|s| s.state.iter().copied())
-            .collect();
+        let observed: Vec<&PreparedSample> = samples.iter().map(|s| &s.observed).collect();
+        let state = samples.iter().flat_map(|s| s.state.iter().copied());
+        let state: Vec<f32> = state.collect();
         Ok(Self {
-            tokens: Tensor::from_vec(tokens, (count, longest, width), device)?,
-            valid: samples
-                .iter()
-                .map(|s| (0..longest).map(|k| k < s.tokens).collect())
-                .collect(),
-            state: Tensor::from_vec(state, (count, config.max_state_dim), device)?,
-            actions: actions(config, samples.iter().map(|s| &s.actions[..]), device)?,
-            is_pad: samples.iter().map(|s| s.is_pad.clone()).collect(),
+            observed: Batch::new(config, &observed, numbers, device)?,
+            state: Tensor::from_vec(state, (samples.len(), config.max_state_dim), device)?,
         })
     }
 }

@@ -3,8 +3,8 @@
 //! The frozen half of the policy runs once per frame. What is left is its key/value cache, without the tokens that are
 //! padding (they influence nothing), the normalised action chunk, and which of its frames are padding.
 //!
-//! Where the state projection is trained too, the language layers are not the same from step to step. What is left of a frame
-//! then is what goes into them: an [`EmbeddedSample`].
+//! Where the state projection is trained too, the state's token is not the same from step to step. All other tokens are, as
+//! they do not see it: what is left of a frame then is an [`ObservedSample`].
 
 use candle_core::{Device, Tensor};
 
@@ -31,19 +31,13 @@ pub struct PreparedSample {
     pub is_pad: Vec<bool>,
 }
 
-/// One frame, embedded for the language layers: cameras and language, without the state's token.
+/// One frame as its cameras and its instruction make it, with the state beside them: what training the state projection takes.
 #[derive(Clone, Debug, PartialEq)]
-pub struct EmbeddedSample {
-    /// Tokens of cameras and language, all of them real.
-    pub tokens: usize,
-    /// (tokens, text width).
-    pub embedding: Vec<f32>,
+pub struct ObservedSample {
+    /// The prepared sample without the state's token, the last one.
+    pub observed: PreparedSample,
     /// (max_state_dim), normalised and zero-padded.
     pub state: Vec<f32>,
-    /// (chunk_size, max_action_dim), normalised and zero-padded.
-    pub actions: Vec<f32>,
-    /// Per frame of the chunk: past the end of the episode.
-    pub is_pad: Vec<bool>,
 }
 
 /// A kind of sample that a frame can be made into.
@@ -61,9 +55,9 @@ impl FromFrame for PreparedSample {
     }
 }
 
-impl FromFrame for EmbeddedSample {
+impl FromFrame for ObservedSample {
     fn from_frame(preparer: &Preparer, observation: &Observation) -> Result<Self> {
-        preparer.embed(observation)
+        preparer.observe(observation)
     }
 }
 
@@ -93,27 +87,21 @@ impl PreparedSample {
     }
 }
 
-impl EmbeddedSample {
+impl ObservedSample {
     /// Says what does not fit the policy, or that a value is not finite.
     pub(crate) fn check(&self, config: &PolicyConfig) -> std::result::Result<(), String> {
-        let most = config.max_prefix_tokens() - 1;
-        if !(1..=most).contains(&self.tokens) {
+        self.observed.check(config)?;
+        if self.observed.prefix_tokens == config.max_prefix_tokens() {
+            return Err("its prefix leaves no room for the state".into());
+        }
+        if self.state.len() != config.max_state_dim {
             return Err(format!(
-                "{} tokens, the policy takes 1 to {most}",
-                self.tokens
+                "{} state values, the policy takes {}",
+                self.state.len(),
+                config.max_state_dim
             ));
         }
-        let (values, state) = (self.tokens * config.text.width, config.max_state_dim);
-        if self.embedding.len() != values || self.state.len() != state {
-            return Err(format!(
-                "{} embedding and {} state values, the policy takes {values} and {state}",
-                self.embedding.len(),
-                self.state.len()
-            ));
-        }
-        finite("embedding", &self.embedding)?;
-        finite("state", &self.state)?;
-        check_actions(config, &self.actions, &self.is_pad)
+        finite("state", &self.state)
     }
 }
 
@@ -201,8 +189,34 @@ impl<'a> Preparer<'a> {
     /// # Errors
     /// [`PolicyError::Sample`] says what does not fit the policy, or which value is not a number.
     pub fn prepare(&self, observation: &Observation) -> Result<PreparedSample> {
+        self.prepare_input(observation, &self.input(observation)?)
+    }
+
+    /// Prepares one frame but for its state.
+    ///
+    /// # Errors
+    /// As [`Self::prepare`].
+    pub fn observe(&self, observation: &Observation) -> Result<ObservedSample> {
+        let input = self.input(observation)?;
+        // Of all tokens only the state's, the last, sees the state: the others are what they would be without it.
+        let mut observed = self.prepare_input(observation, &input)?;
+        observed.prefix_tokens -= 1;
+        let values = observed.prefix_tokens * self.config.kv_width();
+        let layers = observed.keys.iter_mut().chain(&mut observed.values);
+        layers.for_each(|layer| layer.truncate(values));
+        Ok(ObservedSample {
+            observed,
+            state: input.state.flatten_all()?.to_vec1()?,
+        })
+    }
+
+    fn prepare_input(
+        &self,
+        observation: &Observation,
+        input: &PrefixInput,
+    ) -> Result<PreparedSample> {
         let c = &self.config;
-        let cache = self.model.cache(&self.input(observation)?)?;
+        let cache = self.model.cache(input)?;
         let plain = |layers: &[Tensor]| -> Result<Vec<Vec<f32>>> {
             layers
                 .iter()
@@ -213,25 +227,6 @@ impl<'a> Preparer<'a> {
             prefix_tokens: cache.valid[0].len(),
             keys: plain(&cache.keys)?,
             values: plain(&cache.values)?,
-            actions: widen(observation.actions, c.action_dim, c.max_action_dim),
-            is_pad: observation.is_pad.to_vec(),
-        })
-    }
-
-    /// Embeds one frame.
-    ///
-    /// # Errors
-    /// As [`Self::prepare`].
-    pub fn embed(&self, observation: &Observation) -> Result<EmbeddedSample> {
-        let c = &self.config;
-        let input = self.input(observation)?;
-        let embedded = self.model.embed(&input)?.tokens;
-        // The state's token is the last one.
-        let tokens = embedded.dim(1)? - 1;
-        Ok(EmbeddedSample {
-            tokens,
-            embedding: embedded.narrow(1, 0, tokens)?.flatten_all()?.to_vec1()?,
-            state: input.state.flatten_all()?.to_vec1()?,
             actions: widen(observation.actions, c.action_dim, c.max_action_dim),
             is_pad: observation.is_pad.to_vec(),
         })

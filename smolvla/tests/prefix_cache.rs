@@ -10,7 +10,7 @@ use zk0_smolvla::init::init_policy;
 use zk0_smolvla::prefix_cache::{
     DiskCache, FileDigests, FrameMaker, FrameRef, FrameSource, Key, KeySpace,
 };
-use zk0_smolvla::sample::{EmbeddedSample, PreparedSample, Preparer};
+use zk0_smolvla::sample::{ObservedSample, PreparedSample, Preparer};
 use zk0_smolvla::tokenizer::WordHash;
 use zk0_smolvla::{Policy, PolicyError, Profile};
 
@@ -184,10 +184,10 @@ fn a_key_is_a_function_of_all_that_makes_the_sample() {
     assert!(keys(&other, &moved)
         .iter()
         .all(|key| !of_recording.contains(key)));
-    let embedded = KeySpace::new::<EmbeddedSample>(&policy);
-    assert_ne!(embedded, KeySpace::new::<PreparedSample>(&policy));
+    let observed = KeySpace::new::<ObservedSample>(&policy);
+    assert_ne!(observed, KeySpace::new::<PreparedSample>(&policy));
     let dataset = Dataset::open(&moved).unwrap();
-    let key = embedded.keys(
+    let key = observed.keys(
         &policy.config,
         &tokenizer,
         &dataset,
@@ -195,14 +195,14 @@ fn a_key_is_a_function_of_all_that_makes_the_sample() {
         &mut FileDigests::default(),
     );
     assert!(!of_recording.contains(&key.unwrap()[0]));
-    // Embedded samples end before the language layers and the state projection.
+    // Observed samples end before the state projection.
     let mut trained = policy.clone();
     trained
         .frozen
         .get_mut("model.state_proj.bias")
         .unwrap()
         .data[0] += 1.0;
-    assert_eq!(KeySpace::new::<EmbeddedSample>(&trained), embedded);
+    assert_eq!(KeySpace::new::<ObservedSample>(&trained), observed);
 
     // So do statistics, instructions and pictures.
     let change = |file: &str, change: &dyn Fn(&mut Vec<u8>)| {

@@ -8,7 +8,7 @@ use rand_chacha::ChaCha20Rng;
 use zk0_smolvla::batch::InMemory;
 use zk0_smolvla::init::init_policy;
 use zk0_smolvla::random::normal;
-use zk0_smolvla::sample::{EmbeddedSample, PreparedSample};
+use zk0_smolvla::sample::{ObservedSample, PreparedSample};
 use zk0_smolvla::schedule::Schedule;
 use zk0_smolvla::train::checkpoints::{CheckpointError, Checkpoints, RunIdentity};
 use zk0_smolvla::train::{Samples, TrainOptions, Trainer};
@@ -82,28 +82,27 @@ fn prepared() -> Vec<PreparedSample> {
         .collect()
 }
 
-fn embedded() -> Vec<EmbeddedSample> {
+/// The same without the last token, and states.
+fn observed() -> Vec<ObservedSample> {
     let (c, mut noise) = (config(), Noise::new());
-    (0..10)
-        .map(|i| {
-            let tokens = c.max_prefix_tokens() - 1 - i % 3;
-            let (actions, is_pad) = noise.actions(i);
-            EmbeddedSample {
-                tokens,
-                embedding: noise.vector(tokens * c.text.width),
-                state: noise.vector(c.max_state_dim),
-                actions,
-                is_pad,
-            }
-        })
-        .collect()
+    let without_state = |mut sample: PreparedSample| {
+        sample.prefix_tokens -= 1;
+        let values = sample.prefix_tokens * c.kv_width();
+        let layers = sample.keys.iter_mut().chain(&mut sample.values);
+        layers.for_each(|layer| layer.truncate(values));
+        ObservedSample {
+            observed: sample,
+            state: noise.vector(c.max_state_dim),
+        }
+    };
+    prepared().into_iter().map(without_state).collect()
 }
 
 /// A trainer that has made no step.
 fn trainer<'a>(policy: &Policy, samples: Samples<'a>, options: TrainOptions) -> Trainer<'a> {
     let frozen = match samples {
         Samples::Prepared(_) => None,
-        Samples::Embedded(_) => Some(&policy.frozen),
+        Samples::Observed(_) => Some(&policy.frozen),
     };
     let device = candle_core::Device::Cpu;
     Trainer::on(
@@ -164,9 +163,9 @@ fn the_expert_stopped_anywhere() {
 
 #[test]
 fn expert_and_state_projection_stopped_anywhere() {
-    let samples = embedded();
-    let samples = InMemory::embedded(&config(), &samples).unwrap();
-    stopped_anywhere(Samples::Embedded(&samples));
+    let samples = observed();
+    let samples = InMemory::observed(&config(), &samples).unwrap();
+    stopped_anywhere(Samples::Observed(&samples));
 }
 
 /// Checkpoints at steps 2, 4 and 6, of which two are kept, and what can happen to them.

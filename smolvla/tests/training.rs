@@ -7,7 +7,7 @@ use zk0_smolvla::batch::InMemory;
 use zk0_smolvla::evaluate::{evaluate, FlowDraw};
 use zk0_smolvla::init::init_policy;
 use zk0_smolvla::sample::{
-    CameraImage, EmbeddedSample, FromFrame, Observation, PreparedSample, Preparer,
+    CameraImage, FromFrame, Observation, ObservedSample, PreparedSample, Preparer,
 };
 use zk0_smolvla::schedule::Schedule;
 use zk0_smolvla::tokenizer::WordHash;
@@ -65,7 +65,7 @@ impl Scene {
         self.made()
     }
 
-    fn embed(&self) -> Result<EmbeddedSample, PolicyError> {
+    fn observe(&self) -> Result<ObservedSample, PolicyError> {
         self.made()
     }
 
@@ -358,15 +358,18 @@ proptest! {
 
 /// Training the state projection too starts from the same numbers as training the expert alone.
 #[test]
-fn embedded_samples_give_the_prefix_of_prepared_ones() {
+fn observed_samples_give_the_prefix_of_prepared_ones() {
     let policy = policy();
-    let embedded: Vec<EmbeddedSample> = (0..6).map(|k| Scene::at(k).embed().unwrap()).collect();
+    let observed: Vec<ObservedSample> = (0..6).map(|k| Scene::at(k).observe().unwrap()).collect();
     let prepared: Vec<PreparedSample> = (0..6).map(|k| Scene::at(k).prepare().unwrap()).collect();
     // Instructions of three words and of one: the batch has padding before the state.
-    assert_ne!(embedded[0].tokens, embedded[1].tokens);
+    assert_ne!(
+        observed[0].observed.prefix_tokens,
+        observed[1].observed.prefix_tokens
+    );
     let in_memory = (
         InMemory::new(&config(), &prepared).unwrap(),
-        InMemory::embedded(&config(), &embedded).unwrap(),
+        InMemory::observed(&config(), &observed).unwrap(),
     );
     let device = candle_core::Device::Cpu;
     let all: Vec<usize> = (0..6).collect();
@@ -376,7 +379,7 @@ fn embedded_samples_give_the_prefix_of_prepared_ones() {
         evaluate_samples(&models, samples, &all, &draws).unwrap()
     };
     let a = loss(None, Samples::Prepared(&in_memory.0));
-    let b = loss(Some(&policy.frozen), Samples::Embedded(&in_memory.1));
+    let b = loss(Some(&policy.frozen), Samples::Observed(&in_memory.1));
     assert_eq!(a.valid_only.elements, b.valid_only.elements);
     assert!((a.valid_only.loss() / b.valid_only.loss() - 1.0).abs() < 1e-5);
     assert!((a.plain.loss() / b.plain.loss() - 1.0).abs() < 1e-5);
@@ -388,15 +391,15 @@ fn embedded_samples_give_the_prefix_of_prepared_ones() {
 #[test]
 fn the_state_projection_is_trained_when_asked_for() {
     let policy = policy();
-    let samples: Vec<EmbeddedSample> = (0..12).map(|k| Scene::at(k).embed().unwrap()).collect();
-    let samples = InMemory::embedded(&config(), &samples).unwrap();
+    let samples: Vec<ObservedSample> = (0..12).map(|k| Scene::at(k).observe().unwrap()).collect();
+    let samples = InMemory::observed(&config(), &samples).unwrap();
     let device = candle_core::Device::Cpu;
     let mut trainer = Trainer::on(
         &device,
         &config(),
         &policy.expert,
         Some(&policy.frozen),
-        Samples::Embedded(&samples),
+        Samples::Observed(&samples),
         options(1, 40),
     )
     .unwrap();

@@ -31,7 +31,7 @@ use zk0_smolvla::{
     layout::expert_layout,
     policy_file,
     prefix_cache::{digest_of, FrameMaker, FrameRef, KeySpace},
-    sample::{EmbeddedSample, PreparedSample, Preparer},
+    sample::{ObservedSample, PreparedSample, Preparer},
     train::{
         checkpoints::{Checkpoints, RunIdentity},
         split::{self, Split},
@@ -48,7 +48,7 @@ const MEASURED: usize = 256;
 /// Runs the command.
 pub fn run(options: &Options) -> Result<()> {
     match options.train_state_proj {
-        true => train::<EmbeddedSample>(options),
+        true => train::<ObservedSample>(options),
         false => train::<PreparedSample>(options),
     }
 }

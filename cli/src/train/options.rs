@@ -77,7 +77,7 @@ pub struct Options {
     /// The average loss that training on these recordings had in the rounds before.
     #[arg(long, value_name = "LOSS", requires = "lr_boost")]
     pub prior_loss: Option<f64>,
-    /// Train the state projection too, as LeRobot does: the language layers are then computed at every step.
+    /// Train the state projection too, as LeRobot does: its token then runs through the language layers at every step.
     #[arg(long)]
     pub train_state_proj: bool,
     /// Share of each recording's episodes that is held out and evaluated.

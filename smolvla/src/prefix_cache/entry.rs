@@ -5,7 +5,7 @@
 use sha2::{Digest, Sha256};
 
 use super::Key;
-use crate::sample::{EmbeddedSample, PreparedSample};
+use crate::sample::{ObservedSample, PreparedSample};
 
 /// Begins every entry; names the format's version.
 const MAGIC: &[u8; 8] = b"ZK0PFX01";
@@ -55,24 +55,18 @@ impl Entry for PreparedSample {
     }
 }
 
-impl Entry for EmbeddedSample {
-    const KIND: &'static str = "embedded";
+impl Entry for ObservedSample {
+    const KIND: &'static str = "observed";
 
     fn write(&self, out: &mut Writer) {
-        out.number(self.tokens);
-        out.numbers(&self.embedding);
+        self.observed.write(out);
         out.numbers(&self.state);
-        out.numbers(&self.actions);
-        out.flags(&self.is_pad);
     }
 
     fn read(from: &mut Reader) -> Result<Self, String> {
         Ok(Self {
-            tokens: from.number()?,
-            embedding: from.numbers()?,
+            observed: PreparedSample::read(from)?,
             state: from.numbers()?,
-            actions: from.numbers()?,
-            is_pad: from.flags()?,
         })
     }
 }
@@ -237,21 +231,16 @@ mod tests {
         let back: PreparedSample = decode(&KEY, &bytes, false).unwrap();
         assert_eq!(back, sample());
         assert_eq!(back.keys[0][1].to_bits(), (-0.0f32).to_bits());
-        let embedded = EmbeddedSample {
-            tokens: 2,
-            embedding: vec![1.0; 6],
+        let observed = ObservedSample {
+            observed: sample(),
             state: vec![0.25],
-            actions: vec![-1.0; 4],
-            is_pad: vec![false; 2],
         };
-        let bytes = encode(&KEY, &embedded);
-        assert_eq!(
-            decode::<EmbeddedSample>(&KEY, &bytes, false).unwrap(),
-            embedded
-        );
+        let bytes = encode(&KEY, &observed);
+        let back: ObservedSample = decode(&KEY, &bytes, false).unwrap();
+        assert_eq!(back, observed);
         let error = decode::<PreparedSample>(&KEY, &bytes, false).unwrap_err();
-        assert!(error.contains("kind `embedded`"), "{error}");
-        let error = decode::<EmbeddedSample>(&Key([8; 32]), &bytes, false).unwrap_err();
+        assert!(error.contains("kind `observed`"), "{error}");
+        let error = decode::<ObservedSample>(&Key([8; 32]), &bytes, false).unwrap_err();
         assert!(error.contains("another frame"), "{error}");
     }
 

@@ -10,9 +10,8 @@ use super::{CacheError, FileDigests};
 use crate::config::PolicyConfig;
 use crate::dataset::Dataset;
 use crate::error::PolicyError;
-use crate::layout::VLM;
 use crate::recording::{normalise, PrepareError};
-use crate::sample::EmbeddedSample;
+use crate::sample::ObservedSample;
 use crate::tokenizer::Tokenizer;
 use crate::weights::Policy;
 
@@ -46,13 +45,9 @@ pub struct KeySpace([u8; 32]);
 impl KeySpace {
     /// For samples of kind `E` made by the frozen half of `policy`. Reads all its weights.
     pub fn new<E: Entry>(policy: &Policy) -> Self {
-        let matters = |name: &str| {
-            let language = name.starts_with(&format!("{VLM}.text_model.layers"))
-                || name.starts_with(&format!("{VLM}.text_model.norm"));
-            let state = name.starts_with("model.state_proj");
-            // An embedded sample ends before both.
-            E::KIND != EmbeddedSample::KIND || !(language || state)
-        };
+        // An observed sample ends before the state.
+        let all = E::KIND != ObservedSample::KIND;
+        let matters = |name: &str| all || !name.starts_with("model.state_proj");
         let tensors: Vec<_> = policy.frozen.iter().filter(|(n, _)| matters(n)).collect();
         let digests: Vec<[u8; 32]> = tensors
             .par_iter()

@@ -3,17 +3,17 @@
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 
-use candle_core::{DType, Device, Tensor, Var};
+use candle_core::{Device, Tensor, Var};
 
-use crate::batch::{pick, Batch, EmbeddedBatch, SampleSource};
+use super::state_token::StateToken;
+use crate::batch::{pick, Batch, ObservedBatch, SampleSource};
 use crate::config::PolicyConfig;
 use crate::error::{PolicyError, Result};
 use crate::evaluate::FlowDraw;
 use crate::model::expert::ExpertModel;
 use crate::model::flow::{losses, mean_loss_valid_only, noisy_actions, target_velocity};
-use crate::model::prefix::{PrefixEmbedding, PrefixInput, PrefixModel};
 use crate::model::Parameters;
-use crate::sample::{EmbeddedSample, PreparedSample};
+use crate::sample::{ObservedSample, PreparedSample};
 use crate::train::TrainScope;
 use crate::weights::{ExpertWeights, TensorData, TensorSet};
 
@@ -26,7 +26,7 @@ pub enum Samples<'a> {
     /// [`TrainScope::Expert`].
     Prepared(&'a dyn SampleSource<PreparedSample>),
     /// [`TrainScope::ExpertAndState`].
-    Embedded(&'a dyn SampleSource<EmbeddedSample>),
+    Observed(&'a dyn SampleSource<ObservedSample>),
 }
 
 impl Samples<'_> {
@@ -34,7 +34,7 @@ impl Samples<'_> {
     pub fn scope(&self) -> TrainScope {
         match self {
             Self::Prepared(_) => TrainScope::Expert,
-            Self::Embedded(_) => TrainScope::ExpertAndState,
+            Self::Observed(_) => TrainScope::ExpertAndState,
         }
     }
 
@@ -42,7 +42,7 @@ impl Samples<'_> {
     pub fn len(&self) -> usize {
         match self {
             Self::Prepared(source) => source.len(),
-            Self::Embedded(source) => source.len(),
+            Self::Observed(source) => source.len(),
         }
     }
 
@@ -57,15 +57,14 @@ pub struct Learner {
     config: PolicyConfig,
     device: Device,
     variables: BTreeMap<String, Var>,
-    /// The frozen half, where the language layers run at every step.
+    /// The language layers, where the state's token runs through them at every step.
     frozen: Option<BTreeMap<String, Tensor>>,
     models: Models,
 }
 
 struct Models {
     expert: ExpertModel,
-    /// Language layers and state projection.
-    text: Option<PrefixModel>,
+    state: Option<StateToken>,
 }
 
 impl Learner {
@@ -88,7 +87,7 @@ impl Learner {
                 for (name, t) in set {
                     if STATE_PROJECTION.contains(&name.as_str()) {
                         variables.insert(name.clone(), variable(t)?);
-                    } else {
+                    } else if StateToken::needs(name) {
                         let tensor = Tensor::from_slice(&t.data, t.shape.as_slice(), device)?;
                         tensors.insert(name.clone(), tensor);
                     }
@@ -171,7 +170,7 @@ pub struct Snapshot {
 }
 
 impl Snapshot {
-    /// A policy's models without any intention to train. `frozen` is needed for embedded samples.
+    /// A policy's models without any intention to train. `frozen` is needed for observed samples.
     pub fn new(
         config: &PolicyConfig,
         expert: &ExpertWeights,
@@ -219,8 +218,8 @@ impl Models {
         let parameters = Parameters::from_tensors(tensors);
         Ok(Self {
             expert: ExpertModel::new(config, &parameters)?,
-            text: match trains_state {
-                true => Some(PrefixModel::new(config, &parameters)?),
+            state: match trains_state {
+                true => Some(StateToken::new(config, &parameters)?),
                 false => None,
             },
         })
@@ -233,44 +232,21 @@ impl Models {
         samples: Samples,
         indices: &[usize],
     ) -> Result<Batch> {
-        match (samples, &self.text) {
+        match (samples, &self.state) {
             (Samples::Prepared(source), None) => {
                 let picked = pick(source, indices)?;
                 let picked: Vec<&PreparedSample> = picked.iter().map(Cow::as_ref).collect();
                 Batch::new(config, &picked, indices, device)
             }
-            (Samples::Embedded(source), Some(text)) => {
+            (Samples::Observed(source), Some(state)) => {
                 let picked = pick(source, indices)?;
-                let picked: Vec<&EmbeddedSample> = picked.iter().map(Cow::as_ref).collect();
-                prefix(text, EmbeddedBatch::new(config, &picked, indices, device)?)
+                let picked: Vec<&ObservedSample> = picked.iter().map(Cow::as_ref).collect();
+                state.join(ObservedBatch::new(config, &picked, indices, device)?)
             }
             _ => Err(PolicyError::Sample(
-                "prepared samples are for training the expert alone, embedded ones for training the state projection too"
+                "prepared samples are for training the expert alone, observed ones for training the state projection too"
                     .into(),
             )),
         }
     }
-}
-
-/// Runs the language layers over an embedded batch. A sample's padding lies before its state, which stays the last token.
-fn prefix(text: &PrefixModel, batch: EmbeddedBatch) -> Result<Batch> {
-    let count = batch.valid.len();
-    let state = text.embed(&PrefixInput {
-        cameras: Vec::new(),
-        tokens: Tensor::zeros((count, 0), DType::U32, batch.tokens.device())?,
-        token_mask: vec![Vec::new(); count],
-        state: batch.state,
-    })?;
-    let mut valid = batch.valid;
-    valid.iter_mut().for_each(|row| row.push(true));
-    let run = text.run(&PrefixEmbedding {
-        tokens: Tensor::cat(&[&batch.tokens, &state.tokens], 1)?,
-        valid,
-        vision: Vec::new(),
-    })?;
-    Ok(Batch {
-        cache: run.cache,
-        actions: batch.actions,
-        is_pad: batch.is_pad,
-    })
 }

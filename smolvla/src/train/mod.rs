@@ -7,6 +7,7 @@
 //! - [`trainer`]: makes steps.
 //! - [`checkpoints`]: a run on disk, whole or not at all; a run that is stopped at any moment goes on from there and ends with
 //!   the same bytes.
+//! - `state_token`: the state's part of the prefix, where the state projection is trained.
 //! - [`split`]: episodes held out for evaluation.
 //!
 //! The same start, samples and options give the same bits on the same CPU.
@@ -16,6 +17,7 @@ pub mod learner;
 pub mod options;
 pub mod order;
 pub mod split;
+mod state_token;
 pub mod trainer;
 
 pub use learner::Samples;

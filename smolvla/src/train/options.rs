@@ -13,8 +13,8 @@ pub enum TrainScope {
     /// The expert, and the action and time projections: what nodes exchange. All before it is computed once per frame.
     #[default]
     Expert,
-    /// The state projection as well, as LeRobot does by default. Its token runs through the language layers, which are
-    /// therefore computed at every step, forwards and backwards; the vision tower still runs once per frame.
+    /// The state projection as well, as LeRobot does by default. Its token runs through the frozen language layers at every
+    /// step, forwards and backwards; the other tokens do not see it, and are computed once per frame.
     ExpertAndState,
 }
 

@@ -48,7 +48,7 @@ impl<'a> Trainer<'a> {
     /// A run on the CPU that trains the expert from `start` on prepared samples.
     ///
     /// # Errors
-    /// [`PolicyError::Options`]; [`PolicyError::Sample`] when there is no sample, or they are embedded ones.
+    /// [`PolicyError::Options`]; [`PolicyError::Sample`] when there is no sample, or they are observed ones.
     pub fn new(
         config: &PolicyConfig,
         start: &ExpertWeights,
