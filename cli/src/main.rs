@@ -32,6 +32,12 @@ enum Command {
     #[cfg(feature = "full")]
     #[command(subcommand)]
     Prover(zk0::prover::Command),
+    /// Train a policy on recordings.
+    #[cfg(feature = "full")]
+    Train(Box<zk0::train::Options>),
+    /// Measure policies on recordings.
+    #[cfg(feature = "full")]
+    Eval(zk0::eval::Options),
     /// Compare the fixed-point loss with the float32 one, on untrained and trained weights.
     #[cfg(feature = "full")]
     Fidelity(zk0::fidelity::Options),
@@ -52,6 +58,10 @@ fn main() -> ExitCode {
         Command::Aggregator(command) => zk0::aggregator::run(&command),
         #[cfg(feature = "full")]
         Command::Prover(command) => zk0::prover::run(&command),
+        #[cfg(feature = "full")]
+        Command::Train(options) => zk0::train::run(&options),
+        #[cfg(feature = "full")]
+        Command::Eval(options) => zk0::eval::run(&options),
         #[cfg(feature = "full")]
         Command::Fidelity(options) => zk0::fidelity::run(&options),
         Command::Audit(command) => match audit::run(&command) {

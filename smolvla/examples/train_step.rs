@@ -16,10 +16,11 @@ use rand_chacha::ChaCha20Rng;
 use zk0_smolvla::evaluate::FlowDraw;
 use zk0_smolvla::image::vision_input;
 use zk0_smolvla::init::init_policy;
-use zk0_smolvla::layout::expert_layout;
+use zk0_smolvla::layout::trainable_layout;
 use zk0_smolvla::model::expert::ExpertModel;
 use zk0_smolvla::model::flow::{losses, mean_loss, noisy_actions, target_velocity};
 use zk0_smolvla::model::prefix::{CameraInput, PrefixCache, PrefixInput, PrefixModel};
+use zk0_smolvla::model::state_token::StateToken;
 use zk0_smolvla::model::Parameters;
 use zk0_smolvla::optimizer::{AdamW, AdamWOptions};
 use zk0_smolvla::{PolicyConfig, Profile};
@@ -46,6 +47,7 @@ struct Bench {
     variables: BTreeMap<String, Var>,
     prefix: PrefixModel,
     expert: ExpertModel,
+    state_token: StateToken,
     optimizer: AdamW,
     /// Every camera's pictures, one after another: 8-bit RGB (3, height, width).
     pictures: Vec<u8>,
@@ -59,27 +61,10 @@ impl Bench {
         let config = profile.config();
         let device = &Device::Cpu;
         let policy = init_policy(&config, 1)?;
-        let mut variables = BTreeMap::new();
-        let mut tensors = BTreeMap::new();
-        let all = policy
-            .frozen
-            .into_iter()
-            .chain(policy.expert.into_tensors());
-        for (name, t) in all {
-            let tensor = Tensor::from_vec(t.data, t.shape, device)?;
-            let trained = expert_layout(&config).contains_key(&name)
-                || train_state && name.starts_with("model.state_proj.");
-            let tensor = if trained {
-                let variable = Var::from_tensor(&tensor)?;
-                let tensor = variable.as_tensor().clone();
-                variables.insert(name.clone(), variable);
-                tensor
-            } else {
-                tensor
-            };
-            tensors.insert(name, tensor);
-        }
-        let parameters = Parameters::from_tensors(tensors);
+        let mut all = policy.frozen;
+        all.extend(policy.expert.into_tensors());
+        let trainable = trainable_layout(&config, train_state);
+        let (parameters, variables) = Parameters::with_variables(all, &trainable, device)?;
         let mut rng = ChaCha20Rng::seed_from_u64(2);
         let (height, width) = recorded(profile);
         let values = |shape: &[usize]| {
@@ -94,6 +79,7 @@ impl Bench {
             batch,
             prefix: PrefixModel::new(&config, &parameters)?,
             expert: ExpertModel::new(&config, &parameters)?,
+            state_token: StateToken::new(&config, &parameters)?,
             optimizer: AdamW::new(&variables, AdamWOptions::default())?,
             variables,
             pictures,
@@ -194,7 +180,7 @@ fn main() -> Result<(), Failure> {
         let cache = match &kept {
             None => bench.cache()?,
             Some(cache) if what == "cached" => cache.clone(),
-            Some(cache) => bench.prefix.with_state(cache, &bench.state)?,
+            Some(cache) => bench.state_token.join(cache, &bench.state)?,
         };
         loss = bench.step(&cache)?;
         seconds.push(started.elapsed().as_secs_f64());

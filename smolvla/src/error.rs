@@ -76,6 +76,12 @@ pub enum PolicyError {
         /// The offending loss.
         loss: f32,
     },
+    /// A gradient became NaN or infinite; the step was not made.
+    #[error("training: the norm of the gradient is {norm}; lower the learning rate")]
+    GradientNotFinite {
+        /// The norm over all tensors.
+        norm: f64,
+    },
     /// Tensor arithmetic failed.
     #[error("tensor arithmetic: {0}")]
     Candle(#[from] candle_core::Error),

@@ -10,8 +10,10 @@
 //!   cache of images, language and state (frozen in training), [`model::expert`] the action expert over
 //!   that cache. [`model::flow`] is the flow-matching loss.
 //! - [`act`] goes from what a robot sees to its next actions.
-//! - [`train`] fits the expert to prepared samples with AdamW ([`optimizer`]); [`mod@evaluate`] gives the
-//!   loss at chosen noise and times, which is what a claim is about.
+//! - [`prefix_cache`] keeps samples on disk, so that the frozen half runs once per frame and not once per start.
+//! - [`train`] fits the expert to samples ([`batch`]) with AdamW ([`optimizer`]) along a [`schedule`], and can be stopped at any
+//!   moment; [`adaptive`] has the rules by which a federation's losses change its rates. [`mod@evaluate`] gives the loss at
+//!   chosen noise and times, which is what a claim is about; [`action_error`] samples actions and compares them.
 //! - [`fixed_point`] brings weights and samples into the form that a claim evaluates; [`calibrate`] chooses its ranges from
 //!   data, and [`fidelity`] compares its loss with the float32 one.
 //! - [`config`] has every dimension, [`profile`] named sets of them; [`layout`] the tensors that follow from it, by
@@ -23,12 +25,15 @@
 //! the published model run through the same functions.
 
 pub mod act;
+pub mod action_error;
+pub mod adaptive;
 pub mod batch;
 pub mod calibrate;
 pub mod cameras;
 pub mod checkpoint;
 pub mod config;
 pub mod dataset;
+pub mod device;
 pub mod error;
 pub mod evaluate;
 pub mod fidelity;
@@ -40,11 +45,14 @@ pub mod lerobot_config;
 pub mod model;
 pub mod optimizer;
 pub mod policy_file;
+pub mod prefix_cache;
 pub mod profile;
 pub mod random;
 pub mod recording;
 pub mod sample;
+pub mod schedule;
 pub mod tensor_file;
+mod tensor_writer;
 pub mod tokenizer;
 pub mod train;
 pub mod vlm_config;

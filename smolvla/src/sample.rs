@@ -2,6 +2,9 @@
 //!
 //! The frozen half of the policy runs once per frame. What is left is its key/value cache, without the tokens that are
 //! padding (they influence nothing), the normalised action chunk, and which of its frames are padding.
+//!
+//! Where the state projection is trained too, the state's token is not the same from step to step. All other tokens are, as
+//! they do not see it: what is left of a frame then is an [`ObservedSample`].
 
 use candle_core::{Device, Tensor};
 
@@ -27,6 +30,104 @@ pub struct PreparedSample {
     pub actions: Vec<f32>,
     /// Per frame of the chunk: past the end of the episode.
     pub is_pad: Vec<bool>,
+}
+
+/// One frame as its cameras and its instruction make it, with the state beside them: what training the state projection takes.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ObservedSample {
+    /// The prepared sample without the state's token, the last one.
+    pub observed: PreparedSample,
+    /// (max_state_dim), normalised and zero-padded.
+    pub state: Vec<f32>,
+}
+
+/// A kind of sample that a frame can be made into.
+pub trait FromFrame: Clone {
+    /// Runs the frozen part over one frame.
+    ///
+    /// # Errors
+    /// As [`Preparer::prepare`].
+    fn from_frame(preparer: &Preparer, observation: &Observation) -> Result<Self>;
+}
+
+impl FromFrame for PreparedSample {
+    fn from_frame(preparer: &Preparer, observation: &Observation) -> Result<Self> {
+        preparer.prepare(observation)
+    }
+}
+
+impl FromFrame for ObservedSample {
+    fn from_frame(preparer: &Preparer, observation: &Observation) -> Result<Self> {
+        preparer.observe(observation)
+    }
+}
+
+impl PreparedSample {
+    /// Says what does not fit the policy, or that a value is not finite.
+    pub(crate) fn check(&self, config: &PolicyConfig) -> std::result::Result<(), String> {
+        if !(1..=config.max_prefix_tokens()).contains(&self.prefix_tokens) {
+            return Err(format!(
+                "{} prefix tokens, the policy takes 1 to {}",
+                self.prefix_tokens,
+                config.max_prefix_tokens()
+            ));
+        }
+        let layer = self.prefix_tokens * config.kv_width();
+        for (what, layers) in [("keys", &self.keys), ("values", &self.values)] {
+            if layers.len() != config.text.layers || layers.iter().any(|l| l.len() != layer) {
+                return Err(format!(
+                    "its {what} are not {} layers of {layer} values",
+                    config.text.layers
+                ));
+            }
+            for values in layers {
+                finite(what, values)?;
+            }
+        }
+        check_actions(config, &self.actions, &self.is_pad)
+    }
+}
+
+impl ObservedSample {
+    /// Says what does not fit the policy, or that a value is not finite.
+    pub(crate) fn check(&self, config: &PolicyConfig) -> std::result::Result<(), String> {
+        self.observed.check(config)?;
+        if self.observed.prefix_tokens == config.max_prefix_tokens() {
+            return Err("its prefix leaves no room for the state".into());
+        }
+        if self.state.len() != config.max_state_dim {
+            return Err(format!(
+                "{} state values, the policy takes {}",
+                self.state.len(),
+                config.max_state_dim
+            ));
+        }
+        finite("state", &self.state)
+    }
+}
+
+fn check_actions(
+    config: &PolicyConfig,
+    actions: &[f32],
+    is_pad: &[bool],
+) -> std::result::Result<(), String> {
+    if actions.len() != config.chunk_elements() || is_pad.len() != config.chunk_size {
+        return Err(format!(
+            "{} action values and {} padding flags, the policy takes {} and {}",
+            actions.len(),
+            is_pad.len(),
+            config.chunk_elements(),
+            config.chunk_size
+        ));
+    }
+    finite("actions", actions)
+}
+
+fn finite(what: &str, values: &[f32]) -> std::result::Result<(), String> {
+    match values.iter().all(|x| x.is_finite()) {
+        true => Ok(()),
+        false => Err(format!("its {what} hold a value that is not finite")),
+    }
 }
 
 /// One camera's picture.
@@ -88,6 +189,11 @@ impl<'a> Preparer<'a> {
         &self.config
     }
 
+    /// The tokenizer of instructions.
+    pub fn tokenizer(&self) -> &dyn Tokenizer {
+        self.tokenizer
+    }
+
     /// Prepares one frame.
     ///
     /// # Errors
@@ -118,6 +224,24 @@ impl<'a> Preparer<'a> {
             values: plain(&cache.values)?,
             actions: widen(observation.actions, c.action_dim, c.max_action_dim),
             is_pad: observation.is_pad.to_vec(),
+        })
+    }
+
+    /// Prepares one frame but for its state.
+    ///
+    /// # Errors
+    /// As [`Self::prepare`].
+    pub fn observe(&self, observation: &Observation) -> Result<ObservedSample> {
+        let c = &self.config;
+        // Of all tokens only the state's, the last, sees the state: the others are what they would be without it.
+        let mut observed = self.prepare(observation)?;
+        observed.prefix_tokens -= 1;
+        let values = observed.prefix_tokens * c.kv_width();
+        let layers = observed.keys.iter_mut().chain(&mut observed.values);
+        layers.for_each(|layer| layer.truncate(values));
+        Ok(ObservedSample {
+            observed,
+            state: widen(observation.state, c.state_dim, c.max_state_dim),
         })
     }
 

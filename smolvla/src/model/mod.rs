@@ -4,6 +4,7 @@
 //!   per-layer key/value cache. Frozen in training: one run per frame, ever.
 //! - [`expert`]: noisy actions and a time, through the expert's layers over that cache, giving the velocity.
 //! - [`flow`]: the flow-matching loss between them; [`sampling`] follows the velocity from noise to actions.
+//! - [`state_token`]: the one token of the prefix that training may change.
 //! - [`visibility`]: which token sees which, and the positions of all.
 //! - [`observe`]: watches the values inside a pass of the expert.
 //!
@@ -21,6 +22,7 @@ pub mod observe;
 pub mod prefix;
 pub mod rope;
 pub mod sampling;
+pub mod state_token;
 pub mod time_embedding;
 pub mod visibility;
 pub mod vision;

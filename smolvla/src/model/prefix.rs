@@ -3,9 +3,9 @@
 use candle_core::Tensor;
 
 use super::attention::{attend, Mask};
-use super::kernels::linear::Linear;
-use super::layers::{linear, DecoderLayer, RmsNorm};
+use super::layers::RmsNorm;
 use super::rope::Rope;
+use super::state_token::StateToken;
 use super::visibility::{prefix_positions, prefix_sees};
 use super::vision::{Vision, VisionRun};
 use super::Parameters;
@@ -73,9 +73,8 @@ pub struct PrefixRun {
 pub struct PrefixModel {
     vision: Vision,
     embeddings: Tensor,
-    layers: Vec<DecoderLayer>,
+    text: StateToken,
     norm: RmsNorm,
-    state: Linear,
     config: PolicyConfig,
 }
 
@@ -86,11 +85,8 @@ impl PrefixModel {
         Ok(Self {
             vision: Vision::new(config, parameters)?,
             embeddings: parameters.get(&format!("{text}.embed_tokens.weight"))?,
-            layers: (0..config.text.layers)
-                .map(|i| DecoderLayer::new(parameters, &format!("{text}.layers.{i}")))
-                .collect::<Result<_>>()?,
+            text: StateToken::new(config, parameters)?,
             norm: RmsNorm::new(parameters, &format!("{text}.norm"))?,
-            state: linear(parameters, "model.state_proj")?,
             config: config.clone(),
         })
     }
@@ -130,7 +126,7 @@ impl PrefixModel {
                 .index_select(&input.tokens.flatten_all()?, 0)?;
             parts.push((words.reshape((batch, language, self.config.text.width))? * scale)?);
         }
-        parts.push(self.state.forward(&input.state)?.unsqueeze(1)?);
+        parts.push(self.text.projection.forward(&input.state)?.unsqueeze(1)?);
         for (row, mask) in valid.iter_mut().zip(&input.token_mask) {
             row.extend(mask);
             row.push(true);
@@ -167,7 +163,7 @@ impl PrefixModel {
         let mut x = embedding.tokens.clone();
         let (mut hidden, mut attended) = (vec![x.clone()], Vec::new());
         let (mut keys, mut values) = (Vec::new(), Vec::new());
-        for layer in &self.layers {
+        for layer in &self.text.layers {
             let normed = layer.normalised(&x)?;
             let q = rope.apply(&layer.queries(&normed, head_dim)?)?;
             let k = rope.apply(&layer.keys(&normed, head_dim)?)?;
@@ -203,42 +199,6 @@ impl PrefixModel {
         for row in &mut observed.valid {
             row[embedding.state] = false;
         }
-        self.with_state(&observed, &input.state)
-    }
-
-    /// [`Self::cache`] with the state's token made anew, from a cache of the same images and language: of all tokens only the
-    /// state's sees the state, so the others' keys and values stay what they are. Training `state_proj` costs one token that way.
-    ///
-    /// `state` is (B, max_state_dim). A token for the state must not be valid in `observed`.
-    pub fn with_state(&self, observed: &PrefixCache, state: &Tensor) -> Result<PrefixCache> {
-        let head_dim = self.config.text.head_dim;
-        let position = |row: &Vec<bool>| vec![row.iter().filter(|valid| **valid).count() as i64];
-        let positions: Vec<_> = observed.valid.iter().map(position).collect();
-        let rope = Rope::new(&positions, head_dim, state.device())?;
-        let mut valid = observed.valid.clone();
-        valid.iter_mut().for_each(|row| row.push(true));
-        let count = valid.first().map_or(0, Vec::len);
-        let mask = Mask::new((valid.len(), 1, count), state.device(), |b, _, k| {
-            valid[b][k]
-        })?;
-
-        let mut x = self.state.forward(state)?.unsqueeze(1)?;
-        let (mut keys, mut values) = (Vec::new(), Vec::new());
-        let observed = observed.keys.iter().zip(&observed.values);
-        for (layer, (observed_keys, observed_values)) in self.layers.iter().zip(observed) {
-            let normed = layer.normalised(&x)?;
-            let q = rope.apply(&layer.queries(&normed, head_dim)?)?;
-            let k = rope.apply(&layer.keys(&normed, head_dim)?)?;
-            let k = Tensor::cat(&[observed_keys, &k], 1)?;
-            let v = Tensor::cat(&[observed_values, &layer.values(&normed, head_dim)?], 1)?;
-            x = layer.finish(&x, &attend(&q, &k, &v, &mask)?, &mut |_, _| Ok(()))?;
-            keys.push(k);
-            values.push(v);
-        }
-        Ok(PrefixCache {
-            keys,
-            values,
-            valid,
-        })
+        self.text.join(&observed, &input.state)
     }
 }
