@@ -47,9 +47,9 @@ pub enum PolicyError {
         /// Its value.
         value: f32,
     },
-    /// A file that cannot be read or written, or is not what it should be.
+    /// A file or folder of a checkpoint that cannot be read or written, or is not what it should be.
     #[error("{}: {cause}", .path.display())]
-    File {
+    AtPath {
         /// Which file or folder.
         path: PathBuf,
         /// What is wrong, and what to do.
@@ -93,7 +93,7 @@ pub type Result<T> = std::result::Result<T, PolicyError>;
 impl PolicyError {
     /// An error of a file, said with its path.
     pub(crate) fn file(path: &Path, cause: impl std::fmt::Display) -> Self {
-        Self::File {
+        Self::AtPath {
             path: path.to_path_buf(),
             cause: cause.to_string(),
         }
@@ -102,7 +102,7 @@ impl PolicyError {
     /// Says an error of a file's content with the file's path.
     pub(crate) fn within(self, path: &Path) -> Self {
         match self {
-            Self::File { .. } => self,
+            Self::AtPath { .. } => self,
             other => Self::file(path, other),
         }
     }

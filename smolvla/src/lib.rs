@@ -19,7 +19,7 @@
 //! - [`config`] has every dimension, [`profile`] named sets of them; [`layout`] the tensors that follow from it, by
 //!   LeRobot's names; [`weights`] their values as plain `f32`; [`init`] a seeded start;
 //!   [`policy_file`] a whole policy as one file; [`checkpoint`] a folder of LeRobot's, read and written ([`lerobot_config`] and
-//!   [`vlm_config`] its configuration, [`tensor_file`] its weights).
+//!   [`vlm_config`] its configuration, [`safetensors_file`] its weights).
 //!
 //! The only code that knows sizes is [`profile`]: the `tiny` fixture, the `micro` profile of the demo and
 //! the published model run through the same functions.
@@ -49,10 +49,10 @@ pub mod prefix_cache;
 pub mod profile;
 pub mod random;
 pub mod recording;
+pub mod safetensors_file;
+mod safetensors_writer;
 pub mod sample;
 pub mod schedule;
-pub mod tensor_file;
-mod tensor_writer;
 pub mod tokenizer;
 pub mod train;
 pub mod vlm_config;

@@ -11,7 +11,7 @@ use safetensors::SafeTensors;
 
 use crate::config::PolicyConfig;
 use crate::error::{PolicyError, Result};
-use crate::tensor_writer::{self, Entry};
+use crate::safetensors_writer::{self, Entry};
 use crate::weights::{write as write_tensors, Policy};
 
 /// Key of the file's metadata under which the dimensions are.
@@ -46,7 +46,7 @@ pub fn read(bytes: &[u8]) -> Result<Policy> {
 /// Reads the file `path`, through a memory map: at the published size a copy of its bytes would be 1.8 GB.
 ///
 /// # Errors
-/// As [`read`], and [`PolicyError::File`].
+/// As [`read`], and [`PolicyError::AtPath`].
 pub fn load(path: &Path) -> Result<Policy> {
     let failed = |cause: std::io::Error| PolicyError::file(path, cause);
     let file = File::open(path).map_err(failed)?;
@@ -59,7 +59,7 @@ pub fn load(path: &Path) -> Result<Policy> {
 /// Writes what [`load`] reads, piece by piece and then renamed: whole or not at all. Returns the file's SHA-256.
 ///
 /// # Errors
-/// [`PolicyError::File`].
+/// [`PolicyError::AtPath`].
 pub fn save(policy: &Policy, path: &Path) -> Result<[u8; 32]> {
     let config =
         serde_json::to_string(&policy.config).map_err(|e| PolicyError::Config(e.to_string()))?;
@@ -70,7 +70,7 @@ pub fn save(policy: &Policy, path: &Path) -> Result<[u8; 32]> {
         values: Cow::Borrowed(&tensor.data[..]),
     });
     let unfinished = path.with_extension("unfinished");
-    tensor_writer::write(&unfinished, entries.collect(), Some((CONFIG_KEY, &config)))
+    safetensors_writer::write(&unfinished, entries.collect(), Some((CONFIG_KEY, &config)))
         .and_then(|written| {
             std::fs::rename(&unfinished, path)?;
             Ok(written.digest)

@@ -24,7 +24,7 @@ use crate::error::{PolicyError, Result};
 use crate::layout::{checkpoint_layout, policy_layout, LM_HEAD};
 use crate::lerobot_config::LeRobotConfig;
 use crate::model::Parameters;
-use crate::tensor_file::{readable_size, TensorFile};
+use crate::safetensors_file::{readable_size, TensorFile};
 use crate::weights::{Policy, TensorData, TensorSet};
 
 pub use write::Precision;
@@ -57,7 +57,7 @@ impl Checkpoint {
     /// Opens a folder and checks all but the weights' values.
     ///
     /// # Errors
-    /// [`PolicyError::File`], with the path of the file that is missing, cannot be read, or does not fit the others.
+    /// [`PolicyError::AtPath`], with the path of the file that is missing, cannot be read, or does not fit the others.
     pub fn open(folder: impl AsRef<Path>) -> Result<Self> {
         let folder = folder.as_ref().to_path_buf();
         if !folder.is_dir() {

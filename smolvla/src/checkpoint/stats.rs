@@ -7,7 +7,7 @@ use serde::Deserialize;
 use super::{read_json, Checkpoint};
 use crate::dataset::{Normalizer, Stats};
 use crate::error::{PolicyError, Result};
-use crate::tensor_file::TensorFile;
+use crate::safetensors_file::TensorFile;
 
 /// A pipeline of LeRobot's processors, as far as needed.
 #[derive(Deserialize)]
@@ -25,7 +25,7 @@ impl Checkpoint {
     /// The statistics of states and actions, `None` where the checkpoint has none: then those of the recording count.
     ///
     /// # Errors
-    /// [`PolicyError::File`] when they are there but cannot be used, and [`PolicyError::Config`] for a normalisation other than
+    /// [`PolicyError::AtPath`] when they are there but cannot be used, and [`PolicyError::Config`] for a normalisation other than
     /// by mean and standard deviation, or none.
     pub fn stats(&self) -> Result<Option<Stats>> {
         let (c, dims) = (&self.config, &self.config.dims);

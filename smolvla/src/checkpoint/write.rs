@@ -12,7 +12,7 @@ use serde::ser::{Serialize, SerializeMap, Serializer};
 use super::{Checkpoint, WEIGHTS};
 use crate::error::{PolicyError, Result};
 use crate::layout::policy_layout;
-use crate::tensor_file::{encode, BLOCK};
+use crate::safetensors_file::{encode, BLOCK};
 use crate::weights::{check_finite, TensorSet};
 
 /// In which type changed tensors are written.
@@ -32,7 +32,7 @@ impl Checkpoint {
     /// The weights come last and under their name only when they are complete.
     ///
     /// # Errors
-    /// [`PolicyError::File`] when a file cannot be read or written, or `to` holds something; and when `changed` has a tensor that
+    /// [`PolicyError::AtPath`] when a file cannot be read or written, or `to` holds something; and when `changed` has a tensor that
     /// the policy does not have, of another shape, with a number that is not finite, or too large for the type that is kept.
     pub fn write(&self, to: &Path, changed: &TensorSet, precision: Precision) -> Result<()> {
         self.check_changed(changed)?;

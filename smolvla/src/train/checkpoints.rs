@@ -18,7 +18,7 @@ use sha2::{Digest, Sha256};
 
 use super::trainer::Trainer;
 use crate::error::PolicyError;
-use crate::tensor_writer::{self, Entry, Written};
+use crate::safetensors_writer::{self, Entry, Written};
 
 const VERSION: u32 = 1;
 const WEIGHTS: &str = "weights.safetensors";
@@ -275,7 +275,7 @@ impl Checkpoints {
     ) -> Result<(String, FileDigest), CheckpointError> {
         let path = folder.join(name);
         let Written { digest, bytes } =
-            tensor_writer::write(&path, entries, None).map_err(at(&path))?;
+            safetensors_writer::write(&path, entries, None).map_err(at(&path))?;
         let sha256 = hex::encode(digest);
         Ok((name.into(), FileDigest { sha256, bytes }))
     }
@@ -326,13 +326,13 @@ impl Saved {
             let weights = SafeTensors::deserialize(&self.weights).map_err(open)?;
             for (name, variable) in learner.variables() {
                 let values =
-                    tensor_writer::read(&weights, name, variable.dims()).map_err(broken)?;
+                    safetensors_writer::read(&weights, name, variable.dims()).map_err(broken)?;
                 let tensor = Tensor::from_vec(values, variable.shape(), variable.device())?;
                 variable.set(&tensor)?;
             }
             let moments = SafeTensors::deserialize(&self.moments).map_err(open)?;
             optimizer.restore(self.optimizer_steps, &mut |name, shape| {
-                tensor_writer::read(&moments, name, shape).map_err(broken)
+                safetensors_writer::read(&moments, name, shape).map_err(broken)
             })
         })
     }

@@ -37,7 +37,7 @@ impl TensorFile {
     /// Opens a file and reads its header.
     ///
     /// # Errors
-    /// [`PolicyError::File`] when it cannot be read, is not safetensors, or is cut short.
+    /// [`PolicyError::AtPath`] when it cannot be read, is not safetensors, or is cut short.
     pub fn open(path: impl AsRef<Path>) -> Result<Self> {
         let path = path.as_ref().to_path_buf();
         let failed = |e: io::Error| PolicyError::file(&path, e);
@@ -112,7 +112,7 @@ impl TensorFile {
     /// A tensor as `f32`; exact for all three types that are read (F32, F16, BF16).
     ///
     /// # Errors
-    /// [`PolicyError::MissingTensor`], [`PolicyError::Dtype`], [`PolicyError::NotFinite`], or [`PolicyError::File`] when reading
+    /// [`PolicyError::MissingTensor`], [`PolicyError::Dtype`], [`PolicyError::NotFinite`], or [`PolicyError::AtPath`] when reading
     /// fails.
     pub fn read(&self, name: &str) -> Result<TensorData> {
         let info = self
