@@ -32,6 +32,10 @@ enum Command {
     #[cfg(feature = "full")]
     #[command(subcommand)]
     Prover(zk0::prover::Command),
+    /// Look at recordings before training on them.
+    #[cfg(feature = "full")]
+    #[command(subcommand)]
+    Dataset(zk0::dataset::Command),
     /// Compare the fixed-point loss with the float32 one, on untrained and trained weights.
     #[cfg(feature = "full")]
     Fidelity(zk0::fidelity::Options),
@@ -52,6 +56,12 @@ fn main() -> ExitCode {
         Command::Aggregator(command) => zk0::aggregator::run(&command),
         #[cfg(feature = "full")]
         Command::Prover(command) => zk0::prover::run(&command),
+        #[cfg(feature = "full")]
+        Command::Dataset(command) => match zk0::dataset::run(&command) {
+            Ok(true) => Ok(()),
+            Ok(false) => return ExitCode::FAILURE,
+            Err(error) => Err(error),
+        },
         #[cfg(feature = "full")]
         Command::Fidelity(options) => zk0::fidelity::run(&options),
         Command::Audit(command) => match audit::run(&command) {

@@ -43,6 +43,14 @@ pub enum PolicyError {
         /// Its value.
         value: f32,
     },
+    /// A tokenizer file that cannot be used, or gives what the policy cannot read.
+    #[error("{}: {cause}", path.display())]
+    Tokenizer {
+        /// The `tokenizer.json`.
+        path: std::path::PathBuf,
+        /// What is wrong.
+        cause: String,
+    },
     /// A frame or prepared sample that does not fit the policy.
     #[error("sample: {0}")]
     Sample(String),
