@@ -3,6 +3,7 @@
 //! - [`audit`]: `zk0 audit replay`, all that an auditor's light build has.
 //! - `node`, `aggregator`, `prover`: the three services (feature `full`).
 //! - `train`, `eval`: a policy fitted to recordings, and measured on them; `frames`: what both make of recordings.
+//! - `dataset`: recordings, looked at and checked.
 //! - `fidelity`: fixed-point against float32 losses; `calibration`: ranges chosen from recordings.
 //! - `demo`: all of them as processes on one machine, and what is left of it: metrics, chart, log.
 //! - [`logging`], [`chart`], [`keys`], `policy_source`: what they share.
@@ -16,6 +17,8 @@ pub mod aggregator;
 mod calibration;
 #[cfg(feature = "full")]
 pub mod chart;
+#[cfg(feature = "full")]
+pub mod dataset;
 #[cfg(feature = "full")]
 pub mod demo;
 #[cfg(feature = "full")]

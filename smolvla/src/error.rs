@@ -47,7 +47,7 @@ pub enum PolicyError {
         /// Its value.
         value: f32,
     },
-    /// A file or folder of a checkpoint that cannot be read or written, or is not what it should be.
+    /// A file or folder of a checkpoint or tokenizer that cannot be read or written, or is not what it should be.
     #[error("{}: {cause}", .path.display())]
     AtPath {
         /// Which file or folder.

@@ -2,9 +2,10 @@
 //!
 //! A tour, in the order data flows:
 //!
-//! - [`dataset`] reads a LeRobotDataset: parquet rows, decoded camera frames, statistics.
+//! - [`dataset`] reads a LeRobotDataset: parquet rows, decoded camera frames, statistics; [`hub`] fetches one from the Hub.
 //! - [`sample`] turns a frame into a [`sample::PreparedSample`]: it normalises state and actions, brings
-//!   the images to size ([`image`]), makes language tokens ([`tokenizer`]) and runs the frozen half once.
+//!   the images to size ([`image`]), makes language tokens ([`tokenizer`], [`trained_tokenizer`] for a policy's own) and runs
+//!   the frozen half once.
 //!   [`recording`] does so for a whole dataset.
 //! - [`model`] is the policy in candle, in two phases: [`model::prefix`] computes the per-layer key/value
 //!   cache of images, language and state (frozen in training), [`model::expert`] the action expert over
@@ -38,6 +39,7 @@ pub mod error;
 pub mod evaluate;
 pub mod fidelity;
 pub mod fixed_point;
+pub mod hub;
 pub mod image;
 pub mod init;
 pub mod layout;
@@ -55,6 +57,7 @@ pub mod sample;
 pub mod schedule;
 pub mod tokenizer;
 pub mod train;
+pub mod trained_tokenizer;
 pub mod vlm_config;
 pub mod weights;
 
