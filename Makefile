@@ -7,7 +7,7 @@ export CARGO_TARGET_DIR ?= $(HOME)/.cache/zk0/target
 RUST := scripts/with-rust
 ZK0 := $(CARGO_TARGET_DIR)/release/zk0
 
-.PHONY: demo test setup build guest fixtures cycles fidelity bench-weight-check cuda
+.PHONY: demo test setup build guest fixtures cycles fidelity bench-weight-check bench-train cuda
 
 demo: build
 	$(ZK0) demo --rounds $(ROUNDS) --nodes $(NODES)
@@ -48,6 +48,10 @@ fidelity: build
 bench-weight-check: build
 	$(RUST) cargo build --release --workspace --locked --example weight_check
 	$(CARGO_TARGET_DIR)/release/examples/weight_check
+
+# Training steps of SmolVLA against LeRobot's on PyTorch. Half an hour on a machine that does nothing else; see the script.
+bench-train:
+	scripts/bench-train/run.sh
 
 # Rebuilds the guest programs and their verifying keys from source.
 guest:
