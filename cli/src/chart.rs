@@ -1,8 +1,9 @@
-//! The loss chart: training curves of the nodes, and what the proofs say of the same losses.
+//! Charts: training curves, what proofs say of the same losses, and bars that compare policies. Each as PNG and SVG, the
+//! curves and bars also as JSON.
 
-use anyhow::{anyhow, Result};
+use anyhow::{anyhow, Context, Result};
 use plotters::{coord::Shift, prelude::*, style::register_font};
-use std::path::Path;
+use std::{fs, path::Path};
 
 /// A curve with a name: (step, loss).
 #[derive(Clone, Debug, serde::Serialize)]
@@ -26,40 +27,110 @@ pub struct Proven {
     pub after: f64,
 }
 
+/// Groups of bars.
+#[derive(Clone, Debug, serde::Serialize)]
+pub struct Bars {
+    /// Above them.
+    pub caption: String,
+    /// What they measure.
+    pub unit: String,
+    /// Below each group.
+    pub groups: Vec<String>,
+    /// A bar in every group for each: its name and its values.
+    pub series: Vec<(String, Vec<f64>)>,
+}
+
 /// Draws `curves` (left) and `proven` losses (right) to `stem.png` and `stem.svg`.
 pub fn draw(stem: &Path, curves: &[Curve], proven: &[Proven]) -> Result<()> {
+    let pair = |of: fn(&Proven) -> f64| proven.iter().map(of).collect();
+    let bars = Bars {
+        caption: "Proven: base and update".into(),
+        unit: String::new(),
+        groups: proven
+            .iter()
+            .map(|p| format!("{}, round {}", p.name, p.round))
+            .collect(),
+        series: vec![
+            ("base".into(), pair(|p| p.before)),
+            ("update".into(), pair(|p| p.after)),
+        ],
+    };
+    save(stem, (1200, 500), &Federation(curves, &bars))
+}
+
+/// Draws the curves of one run to `stem.png` and `stem.svg`, and writes them to `stem.json`.
+pub fn draw_training(stem: &Path, curves: &[Curve]) -> Result<()> {
+    write_json(stem, &curves)?;
+    save(stem, (900, 500), &Training(curves))
+}
+
+/// Draws rows of two groups of bars each to `stem.png` and `stem.svg`, the rows below one another.
+pub fn draw_bars(stem: &Path, rows: &[[Bars; 2]]) -> Result<()> {
+    let height = 360 * rows.len().clamp(1, 50) as u32;
+    save(stem, (1200, height), &Rows(rows))
+}
+
+fn write_json(stem: &Path, data: &impl serde::Serialize) -> Result<()> {
+    let path = stem.with_extension("json");
+    fs::write(&path, serde_json::to_vec(data)?)
+        .with_context(|| format!("writing {}", path.display()))
+}
+
+/// What can be drawn on any backend.
+trait Picture {
+    fn draw<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>) -> Drawn<B>;
+}
+
+type Drawn<B> = Result<(), DrawingAreaErrorKind<<B as DrawingBackend>::ErrorType>>;
+
+struct Federation<'a>(&'a [Curve], &'a Bars);
+
+impl Picture for Federation<'_> {
+    fn draw<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>) -> Drawn<B> {
+        let (left, right) = area.split_horizontally((62).percent_width());
+        training(&left, self.0)?;
+        bars(&right, self.1)
+    }
+}
+
+struct Training<'a>(&'a [Curve]);
+
+impl Picture for Training<'_> {
+    fn draw<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>) -> Drawn<B> {
+        training(area, self.0)
+    }
+}
+
+struct Rows<'a>(&'a [[Bars; 2]]);
+
+impl Picture for Rows<'_> {
+    fn draw<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>) -> Drawn<B> {
+        let areas = area.split_evenly((self.0.len().max(1), 1));
+        for (area, [left, right]) in areas.iter().zip(self.0) {
+            let (first, second) = area.split_horizontally((38).percent_width());
+            bars(&first, left)?;
+            bars(&second, right)?;
+        }
+        Ok(())
+    }
+}
+
+fn save(stem: &Path, size: (u32, u32), picture: &impl Picture) -> Result<()> {
     for style in [FontStyle::Normal, FontStyle::Bold] {
         register_font("sans-serif", style, epaint_default_fonts::UBUNTU_LIGHT)
             .map_err(|_| anyhow!("the chart's font is broken"))?;
     }
-    let size = (1200, 500);
     let (png, svg) = (stem.with_extension("png"), stem.with_extension("svg"));
-    draw_on(
-        BitMapBackend::new(&png, size).into_drawing_area(),
-        curves,
-        proven,
-    )?;
-    draw_on(
-        SVGBackend::new(&svg, size).into_drawing_area(),
-        curves,
-        proven,
-    )
+    draw_on(BitMapBackend::new(&png, size).into_drawing_area(), picture)?;
+    draw_on(SVGBackend::new(&svg, size).into_drawing_area(), picture)
 }
 
-fn draw_on<B: DrawingBackend>(
-    area: DrawingArea<B, Shift>,
-    curves: &[Curve],
-    proven: &[Proven],
-) -> Result<()> {
+fn draw_on<B: DrawingBackend>(area: DrawingArea<B, Shift>, picture: &impl Picture) -> Result<()> {
     let failed = |error: String| anyhow!("drawing the chart: {error}");
     area.fill(&WHITE).map_err(|e| failed(e.to_string()))?;
-    let (left, right) = area.split_horizontally((62).percent_width());
-    training(&left, curves).map_err(|e| failed(e.to_string()))?;
-    proofs(&right, proven).map_err(|e| failed(e.to_string()))?;
+    picture.draw(&area).map_err(|e| failed(e.to_string()))?;
     area.present().map_err(|e| failed(e.to_string()))
 }
-
-type Drawn<B> = Result<(), DrawingAreaErrorKind<<B as DrawingBackend>::ErrorType>>;
 
 fn highest(values: impl Iterator<Item = f64>) -> f64 {
     values
@@ -104,39 +175,43 @@ fn training<B: DrawingBackend>(area: &DrawingArea<B, Shift>, curves: &[Curve]) -
         .draw()
 }
 
-fn proofs<B: DrawingBackend>(area: &DrawingArea<B, Shift>, proven: &[Proven]) -> Drawn<B> {
-    let count = proven.len().max(1) as f64;
+fn bars<B: DrawingBackend>(area: &DrawingArea<B, Shift>, bars: &Bars) -> Drawn<B> {
+    let count = bars.groups.len();
+    let top = highest(
+        bars.series
+            .iter()
+            .flat_map(|(_, values)| values.iter().copied()),
+    );
     let mut chart = ChartBuilder::on(area)
-        .caption("Proven: base and update", ("sans-serif", 20))
+        .caption(&bars.caption, ("sans-serif", 20))
         .margin(12)
         .x_label_area_size(40)
         .y_label_area_size(55)
-        .build_cartesian_2d(
-            0.0..count,
-            0.0..highest(proven.iter().flat_map(|p| [p.before, p.after])),
-        )?;
+        .build_cartesian_2d(0.0..count.max(1) as f64, 0.0..top)?;
     chart
         .configure_mesh()
         .disable_x_mesh()
-        .x_labels(2 * proven.len() + 1)
+        .x_labels(2 * count + 1)
         .x_label_formatter(&|x| {
             let middle = (x.fract() - 0.5).abs() < 1e-6;
-            let of = proven.get(*x as usize).filter(|_| middle);
-            of.map(|p| format!("{}, round {}", p.name, p.round))
-                .unwrap_or_default()
+            let of = bars.groups.get(*x as usize).filter(|_| middle);
+            of.cloned().unwrap_or_default()
         })
+        .y_desc(&bars.unit)
         .light_line_style(WHITE)
         .draw()?;
-    let bars = [
-        ("base", 0.15, BLACK.mix(0.35)),
-        ("update", 0.5, GREEN.mix(0.7)),
-    ];
-    for (name, offset, colour) in bars {
+    // The first series is what the others are compared with.
+    let width = 0.7 / bars.series.len().max(1) as f64;
+    for (i, (name, values)) in bars.series.iter().enumerate() {
+        let colour = match i {
+            0 => BLACK.mix(0.35),
+            _ => Palette99::pick(i).mix(0.7),
+        };
+        let from = 0.15 + width * i as f64;
         chart
-            .draw_series(proven.iter().enumerate().map(|(i, p)| {
-                let x = i as f64 + offset;
-                let loss = if name == "base" { p.before } else { p.after };
-                Rectangle::new([(x, 0.0), (x + 0.35, loss)], colour.filled())
+            .draw_series(values.iter().enumerate().map(|(group, value)| {
+                let x = group as f64 + from;
+                Rectangle::new([(x, 0.0), (x + width, *value)], colour.filled())
             }))?
             .label(name)
             .legend(move |(x, y)| Rectangle::new([(x, y - 5), (x + 14, y + 5)], colour.filled()));

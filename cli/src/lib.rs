@@ -2,9 +2,11 @@
 //!
 //! - [`audit`]: `zk0 audit replay`, all that an auditor's light build has.
 //! - `node`, `aggregator`, `prover`: the three services (feature `full`).
+//! - `train`, `eval`: a policy fitted to recordings, and measured on them; `frames`: what both make of recordings.
+//! - `dataset`: recordings, looked at and checked.
 //! - `fidelity`: fixed-point against float32 losses; `calibration`: ranges chosen from recordings.
 //! - `demo`: all of them as processes on one machine, and what is left of it: metrics, chart, log.
-//! - [`logging`], [`chart`], [`keys`]: what they share.
+//! - [`logging`], [`chart`], [`keys`], `policy_source`: what they share.
 
 pub mod audit;
 pub mod logging;
@@ -16,15 +18,25 @@ mod calibration;
 #[cfg(feature = "full")]
 pub mod chart;
 #[cfg(feature = "full")]
+pub mod dataset;
+#[cfg(feature = "full")]
 pub mod demo;
 #[cfg(feature = "full")]
+pub mod eval;
+#[cfg(feature = "full")]
 pub mod fidelity;
+#[cfg(feature = "full")]
+mod frames;
 #[cfg(feature = "full")]
 pub mod keys;
 #[cfg(feature = "full")]
 pub mod node;
 #[cfg(feature = "full")]
+mod policy_source;
+#[cfg(feature = "full")]
 pub mod prover;
+#[cfg(feature = "full")]
+pub mod train;
 
 /// Ready when the process is asked to end: Ctrl-C or SIGTERM.
 #[cfg(feature = "full")]

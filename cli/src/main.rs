@@ -4,6 +4,11 @@ use clap::{Parser, Subcommand};
 use std::process::ExitCode;
 use zk0::{audit, logging};
 
+/// Keeps freed memory: training asks for large tensors again and again.
+#[cfg(feature = "full")]
+#[global_allocator]
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
+
 /// Federated learning in which a contribution counts only if it is proven.
 #[derive(Parser)]
 #[command(name = "zk0", version, max_term_width = 100)]
@@ -32,6 +37,16 @@ enum Command {
     #[cfg(feature = "full")]
     #[command(subcommand)]
     Prover(zk0::prover::Command),
+    /// Train a policy on recordings.
+    #[cfg(feature = "full")]
+    Train(Box<zk0::train::Options>),
+    /// Measure policies on recordings.
+    #[cfg(feature = "full")]
+    Eval(zk0::eval::Options),
+    /// Look at recordings before training on them.
+    #[cfg(feature = "full")]
+    #[command(subcommand)]
+    Dataset(zk0::dataset::Command),
     /// Compare the fixed-point loss with the float32 one, on untrained and trained weights.
     #[cfg(feature = "full")]
     Fidelity(zk0::fidelity::Options),
@@ -52,6 +67,16 @@ fn main() -> ExitCode {
         Command::Aggregator(command) => zk0::aggregator::run(&command),
         #[cfg(feature = "full")]
         Command::Prover(command) => zk0::prover::run(&command),
+        #[cfg(feature = "full")]
+        Command::Train(options) => zk0::train::run(&options),
+        #[cfg(feature = "full")]
+        Command::Eval(options) => zk0::eval::run(&options),
+        #[cfg(feature = "full")]
+        Command::Dataset(command) => match zk0::dataset::run(&command) {
+            Ok(true) => Ok(()),
+            Ok(false) => return ExitCode::FAILURE,
+            Err(error) => Err(error),
+        },
         #[cfg(feature = "full")]
         Command::Fidelity(options) => zk0::fidelity::run(&options),
         Command::Audit(command) => match audit::run(&command) {

@@ -1,6 +1,6 @@
 //! `zk0 node`: take part in a network.
 
-use crate::keys;
+use crate::{frames::CacheOptions, keys};
 use anyhow::{bail, Context, Result};
 use std::{fs, path::PathBuf};
 use tokio::runtime::Runtime;
@@ -82,6 +82,11 @@ pub struct Join {
     /// Learning rate.
     #[arg(long, default_value_t = 2e-3)]
     learning_rate: f64,
+    /// FedProx: weight of the pull towards the base weights of the round.
+    #[arg(long, default_value_t = 0.0, value_name = "MU")]
+    fedprox_mu: f64,
+    #[command(flatten)]
+    cache: CacheOptions,
     /// Do not train: submit the base weights with the proof in this file. For demonstrations; it will be refused.
     #[arg(long, hide = true)]
     lazy_with_proof: Option<PathBuf>,
@@ -200,10 +205,14 @@ async fn join(options: &Join) -> Result<()> {
     let participant = Participant {
         dataset: options.dataset.clone(),
         state: options.state.clone(),
+        cache: options
+            .cache
+            .open_or(|| Ok(options.state.join("prefix-cache")))?,
         training: Training {
             steps: options.steps,
             batch_size: options.batch_size,
             learning_rate: options.learning_rate,
+            fedprox_mu: options.fedprox_mu,
         },
         conduct,
     };

@@ -21,8 +21,8 @@ use zk0_circuits::{
 use zk0_ledger::{bindings::ExpectedClaim, entry::RoundOpened, rules::Disclosure};
 use zk0_smolvla::{
     fixed_point::{dims, quantise_weights},
-    optimizer::{AdamWOptions, Schedule},
     policy_file,
+    prefix_cache::{CacheError, DiskCache},
     train::{train, TrainOptions},
     ExpertWeights, Policy,
 };
@@ -36,6 +36,8 @@ pub struct Participant {
     pub dataset: PathBuf,
     /// Where the node keeps its salt, its updates and its training histories.
     pub state: PathBuf,
+    /// Where prepared samples are kept from start to start.
+    pub cache: Option<DiskCache>,
     /// How it trains.
     pub training: Training,
     /// Whether it does what it claims.
@@ -51,6 +53,8 @@ pub struct Training {
     pub batch_size: usize,
     /// Learning rate.
     pub learning_rate: f64,
+    /// FedProx: weight of the pull towards the round's base weights.
+    pub fedprox_mu: f64,
 }
 
 /// What a node does with its turn.
@@ -75,6 +79,9 @@ pub enum ParticipantError {
     /// The recording, or how it fits the policy.
     #[error("the recording: {0}")]
     Prepare(#[from] zk0_smolvla::recording::PrepareError),
+    /// The cache of prepared samples.
+    #[error(transparent)]
+    Cache(#[from] CacheError),
     /// The policy, its weights, or training.
     #[error("the policy: {0}")]
     Policy(#[from] zk0_smolvla::PolicyError),
@@ -237,7 +244,7 @@ impl Participant {
             }
             Err(error) => return Err(ParticipantError::File { path, error }),
         };
-        Recording::prepare(&self.dataset, policy, spec, salt)
+        Recording::prepare(&self.dataset, policy, spec, salt, self.cache.as_ref())
     }
 }
 
@@ -335,9 +342,9 @@ impl Turn<'_> {
             steps: training.steps,
             batch_size: training.batch_size,
             learning_rate: training.learning_rate,
-            schedule: Schedule::WarmupCosine,
-            adamw: AdamWOptions::default(),
+            fedprox_mu: training.fedprox_mu,
             seed: round,
+            ..TrainOptions::default()
         };
         tracing::info!("round {round}: training {} steps", training.steps);
         let mut progress = Progress::start("training", training.steps as u64);

@@ -2,7 +2,7 @@
 
 use crate::participant::ParticipantError;
 use crate::progress::Progress;
-use std::path::Path;
+use std::{path::Path, slice};
 use zk0_circuits::{
     dataset::{leaf, salt_commitment},
     merkle,
@@ -15,8 +15,10 @@ use zk0_circuits::{
 };
 use zk0_ledger::{bindings::ExpectedClaim, rules};
 use zk0_smolvla::{
+    batch::SampleSource,
     dataset::Dataset,
     fixed_point::quantise_sample,
+    prefix_cache::{DiskCache, FrameMaker, FrameRef, FrameSource, KeySpace},
     sample::{PreparedSample, Preparer},
     tokenizer::WordHash,
     Policy,
@@ -36,14 +38,16 @@ pub struct Recording {
 
 impl Recording {
     /// Reads the LeRobotDataset in `path`, runs `policy`'s frozen half over it and commits to the result under `salt`.
+    /// Samples that are in `cache` are the same bits, and are not computed again.
     pub fn prepare(
         path: &Path,
         policy: &Policy,
         spec: &EvalSpec,
         salt: [u8; 32],
+        cache: Option<&DiskCache>,
     ) -> Result<Self, ParticipantError> {
         let dataset = Dataset::open(path)?;
-        let samples = prepare_samples(&dataset, policy)?;
+        let samples = prepare_samples(&dataset, policy, cache)?;
         let quantised = samples
             .iter()
             .map(|sample| quantise_sample(spec, sample))
@@ -118,14 +122,68 @@ impl Recording {
     }
 }
 
-/// Every frame of the recording, ready for training.
+/// Every frame of the recording, ready for training; what is in `cache` is not computed again.
 pub fn prepare_samples(
     dataset: &Dataset,
     policy: &Policy,
+    cache: Option<&DiskCache>,
 ) -> Result<Vec<PreparedSample>, ParticipantError> {
     let tokenizer = WordHash::new(&policy.config);
     let mut progress = Progress::start("preparing samples", dataset.len() as u64);
-    let prepared = Preparer::new(policy, &tokenizer)?
-        .prepare_dataset(dataset, |done, _| progress.reached(done as u64));
-    Ok(prepared?)
+    let Some(cache) = cache else {
+        let prepared = Preparer::new(policy, &tokenizer)?
+            .prepare_dataset(dataset, |done, _| progress.reached(done as u64));
+        return Ok(prepared?);
+    };
+    let (mut files, all) = (cache.file_digests(), (0..dataset.len()).collect::<Vec<_>>());
+    let keys = KeySpace::new::<PreparedSample>(policy).keys(
+        &policy.config,
+        &tokenizer,
+        dataset,
+        &all,
+        &mut files,
+    )?;
+    cache.remember(&mut files)?;
+    let frames = keys.into_iter().zip(all).map(|(key, index)| FrameRef {
+        dataset: 0,
+        index,
+        key,
+    });
+    let maker = FrameMaker::new(slice::from_ref(dataset), policy.config.chunk_size, || {
+        Preparer::new(policy, &tokenizer)
+    });
+    let source = FrameSource::<PreparedSample>::new(cache, &maker, frames.collect());
+    source.fill(|done, _| progress.reached(done as u64))?;
+    let samples = (0..source.len()).map(|i| -> Result<PreparedSample, ParticipantError> {
+        Ok(source.sample(i)?.into_owned())
+    });
+    samples.collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::path::PathBuf;
+    use zk0_smolvla::{fixed_point::dims, init::init_policy, Profile};
+
+    /// What is committed to does not depend on where the samples come from.
+    #[test]
+    fn a_commitment_is_the_same_with_and_without_the_cache() {
+        let recording = PathBuf::from(env!("CARGO_MANIFEST_DIR"))
+            .join("../tests/fixtures/datasets/so100_pickplace");
+        let policy = init_policy(&Profile::Micro.config(), 1).unwrap();
+        let spec = EvalSpec::new(dims(&policy.config).unwrap());
+        let dir = tempfile::tempdir().unwrap();
+        let prepare = |cache: Option<&DiskCache>| {
+            Recording::prepare(&recording, &policy, &spec, [3; 32], cache).unwrap()
+        };
+        let plain = prepare(None);
+        for _ in 0..2 {
+            let cache = DiskCache::open(dir.path(), 1 << 30).unwrap();
+            let cached = prepare(Some(&cache));
+            assert_eq!(cached.commitment, plain.commitment);
+            assert_eq!(cached.leaves, plain.leaves);
+            assert_eq!(cached.samples, plain.samples);
+        }
+    }
 }

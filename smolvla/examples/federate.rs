@@ -8,7 +8,6 @@ use std::time::Instant;
 use zk0_smolvla::dataset::Dataset;
 use zk0_smolvla::evaluate::{evaluate, fixed_draws};
 use zk0_smolvla::init::init_policy;
-use zk0_smolvla::optimizer::{AdamWOptions, Schedule};
 use zk0_smolvla::sample::{PreparedSample, Preparer};
 use zk0_smolvla::tokenizer::WordHash;
 use zk0_smolvla::train::{train, TrainOptions};
@@ -46,9 +45,8 @@ fn main() -> Result<(), Box<dyn Error>> {
                 steps: steps.parse()?,
                 batch_size: batch.parse()?,
                 learning_rate: rate.parse()?,
-                schedule: Schedule::WarmupCosine,
-                adamw: AdamWOptions::default(),
                 seed: round * 100 + node as u64,
+                ..TrainOptions::default()
             };
             let trained = train(&config, &global, samples, &options, &mut |_| ())?;
             let before = held_out(&config, &global, samples)?;

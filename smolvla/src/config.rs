@@ -1,4 +1,4 @@
-//! Every dimension of a policy, and the named profiles.
+//! Every dimension of a policy.
 //!
 //! Field meanings follow LeRobot's `SmolVLAConfig` and transformers' `SmolVLMConfig`
 //! ([`PolicyConfig::from_lerobot`] reads both). What never varies between SmolVLA models is a constant
@@ -22,6 +22,8 @@ pub const CHANNELS: usize = 3;
 const LIMIT: usize = 1 << 17;
 /// Nor the number of cameras or layers this.
 const COUNT_LIMIT: usize = 256;
+/// Nor a fixed prefix this many tokens: SmolLM2 was made for no more.
+const PREFIX_LIMIT: usize = 8192;
 /// Nor the number of parameters this, four times those of the published model.
 const PARAMETER_LIMIT: u128 = 1 << 31;
 
@@ -96,7 +98,8 @@ pub struct PolicyConfig {
     pub text: TextConfig,
     /// Action expert.
     pub expert: ExpertConfig,
-    /// Layer `i` is [`LayerKind::Joint`] when `i` is a multiple of this, else [`LayerKind::Cross`].
+    /// Layer `i` is [`LayerKind::Joint`] when `i` is a multiple of this, else [`LayerKind::Cross`]; with 0 all layers are the
+    /// latter.
     pub self_attn_every: usize,
     /// Action frames predicted at once.
     pub chunk_size: usize,
@@ -114,156 +117,22 @@ pub struct PolicyConfig {
     pub min_period: f64,
     /// Longest period of the time embedding.
     pub max_period: f64,
+    /// Prefixes are filled up to this many tokens with masked ones; 0 leaves them as long as they are.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub prefix_length: usize,
+    /// Names of the camera slots in the order of the prefix (LeRobot's image features), or none: then cameras go by name.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub camera_names: Vec<String>,
 }
 
-/// A named set of dimensions.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Profile {
-    /// The dimensions of the reference fixture `smolvla_tiny`.
-    Tiny,
-    /// Small enough that one proven evaluation stays near two million guest cycles.
-    Micro,
-    /// The published model (lerobot/smolvla_base) with two cameras on an SO-100 or SO-101.
-    Full,
-}
-
-impl Profile {
-    /// All of them.
-    pub const ALL: [Self; 3] = [Self::Tiny, Self::Micro, Self::Full];
-
-    /// The profile of that name, as written on a command line or in the ledger.
-    pub fn from_name(name: &str) -> Result<Self> {
-        let named = Self::ALL.into_iter().find(|profile| profile.name() == name);
-        named.ok_or_else(|| {
-            PolicyError::Config(format!(
-                "no profile is called `{name}`; there are `tiny`, `micro` and `full`"
-            ))
-        })
-    }
-
-    /// Its name.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Tiny => "tiny",
-            Self::Micro => "micro",
-            Self::Full => "full",
-        }
-    }
-
-    /// Its dimensions.
-    pub fn config(self) -> PolicyConfig {
-        match self {
-            Self::Tiny => PolicyConfig {
-                cameras: 2,
-                vision: VisionConfig {
-                    image_size: 64,
-                    patch_size: 16,
-                    width: 48,
-                    mlp_width: 96,
-                    layers: 2,
-                    heads: 3,
-                    shuffle: 2,
-                },
-                text: TextConfig {
-                    width: 72,
-                    mlp_width: 160,
-                    layers: 4,
-                    heads: 6,
-                    kv_heads: 2,
-                    head_dim: 12,
-                    vocabulary: 128,
-                },
-                expert: ExpertConfig {
-                    width: 54,
-                    mlp_width: 256,
-                },
-                self_attn_every: 2,
-                chunk_size: 10,
-                state_dim: 6,
-                action_dim: 6,
-                max_state_dim: 32,
-                max_action_dim: 32,
-                max_language_tokens: 48,
-                min_period: 0.004,
-                max_period: 4.0,
-            },
-            Self::Micro => PolicyConfig {
-                cameras: 2,
-                vision: VisionConfig {
-                    image_size: 64,
-                    patch_size: 16,
-                    width: 16,
-                    mlp_width: 32,
-                    layers: 2,
-                    heads: 2,
-                    shuffle: 2,
-                },
-                text: TextConfig {
-                    width: 16,
-                    mlp_width: 32,
-                    layers: 2,
-                    heads: 2,
-                    kv_heads: 1,
-                    head_dim: 8,
-                    vocabulary: 128,
-                },
-                expert: ExpertConfig {
-                    width: 12,
-                    mlp_width: 32,
-                },
-                self_attn_every: 2,
-                chunk_size: 6,
-                state_dim: 6,
-                action_dim: 6,
-                max_state_dim: 8,
-                max_action_dim: 8,
-                max_language_tokens: 4,
-                min_period: 0.004,
-                max_period: 4.0,
-            },
-            Self::Full => PolicyConfig {
-                cameras: 2,
-                vision: VisionConfig {
-                    image_size: 512,
-                    patch_size: 16,
-                    width: 768,
-                    mlp_width: 3072,
-                    layers: 12,
-                    heads: 12,
-                    shuffle: 4,
-                },
-                text: TextConfig {
-                    width: 960,
-                    mlp_width: 2560,
-                    layers: 16,
-                    heads: 15,
-                    kv_heads: 5,
-                    head_dim: 64,
-                    vocabulary: 49_280,
-                },
-                expert: ExpertConfig {
-                    width: 720,
-                    mlp_width: 2048,
-                },
-                self_attn_every: 2,
-                chunk_size: 50,
-                state_dim: 6,
-                action_dim: 6,
-                max_state_dim: 32,
-                max_action_dim: 32,
-                max_language_tokens: 48,
-                min_period: 0.004,
-                max_period: 4.0,
-            },
-        }
-    }
+fn is_zero(number: &usize) -> bool {
+    *number == 0
 }
 
 impl PolicyConfig {
     /// Kind of the expert's layer `i`.
     pub fn layer_kind(&self, i: usize) -> LayerKind {
-        if i.is_multiple_of(self.self_attn_every) {
+        if self.self_attn_every > 0 && i.is_multiple_of(self.self_attn_every) {
             LayerKind::Joint
         } else {
             LayerKind::Cross
@@ -280,7 +149,7 @@ impl PolicyConfig {
         self.text.kv_heads * self.text.head_dim
     }
 
-    /// Patches of one image.
+    /// Patches of one image. Pixels that fill no whole patch, at the right and at the bottom, are not read.
     pub fn patches(&self) -> usize {
         let side = self.vision.image_size / self.vision.patch_size;
         side * side
@@ -322,7 +191,6 @@ impl PolicyConfig {
             ("text.vocabulary", t.vocabulary),
             ("expert.width", e.width),
             ("expert.mlp_width", e.mlp_width),
-            ("self_attn_every", self.self_attn_every),
             ("chunk_size", self.chunk_size),
             ("state_dim", self.state_dim),
             ("action_dim", self.action_dim),
@@ -341,11 +209,11 @@ impl PolicyConfig {
         }
         let rules = [
             (
-                v.image_size % v.patch_size == 0,
-                "vision.image_size must be a multiple of vision.patch_size",
+                v.image_size >= v.patch_size,
+                "vision.image_size is below vision.patch_size",
             ),
             (
-                (v.image_size / v.patch_size) % v.shuffle == 0,
+                (v.image_size / v.patch_size).is_multiple_of(v.shuffle),
                 "the patch grid's side must be a multiple of vision.shuffle",
             ),
             (
@@ -377,6 +245,14 @@ impl PolicyConfig {
                     && self.min_period < self.max_period
                     && self.max_period.is_finite(),
                 "periods must satisfy 0 < min_period < max_period",
+            ),
+            (
+                self.self_attn_every <= LIMIT && self.prefix_length <= PREFIX_LIMIT,
+                "self_attn_every or prefix_length is far too large",
+            ),
+            (
+                self.camera_names.is_empty() || self.camera_names.len() == self.cameras,
+                "camera_names must name every camera slot, or none",
             ),
         ];
         if let Some((_, rule)) = rules.iter().find(|(holds, _)| !holds) {

@@ -1,5 +1,7 @@
 //! What can go wrong between a configuration, weights and samples, said for the person who reads it.
 
+use std::path::{Path, PathBuf};
+
 /// Errors of the policy: configuration, weights, samples and training.
 #[derive(Debug, thiserror::Error)]
 pub enum PolicyError {
@@ -26,12 +28,14 @@ pub enum PolicyError {
         found: Vec<usize>,
     },
     /// A tensor stored in another number format.
-    #[error("weights: tensor `{name}` has type {found}, only F32 is accepted")]
+    #[error("weights: tensor `{name}` has type {found}, only {accepted} is accepted")]
     Dtype {
         /// LeRobot's name of the tensor.
         name: String,
         /// The type in the file.
         found: String,
+        /// What could be read.
+        accepted: &'static str,
     },
     /// A tensor holding NaN or an infinity.
     #[error("weights: tensor `{name}` holds {value} at element {index}; refuse this file")]
@@ -42,6 +46,14 @@ pub enum PolicyError {
         index: usize,
         /// Its value.
         value: f32,
+    },
+    /// A file or folder of a checkpoint or tokenizer that cannot be read or written, or is not what it should be.
+    #[error("{}: {cause}", .path.display())]
+    AtPath {
+        /// Which file or folder.
+        path: PathBuf,
+        /// What is wrong, and what to do.
+        cause: String,
     },
     /// A frame or prepared sample that does not fit the policy.
     #[error("sample: {0}")]
@@ -64,6 +76,12 @@ pub enum PolicyError {
         /// The offending loss.
         loss: f32,
     },
+    /// A gradient became NaN or infinite; the step was not made.
+    #[error("training: the norm of the gradient is {norm}; lower the learning rate")]
+    GradientNotFinite {
+        /// The norm over all tensors.
+        norm: f64,
+    },
     /// Tensor arithmetic failed.
     #[error("tensor arithmetic: {0}")]
     Candle(#[from] candle_core::Error),
@@ -71,3 +89,21 @@ pub enum PolicyError {
 
 /// Result of the policy's functions.
 pub type Result<T> = std::result::Result<T, PolicyError>;
+
+impl PolicyError {
+    /// An error of a file, said with its path.
+    pub(crate) fn file(path: &Path, cause: impl std::fmt::Display) -> Self {
+        Self::AtPath {
+            path: path.to_path_buf(),
+            cause: cause.to_string(),
+        }
+    }
+
+    /// Says an error of a file's content with the file's path.
+    pub(crate) fn within(self, path: &Path) -> Self {
+        match self {
+            Self::AtPath { .. } => self,
+            other => Self::file(path, other),
+        }
+    }
+}

@@ -4,7 +4,7 @@ use candle_core::{Device, Tensor};
 use rand::{RngCore, SeedableRng};
 use rand_chacha::ChaCha20Rng;
 
-use crate::batch::SampleBank;
+use crate::batch::Batch;
 use crate::config::PolicyConfig;
 use crate::error::{PolicyError, Result};
 use crate::model::expert::ExpertModel;
@@ -95,55 +95,97 @@ pub fn evaluate_each(
     let device = Device::Cpu;
     let expert = ExpertModel::new(config, &Parameters::load(weights.tensors(), &device)?)?;
     let mut all = Vec::with_capacity(pairs.len());
-    for some in pairs.chunks(BATCH) {
-        for (_, draw) in some {
-            if draw.noise.len() != config.chunk_elements()
-                || !draw.noise.iter().all(|x| x.is_finite())
-            {
-                return Err(PolicyError::Sample(format!(
-                    "a draw needs {} finite noise values",
-                    config.chunk_elements()
-                )));
-            }
-            if !(0.0..=1.0).contains(&draw.time) {
-                return Err(PolicyError::Sample(format!(
-                    "flow time {} is not in [0, 1]",
-                    draw.time
-                )));
-            }
-        }
+    for (round, some) in pairs.chunks(BATCH).enumerate() {
         let samples: Vec<&PreparedSample> = some.iter().map(|(sample, _)| *sample).collect();
-        let batch = SampleBank::new(config, &samples, &device)?
-            .batch(&(0..some.len()).collect::<Vec<_>>())?;
-        let times: Vec<f32> = some.iter().map(|(_, draw)| draw.time).collect();
-        let noise: Vec<f32> = some
-            .iter()
-            .flat_map(|(_, draw)| draw.noise.iter().copied())
-            .collect();
-        let noise = Tensor::from_vec(noise, batch.actions.shape(), &device)?;
-        let velocity = expert.forward_observed(
-            &batch.cache,
-            &noisy_actions(&batch.actions, &noise, &times)?,
-            &times,
-            observe,
-        )?;
-        let errors: Vec<f32> = losses(&velocity, &target_velocity(&batch.actions, &noise)?)?
-            .flatten_all()?
-            .to_vec1()?;
-        let samples = errors.chunks_exact(config.chunk_elements());
-        for (errors, is_pad) in samples.zip(&batch.is_pad) {
-            let frames = errors.chunks_exact(config.max_action_dim).zip(is_pad);
-            let mut one = Evaluation {
-                squared_error: 0.0,
-                elements: 0,
-            };
-            for (frame, _) in frames.filter(|(_, pad)| !**pad) {
-                let real = &frame[..config.action_dim];
-                one.squared_error += real.iter().map(|e| f64::from(*e)).sum::<f64>();
-                one.elements += config.action_dim;
-            }
-            all.push(one);
-        }
+        let draws: Vec<&FlowDraw> = some.iter().map(|(_, draw)| *draw).collect();
+        let numbers: Vec<usize> = (round * BATCH..).take(some.len()).collect();
+        let batch = Batch::new(config, &samples, &numbers, &device)?;
+        let errors = squared_errors(config, &expert, &batch, &draws, observe)?;
+        all.extend(errors.iter().map(|errors| errors.valid_only));
     }
     Ok(all)
+}
+
+/// The two rules by which LeRobot's releases take the mean of one sample's squared errors.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SampleErrors {
+    /// Real action dimensions of frames that are not padding: LeRobot 0.6's `loss_valid_only`, and that of a claim.
+    pub valid_only: Evaluation,
+    /// All dimensions of all frames, padding included: LeRobot 0.4's.
+    pub plain: Evaluation,
+}
+
+/// The errors of every sample of a batch, each at its draw.
+///
+/// # Errors
+/// [`PolicyError::Sample`] for a draw that does not fit the policy; those of `observe`.
+pub fn squared_errors(
+    config: &PolicyConfig,
+    expert: &ExpertModel,
+    batch: &Batch,
+    draws: &[&FlowDraw],
+    observe: &mut Observer,
+) -> Result<Vec<SampleErrors>> {
+    if draws.len() != batch.is_pad.len() {
+        return Err(PolicyError::Sample(format!(
+            "{} draws for {} samples",
+            draws.len(),
+            batch.is_pad.len()
+        )));
+    }
+    for draw in draws {
+        check(config, draw)?;
+    }
+    let times: Vec<f32> = draws.iter().map(|draw| draw.time).collect();
+    let noise: Vec<f32> = draws.iter().flat_map(|d| d.noise.iter().copied()).collect();
+    let noise = Tensor::from_vec(noise, batch.actions.shape(), batch.actions.device())?;
+    let velocity = expert.forward_observed(
+        &batch.cache,
+        &noisy_actions(&batch.actions, &noise, &times)?,
+        &times,
+        observe,
+    )?;
+    let errors: Vec<f32> = losses(&velocity, &target_velocity(&batch.actions, &noise)?)?
+        .flatten_all()?
+        .to_vec1()?;
+    let samples = errors.chunks_exact(config.chunk_elements());
+    let each = samples.zip(&batch.is_pad).map(|(errors, is_pad)| {
+        let frames = errors.chunks_exact(config.max_action_dim).zip(is_pad);
+        let mut valid_only = Evaluation {
+            squared_error: 0.0,
+            elements: 0,
+        };
+        for (frame, _) in frames.filter(|(_, pad)| !**pad) {
+            valid_only.squared_error += sum(&frame[..config.action_dim]);
+            valid_only.elements += config.action_dim;
+        }
+        SampleErrors {
+            valid_only,
+            plain: Evaluation {
+                squared_error: sum(errors),
+                elements: errors.len(),
+            },
+        }
+    });
+    Ok(each.collect())
+}
+
+fn sum(errors: &[f32]) -> f64 {
+    errors.iter().map(|e| f64::from(*e)).sum()
+}
+
+fn check(config: &PolicyConfig, draw: &FlowDraw) -> Result<()> {
+    if draw.noise.len() != config.chunk_elements() || !draw.noise.iter().all(|x| x.is_finite()) {
+        return Err(PolicyError::Sample(format!(
+            "a draw needs {} finite noise values",
+            config.chunk_elements()
+        )));
+    }
+    if !(0.0..=1.0).contains(&draw.time) {
+        return Err(PolicyError::Sample(format!(
+            "flow time {} is not in [0, 1]",
+            draw.time
+        )));
+    }
+    Ok(())
 }

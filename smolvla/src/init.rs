@@ -6,6 +6,7 @@
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha20Rng;
+use rayon::prelude::*;
 use sha2::{Digest, Sha256};
 
 use crate::config::PolicyConfig;
@@ -24,7 +25,7 @@ use crate::weights::{Policy, TensorData, TensorSet};
 pub fn init_policy(config: &PolicyConfig, seed: u64) -> Result<Policy> {
     config.validate()?;
     let tensors: TensorSet = policy_layout(config)
-        .into_iter()
+        .into_par_iter()
         .map(|(name, shape)| {
             let elements = shape.iter().product();
             let data = match Start::of(&name, &shape, config) {

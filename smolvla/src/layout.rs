@@ -11,8 +11,10 @@ pub type Layout = BTreeMap<String, Vec<usize>>;
 pub const EXPERT: &str = "model.vlm_with_expert.lm_expert";
 /// Where the frozen vision-language model lives.
 pub const VLM: &str = "model.vlm_with_expert.vlm.model";
-/// Part of a checkpoint that the policy never uses.
-pub const UNUSED: &[&str] = &["model.vlm_with_expert.vlm.lm_head.weight"];
+/// The projection of states into the prefix.
+pub const STATE_PROJ: &str = "model.state_proj";
+/// The language model's head: part of a checkpoint, but never used by the policy.
+pub const LM_HEAD: &str = "model.vlm_with_expert.vlm.lm_head.weight";
 
 /// The tensors that training changes: the expert with its final norm, and the action and time projections.
 pub fn expert_layout(config: &PolicyConfig) -> Layout {
@@ -117,10 +119,34 @@ pub fn frozen_layout(config: &PolicyConfig) -> Layout {
         );
     }
     layout.insert(format!("{VLM}.text_model.norm.weight"), vec![text.width]);
+    layout.extend(state_layout(config));
+    layout
+}
+
+/// What training changes: the expert alone, so that a frame's prefix is computed once, or with the state projection, as
+/// LeRobot does by default (`train_state_proj`). The gradient of the latter runs through the frozen language layers.
+pub fn trainable_layout(config: &PolicyConfig, train_state_proj: bool) -> Layout {
+    let mut layout = expert_layout(config);
+    if train_state_proj {
+        layout.extend(state_layout(config));
+    }
+    layout
+}
+
+/// All tensors of a checkpoint: those of the policy, and the language model's head.
+pub fn checkpoint_layout(config: &PolicyConfig) -> Layout {
+    let mut layout = policy_layout(config);
+    let text = &config.text;
+    layout.insert(LM_HEAD.into(), vec![text.vocabulary, text.width]);
+    layout
+}
+
+fn state_layout(config: &PolicyConfig) -> Layout {
+    let mut layout = Layout::new();
     linear(
         &mut layout,
-        "model.state_proj",
-        text.width,
+        STATE_PROJ,
+        config.text.width,
         config.max_state_dim,
     );
     layout

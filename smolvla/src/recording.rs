@@ -1,8 +1,8 @@
 //! A whole recording, prepared: the bridge from [`crate::dataset`] to [`crate::sample`].
 
-use crate::dataset::{Dataset, DatasetError};
+use crate::dataset::{Dataset, DatasetError, Frame, Loader};
 use crate::error::PolicyError;
-use crate::sample::{CameraImage, Observation, PreparedSample, Preparer};
+use crate::sample::{CameraImage, FromFrame, Observation, PreparedSample, Preparer};
 
 impl Preparer<'_> {
     /// Prepares every frame of a recording, in order, normalising with the recording's own statistics. `progress` is
@@ -22,36 +22,51 @@ impl Preparer<'_> {
         step: usize,
         mut progress: impl FnMut(usize, usize),
     ) -> std::result::Result<Vec<PreparedSample>, PrepareError> {
-        let stats = dataset.stats();
         let mut loader = dataset.loader(self.config().chunk_size)?;
         let wanted = (0..dataset.len()).step_by(step.max(1));
         let count = wanted.len();
         let mut samples = Vec::with_capacity(count);
         for index in wanted {
-            let mut frame = loader.frame(index)?;
-            stats.state.normalize(&mut frame.state);
-            stats.action.normalize(&mut frame.actions);
-            let cameras = dataset
-                .cameras()
-                .iter()
-                .zip(&frame.images)
-                .map(|(camera, image)| CameraImage {
-                    name: &camera.name,
-                    height: image.height,
-                    width: image.width,
-                    pixels: &image.pixels,
-                });
-            samples.push(self.prepare(&Observation {
-                cameras: cameras.collect(),
-                state: &frame.state,
-                actions: &frame.actions,
-                is_pad: &frame.action_is_pad,
-                task: &frame.task,
-            })?);
+            samples.push(self.prepare_frame(dataset, &mut loader, index)?);
             progress(samples.len(), count);
         }
         Ok(samples)
     }
+
+    /// Makes a sample of frame `index` of a recording, with a loader of that recording.
+    pub fn prepare_frame<S: FromFrame>(
+        &self,
+        dataset: &Dataset,
+        loader: &mut Loader,
+        index: usize,
+    ) -> std::result::Result<S, PrepareError> {
+        let mut frame = loader.frame(index)?;
+        normalise(dataset, &mut frame);
+        let cameras = dataset
+            .cameras()
+            .iter()
+            .zip(&frame.images)
+            .map(|(camera, image)| CameraImage {
+                name: &camera.name,
+                height: image.height,
+                width: image.width,
+                pixels: &image.pixels,
+            });
+        let observation = Observation {
+            cameras: cameras.collect(),
+            state: &frame.state,
+            actions: &frame.actions,
+            is_pad: &frame.action_is_pad,
+            task: &frame.task,
+        };
+        Ok(S::from_frame(self, &observation)?)
+    }
+}
+
+/// Brings a frame's state and actions to mean 0 and standard deviation 1 over the recording.
+pub(crate) fn normalise(dataset: &Dataset, frame: &mut Frame) {
+    dataset.stats().state.normalize(&mut frame.state);
+    dataset.stats().action.normalize(&mut frame.actions);
 }
 
 /// Preparing a whole recording can fail in the recording or in the policy.

@@ -9,7 +9,7 @@ use safetensors::tensor::{serialize, Dtype, SafeTensors, TensorView};
 
 use crate::config::PolicyConfig;
 use crate::error::{PolicyError, Result};
-use crate::layout::{expert_layout, policy_layout, Layout, UNUSED};
+use crate::layout::{expert_layout, policy_layout, Layout, LM_HEAD};
 
 /// One tensor, row-major.
 #[derive(Clone, Debug, PartialEq)]
@@ -78,7 +78,7 @@ impl Policy {
     /// As [`ExpertWeights::from_safetensors`].
     pub fn from_safetensors(config: &PolicyConfig, bytes: &[u8]) -> Result<Self> {
         config.validate()?;
-        let all = read(bytes, &policy_layout(config), UNUSED)?;
+        let all = read(bytes, &policy_layout(config), &[LM_HEAD])?;
         Ok(Self::split(config, all))
     }
 
@@ -122,6 +122,7 @@ fn read(bytes: &[u8], layout: &Layout, ignored: &[&str]) -> Result<TensorSet> {
             return Err(PolicyError::Dtype {
                 name: name.clone(),
                 found: format!("{:?}", view.dtype()),
+                accepted: "F32",
             });
         }
         if view.shape() != shape {
@@ -158,7 +159,7 @@ fn check(tensors: &TensorSet, layout: &Layout) -> Result<()> {
     Ok(())
 }
 
-fn check_finite(name: &str, tensor: &TensorData) -> Result<()> {
+pub(crate) fn check_finite(name: &str, tensor: &TensorData) -> Result<()> {
     match tensor.data.iter().position(|x| !x.is_finite()) {
         Some(index) => Err(PolicyError::NotFinite {
             name: name.into(),

@@ -15,7 +15,6 @@ use zk0_smolvla::dataset::Dataset;
 use zk0_smolvla::fidelity::{draws, measure, Fidelity, FidelityError};
 use zk0_smolvla::fixed_point::dims;
 use zk0_smolvla::model::observe::Site;
-use zk0_smolvla::optimizer::{AdamWOptions, Schedule};
 use zk0_smolvla::sample::{PreparedSample, Preparer};
 use zk0_smolvla::tokenizer::WordHash;
 use zk0_smolvla::train::{train, TrainOptions};
@@ -57,9 +56,8 @@ fn trained() -> ExpertWeights {
         steps: 120,
         batch_size: 16,
         learning_rate: 2e-3,
-        schedule: Schedule::WarmupCosine,
-        adamw: AdamWOptions::default(),
         seed: 1,
+        ..TrainOptions::default()
     };
     let [ours, _] = &*SAMPLES;
     train(&config(), &policy().expert, ours, &options, &mut |_| ())

@@ -4,27 +4,55 @@ mod reference;
 
 use std::collections::BTreeMap;
 
-use reference::text;
-use zk0_smolvla::layout::{expert_layout, policy_layout, Layout};
-use zk0_smolvla::{PolicyConfig, PolicyError, Profile};
+use reference::{fixtures, published_parameters};
+use zk0_smolvla::layout::{checkpoint_layout, expert_layout, policy_layout, Layout};
+use zk0_smolvla::{LeRobotConfig, PolicyConfig, PolicyError, Profile};
 
-/// SmolVLA as published, written as changes to the tiny fixture's files.
-fn published() -> PolicyConfig {
-    let mut policy: serde_json::Value = serde_json::from_str(&text("policy_config.json")).unwrap();
-    let mut vlm: serde_json::Value = serde_json::from_str(&text("vlm_config.json")).unwrap();
-    for (key, value) in [("chunk_size", 50), ("num_vlm_layers", 16)] {
-        policy[key] = value.into();
+fn text(file: &str) -> String {
+    std::fs::read_to_string(fixtures().join("smolvla_tiny").join(file)).unwrap()
+}
+
+fn json(file: &str) -> serde_json::Value {
+    serde_json::from_str(&text(file)).unwrap()
+}
+
+/// The tiny fixture's configuration with other values.
+fn policy_json(changes: &[(&str, serde_json::Value)]) -> String {
+    let mut policy = json("policy_config.json");
+    for (key, value) in changes {
+        policy[*key] = value.clone();
     }
-    policy["resize_imgs_with_padding"] = vec![512, 512].into();
+    policy.to_string()
+}
+
+fn parse(policy: &str) -> Result<PolicyConfig, PolicyError> {
+    PolicyConfig::from_lerobot(policy, &text("vlm_config.json"))
+}
+
+/// SmolVLA as published, written as changes to the tiny fixture's file.
+fn published_policy() -> String {
+    policy_json(&[
+        ("chunk_size", 50.into()),
+        ("num_vlm_layers", 16.into()),
+        ("resize_imgs_with_padding", vec![512, 512].into()),
+        (
+            "vlm_model_name",
+            "HuggingFaceTB/SmolVLM2-500M-Video-Instruct".into(),
+        ),
+    ])
+}
+
+/// The published VLM's configuration, written as changes to the tiny fixture's file.
+fn published_vlm() -> String {
+    let mut vlm = json("vlm_config.json");
     let vision = [
         ("image_size", 512),
         ("hidden_size", 768),
         ("intermediate_size", 3072),
+        ("num_hidden_layers", 12),
+        ("num_attention_heads", 12),
     ];
-    for (key, value) in vision
-        .into_iter()
-        .chain([("num_hidden_layers", 12), ("num_attention_heads", 12)])
-    {
+    for (key, value) in vision {
         vlm["vision_config"][key] = value.into();
     }
     let language = [
@@ -32,44 +60,85 @@ fn published() -> PolicyConfig {
         ("intermediate_size", 2560),
         ("num_hidden_layers", 32),
         ("head_dim", 64),
-    ];
-    let heads = [
         ("num_attention_heads", 15),
         ("num_key_value_heads", 5),
         ("vocab_size", 49280),
     ];
-    for (key, value) in language.into_iter().chain(heads) {
+    for (key, value) in language {
         vlm["text_config"][key] = value.into();
     }
     vlm["scale_factor"] = 4.into();
-    PolicyConfig::from_lerobot(&policy.to_string(), &vlm.to_string()).unwrap()
+    vlm.to_string()
 }
 
 #[test]
 fn the_published_model_has_exactly_these_tensors() {
-    let json: serde_json::Value =
-        serde_json::from_str(&text("../smolvla_full_params.json")).unwrap();
-    let (mut all, mut trainable) = (Layout::new(), Layout::new());
-    for parameter in json["parameters"].as_array().unwrap() {
+    let mut all = Layout::new();
+    for parameter in published_parameters()["parameters"].as_array().unwrap() {
         let name = parameter["name"].as_str().unwrap().to_string();
-        let shape: Vec<usize> = serde_json::from_value(parameter["shape"].clone()).unwrap();
-        if parameter["trainable"].as_bool().unwrap() {
-            trainable.insert(name.clone(), shape.clone());
-        }
-        all.insert(name, shape);
+        all.insert(
+            name,
+            serde_json::from_value(parameter["shape"].clone()).unwrap(),
+        );
     }
     assert_eq!(all.len(), 500);
-    all.remove("model.vlm_with_expert.vlm.lm_head.weight")
-        .unwrap();
-    // LeRobot trains the state projection by default; here it is frozen with the rest of the prefix.
-    trainable.retain(|name, _| !name.starts_with("model.state_proj."));
 
-    let config = published();
+    let mut config = PolicyConfig::from_lerobot(&published_policy(), &published_vlm()).unwrap();
+    config.camera_names.clear();
     assert_eq!(Profile::Full.config(), config);
     assert_eq!((config.expert.width, config.expert.mlp_width), (720, 2048));
     assert_eq!(config.max_prefix_tokens(), 2 * 64 + 48 + 1);
+    assert_eq!(checkpoint_layout(&config), all);
+    let elements = |shape: &Vec<usize>| shape.iter().product::<usize>();
+    assert_eq!(all.values().map(elements).sum::<usize>(), 450_046_176);
+
+    all.remove("model.vlm_with_expert.vlm.lm_head.weight")
+        .unwrap();
     assert_eq!(policy_layout(&config), all);
-    assert_eq!(expert_layout(&config), trainable);
+    all.retain(|name, _| expert_layout(&config).contains_key(name));
+    assert_eq!(expert_layout(&config), all);
+}
+
+#[test]
+fn the_published_vlm_is_known_by_its_name() {
+    let by_name = LeRobotConfig::parse(&published_policy(), None).unwrap();
+    let by_file = LeRobotConfig::parse(&published_policy(), Some(&published_vlm())).unwrap();
+    assert_eq!(by_name, by_file);
+    // 32 language layers were built; all of them are kept where nothing limits them.
+    for limit in [-1, 0, 32, 40] {
+        let mut policy: serde_json::Value = serde_json::from_str(&published_policy()).unwrap();
+        policy["num_vlm_layers"] = limit.into();
+        let config = LeRobotConfig::parse(&policy.to_string(), None).unwrap();
+        assert_eq!(config.dims.text.layers, 32);
+    }
+    let unknown = LeRobotConfig::parse(&text("policy_config.json"), None).unwrap_err();
+    let said = unknown.to_string();
+    assert!(
+        said.contains("`local-tiny`") && said.contains("vlm_config.json"),
+        "{said}"
+    );
+}
+
+/// As the Hub has it: what equals transformers' defaults is left out.
+#[test]
+fn a_vlm_file_may_leave_out_transformers_defaults() {
+    let mut vlm: serde_json::Value = serde_json::from_str(&published_vlm()).unwrap();
+    for key in [
+        "intermediate_size",
+        "num_hidden_layers",
+        "num_channels",
+        "layer_norm_eps",
+        "hidden_act",
+    ] {
+        vlm["vision_config"].as_object_mut().unwrap().remove(key);
+    }
+    for key in ["hidden_act", "attention_bias", "mlp_bias"] {
+        vlm["text_config"].as_object_mut().unwrap().remove(key);
+    }
+    assert_eq!(
+        PolicyConfig::from_lerobot(&published_policy(), &vlm.to_string()).unwrap(),
+        PolicyConfig::from_lerobot(&published_policy(), &published_vlm()).unwrap()
+    );
 }
 
 #[test]
@@ -93,48 +162,153 @@ fn profiles_are_valid_and_named() {
     );
 }
 
+/// Networks name a policy by the digest of a file that holds this.
+#[test]
+fn a_profiles_dimensions_are_written_as_they_always_were() {
+    let written = serde_json::to_value(Profile::Micro.config()).unwrap();
+    let keys: Vec<&String> = written.as_object().unwrap().keys().collect();
+    assert_eq!(keys.len(), 13, "{keys:?}");
+}
+
 #[test]
 fn the_expert_mlp_width_can_be_given() {
-    let mut policy: serde_json::Value = serde_json::from_str(&text("policy_config.json")).unwrap();
-    policy["expert_intermediate_size"] = 32.into();
-    let config = PolicyConfig::from_lerobot(&policy.to_string(), &text("vlm_config.json")).unwrap();
+    let config = parse(&policy_json(&[("expert_intermediate_size", 32.into())])).unwrap();
     assert_eq!(config.expert.mlp_width, 32);
+}
+
+/// LeRobot writes the features of empty cameras into the file of a policy that was built, not before.
+#[test]
+fn cameras_are_in_the_files_order_and_empty_ones_count_once() {
+    let visual = |name: &str| (name.to_string(), r#"{"type":"VISUAL","shape":[3,8,8]}"#);
+    let features = |names: &[&str]| {
+        let state = r#""observation.state":{"type":"STATE","shape":[6]}"#.to_string();
+        let cameras = names.iter().map(|name| {
+            let (name, feature) = visual(name);
+            format!(r#""observation.images.{name}":{feature}"#)
+        });
+        format!(
+            "{{{}}}",
+            std::iter::once(state)
+                .chain(cameras)
+                .collect::<Vec<_>>()
+                .join(",")
+        )
+    };
+    let with = |names: &[&str]| {
+        // Spliced in as text: a JSON value would sort the names.
+        let policy = policy_json(&[
+            ("empty_cameras", 2.into()),
+            ("input_features", "HERE".into()),
+        ]);
+        parse(&policy.replace("\"HERE\"", &features(names))).unwrap()
+    };
+    let expected = ["wrist", "top", "empty_camera_0", "empty_camera_1"]
+        .map(|name| format!("observation.images.{name}"));
+    for names in [
+        &["wrist", "top"][..],
+        &["wrist", "top", "empty_camera_0"],
+        &["wrist", "top", "empty_camera_0", "empty_camera_1"],
+    ] {
+        let config = with(names);
+        assert_eq!(config.camera_names, expected);
+        assert_eq!(config.cameras, 4);
+    }
+}
+
+#[test]
+fn layer_kinds_follow_lerobots_rule() {
+    use zk0_smolvla::config::LayerKind::{Cross, Joint};
+    let kinds = |changes: &[(&str, serde_json::Value)]| {
+        let config = parse(&policy_json(changes)).unwrap();
+        (0..4).map(|i| config.layer_kind(i)).collect::<Vec<_>>()
+    };
+    let every = |n: i64| kinds(&[("self_attn_every_n_layers", n.into())]);
+    assert_eq!(every(2), [Joint, Cross, Joint, Cross]);
+    assert_eq!(every(3), [Joint, Cross, Cross, Joint]);
+    assert_eq!(every(0), [Cross; 4]);
+    assert_eq!(every(-1), [Cross; 4]);
+    assert_eq!(kinds(&[("attention_mode", "self_attn".into())]), [Joint; 4]);
+}
+
+#[test]
+fn training_presets_and_lerobots_defaults() {
+    let config = LeRobotConfig::parse(
+        &policy_json(&[
+            ("train_state_proj", false.into()),
+            ("optimizer_betas", vec![0.8, 0.9].into()),
+            ("scheduler_decay_lr", 1e-6.into()),
+            ("num_steps", 7.into()),
+        ]),
+        Some(&text("vlm_config.json")),
+    )
+    .unwrap();
+    assert_eq!(config.num_steps, 7);
+    assert!(!config.training.train_state_proj && config.training.train_expert_only);
+    assert_eq!(config.training.betas, (0.8, 0.9));
+    assert_eq!(config.training.decay_learning_rate, 1e-6);
+
+    // A file of LeRobot 0.3.3 knows fewer keys; the shortest possible one, next to none.
+    let mut policy = json("policy_config.json");
+    let keys: Vec<String> = policy.as_object().unwrap().keys().cloned().collect();
+    let needed = [
+        "type",
+        "input_features",
+        "output_features",
+        "chunk_size",
+        "resize_imgs_with_padding",
+        "num_vlm_layers",
+        "vlm_model_name",
+    ];
+    for key in keys.iter().filter(|key| !needed.contains(&key.as_str())) {
+        policy.as_object_mut().unwrap().remove(key);
+    }
+    let vlm = text("vlm_config.json");
+    let short = LeRobotConfig::parse(&policy.to_string(), Some(&vlm)).unwrap();
+    let mut whole = LeRobotConfig::parse(&text("policy_config.json"), Some(&vlm)).unwrap();
+    whole.n_action_steps = 50; // the fixture's is not the default
+    assert_eq!(short, whole);
+    assert_eq!(short.training, Default::default());
 }
 
 #[test]
 fn unsupported_or_impossible_configurations_are_refused_by_name() {
     let policy_cases = BTreeMap::from([
-        ("attention_mode", serde_json::json!("self_attn")),
         ("add_image_special_tokens", true.into()),
-        ("prefix_length", 100.into()),
+        ("adapt_to_pi_aloha", true.into()),
         ("num_expert_layers", 2.into()),
         ("resize_imgs_with_padding", vec![32, 32].into()),
         ("type", "pi0".into()),
-        ("self_attn_every_n_layers", 0.into()),
         ("chunk_size", 0.into()),
+        ("num_steps", 0.into()),
         ("max_action_dim", 5.into()),
         ("min_period", 5.0.into()),
+        ("prefix_length", 1_000_000.into()),
+        ("empty_cameras", 1_000_000_000.into()),
         ("input_features", serde_json::json!({})),
+        (
+            "normalization_mapping",
+            serde_json::json!({"VISUAL": "MEAN_STD"}),
+        ),
     ]);
     for (key, value) in policy_cases {
-        let mut policy: serde_json::Value =
-            serde_json::from_str(&text("policy_config.json")).unwrap();
-        policy[key] = value;
-        let error =
-            PolicyConfig::from_lerobot(&policy.to_string(), &text("vlm_config.json")).unwrap_err();
+        let error = parse(&policy_json(&[(key, value)])).unwrap_err();
         assert!(matches!(error, PolicyError::Config(_)), "{key}: {error}");
     }
     for (part, key, value) in [
-        ("text_config", "num_attention_heads", 0),
-        ("text_config", "num_key_value_heads", 4),
-        ("text_config", "head_dim", 7),
-        ("text_config", "hidden_size", usize::MAX),
-        ("vision_config", "patch_size", 0),
-        ("vision_config", "patch_size", 15),
-        ("vision_config", "num_channels", 1),
+        ("text_config", "num_attention_heads", 0.into()),
+        ("text_config", "num_key_value_heads", 4.into()),
+        ("text_config", "head_dim", 7.into()),
+        ("text_config", "hidden_size", usize::MAX.into()),
+        ("text_config", "attention_bias", true.into()),
+        ("text_config", "rms_norm_eps", 1e-6.into()),
+        ("vision_config", "patch_size", 0.into()),
+        ("vision_config", "patch_size", 65.into()),
+        ("vision_config", "patch_size", 20.into()),
+        ("vision_config", "num_channels", 1.into()),
+        ("vision_config", "hidden_act", serde_json::json!("relu")),
     ] {
-        let mut vlm: serde_json::Value = serde_json::from_str(&text("vlm_config.json")).unwrap();
-        vlm[part][key] = value.into();
+        let mut vlm = json("vlm_config.json");
+        vlm[part][key] = value;
         let error =
             PolicyConfig::from_lerobot(&text("policy_config.json"), &vlm.to_string()).unwrap_err();
         assert!(matches!(error, PolicyError::Config(_)), "{key}: {error}");
@@ -143,10 +317,14 @@ fn unsupported_or_impossible_configurations_are_refused_by_name() {
         (|c| c.text.layers = 257) as fn(&mut PolicyConfig),
         |c| c.cameras = 1 << 17,
         |c| (c.text.width, c.text.mlp_width) = (1 << 17, 1 << 17),
+        |c| c.camera_names = vec!["one of two".into()],
+        |c| c.self_attn_every = usize::MAX,
     ] {
         let mut config = Profile::Micro.config();
         change(&mut config);
         assert!(matches!(config.validate(), Err(PolicyError::Config(_))));
     }
+    let twice = text("policy_config.json").replace("images.camera2", "images.camera1");
+    assert!(parse(&twice).unwrap_err().to_string().contains("twice"));
     assert!(PolicyConfig::from_lerobot("{", "{}").is_err());
 }

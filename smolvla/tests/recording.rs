@@ -5,7 +5,6 @@ use std::path::PathBuf;
 use zk0_smolvla::dataset::Dataset;
 use zk0_smolvla::evaluate::{evaluate, fixed_draws};
 use zk0_smolvla::init::init_policy;
-use zk0_smolvla::optimizer::{AdamWOptions, Schedule};
 use zk0_smolvla::sample::Preparer;
 use zk0_smolvla::tokenizer::WordHash;
 use zk0_smolvla::train::{train, TrainOptions};
@@ -45,9 +44,8 @@ fn a_recording_is_prepared_and_learnt_from() {
         steps: 300,
         batch_size: 32,
         learning_rate: 3e-3,
-        schedule: Schedule::WarmupCosine,
-        adamw: AdamWOptions::default(),
         seed: 1,
+        ..TrainOptions::default()
     };
     let trained = train(&config, &policy.expert, &samples, &options, &mut |_| ()).unwrap();
     let draws = fixed_draws(&config, 4 * samples.len(), u64::MAX);

@@ -3,12 +3,17 @@
 use proptest::prelude::*;
 use rand::SeedableRng;
 use rand_chacha::ChaCha20Rng;
+use zk0_smolvla::batch::InMemory;
 use zk0_smolvla::evaluate::{evaluate, FlowDraw};
 use zk0_smolvla::init::init_policy;
-use zk0_smolvla::optimizer::{AdamWOptions, Schedule};
-use zk0_smolvla::sample::{CameraImage, Observation, PreparedSample, Preparer};
+use zk0_smolvla::sample::{
+    CameraImage, FromFrame, Observation, ObservedSample, PreparedSample, Preparer,
+};
+use zk0_smolvla::schedule::Schedule;
 use zk0_smolvla::tokenizer::WordHash;
-use zk0_smolvla::train::{train, TrainOptions};
+use zk0_smolvla::train::learner::Snapshot;
+use zk0_smolvla::train::trainer::evaluate_samples;
+use zk0_smolvla::train::{train, Samples, TrainOptions, TrainScope, Trainer};
 use zk0_smolvla::{ExpertWeights, Policy, PolicyConfig, PolicyError, Profile};
 
 fn config() -> PolicyConfig {
@@ -57,6 +62,14 @@ impl Scene {
     }
 
     fn prepare(&self) -> Result<PreparedSample, PolicyError> {
+        self.made()
+    }
+
+    fn observe(&self) -> Result<ObservedSample, PolicyError> {
+        self.made()
+    }
+
+    fn made<S: FromFrame>(&self) -> Result<S, PolicyError> {
         let tokenizer = WordHash::new(&config());
         let cameras = self
             .pictures
@@ -67,13 +80,15 @@ impl Scene {
                 width: *width,
                 pixels,
             });
-        Preparer::new(&policy(), &tokenizer)?.prepare(&Observation {
+        let preparer = Preparer::new(&policy(), &tokenizer)?;
+        let observation = Observation {
             cameras: cameras.collect(),
             state: &self.state,
             actions: &self.actions,
             is_pad: &self.is_pad,
             task: self.task,
-        })
+        };
+        S::from_frame(&preparer, &observation)
     }
 }
 
@@ -86,9 +101,8 @@ fn options(seed: u64, steps: usize) -> TrainOptions {
         steps,
         batch_size: 16,
         learning_rate: 3e-3,
-        schedule: Schedule::WarmupCosine,
-        adamw: AdamWOptions::default(),
         seed,
+        ..TrainOptions::default()
     }
 }
 
@@ -340,4 +354,112 @@ proptest! {
         let sum: f64 = alone.iter().map(|e| e.squared_error).sum();
         prop_assert!((together.squared_error / sum - 1.0).abs() < 1e-5);
     }
+}
+
+/// Training the state projection too starts from the same numbers as training the expert alone.
+#[test]
+fn observed_samples_give_the_prefix_of_prepared_ones() {
+    let policy = policy();
+    let observed: Vec<ObservedSample> = (0..6).map(|k| Scene::at(k).observe().unwrap()).collect();
+    let prepared: Vec<PreparedSample> = (0..6).map(|k| Scene::at(k).prepare().unwrap()).collect();
+    // Instructions of three words and of one: the batch has padding before the state.
+    assert_ne!(
+        observed[0].observed.prefix_tokens,
+        observed[1].observed.prefix_tokens
+    );
+    let in_memory = (
+        InMemory::new(&config(), &prepared).unwrap(),
+        InMemory::observed(&config(), &observed).unwrap(),
+    );
+    let device = candle_core::Device::Cpu;
+    let all: Vec<usize> = (0..6).collect();
+    let draws = zk0_smolvla::evaluate::fixed_draws(&config(), 6, 3);
+    let loss = |frozen, samples| {
+        let models = Snapshot::new(&config(), &policy.expert, frozen, &device).unwrap();
+        evaluate_samples(&models, samples, &all, &draws).unwrap()
+    };
+    let a = loss(None, Samples::Prepared(&in_memory.0));
+    let b = loss(Some(&policy.frozen), Samples::Observed(&in_memory.1));
+    assert_eq!(a.valid_only.elements, b.valid_only.elements);
+    assert!((a.valid_only.loss() / b.valid_only.loss() - 1.0).abs() < 1e-5);
+    assert!((a.plain.loss() / b.plain.loss() - 1.0).abs() < 1e-5);
+    let pairs: Vec<_> = prepared.iter().zip(&draws).collect();
+    let plain = evaluate(&config(), &policy.expert, &pairs).unwrap();
+    assert!((a.valid_only.loss() / plain.loss() - 1.0).abs() < 1e-6);
+}
+
+#[test]
+fn the_state_projection_is_trained_when_asked_for() {
+    let policy = policy();
+    let samples: Vec<ObservedSample> = (0..12).map(|k| Scene::at(k).observe().unwrap()).collect();
+    let samples = InMemory::observed(&config(), &samples).unwrap();
+    let device = candle_core::Device::Cpu;
+    let mut trainer = Trainer::on(
+        &device,
+        &config(),
+        &policy.expert,
+        Some(&policy.frozen),
+        Samples::Observed(&samples),
+        options(1, 40),
+    )
+    .unwrap();
+    assert_eq!(trainer.scope(), TrainScope::ExpertAndState);
+    let losses: Vec<f32> = (0..40).map(|_| trainer.step().unwrap().loss).collect();
+    let values = trainer.values().unwrap();
+    for name in ["model.state_proj.weight", "model.state_proj.bias"] {
+        assert_ne!(values[name], policy.frozen[name], "{name}");
+    }
+    assert_eq!(values.len(), policy.expert.tensors().len() + 2);
+    assert_eq!(trainer.weights().unwrap().tensors().len() + 2, values.len());
+    let mean = |some: &[f32]| some.iter().sum::<f32>() / some.len() as f32;
+    assert!(mean(&losses[30..]) < mean(&losses[..10]), "{losses:?}");
+}
+
+#[test]
+fn samples_of_the_other_scope_are_refused() {
+    let policy = policy();
+    let samples = samples();
+    let samples = InMemory::new(&config(), &samples).unwrap();
+    let device = candle_core::Device::Cpu;
+    let (frozen, samples) = (Some(&policy.frozen), Samples::Prepared(&samples));
+    let made = Trainer::on(
+        &device,
+        &config(),
+        &policy.expert,
+        frozen,
+        samples,
+        options(1, 1),
+    );
+    let error = made.unwrap().step().unwrap_err();
+    assert!(matches!(error, PolicyError::Sample(_)), "{error}");
+}
+
+/// FedProx holds weights near where they start.
+#[test]
+fn a_proximal_term_keeps_weights_near_their_start() {
+    let (samples, start) = (samples(), policy().expert);
+    let moved = |fedprox_mu| {
+        let options = TrainOptions {
+            fedprox_mu,
+            ..options(1, 60)
+        };
+        let mut last = None;
+        let trained = train(&config(), &start, &samples, &options, &mut |step| {
+            last = Some(step)
+        });
+        let weights = trained.unwrap().weights;
+        let pairs = start.tensors().iter().zip(weights.tensors().values());
+        let squares = pairs.flat_map(|((_, a), b)| {
+            let pairs = a.data.iter().zip(&b.data);
+            pairs
+                .map(|(a, b)| f64::from(a - b).powi(2))
+                .collect::<Vec<_>>()
+        });
+        (squares.sum::<f64>().sqrt(), last.unwrap().proximal)
+    };
+    let ((free, nothing), (held, term)) = (moved(0.0), moved(10.0));
+    println!("moved {free:.3} without, {held:.3} with the term");
+    assert!(held < 0.5 * free, "{held} {free}");
+    assert_eq!(nothing, 0.0);
+    assert!(term > 0.0);
 }

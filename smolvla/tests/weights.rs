@@ -116,7 +116,7 @@ fn shapes_and_types_are_checked() {
         (norm.1, norm.3) = (Dtype::F16, vec![0; 24]);
     });
     assert!(
-        matches!(refusal(&half), PolicyError::Dtype { name, found } if name == NORM && found == "F16")
+        matches!(refusal(&half), PolicyError::Dtype { name, found, .. } if name == NORM && found == "F16")
     );
 
     let other_profile = ExpertWeights::from_safetensors(

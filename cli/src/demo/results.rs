@@ -243,7 +243,7 @@ struct Unseen {
 
 impl Unseen {
     fn new(path: &Path, policy: &Policy) -> Result<Self> {
-        let samples = recording::prepare_samples(&Dataset::open(path)?, policy)?;
+        let samples = recording::prepare_samples(&Dataset::open(path)?, policy, None)?;
         let draws = evaluate::fixed_draws(&policy.config, samples.len(), 0);
         Ok(Self {
             policy: policy.clone(),

@@ -3,19 +3,18 @@
 
 mod report;
 
-use crate::calibration::{calibrated, samples};
-use anyhow::{bail, Context, Result};
-use report::{print_ranges, table, Outcome, Row};
-use std::{
-    fs,
-    path::{Path, PathBuf},
+use crate::{
+    calibration::{calibrated, samples},
+    policy_source,
 };
+use anyhow::{bail, Result};
+use report::{print_ranges, table, Outcome, Row};
+use std::path::PathBuf;
 use zk0_circuits::{Digest, EvalSpec};
 use zk0_smolvla::{
     fidelity::measure,
     fixed_point::dims,
     init::init_policy,
-    optimizer::{AdamWOptions, Schedule},
     sample::PreparedSample,
     train::{train, TrainOptions},
     ExpertWeights, Policy, PolicyConfig, Profile,
@@ -75,9 +74,8 @@ impl Effort {
                 steps: options.steps.unwrap_or(steps),
                 batch_size,
                 learning_rate,
-                schedule: Schedule::WarmupCosine,
-                adamw: AdamWOptions::default(),
                 seed: 1,
+                ..TrainOptions::default()
             },
         }
     }
@@ -98,7 +96,7 @@ pub fn run(options: &Options) -> Result<()> {
     for folder in &options.folders {
         let name = folder.file_name().unwrap_or(folder.as_os_str());
         let name = name.to_string_lossy().into_owned();
-        compare(name, "what the folder holds", lerobot(folder)?)?;
+        compare(name, "what the folder holds", policy_source::read(folder)?)?;
     }
     for profile in &options.profiles {
         let policy = init_policy(&profile.config(), 1)?;
@@ -114,22 +112,6 @@ pub fn run(options: &Options) -> Result<()> {
             rows.len()
         ),
     }
-}
-
-/// Reads a policy of LeRobot's.
-fn lerobot(folder: &Path) -> Result<Policy> {
-    let file = |name: &str| {
-        let path = folder.join(name);
-        fs::read(&path).with_context(|| format!("reading {}", path.display()))
-    };
-    let json =
-        |name: &str| String::from_utf8(file(name)?).with_context(|| format!("{name} is not text"));
-    let config =
-        PolicyConfig::from_lerobot(&json("policy_config.json")?, &json("vlm_config.json")?)?;
-    Ok(Policy::from_safetensors(
-        &config,
-        &file("weights.safetensors")?,
-    )?)
 }
 
 /// The four rows of a policy, untrained and trained, with default and with calibrated ranges; and how it was trained.

@@ -10,21 +10,27 @@ use arrow_array::{Array, ArrayRef, PrimitiveArray, RecordBatch};
 use arrow_schema::DataType;
 use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
 use parquet::arrow::ProjectionMask;
+use parquet::basic::Type;
 
-use super::DatasetError;
+use super::{parquet_pages, DatasetError};
 
+/// Rows decoded at once; fewer where there are strings, which may be long.
 const BATCH: usize = 1024;
+const TEXT_BATCH: usize = 16;
 
-/// Hands the named columns of a parquet file to `each`, batch by batch in row order.
+/// Hands the named columns of a parquet file to `each`, batch by batch in row order. A row holds at most `per_row` values of a
+/// column.
 ///
 /// # Errors
-/// The file is missing, damaged or lacks a column; or what `each` answers.
+/// The file is missing, damaged or lacks a column, or its pages claim more than it can hold; or what `each` answers.
 pub(super) fn read(
     path: &Path,
     columns: &[&str],
+    per_row: usize,
     mut each: impl FnMut(&Columns) -> Result<(), DatasetError>,
 ) -> Result<(), DatasetError> {
     let file = File::open(path).map_err(|e| DatasetError::io(path, e))?;
+    let pages = file.try_clone().map_err(|e| DatasetError::io(path, e))?;
     let builder = guarded(path, || ParquetRecordBatchReaderBuilder::try_new(file))?;
     let schema = builder.parquet_schema();
     let fields = schema.root_schema().get_fields();
@@ -38,8 +44,15 @@ pub(super) fn read(
         })
         .collect::<Result<Vec<_>, _>>()?;
     let mask = ProjectionMask::roots(schema, roots);
+    let has_text = (0..schema.num_columns()).any(|leaf| {
+        mask.leaf_included(leaf) && schema.column(leaf).physical_type() == Type::BYTE_ARRAY
+    });
+    guarded(path, || {
+        parquet_pages::check(&pages, builder.metadata(), &mask, per_row)
+    })?;
+    let batch = if has_text { TEXT_BATCH } else { BATCH };
     let mut reader = guarded(path, || {
-        builder.with_projection(mask).with_batch_size(BATCH).build()
+        builder.with_projection(mask).with_batch_size(batch).build()
     })?;
     while let Some(batch) = guarded(path, || reader.next().transpose())? {
         each(&Columns { path, batch })?;

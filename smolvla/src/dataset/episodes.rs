@@ -1,13 +1,18 @@
-//! `meta/tasks.parquet` and `meta/episodes`: which rows and which stretches of video belong together.
+//! Tasks and episodes: which rows and which stretches of video belong together. The metadata of v3.0 is read here, that of
+//! v2.x in `episodes_v2`.
 
+use std::collections::BTreeMap;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-use super::columns;
-use super::{DatasetError, Info};
+use super::columns::{self, Columns};
+use super::episodes_v2;
+use super::info::Format;
+use super::paths::Place;
+use super::{DatasetError, Info, Repair};
 
 /// One demonstration: consecutive frames, and where each camera filmed them.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Episode {
     /// Number of the episode, from 0.
     pub index: usize,
@@ -19,7 +24,7 @@ pub struct Episode {
     pub(super) data_file: PathBuf,
 }
 
-/// Where an episode lies in a camera's video file; several episodes share one.
+/// Where an episode lies in a camera's video file; in v3.0 several episodes share one.
 #[derive(Debug, Clone, PartialEq)]
 pub struct VideoSpan {
     /// The mp4 file.
@@ -31,131 +36,94 @@ pub struct VideoSpan {
 /// Task strings by `task_index`.
 pub(super) fn read_tasks(root: &Path, info: &Info) -> Result<Vec<String>, DatasetError> {
     const TASK: &str = "__index_level_0__"; // the pandas index, which is how LeRobot stores it
-    let path = root.join("meta/tasks.parquet");
-    let mut tasks: Vec<Option<String>> = Vec::new();
-    columns::read(&path, &["task_index", TASK], |batch| {
-        for (&index, task) in batch.ints("task_index")?.iter().zip(batch.strings(TASK)?) {
-            let at = usize::try_from(index).unwrap_or(usize::MAX);
-            if at >= info.total_tasks {
-                return Err(DatasetError::meta(
-                    &path,
-                    format!(
-                        "task_index {index} where meta/info.json counts {} tasks",
-                        info.total_tasks
-                    ),
-                ));
+    let mut tasks = Tasks::new(info);
+    let path = if info.format < Format::V30 {
+        episodes_v2::read_tasks(root, &mut tasks)?
+    } else {
+        let path = root.join("meta/tasks.parquet");
+        columns::read(&path, &["task_index", TASK], 1, |batch| {
+            for (&index, task) in batch.ints("task_index")?.iter().zip(batch.strings(TASK)?) {
+                tasks.add(&path, index, task)?;
             }
-            if tasks.len() <= at {
-                tasks.resize(at + 1, None);
-            }
-            tasks[at] = Some(task);
+            Ok(())
+        })?;
+        path
+    };
+    tasks.complete(path)
+}
+
+/// Most bytes of task strings.
+const MAX_TASKS: usize = 16 << 20;
+
+/// Tasks as they are found.
+pub(super) struct Tasks {
+    expected: usize,
+    found: BTreeMap<usize, String>,
+    /// Bytes of all strings so far: a compressed file can repeat one very often.
+    bytes: usize,
+}
+
+impl Tasks {
+    fn new(info: &Info) -> Self {
+        Self {
+            expected: info.total_tasks,
+            found: BTreeMap::new(),
+            bytes: 0,
         }
+    }
+
+    pub fn add(&mut self, path: &Path, index: i64, task: String) -> Result<(), DatasetError> {
+        let at = usize::try_from(index).unwrap_or(usize::MAX);
+        if at >= self.expected {
+            return Err(DatasetError::meta(
+                path,
+                format!(
+                    "task_index {index} where meta/info.json counts {} tasks",
+                    self.expected
+                ),
+            ));
+        }
+        self.bytes += task.len();
+        if self.bytes > MAX_TASKS {
+            return Err(DatasetError::meta(
+                path,
+                format!("holds more than {MAX_TASKS} bytes of task strings"),
+            ));
+        }
+        self.found.insert(at, task);
         Ok(())
-    })?;
-    let found = tasks.len();
-    match tasks.into_iter().collect::<Option<Vec<_>>>() {
-        Some(tasks) if found == info.total_tasks => Ok(tasks),
-        _ => Err(DatasetError::meta(
-            &path,
-            format!(
-                "does not name all {} tasks of meta/info.json",
-                info.total_tasks
-            ),
-        )),
+    }
+
+    fn complete(self, path: PathBuf) -> Result<Vec<String>, DatasetError> {
+        // All indices are below the number expected.
+        if self.found.len() != self.expected {
+            return Err(DatasetError::meta(
+                path,
+                format!(
+                    "does not name all {} tasks of meta/info.json",
+                    self.expected
+                ),
+            ));
+        }
+        Ok(self.found.into_values().collect())
     }
 }
 
 /// Episodes in order, checked to tile the frames that `meta/info.json` declares.
-pub(super) fn read_episodes(root: &Path, info: &Info) -> Result<Vec<Episode>, DatasetError> {
-    let span_columns: Vec<[String; 3]> = info
-        .cameras
-        .iter()
-        .map(|c| {
-            ["chunk_index", "file_index", "from_timestamp"]
-                .map(|f| format!("videos/{}/{f}", c.name))
-        })
-        .collect();
-    let mut names = vec![
-        "episode_index",
-        "length",
-        "dataset_from_index",
-        "dataset_to_index",
-        "data/chunk_index",
-        "data/file_index",
-    ];
-    names.extend(span_columns.iter().flatten().map(String::as_str));
-
-    let folder = root.join("meta/episodes");
-    let mut episodes: Vec<Episode> = Vec::new();
-    for path in parquet_files(&folder)? {
-        let broken = |cause: String| DatasetError::meta(&path, cause);
-        columns::read(&path, &names, |batch| {
-            let [index, length, from, to, chunk, file] = [0, 1, 2, 3, 4, 5].map(|i| names[i]);
-            let (index, length) = (batch.ints(index)?, batch.ints(length)?);
-            let (from, to) = (batch.ints(from)?, batch.ints(to)?);
-            let (chunk, file) = (batch.ints(chunk)?, batch.ints(file)?);
-            for row in 0..batch.rows() {
-                let number = episodes.len();
-                let start = episodes.last().map_or(0, |e| e.frames.end);
-                let end = usize::try_from(to[row]).unwrap_or(0);
-                if number >= info.total_episodes
-                    || usize::try_from(index[row]) != Ok(number)
-                    || usize::try_from(from[row]) != Ok(start)
-                    || end <= start
-                    || end > info.total_frames
-                    || usize::try_from(length[row]) != Ok(end - start)
-                {
-                    return Err(broken(format!(
-                        "expected episode {number} of {} from frame {start} on, found episode {} of {} frames, {}..{}; \
-                         episodes have to follow each other and end at frame {}",
-                        info.total_episodes, index[row], length[row], from[row], to[row], info.total_frames
-                    )));
-                }
-                let position = |name: &str, value: i64| {
-                    u64::try_from(value)
-                        .map_err(|_| broken(format!("episode {number}: {name} is {value}")))
-                };
-                let data_file = info
-                    .data_file(
-                        position("data/chunk_index", chunk[row])?,
-                        position("data/file_index", file[row])?,
-                    )
-                    .map_err(|cause| DatasetError::meta(root.join("meta/info.json"), cause))?;
-                let mut videos = Vec::with_capacity(info.cameras.len());
-                for (camera, [chunk, file, from]) in info.cameras.iter().zip(&span_columns) {
-                    let from_timestamp = batch.doubles(from)?[row];
-                    if !(0.0..1e9).contains(&from_timestamp) {
-                        return Err(broken(format!(
-                            "episode {number}: {from} is {from_timestamp}"
-                        )));
-                    }
-                    let (c, f) = (batch.ints(chunk)?[row], batch.ints(file)?[row]);
-                    let file = info
-                        .video_file(&camera.name, position(chunk, c)?, position(file, f)?)
-                        .map_err(|cause| DatasetError::meta(root.join("meta/info.json"), cause))?;
-                    let path = root.join(file);
-                    if !path.is_file() {
-                        return Err(DatasetError::MissingFile { path });
-                    }
-                    videos.push(VideoSpan {
-                        path,
-                        from_timestamp,
-                    });
-                }
-                episodes.push(Episode {
-                    index: number,
-                    frames: start..end,
-                    videos,
-                    data_file: root.join(data_file),
-                });
-            }
-            Ok(())
-        })?;
-    }
+pub(super) fn read_episodes(
+    root: &Path,
+    info: &Info,
+    repairs: &mut Vec<Repair>,
+) -> Result<Vec<Episode>, DatasetError> {
+    let (source, episodes) = if info.format < Format::V30 {
+        episodes_v2::read_episodes(root, info, repairs)?
+    } else {
+        read_parquet(root, info, repairs)?
+    };
     let frames = episodes.last().map_or(0, |e| e.frames.end);
     if episodes.len() != info.total_episodes || frames != info.total_frames {
         return Err(DatasetError::meta(
-            folder,
+            source,
             format!(
                 "describes {} episodes with {frames} frames, meta/info.json declares {} with {}",
                 episodes.len(),
@@ -165,6 +133,173 @@ pub(super) fn read_episodes(root: &Path, info: &Info) -> Result<Vec<Episode>, Da
         ));
     }
     Ok(episodes)
+}
+
+/// `meta/episodes` of v3.0.
+fn read_parquet(
+    root: &Path,
+    info: &Info,
+    repairs: &mut Vec<Repair>,
+) -> Result<(PathBuf, Vec<Episode>), DatasetError> {
+    let layout = EpisodeColumns::new(info);
+    let folder = root.join("meta/episodes");
+    let mut episodes: Vec<Episode> = Vec::new();
+    for path in parquet_files(&folder)? {
+        let mut repeated = 0;
+        columns::read(&path, &layout.all(), 1, |batch| {
+            for row in 0..batch.rows() {
+                let found = layout.row(batch, row)?;
+                let (number, start) = next(&episodes);
+                let follows = number < info.total_episodes
+                    && found.index == number as i64
+                    && found.from == start as i64
+                    && found.to > found.from
+                    && found.to <= info.total_frames as i64
+                    && found.length == found.to - found.from;
+                let known = usize::try_from(found.index)
+                    .ok()
+                    .and_then(|index| episodes.get(index));
+                if follows {
+                    let episode = layout.episode(root, info, &path, batch, row, &found)?;
+                    episodes.push(episode);
+                } else if known.is_some_and(|first| found.describes(first))
+                    && Some(&layout.episode(root, info, &path, batch, row, &found)?) == known
+                {
+                    repeated += 1;
+                } else {
+                    return Err(DatasetError::meta(
+                        &path,
+                        format!(
+                            "expected episode {number} of {} from frame {start} on, found episode {} of {} frames, {}..{}; \
+                             episodes have to follow each other and end at frame {}",
+                            info.total_episodes,
+                            found.index,
+                            found.length,
+                            found.from,
+                            found.to,
+                            info.total_frames
+                        ),
+                    ));
+                }
+            }
+            Ok(())
+        })?;
+        if repeated > 0 {
+            repairs.push(Repair::RepeatedEpisodes {
+                path,
+                rows: repeated,
+            });
+        }
+    }
+    Ok((folder, episodes))
+}
+
+/// Number and first frame of the episode that is to come.
+fn next(episodes: &[Episode]) -> (usize, usize) {
+    (episodes.len(), episodes.last().map_or(0, |e| e.frames.end))
+}
+
+/// What a row says about the place of its episode among the others.
+struct EpisodeRow {
+    index: i64,
+    length: i64,
+    from: i64,
+    to: i64,
+}
+
+impl EpisodeRow {
+    fn describes(&self, episode: &Episode) -> bool {
+        let frames = &episode.frames;
+        (self.from, self.to) == (frames.start as i64, frames.end as i64)
+            && self.length == frames.len() as i64
+    }
+}
+
+/// Names of the columns, those of the cameras among them.
+struct EpisodeColumns {
+    /// Per camera: chunk, file, start.
+    spans: Vec<[String; 3]>,
+}
+
+impl EpisodeColumns {
+    const FIXED: [&'static str; 6] = [
+        "episode_index",
+        "length",
+        "dataset_from_index",
+        "dataset_to_index",
+        "data/chunk_index",
+        "data/file_index",
+    ];
+
+    fn new(info: &Info) -> Self {
+        let of_camera = ["chunk_index", "file_index", "from_timestamp"];
+        Self {
+            spans: info
+                .cameras
+                .iter()
+                .map(|c| of_camera.map(|f| format!("videos/{}/{f}", c.name)))
+                .collect(),
+        }
+    }
+
+    fn all(&self) -> Vec<&str> {
+        let spans = self.spans.iter().flatten().map(String::as_str);
+        Self::FIXED.into_iter().chain(spans).collect()
+    }
+
+    fn row(&self, batch: &Columns, row: usize) -> Result<EpisodeRow, DatasetError> {
+        let int = |name: &str| batch.ints(name).map(|column| column[row]);
+        Ok(EpisodeRow {
+            index: int(Self::FIXED[0])?,
+            length: int(Self::FIXED[1])?,
+            from: int(Self::FIXED[2])?,
+            to: int(Self::FIXED[3])?,
+        })
+    }
+
+    /// The episode of a row whose frames are known to be sound.
+    fn episode(
+        &self,
+        root: &Path,
+        info: &Info,
+        path: &Path,
+        batch: &Columns,
+        row: usize,
+        found: &EpisodeRow,
+    ) -> Result<Episode, DatasetError> {
+        let broken =
+            |cause: String| DatasetError::meta(path, format!("episode {}: {cause}", found.index));
+        let number = |name: &str| {
+            let value = batch.ints(name)?[row];
+            u64::try_from(value).map_err(|_| broken(format!("{name} is {value}")))
+        };
+        let place = Place::Shared {
+            chunk: number(Self::FIXED[4])?,
+            file: number(Self::FIXED[5])?,
+        };
+        let data_file = info.data_file(root, place)?;
+        let mut videos = Vec::with_capacity(info.cameras.len());
+        for (camera, [chunk, file, from]) in info.cameras.iter().zip(&self.spans) {
+            let from_timestamp = batch.doubles(from)?[row];
+            if !(0.0..1e9).contains(&from_timestamp) {
+                return Err(broken(format!("{from} is {from_timestamp}")));
+            }
+            let place = Place::Shared {
+                chunk: number(chunk)?,
+                file: number(file)?,
+            };
+            videos.push(VideoSpan {
+                path: info.video_file(root, camera, place)?,
+                from_timestamp,
+            });
+        }
+        Ok(Episode {
+            index: found.index as usize,
+            frames: found.from as usize..found.to as usize,
+            videos,
+            data_file,
+        })
+    }
 }
 
 /// `chunk-*/file-*.parquet` under `folder`, in name order as LeRobot reads them.

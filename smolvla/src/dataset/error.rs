@@ -21,18 +21,19 @@ pub enum DatasetError {
     #[error("{}: {cause}", path.display())]
     Meta { path: PathBuf, cause: String },
     /// Another version of the format.
-    #[error("{}: format {found}, but this reads v3.0; {hint}", path.display())]
-    Version {
-        path: PathBuf,
-        found: String,
-        hint: &'static str,
-    },
+    #[error(
+        "{}: format {found}, but this reads v2.0, v2.1 and v3.0; convert older recordings with LeRobot 0.3 and 0.4: python -m \
+         lerobot.datasets.v30.convert_dataset_v21_to_v30",
+        path.display()
+    )]
+    Version { path: PathBuf, found: String },
     /// A parquet file is damaged, lacks a column, or has one of another type.
     #[error("{}: {cause}", path.display())]
     Parquet { path: PathBuf, cause: String },
-    /// A frame is in the table a second time.
+    /// A frame is in the table a second time, and not as it was the first time.
     #[error(
-        "{}: row {row} holds episode {episode} frame {frame} again (index {index}); remove the repeated rows",
+        "{}: row {row} holds episode {episode} frame {frame} again (index {index}) with other values; remove the rows that \
+         are wrong",
         path.display()
     )]
     RepeatedFrame {
@@ -78,6 +79,9 @@ pub enum DatasetError {
     /// The caller asked for an unusable action chunk.
     #[error("an action chunk of {chunk} frames asked for; it has to be 1 to {max}")]
     Chunk { chunk: usize, max: usize },
+    /// The caller asked for unusable `delta_timestamps`.
+    #[error("delta_timestamps of {key}: {cause}")]
+    DeltaTimestamps { key: String, cause: String },
 }
 
 impl DatasetError {

@@ -1,28 +1,59 @@
 //! `meta/info.json`: what was recorded, how fast, and where the files lie.
 
 use std::fmt;
-use std::io::Read;
-use std::path::{Component, Path, PathBuf};
+use std::path::{Path, PathBuf};
 
 use serde::de::{Deserializer, MapAccess, Visitor};
 use serde::Deserialize;
 use serde_json::Value;
 
+use super::json::read_text;
+use super::paths::{fill, Place};
 use super::DatasetError;
 
 /// A frame cap (92 hours at 30 fps) that keeps a false count from being believed.
 pub(super) const MAX_FRAMES: usize = 10_000_000;
-/// Largest metadata file read, in bytes.
-const MAX_JSON: u64 = 16 << 20;
 const MAX_SIDE: usize = 8192;
 const MAX_DIM: usize = 4096;
 
 pub(super) const STATE: &str = "observation.state";
 pub(super) const ACTION: &str = "action";
 
+/// Version of LeRobotDataset's format, `codebase_version` of `meta/info.json`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Format {
+    /// One parquet file and one video per episode; statistics of the whole in `meta/stats.json`.
+    V20,
+    /// As [`Format::V20`], with statistics per episode in `meta/episodes_stats.jsonl`.
+    V21,
+    /// Episodes share files; metadata in parquet.
+    V30,
+}
+
+impl Format {
+    const ALL: [Self; 3] = [Self::V20, Self::V21, Self::V30];
+
+    /// As LeRobot writes it: `v2.0`, `v2.1`, `v3.0`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::V20 => "v2.0",
+            Self::V21 => "v2.1",
+            Self::V30 => "v3.0",
+        }
+    }
+}
+
+impl fmt::Display for Format {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
 /// The parts of `meta/info.json` that reading needs, checked.
 #[derive(Debug, Clone)]
 pub struct Info {
+    /// Which version of the format the folder is.
+    pub format: Format,
     /// Frames per second, at least 1.
     pub fps: u32,
     /// Robot, as LeRobot names it (`so100`, ...), where given.
@@ -39,6 +70,8 @@ pub struct Info {
     pub action: VectorFeature,
     /// Video features in the file's order.
     pub cameras: Vec<Camera>,
+    /// Episodes in a folder of v2.x, at least 1.
+    chunks_size: u64,
     data_path: String,
     video_path: String,
 }
@@ -70,6 +103,7 @@ struct RawInfo {
     total_frames: usize,
     total_episodes: usize,
     total_tasks: usize,
+    chunks_size: Option<u64>,
     data_path: String,
     video_path: Option<String>,
     features: OrderedFeatures,
@@ -109,33 +143,28 @@ impl Info {
     /// Reads and checks `meta/info.json` under `root`.
     pub(super) fn read(root: &Path) -> Result<Self, DatasetError> {
         let path = root.join("meta/info.json");
-        let text = read_json_text(&path)?;
+        let text = read_text(&path)?;
         let broken = |cause: String| DatasetError::meta(&path, cause);
 
         // The version first: another version's file may lack what the rest of this one needs.
         let any: Value = serde_json::from_str(&text)
             .map_err(|e| broken(format!("is not the JSON it should be: {e}")))?;
-        match any.get("codebase_version").and_then(Value::as_str) {
-            Some("v3.0") => {}
-            Some(found) => {
-                return Err(DatasetError::Version {
-                    path,
-                    found: found.chars().take(40).collect(),
-                    hint: "convert older recordings with LeRobot 0.4: \
-                           python -m lerobot.datasets.v30.convert_dataset_v21_to_v30",
-                })
-            }
-            None => {
-                return Err(broken(
-                    "has no codebase_version; is this a LeRobotDataset?".into(),
-                ))
-            }
-        }
+        let Some(version) = any.get("codebase_version").and_then(Value::as_str) else {
+            return Err(broken(
+                "has no codebase_version; is this a LeRobotDataset?".into(),
+            ));
+        };
+        let Some(format) = Format::ALL.into_iter().find(|f| f.name() == version) else {
+            return Err(DatasetError::Version {
+                path,
+                found: version.chars().take(40).collect(),
+            });
+        };
         let raw: RawInfo = serde_json::from_str(&text).map_err(|e| broken(e.to_string()))?;
-        Self::check(raw).map_err(broken)
+        Self::check(format, raw).map_err(broken)
     }
 
-    fn check(raw: RawInfo) -> Result<Self, String> {
+    fn check(format: Format, raw: RawInfo) -> Result<Self, String> {
         if raw.fps == 0 || raw.fps > 1000 {
             return Err(format!("fps is {}, expected 1 to 1000", raw.fps));
         }
@@ -147,6 +176,11 @@ impl Info {
             if count == 0 || count > MAX_FRAMES {
                 return Err(format!("{what} is {count}, expected 1 to {MAX_FRAMES}"));
             }
+        }
+        // What LeRobot takes where nothing is said.
+        let chunks_size = raw.chunks_size.unwrap_or(1000);
+        if chunks_size == 0 {
+            return Err("chunks_size is 0, expected at least 1".into());
         }
         let mut cameras: Vec<Camera> = Vec::new();
         let (mut state, mut action) = (None, None);
@@ -172,6 +206,7 @@ impl Info {
             return Err("has cameras but no video_path".into());
         }
         Ok(Self {
+            format,
             fps: raw.fps,
             robot_type: raw.robot_type,
             total_frames: raw.total_frames,
@@ -180,41 +215,45 @@ impl Info {
             state: state.ok_or(format!("has no feature {STATE}"))?,
             action: action.ok_or(format!("has no feature {ACTION}"))?,
             cameras,
+            chunks_size,
             data_path: raw.data_path,
             video_path: raw.video_path.unwrap_or_default(),
         })
     }
 
-    /// Path of a data file, relative to the dataset's folder.
-    pub(super) fn data_file(&self, chunk: u64, file: u64) -> Result<PathBuf, String> {
-        fill(&self.data_path, "", chunk, file)
+    /// The file that v2.x keeps an episode in.
+    pub(super) fn place_of_episode(&self, episode: u64) -> Place {
+        Place::OfEpisode {
+            chunk: episode / self.chunks_size,
+            episode,
+        }
     }
 
-    /// Path of a camera's video file, relative to the dataset's folder.
+    /// A data file of the dataset in `root`.
+    pub(super) fn data_file(&self, root: &Path, place: Place) -> Result<PathBuf, DatasetError> {
+        in_folder(root, fill(&self.data_path, "", place))
+    }
+
+    /// A camera's video file of the dataset in `root`; it has to be there.
     pub(super) fn video_file(
         &self,
-        camera: &str,
-        chunk: u64,
-        file: u64,
-    ) -> Result<PathBuf, String> {
-        fill(&self.video_path, camera, chunk, file)
+        root: &Path,
+        camera: &Camera,
+        place: Place,
+    ) -> Result<PathBuf, DatasetError> {
+        let path = in_folder(root, fill(&self.video_path, &camera.name, place))?;
+        if !path.is_file() {
+            return Err(DatasetError::MissingFile { path });
+        }
+        Ok(path)
     }
 }
 
-/// Reads a metadata file, unless it is far larger than such a file can be.
-pub(super) fn read_json_text(path: &Path) -> Result<String, DatasetError> {
-    let file = std::fs::File::open(path).map_err(|e| DatasetError::io(path, e))?;
-    let mut text = String::new();
-    file.take(MAX_JSON + 1)
-        .read_to_string(&mut text)
-        .map_err(|e| DatasetError::io(path, e))?;
-    if text.len() as u64 > MAX_JSON {
-        return Err(DatasetError::meta(
-            path,
-            format!("is larger than {MAX_JSON} bytes"),
-        ));
+fn in_folder(root: &Path, relative: Result<PathBuf, String>) -> Result<PathBuf, DatasetError> {
+    match relative {
+        Ok(path) => Ok(root.join(path)),
+        Err(cause) => Err(DatasetError::meta(root.join("meta/info.json"), cause)),
     }
-    Ok(text)
 }
 
 fn vector(name: &str, feature: &RawFeature) -> Result<VectorFeature, String> {
@@ -244,36 +283,24 @@ fn names(value: Option<&Value>) -> Vec<String> {
 }
 
 fn camera(name: String, feature: &RawFeature) -> Result<Camera, String> {
-    match feature.shape[..] {
-        [height, width, 3]
-            if (1..=MAX_SIDE).contains(&height) && (1..=MAX_SIDE).contains(&width) =>
-        {
-            Ok(Camera {
-                name,
-                height,
-                width,
-            })
-        }
-        _ => Err(format!(
+    // Older recordings say that the channels come first; the video is the same.
+    let names = names(feature.names.as_ref());
+    let channels_first = names.first().is_some_and(|n| n.starts_with("channel"));
+    let sides = match feature.shape[..] {
+        [3, height, width] if channels_first => Some((height, width)),
+        [height, width, 3] if !channels_first => Some((height, width)),
+        _ => None,
+    };
+    let fits = |side: &usize| (1..=MAX_SIDE).contains(side);
+    match sides.filter(|(height, width)| fits(height) && fits(width)) {
+        Some((height, width)) => Ok(Camera {
+            name,
+            height,
+            width,
+        }),
+        None => Err(format!(
             "{name} has shape {:?}, expected [height, width, 3] with sides of 1 to {MAX_SIDE}",
             feature.shape
         )),
     }
-}
-
-/// Fills LeRobot's path template; the result stays inside the dataset's folder.
-fn fill(template: &str, camera: &str, chunk: u64, file: u64) -> Result<PathBuf, String> {
-    let path = template
-        .replace("{video_key}", camera)
-        .replace("{chunk_index:03d}", &format!("{chunk:03}"))
-        .replace("{file_index:03d}", &format!("{file:03}"));
-    let inside = Path::new(&path)
-        .components()
-        .all(|c| matches!(c, Component::Normal(_)));
-    if path.is_empty() || path.contains(['{', '}']) || !inside {
-        return Err(format!(
-            "path template {template:?} is not one that can be followed"
-        ));
-    }
-    Ok(path.into())
 }

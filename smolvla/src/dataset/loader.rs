@@ -1,12 +1,17 @@
-//! Frames as a policy is trained on them: pictures and state now, actions from now on.
+//! Frames as a policy is trained on them: pictures and state now, actions from now on, or whatever else
+//! [`DeltaTimestamps`](super::DeltaTimestamps) ask for.
 
+use std::collections::BTreeMap;
+use std::ops::Range;
+
+use super::delta_timestamps::Window;
 use super::motion::TOLERANCE;
 use super::video::VideoReader;
 use super::{Dataset, DatasetError};
 
-const MAX_CHUNK: usize = 4096;
-
-/// What LeRobot's `__getitem__` gives for one frame with SmolVLA's `delta_timestamps`.
+/// What LeRobot's `__getitem__` gives for one frame under some `delta_timestamps`.
+///
+/// Values at offsets outside the episode are those of its first or last frame, and flagged as padding.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Frame {
     /// Number of the frame in the dataset.
@@ -21,14 +26,18 @@ pub struct Frame {
     pub task_index: usize,
     /// What the robot was told to do.
     pub task: String,
-    /// One picture per camera, in the order of [`Dataset::cameras`].
+    /// Pictures, camera after camera in the order of [`Dataset::cameras`], each at its offsets in order: by default one per
+    /// camera, of this frame.
     pub images: Vec<Image>,
-    /// `observation.state`, not normalised.
+    /// Per picture, whether it is a repetition.
+    pub image_is_pad: Vec<bool>,
+    /// `observation.state` at its offsets, `[offsets, dim]` row-major, not normalised; by default of this frame alone.
     pub state: Vec<f32>,
-    /// Actions of this frame and the following ones, `[chunk, dim]` row-major, not normalised; past the end of the episode
-    /// the last one repeats.
+    /// Per state, whether it is a repetition.
+    pub state_is_pad: Vec<bool>,
+    /// Actions at their offsets, `[offsets, dim]` row-major, not normalised; by default this frame's and the following ones.
     pub actions: Vec<f32>,
-    /// Per action of the chunk, whether it is such a repetition.
+    /// Per action, whether it is a repetition.
     pub action_is_pad: Vec<bool>,
 }
 
@@ -43,28 +52,38 @@ pub struct Image {
     pub pixels: Vec<u8>,
 }
 
-/// Gives frames with their pictures, keeping one open video per camera.
+/// Gives frames with their pictures, keeping one open video per camera and the pictures of the last frame given.
 ///
 /// Ascending order decodes every video once; going back starts from the nearest key frame.
 pub struct Loader<'a> {
     dataset: &'a Dataset,
-    chunk: usize,
-    videos: Vec<Option<VideoReader>>,
+    window: Window,
+    cameras: Vec<OpenCamera>,
+}
+
+/// One camera's open video, and the pictures that the last sample took from it, by frame of the dataset.
+#[derive(Default)]
+struct OpenCamera {
+    video: Option<VideoReader>,
+    shown: BTreeMap<usize, Image>,
 }
 
 impl<'a> Loader<'a> {
-    pub(super) fn new(dataset: &'a Dataset, chunk: usize) -> Result<Self, DatasetError> {
-        if !(1..=MAX_CHUNK).contains(&chunk) {
-            return Err(DatasetError::Chunk {
-                chunk,
-                max: MAX_CHUNK,
-            });
-        }
-        Ok(Self {
+    pub(super) fn new(dataset: &'a Dataset, window: Window) -> Self {
+        Self {
             dataset,
-            chunk,
-            videos: dataset.cameras().iter().map(|_| None).collect(),
-        })
+            window,
+            cameras: dataset
+                .cameras()
+                .iter()
+                .map(|_| OpenCamera::default())
+                .collect(),
+        }
+    }
+
+    /// Which frames it gives around the one asked for.
+    pub fn window(&self) -> &Window {
+        &self.window
     }
 
     /// Frame `index` with its pictures.
@@ -73,16 +92,11 @@ impl<'a> Loader<'a> {
     /// There is no such frame, or a picture cannot be had: which one, the file and the cause.
     pub fn frame(&mut self, index: usize) -> Result<Frame, DatasetError> {
         let mut frame = self.motion(index)?;
-        for camera in 0..self.videos.len() {
-            let image = self
-                .image(&frame, camera)
-                .map_err(|source| DatasetError::Picture {
-                    episode: frame.episode,
-                    frame: frame.frame,
-                    camera: self.dataset.cameras()[camera].name.clone(),
-                    source: Box::new(source),
-                })?;
-            frame.images.push(image);
+        let episode = self.dataset.episodes[frame.episode].frames.clone();
+        for camera in 0..self.cameras.len() {
+            let (wanted, is_pad) = within(&episode, index, &self.window.cameras[camera]);
+            frame.images.extend(self.images(camera, &wanted)?);
+            frame.image_is_pad.extend(is_pad);
         }
         Ok(frame)
     }
@@ -100,9 +114,12 @@ impl<'a> Loader<'a> {
                 len: dataset.len(),
             });
         };
-        let last = episode.frames.end - 1;
-        let wanted = index..index + self.chunk;
+        let (states, state_is_pad) = within(&episode.frames, index, &self.window.state);
+        let (actions, action_is_pad) = within(&episode.frames, index, &self.window.action);
         let task_index = motion.task(index);
+        let rows = |frames: Vec<usize>, row: &dyn Fn(usize) -> &'a [f32]| -> Vec<f32> {
+            frames.into_iter().flat_map(row).copied().collect()
+        };
         Ok(Frame {
             index,
             episode: episode.index,
@@ -110,37 +127,87 @@ impl<'a> Loader<'a> {
             timestamp: motion.timestamp(index),
             task_index,
             task: dataset.tasks[task_index].clone(),
-            images: Vec::with_capacity(self.videos.len()),
-            state: motion.state(index).to_vec(),
-            actions: wanted
-                .clone()
-                .flat_map(|i| motion.action(i.min(last)))
-                .copied()
-                .collect(),
-            action_is_pad: wanted.map(|i| i > last).collect(),
+            images: Vec::new(),
+            image_is_pad: Vec::new(),
+            state: rows(states, &|frame| motion.state(frame)),
+            state_is_pad,
+            actions: rows(actions, &|frame| motion.action(frame)),
+            action_is_pad,
         })
     }
 
-    fn image(&mut self, frame: &Frame, camera: usize) -> Result<Image, DatasetError> {
-        let span = &self.dataset.episodes[frame.episode].videos[camera];
-        let size = &self.dataset.cameras()[camera];
-        let slot = &mut self.videos[camera];
-        if slot.as_ref().is_some_and(|open| open.path() != span.path) {
-            *slot = None;
+    /// Pictures of these frames, all of one episode; each is decoded once, in ascending order.
+    fn images(&mut self, camera: usize, wanted: &[usize]) -> Result<Vec<Image>, DatasetError> {
+        // One picture is not worth keeping: the next frame will not ask for it again.
+        if let [frame] = wanted {
+            return Ok(vec![self.picture(camera, *frame)?]);
         }
-        let video = match slot {
-            Some(video) => video,
-            None => slot.insert(VideoReader::open(&span.path, size.height, size.width)?),
+        let mut before = std::mem::take(&mut self.cameras[camera].shown);
+        let mut shown = BTreeMap::new();
+        let mut ascending = wanted.to_vec();
+        ascending.sort_unstable();
+        ascending.dedup();
+        for frame in ascending {
+            let image = match before.remove(&frame) {
+                Some(image) => image,
+                None => self.picture(camera, frame)?,
+            };
+            shown.insert(frame, image);
+        }
+        let images = wanted.iter().map(|frame| shown[frame].clone()).collect();
+        self.cameras[camera].shown = shown;
+        Ok(images)
+    }
+
+    /// The picture that a camera took of frame `index`, which exists.
+    pub(super) fn picture(&mut self, camera: usize, index: usize) -> Result<Image, DatasetError> {
+        let at = self
+            .dataset
+            .episodes
+            .partition_point(|e| e.frames.end <= index);
+        let episode = &self.dataset.episodes[at];
+        let frame = index - episode.frames.start;
+        let size = &self.dataset.cameras()[camera];
+        let slot = &mut self.cameras[camera].video;
+        let mut picture = || {
+            let span = &episode.videos[camera];
+            if slot.as_ref().is_some_and(|open| open.path() != span.path) {
+                *slot = None;
+            }
+            let video = match slot {
+                Some(video) => video,
+                None => slot.insert(VideoReader::open(&span.path, size.height, size.width)?),
+            };
+            // The timestamp is checked to be `frame / fps`; in float32 it would be less exact.
+            let seconds = span.from_timestamp + frame as f64 / f64::from(self.dataset.fps());
+            let number = video.frame_at(seconds, TOLERANCE)?;
+            video.rgb(number)
         };
-        // The timestamp is checked to be `frame / fps`; in float32 it would be less exact.
-        let seconds = span.from_timestamp + frame.frame as f64 / f64::from(self.dataset.fps());
-        let number = video.frame_at(seconds, TOLERANCE)?;
+        let pixels = picture().map_err(|source| DatasetError::Picture {
+            episode: episode.index,
+            frame,
+            camera: size.name.clone(),
+            source: Box::new(source),
+        })?;
         Ok(Image {
             height: size.height,
             width: size.width,
-            pixels: video.rgb(number)?,
+            pixels,
         })
     }
+}
+
+/// The frames at `offsets` from `index`, held within the episode, and which of them had to be held.
+fn within(episode: &Range<usize>, index: usize, offsets: &[i64]) -> (Vec<usize>, Vec<bool>) {
+    let (first, last) = (episode.start as i64, episode.end as i64 - 1);
+    offsets
+        .iter()
+        .map(|offset| {
+            let wanted = index as i64 + offset;
+            let held = wanted.clamp(first, last);
+            (held as usize, held != wanted)
+        })
+        .unzip()
 }
 
 /// All frames in order; ends after the first error.

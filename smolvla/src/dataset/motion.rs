@@ -2,14 +2,14 @@
 
 use std::path::Path;
 
-use super::columns;
+use super::columns::{self, Columns};
 use super::info::{ACTION, STATE};
-use super::{DatasetError, Episode, Info};
+use super::{DatasetError, Episode, Info, Repair};
 
 /// LeRobot's tolerance on timestamps, in seconds.
 pub(super) const TOLERANCE: f64 = 1e-4;
 
-/// What is recorded at every frame besides pictures; row `i` is frame `i`.
+/// What is recorded at every frame besides pictures; entry `i` is frame `i`.
 #[derive(Debug)]
 pub(super) struct Motion {
     state_dim: usize,
@@ -21,12 +21,13 @@ pub(super) struct Motion {
 }
 
 impl Motion {
-    /// Reads all data files in the order of the episodes.
+    /// Reads all data files in the order of the episodes. Rows that repeat a frame are left out where all copies are alike.
     pub fn read(
         root: &Path,
         info: &Info,
         episodes: &[Episode],
         tasks: usize,
+        repairs: &mut Vec<Repair>,
     ) -> Result<Self, DatasetError> {
         let mut motion = Self {
             state_dim: info.state.dim,
@@ -38,8 +39,26 @@ impl Motion {
         };
         let mut files: Vec<&Path> = episodes.iter().map(|e| e.data_file.as_path()).collect();
         files.dedup();
-        for file in &files {
-            motion.append(file, info, episodes, tasks)?;
+        for path in &files {
+            let mut file = DataFile {
+                path,
+                info,
+                episodes,
+                tasks,
+                rows: 0,
+                repeated: None,
+            };
+            let per_row = info.state.dim.max(info.action.dim);
+            columns::read(path, &COLUMNS, per_row, |batch| {
+                motion.append(&mut file, batch)
+            })?;
+            if let Some((first, rows)) = file.repeated {
+                repairs.push(Repair::RepeatedRows {
+                    path: path.to_path_buf(),
+                    rows,
+                    first,
+                });
+            }
         }
         if motion.len() < info.total_frames {
             return Err(DatasetError::FewerFrames {
@@ -51,111 +70,59 @@ impl Motion {
         Ok(motion)
     }
 
-    fn append(
-        &mut self,
-        path: &Path,
-        info: &Info,
-        episodes: &[Episode],
-        tasks: usize,
-    ) -> Result<(), DatasetError> {
-        let names = [
-            STATE,
-            ACTION,
-            "timestamp",
-            "frame_index",
-            "episode_index",
-            "index",
-            "task_index",
-        ];
-        columns::read(path, &names, |batch| {
-            let (index, episode) = (batch.ints("index")?, batch.ints("episode_index")?);
-            let (frame, task) = (batch.ints("frame_index")?, batch.ints("task_index")?);
-            let timestamp = batch.floats("timestamp")?;
-            for i in 0..batch.rows() {
-                let row = self.len();
-                let wrong = |cause: String| {
-                    DatasetError::parquet(
-                        path,
-                        format!(
-                            "row {row} (episode {} frame {}): {cause}",
-                            episode[i], frame[i]
-                        ),
-                    )
-                };
-                if (0..row as i64).contains(&index[i]) {
+    fn append(&mut self, file: &mut DataFile, batch: &Columns) -> Result<(), DatasetError> {
+        let rows = Rows::of(batch, self.state_dim, self.action_dim)?;
+        for i in 0..batch.rows() {
+            let row = file.rows;
+            file.rows += 1;
+            let known = usize::try_from(rows.index[i])
+                .ok()
+                .filter(|&frame| frame < self.len());
+            if let Some(frame) = known {
+                if !self.holds(file.episodes, frame, &rows, i) {
                     return Err(DatasetError::RepeatedFrame {
-                        path: path.into(),
+                        path: file.path.into(),
                         row,
-                        index: index[i],
-                        episode: episode[i],
-                        frame: frame[i],
+                        index: rows.index[i],
+                        episode: rows.episode[i],
+                        frame: rows.frame[i],
                     });
                 }
-                let at = episodes.partition_point(|e| e.frames.end <= row);
-                let Some(expected) = episodes.get(at) else {
-                    return Err(wrong(format!(
-                        "more rows than the {} frames that meta/info.json declares",
-                        info.total_frames
-                    )));
-                };
-                let number = row - expected.frames.start;
-                if index[i] != row as i64
-                    || episode[i] != expected.index as i64
-                    || frame[i] != number as i64
-                    || path != expected.data_file
-                {
-                    return Err(wrong(format!(
-                        "index {} found where meta/episodes expects index {row}, episode {} frame {number} in {}",
-                        index[i],
-                        expected.index,
-                        expected.data_file.display()
-                    )));
-                }
-                // A float32 of many seconds is itself coarser than the tolerance.
-                let due = number as f64 / f64::from(info.fps);
-                let slack = TOLERANCE + due * f64::from(f32::EPSILON);
-                let off = (f64::from(timestamp[i]) - due).abs();
-                if off.is_nan() || off > slack {
-                    return Err(DatasetError::Timestamp {
-                        path: path.into(),
-                        episode: expected.index,
-                        frame: number,
-                        timestamp: timestamp[i],
-                        expected: due,
-                    });
-                }
-                match u32::try_from(task[i]) {
-                    Ok(task) if (task as usize) < tasks => self.tasks.push(task),
-                    _ => {
-                        return Err(wrong(format!(
-                            "task_index {} where there are {tasks} tasks",
-                            task[i]
-                        )))
-                    }
-                }
-                self.timestamps.push(timestamp[i]);
+                let (_, count) = file.repeated.get_or_insert((row, 0));
+                *count += 1;
+                continue;
             }
-            let rows_before = self.states.len() / self.state_dim;
-            for (name, dim, into) in [
-                (STATE, self.state_dim, &mut self.states),
-                (ACTION, self.action_dim, &mut self.actions),
+            let task = file.check(self.len(), row, &rows, i)?;
+            self.tasks.push(task);
+            self.timestamps.push(rows.timestamp[i]);
+            for (name, values, into) in [
+                (STATE, rows.state(i), &mut self.states),
+                (ACTION, rows.action(i), &mut self.actions),
             ] {
-                let values = batch.vectors(name, dim)?;
                 if let Some(at) = values.iter().position(|v| !v.is_finite()) {
                     return Err(DatasetError::parquet(
-                        path,
+                        file.path,
                         format!(
-                            "row {}: {name} holds {} in dimension {}, expected a finite number",
-                            rows_before + at / dim,
-                            values[at],
-                            at % dim
+                            "row {row}: {name} holds {} in dimension {at}, expected a finite number",
+                            values[at]
                         ),
                     ));
                 }
-                into.extend(values);
+                into.extend_from_slice(values);
             }
-            Ok(())
-        })
+        }
+        Ok(())
+    }
+
+    /// Whether row `i` says of `frame` what was read before.
+    fn holds(&self, episodes: &[Episode], frame: usize, rows: &Rows, i: usize) -> bool {
+        let at = episodes.partition_point(|e| e.frames.end <= frame);
+        let number = |e: &Episode| (e.index as i64, (frame - e.frames.start) as i64);
+        episodes.get(at).map(number) == Some((rows.episode[i], rows.frame[i]))
+            && i64::from(self.tasks[frame]) == rows.task[i]
+            && self.timestamps[frame] == rows.timestamp[i]
+            && self.state(frame) == rows.state(i)
+            && self.action(frame) == rows.action(i)
     }
 
     /// Number of frames.
@@ -178,5 +145,119 @@ impl Motion {
 
     pub fn task(&self, frame: usize) -> usize {
         self.tasks[frame] as usize
+    }
+}
+
+const COLUMNS: [&str; 7] = [
+    STATE,
+    ACTION,
+    "timestamp",
+    "frame_index",
+    "episode_index",
+    "index",
+    "task_index",
+];
+
+/// The columns of some rows.
+struct Rows<'a> {
+    index: &'a [i64],
+    episode: &'a [i64],
+    frame: &'a [i64],
+    task: &'a [i64],
+    timestamp: &'a [f32],
+    state_dim: usize,
+    states: Vec<f32>,
+    action_dim: usize,
+    actions: Vec<f32>,
+}
+
+impl<'a> Rows<'a> {
+    fn of(batch: &'a Columns, state_dim: usize, action_dim: usize) -> Result<Self, DatasetError> {
+        Ok(Self {
+            index: batch.ints("index")?,
+            episode: batch.ints("episode_index")?,
+            frame: batch.ints("frame_index")?,
+            task: batch.ints("task_index")?,
+            timestamp: batch.floats("timestamp")?,
+            state_dim,
+            states: batch.vectors(STATE, state_dim)?,
+            action_dim,
+            actions: batch.vectors(ACTION, action_dim)?,
+        })
+    }
+
+    fn state(&self, i: usize) -> &[f32] {
+        &self.states[i * self.state_dim..][..self.state_dim]
+    }
+
+    fn action(&self, i: usize) -> &[f32] {
+        &self.actions[i * self.action_dim..][..self.action_dim]
+    }
+}
+
+/// A data file being read, and what it has to agree with.
+struct DataFile<'a> {
+    path: &'a Path,
+    info: &'a Info,
+    episodes: &'a [Episode],
+    tasks: usize,
+    /// Rows read so far.
+    rows: usize,
+    /// The first row that repeats a frame, and how many do.
+    repeated: Option<(usize, usize)>,
+}
+
+impl DataFile<'_> {
+    /// Checks that row `i` of `rows`, row `row` of the file, is frame `due` of the recording; gives its task.
+    fn check(&self, due: usize, row: usize, rows: &Rows, i: usize) -> Result<u32, DatasetError> {
+        let wrong = |cause: String| {
+            DatasetError::parquet(
+                self.path,
+                format!(
+                    "row {row} (episode {} frame {}): {cause}",
+                    rows.episode[i], rows.frame[i]
+                ),
+            )
+        };
+        let at = self.episodes.partition_point(|e| e.frames.end <= due);
+        let Some(expected) = self.episodes.get(at) else {
+            return Err(wrong(format!(
+                "more rows than the {} frames that meta/info.json declares",
+                self.info.total_frames
+            )));
+        };
+        let number = due - expected.frames.start;
+        if rows.index[i] != due as i64
+            || rows.episode[i] != expected.index as i64
+            || rows.frame[i] != number as i64
+            || self.path != expected.data_file
+        {
+            return Err(wrong(format!(
+                "index {} found where the episodes' metadata expects index {due}, episode {} frame {number} in {}",
+                rows.index[i],
+                expected.index,
+                expected.data_file.display()
+            )));
+        }
+        // A float32 of many seconds is itself coarser than the tolerance.
+        let seconds = number as f64 / f64::from(self.info.fps);
+        let slack = TOLERANCE + seconds * f64::from(f32::EPSILON);
+        let off = (f64::from(rows.timestamp[i]) - seconds).abs();
+        if off.is_nan() || off > slack {
+            return Err(DatasetError::Timestamp {
+                path: self.path.into(),
+                episode: expected.index,
+                frame: number,
+                timestamp: rows.timestamp[i],
+                expected: seconds,
+            });
+        }
+        match u32::try_from(rows.task[i]) {
+            Ok(task) if (task as usize) < self.tasks => Ok(task),
+            _ => Err(wrong(format!(
+                "task_index {} where there are {} tasks",
+                rows.task[i], self.tasks
+            ))),
+        }
     }
 }

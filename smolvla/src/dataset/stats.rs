@@ -1,11 +1,13 @@
-//! `meta/stats.json` and the normalisation SmolVLA trains with: mean 0, standard deviation 1.
+//! Statistics of a recording and the normalisation SmolVLA trains with: mean 0, standard deviation 1.
 
 use std::collections::HashMap;
 use std::path::Path;
 
 use serde::Deserialize;
 
-use super::info::{read_json_text, ACTION, STATE};
+use super::episode_stats;
+use super::info::{Format, ACTION, STATE};
+use super::json::read_text;
 use super::{DatasetError, Info};
 
 /// Normalisers of the recording's states and actions.
@@ -24,17 +26,27 @@ pub struct Normalizer {
     std: Vec<f32>,
 }
 
+/// Mean and standard deviation per dimension, as they are written.
 #[derive(Deserialize)]
-struct RawStats {
-    mean: Vec<f64>,
-    std: Vec<f64>,
+pub(super) struct Moments {
+    pub mean: Vec<f64>,
+    pub std: Vec<f64>,
 }
 
 impl Stats {
-    /// Reads and checks `meta/stats.json` under `root`.
+    /// Reads and checks the statistics under `root`: those of the whole in `meta/stats.json`, or in v2.1 those of the episodes,
+    /// pooled.
     pub(super) fn read(root: &Path, info: &Info) -> Result<Self, DatasetError> {
+        if info.format == Format::V21 {
+            episode_stats::read(root, info)
+        } else {
+            Self::read_whole(root, info)
+        }
+    }
+
+    fn read_whole(root: &Path, info: &Info) -> Result<Self, DatasetError> {
         let path = root.join("meta/stats.json");
-        let text = read_json_text(&path)?;
+        let text = read_text(&path)?;
         let broken = |cause: String| DatasetError::meta(&path, cause);
         // Images' statistics are nested differently and not used: take only what is.
         let mut all: HashMap<String, serde_json::Value> = serde_json::from_str(&text)
@@ -43,21 +55,9 @@ impl Stats {
             let value = all
                 .remove(name)
                 .ok_or_else(|| broken(format!("has no statistics of {name}")))?;
-            let raw: RawStats =
+            let moments: Moments =
                 serde_json::from_value(value).map_err(|e| broken(format!("{name}: {e}")))?;
-            if raw.mean.len() != dim || raw.std.len() != dim {
-                return Err(broken(format!(
-                    "{name}: {} means and {} standard deviations for {dim} dimensions",
-                    raw.mean.len(),
-                    raw.std.len()
-                )));
-            }
-            let f32s = |values: Vec<f64>| values.into_iter().map(|v| v as f32).collect();
-            Normalizer::new(f32s(raw.mean), f32s(raw.std)).ok_or_else(|| {
-                broken(format!(
-                    "{name}: a mean or standard deviation is not a finite number, or below 0"
-                ))
-            })
+            Normalizer::of(&moments, dim).map_err(|cause| broken(format!("{name}: {cause}")))
         };
         Ok(Self {
             state: normalizer(STATE, info.state.dim)?,
@@ -67,6 +67,21 @@ impl Stats {
 }
 
 impl Normalizer {
+    /// From moments as they are written, of `dim` dimensions.
+    pub(super) fn of(moments: &Moments, dim: usize) -> Result<Self, String> {
+        let Moments { mean, std } = moments;
+        if mean.len() != dim || std.len() != dim {
+            return Err(format!(
+                "{} means and {} standard deviations for {dim} dimensions",
+                mean.len(),
+                std.len()
+            ));
+        }
+        let f32s = |values: &[f64]| values.iter().map(|&v| v as f32).collect();
+        Self::new(f32s(mean), f32s(std))
+            .ok_or_else(|| "a mean or standard deviation is not a finite number, or below 0".into())
+    }
+
     /// From one mean and one standard deviation per dimension; `None` where lengths differ or are 0, or a value is not
     /// finite, or a standard deviation is negative.
     pub fn new(mean: Vec<f32>, std: Vec<f32>) -> Option<Self> {

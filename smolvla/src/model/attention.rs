@@ -1,7 +1,8 @@
 //! Masked softmax attention with grouped key/value heads.
 
-use candle_core::{Device, Tensor, D};
+use candle_core::{Device, Tensor};
 
+use super::kernels::softmax::masked_softmax;
 use crate::error::Result;
 
 /// What each query may see, as numbers added to the scores: 0 where it may, the lowest `f32` where not.
@@ -22,11 +23,8 @@ impl Mask {
                 bias.extend((0..keys).map(|k| if allowed(b, q, k) { 0.0 } else { f32::MIN }));
             }
         }
-        Ok(Self(Tensor::from_vec(
-            bias,
-            (batch, 1, queries, keys),
-            device,
-        )?))
+        let shape = (batch, 1, queries, keys);
+        Ok(Self(Tensor::from_vec(bias, shape, device)?))
     }
 }
 
@@ -38,43 +36,31 @@ pub fn attend(queries: &Tensor, keys: &Tensor, values: &Tensor, mask: &Mask) -> 
 
 /// Products of queries (B, Q, heads, dim) and keys (B, K, kv_heads, dim), neither scaled nor masked: (B, heads, Q, K).
 pub fn products(queries: &Tensor, keys: &Tensor) -> Result<Tensor> {
-    let groups = queries.dim(2)? / keys.dim(2)?;
+    let (batch, count, heads, dim) = queries.dims4()?;
+    let (_, keys_count, kv_heads, _) = keys.dims4()?;
+    // The queries that share a key head stand below one another, so that no key is copied for them.
     let q = queries.transpose(1, 2)?.contiguous()?;
-    let k = repeat(keys, groups)?.permute((0, 2, 3, 1))?.contiguous()?;
-    Ok(q.matmul(&k)?)
+    let q = q.reshape((batch * kv_heads, heads / kv_heads * count, dim))?;
+    let scores = q.matmul(&by_head(keys)?.t()?)?;
+    Ok(scores.reshape((batch, heads, count, keys_count))?)
 }
 
 /// The second half of [`attend`]: from [`products`] and values (B, K, kv_heads, dim) to (B, Q, heads * dim).
 pub fn mix(products: &Tensor, values: &Tensor, mask: &Mask) -> Result<Tensor> {
-    let (batch, heads, count, _) = products.dims4()?;
-    let dim = values.dim(3)?;
-    let v = repeat(values, heads / values.dim(2)?)?
-        .transpose(1, 2)?
-        .contiguous()?;
-    let scores = (products * (dim as f64).powf(-0.5))?;
-    let weights = softmax(&scores.broadcast_add(&mask.0)?)?;
+    let (batch, heads, count, keys_count) = products.dims4()?;
+    let (kv_heads, dim) = (values.dim(2)?, values.dim(3)?);
+    let weights = masked_softmax(products, &mask.0, (dim as f64).powf(-0.5))?;
+    let weights = weights.reshape((batch * kv_heads, heads / kv_heads * count, keys_count))?;
     Ok(weights
-        .matmul(&v)?
+        .matmul(&by_head(values)?)?
+        .reshape((batch, heads, count, dim))?
         .transpose(1, 2)?
         .reshape((batch, count, heads * dim))?)
 }
 
-/// (B, K, kv_heads, dim) with every head repeated `groups` times in a row.
-fn repeat(x: &Tensor, groups: usize) -> Result<Tensor> {
-    if groups == 1 {
-        return Ok(x.clone());
-    }
+/// (B, K, kv_heads, dim) as (B * kv_heads, K, dim).
+fn by_head(x: &Tensor) -> Result<Tensor> {
     let (batch, count, heads, dim) = x.dims4()?;
-    let wide = x
-        .unsqueeze(3)?
-        .broadcast_as((batch, count, heads, groups, dim))?;
-    Ok(wide.reshape((batch, count, heads * groups, dim))?)
-}
-
-/// Softmax over the last dimension. The maximum only guards against overflow, so it carries no gradient.
-fn softmax(x: &Tensor) -> Result<Tensor> {
-    let shifted = x
-        .broadcast_sub(&x.max_keepdim(D::Minus1)?.detach())?
-        .exp()?;
-    Ok(shifted.broadcast_div(&shifted.sum_keepdim(D::Minus1)?)?)
+    let x = x.transpose(1, 2)?.contiguous()?;
+    Ok(x.reshape((batch * heads, count, dim))?)
 }

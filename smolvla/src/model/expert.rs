@@ -1,14 +1,15 @@
 //! Phase two: the action expert over a prefix cache, from noisy actions and a time to a velocity.
 
-use candle_core::{DType, Device, Module, Tensor};
-use candle_nn::Linear;
+use candle_core::{DType, Device, Tensor};
 
 use super::attention::{mix, products, Mask};
+use super::kernels::linear::Linear;
 use super::layers::{linear, DecoderLayer, RmsNorm};
 use super::observe::{ignore, Observer, Site};
 use super::prefix::PrefixCache;
 use super::rope::Rope;
 use super::time_embedding::time_embedding;
+use super::visibility::{action_positions, action_sees};
 use super::Parameters;
 use crate::config::{LayerKind, PolicyConfig};
 use crate::error::{PolicyError, Result};
@@ -125,21 +126,18 @@ impl ExpertModel {
         let head_dim = self.config.text.head_dim;
         let valid = &cache.valid;
         let prefix = valid.first().map_or(0, Vec::len);
-        let from = |start: usize| (start as i64..(start + chunk) as i64).collect::<Vec<_>>();
         let after_prefix: Vec<_> = valid
             .iter()
-            .map(|row| from(row.iter().filter(|v| **v).count()))
+            .map(|row| action_positions(row, chunk))
             .collect();
         let joint_rope = Rope::new(&after_prefix, head_dim, device)?;
-        let cross_rope = Rope::new(&vec![from(0); batch], head_dim, device)?;
+        let cross_rope = Rope::new(&vec![action_positions(&[], chunk); batch], head_dim, device)?;
         let joint_mask = Mask::new((batch, chunk, prefix + chunk), device, |b, q, k| {
-            if k < prefix {
-                valid[b][k]
-            } else {
-                k - prefix <= q
-            }
+            action_sees(&valid[b], q, k)
         })?;
-        let cross_mask = Mask::new((batch, chunk, prefix), device, |b, _, k| valid[b][k])?;
+        let cross_mask = Mask::new((batch, chunk, prefix), device, |b, q, k| {
+            action_sees(&valid[b], q, k)
+        })?;
 
         let mut x = suffix.clone();
         let mut hidden = vec![x.clone()];

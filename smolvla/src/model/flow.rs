@@ -25,6 +25,11 @@ pub fn mean_loss(losses: &Tensor) -> Result<Tensor> {
     Ok(losses.mean_all()?)
 }
 
+/// [`mean_loss`] of every sample by itself: (B).
+pub fn per_sample_loss(losses: &Tensor) -> Result<Tensor> {
+    Ok(losses.flatten_from(1)?.mean(1)?)
+}
+
 /// LeRobot 0.6's mean, the one a claim is about: real action dimensions of frames that are not padding.
 /// `is_pad` has one row of `chunk` per sample. Over a batch without any real frame it is 0.
 pub fn mean_loss_valid_only(

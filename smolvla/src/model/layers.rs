@@ -1,8 +1,10 @@
 //! Building blocks: linear maps, RMSNorm, the SwiGLU MLP and the Llama layer made of them.
 
-use candle_core::{Module, Tensor, D};
-use candle_nn::Linear;
+use candle_core::Tensor;
 
+use super::kernels::linear::Linear;
+use super::kernels::norm::rms_norm;
+use super::kernels::swiglu::swiglu;
 use super::observe::Site;
 use super::Parameters;
 use crate::config::RMS_NORM_EPS;
@@ -36,9 +38,7 @@ impl RmsNorm {
 
     /// `x / sqrt(mean(x^2) + eps) * gain`.
     pub fn forward(&self, x: &Tensor) -> candle_core::Result<Tensor> {
-        let mean_square = x.sqr()?.mean_keepdim(D::Minus1)?;
-        x.broadcast_div(&(mean_square + RMS_NORM_EPS)?.sqrt()?)?
-            .broadcast_mul(&self.0)
+        rms_norm(x, &self.0, RMS_NORM_EPS)
     }
 }
 
@@ -109,7 +109,7 @@ impl DecoderLayer {
         let (gate, up) = (self.gate.forward(&x)?, self.up.forward(&x)?);
         observe(Site::Gate, &gate)?;
         observe(Site::Up, &up)?;
-        let mlp = (gate.silu()? * up)?;
+        let mlp = swiglu(&gate, &up)?;
         observe(Site::Gated, &mlp)?;
         let down = self.down.forward(&mlp)?;
         observe(Site::Down, &down)?;

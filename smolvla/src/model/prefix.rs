@@ -1,11 +1,12 @@
 //! Phase one: images, language and state to the per-layer key/value cache that the expert reads.
 
-use candle_core::{Module, Tensor};
-use candle_nn::Linear;
+use candle_core::Tensor;
 
 use super::attention::{attend, Mask};
-use super::layers::{linear, DecoderLayer, RmsNorm};
+use super::layers::RmsNorm;
 use super::rope::Rope;
+use super::state_token::StateToken;
+use super::visibility::{prefix_positions, prefix_sees};
 use super::vision::{Vision, VisionRun};
 use super::Parameters;
 use crate::config::PolicyConfig;
@@ -32,12 +33,15 @@ pub struct PrefixInput {
     pub state: Tensor,
 }
 
-/// The prefix as the language layers read it: cameras, then language, then one state token.
+/// The prefix as the language layers read it: cameras, then language, then one state token, then filling up to the
+/// configuration's `prefix_length`.
 pub struct PrefixEmbedding {
     /// (B, P, text width).
     pub tokens: Tensor,
     /// Which tokens are real: B rows of P.
     pub valid: Vec<Vec<bool>>,
+    /// Which of them is the state token.
+    pub state: usize,
     /// The vision tower's values, camera by camera.
     pub vision: Vec<VisionRun>,
 }
@@ -57,6 +61,8 @@ pub struct PrefixCache {
 pub struct PrefixRun {
     /// Input of every layer, then the output of the last: each (B, P, text width).
     pub hidden: Vec<Tensor>,
+    /// Attention output of every layer, before its output projection: each (B, P, heads * head_dim).
+    pub attended: Vec<Tensor>,
     /// What the expert needs.
     pub cache: PrefixCache,
     /// After the final norm (B, P, text width); the policy has no use for it.
@@ -67,9 +73,8 @@ pub struct PrefixRun {
 pub struct PrefixModel {
     vision: Vision,
     embeddings: Tensor,
-    layers: Vec<DecoderLayer>,
+    text: StateToken,
     norm: RmsNorm,
-    state: Linear,
     config: PolicyConfig,
 }
 
@@ -80,11 +85,8 @@ impl PrefixModel {
         Ok(Self {
             vision: Vision::new(config, parameters)?,
             embeddings: parameters.get(&format!("{text}.embed_tokens.weight"))?,
-            layers: (0..config.text.layers)
-                .map(|i| DecoderLayer::new(parameters, &format!("{text}.layers.{i}")))
-                .collect::<Result<_>>()?,
+            text: StateToken::new(config, parameters)?,
             norm: RmsNorm::new(parameters, &format!("{text}.norm"))?,
-            state: linear(parameters, "model.state_proj")?,
             config: config.clone(),
         })
     }
@@ -124,21 +126,24 @@ impl PrefixModel {
                 .index_select(&input.tokens.flatten_all()?, 0)?;
             parts.push((words.reshape((batch, language, self.config.text.width))? * scale)?);
         }
-        parts.push(self.state.forward(&input.state)?.unsqueeze(1)?);
+        parts.push(self.text.projection.forward(&input.state)?.unsqueeze(1)?);
         for (row, mask) in valid.iter_mut().zip(&input.token_mask) {
             row.extend(mask);
             row.push(true);
         }
         let tokens = Tensor::cat(&parts, 1)?;
         let count = tokens.dim(1)?;
-        if valid.iter().any(|row| row.len() != count) {
+        if tokens.dim(0)? != batch || valid.iter().any(|row| row.len() != count) {
             return Err(PolicyError::Sample(
                 "camera or token masks do not fit the batch".into(),
             ));
         }
+        let length = self.config.prefix_length.max(count);
+        valid.iter_mut().for_each(|row| row.resize(length, false));
         Ok(PrefixEmbedding {
-            tokens,
+            tokens: tokens.pad_with_zeros(1, 0, length - count)?,
             valid,
+            state: count - 1,
             vision,
         })
     }
@@ -150,28 +155,30 @@ impl PrefixModel {
         let head_dim = self.config.text.head_dim;
         let valid = &embedding.valid;
         let mask = Mask::new((batch, count, count), device, |b, q, k| {
-            let state = count - 1;
-            valid[b][q] && valid[b][k] && (k != state || q == state)
+            prefix_sees(&valid[b], embedding.state, q, k)
         })?;
-        let positions: Vec<Vec<i64>> = valid.iter().map(|row| running_count(row)).collect();
+        let positions: Vec<Vec<i64>> = valid.iter().map(|row| prefix_positions(row)).collect();
         let rope = Rope::new(&positions, head_dim, device)?;
 
         let mut x = embedding.tokens.clone();
-        let mut hidden = vec![x.clone()];
+        let (mut hidden, mut attended) = (vec![x.clone()], Vec::new());
         let (mut keys, mut values) = (Vec::new(), Vec::new());
-        for layer in &self.layers {
+        for layer in &self.text.layers {
             let normed = layer.normalised(&x)?;
             let q = rope.apply(&layer.queries(&normed, head_dim)?)?;
             let k = rope.apply(&layer.keys(&normed, head_dim)?)?;
             let v = layer.values(&normed, head_dim)?;
-            x = layer.finish(&x, &attend(&q, &k, &v, &mask)?, &mut |_, _| Ok(()))?;
+            let mixed = attend(&q, &k, &v, &mask)?;
+            x = layer.finish(&x, &mixed, &mut |_, _| Ok(()))?;
             hidden.push(x.clone());
+            attended.push(mixed);
             keys.push(k);
             values.push(v);
         }
         let output = self.norm.forward(&x)?;
         Ok(PrefixRun {
             hidden,
+            attended,
             cache: PrefixCache {
                 keys,
                 values,
@@ -180,16 +187,18 @@ impl PrefixModel {
             output,
         })
     }
-}
 
-/// Position of each token: the running count of valid tokens, minus one.
-fn running_count(valid: &[bool]) -> Vec<i64> {
-    let mut position = -1;
-    valid
-        .iter()
-        .map(|v| {
-            position += i64::from(*v);
-            position
-        })
-        .collect()
+    /// [`Self::cache`], through which a gradient reaches `state_proj` and nothing else: only the state's token depends on it, so
+    /// that all others are computed without one. Takes one token more than [`Self::cache`], and stores nothing for the others.
+    ///
+    /// The state's token is the last, and where it was before no token is valid.
+    pub fn cache_training_state(&self, input: &PrefixInput) -> Result<PrefixCache> {
+        let mut embedding = self.embed(input)?;
+        embedding.tokens = embedding.tokens.detach();
+        let mut observed = self.run(&embedding)?.cache;
+        for row in &mut observed.valid {
+            row[embedding.state] = false;
+        }
+        self.text.join(&observed, &input.state)
+    }
 }

@@ -1,7 +1,8 @@
 //! Rotary position embedding over halves (not interleaved pairs), as LeRobot's `apply_rope`.
 
-use candle_core::{Device, Tensor, D};
+use candle_core::{Device, Tensor};
 
+use super::kernels::rotate::rotate;
 use crate::config::ROPE_BASE;
 use crate::error::Result;
 
@@ -38,13 +39,6 @@ impl Rope {
 
     /// Rotates (B, L, heads, head_dim).
     pub fn apply(&self, x: &Tensor) -> Result<Tensor> {
-        let half = x.dim(D::Minus1)? / 2;
-        let (a, b) = (
-            x.narrow(D::Minus1, 0, half)?,
-            x.narrow(D::Minus1, half, half)?,
-        );
-        let first = (a.broadcast_mul(&self.cos)? - b.broadcast_mul(&self.sin)?)?;
-        let second = (b.broadcast_mul(&self.cos)? + a.broadcast_mul(&self.sin)?)?;
-        Ok(Tensor::cat(&[first, second], D::Minus1)?)
+        Ok(rotate(x, &self.sin, &self.cos)?)
     }
 }

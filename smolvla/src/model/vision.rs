@@ -2,9 +2,11 @@
 //! gradient ever runs through this file, so it may use candle's fused layer norm.
 
 use candle_core::{Module, Tensor};
-use candle_nn::{LayerNorm, Linear};
+use candle_nn::LayerNorm;
 
-use super::attention::{attend, Mask};
+use super::kernels::attention::attend_to_all;
+use super::kernels::gelu::gelu_tanh;
+use super::kernels::linear::Linear;
 use super::layers::{linear, linear_no_bias};
 use super::Parameters;
 use crate::config::{PolicyConfig, CHANNELS, LAYER_NORM_EPS};
@@ -24,6 +26,8 @@ pub struct Vision {
 
 /// Values on the way of one camera's images, in order.
 pub struct VisionRun {
+    /// The patch convolution (B, patches, width), before positions are added.
+    pub patches: Tensor,
     /// Input of every encoder layer, then the output of the last: each (B, patches, width).
     pub hidden: Vec<Tensor>,
     /// After the final norm (B, patches, width).
@@ -79,24 +83,17 @@ impl Vision {
 
     /// Tokens of images (B, 3, size, size) with values in [-1, 1].
     pub fn run(&self, images: &Tensor) -> Result<VisionRun> {
-        let mut x = self
-            .patch
-            .forward(&self.patches(images)?)?
-            .broadcast_add(&self.positions)?;
-        let patches = x.dim(1)?;
-        let everything = Mask::new(
-            (images.dim(0)?, patches, patches),
-            images.device(),
-            |_, _, _| true,
-        )?;
+        let patches = self.patch.forward(&self.patches(images)?)?;
+        let mut x = patches.broadcast_add(&self.positions)?;
         let mut hidden = vec![x.clone()];
         for layer in &self.layers {
-            x = layer.forward(&x, &everything)?;
+            x = layer.forward(&x)?;
             hidden.push(x.clone());
         }
         let normed = self.post_norm.forward(&x)?;
         let tokens = self.connector.forward(&self.pixel_shuffle(&normed)?)?;
         Ok(VisionRun {
+            patches,
             hidden,
             normed,
             tokens,
@@ -104,11 +101,14 @@ impl Vision {
     }
 
     /// (B, 3, size, size) to (B, patches, 3 * patch * patch): the patch convolution as a matrix product.
+    /// Pixels beyond the last whole patch are left out, as a convolution without padding does.
     fn patches(&self, images: &Tensor) -> Result<Tensor> {
         let (batch, channels, height, width) = images.dims4()?;
         let p = self.patch_size;
         let (rows, columns) = (height / p, width / p);
         let split = images
+            .narrow(2, 0, rows * p)?
+            .narrow(3, 0, columns * p)?
             .reshape((batch, channels, rows, p, columns, p))?
             .permute((0, 2, 4, 1, 3, 5))?;
         Ok(split.reshape((batch, rows * columns, channels * p * p))?)
@@ -140,18 +140,12 @@ impl EncoderLayer {
         })
     }
 
-    fn forward(&self, x: &Tensor, mask: &Mask) -> Result<Tensor> {
+    fn forward(&self, x: &Tensor) -> Result<Tensor> {
         let normed = self.norm1.forward(x)?;
-        let (batch, tokens, width) = normed.dims3()?;
-        let heads = |y: Tensor| y.reshape((batch, tokens, self.heads, width / self.heads));
-        let attended = attend(
-            &heads(self.q.forward(&normed)?)?,
-            &heads(self.k.forward(&normed)?)?,
-            &heads(self.v.forward(&normed)?)?,
-            mask,
-        )?;
+        let [q, k, v] = [&self.q, &self.k, &self.v].map(|projection| projection.forward(&normed));
+        let attended = attend_to_all(&q?, &k?, &v?, self.heads)?;
         let x = (self.out.forward(&attended)? + x)?;
-        let mlp = self.fc1.forward(&self.norm2.forward(&x)?)?.gelu()?;
+        let mlp = gelu_tanh(&self.fc1.forward(&self.norm2.forward(&x)?)?)?;
         Ok((self.fc2.forward(&mlp)? + x)?)
     }
 }

@@ -7,14 +7,32 @@ use std::path::PathBuf;
 
 use candle_core::{Device, Tensor};
 use safetensors::tensor::{Dtype, SafeTensors};
-use zk0_smolvla::{Policy, PolicyConfig};
+use zk0_smolvla::{LeRobotConfig, Policy, PolicyConfig};
 
-/// The fixture's folder: `ZK0_PARITY_DIR`, or the one in the repository.
+/// The repository's fixtures.
+pub fn fixtures() -> PathBuf {
+    PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../tests/fixtures")
+}
+
+/// The reference's folder: `ZK0_PARITY_DIR` (from the repository's root, where it is relative), or the committed one.
 pub fn folder() -> PathBuf {
-    std::env::var_os("ZK0_PARITY_DIR").map_or_else(
-        || PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../tests/fixtures/smolvla_tiny"),
-        PathBuf::from,
-    )
+    let root = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("..");
+    std::env::var_os("ZK0_PARITY_DIR")
+        .map_or_else(|| fixtures().join("smolvla_tiny"), |dir| root.join(dir))
+}
+
+/// The largest resident size that this process ever had, in GiB.
+pub fn peak_gib() -> f64 {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap();
+    let line = status.lines().find(|l| l.starts_with("VmHWM:")).unwrap();
+    let kib: f64 = line.split_whitespace().nth(1).unwrap().parse().unwrap();
+    kib / (1 << 20) as f64
+}
+
+/// Every parameter of the published model.
+pub fn published_parameters() -> serde_json::Value {
+    let text = std::fs::read_to_string(fixtures().join("smolvla_full_params.json")).unwrap();
+    serde_json::from_str(&text).unwrap()
 }
 
 pub fn text(file: &str) -> String {
@@ -27,8 +45,21 @@ pub fn bytes(file: &str) -> Vec<u8> {
     std::fs::read(&path).unwrap_or_else(|e| panic!("{}: {e}", path.display()))
 }
 
+/// Whether the folder is the committed one, whose dimensions and cases are known.
+pub fn is_committed() -> bool {
+    std::env::var_os("ZK0_PARITY_DIR").is_none()
+}
+
+pub fn json(file: &str) -> serde_json::Value {
+    serde_json::from_str(&text(file)).unwrap_or_else(|e| panic!("{file}: {e}"))
+}
+
+pub fn lerobot() -> LeRobotConfig {
+    LeRobotConfig::parse(&text("policy_config.json"), Some(&text("vlm_config.json"))).unwrap()
+}
+
 pub fn config() -> PolicyConfig {
-    PolicyConfig::from_lerobot(&text("policy_config.json"), &text("vlm_config.json")).unwrap()
+    lerobot().dims
 }
 
 pub fn policy() -> Policy {
@@ -56,7 +87,10 @@ impl Values {
                 Dtype::I64 => wide(8)
                     .map(|b| i64::from_le_bytes(b.try_into().unwrap()) as f64)
                     .collect(),
-                Dtype::BOOL => data.iter().map(|b| f64::from(*b)).collect(),
+                Dtype::I32 => wide(4)
+                    .map(|b| f64::from(i32::from_le_bytes(b.try_into().unwrap())))
+                    .collect(),
+                Dtype::BOOL | Dtype::U8 => data.iter().map(|b| f64::from(*b)).collect(),
                 other => panic!("{name}: {other:?}"),
             };
             (view.shape().to_vec(), values)
@@ -148,6 +182,13 @@ pub fn relative_distance(a: &[f64], b: &[f64]) -> f64 {
     let square = |values: &mut dyn Iterator<Item = f64>| values.map(|x| x * x).sum::<f64>().sqrt();
     square(&mut a.iter().zip(b).map(|(x, y)| x - y))
         / square(&mut b.iter().copied()).max(f64::MIN_POSITIVE)
+}
+
+/// Asserts and prints the distance of plain numbers from the reference value of that name.
+#[track_caller]
+pub fn close_numbers(reference: &Values, name: &str, found: &[f32], tolerance: f64) {
+    let found: Vec<f64> = found.iter().map(|x| f64::from(*x)).collect();
+    check(name, distance(&found, reference.numbers(name)), tolerance);
 }
 
 /// Asserts and prints the distance of a tensor from the reference value of that name.

@@ -1,0 +1,298 @@
+//! `zk0 dataset inspect`: what a recording holds, as a table or as JSON.
+
+use super::locate;
+use anyhow::{Context, Result};
+use serde::Serialize;
+use zk0_smolvla::dataset::{Dataset, Frame, Normalizer, VectorFeature, VideoReader};
+
+/// Prints what `recording` holds.
+pub fn run(recording: &str, chunk: usize, json: bool) -> Result<()> {
+    let folder = locate(recording)?;
+    let dataset = Dataset::open(&folder)?;
+    let summary = Summary::of(&dataset, chunk)?;
+    match json {
+        true => println!("{}", serde_json::to_string_pretty(&summary)?),
+        false => print!("{}", summary.table(recording)),
+    }
+    Ok(())
+}
+
+/// What a recording holds.
+#[derive(Serialize)]
+struct Summary {
+    folder: String,
+    format: &'static str,
+    robot: Option<String>,
+    fps: u32,
+    episodes: usize,
+    /// Frames of the shortest and of the longest episode.
+    episode_frames: [usize; 2],
+    frames: usize,
+    seconds: f64,
+    cameras: Vec<Camera>,
+    state: Vec<Joint>,
+    action: Vec<Joint>,
+    tasks: Vec<Task>,
+    repairs: Vec<String>,
+    sample: Sample,
+}
+
+#[derive(Serialize)]
+struct Camera {
+    name: String,
+    height: usize,
+    width: usize,
+    codec: &'static str,
+    /// Frames of the first video's key frames are this far apart, on average.
+    frames_per_key: f64,
+}
+
+/// One dimension of the state or the action: its statistics as normalisation uses them, and the range of its values.
+#[derive(Serialize)]
+struct Joint {
+    name: String,
+    mean: f32,
+    std: f32,
+    min: f32,
+    max: f32,
+}
+
+#[derive(Serialize)]
+struct Task {
+    frames: usize,
+    task: String,
+}
+
+/// What training sees of the first frame.
+#[derive(Serialize)]
+struct Sample {
+    task: String,
+    tensors: Vec<Tensor>,
+}
+
+#[derive(Serialize)]
+struct Tensor {
+    name: String,
+    dtype: &'static str,
+    shape: Vec<usize>,
+    /// Smallest and largest value.
+    range: [f32; 2],
+}
+
+impl Summary {
+    fn of(dataset: &Dataset, chunk: usize) -> Result<Self> {
+        let info = dataset.info();
+        let lengths = || dataset.episodes().iter().map(|e| e.frames.len());
+        let stats = dataset.stats();
+        let first = dataset
+            .frame(0, chunk)
+            .context("a sample of the recording")?;
+        Ok(Self {
+            folder: dataset.root().display().to_string(),
+            format: info.format.name(),
+            robot: info.robot_type.clone(),
+            fps: dataset.fps(),
+            episodes: dataset.episodes().len(),
+            episode_frames: [lengths().min().unwrap_or(0), lengths().max().unwrap_or(0)],
+            frames: dataset.len(),
+            seconds: dataset.len() as f64 / f64::from(dataset.fps()),
+            cameras: cameras(dataset)?,
+            state: joints(&info.state, &stats.state, dataset.len(), |at| {
+                dataset.state(at)
+            }),
+            action: joints(&info.action, &stats.action, dataset.len(), |at| {
+                dataset.action(at)
+            }),
+            tasks: dataset
+                .tasks()
+                .iter()
+                .zip(dataset.frames_per_task())
+                .map(|(task, frames)| Task {
+                    frames,
+                    task: task.clone(),
+                })
+                .collect(),
+            repairs: dataset.repairs().iter().map(ToString::to_string).collect(),
+            sample: sample(dataset, first),
+        })
+    }
+
+    fn table(&self, recording: &str) -> String {
+        let mut text = String::new();
+        let mut line = |label: &str, value: &str| text.push_str(&format!("{label:<10} {value}\n"));
+        line("recording", recording);
+        if self.folder != recording {
+            line("folder", &self.folder);
+        }
+        line("format", &format!("LeRobotDataset {}", self.format));
+        line("robot", self.robot.as_deref().unwrap_or("not said"));
+        let [shortest, longest] = self.episode_frames;
+        line(
+            "episodes",
+            &format!("{} of {shortest} to {longest} frames", self.episodes),
+        );
+        let frames = format!(
+            "{} at {} frames per second: {}",
+            self.frames,
+            self.fps,
+            duration(self.seconds)
+        );
+        line("frames", &frames);
+        let widest = longest_name(self.cameras.iter().map(|c| &c.name));
+        for (i, c) in self.cameras.iter().enumerate() {
+            let value = format!(
+                "{:<widest$}  {} x {} (height x width), {}, a key frame every {:.1} frames",
+                c.name, c.height, c.width, c.codec, c.frames_per_key
+            );
+            line(if i == 0 { "cameras" } else { "" }, &value);
+        }
+        for (i, task) in self.tasks.iter().enumerate() {
+            let value = format!("{} frames: {}", task.frames, task.task);
+            line(if i == 0 { "tasks" } else { "" }, &value);
+        }
+        match &self.repairs[..] {
+            [] => line("repairs", "none needed"),
+            repairs => repairs.iter().for_each(|repair| line("REPAIRED", repair)),
+        }
+        let names = self.state.iter().chain(&self.action).map(|j| &j.name);
+        let widest = longest_name(names).max(18);
+        for (title, joints) in [("observation.state", &self.state), ("action", &self.action)] {
+            text.push_str(&format!(
+                "\n{title:<widest$} {:>10} {:>10} {:>10} {:>10}\n",
+                "mean", "std", "min", "max"
+            ));
+            for j in joints {
+                text.push_str(&format!(
+                    "{:<widest$} {:>10.3} {:>10.3} {:>10.3} {:>10.3}\n",
+                    j.name, j.mean, j.std, j.min, j.max
+                ));
+            }
+        }
+        let tensors = &self.sample.tensors;
+        let widest = longest_name(tensors.iter().map(|t| &t.name));
+        text.push_str(&format!(
+            "\na sample for training (the first frame): {:?}\n",
+            self.sample.task
+        ));
+        for t in tensors {
+            text.push_str(&format!(
+                "{:<widest$}  {:<7} {:<15} {:.2} to {:.2}\n",
+                t.name,
+                t.dtype,
+                format!("{:?}", t.shape),
+                t.range[0],
+                t.range[1]
+            ));
+        }
+        text
+    }
+}
+
+fn longest_name<'a>(names: impl Iterator<Item = &'a String>) -> usize {
+    names.map(|name| name.chars().count()).max().unwrap_or(0)
+}
+
+fn cameras(dataset: &Dataset) -> Result<Vec<Camera>> {
+    let first = dataset.episodes().first();
+    dataset
+        .cameras()
+        .iter()
+        .enumerate()
+        .map(|(i, camera)| {
+            let span = first
+                .and_then(|episode| episode.videos.get(i))
+                .with_context(|| {
+                    format!("{}: no video of {}", dataset.root().display(), camera.name)
+                })?;
+            let video = VideoReader::open(&span.path, camera.height, camera.width)?;
+            Ok(Camera {
+                name: camera.name.clone(),
+                height: camera.height,
+                width: camera.width,
+                codec: video.codec().name(),
+                frames_per_key: video.len() as f64 / video.key_frames() as f64,
+            })
+        })
+        .collect()
+}
+
+fn joints<'a>(
+    feature: &VectorFeature,
+    normalizer: &Normalizer,
+    frames: usize,
+    row: impl Fn(usize) -> Option<&'a [f32]>,
+) -> Vec<Joint> {
+    (0..feature.dim)
+        .map(|dim| {
+            let values = (0..frames).filter_map(|frame| Some(row(frame)?[dim]));
+            let [min, max] = range(values);
+            Joint {
+                name: feature
+                    .names
+                    .get(dim)
+                    .cloned()
+                    .unwrap_or_else(|| dim.to_string()),
+                mean: normalizer.mean()[dim],
+                std: normalizer.std()[dim],
+                min,
+                max,
+            }
+        })
+        .collect()
+}
+
+/// The first frame as training sees it: pictures as they are (the policy brings them to size), motion normalised.
+fn sample(dataset: &Dataset, mut frame: Frame) -> Sample {
+    let stats = dataset.stats();
+    stats.state.normalize(&mut frame.state);
+    stats.action.normalize(&mut frame.actions);
+    let mut tensors: Vec<Tensor> = dataset
+        .cameras()
+        .iter()
+        .zip(&frame.images)
+        .map(|(camera, image)| Tensor {
+            name: camera.name.clone(),
+            dtype: "uint8",
+            shape: vec![3, image.height, image.width],
+            range: range(image.pixels.iter().map(|&p| p.into())),
+        })
+        .collect();
+    tensors.push(Tensor {
+        name: "observation.state".into(),
+        dtype: "float32",
+        shape: vec![frame.state.len()],
+        range: range(frame.state.iter().copied()),
+    });
+    tensors.push(Tensor {
+        name: "action".into(),
+        dtype: "float32",
+        shape: vec![frame.action_is_pad.len(), dataset.info().action.dim],
+        range: range(frame.actions.iter().copied()),
+    });
+    tensors.push(Tensor {
+        name: "action_is_pad".into(),
+        dtype: "bool",
+        shape: vec![frame.action_is_pad.len()],
+        range: range(frame.action_is_pad.iter().map(|&p| u8::from(p).into())),
+    });
+    Sample {
+        task: frame.task,
+        tensors,
+    }
+}
+
+/// Smallest and largest of the values.
+fn range(values: impl Iterator<Item = f32>) -> [f32; 2] {
+    values.fold([f32::INFINITY, f32::NEG_INFINITY], |[min, max], v| {
+        [min.min(v), max.max(v)]
+    })
+}
+
+/// `8.2 s`, `12.5 min`, `3.1 h`.
+fn duration(seconds: f64) -> String {
+    match seconds {
+        s if s < 100.0 => format!("{s:.1} s"),
+        s if s < 6000.0 => format!("{:.1} min", s / 60.0),
+        s => format!("{:.1} h", s / 3600.0),
+    }
+}

@@ -1,0 +1,81 @@
+//! `zk0 dataset validate`: everything that is wrong with recordings, before training finds it.
+
+use super::locate;
+use anyhow::Result;
+use zk0_prover::progress::Progress;
+use zk0_smolvla::dataset::Dataset;
+
+/// Checks one recording after another; `false` if any has a fault.
+pub fn run(recordings: &[String]) -> Result<bool> {
+    let mut sound = true;
+    for recording in recordings {
+        let report = check(recording);
+        print!("{}", report.text(recording));
+        sound &= report.faults.is_empty();
+    }
+    Ok(sound)
+}
+
+/// What was found in one recording.
+#[derive(Default)]
+struct Report {
+    /// What it holds, if it could be opened.
+    size: Option<String>,
+    /// Faults that have one right reading, and were read that way.
+    repairs: Vec<String>,
+    faults: Vec<String>,
+}
+
+fn check(recording: &str) -> Report {
+    let mut report = Report::default();
+    let opened = locate(recording).and_then(|folder| Ok(Dataset::open(folder)?));
+    let dataset = match opened {
+        Ok(dataset) => dataset,
+        Err(error) => {
+            report.faults.push(format!("{error:#}"));
+            return report;
+        }
+    };
+    report.size = Some(format!(
+        "{} episodes, {} frames, {} pictures",
+        dataset.episodes().len(),
+        dataset.len(),
+        dataset.len() * dataset.cameras().len()
+    ));
+    report.repairs = dataset.repairs().iter().map(ToString::to_string).collect();
+    let mut progress: Option<Progress> = None;
+    let faults = dataset.picture_faults(|done, of| {
+        progress
+            .get_or_insert_with(|| Progress::start("decoding", of as u64))
+            .reached(done as u64);
+    });
+    report.faults = faults
+        .into_iter()
+        .map(|fault| match fault.more_episodes {
+            0 => fault.error.to_string(),
+            more => format!("{} (and {more} more episodes likewise)", fault.error),
+        })
+        .collect();
+    report
+}
+
+impl Report {
+    fn text(&self, recording: &str) -> String {
+        let verdict = if self.faults.is_empty() {
+            "ok"
+        } else {
+            "FAULTY"
+        };
+        let mut text = format!("{verdict:<8} {recording}");
+        if let Some(size) = &self.size {
+            text.push_str(&format!(": {size}"));
+        }
+        text.push('\n');
+        for (label, lines) in [("repaired", &self.repairs), ("fault", &self.faults)] {
+            for line in lines {
+                text.push_str(&format!("  {label:<8} {line}\n"));
+            }
+        }
+        text
+    }
+}

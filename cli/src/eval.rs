@@ -1,0 +1,266 @@
+//! `zk0 eval`: losses and action errors of policies on recordings.
+
+use crate::{
+    chart::{self, Bars},
+    frames::{self, CacheOptions, Naming, Ready},
+    policy_source::{self, PolicySource},
+};
+use anyhow::{bail, Context, Result};
+use serde::Serialize;
+use std::{fmt::Write as _, fs, path::PathBuf};
+use zk0_prover::progress::Progress;
+use zk0_smolvla::{
+    action_error::{sample_actions, ActionError, STEPS},
+    batch::SampleSource,
+    dataset::Dataset,
+    device::device,
+    evaluate::fixed_draws,
+    prefix_cache::{FrameMaker, KeySpace},
+    sample::{PreparedSample, Preparer},
+    train::{learner::Snapshot, trainer::evaluate_samples, Samples},
+    PolicyError, Profile,
+};
+
+/// Measure policies on recordings: the flow-matching loss by both of LeRobot's rules, and how far sampled actions are from
+/// the demonstrated ones, joint by joint, in the recording's units.
+#[derive(Debug, clap::Args)]
+pub struct Options {
+    /// A policy: a policy file, such as `model.safetensors` of `zk0 train`, or a folder of LeRobot's.
+    #[arg(
+        long = "policy",
+        value_name = "PATH",
+        required_unless_present = "profile"
+    )]
+    policies: Vec<PathBuf>,
+    /// A profile's random weights, to compare with: micro, tiny or full.
+    #[arg(long, value_name = "NAME", value_parser = Profile::from_name)]
+    profile: Option<Profile>,
+    /// A recording (LeRobotDataset folder).
+    #[arg(long = "dataset", value_name = "DIR", required = true)]
+    datasets: Vec<PathBuf>,
+    /// Episodes of each recording that are looked at [default: all]
+    #[arg(long, value_name = "N,N,…", value_delimiter = ',')]
+    episodes: Vec<usize>,
+    /// Frames of each recording at most, evenly spaced.
+    #[arg(long, default_value_t = 200, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    frames: u32,
+    /// Decides noise and times, and a profile's random weights.
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// Where to compute: cpu, cuda or cuda:N.
+    #[arg(long, default_value = "cpu")]
+    device: String,
+    /// Print JSON instead of a table.
+    #[arg(long)]
+    json: bool,
+    /// Write eval.json, eval.png and eval.svg there.
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    #[command(flatten)]
+    cache: CacheOptions,
+}
+
+/// Samples through the policy at once.
+const BATCH: usize = 8;
+
+/// One policy on one recording.
+#[derive(Debug, Serialize)]
+struct Row {
+    policy: String,
+    dataset: String,
+    frames: usize,
+    /// LeRobot 0.6's mean: real dimensions of frames that are not padding.
+    loss_valid_only: f64,
+    /// LeRobot 0.4's mean: everything.
+    loss: f64,
+    /// Mean absolute error of sampled actions.
+    action_error: Vec<Joint>,
+}
+
+#[derive(Debug, Serialize)]
+struct Joint {
+    joint: String,
+    mean_absolute_error: f64,
+}
+
+/// Runs the command.
+pub fn run(options: &Options) -> Result<()> {
+    let mut sources: Vec<PolicySource> = options
+        .policies
+        .iter()
+        .cloned()
+        .map(PolicySource::Path)
+        .collect();
+    sources.extend(
+        options
+            .profile
+            .map(|profile| PolicySource::Random(profile, options.seed)),
+    );
+    let datasets = frames::open(&options.datasets)?;
+    let chosen: Vec<Vec<usize>> = datasets
+        .iter()
+        .map(|dataset| chosen(options, dataset))
+        .collect::<Result<_>>()?;
+    let mut rows = Vec::new();
+    for source in &sources {
+        let measured = measure(options, source, &datasets, &chosen);
+        rows.extend(measured.with_context(|| source.name())?);
+    }
+    if let Some(out) = &options.out {
+        fs::create_dir_all(out).with_context(|| format!("creating {}", out.display()))?;
+        let path = out.join("eval.json");
+        fs::write(&path, serde_json::to_vec_pretty(&rows)?)
+            .with_context(|| format!("writing {}", path.display()))?;
+        chart::draw_bars(&out.join("eval"), &panels(&rows, options.datasets.len()))?;
+    }
+    match options.json {
+        true => println!("{}", serde_json::to_string_pretty(&rows)?),
+        false => print!("{}", table(&rows)),
+    }
+    Ok(())
+}
+
+/// The frames of a recording that are looked at.
+fn chosen(options: &Options, dataset: &Dataset) -> Result<Vec<usize>> {
+    let episodes = dataset.episodes();
+    let mut all = Vec::new();
+    if options.episodes.is_empty() {
+        all.extend(0..dataset.len());
+    }
+    for number in &options.episodes {
+        match episodes.get(*number) {
+            Some(episode) => all.extend(episode.frames.clone()),
+            None => bail!(
+                "{} has {} episodes, there is no episode {number}",
+                dataset.root().display(),
+                episodes.len()
+            ),
+        }
+    }
+    let count = all.len().min(options.frames as usize);
+    Ok((0..count).map(|i| all[i * all.len() / count]).collect())
+}
+
+/// One policy on all recordings.
+fn measure(
+    options: &Options,
+    source: &PolicySource,
+    datasets: &[Dataset],
+    chosen: &[Vec<usize>],
+) -> Result<Vec<Row>> {
+    let device = device(&options.device)?;
+    let policy = source.load()?;
+    let config = policy.config.clone();
+    let tokenizer = policy_source::tokenizer(&config);
+    let cache = options.cache.open()?;
+    let space = KeySpace::new::<PreparedSample>(&policy);
+    let models = Snapshot::new(&config, &policy.expert, None, &device)?;
+    drop(policy);
+    let maker = FrameMaker::new(datasets, config.chunk_size, || {
+        let policy = source.load();
+        let policy = policy.map_err(|error| PolicyError::Sample(format!("{error:#}")))?;
+        Preparer::new(&policy, &tokenizer)
+    });
+    let mut naming = Naming::new(space, &config, &tokenizer, cache.as_ref());
+    let mut rows = Vec::new();
+    for (number, (dataset, indices)) in datasets.iter().zip(chosen).enumerate() {
+        let frames = naming.frames(number, dataset, indices)?;
+        let samples = Ready::<PreparedSample>::prepare(cache.as_ref(), &maker, frames)?;
+        let draws = fixed_draws(&config, samples.len(), options.seed);
+        let all: Vec<usize> = (0..samples.len()).collect();
+        let errors = evaluate_samples(&models, Samples::Prepared(&samples), &all, &draws)?;
+
+        let mut error = ActionError::new(config.action_dim);
+        let mut progress = Progress::start("sampling actions", all.len() as u64);
+        for (indices, draws) in all.chunks(BATCH).zip(draws.chunks(BATCH)) {
+            let batch = models.batch(Samples::Prepared(&samples), indices)?;
+            let sampled = sample_actions(models.expert(), &batch, draws, STEPS)?;
+            error.add(&config, &dataset.stats().action, &sampled, &batch)?;
+            progress.reached((indices[0] + indices.len()) as u64);
+        }
+        let names = &dataset.info().action.names;
+        let joints = error.means().into_iter().enumerate();
+        rows.push(Row {
+            policy: source.name(),
+            dataset: dataset.root().display().to_string(),
+            frames: samples.len(),
+            loss_valid_only: errors.valid_only.loss(),
+            loss: errors.plain.loss(),
+            action_error: joints
+                .map(|(i, mean_absolute_error)| Joint {
+                    joint: names
+                        .get(i)
+                        .cloned()
+                        .unwrap_or_else(|| format!("action {i}")),
+                    mean_absolute_error,
+                })
+                .collect(),
+        });
+    }
+    Ok(rows)
+}
+
+/// For people.
+fn table(rows: &[Row]) -> String {
+    let mut text = String::new();
+    for row in rows {
+        let _ = writeln!(
+            text,
+            "{} on {} ({} frames)",
+            row.policy, row.dataset, row.frames
+        );
+        let _ = writeln!(
+            text,
+            "  loss {:.4}, with padding {:.4}",
+            row.loss_valid_only, row.loss
+        );
+        let _ = writeln!(text, "  mean absolute error of sampled actions");
+        for joint in &row.action_error {
+            let _ = writeln!(
+                text,
+                "    {:<24} {:>9.3}",
+                joint.joint, joint.mean_absolute_error
+            );
+        }
+    }
+    text
+}
+
+/// For every recording its losses and its joints' errors, a bar for each policy.
+fn panels(rows: &[Row], datasets: usize) -> Vec<[Bars; 2]> {
+    let of_dataset = |number: usize| rows.iter().skip(number).step_by(datasets);
+    let name = |path: &str| {
+        let path = PathBuf::from(path);
+        let name = path
+            .file_name()
+            .map(|name| name.to_string_lossy().into_owned());
+        name.unwrap_or_else(|| path.display().to_string())
+    };
+    (0..datasets.min(rows.len()))
+        .map(|number| {
+            let first = &rows[number];
+            let series = |values: fn(&Row) -> Vec<f64>| {
+                let rows = of_dataset(number);
+                rows.map(|row| (row.policy.clone(), values(row))).collect()
+            };
+            let joints = first.action_error.iter().map(|joint| joint.joint.clone());
+            [
+                Bars {
+                    caption: format!("{}: loss", name(&first.dataset)),
+                    unit: "loss".into(),
+                    groups: vec!["valid only".into(), "with padding".into()],
+                    series: series(|row| vec![row.loss_valid_only, row.loss]),
+                },
+                Bars {
+                    caption: "mean absolute error of actions".into(),
+                    unit: "recording's units".into(),
+                    groups: joints.collect(),
+                    series: series(|row| {
+                        let errors = row.action_error.iter();
+                        errors.map(|joint| joint.mean_absolute_error).collect()
+                    }),
+                },
+            ]
+        })
+        .collect()
+}

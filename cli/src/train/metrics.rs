@@ -1,0 +1,230 @@
+//! `metrics.jsonl`: one line per step, and one per evaluation.
+
+use crate::chart::Curve;
+use anyhow::{Context, Result};
+use serde::{Deserialize, Serialize};
+use std::{
+    fs::{self, File},
+    io::Write,
+    path::{Path, PathBuf},
+};
+use zk0_smolvla::train::Step;
+
+/// Steps that a point of the training curve is the mean of, at least; a long run has no more than 400 points.
+const WINDOW: usize = 10;
+
+/// A line of the file.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum Line {
+    /// A step.
+    Step(StepLine),
+    /// An evaluation of the held-out episodes after a step.
+    Eval(EvalLine),
+}
+
+/// What is said of a step.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct StepLine {
+    /// Steps made.
+    pub step: usize,
+    /// The batch's loss before it.
+    pub loss: f64,
+    /// FedProx's term before it.
+    pub prox: f64,
+    /// Norm of the gradient, before clipping.
+    pub grad_norm: f64,
+    /// Learning rate.
+    pub lr: f64,
+    /// How long it took.
+    pub seconds: f64,
+    /// Samples through it per second.
+    pub samples_per_second: f64,
+}
+
+/// What is said of an evaluation.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct EvalLine {
+    /// Steps made.
+    pub step: usize,
+    /// `loss_valid_only` on the held-out episodes.
+    pub eval_loss: f64,
+    /// LeRobot 0.4's mean, padding included.
+    pub eval_loss_plain: f64,
+    /// Frames it is over.
+    pub eval_frames: usize,
+}
+
+impl StepLine {
+    /// Of a step of `samples` samples that took `seconds`.
+    pub fn of(step: &Step, samples: usize, seconds: f64) -> Self {
+        Self {
+            step: step.step,
+            loss: f64::from(step.loss),
+            prox: step.proximal,
+            grad_norm: step.gradient_norm,
+            lr: step.learning_rate,
+            seconds,
+            samples_per_second: samples as f64 / seconds.max(1e-9),
+        }
+    }
+}
+
+impl Line {
+    fn step(&self) -> usize {
+        match self {
+            Self::Step(line) => line.step,
+            Self::Eval(line) => line.step,
+        }
+    }
+}
+
+/// The file, open for more.
+pub struct Metrics {
+    path: PathBuf,
+    file: File,
+}
+
+impl Metrics {
+    /// Opens `path` for a run that has made `step` steps: lines of later ones, and a line that a stopped process left
+    /// unfinished, are removed.
+    pub fn open(path: &Path, step: usize) -> Result<Self> {
+        let kept: Vec<Line> = match step {
+            0 => Vec::new(),
+            _ => read(path)?
+                .into_iter()
+                .filter(|line| line.step() <= step)
+                .collect(),
+        };
+        let unfinished = path.with_extension("unfinished");
+        let mut text = Vec::new();
+        for line in &kept {
+            serde_json::to_writer(&mut text, line)?;
+            text.push(b'\n');
+        }
+        fs::write(&unfinished, text)
+            .and_then(|()| fs::rename(&unfinished, path))
+            .and_then(|()| File::options().append(true).open(path))
+            .with_context(|| format!("writing {}", path.display()))
+            .map(|file| Self {
+                path: path.into(),
+                file,
+            })
+    }
+
+    /// Adds a line.
+    pub fn add(&mut self, line: &Line) -> Result<()> {
+        let mut text = serde_json::to_vec(line)?;
+        text.push(b'\n');
+        let written = self.file.write_all(&text);
+        written.with_context(|| format!("writing {}", self.path.display()))
+    }
+}
+
+/// All whole lines of the file; none if it is not there.
+pub fn read(path: &Path) -> Result<Vec<Line>> {
+    if !path.exists() {
+        return Ok(Vec::new());
+    }
+    let text = fs::read_to_string(path).with_context(|| format!("reading {}", path.display()))?;
+    Ok(text
+        .lines()
+        .filter_map(|line| serde_json::from_str(line).ok())
+        .collect())
+}
+
+/// Loss curves of the lines: training, smoothed, and the held-out episodes where there are any.
+pub fn curves(lines: &[Line]) -> Vec<Curve> {
+    let steps: Vec<&StepLine> = lines
+        .iter()
+        .filter_map(|line| match line {
+            Line::Step(step) => Some(step),
+            Line::Eval(_) => None,
+        })
+        .collect();
+    let window = WINDOW.max(steps.len() / 400);
+    let mean = |some: &[&StepLine], of: fn(&StepLine) -> f64| {
+        some.iter().map(|line| of(line)).sum::<f64>() / some.len() as f64
+    };
+    let points = steps.chunks(window).map(|some| {
+        (
+            mean(some, |line| line.step as f64),
+            mean(some, |line| line.loss),
+        )
+    });
+    let training = Curve {
+        name: format!("training, mean over {window} steps"),
+        points: points.collect(),
+    };
+    let evaluated = lines.iter().filter_map(|line| match line {
+        Line::Eval(eval) => Some((eval.step as f64, eval.eval_loss)),
+        Line::Step(_) => None,
+    });
+    let held_out = Curve {
+        name: "held-out episodes".into(),
+        points: evaluated.collect(),
+    };
+    let curves = [training, held_out].into_iter();
+    curves.filter(|curve| !curve.points.is_empty()).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn step(step: usize) -> Line {
+        Line::Step(StepLine {
+            step,
+            loss: 1.0 / step as f64,
+            prox: 0.0,
+            grad_norm: 1.0,
+            lr: 1e-4,
+            seconds: 0.1,
+            samples_per_second: 80.0,
+        })
+    }
+
+    fn eval(step: usize) -> Line {
+        Line::Eval(EvalLine {
+            step,
+            eval_loss: 0.5,
+            eval_loss_plain: 0.4,
+            eval_frames: 9,
+        })
+    }
+
+    #[test]
+    fn a_resumed_run_goes_on_after_its_checkpoint() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("metrics.jsonl");
+        let mut metrics = Metrics::open(&path, 0).unwrap();
+        for line in [step(1), step(2), eval(2), step(3)] {
+            metrics.add(&line).unwrap();
+        }
+        fs::write(
+            &path,
+            fs::read_to_string(&path).unwrap() + "{\"step\": 4, \"lo",
+        )
+        .unwrap();
+        assert_eq!(read(&path).unwrap().len(), 4);
+
+        let mut metrics = Metrics::open(&path, 2).unwrap();
+        metrics.add(&step(3)).unwrap();
+        assert_eq!(read(&path).unwrap(), [step(1), step(2), eval(2), step(3)]);
+        assert_eq!(fs::read_to_string(&path).unwrap().lines().count(), 4);
+
+        Metrics::open(&path, 0).unwrap();
+        assert_eq!(read(&path).unwrap(), []);
+    }
+
+    #[test]
+    fn curves_are_smoothed_and_none_is_empty() {
+        let lines: Vec<Line> = (1..=25).map(step).collect();
+        let training = curves(&lines);
+        assert_eq!(training.len(), 1);
+        let at: Vec<f64> = training[0].points.iter().map(|point| point.0).collect();
+        assert_eq!(at, [5.5, 15.5, 23.0]);
+        assert_eq!(curves(&[step(1), eval(1)])[1].points, [(1.0, 0.5)]);
+        assert!(curves(&[]).is_empty());
+    }
+}

@@ -1,0 +1,339 @@
+//! `zk0 train`: fits a policy to recordings on this machine. May be stopped at any moment and resumed: the result is the
+//! same, byte for byte.
+
+mod metrics;
+mod options;
+mod report;
+
+pub use options::Options;
+
+use crate::{
+    chart,
+    frames::{self, Kind, Naming, Ready},
+    policy_source,
+};
+use anyhow::{bail, Context, Result};
+use metrics::{EvalLine, Line, Metrics, StepLine};
+use report::{Ended, Evaluated, Recording, Report};
+use std::{
+    fs::{self, File, TryLockError},
+    mem,
+    path::Path,
+    time::Instant,
+};
+use zk0_prover::progress::Progress;
+use zk0_smolvla::{
+    adaptive::{boost, Boost},
+    batch::SampleSource,
+    dataset::Dataset,
+    device::device,
+    evaluate::{fixed_draws, FlowDraw},
+    layout::expert_layout,
+    policy_file,
+    prefix_cache::{digest_of, FrameMaker, FrameRef, KeySpace},
+    sample::{ObservedSample, PreparedSample, Preparer},
+    train::{
+        checkpoints::{Checkpoints, RunIdentity},
+        split::{self, Split},
+        trainer::evaluate_samples,
+        TrainOptions, Trainer,
+    },
+    weights::TensorSet,
+    ExpertWeights, Policy, PolicyConfig, PolicyError,
+};
+
+/// Frames that the loss at the start is measured on, for a boost.
+const MEASURED: usize = 256;
+
+/// Runs the command.
+pub fn run(options: &Options) -> Result<()> {
+    match options.train_state_proj {
+        true => train::<ObservedSample>(options),
+        false => train::<PreparedSample>(options),
+    }
+}
+
+fn train<S: Kind>(options: &Options) -> Result<()> {
+    let training = options.training()?;
+    let device = device(&options.device)?;
+    let source = options.source()?;
+    let out = &options.out;
+    fs::create_dir_all(out).with_context(|| format!("creating {}", out.display()))?;
+    let _lock = lock(out)?;
+
+    let datasets = frames::open(&options.datasets)?;
+    let mut policy = source.load()?;
+    let config = policy.config.clone();
+    let tokenizer = policy_source::tokenizer(&config);
+    let cache = options.cache.open()?;
+    let space = KeySpace::new::<S>(&policy);
+    let naming = Naming::new(space, &config, &tokenizer, cache.as_ref());
+    let chosen = Chosen::of(options, &config, &datasets, naming)?;
+    let data = digest_of(chosen.train.iter().map(|frame| frame.key));
+
+    // At the published size the frozen half is 1.2 GB: nobody holds it for longer than needed.
+    let frozen = mem::take(&mut policy.frozen);
+    let frozen = options.train_state_proj.then_some(frozen);
+    let maker = FrameMaker::new(&datasets, config.chunk_size, || {
+        let policy = source.load();
+        let policy = policy.map_err(|error| PolicyError::Sample(format!("{error:#}")))?;
+        Preparer::new(&policy, &tokenizer)
+    });
+    let ours = Ready::<S>::prepare(cache.as_ref(), &maker, chosen.train)?;
+    let held_out = match chosen.held_out.is_empty() {
+        true => None,
+        false => Some(HeldOut {
+            draws: fixed_draws(&config, chosen.held_out.len(), options.seed),
+            samples: Ready::<S>::prepare(cache.as_ref(), &maker, chosen.held_out)?,
+        }),
+    };
+
+    let start = |training: TrainOptions| {
+        let (samples, frozen) = (S::samples(&ours), frozen.as_ref());
+        Trainer::on(&device, &config, &policy.expert, frozen, samples, training)
+    };
+    let mut trainer = start(training.clone())?;
+    let boosted = boosted::<S>(options, &trainer, &ours)?;
+    if boosted != 1.0 {
+        let learning_rate = training.learning_rate * boosted;
+        trainer = start(TrainOptions {
+            learning_rate,
+            ..training
+        })?;
+    }
+    let identity = RunIdentity::of(&trainer, &data)?;
+    let mut report = Report::new(options, &trainer, &identity, chosen.recordings, boosted)?;
+    drop(frozen);
+    drop(policy);
+
+    let checkpoints = Checkpoints::new(&out.join("checkpoints"), options.keep, identity)?;
+    let resumed = match options.resume {
+        true => checkpoints.resume(&mut trainer)?.unwrap_or(0),
+        false if !checkpoints.is_empty()? => bail!(
+            "{} holds checkpoints of a run: add --resume to go on with it, or choose another --out",
+            out.display()
+        ),
+        false => 0,
+    };
+    if options.resume {
+        tracing::info!("going on after step {resumed}");
+    }
+    report.write(out)?;
+    let lines = out.join("metrics.jsonl");
+    let mut metrics = Metrics::open(&lines, resumed)?;
+    let clock = Instant::now();
+    let evaluated = steps(
+        options,
+        &mut trainer,
+        &checkpoints,
+        held_out.as_ref(),
+        &mut metrics,
+    )?;
+    let seconds = clock.elapsed().as_secs_f64();
+    let made = trainer.steps_done() - resumed;
+    let values = trainer.values()?;
+    drop(trainer);
+
+    let mut policy = source.load()?;
+    place(&mut policy, values)?;
+    let digest = policy_file::save(&policy, &out.join("model.safetensors"))?;
+    let curves = metrics::curves(&metrics::read(&lines)?);
+    chart::draw_training(&out.join("loss"), &curves)?;
+    report.ended(Ended::new(&digest, made, seconds, evaluated));
+    report.write(out)?;
+    println!("{}", report.summary(out));
+    Ok(())
+}
+
+/// Frames to train on and frames held out, of all recordings.
+struct Chosen {
+    train: Vec<FrameRef>,
+    held_out: Vec<FrameRef>,
+    recordings: Vec<Recording>,
+}
+
+impl Chosen {
+    fn of(
+        options: &Options,
+        config: &PolicyConfig,
+        datasets: &[Dataset],
+        mut naming: Naming,
+    ) -> Result<Self> {
+        let mut chosen = Self {
+            train: Vec::new(),
+            held_out: Vec::new(),
+            recordings: Vec::new(),
+        };
+        for (number, dataset) in datasets.iter().enumerate() {
+            fits(config, dataset)?;
+            let episodes = dataset.episodes();
+            let split = Split::of(episodes.len(), options.eval_episodes, options.seed)
+                .with_context(|| format!("recording {}", dataset.root().display()))?;
+            let all: Vec<_> = episodes.iter().map(|e| e.frames.clone()).collect();
+            let mut named = |some| naming.frames(number, dataset, &split::frames(&all, some));
+            let (train, eval) = (named(&split.train)?, named(&split.eval)?);
+            chosen.recordings.push(Recording {
+                path: dataset.root().display().to_string(),
+                train_frames: train.len(),
+                eval_frames: eval.len(),
+                episodes: split,
+            });
+            chosen.train.extend(train);
+            chosen.held_out.extend(eval);
+        }
+        Ok(chosen)
+    }
+}
+
+/// Samples of the held-out episodes, each with its noise and time: the same at every evaluation.
+struct HeldOut<'c, 'a, S> {
+    samples: Ready<'c, 'a, S>,
+    draws: Vec<FlowDraw>,
+}
+
+impl<S: Kind> HeldOut<'_, '_, S> {
+    fn evaluate(&self, trainer: &Trainer) -> Result<Evaluated> {
+        let (models, samples) = (trainer.snapshot()?, S::samples(&self.samples));
+        let all: Vec<usize> = (0..samples.len()).collect();
+        let errors = evaluate_samples(&models, samples, &all, &self.draws)?;
+        Ok(Evaluated {
+            loss: errors.valid_only.loss(),
+            loss_plain: errors.plain.loss(),
+        })
+    }
+}
+
+/// Makes the steps that are left; the held-out losses after the last.
+fn steps<S: Kind>(
+    options: &Options,
+    trainer: &mut Trainer,
+    checkpoints: &Checkpoints,
+    held_out: Option<&HeldOut<S>>,
+    metrics: &mut Metrics,
+) -> Result<Option<Evaluated>> {
+    let (first, of) = (trainer.steps_done(), trainer.options().steps);
+    let evaluate = |trainer: &Trainer, metrics: &mut Metrics| -> Result<Option<Evaluated>> {
+        let Some(held_out) = held_out else {
+            return Ok(None);
+        };
+        let (step, evaluated) = (trainer.steps_done(), held_out.evaluate(trainer)?);
+        metrics.add(&Line::Eval(EvalLine {
+            step,
+            eval_loss: evaluated.loss,
+            eval_loss_plain: evaluated.loss_plain,
+            eval_frames: held_out.draws.len(),
+        }))?;
+        tracing::info!(
+            "step {step}: loss on held-out episodes {:.4}",
+            evaluated.loss
+        );
+        Ok(Some(evaluated))
+    };
+    if first == 0 {
+        evaluate(trainer, metrics)?;
+    }
+    if trainer.is_done() {
+        // Stopped between the last step and the end.
+        return held_out
+            .map(|held_out| held_out.evaluate(trainer))
+            .transpose();
+    }
+    let mut last = None;
+    let mut progress = Progress::start("training", (of - first) as u64);
+    while !trainer.is_done() {
+        let clock = Instant::now();
+        let step = trainer.step()?;
+        let seconds = clock.elapsed().as_secs_f64();
+        let batch = trainer.options().batch_size;
+        metrics.add(&Line::Step(StepLine::of(&step, batch, seconds)))?;
+        progress.reached((step.step - first) as u64);
+        if step.step % of.div_ceil(20) == 0 {
+            tracing::info!("step {} of {of}, loss {:.4}", step.step, step.loss);
+        }
+        if step.step % options.eval_every() == 0 || trainer.is_done() {
+            last = evaluate(trainer, metrics)?;
+        }
+        if step.step % options.checkpoint_every() == 0 || trainer.is_done() {
+            checkpoints.save(trainer)?;
+        }
+    }
+    Ok(last)
+}
+
+/// Takes the folder for this process alone; the system gives it back however the process ends.
+fn lock(out: &Path) -> Result<File> {
+    let path = out.join(".lock");
+    let file = File::create(&path).with_context(|| format!("creating {}", path.display()))?;
+    match file.try_lock() {
+        Ok(()) => Ok(file),
+        Err(TryLockError::WouldBlock) => {
+            bail!("another process trains into {}", out.display())
+        }
+        Err(TryLockError::Error(error)) => {
+            Err(error).with_context(|| format!("locking {}", path.display()))
+        }
+    }
+}
+
+/// Refuses a recording that cannot be the policy's before minutes are spent on it.
+fn fits(config: &PolicyConfig, dataset: &Dataset) -> Result<()> {
+    let (name, cameras) = (dataset.root().display(), dataset.cameras().len());
+    if cameras == 0 || cameras > config.cameras {
+        bail!(
+            "{name} has {cameras} cameras, the policy takes 1 to {}",
+            config.cameras
+        );
+    }
+    let (state, action) = (dataset.stats().state.dim(), dataset.stats().action.dim());
+    if (state, action) != (config.state_dim, config.action_dim) {
+        bail!(
+            "{name} has {state} state and {action} action dimensions, the policy takes {} and {}",
+            config.state_dim,
+            config.action_dim
+        );
+    }
+    Ok(())
+}
+
+/// What the learning rate is multiplied by, for a client whose loss is high.
+fn boosted<S: Kind>(
+    options: &Options,
+    trainer: &Trainer,
+    samples: &impl SampleSource<S>,
+) -> Result<f64> {
+    let (Some(factor), Some(prior)) = (options.lr_boost, options.prior_loss) else {
+        return Ok(1.0);
+    };
+    let count = samples.len().min(MEASURED);
+    let indices: Vec<usize> = (0..count).map(|i| i * samples.len() / count).collect();
+    let models = trainer.snapshot()?;
+    let draws = fixed_draws(models.config(), count, options.seed);
+    let errors = evaluate_samples(&models, S::samples(samples), &indices, &draws)?;
+    let now = errors.valid_only.loss();
+    let rule = Boost {
+        factor,
+        ..Boost::default()
+    };
+    let boosted = boost(rule, prior, now)?;
+    tracing::info!(
+        "loss at the start {now:.4}, average before {prior:.4}: learning rate times {boosted}"
+    );
+    Ok(boosted)
+}
+
+/// Puts trained tensors into the policy they were trained from.
+fn place(policy: &mut Policy, mut values: TensorSet) -> Result<()> {
+    let expert = expert_layout(&policy.config);
+    let besides: Vec<String> = values
+        .keys()
+        .filter(|n| !expert.contains_key(*n))
+        .cloned()
+        .collect();
+    for name in besides {
+        if let Some(tensor) = values.remove(&name) {
+            policy.frozen.insert(name, tensor);
+        }
+    }
+    policy.expert = ExpertWeights::from_tensors(&policy.config, values)?;
+    Ok(())
+}

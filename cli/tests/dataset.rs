@@ -1,0 +1,185 @@
+//! `zk0 dataset inspect` and `zk0 dataset validate`, as a person or a script meets them.
+
+use std::{
+    fs,
+    path::Path,
+    process::{Command, Output},
+};
+
+fn zk0(arguments: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_zk0"));
+    command
+        .args(arguments)
+        .current_dir(concat!(
+            env!("CARGO_MANIFEST_DIR"),
+            "/../tests/fixtures/datasets"
+        ))
+        .env_remove("HF_TOKEN");
+    command
+}
+
+fn said(output: &Output) -> String {
+    let part = |bytes: &[u8]| String::from_utf8(bytes.to_vec()).unwrap();
+    part(&output.stdout) + &part(&output.stderr)
+}
+
+#[test]
+fn inspect_shows_what_a_recording_holds() {
+    let shown = zk0(&["dataset", "inspect", "so100_pickplace_v21"])
+        .output()
+        .unwrap();
+    let text = said(&shown);
+    assert!(shown.status.success(), "{text}");
+    for line in [
+        "format     LeRobotDataset v2.1",
+        "robot      so100",
+        "episodes   6 of 38 to 44 frames",
+        "frames     245 at 30 frames per second: 8.2 s",
+        "cameras    observation.images.top    96 x 128 (height x width), AV1, a key frame every 2.0 frames",
+        "           observation.images.wrist  96 x 128",
+        "tasks      245 frames: Pick up the red cube and place it on the blue plate.",
+        "repairs    none needed",
+        "main_gripper           36.656     32.957      5.714     78.571",
+        "observation.images.top    uint8   [3, 96, 128] ",
+        "action_is_pad             bool    [50]            0.00 to 1.00",
+    ] {
+        assert!(text.contains(line), "{line:?} is not in\n{text}");
+    }
+
+    let shown = zk0(&[
+        "dataset",
+        "inspect",
+        "so100_sorting",
+        "--json",
+        "--chunk",
+        "7",
+    ])
+    .output()
+    .unwrap();
+    let json: serde_json::Value = serde_json::from_slice(&shown.stdout).unwrap();
+    assert_eq!(json["format"], "v3.0");
+    assert_eq!(json["tasks"].as_array().unwrap().len(), 2);
+    assert_eq!(
+        json["sample"]["tensors"][3]["shape"],
+        serde_json::json!([7, 6])
+    );
+    assert_eq!(json["cameras"][1]["codec"], "AV1");
+}
+
+#[test]
+fn inspect_says_what_it_put_right() {
+    let shown = zk0(&["dataset", "inspect", "so100_stacking_doubled"])
+        .output()
+        .unwrap();
+    assert!(shown.status.success());
+    let note = "so100_stacking_doubled/data/chunk-000/file-000.parquet: 249 rows repeat frames that are there already";
+    let table = String::from_utf8(shown.stdout).unwrap();
+    assert!(table.contains(&format!("REPAIRED   {note}")), "{table}");
+    // And warns of it.
+    let log = String::from_utf8(shown.stderr).unwrap();
+    assert!(log.contains("WARN") && log.contains(note), "{log}");
+}
+
+#[test]
+fn validate_lists_every_fault_and_says_so_by_its_exit_code() {
+    let good = zk0(&[
+        "dataset",
+        "validate",
+        "so100_pickplace",
+        "so100_stacking_doubled",
+    ])
+    .output()
+    .unwrap();
+    let text = String::from_utf8(good.stdout).unwrap();
+    assert_eq!(good.status.code(), Some(0), "{text}");
+    assert!(
+        text.contains("ok       so100_pickplace: 6 episodes, 245 frames, 490 pictures\n"),
+        "{text}"
+    );
+    assert!(
+        text.contains("  repaired so100_stacking_doubled/data/"),
+        "{text}"
+    );
+
+    let bad = zk0(&[
+        "dataset",
+        "validate",
+        "so100_pickplace_bad_timestamps",
+        "so101_pickplace",
+        "nowhere",
+    ])
+    .output()
+    .unwrap();
+    let text = String::from_utf8(bad.stdout).unwrap();
+    assert_eq!(bad.status.code(), Some(1), "{text}");
+    assert!(
+        text.contains("FAULTY   so100_pickplace_bad_timestamps\n  fault    "),
+        "{text}"
+    );
+    assert!(
+        text.contains("file-000.parquet: episode 2 frame 10 has timestamp"),
+        "{text}"
+    );
+    assert!(text.contains("ok       so101_pickplace"), "{text}");
+    assert!(text.contains("nowhere: no such folder"), "{text}");
+}
+
+#[test]
+fn validate_finds_every_video_that_does_not_decode() {
+    fn copy(from: &Path, to: &Path) {
+        fs::create_dir_all(to).unwrap();
+        for entry in fs::read_dir(from).unwrap() {
+            let entry = entry.unwrap();
+            let to = to.join(entry.file_name());
+            match entry.file_type().unwrap().is_dir() {
+                true => copy(&entry.path(), &to),
+                false => drop(fs::copy(entry.path(), to).unwrap()),
+            }
+        }
+    }
+    let dir = tempfile::tempdir().unwrap();
+    let fixture = Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("../tests/fixtures/datasets/so100_pickplace_v21");
+    copy(&fixture, dir.path());
+    let video = |camera: &str, episode: u32| {
+        dir.path().join(format!(
+            "videos/chunk-000/observation.images.{camera}/episode_{episode:06}.mp4"
+        ))
+    };
+    let whole = fs::read(video("top", 1)).unwrap();
+    fs::write(video("top", 1), &whole[..whole.len() / 2]).unwrap();
+    fs::copy(video("wrist", 1), video("wrist", 4)).unwrap(); // 38 frames where there are 41
+    let root = dir.path().to_str().unwrap();
+    let bad = zk0(&["dataset", "validate", root]).output().unwrap();
+    let text = String::from_utf8(bad.stdout).unwrap();
+    assert_eq!(bad.status.code(), Some(1));
+    assert_eq!(text.matches("  fault    ").count(), 2, "{text}");
+    assert!(
+        text.contains("fault    episode 1 frame 0, camera observation.images.top: "),
+        "{text}"
+    );
+    assert!(
+        text.contains("fault    episode 4 frame 38, camera observation.images.wrist: "),
+        "{text}"
+    );
+    assert!(text.contains("shows no frame at 1.266667 s"), "{text}");
+}
+
+#[test]
+fn a_hub_that_cannot_be_reached_is_said_so() {
+    let home = tempfile::tempdir().unwrap();
+    let failed = zk0(&["dataset", "inspect", "hub:robots/so100"])
+        .env("HF_ENDPOINT", "http://127.0.0.1:1")
+        .env("HF_HOME", home.path())
+        .output()
+        .unwrap();
+    let text = said(&failed);
+    assert_eq!(failed.status.code(), Some(1), "{text}");
+    assert!(
+        text.contains("robots/so100@main: http://127.0.0.1:1 cannot be asked"),
+        "{text}"
+    );
+    let failed = zk0(&["dataset", "validate", "hub:so100"]).output().unwrap();
+    assert!(said(&failed).contains("write owner/name or owner/name@revision"));
+    assert_eq!(failed.status.code(), Some(1));
+}

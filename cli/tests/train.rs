@@ -1,0 +1,237 @@
+//! `zk0 train` and `zk0 eval` as processes: killed at any moment and resumed, a run ends with the same bytes.
+
+use serde_json::Value;
+use std::{
+    fs,
+    path::Path,
+    process::{Command, Output, Stdio},
+    thread::sleep,
+    time::{Duration, SystemTime, UNIX_EPOCH},
+};
+
+const RECORDING: &str = "tests/fixtures/datasets/so100_pickplace";
+
+fn zk0(arguments: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_zk0"));
+    command
+        .args(arguments)
+        .current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/.."));
+    command
+}
+
+/// `zk0 train` on a recording, micro profile, with a cache in `dir`.
+fn train(dir: &Path, out: &str, more: &[&str]) -> Command {
+    let mut command = zk0(&["train", "--dataset", RECORDING, "--lr", "2e-3"]);
+    command
+        .arg("--out")
+        .arg(dir.join(out))
+        .arg("--cache")
+        .arg(dir.join("cache"))
+        .args(more);
+    command
+}
+
+const MICRO: [&str; 10] = [
+    "--profile",
+    "micro",
+    "--steps",
+    "120",
+    "--batch-size",
+    "16",
+    "--checkpoint-every",
+    "7",
+    "--eval-episodes",
+    "0.2",
+];
+
+fn said(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+fn succeeds(mut command: Command) -> Output {
+    let output = command.output().unwrap();
+    assert!(output.status.success(), "{}", said(&output));
+    output
+}
+
+fn fails(mut command: Command) -> String {
+    let output = command.output().unwrap();
+    assert_eq!(output.status.code(), Some(1), "{}", said(&output));
+    said(&output)
+}
+
+fn json(path: &Path) -> Value {
+    serde_json::from_slice(&fs::read(path).unwrap()).unwrap()
+}
+
+/// The steps in a file of metrics, as far as its lines are whole.
+fn steps(metrics: &Path) -> Vec<u64> {
+    let text = fs::read_to_string(metrics).unwrap_or_default();
+    let lines = text
+        .lines()
+        .filter_map(|line| serde_json::from_str(line).ok());
+    lines
+        .filter(|line: &Value| line.get("loss").is_some())
+        .filter_map(|line| line["step"].as_u64())
+        .collect()
+}
+
+#[test]
+fn a_run_that_is_killed_again_and_again_ends_with_the_same_bytes() {
+    let dir = tempfile::tempdir().unwrap();
+    succeeds(train(dir.path(), "unbroken", &MICRO));
+    let model = |out: &str| fs::read(dir.path().join(out).join("model.safetensors")).unwrap();
+    let resumed = [&MICRO[..], &["--resume"]].concat();
+    // Killed when so many steps are in the metrics: before the first checkpoint, right after one, and between.
+    for (run, stops) in [[0, 3, 8, 31, 32, 90], [1, 7, 14, 15, 66, 101]]
+        .iter()
+        .enumerate()
+    {
+        let out = format!("killed-{run}");
+        let metrics = dir.path().join(&out).join("metrics.jsonl");
+        let mut kills = 0;
+        for stop in stops {
+            let mut process = train(dir.path(), &out, &resumed)
+                .stderr(Stdio::null())
+                .stdout(Stdio::null())
+                .spawn()
+                .unwrap();
+            while process.try_wait().unwrap().is_none() && steps(&metrics).len() < *stop {
+                sleep(Duration::from_millis(1));
+            }
+            // Anywhere within the next steps. SIGKILL leaves no time for anything.
+            let clock = SystemTime::now().duration_since(UNIX_EPOCH).unwrap();
+            sleep(Duration::from_micros(
+                u64::from(clock.subsec_nanos()) % 20_000,
+            ));
+            process.kill().unwrap();
+            kills += usize::from(!process.wait().unwrap().success());
+        }
+        println!("{out}: killed {kills} times");
+        assert!(kills >= 4, "it was faster than most kills");
+        succeeds(train(dir.path(), &out, &resumed));
+        assert!(model("unbroken") == model(&out), "run {run}: other bytes");
+
+        // Every step is in the metrics once, in order.
+        assert_eq!(steps(&metrics), (1..=120).collect::<Vec<_>>());
+    }
+}
+
+#[test]
+fn a_run_leaves_its_results_and_they_can_be_evaluated() {
+    let dir = tempfile::tempdir().unwrap();
+    let options = [&MICRO[..], &["--fedprox-mu", "0.01", "--train-state-proj"]].concat();
+    succeeds(train(dir.path(), "out", &options));
+    let out = dir.path().join("out");
+    let run = json(&out.join("run.json"));
+    assert_eq!(run["scope"], "expert-and-state");
+    let episodes = &run["recordings"][0]["episodes"];
+    let count = |side: &str| episodes[side].as_array().unwrap().len();
+    assert_eq!((count("train"), count("eval")), (5, 1));
+    let frames = |side: &str| run["recordings"][0][side].as_u64().unwrap();
+    assert_eq!(frames("train_frames") + frames("eval_frames"), 245);
+    assert!(run["ended"]["held_out"]["loss"].as_f64().unwrap() > 0.0);
+
+    let metrics = fs::read_to_string(out.join("metrics.jsonl")).unwrap();
+    let lines: Vec<Value> = metrics
+        .lines()
+        .map(|line| serde_json::from_str(line).unwrap())
+        .collect();
+    let evaluated = lines.iter().filter_map(|line| line["eval_loss"].as_f64());
+    let evaluated: Vec<f64> = evaluated.collect();
+    assert_eq!(evaluated.len(), 11, "before the first step and ten times");
+    assert!(evaluated[10] < evaluated[0], "{evaluated:?}");
+    assert!(lines.iter().any(|line| line["prox"].as_f64() > Some(0.0)));
+    for (file, starts_with) in [("loss.png", &b"\x89PNG"[..]), ("loss.svg", b"<svg")] {
+        assert!(
+            fs::read(out.join(file)).unwrap().starts_with(starts_with),
+            "{file}"
+        );
+    }
+    assert_eq!(json(&out.join("loss.json")).as_array().unwrap().len(), 2);
+
+    let model = out.join("model.safetensors");
+    let mut eval = zk0(&["eval", "--profile", "micro", "--json", "--frames", "40"]);
+    eval.args([
+        "--dataset",
+        RECORDING,
+        "--dataset",
+        "tests/fixtures/datasets/so100_sorting",
+    ]);
+    eval.arg("--policy").arg(&model);
+    eval.arg("--cache").arg(dir.path().join("cache"));
+    eval.arg("--out").arg(dir.path().join("eval"));
+    let rows: Value = serde_json::from_slice(&succeeds(eval).stdout).unwrap();
+    assert_eq!(rows, json(&dir.path().join("eval/eval.json")));
+    let rows = rows.as_array().unwrap();
+    assert_eq!(rows.len(), 4, "two policies on two recordings");
+    let loss = |row: usize| rows[row]["loss_valid_only"].as_f64().unwrap();
+    assert!(
+        loss(0) < loss(2),
+        "training on it helped: {} {}",
+        loss(0),
+        loss(2)
+    );
+    let joints = rows[0]["action_error"].as_array().unwrap();
+    assert_eq!(joints.len(), 6);
+    let error = |row: usize| -> f64 {
+        let joints = rows[row]["action_error"].as_array().unwrap();
+        let errors = joints
+            .iter()
+            .map(|joint| joint["mean_absolute_error"].as_f64());
+        errors.map(Option::unwrap).sum()
+    };
+    assert!(error(0) < error(2), "{} {}", error(0), error(2));
+    let svg = fs::read_to_string(dir.path().join("eval/eval.svg")).unwrap();
+    assert!(
+        svg.contains("so100_sorting"),
+        "the chart names the recordings"
+    );
+}
+
+#[test]
+fn mistakes_are_named_before_anything_is_spent() {
+    let dir = tempfile::tempdir().unwrap();
+    succeeds(train(
+        dir.path(),
+        "out",
+        &["--profile", "micro", "--steps", "3"],
+    ));
+    let again = fails(train(
+        dir.path(),
+        "out",
+        &["--profile", "micro", "--steps", "3"],
+    ));
+    assert!(again.contains("--resume"), "{again}");
+    let other = ["--profile", "micro", "--steps", "4", "--resume"];
+    let other = fails(train(dir.path(), "out", &other));
+    assert!(other.contains("another run"), "{other}");
+
+    let micro = |more: &[&str]| {
+        let options = [&["--profile", "micro", "--steps", "2"], more].concat();
+        fails(train(dir.path(), "new", &options))
+    };
+    assert!(micro(&["--batch-size", "0"]).contains("`batch_size` is 0"));
+    assert!(
+        micro(&["--schedule", "warm-restarts", "--first-period", "0"]).contains("first period")
+    );
+    assert!(micro(&["--eval-episodes", "1.5"]).contains("held out"));
+    assert!(micro(&["--round-losses", "0.5,nan"]).contains("NaN"));
+    assert!(micro(&["--device", "tpu"]).contains("no device is called `tpu`"));
+    assert!(micro(&["--dataset", "no/such/recording"]).contains("no/such/recording"));
+    let policy = ["--policy", "no/such/policy", "--steps", "2"];
+    assert!(fails(train(dir.path(), "new", &policy)).contains("no/such/policy"));
+    assert!(!dir.path().join("new/checkpoints/000002").exists());
+
+    // A folder that two processes would write to.
+    let out = dir.path().join("locked");
+    fs::create_dir(&out).unwrap();
+    let lock = fs::File::create(out.join(".lock")).unwrap();
+    lock.lock().unwrap();
+    let locked = fails(train(
+        dir.path(),
+        "locked",
+        &["--profile", "micro", "--steps", "2"],
+    ));
+    assert!(locked.contains("another process"), "{locked}");
+}

@@ -1,0 +1,36 @@
+#!/usr/bin/env bash
+# Training steps of SmolVLA, LeRobot's on PyTorch and ours, side by side on this machine; ends with one JSON line per figure.
+# Run it on a machine that does nothing else: half an hour, 8 GB of memory at batch 8, 10 GB of disk for PyTorch.
+#
+#   scripts/bench-train/run.sh [PROFILE:BATCH …]      default: tiny:1 tiny:8 full:1 full:8
+set -euo pipefail
+here=$(dirname "$(readlink -f "$0")")
+root=$here/../..
+cache=$HOME/.cache/zk0/lerobot
+export CARGO_TARGET_DIR=${CARGO_TARGET_DIR:-$HOME/.cache/zk0/target}
+[ $# -gt 0 ] || set -- tiny:1 tiny:8 full:1 full:8
+
+if ! cmp -s "$here/requirements.txt" "$cache/requirements.txt"; then
+    python3 -m venv "$cache"
+    pip=("$cache/bin/pip" --disable-pip-version-check --quiet)
+    # PyTorch's own index has a build without CUDA; PyPI has not, and brings gigabytes of it along.
+    torch=$(grep '^torch==' "$here/requirements.txt")
+    "${pip[@]}" --retries 0 install --index-url https://download.pytorch.org/whl/cpu "$torch" 2>/dev/null || true
+    "${pip[@]}" install -r "$here/requirements.txt"
+    cp "$here/requirements.txt" "$cache/"
+fi
+(cd "$root" && scripts/setup.sh && scripts/with-rust cargo build --release --workspace --locked --example train_step)
+
+results=$(mktemp)
+trap 'rm -f "$results"' EXIT
+for case in "$@"; do
+    profile=${case%:*} batch=${case#*:}
+    [ "$profile" = full ] && steps=5 || steps=100
+    echo "$profile, batch $batch: LeRobot" >&2
+    "$cache/bin/python" "$here/lerobot_side.py" "$root/tests/fixtures/smolvla_tiny" "$profile" "$batch" "$steps" | tee -a "$results" >&2
+    for what in whole cached cached-state; do
+        echo "$profile, batch $batch: zk0, $what" >&2
+        "$CARGO_TARGET_DIR/release/examples/train_step" "$profile" "$batch" "$what" "$steps" | tee -a "$results" >&2
+    done
+done
+python3 "$here/ratios.py" "$results"

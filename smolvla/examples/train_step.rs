@@ -1,0 +1,200 @@
+//! Times training steps on random weights and random frames, and prints one JSON line: `train_step PROFILE BATCH WHAT STEPS`.
+//!
+//! WHAT is one of
+//! - `whole`: LeRobot's step. Pictures are resized, the frozen half runs, expert and `state_proj` are trained;
+//! - `cached`: the expert is trained over a cache of the frozen half;
+//! - `cached-state`: expert and `state_proj` are trained over a cache of pictures and language.
+//!
+//! A step is forward, backward, clipping and AdamW. The first is not counted: it sets up memory and threads.
+
+use std::collections::BTreeMap;
+use std::time::Instant;
+
+use candle_core::{Device, Tensor, Var};
+use rand::SeedableRng;
+use rand_chacha::ChaCha20Rng;
+use zk0_smolvla::evaluate::FlowDraw;
+use zk0_smolvla::image::vision_input;
+use zk0_smolvla::init::init_policy;
+use zk0_smolvla::layout::trainable_layout;
+use zk0_smolvla::model::expert::ExpertModel;
+use zk0_smolvla::model::flow::{losses, mean_loss, noisy_actions, target_velocity};
+use zk0_smolvla::model::prefix::{CameraInput, PrefixCache, PrefixInput, PrefixModel};
+use zk0_smolvla::model::state_token::StateToken;
+use zk0_smolvla::model::Parameters;
+use zk0_smolvla::optimizer::{AdamW, AdamWOptions};
+use zk0_smolvla::{PolicyConfig, Profile};
+
+/// As in the `zk0` binary: it keeps freed memory, which large tensors ask for again and again.
+#[global_allocator]
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
+
+type Failure = Box<dyn std::error::Error>;
+
+/// Height and width of the recorded pictures: a webcam's, or the tiny fixture's.
+fn recorded(profile: Profile) -> (usize, usize) {
+    if profile == Profile::Full {
+        (480, 640)
+    } else {
+        (48, 64)
+    }
+}
+
+struct Bench {
+    config: PolicyConfig,
+    size: (usize, usize),
+    batch: usize,
+    variables: BTreeMap<String, Var>,
+    prefix: PrefixModel,
+    expert: ExpertModel,
+    state_token: StateToken,
+    optimizer: AdamW,
+    /// Every camera's pictures, one after another: 8-bit RGB (3, height, width).
+    pictures: Vec<u8>,
+    state: Tensor,
+    actions: Tensor,
+    rng: ChaCha20Rng,
+}
+
+impl Bench {
+    fn new(profile: Profile, batch: usize, train_state: bool) -> Result<Self, Failure> {
+        let config = profile.config();
+        let device = &Device::Cpu;
+        let policy = init_policy(&config, 1)?;
+        let mut all = policy.frozen;
+        all.extend(policy.expert.into_tensors());
+        let trainable = trainable_layout(&config, train_state);
+        let (parameters, variables) = Parameters::with_variables(all, &trainable, device)?;
+        let mut rng = ChaCha20Rng::seed_from_u64(2);
+        let (height, width) = recorded(profile);
+        let values = |shape: &[usize]| {
+            let count = shape.iter().product::<usize>();
+            let wave = (0..count).map(|i| (i as f32 * 0.618).sin()).collect();
+            Tensor::from_vec(wave, shape, device)
+        };
+        let mut pictures = vec![0; batch * config.cameras * 3 * height * width];
+        rand::RngCore::fill_bytes(&mut rng, &mut pictures);
+        Ok(Self {
+            size: (height, width),
+            batch,
+            prefix: PrefixModel::new(&config, &parameters)?,
+            expert: ExpertModel::new(&config, &parameters)?,
+            state_token: StateToken::new(&config, &parameters)?,
+            optimizer: AdamW::new(&variables, AdamWOptions::default())?,
+            variables,
+            pictures,
+            state: values(&[batch, config.max_state_dim])?,
+            actions: values(&[batch, config.chunk_size, config.max_action_dim])?,
+            rng,
+            config,
+        })
+    }
+
+    /// The prefix of the batch's frames: pictures resized, then the frozen half.
+    fn cache(&self) -> Result<PrefixCache, Failure> {
+        let (size, (height, width)) = (self.config.vision.image_size, self.size);
+        let one = 3 * height * width;
+        let camera = |slot: usize| -> Result<CameraInput, Failure> {
+            let pictures = self.pictures.chunks_exact(one).skip(slot * self.batch);
+            let pixels = pictures
+                .take(self.batch)
+                .flat_map(|picture| vision_input(picture, self.size, size));
+            let pixels: Vec<f32> = pixels.collect();
+            Ok(CameraInput {
+                pixels: Tensor::from_vec(pixels, (self.batch, 3, size, size), &Device::Cpu)?,
+                present: vec![true; self.batch],
+            })
+        };
+        let length = self.config.max_language_tokens.min(48);
+        let ids =
+            (0..self.batch * length).map(|i| (i * 7 % (self.config.text.vocabulary - 1)) as u32);
+        Ok(self.prefix.cache(&PrefixInput {
+            cameras: (0..self.config.cameras)
+                .map(camera)
+                .collect::<Result<_, _>>()?,
+            tokens: Tensor::from_iter(ids, &Device::Cpu)?.reshape((self.batch, length))?,
+            token_mask: vec![vec![true; length]; self.batch],
+            state: self.state.clone(),
+        })?)
+    }
+
+    /// One step over `cache`; the loss before it.
+    fn step(&mut self, cache: &PrefixCache) -> Result<f32, Failure> {
+        let draws: Vec<FlowDraw> = (0..self.batch)
+            .map(|_| FlowDraw::random(&self.config, &mut self.rng))
+            .collect();
+        let times: Vec<f32> = draws.iter().map(|draw| draw.time).collect();
+        let noise: Vec<f32> = draws.into_iter().flat_map(|draw| draw.noise).collect();
+        let noise = Tensor::from_vec(noise, self.actions.shape(), &Device::Cpu)?;
+        let x_t = noisy_actions(&self.actions, &noise, &times)?;
+        let velocity = self.expert.forward(cache, &x_t, &times)?;
+        let loss = mean_loss(&losses(
+            &velocity,
+            &target_velocity(&self.actions, &noise)?,
+        )?)?;
+        self.optimizer.step(&loss.backward()?, 1e-4)?;
+        Ok(loss.to_scalar()?)
+    }
+}
+
+/// A cache's state token, the last of every row, is made anew in every step: it is not to be seen.
+fn without_state(mut cache: PrefixCache) -> PrefixCache {
+    for row in &mut cache.valid {
+        if let Some(last) = row.last_mut() {
+            *last = false;
+        }
+    }
+    cache
+}
+
+/// The largest resident set of this process so far, in bytes.
+fn peak_memory() -> Option<u64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status
+        .lines()
+        .find_map(|line| line.strip_prefix("VmHWM:"))?;
+    let kilobytes: u64 = line.split_whitespace().next()?.parse().ok()?;
+    Some(1024 * kilobytes)
+}
+
+fn main() -> Result<(), Failure> {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let [profile, batch, what, steps] = arguments.as_slice() else {
+        return Err(
+            "usage: train_step tiny|micro|full BATCH whole|cached|cached-state STEPS".into(),
+        );
+    };
+    let profile_named = Profile::from_name(profile)?;
+    let (batch, steps): (usize, usize) = (batch.parse()?, steps.parse()?);
+    let mut bench = Bench::new(profile_named, batch, what != "cached")?;
+    let kept = match what.as_str() {
+        "whole" => None,
+        "cached" => Some(bench.cache()?),
+        "cached-state" => Some(without_state(bench.cache()?)),
+        other => return Err(format!("`{other}` is none of whole, cached, cached-state").into()),
+    };
+    let mut seconds = Vec::new();
+    let mut loss = 0.0;
+    for _ in 0..=steps {
+        let started = Instant::now();
+        let cache = match &kept {
+            None => bench.cache()?,
+            Some(cache) if what == "cached" => cache.clone(),
+            Some(cache) => bench.state_token.join(cache, &bench.state)?,
+        };
+        loss = bench.step(&cache)?;
+        seconds.push(started.elapsed().as_secs_f64());
+    }
+    seconds.remove(0);
+    seconds.sort_by(f64::total_cmp);
+    let trained: usize = bench.variables.values().map(|v| v.elem_count()).sum();
+    println!(
+        "{}",
+        serde_json::json!({
+            "side": "zk0", "profile": profile, "batch": batch, "what": what, "steps": steps,
+            "step_seconds": seconds.get(seconds.len() / 2), "peak_memory_bytes": peak_memory(),
+            "trained_parameters": trained, "loss": loss,
+        })
+    );
+    Ok(())
+}

@@ -1,0 +1,207 @@
+//! How a node's proximal weight and learning rate follow the losses of a federation: the rules of the Python zk0
+//! (<https://github.com/ivelin/zk0>, `src/training/scheduler_utils.py`), as functions of values.
+//!
+//! - **Dynamic mu.** When the global model's loss stalls, mu and the learning rate both shrink by a fifth; when it grows, both
+//!   grow by a tenth ([`Trend`], [`follow`]).
+//! - **Learning-rate boost.** A client whose loss is far above what it used to be trains at a higher rate ([`boost`]).
+
+use serde::{Deserialize, Serialize};
+
+use crate::error::{PolicyError, Result};
+
+/// Rounds that a trend is seen over.
+const WINDOW: usize = 3;
+/// A loss that grows by more than this share diverges.
+const DIVERGING: f64 = -0.05;
+/// A loss that falls by less than this share stalls.
+const STALLED: f64 = 0.01;
+
+/// Where the global model's loss goes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Trend {
+    /// Fewer than three rounds were evaluated.
+    Unknown,
+    /// It falls by 1 % or more over three rounds.
+    Improving,
+    /// It does not.
+    Stalled,
+    /// It grows by more than 5 % over three rounds.
+    Diverging,
+}
+
+impl Trend {
+    /// From the global model's losses after the rounds so far, oldest first; the last three count.
+    ///
+    /// # Errors
+    /// [`PolicyError::Options`] when a loss is negative or not a number.
+    pub fn of(losses: &[f64]) -> Result<Self> {
+        check("a round's loss", losses)?;
+        let [first, .., last] = losses[losses.len().saturating_sub(WINDOW)..] else {
+            return Ok(Self::Unknown);
+        };
+        if losses.len() < WINDOW {
+            return Ok(Self::Unknown);
+        }
+        let improvement = (first - last) / first.max(1e-8);
+        Ok(if improvement < DIVERGING {
+            Self::Diverging
+        } else if improvement < STALLED {
+            Self::Stalled
+        } else {
+            Self::Improving
+        })
+    }
+
+    /// What mu and the learning rate are multiplied by.
+    pub fn factor(self) -> f64 {
+        match self {
+            Self::Stalled => 0.8,
+            Self::Diverging => 1.1,
+            Self::Unknown | Self::Improving => 1.0,
+        }
+    }
+}
+
+/// Proximal weight and peak learning rate of a round.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Rates {
+    /// Weight of FedProx's term.
+    pub mu: f64,
+    /// Peak learning rate.
+    pub learning_rate: f64,
+}
+
+/// Bounds that following a trend does not push the learning rate through: (least, most).
+pub const LEARNING_RATES: (f64, f64) = (1e-5, 1e-3);
+
+/// The rates of the next round. A learning rate that is beyond [`LEARNING_RATES`] already is left as it is rather than pulled
+/// back.
+pub fn follow(rates: Rates, trend: Trend) -> Rates {
+    let (least, most) = LEARNING_RATES;
+    let (factor, now) = (trend.factor(), rates.learning_rate);
+    let learning_rate = match trend {
+        Trend::Stalled => (now * factor).max(least.min(now)),
+        Trend::Diverging => (now * factor).min(most.max(now)),
+        Trend::Unknown | Trend::Improving => now,
+    };
+    Rates {
+        mu: rates.mu * factor,
+        learning_rate,
+    }
+}
+
+/// When and how much a client's learning rate is raised.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Boost {
+    /// A loss more than so many times the average one counts as high.
+    pub threshold: f64,
+    /// What the learning rate is multiplied by then.
+    pub factor: f64,
+}
+
+impl Default for Boost {
+    /// The Python zk0's `high_loss_multiplier` and `lr_boost_factor`.
+    fn default() -> Self {
+        Self {
+            threshold: 2.0,
+            factor: 1.15,
+        }
+    }
+}
+
+/// What a client's learning rate is multiplied by: `boost.factor` when its loss now is more than `boost.threshold` times its
+/// average in the rounds before, else 1.
+///
+/// # Errors
+/// [`PolicyError::Options`] when a loss is negative or not a number, or the boost is not in [1, 10] above a threshold of 1
+/// or more.
+pub fn boost(boost: Boost, average: f64, current: f64) -> Result<f64> {
+    check("a client's loss", &[average, current])?;
+    if !(1.0..=10.0).contains(&boost.factor) {
+        return Err(PolicyError::Options(format!(
+            "a learning-rate boost of {}; it must be in 1..=10",
+            boost.factor
+        )));
+    }
+    if !(boost.threshold >= 1.0 && boost.threshold.is_finite()) {
+        return Err(PolicyError::Options(format!(
+            "a boost above {} times the average loss; that must be 1 or more",
+            boost.threshold
+        )));
+    }
+    Ok(match current > average * boost.threshold {
+        true => boost.factor,
+        false => 1.0,
+    })
+}
+
+fn check(what: &str, losses: &[f64]) -> Result<()> {
+    let wrong = losses
+        .iter()
+        .find(|loss| !(loss.is_finite() && **loss >= 0.0));
+    match wrong {
+        Some(loss) => Err(PolicyError::Options(format!("{what} is {loss}"))),
+        None => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn trends_are_those_of_the_last_three_rounds() {
+        let of = |losses: &[f64]| Trend::of(losses).unwrap();
+        assert_eq!(of(&[]), Trend::Unknown);
+        assert_eq!(of(&[1.0]), Trend::Unknown);
+        assert_eq!(of(&[1.0, 0.5]), Trend::Unknown);
+        assert_eq!(of(&[1.0, 2.0, 0.98]), Trend::Improving);
+        assert_eq!(of(&[1.0, 0.5, 0.995]), Trend::Stalled);
+        assert_eq!(of(&[1.0, 0.5, 1.04]), Trend::Stalled);
+        assert_eq!(of(&[1.0, 0.5, 1.06]), Trend::Diverging);
+        assert_eq!(of(&[9.0, 1.0, 1.0, 0.9]), Trend::Improving);
+        assert_eq!(of(&[0.0, 0.0, 0.0]), Trend::Stalled);
+        assert!(Trend::of(&[1.0, f64::NAN]).is_err());
+        assert!(Trend::of(&[-1.0]).is_err());
+    }
+
+    #[test]
+    fn mu_and_learning_rate_move_together_within_bounds() {
+        let rates = |mu, learning_rate| Rates { mu, learning_rate };
+        let near = |a: Rates, b: Rates| {
+            assert!((a.mu - b.mu).abs() < 1e-15, "{a:?} {b:?}");
+            assert!(
+                (a.learning_rate - b.learning_rate).abs() < 1e-15,
+                "{a:?} {b:?}"
+            );
+        };
+        let start = rates(0.01, 5e-4);
+        near(follow(start, Trend::Stalled), rates(0.008, 4e-4));
+        near(follow(start, Trend::Diverging), rates(0.011, 5.5e-4));
+        near(follow(start, Trend::Improving), start);
+        near(follow(start, Trend::Unknown), start);
+        near(follow(rates(1.0, 1.1e-5), Trend::Stalled), rates(0.8, 1e-5));
+        near(
+            follow(rates(1.0, 9.9e-4), Trend::Diverging),
+            rates(1.1, 1e-3),
+        );
+        // From scratch the small profiles train at more than the bound.
+        near(follow(rates(1.0, 2e-3), Trend::Diverging), rates(1.1, 2e-3));
+        near(follow(rates(1.0, 1e-6), Trend::Stalled), rates(0.8, 1e-6));
+    }
+
+    #[test]
+    fn hard_clients_learn_faster() {
+        let rule = Boost::default();
+        assert_eq!(boost(rule, 0.5, 1.0).unwrap(), 1.0);
+        assert_eq!(boost(rule, 0.5, 1.01).unwrap(), 1.15);
+        assert_eq!(boost(rule, 0.5, 0.1).unwrap(), 1.0);
+        assert!(boost(rule, f64::INFINITY, 1.0).is_err());
+        let factor = |factor| Boost { factor, ..rule };
+        assert!(boost(factor(0.9), 1.0, 1.0).is_err());
+        assert!(boost(factor(f64::NAN), 1.0, 1.0).is_err());
+        let threshold = |threshold| Boost { threshold, ..rule };
+        assert!(boost(threshold(0.5), 1.0, 1.0).is_err());
+    }
+}

@@ -1,0 +1,216 @@
+//! Writing a checkpoint: a copy of the one that was opened, with other weights.
+
+use std::cmp::Reverse;
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs::{self, File};
+use std::io::{self, BufWriter, Write};
+use std::path::Path;
+
+use safetensors::tensor::{Dtype, TensorInfo};
+use serde::ser::{Serialize, SerializeMap, Serializer};
+
+use super::{Checkpoint, WEIGHTS};
+use crate::error::{PolicyError, Result};
+use crate::layout::policy_layout;
+use crate::safetensors_file::{encode, BLOCK};
+use crate::weights::{check_finite, TensorSet};
+
+/// In which type changed tensors are written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Precision {
+    /// Each in the type that it has in the source, rounded to nearest even.
+    Kept,
+    /// In F32: nothing of what training changed is lost, the file grows.
+    Single,
+}
+
+impl Checkpoint {
+    /// Writes a checkpoint to the new or empty folder `to`. The tensors in `changed` replace those of the same names, whatever
+    /// else the source holds is copied byte for byte: the other tensors (the language model's head among them), the weights
+    /// file's metadata, `config.json`, and all files that lie beside it. Folders within the source are left out.
+    ///
+    /// The weights come last and under their name only when they are complete.
+    ///
+    /// # Errors
+    /// [`PolicyError::AtPath`] when a file cannot be read or written, or `to` holds something; and when `changed` has a tensor that
+    /// the policy does not have, of another shape, with a number that is not finite, or too large for the type that is kept.
+    pub fn write(&self, to: &Path, changed: &TensorSet, precision: Precision) -> Result<()> {
+        self.check_changed(changed)?;
+        let failed = |path: &Path| {
+            let path = path.to_path_buf();
+            move |e: io::Error| PolicyError::file(&path, e)
+        };
+        fs::create_dir_all(to).map_err(failed(to))?;
+        if fs::read_dir(to).map_err(failed(to))?.next().is_some() {
+            return Err(PolicyError::file(
+                to,
+                "is not empty; a checkpoint is written to a new folder",
+            ));
+        }
+        for name in self.other_files()? {
+            let (source, target) = (self.folder.join(&name), to.join(&name));
+            fs::copy(&source, &target).map_err(failed(&target))?;
+        }
+        let partial = to.join(format!("{WEIGHTS}.partial"));
+        let file = File::create_new(&partial).map_err(failed(&partial))?;
+        self.write_weights(&file, &partial, changed, precision)?;
+        file.sync_all().map_err(failed(&partial))?;
+        fs::rename(&partial, to.join(WEIGHTS)).map_err(failed(&partial))?;
+        let folder = File::open(to).map_err(failed(to))?;
+        folder.sync_all().map_err(failed(to))
+    }
+
+    /// Names of the files beside the weights.
+    fn other_files(&self) -> Result<BTreeSet<std::ffi::OsString>> {
+        let failed = |e: io::Error| PolicyError::file(&self.folder, e);
+        let mut names = BTreeSet::new();
+        for entry in fs::read_dir(&self.folder).map_err(failed)? {
+            let entry = entry.map_err(failed)?;
+            // Follows links: a snapshot in the Hub's cache consists of them.
+            let is_file = fs::metadata(entry.path()).is_ok_and(|about| about.is_file());
+            if is_file && entry.file_name() != WEIGHTS {
+                names.insert(entry.file_name());
+            }
+        }
+        Ok(names)
+    }
+
+    fn check_changed(&self, changed: &TensorSet) -> Result<()> {
+        let layout = policy_layout(&self.config.dims);
+        for (name, tensor) in changed {
+            let Some(shape) = layout.get(name) else {
+                return Err(PolicyError::UnexpectedTensor(name.clone()));
+            };
+            if &tensor.shape != shape || tensor.data.len() != shape.iter().product::<usize>() {
+                return Err(PolicyError::Shape {
+                    name: name.clone(),
+                    expected: shape.clone(),
+                    found: tensor.shape.clone(),
+                });
+            }
+            check_finite(name, tensor)?;
+            if self.weights.info(name).is_none() {
+                return Err(PolicyError::file(
+                    self.weights.path(),
+                    format!("tensor `{name}` is stored under another name, which would change too"),
+                ));
+            }
+        }
+        Ok(())
+    }
+
+    fn write_weights(
+        &self,
+        file: &File,
+        path: &Path,
+        changed: &TensorSet,
+        precision: Precision,
+    ) -> Result<()> {
+        let failed = |e: io::Error| PolicyError::file(path, e);
+        let header = Header::of(self, changed, precision);
+        let mut out = BufWriter::with_capacity(BLOCK, file);
+        let bytes = match &header {
+            // Not a byte of it differs: even its order and spacing are kept.
+            None => self.weights.header().to_vec(),
+            Some(header) => header.to_bytes()?,
+        };
+        out.write_all(&(bytes.len() as u64).to_le_bytes())
+            .map_err(failed)?;
+        out.write_all(&bytes).map_err(failed)?;
+
+        let entries = match header {
+            None => self
+                .weights
+                .names()
+                .into_iter()
+                .map(|n| (n, None))
+                .collect(),
+            Some(header) => header.types(),
+        };
+        for (name, dtype) in entries {
+            match (changed.get(&name), self.weights.info(&name)) {
+                (Some(tensor), Some(info)) => {
+                    let dtype = dtype.unwrap_or(info.dtype);
+                    for block in tensor.data.chunks(BLOCK / 4) {
+                        let bytes = encode(dtype, block).ok_or_else(|| {
+                            PolicyError::file(
+                                path,
+                                format!("tensor `{name}` holds a number too large for {dtype}; write it in F32"),
+                            )
+                        })?;
+                        out.write_all(&bytes).map_err(failed)?;
+                    }
+                }
+                _ => self
+                    .weights
+                    .each_block(&name, &mut |block| out.write_all(block).map_err(failed))?,
+            }
+        }
+        out.flush().map_err(failed)
+    }
+}
+
+/// A new header, for when types change.
+struct Header {
+    metadata: Option<BTreeMap<String, String>>,
+    tensors: Vec<(String, TensorInfo)>,
+}
+
+impl Header {
+    /// `None` when every tensor has the type it had.
+    fn of(source: &Checkpoint, changed: &TensorSet, precision: Precision) -> Option<Self> {
+        let mut same = true;
+        let mut tensors: Vec<(String, TensorInfo)> = Vec::new();
+        for name in source.weights.names() {
+            let Some(mut info) = source.weights.info(&name).cloned() else {
+                continue;
+            };
+            if precision == Precision::Single && changed.contains_key(&name) {
+                same &= info.dtype == Dtype::F32;
+                info.dtype = Dtype::F32;
+            }
+            tensors.push((name, info));
+        }
+        if same {
+            return None;
+        }
+        // Wide types first, as safetensors writes them: every tensor stays aligned.
+        tensors.sort_by(|(a, x), (b, y)| (Reverse(x.dtype), a).cmp(&(Reverse(y.dtype), b)));
+        let mut start = 0;
+        for (_, info) in &mut tensors {
+            let bits = info.shape.iter().product::<usize>() * info.dtype.bitsize();
+            info.data_offsets = (start, start + bits / 8);
+            start += bits / 8;
+        }
+        let metadata = source.weights.metadata().as_ref();
+        Some(Self {
+            metadata: metadata.map(|m| m.iter().map(|(k, v)| (k.clone(), v.clone())).collect()),
+            tensors,
+        })
+    }
+
+    fn to_bytes(&self) -> Result<Vec<u8>> {
+        let mut bytes =
+            serde_json::to_vec(self).map_err(|e| PolicyError::Safetensors(e.to_string()))?;
+        bytes.resize(bytes.len().next_multiple_of(8), b' ');
+        Ok(bytes)
+    }
+
+    fn types(self) -> Vec<(String, Option<Dtype>)> {
+        let types = self.tensors.into_iter();
+        types.map(|(name, info)| (name, Some(info.dtype))).collect()
+    }
+}
+
+impl Serialize for Header {
+    fn serialize<S: Serializer>(&self, serializer: S) -> std::result::Result<S::Ok, S::Error> {
+        let mut map = serializer.serialize_map(None)?;
+        if let Some(metadata) = &self.metadata {
+            map.serialize_entry("__metadata__", metadata)?;
+        }
+        for (name, info) in &self.tensors {
+            map.serialize_entry(name, info)?;
+        }
+        map.end()
+    }
+}

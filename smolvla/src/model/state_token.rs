@@ -1,0 +1,73 @@
+//! The state's token, made anew at every step where the state projection is trained; and the language layers it goes through.
+//!
+//! Of all tokens of the prefix only the state's sees the state, so the keys and values of the others stay what they are. Training
+//! the state projection costs one token through the language layers that way, not the whole prefix.
+
+use candle_core::Tensor;
+
+use super::attention::{attend, Mask};
+use super::kernels::linear::Linear;
+use super::layers::{linear, DecoderLayer};
+use super::prefix::PrefixCache;
+use super::rope::Rope;
+use super::Parameters;
+use crate::config::PolicyConfig;
+use crate::error::Result;
+use crate::layout::VLM;
+
+/// The state projection and the language layers.
+pub struct StateToken {
+    pub(super) projection: Linear,
+    pub(super) layers: Vec<DecoderLayer>,
+    head_dim: usize,
+}
+
+impl StateToken {
+    /// From the weights that [`Self::needs`] names, and those of the state projection.
+    pub fn new(config: &PolicyConfig, parameters: &Parameters) -> Result<Self> {
+        let layer = |i| DecoderLayer::new(parameters, &format!("{VLM}.text_model.layers.{i}"));
+        Ok(Self {
+            projection: linear(parameters, "model.state_proj")?,
+            layers: (0..config.text.layers).map(layer).collect::<Result<_>>()?,
+            head_dim: config.text.head_dim,
+        })
+    }
+
+    /// Whether this frozen tensor plays a part.
+    pub fn needs(name: &str) -> bool {
+        name.starts_with(&format!("{VLM}.text_model.layers."))
+    }
+
+    /// Completes a prefix by its last token, from states (B, max_state_dim), normalised and zero-padded. None of `observed`'s
+    /// valid tokens may be a state's.
+    pub fn join(&self, observed: &PrefixCache, state: &Tensor) -> Result<PrefixCache> {
+        let device = state.device();
+        let position = |row: &Vec<bool>| vec![row.iter().filter(|valid| **valid).count() as i64];
+        let positions: Vec<_> = observed.valid.iter().map(position).collect();
+        let rope = Rope::new(&positions, self.head_dim, device)?;
+        let mut valid = observed.valid.clone();
+        valid.iter_mut().for_each(|row| row.push(true));
+        let count = valid.first().map_or(0, Vec::len);
+        let mask = Mask::new((valid.len(), 1, count), device, |b, _, k| valid[b][k])?;
+
+        let mut x = self.projection.forward(state)?.unsqueeze(1)?;
+        let (mut keys, mut values) = (Vec::new(), Vec::new());
+        let seen = observed.keys.iter().zip(&observed.values);
+        for (layer, (seen_keys, seen_values)) in self.layers.iter().zip(seen) {
+            let normed = layer.normalised(&x)?;
+            let q = rope.apply(&layer.queries(&normed, self.head_dim)?)?;
+            let k = rope.apply(&layer.keys(&normed, self.head_dim)?)?;
+            let v = layer.values(&normed, self.head_dim)?;
+            let k = Tensor::cat(&[seen_keys, &k], 1)?;
+            let v = Tensor::cat(&[seen_values, &v], 1)?;
+            x = layer.finish(&x, &attend(&q, &k, &v, &mask)?, &mut |_, _| Ok(()))?;
+            keys.push(k);
+            values.push(v);
+        }
+        Ok(PrefixCache {
+            keys,
+            values,
+            valid,
+        })
+    }
+}

@@ -1,0 +1,231 @@
+//! Makes steps.
+
+use candle_core::Device;
+use serde::{Deserialize, Serialize};
+
+use super::learner::{Learner, Samples, Snapshot};
+use super::options::{TrainOptions, TrainScope};
+use super::order::{draws, Order};
+use crate::config::PolicyConfig;
+use crate::error::{PolicyError, Result};
+use crate::evaluate::{squared_errors, Evaluation, FlowDraw, SampleErrors};
+use crate::layout::expert_layout;
+use crate::model::observe::ignore;
+use crate::optimizer::AdamW;
+use crate::weights::{ExpertWeights, TensorSet};
+
+/// Samples evaluated at once.
+const EVALUATED_AT_ONCE: usize = 16;
+
+/// A step that was made.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Step {
+    /// Steps done.
+    pub step: usize,
+    /// Steps to be done in all.
+    pub of: usize,
+    /// The batch's loss before this step, without the proximal term.
+    pub loss: f32,
+    /// FedProx's term before this step.
+    pub proximal: f64,
+    /// Norm of the gradient of both, before clipping.
+    pub gradient_norm: f64,
+    /// The learning rate of this step.
+    pub learning_rate: f64,
+}
+
+/// A run of training. Its state is its variables, the optimiser's moments, and the number of steps made.
+pub struct Trainer<'a> {
+    samples: Samples<'a>,
+    options: TrainOptions,
+    learner: Learner,
+    optimizer: AdamW,
+    order: Order,
+    step: usize,
+}
+
+impl<'a> Trainer<'a> {
+    /// A run on the CPU that trains the expert from `start` on prepared samples.
+    ///
+    /// # Errors
+    /// [`PolicyError::Options`]; [`PolicyError::Sample`] when there is no sample, or they are observed ones.
+    pub fn new(
+        config: &PolicyConfig,
+        start: &ExpertWeights,
+        samples: Samples<'a>,
+        options: TrainOptions,
+    ) -> Result<Self> {
+        Self::on(&Device::Cpu, config, start, None, samples, options)
+    }
+
+    /// A run on `device`. For [`TrainScope::ExpertAndState`], `frozen` is the frozen half of the policy.
+    ///
+    /// # Errors
+    /// As [`Self::new`]; samples and `frozen` have to be for the same scope.
+    pub fn on(
+        device: &Device,
+        config: &PolicyConfig,
+        start: &ExpertWeights,
+        frozen: Option<&TensorSet>,
+        samples: Samples<'a>,
+        options: TrainOptions,
+    ) -> Result<Self> {
+        options.check()?;
+        if samples.is_empty() {
+            return Err(PolicyError::Sample("there are no samples".into()));
+        }
+        let learner = Learner::new(config, start, frozen, device)?;
+        let optimizer = AdamW::proximal(learner.variables(), options.adamw, options.fedprox_mu)?;
+        Ok(Self {
+            order: Order::new(options.seed, samples.len()),
+            samples,
+            options,
+            learner,
+            optimizer,
+            step: 0,
+        })
+    }
+
+    /// Makes a step.
+    ///
+    /// # Errors
+    /// [`PolicyError::Diverged`] and [`PolicyError::GradientNotFinite`]: the step was not made. [`PolicyError::Sample`] when
+    /// a sample cannot be had or does not fit the policy.
+    pub fn step(&mut self) -> Result<Step> {
+        let (at, options) = (self.step, &self.options);
+        let picked = self.order.batch(at, options.batch_size);
+        let draws = draws(self.learner.config(), options.seed, at, options.batch_size);
+        let loss = {
+            let batch = self.learner.batch(self.samples, &picked)?;
+            self.learner.loss(&batch, &draws)?
+        };
+        let value = loss.to_scalar::<f32>()?;
+        if !value.is_finite() {
+            return Err(PolicyError::Diverged {
+                step: at + 1,
+                of: options.steps,
+                loss: value,
+            });
+        }
+        let learning_rate =
+            options
+                .schedule
+                .learning_rate(options.learning_rate, at, options.steps);
+        let stepped = self.optimizer.step(&loss.backward()?, learning_rate)?;
+        self.step += 1;
+        Ok(Step {
+            step: self.step,
+            of: options.steps,
+            loss: value,
+            proximal: stepped.proximal,
+            gradient_norm: stepped.gradient_norm,
+            learning_rate,
+        })
+    }
+
+    /// Whether all steps are made.
+    pub fn is_done(&self) -> bool {
+        self.step >= self.options.steps
+    }
+
+    /// Steps made.
+    pub fn steps_done(&self) -> usize {
+        self.step
+    }
+
+    /// How it trains.
+    pub fn options(&self) -> &TrainOptions {
+        &self.options
+    }
+
+    /// What it trains.
+    pub fn scope(&self) -> TrainScope {
+        self.samples.scope()
+    }
+
+    /// The trained tensors as they are now: the expert's, and the state projection's where that is trained.
+    pub fn values(&self) -> Result<TensorSet> {
+        self.learner.values()
+    }
+
+    /// The expert as it is now.
+    ///
+    /// # Errors
+    /// [`PolicyError::NotFinite`] should a step have made a weight that is no number.
+    pub fn weights(&self) -> Result<ExpertWeights> {
+        let config = self.learner.config();
+        let expert = expert_layout(config);
+        let mut tensors = self.values()?;
+        tensors.retain(|name, _| expert.contains_key(name));
+        ExpertWeights::from_tensors(config, tensors)
+    }
+
+    /// The models as they are now.
+    pub fn snapshot(&self) -> Result<Snapshot> {
+        self.learner.snapshot()
+    }
+
+    pub(super) fn optimizer(&self) -> &AdamW {
+        &self.optimizer
+    }
+
+    /// Goes to where a checkpoint was.
+    pub(super) fn restored(
+        &mut self,
+        step: usize,
+        restore: impl FnOnce(&Learner, &mut AdamW) -> Result<()>,
+    ) -> Result<()> {
+        restore(&self.learner, &mut self.optimizer)?;
+        self.step = step;
+        Ok(())
+    }
+}
+
+/// The loss of `models` on the samples at `indices`, each at its draw, by both of LeRobot's rules.
+///
+/// # Errors
+/// [`PolicyError::Sample`] for a sample or draw that does not fit the policy, or when there is none.
+pub fn evaluate_samples(
+    models: &Snapshot,
+    samples: Samples,
+    indices: &[usize],
+    draws: &[FlowDraw],
+) -> Result<SampleErrors> {
+    if indices.is_empty() || draws.len() != indices.len() {
+        return Err(PolicyError::Sample(format!(
+            "{} draws for {} samples to evaluate",
+            draws.len(),
+            indices.len()
+        )));
+    }
+    let zero = Evaluation {
+        squared_error: 0.0,
+        elements: 0,
+    };
+    let mut total = SampleErrors {
+        valid_only: zero,
+        plain: zero,
+    };
+    let rounds = indices.chunks(EVALUATED_AT_ONCE);
+    for (indices, draws) in rounds.zip(draws.chunks(EVALUATED_AT_ONCE)) {
+        let batch = models.batch(samples, indices)?;
+        let draws: Vec<&FlowDraw> = draws.iter().collect();
+        let each = squared_errors(
+            models.config(),
+            models.expert(),
+            &batch,
+            &draws,
+            &mut ignore,
+        )?;
+        for one in each {
+            for (sum, more) in [
+                (&mut total.valid_only, one.valid_only),
+                (&mut total.plain, one.plain),
+            ] {
+                sum.squared_error += more.squared_error;
+                sum.elements += more.elements;
+            }
+        }
+    }
+    Ok(total)
+}

@@ -1,0 +1,121 @@
+//! Random inputs for everything that reads files, kept as far as they lead to something new.
+//!
+//! Without coverage of the code: what tells inputs apart is what the reader says of them. An input whose outcome was not seen
+//! before joins those that are mutated, so that errors behind other errors are reached.
+
+mod mutate;
+mod targets;
+
+use std::collections::BTreeMap;
+use std::panic::{catch_unwind, AssertUnwindSafe};
+use std::time::{Duration, Instant};
+
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+use crate::allocations::peak;
+pub use targets::{target, Target, NAMES};
+
+/// What an input may make the reader allocate at once.
+pub fn allowed(input: &[u8]) -> usize {
+    (24 << 20) + 64 * input.len()
+}
+
+/// What came of an input: the error without numbers and paths, or `read`. `Err` is a finding: a panic, or too large an allocation.
+pub fn run(target: &mut Target, input: &[u8]) -> Result<String, String> {
+    let (outcome, bytes) = peak(|| catch_unwind(AssertUnwindSafe(|| (target.run)(input))));
+    let outcome = outcome.map_err(|_| "a panic".to_owned())?;
+    if bytes > allowed(input) {
+        return Err(format!(
+            "{bytes} bytes allocated for {} of input",
+            input.len()
+        ));
+    }
+    Ok(match outcome {
+        Ok(()) => "read".into(),
+        Err(message) => class(&message),
+    })
+}
+
+/// The message without numbers and up to what it quotes, so that one fault is one outcome.
+fn class(message: &str) -> String {
+    let unquoted = message.split(['"', '`', '\'']).next().unwrap_or_default();
+    let letters = unquoted
+        .chars()
+        .filter(|c| c.is_ascii_alphabetic() || *c == ' ');
+    letters.take(60).collect()
+}
+
+/// What was found in some time.
+pub struct Found {
+    pub runs: u64,
+    /// By outcome, the smallest input that leads to it.
+    pub outcomes: BTreeMap<String, Vec<u8>>,
+    /// What is wrong, and the input.
+    pub findings: Vec<(String, Vec<u8>)>,
+}
+
+/// Mutates the target's seeds and `corpus` for `time`; the seed decides everything but how far it gets.
+pub fn explore(target: &mut Target, corpus: Vec<Vec<u8>>, time: Duration, seed: u64) -> Found {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let mut pool = target.seeds.clone();
+    pool.extend(corpus);
+    let mut found = Found {
+        runs: 0,
+        outcomes: BTreeMap::new(),
+        findings: Vec::new(),
+    };
+    let start = Instant::now();
+    let mut next = 0;
+    while start.elapsed() < time && found.findings.len() < 20 {
+        // First the inputs as they are.
+        let input = match pool.get(next) {
+            Some(input) => input.clone(),
+            None => {
+                let picked = rng.random_range(0..pool.len());
+                let other = rng.random_range(0..pool.len());
+                mutate::mutate(&pool[picked], &pool[other], &mut rng)
+            }
+        };
+        let is_new_to_pool = next >= pool.len();
+        next += 1;
+        found.runs += 1;
+        match run(target, &input) {
+            Ok(outcome) => {
+                if !found.outcomes.contains_key(&outcome) {
+                    if is_new_to_pool {
+                        pool.push(input.clone());
+                        next = pool.len();
+                    }
+                    found.outcomes.insert(outcome, input);
+                }
+            }
+            Err(finding) => found.findings.push((finding, input)),
+        }
+    }
+    for (outcome, input) in &mut found.outcomes {
+        *input = minimised(target, input.clone(), outcome);
+    }
+    found
+}
+
+/// A smaller input of the same outcome, by leaving out stretches; at most 400 attempts.
+fn minimised(target: &mut Target, mut input: Vec<u8>, outcome: &str) -> Vec<u8> {
+    let mut stretch = input.len() / 2;
+    let mut left = 400;
+    while stretch > 0 && left > 0 {
+        let mut at = 0;
+        while at < input.len() && left > 0 {
+            left -= 1;
+            let end = (at + stretch).min(input.len());
+            let shorter = [&input[..at], &input[end..]].concat();
+            if run(target, &shorter).as_deref() == Ok(outcome) {
+                input = shorter;
+            } else {
+                at += stretch;
+            }
+        }
+        stretch /= 2;
+    }
+    input
+}

@@ -1,0 +1,52 @@
+//! Gradients of every trainable tensor, under both losses.
+
+use candle_core::Tensor;
+use zk0_smolvla::model::flow;
+
+use crate::reference::{check, lerobot, numbers, relative_distance, Values};
+use crate::training::Training;
+
+fn gradients_agree(training: &Training, file: &str, loss: &Tensor) {
+    let gradients = loss.backward().unwrap();
+    let reference = Values::read(file);
+    assert!(reference.names().eq(training.variables.keys()));
+    for (name, variable) in &training.variables {
+        let found = gradients
+            .get(variable)
+            .unwrap_or_else(|| panic!("{name} has no gradient"));
+        assert_eq!(found.dims(), reference.shape(name), "{name}");
+        let distance = relative_distance(&numbers(found), reference.numbers(name));
+        check(name, distance, 2e-4);
+    }
+}
+
+#[test]
+fn gradients_of_the_plain_loss() {
+    let training = Training::new();
+    let loss = flow::mean_loss(&training.losses("noise", "time")).unwrap();
+    gradients_agree(&training, "grads.safetensors", &loss);
+}
+
+#[test]
+fn gradients_of_the_valid_only_loss() {
+    let training = Training::new();
+    let is_pad = training.case.inputs.mask("batch.action_is_pad");
+    let losses = training.losses("noise", "time");
+    let action_dim = training.case.config().action_dim;
+    let loss = flow::mean_loss_valid_only(&losses, action_dim, &is_pad).unwrap();
+    gradients_agree(&training, "grads_valid_only.safetensors", &loss);
+}
+
+/// What training with a cached prefix does: the state's token alone is made anew, and alone has a gradient.
+#[test]
+fn gradients_by_way_of_the_state_token_alone() {
+    if !lerobot().training.train_expert_only {
+        println!("not compared: the reference trains the vision-language model too");
+        return;
+    }
+    let training = Training::new();
+    let input = training.case.prefix_input();
+    let cache = training.case.prefix.cache_training_state(&input).unwrap();
+    let loss = flow::mean_loss(&training.losses_over(&cache, "noise", "time")).unwrap();
+    gradients_agree(&training, "grads.safetensors", &loss);
+}

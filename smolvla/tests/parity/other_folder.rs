@@ -1,0 +1,20 @@
+//! All of these tests again, on the second committed reference.
+
+use std::process::Command;
+
+use crate::reference::{fixtures, is_committed};
+
+#[test]
+fn the_same_holds_for_a_policy_of_other_dimensions() {
+    if !is_committed() {
+        return; // this process is on another folder already
+    }
+    let tests = Command::new(std::env::current_exe().unwrap())
+        .env("ZK0_PARITY_DIR", fixtures().join("smolvla_odd"))
+        .output()
+        .unwrap();
+    let said = String::from_utf8_lossy(&tests.stdout);
+    println!("{said}");
+    assert!(tests.status.success(), "{said}");
+    assert!(!said.contains(" 0 passed"), "{said}");
+}

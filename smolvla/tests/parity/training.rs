@@ -1,0 +1,64 @@
+//! The policy with the reference's trainable tensors as variables.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use candle_core::{Device, Tensor, Var};
+use zk0_smolvla::layout::{trainable_layout, Layout};
+use zk0_smolvla::model::prefix::PrefixCache;
+use zk0_smolvla::model::{flow, Parameters};
+
+use crate::case::Case;
+use crate::reference::{json, lerobot, policy, Values};
+
+pub struct Training {
+    pub variables: BTreeMap<String, Var>,
+    pub case: Case,
+}
+
+/// Tensors that LeRobot would train but that no loss reaches: they stay as they are.
+pub fn idle() -> BTreeSet<String> {
+    let names = json("facts.json")["trainable_without_gradient"].clone();
+    serde_json::from_value(names).unwrap_or_default()
+}
+
+impl Training {
+    pub fn new() -> Self {
+        let lerobot = lerobot();
+        let reference = Values::read("grads.safetensors");
+        let shape = |name: &String| (name.clone(), reference.shape(name).to_vec());
+        let trainable: Layout = reference.names().map(shape).collect();
+        if lerobot.training.train_expert_only {
+            // Not so only where the vision-language model is trained too, which the library has no set for.
+            let with_state = lerobot.training.train_state_proj;
+            let mut ours = trainable_layout(&lerobot.dims, with_state);
+            ours.retain(|name, _| !idle().contains(name));
+            assert_eq!(trainable, ours);
+        }
+        let policy = policy();
+        let mut all = policy.frozen;
+        all.extend(policy.expert.into_tensors());
+        let (parameters, variables) =
+            Parameters::with_variables(all, &trainable, &Device::Cpu).unwrap();
+        Self {
+            variables,
+            case: Case::with(&parameters),
+        }
+    }
+
+    /// Element-wise losses, through the whole policy: the state projection may be trained.
+    pub fn losses(&self, noise: &str, time: &str) -> Tensor {
+        let cache = self.case.prefix.cache(&self.case.prefix_input()).unwrap();
+        self.losses_over(&cache, noise, time)
+    }
+
+    /// Element-wise losses over a prefix.
+    pub fn losses_over(&self, cache: &PrefixCache, noise: &str, time: &str) -> Tensor {
+        let case = &self.case;
+        let actions = case.outputs.tensor("prepared.action");
+        let noise = case.inputs.tensor(noise);
+        let times = case.inputs.f32s(time);
+        let x_t = flow::noisy_actions(&actions, &noise, &times).unwrap();
+        let v_t = case.expert.forward(cache, &x_t, &times).unwrap();
+        flow::losses(&v_t, &flow::target_velocity(&actions, &noise).unwrap()).unwrap()
+    }
+}
