@@ -125,7 +125,7 @@ pub struct EvalSpec {
     pub dims: Dims,
     /// Fraction bits of actions, noise, and velocity (at most 12).
     pub action: u8,
-    /// Fraction bits of the embedded action.
+    /// Fraction bits of the embedded action and the time embedding (at most 14).
     pub embedding: u8,
     /// Fraction bits of the time MLP before SiLU.
     pub time_hidden: u8,
@@ -258,7 +258,8 @@ impl EvalSpec {
         }
         self.dims.validate()?;
         scale("action", self.action, 1, 12)?;
-        scale("embedding", self.embedding, 0, 15)?;
+        // A sine of 1 must fit an int16.
+        scale("embedding", self.embedding, 0, 14)?;
         scale("time_hidden", self.time_hidden, 6, 10)?;
         scale("time_activation", self.time_activation, 0, 15)?;
         scale("hidden", self.hidden, 0, 15)?;

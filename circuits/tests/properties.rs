@@ -254,7 +254,7 @@ fn buffers_of_other_dimensions_are_refused() {
 #[test]
 fn specifications_out_of_bounds_are_refused() {
     type Change = fn(&mut EvalSpec);
-    let changes: [Change; 14] = [
+    let changes: [Change; 15] = [
         |spec| spec.version = 1,
         |spec| spec.dims.expert_width = 13,
         |spec| spec.dims.head_dim = 0,
@@ -264,6 +264,7 @@ fn specifications_out_of_bounds_are_refused() {
         |spec| spec.dims.action_dim = 9,
         |spec| spec.dims.max_prefix = u32::MAX,
         |spec| spec.action = 13,
+        |spec| spec.embedding = 15,
         |spec| spec.time_hidden = 5,
         |spec| spec.layers[1].gate = 11,
         |spec| spec.layers[0].key = 9,

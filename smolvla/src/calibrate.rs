@@ -105,6 +105,7 @@ impl Place {
         match self {
             Self::Actions | Self::Noise => (1, 12),
             Self::Evaluation(Site::NoisedAction | Site::Velocity) => (1, 12),
+            Self::TimeEmbedding | Self::Evaluation(Site::ActionIn) => (0, 14),
             Self::Evaluation(Site::TimeMlpIn | Site::Gate(_)) => (6, 10),
             _ => (0, 15),
         }
