@@ -1,12 +1,13 @@
 //! The `zk0` command: thin shells over the crates that do the work.
 //!
-//! - [`audit`]: `zk0 audit replay`, all that an auditor's light build has.
-//! - `node`, `aggregator`, `prover`: the three services (feature `full`).
+//! - [`audit`]: `zk0 audit replay`; [`ledger`]: a ledger as files, mirrors and proofs. All that an auditor's light build has.
+//! - `node`, `aggregator`, `prover`, `witness`: the services (feature `full`).
 //! - `fidelity`: fixed-point against float32 losses; `calibration`: ranges chosen from recordings.
 //! - `demo`: all of them as processes on one machine, and what is left of it: metrics, chart, log.
 //! - [`logging`], [`chart`], [`keys`]: what they share.
 
 pub mod audit;
+pub mod ledger;
 pub mod logging;
 
 #[cfg(feature = "full")]
@@ -25,6 +26,29 @@ pub mod keys;
 pub mod node;
 #[cfg(feature = "full")]
 pub mod prover;
+#[cfg(feature = "full")]
+pub mod witness;
+
+/// Serves a log's files or a witness until the process is asked to end.
+#[cfg(feature = "full")]
+pub(crate) fn serve_http(
+    what: &str,
+    listen: std::net::SocketAddr,
+    handler: std::sync::Arc<dyn zk0_aggregator::http::Handler>,
+    limits: zk0_aggregator::http::Limits,
+) -> anyhow::Result<()> {
+    use anyhow::Context;
+    let runtime = tokio::runtime::Runtime::new().context("starting the runtime")?;
+    runtime.block_on(async {
+        let listener = tokio::net::TcpListener::bind(listen)
+            .await
+            .with_context(|| format!("listening on {listen}"))?;
+        let address = listener.local_addr()?;
+        tracing::info!(listening = %address, "{what} on http://{address}");
+        zk0_aggregator::http::serve(listener, handler, limits, interrupted()).await;
+        Ok(())
+    })
+}
 
 /// Ready when the process is asked to end: Ctrl-C or SIGTERM.
 #[cfg(feature = "full")]
