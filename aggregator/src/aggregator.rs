@@ -402,15 +402,17 @@ impl Aggregator {
         }
     }
 
-    /// The receipts of a round's opening and, if it is over, closing; of the last round when none is named.
+    /// The receipts of a round's opening and, if it is over, closing; of the last round when none is named. All as the first
+    /// `published` entries have it.
     pub fn round(
         &self,
         round: Option<u64>,
+        published: u64,
     ) -> Result<(Option<Receipt>, Option<Receipt>), RequestError> {
-        let Some((opened, closed)) = self.recalled.round(round) else {
+        let Some((opened, closed)) = self.recalled.round(round, published) else {
             return Ok((None, None));
         };
-        let receipt = |index| self.ledger.receipt(index);
+        let receipt = |index| self.ledger.receipt_at(published, index);
         Ok((Some(receipt(opened)?), closed.map(receipt).transpose()?))
     }
 

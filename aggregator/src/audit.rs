@@ -1,12 +1,13 @@
 //! What an auditor checks beyond the ledger's own rules: proofs, refusals, datasets and averages, with the very functions
 //! that the aggregator decided by, on the blobs that are at hand.
 //!
-//! A proof that is missing for an accepted contribution is a fault: nothing counts unproven. Weights and evidence that are
-//! not at hand (an auditor need not hold them) are reported as not checked.
+//! A proof that is missing for an accepted contribution is a fault as soon as its round has closed: nothing counts unproven.
+//! Until then it is private, and only its aggregator has it. Weights and evidence that are not at hand (an auditor need not
+//! hold them) are reported as not checked.
 
 use crate::{close::close, decide::is_recorded};
 use std::fmt::Display;
-use zk0_circuits::{dataset::check_leaves, Digest, WeightsDigest};
+use zk0_circuits::{dataset::check_leaves, Digest, NodeId, WeightsDigest};
 use zk0_ledger::{
     blobs::{BlobError, Blobs},
     entry::{Body, Entry, Genesis, RoundClosed},
@@ -27,6 +28,8 @@ pub struct Auditor {
     contributions: Vec<VerifiedContribution>,
     /// Whether those are all that the round accepted.
     incomplete: bool,
+    /// Accepted in the open round without a proof at hand.
+    unproven: Vec<(NodeId, Digest)>,
 }
 
 /// How much was checked.
@@ -82,6 +85,7 @@ impl Recheck for Auditor {
             }
             Body::RoundOpened(opened) => {
                 (self.contributions, self.incomplete) = (Vec::new(), false);
+                self.unproven.clear();
                 vec![base(before, &opened.base, blobs)]
             }
             Body::ContributionAccepted(submission) => {
@@ -95,10 +99,13 @@ impl Recheck for Auditor {
             Body::RoundClosed(closed) => {
                 let check = self.closed(before, closed);
                 count(&mut self.checked.averages, &check);
-                vec![
-                    check,
-                    whole("the global weights", &closed.global.blob, blobs),
-                ]
+                let unproven = self.unproven.drain(..).map(|(node, proof)| {
+                    Check::Failed(format!(
+                        "the contribution of node {node} was accepted, but its proof {proof} is not there"
+                    ))
+                });
+                let whole = whole("the global weights", &closed.global.blob, blobs);
+                unproven.chain([check, whole]).collect()
             }
             Body::Genesis(_) | Body::NodeEnrolled(_) | Body::UpdateCommitted(_) => Vec::new(),
         };
@@ -139,6 +146,12 @@ impl Auditor {
         self.incomplete = true;
         let proof = match blobs.get(&statement.proof, rules.max_proof_bytes) {
             Ok(proof) => proof,
+            Err(BlobError::Missing(blob)) => {
+                self.unproven.push((node, blob));
+                return vec![Check::NotChecked(format!(
+                    "the proof {blob} of node {node}'s accepted contribution is not at hand; it has to be once its round closes"
+                ))];
+            }
             Err(error) => return failed(&format!("its proof cannot be read: {error}")),
         };
         let update = match blobs.get(&statement.claim.update.blob, rules.max_update_bytes) {

@@ -53,6 +53,11 @@ impl Disclosed {
         }
     }
 
+    /// All blobs that anyone may read.
+    pub fn public(&self) -> impl Iterator<Item = &Digest> {
+        self.public.iter()
+    }
+
     fn hold_back(&mut self, blob: Digest) {
         self.held_back.insert(blob);
     }

@@ -4,19 +4,27 @@
 //! - [`decide`]: what becomes of a submission;
 //! - [`fedavg`]: federated averaging, bit-exact on every machine;
 //! - [`close`]: how a round ends;
-//! - [`audit`]: all of it again, entry by entry, from the ledger and whatever blobs there are.
+//! - [`audit`]: all of it again, entry by entry, from the ledger and whatever blobs there are; [`fsck`]: the blobs alone;
+//! - [`disclosed`]: which blobs anyone may read; [`view`]: what a ledger's folder publishes; [`export`]: that, as plain files;
+//!   [`web`]: a log read over HTTP.
 //!
 //! With the feature `service`, what runs it:
 //! - [`aggregator`]: the one writer of the ledger; [`recall`] what it knows after a restart, [`staging`] uploads that wait,
-//!   [`disclosed`] blobs that may be read, [`clock`] the time;
+//!   [`clock`] the time;
 //! - [`service`]: the network in front of it, with its limits; [`connections`] how many there may be; [`request`] its errors;
-//!   [`wire`] its messages.
+//!   [`wire`] its messages;
+//! - [`http`]: a small web server, under [`log_server`], which serves a ledger's folder, and [`witness_server`], which cosigns
+//!   checkpoints; [`cosigning`]: asking witnesses to.
 
 pub mod audit;
 pub mod close;
 pub mod decide;
 pub mod disclosed;
+pub mod export;
 pub mod fedavg;
+pub mod fsck;
+pub mod view;
+pub mod web;
 
 #[cfg(feature = "service")]
 pub mod aggregator;
@@ -24,6 +32,12 @@ pub mod aggregator;
 pub mod clock;
 #[cfg(feature = "service")]
 pub mod connections;
+#[cfg(feature = "service")]
+pub mod cosigning;
+#[cfg(feature = "service")]
+pub mod http;
+#[cfg(feature = "service")]
+pub mod log_server;
 #[cfg(feature = "service")]
 pub mod recall;
 #[cfg(feature = "service")]
@@ -34,6 +48,8 @@ pub mod service;
 pub mod staging;
 #[cfg(feature = "service")]
 pub mod wire;
+#[cfg(feature = "service")]
+pub mod witness_server;
 
 /// The messages of `proto/federation.proto`.
 #[cfg(feature = "service")]

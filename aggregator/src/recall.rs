@@ -35,12 +35,14 @@ impl Recalled {
         }
     }
 
-    /// The entries that opened and closed a round, or the last one.
-    pub fn round(&self, round: Option<u64>) -> Option<(u64, Option<u64>)> {
-        match round {
-            Some(round) => self.rounds.get(usize::try_from(round).ok()?).copied(),
-            None => self.rounds.last().copied(),
-        }
+    /// The entries that opened and closed a round, or the last one, as far as they are among the first `published`.
+    pub fn round(&self, round: Option<u64>, published: u64) -> Option<(u64, Option<u64>)> {
+        let mut visible = self.rounds.iter().filter(|(opened, _)| *opened < published);
+        let (opened, closed) = match round {
+            Some(round) => visible.nth(usize::try_from(round).ok()?)?,
+            None => visible.next_back()?,
+        };
+        Some((*opened, closed.filter(|closed| *closed < published)))
     }
 }
 

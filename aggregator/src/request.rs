@@ -30,6 +30,9 @@ pub enum RequestError {
     /// Took too long.
     #[error("{0}")]
     TimedOut(String),
+    /// Recorded, but not yet published: the witnesses have not cosigned a checkpoint that covers it.
+    #[error("{0}")]
+    NotPublished(String),
     /// Our own trouble.
     #[error("{0}")]
     Internal(String),
@@ -105,6 +108,7 @@ impl RequestError {
             Self::UnknownBlob(_) => Code::NotFound,
             Self::Busy(_) => Code::ResourceExhausted,
             Self::TimedOut(_) => Code::DeadlineExceeded,
+            Self::NotPublished(_) => Code::Unavailable,
             Self::Internal(_) => Code::Internal,
             Self::Refused(refusal) => match refusal {
                 Refusal::TooLarge { .. } => Code::ResourceExhausted,

@@ -14,6 +14,7 @@
 use crate::{
     aggregator::{Aggregator, Progress},
     connections::accept,
+    cosigning::{Prove, Witnesses},
     proto::{
         federation_server::{Federation, FederationServer},
         upload_chunk::Part,
@@ -33,14 +34,14 @@ use std::{
 use tokio::{
     io::AsyncReadExt,
     net::TcpListener,
-    sync::{mpsc, Notify},
+    sync::{mpsc, watch, Notify},
     task::spawn_blocking,
-    time::timeout,
+    time::{sleep, timeout},
 };
 use tokio_stream::{wrappers::ReceiverStream, Stream};
 use tonic::{transport::Server, Request, Response, Status, Streaming};
 use zk0_circuits::{Digest, NodeId};
-use zk0_ledger::Refusal;
+use zk0_ledger::{error::LedgerError, folder, Refusal};
 
 /// Requests one connection may have in progress.
 pub const CONCURRENT: usize = 4;
@@ -86,6 +87,7 @@ const TICK: Duration = Duration::from_millis(250);
 pub struct Service {
     aggregator: Arc<Mutex<Aggregator>>,
     changed: Arc<Notify>,
+    publishing: Option<Publishing>,
     uploading: Arc<Mutex<BTreeSet<NodeId>>>,
     limits: Limits,
 }
@@ -102,8 +104,37 @@ impl Service {
             limits,
             aggregator: Arc::new(Mutex::new(aggregator)),
             changed: Arc::new(Notify::new()),
+            publishing: None,
             uploading: Arc::default(),
         }
+    }
+
+    /// From now on nothing is published, and no receipt given out, before a quorum of `witnesses` has cosigned a checkpoint
+    /// that covers it. The ledger's folder remembers their policy.
+    pub async fn witnessed(mut self, witnesses: Witnesses) -> Result<Self, RequestError> {
+        let policy = witnesses.policy().clone();
+        let published = self
+            .with(move |aggregator| {
+                let ledger = aggregator.ledger();
+                folder::write_policy(ledger.dir(), &policy)?;
+                let key = ledger.state().genesis().verifier_key();
+                let key = key.map_err(|error| RequestError::Internal(error.to_string()))?;
+                let text = folder::read_cosigned(ledger.dir())?;
+                // Cosigned under another policy, it counts for nothing under this one.
+                let opened = text.and_then(|text| policy.open(&text, &key).ok());
+                let signed = opened.map_or(0, |opened| opened.checkpoint.size);
+                match ledger.size() {
+                    held if signed > held => Err(LedgerError::RolledBack { held, signed }.into()),
+                    _ => Ok(signed),
+                }
+            })
+            .await?;
+        self.publishing = Some(Publishing {
+            witnesses: Arc::new(witnesses),
+            wanted: Arc::new(Notify::new()),
+            published: watch::Sender::new(published),
+        });
+        Ok(self)
     }
 
     /// Serves on `listener` and runs the rounds, until `stop` is ready, or all rounds are done and `stop` is ready. Ends
@@ -125,14 +156,15 @@ impl Service {
             .http2_keepalive_interval(Some(KEEPALIVE))
             .http2_keepalive_timeout(Some(KEEPALIVE))
             .add_service(FederationServer::new(self.clone()).max_decoding_message_size(limit));
-        let rounds = self.rounds();
-        tokio::pin!(rounds);
+        let (rounds, publish) = (self.rounds(), self.publish());
+        tokio::pin!(rounds, publish);
         let mut failed = None;
         server
             .serve_with_incoming_shutdown(accept(listener, self.limits.connections), async {
                 tokio::select! {
                     _ = stop => {}
                     error = &mut rounds => failed = Some(error),
+                    error = &mut publish => failed = Some(error),
                 }
             })
             .await?;
@@ -152,6 +184,86 @@ impl Service {
                     let _ = timeout(TICK, self.changed.notified()).await;
                 }
             }
+        }
+    }
+
+    /// Has each new checkpoint cosigned and publishes it. Returns only when the disk fails.
+    async fn publish(&self) -> RequestError {
+        let Some(publishing) = &self.publishing else {
+            return std::future::pending().await;
+        };
+        loop {
+            let newest = self.with(|aggregator| {
+                let ledger = aggregator.ledger();
+                Ok((ledger.size(), ledger.checkpoint().to_vec()))
+            });
+            let (size, checkpoint) = match newest.await {
+                Ok(newest) => newest,
+                Err(error) => return error,
+            };
+            if size <= *publishing.published.borrow() {
+                let _ = timeout(TICK, publishing.wanted.notified()).await;
+                continue;
+            }
+            let (witnesses, aggregator) = (publishing.witnesses.clone(), self.aggregator.clone());
+            let prove: Prove = Arc::new(move |old, new| match aggregator.lock() {
+                Ok(aggregator) => {
+                    let proof = aggregator.ledger().consistency_between(old, new);
+                    proof.map_err(|error| error.to_string())
+                }
+                Err(_) => Err("an earlier request panicked".into()),
+            });
+            let cosigned = spawn_blocking(move || witnesses.cosign(&checkpoint, &prove)).await;
+            let note = match cosigned {
+                Ok(Ok(note)) => note,
+                Ok(Err(error)) => {
+                    tracing::warn!(size, "not published: {error}");
+                    sleep(TICK).await;
+                    continue;
+                }
+                Err(error) => return RequestError::Internal(error.to_string()),
+            };
+            let written = self.with(move |aggregator| {
+                Ok(folder::write_cosigned(aggregator.ledger().dir(), &note)?)
+            });
+            if let Err(error) = written.await {
+                return error;
+            }
+            tracing::info!(size, "checkpoint cosigned and published");
+            publishing.published.send_replace(size);
+        }
+    }
+
+    /// Waits until the first `size` entries are published. What is recorded stays recorded: asked again, the same receipt is
+    /// given once they are.
+    async fn published(&self, size: u64) -> Result<(), RequestError> {
+        let Some(publishing) = &self.publishing else {
+            return Ok(());
+        };
+        publishing.wanted.notify_one();
+        let mut published = publishing.published.subscribe();
+        let patience = publishing.witnesses.patience();
+        let covered = timeout(patience, published.wait_for(|held| *held >= size)).await;
+        match covered.is_ok_and(|covered| covered.is_ok()) {
+            true => Ok(()),
+            false => Err(RequestError::NotPublished(format!(
+                "recorded as entry {}, but too few witnesses have cosigned it yet: ask again",
+                size - 1
+            ))),
+        }
+    }
+
+    /// How much of the ledger is published.
+    fn visible(&self, aggregator: &Aggregator) -> Result<u64, RequestError> {
+        let size = match &self.publishing {
+            None => aggregator.ledger().size(),
+            Some(publishing) => *publishing.published.borrow(),
+        };
+        match size {
+            0 => Err(RequestError::NotPublished(
+                "nothing is published yet: too few witnesses have cosigned a checkpoint".into(),
+            )),
+            size => Ok(size),
         }
     }
 
@@ -232,6 +344,16 @@ impl Service {
     }
 }
 
+/// Where checkpoints are witnessed before they are published.
+#[derive(Clone)]
+struct Publishing {
+    witnesses: Arc<Witnesses>,
+    /// Somebody waits for a receipt.
+    wanted: Arc<Notify>,
+    /// How many entries are published.
+    published: watch::Sender<u64>,
+}
+
 /// Why a service ended.
 #[derive(Debug, thiserror::Error)]
 pub enum ServeError {
@@ -267,11 +389,13 @@ impl Federation for Service {
         &self,
         _: Request<GetNetworkRequest>,
     ) -> Result<Response<NetworkInfo>, Status> {
-        let info = self.with(|aggregator| {
+        let service = self.clone();
+        let info = self.with(move |aggregator| {
             let ledger = aggregator.ledger();
+            let checkpoint = ledger.checkpoint_at(service.visible(aggregator)?)?;
             Ok(NetworkInfo {
                 genesis: ledger.receipt(0)?.entry,
-                checkpoint: String::from_utf8_lossy(ledger.checkpoint()).into_owned(),
+                checkpoint: String::from_utf8_lossy(&checkpoint).into_owned(),
             })
         });
         Ok(Response::new(info.await?))
@@ -282,8 +406,9 @@ impl Federation for Service {
         request: Request<GetRoundRequest>,
     ) -> Result<Response<RoundInfo>, Status> {
         let round = request.into_inner().round;
+        let service = self.clone();
         let info = self.with(move |aggregator| {
-            let (opened, closed) = aggregator.round(round)?;
+            let (opened, closed) = aggregator.round(round, service.visible(aggregator)?)?;
             Ok(RoundInfo {
                 opened: opened.map(Into::into),
                 closed: closed.map(Into::into),
@@ -341,6 +466,7 @@ impl Federation for Service {
             .with(move |aggregator| aggregator.register(&registration, &leaves))
             .await?;
         self.changed.notify_one();
+        self.published(receipt.index + 1).await?;
         Ok(Response::new(receipt.into()))
     }
 
@@ -360,6 +486,7 @@ impl Federation for Service {
             .with(move |aggregator| aggregator.commit(&commitment))
             .await?;
         self.changed.notify_one();
+        self.published(receipt.index + 1).await?;
         Ok(Response::new(receipt.into()))
     }
 
@@ -372,6 +499,7 @@ impl Federation for Service {
             .with(move |aggregator| aggregator.submit(&submission, proof))
             .await?;
         self.changed.notify_one();
+        self.published(decided.receipt.index + 1).await?;
         Ok(Response::new(SubmitReply {
             accepted: decided.rejected.is_none(),
             reason: decided

@@ -5,11 +5,14 @@ use crate::{
     keys,
 };
 use anyhow::{bail, Context, Result};
-use std::{net::SocketAddr, path::PathBuf, sync::Arc};
-use tokio::{net::TcpListener, runtime::Runtime};
+use std::{net::SocketAddr, path::PathBuf, sync::Arc, time::Duration};
+use tokio::{net::TcpListener, runtime::Runtime, task::JoinHandle};
 use zk0_aggregator::{
     aggregator::{Aggregator, Config},
     clock::{Clock, SystemClock},
+    cosigning::Witnesses,
+    http,
+    log_server::LogServer,
     service::Service,
 };
 use zk0_circuits::{
@@ -17,6 +20,7 @@ use zk0_circuits::{
 };
 use zk0_ledger::{
     entry::{Body, Genesis, NodeEnrolled},
+    folder,
     log::Ledger,
     rules::{Disclosure, Rules},
 };
@@ -113,6 +117,16 @@ pub struct Serve {
     /// Nodes that must have committed to a dataset before a round opens.
     #[arg(long, default_value_t = 1)]
     min_nodes: usize,
+    /// The witnesses and the quorum without which nothing is published (a C2SP tlog-policy file, with the witnesses'
+    /// addresses). The ledger's directory remembers it.
+    #[arg(long)]
+    policy: Option<PathBuf>,
+    /// How long a witness may take to answer, in seconds.
+    #[arg(long, default_value_t = 5)]
+    witness_seconds: u64,
+    /// Serve the log's files over HTTP too, on this address (C2SP tlog-tiles).
+    #[arg(long)]
+    log_listen: Option<SocketAddr>,
 }
 
 /// A node to enrol, `NAME=IDENTITY`.
@@ -233,7 +247,33 @@ fn enrol(ledger: &mut Ledger, nodes: &[Enrolment]) -> Result<()> {
     Ok(())
 }
 
+/// Starts serving the log's files, if that is wanted.
+async fn log_files(options: &Serve) -> Result<Option<JoinHandle<()>>> {
+    let Some(listen) = options.log_listen else {
+        return Ok(None);
+    };
+    let listener = TcpListener::bind(listen)
+        .await
+        .with_context(|| format!("listening on {listen}"))?;
+    tracing::info!("log on http://{}", listener.local_addr()?);
+    let server = Arc::new(LogServer::new(&options.dir));
+    let limits = http::Limits::default();
+    Ok(Some(tokio::spawn(http::serve(
+        listener,
+        server,
+        limits,
+        std::future::pending(),
+    ))))
+}
+
 fn serve(options: &Serve) -> Result<()> {
+    let policy = match &options.policy {
+        Some(path) => crate::ledger::read_policy(path)?,
+        None => folder::read_policy(&options.dir)?,
+    };
+    if !policy.wants_witnesses() && options.policy.is_some() {
+        folder::write_policy(&options.dir, &policy)?;
+    }
     let config = Config {
         rounds: Some(options.rounds).filter(|rounds| *rounds != u64::MAX),
         min_nodes: options.min_nodes,
@@ -254,10 +294,18 @@ fn serve(options: &Serve) -> Result<()> {
                 .with_context(|| format!("listening on {listen}"))?;
             let address = listener.local_addr()?;
             let network = *aggregator.state().network();
+            let mut service = Service::new(aggregator);
+            if policy.wants_witnesses() {
+                let witnesses =
+                    Witnesses::new(policy, Duration::from_secs(options.witness_seconds))?;
+                service = service.witnessed(witnesses).await?;
+            }
             tracing::info!(listening = %address, "aggregator of network {network} on {address}");
-            Service::new(aggregator)
-                .serve(listener, crate::interrupted())
-                .await
-                .context("the aggregator")
+            let log = log_files(options).await?;
+            let served = service.serve(listener, crate::interrupted()).await;
+            if let Some(log) = log {
+                log.abort();
+            }
+            served.context("the aggregator")
         })
 }

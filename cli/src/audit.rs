@@ -6,6 +6,8 @@ use zk0_aggregator::audit::Auditor;
 use zk0_circuits::Digest;
 use zk0_ledger::{
     folder,
+    mirror::mirror,
+    policy::Policy,
     replay::{replay, Report, Severity, Verdict},
     store::Store,
     Entry,
@@ -17,8 +19,12 @@ pub enum Command {
     /// Replay a ledger from its first byte: signatures, tree, checkpoints, rules, proofs, refusals, FedAvg. Exit code 0 when
     /// everything holds, 1 when anything does not.
     Replay {
-        /// The ledger's directory, or a copy of it.
-        dir: PathBuf,
+        /// The ledger's directory or a copy of it, an export, or the address of a served log (fetched to a temporary
+        /// directory first).
+        ledger: String,
+        /// Whose cosignatures have to be on the checkpoint of an export or a served log (a C2SP tlog-policy file).
+        #[arg(long)]
+        policy: Option<PathBuf>,
         /// The network it has to be, if you know it by other means.
         #[arg(long)]
         network: Option<Digest>,
@@ -30,20 +36,37 @@ pub enum Command {
 
 /// Runs the command; `false` when the ledger does not hold.
 pub fn run(command: &Command) -> Result<bool> {
-    let Command::Replay { dir, network, json } = command;
-    if !dir.is_dir() {
-        bail!(
-            "{} is no directory: name a ledger's directory, such as outputs/<time>/network",
-            dir.display()
-        );
-    }
-    let report = replay(dir, network.as_ref(), &mut Auditor::default());
+    let Command::Replay {
+        ledger,
+        network,
+        policy,
+        json,
+    } = command;
+    let dir = Path::new(ledger);
+    let report = match folder::database(dir).exists() {
+        true if policy.is_some() => bail!(
+            "{ledger} is a ledger's directory, whose checkpoint has the log's signature alone: give --policy with an export or \
+             a served log"
+        ),
+        true => replay(dir, network.as_ref(), &mut Auditor::default()),
+        false => replay_published(ledger, network.as_ref(), policy.as_deref())?,
+    };
     if *json {
         println!("{}", serde_json::to_string_pretty(&report)?);
     } else {
         print!("{}", verdict(&report));
     }
     Ok(report.verdict == Verdict::Verified)
+}
+
+/// Mirrors a published log and replays the mirror.
+fn replay_published(log: &str, network: Option<&Digest>, policy: Option<&Path>) -> Result<Report> {
+    let source = crate::ledger::source(log)?;
+    let policy = policy.map_or_else(|| Ok(Policy::none()), crate::ledger::read_policy)?;
+    let dir = tempfile::tempdir().context("making a temporary directory")?;
+    mirror(source.as_ref(), dir.path(), &policy, network)
+        .with_context(|| format!("fetching {log}"))?;
+    Ok(replay(dir.path(), network, &mut Auditor::default()))
 }
 
 /// The report in words.

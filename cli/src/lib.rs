@@ -1,7 +1,7 @@
 //! The `zk0` command: thin shells over the crates that do the work.
 //!
-//! - [`audit`]: `zk0 audit replay`, all that an auditor's light build has.
-//! - `node`, `aggregator`, `prover`: the three services (feature `full`).
+//! - [`audit`]: `zk0 audit replay`; [`ledger`]: a ledger as files, mirrors and proofs. All that an auditor's light build has.
+//! - `node`, `aggregator`, `prover`, `witness`: the services (feature `full`).
 //! - `train`, `eval`: a policy fitted to recordings, and measured on them; `frames`: what both make of recordings.
 //! - `dataset`: recordings, looked at and checked.
 //! - `fidelity`: fixed-point against float32 losses; `calibration`: ranges chosen from recordings.
@@ -9,6 +9,7 @@
 //! - [`logging`], [`chart`], [`keys`], `policy_source`: what they share.
 
 pub mod audit;
+pub mod ledger;
 pub mod logging;
 
 #[cfg(feature = "full")]
@@ -37,6 +38,29 @@ mod policy_source;
 pub mod prover;
 #[cfg(feature = "full")]
 pub mod train;
+#[cfg(feature = "full")]
+pub mod witness;
+
+/// Serves a log's files or a witness until the process is asked to end.
+#[cfg(feature = "full")]
+pub(crate) fn serve_http(
+    what: &str,
+    listen: std::net::SocketAddr,
+    handler: std::sync::Arc<dyn zk0_aggregator::http::Handler>,
+    limits: zk0_aggregator::http::Limits,
+) -> anyhow::Result<()> {
+    use anyhow::Context;
+    let runtime = tokio::runtime::Runtime::new().context("starting the runtime")?;
+    runtime.block_on(async {
+        let listener = tokio::net::TcpListener::bind(listen)
+            .await
+            .with_context(|| format!("listening on {listen}"))?;
+        let address = listener.local_addr()?;
+        tracing::info!(listening = %address, "{what} on http://{address}");
+        zk0_aggregator::http::serve(listener, handler, limits, interrupted()).await;
+        Ok(())
+    })
+}
 
 /// Ready when the process is asked to end: Ctrl-C or SIGTERM.
 #[cfg(feature = "full")]

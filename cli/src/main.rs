@@ -2,7 +2,7 @@
 
 use clap::{Parser, Subcommand};
 use std::process::ExitCode;
-use zk0::{audit, logging};
+use zk0::{audit, ledger, logging};
 
 /// Keeps freed memory: training asks for large tensors again and again.
 #[cfg(feature = "full")]
@@ -50,9 +50,16 @@ enum Command {
     /// Compare the fixed-point loss with the float32 one, on untrained and trained weights.
     #[cfg(feature = "full")]
     Fidelity(zk0::fidelity::Options),
+    /// Cosign logs, so that none can show two histories.
+    #[cfg(feature = "full")]
+    #[command(subcommand)]
+    Witness(zk0::witness::Command),
     /// Check a ledger, trusting nobody.
     #[command(subcommand)]
     Audit(audit::Command),
+    /// Publish, mirror and check a ledger as files, and prove what is in it.
+    #[command(subcommand)]
+    Ledger(ledger::Command),
 }
 
 fn main() -> ExitCode {
@@ -79,7 +86,14 @@ fn main() -> ExitCode {
         },
         #[cfg(feature = "full")]
         Command::Fidelity(options) => zk0::fidelity::run(&options),
+        #[cfg(feature = "full")]
+        Command::Witness(command) => zk0::witness::run(&command),
         Command::Audit(command) => match audit::run(&command) {
+            Ok(true) => Ok(()),
+            Ok(false) => return ExitCode::FAILURE,
+            Err(error) => Err(error),
+        },
+        Command::Ledger(command) => match ledger::run(&command) {
             Ok(true) => Ok(()),
             Ok(false) => return ExitCode::FAILURE,
             Err(error) => Err(error),

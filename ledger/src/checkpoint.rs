@@ -1,14 +1,17 @@
-//! Signed checkpoints: C2SP tlog-checkpoint bodies in C2SP signed notes, one ed25519 signature by the log's key.
+//! Signed checkpoints: C2SP tlog-checkpoint bodies in C2SP signed notes, one ed25519 signature by the log's key. With
+//! cosignatures beside it, a checkpoint is opened by a [`crate::policy::Policy`].
 
-use ed25519_dalek::{
-    ed25519::signature::Error as SignatureError, Signature, Signer as _, SigningKey, VerifyingKey,
-};
-use signed_note::{Note, Signer, Verifier, VerifierList};
+use crate::verifier_key::{KeyError, Role, VerifierKey};
+use ed25519_dalek::{ed25519::signature::Error as SignatureError, Signer as _, SigningKey};
+use signed_note::{Note, Signer, VerifierList};
 use tlog_tiles::{checkpoint::Checkpoint as Body, tlog::Hash};
 use zk0_circuits::Digest;
 
-/// Longest checkpoint that is read, in bytes.
+/// Longest checkpoint with the log's signature alone that is read, in bytes.
 pub const MAX_CHECKPOINT_BYTES: usize = 4096;
+
+/// Longest checkpoint with cosignatures that is read, in bytes: room for a hundred of them.
+pub const MAX_NOTE_BYTES: usize = 64 * 1024;
 
 /// What a checkpoint says: the log's first `size` entries have this root.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -37,6 +40,13 @@ pub enum CheckpointError {
     /// No ed25519 key.
     #[error("the log's key is not an ed25519 public key")]
     BadKey,
+    /// Too few of the witnesses that the policy names have cosigned it.
+    #[error("checkpoint of size {size}: cosigned by {found}, but the policy wants {wanted}: it was not shown to enough witnesses")]
+    NoQuorum {
+        size: u64,
+        found: String,
+        wanted: String,
+    },
 }
 
 impl Checkpoint {
@@ -48,7 +58,7 @@ impl Checkpoint {
         let mut note =
             Note::new(&body.to_bytes(), &[]).map_err(|error| malformed(error.to_string()))?;
         let signer = LogSigner {
-            key: LogKey::new(origin, key.verifying_key()),
+            key: log_key(origin, key.verifying_key().as_bytes())?,
             secret: key,
         };
         note.add_sigs(&[&signer])
@@ -62,78 +72,90 @@ impl Checkpoint {
         if text.len() > MAX_CHECKPOINT_BYTES {
             return Err(CheckpointError::Malformed(format!("{} bytes", text.len())));
         }
-        let key = VerifyingKey::from_bytes(log_key).map_err(|_| CheckpointError::BadKey)?;
+        let parsed = Parsed::read(text)?;
+        let signatures = parsed.signed_by(&self::log_key(origin, log_key)?)?;
+        // Encoded again with nothing but the log's own signature: more of anything, or less, would differ.
+        let canonical = Note::new(parsed.note.text(), &signatures).map(|note| note.to_bytes());
+        match canonical.ok().as_deref() == Some(text) {
+            true => Ok(parsed.checkpoint),
+            false => Err(CheckpointError::NotCanonical),
+        }
+    }
+}
+
+/// A checkpoint that was read and not yet verified: it may be of any log, with any signatures.
+pub struct Parsed {
+    /// The note.
+    pub note: Note,
+    /// Whose it claims to be.
+    pub origin: String,
+    /// What it claims.
+    pub checkpoint: Checkpoint,
+}
+
+impl Parsed {
+    /// Reads a signed note with a checkpoint in its one canonical encoding, without extension lines.
+    pub fn read(text: &[u8]) -> Result<Self, CheckpointError> {
+        if text.len() > MAX_NOTE_BYTES {
+            return Err(CheckpointError::Malformed(format!("{} bytes", text.len())));
+        }
         let note = Note::from_bytes(text)
             .map_err(|error| CheckpointError::Malformed(error.to_string()))?;
         let body = Body::from_bytes(note.text())
             .map_err(|error| CheckpointError::Malformed(error.to_string()))?;
-        if body.origin() != origin {
-            return Err(CheckpointError::OtherOrigin {
-                found: body.origin().chars().take(200).collect(),
-                expected: origin.into(),
-            });
-        }
-        let keys = VerifierList::new(vec![Box::new(LogKey::new(origin, key))]);
-        let (signatures, _) = note
-            .verify(&keys)
-            .map_err(|error| CheckpointError::Signature(error.to_string()))?;
-        // Encoded again with nothing but the log's own signature: more of anything, or less, would differ.
-        let canonical = Note::new(&body.to_bytes(), &signatures).map(|note| note.to_bytes());
-        if !body.extension().is_empty() || canonical.ok().as_deref() != Some(text) {
+        if !body.extension().is_empty() || body.to_bytes() != note.text() {
             return Err(CheckpointError::NotCanonical);
         }
         Ok(Self {
-            size: body.size(),
-            root: Digest(body.hash().0),
+            origin: body.origin().into(),
+            checkpoint: Checkpoint {
+                size: body.size(),
+                root: Digest(body.hash().0),
+            },
+            note,
         })
     }
-}
 
-/// The log's public key as C2SP signed notes know it: a name and a short id.
-struct LogKey {
-    name: String,
-    id: u32,
-    key: VerifyingKey,
-}
-
-impl LogKey {
-    fn new(name: &str, key: VerifyingKey) -> Self {
-        const ED25519: u8 = 1;
-        Self {
-            name: name.into(),
-            id: signed_note::key_id(name, &[&[ED25519], key.as_bytes().as_slice()].concat()),
-            key,
+    /// The log's signature, if this is a checkpoint of the log `key` and validly signed by it.
+    pub fn signed_by(
+        &self,
+        key: &VerifierKey,
+    ) -> Result<Vec<signed_note::Signature>, CheckpointError> {
+        if self.origin != key.name() {
+            return Err(CheckpointError::OtherOrigin {
+                found: self.origin.chars().take(200).collect(),
+                expected: key.name().into(),
+            });
         }
+        let keys = VerifierList::new(vec![Box::new(key.clone())]);
+        let (signatures, _) = self
+            .note
+            .verify(&keys)
+            .map_err(|error| CheckpointError::Signature(error.to_string()))?;
+        Ok(signatures)
     }
 }
 
-impl Verifier for LogKey {
-    fn name(&self) -> &str {
-        &self.name
-    }
-
-    fn key_id(&self) -> u32 {
-        self.id
-    }
-
-    fn verify(&self, message: &[u8], signature: &[u8]) -> bool {
-        Signature::from_slice(signature)
-            .is_ok_and(|signature| self.key.verify_strict(message, &signature).is_ok())
-    }
+/// The verifier key of the log `origin` with this public key.
+pub fn log_key(origin: &str, key: &[u8; 32]) -> Result<VerifierKey, CheckpointError> {
+    VerifierKey::new(Role::Log, origin, key).map_err(|error| match error {
+        KeyError::Key(_) => CheckpointError::BadKey,
+        error => CheckpointError::Malformed(error.to_string()),
+    })
 }
 
 struct LogSigner<'a> {
-    key: LogKey,
+    key: VerifierKey,
     secret: &'a SigningKey,
 }
 
 impl Signer for LogSigner<'_> {
     fn name(&self) -> &str {
-        &self.key.name
+        self.key.name()
     }
 
     fn key_id(&self) -> u32 {
-        self.key.id
+        self.key.id()
     }
 
     fn sign(&self, message: &[u8]) -> Result<Vec<u8>, SignatureError> {
@@ -152,7 +174,7 @@ mod tests {
             let body = Body::new("log", 3, Hash([5; 32]), extension).unwrap();
             let mut note = Note::new(&body.to_bytes(), &[]).unwrap();
             let signer = LogSigner {
-                key: LogKey::new("log", key.verifying_key()),
+                key: log_key("log", key.verifying_key().as_bytes()).unwrap(),
                 secret: &key,
             };
             note.add_sigs(&[&signer]).unwrap();

@@ -11,8 +11,9 @@ use zk0_circuits::{statement::Mode, Digest, NodeId, WeightsDigest};
 /// Version of the encoding and meaning of [`Entry`].
 pub const ENTRY_VERSION: u16 = 1;
 
-/// Largest encoded entry, in bytes: proofs and weights are blobs beside the log.
-pub const MAX_ENTRY_BYTES: usize = 64 * 1024;
+/// Largest encoded entry, in bytes: what fits in an entry bundle (C2SP tlog-tiles: 16-bit lengths). Proofs and weights are
+/// blobs beside the log.
+pub const MAX_ENTRY_BYTES: usize = u16::MAX as usize;
 
 /// One line of the history.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]

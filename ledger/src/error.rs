@@ -57,6 +57,9 @@ pub enum LedgerError {
         path: PathBuf,
         error: CheckpointError,
     },
+    /// The policy file is none.
+    #[error("{path}: {why}")]
+    BadPolicy { path: PathBuf, why: String },
     /// The checkpoint file is not the newest stored checkpoint.
     #[error("{path} (of size {published}) is not the newest checkpoint in the database (of size {size}): if the aggregator was killed, start it once")]
     OtherPublished {

@@ -1,8 +1,10 @@
-//! A ledger's folder, and the one file in it that is neither database nor blob: the newest signed checkpoint.
+//! A ledger's folder, and the small files in it that are neither database nor blob: the newest signed checkpoint, and, where
+//! checkpoints are witnessed, the policy and the newest checkpoint with its cosignatures.
 
 use crate::{
-    checkpoint::MAX_CHECKPOINT_BYTES,
+    checkpoint::{MAX_CHECKPOINT_BYTES, MAX_NOTE_BYTES},
     error::{io_error, LedgerError},
+    policy::{Policy, MAX_POLICY_BYTES},
 };
 use std::{
     fs::{self, File},
@@ -20,24 +22,74 @@ pub fn checkpoint(dir: &Path) -> PathBuf {
     dir.join("checkpoint")
 }
 
+/// The newest checkpoint with its quorum of cosignatures in `dir`.
+pub fn cosigned(dir: &Path) -> PathBuf {
+    dir.join("cosigned")
+}
+
+/// The witnesses and the quorum without which nothing is published, in `dir`.
+pub fn policy(dir: &Path) -> PathBuf {
+    dir.join("policy")
+}
+
 /// The checkpoint file's content, if there is one; not more than a checkpoint can have.
 pub fn read_checkpoint(dir: &Path) -> Result<Option<Vec<u8>>, LedgerError> {
-    let path = checkpoint(dir);
-    let file = match File::open(&path) {
-        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
-        other => other.map_err(io_error(&path))?,
+    read(&checkpoint(dir), MAX_CHECKPOINT_BYTES)
+}
+
+/// The cosigned checkpoint, if there is one.
+pub fn read_cosigned(dir: &Path) -> Result<Option<Vec<u8>>, LedgerError> {
+    read(&cosigned(dir), MAX_NOTE_BYTES)
+}
+
+/// The folder's policy; [`Policy::none`] where there is none.
+pub fn read_policy(dir: &Path) -> Result<Policy, LedgerError> {
+    let path = policy(dir);
+    let bad = |why: String| LedgerError::BadPolicy {
+        path: path.clone(),
+        why,
     };
-    let mut text = Vec::new();
-    file.take(MAX_CHECKPOINT_BYTES as u64 + 1)
-        .read_to_end(&mut text)
-        .map_err(io_error(&path))?;
-    Ok(Some(text))
+    match read(&path, MAX_POLICY_BYTES)? {
+        None => Ok(Policy::none()),
+        Some(text) => {
+            let text = String::from_utf8(text).map_err(|error| bad(error.to_string()))?;
+            Policy::parse(&text).map_err(|error| bad(error.to_string()))
+        }
+    }
+}
+
+/// Replaces the folder's policy; on disk when this returns.
+pub fn write_policy(dir: &Path, policy: &Policy) -> Result<(), LedgerError> {
+    write(dir, "policy", policy.text().as_bytes())
+}
+
+/// Replaces the cosigned checkpoint; on disk when this returns.
+pub fn write_cosigned(dir: &Path, text: &[u8]) -> Result<(), LedgerError> {
+    write(dir, "cosigned", text)
 }
 
 /// Replaces the checkpoint file, all or nothing; on disk when this returns.
 pub(crate) fn write_checkpoint(dir: &Path, text: &[u8]) -> Result<(), LedgerError> {
-    let path = checkpoint(dir);
-    let new = dir.join("checkpoint.new");
+    write(dir, "checkpoint", text)
+}
+
+/// A small file's content, if there is one; at most one byte more than `limit`, so that whoever reads it sees it is too long.
+fn read(path: &Path, limit: usize) -> Result<Option<Vec<u8>>, LedgerError> {
+    let file = match File::open(path) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
+        other => other.map_err(io_error(path))?,
+    };
+    let mut text = Vec::new();
+    file.take(limit as u64 + 1)
+        .read_to_end(&mut text)
+        .map_err(io_error(path))?;
+    Ok(Some(text))
+}
+
+/// Replaces a file in `dir`, all or nothing; on disk when this returns.
+fn write(dir: &Path, name: &str, text: &[u8]) -> Result<(), LedgerError> {
+    let path = dir.join(name);
+    let new = dir.join(format!("{name}.new"));
     let write = || {
         let mut file = File::create(&new)?;
         file.write_all(text)?;

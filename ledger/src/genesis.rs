@@ -1,6 +1,10 @@
 //! What follows from a genesis: the network's id, the log's origin, and whether it can found a network at all.
 
-use crate::entry::Genesis;
+use crate::{
+    checkpoint::{log_key, CheckpointError},
+    entry::Genesis,
+    verifier_key::{check_name, short, VerifierKey},
+};
 use ed25519_dalek::VerifyingKey;
 use zk0_circuits::{challenge::MAX_EVAL_SAMPLES, digest::tagged_sha256, spec::EvalSpec, Digest};
 
@@ -19,6 +23,11 @@ impl Genesis {
         &self.name
     }
 
+    /// The key that the log's checkpoints are verified with.
+    pub fn verifier_key(&self) -> Result<VerifierKey, CheckpointError> {
+        log_key(self.origin(), &self.log_key)
+    }
+
     /// The evaluation specification, if it is a valid one in its canonical encoding.
     pub fn evaluation_spec(&self) -> Result<EvalSpec, String> {
         let spec =
@@ -31,7 +40,12 @@ impl Genesis {
 
     /// Refuses a genesis no network can live by; the text says which value, and why.
     pub fn check(&self) -> Result<(), String> {
-        check_key_name(&self.name)?;
+        check_name(&self.name).map_err(|_| {
+            format!(
+                "name {:?} cannot name a log: 1 to {MAX_NAME_BYTES} bytes, no spaces, no '+', no control characters",
+                short(&self.name)
+            )
+        })?;
         match VerifyingKey::from_bytes(&self.log_key) {
             Ok(key) if !key.is_weak() => {}
             _ => return Err("log_key is not an ed25519 public key".into()),
@@ -71,17 +85,5 @@ impl Genesis {
             ));
         }
         Ok(())
-    }
-}
-
-/// The name has to serve as a key name in signed notes: no spaces, no plus, no control characters.
-fn check_key_name(name: &str) -> Result<(), String> {
-    let printable = name.chars().all(|c| !c.is_control());
-    match signed_note::is_key_name_valid(name) && printable && name.len() <= MAX_NAME_BYTES {
-        true => Ok(()),
-        false => Err(format!(
-            "name {:?} cannot name a log: 1 to {MAX_NAME_BYTES} bytes, no spaces, no '+', no control characters",
-            name.chars().take(MAX_NAME_BYTES).collect::<String>()
-        )),
     }
 }

@@ -10,27 +10,46 @@
 //! - [`tree`], [`checkpoint`], [`receipt`]: RFC 6962, C2SP signed checkpoints, and a node's proof of inclusion.
 //! - [`log`]: the log on disk, over [`store`] (RocksDB) and [`folder`]; [`blobs`] beside it.
 //! - [`replay`]: an auditor reads it all again and believes nothing.
+//!
+//! And what makes it a transparency log for everybody else:
+//! - [`layout`], [`bundle`], [`tiles`]: what is served and where (C2SP tlog-tiles), and its bytes from the database;
+//! - [`source`], [`published`]: a reader of such files, who trusts none of them; [`mirror`]: a ledger's folder made from them;
+//! - [`verifier_key`], [`cosignature`], [`policy`]: who signed, and whose signatures are enough;
+//! - [`witness`], [`witness_store`]: who cosigns only what continues what it cosigned before;
+//! - [`tlog_proof`]: receipts as C2SP tlog-proof bundles, checked offline.
 
 pub mod apply;
 pub mod bindings;
 pub mod blobs;
+pub mod bundle;
 pub mod checkpoint;
 pub mod codec;
+pub mod cosignature;
 pub mod entry;
 pub mod error;
 pub mod folder;
 pub mod genesis;
 mod history;
+pub mod layout;
 pub mod log;
+pub mod mirror;
+pub mod policy;
+pub mod published;
 pub mod receipt;
 pub mod refusal;
 pub mod replay;
 pub mod rules;
 pub mod signed;
+pub mod source;
 pub mod state;
 pub mod store;
+pub mod tiles;
+pub mod tlog_proof;
 pub mod tree;
+pub mod verifier_key;
 pub mod violation;
+pub mod witness;
+pub mod witness_store;
 
 pub use bindings::ExpectedClaim;
 pub use blobs::{BlobError, BlobWriter, Blobs};
@@ -38,10 +57,15 @@ pub use checkpoint::Checkpoint;
 pub use entry::{Body, Entry, Genesis};
 pub use error::LedgerError;
 pub use log::Ledger;
+pub use policy::Policy;
+pub use published::PublishedLog;
 pub use receipt::Receipt;
 pub use refusal::Refusal;
 pub use replay::{replay, Finding, Recheck, Report};
 pub use rules::Rules;
 pub use signed::Signed;
+pub use source::Source;
 pub use state::State;
+pub use tlog_proof::TlogProof;
+pub use verifier_key::VerifierKey;
 pub use violation::RuleViolation;

@@ -7,6 +7,8 @@
 //! | `log/` | the database ([`crate::store`]) |
 //! | `checkpoint` | the newest signed checkpoint, outside the database, so that a restored backup of the database is noticed |
 //! | `blobs/sha256/` | content-addressed proofs, weights and leaf lists ([`crate::blobs`]) |
+//! | `policy` | where checkpoints are witnessed: the witnesses and the quorum ([`crate::policy`]) |
+//! | `cosigned` | there too: the newest checkpoint with its quorum of cosignatures, the one that is published |
 
 use crate::{
     blobs::Blobs,
@@ -205,28 +207,21 @@ impl Ledger {
 
     /// Proof that entry `index` is in the tree of the newest checkpoint.
     pub fn receipt(&self, index: u64) -> Result<Receipt, LedgerError> {
-        let entry = self
-            .store
-            .entry(index)?
-            .ok_or(LedgerError::NoEntry(index))?;
-        let proof = prove_record(self.tree.size(), index, &self.store)?;
-        Ok(Receipt {
-            index,
-            entry,
-            checkpoint: self.checkpoint.clone(),
-            proof: proof.into_iter().map(|hash| Digest(hash.0)).collect(),
-        })
+        self.receipt_at(self.tree.size(), index)
     }
 
     /// The receipt that [`Ledger::append`] gave for entry `index`: its checkpoint is the first that covers the entry, the
     /// one a challenge follows from.
     pub fn first_receipt(&self, index: u64) -> Result<Receipt, LedgerError> {
-        let missing = LedgerError::NoEntry(index);
-        let size = index.saturating_add(1);
+        self.receipt_at(index.saturating_add(1), index)
+    }
+
+    /// Proof that entry `index` is in the tree of the first `size` entries, with the checkpoint of that size.
+    pub fn receipt_at(&self, size: u64, index: u64) -> Result<Receipt, LedgerError> {
         let (Some(entry), Some(checkpoint)) =
             (self.store.entry(index)?, self.store.checkpoint(size)?)
         else {
-            return Err(missing);
+            return Err(LedgerError::NoEntry(index));
         };
         let proof = prove_record(size, index, &self.store)?;
         Ok(Receipt {
@@ -237,9 +232,20 @@ impl Ledger {
         })
     }
 
+    /// The log's checkpoint of the first `size` entries, with its signature alone.
+    pub fn checkpoint_at(&self, size: u64) -> Result<Vec<u8>, LedgerError> {
+        let missing = || LedgerError::NoEntry(size.saturating_sub(1));
+        self.store.checkpoint(size)?.ok_or_else(missing)
+    }
+
     /// RFC 6962 consistency proof from the tree of the first `size` entries to the newest checkpoint's.
     pub fn consistency(&self, size: u64) -> Result<Vec<Digest>, LedgerError> {
-        let proof = prove_tree(self.tree.size(), size, &self.store)?;
+        self.consistency_between(size, self.tree.size())
+    }
+
+    /// RFC 6962 consistency proof from the tree of the first `old` entries to that of the first `new`.
+    pub fn consistency_between(&self, old: u64, new: u64) -> Result<Vec<Digest>, LedgerError> {
+        let proof = prove_tree(new, old, &self.store)?;
         Ok(proof.into_iter().map(|hash| Digest(hash.0)).collect())
     }
 }

@@ -12,7 +12,8 @@ use rocksdb::{
     WriteOptions, DB,
 };
 use std::path::Path;
-use tlog_tiles::tlog::{stored_hash_index, Error as TreeError, Hash, HashReader};
+use tlog_tiles::tlog::{stored_hash_index, tree_hash, Error as TreeError, Hash, HashReader};
+use zk0_circuits::Digest;
 
 /// The database under a ledger.
 pub struct Store {
@@ -97,6 +98,11 @@ impl Store {
                 _ => Ok(0),
             },
         }
+    }
+
+    /// RFC 6962 root of the first `size` entries, from the stored hashes.
+    pub fn root(&self, size: u64) -> Result<Digest, LedgerError> {
+        Ok(Digest(tree_hash(size, self)?.0))
     }
 
     /// Every key in the database, in order; `None` is one that has no business there.

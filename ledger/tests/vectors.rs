@@ -6,8 +6,11 @@ mod network;
 use network::*;
 use std::{fs, path::PathBuf};
 use zk0_ledger::{
+    checkpoint::Parsed,
+    cosignature::Cosigner,
     signed::{Statement, UploadRequest},
-    Body, Checkpoint, Entry, Receipt, Signed, State,
+    witness::AddCheckpoint,
+    Body, Checkpoint, Entry, Receipt, Signed, State, TlogProof,
 };
 
 fn check(name: &str, bytes: &[u8]) {
@@ -113,6 +116,31 @@ fn checkpoints_and_receipts() {
     ledger.append(T0 + 1, enrolled(0)).unwrap();
     let receipt: Receipt = ledger.append(T0 + 2, enrolled(1)).unwrap();
     check("receipt", &borsh::to_vec(&receipt).unwrap());
+    check("tlog-proof", &TlogProof::from(receipt).encode());
+}
+
+#[test]
+fn keys_cosignatures_and_requests() {
+    let checkpoint = Checkpoint {
+        size: 12,
+        root: digest(0x33),
+    };
+    let text = checkpoint.sign(&genesis().name, &log_key()).unwrap();
+    let note = Parsed::read(&text).unwrap().note;
+    let cosigner = Cosigner::new("witness.example/w", key(0)).unwrap();
+    let log = genesis().verifier_key().unwrap();
+    check("verifier-key-log", log.to_string().as_bytes());
+    check(
+        "verifier-key-witness",
+        cosigner.key().to_string().as_bytes(),
+    );
+    check("cosignature", &cosigner.cosign(note.text(), 1_700_000_000));
+    let request = AddCheckpoint {
+        old: 7,
+        proof: vec![digest(1), digest(2)],
+        checkpoint: text,
+    };
+    check("add-checkpoint", &request.encode());
 }
 
 #[test]

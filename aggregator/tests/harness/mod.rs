@@ -8,6 +8,7 @@ use tempfile::TempDir;
 use tokio::{net::TcpListener, sync::oneshot, task::JoinHandle};
 use tonic::{transport::Channel, Code, Status};
 use zk0_aggregator::{
+    cosigning::Witnesses,
     proto::{self, federation_client::FederationClient, upload_chunk::Part},
     Aggregator, Config, Limits, ManualClock, Service,
 };
@@ -22,6 +23,7 @@ use zk0_ledger::{
     bindings::ExpectedClaim,
     checkpoint::Checkpoint,
     entry::{Body, Entry, Genesis},
+    policy::Policy,
     receipt::Receipt,
     rules::{Disclosure, Rules},
     signed::{DatasetRegistration, Signed, Submission, UpdateCommitment, UploadRequest},
@@ -43,6 +45,8 @@ pub struct Network {
     pub config: Config,
     service: Option<Service>,
     limits: Limits,
+    /// Witnesses whose quorum is wanted, from the next start on.
+    pub policy: Option<Policy>,
     pub address: String,
     running: Option<(oneshot::Sender<()>, JoinHandle<()>)>,
 }
@@ -140,6 +144,7 @@ impl Network {
             config,
             service: Some(Service::with_limits(aggregator, limits)),
             limits,
+            policy: None,
             address: String::new(),
             running: None,
         };
@@ -180,7 +185,12 @@ impl Network {
                 Err(error) => panic!("{error}"),
             }
         };
-        self.service = Some(Service::with_limits(aggregator, self.limits));
+        let mut service = Service::with_limits(aggregator, self.limits);
+        if let Some(policy) = &self.policy {
+            let witnesses = Witnesses::new(policy.clone(), Duration::from_secs(1)).unwrap();
+            service = service.witnessed(witnesses).await.unwrap();
+        }
+        self.service = Some(service);
         self.serve().await;
     }
 

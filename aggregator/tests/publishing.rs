@@ -1,0 +1,428 @@
+//! A ledger published as files and over HTTP, read back by somebody who believes nothing, and replayed from what was read.
+
+mod harness;
+
+use harness::*;
+use std::{fs, path::Path, sync::Arc, time::Duration};
+use tokio::{
+    io::{AsyncReadExt, AsyncWriteExt},
+    net::{TcpListener, TcpStream},
+    task::{spawn_blocking, JoinHandle},
+};
+use zk0_aggregator::{
+    export::{export, ExportError},
+    http::{self, Limits},
+    log_server::LogServer,
+    view::View,
+    web::Web,
+    Auditor,
+};
+use zk0_circuits::Digest;
+use zk0_ledger::{
+    blobs::Blobs,
+    error::LedgerError,
+    log::Ledger,
+    mirror::{mirror, MirrorError},
+    published::{PublishedError, PublishedLog},
+    replay::{replay, Verdict},
+    source::{Folder, Source},
+    verifier_key::{Role, VerifierKey},
+    Policy,
+};
+use zk0_verifier::blob_digest;
+
+fn key() -> VerifierKey {
+    let genesis = genesis();
+    VerifierKey::new(Role::Log, &genesis.name, &genesis.log_key).unwrap()
+}
+
+/// A network with a round that is over, and the next one open with an update and a proof in it. Returns those two blobs.
+async fn busy() -> (Network, Digest, Digest) {
+    let (network, first, second) = open_round().await;
+    for (node, seed) in [(&first, 1), (&second, 2)] {
+        committed(&network, node, 0, seed).await;
+        let claim = node.claim(&network).await;
+        node.submit(&network, claim, b"no proof").await.unwrap();
+    }
+    network.settle().await;
+    let update = committed(&network, &first, 1, 3).await;
+    let claim = first.claim(&network).await;
+    first.submit(&network, claim, b"not either").await.unwrap();
+    (network, blob_digest(&update), blob_digest(b"not either"))
+}
+
+fn mirrored(source: &dyn Source, dir: &Path) -> Result<u64, MirrorError> {
+    mirror(source, dir, &Policy::none(), None).map(|done| done.new_entries)
+}
+
+fn same_replay(ours: &Path, theirs: &Path) {
+    let report = |dir| replay(dir, None, &mut Auditor::default());
+    let (ours, theirs) = (report(ours), report(theirs));
+    assert_eq!(theirs.verdict, ours.verdict);
+    assert_eq!(theirs.root, ours.root);
+    assert_eq!(theirs.state, ours.state);
+    assert_eq!(
+        (theirs.entries, theirs.checkpoints),
+        (ours.entries, ours.checkpoints)
+    );
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn an_export_outlives_the_ledger() {
+    let (network, update, proof) = busy().await;
+    let dir = network.dir.path();
+    let (out, copy) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    // The aggregator is at work beside it.
+    let done = export(&View::open(dir, None).unwrap(), out.path()).unwrap();
+    let folder = Folder::at(out.path());
+    assert_eq!(mirrored(&folder, copy.path()).unwrap(), done.entries);
+    same_replay(dir, copy.path());
+    // All that is public is there, and nothing of the open round.
+    let blobs = Blobs::at(copy.path());
+    assert!(blobs.contains(&blob_digest(b"no proof")));
+    assert!(blobs.contains(&genesis().policy));
+    for private in [update, proof] {
+        assert!(Blobs::at(dir).contains(&private));
+        assert!(!Blobs::at(out.path()).contains(&private));
+        assert!(!blobs.contains(&private));
+    }
+    // Once more: nothing new.
+    let again = export(&View::open(dir, None).unwrap(), out.path()).unwrap();
+    assert_eq!((again.tiles, again.blobs), (0, 0));
+    assert_eq!(mirrored(&folder, copy.path()).unwrap(), 0);
+    // The log goes on: export and mirror follow.
+    let second = Node::new(2);
+    committed(&network, &second, 1, 4).await;
+    export(&View::open(dir, None).unwrap(), out.path()).unwrap();
+    assert_eq!(mirrored(&folder, copy.path()).unwrap(), 1);
+    same_replay(dir, copy.path());
+    // A mirror's mirror, from its folder.
+    let third = tempfile::tempdir().unwrap();
+    mirrored(&View::open(copy.path(), None).unwrap(), third.path()).unwrap();
+    same_replay(dir, third.path());
+}
+
+/// Two ledgers with one key, alike for `shared` entries and different after that.
+fn forked(ours: &Path, other: &Path) {
+    let enrol = |ledger: &mut Ledger, node: u8| {
+        let node = Node::new(node).id();
+        let name = "a node".into();
+        let enrolled = zk0_ledger::entry::NodeEnrolled { node, name };
+        ledger
+            .append(START_MS, zk0_ledger::Body::NodeEnrolled(enrolled))
+            .unwrap();
+    };
+    for (dir, last) in [(ours, 100), (other, 101)] {
+        let (mut ledger, _) = Ledger::create(dir, genesis(), log_key(), START_MS).unwrap();
+        (1..10).for_each(|node| enrol(&mut ledger, node));
+        (last..last + 1).for_each(|node| enrol(&mut ledger, node));
+        (50..60).for_each(|node| enrol(&mut ledger, node));
+    }
+}
+
+#[test]
+fn a_mirror_follows_no_fork_and_no_rollback() {
+    let dirs: Vec<_> = (0..4).map(|_| tempfile::tempdir().unwrap()).collect();
+    let [ours, other, copy, out] = [0, 1, 2, 3].map(|at| dirs[at].path());
+    forked(ours, other);
+    let view = |dir| View::open(dir, None).unwrap();
+    mirrored(&view(ours), copy).unwrap();
+    export(&view(ours), out).unwrap();
+    let before = (
+        fs::read(copy.join("checkpoint")).unwrap(),
+        fs::read(out.join("checkpoint")).unwrap(),
+    );
+    // Another history under the same key.
+    let error = mirrored(&view(other), copy).unwrap_err();
+    assert!(
+        matches!(error, MirrorError::Published(PublishedError::Forked { .. })),
+        "{error}"
+    );
+    let error = export(&view(other), out).unwrap_err();
+    assert!(
+        matches!(error, ExportError::Ledger(LedgerError::Forked { .. })),
+        "{error}"
+    );
+    // Less than there was.
+    let short = tempfile::tempdir().unwrap();
+    drop(Ledger::create(short.path(), genesis(), log_key(), START_MS).unwrap());
+    let error = mirrored(&view(short.path()), copy).unwrap_err();
+    assert!(
+        matches!(
+            error,
+            MirrorError::Published(PublishedError::RolledBack { .. })
+        ),
+        "{error}"
+    );
+    let error = export(&view(short.path()), out).unwrap_err();
+    assert!(
+        matches!(error, ExportError::Ledger(LedgerError::RolledBack { .. })),
+        "{error}"
+    );
+    let after = (
+        fs::read(copy.join("checkpoint")).unwrap(),
+        fs::read(out.join("checkpoint")).unwrap(),
+    );
+    assert_eq!(before, after);
+    assert_eq!(replay(copy, None, &mut ()).verdict, Verdict::Verified);
+    // A second operator: another key under the same name.
+    let theirs = tempfile::tempdir().unwrap();
+    let secret = ed25519_dalek::SigningKey::from_bytes(&[43; 32]);
+    let mut genesis = genesis();
+    genesis.log_key = secret.verifying_key().to_bytes();
+    drop(Ledger::create(theirs.path(), genesis, secret, START_MS).unwrap());
+    assert!(mirrored(&view(theirs.path()), copy).is_err());
+    let opened = PublishedLog::open(&view(theirs.path()), &key(), &Policy::none()).map(drop);
+    assert!(matches!(opened, Err(PublishedError::Checkpoint(_))));
+    // And a mirror whose database went back behind its own checkpoint.
+    let text = fs::read(copy.join("checkpoint")).unwrap();
+    let back = tempfile::tempdir().unwrap();
+    mirrored(&view(short.path()), back.path()).unwrap();
+    fs::write(back.path().join("checkpoint"), text).unwrap();
+    let error = mirrored(&view(ours), back.path()).unwrap_err();
+    assert!(
+        matches!(error, MirrorError::Ledger(LedgerError::RolledBack { .. })),
+        "{error}"
+    );
+}
+
+/// A log whose newest tree holds other entries than it signed one by one, or blobs that are not what their names say.
+#[test]
+fn a_mirror_takes_nothing_on_trust() {
+    let dirs: Vec<_> = (0..3).map(|_| tempfile::tempdir().unwrap()).collect();
+    let [ours, other, out] = [0, 1, 2].map(|at| dirs[at].path());
+    forked(ours, other);
+    let files = [
+        "tile/entries/000.p/21",
+        "tile/0/000.p/21",
+        "zk0/checkpoints/000.p/21",
+    ];
+    for file in files {
+        for change in 0..3 {
+            let out = out.join(format!("{change}-{}", file.replace('/', "-")));
+            export(&View::open(ours, None).unwrap(), &out).unwrap();
+            let path = out.join(file);
+            let mut bytes = fs::read(&path).unwrap();
+            match change {
+                0 => *bytes.last_mut().unwrap() ^= 1,
+                1 => bytes.truncate(bytes.len() / 2),
+                _ => {
+                    let theirs = out.with_extension("other");
+                    export(&View::open(other, None).unwrap(), &theirs).unwrap();
+                    bytes = fs::read(theirs.join(file)).unwrap();
+                }
+            }
+            fs::write(&path, bytes).unwrap();
+            let copy = tempfile::tempdir().unwrap();
+            assert!(
+                mirrored(&Folder::at(&out), copy.path()).is_err(),
+                "{file} {change}"
+            );
+        }
+    }
+    // A blob that is not what its name says.
+    let blob = b"the whole initial policy".to_vec();
+    Blobs::at(ours).put(&blob).unwrap();
+    let out = out.join("blob");
+    export(&View::open(ours, None).unwrap(), &out).unwrap();
+    fs::write(Blobs::at(&out).path(&blob_digest(&blob)), b"something else").unwrap();
+    let copy = tempfile::tempdir().unwrap();
+    let error = mirrored(&Folder::at(&out), copy.path()).unwrap_err();
+    assert!(error.to_string().contains("SHA-256"), "{error}");
+    let wrong = Digest([9; 32]);
+    let refused = mirror(
+        &Folder::at(&out),
+        copy.path(),
+        &Policy::none(),
+        Some(&wrong),
+    );
+    assert!(refused.unwrap_err().to_string().contains("of network"));
+}
+
+#[test]
+fn a_damaged_ledger_is_not_published() {
+    let dirs: Vec<_> = (0..2).map(|_| tempfile::tempdir().unwrap()).collect();
+    let [ours, other] = [0, 1].map(|at| dirs[at].path());
+    forked(ours, other);
+    View::open(ours, None).unwrap();
+    // The other history under this one's checkpoint, and a shorter one.
+    fs::rename(ours.join("log"), ours.join("away")).unwrap();
+    fs::rename(other.join("log"), ours.join("log")).unwrap();
+    let opened = View::open(ours, None).map(drop).unwrap_err().to_string();
+    assert!(opened.contains("the history was changed"), "{opened}");
+    fs::remove_dir_all(ours.join("log")).unwrap();
+    let short = tempfile::tempdir().unwrap();
+    drop(Ledger::create(short.path(), genesis(), log_key(), START_MS).unwrap());
+    fs::rename(short.path().join("log"), ours.join("log")).unwrap();
+    let opened = View::open(ours, None).map(drop).unwrap_err().to_string();
+    assert!(opened.contains("rolled back"), "{opened}");
+}
+
+async fn served(dir: &Path, limits: Limits) -> (String, JoinHandle<()>) {
+    let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+    let address = listener.local_addr().unwrap().to_string();
+    let server = Arc::new(LogServer::new(dir));
+    let task = tokio::spawn(http::serve(
+        listener,
+        server,
+        limits,
+        std::future::pending(),
+    ));
+    (address, task)
+}
+
+/// Sends bytes and reads the whole answer.
+async fn raw(address: &str, request: &str) -> String {
+    let mut stream = TcpStream::connect(address).await.unwrap();
+    stream.write_all(request.as_bytes()).await.unwrap();
+    let mut answer = Vec::new();
+    let _ = stream.read_to_end(&mut answer).await;
+    String::from_utf8_lossy(&answer).into_owned()
+}
+
+async fn get(address: &str, path: &str) -> String {
+    raw(
+        address,
+        &format!("GET /{path} HTTP/1.1\r\nhost: x\r\nconnection: close\r\n\r\n"),
+    )
+    .await
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_served_log_is_read_while_it_grows() {
+    let (network, update, proof) = busy().await;
+    let dir = network.dir.path().to_owned();
+    let (address, _server) = served(&dir, Limits::default()).await;
+    let url = format!("http://{address}");
+    let copy = tempfile::tempdir().unwrap();
+    let to = copy.path().to_owned();
+    let fetch = move |url: String, to: std::path::PathBuf| {
+        spawn_blocking(move || mirrored(&Web::at(&url).unwrap(), &to).unwrap())
+    };
+    assert!(fetch(url.clone(), to.clone()).await.unwrap() > 10);
+    same_replay(&dir, &to);
+    committed(&network, &Node::new(2), 1, 4).await;
+    assert_eq!(fetch(url.clone(), to.clone()).await.unwrap(), 1);
+    same_replay(&dir, &to);
+    // How long things may be kept.
+    let size = replay(&dir, None, &mut ()).entries;
+    for (path, kind, cache) in [
+        (
+            "checkpoint".to_owned(),
+            "text/plain; charset=utf-8",
+            "no-cache",
+        ),
+        (
+            "zk0/policy".to_owned(),
+            "text/plain; charset=utf-8",
+            "no-cache",
+        ),
+        (
+            format!("tile/0/000.p/{size}"),
+            "application/octet-stream",
+            "immutable",
+        ),
+        (
+            "tile/entries/000.p/3".to_owned(),
+            "application/octet-stream",
+            "immutable",
+        ),
+        (
+            format!("blobs/sha256/{}", genesis().policy),
+            "application/octet-stream",
+            "immutable",
+        ),
+    ] {
+        let answer = get(&address, &path).await;
+        assert!(answer.starts_with("HTTP/1.1 200"), "{path}: {answer}");
+        let head = answer.split("\r\n\r\n").next().unwrap();
+        assert!(
+            head.contains(&format!("content-type: {kind}")),
+            "{path}: {head}"
+        );
+        assert!(
+            head.contains("cache-control: ") && head.contains(cache),
+            "{path}: {head}"
+        );
+        let length = format!("content-length: {}", answer.len() - head.len() - 4);
+        assert!(
+            !answer.is_ascii() || head.contains(&length),
+            "{path}: {head}"
+        );
+    }
+    // The policy is one that a verifier can use.
+    let policy = get(&address, "zk0/policy").await;
+    let policy = Policy::parse(policy.split("\r\n\r\n").nth(1).unwrap()).unwrap();
+    assert_eq!(policy.logs(), [key()]);
+    // What is not there, or not yet, or nobody's to read.
+    for path in [
+        "",
+        "checkpoint/",
+        "log/CURRENT",
+        "../checkpoint",
+        &format!("tile/0/000.p/{}", size + 1),
+        "tile/0/000",
+        "tile/1/000.p/1",
+        &format!("blobs/sha256/{update}"),
+        &format!("blobs/sha256/{proof}"),
+        &format!("blobs/sha256/{}", Digest([9; 32])),
+    ] {
+        let answer = get(&address, path).await;
+        assert!(answer.starts_with("HTTP/1.1 404"), "{path}: {answer}");
+    }
+    let head = "HEAD /checkpoint HTTP/1.1\r\nhost: x\r\nconnection: close\r\n\r\n";
+    let answer = raw(&address, head).await;
+    assert!(
+        answer.starts_with("HTTP/1.1 200") && answer.ends_with("\r\n\r\n"),
+        "{answer}"
+    );
+    let delete = "DELETE /checkpoint HTTP/1.1\r\nhost: x\r\nconnection: close\r\n\r\n";
+    assert!(raw(&address, delete).await.starts_with("HTTP/1.1 405"));
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_server_of_files_has_limits() {
+    let dir = tempfile::tempdir().unwrap();
+    drop(Ledger::create(dir.path(), genesis(), log_key(), START_MS).unwrap());
+    let limits = Limits {
+        connections: 2,
+        silence: Duration::from_millis(300),
+        lifetime: Duration::from_millis(1500),
+        body: 10,
+    };
+    let (address, _server) = served(dir.path(), limits).await;
+    // A head that is too long, or never ends; a body that is too long, or never comes.
+    let long = format!(
+        "GET /checkpoint HTTP/1.1\r\nx: {}\r\n\r\n",
+        "y".repeat(40_000)
+    );
+    assert!(!raw(&address, &long).await.starts_with("HTTP/1.1 200"));
+    assert!(!raw(&address, "GET /checkpoint HTTP/1.1\r\n")
+        .await
+        .starts_with("HTTP/1.1 200"));
+    let body = "POST /checkpoint HTTP/1.1\r\nhost: x\r\ncontent-length: 11\r\nconnection: close\r\n\r\n12345678901";
+    assert!(raw(&address, body).await.starts_with("HTTP/1.1 413"));
+    let silent = "POST /checkpoint HTTP/1.1\r\nhost: x\r\ncontent-length: 5\r\n\r\n";
+    assert!(raw(&address, silent).await.starts_with("HTTP/1.1 408"));
+    // Two who only hold their places: the third waits, and is served when they are shown out.
+    let _first = TcpStream::connect(&address).await.unwrap();
+    let _second = TcpStream::connect(&address).await.unwrap();
+    let answer = tokio::time::timeout(Duration::from_secs(10), get(&address, "checkpoint")).await;
+    assert!(answer.unwrap().starts_with("HTTP/1.1 200"));
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn what_is_not_http_or_not_a_log_is_said_so() {
+    assert!(Web::at("ftp://x").is_err());
+    let empty = tempfile::tempdir().unwrap();
+    let (address, _server) = served(empty.path(), Limits::default()).await;
+    let answer = get(&address, "checkpoint").await;
+    assert!(answer.starts_with("HTTP/1.1 500"), "{answer}");
+    assert!(!answer.contains(empty.path().to_str().unwrap()), "{answer}");
+    let copy = tempfile::tempdir().unwrap();
+    let to = copy.path().join("mirror");
+    let failed =
+        spawn_blocking(move || mirrored(&Web::at(&format!("http://{address}")).unwrap(), &to));
+    assert!(failed.await.unwrap().is_err());
+    assert_eq!(files(copy.path()), 0);
+}

@@ -1,0 +1,412 @@
+//! Nothing is published before a quorum of witnesses has cosigned it; entries are safe all the same.
+
+mod harness;
+
+use ed25519_dalek::SigningKey;
+use harness::*;
+use std::{fs, path::Path, sync::Arc, time::Duration};
+use tempfile::TempDir;
+use tokio::{net::TcpListener, task::JoinHandle};
+use tonic::Code;
+use zk0_aggregator::{
+    cosigning::{CosigningError, Prove, Witnesses},
+    http,
+    view::{View, ViewError},
+    witness_server::WitnessServer,
+    Config, ManualClock,
+};
+use zk0_ledger::{
+    cosignature::Cosigner,
+    entry::{Body, NodeEnrolled},
+    log::Ledger,
+    published::PublishedLog,
+    verifier_key::{Role, VerifierKey},
+    witness_store::{hash, WitnessStore},
+    Policy,
+};
+
+fn log() -> VerifierKey {
+    VerifierKey::new(Role::Log, &genesis().name, &genesis().log_key).unwrap()
+}
+
+/// A witness on loopback, which can be stopped and started again where it was.
+struct Running {
+    number: u8,
+    dir: TempDir,
+    address: String,
+    task: Option<JoinHandle<()>>,
+}
+
+impl Running {
+    async fn start(number: u8) -> Self {
+        let mut witness = Self {
+            number,
+            dir: tempfile::tempdir().unwrap(),
+            address: "127.0.0.1:0".into(),
+            task: None,
+        };
+        witness.on().await;
+        witness
+    }
+
+    fn cosigner(&self) -> Cosigner {
+        let secret = SigningKey::from_bytes(&[200 + self.number; 32]);
+        Cosigner::new(&format!("witness.example/w{}", self.number), secret).unwrap()
+    }
+
+    async fn on(&mut self) {
+        let mut tries = 0;
+        let store = loop {
+            match WitnessStore::open(self.dir.path(), self.cosigner(), vec![log()]) {
+                Ok(store) => break store,
+                // The stopped one lets go when its last request is through.
+                Err(_) if tries < 100 => tries += 1,
+                Err(error) => panic!("{error}"),
+            }
+            tokio::time::sleep(Duration::from_millis(20)).await;
+        };
+        let listener = TcpListener::bind(&self.address).await.unwrap();
+        self.address = listener.local_addr().unwrap().to_string();
+        let clock = Arc::new(ManualClock::at(START_MS));
+        let server = Arc::new(WitnessServer::new(store, clock));
+        let limits = WitnessServer::limits();
+        let serving = http::serve(listener, server, limits, std::future::pending());
+        self.task = Some(tokio::spawn(serving));
+    }
+
+    async fn off(&mut self) {
+        let task = self.task.take().unwrap();
+        task.abort();
+        let _ = task.await;
+    }
+
+    fn line(&self) -> String {
+        let key = self.cosigner().key().to_string();
+        format!("witness W{} {key} http://{}\n", self.number, self.address)
+    }
+}
+
+/// Three witnesses, and the policy that wants two of them.
+async fn three() -> ([Running; 3], Policy) {
+    let witnesses = [
+        Running::start(0).await,
+        Running::start(1).await,
+        Running::start(2).await,
+    ];
+    let lines: String = witnesses.iter().map(Running::line).collect();
+    let policy = format!("{lines}group two 2 W0 W1 W2\nquorum two\n");
+    (witnesses, Policy::parse(&policy).unwrap())
+}
+
+fn published(dir: &Path) -> u64 {
+    View::open(dir, None).unwrap().checkpoint().size
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn receipts_wait_for_the_quorum_and_entries_do_not() {
+    let (mut witnesses, policy) = three().await;
+    let (first, second) = (Node::new(1), Node::new(2));
+    let config = Config {
+        rounds: Some(1),
+        min_nodes: 4,
+    };
+    let mut network = Network::start(&[&first, &second], config).await;
+    let dir = network.dir.path().to_owned();
+    network.policy = Some(policy.clone());
+    network.restart().await;
+    // All three there, then one gone: a receipt comes, and what it is about is published by then.
+    let receipt = first.register(&network).await.unwrap();
+    assert!(published(&dir) > receipt.index);
+    witnesses[0].off().await;
+    registered(&network, &second, &dir).await;
+    let view = View::open(&dir, None).unwrap();
+    let log_at = PublishedLog::open(&view, &log(), &policy).unwrap();
+    let proof = log_at.prove(2).unwrap();
+    let (witnessed, _) = proof.verify(&log(), &policy).unwrap();
+    assert_eq!(witnessed.cosigners.len(), 2);
+    // Two gone: the entry is on disk, the receipt and the checkpoint are not out.
+    witnesses[1].off().await;
+    let before = (published(&dir), fs::read(dir.join("cosigned")).unwrap());
+    let third = Node::new(3);
+    let (id, name) = (third.id(), "late".to_owned());
+    network
+        .service()
+        .with(move |aggregator| aggregator.enrol(id, name))
+        .await
+        .unwrap();
+    refused(
+        third.register(&network).await,
+        Code::Unavailable,
+        "too few witnesses",
+    );
+    let entries = network.entries().await;
+    assert!(matches!(
+        entries.last().unwrap().body,
+        Body::DatasetCommitted(_)
+    ));
+    assert_eq!(
+        before,
+        (published(&dir), fs::read(dir.join("cosigned")).unwrap())
+    );
+    assert!(entries.len() as u64 > before.0);
+    // Nor does any other answer show more than is published.
+    let request = zk0_aggregator::proto::GetNetworkRequest {};
+    let info = network
+        .client()
+        .await
+        .get_network(request)
+        .await
+        .unwrap()
+        .into_inner();
+    assert_eq!(
+        info.checkpoint.lines().nth(1),
+        Some(before.0.to_string().as_str())
+    );
+    // Killed and started again without the witnesses: still nothing new.
+    network.restart().await;
+    refused(
+        third.register(&network).await,
+        Code::Unavailable,
+        "too few witnesses",
+    );
+    assert_eq!(before.0, published(&dir));
+    // One comes back: asked again, the same entry gets its receipt.
+    witnesses[1].on().await;
+    let receipt = third.register(&network).await.unwrap();
+    assert_eq!(receipt.index, entries.len() as u64 - 1);
+    assert!(published(&dir) > receipt.index);
+}
+
+/// Registers a node's dataset; what it is about is published when the receipt is there.
+async fn registered(network: &Network, node: &Node, dir: &Path) {
+    let receipt = node.register(network).await.unwrap();
+    assert!(published(dir) > receipt.index);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_round_that_is_not_published_is_not_shown() {
+    let (mut witnesses, policy) = three().await;
+    let (first, second) = (Node::new(1), Node::new(2));
+    let config = Config {
+        rounds: Some(1),
+        min_nodes: 2,
+    };
+    let mut network = Network::start(&[&first, &second], config).await;
+    network.policy = Some(policy);
+    network.restart().await;
+    first.register(&network).await.unwrap();
+    witnesses[0].off().await;
+    witnesses[1].off().await;
+    refused(
+        second.register(&network).await,
+        Code::Unavailable,
+        "too few witnesses",
+    );
+    network.settle().await;
+    assert!(matches!(network.last().await, Body::RoundOpened(_)));
+    assert_eq!(network.round(None).await.opened, None);
+    assert_eq!(network.round(Some(0)).await.opened, None);
+    witnesses[0].on().await;
+    second.register(&network).await.unwrap();
+    // What is newest is cosigned within a moment, asked for or not.
+    let mut tries = 0;
+    while network.round(None).await.opened.is_none() {
+        tries += 1;
+        assert!(tries < 100, "the round is never published");
+        tokio::time::sleep(Duration::from_millis(50)).await;
+    }
+    committed(&network, &first, 0, 1).await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn nothing_is_published_before_the_first_quorum() {
+    let (mut witnesses, policy) = three().await;
+    for witness in &mut witnesses {
+        witness.off().await;
+    }
+    let first = Node::new(1);
+    let config = Config {
+        rounds: Some(1),
+        min_nodes: 2,
+    };
+    let mut network = Network::start(&[&first], config).await;
+    network.policy = Some(policy);
+    network.restart().await;
+    let opened = View::open(network.dir.path(), None).map(drop);
+    assert!(matches!(opened, Err(ViewError::NotCosigned(_))));
+    let info = network
+        .client()
+        .await
+        .get_network(zk0_aggregator::proto::GetNetworkRequest {})
+        .await;
+    refused(info, Code::Unavailable, "nothing is published");
+}
+
+fn enrol(ledger: &mut Ledger, node: u8) {
+    let enrolled = NodeEnrolled {
+        node: Node::new(node).id(),
+        name: "a node".into(),
+    };
+    ledger
+        .append(START_MS, Body::NodeEnrolled(enrolled))
+        .unwrap();
+}
+
+/// A ledger of genesis and these nodes.
+fn ledger(dir: &Path, nodes: &[u8]) -> Ledger {
+    let (mut ledger, _) = Ledger::create(dir, genesis(), log_key(), START_MS).unwrap();
+    nodes.iter().for_each(|node| enrol(&mut ledger, *node));
+    ledger
+}
+
+/// Asks the policy's witnesses for cosignatures of a ledger's newest checkpoint.
+async fn cosigned(policy: &Policy, ledger: &Arc<Ledger>) -> Result<Vec<u8>, CosigningError> {
+    let (policy, ledger) = (policy.clone(), ledger.clone());
+    tokio::task::spawn_blocking(move || {
+        let witnesses = Witnesses::new(policy, Duration::from_secs(2))?;
+        let prove: Prove = {
+            let ledger = ledger.clone();
+            Arc::new(move |old, new| {
+                let proof = ledger.consistency_between(old, new);
+                proof.map_err(|error| error.to_string())
+            })
+        };
+        witnesses.cosign(ledger.checkpoint(), &prove)
+    })
+    .await
+    .unwrap()
+}
+
+fn why(error: CosigningError) -> String {
+    match error {
+        CosigningError::NoQuorum { refused, .. } => refused.join("; "),
+        other => panic!("{other}"),
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_forked_or_rolled_back_log_gets_no_quorum() {
+    let (mut witnesses, policy) = three().await;
+    let dirs: Vec<_> = (0..4).map(|_| tempfile::tempdir().unwrap()).collect();
+    let honest = Arc::new(ledger(dirs[0].path(), &[1, 2, 3, 4]));
+    let note = cosigned(&policy, &honest).await.unwrap();
+    policy.open(&note, &log()).unwrap();
+    // The same size with another entry; more entries on top of that; and after all witnesses were restarted.
+    let forked = Arc::new(ledger(dirs[1].path(), &[1, 2, 9, 4]));
+    let longer = Arc::new(ledger(dirs[2].path(), &[1, 2, 9, 4, 5, 6]));
+    let shorter = Arc::new(ledger(dirs[3].path(), &[1, 2]));
+    for _ in 0..2 {
+        for fork in [&forked, &longer] {
+            let why = why(cosigned(&policy, fork).await.unwrap_err());
+            assert!(why.contains("status 422"), "{why}");
+        }
+        // Rolled back: the witnesses have seen more.
+        let why = why(cosigned(&policy, &shorter).await.unwrap_err());
+        assert!(why.contains("rolled back"), "{why}");
+        for witness in &mut witnesses {
+            witness.off().await;
+            witness.on().await;
+        }
+    }
+    // The honest one goes on.
+    let Ok(mut honest) = Arc::try_unwrap(honest) else {
+        panic!("still in use");
+    };
+    enrol(&mut honest, 5);
+    let note = cosigned(&policy, &Arc::new(honest)).await.unwrap();
+    assert_eq!(policy.open(&note, &log()).unwrap().checkpoint.size, 6);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_witness_that_answers_nonsense_or_not_at_all_costs_no_more_than_the_deadline() {
+    let (mut witnesses, _) = three().await;
+    let dir = tempfile::tempdir().unwrap();
+    let ledger = Arc::new(ledger(dir.path(), &[1]));
+    // W0 accepts connections and says nothing; W1 signs with another key than the policy says.
+    witnesses[0].off().await;
+    let mute = TcpListener::bind(&witnesses[0].address).await.unwrap();
+    let stranger = SigningKey::from_bytes(&[77; 32]);
+    let stranger = Cosigner::new("witness.example/w1", stranger).unwrap();
+    let lines = format!(
+        "{}witness W1 {} http://{}\n{}",
+        witnesses[0].line(),
+        stranger.key(),
+        witnesses[1].address,
+        witnesses[2].line()
+    );
+    let two = Policy::parse(&format!("{lines}group g 2 W0 W1 W2\nquorum g\n")).unwrap();
+    let begun = std::time::Instant::now();
+    let why = why(cosigned(&two, &ledger).await.unwrap_err());
+    assert!(why.contains("without a valid cosignature"), "{why}");
+    assert!(
+        begun.elapsed() < Duration::from_secs(6),
+        "{:?}",
+        begun.elapsed()
+    );
+    // Where one is enough, nobody waits for the mute one.
+    let one = Policy::parse(&format!("{lines}group g any W0 W1 W2\nquorum g\n")).unwrap();
+    let begun = std::time::Instant::now();
+    cosigned(&one, &ledger).await.unwrap();
+    assert!(
+        begun.elapsed() < Duration::from_secs(1),
+        "{:?}",
+        begun.elapsed()
+    );
+    drop(mute);
+    let nowhere = Policy::parse(&format!("witness W {}\nquorum W\n", stranger.key()));
+    let error = cosigned(&nowhere.unwrap(), &ledger).await.unwrap_err();
+    assert!(matches!(error, CosigningError::NoAddress(_)));
+}
+
+/// The witness' own HTTP interface, as any client of the specification sees it.
+#[tokio::test(flavor = "multi_thread")]
+async fn a_witness_speaks_the_protocol() {
+    let (witnesses, policy) = three().await;
+    let dir = tempfile::tempdir().unwrap();
+    let honest = Arc::new(ledger(dir.path(), &[1, 2, 3]));
+    cosigned(&policy, &honest).await.unwrap();
+    let base = format!("http://{}", witnesses[1].address);
+    // W1 may be the one that nobody waited for: ask it by itself.
+    let alone = Policy::parse(&format!("{}quorum W1\n", witnesses[1].line())).unwrap();
+    cosigned(&alone, &honest).await.unwrap();
+    let checkpoint = honest.checkpoint().to_vec();
+    tokio::task::spawn_blocking(move || {
+        let agent: ureq::Agent = ureq::Agent::config_builder()
+            .http_status_as_error(false)
+            .build()
+            .into();
+        let post = |body: &[u8]| {
+            agent
+                .post(format!("{base}/add-checkpoint"))
+                .send(body)
+                .unwrap()
+        };
+        let mut conflict = post(&[b"old 0\n\n", &checkpoint[..]].concat());
+        assert_eq!(conflict.status(), 409);
+        assert_eq!(conflict.headers()["content-type"], "text/x.tlog.size");
+        assert_eq!(conflict.body_mut().read_to_string().unwrap(), "4\n");
+        let mut again = post(&[b"old 4\n\n", &checkpoint[..]].concat());
+        assert_eq!(again.status(), 200);
+        let line = again.body_mut().read_to_string().unwrap();
+        assert!(
+            line.starts_with("— witness.example/w1 ") && line.ends_with('\n'),
+            "{line}"
+        );
+        assert_eq!(post(b"old 5\n\n").status(), 400);
+        assert_eq!(
+            post(&[b"old 5\n\n", &checkpoint[..]].concat()).status(),
+            400
+        );
+        assert_eq!(post(&vec![b'x'; 100_000]).status(), 413);
+        let get = |path: String| agent.get(format!("{base}/{path}")).call().unwrap();
+        let mut last = get(format!("{}/checkpoint", hash(&genesis().name)));
+        assert_eq!(last.status(), 200);
+        let note = last.body_mut().read_to_vec().unwrap();
+        assert_eq!(alone.open(&note, &log()).unwrap().checkpoint.size, 4);
+        assert_eq!(get(format!("{}/checkpoint", hash("another"))).status(), 404);
+        assert_eq!(get("add-checkpoint".into()).status(), 405);
+        assert_eq!(get("lock".into()).status(), 404);
+    })
+    .await
+    .unwrap();
+}

@@ -1,0 +1,345 @@
+//! `zk0 ledger`: a ledger as others read it: files, mirrors, and proofs that stand alone.
+
+use anyhow::{bail, Context, Result};
+use std::{
+    fs,
+    io::{Read, Write},
+    path::{Path, PathBuf},
+};
+use zk0_aggregator::{export::export, view::View, web::Web};
+use zk0_circuits::Digest;
+use zk0_ledger::{
+    entry::{Body, Genesis},
+    folder,
+    mirror::mirror,
+    policy::{Policy, MAX_POLICY_BYTES},
+    published::{first_entry, PublishedLog},
+    replay::{replay, Verdict},
+    source::{Folder, Source},
+    tlog_proof::{TlogProof, MAX_PROOF_BYTES},
+    verifier_key::{Role, VerifierKey},
+    Entry,
+};
+
+/// What to do.
+#[derive(Debug, clap::Subcommand)]
+pub enum Command {
+    /// Print the verifier key of a ledger's log: what its checkpoints and proofs are checked with.
+    Vkey {
+        /// A ledger's directory, an export of one, or the address of a served log.
+        from: String,
+    },
+    /// Write a ledger as plain files (C2SP tlog-tiles) that any web server serves; or bring an earlier export up to date.
+    Export {
+        /// The ledger's directory; its aggregator may be running.
+        dir: PathBuf,
+        /// Where the files go.
+        out: PathBuf,
+    },
+    /// Make a ledger's directory from an export or a served log, or bring an earlier one up to date. Everything is checked on
+    /// the way; what was mirrored before has to be continued.
+    Import(Import),
+    /// Serve a ledger's directory over HTTP (C2SP tlog-tiles), read-only. Its aggregator may be running.
+    #[cfg(feature = "full")]
+    Serve {
+        /// The ledger's directory.
+        dir: PathBuf,
+        /// Address to listen on; port 0 takes a free one. Traffic is not encrypted: put a TLS proxy before it.
+        #[arg(long, default_value = "127.0.0.1:7073")]
+        listen: std::net::SocketAddr,
+    },
+    /// Make a proof that an entry is in a log (C2SP tlog-proof): one file, checked by `verify-proof` without asking anyone.
+    Prove {
+        /// A ledger's directory, an export of one, or the address of a served log.
+        from: String,
+        /// The entry, counted from 0.
+        index: u64,
+        /// Where the proof goes; to standard output when absent.
+        #[arg(long)]
+        out: Option<PathBuf>,
+        #[command(flatten)]
+        trust: Trust,
+    },
+    /// Check a proof offline. Exit code 0 when it holds, 1 when not.
+    VerifyProof {
+        /// The proof.
+        file: PathBuf,
+        /// The log's verifier key, as `zk0 ledger vkey` prints it. A policy that names the log makes it unnecessary.
+        #[arg(long, required_unless_present = "policy")]
+        log_key: Option<VerifierKey>,
+        /// Whose cosignatures have to be on the checkpoint (a C2SP tlog-policy file).
+        #[arg(long)]
+        policy: Option<PathBuf>,
+    },
+    /// Check that a ledger's directory is whole: entries, rules, tree, checkpoints, and every blob that is there. Proofs are
+    /// for `zk0 audit replay`. Exit code 0 when it is, 1 when not.
+    Fsck {
+        /// The ledger's directory.
+        dir: PathBuf,
+    },
+}
+
+/// `zk0 ledger import`.
+#[derive(Debug, clap::Args)]
+pub struct Import {
+    /// An export, or the address of a served log.
+    from: String,
+    /// The ledger's directory to make or bring up to date.
+    dir: PathBuf,
+    #[command(flatten)]
+    trust: Trust,
+}
+
+/// Whom to believe.
+#[derive(Clone, Debug, Default, clap::Args)]
+pub struct Trust {
+    /// The network it has to be, if you know it by other means.
+    #[arg(long)]
+    network: Option<Digest>,
+    /// Whose cosignatures have to be on the checkpoint (a C2SP tlog-policy file). Without one the log's signature is enough.
+    #[arg(long)]
+    policy: Option<PathBuf>,
+}
+
+impl Trust {
+    /// The policy.
+    pub fn policy(&self) -> Result<Policy> {
+        self.policy
+            .as_deref()
+            .map_or_else(|| Ok(Policy::none()), read_policy)
+    }
+}
+
+/// Runs the command; `false` when something does not hold.
+pub fn run(command: &Command) -> Result<bool> {
+    match command {
+        Command::Vkey { from } => {
+            let genesis = genesis(source(from)?.as_ref(), None)?;
+            println!("{}", genesis.verifier_key()?);
+        }
+        Command::Export { dir, out } => {
+            let view = View::open(dir, None)?;
+            let done = export(&view, out)?;
+            println!(
+                "{} entries published; wrote {} tiles and {} blobs to {}",
+                done.entries,
+                done.tiles,
+                done.blobs,
+                out.display()
+            );
+            if done.missing_blobs > 0 {
+                println!("{} public blobs are not kept here", done.missing_blobs);
+            }
+        }
+        Command::Import(options) => import(options)?,
+        #[cfg(feature = "full")]
+        Command::Serve { dir, listen } => serve(dir, *listen)?,
+        Command::Prove {
+            from,
+            index,
+            out,
+            trust,
+        } => prove(from, *index, out.as_deref(), trust)?,
+        Command::VerifyProof {
+            file,
+            log_key,
+            policy,
+        } => return verify_proof(file, log_key.as_ref(), policy.as_deref()),
+        Command::Fsck { dir } => return fsck(dir),
+    }
+    Ok(true)
+}
+
+fn import(options: &Import) -> Result<()> {
+    let source = source(&options.from)?;
+    let trust = &options.trust;
+    let done = mirror(
+        source.as_ref(),
+        &options.dir,
+        &trust.policy()?,
+        trust.network.as_ref(),
+    )?;
+    println!("network {}", done.network);
+    println!(
+        "{} entries, {} of them new; {} blobs fetched",
+        done.entries, done.new_entries, done.new_blobs
+    );
+    if done.missing_blobs > 0 {
+        println!(
+            "{} blobs are not served: not public yet, or not kept",
+            done.missing_blobs
+        );
+    }
+    Ok(())
+}
+
+/// A log by its address or folder.
+pub fn source(text: &str) -> Result<Box<dyn Source>> {
+    if text.starts_with("http://") || text.starts_with("https://") {
+        return Ok(Box::new(Web::at(text)?));
+    }
+    let dir = Path::new(text);
+    if !dir.is_dir() {
+        bail!("{text} is neither a directory nor an address that begins with http:// or https://");
+    }
+    match folder::database(dir).exists() {
+        true => Ok(Box::new(View::open(dir, None)?)),
+        false => Ok(Box::new(Folder::at(dir))),
+    }
+}
+
+/// The genesis that a log claims, which is the right one if the network's id is known.
+fn genesis(source: &dyn Source, network: Option<&Digest>) -> Result<Genesis> {
+    let Body::Genesis(genesis) = Entry::decode(&first_entry(source)?)?.body else {
+        bail!("the log's first entry is no genesis");
+    };
+    let found = genesis.network_id();
+    match network {
+        Some(expected) if *expected != found => {
+            bail!("the log is of network {found}, not of {expected}")
+        }
+        _ => Ok(genesis),
+    }
+}
+
+fn prove(from: &str, index: u64, out: Option<&Path>, trust: &Trust) -> Result<()> {
+    let source = source(from)?;
+    let key = genesis(source.as_ref(), trust.network.as_ref())?.verifier_key()?;
+    let policy = trust.policy()?;
+    let proof = PublishedLog::open(source.as_ref(), &key, &policy)?.prove(index)?;
+    // Nothing is handed out that does not convince us.
+    proof.verify(&key, &policy)?;
+    let text = proof.encode();
+    match out {
+        Some(path) => fs::write(path, &text).with_context(|| format!("writing {}", path.display())),
+        None => Ok(std::io::stdout().write_all(&text)?),
+    }
+}
+
+fn verify_proof(file: &Path, log: Option<&VerifierKey>, policy: Option<&Path>) -> Result<bool> {
+    let policy = policy.map_or_else(|| Ok(Policy::none()), read_policy)?;
+    let proof = TlogProof::decode(&read_bounded(file, MAX_PROOF_BYTES)?)
+        .with_context(|| format!("reading {}", file.display()))?;
+    let keys: Vec<&VerifierKey> = match log {
+        Some(key) if key.role() == Role::Log => vec![key],
+        Some(key) => bail!("{} is a witness' key, not a log's", key.name()),
+        None => policy.logs().iter().collect(),
+    };
+    if keys.is_empty() {
+        bail!("the policy names no log: name one with --log-key");
+    }
+    let mut refused = Vec::new();
+    for key in keys {
+        match proof.verify(key, &policy) {
+            Ok((witnessed, entry)) => {
+                println!("log          {}", key.name());
+                println!(
+                    "entry        {} of {}",
+                    proof.index, witnessed.checkpoint.size
+                );
+                println!("root         {}", witnessed.checkpoint.root);
+                println!("says         {}", describe(&entry.body));
+                for (name, time_s) in witnessed.cosigners {
+                    println!("cosigned by  {name} at {time_s} (Unix seconds)");
+                }
+                println!("VERIFIED     the entry is in the log");
+                return Ok(true);
+            }
+            Err(error) => refused.push(format!("{}: {error}", key.name())),
+        }
+    }
+    for why in refused {
+        println!("FAILED       {why}");
+    }
+    Ok(false)
+}
+
+fn describe(body: &Body) -> String {
+    match body {
+        Body::Genesis(genesis) => format!("network {} was founded", genesis.network_id()),
+        Body::NodeEnrolled(enrolled) => format!("node {} was enrolled", enrolled.node),
+        Body::DatasetCommitted(signed) => {
+            format!("node {} committed to a dataset", signed.statement.node)
+        }
+        Body::RoundOpened(opened) => format!("round {} opened", opened.round),
+        Body::UpdateCommitted(signed) => format!(
+            "node {} committed to an update in round {}",
+            signed.statement.node, signed.statement.round
+        ),
+        Body::ContributionAccepted(submission) => format!(
+            "the contribution of node {} in round {} was accepted",
+            submission.statement.claim.node, submission.statement.claim.round
+        ),
+        Body::ContributionRejected { submission, reason } => format!(
+            "the contribution of node {} in round {} was refused: {reason}",
+            submission.statement.claim.node, submission.statement.claim.round
+        ),
+        Body::RoundClosed(closed) => format!(
+            "round {} closed with {} contributions",
+            closed.round,
+            closed.contributors.len()
+        ),
+    }
+}
+
+fn fsck(dir: &Path) -> Result<bool> {
+    let report = replay(dir, None, &mut zk0_aggregator::fsck::Fsck::default());
+    let verdict = match View::open(dir, None) {
+        Ok(view) => {
+            println!("published    {} entries", view.checkpoint().size);
+            report.verdict
+        }
+        Err(error) => {
+            println!("FAULT        {error}");
+            Verdict::Failed
+        }
+    };
+    println!("entries      {}", report.entries);
+    for finding in &report.findings {
+        println!("{:<12} {}", format!("{:?}", finding.severity), finding.text);
+    }
+    println!(
+        "{}",
+        match verdict {
+            Verdict::Verified => "WHOLE        proofs were not checked: that is `zk0 audit replay`",
+            Verdict::Failed => "DAMAGED      see above",
+        }
+    );
+    Ok(verdict == Verdict::Verified)
+}
+
+/// Reads a policy file.
+pub fn read_policy(path: &Path) -> Result<Policy> {
+    let text = String::from_utf8(read_bounded(path, MAX_POLICY_BYTES)?)
+        .with_context(|| format!("reading the policy {}", path.display()))?;
+    Policy::parse(&text).with_context(|| path.display().to_string())
+}
+
+fn read_bounded(path: &Path, limit: usize) -> Result<Vec<u8>> {
+    let file = fs::File::open(path).with_context(|| format!("reading {}", path.display()))?;
+    let mut bytes = Vec::new();
+    file.take(limit as u64 + 1)
+        .read_to_end(&mut bytes)
+        .with_context(|| format!("reading {}", path.display()))?;
+    if bytes.len() > limit {
+        bail!("{} has more than {limit} bytes", path.display());
+    }
+    Ok(bytes)
+}
+
+#[cfg(feature = "full")]
+fn serve(dir: &Path, listen: std::net::SocketAddr) -> Result<()> {
+    use zk0_aggregator::{http, log_server::LogServer};
+    let server = LogServer::new(dir);
+    match server.newest() {
+        // It will be, once the witnesses have cosigned.
+        Ok(_) | Err(zk0_aggregator::view::ViewError::NotCosigned(_)) => {}
+        Err(error) => return Err(error.into()),
+    }
+    crate::serve_http(
+        "log",
+        listen,
+        std::sync::Arc::new(server),
+        http::Limits::default(),
+    )
+}

@@ -1,0 +1,212 @@
+//! `zk0 ledger` and `zk0 audit replay` on the committed ledger, which holds a real proof: exported, served, mirrored, audited
+//! from each of them, and an entry proven offline.
+
+use std::{
+    fs,
+    io::{BufRead, BufReader},
+    path::Path,
+    process::{Child, Command, Output, Stdio},
+};
+
+const LEDGER: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/fixtures/ledger");
+
+fn zk0(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_zk0"))
+        .args(arguments)
+        .output()
+        .unwrap()
+}
+
+#[track_caller]
+fn succeeds(arguments: &[&str]) -> String {
+    let output = zk0(arguments);
+    let said = String::from_utf8_lossy(&output.stdout).into_owned();
+    let complained = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{arguments:?}: {said}{complained}");
+    said
+}
+
+#[track_caller]
+fn fails(arguments: &[&str], words: &str) {
+    let output = zk0(arguments);
+    let said = String::from_utf8_lossy(&output.stdout).into_owned();
+    let complained = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(
+        output.status.code(),
+        Some(1),
+        "{arguments:?}: {said}{complained}"
+    );
+    assert!(
+        said.contains(words) || complained.contains(words),
+        "{said}{complained}"
+    );
+}
+
+fn text(path: &Path) -> &str {
+    path.to_str().unwrap()
+}
+
+/// A serving process, ended when dropped.
+struct Serving {
+    process: Child,
+    address: String,
+}
+
+impl Serving {
+    fn start(arguments: &[&str]) -> Self {
+        let mut process = Command::new(env!("CARGO_BIN_EXE_zk0"))
+            .args(["--log", "json"])
+            .args(arguments)
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let log = BufReader::new(process.stderr.take().unwrap());
+        let address = log
+            .lines()
+            .map_while(Result::ok)
+            .find_map(|line| {
+                let line: serde_json::Value = serde_json::from_str(&line).ok()?;
+                Some(line["listening"].as_str()?.to_owned())
+            })
+            .expect("it says where it listens");
+        let address = format!("http://{address}");
+        Self { process, address }
+    }
+}
+
+impl Drop for Serving {
+    fn drop(&mut self) {
+        let _ = self.process.kill();
+        let _ = self.process.wait();
+    }
+}
+
+/// What an audit says, without the notes.
+fn audit(ledger: &str) -> serde_json::Value {
+    serde_json::from_str(&succeeds(&["audit", "replay", ledger, "--json"])).unwrap()
+}
+
+#[test]
+fn an_audit_says_the_same_wherever_the_ledger_is_read() {
+    let scratch = tempfile::tempdir().unwrap();
+    let (out, mirror) = (scratch.path().join("out"), scratch.path().join("mirror"));
+    let original = audit(LEDGER);
+    let said = succeeds(&["ledger", "export", LEDGER, text(&out)]);
+    assert!(said.contains("entries published"), "{said}");
+    assert_eq!(audit(text(&out)), original);
+    let serving = Serving::start(&["ledger", "serve", LEDGER, "--listen", "127.0.0.1:0"]);
+    assert_eq!(audit(&serving.address), original);
+    let network = original["network"].as_str().unwrap();
+    let import = [
+        "ledger",
+        "import",
+        &serving.address,
+        text(&mirror),
+        "--network",
+        network,
+    ];
+    succeeds(&import);
+    assert_eq!(audit(text(&mirror)), original);
+    succeeds(&["ledger", "fsck", text(&mirror)]);
+    let other = "00".repeat(32);
+    fails(
+        &["audit", "replay", text(&out), "--network", &other],
+        "of network",
+    );
+    // A blob changed on disk is no longer whole.
+    let blob = fs::read_dir(mirror.join("blobs/sha256"))
+        .unwrap()
+        .next()
+        .unwrap()
+        .unwrap();
+    fs::write(blob.path(), b"changed").unwrap();
+    fails(&["ledger", "fsck", text(&mirror)], "SHA-256");
+}
+
+#[test]
+fn an_entry_is_proven_offline() {
+    let scratch = tempfile::tempdir().unwrap();
+    let proof = scratch.path().join("entry.tlog-proof");
+    let key = succeeds(&["ledger", "vkey", LEDGER]);
+    let key = key.trim();
+    succeeds(&["ledger", "prove", LEDGER, "3", "--out", text(&proof)]);
+    let said = succeeds(&["ledger", "verify-proof", text(&proof), "--log-key", key]);
+    assert!(said.contains("VERIFIED"), "{said}");
+    // Another log's key, a witness that has not cosigned, a changed proof.
+    let other = scratch.path().join("w.key");
+    let witness = succeeds(&[
+        "witness",
+        "keygen",
+        text(&other),
+        "--name",
+        "witness.example/w",
+    ]);
+    let policy = scratch.path().join("policy");
+    fs::write(&policy, format!("log {key}\nwitness W {witness}quorum W\n")).unwrap();
+    let with_policy = [
+        "ledger",
+        "verify-proof",
+        text(&proof),
+        "--policy",
+        text(&policy),
+    ];
+    fails(&with_policy, "cosigned by none");
+    fs::write(&policy, format!("log {key}\nquorum none\n")).unwrap();
+    succeeds(&with_policy);
+    let changed = fs::read_to_string(&proof)
+        .unwrap()
+        .replacen("index 3", "index 2", 1);
+    fs::write(&proof, changed).unwrap();
+    fails(&with_policy, "is not in the tree");
+    fails(
+        &["ledger", "prove", LEDGER, "100000"],
+        "there is no entry 100000",
+    );
+}
+
+#[test]
+fn a_witness_is_made_and_served() {
+    let scratch = tempfile::tempdir().unwrap();
+    let (key, state) = (scratch.path().join("w.key"), scratch.path().join("state"));
+    let name = "witness.example/w";
+    let vkey = succeeds(&["witness", "keygen", text(&key), "--name", name]);
+    assert!(vkey.starts_with("witness.example/w+"), "{vkey}");
+    fails(
+        &["witness", "keygen", text(&key), "--name", name],
+        "an existing key is kept",
+    );
+    let unnamed = scratch.path().join("other.key");
+    fails(
+        &["witness", "keygen", text(&unnamed), "--name", "a b"],
+        "cannot name a key",
+    );
+    assert!(!unnamed.exists());
+    let log = succeeds(&["ledger", "vkey", LEDGER]);
+    let serve = [
+        "witness",
+        "serve",
+        text(&state),
+        "--key",
+        text(&key),
+        "--name",
+        name,
+        "--log-key",
+        log.trim(),
+        "--listen",
+        "127.0.0.1:0",
+    ];
+    let _serving = Serving::start(&serve);
+    fails(&serve, "is running already");
+    let wrong = [
+        "witness",
+        "serve",
+        text(&state),
+        "--key",
+        text(&key),
+        "--name",
+        name,
+        "--log-key",
+        vkey.trim(),
+    ];
+    fails(&wrong, "that of a log");
+}

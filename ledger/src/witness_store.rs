@@ -1,0 +1,168 @@
+//! What a witness remembers, on disk: one file per log, the last checkpoint it cosigned with its cosignature, as the C2SP
+//! monitoring interface serves it. A cosignature is handed out only after the file is on disk, so a killed witness never
+//! forgets what it signed.
+
+use crate::{
+    cosignature::Cosigner,
+    policy::Policy,
+    verifier_key::{Role, VerifierKey},
+    witness::{Accepted, Witness, WitnessRefusal},
+};
+use sha2::{Digest as _, Sha256};
+use std::{
+    fs::{self, File},
+    io::{self, Read, Write},
+    path::{Path, PathBuf},
+};
+
+/// A witness and its folder.
+pub struct WitnessStore {
+    dir: PathBuf,
+    witness: Witness,
+    /// Held as long as the witness runs: two processes on one folder would cosign two histories.
+    _lock: File,
+}
+
+/// Why a witness cannot run, or cannot go on.
+#[derive(Debug, thiserror::Error)]
+pub enum WitnessError {
+    /// The file system.
+    #[error("{path}: {error}")]
+    Io { path: PathBuf, error: io::Error },
+    /// Another process has the folder.
+    #[error("the witness in {0} is running already: stop that one first")]
+    Locked(PathBuf),
+    /// What is remembered of a log is damaged. Starting from nothing could cosign a second history.
+    #[error(
+        "{path} is not what this witness cosigned last of the log '{origin}': {why}; restore it"
+    )]
+    Damaged {
+        path: PathBuf,
+        origin: String,
+        why: String,
+    },
+    /// A log that cannot be watched.
+    #[error("{0}")]
+    Log(String),
+}
+
+/// Why a request got no cosignature.
+#[derive(Debug, thiserror::Error)]
+pub enum AddError {
+    /// The witness refuses.
+    #[error(transparent)]
+    Refused(#[from] WitnessRefusal),
+    /// The witness cannot remember it, so it does not sign.
+    #[error(transparent)]
+    Failed(#[from] WitnessError),
+}
+
+impl WitnessStore {
+    /// Opens the witness in `dir`, which watches `logs`. Verifies what it remembers.
+    pub fn open(
+        dir: &Path,
+        cosigner: Cosigner,
+        logs: Vec<VerifierKey>,
+    ) -> Result<Self, WitnessError> {
+        fs::create_dir_all(dir).map_err(io_error(dir))?;
+        let path = dir.join("lock");
+        let lock = File::create(&path).map_err(io_error(&path))?;
+        lock.try_lock().map_err(|error| match error {
+            fs::TryLockError::WouldBlock => WitnessError::Locked(dir.into()),
+            fs::TryLockError::Error(error) => io_error(&path)(error),
+        })?;
+        let mut store = Self {
+            dir: dir.into(),
+            witness: Witness::new(cosigner),
+            _lock: lock,
+        };
+        for key in logs {
+            let last = store.remembered(&key)?;
+            store.witness.watch(key, last).map_err(WitnessError::Log)?;
+        }
+        Ok(store)
+    }
+
+    fn remembered(&self, key: &VerifierKey) -> Result<Option<crate::Checkpoint>, WitnessError> {
+        let path = self.file(key.name());
+        let Some(text) = read(&path)? else {
+            return Ok(None);
+        };
+        let damaged = |why: String| WitnessError::Damaged {
+            path: path.clone(),
+            origin: key.name().into(),
+            why,
+        };
+        // Cosigned by this very witness: what it did not sign, it does not remember.
+        let own = format!("witness this {}\nquorum this\n", self.witness.key());
+        let own = Policy::parse(&own).map_err(|error| damaged(error.to_string()))?;
+        let opened = own
+            .open(&text, key)
+            .map_err(|error| damaged(error.to_string()))?;
+        Ok(Some(opened.checkpoint))
+    }
+
+    /// Decides on a request at `time_s`; returns the cosignature line. On disk when this returns.
+    pub fn add(&mut self, body: &[u8], time_s: u64) -> Result<Vec<u8>, AddError> {
+        let accepted = self.witness.check(body, time_s)?;
+        self.write(&accepted)?;
+        self.witness.record(&accepted);
+        Ok(accepted.cosignature)
+    }
+
+    /// What was cosigned last of the log whose origin has this SHA-256, in lower-case hexadecimal.
+    pub fn last(&self, origin_hash: &str) -> Result<Option<Vec<u8>>, WitnessError> {
+        let watched = |key: &VerifierKey| hash(key.name()) == origin_hash;
+        match self.witness.logs().find(|key| watched(key)) {
+            Some(key) => read(&self.file(key.name())),
+            None => Ok(None),
+        }
+    }
+
+    /// What its cosignatures are verified with.
+    pub fn key(&self) -> &VerifierKey {
+        debug_assert_eq!(self.witness.key().role(), Role::Witness);
+        self.witness.key()
+    }
+
+    fn write(&self, accepted: &Accepted) -> Result<(), WitnessError> {
+        let path = self.file(&accepted.origin);
+        let new = path.with_extension("new");
+        let write = || {
+            let mut file = File::create(&new)?;
+            file.write_all(&accepted.note)?;
+            file.sync_all()?;
+            fs::rename(&new, &path)?;
+            File::open(&self.dir)?.sync_all()
+        };
+        write().map_err(io_error(&path))
+    }
+
+    fn file(&self, origin: &str) -> PathBuf {
+        self.dir.join(hash(origin))
+    }
+}
+
+fn read(path: &Path) -> Result<Option<Vec<u8>>, WitnessError> {
+    let file = match File::open(path) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
+        other => other.map_err(io_error(path))?,
+    };
+    let mut text = Vec::new();
+    file.take(crate::checkpoint::MAX_NOTE_BYTES as u64 + 1)
+        .read_to_end(&mut text)
+        .map_err(io_error(path))?;
+    Ok(Some(text))
+}
+
+/// How the monitoring interface names a log: SHA-256 of its origin, in hexadecimal.
+pub fn hash(origin: &str) -> String {
+    hex::encode(Sha256::digest(origin.as_bytes()))
+}
+
+fn io_error(path: &Path) -> impl FnOnce(io::Error) -> WitnessError + '_ {
+    |error| WitnessError::Io {
+        path: path.into(),
+        error,
+    }
+}

@@ -1,0 +1,80 @@
+//! A published log over a bare database, with leaves of any kind, at any size; and a source that can be made to lie.
+
+use super::*;
+use std::{
+    collections::BTreeMap,
+    io::{Cursor, Read},
+};
+use zk0_ledger::{
+    layout::Resource,
+    source::{Source, SourceError},
+    store::Store,
+    tiles,
+    tree::Frontier,
+    verifier_key::{Role, VerifierKey},
+    Checkpoint,
+};
+
+pub const ORIGIN: &str = "zk0.example/test";
+
+pub fn log_vkey() -> VerifierKey {
+    VerifierKey::new(Role::Log, ORIGIN, log_key().verifying_key().as_bytes()).unwrap()
+}
+
+/// A database with these leaves.
+pub struct Shelf {
+    _dir: tempfile::TempDir,
+    pub store: Store,
+}
+
+impl Shelf {
+    pub fn of(leaves: &[Vec<u8>]) -> Self {
+        let dir = tempfile::tempdir().unwrap();
+        let store = Store::open(dir.path()).unwrap();
+        let mut tree = Frontier::default();
+        for (index, leaf) in leaves.iter().enumerate() {
+            let hashes = tree.push(leaf).unwrap();
+            let root = tree.root().unwrap();
+            let size = index as u64 + 1;
+            let text = Checkpoint { size, root }.sign(ORIGIN, &log_key()).unwrap();
+            store.append(index as u64, leaf, &hashes, &text).unwrap();
+        }
+        Self { _dir: dir, store }
+    }
+
+    pub fn checkpoint(&self, size: u64) -> Checkpoint {
+        let root = self.store.root(size).unwrap();
+        Checkpoint { size, root }
+    }
+
+    /// What is published of the first `size` leaves.
+    pub fn at(&self, size: u64) -> Shown<'_> {
+        Shown {
+            store: &self.store,
+            size,
+            instead: BTreeMap::new(),
+        }
+    }
+}
+
+/// The log at one size; `instead` replaces files, or hides them.
+pub struct Shown<'a> {
+    pub store: &'a Store,
+    pub size: u64,
+    pub instead: BTreeMap<String, Option<Vec<u8>>>,
+}
+
+impl Source for Shown<'_> {
+    fn open(&self, path: &str) -> Result<Option<Box<dyn Read>>, SourceError> {
+        if let Some(instead) = self.instead.get(path) {
+            let bytes = instead.clone();
+            return Ok(bytes.map(|bytes| Box::new(Cursor::new(bytes)) as Box<dyn Read>));
+        }
+        let bytes = match Resource::parse(path) {
+            Some(Resource::Checkpoint) => self.store.checkpoint(self.size).unwrap(),
+            Some(Resource::Tile(tile)) => tiles::read(self.store, self.size, &tile).unwrap(),
+            _ => None,
+        };
+        Ok(bytes.map(|bytes| Box::new(Cursor::new(bytes)) as Box<dyn Read>))
+    }
+}

@@ -1,0 +1,294 @@
+//! A witness (C2SP tlog-witness): every answer of the specification, and what it may never do.
+
+mod network;
+
+use ed25519_dalek::SigningKey;
+use network::{shelf::*, *};
+use std::fs;
+use zk0_circuits::Digest;
+use zk0_ledger::{
+    checkpoint::Parsed,
+    cosignature::{self, Cosigner},
+    witness::{AddCheckpoint, WitnessRefusal},
+    witness_store::{hash, AddError, WitnessError, WitnessStore},
+    Checkpoint, Policy, VerifierKey,
+};
+
+const NOW: u64 = 1_700_000_000;
+
+fn cosigner() -> Cosigner {
+    Cosigner::new("witness.example/w", SigningKey::from_bytes(&[200; 32])).unwrap()
+}
+
+fn witness(dir: &std::path::Path) -> WitnessStore {
+    WitnessStore::open(dir, cosigner(), vec![log_vkey()]).unwrap()
+}
+
+fn leaves(count: usize, fork_at: usize) -> Vec<Vec<u8>> {
+    (0..count)
+        .map(|index| format!("{index}{}", if index >= fork_at { "'" } else { "" }).into_bytes())
+        .collect()
+}
+
+fn request(shelf: &Shelf, old: u64, size: u64) -> AddCheckpoint {
+    let proof = match old == 0 || old >= size {
+        true => Vec::new(),
+        false => tlog_tiles::tlog::prove_tree(size, old, &shelf.store)
+            .unwrap()
+            .into_iter()
+            .map(|hash| Digest(hash.0))
+            .collect(),
+    };
+    AddCheckpoint {
+        old,
+        proof,
+        checkpoint: shelf.checkpoint(size).sign(ORIGIN, &log_key()).unwrap(),
+    }
+}
+
+/// The status that the specification gives for the answer.
+fn status(witness: &mut WitnessStore, request: &AddCheckpoint) -> u16 {
+    match witness.add(&request.encode(), NOW) {
+        Ok(line) => {
+            let note = Parsed::read(&request.checkpoint).unwrap().note;
+            let key = witness.key().clone();
+            cosignature::find(&line, &key, &note).expect("a valid cosignature");
+            200
+        }
+        Err(AddError::Refused(refusal)) => refusal.status(),
+        Err(AddError::Failed(error)) => panic!("{error}"),
+    }
+}
+
+#[test]
+fn a_witness_answers_as_the_specification_says() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut witness = witness(dir.path());
+    let shelf = Shelf::of(&leaves(20, 99));
+    let forked = Shelf::of(&leaves(20, 5));
+    let ask = |witness: &mut WitnessStore, old, size| status(witness, &request(&shelf, old, size));
+    // Nothing cosigned yet: only old size 0 fits, without a proof.
+    assert_eq!(ask(&mut witness, 3, 8), 409);
+    let mut with_proof = request(&shelf, 3, 8);
+    with_proof.old = 0;
+    assert_eq!(status(&mut witness, &with_proof), 422);
+    assert_eq!(ask(&mut witness, 0, 8), 200);
+    // The same again, and on.
+    assert_eq!(ask(&mut witness, 8, 8), 200);
+    assert_eq!(ask(&mut witness, 8, 13), 200);
+    // Another idea of where we are; the true one comes back.
+    for old in [0, 8, 12] {
+        let refused = witness
+            .add(&request(&shelf, old, 15).encode(), NOW)
+            .unwrap_err();
+        let AddError::Refused(WitnessRefusal::Conflict { last: 13, .. }) = refused else {
+            panic!("{refused}");
+        };
+    }
+    // Rolled back: the old size is beyond the new one.
+    assert_eq!(ask(&mut witness, 13, 12), 400);
+    // And, as far as the witness is concerned, from a size that was.
+    assert_eq!(ask(&mut witness, 8, 12), 409);
+    // Forked: at the same size, and later.
+    assert_eq!(status(&mut witness, &request(&forked, 13, 13)), 422);
+    assert_eq!(status(&mut witness, &request(&forked, 13, 20)), 422);
+    let mut honest_proof = request(&shelf, 13, 20);
+    honest_proof.checkpoint = request(&forked, 13, 20).checkpoint;
+    assert_eq!(status(&mut witness, &honest_proof), 422);
+    // A proof with a hash changed, missing, or too many.
+    for change in [
+        |proof: &mut Vec<Digest>| proof[0].0[7] ^= 1,
+        |proof: &mut Vec<Digest>| proof.truncate(proof.len() - 1),
+        |proof: &mut Vec<Digest>| proof.push(digest(9)),
+        |proof: &mut Vec<Digest>| proof.clear(),
+    ] {
+        let mut changed = request(&shelf, 13, 20);
+        change(&mut changed.proof);
+        assert_eq!(status(&mut witness, &changed), 422);
+    }
+    // A second operator's key, and another log.
+    let mut other = request(&shelf, 13, 20);
+    other.checkpoint = shelf.checkpoint(20).sign(ORIGIN, &key(1)).unwrap();
+    assert_eq!(status(&mut witness, &other), 403);
+    other.checkpoint = shelf
+        .checkpoint(20)
+        .sign("another.log", &log_key())
+        .unwrap();
+    assert_eq!(status(&mut witness, &other), 404);
+    // An empty tree that is not empty.
+    let dir = tempfile::tempdir().unwrap();
+    let mut fresh = WitnessStore::open(dir.path(), cosigner(), vec![log_vkey()]).unwrap();
+    let empty = |root| AddCheckpoint {
+        old: 0,
+        proof: Vec::new(),
+        checkpoint: Checkpoint { size: 0, root }
+            .sign(ORIGIN, &log_key())
+            .unwrap(),
+    };
+    assert_eq!(status(&mut fresh, &empty(digest(1))), 422);
+    assert_eq!(
+        status(&mut fresh, &empty(Digest(tlog_tiles::tlog::EMPTY_HASH.0))),
+        200
+    );
+    assert_eq!(ask(&mut fresh, 0, 3), 200);
+    // After all of that, the honest log goes on.
+    assert_eq!(ask(&mut witness, 13, 20), 200);
+}
+
+#[test]
+fn a_request_has_one_form() {
+    let shelf = Shelf::of(&leaves(20, 99));
+    let good = request(&shelf, 8, 20);
+    assert_eq!(AddCheckpoint::decode(&good.encode()), Ok(good.clone()));
+    let text = String::from_utf8(good.encode()).unwrap();
+    let dir = tempfile::tempdir().unwrap();
+    let mut witness = witness(dir.path());
+    let hash_line = format!("{}\n", tlog_tiles::tlog::Hash([1; 32]));
+    for body in [
+        String::new(),
+        "old 8\n".into(),
+        text.replacen("old 8", "old 08", 1),
+        text.replacen("old 8", "old +8", 1),
+        text.replacen("old 8", "old  8", 1),
+        text.replacen("old 8", "new 8", 1),
+        text.replacen("old 8\n", "old 8\nAAAA\n", 1),
+        text.replacen("old 8\n", &format!("old 8\n{}", hash_line.repeat(64)), 1),
+        text.replacen("\n\n", "\n", 1),
+        text.replacen("\n20\n", "\n020\n", 1),
+        text.replacen("\n20\n", "\n20 \n", 1),
+        text.trim_end().to_owned(),
+        "x".repeat(200_000),
+    ] {
+        match witness.add(body.as_bytes(), NOW) {
+            Err(AddError::Refused(refusal)) => assert_eq!(refusal.status(), 400, "{body:.80}"),
+            other => panic!("{body:.80}: {other:?}"),
+        }
+    }
+}
+
+#[test]
+fn a_restarted_witness_knows_what_it_signed() {
+    let dir = tempfile::tempdir().unwrap();
+    let shelf = Shelf::of(&leaves(20, 99));
+    let forked = Shelf::of(&leaves(20, 5));
+    let mut first = witness(dir.path());
+    assert_eq!(status(&mut first, &request(&shelf, 0, 8)), 200);
+    drop(first);
+    let mut again = witness(dir.path());
+    assert_eq!(status(&mut again, &request(&forked, 0, 8)), 409);
+    assert_eq!(status(&mut again, &request(&forked, 8, 9)), 422);
+    assert_eq!(status(&mut again, &request(&shelf, 8, 9)), 200);
+    // What it remembers is what it shows to monitors, with both signatures.
+    let note = again.last(&hash(ORIGIN)).unwrap().unwrap();
+    let policy = format!("witness W {}\nquorum W\n", again.key());
+    let opened = Policy::parse(&policy)
+        .unwrap()
+        .open(&note, &log_vkey())
+        .unwrap();
+    assert_eq!(opened.checkpoint, shelf.checkpoint(9));
+    assert_eq!(again.last(&hash("another.log")).unwrap(), None);
+    // Two of one witness at once would cosign two histories.
+    let second = WitnessStore::open(dir.path(), cosigner(), vec![log_vkey()]);
+    assert!(matches!(second, Err(WitnessError::Locked(_))));
+}
+
+#[test]
+fn a_witness_with_a_damaged_memory_does_not_start() {
+    let dir = tempfile::tempdir().unwrap();
+    let shelf = Shelf::of(&leaves(20, 99));
+    assert_eq!(
+        status(&mut witness(dir.path()), &request(&shelf, 0, 8)),
+        200
+    );
+    let file = dir.path().join(hash(ORIGIN));
+    let good = fs::read(&file).unwrap();
+    let start = || WitnessStore::open(dir.path(), cosigner(), vec![log_vkey()]).map(drop);
+    // Not cosigned by this witness: somebody else's word for what it signed last.
+    let without = shelf.checkpoint(9).sign(ORIGIN, &log_key()).unwrap();
+    let mut changed = good.clone();
+    changed[25] ^= 1;
+    for bad in [
+        &b""[..],
+        &good[..good.len() - 1],
+        &changed,
+        &without,
+        &[b'x'; 100_000],
+    ] {
+        fs::write(&file, bad).unwrap();
+        assert!(matches!(start(), Err(WitnessError::Damaged { .. })));
+    }
+    fs::write(&file, &good).unwrap();
+    start().unwrap();
+}
+
+#[test]
+fn nothing_is_cosigned_that_cannot_be_remembered() {
+    let dir = tempfile::tempdir().unwrap();
+    let shelf = Shelf::of(&leaves(20, 99));
+    let mut witness = witness(dir.path());
+    assert_eq!(status(&mut witness, &request(&shelf, 0, 8)), 200);
+    // A folder in the place of the new file: it cannot be written, even by root.
+    let new = dir.path().join(hash(ORIGIN)).with_extension("new");
+    fs::create_dir(&new).unwrap();
+    let failed = witness.add(&request(&shelf, 8, 9).encode(), NOW);
+    assert!(matches!(failed, Err(AddError::Failed(_))), "{failed:?}");
+    fs::remove_dir(&new).unwrap();
+    // And it has not moved on.
+    assert_eq!(status(&mut witness, &request(&shelf, 8, 10)), 200);
+}
+
+/// The split view: an operator who shows one history to one client and another one to another. Of three witnesses, two have
+/// to cosign; whichever it shows to whom, one of the two clients is left without a quorum.
+#[test]
+fn two_clients_cannot_be_shown_two_histories() {
+    let honest = Shelf::of(&leaves(20, 99));
+    let forked = Shelf::of(&leaves(20, 12));
+    let names = ["A", "B", "C"];
+    let cosigners = |at: usize| {
+        let secret = SigningKey::from_bytes(&[150 + at as u8; 32]);
+        Cosigner::new(&format!("witness.example/{}", names[at]), secret).unwrap()
+    };
+    let mut policy: String = (0..3)
+        .map(|at| format!("witness {} {}\n", names[at], cosigners(at).key()))
+        .collect();
+    policy.push_str("group two 2 A B C\nquorum two\n");
+    let policy = Policy::parse(&policy).unwrap();
+    // Every way to show each witness one history first and the other after.
+    for order in 0..8u8 {
+        let dirs: Vec<_> = (0..3).map(|_| tempfile::tempdir().unwrap()).collect();
+        let mut notes =
+            [&honest, &forked].map(|shelf| shelf.checkpoint(20).sign(ORIGIN, &log_key()).unwrap());
+        for at in 0..3 {
+            let mut witness =
+                WitnessStore::open(dirs[at].path(), cosigners(at), vec![log_vkey()]).unwrap();
+            let first = usize::from(order >> at & 1);
+            for history in [first, 1 - first] {
+                let shelf = [&honest, &forked][history];
+                for old in [0, 10, 20] {
+                    if let Ok(line) = witness.add(&request(shelf, old, 20).encode(), NOW) {
+                        notes[history].extend(line);
+                        break;
+                    }
+                }
+            }
+        }
+        let believed = notes
+            .iter()
+            .filter(|note| policy.open(note, &log_vkey()).is_ok())
+            .count();
+        assert_eq!(believed, 1, "order {order:03b}");
+    }
+}
+
+#[test]
+fn one_log_is_watched_under_one_key() {
+    let dir = tempfile::tempdir().unwrap();
+    let other = VerifierKey::new(
+        zk0_ledger::verifier_key::Role::Log,
+        ORIGIN,
+        key(1).verifying_key().as_bytes(),
+    );
+    let two = vec![log_vkey(), other.unwrap()];
+    let opened = WitnessStore::open(dir.path(), cosigner(), two).map(drop);
+    assert!(matches!(opened, Err(WitnessError::Log(_))));
+}
