@@ -151,7 +151,8 @@ fn measure(
     let device = device(&options.device)?;
     let policy = source.load()?;
     let config = policy.config.clone();
-    let tokenizer = policy_source::tokenizer(&config);
+    let tokenizer = policy_source::tokenizer(source, &config)?;
+    let tokenizer = &*tokenizer;
     let cache = options.cache.open()?;
     let space = KeySpace::new::<PreparedSample>(&policy);
     let models = Snapshot::new(&config, &policy.expert, None, &device)?;
@@ -159,9 +160,9 @@ fn measure(
     let maker = FrameMaker::new(datasets, config.chunk_size, || {
         let policy = source.load();
         let policy = policy.map_err(|error| PolicyError::Sample(format!("{error:#}")))?;
-        Preparer::new(&policy, &tokenizer)
+        Preparer::new(&policy, tokenizer)
     });
-    let mut naming = Naming::new(space, &config, &tokenizer, cache.as_ref());
+    let mut naming = Naming::new(space, &config, tokenizer, cache.as_ref());
     let mut rows = Vec::new();
     for (number, (dataset, indices)) in datasets.iter().zip(chosen).enumerate() {
         let frames = naming.frames(number, dataset, indices)?;

@@ -9,7 +9,8 @@ use zk0_smolvla::{
     init::init_policy,
     policy_file,
     tokenizer::{Tokenizer, WordHash},
-    Policy, PolicyConfig, Profile,
+    trained_tokenizer::TrainedTokenizer,
+    Checkpoint, Policy, PolicyConfig, Profile,
 };
 
 /// Where a policy comes from.
@@ -41,11 +42,15 @@ impl PolicySource {
     }
 }
 
-/// Reads a policy file, or a policy of LeRobot's: a folder with policy_config.json, vlm_config.json and weights.safetensors.
+/// Reads a policy file, or a folder: a checkpoint as LeRobot's `save_pretrained` writes it, or a reference with
+/// policy_config.json, vlm_config.json and weights.safetensors.
 pub fn read(path: &Path) -> Result<Policy> {
     if !path.is_dir() {
         return policy_file::load(path)
             .with_context(|| format!("reading the policy {}", path.display()));
+    }
+    if !path.join("policy_config.json").exists() {
+        return Ok(Checkpoint::open(path)?.policy()?);
     }
     let file = |name: &str| {
         let path = path.join(name);
@@ -59,9 +64,22 @@ pub fn read(path: &Path) -> Result<Policy> {
         .with_context(|| format!("reading the policy {}", path.display()))
 }
 
-/// What turns instructions into a policy's tokens.
-pub fn tokenizer(config: &PolicyConfig) -> impl Tokenizer {
-    WordHash::new(config)
+/// What turns instructions into a policy's tokens: `tokenizer.json` in the policy's folder, else a hash of each word, which
+/// suits policies that start at random.
+pub fn tokenizer(source: &PolicySource, config: &PolicyConfig) -> Result<Box<dyn Tokenizer>> {
+    if let PolicySource::Path(path) = source {
+        let file = path.join("tokenizer.json");
+        if file.exists() {
+            return Ok(Box::new(TrainedTokenizer::read(file, config)?));
+        }
+        if path.join("config.json").exists() {
+            tracing::warn!(
+                "{} is not there: instructions become hashed words, which a pretrained policy does not understand",
+                file.display()
+            );
+        }
+    }
+    Ok(Box::new(WordHash::new(config)))
 }
 
 /// One of the two ways of naming a policy.

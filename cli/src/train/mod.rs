@@ -64,10 +64,11 @@ fn train<S: Kind>(options: &Options) -> Result<()> {
     let datasets = frames::open(&options.datasets)?;
     let mut policy = source.load()?;
     let config = policy.config.clone();
-    let tokenizer = policy_source::tokenizer(&config);
+    let tokenizer = policy_source::tokenizer(&source, &config)?;
+    let tokenizer = &*tokenizer;
     let cache = options.cache.open()?;
     let space = KeySpace::new::<S>(&policy);
-    let naming = Naming::new(space, &config, &tokenizer, cache.as_ref());
+    let naming = Naming::new(space, &config, tokenizer, cache.as_ref());
     let chosen = Chosen::of(options, &config, &datasets, naming)?;
     let data = digest_of(chosen.train.iter().map(|frame| frame.key));
 
@@ -77,7 +78,7 @@ fn train<S: Kind>(options: &Options) -> Result<()> {
     let maker = FrameMaker::new(&datasets, config.chunk_size, || {
         let policy = source.load();
         let policy = policy.map_err(|error| PolicyError::Sample(format!("{error:#}")))?;
-        Preparer::new(&policy, &tokenizer)
+        Preparer::new(&policy, tokenizer)
     });
     let ours = Ready::<S>::prepare(cache.as_ref(), &maker, chosen.train)?;
     let held_out = match chosen.held_out.is_empty() {
