@@ -115,7 +115,7 @@ fn forked(ours: &Path, other: &Path) {
     for (dir, last) in [(ours, 100), (other, 101)] {
         let (mut ledger, _) = Ledger::create(dir, genesis(), log_key(), START_MS).unwrap();
         (1..10).for_each(|node| enrol(&mut ledger, node));
-        (last..last + 1).for_each(|node| enrol(&mut ledger, node));
+        enrol(&mut ledger, last);
         (50..60).for_each(|node| enrol(&mut ledger, node));
     }
 }

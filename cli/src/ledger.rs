@@ -283,7 +283,7 @@ fn describe(body: &Body) -> String {
 }
 
 fn fsck(dir: &Path) -> Result<bool> {
-    let report = replay(dir, None, &mut zk0_aggregator::fsck::Fsck::default());
+    let report = replay(dir, None, &mut zk0_aggregator::fsck::Fsck);
     let verdict = match View::open(dir, None) {
         Ok(view) => {
             println!("published    {} entries", view.checkpoint().size);

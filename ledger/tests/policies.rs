@@ -5,14 +5,14 @@ mod network;
 use ed25519_dalek::SigningKey;
 use network::{shelf::*, *};
 use zk0_ledger::{
-    checkpoint::CheckpointError,
-    cosignature::Cosigner,
+    checkpoint::{CheckpointError, Parsed},
+    cosignature::{self, Cosigner},
     policy::PolicyError,
     verifier_key::{KeyError, Role},
     Checkpoint, Policy, VerifierKey,
 };
 
-pub fn cosigner(number: u8) -> Cosigner {
+fn cosigner(number: u8) -> Cosigner {
     let secret = SigningKey::from_bytes(&[200 + number; 32]);
     Cosigner::new(&format!("witness.example/w{number}"), secret).unwrap()
 }
@@ -176,7 +176,7 @@ fn a_checkpoint_needs_its_quorum() {
     let spoilt = [note(&[1, 2]), other].concat();
     assert!(matches!(open(&spoilt), Err(CheckpointError::Signature(_))));
     // Nor do witnesses make up for the log.
-    let (_, by_another) = (0, checkpoint.sign(ORIGIN, &key(0)).unwrap());
+    let by_another = checkpoint.sign(ORIGIN, &key(0)).unwrap();
     let lines = [0, 1, 2].map(|number| cosigner(number).cosign(&body(&text), 1));
     let unsigned = [by_another, lines.concat()].concat();
     assert!(matches!(
@@ -211,4 +211,27 @@ fn a_log_key_is_no_witness_key_and_the_other_way_round() {
     assert!(policy.open(&text, &log_vkey()).is_err());
     let cosigned = [text.clone(), witness.cosign(&body(&text), 5)].concat();
     policy.open(&cosigned, &log_vkey()).unwrap();
+}
+
+#[test]
+fn a_witness_answer_is_searched_for_one_valid_cosignature() {
+    let (_, text) = checkpoint();
+    let note = Parsed::read(&text).unwrap().note;
+    let witness = cosigner(0);
+    let good = witness.cosign(note.text(), 1_700_000_000);
+    let of_another_text = witness.cosign(b"another text\n", 1_700_000_000);
+    let of_another = cosigner(1).cosign(note.text(), 1_700_000_000);
+    let find = |answer: &[u8]| cosignature::find(answer, witness.key(), &note);
+    for answer in [
+        &b""[..],
+        b"\n\n",
+        b"nonsense\n",
+        &of_another_text,
+        &of_another,
+        &good[..good.len() - 1],
+    ] {
+        assert!(find(answer).is_none());
+    }
+    let all = [b"nonsense\n", &of_another[..], &of_another_text, &good].concat();
+    assert_eq!(find(&all).unwrap().to_bytes(), good);
 }

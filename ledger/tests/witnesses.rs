@@ -258,9 +258,9 @@ fn two_clients_cannot_be_shown_two_histories() {
         let dirs: Vec<_> = (0..3).map(|_| tempfile::tempdir().unwrap()).collect();
         let mut notes =
             [&honest, &forked].map(|shelf| shelf.checkpoint(20).sign(ORIGIN, &log_key()).unwrap());
-        for at in 0..3 {
+        for (at, dir) in dirs.iter().enumerate() {
             let mut witness =
-                WitnessStore::open(dirs[at].path(), cosigners(at), vec![log_vkey()]).unwrap();
+                WitnessStore::open(dir.path(), cosigners(at), vec![log_vkey()]).unwrap();
             let first = usize::from(order >> at & 1);
             for history in [first, 1 - first] {
                 let shelf = [&honest, &forked][history];
