@@ -16,6 +16,9 @@ use rand_chacha::ChaCha8Rng;
 use crate::allocations::peak;
 pub use targets::{target, Target, NAMES};
 
+/// How long outcomes found are minimised, all together.
+const MINIMISING: Duration = Duration::from_secs(20);
+
 /// What an input may make the reader allocate at once.
 pub fn allowed(input: &[u8]) -> usize {
     (24 << 20) + 64 * input.len()
@@ -93,19 +96,20 @@ pub fn explore(target: &mut Target, corpus: Vec<Vec<u8>>, time: Duration, seed: 
             Err(finding) => found.findings.push((finding, input)),
         }
     }
+    let deadline = Instant::now() + MINIMISING;
     for (outcome, input) in &mut found.outcomes {
-        *input = minimised(target, input.clone(), outcome);
+        *input = minimised(target, input.clone(), outcome, deadline);
     }
     found
 }
 
 /// A smaller input of the same outcome, by leaving out stretches; at most 400 attempts.
-fn minimised(target: &mut Target, mut input: Vec<u8>, outcome: &str) -> Vec<u8> {
+fn minimised(target: &mut Target, mut input: Vec<u8>, outcome: &str, deadline: Instant) -> Vec<u8> {
     let mut stretch = input.len() / 2;
     let mut left = 400;
-    while stretch > 0 && left > 0 {
+    while stretch > 0 && left > 0 && Instant::now() < deadline {
         let mut at = 0;
-        while at < input.len() && left > 0 {
+        while at < input.len() && left > 0 && Instant::now() < deadline {
             left -= 1;
             let end = (at + stretch).min(input.len());
             let shorter = [&input[..at], &input[end..]].concat();
