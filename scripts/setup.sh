@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Installs what building zk0 needs and is missing here: system packages, and a Rust toolchain where there is none recent
-# enough. Debian and Ubuntu; asks for sudo when not root. `setup.sh guest` also installs what rebuilds the guest program,
-# `setup.sh cuda` what scripts/with-cuda needs.
+# enough. Debian and Ubuntu; asks for sudo when not root. `setup.sh guest` also installs what tests want besides (what
+# rebuilds the guest program, and Go), `setup.sh cuda` what scripts/with-cuda needs.
 set -euo pipefail
 
 packages=(gcc g++ make pkg-config git protobuf-compiler libprotobuf-dev clang libclang-dev cmake nasm)
@@ -45,6 +45,9 @@ if [ "${1:-}" = guest ]; then
     # The guest is rebuilt with Debian's compiler; without it the check says that it did not run.
     install rustc-web cargo-web rust-web-src lld ||
         echo "setup: Debian's rustc-web is not to be had here; the guest program will not be rebuilt" >&2
+    # Go's own implementation verifies our log's checkpoints and proofs; without it that test says that it did not.
+    install golang-go golang-golang-x-mod-dev ||
+        echo "setup: Go is not to be had here; only our own code will verify the log's formats" >&2
 fi
 
 if [ "${1:-}" = cuda ] && ! command -v nvcc >/dev/null; then
