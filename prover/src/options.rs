@@ -212,7 +212,7 @@ mod tests {
             .unwrap()
         };
         assert_eq!(options(18, 2).workers, 1);
-        assert!(options(18, 64).element_threshold < options(19, 64).element_threshold);
+        assert!(options(20, 64).element_threshold < options(21, 64).element_threshold);
         assert_eq!(
             options(200, 2).workers,
             1,

@@ -166,14 +166,14 @@ mod tests {
             outlook(&schedule, first),
             Outlook {
                 ahead: 0,
-                remaining: (90 + 450) * SECOND
+                remaining: (90 + 600) * SECOND
             }
         );
         assert_eq!(
             outlook(&schedule, second),
             Outlook {
                 ahead: 1,
-                remaining: (90 + 900) * SECOND
+                remaining: (90 + 1200) * SECOND
             }
         );
         schedule.finish(start, later);
@@ -182,7 +182,7 @@ mod tests {
             outlook(&schedule, second),
             Outlook {
                 ahead: 0,
-                remaining: 450 * SECOND
+                remaining: 600 * SECOND
             }
         );
     }
