@@ -41,7 +41,7 @@ pub struct Estimate {
     /// Samples evaluated per claim, as the network's rules say.
     #[arg(long, default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=MAX_EVAL_SAMPLES as i64))]
     samples: u32,
-    /// The recording that the claims will be about (LeRobotDataset v3.0 folder): checked to fit the model and the samples.
+    /// The recording that the claims will be about (LeRobotDataset folder): checked to fit the model and the samples.
     #[arg(long)]
     dataset: Option<PathBuf>,
     /// Print JSON.
@@ -64,7 +64,7 @@ pub struct Join {
     /// The node's key.
     #[arg(long)]
     key: PathBuf,
-    /// The recording: a LeRobotDataset v3.0 folder.
+    /// The recording: a LeRobotDataset folder.
     #[arg(long)]
     dataset: PathBuf,
     /// Where the node keeps its salt, updates and training histories.

@@ -27,7 +27,7 @@ pub struct Options {
     /// How matrix products are proven: direct or checked (see `zk0 aggregator init --help`).
     #[arg(long, default_value = "direct")]
     mode: Mode,
-    /// Recordings (LeRobotDataset v3.0 folders), one per node.
+    /// Recordings (LeRobotDataset folders), one per node.
     #[arg(long = "dataset", default_values = [
         "tests/fixtures/datasets/so100_pickplace",
         "tests/fixtures/datasets/so100_stacking",
