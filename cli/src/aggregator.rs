@@ -2,6 +2,7 @@
 
 use crate::{
     calibration::{calibrated, samples},
+    dataset::RecordingName,
     keys,
 };
 use anyhow::{bail, Context, Result};
@@ -73,10 +74,10 @@ pub struct Init {
     /// Seed of the initial policy's random weights.
     #[arg(long, default_value_t = 0)]
     seed: u64,
-    /// Recordings (LeRobotDataset v3.0 folders) that the ranges of the fixed-point evaluation are chosen from, with eightfold
+    /// Recordings (LeRobotDataset folders, or hub:owner/name[@revision]) that the ranges of the fixed-point evaluation are chosen from, with eightfold
     /// headroom. Without any, ranges are the default ones.
     #[arg(long = "calibrate", value_name = "DATASET")]
-    calibrate: Vec<PathBuf>,
+    calibrate: Vec<RecordingName>,
     /// Fewest samples a dataset may have.
     #[arg(long, default_value_t = 64)]
     min_dataset_samples: u64,

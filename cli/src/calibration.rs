@@ -1,11 +1,10 @@
 //! Samples from recordings for `zk0 fidelity` and `zk0 aggregator init --calibrate`, and the ranges chosen from them.
 
+use crate::dataset::RecordingName;
 use anyhow::{Context, Result};
-use std::path::PathBuf;
 use zk0_circuits::{Digest, EvalSpec};
 use zk0_smolvla::{
     calibrate::{calibrate, Magnitudes},
-    dataset::Dataset,
     fidelity::draws,
     fixed_point::dims,
     sample::{PreparedSample, Preparer},
@@ -19,20 +18,19 @@ const DRAWS: usize = 2;
 /// At most `frames` frames of each recording, evenly spaced, through the frozen half of `policy`.
 pub fn samples(
     policy: &Policy,
-    recordings: &[PathBuf],
+    recordings: &[RecordingName],
     frames: usize,
 ) -> Result<Vec<PreparedSample>> {
     let tokenizer = WordHash::new(&policy.config);
     let preparer = Preparer::new(policy, &tokenizer)?;
     let mut samples = Vec::new();
-    for path in recordings {
-        let prepared = Dataset::open(path).map_err(Into::into).and_then(|dataset| {
-            let step = dataset.len().div_ceil(frames.max(1));
-            preparer.prepare_every(&dataset, step, |done, of| {
-                tracing::debug!("{}: {done} of {of} frames prepared", path.display());
-            })
+    for recording in recordings {
+        let dataset = recording.open()?;
+        let step = dataset.len().div_ceil(frames.max(1));
+        let prepared = preparer.prepare_every(&dataset, step, |done, of| {
+            tracing::debug!("{recording}: {done} of {of} frames prepared");
         });
-        samples.extend(prepared.with_context(|| format!("recording {}", path.display()))?);
+        samples.extend(prepared.with_context(|| format!("recording {recording}"))?);
     }
     Ok(samples)
 }

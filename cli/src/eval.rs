@@ -2,6 +2,7 @@
 
 use crate::{
     chart::{self, Bars},
+    dataset::RecordingName,
     frames::{self, CacheOptions, Naming, Ready},
     policy_source::{self, PolicySource},
 };
@@ -36,8 +37,8 @@ pub struct Options {
     #[arg(long, value_name = "NAME", value_parser = Profile::from_name)]
     profile: Option<Profile>,
     /// A recording (LeRobotDataset folder).
-    #[arg(long = "dataset", value_name = "DIR", required = true)]
-    datasets: Vec<PathBuf>,
+    #[arg(long = "dataset", value_name = "RECORDING", required = true)]
+    datasets: Vec<RecordingName>,
     /// Episodes of each recording that are looked at [default: all]
     #[arg(long, value_name = "N,N,…", value_delimiter = ',')]
     episodes: Vec<usize>,
@@ -96,7 +97,8 @@ pub fn run(options: &Options) -> Result<()> {
             .profile
             .map(|profile| PolicySource::Random(profile, options.seed)),
     );
-    let datasets = frames::open(&options.datasets)?;
+    let datasets = options.datasets.iter().map(RecordingName::open);
+    let datasets = datasets.collect::<Result<Vec<_>>>()?;
     let chosen: Vec<Vec<usize>> = datasets
         .iter()
         .map(|dataset| chosen(options, dataset))

@@ -70,14 +70,6 @@ fn default_folder() -> Result<PathBuf> {
     }
 }
 
-/// Opens recordings.
-pub fn open(paths: &[PathBuf]) -> Result<Vec<Dataset>> {
-    paths
-        .iter()
-        .map(|path| Dataset::open(path).with_context(|| format!("recording {}", path.display())))
-        .collect()
-}
-
 /// Kinds of samples, which say what is trained on them.
 pub trait Kind: FromFrame + Entry {
     /// A source of them, as training takes it.

@@ -4,10 +4,9 @@ use clap::{Parser, Subcommand};
 use std::process::ExitCode;
 use zk0::{audit, ledger, logging};
 
-/// Keeps freed memory: training asks for large tensors again and again.
 #[cfg(feature = "full")]
 #[global_allocator]
-static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
+static ALLOCATOR: zk0_smolvla::memory::Allocator = zk0_smolvla::memory::Allocator;
 
 /// Federated learning in which a contribution counts only if it is proven.
 #[derive(Parser)]

@@ -1,6 +1,6 @@
 //! `zk0 node`: take part in a network.
 
-use crate::{frames::CacheOptions, keys};
+use crate::{dataset::RecordingName, frames::CacheOptions, keys};
 use anyhow::{bail, Context, Result};
 use std::{fs, path::PathBuf};
 use tokio::runtime::Runtime;
@@ -13,7 +13,7 @@ use zk0_prover::{
     participant::{Conduct, Participant, Training},
     service::ProvingClient,
 };
-use zk0_smolvla::{dataset::Dataset, fixed_point::dims, policy_file, Profile};
+use zk0_smolvla::{fixed_point::dims, policy_file, Profile};
 
 /// What to do.
 #[derive(Debug, clap::Subcommand)]
@@ -41,9 +41,9 @@ pub struct Estimate {
     /// Samples evaluated per claim, as the network's rules say.
     #[arg(long, default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=MAX_EVAL_SAMPLES as i64))]
     samples: u32,
-    /// The recording that the claims will be about (LeRobotDataset folder): checked to fit the model and the samples.
+    /// The recording that the claims will be about (LeRobotDataset folder, or hub:owner/name[@revision]): checked to fit the model and the samples.
     #[arg(long)]
-    dataset: Option<PathBuf>,
+    dataset: Option<RecordingName>,
     /// Print JSON.
     #[arg(long)]
     json: bool,
@@ -64,9 +64,9 @@ pub struct Join {
     /// The node's key.
     #[arg(long)]
     key: PathBuf,
-    /// The recording: a LeRobotDataset folder.
+    /// The recording: a LeRobotDataset folder, or hub:owner/name[@revision] on the Hugging Face Hub.
     #[arg(long)]
-    dataset: PathBuf,
+    dataset: RecordingName,
     /// Where the node keeps its salt, updates and training histories.
     #[arg(long)]
     state: PathBuf,
@@ -119,20 +119,18 @@ async fn estimate(options: &Estimate) -> Result<()> {
             ),
         },
     };
-    if let Some(path) = &options.dataset {
-        let dataset = Dataset::open(path)?;
+    if let Some(recording) = &options.dataset {
+        let dataset = recording.open()?;
         let frames = dataset.len() as u64;
         if frames < options.samples as u64 {
             bail!(
-                "{} has {frames} frames: no claim over {} samples can be made of it",
-                path.display(),
+                "{recording} has {frames} frames: no claim over {} samples can be made of it",
                 options.samples
             );
         }
         if dataset.cameras().len() > config.cameras {
             bail!(
-                "{} has {} cameras, the model takes {}",
-                path.display(),
+                "{recording} has {} cameras, the model takes {}",
                 dataset.cameras().len(),
                 config.cameras
             );
@@ -203,7 +201,7 @@ async fn join(options: &Join) -> Result<()> {
         }
     };
     let participant = Participant {
-        dataset: options.dataset.clone(),
+        dataset: options.dataset.locate()?,
         state: options.state.clone(),
         cache: options
             .cache

@@ -90,3 +90,45 @@ pub fn one(path: Option<&PathBuf>, profile: Option<Profile>, seed: u64) -> Resul
         _ => bail!("which policy? Give --policy PATH or --profile NAME"),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    /// A policy's folder with a tokenizer, or without.
+    fn folder(tokenizer: bool) -> (tempfile::TempDir, PolicySource) {
+        let dir = tempfile::tempdir().unwrap();
+        if tokenizer {
+            // A byte-level BPE of three letters, `Ċ` being the line break.
+            let definition = json!({
+                "version": "1.0", "truncation": null, "padding": null, "added_tokens": [],
+                "normalizer": null, "post_processor": null, "decoder": null,
+                "pre_tokenizer": {"type": "ByteLevel", "add_prefix_space": false, "trim_offsets": true, "use_regex": true},
+                "model": {
+                    "type": "BPE", "dropout": null, "unk_token": null, "continuing_subword_prefix": null,
+                    "end_of_word_suffix": null, "fuse_unk": false, "byte_fallback": false,
+                    "vocab": {"g": 0, "o": 1, "go": 2, "Ċ": 3}, "merges": ["g o"]
+                }
+            });
+            let text = serde_json::to_vec(&definition).unwrap();
+            fs::write(dir.path().join("tokenizer.json"), text).unwrap();
+        }
+        let source = PolicySource::Path(dir.path().to_owned());
+        (dir, source)
+    }
+
+    #[test]
+    fn a_folder_s_own_tokenizer_is_the_one_that_is_used() {
+        let config = Profile::Micro.config();
+        let tokens = |source: &PolicySource| tokenizer(source, &config).unwrap().tokens("go");
+        let (_with, own) = folder(true);
+        assert_eq!(tokens(&own).unwrap(), [2, 3]);
+        let (without, hashed) = folder(false);
+        let expected = WordHash::new(&config).tokens("go").unwrap();
+        assert_eq!(tokens(&hashed).unwrap(), expected);
+        // One that cannot be used is an error, never passed over.
+        fs::write(without.path().join("tokenizer.json"), "{}").unwrap();
+        assert!(tokenizer(&hashed, &config).is_err());
+    }
+}

@@ -219,6 +219,7 @@ fn mistakes_are_named_before_anything_is_spent() {
     assert!(micro(&["--round-losses", "0.5,nan"]).contains("NaN"));
     assert!(micro(&["--device", "tpu"]).contains("no device is called `tpu`"));
     assert!(micro(&["--dataset", "no/such/recording"]).contains("no/such/recording"));
+    assert!(micro(&["--dataset", "hub:so100"]).contains("recording hub:so100"));
     let policy = ["--policy", "no/such/policy", "--steps", "2"];
     assert!(fails(train(dir.path(), "new", &policy)).contains("no/such/policy"));
     assert!(!dir.path().join("new/checkpoints/000002").exists());

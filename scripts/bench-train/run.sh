@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
-# Training steps of SmolVLA, LeRobot's on PyTorch and ours, side by side on this machine; ends with one JSON line per figure.
+# Training steps of SmolVLA, LeRobot's on PyTorch and ours, side by side on this machine; then where a step of ours goes, kernel by
+# kernel against what the machine could do at best. Ends with one JSON line per figure.
 # Run it on a machine that does nothing else: half an hour, 8 GB of memory at batch 8, 10 GB of disk for PyTorch.
 #
 #   scripts/bench-train/run.sh [PROFILE:BATCH …]      default: tiny:1 tiny:8 full:1 full:8
@@ -19,18 +20,22 @@ if ! cmp -s "$here/requirements.txt" "$cache/requirements.txt"; then
     "${pip[@]}" install -r "$here/requirements.txt"
     cp "$here/requirements.txt" "$cache/"
 fi
-(cd "$root" && scripts/setup.sh && scripts/with-rust cargo build --release --workspace --locked --example train_step)
+(cd "$root" && scripts/setup.sh && scripts/with-rust cargo build --release --workspace --locked --example train_step --example step_floors)
 
 results=$(mktemp)
 trap 'rm -f "$results"' EXIT
 for case in "$@"; do
     profile=${case%:*} batch=${case#*:}
     [ "$profile" = full ] && steps=5 || steps=100
-    echo "$profile, batch $batch: LeRobot" >&2
-    "$cache/bin/python" "$here/lerobot_side.py" "$root/tests/fixtures/smolvla_tiny" "$profile" "$batch" "$steps" | tee -a "$results" >&2
-    for what in whole cached cached-state; do
-        echo "$profile, batch $batch: zk0, $what" >&2
-        "$CARGO_TARGET_DIR/release/examples/train_step" "$profile" "$batch" "$what" "$steps" | tee -a "$results" >&2
+    # LeRobot before ours and after: machines get slower and faster by themselves.
+    for what in lerobot whole cached cached-state lerobot; do
+        echo "$profile, batch $batch: $what" >&2
+        if [ "$what" = lerobot ]; then
+            "$cache/bin/python" "$here/lerobot_side.py" "$root/tests/fixtures/smolvla_tiny" "$profile" "$batch" "$steps"
+        else
+            "$CARGO_TARGET_DIR/release/examples/train_step" "$profile" "$batch" "$what" "$steps"
+        fi | tee -a "$results" >&2
     done
 done
+"$CARGO_TARGET_DIR/release/examples/step_floors" full 1
 python3 "$here/ratios.py" "$results"

@@ -19,15 +19,16 @@ use zk0_smolvla::init::init_policy;
 use zk0_smolvla::layout::trainable_layout;
 use zk0_smolvla::model::expert::ExpertModel;
 use zk0_smolvla::model::flow::{losses, mean_loss, noisy_actions, target_velocity};
+use zk0_smolvla::model::kernels::gradients::backward;
 use zk0_smolvla::model::prefix::{CameraInput, PrefixCache, PrefixInput, PrefixModel};
 use zk0_smolvla::model::state_token::StateToken;
 use zk0_smolvla::model::Parameters;
 use zk0_smolvla::optimizer::{AdamW, AdamWOptions};
 use zk0_smolvla::{PolicyConfig, Profile};
 
-/// As in the `zk0` binary: it keeps freed memory, which large tensors ask for again and again.
+/// As in the `zk0` binary.
 #[global_allocator]
-static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
+static ALLOCATOR: zk0_smolvla::memory::Allocator = zk0_smolvla::memory::Allocator;
 
 type Failure = Box<dyn std::error::Error>;
 
@@ -92,6 +93,15 @@ impl Bench {
 
     /// The prefix of the batch's frames: pictures resized, then the frozen half.
     fn cache(&self) -> Result<PrefixCache, Failure> {
+        Ok(self.prefix.cache(&self.input()?)?)
+    }
+
+    /// The same, through which a gradient reaches `state_proj`.
+    fn cache_training_state(&self) -> Result<PrefixCache, Failure> {
+        Ok(self.prefix.cache_training_state(&self.input()?)?)
+    }
+
+    fn input(&self) -> Result<PrefixInput, Failure> {
         let (size, (height, width)) = (self.config.vision.image_size, self.size);
         let one = 3 * height * width;
         let camera = |slot: usize| -> Result<CameraInput, Failure> {
@@ -108,14 +118,14 @@ impl Bench {
         let length = self.config.max_language_tokens.min(48);
         let ids =
             (0..self.batch * length).map(|i| (i * 7 % (self.config.text.vocabulary - 1)) as u32);
-        Ok(self.prefix.cache(&PrefixInput {
+        Ok(PrefixInput {
             cameras: (0..self.config.cameras)
                 .map(camera)
                 .collect::<Result<_, _>>()?,
             tokens: Tensor::from_iter(ids, &Device::Cpu)?.reshape((self.batch, length))?,
             token_mask: vec![vec![true; length]; self.batch],
             state: self.state.clone(),
-        })?)
+        })
     }
 
     /// One step over `cache`; the loss before it.
@@ -132,13 +142,16 @@ impl Bench {
             &velocity,
             &target_velocity(&self.actions, &noise)?,
         )?)?;
-        self.optimizer.step(&loss.backward()?, 1e-4)?;
+        self.optimizer.step(&backward(&loss)?, 1e-4)?;
         Ok(loss.to_scalar()?)
     }
 }
 
-/// A cache's state token, the last of every row, is made anew in every step: it is not to be seen.
+/// What would come from a disk: without the way it was computed, and with no state token to be seen in it, the last of every row,
+/// which is made anew in every step.
 fn without_state(mut cache: PrefixCache) -> PrefixCache {
+    let values = cache.keys.iter_mut().chain(&mut cache.values);
+    values.for_each(|tensor| *tensor = tensor.detach());
     for row in &mut cache.valid {
         if let Some(last) = row.last_mut() {
             *last = false;
@@ -178,7 +191,7 @@ fn main() -> Result<(), Failure> {
     for _ in 0..=steps {
         let started = Instant::now();
         let cache = match &kept {
-            None => bench.cache()?,
+            None => bench.cache_training_state()?,
             Some(cache) if what == "cached" => cache.clone(),
             Some(cache) => bench.state_token.join(cache, &bench.state)?,
         };

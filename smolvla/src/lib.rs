@@ -44,6 +44,7 @@ pub mod image;
 pub mod init;
 pub mod layout;
 pub mod lerobot_config;
+pub mod memory;
 pub mod model;
 pub mod optimizer;
 pub mod policy_file;

@@ -10,6 +10,7 @@ use zk0_smolvla::init::init_policy;
 use zk0_smolvla::layout::{policy_layout, trainable_layout, Layout};
 use zk0_smolvla::model::expert::ExpertModel;
 use zk0_smolvla::model::flow::{losses, mean_loss, noisy_actions, target_velocity};
+use zk0_smolvla::model::kernels::gradients::backward;
 use zk0_smolvla::model::prefix::{CameraInput, PrefixInput, PrefixModel};
 use zk0_smolvla::model::Parameters;
 use zk0_smolvla::optimizer::{AdamW, AdamWOptions};
@@ -85,7 +86,7 @@ fn gradients(config: &PolicyConfig, train_state_proj: bool) -> BTreeMap<String, 
     let x_t = noisy_actions(&actions, &noise, &times).unwrap();
     let v_t = expert.forward(&cache, &x_t, &times).unwrap();
     let loss = mean_loss(&losses(&v_t, &target_velocity(&actions, &noise).unwrap()).unwrap());
-    let store = loss.unwrap().backward().unwrap();
+    let store = backward(&loss.unwrap()).unwrap();
 
     policy_layout(config)
         .into_keys()

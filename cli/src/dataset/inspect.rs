@@ -1,14 +1,13 @@
 //! `zk0 dataset inspect`: what a recording holds, as a table or as JSON.
 
-use super::locate;
+use super::RecordingName;
 use anyhow::{Context, Result};
 use serde::Serialize;
 use zk0_smolvla::dataset::{Dataset, Frame, Normalizer, VectorFeature, VideoReader};
 
 /// Prints what `recording` holds.
-pub fn run(recording: &str, chunk: usize, json: bool) -> Result<()> {
-    let folder = locate(recording)?;
-    let dataset = Dataset::open(&folder)?;
+pub fn run(recording: &RecordingName, chunk: usize, json: bool) -> Result<()> {
+    let dataset = Dataset::open(recording.locate()?)?;
     let summary = Summary::of(&dataset, chunk)?;
     match json {
         true => println!("{}", serde_json::to_string_pretty(&summary)?),
@@ -117,10 +116,11 @@ impl Summary {
         })
     }
 
-    fn table(&self, recording: &str) -> String {
+    fn table(&self, recording: &RecordingName) -> String {
         let mut text = String::new();
         let mut line = |label: &str, value: &str| text.push_str(&format!("{label:<10} {value}\n"));
-        line("recording", recording);
+        let recording = recording.to_string();
+        line("recording", &recording);
         if self.folder != recording {
             line("folder", &self.folder);
         }

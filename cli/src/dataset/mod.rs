@@ -6,7 +6,7 @@ mod validate;
 
 use anyhow::Result;
 
-pub use source::locate;
+pub use source::RecordingName;
 
 /// What to do.
 #[derive(Debug, clap::Subcommand)]
@@ -14,7 +14,7 @@ pub enum Command {
     /// Show what a recording holds: robot, cameras, joints with their statistics, tasks, and what training sees of it.
     Inspect {
         /// The recording: a LeRobotDataset folder (v2.0, v2.1, v3.0), or hub:owner/name[@revision] on the Hugging Face Hub.
-        recording: String,
+        recording: RecordingName,
         /// Frames of an action chunk, as the policy to be trained predicts them.
         #[arg(long, default_value_t = 50)]
         chunk: usize,
@@ -27,7 +27,7 @@ pub enum Command {
     Validate {
         /// Recordings, as for inspect.
         #[arg(required = true)]
-        recordings: Vec<String>,
+        recordings: Vec<RecordingName>,
     },
 }
 

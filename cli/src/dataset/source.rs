@@ -1,22 +1,49 @@
-//! Where a recording is: in a folder, or on the Hub and then in its cache.
+//! A recording as commands name it: a folder, or on the Hub and then in its cache.
 
-use anyhow::Result;
-use std::path::PathBuf;
+use anyhow::{Context, Result};
+use std::{convert::Infallible, fmt, path::PathBuf, str::FromStr};
 use zk0_prover::progress::Progress;
+use zk0_smolvla::dataset::Dataset;
 use zk0_smolvla::hub::{fetch, HubOptions, HubRecording};
 
-/// The recording's folder. `hub:owner/name[@revision]` is downloaded as far as it is not in the cache; anything else is a folder.
-pub fn locate(recording: &str) -> Result<PathBuf> {
-    let Some(name) = recording.strip_prefix("hub:") else {
-        return Ok(recording.into());
-    };
-    let name: HubRecording = name.parse()?;
-    let options = HubOptions::from_env()?;
-    let mut progress = None;
-    let folder = fetch(&name, &options, &mut |at| {
-        progress
-            .get_or_insert_with(|| Progress::start("downloading", at.of_bytes))
-            .reached(at.bytes);
-    })?;
-    Ok(folder)
+/// A LeRobotDataset folder (v2.0, v2.1, v3.0), or `hub:owner/name[@revision]` on the Hugging Face Hub.
+#[derive(Clone, Debug)]
+pub struct RecordingName(String);
+
+impl FromStr for RecordingName {
+    type Err = Infallible;
+
+    fn from_str(name: &str) -> Result<Self, Infallible> {
+        Ok(Self(name.to_owned()))
+    }
+}
+
+impl fmt::Display for RecordingName {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+impl RecordingName {
+    /// Its folder. What is on the Hub is downloaded as far as it is not in the cache.
+    pub fn locate(&self) -> Result<PathBuf> {
+        let Some(name) = self.0.strip_prefix("hub:") else {
+            return Ok((&self.0).into());
+        };
+        let name: HubRecording = name.parse()?;
+        let options = HubOptions::from_env()?;
+        let mut progress = None;
+        let folder = fetch(&name, &options, &mut |at| {
+            progress
+                .get_or_insert_with(|| Progress::start("downloading", at.of_bytes))
+                .reached(at.bytes);
+        })?;
+        Ok(folder)
+    }
+
+    /// Opens it.
+    pub fn open(&self) -> Result<Dataset> {
+        let opened = self.locate().and_then(|folder| Ok(Dataset::open(folder)?));
+        opened.with_context(|| format!("recording {self}"))
+    }
 }

@@ -1,12 +1,12 @@
 //! `zk0 dataset validate`: everything that is wrong with recordings, before training finds it.
 
-use super::locate;
+use super::RecordingName;
 use anyhow::Result;
 use zk0_prover::progress::Progress;
 use zk0_smolvla::dataset::Dataset;
 
 /// Checks one recording after another; `false` if any has a fault.
-pub fn run(recordings: &[String]) -> Result<bool> {
+pub fn run(recordings: &[RecordingName]) -> Result<bool> {
     let mut sound = true;
     for recording in recordings {
         let report = check(recording);
@@ -26,9 +26,11 @@ struct Report {
     faults: Vec<String>,
 }
 
-fn check(recording: &str) -> Report {
+fn check(recording: &RecordingName) -> Report {
     let mut report = Report::default();
-    let opened = locate(recording).and_then(|folder| Ok(Dataset::open(folder)?));
+    let opened = recording
+        .locate()
+        .and_then(|folder| Ok(Dataset::open(folder)?));
     let dataset = match opened {
         Ok(dataset) => dataset,
         Err(error) => {
@@ -60,7 +62,7 @@ fn check(recording: &str) -> Report {
 }
 
 impl Report {
-    fn text(&self, recording: &str) -> String {
+    fn text(&self, recording: &RecordingName) -> String {
         let verdict = if self.faults.is_empty() {
             "ok"
         } else {

@@ -5,6 +5,7 @@ mod report;
 
 use crate::{
     calibration::{calibrated, samples},
+    dataset::RecordingName,
     policy_source,
 };
 use anyhow::{bail, Result};
@@ -23,9 +24,9 @@ use zk0_smolvla::{
 /// What to compare. Prints one JSON line per comparison to standard output, and a table of all of them to standard error.
 #[derive(Debug, clap::Args)]
 pub struct Options {
-    /// Recordings (LeRobotDataset v3.0 folders). Every other frame is trained and calibrated on, those between are compared on.
+    /// Recordings (LeRobotDataset folders, or hub:owner/name[@revision]). Every other frame is trained and calibrated on, those between are compared on.
     #[arg(required = true)]
-    datasets: Vec<PathBuf>,
+    datasets: Vec<RecordingName>,
     /// A randomly initialised policy: micro, tiny or full (the published dimensions; takes minutes and 5 GB).
     #[arg(long = "profile", value_name = "NAME", value_parser = Profile::from_name)]
     profiles: Vec<Profile>,

@@ -9,6 +9,7 @@ pub use options::Options;
 
 use crate::{
     chart,
+    dataset::RecordingName,
     frames::{self, Kind, Naming, Ready},
     policy_source,
 };
@@ -61,7 +62,8 @@ fn train<S: Kind>(options: &Options) -> Result<()> {
     fs::create_dir_all(out).with_context(|| format!("creating {}", out.display()))?;
     let _lock = lock(out)?;
 
-    let datasets = frames::open(&options.datasets)?;
+    let datasets = options.datasets.iter().map(RecordingName::open);
+    let datasets = datasets.collect::<Result<Vec<_>>>()?;
     let mut policy = source.load()?;
     let config = policy.config.clone();
     let tokenizer = policy_source::tokenizer(&source, &config)?;

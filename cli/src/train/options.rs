@@ -1,6 +1,7 @@
 //! What `zk0 train` is told.
 
 use crate::{
+    dataset::RecordingName,
     frames::CacheOptions,
     policy_source::{self, PolicySource},
 };
@@ -19,9 +20,9 @@ use zk0_smolvla::{
 /// in the folder named by `--out`.
 #[derive(Debug, clap::Args)]
 pub struct Options {
-    /// A recording (LeRobotDataset folder); several are trained on together.
-    #[arg(long = "dataset", value_name = "DIR", required = true)]
-    pub datasets: Vec<PathBuf>,
+    /// A recording (LeRobotDataset folder, or hub:owner/name[@revision]); several are trained on together.
+    #[arg(long = "dataset", value_name = "RECORDING", required = true)]
+    pub datasets: Vec<RecordingName>,
     /// The policy to start from: a policy file, or a folder of LeRobot's.
     #[arg(long, value_name = "PATH", required_unless_present = "profile")]
     policy: Option<PathBuf>,

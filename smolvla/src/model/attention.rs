@@ -2,6 +2,7 @@
 
 use candle_core::{Device, Tensor};
 
+use super::kernels::heads::{queries_by_keys, weights_by_values};
 use super::kernels::softmax::masked_softmax;
 use crate::error::Result;
 
@@ -36,31 +37,13 @@ pub fn attend(queries: &Tensor, keys: &Tensor, values: &Tensor, mask: &Mask) -> 
 
 /// Products of queries (B, Q, heads, dim) and keys (B, K, kv_heads, dim), neither scaled nor masked: (B, heads, Q, K).
 pub fn products(queries: &Tensor, keys: &Tensor) -> Result<Tensor> {
-    let (batch, count, heads, dim) = queries.dims4()?;
-    let (_, keys_count, kv_heads, _) = keys.dims4()?;
-    // The queries that share a key head stand below one another, so that no key is copied for them.
-    let q = queries.transpose(1, 2)?.contiguous()?;
-    let q = q.reshape((batch * kv_heads, heads / kv_heads * count, dim))?;
-    let scores = q.matmul(&by_head(keys)?.t()?)?;
-    Ok(scores.reshape((batch, heads, count, keys_count))?)
+    Ok(queries_by_keys(queries, keys)?)
 }
 
 /// The second half of [`attend`]: from [`products`] and values (B, K, kv_heads, dim) to (B, Q, heads * dim).
 pub fn mix(products: &Tensor, values: &Tensor, mask: &Mask) -> Result<Tensor> {
-    let (batch, heads, count, keys_count) = products.dims4()?;
-    let (kv_heads, dim) = (values.dim(2)?, values.dim(3)?);
+    let dim = values.dim(3)?;
     let weights = masked_softmax(products, &mask.0, (dim as f64).powf(-0.5))?;
-    let weights = weights.reshape((batch * kv_heads, heads / kv_heads * count, keys_count))?;
-    Ok(weights
-        .matmul(&by_head(values)?)?
-        .reshape((batch, heads, count, dim))?
-        .transpose(1, 2)?
-        .reshape((batch, count, heads * dim))?)
-}
-
-/// (B, K, kv_heads, dim) as (B * kv_heads, K, dim).
-fn by_head(x: &Tensor) -> Result<Tensor> {
-    let (batch, count, heads, dim) = x.dims4()?;
-    let x = x.transpose(1, 2)?.contiguous()?;
-    Ok(x.reshape((batch * heads, count, dim))?)
+    let mixed = weights_by_values(&weights, values)?.transpose(1, 2)?;
+    Ok(mixed.flatten_from(2)?)
 }

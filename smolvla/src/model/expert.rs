@@ -14,6 +14,7 @@ use super::Parameters;
 use crate::config::{LayerKind, PolicyConfig};
 use crate::error::{PolicyError, Result};
 use crate::layout::EXPERT;
+use crate::memory::KeepFreed;
 
 /// The trainable half of the policy.
 pub struct ExpertModel {
@@ -24,6 +25,7 @@ pub struct ExpertModel {
     time_in: Linear,
     time_out: Linear,
     config: PolicyConfig,
+    _memory: KeepFreed,
 }
 
 impl ExpertModel {
@@ -39,6 +41,7 @@ impl ExpertModel {
             time_in: linear(parameters, "model.action_time_mlp_in")?,
             time_out: linear(parameters, "model.action_time_mlp_out")?,
             config: config.clone(),
+            _memory: KeepFreed::new(),
         })
     }
 

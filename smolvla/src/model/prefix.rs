@@ -7,11 +7,12 @@ use super::layers::RmsNorm;
 use super::rope::Rope;
 use super::state_token::StateToken;
 use super::visibility::{prefix_positions, prefix_sees};
-use super::vision::{Vision, VisionRun};
+use super::vision::Vision;
 use super::Parameters;
 use crate::config::PolicyConfig;
 use crate::error::{PolicyError, Result};
 use crate::layout::VLM;
+use crate::memory::KeepFreed;
 
 /// One camera of a batch.
 pub struct CameraInput {
@@ -42,8 +43,6 @@ pub struct PrefixEmbedding {
     pub valid: Vec<Vec<bool>>,
     /// Which of them is the state token.
     pub state: usize,
-    /// The vision tower's values, camera by camera.
-    pub vision: Vec<VisionRun>,
 }
 
 /// The frozen half's result: constant for a frame.
@@ -69,6 +68,13 @@ pub struct PrefixRun {
     pub output: Tensor,
 }
 
+/// How far the last language layer is run. The expert reads its keys and values, and nothing after them.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Last {
+    KeysAndValues,
+    Finished,
+}
+
 /// The frozen half of the policy.
 pub struct PrefixModel {
     vision: Vision,
@@ -76,6 +82,7 @@ pub struct PrefixModel {
     text: StateToken,
     norm: RmsNorm,
     config: PolicyConfig,
+    _memory: KeepFreed,
 }
 
 impl PrefixModel {
@@ -88,12 +95,18 @@ impl PrefixModel {
             text: StateToken::new(config, parameters)?,
             norm: RmsNorm::new(parameters, &format!("{text}.norm"))?,
             config: config.clone(),
+            _memory: KeepFreed::new(),
         })
     }
 
-    /// The cache of a batch: [`Self::embed`], then [`Self::run`].
+    /// The vision tower.
+    pub fn vision(&self) -> &Vision {
+        &self.vision
+    }
+
+    /// The cache of a batch: [`Self::embed`], then what the expert needs of [`Self::run`].
     pub fn cache(&self, input: &PrefixInput) -> Result<PrefixCache> {
-        Ok(self.run(&self.embed(input)?)?.cache)
+        self.layers(&self.embed(input)?, Last::KeysAndValues, &mut |_, _| ())
     }
 
     /// Embeds cameras, language and state. Image and language tokens are scaled by sqrt(text width), the
@@ -110,15 +123,13 @@ impl PrefixModel {
         let scale = (self.config.text.width as f64).sqrt();
         let mut parts = Vec::new();
         let mut valid = vec![Vec::new(); batch];
-        let mut vision = Vec::new();
         for camera in &input.cameras {
-            let run = self.vision.run(&camera.pixels)?;
-            let tokens = run.tokens.dim(1)?;
+            let tokens = (self.vision.tokens(&camera.pixels)? * scale)?;
+            let count = tokens.dim(1)?;
             for (row, present) in valid.iter_mut().zip(&camera.present) {
-                row.extend(std::iter::repeat_n(*present, tokens));
+                row.extend(std::iter::repeat_n(*present, count));
             }
-            parts.push((&run.tokens * scale)?);
-            vision.push(run);
+            parts.push(tokens);
         }
         if language > 0 {
             let words = self
@@ -144,12 +155,32 @@ impl PrefixModel {
             tokens: tokens.pad_with_zeros(1, 0, length - count)?,
             valid,
             state: count - 1,
-            vision,
         })
     }
 
     /// Runs the language layers. Images and language see each other; the state sees them and itself.
     pub fn run(&self, embedding: &PrefixEmbedding) -> Result<PrefixRun> {
+        let (mut hidden, mut attended) = (vec![embedding.tokens.clone()], Vec::new());
+        let cache = self.layers(embedding, Last::Finished, &mut |mixed, x| {
+            attended.push(mixed);
+            hidden.push(x);
+        })?;
+        let last = hidden.last().unwrap_or(&embedding.tokens);
+        Ok(PrefixRun {
+            output: self.norm.forward(last)?,
+            hidden,
+            attended,
+            cache,
+        })
+    }
+
+    /// Keys and values of the language layers. `observe` gets attention output and output of those that are finished.
+    fn layers(
+        &self,
+        embedding: &PrefixEmbedding,
+        last: Last,
+        observe: &mut dyn FnMut(Tensor, Tensor),
+    ) -> Result<PrefixCache> {
         let (batch, count, _) = embedding.tokens.dims3()?;
         let device = embedding.tokens.device();
         let head_dim = self.config.text.head_dim;
@@ -161,30 +192,24 @@ impl PrefixModel {
         let rope = Rope::new(&positions, head_dim, device)?;
 
         let mut x = embedding.tokens.clone();
-        let (mut hidden, mut attended) = (vec![x.clone()], Vec::new());
         let (mut keys, mut values) = (Vec::new(), Vec::new());
-        for layer in &self.text.layers {
+        for (i, layer) in self.text.layers.iter().enumerate() {
             let normed = layer.normalised(&x)?;
-            let q = rope.apply(&layer.queries(&normed, head_dim)?)?;
             let k = rope.apply(&layer.keys(&normed, head_dim)?)?;
             let v = layer.values(&normed, head_dim)?;
-            let mixed = attend(&q, &k, &v, &mask)?;
-            x = layer.finish(&x, &mixed, &mut |_, _| Ok(()))?;
-            hidden.push(x.clone());
-            attended.push(mixed);
+            if i + 1 < self.text.layers.len() || last == Last::Finished {
+                let q = rope.apply(&layer.queries(&normed, head_dim)?)?;
+                let mixed = attend(&q, &k, &v, &mask)?;
+                x = layer.finish(&x, &mixed, &mut |_, _| Ok(()))?;
+                observe(mixed, x.clone());
+            }
             keys.push(k);
             values.push(v);
         }
-        let output = self.norm.forward(&x)?;
-        Ok(PrefixRun {
-            hidden,
-            attended,
-            cache: PrefixCache {
-                keys,
-                values,
-                valid: valid.clone(),
-            },
-            output,
+        Ok(PrefixCache {
+            keys,
+            values,
+            valid: valid.clone(),
         })
     }
 
@@ -195,7 +220,7 @@ impl PrefixModel {
     pub fn cache_training_state(&self, input: &PrefixInput) -> Result<PrefixCache> {
         let mut embedding = self.embed(input)?;
         embedding.tokens = embedding.tokens.detach();
-        let mut observed = self.run(&embedding)?.cache;
+        let mut observed = self.layers(&embedding, Last::KeysAndValues, &mut |_, _| ())?;
         for row in &mut observed.valid {
             row[embedding.state] = false;
         }

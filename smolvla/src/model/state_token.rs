@@ -53,14 +53,17 @@ impl StateToken {
         let mut x = self.projection.forward(state)?.unsqueeze(1)?;
         let (mut keys, mut values) = (Vec::new(), Vec::new());
         let seen = observed.keys.iter().zip(&observed.values);
-        for (layer, (seen_keys, seen_values)) in self.layers.iter().zip(seen) {
+        for (i, (layer, (seen_keys, seen_values))) in self.layers.iter().zip(seen).enumerate() {
             let normed = layer.normalised(&x)?;
-            let q = rope.apply(&layer.queries(&normed, self.head_dim)?)?;
             let k = rope.apply(&layer.keys(&normed, self.head_dim)?)?;
             let v = layer.values(&normed, self.head_dim)?;
             let k = Tensor::cat(&[seen_keys, &k], 1)?;
             let v = Tensor::cat(&[seen_values, &v], 1)?;
-            x = layer.finish(&x, &attend(&q, &k, &v, &mask)?, &mut |_, _| Ok(()))?;
+            // Nothing reads what the last layer makes of its keys and values.
+            if i + 1 < self.layers.len() {
+                let q = rope.apply(&layer.queries(&normed, self.head_dim)?)?;
+                x = layer.finish(&x, &attend(&q, &k, &v, &mask)?, &mut |_, _| Ok(()))?;
+            }
             keys.push(k);
             values.push(v);
         }

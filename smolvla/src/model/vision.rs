@@ -1,12 +1,12 @@
 //! The vision tower (SigLIP) and the connector that turns patches into language-model tokens. Frozen: no
-//! gradient ever runs through this file, so it may use candle's fused layer norm.
+//! gradient ever runs through this file, so it uses kernels without a backward pass.
 
-use candle_core::{Module, Tensor};
-use candle_nn::LayerNorm;
+use candle_core::Tensor;
 
 use super::kernels::attention::attend_to_all;
 use super::kernels::gelu::gelu_tanh;
 use super::kernels::linear::Linear;
+use super::kernels::norm::layer_norm;
 use super::layers::{linear, linear_no_bias};
 use super::Parameters;
 use crate::config::{PolicyConfig, CHANNELS, LAYER_NORM_EPS};
@@ -38,9 +38,8 @@ pub struct VisionRun {
 
 struct EncoderLayer {
     norm1: LayerNorm,
-    q: Linear,
-    k: Linear,
-    v: Linear,
+    /// Queries, keys and values in one product.
+    qkv: Linear,
     out: Linear,
     norm2: LayerNorm,
     fc1: Linear,
@@ -71,7 +70,7 @@ impl Vision {
                     )
                 })
                 .collect::<Result<_>>()?,
-            post_norm: layer_norm(parameters, &format!("{tower}.post_layernorm"))?,
+            post_norm: LayerNorm::new(parameters, &format!("{tower}.post_layernorm"))?,
             connector: linear_no_bias(
                 parameters,
                 &format!("{VLM}.connector.modality_projection.proj"),
@@ -81,23 +80,39 @@ impl Vision {
         })
     }
 
-    /// Tokens of images (B, 3, size, size) with values in [-1, 1].
+    /// Tokens of images (B, 3, size, size) with values in [-1, 1]: (B, tokens_per_camera, text width), not yet scaled.
+    pub fn tokens(&self, images: &Tensor) -> Result<Tensor> {
+        let x = self.layers(self.patch.forward(&self.patches(images)?)?, &mut |_| ())?;
+        self.connect(&self.post_norm.forward(&x)?)
+    }
+
+    /// [`Self::tokens`], with all values on the way.
     pub fn run(&self, images: &Tensor) -> Result<VisionRun> {
         let patches = self.patch.forward(&self.patches(images)?)?;
-        let mut x = patches.broadcast_add(&self.positions)?;
-        let mut hidden = vec![x.clone()];
-        for layer in &self.layers {
-            x = layer.forward(&x)?;
-            hidden.push(x.clone());
-        }
+        let mut hidden = Vec::new();
+        let x = self.layers(patches.clone(), &mut |x| hidden.push(x.clone()))?;
         let normed = self.post_norm.forward(&x)?;
-        let tokens = self.connector.forward(&self.pixel_shuffle(&normed)?)?;
         Ok(VisionRun {
+            tokens: self.connect(&normed)?,
             patches,
             hidden,
             normed,
-            tokens,
         })
+    }
+
+    /// From patches to the output of the last encoder layer; `observe` gets what goes into the first, and what comes out of each.
+    fn layers(&self, patches: Tensor, observe: &mut dyn FnMut(&Tensor)) -> Result<Tensor> {
+        let mut x = patches.broadcast_add(&self.positions)?;
+        observe(&x);
+        for layer in &self.layers {
+            x = layer.forward(&x)?;
+            observe(&x);
+        }
+        Ok(x)
+    }
+
+    fn connect(&self, normed: &Tensor) -> Result<Tensor> {
+        Ok(self.connector.forward(&self.pixel_shuffle(normed)?)?)
     }
 
     /// (B, 3, size, size) to (B, patches, 3 * patch * patch): the patch convolution as a matrix product.
@@ -127,13 +142,15 @@ impl Vision {
 
 impl EncoderLayer {
     fn new(parameters: &Parameters, name: &str, heads: usize) -> Result<Self> {
+        let joined = |part: &str| -> Result<Tensor> {
+            let get = |which| parameters.get(&format!("{name}.self_attn.{which}_proj.{part}"));
+            Ok(Tensor::cat(&[get("q")?, get("k")?, get("v")?], 0)?)
+        };
         Ok(Self {
-            norm1: layer_norm(parameters, &format!("{name}.layer_norm1"))?,
-            q: linear(parameters, &format!("{name}.self_attn.q_proj"))?,
-            k: linear(parameters, &format!("{name}.self_attn.k_proj"))?,
-            v: linear(parameters, &format!("{name}.self_attn.v_proj"))?,
+            norm1: LayerNorm::new(parameters, &format!("{name}.layer_norm1"))?,
+            qkv: Linear::new(joined("weight")?, Some(joined("bias")?)),
             out: linear(parameters, &format!("{name}.self_attn.out_proj"))?,
-            norm2: layer_norm(parameters, &format!("{name}.layer_norm2"))?,
+            norm2: LayerNorm::new(parameters, &format!("{name}.layer_norm2"))?,
             fc1: linear(parameters, &format!("{name}.mlp.fc1"))?,
             fc2: linear(parameters, &format!("{name}.mlp.fc2"))?,
             heads,
@@ -142,19 +159,27 @@ impl EncoderLayer {
 
     fn forward(&self, x: &Tensor) -> Result<Tensor> {
         let normed = self.norm1.forward(x)?;
-        let [q, k, v] = [&self.q, &self.k, &self.v].map(|projection| projection.forward(&normed));
-        let attended = attend_to_all(&q?, &k?, &v?, self.heads)?;
-        let x = (self.out.forward(&attended)? + x)?;
-        let mlp = gelu_tanh(&self.fc1.forward(&self.norm2.forward(&x)?)?)?;
-        Ok((self.fc2.forward(&mlp)? + x)?)
+        let attended = attend_to_all(&self.qkv.forward(&normed)?, self.heads)?;
+        let x = self.out.forward_onto(x, &attended)?;
+        let mlp = gelu_tanh(self.fc1.forward(&self.norm2.forward(&x)?)?)?;
+        Ok(self.fc2.forward_onto(&x, &mlp)?)
     }
 }
 
-fn layer_norm(parameters: &Parameters, name: &str) -> Result<LayerNorm> {
-    let weight = parameters.get(&format!("{name}.weight"))?;
-    Ok(LayerNorm::new(
-        weight,
-        parameters.get(&format!("{name}.bias"))?,
-        LAYER_NORM_EPS,
-    ))
+struct LayerNorm {
+    gain: Tensor,
+    bias: Tensor,
+}
+
+impl LayerNorm {
+    fn new(parameters: &Parameters, name: &str) -> Result<Self> {
+        Ok(Self {
+            gain: parameters.get(&format!("{name}.weight"))?,
+            bias: parameters.get(&format!("{name}.bias"))?,
+        })
+    }
+
+    fn forward(&self, x: &Tensor) -> Result<Tensor> {
+        Ok(layer_norm(x, &self.gain, &self.bias, LAYER_NORM_EPS)?)
+    }
 }

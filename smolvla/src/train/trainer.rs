@@ -10,6 +10,7 @@ use crate::config::PolicyConfig;
 use crate::error::{PolicyError, Result};
 use crate::evaluate::{squared_errors, Evaluation, FlowDraw, SampleErrors};
 use crate::layout::expert_layout;
+use crate::model::kernels::gradients::backward;
 use crate::model::observe::ignore;
 use crate::optimizer::AdamW;
 use crate::weights::{ExpertWeights, TensorSet};
@@ -111,7 +112,7 @@ impl<'a> Trainer<'a> {
             options
                 .schedule
                 .learning_rate(options.learning_rate, at, options.steps);
-        let stepped = self.optimizer.step(&loss.backward()?, learning_rate)?;
+        let stepped = self.optimizer.step(&backward(&loss)?, learning_rate)?;
         self.step += 1;
         Ok(Step {
             step: self.step,

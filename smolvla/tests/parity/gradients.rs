@@ -2,12 +2,13 @@
 
 use candle_core::Tensor;
 use zk0_smolvla::model::flow;
+use zk0_smolvla::model::kernels::gradients::backward;
 
 use crate::reference::{check, lerobot, numbers, relative_distance, Values};
 use crate::training::Training;
 
 fn gradients_agree(training: &Training, file: &str, loss: &Tensor) {
-    let gradients = loss.backward().unwrap();
+    let gradients = backward(loss).unwrap();
     let reference = Values::read(file);
     assert!(reference.names().eq(training.variables.keys()));
     for (name, variable) in &training.variables {

@@ -67,10 +67,11 @@ fn states_and_actions_are_widened() {
 fn vision_from_pixels_to_tokens() {
     let case = Case::read();
     let (config, out) = (case.config(), &case.outputs);
-    let embedding = case.embedding();
-    assert_eq!(embedding.vision.len(), case.cameras());
+    let cameras = case.prefix_input().cameras;
+    assert_eq!(cameras.len(), case.cameras());
     let side = config.vision.image_size / config.vision.patch_size;
-    for (camera, vision) in embedding.vision.iter().enumerate() {
+    for (camera, input) in cameras.iter().enumerate() {
+        let vision = case.prefix.vision().run(&input.pixels).unwrap();
         let name = |what: &str| format!("vision.{camera}.{what}");
         let grid = (case.batch(), config.vision.width, side, side);
         let patches = vision.patches.transpose(1, 2).unwrap();
@@ -82,6 +83,8 @@ fn vision_from_pixels_to_tokens() {
         }
         close(out, &name("post_layernorm"), &vision.normed, EARLY);
         close(out, &name("connector"), &vision.tokens, EARLY);
+        let tokens = case.prefix.vision().tokens(&input.pixels).unwrap();
+        close(out, &name("connector"), &tokens, EARLY);
     }
 }
 

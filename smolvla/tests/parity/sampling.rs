@@ -24,7 +24,9 @@ fn sampled_actions() {
                 Ok::<_, zk0_smolvla::PolicyError>(())
             };
             compare("sample.x_t", euler.x_t, &states, SAMPLED)?;
-            compare("sample.v_t", euler.v_t, &velocities, HIDDEN)?;
+            // Later velocities are those of states that are a little off already.
+            let tolerance = if step == 0 { HIDDEN } else { SAMPLED };
+            compare("sample.v_t", euler.v_t, &velocities, tolerance)?;
             step += 1;
             Ok(())
         })

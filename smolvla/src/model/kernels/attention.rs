@@ -3,34 +3,34 @@
 //! Scores are made, used and forgotten a block of queries at a time, so that they stay in the cache (the idea of Dao et al.,
 //! FlashAttention, 2022; keys are few enough here that their rows need not be split).
 
-use candle_core::{CpuStorage, CustomOp3, Layout, Result, Shape, Tensor, D};
+use candle_core::{CpuStorage, CustomOp1, Layout, Result, Shape, Tensor, D};
+use pulp::{Arch, Simd};
 use rayon::prelude::*;
 
 use super::matrix::{product, Into, Matrix, Threads};
 use super::softmax::exponentials;
-use super::vector::vectorised;
 use super::{serve, values};
 
-/// Queries a block: with 1024 keys their scores take 256 KiB.
-const BLOCK: usize = 64;
+/// Queries a block: with 1024 keys their scores take 1 MiB.
+const BLOCK: usize = 256;
 
-/// `softmax(q·kᵀ / sqrt(dim))·v` for each of `heads` heads, side by side in the last dimension of q, k and v (B, L, heads * dim).
-/// Gives (B, L, heads * dim). Has no backward pass.
-pub fn attend_to_all(q: &Tensor, k: &Tensor, v: &Tensor, heads: usize) -> Result<Tensor> {
-    if serve(q) {
-        let (q, k, v) = (q.contiguous()?, k.contiguous()?, v.contiguous()?);
-        return q.apply_op3_no_bwd(&k, &v, &AttendToAll { heads });
+/// `softmax(q·kᵀ / sqrt(dim))·v` for each of `heads` heads, for queries, keys and values side by side in the last dimension of
+/// `qkv` (B, L, 3 * heads * dim), and heads side by side in each. Gives (B, L, heads * dim). Has no backward pass.
+pub fn attend_to_all(qkv: &Tensor, heads: usize) -> Result<Tensor> {
+    if serve(qkv) {
+        return qkv.contiguous()?.apply_op1_no_bwd(&AttendToAll { heads });
     }
-    let (batch, tokens, width) = q.dims3()?;
-    let dim = width / heads;
-    let by_head = |x: &Tensor| {
-        x.reshape((batch, tokens, heads, dim))?
+    let (batch, tokens, width) = qkv.dims3()?;
+    let (width, dim) = (width / 3, width / 3 / heads);
+    let by_head = |part: usize| {
+        qkv.narrow(2, part * width, width)?
+            .reshape((batch, tokens, heads, dim))?
             .transpose(1, 2)?
             .contiguous()
     };
-    let scores = (by_head(q)?.matmul(&by_head(k)?.t()?)? * (dim as f64).powf(-0.5))?;
+    let scores = (by_head(0)?.matmul(&by_head(1)?.t()?)? * (dim as f64).powf(-0.5))?;
     candle_nn::ops::softmax(&scores, D::Minus1)?
-        .matmul(&by_head(v)?)?
+        .matmul(&by_head(2)?)?
         .transpose(1, 2)?
         .reshape((batch, tokens, width))
 }
@@ -39,38 +39,21 @@ struct AttendToAll {
     heads: usize,
 }
 
-impl CustomOp3 for AttendToAll {
+impl CustomOp1 for AttendToAll {
     fn name(&self) -> &'static str {
         "attend-to-all"
     }
 
-    fn cpu_fwd(
-        &self,
-        q: &CpuStorage,
-        q_layout: &Layout,
-        k: &CpuStorage,
-        k_layout: &Layout,
-        v: &CpuStorage,
-        v_layout: &Layout,
-    ) -> Result<(CpuStorage, Shape)> {
-        let (batch, tokens, width) = q_layout.shape().dims3()?;
-        for layout in [k_layout, v_layout] {
-            if layout.shape() != q_layout.shape() || width % self.heads.max(1) != 0 {
-                candle_core::bail!(
-                    "queries {:?}, keys or values {:?}, {} heads",
-                    q_layout.shape(),
-                    layout.shape(),
-                    self.heads
-                );
-            }
+    fn cpu_fwd(&self, qkv: &CpuStorage, layout: &Layout) -> Result<(CpuStorage, Shape)> {
+        let (batch, tokens, stride) = layout.shape().dims3()?;
+        let heads = self.heads.max(1);
+        if stride % (3 * heads) != 0 {
+            candle_core::bail!("{stride} values for queries, keys and values of {heads} heads");
         }
-        let dim = width / self.heads.max(1);
+        let width = stride / 3;
+        let dim = width / heads;
         let scale = (dim as f32).powf(-0.5);
-        let (q, k, v) = (
-            values(q, q_layout)?,
-            values(k, k_layout)?,
-            values(v, v_layout)?,
-        );
+        let qkv = values(qkv, layout)?;
         let mut out = vec![0.0f32; batch * tokens * width];
         // A block never reaches into another sample: samples are divided first.
         let samples = out.par_chunks_mut((tokens * width).max(1)).enumerate();
@@ -81,16 +64,14 @@ impl CustomOp3 for AttendToAll {
         blocks.for_each(|(first_key, first_query, out)| {
             let queries = out.len() / width;
             let mut scores = vec![0.0f32; queries * tokens];
-            for head in 0..self.heads {
-                let column = head * dim;
-                let queries_of =
-                    Matrix::strided(&q[first_query * width + column..], queries, dim, width);
-                let keys_of = Matrix::strided(&k[first_key * width + column..], tokens, dim, width);
-                let values_of =
-                    Matrix::strided(&v[first_key * width + column..], tokens, dim, width);
+            for column in (0..width).step_by(dim.max(1)) {
+                let of = |token: usize, part: usize, count: usize| {
+                    let from = token * stride + part * width + column;
+                    Matrix::strided(&qkv[from..], count, dim, stride)
+                };
                 product(
-                    queries_of,
-                    keys_of.transposed(),
+                    of(first_query, 0, queries),
+                    of(first_key, 1, tokens).transposed(),
                     scale,
                     &mut scores,
                     tokens,
@@ -98,15 +79,11 @@ impl CustomOp3 for AttendToAll {
                     Threads::One,
                 );
                 let mut totals = [0.0f32; BLOCK];
-                vectorised(|| {
-                    for (row, total) in scores.chunks_exact_mut(tokens).zip(&mut totals) {
-                        *total = exponentials(row);
-                    }
-                });
+                exponentiate(&mut scores, tokens, &mut totals);
                 let out = &mut out[column..];
                 product(
                     Matrix::new(&scores, queries, tokens),
-                    values_of,
+                    of(first_key, 2, tokens),
                     1.0,
                     out,
                     width,
@@ -119,7 +96,16 @@ impl CustomOp3 for AttendToAll {
                 }
             }
         });
-        Ok((CpuStorage::F32(out), q_layout.shape().clone()))
+        Ok((CpuStorage::F32(out), Shape::from((batch, tokens, width))))
+    }
+}
+
+/// Replaces rows of `tokens` scores by [`exponentials`], and gives each row's sum.
+#[pulp::with_simd(exponentiate = Arch::new())]
+#[inline(always)]
+fn exponentiate_with<S: Simd>(_: S, scores: &mut [f32], tokens: usize, totals: &mut [f32]) {
+    for (row, total) in scores.chunks_exact_mut(tokens).zip(totals) {
+        *total = exponentials(row);
     }
 }
 
@@ -130,18 +116,15 @@ mod tests {
 
     #[test]
     fn blocks_give_what_whole_matrices_give() {
-        // 150 tokens: two whole blocks and a part of one.
-        let (batch, tokens, heads, dim) = (2, 150, 3, 5);
-        let tensor = |step: f32| {
-            let count = batch * tokens * heads * dim;
-            let values = (0..count).map(|i| 3.0 * (i as f32 * step).sin()).collect();
-            Tensor::from_vec(values, (batch, tokens, heads * dim), &Device::Cpu).unwrap()
-        };
-        let (q, k, v) = (tensor(0.37), tensor(0.71), tensor(1.3));
-        let ours = attend_to_all(&q, &k, &v, heads).unwrap();
+        // 600 tokens: two whole blocks and a part of one.
+        let (batch, tokens, heads, dim) = (2, 600, 3, 5);
+        let count = batch * tokens * 3 * heads * dim;
+        let values = (0..count).map(|i| 3.0 * (i as f32 * 0.37).sin()).collect();
+        let qkv = Tensor::from_vec(values, (batch, tokens, 3 * heads * dim), &Device::Cpu).unwrap();
+        let ours = attend_to_all(&qkv, heads).unwrap();
         // In double precision the general path is taken.
         let double = |x: &Tensor| x.to_dtype(candle_core::DType::F64).unwrap();
-        let theirs = attend_to_all(&double(&q), &double(&k), &double(&v), heads).unwrap();
+        let theirs = attend_to_all(&double(&qkv), heads).unwrap();
         let difference = (double(&ours) - theirs).unwrap().abs().unwrap();
         let largest: f64 = difference
             .flatten_all()

@@ -2,8 +2,9 @@
 
 use candle_core::{CpuStorage, CustomOp2, CustomOp3, Layout, Result, Shape, Tensor, D};
 
-use super::matrix::{product, Into, Matrix, Threads};
-use super::{serve, values};
+use super::gradients::collect;
+use super::matrix::{product, product_of, Into, Matrix, Threads};
+use super::{in_chunks, serve, values};
 
 /// `x·wᵀ + b` over the last dimension, with a weight (out, in) and perhaps a bias (out).
 ///
@@ -37,6 +38,67 @@ impl Linear {
         };
         out.reshape(shape)
     }
+
+    /// `residual + x·wᵀ + b` for a residual (…, out), in one pass. Has no backward pass.
+    pub fn forward_onto(&self, residual: &Tensor, x: &Tensor) -> Result<Tensor> {
+        if !serve(x) {
+            return self.forward(x)? + residual;
+        }
+        let rows = x.flatten_to(D::Minus2)?.contiguous()?;
+        let onto = residual.flatten_to(D::Minus2)?.contiguous()?;
+        let bias = self.bias.as_ref();
+        rows.apply_op3_no_bwd(&self.weight, &onto, &Onto { bias })?
+            .reshape(residual.shape())
+    }
+}
+
+/// `residual + x·wᵀ + b`.
+struct Onto<'a> {
+    bias: Option<&'a Tensor>,
+}
+
+impl CustomOp3 for Onto<'_> {
+    fn name(&self) -> &'static str {
+        "linear-onto"
+    }
+
+    fn cpu_fwd(
+        &self,
+        x: &CpuStorage,
+        x_layout: &Layout,
+        w: &CpuStorage,
+        w_layout: &Layout,
+        residual: &CpuStorage,
+        residual_layout: &Layout,
+    ) -> Result<(CpuStorage, Shape)> {
+        let ((rows, inner), (outer, columns)) =
+            (x_layout.shape().dims2()?, w_layout.shape().dims2()?);
+        if inner != columns || residual_layout.shape().dims2()? != (rows, outer) {
+            candle_core::bail!(
+                "a linear map of {columns} to {outer} values got {inner}, and {:?}",
+                residual_layout.shape()
+            );
+        }
+        let mut out = values(residual, residual_layout)?.to_vec();
+        if let Some(bias) = self.bias {
+            let bias = bias.to_vec1::<f32>()?;
+            in_chunks(&mut out, outer, 1, |_, row| {
+                row.iter_mut().zip(&bias).for_each(|(x, b)| *x += b);
+            });
+        }
+        let x = Matrix::new(values(x, x_layout)?, rows, inner);
+        let w = Matrix::new(values(w, w_layout)?, outer, inner);
+        product(
+            x,
+            w.transposed(),
+            1.0,
+            &mut out,
+            outer,
+            Into::Add,
+            Threads::All,
+        );
+        Ok((CpuStorage::F32(out), residual_layout.shape().clone()))
+    }
 }
 
 struct Affine;
@@ -53,11 +115,15 @@ fn forward(
     }
     let x = Matrix::new(values(x, x_layout)?, rows, inner);
     let w = Matrix::new(values(w, w_layout)?, outer, inner);
-    let (mut out, into) = match bias {
-        None => (vec![0.0; rows * outer], Into::Replace),
-        Some(bias) => (bias.repeat(rows), Into::Add),
+    let out = match bias {
+        None => product_of(x, w.transposed()),
+        Some(bias) => {
+            let mut out = bias.repeat(rows);
+            let w = w.transposed();
+            product(x, w, 1.0, &mut out, outer, Into::Add, Threads::All);
+            out
+        }
     };
-    product(x, w.transposed(), 1.0, &mut out, outer, into, Threads::All);
     Ok((CpuStorage::F32(out), Shape::from((rows, outer))))
 }
 
@@ -69,9 +135,10 @@ fn backward(x: &Tensor, w: &Tensor, grad: &Tensor) -> Result<(Option<Tensor>, Op
             .then(|| left.apply_op2_no_bwd(right, &op))
             .transpose()
     };
+    let of_w = wanted(w, grad, x, Backward::Weight)?;
     Ok((
         wanted(x, grad, w, Backward::Input)?,
-        wanted(w, grad, x, Backward::Weight)?,
+        of_w.and_then(|gradient| collect(w, gradient)),
     ))
 }
 
@@ -102,16 +169,7 @@ impl CustomOp2 for Backward {
             Self::Input => (grad, rows),
             Self::Weight => (grad.transposed(), outer),
         };
-        let mut out = vec![0.0; rows * inner];
-        product(
-            grad,
-            other,
-            1.0,
-            &mut out,
-            inner,
-            Into::Replace,
-            Threads::All,
-        );
+        let out = product_of(grad, other);
         Ok((CpuStorage::F32(out), Shape::from((rows, inner))))
     }
 }
@@ -211,6 +269,18 @@ mod tests {
                 let (ours, theirs) = (ours.get(variable).unwrap(), theirs.get(variable).unwrap());
                 assert!(distance(ours, theirs) < 1e-5);
             }
+        }
+    }
+
+    #[test]
+    fn a_residual_is_added() {
+        let (x, residual) = (tensor(&[2, 5, 7], 0.3), tensor(&[2, 5, 3], 0.9));
+        for bias in [None, Some(tensor(&[3], 1.1))] {
+            let linear = Linear::new(tensor(&[3, 7], 0.7), bias);
+            let ours = linear.forward_onto(&residual, &x).unwrap();
+            let theirs = (linear.forward(&x).unwrap() + &residual).unwrap();
+            assert!(distance(&ours, &theirs) < 1e-6);
+            assert!(linear.forward_onto(&x, &x).is_err());
         }
     }
 

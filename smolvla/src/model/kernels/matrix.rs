@@ -1,5 +1,10 @@
-//! Matrix products over strided views of plain memory, by the `gemm` crate.
+//! Matrix products over strided views of plain memory.
+//!
+//! Two libraries compute them, as each is up to three times as fast as the other where it is chosen (`step_floors` shows it):
+//! `gemm`, which candle uses too, packs its operands and is the faster one for many rows; `faer` is for few, and for long sums.
 
+use faer::linalg::matmul::matmul;
+use faer::{Accum, MatMut, MatRef, Par};
 use gemm::Parallelism;
 
 /// A strided matrix inside a slice: element (i, j) is `values[i * row_stride + j * column_stride]`.
@@ -36,6 +41,13 @@ impl<'a> Matrix<'a> {
         }
     }
 
+    /// # Safety
+    /// None: `Matrix` is made with the check that every element lies in `values`.
+    unsafe fn view(&self) -> MatRef<'a, f32> {
+        let (rows, columns) = (self.row_stride as isize, self.column_stride as isize);
+        MatRef::from_raw_parts(self.values.as_ptr(), self.rows, self.columns, rows, columns)
+    }
+
     /// Rows as columns.
     pub fn transposed(self) -> Self {
         Self {
@@ -70,8 +82,44 @@ pub enum Into {
 pub enum Threads {
     /// This one.
     One,
-    /// All of rayon's.
+    /// All of rayon's, where the product is large enough to be worth waking them.
     All,
+}
+
+/// Multiplications of the largest product that one thread finishes before another would have begun.
+const SMALL: usize = 1 << 22;
+
+/// From so many rows of the result on, packing the operands pays.
+const MANY_ROWS: usize = 256;
+
+/// With sums so many times longer than the result's rows, `gemm`'s packing of the right operand stalls.
+const LONG_SUMS: usize = 2;
+
+/// `a·b`, row after row, from all of rayon's threads.
+///
+/// # Panics
+/// The shapes disagree.
+pub fn product_of(a: Matrix, b: Matrix) -> Vec<f32> {
+    assert_eq!(a.columns, b.rows, "inner dimensions of a product");
+    let (rows, columns) = (a.rows, b.columns);
+    if a.columns == 0 {
+        return vec![0.0; rows * columns];
+    }
+    let mut out = Vec::with_capacity(rows * columns);
+    // SAFETY: as much was just reserved. A product that replaces reads nothing of what was there, and writes all of it.
+    unsafe {
+        multiply(
+            a,
+            b,
+            1.0,
+            out.as_mut_ptr(),
+            columns,
+            Into::Replace,
+            Threads::All,
+        );
+        out.set_len(rows * columns);
+    }
+    out
 }
 
 /// `out = scale · a·b` or `out += scale · a·b`, rows of `out` being `out_stride` apart.
@@ -89,36 +137,64 @@ pub fn product(
 ) {
     assert_eq!(a.columns, b.rows, "inner dimensions of a product");
     assert!(b.columns <= out_stride && extent(a.rows, b.columns, out_stride) <= out.len());
+    // SAFETY: the elements that shapes and stride name lie in `out`, as was just made sure. It is borrowed mutably, so it overlaps
+    // neither operand; its rows do not overlap, as they are at least as far apart as they are long.
+    unsafe { multiply(a, b, scale, out.as_mut_ptr(), out_stride, into, threads) }
+}
+
+/// # Safety
+/// `a.rows` rows of `b.columns` values, `out_stride` apart and at least as far as they are long, may be written at `out`, and
+/// read where the product is added; they overlap neither operand.
+unsafe fn multiply(
+    a: Matrix,
+    b: Matrix,
+    scale: f32,
+    out: *mut f32,
+    out_stride: usize,
+    into: Into,
+    threads: Threads,
+) {
     let (rows, columns, inner) = (a.rows, b.columns, a.columns);
-    let parallelism = match threads {
-        Threads::One => Parallelism::None,
-        Threads::All => Parallelism::Rayon(rayon::current_num_threads()),
-    };
-    // SAFETY: every element that the shapes and strides name lies in its slice: `Matrix` is made with that check, transposing
-    // keeps it, and the output's was made just now. `out` is borrowed mutably, so it overlaps neither operand; its rows do not
-    // overlap, as they are at least as far apart as they are long.
+    let parallel = threads == Threads::All && rows * columns * inner > SMALL;
+    // SAFETY: every element that the operands' shapes and strides name lies in their slices: `Matrix` is made with that check, and
+    // transposing keeps it. The output's is the caller's word.
     unsafe {
-        gemm::gemm(
-            rows,
-            columns,
-            inner,
-            out.as_mut_ptr(),
-            1,
-            out_stride as isize,
-            into == Into::Add,
-            a.values.as_ptr(),
-            a.column_stride as isize,
-            a.row_stride as isize,
-            b.values.as_ptr(),
-            b.column_stride as isize,
-            b.row_stride as isize,
-            1.0,
-            scale,
-            false,
-            false,
-            false,
-            parallelism,
-        );
+        if rows < MANY_ROWS || inner > LONG_SUMS * columns {
+            let stride = out_stride as isize;
+            let out = MatMut::from_raw_parts_mut(out, rows, columns, stride, 1);
+            let into = match into {
+                Into::Replace => Accum::Replace,
+                Into::Add => Accum::Add,
+            };
+            let threads = if parallel { Par::rayon(0) } else { Par::Seq };
+            matmul(out, into, a.view(), b.view(), scale, threads);
+        } else {
+            gemm::gemm(
+                rows,
+                columns,
+                inner,
+                out,
+                1,
+                out_stride as isize,
+                into == Into::Add,
+                a.values.as_ptr(),
+                a.column_stride as isize,
+                a.row_stride as isize,
+                b.values.as_ptr(),
+                b.column_stride as isize,
+                b.row_stride as isize,
+                1.0,
+                scale,
+                false,
+                false,
+                false,
+                if parallel {
+                    Parallelism::Rayon(rayon::current_num_threads())
+                } else {
+                    Parallelism::None
+                },
+            );
+        }
     }
 }
 

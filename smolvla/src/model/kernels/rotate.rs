@@ -1,10 +1,9 @@
 //! The rotation of the rotary embedding, over halves.
 
 use candle_core::{CpuStorage, CustomOp3, Layout, Result, Shape, Tensor, D};
-use rayon::prelude::*;
+use pulp::{Arch, Simd};
 
-use super::vector::vectorised;
-use super::{serve, values};
+use super::{in_chunks, serve, values};
 
 /// Rotates the halves of the last dimension of x (B, L, heads, dim) by angles whose sines and cosines are (B, L, 1, dim / 2):
 /// `(a cos - b sin, b cos + a sin)`. The angles get no gradient.
@@ -57,18 +56,9 @@ impl CustomOp3 for Rotate {
         let (sin, cos) = (values(sin, sin_layout)?, values(cos, cos_layout)?);
         let mut out = values(x, x_layout)?.to_vec();
         let sign = if self.back { -1.0 } else { 1.0 };
-        let tokens = out.par_chunks_mut((heads * dim).max(1));
-        let angles = sin.par_chunks(half).zip(cos.par_chunks(half));
-        tokens.zip(angles).for_each(|(token, (sin, cos))| {
-            vectorised(|| {
-                for head in token.chunks_exact_mut(dim) {
-                    let (a, b) = head.split_at_mut(half);
-                    for (((a, b), sin), cos) in a.iter_mut().zip(b).zip(sin).zip(cos) {
-                        let sin = sign * sin;
-                        (*a, *b) = (*a * cos - *b * sin, *b * cos + *a * sin);
-                    }
-                }
-            });
+        in_chunks(&mut out, heads * dim, 4, |at, token| {
+            let angles = at * half..(at + 1) * half;
+            rotate_heads(token, &sin[angles.clone()], &cos[angles], sign)
         });
         Ok((CpuStorage::F32(out), x_layout.shape().clone()))
     }
@@ -84,6 +74,18 @@ impl CustomOp3 for Rotate {
         let back = Rotate { back: !self.back };
         let of_x = grad.contiguous()?.apply_op3_no_bwd(sin, cos, &back)?;
         Ok((Some(of_x), None, None))
+    }
+}
+
+#[pulp::with_simd(rotate_heads = Arch::new())]
+#[inline(always)]
+fn rotate_heads_with<S: Simd>(_: S, token: &mut [f32], sin: &[f32], cos: &[f32], sign: f32) {
+    for head in token.chunks_exact_mut(2 * sin.len()) {
+        let (a, b) = head.split_at_mut(sin.len());
+        for (((a, b), sin), cos) in a.iter_mut().zip(b).zip(sin).zip(cos) {
+            let sin = sign * sin;
+            (*a, *b) = (*a * cos - *b * sin, *b * cos + *a * sin);
+        }
     }
 }
 

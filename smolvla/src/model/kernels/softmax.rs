@@ -1,10 +1,10 @@
 //! Softmax of attention scores, scaled and masked in the same pass.
 
 use candle_core::{CpuStorage, CustomOp2, Layout, Result, Shape, Tensor, D};
-use rayon::prelude::*;
+use pulp::{Arch, Simd};
 
-use super::vector::{exp, sum, vectorised};
-use super::{serve, values};
+use super::vector::{exp, sum};
+use super::{in_chunks, serve, values};
 
 /// `softmax(scale * scores + mask)` over the last dimension, for scores (B, heads, Q, K) and a mask (B, 1, Q, K) of numbers
 /// to add. The mask gets no gradient.
@@ -51,20 +51,10 @@ impl CustomOp2 for MaskedSoftmax {
         let mask = values(mask, mask_layout)?;
         let scale = self.scale;
         let plane = (queries * keys).max(1);
-        out.par_chunks_mut(plane)
-            .enumerate()
-            .for_each(|(at, plane_of)| {
-                let mask = &mask[at / heads * plane..][..plane_of.len()];
-                vectorised(|| {
-                    let rows = plane_of.chunks_exact_mut(keys.max(1));
-                    for (row, mask) in rows.zip(mask.chunks_exact(keys.max(1))) {
-                        for (value, mask) in row.iter_mut().zip(mask) {
-                            *value = *value * scale + mask;
-                        }
-                        softmax_row(row);
-                    }
-                });
-            });
+        in_chunks(&mut out, plane, 16, |at, scores| {
+            let mask = &mask[at / heads * plane..][..scores.len()];
+            softmax_rows(scores, mask, keys.max(1), scale)
+        });
         Ok((CpuStorage::F32(out), scores_layout.shape().clone()))
     }
 
@@ -106,42 +96,62 @@ impl CustomOp2 for Backward {
         let mut result = values(grad, grad_layout)?.to_vec();
         let (scale, keys) = (self.scale, keys.max(1));
         let plane = (queries * keys).max(1);
-        let planes = result.par_chunks_mut(plane).zip(out.par_chunks(plane));
-        planes.for_each(|(grad, out)| {
-            vectorised(|| {
-                for (grad, p) in grad.chunks_exact_mut(keys).zip(out.chunks_exact(keys)) {
-                    let n = grad.len().min(p.len());
-                    let (g, p) = (&mut grad[..n], &p[..n]);
-                    let mean = sum(n, |i| g[i] * p[i]);
-                    for (g, p) in g.iter_mut().zip(p) {
-                        *g = scale * p * (*g - mean);
-                    }
-                }
-            });
+        if out.len() != result.len() {
+            candle_core::bail!("a gradient {:?}", grad_layout.shape());
+        }
+        in_chunks(&mut result, plane, 6, |at, grad| {
+            gradient_rows(grad, &out[at * plane..][..grad.len()], keys, scale)
         });
         Ok((CpuStorage::F32(result), grad_layout.shape().clone()))
     }
 }
 
-/// Replaces a row by its softmax.
+/// Replaces rows of `keys` scores by the softmax of `scale * scores + mask`.
+#[pulp::with_simd(softmax_rows = Arch::new())]
 #[inline(always)]
-fn softmax_row(row: &mut [f32]) {
-    let total = exponentials(row);
-    let factor = 1.0 / total;
-    for value in row {
-        *value *= factor;
+fn softmax_rows_with<S: Simd>(_: S, scores: &mut [f32], mask: &[f32], keys: usize, scale: f32) {
+    for (row, mask) in scores.chunks_exact_mut(keys).zip(mask.chunks_exact(keys)) {
+        for (value, mask) in row.iter_mut().zip(mask) {
+            *value = *value * scale + mask;
+        }
+        let factor = 1.0 / exponentials(row);
+        for value in row {
+            *value *= factor;
+        }
+    }
+}
+
+#[pulp::with_simd(gradient_rows = Arch::new())]
+#[inline(always)]
+fn gradient_rows_with<S: Simd>(_: S, grad: &mut [f32], p: &[f32], keys: usize, scale: f32) {
+    for (grad, p) in grad.chunks_exact_mut(keys).zip(p.chunks_exact(keys)) {
+        let n = grad.len().min(p.len());
+        let (g, p) = (&mut grad[..n], &p[..n]);
+        let mean = sum(n, |i| g[i] * p[i]);
+        for (g, p) in g.iter_mut().zip(p) {
+            *g = scale * p * (*g - mean);
+        }
     }
 }
 
 /// Replaces a row by e^(x − largest x), and gives their sum.
 #[inline(always)]
 pub(super) fn exponentials(row: &mut [f32]) -> f32 {
+    const LANES: usize = 16;
     let largest = largest(row);
-    for value in row.iter_mut() {
-        *value = exp(*value - largest);
+    let mut lanes = [0.0f32; LANES];
+    let mut chunks = row.chunks_exact_mut(LANES);
+    for chunk in &mut chunks {
+        for (lane, value) in lanes.iter_mut().zip(chunk) {
+            *value = exp(*value - largest);
+            *lane += *value;
+        }
     }
-    let row = &*row;
-    sum(row.len(), |i| row[i])
+    for (lane, value) in lanes.iter_mut().zip(chunks.into_remainder()) {
+        *value = exp(*value - largest);
+        *lane += *value;
+    }
+    sum(LANES, |i| lanes[i])
 }
 
 /// The largest of a row's values, by lanes that compilers vectorise.

@@ -1,13 +1,10 @@
 //! SwiGLU's gate: `silu(gate) * up`, with both gradients in one pass.
 
 use candle_core::{CpuStorage, CustomOp2, CustomOp3, Layout, Result, Shape, Tensor};
-use rayon::prelude::*;
+use pulp::{Arch, Simd};
 
-use super::vector::{sigmoid, vectorised};
-use super::{serve, values};
-
-/// Values a task.
-const BLOCK: usize = 1 << 14;
+use super::vector::sigmoid;
+use super::{in_blocks, serve, values};
 
 /// `silu(gate) * up` for two tensors of one shape (Shazeer, GLU Variants Improve Transformer, 2020).
 pub fn swiglu(gate: &Tensor, up: &Tensor) -> Result<Tensor> {
@@ -41,14 +38,7 @@ impl CustomOp2 for SwiGlu {
                 up_layout.shape()
             );
         }
-        let blocks = out.par_chunks_mut(BLOCK).zip(up.par_chunks(BLOCK));
-        blocks.for_each(|(gate, up)| {
-            vectorised(|| {
-                for (gate, up) in gate.iter_mut().zip(up) {
-                    *gate = *gate * sigmoid(*gate) * up;
-                }
-            });
-        });
+        in_blocks(&mut out, |from, gate| gated(gate, &up[from..]));
         Ok((CpuStorage::F32(out), gate_layout.shape().clone()))
     }
 
@@ -90,20 +80,39 @@ impl CustomOp3 for Backward {
     ) -> Result<(CpuStorage, Shape)> {
         let mut out = values(grad, grad_layout)?.to_vec();
         let (gate, up) = (values(gate, gate_layout)?, values(up, up_layout)?);
-        let blocks = out.par_chunks_mut(BLOCK).zip(gate.par_chunks(BLOCK));
-        blocks
-            .zip(up.par_chunks(BLOCK))
-            .for_each(|((grad, gate), up)| {
-                let values = grad.iter_mut().zip(gate).zip(up);
-                vectorised(|| match self {
-                    Self::Gate => values.for_each(|((grad, gate), up)| {
-                        let s = sigmoid(*gate);
-                        *grad *= up * s * (1.0 + gate * (1.0 - s));
-                    }),
-                    Self::Up => values.for_each(|((grad, gate), _)| *grad *= gate * sigmoid(*gate)),
-                });
-            });
+        if gate_layout.shape() != grad_layout.shape() || up_layout.shape() != grad_layout.shape() {
+            candle_core::bail!("a gradient {:?}", grad_layout.shape());
+        }
+        in_blocks(&mut out, |from, grad| match self {
+            Self::Gate => gradient_of_gate(grad, &gate[from..], &up[from..]),
+            Self::Up => gradient_of_up(grad, &gate[from..]),
+        });
         Ok((CpuStorage::F32(out), grad_layout.shape().clone()))
+    }
+}
+
+#[pulp::with_simd(gated = Arch::new())]
+#[inline(always)]
+fn gated_with<S: Simd>(_: S, gate: &mut [f32], up: &[f32]) {
+    for (gate, up) in gate.iter_mut().zip(up) {
+        *gate = *gate * sigmoid(*gate) * up;
+    }
+}
+
+#[pulp::with_simd(gradient_of_gate = Arch::new())]
+#[inline(always)]
+fn gradient_of_gate_with<S: Simd>(_: S, grad: &mut [f32], gate: &[f32], up: &[f32]) {
+    for ((grad, gate), up) in grad.iter_mut().zip(gate).zip(up) {
+        let s = sigmoid(*gate);
+        *grad *= up * s * (1.0 + gate * (1.0 - s));
+    }
+}
+
+#[pulp::with_simd(gradient_of_up = Arch::new())]
+#[inline(always)]
+fn gradient_of_up_with<S: Simd>(_: S, grad: &mut [f32], gate: &[f32]) {
+    for (grad, gate) in grad.iter_mut().zip(gate) {
+        *grad *= gate * sigmoid(*gate);
     }
 }
 

@@ -1,41 +1,27 @@
-//! Elementwise functions written so that compilers vectorise them, and the dispatch to the widest instructions at hand.
-
-use pulp::Arch;
-
-/// Runs `work` compiled for the widest vector instructions of this machine.
-#[inline]
-pub fn vectorised<R>(work: impl FnOnce() -> R) -> R {
-    struct Work<F>(F);
-    impl<R, F: FnOnce() -> R> pulp::NullaryFnOnce for Work<F> {
-        type Output = R;
-        #[inline(always)]
-        fn call(self) -> R {
-            (self.0)()
-        }
-    }
-    Arch::new().dispatch(Work(work))
-}
+//! Elementwise functions written so that compilers vectorise them. Kernels that use them are compiled for every width of
+//! vector instruction, and the widest at hand is taken at run time (`pulp::with_simd`).
 
 /// e^x to 2 units in the last place, for x within ±87; beyond that it stays at e^±87.
 ///
 /// Cody and Waite's reduction to |r| ≤ ln 2 / 2 and Cephes' polynomial, without a branch.
 #[inline(always)]
 pub fn exp(x: f32) -> f32 {
-    /// Adding and taking away 1.5 · 2^23 rounds to an integer.
+    /// 1.5 · 2^23: a number added to it is rounded to an integer, which its lowest bits then hold.
     const ROUND: f32 = 12_582_912.0;
     let x = x.clamp(-87.0, 87.0);
-    let n = (x * std::f32::consts::LOG2_E + ROUND) - ROUND;
-    let r = x - n * 0.693_359_4;
-    let r = r - n * -2.121_944_4e-4;
-    let p = 1.987_569_1e-4;
-    let p = p * r + 1.398_199_9e-3;
-    let p = p * r + 8.333_452e-3;
-    let p = p * r + 4.166_579_6e-2;
-    let p = p * r + 1.666_666_5e-1;
-    let p = p * r + 0.5;
-    let e = p * r * r + r + 1.0;
-    // 2^n, by its exponent bits: n is within ±126.
-    e * f32::from_bits(((n as i32 + 127) as u32) << 23)
+    let rounded = x.mul_add(std::f32::consts::LOG2_E, ROUND);
+    let n = rounded - ROUND;
+    let r = n.mul_add(-0.693_359_4, x);
+    let r = n.mul_add(2.121_944_4e-4, r);
+    let p = 1.987_569_1e-4f32;
+    let p = p.mul_add(r, 1.398_199_9e-3);
+    let p = p.mul_add(r, 8.333_452e-3);
+    let p = p.mul_add(r, 4.166_579_6e-2);
+    let p = p.mul_add(r, 1.666_666_5e-1);
+    let p = p.mul_add(r, 0.5);
+    let e = (p * r).mul_add(r, r) + 1.0;
+    // 2^n, by its exponent bits: n is within ±126. The bits of `ROUND` go out on the left.
+    e * f32::from_bits(rounded.to_bits().wrapping_add(127) << 23)
 }
 
 /// 1 / (1 + e^−x).
