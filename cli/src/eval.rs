@@ -3,7 +3,7 @@
 use crate::{
     chart::{self, Bars},
     dataset::RecordingName,
-    frames::{self, CacheOptions, Naming, Ready},
+    frames::{CacheOptions, Naming, Ready},
     policy_source::{self, PolicySource},
 };
 use anyhow::{bail, Context, Result};

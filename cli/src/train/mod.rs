@@ -10,7 +10,7 @@ pub use options::Options;
 use crate::{
     chart,
     dataset::RecordingName,
-    frames::{self, Kind, Naming, Ready},
+    frames::{Kind, Naming, Ready},
     policy_source,
 };
 use anyhow::{bail, Context, Result};

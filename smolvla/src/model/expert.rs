@@ -4,6 +4,7 @@ use candle_core::{DType, Device, Tensor};
 
 use super::attention::{mix, products, Mask};
 use super::kernels::linear::Linear;
+use super::kernels::swiglu::silu;
 use super::layers::{linear, DecoderLayer, RmsNorm};
 use super::observe::{ignore, Observer, Site};
 use super::prefix::PrefixCache;
@@ -106,7 +107,7 @@ impl ExpertModel {
         let joined = Tensor::cat(&[actions, time.contiguous()?], 2)?;
         let mixed = self.time_in.forward(&joined)?;
         observe(Site::TimeMlpIn, &mixed)?;
-        let mixed = mixed.silu()?;
+        let mixed = silu(&mixed)?;
         observe(Site::TimeMlpSilu, &mixed)?;
         let suffix = self.time_out.forward(&mixed)?;
         observe(Site::TimeMlpOut, &suffix)?;

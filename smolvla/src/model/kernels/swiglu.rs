@@ -1,6 +1,6 @@
-//! SwiGLU's gate: `silu(gate) * up`, with both gradients in one pass.
+//! SiLU, and SwiGLU's gate `silu(gate) * up`, each gradient in one pass.
 
-use candle_core::{CpuStorage, CustomOp2, CustomOp3, Layout, Result, Shape, Tensor};
+use candle_core::{CpuStorage, CustomOp1, CustomOp2, CustomOp3, Layout, Result, Shape, Tensor};
 use pulp::{Arch, Simd};
 
 use super::vector::sigmoid;
@@ -12,6 +12,59 @@ pub fn swiglu(gate: &Tensor, up: &Tensor) -> Result<Tensor> {
         gate.contiguous()?.apply_op2(&up.contiguous()?, SwiGlu)
     } else {
         gate.silu()? * up
+    }
+}
+
+/// `x / (1 + e^−x)` (Elfwing et al., Sigmoid-Weighted Linear Units, 2018).
+pub fn silu(x: &Tensor) -> Result<Tensor> {
+    if serve(x) {
+        x.contiguous()?.apply_op1(Silu)
+    } else {
+        x.silu()
+    }
+}
+
+struct Silu;
+
+impl CustomOp1 for Silu {
+    fn name(&self) -> &'static str {
+        "silu"
+    }
+
+    fn cpu_fwd(&self, x: &CpuStorage, layout: &Layout) -> Result<(CpuStorage, Shape)> {
+        let mut out = values(x, layout)?.to_vec();
+        in_blocks(&mut out, |_, x| silu_block(x));
+        Ok((CpuStorage::F32(out), layout.shape().clone()))
+    }
+
+    fn bwd(&self, x: &Tensor, _: &Tensor, grad: &Tensor) -> Result<Option<Tensor>> {
+        let grad = grad.contiguous()?;
+        grad.apply_op2_no_bwd(x, &SiluBackward).map(Some)
+    }
+}
+
+/// From grad and x to `grad * s * (1 + x * (1 - s))` for s = sigmoid(x).
+struct SiluBackward;
+
+impl CustomOp2 for SiluBackward {
+    fn name(&self) -> &'static str {
+        "silu-backward"
+    }
+
+    fn cpu_fwd(
+        &self,
+        grad: &CpuStorage,
+        grad_layout: &Layout,
+        x: &CpuStorage,
+        x_layout: &Layout,
+    ) -> Result<(CpuStorage, Shape)> {
+        let mut out = values(grad, grad_layout)?.to_vec();
+        let x = values(x, x_layout)?;
+        if x.len() != out.len() {
+            candle_core::bail!("a gradient {:?}", grad_layout.shape());
+        }
+        in_blocks(&mut out, |from, grad| gradient_of_silu(grad, &x[from..]));
+        Ok((CpuStorage::F32(out), grad_layout.shape().clone()))
     }
 }
 
@@ -91,6 +144,23 @@ impl CustomOp3 for Backward {
     }
 }
 
+#[pulp::with_simd(silu_block = Arch::new())]
+#[inline(always)]
+fn silu_block_with<S: Simd>(_: S, block: &mut [f32]) {
+    for x in block {
+        *x *= sigmoid(*x);
+    }
+}
+
+#[pulp::with_simd(gradient_of_silu = Arch::new())]
+#[inline(always)]
+fn gradient_of_silu_with<S: Simd>(_: S, grad: &mut [f32], x: &[f32]) {
+    for (grad, x) in grad.iter_mut().zip(x) {
+        let s = sigmoid(*x);
+        *grad *= s * (1.0 + x * (1.0 - s));
+    }
+}
+
 #[pulp::with_simd(gated = Arch::new())]
 #[inline(always)]
 fn gated_with<S: Simd>(_: S, gate: &mut [f32], up: &[f32]) {
@@ -134,13 +204,17 @@ mod tests {
             let largest: f32 = difference.max(0).unwrap().to_scalar().unwrap();
             assert!(largest < 1e-4, "{largest}");
         };
+        let gradients = |out: &Tensor| out.sqr().unwrap().sum_all().unwrap().backward().unwrap();
         let ours = swiglu(&gate, &up).unwrap();
         let theirs = (gate.silu().unwrap() * up.as_tensor()).unwrap();
         close(&ours, &theirs);
-        let gradients = |out: Tensor| out.sqr().unwrap().sum_all().unwrap().backward().unwrap();
-        let (ours, theirs) = (gradients(ours), gradients(theirs));
+        let (ours, theirs) = (gradients(&ours), gradients(&theirs));
         for variable in [&gate, &up] {
             close(ours.get(variable).unwrap(), theirs.get(variable).unwrap());
         }
+        let (ours, theirs) = (silu(&gate).unwrap(), gate.silu().unwrap());
+        close(&ours, &theirs);
+        let (ours, theirs) = (gradients(&ours), gradients(&theirs));
+        close(ours.get(&gate).unwrap(), theirs.get(&gate).unwrap());
     }
 }
