@@ -41,11 +41,12 @@ impl<'a> Matrix<'a> {
         }
     }
 
-    /// # Safety
-    /// None: `Matrix` is made with the check that every element lies in `values`.
-    unsafe fn view(&self) -> MatRef<'a, f32> {
+    fn view(&self) -> MatRef<'a, f32> {
         let (rows, columns) = (self.row_stride as isize, self.column_stride as isize);
-        MatRef::from_raw_parts(self.values.as_ptr(), self.rows, self.columns, rows, columns)
+        // SAFETY: `Matrix` is made with the check that every element lies in `values`, and transposing keeps it.
+        unsafe {
+            MatRef::from_raw_parts(self.values.as_ptr(), self.rows, self.columns, rows, columns)
+        }
     }
 
     /// Rows as columns.
@@ -238,5 +239,29 @@ mod tests {
             Threads::One,
         );
         assert_eq!(out[0], (0..3).map(|k| a[2 + k] * b[k]).sum::<f32>());
+    }
+
+    #[test]
+    fn results_do_not_depend_on_the_number_of_threads() {
+        // Few rows, many rows, long sums: large enough for several threads each.
+        for (rows, inner, columns) in [(50, 720, 512), (512, 128, 256), (300, 2048, 64)] {
+            let values = |count: usize, step: f32| -> Vec<f32> {
+                (0..count).map(|i| (i as f32 * step).sin()).collect()
+            };
+            let (a, b) = (values(rows * inner, 0.3), values(columns * inner, 0.7));
+            assert!(rows * inner * columns > SMALL);
+            let with = |threads: usize| {
+                let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
+                pool.build().unwrap().install(|| {
+                    let b = Matrix::new(&b, columns, inner).transposed();
+                    product_of(Matrix::new(&a, rows, inner), b)
+                })
+            };
+            let one = with(1);
+            assert_eq!(one, with(2));
+            assert_eq!(one, with(5));
+            let exact: f64 = (0..inner).map(|k| f64::from(a[k]) * f64::from(b[k])).sum();
+            assert!((f64::from(one[0]) - exact).abs() < 1e-4 * inner as f64);
+        }
     }
 }
