@@ -71,57 +71,38 @@ impl CustomOp3 for Onto<'_> {
         residual: &CpuStorage,
         residual_layout: &Layout,
     ) -> Result<(CpuStorage, Shape)> {
-        let ((rows, inner), (outer, columns)) =
-            (x_layout.shape().dims2()?, w_layout.shape().dims2()?);
-        if inner != columns || residual_layout.shape().dims2()? != (rows, outer) {
-            candle_core::bail!(
-                "a linear map of {columns} to {outer} values got {inner}, and {:?}",
-                residual_layout.shape()
-            );
-        }
-        let mut out = values(residual, residual_layout)?.to_vec();
+        let mut onto = values(residual, residual_layout)?.to_vec();
         if let Some(bias) = self.bias {
             let bias = bias.to_vec1::<f32>()?;
-            in_chunks(&mut out, outer, 1, |_, row| {
+            in_chunks(&mut onto, bias.len(), 1, |_, row| {
                 row.iter_mut().zip(&bias).for_each(|(x, b)| *x += b);
             });
         }
-        let x = Matrix::new(values(x, x_layout)?, rows, inner);
-        let w = Matrix::new(values(w, w_layout)?, outer, inner);
-        product(
-            x,
-            w.transposed(),
-            1.0,
-            &mut out,
-            outer,
-            Into::Add,
-            Threads::All,
-        );
-        Ok((CpuStorage::F32(out), residual_layout.shape().clone()))
+        forward((x, x_layout), (w, w_layout), Some(onto))
     }
 }
 
 struct Affine;
 
-/// `x·wᵀ` added to rows of the bias, or to nothing.
+/// `x·wᵀ` added to as many values, or to nothing.
 fn forward(
     (x, x_layout): (&CpuStorage, &Layout),
     (w, w_layout): (&CpuStorage, &Layout),
-    bias: Option<&[f32]>,
+    onto: Option<Vec<f32>>,
 ) -> Result<(CpuStorage, Shape)> {
     let ((rows, inner), (outer, columns)) = (x_layout.shape().dims2()?, w_layout.shape().dims2()?);
-    if inner != columns || bias.is_some_and(|bias| bias.len() != outer) {
-        candle_core::bail!("a linear map of {columns} to {outer} values got {inner}");
+    if inner != columns || onto.as_ref().is_some_and(|onto| onto.len() != rows * outer) {
+        candle_core::bail!(
+            "a linear map of {columns} to {outer} values got {rows} rows of {inner}, or a bias or residual of another length"
+        );
     }
     let x = Matrix::new(values(x, x_layout)?, rows, inner);
-    let w = Matrix::new(values(w, w_layout)?, outer, inner);
-    let out = match bias {
-        None => product_of(x, w.transposed()),
-        Some(bias) => {
-            let mut out = bias.repeat(rows);
-            let w = w.transposed();
-            product(x, w, 1.0, &mut out, outer, Into::Add, Threads::All);
-            out
+    let w = Matrix::new(values(w, w_layout)?, outer, inner).transposed();
+    let out = match onto {
+        None => product_of(x, w),
+        Some(mut onto) => {
+            product(x, w, 1.0, &mut onto, outer, Into::Add, Threads::All);
+            onto
         }
     };
     Ok((CpuStorage::F32(out), Shape::from((rows, outer))))
@@ -214,8 +195,9 @@ impl CustomOp3 for Affine {
         bias: &CpuStorage,
         bias_layout: &Layout,
     ) -> Result<(CpuStorage, Shape)> {
-        let bias = values(bias, bias_layout)?;
-        forward((x, x_layout), (w, w_layout), Some(bias))
+        let rows = x_layout.shape().dims2()?.0;
+        let onto = values(bias, bias_layout)?.repeat(rows);
+        forward((x, x_layout), (w, w_layout), Some(onto))
     }
 
     fn bwd(
