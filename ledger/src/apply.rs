@@ -1,18 +1,19 @@
 //! The state machine: which entry may come next, and what it changes. Pure, total, and all or nothing.
 
 use crate::{
+    authentic::AuthenticEntry,
     bindings::{already_submitted, in_time, same},
     codec::EntryError,
     entry::{Body, Entry, NodeEnrolled, RoundClosed, RoundOpened, ENTRY_VERSION},
     genesis::MAX_NAME_BYTES,
     refusal::Refusal,
-    signed::{DatasetRegistration, Signed, Statement, Submission, UpdateCommitment},
+    signed::{DatasetRegistration, Signed, UpdateCommitment},
     state::{Commit, Dataset, Decision, Node, Round, State},
     violation::RuleViolation,
 };
 use ed25519_dalek::VerifyingKey;
 use std::collections::BTreeMap;
-use zk0_circuits::{challenge::challenge, Digest, NodeId};
+use zk0_circuits::{challenge::challenge, Claim, Digest, NodeId};
 
 impl State {
     /// Founds a network with the log's first entry.
@@ -51,24 +52,41 @@ impl State {
     /// Whether `entry` may come next. It may depend on everything but the tree: its own root is not known yet.
     pub fn check(&self, entry: &Entry) -> Result<(), RuleViolation> {
         check_version(entry)?;
-        if entry.time_ms < self.time_ms {
-            return Err(RuleViolation::TimeBackwards {
+        self.check_time(entry)?;
+        self.check_body(&entry.authenticate()?)
+    }
+
+    /// [`State::check`] of an entry whose signatures were verified before: elsewhere, or by another thread.
+    pub fn check_authentic(&self, entry: &AuthenticEntry<'_>) -> Result<(), RuleViolation> {
+        check_version(entry)?;
+        self.check_time(entry)?;
+        self.check_body(entry)
+    }
+
+    fn check_time(&self, entry: &Entry) -> Result<(), RuleViolation> {
+        match entry.time_ms < self.time_ms {
+            true => Err(RuleViolation::TimeBackwards {
                 time_ms: entry.time_ms,
                 last_ms: self.time_ms,
-            });
+            }),
+            false => Ok(()),
         }
+    }
+
+    fn check_body(&self, entry: &AuthenticEntry<'_>) -> Result<(), RuleViolation> {
         match &entry.body {
             Body::Genesis(_) => Err(RuleViolation::SecondGenesis),
             Body::NodeEnrolled(enrolled) => self.check_enrolled(enrolled),
-            Body::DatasetCommitted(signed) => self.check_dataset(signed),
+            Body::DatasetCommitted(signed) => self.check_dataset(&signed.statement),
             Body::RoundOpened(opened) => self.check_opened(opened, entry.time_ms),
-            Body::UpdateCommitted(signed) => Ok(self.check_update(signed, entry.time_ms)?),
+            Body::UpdateCommitted(signed) => {
+                Ok(self.check_update(&signed.statement, entry.time_ms)?)
+            }
             Body::ContributionAccepted(signed) => {
-                let submission = verified(signed)?;
-                Ok(self.check_claim(&submission.claim, entry.time_ms)?)
+                Ok(self.check_claim(&signed.statement.claim, entry.time_ms)?)
             }
             Body::ContributionRejected { submission, reason } => {
-                self.check_rejected(submission, reason, entry.time_ms)
+                self.check_rejected(&submission.statement.claim, reason, entry.time_ms)
             }
             Body::RoundClosed(closed) => self.check_closed(closed, entry.time_ms),
         }
@@ -96,8 +114,7 @@ impl State {
         }
     }
 
-    fn check_dataset(&self, signed: &Signed<DatasetRegistration>) -> Result<(), RuleViolation> {
-        let registration = verified(signed)?;
+    fn check_dataset(&self, registration: &DatasetRegistration) -> Result<(), RuleViolation> {
         let (node, commitment) = (registration.node, &registration.dataset);
         if registration.network != self.network {
             return Err(Refusal::WrongNetwork {
@@ -203,8 +220,7 @@ impl State {
         })
     }
 
-    fn check_update(&self, signed: &Signed<UpdateCommitment>, time_ms: u64) -> Result<(), Refusal> {
-        let commitment = verified(signed)?;
+    fn check_update(&self, commitment: &UpdateCommitment, time_ms: u64) -> Result<(), Refusal> {
         let node = commitment.node;
         let round = self.check_addressed(&commitment.network, commitment.round, &node)?;
         if round.commits.contains_key(&node) {
@@ -254,11 +270,10 @@ impl State {
     /// why a claim is refused, that has to be the reason.
     fn check_rejected(
         &self,
-        signed: &Signed<Submission>,
+        claim: &Claim,
         reason: &Refusal,
         time_ms: u64,
     ) -> Result<(), RuleViolation> {
-        let claim = &verified(signed)?.claim;
         // A stranger may replay what the node signed for another round: only a claim for this one can decide it.
         let round = self.check_addressed(&claim.network, claim.round, &claim.node)?;
         match round.commits.get(&claim.node).map(|commit| commit.decision) {
@@ -466,10 +481,4 @@ fn check_version(entry: &Entry) -> Result<(), RuleViolation> {
         ENTRY_VERSION => Ok(()),
         other => Err(EntryError::UnknownVersion(other).into()),
     }
-}
-
-fn verified<T: Statement>(signed: &Signed<T>) -> Result<&T, Refusal> {
-    signed
-        .verify()
-        .map_err(|error| Refusal::Signature(error.to_string()))
 }

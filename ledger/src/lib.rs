@@ -4,6 +4,7 @@
 //! - [`entry`]: what the log holds; [`codec`]: its one canonical encoding; [`genesis`]: what founds a network.
 //! - [`rules`]: the rules of a network, fixed in its genesis.
 //! - [`signed`]: statements signed by nodes.
+//! - [`authentic`]: entries whose signatures were verified, before the rules look at them.
 //! - [`refusal`]: the named reasons for which a contribution is refused; [`violation`]: those for which an entry is.
 //! - [`state`]: what a network is after the entries so far; [`apply`]: which entry may come next and what it changes, a
 //!   pure function; [`bindings`]: what the ledger fixes about a claim.
@@ -19,6 +20,7 @@
 //! - [`tlog_proof`]: receipts as C2SP tlog-proof bundles, checked offline.
 
 pub mod apply;
+pub mod authentic;
 pub mod bindings;
 pub mod blobs;
 pub mod bundle;
@@ -51,6 +53,7 @@ pub mod violation;
 pub mod witness;
 pub mod witness_store;
 
+pub use authentic::AuthenticEntry;
 pub use bindings::ExpectedClaim;
 pub use blobs::{BlobError, BlobWriter, Blobs};
 pub use checkpoint::Checkpoint;
