@@ -9,7 +9,7 @@
 //! - [`state`]: what a network is after the entries so far; [`apply`]: which entry may come next and what it changes, a
 //!   pure function; [`bindings`]: what the ledger fixes about a claim.
 //! - [`tree`], [`checkpoint`], [`receipt`]: RFC 6962, C2SP signed checkpoints, and a node's proof of inclusion.
-//! - [`log`]: the log on disk, over [`store`] (RocksDB) and [`folder`]; [`blobs`] beside it.
+//! - [`log`]: the log on disk, over [`store`] (RocksDB) and [`folder`]; [`group`]: where checkpoints are; [`blobs`] beside it.
 //! - [`replay`]: an auditor reads it all again and believes nothing.
 //!
 //! And what makes it a transparency log for everybody else:
@@ -31,6 +31,7 @@ pub mod entry;
 pub mod error;
 pub mod folder;
 pub mod genesis;
+pub mod group;
 mod history;
 pub mod layout;
 pub mod log;
