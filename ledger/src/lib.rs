@@ -14,13 +14,15 @@
 //!
 //! And what makes it a transparency log for everybody else:
 //! - [`layout`], [`bundle`], [`tiles`]: what is served and where (C2SP tlog-tiles), and its bytes from the database;
-//! - [`source`], [`published`]: a reader of such files, who trusts none of them; [`mirror`]: a ledger's folder made from them;
+//! - [`source`], [`published`]: a reader of such files, who trusts none of them; [`mirror`]: a ledger's folder made from them; [`backup`]: one
+//!   made from another;
 //! - [`verifier_key`], [`cosignature`], [`policy`]: who signed, and whose signatures are enough;
 //! - [`witness`], [`witness_store`]: who cosigns only what continues what it cosigned before;
 //! - [`tlog_proof`]: receipts as C2SP tlog-proof bundles, checked offline.
 
 pub mod apply;
 pub mod authentic;
+pub mod backup;
 pub mod bindings;
 pub mod blobs;
 pub mod bundle;
