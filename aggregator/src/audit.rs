@@ -107,7 +107,15 @@ impl Recheck for Auditor {
                 let whole = whole("the global weights", &closed.global.blob, blobs);
                 unproven.chain([check, whole]).collect()
             }
-            Body::Genesis(_) | Body::NodeEnrolled(_) | Body::UpdateCommitted(_) => Vec::new(),
+            Body::Genesis(_)
+            | Body::NodeEnrolled(_)
+            | Body::UpdateCommitted(_)
+            | Body::KeyRotated { .. }
+            | Body::Proposed(_)
+            | Body::Voted(_)
+            | Body::ProposalSettled(_)
+            | Body::Disputed(_)
+            | Body::DisputeResolved(_) => Vec::new(),
         };
         self.findings(index, checks)
     }

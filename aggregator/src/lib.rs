@@ -2,7 +2,7 @@
 //!
 //! A short tour. What decides is pure, and an auditor replays it:
 //! - [`decide`]: what becomes of a submission;
-//! - [`fedavg`]: federated averaging, bit-exact on every machine;
+//! - [`strategy`]: contributions combined to new weights, bit-exact on every machine: [`fedavg`], or a [`robust`] average;
 //! - [`close`]: how a round ends;
 //! - [`audit`]: all of it again, entry by entry, from the ledger and whatever blobs there are; [`fsck`]: the blobs alone;
 //! - [`disclosed`]: which blobs anyone may read; [`view`]: what a ledger's folder publishes; [`export`]: that, as plain files;
@@ -23,6 +23,8 @@ pub mod disclosed;
 pub mod export;
 pub mod fedavg;
 pub mod fsck;
+pub mod robust;
+pub mod strategy;
 pub mod view;
 pub mod web;
 

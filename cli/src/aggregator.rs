@@ -22,8 +22,9 @@ use zk0_circuits::{
 use zk0_ledger::{
     entry::{Body, Genesis, NodeEnrolled},
     folder,
+    governance::Governance,
     log::Ledger,
-    rules::{Disclosure, Rules},
+    rules::{CreditRule, Disclosure, EnrolmentRule, Participation, Rules, Strategy},
 };
 use zk0_smolvla::{fixed_point::quantise_weights, init::init_policy, policy_file, Profile};
 use zk0_verifier::blob_digest;
@@ -230,6 +231,16 @@ impl Init {
             submit_window_ms: minutes(self.submit_minutes)?,
             max_update_bytes: 1 << 20,
             max_proof_bytes: 2 << 20,
+            max_update_norm_bps: 0,
+            strategy: Strategy::FedAvg,
+            participation: Participation::All,
+            enrolment: EnrolmentRule::Operator,
+            credits: CreditRule {
+                bps_samples_per_credit: 1000,
+                max_per_contribution: 10_000,
+                dispute_window_ms: 7 * 24 * 3_600_000,
+            },
+            governance: Governance::none(),
         })
     }
 }

@@ -354,6 +354,32 @@ fn describe(body: &Body) -> String {
             closed.round,
             closed.contributors.len()
         ),
+        Body::KeyRotated { rotation, .. } => format!(
+            "node {} changed its key to {}",
+            rotation.statement.node, rotation.statement.with
+        ),
+        Body::Proposed(signed) => format!(
+            "{} proposed '{}' (proposal {})",
+            signed.statement.proposer, signed.statement.title, signed.statement.number
+        ),
+        Body::Voted(signed) => format!(
+            "{} voted {:?} on proposal {}",
+            signed.statement.voter, signed.statement.ballot, signed.statement.proposal
+        ),
+        Body::ProposalSettled(settled) => {
+            format!("proposal {} was {}", settled.proposal, settled.outcome)
+        }
+        Body::Disputed(signed) => format!(
+            "{} disputed the contribution of entry {}",
+            signed.statement.disputer, signed.statement.contribution
+        ),
+        Body::DisputeResolved(resolved) => match &resolved.upheld {
+            Some(reason) => format!(
+                "the dispute of entry {} was upheld: {reason}",
+                resolved.dispute
+            ),
+            None => format!("the dispute of entry {} was dismissed", resolved.dispute),
+        },
     }
 }
 

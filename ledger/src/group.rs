@@ -1,15 +1,15 @@
 //! Groups: entries that are committed together, on disk with one write and covered by one signed checkpoint.
 //!
-//! A checkpoint is signed where a group ends. So a log has checkpoints of some sizes and not of others, with two exceptions
-//! that a reader insists on: the last entry has one, or nothing would vouch for it; and an update's commitment has one, since
-//! its challenge follows from the tree that ends with it ([`crate::state`]), and nobody could check a challenge whose root was
-//! never signed.
+//! A checkpoint is signed where a group ends. So a log has checkpoints of some sizes and not of others, with exceptions that
+//! a reader insists on: the last entry has one, or nothing would vouch for it; and so has an entry whose tree decides
+//! something ([`needs_checkpoint`]), since nobody could check what follows from a root that was never signed.
 
 use crate::{
     authentic::AuthenticEntry,
     checkpoint::Checkpoint,
     entry::{Body, Entry},
     error::LedgerError,
+    rules::Participation,
     state::State,
     store::Batch,
     tree::Frontier,
@@ -20,9 +20,16 @@ use rayon::prelude::*;
 use tlog_tiles::tlog::{record_hash, Hash};
 use zk0_circuits::Digest;
 
-/// Whether the tree that ends with this entry has to have a signed checkpoint, wherever in a group the entry is.
+/// Whether the tree that ends with this entry has to have a signed checkpoint, wherever in a group the entry is: an update's
+/// challenge follows from it, and the sample of nodes that a round is for.
 pub fn needs_checkpoint(body: &Body) -> bool {
-    matches!(body, Body::UpdateCommitted(_))
+    match body {
+        Body::UpdateCommitted(_) => true,
+        Body::RoundOpened(opened) => {
+            matches!(opened.rules.participation, Participation::Sampled { .. })
+        }
+        _ => false,
+    }
 }
 
 /// A group that the rules allow after what is there, ready to be written.

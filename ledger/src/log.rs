@@ -171,7 +171,7 @@ impl Ledger {
     }
 
     /// Appends entries as one group, each if the rules allow it after those before it: one write to disk, one checkpoint at
-    /// the end (and one after each update's commitment, whose challenge follows from it). If the rules refuse one, nothing
+    /// the end (and one after each entry from whose tree something follows). If the rules refuse one, nothing
     /// is written and [`LedgerError::InGroup`] says which. Returns where the entries are; [`Ledger::first_receipt`] has
     /// their receipts.
     ///

@@ -6,13 +6,15 @@ use network::{rounds::copy, shelf::*, *};
 use proptest::prelude::*;
 use rocksdb::DB;
 use std::path::Path;
-use zk0_circuits::challenge::challenge;
+use zk0_circuits::{challenge::challenge, NodeId};
 use zk0_ledger::{
     bundle,
+    entry::NodeEnrolled,
     layout::{Kind, Tile},
     mirror::{mirror, MirrorError},
     replay,
     replay::Verdict,
+    rules::Participation,
     store::Store,
     tiles, Body, Ledger, LedgerError, Policy, Refusal, Report, RuleViolation,
 };
@@ -41,6 +43,19 @@ fn joining(nodes: std::ops::Range<u8>) -> Vec<Body> {
     nodes
         .flat_map(|node| [enrolled(node), registered(&network, node)])
         .collect()
+}
+
+/// Nodes that nobody else uses.
+fn strangers(numbers: std::ops::Range<u64>) -> Vec<Body> {
+    let enrol = |number: u64| {
+        let seed = [number.to_le_bytes(); 4].concat().try_into().unwrap();
+        let key = ed25519_dalek::SigningKey::from_bytes(&seed);
+        Body::NodeEnrolled(NodeEnrolled {
+            node: NodeId(key.verifying_key().to_bytes()),
+            name: format!("stranger {number}"),
+        })
+    };
+    numbers.map(enrol).collect()
 }
 
 #[test]
@@ -223,6 +238,35 @@ fn any_checkpoint_of_another_tree_keeps_a_ledger_from_opening() {
 }
 
 #[test]
+fn the_opening_of_a_round_that_draws_its_nodes_has_the_checkpoint_that_draws_them() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut genesis = genesis();
+    genesis.rules.participation = Participation::Sampled { nodes: 1 };
+    let network = genesis.network_id();
+    let (mut ledger, _) = Ledger::create(dir.path(), genesis, log_key(), T0).unwrap();
+    let joining = (0..6).flat_map(|node| [enrolled(node), registered(&network, node)]);
+    let mut group: Vec<Body> = joining.collect();
+    group.push(Body::RoundOpened(opened(ledger.state(), T0)));
+    group.extend([enrolled(6), enrolled(7)]);
+    ledger.append_all(T0, group).unwrap();
+    let state = ledger.state().clone();
+    assert_eq!(state.round().unwrap().sample.as_ref().unwrap().len(), 1);
+    drop(ledger);
+    assert_eq!(checkpoints(dir.path()), [1, 14, 16]);
+    verified(dir.path());
+    assert_eq!(
+        Ledger::open(dir.path(), None, log_key()).unwrap().state(),
+        &state
+    );
+    let db = DB::open_default(dir.path().join("log")).unwrap();
+    db.delete([&b"c"[..], &14u64.to_be_bytes()].concat())
+        .unwrap();
+    drop(db);
+    assert_eq!(replay(dir.path(), None, &mut ()).verdict, Verdict::Failed);
+    assert!(Ledger::open(dir.path(), None, log_key()).is_err());
+}
+
+#[test]
 fn a_late_commitment_in_a_group_is_refused_for_its_own_reason() {
     let dir = tempfile::tempdir().unwrap();
     let mut ledger = founded(dir.path());
@@ -273,8 +317,8 @@ fn a_mirror_of_groups_is_the_same_ledger_and_insists_on_the_same_checkpoints() {
     let dir = tempfile::tempdir().unwrap();
     let mut ledger = with_commitments(dir.path());
     // Beyond the first bundle, with a group across its end.
-    ledger.append_all(T0, joining(20..140)).unwrap();
-    ledger.append_all(T0, joining(140..145)).unwrap();
+    ledger.append_all(T0, strangers(0..300)).unwrap();
+    ledger.append_all(T0, strangers(300..310)).unwrap();
     drop(ledger);
     let original = verified(dir.path());
     assert_eq!(published_with(dir.path(), |_| {}).unwrap(), original);

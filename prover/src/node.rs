@@ -1,12 +1,15 @@
 //! A node's dealings with an aggregator. Nothing the aggregator says is believed: the network is known by its id, whatever
 //! was recorded comes with a receipt, and the challenge is derived from the receipt's checkpoint.
 
-use crate::rpc::{self, federation_client::FederationClient};
+use crate::{
+    recording::Recording,
+    rpc::{self, federation_client::FederationClient},
+};
 use ed25519_dalek::SigningKey;
 use sha2::{Digest as _, Sha256};
 use std::time::Duration;
 use tonic::{transport, Code, Status};
-use zk0_circuits::{challenge::challenge, Claim, DatasetCommitment, Digest, NodeId, WeightsDigest};
+use zk0_circuits::{challenge::challenge, Claim, Digest, NodeId, WeightsDigest};
 use zk0_ledger::{
     checkpoint::{Checkpoint, CheckpointError},
     codec::EntryError,
@@ -209,17 +212,14 @@ impl Node {
     }
 
     /// Puts a dataset on the ledger; a node that was restarted gets the receipt it got before.
-    pub async fn register(
-        &mut self,
-        dataset: &DatasetCommitment,
-        leaves: &[Digest],
-    ) -> Result<(), NodeError> {
-        let leaves: Vec<u8> = leaves.iter().flat_map(|leaf| leaf.0).collect();
+    pub async fn register(&mut self, recording: &Recording) -> Result<(), NodeError> {
+        let leaves: Vec<u8> = recording.leaves.iter().flat_map(|leaf| leaf.0).collect();
         let statement = DatasetRegistration {
             network: self.network,
             node: self.id(),
-            dataset: *dataset,
+            dataset: recording.commitment,
             leaves: Digest(Sha256::digest(&leaves).into()),
+            episodes: recording.episodes.clone(),
         };
         let signed = Signed::new(statement, &self.key);
         let request = rpc::RegisterDatasetRequest {

@@ -9,7 +9,8 @@ use zk0_circuits::{
 };
 use zk0_ledger::{
     entry::{NodeEnrolled, RoundClosed, RoundOpened},
-    rules::Disclosure,
+    governance::{Governance, Governor},
+    rules::{CreditRule, Disclosure, EnrolmentRule, Participation, Strategy},
     signed::{DatasetRegistration, Submission, UpdateCommitment},
     Body, Genesis, Ledger, Refusal, Rules, Signed, State,
 };
@@ -17,7 +18,7 @@ use zk0_ledger::{
 /// Nodes of the network.
 pub const NODES: u64 = 250;
 
-/// When everything happens, Unix milliseconds.
+/// When it all begins, Unix milliseconds.
 pub const TIME: u64 = 1_700_000_000_000;
 
 /// A digest that no other number has.
@@ -64,19 +65,36 @@ fn genesis() -> Genesis {
             submit_window_ms: 5000,
             max_update_bytes: 1 << 20,
             max_proof_bytes: 1 << 21,
+            max_update_norm_bps: 0,
+            strategy: Strategy::FedAvg,
+            participation: Participation::All,
+            enrolment: EnrolmentRule::Operator,
+            credits: CreditRule {
+                bps_samples_per_credit: 100,
+                max_per_contribution: 500,
+                dispute_window_ms: 1000,
+            },
+            governance: Governance {
+                governors: vec![Governor {
+                    key: id(&key(u64::MAX - 1)),
+                    name: "governor".into(),
+                    weight: 1,
+                }],
+                credits_per_vote: 10,
+                max_node_votes: 5,
+                quorum_bps: 4000,
+                threshold_bps: 5000,
+                veto_bps: 3000,
+                voting_ms: 20_000,
+                time_lock_ms: 10_000,
+            },
         },
         program: vec![1; 32],
         mode: Mode::Direct,
-        evaluation: hex(evaluation.trim()),
+        evaluation: hex::decode(evaluation.trim()).expect("hexadecimal"),
         policy: digest(4, 0),
         initial: weights(0),
     }
-}
-
-fn hex(text: &str) -> Vec<u8> {
-    (0..text.len() / 2)
-        .map(|at| u8::from_str_radix(&text[2 * at..2 * at + 2], 16).expect("hexadecimal"))
-        .collect()
 }
 
 /// A ledger with nothing but its genesis.
@@ -126,6 +144,7 @@ pub fn registrations(state: &State, times: u64) -> Vec<Body> {
             node: id(&key),
             dataset: dataset(number % NODES),
             leaves: digest(7, number),
+            episodes: vec![digest(9, number % NODES)],
         };
         Body::DatasetCommitted(Signed::new(registration, &key))
     };
@@ -150,7 +169,9 @@ pub fn grown(dir: &Path, entries: u64) -> Result<()> {
     let keys: Vec<SigningKey> = (0..NODES).map(key).collect();
     while ledger.size() < entries {
         let state = ledger.state();
-        let opening = state.next_opening(TIME)?;
+        // Long enough for the round before to be beyond dispute.
+        let now = TIME + state.next_round() * 2000;
+        let opening = state.next_opening(now)?;
         let (network, round) = (*state.network(), opening.round);
         let commit = |(node, key): (usize, &SigningKey)| {
             let node = node as u64;
@@ -165,7 +186,7 @@ pub fn grown(dir: &Path, entries: u64) -> Result<()> {
         };
         let mut bodies = vec![Body::RoundOpened(opening)];
         bodies.par_extend(keys.par_iter().enumerate().map(commit));
-        ledger.commit(TIME, bodies)?;
+        ledger.commit(now, bodies)?;
 
         let state = ledger.state();
         let decide = |(node, key): (usize, &SigningKey)| {
@@ -183,13 +204,13 @@ pub fn grown(dir: &Path, entries: u64) -> Result<()> {
             })
         };
         let decided: Result<Vec<Body>> = keys.par_iter().enumerate().map(decide).collect();
-        ledger.commit(TIME, decided?)?;
+        ledger.commit(now, decided?)?;
         let closed = RoundClosed {
             round,
             global: weights(round),
             contributors: ledger.state().contributors(),
         };
-        ledger.append(TIME, Body::RoundClosed(closed))?;
+        ledger.append(now, Body::RoundClosed(closed))?;
         if round % 200 == 199 {
             eprintln!("  {} of {entries} entries made", ledger.size());
         }
