@@ -18,11 +18,12 @@ use crate::{
     proto::{
         federation_server::{Federation, FederationServer},
         upload_chunk::Part,
-        Chunk, CommitRequest, DownloadRequest, GetNetworkRequest, GetRoundRequest, NetworkInfo,
-        Receipt, RegisterDatasetRequest, RoundInfo, SubmitReply, SubmitRequest, UploadChunk,
-        UploadReply,
+        Chunk, CommitRequest, DownloadRequest, GetGovernanceRequest, GetNetworkRequest,
+        GetRoundRequest, GovernanceInfo, NetworkInfo, Receipt, RecordRequest,
+        RegisterDatasetRequest, RoundInfo, SubmitReply, SubmitRequest, UploadChunk, UploadReply,
     },
     request::RequestError,
+    wire::governance_info,
 };
 use std::{
     collections::BTreeSet,
@@ -179,7 +180,12 @@ impl Service {
         loop {
             match self.with(Aggregator::step).await {
                 Err(error) => return error,
-                Ok(Progress::Opened(_) | Progress::Closed(_)) => {}
+                Ok(
+                    Progress::Opened(_)
+                    | Progress::Closed(_)
+                    | Progress::Settled(_)
+                    | Progress::Resolved(_),
+                ) => {}
                 Ok(Progress::Waiting | Progress::Finished) => {
                     let _ = timeout(TICK, self.changed.notified()).await;
                 }
@@ -405,15 +411,41 @@ impl Federation for Service {
         &self,
         request: Request<GetRoundRequest>,
     ) -> Result<Response<RoundInfo>, Status> {
-        let round = request.into_inner().round;
+        let GetRoundRequest { round, node } = request.into_inner();
+        let node = <[u8; 32]>::try_from(node).ok().map(NodeId);
         let service = self.clone();
         let info = self.with(move |aggregator| {
             let (opened, closed) = aggregator.round(round, service.visible(aggregator)?)?;
+            let state = aggregator.state();
+            let open = state.round().zip(node);
             Ok(RoundInfo {
+                invited: open.is_some_and(|(open, node)| state.may_contribute(open, &node)),
                 opened: opened.map(Into::into),
                 closed: closed.map(Into::into),
                 now_ms: aggregator.now_ms(),
             })
+        });
+        Ok(Response::new(info.await?))
+    }
+
+    async fn record(&self, request: Request<RecordRequest>) -> Result<Response<Receipt>, Status> {
+        let body = request.into_inner().body;
+        let receipt = self
+            .with(move |aggregator| aggregator.record(&body))
+            .await?;
+        self.changed.notify_one();
+        self.published(receipt.index + 1).await?;
+        Ok(Response::new(receipt.into()))
+    }
+
+    async fn get_governance(
+        &self,
+        _: Request<GetGovernanceRequest>,
+    ) -> Result<Response<GovernanceInfo>, Status> {
+        let service = self.clone();
+        let info = self.with(move |aggregator| {
+            let visible = service.visible(aggregator)?;
+            governance_info(aggregator, visible)
         });
         Ok(Response::new(info.await?))
     }

@@ -253,7 +253,10 @@ impl Network {
     }
 
     pub async fn round(&self, round: Option<u64>) -> proto::RoundInfo {
-        let request = proto::GetRoundRequest { round };
+        let request = proto::GetRoundRequest {
+            round,
+            node: Vec::new(),
+        };
         self.client()
             .await
             .get_round(request)
