@@ -82,6 +82,7 @@ pub fn genesis() -> Genesis {
                 max_per_contribution: 1000,
                 dispute_window_ms: 1000,
             },
+            witness_policy: String::new(),
             governance: Governance::none(),
         },
         program: vec![0; 32],

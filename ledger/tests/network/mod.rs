@@ -94,6 +94,7 @@ pub fn genesis() -> Genesis {
                 max_per_contribution: 500,
                 dispute_window_ms: DISPUTE_WINDOW,
             },
+            witness_policy: String::new(),
             governance: Governance {
                 governors: governors(),
                 credits_per_vote: 10,
