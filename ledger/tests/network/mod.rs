@@ -2,6 +2,7 @@
 #![allow(dead_code)]
 
 pub mod rounds;
+pub mod scenario;
 pub mod shelf;
 pub mod votes;
 
