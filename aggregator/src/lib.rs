@@ -64,4 +64,4 @@ pub use crate::{
     clock::{Clock, ManualClock, SystemClock},
     service::{Limits, Service},
 };
-pub use audit::Auditor;
+pub use audit::{Auditor, Depth};

@@ -14,6 +14,16 @@ pub struct Frontier {
 }
 
 impl Frontier {
+    /// The right edge of the first `size` leaves, from the hashes that were stored as they came.
+    pub fn read(size: u64, stored: &impl HashReader) -> Result<Self, TreeError> {
+        let edge = sub_tree_index(0, size, Vec::new());
+        let found = stored.read_hashes(&edge)?;
+        Ok(Self {
+            size,
+            hashes: edge.into_iter().zip(found).collect(),
+        })
+    }
+
     /// Number of leaves.
     pub fn size(&self) -> u64 {
         self.size
