@@ -74,6 +74,16 @@ fn proofs(dir: &Path) -> Vec<PathBuf> {
     entries(dir).into_iter().filter_map(proof).collect()
 }
 
+/// The proof of the first accepted contribution.
+fn accepted_proof(dir: &Path) -> PathBuf {
+    let proof = |entry: Entry| match entry.body {
+        Body::ContributionAccepted(submission) => Some(submission.statement.proof),
+        _ => None,
+    };
+    let proof = entries(dir).into_iter().find_map(proof).unwrap();
+    Blobs::at(dir).path(&proof)
+}
+
 fn blobs(dir: &Path) -> Vec<PathBuf> {
     let mut blobs: Vec<_> = fs::read_dir(dir.join("blobs/sha256"))
         .unwrap()
@@ -128,13 +138,7 @@ fn a_light_audit_verifies_proofs_and_reads_no_weights() {
         .iter()
         .any(|note| note.contains("not at hand")));
     // A proof is wanted by either.
-    let accepted = entries(dir.path())
-        .into_iter()
-        .find_map(|entry| match entry.body {
-            Body::ContributionAccepted(submission) => Some(submission.statement.proof),
-            _ => None,
-        });
-    fs::write(Blobs::at(dir.path()).path(&accepted.unwrap()), b"changed").unwrap();
+    fs::write(accepted_proof(dir.path()), b"changed").unwrap();
     assert_eq!(
         audit(dir.path(), Depth::Light, 2).0.verdict,
         Verdict::Failed
@@ -275,7 +279,7 @@ fn a_proof_that_goes_missing_before_its_round_closes_is_missed() {
     let file = scratch.path().join("state");
     cut(part.path(), size, &text);
     // While its round is open, its aggregator alone has it.
-    let proof = &proofs(part.path())[0];
+    let proof = &accepted_proof(part.path());
     let bytes = fs::read(proof).unwrap();
     let name = proof.file_name().unwrap();
     fs::remove_file(proof).unwrap();

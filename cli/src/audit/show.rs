@@ -9,7 +9,7 @@ use crate::ledger::{open_log, Trust};
 use anyhow::{bail, Result};
 use serde_json::json;
 use sha2::{Digest as _, Sha256};
-use zk0_ledger::{replay::Severity, Entry};
+use zk0_ledger::{published::PublishedError, replay::Severity, Entry};
 
 /// `zk0 audit show`.
 #[derive(Debug, clap::Args)]
@@ -224,16 +224,16 @@ fn round_table(story: &Story, only: Option<u64>) -> String {
 
 fn node_table(story: &Story, places: &[usize]) -> String {
     let mut text = format!(
-        "{:<16}  {:<24}  {:>8}  {:>9}  {:>8}  {:>7}  {:>10}  {:>10}\n",
+        "{:<16}  {:<32}  {:>8}  {:>9}  {:>8}  {:>7}  {:>10}  {:>10}\n",
         "node", "name", "samples", "committed", "accepted", "refused", "acceptance", "credits"
     );
     for node in places.iter().map(|place| &story.nodes[*place]) {
-        let name: String = printable(&node.name).chars().take(24).collect();
+        let name: String = printable(&node.name).chars().take(32).collect();
         let acceptance = node
             .acceptance()
             .map_or("-".into(), |share| format!("{:.0} %", share * 100.0));
         text.push_str(&format!(
-            "{:<16}  {name:<24}  {:>8}  {:>9}  {:>8}  {:>7}  {acceptance:>10}  {:>10}\n",
+            "{:<16}  {name:<32}  {:>8}  {:>9}  {:>8}  {:>7}  {acceptance:>10}  {:>10}\n",
             &node.id[..16],
             node.samples,
             node.committed,

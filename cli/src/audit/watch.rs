@@ -31,7 +31,7 @@ use zk0_ledger::{
 #[derive(Debug, clap::Args)]
 pub struct Options {
     /// A ledger's directory, an export of one, or the address of a served log.
-    log: String,
+    ledger: String,
     /// Seconds between two looks.
     #[arg(long, value_name = "SECONDS", default_value_t = 60)]
     interval: u64,
@@ -74,7 +74,7 @@ pub fn run(options: &Options) -> Result<bool> {
                 failed += 1;
                 tracing::warn!("look {failed} of {PATIENCE} without an answer: {error:#}");
                 if failed == PATIENCE {
-                    return Err(error.context(format!("{} gives no answer", options.log)));
+                    return Err(error.context(format!("{} gives no answer", options.ledger)));
                 }
             }
         }
@@ -82,7 +82,7 @@ pub fn run(options: &Options) -> Result<bool> {
         if options.looks == Some(look) {
             // What was never seen is not verified.
             if failed > 0 {
-                bail!("{} gave no answer at the last look", options.log);
+                bail!("{} gave no answer at the last look", options.ledger);
             }
             return Ok(true);
         }
@@ -121,13 +121,13 @@ impl<'a> Watch<'a> {
     fn begin(options: &'a Options) -> Result<Self> {
         let made = tempfile::tempdir().context("making a temporary directory")?;
         let policy = options.trust.policy()?;
-        let lies_here = folder::database(Path::new(&options.log)).exists();
+        let lies_here = folder::database(Path::new(&options.ledger)).exists();
         // A folder's own checkpoint is not cosigned: with a policy it is read as it would be published.
         let mirror = match lies_here && !policy.wants_witnesses() {
             true if options.mirror.is_some() => {
                 bail!(
                     "{} is a ledger's directory: --mirror is for an export or a served log",
-                    options.log
+                    options.ledger
                 )
             }
             true => None,
@@ -176,9 +176,9 @@ impl<'a> Watch<'a> {
             Depth::Full => Wanted::Everything,
         };
         let dir = match &self.mirror {
-            None => PathBuf::from(&self.options.log),
+            None => PathBuf::from(&self.options.ledger),
             Some(dir) => {
-                let source = source(&self.options.log)?;
+                let source = source(&self.options.ledger)?;
                 let network = self.options.trust.network.as_ref();
                 match fetch(source.as_ref(), dir, &self.policy, network, wanted) {
                     Ok(()) => {}
