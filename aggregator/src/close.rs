@@ -1,6 +1,6 @@
-//! How a round ends: FedAvg over what was accepted, the base weights when nothing was.
+//! How a round ends: what was accepted, combined as the rules say, the base weights when nothing was.
 
-use crate::fedavg::{fedavg, FedAvgError};
+use crate::strategy::{combine, CombineError};
 use zk0_circuits::{Digest, NodeId};
 use zk0_ledger::{
     entry::{Contributor, RoundClosed},
@@ -43,9 +43,9 @@ pub enum CloseError {
     /// The genesis says nothing usable about the weights.
     #[error("evaluation: {0}")]
     Evaluation(#[from] Refusal),
-    /// No average.
+    /// They do not combine.
     #[error(transparent)]
-    FedAvg(#[from] FedAvgError),
+    Combine(#[from] CombineError),
 }
 
 /// Computes the end of the open round from the state and all contributions that were accepted in it, in any order.
@@ -81,7 +81,8 @@ pub fn close(state: &State, contributions: &[VerifiedContribution]) -> Result<Cl
     let (global, file) = match contributions {
         [] => (round.opened.base, None),
         _ => {
-            let global = fedavg(contributions, &Evaluation::of(state)?)?;
+            let strategy = state.rules().strategy;
+            let global = combine(contributions, strategy, &Evaluation::of(state)?)?;
             (global.digest, Some(global.file))
         }
     };

@@ -65,26 +65,7 @@ pub fn decide(
 /// Whether a refusal is the doing of the node that signed for this round, and so goes on the ledger.
 pub fn is_recorded(reason: &Refusal) -> bool {
     match reason {
-        Refusal::Late { .. }
-        | Refusal::Binding { .. }
-        | Refusal::MalformedProof(_)
-        | Refusal::OtherClaim
-        | Refusal::OtherProgram
-        | Refusal::InvalidProof(_)
-        | Refusal::MalformedUpdate(_)
-        | Refusal::OtherWeights { .. }
-        | Refusal::OtherProducts { .. } => true,
-        Refusal::TooLarge { .. }
-        | Refusal::Signature(_)
-        | Refusal::NotEnrolled(_)
-        | Refusal::WrongNetwork { .. }
-        | Refusal::WrongRound { .. }
-        | Refusal::Duplicate { .. }
-        | Refusal::CopiedUpdate { .. }
-        | Refusal::NotCommitted(_)
-        | Refusal::Dataset(_)
-        | Refusal::ProofDigest { .. }
-        | Refusal::UpdateDigest { .. }
-        | Refusal::MissingUpdate(_) => false,
+        Refusal::Late { .. } | Refusal::Binding { .. } => true,
+        reason => reason.is_told_by_blobs(),
     }
 }

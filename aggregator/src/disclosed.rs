@@ -38,7 +38,14 @@ impl Disclosed {
                 self.public.append(&mut self.held_back);
                 self.public.insert(closed.global.blob);
             }
-            Body::NodeEnrolled(_) | Body::RoundOpened(_) => {}
+            Body::NodeEnrolled(_)
+            | Body::RoundOpened(_)
+            | Body::KeyRotated { .. }
+            | Body::Proposed(_)
+            | Body::Voted(_)
+            | Body::ProposalSettled(_)
+            | Body::Disputed(_)
+            | Body::DisputeResolved(_) => {}
         }
     }
 

@@ -5,88 +5,21 @@
 //! fused or reordered. A float32 times a weight below 2^29 is exact in a double, so one contribution alone averages to
 //! itself.
 
-use zk0_circuits::{NodeId, WeightsDigest};
-use zk0_ledger::Refusal;
-use zk0_verifier::{Evaluation, ExpertTensors, VerifiedContribution, WeightsError};
-
-/// New global weights: as a file and as the digest that goes on the ledger.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Global {
-    /// The canonical safetensors file.
-    pub file: Vec<u8>,
-    /// Its digests.
-    pub digest: WeightsDigest,
-}
-
-/// Why there is no average.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum FedAvgError {
-    /// Nothing to average.
-    #[error("no contribution has any weight")]
-    Empty,
-    /// A node twice.
-    #[error("node {0} contributes twice")]
-    Twice(NodeId),
-    /// Contributions that do not fit one another.
-    #[error("node {node}'s weights have no tensor '{tensor}' of {len} values")]
-    Unlike {
-        node: NodeId,
-        tensor: String,
-        len: usize,
-    },
-    /// The average is not finite; cannot happen for finite weights.
-    #[error(transparent)]
-    Weights(#[from] WeightsError),
-    /// The average does not quantise.
-    #[error("the average has no digest: {0}")]
-    Digest(#[from] Refusal),
-}
-
-/// Averages verified contributions, weighted by their committed samples as the rules cap them.
-pub fn fedavg(
-    contributions: &[VerifiedContribution],
-    evaluation: &Evaluation,
-) -> Result<Global, FedAvgError> {
-    let weighted: Vec<_> = contributions
-        .iter()
-        .map(|one| (one.node(), one.samples(), one.weights()))
-        .collect();
-    let weights = average(&weighted)?;
-    let file = weights.to_bytes();
-    let digest = evaluation.digest(&file, &weights)?;
-    Ok(Global { file, digest })
-}
+use crate::strategy::{aligned, CombineError};
+use zk0_circuits::NodeId;
+use zk0_verifier::ExpertTensors;
 
 /// The weighted average of `(node, weight, tensors)`; the order they are given in does not matter.
-pub fn average(weighted: &[(NodeId, u64, &ExpertTensors)]) -> Result<ExpertTensors, FedAvgError> {
-    let mut weighted: Vec<_> = weighted.to_vec();
-    weighted.sort_by_key(|(node, _, _)| *node);
-    if let Some(pair) = weighted.windows(2).find(|pair| pair[0].0 == pair[1].0) {
-        return Err(FedAvgError::Twice(pair[0].0));
-    }
+pub fn average(weighted: &[(NodeId, u64, &ExpertTensors)]) -> Result<ExpertTensors, CombineError> {
+    let weighted = aligned(weighted)?;
     let total = weighted
         .iter()
         .fold(0.0, |sum, (_, samples, _)| sum + *samples as f64);
     let [(_, _, first), ..] = weighted[..] else {
-        return Err(FedAvgError::Empty);
+        return Err(CombineError::Empty);
     };
     if total == 0.0 {
-        return Err(FedAvgError::Empty);
-    }
-    for (node, _, tensors) in &weighted {
-        let unlike = |(name, _, values): (&str, &[usize], &[f32])| {
-            let same = tensors
-                .get(name)
-                .is_some_and(|own| own.len() == values.len());
-            (!same).then(|| FedAvgError::Unlike {
-                node: *node,
-                tensor: name.to_owned(),
-                len: values.len(),
-            })
-        };
-        if let Some(error) = first.iter().find_map(unlike) {
-            return Err(error);
-        }
+        return Err(CombineError::Empty);
     }
     let average = first.map(|name, values| {
         // −0.0 is what adds nothing, to a negative zero either.

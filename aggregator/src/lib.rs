@@ -2,14 +2,14 @@
 //!
 //! A short tour. What decides is pure, and an auditor replays it:
 //! - [`decide`]: what becomes of a submission;
-//! - [`fedavg`]: federated averaging, bit-exact on every machine;
+//! - [`strategy`]: contributions combined to new weights, bit-exact on every machine: [`fedavg`], or a [`robust`] average;
 //! - [`close`]: how a round ends;
 //! - [`audit`]: all of it again, entry by entry, from the ledger and whatever blobs there are; [`fsck`]: the blobs alone;
 //! - [`disclosed`]: which blobs anyone may read; [`view`]: what a ledger's folder publishes; [`export`]: that, as plain files;
 //!   [`web`]: a log read over HTTP.
 //!
 //! With the feature `service`, what runs it:
-//! - [`aggregator`]: the one writer of the ledger; [`recall`] what it knows after a restart, [`staging`] uploads that wait,
+//! - [`aggregator`]: the one writer of the ledger; [`recall`] what it knows after a restart, [`staging`] uploads that wait, [`dispute`] what is verified again,
 //!   [`clock`] the time;
 //! - [`service`]: the network in front of it, with its limits; [`connections`] how many there may be; [`request`] its errors;
 //!   [`wire`] its messages;
@@ -23,6 +23,8 @@ pub mod disclosed;
 pub mod export;
 pub mod fedavg;
 pub mod fsck;
+pub mod robust;
+pub mod strategy;
 pub mod view;
 pub mod web;
 
@@ -34,6 +36,8 @@ pub mod clock;
 pub mod connections;
 #[cfg(feature = "service")]
 pub mod cosigning;
+#[cfg(feature = "service")]
+pub mod dispute;
 #[cfg(feature = "service")]
 pub mod http;
 #[cfg(feature = "service")]

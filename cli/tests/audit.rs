@@ -13,7 +13,8 @@ use zk0_circuits::{
 };
 use zk0_ledger::{
     entry::{NodeEnrolled, RoundClosed},
-    rules::Disclosure,
+    governance::Governance,
+    rules::{CreditRule, Disclosure, EnrolmentRule, Participation, Strategy},
     signed::{DatasetRegistration, Submission, UpdateCommitment},
     Body, Genesis, Ledger, Refusal, Rules, Signed,
 };
@@ -98,6 +99,17 @@ impl Made {
                 submit_window_ms: 5_000,
                 max_update_bytes: 1 << 20,
                 max_proof_bytes: 1 << 20,
+                max_update_norm_bps: 0,
+                strategy: Strategy::FedAvg,
+                participation: Participation::All,
+                enrolment: EnrolmentRule::Operator,
+                credits: CreditRule {
+                    bps_samples_per_credit: 100,
+                    max_per_contribution: 1000,
+                    dispute_window_ms: 1000,
+                },
+                witness_policy: String::new(),
+                governance: Governance::none(),
             },
             program: vec![0; 32],
             mode: Mode::Direct,
@@ -128,6 +140,7 @@ impl Made {
                     salt_commitment: Digest([0x40 + node; 32]),
                 },
                 leaves: Digest([0x60 + node; 32]),
+                episodes: vec![Digest([node; 32])],
             };
             made.append(Body::DatasetCommitted(Signed::new(
                 registration,

@@ -20,11 +20,20 @@ impl Entry {
             Body::UpdateCommitted(signed) => verify(signed)?,
             Body::ContributionAccepted(submission)
             | Body::ContributionRejected { submission, .. } => verify(submission)?,
+            Body::KeyRotated { rotation, takeover } => {
+                verify(rotation)?;
+                verify(takeover)?;
+            }
+            Body::Proposed(signed) => verify(signed)?,
+            Body::Voted(signed) => verify(signed)?,
+            Body::Disputed(signed) => verify(signed)?,
             // Said by the aggregator, who signs the checkpoint that covers it.
             Body::Genesis(_)
             | Body::NodeEnrolled(_)
             | Body::RoundOpened(_)
-            | Body::RoundClosed(_) => {}
+            | Body::RoundClosed(_)
+            | Body::ProposalSettled(_)
+            | Body::DisputeResolved(_) => {}
         }
         Ok(AuthenticEntry(self))
     }

@@ -127,10 +127,8 @@ impl State {
                 })
             }
         };
-        match self.nodes.contains_key(node) {
-            true => Ok(open),
-            false => Err(Refusal::NotEnrolled(*node)),
-        }
+        self.active(node)?;
+        Ok(open)
     }
 
     fn commit(&self, node: &NodeId) -> Result<(&Round, &Commit), Refusal> {

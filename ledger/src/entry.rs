@@ -1,9 +1,13 @@
 //! What the log holds. The canonical encoding of an entry is borsh; its RFC 6962 leaf is the hash of those bytes.
 
 use crate::{
+    governance::Outcome,
     refusal::Refusal,
     rules::Rules,
-    signed::{DatasetRegistration, Signed, Submission, UpdateCommitment},
+    signed::{
+        DatasetRegistration, Dispute, KeyRotation, KeyTakeover, Proposal, Signed, Submission,
+        UpdateCommitment, Vote,
+    },
 };
 use borsh::{BorshDeserialize, BorshSerialize};
 use zk0_circuits::{statement::Mode, Digest, NodeId, WeightsDigest};
@@ -50,6 +54,41 @@ pub enum Body {
     },
     /// A round closed with new global weights.
     RoundClosed(RoundClosed),
+    /// A node changed its key.
+    KeyRotated {
+        /// Signed with the key that it had.
+        rotation: Signed<KeyRotation>,
+        /// Signed with the key that it has from now on.
+        takeover: Signed<KeyTakeover>,
+    },
+    /// A change was proposed.
+    Proposed(Signed<Proposal>),
+    /// Someone voted.
+    Voted(Signed<Vote>),
+    /// A proposal's time was over: what became of it.
+    ProposalSettled(ProposalSettled),
+    /// An accepted contribution was disputed.
+    Disputed(Signed<Dispute>),
+    /// A dispute was decided by verifying the contribution again.
+    DisputeResolved(DisputeResolved),
+}
+
+/// The end of a proposal.
+#[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
+pub struct ProposalSettled {
+    /// Its number.
+    pub proposal: u64,
+    /// What became of it.
+    pub outcome: Outcome,
+}
+
+/// The end of a dispute about verification.
+#[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
+pub struct DisputeResolved {
+    /// Index of the entry that raised it.
+    pub dispute: u64,
+    /// What verification says against the contribution; `None` when it verifies.
+    pub upheld: Option<Refusal>,
 }
 
 /// The founding document. Its digest is the network id.
@@ -61,7 +100,7 @@ pub struct Genesis {
     pub log_key: [u8; 32],
     /// Keeps apart two networks founded alike.
     pub nonce: [u8; 32],
-    /// The rules.
+    /// The rules that it begins with.
     pub rules: Rules,
     /// Verifying key of the proof program (SP1 `hash_koalabear`, as `zk0_circuits::program` encodes it).
     pub program: Vec<u8>,
@@ -97,6 +136,8 @@ pub struct RoundOpened {
     pub commit_deadline_ms: u64,
     /// Last moment for a submission, Unix milliseconds.
     pub submit_deadline_ms: u64,
+    /// The rules in force; they stay so while the round is open.
+    pub rules: Rules,
 }
 
 /// A round closed.
@@ -110,11 +151,13 @@ pub struct RoundClosed {
     pub contributors: Vec<Contributor>,
 }
 
-/// One contribution's share in FedAvg.
+/// One contribution's share in the average, and what it earned.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct Contributor {
     /// The node.
     pub node: NodeId,
     /// Its committed samples, capped by the rules.
     pub samples: u64,
+    /// The credits that it earned.
+    pub credits: u64,
 }

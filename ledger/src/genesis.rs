@@ -6,7 +6,7 @@ use crate::{
     verifier_key::{check_name, short, VerifierKey},
 };
 use ed25519_dalek::VerifyingKey;
-use zk0_circuits::{challenge::MAX_EVAL_SAMPLES, digest::tagged_sha256, spec::EvalSpec, Digest};
+use zk0_circuits::{digest::tagged_sha256, spec::EvalSpec, Digest, NodeId};
 
 /// Longest name of a network or a node, in bytes.
 pub const MAX_NAME_BYTES: usize = 128;
@@ -51,39 +51,26 @@ impl Genesis {
             _ => return Err("log_key is not an ed25519 public key".into()),
         }
         self.evaluation_spec()?;
-        let rules = &self.rules;
-        let at_least_one = [
-            ("min_dataset_samples", rules.min_dataset_samples),
-            ("eval_samples", rules.eval_samples.into()),
-            ("min_improvement_bps", rules.min_improvement_bps.into()),
-            ("max_weight_samples", rules.max_weight_samples),
-            ("commit_window_ms", rules.commit_window_ms),
-            ("max_update_bytes", rules.max_update_bytes),
-            ("max_proof_bytes", rules.max_proof_bytes),
-        ];
-        if let Some((rule, _)) = at_least_one.iter().find(|(_, value)| *value == 0) {
-            return Err(format!("rule {rule} is 0, it has to be at least 1"));
-        }
-        if rules.min_improvement_bps > 10_000 {
-            return Err(format!(
-                "rule min_improvement_bps is {}, a loss cannot fall by more than 10000",
-                rules.min_improvement_bps
-            ));
-        }
-        if rules.eval_samples > MAX_EVAL_SAMPLES
-            || u64::from(rules.eval_samples) > rules.min_dataset_samples
-        {
-            return Err(format!(
-                "rule eval_samples is {}, it can be at most {MAX_EVAL_SAMPLES} and at most min_dataset_samples, {}",
-                rules.eval_samples, rules.min_dataset_samples
-            ));
-        }
-        if rules.submit_window_ms < rules.commit_window_ms {
-            return Err(format!(
-                "rule submit_window_ms is {}, shorter than commit_window_ms, {}",
-                rules.submit_window_ms, rules.commit_window_ms
-            ));
-        }
-        Ok(())
+        self.rules.check()
+    }
+}
+
+/// Refuses who cannot be a member: a key that signs nothing, a name that people cannot read.
+pub(crate) fn check_member(key: &NodeId, name: &str) -> Result<(), String> {
+    match VerifyingKey::from_bytes(&key.0) {
+        Ok(key) if !key.is_weak() => {}
+        _ => return Err("its identity is not an ed25519 public key".into()),
+    }
+    check_line("its name", name, MAX_NAME_BYTES)
+}
+
+/// Refuses what is not one line of text.
+pub(crate) fn check_line(what: &str, text: &str, most: usize) -> Result<(), String> {
+    match text.is_empty() || text.len() > most || text.chars().any(char::is_control) {
+        true => Err(format!(
+            "{what} has {} bytes; 1 to {most} without control characters are allowed",
+            text.len()
+        )),
+        false => Ok(()),
     }
 }

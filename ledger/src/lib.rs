@@ -2,8 +2,8 @@
 //!
 //! A short tour, from what is said to how it is kept:
 //! - [`entry`]: what the log holds; [`codec`]: its one canonical encoding; [`genesis`]: what founds a network.
-//! - [`rules`]: the rules of a network, fixed in its genesis.
-//! - [`signed`]: statements signed by nodes.
+//! - [`rules`]: the rules of a network; [`governance`]: how they change.
+//! - [`signed`]: statements signed by nodes and governors.
 //! - [`authentic`]: entries whose signatures were verified, before the rules look at them.
 //! - [`refusal`]: the named reasons for which a contribution is refused; [`violation`]: those for which an entry is.
 //! - [`state`]: what a network is after the entries so far; [`apply`]: which entry may come next and what it changes, a
@@ -32,7 +32,9 @@ pub mod entry;
 pub mod error;
 pub mod folder;
 pub mod genesis;
+pub mod governance;
 mod history;
+mod identity_text;
 pub mod layout;
 pub mod log;
 pub mod mirror;

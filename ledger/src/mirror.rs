@@ -201,9 +201,14 @@ fn blobs(
     size: u64,
 ) -> Result<(u64, u64), MirrorError> {
     let (mut new, mut missing) = (0, 0);
+    let mut rules = rules.clone();
     for index in 0..size {
         let bytes = store.entry(index)?.ok_or(LedgerError::NoEntry(index))?;
-        for (digest, limit) in named(&Entry::decode(&bytes)?.body, rules) {
+        let body = Entry::decode(&bytes)?.body;
+        if let Body::RoundOpened(opened) = &body {
+            rules = opened.rules.clone();
+        }
+        for (digest, limit) in named(&body, &rules) {
             if blobs.contains(&digest) {
                 continue;
             }
@@ -250,6 +255,13 @@ pub fn named(body: &Body, rules: &Rules) -> Vec<(Digest, u64)> {
             vec![(submission.statement.proof, rules.max_proof_bytes)]
         }
         Body::RoundClosed(closed) => vec![(closed.global.blob, rules.max_base_bytes())],
-        Body::NodeEnrolled(_) | Body::RoundOpened(_) => Vec::new(),
+        Body::NodeEnrolled(_)
+        | Body::RoundOpened(_)
+        | Body::KeyRotated { .. }
+        | Body::Proposed(_)
+        | Body::Voted(_)
+        | Body::ProposalSettled(_)
+        | Body::Disputed(_)
+        | Body::DisputeResolved(_) => Vec::new(),
     }
 }

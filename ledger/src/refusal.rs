@@ -84,4 +84,13 @@ pub enum Refusal {
     /// The update was never uploaded.
     #[error("update {0} was not uploaded")]
     MissingUpdate(Digest),
+    /// Suspended, or revoked.
+    #[error("node {node} is {standing}: it may not take part")]
+    NotActive { node: NodeId, standing: String },
+    /// The rules do not let it contribute to this round.
+    #[error("node {node} is not among those that may contribute to round {round}")]
+    NotInvited { node: NodeId, round: u64 },
+    /// The update is too far from the weights that the round started from.
+    #[error("the update's difference from its base has {bps} basis points of the base's norm, the rules allow {limit}")]
+    TooFar { bps: u64, limit: u64 },
 }

@@ -1,5 +1,6 @@
-//! Statements signed by a node: the payload, its canonical encoding and an ed25519 signature (RFC 8032).
+//! Statements signed by a node or a governor: the payload, its canonical encoding and an ed25519 signature (RFC 8032).
 
+use crate::governance::{Action, Ballot};
 use borsh::{BorshDeserialize, BorshSerialize};
 use ed25519_dalek::{Signature, Signer, SigningKey, VerifyingKey};
 use zk0_circuits::{Claim, DatasetCommitment, Digest, NodeId, WeightsDigest};
@@ -9,7 +10,7 @@ pub trait Statement: BorshSerialize + BorshDeserialize {
     /// Domain-separation tag: a signature for one kind of statement is none for another.
     const TAG: &'static str;
 
-    /// The node that must have signed.
+    /// Who must have signed: a node, or a governor.
     fn signer(&self) -> NodeId;
 }
 
@@ -77,6 +78,8 @@ pub struct DatasetRegistration {
     /// SHA-256 of the list of leaf hashes (32 bytes each, in order), kept as a blob: anyone recomputes root and
     /// uniqueness from it.
     pub leaves: Digest,
+    /// Digests of its episodes, each once, in ascending order: none may be another node's.
+    pub episodes: Vec<Digest>,
 }
 
 /// A node fixes its update before it learns what it will be evaluated on.
@@ -118,6 +121,76 @@ pub struct UploadRequest {
     pub size: u64,
 }
 
+/// Someone with a vote asks for a change.
+#[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
+pub struct Proposal {
+    /// The network.
+    pub network: Digest,
+    /// Its number: proposals are counted from 0, so that none can be recorded again.
+    pub number: u64,
+    /// Who proposes it.
+    pub proposer: NodeId,
+    /// A line for people.
+    pub title: String,
+    /// Why, for people.
+    pub text: String,
+    /// What it does once it is executed.
+    pub action: Action,
+}
+
+/// One voter's say on one proposal.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
+pub struct Vote {
+    /// The network.
+    pub network: Digest,
+    /// The proposal's number.
+    pub proposal: u64,
+    /// Who votes.
+    pub voter: NodeId,
+    /// What they say.
+    pub ballot: Ballot,
+}
+
+/// A node hands its place over to another key of its own.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
+pub struct KeyRotation {
+    /// The network.
+    pub network: Digest,
+    /// The node, by its present key.
+    pub node: NodeId,
+    /// Its next key.
+    pub with: NodeId,
+}
+
+/// The other half of a [`KeyRotation`]: whoever has the next key takes the place.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
+pub struct KeyTakeover {
+    /// What is taken over.
+    pub rotation: KeyRotation,
+}
+
+/// Someone says that an accepted contribution is false.
+#[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
+pub struct Dispute {
+    /// The network.
+    pub network: Digest,
+    /// Who disputes it: a node or a governor.
+    pub disputer: NodeId,
+    /// Index of the entry that accepted it.
+    pub contribution: u64,
+    /// Why it is false.
+    pub evidence: Evidence,
+}
+
+/// Why a contribution is false, and so who decides.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
+pub enum Evidence {
+    /// It does not verify. The evidence is on the ledger and in its blobs; verification, done again, decides.
+    Verification,
+    /// What a document says, of which this is the SHA-256. Those who govern decide.
+    Document(Digest),
+}
+
 macro_rules! statement {
     ($type:ty, $tag:literal, $node:ident $(. $more:ident)?) => {
         impl Statement for $type {
@@ -133,3 +206,8 @@ statement!(DatasetRegistration, "zk0:dataset-registration:v1", node);
 statement!(UpdateCommitment, "zk0:update-commitment:v1", node);
 statement!(Submission, "zk0:submission:v1", claim.node);
 statement!(UploadRequest, "zk0:upload-request:v1", node);
+statement!(Proposal, "zk0:proposal:v1", proposer);
+statement!(Vote, "zk0:vote:v1", voter);
+statement!(KeyRotation, "zk0:key-rotation:v1", node);
+statement!(KeyTakeover, "zk0:key-takeover:v1", rotation.with);
+statement!(Dispute, "zk0:dispute:v1", disputer);

@@ -1,6 +1,6 @@
 //! The named reasons for which the state refuses an entry.
 
-use crate::{codec::EntryError, refusal::Refusal, rules::Disclosure};
+use crate::{codec::EntryError, refusal::Refusal, rules::Disclosure, state::Standing};
 use zk0_circuits::NodeId;
 
 /// Why an entry cannot follow the history so far.
@@ -57,6 +57,56 @@ pub enum RuleViolation {
     /// Refused for a reason that does not hold, or not for the one that does.
     #[error("the contribution is refused because '{given}', but {found}")]
     WrongReason { given: String, found: String },
+    /// The operator enrols a node where only a vote can.
+    #[error("node {0} cannot be enrolled by the operator: the rules ask for a vote")]
+    EnrolmentByVote(NodeId),
+    /// Two halves of a key rotation that do not fit.
+    #[error("node {0}'s key cannot be rotated: the new key signed another rotation")]
+    OtherTakeover(NodeId),
+    /// A key that the open round knows.
+    #[error("node {node} cannot change its key: it has committed an update in round {round}, which is open")]
+    KeyInUse { node: NodeId, round: u64 },
+    /// A proposal that makes no sense.
+    #[error("proposal {number}: {why}")]
+    BadProposal { number: u64, why: String },
+    /// Neither a governor nor a node whose credits vote.
+    #[error("{0} has no vote here")]
+    NoVote(NodeId),
+    /// Nothing to vote on.
+    #[error("proposal {0} is not open")]
+    ProposalNotOpen(u64),
+    /// Too late.
+    #[error("a {what} on proposal {number} comes {late_ms} ms too late")]
+    VoteClosed {
+        number: u64,
+        what: String,
+        late_ms: u64,
+    },
+    /// A veto while the vote lasts.
+    #[error("a veto on proposal {number} comes {early_ms} ms too early: vote against it, or wait for the end of the vote")]
+    VetoEarly { number: u64, early_ms: u64 },
+    /// A second vote.
+    #[error("{voter} has voted on proposal {number} already; votes are final")]
+    VotedTwice { number: u64, voter: NodeId },
+    /// Settled while it can be voted on or vetoed.
+    #[error("proposal {number} cannot be settled for another {early_ms} ms")]
+    SettledEarly { number: u64, early_ms: u64 },
+    /// Settled otherwise than it ended.
+    #[error("proposal {number} is settled as '{found}', but it is {expected}")]
+    OtherOutcome {
+        number: u64,
+        found: String,
+        expected: String,
+    },
+    /// A round opened before what was decided took effect.
+    #[error("proposal {0} has to be settled before a round opens")]
+    ProposalDue(u64),
+    /// A dispute that makes no sense, or its end.
+    #[error("dispute about entry {entry}: {why}")]
+    BadDispute { entry: u64, why: String },
+    /// A round opened before a contribution was verified again.
+    #[error("the dispute of entry {0} has to be decided before a round opens")]
+    DisputeUndecided(u64),
     /// Deadlines beyond the end of time.
     #[error("round {0}'s deadlines do not fit in 64 bits")]
     EndOfTime(u64),
@@ -67,6 +117,16 @@ impl std::fmt::Display for Disclosure {
         f.write_str(match self {
             Self::Nothing => "nothing",
             Self::Losses => "losses",
+        })
+    }
+}
+
+impl std::fmt::Display for Standing {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Active => "active",
+            Self::Suspended => "suspended",
+            Self::Revoked => "revoked",
         })
     }
 }

@@ -133,6 +133,7 @@ fn any_body() -> impl Strategy<Value = Body> {
                 node,
                 dataset,
                 leaves: digest(0),
+                episodes: vec![digest(set)],
             }
         });
     let commitment = (any_digest(), any_u64(), any_node(), any_weights()).prop_map(
@@ -162,6 +163,7 @@ fn any_body() -> impl Strategy<Value = Body> {
                     evaluation: digest(0),
                     commit_deadline_ms: commit,
                     submit_deadline_ms: submit,
+                    rules: genesis().rules,
                 })
             }
         ),
@@ -175,7 +177,11 @@ fn any_body() -> impl Strategy<Value = Body> {
                 global,
                 contributors: contributors
                     .into_iter()
-                    .map(|(node, samples)| Contributor { node, samples })
+                    .map(|(node, samples)| Contributor {
+                        node,
+                        samples,
+                        credits: samples,
+                    })
                     .collect(),
             })
         }),

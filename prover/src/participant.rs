@@ -180,8 +180,7 @@ impl Participant {
         check_dimensions(&policy, &spec)?;
         tracing::info!("preparing the recording {}", self.dataset.display());
         let recording = self.recording(&policy, &spec)?;
-        node.register(&recording.commitment, &recording.leaves)
-            .await?;
+        node.register(&recording).await?;
         tracing::info!(
             "committed to {} samples, root {}",
             recording.commitment.samples,
@@ -264,7 +263,8 @@ impl Turn<'_> {
         prover: &mut ProvingClient,
     ) -> Result<Decision, ParticipantError> {
         let round = self.opened.round;
-        let limit = node.genesis().rules.max_update_bytes;
+        let rules = &self.opened.rules;
+        let limit = rules.max_base_bytes();
         let base_file = node.download(&self.opened.base.blob, limit).await?;
         let base = ExpertWeights::from_safetensors(&self.policy.config, &base_file)?;
         let update = match self.participant.conduct {
@@ -297,7 +297,6 @@ impl Turn<'_> {
             digest.blob
         );
 
-        let rules = &node.genesis().rules;
         let expected = ExpectedClaim {
             network: *node.network(),
             round,

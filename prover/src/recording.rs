@@ -2,7 +2,7 @@
 
 use crate::participant::ParticipantError;
 use crate::progress::Progress;
-use std::{path::Path, slice};
+use std::{collections::BTreeSet, path::Path, slice};
 use zk0_circuits::{
     dataset::{leaf, salt_commitment},
     merkle,
@@ -32,6 +32,8 @@ pub struct Recording {
     pub commitment: DatasetCommitment,
     /// The leaf hashes, in dataset order.
     pub leaves: Vec<Digest>,
+    /// Digests of its episodes, each once, in ascending order.
+    pub episodes: Vec<Digest>,
     salt: [u8; 32],
     quantised: Vec<Sample>,
 }
@@ -63,10 +65,13 @@ impl Recording {
             feature_spec: Digest(dataset.feature_spec_digest(chunk)),
             salt_commitment: salt_commitment(&salt),
         };
+        // A repeated episode counts once.
+        let episodes: BTreeSet<_> = dataset.episode_digests().map(Digest).collect();
         Ok(Self {
             samples,
             commitment,
             leaves,
+            episodes: episodes.into_iter().collect(),
             salt,
             quantised,
         })

@@ -1,6 +1,7 @@
 //! From what a node sent to what counts: [`verify`] is the only way from one to the other.
 
 use crate::{
+    norm::check_norm,
     proof::{check_proof, ProgramKey},
     update::Evaluation,
     weights::{blob_digest, ExpertTensors},
@@ -72,7 +73,8 @@ impl VerifiedContribution {
 
 /// Verifies a contribution recorded at `time_ms` on top of `state`, cheapest check first: sizes, signature, enrolment, the
 /// proof's digest, what the ledger fixes (network, round, commitment, one submission a round, every field of the claim,
-/// the deadline), the SP1 proof, and at last the weights and, in mode `checked`, that the products are those with them.
+/// the deadline), the SP1 proof, the weights and, in mode `checked`, that the products are those with them, and at last how far the
+/// weights are from the base.
 pub fn verify(
     contribution: &UnverifiedContribution,
     state: &State,
@@ -90,6 +92,10 @@ pub fn verify(
     let evaluation = Evaluation::of(state)?;
     let weights = evaluation.check_update(update, &claim.update)?;
     evaluation.check_products(&claim, base, update)?;
+    match state.rules().max_update_norm_bps {
+        0 => {}
+        limit => check_norm(&evaluation.read(base)?, &weights, limit)?,
+    }
     Ok(VerifiedContribution {
         samples: claim.dataset.samples.min(state.rules().max_weight_samples),
         claim,

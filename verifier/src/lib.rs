@@ -5,9 +5,11 @@
 //! - [`proof`]: the SP1 compressed proof, under limits, from hostile bytes.
 //! - [`projection`]: the verifier's half of mode `checked`, from the weights' files.
 //! - [`update`]: the weight check: uploaded bytes, quantised anew, are what was proven.
+//! - [`norm`]: how far it is from the weights that it was trained from.
 //! - [`weights`]: safetensors files of the action expert, read strictly and written canonically.
 
 pub mod contribution;
+pub mod norm;
 pub mod projection;
 pub mod proof;
 pub mod update;

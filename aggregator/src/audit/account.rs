@@ -27,6 +27,8 @@ pub enum What {
     Averages,
     /// Files of global weights are those that the ledger names.
     Globals,
+    /// Disputes that verification decided.
+    Disputes,
 }
 
 /// Why something is not checked.
@@ -56,6 +58,8 @@ pub struct Checked {
     pub refusals: u64,
     /// Global weights computed anew, with the same digest.
     pub averages: u64,
+    /// Disputes that verification decided as it does here.
+    pub disputes: u64,
     /// Checks that were left out.
     pub not_checked: u64,
 }
@@ -113,6 +117,7 @@ impl Account {
             updates: count(What::Updates),
             refusals: count(What::Refusals),
             averages: count(What::Averages),
+            disputes: count(What::Disputes),
             not_checked: self.left_out.values().map(|(count, ..)| count).sum(),
         }
     }
@@ -154,6 +159,7 @@ impl std::fmt::Display for NotChecked {
             What::Refusals => ("refusal's reason", "refusals' reasons"),
             What::Averages => ("average", "averages"),
             What::Globals => ("file of global weights", "files of global weights"),
+            What::Disputes => ("decision of a dispute", "decisions of disputes"),
         };
         let noun = if self.count == 1 { one } else { many };
         write!(f, "{} {noun}: ", self.count)?;

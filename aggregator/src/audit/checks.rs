@@ -43,6 +43,8 @@ pub struct Examined {
     pub checks: Vec<Check>,
     /// The contribution, if all of it verifies.
     pub verified: Option<VerifiedContribution>,
+    /// What verification says against it, if it does.
+    pub refused: Option<Refusal>,
     /// The proof, if it is not here.
     pub missing_proof: Option<Digest>,
 }
@@ -57,6 +59,10 @@ impl Recorded {
                 "the contribution of node {node} was accepted, but {why}"
             ))],
             ..Examined::default()
+        };
+        let refused = |reason: Refusal| Examined {
+            refused: Some(reason.clone()),
+            ..failed(&reason)
         };
         let proof = match blobs.get(&statement.proof, rules.max_proof_bytes) {
             Ok(proof) => proof,
@@ -81,7 +87,7 @@ impl Recorded {
                 ],
                 ..Examined::default()
             },
-            Err(reason) => failed(&reason),
+            Err(reason) => refused(reason),
         };
         if depth == Depth::Light {
             return without_update(Why::Light, format!("node {node}'s update"));
@@ -109,9 +115,9 @@ impl Recorded {
             Ok(verified) => Examined {
                 checks: vec![Check::Passed(What::Proofs), Check::Passed(What::Updates)],
                 verified: Some(verified),
-                missing_proof: None,
+                ..Examined::default()
             },
-            Err(reason) => failed(&reason),
+            Err(reason) => refused(reason),
         }
     }
 
@@ -138,6 +144,7 @@ impl Recorded {
             Refusal::MalformedUpdate(_)
                 | Refusal::OtherWeights { .. }
                 | Refusal::OtherProducts { .. }
+                | Refusal::TooFar { .. }
         );
         if about_update && depth == Depth::Light {
             let what = format!("node {node}'s update was refused");
@@ -186,6 +193,35 @@ impl Recorded {
             Err(found) if found == *reason => Check::Passed(What::Refusals),
             Err(found) => failed(&format!("verification says: {found}")),
             Ok(()) => failed(&"nothing is wrong with it"),
+        }
+    }
+}
+
+/// The decision of a dispute about entry `contribution` is what verification says; `found` is what it said here, when the
+/// contribution was accepted: `None` that it verifies, `Some(None)` that it was not all checked.
+pub fn disputed(
+    contribution: u64,
+    found: Option<&Option<Refusal>>,
+    upheld: Option<&Refusal>,
+) -> Check {
+    let decided = match upheld {
+        Some(reason) => format!("upheld because '{reason}'"),
+        None => "dismissed".into(),
+    };
+    let failed = |found: &str| {
+        Check::Failed(format!(
+            "the dispute of the contribution of entry {contribution} was {decided}, but {found}"
+        ))
+    };
+    match (found, upheld) {
+        (None, None) => Check::Passed(What::Disputes),
+        (None, Some(_)) => failed("the contribution verifies"),
+        (Some(Some(found)), Some(reason)) if found == reason => Check::Passed(What::Disputes),
+        (Some(Some(found)), _) => failed(&format!("verification says: {found}")),
+        (Some(None), _) => {
+            let what =
+                format!("the contribution of entry {contribution}, which was not all verified");
+            Check::LeftOut(What::Disputes, Why::RestsOnOthers, what)
         }
     }
 }
@@ -275,7 +311,7 @@ pub fn average(
     match close(before, contributions) {
         Ok(closing) if closing.closed == *closed => Check::Passed(What::Averages),
         Ok(closing) => Check::Failed(format!(
-            "round {} closed with weights {}, but FedAvg over its contributions gives {}",
+            "round {} closed with weights {}, but its contributions give {}",
             closed.round,
             show(&closed.global),
             show(&closing.closed.global)

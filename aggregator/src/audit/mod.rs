@@ -19,7 +19,7 @@ use account::Account;
 use borsh::{BorshDeserialize, BorshSerialize};
 use checks::{Check, Examined, Recorded};
 use queue::{BrokeDown, Queue};
-use std::{num::NonZeroUsize, thread};
+use std::{collections::BTreeMap, num::NonZeroUsize, thread};
 use zk0_circuits::{Digest, NodeId};
 use zk0_ledger::{
     blobs::Blobs,
@@ -27,6 +27,7 @@ use zk0_ledger::{
     replay::{Finding, Recheck},
     signed::{Signed, Submission},
     state::State,
+    Refusal,
 };
 use zk0_verifier::{Evaluation, ProgramKey, VerifiedContribution};
 
@@ -57,9 +58,20 @@ pub struct Auditor {
     contributions: Vec<VerifiedContribution>,
     /// Of them, those without a proof at hand: entry, node, proof.
     unproven: Vec<(u64, NodeId, Digest)>,
+    /// Accepted contributions that may still be disputed and were not found to verify: what verification says, or `None` where
+    /// not all of it was checked.
+    doubtful: BTreeMap<u64, Option<Refusal>>,
     queue: Queue<Outcome>,
     found: Vec<Finding>,
 }
+
+/// What is saved of an auditor.
+type Saved = (
+    Depth,
+    Account,
+    Vec<Recorded>,
+    BTreeMap<u64, Option<Refusal>>,
+);
 
 /// What comes out of the queue.
 enum Outcome {
@@ -91,6 +103,7 @@ impl Auditor {
             accepted: Vec::new(),
             contributions: Vec::new(),
             unproven: Vec::new(),
+            doubtful: BTreeMap::new(),
             queue: Queue::new(threads),
             found: Vec::new(),
         }
@@ -99,7 +112,7 @@ impl Auditor {
     /// Goes on from what an audit of the same depth gave to [`Recheck::save`]. What the open round accepted is verified again:
     /// its weights are wanted for the average.
     pub fn go_on(depth: Depth, saved: &[u8], blobs: &Blobs) -> Result<Self, String> {
-        let (was, account, accepted): (Depth, Account, Vec<Recorded>) = borsh::from_slice(saved)
+        let (was, account, accepted, doubtful): Saved = borsh::from_slice(saved)
             .map_err(|error| format!("another version of the software wrote it ({error})"))?;
         if was != depth {
             let name = |depth| match depth {
@@ -114,6 +127,7 @@ impl Auditor {
         }
         let mut auditor = Self {
             account,
+            doubtful,
             ..Self::new(depth)
         };
         for recorded in accepted {
@@ -185,6 +199,10 @@ impl Auditor {
                 for check in examined.checks {
                     enter(&mut self.open, &mut self.found, index, check);
                 }
+                match &examined.verified {
+                    Some(_) => self.doubtful.remove(&index),
+                    None => self.doubtful.insert(index, examined.refused),
+                };
                 self.contributions.extend(examined.verified);
                 let missing = examined.missing_proof.map(|proof| (index, node, proof));
                 self.unproven.extend(missing);
@@ -250,6 +268,8 @@ impl Recheck for Auditor {
                 self.check(index, move || checks::dataset(&registration, depth, &blobs));
             }
             Body::RoundOpened(opened) => {
+                let disputable = before.contributions();
+                self.doubtful.retain(|index, _| disputable.contains_key(index));
                 let evaluation = Evaluation::of(before);
                 let limit = before.rules().max_base_bytes();
                 let (base, blobs) = (opened.base, blobs.clone());
@@ -272,7 +292,23 @@ impl Recheck for Auditor {
                     checks::whole(What::Globals, "the global weights", &global, depth, &blobs)
                 });
             }
-            Body::Genesis(_) | Body::NodeEnrolled(_) | Body::UpdateCommitted(_) => {}
+            Body::DisputeResolved(resolved) => {
+                self.finish_all();
+                if let Some(dispute) = before.disputes().get(&resolved.dispute) {
+                    let contribution = dispute.contribution;
+                    let found = self.doubtful.get(&contribution);
+                    let check = checks::disputed(contribution, found, resolved.upheld.as_ref());
+                    enter(&mut self.account, &mut self.found, index, check);
+                }
+            }
+            Body::Genesis(_)
+            | Body::NodeEnrolled(_)
+            | Body::UpdateCommitted(_)
+            | Body::KeyRotated { .. }
+            | Body::Proposed(_)
+            | Body::Voted(_)
+            | Body::ProposalSettled(_)
+            | Body::Disputed(_) => {}
         }
         while let Some(outcome) = self.queue.take_ready() {
             self.take(Some(outcome));
@@ -286,7 +322,7 @@ impl Recheck for Auditor {
     }
 
     fn save(&self) -> Vec<u8> {
-        borsh::to_vec(&(self.depth, &self.account, &self.accepted))
+        borsh::to_vec(&(self.depth, &self.account, &self.accepted, &self.doubtful))
             .expect("writing to a Vec cannot fail")
     }
 

@@ -23,9 +23,10 @@ use zk0_ledger::{
     bindings::ExpectedClaim,
     checkpoint::Checkpoint,
     entry::{Body, Entry, Genesis},
+    governance::Governance,
     policy::Policy,
     receipt::Receipt,
-    rules::{Disclosure, Rules},
+    rules::{CreditRule, Disclosure, EnrolmentRule, Participation, Rules, Strategy},
     signed::{DatasetRegistration, Signed, Submission, UpdateCommitment, UploadRequest},
 };
 use zk0_verifier::{blob_digest, Evaluation, ExpertTensors};
@@ -72,6 +73,17 @@ pub fn genesis() -> Genesis {
             submit_window_ms: SUBMIT_MS,
             max_update_bytes: MAX_UPDATE_BYTES,
             max_proof_bytes: MAX_PROOF_BYTES,
+            max_update_norm_bps: 0,
+            strategy: Strategy::FedAvg,
+            participation: Participation::All,
+            enrolment: EnrolmentRule::Operator,
+            credits: CreditRule {
+                bps_samples_per_credit: 100,
+                max_per_contribution: 1000,
+                dispute_window_ms: 1000,
+            },
+            witness_policy: String::new(),
+            governance: Governance::none(),
         },
         program: vec![0; 32],
         mode: Mode::Direct,
@@ -242,7 +254,10 @@ impl Network {
     }
 
     pub async fn round(&self, round: Option<u64>) -> proto::RoundInfo {
-        let request = proto::GetRoundRequest { round };
+        let request = proto::GetRoundRequest {
+            round,
+            node: Vec::new(),
+        };
         self.client()
             .await
             .get_round(request)
@@ -338,6 +353,7 @@ impl Node {
             node: self.id(),
             dataset: self.dataset(),
             leaves: blob_digest(&flat(&self.leaves())),
+            episodes: vec![Digest([self.seed; 32])],
         };
         Signed::new(registration, &self.key)
     }

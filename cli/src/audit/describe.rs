@@ -1,7 +1,12 @@
 //! Entries in words: the one place that knows every kind.
 
 use zk0_circuits::{Losses, NodeId};
-use zk0_ledger::{entry::Body, Entry, Refusal};
+use zk0_ledger::{
+    entry::Body,
+    governance::{Action, Ballot},
+    signed::Evidence,
+    Entry, Refusal,
+};
 
 /// What the entry says, in a sentence. Names come from strangers: whoever shows them escapes them.
 pub fn describe(entry: &Entry) -> String {
@@ -44,6 +49,62 @@ pub fn describe(entry: &Entry) -> String {
                 count => format!("{count} contributions"),
             }
         ),
+        Body::KeyRotated { rotation, .. } => format!(
+            "node {} changed its key to {}",
+            rotation.statement.node, rotation.statement.with
+        ),
+        Body::Proposed(signed) => format!(
+            "{} proposed '{}' (proposal {}): {}",
+            signed.statement.proposer,
+            signed.statement.title,
+            signed.statement.number,
+            action(&signed.statement.action)
+        ),
+        Body::Voted(signed) => format!(
+            "{} voted {} on proposal {}",
+            signed.statement.voter,
+            ballot(signed.statement.ballot),
+            signed.statement.proposal
+        ),
+        Body::ProposalSettled(settled) => {
+            format!("proposal {} was {}", settled.proposal, settled.outcome)
+        }
+        Body::Disputed(signed) => format!(
+            "{} disputed the contribution of entry {}",
+            signed.statement.disputer, signed.statement.contribution
+        ),
+        Body::DisputeResolved(resolved) => match &resolved.upheld {
+            Some(reason) => format!(
+                "the dispute of entry {} was upheld: {reason}",
+                resolved.dispute
+            ),
+            None => format!("the dispute of entry {} was dismissed", resolved.dispute),
+        },
+    }
+}
+
+/// What a proposal would do.
+pub fn action(action: &Action) -> String {
+    match action {
+        Action::ChangeRules(_) => "change the rules".into(),
+        Action::Enrol(enrolled) => format!("enrol node {} as '{}'", enrolled.node, enrolled.name),
+        Action::Suspend(node) => format!("suspend node {node}"),
+        Action::Reinstate(node) => format!("reinstate node {node}"),
+        Action::Revoke(node) => format!("revoke node {node}"),
+        Action::ReplaceKey { node, with } => format!("replace the key of node {node} by {with}"),
+        Action::JudgeDispute { dispute, upheld } => match upheld {
+            true => format!("uphold the dispute of entry {dispute}"),
+            false => format!("dismiss the dispute of entry {dispute}"),
+        },
+    }
+}
+
+fn ballot(ballot: Ballot) -> &'static str {
+    match ballot {
+        Ballot::For => "for it",
+        Ballot::Against => "against it",
+        Ballot::Abstain => "to abstain",
+        Ballot::Veto => "to veto it",
     }
 }
 
@@ -58,13 +119,39 @@ pub fn kind(body: &Body) -> &'static str {
         Body::ContributionAccepted(_) => "accepted",
         Body::ContributionRejected { .. } => "refused",
         Body::RoundClosed(_) => "round closed",
+        Body::KeyRotated { .. } => "key changed",
+        Body::Proposed(_) => "proposal",
+        Body::Voted(_) => "vote",
+        Body::ProposalSettled(_) => "proposal settled",
+        Body::Disputed(_) => "dispute",
+        Body::DisputeResolved(_) => "dispute resolved",
     }
 }
 
 /// The nodes that an entry is about.
 pub fn nodes(body: &Body) -> Vec<NodeId> {
     match body {
-        Body::Genesis(_) | Body::RoundOpened(_) => Vec::new(),
+        Body::Genesis(_)
+        | Body::RoundOpened(_)
+        | Body::ProposalSettled(_)
+        | Body::DisputeResolved(_) => Vec::new(),
+        Body::KeyRotated { rotation, .. } => {
+            vec![rotation.statement.node, rotation.statement.with]
+        }
+        Body::Proposed(signed) => {
+            let mut nodes = vec![signed.statement.proposer];
+            match &signed.statement.action {
+                Action::ChangeRules(_) | Action::JudgeDispute { .. } => {}
+                Action::Enrol(enrolled) => nodes.push(enrolled.node),
+                Action::Suspend(node) | Action::Reinstate(node) | Action::Revoke(node) => {
+                    nodes.push(*node);
+                }
+                Action::ReplaceKey { node, with } => nodes.extend([*node, *with]),
+            }
+            nodes
+        }
+        Body::Voted(signed) => vec![signed.statement.voter],
+        Body::Disputed(signed) => vec![signed.statement.disputer],
         Body::NodeEnrolled(enrolled) => vec![enrolled.node],
         Body::DatasetCommitted(signed) => vec![signed.statement.node],
         Body::UpdateCommitted(signed) => vec![signed.statement.node],
@@ -78,7 +165,15 @@ pub fn nodes(body: &Body) -> Vec<NodeId> {
 /// The round that an entry is about.
 pub fn round(body: &Body) -> Option<u64> {
     match body {
-        Body::Genesis(_) | Body::NodeEnrolled(_) | Body::DatasetCommitted(_) => None,
+        Body::Genesis(_)
+        | Body::NodeEnrolled(_)
+        | Body::DatasetCommitted(_)
+        | Body::KeyRotated { .. }
+        | Body::Proposed(_)
+        | Body::Voted(_)
+        | Body::ProposalSettled(_)
+        | Body::Disputed(_)
+        | Body::DisputeResolved(_) => None,
         Body::RoundOpened(opened) => Some(opened.round),
         Body::UpdateCommitted(signed) => Some(signed.statement.round),
         Body::ContributionAccepted(submission) | Body::ContributionRejected { submission, .. } => {
@@ -131,11 +226,29 @@ pub fn details(body: &Body) -> Vec<(&'static str, String)> {
         Body::RoundClosed(closed) => {
             let mut details = vec![("global weights", closed.global.blob.to_string())];
             for one in &closed.contributors {
-                let share = format!("{} counts for {} samples", one.node, one.samples);
+                let share = format!(
+                    "{} counts for {} samples and earned {} credits",
+                    one.node, one.samples, one.credits
+                );
                 details.push(("contributor", share));
             }
             details
         }
+        Body::KeyRotated { .. }
+        | Body::Voted(_)
+        | Body::ProposalSettled(_)
+        | Body::DisputeResolved(_) => Vec::new(),
+        Body::Proposed(signed) => vec![
+            ("title", signed.statement.title.clone()),
+            ("text", signed.statement.text.clone()),
+        ],
+        Body::Disputed(signed) => vec![(
+            "evidence",
+            match signed.statement.evidence {
+                Evidence::Verification => "verification, done again".into(),
+                Evidence::Document(digest) => format!("a document with SHA-256 {digest}"),
+            },
+        )],
     }
 }
 
@@ -163,6 +276,9 @@ pub fn refusal(reason: &Refusal) -> &'static str {
         Refusal::OtherWeights { .. } => "other weights than proven",
         Refusal::OtherProducts { .. } => "other products than proven",
         Refusal::MissingUpdate(_) => "update missing",
+        Refusal::NotActive { .. } => "not active",
+        Refusal::NotInvited { .. } => "not invited",
+        Refusal::TooFar { .. } => "too far from the base",
     }
 }
 

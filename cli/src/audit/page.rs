@@ -40,7 +40,7 @@ h3 { font-size: 1rem; margin: 1rem 0 .2rem; }
 .verdict b { font-size: 1.2rem; }
 table { border-collapse: collapse; width: 100%; font-variant-numeric: tabular-nums; }
 th, td { text-align: left; padding: .2rem .6rem .2rem 0; border-bottom: 1px solid #eee; vertical-align: top; overflow-wrap: anywhere; }
-th { font-weight: 600; } .n { text-align: right; overflow-wrap: normal; white-space: nowrap; }
+th { font-weight: 600; } td:first-child { min-width: 4rem; } .n { text-align: right; overflow-wrap: normal; white-space: nowrap; }
 code { font: 12px/1.4 ui-monospace, monospace; overflow-wrap: anywhere; }
 .charts { display: grid; grid-template-columns: 1fr; gap: 1rem; } figure { margin: 0; break-inside: avoid; }
 figcaption { font-weight: 600; } .small { color: #555; font-size: .9rem; } .fault { color: #a33f00; font-weight: 600; }
@@ -67,6 +67,7 @@ pub fn html(audited: &Audited, story: &Story) -> String {
     page.charts(story);
     page.rounds(story);
     page.nodes(story);
+    page.governance(story);
     page.facts(audited, story);
     page.markup("</body></html>\n");
     page.0
@@ -367,6 +368,53 @@ impl Page {
         }
         self.end_table();
         self.left_out(story.nodes.len());
+    }
+
+    fn governance(&mut self, story: &Story) {
+        if !story.proposals.is_empty() {
+            self.heading("Proposals");
+            let columns = ["#proposal", "title", "would", "#ballots", "outcome", "#entry"];
+            self.table(&columns);
+            for one in story.proposals.iter().rev().take(MOST_ROWS) {
+                let outcome = one.outcome.as_deref().unwrap_or("open");
+                self.row(
+                    &columns,
+                    &[
+                        &one.proposal,
+                        &one.title,
+                        &one.action,
+                        &one.votes,
+                        &outcome,
+                        &one.proposed_entry,
+                    ],
+                );
+            }
+            self.end_table();
+            self.left_out(story.proposals.len());
+        }
+        if !story.disputes.is_empty() {
+            self.heading("Disputes");
+            let columns = ["#contribution", "disputed by", "outcome", "#entry"];
+            self.table(&columns);
+            for one in story.disputes.iter().rev().take(MOST_ROWS) {
+                let outcome = match one.upheld {
+                    None => "open",
+                    Some(true) => "upheld: its credits were taken back",
+                    Some(false) => "dismissed",
+                };
+                self.row(
+                    &columns,
+                    &[
+                        &format!("entry {}", one.contribution),
+                        &one.disputer,
+                        &outcome,
+                        &one.disputed_entry,
+                    ],
+                );
+            }
+            self.end_table();
+            self.left_out(story.disputes.len());
+        }
     }
 
     fn facts(&mut self, audited: &Audited, story: &Story) {

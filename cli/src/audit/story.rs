@@ -6,8 +6,9 @@ use serde::Serialize;
 use std::{collections::BTreeMap, path::Path};
 use zk0_circuits::{spec::EvalSpec, Claim, NodeId};
 use zk0_ledger::{
-    entry::{Body, Contributor, Genesis},
+    entry::{Body, Genesis, NodeEnrolled},
     folder,
+    governance::{Action, Outcome},
     store::Store,
     tree::Frontier,
     Entry, Refusal, Rules,
@@ -28,6 +29,13 @@ pub struct Story {
     pub nodes: Vec<Node>,
     /// Refused contributions, by kind of reason.
     pub refusals: BTreeMap<&'static str, u64>,
+    /// Proposals, by number.
+    pub proposals: Vec<Proposal>,
+    /// Disputes about accepted contributions.
+    pub disputes: Vec<Dispute>,
+    /// Accepted contributions by entry: the places of round and node.
+    #[serde(skip)]
+    contributions: BTreeMap<u64, (usize, usize)>,
     #[serde(skip)]
     spec: Option<EvalSpec>,
     #[serde(skip)]
@@ -102,6 +110,40 @@ pub struct Losses {
     pub claims: u64,
 }
 
+/// A proposal.
+#[derive(Clone, Debug, Serialize)]
+pub struct Proposal {
+    /// Its number.
+    pub proposal: u64,
+    /// The entry that recorded it.
+    pub proposed_entry: u64,
+    /// Who proposed it.
+    pub proposer: String,
+    /// Its title.
+    pub title: String,
+    /// What it would do.
+    pub action: String,
+    /// Ballots cast.
+    pub votes: u64,
+    /// What became of it, once it is settled.
+    pub outcome: Option<String>,
+    #[serde(skip)]
+    does: Action,
+}
+
+/// A dispute about an accepted contribution.
+#[derive(Clone, Debug, Serialize)]
+pub struct Dispute {
+    /// The entry that raised it.
+    pub disputed_entry: u64,
+    /// Who raised it.
+    pub disputer: String,
+    /// The entry that accepted the contribution.
+    pub contribution: u64,
+    /// How it was decided, once it is.
+    pub upheld: Option<bool>,
+}
+
 /// A node.
 #[derive(Clone, Debug, Serialize)]
 pub struct Node {
@@ -123,11 +165,6 @@ pub struct Node {
     pub credits: u64,
 }
 
-/// What a contributor earned with a round. Where no credits are on the ledger, samples stand for them.
-fn credits(contributor: &Contributor) -> u64 {
-    contributor.samples
-}
-
 impl Node {
     /// Accepted among decided contributions.
     pub fn acceptance(&self) -> Option<f64> {
@@ -143,19 +180,7 @@ impl Story {
         self.last_ms = entry.time_ms;
         match &entry.body {
             Body::Genesis(genesis) => self.founded(genesis, entry.time_ms),
-            Body::NodeEnrolled(enrolled) => {
-                self.places.insert(enrolled.node, self.nodes.len());
-                self.nodes.push(Node {
-                    id: enrolled.node.to_string(),
-                    name: enrolled.name.clone(),
-                    enrolled_entry: index,
-                    samples: 0,
-                    committed: 0,
-                    accepted: 0,
-                    refused: 0,
-                    credits: 0,
-                });
-            }
+            Body::NodeEnrolled(enrolled) => self.enrolled(index, enrolled),
             Body::DatasetCommitted(signed) => {
                 if let Some(node) = self.node(&signed.statement.node) {
                     node.samples = signed.statement.dataset.samples;
@@ -182,13 +207,15 @@ impl Story {
                     round.committed += 1;
                 }
             }
-            Body::ContributionAccepted(submission) => self.accepted(&submission.statement.claim),
+            Body::ContributionAccepted(submission) => {
+                self.accepted(index, &submission.statement.claim);
+            }
             Body::ContributionRejected { submission, reason } => {
                 self.refused(&submission.statement.claim, reason);
             }
             Body::RoundClosed(closed) => {
                 for one in &closed.contributors {
-                    let (samples, credits) = (one.samples, credits(one));
+                    let (samples, credits) = (one.samples, one.credits);
                     let Some(&place) = self.places.get(&one.node) else {
                         continue;
                     };
@@ -208,7 +235,102 @@ impl Story {
                     round.global = Some(closed.global.blob.to_string());
                 }
             }
+            Body::KeyRotated { rotation, .. } => {
+                self.replace_key(&rotation.statement.node, rotation.statement.with);
+            }
+            Body::Proposed(signed) => self.proposals.push(Proposal {
+                proposal: signed.statement.number,
+                proposed_entry: index,
+                proposer: signed.statement.proposer.to_string(),
+                title: signed.statement.title.clone(),
+                action: describe::action(&signed.statement.action),
+                votes: 0,
+                outcome: None,
+                does: signed.statement.action.clone(),
+            }),
+            Body::Voted(signed) => {
+                if let Some(proposal) = self.proposal(signed.statement.proposal) {
+                    proposal.votes += 1;
+                }
+            }
+            Body::ProposalSettled(settled) => {
+                let Some(proposal) = self.proposal(settled.proposal) else {
+                    return;
+                };
+                proposal.outcome = Some(settled.outcome.to_string());
+                if settled.outcome == Outcome::Executed {
+                    let does = proposal.does.clone();
+                    self.executed(index, &does);
+                }
+            }
+            Body::Disputed(signed) => self.disputes.push(Dispute {
+                disputed_entry: index,
+                disputer: signed.statement.disputer.to_string(),
+                contribution: signed.statement.contribution,
+                upheld: None,
+            }),
+            Body::DisputeResolved(resolved) => {
+                self.judged(resolved.dispute, resolved.upheld.is_some());
+            }
         }
+    }
+
+    fn enrolled(&mut self, index: u64, enrolled: &NodeEnrolled) {
+        self.places.insert(enrolled.node, self.nodes.len());
+        self.nodes.push(Node {
+            id: enrolled.node.to_string(),
+            name: enrolled.name.clone(),
+            enrolled_entry: index,
+            samples: 0,
+            committed: 0,
+            accepted: 0,
+            refused: 0,
+            credits: 0,
+        });
+    }
+
+    /// A node goes by another identity from now on; what it said as the old one stays its own.
+    fn replace_key(&mut self, node: &NodeId, with: NodeId) {
+        if let Some(&place) = self.places.get(node) {
+            self.places.insert(with, place);
+            self.nodes[place].id = with.to_string();
+        }
+    }
+
+    fn executed(&mut self, index: u64, action: &Action) {
+        match action {
+            Action::Enrol(enrolled) => self.enrolled(index, enrolled),
+            Action::ReplaceKey { node, with } => self.replace_key(node, *with),
+            Action::JudgeDispute { dispute, upheld } => self.judged(*dispute, *upheld),
+            Action::ChangeRules(_)
+            | Action::Suspend(_)
+            | Action::Reinstate(_)
+            | Action::Revoke(_) => {}
+        }
+    }
+
+    /// The end of a dispute. What a false contribution had earned is taken back.
+    fn judged(&mut self, dispute: u64, upheld: bool) {
+        let is = |one: &&mut Dispute| one.disputed_entry == dispute;
+        let Some(dispute) = self.disputes.iter_mut().find(is) else {
+            return;
+        };
+        dispute.upheld = Some(upheld);
+        let Some(&(round, place)) = self.contributions.get(&dispute.contribution) else {
+            return;
+        };
+        let shares = self.rounds.get_mut(round).map(|round| &mut round.shares);
+        let share = shares.and_then(|shares| shares.iter_mut().find(|one| one.node == place));
+        if let (true, Some(share)) = (upheld, share) {
+            let node = &mut self.nodes[place];
+            node.credits = node.credits.saturating_sub(share.credits);
+            share.credits = 0;
+        }
+    }
+
+    fn proposal(&mut self, number: u64) -> Option<&mut Proposal> {
+        let is = |one: &&mut Proposal| one.proposal == number;
+        self.proposals.iter_mut().rev().find(is)
     }
 
     fn founded(&mut self, genesis: &Genesis, founded_ms: u64) {
@@ -226,9 +348,11 @@ impl Story {
         });
     }
 
-    fn accepted(&mut self, claim: &Claim) {
-        if let Some(node) = self.node(&claim.node) {
-            node.accepted += 1;
+    fn accepted(&mut self, index: u64, claim: &Claim) {
+        if let Some(&place) = self.places.get(&claim.node) {
+            self.nodes[place].accepted += 1;
+            let round = self.rounds.len().saturating_sub(1);
+            self.contributions.insert(index, (round, place));
         }
         let means = self.spec.as_ref().and_then(|spec| claim.losses.means(spec));
         let Some(round) = self.rounds.last_mut() else {

@@ -171,7 +171,7 @@ struct Chart {
 }
 
 impl Chart {
-    /// A chart whose values lie between `low` and `high`.
+    /// A chart whose values lie between `low` and `high`; counts, if `from_zero`, with no steps between them.
     fn new(title: &str, (low, high): (f64, f64), from_zero: bool) -> Self {
         let usable = low.is_finite() && high.is_finite() && high > f64::MIN;
         let (low, high) = if usable { (low, high) } else { (0.0, 1.0) };
@@ -179,7 +179,10 @@ impl Chart {
             span if span > 0.0 => span,
             _ => high.abs().max(1.0) * 0.1,
         };
-        let step = nice(span / 4.0);
+        let step = match from_zero {
+            true => nice(span / 4.0).max(1.0),
+            false => nice(span / 4.0),
+        };
         let bottom = match from_zero {
             true => 0.0,
             false => (low / step).floor() * step,

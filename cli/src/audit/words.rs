@@ -108,6 +108,7 @@ pub fn counts(checked: &Checked) -> String {
         some(checked.refusals, "refusal", "refusals"),
         some(checked.averages, "average", "averages"),
         some(checked.datasets, "dataset", "datasets"),
+        some(checked.disputes, "dispute", "disputes"),
     ]
     .join(", ")
 }

@@ -4,6 +4,7 @@
 pub mod long;
 pub mod rounds;
 pub mod shelf;
+pub mod votes;
 
 use ed25519_dalek::SigningKey;
 use zk0_circuits::{
@@ -11,7 +12,8 @@ use zk0_circuits::{
 };
 use zk0_ledger::{
     entry::{Contributor, NodeEnrolled, RoundClosed, RoundOpened, ENTRY_VERSION},
-    rules::Disclosure,
+    governance::{Governance, Governor},
+    rules::{CreditRule, Disclosure, EnrolmentRule, Participation, Strategy},
     signed::{DatasetRegistration, Submission, UpdateCommitment},
     Body, Entry, ExpectedClaim, Genesis, Refusal, RuleViolation, Rules, Signed, State,
 };
@@ -19,6 +21,9 @@ use zk0_ledger::{
 pub const T0: u64 = 1_700_000_000_000;
 pub const COMMIT_WINDOW: u64 = 1_000;
 pub const SUBMIT_WINDOW: u64 = 5_000;
+pub const DISPUTE_WINDOW: u64 = 100_000;
+pub const VOTING: u64 = 20_000;
+pub const TIME_LOCK: u64 = 10_000;
 
 pub fn digest(byte: u8) -> Digest {
     Digest([byte; 32])
@@ -43,6 +48,29 @@ pub fn id(node: u8) -> NodeId {
     NodeId(key(node).verifying_key().to_bytes())
 }
 
+/// The keys of three governors, with weights 5, 3 and 2.
+pub fn governor_key(governor: u8) -> SigningKey {
+    SigningKey::from_bytes(&[200 + governor; 32])
+}
+
+pub fn governor(governor: u8) -> NodeId {
+    NodeId(governor_key(governor).verifying_key().to_bytes())
+}
+
+fn governors() -> Vec<Governor> {
+    let mut governors: Vec<_> = [5, 3, 2]
+        .into_iter()
+        .zip(0..)
+        .map(|(weight, number)| Governor {
+            key: governor(number),
+            name: format!("governor {number}"),
+            weight,
+        })
+        .collect();
+    governors.sort_by_key(|governor| governor.key);
+    governors
+}
+
 pub fn genesis() -> Genesis {
     Genesis {
         name: "zk0.example/test".into(),
@@ -58,6 +86,26 @@ pub fn genesis() -> Genesis {
             submit_window_ms: SUBMIT_WINDOW,
             max_update_bytes: 1 << 20,
             max_proof_bytes: 1 << 21,
+            max_update_norm_bps: 0,
+            strategy: Strategy::FedAvg,
+            participation: Participation::All,
+            enrolment: EnrolmentRule::Operator,
+            credits: CreditRule {
+                bps_samples_per_credit: 100,
+                max_per_contribution: 500,
+                dispute_window_ms: DISPUTE_WINDOW,
+            },
+            witness_policy: String::new(),
+            governance: Governance {
+                governors: governors(),
+                credits_per_vote: 10,
+                max_node_votes: 5,
+                quorum_bps: 4000,
+                threshold_bps: 5000,
+                veto_bps: 3000,
+                voting_ms: VOTING,
+                time_lock_ms: TIME_LOCK,
+            },
         },
         program: vec![1; 32],
         mode: Mode::Direct,
@@ -98,6 +146,7 @@ pub fn registration(network: &Digest, node: u8) -> DatasetRegistration {
         node: id(node),
         dataset: dataset(node),
         leaves: digest(0x60 + node),
+        episodes: vec![digest(0x80 + node), digest(0xc0 + node)],
     }
 }
 
@@ -195,6 +244,8 @@ pub fn contributor(node: u8, samples: u64) -> Contributor {
     Contributor {
         node: id(node),
         samples,
+        // A loss that falls from 1000 to 900 is 1000 basis points.
+        credits: (10 * samples).min(500),
     }
 }
 

@@ -24,6 +24,7 @@ mod av1;
 mod color;
 mod columns;
 mod delta_timestamps;
+mod episode_digest;
 mod episode_stats;
 mod episodes;
 mod episodes_v2;

@@ -1,7 +1,11 @@
-//! Federated averaging is exact, and does not depend on the order it is given things in.
+//! Combining updates is exact, and does not depend on the order they are given in.
 
 use proptest::prelude::*;
-use zk0_aggregator::fedavg::{average, FedAvgError};
+use zk0_aggregator::{
+    fedavg::average,
+    robust::{median, trimmed_mean},
+    strategy::CombineError,
+};
 use zk0_circuits::{weights::TensorSpec, NodeId};
 use zk0_verifier::ExpertTensors;
 
@@ -84,19 +88,19 @@ fn sums_run_in_the_order_of_nodes() {
 #[test]
 fn what_cannot_be_averaged_is_named() {
     let (short, long) = (tensors(&[1.0]), tensors(&[1.0, 2.0]));
-    assert_eq!(average(&[]).unwrap_err(), FedAvgError::Empty);
+    assert_eq!(average(&[]).unwrap_err(), CombineError::Empty);
     assert_eq!(
         average(&[(node(1), 0, &short)]).unwrap_err(),
-        FedAvgError::Empty
+        CombineError::Empty
     );
     let twice = average(&[
         (node(1), 1, &short),
         (node(2), 1, &short),
         (node(1), 1, &short),
     ]);
-    assert_eq!(twice.unwrap_err(), FedAvgError::Twice(node(1)));
+    assert_eq!(twice.unwrap_err(), CombineError::Twice(node(1)));
     let unlike = average(&[(node(1), 1, &long), (node(2), 1, &short)]);
-    assert!(matches!(unlike.unwrap_err(), FedAvgError::Unlike { node: at, .. } if at == node(2)));
+    assert!(matches!(unlike.unwrap_err(), CombineError::Unlike { node: at, .. } if at == node(2)));
 }
 
 #[test]
@@ -153,5 +157,68 @@ proptest! {
         let least = parts.iter().map(|(_, value)| *value).fold(f32::INFINITY, f32::min);
         let most = parts.iter().map(|(_, value)| *value).fold(f32::NEG_INFINITY, f32::max);
         prop_assert!(least <= mean && mean <= most);
+    }
+}
+
+#[test]
+fn a_median_is_what_most_say() {
+    let given = [1.0, 2.0, 1e30, -5.0, 3.0].map(|value| tensors(&[value, -value]));
+    let of = |count: usize| {
+        let given: Vec<_> = given[..count]
+            .iter()
+            .zip(1..)
+            .map(|(tensors, number)| (node(number), 1 << number, tensors))
+            .collect();
+        median(&given).unwrap().get("weight").unwrap().to_vec()
+    };
+    assert_eq!(of(1), [1.0, -1.0]);
+    assert_eq!(of(2), [1.5, -1.5]);
+    assert_eq!(of(3), [2.0, -2.0]);
+    assert_eq!(of(5), [2.0, -2.0], "neither 1e30 nor the weights move it");
+    assert_eq!(median(&[]).unwrap_err(), CombineError::Empty);
+}
+
+#[test]
+fn a_trimmed_mean_leaves_out_either_end() {
+    let given = [4.0, -100.0, 2.0, 100.0, 3.0].map(|value| tensors(&[value]));
+    let given: Vec<_> = given
+        .iter()
+        .zip(1..)
+        .map(|(tensors, number)| (node(number), 1, tensors))
+        .collect();
+    let of = |bps| trimmed_mean(&given, bps).unwrap().get("weight").unwrap()[0];
+    assert_eq!(of(2000), 3.0, "(2 + 3 + 4) / 3");
+    assert_eq!(
+        of(1999),
+        9.0 / 5.0,
+        "a fifth less is nobody: the mean of all"
+    );
+    assert_eq!(of(4000), 3.0, "the middle alone");
+    let twice = [given[0], given[0]];
+    assert_eq!(
+        trimmed_mean(&twice, 0).unwrap_err(),
+        CombineError::Twice(node(1))
+    );
+}
+
+proptest! {
+    #[test]
+    fn robust_averages_do_not_depend_on_order(
+        values in prop::collection::vec((-1e30f32..1e30, -1e-3f32..1e-3), 1..9),
+        rotate in any::<prop::sample::Index>(),
+        trim_bps in 0..5000u32,
+    ) {
+        let given: Vec<_> = values.iter().map(|(a, b)| tensors(&[*a, *b])).collect();
+        let mut given: Vec<_> = given.iter().zip(1..).map(|(tensors, number)| (node(number), 1, tensors)).collect();
+        let (first, second) = (median(&given).unwrap(), trimmed_mean(&given, trim_bps).unwrap());
+        let by = rotate.index(given.len());
+        given.rotate_left(by);
+        prop_assert_eq!(bits(&median(&given).unwrap()), bits(&first));
+        prop_assert_eq!(bits(&trimmed_mean(&given, trim_bps).unwrap()), bits(&second));
+        // Between the extremes.
+        for mean in [&first, &second] {
+            let found = mean.get("weight").unwrap()[0];
+            prop_assert!(values.iter().any(|(a, _)| *a <= found) && values.iter().any(|(a, _)| *a >= found));
+        }
     }
 }

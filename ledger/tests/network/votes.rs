@@ -1,0 +1,61 @@
+//! Proposals, votes and their ends.
+
+use super::*;
+use zk0_ledger::{
+    entry::ProposalSettled,
+    governance::{Action, Ballot, Outcome},
+    signed::{Proposal, Vote},
+};
+
+pub fn enrolment(node: u8) -> NodeEnrolled {
+    match enrolled(node) {
+        Body::NodeEnrolled(enrolled) => enrolled,
+        _ => unreachable!(),
+    }
+}
+
+pub fn proposal(state: &State, by: u8, action: Action) -> Proposal {
+    Proposal {
+        network: *state.network(),
+        number: state.next_proposal(),
+        proposer: governor(by),
+        title: "a better network".into(),
+        text: "because".into(),
+        action,
+    }
+}
+
+pub fn proposed(state: &State, by: u8, action: Action) -> Body {
+    Body::Proposed(Signed::new(proposal(state, by, action), &governor_key(by)))
+}
+
+pub fn voted(state: &State, by: u8, proposal: u64, ballot: Ballot) -> Body {
+    let vote = Vote {
+        network: *state.network(),
+        proposal,
+        voter: governor(by),
+        ballot,
+    };
+    Body::Voted(Signed::new(vote, &governor_key(by)))
+}
+
+pub fn settled(proposal: u64, outcome: Outcome) -> Body {
+    Body::ProposalSettled(ProposalSettled { proposal, outcome })
+}
+
+impl Chain {
+    pub fn wait(&mut self, ms: u64) {
+        self.time_ms += ms;
+    }
+
+    /// Has `action` proposed, voted for by all governors, and executed.
+    pub fn decide(&mut self, action: Action) {
+        let number = self.state.next_proposal();
+        self.apply(proposed(&self.state, 0, action));
+        for governor in 0..3 {
+            self.apply(voted(&self.state, governor, number, Ballot::For));
+        }
+        self.wait(VOTING + TIME_LOCK);
+        self.apply(settled(number, Outcome::Executed));
+    }
+}
