@@ -7,7 +7,7 @@ export CARGO_TARGET_DIR ?= $(HOME)/.cache/zk0/target
 RUST := scripts/with-rust
 ZK0 := $(CARGO_TARGET_DIR)/release/zk0
 
-.PHONY: demo test setup build guest fixtures cycles fidelity bench-weight-check bench-train cuda
+.PHONY: demo test setup build guest fixtures cycles fidelity bench-weight-check bench-ledger bench-train cuda
 
 demo: build
 	$(ZK0) demo --rounds $(ROUNDS) --nodes $(NODES)
@@ -48,6 +48,12 @@ fidelity: build
 bench-weight-check: build
 	$(RUST) cargo build --release --workspace --locked --example weight_check
 	$(CARGO_TARGET_DIR)/release/examples/weight_check
+
+# Appends and replay of the ledger beside RocksDB, SHA-256 and ed25519 alone, and SP1 proofs a second: JSON lines. Ten minutes
+# and 4 GB of disk where temporary files go.
+bench-ledger: setup
+	$(RUST) cargo build --release --workspace --locked --example bench_ledger
+	$(CARGO_TARGET_DIR)/release/examples/bench_ledger
 
 # Training steps of SmolVLA against LeRobot's on PyTorch. Half an hour on a machine that does nothing else; see the script.
 bench-train:

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Installs what building zk0 needs and is missing here: system packages, and a Rust toolchain where there is none recent
 # enough. Debian and Ubuntu; asks for sudo when not root. `setup.sh guest` also installs what tests want besides (what
-# rebuilds the guest program, and Go), `setup.sh cuda` what scripts/with-cuda needs.
+# rebuilds the guest program, Go and strace), `setup.sh cuda` what scripts/with-cuda needs.
 set -euo pipefail
 
 packages=(gcc g++ make pkg-config git protobuf-compiler libprotobuf-dev clang libclang-dev cmake nasm)
@@ -48,6 +48,8 @@ if [ "${1:-}" = guest ]; then
     # Go's own implementation verifies our log's checkpoints and proofs; without it that test says that it did not.
     install golang-go golang-golang-x-mod-dev ||
         echo "setup: Go is not to be had here; only our own code will verify the log's formats" >&2
+    # Tests kill the ledger's writer at each of its writes, and fail them; without it they say that they did not.
+    install strace || echo "setup: strace is not to be had here; the ledger's writes will not be failed" >&2
 fi
 
 if [ "${1:-}" = cuda ] && ! command -v nvcc >/dev/null; then

@@ -9,9 +9,11 @@ use std::{
 use zk0_aggregator::{export::export, view::View, web::Web};
 use zk0_circuits::Digest;
 use zk0_ledger::{
+    backup,
+    checkpoint::MAX_NOTE_BYTES,
     entry::{Body, Genesis},
     folder,
-    mirror::mirror,
+    mirror::{mirror, Mirrored},
     policy::{Policy, MAX_POLICY_BYTES},
     published::{first_entry, PublishedLog},
     replay::{replay, Verdict},
@@ -38,6 +40,17 @@ pub enum Command {
     /// Make a ledger's directory from an export or a served log, or bring an earlier one up to date. Everything is checked on
     /// the way; what was mirrored before has to be continued.
     Import(Import),
+    /// Make a backup of a ledger's directory, or bring an earlier one up to date. Its aggregator may be running. A backup is a
+    /// directory like it, with the private blobs of the open round and without keys; everything is checked on the way.
+    Backup {
+        /// The ledger's directory.
+        dir: PathBuf,
+        /// Where the backup is.
+        out: PathBuf,
+    },
+    /// Make a ledger's directory from a backup. An aggregator that goes on from an old backup forks its log: show the newest
+    /// checkpoints that anybody has.
+    Restore(Restore),
     /// Serve a ledger's directory over HTTP (C2SP tlog-tiles), read-only. Its aggregator may be running.
     #[cfg(feature = "full")]
     Serve {
@@ -64,6 +77,26 @@ pub struct Import {
     dir: PathBuf,
     #[command(flatten)]
     trust: Trust,
+}
+
+/// `zk0 ledger restore`.
+#[derive(Debug, clap::Args)]
+#[group(id = "newest", required = true, multiple = true, args = ["checkpoint", "no_newer_checkpoint_exists"])]
+pub struct Restore {
+    /// The backup.
+    backup: PathBuf,
+    /// The ledger's directory to make; it has to be missing or empty.
+    dir: PathBuf,
+    /// A checkpoint of the log that somebody has: a file, a directory with a file `checkpoint` (what was lost, an export, a
+    /// mirror), the address of a served log, or of a witness' last checkpoint. The backup has to have all that it covers.
+    #[arg(long, value_name = "FILE|DIR|ADDRESS")]
+    checkpoint: Vec<String>,
+    /// You know that the log signed nothing after the backup was made.
+    #[arg(long)]
+    no_newer_checkpoint_exists: bool,
+    /// The network it has to be.
+    #[arg(long)]
+    network: Option<Digest>,
 }
 
 /// Whom to believe.
@@ -108,6 +141,29 @@ pub fn run(command: &Command) -> Result<bool> {
             }
         }
         Command::Import(options) => import(options)?,
+        Command::Backup { dir, out } => {
+            let done = backup::backup(dir, out)?;
+            copied(&done);
+            println!("backed up to {}", out.display());
+        }
+        Command::Restore(options) => {
+            let known = options
+                .checkpoint
+                .iter()
+                .map(|from| known_checkpoint(from))
+                .collect::<Result<Vec<_>>>()?;
+            let network = options.network.as_ref();
+            let done = backup::restore(&options.backup, &options.dir, network, &known)?;
+            copied(&done);
+            println!("restored to {}", options.dir.display());
+            if known.is_empty() {
+                println!(
+                    "WARNING      if the log has signed a checkpoint of more than {} entries, starting its aggregator now \
+                     forks it",
+                    done.entries
+                );
+            }
+        }
         #[cfg(feature = "full")]
         Command::Serve { dir, listen } => serve(dir, *listen)?,
         Command::Fsck { dir } => return fsck(dir),
@@ -124,18 +180,37 @@ fn import(options: &Import) -> Result<()> {
         &trust.policy()?,
         trust.network.as_ref(),
     )?;
+    copied(&done);
+    Ok(())
+}
+
+fn copied(done: &Mirrored) {
     println!("network {}", done.network);
     println!(
-        "{} entries, {} of them new; {} blobs fetched",
+        "{} entries, {} of them new; {} blobs new",
         done.entries, done.new_entries, done.new_blobs
     );
     if done.missing_blobs > 0 {
         println!(
-            "{} blobs are not served: not public yet, or not kept",
+            "{} blobs are not there: not public yet, or not kept",
             done.missing_blobs
         );
     }
-    Ok(())
+}
+
+/// The text of a checkpoint that somebody has.
+fn known_checkpoint(from: &str) -> Result<Vec<u8>> {
+    let path = Path::new(from);
+    if from.starts_with("http://") || from.starts_with("https://") {
+        // A log's address, or that of the checkpoint itself.
+        let base = from.strip_suffix("/checkpoint").unwrap_or(from);
+        let text = Web::at(base)?.get("checkpoint", MAX_NOTE_BYTES as u64)?;
+        return text.with_context(|| format!("{base}/checkpoint is not there"));
+    }
+    match path.is_dir() {
+        true => read_bounded(&folder::checkpoint(path), MAX_NOTE_BYTES),
+        false => read_bounded(path, MAX_NOTE_BYTES),
+    }
 }
 
 /// A log by its address or folder.

@@ -173,10 +173,16 @@ impl BlobWriter {
         self.file.sync_all().map_err(io_error(&self.path))?;
         let place = self.blobs.path(expected);
         fs::rename(&self.path, &place).map_err(io_error(&place))?;
-        for folder in [self.blobs.dir.join("sha256"), self.blobs.dir.clone()] {
-            File::open(&folder)
+        // The first blob's folders are new as well: their own names have to be safe, or the blob is lost with them.
+        let sha256 = self.blobs.dir.join("sha256");
+        for folder in sha256.ancestors().take(3) {
+            let folder = match folder.as_os_str().is_empty() {
+                true => Path::new("."),
+                false => folder,
+            };
+            File::open(folder)
                 .and_then(|folder| folder.sync_all())
-                .map_err(io_error(&folder))?;
+                .map_err(io_error(folder))?;
         }
         Ok(())
     }

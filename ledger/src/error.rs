@@ -16,6 +16,15 @@ pub enum LedgerError {
     /// The rules refuse the entry; nothing was written.
     #[error(transparent)]
     Rule(#[from] RuleViolation),
+    /// The rules refuse an entry of a group; nothing of the group was written.
+    #[error(
+        "entry {at} (from 0) of a group of {of}: {violation}; nothing of the group was recorded"
+    )]
+    InGroup {
+        at: usize,
+        of: usize,
+        violation: RuleViolation,
+    },
     /// Another process has it open.
     #[error("the ledger in {0} is in use by another process: stop that one first")]
     Locked(PathBuf),
@@ -76,6 +85,9 @@ pub enum LedgerError {
     /// Not an entry of this log.
     #[error("there is no entry {0}")]
     NoEntry(u64),
+    /// No group ended there.
+    #[error("the log has no checkpoint of {0} entries")]
+    NoCheckpointAt(u64),
     /// The tree's hashes do not add up.
     #[error("tree: {0}")]
     Tree(String),

@@ -1,12 +1,17 @@
 //! The history in a database, folded and held against what was signed: what a writer has to know before it signs more.
 
 use crate::{
-    checkpoint::Checkpoint, error::LedgerError, folder, state::State, store::Store, tree::Frontier,
-    violation::RuleViolation, Entry,
+    authentic::AuthenticEntry, checkpoint::Checkpoint, error::LedgerError, folder,
+    group::needs_checkpoint, refusal::Refusal, state::State, store::Store, tree::Frontier,
+    violation::RuleViolation, Entry, Genesis,
 };
-use std::path::Path;
-use tlog_tiles::tlog::{stored_hash_index, HashReader};
+use rayon::prelude::*;
+use std::{ops::Range, path::Path};
+use tlog_tiles::tlog::{record_hash, stored_hash_index, Hash, HashReader};
 use zk0_circuits::Digest;
+
+/// Entries read at once, their signatures verified by all cores. An entry has at most 64 KiB.
+const CHUNK: u64 = 512;
 
 /// A history that extends the newest published checkpoint.
 pub(crate) struct History {
@@ -17,8 +22,8 @@ pub(crate) struct History {
 }
 
 impl History {
-    /// Reads everything: each entry against the rules, each tree hash, and the root at the size of `published`, the text of
-    /// the checkpoint file.
+    /// Reads everything: each entry against the rules, each tree hash, each checkpoint, and the root at the size of
+    /// `published`, the text of the checkpoint file.
     pub fn read(
         store: &Store,
         dir: &Path,
@@ -26,49 +31,126 @@ impl History {
         published: Option<&[u8]>,
     ) -> Result<Self, LedgerError> {
         let held = store.size()?;
-        let bad = |index: u64, why: String| LedgerError::BadEntry { index, why };
-        let mut tree = Frontier::default();
-        let mut signed: Option<Checkpoint> = None;
-        let mut state: Option<State> = None;
-        for index in 0..held {
-            let bytes = store
-                .entry(index)?
-                .ok_or_else(|| bad(index, "it is missing".into()))?;
-            let entry = Entry::decode(&bytes).map_err(|error| bad(index, error.to_string()))?;
-            let hashes = tree.push(&bytes)?;
-            let first = stored_hash_index(0, index);
-            let positions: Vec<u64> = (first..).take(hashes.len()).collect();
-            if store.read_hashes(&positions).ok().as_ref() != Some(&hashes) {
-                return Err(bad(index, "its tree hashes are missing or wrong".into()));
-            }
-            let root = tree.root()?;
-            let refused = |error: RuleViolation| bad(index, error.to_string());
-            match &mut state {
-                None => {
-                    let founded = State::found(&entry).map_err(refused)?;
-                    check_network(dir, founded.network(), network)?;
-                    signed = open_published(dir, &founded, held, published)?;
-                    state = Some(founded);
-                }
-                Some(state) => state.apply(&root, &entry).map_err(refused)?,
-            }
-            match signed {
-                Some(signed) if signed.size == index + 1 => same_root(&signed, root)?,
-                _ => {}
-            }
+        if held == 0 {
+            return Err(LedgerError::NoLedger(dir.into()));
         }
-        let state = state.ok_or_else(|| LedgerError::NoLedger(dir.into()))?;
-        let genesis = state.genesis();
-        let checkpoint = store.checkpoint(held)?.unwrap_or_default();
-        let newest = Checkpoint::open(&checkpoint, genesis.origin(), &genesis.log_key)
-            .map_err(|error| LedgerError::Checkpoint { size: held, error })?;
-        same_root(&newest, tree.root()?)?;
+        let mut tree = Frontier::default();
+        let mut state = found(store)?;
+        check_network(dir, state.network(), network)?;
+        let signed = open_published(dir, &state, held, published)?;
+        let mut newest = None;
+        for start in (0..held).step_by(CHUNK as usize) {
+            let indexes = start..held.min(start + CHUNK);
+            let chunk = chunk(store, state.genesis(), indexes)?;
+            for (read, authentic) in chunk.iter().zip(authenticate(&chunk)) {
+                let index = tree.size();
+                let refused = |error: RuleViolation| bad(index, error.to_string());
+                let hashes = tree.push_leaf(read.leaf)?;
+                let positions: Vec<u64> =
+                    (stored_hash_index(0, index)..).take(hashes.len()).collect();
+                if store.read_hashes(&positions).ok().as_ref() != Some(&hashes) {
+                    return Err(bad(index, "its tree hashes are missing or wrong".into()));
+                }
+                let root = tree.root()?;
+                if index > 0 {
+                    let entry = authentic.map_err(|refusal| refused(refusal.into()))?;
+                    state.check_authentic(&entry).map_err(refused)?;
+                    state.enact(&root, &entry);
+                }
+                match &read.checkpoint {
+                    Some((_, checkpoint)) => same_root(checkpoint, root)?,
+                    None if needs_checkpoint(&read.entry.body) || index + 1 == held => {
+                        return Err(bad(index, "the checkpoint after it is missing".into()))
+                    }
+                    None => {}
+                }
+                match signed {
+                    Some(signed) if signed.size == index + 1 => same_root(&signed, root)?,
+                    _ => {}
+                }
+            }
+            newest = chunk
+                .into_iter()
+                .next_back()
+                .and_then(|read| read.checkpoint);
+        }
+        let (checkpoint, _) = newest.ok_or_else(|| LedgerError::NoCheckpointAt(held))?;
         Ok(Self {
             state,
             tree,
             checkpoint,
         })
     }
+}
+
+fn bad(index: u64, why: String) -> LedgerError {
+    LedgerError::BadEntry { index, why }
+}
+
+/// The state after the first entry.
+fn found(store: &Store) -> Result<State, LedgerError> {
+    let bytes = store.entry(0)?;
+    let bytes = bytes.ok_or_else(|| bad(0, "it is missing".into()))?;
+    let entry = Entry::decode(&bytes).map_err(|error| bad(0, error.to_string()))?;
+    State::found(&entry).map_err(|error| bad(0, error.to_string()))
+}
+
+/// An entry as the database has it, and the checkpoint after it, if there is one: its text, and what it says.
+struct Read {
+    leaf: Hash,
+    entry: Entry,
+    checkpoint: Option<(Vec<u8>, Checkpoint)>,
+}
+
+impl Read {
+    fn of(
+        index: u64,
+        bytes: &[u8],
+        text: Option<Vec<u8>>,
+        genesis: &Genesis,
+    ) -> Result<Self, LedgerError> {
+        let checkpoint = match text {
+            Some(text) => {
+                let opened = Checkpoint::open(&text, genesis.origin(), &genesis.log_key);
+                let size = index + 1;
+                let checkpoint = opened.map_err(|error| LedgerError::Checkpoint { size, error })?;
+                if checkpoint.size != size {
+                    let why = format!("the checkpoint after it is of {} entries", checkpoint.size);
+                    return Err(bad(index, why));
+                }
+                Some((text, checkpoint))
+            }
+            None => None,
+        };
+        Ok(Self {
+            leaf: record_hash(bytes),
+            entry: Entry::decode(bytes).map_err(|error| bad(index, error.to_string()))?,
+            checkpoint,
+        })
+    }
+}
+
+/// Reads entries, and verifies the signatures of checkpoints.
+fn chunk(store: &Store, genesis: &Genesis, indexes: Range<u64>) -> Result<Vec<Read>, LedgerError> {
+    let mut stored = Vec::new();
+    for index in indexes {
+        let bytes = store.entry(index)?;
+        let bytes = bytes.ok_or_else(|| bad(index, "it is missing".into()))?;
+        stored.push((index, bytes, store.checkpoint(index + 1)?));
+    }
+    let read: Vec<Result<Read, LedgerError>> = stored
+        .into_par_iter()
+        .map(|(index, bytes, text)| Read::of(index, &bytes, text, genesis))
+        .collect();
+    // In order: the first of several faults is named.
+    read.into_iter().collect()
+}
+
+fn authenticate(chunk: &[Read]) -> Vec<Result<AuthenticEntry<'_>, Refusal>> {
+    chunk
+        .par_iter()
+        .map(|read| read.entry.authenticate())
+        .collect()
 }
 
 fn open_published(

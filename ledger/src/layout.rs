@@ -5,7 +5,7 @@
 //! | `checkpoint` | the newest published checkpoint, a C2SP signed note |
 //! | `tile/<L>/<N>[.p/<W>]` | 256 tree hashes, 32 bytes each, of level 8·L; `.p/<W>`: the first W of them |
 //! | `tile/entries/<N>[.p/<W>]` | 256 entries, each after its length (16 bits, big-endian) |
-//! | `zk0/checkpoints/<N>[.p/<W>]` | the log's checkpoints after each of these entries, in the same framing |
+//! | `zk0/checkpoints/<N>[.p/<W>]` | the log's checkpoints after these entries, in the same framing; empty where there is none |
 //! | `zk0/policy` | the log's key and the witnesses its checkpoints are shown to (C2SP tlog-policy) |
 //! | `blobs/sha256/<digest>` | proofs and weights, once they are public |
 //!
@@ -55,7 +55,7 @@ pub enum Kind {
     Hashes(u8),
     /// Entries.
     Entries,
-    /// The checkpoints after each entry.
+    /// The checkpoints after entries.
     Checkpoints,
 }
 

@@ -9,19 +9,21 @@
 //! - [`state`]: what a network is after the entries so far; [`apply`]: which entry may come next and what it changes, a
 //!   pure function; [`bindings`]: what the ledger fixes about a claim.
 //! - [`tree`], [`checkpoint`], [`receipt`]: RFC 6962, C2SP signed checkpoints, and a node's proof of inclusion.
-//! - [`log`]: the log on disk, over [`store`] (RocksDB) and [`folder`]; [`blobs`] beside it.
+//! - [`log`]: the log on disk, over [`store`] (RocksDB) and [`folder`]; [`group`]: where checkpoints are; [`blobs`] beside it.
 //! - [`replay`]: an auditor reads it all again and believes nothing; `snapshot`: the little of a state that his checks of a
 //!   claim need, to be done later or elsewhere.
 //!
 //! And what makes it a transparency log for everybody else:
 //! - [`layout`], [`bundle`], [`tiles`]: what is served and where (C2SP tlog-tiles), and its bytes from the database;
-//! - [`source`], [`published`]: a reader of such files, who trusts none of them; [`mirror`]: a ledger's folder made from them;
+//! - [`source`], [`published`]: a reader of such files, who trusts none of them; [`mirror`]: a ledger's folder made from them; [`backup`]: one
+//!   made from another;
 //! - [`verifier_key`], [`cosignature`], [`policy`]: who signed, and whose signatures are enough;
 //! - [`witness`], [`witness_store`]: who cosigns only what continues what it cosigned before;
 //! - [`tlog_proof`]: receipts as C2SP tlog-proof bundles, checked offline.
 
 pub mod apply;
 pub mod authentic;
+pub mod backup;
 pub mod bindings;
 pub mod blobs;
 pub mod bundle;
@@ -33,6 +35,7 @@ pub mod error;
 pub mod folder;
 pub mod genesis;
 pub mod governance;
+pub mod group;
 mod history;
 mod identity_text;
 pub mod layout;

@@ -1,5 +1,8 @@
 //! The append-only log: entries in, receipts out. On disk before it is acknowledged, and never two histories.
 //!
+//! Entries are committed in groups ([`crate::group`]): one write to disk and one signed checkpoint for as many as come
+//! together, all or none of them.
+//!
 //! A ledger's folder:
 //!
 //! | path | content |
@@ -16,15 +19,17 @@ use crate::{
     entry::{Body, Entry, Genesis, ENTRY_VERSION},
     error::{io_error, LedgerError},
     folder,
+    group::{group, Trial},
     history::History,
     receipt::Receipt,
     state::State,
-    store::Store,
+    store::{Batch, Store},
     tree::Frontier,
 };
 use ed25519_dalek::SigningKey;
 use std::{
     fs,
+    ops::Range,
     path::{Path, PathBuf},
 };
 use tlog_tiles::tlog::{prove_record, prove_tree};
@@ -38,6 +43,8 @@ pub struct Ledger {
     key: SigningKey,
     tree: Frontier,
     state: State,
+    /// A second copy of the state once a group was appended: the next one is tried on it, and neither copied nor undone.
+    trial: Option<Box<State>>,
     checkpoint: Vec<u8>,
     poisoned: bool,
 }
@@ -75,6 +82,7 @@ impl Ledger {
             key,
             tree: Frontier::default(),
             state,
+            trial: None,
             checkpoint: Vec::new(),
             poisoned: false,
         };
@@ -82,7 +90,15 @@ impl Ledger {
         if let Some(parent) = dir.parent().filter(|parent| parent.is_dir()) {
             folder::sync(parent)?;
         }
-        ledger.write(&bytes)?;
+        let hashes = ledger.tree.push(&bytes)?;
+        let (size, root) = (1, ledger.tree.root()?);
+        let checkpoint = Checkpoint { size, root }
+            .sign(ledger.state.genesis().origin(), &ledger.key)
+            .map_err(|error| LedgerError::Checkpoint { size, error })?;
+        let mut batch = Batch::default();
+        batch.entry(0, &bytes, &hashes);
+        batch.checkpoint(size, &checkpoint);
+        ledger.write(batch, checkpoint)?;
         let receipt = ledger.receipt(0)?;
         Ok((ledger, receipt))
     }
@@ -99,16 +115,20 @@ impl Ledger {
             return Err(LedgerError::NoLedger(dir.into()));
         }
         // First without writing: RocksDB's own recovery would make a loss permanent.
-        let published = folder::read_checkpoint(dir)?;
-        History::read(
+        let mut published = folder::read_checkpoint(dir)?;
+        let mut history = History::read(
             &Store::open_read_only(&path)?,
             dir,
             network,
             published.as_deref(),
         )?;
         let store = Store::open(&path)?;
-        let published = folder::read_checkpoint(dir)?;
-        let history = History::read(&store, dir, network, published.as_deref())?;
+        let held = history.tree.size();
+        if store.size()? != held || store.checkpoint(held)?.as_ref() != Some(&history.checkpoint) {
+            // Somebody has written between. Now nobody else can.
+            published = folder::read_checkpoint(dir)?;
+            history = History::read(&store, dir, network, published.as_deref())?;
+        }
         let state = history.state;
         if state.genesis().log_key != key.verifying_key().to_bytes() {
             return Err(LedgerError::OtherKey(*state.network()));
@@ -126,6 +146,7 @@ impl Ledger {
             key,
             tree: history.tree,
             state,
+            trial: None,
             checkpoint: history.checkpoint,
             poisoned: false,
         })
@@ -134,20 +155,67 @@ impl Ledger {
     /// Appends an entry if the rules allow it. When this returns, entry and checkpoint are on disk and the receipt may be
     /// handed out. Its time is `time_ms`, or that of the entry before if the clock went back.
     pub fn append(&mut self, time_ms: u64, body: Body) -> Result<Receipt, LedgerError> {
+        let appended = self.commit(time_ms, vec![body])?;
+        self.first_receipt(appended.start)
+    }
+
+    /// [`Ledger::append`] of many, all or none of them: [`Ledger::commit`] with a receipt for each.
+    pub fn append_all(
+        &mut self,
+        time_ms: u64,
+        bodies: Vec<Body>,
+    ) -> Result<Vec<Receipt>, LedgerError> {
+        self.commit(time_ms, bodies)?
+            .map(|index| self.first_receipt(index))
+            .collect()
+    }
+
+    /// Appends entries as one group, each if the rules allow it after those before it: one write to disk, one checkpoint at
+    /// the end (and one after each entry from whose tree something follows). If the rules refuse one, nothing
+    /// is written and [`LedgerError::InGroup`] says which. Returns where the entries are; [`Ledger::first_receipt`] has
+    /// their receipts.
+    ///
+    /// Takes time in proportion to the group. The first group, and the first after a refused one, also copy the state.
+    pub fn commit(&mut self, time_ms: u64, bodies: Vec<Body>) -> Result<Range<u64>, LedgerError> {
         if self.poisoned {
             return Err(LedgerError::Poisoned);
         }
-        let entry = Entry {
-            version: ENTRY_VERSION,
-            time_ms: self.time_ms(time_ms),
-            body,
+        let time_ms = self.time_ms(time_ms);
+        let entries: Vec<Entry> = bodies
+            .into_iter()
+            .map(|body| Entry {
+                version: ENTRY_VERSION,
+                time_ms,
+                body,
+            })
+            .collect();
+        let first = self.tree.size();
+        if entries.is_empty() {
+            return Ok(first..first);
+        }
+        let mut trial = match entries.len() {
+            1 => Trial::Single(&self.state),
+            _ => Trial::Copy(
+                self.trial
+                    .take()
+                    .unwrap_or_else(|| Box::new(self.state.clone())),
+            ),
         };
-        let bytes = entry.encode()?;
-        self.state.check(&entry)?;
-        let index = self.tree.size();
-        self.write(&bytes)?;
-        self.state.enact(&self.tree.root()?, &entry);
-        self.receipt(index)
+        let group = group(&entries, &self.tree, &mut trial, &self.key)?;
+        let tried = match trial {
+            Trial::Single(_) => None,
+            Trial::Copy(state) => Some(state),
+        };
+        self.write(group.batch, group.checkpoint)?;
+        self.tree = group.tree;
+        for (root, entry) in group.roots.iter().zip(&entries) {
+            self.state.enact(root, entry);
+            if let Some(behind) = &mut self.trial {
+                behind.enact(root, entry);
+            }
+        }
+        self.trial = tried.or(self.trial.take());
+        Ok(first..self.tree.size())
     }
 
     /// The time an entry gets that is recorded now: the clock's, but never before the last entry's.
@@ -156,15 +224,9 @@ impl Ledger {
     }
 
     /// Commits, then publishes. A failure leaves what is on disk unknown: nothing is written after it.
-    fn write(&mut self, entry: &[u8]) -> Result<(), LedgerError> {
+    fn write(&mut self, batch: Batch, checkpoint: Vec<u8>) -> Result<(), LedgerError> {
         self.poisoned = true;
-        let index = self.tree.size();
-        let hashes = self.tree.push(entry)?;
-        let (size, root) = (self.tree.size(), self.tree.root()?);
-        let checkpoint = Checkpoint { size, root }
-            .sign(self.state.genesis().origin(), &self.key)
-            .map_err(|error| LedgerError::Checkpoint { size, error })?;
-        self.store.append(index, entry, &hashes, &checkpoint)?;
+        self.store.commit(batch)?;
         folder::write_checkpoint(&self.dir, &checkpoint)?;
         self.checkpoint = checkpoint;
         self.poisoned = false;
@@ -213,16 +275,27 @@ impl Ledger {
     /// The receipt that [`Ledger::append`] gave for entry `index`: its checkpoint is the first that covers the entry, the
     /// one a challenge follows from.
     pub fn first_receipt(&self, index: u64) -> Result<Receipt, LedgerError> {
-        self.receipt_at(index.saturating_add(1), index)
+        let missing = || LedgerError::NoEntry(index);
+        let after = index.checked_add(1).ok_or_else(missing)?;
+        let covering = self.store.checkpoint_from(after)?;
+        let (size, checkpoint) = covering.ok_or_else(missing)?;
+        self.receipt_with(size, checkpoint, index)
     }
 
-    /// Proof that entry `index` is in the tree of the first `size` entries, with the checkpoint of that size.
+    /// Proof that entry `index` is in the tree of the first `size` entries, with the checkpoint of that size, where a group
+    /// has to have ended.
     pub fn receipt_at(&self, size: u64, index: u64) -> Result<Receipt, LedgerError> {
-        let (Some(entry), Some(checkpoint)) =
-            (self.store.entry(index)?, self.store.checkpoint(size)?)
-        else {
-            return Err(LedgerError::NoEntry(index));
-        };
+        self.receipt_with(size, self.checkpoint_at(size)?, index)
+    }
+
+    fn receipt_with(
+        &self,
+        size: u64,
+        checkpoint: Vec<u8>,
+        index: u64,
+    ) -> Result<Receipt, LedgerError> {
+        let missing = || LedgerError::NoEntry(index);
+        let entry = self.store.entry(index)?.ok_or_else(missing)?;
         let proof = prove_record(size, index, &self.store)?;
         Ok(Receipt {
             index,
@@ -232,10 +305,10 @@ impl Ledger {
         })
     }
 
-    /// The log's checkpoint of the first `size` entries, with its signature alone.
+    /// The log's checkpoint of the first `size` entries, where a group has to have ended, with its signature alone.
     pub fn checkpoint_at(&self, size: u64) -> Result<Vec<u8>, LedgerError> {
-        let missing = || LedgerError::NoEntry(size.saturating_sub(1));
-        self.store.checkpoint(size)?.ok_or_else(missing)
+        let missing = LedgerError::NoCheckpointAt(size);
+        self.store.checkpoint(size)?.ok_or(missing)
     }
 
     /// RFC 6962 consistency proof from the tree of the first `size` entries to the newest checkpoint's.

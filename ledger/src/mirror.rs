@@ -2,7 +2,7 @@
 //! after whoever ran the network is gone. It holds no signing key.
 //!
 //! Nothing is taken on trust: the checkpoint by its signatures and the policy, every entry by its place in the signed tree,
-//! every checkpoint after an entry by its signature and root, every blob by its name. What was mirrored before has to be
+//! every checkpoint by its signature and root, every blob by its name. What was mirrored before has to be
 //! continued: a log that forked or went back is refused, and the folder stays as it is.
 
 use crate::{
@@ -12,13 +12,14 @@ use crate::{
     entry::{Body, Entry, Genesis},
     error::{io_error, LedgerError},
     folder,
+    group::needs_checkpoint,
     history::check_network,
     layout::{Resource, TILE_WIDTH},
     policy::Policy,
     published::{first_entry, PublishedError, PublishedLog},
     rules::Rules,
     source::{Source, SourceError},
-    store::Store,
+    store::{Batch, Store},
     tree::Frontier,
     violation::RuleViolation,
 };
@@ -128,7 +129,8 @@ pub fn mirror(
     })
 }
 
-fn genesis(bytes: &[u8]) -> Result<Genesis, MirrorError> {
+/// The genesis in a log's first entry.
+pub(crate) fn genesis(bytes: &[u8]) -> Result<Genesis, MirrorError> {
     let broken = |violation: RuleViolation| MirrorError::Ledger(violation.into());
     match Entry::decode(bytes)?.body {
         Body::Genesis(genesis) => {
@@ -169,27 +171,43 @@ fn extend(
         let number = tree.size() / TILE_WIDTH;
         let skip = (tree.size() % TILE_WIDTH) as usize;
         let (entries, checkpoints) = (log.entries(number)?, log.checkpoints(number)?);
+        let mut batch = Batch::default();
         for (entry, text) in entries.iter().zip(&checkpoints).skip(skip) {
             let index = tree.size();
             let hashes = tree.push(entry).map_err(LedgerError::from)?;
-            let root = tree.root().map_err(LedgerError::from)?;
-            let expected = Checkpoint {
+            batch.entry(index, entry, &hashes);
+            let after = Checkpoint {
                 size: index + 1,
-                root,
+                root: tree.root().map_err(LedgerError::from)?,
             };
             let wrong = |why: String| MirrorError::Checkpoint { index, why };
-            let signed = Checkpoint::open(text, genesis.origin(), &genesis.log_key)
-                .map_err(|error| wrong(error.to_string()))?;
-            if signed != expected {
-                return Err(wrong(format!(
-                    "it signs root {} of {} entries, but {} entries have root {root}",
-                    signed.root, signed.size, expected.size
-                )));
+            match text {
+                Some(text) => {
+                    check_checkpoint(text, genesis, &after).map_err(wrong)?;
+                    batch.checkpoint(after.size, text);
+                }
+                None if after.size == size || needs_checkpoint(&Entry::decode(entry)?.body) => {
+                    return Err(wrong("it is missing".into()))
+                }
+                None => {}
             }
-            store.append(index, entry, &hashes, text)?;
         }
+        store.commit(batch)?;
     }
     Ok(())
+}
+
+/// Whether the log signed what we found.
+fn check_checkpoint(text: &[u8], genesis: &Genesis, found: &Checkpoint) -> Result<(), String> {
+    let signed = Checkpoint::open(text, genesis.origin(), &genesis.log_key)
+        .map_err(|error| error.to_string())?;
+    match signed == *found {
+        true => Ok(()),
+        false => Err(format!(
+            "it signs root {} of {} entries, but {} entries have root {}",
+            signed.root, signed.size, found.size, found.root
+        )),
+    }
 }
 
 /// Fetches the blobs that the first `size` entries name; returns how many came and how many are not served.

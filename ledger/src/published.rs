@@ -154,9 +154,12 @@ impl<'a> PublishedLog<'a> {
         }
     }
 
-    /// The checkpoints after the entries of bundle `number`, as the log serves them: not verified.
-    pub fn checkpoints(&self, number: u64) -> Result<Vec<Vec<u8>>, PublishedError> {
-        Ok(self.bundle(Kind::Checkpoints, number)?.1)
+    /// The checkpoints after the entries of bundle `number`, as the log serves them: not verified. `None` after an entry
+    /// within a group.
+    pub fn checkpoints(&self, number: u64) -> Result<Vec<Option<Vec<u8>>>, PublishedError> {
+        let (_, texts) = self.bundle(Kind::Checkpoints, number)?;
+        let there = |text: Vec<u8>| (!text.is_empty()).then_some(text);
+        Ok(texts.into_iter().map(there).collect())
     }
 
     /// A proof for anyone that entry `index` is in the log, with the entry and this checkpoint in it.

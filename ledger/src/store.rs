@@ -4,7 +4,7 @@
 //! |---|---|
 //! | `e` ‖ index (big-endian) | an entry's canonical bytes |
 //! | `h` ‖ position (big-endian) | a tree hash, at `tlog_tiles::tlog::stored_hash_index` |
-//! | `c` ‖ size (big-endian) | the signed checkpoint of the first `size` entries |
+//! | `c` ‖ size (big-endian) | the signed checkpoint of the first `size` entries: where a group of entries ended ([`crate::group`]) |
 
 use crate::error::LedgerError;
 use rocksdb::{
@@ -18,6 +18,25 @@ use zk0_circuits::Digest;
 /// The database under a ledger.
 pub struct Store {
     db: DB,
+}
+
+/// What is written at once: see [`Store::commit`].
+#[derive(Default)]
+pub struct Batch(WriteBatch);
+
+impl Batch {
+    /// Entry `index` and the hashes that become final with it ([`crate::tree::Frontier::push`]).
+    pub fn entry(&mut self, index: u64, entry: &[u8], hashes: &[Hash]) {
+        self.0.put(Key::Entry(index).bytes(), entry);
+        for (position, hash) in (stored_hash_index(0, index)..).zip(hashes) {
+            self.0.put(Key::Hash(position).bytes(), hash.0);
+        }
+    }
+
+    /// The signed checkpoint of the first `size` entries.
+    pub fn checkpoint(&mut self, size: u64, text: &[u8]) {
+        self.0.put(Key::Checkpoint(size).bytes(), text);
+    }
 }
 
 /// A key of the database, decoded.
@@ -79,9 +98,24 @@ impl Store {
         self.get(Key::Entry(index))
     }
 
-    /// The signed checkpoint of a size.
+    /// The signed checkpoint of a size, if one was signed there.
     pub fn checkpoint(&self, size: u64) -> Result<Option<Vec<u8>>, LedgerError> {
         self.get(Key::Checkpoint(size))
+    }
+
+    /// The first checkpoint of `size` entries or more, and its size.
+    pub fn checkpoint_from(&self, size: u64) -> Result<Option<(u64, Vec<u8>)>, LedgerError> {
+        let start = Key::Checkpoint(size).bytes();
+        let mut after = self
+            .db
+            .iterator(IteratorMode::From(&start, Direction::Forward));
+        match after.next().transpose()? {
+            Some((key, text)) => Ok(match Key::parse(&key) {
+                Some(Key::Checkpoint(size)) => Some((size, text.into_vec())),
+                _ => None,
+            }),
+            None => Ok(None),
+        }
     }
 
     /// Number of entries: one more than the last index.
@@ -112,24 +146,11 @@ impl Store {
             .map(|found| Ok(Key::parse(&found?.0)))
     }
 
-    /// Appends entry `index`, the hashes that become final with it and the checkpoint after it: all or nothing, and on disk
-    /// when this returns.
-    pub fn append(
-        &self,
-        index: u64,
-        entry: &[u8],
-        hashes: &[Hash],
-        checkpoint: &[u8],
-    ) -> Result<(), LedgerError> {
-        let mut batch = WriteBatch::default();
-        batch.put(Key::Entry(index).bytes(), entry);
-        for (position, hash) in (stored_hash_index(0, index)..).zip(hashes) {
-            batch.put(Key::Hash(position).bytes(), hash.0);
-        }
-        batch.put(Key::Checkpoint(index + 1).bytes(), checkpoint);
+    /// Writes a batch: all of it or nothing, and on disk when this returns.
+    pub fn commit(&self, batch: Batch) -> Result<(), LedgerError> {
         let mut durable = WriteOptions::default();
         durable.set_sync(true);
-        Ok(self.db.write_opt(batch, &durable)?)
+        Ok(self.db.write_opt(batch.0, &durable)?)
     }
 
     fn get(&self, key: Key) -> Result<Option<Vec<u8>>, LedgerError> {
@@ -177,7 +198,7 @@ mod tests {
     use rocksdb::statistics::Ticker;
 
     #[test]
-    fn an_append_is_synced_before_it_returns() {
+    fn a_batch_is_synced_before_commit_returns() {
         let dir = tempfile::tempdir().unwrap();
         let mut options = options();
         options.create_if_missing(true);
@@ -187,7 +208,10 @@ mod tests {
         };
         for index in 0..3 {
             let before = options.get_ticker_count(Ticker::WalFileSynced);
-            store.append(index, b"entry", &[], b"checkpoint").unwrap();
+            let mut batch = Batch::default();
+            batch.entry(index, b"entry", &[]);
+            batch.checkpoint(index + 1, b"checkpoint");
+            store.commit(batch).unwrap();
             assert_eq!(options.get_ticker_count(Ticker::WalFileSynced), before + 1);
         }
     }

@@ -22,20 +22,24 @@ pub fn read(store: &Store, size: u64, tile: &Tile) -> Result<Option<Vec<u8>>, Le
             let hashes = store.read_hashes(&indexes)?;
             hashes.iter().flat_map(|hash| hash.0).collect()
         }
-        Kind::Entries => bundle(positions, |index| store.entry(index))?,
-        Kind::Checkpoints => bundle(positions, |index| store.checkpoint(index + 1))?,
+        Kind::Entries => bundle(positions, |index| {
+            store.entry(index)?.ok_or(LedgerError::NoEntry(index))
+        })?,
+        // An entry in the midst of its group has none.
+        Kind::Checkpoints => bundle(positions, |index| {
+            Ok(store.checkpoint(index + 1)?.unwrap_or_default())
+        })?,
     };
     Ok(Some(bytes))
 }
 
 fn bundle(
     indexes: std::ops::Range<u64>,
-    read: impl Fn(u64) -> Result<Option<Vec<u8>>, LedgerError>,
+    read: impl Fn(u64) -> Result<Vec<u8>, LedgerError>,
 ) -> Result<Vec<u8>, LedgerError> {
     let mut bundle = Vec::new();
     for index in indexes {
-        let item = read(index)?.ok_or(LedgerError::NoEntry(index))?;
-        push(&mut bundle, &item).map_err(|error: BundleError| LedgerError::BadEntry {
+        push(&mut bundle, &read(index)?).map_err(|error: BundleError| LedgerError::BadEntry {
             index,
             why: error.to_string(),
         })?;

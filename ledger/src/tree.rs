@@ -1,27 +1,27 @@
 //! The right edge of an RFC 6962 tree: all that is needed to append to it and to know its root.
 
-use std::collections::BTreeMap;
 use tlog_tiles::tlog::{
-    stored_hashes, sub_tree_index, tree_hash, Error as TreeError, Hash, HashReader,
+    node_hash, record_hash, sub_tree_index, Error as TreeError, Hash, HashReader, EMPTY_HASH,
 };
 use zk0_circuits::Digest;
+
+/// Most leaves: positions of their hashes stay far from the end of 64 bits.
+const MAX_LEAVES: u64 = 1 << 60;
 
 /// A tree of `size` leaves, known by the roots of its complete subtrees (at most log₂ of its size).
 #[derive(Clone, Debug, Default)]
 pub struct Frontier {
     size: u64,
-    hashes: BTreeMap<u64, Hash>,
+    /// One for each bit of `size`, the largest subtree's first.
+    edge: Vec<Hash>,
 }
 
 impl Frontier {
     /// The right edge of the first `size` leaves, from the hashes that were stored as they came.
     pub fn read(size: u64, stored: &impl HashReader) -> Result<Self, TreeError> {
-        let edge = sub_tree_index(0, size, Vec::new());
-        let found = stored.read_hashes(&edge)?;
-        Ok(Self {
-            size,
-            hashes: edge.into_iter().zip(found).collect(),
-        })
+        // Largest subtree first.
+        let edge = stored.read_hashes(&sub_tree_index(0, size, Vec::new()))?;
+        Ok(Self { size, edge })
     }
 
     /// Number of leaves.
@@ -30,29 +30,38 @@ impl Frontier {
     }
 
     /// Appends a leaf. Returns the hashes that become final with it, to be stored from
-    /// `tlog_tiles::tlog::stored_hash_index(0, n)` on, the leaf's own hash first.
+    /// `tlog_tiles::tlog::stored_hash_index(0, n)` on, the leaf's own hash first. Refuses a leaf beyond 2⁶⁰.
     pub fn push(&mut self, entry: &[u8]) -> Result<Vec<Hash>, TreeError> {
-        let new = stored_hashes(self.size, entry, self)?;
-        let first = tlog_tiles::tlog::stored_hash_index(0, self.size);
-        self.hashes.extend((first..).zip(new.iter().copied()));
+        self.push_leaf(record_hash(entry))
+    }
+
+    /// [`Frontier::push`] of a leaf whose hash (`tlog_tiles::tlog::record_hash`) is known.
+    pub fn push_leaf(&mut self, leaf: Hash) -> Result<Vec<Hash>, TreeError> {
+        if self.size >= MAX_LEAVES {
+            return Err(TreeError::InvalidInput(format!(
+                "a tree has at most {MAX_LEAVES} leaves"
+            )));
+        }
+        let mut new = vec![leaf];
+        let mut hash = leaf;
+        // Each trailing one of the size is a subtree as large as what the leaf completes.
+        for _ in 0..self.size.trailing_ones() {
+            let left = self.edge.pop().ok_or(TreeError::IndexesNotInTree)?;
+            hash = node_hash(left, hash);
+            new.push(hash);
+        }
+        self.edge.push(hash);
         self.size += 1;
-        let edge = sub_tree_index(0, self.size, Vec::new());
-        self.hashes.retain(|index, _| edge.contains(index));
         Ok(new)
     }
 
     /// The root: RFC 6962's Merkle tree hash of all leaves.
     pub fn root(&self) -> Result<Digest, TreeError> {
-        tree_hash(self.size, self).map(|hash| Digest(hash.0))
-    }
-}
-
-impl HashReader for Frontier {
-    fn read_hashes(&self, indexes: &[u64]) -> Result<Vec<Hash>, TreeError> {
-        indexes
-            .iter()
-            .map(|index| self.hashes.get(index).copied())
-            .collect::<Option<_>>()
-            .ok_or(TreeError::IndexesNotInTree)
+        let mut subtrees = self.edge.iter().rev();
+        let Some(smallest) = subtrees.next() else {
+            return Ok(Digest(EMPTY_HASH.0));
+        };
+        let root = subtrees.fold(*smallest, |right, left| node_hash(*left, right));
+        Ok(Digest(root.0))
     }
 }

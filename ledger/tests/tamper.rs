@@ -80,7 +80,18 @@ fn any_changed_entry_hash_or_checkpoint_in_the_database_fails() {
             }
         }
         db.delete(key).unwrap();
-        fails(dir.path(), "a missing key");
+        match key[0] {
+            // Of one that nothing depends on, a log is as good without: there might have been a group.
+            b'c' if !(9..=11).contains(&number) && number != last => {
+                assert_eq!(verified(dir.path()).checkpoints, last - 1);
+            }
+            b'c' => {
+                let finding = fails(dir.path(), "a missing checkpoint");
+                // What opening finds is not about an entry.
+                assert!(number == last || finding.index == Some(number - 1));
+            }
+            _ => drop(fails(dir.path(), "a missing key")),
+        }
         db.put(key, value).unwrap();
     }
     // Signed by the log, but of another size: nothing but the tree tells.
@@ -146,7 +157,10 @@ fn entries_that_break_the_rules_fail_even_when_signed() {
         .sign(&genesis().name, &log_key())
         .unwrap();
     let store = zk0_ledger::store::Store::open(&dir.path().join("log")).unwrap();
-    store.append(1, &second, &hashes, &checkpoint).unwrap();
+    let mut batch = zk0_ledger::store::Batch::default();
+    batch.entry(1, &second, &hashes);
+    batch.checkpoint(2, &checkpoint);
+    store.commit(batch).unwrap();
     drop(store);
     fs::write(dir.path().join("checkpoint"), checkpoint).unwrap();
     let finding = fails(dir.path(), "a second genesis");

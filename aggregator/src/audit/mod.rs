@@ -269,7 +269,8 @@ impl Recheck for Auditor {
             }
             Body::RoundOpened(opened) => {
                 let disputable = before.contributions();
-                self.doubtful.retain(|index, _| disputable.contains_key(index));
+                self.doubtful
+                    .retain(|index, _| disputable.contains_key(index));
                 let evaluation = Evaluation::of(before);
                 let limit = before.rules().max_base_bytes();
                 let (base, blobs) = (opened.base, blobs.clone());

@@ -373,7 +373,14 @@ impl Page {
     fn governance(&mut self, story: &Story) {
         if !story.proposals.is_empty() {
             self.heading("Proposals");
-            let columns = ["#proposal", "title", "would", "#ballots", "outcome", "#entry"];
+            let columns = [
+                "#proposal",
+                "title",
+                "would",
+                "#ballots",
+                "outcome",
+                "#entry",
+            ];
             self.table(&columns);
             for one in story.proposals.iter().rev().take(MOST_ROWS) {
                 let outcome = one.outcome.as_deref().unwrap_or("open");

@@ -5,7 +5,7 @@ use crate::{
     authentic::AuthenticEntry, checkpoint::Checkpoint, store::Store, Entry, Genesis, Refusal,
 };
 use std::ops::Range;
-use tlog_tiles::tlog::{stored_hash_index, Hash, HashReader};
+use tlog_tiles::tlog::{record_hash, stored_hash_index, Hash, HashReader};
 
 /// Most entries in a chunk.
 pub const CHUNK: u64 = 256;
@@ -22,10 +22,10 @@ pub struct Chunk {
 pub struct Item {
     /// Its index.
     pub index: u64,
-    /// Its bytes.
-    pub bytes: Vec<u8>,
-    /// The same, decoded.
+    /// The entry.
     pub entry: Entry,
+    /// Its hash as a leaf of the tree.
+    pub leaf: Hash,
     /// The hashes that became final with it, as stored; `None` when one is missing.
     pub hashes: Option<Vec<Hash>>,
     /// The checkpoint after it, if there is one: what its signature vouches for.
@@ -82,7 +82,7 @@ impl Item {
         };
         Ok(Self {
             index,
-            bytes,
+            leaf: record_hash(&bytes),
             hashes,
             checkpoint: text.map(open),
             entry,

@@ -168,7 +168,7 @@ impl<'a> Serial<'a> {
         let entry = &item.entry;
         let hashes = self
             .tree
-            .push(&item.bytes)
+            .push_leaf(item.leaf)
             .map_err(|error| error.to_string())?;
         if item.hashes.as_ref() != Some(&hashes) {
             return Err("the stored tree hashes are not those of the entries".into());
@@ -176,7 +176,7 @@ impl<'a> Serial<'a> {
         let root = self.tree.root().map_err(|error| error.to_string())?;
         let size = item.index + 1;
         let after = Checkpoint { size, root };
-        let needed = size == self.size || needs_checkpoint(entry);
+        let needed = size == self.size || needs_checkpoint(&entry.body);
         let signed = item.checkpoint.as_ref();
         match &mut self.state {
             None => {
@@ -280,11 +280,6 @@ fn allowed(
             Err(violation) => Err(violation),
         },
     }
-}
-
-/// Whether the tree that ends with this entry has to have a signed checkpoint: a challenge follows from it.
-fn needs_checkpoint(entry: &Entry) -> bool {
-    matches!(entry.body, Body::UpdateCommitted(_))
 }
 
 /// Checks the checkpoint of `after`'s size, which may be missing within a group but not where it is `needed`.

@@ -3,6 +3,7 @@
 
 pub mod long;
 pub mod rounds;
+pub mod scenario;
 pub mod shelf;
 pub mod votes;
 

@@ -8,7 +8,7 @@ use std::{
 use zk0_ledger::{
     layout::Resource,
     source::{Source, SourceError},
-    store::Store,
+    store::{Batch, Store},
     tiles,
     tree::Frontier,
     verifier_key::{Role, VerifierKey},
@@ -37,7 +37,10 @@ impl Shelf {
             let root = tree.root().unwrap();
             let size = index as u64 + 1;
             let text = Checkpoint { size, root }.sign(ORIGIN, &log_key()).unwrap();
-            store.append(index as u64, leaf, &hashes, &text).unwrap();
+            let mut batch = Batch::default();
+            batch.entry(index as u64, leaf, &hashes);
+            batch.checkpoint(size, &text);
+            store.commit(batch).unwrap();
         }
         Self { _dir: dir, store }
     }

@@ -1,0 +1,194 @@
+//! How fast a ledger is on this machine, beside what it is made of: RocksDB, SHA-256 and ed25519. `make bench-ledger`.
+//!
+//! One JSON line for each figure on standard output, progress on standard error. `ratio` is ours over the peer's, turned so
+//! that more than 1 means ours is better. Files are made in `--dir`, by default where temporary files go.
+
+mod network;
+mod peers;
+
+use anyhow::{bail, Context, Result};
+use network::{empty_rounds, enrolments, founded, grown, registrations};
+use std::{
+    path::{Path, PathBuf},
+    process::Command,
+    time::Instant,
+};
+use zk0_ledger::{
+    replay::{replay, Verdict},
+    Blobs, Body, Ledger,
+};
+use zk0_verifier::{check_proof, ProgramKey};
+
+/// Entries of a group.
+const GROUP: usize = 1000;
+
+/// What the ledger is to do in a second: the project's aim.
+const AIM: f64 = 150_000.0;
+
+fn main() -> Result<()> {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let arguments: Vec<&str> = arguments.iter().map(String::as_str).collect();
+    match arguments[..] {
+        ["replay", dir] => replay_here(Path::new(dir)),
+        [] => all(&std::env::temp_dir(), 1_000_000),
+        ["--dir", dir] => all(Path::new(dir), 1_000_000),
+        ["--dir", dir, "--entries", entries] => all(Path::new(dir), entries.parse()?),
+        _ => bail!("usage: bench_ledger [--dir DIR [--entries N]]"),
+    }
+}
+
+fn all(dir: &Path, entries: u64) -> Result<()> {
+    appends(dir)?;
+    proofs()?;
+    replays(dir, entries)
+}
+
+/// Prints a figure. `ours` and `peer` are better when larger, unless `smaller` is.
+fn figure(bench: &str, ours: f64, peer: f64, smaller: bool, unit: &str) {
+    let ratio = if smaller { peer / ours } else { ours / peer };
+    println!(
+        "{}",
+        serde_json::json!({"bench": bench, "ours": ours, "peer": peer, "ratio": ratio, "unit": unit})
+    );
+}
+
+fn appends(dir: &Path) -> Result<()> {
+    let measure = |bench: &str, make: &dyn Fn(&mut Ledger) -> Result<Vec<Body>>| -> Result<()> {
+        eprintln!("{bench} …");
+        let scratch = tempfile::tempdir_in(dir)?;
+        let mut ledger = founded(scratch.path())?;
+        let bodies = make(&mut ledger)?;
+        let (first, count) = (ledger.size(), bodies.len());
+        let mut groups = Vec::new();
+        let mut rest = bodies.into_iter();
+        while rest.len() > 0 {
+            groups.push(rest.by_ref().take(GROUP).collect::<Vec<_>>());
+        }
+        let started = Instant::now();
+        for group in groups {
+            ledger.commit(network::TIME, group)?;
+        }
+        let ours = count as f64 / started.elapsed().as_secs_f64();
+        drop(ledger);
+        let written = peers::written(scratch.path(), first, GROUP as u64)?;
+        let raw = tempfile::tempdir_in(dir)?;
+        let peer = count as f64 / peers::raw_writes(&written, raw.path())?;
+        let unit = "entries/s, groups of 1000, each on disk and signed";
+        figure(bench, ours, peer, false, unit);
+        figure(&format!("{bench}_aim"), ours, AIM, false, unit);
+        Ok(())
+    };
+    measure("append_rounds", &|ledger| {
+        empty_rounds(ledger.state(), 150_000)
+    })?;
+    measure("append_enrolments", &|_| Ok(enrolments(0..200_000)))?;
+    measure("append_signed_by_nodes", &|ledger| {
+        ledger.commit(network::TIME, enrolments(0..network::NODES))?;
+        Ok(registrations(ledger.state(), 400))
+    })?;
+    receipts(dir)
+}
+
+/// What it costs besides to hand out a receipt for each entry.
+fn receipts(dir: &Path) -> Result<()> {
+    let scratch = tempfile::tempdir_in(dir)?;
+    let mut ledger = founded(scratch.path())?;
+    let bodies = empty_rounds(ledger.state(), 50_000)?;
+    let count = bodies.len() as f64;
+    let started = Instant::now();
+    for group in bodies.chunks(GROUP) {
+        ledger.append_all(network::TIME, group.to_vec())?;
+    }
+    let ours = count / started.elapsed().as_secs_f64();
+    figure("append_with_receipts_aim", ours, AIM, false, "entries/s");
+    Ok(())
+}
+
+fn proofs() -> Result<()> {
+    const TIMES: u32 = 50;
+    eprintln!("proofs …");
+    let dir = PathBuf::from(concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../tests/fixtures/ledger"
+    ));
+    let store = zk0_ledger::store::Store::open_read_only(&zk0_ledger::folder::database(&dir))?;
+    let mut program = None;
+    let mut found = None;
+    for index in 0..store.size()? {
+        let bytes = store.entry(index)?.context("an entry")?;
+        match zk0_ledger::Entry::decode(&bytes)?.body {
+            Body::Genesis(genesis) => program = Some(genesis.program),
+            Body::ContributionAccepted(submission) => found = Some(submission.statement),
+            _ => {}
+        }
+    }
+    let (program, submission) = program
+        .zip(found)
+        .context("the committed ledger has no accepted contribution")?;
+    let program = ProgramKey::from_bytes(&program)?;
+    let proof = Blobs::at(&dir).get(&submission.proof, 16 << 20)?;
+    let started = Instant::now();
+    for _ in 0..TIMES {
+        check_proof(&proof, &submission.claim, &program).map_err(anyhow::Error::from)?;
+    }
+    let ours = f64::from(TIMES) / started.elapsed().as_secs_f64();
+    figure("sp1_proofs_aim", ours, 20.0, false, "proofs/s on one core");
+    Ok(())
+}
+
+fn replays(dir: &Path, entries: u64) -> Result<()> {
+    let mut peaks = Vec::new();
+    for entries in [entries / 10, entries] {
+        eprintln!("replay of {entries} entries …");
+        let scratch = tempfile::tempdir_in(dir)?;
+        grown(scratch.path(), entries)?;
+        // In a process of its own: its memory is the replay's.
+        let output = Command::new(std::env::current_exe()?)
+            .arg("replay")
+            .arg(scratch.path())
+            .output()?;
+        let said = String::from_utf8_lossy(&output.stdout).into_owned();
+        let numbers: Vec<f64> = said
+            .split_whitespace()
+            .map(str::parse)
+            .collect::<Result<_, _>>()
+            .with_context(|| format!("{said}{}", String::from_utf8_lossy(&output.stderr)))?;
+        let [count, seconds, peak] = numbers[..] else {
+            bail!("{said}{}", String::from_utf8_lossy(&output.stderr));
+        };
+        peaks.push(peak);
+        let peer = peers::bare_verification(scratch.path())?;
+        let bench = format!("replay_{entries}");
+        figure(&bench, count / seconds, count / peer, false, "entries/s");
+        let aim = 60.0 * entries as f64 / 1e6;
+        figure(&format!("{bench}_aim"), seconds, aim, true, "s");
+    }
+    let [tenth, whole] = peaks[..] else {
+        bail!("two replays")
+    };
+    figure(
+        "replay_peak_memory",
+        whole / 1024.0,
+        tenth / 1024.0,
+        true,
+        "MiB; the peer is a tenth of the entries",
+    );
+    Ok(())
+}
+
+/// Replays, and prints entries, seconds and the most memory this process had, in KiB.
+fn replay_here(dir: &Path) -> Result<()> {
+    let started = Instant::now();
+    let report = replay(dir, None, &mut ());
+    let seconds = started.elapsed().as_secs_f64();
+    if report.verdict != Verdict::Verified {
+        bail!("{:?}", report.findings);
+    }
+    let status = std::fs::read_to_string("/proc/self/status")?;
+    let peak = status
+        .lines()
+        .find_map(|line| line.strip_prefix("VmHWM:")?.strip_suffix("kB"))
+        .context("no VmHWM in /proc/self/status")?;
+    println!("{} {seconds} {}", report.entries, peak.trim());
+    Ok(())
+}

@@ -1,0 +1,243 @@
+//! A network as large as one likes: nodes that commit, submit and are averaged, round after round, all of it signed.
+
+use anyhow::{Context, Result};
+use ed25519_dalek::SigningKey;
+use rayon::prelude::*;
+use std::path::Path;
+use zk0_circuits::{
+    statement::Mode, Claim, DatasetCommitment, Digest, Losses, NodeId, WeightsDigest, CLAIM_VERSION,
+};
+use zk0_ledger::{
+    entry::{NodeEnrolled, RoundClosed, RoundOpened},
+    governance::{Governance, Governor},
+    rules::{CreditRule, Disclosure, EnrolmentRule, Participation, Strategy},
+    signed::{DatasetRegistration, Submission, UpdateCommitment},
+    Body, Genesis, Ledger, Refusal, Rules, Signed, State,
+};
+
+/// Nodes of the network.
+pub const NODES: u64 = 250;
+
+/// When it all begins, Unix milliseconds.
+pub const TIME: u64 = 1_700_000_000_000;
+
+/// A digest that no other number has.
+fn digest(what: u64, number: u64) -> Digest {
+    let mut bytes = [0; 32];
+    bytes[..8].copy_from_slice(&what.to_be_bytes());
+    bytes[8..16].copy_from_slice(&number.to_be_bytes());
+    Digest(bytes)
+}
+
+fn key(number: u64) -> SigningKey {
+    SigningKey::from_bytes(&digest(1, number).0)
+}
+
+fn id(key: &SigningKey) -> NodeId {
+    NodeId(key.verifying_key().to_bytes())
+}
+
+/// The key that signs the log.
+pub fn log_key() -> SigningKey {
+    key(u64::MAX)
+}
+
+fn weights(number: u64) -> WeightsDigest {
+    WeightsDigest {
+        blob: digest(2, number),
+        quantised: digest(3, number),
+    }
+}
+
+fn genesis() -> Genesis {
+    let evaluation = include_str!("../../../ledger/tests/vectors/evaluation.hex");
+    Genesis {
+        name: "zk0.example/bench".into(),
+        log_key: log_key().verifying_key().to_bytes(),
+        nonce: [9; 32],
+        rules: Rules {
+            min_dataset_samples: 10,
+            eval_samples: 2,
+            min_improvement_bps: 50,
+            max_weight_samples: 100,
+            disclosure: Disclosure::Losses,
+            commit_window_ms: 1000,
+            submit_window_ms: 5000,
+            max_update_bytes: 1 << 20,
+            max_proof_bytes: 1 << 21,
+            max_update_norm_bps: 0,
+            strategy: Strategy::FedAvg,
+            participation: Participation::All,
+            enrolment: EnrolmentRule::Operator,
+            credits: CreditRule {
+                bps_samples_per_credit: 100,
+                max_per_contribution: 500,
+                dispute_window_ms: 1000,
+            },
+            governance: Governance {
+                governors: vec![Governor {
+                    key: id(&key(u64::MAX - 1)),
+                    name: "governor".into(),
+                    weight: 1,
+                }],
+                credits_per_vote: 10,
+                max_node_votes: 5,
+                quorum_bps: 4000,
+                threshold_bps: 5000,
+                veto_bps: 3000,
+                voting_ms: 20_000,
+                time_lock_ms: 10_000,
+            },
+        },
+        program: vec![1; 32],
+        mode: Mode::Direct,
+        evaluation: hex::decode(evaluation.trim()).expect("hexadecimal"),
+        policy: digest(4, 0),
+        initial: weights(0),
+    }
+}
+
+/// A ledger with nothing but its genesis.
+pub fn founded(dir: &Path) -> Result<Ledger> {
+    let (ledger, _) = Ledger::create(dir, genesis(), log_key(), TIME)?;
+    Ok(ledger)
+}
+
+/// Enrolments of nodes with these numbers: entries that only the log signs.
+pub fn enrolments(numbers: std::ops::Range<u64>) -> Vec<Body> {
+    let enrol = |number| {
+        Body::NodeEnrolled(NodeEnrolled {
+            node: id(&key(number)),
+            name: format!("robot {number}"),
+        })
+    };
+    numbers.into_par_iter().map(enrol).collect()
+}
+
+/// Rounds that open and close with nobody in them, from the next on: two entries each, that only the log signs.
+pub fn empty_rounds(state: &State, count: u64) -> Result<Vec<Body>> {
+    let first = state.next_opening(TIME)?;
+    let rounds = first.round..first.round + count;
+    Ok(rounds
+        .flat_map(|round| {
+            let opened = RoundOpened {
+                round,
+                ..first.clone()
+            };
+            let closed = RoundClosed {
+                round,
+                global: first.base,
+                contributors: Vec::new(),
+            };
+            [Body::RoundOpened(opened), Body::RoundClosed(closed)]
+        })
+        .collect())
+}
+
+/// Registrations of the nodes' datasets, once more for each of `times`: entries that a node signs.
+pub fn registrations(state: &State, times: u64) -> Vec<Body> {
+    let network = *state.network();
+    let register = |number: u64| {
+        let key = key(number % NODES);
+        let registration = DatasetRegistration {
+            network,
+            node: id(&key),
+            dataset: dataset(number % NODES),
+            leaves: digest(7, number),
+            episodes: vec![digest(9, number % NODES)],
+        };
+        Body::DatasetCommitted(Signed::new(registration, &key))
+    };
+    (0..times * NODES).into_par_iter().map(register).collect()
+}
+
+fn dataset(node: u64) -> DatasetCommitment {
+    DatasetCommitment {
+        root: digest(5, node),
+        samples: 50,
+        feature_spec: digest(6, 0),
+        salt_commitment: digest(6, 1 + node),
+    }
+}
+
+/// Makes a ledger of `entries` entries: of a thousand, about 500 commitments, 450 acceptances and 50 refusals, each of them
+/// signed by a node, and two rounds that open and close.
+pub fn grown(dir: &Path, entries: u64) -> Result<()> {
+    let mut ledger = founded(dir)?;
+    ledger.commit(TIME, enrolments(0..NODES))?;
+    ledger.commit(TIME, registrations(ledger.state(), 1))?;
+    let keys: Vec<SigningKey> = (0..NODES).map(key).collect();
+    while ledger.size() < entries {
+        let state = ledger.state();
+        // Long enough for the round before to be beyond dispute.
+        let now = TIME + state.next_round() * 2000;
+        let opening = state.next_opening(now)?;
+        let (network, round) = (*state.network(), opening.round);
+        let commit = |(node, key): (usize, &SigningKey)| {
+            let node = node as u64;
+            let commitment = UpdateCommitment {
+                network,
+                round,
+                node: id(key),
+                dataset_root: dataset(node).root,
+                update: weights(1 + round * NODES + node),
+            };
+            Body::UpdateCommitted(Signed::new(commitment, key))
+        };
+        let mut bodies = vec![Body::RoundOpened(opening)];
+        bodies.par_extend(keys.par_iter().enumerate().map(commit));
+        ledger.commit(now, bodies)?;
+
+        let state = ledger.state();
+        let decide = |(node, key): (usize, &SigningKey)| {
+            let submission = Submission {
+                claim: claim(state, &id(key))?,
+                proof: digest(8, round * NODES + node as u64),
+            };
+            let submission = Signed::new(submission, key);
+            Ok(match node % 10 {
+                0 => Body::ContributionRejected {
+                    submission,
+                    reason: Refusal::InvalidProof("it does not verify".into()),
+                },
+                _ => Body::ContributionAccepted(submission),
+            })
+        };
+        let decided: Result<Vec<Body>> = keys.par_iter().enumerate().map(decide).collect();
+        ledger.commit(now, decided?)?;
+        let closed = RoundClosed {
+            round,
+            global: weights(round),
+            contributors: ledger.state().contributors(),
+        };
+        ledger.append(now, Body::RoundClosed(closed))?;
+        if round % 200 == 199 {
+            eprintln!("  {} of {entries} entries made", ledger.size());
+        }
+    }
+    Ok(())
+}
+
+/// The claim that the ledger expects of a node.
+fn claim(state: &State, node: &NodeId) -> Result<Claim> {
+    let expected = state.expected_claim(node).context("a committed node")?;
+    Ok(Claim {
+        version: CLAIM_VERSION,
+        network: expected.network,
+        round: expected.round,
+        node: expected.node,
+        dataset: expected.dataset,
+        evaluation: expected.evaluation,
+        base: expected.base,
+        update: expected.update,
+        challenge: expected.challenge,
+        eval_samples: expected.eval_samples,
+        min_improvement_bps: expected.min_improvement_bps,
+        losses: Losses::Disclosed {
+            before: 1000,
+            after: 900,
+            elements: 600,
+        },
+        weight_check: None,
+    })
+}

@@ -1,0 +1,254 @@
+//! Backups: complete, up to date as often as one likes, and never a way to sign a second history by accident.
+
+mod network;
+
+use network::{
+    rounds::{copy, ledger_with_a_round},
+    shelf::*,
+    *,
+};
+use std::{fs, path::Path};
+use zk0_ledger::{
+    backup::{backup, restore, BackupError},
+    folder,
+    mirror::MirrorError,
+    replay,
+    replay::Verdict,
+    BlobError, Body, Ledger, LedgerError, Policy, Report,
+};
+
+fn verified(dir: &Path) -> Report {
+    let report = replay(dir, None, &mut ());
+    assert_eq!(report.verdict, Verdict::Verified, "{:?}", report.findings);
+    report
+}
+
+/// A running ledger with an open round, and in it an update that is nobody's to read yet.
+fn running(dir: &Path) -> Ledger {
+    let mut ledger = ledger_with_a_round(dir);
+    let update = ledger.blobs().put(b"an update").unwrap();
+    let state = ledger.state().clone();
+    let mut commitment = commitment(&state, 0, weights(0x30));
+    commitment.update.blob = update;
+    let signed = zk0_ledger::Signed::new(commitment, &key(0));
+    ledger
+        .append(T0 + 20, Body::UpdateCommitted(signed))
+        .unwrap();
+    ledger
+}
+
+#[test]
+fn a_backup_of_a_running_ledger_is_the_whole_of_it_and_can_be_brought_up_to_date() {
+    let scratch = tempfile::tempdir().unwrap();
+    let at = |name: &str| scratch.path().join(name);
+    let (dir, saved, again) = (at("ledger"), at("backup"), at("again"));
+    let mut ledger = running(&dir);
+    let done = backup(&dir, &saved).unwrap();
+    assert_eq!((done.entries, done.new_entries), (17, 17));
+    assert_eq!(done.new_blobs, 1, "the private one");
+    assert_eq!(verified(&saved), verified(&dir));
+    ledger
+        .append_all(T0 + 21, (20..40).map(enrolled).collect())
+        .unwrap();
+    ledger.append(T0 + 22, enrolled(40)).unwrap();
+    let done = backup(&dir, &saved).unwrap();
+    assert_eq!(
+        (done.entries, done.new_entries, done.new_blobs),
+        (38, 21, 0)
+    );
+    assert_eq!(backup(&dir, &saved).unwrap().new_entries, 0);
+    let checkpoint = ledger.checkpoint().to_vec();
+    let state = ledger.state().clone();
+    drop(ledger);
+    fs::remove_dir_all(&dir).unwrap();
+
+    let done = restore(&saved, &again, None, std::slice::from_ref(&checkpoint)).unwrap();
+    assert_eq!((done.entries, done.new_blobs), (38, 1));
+    let mut ledger = Ledger::open(&again, Some(&done.network), log_key()).unwrap();
+    assert_eq!(ledger.state(), &state);
+    assert_eq!(ledger.checkpoint(), checkpoint);
+    ledger.append(T0 + 23, enrolled(41)).unwrap();
+    // What went on is ahead of the backup, and brings it up to date like the first one did.
+    assert_eq!(backup(&again, &saved).unwrap().new_entries, 1);
+    drop(ledger);
+    assert_eq!(verified(&saved), verified(&again));
+    assert_eq!(
+        fs::read_dir(scratch.path()).unwrap().count(),
+        2,
+        "nothing is left but the backup and the ledger"
+    );
+}
+
+#[test]
+fn a_backup_older_than_a_known_checkpoint_is_not_restored() {
+    let scratch = tempfile::tempdir().unwrap();
+    let at = |name: &str| scratch.path().join(name);
+    let (dir, saved, again) = (at("ledger"), at("backup"), at("again"));
+    let mut ledger = running(&dir);
+    backup(&dir, &saved).unwrap();
+    let before = ledger.checkpoint().to_vec();
+    ledger.append(T0 + 21, enrolled(20)).unwrap();
+    let after = ledger.checkpoint().to_vec();
+    match restore(&saved, &again, None, &[before.clone(), after.clone()]) {
+        Err(BackupError::Older {
+            held: 17,
+            signed: 18,
+            ..
+        }) => {}
+        other => panic!("{other:?}"),
+    }
+    assert!(!again.exists());
+    // With a cosignature beside it, as a witness has it, and of a size that the backup has.
+    restore(&saved, &again, None, &[before]).unwrap();
+    // From another copy the rest can be had; then it is as good as new.
+    backup(&dir, &saved).unwrap();
+    restore(&saved, &at("third"), None, &[after]).unwrap();
+}
+
+#[test]
+fn a_backup_with_another_history_than_a_known_checkpoint_is_not_restored() {
+    let scratch = tempfile::tempdir().unwrap();
+    let at = |name: &str| scratch.path().join(name);
+    let (dir, other, saved) = (at("ledger"), at("other"), at("backup"));
+    drop(running(&dir));
+    copy(&dir, &other);
+    let mut texts = Vec::new();
+    for (dir, node) in [(&dir, 20), (&other, 21)] {
+        let mut ledger = Ledger::open(dir, None, log_key()).unwrap();
+        ledger.append(T0 + 21, enrolled(node)).unwrap();
+        texts.push(ledger.checkpoint().to_vec());
+    }
+    backup(&dir, &saved).unwrap();
+    let forked = restore(&saved, &at("again"), None, &[texts.remove(1)]);
+    assert!(
+        matches!(
+            forked,
+            Err(BackupError::Ledger(LedgerError::Forked { size: 18, .. }))
+        ),
+        "{forked:?}"
+    );
+    let stranger = zk0_ledger::Checkpoint {
+        size: 1,
+        root: digest(1),
+    }
+    .sign(ORIGIN, &key(3))
+    .unwrap();
+    let refused = restore(&saved, &at("again"), None, &[stranger]);
+    assert!(
+        matches!(refused, Err(BackupError::Checkpoint(_))),
+        "{refused:?}"
+    );
+    // Nor does a backup take up another history.
+    let onto = backup(&other, &saved);
+    assert!(
+        matches!(
+            onto,
+            Err(BackupError::Mirror(MirrorError::Published(
+                zk0_ledger::published::PublishedError::Forked { size: 18, .. }
+            )))
+        ),
+        "{onto:?}"
+    );
+}
+
+#[test]
+fn what_is_there_is_not_overwritten() {
+    let scratch = tempfile::tempdir().unwrap();
+    let at = |name: &str| scratch.path().join(name);
+    let (dir, saved) = (at("ledger"), at("backup"));
+    let ledger = running(&dir);
+    backup(&dir, &saved).unwrap();
+    let known = [ledger.checkpoint().to_vec()];
+    let onto = restore(&saved, &dir, None, &known);
+    assert!(matches!(onto, Err(BackupError::NotEmpty(_))), "{onto:?}");
+    let itself = backup(&dir, &dir);
+    assert!(matches!(itself, Err(BackupError::Same(_))), "{itself:?}");
+    let other = restore(&saved, &at("again"), Some(&digest(1)), &known);
+    assert!(
+        matches!(
+            other,
+            Err(BackupError::Mirror(MirrorError::Ledger(
+                LedgerError::OtherNetwork { .. }
+            )))
+        ),
+        "{other:?}"
+    );
+    let nothing = backup(&at("nothing"), &at("b"));
+    assert!(
+        matches!(
+            nothing,
+            Err(BackupError::Mirror(MirrorError::Ledger(
+                LedgerError::NoLedger(_)
+            )))
+        ),
+        "{nothing:?}"
+    );
+    fs::create_dir(at("empty")).unwrap();
+    restore(&saved, &at("empty"), None, &known).unwrap();
+    verified(&at("empty"));
+}
+
+#[test]
+fn a_damaged_backup_is_not_restored_and_what_is_begun_is_gone_on_with() {
+    let scratch = tempfile::tempdir().unwrap();
+    let at = |name: &str| scratch.path().join(name);
+    let (dir, saved, again) = (at("ledger"), at("backup"), at("again"));
+    let ledger = running(&dir);
+    backup(&dir, &saved).unwrap();
+    let known = [ledger.checkpoint().to_vec()];
+    let blob = fs::read_dir(saved.join("blobs/sha256"))
+        .unwrap()
+        .next()
+        .unwrap()
+        .unwrap()
+        .path();
+    let whole = fs::read(&blob).unwrap();
+    fs::write(&blob, b"an upbate").unwrap();
+    let refused = restore(&saved, &again, None, &known);
+    assert!(
+        matches!(
+            refused,
+            Err(BackupError::Mirror(MirrorError::Ledger(LedgerError::Blob(
+                BlobError::WrongDigest { .. }
+            ))))
+        ),
+        "{refused:?}"
+    );
+    assert!(!again.exists(), "not before all of it is there");
+    fs::write(&blob, whole).unwrap();
+    let done = restore(&saved, &again, None, &known).unwrap();
+    assert_eq!((done.entries, done.new_entries), (17, 0), "they were there");
+    verified(&again);
+
+    // An entry that is another one than in the signed tree.
+    let db = rocksdb::DB::open_default(saved.join("log")).unwrap();
+    let key = *b"e\0\0\0\0\0\0\0\x05";
+    let mut entry = db.get(key).unwrap().unwrap();
+    entry[20] ^= 1;
+    db.put(key, entry).unwrap();
+    drop(db);
+    let refused = restore(&saved, &at("third"), None, &known);
+    assert!(
+        matches!(refused, Err(BackupError::Mirror(MirrorError::Published(_)))),
+        "{refused:?}"
+    );
+}
+
+#[test]
+fn the_policy_and_what_was_cosigned_are_kept() {
+    let scratch = tempfile::tempdir().unwrap();
+    let at = |name: &str| scratch.path().join(name);
+    let (dir, saved, again) = (at("ledger"), at("backup"), at("again"));
+    let mut ledger = running(&dir);
+    let cosigned = ledger.checkpoint().to_vec();
+    folder::write_policy(&dir, &Policy::none()).unwrap();
+    folder::write_cosigned(&dir, &cosigned).unwrap();
+    // Signed, perhaps shown to a witness, and not published: a backup that lacked it would fork the log.
+    ledger.append(T0 + 21, enrolled(20)).unwrap();
+    backup(&dir, &saved).unwrap();
+    restore(&saved, &again, None, &[ledger.checkpoint().to_vec()]).unwrap();
+    assert_eq!(folder::read_cosigned(&again).unwrap(), Some(cosigned));
+    assert!(folder::policy(&again).exists());
+    let newest = folder::read_checkpoint(&again).unwrap();
+    assert_eq!(newest.as_deref(), Some(ledger.checkpoint()));
+}

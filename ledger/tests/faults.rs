@@ -1,0 +1,263 @@
+//! The writer is killed at each of its system calls that write, each of them fails in turn, and the disk is full: nothing
+//! acknowledged is lost, and what was signed stays one history.
+//!
+//! `cargo test --release --workspace --test faults` takes every ninth call; with `-- --include-ignored` every one.
+
+mod network;
+
+use ed25519_dalek::SigningKey;
+use network::{
+    scenario::{check, child, run_as_child, said, strace, Said, ENTRIES, STOPPED},
+    *,
+};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    fs,
+    os::unix::process::ExitStatusExt,
+    path::Path,
+    process::Command,
+};
+use zk0_circuits::NodeId;
+use zk0_ledger::{entry::NodeEnrolled, Body, Ledger, LedgerError};
+
+/// All that changes files, or waits for the disk.
+const CALLS: &str = "?write,?pwrite64,?pwritev,?fsync,?fdatasync,?sync_file_range,?rename,?renameat,?renameat2,?openat,\
+                     ?open,?ftruncate,?fallocate,?unlink,?unlinkat,?mkdir,?mkdirat,?link,?linkat";
+
+/// Not a test: what the child processes of the tests below do.
+#[test]
+#[ignore = "run by other tests as a child process"]
+fn the_scenario() {
+    run_as_child();
+}
+
+#[derive(Clone, Copy, Debug)]
+enum Fault {
+    /// SIGKILL as the call begins.
+    Kill,
+    /// The call fails, once.
+    Fails(&'static str),
+    /// It fails, and so do all after it.
+    FailsFromNow(&'static str),
+}
+
+impl Fault {
+    /// At the `count`th `call`.
+    fn at(self, call: &str, count: u64) -> Vec<String> {
+        let effect = match self {
+            Self::Kill => format!("signal=KILL:when={count}"),
+            Self::Fails(error) => format!("error={error}:when={count}"),
+            Self::FailsFromNow(error) => format!("error={error}:when={count}+"),
+        };
+        let mut wrapper = traced(call, Path::new("/dev/null"));
+        wrapper.extend(["-e".into(), format!("inject={call}:{effect}")]);
+        wrapper
+    }
+}
+
+fn traced(calls: &str, log: &Path) -> Vec<String> {
+    let log = log.to_str().unwrap();
+    ["strace", "-f", "-qqq", "-o", log, "-e"]
+        .map(String::from)
+        .into_iter()
+        .chain([format!("trace={calls}")])
+        .collect()
+}
+
+/// The calls that the scenario makes, each with its number among those of its name and thread: as strace counts.
+fn calls() -> Vec<(String, u64)> {
+    let scratch = tempfile::tempdir().unwrap();
+    let log = scratch.path().join("calls");
+    let output = child(&scratch.path().join("ledger"), &traced(CALLS, &log));
+    let complained = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{}: {complained}", output.status);
+    assert_eq!(said(&output.stdout).receipts.len(), ENTRIES);
+    let log = fs::read_to_string(log).unwrap();
+    let mut counts = BTreeMap::new();
+    let mut calls = BTreeSet::new();
+    for line in log.lines() {
+        let mut words = line.splitn(2, ' ');
+        let (thread, call) = (words.next().unwrap(), words.next().unwrap().trim_start());
+        let Some((name, _)) = call.split_once('(').filter(|_| !call.starts_with('<')) else {
+            continue;
+        };
+        let count = counts.entry((thread, name)).or_insert(0);
+        *count += 1;
+        calls.insert((name.to_owned(), *count));
+    }
+    calls.into_iter().collect()
+}
+
+/// Has `fault` happen at every `stride`th of the scenario's calls.
+fn sweep(fault: Fault, first: usize, stride: usize) {
+    if strace().is_none() {
+        return;
+    }
+    let calls = calls();
+    let (mut runs, mut acknowledging, mut stopped) = (0, 0, 0);
+    for (call, count) in calls.iter().skip(first).step_by(stride) {
+        let scratch = tempfile::tempdir().unwrap();
+        let dir = scratch.path().join("ledger");
+        let output = child(&dir, &fault.at(call, *count));
+        let when = format!("{fault:?} at {call} {count}");
+        let (said, status) = (said(&output.stdout), output.status);
+        check(&dir, &said, &when);
+        let as_it_should = match fault {
+            // strace ends as its child did. Now and then a thread makes a call fewer.
+            Fault::Kill => status.signal() == Some(9) || said.receipts.len() == ENTRIES,
+            // Where RocksDB can do without a call, all is well. A program that did not begin could not be loaded.
+            _ => status.success() || status.code() == Some(STOPPED) || !said.begun,
+        };
+        let complained = String::from_utf8_lossy(&output.stderr);
+        assert!(as_it_should, "{when}: {status}: {complained}");
+        runs += 1;
+        acknowledging += u64::from(!said.receipts.is_empty());
+        stopped += match fault {
+            Fault::Kill => u64::from(status.signal() == Some(9)),
+            _ => u64::from(status.code() == Some(STOPPED)),
+        };
+    }
+    println!(
+        "{fault:?}: {runs} of {} calls, {acknowledging} times after something was acknowledged, {stopped} times it stopped",
+        calls.len()
+    );
+    assert!(acknowledging * 3 > runs, "this tests little");
+    assert!(stopped * 4 > runs, "this tests little");
+}
+
+#[test]
+fn killed_at_any_write_it_loses_nothing_and_never_forks() {
+    sweep(Fault::Kill, 5, 9);
+}
+
+#[test]
+fn a_write_that_fails_stops_the_ledger_and_loses_nothing() {
+    sweep(Fault::Fails("EIO"), 7, 9);
+}
+
+#[test]
+fn a_disk_that_fills_up_stops_the_ledger_and_loses_nothing() {
+    sweep(Fault::FailsFromNow("ENOSPC"), 3, 9);
+}
+
+#[test]
+#[ignore = "takes minutes: every call, one after the other"]
+fn every_write_killed_and_failed() {
+    for fault in [
+        Fault::Kill,
+        Fault::Fails("EIO"),
+        Fault::Fails("ENOSPC"),
+        Fault::FailsFromNow("ENOSPC"),
+        Fault::FailsFromNow("EIO"),
+    ] {
+        sweep(fault, 0, 1);
+    }
+}
+
+/// Appends until it fails, on a disk of a few megabytes or with files of at most one, then with room again.
+fn fill(dir: &Path, more_room: impl FnOnce()) {
+    let mut ledger = Ledger::create(dir, genesis(), log_key(), T0).unwrap().0;
+    let mut said = Said::default();
+    let error = loop {
+        let mut seed = [0; 32];
+        seed[..8].copy_from_slice(&ledger.size().to_le_bytes());
+        let names = (0..40u8).map(|node| {
+            seed[9] = node;
+            Body::NodeEnrolled(NodeEnrolled {
+                node: NodeId(SigningKey::from_bytes(&seed).verifying_key().to_bytes()),
+                name: "n".repeat(100),
+            })
+        });
+        match ledger.append_all(T0, names.collect()) {
+            // A few of each group, or checking takes long.
+            Ok(receipts) => said.receipts.extend(receipts.into_iter().step_by(13)),
+            Err(error) => break error,
+        }
+        assert!(said.receipts.len() < 20_000, "the disk does not fill up");
+    };
+    println!("{} entries, then: {error}", ledger.size());
+    assert!(
+        !matches!(error, LedgerError::InGroup { .. } | LedgerError::Rule(_)),
+        "{error}"
+    );
+    let again = ledger.append(T0, enrolled(1)).map(drop);
+    assert!(matches!(again, Err(LedgerError::Poisoned)), "{again:?}");
+    assert!(ledger.size() > 100, "this tests little");
+    drop(ledger);
+    // With the disk still full it opens, or says why not; nothing is lost by trying.
+    let full = Ledger::open(dir, None, log_key()).map(drop);
+    println!("opened while full: {full:?}");
+    more_room();
+    check(dir, &said, "after the disk was full");
+}
+
+#[test]
+fn a_full_disk_stops_the_ledger_and_with_room_again_it_goes_on() {
+    let scratch = tempfile::tempdir().unwrap();
+    let disk = scratch.path().join("disk");
+    fs::create_dir(&disk).unwrap();
+    let mount = |arguments: &[&str]| {
+        let mount = Command::new("mount").args(arguments).arg(&disk).output();
+        mount.is_ok_and(|output| output.status.success())
+    };
+    if !mount(&["-t", "tmpfs", "-o", "size=10m", "tmpfs"]) {
+        eprintln!("SKIPPED: mounting a small disk needs root");
+        return;
+    }
+    let filled = std::panic::catch_unwind(|| {
+        // Something else takes room, and is then removed: opening writes all that is in the write-ahead log once more.
+        let ballast = disk.join("ballast");
+        fs::write(&ballast, vec![0; 6 << 20]).unwrap();
+        fill(&disk.join("ledger"), || fs::remove_file(&ballast).unwrap());
+    });
+    let unmounted = Command::new("umount").arg(&disk).status();
+    assert!(unmounted.is_ok_and(|status| status.success()));
+    if let Err(panic) = filled {
+        std::panic::resume_unwind(panic);
+    }
+}
+
+const LIMITED: &str = "ZK0_TEST_LIMITED_IN";
+
+/// Not a test: what the child process of the next one does.
+#[test]
+#[ignore = "run by another test as a child process"]
+fn fill_up_to_the_limit() {
+    let Some(dir) = std::env::var_os(LIMITED) else {
+        return;
+    };
+    fill(Path::new(&dir), || {
+        let raised = Command::new("prlimit")
+            .arg(format!("--pid={}", std::process::id()))
+            .arg("--fsize=unlimited:unlimited")
+            .status();
+        assert!(raised.is_ok_and(|status| status.success()));
+    });
+    println!("went on");
+}
+
+#[test]
+fn a_file_that_may_not_grow_stops_the_ledger_and_when_it_may_it_goes_on() {
+    let scratch = tempfile::tempdir().unwrap();
+    let this = std::env::current_exe().unwrap();
+    // Half a megabyte, and the signal that comes with it ignored: the write fails with EFBIG. The soft limit alone: a process
+    // may raise it again.
+    let output = Command::new("bash")
+        .args(["-c", "trap '' XFSZ; ulimit -S -f 512; exec \"$@\"", "bash"])
+        .arg(this)
+        .args([
+            "--exact",
+            "fill_up_to_the_limit",
+            "--ignored",
+            "--nocapture",
+        ])
+        .env(LIMITED, scratch.path().join("ledger"))
+        .output()
+        .unwrap();
+    let said = String::from_utf8_lossy(&output.stdout);
+    assert!(
+        output.status.success() && said.contains("went on"),
+        "{said}{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+}

@@ -1,0 +1,373 @@
+//! Groups of entries: all or none of them, one checkpoint, and the same history as one by one.
+
+mod network;
+
+use network::{rounds::copy, shelf::*, *};
+use proptest::prelude::*;
+use rocksdb::DB;
+use std::path::Path;
+use zk0_circuits::{challenge::challenge, NodeId};
+use zk0_ledger::{
+    bundle,
+    entry::NodeEnrolled,
+    layout::{Kind, Tile},
+    mirror::{mirror, MirrorError},
+    replay,
+    replay::Verdict,
+    rules::Participation,
+    store::Store,
+    tiles, Body, Ledger, LedgerError, Policy, Refusal, Report, RuleViolation,
+};
+
+fn verified(dir: &Path) -> Report {
+    let report = replay(dir, None, &mut ());
+    assert_eq!(report.verdict, Verdict::Verified, "{:?}", report.findings);
+    report
+}
+
+fn founded(dir: &Path) -> Ledger {
+    Ledger::create(dir, genesis(), log_key(), T0).unwrap().0
+}
+
+/// Sizes of which the database has a checkpoint.
+fn checkpoints(dir: &Path) -> Vec<u64> {
+    let store = Store::open_read_only(&dir.join("log")).unwrap();
+    let size = store.size().unwrap();
+    (1..=size)
+        .filter(|size| store.checkpoint(*size).unwrap().is_some())
+        .collect()
+}
+
+fn joining(nodes: std::ops::Range<u8>) -> Vec<Body> {
+    let network = genesis().network_id();
+    nodes
+        .flat_map(|node| [enrolled(node), registered(&network, node)])
+        .collect()
+}
+
+/// Nodes that nobody else uses.
+fn strangers(numbers: std::ops::Range<u64>) -> Vec<Body> {
+    let enrol = |number: u64| {
+        let seed = [number.to_le_bytes(); 4].concat().try_into().unwrap();
+        let key = ed25519_dalek::SigningKey::from_bytes(&seed);
+        Body::NodeEnrolled(NodeEnrolled {
+            node: NodeId(key.verifying_key().to_bytes()),
+            name: format!("stranger {number}"),
+        })
+    };
+    numbers.map(enrol).collect()
+}
+
+#[test]
+fn a_group_has_one_checkpoint_and_a_receipt_for_each_entry() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut ledger = founded(dir.path());
+    let receipts = ledger.append_all(T0 + 1, joining(0..20)).unwrap();
+    assert_eq!(receipts.len(), 40);
+    for (receipt, index) in receipts.iter().zip(1..) {
+        let (checkpoint, entry) = receipt.verify(&genesis().log_key, ORIGIN).unwrap();
+        assert_eq!((receipt.index, checkpoint.size), (index, 41));
+        assert_eq!(ledger.entry(index).unwrap(), entry);
+        assert_eq!(&ledger.first_receipt(index).unwrap(), receipt);
+    }
+    let missing = ledger.checkpoint_at(7);
+    assert!(
+        matches!(missing, Err(LedgerError::NoCheckpointAt(7))),
+        "{missing:?}"
+    );
+    assert!(ledger.append_all(T0, Vec::new()).unwrap().is_empty());
+    let single = ledger.append(T0 + 2, enrolled(20)).unwrap();
+    assert_eq!(single.index, 41);
+    ledger.append_all(T0 + 3, joining(21..23)).unwrap();
+    let (state, checkpoint) = (ledger.state().clone(), ledger.checkpoint().to_vec());
+    drop(ledger);
+    assert_eq!(checkpoints(dir.path()), [1, 41, 42, 46]);
+    let report = verified(dir.path());
+    assert_eq!((report.entries, report.checkpoints), (46, 4));
+    let ledger = Ledger::open(dir.path(), None, log_key()).unwrap();
+    assert_eq!(ledger.state(), &state);
+    assert_eq!(ledger.checkpoint(), checkpoint);
+}
+
+#[test]
+fn a_group_with_a_refused_entry_leaves_no_trace() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut ledger = founded(dir.path());
+    ledger.append_all(T0, joining(0..2)).unwrap();
+    let before = (
+        ledger.size(),
+        ledger.checkpoint().to_vec(),
+        ledger.state().clone(),
+    );
+    let network = genesis().network_id();
+    let forged = match registered(&network, 5) {
+        Body::DatasetCommitted(mut signed) => {
+            signed.signature[10] ^= 1;
+            Body::DatasetCommitted(signed)
+        }
+        _ => unreachable!(),
+    };
+    // The second is refused only because of the first; the third because of what is recorded; the fourth by itself.
+    for (at, last) in [
+        (2, enrolled(5)),
+        (2, enrolled(1)),
+        (2, forged),
+        (0, Body::Genesis(genesis())),
+    ] {
+        let mut bodies = joining(5..6);
+        bodies.insert(at, last);
+        match ledger.append_all(T0, bodies) {
+            Err(LedgerError::InGroup {
+                at: found, of: 3, ..
+            }) => assert_eq!(found, at),
+            other => panic!("{other:?}"),
+        }
+        let now = (
+            ledger.size(),
+            ledger.checkpoint().to_vec(),
+            ledger.state().clone(),
+        );
+        assert_eq!(before, now);
+    }
+    // Nothing is left of what was tried.
+    let receipts = ledger.append_all(T0, joining(5..7)).unwrap();
+    assert_eq!(receipts[0].index, 5);
+    let state = ledger.state().clone();
+    drop(ledger);
+    verified(dir.path());
+    let ledger = Ledger::open(dir.path(), None, log_key()).unwrap();
+    assert_eq!(ledger.state(), &state);
+}
+
+/// A ledger with one group that has commitments in its midst; returns the checkpoints that it has.
+fn with_commitments(dir: &Path) -> Ledger {
+    let mut ledger = founded(dir);
+    ledger.append_all(T0, joining(0..3)).unwrap();
+    let opening = Body::RoundOpened(opened(ledger.state(), T0));
+    ledger.append(T0, opening).unwrap();
+    let state = ledger.state().clone();
+    let commit = |node: u8| committed(&state, node, weights(0x10 + node));
+    let group = vec![
+        enrolled(7),
+        commit(0),
+        commit(1),
+        enrolled(8),
+        commit(2),
+        enrolled(9),
+    ];
+    ledger.append_all(T0, group).unwrap();
+    ledger
+}
+
+#[test]
+fn each_commitment_in_a_group_has_the_checkpoint_that_its_challenge_follows_from() {
+    let dir = tempfile::tempdir().unwrap();
+    let ledger = with_commitments(dir.path());
+    let state = ledger.state().clone();
+    for (node, index) in [(0, 9), (1, 10), (2, 12)] {
+        let receipt = ledger.first_receipt(index).unwrap();
+        let (checkpoint, _) = receipt.verify(&genesis().log_key, ORIGIN).unwrap();
+        assert_eq!(checkpoint.size, index + 1);
+        let commit = &state.round().unwrap().commits[&id(node)];
+        let expected = challenge(state.network(), 0, &id(node), index, &checkpoint.root);
+        assert_eq!((commit.entry, commit.challenge), (index, expected));
+    }
+    drop(ledger);
+    assert_eq!(checkpoints(dir.path()), [1, 7, 8, 10, 11, 13, 14]);
+    verified(dir.path());
+    let ledger = Ledger::open(dir.path(), None, log_key()).unwrap();
+    assert_eq!(ledger.state(), &state);
+}
+
+#[test]
+fn a_checkpoint_that_something_depends_on_may_not_be_missing() {
+    let dir = tempfile::tempdir().unwrap();
+    drop(with_commitments(dir.path()));
+    for size in [10u64, 11, 13, 14] {
+        let copied = tempfile::tempdir().unwrap();
+        copy(dir.path(), copied.path());
+        let db = DB::open_default(copied.path().join("log")).unwrap();
+        db.delete([&b"c"[..], &size.to_be_bytes()].concat())
+            .unwrap();
+        drop(db);
+        let report = replay(copied.path(), None, &mut ());
+        assert_eq!(report.verdict, Verdict::Failed, "{size}");
+        let opened = Ledger::open(copied.path(), None, log_key()).map(drop);
+        match opened {
+            Err(LedgerError::BadEntry { index, why }) => {
+                assert_eq!(index, size - 1);
+                assert!(why.contains("checkpoint"), "{why}");
+            }
+            other => panic!("{size}: {other:?}"),
+        }
+    }
+    // Without the one in the midst of a group, nothing is amiss.
+    let db = DB::open_default(dir.path().join("log")).unwrap();
+    db.delete([&b"c"[..], &7u64.to_be_bytes()].concat())
+        .unwrap();
+    drop(db);
+    assert_eq!(verified(dir.path()).checkpoints, 6);
+    drop(Ledger::open(dir.path(), None, log_key()).unwrap());
+}
+
+#[test]
+fn any_checkpoint_of_another_tree_keeps_a_ledger_from_opening() {
+    let dir = tempfile::tempdir().unwrap();
+    drop(with_commitments(dir.path()));
+    let forged = |size: u64, root: u8| {
+        zk0_ledger::Checkpoint {
+            size,
+            root: digest(root),
+        }
+        .sign(ORIGIN, &log_key())
+        .unwrap()
+    };
+    // By the log's own key: of another root, and of another size than its place says.
+    for (place, text) in [(7u64, forged(7, 1)), (7, forged(8, 1)), (5, forged(5, 2))] {
+        let copied = tempfile::tempdir().unwrap();
+        copy(dir.path(), copied.path());
+        let db = DB::open_default(copied.path().join("log")).unwrap();
+        db.put([&b"c"[..], &place.to_be_bytes()].concat(), text)
+            .unwrap();
+        drop(db);
+        assert!(Ledger::open(copied.path(), None, log_key()).is_err());
+        let report = replay(copied.path(), None, &mut ());
+        assert_eq!(report.verdict, Verdict::Failed);
+        assert_eq!(report.findings[0].index, Some(place - 1));
+    }
+}
+
+#[test]
+fn the_opening_of_a_round_that_draws_its_nodes_has_the_checkpoint_that_draws_them() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut genesis = genesis();
+    genesis.rules.participation = Participation::Sampled { nodes: 1 };
+    let network = genesis.network_id();
+    let (mut ledger, _) = Ledger::create(dir.path(), genesis, log_key(), T0).unwrap();
+    let joining = (0..6).flat_map(|node| [enrolled(node), registered(&network, node)]);
+    let mut group: Vec<Body> = joining.collect();
+    group.push(Body::RoundOpened(opened(ledger.state(), T0)));
+    group.extend([enrolled(6), enrolled(7)]);
+    ledger.append_all(T0, group).unwrap();
+    let state = ledger.state().clone();
+    assert_eq!(state.round().unwrap().sample.as_ref().unwrap().len(), 1);
+    drop(ledger);
+    assert_eq!(checkpoints(dir.path()), [1, 14, 16]);
+    verified(dir.path());
+    assert_eq!(
+        Ledger::open(dir.path(), None, log_key()).unwrap().state(),
+        &state
+    );
+    let db = DB::open_default(dir.path().join("log")).unwrap();
+    db.delete([&b"c"[..], &14u64.to_be_bytes()].concat())
+        .unwrap();
+    drop(db);
+    assert_eq!(replay(dir.path(), None, &mut ()).verdict, Verdict::Failed);
+    assert!(Ledger::open(dir.path(), None, log_key()).is_err());
+}
+
+#[test]
+fn a_late_commitment_in_a_group_is_refused_for_its_own_reason() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut ledger = founded(dir.path());
+    ledger.append_all(T0, joining(0..1)).unwrap();
+    let opening = Body::RoundOpened(opened(ledger.state(), T0));
+    ledger.append(T0, opening).unwrap();
+    let commit = committed(ledger.state(), 0, weights(0x10));
+    let late = ledger.append_all(T0 + COMMIT_WINDOW + 1, vec![enrolled(9), commit]);
+    match late {
+        Err(LedgerError::InGroup {
+            at: 1,
+            violation: RuleViolation::Refused(Refusal::Late { .. }),
+            ..
+        }) => {}
+        other => panic!("{other:?}"),
+    }
+}
+
+/// A ledger that is published with the checkpoint bundle `change`d.
+fn published_with(dir: &Path, change: impl Fn(&mut Vec<Vec<u8>>)) -> Result<Report, MirrorError> {
+    let store = Store::open_read_only(&dir.join("log")).unwrap();
+    let size = store.size().unwrap();
+    let mut shown = Shown {
+        store: &store,
+        size,
+        instead: Default::default(),
+    };
+    let tile = Tile::at(Kind::Checkpoints, 0, size).unwrap();
+    let bytes = tiles::read(&store, size, &tile).unwrap().unwrap();
+    let mut items: Vec<Vec<u8>> = bundle::split(&bytes, tile.width)
+        .unwrap()
+        .into_iter()
+        .map(<[u8]>::to_vec)
+        .collect();
+    change(&mut items);
+    let mut bytes = Vec::new();
+    for item in &items {
+        bundle::push(&mut bytes, item).unwrap();
+    }
+    shown.instead.insert(tile.to_string(), Some(bytes));
+    let copied = tempfile::tempdir().unwrap();
+    mirror(&shown, copied.path(), &Policy::none(), None)?;
+    Ok(replay(copied.path(), None, &mut ()))
+}
+
+#[test]
+fn a_mirror_of_groups_is_the_same_ledger_and_insists_on_the_same_checkpoints() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut ledger = with_commitments(dir.path());
+    // Beyond the first bundle, with a group across its end.
+    ledger.append_all(T0, strangers(0..300)).unwrap();
+    ledger.append_all(T0, strangers(300..310)).unwrap();
+    drop(ledger);
+    let original = verified(dir.path());
+    assert_eq!(published_with(dir.path(), |_| {}).unwrap(), original);
+    let without = |size: usize| published_with(dir.path(), |items| items[size - 1].clear());
+    for size in [10, 11, 13] {
+        match without(size) {
+            Err(MirrorError::Checkpoint { index, why }) => {
+                assert_eq!(index, size as u64 - 1);
+                assert!(why.contains("missing"), "{why}");
+            }
+            other => panic!("{size}: {other:?}"),
+        }
+    }
+    let fewer = without(7).unwrap();
+    assert_eq!(fewer.verdict, Verdict::Verified);
+    assert_eq!(fewer.checkpoints, original.checkpoints - 1);
+    // In the midst of a group, one by the log's key that is not of this tree.
+    let forged = zk0_ledger::Checkpoint {
+        size: 5,
+        root: digest(1),
+    };
+    let forged = forged.sign(ORIGIN, &log_key()).unwrap();
+    let with = published_with(dir.path(), |items| items[4] = forged.clone());
+    assert!(
+        matches!(with, Err(MirrorError::Checkpoint { index: 4, .. })),
+        "{with:?}"
+    );
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(12))]
+
+    /// However the same entries are grouped, they make the same history.
+    #[test]
+    fn groups_of_any_size_make_the_same_history(sizes in prop::collection::vec(1usize..9, 1..12)) {
+        let (one, many) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+        let (mut singles, mut groups) = (founded(one.path()), founded(many.path()));
+        let mut bodies = joining(0..24);
+        for size in sizes {
+            let group: Vec<Body> = bodies.drain(..size.min(bodies.len())).collect();
+            for body in &group {
+                singles.append(T0, body.clone()).unwrap();
+            }
+            groups.append_all(T0, group).unwrap();
+            prop_assert_eq!(singles.checkpoint(), groups.checkpoint());
+            prop_assert_eq!(singles.state(), groups.state());
+        }
+        drop((singles, groups));
+        let (one, many) = (verified(one.path()), verified(many.path()));
+        prop_assert_eq!((one.root, one.state), (many.root, many.state));
+    }
+}

@@ -1,0 +1,223 @@
+//! What a writer does in tests that kill it, fail its writes or take the disk away: every kind of write that a ledger makes,
+//! and on standard output what it has acknowledged by then.
+
+use super::*;
+use std::{
+    io::{IoSlice, Write},
+    os::fd::AsFd,
+    path::{Path, PathBuf},
+    process::{Command, Output},
+};
+use zk0_ledger::{Blobs, Checkpoint, Ledger, LedgerError, Receipt};
+
+/// Names the folder to the child process.
+pub const FOLDER: &str = "ZK0_TEST_SCENARIO_IN";
+
+/// Entries that the whole scenario appends.
+pub const ENTRIES: usize = 62;
+
+/// How the child ends when a write failed and it stopped as it should.
+pub const STOPPED: i32 = 3;
+
+/// To standard output, at once, and with `writev`: a call that a ledger does not make, so that it can be told apart.
+fn say(line: String) {
+    let stdout = std::io::stdout();
+    let file = std::fs::File::from(stdout.as_fd().try_clone_to_owned().unwrap());
+    let line = format!("{line}\n");
+    let written = (&file)
+        .write_vectored(&[IoSlice::new(line.as_bytes())])
+        .unwrap();
+    assert_eq!(written, line.len());
+}
+
+fn acknowledge(receipt: &Receipt) {
+    let receipt = borsh::to_vec(receipt).unwrap();
+    say(format!("acknowledged {}", hex::encode(receipt)));
+}
+
+/// The whole scenario in the folder that the environment names; without one, nothing. Ends the process.
+pub fn run_as_child() {
+    let Some(dir) = std::env::var_os(FOLDER) else {
+        return;
+    };
+    // On a line of its own, after what the test harness says.
+    say("\nbegun".into());
+    match scenario(Path::new(&dir)) {
+        Ok(()) => std::process::exit(0),
+        Err(error) => {
+            say(format!("failed {error}"));
+            std::process::exit(STOPPED)
+        }
+    }
+}
+
+/// After a failed write nothing may be written, and the ledger has to say so.
+fn attempt(
+    ledger: &mut Ledger,
+    append: impl Fn(&mut Ledger) -> Result<Vec<Receipt>, LedgerError>,
+) -> Result<(), LedgerError> {
+    let before = ledger.size();
+    match append(ledger) {
+        Ok(receipts) => {
+            receipts.iter().for_each(acknowledge);
+            Ok(())
+        }
+        Err(error) => {
+            // Reading a receipt may fail as well, after the entries were recorded.
+            if ledger.size() == before {
+                match append(ledger) {
+                    Err(LedgerError::Poisoned) => {}
+                    other => say(format!("NOT POISONED by {error}: {other:?}")),
+                }
+            }
+            Err(error)
+        }
+    }
+}
+
+fn scenario(dir: &Path) -> Result<(), LedgerError> {
+    let (mut ledger, receipt) = Ledger::create(dir, genesis(), log_key(), T0)?;
+    acknowledge(&receipt);
+    let network = *ledger.state().network();
+    for node in 0..2 {
+        attempt(&mut ledger, |ledger| {
+            let body = enrolled(node);
+            Ok(vec![ledger.append(T0 + 1, body)?])
+        })?;
+    }
+    attempt(&mut ledger, |ledger| {
+        ledger.append_all(
+            T0 + 2,
+            (0..2).map(|node| registered(&network, node)).collect(),
+        )
+    })?;
+    let digest = ledger.blobs().put(&[7; 200_000])?;
+    say(format!("blob {digest}"));
+    attempt(&mut ledger, |ledger| {
+        let opening = Body::RoundOpened(opened(ledger.state(), T0 + 3));
+        Ok(vec![ledger.append(T0 + 3, opening)?])
+    })?;
+    attempt(&mut ledger, |ledger| {
+        let commit = |node| committed(ledger.state(), node, weights(0x10 + node));
+        let group = vec![enrolled(5), commit(0), enrolled(6), commit(1), enrolled(7)];
+        ledger.append_all(T0 + 4, group)
+    })?;
+    drop(ledger);
+    // And what opening writes.
+    let mut ledger = Ledger::open(dir, Some(&network), log_key())?;
+    attempt(&mut ledger, |ledger| {
+        ledger.append_all(T0 + 5, (10..60).map(enrolled).collect())
+    })?;
+    attempt(&mut ledger, |ledger| {
+        Ok(vec![ledger.append(T0 + 6, enrolled(60))?])
+    })?;
+    Ok(())
+}
+
+/// The scenario in `dir`, as a child of this test binary and of `wrapper`, if there is one.
+pub fn child(dir: &Path, wrapper: &[String]) -> Output {
+    let this = std::env::current_exe().unwrap();
+    let mut command = match wrapper {
+        [] => Command::new(this),
+        [program, arguments @ ..] => {
+            let mut command = Command::new(program);
+            command.args(arguments).arg(this);
+            command
+        }
+    };
+    command
+        .args(["--exact", "the_scenario", "--ignored", "--nocapture"])
+        .args(["--test-threads", "1"])
+        .env(FOLDER, dir)
+        .output()
+        .unwrap()
+}
+
+/// What a child said.
+#[derive(Debug, Default)]
+pub struct Said {
+    /// Whether the program had come as far as the scenario.
+    pub begun: bool,
+    pub receipts: Vec<Receipt>,
+    pub blobs: Vec<Digest>,
+}
+
+/// Reads what was said; the last line may be torn.
+pub fn said(stdout: &[u8]) -> Said {
+    let mut said = Said::default();
+    for line in String::from_utf8_lossy(stdout).split_inclusive('\n') {
+        assert!(!line.contains("NOT POISONED"), "{line}");
+        let Some(line) = line.strip_suffix('\n') else {
+            continue;
+        };
+        said.begun |= line == "begun";
+        if let Some(receipt) = line.strip_prefix("acknowledged ") {
+            said.receipts
+                .push(borsh::from_slice(&hex::decode(receipt).unwrap()).unwrap());
+        } else if let Some(digest) = line.strip_prefix("blob ") {
+            said.blobs.push(digest.parse().unwrap());
+        }
+    }
+    said
+}
+
+/// Checks a folder that a writer left behind: all that it acknowledged is there, what it signed is one history, and another
+/// writer goes on with it. Returns how many entries there are.
+pub fn check(dir: &Path, said: &Said, when: &str) -> u64 {
+    let published = std::fs::read(dir.join("checkpoint")).ok();
+    let mut ledger = match Ledger::open(dir, None, log_key()) {
+        Ok(ledger) => ledger,
+        // Nothing was acknowledged: then there need not be a ledger, but one can be founded.
+        Err(error) if said.receipts.is_empty() && published.is_none() => {
+            match Ledger::create(dir, genesis(), log_key(), T0) {
+                Ok((ledger, _)) => ledger,
+                Err(again) => panic!("{when}: {error}, and it cannot be founded again: {again}"),
+            }
+        }
+        Err(error) => panic!("{when}: {error}"),
+    };
+    for receipt in &said.receipts {
+        let (_, entry) = receipt.verify(&genesis().log_key, &genesis().name).unwrap();
+        assert_eq!(ledger.entry(receipt.index).unwrap(), entry, "{when}");
+        assert_eq!(
+            &ledger.first_receipt(receipt.index).unwrap(),
+            receipt,
+            "{when}"
+        );
+    }
+    if let Some(text) = published {
+        let signed = Checkpoint::open(&text, &genesis().name, &genesis().log_key)
+            .unwrap_or_else(|error| panic!("{when}: {error}"));
+        let covered = signed.size - 1;
+        let receipt = ledger.receipt_at(signed.size, covered).unwrap();
+        assert_eq!(receipt.checkpoint, text, "{when}");
+    }
+    for digest in &said.blobs {
+        Blobs::at(dir).check(digest).unwrap();
+    }
+    ledger.append(T0 + 7, enrolled(99)).unwrap();
+    let size = ledger.size();
+    drop(ledger);
+    let report = zk0_ledger::replay(dir, None, &mut ());
+    assert_eq!(
+        (report.verdict, report.entries),
+        (zk0_ledger::replay::Verdict::Verified, size),
+        "{when}: {:?}",
+        report.findings
+    );
+    size
+}
+
+/// `strace`, or `None` after saying how to get it.
+pub fn strace() -> Option<PathBuf> {
+    let path = std::env::var_os("PATH")?;
+    let found = std::env::split_paths(&path)
+        .map(|dir| dir.join("strace"))
+        .find(|file| file.is_file());
+    if found.is_none() {
+        eprintln!(
+            "SKIPPED: there is no strace here; `apt-get install strace`, or scripts/setup.sh guest"
+        );
+    }
+    found
+}

@@ -1,0 +1,316 @@
+//! The power fails: what was written and not synced is gone, or gone in part. Every write and sync of a writer is recorded
+//! (with strace), and the disk put together as it may be found after a failure at any of these moments: all that was
+//! acknowledged has to be there, and what was signed is one history.
+
+mod network;
+
+use network::scenario::{check, child, run_as_child, said, strace, ENTRIES};
+use std::{
+    collections::BTreeMap,
+    fs,
+    path::{Path, PathBuf},
+};
+
+const CALLS: &str = "?write,?writev,?pwrite64,?pwritev,?fsync,?fdatasync,?rename,?renameat,?renameat2,?openat,?open,\
+                     ?creat,?truncate,?ftruncate,?unlink,?unlinkat,?rmdir,?mkdir,?mkdirat,?link,?linkat,?symlink";
+
+/// Not a test: what the child process of the test below does.
+#[test]
+#[ignore = "run by another test as a child process"]
+fn the_scenario() {
+    run_as_child();
+}
+
+/// A system call that succeeded: its name, its arguments as strace prints them, the paths and strings decoded.
+struct Call {
+    name: String,
+    /// What a descriptor argument or result refers to.
+    descriptors: Vec<PathBuf>,
+    /// String arguments.
+    strings: Vec<Vec<u8>>,
+    /// All as it is printed.
+    text: String,
+}
+
+/// `\x2f\x74…` as bytes.
+fn unescape(text: &str) -> Vec<u8> {
+    let digits: String = text.split("\\x").collect();
+    hex::decode(digits).unwrap_or_else(|_| panic!("not in hexadecimal: {text}"))
+}
+
+/// The texts between two characters.
+fn between(text: &str, open: char, close: char) -> Vec<&str> {
+    text.split(open)
+        .skip(1)
+        .filter_map(|part| part.split_once(close))
+        .map(|(inside, _)| inside)
+        .collect()
+}
+
+/// Reads what strace wrote: the calls that succeeded, in the order in which they ended.
+fn calls(log: &str) -> Vec<Call> {
+    let mut begun: BTreeMap<String, String> = BTreeMap::new();
+    let mut calls = Vec::new();
+    for line in log.lines() {
+        let (thread, line) = line.split_once(' ').unwrap();
+        let line = line.trim_start();
+        let whole = if let Some(first) = line.strip_suffix(" <unfinished ...>") {
+            begun.insert(thread.into(), first.into());
+            continue;
+        } else if line.starts_with("<... ") {
+            let (_, rest) = line.split_once(" resumed>").unwrap();
+            begun.remove(thread).unwrap() + rest
+        } else {
+            line.to_owned()
+        };
+        let Some((name, _)) = whole.split_once('(') else {
+            continue;
+        };
+        let Some((_, result)) = whole.rsplit_once(" = ") else {
+            continue;
+        };
+        if result.starts_with('-') || result.starts_with('?') {
+            continue;
+        }
+        assert!(!whole.contains("\"..."), "cut off: {name}");
+        let strings = whole.split('"').skip(1).step_by(2).map(unescape);
+        let outside: String = whole.split('"').step_by(2).collect();
+        let path = |text: &str| PathBuf::from(String::from_utf8(unescape(text)).unwrap());
+        calls.push(Call {
+            name: name.to_owned(),
+            descriptors: between(&outside, '<', '>').into_iter().map(path).collect(),
+            strings: strings.collect(),
+            text: whole,
+        });
+    }
+    calls
+}
+
+#[derive(Default)]
+struct File {
+    now: Vec<u8>,
+    synced: Vec<u8>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Node {
+    Folder,
+    File(usize),
+}
+
+/// A disk: what programs see of it, and what is safe.
+#[derive(Default)]
+struct Disk {
+    root: PathBuf,
+    files: Vec<File>,
+    names: BTreeMap<PathBuf, Node>,
+    synced_names: BTreeMap<PathBuf, Node>,
+}
+
+/// What a failure leaves of what was not synced.
+#[derive(Clone, Copy, Debug)]
+enum Left {
+    /// Nothing.
+    Nothing,
+    /// Names: of files that are empty, or shorter than they were.
+    Names,
+    /// Names, and the first half of what was written since.
+    Half,
+}
+
+/// What a call does, as far as failures go.
+enum Effect {
+    Nothing,
+    /// A file's content is another now.
+    Content,
+    /// Something is safe that was not, or has another name.
+    Safety,
+    /// This was said to somebody else.
+    Said(Vec<u8>),
+}
+
+impl Disk {
+    fn file(&mut self, path: &Path) -> Option<&mut File> {
+        match self.names.get(path) {
+            Some(Node::File(id)) => Some(&mut self.files[*id]),
+            _ => None,
+        }
+    }
+
+    /// Takes a call into account.
+    fn take(&mut self, call: &Call) -> Effect {
+        let string = |at: usize| PathBuf::from(String::from_utf8_lossy(&call.strings[at]).as_ref());
+        let number = |at: usize| -> usize {
+            let arguments = call.text.rsplit_once(") = ").unwrap().0;
+            let argument = arguments.rsplit(", ").nth(at).unwrap();
+            argument.parse().unwrap_or_else(|_| panic!("{}", call.name))
+        };
+        match call.name.as_str() {
+            "write" => {
+                let written = call.text.rsplit_once(" = ").unwrap().1.parse().unwrap();
+                let data = &call.strings[0][..written];
+                match self.file(&call.descriptors[0].clone()) {
+                    Some(file) => file.now.extend(data),
+                    None => return Effect::Nothing,
+                }
+                Effect::Content
+            }
+            // How the scenario speaks.
+            "writev" => Effect::Said(call.strings.concat()),
+            "pwrite64" => {
+                let (at, data) = (number(0), &call.strings[0]);
+                if let Some(file) = self.file(&call.descriptors[0]) {
+                    let end = file.now.len().max(at + data.len());
+                    file.now.resize(end, 0);
+                    file.now[at..at + data.len()].copy_from_slice(data);
+                }
+                Effect::Content
+            }
+            "ftruncate" => {
+                let length = number(0);
+                if let Some(file) = self.file(&call.descriptors[0]) {
+                    file.now.resize(length, 0);
+                }
+                Effect::Content
+            }
+            "fsync" | "fdatasync" => {
+                let path = call.descriptors[0].clone();
+                if let Some(file) = self.file(&path) {
+                    file.synced = file.now.clone();
+                } else {
+                    let inside = |at: &Path| at.parent() == Some(&path);
+                    self.synced_names.retain(|at, _| !inside(at));
+                    let now = self.names.iter().filter(|(at, _)| inside(at));
+                    self.synced_names
+                        .extend(now.map(|(at, node)| (at.clone(), *node)));
+                }
+                Effect::Safety
+            }
+            "openat" | "open" => {
+                let path = call.descriptors.last().unwrap().clone();
+                if !path.starts_with(&self.root) || !call.text.contains("O_CREAT") {
+                    assert!(!path.starts_with(&self.root) || !call.text.contains("O_TRUNC"));
+                    return Effect::Nothing;
+                }
+                match self.file(&path) {
+                    Some(file) if call.text.contains("O_TRUNC") => file.now.clear(),
+                    Some(_) => {}
+                    None => {
+                        self.names.insert(path, Node::File(self.files.len()));
+                        self.files.push(File::default());
+                    }
+                }
+                Effect::Safety
+            }
+            "rename" | "renameat" | "renameat2" => {
+                let node = self.names.remove(&string(0)).unwrap();
+                self.names.insert(string(1), node);
+                Effect::Safety
+            }
+            "unlink" | "unlinkat" | "rmdir" => {
+                let folder = call.descriptors.first().cloned().unwrap_or_default();
+                self.names.remove(&folder.join(string(0)));
+                Effect::Safety
+            }
+            "mkdir" | "mkdirat" => {
+                if string(0).starts_with(&self.root) {
+                    self.names.insert(string(0), Node::Folder);
+                }
+                Effect::Safety
+            }
+            other => panic!("{other} is not understood"),
+        }
+    }
+
+    /// Writes to `to` what is found after a failure now.
+    fn after_failure(&self, left: Left, to: &Path) {
+        let names = match left {
+            Left::Nothing => &self.synced_names,
+            Left::Names | Left::Half => &self.names,
+        };
+        for (path, node) in names {
+            let inside = path.strip_prefix(&self.root).unwrap();
+            let place = to.join(inside);
+            // In a folder whose own name is lost, all is.
+            if !place.parent().unwrap().is_dir() {
+                continue;
+            }
+            match node {
+                Node::Folder => fs::create_dir(place).unwrap(),
+                Node::File(id) => {
+                    let File { now, synced } = &self.files[*id];
+                    let half = match now.starts_with(synced) {
+                        true => &now[..synced.len() + (now.len() - synced.len()) / 2],
+                        false => synced,
+                    };
+                    let content = match left {
+                        Left::Half => half,
+                        Left::Nothing | Left::Names => synced,
+                    };
+                    fs::write(place, content).unwrap();
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn after_a_power_failure_all_that_was_acknowledged_is_there() {
+    let Some(strace) = strace() else { return };
+    let scratch = tempfile::tempdir().unwrap();
+    let (root, log) = (scratch.path().join("disk"), scratch.path().join("calls"));
+    fs::create_dir(&root).unwrap();
+    let wrapper = [
+        strace.to_str().unwrap(),
+        "-f",
+        "--seccomp-bpf",
+        "-qqq",
+        "-y",
+        "-xx",
+        "-s",
+        "9999999",
+        "-o",
+        log.to_str().unwrap(),
+        "-e",
+        &format!("trace={CALLS}"),
+    ];
+    let output = child(&root.join("ledger"), &wrapper.map(String::from));
+    let complained = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{complained}");
+
+    let mut disk = Disk {
+        root: root.clone(),
+        ..Disk::default()
+    };
+    let mut told = Vec::new();
+    let (mut failures, mut acknowledged) = (0, 0);
+    for (at, call) in calls(&fs::read_to_string(&log).unwrap()).iter().enumerate() {
+        let left: &[Left] = match disk.take(call) {
+            Effect::Nothing => continue,
+            Effect::Content => &[Left::Half],
+            Effect::Safety => &[Left::Nothing, Left::Names, Left::Half],
+            Effect::Said(text) => {
+                told.extend(text);
+                &[Left::Nothing, Left::Names, Left::Half]
+            }
+        };
+        let said = said(&told);
+        acknowledged = said.receipts.len();
+        if !said.begun {
+            continue;
+        }
+        for &left in left {
+            let found = tempfile::tempdir().unwrap();
+            disk.after_failure(left, found.path());
+            let when = format!(
+                "power fails after call {at} ({}), left: {left:?}",
+                call.name
+            );
+            check(&found.path().join("ledger"), &said, &when);
+            failures += 1;
+        }
+    }
+    assert_eq!(acknowledged, ENTRIES);
+    println!("{failures} failures survived");
+    assert!(failures > 300, "this tests little: {failures}");
+}
