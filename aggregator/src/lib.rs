@@ -68,4 +68,4 @@ pub use crate::{
     clock::{Clock, ManualClock, SystemClock},
     service::{Limits, Service},
 };
-pub use audit::Auditor;
+pub use audit::{Auditor, Depth};

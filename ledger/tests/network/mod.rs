@@ -1,6 +1,7 @@
 //! A small network to test with: fixed keys, a genesis, and builders for each kind of entry.
 #![allow(dead_code)]
 
+pub mod long;
 pub mod rounds;
 pub mod scenario;
 pub mod shelf;
