@@ -9,6 +9,7 @@ use crate::{
     close::close,
     decide::{decide, Decision},
     disclosed::Access,
+    dispute::verify_again,
     recall::{recall, Recalled},
     request::RequestError,
     staging::Staging,
@@ -19,11 +20,14 @@ use std::{path::Path, sync::Arc};
 use zk0_circuits::{dataset::check_leaves, Digest, NodeId};
 use zk0_ledger::{
     blobs::{BlobWriter, Blobs},
-    entry::{Body, Entry, Genesis, NodeEnrolled, ENTRY_VERSION},
+    entry::{
+        Body, DisputeResolved, Entry, Genesis, NodeEnrolled, ProposalSettled, ENTRY_VERSION,
+        MAX_ENTRY_BYTES,
+    },
     log::Ledger,
     receipt::Receipt,
     signed::{DatasetRegistration, Signed, Submission, UpdateCommitment, UploadRequest},
-    state::State,
+    state::{Standing, State},
     Refusal,
 };
 use zk0_verifier::{
@@ -51,6 +55,10 @@ pub enum Progress {
     Opened(u64),
     /// Closed this round.
     Closed(u64),
+    /// Settled this proposal.
+    Settled(u64),
+    /// Decided the dispute of this entry.
+    Resolved(u64),
     /// All rounds are done.
     Finished,
 }
@@ -171,6 +179,12 @@ impl Aggregator {
                 false => Ok(Progress::Waiting),
             };
         }
+        if let Some(number) = state.due(now) {
+            return self.settle(number, now);
+        }
+        if let Some((entry, dispute)) = state.undecided() {
+            return self.resolve(entry, dispute.contribution);
+        }
         if self
             .config
             .rounds
@@ -178,7 +192,10 @@ impl Aggregator {
         {
             return Ok(Progress::Finished);
         }
-        let ready = state.nodes().values().filter(|node| node.dataset.is_some());
+        let ready = state
+            .nodes()
+            .values()
+            .filter(|node| node.dataset.is_some() && node.standing == Standing::Active);
         if ready.count() < self.config.min_nodes {
             return Ok(Progress::Waiting);
         }
@@ -187,6 +204,63 @@ impl Aggregator {
         self.append_at(now, Body::RoundOpened(opening))?;
         tracing::info!(round, "round opened");
         Ok(Progress::Opened(round))
+    }
+
+    fn settle(&mut self, number: u64, now: u64) -> Result<Progress, RequestError> {
+        let outcome = self.state().outcome(number, now)?;
+        tracing::info!(proposal = number, %outcome, "proposal settled");
+        let settled = ProposalSettled {
+            proposal: number,
+            outcome,
+        };
+        self.append_at(now, Body::ProposalSettled(settled))?;
+        Ok(Progress::Settled(number))
+    }
+
+    fn resolve(&mut self, dispute: u64, contribution: u64) -> Result<Progress, RequestError> {
+        let upheld = verify_again(&self.ledger, contribution)?;
+        match &upheld {
+            Some(reason) => tracing::warn!(dispute, %reason, "dispute upheld"),
+            None => tracing::info!(dispute, "dispute dismissed: the contribution verifies"),
+        }
+        self.append(Body::DisputeResolved(DisputeResolved { dispute, upheld }))?;
+        Ok(Progress::Resolved(dispute))
+    }
+
+    /// Records a proposal, a vote, a dispute or a change of key, as it was signed. Asked again for what is recorded already,
+    /// gives a receipt of that.
+    pub fn record(&mut self, body: &[u8]) -> Result<Receipt, RequestError> {
+        let body: Body = match body.len() {
+            size if size > MAX_ENTRY_BYTES => {
+                return Err(RequestError::Malformed(format!(
+                    "{size} bytes to record: at most {MAX_ENTRY_BYTES} are read"
+                )))
+            }
+            _ => borsh::from_slice(body)
+                .map_err(|error| RequestError::Malformed(format!("not to be recorded: {error}")))?,
+        };
+        let said_by_members = matches!(
+            body,
+            Body::Proposed(_) | Body::Voted(_) | Body::Disputed(_) | Body::KeyRotated { .. }
+        );
+        if !said_by_members {
+            return Err(RequestError::Malformed(
+                "neither a proposal nor a vote, a dispute or a change of key".into(),
+            ));
+        }
+        if let Some(index) = self.recalled.said(&body) {
+            return Ok(self.ledger.first_receipt(index)?);
+        }
+        self.append(body)
+    }
+
+    /// That an open proposal was recorded, as far as the first `published` entries go.
+    pub fn proposal(&self, number: u64, published: u64) -> Result<Option<Receipt>, RequestError> {
+        let index = self.recalled.proposal(number);
+        let index = index.filter(|index| *index < published);
+        Ok(index
+            .map(|index| self.ledger.receipt_at(published, index))
+            .transpose()?)
     }
 
     fn close(&mut self) -> Result<u64, RequestError> {

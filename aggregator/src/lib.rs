@@ -9,7 +9,7 @@
 //!   [`web`]: a log read over HTTP.
 //!
 //! With the feature `service`, what runs it:
-//! - [`aggregator`]: the one writer of the ledger; [`recall`] what it knows after a restart, [`staging`] uploads that wait,
+//! - [`aggregator`]: the one writer of the ledger; [`recall`] what it knows after a restart, [`staging`] uploads that wait, [`dispute`] what is verified again,
 //!   [`clock`] the time;
 //! - [`service`]: the network in front of it, with its limits; [`connections`] how many there may be; [`request`] its errors;
 //!   [`wire`] its messages;
@@ -36,6 +36,8 @@ pub mod clock;
 pub mod connections;
 #[cfg(feature = "service")]
 pub mod cosigning;
+#[cfg(feature = "service")]
+pub mod dispute;
 #[cfg(feature = "service")]
 pub mod http;
 #[cfg(feature = "service")]
@@ -66,4 +68,4 @@ pub use crate::{
     clock::{Clock, ManualClock, SystemClock},
     service::{Limits, Service},
 };
-pub use audit::Auditor;
+pub use audit::{Auditor, Depth};

@@ -1,6 +1,8 @@
 //! What a restarted aggregator has to know beside the ledger's state, computed from the ledger.
 
 use crate::{disclosed::Disclosed, request::RequestError};
+use std::collections::BTreeMap;
+use zk0_circuits::{digest::tagged_sha256, Digest};
 use zk0_ledger::{
     blobs::Blobs,
     entry::{Body, Entry},
@@ -18,6 +20,15 @@ pub struct Recalled {
     pub disclosed: Disclosed,
     /// The entries that opened and closed each round.
     rounds: Vec<(u64, Option<u64>)>,
+    /// The entries that recorded proposals, by number.
+    proposals: Vec<u64>,
+    /// What members said about the network itself, by the hash of it: whoever says it again gets the same receipt.
+    said: BTreeMap<Digest, u64>,
+}
+
+fn key(body: &Body) -> Digest {
+    let bytes = borsh::to_vec(body).expect("writing to a Vec cannot fail");
+    tagged_sha256("zk0/said/v1", &[&bytes])
 }
 
 impl Recalled {
@@ -31,8 +42,25 @@ impl Recalled {
                     *closed = Some(index);
                 }
             }
+            Body::Proposed(_) => {
+                self.proposals.push(index);
+                self.said.insert(key(body), index);
+            }
+            Body::Voted(_) | Body::Disputed(_) | Body::KeyRotated { .. } => {
+                self.said.insert(key(body), index);
+            }
             _ => {}
         }
+    }
+
+    /// The entry that recorded exactly this.
+    pub fn said(&self, body: &Body) -> Option<u64> {
+        self.said.get(&key(body)).copied()
+    }
+
+    /// The entry that recorded a proposal.
+    pub fn proposal(&self, number: u64) -> Option<u64> {
+        self.proposals.get(usize::try_from(number).ok()?).copied()
     }
 
     /// The entries that opened and closed a round, or the last one, as far as they are among the first `published`.

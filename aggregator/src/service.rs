@@ -18,11 +18,12 @@ use crate::{
     proto::{
         federation_server::{Federation, FederationServer},
         upload_chunk::Part,
-        Chunk, CommitRequest, DownloadRequest, GetNetworkRequest, GetRoundRequest, NetworkInfo,
-        Receipt, RegisterDatasetRequest, RoundInfo, SubmitReply, SubmitRequest, UploadChunk,
-        UploadReply,
+        Chunk, CommitRequest, DownloadRequest, GetGovernanceRequest, GetNetworkRequest,
+        GetRoundRequest, GovernanceInfo, NetworkInfo, Receipt, RecordRequest,
+        RegisterDatasetRequest, RoundInfo, SubmitReply, SubmitRequest, UploadChunk, UploadReply,
     },
     request::RequestError,
+    wire::governance_info,
 };
 use std::{
     collections::BTreeSet,
@@ -144,10 +145,15 @@ impl Service {
         listener: TcpListener,
         stop: impl Future<Output = ()> + Send,
     ) -> Result<(), ServeError> {
-        let limit = self
-            .with(|aggregator| Ok(aggregator.state().rules().max_proof_bytes))
+        let (max_proof_bytes, asked_for) = self
+            .with(|aggregator| {
+                let rules = aggregator.state().rules();
+                Ok((rules.max_proof_bytes, rules.witness_policy.clone()))
+            })
             .await
-            .map_err(ServeError::Round)?
+            .map_err(ServeError::Round)?;
+        self.check_witnesses(&asked_for)?;
+        let limit = max_proof_bytes
             .max(MIN_MESSAGE_BYTES)
             .saturating_add(MESSAGE_ROOM_BYTES) as usize;
         let server = Server::builder()
@@ -156,7 +162,7 @@ impl Service {
             .http2_keepalive_interval(Some(KEEPALIVE))
             .http2_keepalive_timeout(Some(KEEPALIVE))
             .add_service(FederationServer::new(self.clone()).max_decoding_message_size(limit));
-        let (rounds, publish) = (self.rounds(), self.publish());
+        let (rounds, publish) = (self.rounds(&asked_for), self.publish());
         tokio::pin!(rounds, publish);
         let mut failed = None;
         server
@@ -174,12 +180,38 @@ impl Service {
         }
     }
 
-    /// Opens and closes rounds in time. Returns only when that fails.
-    async fn rounds(&self) -> RequestError {
+    /// Refuses to serve without the witnesses that the rules ask for.
+    fn check_witnesses(&self, asked_for: &str) -> Result<(), ServeError> {
+        let used = self.publishing.as_ref();
+        let used = used.map(|publishing| publishing.witnesses.policy().text());
+        match asked_for.is_empty() || used == Some(asked_for) {
+            true => Ok(()),
+            false => Err(ServeError::OtherWitnesses),
+        }
+    }
+
+    /// Opens and closes rounds in time, and whatever else is due. Returns only when that fails, or when the rules ask for
+    /// other witnesses than `witnesses`.
+    async fn rounds(&self, witnesses: &str) -> RequestError {
         loop {
-            match self.with(Aggregator::step).await {
+            let witnesses = witnesses.to_owned();
+            let step = self.with(move |aggregator| {
+                let progress = aggregator.step()?;
+                match aggregator.state().rules().witness_policy == witnesses {
+                    true => Ok(progress),
+                    false => Err(RequestError::Internal(
+                        "the rules ask for other witnesses now: start the aggregator again".into(),
+                    )),
+                }
+            });
+            match step.await {
                 Err(error) => return error,
-                Ok(Progress::Opened(_) | Progress::Closed(_)) => {}
+                Ok(
+                    Progress::Opened(_)
+                    | Progress::Closed(_)
+                    | Progress::Settled(_)
+                    | Progress::Resolved(_),
+                ) => {}
                 Ok(Progress::Waiting | Progress::Finished) => {
                     let _ = timeout(TICK, self.changed.notified()).await;
                 }
@@ -360,6 +392,9 @@ pub enum ServeError {
     /// The network.
     #[error("cannot serve: {0}")]
     Transport(#[from] tonic::transport::Error),
+    /// Not the witnesses that the rules ask for.
+    #[error("the network's rules ask for witnesses, and these are not they: serve it with the rules' own policy")]
+    OtherWitnesses,
     /// A round could not be opened or closed.
     #[error("the rounds cannot go on: {0}")]
     Round(RequestError),
@@ -405,15 +440,41 @@ impl Federation for Service {
         &self,
         request: Request<GetRoundRequest>,
     ) -> Result<Response<RoundInfo>, Status> {
-        let round = request.into_inner().round;
+        let GetRoundRequest { round, node } = request.into_inner();
+        let node = <[u8; 32]>::try_from(node).ok().map(NodeId);
         let service = self.clone();
         let info = self.with(move |aggregator| {
             let (opened, closed) = aggregator.round(round, service.visible(aggregator)?)?;
+            let state = aggregator.state();
+            let open = state.round().zip(node);
             Ok(RoundInfo {
+                invited: open.is_some_and(|(open, node)| state.may_contribute(open, &node)),
                 opened: opened.map(Into::into),
                 closed: closed.map(Into::into),
                 now_ms: aggregator.now_ms(),
             })
+        });
+        Ok(Response::new(info.await?))
+    }
+
+    async fn record(&self, request: Request<RecordRequest>) -> Result<Response<Receipt>, Status> {
+        let body = request.into_inner().body;
+        let receipt = self
+            .with(move |aggregator| aggregator.record(&body))
+            .await?;
+        self.changed.notify_one();
+        self.published(receipt.index + 1).await?;
+        Ok(Response::new(receipt.into()))
+    }
+
+    async fn get_governance(
+        &self,
+        _: Request<GetGovernanceRequest>,
+    ) -> Result<Response<GovernanceInfo>, Status> {
+        let service = self.clone();
+        let info = self.with(move |aggregator| {
+            let visible = service.visible(aggregator)?;
+            governance_info(aggregator, visible)
         });
         Ok(Response::new(info.await?))
     }

@@ -239,7 +239,7 @@ async fn an_audit_finds_what_a_dishonest_aggregator_records() -> Test {
     let cases: [(
         &str,
         fn(zk0_ledger::signed::Signed<zk0_ledger::signed::Submission>) -> Body,
-    ); 4] = [
+    ); 3] = [
         ("was accepted, but", Body::ContributionAccepted),
         (
             "verification says: not an SP1 compressed proof",
@@ -255,13 +255,6 @@ async fn an_audit_finds_what_a_dishonest_aggregator_records() -> Test {
                 reason: Refusal::MalformedUpdate("because".into()),
             },
         ),
-        ("cannot be held against it", |submission| {
-            let update = submission.statement.claim.update.blob;
-            Body::ContributionRejected {
-                submission,
-                reason: Refusal::MissingUpdate(update),
-            }
-        }),
     ];
     for (words, body) in cases {
         let (network, first, _) = open_round().await;

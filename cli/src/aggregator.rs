@@ -3,6 +3,7 @@
 use crate::{
     calibration::{calibrated, samples},
     dataset::RecordingName,
+    governance::read_rules,
     keys,
 };
 use anyhow::{bail, Context, Result};
@@ -37,6 +38,8 @@ pub enum Command {
         /// Where the key goes.
         file: PathBuf,
     },
+    /// Print rules as JSON: edit them, and found a network with them (`init --rules`).
+    Rules(CommonRules),
     /// Found a network: its rules, its initial policy, its first nodes.
     Init(Init),
     /// Enrol a node in a network that is not being served at the moment.
@@ -79,6 +82,17 @@ pub struct Init {
     /// headroom. Without any, ranges are the default ones.
     #[arg(long = "calibrate", value_name = "DATASET")]
     calibrate: Vec<RecordingName>,
+    /// The network's rules, all of them, from a JSON file (`zk0 aggregator rules` prints one to begin with) instead of the
+    /// options below.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["min_dataset_samples", "eval_samples", "min_improvement_bps", "max_weight_samples", "hide_losses", "commit_minutes", "submit_minutes"])]
+    rules: Option<PathBuf>,
+    #[command(flatten)]
+    common: CommonRules,
+}
+
+/// The rules that most networks set.
+#[derive(Debug, clap::Args)]
+pub struct CommonRules {
     /// Fewest samples a dataset may have.
     #[arg(long, default_value_t = 64)]
     min_dataset_samples: u64,
@@ -161,6 +175,10 @@ pub fn run(command: &Command) -> Result<()> {
             println!("{}", keys::generate(file)?);
             Ok(())
         }
+        Command::Rules(common) => {
+            println!("{}", serde_json::to_string_pretty(&common.rules()?)?);
+            Ok(())
+        }
         Command::Init(options) => init(options),
         Command::Enrol { dir, key, nodes } => {
             let mut ledger = Ledger::open(dir, None, keys::read(key)?)?;
@@ -189,7 +207,10 @@ fn init(options: &Init) -> Result<()> {
         name: options.name.clone(),
         log_key: key.verifying_key().to_bytes(),
         nonce: keys::random()?,
-        rules: options.rules()?,
+        rules: match &options.rules {
+            Some(file) => read_rules(file)?,
+            None => options.common.rules()?,
+        },
         program: verifying_key(options.mode).to_vec(),
         mode: options.mode,
         evaluation: spec.encode(),
@@ -211,7 +232,7 @@ fn init(options: &Init) -> Result<()> {
     enrol(&mut ledger, &options.nodes)
 }
 
-impl Init {
+impl CommonRules {
     fn rules(&self) -> Result<Rules> {
         let minutes = |count: u64| {
             count
@@ -241,6 +262,7 @@ impl Init {
                 max_per_contribution: 10_000,
                 dispute_window_ms: 7 * 24 * 3_600_000,
             },
+            witness_policy: String::new(),
             governance: Governance::none(),
         })
     }
@@ -280,13 +302,6 @@ async fn log_files(options: &Serve) -> Result<Option<JoinHandle<()>>> {
 }
 
 fn serve(options: &Serve) -> Result<()> {
-    let policy = match &options.policy {
-        Some(path) => crate::ledger::read_policy(path)?,
-        None => folder::read_policy(&options.dir)?,
-    };
-    if !policy.wants_witnesses() && options.policy.is_some() {
-        folder::write_policy(&options.dir, &policy)?;
-    }
     let config = Config {
         rounds: Some(options.rounds).filter(|rounds| *rounds != u64::MAX),
         min_nodes: options.min_nodes,
@@ -298,6 +313,19 @@ fn serve(options: &Serve) -> Result<()> {
         Arc::new(SystemClock),
         config,
     )?;
+    let ruled = aggregator.state().rules().witnesses();
+    let ruled = ruled.map_err(anyhow::Error::msg)?;
+    let policy = match &options.policy {
+        Some(_) if ruled.wants_witnesses() => {
+            bail!("this network's rules name its witnesses: leave --policy out")
+        }
+        None if ruled.wants_witnesses() => ruled,
+        Some(path) => crate::ledger::read_policy(path)?,
+        None => folder::read_policy(&options.dir)?,
+    };
+    if !policy.wants_witnesses() && options.policy.is_some() {
+        folder::write_policy(&options.dir, &policy)?;
+    }
     Runtime::new()
         .context("starting the runtime")?
         .block_on(async {

@@ -1,9 +1,9 @@
-//! `zk0 ledger`: a ledger as others read it: files, mirrors, and proofs that stand alone.
+//! `zk0 ledger`: a ledger as others read it: files and mirrors. Proofs that stand alone are made by [`crate::audit`].
 
 use anyhow::{bail, Context, Result};
 use std::{
     fs,
-    io::{Read, Write},
+    io::Read,
     path::{Path, PathBuf},
 };
 use zk0_aggregator::{export::export, view::View, web::Web};
@@ -18,8 +18,7 @@ use zk0_ledger::{
     published::{first_entry, PublishedLog},
     replay::{replay, Verdict},
     source::{Folder, Source},
-    tlog_proof::{TlogProof, MAX_PROOF_BYTES},
-    verifier_key::{Role, VerifierKey},
+    verifier_key::VerifierKey,
     Entry,
 };
 
@@ -60,29 +59,6 @@ pub enum Command {
         /// Address to listen on; port 0 takes a free one. Traffic is not encrypted: put a TLS proxy before it.
         #[arg(long, default_value = "127.0.0.1:7073")]
         listen: std::net::SocketAddr,
-    },
-    /// Make a proof that an entry is in a log (C2SP tlog-proof): one file, checked by `verify-proof` without asking anyone.
-    Prove {
-        /// A ledger's directory, an export of one, or the address of a served log.
-        from: String,
-        /// The entry, counted from 0.
-        index: u64,
-        /// Where the proof goes; to standard output when absent.
-        #[arg(long)]
-        out: Option<PathBuf>,
-        #[command(flatten)]
-        trust: Trust,
-    },
-    /// Check a proof offline. Exit code 0 when it holds, 1 when not.
-    VerifyProof {
-        /// The proof.
-        file: PathBuf,
-        /// The log's verifier key, as `zk0 ledger vkey` prints it. A policy that names the log makes it unnecessary.
-        #[arg(long, required_unless_present = "policy")]
-        log_key: Option<VerifierKey>,
-        /// Whose cosignatures have to be on the checkpoint (a C2SP tlog-policy file).
-        #[arg(long)]
-        policy: Option<PathBuf>,
     },
     /// Check that a ledger's directory is whole: entries, rules, tree, checkpoints, and every blob that is there. Proofs are
     /// for `zk0 audit replay`. Exit code 0 when it is, 1 when not.
@@ -128,10 +104,10 @@ pub struct Restore {
 pub struct Trust {
     /// The network it has to be, if you know it by other means.
     #[arg(long)]
-    network: Option<Digest>,
+    pub network: Option<Digest>,
     /// Whose cosignatures have to be on the checkpoint (a C2SP tlog-policy file). Without one the log's signature is enough.
     #[arg(long)]
-    policy: Option<PathBuf>,
+    pub policy: Option<PathBuf>,
 }
 
 impl Trust {
@@ -190,17 +166,6 @@ pub fn run(command: &Command) -> Result<bool> {
         }
         #[cfg(feature = "full")]
         Command::Serve { dir, listen } => serve(dir, *listen)?,
-        Command::Prove {
-            from,
-            index,
-            out,
-            trust,
-        } => prove(from, *index, out.as_deref(), trust)?,
-        Command::VerifyProof {
-            file,
-            log_key,
-            policy,
-        } => return verify_proof(file, log_key.as_ref(), policy.as_deref()),
         Command::Fsck { dir } => return fsck(dir),
     }
     Ok(true)
@@ -277,110 +242,20 @@ fn genesis(source: &dyn Source, network: Option<&Digest>) -> Result<Genesis> {
     }
 }
 
-fn prove(from: &str, index: u64, out: Option<&Path>, trust: &Trust) -> Result<()> {
+/// Opens a published log, whose newest checkpoint convinces, and reads from it.
+pub fn open_log<T, E>(
+    from: &str,
+    trust: &Trust,
+    read: impl FnOnce(&PublishedLog<'_>, &VerifierKey, &Policy) -> Result<T, E>,
+) -> Result<T>
+where
+    anyhow::Error: From<E>,
+{
     let source = source(from)?;
     let key = genesis(source.as_ref(), trust.network.as_ref())?.verifier_key()?;
     let policy = trust.policy()?;
-    let proof = PublishedLog::open(source.as_ref(), &key, &policy)?.prove(index)?;
-    // Nothing is handed out that does not convince us.
-    proof.verify(&key, &policy)?;
-    let text = proof.encode();
-    match out {
-        Some(path) => fs::write(path, &text).with_context(|| format!("writing {}", path.display())),
-        None => Ok(std::io::stdout().write_all(&text)?),
-    }
-}
-
-fn verify_proof(file: &Path, log: Option<&VerifierKey>, policy: Option<&Path>) -> Result<bool> {
-    let policy = policy.map_or_else(|| Ok(Policy::none()), read_policy)?;
-    let proof = TlogProof::decode(&read_bounded(file, MAX_PROOF_BYTES)?)
-        .with_context(|| format!("reading {}", file.display()))?;
-    let keys: Vec<&VerifierKey> = match log {
-        Some(key) if key.role() == Role::Log => vec![key],
-        Some(key) => bail!("{} is a witness' key, not a log's", key.name()),
-        None => policy.logs().iter().collect(),
-    };
-    if keys.is_empty() {
-        bail!("the policy names no log: name one with --log-key");
-    }
-    let mut refused = Vec::new();
-    for key in keys {
-        match proof.verify(key, &policy) {
-            Ok((witnessed, entry)) => {
-                println!("log          {}", key.name());
-                println!(
-                    "entry        {} of {}",
-                    proof.index, witnessed.checkpoint.size
-                );
-                println!("root         {}", witnessed.checkpoint.root);
-                println!("says         {}", describe(&entry.body));
-                for (name, time_s) in witnessed.cosigners {
-                    println!("cosigned by  {name} at {time_s} (Unix seconds)");
-                }
-                println!("VERIFIED     the entry is in the log");
-                return Ok(true);
-            }
-            Err(error) => refused.push(format!("{}: {error}", key.name())),
-        }
-    }
-    for why in refused {
-        println!("FAILED       {why}");
-    }
-    Ok(false)
-}
-
-fn describe(body: &Body) -> String {
-    match body {
-        Body::Genesis(genesis) => format!("network {} was founded", genesis.network_id()),
-        Body::NodeEnrolled(enrolled) => format!("node {} was enrolled", enrolled.node),
-        Body::DatasetCommitted(signed) => {
-            format!("node {} committed to a dataset", signed.statement.node)
-        }
-        Body::RoundOpened(opened) => format!("round {} opened", opened.round),
-        Body::UpdateCommitted(signed) => format!(
-            "node {} committed to an update in round {}",
-            signed.statement.node, signed.statement.round
-        ),
-        Body::ContributionAccepted(submission) => format!(
-            "the contribution of node {} in round {} was accepted",
-            submission.statement.claim.node, submission.statement.claim.round
-        ),
-        Body::ContributionRejected { submission, reason } => format!(
-            "the contribution of node {} in round {} was refused: {reason}",
-            submission.statement.claim.node, submission.statement.claim.round
-        ),
-        Body::RoundClosed(closed) => format!(
-            "round {} closed with {} contributions",
-            closed.round,
-            closed.contributors.len()
-        ),
-        Body::KeyRotated { rotation, .. } => format!(
-            "node {} changed its key to {}",
-            rotation.statement.node, rotation.statement.with
-        ),
-        Body::Proposed(signed) => format!(
-            "{} proposed '{}' (proposal {})",
-            signed.statement.proposer, signed.statement.title, signed.statement.number
-        ),
-        Body::Voted(signed) => format!(
-            "{} voted {:?} on proposal {}",
-            signed.statement.voter, signed.statement.ballot, signed.statement.proposal
-        ),
-        Body::ProposalSettled(settled) => {
-            format!("proposal {} was {}", settled.proposal, settled.outcome)
-        }
-        Body::Disputed(signed) => format!(
-            "{} disputed the contribution of entry {}",
-            signed.statement.disputer, signed.statement.contribution
-        ),
-        Body::DisputeResolved(resolved) => match &resolved.upheld {
-            Some(reason) => format!(
-                "the dispute of entry {} was upheld: {reason}",
-                resolved.dispute
-            ),
-            None => format!("the dispute of entry {} was dismissed", resolved.dispute),
-        },
-    }
+    let log = PublishedLog::open(source.as_ref(), &key, &policy)?;
+    Ok(read(&log, &key, &policy)?)
 }
 
 fn fsck(dir: &Path) -> Result<bool> {
@@ -416,7 +291,7 @@ pub fn read_policy(path: &Path) -> Result<Policy> {
     Policy::parse(&text).with_context(|| path.display().to_string())
 }
 
-fn read_bounded(path: &Path, limit: usize) -> Result<Vec<u8>> {
+pub(crate) fn read_bounded(path: &Path, limit: usize) -> Result<Vec<u8>> {
     let file = fs::File::open(path).with_context(|| format!("reading {}", path.display()))?;
     let mut bytes = Vec::new();
     file.take(limit as u64 + 1)

@@ -1,6 +1,7 @@
 //! The `zk0` command: thin shells over the crates that do the work.
 //!
 //! - [`audit`]: `zk0 audit replay`; [`ledger`]: a ledger as files, mirrors and proofs. All that an auditor's light build has.
+//! - `governance`: proposals, votes, disputes.
 //! - `node`, `aggregator`, `prover`, `witness`: the services (feature `full`).
 //! - `train`, `eval`: a policy fitted to recordings, and measured on them; `frames`: what both make of recordings.
 //! - `dataset`: recordings, looked at and checked.
@@ -28,6 +29,8 @@ pub mod eval;
 pub mod fidelity;
 #[cfg(feature = "full")]
 mod frames;
+#[cfg(feature = "full")]
+pub mod governance;
 #[cfg(feature = "full")]
 pub mod keys;
 #[cfg(feature = "full")]

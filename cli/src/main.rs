@@ -32,6 +32,10 @@ enum Command {
     #[cfg(feature = "full")]
     #[command(subcommand)]
     Aggregator(zk0::aggregator::Command),
+    /// Propose, vote, dispute, change a key.
+    #[cfg(feature = "full")]
+    #[command(subcommand)]
+    Governance(Box<zk0::governance::Command>),
     /// Make proofs for the nodes of this machine.
     #[cfg(feature = "full")]
     #[command(subcommand)]
@@ -71,6 +75,8 @@ fn main() -> ExitCode {
         Command::Node(command) => zk0::node::run(&command),
         #[cfg(feature = "full")]
         Command::Aggregator(command) => zk0::aggregator::run(&command),
+        #[cfg(feature = "full")]
+        Command::Governance(command) => zk0::governance::run(&command),
         #[cfg(feature = "full")]
         Command::Prover(command) => zk0::prover::run(&command),
         #[cfg(feature = "full")]

@@ -179,8 +179,8 @@ fn an_entry_is_proven_offline() {
     let proof = scratch.path().join("entry.tlog-proof");
     let key = succeeds(&["ledger", "vkey", LEDGER]);
     let key = key.trim();
-    succeeds(&["ledger", "prove", LEDGER, "3", "--out", text(&proof)]);
-    let said = succeeds(&["ledger", "verify-proof", text(&proof), "--log-key", key]);
+    succeeds(&["audit", "prove", LEDGER, "3", "--out", text(&proof)]);
+    let said = succeeds(&["audit", "verify-proof", text(&proof), "--log-key", key]);
     assert!(said.contains("VERIFIED"), "{said}");
     // Another log's key, a witness that has not cosigned, a changed proof.
     let other = scratch.path().join("w.key");
@@ -194,7 +194,7 @@ fn an_entry_is_proven_offline() {
     let policy = scratch.path().join("policy");
     fs::write(&policy, format!("log {key}\nwitness W {witness}quorum W\n")).unwrap();
     let with_policy = [
-        "ledger",
+        "audit",
         "verify-proof",
         text(&proof),
         "--policy",
@@ -209,7 +209,7 @@ fn an_entry_is_proven_offline() {
     fs::write(&proof, changed).unwrap();
     fails(&with_policy, "is not in the tree");
     fails(
-        &["ledger", "prove", LEDGER, "100000"],
+        &["audit", "prove", LEDGER, "100000"],
         "there is no entry 100000",
     );
 }

@@ -11,7 +11,8 @@
 //! - [`tree`], [`checkpoint`], [`receipt`]: RFC 6962, C2SP signed checkpoints, and a node's proof of inclusion.
 //! - [`log`]: the log on disk, over [`store`] (RocksDB) and [`folder`]; [`group`]: where checkpoints are; [`blobs`] beside it;
 //!   [`clock`]: whether the writer's clock can be believed.
-//! - [`replay`]: an auditor reads it all again and believes nothing.
+//! - [`replay`]: an auditor reads it all again and believes nothing; `snapshot`: the little of a state that his checks of a
+//!   claim need, to be done later or elsewhere.
 //!
 //! And what makes it a transparency log for everybody else:
 //! - [`layout`], [`bundle`], [`tiles`]: what is served and where (C2SP tlog-tiles), and its bytes from the database;
@@ -49,6 +50,7 @@ pub mod refusal;
 pub mod replay;
 pub mod rules;
 pub mod signed;
+mod snapshot;
 pub mod source;
 pub mod state;
 pub mod store;

@@ -1,6 +1,6 @@
 //! The rules of a network: founded in its genesis, changed by vote ([`crate::governance`]) and in no other way.
 
-use crate::{governance::Governance, identity_text};
+use crate::{governance::Governance, identity_text, policy::Policy};
 use borsh::{BorshDeserialize, BorshSerialize};
 use serde::{Deserialize, Serialize};
 use zk0_circuits::{challenge::MAX_EVAL_SAMPLES, NodeId};
@@ -10,6 +10,9 @@ pub const BPS: u32 = 10_000;
 
 /// Most identities in a list of participants: such rules fit in an entry.
 pub const MAX_LISTED: usize = 1000;
+
+/// Longest policy for witnesses, in bytes.
+pub const MAX_WITNESS_POLICY_BYTES: usize = 8 << 10;
 
 /// What the network's nodes, its aggregator and its auditors hold one another to.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize, Serialize, Deserialize)]
@@ -43,6 +46,9 @@ pub struct Rules {
     pub enrolment: EnrolmentRule,
     /// What a contribution earns.
     pub credits: CreditRule,
+    /// Whose cosignatures a checkpoint needs before it is published: a C2SP tlog-policy, with the witnesses' addresses and a
+    /// quorum. Empty where the log's own signature is enough.
+    pub witness_policy: String,
     /// How these rules change.
     pub governance: Governance,
 }
@@ -168,7 +174,26 @@ impl Rules {
         }
         self.strategy.check()?;
         self.participation.check()?;
+        self.witnesses()?;
         self.governance.check()
+    }
+
+    /// The witnesses and the quorum that these rules ask for.
+    pub fn witnesses(&self) -> Result<Policy, String> {
+        let bad = |why: String| format!("rule witness_policy: {why}");
+        match self.witness_policy.len() {
+            0 => Ok(Policy::none()),
+            size if size > MAX_WITNESS_POLICY_BYTES => Err(bad(format!(
+                "it has {size} bytes, at most {MAX_WITNESS_POLICY_BYTES} are possible"
+            ))),
+            _ => match Policy::parse(&self.witness_policy) {
+                Ok(policy) if policy.wants_witnesses() => Ok(policy),
+                Ok(_) => Err(bad(
+                    "it asks for no cosignature: leave it empty, or name a quorum".into(),
+                )),
+                Err(error) => Err(bad(error.to_string())),
+            },
+        }
     }
 }
 

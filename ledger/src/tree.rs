@@ -1,6 +1,8 @@
 //! The right edge of an RFC 6962 tree: all that is needed to append to it and to know its root.
 
-use tlog_tiles::tlog::{node_hash, record_hash, Error as TreeError, Hash, EMPTY_HASH};
+use tlog_tiles::tlog::{
+    node_hash, record_hash, sub_tree_index, Error as TreeError, Hash, HashReader, EMPTY_HASH,
+};
 use zk0_circuits::Digest;
 
 /// Most leaves: positions of their hashes stay far from the end of 64 bits.
@@ -15,6 +17,13 @@ pub struct Frontier {
 }
 
 impl Frontier {
+    /// The right edge of the first `size` leaves, from the hashes that were stored as they came.
+    pub fn read(size: u64, stored: &impl HashReader) -> Result<Self, TreeError> {
+        // Largest subtree first.
+        let edge = stored.read_hashes(&sub_tree_index(0, size, Vec::new()))?;
+        Ok(Self { size, edge })
+    }
+
     /// Number of leaves.
     pub fn size(&self) -> u64 {
         self.size

@@ -15,8 +15,8 @@ use zk0_ledger::{
     codec::EntryError,
     entry::{Body, Entry, Genesis, RoundClosed, RoundOpened},
     receipt::{Receipt, ReceiptError},
-    signed::{DatasetRegistration, Signed, Submission, UpdateCommitment, UploadRequest},
-    Refusal,
+    signed::{DatasetRegistration, Proposal, Signed, Submission, UpdateCommitment, UploadRequest},
+    Refusal, Rules,
 };
 
 /// Bytes in one message of an upload.
@@ -67,6 +67,19 @@ pub struct Decision {
     pub refusal: Option<Refusal>,
     /// That the decision is on the ledger.
     pub receipt: Receipt,
+}
+
+/// How a network is governed at the moment.
+#[derive(Clone, Debug)]
+pub struct GovernanceInfo {
+    /// The rules in force.
+    pub rules: Rules,
+    /// The number of the next proposal.
+    pub next_proposal: u64,
+    /// The open proposals, and how their votes stand.
+    pub proposals: Vec<(Proposal, rpc::OpenProposal)>,
+    /// Milliseconds on the aggregator's clock.
+    pub now_ms: u64,
 }
 
 /// What goes wrong between a node and its aggregator.
@@ -231,12 +244,16 @@ impl Node {
             .map(drop)
     }
 
-    /// Waits until `round` is open, and returns how it was opened; a later one if that has closed meanwhile.
+    /// Waits until `round` is open, and returns how it was opened; a later one if that has closed meanwhile, or if the rules do
+    /// not let this node contribute to it.
     pub async fn wait_for_round(&mut self, round: u64) -> Result<RoundOpened, NodeError> {
         loop {
-            let request = rpc::GetRoundRequest { round: None };
+            let request = rpc::GetRoundRequest {
+                round: None,
+                node: self.id().0.to_vec(),
+            };
             let info = patiently!(self.client.get_round(request))?.into_inner();
-            if let (Some(opened), None) = (info.opened, info.closed) {
+            if let (Some(opened), None, true) = (info.opened, info.closed, info.invited) {
                 match self.entry(opened)?.1.body {
                     Body::RoundOpened(opened) if opened.round >= round => return Ok(opened),
                     Body::RoundOpened(_) => {}
@@ -250,7 +267,10 @@ impl Node {
     /// Waits until `round` is closed, and returns how.
     pub async fn wait_for_close(&mut self, round: u64) -> Result<RoundClosed, NodeError> {
         loop {
-            let request = rpc::GetRoundRequest { round: Some(round) };
+            let request = rpc::GetRoundRequest {
+                round: Some(round),
+                node: Vec::new(),
+            };
             let info = patiently!(self.client.get_round(request))?.into_inner();
             if let Some(closed) = info.closed {
                 match self.entry(closed)?.1.body {
@@ -354,6 +374,39 @@ impl Node {
             ));
         }
         Ok(Decision { refusal, receipt })
+    }
+
+    /// Puts on the ledger what is signed already: a proposal, a vote, a dispute, a change of key. Returns the entry's index.
+    pub async fn record(&mut self, body: Body) -> Result<u64, NodeError> {
+        let request = rpc::RecordRequest {
+            body: encode(&body),
+        };
+        let receipt = patiently!(self.client.record(request))?.into_inner();
+        Ok(self.recorded(receipt, body)?.0.index)
+    }
+
+    /// The rules in force and the open proposals. The proposals themselves come with receipts, the rest is the
+    /// aggregator's word: who wants to be sure replays the ledger.
+    pub async fn governance(&mut self) -> Result<GovernanceInfo, NodeError> {
+        let request = rpc::GetGovernanceRequest {};
+        let info = patiently!(self.client.get_governance(request))?.into_inner();
+        let rules: Rules = borsh::from_slice(&info.rules)
+            .map_err(|error| unexpected("rules", format!("something else ({error})")))?;
+        let mut proposals = Vec::new();
+        for open in info.proposals {
+            let receipt = open.receipt.clone();
+            let receipt = receipt.ok_or_else(|| unexpected("a receipt of a proposal", "none"))?;
+            match self.entry(receipt)?.1.body {
+                Body::Proposed(signed) => proposals.push((signed.statement, open)),
+                _ => return Err(unexpected("a proposal", "another entry")),
+            }
+        }
+        Ok(GovernanceInfo {
+            rules,
+            next_proposal: info.next_proposal,
+            proposals,
+            now_ms: info.now_ms,
+        })
     }
 
     /// Checks that what was just recorded is `body`.

@@ -2,7 +2,7 @@
 
 use super::process::Console;
 use crate::{
-    audit,
+    audit::{self, Audited},
     chart::{self, Curve, Proven},
 };
 use anyhow::{bail, Context, Result};
@@ -12,7 +12,7 @@ use zk0_circuits::{spec::EvalSpec, Digest, NodeId};
 use zk0_ledger::{
     blobs::Blobs,
     entry::{Body, Entry, Genesis},
-    replay::{Report, Verdict},
+    replay::Verdict,
     signed::{Signed, Submission},
 };
 use zk0_prover::{participant::TrainingHistory, recording};
@@ -30,7 +30,7 @@ struct Metrics {
     contributions: Vec<Contribution>,
     global: Vec<Global>,
     training: Vec<Curve>,
-    audit: Report,
+    audit: Audited,
 }
 
 #[derive(Serialize)]

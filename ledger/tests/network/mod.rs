@@ -1,6 +1,7 @@
 //! A small network to test with: fixed keys, a genesis, and builders for each kind of entry.
 #![allow(dead_code)]
 
+pub mod long;
 pub mod rounds;
 pub mod scenario;
 pub mod shelf;
@@ -95,6 +96,7 @@ pub fn genesis() -> Genesis {
                 max_per_contribution: 500,
                 dispute_window_ms: DISPUTE_WINDOW,
             },
+            witness_policy: String::new(),
             governance: Governance {
                 governors: governors(),
                 credits_per_vote: 10,

@@ -1,0 +1,140 @@
+//! Checks that take long, done by a bounded number of threads; their outcomes come out in the order they were asked for.
+
+use std::{
+    collections::VecDeque,
+    num::NonZeroUsize,
+    sync::mpsc::{sync_channel, Receiver, TryRecvError},
+    thread,
+};
+
+/// Outcomes `T` that are there or to come.
+pub struct Queue<T> {
+    slots: VecDeque<Slot<T>>,
+    most: usize,
+}
+
+enum Slot<T> {
+    Done(T),
+    Running(Receiver<T>),
+}
+
+impl<T: Send + 'static> Queue<T> {
+    /// A queue for checks of which at most twice `threads` are begun and not taken out.
+    pub fn new(threads: NonZeroUsize) -> Self {
+        Self {
+            slots: VecDeque::new(),
+            most: threads.get().saturating_mul(2),
+        }
+    }
+
+    /// Has `check` done by another thread. When the queue is full, the first outcomes have to be taken out before: see
+    /// [`Queue::is_full`].
+    pub fn begin(&mut self, check: impl FnOnce() -> T + Send + 'static) {
+        let (done, outcome) = sync_channel(1);
+        // Where there can be no thread, it is done here.
+        let check = std::sync::Arc::new(std::sync::Mutex::new(Some(check)));
+        let taken = check.clone();
+        let run = move || {
+            let check = taken.lock().ok().and_then(|mut check| check.take());
+            if let Some(check) = check {
+                let _ = done.send(check());
+            }
+        };
+        let slot = match thread::Builder::new().spawn(run) {
+            Ok(_) => Slot::Running(outcome),
+            Err(_) => match check.lock().ok().and_then(|mut check| check.take()) {
+                Some(check) => Slot::Done(check()),
+                None => Slot::Running(outcome),
+            },
+        };
+        self.slots.push_back(slot);
+    }
+
+    /// An outcome that took no time.
+    pub fn push(&mut self, outcome: T) {
+        self.slots.push_back(Slot::Done(outcome));
+    }
+
+    /// Whether nothing may be begun before something is taken out.
+    pub fn is_full(&self) -> bool {
+        self.slots.len() >= self.most
+    }
+
+    /// The first outcome, if it is there already. An error: its thread broke down.
+    pub fn take_ready(&mut self) -> Option<Result<T, BrokeDown>> {
+        let outcome = match self.slots.front()? {
+            Slot::Done(_) => return self.take(),
+            Slot::Running(outcome) => match outcome.try_recv() {
+                Ok(outcome) => Ok(outcome),
+                Err(TryRecvError::Disconnected) => Err(BrokeDown),
+                Err(TryRecvError::Empty) => return None,
+            },
+        };
+        self.slots.pop_front();
+        Some(outcome)
+    }
+
+    /// The first outcome, waited for.
+    pub fn take(&mut self) -> Option<Result<T, BrokeDown>> {
+        Some(match self.slots.pop_front()? {
+            Slot::Done(outcome) => Ok(outcome),
+            Slot::Running(outcome) => outcome.recv().map_err(|_| BrokeDown),
+        })
+    }
+}
+
+/// A check ended without an outcome.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct BrokeDown;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::{
+        sync::{
+            atomic::{AtomicUsize, Ordering},
+            Arc,
+        },
+        time::Duration,
+    };
+
+    #[test]
+    fn outcomes_come_in_order_and_no_more_run_than_allowed() {
+        let mut queue = Queue::new(NonZeroUsize::new(2).unwrap());
+        let running = Arc::new(AtomicUsize::new(0));
+        let (mut out, mut most) = (Vec::new(), 0);
+        for number in 0..40u64 {
+            while queue.is_full() {
+                out.push(queue.take().unwrap().unwrap());
+            }
+            let running = running.clone();
+            if number % 5 == 0 {
+                queue.push((number, 0));
+                continue;
+            }
+            queue.begin(move || {
+                let now = running.fetch_add(1, Ordering::SeqCst) + 1;
+                thread::sleep(Duration::from_millis((40 - number) % 7));
+                running.fetch_sub(1, Ordering::SeqCst);
+                (number, now)
+            });
+        }
+        while let Some(outcome) = queue.take() {
+            out.push(outcome.unwrap());
+        }
+        for (_, now) in &out {
+            most = most.max(*now);
+        }
+        let order: Vec<_> = out.iter().map(|(number, _)| *number).collect();
+        assert_eq!(order, (0..40).collect::<Vec<_>>());
+        assert!((2..=4).contains(&most), "{most} at once");
+    }
+
+    #[test]
+    fn a_check_that_panics_is_no_outcome() {
+        let mut queue: Queue<()> = Queue::new(NonZeroUsize::MIN);
+        queue.begin(|| panic!("as a test"));
+        assert_eq!(queue.take(), Some(Err(BrokeDown)));
+        assert_eq!(queue.take(), None);
+    }
+}

@@ -1,0 +1,133 @@
+//! Where an audited ledger lies: a folder as it is, or the mirror of an export or a served log, with as many blobs as the audit
+//! reads.
+
+use crate::ledger::{source, Trust};
+use anyhow::{bail, Context, Result};
+use std::{
+    collections::BTreeSet,
+    io::Read,
+    path::{Path, PathBuf},
+};
+use tempfile::TempDir;
+use zk0_circuits::Digest;
+use zk0_ledger::{
+    entry::Body,
+    folder,
+    layout::Resource,
+    mirror::{mirror, MirrorError},
+    policy::Policy,
+    source::{Source, SourceError},
+    store::Store,
+    Entry,
+};
+
+/// Which blobs are fetched.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Wanted {
+    /// None.
+    Entries,
+    /// Those that a light audit reads.
+    Proofs,
+    /// All.
+    Everything,
+}
+
+/// A ledger's folder to read.
+pub struct Located {
+    /// The folder.
+    pub dir: PathBuf,
+    _made: Option<TempDir>,
+}
+
+/// Finds `ledger`, and fetches it if it is not a ledger's folder: to `keep`, or to where it is forgotten afterwards.
+pub fn locate(ledger: &str, keep: Option<&Path>, trust: &Trust, wanted: Wanted) -> Result<Located> {
+    let dir = Path::new(ledger);
+    if folder::database(dir).exists() {
+        if trust.policy.is_some() {
+            bail!(
+                "{ledger} is a ledger's directory, whose checkpoint has the log's signature alone: give --policy with an export or \
+                 a served log"
+            );
+        }
+        if keep.is_some() {
+            bail!("{ledger} is a ledger's directory: --mirror is for an export or a served log");
+        }
+        let dir = dir.to_owned();
+        return Ok(Located { dir, _made: None });
+    }
+    let source = source(ledger)?;
+    let policy = trust.policy()?;
+    let network = trust.network.as_ref();
+    let (dir, made) = match keep {
+        Some(dir) => (dir.to_owned(), None),
+        None => {
+            let made = tempfile::tempdir().context("making a temporary directory")?;
+            (made.path().to_owned(), Some(made))
+        }
+    };
+    fetch(source.as_ref(), &dir, &policy, network, wanted)
+        .with_context(|| format!("fetching {ledger}"))?;
+    Ok(Located { dir, _made: made })
+}
+
+/// Brings the mirror in `dir` up to date, with the blobs that are wanted.
+pub fn fetch(
+    source: &dyn Source,
+    dir: &Path,
+    policy: &Policy,
+    network: Option<&Digest>,
+    wanted: Wanted,
+) -> Result<(), MirrorError> {
+    let mut selection = Selection {
+        source,
+        blobs: BTreeSet::new(),
+    };
+    match wanted {
+        Wanted::Everything => drop(mirror(source, dir, policy, network)?),
+        Wanted::Entries => drop(mirror(&selection, dir, policy, network)?),
+        // Which proofs there are, the entries say; more may come meanwhile.
+        Wanted::Proofs => {
+            mirror(&selection, dir, policy, network)?;
+            loop {
+                selection.blobs = proofs(dir)?;
+                if mirror(&selection, dir, policy, network)?.new_entries == 0 {
+                    break;
+                }
+            }
+        }
+    }
+    Ok(())
+}
+
+/// The proofs that the entries in `dir` name.
+fn proofs(dir: &Path) -> Result<BTreeSet<Digest>, MirrorError> {
+    let store = Store::open_read_only(&folder::database(dir))?;
+    let mut proofs = BTreeSet::new();
+    for index in 0..store.size()? {
+        if let Some(bytes) = store.entry(index)? {
+            match Entry::decode(&bytes)?.body {
+                Body::ContributionAccepted(submission)
+                | Body::ContributionRejected { submission, .. } => {
+                    proofs.insert(submission.statement.proof);
+                }
+                _ => {}
+            }
+        }
+    }
+    Ok(proofs)
+}
+
+/// A log of whose blobs only some are asked for.
+struct Selection<'a> {
+    source: &'a dyn Source,
+    blobs: BTreeSet<Digest>,
+}
+
+impl Source for Selection<'_> {
+    fn open(&self, path: &str) -> Result<Option<Box<dyn Read>>, SourceError> {
+        match Resource::parse(path) {
+            Some(Resource::Blob(digest)) if !self.blobs.contains(&digest) => Ok(None),
+            _ => self.source.open(path),
+        }
+    }
+}

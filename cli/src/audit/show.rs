@@ -1,0 +1,246 @@
+//! `zk0 audit show`: what happened, on a terminal. Everything shown is in a tree that the log has signed and follows its rules.
+
+use super::{
+    describe::{describe, details, kind, nodes, printable, round, time},
+    fetch::{locate, Wanted},
+    story::{self, Story},
+};
+use crate::ledger::{open_log, Trust};
+use anyhow::{bail, Result};
+use serde_json::json;
+use sha2::{Digest as _, Sha256};
+use zk0_ledger::{published::PublishedError, replay::Severity, Entry};
+
+/// `zk0 audit show`.
+#[derive(Debug, clap::Args)]
+pub struct Options {
+    /// A ledger's directory, an export of one, or the address of a served log.
+    ledger: String,
+    /// One entry, counted from 0.
+    #[arg(conflicts_with_all = ["round", "node", "entries"])]
+    index: Option<u64>,
+    /// One round: its entries.
+    #[arg(long, conflicts_with = "node")]
+    round: Option<u64>,
+    /// One node: its entries. Its name, or the beginning of its identity.
+    #[arg(long)]
+    node: Option<String>,
+    /// All entries.
+    #[arg(long, conflicts_with_all = ["round", "node"])]
+    entries: bool,
+    /// Print JSON.
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    trust: Trust,
+}
+
+/// Runs it; `false` when the ledger does not hold.
+pub fn run(options: &Options) -> Result<bool> {
+    if let Some(index) = options.index {
+        one(options, index)?;
+        return Ok(true);
+    }
+    let located = locate(&options.ledger, None, &options.trust, Wanted::Entries)?;
+    let dir = &located.dir;
+    let report = zk0_ledger::replay(dir, options.trust.network.as_ref(), &mut ());
+    let root = report.root.clone().unwrap_or_default();
+    let story = story::of(dir, report.entries, &root)?;
+    let node = match &options.node {
+        Some(name) => Some(story.find(name)?),
+        None => None,
+    };
+    if let Some(number) = options.round {
+        if !story.rounds.iter().any(|round| round.round == number) {
+            bail!(
+                "there is no round {number}: {} rounds were opened",
+                story.rounds.len()
+            );
+        }
+    }
+    let is_wanted = |entry: &Entry| {
+        options.entries
+            || options.round.is_some() && round(&entry.body) == options.round
+            || node.is_some_and(|place| {
+                let id = &story.nodes[place].id;
+                nodes(&entry.body)
+                    .iter()
+                    .any(|node| node.to_string() == *id)
+            })
+    };
+    let mut wanted = Vec::new();
+    if options.entries || options.round.is_some() || node.is_some() {
+        story::read(dir, report.entries, &root, |index, entry| {
+            if is_wanted(entry) {
+                wanted.push((index, entry.clone()));
+            }
+        })?;
+    }
+    let faults: Vec<&str> = report
+        .findings
+        .iter()
+        .filter(|finding| finding.severity == Severity::Fault)
+        .map(|finding| finding.text.as_str())
+        .collect();
+    if options.json {
+        let entries: Vec<_> = wanted
+            .iter()
+            .map(|(index, entry)| as_json(*index, entry))
+            .collect();
+        let chosen = match (node, options.round) {
+            (Some(place), _) => json!({ "node": story.nodes[place], "entries": entries }),
+            (_, Some(number)) => {
+                let round = story.rounds.iter().find(|round| round.round == number);
+                json!({ "round": round, "entries": entries })
+            }
+            _ if options.entries => json!({ "entries": entries }),
+            _ => serde_json::to_value(&story)?,
+        };
+        let mut chosen = chosen;
+        chosen["faults"] = json!(faults);
+        println!("{}", serde_json::to_string_pretty(&chosen)?);
+    } else {
+        match (node, options.round) {
+            (Some(place), _) => print!("{}", node_table(&story, &[place])),
+            (_, Some(number)) => print!("{}", round_table(&story, Some(number))),
+            _ if options.entries => {}
+            _ => print!("{}", whole(&story)),
+        }
+        for (index, entry) in &wanted {
+            println!("{}", line(*index, entry));
+        }
+        for fault in &faults {
+            println!("FAULT        {}", printable(fault));
+        }
+    }
+    Ok(faults.is_empty())
+}
+
+/// One entry, whose place in the signed tree is checked, and nothing else.
+fn one(options: &Options, index: u64) -> Result<()> {
+    let bytes = open_log(&options.ledger, &options.trust, |log, _, _| {
+        log.entry(index)
+    })?;
+    let entry = Entry::decode(&bytes)?;
+    if options.json {
+        let mut value = as_json(index, &entry);
+        value["sha256"] = json!(hex::encode(Sha256::digest(&bytes)));
+        value["bytes"] = json!(bytes.len());
+        println!("{}", serde_json::to_string_pretty(&value)?);
+        return Ok(());
+    }
+    let line = |label: &str, value: &str| println!("{label:<16} {}", printable(value));
+    line("entry", &index.to_string());
+    line("time", &time(entry.time_ms));
+    line("kind", kind(&entry.body));
+    line("says", &describe(&entry));
+    for (label, value) in details(&entry.body) {
+        line(label, &value);
+    }
+    line("bytes", &bytes.len().to_string());
+    line("sha256", &hex::encode(Sha256::digest(&bytes)));
+    Ok(())
+}
+
+/// An entry as JSON.
+pub fn as_json(index: u64, entry: &Entry) -> serde_json::Value {
+    let nodes: Vec<String> = nodes(&entry.body).iter().map(ToString::to_string).collect();
+    let details: Vec<_> = details(&entry.body)
+        .into_iter()
+        .map(|(label, value)| json!({ "label": label, "value": value }))
+        .collect();
+    json!({
+        "entry": index,
+        "time_ms": entry.time_ms,
+        "kind": kind(&entry.body),
+        "nodes": nodes,
+        "round": round(&entry.body),
+        "says": describe(entry),
+        "details": details,
+    })
+}
+
+/// An entry in a line.
+pub fn line(index: u64, entry: &Entry) -> String {
+    let says = printable(&describe(entry));
+    format!("{index:>8}  {}  {says}", time(entry.time_ms))
+}
+
+fn whole(story: &Story) -> String {
+    let mut text = String::new();
+    if let Some(network) = &story.network {
+        text.push_str(&format!(
+            "network  {} {}\nfounded  {}\nlog key  {}\nentries  {}, the last of {}\n\n",
+            printable(&network.name),
+            network.id,
+            time(network.founded_ms),
+            network.log_key,
+            story.entries,
+            time(story.last_ms)
+        ));
+    }
+    text.push_str(&round_table(story, None));
+    text.push('\n');
+    let all: Vec<usize> = (0..story.nodes.len()).collect();
+    text.push_str(&node_table(story, &all));
+    if !story.refusals.is_empty() {
+        text.push_str("\nrefused\n");
+        for (reason, count) in &story.refusals {
+            text.push_str(&format!("{count:>8}  {reason}\n"));
+        }
+    }
+    text
+}
+
+fn round_table(story: &Story, only: Option<u64>) -> String {
+    let mut text = format!(
+        "{:>8}  {:<20}  {:<20}  {:>9}  {:>8}  {:>7}  {:>11}  {:>11}\n",
+        "round",
+        "opened",
+        "closed",
+        "committed",
+        "accepted",
+        "refused",
+        "loss before",
+        "loss after"
+    );
+    let rounds = story.rounds.iter();
+    for round in rounds.filter(|round| only.is_none_or(|only| round.round == only)) {
+        let loss = |loss: Option<f64>| loss.map_or("-".into(), |loss| format!("{loss:.5}"));
+        text.push_str(&format!(
+            "{:>8}  {:<20}  {:<20}  {:>9}  {:>8}  {:>7}  {:>11}  {:>11}\n",
+            round.round,
+            time(round.opened_ms),
+            round.closed_ms.map_or("open".into(), time),
+            round.committed,
+            round.accepted,
+            round.refused,
+            loss(round.losses.map(|losses| losses.before)),
+            loss(round.losses.map(|losses| losses.after)),
+        ));
+    }
+    text
+}
+
+fn node_table(story: &Story, places: &[usize]) -> String {
+    let mut text = format!(
+        "{:<16}  {:<32}  {:>8}  {:>9}  {:>8}  {:>7}  {:>10}  {:>10}\n",
+        "node", "name", "samples", "committed", "accepted", "refused", "acceptance", "credits"
+    );
+    for node in places.iter().map(|place| &story.nodes[*place]) {
+        let name: String = printable(&node.name).chars().take(32).collect();
+        let acceptance = node
+            .acceptance()
+            .map_or("-".into(), |share| format!("{:.0} %", share * 100.0));
+        text.push_str(&format!(
+            "{:<16}  {name:<32}  {:>8}  {:>9}  {:>8}  {:>7}  {acceptance:>10}  {:>10}\n",
+            &node.id[..16],
+            node.samples,
+            node.committed,
+            node.accepted,
+            node.refused,
+            node.credits,
+        ));
+    }
+    text
+}

@@ -1,0 +1,373 @@
+//! Charts as SVG elements within a page: bars in groups, bars lying down, and lines. Text is escaped; nothing is loaded.
+
+use std::fmt::Write;
+
+/// Colours that stay apart for colour-blind readers (Okabe and Ito), on white paper.
+pub const COLOURS: [&str; 8] = [
+    "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#999999", "#000000",
+];
+
+/// What was accepted.
+pub const GOOD: &str = "#009e73";
+
+/// What was refused.
+pub const BAD: &str = "#d55e00";
+
+const WIDTH: f64 = 720.0;
+const HEIGHT: f64 = 260.0;
+const LEFT: f64 = 64.0;
+const RIGHT: f64 = 12.0;
+const TOP: f64 = 26.0;
+const BOTTOM: f64 = 40.0;
+
+/// A finished chart.
+pub struct Svg(String);
+
+impl Svg {
+    /// Its element.
+    pub fn as_str(&self) -> &str {
+        &self.0
+    }
+}
+
+/// Text in an element or an attribute.
+pub fn escape(text: &str) -> String {
+    let mut escaped = String::with_capacity(text.len());
+    for c in text.chars() {
+        match c {
+            '&' => escaped.push_str("&amp;"),
+            '<' => escaped.push_str("&lt;"),
+            '>' => escaped.push_str("&gt;"),
+            '"' => escaped.push_str("&quot;"),
+            '\'' => escaped.push_str("&#39;"),
+            // Not allowed in HTML or XML at all.
+            c if c.is_control() && c != '\n' && c != '\t' => {
+                let _ = write!(escaped, "{}", c.escape_default());
+            }
+            c => escaped.push(c),
+        }
+    }
+    escaped
+}
+
+/// One colour of a chart: its name, its colour, and a value for each place; `None` where there is none.
+pub struct Series<'a> {
+    /// For the legend.
+    pub name: String,
+    /// How it is drawn.
+    pub colour: &'a str,
+    /// Values.
+    pub values: Vec<Option<f64>>,
+}
+
+/// Bars over `labels`, the series on top of one another.
+pub fn stacked(title: &str, labels: &[String], series: &[Series<'_>]) -> Svg {
+    let total = |at: usize| -> f64 {
+        let at = |one: &Series<'_>| one.values.get(at).copied().flatten();
+        series.iter().filter_map(at).sum()
+    };
+    let most = (0..labels.len()).map(total).fold(0.0, f64::max);
+    let mut chart = Chart::new(title, (0.0, most), true);
+    chart.labels(labels);
+    chart.legend(series);
+    let step = chart.step(labels.len());
+    let width = (step * 0.8).min(48.0);
+    for at in 0..labels.len() {
+        let x = chart.centre(at, labels.len()) - width / 2.0;
+        let mut base = 0.0;
+        for one in series {
+            let Some(value) = one.values.get(at).copied().flatten() else {
+                continue;
+            };
+            let (top, bottom) = (chart.y(base + value), chart.y(base));
+            base += value;
+            let says = format!("{}: {} {}", labels[at], number(value), one.name);
+            chart.rect((x, top), (width, bottom - top), one.colour, &says);
+        }
+    }
+    chart.finish()
+}
+
+/// Lines over `labels`.
+pub fn lines(title: &str, labels: &[String], series: &[Series<'_>], from_zero: bool) -> Svg {
+    let values = || {
+        series
+            .iter()
+            .flat_map(|one| one.values.iter().flatten().copied())
+    };
+    let most = values().fold(f64::MIN, f64::max);
+    let least = match from_zero {
+        true => 0.0,
+        false => values().fold(f64::MAX, f64::min),
+    };
+    let mut chart = Chart::new(title, (least.min(most), most.max(least)), from_zero);
+    chart.labels(labels);
+    chart.legend(series);
+    for one in series {
+        let mut points: Vec<(f64, f64, f64)> = Vec::new();
+        for (at, value) in one.values.iter().enumerate() {
+            if let Some(value) = value {
+                points.push((chart.centre(at, labels.len()), chart.y(*value), *value));
+            }
+        }
+        let path: Vec<String> = points
+            .iter()
+            .map(|(x, y, _)| format!("{x:.1},{y:.1}"))
+            .collect();
+        chart.element(&format!(
+            "<polyline fill=\"none\" stroke=\"{}\" stroke-width=\"2\" points=\"{}\"/>",
+            escape(one.colour),
+            path.join(" ")
+        ));
+        // A few points are points; many are a line.
+        if points.len() <= 60 {
+            for (x, y, value) in points {
+                let title = escape(&format!("{}: {}", one.name, number(value)));
+                chart.element(&format!(
+                    "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"3\" fill=\"{}\"><title>{title}</title></circle>",
+                    escape(one.colour)
+                ));
+            }
+        }
+    }
+    chart.finish()
+}
+
+/// Bars that lie, each with its name, value and colour.
+pub fn lying(title: &str, bars: &[(String, f64, &str)]) -> Svg {
+    const ROW: f64 = 24.0;
+    const NAMES: f64 = 210.0;
+    let most = bars.iter().map(|(_, value, _)| *value).fold(1.0, f64::max);
+    let height = TOP + ROW * bars.len() as f64 + 8.0;
+    let mut body = String::new();
+    for (at, (name, value, colour)) in bars.iter().enumerate() {
+        let y = TOP + ROW * at as f64;
+        let width = (WIDTH - NAMES - 70.0) * value / most;
+        let _ = write!(
+            body,
+            "<text x=\"{:.0}\" y=\"{:.1}\" text-anchor=\"end\">{}</text>\
+             <rect x=\"{NAMES}\" y=\"{:.1}\" width=\"{:.1}\" height=\"{:.1}\" fill=\"{}\"/>\
+             <text x=\"{:.1}\" y=\"{:.1}\">{}</text>",
+            NAMES - 8.0,
+            y + ROW * 0.65,
+            escape(&short(name, 32)),
+            y + 3.0,
+            width.max(1.0),
+            ROW - 7.0,
+            escape(colour),
+            NAMES + width.max(1.0) + 6.0,
+            y + ROW * 0.65,
+            number(*value)
+        );
+    }
+    Svg(element(title, height, &body))
+}
+
+struct Chart {
+    title: String,
+    body: String,
+    low: f64,
+    high: f64,
+}
+
+impl Chart {
+    /// A chart whose values lie between `low` and `high`; counts, if `from_zero`, with no steps between them.
+    fn new(title: &str, (low, high): (f64, f64), from_zero: bool) -> Self {
+        let usable = low.is_finite() && high.is_finite() && high > f64::MIN;
+        let (low, high) = if usable { (low, high) } else { (0.0, 1.0) };
+        let span = match high - low {
+            span if span > 0.0 => span,
+            _ => high.abs().max(1.0) * 0.1,
+        };
+        let step = match from_zero {
+            true => nice(span / 4.0).max(1.0),
+            false => nice(span / 4.0),
+        };
+        let bottom = match from_zero {
+            true => 0.0,
+            false => (low / step).floor() * step,
+        };
+        let mut chart = Self {
+            title: title.into(),
+            body: String::new(),
+            low: bottom,
+            high: (high / step).ceil().max((bottom / step).round() + 1.0) * step,
+        };
+        let ticks = ((chart.high - chart.low) / step).round() as usize;
+        for tick in 0..=ticks.min(12) {
+            let value = chart.low + step * tick as f64;
+            let y = chart.y(value);
+            chart.element(&format!(
+                "<line x1=\"{LEFT}\" x2=\"{:.0}\" y1=\"{y:.1}\" y2=\"{y:.1}\" stroke=\"#ddd\"/>\
+                 <text x=\"{:.0}\" y=\"{:.1}\" text-anchor=\"end\">{}</text>",
+                WIDTH - RIGHT,
+                LEFT - 6.0,
+                y + 4.0,
+                number(value)
+            ));
+        }
+        chart
+    }
+
+    fn y(&self, value: f64) -> f64 {
+        let share = (value - self.low) / (self.high - self.low);
+        HEIGHT - BOTTOM - share * (HEIGHT - BOTTOM - TOP)
+    }
+
+    /// Width of one of `count` places.
+    fn step(&self, count: usize) -> f64 {
+        (WIDTH - LEFT - RIGHT) / count.max(1) as f64
+    }
+
+    fn centre(&self, at: usize, count: usize) -> f64 {
+        LEFT + self.step(count) * (at as f64 + 0.5)
+    }
+
+    /// As many labels as there is room for.
+    fn labels(&mut self, labels: &[String]) {
+        let every = labels.len().div_ceil(12).max(1);
+        for (at, label) in labels.iter().enumerate().step_by(every) {
+            let x = self.centre(at, labels.len());
+            self.element(&format!(
+                "<text x=\"{x:.1}\" y=\"{:.1}\" text-anchor=\"middle\">{}</text>",
+                HEIGHT - BOTTOM + 16.0,
+                escape(&short(label, 14))
+            ));
+        }
+        self.element(&format!(
+            "<text x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"middle\">round</text>",
+            LEFT + (WIDTH - LEFT - RIGHT) / 2.0,
+            HEIGHT - 6.0
+        ));
+    }
+
+    fn legend(&mut self, series: &[Series<'_>]) {
+        let mut x = LEFT;
+        for one in series {
+            let name = short(&one.name, 16);
+            self.element(&format!(
+                "<rect x=\"{x:.1}\" y=\"4\" width=\"10\" height=\"10\" fill=\"{}\"/>\
+                 <text x=\"{:.1}\" y=\"13\">{}</text>",
+                escape(one.colour),
+                x + 14.0,
+                escape(&name)
+            ));
+            x += 26.0 + 6.5 * name.chars().count() as f64;
+        }
+    }
+
+    fn rect(&mut self, (x, y): (f64, f64), (width, height): (f64, f64), colour: &str, says: &str) {
+        self.element(&format!(
+            "<rect x=\"{x:.1}\" y=\"{y:.1}\" width=\"{width:.1}\" height=\"{height:.1}\" fill=\"{}\"><title>{}</title></rect>",
+            escape(colour),
+            escape(says)
+        ));
+    }
+
+    /// An element whose text is escaped already.
+    fn element(&mut self, element: &str) {
+        self.body.push_str(element);
+    }
+
+    fn finish(self) -> Svg {
+        Svg(element(&self.title, HEIGHT, &self.body))
+    }
+}
+
+fn element(title: &str, height: f64, body: &str) -> String {
+    format!(
+        "<svg role=\"img\" viewBox=\"0 0 {WIDTH} {height:.0}\" width=\"100%\" font-family=\"sans-serif\" font-size=\"11\" \
+         fill=\"#333\"><title>{}</title>{body}</svg>",
+        escape(title)
+    )
+}
+
+/// A step of 1, 2 or 5 times a power of ten, at least `step`.
+fn nice(step: f64) -> f64 {
+    let power = 10f64.powf(step.log10().floor());
+    let digits = [1.0, 2.0, 5.0, 10.0];
+    let fits = |digit: &&f64| *digit * power >= step * 0.999_999;
+    digits.iter().find(fits).unwrap_or(&10.0) * power
+}
+
+/// A number with as many digits as it needs.
+fn number(value: f64) -> String {
+    let text = match value.abs() {
+        size if size >= 1e6 => format!("{value:.3e}"),
+        size if size >= 100.0 || value.fract() == 0.0 => format!("{value:.0}"),
+        size if size >= 1.0 => format!("{value:.2}"),
+        _ => format!("{value:.5}"),
+    };
+    match text.contains('.') && !text.contains('e') {
+        true => text.trim_end_matches('0').trim_end_matches('.').into(),
+        false => text,
+    }
+}
+
+/// The beginning of a long text.
+fn short(text: &str, most: usize) -> String {
+    match text.chars().count() > most {
+        true => text.chars().take(most - 1).chain(['…']).collect(),
+        false => text.into(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn steps_are_round_and_numbers_short() {
+        for (step, expected) in [
+            (0.3, 0.5),
+            (1.0, 1.0),
+            (7.0, 10.0),
+            (0.0021, 0.005),
+            (1200.0, 2000.0),
+        ] {
+            assert!((nice(step) - expected).abs() < expected * 1e-9, "{step}");
+        }
+        for (value, text) in [
+            (0.0, "0"),
+            (3.0, "3"),
+            (0.25, "0.25"),
+            (1234.5, "1234"),
+            (0.012_345, "0.01235"),
+        ] {
+            assert_eq!(number(value), text);
+        }
+    }
+
+    #[test]
+    fn a_chart_of_nothing_or_of_anything_is_well_formed() {
+        let hostile = "<script>alert('1')</script>\u{0}\"&";
+        let series = |values: Vec<Option<f64>>| {
+            [Series {
+                name: hostile.into(),
+                colour: GOOD,
+                values,
+            }]
+        };
+        let labels = |count: usize| vec![hostile.to_owned(); count];
+        for values in [
+            vec![],
+            vec![None],
+            vec![Some(0.0)],
+            vec![Some(f64::NAN), Some(1.0)],
+            vec![Some(5.0); 300],
+        ] {
+            let labels = labels(values.len());
+            for svg in [
+                stacked(hostile, &labels, &series(values.clone())),
+                lines(hostile, &labels, &series(values.clone()), false),
+                lying(hostile, &[(hostile.into(), 3.0, BAD)]),
+            ] {
+                let text = svg.as_str();
+                assert!(!text.contains("<script") && !text.contains('\u{0}'));
+                assert!(!text.contains("NaN") || values.iter().flatten().any(|v| v.is_nan()));
+                let opened = text.matches("<text").count();
+                assert_eq!(opened, text.matches("</text>").count());
+            }
+        }
+    }
+}

@@ -1,0 +1,91 @@
+//! What of a replay depends on one entry alone, and so is done for many entries at once by as many threads as there are:
+//! reading, decoding, signatures.
+
+use crate::{
+    authentic::AuthenticEntry, checkpoint::Checkpoint, store::Store, Entry, Genesis, Refusal,
+};
+use std::ops::Range;
+use tlog_tiles::tlog::{record_hash, stored_hash_index, Hash, HashReader};
+
+/// Most entries in a chunk.
+pub const CHUNK: u64 = 256;
+
+/// Some consecutive entries, read and decoded.
+pub struct Chunk {
+    /// As far as they can be read.
+    pub items: Vec<Item>,
+    /// Why the next one cannot.
+    pub broken: Option<String>,
+}
+
+/// An entry, and what is stored beside it.
+pub struct Item {
+    /// Its index.
+    pub index: u64,
+    /// The entry.
+    pub entry: Entry,
+    /// Its hash as a leaf of the tree.
+    pub leaf: Hash,
+    /// The hashes that became final with it, as stored; `None` when one is missing.
+    pub hashes: Option<Vec<Hash>>,
+    /// The checkpoint after it, if there is one: what its signature vouches for.
+    pub checkpoint: Option<Result<Checkpoint, String>>,
+}
+
+impl Chunk {
+    /// Reads the entries `range`. `genesis` is that of the log; without it, the first entry has to be one.
+    pub fn read(store: &Store, range: Range<u64>, genesis: Option<&Genesis>) -> Self {
+        let mut items = Vec::new();
+        for index in range {
+            match Item::read(store, index, genesis) {
+                Ok(item) => items.push(item),
+                Err(why) => {
+                    let broken = Some(why);
+                    return Self { items, broken };
+                }
+            }
+        }
+        Self {
+            items,
+            broken: None,
+        }
+    }
+
+    /// Verifies the signatures in each entry.
+    pub fn authenticate(&self) -> Vec<Result<AuthenticEntry<'_>, Refusal>> {
+        self.items
+            .iter()
+            .map(|item| item.entry.authenticate())
+            .collect()
+    }
+}
+
+impl Item {
+    fn read(store: &Store, index: u64, genesis: Option<&Genesis>) -> Result<Self, String> {
+        let bytes = store.entry(index).map_err(|error| error.to_string())?;
+        let bytes = bytes.ok_or("the entry is missing")?;
+        let entry = Entry::decode(&bytes).map_err(|error| error.to_string())?;
+        let completed = (index + 1).trailing_zeros() as usize + 1;
+        let positions: Vec<u64> = (stored_hash_index(0, index)..).take(completed).collect();
+        let hashes = store.read_hashes(&positions).ok();
+        let text = store
+            .checkpoint(index + 1)
+            .map_err(|error| error.to_string())?;
+        let genesis = match &entry.body {
+            crate::Body::Genesis(own) => genesis.or(Some(own)),
+            _ => genesis,
+        };
+        let open = |text: Vec<u8>| match genesis {
+            Some(genesis) => Checkpoint::open(&text, genesis.origin(), &genesis.log_key)
+                .map_err(|error| error.to_string()),
+            None => Err("no genesis says whose signature it wants".into()),
+        };
+        Ok(Self {
+            index,
+            leaf: record_hash(&bytes),
+            hashes,
+            checkpoint: text.map(open),
+            entry,
+        })
+    }
+}

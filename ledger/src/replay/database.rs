@@ -1,0 +1,98 @@
+//! The database that is replayed: the newest checkpoint in it is the published one, and it holds what a log of its size holds
+//! and nothing else.
+
+use super::Finding;
+use crate::{
+    error::LedgerError,
+    folder,
+    store::{Key, Store},
+};
+use std::{path::Path, thread::sleep, time::Duration};
+use tlog_tiles::tlog::stored_hash_count;
+
+/// Opens a database whose newest checkpoint is the published one; looks again if a writer seems to be at work.
+pub fn open_published(dir: &Path) -> Result<(Store, u64), LedgerError> {
+    const PAUSE: Duration = Duration::from_millis(20);
+    let path = folder::database(dir);
+    if !path.exists() {
+        return Err(LedgerError::NoLedger(dir.into()));
+    }
+    let mut patience = 10;
+    loop {
+        let before = folder::read_checkpoint(dir)?;
+        let opened = open_once(dir, &path);
+        sleep(match &opened {
+            Ok(_) => return opened,
+            Err(_) => PAUSE,
+        });
+        // Committed and not yet published, or published meanwhile: both pass. Anything else stays.
+        let between = matches!(&opened, Err(LedgerError::OtherPublished { published, size, .. })
+            if published < size);
+        patience -= 1;
+        if patience == 0 || !(between || folder::read_checkpoint(dir)? != before) {
+            return opened;
+        }
+    }
+}
+
+fn open_once(dir: &Path, path: &Path) -> Result<(Store, u64), LedgerError> {
+    let published = folder::read_checkpoint(dir)?;
+    let store = Store::open_read_only(path)?;
+    let size = store.size()?;
+    if size == 0 {
+        return Err(LedgerError::NoLedger(dir.into()));
+    }
+    let Some(published) = published else {
+        return Err(LedgerError::NoCheckpoint(folder::checkpoint(dir)));
+    };
+    // A writer commits before it publishes: if it published something new meanwhile, what was published before has to be in
+    // the database, but not be the newest.
+    let at_work = folder::read_checkpoint(dir)?.as_ref() != Some(&published);
+    let claimed = claimed_size(&published).unwrap_or_default();
+    let at = if at_work { claimed } else { size };
+    match store.checkpoint(at)? == Some(published) {
+        true => Ok((store, size)),
+        false => Err(LedgerError::OtherPublished {
+            path: folder::checkpoint(dir),
+            published: claimed,
+            size,
+        }),
+    }
+}
+
+/// The size a checkpoint's text claims, not verified.
+fn claimed_size(text: &[u8]) -> Option<u64> {
+    let line = text.split(|byte| *byte == b'\n').nth(1)?;
+    std::str::from_utf8(line).ok()?.parse().ok()
+}
+
+/// Every key is one that a log of this size has, and no entry or hash is missing. Checkpoints are where groups ended.
+pub fn check_keys(store: &Store, size: u64) -> Result<(), Finding> {
+    let (mut entries, mut hashes) = (0..size, 0..stored_hash_count(size));
+    for key in store.keys() {
+        let key = key.map_err(|error| Finding::fault(None, error.to_string()))?;
+        let expected = match key {
+            Some(Key::Entry(_)) => entries.next().map(Key::Entry),
+            Some(Key::Hash(_)) => hashes.next().map(Key::Hash),
+            Some(Key::Checkpoint(at)) => (1..=size).contains(&at).then_some(Key::Checkpoint(at)),
+            None => None,
+        };
+        if expected.is_none() || key != expected {
+            let found = key.map_or("an unknown key".into(), |key| format!("{key:?}"));
+            return Err(Finding::fault(
+                None,
+                format!(
+                    "the database holds {found}, which a log of {size} entries does not have there"
+                ),
+            ));
+        }
+    }
+    let missing = entries
+        .next()
+        .map(|index| (Some(index), "the entry is missing"))
+        .or(hashes.next().map(|_| (None, "a tree hash is missing")));
+    match missing {
+        Some((index, text)) => Err(Finding::fault(index, text)),
+        None => Ok(()),
+    }
+}

@@ -1,0 +1,301 @@
+//! What of a replay depends on the entries before: the tree, the rules, the caller's checks. One entry after the other.
+
+use super::{
+    chunk::{Chunk, Item},
+    saved::Saving,
+    Finding, Keep, Options, Recheck, Report, Saved, Severity, Verdict,
+};
+use crate::{
+    authentic::AuthenticEntry, blobs::Blobs, checkpoint::Checkpoint, error::LedgerError,
+    history::check_network, state::State, store::Store, tree::Frontier, violation::RuleViolation,
+    Body, Entry, Genesis, Refusal,
+};
+use std::{
+    path::{Path, PathBuf},
+    time::Instant,
+};
+use zk0_circuits::Digest;
+
+/// The history as far as it is verified.
+pub struct Serial<'a> {
+    dir: PathBuf,
+    network: Option<Digest>,
+    recheck: &'a mut dyn Recheck,
+    from: Option<Saved>,
+    keep: Option<Keep>,
+    kept: Instant,
+    blobs: Blobs,
+    /// Entries in the database.
+    size: u64,
+    /// May be one entry ahead of what is verified.
+    tree: Frontier,
+    /// What is verified: so many entries, with this root.
+    verified: Option<(u64, Digest)>,
+    state: Option<State>,
+    checkpoints: u64,
+    findings: Vec<Finding>,
+    /// Entries that an earlier replay verified. What is found about them now was perhaps found then.
+    before: u64,
+}
+
+impl<'a> Serial<'a> {
+    pub fn new(dir: &Path, options: Options<'_>, recheck: &'a mut dyn Recheck) -> Self {
+        Self {
+            dir: dir.into(),
+            network: options.network,
+            recheck,
+            from: options.from,
+            keep: options.keep,
+            kept: Instant::now(),
+            blobs: Blobs::at(dir),
+            size: 0,
+            tree: Frontier::default(),
+            verified: None,
+            state: None,
+            checkpoints: 0,
+            findings: Vec::new(),
+            before: 0,
+        }
+    }
+
+    /// Takes up what was verified before, or the genesis of a log of `size` entries. Returns the index of the next entry.
+    pub fn begin(&mut self, store: &Store, size: u64) -> Result<u64, Finding> {
+        self.size = size;
+        self.recheck.begin(size);
+        match self.from.take() {
+            Some(saved) => self.resume(store, saved),
+            None => {
+                let chunk = Chunk::read(store, 0..1, None);
+                let authentic = chunk.authenticate();
+                self.take(&chunk, &authentic)?;
+                Ok(1)
+            }
+        }
+    }
+
+    /// The log has to continue what was verified: the same root at that size.
+    fn resume(&mut self, store: &Store, saved: Saved) -> Result<u64, Finding> {
+        let fault = |text: String| Finding::fault(None, text);
+        let founder = Chunk::read(store, 0..1, None);
+        let found = match founder.items.first().map(|item| &item.entry.body) {
+            Some(Body::Genesis(genesis)) => genesis.network_id(),
+            _ => return Err(Finding::fault(0, "the first entry is not a genesis")),
+        };
+        if found != *saved.network() {
+            return Err(fault(format!(
+                "what was verified before is of network {}, but this is network {found}: give another file to keep it in",
+                saved.network()
+            )));
+        }
+        check_network(&self.dir, &found, self.network.as_ref())
+            .map_err(|error| fault(error.to_string()))?;
+        if saved.size > self.size {
+            return Err(fault(format!(
+                "ROLLED BACK: {} entries were verified before, now there are {}",
+                saved.size, self.size
+            )));
+        }
+        let tree = Frontier::read(saved.size, store).and_then(|tree| Ok((tree.root()?, tree)));
+        let (root, tree) = tree.map_err(|error| {
+            fault(format!(
+                "the tree of the {} entries that were verified before cannot be read: {error}",
+                saved.size
+            ))
+        })?;
+        if root != saved.root {
+            return Err(fault(format!(
+                "FORKED: the first {} entries have root {root}, but root {} was verified before",
+                saved.size, saved.root
+            )));
+        }
+        // Nothing new may come that vouches for it.
+        if saved.size == self.size {
+            let signed = store.checkpoint(saved.size);
+            let signed = signed.map_err(|error| fault(error.to_string()))?;
+            let genesis = saved.state.genesis();
+            let signed = signed.map(|text| {
+                Checkpoint::open(&text, genesis.origin(), &genesis.log_key)
+                    .map_err(|error| error.to_string())
+            });
+            let after = Checkpoint {
+                size: saved.size,
+                root,
+            };
+            check_checkpoint(signed.as_ref(), &after, true)
+                .map_err(|why| Finding::fault(saved.size.saturating_sub(1), why))?;
+        }
+        self.tree = tree;
+        self.verified = Some((saved.size, root));
+        self.state = Some(saved.state);
+        self.checkpoints = saved.checkpoints;
+        self.findings = saved.findings;
+        self.before = saved.size;
+        Ok(saved.size)
+    }
+
+    pub fn genesis(&self) -> Option<&Genesis> {
+        self.state.as_ref().map(State::genesis)
+    }
+
+    /// The next entries, in order.
+    pub fn take(
+        &mut self,
+        chunk: &Chunk,
+        authentic: &[Result<AuthenticEntry<'_>, Refusal>],
+    ) -> Result<(), Finding> {
+        for (item, authentic) in chunk.items.iter().zip(authentic) {
+            self.step(item, authentic)
+                .map_err(|why| Finding::fault(item.index, why))?;
+        }
+        if let Some(why) = &chunk.broken {
+            let next = self.verified.map_or(0, |(size, _)| size);
+            return Err(Finding::fault(next, why));
+        }
+        let due = |keep: &Keep| self.kept.elapsed() >= keep.every;
+        if self.keep.as_ref().is_some_and(due) {
+            self.save();
+        }
+        Ok(())
+    }
+
+    /// One entry: its hashes, the checkpoint after it, the rules, and whatever the caller checks.
+    fn step(
+        &mut self,
+        item: &Item,
+        authentic: &Result<AuthenticEntry<'_>, Refusal>,
+    ) -> Result<(), String> {
+        let text = |error: LedgerError| error.to_string();
+        let entry = &item.entry;
+        let hashes = self
+            .tree
+            .push_leaf(item.leaf)
+            .map_err(|error| error.to_string())?;
+        if item.hashes.as_ref() != Some(&hashes) {
+            return Err("the stored tree hashes are not those of the entries".into());
+        }
+        let root = self.tree.root().map_err(|error| error.to_string())?;
+        let size = item.index + 1;
+        let after = Checkpoint { size, root };
+        let needed = size == self.size || needs_checkpoint(&entry.body);
+        let signed = item.checkpoint.as_ref();
+        match &mut self.state {
+            None => {
+                let founded = State::found(entry).map_err(|error| error.to_string())?;
+                check_network(&self.dir, founded.network(), self.network.as_ref()).map_err(text)?;
+                check_checkpoint(signed, &after, needed)?;
+                let found = self.recheck.genesis(founded.genesis(), &self.blobs);
+                self.state = Some(founded);
+                self.found(found);
+            }
+            Some(state) => {
+                check_checkpoint(signed, &after, needed)?;
+                allowed(state, entry, authentic).map_err(|error| error.to_string())?;
+                let found = self.recheck.entry(state, item.index, entry, &self.blobs);
+                state.enact(&root, entry);
+                self.found(found);
+            }
+        }
+        self.checkpoints += u64::from(signed.is_some());
+        self.verified = Some((size, root));
+        Ok(())
+    }
+
+    fn found(&mut self, findings: Vec<Finding>) {
+        for finding in findings {
+            let again = finding.index.is_some_and(|index| index < self.before);
+            if !(again && self.findings.contains(&finding)) {
+                self.findings.push(finding);
+            }
+        }
+    }
+
+    /// Writes down what is verified.
+    fn save(&mut self) {
+        let found = self.recheck.settle();
+        self.found(found);
+        let (Some(keep), Some(verified), Some(state)) = (&self.keep, self.verified, &self.state)
+        else {
+            return;
+        };
+        let saving = Saving {
+            verified,
+            checkpoints: self.checkpoints,
+            state,
+            findings: &self.findings,
+            recheck: self.recheck.save(),
+        };
+        if let Err(error) = saving.write(&keep.path) {
+            self.findings.push(Finding::note(
+                None,
+                format!("what is verified cannot be kept, a later audit begins anew: {error}"),
+            ));
+            self.keep = None;
+        }
+        self.kept = Instant::now();
+    }
+
+    /// The end. `stopped` says why, if it came early: then nothing more is written down.
+    pub fn report(mut self, stopped: Option<Finding>) -> Report {
+        match stopped {
+            None => self.save(),
+            Some(_) => {
+                let found = self.recheck.settle();
+                self.found(found);
+            }
+        }
+        let mut findings = self.findings;
+        findings.extend(self.recheck.summary());
+        findings.extend(stopped);
+        let failed = |finding: &Finding| finding.severity == Severity::Fault;
+        Report {
+            verdict: match self.state.is_none() || findings.iter().any(failed) {
+                true => Verdict::Failed,
+                false => Verdict::Verified,
+            },
+            name: self
+                .state
+                .as_ref()
+                .map(|state| state.genesis().name.clone()),
+            network: self.state.as_ref().map(|state| state.network().to_string()),
+            entries: self.verified.map_or(0, |(size, _)| size),
+            checkpoints: self.checkpoints,
+            root: self.verified.map(|(_, root)| root.to_string()),
+            state: self.state.as_ref().map(|state| state.digest().to_string()),
+            findings,
+        }
+    }
+}
+
+/// Whether the rules allow the entry: its signatures were verified by the thread that read it.
+fn allowed(
+    state: &State,
+    entry: &Entry,
+    authentic: &Result<AuthenticEntry<'_>, Refusal>,
+) -> Result<(), RuleViolation> {
+    match authentic {
+        Ok(authentic) => state.check_authentic(authentic),
+        // In its place among the other reasons: version and time are looked at first.
+        Err(refusal) => match state.check(entry) {
+            Ok(()) => Err(refusal.clone().into()),
+            Err(violation) => Err(violation),
+        },
+    }
+}
+
+/// Checks the checkpoint of `after`'s size, which may be missing within a group but not where it is `needed`.
+fn check_checkpoint(
+    signed: Option<&Result<Checkpoint, String>>,
+    after: &Checkpoint,
+    needed: bool,
+) -> Result<(), String> {
+    match signed {
+        None if needed => Err("the checkpoint after the entry is missing".into()),
+        None => Ok(()),
+        Some(Err(why)) => Err(why.clone()),
+        Some(Ok(signed)) if signed == after => Ok(()),
+        Some(Ok(signed)) => Err(format!(
+            "the checkpoint signs root {} of {} entries, but {} entries have root {}",
+            signed.root, signed.size, after.size, after.root
+        )),
+    }
+}
