@@ -81,7 +81,6 @@ pub struct Import {
 
 /// `zk0 ledger restore`.
 #[derive(Debug, clap::Args)]
-#[group(id = "newest", required = true, multiple = true, args = ["checkpoint", "no_newer_checkpoint_exists"])]
 pub struct Restore {
     /// The backup.
     backup: PathBuf,
@@ -89,7 +88,11 @@ pub struct Restore {
     dir: PathBuf,
     /// A checkpoint of the log that somebody has: a file, a directory with a file `checkpoint` (what was lost, an export, a
     /// mirror), the address of a served log, or of a witness' last checkpoint. The backup has to have all that it covers.
-    #[arg(long, value_name = "FILE|DIR|ADDRESS")]
+    #[arg(
+        long,
+        value_name = "FILE|DIR|ADDRESS",
+        required_unless_present = "no_newer_checkpoint_exists"
+    )]
     checkpoint: Vec<String>,
     /// You know that the log signed nothing after the backup was made.
     #[arg(long)]

@@ -4,7 +4,7 @@
 
 mod network;
 
-use network::scenario::{check, child, run_as_child, said, strace, ENTRIES};
+use network::scenario::{check, child, run_as_child, said, scratch as memory, strace, ENTRIES};
 use std::{
     collections::BTreeMap,
     fs,
@@ -257,7 +257,7 @@ impl Disk {
 #[test]
 fn after_a_power_failure_all_that_was_acknowledged_is_there() {
     let Some(strace) = strace() else { return };
-    let scratch = tempfile::tempdir().unwrap();
+    let scratch = memory();
     let (root, log) = (scratch.path().join("disk"), scratch.path().join("calls"));
     fs::create_dir(&root).unwrap();
     let wrapper = [
@@ -300,7 +300,7 @@ fn after_a_power_failure_all_that_was_acknowledged_is_there() {
             continue;
         }
         for &left in left {
-            let found = tempfile::tempdir().unwrap();
+            let found = memory();
             disk.after_failure(left, found.path());
             let when = format!(
                 "power fails after call {at} ({}), left: {left:?}",

@@ -133,6 +133,15 @@ pub fn child(dir: &Path, wrapper: &[String]) -> Output {
         .unwrap()
 }
 
+/// A folder in memory, where there is such a place: thousands of syncs take their time on a disk.
+pub fn scratch() -> tempfile::TempDir {
+    let memory = Path::new("/dev/shm");
+    match tempfile::tempdir_in(memory) {
+        Ok(dir) => dir,
+        Err(_) => tempfile::tempdir().unwrap(),
+    }
+}
+
 /// What a child said.
 #[derive(Debug, Default)]
 pub struct Said {
