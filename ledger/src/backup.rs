@@ -43,7 +43,7 @@ pub enum BackupError {
     #[error("{0} is not empty: move away what is there, or choose another folder")]
     NotEmpty(PathBuf),
     /// A checkpoint that is none of this log.
-    #[error("the known checkpoint: {0}")]
+    #[error("the known checkpoint is none of this log's")]
     Checkpoint(#[from] CheckpointError),
     /// The log has signed more than the backup has.
     #[error(
