@@ -7,8 +7,8 @@ use super::{
 };
 use crate::{
     authentic::AuthenticEntry, blobs::Blobs, checkpoint::Checkpoint, error::LedgerError,
-    history::check_network, state::State, store::Store, tree::Frontier, violation::RuleViolation,
-    Body, Entry, Genesis, Refusal,
+    group::needs_checkpoint, history::check_network, state::State, store::Store, tree::Frontier,
+    violation::RuleViolation, Body, Entry, Genesis, Refusal,
 };
 use std::{
     path::{Path, PathBuf},
