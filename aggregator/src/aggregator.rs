@@ -131,7 +131,13 @@ impl Aggregator {
         Self::resume(ledger, clock, config)
     }
 
-    fn resume(ledger: Ledger, clock: Arc<dyn Clock>, config: Config) -> Result<Self, RequestError> {
+    fn resume(
+        mut ledger: Ledger,
+        clock: Arc<dyn Clock>,
+        config: Config,
+    ) -> Result<Self, RequestError> {
+        let steady = clock.clone();
+        ledger.watch_clock(clock.now_ms(), move || steady.steady())?;
         let (recalled, contributions) = recall(&ledger)?;
         Ok(Self {
             staging: Staging::at(ledger.dir()),

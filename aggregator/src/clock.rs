@@ -1,14 +1,21 @@
 //! The aggregator's clock: deadlines are by this one alone.
 
 use std::{
-    sync::atomic::{AtomicU64, Ordering},
-    time::{SystemTime, UNIX_EPOCH},
+    fs,
+    sync::{
+        atomic::{AtomicU64, Ordering},
+        OnceLock,
+    },
+    time::{Duration, Instant, SystemTime, UNIX_EPOCH},
 };
 
 /// Tells the time, in Unix milliseconds.
 pub trait Clock: Send + Sync {
     /// Now.
     fn now_ms(&self) -> u64;
+
+    /// Time since some moment in the past, by a clock that nobody sets and that goes on while the machine sleeps.
+    fn steady(&self) -> Duration;
 }
 
 /// The machine's clock.
@@ -21,26 +28,58 @@ impl Clock for SystemClock {
             .duration_since(UNIX_EPOCH)
             .map_or(0, |since| since.as_millis() as u64)
     }
+
+    /// Linux' `/proc/uptime`, which counts sleep; elsewhere [`Instant`], which may not.
+    fn steady(&self) -> Duration {
+        static STARTED: OnceLock<(Instant, Option<Duration>)> = OnceLock::new();
+        let (started, at_start) = STARTED.get_or_init(|| (Instant::now(), uptime()));
+        match (at_start, uptime()) {
+            (Some(_), Some(uptime)) => uptime,
+            (at_start, _) => at_start.unwrap_or_default() + started.elapsed(),
+        }
+    }
+}
+
+fn uptime() -> Option<Duration> {
+    let text = fs::read_to_string("/proc/uptime").ok()?;
+    let seconds: f64 = text.split_whitespace().next()?.parse().ok()?;
+    Duration::try_from_secs_f64(seconds).ok()
 }
 
 /// A clock that stands still until it is moved.
 #[derive(Debug, Default)]
-pub struct ManualClock(AtomicU64);
+pub struct ManualClock {
+    shown_ms: AtomicU64,
+    passed_ms: AtomicU64,
+}
 
 impl ManualClock {
     /// A clock that shows `now_ms`.
     pub fn at(now_ms: u64) -> Self {
-        Self(AtomicU64::new(now_ms))
+        Self {
+            shown_ms: AtomicU64::new(now_ms),
+            passed_ms: AtomicU64::new(0),
+        }
     }
 
-    /// Moves it forward.
+    /// Lets time pass.
     pub fn advance(&self, by_ms: u64) {
-        self.0.fetch_add(by_ms, Ordering::SeqCst);
+        self.passed_ms.fetch_add(by_ms, Ordering::SeqCst);
+        self.set_forward(by_ms);
+    }
+
+    /// Sets it forward, though no time has passed.
+    pub fn set_forward(&self, by_ms: u64) {
+        self.shown_ms.fetch_add(by_ms, Ordering::SeqCst);
     }
 }
 
 impl Clock for ManualClock {
     fn now_ms(&self) -> u64 {
-        self.0.load(Ordering::SeqCst)
+        self.shown_ms.load(Ordering::SeqCst)
+    }
+
+    fn steady(&self) -> Duration {
+        Duration::from_millis(self.passed_ms.load(Ordering::SeqCst))
     }
 }

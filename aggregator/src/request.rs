@@ -113,7 +113,9 @@ impl RequestError {
             Self::Refused(refusal) => match refusal {
                 Refusal::TooLarge { .. } => Code::ResourceExhausted,
                 Refusal::Signature(_) => Code::Unauthenticated,
-                Refusal::NotEnrolled(_) => Code::PermissionDenied,
+                Refusal::NotEnrolled(_)
+                | Refusal::NotActive { .. }
+                | Refusal::NotInvited { .. } => Code::PermissionDenied,
                 Refusal::Duplicate { .. } | Refusal::CopiedUpdate { .. } => Code::AlreadyExists,
                 Refusal::WrongNetwork { .. }
                 | Refusal::WrongRound { .. }

@@ -182,6 +182,7 @@ pub fn run(command: &Command) -> Result<()> {
         Command::Init(options) => init(options),
         Command::Enrol { dir, key, nodes } => {
             let mut ledger = Ledger::open(dir, None, keys::read(key)?)?;
+            ledger.watch_clock(SystemClock.now_ms(), || SystemClock.steady())?;
             enrol(&mut ledger, nodes)
         }
         Command::Serve(options) => serve(options),

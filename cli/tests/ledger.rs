@@ -124,6 +124,56 @@ fn an_audit_says_the_same_wherever_the_ledger_is_read() {
 }
 
 #[test]
+fn a_backup_is_restored_unless_something_newer_was_signed() {
+    let scratch = tempfile::tempdir().unwrap();
+    let at = |name: &str| scratch.path().join(name);
+    let (saved, again) = (at("backup"), at("again"));
+    let original = audit(LEDGER);
+    let said = succeeds(&["ledger", "backup", LEDGER, text(&saved)]);
+    assert!(said.contains("backed up"), "{said}");
+    let said = succeeds(&["ledger", "backup", LEDGER, text(&saved)]);
+    assert!(said.contains(" 0 of them new"), "{said}");
+    assert_eq!(audit(text(&saved)), original);
+    // Neither a checkpoint nor the word that there is none: refused before anything is done.
+    let bare = zk0(&["ledger", "restore", text(&saved), text(&again)]);
+    assert_eq!(bare.status.code(), Some(2));
+    assert!(!again.exists());
+    let restore = |to: &Path, more: &[&str]| {
+        let arguments = [&["ledger", "restore", text(&saved), text(to)], more].concat();
+        arguments.into_iter().map(String::from).collect::<Vec<_>>()
+    };
+    let serving = Serving::start(&["ledger", "serve", LEDGER, "--listen", "127.0.0.1:0"]);
+    let restored = restore(
+        &again,
+        &["--checkpoint", LEDGER, "--checkpoint", &serving.address],
+    );
+    let restored: Vec<&str> = restored.iter().map(String::as_str).collect();
+    let said = succeeds(&restored);
+    assert!(said.contains("restored to") && !said.contains("WARNING"), "{said}");
+    assert_eq!(audit(text(&again)), original);
+    fails(&restored, "is not empty");
+    let trusting = at("trusting");
+    let trusting = restore(&trusting, &["--no-newer-checkpoint-exists"]);
+    let trusting: Vec<&str> = trusting.iter().map(String::as_str).collect();
+    let said = succeeds(&trusting);
+    assert!(said.contains("WARNING"), "{said}");
+    // Another log's checkpoint.
+    let stranger = at("stranger");
+    let other = at("other");
+    fs::write(
+        &other,
+        fs::read_to_string(Path::new(LEDGER).join("checkpoint"))
+            .unwrap()
+            .replacen('\n', "x\n", 1),
+    )
+    .unwrap();
+    let refused = restore(&stranger, &["--checkpoint", text(&other)]);
+    let refused: Vec<&str> = refused.iter().map(String::as_str).collect();
+    fails(&refused, "known checkpoint");
+    assert!(!stranger.exists());
+}
+
+#[test]
 fn an_entry_is_proven_offline() {
     let scratch = tempfile::tempdir().unwrap();
     let proof = scratch.path().join("entry.tlog-proof");

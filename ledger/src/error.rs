@@ -1,7 +1,8 @@
 //! Why a ledger cannot be opened, read or extended.
 
 use crate::{
-    blobs::BlobError, checkpoint::CheckpointError, codec::EntryError, violation::RuleViolation,
+    blobs::BlobError, checkpoint::CheckpointError, clock::ClockError, codec::EntryError,
+    violation::RuleViolation,
 };
 use std::{
     io,
@@ -25,6 +26,9 @@ pub enum LedgerError {
         of: usize,
         violation: RuleViolation,
     },
+    /// The clock cannot be believed; nothing was written.
+    #[error(transparent)]
+    Clock(#[from] ClockError),
     /// Another process has it open.
     #[error("the ledger in {0} is in use by another process: stop that one first")]
     Locked(PathBuf),

@@ -32,13 +32,17 @@ pub fn needs_checkpoint(body: &Body) -> bool {
     }
 }
 
+/// Instead of a root where none is signed: nothing may follow from it, and hashing one for each entry takes as long as all the
+/// rest of the tree.
+const UNUSED_ROOT: Digest = Digest([0; 32]);
+
 /// A group that the rules allow after what is there, ready to be written.
 pub(crate) struct Group {
     /// All that is written.
     pub batch: Batch,
     /// The tree that ends with it.
     pub tree: Frontier,
-    /// The root after each entry.
+    /// The root after each entry from which something follows, and after the last.
     pub roots: Vec<Digest>,
     /// The signed checkpoint at its end.
     pub checkpoint: Vec<u8>,
@@ -68,9 +72,11 @@ pub(crate) fn group(
         trial.map_err(|violation| refused(at, violation))?;
         let index = group.tree.size();
         let hashes = group.tree.push_leaf(leaf)?;
-        let (size, root) = (group.tree.size(), group.tree.root()?);
+        let size = group.tree.size();
         group.batch.entry(index, &bytes, &hashes);
+        let mut root = UNUSED_ROOT;
         if needs_checkpoint(&entry.body) || at + 1 == entries.len() {
+            root = group.tree.root()?;
             group.checkpoint = Checkpoint { size, root }
                 .sign(state.genesis_origin(), key)
                 .map_err(|error| LedgerError::Checkpoint { size, error })?;

@@ -9,7 +9,8 @@
 //! - [`state`]: what a network is after the entries so far; [`apply`]: which entry may come next and what it changes, a
 //!   pure function; [`bindings`]: what the ledger fixes about a claim.
 //! - [`tree`], [`checkpoint`], [`receipt`]: RFC 6962, C2SP signed checkpoints, and a node's proof of inclusion.
-//! - [`log`]: the log on disk, over [`store`] (RocksDB) and [`folder`]; [`group`]: where checkpoints are; [`blobs`] beside it.
+//! - [`log`]: the log on disk, over [`store`] (RocksDB) and [`folder`]; [`group`]: where checkpoints are; [`blobs`] beside it;
+//!   [`clock`]: whether the writer's clock can be believed.
 //! - [`replay`]: an auditor reads it all again and believes nothing; `snapshot`: the little of a state that his checks of a
 //!   claim need, to be done later or elsewhere.
 //!
@@ -28,6 +29,7 @@ pub mod bindings;
 pub mod blobs;
 pub mod bundle;
 pub mod checkpoint;
+pub mod clock;
 pub mod codec;
 pub mod cosignature;
 pub mod entry;

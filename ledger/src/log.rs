@@ -16,6 +16,7 @@
 use crate::{
     blobs::Blobs,
     checkpoint::Checkpoint,
+    clock::ClockWatch,
     entry::{Body, Entry, Genesis, ENTRY_VERSION},
     error::{io_error, LedgerError},
     folder,
@@ -31,6 +32,7 @@ use std::{
     fs,
     ops::Range,
     path::{Path, PathBuf},
+    time::Duration,
 };
 use tlog_tiles::tlog::{prove_record, prove_tree};
 use zk0_circuits::Digest;
@@ -46,6 +48,7 @@ pub struct Ledger {
     /// A second copy of the state once a group was appended: the next one is tried on it, and neither copied nor undone.
     trial: Option<Box<State>>,
     checkpoint: Vec<u8>,
+    clock: Option<ClockWatch>,
     poisoned: bool,
 }
 
@@ -84,6 +87,7 @@ impl Ledger {
             state,
             trial: None,
             checkpoint: Vec::new(),
+            clock: None,
             poisoned: false,
         };
         folder::sync(dir)?;
@@ -148,6 +152,7 @@ impl Ledger {
             state,
             trial: None,
             checkpoint: history.checkpoint,
+            clock: None,
             poisoned: false,
         })
     }
@@ -179,6 +184,9 @@ impl Ledger {
     pub fn commit(&mut self, time_ms: u64, bodies: Vec<Body>) -> Result<Range<u64>, LedgerError> {
         if self.poisoned {
             return Err(LedgerError::Poisoned);
+        }
+        if let Some(clock) = &self.clock {
+            clock.check(time_ms)?;
         }
         let time_ms = self.time_ms(time_ms);
         let entries: Vec<Entry> = bodies
@@ -216,6 +224,19 @@ impl Ledger {
         }
         self.trial = tried.or(self.trial.take());
         Ok(first..self.tree.size())
+    }
+
+    /// From now on, entries are refused whose time is further ahead than time has passed ([`crate::clock`]). The clock that
+    /// gives their times shows `clock_ms` now; a clock far behind the last entry is refused at once. `steady` is one that nobody
+    /// sets.
+    pub fn watch_clock(
+        &mut self,
+        clock_ms: u64,
+        steady: impl Fn() -> Duration + Send + Sync + 'static,
+    ) -> Result<(), LedgerError> {
+        let last_ms = self.state.time_ms();
+        self.clock = Some(ClockWatch::begin(clock_ms, last_ms, steady)?);
+        Ok(())
     }
 
     /// The time an entry gets that is recorded now: the clock's, but never before the last entry's.

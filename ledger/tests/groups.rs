@@ -2,21 +2,24 @@
 
 mod network;
 
-use network::{rounds::copy, shelf::*, *};
+use network::{rounds::copy, shelf::*, votes::*, *};
 use proptest::prelude::*;
 use rocksdb::DB;
-use std::path::Path;
+use std::{collections::BTreeSet, path::Path};
 use zk0_circuits::{challenge::challenge, NodeId};
 use zk0_ledger::{
     bundle,
-    entry::NodeEnrolled,
+    entry::{DisputeResolved, NodeEnrolled},
+    governance::{Action, Ballot},
+    group::needs_checkpoint,
     layout::{Kind, Tile},
     mirror::{mirror, MirrorError},
     replay,
     replay::Verdict,
     rules::Participation,
+    signed::{Dispute, Evidence, KeyRotation, KeyTakeover},
     store::Store,
-    tiles, Body, Ledger, LedgerError, Policy, Refusal, Report, RuleViolation,
+    tiles, Body, Ledger, LedgerError, Policy, Refusal, Report, RuleViolation, Signed,
 };
 
 fn verified(dir: &Path) -> Report {
@@ -264,6 +267,105 @@ fn the_opening_of_a_round_that_draws_its_nodes_has_the_checkpoint_that_draws_the
     drop(db);
     assert_eq!(replay(dir.path(), None, &mut ()).verdict, Verdict::Failed);
     assert!(Ledger::open(dir.path(), None, log_key()).is_err());
+}
+
+/// Applies `body` with two roots: what comes of it may differ only where the root has to be signed. In a group, other roots are
+/// not even computed.
+fn step(chain: &mut Chain, kinds: &mut BTreeSet<u8>, body: Body) {
+    let with = |root: u8| {
+        let mut state = chain.state.clone();
+        let next = entry(chain.time_ms + 1, body.clone());
+        state.apply(&digest(root), &next).unwrap();
+        state
+    };
+    assert!(
+        with(1) == with(2) || needs_checkpoint(&body),
+        "the root decides about {body:?}"
+    );
+    kinds.insert(borsh::to_vec(&body).unwrap()[0]);
+    chain.apply(body);
+}
+
+#[test]
+fn a_root_decides_nothing_where_none_is_signed() {
+    let mut kinds = BTreeSet::new();
+    for participation in [
+        Participation::All,
+        Participation::Listed(vec![id(0)]),
+        Participation::Sampled { nodes: 1 },
+    ] {
+        let mut genesis = genesis();
+        genesis.rules.participation = participation;
+        let chain = &mut Chain::founded(genesis);
+        let network = *chain.state.network();
+        for node in 0..8 {
+            step(chain, &mut kinds, enrolled(node));
+            step(chain, &mut kinds, registered(&network, node));
+        }
+        let opening = Body::RoundOpened(opened(&chain.state, chain.time_ms + 1));
+        step(chain, &mut kinds, opening);
+        let may = |state: &zk0_ledger::State, node: u8| {
+            let commit = committed(state, node, weights(0x10 + node));
+            let now = state.time_ms() + 1;
+            state.check(&entry(now, commit)).is_ok()
+        };
+        let contributing: Vec<u8> = (0..8).filter(|node| may(&chain.state, *node)).collect();
+        for &node in &contributing {
+            let body = committed(&chain.state, node, weights(0x10 + node));
+            step(chain, &mut kinds, body);
+        }
+        let accepting = chain.state.entries();
+        for (at, &node) in contributing.iter().enumerate() {
+            let body = match at {
+                1 => rejected(&chain.state, node, invalid_proof()),
+                _ => accepted(&chain.state, node),
+            };
+            step(chain, &mut kinds, body);
+        }
+        let closing = Body::RoundClosed(closed(&chain.state, weights(0x50)));
+        step(chain, &mut kinds, closing);
+        let dispute = Dispute {
+            network,
+            disputer: governor(0),
+            contribution: accepting,
+            evidence: Evidence::Verification,
+        };
+        let disputed = chain.state.entries();
+        let dispute = Body::Disputed(Signed::new(dispute, &governor_key(0)));
+        step(chain, &mut kinds, dispute);
+        let resolved = DisputeResolved {
+            dispute: disputed,
+            upheld: Some(invalid_proof()),
+        };
+        step(chain, &mut kinds, Body::DisputeResolved(resolved));
+        let rotation = KeyRotation {
+            network,
+            node: id(7),
+            with: id(9),
+        };
+        let takeover = KeyTakeover { rotation };
+        let rotated = Body::KeyRotated {
+            rotation: Signed::new(rotation, &key(7)),
+            takeover: Signed::new(takeover, &key(9)),
+        };
+        step(chain, &mut kinds, rotated);
+        let proposal = proposed(&chain.state, 0, Action::Suspend(id(6)));
+        step(chain, &mut kinds, proposal);
+        for governor in 0..3 {
+            let vote = voted(&chain.state, governor, 0, Ballot::For);
+            step(chain, &mut kinds, vote);
+        }
+        chain.wait(VOTING + TIME_LOCK);
+        let outcome = chain.state.outcome(0, chain.time_ms + 1).unwrap();
+        step(chain, &mut kinds, settled(0, outcome));
+    }
+    // All but the genesis.
+    let last = borsh::to_vec(&Body::DisputeResolved(DisputeResolved {
+        dispute: 0,
+        upheld: None,
+    }));
+    let last = last.unwrap()[0];
+    assert_eq!(kinds, (1..=last).collect(), "a kind of entry is not tried");
 }
 
 #[test]

@@ -2,7 +2,7 @@
 
 use ed25519_dalek::SigningKey;
 use zk0_circuits::{Claim, Digest, Losses};
-use zk0_ledger::{signed::Signed, Refusal};
+use zk0_ledger::{signed::Signed, Refusal, Rules, State};
 use zk0_tests::{accepted, ledger_copy, Accepted};
 use zk0_verifier::{blob_digest, check_proof, verify, ProgramKey, UnverifiedContribution};
 
@@ -38,6 +38,37 @@ fn the_real_contribution_is_accepted() {
         verified.claim(),
         &real.contribution.submission.statement.claim
     );
+}
+
+/// The state with other rules: they are encoded twice in it, in the genesis and as the rules in force.
+fn with_rules(state: &State, change: impl FnOnce(&mut Rules)) -> State {
+    let mut rules = state.rules().clone();
+    let encoded = borsh::to_vec(&rules).unwrap();
+    change(&mut rules);
+    let mut bytes = borsh::to_vec(state).unwrap();
+    let genesis = borsh::to_vec(state.genesis()).unwrap().len();
+    let at = genesis
+        + bytes[genesis..]
+            .windows(encoded.len())
+            .position(|window| window == encoded)
+            .unwrap();
+    bytes.splice(at..at + encoded.len(), borsh::to_vec(&rules).unwrap());
+    borsh::from_slice(&bytes).unwrap()
+}
+
+#[test]
+fn an_update_too_far_from_its_base_is_refused() {
+    let real = real();
+    let limited = |bps| {
+        let state = with_rules(&real.state, |rules| rules.max_update_norm_bps = bps);
+        verify(&real.contribution, &state, real.time_ms)
+    };
+    let Err(Refusal::TooFar { bps, limit: 1 }) = limited(1) else {
+        panic!("one basis point is less than any training");
+    };
+    let bps = u32::try_from(bps).unwrap();
+    assert!(limited(bps).is_ok());
+    assert!(matches!(limited(bps - 1), Err(Refusal::TooFar { .. })));
 }
 
 #[test]

@@ -23,7 +23,7 @@ use zk0_ledger::{
     bindings::ExpectedClaim,
     checkpoint::Checkpoint,
     entry::{Body, Entry, Genesis},
-    governance::Governance,
+    governance::{Governance, Governor},
     policy::Policy,
     receipt::Receipt,
     rules::{CreditRule, Disclosure, EnrolmentRule, Participation, Rules, Strategy},
@@ -32,6 +32,9 @@ use zk0_ledger::{
 use zk0_verifier::{blob_digest, Evaluation, ExpertTensors};
 
 pub const START_MS: u64 = 1_700_000_000_000;
+/// The seed of the one governor's key.
+pub const GOVERNOR: u8 = 99;
+pub const VOTING_MS: u64 = 1_000;
 pub const COMMIT_MS: u64 = 60_000;
 pub const SUBMIT_MS: u64 = 120_000;
 pub const MAX_UPDATE_BYTES: u64 = 200_000;
@@ -83,7 +86,15 @@ pub fn genesis() -> Genesis {
                 dispute_window_ms: 1000,
             },
             witness_policy: String::new(),
-            governance: Governance::none(),
+            governance: Governance {
+                governors: vec![Governor {
+                    key: Node::new(GOVERNOR).id(),
+                    name: "governor".into(),
+                    weight: 1,
+                }],
+                voting_ms: VOTING_MS,
+                ..Governance::none()
+            },
         },
         program: vec![0; 32],
         mode: Mode::Direct,

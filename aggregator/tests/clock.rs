@@ -1,0 +1,58 @@
+//! An aggregator whose clock is set forward records nothing by it, until its operator starts it again.
+
+mod harness;
+
+use harness::*;
+use std::fmt::{Debug, Display};
+use std::sync::Arc;
+use zk0_aggregator::{Aggregator, Config, ManualClock};
+use zk0_circuits::NodeId;
+
+fn id(seed: u8) -> NodeId {
+    let key = ed25519_dalek::SigningKey::from_bytes(&[seed; 32]);
+    NodeId(key.verifying_key().to_bytes())
+}
+
+fn leapt<T: Debug, E: Debug + Display>(result: Result<T, E>) {
+    let error = result.unwrap_err().to_string();
+    assert!(error.contains("leapt"), "{error}");
+}
+
+#[test]
+fn a_clock_set_forward_opens_no_round_and_ends_none() {
+    let dir = tempfile::tempdir().unwrap();
+    let clock = Arc::new(ManualClock::at(START_MS));
+    let config = Config {
+        rounds: None,
+        min_nodes: 0,
+    };
+    let mut aggregator = Aggregator::found(
+        dir.path(),
+        genesis(),
+        log_key(),
+        POLICY,
+        &weights(0),
+        clock.clone(),
+        config,
+    )
+    .unwrap();
+    clock.advance(24 * 3_600_000);
+    aggregator.enrol(id(1), "one".into()).unwrap();
+    let entries = aggregator.state().entries();
+    clock.set_forward(365 * 24 * 3_600_000);
+    leapt(aggregator.step());
+    leapt(aggregator.enrol(id(2), "two".into()));
+    assert_eq!(aggregator.state().entries(), entries);
+    drop(aggregator);
+    // Started again with that clock, it is believed.
+    let open =
+        |clock: ManualClock| Aggregator::open(dir.path(), None, log_key(), Arc::new(clock), config);
+    let behind = open(ManualClock::at(START_MS)).map(drop).unwrap_err();
+    assert!(
+        behind.to_string().contains("before the last entry"),
+        "{behind}"
+    );
+    let now = ManualClock::at(START_MS + 366 * 24 * 3_600_000);
+    let mut aggregator = open(now).unwrap();
+    aggregator.enrol(id(2), "two".into()).unwrap();
+}

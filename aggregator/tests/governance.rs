@@ -1,0 +1,296 @@
+//! What members say over the network becomes rules; what was accepted and is false is found out.
+
+mod harness;
+
+use harness::*;
+use std::sync::Arc;
+use tonic::{Code, Status};
+use zk0_aggregator::{proto, Aggregator, Config, ManualClock, Progress};
+use zk0_circuits::Digest;
+use zk0_ledger::{
+    entry::{Body, Contributor, NodeEnrolled, RoundClosed},
+    governance::{Action, Ballot, Outcome},
+    log::Ledger,
+    rules::Participation,
+    signed::{Dispute, Evidence, KeyRotation, KeyTakeover, Proposal, Signed, Vote},
+    state::Standing,
+    Refusal, Rules,
+};
+
+type Test = Result<(), Box<dyn std::error::Error>>;
+
+async fn record(network: &Network, body: &Body) -> Result<u64, Status> {
+    let request = proto::RecordRequest {
+        body: borsh::to_vec(body).unwrap(),
+    };
+    let receipt = network.client().await.record(request).await?.into_inner();
+    let (index, _, entry) = network.opened(receipt);
+    assert_eq!(&entry.body, body);
+    Ok(index)
+}
+
+fn proposal(network: &Network, by: &Node, number: u64, action: Action) -> Body {
+    let proposal = Proposal {
+        network: network.genesis.network_id(),
+        number,
+        proposer: by.id(),
+        title: "smaller rounds".into(),
+        text: String::new(),
+        action,
+    };
+    Body::Proposed(Signed::new(proposal, &by.key))
+}
+
+fn vote(network: &Network, by: &Node, ballot: Ballot) -> Body {
+    let vote = Vote {
+        network: network.genesis.network_id(),
+        proposal: 0,
+        voter: by.id(),
+        ballot,
+    };
+    Body::Voted(Signed::new(vote, &by.key))
+}
+
+fn config() -> Config {
+    Config {
+        rounds: Some(3),
+        min_nodes: 2,
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_vote_changes_the_next_round() -> Test {
+    let (governor, first, second) = (Node::new(GOVERNOR), Node::new(1), Node::new(2));
+    let mut network = Network::start(&[&first, &second], config()).await;
+    for node in [&first, &second] {
+        node.register(&network).await?;
+    }
+    network.settle().await;
+    let rules = Rules {
+        participation: Participation::Listed(vec![first.id()]),
+        ..network.genesis.rules.clone()
+    };
+    let action = Action::ChangeRules(Box::new(rules.clone()));
+    let proposed = proposal(&network, &governor, 0, action.clone());
+    let index = record(&network, &proposed).await?;
+    // Asked again, after a restart even, the same receipt; and no second entry.
+    network.restart().await;
+    assert_eq!(record(&network, &proposed).await?, index);
+    let stranger = proposal(&network, &first, 1, action);
+    refused(
+        record(&network, &stranger).await,
+        Code::FailedPrecondition,
+        "no vote",
+    );
+    record(&network, &vote(&network, &governor, Ballot::For)).await?;
+    let info = network
+        .client()
+        .await
+        .get_governance(proto::GetGovernanceRequest {})
+        .await?;
+    let info = info.into_inner();
+    assert_eq!(info.next_proposal, 1);
+    assert_eq!(
+        (info.proposals[0].for_it, info.proposals[0].electorate),
+        (1, 1)
+    );
+    assert_eq!(
+        borsh::from_slice::<Rules>(&info.rules)?,
+        network.genesis.rules
+    );
+
+    // The vote's time is over in the middle of the round: it takes effect with the next.
+    network.clock.advance(VOTING_MS + 1);
+    network.settle().await;
+    assert!(network.round(Some(0)).await.closed.is_none());
+    network.clock.advance(SUBMIT_MS);
+    network.settle().await;
+    let bodies: Vec<_> = network
+        .entries()
+        .await
+        .into_iter()
+        .map(|entry| entry.body)
+        .collect();
+    let at = |what: fn(&Body) -> bool| bodies.iter().rposition(what).unwrap();
+    let closed = at(|body| matches!(body, Body::RoundClosed(closed) if closed.round == 0));
+    let settled = at(
+        |body| matches!(body, Body::ProposalSettled(settled) if settled.outcome == Outcome::Executed),
+    );
+    let opened = at(|body| matches!(body, Body::RoundOpened(opened) if opened.round == 1));
+    assert!(closed < settled && settled < opened);
+    assert!(matches!(&bodies[opened], Body::RoundOpened(opened) if opened.rules == rules));
+    // Who is not listed is told so, and before it trains.
+    let asked = |node: &Node| proto::GetRoundRequest {
+        round: Some(1),
+        node: node.id().0.to_vec(),
+    };
+    for (node, invited) in [(&first, true), (&second, false)] {
+        let info = network
+            .client()
+            .await
+            .get_round(asked(node))
+            .await?
+            .into_inner();
+        assert_eq!(info.invited, invited);
+    }
+    second.upload(&network, 1, &weights(3)).await?;
+    refused(
+        second.commit(&network, 1, &weights(3)).await,
+        Code::PermissionDenied,
+        "not among those",
+    );
+    Ok(())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn only_what_members_may_say_is_recorded() -> Test {
+    let network = Network::start(&[], config()).await;
+    let enrolled = Body::NodeEnrolled(NodeEnrolled {
+        node: Node::new(5).id(),
+        name: "by myself".into(),
+    });
+    refused(
+        record(&network, &enrolled).await,
+        Code::InvalidArgument,
+        "neither a proposal",
+    );
+    for bytes in [vec![], vec![255], vec![0; (64 << 10) + 1]] {
+        let request = proto::RecordRequest { body: bytes };
+        let result = network.client().await.record(request).await;
+        refused(result, Code::InvalidArgument, "record");
+    }
+    assert_eq!(network.entries().await.len(), 1);
+    Ok(())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_node_goes_on_under_its_next_key() -> Test {
+    let (first, second, next) = (Node::new(1), Node::new(2), Node::new(7));
+    let network = Network::start(&[&first, &second], config()).await;
+    for node in [&first, &second] {
+        node.register(&network).await?;
+    }
+    network.settle().await;
+    let rotation = KeyRotation {
+        network: network.genesis.network_id(),
+        node: first.id(),
+        with: next.id(),
+    };
+    let body = Body::KeyRotated {
+        rotation: Signed::new(rotation, &first.key),
+        takeover: Signed::new(KeyTakeover { rotation }, &next.key),
+    };
+    record(&network, &body).await?;
+    refused(
+        first.upload(&network, 0, &weights(1)).await,
+        Code::PermissionDenied,
+        "not enrolled",
+    );
+    next.upload(&network, 0, &weights(1)).await?;
+    Ok(())
+}
+
+/// A ledger whose aggregator accepted, in round 0, a proof that is none, from node 1; and is honest from then on.
+fn with_a_false_contribution(
+) -> Result<(tempfile::TempDir, Aggregator, u64), Box<dyn std::error::Error>> {
+    let (dir, clock) = (tempfile::tempdir()?, Arc::new(ManualClock::at(START_MS)));
+    let node = Node::new(1);
+    let open =
+        |clock: Arc<ManualClock>| Aggregator::open(dir.path(), None, log_key(), clock, config());
+    let mut aggregator = Aggregator::found(
+        dir.path(),
+        genesis(),
+        log_key(),
+        POLICY,
+        &weights(0),
+        clock.clone(),
+        Config {
+            rounds: Some(1),
+            min_nodes: 1,
+        },
+    )?;
+    let network = genesis().network_id();
+    aggregator.enrol(node.id(), "the only one".into())?;
+    aggregator.register(
+        &borsh::to_vec(&node.registration(&network))?,
+        &flat(&node.leaves()),
+    )?;
+    assert_eq!(aggregator.step()?, Progress::Opened(0));
+    drop(aggregator);
+    let mut ledger = Ledger::open(dir.path(), None, log_key())?;
+    let update = weights(1);
+    for blob in [&update[..], b"no proof"] {
+        ledger.blobs().put(blob)?;
+    }
+    let commitment = node.commitment(&network, 0, &update);
+    ledger.append(
+        START_MS,
+        Body::UpdateCommitted(Signed::new(commitment, &node.key)),
+    )?;
+    let claim = node.claim_of(ledger.state().expected_claim(&node.id())?);
+    let submission = node.submission(claim, b"no proof");
+    let accepted = ledger
+        .append(START_MS, Body::ContributionAccepted(submission))?
+        .index;
+    let contributors = ledger.state().contributors();
+    assert!(matches!(
+        contributors[..],
+        [Contributor { credits: 1.., .. }]
+    ));
+    let closed = RoundClosed {
+        round: 0,
+        global: digest(&update),
+        contributors,
+    };
+    ledger.append(START_MS, Body::RoundClosed(closed))?;
+    drop(ledger);
+    let aggregator = open(clock)?;
+    Ok((dir, aggregator, accepted))
+}
+
+#[test]
+fn a_disputed_contribution_is_verified_again() -> Test {
+    let (_dir, mut aggregator, accepted) = with_a_false_contribution()?;
+    let node = Node::new(1);
+    let earned = |aggregator: &Aggregator| aggregator.state().node(&node.id()).unwrap().credits;
+    assert!(earned(&aggregator) > 0);
+    let governor = Node::new(GOVERNOR);
+    let dispute = Dispute {
+        network: *aggregator.state().network(),
+        disputer: governor.id(),
+        contribution: accepted,
+        evidence: Evidence::Verification,
+    };
+    let body = Body::Disputed(Signed::new(dispute, &governor.key));
+    let entry = aggregator.record(&borsh::to_vec(&body)?)?.index;
+    assert_eq!(aggregator.step()?, Progress::Resolved(entry));
+    let last = aggregator.ledger().entry(aggregator.ledger().size() - 1)?;
+    let Body::DisputeResolved(resolved) = last.body else {
+        panic!("{last:?}");
+    };
+    assert_eq!(resolved.dispute, entry);
+    assert!(matches!(resolved.upheld, Some(Refusal::MalformedProof(_))));
+    assert_eq!(earned(&aggregator), 0);
+    let standing = aggregator.state().node(&node.id()).unwrap().standing;
+    assert_eq!(standing, Standing::Suspended);
+    // Nobody is ready for another round.
+    assert_eq!(aggregator.step()?, Progress::Waiting);
+    Ok(())
+}
+
+#[test]
+fn a_dispute_by_what_a_document_says_waits_for_a_vote() -> Test {
+    let (_dir, mut aggregator, accepted) = with_a_false_contribution()?;
+    let governor = Node::new(GOVERNOR);
+    let dispute = Dispute {
+        network: *aggregator.state().network(),
+        disputer: governor.id(),
+        contribution: accepted,
+        evidence: Evidence::Document(Digest([1; 32])),
+    };
+    let body = Body::Disputed(Signed::new(dispute, &governor.key));
+    aggregator.record(&borsh::to_vec(&body)?)?;
+    assert_eq!(aggregator.state().disputes().len(), 1);
+    assert_eq!(aggregator.state().undecided(), None);
+    Ok(())
+}

@@ -1,0 +1,167 @@
+//! What is too large, unknown or no text: refused with a reason before anything is written, and named when it is found on disk.
+
+mod network;
+
+use network::*;
+use rocksdb::DB;
+use zk0_ledger::{
+    codec::EntryError,
+    entry::{NodeEnrolled, ENTRY_VERSION, MAX_ENTRY_BYTES},
+    replay,
+    replay::Verdict,
+    signed::DatasetRegistration,
+    store::{Batch, Store},
+    tree::Frontier,
+    Body, Checkpoint, Entry, Ledger, LedgerError, RuleViolation, Signed,
+};
+
+/// An entry of exactly so many bytes: an enrolment with a name that long.
+fn of_bytes(bytes: usize) -> Body {
+    let named = |length: usize| {
+        Body::NodeEnrolled(NodeEnrolled {
+            node: id(1),
+            name: "n".repeat(length),
+        })
+    };
+    let empty = borsh::to_vec(&entry(T0, named(0))).unwrap().len();
+    named(bytes - empty)
+}
+
+#[test]
+fn an_entry_over_the_limit_is_refused_and_the_log_goes_on() {
+    let dir = tempfile::tempdir().unwrap();
+    let (mut ledger, _) = Ledger::create(dir.path(), genesis(), log_key(), T0).unwrap();
+    for bytes in [MAX_ENTRY_BYTES + 1, 1 << 20] {
+        let alone = ledger.append(T0, of_bytes(bytes)).map(drop);
+        match alone {
+            Err(LedgerError::Rule(RuleViolation::Entry(EntryError::TooLarge(found)))) => {
+                assert_eq!(found, bytes)
+            }
+            other => panic!("{other:?}"),
+        }
+        let among = ledger.append_all(T0, vec![enrolled(0), of_bytes(bytes)]);
+        match among {
+            Err(LedgerError::InGroup {
+                at: 1,
+                of: 2,
+                violation: RuleViolation::Entry(EntryError::TooLarge(found)),
+            }) => assert_eq!(found, bytes),
+            other => panic!("{other:?}"),
+        }
+    }
+    // At the limit it is an entry, and the rules have their own say about it.
+    let at_limit = ledger.append(T0, of_bytes(MAX_ENTRY_BYTES)).map(drop);
+    assert!(
+        matches!(
+            at_limit,
+            Err(LedgerError::Rule(RuleViolation::BadNode { .. }))
+        ),
+        "{at_limit:?}"
+    );
+    // One that a node signed, with more episodes than an entry holds.
+    ledger.append(T0, enrolled(0)).unwrap();
+    let network = *ledger.state().network();
+    let endless = DatasetRegistration {
+        episodes: (0..3000u32)
+            .map(|episode| {
+                let mut digest = [0; 32];
+                digest[..4].copy_from_slice(&episode.to_be_bytes());
+                zk0_circuits::Digest(digest)
+            })
+            .collect(),
+        ..registration(&network, 0)
+    };
+    let refused = ledger.append(T0, Body::DatasetCommitted(Signed::new(endless, &key(0))));
+    assert!(
+        matches!(
+            refused,
+            Err(LedgerError::Rule(RuleViolation::Entry(
+                EntryError::TooLarge(_)
+            )))
+        ),
+        "{refused:?}"
+    );
+    ledger.append(T0, registered(&network, 0)).unwrap();
+    drop(ledger);
+    let report = replay(dir.path(), None, &mut ());
+    assert_eq!((report.verdict, report.entries), (Verdict::Verified, 3));
+}
+
+#[test]
+fn unknown_versions_kinds_and_bytes_that_are_no_text_are_each_named() {
+    let good = entry(T0, enrolled(1)).encode().unwrap();
+    assert!(Entry::decode(&good).is_ok());
+    let with = |at: usize, byte: u8| {
+        let mut bytes = good.clone();
+        bytes[at] = byte;
+        Entry::decode(&bytes).unwrap_err()
+    };
+    assert_eq!(with(0, 2), EntryError::UnknownVersion(2));
+    assert_eq!(with(1, 1), EntryError::UnknownVersion(256 + ENTRY_VERSION));
+    let malformed = |error: EntryError, words: &str| match error {
+        EntryError::Malformed(text) => assert!(text.contains(words), "{text}"),
+        other => panic!("{other:?}"),
+    };
+    // After version and time comes the kind; the name ends the entry.
+    for kind in [100, 255] {
+        malformed(with(10, kind), &kind.to_string());
+    }
+    for byte in [0xff, 0xc0, 0x80] {
+        malformed(with(good.len() - 1, byte), "utf-8");
+    }
+    malformed(Entry::decode(b"").unwrap_err(), "");
+    malformed(Entry::decode(&good[..good.len() - 1]).unwrap_err(), "");
+    malformed(
+        Entry::decode(&[&good[..], b"\0"].concat()).unwrap_err(),
+        "Not all bytes read",
+    );
+}
+
+/// What an operator with the log's key might put on disk past our own code: signed, and still refused by whoever reads it.
+#[test]
+fn signed_or_not_such_bytes_on_disk_are_refused_by_name() {
+    let good = entry(T0, enrolled(1)).encode().unwrap();
+    let last = good.len() - 1;
+    for (at, byte, words) in [
+        (0, 9, "version 9"),
+        (10, 200, "not an entry"),
+        (last, 0xff, "not an entry"),
+    ] {
+        let mut bytes = good.clone();
+        bytes[at] = byte;
+        let dir = tempfile::tempdir().unwrap();
+        let (ledger, receipt) = Ledger::create(dir.path(), genesis(), log_key(), T0).unwrap();
+        drop(ledger);
+        let mut tree = Frontier::default();
+        tree.push(&receipt.entry).unwrap();
+        let hashes = tree.push(&bytes).unwrap();
+        let signed = Checkpoint {
+            size: 2,
+            root: tree.root().unwrap(),
+        };
+        let text = signed.sign(&genesis().name, &log_key()).unwrap();
+        let store = Store::open(&dir.path().join("log")).unwrap();
+        let mut batch = Batch::default();
+        batch.entry(1, &bytes, &hashes);
+        batch.checkpoint(2, &text);
+        store.commit(batch).unwrap();
+        drop(store);
+        std::fs::write(dir.path().join("checkpoint"), &text).unwrap();
+        match Ledger::open(dir.path(), None, log_key()).map(drop) {
+            Err(LedgerError::BadEntry { index: 1, why }) => {
+                assert!(why.contains(words), "{why}")
+            }
+            other => panic!("{other:?}"),
+        }
+        let report = replay(dir.path(), None, &mut ());
+        assert_eq!(report.verdict, Verdict::Failed);
+        assert_eq!(report.findings[0].index, Some(1));
+        assert!(report.findings[0].text.contains(words));
+        // The log below it is intact.
+        let db = DB::open_default(dir.path().join("log")).unwrap();
+        assert_eq!(
+            db.get(*b"e\0\0\0\0\0\0\0\0").unwrap(),
+            Some(receipt.entry.clone())
+        );
+    }
+}
