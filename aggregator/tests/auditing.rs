@@ -15,11 +15,12 @@ use tempfile::TempDir;
 use zk0_aggregator::audit::{Auditor, Checked, Depth, What, Why};
 use zk0_ledger::{
     blobs::Blobs,
-    entry::Body,
+    entry::{Body, DisputeResolved, RoundClosed},
     folder,
     replay::{replay, replay_with, Keep, Options, Report, Saved, Verdict},
+    signed::{Dispute, Evidence, Signed},
     store::Store,
-    Entry,
+    Entry, Ledger, Refusal,
 };
 
 type Test = Result<(), Box<dyn std::error::Error>>;
@@ -337,5 +338,86 @@ async fn what_is_not_checked_is_counted_by_kind() -> Test {
             .starts_with("2 refusals' reasons: the first, "),
         "{line}"
     );
+    Ok(())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_dispute_is_decided_as_verification_says() -> Test {
+    let (network, first, second) = open_round().await;
+    committed(&network, &first, 0, 1).await;
+    let submission = first.submission(first.claim(&network).await, b"no proof");
+    committed(&network, &second, 0, 2).await;
+    let late = second.submission(second.claim(&network).await, b"none either");
+    let bytes = [b"no proof".as_slice(), b"none either"];
+    let put = move |aggregator: &mut zk0_aggregator::Aggregator| {
+        for bytes in bytes {
+            aggregator.ledger().blobs().put(bytes)?;
+        }
+        Ok(())
+    };
+    network.service().with(put).await?;
+    // Whoever holds the log's key accepts what does not verify, and decides as he likes when it is disputed.
+    let unknown = |first: &[u8; 4]| {
+        Refusal::MalformedProof(format!(
+            "unknown kind of proof {}",
+            u32::from_le_bytes(*first)
+        ))
+    };
+    let cases = [
+        (None, false),
+        (Some(Refusal::OtherProgram), false),
+        (Some(unknown(b"no p")), true),
+    ];
+    for (upheld, holds) in cases {
+        let dir = copy_of(network.dir.path());
+        let mut ledger = Ledger::open(dir.path(), None, log_key())?;
+        let accepted = ledger.append(START_MS, Body::ContributionAccepted(submission.clone()))?;
+        ledger.append(
+            START_MS,
+            Body::ContributionRejected {
+                submission: late.clone(),
+                reason: unknown(b"none"),
+            },
+        )?;
+        let state = ledger.state();
+        let closed = RoundClosed {
+            round: 0,
+            global: digest(&weights(9)),
+            contributors: state.contributors(),
+        };
+        let dispute = Dispute {
+            network: *state.network(),
+            disputer: second.id(),
+            contribution: accepted.index,
+            evidence: Evidence::Verification,
+        };
+        ledger.append(START_MS, Body::RoundClosed(closed))?;
+        let dispute = Body::Disputed(Signed::new(dispute, &second.key));
+        let dispute = ledger.append(START_MS, dispute)?.index;
+        let resolved = DisputeResolved { dispute, upheld };
+        let index = ledger
+            .append(START_MS, Body::DisputeResolved(resolved))?
+            .index;
+        drop(ledger);
+        let mut auditor = Auditor::new(Depth::Full);
+        let report = replay(dir.path(), None, &mut auditor);
+        let said = report.findings.iter().any(|finding| {
+            finding.index == Some(index) && finding.text.contains("verification says: not an SP1")
+        });
+        assert_eq!(said, !holds, "{:?}", report.findings);
+        assert_eq!(auditor.checked().disputes, u64::from(holds));
+        // In two parts, with the contribution in the first.
+        let scratch = tempfile::tempdir()?;
+        let file = scratch.path().join("state");
+        let part = copy_of(dir.path());
+        let (size, text) = checkpoints(dir.path())
+            .into_iter()
+            .rfind(|(size, _)| *size < index)
+            .ok_or("no earlier checkpoint")?;
+        cut(part.path(), size, &text);
+        go_on(part.path(), Depth::Full, &file)?;
+        let then = go_on(dir.path(), Depth::Full, &file)?;
+        assert_eq!(then, (report, auditor.checked()));
+    }
     Ok(())
 }

@@ -61,7 +61,7 @@ struct Made {
     ledger: Ledger,
     time_ms: u64,
     seed: u8,
-    /// What refusals say; the true reason if there is nothing.
+    /// What refusals say; then all but the last node are accepted. If there is nothing, all are refused for the true reason.
     lie: Option<&'static str>,
 }
 
@@ -84,11 +84,15 @@ impl Made {
     }
 
     fn found(dir: &Path, seed: u8) -> Self {
+        Self::found_with(dir, seed, [9; 32], String::new())
+    }
+
+    fn found_with(dir: &Path, seed: u8, nonce: [u8; 32], witness_policy: String) -> Self {
         let key = SigningKey::from_bytes(&[7; 32]);
         let genesis = Genesis {
             name: "zk0.example/audit<test>".into(),
             log_key: key.verifying_key().to_bytes(),
-            nonce: [9; 32],
+            nonce,
             rules: Rules {
                 min_dataset_samples: 4,
                 eval_samples: 2,
@@ -108,7 +112,7 @@ impl Made {
                     max_per_contribution: 1000,
                     dispute_window_ms: 1000,
                 },
-                witness_policy: String::new(),
+                witness_policy,
                 governance: Governance::none(),
             },
             program: vec![0; 32],
@@ -155,7 +159,7 @@ impl Made {
         self.ledger.append(self.time_ms, body).unwrap();
     }
 
-    /// A round in which everybody is refused.
+    /// A round.
     fn round(&mut self) {
         let state = self.ledger.state();
         let (network, round) = (*state.network(), state.next_round());
@@ -190,8 +194,8 @@ impl Made {
                 eval_samples: expected.eval_samples,
                 min_improvement_bps: expected.min_improvement_bps,
                 losses: zk0_circuits::Losses::Disclosed {
-                    before: 1000,
-                    after: 900,
+                    before: 4_000_000_000 / (round + 2),
+                    after: 4_000_000_000 / (round + 3),
                     elements: 10,
                 },
                 weight_check: None,
@@ -202,20 +206,24 @@ impl Made {
                 .put(&[NO_PROOF, &[node][..]].concat())
                 .unwrap();
             let submission = Signed::new(Submission { claim, proof }, &Self::node(node));
-            self.append(Body::ContributionRejected {
-                submission,
-                reason: Refusal::MalformedProof(match self.lie {
-                    Some(lie) => lie.into(),
-                    None => {
-                        format!("unknown kind of proof {}", u32::from_le_bytes(*NO_PROOF))
-                    }
-                }),
+            let truth = format!("unknown kind of proof {}", u32::from_le_bytes(*NO_PROOF));
+            let last = usize::from(node) + 1 == NAMES.len();
+            self.append(match self.lie {
+                Some(_) if !last => Body::ContributionAccepted(submission),
+                lie => Body::ContributionRejected {
+                    submission,
+                    reason: Refusal::MalformedProof(lie.map_or(truth, str::to_owned)),
+                },
             });
         }
+        let contributors = self.ledger.state().contributors();
         self.append(Body::RoundClosed(RoundClosed {
             round,
-            global: base,
-            contributors: Vec::new(),
+            global: match contributors.is_empty() {
+                true => base,
+                false => weights(round as u8, 0x33),
+            },
+            contributors,
         }));
     }
 }
@@ -351,7 +359,9 @@ fn an_audit_with_a_memory_reads_what_is_new_and_ends_the_same() {
     drop(made.ledger);
     let said = replay(&fork);
     assert!(said.contains("FORKED"), "{said}");
-    let said = replay(Path::new(LEDGER));
+    let stranger = scratch.path().join("stranger");
+    drop(Made::found_with(&stranger, 0, [10; 32], String::new()).ledger);
+    let said = replay(&stranger);
     assert!(said.contains("is of network"), "{said}");
     // A light memory is none for a full audit, a damaged one for nobody: both begin anew, and say so.
     let (said, log) = ends(
@@ -414,7 +424,7 @@ fn a_report_for_browsers_holds_no_script_and_loads_nothing() {
             .next()
             .unwrap();
         assert!(ELEMENTS.contains(&name), "<{tag}>");
-        for attribute in ["src", "href", "url(", " on", "http:", "https:"] {
+        for attribute in ["src=", "href", "url(", " on", "http:", "https:"] {
             assert!(!tag.contains(attribute), "<{tag}>");
         }
     }
@@ -439,22 +449,18 @@ fn a_report_for_browsers_holds_no_script_and_loads_nothing() {
     assert_eq!(data["story"]["nodes"][0]["name"], NAMES[0]);
     assert_eq!(data["story"]["refusals"]["malformed proof"], 6);
     // The verdict is the audit's, and it quotes what it found.
-    let (lies, mut made) = {
-        let lies = scratch.path().join("lies");
-        let made = Made::found(&lies, 0);
-        (lies, made)
-    };
+    let lies = scratch.path().join("lies");
+    let mut made = Made::found(&lies, 0);
     made.lie = Some("<script>because()</script>");
-    made.round();
+    (0..12).for_each(|_| made.round());
     drop(made.ledger);
     ends(1, &["audit", "replay", text(&lies), "--html", text(&page)]);
     let html = fs::read_to_string(&page).unwrap();
     assert!(html.contains("FAILED") && html.contains("class=\"fault\""));
     assert!(html.contains("&lt;script&gt;because") && !html.contains("<script"));
-    // The committed ledger discloses losses.
-    succeeds(&["audit", "replay", LEDGER, "--html", text(&page)]);
-    let html = fs::read_to_string(&page).unwrap();
+    // Contributions, reasons, credits and losses.
     assert_eq!(html.matches("<svg").count(), 4);
+    assert_eq!(html.matches("<polyline").count(), 4);
 }
 
 #[test]
@@ -652,4 +658,48 @@ fn a_watch_wants_the_quorum_it_was_told_to() {
             "{said}"
         );
     }
+}
+
+/// The log's key signs alone what the rules want cosigned: whoever reads the published log notices without being told to.
+#[test]
+fn the_networks_own_rules_ask_for_witnesses() {
+    let scratch = tempfile::tempdir().unwrap();
+    let place = |name: &str| scratch.path().join(name);
+    let (dir, out) = (place("ledger"), place("out"));
+    let witness = succeeds(&[
+        "witness",
+        "keygen",
+        text(&place("w.key")),
+        "--name",
+        "witness.example/w",
+    ]);
+    let policy = format!(
+        "witness W {} http://127.0.0.1:1\nquorum W\n",
+        witness.trim_end()
+    );
+    drop(Made::found_with(&dir, 0, [9; 32], policy).ledger);
+    export(&dir, &out);
+    let (said, _) = ends(1, &["audit", "replay", text(&out)]);
+    assert!(
+        said.contains("FAILED") && said.contains("lacks the cosignatures"),
+        "{said}"
+    );
+    // The folder itself may be ahead of what is published.
+    succeeds(&["audit", "replay", text(&dir)]);
+    // Nor is it served without them.
+    let key = place("log.key");
+    fs::write(&key, format!("{}\n", "07".repeat(32))).unwrap();
+    let (_, why) = ends(
+        1,
+        &[
+            "aggregator",
+            "serve",
+            text(&dir),
+            "--key",
+            text(&key),
+            "--policy",
+            text(&key),
+        ],
+    );
+    assert!(why.contains("rules name its witnesses"), "{why}");
 }

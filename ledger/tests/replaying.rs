@@ -323,7 +323,7 @@ fn progress_is_told_to_the_end() {
     assert_eq!(most.into_inner(), size);
 }
 
-/// `ENTRIES=1000000 cargo test --release … --test replaying -- --ignored --nocapture`
+/// `ENTRIES=1000000 cargo test --release --workspace --locked --test replaying -- --ignored --nocapture`
 #[test]
 #[ignore = "a measurement"]
 fn replay_speed_and_memory() {
@@ -332,9 +332,11 @@ fn replay_speed_and_memory() {
     let mut long = Long::found(dir.path(), 0);
     long.rounds(entries.div_ceil(ROUND));
     let size = long.size();
+    let signatures = 8 + (size - 17) / ROUND * (ROUND - 2);
     drop(long);
+    let state = zk0_ledger::replay(dir.path(), None, &mut ());
     for threads in [Some(1), None] {
-        let before = peak_memory_mib(true);
+        let (before, cpu) = (peak_memory_mib(true), cpu_seconds());
         let start = Instant::now();
         let options = Options {
             threads: threads.and_then(NonZeroUsize::new),
@@ -342,14 +344,33 @@ fn replay_speed_and_memory() {
         };
         let report = replay_with(dir.path(), options, &mut ());
         let seconds = start.elapsed().as_secs_f64();
+        assert_eq!(report, state);
         assert_eq!((report.verdict, report.entries), (Verdict::Verified, size));
         println!(
-            "{size} entries, {} checkpoints, threads {threads:?}: {seconds:.1} s, {:.0} entries/s; memory {before} MiB before, at most {} MiB",
+            "{size} entries with {signatures} signatures and {} checkpoints, threads {threads:?}: {seconds:.1} s, {:.0} entries/s; \
+             {:.1} s of CPU time; memory {before} MiB before, at most {} MiB",
             report.checkpoints,
             size as f64 / seconds,
+            cpu_seconds() - cpu,
             peak_memory_mib(false)
         );
     }
+}
+
+/// CPU time that this process has used, in seconds.
+fn cpu_seconds() -> f64 {
+    let stat = fs::read_to_string("/proc/self/stat").unwrap();
+    let fields: Vec<&str> = stat
+        .rsplit(')')
+        .next()
+        .unwrap()
+        .split_whitespace()
+        .collect();
+    let ticks: u64 = fields[11..13]
+        .iter()
+        .map(|field| field.parse::<u64>().unwrap())
+        .sum();
+    ticks as f64 / 100.0
 }
 
 /// The process' largest resident set so far, in MiB; counted from now on if `reset`.
@@ -359,11 +380,12 @@ fn peak_memory_mib(reset: bool) -> u64 {
     }
     let status = fs::read_to_string("/proc/self/status").unwrap();
     let line = status.lines().find(|line| line.starts_with("VmHWM:"));
-    line.unwrap()
+    let kib: u64 = line
+        .unwrap()
         .split_whitespace()
         .nth(1)
         .unwrap()
-        .parse::<u64>()
-        .unwrap()
-        / 1024
+        .parse()
+        .unwrap();
+    kib / 1024
 }

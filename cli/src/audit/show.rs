@@ -119,7 +119,11 @@ pub fn run(options: &Options) -> Result<bool> {
 /// One entry, whose place in the signed tree is checked, and nothing else.
 fn one(options: &Options, index: u64) -> Result<()> {
     let bytes = open_log(&options.ledger, &options.trust, |log, _, _| {
-        log.entry(index)
+        let size = log.checkpoint().size;
+        match index < size {
+            true => log.entry(index),
+            false => Err(PublishedError::NoEntry { index, size }),
+        }
     })?;
     let entry = Entry::decode(&bytes)?;
     if options.json {
