@@ -5,7 +5,9 @@ mod harness;
 use harness::*;
 use std::sync::Arc;
 use tonic::{Code, Status};
-use zk0_aggregator::{proto, Aggregator, Config, ManualClock, Progress};
+use zk0_aggregator::{
+    proto, service::ServeError, Aggregator, Config, ManualClock, Progress, Service,
+};
 use zk0_circuits::Digest;
 use zk0_ledger::{
     entry::{Body, Contributor, NodeEnrolled, RoundClosed},
@@ -292,5 +294,27 @@ fn a_dispute_by_what_a_document_says_waits_for_a_vote() -> Test {
     aggregator.record(&borsh::to_vec(&body)?)?;
     assert_eq!(aggregator.state().disputes().len(), 1);
     assert_eq!(aggregator.state().undecided(), None);
+    Ok(())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn nothing_is_served_without_the_witnesses_that_the_rules_name() -> Test {
+    let mut genesis = genesis();
+    let witness = zk0_ledger::cosignature::Cosigner::new("witness.example/w", log_key())?;
+    let line = format!("witness W {} http://127.0.0.1:1\nquorum W\n", witness.key());
+    genesis.rules.witness_policy = line;
+    let dir = tempfile::tempdir()?;
+    let aggregator = Aggregator::found(
+        dir.path(),
+        genesis,
+        log_key(),
+        POLICY,
+        &weights(0),
+        Arc::new(ManualClock::at(START_MS)),
+        config(),
+    )?;
+    let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await?;
+    let served = Service::new(aggregator).serve(listener, std::future::ready(()));
+    assert!(matches!(served.await, Err(ServeError::OtherWitnesses)));
     Ok(())
 }

@@ -4,6 +4,7 @@ use crate::{
     chart::{self, Bars},
     dataset::RecordingName,
     frames::{CacheOptions, Naming, Ready},
+    place::PlaceOptions,
     policy_source::{self, PolicySource},
 };
 use anyhow::{bail, Context, Result};
@@ -14,7 +15,6 @@ use zk0_smolvla::{
     action_error::{sample_actions, ActionError, STEPS},
     batch::SampleSource,
     dataset::Dataset,
-    device::device,
     evaluate::fixed_draws,
     prefix_cache::{FrameMaker, KeySpace},
     sample::{PreparedSample, Preparer},
@@ -48,9 +48,8 @@ pub struct Options {
     /// Decides noise and times, and a profile's random weights.
     #[arg(long, default_value_t = 0)]
     seed: u64,
-    /// Where to compute: cpu, cuda or cuda:N.
-    #[arg(long, default_value = "cpu")]
-    device: String,
+    #[command(flatten)]
+    place: PlaceOptions,
     /// Print JSON instead of a table.
     #[arg(long)]
     json: bool,
@@ -150,19 +149,19 @@ fn measure(
     datasets: &[Dataset],
     chosen: &[Vec<usize>],
 ) -> Result<Vec<Row>> {
-    let device = device(&options.device)?;
+    let place = options.place.open()?;
     let policy = source.load()?;
     let config = policy.config.clone();
     let tokenizer = policy_source::tokenizer(source, &config)?;
     let tokenizer = &*tokenizer;
     let cache = options.cache.open()?;
-    let space = KeySpace::new::<PreparedSample>(&policy);
-    let models = Snapshot::new(&config, &policy.expert, None, &device)?;
+    let space = KeySpace::new::<PreparedSample>(&policy, &place);
+    let models = Snapshot::new(&config, &policy.expert, None, &place.device)?;
     drop(policy);
     let maker = FrameMaker::new(datasets, config.chunk_size, || {
         let policy = source.load();
         let policy = policy.map_err(|error| PolicyError::Sample(format!("{error:#}")))?;
-        Preparer::new(&policy, tokenizer)
+        Preparer::at(&place, &policy, tokenizer)
     });
     let mut naming = Naming::new(space, &config, tokenizer, cache.as_ref());
     let mut rows = Vec::new();

@@ -3,7 +3,8 @@
 //! - [`audit`]: `zk0 audit replay`; [`ledger`]: a ledger as files, mirrors and proofs. All that an auditor's light build has.
 //! - `governance`: proposals, votes, disputes.
 //! - `node`, `aggregator`, `prover`, `witness`: the services (feature `full`).
-//! - `train`, `eval`: a policy fitted to recordings, and measured on them; `frames`: what both make of recordings.
+//! - `train`, `eval`: a policy fitted to recordings, and measured on them; `frames`: what both make of recordings;
+//!   `place`: where they compute.
 //! - `dataset`: recordings, looked at and checked.
 //! - `fidelity`: fixed-point against float32 losses; `calibration`: ranges chosen from recordings.
 //! - `demo`: all of them as processes on one machine, and what is left of it: metrics, chart, log.
@@ -35,6 +36,8 @@ pub mod governance;
 pub mod keys;
 #[cfg(feature = "full")]
 pub mod node;
+#[cfg(feature = "full")]
+mod place;
 #[cfg(feature = "full")]
 mod policy_source;
 #[cfg(feature = "full")]

@@ -84,10 +84,10 @@ impl Made {
     }
 
     fn found(dir: &Path, seed: u8) -> Self {
-        Self::found_as(dir, seed, [9; 32])
+        Self::found_with(dir, seed, [9; 32], String::new())
     }
 
-    fn found_as(dir: &Path, seed: u8, nonce: [u8; 32]) -> Self {
+    fn found_with(dir: &Path, seed: u8, nonce: [u8; 32], witness_policy: String) -> Self {
         let key = SigningKey::from_bytes(&[7; 32]);
         let genesis = Genesis {
             name: "zk0.example/audit<test>".into(),
@@ -112,7 +112,7 @@ impl Made {
                     max_per_contribution: 1000,
                     dispute_window_ms: 1000,
                 },
-                witness_policy: String::new(),
+                witness_policy,
                 governance: Governance::none(),
             },
             program: vec![0; 32],
@@ -360,7 +360,7 @@ fn an_audit_with_a_memory_reads_what_is_new_and_ends_the_same() {
     let said = replay(&fork);
     assert!(said.contains("FORKED"), "{said}");
     let stranger = scratch.path().join("stranger");
-    drop(Made::found_as(&stranger, 0, [10; 32]).ledger);
+    drop(Made::found_with(&stranger, 0, [10; 32], String::new()).ledger);
     let said = replay(&stranger);
     assert!(said.contains("is of network"), "{said}");
     // A light memory is none for a full audit, a damaged one for nobody: both begin anew, and say so.
@@ -658,4 +658,48 @@ fn a_watch_wants_the_quorum_it_was_told_to() {
             "{said}"
         );
     }
+}
+
+/// The log's key signs alone what the rules want cosigned: whoever reads the published log notices without being told to.
+#[test]
+fn the_networks_own_rules_ask_for_witnesses() {
+    let scratch = tempfile::tempdir().unwrap();
+    let place = |name: &str| scratch.path().join(name);
+    let (dir, out) = (place("ledger"), place("out"));
+    let witness = succeeds(&[
+        "witness",
+        "keygen",
+        text(&place("w.key")),
+        "--name",
+        "witness.example/w",
+    ]);
+    let policy = format!(
+        "witness W {} http://127.0.0.1:1\nquorum W\n",
+        witness.trim_end()
+    );
+    drop(Made::found_with(&dir, 0, [9; 32], policy).ledger);
+    export(&dir, &out);
+    let (said, _) = ends(1, &["audit", "replay", text(&out)]);
+    assert!(
+        said.contains("FAILED") && said.contains("lacks the cosignatures"),
+        "{said}"
+    );
+    // The folder itself may be ahead of what is published.
+    succeeds(&["audit", "replay", text(&dir)]);
+    // Nor is it served without them.
+    let key = place("log.key");
+    fs::write(&key, format!("{}\n", "07".repeat(32))).unwrap();
+    let (_, why) = ends(
+        1,
+        &[
+            "aggregator",
+            "serve",
+            text(&dir),
+            "--key",
+            text(&key),
+            "--policy",
+            text(&key),
+        ],
+    );
+    assert!(why.contains("rules name its witnesses"), "{why}");
 }

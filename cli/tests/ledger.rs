@@ -149,7 +149,10 @@ fn a_backup_is_restored_unless_something_newer_was_signed() {
     );
     let restored: Vec<&str> = restored.iter().map(String::as_str).collect();
     let said = succeeds(&restored);
-    assert!(said.contains("restored to") && !said.contains("WARNING"), "{said}");
+    assert!(
+        said.contains("restored to") && !said.contains("WARNING"),
+        "{said}"
+    );
     assert_eq!(audit(text(&again)), original);
     fails(&restored, "is not empty");
     let trusting = at("trusting");

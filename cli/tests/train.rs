@@ -189,6 +189,50 @@ fn a_run_leaves_its_results_and_they_can_be_evaluated() {
     );
 }
 
+/// Frames prepared in one precision are not taken for those of another: not from the cache that both runs share, and not when a run
+/// goes on.
+#[test]
+fn the_frozen_halfs_precision_is_a_runs_own() {
+    let dir = tempfile::tempdir().unwrap();
+    let run = |out: &str, precision: &str, more: &[&str]| {
+        let options = ["--profile", "micro", "--steps", "3", "--frozen-precision"];
+        train(
+            dir.path(),
+            out,
+            &[&options[..], &[precision], more].concat(),
+        )
+    };
+    let model = |out: &str| fs::read(dir.path().join(out).join("model.safetensors")).unwrap();
+    for out in ["bf16", "f32"] {
+        succeeds(run(out, out, &[]));
+        let report = json(&dir.path().join(out).join("run.json"));
+        assert_eq!(report["frozen_precision"], out);
+    }
+    assert!(model("f32") != model("bf16"));
+    succeeds(train(
+        dir.path(),
+        "usual",
+        &["--profile", "micro", "--steps", "3"],
+    ));
+    assert!(model("f32") == model("usual"), "f32 is the CPU's own");
+    let other = fails(run("bf16", "f32", &["--resume"]));
+    assert!(other.contains("another run"), "{other}");
+
+    let loss = |precision: &str| {
+        let mut eval = zk0(&["eval", "--profile", "micro", "--json", "--frames", "8"]);
+        eval.args(["--dataset", RECORDING, "--frozen-precision", precision]);
+        eval.arg("--cache").arg(dir.path().join("cache"));
+        let rows: Value = serde_json::from_slice(&succeeds(eval).stdout).unwrap();
+        rows[0]["loss_valid_only"].as_f64().unwrap()
+    };
+    let (exact, rounded) = (loss("f32"), loss("bf16"));
+    assert!(exact != rounded && (rounded / exact - 1.0).abs() < 0.01);
+
+    let unknown = run("new", "fp8", &[]).output().unwrap();
+    assert_eq!(unknown.status.code(), Some(2));
+    assert!(said(&unknown).contains("`fp8`"), "{}", said(&unknown));
+}
+
 #[test]
 fn mistakes_are_named_before_anything_is_spent() {
     let dir = tempfile::tempdir().unwrap();
@@ -218,6 +262,7 @@ fn mistakes_are_named_before_anything_is_spent() {
     assert!(micro(&["--eval-episodes", "1.5"]).contains("held out"));
     assert!(micro(&["--round-losses", "0.5,nan"]).contains("NaN"));
     assert!(micro(&["--device", "tpu"]).contains("no device is called `tpu`"));
+    assert!(micro(&["--device", "cuda:987"]).contains("device `cuda:987`"));
     assert!(micro(&["--dataset", "no/such/recording"]).contains("no/such/recording"));
     assert!(micro(&["--dataset", "hub:so100"]).contains("recording hub:so100"));
     let policy = ["--policy", "no/such/policy", "--steps", "2"];

@@ -31,7 +31,8 @@ impl Entry {
     }
 
     /// Decodes one entry from exactly these bytes. Memory stays within a small multiple of [`MAX_ENTRY_BYTES`]: lengths
-    /// inside the bytes are not trusted (borsh reserves at most 4 KiB ahead of what it has read).
+    /// inside the bytes are not trusted (ahead of what it has read, borsh reserves at most 1 MiB for a string and 4 KiB for a
+    /// list).
     pub fn decode(bytes: &[u8]) -> Result<Self, EntryError> {
         if bytes.len() > MAX_ENTRY_BYTES {
             return Err(EntryError::TooLarge(bytes.len()));

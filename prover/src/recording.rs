@@ -18,6 +18,7 @@ use zk0_smolvla::{
     batch::SampleSource,
     dataset::Dataset,
     fixed_point::quantise_sample,
+    frozen::FrozenPlace,
     prefix_cache::{DiskCache, FrameMaker, FrameRef, FrameSource, KeySpace},
     sample::{PreparedSample, Preparer},
     tokenizer::WordHash,
@@ -141,7 +142,7 @@ pub fn prepare_samples(
         return Ok(prepared?);
     };
     let (mut files, all) = (cache.file_digests(), (0..dataset.len()).collect::<Vec<_>>());
-    let keys = KeySpace::new::<PreparedSample>(policy).keys(
+    let keys = KeySpace::new::<PreparedSample>(policy, &FrozenPlace::default()).keys(
         &policy.config,
         &tokenizer,
         dataset,

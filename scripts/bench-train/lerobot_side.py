@@ -1,9 +1,10 @@
-"""Times LeRobot's own training step of SmolVLA with random weights on the CPU, and prints one JSON line.
+"""Times LeRobot's own training step of SmolVLA with random weights, and prints one JSON line.
 
-usage: lerobot_side.py FIXTURE tiny|full BATCH STEPS
+usage: lerobot_side.py FIXTURE tiny|full BATCH STEPS [cpu|cuda]
 
 FIXTURE has policy_config.json and vlm_config.json of the tiny policy; for `full` the published dimensions are put in their
-place. Nothing is looked up on the Hub. A step is forward (resizing the pictures included), backward, clipping and AdamW; the
+place. On a GPU the pass runs under autocast to bf16, and TF32 is allowed, as LeRobot's own training script does. Nothing is looked
+up on the Hub. A step is forward (resizing the pictures included), backward, clipping and AdamW; the
 first is not counted.
 """
 
@@ -77,7 +78,7 @@ def policy_of(fixture, profile):
     return SmolVLAPolicy(SmolVLAConfig(**settings)).float()
 
 
-def batch_of(policy, profile, size):
+def batch_of(policy, profile, size, device):
     height, width = (480, 640) if profile == "full" else (48, 64)
     length = 48
     config = policy.config
@@ -86,25 +87,30 @@ def batch_of(policy, profile, size):
     batch["observation.language.attention_mask"] = torch.ones(size, length, dtype=torch.bool)
     batch["observation.state"] = torch.randn(size, 6)
     batch["action"] = torch.randn(size, config.chunk_size, 6)
-    return batch
+    return {name: value.to(device) for name, value in batch.items()}
 
 
 def main():
     fixture, profile, size, steps = Path(sys.argv[1]), sys.argv[2], int(sys.argv[3]), int(sys.argv[4])
+    device = sys.argv[5] if len(sys.argv) > 5 else "cpu"
     torch.manual_seed(0)
-    policy = policy_of(fixture, profile)
+    torch.backends.cuda.matmul.allow_tf32 = True
+    policy = policy_of(fixture, profile).to(device)
     policy.train()
     parameters = [parameter for parameter in policy.parameters() if parameter.requires_grad]
     optimizer = torch.optim.AdamW(parameters, lr=1e-4, betas=(0.9, 0.95), eps=1e-8, weight_decay=1e-10)
-    batch = batch_of(policy, profile, size)
+    batch = batch_of(policy, profile, size, device)
     seconds = []
     for _ in range(steps + 1):
         started = time.perf_counter()
-        loss, _ = policy.forward(batch)
+        with torch.autocast(device, dtype=torch.bfloat16, enabled=device != "cpu"):
+            loss, _ = policy.forward(batch)
         loss.backward()
         torch.nn.utils.clip_grad_norm_(parameters, 10.0)
         optimizer.step()
         optimizer.zero_grad()
+        if device != "cpu":
+            torch.cuda.synchronize()
         seconds.append(time.perf_counter() - started)
     print(
         json.dumps(
@@ -115,7 +121,7 @@ def main():
                 "what": "whole",
                 "steps": steps,
                 "step_seconds": statistics.median(seconds[1:]),
-                "peak_memory_bytes": 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss,
+                "peak_memory_bytes": 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss if device == "cpu" else None,
                 "trained_parameters": sum(parameter.numel() for parameter in parameters),
                 "loss": loss.item(),
                 "torch": torch.__version__,

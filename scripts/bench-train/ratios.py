@@ -18,5 +18,7 @@ for line in lines:
     name = f"train/{line['profile']}/batch-{line['batch']}/{line['what']}"
     seconds = statistics.mean(peer["step_seconds"] for peer in same)
     figure(name, line["batch"] / line["step_seconds"], line["batch"] / seconds, seconds / line["step_seconds"], "samples/s")
+    if line["peak_memory_bytes"] is None:
+        continue
     memory = min(peer["peak_memory_bytes"] for peer in same)
     figure(f"{name}/memory", line["peak_memory_bytes"] / 2**30, memory / 2**30, memory / line["peak_memory_bytes"], "GiB")

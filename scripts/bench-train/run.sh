@@ -3,12 +3,20 @@
 # kernel against what the machine could do at best. Ends with one JSON line per figure.
 # Run it on a machine that does nothing else: half an hour, 8 GB of memory at batch 8, 10 GB of disk for PyTorch.
 #
-#   scripts/bench-train/run.sh [PROFILE:BATCH …]      default: tiny:1 tiny:8 full:1 full:8
+#   scripts/bench-train/run.sh [--gpu] [PROFILE:BATCH …]      default: tiny:1 tiny:8 full:1 full:8
+#
+# With --gpu both run on the first NVIDIA GPU, the frozen half in bf16 (PyTorch: all of it under autocast), without the kernels one by
+# one. That has not been run yet.
 set -euo pipefail
 here=$(dirname "$(readlink -f "$0")")
 root=$here/../..
 cache=$HOME/.cache/zk0/lerobot
-export CARGO_TARGET_DIR=${CARGO_TARGET_DIR:-$HOME/.cache/zk0/target}
+device=cpu target=$HOME/.cache/zk0/target
+if [ "${1:-}" = --gpu ]; then
+    device=cuda cache+=-cuda target+=-cuda
+    shift
+fi
+export CARGO_TARGET_DIR=${CARGO_TARGET_DIR:-$target}
 [ $# -gt 0 ] || set -- tiny:1 tiny:8 full:1 full:8
 
 if ! cmp -s "$here/requirements.txt" "$cache/requirements.txt"; then
@@ -16,11 +24,16 @@ if ! cmp -s "$here/requirements.txt" "$cache/requirements.txt"; then
     pip=("$cache/bin/pip" --disable-pip-version-check --quiet)
     # PyTorch's own index has a build without CUDA; PyPI has not, and brings gigabytes of it along.
     torch=$(grep '^torch==' "$here/requirements.txt")
-    "${pip[@]}" --retries 0 install --index-url https://download.pytorch.org/whl/cpu "$torch" 2>/dev/null || true
+    [ $device = cuda ] || "${pip[@]}" --retries 0 install --index-url https://download.pytorch.org/whl/cpu "$torch" 2>/dev/null || true
     "${pip[@]}" install -r "$here/requirements.txt"
     cp "$here/requirements.txt" "$cache/"
 fi
-(cd "$root" && scripts/setup.sh && scripts/with-rust cargo build --release --workspace --locked --example train_step --example step_floors)
+if [ $device = cuda ]; then
+    (cd "$root" && scripts/setup.sh cuda &&
+        scripts/with-rust scripts/with-cuda cargo build --release -p zk0-smolvla --locked --features cuda --example train_step)
+else
+    (cd "$root" && scripts/setup.sh && scripts/with-rust cargo build --release --workspace --locked --example train_step --example step_floors)
+fi
 
 results=$(mktemp)
 trap 'rm -f "$results"' EXIT
@@ -31,11 +44,11 @@ for case in "$@"; do
     for what in lerobot whole cached cached-state lerobot; do
         echo "$profile, batch $batch: $what" >&2
         if [ "$what" = lerobot ]; then
-            "$cache/bin/python" "$here/lerobot_side.py" "$root/tests/fixtures/smolvla_tiny" "$profile" "$batch" "$steps"
+            "$cache/bin/python" "$here/lerobot_side.py" "$root/tests/fixtures/smolvla_tiny" "$profile" "$batch" "$steps" "$device"
         else
-            "$CARGO_TARGET_DIR/release/examples/train_step" "$profile" "$batch" "$what" "$steps"
+            "$CARGO_TARGET_DIR/release/examples/train_step" "$profile" "$batch" "$what" "$steps" "$device"
         fi | tee -a "$results" >&2
     done
 done
-"$CARGO_TARGET_DIR/release/examples/step_floors" full 1
+[ $device = cuda ] || "$CARGO_TARGET_DIR/release/examples/step_floors" full 1
 python3 "$here/ratios.py" "$results"

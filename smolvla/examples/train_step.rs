@@ -1,4 +1,5 @@
-//! Times training steps on random weights and random frames, and prints one JSON line: `train_step PROFILE BATCH WHAT STEPS`.
+//! Times training steps on random weights and random frames, and prints one JSON line:
+//! `train_step PROFILE BATCH WHAT STEPS [DEVICE]`.
 //!
 //! WHAT is one of
 //! - `whole`: LeRobot's step. Pictures are resized, the frozen half runs, expert and `state_proj` are trained;
@@ -6,14 +7,17 @@
 //! - `cached-state`: expert and `state_proj` are trained over a cache of pictures and language.
 //!
 //! A step is forward, backward, clipping and AdamW. The first is not counted: it sets up memory and threads.
+//! DEVICE is `cpu`, or with feature `cuda` a GPU, where the frozen half multiplies in bf16.
 
 use std::collections::BTreeMap;
 use std::time::Instant;
 
-use candle_core::{Device, Tensor, Var};
+use candle_core::{Tensor, Var};
 use rand::SeedableRng;
 use rand_chacha::ChaCha20Rng;
+use zk0_smolvla::device::device;
 use zk0_smolvla::evaluate::FlowDraw;
+use zk0_smolvla::frozen::FrozenPlace;
 use zk0_smolvla::image::vision_input;
 use zk0_smolvla::init::init_policy;
 use zk0_smolvla::layout::trainable_layout;
@@ -58,9 +62,14 @@ struct Bench {
 }
 
 impl Bench {
-    fn new(profile: Profile, batch: usize, train_state: bool) -> Result<Self, Failure> {
+    fn new(
+        profile: Profile,
+        batch: usize,
+        train_state: bool,
+        place: &FrozenPlace,
+    ) -> Result<Self, Failure> {
         let config = profile.config();
-        let device = &Device::Cpu;
+        let device = &place.device;
         let policy = init_policy(&config, 1)?;
         let mut all = policy.frozen;
         all.extend(policy.expert.into_tensors());
@@ -78,7 +87,7 @@ impl Bench {
         Ok(Self {
             size: (height, width),
             batch,
-            prefix: PrefixModel::new(&config, &parameters)?,
+            prefix: PrefixModel::new(&config, &parameters.in_precision(place.precision))?,
             expert: ExpertModel::new(&config, &parameters)?,
             state_token: StateToken::new(&config, &parameters)?,
             optimizer: AdamW::new(&variables, AdamWOptions::default())?,
@@ -103,6 +112,7 @@ impl Bench {
 
     fn input(&self) -> Result<PrefixInput, Failure> {
         let (size, (height, width)) = (self.config.vision.image_size, self.size);
+        let device = self.state.device();
         let one = 3 * height * width;
         let camera = |slot: usize| -> Result<CameraInput, Failure> {
             let pictures = self.pictures.chunks_exact(one).skip(slot * self.batch);
@@ -111,7 +121,7 @@ impl Bench {
                 .flat_map(|picture| vision_input(picture, self.size, size));
             let pixels: Vec<f32> = pixels.collect();
             Ok(CameraInput {
-                pixels: Tensor::from_vec(pixels, (self.batch, 3, size, size), &Device::Cpu)?,
+                pixels: Tensor::from_vec(pixels, (self.batch, 3, size, size), device)?,
                 present: vec![true; self.batch],
             })
         };
@@ -122,7 +132,7 @@ impl Bench {
             cameras: (0..self.config.cameras)
                 .map(camera)
                 .collect::<Result<_, _>>()?,
-            tokens: Tensor::from_iter(ids, &Device::Cpu)?.reshape((self.batch, length))?,
+            tokens: Tensor::from_iter(ids, device)?.reshape((self.batch, length))?,
             token_mask: vec![vec![true; length]; self.batch],
             state: self.state.clone(),
         })
@@ -135,7 +145,7 @@ impl Bench {
             .collect();
         let times: Vec<f32> = draws.iter().map(|draw| draw.time).collect();
         let noise: Vec<f32> = draws.into_iter().flat_map(|draw| draw.noise).collect();
-        let noise = Tensor::from_vec(noise, self.actions.shape(), &Device::Cpu)?;
+        let noise = Tensor::from_vec(noise, self.actions.shape(), self.actions.device())?;
         let x_t = noisy_actions(&self.actions, &noise, &times)?;
         let velocity = self.expert.forward(cache, &x_t, &times)?;
         let loss = mean_loss(&losses(
@@ -172,14 +182,19 @@ fn peak_memory() -> Option<u64> {
 
 fn main() -> Result<(), Failure> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let [profile, batch, what, steps] = arguments.as_slice() else {
-        return Err(
-            "usage: train_step tiny|micro|full BATCH whole|cached|cached-state STEPS".into(),
-        );
-    };
+    let (profile, batch, what, steps, device_name) =
+        match arguments.as_slice() {
+            [profile, batch, what, steps] => (profile, batch, what, steps, "cpu"),
+            [profile, batch, what, steps, device] => (profile, batch, what, steps, device.as_str()),
+            _ => return Err(
+                "usage: train_step tiny|micro|full BATCH whole|cached|cached-state STEPS [DEVICE]"
+                    .into(),
+            ),
+        };
+    let place = FrozenPlace::on(device(device_name)?, None);
     let profile_named = Profile::from_name(profile)?;
     let (batch, steps): (usize, usize) = (batch.parse()?, steps.parse()?);
-    let mut bench = Bench::new(profile_named, batch, what != "cached")?;
+    let mut bench = Bench::new(profile_named, batch, what != "cached", &place)?;
     let kept = match what.as_str() {
         "whole" => None,
         "cached" => Some(bench.cache()?),
@@ -200,13 +215,16 @@ fn main() -> Result<(), Failure> {
     }
     seconds.remove(0);
     seconds.sort_by(f64::total_cmp);
+    // Of this machine; that of a GPU is not measured.
+    let memory = peak_memory().filter(|_| place.device.is_cpu());
     let trained: usize = bench.variables.values().map(|v| v.elem_count()).sum();
     println!(
         "{}",
         serde_json::json!({
             "side": "zk0", "profile": profile, "batch": batch, "what": what, "steps": steps,
-            "step_seconds": seconds.get(seconds.len() / 2), "peak_memory_bytes": peak_memory(),
+            "step_seconds": seconds.get(seconds.len() / 2), "peak_memory_bytes": memory,
             "trained_parameters": trained, "loss": loss,
+            "device": device_name, "frozen_precision": place.precision.name(),
         })
     );
     Ok(())

@@ -1,6 +1,6 @@
 //! Acting: from what the robot sees to a chunk of actions in the robot's units, as LeRobot's `predict_action_chunk`.
 
-use candle_core::{Device, Tensor};
+use candle_core::Tensor;
 
 use crate::config::PolicyConfig;
 use crate::dataset::Stats;
@@ -31,7 +31,7 @@ pub struct Actor<'a> {
 }
 
 impl<'a> Actor<'a> {
-    /// For the weights of a whole policy on the CPU, the statistics it was trained with, and a number of Euler steps
+    /// For the weights of a whole policy on any device, the statistics it was trained with, and a number of Euler steps
     /// (LeRobot: 10).
     ///
     /// # Errors
@@ -88,7 +88,7 @@ impl<'a> Actor<'a> {
         self.stats.state.normalize(&mut state);
         let cache = self.preparer.prefix(&scene.cameras, &state, scene.task)?;
         let shape = (1, c.chunk_size, c.max_action_dim);
-        let noise = Tensor::from_slice(noise, shape, &Device::Cpu)?;
+        let noise = Tensor::from_slice(noise, shape, self.preparer.device())?;
         let actions = sample_actions(&self.expert, &cache, &noise, self.steps)?;
         let mut actions: Vec<f32> = real_actions(&actions, c.action_dim)?
             .flatten_all()?

@@ -1,5 +1,7 @@
 //! Where tensors live.
 
+use std::panic::{self, UnwindSafe};
+
 use candle_core::Device;
 
 use crate::error::{PolicyError, Result};
@@ -22,11 +24,27 @@ pub fn device(name: &str) -> Result<Device> {
     };
     if !candle_core::utils::cuda_is_available() {
         return Err(PolicyError::Options(format!(
-            "device `{name}`: this build of zk0 trains on the CPU alone"
+            "device `{name}`: this build of zk0 trains on the CPU alone; `make cuda` makes one for NVIDIA GPUs"
         )));
     }
-    Device::new_cuda(number)
-        .map_err(|error| PolicyError::Options(format!("device `{name}` cannot be used: {error}")))
+    // CUDA's libraries are loaded here, and cudarc panics where one is not to be found.
+    let opened = quietly(|| Device::new_cuda(number).map_err(|error| error.to_string()));
+    opened
+        .and_then(|opened| opened)
+        .map_err(|cause| PolicyError::Options(format!("device `{name}` cannot be used: {cause}")))
+}
+
+/// What `work` gives, or what it said when it panicked, which is printed nowhere else.
+fn quietly<T>(work: impl FnOnce() -> T + UnwindSafe) -> std::result::Result<T, String> {
+    let hook = panic::take_hook();
+    panic::set_hook(Box::new(|_| ()));
+    let done = panic::catch_unwind(work);
+    panic::set_hook(hook);
+    done.map_err(|panicked| {
+        let text = panicked.downcast_ref::<String>().map(String::as_str);
+        let text = text.or_else(|| panicked.downcast_ref::<&str>().copied());
+        text.unwrap_or("it panicked").to_owned()
+    })
 }
 
 #[cfg(test)]
@@ -40,5 +58,24 @@ mod tests {
             let error = device(name).unwrap_err().to_string();
             assert!(error.contains("no device is called"), "{error}");
         }
+    }
+
+    /// Says so in a build without CUDA, with it and without its libraries, and with them and no such GPU.
+    #[test]
+    fn a_gpu_that_is_not_there_is_an_error() {
+        let error = device("cuda:987").unwrap_err().to_string();
+        assert!(error.contains("device `cuda:987`"), "{error}");
+    }
+
+    #[test]
+    fn panics_become_what_they_said() {
+        assert_eq!(quietly(|| 7), Ok(7));
+        let cuda = "cuda";
+        let said = quietly(|| -> () { panic!("no lib{cuda}.so") }).unwrap_err();
+        assert_eq!(said, "no libcuda.so");
+        assert_eq!(
+            quietly(|| -> () { panic!("no GPU") }).unwrap_err(),
+            "no GPU"
+        );
     }
 }

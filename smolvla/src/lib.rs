@@ -11,7 +11,8 @@
 //!   cache of images, language and state (frozen in training), [`model::expert`] the action expert over
 //!   that cache. [`model::flow`] is the flow-matching loss.
 //! - [`act`] goes from what a robot sees to its next actions.
-//! - [`prefix_cache`] keeps samples on disk, so that the frozen half runs once per frame and not once per start.
+//! - [`prefix_cache`] keeps samples on disk, so that the frozen half runs once per frame and not once per start; [`frozen`] says
+//!   where and how exactly it runs, [`device`] finds GPUs.
 //! - [`train`] fits the expert to samples ([`batch`]) with AdamW ([`optimizer`]) along a [`schedule`], and can be stopped at any
 //!   moment; [`adaptive`] has the rules by which a federation's losses change its rates. [`mod@evaluate`] gives the loss at
 //!   chosen noise and times, which is what a claim is about; [`action_error`] samples actions and compares them.
@@ -39,6 +40,7 @@ pub mod error;
 pub mod evaluate;
 pub mod fidelity;
 pub mod fixed_point;
+pub mod frozen;
 pub mod hub;
 pub mod image;
 pub mod init;

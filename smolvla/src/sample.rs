@@ -11,6 +11,7 @@ use candle_core::{Device, Tensor};
 use crate::cameras::camera_slots;
 use crate::config::PolicyConfig;
 use crate::error::{PolicyError, Result};
+use crate::frozen::FrozenPlace;
 use crate::image::vision_input;
 use crate::model::prefix::{CameraInput, PrefixCache, PrefixInput, PrefixModel};
 use crate::model::Parameters;
@@ -164,9 +165,15 @@ pub struct Preparer<'a> {
 }
 
 impl<'a> Preparer<'a> {
-    /// For the frozen half of `policy`, on the CPU.
+    /// For the frozen half of `policy`, where and how dataset commitments want it computed.
     pub fn new(policy: &Policy, tokenizer: &'a dyn Tokenizer) -> Result<Self> {
-        let parameters = Parameters::load(&policy.frozen, &Device::Cpu)?;
+        Self::at(&FrozenPlace::default(), policy, tokenizer)
+    }
+
+    /// For the frozen half of `policy`, computed at `place`.
+    pub fn at(place: &FrozenPlace, policy: &Policy, tokenizer: &'a dyn Tokenizer) -> Result<Self> {
+        let parameters = Parameters::load(&policy.frozen, &place.device)?;
+        let parameters = parameters.in_precision(place.precision);
         let model = PrefixModel::new(&policy.config, &parameters)?;
         Ok(Self::with_model(&policy.config, model, tokenizer))
     }
@@ -189,6 +196,11 @@ impl<'a> Preparer<'a> {
         &self.config
     }
 
+    /// Where it computes.
+    pub fn device(&self) -> &Device {
+        self.model.device()
+    }
+
     /// The tokenizer of instructions.
     pub fn tokenizer(&self) -> &dyn Tokenizer {
         self.tokenizer
@@ -208,7 +220,7 @@ impl<'a> Preparer<'a> {
             .map(|(token, _)| token)
             .collect();
         let tokens = kept.len();
-        let kept = Tensor::from_vec(kept, tokens, &Device::Cpu)?;
+        let kept = Tensor::from_vec(kept, tokens, self.device())?;
         let plain = |layers: &[Tensor]| -> Result<Vec<Vec<f32>>> {
             layers
                 .iter()
@@ -257,7 +269,7 @@ impl<'a> Preparer<'a> {
     ) -> Result<PrefixCache> {
         let c = &self.config;
         check_view(c, cameras, state)?;
-        let device = &Device::Cpu;
+        let device = self.device();
         let size = c.vision.image_size;
         let names: Vec<&str> = cameras.iter().map(|camera| camera.name).collect();
         // Blank cameras are seen by nobody: leaving them out changes no token that counts.

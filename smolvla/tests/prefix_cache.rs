@@ -4,8 +4,10 @@ use std::cell::Cell;
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use candle_core::Device;
 use zk0_smolvla::batch::SampleSource;
 use zk0_smolvla::dataset::Dataset;
+use zk0_smolvla::frozen::{FrozenPlace, FrozenPrecision};
 use zk0_smolvla::init::init_policy;
 use zk0_smolvla::prefix_cache::{
     DiskCache, FileDigests, FrameMaker, FrameRef, FrameSource, Key, KeySpace,
@@ -29,7 +31,7 @@ fn recording() -> PathBuf {
 fn frames(policy: &Policy, dataset: &Dataset, count: usize) -> Vec<FrameRef> {
     let tokenizer = WordHash::new(&policy.config);
     let indices: Vec<usize> = (0..count).collect();
-    let keys = KeySpace::new::<PreparedSample>(policy).keys(
+    let keys = KeySpace::new::<PreparedSample>(policy, &FrozenPlace::default()).keys(
         &policy.config,
         &tokenizer,
         dataset,
@@ -184,8 +186,16 @@ fn a_key_is_a_function_of_all_that_makes_the_sample() {
     assert!(keys(&other, &moved)
         .iter()
         .all(|key| !of_recording.contains(key)));
-    let observed = KeySpace::new::<ObservedSample>(&policy);
-    assert_ne!(observed, KeySpace::new::<PreparedSample>(&policy));
+    let place = FrozenPlace::default();
+    let observed = KeySpace::new::<ObservedSample>(&policy, &place);
+    assert_ne!(observed, KeySpace::new::<PreparedSample>(&policy, &place));
+    // So does the precision of the frozen half, of either kind.
+    let rounded = FrozenPlace::on(Device::Cpu, Some(FrozenPrecision::Bf16));
+    assert_ne!(observed, KeySpace::new::<ObservedSample>(&policy, &rounded));
+    assert_ne!(
+        KeySpace::new::<PreparedSample>(&policy, &place),
+        KeySpace::new::<PreparedSample>(&policy, &rounded)
+    );
     let dataset = Dataset::open(&moved).unwrap();
     let key = observed.keys(
         &policy.config,
@@ -202,7 +212,7 @@ fn a_key_is_a_function_of_all_that_makes_the_sample() {
         .get_mut("model.state_proj.bias")
         .unwrap()
         .data[0] += 1.0;
-    assert_eq!(KeySpace::new::<ObservedSample>(&trained), observed);
+    assert_eq!(KeySpace::new::<ObservedSample>(&trained, &place), observed);
 
     // So do statistics, instructions and pictures.
     let change = |file: &str, change: &dyn Fn(&mut Vec<u8>)| {

@@ -66,6 +66,7 @@ fn genesis() -> Genesis {
             max_update_bytes: 1 << 20,
             max_proof_bytes: 1 << 21,
             max_update_norm_bps: 0,
+            witness_policy: String::new(),
             strategy: Strategy::FedAvg,
             participation: Participation::All,
             enrolment: EnrolmentRule::Operator,

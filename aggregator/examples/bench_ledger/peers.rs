@@ -51,8 +51,40 @@ fn key(kind: u8, number: u64) -> Vec<u8> {
     [&[kind][..], &number.to_be_bytes()].concat()
 }
 
-/// Seconds that RocksDB takes for the same keys and values in the same synced batches, with two SHA-256 for each entry.
-pub fn raw_writes(groups: &[Written], dir: &Path) -> Result<f64> {
+/// A signature, to be verified again and again.
+struct Sample {
+    message: [u8; 400],
+    signature: [u8; 64],
+    public: [u8; 32],
+}
+
+impl Sample {
+    fn new() -> Self {
+        let key = SigningKey::from_bytes(&[5; 32]);
+        let message = [3; 400];
+        Self {
+            message,
+            signature: ed25519_dalek::Signer::sign(&key, &message).to_bytes(),
+            public: key.verifying_key().to_bytes(),
+        }
+    }
+
+    /// Verifies it so many times, by all cores.
+    fn verify(&self, times: u64) -> Result<()> {
+        let valid = (0..times).into_par_iter().filter(|_| {
+            let key = VerifyingKey::from_bytes(&self.public);
+            let signature = Signature::from_bytes(&self.signature);
+            key.is_ok_and(|key| key.verify_strict(&self.message, &signature).is_ok())
+        });
+        anyhow::ensure!(valid.count() as u64 == times, "a signature is not valid");
+        Ok(())
+    }
+}
+
+/// Seconds that RocksDB takes for the same keys and values in the same synced batches, with two SHA-256 for each entry and, where
+/// entries are `signed`, one ed25519 verification.
+pub fn raw_writes(groups: &[Written], dir: &Path, signed: bool) -> Result<f64> {
+    let sample = Sample::new();
     let mut options = Options::default();
     options.create_if_missing(true);
     let db = DB::open(&options, dir)?;
@@ -60,6 +92,9 @@ pub fn raw_writes(groups: &[Written], dir: &Path) -> Result<f64> {
     durable.set_sync(true);
     let started = Instant::now();
     for group in groups {
+        if signed {
+            sample.verify(group.entries.len() as u64)?;
+        }
         let mut node = [0; 32];
         for entry in &group.entries {
             let leaf = Sha256::new()
@@ -96,19 +131,9 @@ pub fn bare_verification(dir: &Path) -> Result<f64> {
         signatures += u64::from(store.checkpoint(index + 1)?.is_some());
         entries.push(bytes);
     }
-    let key = SigningKey::from_bytes(&[5; 32]);
-    let message = [3; 400];
-    let signature = ed25519_dalek::Signer::sign(&key, &message).to_bytes();
-    let public = key.verifying_key().to_bytes();
+    let sample = Sample::new();
     let started = Instant::now();
-    let valid = (0..signatures)
-        .into_par_iter()
-        .filter(|_| {
-            let key = VerifyingKey::from_bytes(&public);
-            let signature = Signature::from_bytes(&signature);
-            key.is_ok_and(|key| key.verify_strict(&message, &signature).is_ok())
-        })
-        .count();
+    sample.verify(signatures)?;
     entries.par_iter().for_each(|entry| {
         let leaf = Sha256::new()
             .chain_update([0])
@@ -117,6 +142,5 @@ pub fn bare_verification(dir: &Path) -> Result<f64> {
         let inner = Sha256::new().chain_update([1; 65]).chain_update(leaf);
         std::hint::black_box(inner.finalize());
     });
-    anyhow::ensure!(valid as u64 == signatures, "a signature is not valid");
     Ok(started.elapsed().as_secs_f64())
 }

@@ -11,6 +11,7 @@ use std::{
 use tempfile::TempDir;
 use zk0_circuits::Digest;
 use zk0_ledger::{
+    checkpoint::MAX_NOTE_BYTES,
     entry::Body,
     folder,
     layout::Resource,
@@ -18,7 +19,7 @@ use zk0_ledger::{
     policy::Policy,
     source::{Source, SourceError},
     store::Store,
-    Entry,
+    Entry, Rules,
 };
 
 /// Which blobs are fetched.
@@ -36,6 +37,8 @@ pub enum Wanted {
 pub struct Located {
     /// The folder.
     pub dir: PathBuf,
+    /// The checkpoint that was published, with all its signatures, where it was fetched and no policy was asked for.
+    pub unchecked: Option<Vec<u8>>,
     _made: Option<TempDir>,
 }
 
@@ -53,7 +56,11 @@ pub fn locate(ledger: &str, keep: Option<&Path>, trust: &Trust, wanted: Wanted) 
             bail!("{ledger} is a ledger's directory: --mirror is for an export or a served log");
         }
         let dir = dir.to_owned();
-        return Ok(Located { dir, _made: None });
+        return Ok(Located {
+            dir,
+            unchecked: None,
+            _made: None,
+        });
     }
     let source = source(ledger)?;
     let policy = trust.policy()?;
@@ -65,9 +72,41 @@ pub fn locate(ledger: &str, keep: Option<&Path>, trust: &Trust, wanted: Wanted) 
             (made.path().to_owned(), Some(made))
         }
     };
+    // Before the entries: what it covers is among them then.
+    let unchecked = match trust.policy {
+        Some(_) => None,
+        None => source.get(&Resource::Checkpoint.to_string(), MAX_NOTE_BYTES as u64)?,
+    };
     fetch(source.as_ref(), &dir, &policy, network, wanted)
         .with_context(|| format!("fetching {ledger}"))?;
-    Ok(Located { dir, _made: made })
+    Ok(Located {
+        dir,
+        unchecked,
+        _made: made,
+    })
+}
+
+impl Located {
+    /// Whether the published checkpoint has the quorum that the network's own rules ask for. An auditor's policy, which was
+    /// checked on the way, goes before theirs.
+    pub fn check_witnesses(&self, rules: &Rules) -> Result<(), String> {
+        let Some(note) = &self.unchecked else {
+            return Ok(());
+        };
+        let policy = rules.witnesses()?;
+        let failed = |error: &dyn std::fmt::Display| {
+            format!("what is published lacks the cosignatures that the network's rules ask for: {error}")
+        };
+        let store = Store::open_read_only(&folder::database(&self.dir));
+        let first = store.and_then(|store| store.entry(0));
+        let first = first.map_err(|error| failed(&error))?.unwrap_or_default();
+        let key = match Entry::decode(&first).map(|entry| entry.body) {
+            Ok(Body::Genesis(genesis)) => genesis.verifier_key().map_err(|error| failed(&error))?,
+            _ => return Err(failed(&"there is no genesis")),
+        };
+        policy.open(note, &key).map_err(|error| failed(&error))?;
+        Ok(())
+    }
 }
 
 /// Brings the mirror in `dir` up to date, with the blobs that are wanted.

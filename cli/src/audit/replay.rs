@@ -17,7 +17,7 @@ use std::{
 use zk0_aggregator::audit::{Auditor, Depth};
 use zk0_circuits::Digest;
 use zk0_ledger::{
-    replay::{replay_with, Keep, Options as Replaying, Saved, SavedError},
+    replay::{replay_with, Finding, Keep, Options as Replaying, Saved, SavedError, Verdict},
     Blobs,
 };
 
@@ -73,7 +73,15 @@ pub fn run(options: &Options) -> Result<bool> {
         memory,
         quiet: options.json,
     };
-    let audited = audit.run(&located.dir)?;
+    let mut audited = audit.run(&located.dir)?;
+    let witnessed = audited
+        .rules
+        .as_ref()
+        .map(|rules| located.check_witnesses(rules));
+    if let Some(Err(why)) = witnessed {
+        audited.report.verdict = Verdict::Failed;
+        audited.report.findings.push(Finding::fault(None, why));
+    }
     if let Some(path) = &options.html {
         write_page(path, &located.dir, &audited)?;
     }

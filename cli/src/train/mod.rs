@@ -27,7 +27,6 @@ use zk0_smolvla::{
     adaptive::{boost, Boost},
     batch::SampleSource,
     dataset::Dataset,
-    device::device,
     evaluate::{fixed_draws, FlowDraw},
     layout::expert_layout,
     policy_file,
@@ -56,7 +55,7 @@ pub fn run(options: &Options) -> Result<()> {
 
 fn train<S: Kind>(options: &Options) -> Result<()> {
     let training = options.training()?;
-    let device = device(&options.device)?;
+    let at = options.place.open()?;
     let source = options.source()?;
     let out = &options.out;
     fs::create_dir_all(out).with_context(|| format!("creating {}", out.display()))?;
@@ -69,7 +68,7 @@ fn train<S: Kind>(options: &Options) -> Result<()> {
     let tokenizer = policy_source::tokenizer(&source, &config)?;
     let tokenizer = &*tokenizer;
     let cache = options.cache.open()?;
-    let space = KeySpace::new::<S>(&policy);
+    let space = KeySpace::new::<S>(&policy, &at);
     let naming = Naming::new(space, &config, tokenizer, cache.as_ref());
     let chosen = Chosen::of(options, &config, &datasets, naming)?;
     let data = digest_of(chosen.train.iter().map(|frame| frame.key));
@@ -80,7 +79,7 @@ fn train<S: Kind>(options: &Options) -> Result<()> {
     let maker = FrameMaker::new(&datasets, config.chunk_size, || {
         let policy = source.load();
         let policy = policy.map_err(|error| PolicyError::Sample(format!("{error:#}")))?;
-        Preparer::new(&policy, tokenizer)
+        Preparer::at(&at, &policy, tokenizer)
     });
     let ours = Ready::<S>::prepare(cache.as_ref(), &maker, chosen.train)?;
     let held_out = match chosen.held_out.is_empty() {
@@ -93,7 +92,8 @@ fn train<S: Kind>(options: &Options) -> Result<()> {
 
     let start = |training: TrainOptions| {
         let (samples, frozen) = (S::samples(&ours), frozen.as_ref());
-        Trainer::on(&device, &config, &policy.expert, frozen, samples, training)
+        let (device, expert) = (&at.device, &policy.expert);
+        Trainer::on(device, &config, expert, frozen, samples, training)
     };
     let mut trainer = start(training.clone())?;
     let boosted = boosted::<S>(options, &trainer, &ours)?;
@@ -105,7 +105,14 @@ fn train<S: Kind>(options: &Options) -> Result<()> {
         })?;
     }
     let identity = RunIdentity::of(&trainer, &data)?;
-    let mut report = Report::new(options, &trainer, &identity, chosen.recordings, boosted)?;
+    let mut report = Report::new(
+        options,
+        &at,
+        &trainer,
+        &identity,
+        chosen.recordings,
+        boosted,
+    )?;
     drop(frozen);
     drop(policy);
 

@@ -3,6 +3,7 @@
 use crate::{
     dataset::RecordingName,
     frames::CacheOptions,
+    place::PlaceOptions,
     policy_source::{self, PolicySource},
 };
 use anyhow::Result;
@@ -99,9 +100,8 @@ pub struct Options {
     /// Decides the split into episodes, the order of samples, noise and times, and random weights.
     #[arg(long, default_value_t = 0)]
     pub seed: u64,
-    /// Where to train: cpu, cuda or cuda:N.
-    #[arg(long, default_value = "cpu")]
-    pub device: String,
+    #[command(flatten)]
+    pub place: PlaceOptions,
     #[command(flatten)]
     pub cache: CacheOptions,
 }

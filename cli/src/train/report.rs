@@ -6,6 +6,7 @@ use serde::Serialize;
 use std::{fs, path::Path};
 use zk0_smolvla::{
     adaptive::Trend,
+    frozen::{FrozenPlace, FrozenPrecision},
     train::{checkpoints::RunIdentity, split::Split, TrainOptions, TrainScope, Trainer},
 };
 
@@ -18,6 +19,8 @@ pub struct Report {
     /// How it trains; trend and boost are in these numbers already.
     options: TrainOptions,
     device: String,
+    /// What the frozen half's products were made of.
+    frozen_precision: FrozenPrecision,
     /// Where the global model's loss goes, by `--round-losses`.
     trend: Trend,
     /// What the learning rate was multiplied by for a high loss at the start.
@@ -78,6 +81,7 @@ impl Report {
     /// Of a run that begins.
     pub fn new(
         options: &Options,
+        place: &FrozenPlace,
         trainer: &Trainer,
         identity: &RunIdentity,
         recordings: Vec<Recording>,
@@ -88,7 +92,8 @@ impl Report {
             policy: options.source()?.name(),
             scope: trainer.scope(),
             options: trainer.options().clone(),
-            device: options.device.clone(),
+            device: options.place.device.clone(),
+            frozen_precision: place.precision,
             trend: options.trend()?,
             lr_boost,
             recordings,

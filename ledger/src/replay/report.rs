@@ -1,5 +1,6 @@
 //! What a replay says: findings, and whether the history is what it claims to be.
 
+use crate::rules::Rules;
 use borsh::{BorshDeserialize, BorshSerialize};
 use serde::Serialize;
 
@@ -51,6 +52,8 @@ pub struct Report {
     pub root: Option<String>,
     /// Digest of the state after the last verified entry, in hexadecimal.
     pub state: Option<String>,
+    /// The rules in force after it.
+    pub rules: Option<Rules>,
     /// What was found, in the order of the entries; then what was not checked; and at last, if the replay stopped, why.
     pub findings: Vec<Finding>,
 }

@@ -261,6 +261,7 @@ impl<'a> Serial<'a> {
             checkpoints: self.checkpoints,
             root: self.verified.map(|(_, root)| root.to_string()),
             state: self.state.as_ref().map(|state| state.digest().to_string()),
+            rules: self.state.as_ref().map(|state| state.rules().clone()),
             findings,
         }
     }

@@ -13,17 +13,17 @@ use crate::error::Result;
 /// `name.weight` without a bias.
 pub fn linear_no_bias(parameters: &Parameters, name: &str) -> Result<Linear> {
     Ok(Linear::new(
-        parameters.get(&format!("{name}.weight"))?,
+        parameters.operand(&format!("{name}.weight"))?,
         None,
     ))
 }
 
 /// `name.weight` and `name.bias`.
 pub fn linear(parameters: &Parameters, name: &str) -> Result<Linear> {
-    let weight = parameters.get(&format!("{name}.weight"))?;
+    let weight = parameters.operand(&format!("{name}.weight"))?;
     Ok(Linear::new(
         weight,
-        Some(parameters.get(&format!("{name}.bias"))?),
+        Some(parameters.operand(&format!("{name}.bias"))?),
     ))
 }
 
@@ -100,7 +100,7 @@ impl DecoderLayer {
         attended: &Tensor,
         observe: &mut dyn FnMut(fn(usize) -> Site, &Tensor) -> Result<()>,
     ) -> Result<Tensor> {
-        let out = self.o.forward(attended)?;
+        let out = self.o.forward(attended)?.to_dtype(hidden.dtype())?;
         observe(Site::AttentionOut, &out)?;
         let hidden = (out + hidden)?;
         observe(Site::Attended, &hidden)?;
@@ -111,7 +111,7 @@ impl DecoderLayer {
         observe(Site::Up, &up)?;
         let mlp = swiglu(&gate, &up)?;
         observe(Site::Gated, &mlp)?;
-        let down = self.down.forward(&mlp)?;
+        let down = self.down.forward(&mlp)?.to_dtype(hidden.dtype())?;
         observe(Site::Down, &down)?;
         let hidden = (down + hidden)?;
         observe(Site::MlpOut, &hidden)?;

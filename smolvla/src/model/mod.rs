@@ -29,15 +29,20 @@ pub mod vision;
 
 use std::collections::BTreeMap;
 
-use candle_core::{Device, Tensor, Var};
+use candle_core::{DType, Device, Tensor, Var};
 
 use crate::error::{PolicyError, Result};
+use crate::frozen::FrozenPrecision;
 use crate::layout::Layout;
 use crate::weights::TensorSet;
 
 /// Weights on a device, by LeRobot's names.
 #[derive(Clone)]
-pub struct Parameters(BTreeMap<String, Tensor>);
+pub struct Parameters {
+    tensors: BTreeMap<String, Tensor>,
+    /// The type of linear maps' weights and biases in the models made of them.
+    operands: DType,
+}
 
 impl Parameters {
     /// Copies plain weights to a device.
@@ -51,7 +56,7 @@ impl Parameters {
                 ))
             })
             .collect::<Result<_>>()?;
-        Ok(Self(tensors))
+        Ok(Self::from_tensors(tensors))
     }
 
     /// Moves plain weights to a device; on the CPU without a copy.
@@ -60,7 +65,7 @@ impl Parameters {
             .into_iter()
             .map(|(name, t)| Ok((name, Tensor::from_vec(t.data, t.shape, device)?)))
             .collect::<Result<_>>()?;
-        Ok(Self(tensors))
+        Ok(Self::from_tensors(tensors))
     }
 
     /// Moves plain weights to a device, those named in `trainable` as variables, which are also given by name.
@@ -69,7 +74,7 @@ impl Parameters {
         trainable: &Layout,
         device: &Device,
     ) -> Result<(Self, BTreeMap<String, Var>)> {
-        let mut tensors = Self::take(weights, device)?.0;
+        let mut tensors = Self::take(weights, device)?.tensors;
         let mut variables = BTreeMap::new();
         for name in trainable.keys() {
             let tensor = tensors
@@ -79,19 +84,35 @@ impl Parameters {
             *tensor = variable.as_tensor().clone();
             variables.insert(name.clone(), variable);
         }
-        Ok((Self(tensors), variables))
+        Ok((Self::from_tensors(tensors), variables))
     }
 
     /// Uses tensors that are there already, for example trainable variables.
     pub fn from_tensors(tensors: BTreeMap<String, Tensor>) -> Self {
-        Self(tensors)
+        Self {
+            tensors,
+            operands: DType::F32,
+        }
+    }
+
+    /// The same weights, whose linear maps multiply in `precision`: for the frozen half.
+    pub fn in_precision(&self, precision: FrozenPrecision) -> Self {
+        Self {
+            operands: precision.operands(),
+            ..self.clone()
+        }
     }
 
     /// The tensor of that name.
     pub fn get(&self, name: &str) -> Result<Tensor> {
-        self.0
+        self.tensors
             .get(name)
             .cloned()
             .ok_or_else(|| PolicyError::MissingTensor(name.into()))
+    }
+
+    /// The weight or bias of a linear map, as it is multiplied and added.
+    pub fn operand(&self, name: &str) -> Result<Tensor> {
+        Ok(self.get(name)?.to_dtype(self.operands)?)
     }
 }

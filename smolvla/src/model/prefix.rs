@@ -1,6 +1,6 @@
 //! Phase one: images, language and state to the per-layer key/value cache that the expert reads.
 
-use candle_core::Tensor;
+use candle_core::{Device, Tensor};
 
 use super::attention::{attend, Mask};
 use super::layers::RmsNorm;
@@ -86,7 +86,8 @@ pub struct PrefixModel {
 }
 
 impl PrefixModel {
-    /// From the weights of a whole policy, or of its frozen half.
+    /// From the weights of a whole policy, or of its frozen half. It multiplies in their
+    /// [precision](Parameters::in_precision); keys and values are `f32` whichever that is.
     pub fn new(config: &PolicyConfig, parameters: &Parameters) -> Result<Self> {
         let text = format!("{VLM}.text_model");
         Ok(Self {
@@ -97,6 +98,11 @@ impl PrefixModel {
             config: config.clone(),
             _memory: KeepFreed::new(),
         })
+    }
+
+    /// Where it computes.
+    pub fn device(&self) -> &Device {
+        self.embeddings.device()
     }
 
     /// The vision tower.
@@ -137,7 +143,7 @@ impl PrefixModel {
                 .index_select(&input.tokens.flatten_all()?, 0)?;
             parts.push((words.reshape((batch, language, self.config.text.width))? * scale)?);
         }
-        parts.push(self.text.projection.forward(&input.state)?.unsqueeze(1)?);
+        parts.push(self.text.token(&input.state)?);
         for (row, mask) in valid.iter_mut().zip(&input.token_mask) {
             row.extend(mask);
             row.push(true);
@@ -204,7 +210,7 @@ impl PrefixModel {
                 observe(mixed, x.clone());
             }
             keys.push(k);
-            values.push(v);
+            values.push(v.to_dtype(x.dtype())?);
         }
         Ok(PrefixCache {
             keys,

@@ -17,7 +17,7 @@ use crate::layout::VLM;
 
 /// The state projection and the language layers.
 pub struct StateToken {
-    pub(super) projection: Linear,
+    projection: Linear,
     pub(super) layers: Vec<DecoderLayer>,
     head_dim: usize,
 }
@@ -38,6 +38,12 @@ impl StateToken {
         name.starts_with(&format!("{VLM}.text_model.layers."))
     }
 
+    /// The token (B, 1, text width) of states (B, max_state_dim).
+    pub(super) fn token(&self, state: &Tensor) -> Result<Tensor> {
+        let token = self.projection.forward(state)?.to_dtype(state.dtype())?;
+        Ok(token.unsqueeze(1)?)
+    }
+
     /// Completes a prefix by its last token, from states (B, max_state_dim), normalised and zero-padded. None of `observed`'s
     /// valid tokens may be a state's.
     pub fn join(&self, observed: &PrefixCache, state: &Tensor) -> Result<PrefixCache> {
@@ -50,13 +56,13 @@ impl StateToken {
         let count = valid.first().map_or(0, Vec::len);
         let mask = Mask::new((valid.len(), 1, count), device, |b, _, k| valid[b][k])?;
 
-        let mut x = self.projection.forward(state)?.unsqueeze(1)?;
+        let mut x = self.token(state)?;
         let (mut keys, mut values) = (Vec::new(), Vec::new());
         let seen = observed.keys.iter().zip(&observed.values);
         for (i, (layer, (seen_keys, seen_values))) in self.layers.iter().zip(seen).enumerate() {
             let normed = layer.normalised(&x)?;
             let k = rope.apply(&layer.keys(&normed, self.head_dim)?)?;
-            let v = layer.values(&normed, self.head_dim)?;
+            let v = layer.values(&normed, self.head_dim)?.to_dtype(x.dtype())?;
             let k = Tensor::cat(&[seen_keys, &k], 1)?;
             let v = Tensor::cat(&[seen_values, &v], 1)?;
             // Nothing reads what the last layer makes of its keys and values.

@@ -52,12 +52,13 @@ impl Vision {
     pub fn new(config: &PolicyConfig, parameters: &Parameters) -> Result<Self> {
         let tower = format!("{VLM}.vision_model");
         let vision = &config.vision;
-        let patch_weight = parameters.get(&format!("{tower}.embeddings.patch_embedding.weight"))?;
+        let patch_weight =
+            parameters.operand(&format!("{tower}.embeddings.patch_embedding.weight"))?;
         let patch_weight = patch_weight.reshape((
             vision.width,
             CHANNELS * vision.patch_size * vision.patch_size,
         ))?;
-        let patch_bias = parameters.get(&format!("{tower}.embeddings.patch_embedding.bias"))?;
+        let patch_bias = parameters.operand(&format!("{tower}.embeddings.patch_embedding.bias"))?;
         Ok(Self {
             patch: Linear::new(patch_weight, Some(patch_bias)),
             positions: parameters.get(&format!("{tower}.embeddings.position_embedding.weight"))?,
@@ -102,6 +103,7 @@ impl Vision {
 
     /// From patches to the output of the last encoder layer; `observe` gets what goes into the first, and what comes out of each.
     fn layers(&self, patches: Tensor, observe: &mut dyn FnMut(&Tensor)) -> Result<Tensor> {
+        let patches = patches.to_dtype(self.positions.dtype())?;
         let mut x = patches.broadcast_add(&self.positions)?;
         observe(&x);
         for layer in &self.layers {
@@ -112,7 +114,8 @@ impl Vision {
     }
 
     fn connect(&self, normed: &Tensor) -> Result<Tensor> {
-        Ok(self.connector.forward(&self.pixel_shuffle(normed)?)?)
+        let tokens = self.connector.forward(&self.pixel_shuffle(normed)?)?;
+        Ok(tokens.to_dtype(normed.dtype())?)
     }
 
     /// (B, 3, size, size) to (B, patches, 3 * patch * patch): the patch convolution as a matrix product.
@@ -143,7 +146,7 @@ impl Vision {
 impl EncoderLayer {
     fn new(parameters: &Parameters, name: &str, heads: usize) -> Result<Self> {
         let joined = |part: &str| -> Result<Tensor> {
-            let get = |which| parameters.get(&format!("{name}.self_attn.{which}_proj.{part}"));
+            let get = |which| parameters.operand(&format!("{name}.self_attn.{which}_proj.{part}"));
             Ok(Tensor::cat(&[get("q")?, get("k")?, get("v")?], 0)?)
         };
         Ok(Self {

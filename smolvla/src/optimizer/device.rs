@@ -26,19 +26,17 @@ impl DeviceSlot {
         })
     }
 
-    pub fn squares(&self, variable: &Var, gradient: &Tensor, mu: f64) -> Result<Squares> {
-        let sum =
-            |x: &Tensor| -> Result<f64> { Ok(f64::from(x.sqr()?.sum_all()?.to_scalar::<f32>()?)) };
-        Ok(match self.distance(variable)? {
-            None => Squares {
-                gradient: sum(gradient)?,
-                distance: 0.0,
-            },
-            Some(distance) => Squares {
-                gradient: sum(&(gradient + (&distance * mu)?)?)?,
-                distance: sum(&distance)?,
-            },
-        })
+    /// Squares of the gradient with its proximal part and of the distance from the anchor: (2), still on the device.
+    pub fn squares(&self, variable: &Var, gradient: &Tensor, mu: f64) -> Result<Tensor> {
+        let sum = |x: &Tensor| x.sqr()?.sum_all();
+        let squares = match self.distance(variable)? {
+            None => {
+                let gradient = sum(gradient)?;
+                [gradient.clone(), gradient.zeros_like()?]
+            }
+            Some(distance) => [sum(&(gradient + (&distance * mu)?)?)?, sum(&distance)?],
+        };
+        Ok(Tensor::stack(&squares, 0)?)
     }
 
     pub fn update(&mut self, variable: &Var, gradient: &Tensor, by: &Factors) -> Result<()> {
@@ -77,6 +75,22 @@ impl DeviceSlot {
     }
 }
 
+/// The sum of the squares of some tensors, which are waited for and fetched once.
+pub(super) fn total(squares: &[Tensor]) -> Result<Squares> {
+    if squares.is_empty() {
+        return Ok(Squares::default());
+    }
+    let all: Vec<Vec<f32>> = Tensor::stack(squares, 0)?.to_vec2()?;
+    let mut total = Squares::default();
+    for one in all {
+        total.add(Squares {
+            gradient: f64::from(one[0]),
+            distance: f64::from(one[1]),
+        });
+    }
+    Ok(total)
+}
+
 #[cfg(test)]
 mod tests {
     use super::super::host::HostSlot;
@@ -111,7 +125,7 @@ mod tests {
                     Tensor::from_vec(values(step as u32 * 77), (200, 200), &Device::Cpu).unwrap();
                 let (x, y) = (
                     host.squares(&a, &gradient, mu).unwrap(),
-                    device.squares(&b, &gradient, mu).unwrap(),
+                    total(&[device.squares(&b, &gradient, mu).unwrap()]).unwrap(),
                 );
                 assert!((x.gradient / y.gradient - 1.0).abs() < 1e-5);
                 assert!((x.distance - y.distance).abs() <= 1e-5 * y.distance);

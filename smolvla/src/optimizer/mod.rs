@@ -2,7 +2,7 @@
 //!
 //! Steps agree with `torch.optim.AdamW` and `torch.nn.utils.clip_grad_norm_`. On the CPU a step is one pass over each tensor
 //! ([`host`]): ten tensor operations in a row would read and write the 98 million values of the published expert ten times.
-//! On other devices it is made of tensor operations ([`device`]).
+//! On other devices, and [without the kernels](crate::model::kernels::without), it is made of tensor operations ([`device`]).
 //!
 //! The result does not depend on the number of threads: sums are taken in blocks of a fixed size, in order.
 
@@ -17,6 +17,7 @@ use candle_core::{Tensor, Var};
 use serde::{Deserialize, Serialize};
 
 use crate::error::{PolicyError, Result};
+use crate::model::kernels::serve;
 use device::DeviceSlot;
 use host::HostSlot;
 
@@ -80,6 +81,13 @@ struct Squares {
     distance: f64,
 }
 
+impl Squares {
+    fn add(&mut self, more: Self) {
+        self.gradient += more.gradient;
+        self.distance += more.distance;
+    }
+}
+
 /// The numbers of one step that all tensors share.
 #[derive(Clone, Copy)]
 struct Factors {
@@ -113,7 +121,7 @@ impl AdamW {
             .iter()
             .map(|(name, variable)| {
                 let anchored = mu > 0.0;
-                let slot = match variable.device().is_cpu() {
+                let slot = match serve(variable) {
                     true => Slot::Host(HostSlot::new(variable, anchored)?),
                     false => Slot::Device(DeviceSlot::new(variable, anchored)?),
                 };
@@ -135,15 +143,15 @@ impl AdamW {
     /// [`PolicyError::GradientNotFinite`] when one is not a number; nothing has changed then.
     pub fn step(&mut self, gradients: &GradStore, learning_rate: f64) -> Result<Stepped> {
         let mut sums = Squares::default();
+        let mut on_device = Vec::new();
         for (name, (variable, slot)) in &self.slots {
             let gradient = gradient(gradients, name, variable)?;
-            let squares = match slot {
-                Slot::Host(slot) => slot.squares(variable, &gradient, self.mu)?,
-                Slot::Device(slot) => slot.squares(variable, &gradient, self.mu)?,
-            };
-            sums.gradient += squares.gradient;
-            sums.distance += squares.distance;
+            match slot {
+                Slot::Host(slot) => sums.add(slot.squares(variable, &gradient, self.mu)?),
+                Slot::Device(slot) => on_device.push(slot.squares(variable, &gradient, self.mu)?),
+            }
         }
+        sums.add(device::total(&on_device)?);
         let norm = sums.gradient.sqrt();
         if !norm.is_finite() {
             return Err(PolicyError::GradientNotFinite { norm });

@@ -10,6 +10,7 @@ use super::{CacheError, FileDigests};
 use crate::config::PolicyConfig;
 use crate::dataset::Dataset;
 use crate::error::PolicyError;
+use crate::frozen::FrozenPlace;
 use crate::recording::{normalise, PrepareError};
 use crate::sample::ObservedSample;
 use crate::tokenizer::Tokenizer;
@@ -43,8 +44,8 @@ pub fn digest_of(keys: impl IntoIterator<Item = Key>) -> [u8; 32] {
 pub struct KeySpace([u8; 32]);
 
 impl KeySpace {
-    /// For samples of kind `E` made by the frozen half of `policy`. Reads all its weights.
-    pub fn new<E: Entry>(policy: &Policy) -> Self {
+    /// For samples of kind `E` made by the frozen half of `policy`, computed at `place`. Reads all its weights.
+    pub fn new<E: Entry>(policy: &Policy, place: &FrozenPlace) -> Self {
         // An observed sample ends before the state.
         let all = E::KIND != ObservedSample::KIND;
         let matters = |name: &str| all || !name.starts_with("model.state_proj");
@@ -60,9 +61,10 @@ impl KeySpace {
                 hash.finish()
             })
             .collect();
-        let mut hash = Fields::new("zk0:prefix-cache:v1");
+        let mut hash = Fields::new("zk0:prefix-cache:v2");
         hash.number(PREPROCESSING);
         hash.text(E::KIND);
+        hash.text(&place.name());
         // Derived `Debug` names every field: two configurations that print the same are the same.
         hash.text(&format!("{:?}", policy.config));
         hash.number(digests.len() as u64);

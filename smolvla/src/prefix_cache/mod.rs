@@ -5,7 +5,8 @@
 //! CACHE/files.json                digests of video files, by path, size and time of change
 //! ```
 //!
-//! - [`key`]: an entry's name, a digest of all that it is a function of: the frozen weights, the preprocessing, and the frame.
+//! - [`key`]: an entry's name, a digest of all that it is a function of: the frozen weights, the preprocessing, where and in which
+//!   precision the frozen half is computed, and the frame.
 //!   A frame is named by its place in a video file and that file's digest, so that a second run decodes no video.
 //! - [`entry`]: a sample as bytes and back, bit for bit: what is cached is the very object that a dataset commitment commits to.
 //! - [`store`]: the folder, its budget, and what goes when that is used up.

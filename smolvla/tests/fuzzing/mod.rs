@@ -3,8 +3,8 @@
 //! Without coverage of the code: what tells inputs apart is what the reader says of them. An input whose outcome was not seen
 //! before joins those that are mutated, so that errors behind other errors are reached.
 
+mod corpus;
 mod mutate;
-mod targets;
 
 use std::collections::BTreeMap;
 use std::panic::{catch_unwind, AssertUnwindSafe};
@@ -14,14 +14,17 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use crate::allocations::peak;
-pub use targets::{target, Target, NAMES};
+// Of the test that this is part of.
+use crate::targets::{Target, SLACK};
+
+pub use corpus::{fuzz, read_again};
 
 /// How long outcomes found are minimised, all together.
 const MINIMISING: Duration = Duration::from_secs(20);
 
 /// What an input may make the reader allocate at once.
 pub fn allowed(input: &[u8]) -> usize {
-    (24 << 20) + 64 * input.len()
+    SLACK + 64 * input.len()
 }
 
 /// What came of an input: the error without numbers and paths, or `read`. `Err` is a finding: a panic, or too large an allocation.

@@ -13,6 +13,9 @@ use zk0_smolvla::{ExpertWeights, Profile as Model};
 use crate::mp4_writer::encode;
 use crate::recordings::{recording, Copy};
 
+/// What any input may make a reader allocate: pictures, and tables of the libraries.
+pub const SLACK: usize = 24 << 20;
+
 /// A reader under test.
 pub struct Target {
     pub seeds: Vec<Vec<u8>>,

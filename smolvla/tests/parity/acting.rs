@@ -64,7 +64,7 @@ fn cameras(case: &Case) -> Option<Vec<Camera>> {
 }
 
 #[test]
-fn action_chunks_from_observations() {
+pub fn action_chunks_from_observations() {
     let case = Case::read();
     let (config, inputs) = (case.config(), &case.inputs);
     let Some(cameras) = cameras(&case) else {

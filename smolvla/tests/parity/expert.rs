@@ -10,7 +10,7 @@ use crate::case::{Case, EARLY, HIDDEN, LOSS, LOSSES};
 use crate::reference::{check, close, is_committed, json, numbers, policy};
 
 #[test]
-fn expert_from_noise_to_velocity() {
+pub fn expert_from_noise_to_velocity() {
     let case = Case::read();
     let (inputs, out, layers) = (&case.inputs, &case.outputs, case.config().text.layers);
     let cache = case.cache();
@@ -57,7 +57,7 @@ fn expert_from_noise_to_velocity() {
 }
 
 #[test]
-fn losses_under_both_rules() {
+pub fn losses_under_both_rules() {
     let case = Case::read();
     let (inputs, out, config) = (&case.inputs, &case.outputs, case.config());
     let (actions, noise) = (out.tensor("prepared.action"), inputs.tensor("noise"));
@@ -94,7 +94,7 @@ fn losses_under_both_rules() {
 
 /// A prepared sample leaves the padded prefix tokens out; its loss must be the reference's all the same.
 #[test]
-fn loss_from_samples_without_padding() {
+pub fn loss_from_samples_without_padding() {
     let case = Case::read();
     let (inputs, out) = (&case.inputs, &case.outputs);
     let cache = case.cache();

@@ -22,14 +22,14 @@ fn gradients_agree(training: &Training, file: &str, loss: &Tensor) {
 }
 
 #[test]
-fn gradients_of_the_plain_loss() {
+pub fn gradients_of_the_plain_loss() {
     let training = Training::new();
     let loss = flow::mean_loss(&training.losses("noise", "time")).unwrap();
     gradients_agree(&training, "grads.safetensors", &loss);
 }
 
 #[test]
-fn gradients_of_the_valid_only_loss() {
+pub fn gradients_of_the_valid_only_loss() {
     let training = Training::new();
     let is_pad = training.case.inputs.mask("batch.action_is_pad");
     let losses = training.losses("noise", "time");
@@ -40,7 +40,7 @@ fn gradients_of_the_valid_only_loss() {
 
 /// What training with a cached prefix does: the state's token alone is made anew, and alone has a gradient.
 #[test]
-fn gradients_by_way_of_the_state_token_alone() {
+pub fn gradients_by_way_of_the_state_token_alone() {
     if !lerobot().training.train_expert_only {
         println!("not compared: the reference trains the vision-language model too");
         return;

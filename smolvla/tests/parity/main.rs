@@ -16,3 +16,4 @@ mod sampling;
 mod steps;
 mod training;
 mod units;
+mod without_kernels;

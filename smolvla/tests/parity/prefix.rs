@@ -64,7 +64,7 @@ fn states_and_actions_are_widened() {
 }
 
 #[test]
-fn vision_from_pixels_to_tokens() {
+pub fn vision_from_pixels_to_tokens() {
     let case = Case::read();
     let (config, out) = (case.config(), &case.outputs);
     let cameras = case.prefix_input().cameras;
@@ -89,7 +89,7 @@ fn vision_from_pixels_to_tokens() {
 }
 
 #[test]
-fn prefix_embeddings_and_cache() {
+pub fn prefix_embeddings_and_cache() {
     let case = Case::read();
     let (config, out) = (case.config(), &case.outputs);
     let embedding = case.embedding();

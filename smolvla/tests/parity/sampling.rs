@@ -8,7 +8,7 @@ use crate::case::{Case, HIDDEN, SAMPLED};
 use crate::reference::{check, close, distance, numbers};
 
 #[test]
-fn sampled_actions() {
+pub fn sampled_actions() {
     let case = Case::read();
     let (out, steps) = (&case.outputs, case.lerobot.num_steps);
     let (states, velocities) = (out.tensor("sample.x_t"), out.tensor("sample.v_t"));

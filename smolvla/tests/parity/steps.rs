@@ -44,7 +44,7 @@ fn schedule(settings: &Value) -> Schedule {
 
 /// Steps of every run that the reference has. Compared is how far every entry moved.
 #[test]
-fn weights_after_optimiser_steps() {
+pub fn weights_after_optimiser_steps() {
     let settings = json("optimizer.json");
     let runs = settings["runs"].as_object().unwrap();
     assert!(!runs.is_empty());

@@ -43,7 +43,7 @@ fn images_are_resized_and_padded() {
 }
 
 #[test]
-fn rotary_embedding() {
+pub fn rotary_embedding() {
     let units = Values::read("units.safetensors");
     let tokens = units.shape("rope.positions")[1];
     let positions: Vec<Vec<i64>> = units

@@ -7,9 +7,10 @@ use candle_core::{CpuStorage, CustomOp1, Layout, Result, Shape, Tensor, D};
 use pulp::{Arch, Simd};
 use rayon::prelude::*;
 
+use super::matmul::matmul;
 use super::matrix::{product, Into, Matrix, Threads};
 use super::softmax::exponentials;
-use super::{serve, values};
+use super::{serve, values, widened};
 
 /// Queries a block: with 1024 keys their scores take 1 MiB.
 const BLOCK: usize = 256;
@@ -28,9 +29,10 @@ pub fn attend_to_all(qkv: &Tensor, heads: usize) -> Result<Tensor> {
             .transpose(1, 2)?
             .contiguous()
     };
-    let scores = (by_head(0)?.matmul(&by_head(1)?.t()?)? * (dim as f64).powf(-0.5))?;
-    candle_nn::ops::softmax(&scores, D::Minus1)?
-        .matmul(&by_head(2)?)?
+    let scores = widened(&matmul(&by_head(0)?, &by_head(1)?.t()?)?)?;
+    let scores = (scores * (dim as f64).powf(-0.5))?;
+    let weights = candle_nn::ops::softmax(&scores, D::Minus1)?.to_dtype(qkv.dtype())?;
+    matmul(&weights, &by_head(2)?)?
         .transpose(1, 2)?
         .reshape((batch, tokens, width))
 }

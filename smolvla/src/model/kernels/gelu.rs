@@ -4,18 +4,18 @@ use candle_core::{CpuStorage, InplaceOp1, Layout, Result, Tensor};
 use pulp::{Arch, Simd};
 
 use super::vector::sigmoid;
-use super::{in_blocks, serve};
+use super::{in_blocks, serve, widened};
 
 /// `x/2 · (1 + tanh(sqrt(2/π) (x + 0.044715 x³)))` (Hendrycks and Gimpel, 2016). Has no backward pass.
 ///
-/// Takes `x`, and on the CPU its memory too: no other tensor may share it.
+/// Takes `x`, and on the CPU its memory too: no other tensor may share it. Of shorter numbers than `f32`, it gives `f32`.
 pub fn gelu_tanh(x: Tensor) -> Result<Tensor> {
     if serve(&x) {
         let x = x.contiguous()?;
         x.inplace_op1(&GeluTanh)?;
         Ok(x)
     } else {
-        x.gelu()
+        widened(&x)?.gelu()
     }
 }
 

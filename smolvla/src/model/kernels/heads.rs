@@ -4,6 +4,7 @@
 
 use candle_core::{CpuStorage, CustomOp2, Layout, Result, Shape, Tensor};
 
+use super::matmul::matmul;
 use super::matrix::{product, Into, Matrix, Threads};
 use super::{in_chunks, serve, values};
 
@@ -18,20 +19,20 @@ pub fn queries_by_keys(q: &Tensor, k: &Tensor) -> Result<Tensor> {
     // The queries that share a key head stand below one another, so that no key is copied for them.
     let q = q.transpose(1, 2)?.contiguous()?;
     let q = q.reshape((batch * kv_heads, heads / kv_heads * queries, dim))?;
-    let scores = q.matmul(&heads_first(k)?.t()?)?;
+    let scores = matmul(&q, &heads_first(k)?.t()?)?;
     scores.reshape((batch, heads, queries, keys))
 }
 
-/// `p·v` for weights (B, heads, Q, K) and values (B, K, kv_heads, dim): (B, heads, Q, dim).
+/// `p·v` for weights (B, heads, Q, K) and values (B, K, kv_heads, dim): (B, heads, Q, dim), in the values' numbers.
 pub fn weights_by_values(p: &Tensor, v: &Tensor) -> Result<Tensor> {
-    if serve(p) {
+    if serve(p) && serve(v) {
         return p.contiguous()?.apply_op2(&v.contiguous()?, WeightsByValues);
     }
     let (batch, heads, queries, keys) = p.dims4()?;
     let (kv_heads, dim) = (v.dim(2)?, v.dim(3)?);
+    let p = p.to_dtype(v.dtype())?;
     let p = p.reshape((batch * kv_heads, heads / kv_heads * queries, keys))?;
-    p.matmul(&heads_first(v)?)?
-        .reshape((batch, heads, queries, dim))
+    matmul(&p, &heads_first(v)?)?.reshape((batch, heads, queries, dim))
 }
 
 /// (B, K, kv_heads, dim) as (B * kv_heads, K, dim).

@@ -3,12 +3,16 @@
 use candle_core::{CpuStorage, CustomOp2, CustomOp3, Layout, Result, Shape, Tensor, D};
 
 use super::gradients::collect;
+use super::matmul::matmul;
 use super::matrix::{product, product_of, Into, Matrix, Threads};
 use super::{in_chunks, serve, values};
 
 /// `x·wᵀ + b` over the last dimension, with a weight (out, in) and perhaps a bias (out).
 ///
-/// Where weight or bias is not a variable, no gradient is computed for it.
+/// A weight of shorter numbers than the input, [bf16](crate::frozen::FrozenPrecision), has the input rounded to them, and so is
+/// what comes out.
+///
+/// By the kernels, no gradient is computed for a weight or bias that is not a variable.
 #[derive(Clone, Debug)]
 pub struct Linear {
     weight: Tensor,
@@ -23,26 +27,25 @@ impl Linear {
 
     /// (…, in) to (…, out).
     pub fn forward(&self, x: &Tensor) -> Result<Tensor> {
-        if !serve(x) {
-            let linear = candle_nn::Linear::new(self.weight.clone(), self.bias.clone());
-            return candle_core::Module::forward(&linear, x);
-        }
+        let x = &x.to_dtype(self.weight.dtype())?;
         let mut shape = x.dims().to_vec();
         if let Some(last) = shape.last_mut() {
             *last = self.weight.dim(0)?;
         }
         let rows = x.flatten_to(D::Minus2)?.contiguous()?;
-        let out = match &self.bias {
-            None => rows.apply_op2(&self.weight, Affine)?,
-            Some(bias) => rows.apply_op3(&self.weight, bias, Affine)?,
+        let out = match (serve(x), &self.bias) {
+            (true, None) => rows.apply_op2(&self.weight, Affine)?,
+            (true, Some(bias)) => rows.apply_op3(&self.weight, bias, Affine)?,
+            (false, None) => matmul(&rows, &self.weight.t()?)?,
+            (false, Some(bias)) => matmul(&rows, &self.weight.t()?)?.broadcast_add(bias)?,
         };
         out.reshape(shape)
     }
 
-    /// `residual + x·wᵀ + b` for a residual (…, out), in one pass. Has no backward pass.
+    /// `residual + x·wᵀ + b` for a residual (…, out), in one pass and the residual's numbers. Has no backward pass.
     pub fn forward_onto(&self, residual: &Tensor, x: &Tensor) -> Result<Tensor> {
-        if !serve(x) {
-            return self.forward(x)? + residual;
+        if !serve(x) || !serve(&self.weight) {
+            return self.forward(x)?.to_dtype(residual.dtype())? + residual;
         }
         let rows = x.flatten_to(D::Minus2)?.contiguous()?;
         let onto = residual.flatten_to(D::Minus2)?.contiguous()?;

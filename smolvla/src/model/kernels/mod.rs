@@ -13,8 +13,11 @@
 //!
 //! Small work is done by one thread, as waking another takes longer: a policy of small dimensions is all small work.
 //!
-//! On another device than the CPU each falls back to candle's operations. [`matrix`] is the product all are made of, and
-//! [`vector`] has the exponential function that compilers can vectorise.
+//! [`matrix`] is the product all are made of, and [`vector`] has the exponential function that compilers can vectorise.
+//!
+//! On another device than the CPU, and for other numbers than `f32`, each function does the same by candle's operations, with
+//! gradients by candle's rules; products go through [`matmul`]. [`without`] takes that way on the CPU, so that the kernels can be
+//! compared with it, and so that what a GPU computes is known here.
 //!
 //! Work is divided among threads so that no sum depends on their number: results repeat bit for bit on one machine.
 
@@ -23,6 +26,7 @@ pub mod gelu;
 pub mod gradients;
 pub mod heads;
 pub mod linear;
+pub mod matmul;
 pub mod matrix;
 pub mod norm;
 pub mod rotate;
@@ -30,12 +34,40 @@ pub mod softmax;
 pub mod swiglu;
 pub mod vector;
 
-use candle_core::{CpuStorage, Layout, Result, Tensor};
+use std::cell::Cell;
+
+use candle_core::{CpuStorage, DType, Layout, Result, Tensor};
 use rayon::prelude::*;
 
-/// Whether these kernels serve a tensor: `f32` on the CPU.
+thread_local! {
+    /// Whether [`without`] runs in this thread.
+    static SET_ASIDE: Cell<bool> = const { Cell::new(false) };
+}
+
+/// Whether these kernels serve a tensor: `f32` on the CPU, outside of [`without`].
 pub(crate) fn serve(x: &Tensor) -> bool {
-    x.device().is_cpu() && x.dtype() == candle_core::DType::F32
+    x.device().is_cpu() && x.dtype() == DType::F32 && !SET_ASIDE.get()
+}
+
+/// Runs `work` in this thread without these kernels, by the operations that every other device computes with.
+pub fn without<R>(work: impl FnOnce() -> R) -> R {
+    /// Puts back what was, also when `work` panics.
+    struct Before(bool);
+    impl Drop for Before {
+        fn drop(&mut self) {
+            SET_ASIDE.set(self.0);
+        }
+    }
+    let _before = Before(SET_ASIDE.replace(true));
+    work()
+}
+
+/// What sums, norms and functions are computed in: `f32` in place of shorter numbers.
+fn widened(x: &Tensor) -> Result<Tensor> {
+    match x.dtype() {
+        DType::BF16 | DType::F16 => x.to_dtype(DType::F32),
+        _ => Ok(x.clone()),
+    }
 }
 
 /// The values of a contiguous `f32` tensor on the CPU.
@@ -72,4 +104,24 @@ fn in_chunks(
 fn in_blocks(out: &mut [f32], work: impl Fn(usize, &mut [f32]) + Sync) {
     const BLOCK: usize = 1 << 14;
     in_chunks(out, BLOCK, 16, |at, block| work(at * BLOCK, block));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use candle_core::Device;
+
+    #[test]
+    fn kernels_are_set_aside_in_one_thread_and_come_back() {
+        let x = Tensor::zeros(1, DType::F32, &Device::Cpu).unwrap();
+        assert!(serve(&x));
+        without(|| {
+            assert!(!serve(&x));
+            without(|| assert!(!serve(&x)));
+            assert!(!serve(&x));
+            std::thread::scope(|scope| scope.spawn(|| assert!(serve(&x))).join().unwrap());
+        });
+        let panicked = std::panic::catch_unwind(|| without(|| panic!("on purpose")));
+        assert!(panicked.is_err() && serve(&x));
+    }
 }

@@ -26,10 +26,12 @@ pub fn layer_norm(x: &Tensor, gain: &Tensor, bias: &Tensor, eps: f64) -> Result<
             .contiguous()?
             .apply_op3_no_bwd(gain, bias, &LayerNorm { eps });
     }
-    candle_core::Module::forward(
-        &candle_nn::LayerNorm::new(gain.clone(), bias.clone(), eps),
-        x,
-    )
+    let centred = x.broadcast_sub(&x.mean_keepdim(D::Minus1)?)?;
+    let variance = centred.sqr()?.mean_keepdim(D::Minus1)?;
+    centred
+        .broadcast_div(&(variance + eps)?.sqrt()?)?
+        .broadcast_mul(gain)?
+        .broadcast_add(bias)
 }
 
 struct LayerNorm {

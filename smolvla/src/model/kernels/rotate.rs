@@ -6,12 +6,12 @@ use pulp::{Arch, Simd};
 use super::{in_chunks, serve, values};
 
 /// Rotates the halves of the last dimension of x (B, L, heads, dim) by angles whose sines and cosines are (B, L, 1, dim / 2):
-/// `(a cos - b sin, b cos + a sin)`. The angles get no gradient.
+/// `(a cos - b sin, b cos + a sin)`, in the angles' numbers. The angles get no gradient.
 pub fn rotate(x: &Tensor, sin: &Tensor, cos: &Tensor) -> Result<Tensor> {
     if serve(x) {
         return x.contiguous()?.apply_op3(sin, cos, Rotate { back: false });
     }
-    let half = x.dim(D::Minus1)? / 2;
+    let (x, half) = (x.to_dtype(sin.dtype())?, x.dim(D::Minus1)? / 2);
     let (a, b) = (
         x.narrow(D::Minus1, 0, half)?,
         x.narrow(D::Minus1, half, half)?,

@@ -4,14 +4,14 @@ use candle_core::{CpuStorage, CustomOp1, CustomOp2, CustomOp3, Layout, Result, S
 use pulp::{Arch, Simd};
 
 use super::vector::sigmoid;
-use super::{in_blocks, serve, values};
+use super::{in_blocks, serve, values, widened};
 
-/// `silu(gate) * up` for two tensors of one shape (Shazeer, GLU Variants Improve Transformer, 2020).
+/// `silu(gate) * up` for two tensors of one shape, in `f32` where they are of shorter numbers (Shazeer, GLU Variants Improve Transformer, 2020).
 pub fn swiglu(gate: &Tensor, up: &Tensor) -> Result<Tensor> {
     if serve(gate) {
         gate.contiguous()?.apply_op2(&up.contiguous()?, SwiGlu)
     } else {
-        gate.silu()? * up
+        widened(gate)?.silu()? * widened(up)?
     }
 }
 
@@ -20,7 +20,7 @@ pub fn silu(x: &Tensor) -> Result<Tensor> {
     if serve(x) {
         x.contiguous()?.apply_op1(Silu)
     } else {
-        x.silu()
+        widened(x)?.silu()
     }
 }
 
