@@ -43,7 +43,7 @@ th, td { text-align: left; padding: .2rem .6rem .2rem 0; border-bottom: 1px soli
 th { font-weight: 600; } td:first-child { min-width: 4rem; } .n { text-align: right; overflow-wrap: normal; white-space: nowrap; }
 code { font: 12px/1.4 ui-monospace, monospace; overflow-wrap: anywhere; }
 .charts { display: grid; grid-template-columns: 1fr; gap: 1rem; } figure { margin: 0; break-inside: avoid; }
-figcaption { font-weight: 600; } .small { color: #555; font-size: .9rem; } .fault { color: #a33f00; font-weight: 600; }
+figcaption { font-weight: 600; } .small { color: #555; font-size: .9rem; } .fault { color: #a33f00; }
 @media print { body { margin: 0; max-width: none; font-size: 11px; } h2 { break-after: avoid; } tr { break-inside: avoid; } }
 ";
 

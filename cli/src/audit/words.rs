@@ -91,7 +91,7 @@ pub fn sentence(audited: &Audited) -> (&'static str, &'static str) {
         ),
         (Verdict::Failed, _) => (
             "FAILED",
-            "this ledger is not to be trusted: see the faults above",
+            "this ledger is not to be trusted: see the faults",
         ),
     }
 }
