@@ -23,6 +23,9 @@ impl State {
         }
         self.check_nothing_due(time_ms)?;
         let expected = self.next_opening(time_ms)?;
+        if *opened == expected {
+            return Ok(());
+        }
         let fields = [
             (
                 "round",
