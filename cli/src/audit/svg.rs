@@ -173,7 +173,8 @@ struct Chart {
 impl Chart {
     /// A chart whose values lie between `low` and `high`; counts, if `from_zero`, with no steps between them.
     fn new(title: &str, (low, high): (f64, f64), from_zero: bool) -> Self {
-        let usable = low.is_finite() && high.is_finite() && high > f64::MIN;
+        // Without any value the least is above the largest, and all that floats lies between.
+        let usable = low.is_finite() && high.is_finite() && (high - low).is_finite();
         let (low, high) = if usable { (low, high) } else { (0.0, 1.0) };
         let span = match high - low {
             span if span > 0.0 => span,
