@@ -43,7 +43,14 @@ fn quietly<T>(work: impl FnOnce() -> T + UnwindSafe) -> std::result::Result<T, S
     done.map_err(|panicked| {
         let text = panicked.downcast_ref::<String>().map(String::as_str);
         let text = text.or_else(|| panicked.downcast_ref::<&str>().copied());
-        text.unwrap_or("it panicked").to_owned()
+        let text = text.unwrap_or("it panicked");
+        // cudarc goes on with the thirty names it looked for.
+        match text.split_once(" - searched") {
+            Some((missing, _)) => format!(
+                "{missing}; it wants NVIDIA's driver, and cuBLAS and cuRAND in LD_LIBRARY_PATH"
+            ),
+            None => text.to_owned(),
+        }
     })
 }
 
@@ -73,6 +80,11 @@ mod tests {
         let cuda = "cuda";
         let said = quietly(|| -> () { panic!("no lib{cuda}.so") }).unwrap_err();
         assert_eq!(said, "no libcuda.so");
+        let said = quietly(|| -> () { panic!("no cublas - searched for a, b") }).unwrap_err();
+        assert!(
+            said.starts_with("no cublas; it wants NVIDIA's driver"),
+            "{said}"
+        );
         assert_eq!(
             quietly(|| -> () { panic!("no GPU") }).unwrap_err(),
             "no GPU"
