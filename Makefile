@@ -18,7 +18,8 @@ setup:
 build: setup
 	$(RUST) cargo build --release --workspace --locked
 
-# `zk0`, and an example that measures, which prove on NVIDIA GPUs too. In a target folder of its own: with the feature, much
+# `zk0` with `--device cuda` for proving, training and evaluating, and an example that measures proofs. In a target folder of its
+# own: with the feature, much
 # of what SP1 depends on is built differently. No GPU is needed here. CUDA_ARCHS chooses GPUs: see scripts/with-cuda.
 cuda: export CARGO_TARGET_DIR := $(CARGO_TARGET_DIR)-cuda
 cuda:
