@@ -23,7 +23,7 @@ use zk0_circuits::{
 use zk0_ledger::{
     entry::{Body, Genesis, NodeEnrolled},
     folder,
-    governance::Governance,
+    governance::{Governance, Governor},
     log::Ledger,
     rules::{CreditRule, Disclosure, EnrolmentRule, Participation, Rules, Strategy},
 };
@@ -84,7 +84,7 @@ pub struct Init {
     calibrate: Vec<RecordingName>,
     /// The network's rules, all of them, from a JSON file (`zk0 aggregator rules` prints one to begin with) instead of the
     /// options below.
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["min_dataset_samples", "eval_samples", "min_improvement_bps", "max_weight_samples", "hide_losses", "commit_minutes", "submit_minutes"])]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["min_dataset_samples", "eval_samples", "min_improvement_bps", "max_weight_samples", "hide_losses", "commit_minutes", "submit_minutes", "governors"])]
     rules: Option<PathBuf>,
     #[command(flatten)]
     common: CommonRules,
@@ -114,6 +114,10 @@ pub struct CommonRules {
     /// Minutes from a round's opening in which claims may be submitted.
     #[arg(long, default_value_t = 60)]
     submit_minutes: u64,
+    /// Who governs, each with one vote: NAME=IDENTITY, as `zk0 governance keygen` prints it. Half of them make a quorum, more
+    /// than half of the votes decide, a third stops it; three days to vote, one to veto. Without any, the rules never change.
+    #[arg(long = "governor")]
+    governors: Vec<Enrolment>,
 }
 
 /// `zk0 aggregator serve`.
@@ -233,6 +237,30 @@ fn init(options: &Init) -> Result<()> {
 }
 
 impl CommonRules {
+    fn governance(&self) -> Governance {
+        const DAY_MS: u64 = 24 * 3_600_000;
+        if self.governors.is_empty() {
+            return Governance::none();
+        }
+        let governor = |Enrolment { name, node }: &Enrolment| Governor {
+            key: *node,
+            name: name.clone(),
+            weight: 1,
+        };
+        let mut governors: Vec<_> = self.governors.iter().map(governor).collect();
+        governors.sort_by_key(|governor| governor.key);
+        Governance {
+            governors,
+            credits_per_vote: 0,
+            max_node_votes: 0,
+            quorum_bps: 5000,
+            threshold_bps: 5000,
+            veto_bps: 3333,
+            voting_ms: 3 * DAY_MS,
+            time_lock_ms: DAY_MS,
+        }
+    }
+
     fn rules(&self) -> Result<Rules> {
         let minutes = |count: u64| {
             count
@@ -263,7 +291,7 @@ impl CommonRules {
                 dispute_window_ms: 7 * 24 * 3_600_000,
             },
             witness_policy: String::new(),
-            governance: Governance::none(),
+            governance: self.governance(),
         })
     }
 }
