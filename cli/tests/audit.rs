@@ -9,12 +9,11 @@ use std::{
     process::{Command, Output},
 };
 use zk0_circuits::{
-    spec::EvalSpec, statement::Mode, DatasetCommitment, Digest, NodeId, WeightsDigest,
+    spec::EvalSpec, statement::Mode, DatasetCommitment, Digest, Losses, NodeId, WeightsDigest,
 };
 use zk0_ledger::{
     entry::{NodeEnrolled, RoundClosed},
-    governance::Governance,
-    rules::{CreditRule, Disclosure, EnrolmentRule, Participation, Strategy},
+    rules::CreditRule,
     signed::{DatasetRegistration, Submission, UpdateCommitment},
     Body, Genesis, Ledger, Refusal, Rules, Signed,
 };
@@ -98,22 +97,15 @@ impl Made {
                 eval_samples: 2,
                 min_improvement_bps: 50,
                 max_weight_samples: 100,
-                disclosure: Disclosure::Losses,
                 commit_window_ms: 1_000,
                 submit_window_ms: 5_000,
-                max_update_bytes: 1 << 20,
-                max_proof_bytes: 1 << 20,
-                max_update_norm_bps: 0,
-                strategy: Strategy::FedAvg,
-                participation: Participation::All,
-                enrolment: EnrolmentRule::Operator,
                 credits: CreditRule {
                     bps_samples_per_credit: 100,
                     max_per_contribution: 1000,
                     dispute_window_ms: 1000,
                 },
                 witness_policy,
-                governance: Governance::none(),
+                ..Rules::default()
             },
             program: vec![0; 32],
             mode: Mode::Direct,
@@ -181,25 +173,11 @@ impl Made {
         }
         for node in 0..NAMES.len() as u8 {
             let expected = self.ledger.state().expected_claim(&Self::id(node)).unwrap();
-            let claim = zk0_circuits::Claim {
-                version: zk0_circuits::CLAIM_VERSION,
-                network,
-                round,
-                node: Self::id(node),
-                dataset: expected.dataset,
-                evaluation: expected.evaluation,
-                base: expected.base,
-                update: expected.update,
-                challenge: expected.challenge,
-                eval_samples: expected.eval_samples,
-                min_improvement_bps: expected.min_improvement_bps,
-                losses: zk0_circuits::Losses::Disclosed {
-                    before: 4_000_000_000 / (round + 2),
-                    after: 4_000_000_000 / (round + 3),
-                    elements: 10,
-                },
-                weight_check: None,
-            };
+            let claim = expected.with(Losses::Disclosed {
+                before: 4_000_000_000 / (round + 2),
+                after: 4_000_000_000 / (round + 3),
+                elements: 10,
+            });
             let proof = self
                 .ledger
                 .blobs()

@@ -26,6 +26,27 @@ pub struct ExpectedClaim {
     pub disclosure: Disclosure,
 }
 
+impl ExpectedClaim {
+    /// The claim that says so, with these losses.
+    pub fn with(&self, losses: Losses) -> Claim {
+        Claim {
+            version: CLAIM_VERSION,
+            network: self.network,
+            round: self.round,
+            node: self.node,
+            dataset: self.dataset,
+            evaluation: self.evaluation,
+            base: self.base,
+            update: self.update,
+            challenge: self.challenge,
+            eval_samples: self.eval_samples,
+            min_improvement_bps: self.min_improvement_bps,
+            losses,
+            weight_check: None,
+        }
+    }
+}
+
 impl State {
     /// What the claim of `node` in the open round has to say.
     pub fn expected_claim(&self, node: &NodeId) -> Result<ExpectedClaim, Refusal> {

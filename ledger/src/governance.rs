@@ -6,7 +6,12 @@
 //! the time lock, in which enough weight may veto it. Then it is due: it has to be settled before the next round opens, so
 //! nobody can put it off, and it is settled between rounds, so no round's rules change while it runs.
 
-use crate::{entry::NodeEnrolled, identity_text, rules::Rules, rules::BPS};
+use crate::{
+    entry::NodeEnrolled,
+    genesis::{check_identity, check_member_name},
+    identity_text,
+    rules::{Rules, BPS},
+};
 use borsh::{BorshDeserialize, BorshSerialize};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
@@ -254,7 +259,8 @@ impl Governance {
             ));
         }
         for governor in &self.governors {
-            crate::genesis::check_member(&governor.key, &governor.name)
+            check_identity(&governor.key)
+                .and_then(|()| check_member_name(&governor.name))
                 .map_err(|why| format!("{rule}, governor {}: {why}", governor.key))?;
             if !(1..=MAX_WEIGHT).contains(&governor.weight) {
                 return Err(format!(

@@ -2,7 +2,7 @@
 
 use crate::{
     authentic::AuthenticEntry, checkpoint::Checkpoint, error::LedgerError, folder,
-    group::needs_checkpoint, refusal::Refusal, state::State, store::Store, tree::Frontier,
+    group::needs_checkpoint, state::State, store::Store, tree::Frontier,
     violation::RuleViolation, Entry, Genesis,
 };
 use rayon::prelude::*;
@@ -53,7 +53,7 @@ impl History {
                 }
                 let root = tree.root()?;
                 if index > 0 {
-                    let entry = authentic.map_err(|refusal| refused(refusal.into()))?;
+                    let entry = authentic.map_err(refused)?;
                     state.check_authentic(&entry).map_err(refused)?;
                     state.enact(&root, &entry);
                 }
@@ -146,7 +146,7 @@ fn chunk(store: &Store, genesis: &Genesis, indexes: Range<u64>) -> Result<Vec<Re
     read.into_iter().collect()
 }
 
-fn authenticate(chunk: &[Read]) -> Vec<Result<AuthenticEntry<'_>, Refusal>> {
+fn authenticate(chunk: &[Read]) -> Vec<Result<AuthenticEntry<'_>, RuleViolation>> {
     chunk
         .par_iter()
         .map(|read| read.entry.authenticate())

@@ -57,6 +57,7 @@ pub mod store;
 pub mod tiles;
 pub mod tlog_proof;
 pub mod tree;
+pub mod updates;
 pub mod verifier_key;
 pub mod violation;
 pub mod witness;

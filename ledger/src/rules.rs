@@ -127,6 +127,36 @@ pub enum Disclosure {
     Losses,
 }
 
+impl Default for Rules {
+    /// To begin with: rounds of an hour, four samples a claim, 1 % better, FedAvg over whoever the operator enrols, a week for
+    /// disputes, and nobody who could change any of it.
+    fn default() -> Self {
+        const MINUTE_MS: u64 = 60_000;
+        Self {
+            min_dataset_samples: 64,
+            eval_samples: 4,
+            min_improvement_bps: 100,
+            max_weight_samples: 10_000,
+            disclosure: Disclosure::Losses,
+            commit_window_ms: 10 * MINUTE_MS,
+            submit_window_ms: 60 * MINUTE_MS,
+            max_update_bytes: 1 << 20,
+            max_proof_bytes: 2 << 20,
+            max_update_norm_bps: 0,
+            strategy: Strategy::FedAvg,
+            participation: Participation::All,
+            enrolment: EnrolmentRule::Operator,
+            credits: CreditRule {
+                bps_samples_per_credit: 1000,
+                max_per_contribution: 10_000,
+                dispute_window_ms: 7 * 24 * 60 * MINUTE_MS,
+            },
+            witness_policy: String::new(),
+            governance: Governance::none(),
+        }
+    }
+}
+
 impl Rules {
     /// Largest file of global weights: as large as an update, and then some for the names and order that the average gives
     /// its tensors.

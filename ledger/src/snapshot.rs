@@ -1,7 +1,10 @@
 //! What of a state the verification of one claim reads: small, however long the history, so that a claim can be verified
 //! later, or by another thread, while the history goes on.
 
-use crate::state::{Round, State};
+use crate::{
+    state::{Round, State},
+    updates::Updates,
+};
 use std::collections::{BTreeMap, BTreeSet};
 use zk0_circuits::NodeId;
 
@@ -25,7 +28,7 @@ impl State {
             retired: BTreeMap::new(),
             episodes: BTreeMap::new(),
             datasets: BTreeMap::new(),
-            updates: BTreeMap::new(),
+            updates: Updates::default(),
             global: self.global,
             next_round: self.next_round,
             next_proposal: self.next_proposal,

@@ -5,6 +5,7 @@ use crate::{
     governance::OpenProposal,
     rules::{Participation, Rules},
     signed::Evidence,
+    updates::Updates,
 };
 use borsh::{BorshDeserialize, BorshSerialize};
 use std::collections::{BTreeMap, BTreeSet};
@@ -28,8 +29,8 @@ pub struct State {
     pub(crate) episodes: BTreeMap<Digest, NodeId>,
     /// Every dataset root ever registered, and by whom.
     pub(crate) datasets: BTreeMap<Digest, NodeId>,
-    /// Every update ever committed (digests of its bytes and of its numbers), and by whom.
-    pub(crate) updates: BTreeMap<Digest, NodeId>,
+    /// The updates committed last, and by whom.
+    pub(crate) updates: Updates,
     pub(crate) global: WeightsDigest,
     pub(crate) next_round: u64,
     pub(crate) round: Option<Round>,

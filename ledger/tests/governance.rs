@@ -3,8 +3,9 @@
 mod network;
 
 use network::{votes::*, *};
+use zk0_circuits::NodeId;
 use zk0_ledger::{
-    entry::ProposalSettled,
+    entry::{NodeEnrolled, ProposalSettled},
     governance::{Action, Ballot, Governance, Outcome, MAX_OPEN_PROPOSALS},
     rules::{Participation, Strategy},
     signed::{Proposal, Vote},
@@ -364,6 +365,21 @@ fn a_proposal_makes_sense_when_it_is_made() {
                 with: id(0),
             },
             "already enrolled",
+        ),
+        // Zero is a point of small order: anyone can sign for it.
+        (
+            Action::Enrol(NodeEnrolled {
+                node: NodeId([0; 32]),
+                name: "weak".into(),
+            }),
+            "not an ed25519 public key",
+        ),
+        (
+            Action::ReplaceKey {
+                node: id(0),
+                with: NodeId([0; 32]),
+            },
+            "not an ed25519 public key",
         ),
         (
             Action::JudgeDispute {

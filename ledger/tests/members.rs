@@ -3,6 +3,7 @@
 mod network;
 
 use network::{votes::*, *};
+use zk0_circuits::NodeId;
 use zk0_ledger::{
     governance::{Action, Ballot},
     rules::Participation,
@@ -24,6 +25,32 @@ fn rotated(state: &State, node: u8, with: u8) -> Body {
         rotation: Signed::new(rotation, &key(node)),
         takeover: Signed::new(KeyTakeover { rotation }, &key(with)),
     }
+}
+
+/// The identity element signs everything with this signature, unless signatures are verified strictly.
+#[test]
+fn nobody_moves_to_a_key_that_anyone_signs_for() {
+    let chain = earned();
+    let mut neutral = [0; 32];
+    neutral[0] = 1;
+    let rotation = KeyRotation {
+        with: NodeId(neutral),
+        ..rotation(&chain.state, 1, 9)
+    };
+    let mut signature = [0; 64];
+    signature[..32].copy_from_slice(&neutral);
+    let takeover = Signed {
+        statement: KeyTakeover { rotation },
+        signature,
+    };
+    let rotated = Body::KeyRotated {
+        rotation: Signed::new(rotation, &key(1)),
+        takeover,
+    };
+    assert!(matches!(
+        chain.refusal(rotated),
+        RuleViolation::Refused(Refusal::Signature(_))
+    ));
 }
 
 fn earned() -> Chain {

@@ -99,13 +99,17 @@ pub struct ProverOptions {
     pub workers: usize,
 }
 
-/// Free memory from which SP1's own shard size fits, with one worker of each kind: a claim is then one shard or two, and
-/// there is a fraction of the recursion to do. A claim of 0.48 M cycles peaked at 14.3 GiB, one of 2.4 M at 19.9 GiB.
-const LARGE: u64 = 21 * GIB;
+/// Free memory from which shards of twice the smallest size fit: a claim of 7.4 M cycles, several full shards of 192 Mi
+/// elements, peaked at 22.6 GiB.
+const MIDDLE: u64 = 26 * GIB;
+
+/// Free memory from which SP1's own shard size, twice as much again, should fit. At 23 GiB it does not: the claim that takes
+/// 22.6 GiB in shards of half the size was killed.
+const LARGE: u64 = 48 * GIB;
 
 impl ProverOptions {
-    /// Peak memory of a compressed proof under the smallest options, in bytes. A longer claim has more shards, of which one is in
-    /// memory at a time, so that it should need no more: not measured.
+    /// Memory for a compressed proof under the smallest options, in bytes, however long the claim: a shard or two are in memory
+    /// at a time, and recursion takes nearly as much as they do.
     pub const NEEDED: u64 = 17 * GIB;
 
     /// The options for `resources`, or how much memory is missing.
@@ -115,6 +119,11 @@ impl ProverOptions {
             element_threshold: 96 << 20,
             height_threshold: 1 << 20,
             workers: 1,
+        };
+        let middle = Self {
+            element_threshold: 192 << 20,
+            height_threshold: 2 << 20,
+            ..small
         };
         let large = Self {
             element_threshold: sp1_core_executor::ELEMENT_THRESHOLD,
@@ -126,7 +135,8 @@ impl ProverOptions {
                 needed: Self::NEEDED,
                 free: memory,
             }),
-            _ if memory < LARGE => Ok(small),
+            _ if memory < MIDDLE => Ok(small),
+            _ if memory < LARGE => Ok(middle),
             _ if memory < 96 * GIB || cores < 8 => Ok(large),
             _ => Ok(Self {
                 workers: 4,
@@ -135,11 +145,27 @@ impl ProverOptions {
         }
     }
 
-    /// SP1's core options with these thresholds.
+    /// SP1's core options with these thresholds. SP1's own variables, `ELEMENT_THRESHOLD` and `HEIGHT_THRESHOLD`, come first
+    /// where they are set.
     pub fn core(&self) -> SP1CoreOpts {
         let mut options = SP1CoreOpts::default();
-        options.sharding_threshold.element_threshold = self.element_threshold;
-        options.sharding_threshold.height_threshold = self.height_threshold;
+        let sharding = &mut options.sharding_threshold;
+        for (variable, threshold, ours) in [
+            (
+                "ELEMENT_THRESHOLD",
+                &mut sharding.element_threshold,
+                self.element_threshold,
+            ),
+            (
+                "HEIGHT_THRESHOLD",
+                &mut sharding.height_threshold,
+                self.height_threshold,
+            ),
+        ] {
+            if std::env::var_os(variable).is_none() {
+                *threshold = ours;
+            }
+        }
         options
     }
 
@@ -212,7 +238,9 @@ mod tests {
             .unwrap()
         };
         assert_eq!(options(18, 2).workers, 1);
-        assert!(options(20, 64).element_threshold < options(21, 64).element_threshold);
+        let sizes = [20, 25, 26, 47, 48, 95].map(|gib| options(gib, 64).element_threshold);
+        assert_eq!(sizes[0], sizes[1], "24 GiB have to do for any claim");
+        assert!(sizes.is_sorted() && sizes[1] < sizes[2] && sizes[3] < sizes[4]);
         assert_eq!(
             options(200, 2).workers,
             1,

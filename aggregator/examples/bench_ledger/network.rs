@@ -5,12 +5,12 @@ use ed25519_dalek::SigningKey;
 use rayon::prelude::*;
 use std::path::Path;
 use zk0_circuits::{
-    statement::Mode, Claim, DatasetCommitment, Digest, Losses, NodeId, WeightsDigest, CLAIM_VERSION,
+    statement::Mode, Claim, DatasetCommitment, Digest, Losses, NodeId, WeightsDigest,
 };
 use zk0_ledger::{
     entry::{NodeEnrolled, RoundClosed, RoundOpened},
     governance::{Governance, Governor},
-    rules::{CreditRule, Disclosure, EnrolmentRule, Participation, Strategy},
+    rules::CreditRule,
     signed::{DatasetRegistration, Submission, UpdateCommitment},
     Body, Genesis, Ledger, Refusal, Rules, Signed, State,
 };
@@ -60,16 +60,8 @@ fn genesis() -> Genesis {
             eval_samples: 2,
             min_improvement_bps: 50,
             max_weight_samples: 100,
-            disclosure: Disclosure::Losses,
             commit_window_ms: 1000,
             submit_window_ms: 5000,
-            max_update_bytes: 1 << 20,
-            max_proof_bytes: 1 << 21,
-            max_update_norm_bps: 0,
-            witness_policy: String::new(),
-            strategy: Strategy::FedAvg,
-            participation: Participation::All,
-            enrolment: EnrolmentRule::Operator,
             credits: CreditRule {
                 bps_samples_per_credit: 100,
                 max_per_contribution: 500,
@@ -89,6 +81,7 @@ fn genesis() -> Genesis {
                 voting_ms: 20_000,
                 time_lock_ms: 10_000,
             },
+            ..Rules::default()
         },
         program: vec![1; 32],
         mode: Mode::Direct,
@@ -222,23 +215,9 @@ pub fn grown(dir: &Path, entries: u64) -> Result<()> {
 /// The claim that the ledger expects of a node.
 fn claim(state: &State, node: &NodeId) -> Result<Claim> {
     let expected = state.expected_claim(node).context("a committed node")?;
-    Ok(Claim {
-        version: CLAIM_VERSION,
-        network: expected.network,
-        round: expected.round,
-        node: expected.node,
-        dataset: expected.dataset,
-        evaluation: expected.evaluation,
-        base: expected.base,
-        update: expected.update,
-        challenge: expected.challenge,
-        eval_samples: expected.eval_samples,
-        min_improvement_bps: expected.min_improvement_bps,
-        losses: Losses::Disclosed {
-            before: 1000,
-            after: 900,
-            elements: 600,
-        },
-        weight_check: None,
-    })
+    Ok(expected.with(Losses::Disclosed {
+        before: 1000,
+        after: 900,
+        elements: 600,
+    }))
 }

@@ -17,7 +17,7 @@ use zk0_circuits::{
     spec::EvalSpec,
     statement::Mode,
     weights::{expert_tensors, TensorSpec},
-    Claim, DatasetCommitment, Digest, Losses, NodeId, WeightsDigest, CLAIM_VERSION,
+    Claim, DatasetCommitment, Digest, Losses, NodeId, WeightsDigest,
 };
 use zk0_ledger::{
     bindings::ExpectedClaim,
@@ -26,7 +26,7 @@ use zk0_ledger::{
     governance::{Governance, Governor},
     policy::Policy,
     receipt::Receipt,
-    rules::{CreditRule, Disclosure, EnrolmentRule, Participation, Rules, Strategy},
+    rules::{CreditRule, Rules},
     signed::{DatasetRegistration, Signed, Submission, UpdateCommitment, UploadRequest},
 };
 use zk0_verifier::{blob_digest, Evaluation, ExpertTensors};
@@ -71,21 +71,15 @@ pub fn genesis() -> Genesis {
             eval_samples: 4,
             min_improvement_bps: 100,
             max_weight_samples: 1000,
-            disclosure: Disclosure::Losses,
             commit_window_ms: COMMIT_MS,
             submit_window_ms: SUBMIT_MS,
             max_update_bytes: MAX_UPDATE_BYTES,
             max_proof_bytes: MAX_PROOF_BYTES,
-            max_update_norm_bps: 0,
-            strategy: Strategy::FedAvg,
-            participation: Participation::All,
-            enrolment: EnrolmentRule::Operator,
             credits: CreditRule {
                 bps_samples_per_credit: 100,
                 max_per_contribution: 1000,
                 dispute_window_ms: 1000,
             },
-            witness_policy: String::new(),
             governance: Governance {
                 governors: vec![Governor {
                     key: Node::new(GOVERNOR).id(),
@@ -95,6 +89,7 @@ pub fn genesis() -> Genesis {
                 voting_ms: VOTING_MS,
                 ..Governance::none()
             },
+            ..Rules::default()
         },
         program: vec![0; 32],
         mode: Mode::Direct,
@@ -475,24 +470,14 @@ impl Node {
     }
 
     pub fn claim_of(&self, expected: ExpectedClaim) -> Claim {
+        let claim = expected.with(Losses::Disclosed {
+            before: 1000,
+            after: 900,
+            elements: 10,
+        });
         Claim {
-            version: CLAIM_VERSION,
-            network: expected.network,
-            round: expected.round,
             node: self.id(),
-            dataset: expected.dataset,
-            evaluation: expected.evaluation,
-            base: expected.base,
-            update: expected.update,
-            challenge: expected.challenge,
-            eval_samples: expected.eval_samples,
-            min_improvement_bps: expected.min_improvement_bps,
-            losses: Losses::Disclosed {
-                before: 1000,
-                after: 900,
-                elements: 10,
-            },
-            weight_check: None,
+            ..claim
         }
     }
 

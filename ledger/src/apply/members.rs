@@ -2,7 +2,7 @@
 
 use crate::{
     entry::NodeEnrolled,
-    genesis::check_member,
+    genesis::check_member_name,
     refusal::Refusal,
     rules::EnrolmentRule,
     signed::{DatasetRegistration, KeyRotation, KeyTakeover},
@@ -22,13 +22,13 @@ impl State {
         }
     }
 
-    /// Whether a node may join, whoever decides it.
+    /// Whether a node may join, whoever decides it. Its key was looked at before.
     pub(super) fn check_enrolment(&self, enrolled: &NodeEnrolled) -> Result<(), RuleViolation> {
         let refuse = |why: String| RuleViolation::BadNode {
             node: enrolled.node,
             why,
         };
-        check_member(&enrolled.node, &enrolled.name).map_err(refuse)?;
+        check_member_name(&enrolled.name).map_err(refuse)?;
         match self.is_used(&enrolled.node) {
             true => Err(RuleViolation::AlreadyEnrolled(enrolled.node)),
             false => Ok(()),
@@ -77,18 +77,16 @@ impl State {
         self.check_replacement(&rotation.node, &rotation.with)
     }
 
-    /// Whether the key `with` may take the place of `node`'s: nobody has or had it, and the node is not in the middle of
-    /// a round, where its claim has to name the key that committed.
+    /// Whether the key `with`, which was looked at before, may take the place of `node`'s: nobody has or had it, and the node
+    /// is not in the middle of a round, where its claim has to name the key that committed.
     pub(super) fn check_replacement(
         &self,
         node: &NodeId,
         with: &NodeId,
     ) -> Result<(), RuleViolation> {
-        let Some(known) = self.nodes.get(node) else {
+        if !self.nodes.contains_key(node) {
             return Err(Refusal::NotEnrolled(*node).into());
-        };
-        check_member(with, &known.name)
-            .map_err(|why| RuleViolation::BadNode { node: *with, why })?;
+        }
         if self.is_used(with) {
             return Err(RuleViolation::AlreadyEnrolled(*with));
         }

@@ -17,6 +17,7 @@ use crate::{
     entry::{Body, Entry, ENTRY_VERSION},
     refusal::Refusal,
     state::State,
+    updates::Updates,
     violation::RuleViolation,
 };
 use std::collections::BTreeMap;
@@ -43,7 +44,7 @@ impl State {
             retired: BTreeMap::new(),
             episodes: BTreeMap::new(),
             datasets: BTreeMap::new(),
-            updates: BTreeMap::new(),
+            updates: Updates::default(),
             global: genesis.initial,
             next_round: 0,
             round: None,

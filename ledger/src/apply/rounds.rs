@@ -144,7 +144,7 @@ impl State {
         )?;
         let update = &commitment.update;
         for digest in [update.blob, update.quantised] {
-            match self.updates.get(&digest) {
+            match self.updates.committer(&digest) {
                 Some(by) if !self.same_node(by, &node) => {
                     return Err(Refusal::CopiedUpdate {
                         update: digest,
@@ -323,8 +323,7 @@ impl State {
         root: &Digest,
     ) {
         let node = commitment.node;
-        self.updates.insert(commitment.update.blob, node);
-        self.updates.insert(commitment.update.quantised, node);
+        self.updates.remember(&commitment.update, node, index);
         let dataset = self.nodes.get(&node).and_then(|node| node.dataset);
         if let (Some(round), Some(dataset)) = (&mut self.round, dataset) {
             let challenge = challenge(&self.network, round.number(), &node, index, root);

@@ -2,7 +2,7 @@
 
 use crate::{
     entry::ProposalSettled,
-    genesis::check_line,
+    genesis::{check_identity, check_line},
     governance::{
         Action, Ballot, OpenProposal, Outcome, MAX_OPEN_PROPOSALS, MAX_TEXT_BYTES, MAX_TITLE_BYTES,
     },
@@ -210,14 +210,21 @@ impl State {
             Some(known) => Some(format!("node {node} is {}", known.standing)),
         };
         let refused = |result: Result<(), RuleViolation>| result.err().map(|why| why.to_string());
+        let no_key = |key: &NodeId| {
+            let why = check_identity(key).err()?;
+            Some(RuleViolation::BadNode { node: *key, why }.to_string())
+        };
         match action {
             Action::ChangeRules(rules) => rules.check().err(),
-            Action::Enrol(enrolled) => refused(self.check_enrolment(enrolled)),
+            Action::Enrol(enrolled) => {
+                no_key(&enrolled.node).or_else(|| refused(self.check_enrolment(enrolled)))
+            }
             Action::Suspend(node) => standing(node, &[Standing::Active]),
             Action::Reinstate(node) => standing(node, &[Standing::Suspended]),
             Action::Revoke(node) => standing(node, &[Standing::Active, Standing::Suspended]),
             Action::ReplaceKey { node, with } => {
                 standing(node, &[Standing::Active, Standing::Suspended])
+                    .or_else(|| no_key(with))
                     .or_else(|| refused(self.check_replacement(node, with)))
             }
             Action::JudgeDispute { dispute, .. } => match self.disputes.get(dispute) {

@@ -2,7 +2,8 @@
 //! reading, decoding, signatures.
 
 use crate::{
-    authentic::AuthenticEntry, checkpoint::Checkpoint, store::Store, Entry, Genesis, Refusal,
+    authentic::AuthenticEntry, checkpoint::Checkpoint, store::Store, violation::RuleViolation,
+    Entry, Genesis,
 };
 use std::ops::Range;
 use tlog_tiles::tlog::{record_hash, stored_hash_index, Hash, HashReader};
@@ -51,8 +52,8 @@ impl Chunk {
         }
     }
 
-    /// Verifies the signatures in each entry.
-    pub fn authenticate(&self) -> Vec<Result<AuthenticEntry<'_>, Refusal>> {
+    /// Verifies the signatures and the new key in each entry.
+    pub fn authenticate(&self) -> Vec<Result<AuthenticEntry<'_>, RuleViolation>> {
         self.items
             .iter()
             .map(|item| item.entry.authenticate())

@@ -8,7 +8,7 @@ use super::{
 use crate::{
     authentic::AuthenticEntry, blobs::Blobs, checkpoint::Checkpoint, error::LedgerError,
     group::needs_checkpoint, history::check_network, state::State, store::Store, tree::Frontier,
-    violation::RuleViolation, Body, Entry, Genesis, Refusal,
+    violation::RuleViolation, Body, Entry, Genesis,
 };
 use std::{
     path::{Path, PathBuf},
@@ -141,7 +141,7 @@ impl<'a> Serial<'a> {
     pub fn take(
         &mut self,
         chunk: &Chunk,
-        authentic: &[Result<AuthenticEntry<'_>, Refusal>],
+        authentic: &[Result<AuthenticEntry<'_>, RuleViolation>],
     ) -> Result<(), Finding> {
         for (item, authentic) in chunk.items.iter().zip(authentic) {
             self.step(item, authentic)
@@ -162,7 +162,7 @@ impl<'a> Serial<'a> {
     fn step(
         &mut self,
         item: &Item,
-        authentic: &Result<AuthenticEntry<'_>, Refusal>,
+        authentic: &Result<AuthenticEntry<'_>, RuleViolation>,
     ) -> Result<(), String> {
         let text = |error: LedgerError| error.to_string();
         let entry = &item.entry;
@@ -271,15 +271,12 @@ impl<'a> Serial<'a> {
 fn allowed(
     state: &State,
     entry: &Entry,
-    authentic: &Result<AuthenticEntry<'_>, Refusal>,
+    authentic: &Result<AuthenticEntry<'_>, RuleViolation>,
 ) -> Result<(), RuleViolation> {
     match authentic {
         Ok(authentic) => state.check_authentic(authentic),
         // In its place among the other reasons: version and time are looked at first.
-        Err(refusal) => match state.check(entry) {
-            Ok(()) => Err(refusal.clone().into()),
-            Err(violation) => Err(violation),
-        },
+        Err(violation) => state.check(entry).and(Err(violation.clone())),
     }
 }
 

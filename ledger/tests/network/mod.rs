@@ -9,14 +9,14 @@ pub mod votes;
 
 use ed25519_dalek::SigningKey;
 use zk0_circuits::{
-    statement::Mode, Claim, DatasetCommitment, Digest, Losses, NodeId, WeightsDigest, CLAIM_VERSION,
+    statement::Mode, Claim, DatasetCommitment, Digest, Losses, NodeId, WeightsDigest,
 };
 use zk0_ledger::{
     entry::{Contributor, NodeEnrolled, RoundClosed, RoundOpened, ENTRY_VERSION},
     governance::{Governance, Governor},
-    rules::{CreditRule, Disclosure, EnrolmentRule, Participation, Strategy},
+    rules::{CreditRule, Disclosure},
     signed::{DatasetRegistration, Submission, UpdateCommitment},
-    Body, Entry, ExpectedClaim, Genesis, Refusal, RuleViolation, Rules, Signed, State,
+    Body, Entry, Genesis, Refusal, RuleViolation, Rules, Signed, State,
 };
 
 pub const T0: u64 = 1_700_000_000_000;
@@ -82,21 +82,13 @@ pub fn genesis() -> Genesis {
             eval_samples: 2,
             min_improvement_bps: 50,
             max_weight_samples: 100,
-            disclosure: Disclosure::Losses,
             commit_window_ms: COMMIT_WINDOW,
             submit_window_ms: SUBMIT_WINDOW,
-            max_update_bytes: 1 << 20,
-            max_proof_bytes: 1 << 21,
-            max_update_norm_bps: 0,
-            strategy: Strategy::FedAvg,
-            participation: Participation::All,
-            enrolment: EnrolmentRule::Operator,
             credits: CreditRule {
                 bps_samples_per_credit: 100,
                 max_per_contribution: 500,
                 dispute_window_ms: DISPUTE_WINDOW,
             },
-            witness_policy: String::new(),
             governance: Governance {
                 governors: governors(),
                 credits_per_vote: 10,
@@ -107,6 +99,7 @@ pub fn genesis() -> Genesis {
                 voting_ms: VOTING,
                 time_lock_ms: TIME_LOCK,
             },
+            ..Rules::default()
         },
         program: vec![1; 32],
         mode: Mode::Direct,
@@ -171,41 +164,15 @@ pub fn committed(state: &State, node: u8, update: WeightsDigest) -> Body {
 
 /// The claim of `node` that the ledger expects.
 pub fn claim(state: &State, node: u8) -> Claim {
-    let ExpectedClaim {
-        network,
-        round,
-        node,
-        dataset,
-        evaluation,
-        base,
-        update,
-        challenge,
-        eval_samples,
-        min_improvement_bps,
-        disclosure,
-    } = state.expected_claim(&id(node)).expect("a committed node");
-    Claim {
-        version: CLAIM_VERSION,
-        network,
-        round,
-        node,
-        dataset,
-        evaluation,
-        base,
-        update,
-        challenge,
-        eval_samples,
-        min_improvement_bps,
-        losses: match disclosure {
-            Disclosure::Nothing => Losses::Hidden,
-            Disclosure::Losses => Losses::Disclosed {
-                before: 1000,
-                after: 900,
-                elements: 600,
-            },
+    let expected = state.expected_claim(&id(node)).expect("a committed node");
+    expected.with(match expected.disclosure {
+        Disclosure::Nothing => Losses::Hidden,
+        Disclosure::Losses => Losses::Disclosed {
+            before: 1000,
+            after: 900,
+            elements: 600,
         },
-        weight_check: None,
-    }
+    })
 }
 
 /// `claim`, signed by the node `by`.

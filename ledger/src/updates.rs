@@ -1,0 +1,98 @@
+//! The updates that were committed last: nobody may count for what another node trained.
+//!
+//! The number is bounded, and with it the memory of everybody who follows a log, however long it is. It is a number of
+//! updates and not of rounds or days: an aggregator could let any number of empty rounds go by at once, but each commitment is
+//! a node's, one a round.
+
+use borsh::{BorshDeserialize, BorshSerialize};
+use std::collections::{BTreeMap, VecDeque};
+use zk0_circuits::{Digest, NodeId, WeightsDigest};
+
+/// How many updates are remembered. One that was committed before so many others may be committed by another node: it would
+/// have to improve on what the network has become since.
+pub const REMEMBERED_UPDATES: usize = 1 << 16;
+
+/// The last [`REMEMBERED_UPDATES`] updates, and whose they are.
+#[derive(Clone, Debug, Default, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
+pub struct Updates {
+    /// By the digest of their bytes and by that of their numbers: other bytes do not make another update.
+    by_digest: BTreeMap<Digest, Committed>,
+    /// In the order of their entries.
+    in_order: VecDeque<(u64, WeightsDigest)>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
+struct Committed {
+    node: NodeId,
+    /// Index of the last entry that commits to it.
+    entry: u64,
+}
+
+impl Updates {
+    /// Who committed to an update with this digest.
+    pub(crate) fn committer(&self, digest: &Digest) -> Option<&NodeId> {
+        self.by_digest.get(digest).map(|committed| &committed.node)
+    }
+
+    /// Remembers an update of `node`, committed by entry `entry`, and forgets the oldest beyond the limit.
+    pub(crate) fn remember(&mut self, update: &WeightsDigest, node: NodeId, entry: u64) {
+        for digest in [update.blob, update.quantised] {
+            self.by_digest.insert(digest, Committed { node, entry });
+        }
+        self.in_order.push_back((entry, *update));
+        if self.in_order.len() > REMEMBERED_UPDATES {
+            if let Some((entry, update)) = self.in_order.pop_front() {
+                self.forget(entry, &update);
+            }
+        }
+    }
+
+    /// Forgets an update, unless a later entry commits to it too.
+    fn forget(&mut self, entry: u64, update: &WeightsDigest) {
+        for digest in [update.blob, update.quantised] {
+            let known = self.by_digest.get(&digest);
+            if known.is_some_and(|committed| committed.entry == entry) {
+                self.by_digest.remove(&digest);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn update(number: u64) -> WeightsDigest {
+        let digest = |part: u8| {
+            let mut bytes = [part; 32];
+            bytes[..8].copy_from_slice(&number.to_le_bytes());
+            Digest(bytes)
+        };
+        WeightsDigest {
+            blob: digest(1),
+            quantised: digest(2),
+        }
+    }
+
+    #[test]
+    fn so_many_are_remembered_and_no_more() {
+        let (node, limit) = (NodeId([7; 32]), REMEMBERED_UPDATES as u64);
+        let mut updates = Updates::default();
+        (0..limit).for_each(|number| updates.remember(&update(number), node, number));
+        // Committed again: remembered from then on.
+        updates.remember(&update(1), node, limit);
+        let known = |updates: &Updates, number| {
+            let WeightsDigest { blob, quantised } = update(number);
+            let [one, other] = [blob, quantised].map(|digest| updates.committer(&digest).copied());
+            assert_eq!(one, other);
+            one
+        };
+        assert_eq!(known(&updates, 0), None);
+        updates.remember(&update(limit), node, limit + 1);
+        assert_eq!(known(&updates, 1), Some(node));
+        assert_eq!(known(&updates, 2), Some(node));
+        assert_eq!(known(&updates, limit), Some(node));
+        assert_eq!(updates.in_order.len(), REMEMBERED_UPDATES);
+        assert_eq!(updates.by_digest.len(), 2 * (REMEMBERED_UPDATES - 1));
+    }
+}
