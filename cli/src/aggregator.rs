@@ -5,6 +5,7 @@ use crate::{
     dataset::RecordingName,
     governance::read_rules,
     keys,
+    policy_source::PolicySource,
 };
 use anyhow::{bail, Context, Result};
 use std::{net::SocketAddr, path::PathBuf, sync::Arc, time::Duration};
@@ -27,7 +28,7 @@ use zk0_ledger::{
     log::Ledger,
     rules::{CreditRule, Disclosure, EnrolmentRule, Participation, Rules, Strategy},
 };
-use zk0_smolvla::{fixed_point::quantise_weights, init::init_policy, policy_file, Profile};
+use zk0_smolvla::{fixed_point::quantise_weights, Profile};
 use zk0_verifier::blob_digest;
 
 /// What to do.
@@ -195,15 +196,15 @@ pub fn run(command: &Command) -> Result<()> {
 
 fn init(options: &Init) -> Result<()> {
     let key = keys::read(&options.key)?;
-    let policy = init_policy(&Profile::Micro.config(), options.seed)?;
-    let (policy_file, initial_file) = (
-        policy_file::write(&policy)?,
-        policy.expert.to_safetensors()?,
-    );
+    let file = PolicySource::Random(Profile::Micro, options.seed).load()?;
+    let policy = &file.policy;
+    let mut policy_file = Vec::new();
+    file.write(&mut policy_file)?;
+    let initial_file = policy.expert.to_safetensors()?;
     let spec = match options.calibrate.as_slice() {
         [] => EvalSpec::micro(),
         recordings => {
-            let samples = samples(&policy, recordings, usize::MAX)?;
+            let samples = samples(&file, recordings, usize::MAX)?;
             calibrated(&policy.config, &policy.expert, &samples)?
         }
     };

@@ -2,7 +2,10 @@
 
 use crate::{dataset::RecordingName, frames::CacheOptions, keys};
 use anyhow::{bail, Context, Result};
-use std::{fs, path::PathBuf};
+use std::{
+    fs,
+    path::{Path, PathBuf},
+};
 use tokio::runtime::Runtime;
 use zk0_circuits::{challenge::MAX_EVAL_SAMPLES, statement::Mode, Digest, EvalSpec};
 use zk0_prover::{
@@ -111,8 +114,8 @@ pub fn run(command: &Command) -> Result<()> {
 async fn estimate(options: &Estimate) -> Result<()> {
     let config = match Profile::from_name(&options.model) {
         Ok(profile) => profile.config(),
-        Err(unknown) => match fs::read(&options.model) {
-            Ok(file) => policy_file::read(&file)?.config,
+        Err(unknown) => match policy_file::load(Path::new(&options.model)) {
+            Ok(file) => file.policy.config,
             Err(error) => bail!(
                 "{unknown}, and as a policy file {} cannot be read: {error}",
                 options.model

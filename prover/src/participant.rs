@@ -21,7 +21,7 @@ use zk0_circuits::{
 use zk0_ledger::{bindings::ExpectedClaim, entry::RoundOpened, rules::Disclosure};
 use zk0_smolvla::{
     fixed_point::{dims, quantise_weights},
-    policy_file,
+    policy_file::{self, PolicyFile},
     prefix_cache::{CacheError, DiskCache},
     train::{train, TrainOptions},
     ExpertWeights, Policy,
@@ -176,10 +176,10 @@ impl Participant {
         }
         let spec = EvalSpec::decode(&genesis.evaluation)?;
         let blob = genesis.policy;
-        let policy = policy_file::read(&node.download(&blob, MAX_POLICY_BYTES).await?)?;
-        check_dimensions(&policy, &spec)?;
+        let file = policy_file::read(&node.download(&blob, MAX_POLICY_BYTES).await?)?;
+        check_dimensions(&file.policy, &spec)?;
         tracing::info!("preparing the recording {}", self.dataset.display());
-        let recording = self.recording(&policy, &spec)?;
+        let recording = self.recording(&file, &spec)?;
         node.register(&recording).await?;
         tracing::info!(
             "committed to {} samples, root {}",
@@ -193,7 +193,7 @@ impl Participant {
             next = opened.round + 1;
             let turn = Turn {
                 participant: self,
-                policy: &policy,
+                policy: &file.policy,
                 spec: &spec,
                 recording: &recording,
                 opened: &opened,
@@ -225,7 +225,7 @@ impl Participant {
     }
 
     /// The prepared recording, under a salt that stays the same from start to start.
-    fn recording(&self, policy: &Policy, spec: &EvalSpec) -> Result<Recording, ParticipantError> {
+    fn recording(&self, file: &PolicyFile, spec: &EvalSpec) -> Result<Recording, ParticipantError> {
         let path = self.state.join("salt");
         let salt = match fs::read(&path) {
             Ok(bytes) => match <[u8; 32]>::try_from(&bytes[..]) {
@@ -243,7 +243,7 @@ impl Participant {
             }
             Err(error) => return Err(ParticipantError::File { path, error }),
         };
-        Recording::prepare(&self.dataset, policy, spec, salt, self.cache.as_ref())
+        Recording::prepare(&self.dataset, file, spec, salt, self.cache.as_ref())
     }
 }
 

@@ -11,7 +11,6 @@ use crate::{
     chart,
     dataset::RecordingName,
     frames::{Kind, Naming, Ready},
-    policy_source,
 };
 use anyhow::{bail, Context, Result};
 use metrics::{EvalLine, Line, Metrics, StepLine};
@@ -29,7 +28,7 @@ use zk0_smolvla::{
     dataset::Dataset,
     evaluate::{fixed_draws, FlowDraw},
     layout::expert_layout,
-    policy_file,
+    policy_file::{self, PolicyFile},
     prefix_cache::{digest_of, FrameMaker, FrameRef, KeySpace},
     sample::{ObservedSample, PreparedSample, Preparer},
     train::{
@@ -63,10 +62,11 @@ fn train<S: Kind>(options: &Options) -> Result<()> {
 
     let datasets = options.datasets.iter().map(RecordingName::open);
     let datasets = datasets.collect::<Result<Vec<_>>>()?;
-    let mut policy = source.load()?;
-    let config = policy.config.clone();
-    let tokenizer = policy_source::tokenizer(&source, &config)?;
-    let tokenizer = &*tokenizer;
+    let PolicyFile {
+        mut policy,
+        tokenizer,
+    } = source.load()?;
+    let (config, tokenizer) = (policy.config.clone(), &tokenizer);
     let cache = options.cache.open()?;
     let space = KeySpace::new::<S>(&policy, &at);
     let naming = Naming::new(space, &config, tokenizer, cache.as_ref());
@@ -77,7 +77,7 @@ fn train<S: Kind>(options: &Options) -> Result<()> {
     let frozen = mem::take(&mut policy.frozen);
     let frozen = options.train_state_proj.then_some(frozen);
     let maker = FrameMaker::new(&datasets, config.chunk_size, || {
-        let policy = source.load();
+        let policy = source.policy();
         let policy = policy.map_err(|error| PolicyError::Sample(format!("{error:#}")))?;
         Preparer::at(&at, &policy, tokenizer)
     });
@@ -144,9 +144,9 @@ fn train<S: Kind>(options: &Options) -> Result<()> {
     let values = trainer.values()?;
     drop(trainer);
 
-    let mut policy = source.load()?;
+    let mut policy = source.policy()?;
     place(&mut policy, values)?;
-    let digest = policy_file::save(&policy, &out.join("model.safetensors"))?;
+    let digest = policy_file::save(&policy, tokenizer, &out.join("model.safetensors"))?;
     let curves = metrics::curves(&metrics::read(&lines)?);
     chart::draw_training(&out.join("loss"), &curves)?;
     report.ended(Ended::new(&digest, made, seconds, evaluated));
