@@ -1,6 +1,6 @@
 //! A node's own recording, prepared: every frame through the frozen prefix once, quantised, and committed to.
 
-use crate::participant::ParticipantError;
+use crate::error::ParticipantError;
 use crate::progress::Progress;
 use std::{collections::BTreeSet, path::Path, slice};
 use zk0_circuits::{
@@ -177,8 +177,7 @@ mod tests {
     };
 
     fn path() -> PathBuf {
-        PathBuf::from(env!("CARGO_MANIFEST_DIR"))
-            .join("../tests/fixtures/datasets/so100_pickplace")
+        PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../tests/fixtures/datasets/so100_pickplace")
     }
 
     fn hashing_words() -> PolicyFile {
