@@ -3,7 +3,7 @@
 //! A short tour. The node:
 //! - [`participant`]: its life in a network, round after round, and what can end it ([`error`]); [`recording`]: its data,
 //!   prepared and committed to; [`node`]: its dealings with the aggregator; [`own_files`]: what it keeps from start to start;
-//!   [`progress`]: how long work reports how far it is.
+//!   [`base_losses`]: the losses that its learning rate follows; [`progress`]: how long work reports how far it is.
 //!
 //! Proving:
 //! - [`program`]: the guest program's ELF.
@@ -16,6 +16,7 @@
 //! - [`sp1`]: SP1 as that service's backend.
 //! - [`synthetic`]: witnesses made from a seed; [`cycles`]: what proving them costs.
 
+pub mod base_losses;
 pub mod cycles;
 pub mod device;
 mod engine;

@@ -1,6 +1,7 @@
 //! A node's life in a network: prepare the recording, then round after round train, commit, prove, submit.
 
 use crate::{
+    base_losses::BaseLosses,
     error::ParticipantError,
     node::{Decision, Node, NodeError},
     own_files,
@@ -22,10 +23,11 @@ use zk0_circuits::{
 };
 use zk0_ledger::{bindings::ExpectedClaim, entry::RoundOpened, rules::Disclosure};
 use zk0_smolvla::{
+    adaptive::{adapted, Adaptation, Rates},
     fixed_point::{dims, quantise_weights},
     policy_file::{self, PolicyFile},
     prefix_cache::DiskCache,
-    train::{train, TrainOptions},
+    train::{measure::loss_of, train, TrainOptions},
     ExpertWeights, PolicyConfig,
 };
 
@@ -60,6 +62,8 @@ pub struct Training {
     pub learning_rate: f64,
     /// FedProx: weight of the pull towards the round's base weights.
     pub fedprox_mu: f64,
+    /// What lets mu and the learning rate change with the losses of the rounds' base weights.
+    pub adaptation: Adaptation,
 }
 
 /// What a node does with its turn.
@@ -223,7 +227,7 @@ impl Turn<'_> {
             ExpertWeights::from_safetensors(self.config, &file)?
         };
         let update = match self.participant.conduct {
-            Conduct::Honest => self.train(&base)?,
+            Conduct::Honest => self.train(&base, self.rates(node.network(), &base)?)?,
             Conduct::Lazy { .. } => base.clone(),
         };
         let update_file = update.to_safetensors()?;
@@ -284,14 +288,34 @@ impl Turn<'_> {
         Ok(node.submit(claim, proof).await?)
     }
 
-    fn train(&self, base: &ExpertWeights) -> Result<ExpertWeights, ParticipantError> {
+    /// What the round is trained at: as the losses of the base weights so far ask for, if they are followed.
+    fn rates(&self, network: &Digest, base: &ExpertWeights) -> Result<Rates, ParticipantError> {
+        let (round, training) = (self.opened.round, &self.participant.training);
+        let start = Rates {
+            mu: training.fedprox_mu,
+            learning_rate: training.learning_rate,
+        };
+        if !training.adaptation.is_wanted() {
+            return Ok(start);
+        }
+        let dataset = self.recording.commitment.root;
+        let kept = BaseLosses::at(&self.participant.state, *network, dataset);
+        // The same samples, noise and times in every round.
+        let measure = || Ok(loss_of(self.config, base, &self.recording.samples, 0)?);
+        let losses = kept.up_to(round, &self.opened.base.blob, measure)?;
+        let adapted = adapted(start, training.adaptation, &losses)?;
+        tracing::info!("round {round}: {adapted}");
+        Ok(adapted.rates)
+    }
+
+    fn train(&self, base: &ExpertWeights, rates: Rates) -> Result<ExpertWeights, ParticipantError> {
         let round = self.opened.round;
         let training = &self.participant.training;
         let options = TrainOptions {
             steps: training.steps,
             batch_size: training.batch_size,
-            learning_rate: training.learning_rate,
-            fedprox_mu: training.fedprox_mu,
+            learning_rate: rates.learning_rate,
+            fedprox_mu: rates.mu,
             seed: round,
             ..TrainOptions::default()
         };

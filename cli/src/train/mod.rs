@@ -24,7 +24,6 @@ use std::{
 use zk0_prover::progress::Progress;
 use zk0_smolvla::{
     adaptive::{boost, Boost},
-    batch::SampleSource,
     dataset::Dataset,
     evaluate::{fixed_draws, FlowDraw},
     layout::expert_layout,
@@ -33,16 +32,14 @@ use zk0_smolvla::{
     sample::{ObservedSample, PreparedSample, Preparer},
     train::{
         checkpoints::{Checkpoints, RunIdentity},
+        measure::measured_loss,
         split::{self, Split},
         trainer::evaluate_samples,
-        TrainOptions, Trainer,
+        Samples, TrainOptions, Trainer,
     },
     weights::TensorSet,
     ExpertWeights, Policy, PolicyConfig, PolicyError,
 };
-
-/// Frames that the loss at the start is measured on, for a boost.
-const MEASURED: usize = 256;
 
 /// Runs the command.
 pub fn run(options: &Options) -> Result<()> {
@@ -96,7 +93,7 @@ fn train<S: Kind>(options: &Options) -> Result<()> {
         Trainer::on(device, &config, expert, frozen, samples, training)
     };
     let mut trainer = start(training.clone())?;
-    let boosted = boosted::<S>(options, &trainer, &ours)?;
+    let boosted = boosted(options, &trainer, S::samples(&ours))?;
     if boosted != 1.0 {
         let learning_rate = training.learning_rate * boosted;
         trainer = start(TrainOptions {
@@ -306,20 +303,11 @@ fn fits(config: &PolicyConfig, dataset: &Dataset) -> Result<()> {
 }
 
 /// What the learning rate is multiplied by, for a client whose loss is high.
-fn boosted<S: Kind>(
-    options: &Options,
-    trainer: &Trainer,
-    samples: &impl SampleSource<S>,
-) -> Result<f64> {
+fn boosted(options: &Options, trainer: &Trainer, samples: Samples) -> Result<f64> {
     let (Some(factor), Some(prior)) = (options.lr_boost, options.prior_loss) else {
         return Ok(1.0);
     };
-    let count = samples.len().min(MEASURED);
-    let indices: Vec<usize> = (0..count).map(|i| i * samples.len() / count).collect();
-    let models = trainer.snapshot()?;
-    let draws = fixed_draws(models.config(), count, options.seed);
-    let errors = evaluate_samples(&models, S::samples(samples), &indices, &draws)?;
-    let now = errors.valid_only.loss();
+    let now = measured_loss(&trainer.snapshot()?, samples, options.seed)?;
     let rule = Boost {
         factor,
         ..Boost::default()
