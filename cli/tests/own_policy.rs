@@ -105,6 +105,54 @@ fn a_node_downloads_the_policy_once_and_believes_its_digest_alone() {
 }
 
 #[test]
+fn a_node_takes_no_other_policy_than_the_genesis_names() {
+    let place = Place::new();
+    place.found(&[]);
+    let name = place.genesis().policy.to_string();
+    let blob = Path::new(&place.path("ledger/blobs/sha256")).join(&name);
+    let other = PolicyFile::hashing_words(init_policy(&Profile::Micro.config(), 9).unwrap());
+    policy_file::save(&other.policy, &other.tokenizer, &blob).unwrap();
+    let output = place.join(0, &[]);
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{said}");
+    assert!(
+        said.contains(&format!("blob {name} has SHA-256 ")),
+        "{said}"
+    );
+    let kept = place.path(&format!("state/policy-{name}.safetensors"));
+    assert!(!Path::new(&kept).exists());
+}
+
+/// Ranges are chosen from samples as nodes will make them.
+#[test]
+fn calibration_reads_instructions_with_the_policy_s_tokenizer() {
+    let place = Place::new();
+    let folder = lerobot_folder(&place);
+    let calibrate = [
+        "--policy",
+        &folder,
+        "--mode",
+        "checked",
+        "--calibrate",
+        network::RECORDING,
+    ];
+    let file = Path::new(&folder).join("tokenizer.json");
+    let good = fs::read_to_string(&file).unwrap();
+    // A token that the policy does not know, for every word that the tokenizer does not.
+    fs::write(&file, good.replace("\"?\":0", "\"?\":500")).unwrap();
+    let refused = fails(&words(&place.founding(&calibrate)));
+    assert!(refused.contains("token id 500"), "{refused}");
+    assert!(!Path::new(&place.path("ledger")).exists());
+    fs::write(&file, good).unwrap();
+    place.found(&calibrate);
+    let config = &place.policy().policy.config;
+    let default = EvalSpec::new(dims(config).unwrap());
+    let chosen = EvalSpec::decode(&place.genesis().evaluation).unwrap();
+    assert_eq!(chosen.dims, default.dims);
+    assert_ne!(chosen, default);
+}
+
+#[test]
 fn without_a_policy_it_is_micro_and_a_file_is_as_good_as_what_it_was_made_of() {
     let micro = Place::new();
     micro.found(&[]);
@@ -158,6 +206,21 @@ fn an_update_has_room_in_the_rules_or_nothing_is_founded() {
     assert!(!Path::new(&place.path("ledger")).exists());
     succeeds(&words(&found(needed, &tiny)));
     assert_eq!(place.genesis().rules.max_update_bytes, needed);
+}
+
+#[test]
+fn nothing_is_added_to_a_folder_that_holds_a_ledger() {
+    let place = Place::new();
+    place.found(&[]);
+    let blobs = || {
+        fs::read_dir(place.path("ledger/blobs/sha256"))
+            .unwrap()
+            .count()
+    };
+    assert_eq!(blobs(), 2);
+    let refused = fails(&words(&place.founding(&["--seed", "5"])));
+    assert!(refused.contains("already holds a ledger"), "{refused}");
+    assert_eq!(blobs(), 2);
 }
 
 #[test]
