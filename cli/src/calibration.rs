@@ -7,22 +7,21 @@ use zk0_smolvla::{
     calibrate::{calibrate, Magnitudes},
     fidelity::draws,
     fixed_point::dims,
+    policy_file::PolicyFile,
     sample::{PreparedSample, Preparer},
-    tokenizer::WordHash,
-    ExpertWeights, Policy, PolicyConfig,
+    ExpertWeights, PolicyConfig,
 };
 
 /// Noises and times that each sample is seen at.
 const DRAWS: usize = 2;
 
-/// At most `frames` frames of each recording, evenly spaced, through the frozen half of `policy`.
+/// At most `frames` frames of each recording, evenly spaced, through the frozen half of a policy.
 pub fn samples(
-    policy: &Policy,
+    file: &PolicyFile,
     recordings: &[RecordingName],
     frames: usize,
 ) -> Result<Vec<PreparedSample>> {
-    let tokenizer = WordHash::new(&policy.config);
-    let preparer = Preparer::new(policy, &tokenizer)?;
+    let preparer = Preparer::new(&file.policy, &file.tokenizer)?;
     let mut samples = Vec::new();
     for recording in recordings {
         let dataset = recording.open()?;

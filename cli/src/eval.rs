@@ -5,7 +5,7 @@ use crate::{
     dataset::RecordingName,
     frames::{CacheOptions, Naming, Ready},
     place::PlaceOptions,
-    policy_source::{self, PolicySource},
+    policy_source::PolicySource,
 };
 use anyhow::{bail, Context, Result};
 use serde::Serialize;
@@ -16,6 +16,7 @@ use zk0_smolvla::{
     batch::SampleSource,
     dataset::Dataset,
     evaluate::fixed_draws,
+    policy_file::PolicyFile,
     prefix_cache::{FrameMaker, KeySpace},
     sample::{PreparedSample, Preparer},
     train::{learner::Snapshot, trainer::evaluate_samples, Samples},
@@ -150,16 +151,14 @@ fn measure(
     chosen: &[Vec<usize>],
 ) -> Result<Vec<Row>> {
     let place = options.place.open()?;
-    let policy = source.load()?;
-    let config = policy.config.clone();
-    let tokenizer = policy_source::tokenizer(source, &config)?;
-    let tokenizer = &*tokenizer;
+    let PolicyFile { policy, tokenizer } = source.load()?;
+    let (config, tokenizer) = (policy.config.clone(), &tokenizer);
     let cache = options.cache.open()?;
     let space = KeySpace::new::<PreparedSample>(&policy, &place);
     let models = Snapshot::new(&config, &policy.expert, None, &place.device)?;
     drop(policy);
     let maker = FrameMaker::new(datasets, config.chunk_size, || {
-        let policy = source.load();
+        let policy = source.policy();
         let policy = policy.map_err(|error| PolicyError::Sample(format!("{error:#}")))?;
         Preparer::at(&place, &policy, tokenizer)
     });

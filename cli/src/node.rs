@@ -2,7 +2,10 @@
 
 use crate::{dataset::RecordingName, frames::CacheOptions, keys};
 use anyhow::{bail, Context, Result};
-use std::{fs, path::PathBuf};
+use std::{
+    fs,
+    path::{Path, PathBuf},
+};
 use tokio::runtime::Runtime;
 use zk0_circuits::{challenge::MAX_EVAL_SAMPLES, statement::Mode, Digest, EvalSpec};
 use zk0_prover::{
@@ -13,7 +16,11 @@ use zk0_prover::{
     participant::{Conduct, Participant, Training},
     service::ProvingClient,
 };
-use zk0_smolvla::{fixed_point::dims, policy_file, Profile};
+use zk0_smolvla::{
+    adaptive::{Adaptation, Boost},
+    fixed_point::dims,
+    policy_file, Profile,
+};
 
 /// What to do.
 #[derive(Debug, clap::Subcommand)]
@@ -67,7 +74,7 @@ pub struct Join {
     /// The recording: a LeRobotDataset folder, or hub:owner/name[@revision] on the Hugging Face Hub.
     #[arg(long)]
     dataset: RecordingName,
-    /// Where the node keeps its salt, updates and training histories.
+    /// Where the node keeps the policy, its salt, updates and training histories.
     #[arg(long)]
     state: PathBuf,
     /// Rounds to take part in.
@@ -85,6 +92,13 @@ pub struct Join {
     /// FedProx: weight of the pull towards the base weights of the round.
     #[arg(long, default_value_t = 0.0, value_name = "MU")]
     fedprox_mu: f64,
+    /// Let mu and the learning rate follow the loss of the rounds' base weights on this recording: four fifths of both where it
+    /// stalls over three rounds, a tenth more where it grows by 5 %.
+    #[arg(long)]
+    follow_losses: bool,
+    /// Raise the learning rate by this factor, 1 to 10, in rounds that begin at more than twice the average loss so far.
+    #[arg(long, value_name = "FACTOR")]
+    lr_boost: Option<f64>,
     #[command(flatten)]
     cache: CacheOptions,
     /// Do not train: submit the base weights with the proof in this file. For demonstrations; it will be refused.
@@ -111,8 +125,8 @@ pub fn run(command: &Command) -> Result<()> {
 async fn estimate(options: &Estimate) -> Result<()> {
     let config = match Profile::from_name(&options.model) {
         Ok(profile) => profile.config(),
-        Err(unknown) => match fs::read(&options.model) {
-            Ok(file) => policy_file::read(&file)?.config,
+        Err(unknown) => match policy_file::load(Path::new(&options.model)) {
+            Ok(file) => file.policy.config,
             Err(error) => bail!(
                 "{unknown}, and as a policy file {} cannot be read: {error}",
                 options.model
@@ -190,6 +204,13 @@ fn duration(seconds: f64) -> String {
 }
 
 async fn join(options: &Join) -> Result<()> {
+    let boost = options.lr_boost.map(|factor| Boost {
+        factor,
+        ..Boost::default()
+    });
+    if let Some(boost) = boost {
+        boost.check().context("--lr-boost")?;
+    }
     fs::create_dir_all(&options.state)
         .with_context(|| format!("creating {}", options.state.display()))?;
     let conduct = match &options.lazy_with_proof {
@@ -211,6 +232,10 @@ async fn join(options: &Join) -> Result<()> {
             batch_size: options.batch_size,
             learning_rate: options.learning_rate,
             fedprox_mu: options.fedprox_mu,
+            adaptation: Adaptation {
+                follow: options.follow_losses,
+                boost,
+            },
         },
         conduct,
     };

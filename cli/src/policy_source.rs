@@ -7,8 +7,8 @@ use std::{
 };
 use zk0_smolvla::{
     init::init_policy,
-    policy_file,
-    tokenizer::{Tokenizer, WordHash},
+    policy_file::{self, PolicyFile},
+    tokenizer::PolicyTokenizer,
     trained_tokenizer::TrainedTokenizer,
     Checkpoint, Policy, PolicyConfig, Profile,
 };
@@ -23,10 +23,19 @@ pub enum PolicySource {
 }
 
 impl PolicySource {
-    /// Reads or makes it.
-    pub fn load(&self) -> Result<Policy> {
+    /// Reads or makes it, with what its instructions are read with.
+    pub fn load(&self) -> Result<PolicyFile> {
         match self {
             Self::Path(path) => read(path),
+            Self::Random(..) => Ok(PolicyFile::hashing_words(self.policy()?)),
+        }
+    }
+
+    /// Its weights alone.
+    pub fn policy(&self) -> Result<Policy> {
+        match self {
+            Self::Path(path) if path.is_dir() => read_folder(path),
+            Self::Path(path) => Ok(read(path)?.policy),
             Self::Random(profile, seed) => Ok(init_policy(&profile.config(), *seed)?),
         }
     }
@@ -43,12 +52,19 @@ impl PolicySource {
 }
 
 /// Reads a policy file, or a folder: a checkpoint as LeRobot's `save_pretrained` writes it, or a reference with
-/// policy_config.json, vlm_config.json and weights.safetensors.
-pub fn read(path: &Path) -> Result<Policy> {
+/// policy_config.json, vlm_config.json and weights.safetensors. Its tokenizer is the file's, or the folder's tokenizer.json;
+/// where there is none words are hashed, which suits policies that start at random.
+pub fn read(path: &Path) -> Result<PolicyFile> {
     if !path.is_dir() {
         return policy_file::load(path)
             .with_context(|| format!("reading the policy {}", path.display()));
     }
+    let policy = read_folder(path)?;
+    let tokenizer = folder_tokenizer(path, &policy.config)?;
+    Ok(PolicyFile { policy, tokenizer })
+}
+
+fn read_folder(path: &Path) -> Result<Policy> {
     if !path.join("policy_config.json").exists() {
         return Ok(Checkpoint::open(path)?.policy()?);
     }
@@ -64,22 +80,18 @@ pub fn read(path: &Path) -> Result<Policy> {
         .with_context(|| format!("reading the policy {}", path.display()))
 }
 
-/// What turns instructions into a policy's tokens: `tokenizer.json` in the policy's folder, else a hash of each word, which
-/// suits policies that start at random.
-pub fn tokenizer(source: &PolicySource, config: &PolicyConfig) -> Result<Box<dyn Tokenizer>> {
-    if let PolicySource::Path(path) = source {
-        let file = path.join("tokenizer.json");
-        if file.exists() {
-            return Ok(Box::new(TrainedTokenizer::read(file, config)?));
-        }
-        if path.join("config.json").exists() {
-            tracing::warn!(
-                "{} is not there: instructions become hashed words, which a pretrained policy does not understand",
-                file.display()
-            );
-        }
+fn folder_tokenizer(folder: &Path, config: &PolicyConfig) -> Result<PolicyTokenizer> {
+    let file = folder.join("tokenizer.json");
+    if file.exists() {
+        return Ok(TrainedTokenizer::read(file, config)?.into());
     }
-    Ok(Box::new(WordHash::new(config)))
+    if folder.join("config.json").exists() {
+        tracing::warn!(
+            "{} is not there: instructions become hashed words, which a pretrained policy does not understand",
+            file.display()
+        );
+    }
+    Ok(PolicyTokenizer::word_hash(config))
 }
 
 /// One of the two ways of naming a policy.
@@ -95,40 +107,64 @@ pub fn one(path: Option<&PathBuf>, profile: Option<Profile>, seed: u64) -> Resul
 mod tests {
     use super::*;
     use serde_json::json;
+    use zk0_smolvla::tokenizer::Tokenizer;
 
-    /// A policy's folder with a tokenizer, or without.
-    fn folder(tokenizer: bool) -> (tempfile::TempDir, PolicySource) {
+    /// A byte-level BPE of three letters, `Ċ` being the line break.
+    fn definition() -> Vec<u8> {
+        let definition = json!({
+            "version": "1.0", "truncation": null, "padding": null, "added_tokens": [],
+            "normalizer": null, "post_processor": null, "decoder": null,
+            "pre_tokenizer": {"type": "ByteLevel", "add_prefix_space": false, "trim_offsets": true, "use_regex": true},
+            "model": {
+                "type": "BPE", "dropout": null, "unk_token": null, "continuing_subword_prefix": null,
+                "end_of_word_suffix": null, "fuse_unk": false, "byte_fallback": false,
+                "vocab": {"g": 0, "o": 1, "go": 2, "Ċ": 3}, "merges": ["g o"]
+            }
+        });
+        serde_json::to_vec(&definition).unwrap()
+    }
+
+    /// LeRobot's fixture as a reference folder.
+    fn folder() -> (tempfile::TempDir, PolicySource) {
+        let fixture = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/fixtures/smolvla_tiny");
         let dir = tempfile::tempdir().unwrap();
-        if tokenizer {
-            // A byte-level BPE of three letters, `Ċ` being the line break.
-            let definition = json!({
-                "version": "1.0", "truncation": null, "padding": null, "added_tokens": [],
-                "normalizer": null, "post_processor": null, "decoder": null,
-                "pre_tokenizer": {"type": "ByteLevel", "add_prefix_space": false, "trim_offsets": true, "use_regex": true},
-                "model": {
-                    "type": "BPE", "dropout": null, "unk_token": null, "continuing_subword_prefix": null,
-                    "end_of_word_suffix": null, "fuse_unk": false, "byte_fallback": false,
-                    "vocab": {"g": 0, "o": 1, "go": 2, "Ċ": 3}, "merges": ["g o"]
-                }
-            });
-            let text = serde_json::to_vec(&definition).unwrap();
-            fs::write(dir.path().join("tokenizer.json"), text).unwrap();
+        for name in [
+            "policy_config.json",
+            "vlm_config.json",
+            "weights.safetensors",
+        ] {
+            fs::copy(fixture.join(name), dir.path().join(name)).unwrap();
         }
         let source = PolicySource::Path(dir.path().to_owned());
         (dir, source)
     }
 
+    fn tokens(source: &PolicySource) -> Vec<u32> {
+        source.load().unwrap().tokenizer.tokens("go").unwrap()
+    }
+
     #[test]
     fn a_folder_s_own_tokenizer_is_the_one_that_is_used() {
-        let config = Profile::Micro.config();
-        let tokens = |source: &PolicySource| tokenizer(source, &config).unwrap().tokens("go");
-        let (_with, own) = folder(true);
-        assert_eq!(tokens(&own).unwrap(), [2, 3]);
-        let (without, hashed) = folder(false);
-        let expected = WordHash::new(&config).tokens("go").unwrap();
-        assert_eq!(tokens(&hashed).unwrap(), expected);
+        let (dir, source) = folder();
+        let hashed = PolicyTokenizer::word_hash(&source.policy().unwrap().config);
+        assert_eq!(tokens(&source), hashed.tokens("go").unwrap());
+        let file = dir.path().join("tokenizer.json");
+        fs::write(&file, definition()).unwrap();
+        assert_eq!(tokens(&source), [2, 3]);
         // One that cannot be used is an error, never passed over.
-        fs::write(without.path().join("tokenizer.json"), "{}").unwrap();
-        assert!(tokenizer(&hashed, &config).is_err());
+        fs::write(&file, "{}").unwrap();
+        assert!(source.load().is_err());
+    }
+
+    #[test]
+    fn a_tokenizer_goes_along_into_the_policy_file() {
+        let (dir, source) = folder();
+        fs::write(dir.path().join("tokenizer.json"), definition()).unwrap();
+        let loaded = source.load().unwrap();
+        let path = dir.path().join("policy.safetensors");
+        policy_file::save(&loaded.policy, &loaded.tokenizer, &path).unwrap();
+        let file = PolicySource::Path(path);
+        assert_eq!(tokens(&file), [2, 3]);
+        assert_eq!(file.policy().unwrap(), loaded.policy);
     }
 }

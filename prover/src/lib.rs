@@ -1,8 +1,9 @@
 //! The node's side of a round: witness, SP1 proof, signature.
 //!
 //! A short tour. The node:
-//! - [`participant`]: its life in a network, round after round; [`recording`]: its data, prepared and committed to;
-//!   [`node`]: its dealings with the aggregator; [`progress`]: how long work reports how far it is.
+//! - [`participant`]: its life in a network, round after round, and what can end it ([`error`]); [`recording`]: its data,
+//!   prepared and committed to; [`node`]: its dealings with the aggregator; [`own_files`]: what it keeps from start to start;
+//!   [`base_losses`]: the losses that its learning rate follows; [`progress`]: how long work reports how far it is.
 //!
 //! Proving:
 //! - [`program`]: the guest program's ELF.
@@ -15,14 +16,17 @@
 //! - [`sp1`]: SP1 as that service's backend.
 //! - [`synthetic`]: witnesses made from a seed; [`cycles`]: what proving them costs.
 
+pub mod base_losses;
 pub mod cycles;
 pub mod device;
 mod engine;
+pub mod error;
 pub mod estimate;
 pub mod execute;
 pub mod lock;
 pub mod node;
 pub mod options;
+pub mod own_files;
 pub mod participant;
 pub mod program;
 pub mod progress;

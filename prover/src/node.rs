@@ -7,7 +7,7 @@ use crate::{
 };
 use ed25519_dalek::SigningKey;
 use sha2::{Digest as _, Sha256};
-use std::time::Duration;
+use std::{io::Write, time::Duration};
 use tonic::{transport, Code, Status};
 use zk0_circuits::{challenge::challenge, Claim, Digest, NodeId, WeightsDigest};
 use zk0_ledger::{
@@ -132,6 +132,9 @@ pub enum NodeError {
         /// The limit.
         limit: u64,
     },
+    /// What was downloaded cannot be kept.
+    #[error("a download cannot be kept: {0}")]
+    Write(std::io::Error),
 }
 
 impl From<Status> for NodeError {
@@ -201,6 +204,18 @@ impl Node {
 
     /// Downloads a public blob of at most `limit` bytes.
     pub async fn download(&mut self, blob: &Digest, limit: u64) -> Result<Vec<u8>, NodeError> {
+        let mut bytes = Vec::new();
+        self.download_to(blob, limit, &mut bytes).await?;
+        Ok(bytes)
+    }
+
+    /// As [`Self::download`], piece by piece. Only when this returns without an error is what was written the blob.
+    pub async fn download_to(
+        &mut self,
+        blob: &Digest,
+        limit: u64,
+        out: &mut (impl Write + Send),
+    ) -> Result<(), NodeError> {
         let mut chunks = self
             .client
             .download(rpc::DownloadRequest {
@@ -208,15 +223,17 @@ impl Node {
             })
             .await?
             .into_inner();
-        let mut bytes = Vec::new();
+        let (mut hash, mut left) = (Sha256::new(), limit);
         while let Some(chunk) = chunks.message().await? {
-            bytes.extend_from_slice(&chunk.data);
-            if bytes.len() as u64 > limit {
-                return Err(NodeError::TooLarge { blob: *blob, limit });
-            }
+            left = left
+                .checked_sub(chunk.data.len() as u64)
+                .ok_or(NodeError::TooLarge { blob: *blob, limit })?;
+            hash.update(&chunk.data);
+            out.write_all(&chunk.data).map_err(NodeError::Write)?;
         }
-        match Digest(Sha256::digest(&bytes).into()) {
-            actual if actual == *blob => Ok(bytes),
+        out.flush().map_err(NodeError::Write)?;
+        match Digest(hash.finalize().into()) {
+            actual if actual == *blob => Ok(()),
             actual => Err(NodeError::OtherBlob {
                 asked: *blob,
                 actual,

@@ -1,40 +1,47 @@
 //! A node's life in a network: prepare the recording, then round after round train, commit, prove, submit.
 
 use crate::{
+    base_losses::BaseLosses,
+    error::ParticipantError,
     node::{Decision, Node, NodeError},
+    own_files,
     program::GuestInput,
     progress::{self, Progress},
     recording::Recording,
     rpc,
-    service::{ClientError, ProvingClient},
+    service::ProvingClient,
 };
 use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
 use std::{
-    fs, io,
+    fs::File,
+    io::BufWriter,
     path::{Path, PathBuf},
 };
 use zk0_circuits::{
-    challenge::DrawError, program::verifying_key, spec::EvalSpec, statement, Claim, Digest, Losses,
-    WeightsDigest, CLAIM_VERSION,
+    program::verifying_key, spec::EvalSpec, Claim, Digest, Losses, WeightsDigest, CLAIM_VERSION,
 };
 use zk0_ledger::{bindings::ExpectedClaim, entry::RoundOpened, rules::Disclosure};
 use zk0_smolvla::{
+    adaptive::{adapted, Adaptation, Rates},
     fixed_point::{dims, quantise_weights},
-    policy_file,
-    prefix_cache::{CacheError, DiskCache},
-    train::{train, TrainOptions},
-    ExpertWeights, Policy,
+    policy_file::{self, PolicyFile},
+    prefix_cache::DiskCache,
+    train::{measure::loss_of, train, TrainOptions},
+    ExpertWeights, PolicyConfig,
 };
 
 /// Largest policy file a node downloads: the published policy takes 1.8 GB.
-const MAX_POLICY_BYTES: u64 = 4 << 30;
+pub const MAX_POLICY_BYTES: u64 = 4 << 30;
+
+/// Largest training history that is read.
+const MAX_HISTORY_BYTES: u64 = 64 << 20;
 
 /// Who takes part, and with what.
 pub struct Participant {
     /// The recording: a LeRobotDataset v3.0 folder.
     pub dataset: PathBuf,
-    /// Where the node keeps its salt, its updates and its training histories.
+    /// Where the node keeps the policy, its salt, its updates and its training histories.
     pub state: PathBuf,
     /// Where prepared samples are kept from start to start.
     pub cache: Option<DiskCache>,
@@ -55,6 +62,8 @@ pub struct Training {
     pub learning_rate: f64,
     /// FedProx: weight of the pull towards the round's base weights.
     pub fedprox_mu: f64,
+    /// What lets mu and the learning rate change with the losses of the rounds' base weights.
+    pub adaptation: Adaptation,
 }
 
 /// What a node does with its turn.
@@ -68,66 +77,6 @@ pub enum Conduct {
         /// A proof of something else.
         proof: Vec<u8>,
     },
-}
-
-/// Why a node cannot go on.
-#[derive(Debug, thiserror::Error)]
-pub enum ParticipantError {
-    /// The recording.
-    #[error("the recording: {0}")]
-    Dataset(#[from] zk0_smolvla::dataset::DatasetError),
-    /// The recording, or how it fits the policy.
-    #[error("the recording: {0}")]
-    Prepare(#[from] zk0_smolvla::recording::PrepareError),
-    /// The cache of prepared samples.
-    #[error(transparent)]
-    Cache(#[from] CacheError),
-    /// The policy, its weights, or training.
-    #[error("the policy: {0}")]
-    Policy(#[from] zk0_smolvla::PolicyError),
-    /// Values outside the ranges that the round's specification can hold.
-    #[error("fixed point: {0}")]
-    Quantise(#[from] zk0_circuits::weights::QuantiseError),
-    /// The network's evaluation specification.
-    #[error("the network's evaluation specification: {0}")]
-    Spec(#[from] zk0_circuits::spec::SpecError),
-    /// The network was founded with another guest program than this version of zk0 has.
-    #[error("the network proves with another program than this version of zk0 has: join with the version it was founded with")]
-    OtherProgram,
-    /// The policy and the evaluation specification are not of the same dimensions.
-    #[error("the network's policy and its evaluation specification differ in dimensions; its founder has to mend that")]
-    Dimensions,
-    /// The challenge cannot be drawn.
-    #[error("the challenge: {0}")]
-    Draw(#[from] DrawError),
-    /// The claim does not hold: the update is not better by enough on the samples drawn.
-    #[error("the update cannot be proven: {0}")]
-    Statement(#[from] statement::StatementError),
-    /// The aggregator.
-    #[error("the aggregator: {0}")]
-    Node(#[from] NodeError),
-    /// The proving service.
-    #[error("the proving service: {0}")]
-    Prover(#[from] ClientError),
-    /// A file of the node's own.
-    #[error("{path}: {error}")]
-    File {
-        /// Which.
-        path: PathBuf,
-        /// Why.
-        error: io::Error,
-    },
-    /// A file of the node's own that does not hold what it should.
-    #[error("{path} is not what this node wrote there: {why}; move it away to start anew")]
-    BrokenFile {
-        /// Which.
-        path: PathBuf,
-        /// What is wrong.
-        why: String,
-    },
-    /// The machine.
-    #[error("the system gives no random bytes: {0}")]
-    Random(getrandom::Error),
 }
 
 /// Training losses of one round, kept beside the update.
@@ -146,18 +95,7 @@ impl TrainingHistory {
 
     /// What the node with this state folder wrote in `round`; `None` if it did not train.
     pub fn read(state: &Path, round: u64) -> Result<Option<Self>, ParticipantError> {
-        let path = Self::path(state, round);
-        match fs::read(&path) {
-            Ok(bytes) => match serde_json::from_slice(&bytes) {
-                Ok(history) => Ok(Some(history)),
-                Err(error) => Err(ParticipantError::BrokenFile {
-                    path,
-                    why: error.to_string(),
-                }),
-            },
-            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
-            Err(error) => Err(ParticipantError::File { path, error }),
-        }
+        own_files::read_json(&Self::path(state, round), MAX_HISTORY_BYTES)
     }
 }
 
@@ -176,10 +114,13 @@ impl Participant {
         }
         let spec = EvalSpec::decode(&genesis.evaluation)?;
         let blob = genesis.policy;
-        let policy = policy_file::read(&node.download(&blob, MAX_POLICY_BYTES).await?)?;
-        check_dimensions(&policy, &spec)?;
+        let file = self.policy(node, &blob).await?;
+        let config = file.policy.config.clone();
+        check_dimensions(&config, &spec)?;
         tracing::info!("preparing the recording {}", self.dataset.display());
-        let recording = self.recording(&policy, &spec)?;
+        let recording = self.recording(&file, &spec)?;
+        // The frozen half has done its part: at the published size, 1.4 GB of memory.
+        drop(file);
         node.register(&recording).await?;
         tracing::info!(
             "committed to {} samples, root {}",
@@ -193,7 +134,7 @@ impl Participant {
             next = opened.round + 1;
             let turn = Turn {
                 participant: self,
-                policy: &policy,
+                config: &config,
                 spec: &spec,
                 recording: &recording,
                 opened: &opened,
@@ -224,33 +165,49 @@ impl Participant {
         Ok(())
     }
 
+    /// The network's policy, on disk from the first start on: it is as large as 1.8 GB, and is not held in memory twice.
+    async fn policy(&self, node: &mut Node, blob: &Digest) -> Result<PolicyFile, ParticipantError> {
+        let path = self.state.join(format!("policy-{blob}.safetensors"));
+        if own_files::sha256(&path)? != Some(blob.0) {
+            let unfinished = own_files::unfinished(&path);
+            let file = File::create(&unfinished).map_err(own_files::at(&unfinished))?;
+            let mut out = BufWriter::new(file);
+            match node.download_to(blob, MAX_POLICY_BYTES, &mut out).await {
+                Err(NodeError::Write(error)) => return Err(own_files::at(&unfinished)(error)),
+                downloaded => downloaded?,
+            }
+            drop(out);
+            own_files::put(&unfinished, &path)?;
+        }
+        Ok(policy_file::load(&path)?)
+    }
+
     /// The prepared recording, under a salt that stays the same from start to start.
-    fn recording(&self, policy: &Policy, spec: &EvalSpec) -> Result<Recording, ParticipantError> {
+    fn recording(&self, file: &PolicyFile, spec: &EvalSpec) -> Result<Recording, ParticipantError> {
         let path = self.state.join("salt");
-        let salt = match fs::read(&path) {
-            Ok(bytes) => match <[u8; 32]>::try_from(&bytes[..]) {
+        let salt = match own_files::read(&path, 32)? {
+            Some(bytes) => match <[u8; 32]>::try_from(&bytes[..]) {
                 Ok(salt) => salt,
                 Err(_) => {
                     let why = format!("{} bytes instead of 32", bytes.len());
                     return Err(ParticipantError::BrokenFile { path, why });
                 }
             },
-            Err(error) if error.kind() == io::ErrorKind::NotFound => {
+            None => {
                 let mut salt = [0; 32];
                 getrandom::fill(&mut salt).map_err(ParticipantError::Random)?;
-                write(&path, &salt)?;
+                own_files::write(&path, &salt)?;
                 salt
             }
-            Err(error) => return Err(ParticipantError::File { path, error }),
         };
-        Recording::prepare(&self.dataset, policy, spec, salt, self.cache.as_ref())
+        Recording::prepare(&self.dataset, file, spec, salt, self.cache.as_ref())
     }
 }
 
 /// One node's part in one round.
 struct Turn<'a> {
     participant: &'a Participant,
-    policy: &'a Policy,
+    config: &'a PolicyConfig,
     spec: &'a EvalSpec,
     recording: &'a Recording,
     opened: &'a RoundOpened,
@@ -265,10 +222,12 @@ impl Turn<'_> {
         let round = self.opened.round;
         let rules = &self.opened.rules;
         let limit = rules.max_base_bytes();
-        let base_file = node.download(&self.opened.base.blob, limit).await?;
-        let base = ExpertWeights::from_safetensors(&self.policy.config, &base_file)?;
+        let base = {
+            let file = node.download(&self.opened.base.blob, limit).await?;
+            ExpertWeights::from_safetensors(self.config, &file)?
+        };
         let update = match self.participant.conduct {
-            Conduct::Honest => self.train(&base)?,
+            Conduct::Honest => self.train(&base, self.rates(node.network(), &base)?)?,
             Conduct::Lazy { .. } => base.clone(),
         };
         let update_file = update.to_safetensors()?;
@@ -280,13 +239,8 @@ impl Turn<'_> {
             blob: Digest(Sha256::digest(&update_file).into()),
             quantised: quantised.digest(node.genesis().mode),
         };
-        write(
-            &self
-                .participant
-                .state
-                .join(format!("round-{round}.safetensors")),
-            &update_file,
-        )?;
+        let kept = format!("round-{round}.safetensors");
+        own_files::write(&self.participant.state.join(kept), &update_file)?;
 
         node.upload(round, &update_file).await?;
         let challenge = node
@@ -334,21 +288,41 @@ impl Turn<'_> {
         Ok(node.submit(claim, proof).await?)
     }
 
-    fn train(&self, base: &ExpertWeights) -> Result<ExpertWeights, ParticipantError> {
+    /// What the round is trained at: as the losses of the base weights so far ask for, if they are followed.
+    fn rates(&self, network: &Digest, base: &ExpertWeights) -> Result<Rates, ParticipantError> {
+        let (round, training) = (self.opened.round, &self.participant.training);
+        let start = Rates {
+            mu: training.fedprox_mu,
+            learning_rate: training.learning_rate,
+        };
+        if !training.adaptation.is_wanted() {
+            return Ok(start);
+        }
+        let dataset = self.recording.commitment.root;
+        let kept = BaseLosses::at(&self.participant.state, *network, dataset);
+        // The same samples, noise and times in every round.
+        let measure = || Ok(loss_of(self.config, base, &self.recording.samples, 0)?);
+        let losses = kept.up_to(round, &self.opened.base.blob, measure)?;
+        let adapted = adapted(start, training.adaptation, &losses)?;
+        tracing::info!("round {round}: {adapted}");
+        Ok(adapted.rates)
+    }
+
+    fn train(&self, base: &ExpertWeights, rates: Rates) -> Result<ExpertWeights, ParticipantError> {
         let round = self.opened.round;
         let training = &self.participant.training;
         let options = TrainOptions {
             steps: training.steps,
             batch_size: training.batch_size,
-            learning_rate: training.learning_rate,
-            fedprox_mu: training.fedprox_mu,
+            learning_rate: rates.learning_rate,
+            fedprox_mu: rates.mu,
             seed: round,
             ..TrainOptions::default()
         };
         tracing::info!("round {round}: training {} steps", training.steps);
         let mut progress = Progress::start("training", training.steps as u64);
         let trained = train(
-            &self.policy.config,
+            self.config,
             base,
             &self.recording.samples,
             &options,
@@ -361,11 +335,7 @@ impl Turn<'_> {
             losses: trained.losses,
         };
         let path = TrainingHistory::path(&self.participant.state, round);
-        let json = serde_json::to_vec(&history).map_err(|error| ParticipantError::BrokenFile {
-            path: path.clone(),
-            why: error.to_string(),
-        })?;
-        write(&path, &json)?;
+        own_files::write_json(&path, &history)?;
         Ok(trained.weights)
     }
 }
@@ -409,23 +379,9 @@ fn pretended(expected: &ExpectedClaim) -> Claim {
 }
 
 /// A node that trained at other dimensions than it proves would find out after minutes of work: check first.
-fn check_dimensions(policy: &Policy, spec: &EvalSpec) -> Result<(), ParticipantError> {
-    match dims(&policy.config)? == spec.dims {
+fn check_dimensions(config: &PolicyConfig, spec: &EvalSpec) -> Result<(), ParticipantError> {
+    match dims(config)? == spec.dims {
         true => Ok(()),
         false => Err(ParticipantError::Dimensions),
     }
-}
-
-/// Writes a file whole or not at all.
-fn write(path: &Path, bytes: &[u8]) -> Result<(), ParticipantError> {
-    let failed = |error| ParticipantError::File {
-        path: path.into(),
-        error,
-    };
-    let unfinished = path.with_extension("unfinished");
-    fs::write(&unfinished, bytes).map_err(failed)?;
-    fs::File::open(&unfinished)
-        .and_then(|file| file.sync_all())
-        .map_err(failed)?;
-    fs::rename(&unfinished, path).map_err(failed)
 }

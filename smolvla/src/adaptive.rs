@@ -4,6 +4,10 @@
 //! - **Dynamic mu.** When the global model's loss stalls, mu and the learning rate both shrink by a fifth; when it grows, both
 //!   grow by a tenth ([`Trend`], [`follow`]).
 //! - **Learning-rate boost.** A client whose loss is far above what it used to be trains at a higher rate ([`boost`]).
+//!
+//! [`adapted`] is both together, for a node that measures the loss itself, round after round.
+
+use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
@@ -110,6 +114,28 @@ impl Default for Boost {
     }
 }
 
+impl Boost {
+    /// Refuses a factor that is not in [1, 10], or a threshold below 1.
+    ///
+    /// # Errors
+    /// [`PolicyError::Options`].
+    pub fn check(&self) -> Result<()> {
+        if !(1.0..=10.0).contains(&self.factor) {
+            return Err(PolicyError::Options(format!(
+                "a learning-rate boost of {}; it must be in 1..=10",
+                self.factor
+            )));
+        }
+        if !(self.threshold >= 1.0 && self.threshold.is_finite()) {
+            return Err(PolicyError::Options(format!(
+                "a boost above {} times the average loss; that must be 1 or more",
+                self.threshold
+            )));
+        }
+        Ok(())
+    }
+}
+
 /// What a client's learning rate is multiplied by: `boost.factor` when its loss now is more than `boost.threshold` times its
 /// average in the rounds before, else 1.
 ///
@@ -118,22 +144,109 @@ impl Default for Boost {
 /// or more.
 pub fn boost(boost: Boost, average: f64, current: f64) -> Result<f64> {
     check("a client's loss", &[average, current])?;
-    if !(1.0..=10.0).contains(&boost.factor) {
-        return Err(PolicyError::Options(format!(
-            "a learning-rate boost of {}; it must be in 1..=10",
-            boost.factor
-        )));
-    }
-    if !(boost.threshold >= 1.0 && boost.threshold.is_finite()) {
-        return Err(PolicyError::Options(format!(
-            "a boost above {} times the average loss; that must be 1 or more",
-            boost.threshold
-        )));
-    }
+    boost.check()?;
     Ok(match current > average * boost.threshold {
         true => boost.factor,
         false => 1.0,
     })
+}
+
+/// What a node lets follow the losses that it measures.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Adaptation {
+    /// Mu and the learning rate follow the trend, from round to round.
+    pub follow: bool,
+    /// A round that begins at a high loss is trained at a higher learning rate.
+    pub boost: Option<Boost>,
+}
+
+impl Adaptation {
+    /// Whether there is anything to measure a loss for.
+    pub fn is_wanted(&self) -> bool {
+        self.follow || self.boost.is_some()
+    }
+}
+
+/// The rates of a round, and what decided them.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Adapted {
+    /// What the round is trained at.
+    pub rates: Rates,
+    /// The loss at its start.
+    pub loss: f64,
+    /// Where the losses go, if the rates follow them.
+    pub trend: Option<Trend>,
+    /// The mean of the losses before, if there is one to compare with.
+    pub average: Option<f64>,
+    /// What the learning rate has been multiplied by for the round's loss, if it may be.
+    pub boosted: Option<f64>,
+}
+
+/// The rates of the next round of a node that set out with `start`. `losses` are those of the rounds' base weights on the node's
+/// samples, oldest first, that of the next round the last. With [`Adaptation::follow`] every round so far has changed the
+/// rates as [`follow`] says; a boost is for one round. A function of what it is given alone: whoever has the losses gets the
+/// same rates again.
+///
+/// # Errors
+/// [`PolicyError::Options`] when there is no loss, one is negative or not a number, or as [`Boost::check`].
+pub fn adapted(start: Rates, adaptation: Adaptation, losses: &[f64]) -> Result<Adapted> {
+    let Some((loss, before)) = losses.split_last() else {
+        return Err(PolicyError::Options("no loss to follow".into()));
+    };
+    let (mut rates, mut trend) = (start, None);
+    if adaptation.follow {
+        for round in 1..=losses.len() {
+            let seen = Trend::of(&losses[round.saturating_sub(WINDOW)..round])?;
+            rates = follow(rates, seen);
+            trend = Some(seen);
+        }
+    }
+    let average = match before.len() {
+        0 => None,
+        rounds => Some(before.iter().sum::<f64>() / rounds as f64),
+    };
+    let mut boosted = None;
+    if let Some(rule) = adaptation.boost {
+        rule.check()?;
+        check("a round's loss", losses)?;
+        let factor = match average {
+            Some(average) => boost(rule, average, *loss)?,
+            None => 1.0,
+        };
+        rates.learning_rate *= factor;
+        boosted = Some(factor);
+    }
+    Ok(Adapted {
+        rates,
+        loss: *loss,
+        trend,
+        average,
+        boosted,
+    })
+}
+
+impl fmt::Display for Adapted {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        write!(f, "loss of the base weights {:.4}", self.loss)?;
+        match self.trend {
+            Some(Trend::Unknown) => write!(f, ", too early for a trend")?,
+            Some(Trend::Improving) => write!(f, ", improving")?,
+            Some(Trend::Stalled) => write!(f, ", stalled")?,
+            Some(Trend::Diverging) => write!(f, ", diverging")?,
+            None => {}
+        }
+        if let Some(factor) = self.boosted {
+            match self.average {
+                Some(average) => write!(f, ", {average:.4} on average before")?,
+                None => write!(f, ", the first")?,
+            }
+            if factor != 1.0 {
+                write!(f, ", so the learning rate times {factor}")?;
+            }
+        }
+        let Rates { mu, learning_rate } = self.rates;
+        write!(f, ": mu {mu:.3e}, learning rate {learning_rate:.3e}")
+    }
 }
 
 fn check(what: &str, losses: &[f64]) -> Result<()> {
@@ -203,5 +316,89 @@ mod tests {
         assert!(boost(factor(f64::NAN), 1.0, 1.0).is_err());
         let threshold = |threshold| Boost { threshold, ..rule };
         assert!(boost(threshold(0.5), 1.0, 1.0).is_err());
+    }
+
+    const START: Rates = Rates {
+        mu: 0.01,
+        learning_rate: 5e-4,
+    };
+
+    fn following() -> Adaptation {
+        Adaptation {
+            follow: true,
+            boost: None,
+        }
+    }
+
+    #[test]
+    fn rates_are_carried_on_from_round_to_round() {
+        let rates = |losses: &[f64]| adapted(START, following(), losses).unwrap().rates;
+        assert_eq!(rates(&[1.0]), START);
+        assert_eq!(rates(&[1.0, 1.0]), START);
+        let once = Rates {
+            mu: 0.01 * 0.8,
+            learning_rate: 5e-4 * 0.8,
+        };
+        assert_eq!(rates(&[1.0, 1.0, 1.0]), once);
+        let twice = Rates {
+            mu: once.mu * 0.8,
+            learning_rate: once.learning_rate * 0.8,
+        };
+        assert_eq!(rates(&[1.0, 1.0, 1.0, 1.0]), twice);
+        // A trend that is over has left its mark.
+        assert_eq!(rates(&[1.0, 1.0, 1.0, 0.5, 0.4]), once);
+        let grown = follow(once, Trend::Diverging);
+        assert_eq!(rates(&[1.0, 1.0, 1.0, 2.0]), grown);
+        assert!(grown.mu > once.mu && grown.learning_rate > once.learning_rate);
+    }
+
+    #[test]
+    fn a_boost_is_for_one_round_and_compares_with_the_rounds_before() {
+        let boost = Some(Boost {
+            factor: 1.5,
+            ..Boost::default()
+        });
+        let of =
+            |follow, losses: &[f64]| adapted(START, Adaptation { follow, boost }, losses).unwrap();
+        let rate = |losses: &[f64]| of(false, losses).rates.learning_rate;
+        assert_eq!(rate(&[9.0]), 5e-4, "nothing to compare with");
+        assert_eq!(rate(&[1.0, 2.0]), 5e-4);
+        assert_eq!(rate(&[1.0, 2.1]), 5e-4 * 1.5);
+        assert_eq!(rate(&[1.0, 3.0, 4.0]), 5e-4, "2 on average");
+        assert_eq!(rate(&[1.0, 2.1, 1.0]), 5e-4, "it is over");
+        assert_eq!(of(false, &[1.0, 2.1]).rates.mu, START.mu);
+        let both = of(true, &[1.0, 1.0, 2.1]);
+        assert_eq!(both.rates.learning_rate, 5e-4 * 1.1 * 1.5);
+        assert_eq!(both.rates.mu, 0.01 * 1.1);
+        assert_eq!(
+            both.to_string(),
+            "loss of the base weights 2.1000, diverging, 1.0000 on average before, so the learning rate times 1.5: \
+             mu 1.100e-2, learning rate 8.250e-4"
+        );
+    }
+
+    #[test]
+    fn nothing_follows_unless_it_is_wanted() {
+        assert!(!Adaptation::default().is_wanted());
+        assert!(following().is_wanted());
+        let none = adapted(START, Adaptation::default(), &[1.0, 1.0, 1.0, 9.0]).unwrap();
+        assert_eq!(none.rates, START);
+    }
+
+    #[test]
+    fn losses_and_boosts_that_make_no_sense_are_refused() {
+        assert!(adapted(START, following(), &[]).is_err());
+        assert!(adapted(START, following(), &[1.0, f64::NAN]).is_err());
+        // The factor is looked at before there is anything to boost.
+        let boost = |factor| Adaptation {
+            follow: false,
+            boost: Some(Boost {
+                factor,
+                ..Boost::default()
+            }),
+        };
+        assert!(adapted(START, boost(0.5), &[1.0]).is_err());
+        assert!(adapted(START, boost(1.5), &[-1.0]).is_err());
+        assert!(adapted(START, boost(1.5), &[1.0]).is_ok());
     }
 }

@@ -55,6 +55,9 @@ pub enum PolicyError {
         /// What is wrong, and what to do.
         cause: String,
     },
+    /// The tokenizer in a policy file: unusable, or of another policy.
+    #[error("the policy file's tokenizer {0}")]
+    Tokenizer(String),
     /// A frame or prepared sample that does not fit the policy.
     #[error("sample: {0}")]
     Sample(String),

@@ -20,7 +20,7 @@
 //!   data, and [`fidelity`] compares its loss with the float32 one.
 //! - [`config`] has every dimension, [`profile`] named sets of them; [`layout`] the tensors that follow from it, by
 //!   LeRobot's names; [`weights`] their values as plain `f32`; [`init`] a seeded start;
-//!   [`policy_file`] a whole policy as one file; [`checkpoint`] a folder of LeRobot's, read and written ([`lerobot_config`] and
+//!   [`policy_file`] a whole policy as one file, its tokenizer within; [`checkpoint`] a folder of LeRobot's, read and written ([`lerobot_config`] and
 //!   [`vlm_config`] its configuration, [`safetensors_file`] its weights).
 //!
 //! The only code that knows sizes is [`profile`]: the `tiny` fixture, the `micro` profile of the demo and

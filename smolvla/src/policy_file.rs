@@ -1,9 +1,10 @@
-//! A whole policy as one file: safetensors with LeRobot's names, the dimensions as JSON in the file's metadata. What a
-//! network's genesis names by its digest.
+//! A whole policy as one file: safetensors with LeRobot's names; in the file's metadata its dimensions as JSON and, where it
+//! has one, its tokenizer as the text of a `tokenizer.json`. What a network's genesis names by its digest: so all its nodes read
+//! instructions alike.
 
-use std::borrow::Cow;
-use std::collections::HashMap;
+use std::collections::BTreeMap;
 use std::fs::File;
+use std::io::{self, Write};
 use std::path::Path;
 
 use memmap2::Mmap;
@@ -12,43 +13,82 @@ use safetensors::SafeTensors;
 use crate::config::PolicyConfig;
 use crate::error::{PolicyError, Result};
 use crate::safetensors_writer::{self, Entry};
-use crate::weights::{write as write_tensors, Policy};
+use crate::tokenizer::PolicyTokenizer;
+use crate::trained_tokenizer::TrainedTokenizer;
+use crate::weights::Policy;
+
+pub use crate::safetensors_writer::Written;
 
 /// Key of the file's metadata under which the dimensions are.
 pub const CONFIG_KEY: &str = "zk0.config";
+/// Key of the file's metadata under which the tokenizer is. Without it, words are hashed.
+pub const TOKENIZER_KEY: &str = "zk0.tokenizer";
 
-/// The bytes of the file; equal policies give equal bytes.
-pub fn write(policy: &Policy) -> Result<Vec<u8>> {
-    let config =
-        serde_json::to_string(&policy.config).map_err(|e| PolicyError::Config(e.to_string()))?;
-    let mut all = policy.frozen.clone();
-    all.extend(policy.expert.tensors().clone());
-    write_tensors(&all, Some(HashMap::from([(CONFIG_KEY.into(), config)])))
+/// What a policy file holds.
+pub struct PolicyFile {
+    /// The policy.
+    pub policy: Policy,
+    /// What its instructions are read with.
+    pub tokenizer: PolicyTokenizer,
+}
+
+impl PolicyFile {
+    /// A policy without a tokenizer of its own: words are hashed.
+    pub fn hashing_words(policy: Policy) -> Self {
+        Self {
+            tokenizer: PolicyTokenizer::word_hash(&policy.config),
+            policy,
+        }
+    }
+
+    /// Writes the file, piece by piece: at the published size it has 1.8 GB. See [`write`].
+    ///
+    /// # Errors
+    /// As [`write`].
+    pub fn write(&self, out: impl Write) -> io::Result<Written> {
+        write(&self.policy, &self.tokenizer, out)
+    }
+}
+
+/// Writes what [`read`] reads. Equal policies and tokenizers give equal bytes.
+///
+/// # Errors
+/// Those of `out`, and one when the tokenizer's text is longer than a file's metadata can be.
+pub fn write(policy: &Policy, tokenizer: &PolicyTokenizer, out: impl Write) -> io::Result<Written> {
+    let config = serde_json::to_string(&policy.config)?;
+    let mut notes = BTreeMap::from([(CONFIG_KEY, &config[..])]);
+    notes.extend(tokenizer.definition().map(|text| (TOKENIZER_KEY, text)));
+    safetensors_writer::write_to(out, policy.tensors().map(Entry::of).collect(), notes)
 }
 
 /// Reads what [`write`] wrote.
 ///
 /// # Errors
-/// As [`Policy::from_safetensors`], and when the dimensions are missing or not usable.
-pub fn read(bytes: &[u8]) -> Result<Policy> {
+/// As [`Policy::from_safetensors`]; when the dimensions are missing or not usable; when there is a tokenizer that cannot be
+/// used.
+pub fn read(bytes: &[u8]) -> Result<PolicyFile> {
     let (_, header) =
         SafeTensors::read_metadata(bytes).map_err(|e| PolicyError::Safetensors(e.to_string()))?;
-    let config = header
-        .metadata()
-        .as_ref()
-        .and_then(|metadata| metadata.get(CONFIG_KEY))
+    let note = |key| header.metadata().as_ref().and_then(|all| all.get(key));
+    let config = note(CONFIG_KEY)
         .ok_or_else(|| PolicyError::Config(format!("the file's metadata has no `{CONFIG_KEY}`")))?;
     let config: PolicyConfig =
         serde_json::from_str(config).map_err(|e| PolicyError::Config(e.to_string()))?;
-    Policy::from_safetensors(&config, bytes)
+    // The dimensions are checked first: a tokenizer is for them.
+    let policy = Policy::from_safetensors(&config, bytes)?;
+    let tokenizer = match note(TOKENIZER_KEY) {
+        Some(text) => TrainedTokenizer::parse(text, &config)?.into(),
+        None => PolicyTokenizer::word_hash(&config),
+    };
+    Ok(PolicyFile { policy, tokenizer })
 }
 
 /// Reads the file `path`, through a memory map: at the published size a copy of its bytes would be 1.8 GB.
 ///
 /// # Errors
 /// As [`read`], and [`PolicyError::AtPath`].
-pub fn load(path: &Path) -> Result<Policy> {
-    let failed = |cause: std::io::Error| PolicyError::file(path, cause);
+pub fn load(path: &Path) -> Result<PolicyFile> {
+    let failed = |cause: io::Error| PolicyError::file(path, cause);
     let file = File::open(path).map_err(failed)?;
     // SAFETY: the bytes are taken for names and numbers only and checked as such. Whoever cuts the file off while it is being
     // read ends this process, no more.
@@ -60,66 +100,136 @@ pub fn load(path: &Path) -> Result<Policy> {
 ///
 /// # Errors
 /// [`PolicyError::AtPath`].
-pub fn save(policy: &Policy, path: &Path) -> Result<[u8; 32]> {
-    let config =
-        serde_json::to_string(&policy.config).map_err(|e| PolicyError::Config(e.to_string()))?;
-    let tensors = policy.frozen.iter().chain(policy.expert.tensors());
-    let entries = tensors.map(|(name, tensor)| Entry {
-        name: name.clone(),
-        shape: tensor.shape.clone(),
-        values: Cow::Borrowed(&tensor.data[..]),
-    });
+pub fn save(policy: &Policy, tokenizer: &PolicyTokenizer, path: &Path) -> Result<[u8; 32]> {
     let unfinished = path.with_extension("unfinished");
-    safetensors_writer::write(&unfinished, entries.collect(), Some((CONFIG_KEY, &config)))
-        .and_then(|written| {
-            std::fs::rename(&unfinished, path)?;
-            Ok(written.digest)
-        })
-        .map_err(|cause: std::io::Error| PolicyError::file(path, cause))
+    let written = || -> io::Result<Written> {
+        let file = File::create(&unfinished)?;
+        let out = io::BufWriter::with_capacity(1 << 20, &file);
+        let written = write(policy, tokenizer, out)?;
+        file.sync_all()?;
+        std::fs::rename(&unfinished, path)?;
+        Ok(written)
+    };
+    match written() {
+        Ok(written) => Ok(written.digest),
+        Err(cause) => Err(PolicyError::file(path, cause)),
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{init::init_policy, Profile};
+    use crate::{init::init_policy, tokenizer::Tokenizer, Profile};
+    use serde_json::json;
+
+    fn micro() -> PolicyFile {
+        PolicyFile::hashing_words(init_policy(&Profile::Micro.config(), 3).unwrap())
+    }
+
+    fn bytes(file: &PolicyFile) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        file.write(&mut bytes).unwrap();
+        bytes
+    }
+
+    /// A tokenizer of whole words.
+    fn words(words: &[&str]) -> String {
+        let ids = words.iter().enumerate();
+        let vocabulary: serde_json::Map<_, _> =
+            ids.map(|(i, w)| (w.to_string(), i.into())).collect();
+        let definition = json!({
+            "version": "1.0", "truncation": null, "padding": null, "added_tokens": [],
+            "normalizer": null, "pre_tokenizer": {"type": "Whitespace"}, "post_processor": null, "decoder": null,
+            "model": {"type": "WordLevel", "vocab": vocabulary, "unk_token": "?"}
+        });
+        definition.to_string()
+    }
+
+    fn with_tokenizer(text: &str) -> PolicyFile {
+        let PolicyFile { policy, .. } = micro();
+        let trained = TrainedTokenizer::parse(text, &policy.config).unwrap();
+        PolicyFile {
+            policy,
+            tokenizer: trained.into(),
+        }
+    }
 
     #[test]
     fn a_policy_comes_back_with_its_dimensions() {
-        let policy = init_policy(&Profile::Micro.config(), 3).unwrap();
-        let bytes = write(&policy).unwrap();
-        assert_eq!(bytes, write(&policy).unwrap());
-        assert_eq!(read(&bytes).unwrap(), policy);
+        let file = micro();
+        let written = bytes(&file);
+        assert_eq!(written, bytes(&file));
+        let back = read(&written).unwrap();
+        assert_eq!(back.policy, file.policy);
+        assert_eq!(back.tokenizer.definition(), None);
+    }
+
+    #[test]
+    fn a_policy_s_tokenizer_comes_back_and_is_the_one_that_is_used() {
+        let text = words(&["?", "stack", "the", "cube"]);
+        let file = with_tokenizer(&text);
+        let written = bytes(&file);
+        assert_eq!(written, bytes(&file));
+        let back = read(&written).unwrap();
+        assert_eq!(back.policy, file.policy);
+        assert_eq!(back.tokenizer.definition(), Some(&text[..]));
+        assert_eq!(
+            back.tokenizer.tokens("stack the red cube").unwrap(),
+            [1, 2, 0, 3]
+        );
+        let hashed = micro().tokenizer.tokens("stack the red cube").unwrap();
+        assert_ne!(hashed, [1, 2, 0, 3]);
+        let other = with_tokenizer(&words(&["?", "cube", "the", "stack"]));
+        assert_ne!(
+            bytes(&other),
+            written,
+            "the file's digest binds the tokenizer"
+        );
+    }
+
+    #[test]
+    fn a_broken_tokenizer_is_an_error_and_not_passed_over() {
+        let policy = micro().policy;
+        let config = serde_json::to_string(&policy.config).unwrap();
+        for text in ["", "{}", "no JSON"] {
+            let mut bytes = Vec::new();
+            let notes = BTreeMap::from([(CONFIG_KEY, &config[..]), (TOKENIZER_KEY, text)]);
+            let tensors = policy.tensors().map(Entry::of).collect();
+            safetensors_writer::write_to(&mut bytes, tensors, notes).unwrap();
+            match read(&bytes) {
+                Err(PolicyError::Tokenizer(_)) => {}
+                Err(other) => panic!("{other}"),
+                Ok(_) => panic!("{text:?} was passed over"),
+            }
+        }
     }
 
     #[test]
     fn a_file_that_was_saved_is_one_that_was_written() {
-        let policy = init_policy(&Profile::Micro.config(), 3).unwrap();
-        let dir = tempfile::tempdir().unwrap();
-        let path = dir.path().join("policy.safetensors");
-        let digest = save(&policy, &path).unwrap();
-        assert_eq!(load(&path).unwrap(), policy);
-        let bytes = std::fs::read(&path).unwrap();
-        assert_eq!(bytes, write(&policy).unwrap());
-        assert_eq!(
-            digest[..],
-            <sha2::Sha256 as sha2::Digest>::digest(&bytes)[..]
-        );
-        let error = load(&dir.path().join("none")).unwrap_err().to_string();
-        assert!(error.contains("none"), "{error}");
+        for file in [micro(), with_tokenizer(&words(&["?", "cube"]))] {
+            let dir = tempfile::tempdir().unwrap();
+            let path = dir.path().join("policy.safetensors");
+            let digest = save(&file.policy, &file.tokenizer, &path).unwrap();
+            assert_eq!(load(&path).unwrap().policy, file.policy);
+            let saved = std::fs::read(&path).unwrap();
+            assert_eq!(saved, bytes(&file));
+            assert_eq!(
+                digest[..],
+                <sha2::Sha256 as sha2::Digest>::digest(&saved)[..]
+            );
+            let error = load(&dir.path().join("none")).err().unwrap().to_string();
+            assert!(error.contains("none"), "{error}");
+        }
     }
 
     #[test]
     fn a_file_without_dimensions_or_with_absurd_ones_is_refused() {
-        let policy = init_policy(&Profile::Micro.config(), 3).unwrap();
+        let mut file = micro();
         assert!(matches!(
-            read(&policy.to_safetensors().unwrap()),
+            read(&file.policy.to_safetensors().unwrap()),
             Err(PolicyError::Config(_))
         ));
-        let mut absurd = policy;
-        absurd.config.text.layers = usize::MAX;
-        assert!(matches!(
-            read(&write(&absurd).unwrap()),
-            Err(PolicyError::Config(_))
-        ));
+        file.policy.config.text.layers = usize::MAX;
+        assert!(matches!(read(&bytes(&file)), Err(PolicyError::Config(_))));
     }
 }

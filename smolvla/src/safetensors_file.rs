@@ -20,7 +20,7 @@ pub(crate) const BLOCK: usize = 1 << 20;
 /// Bytes before the header: its length.
 const LENGTH: usize = 8;
 /// What the format allows a header to be.
-const HEADER_LIMIT: u64 = 100_000_000;
+pub(crate) const HEADER_LIMIT: u64 = 100_000_000;
 /// The types that [`TensorFile::read`] understands.
 const READABLE: &str = "F32, F16 or BF16";
 

@@ -4,11 +4,50 @@ use sha2::{Digest, Sha256};
 
 use crate::config::PolicyConfig;
 use crate::error::Result;
+use crate::trained_tokenizer::TrainedTokenizer;
 
 /// Turns an instruction into token ids below the policy's vocabulary, at most `max_language_tokens` of them.
 pub trait Tokenizer {
     /// Token ids of one instruction, without padding.
     fn tokens(&self, task: &str) -> Result<Vec<u32>>;
+}
+
+/// What a policy's instructions are read with.
+pub enum PolicyTokenizer {
+    /// The policy has none of its own.
+    WordHash(WordHash),
+    /// The policy's own.
+    Trained(Box<TrainedTokenizer>),
+}
+
+impl PolicyTokenizer {
+    /// Hashed words, for a policy of these dimensions.
+    pub fn word_hash(config: &PolicyConfig) -> Self {
+        Self::WordHash(WordHash::new(config))
+    }
+
+    /// The `tokenizer.json` that it was made of; `None` where words are hashed.
+    pub fn definition(&self) -> Option<&str> {
+        match self {
+            Self::WordHash(_) => None,
+            Self::Trained(trained) => Some(trained.definition()),
+        }
+    }
+}
+
+impl From<TrainedTokenizer> for PolicyTokenizer {
+    fn from(trained: TrainedTokenizer) -> Self {
+        Self::Trained(Box::new(trained))
+    }
+}
+
+impl Tokenizer for PolicyTokenizer {
+    fn tokens(&self, task: &str) -> Result<Vec<u32>> {
+        match self {
+            Self::WordHash(hash) => hash.tokens(task),
+            Self::Trained(trained) => trained.tokens(task),
+        }
+    }
 }
 
 /// One token a word, by hash: for policies whose vocabulary no trained tokenizer goes with (the micro profile).

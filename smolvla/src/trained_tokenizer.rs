@@ -21,7 +21,9 @@ const MAX_FILE: u64 = 64 << 20;
 /// says so; what is longer than `max_language_tokens` (LeRobot's `tokenizer_max_length`) is cut off on the right. Truncation and
 /// padding that the file itself asks for do not apply: LeRobot overrides them too.
 pub struct TrainedTokenizer {
-    path: PathBuf,
+    /// The file it was read from; `None` for one that came within a policy file.
+    path: Option<PathBuf>,
+    definition: String,
     inner: tokenizers::Tokenizer,
     vocabulary: usize,
     limit: usize,
@@ -35,22 +37,43 @@ impl TrainedTokenizer {
     /// each time (BPE dropout).
     pub fn read(path: impl Into<PathBuf>, config: &PolicyConfig) -> Result<Self> {
         let path = path.into();
-        let inner = match load(&path, config.max_language_tokens) {
-            Ok(inner) => inner,
-            Err(cause) => return Err(PolicyError::AtPath { path, cause }),
-        };
+        let made = load(&path).and_then(|definition| Self::of(definition, config));
+        match made {
+            Ok(made) => Ok(Self {
+                path: Some(path),
+                ..made
+            }),
+            Err(cause) => Err(PolicyError::AtPath { path, cause }),
+        }
+    }
+
+    /// Of the text of a `tokenizer.json`, as a policy file holds it.
+    ///
+    /// # Errors
+    /// [`PolicyError::Tokenizer`], for the reasons of [`Self::read`].
+    pub fn parse(definition: &str, config: &PolicyConfig) -> Result<Self> {
+        Self::of(definition.to_owned(), config).map_err(PolicyError::Tokenizer)
+    }
+
+    /// The text of the `tokenizer.json` that it was read from.
+    pub fn definition(&self) -> &str {
+        &self.definition
+    }
+
+    fn of(definition: String, config: &PolicyConfig) -> std::result::Result<Self, String> {
         Ok(Self {
-            path,
-            inner,
+            path: None,
+            inner: build(&definition, config.max_language_tokens)?,
+            definition,
             vocabulary: config.text.vocabulary,
             limit: config.max_language_tokens,
         })
     }
 
     fn wrong(&self, cause: String) -> PolicyError {
-        PolicyError::AtPath {
-            path: self.path.clone(),
-            cause,
+        match &self.path {
+            Some(path) => PolicyError::file(path, cause),
+            None => PolicyError::Tokenizer(cause),
         }
     }
 }
@@ -82,15 +105,27 @@ impl Tokenizer for TrainedTokenizer {
     }
 }
 
-fn load(path: &Path, limit: usize) -> std::result::Result<tokenizers::Tokenizer, String> {
+/// The text of a file.
+fn load(path: &Path) -> std::result::Result<String, String> {
     let mut json = Vec::new();
     File::open(path)
         .and_then(|file| file.take(MAX_FILE + 1).read_to_end(&mut json))
         .map_err(|e| format!("cannot be read: {e}"))?;
     if json.len() as u64 > MAX_FILE {
-        return Err(format!("is larger than {MAX_FILE} bytes"));
+        return Err(too_large());
     }
-    let mut tokenizer = guarded(|| tokenizers::Tokenizer::from_bytes(&json))
+    String::from_utf8(json).map_err(|e| format!("is not a tokenizer.json that can be used: {e}"))
+}
+
+fn too_large() -> String {
+    format!("is larger than {MAX_FILE} bytes")
+}
+
+fn build(definition: &str, limit: usize) -> std::result::Result<tokenizers::Tokenizer, String> {
+    if definition.len() as u64 > MAX_FILE {
+        return Err(too_large());
+    }
+    let mut tokenizer = guarded(|| tokenizers::Tokenizer::from_bytes(definition))
         .map_err(|cause| format!("is not a tokenizer.json that can be used: {cause}"))?;
     if let ModelWrapper::BPE(bpe) = tokenizer.get_model() {
         if bpe.dropout.is_some_and(|share| share > 0.0) {
@@ -206,6 +241,29 @@ mod tests {
             error.contains("token id 128 (\"red\") for \"red\", the policy knows 128 tokens"),
             "{error}"
         );
+    }
+
+    #[test]
+    fn the_text_of_a_file_gives_the_same_tokens_and_is_held_to_the_same_rules() {
+        let config = Profile::Micro.config();
+        let text = definition().to_string();
+        let parsed = TrainedTokenizer::parse(&text, &config).unwrap();
+        assert_eq!(parsed.definition(), text);
+        assert_eq!(parsed.tokens("red red").unwrap(), [6, 7, 4]);
+        let refused = |text: &str| match TrainedTokenizer::parse(text, &config) {
+            Ok(_) => panic!("was read"),
+            Err(e) => e.to_string(),
+        };
+        let broken = refused("");
+        assert!(
+            broken.contains("the policy file's tokenizer is not a tokenizer.json"),
+            "{broken}"
+        );
+        let mut random = definition();
+        random["model"]["dropout"] = 0.1.into();
+        assert!(refused(&random.to_string()).contains("dropout"));
+        let long = " ".repeat(MAX_FILE as usize + 1);
+        assert!(refused(&long).contains("is larger than"));
     }
 
     #[test]

@@ -3,13 +3,14 @@
 //! Reading checks everything at once: names, shapes and types against the [`Layout`] of the configuration,
 //! and that every number is finite. Writing is deterministic: equal weights give equal bytes.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::BTreeMap;
 
-use safetensors::tensor::{serialize, Dtype, SafeTensors, TensorView};
+use safetensors::tensor::{Dtype, SafeTensors};
 
 use crate::config::PolicyConfig;
 use crate::error::{PolicyError, Result};
 use crate::layout::{expert_layout, policy_layout, Layout, LM_HEAD};
+use crate::safetensors_writer::{self, Entry};
 
 /// One tensor, row-major.
 #[derive(Clone, Debug, PartialEq)]
@@ -45,7 +46,7 @@ impl ExpertWeights {
 
     /// The bytes of a safetensors file; equal weights give equal bytes.
     pub fn to_safetensors(&self) -> Result<Vec<u8>> {
-        write(&self.0, None)
+        write(self.0.iter())
     }
 
     /// The tensors in name order.
@@ -95,11 +96,14 @@ impl Policy {
         }
     }
 
+    /// All tensors: the frozen ones in name order, then the expert's.
+    pub fn tensors(&self) -> impl Iterator<Item = (&String, &TensorData)> {
+        self.frozen.iter().chain(&self.expert.0)
+    }
+
     /// The bytes of a safetensors file with LeRobot's names; equal policies give equal bytes.
     pub fn to_safetensors(&self) -> Result<Vec<u8>> {
-        let mut all = self.frozen.clone();
-        all.extend(self.expert.0.clone());
-        write(&all, None)
+        write(self.tensors())
     }
 }
 
@@ -178,29 +182,13 @@ fn shape_error(name: &str, expected: &[usize], found: &[usize]) -> PolicyError {
     }
 }
 
-pub(crate) fn write(
-    tensors: &TensorSet,
-    metadata: Option<HashMap<String, String>>,
-) -> Result<Vec<u8>> {
-    let failed = |e: safetensors::SafeTensorError| PolicyError::Safetensors(e.to_string());
-    let bytes: Vec<(&String, &Vec<usize>, Vec<u8>)> = tensors
-        .iter()
-        .map(|(name, t)| {
-            (
-                name,
-                &t.shape,
-                t.data.iter().flat_map(|x| x.to_le_bytes()).collect(),
-            )
-        })
-        .collect();
-    let views = bytes
-        .iter()
-        .map(|(name, shape, raw)| {
-            Ok((
-                *name,
-                TensorView::new(Dtype::F32, (*shape).clone(), raw).map_err(failed)?,
-            ))
-        })
-        .collect::<Result<Vec<_>>>()?;
-    serialize(views, metadata).map_err(failed)
+fn write<'a>(tensors: impl Iterator<Item = (&'a String, &'a TensorData)>) -> Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    safetensors_writer::write_to(
+        &mut bytes,
+        tensors.map(Entry::of).collect(),
+        BTreeMap::new(),
+    )
+    .map_err(|e| PolicyError::Safetensors(e.to_string()))?;
+    Ok(bytes)
 }

@@ -16,7 +16,7 @@ use zk0_ledger::{
     signed::{Signed, Submission},
 };
 use zk0_prover::{participant::TrainingHistory, recording};
-use zk0_smolvla::{dataset::Dataset, evaluate, policy_file, ExpertWeights, Policy};
+use zk0_smolvla::{dataset::Dataset, evaluate, policy_file, ExpertWeights, PolicyConfig};
 
 /// Steps that one point of a training curve is the mean of.
 const WINDOW: usize = 20;
@@ -208,8 +208,9 @@ fn global(
     blobs: &Blobs,
     unseen: Option<&Path>,
 ) -> Result<Vec<Global>> {
-    let policy = policy_file::read(&blobs.get(&genesis.policy, MAX_WEIGHTS)?)?;
-    let unseen = unseen.map(|path| Unseen::new(path, &policy)).transpose()?;
+    let unseen = unseen
+        .map(|path| Unseen::new(path, genesis, blobs))
+        .transpose()?;
     let mut global = Vec::new();
     let mut base = genesis.initial.blob;
     for entry in entries {
@@ -236,24 +237,27 @@ fn global(
 
 /// A recording nobody trained on, with fixed draws.
 struct Unseen {
-    policy: Policy,
+    config: PolicyConfig,
     samples: Vec<zk0_smolvla::sample::PreparedSample>,
     draws: Vec<evaluate::FlowDraw>,
 }
 
 impl Unseen {
-    fn new(path: &Path, policy: &Policy) -> Result<Self> {
-        let samples = recording::prepare_samples(&Dataset::open(path)?, policy, None)?;
-        let draws = evaluate::fixed_draws(&policy.config, samples.len(), 0);
+    fn new(path: &Path, genesis: &Genesis, blobs: &Blobs) -> Result<Self> {
+        blobs.check(&genesis.policy)?;
+        let file = policy_file::load(&blobs.path(&genesis.policy))?;
+        let samples = recording::prepare_samples(&Dataset::open(path)?, &file, None)?;
+        let config = file.policy.config;
+        let draws = evaluate::fixed_draws(&config, samples.len(), 0);
         Ok(Self {
-            policy: policy.clone(),
+            config,
             samples,
             draws,
         })
     }
 
     fn loss(&self, blobs: &Blobs, weights: &Digest) -> Result<f64> {
-        let config = &self.policy.config;
+        let config = &self.config;
         let weights = ExpertWeights::from_safetensors(config, &blobs.get(weights, MAX_WEIGHTS)?)?;
         let pairs: Vec<_> = self.samples.iter().zip(&self.draws).collect();
         Ok(evaluate::evaluate(config, &weights, &pairs)?.loss())

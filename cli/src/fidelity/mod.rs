@@ -6,7 +6,7 @@ mod report;
 use crate::{
     calibration::{calibrated, samples},
     dataset::RecordingName,
-    policy_source,
+    policy_source::{self, PolicySource},
 };
 use anyhow::{bail, Result};
 use report::{print_ranges, table, Outcome, Row};
@@ -15,7 +15,7 @@ use zk0_circuits::{Digest, EvalSpec};
 use zk0_smolvla::{
     fidelity::measure,
     fixed_point::dims,
-    init::init_policy,
+    policy_file::PolicyFile,
     sample::PreparedSample,
     train::{train, TrainOptions},
     ExpertWeights, Policy, PolicyConfig, Profile,
@@ -30,7 +30,8 @@ pub struct Options {
     /// A randomly initialised policy: micro, tiny or full (the published dimensions; takes minutes and 5 GB).
     #[arg(long = "profile", value_name = "NAME", value_parser = Profile::from_name)]
     profiles: Vec<Profile>,
-    /// A policy of LeRobot's: a folder with policy_config.json, vlm_config.json and weights.safetensors.
+    /// A policy of LeRobot's: a folder with policy_config.json, vlm_config.json and weights.safetensors, and tokenizer.json if
+    /// it has one.
     #[arg(long = "lerobot", value_name = "DIR")]
     folders: Vec<PathBuf>,
     /// Optimiser steps until weights count as trained [default: 600, for large policies 40]
@@ -88,7 +89,7 @@ pub fn run(options: &Options) -> Result<()> {
         bail!("which policy? Add --profile NAME or --lerobot DIR");
     }
     let (mut rows, mut notes) = (Vec::new(), String::new());
-    let mut compare = |name: String, untrained: &str, policy: Policy| -> Result<()> {
+    let mut compare = |name: String, untrained: &str, policy: PolicyFile| -> Result<()> {
         let (some, training) = compare(options, &name, policy)?;
         rows.extend(some);
         notes += &format!("{name}: untrained is {untrained}; trained is {training}\n");
@@ -100,7 +101,7 @@ pub fn run(options: &Options) -> Result<()> {
         compare(name, "what the folder holds", policy_source::read(folder)?)?;
     }
     for profile in &options.profiles {
-        let policy = init_policy(&profile.config(), 1)?;
+        let policy = PolicySource::Random(*profile, 1).load()?;
         let untrained = "a random initialisation, not a published checkpoint";
         compare(profile.name().into(), untrained, policy)?;
     }
@@ -116,11 +117,11 @@ pub fn run(options: &Options) -> Result<()> {
 }
 
 /// The four rows of a policy, untrained and trained, with default and with calibrated ranges; and how it was trained.
-fn compare(options: &Options, name: &str, policy: Policy) -> Result<(Vec<Row>, String)> {
-    let effort = Effort::of(&policy, options);
+fn compare(options: &Options, name: &str, file: PolicyFile) -> Result<(Vec<Row>, String)> {
+    let effort = Effort::of(&file.policy, options);
     tracing::info!("{name}: preparing samples");
-    let all = samples(&policy, &options.datasets, effort.frames)?;
-    let Policy { config, expert, .. } = policy; // the frozen half has done its part
+    let all = samples(&file, &options.datasets, effort.frames)?;
+    let Policy { config, expert, .. } = file.policy; // the frozen half has done its part
     let (mut ours, mut others) = (Vec::new(), Vec::new());
     for (index, sample) in all.into_iter().enumerate() {
         if index.is_multiple_of(2) {

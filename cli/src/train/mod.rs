@@ -11,7 +11,6 @@ use crate::{
     chart,
     dataset::RecordingName,
     frames::{Kind, Naming, Ready},
-    policy_source,
 };
 use anyhow::{bail, Context, Result};
 use metrics::{EvalLine, Line, Metrics, StepLine};
@@ -25,25 +24,22 @@ use std::{
 use zk0_prover::progress::Progress;
 use zk0_smolvla::{
     adaptive::{boost, Boost},
-    batch::SampleSource,
     dataset::Dataset,
     evaluate::{fixed_draws, FlowDraw},
     layout::expert_layout,
-    policy_file,
+    policy_file::{self, PolicyFile},
     prefix_cache::{digest_of, FrameMaker, FrameRef, KeySpace},
     sample::{ObservedSample, PreparedSample, Preparer},
     train::{
         checkpoints::{Checkpoints, RunIdentity},
+        measure::measured_loss,
         split::{self, Split},
         trainer::evaluate_samples,
-        TrainOptions, Trainer,
+        Samples, TrainOptions, Trainer,
     },
     weights::TensorSet,
     ExpertWeights, Policy, PolicyConfig, PolicyError,
 };
-
-/// Frames that the loss at the start is measured on, for a boost.
-const MEASURED: usize = 256;
 
 /// Runs the command.
 pub fn run(options: &Options) -> Result<()> {
@@ -63,10 +59,11 @@ fn train<S: Kind>(options: &Options) -> Result<()> {
 
     let datasets = options.datasets.iter().map(RecordingName::open);
     let datasets = datasets.collect::<Result<Vec<_>>>()?;
-    let mut policy = source.load()?;
-    let config = policy.config.clone();
-    let tokenizer = policy_source::tokenizer(&source, &config)?;
-    let tokenizer = &*tokenizer;
+    let PolicyFile {
+        mut policy,
+        tokenizer,
+    } = source.load()?;
+    let (config, tokenizer) = (policy.config.clone(), &tokenizer);
     let cache = options.cache.open()?;
     let space = KeySpace::new::<S>(&policy, &at);
     let naming = Naming::new(space, &config, tokenizer, cache.as_ref());
@@ -77,7 +74,7 @@ fn train<S: Kind>(options: &Options) -> Result<()> {
     let frozen = mem::take(&mut policy.frozen);
     let frozen = options.train_state_proj.then_some(frozen);
     let maker = FrameMaker::new(&datasets, config.chunk_size, || {
-        let policy = source.load();
+        let policy = source.policy();
         let policy = policy.map_err(|error| PolicyError::Sample(format!("{error:#}")))?;
         Preparer::at(&at, &policy, tokenizer)
     });
@@ -96,7 +93,7 @@ fn train<S: Kind>(options: &Options) -> Result<()> {
         Trainer::on(device, &config, expert, frozen, samples, training)
     };
     let mut trainer = start(training.clone())?;
-    let boosted = boosted::<S>(options, &trainer, &ours)?;
+    let boosted = boosted(options, &trainer, S::samples(&ours))?;
     if boosted != 1.0 {
         let learning_rate = training.learning_rate * boosted;
         trainer = start(TrainOptions {
@@ -144,9 +141,9 @@ fn train<S: Kind>(options: &Options) -> Result<()> {
     let values = trainer.values()?;
     drop(trainer);
 
-    let mut policy = source.load()?;
+    let mut policy = source.policy()?;
     place(&mut policy, values)?;
-    let digest = policy_file::save(&policy, &out.join("model.safetensors"))?;
+    let digest = policy_file::save(&policy, tokenizer, &out.join("model.safetensors"))?;
     let curves = metrics::curves(&metrics::read(&lines)?);
     chart::draw_training(&out.join("loss"), &curves)?;
     report.ended(Ended::new(&digest, made, seconds, evaluated));
@@ -306,20 +303,11 @@ fn fits(config: &PolicyConfig, dataset: &Dataset) -> Result<()> {
 }
 
 /// What the learning rate is multiplied by, for a client whose loss is high.
-fn boosted<S: Kind>(
-    options: &Options,
-    trainer: &Trainer,
-    samples: &impl SampleSource<S>,
-) -> Result<f64> {
+fn boosted(options: &Options, trainer: &Trainer, samples: Samples) -> Result<f64> {
     let (Some(factor), Some(prior)) = (options.lr_boost, options.prior_loss) else {
         return Ok(1.0);
     };
-    let count = samples.len().min(MEASURED);
-    let indices: Vec<usize> = (0..count).map(|i| i * samples.len() / count).collect();
-    let models = trainer.snapshot()?;
-    let draws = fixed_draws(models.config(), count, options.seed);
-    let errors = evaluate_samples(&models, S::samples(samples), &indices, &draws)?;
-    let now = errors.valid_only.loss();
+    let now = measured_loss(&trainer.snapshot()?, samples, options.seed)?;
     let rule = Boost {
         factor,
         ..Boost::default()

@@ -275,7 +275,7 @@ impl Checkpoints {
     ) -> Result<(String, FileDigest), CheckpointError> {
         let path = folder.join(name);
         let Written { digest, bytes } =
-            safetensors_writer::write(&path, entries, None).map_err(at(&path))?;
+            safetensors_writer::write(&path, entries).map_err(at(&path))?;
         let sha256 = hex::encode(digest);
         Ok((name.into(), FileDigest { sha256, bytes }))
     }

@@ -7,12 +7,14 @@
 //! - [`trainer`]: makes steps.
 //! - [`checkpoints`]: a run on disk, whole or not at all; a run that is stopped at any moment goes on from there and ends with
 //!   the same bytes.
+//! - [`measure`]: the loss that learning rates follow.
 //! - [`split`]: episodes held out for evaluation.
 //!
 //! The same start, samples and options give the same bits on the same CPU.
 
 pub mod checkpoints;
 pub mod learner;
+pub mod measure;
 pub mod options;
 pub mod order;
 pub mod split;

@@ -1,0 +1,102 @@
+//! The rules that most networks set, as options of a command.
+
+use super::Enrolment;
+use anyhow::{Context, Result};
+use zk0_ledger::{
+    governance::{Governance, Governor},
+    rules::{CreditRule, Disclosure, EnrolmentRule, Participation, Rules, Strategy},
+};
+
+/// Least limit of an update, in bytes: room for the micro profile, with plenty to spare.
+pub const LEAST_UPDATE_LIMIT: u64 = 1 << 20;
+
+/// The rules that most networks set.
+#[derive(Debug, clap::Args)]
+pub struct CommonRules {
+    /// Fewest samples a dataset may have.
+    #[arg(long, default_value_t = 64)]
+    min_dataset_samples: u64,
+    /// Samples evaluated per claim.
+    #[arg(long, default_value_t = 4)]
+    eval_samples: u32,
+    /// Least improvement of the loss, in basis points (100 are 1 %).
+    #[arg(long, default_value_t = 100)]
+    min_improvement_bps: u32,
+    /// Most samples a contribution counts for.
+    #[arg(long, default_value_t = 10_000)]
+    max_weight_samples: u64,
+    /// Keep the losses out of the proofs' public values.
+    #[arg(long)]
+    hide_losses: bool,
+    /// Minutes from a round's opening in which updates may be committed.
+    #[arg(long, default_value_t = 10)]
+    commit_minutes: u64,
+    /// Minutes from a round's opening in which claims may be submitted.
+    #[arg(long, default_value_t = 60)]
+    submit_minutes: u64,
+    /// Who governs, each with one vote: NAME=IDENTITY, as `zk0 governance keygen` prints it. Half of them make a quorum, more
+    /// than half of the votes decide, a third stops it; three days to vote, one to veto. Without any, the rules never change.
+    #[arg(long = "governor")]
+    governors: Vec<Enrolment>,
+}
+
+impl CommonRules {
+    fn governance(&self) -> Governance {
+        const DAY_MS: u64 = 24 * 3_600_000;
+        if self.governors.is_empty() {
+            return Governance::none();
+        }
+        let governor = |Enrolment { name, node }: &Enrolment| Governor {
+            key: *node,
+            name: name.clone(),
+            weight: 1,
+        };
+        let mut governors: Vec<_> = self.governors.iter().map(governor).collect();
+        governors.sort_by_key(|governor| governor.key);
+        Governance {
+            governors,
+            credits_per_vote: 0,
+            max_node_votes: 0,
+            quorum_bps: 5000,
+            threshold_bps: 5000,
+            veto_bps: 3333,
+            voting_ms: 3 * DAY_MS,
+            time_lock_ms: DAY_MS,
+        }
+    }
+
+    /// All the rules, with room for updates of `max_update_bytes`.
+    pub fn rules(&self, max_update_bytes: u64) -> Result<Rules> {
+        let minutes = |count: u64| {
+            count
+                .checked_mul(60_000)
+                .context("a window of so many minutes is no window")
+        };
+        Ok(Rules {
+            min_dataset_samples: self.min_dataset_samples,
+            eval_samples: self.eval_samples,
+            min_improvement_bps: self.min_improvement_bps,
+            max_weight_samples: self.max_weight_samples,
+            disclosure: if self.hide_losses {
+                Disclosure::Nothing
+            } else {
+                Disclosure::Losses
+            },
+            commit_window_ms: minutes(self.commit_minutes)?,
+            submit_window_ms: minutes(self.submit_minutes)?,
+            max_update_bytes,
+            max_proof_bytes: 2 << 20,
+            max_update_norm_bps: 0,
+            strategy: Strategy::FedAvg,
+            participation: Participation::All,
+            enrolment: EnrolmentRule::Operator,
+            credits: CreditRule {
+                bps_samples_per_credit: 1000,
+                max_per_contribution: 10_000,
+                dispute_window_ms: 7 * 24 * 3_600_000,
+            },
+            witness_policy: String::new(),
+            governance: self.governance(),
+        })
+    }
+}
