@@ -28,7 +28,7 @@ fn only_folder(dir: &Path) -> PathBuf {
 }
 
 #[test]
-#[ignore = "makes a real proof: about ten minutes and 17 GB of memory on two cores"]
+#[ignore = "makes a real proof: about ten minutes and 20 GiB of memory on two cores"]
 fn a_federation_ends_with_a_proven_contribution_and_a_refused_one() {
     let out = tempfile::tempdir().unwrap();
     let demo = zk0(&[

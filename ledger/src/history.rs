@@ -2,8 +2,8 @@
 
 use crate::{
     authentic::AuthenticEntry, checkpoint::Checkpoint, error::LedgerError, folder,
-    group::needs_checkpoint, state::State, store::Store, tree::Frontier,
-    violation::RuleViolation, Entry, Genesis,
+    group::needs_checkpoint, state::State, store::Store, tree::Frontier, violation::RuleViolation,
+    Entry, Genesis,
 };
 use rayon::prelude::*;
 use std::{ops::Range, path::Path};

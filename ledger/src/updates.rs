@@ -93,6 +93,6 @@ mod tests {
         assert_eq!(known(&updates, 2), Some(node));
         assert_eq!(known(&updates, limit), Some(node));
         assert_eq!(updates.in_order.len(), REMEMBERED_UPDATES);
-        assert_eq!(updates.by_digest.len(), 2 * (REMEMBERED_UPDATES - 1));
+        assert_eq!(updates.by_digest.len(), 2 * REMEMBERED_UPDATES);
     }
 }

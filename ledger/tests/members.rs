@@ -30,7 +30,7 @@ fn rotated(state: &State, node: u8, with: u8) -> Body {
 /// The identity element signs everything with this signature, unless signatures are verified strictly.
 #[test]
 fn nobody_moves_to_a_key_that_anyone_signs_for() {
-    let chain = earned();
+    let mut chain = earned();
     let mut neutral = [0; 32];
     neutral[0] = 1;
     let rotation = KeyRotation {

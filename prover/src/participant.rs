@@ -18,9 +18,7 @@ use std::{
     io::BufWriter,
     path::{Path, PathBuf},
 };
-use zk0_circuits::{
-    program::verifying_key, spec::EvalSpec, Claim, Digest, Losses, WeightsDigest, CLAIM_VERSION,
-};
+use zk0_circuits::{program::verifying_key, spec::EvalSpec, Claim, Digest, Losses, WeightsDigest};
 use zk0_ledger::{bindings::ExpectedClaim, entry::RoundOpened, rules::Disclosure};
 use zk0_smolvla::{
     adaptive::{adapted, Adaptation, Rates},
@@ -354,28 +352,14 @@ fn proving_progress(event: rpc::Progress) {
 
 /// What a lazy node would like to have proven.
 fn pretended(expected: &ExpectedClaim) -> Claim {
-    Claim {
-        version: CLAIM_VERSION,
-        network: expected.network,
-        round: expected.round,
-        node: expected.node,
-        dataset: expected.dataset,
-        evaluation: expected.evaluation,
-        base: expected.base,
-        update: expected.update,
-        challenge: expected.challenge,
-        eval_samples: expected.eval_samples,
-        min_improvement_bps: expected.min_improvement_bps,
-        losses: match expected.disclosure {
-            Disclosure::Nothing => Losses::Hidden,
-            Disclosure::Losses => Losses::Disclosed {
-                before: 2 << 24,
-                after: 1 << 24,
-                elements: 1,
-            },
+    expected.with(match expected.disclosure {
+        Disclosure::Nothing => Losses::Hidden,
+        Disclosure::Losses => Losses::Disclosed {
+            before: 2 << 24,
+            after: 1 << 24,
+            elements: 1,
         },
-        weight_check: None,
-    }
+    })
 }
 
 /// A node that trained at other dimensions than it proves would find out after minutes of work: check first.

@@ -10,7 +10,7 @@ use std::{
 };
 
 /// Proving time of an empty program, seconds, on two cores: start of a compressed proof and its recursion. With the rate below
-/// within 35 % of the five claims of 0.5 to 2.4 M cycles that were measured.
+/// within 35 % of the claims of 0.5 to 7.4 M cycles that were measured.
 const FIXED_SECONDS: f64 = 400.0;
 /// Cycles proven in a second on two cores, beyond that.
 const CYCLES_PER_SECOND: f64 = 9_000.0;

@@ -3,7 +3,7 @@
 //! - `structure`: the crates depend on one another as the map says, and an auditor's build stays light.
 //! - `verifier_attacks`: a contribution with a real proof, with one thing changed at a time.
 //! - `ledger_tampering`: replay of a real ledger, with one byte changed at a time.
-//! - `real_proof`: the whole demo, a real compressed proof made in the run (run alone: it takes 17 GB).
+//! - `real_proof`: the whole demo, a real compressed proof made in the run (run alone: it takes up to 20 GiB).
 //!
 //! The first two work on `fixtures/ledger`, the ledger that a demo left (`make fixtures` makes it anew).
 

@@ -4,35 +4,37 @@ use super::Enrolment;
 use anyhow::{Context, Result};
 use zk0_ledger::{
     governance::{Governance, Governor},
-    rules::{CreditRule, Disclosure, EnrolmentRule, Participation, Rules, Strategy},
+    rules::{Disclosure, Rules},
 };
 
 /// Least limit of an update, in bytes: room for the micro profile, with plenty to spare.
 pub const LEAST_UPDATE_LIMIT: u64 = 1 << 20;
 
+const MINUTE_MS: u64 = 60_000;
+
 /// The rules that most networks set.
 #[derive(Debug, clap::Args)]
 pub struct CommonRules {
     /// Fewest samples a dataset may have.
-    #[arg(long, default_value_t = 64)]
+    #[arg(long, default_value_t = Rules::default().min_dataset_samples)]
     min_dataset_samples: u64,
     /// Samples evaluated per claim.
-    #[arg(long, default_value_t = 4)]
+    #[arg(long, default_value_t = Rules::default().eval_samples)]
     eval_samples: u32,
     /// Least improvement of the loss, in basis points (100 are 1 %).
-    #[arg(long, default_value_t = 100)]
+    #[arg(long, default_value_t = Rules::default().min_improvement_bps)]
     min_improvement_bps: u32,
     /// Most samples a contribution counts for.
-    #[arg(long, default_value_t = 10_000)]
+    #[arg(long, default_value_t = Rules::default().max_weight_samples)]
     max_weight_samples: u64,
     /// Keep the losses out of the proofs' public values.
     #[arg(long)]
     hide_losses: bool,
     /// Minutes from a round's opening in which updates may be committed.
-    #[arg(long, default_value_t = 10)]
+    #[arg(long, default_value_t = Rules::default().commit_window_ms / MINUTE_MS)]
     commit_minutes: u64,
     /// Minutes from a round's opening in which claims may be submitted.
-    #[arg(long, default_value_t = 60)]
+    #[arg(long, default_value_t = Rules::default().submit_window_ms / MINUTE_MS)]
     submit_minutes: u64,
     /// Who governs, each with one vote: NAME=IDENTITY, as `zk0 governance keygen` prints it. Half of them make a quorum, more
     /// than half of the votes decide, a third stops it; three days to vote, one to veto. Without any, the rules never change.
@@ -69,7 +71,7 @@ impl CommonRules {
     pub fn rules(&self, max_update_bytes: u64) -> Result<Rules> {
         let minutes = |count: u64| {
             count
-                .checked_mul(60_000)
+                .checked_mul(MINUTE_MS)
                 .context("a window of so many minutes is no window")
         };
         Ok(Rules {
@@ -85,18 +87,8 @@ impl CommonRules {
             commit_window_ms: minutes(self.commit_minutes)?,
             submit_window_ms: minutes(self.submit_minutes)?,
             max_update_bytes,
-            max_proof_bytes: 2 << 20,
-            max_update_norm_bps: 0,
-            strategy: Strategy::FedAvg,
-            participation: Participation::All,
-            enrolment: EnrolmentRule::Operator,
-            credits: CreditRule {
-                bps_samples_per_credit: 1000,
-                max_per_contribution: 10_000,
-                dispute_window_ms: 7 * 24 * 3_600_000,
-            },
-            witness_policy: String::new(),
             governance: self.governance(),
+            ..Rules::default()
         })
     }
 }
