@@ -44,10 +44,7 @@ pub fn verify(key: &VerifierKey, text: &[u8], signature: &[u8]) -> Option<u64> {
     let time_s = u64::from_be_bytes(*time_s);
     let signature = Signature::from_slice(signature).ok()?;
     let known = key.role() == Role::Witness && (1..=i64::MAX as u64).contains(&time_s);
-    let signed = key
-        .dalek()
-        .verify_strict(&message(text, time_s), &signature)
-        .is_ok();
+    let signed = key.key().verify(&message(text, time_s), &signature);
     (known && signed).then_some(time_s)
 }
 

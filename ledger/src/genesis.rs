@@ -3,9 +3,9 @@
 use crate::{
     checkpoint::{log_key, CheckpointError},
     entry::Genesis,
+    public_key::PublicKey,
     verifier_key::{check_name, short, VerifierKey},
 };
-use ed25519_dalek::VerifyingKey;
 use zk0_circuits::{digest::tagged_sha256, spec::EvalSpec, Digest, NodeId};
 
 /// Longest name of a network or a node, in bytes.
@@ -46,10 +46,7 @@ impl Genesis {
                 short(&self.name)
             )
         })?;
-        match VerifyingKey::from_bytes(&self.log_key) {
-            Ok(key) if !key.is_weak() => {}
-            _ => return Err("log_key is not an ed25519 public key".into()),
-        }
+        PublicKey::from_bytes(&self.log_key).ok_or("log_key is not an ed25519 public key")?;
         self.evaluation_spec()?;
         self.rules.check()
     }
@@ -57,9 +54,9 @@ impl Genesis {
 
 /// Refuses an identity that is no key, or one that anybody can sign for. Takes as long as a tenth of a signature.
 pub(crate) fn check_identity(key: &NodeId) -> Result<(), String> {
-    match VerifyingKey::from_bytes(&key.0) {
-        Ok(key) if !key.is_weak() => Ok(()),
-        _ => Err("its identity is not an ed25519 public key".into()),
+    match PublicKey::from_bytes(&key.0) {
+        Some(_) => Ok(()),
+        None => Err("its identity is not an ed25519 public key".into()),
     }
 }
 

@@ -3,7 +3,7 @@
 //! A short tour, from what is said to how it is kept:
 //! - [`entry`]: what the log holds; [`codec`]: its one canonical encoding; [`genesis`]: what founds a network.
 //! - [`rules`]: the rules of a network; [`governance`]: how they change.
-//! - [`signed`]: statements signed by nodes and governors.
+//! - [`signed`]: statements signed by nodes and governors; `public_key`: keys that were read once.
 //! - [`authentic`]: entries whose signatures were verified, before the rules look at them.
 //! - [`refusal`]: the named reasons for which a contribution is refused; [`violation`]: those for which an entry is.
 //! - [`state`]: what a network is after the entries so far; [`apply`]: which entry may come next and what it changes, a
@@ -44,6 +44,7 @@ pub mod layout;
 pub mod log;
 pub mod mirror;
 pub mod policy;
+mod public_key;
 pub mod published;
 pub mod receipt;
 pub mod refusal;

@@ -1,8 +1,11 @@
 //! Statements signed by a node or a governor: the payload, its canonical encoding and an ed25519 signature (RFC 8032).
 
-use crate::governance::{Action, Ballot};
+use crate::{
+    governance::{Action, Ballot},
+    public_key::PublicKey,
+};
 use borsh::{BorshDeserialize, BorshSerialize};
-use ed25519_dalek::{Signature, Signer, SigningKey, VerifyingKey};
+use ed25519_dalek::{Signature, Signer, SigningKey};
 use zk0_circuits::{Claim, DatasetCommitment, Digest, NodeId, WeightsDigest};
 
 /// A statement that names its signer.
@@ -47,13 +50,12 @@ impl<T: Statement> Signed<T> {
     /// Checks the signature, strictly (RFC 8032 with no malleable or small-order cases).
     pub fn verify(&self) -> Result<&T, SignatureError> {
         let node = self.statement.signer();
-        let key = VerifyingKey::from_bytes(&node.0).map_err(|_| SignatureError::BadKey(node))?;
-        key.verify_strict(
-            &message(&self.statement),
-            &Signature::from_bytes(&self.signature),
-        )
-        .map_err(|_| SignatureError::Mismatch(node, T::TAG))?;
-        Ok(&self.statement)
+        let key = PublicKey::from_bytes(&node.0).ok_or(SignatureError::BadKey(node))?;
+        let signature = Signature::from_bytes(&self.signature);
+        match key.verify(&message(&self.statement), &signature) {
+            true => Ok(&self.statement),
+            false => Err(SignatureError::Mismatch(node, T::TAG)),
+        }
     }
 }
 

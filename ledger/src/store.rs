@@ -8,12 +8,18 @@
 
 use crate::error::LedgerError;
 use rocksdb::{
-    DBRecoveryMode, Direction, ErrorKind, InfoLogger, IteratorMode, LogLevel, Options, WriteBatch,
-    WriteOptions, DB,
+    BlockBasedOptions, Cache, DBRecoveryMode, Direction, ErrorKind, InfoLogger, IteratorMode,
+    LogLevel, Options, WriteBatch, WriteOptions, DB,
 };
 use std::path::Path;
 use tlog_tiles::tlog::{stored_hash_index, tree_hash, Error as TreeError, Hash, HashReader};
 use zk0_circuits::Digest;
+
+/// Bytes that RocksDB gathers in memory before it writes a table.
+const WRITE_BUFFER: usize = 16 << 20;
+
+/// Bytes of tables that it keeps in memory.
+const BLOCK_CACHE: usize = 16 << 20;
 
 /// The database under a ledger.
 pub struct Store {
@@ -175,6 +181,11 @@ impl HashReader for Store {
 fn options() -> Options {
     let mut options = Options::default();
     options.set_paranoid_checks(true);
+    // What was written last is in memory, and is read again from RocksDB's journal whenever the database is opened.
+    options.set_write_buffer_size(WRITE_BUFFER);
+    let mut blocks = BlockBasedOptions::default();
+    blocks.set_block_cache(&Cache::new_lru_cache(BLOCK_CACHE));
+    options.set_block_based_table_factory(&blocks);
     // A record torn by a crash is dropped: it was never acknowledged. Should a flipped byte look like one, the log is
     // shorter than its signed checkpoint, and opening fails there.
     options.set_wal_recovery_mode(DBRecoveryMode::TolerateCorruptedTailRecords);

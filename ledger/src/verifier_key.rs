@@ -4,9 +4,9 @@
 //! witness cosigns them with type `0x04` (C2SP tlog-cosignature); the type is part of the key's id, so neither passes for the
 //! other.
 
-use crate::{cosignature, genesis::MAX_NAME_BYTES};
+use crate::{cosignature, genesis::MAX_NAME_BYTES, public_key::PublicKey};
 use base64::prelude::{Engine as _, BASE64_STANDARD};
-use ed25519_dalek::{Signature, VerifyingKey};
+use ed25519_dalek::Signature;
 use std::{fmt, str::FromStr};
 
 /// What a key's signatures mean.
@@ -32,7 +32,7 @@ impl Role {
 pub struct VerifierKey {
     name: String,
     role: Role,
-    key: VerifyingKey,
+    key: PublicKey,
 }
 
 /// Why a text is no verifier key.
@@ -67,13 +67,13 @@ impl VerifierKey {
     /// A key from its parts. Refuses small-order points: they verify what nobody signed.
     pub fn new(role: Role, name: &str, key: &[u8; 32]) -> Result<Self, KeyError> {
         check_name(name)?;
-        match VerifyingKey::from_bytes(key) {
-            Ok(key) if !key.is_weak() => Ok(Self {
+        match PublicKey::from_bytes(key) {
+            Some(key) => Ok(Self {
                 name: name.into(),
                 role,
                 key,
             }),
-            _ => Err(KeyError::Key(short(name))),
+            None => Err(KeyError::Key(short(name))),
         }
     }
 
@@ -117,7 +117,7 @@ impl VerifierKey {
         [&[self.role.byte()], self.key.as_bytes().as_slice()].concat()
     }
 
-    pub(crate) fn dalek(&self) -> &VerifyingKey {
+    pub(crate) fn key(&self) -> &PublicKey {
         &self.key
     }
 }
@@ -175,7 +175,7 @@ impl signed_note::Verifier for VerifierKey {
     fn verify(&self, note: &[u8], signature: &[u8]) -> bool {
         match self.role {
             Role::Log => Signature::from_slice(signature)
-                .is_ok_and(|signature| self.key.verify_strict(note, &signature).is_ok()),
+                .is_ok_and(|signature| self.key.verify(note, &signature)),
             Role::Witness => cosignature::verify(self, note, signature).is_some(),
         }
     }
