@@ -67,7 +67,7 @@ pub fn sample_indices(
                 .iter()
                 .rev()
                 .fold(0u128, |word, &byte| word << 8 | byte as u128);
-            let index = (word * available as u128 >> 64) as u64;
+            let index = ((word * available as u128) >> 64) as u64;
             if !indices.contains(&index) {
                 indices.push(index);
                 if indices.len() == count {

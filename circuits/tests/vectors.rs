@@ -94,7 +94,7 @@ fn poseidon2_structures() {
     let spec = EvalSpec::micro();
     let values =
         |count: i16| Values::from_slice(&(0..count).map(|i| i * 1111 - 9999).collect::<Vec<_>>());
-    let pair = |index: usize| 2 * index as u64 | (2 * index as u64 + 1) << 32;
+    let pair = |index: usize| (2 * index as u64) | ((2 * index as u64 + 1) << 32);
     let mut state = State(std::array::from_fn(pair));
     permute(&mut state);
     let mut random = Random(21);

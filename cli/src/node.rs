@@ -24,6 +24,7 @@ use zk0_smolvla::{
 
 /// What to do.
 #[derive(Debug, clap::Subcommand)]
+#[allow(clippy::large_enum_variant)] // There is one, for as long as the program runs.
 pub enum Command {
     /// Make a node's key and print its identity, which the aggregator's operator enrols.
     Keygen {

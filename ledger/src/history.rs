@@ -74,7 +74,7 @@ impl History {
                 .next_back()
                 .and_then(|read| read.checkpoint);
         }
-        let (checkpoint, _) = newest.ok_or_else(|| LedgerError::NoCheckpointAt(held))?;
+        let (checkpoint, _) = newest.ok_or(LedgerError::NoCheckpointAt(held))?;
         Ok(Self {
             state,
             tree,

@@ -173,10 +173,11 @@ impl Model {
                         _ => {}
                     }
                 }
-                Event::Resolved(dispute, true) if self.accused(*dispute) == Some(node) => {
-                    if standing == Some(Standing::Active) {
-                        standing = Some(Standing::Suspended);
-                    }
+                Event::Resolved(dispute, true)
+                    if self.accused(*dispute) == Some(node)
+                        && standing == Some(Standing::Active) =>
+                {
+                    standing = Some(Standing::Suspended);
                 }
                 _ => {}
             }

@@ -34,7 +34,7 @@ impl Recheck for Finder {
         assert_ne!(self.panics_at, Some(index), "killed here");
         self.seen += 1;
         let ready = std::mem::take(&mut self.waiting);
-        if index % 50 == 0 {
+        if index.is_multiple_of(50) {
             self.waiting = vec![Finding::note(index, "a round number")];
         }
         ready

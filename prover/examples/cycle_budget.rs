@@ -338,9 +338,9 @@ fn multiply(funct3: u32, a: u64, b: u64) -> u64 {
     let (signed_a, signed_b) = (a as i64, b as i64);
     match funct3 {
         0 => a.wrapping_mul(b),
-        1 => (signed_a as i128 * signed_b as i128 >> 64) as u64,
+        1 => ((signed_a as i128 * signed_b as i128) >> 64) as u64,
         2 => ((signed_a as i128).wrapping_mul(b as i128) >> 64) as u64,
-        3 => (a as u128 * b as u128 >> 64) as u64,
+        3 => ((a as u128 * b as u128) >> 64) as u64,
         4 if b == 0 => u64::MAX,
         4 => signed_a.wrapping_div(signed_b) as u64,
         5 => a.checked_div(b).unwrap_or(u64::MAX),

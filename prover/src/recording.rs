@@ -217,7 +217,7 @@ mod tests {
         let config = &hashed.policy.config;
         let trained = TrainedTokenizer::parse(&definition.to_string(), config).unwrap();
         assert_eq!(trained.tokens("one two three").unwrap(), [5, 5, 5]);
-        let dataset = Dataset::open(&path()).unwrap();
+        let dataset = Dataset::open(path()).unwrap();
         let preparer = Preparer::new(&hashed.policy, &trained).unwrap();
         let expected = preparer.prepare_dataset(&dataset, |_, _| {}).unwrap();
         let own = PolicyFile {

@@ -69,7 +69,7 @@ fn broken_info() {
             "\"observation.stat\":",
             "no feature observation.state",
         ),
-        ("\"float32\"", "\"float64\"", "action is float64"),
+        ("\"float32\"", "\"float64\"", "action is \"float64\""),
         (
             "                6",
             "                600000000",
@@ -270,7 +270,7 @@ fn v21_lines_that_are_wrong() {
             EPISODE_STATS,
             "\"count\": [41]",
             "\"count\": []",
-            "line 1: action: count is []",
+            "line 1: action: count is a list of 0 numbers",
         ),
     ];
     for (file, from, to, cause) in cases {

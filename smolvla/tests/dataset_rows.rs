@@ -57,7 +57,7 @@ fn rows_that_do_not_fit() {
         rows.remove_column(at);
         rows
     });
-    copy.fails(DATA, "has no column task_index");
+    copy.fails(DATA, "has no column \"task_index\"");
 
     let copy = Copy::new();
     copy.edit_text(INFO, "                6", "                7");

@@ -54,7 +54,7 @@ impl Noise {
     /// Action chunks of which the last frames are padding now and then.
     fn actions(&mut self, i: usize) -> (Vec<f32>, Vec<bool>) {
         let c = config();
-        let is_pad = (0..c.chunk_size).map(|t| t + i % 4 >= c.chunk_size + 1);
+        let is_pad = (0..c.chunk_size).map(|t| t + i % 4 > c.chunk_size);
         (self.vector(c.chunk_elements()), is_pad.collect())
     }
 }

@@ -122,8 +122,12 @@ pub fn fetch(
         blobs: BTreeSet::new(),
     };
     match wanted {
-        Wanted::Everything => drop(mirror(source, dir, policy, network)?),
-        Wanted::Entries => drop(mirror(&selection, dir, policy, network)?),
+        Wanted::Everything => {
+            mirror(source, dir, policy, network)?;
+        }
+        Wanted::Entries => {
+            mirror(&selection, dir, policy, network)?;
+        }
         // Which proofs there are, the entries say; more may come meanwhile.
         Wanted::Proofs => {
             mirror(&selection, dir, policy, network)?;

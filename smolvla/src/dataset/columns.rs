@@ -40,7 +40,7 @@ pub(super) fn read(
             fields
                 .iter()
                 .position(|f| f.name() == *name)
-                .ok_or_else(|| DatasetError::parquet(path, format!("has no column {name}")))
+                .ok_or_else(|| DatasetError::parquet(path, format!("has no column {name:?}")))
         })
         .collect::<Result<Vec<_>, _>>()?;
     let mask = ProjectionMask::roots(schema, roots);
@@ -159,7 +159,7 @@ impl Columns<'_> {
         let column = self
             .batch
             .column_by_name(name)
-            .ok_or_else(|| DatasetError::parquet(self.path, format!("has no column {name}")))?;
+            .ok_or_else(|| DatasetError::parquet(self.path, format!("has no column {name:?}")))?;
         if column.null_count() > 0 {
             return Err(DatasetError::parquet(
                 self.path,

@@ -71,8 +71,9 @@ fn offset(seconds: f64, fps: u32) -> Result<i64, String> {
     let fps = f64::from(fps);
     let frames = seconds * fps;
     let whole = frames.round();
-    // Written so that NaN is refused.
-    if !((frames - whole).abs() / fps <= TOLERANCE) {
+    let fits = (frames - whole).abs() / fps <= TOLERANCE;
+    // NaN does not.
+    if !fits {
         return Err(format!(
             "{seconds} s is not a multiple of 1/{fps} s (within {TOLERANCE} s)"
         ));

@@ -83,13 +83,13 @@ pub(super) fn read(root: &Path, info: &Info) -> Result<Stats, DatasetError> {
 
 impl FeatureStats {
     fn check(&self, dim: usize) -> Result<(), String> {
+        let expected = "expected a list of one number of frames";
         match self.count[..] {
             [count] if count >= 1.0 && count.is_finite() => {}
+            [count] => return Err(format!("count is [{count:?}], {expected}")),
             _ => {
-                return Err(format!(
-                    "count is {:?}, expected a list of one number of frames",
-                    self.count
-                ))
+                let found = self.count.len();
+                return Err(format!("count is a list of {found} numbers, {expected}"));
             }
         }
         Normalizer::of(&self.moments, dim).map(|_| ())

@@ -22,7 +22,7 @@ pub enum DatasetError {
     Meta { path: PathBuf, cause: String },
     /// Another version of the format.
     #[error(
-        "{}: format {found}, but this reads v2.0, v2.1 and v3.0; convert older recordings with LeRobot 0.3 and 0.4: python -m \
+        "{}: format {found:?}, but this reads v2.0, v2.1 and v3.0; convert older recordings with LeRobot 0.3 and 0.4: python -m \
          lerobot.datasets.v30.convert_dataset_v21_to_v30",
         path.display()
     )]

@@ -190,14 +190,15 @@ impl Info {
                 (ACTION, _) => action = Some(vector(&name, &feature)?),
                 (_, "video") => {
                     if cameras.iter().any(|c| c.name == name) {
-                        return Err(format!("feature {name} is there twice"));
+                        return Err(format!("feature {} is there twice", quoted(&name)));
                     }
                     cameras.push(camera(name, &feature)?);
                 }
                 (_, "image") => {
                     return Err(format!(
-                        "feature {name} stores single images; only videos are read, record with use_videos"
-                    ))
+                    "feature {} stores single images; only videos are read, record with use_videos",
+                    quoted(&name)
+                ))
                 }
                 _ => {}
             }
@@ -258,7 +259,10 @@ fn in_folder(root: &Path, relative: Result<PathBuf, String>) -> Result<PathBuf, 
 
 fn vector(name: &str, feature: &RawFeature) -> Result<VectorFeature, String> {
     if feature.dtype != "float32" {
-        return Err(format!("{name} is {}, expected float32", feature.dtype));
+        return Err(format!(
+            "{name} is {}, expected float32",
+            quoted(&feature.dtype)
+        ));
     }
     match feature.shape[..] {
         [dim] if (1..=MAX_DIM).contains(&dim) => Ok(VectorFeature {
@@ -266,9 +270,21 @@ fn vector(name: &str, feature: &RawFeature) -> Result<VectorFeature, String> {
             names: names(feature.names.as_ref()),
         }),
         _ => Err(format!(
-            "{name} has shape {:?}, expected one dimension of 1 to {MAX_DIM}",
-            feature.shape
+            "{name} has shape {}, expected one dimension of 1 to {MAX_DIM}",
+            shape(feature)
         )),
+    }
+}
+
+/// What a stranger wrote, for a message: on one line, and not long.
+fn quoted(text: &str) -> String {
+    format!("{:?}", text.chars().take(60).collect::<String>())
+}
+
+fn shape(feature: &RawFeature) -> String {
+    match feature.shape.len() {
+        0..=8 => format!("{:?}", feature.shape),
+        many => format!("of {many} dimensions"),
     }
 }
 
@@ -299,8 +315,9 @@ fn camera(name: String, feature: &RawFeature) -> Result<Camera, String> {
             width,
         }),
         None => Err(format!(
-            "{name} has shape {:?}, expected [height, width, 3] with sides of 1 to {MAX_SIDE}",
-            feature.shape
+            "{} has shape {}, expected [height, width, 3] with sides of 1 to {MAX_SIDE}",
+            quoted(&name),
+            shape(feature)
         )),
     }
 }

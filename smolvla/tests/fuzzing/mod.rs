@@ -6,7 +6,7 @@
 mod corpus;
 mod mutate;
 
-use std::collections::BTreeMap;
+use std::collections::{btree_map::Entry, BTreeMap};
 use std::panic::{catch_unwind, AssertUnwindSafe};
 use std::time::{Duration, Instant};
 
@@ -43,11 +43,11 @@ pub fn run(target: &mut Target, input: &[u8]) -> Result<String, String> {
     })
 }
 
-/// The message without numbers and up to what it quotes, so that one fault is one outcome.
+/// The message without numbers and without what it quotes, so that one fault is one outcome.
 fn class(message: &str) -> String {
-    let unquoted = message.split(['"', '`', '\'']).next().unwrap_or_default();
+    let unquoted = message.split(['"', '`']).step_by(2);
     let letters = unquoted
-        .chars()
+        .flat_map(str::chars)
         .filter(|c| c.is_ascii_alphabetic() || *c == ' ');
     letters.take(60).collect()
 }
@@ -88,12 +88,12 @@ pub fn explore(target: &mut Target, corpus: Vec<Vec<u8>>, time: Duration, seed: 
         found.runs += 1;
         match run(target, &input) {
             Ok(outcome) => {
-                if !found.outcomes.contains_key(&outcome) {
+                if let Entry::Vacant(place) = found.outcomes.entry(outcome) {
                     if is_new_to_pool {
                         pool.push(input.clone());
                         next = pool.len();
                     }
-                    found.outcomes.insert(outcome, input);
+                    place.insert(input);
                 }
             }
             Err(finding) => found.findings.push((finding, input)),
