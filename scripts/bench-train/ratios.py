@@ -20,7 +20,7 @@ for (profile, batch, what), ours in runs.items():
     if what == "lerobot" or not peers:
         continue
     name = f"train/{profile}/batch-{batch}/{what}"
-    own, seconds = (statistics.mean(run["step_seconds"] for run in side) for side in (ours, peers))
+    own, seconds = (statistics.median(run["step_seconds"] for run in side) for side in (ours, peers))
     figure(name, batch / own, batch / seconds, seconds / own, "samples/s")
     if any(run["peak_memory_bytes"] is None for run in ours):
         continue

@@ -40,8 +40,8 @@ trap 'rm -f "$results"' EXIT
 for case in "$@"; do
     profile=${case%:*} batch=${case#*:}
     [ "$profile" = full ] && steps=5 || steps=100
-    # In turn, and the means compared: machines get slower and faster by themselves.
-    for what in lerobot whole lerobot whole cached cached-state lerobot; do
+    # In turn, and the medians compared: machines get slower and faster by themselves.
+    for what in lerobot whole lerobot whole lerobot whole cached cached-state; do
         echo "$profile, batch $batch: $what" >&2
         if [ "$what" = lerobot ]; then
             "$cache/bin/python" "$here/lerobot_side.py" "$root/tests/fixtures/smolvla_tiny" "$profile" "$batch" "$steps" "$device"
