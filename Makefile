@@ -50,7 +50,7 @@ bench-weight-check: build
 	$(RUST) cargo build --release --workspace --locked --example weight_check
 	$(CARGO_TARGET_DIR)/release/examples/weight_check
 
-# Appends and replay of the ledger beside RocksDB, SHA-256 and ed25519 alone, and SP1 proofs a second: JSON lines. Ten minutes
+# Appends and replay of the ledger beside RocksDB, SHA-256 and ed25519 alone, and SP1 proofs a second: JSON lines. Six minutes
 # and 4 GB of disk where temporary files go.
 bench-ledger: setup
 	$(RUST) cargo build --release --workspace --locked --example bench_ledger

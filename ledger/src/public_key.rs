@@ -12,8 +12,8 @@ use std::{
     sync::LazyLock,
 };
 
-/// Keys that each thread remembers: 1 MB.
-const REMEMBERED: usize = 4096;
+/// Keys that each thread remembers, whoever made them up: as many as a table of 1,024 places holds, a quarter of a megabyte.
+const REMEMBERED: usize = 896;
 
 /// Encodings of the points of small order: signatures with them verify for messages that nobody signed.
 static SMALL_ORDER: LazyLock<[[u8; 32]; 8]> =
