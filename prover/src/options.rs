@@ -23,7 +23,8 @@ pub enum OptionsError {
     /// The proof would not fit.
     #[error(
         "a compressed proof needs {:.1} GiB of free memory and {:.1} GiB are free: close other programs, or prove on another \
-         machine", gib(.needed), gib(.free)
+         machine; killed provers leave memory in /dev/shm/sp1_*, to be removed while none is running",
+        gib(.needed), gib(.free)
     )]
     TooLittleMemory {
         /// Bytes needed.
