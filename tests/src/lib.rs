@@ -2,10 +2,11 @@
 //!
 //! - `structure`: the crates depend on one another as the map says, and an auditor's build stays light.
 //! - `verifier_attacks`: a contribution with a real proof, with one thing changed at a time.
+//! - `sp1_verdicts`: our verdict on proofs, changed in all places, is that of SP1's own verifier.
 //! - `ledger_tampering`: replay of a real ledger, with one byte changed at a time.
 //! - `real_proof`: the whole demo, a real compressed proof made in the run (run alone: it takes up to 20 GiB).
 //!
-//! The first two work on `fixtures/ledger`, the ledger that a demo left (`make fixtures` makes it anew).
+//! All but the first and the last work on `fixtures/ledger`, the ledger that a demo left (`make fixtures` makes it anew).
 
 use std::{
     fs,

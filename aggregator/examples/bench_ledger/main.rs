@@ -188,13 +188,16 @@ fn proofs() -> Result<()> {
     let (program, submission) = program
         .zip(found)
         .context("the committed ledger has no accepted contribution")?;
-    let program = ProgramKey::from_bytes(&program)?;
+    let (key, program) = (&program, ProgramKey::from_bytes(&program)?);
     let proof = Blobs::at(&dir).get(&submission.proof, 16 << 20)?;
     let started = Instant::now();
     for _ in 0..TIMES {
         check_proof(&proof, &submission.claim, &program).map_err(anyhow::Error::from)?;
     }
     let ours = f64::from(TIMES) / started.elapsed().as_secs_f64();
+    let peer = peers::sp1_verifications(TIMES, &proof, &submission.claim, key)?;
+    let peer = f64::from(TIMES) / peer;
+    figure("sp1_proofs", ours, peer, false, "proofs/s on one core");
     figure("sp1_proofs_aim", ours, 20.0, false, "proofs/s on one core");
     Ok(())
 }

@@ -1,12 +1,14 @@
 //! What a ledger is made of, by itself: the least that its work can take on this machine.
 
-use anyhow::{Context, Result};
+use anyhow::{bail, Context, Result};
 use ed25519_dalek::{Signature, SigningKey, VerifyingKey};
 use rayon::prelude::*;
 use rocksdb::{Options, WriteBatch, WriteOptions, DB};
 use sha2::{Digest as _, Sha256};
+use sp1_verifier::{compressed::SP1CompressedVerifier, SP1Proof};
 use std::{path::Path, time::Instant};
 use tlog_tiles::tlog::{stored_hash_count, HashReader};
+use zk0_circuits::Claim;
 use zk0_ledger::{folder, store::Store, Body, Entry};
 
 /// What one group wrote.
@@ -142,5 +144,19 @@ pub fn bare_verification(dir: &Path) -> Result<f64> {
         let inner = Sha256::new().chain_update([1; 65]).chain_update(leaf);
         std::hint::black_box(inner.finalize());
     });
+    Ok(started.elapsed().as_secs_f64())
+}
+
+/// Seconds that SP1's own verifier takes for `proof`, `times` over, from the bytes.
+pub fn sp1_verifications(times: u32, proof: &[u8], claim: &Claim, key: &[u8]) -> Result<f64> {
+    let verifier = SP1CompressedVerifier::new();
+    let (claim, key) = (borsh::to_vec(claim)?, bincode::deserialize(key)?);
+    let started = Instant::now();
+    for _ in 0..times {
+        let SP1Proof::Compressed(proof) = bincode::deserialize(proof)? else {
+            bail!("no compressed proof");
+        };
+        verifier.verify_compressed_with_public_values(&proof, &claim, &key)?;
+    }
     Ok(started.elapsed().as_secs_f64())
 }
