@@ -56,7 +56,7 @@ bench-ledger: setup
 	$(RUST) cargo build --release --workspace --locked --example bench_ledger
 	$(CARGO_TARGET_DIR)/release/examples/bench_ledger
 
-# Training steps of SmolVLA against LeRobot's on PyTorch. Half an hour on a machine that does nothing else; see the script.
+# Training steps of SmolVLA against LeRobot's on PyTorch. Twenty minutes on a machine that does nothing else; see the script.
 bench-train:
 	scripts/bench-train/run.sh
 

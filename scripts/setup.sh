@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
 # Installs what building zk0 needs and is missing here: system packages, and a Rust toolchain where there is none recent
 # enough. Debian and Ubuntu; asks for sudo when not root. `setup.sh guest` also installs what tests want besides (what
-# rebuilds the guest program, Go and strace), `setup.sh cuda` what scripts/with-cuda needs.
+# rebuilds the guest program, Go and strace), `setup.sh cuda` what scripts/with-cuda needs, `setup.sh python` what scripts/python-env
+# does.
 set -euo pipefail
 
 packages=(gcc g++ make pkg-config git protobuf-compiler libprotobuf-dev clang libclang-dev cmake nasm)
@@ -52,6 +53,6 @@ if [ "${1:-}" = guest ]; then
     install strace || echo "setup: strace is not to be had here; the ledger's writes will not be failed" >&2
 fi
 
-if [ "${1:-}" = cuda ] && ! command -v nvcc >/dev/null; then
+if [ "${1:-}" = python ] || { [ "${1:-}" = cuda ] && ! command -v nvcc >/dev/null; }; then
     python3 -c 'import ensurepip, venv' 2>/dev/null || install python3 python3-venv
 fi

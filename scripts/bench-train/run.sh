@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Training steps of SmolVLA, LeRobot's on PyTorch and ours, side by side on this machine; then where a step of ours goes, kernel by
 # kernel against what the machine could do at best. Ends with one JSON line per figure.
-# Run it on a machine that does nothing else: half an hour, 8 GB of memory at batch 8, 10 GB of disk for PyTorch.
+# Run it on a machine that does nothing else: twenty minutes, 8 GB of memory at batch 8, 10 GB of disk for PyTorch.
 #
 #   scripts/bench-train/run.sh [--gpu] [PROFILE:BATCH …]      default: tiny:1 tiny:8 full:1 full:8
 #
@@ -19,15 +19,7 @@ fi
 export CARGO_TARGET_DIR=${CARGO_TARGET_DIR:-$target}
 [ $# -gt 0 ] || set -- tiny:1 tiny:8 full:1 full:8
 
-if ! cmp -s "$here/requirements.txt" "$cache/requirements.txt"; then
-    python3 -m venv "$cache"
-    pip=("$cache/bin/pip" --disable-pip-version-check --quiet)
-    # PyTorch's own index has a build without CUDA; PyPI has not, and brings gigabytes of it along.
-    torch=$(grep '^torch==' "$here/requirements.txt")
-    [ $device = cuda ] || "${pip[@]}" --retries 0 install --index-url https://download.pytorch.org/whl/cpu "$torch" 2>/dev/null || true
-    "${pip[@]}" install -r "$here/requirements.txt"
-    cp "$here/requirements.txt" "$cache/"
-fi
+"$root/scripts/python-env" "$cache" "$here/requirements.txt" $device
 if [ $device = cuda ]; then
     (cd "$root" && scripts/setup.sh cuda &&
         scripts/with-rust scripts/with-cuda cargo build --release -p zk0-smolvla --locked --features cuda --example train_step)

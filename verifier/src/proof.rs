@@ -53,7 +53,7 @@ impl ProgramKey {
     }
 }
 
-/// Checks that `proof` proves `claim` under the program `key`. About 50 ms.
+/// Checks that `proof` proves `claim` under the program `key`. About 35 ms with AVX2, 50 without.
 pub fn check_proof(proof: &[u8], claim: &Claim, key: &ProgramKey) -> Result<(), Refusal> {
     let public_values =
         borsh::to_vec(claim).map_err(|error| Refusal::InvalidProof(error.to_string()))?;
