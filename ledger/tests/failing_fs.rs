@@ -1,0 +1,131 @@
+//! The writer on a file system that fails (`shim/failing_fs.c`, in LD_PRELOAD): each of the calls that change a file in the
+//! ledger's folder fails once, or with all that follow it, or is torn in half as the process is killed. Nothing acknowledged is
+//! lost, and what was signed stays one history. Wants a C compiler, as Rust does; neither strace nor root.
+#![cfg(target_os = "linux")]
+
+mod network;
+
+use network::scenario::{
+    check, child, run_as_child, said, scratch as memory, Said, ENTRIES, STOPPED,
+};
+use std::{
+    fs,
+    os::unix::process::ExitStatusExt,
+    path::{Path, PathBuf},
+    process::{Command, ExitStatus},
+};
+
+const EIO: i32 = 5;
+const ENOSPC: i32 = 28;
+
+/// Not a test: what the child processes of the tests below do.
+#[test]
+#[ignore = "run by other tests as a child process"]
+fn the_scenario() {
+    run_as_child();
+}
+
+/// The file system, compiled.
+struct Shim {
+    _dir: tempfile::TempDir,
+    library: PathBuf,
+}
+
+impl Shim {
+    fn new() -> Self {
+        let dir = tempfile::tempdir().unwrap();
+        let library = dir.path().join("failing_fs.so");
+        let source = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/shim/failing_fs.c");
+        let compiled = Command::new("cc")
+            .args(["-shared", "-fPIC", "-O2", "-o"])
+            .args([library.as_os_str(), source.as_ref()])
+            .output()
+            .unwrap();
+        let complained = String::from_utf8_lossy(&compiled.stderr);
+        assert!(compiled.status.success(), "{complained}");
+        Self { _dir: dir, library }
+    }
+
+    /// The scenario in `dir`, with this fault at the call of this number; 0 for none.
+    fn run(&self, dir: &Path, fault: &str, at: u64, more: &[String]) -> (Said, ExitStatus, String) {
+        let set = |name: &str, value: &str| format!("{name}={value}");
+        let mut wrapper = vec![
+            "env".to_owned(),
+            set("LD_PRELOAD", self.library.to_str().unwrap()),
+            set("ZK0_FAULT_IN", dir.to_str().unwrap()),
+            set("ZK0_FAULT", fault),
+            set("ZK0_FAULT_AT", &at.to_string()),
+        ];
+        wrapper.extend_from_slice(more);
+        let output = child(dir, &wrapper);
+        let complained = String::from_utf8_lossy(&output.stderr).into_owned();
+        (said(&output.stdout), output.status, complained)
+    }
+
+    /// How many calls the scenario makes.
+    fn calls(&self) -> u64 {
+        let scratch = memory();
+        let count = scratch.path().join("count");
+        let counted = format!("ZK0_FAULT_COUNT={}", count.to_str().unwrap());
+        let dir = scratch.path().join("ledger");
+        let (said, status, complained) = self.run(&dir, "", 0, &[counted]);
+        assert!(status.success(), "{status}: {complained}");
+        assert_eq!(said.receipts.len(), ENTRIES);
+        let calls = fs::read_to_string(count).unwrap().trim().parse().unwrap();
+        // Each of the entries in a batch of its own, the checkpoints, the blob: fewer would be another scenario.
+        assert!(calls > 100, "{calls} calls are counted");
+        calls
+    }
+
+    /// Has `fault` happen at each of the calls.
+    fn sweep(&self, fault: &str) {
+        let calls = self.calls();
+        let (mut acknowledging, mut ended) = (0, 0);
+        for at in 1..=calls {
+            let scratch = memory();
+            let dir = scratch.path().join("ledger");
+            let (said, status, complained) = self.run(&dir, fault, at, &[]);
+            let when = format!("{fault} at call {at} of {calls}");
+            check(&dir, &said, &when);
+            let killed = status.signal() == Some(9);
+            let stopped = status.code() == Some(STOPPED);
+            // RocksDB can do without some calls, and its threads make one fewer now and then: then all was done.
+            let done = status.success() && said.receipts.len() == ENTRIES;
+            let expected = match fault {
+                "torn" => killed,
+                _ => stopped,
+            };
+            assert!(expected || done, "{when}: {status}: {complained}");
+            acknowledging += u64::from(!said.receipts.is_empty());
+            ended += u64::from(expected);
+        }
+        println!("{fault}: {calls} calls, {acknowledging} times after something was acknowledged, {ended} times it ended there");
+        assert!(acknowledging * 5 > calls, "this tests little");
+        assert!(ended * 2 > calls, "this tests little");
+    }
+}
+
+#[test]
+fn killed_in_the_middle_of_any_write_it_loses_nothing_and_never_forks() {
+    Shim::new().sweep("torn");
+}
+
+#[test]
+fn any_call_that_fails_stops_the_ledger_and_loses_nothing() {
+    Shim::new().sweep(&format!("error={EIO}"));
+}
+
+#[test]
+fn a_disk_that_is_full_from_any_call_on_stops_the_ledger_and_loses_nothing() {
+    Shim::new().sweep(&format!("broken={ENOSPC}"));
+}
+
+#[test]
+fn writes_that_take_half_of_what_they_are_given_go_on_with_the_rest() {
+    let (shim, scratch) = (Shim::new(), memory());
+    let dir = scratch.path().join("ledger");
+    let (said, status, complained) = shim.run(&dir, "short", 1, &[]);
+    assert!(status.success(), "{status}: {complained}");
+    assert_eq!(said.receipts.len(), ENTRIES);
+    check(&dir, &said, "short writes");
+}
