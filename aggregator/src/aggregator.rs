@@ -34,9 +34,6 @@ use zk0_verifier::{
     blob_digest, Evaluation, ProgramKey, UnverifiedContribution, VerifiedContribution,
 };
 
-/// Largest encoded statement that is read, in bytes: ten times what any has.
-const MAX_STATEMENT_BYTES: usize = 16 * 1024;
-
 /// How the operator runs the network.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Config {
@@ -527,9 +524,9 @@ fn check_genesis(genesis: &Genesis) -> Result<(), RequestError> {
 
 /// Decodes a statement as it was signed: exactly these bytes, and not too many of them.
 fn decode<T: BorshDeserialize>(what: &str, bytes: &[u8]) -> Result<T, RequestError> {
-    if bytes.len() > MAX_STATEMENT_BYTES {
+    if bytes.len() > MAX_ENTRY_BYTES {
         return Err(RequestError::Malformed(format!(
-            "a {what} of {} bytes: at most {MAX_STATEMENT_BYTES} are read",
+            "a {what} of {} bytes: at most {MAX_ENTRY_BYTES}, as many as an entry has, are read",
             bytes.len()
         )));
     }

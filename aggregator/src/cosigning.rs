@@ -175,14 +175,14 @@ impl Client {
                     self.known.store(size, Ordering::Release);
                     return Ok(line.to_bytes());
                 }
-                409 => {
-                    let last = text().parse().map_err(|_| "answered 409 without a size")?;
-                    self.known.store(last, Ordering::Release);
-                }
-                status => {
-                    let text: String = text().chars().take(200).collect();
-                    return Err(format!("refuses (status {status}): {text}"));
-                }
+                // With another text, another tree of this size was cosigned.
+                status => match (status, text().parse()) {
+                    (409, Ok(last)) => self.known.store(last, Ordering::Release),
+                    _ => {
+                        let text: String = text().chars().take(200).collect();
+                        return Err(format!("refuses (status {status}): {text}"));
+                    }
+                },
             }
         }
         Err("keeps naming other sizes".into())

@@ -105,7 +105,7 @@ struct Reader {
     accepted: Vec<Accepted>,
 }
 
-/// An acceptance, and the state it was made on.
+/// An acceptance, and what its verification reads of the state it was made on.
 struct Accepted {
     before: State,
     time_ms: u64,
@@ -117,7 +117,7 @@ impl Recheck for Reader {
         self.recalled.observe(index, &entry.body);
         match &entry.body {
             Body::ContributionAccepted(submission) => self.accepted.push(Accepted {
-                before: before.clone(),
+                before: before.for_claims_of(&submission.statement.claim.node),
                 time_ms: entry.time_ms,
                 submission: submission.clone(),
             }),

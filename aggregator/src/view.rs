@@ -1,8 +1,8 @@
 //! What a ledger's folder publishes at this moment: one checkpoint, and everything up to it that is anyone's to read. Export
 //! and the log's server hand out nothing else.
 //!
-//! Where the folder has a policy, the checkpoint is the newest with its quorum of cosignatures; entries beyond it are on disk
-//! and not published. Blobs of an open round are nobody's to read yet ([`crate::disclosed`]).
+//! Where the network's rules ask for witnesses, or else the folder has a policy, the checkpoint is the newest with its quorum of
+//! cosignatures; entries beyond it are on disk and not published. Blobs of an open round are nobody's to read yet ([`crate::disclosed`]).
 
 use crate::disclosed::{Access, Disclosed};
 use std::{
@@ -12,8 +12,9 @@ use std::{
 };
 use zk0_circuits::Digest;
 use zk0_ledger::{
+    asked_witnesses::AskedWitnesses,
     blobs::Blobs,
-    checkpoint::Checkpoint,
+    checkpoint::{Checkpoint, Parsed},
     entry::{Body, Entry, Genesis},
     error::LedgerError,
     folder,
@@ -32,9 +33,26 @@ pub struct View {
     genesis: Genesis,
     key: VerifierKey,
     policy: Policy,
+    /// The folder's own policy, which counts where the rules ask for no witnesses.
+    own_policy: Policy,
     text: Vec<u8>,
     checkpoint: Checkpoint,
+    /// Of the entries up to the checkpoint.
+    told: Told,
+}
+
+/// What may be published. It is read before the database: what it covers is in there then.
+struct Texts {
+    checkpoint: Option<Vec<u8>>,
+    cosigned: Option<Vec<u8>>,
+}
+
+/// What a log's first entries say, as a fold over them.
+#[derive(Clone, Default)]
+struct Told {
+    size: u64,
     disclosed: Disclosed,
+    asked: AskedWitnesses,
 }
 
 /// What is handed out.
@@ -53,7 +71,7 @@ pub enum ViewError {
     #[error(transparent)]
     Ledger(#[from] LedgerError),
     /// Nothing has its quorum yet.
-    #[error("{0} has a policy, but no checkpoint with its quorum yet: nothing is published before the witnesses have cosigned")]
+    #[error("{0} has no checkpoint with a quorum of cosignatures yet: nothing is published before the witnesses have cosigned")]
     NotCosigned(PathBuf),
     /// The published checkpoint is not one of this ledger.
     #[error("{path}: {why}")]
@@ -68,30 +86,43 @@ impl View {
         if !path.exists() {
             return Err(LedgerError::NoLedger(dir.into()).into());
         }
-        // The text first: what it covers was in the database before it was published.
-        let policy = folder::read_policy(dir)?;
-        let text = published_text(dir, &policy)?;
+        let (own_policy, texts) = (folder::read_policy(dir)?, Texts::read(dir)?);
         let store = Store::open_read_only(&path)?;
         let genesis = match entry(&store, 0)?.body {
             Body::Genesis(genesis) => genesis,
             _ => return Err(LedgerError::NoLedger(dir.into()).into()),
         };
-        let file = match policy.wants_witnesses() {
-            true => folder::cosigned(dir),
-            false => folder::checkpoint(dir),
-        };
-        let wrong = |why: String| ViewError::Published {
-            path: file.clone(),
-            why,
-        };
-        let key = genesis
-            .verifier_key()
-            .map_err(|error| wrong(error.to_string()))?;
-        let checkpoint = policy
-            .open(&text, &key)
-            .map_err(|error| wrong(error.to_string()))?
-            .checkpoint;
         let held = store.size()?;
+        // What a checkpoint needs, the rules that it covers say.
+        let told_by = |file: &Path, text: &[u8]| -> Result<(Told, Policy), ViewError> {
+            let signed = Parsed::read(text).map_err(not_published(file))?;
+            let size = signed.checkpoint.size.min(held);
+            let known = before.map(|view| &view.told);
+            let known = known.filter(|told| told.size <= size).cloned();
+            let told = known.unwrap_or_default().up_to(&store, size)?;
+            let ruled = told.asked.policy().map_err(not_published(file))?;
+            Ok((told, ruled))
+        };
+        let file = folder::checkpoint(dir);
+        let text = texts.checkpoint;
+        let text = text.ok_or_else(|| LedgerError::NoCheckpoint(file.clone()))?;
+        let (told, ruled) = told_by(&file, &text)?;
+        let uncosigned = !ruled.wants_witnesses() && !own_policy.wants_witnesses();
+        let (file, text, told, policy) = match uncosigned {
+            true => (file, text, told, Policy::none()),
+            false => {
+                let file = folder::cosigned(dir);
+                let text = texts.cosigned;
+                let text = text.ok_or_else(|| ViewError::NotCosigned(dir.into()))?;
+                let (told, ruled_then) = told_by(&file, &text)?;
+                let policies = [ruled_then, own_policy.clone(), ruled];
+                let policy = policies.into_iter().find(Policy::wants_witnesses);
+                (file, text, told, policy.unwrap_or(Policy::none()))
+            }
+        };
+        let key = genesis.verifier_key().map_err(not_published(&file))?;
+        let opened = policy.open(&text, &key).map_err(not_published(&file))?;
+        let checkpoint = opened.checkpoint;
         if checkpoint.size == 0 || checkpoint.size > held {
             let signed = checkpoint.size;
             return Err(LedgerError::RolledBack { held, signed }.into());
@@ -105,30 +136,28 @@ impl View {
             }
             .into());
         }
-        let (mut disclosed, from) = match before {
-            Some(view) if view.checkpoint.size <= checkpoint.size => {
-                (view.disclosed.clone(), view.checkpoint.size)
-            }
-            _ => (Disclosed::default(), 0),
-        };
-        for index in from..checkpoint.size {
-            disclosed.observe(&entry(&store, index)?.body);
-        }
         Ok(Self {
             dir: dir.into(),
             store,
             genesis,
             key,
             policy,
+            own_policy,
             text,
             checkpoint,
-            disclosed,
+            told,
         })
     }
 
     /// Whether the folder publishes the same still.
     pub fn is_current(&self) -> Result<bool, ViewError> {
-        Ok(published_text(&self.dir, &folder::read_policy(&self.dir)?)? == self.text)
+        let texts = Texts::read(&self.dir)?;
+        let text = match self.policy.wants_witnesses() {
+            true => texts.cosigned,
+            false => texts.checkpoint,
+        };
+        let policy = folder::read_policy(&self.dir)?;
+        Ok(text.as_ref() == Some(&self.text) && policy.text() == self.own_policy.text())
     }
 
     /// The checkpoint.
@@ -153,7 +182,7 @@ impl View {
 
     /// The blobs that anyone may read, whether or not they are kept.
     pub fn public_blobs(&self) -> impl Iterator<Item = &Digest> {
-        self.disclosed.public()
+        self.told.disclosed.public()
     }
 
     /// The blobs beside the ledger.
@@ -174,7 +203,7 @@ impl View {
                 tiles::read(&self.store, self.checkpoint.size, tile)?.map(Content::Bytes)
             }
             Resource::Blob(digest) => {
-                let public = self.disclosed.access(digest) == Access::Public;
+                let public = self.told.disclosed.access(digest) == Access::Public;
                 let blobs = self.blobs();
                 (public && blobs.contains(digest)).then(|| Content::File(blobs.path(digest)))
             }
@@ -201,11 +230,33 @@ impl Source for View {
     }
 }
 
-fn published_text(dir: &Path, policy: &Policy) -> Result<Vec<u8>, ViewError> {
-    match policy.wants_witnesses() {
-        true => folder::read_cosigned(dir)?.ok_or_else(|| ViewError::NotCosigned(dir.into())),
-        false => folder::read_checkpoint(dir)?
-            .ok_or_else(|| LedgerError::NoCheckpoint(folder::checkpoint(dir)).into()),
+impl Texts {
+    fn read(dir: &Path) -> Result<Self, LedgerError> {
+        Ok(Self {
+            checkpoint: folder::read_checkpoint(dir)?,
+            cosigned: folder::read_cosigned(dir)?,
+        })
+    }
+}
+
+impl Told {
+    /// As far as the first `size` entries go, which are no fewer than before.
+    fn up_to(mut self, store: &Store, size: u64) -> Result<Self, LedgerError> {
+        for index in self.size..size {
+            let body = entry(store, index)?.body;
+            self.disclosed.observe(&body);
+            self.asked.observe(&body);
+        }
+        self.size = size;
+        Ok(self)
+    }
+}
+
+/// That what `file` holds is not published, and why.
+fn not_published<E: ToString>(file: &Path) -> impl Fn(E) -> ViewError + '_ {
+    |error| ViewError::Published {
+        path: file.into(),
+        why: error.to_string(),
     }
 }
 

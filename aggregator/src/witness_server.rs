@@ -51,7 +51,8 @@ impl WitnessServer {
                 ..Reply::text(refusal.status(), format!("{last}\n"))
             },
             Err(AddError::Refused(refusal)) => {
-                if let WitnessRefusal::Inconsistent { .. } = refusal {
+                use WitnessRefusal::{Inconsistent, OtherTree};
+                if let Inconsistent { .. } | OtherTree { .. } = refusal {
                     tracing::error!("a log shows two histories: {refusal}");
                 }
                 Reply::text(refusal.status(), format!("{refusal}\n"))

@@ -12,7 +12,7 @@ use zk0_aggregator::{
     Config, Limits,
 };
 use zk0_circuits::Digest;
-use zk0_ledger::signed::Signed;
+use zk0_ledger::{apply::MAX_EPISODES, signed::Signed};
 
 type Test = Result<(), Box<dyn std::error::Error>>;
 
@@ -209,6 +209,27 @@ async fn what_was_not_committed_goes_when_the_round_does() -> Test {
     network.clock.advance(SUBMIT_MS + 1);
     network.settle().await;
     assert_eq!(network.uploads(), 0);
+    Ok(())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn the_longest_list_of_episodes_is_registered() -> Test {
+    let node = Node::new(1);
+    let config = Config {
+        rounds: Some(1),
+        min_nodes: 2,
+    };
+    let network = Network::start(&[&node], config).await;
+    let mut registration = node.registration(&network.genesis.network_id()).statement;
+    registration.episodes = (0..MAX_EPISODES as u32)
+        .map(|number| {
+            let mut digest = [1; 32];
+            digest[..4].copy_from_slice(&number.to_be_bytes());
+            Digest(digest)
+        })
+        .collect();
+    let signed = Signed::new(registration, &node.key);
+    node.register_as(&network, &signed, &node.leaves()).await?;
     Ok(())
 }
 

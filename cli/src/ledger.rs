@@ -108,17 +108,16 @@ pub struct Trust {
     /// The network it has to be, if you know it by other means.
     #[arg(long)]
     pub network: Option<Digest>,
-    /// Whose cosignatures have to be on the checkpoint (a C2SP tlog-policy file). Without one the log's signature is enough.
+    /// Whose cosignatures have to be on the checkpoint (a C2SP tlog-policy file). Without one, those that the network's rules ask
+    /// for, wherever the whole log is read.
     #[arg(long)]
     pub policy: Option<PathBuf>,
 }
 
 impl Trust {
-    /// The policy.
-    pub fn policy(&self) -> Result<Policy> {
-        self.policy
-            .as_deref()
-            .map_or_else(|| Ok(Policy::none()), read_policy)
+    /// The policy, if there is one.
+    pub fn policy(&self) -> Result<Option<Policy>> {
+        self.policy.as_deref().map(read_policy).transpose()
     }
 }
 
@@ -180,7 +179,7 @@ fn import(options: &Import) -> Result<()> {
     let done = mirror(
         source.as_ref(),
         &options.dir,
-        &trust.policy()?,
+        trust.policy()?.as_ref(),
         trust.network.as_ref(),
     )?;
     copied(&done);
@@ -256,7 +255,7 @@ where
 {
     let source = source(from)?;
     let key = genesis(source.as_ref(), trust.network.as_ref())?.verifier_key()?;
-    let policy = trust.policy()?;
+    let policy = trust.policy()?.unwrap_or(Policy::none());
     let log = PublishedLog::open(source.as_ref(), &key, &policy)?;
     Ok(read(&log, &key, &policy)?)
 }

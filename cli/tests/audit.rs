@@ -12,7 +12,10 @@ use zk0_circuits::{
     spec::EvalSpec, statement::Mode, DatasetCommitment, Digest, Losses, NodeId, WeightsDigest,
 };
 use zk0_ledger::{
+    checkpoint::Parsed,
+    cosignature::Cosigner,
     entry::{NodeEnrolled, RoundClosed},
+    folder,
     rules::CreditRule,
     signed::{DatasetRegistration, Submission, UpdateCommitment},
     Body, Genesis, Ledger, Refusal, Rules, Signed,
@@ -644,26 +647,62 @@ fn the_networks_own_rules_ask_for_witnesses() {
     let scratch = tempfile::tempdir().unwrap();
     let place = |name: &str| scratch.path().join(name);
     let (dir, out) = (place("ledger"), place("out"));
-    let witness = succeeds(&[
-        "witness",
-        "keygen",
-        text(&place("w.key")),
-        "--name",
-        "witness.example/w",
-    ]);
+    let cosigner = Cosigner::new("witness.example/w", SigningKey::from_bytes(&[55; 32])).unwrap();
     let policy = format!(
         "witness W {} http://127.0.0.1:1\nquorum W\n",
-        witness.trim_end()
+        cosigner.key()
     );
     drop(Made::found_with(&dir, 0, [9; 32], policy).ledger);
+    // Nothing is published without them, from the folder or through it.
+    for arguments in [
+        &["ledger", "export", text(&dir), text(&out)][..],
+        &["ledger", "import", text(&dir), text(&place("copy"))],
+        &["audit", "prove", text(&dir), "0"],
+    ] {
+        let (_, why) = ends(1, arguments);
+        assert!(
+            why.contains("before the witnesses have cosigned"),
+            "{arguments:?}: {why}"
+        );
+    }
+    // The folder itself may be audited, and the report says what that leaves out.
+    let said = succeeds(&["audit", "replay", text(&dir)]);
+    assert!(said.contains("cosignatures were not looked at"), "{said}");
+    let signed = folder::read_checkpoint(&dir).unwrap().unwrap();
+    let parsed = Parsed::read(&signed).unwrap();
+    let cosignature = cosigner.cosign(parsed.note.text(), 1_700_000_000);
+    folder::write_cosigned(&dir, &[&signed[..], &cosignature].concat()).unwrap();
     export(&dir, &out);
-    let (said, _) = ends(1, &["audit", "replay", text(&out)]);
+    let said = succeeds(&["audit", "replay", text(&out)]);
+    assert!(!said.contains("cosignatures were not"), "{said}");
+    succeeds(&["ledger", "import", text(&out), text(&place("copy"))]);
+    look(0, &out, &place("state"), &[]);
+    // A published log that lost its cosignatures convinces nobody who was not told otherwise.
+    fs::write(out.join("checkpoint"), &signed).unwrap();
+    for arguments in [
+        &["audit", "replay", text(&out)][..],
+        &["ledger", "import", text(&out), text(&place("copy"))],
+        &["ledger", "import", text(&out), text(&place("fresh"))],
+    ] {
+        let (_, why) = ends(1, arguments);
+        assert!(
+            why.contains("lacks the cosignatures"),
+            "{arguments:?}: {why}"
+        );
+    }
+    let said = look(1, &out, &place("state"), &[]);
     assert!(
-        said.contains("FAILED") && said.contains("lacks the cosignatures"),
+        said.contains("ALARM") && said.contains("lacks the cosignatures"),
         "{said}"
     );
-    // The folder itself may be ahead of what is published.
-    succeeds(&["audit", "replay", text(&dir)]);
+    fs::write(place("any"), "quorum none\n").unwrap();
+    succeeds(&[
+        "audit",
+        "replay",
+        text(&out),
+        "--policy",
+        text(&place("any")),
+    ]);
     // Nor is it served without them.
     let key = place("log.key");
     fs::write(&key, format!("{}\n", "07".repeat(32))).unwrap();

@@ -175,7 +175,7 @@ fn copy(dir: &Path, out: &Path, network: Option<&Digest>) -> Result<Mirrored, Ba
     // Before the log is looked at: what was cosigned by now is in it.
     let (policy, cosigned) = (folder::read_policy(dir)?, folder::read_cosigned(dir)?);
     let whole = Whole::open(dir)?;
-    let done = mirror(&whole, out, &Policy::none(), network)?;
+    let done = mirror(&whole, out, Some(&Policy::none()), network)?;
     if folder::policy(dir).exists() {
         folder::write_policy(out, &policy)?;
     }

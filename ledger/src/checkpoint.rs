@@ -1,7 +1,7 @@
 //! Signed checkpoints: C2SP tlog-checkpoint bodies in C2SP signed notes, one ed25519 signature by the log's key. With
 //! cosignatures beside it, a checkpoint is opened by a [`crate::policy::Policy`].
 
-use crate::verifier_key::{KeyError, Role, VerifierKey};
+use crate::verifier_key::{short, KeyError, Role, VerifierKey};
 use ed25519_dalek::{ed25519::signature::Error as SignatureError, Signer as _, SigningKey};
 use signed_note::{Note, Signer, VerifierList};
 use tlog_tiles::{checkpoint::Checkpoint as Body, tlog::Hash};
@@ -123,7 +123,7 @@ impl Parsed {
     ) -> Result<Vec<signed_note::Signature>, CheckpointError> {
         if self.origin != key.name() {
             return Err(CheckpointError::OtherOrigin {
-                found: self.origin.chars().take(200).collect(),
+                found: short(&self.origin),
                 expected: key.name().into(),
             });
         }

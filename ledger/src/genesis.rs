@@ -42,7 +42,7 @@ impl Genesis {
     pub fn check(&self) -> Result<(), String> {
         check_name(&self.name).map_err(|_| {
             format!(
-                "name {:?} cannot name a log: 1 to {MAX_NAME_BYTES} bytes, no spaces, no '+', no control characters",
+                "name '{}' cannot name a log: 1 to {MAX_NAME_BYTES} bytes, no spaces, no '+', no control characters",
                 short(&self.name)
             )
         })?;

@@ -133,7 +133,7 @@ pub struct OpenProposal {
     pub title: String,
     /// What it does.
     pub action: Action,
-    /// Who may vote, with what weight.
+    /// Who may vote, with what weight: that of when it was proposed, less what was lost since.
     pub electorate: BTreeMap<NodeId, u64>,
     /// The rules of this vote: those in force when it was proposed.
     pub quorum_bps: u32,
@@ -196,6 +196,32 @@ impl OpenProposal {
         }
         if self.proposer == *old {
             self.proposer = *new;
+        }
+    }
+
+    /// Lets what is proposed for a node go with it to the key that took its place: nobody gets away by changing keys.
+    pub(crate) fn follow(&mut self, old: &NodeId, new: &NodeId) {
+        match &mut self.action {
+            Action::Suspend(node)
+            | Action::Reinstate(node)
+            | Action::Revoke(node)
+            | Action::ReplaceKey { node, .. }
+                if node == old =>
+            {
+                *node = *new;
+            }
+            _ => {}
+        }
+    }
+
+    /// Leaves a voter at most `most`; without any weight its votes are gone too.
+    pub(crate) fn limit_weight(&mut self, voter: &NodeId, most: u64) {
+        if most == 0 {
+            self.electorate.remove(voter);
+            self.votes.remove(voter);
+            self.vetoes.remove(voter);
+        } else if let Some(weight) = self.electorate.get_mut(voter) {
+            *weight = most.min(*weight);
         }
     }
 

@@ -18,11 +18,13 @@
 //! - [`layout`], [`bundle`], [`tiles`]: what is served and where (C2SP tlog-tiles), and its bytes from the database;
 //! - [`source`], [`published`]: a reader of such files, who trusts none of them; [`mirror`]: a ledger's folder made from them; [`backup`]: one
 //!   made from another;
-//! - [`verifier_key`], [`cosignature`], [`policy`]: who signed, and whose signatures are enough;
+//! - [`verifier_key`], [`cosignature`], [`policy`]: who signed, and whose signatures are enough; [`asked_witnesses`]: by a
+//!   network's own rules;
 //! - [`witness`], [`witness_store`]: who cosigns only what continues what it cosigned before;
 //! - [`tlog_proof`]: receipts as C2SP tlog-proof bundles, checked offline.
 
 pub mod apply;
+pub mod asked_witnesses;
 pub mod authentic;
 pub mod backup;
 pub mod bindings;

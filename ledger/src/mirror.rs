@@ -6,6 +6,7 @@
 //! continued: a log that forked or went back is refused, and the folder stays as it is.
 
 use crate::{
+    asked_witnesses::AskedWitnesses,
     blobs::{BlobError, Blobs},
     checkpoint::Checkpoint,
     codec::EntryError,
@@ -54,6 +55,9 @@ pub enum MirrorError {
     /// The folder.
     #[error(transparent)]
     Ledger(#[from] LedgerError),
+    /// The published checkpoint lacks a quorum.
+    #[error("what is published lacks the cosignatures that the network's rules ask for: {0}")]
+    Witnesses(String),
     /// The checkpoint after an entry is not what the log signed then.
     #[error("the checkpoint after entry {index}: {why}")]
     Checkpoint { index: u64, why: String },
@@ -78,11 +82,12 @@ impl From<BlobError> for MirrorError {
 }
 
 /// Mirrors the log in `source` to the folder `dir`. If `network` is given it has to be that one; otherwise, the first time,
-/// the log is what it says it is.
+/// the log is what it says it is. `policy` says whose cosignatures the checkpoint needs; without one, the network's rules do. Those
+/// are in the entries: without their quorum the entries, which the log has signed, are kept, and no checkpoint.
 pub fn mirror(
     source: &dyn Source,
     dir: &Path,
-    policy: &Policy,
+    policy: Option<&Policy>,
     network: Option<&Digest>,
 ) -> Result<Mirrored, MirrorError> {
     let begun = folder::database(dir).exists();
@@ -93,10 +98,10 @@ pub fn mirror(
     let genesis = genesis(&known.map_or_else(|| first_entry(source), Ok)?)?;
     check_network(dir, &genesis.network_id(), network)?;
     let key = genesis.verifier_key().map_err(PublishedError::from)?;
-    let log = PublishedLog::open(source, &key, policy)?;
+    let log = PublishedLog::open(source, &key, policy.unwrap_or(&Policy::none()))?;
     fs::create_dir_all(dir).map_err(io_error(dir))?;
     let store = Store::open(&folder::database(dir))?;
-    let mut tree = held(&store)?;
+    let (mut tree, mut asked) = held(&store)?;
     let held = tree.size();
     if let Some(text) = folder::read_checkpoint(dir)? {
         let path = folder::checkpoint(dir);
@@ -111,12 +116,21 @@ pub fn mirror(
         let root = tree.root().map_err(LedgerError::from)?;
         log.continues(&Checkpoint { size: held, root })?;
     }
-    extend(&log, &genesis, &store, &mut tree)?;
+    extend(&log, &genesis, &store, &mut tree, &mut asked)?;
     let size = tree.size();
+    let policy = match policy {
+        Some(policy) => policy.clone(),
+        None => {
+            let asked = asked.policy().map_err(MirrorError::Witnesses)?;
+            let opened = asked.open(log.text(), &key);
+            opened.map_err(|error| MirrorError::Witnesses(error.to_string()))?;
+            asked
+        }
+    };
     let newest = store.checkpoint(size)?.ok_or(LedgerError::NoEntry(size))?;
     folder::write_checkpoint(dir, &newest)?;
     if policy.wants_witnesses() {
-        folder::write_policy(dir, policy)?;
+        folder::write_policy(dir, &policy)?;
         folder::write_cosigned(dir, log.text())?;
     }
     let (new_blobs, missing_blobs) = blobs(source, &store, &Blobs::at(dir), &genesis.rules, size)?;
@@ -142,9 +156,9 @@ pub(crate) fn genesis(bytes: &[u8]) -> Result<Genesis, MirrorError> {
     }
 }
 
-/// The tree over what a folder holds, its stored hashes checked.
-fn held(store: &Store) -> Result<Frontier, LedgerError> {
-    let mut tree = Frontier::default();
+/// The tree over what a folder holds, its stored hashes checked, and the witnesses that its entries ask for.
+fn held(store: &Store) -> Result<(Frontier, AskedWitnesses), LedgerError> {
+    let (mut tree, mut asked) = (Frontier::default(), AskedWitnesses::default());
     for index in 0..store.size()? {
         let bytes = store.entry(index)?.ok_or(LedgerError::NoEntry(index))?;
         let hashes = tree.push(&bytes)?;
@@ -155,8 +169,9 @@ fn held(store: &Store) -> Result<Frontier, LedgerError> {
                 why: "its tree hashes are missing or wrong".into(),
             });
         }
+        asked.observe(&Entry::decode(&bytes)?.body);
     }
-    Ok(tree)
+    Ok((tree, asked))
 }
 
 /// Appends what the log has beyond `tree`.
@@ -165,6 +180,7 @@ fn extend(
     genesis: &Genesis,
     store: &Store,
     tree: &mut Frontier,
+    asked: &mut AskedWitnesses,
 ) -> Result<(), MirrorError> {
     let size = log.checkpoint().size;
     while tree.size() < size {
@@ -174,6 +190,8 @@ fn extend(
         let mut batch = Batch::default();
         for (entry, text) in entries.iter().zip(&checkpoints).skip(skip) {
             let index = tree.size();
+            let body = Entry::decode(entry)?.body;
+            asked.observe(&body);
             let hashes = tree.push(entry).map_err(LedgerError::from)?;
             batch.entry(index, entry, &hashes);
             let after = Checkpoint {
@@ -186,7 +204,7 @@ fn extend(
                     check_checkpoint(text, genesis, &after).map_err(wrong)?;
                     batch.checkpoint(after.size, text);
                 }
-                None if after.size == size || needs_checkpoint(&Entry::decode(entry)?.body) => {
+                None if after.size == size || needs_checkpoint(&body) => {
                     return Err(wrong("it is missing".into()))
                 }
                 None => {}

@@ -93,4 +93,7 @@ pub enum Refusal {
     /// The update is too far from the weights that the round started from.
     #[error("the update's difference from its base has {bps} basis points of the base's norm, the rules allow {limit}")]
     TooFar { bps: u64, limit: u64 },
+    /// As many nodes have committed as the entry that closes a round can name.
+    #[error("round {round} is full: {limit} nodes have committed updates")]
+    RoundFull { round: u64, limit: u64 },
 }

@@ -23,7 +23,7 @@ pub struct State {
     /// The rules in force.
     pub(crate) rules: Rules,
     pub(crate) nodes: BTreeMap<NodeId, Node>,
-    /// Keys that nodes no longer use, each with the one that took its place.
+    /// Keys that nodes no longer use, each with the one that its node uses now.
     pub(crate) retired: BTreeMap<NodeId, NodeId>,
     /// Every episode ever registered, and by whom.
     pub(crate) episodes: BTreeMap<Digest, NodeId>,
@@ -261,12 +261,7 @@ impl State {
     }
 
     fn present_key(&self, id: &NodeId) -> NodeId {
-        let mut id = *id;
-        // A key that was ever used is never taken again, so this comes to an end.
-        while let Some(next) = self.retired.get(&id) {
-            id = *next;
-        }
-        id
+        *self.retired.get(id).unwrap_or(id)
     }
 
     /// The state's own digest: [`tagged_sha256`] of its borsh encoding under `zk0/state/v1`. Equal histories have equal digests.

@@ -42,7 +42,7 @@ pub enum KeyError {
     #[error("'{0}' is no verifier key: NAME+ID+KEY, as `zk0 ledger vkey` and `zk0 witness keygen` print it")]
     Form(String),
     /// The name cannot name a key.
-    #[error("{0:?} cannot name a key: 1 to {MAX_NAME_BYTES} bytes, no spaces, no '+', no control characters")]
+    #[error("'{0}' cannot name a key: 1 to {MAX_NAME_BYTES} bytes, no spaces, no '+', no control characters")]
     Name(String),
     /// Another kind of key.
     #[error("key '{name}' has signature type {found:#04x}, not {expected}")]
@@ -190,7 +190,10 @@ pub(crate) fn check_name(name: &str) -> Result<(), KeyError> {
     }
 }
 
-/// Messages quote what was given: a hostile text is kept short.
+/// Messages quote what was given: a hostile text is kept short, and does nothing to a terminal.
 pub(crate) fn short(text: &str) -> String {
-    text.chars().take(MAX_NAME_BYTES).collect()
+    text.chars()
+        .take(MAX_NAME_BYTES)
+        .flat_map(char::escape_debug)
+        .collect()
 }

@@ -66,6 +66,9 @@ pub enum RuleViolation {
     /// A key that the open round knows.
     #[error("node {node} cannot change its key: it has committed an update in round {round}, which is open")]
     KeyInUse { node: NodeId, round: u64 },
+    /// So many keys that whose a thing is takes long to say.
+    #[error("node {node} has changed its key {limit} times: only a vote can give it another")]
+    TooManyKeys { node: NodeId, limit: usize },
     /// A proposal that makes no sense.
     #[error("proposal {number}: {why}")]
     BadProposal { number: u64, why: String },

@@ -5,7 +5,7 @@ use crate::{
     checkpoint::{Checkpoint, CheckpointError, Parsed, MAX_NOTE_BYTES},
     cosignature::Cosigner,
     tlog_proof::decimal,
-    verifier_key::VerifierKey,
+    verifier_key::{short, VerifierKey},
 };
 use std::collections::BTreeMap;
 use tlog_tiles::tlog::{check_tree, Hash, EMPTY_HASH};
@@ -43,7 +43,10 @@ pub enum WitnessRefusal {
     /// The client's idea of what was cosigned last is not the witness'.
     #[error("the last checkpoint cosigned here has {last} entries, not {old}")]
     Conflict { last: u64, old: u64 },
-    /// The new tree does not continue the old one: the log shows two histories.
+    /// Another tree of the size that was cosigned last: the log shows two histories.
+    #[error("another tree of {size} entries was cosigned here")]
+    OtherTree { size: u64 },
+    /// The new tree is not shown to continue the old one: perhaps the log shows two histories.
     #[error("the tree of {size} entries does not continue the one of {last} cosigned here: {why}")]
     Inconsistent { last: u64, size: u64, why: String },
 }
@@ -55,7 +58,7 @@ impl WitnessRefusal {
             Self::Malformed(_) => 400,
             Self::NotSigned(_) => 403,
             Self::UnknownLog(_) => 404,
-            Self::Conflict { .. } => 409,
+            Self::Conflict { .. } | Self::OtherTree { .. } => 409,
             Self::Inconsistent { .. } => 422,
         }
     }
@@ -169,7 +172,7 @@ impl Witness {
         let watched = self
             .logs
             .get(&parsed.origin)
-            .ok_or_else(|| WitnessRefusal::UnknownLog(parsed.origin.chars().take(200).collect()))?;
+            .ok_or_else(|| WitnessRefusal::UnknownLog(short(&parsed.origin)))?;
         let signatures = parsed
             .signed_by(&watched.key)
             .map_err(WitnessRefusal::NotSigned)?;
@@ -222,7 +225,7 @@ fn continues(
     }
     match last {
         Some(last) if last.size == new.size && last.root != new.root => {
-            Err(inconsistent("the same size with another root"))
+            Err(WitnessRefusal::OtherTree { size: new.size })
         }
         // Anything continues the empty tree, and a tree continues itself.
         _ if last.is_none_or(|last| last.size == 0 || last.size == new.size) => {

@@ -5,10 +5,10 @@ mod network;
 use network::{votes::*, *};
 use zk0_circuits::NodeId;
 use zk0_ledger::{
-    entry::{NodeEnrolled, ProposalSettled},
-    governance::{Action, Ballot, Governance, Outcome, MAX_OPEN_PROPOSALS},
+    entry::{DisputeResolved, NodeEnrolled, ProposalSettled},
+    governance::{Action, Ballot, Governance, Outcome, Tally, MAX_OPEN_PROPOSALS},
     rules::{Participation, Strategy},
-    signed::{Proposal, Vote},
+    signed::{Dispute, Evidence, Proposal, Vote},
     state::Standing,
     Body, Genesis, Refusal, RuleViolation, Rules, Signed,
 };
@@ -309,6 +309,71 @@ fn credits_vote_as_they_stood_when_it_was_proposed() {
     // Who enrols or earns later has no say in it.
     chain.apply(enrolled(5));
     assert_eq!(chain.state.proposals()[&0].tally().electorate, 20);
+}
+
+#[test]
+fn what_a_node_has_lost_votes_no_more() {
+    use Ballot::{Against, For, Veto};
+    // Node 1 has five votes, the governors ten.
+    let with_vote = |ballot| {
+        let mut chain = Chain::all_committed(2);
+        let accepted_by = chain.state.entries();
+        chain.apply(accepted(&chain.state, 1));
+        chain.apply(accepted(&chain.state, 0));
+        chain.apply(Body::RoundClosed(closed(&chain.state, weights(0x50))));
+        chain.apply(proposed(&chain.state, 0, change()));
+        if ballot == Veto {
+            chain.wait(VOTING);
+        }
+        let vote = Vote {
+            network: *chain.state.network(),
+            proposal: 0,
+            voter: id(1),
+            ballot,
+        };
+        chain.apply(Body::Voted(Signed::new(vote, &key(1))));
+        (chain, accepted_by)
+    };
+    let tally = |chain: &Chain| chain.state.proposals()[&0].tally();
+    for ballot in [For, Against, Veto] {
+        let (mut chain, contribution) = with_vote(ballot);
+        assert_eq!(tally(&chain).electorate, 20);
+        let dispute = Dispute {
+            network: *chain.state.network(),
+            disputer: governor(1),
+            contribution,
+            evidence: Evidence::Verification,
+        };
+        let entry = chain.state.entries();
+        chain.apply(Body::Disputed(Signed::new(dispute, &governor_key(1))));
+        chain.apply(Body::DisputeResolved(DisputeResolved {
+            dispute: entry,
+            upheld: Some(invalid_proof()),
+        }));
+        let nothing = Tally {
+            electorate: 15,
+            ..Tally::default()
+        };
+        assert_eq!(tally(&chain), nothing, "{ballot:?}");
+        // And it has no say in it again.
+        let vote = Vote {
+            network: *chain.state.network(),
+            proposal: 0,
+            voter: id(1),
+            ballot,
+        };
+        let again = Body::Voted(Signed::new(vote, &key(1)));
+        assert_eq!(chain.refusal(again), RuleViolation::NoVote(id(1)));
+    }
+    // A node that is suspended by an earlier proposal, too; others keep what they have.
+    let (mut chain, _) = with_vote(For);
+    chain.apply(proposed(&chain.state, 1, Action::Suspend(id(1))));
+    for governor in 0..3 {
+        chain.apply(voted(&chain.state, governor, 1, For));
+    }
+    chain.wait(VOTING + TIME_LOCK);
+    chain.apply(settled(1, Outcome::Executed));
+    assert_eq!((tally(&chain).for_it, tally(&chain).electorate), (0, 15));
 }
 
 #[test]

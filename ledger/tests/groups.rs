@@ -19,7 +19,7 @@ use zk0_ledger::{
     rules::Participation,
     signed::{Dispute, Evidence, KeyRotation, KeyTakeover},
     store::Store,
-    tiles, Body, Ledger, LedgerError, Policy, Refusal, Report, RuleViolation, Signed,
+    tiles, Body, Ledger, LedgerError, Refusal, Report, RuleViolation, Signed,
 };
 
 fn verified(dir: &Path) -> Report {
@@ -410,7 +410,7 @@ fn published_with(dir: &Path, change: impl Fn(&mut Vec<Vec<u8>>)) -> Result<Repo
     }
     shown.instead.insert(tile.to_string(), Some(bytes));
     let copied = tempfile::tempdir().unwrap();
-    mirror(&shown, copied.path(), &Policy::none(), None)?;
+    mirror(&shown, copied.path(), None, None)?;
     Ok(replay(copied.path(), None, &mut ()))
 }
 

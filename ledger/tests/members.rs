@@ -2,12 +2,15 @@
 
 mod network;
 
+use ed25519_dalek::SigningKey;
 use network::{votes::*, *};
 use zk0_circuits::NodeId;
 use zk0_ledger::{
-    governance::{Action, Ballot},
+    apply::MAX_ROTATIONS,
+    governance::{Action, Ballot, Outcome},
     rules::Participation,
-    signed::{KeyRotation, KeyTakeover, Proposal, Vote},
+    signed::{Dispute, Evidence, KeyRotation, KeyTakeover, Proposal, Vote},
+    state::Standing,
     Body, Refusal, RuleViolation, Signed, State,
 };
 
@@ -209,6 +212,88 @@ fn votes_and_places_in_a_sample_go_with_the_key() {
     let mut commitment = commitment(&chain.state, 1, weights(0x33));
     commitment.node = id(9);
     chain.apply(Body::UpdateCommitted(Signed::new(commitment, &key(9))));
+}
+
+#[test]
+fn nobody_gets_away_by_changing_keys() {
+    let mut chain = earned();
+    chain.apply(proposed(&chain.state, 0, Action::Suspend(id(1))));
+    for governor in 0..3 {
+        chain.apply(voted(&chain.state, governor, 0, Ballot::For));
+    }
+    chain.apply(rotated(&chain.state, 1, 9));
+    chain.wait(VOTING + TIME_LOCK);
+    chain.apply(settled(0, Outcome::Executed));
+    assert_eq!(
+        chain.state.node(&id(9)).unwrap().standing,
+        Standing::Suspended
+    );
+    // One open dispute each, whatever the key.
+    let mut chain = Chain::all_committed(3);
+    let contributions = [0, 1].map(|node| {
+        chain.apply(accepted(&chain.state, node));
+        chain.state.entries() - 1
+    });
+    chain.apply(rejected(&chain.state, 2, invalid_proof()));
+    chain.apply(Body::RoundClosed(closed(&chain.state, weights(0x50))));
+    let disputed = |state: &State, by: u8, contribution: u64| {
+        let dispute = Dispute {
+            network: *state.network(),
+            disputer: id(by),
+            contribution,
+            evidence: Evidence::Verification,
+        };
+        Body::Disputed(Signed::new(dispute, &key(by)))
+    };
+    chain.apply(disputed(&chain.state, 2, contributions[0]));
+    chain.apply(rotated(&chain.state, 2, 9));
+    let refused = chain.refusal(disputed(&chain.state, 9, contributions[1]));
+    assert!(
+        matches!(refused, RuleViolation::BadDispute { .. }),
+        "{refused}"
+    );
+}
+
+/// Whose a former key is takes one look, however often it changed; and it changes so often and no oftener.
+#[test]
+fn a_node_changes_its_key_a_hundred_times_at_most() {
+    let mut chain = earned();
+    let key = |turn: u8| match turn {
+        0 => key(1),
+        turn => {
+            let mut seed = [3; 32];
+            seed[0] = turn;
+            SigningKey::from_bytes(&seed)
+        }
+    };
+    let id = |turn| NodeId(key(turn).verifying_key().to_bytes());
+    let rotated = |state: &State, from: u8| {
+        let rotation = KeyRotation {
+            network: *state.network(),
+            node: id(from),
+            with: id(from + 1),
+        };
+        Body::KeyRotated {
+            rotation: Signed::new(rotation, &key(from)),
+            takeover: Signed::new(KeyTakeover { rotation }, &key(from + 1)),
+        }
+    };
+    for turn in 0..100 {
+        chain.apply(rotated(&chain.state, turn));
+    }
+    let limit = MAX_ROTATIONS;
+    let node = id(100);
+    let refused = chain.refusal(rotated(&chain.state, 100));
+    assert_eq!(refused, RuleViolation::TooManyKeys { node, limit });
+    // What it registered under its first key is its own still.
+    let network = *chain.state.network();
+    let mut again = registration(&network, 1);
+    again.node = node;
+    chain.apply(Body::DatasetCommitted(Signed::new(again, &key(100))));
+    // A vote can still give it another.
+    let with = self::id(9);
+    chain.decide(Action::ReplaceKey { node, with });
+    assert_eq!(chain.state.node(&with).unwrap().credits, 200);
 }
 
 #[test]

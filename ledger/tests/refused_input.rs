@@ -12,7 +12,7 @@ use zk0_ledger::{
     signed::DatasetRegistration,
     store::{Batch, Store},
     tree::Frontier,
-    Body, Checkpoint, Entry, Ledger, LedgerError, RuleViolation, Signed,
+    Body, Checkpoint, Entry, Ledger, LedgerError, Policy, RuleViolation, Signed, VerifierKey,
 };
 
 /// An entry of exactly so many bytes: an enrolment with a name that long.
@@ -163,5 +163,31 @@ fn signed_or_not_such_bytes_on_disk_are_refused_by_name() {
             db.get(*b"e\0\0\0\0\0\0\0\0").unwrap(),
             Some(receipt.entry.clone())
         );
+    }
+}
+
+#[test]
+fn what_strangers_call_themselves_is_quoted_short_and_does_nothing_to_a_terminal() {
+    let name = &genesis().name;
+    let checkpoint = Checkpoint {
+        size: 1,
+        root: zk0_circuits::Digest([1; 32]),
+    };
+    let signed = String::from_utf8(checkpoint.sign(name, &log_key()).unwrap()).unwrap();
+    // A note holds no control characters of ASCII; this one clears a screen as well.
+    let hostile = format!("\u{9b}2Jlog'{}", "x".repeat(500));
+    let other = signed.replacen(name.as_str(), &hostile, 1);
+    let key = log_key().verifying_key().to_bytes();
+    let refusals = [
+        Checkpoint::open(other.as_bytes(), name, &key)
+            .unwrap_err()
+            .to_string(),
+        hostile.parse::<VerifierKey>().unwrap_err().to_string(),
+        Policy::parse(&hostile).unwrap_err().to_string(),
+    ];
+    for refusal in refusals {
+        assert!(refusal.contains(r"\u{9b}2Jlog\'xxx"), "{refusal}");
+        assert!(!refusal.contains(char::is_control), "{refusal}");
+        assert!(refusal.len() < 500, "{refusal}");
     }
 }

@@ -230,6 +230,11 @@ fn datasets_are_large_enough_and_one_nodes_own() {
         refused(chain.refusal(copied)),
         Refusal::Dataset(_)
     ));
+    // Nor can anybody send again what its owner signed for it, and so take the node back to it.
+    assert!(matches!(
+        refused(chain.refusal(registered(&network, 0))),
+        Refusal::Dataset(why) if why.contains("under a new salt")
+    ));
 }
 
 #[test]

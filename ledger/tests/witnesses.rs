@@ -90,7 +90,7 @@ fn a_witness_answers_as_the_specification_says() {
     // And, as far as the witness is concerned, from a size that was.
     assert_eq!(ask(&mut witness, 8, 12), 409);
     // Forked: at the same size, and later.
-    assert_eq!(status(&mut witness, &request(&forked, 13, 13)), 422);
+    assert_eq!(status(&mut witness, &request(&forked, 13, 13)), 409);
     assert_eq!(status(&mut witness, &request(&forked, 13, 20)), 422);
     let mut honest_proof = request(&shelf, 13, 20);
     honest_proof.checkpoint = request(&forked, 13, 20).checkpoint;

@@ -279,6 +279,7 @@ pub fn refusal(reason: &Refusal) -> &'static str {
         Refusal::NotActive { .. } => "not active",
         Refusal::NotInvited { .. } => "not invited",
         Refusal::TooFar { .. } => "too far from the base",
+        Refusal::RoundFull { .. } => "round full",
     }
 }
 

@@ -11,7 +11,6 @@ use std::{
 use tempfile::TempDir;
 use zk0_circuits::Digest;
 use zk0_ledger::{
-    checkpoint::MAX_NOTE_BYTES,
     entry::Body,
     folder,
     layout::Resource,
@@ -19,7 +18,7 @@ use zk0_ledger::{
     policy::Policy,
     source::{Source, SourceError},
     store::Store,
-    Entry, Rules,
+    Entry,
 };
 
 /// Which blobs are fetched.
@@ -37,8 +36,8 @@ pub enum Wanted {
 pub struct Located {
     /// The folder.
     pub dir: PathBuf,
-    /// The checkpoint that was published, with all its signatures, where it was fetched and no policy was asked for.
-    pub unchecked: Option<Vec<u8>>,
+    /// Whether it is the ledger's own folder, whose newest entries may not be published yet.
+    pub lies_here: bool,
     _made: Option<TempDir>,
 }
 
@@ -58,7 +57,7 @@ pub fn locate(ledger: &str, keep: Option<&Path>, trust: &Trust, wanted: Wanted) 
         let dir = dir.to_owned();
         return Ok(Located {
             dir,
-            unchecked: None,
+            lies_here: true,
             _made: None,
         });
     }
@@ -72,48 +71,20 @@ pub fn locate(ledger: &str, keep: Option<&Path>, trust: &Trust, wanted: Wanted) 
             (made.path().to_owned(), Some(made))
         }
     };
-    // Before the entries: what it covers is among them then.
-    let unchecked = match trust.policy {
-        Some(_) => None,
-        None => source.get(&Resource::Checkpoint.to_string(), MAX_NOTE_BYTES as u64)?,
-    };
-    fetch(source.as_ref(), &dir, &policy, network, wanted)
+    fetch(source.as_ref(), &dir, policy.as_ref(), network, wanted)
         .with_context(|| format!("fetching {ledger}"))?;
     Ok(Located {
         dir,
-        unchecked,
+        lies_here: false,
         _made: made,
     })
-}
-
-impl Located {
-    /// Whether the published checkpoint has the quorum that the network's own rules ask for. An auditor's policy, which was
-    /// checked on the way, goes before theirs.
-    pub fn check_witnesses(&self, rules: &Rules) -> Result<(), String> {
-        let Some(note) = &self.unchecked else {
-            return Ok(());
-        };
-        let policy = rules.witnesses()?;
-        let failed = |error: &dyn std::fmt::Display| {
-            format!("what is published lacks the cosignatures that the network's rules ask for: {error}")
-        };
-        let store = Store::open_read_only(&folder::database(&self.dir));
-        let first = store.and_then(|store| store.entry(0));
-        let first = first.map_err(|error| failed(&error))?.unwrap_or_default();
-        let key = match Entry::decode(&first).map(|entry| entry.body) {
-            Ok(Body::Genesis(genesis)) => genesis.verifier_key().map_err(|error| failed(&error))?,
-            _ => return Err(failed(&"there is no genesis")),
-        };
-        policy.open(note, &key).map_err(|error| failed(&error))?;
-        Ok(())
-    }
 }
 
 /// Brings the mirror in `dir` up to date, with the blobs that are wanted.
 pub fn fetch(
     source: &dyn Source,
     dir: &Path,
-    policy: &Policy,
+    policy: Option<&Policy>,
     network: Option<&Digest>,
     wanted: Wanted,
 ) -> Result<(), MirrorError> {

@@ -19,6 +19,7 @@ use std::{
 use tempfile::TempDir;
 use zk0_aggregator::audit::Depth;
 use zk0_ledger::{
+    blobs::BlobError,
     error::LedgerError,
     folder,
     mirror::MirrorError,
@@ -109,7 +110,7 @@ enum Look {
 
 struct Watch<'a> {
     options: &'a Options,
-    policy: Policy,
+    policy: Option<Policy>,
     /// Where the log is fetched to; `None` when it is read where it lies.
     mirror: Option<PathBuf>,
     audit: Audit,
@@ -123,7 +124,7 @@ impl<'a> Watch<'a> {
         let policy = options.trust.policy()?;
         let lies_here = folder::database(Path::new(&options.ledger)).exists();
         // A folder's own checkpoint is not cosigned: with a policy it is read as it would be published.
-        let mirror = match lies_here && !policy.wants_witnesses() {
+        let mirror = match lies_here && policy.is_none() {
             true if options.mirror.is_some() => {
                 bail!(
                     "{} is a ledger's directory: --mirror is for an export or a served log",
@@ -180,7 +181,7 @@ impl<'a> Watch<'a> {
             Some(dir) => {
                 let source = source(&self.options.ledger)?;
                 let network = self.options.trust.network.as_ref();
-                match fetch(source.as_ref(), dir, &self.policy, network, wanted) {
+                match fetch(source.as_ref(), dir, self.policy.as_ref(), network, wanted) {
                     Ok(()) => {}
                     Err(error) if is_alarming(&error) => return Ok(Look::Alarm(error.to_string())),
                     Err(error) => return Err(error.into()),
@@ -239,7 +240,8 @@ fn is_alarming(error: &MirrorError) -> bool {
                 | LedgerError::BadEntry { .. }
                 | LedgerError::Rule(_)
                 | LedgerError::CheckpointFile { .. }
+                | LedgerError::Blob(BlobError::WrongDigest { .. } | BlobError::TooLarge { .. })
         ),
-        MirrorError::Checkpoint { .. } => true,
+        MirrorError::Checkpoint { .. } | MirrorError::Witnesses(_) => true,
     }
 }

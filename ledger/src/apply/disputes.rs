@@ -134,6 +134,7 @@ impl State {
             if node.standing == Standing::Active {
                 node.standing = Standing::Suspended;
             }
+            self.weigh_anew(&contribution.node);
         }
     }
 }
@@ -166,7 +167,8 @@ impl Refusal {
             | Self::UpdateDigest { .. }
             | Self::MissingUpdate(_)
             | Self::NotActive { .. }
-            | Self::NotInvited { .. } => false,
+            | Self::NotInvited { .. }
+            | Self::RoundFull { .. } => false,
         }
     }
 }

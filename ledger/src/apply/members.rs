@@ -14,6 +14,9 @@ use zk0_circuits::NodeId;
 /// Most episodes in a dataset: their digests fit in an entry.
 pub const MAX_EPISODES: usize = 1500;
 
+/// How often a node may change its key by itself: whose a former key is has to be found out by everyone who replays.
+pub const MAX_ROTATIONS: usize = 100;
+
 impl State {
     pub(super) fn check_enrolled(&self, enrolled: &NodeEnrolled) -> Result<(), RuleViolation> {
         match self.rules.enrolment {
@@ -74,6 +77,13 @@ impl State {
             return Err(RuleViolation::OtherTakeover(rotation.node));
         }
         self.active(&rotation.node)?;
+        let former = self.retired.values().filter(|key| **key == rotation.node);
+        if former.count() >= MAX_ROTATIONS {
+            return Err(RuleViolation::TooManyKeys {
+                node: rotation.node,
+                limit: MAX_ROTATIONS,
+            });
+        }
         self.check_replacement(&rotation.node, &rotation.with)
     }
 
@@ -99,11 +109,16 @@ impl State {
         }
     }
 
-    /// Gives a node's place to another key: dataset, standing, credits, what may be disputed, what it was drawn for, and its
-    /// votes in proposals that are open (but a governor's own, whose key the rules name).
+    /// Gives a node's place to another key: dataset, standing, credits, what may be disputed, what it was drawn for, what is proposed
+    /// for it, and its votes and disputes that are open (but a governor's own, whose key the rules name).
     pub(super) fn replace_key(&mut self, old: &NodeId, new: &NodeId) {
         if let Some(node) = self.nodes.remove(old) {
             self.nodes.insert(*new, node);
+        }
+        for present in self.retired.values_mut() {
+            if present == old {
+                *present = *new;
+            }
         }
         self.retired.insert(*old, *new);
         for contribution in self.contributions.values_mut() {
@@ -116,6 +131,9 @@ impl State {
                 sample.insert(*new);
             }
         }
+        for proposal in self.proposals.values_mut() {
+            proposal.follow(old, new);
+        }
         let governs = |key: &NodeId| {
             let governors = &self.rules.governance.governors;
             governors.iter().any(|governor| governor.key == *key)
@@ -123,6 +141,11 @@ impl State {
         if !governs(old) && !governs(new) {
             for proposal in self.proposals.values_mut() {
                 proposal.rename(old, new);
+            }
+            for dispute in self.disputes.values_mut() {
+                if dispute.disputer == *old {
+                    dispute.disputer = *new;
+                }
             }
         }
     }
@@ -147,6 +170,14 @@ impl State {
         if let Some(owner) = owned(self.datasets.get(&commitment.root)) {
             return Err(bad(format!(
                 "root {} is already registered by node {owner}",
+                commitment.root
+            )));
+        }
+        // What a node signed for a dataset that it has replaced since is public: anyone could send it again.
+        let current = enrolled.dataset.map(|dataset| dataset.commitment.root);
+        if self.datasets.contains_key(&commitment.root) && current != Some(commitment.root) {
+            return Err(bad(format!(
+                "root {} was this node's before and was replaced: commit to the same data again under a new salt",
                 commitment.root
             )));
         }

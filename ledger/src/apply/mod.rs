@@ -11,6 +11,9 @@ mod members;
 mod rounds;
 mod votes;
 
+pub use members::{MAX_EPISODES, MAX_ROTATIONS};
+pub use rounds::MAX_COMMITS;
+
 use crate::{
     authentic::AuthenticEntry,
     codec::EntryError,

@@ -12,6 +12,9 @@ use crate::{
 use std::collections::{BTreeMap, BTreeSet};
 use zk0_circuits::{challenge::challenge, digest::tagged_sha256, Claim, Digest, Losses, NodeId};
 
+/// Most nodes that may commit to one round: the entry that closes it names each, in 48 bytes.
+pub const MAX_COMMITS: usize = 1300;
+
 impl State {
     pub(super) fn check_opened(
         &self,
@@ -118,6 +121,12 @@ impl State {
             return Err(Refusal::NotInvited {
                 node,
                 round: round.number(),
+            });
+        }
+        if round.commits.len() >= MAX_COMMITS {
+            return Err(Refusal::RoundFull {
+                round: round.number(),
+                limit: MAX_COMMITS as u64,
             });
         }
         let Some(dataset) = self.nodes.get(&node).and_then(|node| node.dataset) else {
@@ -268,7 +277,8 @@ impl State {
             let mut nodes = self
                 .nodes
                 .keys()
-                .filter(|_| time_ms <= round.opened.commit_deadline_ms);
+                .filter(|_| time_ms <= round.opened.commit_deadline_ms)
+                .filter(|_| round.commits.len() < MAX_COMMITS);
             let node = nodes.find(|node| {
                 self.may_contribute(round, node) && !round.commits.contains_key(node)
             })?;

@@ -250,8 +250,18 @@ impl State {
     }
 
     pub(super) fn stand(&mut self, node: &NodeId, standing: Standing) {
-        if let Some(node) = self.nodes.get_mut(node) {
-            node.standing = standing;
+        if let Some(known) = self.nodes.get_mut(node) {
+            known.standing = standing;
+            self.weigh_anew(node);
+        }
+    }
+
+    /// Takes the weight that a voter has lost since from the proposals that are open, votes already cast among them: what was
+    /// clawed back decides nothing. What it gained since does not count in them either.
+    pub(super) fn weigh_anew(&mut self, voter: &NodeId) {
+        let weight = self.electorate().remove(voter).unwrap_or(0);
+        for open in self.proposals.values_mut() {
+            open.limit_weight(voter, weight);
         }
     }
 }

@@ -1,0 +1,310 @@
+//! Entries of all kinds that say anything at all, most of them signed by whom they name.
+
+use super::{network::*, steps::key_of};
+use proptest::prelude::*;
+use zk0_circuits::{Claim, Digest, GuestWeights, Losses, NodeId, WeightCheck, WeightsDigest};
+use zk0_ledger::{
+    entry::{
+        Contributor, DisputeResolved, NodeEnrolled, ProposalSettled, RoundClosed, RoundOpened,
+    },
+    governance::{Action, Ballot, Outcome},
+    rules::{Participation, Strategy as Average},
+    signed::{
+        DatasetRegistration, Dispute, Evidence, KeyRotation, KeyTakeover, Proposal, Statement,
+        Submission, UpdateCommitment, Vote,
+    },
+    Body, Entry, Genesis, Refusal, Rules, Signed,
+};
+
+fn any_digest() -> impl Strategy<Value = Digest> {
+    any::<u8>().prop_map(digest)
+}
+
+fn any_weights() -> impl Strategy<Value = WeightsDigest> {
+    any::<u8>().prop_map(weights)
+}
+
+fn any_node() -> impl Strategy<Value = NodeId> {
+    prop_oneof![
+        4 => (0..8u8).prop_map(id),
+        2 => (0..3u8).prop_map(governor),
+        1 => any::<[u8; 32]>().prop_map(NodeId),
+    ]
+}
+
+fn any_u64() -> impl Strategy<Value = u64> {
+    prop_oneof![0..30u64, Just(T0), Just(u64::MAX), any::<u64>()]
+}
+
+/// The network's own id mostly: what is for another is refused at once.
+fn any_network() -> impl Strategy<Value = Digest> {
+    let own = genesis().network_id();
+    prop_oneof![3 => Just(own), 1 => any_digest()]
+}
+
+fn signed<T: Statement + Clone + std::fmt::Debug>(
+    statement: impl Strategy<Value = T>,
+) -> impl Strategy<Value = Signed<T>> {
+    (statement, 0..16u8).prop_map(|(statement, by)| match (by, key_of(&statement.signer())) {
+        (0, _) | (_, None) => Signed {
+            statement,
+            signature: [5; 64],
+        },
+        (1, _) => Signed::new(statement, &key(by)),
+        (_, Some(key)) => Signed::new(statement, key),
+    })
+}
+
+prop_compose! {
+    fn any_submission()(
+        network in any_network(),
+        round in any_u64(),
+        node in any_node(),
+        numbers in (any_u64(), any::<u32>(), any::<u32>(), any::<u16>()),
+        digests in (any_digest(), any_digest(), any_digest(), any_digest()),
+        updates in (any_weights(), any_weights()),
+        hidden in any::<bool>(),
+    ) -> Submission {
+        let guest = GuestWeights {
+            parameters: digests.1,
+            projections: digests.3,
+        };
+        Submission {
+            claim: Claim {
+                version: numbers.3,
+                network,
+                round,
+                node,
+                dataset: dataset(0),
+                evaluation: digests.0,
+                base: updates.0,
+                update: updates.1,
+                challenge: digests.1,
+                eval_samples: numbers.1,
+                min_improvement_bps: numbers.2,
+                losses: match hidden {
+                    true => Losses::Hidden,
+                    false => Losses::Disclosed { before: numbers.0, after: 1, elements: 1 },
+                },
+                weight_check: hidden.then_some(WeightCheck {
+                    seed: digests.2,
+                    base: guest,
+                    update: guest,
+                }),
+            },
+            proof: digests.3,
+        }
+    }
+}
+
+fn any_reason() -> impl Strategy<Value = Refusal> {
+    prop_oneof![
+        Just(Refusal::OtherClaim),
+        any::<String>().prop_map(Refusal::InvalidProof),
+        any_node().prop_map(Refusal::NotEnrolled),
+        any_u64().prop_map(|late_ms| Refusal::Late {
+            what: "the claim".into(),
+            round: 0,
+            late_ms
+        }),
+    ]
+}
+
+prop_compose! {
+    fn any_rules()(
+        numbers in (any_u64(), any_u64(), any_u64(), any_u64(), any_u64()),
+        shares in (any::<u32>(), 0..10_001u32, 5_000..10_000u32, any::<u32>()),
+        listed in prop::collection::vec(any_node(), 0..4),
+        invited in 0..3u8,
+        trim_bps in any::<u32>(),
+        policy in "[a-z0-9 \n]{0,40}",
+    ) -> Rules {
+        let mut rules = genesis().rules;
+        (rules.min_dataset_samples, rules.commit_window_ms, rules.submit_window_ms) = (numbers.0, numbers.1, numbers.2);
+        (rules.credits.dispute_window_ms, rules.governance.voting_ms) = (numbers.3, numbers.4);
+        (rules.eval_samples, rules.governance.quorum_bps) = (shares.0, shares.1);
+        (rules.governance.threshold_bps, rules.governance.veto_bps) = (shares.2, shares.3);
+        rules.strategy = Average::TrimmedMean { trim_bps };
+        rules.participation = match invited {
+            0 => Participation::All,
+            1 => Participation::Listed(listed),
+            _ => Participation::Sampled { nodes: trim_bps },
+        };
+        rules.witness_policy = policy;
+        rules
+    }
+}
+
+fn any_enrolment() -> impl Strategy<Value = NodeEnrolled> {
+    (any_node(), any::<String>()).prop_map(|(node, name)| NodeEnrolled { node, name })
+}
+
+fn any_action() -> impl Strategy<Value = Action> {
+    prop_oneof![
+        any_rules().prop_map(|rules| Action::ChangeRules(Box::new(rules))),
+        any_enrolment().prop_map(Action::Enrol),
+        any_node().prop_map(Action::Suspend),
+        any_node().prop_map(Action::Reinstate),
+        any_node().prop_map(Action::Revoke),
+        (any_node(), any_node()).prop_map(|(node, with)| Action::ReplaceKey { node, with }),
+        (any_u64(), any::<bool>())
+            .prop_map(|(dispute, upheld)| Action::JudgeDispute { dispute, upheld }),
+    ]
+}
+
+fn any_proposal() -> impl Strategy<Value = Proposal> {
+    let texts = (any::<String>(), any::<String>());
+    (any_network(), any_u64(), any_node(), texts, any_action()).prop_map(
+        |(network, number, proposer, (title, text), action)| Proposal {
+            network,
+            number,
+            proposer,
+            title,
+            text,
+            action,
+        },
+    )
+}
+
+fn any_vote() -> impl Strategy<Value = Vote> {
+    let ballot = prop_oneof![
+        Just(Ballot::For),
+        Just(Ballot::Against),
+        Just(Ballot::Abstain),
+        Just(Ballot::Veto)
+    ];
+    (any_network(), any_u64(), any_node(), ballot).prop_map(|(network, proposal, voter, ballot)| {
+        Vote {
+            network,
+            proposal,
+            voter,
+            ballot,
+        }
+    })
+}
+
+fn any_outcome() -> impl Strategy<Value = Outcome> {
+    prop_oneof![
+        Just(Outcome::Executed),
+        Just(Outcome::NoQuorum),
+        Just(Outcome::Rejected),
+        Just(Outcome::Vetoed),
+        any::<String>().prop_map(Outcome::Impossible),
+    ]
+}
+
+fn any_rotation() -> impl Strategy<Value = KeyRotation> {
+    (any_network(), any_node(), any_node()).prop_map(|(network, node, with)| KeyRotation {
+        network,
+        node,
+        with,
+    })
+}
+
+fn any_dispute() -> impl Strategy<Value = Dispute> {
+    let evidence = prop_oneof![
+        Just(Evidence::Verification),
+        any_digest().prop_map(Evidence::Document)
+    ];
+    (any_network(), any_node(), any_u64(), evidence).prop_map(
+        |(network, disputer, contribution, evidence)| Dispute {
+            network,
+            disputer,
+            contribution,
+            evidence,
+        },
+    )
+}
+
+/// What members say or have decided about themselves.
+fn any_governing() -> impl Strategy<Value = Body> {
+    let takeover = any_rotation().prop_map(|rotation| KeyTakeover { rotation });
+    prop_oneof![
+        (signed(any_rotation()), signed(takeover))
+            .prop_map(|(rotation, takeover)| Body::KeyRotated { rotation, takeover }),
+        signed(any_proposal()).prop_map(Body::Proposed),
+        signed(any_vote()).prop_map(Body::Voted),
+        (any_u64(), any_outcome()).prop_map(|(proposal, outcome)| Body::ProposalSettled(
+            ProposalSettled { proposal, outcome }
+        )),
+        signed(any_dispute()).prop_map(Body::Disputed),
+        (any_u64(), prop::option::of(any_reason())).prop_map(|(dispute, upheld)| {
+            Body::DisputeResolved(DisputeResolved { dispute, upheld })
+        }),
+    ]
+}
+
+fn any_body() -> impl Strategy<Value = Body> {
+    let registration =
+        (any_network(), any_node(), 0..5u8, any_u64()).prop_map(|(network, node, set, samples)| {
+            let mut dataset = dataset(set);
+            dataset.samples = samples;
+            DatasetRegistration {
+                network,
+                node,
+                dataset,
+                leaves: digest(0),
+                episodes: vec![digest(set)],
+            }
+        });
+    let commitment = (any_network(), any_u64(), any_node(), any_weights()).prop_map(
+        |(network, round, node, update)| UpdateCommitment {
+            network,
+            round,
+            node,
+            dataset_root: digest(1),
+            update,
+        },
+    );
+    let contributors = prop::collection::vec((any_node(), any_u64()), 0..4);
+    prop_oneof![
+        1 => any_u64().prop_map(|window| {
+            let mut genesis: Genesis = genesis();
+            genesis.rules.commit_window_ms = window;
+            Body::Genesis(genesis)
+        }),
+        1 => any_enrolment().prop_map(Body::NodeEnrolled),
+        1 => signed(registration).prop_map(Body::DatasetCommitted),
+        1 => (any_u64(), any_weights(), any_u64(), any_u64()).prop_map(
+            |(round, base, commit, submit)| {
+                Body::RoundOpened(RoundOpened {
+                    round,
+                    base,
+                    evaluation: digest(0),
+                    commit_deadline_ms: commit,
+                    submit_deadline_ms: submit,
+                    rules: genesis().rules,
+                })
+            }
+        ),
+        1 => signed(commitment).prop_map(Body::UpdateCommitted),
+        1 => signed(any_submission()).prop_map(Body::ContributionAccepted),
+        1 => (signed(any_submission()), any_reason())
+            .prop_map(|(submission, reason)| Body::ContributionRejected { submission, reason }),
+        1 => (any_u64(), any_weights(), contributors).prop_map(|(round, global, contributors)| {
+            Body::RoundClosed(RoundClosed {
+                round,
+                global,
+                contributors: contributors
+                    .into_iter()
+                    .map(|(node, samples)| Contributor {
+                        node,
+                        samples,
+                        credits: samples,
+                    })
+                    .collect(),
+            })
+        }),
+        6 => any_governing(),
+    ]
+}
+
+/// An entry for any time; of this version mostly.
+pub fn nonsense() -> impl Strategy<Value = Entry> {
+    let version = prop_oneof![1 => 0..3u16, 5 => Just(1)];
+    (version, any_u64(), any_body()).prop_map(|(version, time_ms, body)| Entry {
+        version,
+        time_ms,
+        body,
+    })
+}

@@ -1,0 +1,355 @@
+//! The second model: it keeps the history and nothing else, and answers every question by looking through it.
+
+use super::network::{id, DISPUTE_WINDOW};
+use std::sync::LazyLock;
+use zk0_circuits::{Digest, NodeId};
+use zk0_ledger::{
+    governance::{Ballot, Outcome},
+    signed::Evidence,
+    state::Standing,
+};
+
+/// Weights of the governors.
+pub const GOVERNORS: [u64; 3] = [5, 3, 2];
+
+/// Keys that nodes may have. A node is called after its first one.
+pub const KEYS: u8 = 16;
+
+pub static IDS: LazyLock<Vec<NodeId>> = LazyLock::new(|| (0..KEYS).map(id).collect());
+
+/// A governor, or a node by its key.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Who {
+    Governor(u8),
+    Node(u8),
+}
+
+/// Who may contribute to a round.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Invited {
+    All,
+    Listed(u8, u8),
+    Sampled(u32),
+}
+
+/// What changes by vote; much of it by other ways as well.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Change {
+    /// How many samples a claim is about, and who is invited.
+    Rules(u32, Invited),
+    Enrol(u8),
+    Suspend(u8),
+    Reinstate(u8),
+    Revoke(u8),
+    Replace(u8, u8),
+    Judge(usize, bool),
+}
+
+/// What happened, in the model's words: nodes by key, proposals by number, all else by its place in the history.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Event {
+    Enrolled(u8),
+    Registered(u8),
+    Rotated(u8, u8),
+    Opened,
+    Committed(u8),
+    Accepted(u8),
+    Rejected(u8),
+    Closed,
+    Proposed(Who, Change),
+    Voted(Who, usize, Ballot),
+    Settled(usize, Outcome),
+    Disputed(Who, usize, Evidence),
+    Resolved(usize, bool),
+}
+
+/// The history, with times, of the network of this id.
+#[derive(Clone, Copy)]
+pub struct Model<'a> {
+    pub network: Digest,
+    pub history: &'a [(u64, Event)],
+}
+
+impl<'a> Model<'a> {
+    /// The entry of an event; entry 0 is the genesis.
+    pub fn index(at: usize) -> u64 {
+        at as u64 + 1
+    }
+
+    /// How it was before the event at `at`.
+    pub fn until(&self, at: usize) -> Self {
+        Self {
+            history: &self.history[..at],
+            ..*self
+        }
+    }
+
+    /// Where such a thing happened.
+    pub fn all(&self, what: impl Fn(&Event) -> bool) -> Vec<usize> {
+        let events = self.history.iter().enumerate();
+        let found = events.filter(|(_, (_, event))| what(event));
+        found.map(|(at, _)| at).collect()
+    }
+
+    pub fn any(&self, what: impl Fn(&Event) -> bool) -> bool {
+        self.history.iter().any(|(_, event)| what(event))
+    }
+
+    /// Where the open round began.
+    pub fn round(&self) -> Option<usize> {
+        let last = |event: Event| self.history.iter().rposition(|(_, other)| *other == event);
+        last(Event::Opened)
+            .filter(|opened| last(Event::Closed).is_none_or(|closed| closed < *opened))
+    }
+
+    pub fn in_round(&self, event: Event) -> bool {
+        let open = self
+            .round()
+            .map_or(&[][..], |opened| &self.history[opened..]);
+        open.iter().any(|(_, other)| *other == event)
+    }
+
+    /// Where a proposal was made, by whom, and for what.
+    pub fn proposal(&self, number: usize) -> Option<(usize, Who, Change)> {
+        let events = self.history.iter().enumerate();
+        let mut made = events.filter_map(|(at, (_, event))| match event {
+            Event::Proposed(by, change) => Some((at, *by, *change)),
+            _ => None,
+        });
+        made.nth(number)
+    }
+
+    pub fn open_proposals(&self) -> Vec<usize> {
+        let made = self.all(|event| matches!(event, Event::Proposed(..))).len();
+        let settled =
+            |number| self.any(|event| matches!(event, Event::Settled(one, _) if *one == number));
+        (0..made).filter(|number| !settled(*number)).collect()
+    }
+
+    /// What changed, whoever decided it: a node, the operator, verification or a vote.
+    pub fn changes(&self) -> Vec<Change> {
+        let mut changes = Vec::new();
+        for (_, event) in self.history {
+            let change = match event {
+                Event::Enrolled(key) => Change::Enrol(*key),
+                Event::Rotated(old, new) => Change::Replace(*old, *new),
+                Event::Resolved(dispute, upheld) => Change::Judge(*dispute, *upheld),
+                Event::Settled(number, Outcome::Executed) => match self.proposal(*number) {
+                    Some((_, _, change)) => followed(&changes, change),
+                    None => continue,
+                },
+                _ => continue,
+            };
+            changes.push(change);
+        }
+        changes
+    }
+
+    /// How many samples a claim is about, and who is invited.
+    pub fn rules(&self) -> (u32, Invited) {
+        let rules = |change: &Change| match change {
+            Change::Rules(samples, invited) => Some((*samples, *invited)),
+            _ => None,
+        };
+        self.changes()
+            .iter()
+            .rev()
+            .find_map(rules)
+            .unwrap_or((2, Invited::All))
+    }
+
+    /// Whose key this is or was.
+    pub fn node(&self, key: u8) -> u8 {
+        first(&self.changes(), key)
+    }
+
+    /// Whether a node has another key by now.
+    pub fn left(&self, key: u8) -> bool {
+        let left = |change: &Change| matches!(change, Change::Replace(old, _) if *old == key);
+        self.changes().iter().any(left)
+    }
+
+    /// Whether a key is or was a node's.
+    pub fn used(&self, key: u8) -> bool {
+        let taken = |change: &Change| matches!(change, Change::Enrol(one) | Change::Replace(_, one) if *one == key);
+        self.changes().iter().any(taken)
+    }
+
+    pub fn standing(&self, key: u8) -> Option<Standing> {
+        let node = self.node(key);
+        (!self.left(key)).then(|| self.standing_of(node))?
+    }
+
+    pub fn active(&self, key: u8) -> bool {
+        self.standing(key) == Some(Standing::Active)
+    }
+
+    fn standing_of(&self, node: u8) -> Option<Standing> {
+        let changes = self.changes();
+        let is = |key: u8| first(&changes, key) == node;
+        let accused = |dispute: usize| match self.history[self.contribution(dispute)?].1 {
+            Event::Accepted(key) => Some(key),
+            _ => None,
+        };
+        changes.iter().fold(None, |standing, change| match *change {
+            Change::Enrol(key) | Change::Reinstate(key) if is(key) => Some(Standing::Active),
+            Change::Suspend(key) if is(key) => Some(Standing::Suspended),
+            Change::Revoke(key) if is(key) => Some(Standing::Revoked),
+            Change::Judge(dispute, true)
+                if standing == Some(Standing::Active) && accused(dispute).is_some_and(is) =>
+            {
+                Some(Standing::Suspended)
+            }
+            _ => standing,
+        })
+    }
+
+    /// What a dispute is about.
+    pub fn contribution(&self, dispute: usize) -> Option<usize> {
+        match self.history.get(dispute)?.1 {
+            Event::Disputed(_, contribution, _) => Some(contribution),
+            _ => None,
+        }
+    }
+
+    /// Whether nobody judged a dispute in time: the next round's opening forgets it.
+    pub fn lapsed(&self, dispute: usize) -> bool {
+        let (raised, event) = &self.history[dispute];
+        let by_vote = matches!(event, Event::Disputed(_, _, Evidence::Document(_)));
+        let late = |(time, event): &(u64, Event)| {
+            *event == Event::Opened && *time > raised + DISPUTE_WINDOW
+        };
+        by_vote && self.history.iter().any(late)
+    }
+
+    pub fn open_disputes(&self) -> Vec<usize> {
+        let changes = self.changes();
+        let judged = |at: usize| {
+            changes
+                .iter()
+                .any(|change| matches!(change, Change::Judge(one, _) if *one == at))
+        };
+        let mut raised = self.all(|event| matches!(event, Event::Disputed(..)));
+        raised.retain(|at| !judged(*at) && !self.lapsed(*at));
+        raised
+    }
+
+    pub fn false_after_all(&self, contribution: usize) -> bool {
+        let about = |dispute: usize| self.contribution(dispute) == Some(contribution);
+        self.changes()
+            .iter()
+            .any(|change| matches!(change, Change::Judge(one, true) if about(*one)))
+    }
+
+    pub fn credits(&self, key: u8) -> u64 {
+        match self.left(key) {
+            true => 0,
+            false => self.credits_of(self.node(key)),
+        }
+    }
+
+    /// A tenth less of the loss over 10 samples, 20 for the next node, and so on: each 100 credits, up to the limit.
+    fn credits_of(&self, node: u8) -> u64 {
+        let changes = self.changes();
+        let own =
+            |event: &Event| matches!(event, Event::Accepted(key) if first(&changes, *key) == node);
+        let counts = |at: &usize| {
+            self.history[*at..]
+                .iter()
+                .any(|(_, event)| *event == Event::Closed)
+        };
+        let earned = self
+            .all(own)
+            .into_iter()
+            .filter(|at| counts(at) && !self.false_after_all(*at));
+        earned.count() as u64 * (100 * (u64::from(node) + 1)).min(500)
+    }
+
+    /// Votes now: a governor's weight; an active node's for 100 credits each, three at most.
+    pub fn votes(&self, who: Who) -> u64 {
+        match who {
+            Who::Governor(number) => GOVERNORS[usize::from(number)],
+            Who::Node(key) if self.left(key) => 0,
+            Who::Node(key) => self.votes_of(self.node(key)),
+        }
+    }
+
+    fn votes_of(&self, node: u8) -> u64 {
+        match self.standing_of(node) {
+            Some(Standing::Active) => (self.credits_of(node) / 100).min(3),
+            _ => 0,
+        }
+    }
+
+    /// What someone's vote counts for a proposal: as much as when it was made, less what was lost since by some decision.
+    pub fn weight(&self, number: usize, who: Who) -> u64 {
+        let (Who::Node(key), Some((made, ..))) = (who, self.proposal(number)) else {
+            return self.votes(who);
+        };
+        let node = self.node(key);
+        let decided = |at: &usize| {
+            matches!(
+                self.history[at - 1].1,
+                Event::Settled(..) | Event::Resolved(..)
+            )
+        };
+        let since = (made + 1..=self.history.len()).filter(decided);
+        let votes = std::iter::once(made)
+            .chain(since)
+            .map(|at| self.until(at).votes_of(node));
+        votes.min().unwrap_or(0)
+    }
+
+    /// The weight of all who may vote on a proposal.
+    pub fn electorate(&self, number: usize) -> u64 {
+        let nodes = (0..KEYS).filter(|key| self.node(*key) == *key);
+        let votes: u64 = nodes.map(|node| self.weight(number, Who::Node(node))).sum();
+        votes + GOVERNORS.iter().sum::<u64>()
+    }
+
+    /// Whether verification decides about a dispute, and no vote.
+    pub fn is_verified(&self, dispute: usize) -> bool {
+        matches!(
+            self.history[dispute].1,
+            Event::Disputed(_, _, Evidence::Verification)
+        )
+    }
+
+    /// Whether a node has registered a dataset.
+    pub fn has_data(&self, node: u8) -> bool {
+        let changes = self.changes();
+        self.any(|event| matches!(event, Event::Registered(key) if first(&changes, *key) == node))
+    }
+
+    pub fn same(&self, one: Who, other: Who) -> bool {
+        match (one, other) {
+            (Who::Node(one), Who::Node(other)) => self.node(one) == self.node(other),
+            _ => one == other,
+        }
+    }
+}
+
+/// The first key of whoever has or had this one: no key is used again.
+fn first(changes: &[Change], key: u8) -> u8 {
+    changes.iter().rev().fold(key, |key, change| match change {
+        Change::Replace(old, new) if *new == key => *old,
+        _ => key,
+    })
+}
+
+/// What was proposed for a node, as its key is after these changes.
+pub fn followed(changes: &[Change], proposed: Change) -> Change {
+    let present = |key: u8| {
+        changes.iter().fold(key, |key, change| match change {
+            Change::Replace(old, new) if *old == key => *new,
+            _ => key,
+        })
+    };
+    match proposed {
+        Change::Suspend(key) => Change::Suspend(present(key)),
+        Change::Reinstate(key) => Change::Reinstate(present(key)),
+        Change::Revoke(key) => Change::Revoke(present(key)),
+        Change::Replace(old, new) => Change::Replace(present(old), new),
+        other => other,
+    }
+}
