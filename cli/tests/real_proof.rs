@@ -23,6 +23,20 @@ fn audit(ledger: &Path) -> Output {
         .unwrap()
 }
 
+/// What a node kept shows, without the ledger, that its dataset, update and submission are on it.
+fn receipts_convince(node: &Path, ledger: &Path) {
+    let key = zk0(&["ledger", "vkey", ledger.to_str().unwrap()]).output();
+    let key = String::from_utf8(key.unwrap().stdout).unwrap();
+    let receipts: Vec<_> = fs::read_dir(node.join("receipts")).unwrap().collect();
+    assert_eq!(receipts.len(), 3);
+    for receipt in receipts {
+        let file = receipt.unwrap().path();
+        let file = file.to_str().unwrap();
+        let arguments = ["audit", "verify-proof", file, "--log-key", key.trim()];
+        assert!(zk0(&arguments).status().unwrap().success(), "{file}");
+    }
+}
+
 fn only_folder(dir: &Path) -> PathBuf {
     fs::read_dir(dir).unwrap().next().unwrap().unwrap().path()
 }
@@ -77,6 +91,9 @@ fn a_federation_ends_with_a_proven_contribution_and_a_refused_one() {
     }
 
     let ledger = out.join("network");
+    for node in ["node-1", "node-2"] {
+        receipts_convince(&out.join("nodes").join(node), &ledger);
+    }
     let report = audit(&ledger);
     assert_eq!(report.status.code(), Some(0));
     let report: Value = serde_json::from_slice(&report.stdout).unwrap();

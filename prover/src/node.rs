@@ -242,7 +242,7 @@ impl Node {
     }
 
     /// Puts a dataset on the ledger; a node that was restarted gets the receipt it got before.
-    pub async fn register(&mut self, recording: &Recording) -> Result<(), NodeError> {
+    pub async fn register(&mut self, recording: &Recording) -> Result<Receipt, NodeError> {
         let leaves: Vec<u8> = recording.leaves.iter().flat_map(|leaf| leaf.0).collect();
         let statement = DatasetRegistration {
             network: self.network,
@@ -257,8 +257,7 @@ impl Node {
             leaves,
         };
         let receipt = patiently!(self.client.register_dataset(request))?.into_inner();
-        self.recorded(receipt, Body::DatasetCommitted(signed))
-            .map(drop)
+        Ok(self.recorded(receipt, Body::DatasetCommitted(signed))?.0)
     }
 
     /// Waits until `round` is open, and returns how it was opened; a later one if that has closed meanwhile, or if the rules do
@@ -321,13 +320,14 @@ impl Node {
         Ok(())
     }
 
-    /// Commits to an uploaded update and derives the challenge from the checkpoint that covers the commitment.
+    /// Commits to an uploaded update and derives the challenge from the checkpoint that covers the commitment; the receipt
+    /// holds that checkpoint.
     pub async fn commit(
         &mut self,
         round: u64,
         dataset_root: &Digest,
         update: &WeightsDigest,
-    ) -> Result<Digest, NodeError> {
+    ) -> Result<(Digest, Receipt), NodeError> {
         let statement = UpdateCommitment {
             network: self.network,
             round,
@@ -349,13 +349,14 @@ impl Node {
                 found,
             ));
         }
-        Ok(challenge(
+        let challenge = challenge(
             &self.network,
             round,
             &self.id(),
             receipt.index,
             &checkpoint.root,
-        ))
+        );
+        Ok((challenge, receipt))
     }
 
     /// Signs a claim and submits it with its proof.

@@ -14,12 +14,14 @@ use crate::{
 use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
 use std::{
-    fs::File,
+    fs::{self, File},
     io::BufWriter,
     path::{Path, PathBuf},
 };
 use zk0_circuits::{program::verifying_key, spec::EvalSpec, Claim, Digest, Losses, WeightsDigest};
-use zk0_ledger::{bindings::ExpectedClaim, entry::RoundOpened, rules::Disclosure};
+use zk0_ledger::{
+    bindings::ExpectedClaim, entry::RoundOpened, rules::Disclosure, Receipt, TlogProof,
+};
 use zk0_smolvla::{
     adaptive::{adapted, Adaptation, Rates},
     fixed_point::{dims, quantise_weights},
@@ -39,7 +41,7 @@ const MAX_HISTORY_BYTES: u64 = 64 << 20;
 pub struct Participant {
     /// The recording: a LeRobotDataset v3.0 folder.
     pub dataset: PathBuf,
-    /// Where the node keeps the policy, its salt, its updates and its training histories.
+    /// Where the node keeps the policy, its salt, its updates, its training histories and its receipts.
     pub state: PathBuf,
     /// Where prepared samples are kept from start to start.
     pub cache: Option<DiskCache>,
@@ -119,7 +121,7 @@ impl Participant {
         let recording = self.recording(&file, &spec)?;
         // The frozen half has done its part: at the published size, 1.4 GB of memory.
         drop(file);
-        node.register(&recording).await?;
+        self.keep(node.register(&recording).await?)?;
         tracing::info!(
             "committed to {} samples, root {}",
             recording.commitment.samples,
@@ -178,6 +180,14 @@ impl Participant {
             own_files::put(&unfinished, &path)?;
         }
         Ok(policy_file::load(&path)?)
+    }
+
+    /// Keeps a receipt as a C2SP tlog-proof: with it the node shows anyone that the log has signed the entry, whatever the log says later.
+    fn keep(&self, receipt: Receipt) -> Result<(), ParticipantError> {
+        let receipts = self.state.join("receipts");
+        fs::create_dir_all(&receipts).map_err(own_files::at(&receipts))?;
+        let path = receipts.join(format!("entry-{}.tlog-proof", receipt.index));
+        own_files::write(&path, &TlogProof::from(receipt).encode())
     }
 
     /// The prepared recording, under a salt that stays the same from start to start.
@@ -241,9 +251,10 @@ impl Turn<'_> {
         own_files::write(&self.participant.state.join(kept), &update_file)?;
 
         node.upload(round, &update_file).await?;
-        let challenge = node
+        let (challenge, receipt) = node
             .commit(round, &self.recording.commitment.root, &digest)
             .await?;
+        self.participant.keep(receipt)?;
         tracing::info!(
             "round {round}: committed to update {}, challenge {challenge}",
             digest.blob
@@ -283,7 +294,9 @@ impl Turn<'_> {
         if let Some((before, after)) = claim.losses.means(self.spec) {
             tracing::info!("round {round}: submitting the claim that the loss went from {before:.4} to {after:.4}");
         }
-        Ok(node.submit(claim, proof).await?)
+        let decision = node.submit(claim, proof).await?;
+        self.participant.keep(decision.receipt.clone())?;
+        Ok(decision)
     }
 
     /// What the round is trained at: as the losses of the base weights so far ask for, if they are followed.
