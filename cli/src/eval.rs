@@ -12,7 +12,7 @@ use serde::Serialize;
 use std::{fmt::Write as _, fs, path::PathBuf};
 use zk0_prover::progress::Progress;
 use zk0_smolvla::{
-    action_error::{sample_actions, ActionError, STEPS},
+    action_error::{sample_actions, ActionError},
     batch::SampleSource,
     dataset::Dataset,
     evaluate::fixed_draws,
@@ -49,6 +49,9 @@ pub struct Options {
     /// Decides noise and times, and a profile's random weights.
     #[arg(long, default_value_t = 0)]
     seed: u64,
+    /// What states and actions are normalised with: the statistics that the policy was trained with, or each recording's own
+    #[arg(long, value_enum, default_value_t)]
+    statistics: Statistics,
     #[command(flatten)]
     place: PlaceOptions,
     /// Print JSON instead of a table.
@@ -61,6 +64,17 @@ pub struct Options {
     cache: CacheOptions,
 }
 
+/// Whose statistics normalise.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, Serialize)]
+#[serde(rename_all = "lowercase")]
+enum Statistics {
+    /// The policy's; the recording's where the policy has none.
+    #[default]
+    Policy,
+    /// The recording's own.
+    Recording,
+}
+
 /// Samples through the policy at once.
 const BATCH: usize = 8;
 
@@ -70,6 +84,10 @@ struct Row {
     policy: String,
     dataset: String,
     frames: usize,
+    /// Whose statistics states and actions were normalised with.
+    statistics: Statistics,
+    /// Euler steps that actions were sampled in.
+    num_steps: usize,
     /// LeRobot 0.6's mean: real dimensions of frames that are not padding.
     loss_valid_only: f64,
     /// LeRobot 0.4's mean: everything.
@@ -98,14 +116,14 @@ pub fn run(options: &Options) -> Result<()> {
             .map(|profile| PolicySource::Random(profile, options.seed)),
     );
     let datasets = options.datasets.iter().map(RecordingName::open);
-    let datasets = datasets.collect::<Result<Vec<_>>>()?;
+    let mut datasets = datasets.collect::<Result<Vec<_>>>()?;
     let chosen: Vec<Vec<usize>> = datasets
         .iter()
         .map(|dataset| chosen(options, dataset))
         .collect::<Result<_>>()?;
     let mut rows = Vec::new();
     for source in &sources {
-        let measured = measure(options, source, &datasets, &chosen);
+        let measured = measure(options, source, &mut datasets, &chosen);
         rows.extend(measured.with_context(|| source.name())?);
     }
     if let Some(out) = &options.out {
@@ -147,9 +165,20 @@ fn chosen(options: &Options, dataset: &Dataset) -> Result<Vec<usize>> {
 fn measure(
     options: &Options,
     source: &PolicySource,
-    datasets: &[Dataset],
+    datasets: &mut [Dataset],
     chosen: &[Vec<usize>],
 ) -> Result<Vec<Row>> {
+    let inference = source.inference()?;
+    let (statistics, policys) = match (options.statistics, &inference.stats) {
+        (Statistics::Policy, Some(stats)) => (Statistics::Policy, Some(stats)),
+        _ => (Statistics::Recording, None),
+    };
+    for dataset in datasets.iter_mut() {
+        let own = || inference.fitted(dataset.stats());
+        let stats = policys.cloned().unwrap_or_else(own);
+        dataset.normalise_with(stats)?;
+    }
+    let datasets = &*datasets;
     let place = options.place.open()?;
     let PolicyFile { policy, tokenizer } = source.load()?;
     let (config, tokenizer) = (policy.config.clone(), &tokenizer);
@@ -175,8 +204,8 @@ fn measure(
         let mut progress = Progress::start("sampling actions", all.len() as u64);
         for (indices, draws) in all.chunks(BATCH).zip(draws.chunks(BATCH)) {
             let batch = models.batch(Samples::Prepared(&samples), indices)?;
-            let sampled = sample_actions(models.expert(), &batch, draws, STEPS)?;
-            error.add(&config, &dataset.stats().action, &sampled, &batch)?;
+            let sampled = sample_actions(models.expert(), &batch, draws, inference.num_steps)?;
+            error.add(&config, &dataset.normalisation().action, &sampled, &batch)?;
             progress.reached((indices[0] + indices.len()) as u64);
         }
         let names = &dataset.info().action.names;
@@ -185,6 +214,8 @@ fn measure(
             policy: source.name(),
             dataset: dataset.root().display().to_string(),
             frames: samples.len(),
+            statistics,
+            num_steps: inference.num_steps,
             loss_valid_only: errors.valid_only.loss(),
             loss: errors.plain.loss(),
             action_error: joints
@@ -210,12 +241,21 @@ fn table(rows: &[Row]) -> String {
             "{} on {} ({} frames)",
             row.policy, row.dataset, row.frames
         );
+        let whose = match row.statistics {
+            Statistics::Policy => "policy's",
+            Statistics::Recording => "recording's",
+        };
+        let _ = writeln!(text, "  normalised with the {whose} statistics");
         let _ = writeln!(
             text,
             "  loss {:.4}, with padding {:.4}",
             row.loss_valid_only, row.loss
         );
-        let _ = writeln!(text, "  mean absolute error of sampled actions");
+        let _ = writeln!(
+            text,
+            "  mean absolute error of actions sampled in {} steps",
+            row.num_steps
+        );
         for joint in &row.action_error {
             let _ = writeln!(
                 text,

@@ -6,11 +6,12 @@ use std::{
     path::{Path, PathBuf},
 };
 use zk0_smolvla::{
+    inference::Inference,
     init::init_policy,
     policy_file::{self, PolicyFile},
     tokenizer::PolicyTokenizer,
     trained_tokenizer::TrainedTokenizer,
-    Checkpoint, Policy, PolicyConfig, Profile,
+    Checkpoint, LeRobotConfig, Policy, PolicyConfig, Profile,
 };
 
 /// Where a policy comes from.
@@ -40,6 +41,28 @@ impl PolicySource {
         }
     }
 
+    /// How it is used: the statistics it was trained with, where it has any. Reads no weight.
+    ///
+    /// # Errors
+    /// As reading it, and when it normalises in a way that is not implemented.
+    pub fn inference(&self) -> Result<Inference> {
+        match self {
+            Self::Path(path) if path.is_dir() => folder_inference(path),
+            Self::Path(path) => Ok(policy_file::inference(path)?),
+            Self::Random(..) => Ok(Inference::default()),
+        }
+    }
+
+    /// The checkpoint, where it is a folder of LeRobot's.
+    pub fn lerobot(&self) -> Result<Option<Checkpoint>> {
+        match self {
+            Self::Path(path) if path.is_dir() && !is_reference(path) => {
+                Ok(Some(Checkpoint::open(path)?))
+            }
+            _ => Ok(None),
+        }
+    }
+
     /// For people.
     pub fn name(&self) -> String {
         match self {
@@ -64,20 +87,48 @@ pub fn read(path: &Path) -> Result<PolicyFile> {
     Ok(PolicyFile { policy, tokenizer })
 }
 
+/// Whether a folder is a reference, not a checkpoint.
+fn is_reference(folder: &Path) -> bool {
+    folder.join("policy_config.json").exists()
+}
+
 fn read_folder(path: &Path) -> Result<Policy> {
-    if !path.join("policy_config.json").exists() {
+    if !is_reference(path) {
         return Ok(Checkpoint::open(path)?.policy()?);
     }
-    let file = |name: &str| {
-        let path = path.join(name);
-        fs::read(&path).with_context(|| format!("reading {}", path.display()))
-    };
-    let json =
-        |name: &str| String::from_utf8(file(name)?).with_context(|| format!("{name} is not text"));
-    let config =
-        PolicyConfig::from_lerobot(&json("policy_config.json")?, &json("vlm_config.json")?)?;
-    Policy::from_safetensors(&config, &file("weights.safetensors")?)
+    let config = reference_config(path)?.dims;
+    Policy::from_safetensors(&config, &file(path, "weights.safetensors")?)
         .with_context(|| format!("reading the policy {}", path.display()))
+}
+
+/// A reference has no statistics.
+fn folder_inference(path: &Path) -> Result<Inference> {
+    if !is_reference(path) {
+        return Ok(Checkpoint::open(path)?.inference()?);
+    }
+    let config = reference_config(path)?;
+    let (state, action) = config
+        .modes()
+        .with_context(|| format!("reading the policy {}", path.display()))?;
+    Ok(Inference {
+        num_steps: config.num_steps,
+        state,
+        action,
+        stats: None,
+    })
+}
+
+fn reference_config(folder: &Path) -> Result<LeRobotConfig> {
+    let json = |name: &str| {
+        String::from_utf8(file(folder, name)?).with_context(|| format!("{name} is not text"))
+    };
+    let (policy, vlm) = (json("policy_config.json")?, json("vlm_config.json")?);
+    Ok(LeRobotConfig::parse(&policy, Some(&vlm))?)
+}
+
+fn file(folder: &Path, name: &str) -> Result<Vec<u8>> {
+    let path = folder.join(name);
+    fs::read(&path).with_context(|| format!("reading {}", path.display()))
 }
 
 fn folder_tokenizer(folder: &Path, config: &PolicyConfig) -> Result<PolicyTokenizer> {

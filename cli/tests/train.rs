@@ -189,6 +189,59 @@ fn a_run_leaves_its_results_and_they_can_be_evaluated() {
     );
 }
 
+/// What nobody says on the command line is LeRobot's preset, with which the reference was trained.
+#[test]
+fn options_that_are_not_given_are_lerobots_preset() {
+    let preset =
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/fixtures/smolvla_tiny/optimizer.json");
+    let preset = json(&preset);
+    let (adamw, scheduler) = (&preset["optimizer"], &preset["scheduler"]);
+
+    // A run says what it was told and what not; one step is enough for that.
+    let dir = tempfile::tempdir().unwrap();
+    let mut command = zk0(&[
+        "train",
+        "--dataset",
+        RECORDING,
+        "--profile",
+        "micro",
+        "--steps",
+        "1",
+    ]);
+    command.arg("--out").arg(dir.path().join("out"));
+    command.arg("--cache").arg(dir.path().join("cache"));
+    succeeds(command);
+    let run = json(&dir.path().join("out/run.json"));
+    let options = &run["options"];
+    let number = |value: &Value| value.as_f64().unwrap_or_else(|| panic!("{value}"));
+    let (ours, schedule) = (&options["adamw"], &options["schedule"]);
+    assert_eq!(number(&ours["beta1"]), number(&adamw["betas"][0]));
+    assert_eq!(number(&ours["beta2"]), number(&adamw["betas"][1]));
+    assert_eq!(number(&ours["eps"]), number(&adamw["eps"]));
+    assert_eq!(
+        number(&ours["weight_decay"]),
+        number(&adamw["weight_decay"])
+    );
+    assert_eq!(number(&ours["clip_norm"]), number(&adamw["grad_clip_norm"]));
+    assert_eq!(number(&options["learning_rate"]), number(&adamw["lr"]));
+    assert_eq!(schedule["kind"], "warmup-cosine");
+    assert_eq!(schedule["warmup"], scheduler["num_warmup_steps"]);
+    assert_eq!(schedule["decay"], scheduler["num_decay_steps"]);
+    let floor = number(&scheduler["decay_lr"]) / number(&scheduler["peak_lr"]);
+    assert_eq!(number(&schedule["floor"]), floor);
+    assert_eq!(number(&options["fedprox_mu"]), 0.0);
+    // That of LeRobot's TrainPipelineConfig.
+    assert_eq!(options["batch_size"], 8);
+
+    // As many steps as the cosine has.
+    let help = succeeds(zk0(&["train", "--help"]));
+    let help = String::from_utf8(help.stdout).unwrap();
+    let steps = help.split("--steps <STEPS>").nth(1).unwrap();
+    let steps = steps.split("[default: ").nth(1).unwrap();
+    let steps = steps.split(']').next().unwrap();
+    assert_eq!(steps, scheduler["num_decay_steps"].to_string());
+}
+
 /// Frames prepared in one precision are not taken for those of another: not from the cache that both runs share, and not when a run
 /// goes on.
 #[test]

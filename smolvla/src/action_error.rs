@@ -10,7 +10,7 @@ use crate::evaluate::FlowDraw;
 use crate::model::expert::ExpertModel;
 use crate::model::sampling;
 
-/// Euler steps that LeRobot samples with.
+/// Euler steps that LeRobot samples with by default.
 pub const STEPS: usize = 10;
 
 /// [`sampling::sample_actions`] for a batch: (B, chunk, max_action_dim), normalised, from the noise of `draws`, one per sample of

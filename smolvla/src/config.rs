@@ -11,7 +11,7 @@ use crate::layout::policy_layout;
 
 /// Base of the rotary embedding. LeRobot uses 10,000 whatever `rope_theta` says.
 pub const ROPE_BASE: f32 = 10_000.0;
-/// Epsilon of the RMSNorms of the text layers and the expert.
+/// Epsilon of the published model's RMSNorms ([`PolicyConfig::rms_norm_eps`]).
 pub const RMS_NORM_EPS: f64 = 1e-5;
 /// Epsilon of the LayerNorms of the vision tower.
 pub const LAYER_NORM_EPS: f64 = 1e-6;
@@ -123,6 +123,18 @@ pub struct PolicyConfig {
     /// Names of the camera slots in the order of the prefix (LeRobot's image features), or none: then cameras go by name.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub camera_names: Vec<String>,
+    /// Epsilon of the RMSNorms of the text layers and of the expert, whose configuration LeRobot copies from theirs.
+    #[serde(default = "published_eps", skip_serializing_if = "is_published_eps")]
+    pub rms_norm_eps: f64,
+}
+
+fn published_eps() -> f64 {
+    RMS_NORM_EPS
+}
+
+/// A file of the published epsilon does not name it: policy files, and with them a genesis' digests, stay what they were.
+fn is_published_eps(eps: &f64) -> bool {
+    *eps == RMS_NORM_EPS
 }
 
 fn is_zero(number: &usize) -> bool {
@@ -245,6 +257,10 @@ impl PolicyConfig {
                     && self.min_period < self.max_period
                     && self.max_period.is_finite(),
                 "periods must satisfy 0 < min_period < max_period",
+            ),
+            (
+                self.rms_norm_eps > 0.0 && self.rms_norm_eps.is_finite(),
+                "rms_norm_eps must be above 0",
             ),
             (
                 self.self_attn_every <= LIMIT && self.prefix_length <= PREFIX_LIMIT,

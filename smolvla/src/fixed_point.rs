@@ -5,7 +5,7 @@ use zk0_circuits::spec::Dims;
 use zk0_circuits::weights::{QuantiseError, QuantisedWeights};
 use zk0_circuits::EvalSpec;
 
-use crate::config::PolicyConfig;
+use crate::config::{PolicyConfig, RMS_NORM_EPS};
 use crate::error::{PolicyError, Result};
 use crate::sample::PreparedSample;
 use crate::weights::ExpertWeights;
@@ -17,12 +17,18 @@ const PERIODS: (f64, f64) = (0.004, 4.0);
 ///
 /// # Errors
 /// [`PolicyError::Config`] when a dimension is out of every specification's bounds, or the time embedding has other
-/// periods than the evaluation's.
+/// periods or the norms another epsilon than the evaluation's.
 pub fn dims(config: &PolicyConfig) -> Result<Dims> {
     let periods = (config.min_period, config.max_period);
     if periods != PERIODS {
         return Err(PolicyError::Config(format!(
             "time periods {periods:?}: the fixed-point evaluation has {PERIODS:?}"
+        )));
+    }
+    if config.rms_norm_eps != RMS_NORM_EPS {
+        return Err(PolicyError::Config(format!(
+            "`rms_norm_eps` is {}: the fixed-point evaluation has {RMS_NORM_EPS}",
+            config.rms_norm_eps
         )));
     }
     let number = |name: &str, value: usize| {

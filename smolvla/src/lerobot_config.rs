@@ -10,6 +10,7 @@ use serde::Deserialize;
 
 use crate::config::{ExpertConfig, PolicyConfig};
 use crate::error::{PolicyError, Result};
+use crate::inference::Normalisation;
 use crate::vlm_config::VlmDims;
 
 /// Prefix of the names of image features.
@@ -255,7 +256,7 @@ impl LeRobotConfig {
                 ))
             })?,
         };
-        let mut text = vlm.text;
+        let (mut text, rms_norm_eps) = (vlm.text, vlm.rms_norm_eps);
         if policy.num_vlm_layers > 0 {
             text.layers = text.layers.min(policy.num_vlm_layers as usize);
         }
@@ -285,6 +286,7 @@ impl LeRobotConfig {
             max_period: policy.max_period,
             prefix_length: usize::try_from(policy.prefix_length).unwrap_or(0),
             camera_names,
+            rms_norm_eps,
         };
         dims.validate()?;
         Ok(Self {
@@ -298,6 +300,17 @@ impl LeRobotConfig {
             pad_language_to: policy.pad_language_to,
             vlm_model_name: policy.vlm_model_name,
         })
+    }
+
+    /// How states and actions are normalised.
+    ///
+    /// # Errors
+    /// [`PolicyError::Config`] for a mode that is not implemented here.
+    pub fn modes(&self) -> Result<(Normalisation, Normalisation)> {
+        Ok((
+            Normalisation::named(&self.state_normalisation, STATE)?,
+            Normalisation::named(&self.action_normalisation, ACTION)?,
+        ))
     }
 }
 
@@ -362,7 +375,9 @@ impl PolicyJson {
             (self.kind != "smolvla", format!("`type` is `{}`, not `smolvla`", self.kind)),
             (
                 self.add_image_special_tokens,
-                "`add_image_special_tokens` is not implemented".into(),
+                "`add_image_special_tokens` is not implemented: LeRobot takes the tokens' ids from the VLM's tokenizer, and neither \
+                 configuration names them"
+                    .into(),
             ),
             (
                 self.adapt_to_pi_aloha || self.use_delta_joint_actions_aloha,

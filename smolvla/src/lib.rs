@@ -19,7 +19,7 @@
 //! - [`fixed_point`] brings weights and samples into the form that a claim evaluates; [`calibrate`] chooses its ranges from
 //!   data, and [`fidelity`] compares its loss with the float32 one.
 //! - [`config`] has every dimension, [`profile`] named sets of them; [`layout`] the tensors that follow from it, by
-//!   LeRobot's names; [`weights`] their values as plain `f32`; [`init`] a seeded start;
+//!   LeRobot's names; [`weights`] their values as plain `f32`; [`init`] a seeded start; [`inference`] what else a policy acts by;
 //!   [`policy_file`] a whole policy as one file, its tokenizer within; [`checkpoint`] a folder of LeRobot's, read and written ([`lerobot_config`] and
 //!   [`vlm_config`] its configuration, [`safetensors_file`] its weights).
 //!
@@ -43,6 +43,7 @@ pub mod fixed_point;
 pub mod frozen;
 pub mod hub;
 pub mod image;
+pub mod inference;
 pub mod init;
 pub mod layout;
 pub mod lerobot_config;

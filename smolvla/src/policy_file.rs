@@ -1,6 +1,9 @@
 //! A whole policy as one file: safetensors with LeRobot's names; in the file's metadata its dimensions as JSON and, where it
 //! has one, its tokenizer as the text of a `tokenizer.json`. What a network's genesis names by its digest: so all its nodes read
 //! instructions alike.
+//!
+//! Where `zk0 train` has left it, the metadata also say how the policy is used ([`Inference`]), the statistics it was trained with
+//! among that. A network's have none of it: each of its nodes normalises with its own recording's.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -12,6 +15,8 @@ use safetensors::SafeTensors;
 
 use crate::config::PolicyConfig;
 use crate::error::{PolicyError, Result};
+use crate::inference::Inference;
+use crate::safetensors_file::TensorFile;
 use crate::safetensors_writer::{self, Entry};
 use crate::tokenizer::PolicyTokenizer;
 use crate::trained_tokenizer::TrainedTokenizer;
@@ -23,6 +28,8 @@ pub use crate::safetensors_writer::Written;
 pub const CONFIG_KEY: &str = "zk0.config";
 /// Key of the file's metadata under which the tokenizer is. Without it, words are hashed.
 pub const TOKENIZER_KEY: &str = "zk0.tokenizer";
+/// Key of the file's metadata under which its use is. Without it, the policy has no statistics.
+pub const INFERENCE_KEY: &str = "zk0.inference";
 
 /// What a policy file holds.
 pub struct PolicyFile {
@@ -55,9 +62,20 @@ impl PolicyFile {
 /// # Errors
 /// Those of `out`, and one when the tokenizer's text is longer than a file's metadata can be.
 pub fn write(policy: &Policy, tokenizer: &PolicyTokenizer, out: impl Write) -> io::Result<Written> {
+    write_used(policy, tokenizer, None, out)
+}
+
+fn write_used(
+    policy: &Policy,
+    tokenizer: &PolicyTokenizer,
+    inference: Option<&Inference>,
+    out: impl Write,
+) -> io::Result<Written> {
     let config = serde_json::to_string(&policy.config)?;
+    let inference = inference.map(serde_json::to_string).transpose()?;
     let mut notes = BTreeMap::from([(CONFIG_KEY, &config[..])]);
     notes.extend(tokenizer.definition().map(|text| (TOKENIZER_KEY, text)));
+    notes.extend(inference.as_deref().map(|text| (INFERENCE_KEY, text)));
     safetensors_writer::write_to(out, policy.tensors().map(Entry::of).collect(), notes)
 }
 
@@ -96,16 +114,59 @@ pub fn load(path: &Path) -> Result<PolicyFile> {
     read(&map)
 }
 
+/// How the policy in the file `path` is used: as LeRobot's default where the file does not say it. Reads no weight.
+///
+/// # Errors
+/// [`PolicyError::AtPath`].
+pub fn inference(path: &Path) -> Result<Inference> {
+    let file = TensorFile::open(path)?;
+    let note = |key| file.metadata().as_ref().and_then(|all| all.get(key));
+    let Some(text) = note(INFERENCE_KEY) else {
+        return Ok(Inference::default());
+    };
+    let broken = |key: &str, cause: &dyn std::fmt::Display| {
+        PolicyError::file(path, format!("`{key}` in the file's metadata: {cause}"))
+    };
+    let config = note(CONFIG_KEY).ok_or_else(|| broken(CONFIG_KEY, &"is missing"))?;
+    let config: PolicyConfig = serde_json::from_str(config).map_err(|e| broken(CONFIG_KEY, &e))?;
+    let inference: Inference = serde_json::from_str(text).map_err(|e| broken(INFERENCE_KEY, &e))?;
+    let checked = inference.check(&config);
+    checked.map_err(|e| broken(INFERENCE_KEY, &e))?;
+    Ok(inference)
+}
+
 /// Writes what [`load`] reads, piece by piece and then renamed: whole or not at all. Returns the file's SHA-256.
 ///
 /// # Errors
 /// [`PolicyError::AtPath`].
 pub fn save(policy: &Policy, tokenizer: &PolicyTokenizer, path: &Path) -> Result<[u8; 32]> {
+    save_used(policy, tokenizer, None, path)
+}
+
+/// [`save`] for a policy that was trained: what [`inference`] reads goes along.
+///
+/// # Errors
+/// As [`save`].
+pub fn save_trained(
+    policy: &Policy,
+    tokenizer: &PolicyTokenizer,
+    inference: &Inference,
+    path: &Path,
+) -> Result<[u8; 32]> {
+    save_used(policy, tokenizer, Some(inference), path)
+}
+
+fn save_used(
+    policy: &Policy,
+    tokenizer: &PolicyTokenizer,
+    inference: Option<&Inference>,
+    path: &Path,
+) -> Result<[u8; 32]> {
     let unfinished = path.with_extension("unfinished");
     let written = || -> io::Result<Written> {
         let file = File::create(&unfinished)?;
         let out = io::BufWriter::with_capacity(1 << 20, &file);
-        let written = write(policy, tokenizer, out)?;
+        let written = write_used(policy, tokenizer, inference, out)?;
         file.sync_all()?;
         std::fs::rename(&unfinished, path)?;
         Ok(written)
@@ -119,7 +180,12 @@ pub fn save(policy: &Policy, tokenizer: &PolicyTokenizer, path: &Path) -> Result
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{init::init_policy, tokenizer::Tokenizer, Profile};
+    use crate::{
+        dataset::{Normalizer, Stats},
+        init::init_policy,
+        tokenizer::Tokenizer,
+        Profile,
+    };
     use serde_json::json;
 
     fn micro() -> PolicyFile {
@@ -220,6 +286,44 @@ mod tests {
             let error = load(&dir.path().join("none")).err().unwrap().to_string();
             assert!(error.contains("none"), "{error}");
         }
+    }
+
+    #[test]
+    fn how_a_policy_is_used_comes_back_and_changes_nothing_else() {
+        let (dir, file) = (tempfile::tempdir().unwrap(), micro());
+        let path = dir.path().join("policy.safetensors");
+        save(&file.policy, &file.tokenizer, &path).unwrap();
+        assert_eq!(inference(&path).unwrap(), Inference::default());
+        let with = |dim: usize| Inference {
+            num_steps: 3,
+            stats: Some(Stats {
+                state: Normalizer::new(vec![0.3; dim], vec![0.7; dim]).unwrap(),
+                action: Normalizer::identity(dim).unwrap(),
+            }),
+            ..Inference::default()
+        };
+        save_trained(&file.policy, &file.tokenizer, &with(6), &path).unwrap();
+        assert_eq!(inference(&path).unwrap(), with(6));
+        let back = load(&path).unwrap();
+        assert_eq!(back.policy, file.policy);
+        // As a network is founded on it: the same file as without.
+        assert_eq!(bytes(&back), bytes(&file));
+
+        save_trained(&file.policy, &file.tokenizer, &with(5), &path).unwrap();
+        let said = inference(&path).unwrap_err().to_string();
+        assert!(
+            said.contains("zk0.inference") && said.contains("5 state"),
+            "{said}"
+        );
+        let config = serde_json::to_string(&file.policy.config).unwrap();
+        let notes = BTreeMap::from([(CONFIG_KEY, &config[..]), (INFERENCE_KEY, "{}")]);
+        let tensors = file.policy.tensors().map(Entry::of).collect();
+        safetensors_writer::write_to(File::create(&path).unwrap(), tensors, notes).unwrap();
+        let said = inference(&path).unwrap_err().to_string();
+        assert!(
+            said.contains("policy.safetensors") && said.contains("num_steps"),
+            "{said}"
+        );
     }
 
     #[test]

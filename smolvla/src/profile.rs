@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::config::{ExpertConfig, PolicyConfig, TextConfig, VisionConfig};
+use crate::config::{ExpertConfig, PolicyConfig, TextConfig, VisionConfig, RMS_NORM_EPS};
 use crate::error::{PolicyError, Result};
 
 /// A named set of dimensions.
@@ -78,6 +78,7 @@ impl Profile {
                 max_period: 4.0,
                 prefix_length: 0,
                 camera_names: Vec::new(),
+                rms_norm_eps: RMS_NORM_EPS,
             },
             Self::Micro => PolicyConfig {
                 cameras: 2,
@@ -114,6 +115,7 @@ impl Profile {
                 max_period: 4.0,
                 prefix_length: 0,
                 camera_names: Vec::new(),
+                rms_norm_eps: RMS_NORM_EPS,
             },
             Self::Full => PolicyConfig {
                 cameras: 2,
@@ -150,6 +152,7 @@ impl Profile {
                 max_period: 4.0,
                 prefix_length: 0,
                 camera_names: Vec::new(),
+                rms_norm_eps: RMS_NORM_EPS,
             },
         }
     }

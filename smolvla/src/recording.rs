@@ -5,8 +5,8 @@ use crate::error::PolicyError;
 use crate::sample::{CameraImage, FromFrame, Observation, PreparedSample, Preparer};
 
 impl Preparer<'_> {
-    /// Prepares every frame of a recording, in order, normalising with the recording's own statistics. `progress` is
-    /// called with the frames done and their total.
+    /// Prepares every frame of a recording, in order, normalised with [`Dataset::normalisation`]. `progress` is called with
+    /// the frames done and their total.
     pub fn prepare_dataset(
         &self,
         dataset: &Dataset,
@@ -63,10 +63,11 @@ impl Preparer<'_> {
     }
 }
 
-/// Brings a frame's state and actions to mean 0 and standard deviation 1 over the recording.
+/// Brings a frame's state and actions to mean 0 and standard deviation 1, by the recording's statistics unless it was given
+/// others.
 pub(crate) fn normalise(dataset: &Dataset, frame: &mut Frame) {
-    dataset.stats().state.normalize(&mut frame.state);
-    dataset.stats().action.normalize(&mut frame.actions);
+    dataset.normalisation().state.normalize(&mut frame.state);
+    dataset.normalisation().action.normalize(&mut frame.actions);
 }
 
 /// Preparing a whole recording can fail in the recording or in the policy.

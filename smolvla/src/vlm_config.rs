@@ -2,7 +2,7 @@
 
 use serde::Deserialize;
 
-use crate::config::{TextConfig, VisionConfig, CHANNELS, LAYER_NORM_EPS, RMS_NORM_EPS};
+use crate::config::{TextConfig, VisionConfig, CHANNELS, LAYER_NORM_EPS};
 use crate::error::{PolicyError, Result};
 use crate::profile::Profile;
 
@@ -12,12 +12,14 @@ const SMOLVLM2_500M: &str = "HuggingFaceTB/SmolVLM2-500M-Video-Instruct";
 const SMOLVLM2_500M_LAYERS: usize = 32;
 
 /// A vision-language model as it was built: with all of its language layers.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct VlmDims {
     /// Vision tower and connector.
     pub vision: VisionConfig,
     /// Language layers, all of them.
     pub text: TextConfig,
+    /// Epsilon of their norms.
+    pub rms_norm_eps: f64,
 }
 
 impl VlmDims {
@@ -30,6 +32,7 @@ impl VlmDims {
                 layers: SMOLVLM2_500M_LAYERS,
                 ..full.text
             },
+            rms_norm_eps: full.rms_norm_eps,
         })
     }
 
@@ -66,6 +69,7 @@ impl VlmDims {
                 head_dim,
                 vocabulary: text.vocab_size,
             },
+            rms_norm_eps: text.rms_norm_eps,
         })
     }
 }
@@ -132,7 +136,7 @@ struct TextJson {
     mlp_bias: bool,
 }
 
-/// `LlamaConfig`'s default, which SmolVLM does not use: a file that leaves it out is of another model.
+/// `LlamaConfig`'s default, which the published SmolVLM does not use: its file names its own.
 fn llama_rms_norm_eps() -> f64 {
     1e-6
 }
@@ -163,13 +167,6 @@ fn refuse_unsupported(vlm: &VlmJson) -> Result<()> {
             format!(
                 "the vision tower's `hidden_act` is `{}`, only `gelu_pytorch_tanh` is implemented",
                 vision.hidden_act
-            ),
-        ),
-        (
-            text.rms_norm_eps != RMS_NORM_EPS,
-            format!(
-                "`rms_norm_eps` is {}, only {RMS_NORM_EPS} is implemented",
-                text.rms_norm_eps
             ),
         ),
         (

@@ -5,6 +5,7 @@ mod reference;
 use std::collections::BTreeMap;
 
 use reference::{fixtures, published_parameters};
+use zk0_smolvla::fixed_point::dims;
 use zk0_smolvla::layout::{checkpoint_layout, expert_layout, policy_layout, Layout};
 use zk0_smolvla::{LeRobotConfig, PolicyConfig, PolicyError, Profile};
 
@@ -230,6 +231,51 @@ fn layer_kinds_follow_lerobots_rule() {
     assert_eq!(kinds(&[("attention_mode", "self_attn".into())]), [Joint; 4]);
 }
 
+/// Policy files of the published epsilon do not name it: they, and digests of them, are what they were without that field.
+#[test]
+fn the_norms_epsilon_is_the_vlms() {
+    let parsed = |vlm: &serde_json::Value| {
+        PolicyConfig::from_lerobot(&text("policy_config.json"), &vlm.to_string()).unwrap()
+    };
+    let back = |config: &PolicyConfig| -> (String, PolicyConfig) {
+        let text = serde_json::to_string(config).unwrap();
+        let config = serde_json::from_str(&text).unwrap();
+        (text, config)
+    };
+    let mut vlm = json("vlm_config.json");
+    let usual = parsed(&vlm);
+    assert_eq!(usual.rms_norm_eps, 1e-5);
+    let (text, read) = back(&usual);
+    assert!(!text.contains("rms_norm_eps"), "{text}");
+    assert_eq!(read, usual);
+
+    vlm["text_config"]["rms_norm_eps"] = 3e-2.into();
+    let other = parsed(&vlm);
+    assert_eq!(other.rms_norm_eps, 3e-2);
+    assert_eq!(back(&other).1, other);
+
+    vlm["text_config"]
+        .as_object_mut()
+        .unwrap()
+        .remove("rms_norm_eps");
+    assert_eq!(parsed(&vlm).rms_norm_eps, 1e-6, "LlamaConfig's default");
+}
+
+#[test]
+fn what_the_evaluation_has_as_a_constant_must_be_the_policys() {
+    type Change = fn(&mut PolicyConfig);
+    let changes: [(Change, &str); 2] = [
+        (|c| c.rms_norm_eps = 1e-6, "rms_norm_eps"),
+        (|c| c.min_period = 0.005, "time periods"),
+    ];
+    for (change, named) in changes {
+        let mut config = Profile::Micro.config();
+        change(&mut config);
+        let error = dims(&config).unwrap_err().to_string();
+        assert!(error.contains(named), "{error}");
+    }
+}
+
 #[test]
 fn training_presets_and_lerobots_defaults() {
     let config = LeRobotConfig::parse(
@@ -294,13 +340,20 @@ fn unsupported_or_impossible_configurations_are_refused_by_name() {
         let error = parse(&policy_json(&[(key, value)])).unwrap_err();
         assert!(matches!(error, PolicyError::Config(_)), "{key}: {error}");
     }
+    let special = parse(&policy_json(&[("add_image_special_tokens", true.into())])).unwrap_err();
+    let special = special.to_string();
+    assert!(
+        special.contains("`add_image_special_tokens` is not implemented"),
+        "{special}"
+    );
     for (part, key, value) in [
         ("text_config", "num_attention_heads", 0.into()),
         ("text_config", "num_key_value_heads", 4.into()),
         ("text_config", "head_dim", 7.into()),
         ("text_config", "hidden_size", usize::MAX.into()),
         ("text_config", "attention_bias", true.into()),
-        ("text_config", "rms_norm_eps", 1e-6.into()),
+        ("text_config", "rms_norm_eps", 0.0.into()),
+        ("text_config", "rms_norm_eps", (-1e-5).into()),
         ("vision_config", "patch_size", 0.into()),
         ("vision_config", "patch_size", 65.into()),
         ("vision_config", "patch_size", 20.into()),

@@ -2,10 +2,10 @@
 
 use std::path::PathBuf;
 
-use zk0_smolvla::dataset::Dataset;
+use zk0_smolvla::dataset::{Dataset, Normalizer, Stats};
 use zk0_smolvla::evaluate::{evaluate, fixed_draws};
 use zk0_smolvla::init::init_policy;
-use zk0_smolvla::sample::Preparer;
+use zk0_smolvla::sample::{PreparedSample, Preparer};
 use zk0_smolvla::tokenizer::WordHash;
 use zk0_smolvla::train::{train, TrainOptions};
 use zk0_smolvla::Profile;
@@ -54,4 +54,55 @@ fn a_recording_is_prepared_and_learnt_from() {
     let (before, after) = (loss(&policy.expert), loss(&trained.weights));
     println!("{before:.4} -> {after:.4}");
     assert!(after < 0.7 * before, "{before} -> {after}");
+}
+
+/// Two recordings as a policy meets them that is trained on both: under one normaliser, of all their frames.
+#[test]
+fn recordings_are_normalised_together() {
+    let open = |name: &str| {
+        let fixtures = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../tests/fixtures");
+        Dataset::open(fixtures.join("datasets").join(name)).unwrap()
+    };
+    let mut datasets = ["so100_pickplace", "so100_sorting"].map(open);
+    let [a, b] = &datasets;
+    let own = [(a.stats(), a.len()), (b.stats(), b.len())];
+    assert_eq!(Stats::pooled(&own[..1]).unwrap(), *a.stats(), "to the bit");
+    let pooled = Stats::pooled(&own).unwrap();
+    assert_ne!(pooled, *a.stats());
+    assert_eq!(Stats::pooled(&[]), None);
+    let five = Normalizer::identity(5).unwrap();
+    let other = Stats {
+        state: five.clone(),
+        action: five,
+    };
+    assert_eq!(Stats::pooled(&[own[0], (&other, 3)]), None);
+
+    let policy = init_policy(&Profile::Micro.config(), 1).unwrap();
+    let tokenizer = WordHash::new(&policy.config);
+    let preparer = Preparer::new(&policy, &tokenizer).unwrap();
+    let mut actions: Vec<Vec<f32>> = Vec::new();
+    for dataset in &mut datasets {
+        let said = dataset
+            .normalise_with(other.clone())
+            .unwrap_err()
+            .to_string();
+        assert!(said.contains("have 5 and 5"), "{said}");
+        dataset.normalise_with(pooled.clone()).unwrap();
+        let mut loader = dataset.loader(policy.config.chunk_size).unwrap();
+        for frame in 0..dataset.len() {
+            let sample: PreparedSample =
+                preparer.prepare_frame(dataset, &mut loader, frame).unwrap();
+            actions.push(sample.actions[..6].to_vec());
+        }
+    }
+    let frames = actions.len() as f32;
+    for dim in 0..6 {
+        let mean = actions.iter().map(|a| a[dim]).sum::<f32>() / frames;
+        let spread = actions.iter().map(|a| (a[dim] - mean).powi(2));
+        let variance = spread.sum::<f32>() / frames;
+        assert!(
+            mean.abs() < 1e-3 && (variance - 1.0).abs() < 1e-2,
+            "{mean} {variance}"
+        );
+    }
 }

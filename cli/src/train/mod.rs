@@ -1,6 +1,7 @@
 //! `zk0 train`: fits a policy to recordings on this machine. May be stopped at any moment and resumed: the result is the
 //! same, byte for byte.
 
+mod lerobot;
 mod metrics;
 mod options;
 mod report;
@@ -24,8 +25,9 @@ use std::{
 use zk0_prover::progress::Progress;
 use zk0_smolvla::{
     adaptive::{boost, Boost},
-    dataset::Dataset,
+    dataset::{Dataset, Stats},
     evaluate::{fixed_draws, FlowDraw},
+    inference::Inference,
     layout::expert_layout,
     policy_file::{self, PolicyFile},
     prefix_cache::{digest_of, FrameMaker, FrameRef, KeySpace},
@@ -57,17 +59,24 @@ fn train<S: Kind>(options: &Options) -> Result<()> {
     fs::create_dir_all(out).with_context(|| format!("creating {}", out.display()))?;
     let _lock = lock(out)?;
 
+    let inference = source.inference()?;
     let datasets = options.datasets.iter().map(RecordingName::open);
-    let datasets = datasets.collect::<Result<Vec<_>>>()?;
+    let mut datasets = datasets.collect::<Result<Vec<_>>>()?;
     let PolicyFile {
         mut policy,
         tokenizer,
     } = source.load()?;
     let (config, tokenizer) = (policy.config.clone(), &tokenizer);
+    let stats = normalise(&config, &inference, &mut datasets)?;
+    lerobot::check(&source, out, &stats, options.resume)?;
+    let inference = Inference {
+        stats: Some(stats.clone()),
+        ..inference
+    };
     let cache = options.cache.open()?;
     let space = KeySpace::new::<S>(&policy, &at);
     let naming = Naming::new(space, &config, tokenizer, cache.as_ref());
-    let chosen = Chosen::of(options, &config, &datasets, naming)?;
+    let chosen = Chosen::of(options, &datasets, naming)?;
     let data = digest_of(chosen.train.iter().map(|frame| frame.key));
 
     // At the published size the frozen half is 1.2 GB: nobody holds it for longer than needed.
@@ -89,8 +98,8 @@ fn train<S: Kind>(options: &Options) -> Result<()> {
 
     let start = |training: TrainOptions| {
         let (samples, frozen) = (S::samples(&ours), frozen.as_ref());
-        let (device, expert) = (&at.device, &policy.expert);
-        Trainer::on(device, &config, expert, frozen, samples, training)
+        let (place, expert) = (&at, &policy.expert);
+        Trainer::on(place, &config, expert, frozen, samples, training)
     };
     let mut trainer = start(training.clone())?;
     let boosted = boosted(options, &trainer, S::samples(&ours))?;
@@ -108,6 +117,7 @@ fn train<S: Kind>(options: &Options) -> Result<()> {
         &trainer,
         &identity,
         chosen.recordings,
+        &inference,
         boosted,
     )?;
     drop(frozen);
@@ -141,12 +151,16 @@ fn train<S: Kind>(options: &Options) -> Result<()> {
     let values = trainer.values()?;
     drop(trainer);
 
+    let precision = options.lerobot_precision();
+    // Should it fail, what was trained is saved all the same.
+    let lerobot = lerobot::write(&source, out, &values, &stats, precision);
     let mut policy = source.policy()?;
     place(&mut policy, values)?;
-    let digest = policy_file::save(&policy, tokenizer, &out.join("model.safetensors"))?;
+    let model = out.join("model.safetensors");
+    let digest = policy_file::save_trained(&policy, tokenizer, &inference, &model)?;
     let curves = metrics::curves(&metrics::read(&lines)?);
     chart::draw_training(&out.join("loss"), &curves)?;
-    report.ended(Ended::new(&digest, made, seconds, evaluated));
+    report.ended(Ended::new(&digest, lerobot?, made, seconds, evaluated));
     report.write(out)?;
     println!("{}", report.summary(out));
     Ok(())
@@ -160,19 +174,13 @@ struct Chosen {
 }
 
 impl Chosen {
-    fn of(
-        options: &Options,
-        config: &PolicyConfig,
-        datasets: &[Dataset],
-        mut naming: Naming,
-    ) -> Result<Self> {
+    fn of(options: &Options, datasets: &[Dataset], mut naming: Naming) -> Result<Self> {
         let mut chosen = Self {
             train: Vec::new(),
             held_out: Vec::new(),
             recordings: Vec::new(),
         };
         for (number, dataset) in datasets.iter().enumerate() {
-            fits(config, dataset)?;
             let episodes = dataset.episodes();
             let split = Split::of(episodes.len(), options.eval_episodes, options.seed)
                 .with_context(|| format!("recording {}", dataset.root().display()))?;
@@ -280,6 +288,25 @@ fn lock(out: &Path) -> Result<File> {
             Err(error).with_context(|| format!("locking {}", path.display()))
         }
     }
+}
+
+/// Has all recordings normalised with the same statistics, those of all their frames, as the policy is used after training: with
+/// one normaliser for states and one for actions. Returns them.
+fn normalise(
+    config: &PolicyConfig,
+    inference: &Inference,
+    datasets: &mut [Dataset],
+) -> Result<Stats> {
+    for dataset in datasets.iter() {
+        fits(config, dataset)?;
+    }
+    let parts: Vec<_> = datasets.iter().map(|d| (d.stats(), d.len())).collect();
+    let stats = Stats::pooled(&parts).context("statistics of the recordings together")?;
+    let stats = inference.fitted(&stats);
+    for dataset in datasets {
+        dataset.normalise_with(stats.clone())?;
+    }
+    Ok(stats)
 }
 
 /// Refuses a recording that cannot be the policy's before minutes are spent on it.

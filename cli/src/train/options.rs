@@ -11,6 +11,7 @@ use serde::Serialize;
 use std::path::PathBuf;
 use zk0_smolvla::{
     adaptive::{follow, Rates, Trend},
+    checkpoint::Precision,
     optimizer::AdamWOptions,
     schedule::Schedule,
     train::TrainOptions,
@@ -18,10 +19,11 @@ use zk0_smolvla::{
 };
 
 /// Train a policy on recordings. Leaves `model.safetensors`, `run.json`, `metrics.jsonl`, the loss chart and the checkpoints
-/// in the folder named by `--out`.
+/// in the folder named by `--out`; and `lerobot/`, which LeRobot loads, where it starts from a folder of LeRobot's.
 #[derive(Debug, clap::Args)]
 pub struct Options {
-    /// A recording (LeRobotDataset folder, or hub:owner/name[@revision]); several are trained on together.
+    /// A recording (LeRobotDataset folder, or hub:owner/name[@revision]); several are trained on together, normalised with the
+    /// mean and standard deviation over all their frames.
     #[arg(long = "dataset", value_name = "RECORDING", required = true)]
     pub datasets: Vec<RecordingName>,
     /// The policy to start from: a policy file, or a folder of LeRobot's.
@@ -79,6 +81,10 @@ pub struct Options {
     /// The average loss that training on these recordings had in the rounds before.
     #[arg(long, value_name = "LOSS", requires = "lr_boost")]
     pub prior_loss: Option<f64>,
+    /// Write the trained tensors of `lerobot/` in F32. Else each has the type that it has in the folder of `--policy`: in BF16 it
+    /// is rounded to 8 bits.
+    #[arg(long)]
+    lerobot_f32: bool,
     /// Train the state projection too, as LeRobot does: its token then runs through the language layers at every step.
     #[arg(long)]
     pub train_state_proj: bool,
@@ -122,6 +128,14 @@ impl Options {
     /// The policy to start from.
     pub fn source(&self) -> Result<PolicySource> {
         policy_source::one(self.policy.as_ref(), self.profile, self.seed)
+    }
+
+    /// In which type `lerobot/` has what was trained.
+    pub fn lerobot_precision(&self) -> Precision {
+        match self.lerobot_f32 {
+            true => Precision::Single,
+            false => Precision::Kept,
+        }
     }
 
     /// Where the global model's loss goes.

@@ -3,10 +3,14 @@
 use super::Options;
 use anyhow::{Context, Result};
 use serde::Serialize;
-use std::{fs, path::Path};
+use std::{
+    fs,
+    path::{Path, PathBuf},
+};
 use zk0_smolvla::{
     adaptive::Trend,
     frozen::{FrozenPlace, FrozenPrecision},
+    inference::Inference,
     train::{checkpoints::RunIdentity, split::Split, TrainOptions, TrainScope, Trainer},
 };
 
@@ -26,6 +30,8 @@ pub struct Report {
     /// What the learning rate was multiplied by for a high loss at the start.
     lr_boost: f64,
     recordings: Vec<Recording>,
+    /// How the policy is used afterwards: what samples are normalised with is in it.
+    inference: Inference,
     identity: RunIdentity,
     /// Once all steps are made.
     ended: Option<Ended>,
@@ -58,6 +64,8 @@ pub struct Evaluated {
 pub struct Ended {
     /// SHA-256 of `model.safetensors`.
     model_sha256: String,
+    /// The folder for LeRobot, where the run started from one.
+    lerobot: Option<PathBuf>,
     /// Steps made by the process that ended the run.
     steps: usize,
     /// How long they took it, evaluations and checkpoints included.
@@ -67,9 +75,16 @@ pub struct Ended {
 
 impl Ended {
     /// After `steps` steps in `seconds`.
-    pub fn new(model: &[u8], steps: usize, seconds: f64, held_out: Option<Evaluated>) -> Self {
+    pub fn new(
+        model: &[u8],
+        lerobot: Option<PathBuf>,
+        steps: usize,
+        seconds: f64,
+        held_out: Option<Evaluated>,
+    ) -> Self {
         Self {
             model_sha256: hex::encode(model),
+            lerobot,
             steps,
             seconds,
             held_out,
@@ -85,6 +100,7 @@ impl Report {
         trainer: &Trainer,
         identity: &RunIdentity,
         recordings: Vec<Recording>,
+        inference: &Inference,
         lr_boost: f64,
     ) -> Result<Self> {
         Ok(Self {
@@ -97,6 +113,7 @@ impl Report {
             trend: options.trend()?,
             lr_boost,
             recordings,
+            inference: inference.clone(),
             identity: identity.clone(),
             ended: None,
         })
@@ -124,6 +141,9 @@ impl Report {
             model.display()
         );
         if let Some(ended) = &self.ended {
+            if let Some(folder) = &ended.lerobot {
+                text += &format!("\nfor LeRobot: {}", folder.display());
+            }
             if ended.steps > 0 {
                 let each = ended.seconds / ended.steps as f64;
                 text += &format!("\n{each:.3} s a step over the {} made now", ended.steps);

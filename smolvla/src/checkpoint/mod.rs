@@ -10,8 +10,9 @@
 //!
 //! [`Checkpoint::open`] checks names, shapes and types against the layout that follows from the configuration, without reading
 //! a single weight. [`Checkpoint::write`] leaves a folder that LeRobot loads, in which nothing differs but the weights that it
-//! was given.
+//! was given; [`Checkpoint::write_trained`] one with a recording's statistics besides.
 
+mod other_stats;
 mod stats;
 mod write;
 

@@ -1,12 +1,13 @@
-//! The statistics that a checkpoint normalises states and actions with.
+//! The statistics that a checkpoint normalises states and actions with: where they are, and reading them.
 
 use std::path::{Component, Path};
 
 use serde::Deserialize;
 
-use super::{read_json, Checkpoint};
+use super::{read_json, Checkpoint, CONFIG};
 use crate::dataset::{Normalizer, Stats};
 use crate::error::{PolicyError, Result};
+use crate::inference::{Inference, Normalisation};
 use crate::safetensors_file::TensorFile;
 
 /// A pipeline of LeRobot's processors, as far as needed.
@@ -21,56 +22,88 @@ struct Step {
     state_file: Option<String>,
 }
 
+/// A feature that is normalised.
+pub(super) struct Normalised {
+    /// Its name, among a processor's statistics too.
+    pub name: &'static str,
+    /// LeRobot 0.3 kept the same under these names among the weights; the first is the one that is read.
+    pub buffers: &'static [&'static str],
+    /// The file of a pipeline.
+    pub pipeline: &'static str,
+    /// The processor in it.
+    pub processor: &'static str,
+}
+
+pub(super) const STATE: Normalised = Normalised {
+    name: "observation.state",
+    buffers: &["normalize_inputs.buffer_observation_state"],
+    pipeline: "policy_preprocessor.json",
+    processor: "normalizer_processor",
+};
+pub(super) const ACTION: Normalised = Normalised {
+    name: "action",
+    buffers: &[
+        "unnormalize_outputs.buffer_action",
+        "normalize_targets.buffer_action",
+    ],
+    pipeline: "policy_postprocessor.json",
+    processor: "unnormalizer_processor",
+};
+
 impl Checkpoint {
+    /// How the policy is used: its Euler steps, and how states and actions are normalised.
+    ///
+    /// # Errors
+    /// As [`Self::stats`].
+    pub fn inference(&self) -> Result<Inference> {
+        let (state, action) = self.modes()?;
+        Ok(Inference {
+            num_steps: self.config.num_steps,
+            state,
+            action,
+            stats: self.stats()?,
+        })
+    }
+
+    /// How states and actions are normalised.
+    pub(super) fn modes(&self) -> Result<(Normalisation, Normalisation)> {
+        self.config
+            .modes()
+            .map_err(|e| e.within(&self.folder.join(CONFIG)))
+    }
+
     /// The statistics of states and actions, `None` where the checkpoint has none: then those of the recording count.
     ///
     /// # Errors
-    /// [`PolicyError::AtPath`] when they are there but cannot be used, and [`PolicyError::Config`] for a normalisation other than
-    /// by mean and standard deviation, or none.
+    /// [`PolicyError::AtPath`] when they are there but cannot be used, and for a normalisation other than by mean and standard
+    /// deviation, or none.
     pub fn stats(&self) -> Result<Option<Stats>> {
-        let (c, dims) = (&self.config, &self.config.dims);
-        let state = self.normalizer(
-            &c.state_normalisation,
-            ("observation.state", dims.state_dim),
-            ("policy_preprocessor.json", "normalizer_processor"),
-            "normalize_inputs.buffer_observation_state",
-        )?;
-        let action = self.normalizer(
-            &c.action_normalisation,
-            ("action", dims.action_dim),
-            ("policy_postprocessor.json", "unnormalizer_processor"),
-            "unnormalize_outputs.buffer_action",
-        )?;
+        let dims = &self.config.dims;
+        let modes = self.modes()?;
+        let state = self.normalizer(modes.0, &STATE, dims.state_dim)?;
+        let action = self.normalizer(modes.1, &ACTION, dims.action_dim)?;
         Ok(match (state, action) {
             (Some(state), Some(action)) => Some(Stats { state, action }),
             _ => None,
         })
     }
 
-    /// `feature` is a name and its dimensions, `pipeline` a file and the processor in it, `buffer` where LeRobot 0.3 kept the
-    /// same among the weights.
     fn normalizer(
         &self,
-        mode: &str,
-        feature: (&str, usize),
-        pipeline: (&str, &str),
-        buffer: &str,
+        mode: Normalisation,
+        feature: &Normalised,
+        dim: usize,
     ) -> Result<Option<Normalizer>> {
-        let (name, dim) = feature;
-        if mode == "IDENTITY" {
-            return Ok(Normalizer::new(vec![0.0; dim], vec![1.0; dim]));
+        let name = feature.name;
+        if mode == Normalisation::Identity {
+            return Ok(Normalizer::identity(dim));
         }
-        if mode != "MEAN_STD" {
-            return Err(PolicyError::Config(format!(
-                "`{name}` is normalised by `{mode}`; only `MEAN_STD` and `IDENTITY` are implemented"
-            )));
-        }
-        let path = self.folder.join(pipeline.0);
+        let path = self.folder.join(feature.pipeline);
         if path.exists() {
             let parsed: Pipeline = serde_json::from_str(&read_json(&path)?)
                 .map_err(|e| PolicyError::file(&path, e))?;
             let mut steps = parsed.steps.into_iter();
-            let step = steps.find(|step| step.registry_name.as_deref() == Some(pipeline.1));
+            let step = steps.find(|step| step.registry_name.as_deref() == Some(feature.processor));
             // A processor without state was saved before it saw a recording.
             let Some(state_file) = step.and_then(|step| step.state_file) else {
                 return Ok(None);
@@ -81,6 +114,7 @@ impl Checkpoint {
                 None => Ok(None),
             };
         }
+        let buffer = feature.buffers[0];
         match self.weights.info(&format!("{buffer}.mean")) {
             Some(_) => read(&self.weights, buffer, dim).map(Some),
             None => Ok(None),
@@ -108,7 +142,7 @@ fn read(file: &TensorFile, name: &str, dim: usize) -> Result<Normalizer> {
 }
 
 /// The name of a file in the folder itself: a pipeline must not lead out of it.
-fn plain_name<'a>(pipeline: &Path, name: &'a str) -> Result<&'a str> {
+pub(super) fn plain_name<'a>(pipeline: &Path, name: &'a str) -> Result<&'a str> {
     let mut parts = Path::new(name).components();
     match (parts.next(), parts.next()) {
         (Some(Component::Normal(_)), None) => Ok(name),

@@ -9,11 +9,13 @@ use std::path::Path;
 use safetensors::tensor::{Dtype, TensorInfo};
 use serde::ser::{Serialize, SerializeMap, Serializer};
 
+use super::other_stats::OtherStats;
 use super::{Checkpoint, WEIGHTS};
+use crate::dataset::Stats;
 use crate::error::{PolicyError, Result};
 use crate::layout::policy_layout;
 use crate::safetensors_file::{encode, BLOCK};
-use crate::weights::{check_finite, TensorSet};
+use crate::weights::{check_finite, TensorData, TensorSet};
 
 /// In which type changed tensors are written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -35,6 +37,33 @@ impl Checkpoint {
     /// [`PolicyError::AtPath`] when a file cannot be read or written, or `to` holds something; and when `changed` has a tensor that
     /// the policy does not have, of another shape, with a number that is not finite, or too large for the type that is kept.
     pub fn write(&self, to: &Path, changed: &TensorSet, precision: Precision) -> Result<()> {
+        self.write_copy(to, changed, &OtherStats::default(), precision)
+    }
+
+    /// [`Self::write`] for weights that were trained on recordings with the statistics `stats`: these replace the source's,
+    /// where it keeps them. Where it keeps none they go into the state of its processors; and where it has no processors,
+    /// among the weights, as LeRobot 0.3 has it.
+    ///
+    /// # Errors
+    /// As [`Self::write`]; and when the source normalises in a way that is not implemented, `stats` are not of its dimensions, or
+    /// a processor's file is not what LeRobot writes.
+    pub fn write_trained(
+        &self,
+        to: &Path,
+        changed: &TensorSet,
+        stats: &Stats,
+        precision: Precision,
+    ) -> Result<()> {
+        self.write_copy(to, changed, &self.other_stats(stats)?, precision)
+    }
+
+    fn write_copy(
+        &self,
+        to: &Path,
+        changed: &TensorSet,
+        stats: &OtherStats,
+        precision: Precision,
+    ) -> Result<()> {
         self.check_changed(changed)?;
         let failed = |path: &Path| {
             let path = path.to_path_buf();
@@ -48,12 +77,32 @@ impl Checkpoint {
             ));
         }
         for name in self.other_files()? {
+            if name
+                .to_str()
+                .is_some_and(|name| stats.files.contains_key(name))
+            {
+                continue;
+            }
             let (source, target) = (self.folder.join(&name), to.join(&name));
             fs::copy(&source, &target).map_err(failed(&target))?;
+            let copy = File::open(&target).map_err(failed(&target))?;
+            copy.sync_all().map_err(failed(&target))?;
+        }
+        for (name, content) in &stats.files {
+            let target = to.join(name);
+            let mut file = File::create_new(&target).map_err(failed(&target))?;
+            file.write_all(content).map_err(failed(&target))?;
+            file.sync_all().map_err(failed(&target))?;
         }
         let partial = to.join(format!("{WEIGHTS}.partial"));
         let file = File::create_new(&partial).map_err(failed(&partial))?;
-        self.write_weights(&file, &partial, changed, precision)?;
+        let weights = NewWeights {
+            source: self,
+            changed,
+            stats: &stats.tensors,
+            precision,
+        };
+        weights.write(&file, &partial)?;
         file.sync_all().map_err(failed(&partial))?;
         fs::rename(&partial, to.join(WEIGHTS)).map_err(failed(&partial))?;
         let folder = File::open(to).map_err(failed(to))?;
@@ -98,20 +147,27 @@ impl Checkpoint {
         }
         Ok(())
     }
+}
 
-    fn write_weights(
-        &self,
-        file: &File,
-        path: &Path,
-        changed: &TensorSet,
-        precision: Precision,
-    ) -> Result<()> {
+/// The content of the copy's file of weights.
+struct NewWeights<'a> {
+    source: &'a Checkpoint,
+    /// Weights that replace the source's.
+    changed: &'a TensorSet,
+    /// Statistics, in F32 whatever the source has them in: a standard deviation does not bear rounding.
+    stats: &'a TensorSet,
+    precision: Precision,
+}
+
+impl NewWeights<'_> {
+    fn write(&self, file: &File, path: &Path) -> Result<()> {
         let failed = |e: io::Error| PolicyError::file(path, e);
-        let header = Header::of(self, changed, precision);
+        let source = &self.source.weights;
+        let header = Header::of(self);
         let mut out = BufWriter::with_capacity(BLOCK, file);
         let bytes = match &header {
             // Not a byte of it differs: even its order and spacing are kept.
-            None => self.weights.header().to_vec(),
+            None => source.header().to_vec(),
             Some(header) => header.to_bytes()?,
         };
         out.write_all(&(bytes.len() as u64).to_le_bytes())
@@ -119,18 +175,14 @@ impl Checkpoint {
         out.write_all(&bytes).map_err(failed)?;
 
         let entries = match header {
-            None => self
-                .weights
-                .names()
-                .into_iter()
-                .map(|n| (n, None))
-                .collect(),
+            None => source.names().into_iter().map(|n| (n, None)).collect(),
             Some(header) => header.types(),
         };
         for (name, dtype) in entries {
-            match (changed.get(&name), self.weights.info(&name)) {
-                (Some(tensor), Some(info)) => {
-                    let dtype = dtype.unwrap_or(info.dtype);
+            let info = source.info(&name);
+            match self.replacement(&name) {
+                Some(tensor) => {
+                    let dtype = dtype.or(info.map(|i| i.dtype)).unwrap_or(Dtype::F32);
                     for block in tensor.data.chunks(BLOCK / 4) {
                         let bytes = encode(dtype, block).ok_or_else(|| {
                             PolicyError::file(
@@ -141,12 +193,16 @@ impl Checkpoint {
                         out.write_all(&bytes).map_err(failed)?;
                     }
                 }
-                _ => self
-                    .weights
-                    .each_block(&name, &mut |block| out.write_all(block).map_err(failed))?,
+                None => {
+                    source.each_block(&name, &mut |block| out.write_all(block).map_err(failed))?
+                }
             }
         }
         out.flush().map_err(failed)
+    }
+
+    fn replacement(&self, name: &str) -> Option<&TensorData> {
+        self.stats.get(name).or_else(|| self.changed.get(name))
     }
 }
 
@@ -157,19 +213,33 @@ struct Header {
 }
 
 impl Header {
-    /// `None` when every tensor has the type it had.
-    fn of(source: &Checkpoint, changed: &TensorSet, precision: Precision) -> Option<Self> {
+    /// `None` when there are the tensors that there were, each of the type and shape it had.
+    fn of(new: &NewWeights) -> Option<Self> {
+        let source = &new.source.weights;
         let mut same = true;
         let mut tensors: Vec<(String, TensorInfo)> = Vec::new();
-        for name in source.weights.names() {
-            let Some(mut info) = source.weights.info(&name).cloned() else {
+        for name in source.names() {
+            let Some(mut info) = source.info(&name).cloned() else {
                 continue;
             };
-            if precision == Precision::Single && changed.contains_key(&name) {
+            if new.stats.contains_key(&name) {
+                continue;
+            }
+            if new.precision == Precision::Single && new.changed.contains_key(&name) {
                 same &= info.dtype == Dtype::F32;
                 info.dtype = Dtype::F32;
             }
             tensors.push((name, info));
+        }
+        for (name, tensor) in new.stats {
+            let found = source.info(name);
+            same &= found.is_some_and(|i| i.dtype == Dtype::F32 && i.shape == tensor.shape);
+            let info = TensorInfo {
+                dtype: Dtype::F32,
+                shape: tensor.shape.clone(),
+                data_offsets: (0, 0),
+            };
+            tensors.push((name.clone(), info));
         }
         if same {
             return None;
@@ -182,7 +252,7 @@ impl Header {
             info.data_offsets = (start, start + bits / 8);
             start += bits / 8;
         }
-        let metadata = source.weights.metadata().as_ref();
+        let metadata = source.metadata().as_ref();
         Some(Self {
             metadata: metadata.map(|m| m.iter().map(|(k, v)| (k.clone(), v.clone())).collect()),
             tensors,

@@ -1,8 +1,5 @@
 //! `meta/episodes_stats.jsonl` of v2.1: moments of every episode, pooled into those of the recording as LeRobot's
 //! `aggregate_stats` does it.
-//!
-//! With n frames in an episode of mean m and standard deviation s, and M the mean over all frames:
-//! M = sum(n m) / sum(n), and the variance is sum(n (s² + (m - M)²)) / sum(n).
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -11,7 +8,7 @@ use serde::Deserialize;
 
 use super::info::{ACTION, STATE};
 use super::json;
-use super::stats::{Moments, Normalizer};
+use super::stats::{pool, Moments, Normalizer};
 use super::{DatasetError, Info, Stats};
 
 #[derive(Deserialize)]
@@ -71,7 +68,10 @@ pub(super) fn read(root: &Path, info: &Info) -> Result<Stats, DatasetError> {
         ));
     }
     let pooled = |name: &str, dim: usize, of: fn(&EpisodeStats) -> &FeatureStats| {
-        let all: Vec<&FeatureStats> = lines.values().map(of).collect();
+        let all: Vec<_> = lines
+            .values()
+            .map(|line| (&of(line).moments, of(line).count[0]))
+            .collect();
         Normalizer::of(&pool(&all, dim), dim)
             .map_err(|cause| DatasetError::meta(&path, format!("{name}: {cause}")))
     };
@@ -94,23 +94,4 @@ impl FeatureStats {
         }
         Normalizer::of(&self.moments, dim).map(|_| ())
     }
-}
-
-/// Moments of all frames together; every entry has `dim` dimensions and a count.
-fn pool(episodes: &[&FeatureStats], dim: usize) -> Moments {
-    let total: f64 = episodes.iter().map(|e| e.count[0]).sum();
-    let weighted = |value: &dyn Fn(&Moments) -> f64| {
-        episodes
-            .iter()
-            .map(|e| value(&e.moments) * e.count[0])
-            .sum::<f64>()
-            / total
-    };
-    let mean: Vec<f64> = (0..dim).map(|d| weighted(&|m| m.mean[d])).collect();
-    let variance = |d: usize| {
-        let spread = |m: &Moments| m.std[d].powi(2) + (m.mean[d] - mean[d]).powi(2);
-        weighted(&spread)
-    };
-    let std = (0..dim).map(|d| variance(d).sqrt()).collect();
-    Moments { mean, std }
 }

@@ -73,6 +73,16 @@ pub enum DatasetError {
         camera: String,
         source: Box<DatasetError>,
     },
+    /// Statistics to normalise with that are not of a recording like this; dimensions of states and actions.
+    #[error(
+        "{}: has {} state and {} action dimensions, the statistics to normalise it with have {} and {}",
+        path.display(), found.0, found.1, given.0, given.1
+    )]
+    Normalisation {
+        path: PathBuf,
+        given: (usize, usize),
+        found: (usize, usize),
+    },
     /// The caller asked for a frame that does not exist.
     #[error("frame {index} asked for, the recording has {len}")]
     OutOfRange { index: usize, len: usize },

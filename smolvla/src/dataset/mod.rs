@@ -68,6 +68,7 @@ pub struct Dataset {
     root: PathBuf,
     info: Info,
     stats: Stats,
+    normalisation: Option<Stats>,
     tasks: Vec<String>,
     episodes: Vec<Episode>,
     motion: Motion,
@@ -98,6 +99,7 @@ impl Dataset {
             root,
             info,
             stats,
+            normalisation: None,
             tasks,
             episodes,
             motion,
@@ -135,9 +137,31 @@ impl Dataset {
         &self.info.cameras
     }
 
-    /// What states and actions are normalised with.
+    /// The recording's own statistics.
     pub fn stats(&self) -> &Stats {
         &self.stats
+    }
+
+    /// What samples of it are normalised with: its own statistics, unless [`Dataset::normalise_with`] has given others.
+    pub fn normalisation(&self) -> &Stats {
+        self.normalisation.as_ref().unwrap_or(&self.stats)
+    }
+
+    /// Has samples of it normalised with other statistics than its own: a policy's, or those of several recordings together.
+    ///
+    /// # Errors
+    /// [`DatasetError::Normalisation`] when they are of other dimensions than its states and actions.
+    pub fn normalise_with(&mut self, stats: Stats) -> Result<(), DatasetError> {
+        let dims = |stats: &Stats| (stats.state.dim(), stats.action.dim());
+        if dims(&stats) != dims(&self.stats) {
+            return Err(DatasetError::Normalisation {
+                path: self.root.clone(),
+                given: dims(&stats),
+                found: dims(&self.stats),
+            });
+        }
+        self.normalisation = Some(stats);
+        Ok(())
     }
 
     /// Task strings; [`Frame::task_index`] points into them.

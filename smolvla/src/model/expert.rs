@@ -32,11 +32,12 @@ pub struct ExpertModel {
 impl ExpertModel {
     /// From weights of the expert (more may be there).
     pub fn new(config: &PolicyConfig, parameters: &Parameters) -> Result<Self> {
+        let eps = config.rms_norm_eps;
         Ok(Self {
             layers: (0..config.text.layers)
-                .map(|i| DecoderLayer::new(parameters, &format!("{EXPERT}.layers.{i}")))
+                .map(|i| DecoderLayer::new(parameters, &format!("{EXPERT}.layers.{i}"), eps))
                 .collect::<Result<_>>()?,
-            norm: RmsNorm::new(parameters, &format!("{EXPERT}.norm"))?,
+            norm: RmsNorm::new(parameters, &format!("{EXPERT}.norm"), eps)?,
             action_in: linear(parameters, "model.action_in_proj")?,
             action_out: linear(parameters, "model.action_out_proj")?,
             time_in: linear(parameters, "model.action_time_mlp_in")?,

@@ -7,7 +7,6 @@ use super::kernels::norm::rms_norm;
 use super::kernels::swiglu::swiglu;
 use super::observe::Site;
 use super::Parameters;
-use crate::config::RMS_NORM_EPS;
 use crate::error::Result;
 
 /// `name.weight` without a bias.
@@ -28,21 +27,27 @@ pub fn linear(parameters: &Parameters, name: &str) -> Result<Linear> {
 }
 
 /// Root-mean-square norm over the last dimension, with a gain.
-pub struct RmsNorm(Tensor);
+#[derive(Clone)]
+pub struct RmsNorm {
+    gain: Tensor,
+    eps: f64,
+}
 
 impl RmsNorm {
     /// The norm with gain `name.weight`.
-    pub fn new(parameters: &Parameters, name: &str) -> Result<Self> {
-        Ok(Self(parameters.get(&format!("{name}.weight"))?))
+    pub fn new(parameters: &Parameters, name: &str, eps: f64) -> Result<Self> {
+        let gain = parameters.get(&format!("{name}.weight"))?;
+        Ok(Self { gain, eps })
     }
 
     /// `x / sqrt(mean(x^2) + eps) * gain`.
     pub fn forward(&self, x: &Tensor) -> candle_core::Result<Tensor> {
-        rms_norm(x, &self.0, RMS_NORM_EPS)
+        rms_norm(x, &self.gain, self.eps)
     }
 }
 
 /// A Llama layer: projections, norms and MLP. The attention between them belongs to the caller.
+#[derive(Clone)]
 pub struct DecoderLayer {
     input_norm: RmsNorm,
     q: Linear,
@@ -56,16 +61,17 @@ pub struct DecoderLayer {
 }
 
 impl DecoderLayer {
-    /// The layer whose tensors begin with `name`.
-    pub fn new(parameters: &Parameters, name: &str) -> Result<Self> {
+    /// The layer whose tensors begin with `name`; `eps` is that of its norms.
+    pub fn new(parameters: &Parameters, name: &str, eps: f64) -> Result<Self> {
         let matrix = |part: &str| linear_no_bias(parameters, &format!("{name}.{part}"));
+        let norm = |part: &str| RmsNorm::new(parameters, &format!("{name}.{part}"), eps);
         Ok(Self {
-            input_norm: RmsNorm::new(parameters, &format!("{name}.input_layernorm"))?,
+            input_norm: norm("input_layernorm")?,
             q: matrix("self_attn.q_proj")?,
             k: matrix("self_attn.k_proj")?,
             v: matrix("self_attn.v_proj")?,
             o: matrix("self_attn.o_proj")?,
-            post_norm: RmsNorm::new(parameters, &format!("{name}.post_attention_layernorm"))?,
+            post_norm: norm("post_attention_layernorm")?,
             gate: matrix("mlp.gate_proj")?,
             up: matrix("mlp.up_proj")?,
             down: matrix("mlp.down_proj")?,

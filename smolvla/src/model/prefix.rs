@@ -94,7 +94,7 @@ impl PrefixModel {
             vision: Vision::new(config, parameters)?,
             embeddings: parameters.get(&format!("{text}.embed_tokens.weight"))?,
             text: StateToken::new(config, parameters)?,
-            norm: RmsNorm::new(parameters, &format!("{text}.norm"))?,
+            norm: RmsNorm::new(parameters, &format!("{text}.norm"), config.rms_norm_eps)?,
             config: config.clone(),
             _memory: KeepFreed::new(),
         })

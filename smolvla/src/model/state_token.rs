@@ -3,11 +3,11 @@
 //! Of all tokens of the prefix only the state's sees the state, so the keys and values of the others stay what they are. Training
 //! the state projection costs one token through the language layers that way, not the whole prefix.
 
-use candle_core::Tensor;
+use candle_core::{DType, Tensor};
 
 use super::attention::{attend, Mask};
 use super::kernels::linear::Linear;
-use super::layers::{linear, DecoderLayer};
+use super::layers::DecoderLayer;
 use super::prefix::PrefixCache;
 use super::rope::Rope;
 use super::Parameters;
@@ -16,20 +16,62 @@ use crate::error::Result;
 use crate::layout::VLM;
 
 /// The state projection and the language layers.
+#[derive(Clone)]
 pub struct StateToken {
-    projection: Linear,
+    projection: Projection,
     pub(super) layers: Vec<DecoderLayer>,
     head_dim: usize,
 }
 
-impl StateToken {
-    /// From the weights that [`Self::needs`] names, and those of the state projection.
-    pub fn new(config: &PolicyConfig, parameters: &Parameters) -> Result<Self> {
-        let layer = |i| DecoderLayer::new(parameters, &format!("{VLM}.text_model.layers.{i}"));
+/// Weight and bias as they are stored. Where they are variables, a rounded copy would stay what it was when they change: they are
+/// rounded at every pass.
+#[derive(Clone)]
+struct Projection {
+    weight: Tensor,
+    bias: Tensor,
+    operands: DType,
+}
+
+impl Projection {
+    fn new(parameters: &Parameters) -> Result<Self> {
         Ok(Self {
-            projection: linear(parameters, "model.state_proj")?,
+            weight: parameters.get("model.state_proj.weight")?,
+            bias: parameters.get("model.state_proj.bias")?,
+            operands: parameters.operands,
+        })
+    }
+
+    fn forward(&self, x: &Tensor) -> Result<Tensor> {
+        let (weight, bias) = (
+            self.weight.to_dtype(self.operands)?,
+            self.bias.to_dtype(self.operands)?,
+        );
+        Ok(Linear::new(weight, Some(bias)).forward(x)?)
+    }
+}
+
+impl StateToken {
+    /// From the weights that [`Self::needs`] names, and those of the state projection. It multiplies in their
+    /// [precision](Parameters::in_precision), which has to be that of the prefixes that are [joined](Self::join).
+    pub fn new(config: &PolicyConfig, parameters: &Parameters) -> Result<Self> {
+        let (text, eps) = (format!("{VLM}.text_model"), config.rms_norm_eps);
+        let layer = |i| DecoderLayer::new(parameters, &format!("{text}.layers.{i}"), eps);
+        Ok(Self {
+            projection: Projection::new(parameters)?,
             layers: (0..config.text.layers).map(layer).collect::<Result<_>>()?,
             head_dim: config.text.head_dim,
+        })
+    }
+
+    /// The same language layers, in their precision, after another projection.
+    pub fn with_projection(&self, parameters: &Parameters) -> Result<Self> {
+        let projection = Projection {
+            operands: self.projection.operands,
+            ..Projection::new(parameters)?
+        };
+        Ok(Self {
+            projection,
+            ..self.clone()
         })
     }
 
@@ -62,16 +104,18 @@ impl StateToken {
         for (i, (layer, (seen_keys, seen_values))) in self.layers.iter().zip(seen).enumerate() {
             let normed = layer.normalised(&x)?;
             let k = rope.apply(&layer.keys(&normed, self.head_dim)?)?;
-            let v = layer.values(&normed, self.head_dim)?.to_dtype(x.dtype())?;
+            let v = layer.values(&normed, self.head_dim)?;
             let k = Tensor::cat(&[seen_keys, &k], 1)?;
-            let v = Tensor::cat(&[seen_values, &v], 1)?;
+            // Nothing is lost in rounding them: they came out of such a product.
+            let seen_values = seen_values.to_dtype(v.dtype())?;
+            let v = Tensor::cat(&[&seen_values, &v], 1)?;
             // Nothing reads what the last layer makes of its keys and values.
             if i + 1 < self.layers.len() {
                 let q = rope.apply(&layer.queries(&normed, self.head_dim)?)?;
                 x = layer.finish(&x, &attend(&q, &k, &v, &mask)?, &mut |_, _| Ok(()))?;
             }
             keys.push(k);
-            values.push(v);
+            values.push(v.to_dtype(x.dtype())?);
         }
         Ok(PrefixCache {
             keys,

@@ -9,6 +9,7 @@ use crate::batch::{pick, Batch, ObservedBatch, SampleSource};
 use crate::config::PolicyConfig;
 use crate::error::{PolicyError, Result};
 use crate::evaluate::FlowDraw;
+use crate::frozen::FrozenPlace;
 use crate::model::expert::ExpertModel;
 use crate::model::flow::{losses, mean_loss_valid_only, noisy_actions, target_velocity};
 use crate::model::state_token::StateToken;
@@ -57,51 +58,59 @@ pub struct Learner {
     config: PolicyConfig,
     device: Device,
     variables: BTreeMap<String, Var>,
-    /// The language layers, where the state's token runs through them at every step.
-    frozen: Option<BTreeMap<String, Tensor>>,
     models: Models,
 }
 
 struct Models {
     expert: ExpertModel,
+    /// Where the state projection is trained: its token runs through the language layers at every step.
     state: Option<StateToken>,
 }
 
 impl Learner {
-    /// The expert as it starts. With `frozen`, the frozen half of the policy, its state projection is trained as well.
+    /// The expert as it starts. With `frozen`, the frozen half of the policy, its state projection is trained as well; the samples
+    /// then have to be those of `place`'s precision.
     pub fn new(
         config: &PolicyConfig,
         start: &ExpertWeights,
         frozen: Option<&TensorSet>,
-        device: &Device,
+        place: &FrozenPlace,
     ) -> Result<Self> {
+        let device = &place.device;
         let variable = |t: &TensorData| Var::from_slice(&t.data, t.shape.as_slice(), device);
         let mut variables = BTreeMap::new();
         for (name, t) in start.tensors() {
             variables.insert(name.clone(), variable(t)?);
         }
-        let frozen = match frozen {
+        let mut layers = BTreeMap::new();
+        for (name, t) in frozen.into_iter().flatten() {
+            if STATE_PROJECTION.contains(&name.as_str()) {
+                variables.insert(name.clone(), variable(t)?);
+            } else if StateToken::needs(name) {
+                let tensor = Tensor::from_slice(&t.data, t.shape.as_slice(), device)?;
+                layers.insert(name.clone(), tensor);
+            }
+        }
+        let trainable = parameters(&variables, |v| v.as_tensor().clone());
+        let state = match frozen {
             None => None,
-            Some(set) => {
-                let mut tensors = BTreeMap::new();
-                for (name, t) in set {
-                    if STATE_PROJECTION.contains(&name.as_str()) {
-                        variables.insert(name.clone(), variable(t)?);
-                    } else if StateToken::needs(name) {
-                        let tensor = Tensor::from_slice(&t.data, t.shape.as_slice(), device)?;
-                        tensors.insert(name.clone(), tensor);
-                    }
-                }
-                Some(tensors)
+            Some(_) => {
+                let tracked = variables
+                    .iter()
+                    .map(|(name, v)| (name.clone(), v.as_tensor().clone()));
+                layers.extend(tracked);
+                let frozen = Parameters::from_tensors(layers).in_precision(place.precision);
+                Some(StateToken::new(config, &frozen)?)
             }
         };
-        let tracked = |v: &Var| v.as_tensor().clone();
         Ok(Self {
-            models: Models::new(config, &variables, frozen.as_ref(), tracked)?,
+            models: Models {
+                expert: ExpertModel::new(config, &trainable)?,
+                state,
+            },
             config: config.clone(),
             device: device.clone(),
             variables,
-            frozen,
         })
     }
 
@@ -152,14 +161,23 @@ impl Learner {
 
     /// The models as they are now, for looking at them: nothing is kept for a backward pass.
     pub fn snapshot(&self) -> Result<Snapshot> {
-        let detached = |v: &Var| v.as_detached_tensor();
-        let frozen = self.frozen.as_ref();
+        let detached = parameters(&self.variables, Var::as_detached_tensor);
+        let state = self.models.state.as_ref();
         Ok(Snapshot {
-            models: Models::new(&self.config, &self.variables, frozen, detached)?,
+            models: Models {
+                expert: ExpertModel::new(&self.config, &detached)?,
+                state: state.map(|s| s.with_projection(&detached)).transpose()?,
+            },
             config: self.config.clone(),
             device: self.device.clone(),
         })
     }
+}
+
+/// The variables as a model takes them.
+fn parameters(variables: &BTreeMap<String, Var>, tensor: impl Fn(&Var) -> Tensor) -> Parameters {
+    let tensors = variables.iter().map(|(name, v)| (name.clone(), tensor(v)));
+    Parameters::from_tensors(tensors.collect())
 }
 
 /// The models of a [`Learner`] at one moment. It shares their memory: use it before the next step.
@@ -170,14 +188,15 @@ pub struct Snapshot {
 }
 
 impl Snapshot {
-    /// A policy's models without any intention to train. `frozen` is needed for observed samples.
+    /// A policy's models without any intention to train. `frozen` is needed for observed samples, and the precision of `place`
+    /// has to be theirs; a device stands for [its usual one](FrozenPlace::on).
     pub fn new(
         config: &PolicyConfig,
         expert: &ExpertWeights,
         frozen: Option<&TensorSet>,
-        device: &Device,
+        place: impl Into<FrozenPlace>,
     ) -> Result<Self> {
-        Learner::new(config, expert, frozen, device)?.snapshot()
+        Learner::new(config, expert, frozen, &place.into())?.snapshot()
     }
 
     /// The expert.
@@ -201,30 +220,6 @@ impl Snapshot {
 }
 
 impl Models {
-    fn new(
-        config: &PolicyConfig,
-        variables: &BTreeMap<String, Var>,
-        frozen: Option<&BTreeMap<String, Tensor>>,
-        tensor: impl Fn(&Var) -> Tensor,
-    ) -> Result<Self> {
-        let mut tensors: BTreeMap<String, Tensor> = variables
-            .iter()
-            .map(|(name, v)| (name.clone(), tensor(v)))
-            .collect();
-        let trains_state = frozen.is_some();
-        if let Some(frozen) = frozen {
-            tensors.extend(frozen.iter().map(|(name, t)| (name.clone(), t.clone())));
-        }
-        let parameters = Parameters::from_tensors(tensors);
-        Ok(Self {
-            expert: ExpertModel::new(config, &parameters)?,
-            state: match trains_state {
-                true => Some(StateToken::new(config, &parameters)?),
-                false => None,
-            },
-        })
-    }
-
     fn batch(
         &self,
         config: &PolicyConfig,

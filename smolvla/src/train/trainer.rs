@@ -1,6 +1,5 @@
 //! Makes steps.
 
-use candle_core::Device;
 use serde::{Deserialize, Serialize};
 
 use super::learner::{Learner, Samples, Snapshot};
@@ -9,6 +8,7 @@ use super::order::{draws, Order};
 use crate::config::PolicyConfig;
 use crate::error::{PolicyError, Result};
 use crate::evaluate::{squared_errors, Evaluation, FlowDraw, SampleErrors};
+use crate::frozen::FrozenPlace;
 use crate::layout::expert_layout;
 use crate::model::kernels::gradients::backward;
 use crate::model::observe::ignore;
@@ -56,15 +56,23 @@ impl<'a> Trainer<'a> {
         samples: Samples<'a>,
         options: TrainOptions,
     ) -> Result<Self> {
-        Self::on(&Device::Cpu, config, start, None, samples, options)
+        Self::on(
+            &FrozenPlace::default(),
+            config,
+            start,
+            None,
+            samples,
+            options,
+        )
     }
 
-    /// A run on `device`. For [`TrainScope::ExpertAndState`], `frozen` is the frozen half of the policy.
+    /// A run at `place`, which is where the samples were prepared, or another device with the same precision; a device stands for
+    /// [its usual one](FrozenPlace::on). For [`TrainScope::ExpertAndState`], `frozen` is the frozen half of the policy.
     ///
     /// # Errors
     /// As [`Self::new`]; samples and `frozen` have to be for the same scope.
     pub fn on(
-        device: &Device,
+        place: impl Into<FrozenPlace>,
         config: &PolicyConfig,
         start: &ExpertWeights,
         frozen: Option<&TensorSet>,
@@ -75,7 +83,7 @@ impl<'a> Trainer<'a> {
         if samples.is_empty() {
             return Err(PolicyError::Sample("there are no samples".into()));
         }
-        let learner = Learner::new(config, start, frozen, device)?;
+        let learner = Learner::new(config, start, frozen, &place.into())?;
         let optimizer = AdamW::proximal(learner.variables(), options.adamw, options.fedprox_mu)?;
         Ok(Self {
             order: Order::new(options.seed, samples.len()),

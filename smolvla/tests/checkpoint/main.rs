@@ -7,4 +7,5 @@ mod faults;
 mod folder;
 mod reading;
 mod statistics;
+mod trained;
 mod writing;

@@ -9,7 +9,7 @@ use zk0_smolvla::sample::CameraImage;
 use zk0_smolvla::tokenizer::Tokenizer;
 
 use crate::case::{last_frames, Case, SAMPLED};
-use crate::reference::{check, distance, policy};
+use crate::reference::{check, distance, is_of_repository, policy};
 
 /// The reference's token ids of one sample.
 struct Given(Vec<u32>);
@@ -68,6 +68,7 @@ pub fn action_chunks_from_observations() {
     let case = Case::read();
     let (config, inputs) = (case.config(), &case.inputs);
     let Some(cameras) = cameras(&case) else {
+        assert!(!is_of_repository(), "the repository's pictures are 8-bit");
         println!("the reference's pictures are not 8-bit ones: an actor cannot be shown them");
         return;
     };
@@ -87,6 +88,7 @@ pub fn action_chunks_from_observations() {
     let noise = inputs.f32s("sample_noise");
     let expected = case.outputs.numbers("sample.action_chunk");
     let rows = config.chunk_size * config.action_dim;
+    let mut compared = 0;
     for b in 0..case.batch() {
         let real = tokens
             .chunks(mask[b].len())
@@ -131,5 +133,9 @@ pub fn action_chunks_from_observations() {
             distance(&found, expected),
             SAMPLED,
         );
+        compared += 1;
+    }
+    if is_of_repository() {
+        assert_eq!(compared, case.batch(), "every sample has a camera");
     }
 }

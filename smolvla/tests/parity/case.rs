@@ -45,7 +45,10 @@ impl Case {
     }
 
     pub fn with(parameters: &Parameters) -> Self {
-        let lerobot = lerobot();
+        Self::of(lerobot(), parameters)
+    }
+
+    pub fn of(lerobot: LeRobotConfig, parameters: &Parameters) -> Self {
         Self {
             prefix: PrefixModel::new(&lerobot.dims, parameters).unwrap(),
             expert: ExpertModel::new(&lerobot.dims, parameters).unwrap(),

@@ -4,7 +4,7 @@ use candle_core::Tensor;
 use zk0_smolvla::model::flow;
 use zk0_smolvla::model::kernels::gradients::backward;
 
-use crate::reference::{check, lerobot, numbers, relative_distance, Values};
+use crate::reference::{check, is_of_repository, lerobot, numbers, relative_distance, Values};
 use crate::training::Training;
 
 fn gradients_agree(training: &Training, file: &str, loss: &Tensor) {
@@ -42,6 +42,10 @@ pub fn gradients_of_the_valid_only_loss() {
 #[test]
 pub fn gradients_by_way_of_the_state_token_alone() {
     if !lerobot().training.train_expert_only {
+        assert!(
+            !is_of_repository(),
+            "the repository's train the expert only"
+        );
         println!("not compared: the reference trains the vision-language model too");
         return;
     }

@@ -8,6 +8,7 @@ mod reference;
 
 mod acting;
 mod case;
+mod epsilon;
 mod expert;
 mod gradients;
 mod other_folder;

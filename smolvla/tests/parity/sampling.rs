@@ -5,7 +5,18 @@ use zk0_smolvla::act::real_actions;
 use zk0_smolvla::model::sampling::sample_actions_observed;
 
 use crate::case::{Case, HIDDEN, SAMPLED};
-use crate::reference::{check, close, distance, numbers};
+use crate::reference::{check, close, distance, is_committed, numbers};
+
+/// Of a velocity that was sampled along: the bound of hidden states. Only the last one, that of the state which all steps before
+/// made, may be as far off as sampled actions, in other folders than the first. In the second it is off by 1.2e-4 (4.6e-5 by
+/// candle's operations), and LeRobot's is itself 3.5e-5 off what LeRobot computes in double precision; 7.4e-5 with another epsilon
+/// of its norms.
+fn velocity_tolerance(step: usize, steps: usize) -> f64 {
+    match step + 1 == steps && !is_committed() {
+        true => SAMPLED,
+        false => HIDDEN,
+    }
+}
 
 #[test]
 pub fn sampled_actions() {
@@ -24,8 +35,7 @@ pub fn sampled_actions() {
                 Ok::<_, zk0_smolvla::PolicyError>(())
             };
             compare("sample.x_t", euler.x_t, &states, SAMPLED)?;
-            // Later velocities are those of states that are a little off already.
-            let tolerance = if step == 0 { HIDDEN } else { SAMPLED };
+            let tolerance = velocity_tolerance(step, steps);
             compare("sample.v_t", euler.v_t, &velocities, tolerance)?;
             step += 1;
             Ok(())

@@ -7,14 +7,22 @@ use zk0_smolvla::model::flow;
 use zk0_smolvla::model::kernels::gradients::backward;
 use zk0_smolvla::optimizer::{AdamW, AdamWOptions};
 use zk0_smolvla::schedule::Schedule;
+use zk0_smolvla::train::TrainOptions;
 
 use crate::case::LOSS;
-use crate::reference::{check, json, numbers, Values};
+use crate::reference::{check, is_committed, is_of_repository, json, lerobot, numbers, Values};
 use crate::training::{idle, Training};
 
-/// An entry whose gradient is rounding noise may move either way by a whole learning rate, and one such entry of the second reference
-/// alone moves the loss by 1.5e-5.
-const LOSS_AFTER_STEPS: f64 = 1e-4;
+/// Of the loss before a step: that of a loss. An entry whose gradient is rounding noise may move either way by a whole learning rate
+/// at the first step, and the second step's gradients are then others; so from the third step on it may be more in other folders
+/// than the first. In the second it is 1.5e-5, as much as LeRobot's own is off what LeRobot computes in double precision (1.2e-6 by
+/// candle's operations); with another epsilon of its norms, 3.5e-5.
+fn loss_tolerance(step: usize) -> f64 {
+    match step > 1 && !is_committed() {
+        true => 5e-5,
+        false => LOSS,
+    }
+}
 
 fn number(value: &Value, key: &str) -> f64 {
     value[key]
@@ -79,7 +87,7 @@ pub fn weights_after_optimiser_steps() {
             check(
                 &format!("step {step}: loss"),
                 (numbers(&loss)[0] - of("loss")).abs(),
-                if step == 0 { LOSS } else { LOSS_AFTER_STEPS },
+                loss_tolerance(step),
             );
             check(
                 &format!("step {step}: gradient norm"),
@@ -141,4 +149,45 @@ fn learning_rates_over_whole_runs() {
             );
         }
     }
+}
+
+/// The repository's references were trained with LeRobot's preset itself (`get_optimizer_preset` and `get_scheduler_preset` of an
+/// untouched `SmolVLAConfig`; their runs shorten nothing but the number of steps, and one clips earlier). Another folder may have
+/// been trained otherwise: the preset is then the one that its policy's configuration has.
+#[test]
+fn defaults_are_lerobots_preset() {
+    let settings = json("optimizer.json");
+    let (adamw, schedule) = (
+        options(&settings["optimizer"]),
+        schedule(&settings["scheduler"]),
+    );
+    let peak = number(&settings["scheduler"], "peak_lr");
+    assert_eq!(number(&settings["optimizer"], "lr"), peak);
+
+    let preset = lerobot().training;
+    let configured = AdamWOptions {
+        beta1: preset.betas.0,
+        beta2: preset.betas.1,
+        eps: preset.eps,
+        weight_decay: preset.weight_decay,
+        clip_norm: preset.grad_clip_norm,
+    };
+    assert_eq!(configured, adamw);
+    assert_eq!(preset.learning_rate, peak);
+
+    if !is_of_repository() {
+        println!("not compared with our defaults: another folder may have other settings");
+        return;
+    }
+    let ours = TrainOptions::default();
+    assert_eq!(AdamWOptions::default(), adamw);
+    assert_eq!(ours.adamw, adamw);
+    assert_eq!(ours.learning_rate, peak);
+    assert_eq!(Schedule::LEROBOT, schedule);
+    assert_eq!(ours.schedule, schedule);
+    assert_eq!(ours.fedprox_mu, 0.0, "LeRobot has no such term");
+    // As many steps as the preset's cosine has: it is neither shortened nor left for its floor. (LeRobot plans 100,000.)
+    let decay = number(&settings["scheduler"], "num_decay_steps");
+    assert_eq!(ours.steps as f64, decay);
+    assert_eq!(ours.batch_size, 8, "that of LeRobot's TrainPipelineConfig");
 }

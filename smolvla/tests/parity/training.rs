@@ -6,6 +6,7 @@ use candle_core::{Device, Tensor, Var};
 use zk0_smolvla::layout::{trainable_layout, Layout};
 use zk0_smolvla::model::prefix::PrefixCache;
 use zk0_smolvla::model::{flow, Parameters};
+use zk0_smolvla::LeRobotConfig;
 
 use crate::case::Case;
 use crate::reference::{json, lerobot, policy, Values};
@@ -23,7 +24,10 @@ pub fn idle() -> BTreeSet<String> {
 
 impl Training {
     pub fn new() -> Self {
-        let lerobot = lerobot();
+        Self::of(lerobot())
+    }
+
+    pub fn of(lerobot: LeRobotConfig) -> Self {
         let reference = Values::read("grads.safetensors");
         let shape = |name: &String| (name.clone(), reference.shape(name).to_vec());
         let trainable: Layout = reference.names().map(shape).collect();
@@ -41,7 +45,7 @@ impl Training {
             Parameters::with_variables(all, &trainable, &Device::Cpu).unwrap();
         Self {
             variables,
-            case: Case::with(&parameters),
+            case: Case::of(lerobot, &parameters),
         }
     }
 

@@ -50,6 +50,17 @@ pub fn is_committed() -> bool {
     std::env::var_os("ZK0_PARITY_DIR").is_none()
 }
 
+/// Whether the folder is one of the repository's.
+pub fn is_of_repository() -> bool {
+    let real = |path: PathBuf| path.canonicalize().unwrap();
+    real(folder()).starts_with(real(fixtures()))
+}
+
+/// Whether the folder is the repository's second one.
+pub fn is_odd() -> bool {
+    is_of_repository() && folder().ends_with("smolvla_odd")
+}
+
 pub fn json(file: &str) -> serde_json::Value {
     serde_json::from_str(&text(file)).unwrap_or_else(|e| panic!("{file}: {e}"))
 }

@@ -3,11 +3,13 @@
 //!
 //! WHAT is one of
 //! - `whole`: LeRobot's step. Pictures are resized, the frozen half runs, expert and `state_proj` are trained;
-//! - `cached`: the expert is trained over a cache of the frozen half;
-//! - `cached-state`: expert and `state_proj` are trained over a cache of pictures and language.
+//! - `cached`: the expert is trained over frames whose frozen half is in a cache on disk, read from there in every step;
+//! - `cached-state`: expert and `state_proj` are trained over such a cache of pictures and language.
 //!
 //! A step is forward, backward, clipping and AdamW. The first is not counted: it sets up memory and threads.
 //! DEVICE is `cpu`, or with feature `cuda` a GPU, where the frozen half multiplies in bf16.
+
+mod over_cache;
 
 use std::collections::BTreeMap;
 use std::time::Instant;
@@ -25,7 +27,6 @@ use zk0_smolvla::model::expert::ExpertModel;
 use zk0_smolvla::model::flow::{losses, mean_loss, noisy_actions, target_velocity};
 use zk0_smolvla::model::kernels::gradients::backward;
 use zk0_smolvla::model::prefix::{CameraInput, PrefixCache, PrefixInput, PrefixModel};
-use zk0_smolvla::model::state_token::StateToken;
 use zk0_smolvla::model::Parameters;
 use zk0_smolvla::optimizer::{AdamW, AdamWOptions};
 use zk0_smolvla::{PolicyConfig, Profile};
@@ -52,7 +53,6 @@ struct Bench {
     variables: BTreeMap<String, Var>,
     prefix: PrefixModel,
     expert: ExpertModel,
-    state_token: StateToken,
     optimizer: AdamW,
     /// Every camera's pictures, one after another: 8-bit RGB (3, height, width).
     pictures: Vec<u8>,
@@ -62,18 +62,13 @@ struct Bench {
 }
 
 impl Bench {
-    fn new(
-        profile: Profile,
-        batch: usize,
-        train_state: bool,
-        place: &FrozenPlace,
-    ) -> Result<Self, Failure> {
+    fn new(profile: Profile, batch: usize, place: &FrozenPlace) -> Result<Self, Failure> {
         let config = profile.config();
         let device = &place.device;
         let policy = init_policy(&config, 1)?;
         let mut all = policy.frozen;
         all.extend(policy.expert.into_tensors());
-        let trainable = trainable_layout(&config, train_state);
+        let trainable = trainable_layout(&config, true);
         let (parameters, variables) = Parameters::with_variables(all, &trainable, device)?;
         let mut rng = ChaCha20Rng::seed_from_u64(2);
         let (height, width) = recorded(profile);
@@ -89,7 +84,6 @@ impl Bench {
             batch,
             prefix: PrefixModel::new(&config, &parameters.in_precision(place.precision))?,
             expert: ExpertModel::new(&config, &parameters)?,
-            state_token: StateToken::new(&config, &parameters)?,
             optimizer: AdamW::new(&variables, AdamWOptions::default())?,
             variables,
             pictures,
@@ -100,12 +94,7 @@ impl Bench {
         })
     }
 
-    /// The prefix of the batch's frames: pictures resized, then the frozen half.
-    fn cache(&self) -> Result<PrefixCache, Failure> {
-        Ok(self.prefix.cache(&self.input()?)?)
-    }
-
-    /// The same, through which a gradient reaches `state_proj`.
+    /// The prefix of the batch's frames: pictures resized, then the frozen half; a gradient reaches `state_proj` through it.
     fn cache_training_state(&self) -> Result<PrefixCache, Failure> {
         Ok(self.prefix.cache_training_state(&self.input()?)?)
     }
@@ -157,17 +146,36 @@ impl Bench {
     }
 }
 
-/// What would come from a disk: without the way it was computed, and with no state token to be seen in it, the last of every row,
-/// which is made anew in every step.
-fn without_state(mut cache: PrefixCache) -> PrefixCache {
-    let values = cache.keys.iter_mut().chain(&mut cache.values);
-    values.for_each(|tensor| *tensor = tensor.detach());
-    for row in &mut cache.valid {
-        if let Some(last) = row.last_mut() {
-            *last = false;
-        }
+/// Steps that were timed.
+struct Measured {
+    /// Of each step, the first one too.
+    seconds: Vec<f64>,
+    /// Before the last step.
+    loss: f32,
+    /// Trained parameters.
+    trained: usize,
+}
+
+fn whole(
+    profile: Profile,
+    batch: usize,
+    steps: usize,
+    place: &FrozenPlace,
+) -> Result<Measured, Failure> {
+    let mut bench = Bench::new(profile, batch, place)?;
+    let (mut seconds, mut loss) = (Vec::new(), 0.0);
+    for _ in 0..=steps {
+        let started = Instant::now();
+        let cache = bench.cache_training_state()?;
+        loss = bench.step(&cache)?;
+        seconds.push(started.elapsed().as_secs_f64());
     }
-    cache
+    let trained = bench.variables.values().map(|v| v.elem_count()).sum();
+    Ok(Measured {
+        seconds,
+        loss,
+        trained,
+    })
 }
 
 /// The largest resident set of this process so far, in bytes.
@@ -194,36 +202,23 @@ fn main() -> Result<(), Failure> {
     let place = FrozenPlace::on(device(device_name)?, None);
     let profile_named = Profile::from_name(profile)?;
     let (batch, steps): (usize, usize) = (batch.parse()?, steps.parse()?);
-    let mut bench = Bench::new(profile_named, batch, what != "cached", &place)?;
-    let kept = match what.as_str() {
-        "whole" => None,
-        "cached" => Some(bench.cache()?),
-        "cached-state" => Some(without_state(bench.cache()?)),
+    let mut measured = match what.as_str() {
+        "whole" => whole(profile_named, batch, steps, &place)?,
+        "cached" => over_cache::prepared(profile_named, batch, steps, &place)?,
+        "cached-state" => over_cache::observed(profile_named, batch, steps, &place)?,
         other => return Err(format!("`{other}` is none of whole, cached, cached-state").into()),
     };
-    let mut seconds = Vec::new();
-    let mut loss = 0.0;
-    for _ in 0..=steps {
-        let started = Instant::now();
-        let cache = match &kept {
-            None => bench.cache_training_state()?,
-            Some(cache) if what == "cached" => cache.clone(),
-            Some(cache) => bench.state_token.join(cache, &bench.state)?,
-        };
-        loss = bench.step(&cache)?;
-        seconds.push(started.elapsed().as_secs_f64());
-    }
-    seconds.remove(0);
-    seconds.sort_by(f64::total_cmp);
+    measured.seconds.remove(0);
+    measured.seconds.sort_by(f64::total_cmp);
+    let median = measured.seconds.get(measured.seconds.len() / 2);
     // Of this machine; that of a GPU is not measured.
     let memory = peak_memory().filter(|_| place.device.is_cpu());
-    let trained: usize = bench.variables.values().map(|v| v.elem_count()).sum();
     println!(
         "{}",
         serde_json::json!({
             "side": "zk0", "profile": profile, "batch": batch, "what": what, "steps": steps,
-            "step_seconds": seconds.get(seconds.len() / 2), "peak_memory_bytes": memory,
-            "trained_parameters": trained, "loss": loss,
+            "step_seconds": median, "peak_memory_bytes": memory,
+            "trained_parameters": measured.trained, "loss": measured.loss,
             "device": device_name, "frozen_precision": place.precision.name(),
         })
     );

@@ -1,0 +1,79 @@
+//! `lerobot/` in the folder of a run that started from a folder of LeRobot's: the same with what was trained, as LeRobot's
+//! `from_pretrained` loads it.
+
+use crate::policy_source::PolicySource;
+use anyhow::{bail, Context, Result};
+use std::{
+    fs::{self, File},
+    io::{self, ErrorKind},
+    path::{Path, PathBuf},
+};
+use zk0_smolvla::{checkpoint::Precision, dataset::Stats, weights::TensorSet};
+
+/// Its name in the run's folder.
+const FOLDER: &str = "lerobot";
+
+/// Finds out before the first step whether the folder can be written after the last.
+pub fn check(source: &PolicySource, out: &Path, stats: &Stats, resumes: bool) -> Result<()> {
+    let Some(checkpoint) = source.lerobot()? else {
+        return Ok(());
+    };
+    checkpoint.check_takes(stats)?;
+    let folder = out.join(FOLDER);
+    let real = |path: &Path| path.canonicalize().ok();
+    let started_from = real(checkpoint.folder());
+    if [out, &folder].iter().any(|path| real(path) == started_from) {
+        bail!(
+            "results in {} would replace the policy that the run starts from: choose another --out",
+            out.display()
+        );
+    }
+    // A run that goes on replaces its own; this could be anybody's.
+    if !resumes && folder.exists() {
+        bail!(
+            "{} is there already: add --resume to go on with the run that left it, or choose another --out",
+            folder.display()
+        );
+    }
+    Ok(())
+}
+
+/// Writes it, whole or not at all, in place of the one that the run has left before. `None` where the run did not start from such a
+/// folder.
+pub fn write(
+    source: &PolicySource,
+    out: &Path,
+    trained: &TensorSet,
+    stats: &Stats,
+    precision: Precision,
+) -> Result<Option<PathBuf>> {
+    let Some(checkpoint) = source.lerobot()? else {
+        return Ok(None);
+    };
+    let folder = out.join(FOLDER);
+    let aside = |suffix: &str| out.join(format!("{FOLDER}.{suffix}"));
+    let (unfinished, replaced) = (aside("unfinished"), aside("replaced"));
+    // What a killed process has left.
+    remove(&unfinished)?;
+    remove(&replaced)?;
+    checkpoint.write_trained(&unfinished, trained, stats, precision)?;
+    let placed = || -> io::Result<()> {
+        if folder.exists() {
+            fs::rename(&folder, &replaced)?;
+        }
+        fs::rename(&unfinished, &folder)?;
+        File::open(out)?.sync_all()
+    };
+    placed().with_context(|| format!("writing {}", folder.display()))?;
+    remove(&replaced)?;
+    Ok(Some(folder))
+}
+
+fn remove(folder: &Path) -> Result<()> {
+    match fs::remove_dir_all(folder) {
+        Err(error) if error.kind() != ErrorKind::NotFound => {
+            Err(error).with_context(|| format!("removing {}", folder.display()))
+        }
+        _ => Ok(()),
+    }
+}

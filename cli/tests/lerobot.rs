@@ -1,0 +1,428 @@
+//! LeRobot's folders through the binary: `zk0 train` starts from one and leaves one, and what a policy says of its normalisation is
+//! kept to.
+
+use serde_json::{json, Value};
+use std::{
+    collections::BTreeMap,
+    fs,
+    path::{Path, PathBuf},
+    process::Command,
+};
+use tempfile::TempDir;
+use zk0_smolvla::{
+    dataset::{Dataset, Stats},
+    inference::Inference,
+    policy_file, Checkpoint,
+};
+
+const PICKPLACE: &str = "so100_pickplace";
+const SORTING: &str = "so100_sorting";
+
+fn fixtures() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/fixtures")
+}
+
+fn recording(name: &str) -> PathBuf {
+    fixtures().join("datasets").join(name)
+}
+
+/// A safetensors file of rows of six numbers.
+fn tensors(rows: &[(&str, [f32; 6])]) -> Vec<u8> {
+    let (mut header, mut data) = (serde_json::Map::new(), Vec::new());
+    for (name, values) in rows {
+        let start = data.len();
+        data.extend(values.iter().flat_map(|x| x.to_le_bytes()));
+        let about = json!({"dtype": "F32", "shape": [6], "data_offsets": [start, data.len()]});
+        header.insert(name.to_string(), about);
+    }
+    let header = serde_json::to_vec(&header).unwrap();
+    let mut file = (header.len() as u64).to_le_bytes().to_vec();
+    file.extend(header);
+    file.extend(data);
+    file
+}
+
+/// LeRobot's tiny policy as its 0.4 leaves one, trained on some other recording.
+fn folder(to: &Path) {
+    fs::create_dir_all(to).unwrap();
+    for (from, name) in [
+        ("policy_config.json", "config.json"),
+        ("vlm_config.json", "vlm_config.json"),
+        ("weights.safetensors", "model.safetensors"),
+    ] {
+        fs::copy(fixtures().join("smolvla_tiny").join(from), to.join(name)).unwrap();
+    }
+    let write = |name: &str, content: &[u8]| fs::write(to.join(name), content).unwrap();
+    let tokenizer = json!({
+        "version": "1.0", "truncation": null, "padding": null, "added_tokens": [],
+        "normalizer": null, "post_processor": null, "decoder": null,
+        "pre_tokenizer": {"type": "ByteLevel", "add_prefix_space": false, "trim_offsets": true, "use_regex": true},
+        "model": {
+            "type": "BPE", "dropout": null, "unk_token": null, "continuing_subword_prefix": null,
+            "end_of_word_suffix": null, "fuse_unk": false, "byte_fallback": false,
+            "vocab": {"g": 0, "o": 1, "go": 2, "Ċ": 3}, "merges": ["g o"]
+        }
+    });
+    write("tokenizer.json", tokenizer.to_string().as_bytes());
+    write("train_config.json", b"{\"steps\": 20000}\n");
+    for (pipeline, processor) in [
+        ("policy_preprocessor", "normalizer_processor"),
+        ("policy_postprocessor", "unnormalizer_processor"),
+    ] {
+        let state = format!("{pipeline}_step_0_{processor}.safetensors");
+        let step =
+            json!({"registry_name": processor, "config": {"eps": 1e-8}, "state_file": state});
+        let steps = json!({"name": pipeline, "steps": [step]});
+        write(&format!("{pipeline}.json"), steps.to_string().as_bytes());
+        let other = tensors(&[
+            ("observation.state.mean", [10.0; 6]),
+            ("observation.state.std", [20.0; 6]),
+            ("action.mean", [-10.0; 6]),
+            ("action.std", [40.0; 6]),
+        ]);
+        write(&state, &other);
+    }
+}
+
+/// A folder in which a test works.
+struct Place(TempDir);
+
+impl Place {
+    fn new() -> Self {
+        let place = Self(tempfile::tempdir().unwrap());
+        folder(&place.at("source"));
+        place
+    }
+
+    fn at(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    fn zk0(&self, command: &str, datasets: &[PathBuf], more: &[&str]) -> (bool, String, String) {
+        let mut zk0 = Command::new(env!("CARGO_BIN_EXE_zk0"));
+        zk0.arg(command).args(more);
+        zk0.arg("--cache")
+            .arg(self.at("cache"))
+            .current_dir(self.0.path());
+        for dataset in datasets {
+            zk0.arg("--dataset").arg(dataset);
+        }
+        let output = zk0.output().unwrap();
+        let text = |bytes| String::from_utf8(bytes).unwrap();
+        (
+            output.status.success(),
+            text(output.stdout),
+            text(output.stderr),
+        )
+    }
+
+    fn train(&self, datasets: &[&str], more: &[&str]) -> Result<String, String> {
+        let datasets: Vec<_> = datasets.iter().map(|name| recording(name)).collect();
+        let options = ["--steps", "3", "--batch-size", "4", "--lr", "1e-3"];
+        match self.zk0("train", &datasets, &[&options[..], more].concat()) {
+            (true, said, _) => Ok(said),
+            (false, _, said) => Err(said),
+        }
+    }
+
+    /// The rows of `zk0 eval`.
+    fn eval(&self, dataset: &Path, more: &[&str]) -> Vec<Value> {
+        let options = [&["--json", "--frames", "12"], more].concat();
+        let (fine, said, error) = self.zk0("eval", &[dataset.to_owned()], &options);
+        assert!(fine, "{error}");
+        serde_json::from_str(&said).unwrap()
+    }
+}
+
+fn stats(name: &str) -> Stats {
+    Dataset::open(recording(name)).unwrap().stats().clone()
+}
+
+/// All files of a folder.
+fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
+    let entries = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap());
+    entries
+        .map(|entry| {
+            let name = entry.file_name().into_string().unwrap();
+            (name, fs::read(entry.path()).unwrap())
+        })
+        .collect()
+}
+
+/// What a policy makes of a recording, without the policy's name.
+fn measured(row: &Value) -> Value {
+    let mut row = row.clone();
+    for name in ["policy", "dataset", "statistics"] {
+        row.as_object_mut().unwrap().remove(name).unwrap();
+    }
+    row
+}
+
+#[test]
+fn a_run_leaves_a_folder_for_lerobot() {
+    let place = Place::new();
+    let source = files(&place.at("source"));
+    let options = ["--policy", "source", "--out", "run", "--train-state-proj"];
+    let said = place.train(&[PICKPLACE], &options).unwrap();
+    assert!(said.contains("run/lerobot"), "{said}");
+
+    let written = Checkpoint::open(place.at("run/lerobot")).unwrap();
+    let policy = written.policy().unwrap();
+    let model = policy_file::load(&place.at("run/model.safetensors")).unwrap();
+    assert!(policy == model.policy);
+    let before = Checkpoint::open(place.at("source")).unwrap();
+    let before = before.policy().unwrap();
+    assert!(policy.expert != before.expert);
+    let changed = policy
+        .frozen
+        .iter()
+        .filter(|(n, t)| before.frozen[*n] != **t);
+    let changed: Vec<_> = changed.map(|(name, _)| &name[..]).collect();
+    assert_eq!(
+        changed,
+        ["model.state_proj.bias", "model.state_proj.weight"],
+        "what was trained besides the expert"
+    );
+    assert_eq!(written.stats().unwrap(), Some(stats(PICKPLACE)));
+    let used = policy_file::inference(&place.at("run/model.safetensors")).unwrap();
+    assert_eq!(used, written.inference().unwrap());
+    let report = fs::read(place.at("run/run.json")).unwrap();
+    let report: Value = serde_json::from_slice(&report).unwrap();
+    let reported: Inference = serde_json::from_value(report["inference"].clone()).unwrap();
+    assert_eq!(reported, used);
+    assert_eq!(report["ended"]["lerobot"], "run/lerobot");
+
+    let left = files(&place.at("run/lerobot"));
+    assert!(left.keys().eq(source.keys()));
+    for (name, content) in &source {
+        let same = name.ends_with(".json");
+        assert_eq!(&left[name] == content, same, "{name}");
+    }
+    assert_eq!(files(&place.at("source")), source);
+
+    // Both are the same policy, and say so.
+    let paths = [
+        "--policy",
+        "run/lerobot",
+        "--policy",
+        "run/model.safetensors",
+    ];
+    let rows = place.eval(&recording(SORTING), &paths);
+    assert_eq!(measured(&rows[0]), measured(&rows[1]));
+}
+
+#[test]
+fn a_run_that_goes_on_leaves_the_same_folder() {
+    let place = Place::new();
+    let go = |more: &[&str]| {
+        let options = [&["--policy", "source", "--out", "run"], more].concat();
+        place.train(&[PICKPLACE], &options)
+    };
+    go(&[]).unwrap();
+    let left = files(&place.at("run/lerobot"));
+    // Killed while it wrote, or while it put the new folder in the old one's place; or not killed at all.
+    let junk = |name: &str| {
+        fs::create_dir_all(place.at(name)).unwrap();
+        fs::write(place.at(name).join("model.safetensors"), b"half").unwrap();
+    };
+    let kills: [&dyn Fn(); 3] = [
+        &|| {
+            fs::remove_dir_all(place.at("run/lerobot")).unwrap();
+            junk("run/lerobot.unfinished");
+        },
+        &|| {
+            fs::rename(place.at("run/lerobot"), place.at("run/lerobot.replaced")).unwrap();
+            junk("run/lerobot.unfinished");
+        },
+        &|| (),
+    ];
+    for kill in kills {
+        kill();
+        go(&["--resume"]).unwrap();
+        assert_eq!(files(&place.at("run/lerobot")), left);
+        assert!(!place.at("run/lerobot.unfinished").exists());
+        assert!(!place.at("run/lerobot.replaced").exists());
+    }
+    // Another run may not take it for its own.
+    fs::remove_dir_all(place.at("run/checkpoints")).unwrap();
+    let said = go(&[]).unwrap_err();
+    assert!(said.contains("run/lerobot is there already"), "{said}");
+    for policy in ["run/lerobot", "source"] {
+        let out = policy.strip_suffix("/lerobot").unwrap_or(policy);
+        let options = ["--policy", policy, "--out", out, "--resume"];
+        let said = place.train(&[PICKPLACE], &options).unwrap_err();
+        assert!(said.contains("would replace the policy"), "{said}");
+    }
+    assert_eq!(files(&place.at("run/lerobot")), left);
+}
+
+/// With `--lerobot-f32` nothing of what was trained is rounded; else it has the source's type.
+#[test]
+fn what_was_trained_keeps_its_type_unless_told_otherwise() {
+    let place = Place::new();
+    let path = place.at("source/model.safetensors");
+    let bytes = fs::read(&path).unwrap();
+    // The same file with the expert's norm in BF16.
+    let norm = "model.vlm_with_expert.lm_expert.norm.weight";
+    let length = u64::from_le_bytes(bytes[..8].try_into().unwrap()) as usize;
+    let mut header: BTreeMap<String, Value> =
+        serde_json::from_slice(&bytes[8..8 + length]).unwrap();
+    header.remove("__metadata__");
+    let mut data = Vec::new();
+    for (name, about) in &mut header {
+        let at = |i: usize| 8 + length + about["data_offsets"][i].as_u64().unwrap() as usize;
+        let mut raw = bytes[at(0)..at(1)].to_vec();
+        if name == norm {
+            raw = raw.chunks(4).flat_map(|x| [x[2], x[3]]).collect();
+            about["dtype"] = "BF16".into();
+        }
+        about["data_offsets"] = json!([data.len(), data.len() + raw.len()]);
+        data.extend(raw);
+    }
+    let header = serde_json::to_vec(&header).unwrap();
+    let file = [&(header.len() as u64).to_le_bytes()[..], &header, &data].concat();
+    fs::write(&path, file).unwrap();
+
+    for (out, more, dtype) in [
+        ("kept", &[][..], "BF16"),
+        ("f32", &["--lerobot-f32"], "F32"),
+    ] {
+        let options = [&["--policy", "source", "--out", out], more].concat();
+        place.train(&[PICKPLACE], &options).unwrap();
+        let written = Checkpoint::open(place.at(out).join("lerobot")).unwrap();
+        let info = written.weights().info(norm).unwrap();
+        assert_eq!(info.dtype.to_string(), dtype);
+        let model = policy_file::load(&place.at(out).join("model.safetensors")).unwrap();
+        let same = written.policy().unwrap() == model.policy;
+        assert_eq!(same, dtype == "F32");
+    }
+}
+
+#[test]
+fn a_policy_is_evaluated_under_the_statistics_it_was_trained_with() {
+    let place = Place::new();
+    let options = ["--policy", "source", "--out", "run"];
+    place.train(&[PICKPLACE], &options).unwrap();
+    // The same recording, whose statistics are those that the policy was trained with.
+    let copy = place.at("copy");
+    let copied = Command::new("cp")
+        .arg("-r")
+        .args([&recording(SORTING), &copy])
+        .status();
+    assert!(copied.unwrap().success());
+    let of = |folder: &Path| -> Value {
+        serde_json::from_slice(&fs::read(folder.join("meta/stats.json")).unwrap()).unwrap()
+    };
+    let mut all = of(&recording(SORTING));
+    for feature in ["observation.state", "action"] {
+        all[feature] = of(&recording(PICKPLACE))[feature].clone();
+    }
+    fs::write(copy.join("meta/stats.json"), all.to_string()).unwrap();
+
+    for policy in ["run/model.safetensors", "run/lerobot"] {
+        let eval = |dataset: &Path, more: &[&str]| {
+            let rows = place.eval(dataset, &[&["--policy", policy], more].concat());
+            rows[0].clone()
+        };
+        let ours = eval(&recording(SORTING), &[]);
+        assert_eq!(ours["statistics"], "policy");
+        let recordings = ["--statistics", "recording"];
+        let same = eval(&copy, &recordings);
+        assert_eq!(same["statistics"], "recording");
+        assert_eq!(measured(&ours), measured(&same), "{policy}");
+        let other = eval(&recording(SORTING), &recordings);
+        assert_ne!(measured(&ours), measured(&other), "{policy}");
+    }
+    // The checkpoint itself has its own, and a policy without any takes the recording's.
+    let rows = place.eval(
+        &recording(SORTING),
+        &["--policy", "source", "--profile", "micro"],
+    );
+    let whose: Vec<_> = rows.iter().map(|row| &row["statistics"]).collect();
+    assert_eq!(whose, ["policy", "recording"]);
+    let (fine, table, _) = place.zk0(
+        "eval",
+        &[recording(SORTING)],
+        &["--frames", "2", "--policy", "source", "--profile", "micro"],
+    );
+    assert!(fine);
+    for whose in ["policy's", "recording's"] {
+        let line = format!("normalised with the {whose} statistics");
+        assert!(table.contains(&line), "{table}");
+    }
+}
+
+#[test]
+fn actions_are_sampled_in_as_many_steps_as_the_policy_says() {
+    let place = Place::new();
+    let path = place.at("source/config.json");
+    let config = fs::read_to_string(&path).unwrap();
+    let eval = |policy: &str| place.eval(&recording(SORTING), &["--policy", policy])[0].clone();
+    let ten = eval("source");
+    assert_eq!(ten["num_steps"], 10);
+    let three = config.replace("\"num_steps\": 10", "\"num_steps\": 3");
+    assert_ne!(config, three);
+    fs::write(&path, three).unwrap();
+    let three = eval("source");
+    assert_eq!(three["num_steps"], 3);
+    assert_eq!(three["loss"], ten["loss"]);
+    assert_ne!(three["action_error"], ten["action_error"]);
+    place
+        .train(&[SORTING], &["--policy", "source", "--out", "run"])
+        .unwrap();
+    assert_eq!(eval("run/model.safetensors")["num_steps"], 3);
+}
+
+#[test]
+fn other_normalisations_are_kept_to_or_refused() {
+    let place = Place::new();
+    let path = place.at("source/config.json");
+    let config = fs::read_to_string(&path).unwrap();
+    for (feature, mode) in [("STATE", "MIN_MAX"), ("ACTION", "QUANTILES")] {
+        let was = format!("\"{feature}\": \"MEAN_STD\"");
+        let other = config.replace(&was, &format!("\"{feature}\": \"{mode}\""));
+        assert_ne!(config, other);
+        fs::write(&path, other).unwrap();
+        let said = place.train(&[PICKPLACE], &["--policy", "source", "--out", "run"]);
+        let (_, _, evaluated) = place.zk0("eval", &[recording(SORTING)], &["--policy", "source"]);
+        for said in [said.unwrap_err(), evaluated] {
+            assert!(said.contains(mode), "{said}");
+            assert!(said.contains("config.json"), "{said}");
+        }
+    }
+    fs::write(&path, config.replace("MEAN_STD", "IDENTITY")).unwrap();
+    let go = |out: &str, more: &[&str]| {
+        let options = [&["--out", out], more].concat();
+        place.train(&[PICKPLACE], &options).unwrap();
+        policy_file::inference(&place.at(out).join("model.safetensors")).unwrap()
+    };
+    let used = go("run", &["--policy", "source"]);
+    let kept = used.stats.clone().unwrap();
+    assert_eq!(
+        (kept.state.mean(), kept.state.std()),
+        (&[0.0; 6][..], &[1.0; 6][..])
+    );
+    assert_eq!(kept.action, kept.state);
+    let written = Checkpoint::open(place.at("run/lerobot")).unwrap();
+    assert_eq!(written.inference().unwrap(), used);
+    // Whoever goes on from the file does not normalise either.
+    assert_eq!(go("again", &["--policy", "run/model.safetensors"]), used);
+    assert!(
+        !place.at("again/lerobot").exists(),
+        "no folder to start from"
+    );
+}
+
+#[test]
+fn several_recordings_share_one_normaliser() {
+    let place = Place::new();
+    let options = ["--policy", "source", "--out", "run"];
+    place.train(&[PICKPLACE, SORTING], &options).unwrap();
+    let open = |name: &str| Dataset::open(recording(name)).unwrap();
+    let (a, b) = (open(PICKPLACE), open(SORTING));
+    let pooled = Stats::pooled(&[(a.stats(), a.len()), (b.stats(), b.len())]);
+    let written = Checkpoint::open(place.at("run/lerobot")).unwrap();
+    assert_eq!(written.stats().unwrap(), pooled);
+    let used = policy_file::inference(&place.at("run/model.safetensors")).unwrap();
+    assert_eq!(used.stats, pooled);
+}

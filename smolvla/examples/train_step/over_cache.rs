@@ -1,0 +1,180 @@
+//! Steps as `zk0 train` makes them once its frames are prepared: samples come from a cache on disk, are checked, made into a
+//! batch, and trained on.
+
+use std::borrow::Cow;
+use std::time::Instant;
+
+use rand::SeedableRng;
+use rand_chacha::ChaCha20Rng;
+use zk0_smolvla::batch::SampleSource;
+use zk0_smolvla::frozen::FrozenPlace;
+use zk0_smolvla::init::init_policy;
+use zk0_smolvla::prefix_cache::entry::Entry;
+use zk0_smolvla::prefix_cache::{DiskCache, Key};
+use zk0_smolvla::sample::{
+    CameraImage, FromFrame, Observation, ObservedSample, PreparedSample, Preparer,
+};
+use zk0_smolvla::tokenizer::Tokenizer;
+use zk0_smolvla::train::{Samples, TrainOptions, Trainer};
+use zk0_smolvla::{PolicyConfig, PolicyError, Profile};
+
+use crate::{recorded, Failure, Measured};
+
+/// Batches that the cache holds.
+const BATCHES: usize = 2;
+
+/// An instruction of full length, whatever it says.
+struct FullLength(PolicyConfig);
+
+impl Tokenizer for FullLength {
+    fn tokens(&self, _: &str) -> Result<Vec<u32>, PolicyError> {
+        let length = self.0.max_language_tokens.min(48);
+        let ids = (0..length).map(|i| (i * 7 % (self.0.text.vocabulary - 1)) as u32);
+        Ok(ids.collect())
+    }
+}
+
+/// Samples by number, each read from the disk when it is asked for.
+struct OnDisk {
+    cache: DiskCache,
+    keys: Vec<Key>,
+}
+
+impl<S: Entry + Clone> SampleSource<S> for OnDisk {
+    fn len(&self) -> usize {
+        self.keys.len()
+    }
+
+    fn sample(&self, index: usize) -> Result<Cow<'_, S>, PolicyError> {
+        let wrong = |why: String| PolicyError::Sample(format!("sample {index}: {why}"));
+        let sample = self.cache.get(&self.keys[index]);
+        let sample = sample.map_err(|error| wrong(error.to_string()))?;
+        Ok(Cow::Owned(sample.ok_or_else(|| wrong("not there".into()))?))
+    }
+}
+
+/// The expert is trained.
+pub fn prepared(
+    profile: Profile,
+    batch: usize,
+    steps: usize,
+    place: &FrozenPlace,
+) -> Result<Measured, Failure> {
+    run::<PreparedSample>(profile, batch, steps, place, |kept| Samples::Prepared(kept))
+}
+
+/// The state projection as well.
+pub fn observed(
+    profile: Profile,
+    batch: usize,
+    steps: usize,
+    place: &FrozenPlace,
+) -> Result<Measured, Failure> {
+    run::<ObservedSample>(profile, batch, steps, place, |kept| Samples::Observed(kept))
+}
+
+fn run<S: FromFrame + Entry>(
+    profile: Profile,
+    batch: usize,
+    steps: usize,
+    place: &FrozenPlace,
+    samples: impl Fn(&OnDisk) -> Samples<'_>,
+) -> Result<Measured, Failure> {
+    let config = profile.config();
+    let policy = init_policy(&config, 1)?;
+    let folder = tempfile::tempdir()?;
+    let mut kept = OnDisk {
+        cache: DiskCache::open(folder.path(), u64::MAX)?,
+        keys: Vec::new(),
+    };
+    {
+        let tokenizer = FullLength(config.clone());
+        let preparer = Preparer::at(place, &policy, &tokenizer)?;
+        for number in 0..BATCHES * batch {
+            let sample = S::from_frame(&preparer, &Frame::random(&config, profile, number).seen())?;
+            let mut key = Key([0; 32]);
+            key.0[..8].copy_from_slice(&(number as u64).to_le_bytes());
+            kept.cache.put(&key, &sample)?;
+            kept.keys.push(key);
+        }
+    }
+    let options = TrainOptions {
+        steps: steps + 1,
+        batch_size: batch,
+        ..TrainOptions::default()
+    };
+    let samples = samples(&kept);
+    let frozen = match samples {
+        Samples::Prepared(_) => None,
+        Samples::Observed(_) => Some(&policy.frozen),
+    };
+    let mut trainer = Trainer::on(place, &config, &policy.expert, frozen, samples, options)?;
+    let (mut seconds, mut loss) = (Vec::new(), 0.0);
+    while !trainer.is_done() {
+        let started = Instant::now();
+        loss = trainer.step()?.loss;
+        seconds.push(started.elapsed().as_secs_f64());
+    }
+    let trained = trainer.values()?.values().map(|t| t.data.len()).sum();
+    Ok(Measured {
+        seconds,
+        loss,
+        trained,
+    })
+}
+
+/// A random frame of a recording.
+struct Frame {
+    size: (usize, usize),
+    /// Of each camera: 8-bit RGB (3, height, width).
+    pictures: Vec<Vec<u8>>,
+    names: Vec<String>,
+    state: Vec<f32>,
+    actions: Vec<f32>,
+    is_pad: Vec<bool>,
+}
+
+impl Frame {
+    fn random(config: &PolicyConfig, profile: Profile, number: usize) -> Self {
+        let mut rng = ChaCha20Rng::seed_from_u64(number as u64);
+        let (height, width) = recorded(profile);
+        let picture = |_| {
+            let mut picture = vec![0; 3 * height * width];
+            rand::RngCore::fill_bytes(&mut rng, &mut picture);
+            picture
+        };
+        let wave = |count: usize| (0..count).map(|i| (i as f32 * 0.618).sin()).collect();
+        Self {
+            size: (height, width),
+            pictures: (0..config.cameras).map(picture).collect(),
+            names: (0..config.cameras)
+                .map(|slot| format!("camera{slot}"))
+                .collect(),
+            state: wave(config.state_dim),
+            actions: wave(config.chunk_size * config.action_dim),
+            is_pad: vec![false; config.chunk_size],
+        }
+    }
+
+    fn seen(&self) -> Observation<'_> {
+        let (height, width) = self.size;
+        let camera = |(name, pixels)| CameraImage {
+            name,
+            height,
+            width,
+            pixels,
+        };
+        let pictures = self
+            .names
+            .iter()
+            .map(String::as_str)
+            .zip(self.pictures.iter().map(Vec::as_slice));
+        Observation {
+            cameras: pictures.map(camera).collect(),
+            state: &self.state,
+            actions: &self.actions,
+            is_pad: &self.is_pad,
+            task: "",
+        }
+    }
+}
