@@ -9,7 +9,13 @@
 
 mod allocations;
 mod fuzzing;
+#[path = "fuzzing/hub_target.rs"]
+mod hub_target;
+#[path = "fuzzing/kept_targets.rs"]
+mod kept_targets;
 mod mp4_writer;
+#[path = "fuzzing/policy_targets.rs"]
+mod policy_targets;
 mod recordings;
 #[path = "fuzzing/targets.rs"]
 mod targets;

@@ -1,26 +1,36 @@
 //! What is given random inputs, and what it starts from.
 
 use std::collections::BTreeMap;
+use std::fs;
 use std::str::from_utf8;
+use std::time::Duration;
 
 use ed25519_dalek::SigningKey;
-use zk0_ledger::cosignature::Cosigner;
+use sha2::{Digest as _, Sha256};
+use zk0_ledger::checkpoint::Parsed;
+use zk0_ledger::cosignature::{self, Cosigner};
+use zk0_ledger::entry::DisputeResolved;
+use zk0_ledger::governance::{Action, Ballot, Outcome};
 use zk0_ledger::layout::{Kind, Resource, Tile};
-use zk0_ledger::signed::{SignatureError, Submission, UploadRequest};
+use zk0_ledger::published::first_entry;
+use zk0_ledger::replay::{replay_with, Keep, Options, Saved, SavedError};
+use zk0_ledger::signed::{
+    Dispute, Evidence, KeyRotation, KeyTakeover, SignatureError, Statement, Submission,
+    UploadRequest,
+};
 use zk0_ledger::witness::{AddCheckpoint, Witness};
 use zk0_ledger::{
-    bundle, tiles, Checkpoint, Entry, Policy, PublishedLog, Receipt, Signed, State, TlogProof,
-    VerifierKey,
+    bundle, tiles, Body, Checkpoint, Entry, Policy, PublishedLog, Receipt, Rules, Signed, State,
+    TlogProof, VerifierKey,
 };
 
+use crate::network::rounds::ledger_with_a_round;
 use crate::network::shelf::{log_vkey, Shelf, Shown, ORIGIN};
 use crate::network::votes::{proposed, settled, voted};
 use crate::network::{
-    accepted, closed, committed, enrolled, entry, genesis, log_key, opened, registered, rejected,
-    submission, weights, Chain, T0,
+    accepted, closed, committed, digest, enrolled, entry, genesis, governor_key, id, key, log_key,
+    opened, registered, rejected, submission, weights, Chain, T0, TIME_LOCK, VOTING,
 };
-use zk0_ledger::governance::{Action, Ballot, Outcome};
-use zk0_ledger::Body;
 
 /// What any input may make a reader allocate: borsh makes room for a mebibyte of a string before it finds that there is less.
 pub const SLACK: usize = (1 << 20) + (128 << 10);
@@ -31,7 +41,7 @@ pub struct Target {
     pub run: Box<dyn FnMut(&[u8]) -> Result<(), String>>,
 }
 
-pub const NAMES: [&str; 15] = [
+pub const NAMES: [&str; 22] = [
     "entry",
     "checkpoint",
     "cosigned",
@@ -47,6 +57,13 @@ pub const NAMES: [&str; 15] = [
     "submission",
     "upload_request",
     "state",
+    "applied",
+    "rules",
+    "rules_json",
+    "saved",
+    "cosignature",
+    "checkpoint_bundle",
+    "first_entry",
 ];
 
 pub fn target(name: &str) -> Target {
@@ -153,6 +170,23 @@ pub fn target(name: &str) -> Target {
             seeds: vec![borsh::to_vec(&history().0).unwrap()],
             run: Box::new(|bytes| borsh::from_slice::<State>(bytes).map(drop).map_err(text)),
         },
+        "applied" => applied(),
+        "rules" => Target {
+            seeds: vec![borsh::to_vec(&genesis().rules).unwrap()],
+            run: Box::new(|bytes| borsh::from_slice::<Rules>(bytes).map_err(text)?.check()),
+        },
+        "rules_json" => Target {
+            seeds: vec![serde_json::to_vec_pretty(&genesis().rules).unwrap()],
+            run: Box::new(|bytes| {
+                serde_json::from_slice::<Rules>(bytes)
+                    .map_err(text)?
+                    .check()
+            }),
+        },
+        "saved" => saved(),
+        "cosignature" => cosigned_answer(),
+        "checkpoint_bundle" => checkpoint_bundle(),
+        "first_entry" => unverified(),
         other => panic!("no target {other}; there are {NAMES:?}"),
     }
 }
@@ -187,6 +221,9 @@ fn history() -> (State, Vec<Entry>) {
         step(&mut chain, registered(&network, node));
     }
     for round in 0..2 {
+        if round == 1 {
+            between_rounds(&mut chain, &mut step);
+        }
         let opening = Body::RoundOpened(opened(&chain.state, chain.time_ms + 1));
         step(&mut chain, opening);
         for node in 0..3 {
@@ -205,16 +242,252 @@ fn history() -> (State, Vec<Entry>) {
         let body = Body::RoundClosed(closed(&chain.state, weights(0x50)));
         step(&mut chain, body);
     }
-    let body = proposed(&chain.state, 0, Action::Suspend(crate::network::id(2)));
+    let body = proposed(&chain.state, 0, Action::Suspend(id(2)));
     step(&mut chain, body);
-    let body = voted(&chain.state, 1, 0, Ballot::Against);
+    let body = voted(&chain.state, 1, 1, Ballot::Against);
     step(&mut chain, body);
     (chain.state, entries)
 }
 
+/// What is only said while no round is open: disputes, a change of key, and the end of a proposal.
+fn between_rounds(chain: &mut Chain, step: &mut impl FnMut(&mut Chain, Body)) {
+    let network = *chain.state.network();
+    let contribution = *chain.state.contributions().keys().next().unwrap();
+    for evidence in [Evidence::Verification, Evidence::Document(digest(6))] {
+        let dispute = Dispute {
+            network,
+            disputer: id(1),
+            contribution,
+            evidence,
+        };
+        let raised = chain.state.entries();
+        step(chain, Body::Disputed(Signed::new(dispute, &key(1))));
+        if evidence == Evidence::Verification {
+            let resolved = DisputeResolved {
+                dispute: raised,
+                upheld: None,
+            };
+            step(chain, Body::DisputeResolved(resolved));
+        }
+    }
+    step(chain, enrolled(3));
+    let rotation = KeyRotation {
+        network,
+        node: id(3),
+        with: id(NEXT),
+    };
+    let body = Body::KeyRotated {
+        rotation: Signed::new(rotation, &key(3)),
+        takeover: Signed::new(KeyTakeover { rotation }, &key(NEXT)),
+    };
+    step(chain, body);
+    let body = proposed(&chain.state, 0, Action::Suspend(id(1)));
+    step(chain, body);
+    chain.wait(VOTING + TIME_LOCK);
+    step(chain, settled(0, Outcome::NoQuorum));
+}
+
+/// The key that node 3 changes to.
+const NEXT: u8 = 9;
+
+/// An entry after the first so many of a history, its statements signed anew where their signer is one whose key we have: what
+/// a hostile aggregator, with members of its own, can put on its log. The first byte says after how many.
+fn applied() -> Target {
+    let (_, entries) = history();
+    let mut states: Vec<Option<State>> = vec![None];
+    for entry in &entries {
+        let mut state = states.last().unwrap().clone();
+        apply(&mut state, entry).unwrap();
+        states.push(state);
+    }
+    let seeds = (0u8..)
+        .zip(&entries)
+        .map(|(at, entry)| [&[at][..], &entry.encode().unwrap()].concat())
+        .collect();
+    Target {
+        seeds,
+        run: Box::new(move |bytes| {
+            let (at, bytes) = bytes.split_first().ok_or("no bytes at all")?;
+            let mut entry = Entry::decode(bytes).map_err(text)?;
+            sign_anew(&mut entry.body);
+            let mut state = states[usize::from(*at) % states.len()].clone();
+            apply(&mut state, &entry).map_err(without_parts)
+        }),
+    }
+}
+
+/// What other targets tell apart is one outcome here.
+fn without_parts(message: String) -> String {
+    let parts = ["genesis: evaluation", "genesis: rule", "signature"];
+    let part = parts.iter().find(|part| message.starts_with(*part));
+    part.map_or(message.clone(), |part| part.to_string())
+}
+
+fn apply(state: &mut Option<State>, entry: &Entry) -> Result<(), String> {
+    match state {
+        None => *state = Some(State::found(entry).map_err(text)?),
+        Some(state) => {
+            let root = digest(state.entries() as u8);
+            state.apply(&root, entry).map_err(text)?;
+        }
+    }
+    Ok(())
+}
+
+fn sign_anew(body: &mut Body) {
+    fn anew<T: Statement + Clone>(signed: &mut Signed<T>) {
+        let keys = (0..=3).chain([NEXT]).map(key);
+        let mut keys = keys.chain((0..3).map(governor_key));
+        let signer = signed.statement.signer();
+        if let Some(key) = keys.find(|key| key.verifying_key().to_bytes() == signer.0) {
+            *signed = Signed::new(signed.statement.clone(), &key);
+        }
+    }
+    match body {
+        Body::DatasetCommitted(signed) => anew(signed),
+        Body::UpdateCommitted(signed) => anew(signed),
+        Body::ContributionAccepted(submission) | Body::ContributionRejected { submission, .. } => {
+            anew(submission)
+        }
+        Body::KeyRotated { rotation, takeover } => {
+            anew(rotation);
+            anew(takeover);
+        }
+        Body::Proposed(signed) => anew(signed),
+        Body::Voted(signed) => anew(signed),
+        Body::Disputed(signed) => anew(signed),
+        _ => {}
+    }
+}
+
+/// An auditor's memory: the file as it is, or, where the input does not begin like one, what follows a right digest.
+fn saved() -> Target {
+    let dir = tempfile::tempdir().unwrap();
+    let (ledger, path) = (dir.path().join("ledger"), dir.path().join("saved"));
+    drop(ledger_with_a_round(&ledger));
+    let options = Options {
+        keep: Some(Keep {
+            path: path.clone(),
+            every: Duration::ZERO,
+        }),
+        ..Options::default()
+    };
+    replay_with(&ledger, options, &mut ());
+    let whole = fs::read(&path).unwrap();
+    let start = whole.iter().position(|byte| *byte == b'\n').unwrap() + 1;
+    let format = whole[..start].to_vec();
+    Target {
+        seeds: vec![whole.clone(), whole[start + 32..].to_vec()],
+        run: Box::new(move |bytes| {
+            let _ = &dir;
+            let file = match bytes.starts_with(&format) {
+                true => bytes.to_vec(),
+                false => [&format, &Sha256::digest(bytes)[..], bytes].concat(),
+            };
+            fs::write(&path, file).unwrap();
+            match Saved::read(&path) {
+                Ok(saved) => saved.map(drop).ok_or("not there".into()),
+                Err(SavedError::Unusable { why, .. }) => Err(why),
+                Err(error) => panic!("{error}"),
+            }
+        }),
+    }
+}
+
+/// What a witness answers.
+fn cosigned_answer() -> Target {
+    let note = Parsed::read(&checkpoint()).unwrap().note;
+    let cosigner = cosigner();
+    let good = cosigner.cosign(note_text(), 1);
+    let other = Cosigner::new("other.example/w", SigningKey::from_bytes(&[201; 32])).unwrap();
+    let both = [other.cosign(note_text(), 1), good.clone()].concat();
+    Target {
+        seeds: vec![good, both],
+        run: Box::new(
+            move |bytes| match cosignature::find(bytes, cosigner.key(), &note) {
+                Some(_) => Ok(()),
+                None => Err(why_none(bytes, cosigner.key())),
+            },
+        ),
+    }
+}
+
+/// `find` says nothing of what it passes over: how far it got with the best line.
+fn why_none(answer: &[u8], key: &VerifierKey) -> String {
+    let lines = answer.split_inclusive(|byte| *byte == b'\n');
+    let lines: Vec<&[u8]> = lines.filter_map(|line| line.strip_suffix(b"\n")).collect();
+    let parsed = lines
+        .iter()
+        .filter_map(|line| signed_note::Signature::from_bytes(line).ok());
+    let parsed: Vec<_> = parsed.collect();
+    let own = parsed
+        .iter()
+        .find(|signature| signature.name() == key.name() && signature.id() == key.id());
+    match (lines.is_empty(), parsed.is_empty(), own) {
+        (true, ..) => "no line".into(),
+        (_, true, _) => "no signature line".into(),
+        (_, _, None) => "signatures of others".into(),
+        (_, _, Some(own)) if own.signature().len() != 72 => "no cosignature".into(),
+        (_, _, Some(_)) => "not valid".into(),
+    }
+}
+
+/// The log's checkpoints after each entry, read as a mirror reads them.
+fn checkpoint_bundle() -> Target {
+    let shelf = Shelf::of(&leaves());
+    let tile = Tile::at(Kind::Checkpoints, 0, 7).unwrap();
+    let good = tiles::read(&shelf.store, 7, &tile).unwrap().unwrap();
+    let key = log_key().verifying_key().to_bytes();
+    Target {
+        seeds: vec![good],
+        run: Box::new(move |bytes| {
+            let shown = Shown {
+                store: &shelf.store,
+                size: 7,
+                instead: BTreeMap::from([(tile.to_string(), Some(bytes.to_vec()))]),
+            };
+            let log = PublishedLog::open(&shown, &log_vkey(), &Policy::none()).map_err(text)?;
+            for (after, checkpoint) in (1..).zip(log.checkpoints(0).map_err(text)?) {
+                let checkpoint = checkpoint.ok_or("a checkpoint is missing")?;
+                let opened = Checkpoint::open(&checkpoint, ORIGIN, &key).map_err(text)?;
+                if opened != shelf.checkpoint(after) {
+                    return Err("the checkpoint of another size".into());
+                }
+            }
+            Ok(())
+        }),
+    }
+}
+
+/// What is read of a log before anything is verified: its checkpoint, if the first byte is 0, or its first entry.
+fn unverified() -> Target {
+    let shelf = Shelf::of(&leaves());
+    let tile = Tile::at(Kind::Entries, 0, 7).unwrap();
+    let entries = tiles::read(&shelf.store, 7, &tile).unwrap().unwrap();
+    let checkpoint = shelf.store.checkpoint(7).unwrap().unwrap();
+    Target {
+        seeds: vec![[vec![0], checkpoint].concat(), [vec![1], entries].concat()],
+        run: Box::new(move |bytes| {
+            let (which, bytes) = bytes.split_first().ok_or("no bytes at all")?;
+            let path = match which {
+                0 => Resource::Checkpoint.to_string(),
+                _ => tile.to_string(),
+            };
+            let shown = Shown {
+                store: &shelf.store,
+                size: 7,
+                instead: BTreeMap::from([(path, Some(bytes.to_vec()))]),
+            };
+            let first = first_entry(&shown).map_err(text)?;
+            State::found(&Entry::decode(&first).map_err(text)?)
+                .map(drop)
+                .map_err(|error| without_parts(text(error)))
+        }),
+    }
+}
+
 fn entries() -> Vec<Vec<u8>> {
-    let (_, mut entries) = history();
-    entries.push(entry(T0, settled(0, Outcome::Executed)));
+    let (_, entries) = history();
     entries
         .iter()
         .map(|entry| entry.encode().unwrap())
@@ -226,7 +499,7 @@ fn leaves() -> Vec<Vec<u8>> {
 }
 
 fn checkpoint() -> Vec<u8> {
-    let root = crate::network::digest(5);
+    let root = digest(5);
     let checkpoint = Checkpoint { size: 7, root };
     checkpoint.sign(ORIGIN, &log_key()).unwrap()
 }
@@ -291,13 +564,13 @@ fn signed_submission() -> Signed<Submission> {
 
 fn upload_request() -> Signed<UploadRequest> {
     let request = UploadRequest {
-        network: crate::network::digest(1),
+        network: digest(1),
         round: 2,
-        node: crate::network::id(1),
-        blob: crate::network::digest(2),
+        node: id(1),
+        blob: digest(2),
         size: 3,
     };
-    Signed::new(request, &crate::network::key(1))
+    Signed::new(request, &key(1))
 }
 
 fn framed(items: &[Vec<u8>]) -> Vec<u8> {

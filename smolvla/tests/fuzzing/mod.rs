@@ -43,13 +43,48 @@ pub fn run(target: &mut Target, input: &[u8]) -> Result<String, String> {
     })
 }
 
-/// The message without numbers and without what it quotes, so that one fault is one outcome.
+/// What libraries quote as it is, quotation marks and all.
+const QUOTED: [&str; 3] = [
+    "unknown field",
+    "unknown variant",
+    "invalid offset for tensor",
+];
+
+/// The message without numbers, digests and what it quotes, so that one fault is one outcome.
 fn class(message: &str) -> String {
-    let unquoted = message.split(['"', '`']).step_by(2);
-    let letters = unquoted
+    let ends = QUOTED
+        .iter()
+        .filter_map(|q| Some(message.find(q)? + q.len()));
+    let message = unquoted(&message[..ends.min().unwrap_or(message.len())]);
+    let message = match message.strip_prefix('\'') {
+        Some(quoted) => quoted.split_once("' ").map_or("", |(_, rest)| rest),
+        None => &message,
+    };
+    let (message, _) = message.split_once(" '").unwrap_or((message, ""));
+    let words = message.split(|c: char| !c.is_ascii_alphanumeric() && c != ' ');
+    let words = words.flat_map(|words| words.split_inclusive(' '));
+    let is_digest = |word: &str| word.len() >= 32 && word.bytes().all(|b| b.is_ascii_hexdigit());
+    let letters = words
+        .filter(|word| !is_digest(word.trim_end()))
         .flat_map(str::chars)
         .filter(|c| c.is_ascii_alphabetic() || *c == ' ');
     letters.take(60).collect()
+}
+
+/// The message without what is between `"` and `"`, as Rust escapes it, or between two backticks.
+fn unquoted(message: &str) -> String {
+    let (mut left, mut open, mut escaped) = (String::new(), None, false);
+    for c in message.chars() {
+        match open {
+            None if c == '"' || c == '`' => open = Some(c),
+            None => left.push(c),
+            Some(_) if escaped => escaped = false,
+            Some('"') if c == '\\' => escaped = true,
+            Some(mark) if c == mark => open = None,
+            Some(_) => {}
+        }
+    }
+    left
 }
 
 /// What was found in some time.

@@ -10,8 +10,10 @@ use zk0_smolvla::tokenizer::Tokenizer;
 use zk0_smolvla::trained_tokenizer::TrainedTokenizer;
 use zk0_smolvla::{ExpertWeights, Profile as Model};
 
+use crate::hub_target::hub_listing;
 use crate::mp4_writer::encode;
 use crate::recordings::{recording, Copy};
+use crate::{kept_targets, policy_targets};
 
 /// What any input may make a reader allocate: pictures, and tables of the libraries.
 pub const SLACK: usize = 24 << 20;
@@ -22,19 +24,31 @@ pub struct Target {
     pub run: Box<dyn FnMut(&[u8]) -> Result<(), String>>,
 }
 
-pub const NAMES: [&str; 12] = [
+pub const NAMES: [&str; 24] = [
     "mp4",
     "h264",
+    "av1",
     "info_v30",
     "info_v21",
     "stats",
     "tasks_jsonl",
     "episodes_jsonl",
     "episodes_stats_jsonl",
+    "tasks_parquet",
     "episodes_parquet",
     "data_parquet",
     "tokenizer",
     "safetensors",
+    "policy_file",
+    "tensor_file",
+    "policy_json",
+    "vlm_json",
+    "processor_json",
+    "prefix_entry",
+    "file_digests",
+    "training_state",
+    "training_tensors",
+    "hub_listing",
 ];
 
 const HEIGHT: usize = 48;
@@ -48,17 +62,32 @@ pub fn target(name: &str) -> Target {
             seeds: vec![video(Profile::High), av1()],
             run: Box::new(|bytes| Mp4Track::read(&mut Cursor::new(bytes)).map(drop)),
         },
-        "h264" => h264(),
+        "h264" => {
+            let seeds = vec![video(Profile::Baseline), video(Profile::High)];
+            pictures(seeds, HEIGHT, WIDTH)
+        }
+        "av1" => pictures(vec![av1()], 96, 128),
         "info_v30" => in_folder(new, "meta/info.json"),
         "info_v21" => in_folder(old, "meta/info.json"),
         "stats" => in_folder(new, "meta/stats.json"),
         "tasks_jsonl" => in_folder(old, "meta/tasks.jsonl"),
         "episodes_jsonl" => in_folder(old, "meta/episodes.jsonl"),
         "episodes_stats_jsonl" => in_folder(old, "meta/episodes_stats.jsonl"),
+        "tasks_parquet" => in_folder(new, "meta/tasks.parquet"),
         "episodes_parquet" => in_folder(new, "meta/episodes/chunk-000/file-000.parquet"),
         "data_parquet" => in_folder(old, "data/chunk-000/episode_000000.parquet"),
         "tokenizer" => tokenizer(),
         "safetensors" => safetensors(),
+        "policy_file" => policy_targets::policy_file(),
+        "tensor_file" => policy_targets::tensor_file(),
+        "policy_json" => policy_targets::policy_json(),
+        "vlm_json" => policy_targets::vlm_json(),
+        "processor_json" => policy_targets::processor_json(),
+        "prefix_entry" => kept_targets::prefix_entry(),
+        "file_digests" => kept_targets::file_digests(),
+        "training_state" => kept_targets::training_state(),
+        "training_tensors" => kept_targets::training_tensors(),
+        "hub_listing" => hub_listing(),
         other => panic!("no target {other}; there are {NAMES:?}"),
     }
 }
@@ -80,14 +109,15 @@ fn av1() -> Vec<u8> {
     fs::read(recording("so100_pickplace_v21").join(file)).unwrap()
 }
 
-fn h264() -> Target {
+/// The first pictures of a video of this size.
+fn pictures(seeds: Vec<Vec<u8>>, height: usize, width: usize) -> Target {
     let dir = tempfile::tempdir().unwrap();
     Target {
-        seeds: vec![video(Profile::Baseline), video(Profile::High)],
+        seeds,
         run: Box::new(move |bytes| {
             let path = dir.path().join("input");
             fs::write(&path, bytes).unwrap();
-            let read = VideoReader::open(&path, HEIGHT, WIDTH).and_then(|mut video| {
+            let read = VideoReader::open(&path, height, width).and_then(|mut video| {
                 (0..video.len().min(6)).try_for_each(|n| video.rgb(n).map(drop))
             });
             read.map_err(|e| e.to_string().replace(path.to_str().unwrap(), ""))

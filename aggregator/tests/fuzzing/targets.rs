@@ -1,0 +1,316 @@
+//! What is given random inputs, and what it starts from.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use borsh::BorshDeserialize;
+use zk0_aggregator::request::RequestError;
+use zk0_aggregator::{Aggregator, Auditor, Config, Depth, ManualClock, Progress};
+use zk0_circuits::Digest;
+use zk0_ledger::governance::{Action, Ballot};
+use zk0_ledger::replay::{replay, Finding, Recheck};
+use zk0_ledger::signed::{
+    DatasetRegistration, Proposal, Signed, Statement, UpdateCommitment, UploadRequest, Vote,
+};
+use zk0_ledger::{Blobs, Body, Entry, Genesis, Refusal, State};
+use zk0_verifier::blob_digest;
+
+use crate::harness::{flat, genesis, log_key, weights, Node, GOVERNOR, POLICY, START_MS};
+
+/// What any input may make a reader allocate: an uploaded update is read again, and an auditor verifies a whole proof.
+pub const SLACK: usize = 8 << 20;
+
+/// A reader under test.
+pub struct Target {
+    pub seeds: Vec<Vec<u8>>,
+    pub run: Box<dyn FnMut(&[u8]) -> Result<(), String>>,
+}
+
+pub const NAMES: [&str; 6] = [
+    "record",
+    "registration",
+    "upload",
+    "commitment",
+    "submission",
+    "audit_memory",
+];
+
+pub fn target(name: &str) -> Target {
+    match name {
+        "record" => record(),
+        "registration" => registration(),
+        "upload" => upload(),
+        "commitment" => commitment(),
+        "submission" => submission(),
+        "audit_memory" => audit_memory(),
+        other => panic!("no target {other}; there are {NAMES:?}"),
+    }
+}
+
+/// The only proof that is submitted.
+const PROOF: &[u8] = b"no proof";
+
+/// An aggregator in round 0, for which node 1 has uploaded an update. Node 2 may contribute, node 3 has no dataset.
+struct Network {
+    dir: tempfile::TempDir,
+    aggregator: Aggregator,
+    id: Digest,
+    nodes: [Node; 3],
+    update: Vec<u8>,
+}
+
+impl Network {
+    fn new() -> Self {
+        let dir = tempfile::tempdir().unwrap();
+        let config = Config {
+            rounds: None,
+            min_nodes: 2,
+        };
+        let (clock, genesis) = (Arc::new(ManualClock::at(START_MS)), genesis());
+        let initial = weights(0);
+        let id = genesis.network_id();
+        let founded = Aggregator::found(
+            dir.path(),
+            genesis,
+            log_key(),
+            POLICY,
+            &initial,
+            clock,
+            config,
+        );
+        let mut aggregator = founded.unwrap();
+        let nodes = [1, 2, 3].map(Node::new);
+        for node in &nodes {
+            let name = format!("node-{}", node.seed);
+            aggregator.enrol(node.id(), name).unwrap();
+        }
+        for node in &nodes[..2] {
+            let registration = bytes(&node.registration(&id));
+            aggregator
+                .register(&registration, &flat(&node.leaves()))
+                .unwrap();
+        }
+        assert_eq!(aggregator.step().unwrap(), Progress::Opened(0));
+        let update = weights(1);
+        let request = Signed::new(nodes[0].upload_request(&id, 0, &update), &nodes[0].key);
+        let (_, writer) = aggregator.begin_upload(&bytes(&request)).unwrap();
+        let mut writer = writer.unwrap();
+        writer.write(&update).unwrap();
+        writer.finish(&blob_digest(&update)).unwrap();
+        Self {
+            dir,
+            aggregator,
+            id,
+            nodes,
+            update,
+        }
+    }
+}
+
+fn bytes(value: &impl borsh::BorshSerialize) -> Vec<u8> {
+    borsh::to_vec(value).unwrap()
+}
+
+fn text(error: impl ToString) -> String {
+    error.to_string()
+}
+
+/// A statement that names `node` as its signer, signed anew; any other bytes as they are.
+fn sign_anew<T: Statement + BorshDeserialize>(input: &[u8], node: &Node) -> Vec<u8> {
+    match borsh::from_slice::<Signed<T>>(input) {
+        Ok(signed) if signed.statement.signer() == node.id() => {
+            bytes(&Signed::new(signed.statement, &node.key))
+        }
+        _ => input.to_vec(),
+    }
+}
+
+/// What members say, already recorded. Said otherwise it is for `applied` of the ledger's targets.
+fn record() -> Target {
+    let Network {
+        dir,
+        mut aggregator,
+        id,
+        ..
+    } = Network::new();
+    let governor = Node::new(GOVERNOR);
+    let proposal = Proposal {
+        network: id,
+        number: 0,
+        proposer: governor.id(),
+        title: "a better network".into(),
+        text: "because".into(),
+        action: Action::Suspend(Node::new(2).id()),
+    };
+    let vote = Vote {
+        network: id,
+        proposal: 0,
+        voter: governor.id(),
+        ballot: Ballot::For,
+    };
+    let seeds = vec![
+        bytes(&Body::Proposed(Signed::new(proposal, &governor.key))),
+        bytes(&Body::Voted(Signed::new(vote, &governor.key))),
+    ];
+    for seed in &seeds {
+        aggregator.record(seed).unwrap();
+    }
+    Target {
+        seeds,
+        run: Box::new(move |input| {
+            let _ = &dir;
+            aggregator.record(input).map(drop).map_err(text)
+        }),
+    }
+}
+
+/// A registration and a list of leaves, the former after its length. What names node 3 is signed anew with the digest of the
+/// leaves that come with it; node 3 is never registered, as the root that it commits to is wrong.
+fn registration() -> Target {
+    let mut network = Network::new();
+    let with_leaves = |registration: Vec<u8>, leaves: Vec<u8>| {
+        let length = (registration.len() as u32).to_le_bytes();
+        [&length[..], &registration, &leaves].concat()
+    };
+    let seeds = network.nodes.each_ref().map(|node| {
+        let mut statement = node.registration(&network.id).statement;
+        if node.seed == 3 {
+            statement.dataset.root = Digest([8; 32]);
+        }
+        let signed = Signed::new(statement, &node.key);
+        with_leaves(bytes(&signed), flat(&node.leaves()))
+    });
+    Target {
+        seeds: seeds.into(),
+        run: Box::new(move |input| {
+            let network = &mut network;
+            let (length, rest) = input.split_first_chunk::<4>().ok_or("no length")?;
+            let length = (u32::from_le_bytes(*length) as usize).min(rest.len());
+            let (registration, leaves) = rest.split_at(length);
+            let registration = with_digest(registration, leaves, &network.nodes[2]);
+            match network.aggregator.register(&registration, leaves) {
+                Err(error) if error.to_string().contains("leaves hash to root") => Ok(()),
+                other => other.map(drop).map_err(text),
+            }
+        }),
+    }
+}
+
+fn with_digest(registration: &[u8], leaves: &[u8], node: &Node) -> Vec<u8> {
+    match borsh::from_slice::<Signed<DatasetRegistration>>(registration) {
+        Ok(signed) if signed.statement.node == node.id() => {
+            let statement = DatasetRegistration {
+                leaves: blob_digest(leaves),
+                ..signed.statement
+            };
+            bytes(&Signed::new(statement, &node.key))
+        }
+        _ => registration.to_vec(),
+    }
+}
+
+fn upload() -> Target {
+    let mut network = Network::new();
+    let seeds = [0, 1].map(|at| {
+        let node = &network.nodes[at];
+        let request = node.upload_request(&network.id, 0, &network.update);
+        bytes(&Signed::new(request, &node.key))
+    });
+    Target {
+        seeds: seeds.into(),
+        run: Box::new(move |input| {
+            let network = &mut network;
+            let input = sign_anew::<UploadRequest>(input, &network.nodes[1]);
+            let begun = network.aggregator.begin_upload(&input);
+            begun.map(drop).map_err(text)
+        }),
+    }
+}
+
+/// What names node 2 is signed anew, and turned down at the latest because node 2 has uploaded nothing.
+fn commitment() -> Target {
+    let mut network = Network::new();
+    let updates = [network.update.clone(), weights(2)];
+    let seeds = [0, 1].map(|at| {
+        let node = &network.nodes[at];
+        let commitment = node.commitment(&network.id, 0, &updates[at]);
+        bytes(&Signed::new(commitment, &node.key))
+    });
+    Target {
+        seeds: seeds.into(),
+        run: Box::new(move |input| {
+            let network = &mut network;
+            let input = sign_anew::<UpdateCommitment>(input, &network.nodes[1]);
+            match network.aggregator.commit(&input) {
+                Err(RequestError::Refused(Refusal::MissingUpdate(_))) => Ok(()),
+                other => other.map(drop).map_err(text),
+            }
+        }),
+    }
+}
+
+/// A submission by node 1, which is decided by the time that others come.
+fn submission() -> Target {
+    let mut network = Network::new();
+    let node = &network.nodes[0];
+    let commitment = node.commitment(&network.id, 0, &network.update);
+    let commitment = bytes(&Signed::new(commitment, &node.key));
+    network.aggregator.commit(&commitment).unwrap();
+    let expected = network.aggregator.state().expected_claim(&node.id());
+    let claim = node.claim_of(expected.unwrap());
+    let submission = bytes(&node.submission(claim, PROOF));
+    network
+        .aggregator
+        .submit(&submission, PROOF.to_vec())
+        .unwrap();
+    Target {
+        seeds: vec![submission],
+        run: Box::new(move |input| {
+            let network = &mut network;
+            let decided = network.aggregator.submit(input, PROOF.to_vec());
+            decided.map(drop).map_err(text)
+        }),
+    }
+}
+
+/// An auditor's memory after each entry of a real ledger.
+struct Memories {
+    auditor: Auditor,
+    saved: Vec<Vec<u8>>,
+}
+
+impl Recheck for Memories {
+    fn genesis(&mut self, genesis: &Genesis, blobs: &Blobs) -> Vec<Finding> {
+        self.auditor.genesis(genesis, blobs)
+    }
+
+    fn entry(&mut self, before: &State, index: u64, entry: &Entry, blobs: &Blobs) -> Vec<Finding> {
+        let mut found = self.auditor.entry(before, index, entry, blobs);
+        found.extend(self.auditor.settle());
+        self.saved.push(self.auditor.save());
+        found
+    }
+}
+
+/// What an auditor remembers besides the ledger's own state.
+fn audit_memory() -> Target {
+    let dir = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/fixtures/ledger");
+    let mut memories = Memories {
+        auditor: Auditor::new(Depth::Full),
+        saved: Vec::new(),
+    };
+    replay(&dir, None, &mut memories);
+    let saved = memories.saved;
+    // The last one, and one in a round that has accepted something.
+    let largest = saved.iter().max_by_key(|saved| saved.len()).unwrap();
+    let blobs = Blobs::at(&dir);
+    Target {
+        seeds: vec![saved.last().unwrap().clone(), largest.clone()],
+        run: Box::new(move |input| {
+            let mut auditor = Auditor::go_on(Depth::Full, input, &blobs)?;
+            auditor.settle();
+            let _ = (auditor.checked(), auditor.not_checked());
+            Ok(())
+        }),
+    }
+}

@@ -1,0 +1,173 @@
+//! What is given random inputs, and what it starts from.
+
+use std::fs;
+use std::path::Path;
+
+use prost::Message as _;
+use zk0_circuits::statement::Mode;
+use zk0_circuits::{Digest, EvalSpec};
+use zk0_prover::base_losses::BaseLosses;
+use zk0_prover::participant::TrainingHistory;
+use zk0_prover::program::GuestInput;
+use zk0_prover::rpc::ProvePart;
+use zk0_prover::synthetic::witness;
+use zk0_prover::upload::{parts, Announced};
+
+/// What any input may make a reader allocate: an evaluation has tables.
+pub const SLACK: usize = 2 << 20;
+
+/// A reader under test.
+pub struct Target {
+    pub seeds: Vec<Vec<u8>>,
+    pub run: Box<dyn FnMut(&[u8]) -> Result<(), String>>,
+}
+
+pub const NAMES: [&str; 4] = [
+    "guest_input",
+    "prove_request",
+    "base_losses",
+    "training_history",
+];
+
+pub fn target(name: &str) -> Target {
+    match name {
+        "guest_input" => Target {
+            seeds: inputs().map(framed_input).into(),
+            run: Box::new(|bytes| {
+                let (mode, buffers) = bytes.split_first().ok_or("no bytes at all")?;
+                let mode = match mode {
+                    0 => Mode::Direct,
+                    _ => Mode::Checked,
+                };
+                let buffers = unframed(buffers);
+                let claim = GuestInput { mode, buffers }.claim();
+                claim
+                    .map(drop)
+                    .map_err(|error| without_parts(error.to_string()))
+            }),
+        },
+        "prove_request" => prove_request(),
+        "base_losses" => base_losses(),
+        "training_history" => {
+            let dir = tempfile::tempdir().unwrap();
+            Target {
+                seeds: vec![br#"{"round":0,"losses":[0.75,0.5]}"#.to_vec()],
+                run: Box::new(move |bytes| {
+                    fs::write(dir.path().join("round-0.training.json"), bytes).unwrap();
+                    match TrainingHistory::read(dir.path(), 0) {
+                        Ok(found) => found.map(drop).ok_or("not there".into()),
+                        Err(error) => Err(without_path(&error.to_string(), dir.path())),
+                    }
+                }),
+            }
+        }
+        other => panic!("no target {other}; there are {NAMES:?}"),
+    }
+}
+
+/// What the verifier's target `eval_spec` tells apart is one outcome here.
+fn without_parts(message: String) -> String {
+    let parts = ["scale", "dimension"].map(|part| format!("the witness cannot be read: {part}"));
+    let part = parts.into_iter().find(|part| message.starts_with(part));
+    part.unwrap_or(message)
+}
+
+/// Inputs of true claims, one for each program.
+fn inputs() -> [GuestInput; 2] {
+    let witness = witness(&EvalSpec::micro(), 1, 1).unwrap();
+    [Mode::Direct, Mode::Checked].map(|mode| GuestInput::of(mode, &witness).unwrap().1)
+}
+
+fn framed_input(input: GuestInput) -> Vec<u8> {
+    let mode = match input.mode {
+        Mode::Direct => 0,
+        Mode::Checked => 1,
+    };
+    [vec![mode], framed(&input.buffers)].concat()
+}
+
+/// Parts, each after its length.
+fn framed(parts: &[Vec<u8>]) -> Vec<u8> {
+    let framed = parts
+        .iter()
+        .map(|part| [&(part.len() as u32).to_le_bytes()[..], part].concat());
+    framed.collect::<Vec<_>>().concat()
+}
+
+/// What [`framed`] joined; a length beyond the end means all that is left.
+fn unframed(mut bytes: &[u8]) -> Vec<Vec<u8>> {
+    let mut parts = Vec::new();
+    while let Some((length, rest)) = bytes.split_first_chunk::<4>() {
+        let length = u32::from_le_bytes(*length) as usize;
+        let (part, rest) = rest.split_at(length.min(rest.len()));
+        parts.push(part.to_vec());
+        bytes = rest;
+    }
+    parts
+}
+
+/// The messages that a guest input comes in.
+fn prove_request() -> Target {
+    let runtime = tokio::runtime::Builder::new_current_thread()
+        .build()
+        .unwrap();
+    let small = |mode| GuestInput {
+        mode,
+        buffers: vec![b"head".to_vec(), vec![], vec![7; 300]],
+    };
+    let seeds = [Mode::Direct, Mode::Checked].map(|mode| {
+        let parts: Vec<Vec<u8>> = parts(small(mode)).map(|p| p.encode_to_vec()).collect();
+        framed(&parts)
+    });
+    Target {
+        seeds: seeds.into(),
+        run: Box::new(move |bytes| {
+            let parts = unframed(bytes);
+            let parts = parts.iter().map(|part| {
+                ProvePart::decode(&part[..])
+                    .map_err(|error| tonic::Status::internal(error.to_string()))
+            });
+            let mut parts = tokio_stream::iter(parts.collect::<Vec<_>>());
+            let received = runtime.block_on(async {
+                let announced = Announced::receive(&mut parts).await?;
+                announced.rest(&mut parts).await
+            });
+            received
+                .map(drop)
+                .map_err(|status| status.message().to_owned())
+        }),
+    }
+}
+
+fn base_losses() -> Target {
+    let dir = tempfile::tempdir().unwrap();
+    let (network, dataset, base) = (Digest([1; 32]), Digest([2; 32]), Digest([7; 32]));
+    let losses = BaseLosses::at(dir.path(), network, dataset);
+    let file = dir.path().join("base-losses.json");
+    // A file that goes on, and one that is as far as it is asked.
+    let seeds = [2, 5].map(|last| {
+        losses.up_to(last, &base, || Ok(1.0 / 3.0)).unwrap();
+        fs::read(&file).unwrap()
+    });
+    Target {
+        seeds: seeds.into(),
+        run: Box::new(move |bytes| {
+            fs::write(&file, bytes).unwrap();
+            let read = losses.up_to(5, &base, || Ok(0.5));
+            read.map(drop).map_err(|error| {
+                let said = without_path(&error.to_string(), dir.path());
+                // What the file says it is of, it may say in any words.
+                let quoted = ["it is of network", "whose root is", "begins with weights"];
+                let ends = quoted.iter().filter_map(|words| said.find(words));
+                match ends.min() {
+                    Some(end) => said[..end].to_owned(),
+                    None => said,
+                }
+            })
+        }),
+    }
+}
+
+fn without_path(message: &str, folder: &Path) -> String {
+    message.replace(folder.to_str().unwrap(), "")
+}

@@ -1,0 +1,239 @@
+//! What is given random inputs, and what it starts from.
+
+use std::io::Cursor;
+use std::path::Path;
+
+use safetensors::tensor::{serialize, Dtype, TensorView};
+use sp1_hypercube::{create_dummy_recursion_proof, SP1VerifyingKey};
+use sp1_verifier::SP1Proof;
+use zk0_circuits::eval::Evaluator;
+use zk0_circuits::hinted::coefficients;
+use zk0_circuits::parameters::Parameters;
+use zk0_circuits::spec::Dims;
+use zk0_circuits::statement::Mode;
+use zk0_circuits::weights::{expert_tensors, Quantiser, TensorSpec};
+use zk0_circuits::{projection, Claim, Digest, EvalSpec, GuestWeights, WeightCheck};
+use zk0_ledger::signed::{Signed, Submission};
+use zk0_ledger::{replay, Blobs, Body, Entry, Finding, Recheck, Refusal, State};
+use zk0_verifier::{check_projections, check_proof, Evaluation, ExpertTensors, ProgramKey};
+
+/// What any input may make a reader allocate: a whole proof is made of the changes to it, and serde makes room for a mebibyte
+/// of any list before it finds that there is less.
+pub const SLACK: usize = 8 << 20;
+
+/// A reader under test.
+pub struct Target {
+    pub seeds: Vec<Vec<u8>>,
+    pub run: Box<dyn FnMut(&[u8]) -> Result<(), String>>,
+}
+
+pub const NAMES: [&str; 6] = [
+    "eval_spec",
+    "program_key",
+    "proof",
+    "changed_proof",
+    "expert_tensors",
+    "projected_weights",
+];
+
+pub fn target(name: &str) -> Target {
+    match name {
+        "eval_spec" => Target {
+            seeds: [EvalSpec::micro(), EvalSpec::new(Dims::FULL)]
+                .map(|spec| spec.encode())
+                .into(),
+            run: Box::new(|bytes| {
+                let spec = EvalSpec::decode(bytes).map_err(text)?;
+                assert_eq!(spec.encode(), bytes, "a second encoding");
+                // What a genesis with this specification makes its readers do.
+                Evaluator::new(&spec).map(drop).map_err(text)?;
+                drop(Evaluation::new(spec, Mode::Checked));
+                Ok(())
+            }),
+        },
+        "program_key" => Target {
+            seeds: vec![
+                vec![0; 32],
+                [0x7f00_0000u32; 8].map(u32::to_le_bytes).concat(),
+            ],
+            run: Box::new(|bytes| ProgramKey::from_bytes(bytes).map(drop).map_err(text)),
+        },
+        "proof" => proof(),
+        "changed_proof" => changed_proof(),
+        "expert_tensors" => Target {
+            seeds: vec![weights_file(&few_tensors())],
+            run: Box::new(|bytes| {
+                ExpertTensors::read(bytes, &few_tensors())
+                    .map(drop)
+                    .map_err(text)
+            }),
+        },
+        "projected_weights" => projected_weights(),
+        other => panic!("no target {other}; there are {NAMES:?}"),
+    }
+}
+
+fn text(error: impl ToString) -> String {
+    error.to_string()
+}
+
+/// An accepted contribution of a real network: its claim, the program's key and the proof.
+#[derive(Default)]
+struct Accepted(Option<(Claim, ProgramKey, Vec<u8>)>);
+
+impl Recheck for Accepted {
+    fn entry(&mut self, before: &State, _: u64, entry: &Entry, blobs: &Blobs) -> Vec<Finding> {
+        if let Body::ContributionAccepted(Signed { statement, .. }) = &entry.body {
+            let Submission { claim, proof } = statement;
+            let key = ProgramKey::from_bytes(&before.genesis().program).unwrap();
+            self.0 = Some((claim.clone(), key, blobs.get(proof, 4 << 20).unwrap()));
+        }
+        Vec::new()
+    }
+}
+
+fn accepted() -> (Claim, ProgramKey, Vec<u8>) {
+    let dir = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/fixtures/ledger");
+    let mut accepted = Accepted::default();
+    replay(&dir, None, &mut accepted);
+    accepted
+        .0
+        .expect("the fixture has an accepted contribution")
+}
+
+/// A proof's own bytes. The seed is what SP1's mock prover makes: small, whole, and of nothing. That it is refused as it has to
+/// be counts as read.
+fn proof() -> Target {
+    let (claim, key, _) = accepted();
+    let mock: SP1VerifyingKey = bincode::deserialize(&[0; 4096]).unwrap();
+    let mock = SP1Proof::Compressed(Box::new(create_dummy_recursion_proof(&mock)));
+    let mock = bincode::serialize(&mock).unwrap();
+    let wanted = check_proof(&mock, &claim, &key).unwrap_err();
+    assert!(matches!(wanted, Refusal::InvalidProof(_)), "{wanted}");
+    Target {
+        seeds: vec![mock],
+        run: Box::new(move |bytes| match check_proof(bytes, &claim, &key) {
+            Err(refusal) if refusal == wanted => Ok(()),
+            other => other.map_err(text),
+        }),
+    }
+}
+
+/// Changes to a real proof, which itself is too large to be mutated and kept. Nine bytes each: what is done, where, and with
+/// which number.
+fn changed_proof() -> Target {
+    let (claim, key, good) = accepted();
+    // The verifier itself is built on the first call.
+    check_proof(&good, &claim, &key).unwrap();
+    let nothing = |at: u32| [&[0][..], &at.to_le_bytes(), &[0; 4]].concat();
+    let spread = (0..8u32).flat_map(|n| nothing(n * good.len() as u32 / 8));
+    Target {
+        seeds: vec![nothing(0), spread.collect()],
+        run: Box::new(move |bytes| {
+            let mut proof = good.clone();
+            for change in bytes.chunks_exact(9) {
+                let at = u32::from_le_bytes([change[1], change[2], change[3], change[4]]);
+                let at = at as usize % proof.len().max(1);
+                let number = &change[5..];
+                match change[0] % 4 {
+                    0 | 1 => proof[at..]
+                        .iter_mut()
+                        .zip(number)
+                        .for_each(|(b, n)| *b ^= n),
+                    2 => proof[at..]
+                        .iter_mut()
+                        .zip(number)
+                        .for_each(|(b, n)| *b = *n),
+                    _ => proof.truncate(at.max(1)),
+                }
+            }
+            check_proof(&proof, &claim, &key).map_err(text)
+        }),
+    }
+}
+
+fn few_tensors() -> Vec<TensorSpec> {
+    let spec = |name: &str, shape: &[usize]| TensorSpec {
+        name: name.into(),
+        shape: shape.into(),
+    };
+    vec![spec("b.weight", &[2, 3]), spec("a.bias", &[2])]
+}
+
+fn values(tensors: &[TensorSpec]) -> Vec<Vec<f32>> {
+    let value = |at: usize| (at * 37 % 101) as f32 / 250.0 - 0.2;
+    tensors
+        .iter()
+        .map(|tensor| (0..tensor.len()).map(value).collect())
+        .collect()
+}
+
+fn weights_file(tensors: &[TensorSpec]) -> Vec<u8> {
+    let bytes = values(tensors).into_iter().map(|values| {
+        let bytes = values.iter().flat_map(|value| value.to_le_bytes());
+        bytes.collect::<Vec<u8>>()
+    });
+    let bytes: Vec<Vec<u8>> = bytes.collect();
+    let views = tensors.iter().zip(&bytes).map(|(tensor, bytes)| {
+        let view = TensorView::new(Dtype::F32, tensor.shape.clone(), bytes).unwrap();
+        (tensor.name.clone(), view)
+    });
+    serialize(views, None).unwrap()
+}
+
+/// A file of weights, read tensor by tensor for mode `checked`, as the base weights of a claim about it.
+fn projected_weights() -> Target {
+    let spec = EvalSpec::micro();
+    let good = weights_file(&expert_tensors(&spec.dims));
+    let claimed = claimed(&spec);
+    let update = good.clone();
+    Target {
+        seeds: vec![good],
+        run: Box::new(move |bytes| {
+            check_projections(
+                &spec,
+                &claimed,
+                Cursor::new(bytes),
+                Cursor::new(&update[..]),
+            )
+            .map_err(without_names)
+        }),
+    }
+}
+
+/// Whichever tensor it is about: one outcome.
+fn without_names(refusal: Refusal) -> String {
+    let refusal = refusal.to_string();
+    let words = refusal.split(' ');
+    let words: Vec<&str> = words.filter(|word| !word.starts_with("model.")).collect();
+    words.join(" ")
+}
+
+/// What the guest would say of the weights in [`weights_file`], base and update alike.
+fn claimed(spec: &EvalSpec) -> WeightCheck {
+    let seed = Digest([5; 32]);
+    let evaluator = Evaluator::new(spec).unwrap();
+    let quantiser = Quantiser::new(spec);
+    let values = values(quantiser.tensors());
+    let get = |name: &str| {
+        let mut tensors = quantiser.tensors().iter().zip(&values);
+        let found = tensors.find(|(tensor, _)| tensor.name == name);
+        found.map(|(_, values)| values.as_slice())
+    };
+    let parameters = Parameters::quantise(&quantiser, spec, get).unwrap();
+    let coefficients = coefficients(&evaluator, &seed);
+    let projections = projection::project(&evaluator, &coefficients, |index| {
+        let mut target = vec![0; values[index].len()];
+        let bits = quantiser.quantise(index, &values[index], &mut target);
+        bits.map(|bits| (target, bits))
+    });
+    let guest = GuestWeights {
+        parameters: parameters.digest(),
+        projections: projection::digest(&projections.unwrap()),
+    };
+    WeightCheck {
+        seed,
+        base: guest,
+        update: guest,
+    }
+}
