@@ -1,0 +1,121 @@
+//! The linear maps of a step.
+
+use std::collections::BTreeMap;
+
+use zk0_smolvla::layout::{policy_layout, EXPERT, VLM};
+use zk0_smolvla::model::kernels::linear::Linear;
+use zk0_smolvla::PolicyConfig;
+
+use crate::report::{run, tensor, variable, Least, Report};
+use crate::Failure;
+
+/// What a gradient goes to.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum Gradient {
+    Nothing,
+    Input,
+    InputAndWeight,
+}
+
+/// Linear maps of one size in one part of the policy.
+#[derive(Clone, PartialEq, Eq, PartialOrd, Ord)]
+struct Maps {
+    part: &'static str,
+    rows: usize,
+    inner: usize,
+    out: usize,
+    gradient: Gradient,
+}
+
+/// As often as a step runs them.
+fn of_a_step(c: &PolicyConfig, batch: usize) -> BTreeMap<Maps, usize> {
+    let prefix = batch * c.max_prefix_tokens();
+    let suffix = batch * c.chunk_size;
+    let last = format!("{VLM}.text_model.layers.{}.", c.text.layers - 1);
+    let mut all: BTreeMap<Maps, usize> = BTreeMap::new();
+    for (name, mut shape) in policy_layout(c) {
+        let vision = name.contains("vision_model");
+        let key_or_value = name.contains("k_proj") || name.contains("v_proj");
+        if vision && key_or_value {
+            // Part of the product that `q_proj` stands for.
+            continue;
+        }
+        if vision && name.contains("q_proj") {
+            shape[0] *= 3;
+        }
+        if name.starts_with(&last) && !key_or_value {
+            // Of the last language layer, keys and values are all that the expert reads.
+            continue;
+        }
+        let (out, inner) = match shape.as_slice() {
+            _ if name.contains("embed_tokens") || name.contains("position_embedding") => continue,
+            [out, channels, height, width] => (*out, channels * height * width),
+            [out, inner] => (*out, *inner),
+            _ => continue,
+        };
+        let maps = |part, rows, gradient| Maps {
+            part,
+            rows,
+            inner,
+            out,
+            gradient,
+        };
+        let (map, calls) = if vision {
+            let map = maps("vision", batch * c.patches(), Gradient::Nothing);
+            (map, c.cameras)
+        } else if name.contains("connector") {
+            let rows = batch * c.tokens_per_camera();
+            (maps("connector", rows, Gradient::Nothing), c.cameras)
+        } else if name.starts_with(VLM) {
+            // The state's token takes its way once more: a gradient goes back along it.
+            let token = maps("state token", batch, Gradient::Input);
+            *all.entry(token).or_default() += 1;
+            (maps("text", prefix, Gradient::Nothing), 1)
+        } else if name.contains("state_proj") {
+            (maps("state", batch, Gradient::InputAndWeight), 1)
+        } else if name.starts_with(EXPERT) && key_or_value && inner != c.expert.width {
+            let part = "expert, cross keys and values";
+            (maps(part, prefix, Gradient::InputAndWeight), 1)
+        } else {
+            (maps("expert", suffix, Gradient::InputAndWeight), 1)
+        };
+        *all.entry(map).or_default() += calls;
+    }
+    all
+}
+
+pub fn linear_maps(report: &mut Report, c: &PolicyConfig, batch: usize) -> Result<(), Failure> {
+    for (map, calls) in of_a_step(c, batch) {
+        let Maps {
+            part,
+            rows,
+            inner,
+            out,
+            gradient,
+        } = map;
+        let name = format!("{part}: linear {rows} x {inner} -> {out}");
+        let (x, w) = (&[rows, inner], &[out, inner]);
+        let least = Least {
+            operations: 2.0 * (rows * out * inner) as f64,
+            numbers: (rows * (out + inner) + out * inner) as f64,
+        };
+        match gradient {
+            Gradient::Nothing => {
+                let (x, map) = (tensor(x)?, Linear::new(tensor(w)?, None));
+                report.kernel(&name, calls, least, || run(map.forward(&x)));
+            }
+            // A gradient's product reads one of the matrices and the result's gradient, and writes the size of the other.
+            Gradient::Input => {
+                let (x, map) = (variable(x)?, Linear::new(tensor(w)?, None));
+                let work = || Ok(map.forward(&x)?);
+                report.trained(&name, calls, (least, least), work)?;
+            }
+            Gradient::InputAndWeight => {
+                let (x, map) = (variable(x)?, Linear::new(variable(w)?, None));
+                let work = || Ok(map.forward(&x)?);
+                report.trained(&name, calls, (least, least.times(2.0)), work)?;
+            }
+        }
+    }
+    Ok(())
+}
