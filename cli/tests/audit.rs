@@ -578,6 +578,12 @@ fn a_watch_tells_what_is_new_and_remembers_what_it_saw() {
     let said = look(1, &fork, &state, &[]);
     assert!(said.contains("ALARM") && said.contains("FORKED"), "{said}");
     assert_eq!(fs::read(&state).unwrap(), kept);
+    // A proof that is not what its name says.
+    let blobs = export_as("false-proof").join("blobs/sha256");
+    let proof = fs::read_dir(blobs).unwrap().next().unwrap().unwrap();
+    fs::write(proof.path(), b"another proof").unwrap();
+    let said = look(1, &place("false-proof"), &place("new"), &[]);
+    assert!(said.contains("ALARM") && said.contains("SHA-256"), "{said}");
     // A kept mirror notices by itself, without the memory.
     let (mirror, other) = (place("mirror"), place("other"));
     look(0, &second, &other, &["--mirror", text(&mirror)]);
