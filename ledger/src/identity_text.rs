@@ -1,5 +1,6 @@
 //! Identities in JSON: hexadecimal text.
 
+use crate::verifier_key::short;
 use serde::{de::Error, Deserialize, Deserializer, Serializer};
 use zk0_circuits::NodeId;
 
@@ -14,8 +15,12 @@ pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<NodeId,
 }
 
 fn parse<E: Error>(text: &str) -> Result<NodeId, E> {
-    text.parse()
-        .map_err(|error| E::custom(format!("'{text}' is no identity: {error}")))
+    text.parse().map_err(|_| {
+        let text = short(text);
+        E::custom(format!(
+            "'{text}' is no identity: it has to be 64 hexadecimal digits"
+        ))
+    })
 }
 
 /// Lists of them.

@@ -9,6 +9,7 @@ use zk0_ledger::{
     entry::{NodeEnrolled, ENTRY_VERSION, MAX_ENTRY_BYTES},
     replay,
     replay::Verdict,
+    rules::Participation,
     signed::DatasetRegistration,
     store::{Batch, Store},
     tree::Frontier,
@@ -184,6 +185,9 @@ fn what_strangers_call_themselves_is_quoted_short_and_does_nothing_to_a_terminal
             .to_string(),
         hostile.parse::<VerifierKey>().unwrap_err().to_string(),
         Policy::parse(&hostile).unwrap_err().to_string(),
+        serde_json::from_value::<Participation>(serde_json::json!({ "listed": [hostile] }))
+            .unwrap_err()
+            .to_string(),
     ];
     for refusal in refusals {
         assert!(refusal.contains(r"\u{9b}2Jlog\'xxx"), "{refusal}");

@@ -57,7 +57,8 @@ fn class(message: &str) -> String {
         .filter_map(|q| Some(message.find(q)? + q.len()));
     let message = unquoted(&message[..ends.min().unwrap_or(message.len())]);
     let message = match message.strip_prefix('\'') {
-        Some(quoted) => quoted.split_once("' ").map_or("", |(_, rest)| rest),
+        // What is quoted may hold quotation marks itself.
+        Some(quoted) => quoted.rsplit_once("' ").map_or("", |(_, rest)| rest),
         None => &message,
     };
     let (message, _) = message.split_once(" '").unwrap_or((message, ""));
