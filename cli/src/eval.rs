@@ -189,7 +189,7 @@ fn measure(
     let maker = FrameMaker::new(datasets, config.chunk_size, || {
         let policy = source.policy();
         let policy = policy.map_err(|error| PolicyError::Sample(format!("{error:#}")))?;
-        Preparer::at(&place, &policy, tokenizer)
+        Preparer::at(&place, policy, tokenizer)
     });
     let mut naming = Naming::new(space, &config, tokenizer, cache.as_ref());
     let mut rows = Vec::new();

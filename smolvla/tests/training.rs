@@ -93,7 +93,7 @@ impl Scene {
                 width: *width,
                 pixels,
             });
-        let preparer = Preparer::at(place, policy, &tokenizer)?;
+        let preparer = Preparer::at(place, policy.clone(), &tokenizer)?;
         let observation = Observation {
             cameras: cameras.collect(),
             state: &self.state,

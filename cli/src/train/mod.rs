@@ -34,6 +34,7 @@ use zk0_smolvla::{
     sample::{ObservedSample, PreparedSample, Preparer},
     train::{
         checkpoints::{Checkpoints, RunIdentity},
+        learner::state_part,
         measure::measured_loss,
         split::{self, Split},
         trainer::evaluate_samples,
@@ -79,13 +80,13 @@ fn train<S: Kind>(options: &Options) -> Result<()> {
     let chosen = Chosen::of(options, &datasets, naming)?;
     let data = digest_of(chosen.train.iter().map(|frame| frame.key));
 
-    // At the published size the frozen half is 1.2 GB: nobody holds it for longer than needed.
+    // At the published size the frozen half is 1.4 GB: nobody holds more of it, or for longer, than needed.
     let frozen = mem::take(&mut policy.frozen);
-    let frozen = options.train_state_proj.then_some(frozen);
+    let frozen = options.train_state_proj.then(|| state_part(frozen));
     let maker = FrameMaker::new(&datasets, config.chunk_size, || {
         let policy = source.policy();
         let policy = policy.map_err(|error| PolicyError::Sample(format!("{error:#}")))?;
-        Preparer::at(&at, &policy, tokenizer)
+        Preparer::at(&at, policy, tokenizer)
     });
     let ours = Ready::<S>::prepare(cache.as_ref(), &maker, chosen.train)?;
     let held_out = match chosen.held_out.is_empty() {

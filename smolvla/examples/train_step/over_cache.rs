@@ -15,6 +15,7 @@ use zk0_smolvla::sample::{
     CameraImage, FromFrame, Observation, ObservedSample, PreparedSample, Preparer,
 };
 use zk0_smolvla::tokenizer::Tokenizer;
+use zk0_smolvla::train::learner::state_part;
 use zk0_smolvla::train::{Samples, TrainOptions, Trainer};
 use zk0_smolvla::{PolicyConfig, PolicyError, Profile};
 
@@ -81,7 +82,9 @@ fn run<S: FromFrame + Entry>(
     samples: impl Fn(&OnDisk) -> Samples<'_>,
 ) -> Result<Measured, Failure> {
     let config = profile.config();
+    // Held while samples are prepared, as `zk0 train` does.
     let policy = init_policy(&config, 1)?;
+    let (expert, part) = (policy.expert, state_part(policy.frozen));
     let folder = tempfile::tempdir()?;
     let mut kept = OnDisk {
         cache: DiskCache::open(folder.path(), u64::MAX)?,
@@ -89,7 +92,7 @@ fn run<S: FromFrame + Entry>(
     };
     {
         let tokenizer = FullLength(config.clone());
-        let preparer = Preparer::at(place, &policy, &tokenizer)?;
+        let preparer = Preparer::at(place, init_policy(&config, 1)?, &tokenizer)?;
         for number in 0..BATCHES * batch {
             let sample = S::from_frame(&preparer, &Frame::random(&config, profile, number).seen())?;
             let mut key = Key([0; 32]);
@@ -106,9 +109,10 @@ fn run<S: FromFrame + Entry>(
     let samples = samples(&kept);
     let frozen = match samples {
         Samples::Prepared(_) => None,
-        Samples::Observed(_) => Some(&policy.frozen),
+        Samples::Observed(_) => Some(&part),
     };
-    let mut trainer = Trainer::on(place, &config, &policy.expert, frozen, samples, options)?;
+    let mut trainer = Trainer::on(place, &config, &expert, frozen, samples, options)?;
+    drop((expert, part));
     let (mut seconds, mut loss) = (Vec::new(), 0.0);
     while !trainer.is_done() {
         let started = Instant::now();

@@ -21,6 +21,12 @@ use crate::weights::{ExpertWeights, TensorData, TensorSet};
 /// The state projection, which [`TrainScope::ExpertAndState`] trains besides the expert.
 pub const STATE_PROJECTION: [&str; 2] = ["model.state_proj.weight", "model.state_proj.bias"];
 
+/// What of a policy's frozen half the training of its state projection needs: less than half of it.
+pub fn state_part(mut frozen: TensorSet) -> TensorSet {
+    frozen.retain(|name, _| STATE_PROJECTION.contains(&name.as_str()) || StateToken::needs(name));
+    frozen
+}
+
 /// What a run trains on. Decides its scope.
 #[derive(Clone, Copy)]
 pub enum Samples<'a> {
@@ -68,8 +74,8 @@ struct Models {
 }
 
 impl Learner {
-    /// The expert as it starts. With `frozen`, the frozen half of the policy, its state projection is trained as well; the samples
-    /// then have to be those of `place`'s precision.
+    /// The expert as it starts. With `frozen`, the frozen half of the policy or [`state_part`] of it, its state projection is
+    /// trained as well; the samples then have to be those of `place`'s precision.
     pub fn new(
         config: &PolicyConfig,
         start: &ExpertWeights,

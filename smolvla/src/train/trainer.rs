@@ -67,7 +67,8 @@ impl<'a> Trainer<'a> {
     }
 
     /// A run at `place`, which is where the samples were prepared, or another device with the same precision; a device stands for
-    /// [its usual one](FrozenPlace::on). For [`TrainScope::ExpertAndState`], `frozen` is the frozen half of the policy.
+    /// [its usual one](FrozenPlace::on). For [`TrainScope::ExpertAndState`], `frozen` is the frozen half of the policy, or what
+    /// [`state_part`](super::learner::state_part) leaves of it.
     ///
     /// # Errors
     /// As [`Self::new`]; samples and `frozen` have to be for the same scope.
