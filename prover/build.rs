@@ -1,8 +1,6 @@
-//! Generates the gRPC code of the proving service and of the federation.
+//! Generates the gRPC code of the proving service.
 
 fn main() -> std::io::Result<()> {
-    tonic_prost_build::configure().compile_protos(
-        &["../proto/prover.proto", "../proto/federation.proto"],
-        &["../proto"],
-    )
+    println!("cargo::rerun-if-changed=../proto/prover.proto");
+    tonic_prost_build::configure().compile_protos(&["../proto/prover.proto"], &["../proto"])
 }

@@ -1,71 +1,22 @@
-//! Rounds, aggregation, and the service in front of them.
+//! The aggregator: the one writer of a ledger, the gRPC service in front of it, and what it publishes.
 //!
-//! A short tour. What decides is pure, and an auditor replays it:
-//! - [`decide`]: what becomes of a submission;
-//! - [`strategy`]: contributions combined to new weights, bit-exact on every machine: [`fedavg`], or a [`robust`] average;
-//! - [`close`]: how a round ends;
-//! - [`audit`]: all of it again, entry by entry, from the ledger and whatever blobs there are; [`fsck`]: the blobs alone;
-//! - [`disclosed`]: which blobs anyone may read; [`view`]: what a ledger's folder publishes; [`export`]: that, as plain files;
-//!   [`web`]: a log read over HTTP.
+//! A short tour:
+//! - [`round`]: the rounds ([`round::aggregator`]), uploads that wait ([`round::staging`]), what a restarted aggregator reads from its
+//!   ledger ([`round::ledger_index`]), disputes, the clock, and why a request is turned down ([`round::request`]).
+//! - [`serve`]: the gRPC service, with its limits.
+//! - [`publish`]: a small web server ([`publish::http`]), under which the log's files are served and a witness answers, and the
+//!   client that asks witnesses for cosignatures ([`publish::cosigning`]).
 //!
-//! With the feature `service`, what runs it:
-//! - [`aggregator`]: the one writer of the ledger; [`recall`] what it knows after a restart, [`staging`] uploads that wait, [`dispute`] what is verified again,
-//!   [`clock`] the time;
-//! - [`service`]: the network in front of it, with its limits; [`connections`] how many there may be; [`request`] its errors;
-//!   [`wire`] its messages;
-//! - [`http`]: a small web server, under [`log_server`], which serves a ledger's folder, and [`witness_server`], which cosigns
-//!   checkpoints; [`cosigning`]: asking witnesses to.
+//! What decides about a submission and how a round ends are pure functions of [`zk0_verifier`].
 
-pub mod audit;
-pub mod close;
-pub mod decide;
-pub mod disclosed;
-pub mod export;
-pub mod fedavg;
-pub mod fsck;
-pub mod robust;
-pub mod strategy;
-pub mod view;
-pub mod web;
+pub mod publish;
+pub mod round;
+pub mod serve;
 
-#[cfg(feature = "service")]
-pub mod aggregator;
-#[cfg(feature = "service")]
-pub mod clock;
-#[cfg(feature = "service")]
-pub mod connections;
-#[cfg(feature = "service")]
-pub mod cosigning;
-#[cfg(feature = "service")]
-pub mod dispute;
-#[cfg(feature = "service")]
-pub mod http;
-#[cfg(feature = "service")]
-pub mod log_server;
-#[cfg(feature = "service")]
-pub mod recall;
-#[cfg(feature = "service")]
-pub mod request;
-#[cfg(feature = "service")]
-pub mod service;
-#[cfg(feature = "service")]
-pub mod staging;
-#[cfg(feature = "service")]
-pub mod wire;
-#[cfg(feature = "service")]
-pub mod witness_server;
-
-/// The messages of `proto/federation.proto`.
-#[cfg(feature = "service")]
-#[allow(missing_docs, clippy::all)]
-pub mod proto {
-    tonic::include_proto!("zk0.v1");
-}
-
-#[cfg(feature = "service")]
 pub use crate::{
-    aggregator::{Aggregator, Config, Progress},
-    clock::{Clock, ManualClock, SystemClock},
-    service::{Limits, Service},
+    round::{
+        aggregator::{Aggregator, Config, Progress},
+        clock::{Clock, ManualClock, SystemClock},
+    },
+    serve::service::{Limits, Service},
 };
-pub use audit::{Auditor, Depth};

@@ -12,15 +12,23 @@ use std::{
     time::Duration,
 };
 use tempfile::TempDir;
-use zk0_aggregator::audit::{Auditor, Checked, Depth, What, Why};
+use zk0_audit::{
+    account::{Checked, What, Why},
+    Auditor, Depth,
+};
 use zk0_ledger::{
     blobs::Blobs,
-    entry::{Body, DisputeResolved, RoundClosed},
     folder,
     replay::{replay, replay_with, Keep, Options, Report, Saved, Verdict},
-    signed::{Dispute, Evidence, Signed},
     store::Store,
-    Entry, Ledger, Refusal,
+    Ledger,
+};
+use zk0_protocol::{
+    entries::{
+        entry::{Body, DisputeResolved, RoundClosed},
+        signed::{Dispute, Evidence, Signed},
+    },
+    Entry, Refusal,
 };
 
 type Test = Result<(), Box<dyn std::error::Error>>;

@@ -6,16 +6,19 @@ use harness::*;
 use std::sync::Arc;
 use tonic::{Code, Status};
 use zk0_aggregator::{
-    proto, service::ServeError, Aggregator, Config, ManualClock, Progress, Service,
+    serve::service::ServeError, Aggregator, Config, ManualClock, Progress, Service,
 };
 use zk0_circuits::Digest;
-use zk0_ledger::{
-    entry::{Body, Contributor, NodeEnrolled, RoundClosed},
-    governance::{Action, Ballot, Outcome},
-    log::Ledger,
-    rules::Participation,
-    signed::{Dispute, Evidence, KeyRotation, KeyTakeover, Proposal, Signed, Vote},
-    state::Standing,
+use zk0_ledger::log::Ledger;
+use zk0_protocol::rpc::federation;
+use zk0_protocol::{
+    entries::{
+        entry::{Body, Contributor, RoundClosed},
+        member::NodeEnrolled,
+        proposal::{Action, Ballot, Outcome},
+        signed::{Dispute, Evidence, KeyRotation, KeyTakeover, Proposal, Signed, Vote},
+    },
+    rules::{network_rules::Participation, state::Standing},
     Refusal, Rules,
 };
 
@@ -300,7 +303,7 @@ fn a_dispute_by_what_a_document_says_waits_for_a_vote() -> Test {
 #[tokio::test(flavor = "multi_thread")]
 async fn nothing_is_served_without_the_witnesses_that_the_rules_name() -> Test {
     let mut genesis = genesis();
-    let witness = zk0_ledger::cosignature::Cosigner::new("witness.example/w", log_key())?;
+    let witness = zk0_protocol::tlog::cosigner::Cosigner::new("witness.example/w", log_key())?;
     let line = format!("witness W {} http://127.0.0.1:1\nquorum W\n", witness.key());
     genesis.rules.witness_policy = line;
     let dir = tempfile::tempdir()?;

@@ -7,12 +7,10 @@ use std::time::Duration;
 use tokio::sync::mpsc;
 use tokio_stream::wrappers::ReceiverStream;
 use tonic::Code;
-use zk0_aggregator::{
-    proto::{self, upload_chunk::Part},
-    Config, Limits,
-};
+use zk0_aggregator::{Config, Limits};
 use zk0_circuits::Digest;
-use zk0_ledger::{apply::MAX_EPISODES, signed::Signed};
+use zk0_protocol::rpc::federation::{self, upload_chunk::Part};
+use zk0_protocol::{entries::signed::Signed, rules::apply::MAX_EPISODES};
 
 type Test = Result<(), Box<dyn std::error::Error>>;
 

@@ -9,25 +9,31 @@ use tokio::{
     net::{TcpListener, TcpStream},
     task::{spawn_blocking, JoinHandle},
 };
-use zk0_aggregator::{
-    export::{export, ExportError},
+use zk0_aggregator::publish::{
     http::{self, Limits},
     log_server::LogServer,
-    view::View,
-    web::Web,
-    Auditor,
 };
+use zk0_audit::Auditor;
 use zk0_circuits::Digest;
+use zk0_ledger::published::web::Web;
+use zk0_ledger::published::{
+    export::{export, ExportError},
+    publication::Publication,
+};
 use zk0_ledger::{
     blobs::Blobs,
     error::LedgerError,
     log::Ledger,
-    mirror::{mirror, MirrorError},
-    published::{PublishedError, PublishedLog},
+    published::{
+        mirror::{mirror, MirrorError},
+        reader::{PublishedError, PublishedLog},
+        source::{Folder, Source},
+    },
     replay::{replay, Verdict},
-    source::{Folder, Source},
-    verifier_key::{Role, VerifierKey},
-    Policy,
+};
+use zk0_protocol::{
+    tlog::verifier_key::{Role, VerifierKey},
+    WitnessPolicy,
 };
 use zk0_verifier::blob_digest;
 
@@ -73,7 +79,7 @@ async fn an_export_outlives_the_ledger() {
     let dir = network.dir.path();
     let (out, copy) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
     // The aggregator is at work beside it.
-    let done = export(&View::open(dir, None).unwrap(), out.path()).unwrap();
+    let done = export(&Publication::open(dir, None).unwrap(), out.path()).unwrap();
     let folder = Folder::at(out.path());
     assert_eq!(mirrored(&folder, copy.path()).unwrap(), done.entries);
     same_replay(dir, copy.path());
@@ -87,18 +93,18 @@ async fn an_export_outlives_the_ledger() {
         assert!(!blobs.contains(&private));
     }
     // Once more: nothing new.
-    let again = export(&View::open(dir, None).unwrap(), out.path()).unwrap();
+    let again = export(&Publication::open(dir, None).unwrap(), out.path()).unwrap();
     assert_eq!((again.tiles, again.blobs), (0, 0));
     assert_eq!(mirrored(&folder, copy.path()).unwrap(), 0);
     // The log goes on: export and mirror follow.
     let second = Node::new(2);
     committed(&network, &second, 1, 4).await;
-    export(&View::open(dir, None).unwrap(), out.path()).unwrap();
+    export(&Publication::open(dir, None).unwrap(), out.path()).unwrap();
     assert_eq!(mirrored(&folder, copy.path()).unwrap(), 1);
     same_replay(dir, copy.path());
     // A mirror's mirror, from its folder.
     let third = tempfile::tempdir().unwrap();
-    mirrored(&View::open(copy.path(), None).unwrap(), third.path()).unwrap();
+    mirrored(&Publication::open(copy.path(), None).unwrap(), third.path()).unwrap();
     same_replay(dir, third.path());
 }
 
@@ -107,9 +113,9 @@ fn forked(ours: &Path, other: &Path) {
     let enrol = |ledger: &mut Ledger, node: u8| {
         let node = Node::new(node).id();
         let name = "a node".into();
-        let enrolled = zk0_ledger::entry::NodeEnrolled { node, name };
+        let enrolled = zk0_protocol::entries::member::NodeEnrolled { node, name };
         ledger
-            .append(START_MS, zk0_ledger::Body::NodeEnrolled(enrolled))
+            .append(START_MS, zk0_protocol::Body::NodeEnrolled(enrolled))
             .unwrap();
     };
     for (dir, last) in [(ours, 100), (other, 101)] {
@@ -125,7 +131,7 @@ fn a_mirror_follows_no_fork_and_no_rollback() {
     let dirs: Vec<_> = (0..4).map(|_| tempfile::tempdir().unwrap()).collect();
     let [ours, other, copy, out] = [0, 1, 2, 3].map(|at| dirs[at].path());
     forked(ours, other);
-    let view = |dir| View::open(dir, None).unwrap();
+    let view = |dir| Publication::open(dir, None).unwrap();
     mirrored(&view(ours), copy).unwrap();
     export(&view(ours), out).unwrap();
     let before = (
@@ -172,7 +178,7 @@ fn a_mirror_follows_no_fork_and_no_rollback() {
     genesis.log_key = secret.verifying_key().to_bytes();
     drop(Ledger::create(theirs.path(), genesis, secret, START_MS).unwrap());
     assert!(mirrored(&view(theirs.path()), copy).is_err());
-    let opened = PublishedLog::open(&view(theirs.path()), &key(), &Policy::none()).map(drop);
+    let opened = PublishedLog::open(&view(theirs.path()), &key(), &WitnessPolicy::none()).map(drop);
     assert!(matches!(opened, Err(PublishedError::Checkpoint(_))));
     // And a mirror whose database went back behind its own checkpoint.
     let text = fs::read(copy.join("checkpoint")).unwrap();
@@ -200,7 +206,7 @@ fn a_mirror_takes_nothing_on_trust() {
     for file in files {
         for change in 0..3 {
             let out = out.join(format!("{change}-{}", file.replace('/', "-")));
-            export(&View::open(ours, None).unwrap(), &out).unwrap();
+            export(&Publication::open(ours, None).unwrap(), &out).unwrap();
             let path = out.join(file);
             let mut bytes = fs::read(&path).unwrap();
             match change {
@@ -208,7 +214,7 @@ fn a_mirror_takes_nothing_on_trust() {
                 1 => bytes.truncate(bytes.len() / 2),
                 _ => {
                     let theirs = out.with_extension("other");
-                    export(&View::open(other, None).unwrap(), &theirs).unwrap();
+                    export(&Publication::open(other, None).unwrap(), &theirs).unwrap();
                     bytes = fs::read(theirs.join(file)).unwrap();
                 }
             }
@@ -224,7 +230,7 @@ fn a_mirror_takes_nothing_on_trust() {
     let blob = b"the whole initial policy".to_vec();
     Blobs::at(ours).put(&blob).unwrap();
     let out = out.join("blob");
-    export(&View::open(ours, None).unwrap(), &out).unwrap();
+    export(&Publication::open(ours, None).unwrap(), &out).unwrap();
     fs::write(Blobs::at(&out).path(&blob_digest(&blob)), b"something else").unwrap();
     let copy = tempfile::tempdir().unwrap();
     let error = mirrored(&Folder::at(&out), copy.path()).unwrap_err();
@@ -239,17 +245,23 @@ fn a_damaged_ledger_is_not_published() {
     let dirs: Vec<_> = (0..2).map(|_| tempfile::tempdir().unwrap()).collect();
     let [ours, other] = [0, 1].map(|at| dirs[at].path());
     forked(ours, other);
-    View::open(ours, None).unwrap();
+    Publication::open(ours, None).unwrap();
     // The other history under this one's checkpoint, and a shorter one.
     fs::rename(ours.join("log"), ours.join("away")).unwrap();
     fs::rename(other.join("log"), ours.join("log")).unwrap();
-    let opened = View::open(ours, None).map(drop).unwrap_err().to_string();
+    let opened = Publication::open(ours, None)
+        .map(drop)
+        .unwrap_err()
+        .to_string();
     assert!(opened.contains("the history was changed"), "{opened}");
     fs::remove_dir_all(ours.join("log")).unwrap();
     let short = tempfile::tempdir().unwrap();
     drop(Ledger::create(short.path(), genesis(), log_key(), START_MS).unwrap());
     fs::rename(short.path().join("log"), ours.join("log")).unwrap();
-    let opened = View::open(ours, None).map(drop).unwrap_err().to_string();
+    let opened = Publication::open(ours, None)
+        .map(drop)
+        .unwrap_err()
+        .to_string();
     assert!(opened.contains("rolled back"), "{opened}");
 }
 
@@ -347,7 +359,7 @@ async fn a_served_log_is_read_while_it_grows() {
     }
     // The policy is one that a verifier can use.
     let policy = get(&address, "zk0/policy").await;
-    let policy = Policy::parse(policy.split("\r\n\r\n").nth(1).unwrap()).unwrap();
+    let policy = WitnessPolicy::parse(policy.split("\r\n\r\n").nth(1).unwrap()).unwrap();
     assert_eq!(policy.logs(), [key()]);
     // What is not there, or not yet, or nobody's to read.
     for path in [

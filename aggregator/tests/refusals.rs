@@ -6,7 +6,10 @@ use harness::*;
 use tonic::Code;
 use zk0_aggregator::Config;
 use zk0_circuits::Digest;
-use zk0_ledger::{entry::Body, signed::Signed, Refusal};
+use zk0_protocol::{
+    entries::{entry::Body, signed::Signed},
+    Refusal,
+};
 
 type Test = Result<(), Box<dyn std::error::Error>>;
 
@@ -412,7 +415,7 @@ async fn bytes_that_are_no_statement_are_named() -> Test {
     let (network, first, _) = open_round().await;
     let mut client = network.client().await;
     for commitment in [vec![], vec![1; 100], vec![0; 20_000]] {
-        let request = zk0_aggregator::proto::CommitRequest { commitment };
+        let request = zk0_protocol::rpc::federation::CommitRequest { commitment };
         refused(
             client.commit(request).await,
             Code::InvalidArgument,
@@ -425,7 +428,7 @@ async fn bytes_that_are_no_statement_are_named() -> Test {
         &first.key,
     ))?;
     commitment.push(0);
-    let request = zk0_aggregator::proto::CommitRequest { commitment };
+    let request = zk0_protocol::rpc::federation::CommitRequest { commitment };
     refused(
         client.commit(request).await,
         Code::InvalidArgument,

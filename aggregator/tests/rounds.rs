@@ -6,13 +6,15 @@ use ed25519_dalek::SigningKey;
 use harness::*;
 use std::sync::Arc;
 use tonic::Code;
-use zk0_aggregator::{Aggregator, Auditor, Config, ManualClock, Progress};
+use zk0_aggregator::{Aggregator, Config, ManualClock, Progress};
+use zk0_audit::Auditor;
 use zk0_circuits::Digest;
 use zk0_ledger::{
-    entry::Body,
     log::Ledger,
     replay::{replay, Verdict},
-    signed::Signed,
+};
+use zk0_protocol::{
+    entries::{entry::Body, signed::Signed},
     Refusal,
 };
 use zk0_verifier::blob_digest;
@@ -144,7 +146,7 @@ async fn policy_weights_and_leaves_are_public() -> Test {
         Code::NotFound,
         "names no blob",
     );
-    let request = zk0_aggregator::proto::DownloadRequest {
+    let request = zk0_protocol::rpc::federation::DownloadRequest {
         blob: b"../../checkpoint".to_vec(),
     };
     refused(
@@ -238,7 +240,9 @@ async fn an_audit_finds_what_a_dishonest_aggregator_records() -> Test {
     // The ledger's own rules cannot see into proofs and blobs; whoever holds the log's key can write these entries.
     let cases: [(
         &str,
-        fn(zk0_ledger::signed::Signed<zk0_ledger::signed::Submission>) -> Body,
+        fn(
+            zk0_protocol::entries::signed::Signed<zk0_protocol::entries::signed::Submission>,
+        ) -> Body,
     ); 3] = [
         ("was accepted, but", Body::ContributionAccepted),
         (

@@ -1,12 +1,12 @@
 //! Combining updates is exact, and does not depend on the order they are given in.
 
 use proptest::prelude::*;
-use zk0_aggregator::{
+use zk0_circuits::{weights::TensorSpec, NodeId};
+use zk0_verifier::combine::{
+    contributions::CombineError,
     fedavg::average,
     robust::{median, trimmed_mean},
-    strategy::CombineError,
 };
-use zk0_circuits::{weights::TensorSpec, NodeId};
 use zk0_verifier::ExpertTensors;
 
 fn specs(len: usize) -> Vec<TensorSpec> {

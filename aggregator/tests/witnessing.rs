@@ -9,20 +9,26 @@ use tempfile::TempDir;
 use tokio::{net::TcpListener, task::JoinHandle};
 use tonic::Code;
 use zk0_aggregator::{
-    cosigning::{CosigningError, Prove, Witnesses},
-    http,
-    view::{View, ViewError},
-    witness_server::WitnessServer,
+    publish::{
+        cosigning::{CosigningError, Prove, Witnesses},
+        http,
+        witness_server::WitnessServer,
+    },
     Config, ManualClock,
 };
+use zk0_ledger::published::publication::{Publication, PublicationError};
 use zk0_ledger::{
-    cosignature::Cosigner,
-    entry::{Body, NodeEnrolled},
     log::Ledger,
-    published::PublishedLog,
-    verifier_key::{Role, VerifierKey},
+    published::reader::PublishedLog,
     witness_store::{hash, WitnessStore},
-    Policy,
+};
+use zk0_protocol::{
+    entries::{entry::Body, member::NodeEnrolled},
+    tlog::{
+        cosigner::Cosigner,
+        verifier_key::{Role, VerifierKey},
+    },
+    WitnessPolicy,
 };
 
 fn log() -> VerifierKey {
@@ -87,7 +93,7 @@ impl Running {
 }
 
 /// Three witnesses, and the policy that wants two of them.
-async fn three() -> ([Running; 3], Policy) {
+async fn three() -> ([Running; 3], WitnessPolicy) {
     let witnesses = [
         Running::start(0).await,
         Running::start(1).await,
@@ -95,11 +101,11 @@ async fn three() -> ([Running; 3], Policy) {
     ];
     let lines: String = witnesses.iter().map(Running::line).collect();
     let policy = format!("{lines}group two 2 W0 W1 W2\nquorum two\n");
-    (witnesses, Policy::parse(&policy).unwrap())
+    (witnesses, WitnessPolicy::parse(&policy).unwrap())
 }
 
 fn published(dir: &Path) -> u64 {
-    View::open(dir, None).unwrap().checkpoint().size
+    Publication::open(dir, None).unwrap().checkpoint().size
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -119,7 +125,7 @@ async fn receipts_wait_for_the_quorum_and_entries_do_not() {
     assert!(published(&dir) > receipt.index);
     witnesses[0].off().await;
     registered(&network, &second, &dir).await;
-    let view = View::open(&dir, None).unwrap();
+    let view = Publication::open(&dir, None).unwrap();
     let log_at = PublishedLog::open(&view, &log(), &policy).unwrap();
     let proof = log_at.prove(2).unwrap();
     let (witnessed, _) = proof.verify(&log(), &policy).unwrap();
@@ -150,7 +156,7 @@ async fn receipts_wait_for_the_quorum_and_entries_do_not() {
     );
     assert!(entries.len() as u64 > before.0);
     // Nor does any other answer show more than is published.
-    let request = zk0_aggregator::proto::GetNetworkRequest {};
+    let request = zk0_protocol::rpc::federation::GetNetworkRequest {};
     let info = network
         .client()
         .await
@@ -232,12 +238,12 @@ async fn nothing_is_published_before_the_first_quorum() {
     let mut network = Network::start(&[&first], config).await;
     network.policy = Some(policy);
     network.restart().await;
-    let opened = View::open(network.dir.path(), None).map(drop);
-    assert!(matches!(opened, Err(ViewError::NotCosigned(_))));
+    let opened = Publication::open(network.dir.path(), None).map(drop);
+    assert!(matches!(opened, Err(PublicationError::NotCosigned(_))));
     let info = network
         .client()
         .await
-        .get_network(zk0_aggregator::proto::GetNetworkRequest {})
+        .get_network(zk0_protocol::rpc::federation::GetNetworkRequest {})
         .await;
     refused(info, Code::Unavailable, "nothing is published");
 }
@@ -260,7 +266,7 @@ fn ledger(dir: &Path, nodes: &[u8]) -> Ledger {
 }
 
 /// Asks the policy's witnesses for cosignatures of a ledger's newest checkpoint.
-async fn cosigned(policy: &Policy, ledger: &Arc<Ledger>) -> Result<Vec<u8>, CosigningError> {
+async fn cosigned(policy: &WitnessPolicy, ledger: &Arc<Ledger>) -> Result<Vec<u8>, CosigningError> {
     let (policy, ledger) = (policy.clone(), ledger.clone());
     tokio::task::spawn_blocking(move || {
         let witnesses = Witnesses::new(policy, Duration::from_secs(2))?;
@@ -334,7 +340,7 @@ async fn a_witness_that_answers_nonsense_or_not_at_all_costs_no_more_than_the_de
         witnesses[1].address,
         witnesses[2].line()
     );
-    let two = Policy::parse(&format!("{lines}group g 2 W0 W1 W2\nquorum g\n")).unwrap();
+    let two = WitnessPolicy::parse(&format!("{lines}group g 2 W0 W1 W2\nquorum g\n")).unwrap();
     let begun = std::time::Instant::now();
     let why = why(cosigned(&two, &ledger).await.unwrap_err());
     assert!(why.contains("without a valid cosignature"), "{why}");
@@ -344,7 +350,7 @@ async fn a_witness_that_answers_nonsense_or_not_at_all_costs_no_more_than_the_de
         begun.elapsed()
     );
     // Where one is enough, nobody waits for the mute one.
-    let one = Policy::parse(&format!("{lines}group g any W0 W1 W2\nquorum g\n")).unwrap();
+    let one = WitnessPolicy::parse(&format!("{lines}group g any W0 W1 W2\nquorum g\n")).unwrap();
     let begun = std::time::Instant::now();
     cosigned(&one, &ledger).await.unwrap();
     assert!(
@@ -353,7 +359,7 @@ async fn a_witness_that_answers_nonsense_or_not_at_all_costs_no_more_than_the_de
         begun.elapsed()
     );
     drop(mute);
-    let nowhere = Policy::parse(&format!("witness W {}\nquorum W\n", stranger.key()));
+    let nowhere = WitnessPolicy::parse(&format!("witness W {}\nquorum W\n", stranger.key()));
     let error = cosigned(&nowhere.unwrap(), &ledger).await.unwrap_err();
     assert!(matches!(error, CosigningError::NoAddress(_)));
 }
@@ -367,7 +373,7 @@ async fn a_witness_speaks_the_protocol() {
     cosigned(&policy, &honest).await.unwrap();
     let base = format!("http://{}", witnesses[1].address);
     // W1 may be the one that nobody waited for: ask it by itself.
-    let alone = Policy::parse(&format!("{}quorum W1\n", witnesses[1].line())).unwrap();
+    let alone = WitnessPolicy::parse(&format!("{}quorum W1\n", witnesses[1].line())).unwrap();
     cosigned(&alone, &honest).await.unwrap();
     let checkpoint = honest.checkpoint().to_vec();
     tokio::task::spawn_blocking(move || {

@@ -10,7 +10,7 @@ use crate::{
 use anyhow::{bail, Context, Result};
 use serde::Serialize;
 use std::{fmt::Write as _, fs, path::PathBuf};
-use zk0_prover::progress::Progress;
+use zk0_node::progress::Progress;
 use zk0_smolvla::{
     action_error::{sample_actions, ActionError},
     batch::SampleSource,

@@ -6,7 +6,7 @@ use std::{
     env,
     path::{Path, PathBuf},
 };
-use zk0_prover::progress::Progress;
+use zk0_node::progress::Progress;
 use zk0_smolvla::{
     batch::SampleSource,
     dataset::Dataset,

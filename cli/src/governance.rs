@@ -7,13 +7,16 @@ use sha2::{Digest as _, Sha256};
 use std::{fs, path::PathBuf};
 use tokio::runtime::Runtime;
 use zk0_circuits::{Digest, NodeId};
-use zk0_ledger::{
-    entry::{Body, NodeEnrolled},
-    governance::{Action, Ballot},
-    signed::{Dispute, Evidence, KeyRotation, KeyTakeover, Proposal, Signed, Vote},
+use zk0_node::client::{GovernanceInfo, Node};
+use zk0_protocol::{
+    entries::{
+        entry::Body,
+        member::NodeEnrolled,
+        proposal::{Action, Ballot},
+        signed::{Dispute, Evidence, KeyRotation, KeyTakeover, Proposal, Signed, Vote},
+    },
     Rules,
 };
-use zk0_prover::node::{GovernanceInfo, Node};
 
 /// What to do.
 #[derive(Debug, clap::Subcommand)]

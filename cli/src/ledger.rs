@@ -6,20 +6,25 @@ use std::{
     io::Read,
     path::{Path, PathBuf},
 };
-use zk0_aggregator::{export::export, view::View, web::Web};
+use zk0_audit::{
+    blob_check::BlobCheck,
+    log_source::{genesis, source, Trust},
+};
 use zk0_circuits::Digest;
 use zk0_ledger::{
-    backup,
-    checkpoint::MAX_NOTE_BYTES,
-    entry::{Body, Genesis},
-    folder,
-    mirror::{mirror, Mirrored},
-    policy::{Policy, MAX_POLICY_BYTES},
-    published::{first_entry, PublishedLog},
+    backup, folder,
+    published::{
+        export::export,
+        mirror::{mirror, Mirrored},
+        publication::Publication,
+        source::Source,
+        web::Web,
+    },
     replay::{replay, Verdict},
-    source::{Folder, Source},
-    verifier_key::VerifierKey,
-    Entry,
+};
+use zk0_protocol::tlog::{
+    checkpoint::MAX_NOTE_BYTES,
+    witness_policy::{WitnessPolicy, MAX_POLICY_BYTES},
 };
 
 /// What to do.
@@ -76,7 +81,7 @@ pub struct Import {
     /// The ledger's directory to make or bring up to date.
     dir: PathBuf,
     #[command(flatten)]
-    trust: Trust,
+    trust: TrustOptions,
 }
 
 /// `zk0 ledger restore`.
@@ -102,22 +107,29 @@ pub struct Restore {
     network: Option<Digest>,
 }
 
-/// Whom to believe.
+/// Whom to trust.
 #[derive(Clone, Debug, Default, clap::Args)]
-pub struct Trust {
-    /// The network it has to be, if you know it by other means.
+pub struct TrustOptions {
+    /// The network that it has to be, if you know it by other means.
     #[arg(long)]
     pub network: Option<Digest>,
-    /// Whose cosignatures have to be on the checkpoint (a C2SP tlog-policy file). Without one, those that the network's rules ask
-    /// for, wherever the whole log is read.
-    #[arg(long)]
-    pub policy: Option<PathBuf>,
+    /// A file with the witnesses whose cosignatures have to be on the checkpoint (a C2SP tlog-policy). Without this option, the
+    /// cosignatures that the network's rules ask for have to be there, wherever the whole log is read.
+    #[arg(long, value_name = "FILE")]
+    pub witness_policy: Option<PathBuf>,
 }
 
-impl Trust {
-    /// The policy, if there is one.
-    pub fn policy(&self) -> Result<Option<Policy>> {
-        self.policy.as_deref().map(read_policy).transpose()
+impl TrustOptions {
+    /// Reads the witness policy.
+    pub fn read(&self) -> Result<Trust> {
+        Ok(Trust {
+            network: self.network,
+            witness_policy: self
+                .witness_policy
+                .as_deref()
+                .map(read_witness_policy)
+                .transpose()?,
+        })
     }
 }
 
@@ -129,7 +141,7 @@ pub fn run(command: &Command) -> Result<bool> {
             println!("{}", genesis.verifier_key()?);
         }
         Command::Export { dir, out } => {
-            let view = View::open(dir, None)?;
+            let view = Publication::open(dir, None)?;
             let done = export(&view, out)?;
             println!(
                 "{} entries published; wrote {} tiles and {} blobs to {}",
@@ -175,11 +187,11 @@ pub fn run(command: &Command) -> Result<bool> {
 
 fn import(options: &Import) -> Result<()> {
     let source = source(&options.from)?;
-    let trust = &options.trust;
+    let trust = options.trust.read()?;
     let done = mirror(
         source.as_ref(),
         &options.dir,
-        trust.policy()?.as_ref(),
+        trust.witness_policy.as_ref(),
         trust.network.as_ref(),
     )?;
     copied(&done);
@@ -215,54 +227,9 @@ fn known_checkpoint(from: &str) -> Result<Vec<u8>> {
     }
 }
 
-/// A log by its address or folder.
-pub fn source(text: &str) -> Result<Box<dyn Source>> {
-    if text.starts_with("http://") || text.starts_with("https://") {
-        return Ok(Box::new(Web::at(text)?));
-    }
-    let dir = Path::new(text);
-    if !dir.is_dir() {
-        bail!("{text} is neither a directory nor an address that begins with http:// or https://");
-    }
-    match folder::database(dir).exists() {
-        true => Ok(Box::new(View::open(dir, None)?)),
-        false => Ok(Box::new(Folder::at(dir))),
-    }
-}
-
-/// The genesis that a log claims, which is the right one if the network's id is known.
-fn genesis(source: &dyn Source, network: Option<&Digest>) -> Result<Genesis> {
-    let Body::Genesis(genesis) = Entry::decode(&first_entry(source)?)?.body else {
-        bail!("the log's first entry is no genesis");
-    };
-    let found = genesis.network_id();
-    match network {
-        Some(expected) if *expected != found => {
-            bail!("the log is of network {found}, not of {expected}")
-        }
-        _ => Ok(genesis),
-    }
-}
-
-/// Opens a published log, whose newest checkpoint convinces, and reads from it.
-pub fn open_log<T, E>(
-    from: &str,
-    trust: &Trust,
-    read: impl FnOnce(&PublishedLog<'_>, &VerifierKey, &Policy) -> Result<T, E>,
-) -> Result<T>
-where
-    anyhow::Error: From<E>,
-{
-    let source = source(from)?;
-    let key = genesis(source.as_ref(), trust.network.as_ref())?.verifier_key()?;
-    let policy = trust.policy()?.unwrap_or(Policy::none());
-    let log = PublishedLog::open(source.as_ref(), &key, &policy)?;
-    Ok(read(&log, &key, &policy)?)
-}
-
 fn fsck(dir: &Path) -> Result<bool> {
-    let report = replay(dir, None, &mut zk0_aggregator::fsck::Fsck);
-    let verdict = match View::open(dir, None) {
+    let report = replay(dir, None, &mut BlobCheck);
+    let verdict = match Publication::open(dir, None) {
         Ok(view) => {
             println!("published    {} entries", view.checkpoint().size);
             report.verdict
@@ -287,10 +254,10 @@ fn fsck(dir: &Path) -> Result<bool> {
 }
 
 /// Reads a policy file.
-pub fn read_policy(path: &Path) -> Result<Policy> {
+pub fn read_witness_policy(path: &Path) -> Result<WitnessPolicy> {
     let text = String::from_utf8(read_bounded(path, MAX_POLICY_BYTES)?)
-        .with_context(|| format!("reading the policy {}", path.display()))?;
-    Policy::parse(&text).with_context(|| path.display().to_string())
+        .with_context(|| format!("reading the witness policy {}", path.display()))?;
+    WitnessPolicy::parse(&text).with_context(|| path.display().to_string())
 }
 
 pub(crate) fn read_bounded(path: &Path, limit: usize) -> Result<Vec<u8>> {
@@ -307,11 +274,11 @@ pub(crate) fn read_bounded(path: &Path, limit: usize) -> Result<Vec<u8>> {
 
 #[cfg(feature = "full")]
 fn serve(dir: &Path, listen: std::net::SocketAddr) -> Result<()> {
-    use zk0_aggregator::{http, log_server::LogServer};
+    use zk0_aggregator::publish::{http, log_server::LogServer};
     let server = LogServer::new(dir);
     match server.newest() {
         // It will be, once the witnesses have cosigned.
-        Ok(_) | Err(zk0_aggregator::view::ViewError::NotCosigned(_)) => {}
+        Ok(_) | Err(zk0_ledger::published::publication::PublicationError::NotCosigned(_)) => {}
         Err(error) => return Err(error.into()),
     }
     crate::serve_http(

@@ -8,13 +8,12 @@ use std::{
 };
 use tokio::runtime::Runtime;
 use zk0_circuits::{challenge::MAX_EVAL_SAMPLES, statement::Mode, Digest, EvalSpec};
-use zk0_prover::{
-    estimate as prover,
-    execute::Executor,
-    node::Node,
-    options::Resources,
+use zk0_node::{
+    client::Node,
     participant::{Conduct, Participant, Training},
-    service::ProvingClient,
+};
+use zk0_prover::{
+    estimate as prover, execute::Executor, options::Resources, service::ProvingClient,
 };
 use zk0_smolvla::{
     adaptive::{Adaptation, Boost},

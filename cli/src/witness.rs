@@ -3,11 +3,11 @@
 use crate::keys;
 use anyhow::{Context, Result};
 use std::{net::SocketAddr, path::PathBuf, sync::Arc};
-use zk0_aggregator::{clock::SystemClock, witness_server::WitnessServer};
-use zk0_ledger::{
-    cosignature::Cosigner,
+use zk0_aggregator::{publish::witness_server::WitnessServer, round::clock::SystemClock};
+use zk0_ledger::witness_store::WitnessStore;
+use zk0_protocol::tlog::{
+    cosigner::Cosigner,
     verifier_key::{Role, VerifierKey},
-    witness_store::WitnessStore,
 };
 
 /// What to do.

@@ -11,14 +11,16 @@ use std::{
 use zk0_circuits::{
     spec::EvalSpec, statement::Mode, DatasetCommitment, Digest, Losses, NodeId, WeightsDigest,
 };
-use zk0_ledger::{
-    checkpoint::Parsed,
-    cosignature::Cosigner,
-    entry::{NodeEnrolled, RoundClosed},
-    folder,
-    rules::CreditRule,
-    signed::{DatasetRegistration, Submission, UpdateCommitment},
-    Body, Genesis, Ledger, Refusal, Rules, Signed,
+use zk0_ledger::{folder, Ledger};
+use zk0_protocol::{
+    entries::{
+        entry::RoundClosed,
+        member::NodeEnrolled,
+        signed::{DatasetRegistration, Submission, UpdateCommitment},
+    },
+    rules::network_rules::CreditRule,
+    tlog::{checkpoint::Parsed, cosigner::Cosigner},
+    Body, Genesis, Refusal, Rules, Signed,
 };
 
 const LEDGER: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/fixtures/ledger");
@@ -426,9 +428,9 @@ fn a_report_for_browsers_holds_no_script_and_loads_nothing() {
     let data = fs::read(page.with_extension("json")).unwrap();
     let data: serde_json::Value = serde_json::from_slice(&data).unwrap();
     assert_eq!(data["audit"]["verdict"], "verified");
-    assert_eq!(data["story"]["rounds"].as_array().unwrap().len(), 2);
-    assert_eq!(data["story"]["nodes"][0]["name"], NAMES[0]);
-    assert_eq!(data["story"]["refusals"]["malformed proof"], 6);
+    assert_eq!(data["history"]["rounds"].as_array().unwrap().len(), 2);
+    assert_eq!(data["history"]["nodes"][0]["name"], NAMES[0]);
+    assert_eq!(data["history"]["refusals"]["malformed proof"], 6);
     // The verdict is the audit's, and it quotes what it found.
     let lies = scratch.path().join("lies");
     let mut made = Made::found(&lies, 0);

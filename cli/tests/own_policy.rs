@@ -301,7 +301,7 @@ fn a_trained_policy_keeps_its_tokenizer() {
 fn the_committed_ledger_s_policy_is_written_byte_for_byte() {
     let ledger = root().join("tests/fixtures/ledger");
     let (entries, _) = zk0::audit::history(&ledger).unwrap();
-    let zk0_ledger::entry::Body::Genesis(genesis) = &entries[0].body else {
+    let zk0_protocol::entries::entry::Body::Genesis(genesis) = &entries[0].body else {
         panic!("no genesis");
     };
     let blob = ledger.join("blobs/sha256").join(genesis.policy.to_string());

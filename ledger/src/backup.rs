@@ -1,6 +1,6 @@
 //! A second copy of a ledger's folder, brought up to date as often as one likes; and a folder made of it when the first is lost.
 //!
-//! There is one mechanism for all copies: [`crate::mirror`]. A mirror is of what a log publishes; a backup is of the folder
+//! There is one mechanism for all copies: [`crate::published::mirror`]. A mirror is of what a log publishes; a backup is of the folder
 //! itself, up to the newest checkpoint that was signed, cosigned or not, with the blobs of the round that is open. It is a
 //! ledger's folder too: it can be audited, exported, and extended from any other copy of the log. It holds no key.
 //!
@@ -8,16 +8,16 @@
 //! another history over the same sizes. So [`restore`] wants to see the newest checkpoints that anybody has.
 
 use crate::{
-    checkpoint::{Checkpoint, CheckpointError},
     error::{io_error, LedgerError},
     folder,
     history::History,
-    layout::Resource,
-    mirror::{genesis, mirror, MirrorError, Mirrored},
-    policy::Policy,
-    source::{Source, SourceError},
+    published::{
+        mirror::{genesis, mirror, MirrorError, Mirrored},
+        source::{Source, SourceError},
+        tiles,
+    },
     store::Store,
-    tiles, Blobs,
+    Blobs,
 };
 use std::{
     ffi::OsString,
@@ -26,6 +26,11 @@ use std::{
     path::{Path, PathBuf},
 };
 use zk0_circuits::Digest;
+use zk0_protocol::tlog::{
+    checkpoint::{Checkpoint, CheckpointError},
+    layout::Resource,
+    witness_policy::WitnessPolicy,
+};
 
 /// Why a backup is not made, or not restored.
 #[derive(Debug, thiserror::Error)]
@@ -175,7 +180,7 @@ fn copy(dir: &Path, out: &Path, network: Option<&Digest>) -> Result<Mirrored, Ba
     // Before the log is looked at: what was cosigned by now is in it.
     let (policy, cosigned) = (folder::read_policy(dir)?, folder::read_cosigned(dir)?);
     let whole = Whole::open(dir)?;
-    let done = mirror(&whole, out, Some(&Policy::none()), network)?;
+    let done = mirror(&whole, out, Some(&WitnessPolicy::none()), network)?;
     if folder::policy(dir).exists() {
         folder::write_policy(out, &policy)?;
     }
@@ -192,7 +197,7 @@ fn not_older(backup: &Path, known: &[Vec<u8>]) -> Result<(), BackupError> {
     let genesis = genesis(&first.ok_or_else(|| LedgerError::NoLedger(backup.into()))?)?;
     let key = genesis.verifier_key()?;
     for text in known {
-        let signed = Policy::none().open(text, &key)?.checkpoint;
+        let signed = WitnessPolicy::none().open(text, &key)?.checkpoint;
         if signed.size > whole.size {
             return Err(BackupError::Older {
                 backup: backup.into(),

@@ -1,15 +1,15 @@
 //! Why a ledger cannot be opened, read or extended.
 
-use crate::{
-    blobs::BlobError, checkpoint::CheckpointError, clock::ClockError, codec::EntryError,
-    violation::RuleViolation,
-};
+use crate::{blobs::BlobError, clock::ClockError};
 use std::{
     io,
     path::{Path, PathBuf},
 };
 use tlog_tiles::tlog::Error as TreeError;
 use zk0_circuits::Digest;
+use zk0_protocol::{
+    entries::codec::EntryError, rules::violation::RuleViolation, tlog::checkpoint::CheckpointError,
+};
 
 /// Why a ledger cannot be opened, read or extended.
 #[derive(Debug, thiserror::Error)]

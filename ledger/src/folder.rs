@@ -1,15 +1,15 @@
 //! A ledger's folder, and the small files in it that are neither database nor blob: the newest signed checkpoint, and, where
 //! checkpoints are witnessed, the policy and the newest checkpoint with its cosignatures.
 
-use crate::{
-    checkpoint::{MAX_CHECKPOINT_BYTES, MAX_NOTE_BYTES},
-    error::{io_error, LedgerError},
-    policy::{Policy, MAX_POLICY_BYTES},
-};
+use crate::error::{io_error, LedgerError};
 use std::{
     fs::{self, File},
     io::{self, Read, Write},
     path::{Path, PathBuf},
+};
+use zk0_protocol::tlog::{
+    checkpoint::{MAX_CHECKPOINT_BYTES, MAX_NOTE_BYTES},
+    witness_policy::{WitnessPolicy, MAX_POLICY_BYTES},
 };
 
 /// The database in `dir`.
@@ -43,23 +43,23 @@ pub fn read_cosigned(dir: &Path) -> Result<Option<Vec<u8>>, LedgerError> {
 }
 
 /// The folder's policy; [`Policy::none`] where there is none.
-pub fn read_policy(dir: &Path) -> Result<Policy, LedgerError> {
+pub fn read_policy(dir: &Path) -> Result<WitnessPolicy, LedgerError> {
     let path = policy(dir);
     let bad = |why: String| LedgerError::BadPolicy {
         path: path.clone(),
         why,
     };
     match read(&path, MAX_POLICY_BYTES)? {
-        None => Ok(Policy::none()),
+        None => Ok(WitnessPolicy::none()),
         Some(text) => {
             let text = String::from_utf8(text).map_err(|error| bad(error.to_string()))?;
-            Policy::parse(&text).map_err(|error| bad(error.to_string()))
+            WitnessPolicy::parse(&text).map_err(|error| bad(error.to_string()))
         }
     }
 }
 
 /// Replaces the folder's policy; on disk when this returns.
-pub fn write_policy(dir: &Path, policy: &Policy) -> Result<(), LedgerError> {
+pub fn write_policy(dir: &Path, policy: &WitnessPolicy) -> Result<(), LedgerError> {
     write(dir, "policy", policy.text().as_bytes())
 }
 

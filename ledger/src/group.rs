@@ -4,33 +4,19 @@
 //! a reader insists on: the last entry has one, or nothing would vouch for it; and so has an entry whose tree decides
 //! something ([`needs_checkpoint`]), since nobody could check what follows from a root that was never signed.
 
-use crate::{
-    authentic::AuthenticEntry,
-    checkpoint::Checkpoint,
-    entry::{Body, Entry},
-    error::LedgerError,
-    rules::Participation,
-    state::State,
-    store::Batch,
-    tree::Frontier,
-    violation::RuleViolation,
-};
+use crate::{error::LedgerError, store::Batch};
 use ed25519_dalek::SigningKey;
 use rayon::prelude::*;
 use tlog_tiles::tlog::{record_hash, Hash};
 use zk0_circuits::Digest;
-
-/// Whether the tree that ends with this entry has to have a signed checkpoint, wherever in a group the entry is: an update's
-/// challenge follows from it, and the sample of nodes that a round is for.
-pub fn needs_checkpoint(body: &Body) -> bool {
-    match body {
-        Body::UpdateCommitted(_) => true,
-        Body::RoundOpened(opened) => {
-            matches!(opened.rules.participation, Participation::Sampled { .. })
-        }
-        _ => false,
-    }
-}
+use zk0_protocol::{
+    entries::{
+        authentic::AuthenticEntry,
+        entry::{needs_checkpoint, Entry},
+    },
+    rules::{state::State, violation::RuleViolation},
+    tlog::{checkpoint::Checkpoint, tree::Frontier},
+};
 
 /// Instead of a root where none is signed: nothing may follow from it, and hashing one for each entry takes as long as all the
 /// rest of the tree.

@@ -1,14 +1,16 @@
 //! The history in a database, folded and held against what was signed: what a writer has to know before it signs more.
 
-use crate::{
-    authentic::AuthenticEntry, checkpoint::Checkpoint, error::LedgerError, folder,
-    group::needs_checkpoint, state::State, store::Store, tree::Frontier, violation::RuleViolation,
-    Entry, Genesis,
-};
+use crate::{error::LedgerError, folder, store::Store};
 use rayon::prelude::*;
 use std::{ops::Range, path::Path};
 use tlog_tiles::tlog::{record_hash, stored_hash_index, Hash, HashReader};
 use zk0_circuits::Digest;
+use zk0_protocol::{
+    entries::{authentic::AuthenticEntry, entry::needs_checkpoint},
+    rules::{state::State, violation::RuleViolation},
+    tlog::{checkpoint::Checkpoint, tree::Frontier},
+    Entry, Genesis,
+};
 
 /// Entries read at once, their signatures verified by all cores. An entry has at most 64 KiB.
 const CHUNK: u64 = 512;

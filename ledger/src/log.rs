@@ -10,22 +10,17 @@
 //! | `log/` | the database ([`crate::store`]) |
 //! | `checkpoint` | the newest signed checkpoint, outside the database, so that a restored backup of the database is noticed |
 //! | `blobs/sha256/` | content-addressed proofs, weights and leaf lists ([`crate::blobs`]) |
-//! | `policy` | where checkpoints are witnessed: the witnesses and the quorum ([`crate::policy`]) |
+//! | `policy` | where checkpoints are witnessed: the witnesses and the quorum ([`zk0_protocol::tlog::witness_policy`]) |
 //! | `cosigned` | there too: the newest checkpoint with its quorum of cosignatures, the one that is published |
 
 use crate::{
     blobs::Blobs,
-    checkpoint::Checkpoint,
     clock::ClockWatch,
-    entry::{Body, Entry, Genesis, ENTRY_VERSION},
     error::{io_error, LedgerError},
     folder,
     group::{group, Trial},
     history::History,
-    receipt::Receipt,
-    state::State,
     store::{Batch, Store},
-    tree::Frontier,
 };
 use ed25519_dalek::SigningKey;
 use std::{
@@ -36,6 +31,14 @@ use std::{
 };
 use tlog_tiles::tlog::{prove_record, prove_tree};
 use zk0_circuits::Digest;
+use zk0_protocol::{
+    entries::{
+        entry::{Body, Entry, ENTRY_VERSION},
+        genesis::Genesis,
+    },
+    rules::state::State,
+    tlog::{checkpoint::Checkpoint, receipt::Receipt, tree::Frontier},
+};
 
 /// A ledger open for writing, by its one writer.
 pub struct Ledger {

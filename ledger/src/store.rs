@@ -31,7 +31,7 @@ pub struct Store {
 pub struct Batch(WriteBatch);
 
 impl Batch {
-    /// Entry `index` and the hashes that become final with it ([`crate::tree::Frontier::push`]).
+    /// Entry `index` and the hashes that become final with it ([`zk0_protocol::tlog::tree::Frontier::push`]).
     pub fn entry(&mut self, index: u64, entry: &[u8], hashes: &[Hash]) {
         self.0.put(Key::Entry(index).bytes(), entry);
         for (position, hash) in (stored_hash_index(0, index)..).zip(hashes) {

@@ -2,17 +2,17 @@
 //! monitoring interface serves it. A cosignature is handed out only after the file is on disk, so a killed witness never
 //! forgets what it signed.
 
-use crate::{
-    cosignature::Cosigner,
-    policy::Policy,
-    verifier_key::{Role, VerifierKey},
-    witness::{Accepted, Witness, WitnessRefusal},
-};
 use sha2::{Digest as _, Sha256};
 use std::{
     fs::{self, File},
     io::{self, Read, Write},
     path::{Path, PathBuf},
+};
+use zk0_protocol::tlog::{
+    cosigner::Cosigner,
+    verifier_key::{Role, VerifierKey},
+    witness::{Accepted, Witness, WitnessRefusal},
+    witness_policy::WitnessPolicy,
 };
 
 /// A witness and its folder.
@@ -83,7 +83,10 @@ impl WitnessStore {
         Ok(store)
     }
 
-    fn remembered(&self, key: &VerifierKey) -> Result<Option<crate::Checkpoint>, WitnessError> {
+    fn remembered(
+        &self,
+        key: &VerifierKey,
+    ) -> Result<Option<zk0_protocol::Checkpoint>, WitnessError> {
         let path = self.file(key.name());
         let Some(text) = read(&path)? else {
             return Ok(None);
@@ -95,7 +98,7 @@ impl WitnessStore {
         };
         // Cosigned by this very witness: what it did not sign, it does not remember.
         let own = format!("witness this {}\nquorum this\n", self.witness.key());
-        let own = Policy::parse(&own).map_err(|error| damaged(error.to_string()))?;
+        let own = WitnessPolicy::parse(&own).map_err(|error| damaged(error.to_string()))?;
         let opened = own
             .open(&text, key)
             .map_err(|error| damaged(error.to_string()))?;
@@ -149,7 +152,7 @@ fn read(path: &Path) -> Result<Option<Vec<u8>>, WitnessError> {
         other => other.map_err(io_error(path))?,
     };
     let mut text = Vec::new();
-    file.take(crate::checkpoint::MAX_NOTE_BYTES as u64 + 1)
+    file.take(zk0_protocol::tlog::checkpoint::MAX_NOTE_BYTES as u64 + 1)
         .read_to_end(&mut text)
         .map_err(io_error(path))?;
     Ok(Some(text))

@@ -3,10 +3,10 @@
 mod network;
 
 use network::{votes::*, *};
-use zk0_ledger::{
-    asked_witnesses::AskedWitnesses,
-    cosignature::Cosigner,
-    governance::{Action, Ballot, Outcome},
+use zk0_protocol::{
+    entries::proposal::{Action, Ballot, Outcome},
+    rules::required_witnesses::RequiredWitnesses,
+    tlog::cosigner::Cosigner,
     Body, Rules,
 };
 
@@ -32,7 +32,7 @@ fn the_witnesses_asked_for_change_with_the_rules_and_not_before() {
     let mut founding = genesis();
     founding.rules = asking(1);
     let mut chain = Chain::founded(founding.clone());
-    let mut asked = AskedWitnesses::default();
+    let mut asked = RequiredWitnesses::default();
     asked.observe(&Body::Genesis(founding));
     let mut seen = Vec::new();
     let mut apply = |chain: &mut Chain, body: Body| {

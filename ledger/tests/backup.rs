@@ -11,11 +11,11 @@ use std::{fs, path::Path};
 use zk0_ledger::{
     backup::{backup, restore, BackupError},
     folder,
-    mirror::MirrorError,
-    replay,
-    replay::Verdict,
-    BlobError, Body, Ledger, LedgerError, Policy, Report,
+    published::mirror::MirrorError,
+    replay::{self, Verdict},
+    BlobError, Ledger, LedgerError, Report,
 };
+use zk0_protocol::{Body, WitnessPolicy};
 
 fn verified(dir: &Path) -> Report {
     let report = replay(dir, None, &mut ());
@@ -30,7 +30,7 @@ fn running(dir: &Path) -> Ledger {
     let state = ledger.state().clone();
     let mut commitment = commitment(&state, 0, weights(0x30));
     commitment.update.blob = update;
-    let signed = zk0_ledger::Signed::new(commitment, &key(0));
+    let signed = zk0_protocol::Signed::new(commitment, &key(0));
     ledger
         .append(T0 + 20, Body::UpdateCommitted(signed))
         .unwrap();
@@ -127,7 +127,7 @@ fn a_backup_with_another_history_than_a_known_checkpoint_is_not_restored() {
         ),
         "{forked:?}"
     );
-    let stranger = zk0_ledger::Checkpoint {
+    let stranger = zk0_protocol::Checkpoint {
         size: 1,
         root: digest(1),
     }
@@ -144,7 +144,7 @@ fn a_backup_with_another_history_than_a_known_checkpoint_is_not_restored() {
         matches!(
             onto,
             Err(BackupError::Mirror(MirrorError::Published(
-                zk0_ledger::published::PublishedError::Forked { size: 18, .. }
+                zk0_ledger::published::reader::PublishedError::Forked { size: 18, .. }
             )))
         ),
         "{onto:?}"
@@ -241,7 +241,7 @@ fn the_policy_and_what_was_cosigned_are_kept() {
     let (dir, saved, again) = (at("ledger"), at("backup"), at("again"));
     let mut ledger = running(&dir);
     let cosigned = ledger.checkpoint().to_vec();
-    folder::write_policy(&dir, &Policy::none()).unwrap();
+    folder::write_policy(&dir, &WitnessPolicy::none()).unwrap();
     folder::write_cosigned(&dir, &cosigned).unwrap();
     // Signed, perhaps shown to a witness, and not published: a backup that lacked it would fork the log.
     ledger.append(T0 + 21, enrolled(20)).unwrap();

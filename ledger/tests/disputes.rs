@@ -4,12 +4,13 @@ mod network;
 
 use network::{votes::*, *};
 use zk0_circuits::{Digest, Losses};
-use zk0_ledger::{
-    entry::DisputeResolved,
-    governance::Action,
-    rules::CreditRule,
-    signed::{Dispute, Evidence},
-    state::Standing,
+use zk0_protocol::{
+    entries::{
+        entry::DisputeResolved,
+        proposal::Action,
+        signed::{Dispute, Evidence},
+    },
+    rules::{network_rules::CreditRule, state::Standing},
     Body, Refusal, RuleViolation, Signed, State,
 };
 
@@ -94,7 +95,7 @@ fn credits_are_improvement_times_samples_capped() {
 #[test]
 fn hidden_losses_earn_what_is_proven_the_minimum() {
     let mut founded = genesis();
-    founded.rules.disclosure = zk0_ledger::rules::Disclosure::Nothing;
+    founded.rules.disclosure = zk0_protocol::rules::network_rules::Disclosure::Nothing;
     let mut chain = Chain::founded(founded);
     chain.apply(enrolled(0));
     chain.apply(registered(&chain.state.network().clone(), 0));

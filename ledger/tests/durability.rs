@@ -16,8 +16,11 @@ use std::{
 };
 use zk0_circuits::NodeId;
 use zk0_ledger::{
-    entry::NodeEnrolled, replay, replay::Verdict, tree::Frontier, Body, Checkpoint, Ledger,
-    LedgerError, Receipt,
+    replay::{self, Verdict},
+    Ledger, LedgerError,
+};
+use zk0_protocol::{
+    entries::member::NodeEnrolled, tlog::tree::Frontier, Body, Checkpoint, Receipt,
 };
 
 const CHILD: &str = "ZK0_TEST_APPEND_IN";

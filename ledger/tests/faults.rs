@@ -20,7 +20,8 @@ use std::{
     process::Command,
 };
 use zk0_circuits::NodeId;
-use zk0_ledger::{entry::NodeEnrolled, Body, Ledger, LedgerError};
+use zk0_ledger::{Ledger, LedgerError};
+use zk0_protocol::{entries::member::NodeEnrolled, Body};
 
 /// All that changes files, or waits for the disk.
 const CALLS: &str = "?write,?pwrite64,?pwritev,?fsync,?fdatasync,?sync_file_range,?rename,?renameat,?renameat2,?openat,\

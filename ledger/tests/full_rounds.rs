@@ -5,10 +5,12 @@ mod network;
 use ed25519_dalek::SigningKey;
 use network::*;
 use zk0_circuits::{Digest, NodeId, WeightsDigest};
-use zk0_ledger::{
-    apply::{MAX_COMMITS, MAX_EPISODES},
-    entry::NodeEnrolled,
-    signed::{DatasetRegistration, Submission, UpdateCommitment},
+use zk0_protocol::{
+    entries::{
+        member::NodeEnrolled,
+        signed::{DatasetRegistration, Submission, UpdateCommitment},
+    },
+    rules::apply::{MAX_COMMITS, MAX_EPISODES},
     Body, Refusal, RuleViolation, Signed,
 };
 

@@ -10,7 +10,8 @@ use std::{
     path::Path,
     process::{Command, Output},
 };
-use zk0_ledger::{cosignature::Cosigner, Ledger, Policy, TlogProof};
+use zk0_ledger::Ledger;
+use zk0_protocol::{tlog::cosigner::Cosigner, TlogProof, WitnessPolicy};
 
 /// Where Debian installs Go's packages.
 const GOPATH: &str = "/usr/share/gocode";
@@ -55,7 +56,7 @@ fn go_verifies_what_we_sign() {
     }
     let cosigner = Cosigner::new("witness.example/w", SigningKey::from_bytes(&[200; 32])).unwrap();
     let policy = format!("witness W {}\nquorum W\n", cosigner.key());
-    let policy = Policy::parse(&policy).unwrap();
+    let policy = WitnessPolicy::parse(&policy).unwrap();
     let file = scratch.path().join("proof");
     let go = |proof: &[u8]| -> Output {
         fs::write(&file, proof).unwrap();

@@ -4,12 +4,19 @@ mod network;
 
 use network::{votes::*, *};
 use zk0_circuits::NodeId;
-use zk0_ledger::{
-    entry::{DisputeResolved, NodeEnrolled, ProposalSettled},
-    governance::{Action, Ballot, Governance, Outcome, Tally, MAX_OPEN_PROPOSALS},
-    rules::{Participation, Strategy},
-    signed::{Dispute, Evidence, Proposal, Vote},
-    state::Standing,
+use zk0_protocol::{
+    entries::{
+        entry::{DisputeResolved, ProposalSettled},
+        member::NodeEnrolled,
+        proposal::{Action, Ballot, Outcome},
+        signed::{Dispute, Evidence, Proposal, Vote},
+    },
+    rules::{
+        governance::{Governance, MAX_OPEN_PROPOSALS},
+        network_rules::{Participation, Strategy},
+        open_proposal::Tally,
+        state::Standing,
+    },
     Body, Genesis, Refusal, RuleViolation, Rules, Signed,
 };
 
@@ -497,7 +504,7 @@ fn one_proposal_each_and_so_many_in_all() {
     let mut founded = genesis();
     let governors = u8::try_from(MAX_OPEN_PROPOSALS + 1).unwrap();
     founded.rules.governance.governors = (0..governors)
-        .map(|number| zk0_ledger::governance::Governor {
+        .map(|number| zk0_protocol::rules::governance::Governor {
             key: id(number),
             name: "one of many".into(),
             weight: 1,
@@ -528,7 +535,7 @@ fn one_proposal_each_and_so_many_in_all() {
 #[test]
 fn nodes_come_and_go_by_vote() {
     let mut founded = genesis();
-    founded.rules.enrolment = zk0_ledger::rules::EnrolmentRule::Vote;
+    founded.rules.enrolment = zk0_protocol::rules::network_rules::EnrolmentRule::Vote;
     let mut chain = Chain::founded(founded);
     assert_eq!(
         chain.refusal(enrolled(0)),

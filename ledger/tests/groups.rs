@@ -8,18 +8,27 @@ use rocksdb::DB;
 use std::{collections::BTreeSet, path::Path};
 use zk0_circuits::{challenge::challenge, NodeId};
 use zk0_ledger::{
-    bundle,
-    entry::{DisputeResolved, NodeEnrolled},
-    governance::{Action, Ballot},
-    group::needs_checkpoint,
-    layout::{Kind, Tile},
-    mirror::{mirror, MirrorError},
-    replay,
-    replay::Verdict,
-    rules::Participation,
-    signed::{Dispute, Evidence, KeyRotation, KeyTakeover},
+    published::{
+        mirror::{mirror, MirrorError},
+        tiles,
+    },
+    replay::{self, Verdict},
     store::Store,
-    tiles, Body, Ledger, LedgerError, Refusal, Report, RuleViolation, Signed,
+    Ledger, LedgerError, Report,
+};
+use zk0_protocol::{
+    entries::{
+        entry::{needs_checkpoint, DisputeResolved},
+        member::NodeEnrolled,
+        proposal::{Action, Ballot},
+        signed::{Dispute, Evidence, KeyRotation, KeyTakeover},
+    },
+    rules::network_rules::Participation,
+    tlog::{
+        bundle,
+        layout::{Kind, Tile},
+    },
+    Body, Refusal, RuleViolation, Signed,
 };
 
 fn verified(dir: &Path) -> Report {
@@ -218,7 +227,7 @@ fn any_checkpoint_of_another_tree_keeps_a_ledger_from_opening() {
     let dir = tempfile::tempdir().unwrap();
     drop(with_commitments(dir.path()));
     let forged = |size: u64, root: u8| {
-        zk0_ledger::Checkpoint {
+        zk0_protocol::Checkpoint {
             size,
             root: digest(root),
         }
@@ -304,7 +313,7 @@ fn a_root_decides_nothing_where_none_is_signed() {
         }
         let opening = Body::RoundOpened(opened(&chain.state, chain.time_ms + 1));
         step(chain, &mut kinds, opening);
-        let may = |state: &zk0_ledger::State, node: u8| {
+        let may = |state: &zk0_protocol::State, node: u8| {
             let commit = committed(state, node, weights(0x10 + node));
             let now = state.time_ms() + 1;
             state.check(&entry(now, commit)).is_ok()
@@ -438,7 +447,7 @@ fn a_mirror_of_groups_is_the_same_ledger_and_insists_on_the_same_checkpoints() {
     assert_eq!(fewer.verdict, Verdict::Verified);
     assert_eq!(fewer.checkpoints, original.checkpoints - 1);
     // In the midst of a group, one by the log's key that is not of this tree.
-    let forged = zk0_ledger::Checkpoint {
+    let forged = zk0_protocol::Checkpoint {
         size: 5,
         root: digest(1),
     };

@@ -14,10 +14,12 @@ use std::{
 };
 use steps::{attempt, step, wait, Step};
 use zk0_circuits::Digest;
-use zk0_ledger::{
-    governance::{Action, Outcome},
-    rules::Participation,
-    signed::Evidence,
+use zk0_protocol::{
+    entries::{
+        proposal::{Action, Outcome},
+        signed::Evidence,
+    },
+    rules::network_rules::Participation,
     Body, Entry, RuleViolation, Signed, State,
 };
 

@@ -5,12 +5,12 @@ mod network;
 use ed25519_dalek::SigningKey;
 use network::{votes::*, *};
 use zk0_circuits::NodeId;
-use zk0_ledger::{
-    apply::MAX_ROTATIONS,
-    governance::{Action, Ballot, Outcome},
-    rules::Participation,
-    signed::{Dispute, Evidence, KeyRotation, KeyTakeover, Proposal, Vote},
-    state::Standing,
+use zk0_protocol::{
+    entries::{
+        proposal::{Action, Ballot, Outcome},
+        signed::{Dispute, Evidence, KeyRotation, KeyTakeover, Proposal, Vote},
+    },
+    rules::{apply::MAX_ROTATIONS, network_rules::Participation, state::Standing},
     Body, Refusal, RuleViolation, Signed, State,
 };
 

@@ -20,7 +20,7 @@ use proptest::prelude::*;
 use second::{Change, Event, Invited, Model, Who, IDS, KEYS};
 use steps::{meant, step, Step};
 use zk0_circuits::NodeId;
-use zk0_ledger::{governance::Outcome, Genesis, State};
+use zk0_protocol::{entries::proposal::Outcome, Genesis, State};
 
 fn founded() -> Genesis {
     let mut founded = genesis();

@@ -4,12 +4,15 @@ mod network;
 
 use ed25519_dalek::SigningKey;
 use network::{shelf::*, *};
-use zk0_ledger::{
-    checkpoint::{CheckpointError, Parsed},
-    cosignature::{self, Cosigner},
-    policy::PolicyError,
-    verifier_key::{KeyError, Role},
-    Checkpoint, Policy, VerifierKey,
+use zk0_protocol::{
+    tlog::{
+        checkpoint::{CheckpointError, Parsed},
+        cosignature,
+        cosigner::Cosigner,
+        verifier_key::{KeyError, Role},
+        witness_policy::PolicyError,
+    },
+    Checkpoint, VerifierKey, WitnessPolicy,
 };
 
 fn cosigner(number: u8) -> Cosigner {
@@ -18,10 +21,10 @@ fn cosigner(number: u8) -> Cosigner {
 }
 
 /// `lines` after three witnesses A, B, C.
-fn policy(lines: &str) -> Result<Policy, PolicyError> {
+fn policy(lines: &str) -> Result<WitnessPolicy, PolicyError> {
     let witness = |name, number| format!("witness {name} {}\n", cosigner(number).key());
     let three = [witness("A", 0), witness("B", 1), witness("C", 2)].concat();
-    Policy::parse(&(three + lines))
+    WitnessPolicy::parse(&(three + lines))
 }
 
 #[test]
@@ -122,7 +125,7 @@ fn a_policy_that_says_something_else_is_refused() {
     ] {
         assert!(policy(lines).is_err(), "{lines:?}");
     }
-    assert!(Policy::parse(&"#".repeat(100_000)).is_err());
+    assert!(WitnessPolicy::parse(&"#".repeat(100_000)).is_err());
     let deep: String = (0..100)
         .map(|n| format!("group g{} any g{n}\n", n + 1))
         .collect();
@@ -207,7 +210,7 @@ fn a_log_key_is_no_witness_key_and_the_other_way_round() {
     let (_, text) = checkpoint();
     let witness = Cosigner::new(ORIGIN, log_key()).unwrap();
     let policy = format!("witness W {}\nquorum W\n", witness.key());
-    let policy = Policy::parse(&policy).unwrap();
+    let policy = WitnessPolicy::parse(&policy).unwrap();
     assert!(policy.open(&text, &log_vkey()).is_err());
     let cosigned = [text.clone(), witness.cosign(&body(&text), 5)].concat();
     policy.open(&cosigned, &log_vkey()).unwrap();

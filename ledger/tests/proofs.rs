@@ -3,7 +3,8 @@
 mod network;
 
 use network::{shelf::log_vkey, *};
-use zk0_ledger::{tlog_proof::ProofError, Ledger, Policy, TlogProof};
+use zk0_ledger::Ledger;
+use zk0_protocol::{tlog::tlog_proof::ProofError, TlogProof, WitnessPolicy};
 
 fn proof(index: u64) -> TlogProof {
     let dir = tempfile::tempdir().unwrap();
@@ -21,7 +22,7 @@ fn a_receipt_is_a_proof_that_stands_alone() {
         let text = proof.encode();
         let read = TlogProof::decode(&text).unwrap();
         assert_eq!(read, proof);
-        let (witnessed, entry) = read.verify(&log_vkey(), &Policy::none()).unwrap();
+        let (witnessed, entry) = read.verify(&log_vkey(), &WitnessPolicy::none()).unwrap();
         assert_eq!(witnessed.checkpoint.size, 6);
         assert_eq!(Some(entry.encode().unwrap()), proof.extra);
         let head = "c2sp.org/tlog-proof@v1\nextra ";
@@ -37,13 +38,13 @@ fn a_proof_changed_anywhere_proves_nothing() {
             let mut changed = good.clone();
             changed[position] ^= 1 << bit;
             let accepted = TlogProof::decode(&changed)
-                .and_then(|proof| proof.verify(&log_vkey(), &Policy::none()))
+                .and_then(|proof| proof.verify(&log_vkey(), &WitnessPolicy::none()))
                 .is_ok();
             assert!(!accepted, "bit {bit} of byte {position} does not matter");
         }
         let cut = TlogProof::decode(&good[..position]);
         assert!(cut
-            .and_then(|proof| proof.verify(&log_vkey(), &Policy::none()))
+            .and_then(|proof| proof.verify(&log_vkey(), &WitnessPolicy::none()))
             .is_err());
     }
 }
@@ -51,7 +52,7 @@ fn a_proof_changed_anywhere_proves_nothing() {
 #[test]
 fn a_proof_of_something_else_is_refused() {
     let good = proof(2);
-    let verify = |proof: &TlogProof| proof.verify(&log_vkey(), &Policy::none());
+    let verify = |proof: &TlogProof| proof.verify(&log_vkey(), &WitnessPolicy::none());
     let mut other = good.clone();
     other.index = 3;
     assert!(matches!(
@@ -70,16 +71,16 @@ fn a_proof_of_something_else_is_refused() {
     assert_eq!(verify(&without), Err(ProofError::NoEntry));
     let read = TlogProof::decode(&without.encode()).unwrap();
     let leaf = good.extra.clone().unwrap();
-    read.verify_leaf(&log_vkey(), &Policy::none(), &leaf)
+    read.verify_leaf(&log_vkey(), &WitnessPolicy::none(), &leaf)
         .unwrap();
     assert!(read
-        .verify_leaf(&log_vkey(), &Policy::none(), b"another")
+        .verify_leaf(&log_vkey(), &WitnessPolicy::none(), b"another")
         .is_err());
     // A policy that wants more than the log's own word.
     let secret = ed25519_dalek::SigningKey::from_bytes(&[200; 32]);
-    let witness = zk0_ledger::cosignature::Cosigner::new("w.example", secret).unwrap();
+    let witness = zk0_protocol::tlog::cosigner::Cosigner::new("w.example", secret).unwrap();
     let policy = format!("witness W {}\nquorum W\n", witness.key());
-    let policy = Policy::parse(&policy).unwrap();
+    let policy = WitnessPolicy::parse(&policy).unwrap();
     assert!(matches!(
         good.verify(&log_vkey(), &policy),
         Err(ProofError::Checkpoint(_))

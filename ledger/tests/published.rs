@@ -7,10 +7,10 @@ use ct_merkle::{mem_backed_tree::MemoryBackedTree, InclusionProof};
 use network::{shelf::*, *};
 use proptest::prelude::*;
 use sha2_11::Sha256;
-use zk0_ledger::{
-    layout::{tiles, Kind, Resource, Tile},
-    published::PublishedError,
-    Policy, PublishedLog,
+use zk0_ledger::{published::reader::PublishedError, PublishedLog};
+use zk0_protocol::{
+    tlog::layout::{tiles, Kind, Resource, Tile},
+    WitnessPolicy,
 };
 
 fn leaves(count: u64, seed: u8) -> Vec<Vec<u8>> {
@@ -22,7 +22,7 @@ fn leaves(count: u64, seed: u8) -> Vec<Vec<u8>> {
 }
 
 fn open<'a>(source: &'a Shown<'_>) -> Result<PublishedLog<'a>, PublishedError> {
-    PublishedLog::open(source, &log_vkey(), &Policy::none())
+    PublishedLog::open(source, &log_vkey(), &WitnessPolicy::none())
 }
 
 #[test]
@@ -146,7 +146,7 @@ fn what_is_read_from_tiles_convinces_another_implementation() {
             assert_eq!(&log.entry(index).unwrap(), leaf);
             let proof = log.prove(index).unwrap();
             proof
-                .verify_leaf(&log_vkey(), &Policy::none(), leaf)
+                .verify_leaf(&log_vkey(), &WitnessPolicy::none(), leaf)
                 .unwrap();
             let bytes = proof.hashes.iter().flat_map(|hash| hash.0).collect();
             let proof = InclusionProof::<Sha256>::try_from_bytes(bytes).unwrap();
@@ -171,7 +171,7 @@ proptest! {
         let shelf = Shelf::of(&leaves);
         for tile in tiles(size) {
             let Kind::Hashes(level) = tile.kind else { continue };
-            let bytes = zk0_ledger::tiles::read(&shelf.store, size, &tile).unwrap().unwrap();
+            let bytes = zk0_ledger::published::tiles::read(&shelf.store, size, &tile).unwrap().unwrap();
             prop_assert_eq!(bytes.len(), usize::from(tile.width) * 32);
             let span = 256usize.pow(level.into());
             for (at, hash) in bytes.chunks(32).enumerate() {
@@ -190,7 +190,8 @@ fn a_tile_never_changes_once_it_is_there() {
     let shelf = Shelf::of(&leaves(300, 3));
     for older in [1, 255, 256, 299] {
         for tile in tiles(older) {
-            let read = |size| zk0_ledger::tiles::read(&shelf.store, size, &tile).unwrap();
+            let read =
+                |size| zk0_ledger::published::tiles::read(&shelf.store, size, &tile).unwrap();
             assert_eq!(read(older), read(300), "{tile}");
             assert!(read(older).is_some());
             assert_eq!(read(older - 1).is_some(), tile.is_in(older - 1), "{tile}");
@@ -202,7 +203,7 @@ fn a_tile_never_changes_once_it_is_there() {
 fn any_changed_byte_of_a_tile_or_bundle_is_noticed() {
     let shelf = Shelf::of(&leaves(260, 4));
     for tile in tiles(260).filter(|tile| tile.kind != Kind::Checkpoints) {
-        let bytes = zk0_ledger::tiles::read(&shelf.store, 260, &tile)
+        let bytes = zk0_ledger::published::tiles::read(&shelf.store, 260, &tile)
             .unwrap()
             .unwrap();
         let positions = (0..bytes.len()).step_by(131).chain([1, bytes.len() - 1]);
@@ -253,7 +254,7 @@ fn where_a_partial_tile_is_gone_the_full_one_serves() {
     assert_eq!(log.checkpoints(1).unwrap().len(), 44);
     let proof = log.prove(299).unwrap();
     proof
-        .verify_leaf(&log_vkey(), &Policy::none(), &leaves(512, 5)[299])
+        .verify_leaf(&log_vkey(), &WitnessPolicy::none(), &leaves(512, 5)[299])
         .unwrap();
 }
 
@@ -291,7 +292,7 @@ fn a_checkpoint_that_cannot_be_is_refused_before_anything_is_read() {
     let shelf = Shelf::of(&leaves(3, 7));
     let root = shelf.checkpoint(3).root;
     for size in [0, (1 << 48) + 1, u64::MAX] {
-        let text = zk0_ledger::Checkpoint { size, root }
+        let text = zk0_protocol::Checkpoint { size, root }
             .sign(ORIGIN, &log_key())
             .unwrap();
         let mut shown = shelf.at(3);
@@ -303,7 +304,7 @@ fn a_checkpoint_that_cannot_be_is_refused_before_anything_is_read() {
     }
     // A size that the tiles do not bear out.
     for size in [2, 4, 257, 1 << 48] {
-        let text = zk0_ledger::Checkpoint { size, root }
+        let text = zk0_protocol::Checkpoint { size, root }
             .sign(ORIGIN, &log_key())
             .unwrap();
         let mut shown = shelf.at(3);
@@ -315,7 +316,7 @@ fn a_checkpoint_that_cannot_be_is_refused_before_anything_is_read() {
     shown.instead.insert("checkpoint".into(), None);
     assert_eq!(open(&shown).err(), Some(PublishedError::NoCheckpoint));
     // A second operator's key.
-    let text = zk0_ledger::Checkpoint { size: 3, root }
+    let text = zk0_protocol::Checkpoint { size: 3, root }
         .sign(ORIGIN, &key(1))
         .unwrap();
     shown.instead.insert("checkpoint".into(), Some(text));

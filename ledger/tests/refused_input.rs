@@ -5,15 +5,20 @@ mod network;
 use network::*;
 use rocksdb::DB;
 use zk0_ledger::{
-    codec::EntryError,
-    entry::{NodeEnrolled, ENTRY_VERSION, MAX_ENTRY_BYTES},
-    replay,
-    replay::Verdict,
-    rules::Participation,
-    signed::DatasetRegistration,
+    replay::{self, Verdict},
     store::{Batch, Store},
-    tree::Frontier,
-    Body, Checkpoint, Entry, Ledger, LedgerError, Policy, RuleViolation, Signed, VerifierKey,
+    Ledger, LedgerError,
+};
+use zk0_protocol::{
+    entries::{
+        codec::EntryError,
+        entry::{ENTRY_VERSION, MAX_ENTRY_BYTES},
+        member::NodeEnrolled,
+        signed::DatasetRegistration,
+    },
+    rules::network_rules::Participation,
+    tlog::tree::Frontier,
+    Body, Checkpoint, Entry, RuleViolation, Signed, VerifierKey, WitnessPolicy,
 };
 
 /// An entry of exactly so many bytes: an enrolment with a name that long.
@@ -184,7 +189,7 @@ fn what_strangers_call_themselves_is_quoted_short_and_does_nothing_to_a_terminal
             .unwrap_err()
             .to_string(),
         hostile.parse::<VerifierKey>().unwrap_err().to_string(),
-        Policy::parse(&hostile).unwrap_err().to_string(),
+        WitnessPolicy::parse(&hostile).unwrap_err().to_string(),
         serde_json::from_value::<Participation>(serde_json::json!({ "listed": [hostile] }))
             .unwrap_err()
             .to_string(),

@@ -18,8 +18,9 @@ use std::{
 };
 use zk0_ledger::{
     replay::{replay, replay_with, Keep, Options, Recheck, Report, Saved, SavedError, Verdict},
-    Blobs, Entry, Finding, State,
+    Blobs, Finding,
 };
+use zk0_protocol::{Entry, State};
 
 /// Finds something in every fiftieth entry, and fails the one it is told to; one entry late, as other threads would.
 #[derive(Default)]
@@ -250,7 +251,7 @@ fn a_log_that_does_not_continue_what_was_verified_is_named() {
     let (fork, other) = (scratch.path().join("fork"), scratch.path().join("other"));
     Long::found(&fork, 1).rounds(30);
     says(&fork, "FORKED");
-    let stranger = zk0_ledger::Genesis {
+    let stranger = zk0_protocol::Genesis {
         nonce: [10; 32],
         ..genesis()
     };

@@ -4,9 +4,10 @@ mod network;
 
 use network::*;
 use zk0_circuits::{Claim, Losses, NodeId};
-use zk0_ledger::{
-    codec::EntryError, entry::NodeEnrolled, rules::Disclosure, Body, Refusal, RuleViolation,
-    Signed, State,
+use zk0_protocol::{
+    entries::{codec::EntryError, member::NodeEnrolled},
+    rules::network_rules::Disclosure,
+    Body, Refusal, RuleViolation, Signed, State,
 };
 
 /// What is wrong, and how to make it so.
@@ -70,7 +71,7 @@ fn genesis_comes_first_and_only_first() {
 
 #[test]
 fn a_genesis_has_to_make_sense() {
-    let broken: [Breaks<zk0_ledger::Genesis>; 15] = [
+    let broken: [Breaks<zk0_protocol::Genesis>; 15] = [
         ("evaluation", |g| g.evaluation[0] ^= 1),
         ("evaluation", |g| g.evaluation.push(0)),
         ("eval_samples", |g| g.rules.eval_samples = 11),
@@ -267,7 +268,7 @@ fn rounds_open_one_after_the_other_from_the_global_weights() {
     let mut chain = Chain::new();
     let at = chain.time_ms;
     let right = opened(&chain.state, at + 1);
-    let wrong: [Breaks<zk0_ledger::entry::RoundOpened>; 6] = [
+    let wrong: [Breaks<zk0_protocol::entries::entry::RoundOpened>; 6] = [
         ("round", |o| o.round = 1),
         ("base.blob", |o| o.base.blob = digest(0)),
         ("base.quantised", |o| o.base.quantised = digest(0)),
@@ -686,7 +687,7 @@ fn a_round_waits_for_whoever_may_still_contribute() {
 #[test]
 fn a_closing_says_who_contributed_and_keeps_the_base_if_nobody_did() {
     let mut chain = Chain::all_committed(2);
-    let not_open = Body::RoundClosed(zk0_ledger::entry::RoundClosed {
+    let not_open = Body::RoundClosed(zk0_protocol::entries::entry::RoundClosed {
         round: 1,
         ..closed(&chain.state, weights(4))
     });
@@ -707,7 +708,7 @@ fn a_closing_says_who_contributed_and_keeps_the_base_if_nobody_did() {
 
     chain.apply(accepted(&chain.state, 1));
     let right = closed(&chain.state, weights(0x50));
-    let wrong: [fn(&mut zk0_ledger::entry::RoundClosed); 4] = [
+    let wrong: [fn(&mut zk0_protocol::entries::entry::RoundClosed); 4] = [
         |c| c.contributors.clear(),
         |c| c.contributors[0].samples += 1,
         |c| c.contributors[0].node = id(0),

@@ -14,10 +14,10 @@ use std::{
     path::{Path, PathBuf},
 };
 use zk0_ledger::{
-    replay,
-    replay::{Severity, Verdict},
-    Blobs, Entry, Finding, Genesis, Ledger, Recheck, Report, State,
+    replay::{self, Severity, Verdict},
+    Blobs, Finding, Ledger, Recheck, Report,
 };
+use zk0_protocol::{Entry, Genesis, State};
 
 mod rand_flips {
     /// A small seeded generator (SplitMix64): the same flips in every run.
@@ -143,17 +143,17 @@ fn entries_that_break_the_rules_fail_even_when_signed() {
     let dir = tempfile::tempdir().unwrap();
     let (ledger, _) = Ledger::create(dir.path(), genesis(), log_key(), T0).unwrap();
     drop(ledger);
-    let second = entry(T0, zk0_ledger::Body::Genesis(genesis()))
+    let second = entry(T0, zk0_protocol::Body::Genesis(genesis()))
         .encode()
         .unwrap();
-    let first = entry(T0, zk0_ledger::Body::Genesis(genesis()))
+    let first = entry(T0, zk0_protocol::Body::Genesis(genesis()))
         .encode()
         .unwrap();
-    let mut tree = zk0_ledger::tree::Frontier::default();
+    let mut tree = zk0_protocol::tlog::tree::Frontier::default();
     tree.push(&first).unwrap();
     let hashes = tree.push(&second).unwrap();
     let root = tree.root().unwrap();
-    let checkpoint = zk0_ledger::Checkpoint { size: 2, root }
+    let checkpoint = zk0_protocol::Checkpoint { size: 2, root }
         .sign(&genesis().name, &log_key())
         .unwrap();
     let store = zk0_ledger::store::Store::open(&dir.path().join("log")).unwrap();

@@ -7,7 +7,8 @@ use network::*;
 use proptest::prelude::*;
 use sha2_11::Sha256;
 use zk0_circuits::Digest;
-use zk0_ledger::{tree::Frontier, Ledger};
+use zk0_ledger::Ledger;
+use zk0_protocol::tlog::tree::Frontier;
 
 /// The other implementation's root over the first `size` leaves.
 fn oracle(leaves: &[Vec<u8>]) -> MemoryBackedTree<Sha256, Vec<u8>> {
@@ -80,7 +81,7 @@ fn a_receipt_changed_anywhere_proves_nothing() {
     }
     let receipt = ledger.receipt(2).unwrap();
     let verify =
-        |receipt: &zk0_ledger::Receipt| receipt.verify(&genesis().log_key, &genesis().name);
+        |receipt: &zk0_protocol::Receipt| receipt.verify(&genesis().log_key, &genesis().name);
     verify(&receipt).unwrap();
     let bytes = borsh::to_vec(&receipt).unwrap();
     for position in 0..bytes.len() {

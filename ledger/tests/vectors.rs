@@ -5,11 +5,9 @@ mod network;
 
 use network::*;
 use std::{fs, path::PathBuf};
-use zk0_ledger::{
-    checkpoint::Parsed,
-    cosignature::Cosigner,
-    signed::{Statement, UploadRequest},
-    witness::AddCheckpoint,
+use zk0_protocol::{
+    entries::signed::{Statement, UploadRequest},
+    tlog::{checkpoint::Parsed, cosigner::Cosigner, witness::AddCheckpoint},
     Body, Checkpoint, Entry, Receipt, Signed, State, TlogProof,
 };
 

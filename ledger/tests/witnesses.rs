@@ -6,12 +6,15 @@ use ed25519_dalek::SigningKey;
 use network::{shelf::*, *};
 use std::fs;
 use zk0_circuits::Digest;
-use zk0_ledger::{
-    checkpoint::Parsed,
-    cosignature::{self, Cosigner},
-    witness::{AddCheckpoint, WitnessRefusal},
-    witness_store::{hash, AddError, WitnessError, WitnessStore},
-    Checkpoint, Policy, VerifierKey,
+use zk0_ledger::witness_store::{hash, AddError, WitnessError, WitnessStore};
+use zk0_protocol::{
+    tlog::{
+        checkpoint::Parsed,
+        cosignature,
+        cosigner::Cosigner,
+        witness::{AddCheckpoint, WitnessRefusal},
+    },
+    Checkpoint, VerifierKey, WitnessPolicy,
 };
 
 const NOW: u64 = 1_700_000_000;
@@ -181,7 +184,7 @@ fn a_restarted_witness_knows_what_it_signed() {
     // What it remembers is what it shows to monitors, with both signatures.
     let note = again.last(&hash(ORIGIN)).unwrap().unwrap();
     let policy = format!("witness W {}\nquorum W\n", again.key());
-    let opened = Policy::parse(&policy)
+    let opened = WitnessPolicy::parse(&policy)
         .unwrap()
         .open(&note, &log_vkey())
         .unwrap();
@@ -252,7 +255,7 @@ fn two_clients_cannot_be_shown_two_histories() {
         .map(|at| format!("witness {} {}\n", names[at], cosigners(at).key()))
         .collect();
     policy.push_str("group two 2 A B C\nquorum two\n");
-    let policy = Policy::parse(&policy).unwrap();
+    let policy = WitnessPolicy::parse(&policy).unwrap();
     // Every way to show each witness one history first and the other after.
     for order in 0..8u8 {
         let dirs: Vec<_> = (0..3).map(|_| tempfile::tempdir().unwrap()).collect();
@@ -284,7 +287,7 @@ fn two_clients_cannot_be_shown_two_histories() {
 fn one_log_is_watched_under_one_key() {
     let dir = tempfile::tempdir().unwrap();
     let other = VerifierKey::new(
-        zk0_ledger::verifier_key::Role::Log,
+        zk0_protocol::tlog::verifier_key::Role::Log,
         ORIGIN,
         key(1).verifying_key().as_bytes(),
     );

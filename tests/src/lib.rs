@@ -14,11 +14,13 @@ use std::{
 };
 use tempfile::TempDir;
 use zk0_circuits::merkle;
-use zk0_ledger::{
-    blobs::Blobs,
-    entry::{Body, Entry},
-    signed::{Signed, Submission},
-    state::State,
+use zk0_ledger::blobs::Blobs;
+use zk0_protocol::{
+    entries::{
+        entry::{Body, Entry},
+        signed::{Signed, Submission},
+    },
+    rules::state::State,
 };
 use zk0_verifier::UnverifiedContribution;
 

@@ -3,11 +3,9 @@
 use rocksdb::{IteratorMode, DB};
 use std::{fs, path::Path};
 use zk0::audit;
-use zk0_aggregator::Auditor;
-use zk0_ledger::{
-    entry::Body,
-    replay::{replay, Verdict},
-};
+use zk0_audit::Auditor;
+use zk0_ledger::replay::{replay, Verdict};
+use zk0_protocol::entries::entry::Body;
 use zk0_tests::ledger_copy;
 
 fn verdict(dir: &Path) -> Verdict {

@@ -2,7 +2,7 @@
 
 use ed25519_dalek::SigningKey;
 use zk0_circuits::{Claim, Digest, Losses};
-use zk0_ledger::{signed::Signed, Refusal, Rules, State};
+use zk0_protocol::{entries::signed::Signed, Refusal, Rules, State};
 use zk0_tests::{accepted, ledger_copy, Accepted};
 use zk0_verifier::{blob_digest, check_proof, verify, ProgramKey, UnverifiedContribution};
 
@@ -274,10 +274,10 @@ fn another_network_round_or_node_is_refused() {
 #[test]
 fn a_second_submission_is_refused() {
     let real = real();
-    let entry = zk0_ledger::Entry {
-        version: zk0_ledger::entry::ENTRY_VERSION,
+    let entry = zk0_protocol::Entry {
+        version: zk0_protocol::entries::entry::ENTRY_VERSION,
         time_ms: real.time_ms,
-        body: zk0_ledger::Body::ContributionAccepted(real.contribution.submission.clone()),
+        body: zk0_protocol::Body::ContributionAccepted(real.contribution.submission.clone()),
     };
     let mut after = real.state.clone();
     after.apply(&Digest::default(), &entry).unwrap();

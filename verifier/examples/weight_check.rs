@@ -13,7 +13,7 @@ use std::{
 use zk0_circuits::{
     spec::Dims, weights::expert_tensors, Digest, EvalSpec, GuestWeights, WeightCheck,
 };
-use zk0_ledger::Refusal;
+use zk0_protocol::Refusal;
 use zk0_verifier::check_projections;
 
 fn main() -> Result<(), Box<dyn Error>> {

@@ -7,9 +7,9 @@ use crate::{
     weights::{blob_digest, ExpertTensors},
 };
 use zk0_circuits::{Claim, NodeId};
-use zk0_ledger::{
-    signed::{Signed, Submission},
-    state::State,
+use zk0_protocol::{
+    entries::signed::{Signed, Submission},
+    rules::state::State,
     Refusal,
 };
 

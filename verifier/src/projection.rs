@@ -20,7 +20,7 @@ use zk0_circuits::{
     weights::{QuantiseError, Quantiser},
     EvalSpec, GuestWeights, WeightCheck,
 };
-use zk0_ledger::Refusal;
+use zk0_protocol::Refusal;
 
 /// Checks that the products a proof took on trust are those with the weights in the files `base` and `update`
 /// (safetensors, as [`crate::ExpertTensors::read`] accepts them).

@@ -11,7 +11,7 @@ use zk0_circuits::{
     weights::{expert_tensors, QuantisedWeights, TensorSpec},
     Claim, WeightsDigest,
 };
-use zk0_ledger::{entry::Genesis, state::State, Refusal};
+use zk0_protocol::{entries::genesis::Genesis, rules::state::State, Refusal};
 
 /// What a network evaluates, and so which tensors its weights have.
 #[derive(Clone, Debug)]

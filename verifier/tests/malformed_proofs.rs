@@ -7,7 +7,7 @@ use sp1_verifier::{Groth16Bn254Proof, PlonkBn254Proof, SP1Proof};
 use zk0_circuits::{
     Claim, DatasetCommitment, Digest, Losses, NodeId, WeightsDigest, CLAIM_VERSION,
 };
-use zk0_ledger::Refusal;
+use zk0_protocol::Refusal;
 use zk0_verifier::{check_proof, ProgramKey};
 
 fn claim() -> Claim {

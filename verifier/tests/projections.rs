@@ -14,7 +14,7 @@ use zk0_circuits::{
     DatasetCommitment, Digest, EvalSpec, NodeId, QuantisedWeights, Sample, WeightCheck,
     WeightsDigest, Witness,
 };
-use zk0_ledger::Refusal;
+use zk0_protocol::Refusal;
 use zk0_verifier::check_projections;
 
 type Tensors = BTreeMap<String, (Vec<usize>, Vec<f32>)>;

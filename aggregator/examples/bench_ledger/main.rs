@@ -16,8 +16,9 @@ use std::{
 };
 use zk0_ledger::{
     replay::{replay, Verdict},
-    Blobs, Body, Ledger,
+    Blobs, Ledger,
 };
+use zk0_protocol::Body;
 use zk0_verifier::{check_proof, ProgramKey};
 
 /// Entries of a group.
@@ -179,7 +180,7 @@ fn proofs() -> Result<()> {
     let mut found = None;
     for index in 0..store.size()? {
         let bytes = store.entry(index)?.context("an entry")?;
-        match zk0_ledger::Entry::decode(&bytes)?.body {
+        match zk0_protocol::Entry::decode(&bytes)?.body {
             Body::Genesis(genesis) => program = Some(genesis.program),
             Body::ContributionAccepted(submission) => found = Some(submission.statement),
             _ => {}

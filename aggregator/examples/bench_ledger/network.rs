@@ -7,12 +7,18 @@ use std::path::Path;
 use zk0_circuits::{
     statement::Mode, Claim, DatasetCommitment, Digest, Losses, NodeId, WeightsDigest,
 };
-use zk0_ledger::{
-    entry::{NodeEnrolled, RoundClosed, RoundOpened},
-    governance::{Governance, Governor},
-    rules::CreditRule,
-    signed::{DatasetRegistration, Submission, UpdateCommitment},
-    Body, Genesis, Ledger, Refusal, Rules, Signed, State,
+use zk0_ledger::Ledger;
+use zk0_protocol::{
+    entries::{
+        entry::{RoundClosed, RoundOpened},
+        member::NodeEnrolled,
+        signed::{DatasetRegistration, Submission, UpdateCommitment},
+    },
+    rules::{
+        governance::{Governance, Governor},
+        network_rules::CreditRule,
+    },
+    Body, Genesis, Refusal, Rules, Signed, State,
 };
 
 /// Nodes of the network.

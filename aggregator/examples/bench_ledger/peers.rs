@@ -9,7 +9,8 @@ use sp1_verifier::{compressed::SP1CompressedVerifier, SP1Proof};
 use std::{path::Path, time::Instant};
 use tlog_tiles::tlog::{stored_hash_count, HashReader};
 use zk0_circuits::Claim;
-use zk0_ledger::{folder, store::Store, Body, Entry};
+use zk0_ledger::{folder, store::Store};
+use zk0_protocol::{Body, Entry};
 
 /// What one group wrote.
 pub struct Written {

@@ -4,15 +4,17 @@ use std::path::Path;
 use std::sync::Arc;
 
 use borsh::BorshDeserialize;
-use zk0_aggregator::request::RequestError;
-use zk0_aggregator::{Aggregator, Auditor, Config, Depth, ManualClock, Progress};
+use zk0_aggregator::round::request::RequestError;
+use zk0_aggregator::{Aggregator, Config, ManualClock, Progress};
+use zk0_audit::{Auditor, Depth};
 use zk0_circuits::Digest;
-use zk0_ledger::governance::{Action, Ballot};
 use zk0_ledger::replay::{replay, Finding, Recheck};
-use zk0_ledger::signed::{
+use zk0_ledger::Blobs;
+use zk0_protocol::entries::proposal::{Action, Ballot};
+use zk0_protocol::entries::signed::{
     DatasetRegistration, Proposal, Signed, Statement, UpdateCommitment, UploadRequest, Vote,
 };
-use zk0_ledger::{Blobs, Body, Entry, Genesis, Refusal, State};
+use zk0_protocol::{Body, Entry, Genesis, Refusal, State};
 use zk0_verifier::blob_digest;
 
 use crate::harness::{flat, genesis, log_key, weights, Node, GOVERNOR, POLICY, START_MS};

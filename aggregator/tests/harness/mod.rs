@@ -8,9 +8,7 @@ use tempfile::TempDir;
 use tokio::{net::TcpListener, sync::oneshot, task::JoinHandle};
 use tonic::{transport::Channel, Code, Status};
 use zk0_aggregator::{
-    cosigning::Witnesses,
-    proto::{self, federation_client::FederationClient, upload_chunk::Part},
-    Aggregator, Config, Limits, ManualClock, Service,
+    publish::cosigning::Witnesses, Aggregator, Config, Limits, ManualClock, Service,
 };
 use zk0_circuits::{
     merkle,
@@ -19,15 +17,21 @@ use zk0_circuits::{
     weights::{expert_tensors, TensorSpec},
     Claim, DatasetCommitment, Digest, Losses, NodeId, WeightsDigest,
 };
-use zk0_ledger::{
-    bindings::ExpectedClaim,
-    checkpoint::Checkpoint,
-    entry::{Body, Entry, Genesis},
-    governance::{Governance, Governor},
-    policy::Policy,
-    receipt::Receipt,
-    rules::{CreditRule, Rules},
-    signed::{DatasetRegistration, Signed, Submission, UpdateCommitment, UploadRequest},
+use zk0_protocol::rpc::federation::{
+    self, federation_client::FederationClient, upload_chunk::Part,
+};
+use zk0_protocol::{
+    entries::{
+        entry::{Body, Entry},
+        genesis::Genesis,
+        signed::{DatasetRegistration, Signed, Submission, UpdateCommitment, UploadRequest},
+    },
+    rules::{
+        bindings::ExpectedClaim,
+        governance::{Governance, Governor},
+        network_rules::{CreditRule, Rules},
+    },
+    tlog::{checkpoint::Checkpoint, receipt::Receipt, witness_policy::WitnessPolicy},
 };
 use zk0_verifier::{blob_digest, Evaluation, ExpertTensors};
 
@@ -50,7 +54,7 @@ pub struct Network {
     service: Option<Service>,
     limits: Limits,
     /// Witnesses whose quorum is wanted, from the next start on.
-    pub policy: Option<Policy>,
+    pub policy: Option<WitnessPolicy>,
     pub address: String,
     running: Option<(oneshot::Sender<()>, JoinHandle<()>)>,
 }
@@ -212,7 +216,7 @@ impl Network {
         self.serve().await;
     }
 
-    fn open(&self) -> Result<Aggregator, zk0_aggregator::request::RequestError> {
+    fn open(&self) -> Result<Aggregator, zk0_aggregator::round::request::RequestError> {
         Aggregator::open(
             self.dir.path(),
             Some(&self.genesis.network_id()),

@@ -17,19 +17,18 @@ use std::{
     io::{self, BufWriter, Write},
     path::PathBuf,
 };
-use zk0_aggregator::clock::{Clock, SystemClock};
+use zk0_aggregator::round::clock::{Clock, SystemClock};
 use zk0_circuits::{
     program::verifying_key, spec::EvalSpec, statement::Mode, Digest, WeightsDigest,
 };
 use zk0_ledger::{
     blobs::{BlobWriter, Blobs},
-    entry::Genesis,
     error::LedgerError,
     folder,
     log::Ledger,
-    rules::Rules,
 };
-use zk0_prover::participant::MAX_POLICY_BYTES;
+use zk0_node::participant::MAX_POLICY_BYTES;
+use zk0_protocol::{entries::genesis::Genesis, rules::network_rules::Rules};
 use zk0_smolvla::{
     fixed_point::{dims, quantise_weights},
     policy_file::PolicyFile,

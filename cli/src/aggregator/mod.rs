@@ -10,19 +10,16 @@ use rules::{CommonRules, LEAST_UPDATE_LIMIT};
 use std::{net::SocketAddr, path::PathBuf, sync::Arc, time::Duration};
 use tokio::{net::TcpListener, runtime::Runtime, task::JoinHandle};
 use zk0_aggregator::{
-    aggregator::{Aggregator, Config},
-    clock::{Clock, SystemClock},
-    cosigning::Witnesses,
-    http,
-    log_server::LogServer,
-    service::Service,
+    publish::{cosigning::Witnesses, http, log_server::LogServer},
+    round::{
+        aggregator::{Aggregator, Config},
+        clock::{Clock, SystemClock},
+    },
+    serve::service::Service,
 };
 use zk0_circuits::NodeId;
-use zk0_ledger::{
-    entry::{Body, NodeEnrolled},
-    folder,
-    log::Ledger,
-};
+use zk0_ledger::{folder, log::Ledger};
+use zk0_protocol::entries::{entry::Body, member::NodeEnrolled};
 
 /// What to do.
 #[derive(Debug, clap::Subcommand)]

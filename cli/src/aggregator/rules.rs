@@ -2,9 +2,9 @@
 
 use super::Enrolment;
 use anyhow::{Context, Result};
-use zk0_ledger::{
+use zk0_protocol::rules::{
     governance::{Governance, Governor},
-    rules::{Disclosure, Rules},
+    network_rules::{Disclosure, Rules},
 };
 
 /// Least limit of an update, in bytes: room for the micro profile, with plenty to spare.

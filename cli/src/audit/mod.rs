@@ -1,29 +1,20 @@
 //! `zk0 audit`: check a ledger, trusting nobody. With [`crate::ledger`], all that the auditor's light build has.
 //!
-//! - [`replay`]: the audit itself; [`words`]: its report, for people and machines; [`fetch`]: where the ledger comes from.
-//! - [`watch`]: the audit again and again, of what is new.
-//! - [`story`]: what happened, in numbers; [`describe`]: entries in words; [`show`]: both on a terminal.
+//! - [`replay`]: the audit itself; [`watch`]: the audit again and again, of what is new.
+//! - [`show`]: what happened, on a terminal.
 //! - [`proof`]: that an entry is in a log, as one file.
-//! - [`page`]: all of it as one HTML file, with charts ([`svg`]).
 
-pub mod describe;
-pub mod fetch;
-pub mod page;
 pub mod proof;
 pub mod replay;
 pub mod show;
-pub mod story;
-pub mod svg;
 pub mod watch;
-pub mod words;
-
-pub use words::{verdict, Audited};
 
 use anyhow::{Context, Result};
 use std::path::Path;
-use zk0_aggregator::audit::{Auditor, Depth};
+use zk0_audit::{report::verdict::Audited, Auditor, Depth};
 use zk0_circuits::Digest;
-use zk0_ledger::{folder, store::Store, Entry};
+use zk0_ledger::{folder, store::Store};
+use zk0_protocol::Entry;
 
 /// What to do.
 #[derive(Debug, clap::Subcommand)]

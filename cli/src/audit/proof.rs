@@ -1,13 +1,14 @@
 //! `zk0 audit prove` and `verify-proof`: that an entry is in a log, as one file that anybody checks offline.
 
-use super::describe::{describe, printable};
-use crate::ledger::{open_log, read_bounded, read_policy, Trust};
+use crate::ledger::{read_bounded, read_witness_policy, TrustOptions};
 use anyhow::{bail, Context, Result};
 use std::{fs, io::Write, path::PathBuf};
-use zk0_ledger::{
-    policy::Policy,
+use zk0_audit::log_source::open_log;
+use zk0_audit::report::describe::{describe, printable};
+use zk0_protocol::tlog::{
     tlog_proof::{TlogProof, MAX_PROOF_BYTES},
     verifier_key::{Role, VerifierKey},
+    witness_policy::WitnessPolicy,
 };
 
 /// `zk0 audit prove`.
@@ -21,7 +22,7 @@ pub struct Prove {
     #[arg(long)]
     out: Option<PathBuf>,
     #[command(flatten)]
-    trust: Trust,
+    trust: TrustOptions,
 }
 
 /// `zk0 audit verify-proof`.
@@ -29,18 +30,18 @@ pub struct Prove {
 pub struct Verify {
     /// The proof.
     file: PathBuf,
-    /// The log's verifier key, as `zk0 ledger vkey` prints it. A policy that names the log makes it unnecessary.
-    #[arg(long, required_unless_present = "policy")]
+    /// The log's verifier key, as `zk0 ledger vkey` prints it. A witness policy that names the log makes it unnecessary.
+    #[arg(long, required_unless_present = "witness_policy")]
     log_key: Option<VerifierKey>,
     /// Whose cosignatures have to be on the checkpoint (a C2SP tlog-policy file).
     #[arg(long)]
-    policy: Option<PathBuf>,
+    witness_policy: Option<PathBuf>,
 }
 
 /// Makes a proof.
 pub fn prove(options: &Prove) -> Result<()> {
     let index = options.index;
-    let proof = open_log(&options.from, &options.trust, |log, key, policy| {
+    let proof = open_log(&options.from, &options.trust.read()?, |log, key, policy| {
         let proof = log.prove(index)?;
         // Nothing is handed out that does not convince us.
         proof.verify(key, policy)?;
@@ -56,8 +57,8 @@ pub fn prove(options: &Prove) -> Result<()> {
 /// Checks a proof; `false` when it does not hold.
 pub fn verify(options: &Verify) -> Result<bool> {
     let file = &options.file;
-    let policy = options.policy.as_deref();
-    let policy = policy.map_or_else(|| Ok(Policy::none()), read_policy)?;
+    let policy = options.witness_policy.as_deref();
+    let policy = policy.map_or_else(|| Ok(WitnessPolicy::none()), read_witness_policy)?;
     let proof = TlogProof::decode(&read_bounded(file, MAX_PROOF_BYTES)?)
         .with_context(|| format!("reading {}", file.display()))?;
     let keys: Vec<&VerifierKey> = match &options.log_key {
@@ -66,7 +67,7 @@ pub fn verify(options: &Verify) -> Result<bool> {
         None => policy.logs().iter().collect(),
     };
     if keys.is_empty() {
-        bail!("the policy names no log: name one with --log-key");
+        bail!("the witness policy names no log; give --log-key");
     }
     let mut refused = Vec::new();
     for key in keys {

@@ -1,11 +1,6 @@
 //! `zk0 audit replay`: the whole audit, or what an earlier one has not seen.
 
-use super::{
-    fetch::{locate, Wanted},
-    page, story,
-    words::{verdict, Audited},
-};
-use crate::{ledger::Trust, logging::PROGRESS};
+use crate::{ledger::TrustOptions, logging::PROGRESS};
 use anyhow::{Context, Result};
 use std::{
     fs,
@@ -14,12 +9,16 @@ use std::{
     sync::Mutex,
     time::{Duration, Instant},
 };
-use zk0_aggregator::audit::{Auditor, Depth};
-use zk0_circuits::Digest;
-use zk0_ledger::{
-    replay::{replay_with, Finding, Keep, Options as Replaying, Saved, SavedError},
-    Blobs,
+use zk0_audit::{
+    fetch::{locate, Wanted},
+    report::{
+        history, html,
+        verdict::{verdict, Audited},
+    },
+    run::Audit,
 };
+use zk0_audit::{Auditor, Depth};
+use zk0_ledger::replay::{Finding, Keep};
 
 /// `zk0 audit replay`.
 #[derive(Debug, clap::Args)]
@@ -51,7 +50,7 @@ pub struct Options {
     #[arg(long)]
     json: bool,
     #[command(flatten)]
-    trust: Trust,
+    trust: TrustOptions,
 }
 
 /// Runs it; `false` when the ledger does not hold.
@@ -61,17 +60,20 @@ pub fn run(options: &Options) -> Result<bool> {
         false => (Depth::Full, Wanted::Everything),
     };
     let mirror = options.mirror.as_deref();
-    let located = locate(&options.ledger, mirror, &options.trust, wanted)?;
+    let trust = options.trust.read()?;
+    let located = locate(&options.ledger, mirror, &trust, wanted)?;
     let memory = options.state.as_ref().map(|path| Keep {
         path: path.clone(),
         every: Duration::from_secs(options.state_every),
     });
+    let bar = Bar::default();
+    let progress = |done, total| bar.at(done, total);
     let audit = Audit {
         depth,
-        network: options.trust.network,
+        network: trust.network,
         threads: options.threads,
         memory,
-        quiet: options.json,
+        progress: (!options.json).then_some(&progress),
     };
     let mut audited = audit.run(&located.dir)?;
     let rules = audited.rules.as_ref();
@@ -95,92 +97,20 @@ pub fn run(options: &Options) -> Result<bool> {
 /// Writes the report for browsers, and its data beside it.
 fn write_page(path: &Path, dir: &Path, audited: &Audited) -> Result<()> {
     let root = audited.root.as_deref().unwrap_or_default();
-    let story = story::of(dir, audited.entries, root)?;
+    let history = history::of(dir, audited.entries, root)?;
     let data = path.with_extension("json");
-    let json = serde_json::to_vec_pretty(&page::Data {
+    let json = serde_json::to_vec_pretty(&html::Data {
         audit: audited,
-        story: &story,
+        history: &history,
     })?;
     fs::write(&data, json).with_context(|| format!("writing {}", data.display()))?;
-    fs::write(path, page::html(audited, &story))
+    fs::write(path, html::page(audited, &history))
         .with_context(|| format!("writing {}", path.display()))
-}
-
-/// How to audit.
-#[derive(Clone, Debug)]
-pub struct Audit {
-    /// Light or full.
-    pub depth: Depth,
-    /// The network that it has to be.
-    pub network: Option<Digest>,
-    /// Threads.
-    pub threads: Option<NonZeroUsize>,
-    /// What was verified before, and is from now on.
-    pub memory: Option<Keep>,
-    /// Without a progress bar.
-    pub quiet: bool,
-}
-
-impl Audit {
-    /// Audits the ledger in `dir`. A memory that cannot be used is begun anew, and the log says so.
-    pub fn run(&self, dir: &Path) -> Result<Audited> {
-        let (auditor, from) = match self.recalled(dir)? {
-            Some((auditor, saved)) => (auditor, Some(saved)),
-            None => (self.auditor(), None),
-        };
-        Ok(self.go_on(dir, auditor, from))
-    }
-
-    fn auditor(&self) -> Auditor {
-        match self.threads {
-            Some(threads) => Auditor::with_threads(self.depth, threads),
-            None => Auditor::new(self.depth),
-        }
-    }
-
-    /// What was verified before, if it can be used.
-    fn recalled(&self, dir: &Path) -> Result<Option<(Auditor, Saved)>> {
-        let Some(memory) = &self.memory else {
-            return Ok(None);
-        };
-        let anew = |why: String| {
-            tracing::warn!("the audit begins anew: {why}");
-            Ok(None)
-        };
-        let saved = match Saved::read(&memory.path) {
-            Ok(None) => return Ok(None),
-            Ok(Some(saved)) => saved,
-            Err(error @ SavedError::Unusable { .. }) => return anew(error.to_string()),
-            Err(error) => return Err(error.into()),
-        };
-        match Auditor::go_on(self.depth, &saved.recheck, &Blobs::at(dir)) {
-            Ok(auditor) => {
-                tracing::info!("{} entries were verified before", saved.size);
-                Ok(Some((auditor, saved)))
-            }
-            Err(why) => anew(format!("{}: {why}", memory.path.display())),
-        }
-    }
-
-    /// Audits what comes after `from`.
-    pub fn go_on(&self, dir: &Path, mut auditor: Auditor, from: Option<Saved>) -> Audited {
-        let bar = Bar::default();
-        let progress = |done, total| bar.at(done, total);
-        let options = Replaying {
-            network: self.network,
-            threads: self.threads,
-            progress: (!self.quiet).then_some(&progress),
-            from,
-            keep: self.memory.clone(),
-        };
-        let report = replay_with(dir, options, &mut auditor);
-        Audited::new(report, self.depth, &auditor)
-    }
 }
 
 /// Tells the log's progress bar now and then.
 #[derive(Default)]
-struct Bar(Mutex<Option<Told>>);
+pub struct Bar(Mutex<Option<Told>>);
 
 struct Told {
     begun: Instant,
@@ -191,7 +121,7 @@ struct Told {
 
 impl Bar {
     /// `done` of `total` entries are verified. Threads may say so out of order.
-    fn at(&self, done: u64, total: u64) {
+    pub fn at(&self, done: u64, total: u64) {
         const PAUSE: Duration = Duration::from_millis(200);
         let now = Instant::now();
         let Ok(mut told) = self.0.lock() else { return };

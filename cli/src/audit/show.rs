@@ -1,15 +1,19 @@
 //! `zk0 audit show`: what happened, on a terminal. Everything shown is in a tree that the log has signed and follows its rules.
 
-use super::{
-    describe::{describe, details, kind, nodes, printable, round, time},
-    fetch::{locate, Wanted},
-    story::{self, Story},
-};
-use crate::ledger::{open_log, Trust};
+use crate::ledger::TrustOptions;
 use anyhow::{bail, Result};
 use serde_json::json;
 use sha2::{Digest as _, Sha256};
-use zk0_ledger::{published::PublishedError, replay::Severity, Entry};
+use zk0_audit::log_source::open_log;
+use zk0_audit::{
+    fetch::{locate, Wanted},
+    report::{
+        describe::{describe, details, kind, nodes, printable, round, time},
+        history::{self, History},
+    },
+};
+use zk0_ledger::{published::reader::PublishedError, replay::Severity};
+use zk0_protocol::Entry;
 
 /// `zk0 audit show`.
 #[derive(Debug, clap::Args)]
@@ -32,7 +36,7 @@ pub struct Options {
     #[arg(long)]
     json: bool,
     #[command(flatten)]
-    trust: Trust,
+    trust: TrustOptions,
 }
 
 /// Runs it; `false` when the ledger does not hold.
@@ -41,20 +45,21 @@ pub fn run(options: &Options) -> Result<bool> {
         one(options, index)?;
         return Ok(true);
     }
-    let located = locate(&options.ledger, None, &options.trust, Wanted::Entries)?;
+    let trust = options.trust.read()?;
+    let located = locate(&options.ledger, None, &trust, Wanted::Entries)?;
     let dir = &located.dir;
-    let report = zk0_ledger::replay(dir, options.trust.network.as_ref(), &mut ());
+    let report = zk0_ledger::replay(dir, trust.network.as_ref(), &mut ());
     let root = report.root.clone().unwrap_or_default();
-    let story = story::of(dir, report.entries, &root)?;
+    let history = history::of(dir, report.entries, &root)?;
     let node = match &options.node {
-        Some(name) => Some(story.find(name)?),
+        Some(name) => Some(history.find(name)?),
         None => None,
     };
     if let Some(number) = options.round {
-        if !story.rounds.iter().any(|round| round.round == number) {
+        if !history.rounds.iter().any(|round| round.round == number) {
             bail!(
                 "there is no round {number}: {} rounds were opened",
-                story.rounds.len()
+                history.rounds.len()
             );
         }
     }
@@ -62,7 +67,7 @@ pub fn run(options: &Options) -> Result<bool> {
         options.entries
             || options.round.is_some() && round(&entry.body) == options.round
             || node.is_some_and(|place| {
-                let id = &story.nodes[place].id;
+                let id = &history.nodes[place].id;
                 nodes(&entry.body)
                     .iter()
                     .any(|node| node.to_string() == *id)
@@ -70,7 +75,7 @@ pub fn run(options: &Options) -> Result<bool> {
     };
     let mut wanted = Vec::new();
     if options.entries || options.round.is_some() || node.is_some() {
-        story::read(dir, report.entries, &root, |index, entry| {
+        history::read(dir, report.entries, &root, |index, entry| {
             if is_wanted(entry) {
                 wanted.push((index, entry.clone()));
             }
@@ -88,23 +93,23 @@ pub fn run(options: &Options) -> Result<bool> {
             .map(|(index, entry)| as_json(*index, entry))
             .collect();
         let chosen = match (node, options.round) {
-            (Some(place), _) => json!({ "node": story.nodes[place], "entries": entries }),
+            (Some(place), _) => json!({ "node": history.nodes[place], "entries": entries }),
             (_, Some(number)) => {
-                let round = story.rounds.iter().find(|round| round.round == number);
+                let round = history.rounds.iter().find(|round| round.round == number);
                 json!({ "round": round, "entries": entries })
             }
             _ if options.entries => json!({ "entries": entries }),
-            _ => serde_json::to_value(&story)?,
+            _ => serde_json::to_value(&history)?,
         };
         let mut chosen = chosen;
         chosen["faults"] = json!(faults);
         println!("{}", serde_json::to_string_pretty(&chosen)?);
     } else {
         match (node, options.round) {
-            (Some(place), _) => print!("{}", node_table(&story, &[place])),
-            (_, Some(number)) => print!("{}", round_table(&story, Some(number))),
+            (Some(place), _) => print!("{}", node_table(&history, &[place])),
+            (_, Some(number)) => print!("{}", round_table(&history, Some(number))),
             _ if options.entries => {}
-            _ => print!("{}", whole(&story)),
+            _ => print!("{}", whole(&history)),
         }
         for (index, entry) in &wanted {
             println!("{}", line(*index, entry));
@@ -118,7 +123,7 @@ pub fn run(options: &Options) -> Result<bool> {
 
 /// One entry, whose place in the signed tree is checked, and nothing else.
 fn one(options: &Options, index: u64) -> Result<()> {
-    let bytes = open_log(&options.ledger, &options.trust, |log, _, _| {
+    let bytes = open_log(&options.ledger, &options.trust.read()?, |log, _, _| {
         let size = log.checkpoint().size;
         match index < size {
             true => log.entry(index),
@@ -170,33 +175,33 @@ pub fn line(index: u64, entry: &Entry) -> String {
     format!("{index:>8}  {}  {says}", time(entry.time_ms))
 }
 
-fn whole(story: &Story) -> String {
+fn whole(history: &History) -> String {
     let mut text = String::new();
-    if let Some(network) = &story.network {
+    if let Some(network) = &history.network {
         text.push_str(&format!(
             "network  {} {}\nfounded  {}\nlog key  {}\nentries  {}, the last of {}\n\n",
             printable(&network.name),
             network.id,
             time(network.founded_ms),
             network.log_key,
-            story.entries,
-            time(story.last_ms)
+            history.entries,
+            time(history.last_ms)
         ));
     }
-    text.push_str(&round_table(story, None));
+    text.push_str(&round_table(history, None));
     text.push('\n');
-    let all: Vec<usize> = (0..story.nodes.len()).collect();
-    text.push_str(&node_table(story, &all));
-    if !story.refusals.is_empty() {
+    let all: Vec<usize> = (0..history.nodes.len()).collect();
+    text.push_str(&node_table(history, &all));
+    if !history.refusals.is_empty() {
         text.push_str("\nrefused\n");
-        for (reason, count) in &story.refusals {
+        for (reason, count) in &history.refusals {
             text.push_str(&format!("{count:>8}  {reason}\n"));
         }
     }
     text
 }
 
-fn round_table(story: &Story, only: Option<u64>) -> String {
+fn round_table(history: &History, only: Option<u64>) -> String {
     let mut text = format!(
         "{:>8}  {:<20}  {:<20}  {:>9}  {:>8}  {:>7}  {:>11}  {:>11}\n",
         "round",
@@ -208,7 +213,7 @@ fn round_table(story: &Story, only: Option<u64>) -> String {
         "loss before",
         "loss after"
     );
-    let rounds = story.rounds.iter();
+    let rounds = history.rounds.iter();
     for round in rounds.filter(|round| only.is_none_or(|only| round.round == only)) {
         let loss = |loss: Option<f64>| loss.map_or("-".into(), |loss| format!("{loss:.5}"));
         text.push_str(&format!(
@@ -226,12 +231,12 @@ fn round_table(story: &Story, only: Option<u64>) -> String {
     text
 }
 
-fn node_table(story: &Story, places: &[usize]) -> String {
+fn node_table(history: &History, places: &[usize]) -> String {
     let mut text = format!(
         "{:<16}  {:<32}  {:>8}  {:>9}  {:>8}  {:>7}  {:>10}  {:>10}\n",
         "node", "name", "samples", "committed", "accepted", "refused", "acceptance", "credits"
     );
-    for node in places.iter().map(|place| &story.nodes[*place]) {
+    for node in places.iter().map(|place| &history.nodes[*place]) {
         let name: String = printable(&node.name).chars().take(32).collect();
         let acceptance = node
             .acceptance()

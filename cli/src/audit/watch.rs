@@ -1,31 +1,15 @@
 //! `zk0 audit watch`: an audit that does not end. What was seen once has to stay: a log that forks, goes back or breaks a rule
 //! ends it, loudly.
 
-use super::{
-    fetch::{fetch, Wanted},
-    replay::Audit,
-    show, story,
-    words::{verdict, Audited},
-};
-use crate::ledger::{source, Trust};
-use anyhow::{bail, Context, Result};
+use super::{replay::Bar, show};
+use crate::ledger::TrustOptions;
+use anyhow::{bail, Result};
 use serde_json::json;
-use std::{
-    io::Write,
-    path::{Path, PathBuf},
-    thread::sleep,
-    time::Duration,
-};
-use tempfile::TempDir;
-use zk0_aggregator::audit::Depth;
-use zk0_ledger::{
-    blobs::BlobError,
-    error::LedgerError,
-    folder,
-    mirror::MirrorError,
-    policy::Policy,
-    published::PublishedError,
-    replay::{Keep, Saved},
+use std::{io::Write, path::PathBuf, thread::sleep, time::Duration};
+use zk0_audit::{
+    report::describe::printable,
+    watch::{Look, Seen, Watch, WatchOptions},
+    Depth,
 };
 
 /// `zk0 audit watch`.
@@ -53,7 +37,7 @@ pub struct Options {
     #[arg(long)]
     json: bool,
     #[command(flatten)]
-    trust: Trust,
+    trust: TrustOptions,
 }
 
 /// How many looks in a row may fail for want of an answer, or of a file that is about to come.
@@ -61,11 +45,23 @@ const PATIENCE: u32 = 5;
 
 /// Runs it; `false` when something is wrong with the log.
 pub fn run(options: &Options) -> Result<bool> {
-    let mut watch = Watch::begin(options)?;
+    let watch = Watch::begin(WatchOptions {
+        ledger: options.ledger.clone(),
+        trust: options.trust.read()?,
+        depth: match options.light {
+            true => Depth::Light,
+            false => Depth::Full,
+        },
+        state: options.state.clone(),
+        mirror: options.mirror.clone(),
+    })?;
     let mut failed = 0;
     let mut look = 0;
     loop {
-        match watch.look() {
+        let bar = Bar::default();
+        let progress = |done, total| bar.at(done, total);
+        let progress = (!options.json).then_some(&progress as &(dyn Fn(u64, u64) + Sync));
+        match watch.look(progress, |seen| options.tell(seen)) {
             Ok(Look::Continues) => failed = 0,
             Ok(Look::Alarm(why)) => {
                 options.say("ALARM", &why);
@@ -73,7 +69,7 @@ pub fn run(options: &Options) -> Result<bool> {
             }
             Err(error) => {
                 failed += 1;
-                tracing::warn!("look {failed} of {PATIENCE} without an answer: {error:#}");
+                tracing::warn!("look {failed} of {PATIENCE} got no answer: {error:#}");
                 if failed == PATIENCE {
                     return Err(error.context(format!("{} gives no answer", options.ledger)));
                 }
@@ -92,156 +88,30 @@ pub fn run(options: &Options) -> Result<bool> {
 }
 
 impl Options {
+    fn tell(&self, seen: Seen<'_>) {
+        match seen {
+            Seen::First { entries, network } => {
+                self.say(
+                    "verified",
+                    &format!("{entries} entries of network {network}"),
+                );
+            }
+            Seen::New { index, entry } => {
+                match self.json {
+                    true => println!("{}", show::as_json(index, entry)),
+                    false => println!("{}", show::line(index, entry)),
+                }
+                let _ = std::io::stdout().flush();
+            }
+        }
+    }
+
     fn say(&self, label: &str, text: &str) {
-        let text = super::describe::printable(text);
+        let text = printable(text);
         match self.json {
             true => println!("{}", json!({ "event": label.to_lowercase(), "text": text })),
             false => println!("{label:<12} {text}"),
         }
         let _ = std::io::stdout().flush();
-    }
-}
-
-enum Look {
-    Continues,
-    /// Why the log is not to be trusted.
-    Alarm(String),
-}
-
-struct Watch<'a> {
-    options: &'a Options,
-    policy: Option<Policy>,
-    /// Where the log is fetched to; `None` when it is read where it lies.
-    mirror: Option<PathBuf>,
-    audit: Audit,
-    memory: PathBuf,
-    _made: TempDir,
-}
-
-impl<'a> Watch<'a> {
-    fn begin(options: &'a Options) -> Result<Self> {
-        let made = tempfile::tempdir().context("making a temporary directory")?;
-        let policy = options.trust.policy()?;
-        let lies_here = folder::database(Path::new(&options.ledger)).exists();
-        // A folder's own checkpoint is not cosigned: with a policy it is read as it would be published.
-        let mirror = match lies_here && policy.is_none() {
-            true if options.mirror.is_some() => {
-                bail!(
-                    "{} is a ledger's directory: --mirror is for an export or a served log",
-                    options.ledger
-                )
-            }
-            true => None,
-            false => Some(
-                options
-                    .mirror
-                    .clone()
-                    .unwrap_or_else(|| made.path().join("mirror")),
-            ),
-        };
-        let memory = options
-            .state
-            .clone()
-            .unwrap_or_else(|| made.path().join("state"));
-        // A memory that was lost would let a rollback pass: whoever runs this has to know.
-        Saved::read(&memory).context(
-            "what was seen before cannot be read: remove the file to begin anew, but then a fork or a rollback since is not noticed",
-        )?;
-        let depth = match options.light {
-            true => Depth::Light,
-            false => Depth::Full,
-        };
-        Ok(Self {
-            options,
-            policy,
-            mirror,
-            audit: Audit {
-                depth,
-                network: options.trust.network,
-                threads: None,
-                memory: Some(Keep {
-                    path: memory.clone(),
-                    every: Duration::from_secs(30),
-                }),
-                quiet: options.json,
-            },
-            memory,
-            _made: made,
-        })
-    }
-
-    /// Fetches, verifies, and tells what is new.
-    fn look(&mut self) -> Result<Look> {
-        let wanted = match self.audit.depth {
-            Depth::Light => Wanted::Proofs,
-            Depth::Full => Wanted::Everything,
-        };
-        let dir = match &self.mirror {
-            None => PathBuf::from(&self.options.ledger),
-            Some(dir) => {
-                let source = source(&self.options.ledger)?;
-                let network = self.options.trust.network.as_ref();
-                match fetch(source.as_ref(), dir, self.policy.as_ref(), network, wanted) {
-                    Ok(()) => {}
-                    Err(error) if is_alarming(&error) => return Ok(Look::Alarm(error.to_string())),
-                    Err(error) => return Err(error.into()),
-                }
-                dir.clone()
-            }
-        };
-        let before = Saved::read(&self.memory)?.map(|saved| saved.size);
-        let audited = self.audit.run(&dir)?;
-        self.tell(&dir, before, &audited)?;
-        match audited.holds() {
-            true => Ok(Look::Continues),
-            false => Ok(Look::Alarm(verdict(&audited))),
-        }
-    }
-
-    fn tell(&self, dir: &Path, before: Option<u64>, audited: &Audited) -> Result<()> {
-        let Some(before) = before else {
-            let text = format!(
-                "{} entries of network {}",
-                audited.entries,
-                audited.network.as_deref().unwrap_or("unknown")
-            );
-            self.options.say("verified", &text);
-            return Ok(());
-        };
-        if audited.entries <= before {
-            return Ok(());
-        }
-        let root = audited.root.as_deref().unwrap_or_default();
-        story::read(dir, audited.entries, root, |index, entry| {
-            if index >= before {
-                match self.options.json {
-                    true => println!("{}", show::as_json(index, entry)),
-                    false => println!("{}", show::line(index, entry)),
-                }
-            }
-        })?;
-        let _ = std::io::stdout().flush();
-        Ok(())
-    }
-}
-
-/// Whether what was served is wrong, and not only missing or late.
-fn is_alarming(error: &MirrorError) -> bool {
-    match error {
-        MirrorError::Published(error) => !matches!(
-            error,
-            PublishedError::Source(_) | PublishedError::Missing(..) | PublishedError::NoCheckpoint
-        ),
-        MirrorError::Ledger(error) => matches!(
-            error,
-            LedgerError::RolledBack { .. }
-                | LedgerError::Forked { .. }
-                | LedgerError::OtherNetwork { .. }
-                | LedgerError::BadEntry { .. }
-                | LedgerError::Rule(_)
-                | LedgerError::CheckpointFile { .. }
-                | LedgerError::Blob(BlobError::WrongDigest { .. } | BlobError::TooLarge { .. })
-        ),
-        MirrorError::Checkpoint { .. } | MirrorError::Witnesses(_) => true,
     }
 }

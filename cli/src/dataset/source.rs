@@ -2,7 +2,7 @@
 
 use anyhow::{Context, Result};
 use std::{convert::Infallible, fmt, path::PathBuf, str::FromStr};
-use zk0_prover::progress::Progress;
+use zk0_node::progress::Progress;
 use zk0_smolvla::dataset::Dataset;
 use zk0_smolvla::hub::{fetch, HubOptions, HubRecording};
 

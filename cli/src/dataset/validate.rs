@@ -2,7 +2,7 @@
 
 use super::RecordingName;
 use anyhow::Result;
-use zk0_prover::progress::Progress;
+use zk0_node::progress::Progress;
 use zk0_smolvla::dataset::Dataset;
 
 /// Checks one recording after another; `false` if any has a fault.

@@ -9,13 +9,13 @@ use anyhow::{bail, Context, Result};
 use serde::Serialize;
 use std::{collections::BTreeMap, fs, path::Path};
 use zk0_circuits::{spec::EvalSpec, Digest, NodeId};
-use zk0_ledger::{
-    blobs::Blobs,
-    entry::{Body, Entry, Genesis},
-    replay::Verdict,
+use zk0_ledger::{blobs::Blobs, replay::Verdict};
+use zk0_node::{participant::TrainingHistory, recording};
+use zk0_protocol::entries::{
+    entry::{Body, Entry},
+    genesis::Genesis,
     signed::{Signed, Submission},
 };
-use zk0_prover::{participant::TrainingHistory, recording};
 use zk0_smolvla::{dataset::Dataset, evaluate, policy_file, ExpertWeights, PolicyConfig};
 
 /// Steps that one point of a training curve is the mean of.

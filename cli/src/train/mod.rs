@@ -22,7 +22,7 @@ use std::{
     path::Path,
     time::Instant,
 };
-use zk0_prover::progress::Progress;
+use zk0_node::progress::Progress;
 use zk0_smolvla::{
     adaptive::{boost, Boost},
     dataset::{Dataset, Stats},

@@ -13,15 +13,16 @@ use tokio::{net::TcpListener, runtime::Runtime};
 use zk0::{audit, keys};
 use zk0_aggregator::{Aggregator, Config, Service, SystemClock};
 use zk0_circuits::{Digest, EvalSpec};
-use zk0_ledger::{
-    entry::{Body, Entry, Genesis},
-    log::Ledger,
+use zk0_ledger::log::Ledger;
+use zk0_node::recording::Recording;
+use zk0_protocol::entries::{
+    entry::{Body, Entry},
+    genesis::Genesis,
 };
 use zk0_prover::{
     execute::Execution,
     program::GuestInput,
     proof::Proof,
-    recording::Recording,
     service::{Backend, JobError, ProvingService},
 };
 use zk0_smolvla::policy_file::{self, PolicyFile};

@@ -1,12 +1,13 @@
 //! What of a replay depends on one entry alone, and so is done for many entries at once by as many threads as there are:
 //! reading, decoding, signatures.
 
-use crate::{
-    authentic::AuthenticEntry, checkpoint::Checkpoint, store::Store, violation::RuleViolation,
-    Entry, Genesis,
-};
+use crate::store::Store;
 use std::ops::Range;
 use tlog_tiles::tlog::{record_hash, stored_hash_index, Hash, HashReader};
+use zk0_protocol::{
+    entries::authentic::AuthenticEntry, rules::violation::RuleViolation,
+    tlog::checkpoint::Checkpoint, Entry, Genesis,
+};
 
 /// Most entries in a chunk.
 pub const CHUNK: u64 = 256;
@@ -73,7 +74,7 @@ impl Item {
             .checkpoint(index + 1)
             .map_err(|error| error.to_string())?;
         let genesis = match &entry.body {
-            crate::Body::Genesis(own) => genesis.or(Some(own)),
+            zk0_protocol::Body::Genesis(own) => genesis.or(Some(own)),
             _ => genesis,
         };
         let open = |text: Vec<u8>| match genesis {

@@ -17,7 +17,7 @@ mod serial;
 pub use report::{Finding, Report, Severity, Verdict};
 pub use saved::{Saved, SavedError};
 
-use crate::{blobs::Blobs, error::LedgerError, store::Store, Entry, Genesis, State};
+use crate::{blobs::Blobs, error::LedgerError, store::Store};
 use chunk::{Chunk, CHUNK};
 use serial::Serial;
 use std::{
@@ -31,6 +31,7 @@ use std::{
     time::Duration,
 };
 use zk0_circuits::Digest;
+use zk0_protocol::{Entry, Genesis, State};
 
 /// What else an auditor checks, entry by entry: proofs, refusals, aggregation. The ledger itself has checked bytes, tree
 /// and checkpoint by then. The calls come one after the other, though not all from one thread.

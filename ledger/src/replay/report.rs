@@ -1,8 +1,8 @@
 //! What a replay says: findings, and whether the history is what it claims to be.
 
-use crate::rules::Rules;
 use borsh::{BorshDeserialize, BorshSerialize};
 use serde::Serialize;
+use zk0_protocol::rules::network_rules::Rules;
 
 /// Something an auditor should know.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, BorshSerialize, BorshDeserialize)]

@@ -4,7 +4,6 @@
 //! own memory and believed like one: whoever can write it can make him believe anything.
 
 use super::Finding;
-use crate::{entry::ENTRY_VERSION, state::State};
 use borsh::{BorshDeserialize, BorshSerialize};
 use sha2::{Digest as _, Sha256};
 use std::{
@@ -13,6 +12,7 @@ use std::{
     path::{Path, PathBuf},
 };
 use zk0_circuits::Digest;
+use zk0_protocol::{entries::entry::ENTRY_VERSION, rules::state::State};
 
 const FORMAT: &[u8] = b"zk0 audit state v1\n";
 

@@ -5,16 +5,18 @@ use super::{
     saved::Saving,
     Finding, Keep, Options, Recheck, Report, Saved, Severity, Verdict,
 };
-use crate::{
-    authentic::AuthenticEntry, blobs::Blobs, checkpoint::Checkpoint, error::LedgerError,
-    group::needs_checkpoint, history::check_network, state::State, store::Store, tree::Frontier,
-    violation::RuleViolation, Body, Entry, Genesis,
-};
+use crate::{blobs::Blobs, error::LedgerError, history::check_network, store::Store};
 use std::{
     path::{Path, PathBuf},
     time::Instant,
 };
 use zk0_circuits::Digest;
+use zk0_protocol::{
+    entries::{authentic::AuthenticEntry, entry::needs_checkpoint},
+    rules::{state::State, violation::RuleViolation},
+    tlog::{checkpoint::Checkpoint, tree::Frontier},
+    Body, Entry, Genesis,
+};
 
 /// The history as far as it is verified.
 pub struct Serial<'a> {

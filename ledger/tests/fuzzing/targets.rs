@@ -7,21 +7,22 @@ use std::time::Duration;
 
 use ed25519_dalek::SigningKey;
 use sha2::{Digest as _, Sha256};
-use zk0_ledger::checkpoint::Parsed;
-use zk0_ledger::cosignature::{self, Cosigner};
-use zk0_ledger::entry::DisputeResolved;
-use zk0_ledger::governance::{Action, Ballot, Outcome};
-use zk0_ledger::layout::{Kind, Resource, Tile};
-use zk0_ledger::published::first_entry;
+use zk0_ledger::published::reader::first_entry;
 use zk0_ledger::replay::{replay_with, Keep, Options, Saved, SavedError};
-use zk0_ledger::signed::{
+use zk0_ledger::{published::tiles, PublishedLog};
+use zk0_protocol::entries::entry::DisputeResolved;
+use zk0_protocol::entries::proposal::{Action, Ballot, Outcome};
+use zk0_protocol::entries::signed::{
     Dispute, Evidence, KeyRotation, KeyTakeover, SignatureError, Statement, Submission,
     UploadRequest,
 };
-use zk0_ledger::witness::{AddCheckpoint, Witness};
-use zk0_ledger::{
-    bundle, tiles, Body, Checkpoint, Entry, Policy, PublishedLog, Receipt, Rules, Signed, State,
-    TlogProof, VerifierKey,
+use zk0_protocol::tlog::checkpoint::Parsed;
+use zk0_protocol::tlog::layout::{Kind, Resource, Tile};
+use zk0_protocol::tlog::witness::{AddCheckpoint, Witness};
+use zk0_protocol::tlog::{cosignature, cosigner::Cosigner};
+use zk0_protocol::{
+    tlog::bundle, Body, Checkpoint, Entry, Receipt, Rules, Signed, State, TlogProof, VerifierKey,
+    WitnessPolicy,
 };
 
 use crate::network::rounds::ledger_with_a_round;
@@ -84,7 +85,7 @@ pub fn target(name: &str) -> Target {
             }
         }
         "cosigned" => {
-            let policy = Policy::parse(&policy()).unwrap();
+            let policy = WitnessPolicy::parse(&policy()).unwrap();
             let cosigned = [checkpoint(), cosigner().cosign(note_text(), 1)].concat();
             Target {
                 seeds: vec![cosigned],
@@ -93,7 +94,7 @@ pub fn target(name: &str) -> Target {
         }
         "policy" => Target {
             seeds: vec![policy().into_bytes()],
-            run: Box::new(|bytes| Policy::parse(utf8(bytes)?).map(drop).map_err(text)),
+            run: Box::new(|bytes| WitnessPolicy::parse(utf8(bytes)?).map(drop).map_err(text)),
         },
         "verifier_key" => Target {
             seeds: vec![log_vkey().to_string().into_bytes()],
@@ -104,7 +105,7 @@ pub fn target(name: &str) -> Target {
             run: Box::new(|bytes| {
                 let proof = TlogProof::decode(bytes).map_err(text)?;
                 let leaf = proof.extra.clone().unwrap_or_default();
-                let verified = proof.verify_leaf(&log_vkey(), &Policy::none(), &leaf);
+                let verified = proof.verify_leaf(&log_vkey(), &WitnessPolicy::none(), &leaf);
                 verified.map(drop).map_err(text)
             }),
         },
@@ -446,7 +447,8 @@ fn checkpoint_bundle() -> Target {
                 size: 7,
                 instead: BTreeMap::from([(tile.to_string(), Some(bytes.to_vec()))]),
             };
-            let log = PublishedLog::open(&shown, &log_vkey(), &Policy::none()).map_err(text)?;
+            let log =
+                PublishedLog::open(&shown, &log_vkey(), &WitnessPolicy::none()).map_err(text)?;
             for (after, checkpoint) in (1..).zip(log.checkpoints(0).map_err(text)?) {
                 let checkpoint = checkpoint.ok_or("a checkpoint is missing")?;
                 let opened = Checkpoint::open(&checkpoint, ORIGIN, &key).map_err(text)?;
@@ -525,7 +527,7 @@ fn policy() -> String {
 fn proof() -> Vec<u8> {
     let shelf = Shelf::of(&leaves());
     let shown = shelf.at(7);
-    let log = PublishedLog::open(&shown, &log_vkey(), &Policy::none()).unwrap();
+    let log = PublishedLog::open(&shown, &log_vkey(), &WitnessPolicy::none()).unwrap();
     log.prove(4).unwrap().encode()
 }
 
@@ -594,7 +596,8 @@ fn served(kind: Kind) -> Target {
                 size: 7,
                 instead: BTreeMap::from([(tile.to_string(), Some(bytes.to_vec()))]),
             };
-            let log = PublishedLog::open(&shown, &log_vkey(), &Policy::none()).map_err(text)?;
+            let log =
+                PublishedLog::open(&shown, &log_vkey(), &WitnessPolicy::none()).map_err(text)?;
             log.entries(0).map(drop).map_err(text)?;
             log.prove(6).map(drop).map_err(text)
         }),

@@ -3,16 +3,17 @@
 use super::{network::*, steps::key_of};
 use proptest::prelude::*;
 use zk0_circuits::{Claim, Digest, GuestWeights, Losses, NodeId, WeightCheck, WeightsDigest};
-use zk0_ledger::{
-    entry::{
-        Contributor, DisputeResolved, NodeEnrolled, ProposalSettled, RoundClosed, RoundOpened,
+use zk0_protocol::{
+    entries::{
+        entry::{Contributor, DisputeResolved, ProposalSettled, RoundClosed, RoundOpened},
+        member::NodeEnrolled,
+        proposal::{Action, Ballot, Outcome},
+        signed::{
+            DatasetRegistration, Dispute, Evidence, KeyRotation, KeyTakeover, Proposal, Statement,
+            Submission, UpdateCommitment, Vote,
+        },
     },
-    governance::{Action, Ballot, Outcome},
-    rules::{Participation, Strategy as Average},
-    signed::{
-        DatasetRegistration, Dispute, Evidence, KeyRotation, KeyTakeover, Proposal, Statement,
-        Submission, UpdateCommitment, Vote,
-    },
+    rules::network_rules::{Participation, Strategy as Average},
     Body, Entry, Genesis, Refusal, Rules, Signed,
 };
 

@@ -5,12 +5,19 @@ use ed25519_dalek::SigningKey;
 use proptest::prelude::*;
 use std::sync::LazyLock;
 use zk0_circuits::{Losses, NodeId};
-use zk0_ledger::{
-    entry::{DisputeResolved, NodeEnrolled, ProposalSettled},
-    governance::{Action, Ballot, Outcome},
-    rules::{Disclosure, EnrolmentRule, Participation},
-    signed::{Dispute, Evidence, KeyRotation, KeyTakeover, Proposal, Statement, Submission, Vote},
-    state::{Node, Standing},
+use zk0_protocol::{
+    entries::{
+        entry::{DisputeResolved, ProposalSettled},
+        member::NodeEnrolled,
+        proposal::{Action, Ballot, Outcome},
+        signed::{
+            Dispute, Evidence, KeyRotation, KeyTakeover, Proposal, Statement, Submission, Vote,
+        },
+    },
+    rules::{
+        network_rules::{Disclosure, EnrolmentRule, Participation},
+        state::{Node, Standing},
+    },
     Body, Entry, Refusal, Rules, Signed, State,
 };
 

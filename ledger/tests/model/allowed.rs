@@ -5,10 +5,12 @@ use super::{
     second::{followed, Change, Event, Invited, Model, Who, IDS, KEYS},
 };
 use zk0_circuits::digest::tagged_sha256;
-use zk0_ledger::{
-    governance::{Ballot, Outcome},
-    signed::Evidence,
-    state::Standing,
+use zk0_protocol::{
+    entries::{
+        proposal::{Ballot, Outcome},
+        signed::Evidence,
+    },
+    rules::state::Standing,
 };
 
 impl Model<'_> {

@@ -6,11 +6,13 @@ use super::{
 };
 use ed25519_dalek::SigningKey;
 use zk0_circuits::NodeId;
-use zk0_ledger::{
-    entry::{DisputeResolved, ProposalSettled},
-    governance::{Action, Outcome},
-    rules::Participation,
-    signed::{Dispute, KeyRotation, KeyTakeover, Proposal, Vote},
+use zk0_protocol::{
+    entries::{
+        entry::{DisputeResolved, ProposalSettled},
+        proposal::{Action, Outcome},
+        signed::{Dispute, KeyRotation, KeyTakeover, Proposal, Vote},
+    },
+    rules::network_rules::Participation,
     Body, Rules, Signed, State,
 };
 

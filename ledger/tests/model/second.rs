@@ -3,10 +3,12 @@
 use super::network::{id, DISPUTE_WINDOW};
 use std::sync::LazyLock;
 use zk0_circuits::{Digest, NodeId};
-use zk0_ledger::{
-    governance::{Ballot, Outcome},
-    signed::Evidence,
-    state::Standing,
+use zk0_protocol::{
+    entries::{
+        proposal::{Ballot, Outcome},
+        signed::Evidence,
+    },
+    rules::state::Standing,
 };
 
 /// Weights of the governors.

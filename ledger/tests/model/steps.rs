@@ -5,8 +5,8 @@ use super::{
     second::{Change, Event, Invited, Model, Who, KEYS},
 };
 use proptest::prelude::*;
-use zk0_ledger::{
-    governance::{Ballot, Outcome},
+use zk0_protocol::entries::{
+    proposal::{Ballot, Outcome},
     signed::Evidence,
 };
 

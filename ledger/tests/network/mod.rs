@@ -11,11 +11,16 @@ use ed25519_dalek::SigningKey;
 use zk0_circuits::{
     statement::Mode, Claim, DatasetCommitment, Digest, Losses, NodeId, WeightsDigest,
 };
-use zk0_ledger::{
-    entry::{Contributor, NodeEnrolled, RoundClosed, RoundOpened, ENTRY_VERSION},
-    governance::{Governance, Governor},
-    rules::{CreditRule, Disclosure},
-    signed::{DatasetRegistration, Submission, UpdateCommitment},
+use zk0_protocol::{
+    entries::{
+        entry::{Contributor, RoundClosed, RoundOpened, ENTRY_VERSION},
+        member::NodeEnrolled,
+        signed::{DatasetRegistration, Submission, UpdateCommitment},
+    },
+    rules::{
+        governance::{Governance, Governor},
+        network_rules::{CreditRule, Disclosure},
+    },
     Body, Entry, Genesis, Refusal, RuleViolation, Rules, Signed, State,
 };
 

@@ -8,7 +8,8 @@ use std::{
     path::{Path, PathBuf},
     process::{Command, Output},
 };
-use zk0_ledger::{Blobs, Checkpoint, Ledger, LedgerError, Receipt};
+use zk0_ledger::{Blobs, Ledger, LedgerError};
+use zk0_protocol::{Checkpoint, Receipt};
 
 /// Names the folder to the child process.
 pub const FOLDER: &str = "ZK0_TEST_SCENARIO_IN";

@@ -6,12 +6,18 @@ use std::{
     io::{Cursor, Read},
 };
 use zk0_ledger::{
-    layout::Resource,
-    source::{Source, SourceError},
+    published::{
+        source::{Source, SourceError},
+        tiles,
+    },
     store::{Batch, Store},
-    tiles,
-    tree::Frontier,
-    verifier_key::{Role, VerifierKey},
+};
+use zk0_protocol::{
+    tlog::{
+        layout::Resource,
+        tree::Frontier,
+        verifier_key::{Role, VerifierKey},
+    },
     Checkpoint,
 };
 

@@ -1,9 +1,9 @@
 //! Proposals, votes and their ends.
 
 use super::*;
-use zk0_ledger::{
+use zk0_protocol::entries::{
     entry::ProposalSettled,
-    governance::{Action, Ballot, Outcome},
+    proposal::{Action, Ballot, Outcome},
     signed::{Proposal, Vote},
 };
 

@@ -13,8 +13,9 @@ use zk0_circuits::spec::Dims;
 use zk0_circuits::statement::Mode;
 use zk0_circuits::weights::{expert_tensors, Quantiser, TensorSpec};
 use zk0_circuits::{projection, Claim, Digest, EvalSpec, GuestWeights, WeightCheck};
-use zk0_ledger::signed::{Signed, Submission};
-use zk0_ledger::{replay, Blobs, Body, Entry, Finding, Recheck, Refusal, State};
+use zk0_ledger::{replay, Blobs, Finding, Recheck};
+use zk0_protocol::entries::signed::{Signed, Submission};
+use zk0_protocol::{Body, Entry, Refusal, State};
 use zk0_verifier::{check_projections, check_proof, Evaluation, ExpertTensors, ProgramKey};
 
 /// What any input may make a reader allocate: a whole proof is made of the changes to it, and serde makes room for a mebibyte

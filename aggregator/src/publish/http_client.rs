@@ -1,0 +1,30 @@
+//! Requests to witnesses over HTTP.
+
+/// What a witness answered.
+pub(crate) struct Answer {
+    /// HTTP status.
+    pub status: u16,
+    /// Body.
+    pub body: Vec<u8>,
+}
+
+/// Posts a body and reads an answer of at most `limit` bytes.
+pub(crate) fn post(
+    agent: &ureq::Agent,
+    url: &str,
+    body: &[u8],
+    limit: u64,
+) -> Result<Answer, String> {
+    let mut response = agent
+        .post(url)
+        .send(body)
+        .map_err(|error| error.to_string())?;
+    let status = response.status().as_u16();
+    let body = response
+        .body_mut()
+        .with_config()
+        .limit(limit)
+        .read_to_vec()
+        .map_err(|error| error.to_string())?;
+    Ok(Answer { status, body })
+}

@@ -1,0 +1,7 @@
+//! What the aggregator publishes over HTTP, and the witnesses that it asks.
+
+pub mod cosigning;
+pub mod http;
+pub mod http_client;
+pub mod log_server;
+pub mod witness_server;

@@ -1,0 +1,152 @@
+//! What a restarted aggregator has to know beside the ledger's state, computed from the ledger.
+
+use crate::round::request::RequestError;
+use std::collections::BTreeMap;
+use zk0_circuits::{digest::tagged_sha256, Digest};
+use zk0_ledger::{
+    blobs::Blobs,
+    log::Ledger,
+    replay::{replay, Finding, Recheck, Verdict},
+};
+use zk0_protocol::rules::disclosed_blobs::DisclosedBlobs;
+use zk0_protocol::{
+    entries::{
+        entry::{Body, Entry},
+        signed::{Signed, Submission},
+    },
+    rules::state::State,
+};
+use zk0_verifier::{verify, UnverifiedContribution, VerifiedContribution};
+
+/// Where things are in the ledger, as a fold over its entries.
+#[derive(Clone, Debug, Default)]
+pub struct Recalled {
+    /// Which blobs may be read.
+    pub disclosed: DisclosedBlobs,
+    /// The entries that opened and closed each round.
+    rounds: Vec<(u64, Option<u64>)>,
+    /// The entries that recorded proposals, by number.
+    proposals: Vec<u64>,
+    /// What members said about the network itself, by the hash of it: whoever says it again gets the same receipt.
+    said: BTreeMap<Digest, u64>,
+}
+
+fn key(body: &Body) -> Digest {
+    let bytes = borsh::to_vec(body).expect("writing to a Vec cannot fail");
+    tagged_sha256("zk0/said/v1", &[&bytes])
+}
+
+impl Recalled {
+    /// Takes note of entry `index`.
+    pub fn observe(&mut self, index: u64, body: &Body) {
+        self.disclosed.observe(body);
+        match body {
+            Body::RoundOpened(_) => self.rounds.push((index, None)),
+            Body::RoundClosed(_) => {
+                if let Some((_, closed)) = self.rounds.last_mut() {
+                    *closed = Some(index);
+                }
+            }
+            Body::Proposed(_) => {
+                self.proposals.push(index);
+                self.said.insert(key(body), index);
+            }
+            Body::Voted(_) | Body::Disputed(_) | Body::KeyRotated { .. } => {
+                self.said.insert(key(body), index);
+            }
+            _ => {}
+        }
+    }
+
+    /// The entry that recorded exactly this.
+    pub fn said(&self, body: &Body) -> Option<u64> {
+        self.said.get(&key(body)).copied()
+    }
+
+    /// The entry that recorded a proposal.
+    pub fn proposal(&self, number: u64) -> Option<u64> {
+        self.proposals.get(usize::try_from(number).ok()?).copied()
+    }
+
+    /// The entries that opened and closed a round, or the last one, as far as they are among the first `published`.
+    pub fn round(&self, round: Option<u64>, published: u64) -> Option<(u64, Option<u64>)> {
+        let mut visible = self.rounds.iter().filter(|(opened, _)| *opened < published);
+        let (opened, closed) = match round {
+            Some(round) => visible.nth(usize::try_from(round).ok()?)?,
+            None => visible.next_back()?,
+        };
+        Some((*opened, closed.filter(|closed| *closed < published)))
+    }
+}
+
+/// Reads the whole ledger again: where things are, and what was accepted in the open round, verified anew.
+pub fn recall(ledger: &Ledger) -> Result<(Recalled, Vec<VerifiedContribution>), RequestError> {
+    let mut reader = Reader::default();
+    let report = replay(ledger.dir(), Some(ledger.state().network()), &mut reader);
+    if report.verdict != Verdict::Verified {
+        let findings: Vec<_> = report
+            .findings
+            .iter()
+            .map(|found| found.text.as_str())
+            .collect();
+        return Err(RequestError::Internal(format!(
+            "the ledger does not replay: {}",
+            findings.join("; ")
+        )));
+    }
+    let contributions = reader
+        .accepted
+        .iter()
+        .map(|accepted| accepted.verify(ledger.blobs()))
+        .collect::<Result<_, _>>()?;
+    let mut recalled = reader.recalled;
+    recalled.observe(0, &Body::Genesis(ledger.state().genesis().clone()));
+    Ok((recalled, contributions))
+}
+
+#[derive(Default)]
+struct Reader {
+    recalled: Recalled,
+    accepted: Vec<Accepted>,
+}
+
+/// An acceptance, and what its verification reads of the state it was made on.
+struct Accepted {
+    before: State,
+    time_ms: u64,
+    submission: Signed<Submission>,
+}
+
+impl Recheck for Reader {
+    fn entry(&mut self, before: &State, index: u64, entry: &Entry, _: &Blobs) -> Vec<Finding> {
+        self.recalled.observe(index, &entry.body);
+        match &entry.body {
+            Body::ContributionAccepted(submission) => self.accepted.push(Accepted {
+                before: before.for_claims_of(&submission.statement.claim.node),
+                time_ms: entry.time_ms,
+                submission: submission.clone(),
+            }),
+            Body::RoundClosed(_) => self.accepted.clear(),
+            _ => {}
+        }
+        Vec::new()
+    }
+}
+
+impl Accepted {
+    fn verify(&self, blobs: &Blobs) -> Result<VerifiedContribution, RequestError> {
+        let (rules, statement) = (self.before.rules(), &self.submission.statement);
+        let contribution = UnverifiedContribution {
+            proof: blobs.get(&statement.proof, rules.max_proof_bytes)?,
+            update: blobs.get(&statement.claim.update.blob, rules.max_update_bytes)?,
+            base: blobs.get(&statement.claim.base.blob, rules.max_base_bytes())?,
+            submission: self.submission.clone(),
+        };
+        verify(&contribution, &self.before, self.time_ms).map_err(|reason| {
+            RequestError::Internal(format!(
+                "the accepted contribution of node {} does not verify any more: {reason}",
+                statement.claim.node
+            ))
+        })
+    }
+}

@@ -1,0 +1,8 @@
+//! The rounds of a network, and the ledger's one writer.
+
+pub mod aggregator;
+pub mod clock;
+pub mod dispute;
+pub mod ledger_index;
+pub mod request;
+pub mod staging;

@@ -1,0 +1,46 @@
+//! Whether a ledger's folder is whole: every blob that the ledger names and that is there is what its name says. Proofs and
+//! averages are for [`crate::auditor`].
+
+use zk0_circuits::Digest;
+use zk0_ledger::{
+    blobs::{BlobError, Blobs},
+    replay::{Finding, Recheck},
+};
+use zk0_protocol::{
+    entries::{
+        entry::{Body, Entry},
+        genesis::Genesis,
+    },
+    rules::{named_blobs::named_blobs, state::State},
+};
+
+/// Checks blobs during a replay: hand it to [`zk0_ledger::replay::replay`].
+#[derive(Clone, Copy, Debug, Default)]
+pub struct BlobCheck;
+
+impl Recheck for BlobCheck {
+    fn genesis(&mut self, genesis: &Genesis, blobs: &Blobs) -> Vec<Finding> {
+        check(0, &Body::Genesis(genesis.clone()), blobs)
+    }
+
+    fn entry(&mut self, _: &State, index: u64, entry: &Entry, blobs: &Blobs) -> Vec<Finding> {
+        check(index, &entry.body, blobs)
+    }
+}
+
+fn check(index: u64, body: &Body, blobs: &Blobs) -> Vec<Finding> {
+    named_blobs(body)
+        .iter()
+        .filter_map(|blob| whole(index, &blob.digest, blobs))
+        .collect()
+}
+
+fn whole(index: u64, digest: &Digest, blobs: &Blobs) -> Option<Finding> {
+    match blobs.check(digest) {
+        Ok(()) => None,
+        Err(BlobError::Missing(_)) => {
+            Some(Finding::note(index, format!("blob {digest} is not kept")))
+        }
+        Err(error) => Some(Finding::fault(index, error.to_string())),
+    }
+}

@@ -1,0 +1,151 @@
+//! Where an audited ledger lies: a folder as it is, or the mirror of an export or a served log, with as many blobs as the audit
+//! reads.
+
+use crate::log_source::{source, Trust};
+use anyhow::{bail, Context, Result};
+use std::{
+    collections::BTreeSet,
+    io::Read,
+    path::{Path, PathBuf},
+};
+use tempfile::TempDir;
+use zk0_circuits::Digest;
+use zk0_ledger::{
+    folder,
+    published::{
+        mirror::{mirror, MirrorError},
+        source::{Source, SourceError},
+    },
+    store::Store,
+};
+use zk0_protocol::{
+    rules::named_blobs::{named_blobs, BlobKind},
+    tlog::{layout::Resource, witness_policy::WitnessPolicy},
+    Entry,
+};
+
+/// Which blobs are fetched.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Wanted {
+    /// None.
+    Entries,
+    /// Those that a light audit reads.
+    Proofs,
+    /// All.
+    Everything,
+}
+
+/// A ledger's folder to read.
+pub struct Located {
+    /// The folder.
+    pub dir: PathBuf,
+    /// Whether it is the ledger's own folder, whose newest entries may not be published yet.
+    pub lies_here: bool,
+    _made: Option<TempDir>,
+}
+
+/// Finds `ledger`, and fetches it if it is not a ledger's folder: to `keep`, or to where it is forgotten afterwards.
+pub fn locate(ledger: &str, keep: Option<&Path>, trust: &Trust, wanted: Wanted) -> Result<Located> {
+    let dir = Path::new(ledger);
+    if folder::database(dir).exists() {
+        if trust.witness_policy.is_some() {
+            bail!(
+                "{ledger} is a ledger's directory, whose checkpoint has the log's signature alone: give --witness-policy with an export or \
+                 a served log"
+            );
+        }
+        if keep.is_some() {
+            bail!("{ledger} is a ledger's directory: --mirror is for an export or a served log");
+        }
+        let dir = dir.to_owned();
+        return Ok(Located {
+            dir,
+            lies_here: true,
+            _made: None,
+        });
+    }
+    let source = source(ledger)?;
+    let network = trust.network.as_ref();
+    let (dir, made) = match keep {
+        Some(dir) => (dir.to_owned(), None),
+        None => {
+            let made = tempfile::tempdir().context("making a temporary directory")?;
+            (made.path().to_owned(), Some(made))
+        }
+    };
+    fetch(
+        source.as_ref(),
+        &dir,
+        trust.witness_policy.as_ref(),
+        network,
+        wanted,
+    )
+    .with_context(|| format!("fetching {ledger}"))?;
+    Ok(Located {
+        dir,
+        lies_here: false,
+        _made: made,
+    })
+}
+
+/// Brings the mirror in `dir` up to date, with the blobs that are wanted.
+pub fn fetch(
+    source: &dyn Source,
+    dir: &Path,
+    policy: Option<&WitnessPolicy>,
+    network: Option<&Digest>,
+    wanted: Wanted,
+) -> Result<(), MirrorError> {
+    let mut selection = Selection {
+        source,
+        blobs: BTreeSet::new(),
+    };
+    match wanted {
+        Wanted::Everything => {
+            mirror(source, dir, policy, network)?;
+        }
+        Wanted::Entries => {
+            mirror(&selection, dir, policy, network)?;
+        }
+        // Which proofs there are, the entries say; more may come meanwhile.
+        Wanted::Proofs => {
+            mirror(&selection, dir, policy, network)?;
+            loop {
+                selection.blobs = proofs(dir)?;
+                if mirror(&selection, dir, policy, network)?.new_entries == 0 {
+                    break;
+                }
+            }
+        }
+    }
+    Ok(())
+}
+
+/// The proofs that the entries in `dir` name.
+fn proofs(dir: &Path) -> Result<BTreeSet<Digest>, MirrorError> {
+    let store = Store::open_read_only(&folder::database(dir))?;
+    let mut proofs = BTreeSet::new();
+    for index in 0..store.size()? {
+        if let Some(bytes) = store.entry(index)? {
+            let named = named_blobs(&Entry::decode(&bytes)?.body);
+            let named = named.iter().filter(|blob| blob.kind == BlobKind::Proof);
+            proofs.extend(named.map(|blob| blob.digest));
+        }
+    }
+    Ok(proofs)
+}
+
+/// A log of whose blobs only some are asked for.
+struct Selection<'a> {
+    source: &'a dyn Source,
+    blobs: BTreeSet<Digest>,
+}
+
+impl Source for Selection<'_> {
+    fn open(&self, path: &str) -> Result<Option<Box<dyn Read>>, SourceError> {
+        match Resource::parse(path) {
+            Some(Resource::Blob(digest)) if !self.blobs.contains(&digest) => Ok(None),
+            _ => self.source.open(path),
+        }
+    }
+}

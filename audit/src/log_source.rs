@@ -1,0 +1,73 @@
+//! Logs by their address or folder, and whom an auditor trusts to have signed them.
+
+use anyhow::{bail, Result};
+use std::path::Path;
+use zk0_circuits::Digest;
+use zk0_ledger::{
+    folder,
+    published::{
+        publication::Publication,
+        reader::{first_entry, PublishedLog},
+        source::{Folder, Source},
+        web::Web,
+    },
+};
+use zk0_protocol::{Body, Entry, Genesis, VerifierKey, WitnessPolicy};
+
+/// Whom an auditor trusts.
+#[derive(Clone, Debug, Default)]
+pub struct Trust {
+    /// The network that it has to be; `None` when the auditor does not know it by other means.
+    pub network: Option<Digest>,
+    /// The witnesses whose cosignatures have to be on the checkpoint. `None` for those that the network's rules ask for, wherever
+    /// the whole log is read.
+    pub witness_policy: Option<WitnessPolicy>,
+}
+
+/// A log by its address or folder.
+pub fn source(text: &str) -> Result<Box<dyn Source>> {
+    if text.starts_with("http://") || text.starts_with("https://") {
+        return Ok(Box::new(Web::at(text)?));
+    }
+    let dir = Path::new(text);
+    if !dir.is_dir() {
+        bail!("{text} is neither a directory nor an address that begins with http:// or https://");
+    }
+    match folder::database(dir).exists() {
+        true => Ok(Box::new(Publication::open(dir, None)?)),
+        false => Ok(Box::new(Folder::at(dir))),
+    }
+}
+
+/// The genesis that a log claims, which is the right one if the network's id is known.
+pub fn genesis(source: &dyn Source, network: Option<&Digest>) -> Result<Genesis> {
+    let Body::Genesis(genesis) = Entry::decode(&first_entry(source)?)?.body else {
+        bail!("the log's first entry is no genesis");
+    };
+    let found = genesis.network_id();
+    match network {
+        Some(expected) if *expected != found => {
+            bail!("the log is of network {found}, not of {expected}")
+        }
+        _ => Ok(genesis),
+    }
+}
+
+/// Opens a published log, whose newest checkpoint convinces, and reads from it.
+pub fn open_log<T, E>(
+    from: &str,
+    trust: &Trust,
+    read: impl FnOnce(&PublishedLog<'_>, &VerifierKey, &WitnessPolicy) -> Result<T, E>,
+) -> Result<T>
+where
+    anyhow::Error: From<E>,
+{
+    let source = source(from)?;
+    let key = genesis(source.as_ref(), trust.network.as_ref())?.verifier_key()?;
+    let policy = trust
+        .witness_policy
+        .clone()
+        .unwrap_or_else(WitnessPolicy::none);
+    let log = PublishedLog::open(source.as_ref(), &key, &policy)?;
+    Ok(read(&log, &key, &policy)?)
+}

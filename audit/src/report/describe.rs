@@ -1,0 +1,304 @@
+//! Entries in words: the one place that knows every kind.
+
+use zk0_circuits::{Losses, NodeId};
+use zk0_protocol::{
+    entries::{
+        entry::Body,
+        proposal::{Action, Ballot},
+        signed::Evidence,
+    },
+    Entry, Refusal,
+};
+
+/// What the entry says, in a sentence. Names come from strangers: whoever shows them escapes them.
+pub fn describe(entry: &Entry) -> String {
+    match &entry.body {
+        Body::Genesis(genesis) => format!(
+            "network '{}' was founded: {}",
+            genesis.name,
+            genesis.network_id()
+        ),
+        Body::NodeEnrolled(enrolled) => {
+            format!("node {} was enrolled as '{}'", enrolled.node, enrolled.name)
+        }
+        Body::DatasetCommitted(signed) => format!(
+            "node {} committed to a dataset of {} samples",
+            signed.statement.node, signed.statement.dataset.samples
+        ),
+        Body::RoundOpened(opened) => format!(
+            "round {} opened, for commitments until {} and proofs until {}",
+            opened.round,
+            time(opened.commit_deadline_ms),
+            time(opened.submit_deadline_ms)
+        ),
+        Body::UpdateCommitted(signed) => format!(
+            "node {} committed to an update in round {}",
+            signed.statement.node, signed.statement.round
+        ),
+        Body::ContributionAccepted(submission) => format!(
+            "the contribution of node {} in round {} was accepted",
+            submission.statement.claim.node, submission.statement.claim.round
+        ),
+        Body::ContributionRejected { submission, reason } => format!(
+            "the contribution of node {} in round {} was refused: {reason}",
+            submission.statement.claim.node, submission.statement.claim.round
+        ),
+        Body::RoundClosed(closed) => format!(
+            "round {} closed with {}",
+            closed.round,
+            match closed.contributors.len() {
+                1 => "1 contribution".into(),
+                count => format!("{count} contributions"),
+            }
+        ),
+        Body::KeyRotated { rotation, .. } => format!(
+            "node {} changed its key to {}",
+            rotation.statement.node, rotation.statement.with
+        ),
+        Body::Proposed(signed) => format!(
+            "{} proposed '{}' (proposal {}): {}",
+            signed.statement.proposer,
+            signed.statement.title,
+            signed.statement.number,
+            action(&signed.statement.action)
+        ),
+        Body::Voted(signed) => format!(
+            "{} voted {} on proposal {}",
+            signed.statement.voter,
+            ballot(signed.statement.ballot),
+            signed.statement.proposal
+        ),
+        Body::ProposalSettled(settled) => {
+            format!("proposal {} was {}", settled.proposal, settled.outcome)
+        }
+        Body::Disputed(signed) => format!(
+            "{} disputed the contribution of entry {}",
+            signed.statement.disputer, signed.statement.contribution
+        ),
+        Body::DisputeResolved(resolved) => match &resolved.upheld {
+            Some(reason) => format!(
+                "the dispute of entry {} was upheld: {reason}",
+                resolved.dispute
+            ),
+            None => format!("the dispute of entry {} was dismissed", resolved.dispute),
+        },
+    }
+}
+
+/// What a proposal would do.
+pub fn action(action: &Action) -> String {
+    match action {
+        Action::ChangeRules(_) => "change the rules".into(),
+        Action::Enrol(enrolled) => format!("enrol node {} as '{}'", enrolled.node, enrolled.name),
+        Action::Suspend(node) => format!("suspend node {node}"),
+        Action::Reinstate(node) => format!("reinstate node {node}"),
+        Action::Revoke(node) => format!("revoke node {node}"),
+        Action::ReplaceKey { node, with } => format!("replace the key of node {node} by {with}"),
+        Action::JudgeDispute { dispute, upheld } => match upheld {
+            true => format!("uphold the dispute of entry {dispute}"),
+            false => format!("dismiss the dispute of entry {dispute}"),
+        },
+    }
+}
+
+fn ballot(ballot: Ballot) -> &'static str {
+    match ballot {
+        Ballot::For => "for it",
+        Ballot::Against => "against it",
+        Ballot::Abstain => "to abstain",
+        Ballot::Veto => "to veto it",
+    }
+}
+
+/// The kind of an entry, in a word or two.
+pub fn kind(body: &Body) -> &'static str {
+    match body {
+        Body::Genesis(_) => "genesis",
+        Body::NodeEnrolled(_) => "enrolment",
+        Body::DatasetCommitted(_) => "dataset",
+        Body::RoundOpened(_) => "round opened",
+        Body::UpdateCommitted(_) => "commitment",
+        Body::ContributionAccepted(_) => "accepted",
+        Body::ContributionRejected { .. } => "refused",
+        Body::RoundClosed(_) => "round closed",
+        Body::KeyRotated { .. } => "key changed",
+        Body::Proposed(_) => "proposal",
+        Body::Voted(_) => "vote",
+        Body::ProposalSettled(_) => "proposal settled",
+        Body::Disputed(_) => "dispute",
+        Body::DisputeResolved(_) => "dispute resolved",
+    }
+}
+
+/// The nodes that an entry is about.
+pub fn nodes(body: &Body) -> Vec<NodeId> {
+    match body {
+        Body::Genesis(_)
+        | Body::RoundOpened(_)
+        | Body::ProposalSettled(_)
+        | Body::DisputeResolved(_) => Vec::new(),
+        Body::KeyRotated { rotation, .. } => {
+            vec![rotation.statement.node, rotation.statement.with]
+        }
+        Body::Proposed(signed) => {
+            let mut nodes = vec![signed.statement.proposer];
+            match &signed.statement.action {
+                Action::ChangeRules(_) | Action::JudgeDispute { .. } => {}
+                Action::Enrol(enrolled) => nodes.push(enrolled.node),
+                Action::Suspend(node) | Action::Reinstate(node) | Action::Revoke(node) => {
+                    nodes.push(*node);
+                }
+                Action::ReplaceKey { node, with } => nodes.extend([*node, *with]),
+            }
+            nodes
+        }
+        Body::Voted(signed) => vec![signed.statement.voter],
+        Body::Disputed(signed) => vec![signed.statement.disputer],
+        Body::NodeEnrolled(enrolled) => vec![enrolled.node],
+        Body::DatasetCommitted(signed) => vec![signed.statement.node],
+        Body::UpdateCommitted(signed) => vec![signed.statement.node],
+        Body::ContributionAccepted(submission) | Body::ContributionRejected { submission, .. } => {
+            vec![submission.statement.claim.node]
+        }
+        Body::RoundClosed(closed) => closed.contributors.iter().map(|one| one.node).collect(),
+    }
+}
+
+/// The round that an entry is about.
+pub fn round(body: &Body) -> Option<u64> {
+    match body {
+        Body::Genesis(_)
+        | Body::NodeEnrolled(_)
+        | Body::DatasetCommitted(_)
+        | Body::KeyRotated { .. }
+        | Body::Proposed(_)
+        | Body::Voted(_)
+        | Body::ProposalSettled(_)
+        | Body::Disputed(_)
+        | Body::DisputeResolved(_) => None,
+        Body::RoundOpened(opened) => Some(opened.round),
+        Body::UpdateCommitted(signed) => Some(signed.statement.round),
+        Body::ContributionAccepted(submission) | Body::ContributionRejected { submission, .. } => {
+            Some(submission.statement.claim.round)
+        }
+        Body::RoundClosed(closed) => Some(closed.round),
+    }
+}
+
+/// What else there is to know of an entry, as labelled values.
+pub fn details(body: &Body) -> Vec<(&'static str, String)> {
+    match body {
+        Body::Genesis(genesis) => vec![
+            ("mode", genesis.mode.to_string()),
+            ("initial policy", genesis.policy.to_string()),
+            ("initial weights", genesis.initial.blob.to_string()),
+        ],
+        Body::NodeEnrolled(_) => Vec::new(),
+        Body::DatasetCommitted(signed) => vec![
+            ("root", signed.statement.dataset.root.to_string()),
+            ("leaves", signed.statement.leaves.to_string()),
+        ],
+        Body::RoundOpened(opened) => vec![
+            ("base weights", opened.base.blob.to_string()),
+            ("evaluation", opened.evaluation.to_string()),
+        ],
+        Body::UpdateCommitted(signed) => vec![
+            ("update", signed.statement.update.blob.to_string()),
+            ("dataset root", signed.statement.dataset_root.to_string()),
+        ],
+        Body::ContributionAccepted(submission) | Body::ContributionRejected { submission, .. } => {
+            let claim = &submission.statement.claim;
+            let losses = match claim.losses {
+                Losses::Hidden => "not disclosed".into(),
+                Losses::Disclosed {
+                    before,
+                    after,
+                    elements,
+                } => format!("{before} before, {after} after, over {elements} elements"),
+            };
+            vec![
+                ("proof", submission.statement.proof.to_string()),
+                ("base weights", claim.base.blob.to_string()),
+                ("update", claim.update.blob.to_string()),
+                ("challenge", claim.challenge.to_string()),
+                ("samples", claim.eval_samples.to_string()),
+                ("squared errors", losses),
+            ]
+        }
+        Body::RoundClosed(closed) => {
+            let mut details = vec![("global weights", closed.global.blob.to_string())];
+            for one in &closed.contributors {
+                let share = format!(
+                    "{} counts for {} samples and earned {} credits",
+                    one.node, one.samples, one.credits
+                );
+                details.push(("contributor", share));
+            }
+            details
+        }
+        Body::KeyRotated { .. }
+        | Body::Voted(_)
+        | Body::ProposalSettled(_)
+        | Body::DisputeResolved(_) => Vec::new(),
+        Body::Proposed(signed) => vec![
+            ("title", signed.statement.title.clone()),
+            ("text", signed.statement.text.clone()),
+        ],
+        Body::Disputed(signed) => vec![(
+            "evidence",
+            match signed.statement.evidence {
+                Evidence::Verification => "verification, done again".into(),
+                Evidence::Document(digest) => format!("a document with SHA-256 {digest}"),
+            },
+        )],
+    }
+}
+
+/// The kind of a refusal, in a word or two.
+pub fn refusal(reason: &Refusal) -> &'static str {
+    match reason {
+        Refusal::TooLarge { .. } => "too large",
+        Refusal::Signature(_) => "signature",
+        Refusal::NotEnrolled(_) => "not enrolled",
+        Refusal::WrongNetwork { .. } => "other network",
+        Refusal::WrongRound { .. } => "other round",
+        Refusal::Late { .. } => "late",
+        Refusal::Duplicate { .. } => "duplicate",
+        Refusal::CopiedUpdate { .. } => "copied update",
+        Refusal::NotCommitted(_) => "not committed",
+        Refusal::Binding { .. } => "claim differs from ledger",
+        Refusal::Dataset(_) => "dataset",
+        Refusal::ProofDigest { .. } => "other proof bytes",
+        Refusal::MalformedProof(_) => "malformed proof",
+        Refusal::OtherClaim => "proof of another claim",
+        Refusal::OtherProgram => "proof of another program",
+        Refusal::InvalidProof(_) => "invalid proof",
+        Refusal::UpdateDigest { .. } => "other update bytes",
+        Refusal::MalformedUpdate(_) => "malformed update",
+        Refusal::OtherWeights { .. } => "other weights than proven",
+        Refusal::OtherProducts { .. } => "other products than proven",
+        Refusal::MissingUpdate(_) => "update missing",
+        Refusal::NotActive { .. } => "not active",
+        Refusal::NotInvited { .. } => "not invited",
+        Refusal::TooFar { .. } => "too far from the base",
+        Refusal::RoundFull { .. } => "round full",
+    }
+}
+
+/// A time of the ledger, in UTC.
+pub fn time(unix_ms: u64) -> String {
+    let ms = i64::try_from(unix_ms).ok();
+    match ms.and_then(chrono::DateTime::from_timestamp_millis) {
+        Some(time) => time.format("%Y-%m-%d %H:%M:%SZ").to_string(),
+        None => format!("{unix_ms} ms"),
+    }
+}
+
+/// Text that a terminal shows and does not obey: names and reasons come from strangers.
+pub fn printable(text: &str) -> String {
+    let shown = |c: char| match c.is_control() {
+        true => c.escape_default().collect::<String>(),
+        false => c.to_string(),
+    };
+    text.chars().map(shown).collect()
+}

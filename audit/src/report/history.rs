@@ -1,0 +1,440 @@
+//! What happened in a network, as numbers: rounds and nodes, from its entries alone. For tables, charts and JSON.
+
+use crate::report::describe;
+use anyhow::{bail, Context, Result};
+use serde::Serialize;
+use std::{collections::BTreeMap, path::Path};
+use zk0_circuits::{spec::EvalSpec, Claim, NodeId};
+use zk0_ledger::{folder, store::Store};
+use zk0_protocol::{
+    entries::{
+        entry::Body,
+        genesis::Genesis,
+        member::NodeEnrolled,
+        proposal::{Action, Outcome},
+    },
+    tlog::tree::Frontier,
+    Entry, Refusal, Rules,
+};
+
+/// A network's history in numbers.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct History {
+    /// Entries it is about.
+    pub entries: u64,
+    /// Time of the last of them, Unix milliseconds.
+    pub last_ms: u64,
+    /// How it was founded.
+    pub network: Option<Network>,
+    /// Each round.
+    pub rounds: Vec<Round>,
+    /// Each node, in the order of enrolment.
+    pub nodes: Vec<Node>,
+    /// Refused contributions, by kind of reason.
+    pub refusals: BTreeMap<&'static str, u64>,
+    /// Proposals, by number.
+    pub proposals: Vec<Proposal>,
+    /// Disputes about accepted contributions.
+    pub disputes: Vec<Dispute>,
+    /// Accepted contributions by entry: the places of round and node.
+    #[serde(skip)]
+    contributions: BTreeMap<u64, (usize, usize)>,
+    #[serde(skip)]
+    spec: Option<EvalSpec>,
+    #[serde(skip)]
+    places: BTreeMap<NodeId, usize>,
+}
+
+/// How a network was founded.
+#[derive(Clone, Debug, Serialize)]
+pub struct Network {
+    /// Its name.
+    pub name: String,
+    /// Its id.
+    pub id: String,
+    /// The verifier key of its log.
+    pub log_key: String,
+    /// When, Unix milliseconds.
+    pub founded_ms: u64,
+    /// How products are proven.
+    pub mode: String,
+    /// SHA-256 of the whole initial policy.
+    pub policy: String,
+    /// The rules it began with.
+    pub rules: Rules,
+}
+
+/// A round.
+#[derive(Clone, Debug, Serialize)]
+pub struct Round {
+    /// Its number.
+    pub round: u64,
+    /// The entry that opened it.
+    pub opened_entry: u64,
+    /// When, Unix milliseconds.
+    pub opened_ms: u64,
+    /// The entry that closed it.
+    pub closed_entry: Option<u64>,
+    /// When, Unix milliseconds.
+    pub closed_ms: Option<u64>,
+    /// Updates committed.
+    pub committed: u64,
+    /// Contributions accepted.
+    pub accepted: u64,
+    /// Contributions refused.
+    pub refused: u64,
+    /// SHA-256 of the global weights it closed with.
+    pub global: Option<String>,
+    /// What each contributor was given for it.
+    pub shares: Vec<Share>,
+    /// Means over the accepted claims, where losses are disclosed: of the weights it began with, and of the updates.
+    pub losses: Option<Losses>,
+}
+
+/// What a contributor was given in a round.
+#[derive(Clone, Debug, Serialize)]
+pub struct Share {
+    /// Who: a place among [`History::nodes`].
+    pub node: usize,
+    /// Its weight in the average.
+    pub samples: u64,
+    /// What it earned.
+    pub credits: u64,
+}
+
+/// Mean squared errors per element.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Losses {
+    /// Under the round's base weights.
+    pub before: f64,
+    /// Under the updates.
+    pub after: f64,
+    /// Claims that disclose them.
+    pub claims: u64,
+}
+
+/// A proposal.
+#[derive(Clone, Debug, Serialize)]
+pub struct Proposal {
+    /// Its number.
+    pub proposal: u64,
+    /// The entry that recorded it.
+    pub proposed_entry: u64,
+    /// Who proposed it.
+    pub proposer: String,
+    /// Its title.
+    pub title: String,
+    /// What it would do.
+    pub action: String,
+    /// Ballots cast.
+    pub votes: u64,
+    /// What became of it, once it is settled.
+    pub outcome: Option<String>,
+    #[serde(skip)]
+    does: Action,
+}
+
+/// A dispute about an accepted contribution.
+#[derive(Clone, Debug, Serialize)]
+pub struct Dispute {
+    /// The entry that raised it.
+    pub disputed_entry: u64,
+    /// Who raised it.
+    pub disputer: String,
+    /// The entry that accepted the contribution.
+    pub contribution: u64,
+    /// How it was decided, once it is.
+    pub upheld: Option<bool>,
+}
+
+/// A node.
+#[derive(Clone, Debug, Serialize)]
+pub struct Node {
+    /// Its identity.
+    pub id: String,
+    /// What it calls itself.
+    pub name: String,
+    /// The entry that enrolled it.
+    pub enrolled_entry: u64,
+    /// Samples of its present dataset.
+    pub samples: u64,
+    /// Updates committed.
+    pub committed: u64,
+    /// Contributions accepted.
+    pub accepted: u64,
+    /// Contributions refused.
+    pub refused: u64,
+    /// What it earned, in all.
+    pub credits: u64,
+}
+
+impl Node {
+    /// Accepted among decided contributions.
+    pub fn acceptance(&self) -> Option<f64> {
+        let decided = self.accepted + self.refused;
+        (decided > 0).then(|| self.accepted as f64 / decided as f64)
+    }
+}
+
+impl History {
+    /// Takes note of entry `index`, as far as a replay has allowed it.
+    pub fn observe(&mut self, index: u64, entry: &Entry) {
+        self.entries = index + 1;
+        self.last_ms = entry.time_ms;
+        match &entry.body {
+            Body::Genesis(genesis) => self.founded(genesis, entry.time_ms),
+            Body::NodeEnrolled(enrolled) => self.enrolled(index, enrolled),
+            Body::DatasetCommitted(signed) => {
+                if let Some(node) = self.node(&signed.statement.node) {
+                    node.samples = signed.statement.dataset.samples;
+                }
+            }
+            Body::RoundOpened(opened) => self.rounds.push(Round {
+                round: opened.round,
+                opened_entry: index,
+                opened_ms: entry.time_ms,
+                closed_entry: None,
+                closed_ms: None,
+                committed: 0,
+                accepted: 0,
+                refused: 0,
+                global: None,
+                shares: Vec::new(),
+                losses: None,
+            }),
+            Body::UpdateCommitted(signed) => {
+                if let Some(node) = self.node(&signed.statement.node) {
+                    node.committed += 1;
+                }
+                if let Some(round) = self.rounds.last_mut() {
+                    round.committed += 1;
+                }
+            }
+            Body::ContributionAccepted(submission) => {
+                self.accepted(index, &submission.statement.claim);
+            }
+            Body::ContributionRejected { submission, reason } => {
+                self.refused(&submission.statement.claim, reason);
+            }
+            Body::RoundClosed(closed) => {
+                for one in &closed.contributors {
+                    let (samples, credits) = (one.samples, one.credits);
+                    let Some(&place) = self.places.get(&one.node) else {
+                        continue;
+                    };
+                    self.nodes[place].credits = self.nodes[place].credits.saturating_add(credits);
+                    let share = Share {
+                        node: place,
+                        samples,
+                        credits,
+                    };
+                    if let Some(round) = self.rounds.last_mut() {
+                        round.shares.push(share);
+                    }
+                }
+                if let Some(round) = self.rounds.last_mut() {
+                    round.closed_entry = Some(index);
+                    round.closed_ms = Some(entry.time_ms);
+                    round.global = Some(closed.global.blob.to_string());
+                }
+            }
+            Body::KeyRotated { rotation, .. } => {
+                self.replace_key(&rotation.statement.node, rotation.statement.with);
+            }
+            Body::Proposed(signed) => self.proposals.push(Proposal {
+                proposal: signed.statement.number,
+                proposed_entry: index,
+                proposer: signed.statement.proposer.to_string(),
+                title: signed.statement.title.clone(),
+                action: describe::action(&signed.statement.action),
+                votes: 0,
+                outcome: None,
+                does: signed.statement.action.clone(),
+            }),
+            Body::Voted(signed) => {
+                if let Some(proposal) = self.proposal(signed.statement.proposal) {
+                    proposal.votes += 1;
+                }
+            }
+            Body::ProposalSettled(settled) => {
+                let Some(proposal) = self.proposal(settled.proposal) else {
+                    return;
+                };
+                proposal.outcome = Some(settled.outcome.to_string());
+                if settled.outcome == Outcome::Executed {
+                    let does = proposal.does.clone();
+                    self.executed(index, &does);
+                }
+            }
+            Body::Disputed(signed) => self.disputes.push(Dispute {
+                disputed_entry: index,
+                disputer: signed.statement.disputer.to_string(),
+                contribution: signed.statement.contribution,
+                upheld: None,
+            }),
+            Body::DisputeResolved(resolved) => {
+                self.judged(resolved.dispute, resolved.upheld.is_some());
+            }
+        }
+    }
+
+    fn enrolled(&mut self, index: u64, enrolled: &NodeEnrolled) {
+        self.places.insert(enrolled.node, self.nodes.len());
+        self.nodes.push(Node {
+            id: enrolled.node.to_string(),
+            name: enrolled.name.clone(),
+            enrolled_entry: index,
+            samples: 0,
+            committed: 0,
+            accepted: 0,
+            refused: 0,
+            credits: 0,
+        });
+    }
+
+    /// A node goes by another identity from now on; what it said as the old one stays its own.
+    fn replace_key(&mut self, node: &NodeId, with: NodeId) {
+        if let Some(&place) = self.places.get(node) {
+            self.places.insert(with, place);
+            self.nodes[place].id = with.to_string();
+        }
+    }
+
+    fn executed(&mut self, index: u64, action: &Action) {
+        match action {
+            Action::Enrol(enrolled) => self.enrolled(index, enrolled),
+            Action::ReplaceKey { node, with } => self.replace_key(node, *with),
+            Action::JudgeDispute { dispute, upheld } => self.judged(*dispute, *upheld),
+            Action::ChangeRules(_)
+            | Action::Suspend(_)
+            | Action::Reinstate(_)
+            | Action::Revoke(_) => {}
+        }
+    }
+
+    /// The end of a dispute. What a false contribution had earned is taken back.
+    fn judged(&mut self, dispute: u64, upheld: bool) {
+        let is = |one: &&mut Dispute| one.disputed_entry == dispute;
+        let Some(dispute) = self.disputes.iter_mut().find(is) else {
+            return;
+        };
+        dispute.upheld = Some(upheld);
+        let Some(&(round, place)) = self.contributions.get(&dispute.contribution) else {
+            return;
+        };
+        let shares = self.rounds.get_mut(round).map(|round| &mut round.shares);
+        let share = shares.and_then(|shares| shares.iter_mut().find(|one| one.node == place));
+        if let (true, Some(share)) = (upheld, share) {
+            let node = &mut self.nodes[place];
+            node.credits = node.credits.saturating_sub(share.credits);
+            share.credits = 0;
+        }
+    }
+
+    fn proposal(&mut self, number: u64) -> Option<&mut Proposal> {
+        let is = |one: &&mut Proposal| one.proposal == number;
+        self.proposals.iter_mut().rev().find(is)
+    }
+
+    fn founded(&mut self, genesis: &Genesis, founded_ms: u64) {
+        self.spec = genesis.evaluation_spec().ok();
+        self.network = Some(Network {
+            name: genesis.name.clone(),
+            id: genesis.network_id().to_string(),
+            log_key: genesis
+                .verifier_key()
+                .map_or_else(|error| error.to_string(), |key| key.to_string()),
+            founded_ms,
+            mode: genesis.mode.to_string(),
+            policy: genesis.policy.to_string(),
+            rules: genesis.rules.clone(),
+        });
+    }
+
+    fn accepted(&mut self, index: u64, claim: &Claim) {
+        if let Some(&place) = self.places.get(&claim.node) {
+            self.nodes[place].accepted += 1;
+            let round = self.rounds.len().saturating_sub(1);
+            self.contributions.insert(index, (round, place));
+        }
+        let means = self.spec.as_ref().and_then(|spec| claim.losses.means(spec));
+        let Some(round) = self.rounds.last_mut() else {
+            return;
+        };
+        round.accepted += 1;
+        if let Some((before, after)) = means {
+            let losses = round.losses.get_or_insert(Losses {
+                before: 0.0,
+                after: 0.0,
+                claims: 0,
+            });
+            losses.claims += 1;
+            let claims = losses.claims as f64;
+            losses.before += (before - losses.before) / claims;
+            losses.after += (after - losses.after) / claims;
+        }
+    }
+
+    fn refused(&mut self, claim: &Claim, reason: &Refusal) {
+        if let Some(node) = self.node(&claim.node) {
+            node.refused += 1;
+        }
+        *self.refusals.entry(describe::refusal(reason)).or_default() += 1;
+        if let Some(round) = self.rounds.last_mut() {
+            round.refused += 1;
+        }
+    }
+
+    fn node(&mut self, id: &NodeId) -> Option<&mut Node> {
+        let place = *self.places.get(id)?;
+        self.nodes.get_mut(place)
+    }
+
+    /// The place of the node whose identity begins with `prefix`, or whose name it is.
+    pub fn find(&self, prefix: &str) -> Result<usize> {
+        let wanted = prefix.to_lowercase();
+        let is = |node: &Node| {
+            node.name == prefix || (wanted.len() >= 4 && node.id.starts_with(&wanted))
+        };
+        let found: Vec<_> = (0..self.nodes.len())
+            .filter(|place| is(&self.nodes[*place]))
+            .collect();
+        match found[..] {
+            [place] => Ok(place),
+            [] => bail!("no node is called {prefix:?}, or has an identity that begins with it: give at least 4 digits of one"),
+            _ => bail!("{} nodes are called {prefix:?}: give more of the identity", found.len()),
+        }
+    }
+}
+
+/// Goes through the first `size` entries of the ledger in `dir`, which a replay has found to have the root `root`: they have it
+/// still.
+pub fn read(dir: &Path, size: u64, root: &str, mut each: impl FnMut(u64, &Entry)) -> Result<()> {
+    let store = Store::open_read_only(&folder::database(dir))?;
+    let mut tree = Frontier::default();
+    for index in 0..size {
+        let bytes = store
+            .entry(index)?
+            .with_context(|| format!("entry {index} has gone since it was verified"))?;
+        tree.push(&bytes)
+            .map_err(|error| anyhow::anyhow!("tree: {error}"))?;
+        each(index, &Entry::decode(&bytes)?);
+    }
+    let found = tree
+        .root()
+        .map_err(|error| anyhow::anyhow!("tree: {error}"))?
+        .to_string();
+    if size > 0 && found != root {
+        bail!("the first {size} entries have changed since they were verified: their root is {found}, it was {root}");
+    }
+    Ok(())
+}
+
+/// The history of the first `size` entries in `dir`, with that root.
+pub fn of(dir: &Path, size: u64, root: &str) -> Result<History> {
+    let mut history = History::default();
+    read(dir, size, root, |index, entry| {
+        history.observe(index, entry)
+    })?;
+    Ok(history)
+}

@@ -1,0 +1,118 @@
+//! What an audit says: for machines, and for people.
+
+use crate::report::describe::printable;
+use crate::{
+    account::{Checked, NotChecked},
+    auditor::Auditor,
+    depth::Depth,
+};
+use serde::Serialize;
+use zk0_ledger::replay::{Report, Severity, Verdict};
+
+/// The report of an audit: what the replay found, what was checked, and what was not.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Audited {
+    /// What the replay found.
+    #[serde(flatten)]
+    pub report: Report,
+    /// Light or full.
+    pub depth: Depth,
+    /// How much was checked.
+    pub checked: Checked,
+    /// What was not, a line for each kind and reason.
+    pub not_checked: Vec<NotChecked>,
+}
+
+impl Audited {
+    /// The report of `auditor`'s replay.
+    pub fn new(report: Report, depth: Depth, auditor: &Auditor) -> Self {
+        Self {
+            report,
+            depth,
+            checked: auditor.checked(),
+            not_checked: auditor.not_checked(),
+        }
+    }
+
+    /// Whether everything that was checked holds.
+    pub fn holds(&self) -> bool {
+        self.report.verdict == Verdict::Verified
+    }
+}
+
+impl std::ops::Deref for Audited {
+    type Target = Report;
+
+    fn deref(&self) -> &Report {
+        &self.report
+    }
+}
+
+/// The report in words.
+pub fn verdict(audited: &Audited) -> String {
+    let mut text = String::new();
+    let mut line = |label: &str, value: &str| text.push_str(&format!("{label:<12} {value}\n"));
+    let unknown = || "unknown".to_owned();
+    let report = &audited.report;
+    line(
+        "network",
+        &printable(&report.name.clone().unwrap_or_else(unknown)),
+    );
+    line("id", &report.network.clone().unwrap_or_else(unknown));
+    line("entries", &report.entries.to_string());
+    line("checkpoints", &report.checkpoints.to_string());
+    line("root", &report.root.clone().unwrap_or_else(unknown));
+    line("checked", &counts(&audited.checked));
+    for finding in &report.findings {
+        let label = match finding.severity {
+            Severity::Note => "note",
+            Severity::Fault => "FAULT",
+        };
+        let place = finding
+            .index
+            .map(|index| format!("entry {index}: "))
+            .unwrap_or_default();
+        line(label, &format!("{place}{}", printable(&finding.text)));
+    }
+    let (label, says) = sentence(audited);
+    line(label, says);
+    if audited.holds() && !report.findings.is_empty() {
+        line("", "but for what the notes name");
+    }
+    text
+}
+
+/// The verdict in a word and a sentence.
+pub fn sentence(audited: &Audited) -> (&'static str, &'static str) {
+    match (audited.report.verdict, audited.depth) {
+        (Verdict::Verified, Depth::Full) => (
+            "VERIFIED",
+            "every entry, signature, proof, refusal and average was checked again and holds",
+        ),
+        (Verdict::Verified, Depth::Light) => (
+            "VERIFIED",
+            "every entry, signature and proof was checked again and holds; weights and averages were not looked at",
+        ),
+        (Verdict::Failed, _) => (
+            "FAILED",
+            "this ledger is not to be trusted: see the faults",
+        ),
+    }
+}
+
+/// What was checked beyond entries, in words.
+pub fn counts(checked: &Checked) -> String {
+    let some = |count: u64, one: &str, many: &str| match count {
+        1 => format!("1 {one}"),
+        count => format!("{count} {many}"),
+    };
+    [
+        some(checked.proofs, "proof", "proofs"),
+        some(checked.updates, "update", "updates"),
+        some(checked.refusals, "refusal", "refusals"),
+        some(checked.averages, "average", "averages"),
+        some(checked.datasets, "dataset", "datasets"),
+        some(checked.disputes, "dispute", "disputes"),
+    ]
+    .join(", ")
+}

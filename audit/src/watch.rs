@@ -1,0 +1,220 @@
+//! A log that is audited again and again. What was seen once has to stay: a log that forks, goes back or breaks a rule is named.
+
+use crate::{
+    fetch::{fetch, Wanted},
+    log_source::{source, Trust},
+    report::{
+        history,
+        verdict::{verdict, Audited},
+    },
+    run::Audit,
+    Depth,
+};
+use anyhow::{bail, Context, Result};
+use std::{
+    path::{Path, PathBuf},
+    time::Duration,
+};
+use tempfile::TempDir;
+use zk0_ledger::{
+    blobs::BlobError,
+    error::LedgerError,
+    folder,
+    published::{mirror::MirrorError, reader::PublishedError},
+    replay::{Keep, Saved},
+};
+use zk0_protocol::Entry;
+
+/// What one look at the log gave.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Look {
+    /// The log continues what was seen before, and everything new was verified.
+    Continues,
+    /// The log is not to be trusted, for this reason.
+    Alarm(String),
+}
+
+/// What a watch reports while it looks.
+#[derive(Debug)]
+pub enum Seen<'a> {
+    /// The first look verified all of the log: so many entries of this network.
+    First {
+        /// Entries.
+        entries: u64,
+        /// The network's id.
+        network: &'a str,
+    },
+    /// A new entry, verified.
+    New {
+        /// Its index, from 0.
+        index: u64,
+        /// The entry.
+        entry: &'a Entry,
+    },
+}
+
+/// Which log to watch, and how.
+#[derive(Clone, Debug)]
+pub struct WatchOptions {
+    /// A ledger's directory, an export of one, or the address of a served log.
+    pub ledger: String,
+    /// Whom to trust.
+    pub trust: Trust,
+    /// Light or full.
+    pub depth: Depth,
+    /// The file that remembers what was seen; `None` to forget it at the end.
+    pub state: Option<PathBuf>,
+    /// The directory that keeps what is fetched; `None` to remove it at the end.
+    pub mirror: Option<PathBuf>,
+}
+
+/// A watch over one log.
+pub struct Watch {
+    options: WatchOptions,
+    /// Where the log is fetched to; `None` when it is read where it lies.
+    mirror: Option<PathBuf>,
+    state: PathBuf,
+    _made: TempDir,
+}
+
+impl Watch {
+    /// Begins to watch. Nothing is fetched yet.
+    ///
+    /// # Errors
+    /// The state file cannot be read, or the options contradict one another.
+    pub fn begin(options: WatchOptions) -> Result<Self> {
+        let made = tempfile::tempdir().context("making a temporary directory")?;
+        let lies_here = folder::database(Path::new(&options.ledger)).exists();
+        // A folder's own checkpoint is not cosigned: with a witness policy the folder is read as it would be published.
+        let mirror = match lies_here && options.trust.witness_policy.is_none() {
+            true if options.mirror.is_some() => {
+                bail!(
+                    "{} is a ledger's directory: --mirror is for an export or a served log",
+                    options.ledger
+                )
+            }
+            true => None,
+            false => Some(
+                options
+                    .mirror
+                    .clone()
+                    .unwrap_or_else(|| made.path().join("mirror")),
+            ),
+        };
+        let state = options
+            .state
+            .clone()
+            .unwrap_or_else(|| made.path().join("state"));
+        // Without the state file a rollback would pass unnoticed: whoever runs this has to know.
+        Saved::read(&state).context(
+            "the state file cannot be read: remove it to start again, but then a fork or a rollback since is not noticed",
+        )?;
+        Ok(Self {
+            options,
+            mirror,
+            state,
+            _made: made,
+        })
+    }
+
+    /// Fetches what is new, verifies it, and reports it to `seen`. `progress` hears how many entries of how many are verified.
+    ///
+    /// # Errors
+    /// The log gives no answer, or the file system fails.
+    pub fn look(
+        &self,
+        progress: Option<&(dyn Fn(u64, u64) + Sync)>,
+        mut seen: impl FnMut(Seen<'_>),
+    ) -> Result<Look> {
+        let Trust {
+            network,
+            witness_policy,
+        } = &self.options.trust;
+        let wanted = match self.options.depth {
+            Depth::Light => Wanted::Proofs,
+            Depth::Full => Wanted::Everything,
+        };
+        let dir = match &self.mirror {
+            None => PathBuf::from(&self.options.ledger),
+            Some(dir) => {
+                let source = source(&self.options.ledger)?;
+                let fetched = fetch(
+                    source.as_ref(),
+                    dir,
+                    witness_policy.as_ref(),
+                    network.as_ref(),
+                    wanted,
+                );
+                match fetched {
+                    Ok(()) => {}
+                    Err(error) if is_alarming(&error) => return Ok(Look::Alarm(error.to_string())),
+                    Err(error) => return Err(error.into()),
+                }
+                dir.clone()
+            }
+        };
+        let before = Saved::read(&self.state)?.map(|saved| saved.size);
+        let audit = Audit {
+            depth: self.options.depth,
+            network: *network,
+            threads: None,
+            memory: Some(Keep {
+                path: self.state.clone(),
+                every: Duration::from_secs(30),
+            }),
+            progress,
+        };
+        let audited = audit.run(&dir)?;
+        report(&dir, before, &audited, &mut seen)?;
+        match audited.holds() {
+            true => Ok(Look::Continues),
+            false => Ok(Look::Alarm(verdict(&audited))),
+        }
+    }
+}
+
+/// Reports what an audit verified that was not seen before.
+fn report(
+    dir: &Path,
+    before: Option<u64>,
+    audited: &Audited,
+    seen: &mut impl FnMut(Seen<'_>),
+) -> Result<()> {
+    let Some(before) = before else {
+        seen(Seen::First {
+            entries: audited.entries,
+            network: audited.network.as_deref().unwrap_or("unknown"),
+        });
+        return Ok(());
+    };
+    if audited.entries <= before {
+        return Ok(());
+    }
+    let root = audited.root.as_deref().unwrap_or_default();
+    history::read(dir, audited.entries, root, |index, entry| {
+        if index >= before {
+            seen(Seen::New { index, entry });
+        }
+    })
+}
+
+/// Whether what was served is wrong, and not only missing or late.
+fn is_alarming(error: &MirrorError) -> bool {
+    match error {
+        MirrorError::Published(error) => !matches!(
+            error,
+            PublishedError::Source(_) | PublishedError::Missing(..) | PublishedError::NoCheckpoint
+        ),
+        MirrorError::Ledger(error) => matches!(
+            error,
+            LedgerError::RolledBack { .. }
+                | LedgerError::Forked { .. }
+                | LedgerError::OtherNetwork { .. }
+                | LedgerError::BadEntry { .. }
+                | LedgerError::Rule(_)
+                | LedgerError::CheckpointFile { .. }
+                | LedgerError::Blob(BlobError::WrongDigest { .. } | BlobError::TooLarge { .. })
+        ),
+        MirrorError::Checkpoint { .. } | MirrorError::Witnesses(_) => true,
+    }
+}

@@ -1,0 +1,159 @@
+//! A ledger as plain files in the tlog-tiles layout: any web server serves them, any archive keeps them, and
+//! [`crate::published::mirror`] makes a ledger of them again.
+
+use crate::published::publication::{Content, Publication, PublicationError};
+use crate::{
+    blobs::{BlobError, Blobs},
+    error::LedgerError,
+};
+use std::{
+    fs::{self, File},
+    io::{self, Read, Write},
+    path::{Path, PathBuf},
+};
+use zk0_protocol::tlog::{
+    checkpoint::{CheckpointError, MAX_NOTE_BYTES},
+    layout::{tiles, Resource},
+    witness_policy::WitnessPolicy,
+};
+
+/// What was written.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Exported {
+    /// Entries published.
+    pub entries: u64,
+    /// Tiles and bundles written; those that were there already are not.
+    pub tiles: u64,
+    /// Blobs written.
+    pub blobs: u64,
+    /// Public blobs that the ledger's folder does not keep.
+    pub missing_blobs: u64,
+}
+
+/// Why a ledger is not exported.
+#[derive(Debug, thiserror::Error)]
+pub enum ExportError {
+    /// The ledger publishes nothing.
+    #[error(transparent)]
+    Publication(#[from] PublicationError),
+    /// The ledger cannot be read.
+    #[error(transparent)]
+    Ledger(#[from] LedgerError),
+    /// A blob is not what its name says.
+    #[error(transparent)]
+    Blob(#[from] BlobError),
+    /// What is there is not of this log.
+    #[error("{path}: {error}: choose another folder")]
+    Other {
+        path: PathBuf,
+        error: CheckpointError,
+    },
+    /// The file system.
+    #[error("{path}: {error}")]
+    Io { path: PathBuf, error: io::Error },
+}
+
+/// Writes what `view` publishes to `out`, or brings an older export of the same log up to date. The checkpoint comes last:
+/// whoever reads meanwhile finds all that the checkpoint he sees covers.
+pub fn export(view: &Publication, out: &Path) -> Result<Exported, ExportError> {
+    continues(view, out)?;
+    let mut exported = Exported {
+        entries: view.checkpoint().size,
+        ..Exported::default()
+    };
+    for tile in tiles(view.checkpoint().size) {
+        let path = out.join(tile.to_string());
+        // Never changes once it is there.
+        if path.exists() {
+            continue;
+        }
+        if let Some(Content::Bytes(bytes)) = view.read(&Resource::Tile(tile))? {
+            write(&path, &bytes)?;
+            exported.tiles += 1;
+        }
+    }
+    let (from, to) = (view.blobs(), Blobs::at(out));
+    for digest in view.public_blobs() {
+        if to.contains(digest) {
+            continue;
+        }
+        if !from.contains(digest) {
+            exported.missing_blobs += 1;
+            continue;
+        }
+        let path = from.path(digest);
+        let mut file = File::open(&path).map_err(io_error(&path))?;
+        let mut writer = to.writer(u64::MAX)?;
+        let mut buffer = vec![0; 64 << 10];
+        loop {
+            let read = file.read(&mut buffer).map_err(io_error(&path))?;
+            if read == 0 {
+                break;
+            }
+            writer.write(&buffer[..read])?;
+        }
+        writer.finish(digest)?;
+        exported.blobs += 1;
+    }
+    for resource in [Resource::Policy, Resource::Checkpoint] {
+        if let Some(Content::Bytes(bytes)) = view.read(&resource)? {
+            write(&out.join(resource.to_string()), &bytes)?;
+        }
+    }
+    Ok(exported)
+}
+
+/// An export of another log, or of more of this one than there is now, is left alone.
+fn continues(view: &Publication, out: &Path) -> Result<(), ExportError> {
+    let path = out.join(Resource::Checkpoint.to_string());
+    let file = match File::open(&path) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
+        other => other.map_err(io_error(&path))?,
+    };
+    let mut text = Vec::new();
+    file.take(MAX_NOTE_BYTES as u64 + 1)
+        .read_to_end(&mut text)
+        .map_err(io_error(&path))?;
+    let there = WitnessPolicy::none()
+        .open(&text, view.key())
+        .map_err(|error| ExportError::Other { path, error })?
+        .checkpoint;
+    if there.size > view.checkpoint().size {
+        return Err(LedgerError::RolledBack {
+            held: view.checkpoint().size,
+            signed: there.size,
+        }
+        .into());
+    }
+    let found = view.root(there.size)?;
+    match found == there.root {
+        true => Ok(()),
+        false => Err(LedgerError::Forked {
+            size: there.size,
+            found,
+            signed: there.root,
+        }
+        .into()),
+    }
+}
+
+/// Writes a file, all or nothing; on disk when this returns.
+fn write(path: &Path, bytes: &[u8]) -> Result<(), ExportError> {
+    let write = || {
+        let parent = path.parent().unwrap_or(Path::new("."));
+        fs::create_dir_all(parent)?;
+        let new = path.with_extension("new");
+        let mut file = File::create(&new)?;
+        file.write_all(bytes)?;
+        file.sync_all()?;
+        fs::rename(&new, path)
+    };
+    write().map_err(io_error(path))
+}
+
+fn io_error(path: &Path) -> impl FnOnce(io::Error) -> ExportError + '_ {
+    |error| ExportError::Io {
+        path: path.into(),
+        error,
+    }
+}

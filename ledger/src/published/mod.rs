@@ -1,0 +1,14 @@
+//! A log as it is published, and how others read and copy it.
+//!
+//! - [`publication`]: what a ledger's folder publishes at this moment; [`tiles`]: its bytes from the database; [`export`]: all of
+//!   it as plain files.
+//! - [`source`]: where a published log is read from: a folder, or an address ([`web`]).
+//! - [`reader`]: a reader of such a log, who trusts none of its files; [`mirror`]: a ledger's folder made from one.
+
+pub mod export;
+pub mod mirror;
+pub mod publication;
+pub mod reader;
+pub mod source;
+pub mod tiles;
+pub mod web;

@@ -1,0 +1,293 @@
+//! A published log as its reader sees it: files that nobody has to be trusted for. Every tile is checked against the signed
+//! root, every entry against its leaf, and every newer checkpoint against the older one.
+
+use crate::published::source::{Source, SourceError};
+use std::cell::RefCell;
+use tlog_tiles::{
+    tile::{Tile as HashTile, TileHashReader, TileReader},
+    tlog::{
+        prove_record, record_hash, stored_hash_index, tree_hash, Error as TreeError, Hash,
+        HashReader, HASH_SIZE,
+    },
+};
+use zk0_circuits::Digest;
+use zk0_protocol::tlog::{
+    bundle,
+    checkpoint::{Checkpoint, CheckpointError, Parsed, MAX_NOTE_BYTES},
+    layout::{Kind, Resource, Tile, MAX_TREE_SIZE, TILE_HEIGHT, TILE_WIDTH},
+    tlog_proof::TlogProof,
+    verifier_key::VerifierKey,
+    witness_policy::WitnessPolicy,
+};
+
+/// Why a published log is not believed.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum PublishedError {
+    /// A file cannot be read.
+    #[error(transparent)]
+    Source(#[from] SourceError),
+    /// A file that the log has to serve is not there.
+    #[error("{0} is not there, but a log of {1} entries has it")]
+    Missing(String, u64),
+    /// The log has published nothing.
+    #[error("there is no checkpoint: this is no published log")]
+    NoCheckpoint,
+    /// The checkpoint is not believed.
+    #[error(transparent)]
+    Checkpoint(#[from] CheckpointError),
+    /// A tree too large to be true, or an empty one.
+    #[error("the checkpoint is of {0} entries: logs have 1 to {MAX_TREE_SIZE}")]
+    Size(u64),
+    /// Not an entry of the log.
+    #[error("there is no entry {index} in a log of {size}")]
+    NoEntry { index: u64, size: u64 },
+    /// Tiles that are not those of the signed tree.
+    #[error("tiles of the tree of {size} entries: {why}")]
+    Tiles { size: u64, why: String },
+    /// A bundle that is none, or holds other entries than the tree.
+    #[error("{path}: {why}")]
+    Bundle { path: String, why: String },
+    /// Fewer entries than were signed before.
+    #[error(
+        "ROLLED BACK: the log has a checkpoint of {published} entries, but one of {known} is known"
+    )]
+    RolledBack { published: u64, known: u64 },
+    /// Another history than was signed before.
+    #[error("FORKED: the first {size} entries of the log have root {found}, but a checkpoint with root {known} is known")]
+    Forked {
+        size: u64,
+        found: Digest,
+        known: Digest,
+    },
+}
+
+/// A log at one checkpoint.
+pub struct PublishedLog<'a> {
+    source: &'a dyn Source,
+    text: Vec<u8>,
+    checkpoint: Checkpoint,
+}
+
+impl<'a> PublishedLog<'a> {
+    /// Reads the newest checkpoint of the log `key` and believes it if `policy` does.
+    pub fn open(
+        source: &'a dyn Source,
+        key: &VerifierKey,
+        policy: &WitnessPolicy,
+    ) -> Result<Self, PublishedError> {
+        let path = Resource::Checkpoint.to_string();
+        let text = source
+            .get(&path, MAX_NOTE_BYTES as u64)?
+            .ok_or(PublishedError::NoCheckpoint)?;
+        let checkpoint = policy.open(&text, key)?.checkpoint;
+        match (1..=MAX_TREE_SIZE).contains(&checkpoint.size) {
+            true => Ok(Self {
+                source,
+                text,
+                checkpoint,
+            }),
+            false => Err(PublishedError::Size(checkpoint.size)),
+        }
+    }
+
+    /// The checkpoint.
+    pub fn checkpoint(&self) -> Checkpoint {
+        self.checkpoint
+    }
+
+    /// Its text, with its cosignatures.
+    pub fn text(&self) -> &[u8] {
+        &self.text
+    }
+
+    /// Refuses the log if it does not continue what `known` signed: nothing is gone and nothing has changed.
+    pub fn continues(&self, known: &Checkpoint) -> Result<(), PublishedError> {
+        let size = self.checkpoint.size;
+        if known.size > size {
+            return Err(PublishedError::RolledBack {
+                published: size,
+                known: known.size,
+            });
+        }
+        let found = self.tiles(|reader| tree_hash(known.size, reader))?;
+        match found.0 == known.root.0 {
+            true => Ok(()),
+            false => Err(PublishedError::Forked {
+                size: known.size,
+                found: Digest(found.0),
+                known: known.root,
+            }),
+        }
+    }
+
+    /// An entry's bytes, verified.
+    pub fn entry(&self, index: u64) -> Result<Vec<u8>, PublishedError> {
+        let mut entries = self.entries(index / TILE_WIDTH)?;
+        let at = (index % TILE_WIDTH) as usize;
+        match at < entries.len() {
+            true => Ok(entries.swap_remove(at)),
+            false => Err(self.no_entry(index)),
+        }
+    }
+
+    /// The entries of bundle `number`, verified.
+    pub fn entries(&self, number: u64) -> Result<Vec<Vec<u8>>, PublishedError> {
+        let (tile, entries) = self.bundle(Kind::Entries, number)?;
+        let positions: Vec<u64> = (tile.start()..)
+            .take(entries.len())
+            .map(|index| stored_hash_index(0, index))
+            .collect();
+        let leaves = self.tiles(|reader| reader.read_hashes(&positions))?;
+        let other = entries
+            .iter()
+            .zip(&leaves)
+            .position(|(entry, leaf)| record_hash(entry) != *leaf);
+        match other {
+            None => Ok(entries),
+            Some(at) => Err(PublishedError::Bundle {
+                path: tile.to_string(),
+                why: format!(
+                    "entry {} is not the one in the signed tree",
+                    tile.start() + at as u64
+                ),
+            }),
+        }
+    }
+
+    /// The checkpoints after the entries of bundle `number`, as the log serves them: not verified. `None` after an entry
+    /// within a group.
+    pub fn checkpoints(&self, number: u64) -> Result<Vec<Option<Vec<u8>>>, PublishedError> {
+        let (_, texts) = self.bundle(Kind::Checkpoints, number)?;
+        let there = |text: Vec<u8>| (!text.is_empty()).then_some(text);
+        Ok(texts.into_iter().map(there).collect())
+    }
+
+    /// A proof for anyone that entry `index` is in the log, with the entry and this checkpoint in it.
+    pub fn prove(&self, index: u64) -> Result<TlogProof, PublishedError> {
+        let size = self.checkpoint.size;
+        if index >= size {
+            return Err(self.no_entry(index));
+        }
+        let hashes = self.tiles(|reader| prove_record(size, index, reader))?;
+        Ok(TlogProof {
+            extra: Some(self.entry(index)?),
+            index,
+            hashes: hashes.into_iter().map(|hash| Digest(hash.0)).collect(),
+            checkpoint: self.text.clone(),
+        })
+    }
+
+    fn no_entry(&self, index: u64) -> PublishedError {
+        PublishedError::NoEntry {
+            index,
+            size: self.checkpoint.size,
+        }
+    }
+
+    fn bundle(&self, kind: Kind, number: u64) -> Result<(Tile, Vec<Vec<u8>>), PublishedError> {
+        let size = self.checkpoint.size;
+        let tile = Tile::at(kind, number, size)
+            .ok_or_else(|| self.no_entry(number.saturating_mul(TILE_WIDTH)))?;
+        read_bundle(self.source, tile, size).map(|items| (tile, items))
+    }
+
+    /// Runs `read` on the tree's hashes, each proven to be in the signed tree.
+    fn tiles<T>(
+        &self,
+        read: impl FnOnce(&TileHashReader<'_>) -> Result<T, TreeError>,
+    ) -> Result<T, PublishedError> {
+        let tiles = Tiles {
+            source: self.source,
+            size: self.checkpoint.size,
+            failed: RefCell::default(),
+        };
+        let reader =
+            TileHashReader::new(self.checkpoint.size, Hash(self.checkpoint.root.0), &tiles);
+        let done = read(&reader);
+        match (done, tiles.failed.into_inner()) {
+            (_, Some(error)) => Err(error),
+            (Ok(value), None) => Ok(value),
+            (Err(error), None) => Err(PublishedError::Tiles {
+                size: self.checkpoint.size,
+                why: error.to_string(),
+            }),
+        }
+    }
+}
+
+/// The genesis entry of a published log, and the key that it says the log has: believed by nobody yet. For a reader who
+/// knows the network's id, or takes the log as he finds it.
+pub fn first_entry(source: &dyn Source) -> Result<Vec<u8>, PublishedError> {
+    let path = Resource::Checkpoint.to_string();
+    let text = source
+        .get(&path, MAX_NOTE_BYTES as u64)?
+        .ok_or(PublishedError::NoCheckpoint)?;
+    let size = Parsed::read(&text)?.checkpoint.size;
+    let tile = Tile::at(Kind::Entries, 0, size).ok_or(PublishedError::Size(size))?;
+    let mut entries = read_bundle(source, tile, size)?;
+    Ok(entries.swap_remove(0))
+}
+
+fn read_bundle(source: &dyn Source, tile: Tile, size: u64) -> Result<Vec<Vec<u8>>, PublishedError> {
+    let wrong = |tile: &Tile, why: String| PublishedError::Bundle {
+        path: tile.to_string(),
+        why,
+    };
+    let (found, bytes) = fetch(source, tile, size, |tile| bundle::max_bytes(tile.width))?;
+    let items =
+        bundle::split(&bytes, found.width).map_err(|error| wrong(&found, error.to_string()))?;
+    Ok(items
+        .into_iter()
+        .take(tile.width.into())
+        .map(<[u8]>::to_vec)
+        .collect())
+}
+
+/// Fetches a tile; the full one where a partial one is gone because the log has grown.
+fn fetch(
+    source: &dyn Source,
+    tile: Tile,
+    size: u64,
+    limit: impl Fn(&Tile) -> u64,
+) -> Result<(Tile, Vec<u8>), PublishedError> {
+    for tile in [tile, tile.full()] {
+        if let Some(bytes) = source.get(&tile.to_string(), limit(&tile))? {
+            return Ok((tile, bytes));
+        }
+    }
+    Err(PublishedError::Missing(tile.to_string(), size))
+}
+
+/// Tiles for `tlog_tiles`, which authenticates them.
+struct Tiles<'a> {
+    source: &'a dyn Source,
+    size: u64,
+    failed: RefCell<Option<PublishedError>>,
+}
+
+impl TileReader for Tiles<'_> {
+    fn height(&self) -> u8 {
+        TILE_HEIGHT
+    }
+
+    fn read_tiles(&self, tiles: &[HashTile]) -> Result<Vec<Vec<u8>>, TreeError> {
+        let read = |tile: &HashTile| {
+            let tile = Tile {
+                kind: Kind::Hashes(tile.level()),
+                number: tile.level_index(),
+                width: tile.width() as u16,
+            };
+            let bytes = |tile: &Tile| usize::from(tile.width) * HASH_SIZE;
+            let (_, mut hashes) = fetch(self.source, tile, self.size, |tile| bytes(tile) as u64)?;
+            hashes.truncate(bytes(&tile));
+            Ok(hashes)
+        };
+        let all: Result<Vec<_>, PublishedError> = tiles.iter().map(read).collect();
+        all.map_err(|error| {
+            self.failed.replace(Some(error));
+            TreeError::InvalidTile
+        })
+    }
+
+    fn save_tiles(&self, _: &[HashTile], _: &[Vec<u8>]) {}
+}

@@ -1,0 +1,73 @@
+//! Where a published log is read from: a folder with its files, or whatever else hands them out by path.
+
+use std::{
+    fs::File,
+    io::{self, Read},
+    path::{Path, PathBuf},
+};
+
+/// Hands out files by the paths of [`zk0_protocol::tlog::layout`].
+pub trait Source {
+    /// Opens a file; `None` if there is none of this path.
+    fn open(&self, path: &str) -> Result<Option<Box<dyn Read>>, SourceError>;
+
+    /// Reads a file of at most `limit` bytes.
+    fn get(&self, path: &str, limit: u64) -> Result<Option<Vec<u8>>, SourceError> {
+        let Some(file) = self.open(path)? else {
+            return Ok(None);
+        };
+        let mut bytes = Vec::new();
+        file.take(limit.saturating_add(1))
+            .read_to_end(&mut bytes)
+            .map_err(|error| SourceError::new(path, error.to_string()))?;
+        match bytes.len() as u64 > limit {
+            true => Err(SourceError::new(
+                path,
+                format!("it has more than the {limit} bytes that it can have"),
+            )),
+            false => Ok(Some(bytes)),
+        }
+    }
+}
+
+/// A file of a published log cannot be read.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{path}: {why}")]
+pub struct SourceError {
+    /// Which file.
+    pub path: String,
+    /// Why not.
+    pub why: String,
+}
+
+impl SourceError {
+    /// `path` cannot be read because of `why`.
+    pub fn new(path: &str, why: String) -> Self {
+        Self {
+            path: path.into(),
+            why,
+        }
+    }
+}
+
+/// A folder that `zk0 ledger export` wrote.
+#[derive(Clone, Debug)]
+pub struct Folder(PathBuf);
+
+impl Folder {
+    /// The log in `dir`. Touches nothing.
+    pub fn at(dir: &Path) -> Self {
+        Self(dir.into())
+    }
+}
+
+impl Source for Folder {
+    fn open(&self, path: &str) -> Result<Option<Box<dyn Read>>, SourceError> {
+        let file = self.0.join(path);
+        match File::open(&file) {
+            Ok(file) => Ok(Some(Box::new(file))),
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
+            Err(error) => Err(SourceError::new(&file.to_string_lossy(), error.to_string())),
+        }
+    }
+}

@@ -1,0 +1,47 @@
+//! Tiles and bundles of a ledger, from its database: functions of what to serve and the number of published entries.
+
+use crate::{error::LedgerError, store::Store};
+use tlog_tiles::tlog::{stored_hash_index, HashReader};
+use zk0_protocol::tlog::{
+    bundle::{push, BundleError},
+    layout::{Kind, Tile, TILE_HEIGHT},
+};
+
+/// The bytes of `tile` in the log of the first `size` entries of `store`; `None` if that log does not have it. For a given
+/// tile the bytes are the same whatever the size.
+pub fn read(store: &Store, size: u64, tile: &Tile) -> Result<Option<Vec<u8>>, LedgerError> {
+    if !tile.is_in(size) {
+        return Ok(None);
+    }
+    let positions = tile.start()..tile.start() + u64::from(tile.width);
+    let bytes = match tile.kind {
+        Kind::Hashes(level) => {
+            let stored = |n| stored_hash_index(level * TILE_HEIGHT, n);
+            let indexes: Vec<u64> = positions.map(stored).collect();
+            let hashes = store.read_hashes(&indexes)?;
+            hashes.iter().flat_map(|hash| hash.0).collect()
+        }
+        Kind::Entries => bundle(positions, |index| {
+            store.entry(index)?.ok_or(LedgerError::NoEntry(index))
+        })?,
+        // An entry in the midst of its group has none.
+        Kind::Checkpoints => bundle(positions, |index| {
+            Ok(store.checkpoint(index + 1)?.unwrap_or_default())
+        })?,
+    };
+    Ok(Some(bytes))
+}
+
+fn bundle(
+    indexes: std::ops::Range<u64>,
+    read: impl Fn(u64) -> Result<Vec<u8>, LedgerError>,
+) -> Result<Vec<u8>, LedgerError> {
+    let mut bundle = Vec::new();
+    for index in indexes {
+        push(&mut bundle, &read(index)?).map_err(|error: BundleError| LedgerError::BadEntry {
+            index,
+            why: error.to_string(),
+        })?;
+    }
+    Ok(bundle)
+}

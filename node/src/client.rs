@@ -1,0 +1,405 @@
+//! A node's dealings with an aggregator. Nothing the aggregator says is believed: the network is known by its id, whatever
+//! was recorded comes with a receipt, and the challenge is derived from the receipt's checkpoint.
+
+use crate::{client_error::NodeError, recording::Recording};
+use ed25519_dalek::SigningKey;
+use sha2::{Digest as _, Sha256};
+use std::{io::Write, time::Duration};
+use tonic::{transport, Code, Status};
+use zk0_circuits::{challenge::challenge, Claim, Digest, NodeId, WeightsDigest};
+use zk0_protocol::rpc::federation::{self as rpc, federation_client::FederationClient};
+use zk0_protocol::{
+    entries::{
+        codec::EntryError,
+        entry::{Body, Entry, RoundClosed, RoundOpened},
+        genesis::Genesis,
+        signed::{
+            DatasetRegistration, Proposal, Signed, Submission, UpdateCommitment, UploadRequest,
+        },
+    },
+    tlog::{
+        checkpoint::{Checkpoint, CheckpointError},
+        receipt::{Receipt, ReceiptError},
+    },
+    Refusal, Rules,
+};
+
+/// Bytes in one message of an upload.
+const CHUNK_BYTES: usize = 64 << 10;
+
+/// Time between two looks at a round that is awaited.
+const POLL: Duration = Duration::from_millis(500);
+
+/// Largest message that is read: a receipt or a chunk is far smaller.
+const MAX_MESSAGE_BYTES: usize = 4 << 20;
+
+/// How often, and how long apart, an aggregator that does not answer is asked again: it may be restarting.
+const ATTEMPTS: u32 = 150;
+const APART: Duration = Duration::from_secs(2);
+
+/// Makes a request, again and again while the aggregator is away. That is safe: who asks for the same thing twice gets the
+/// same receipt.
+macro_rules! patiently {
+    ($self:ident.client.$method:ident($request:ident)) => {{
+        let mut attempt = 1;
+        loop {
+            match $self.client.$method($request.clone()).await {
+                Err(status) if status.code() == Code::Unavailable && attempt < ATTEMPTS => {
+                    if attempt == 1 {
+                        tracing::warn!("the aggregator does not answer; asking again");
+                    }
+                    attempt += 1;
+                    tokio::time::sleep(APART).await;
+                }
+                other => break other,
+            }
+        }
+    }};
+}
+
+/// A node of one network, connected to its aggregator.
+pub struct Node {
+    client: FederationClient<transport::Channel>,
+    key: SigningKey,
+    network: Digest,
+    genesis: Genesis,
+}
+
+/// What the aggregator decided on a submission.
+#[derive(Clone, Debug)]
+pub struct Decision {
+    /// Why it does not count; `None` if it counts.
+    pub refusal: Option<Refusal>,
+    /// That the decision is on the ledger.
+    pub receipt: Receipt,
+}
+
+/// How a network is governed at the moment.
+#[derive(Clone, Debug)]
+pub struct GovernanceInfo {
+    /// The rules in force.
+    pub rules: Rules,
+    /// The number of the next proposal.
+    pub next_proposal: u64,
+    /// The open proposals, and how their votes stand.
+    pub proposals: Vec<(Proposal, rpc::OpenProposal)>,
+    /// Milliseconds on the aggregator's clock.
+    pub now_ms: u64,
+}
+
+fn unexpected(expected: &str, found: impl Into<String>) -> NodeError {
+    NodeError::Unexpected {
+        expected: expected.into(),
+        found: found.into(),
+    }
+}
+
+impl Node {
+    /// Connects to the aggregator at `url`, which has to serve `network`.
+    pub async fn connect(url: String, network: Digest, key: SigningKey) -> Result<Self, NodeError> {
+        let channel = transport::Endpoint::try_from(url)?
+            .connect_timeout(Duration::from_secs(10))
+            .connect()
+            .await?;
+        let mut client =
+            FederationClient::new(channel).max_decoding_message_size(MAX_MESSAGE_BYTES);
+        let info = client
+            .get_network(rpc::GetNetworkRequest {})
+            .await?
+            .into_inner();
+        let entry = Entry::decode(&info.genesis)?;
+        let Body::Genesis(genesis) = entry.body else {
+            return Err(unexpected("a genesis", "another entry"));
+        };
+        let theirs = genesis.network_id();
+        if theirs != network {
+            return Err(NodeError::OtherNetwork {
+                ours: network,
+                theirs,
+            });
+        }
+        Checkpoint::open(
+            info.checkpoint.as_bytes(),
+            genesis.origin(),
+            &genesis.log_key,
+        )?;
+        Ok(Self {
+            client,
+            key,
+            network,
+            genesis,
+        })
+    }
+
+    /// The network's founding document.
+    pub fn genesis(&self) -> &Genesis {
+        &self.genesis
+    }
+
+    /// The network's id.
+    pub fn network(&self) -> &Digest {
+        &self.network
+    }
+
+    /// The node's identity.
+    pub fn id(&self) -> NodeId {
+        NodeId(self.key.verifying_key().to_bytes())
+    }
+
+    /// Downloads a public blob of at most `limit` bytes.
+    pub async fn download(&mut self, blob: &Digest, limit: u64) -> Result<Vec<u8>, NodeError> {
+        let mut bytes = Vec::new();
+        self.download_to(blob, limit, &mut bytes).await?;
+        Ok(bytes)
+    }
+
+    /// As [`Self::download`], piece by piece. Only when this returns without an error is what was written the blob.
+    pub async fn download_to(
+        &mut self,
+        blob: &Digest,
+        limit: u64,
+        out: &mut (impl Write + Send),
+    ) -> Result<(), NodeError> {
+        let mut chunks = self
+            .client
+            .download(rpc::DownloadRequest {
+                blob: blob.0.to_vec(),
+            })
+            .await?
+            .into_inner();
+        let (mut hash, mut left) = (Sha256::new(), limit);
+        while let Some(chunk) = chunks.message().await? {
+            left = left
+                .checked_sub(chunk.data.len() as u64)
+                .ok_or(NodeError::TooLarge { blob: *blob, limit })?;
+            hash.update(&chunk.data);
+            out.write_all(&chunk.data).map_err(NodeError::Write)?;
+        }
+        out.flush().map_err(NodeError::Write)?;
+        match Digest(hash.finalize().into()) {
+            actual if actual == *blob => Ok(()),
+            actual => Err(NodeError::OtherBlob {
+                asked: *blob,
+                actual,
+            }),
+        }
+    }
+
+    /// Puts a dataset on the ledger; a node that was restarted gets the receipt it got before.
+    pub async fn register(&mut self, recording: &Recording) -> Result<Receipt, NodeError> {
+        let leaves: Vec<u8> = recording.leaves.iter().flat_map(|leaf| leaf.0).collect();
+        let statement = DatasetRegistration {
+            network: self.network,
+            node: self.id(),
+            dataset: recording.commitment,
+            leaves: Digest(Sha256::digest(&leaves).into()),
+            episodes: recording.episodes.clone(),
+        };
+        let signed = Signed::new(statement, &self.key);
+        let request = rpc::RegisterDatasetRequest {
+            registration: encode(&signed),
+            leaves,
+        };
+        let receipt = patiently!(self.client.register_dataset(request))?.into_inner();
+        Ok(self.recorded(receipt, Body::DatasetCommitted(signed))?.0)
+    }
+
+    /// Waits until `round` is open, and returns how it was opened; a later one if that has closed meanwhile, or if the rules do
+    /// not let this node contribute to it.
+    pub async fn wait_for_round(&mut self, round: u64) -> Result<RoundOpened, NodeError> {
+        loop {
+            let request = rpc::GetRoundRequest {
+                round: None,
+                node: self.id().0.to_vec(),
+            };
+            let info = patiently!(self.client.get_round(request))?.into_inner();
+            if let (Some(opened), None, true) = (info.opened, info.closed, info.invited) {
+                match self.entry(opened)?.1.body {
+                    Body::RoundOpened(opened) if opened.round >= round => return Ok(opened),
+                    Body::RoundOpened(_) => {}
+                    _ => return Err(unexpected("the opening of a round", "another entry")),
+                }
+            }
+            tokio::time::sleep(POLL).await;
+        }
+    }
+
+    /// Waits until `round` is closed, and returns how.
+    pub async fn wait_for_close(&mut self, round: u64) -> Result<RoundClosed, NodeError> {
+        loop {
+            let request = rpc::GetRoundRequest {
+                round: Some(round),
+                node: Vec::new(),
+            };
+            let info = patiently!(self.client.get_round(request))?.into_inner();
+            if let Some(closed) = info.closed {
+                match self.entry(closed)?.1.body {
+                    Body::RoundClosed(closed) if closed.round == round => return Ok(closed),
+                    _ => return Err(unexpected("the close of the round", "another entry")),
+                }
+            }
+            tokio::time::sleep(POLL).await;
+        }
+    }
+
+    /// Uploads an update; it stays private until the round closes.
+    pub async fn upload(&mut self, round: u64, update: &[u8]) -> Result<(), NodeError> {
+        use rpc::upload_chunk::Part;
+        let request = UploadRequest {
+            network: self.network,
+            round,
+            node: self.id(),
+            blob: Digest(Sha256::digest(update).into()),
+            size: update.len() as u64,
+        };
+        let first = Part::Request(encode(&Signed::new(request, &self.key)));
+        let rest = update
+            .chunks(CHUNK_BYTES)
+            .map(|chunk| Part::Data(chunk.to_vec()));
+        let parts: Vec<_> = std::iter::once(first)
+            .chain(rest)
+            .map(|part| rpc::UploadChunk { part: Some(part) })
+            .collect();
+        self.client.upload(tokio_stream::iter(parts)).await?;
+        Ok(())
+    }
+
+    /// Commits to an uploaded update and derives the challenge from the checkpoint that covers the commitment; the receipt
+    /// holds that checkpoint.
+    pub async fn commit(
+        &mut self,
+        round: u64,
+        dataset_root: &Digest,
+        update: &WeightsDigest,
+    ) -> Result<(Digest, Receipt), NodeError> {
+        let statement = UpdateCommitment {
+            network: self.network,
+            round,
+            node: self.id(),
+            dataset_root: *dataset_root,
+            update: *update,
+        };
+        let signed = Signed::new(statement, &self.key);
+        let request = rpc::CommitRequest {
+            commitment: encode(&signed),
+        };
+        let receipt = patiently!(self.client.commit(request))?.into_inner();
+        let (receipt, checkpoint) = self.recorded(receipt, Body::UpdateCommitted(signed))?;
+        // The tree that ends with the commitment: nobody chose which checkpoint it is.
+        if checkpoint.size != receipt.index + 1 {
+            let found = format!("one of size {}", checkpoint.size);
+            return Err(unexpected(
+                "the first checkpoint that covers the commitment",
+                found,
+            ));
+        }
+        let challenge = challenge(
+            &self.network,
+            round,
+            &self.id(),
+            receipt.index,
+            &checkpoint.root,
+        );
+        Ok((challenge, receipt))
+    }
+
+    /// Signs a claim and submits it with its proof.
+    pub async fn submit(&mut self, claim: Claim, proof: Vec<u8>) -> Result<Decision, NodeError> {
+        let signed = Signed::new(
+            Submission {
+                claim,
+                proof: Digest(Sha256::digest(&proof).into()),
+            },
+            &self.key,
+        );
+        let submission = encode(&signed);
+        let request = rpc::SubmitRequest { submission, proof };
+        let reply = patiently!(self.client.submit(request))?.into_inner();
+        let receipt = reply
+            .receipt
+            .ok_or_else(|| unexpected("a receipt of the decision", "none"))?;
+        let (receipt, _, entry) = self.opened(receipt)?;
+        let (submission, refusal) = match entry.body {
+            Body::ContributionAccepted(submission) => (submission, None),
+            Body::ContributionRejected { submission, reason } => (submission, Some(reason)),
+            _ => {
+                return Err(unexpected(
+                    "the decision on the submission",
+                    "another entry",
+                ))
+            }
+        };
+        if submission != signed {
+            return Err(unexpected(
+                "the decision on this submission",
+                "that on another",
+            ));
+        }
+        Ok(Decision { refusal, receipt })
+    }
+
+    /// Puts on the ledger what is signed already: a proposal, a vote, a dispute, a change of key. Returns the entry's index.
+    pub async fn record(&mut self, body: Body) -> Result<u64, NodeError> {
+        let request = rpc::RecordRequest {
+            body: encode(&body),
+        };
+        let receipt = patiently!(self.client.record(request))?.into_inner();
+        Ok(self.recorded(receipt, body)?.0.index)
+    }
+
+    /// The rules in force and the open proposals. The proposals themselves come with receipts, the rest is the
+    /// aggregator's word: who wants to be sure replays the ledger.
+    pub async fn governance(&mut self) -> Result<GovernanceInfo, NodeError> {
+        let request = rpc::GetGovernanceRequest {};
+        let info = patiently!(self.client.get_governance(request))?.into_inner();
+        let rules: Rules = borsh::from_slice(&info.rules)
+            .map_err(|error| unexpected("rules", format!("something else ({error})")))?;
+        let mut proposals = Vec::new();
+        for open in info.proposals {
+            let receipt = open.receipt.clone();
+            let receipt = receipt.ok_or_else(|| unexpected("a receipt of a proposal", "none"))?;
+            match self.entry(receipt)?.1.body {
+                Body::Proposed(signed) => proposals.push((signed.statement, open)),
+                _ => return Err(unexpected("a proposal", "another entry")),
+            }
+        }
+        Ok(GovernanceInfo {
+            rules,
+            next_proposal: info.next_proposal,
+            proposals,
+            now_ms: info.now_ms,
+        })
+    }
+
+    /// Checks that what was just recorded is `body`.
+    fn recorded(
+        &self,
+        receipt: rpc::Receipt,
+        body: Body,
+    ) -> Result<(Receipt, Checkpoint), NodeError> {
+        let (receipt, checkpoint, entry) = self.opened(receipt)?;
+        match entry.body == body {
+            true => Ok((receipt, checkpoint)),
+            false => Err(unexpected(
+                "a receipt of what this node signed",
+                "that of another entry",
+            )),
+        }
+    }
+
+    fn entry(&self, receipt: rpc::Receipt) -> Result<(Checkpoint, Entry), NodeError> {
+        let (_, checkpoint, entry) = self.opened(receipt)?;
+        Ok((checkpoint, entry))
+    }
+
+    fn opened(&self, receipt: rpc::Receipt) -> Result<(Receipt, Checkpoint, Entry), NodeError> {
+        let receipt = Receipt::try_from(receipt)
+            .map_err(|error| unexpected("a hash of 32 bytes", format!("{} bytes", error.0)))?;
+        let (checkpoint, entry) = receipt.verify(&self.genesis.log_key, self.genesis.origin())?;
+        Ok((receipt, checkpoint, entry))
+    }
+}
+
+fn encode<T: borsh::BorshSerialize>(value: &T) -> Vec<u8> {
+    borsh::to_vec(value).expect("writing to a Vec cannot fail")
+}

@@ -1,0 +1,238 @@
+//! A node's own recording, prepared: every frame through the frozen prefix once, quantised, and committed to.
+
+use crate::error::ParticipantError;
+use crate::progress::Progress;
+use std::{collections::BTreeSet, path::Path, slice};
+use zk0_circuits::{
+    dataset::{leaf, salt_commitment},
+    merkle,
+    sample::Sample,
+    spec::EvalSpec,
+    statement::Disclosure,
+    weights::QuantisedWeights,
+    witness::{Header, Opening, Witness},
+    DatasetCommitment, Digest,
+};
+use zk0_protocol::rules::{bindings::ExpectedClaim, network_rules};
+use zk0_smolvla::{
+    batch::SampleSource,
+    dataset::Dataset,
+    fixed_point::quantise_sample,
+    frozen::FrozenPlace,
+    policy_file::PolicyFile,
+    prefix_cache::{DiskCache, FrameMaker, FrameRef, FrameSource, KeySpace},
+    sample::{PreparedSample, Preparer},
+};
+
+/// A recording as training and proving use it.
+pub struct Recording {
+    /// For training: f32, in dataset order.
+    pub samples: Vec<PreparedSample>,
+    /// What the network learns of it.
+    pub commitment: DatasetCommitment,
+    /// The leaf hashes, in dataset order.
+    pub leaves: Vec<Digest>,
+    /// Digests of its episodes, each once, in ascending order.
+    pub episodes: Vec<Digest>,
+    salt: [u8; 32],
+    quantised: Vec<Sample>,
+}
+
+impl Recording {
+    /// Reads the LeRobotDataset in `path`, runs the frozen half of the network's policy over it, its instructions read with the
+    /// policy's tokenizer, and commits to the result under `salt`. Samples that are in `cache` are the same bits, and are not
+    /// computed again.
+    pub fn prepare(
+        path: &Path,
+        file: &PolicyFile,
+        spec: &EvalSpec,
+        salt: [u8; 32],
+        cache: Option<&DiskCache>,
+    ) -> Result<Self, ParticipantError> {
+        let dataset = Dataset::open(path)?;
+        let samples = prepare_samples(&dataset, file, cache)?;
+        let quantised = samples
+            .iter()
+            .map(|sample| quantise_sample(spec, sample))
+            .collect::<Result<Vec<_>, _>>()?;
+        let leaves: Vec<Digest> = quantised
+            .iter()
+            .map(|sample| leaf(&salt, &sample.digest()))
+            .collect();
+        let chunk = file.policy.config.chunk_size;
+        let commitment = DatasetCommitment {
+            root: merkle::root(&leaves),
+            samples: leaves.len() as u64,
+            feature_spec: Digest(dataset.feature_spec_digest(chunk)),
+            salt_commitment: salt_commitment(&salt),
+        };
+        // A repeated episode counts once.
+        let episodes: BTreeSet<_> = dataset.episode_digests().map(Digest).collect();
+        Ok(Self {
+            samples,
+            commitment,
+            leaves,
+            episodes: episodes.into_iter().collect(),
+            salt,
+            quantised,
+        })
+    }
+
+    /// All that proves `expected`: the challenged samples with their paths, and both sets of weights.
+    pub fn witness(
+        &self,
+        spec: &EvalSpec,
+        expected: &ExpectedClaim,
+        base: QuantisedWeights,
+        update: QuantisedWeights,
+    ) -> Result<Witness, ParticipantError> {
+        let indices = zk0_circuits::challenge::sample_indices(
+            &expected.challenge,
+            self.commitment.samples,
+            expected.eval_samples,
+        )?;
+        let openings = indices
+            .into_iter()
+            .filter_map(|index| {
+                let at = usize::try_from(index).ok()?;
+                Some(Opening {
+                    index,
+                    sample: self.quantised.get(at)?.clone(),
+                    path: merkle::path(&self.leaves, at)?,
+                })
+            })
+            .collect();
+        let header = Header {
+            spec: spec.clone(),
+            network: expected.network,
+            round: expected.round,
+            node: expected.node,
+            dataset: self.commitment,
+            base: expected.base,
+            update: expected.update,
+            challenge: expected.challenge,
+            eval_samples: expected.eval_samples,
+            min_improvement_bps: expected.min_improvement_bps,
+            disclosure: match expected.disclosure {
+                rules::Disclosure::Nothing => Disclosure::Hidden,
+                rules::Disclosure::Losses => Disclosure::Disclosed,
+            },
+            salt: self.salt,
+        };
+        Ok(Witness {
+            header,
+            base,
+            update,
+            openings,
+        })
+    }
+}
+
+/// Every frame of the recording, ready for training; what is in `cache` is not computed again.
+pub fn prepare_samples(
+    dataset: &Dataset,
+    file: &PolicyFile,
+    cache: Option<&DiskCache>,
+) -> Result<Vec<PreparedSample>, ParticipantError> {
+    let PolicyFile { policy, tokenizer } = file;
+    let mut progress = Progress::start("preparing samples", dataset.len() as u64);
+    let Some(cache) = cache else {
+        let prepared = Preparer::new(policy, tokenizer)?
+            .prepare_dataset(dataset, |done, _| progress.reached(done as u64));
+        return Ok(prepared?);
+    };
+    let (mut files, all) = (cache.file_digests(), (0..dataset.len()).collect::<Vec<_>>());
+    let keys = KeySpace::new::<PreparedSample>(policy, &FrozenPlace::default()).keys(
+        &policy.config,
+        tokenizer,
+        dataset,
+        &all,
+        &mut files,
+    )?;
+    cache.remember(&mut files)?;
+    let frames = keys.into_iter().zip(all).map(|(key, index)| FrameRef {
+        dataset: 0,
+        index,
+        key,
+    });
+    let maker = FrameMaker::new(slice::from_ref(dataset), policy.config.chunk_size, || {
+        Preparer::new(policy, tokenizer)
+    });
+    let source = FrameSource::<PreparedSample>::new(cache, &maker, frames.collect());
+    source.fill(|done, _| progress.reached(done as u64))?;
+    let samples = (0..source.len()).map(|i| -> Result<PreparedSample, ParticipantError> {
+        Ok(source.sample(i)?.into_owned())
+    });
+    samples.collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+    use std::path::PathBuf;
+    use zk0_smolvla::{
+        fixed_point::dims, init::init_policy, tokenizer::Tokenizer,
+        trained_tokenizer::TrainedTokenizer, Profile,
+    };
+
+    fn path() -> PathBuf {
+        PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../tests/fixtures/datasets/so100_pickplace")
+    }
+
+    fn hashing_words() -> PolicyFile {
+        PolicyFile::hashing_words(init_policy(&Profile::Micro.config(), 1).unwrap())
+    }
+
+    fn prepared(file: &PolicyFile, cache: Option<&DiskCache>) -> Recording {
+        let spec = EvalSpec::new(dims(&file.policy.config).unwrap());
+        Recording::prepare(&path(), file, &spec, [3; 32], cache).unwrap()
+    }
+
+    /// What is committed to does not depend on where the samples come from.
+    #[test]
+    fn a_commitment_is_the_same_with_and_without_the_cache() {
+        let file = hashing_words();
+        let dir = tempfile::tempdir().unwrap();
+        let plain = prepared(&file, None);
+        for _ in 0..2 {
+            let cache = DiskCache::open(dir.path(), 1 << 30).unwrap();
+            let cached = prepared(&file, Some(&cache));
+            assert_eq!(cached.commitment, plain.commitment);
+            assert_eq!(cached.leaves, plain.leaves);
+            assert_eq!(cached.samples, plain.samples);
+        }
+    }
+
+    /// The tokens are those of the policy's tokenizer, and samples of other tokens are not taken from the cache.
+    #[test]
+    fn instructions_are_read_with_the_policy_s_own_tokenizer() {
+        let hashed = hashing_words();
+        // Knows no word of the recording: each becomes token 5.
+        let definition = json!({
+            "version": "1.0", "truncation": null, "padding": null, "added_tokens": [],
+            "normalizer": null, "pre_tokenizer": {"type": "Whitespace"}, "post_processor": null, "decoder": null,
+            "model": {"type": "WordLevel", "vocab": {"?": 5}, "unk_token": "?"}
+        });
+        let config = &hashed.policy.config;
+        let trained = TrainedTokenizer::parse(&definition.to_string(), config).unwrap();
+        assert_eq!(trained.tokens("one two three").unwrap(), [5, 5, 5]);
+        let dataset = Dataset::open(path()).unwrap();
+        let preparer = Preparer::new(&hashed.policy, &trained).unwrap();
+        let expected = preparer.prepare_dataset(&dataset, |_, _| {}).unwrap();
+        let own = PolicyFile {
+            policy: hashed.policy.clone(),
+            tokenizer: trained.into(),
+        };
+
+        let dir = tempfile::tempdir().unwrap();
+        let cache = DiskCache::open(dir.path(), 1 << 30).unwrap();
+        let without = prepared(&hashed, Some(&cache));
+        for cache in [None, Some(&cache)] {
+            let with = prepared(&own, cache);
+            assert_eq!(with.samples, expected);
+            assert_ne!(with.commitment.root, without.commitment.root);
+        }
+        assert_eq!(prepared(&hashed, Some(&cache)).samples, without.samples);
+    }
+}

@@ -1,0 +1,78 @@
+//! The genesis, the entry that founds a network, and what follows from it: the network's id and the log's origin.
+
+use crate::{
+    public_key::public_key,
+    quote::short,
+    rules::network_rules::Rules,
+    tlog::{
+        checkpoint::{log_key, CheckpointError},
+        names::{is_log_name, MAX_NAME_BYTES},
+        verifier_key::VerifierKey,
+    },
+};
+use borsh::{BorshDeserialize, BorshSerialize};
+use zk0_circuits::{digest::tagged_sha256, spec::EvalSpec, statement::Mode, Digest, WeightsDigest};
+
+/// The founding document. Its digest is the network id.
+#[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
+pub struct Genesis {
+    /// A name for people, also the origin line of checkpoints.
+    pub name: String,
+    /// ed25519 key that signs checkpoints.
+    pub log_key: [u8; 32],
+    /// Keeps apart two networks founded alike.
+    pub nonce: [u8; 32],
+    /// The rules that it begins with.
+    pub rules: Rules,
+    /// Verifying key of the proof program (SP1 `hash_koalabear`, as `zk0_circuits::program` encodes it).
+    pub program: Vec<u8>,
+    /// How that program proves matrix products.
+    pub mode: Mode,
+    /// The evaluation specification, canonical encoding of `zk0_circuits::spec::EvalSpec`.
+    pub evaluation: Vec<u8>,
+    /// SHA-256 of the whole initial policy (safetensors): frozen part and expert.
+    pub policy: Digest,
+    /// The expert weights that round 0 starts from.
+    pub initial: WeightsDigest,
+}
+
+impl Genesis {
+    /// The network id: [`tagged_sha256`] of the genesis' borsh encoding under `zk0/genesis/v1`.
+    pub fn network_id(&self) -> Digest {
+        let bytes = borsh::to_vec(self).expect("writing to a Vec cannot fail");
+        tagged_sha256("zk0/genesis/v1", &[&bytes])
+    }
+
+    /// The origin line and key name of the log's checkpoints (C2SP tlog-checkpoint): the network's name.
+    pub fn origin(&self) -> &str {
+        &self.name
+    }
+
+    /// The key that the log's checkpoints are verified with.
+    pub fn verifier_key(&self) -> Result<VerifierKey, CheckpointError> {
+        log_key(self.origin(), &self.log_key)
+    }
+
+    /// The evaluation specification, if it is a valid one in its canonical encoding.
+    pub fn evaluation_spec(&self) -> Result<EvalSpec, String> {
+        let spec =
+            EvalSpec::decode(&self.evaluation).map_err(|error| format!("evaluation: {error}"))?;
+        match spec.encode() == self.evaluation {
+            true => Ok(spec),
+            false => Err("evaluation: not in its canonical encoding".into()),
+        }
+    }
+
+    /// Refuses a genesis no network can live by; the text says which value, and why.
+    pub fn check(&self) -> Result<(), String> {
+        if !is_log_name(&self.name) {
+            return Err(format!(
+                "name '{}' cannot name a log: 1 to {MAX_NAME_BYTES} bytes, no spaces, no '+', no control characters",
+                short(&self.name)
+            ));
+        }
+        public_key(&self.log_key).ok_or("log_key is not an ed25519 public key")?;
+        self.evaluation_spec()?;
+        self.rules.check()
+    }
+}

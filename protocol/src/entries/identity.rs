@@ -1,0 +1,28 @@
+//! Checks of what a member says about itself: its key, its name, a line of text.
+
+use crate::{public_key::public_key, tlog::names::MAX_NAME_BYTES};
+use zk0_circuits::NodeId;
+
+/// Refuses an identity that is no key, or one that anybody can sign for. Takes as long as a tenth of a signature.
+pub fn check_identity(key: &NodeId) -> Result<(), String> {
+    match public_key(&key.0) {
+        Some(_) => Ok(()),
+        None => Err("its identity is not an ed25519 public key".into()),
+    }
+}
+
+/// Refuses a name that people cannot read.
+pub fn check_member_name(name: &str) -> Result<(), String> {
+    check_line("its name", name, MAX_NAME_BYTES)
+}
+
+/// Refuses what is not one line of text.
+pub fn check_line(what: &str, text: &str, most: usize) -> Result<(), String> {
+    match text.is_empty() || text.len() > most || text.chars().any(char::is_control) {
+        true => Err(format!(
+            "{what} has {} bytes; 1 to {most} without control characters are allowed",
+            text.len()
+        )),
+        false => Ok(()),
+    }
+}

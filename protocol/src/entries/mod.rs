@@ -1,0 +1,12 @@
+//! What the log holds: the kinds of entries, their encoding, their signatures, the reasons for refusals.
+
+pub mod authentic;
+pub mod codec;
+pub mod entry;
+pub mod genesis;
+pub mod identity;
+pub mod identity_text;
+pub mod member;
+pub mod proposal;
+pub mod refusal;
+pub mod signed;

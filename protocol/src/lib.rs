@@ -1,0 +1,37 @@
+//! What is said in a zk0 network: entries, rules, the state machine, the formats of a transparency log.
+//!
+//! This crate is pure. It has no disk, no clock, no threads and no sockets, and it compiles for browsers and for SP1's guest.
+//!
+//! A short tour:
+//! - [`entries`]: what the log holds ([`entries::entry`]) and its one canonical encoding ([`entries::codec`]); what founds a network
+//!   ([`entries::genesis`]); what nodes and governors sign ([`entries::signed`]); entries whose signatures were verified
+//!   ([`entries::authentic`]); the named reasons for which a contribution is refused ([`entries::refusal`]).
+//! - [`rules`]: the rules of a network ([`rules::network_rules`]) and how they change ([`rules::governance`]); what a network is after
+//!   the entries so far ([`rules::state`]); which entry may come next and what it changes ([`rules::apply`], a pure function); what
+//!   the ledger fixes about a claim ([`rules::bindings`]).
+//! - [`tlog`]: RFC 6962 trees, C2SP checkpoints, cosignatures, tiles, receipts.
+//! - [`public_key`], [`quote`]: ed25519 keys that nobody else can sign for; how messages quote what a stranger wrote.
+//! - `rpc`, with the feature `rpc`: the generated gRPC messages, and the conversions between them and the types above.
+
+pub mod entries;
+pub mod public_key;
+pub mod quote;
+#[cfg(feature = "rpc")]
+pub mod rpc;
+pub mod rules;
+pub mod tlog;
+
+pub use entries::{
+    authentic::AuthenticEntry,
+    entry::{Body, Entry},
+    genesis::Genesis,
+    refusal::Refusal,
+    signed::Signed,
+};
+pub use rules::{
+    bindings::ExpectedClaim, network_rules::Rules, state::State, violation::RuleViolation,
+};
+pub use tlog::{
+    checkpoint::Checkpoint, receipt::Receipt, tlog_proof::TlogProof, verifier_key::VerifierKey,
+    witness_policy::WitnessPolicy,
+};

@@ -1,0 +1,61 @@
+//! Between what is said on the wire and what it means.
+
+use super::federation as wire;
+use crate::{rules::open_proposal::OpenProposal, tlog::receipt::Receipt};
+use zk0_circuits::Digest;
+
+impl From<Receipt> for wire::Receipt {
+    fn from(receipt: Receipt) -> Self {
+        Self {
+            index: receipt.index,
+            entry: receipt.entry,
+            // Checkpoints are text by their specification.
+            checkpoint: String::from_utf8_lossy(&receipt.checkpoint).into_owned(),
+            inclusion: receipt.proof.iter().map(|hash| hash.0.to_vec()).collect(),
+        }
+    }
+}
+
+/// A hash in a message has this many bytes, and not 32.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("a hash of {0} bytes; a hash has 32")]
+pub struct HashLength(pub usize);
+
+impl TryFrom<wire::Receipt> for Receipt {
+    type Error = HashLength;
+
+    fn try_from(receipt: wire::Receipt) -> Result<Self, HashLength> {
+        let hash = |bytes: Vec<u8>| match <[u8; 32]>::try_from(bytes) {
+            Ok(hash) => Ok(Digest(hash)),
+            Err(bytes) => Err(HashLength(bytes.len())),
+        };
+        Ok(Self {
+            index: receipt.index,
+            entry: receipt.entry,
+            checkpoint: receipt.checkpoint.into_bytes(),
+            proof: receipt
+                .inclusion
+                .into_iter()
+                .map(hash)
+                .collect::<Result<_, _>>()?,
+        })
+    }
+}
+
+impl wire::OpenProposal {
+    /// An open proposal, the count of its votes so far, and the receipt of the entry that recorded it.
+    pub fn new(open: &OpenProposal, receipt: Receipt) -> Self {
+        let tally = open.tally();
+        let weight = |sum: u128| u64::try_from(sum).unwrap_or(u64::MAX);
+        Self {
+            receipt: Some(receipt.into()),
+            for_it: weight(tally.for_it),
+            against: weight(tally.against),
+            abstained: weight(tally.abstained),
+            vetoes: weight(tally.vetoes),
+            electorate: weight(tally.electorate),
+            voting_ends_ms: open.voting_ends_ms,
+            veto_ends_ms: open.veto_ends_ms,
+        }
+    }
+}

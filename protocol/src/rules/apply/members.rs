@@ -1,0 +1,230 @@
+//! Nodes, their keys and their datasets.
+
+use crate::{
+    entries::{
+        identity::check_member_name,
+        member::NodeEnrolled,
+        refusal::Refusal,
+        signed::{DatasetRegistration, KeyRotation, KeyTakeover},
+    },
+    rules::{
+        network_rules::EnrolmentRule,
+        state::{Dataset, Node, Standing, State},
+        violation::RuleViolation,
+    },
+};
+use zk0_circuits::NodeId;
+
+/// Most episodes in a dataset: their digests fit in an entry.
+pub const MAX_EPISODES: usize = 1500;
+
+/// How often a node may change its key by itself: whose a former key is has to be found out by everyone who replays.
+pub const MAX_ROTATIONS: usize = 100;
+
+impl State {
+    pub(super) fn check_enrolled(&self, enrolled: &NodeEnrolled) -> Result<(), RuleViolation> {
+        match self.rules.enrolment {
+            EnrolmentRule::Operator => self.check_enrolment(enrolled),
+            EnrolmentRule::Vote => Err(RuleViolation::EnrolmentByVote(enrolled.node)),
+        }
+    }
+
+    /// Whether a node may join, whoever decides it. Its key was looked at before.
+    pub(super) fn check_enrolment(&self, enrolled: &NodeEnrolled) -> Result<(), RuleViolation> {
+        let refuse = |why: String| RuleViolation::BadNode {
+            node: enrolled.node,
+            why,
+        };
+        check_member_name(&enrolled.name).map_err(refuse)?;
+        match self.is_used(&enrolled.node) {
+            true => Err(RuleViolation::AlreadyEnrolled(enrolled.node)),
+            false => Ok(()),
+        }
+    }
+
+    /// Whether a key is or was a node's: then it is nobody else's, ever.
+    fn is_used(&self, key: &NodeId) -> bool {
+        self.nodes.contains_key(key) || self.retired.contains_key(key)
+    }
+
+    pub(super) fn enrol(&mut self, enrolled: &NodeEnrolled) {
+        self.nodes.insert(
+            enrolled.node,
+            Node {
+                name: enrolled.name.clone(),
+                dataset: None,
+                standing: Standing::Active,
+                credits: 0,
+            },
+        );
+    }
+
+    /// A node that is enrolled and may contribute.
+    pub(crate) fn active(&self, id: &NodeId) -> Result<&Node, Refusal> {
+        match self.nodes.get(id) {
+            None => Err(Refusal::NotEnrolled(*id)),
+            Some(node) if node.standing != Standing::Active => Err(Refusal::NotActive {
+                node: *id,
+                standing: node.standing.to_string(),
+            }),
+            Some(node) => Ok(node),
+        }
+    }
+
+    pub(super) fn check_rotation(
+        &self,
+        rotation: &KeyRotation,
+        takeover: &KeyTakeover,
+    ) -> Result<(), RuleViolation> {
+        self.check_network(&rotation.network)?;
+        if takeover.rotation != *rotation {
+            return Err(RuleViolation::OtherTakeover(rotation.node));
+        }
+        self.active(&rotation.node)?;
+        let former = self.retired.values().filter(|key| **key == rotation.node);
+        if former.count() >= MAX_ROTATIONS {
+            return Err(RuleViolation::TooManyKeys {
+                node: rotation.node,
+                limit: MAX_ROTATIONS,
+            });
+        }
+        self.check_replacement(&rotation.node, &rotation.with)
+    }
+
+    /// Whether the key `with`, which was looked at before, may take the place of `node`'s: nobody has or had it, and the node
+    /// is not in the middle of a round, where its claim has to name the key that committed.
+    pub(super) fn check_replacement(
+        &self,
+        node: &NodeId,
+        with: &NodeId,
+    ) -> Result<(), RuleViolation> {
+        if !self.nodes.contains_key(node) {
+            return Err(Refusal::NotEnrolled(*node).into());
+        }
+        if self.is_used(with) {
+            return Err(RuleViolation::AlreadyEnrolled(*with));
+        }
+        match &self.round {
+            Some(round) if round.commits.contains_key(node) => Err(RuleViolation::KeyInUse {
+                node: *node,
+                round: round.number(),
+            }),
+            _ => Ok(()),
+        }
+    }
+
+    /// Gives a node's place to another key: dataset, standing, credits, what may be disputed, what it was drawn for, what is proposed
+    /// for it, and its votes and disputes that are open (but a governor's own, whose key the rules name).
+    pub(super) fn replace_key(&mut self, old: &NodeId, new: &NodeId) {
+        if let Some(node) = self.nodes.remove(old) {
+            self.nodes.insert(*new, node);
+        }
+        for present in self.retired.values_mut() {
+            if present == old {
+                *present = *new;
+            }
+        }
+        self.retired.insert(*old, *new);
+        for contribution in self.contributions.values_mut() {
+            if contribution.node == *old {
+                contribution.node = *new;
+            }
+        }
+        if let Some(sample) = self.round.as_mut().and_then(|round| round.sample.as_mut()) {
+            if sample.remove(old) {
+                sample.insert(*new);
+            }
+        }
+        for proposal in self.proposals.values_mut() {
+            proposal.follow(old, new);
+        }
+        let governs = |key: &NodeId| {
+            let governors = &self.rules.governance.governors;
+            governors.iter().any(|governor| governor.key == *key)
+        };
+        if !governs(old) && !governs(new) {
+            for proposal in self.proposals.values_mut() {
+                proposal.rename(old, new);
+            }
+            for dispute in self.disputes.values_mut() {
+                if dispute.disputer == *old {
+                    dispute.disputer = *new;
+                }
+            }
+        }
+    }
+
+    pub(super) fn check_dataset(
+        &self,
+        registration: &DatasetRegistration,
+    ) -> Result<(), RuleViolation> {
+        let (node, commitment) = (registration.node, &registration.dataset);
+        self.check_network(&registration.network)?;
+        let enrolled = self.active(&node)?;
+        let bad = |why: String| RuleViolation::from(Refusal::Dataset(why));
+        let least = self.rules.min_dataset_samples;
+        if commitment.samples < least {
+            return Err(bad(format!(
+                "it has {} samples, the rules ask for at least {least}",
+                commitment.samples
+            )));
+        }
+        let owned =
+            |owner: Option<&NodeId>| owner.copied().filter(|owner| !self.same_node(owner, &node));
+        if let Some(owner) = owned(self.datasets.get(&commitment.root)) {
+            return Err(bad(format!(
+                "root {} is already registered by node {owner}",
+                commitment.root
+            )));
+        }
+        // What a node signed for a dataset that it has replaced since is public: anyone could send it again.
+        let current = enrolled.dataset.map(|dataset| dataset.commitment.root);
+        if self.datasets.contains_key(&commitment.root) && current != Some(commitment.root) {
+            return Err(bad(format!(
+                "root {} was this node's before and was replaced: commit to the same data again under a new salt",
+                commitment.root
+            )));
+        }
+        let episodes = &registration.episodes;
+        if episodes.is_empty() || episodes.len() > MAX_EPISODES {
+            return Err(bad(format!(
+                "it names {} episodes; 1 to {MAX_EPISODES} are possible",
+                episodes.len()
+            )));
+        }
+        if !episodes.is_sorted_by(|one, next| one < next) {
+            return Err(bad(
+                "it names episodes twice or not in ascending order".into()
+            ));
+        }
+        let taken = episodes
+            .iter()
+            .find_map(|episode| Some((episode, owned(self.episodes.get(episode))?)));
+        if let Some((episode, owner)) = taken {
+            return Err(bad(format!(
+                "episode {episode} is already registered by node {owner}"
+            )));
+        }
+        match (&enrolled.dataset, &self.round) {
+            (Some(_), Some(round)) => Err(RuleViolation::DatasetInUse {
+                node,
+                round: round.number(),
+            }),
+            _ => Ok(()),
+        }
+    }
+
+    pub(super) fn register(&mut self, registration: &DatasetRegistration, index: u64) {
+        let node = registration.node;
+        self.datasets.insert(registration.dataset.root, node);
+        let episodes = registration.episodes.iter().map(|episode| (*episode, node));
+        self.episodes.extend(episodes);
+        if let Some(node) = self.nodes.get_mut(&node) {
+            node.dataset = Some(Dataset {
+                commitment: registration.dataset,
+                leaves: registration.leaves,
+                entry: index,
+            });
+        }
+    }
+}

@@ -1,0 +1,166 @@
+//! The state machine: which entry may come next, and what it changes. Pure, total, and all or nothing.
+//!
+//! - here: founding, versions, time, and which part answers for which entry;
+//! - [`members`]: nodes, their keys, their datasets;
+//! - [`rounds`]: openings, commitments, decisions, closings;
+//! - [`votes`]: proposals and what they change;
+//! - [`disputes`]: contributions that are said to be false.
+
+mod disputes;
+mod members;
+mod rounds;
+mod votes;
+
+pub use members::{MAX_EPISODES, MAX_ROTATIONS};
+pub use rounds::MAX_COMMITS;
+
+use crate::{
+    entries::{
+        authentic::AuthenticEntry,
+        codec::EntryError,
+        entry::{Body, Entry, ENTRY_VERSION},
+        refusal::Refusal,
+    },
+    rules::{recent_updates::Updates, state::State, violation::RuleViolation},
+};
+use std::collections::BTreeMap;
+use zk0_circuits::Digest;
+
+impl State {
+    /// Founds a network with the log's first entry.
+    pub fn found(entry: &Entry) -> Result<Self, RuleViolation> {
+        check_version(entry)?;
+        let Body::Genesis(genesis) = &entry.body else {
+            return Err(RuleViolation::NoGenesis);
+        };
+        genesis.check().map_err(RuleViolation::BadGenesis)?;
+        let evaluation = genesis
+            .evaluation_spec()
+            .map_err(RuleViolation::BadGenesis)?;
+        Ok(Self {
+            network: genesis.network_id(),
+            evaluation: evaluation.digest(),
+            entries: 1,
+            time_ms: entry.time_ms,
+            rules: genesis.rules.clone(),
+            nodes: BTreeMap::new(),
+            retired: BTreeMap::new(),
+            episodes: BTreeMap::new(),
+            datasets: BTreeMap::new(),
+            updates: Updates::default(),
+            global: genesis.initial,
+            next_round: 0,
+            round: None,
+            next_proposal: 0,
+            proposals: BTreeMap::new(),
+            contributions: BTreeMap::new(),
+            disputes: BTreeMap::new(),
+            genesis: genesis.clone(),
+        })
+    }
+
+    /// Takes the state one entry further; `root` is that of the tree that ends with this entry. An entry that the rules
+    /// refuse changes nothing.
+    pub fn apply(&mut self, root: &Digest, entry: &Entry) -> Result<(), RuleViolation> {
+        self.check(entry)?;
+        self.enact(root, entry);
+        Ok(())
+    }
+
+    /// Whether `entry` may come next. It may depend on everything but the tree: its own root is not known yet.
+    pub fn check(&self, entry: &Entry) -> Result<(), RuleViolation> {
+        check_version(entry)?;
+        self.check_time(entry)?;
+        self.check_body(&entry.authenticate()?)
+    }
+
+    /// [`State::check`] of an entry whose signatures were verified before: elsewhere, or by another thread.
+    pub fn check_authentic(&self, entry: &AuthenticEntry<'_>) -> Result<(), RuleViolation> {
+        check_version(entry)?;
+        self.check_time(entry)?;
+        self.check_body(entry)
+    }
+
+    fn check_time(&self, entry: &Entry) -> Result<(), RuleViolation> {
+        match entry.time_ms < self.time_ms {
+            true => Err(RuleViolation::TimeBackwards {
+                time_ms: entry.time_ms,
+                last_ms: self.time_ms,
+            }),
+            false => Ok(()),
+        }
+    }
+
+    fn check_body(&self, entry: &AuthenticEntry<'_>) -> Result<(), RuleViolation> {
+        let now = entry.time_ms;
+        match &entry.body {
+            Body::Genesis(_) => Err(RuleViolation::SecondGenesis),
+            Body::NodeEnrolled(enrolled) => self.check_enrolled(enrolled),
+            Body::DatasetCommitted(signed) => self.check_dataset(&signed.statement),
+            Body::RoundOpened(opened) => self.check_opened(opened, now),
+            Body::UpdateCommitted(signed) => Ok(self.check_update(&signed.statement, now)?),
+            Body::ContributionAccepted(signed) => {
+                Ok(self.check_claim(&signed.statement.claim, now)?)
+            }
+            Body::ContributionRejected { submission, reason } => {
+                self.check_rejected(&submission.statement.claim, reason, now)
+            }
+            Body::RoundClosed(closed) => self.check_closed(closed, now),
+            Body::KeyRotated { rotation, takeover } => {
+                self.check_rotation(&rotation.statement, &takeover.statement)
+            }
+            Body::Proposed(signed) => self.check_proposal(&signed.statement, now),
+            Body::Voted(signed) => self.check_vote(&signed.statement, now),
+            Body::ProposalSettled(settled) => self.check_settled(settled, now),
+            Body::Disputed(signed) => self.check_dispute(&signed.statement, now),
+            Body::DisputeResolved(resolved) => self.check_resolved(resolved),
+        }
+    }
+
+    /// What an entry that passed [`State::check`] changes; `root` is that of the tree that ends with it.
+    pub fn enact(&mut self, root: &Digest, entry: &Entry) {
+        let (index, now) = (self.entries, entry.time_ms);
+        match &entry.body {
+            Body::Genesis(_) => {}
+            Body::NodeEnrolled(enrolled) => self.enrol(enrolled),
+            Body::DatasetCommitted(signed) => self.register(&signed.statement, index),
+            Body::RoundOpened(opened) => self.open(opened, index, root, now),
+            Body::UpdateCommitted(signed) => self.commit_update(&signed.statement, index, root),
+            Body::ContributionAccepted(signed) => self.accept(&signed.statement.claim, index),
+            Body::ContributionRejected { submission, .. } => {
+                self.reject(&submission.statement.claim.node);
+            }
+            Body::RoundClosed(closed) => self.close(closed, now),
+            Body::KeyRotated { rotation, .. } => {
+                self.replace_key(&rotation.statement.node, &rotation.statement.with);
+            }
+            Body::Proposed(signed) => self.propose(&signed.statement, now),
+            Body::Voted(signed) => self.vote(&signed.statement),
+            Body::ProposalSettled(settled) => self.settle(settled),
+            Body::Disputed(signed) => self.dispute(&signed.statement, index, now),
+            Body::DisputeResolved(resolved) => {
+                self.judge(resolved.dispute, resolved.upheld.is_some());
+            }
+        }
+        self.entries = index.saturating_add(1);
+        self.time_ms = now;
+    }
+
+    /// Refuses what was signed for another network.
+    fn check_network(&self, network: &Digest) -> Result<(), Refusal> {
+        match *network == self.network {
+            true => Ok(()),
+            false => Err(Refusal::WrongNetwork {
+                claimed: *network,
+                ours: self.network,
+            }),
+        }
+    }
+}
+
+fn check_version(entry: &Entry) -> Result<(), RuleViolation> {
+    match entry.version {
+        ENTRY_VERSION => Ok(()),
+        other => Err(EntryError::UnknownVersion(other).into()),
+    }
+}

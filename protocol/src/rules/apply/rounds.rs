@@ -1,0 +1,419 @@
+//! Rounds: openings, commitments, decisions, closings.
+
+use crate::{entries::{entry::{Contributor, RoundClosed, RoundOpened}, refusal::Refusal, signed::{Evidence, UpdateCommitment}}, rules::{basis_points::BPS, bindings::{already_submitted, in_time, same}, network_rules::Participation, state::{Commit, Contribution, Decision, OpenDispute, Round, State}, violation::RuleViolation}};
+use std::collections::{BTreeMap, BTreeSet};
+use zk0_circuits::{challenge::challenge, digest::tagged_sha256, Claim, Digest, Losses, NodeId};
+
+/// Most nodes that may commit to one round: the entry that closes it names each, in 48 bytes.
+pub const MAX_COMMITS: usize = 1300;
+
+impl State {
+    pub(super) fn check_opened(
+        &self,
+        opened: &RoundOpened,
+        time_ms: u64,
+    ) -> Result<(), RuleViolation> {
+        if let Some(round) = &self.round {
+            return Err(RuleViolation::RoundStillOpen(round.number()));
+        }
+        self.check_nothing_due(time_ms)?;
+        let expected = self.next_opening(time_ms)?;
+        if *opened == expected {
+            return Ok(());
+        }
+        let fields = [
+            (
+                "round",
+                opened.round.to_string(),
+                expected.round.to_string(),
+            ),
+            (
+                "base.blob",
+                opened.base.blob.to_string(),
+                expected.base.blob.to_string(),
+            ),
+            (
+                "base.quantised",
+                opened.base.quantised.to_string(),
+                expected.base.quantised.to_string(),
+            ),
+            (
+                "evaluation",
+                opened.evaluation.to_string(),
+                expected.evaluation.to_string(),
+            ),
+            (
+                "commit_deadline_ms",
+                opened.commit_deadline_ms.to_string(),
+                expected.commit_deadline_ms.to_string(),
+            ),
+            (
+                "submit_deadline_ms",
+                opened.submit_deadline_ms.to_string(),
+                expected.submit_deadline_ms.to_string(),
+            ),
+            (
+                "rules",
+                format!("{:?}", opened.rules),
+                format!("{:?}", expected.rules),
+            ),
+        ];
+        match fields
+            .into_iter()
+            .find(|(_, found, expected)| found != expected)
+        {
+            Some((field, found, expected)) => Err(RuleViolation::RoundField {
+                round: opened.round,
+                field,
+                found,
+                expected,
+            }),
+            None => Ok(()),
+        }
+    }
+
+    /// The only opening of the next round that is allowed at `time_ms`.
+    pub fn next_opening(&self, time_ms: u64) -> Result<RoundOpened, RuleViolation> {
+        let after = |window: u64| {
+            time_ms
+                .checked_add(window)
+                .ok_or(RuleViolation::EndOfTime(self.next_round))
+        };
+        Ok(RoundOpened {
+            round: self.next_round,
+            base: self.global,
+            evaluation: self.evaluation,
+            commit_deadline_ms: after(self.rules().commit_window_ms)?,
+            submit_deadline_ms: after(self.rules().submit_window_ms)?,
+            rules: self.rules.clone(),
+        })
+    }
+
+    pub(super) fn check_update(
+        &self,
+        commitment: &UpdateCommitment,
+        time_ms: u64,
+    ) -> Result<(), Refusal> {
+        let node = commitment.node;
+        let round = self.check_addressed(&commitment.network, commitment.round, &node)?;
+        if round.commits.contains_key(&node) {
+            return Err(Refusal::Duplicate {
+                node,
+                round: round.number(),
+                done: "committed an update".into(),
+            });
+        }
+        in_time(
+            "the commitment",
+            round,
+            time_ms,
+            round.opened.commit_deadline_ms,
+        )?;
+        if !round.invites(&node, &self.rules) {
+            return Err(Refusal::NotInvited {
+                node,
+                round: round.number(),
+            });
+        }
+        if round.commits.len() >= MAX_COMMITS {
+            return Err(Refusal::RoundFull {
+                round: round.number(),
+                limit: MAX_COMMITS as u64,
+            });
+        }
+        let Some(dataset) = self.nodes.get(&node).and_then(|node| node.dataset) else {
+            return Err(Refusal::Dataset(format!("node {node} has registered none")));
+        };
+        let least = self.rules.min_dataset_samples;
+        if dataset.commitment.samples < least {
+            return Err(Refusal::Dataset(format!(
+                "it has {} samples, the rules ask for at least {least} by now",
+                dataset.commitment.samples
+            )));
+        }
+        if dataset.entry > round.entry {
+            return Err(Refusal::Dataset(format!(
+                "root {} was registered after round {} opened",
+                dataset.commitment.root,
+                round.number()
+            )));
+        }
+        same(
+            "dataset_root",
+            commitment.dataset_root,
+            dataset.commitment.root,
+        )?;
+        let update = &commitment.update;
+        for digest in [update.blob, update.quantised] {
+            match self.updates.committer(&digest) {
+                Some(by) if !self.same_node(by, &node) => {
+                    return Err(Refusal::CopiedUpdate {
+                        update: digest,
+                        by: *by,
+                    })
+                }
+                _ => {}
+            }
+        }
+        Ok(())
+    }
+
+    /// A refusal is recorded only for a claim about the open round by a node that committed, once; and where the ledger itself can tell
+    /// why a claim is refused, that has to be the reason.
+    pub(super) fn check_rejected(
+        &self,
+        claim: &Claim,
+        reason: &Refusal,
+        time_ms: u64,
+    ) -> Result<(), RuleViolation> {
+        // A stranger may replay what the node signed for another round: only a claim for this one can decide it.
+        let round = self.check_addressed(&claim.network, claim.round, &claim.node)?;
+        match round.commits.get(&claim.node).map(|commit| commit.decision) {
+            None => return Err(Refusal::NotCommitted(claim.node).into()),
+            Some(Some(_)) => return Err(already_submitted(claim).into()),
+            Some(None) => {}
+        }
+        let found = self.check_claim(claim, time_ms);
+        let holds = match (reason, &found) {
+            (
+                Refusal::Late { late_ms, round, .. },
+                Err(Refusal::Late {
+                    late_ms: at_most,
+                    round: open,
+                    ..
+                }),
+            ) => {
+                // Refused when it arrived, recorded a moment later.
+                (1..=*at_most).contains(late_ms) && round == open
+            }
+            (Refusal::Late { .. } | Refusal::Binding { .. }, found) => {
+                found.as_ref() == Err(reason)
+            }
+            (reason, _) if !reason.is_told_by_blobs() => false,
+            // What the proof and the blobs say is for whoever holds them to check.
+            _ => true,
+        };
+        match holds {
+            true => Ok(()),
+            false => Err(RuleViolation::WrongReason {
+                given: reason.to_string(),
+                found: match found {
+                    Ok(()) => "the ledger finds nothing wrong with the claim".into(),
+                    Err(found) => format!("the ledger finds: {found}"),
+                },
+            }),
+        }
+    }
+
+    pub(super) fn check_closed(
+        &self,
+        closed: &RoundClosed,
+        time_ms: u64,
+    ) -> Result<(), RuleViolation> {
+        let round = match &self.round {
+            Some(round) if round.number() == closed.round => round,
+            _ => return Err(RuleViolation::RoundNotOpen(closed.round)),
+        };
+        self.check_may_close(round, time_ms)?;
+        let contributors = self.contributors();
+        let wrong = |field, found: String, expected: String| RuleViolation::RoundField {
+            round: closed.round,
+            field,
+            found,
+            expected,
+        };
+        if closed.contributors != contributors {
+            let show = |list: &[Contributor]| {
+                let list: Vec<_> = list
+                    .iter()
+                    .map(|one| format!("{}: {} for {}", one.node, one.samples, one.credits))
+                    .collect();
+                format!("[{}]", list.join(", "))
+            };
+            return Err(wrong(
+                "contributors",
+                show(&closed.contributors),
+                show(&contributors),
+            ));
+        }
+        if contributors.is_empty() && closed.global != round.opened.base {
+            return Err(wrong(
+                "global",
+                format!("{:?}", closed.global),
+                format!(
+                    "the base, since nobody contributed: {:?}",
+                    round.opened.base
+                ),
+            ));
+        }
+        Ok(())
+    }
+
+    /// Whether the open round may close at `time_ms`: after the submission deadline, or once nothing can come any more.
+    pub fn may_close(&self, time_ms: u64) -> bool {
+        self.round
+            .as_ref()
+            .is_some_and(|round| self.check_may_close(round, time_ms).is_ok())
+    }
+
+    fn check_may_close(&self, round: &Round, time_ms: u64) -> Result<(), RuleViolation> {
+        if time_ms > round.opened.submit_deadline_ms {
+            return Ok(());
+        }
+        let undecided = round
+            .commits
+            .iter()
+            .find(|(_, commit)| commit.decision.is_none())
+            .map(|(node, _)| format!("node {node} has committed and is not decided"));
+        let uncommitted = || {
+            let mut nodes = self
+                .nodes
+                .keys()
+                .filter(|_| time_ms <= round.opened.commit_deadline_ms)
+                .filter(|_| round.commits.len() < MAX_COMMITS);
+            let node = nodes.find(|node| {
+                self.may_contribute(round, node) && !round.commits.contains_key(node)
+            })?;
+            Some(format!("node {node} may still commit"))
+        };
+        match undecided.or_else(uncommitted) {
+            None => Ok(()),
+            Some(waiting_for) => Err(RuleViolation::ClosedEarly {
+                round: round.number(),
+                early_ms: round.opened.submit_deadline_ms - time_ms,
+                waiting_for,
+            }),
+        }
+    }
+
+    pub(super) fn open(&mut self, opened: &RoundOpened, index: u64, root: &Digest, now: u64) {
+        self.forget_what_is_settled(now);
+        let sample = match self.rules.participation {
+            Participation::Sampled { nodes } => Some(self.sample(opened.round, index, root, nodes)),
+            _ => None,
+        };
+        self.next_round = opened.round.saturating_add(1);
+        self.round = Some(Round {
+            opened: opened.clone(),
+            entry: index,
+            sample,
+            commits: BTreeMap::new(),
+        });
+    }
+
+    /// The `count` nodes, of those that are ready, whose hash with the tree that ends with the opening is least.
+    fn sample(&self, round: u64, index: u64, root: &Digest, count: u32) -> BTreeSet<NodeId> {
+        let hash = |node: &NodeId| {
+            let round = round.to_le_bytes();
+            tagged_sha256(
+                "zk0/participants/v1",
+                &[&self.network.0, &round, &root.0, &node.0],
+            )
+        };
+        let ready = self.nodes.keys().filter(|node| self.ready(node, index));
+        let drawn: BTreeSet<_> = ready.map(|node| (hash(node), *node)).collect();
+        let drawn = drawn.into_iter().map(|(_, node)| node);
+        drawn
+            .take(usize::try_from(count).unwrap_or(usize::MAX))
+            .collect()
+    }
+
+    pub(super) fn commit_update(
+        &mut self,
+        commitment: &UpdateCommitment,
+        index: u64,
+        root: &Digest,
+    ) {
+        let node = commitment.node;
+        self.updates.remember(&commitment.update, node, index);
+        let dataset = self.nodes.get(&node).and_then(|node| node.dataset);
+        if let (Some(round), Some(dataset)) = (&mut self.round, dataset) {
+            let challenge = challenge(&self.network, round.number(), &node, index, root);
+            round.commits.insert(
+                node,
+                Commit {
+                    update: commitment.update,
+                    dataset: dataset.commitment,
+                    entry: index,
+                    challenge,
+                    decision: None,
+                },
+            );
+        }
+    }
+
+    pub(super) fn accept(&mut self, claim: &Claim, index: u64) {
+        let samples = claim.dataset.samples.min(self.rules.max_weight_samples);
+        let improvement = improvement_bps(claim);
+        let credits = self.rules.credits.earned(improvement, samples);
+        let entry = index;
+        self.decide(&claim.node, Decision::Accepted { entry, credits });
+    }
+
+    pub(super) fn reject(&mut self, node: &NodeId) {
+        self.decide(node, Decision::Rejected);
+    }
+
+    fn decide(&mut self, node: &NodeId, decision: Decision) {
+        if let Some(commit) = self
+            .round
+            .as_mut()
+            .and_then(|round| round.commits.get_mut(node))
+        {
+            commit.decision = Some(decision);
+        }
+    }
+
+    pub(super) fn close(&mut self, closed: &RoundClosed, now: u64) {
+        self.global = closed.global;
+        let window = self.rules.credits.dispute_window_ms;
+        let Some(round) = self.round.take() else {
+            return;
+        };
+        for (node, commit) in &round.commits {
+            let Some(Decision::Accepted { entry, credits }) = commit.decision else {
+                continue;
+            };
+            if let Some(node) = self.nodes.get_mut(node) {
+                node.credits = node.credits.saturating_add(credits);
+            }
+            self.contributions.insert(
+                entry,
+                Contribution {
+                    node: *node,
+                    round: round.number(),
+                    credits,
+                    disputable_until_ms: now.saturating_add(window),
+                    verified_again: false,
+                },
+            );
+        }
+    }
+
+    /// Contributions and disputes whose time is over; so that the state does not grow with the history.
+    fn forget_what_is_settled(&mut self, now: u64) {
+        let awaits_verification =
+            |dispute: &OpenDispute| dispute.evidence == Evidence::Verification;
+        self.disputes
+            .retain(|_, dispute| awaits_verification(dispute) || dispute.lapses_ms >= now);
+        let disputes = &self.disputes;
+        self.contributions.retain(|entry, contribution| {
+            contribution.disputable_until_ms >= now
+                || disputes.values().any(|open| open.contribution == *entry)
+        });
+    }
+}
+
+/// The improvement that a claim proves, in basis points, rounded down: what its losses say where they are disclosed, and
+/// never less than the minimum, which is proven in any case.
+fn improvement_bps(claim: &Claim) -> u64 {
+    let least = u64::from(claim.min_improvement_bps);
+    match claim.losses {
+        Losses::Disclosed { before, after, .. } if before > 0 => {
+            let gain = u128::from(before.saturating_sub(after)) * u128::from(BPS);
+            let bps = gain / u128::from(before);
+            u64::try_from(bps).unwrap_or(u64::MAX).max(least)
+        }
+        _ => least,
+    }
+}

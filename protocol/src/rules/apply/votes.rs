@@ -1,0 +1,271 @@
+//! Proposals, votes, and what an executed proposal changes.
+
+use crate::{
+    entries::{
+        entry::ProposalSettled,
+        identity::{check_identity, check_line},
+        proposal::{Action, Ballot, Outcome},
+        refusal::Refusal,
+        signed::{Evidence, Proposal, Vote},
+    },
+    rules::{
+        governance::{MAX_OPEN_PROPOSALS, MAX_TEXT_BYTES, MAX_TITLE_BYTES},
+        open_proposal::OpenProposal,
+        state::{Standing, State},
+        violation::RuleViolation,
+    },
+};
+use std::collections::{BTreeMap, BTreeSet};
+use zk0_circuits::NodeId;
+
+impl State {
+    /// Who may vote now, with what weight: governors, and active nodes by their credits.
+    pub fn electorate(&self) -> BTreeMap<NodeId, u64> {
+        let governance = &self.rules.governance;
+        let governors = governance
+            .governors
+            .iter()
+            .map(|governor| (governor.key, governor.weight));
+        let nodes = self
+            .nodes
+            .iter()
+            .filter(|(_, node)| node.standing == Standing::Active)
+            .map(|(id, node)| (*id, governance.node_votes(node.credits)));
+        let mut electorate = BTreeMap::new();
+        for (voter, weight) in governors.chain(nodes).filter(|(_, weight)| *weight > 0) {
+            let sum: &mut u64 = electorate.entry(voter).or_default();
+            *sum = sum.saturating_add(weight);
+        }
+        electorate
+    }
+
+    pub(super) fn check_proposal(
+        &self,
+        proposal: &Proposal,
+        now: u64,
+    ) -> Result<(), RuleViolation> {
+        self.check_network(&proposal.network)?;
+        let bad = |why: String| RuleViolation::BadProposal {
+            number: proposal.number,
+            why,
+        };
+        if proposal.number != self.next_proposal {
+            return Err(bad(format!(
+                "the next one has number {}",
+                self.next_proposal
+            )));
+        }
+        if !self.electorate().contains_key(&proposal.proposer) {
+            return Err(RuleViolation::NoVote(proposal.proposer));
+        }
+        check_line("its title", &proposal.title, MAX_TITLE_BYTES).map_err(bad)?;
+        if proposal.text.len() > MAX_TEXT_BYTES {
+            return Err(bad(format!(
+                "its text has {} bytes, at most {MAX_TEXT_BYTES} are allowed",
+                proposal.text.len()
+            )));
+        }
+        if self.proposals.len() >= MAX_OPEN_PROPOSALS {
+            return Err(bad(format!("{MAX_OPEN_PROPOSALS} are open already")));
+        }
+        let own = |open: &&OpenProposal| open.proposer == proposal.proposer;
+        if let Some(open) = self.proposals.values().find(own) {
+            return Err(bad(format!(
+                "who proposes it has one open already, '{}'",
+                open.title
+            )));
+        }
+        if let Some(why) = self.impossible(&proposal.action) {
+            return Err(bad(why));
+        }
+        match self.vote_ends(now) {
+            Some(_) => Ok(()),
+            None => Err(bad("its vote would not end within 64 bits of time".into())),
+        }
+    }
+
+    /// The last moment for a vote and for a veto on what is proposed now.
+    fn vote_ends(&self, now: u64) -> Option<(u64, u64)> {
+        let governance = &self.rules.governance;
+        let voting = now.checked_add(governance.voting_ms)?;
+        Some((voting, voting.checked_add(governance.time_lock_ms)?))
+    }
+
+    pub(super) fn propose(&mut self, proposal: &Proposal, now: u64) {
+        let governance = &self.rules.governance;
+        let (voting_ends_ms, veto_ends_ms) = self.vote_ends(now).unwrap_or((u64::MAX, u64::MAX));
+        let open = OpenProposal {
+            proposer: proposal.proposer,
+            title: proposal.title.clone(),
+            action: proposal.action.clone(),
+            electorate: self.electorate(),
+            quorum_bps: governance.quorum_bps,
+            threshold_bps: governance.threshold_bps,
+            veto_bps: governance.veto_bps,
+            voting_ends_ms,
+            veto_ends_ms,
+            votes: BTreeMap::new(),
+            vetoes: BTreeSet::new(),
+        };
+        self.proposals.insert(proposal.number, open);
+        self.next_proposal = proposal.number.saturating_add(1);
+    }
+
+    pub(super) fn check_vote(&self, vote: &Vote, now: u64) -> Result<(), RuleViolation> {
+        self.check_network(&vote.network)?;
+        let (number, voter) = (vote.proposal, vote.voter);
+        let open = self.open_proposal(number)?;
+        if !open.electorate.contains_key(&voter) {
+            return Err(RuleViolation::NoVote(voter));
+        }
+        let late = |what: &str, ended_ms: u64| RuleViolation::VoteClosed {
+            number,
+            what: what.into(),
+            late_ms: now.saturating_sub(ended_ms),
+        };
+        let twice = || RuleViolation::VotedTwice { number, voter };
+        match vote.ballot {
+            Ballot::Veto if now <= open.voting_ends_ms => Err(RuleViolation::VetoEarly {
+                number,
+                early_ms: open.voting_ends_ms - now,
+            }),
+            Ballot::Veto if now > open.veto_ends_ms => Err(late("veto", open.veto_ends_ms)),
+            Ballot::Veto if open.vetoes.contains(&voter) => Err(twice()),
+            Ballot::Veto => Ok(()),
+            _ if now > open.voting_ends_ms => Err(late("vote", open.voting_ends_ms)),
+            _ if open.votes.contains_key(&voter) => Err(twice()),
+            _ => Ok(()),
+        }
+    }
+
+    fn open_proposal(&self, number: u64) -> Result<&OpenProposal, RuleViolation> {
+        let open = self.proposals.get(&number);
+        open.ok_or(RuleViolation::ProposalNotOpen(number))
+    }
+
+    pub(super) fn vote(&mut self, vote: &Vote) {
+        let Some(open) = self.proposals.get_mut(&vote.proposal) else {
+            return;
+        };
+        match vote.ballot {
+            Ballot::Veto => {
+                open.vetoes.insert(vote.voter);
+            }
+            ballot => {
+                open.votes.insert(vote.voter, ballot);
+            }
+        }
+    }
+
+    /// The first proposal whose time is over at `now`: no round opens before it is settled.
+    pub fn due(&self, now: u64) -> Option<u64> {
+        let mut open = self.proposals.iter();
+        let (number, _) = open.find(|(_, proposal)| proposal.veto_ends_ms < now)?;
+        Some(*number)
+    }
+
+    /// What becomes of a proposal whose time is over at `now`.
+    pub fn outcome(&self, number: u64, now: u64) -> Result<Outcome, RuleViolation> {
+        let open = self.open_proposal(number)?;
+        if now <= open.veto_ends_ms {
+            return Err(RuleViolation::SettledEarly {
+                number,
+                early_ms: open.veto_ends_ms - now,
+            });
+        }
+        if let Some(round) = &self.round {
+            return Err(RuleViolation::RoundStillOpen(round.number()));
+        }
+        let passed = || self.impossible(&open.action).map(Outcome::Impossible);
+        let failed = open.failed().or_else(passed);
+        Ok(failed.unwrap_or(Outcome::Executed))
+    }
+
+    pub(super) fn check_settled(
+        &self,
+        settled: &ProposalSettled,
+        now: u64,
+    ) -> Result<(), RuleViolation> {
+        let outcome = self.outcome(settled.proposal, now)?;
+        match outcome == settled.outcome {
+            true => Ok(()),
+            false => Err(RuleViolation::OtherOutcome {
+                number: settled.proposal,
+                found: settled.outcome.to_string(),
+                expected: outcome.to_string(),
+            }),
+        }
+    }
+
+    pub(super) fn settle(&mut self, settled: &ProposalSettled) {
+        let Some(proposal) = self.proposals.remove(&settled.proposal) else {
+            return;
+        };
+        if settled.outcome == Outcome::Executed {
+            self.execute(proposal.action);
+        }
+    }
+
+    /// Why an action cannot be done in this state, if it cannot.
+    fn impossible(&self, action: &Action) -> Option<String> {
+        let standing = |node: &NodeId, may: &[Standing]| match self.nodes.get(node) {
+            None => Some(Refusal::NotEnrolled(*node).to_string()),
+            Some(known) if may.contains(&known.standing) => None,
+            Some(known) => Some(format!("node {node} is {}", known.standing)),
+        };
+        let refused = |result: Result<(), RuleViolation>| result.err().map(|why| why.to_string());
+        let no_key = |key: &NodeId| {
+            let why = check_identity(key).err()?;
+            Some(RuleViolation::BadNode { node: *key, why }.to_string())
+        };
+        match action {
+            Action::ChangeRules(rules) => rules.check().err(),
+            Action::Enrol(enrolled) => {
+                no_key(&enrolled.node).or_else(|| refused(self.check_enrolment(enrolled)))
+            }
+            Action::Suspend(node) => standing(node, &[Standing::Active]),
+            Action::Reinstate(node) => standing(node, &[Standing::Suspended]),
+            Action::Revoke(node) => standing(node, &[Standing::Active, Standing::Suspended]),
+            Action::ReplaceKey { node, with } => {
+                standing(node, &[Standing::Active, Standing::Suspended])
+                    .or_else(|| no_key(with))
+                    .or_else(|| refused(self.check_replacement(node, with)))
+            }
+            Action::JudgeDispute { dispute, .. } => match self.disputes.get(dispute) {
+                Some(open) if matches!(open.evidence, Evidence::Document(_)) => None,
+                Some(_) => Some(format!(
+                    "verification decides about the dispute of entry {dispute}, not a vote"
+                )),
+                None => Some(format!("entry {dispute} is no open dispute")),
+            },
+        }
+    }
+
+    fn execute(&mut self, action: Action) {
+        match action {
+            Action::ChangeRules(rules) => self.rules = *rules,
+            Action::Enrol(enrolled) => self.enrol(&enrolled),
+            Action::Suspend(node) => self.stand(&node, Standing::Suspended),
+            Action::Reinstate(node) => self.stand(&node, Standing::Active),
+            Action::Revoke(node) => self.stand(&node, Standing::Revoked),
+            Action::ReplaceKey { node, with } => self.replace_key(&node, &with),
+            Action::JudgeDispute { dispute, upheld } => self.judge(dispute, upheld),
+        }
+    }
+
+    pub(super) fn stand(&mut self, node: &NodeId, standing: Standing) {
+        if let Some(known) = self.nodes.get_mut(node) {
+            known.standing = standing;
+            self.weigh_anew(node);
+        }
+    }
+
+    /// Takes the weight that a voter has lost since from the proposals that are open, votes already cast among them: what was
+    /// clawed back decides nothing. What it gained since does not count in them either.
+    pub(super) fn weigh_anew(&mut self, voter: &NodeId) {
+        let weight = self.electorate().remove(voter).unwrap_or(0);
+        for open in self.proposals.values_mut() {
+            open.limit_weight(voter, weight);
+        }
+    }
+}

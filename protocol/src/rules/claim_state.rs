@@ -1,0 +1,57 @@
+//! What of a state the verification of one claim reads: small, however long the history, so that a claim can be verified
+//! later, or by another thread, while the history goes on.
+
+use crate::rules::{
+    recent_updates::Updates,
+    state::{Round, State},
+};
+use std::collections::{BTreeMap, BTreeSet};
+use zk0_circuits::NodeId;
+
+impl State {
+    /// This state as far as it is about the claims of `node`: its own enrolment and commitment, the open round, the rules. What
+    /// other nodes ever registered and committed is left out, so it is for verifying claims, and not for entries to follow.
+    pub fn for_claims_of(&self, node: &NodeId) -> Self {
+        Self {
+            genesis: self.genesis.clone(),
+            network: self.network,
+            evaluation: self.evaluation,
+            entries: self.entries,
+            time_ms: self.time_ms,
+            rules: self.rules.clone(),
+            nodes: self
+                .nodes
+                .get_key_value(node)
+                .map(|(id, node)| (*id, node.clone()))
+                .into_iter()
+                .collect(),
+            retired: BTreeMap::new(),
+            episodes: BTreeMap::new(),
+            datasets: BTreeMap::new(),
+            updates: Updates::default(),
+            global: self.global,
+            next_round: self.next_round,
+            next_proposal: self.next_proposal,
+            proposals: BTreeMap::new(),
+            contributions: BTreeMap::new(),
+            disputes: BTreeMap::new(),
+            round: self.round.as_ref().map(|round| Round {
+                opened: round.opened.clone(),
+                entry: round.entry,
+                sample: own_place(round, node),
+                commits: round
+                    .commits
+                    .iter()
+                    .filter(|(id, _)| *id == node)
+                    .map(|(id, commit)| (*id, commit.clone()))
+                    .collect(),
+            }),
+        }
+    }
+}
+
+/// A round's sample, of which only `node` is left.
+fn own_place(round: &Round, node: &NodeId) -> Option<BTreeSet<NodeId>> {
+    let sample = round.sample.as_ref()?;
+    Some(sample.get(node).copied().into_iter().collect())
+}

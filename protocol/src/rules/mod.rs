@@ -1,0 +1,15 @@
+//! The rules of a network, and the state machine that holds entries to them.
+
+pub mod apply;
+pub mod basis_points;
+pub mod bindings;
+pub mod claim_state;
+pub mod disclosed_blobs;
+pub mod governance;
+pub mod named_blobs;
+pub mod network_rules;
+pub mod open_proposal;
+pub mod recent_updates;
+pub mod required_witnesses;
+pub mod state;
+pub mod violation;

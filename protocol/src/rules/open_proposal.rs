@@ -1,0 +1,129 @@
+//! An open proposal, as the state holds it, and the count of its votes.
+
+use crate::{entries::proposal::{Action, Ballot, Outcome}, rules::basis_points::BPS};
+use borsh::{BorshDeserialize, BorshSerialize};
+use std::collections::{BTreeMap, BTreeSet};
+use zk0_circuits::NodeId;
+
+/// An open proposal, as the state holds it.
+#[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
+pub struct OpenProposal {
+    /// Who proposed it.
+    pub proposer: NodeId,
+    /// A line for people.
+    pub title: String,
+    /// What it does.
+    pub action: Action,
+    /// Who may vote, with what weight: that of when it was proposed, less what was lost since.
+    pub electorate: BTreeMap<NodeId, u64>,
+    /// The rules of this vote: those in force when it was proposed.
+    pub quorum_bps: u32,
+    /// Likewise.
+    pub threshold_bps: u32,
+    /// Likewise.
+    pub veto_bps: u32,
+    /// Last moment for a vote, Unix milliseconds.
+    pub voting_ends_ms: u64,
+    /// Last moment for a veto, Unix milliseconds. After it the proposal has to be settled before the next round opens.
+    pub veto_ends_ms: u64,
+    /// The votes: one each, final.
+    pub votes: BTreeMap<NodeId, Ballot>,
+    /// Who wants to stop it.
+    pub vetoes: BTreeSet<NodeId>,
+}
+
+/// A count of weights.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Tally {
+    /// For it.
+    pub for_it: u128,
+    /// Against it.
+    pub against: u128,
+    /// Abstentions.
+    pub abstained: u128,
+    /// Vetoes.
+    pub vetoes: u128,
+    /// All that might have voted.
+    pub electorate: u128,
+}
+
+impl OpenProposal {
+    /// The weights so far.
+    pub fn tally(&self) -> Tally {
+        let weight = |voter: &NodeId| u128::from(self.electorate.get(voter).copied().unwrap_or(0));
+        let of = |ballot: Ballot| {
+            let voters = self.votes.iter().filter(|(_, cast)| **cast == ballot);
+            voters.map(|(voter, _)| weight(voter)).sum()
+        };
+        Tally {
+            for_it: of(Ballot::For),
+            against: of(Ballot::Against),
+            abstained: of(Ballot::Abstain),
+            vetoes: self.vetoes.iter().map(weight).sum(),
+            electorate: self.electorate.keys().map(weight).sum(),
+        }
+    }
+
+    /// Gives a voter's weight and votes to the key that took its place.
+    pub(crate) fn rename(&mut self, old: &NodeId, new: &NodeId) {
+        if let Some(weight) = self.electorate.remove(old) {
+            self.electorate.insert(*new, weight);
+        }
+        if let Some(vote) = self.votes.remove(old) {
+            self.votes.insert(*new, vote);
+        }
+        if self.vetoes.remove(old) {
+            self.vetoes.insert(*new);
+        }
+        if self.proposer == *old {
+            self.proposer = *new;
+        }
+    }
+
+    /// Lets what is proposed for a node go with it to the key that took its place: nobody gets away by changing keys.
+    pub(crate) fn follow(&mut self, old: &NodeId, new: &NodeId) {
+        match &mut self.action {
+            Action::Suspend(node)
+            | Action::Reinstate(node)
+            | Action::Revoke(node)
+            | Action::ReplaceKey { node, .. }
+                if node == old =>
+            {
+                *node = *new;
+            }
+            _ => {}
+        }
+    }
+
+    /// Leaves a voter at most `most`; without any weight its votes are gone too.
+    pub(crate) fn limit_weight(&mut self, voter: &NodeId, most: u64) {
+        if most == 0 {
+            self.electorate.remove(voter);
+            self.votes.remove(voter);
+            self.vetoes.remove(voter);
+        } else if let Some(weight) = self.electorate.get_mut(voter) {
+            *weight = most.min(*weight);
+        }
+    }
+
+    /// How the vote ended, once it is due; `None` when it passed and was not stopped.
+    pub fn failed(&self) -> Option<Outcome> {
+        let tally = self.tally();
+        let share = |part: u128, bps: u32| (part * u128::from(BPS), u128::from(bps));
+        let (taken_part, quorum) = share(
+            tally.for_it + tally.against + tally.abstained,
+            self.quorum_bps,
+        );
+        let (for_it, threshold) = share(tally.for_it, self.threshold_bps);
+        let (vetoes, veto) = share(tally.vetoes, self.veto_bps);
+        if taken_part < quorum * tally.electorate {
+            Some(Outcome::NoQuorum)
+        } else if for_it <= threshold * (tally.for_it + tally.against) {
+            Some(Outcome::Rejected)
+        } else if vetoes >= veto * tally.electorate {
+            Some(Outcome::Vetoed)
+        } else {
+            None
+        }
+    }
+}

@@ -1,0 +1,296 @@
+//! What a network is after the entries so far: a value, computed from them alone.
+
+use crate::{
+    entries::{
+        entry::{Contributor, RoundOpened},
+        genesis::Genesis,
+        signed::Evidence,
+    },
+    rules::{
+        network_rules::{Participation, Rules},
+        open_proposal::OpenProposal,
+        recent_updates::Updates,
+    },
+};
+use borsh::{BorshDeserialize, BorshSerialize};
+use std::collections::{BTreeMap, BTreeSet};
+use zk0_circuits::{digest::tagged_sha256, DatasetCommitment, Digest, NodeId, WeightsDigest};
+
+/// The state of a network. [`State::found`] makes one from a genesis, [`State::apply`] takes it one entry further.
+#[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
+pub struct State {
+    pub(crate) genesis: Genesis,
+    pub(crate) network: Digest,
+    /// Digest of the genesis' evaluation specification.
+    pub(crate) evaluation: Digest,
+    pub(crate) entries: u64,
+    pub(crate) time_ms: u64,
+    /// The rules in force.
+    pub(crate) rules: Rules,
+    pub(crate) nodes: BTreeMap<NodeId, Node>,
+    /// Keys that nodes no longer use, each with the one that its node uses now.
+    pub(crate) retired: BTreeMap<NodeId, NodeId>,
+    /// Every episode ever registered, and by whom.
+    pub(crate) episodes: BTreeMap<Digest, NodeId>,
+    /// Every dataset root ever registered, and by whom.
+    pub(crate) datasets: BTreeMap<Digest, NodeId>,
+    /// The updates committed last, and by whom.
+    pub(crate) updates: Updates,
+    pub(crate) global: WeightsDigest,
+    pub(crate) next_round: u64,
+    pub(crate) round: Option<Round>,
+    pub(crate) next_proposal: u64,
+    /// Those that are not settled, by number.
+    pub(crate) proposals: BTreeMap<u64, OpenProposal>,
+    /// What counted in rounds that are over and may still be disputed, by the entry that accepted it.
+    pub(crate) contributions: BTreeMap<u64, Contribution>,
+    /// Those that are not decided, by the entry that raised them.
+    pub(crate) disputes: BTreeMap<u64, OpenDispute>,
+}
+
+/// An enrolled node.
+#[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
+pub struct Node {
+    /// A name for people.
+    pub name: String,
+    /// Its dataset, if it registered one.
+    pub dataset: Option<Dataset>,
+    /// Whether it may contribute.
+    pub standing: Standing,
+    /// What it has earned and not lost again.
+    pub credits: u64,
+}
+
+/// Whether a node may contribute.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
+pub enum Standing {
+    /// It may.
+    Active,
+    /// Not until it is reinstated: by vote, or because a dispute was upheld.
+    Suspended,
+    /// Never again.
+    Revoked,
+}
+
+/// An accepted contribution to a round that is over.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
+pub struct Contribution {
+    /// Who contributed.
+    pub node: NodeId,
+    /// To which round.
+    pub round: u64,
+    /// What it earned.
+    pub credits: u64,
+    /// Last moment for a dispute, Unix milliseconds.
+    pub disputable_until_ms: u64,
+    /// Whether a dispute already had it verified again, and it held.
+    pub verified_again: bool,
+}
+
+/// A dispute that is not decided.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
+pub struct OpenDispute {
+    /// Who raised it.
+    pub disputer: NodeId,
+    /// The entry that accepted the contribution.
+    pub contribution: u64,
+    /// Why it is said to be false.
+    pub evidence: Evidence,
+    /// When it lapses unless it is judged, Unix milliseconds. One about verification never does.
+    pub lapses_ms: u64,
+}
+
+/// A registered dataset.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
+pub struct Dataset {
+    /// What it commits to.
+    pub commitment: DatasetCommitment,
+    /// SHA-256 of the blob of leaf hashes.
+    pub leaves: Digest,
+    /// Index of the entry that registered it.
+    pub entry: u64,
+}
+
+/// The open round.
+#[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
+pub struct Round {
+    /// How it opened.
+    pub opened: RoundOpened,
+    /// Index of the entry that opened it.
+    pub entry: u64,
+    /// Who may contribute, where the rules draw a sample.
+    pub sample: Option<BTreeSet<NodeId>>,
+    /// What nodes committed to, by node.
+    pub commits: BTreeMap<NodeId, Commit>,
+}
+
+/// A node's committed update.
+#[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
+pub struct Commit {
+    /// The update.
+    pub update: WeightsDigest,
+    /// The dataset it will be evaluated on.
+    pub dataset: DatasetCommitment,
+    /// Index of the entry that recorded it.
+    pub entry: u64,
+    /// Fixed by the tree that ends with that entry.
+    pub challenge: Digest,
+    /// What became of it.
+    pub decision: Option<Decision>,
+}
+
+/// What became of a contribution.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
+pub enum Decision {
+    /// It counts.
+    Accepted {
+        /// Index of the entry that says so.
+        entry: u64,
+        /// What it earns when the round closes.
+        credits: u64,
+    },
+    /// It does not.
+    Rejected,
+}
+
+impl State {
+    /// The founding document.
+    pub fn genesis(&self) -> &Genesis {
+        &self.genesis
+    }
+
+    /// The network's id.
+    pub fn network(&self) -> &Digest {
+        &self.network
+    }
+
+    /// The rules in force. They do not change while a round is open.
+    pub fn rules(&self) -> &Rules {
+        &self.rules
+    }
+
+    /// Digest of the evaluation specification that rounds and claims name.
+    pub fn evaluation(&self) -> &Digest {
+        &self.evaluation
+    }
+
+    /// Number of entries so far: the index of the next.
+    pub fn entries(&self) -> u64 {
+        self.entries
+    }
+
+    /// Time of the last entry, Unix milliseconds. The next has none earlier.
+    pub fn time_ms(&self) -> u64 {
+        self.time_ms
+    }
+
+    /// All nodes, by identity.
+    pub fn nodes(&self) -> &BTreeMap<NodeId, Node> {
+        &self.nodes
+    }
+
+    /// One node.
+    pub fn node(&self, id: &NodeId) -> Option<&Node> {
+        self.nodes.get(id)
+    }
+
+    /// The current global weights.
+    pub fn global(&self) -> &WeightsDigest {
+        &self.global
+    }
+
+    /// The open round.
+    pub fn round(&self) -> Option<&Round> {
+        self.round.as_ref()
+    }
+
+    /// The number of the next round to open.
+    pub fn next_round(&self) -> u64 {
+        self.next_round
+    }
+
+    /// The proposals that are not settled, by number.
+    pub fn proposals(&self) -> &BTreeMap<u64, OpenProposal> {
+        &self.proposals
+    }
+
+    /// The number of the next proposal.
+    pub fn next_proposal(&self) -> u64 {
+        self.next_proposal
+    }
+
+    /// What counted and may still be disputed, by the entry that accepted it.
+    pub fn contributions(&self) -> &BTreeMap<u64, Contribution> {
+        &self.contributions
+    }
+
+    /// The disputes that are not decided, by the entry that raised them.
+    pub fn disputes(&self) -> &BTreeMap<u64, OpenDispute> {
+        &self.disputes
+    }
+
+    /// Who counts for how much in the open round, ordered by node: what `RoundClosed` has to say.
+    pub fn contributors(&self) -> Vec<Contributor> {
+        let cap = self.rules.max_weight_samples;
+        let accepted = |(node, commit): (&NodeId, &Commit)| match commit.decision {
+            Some(Decision::Accepted { credits, .. }) => Some(Contributor {
+                node: *node,
+                samples: commit.dataset.samples.min(cap),
+                credits,
+            }),
+            _ => None,
+        };
+        let commits = self.round.iter().flat_map(|round| &round.commits);
+        commits.filter_map(accepted).collect()
+    }
+
+    /// Whether `node` may contribute to `round`, as far as the rules in force and its own standing go.
+    pub fn may_contribute(&self, round: &Round, id: &NodeId) -> bool {
+        self.ready(id, round.entry) && round.invites(id, &self.rules)
+    }
+
+    /// Whether a node is active and had a large enough dataset before entry `entry`.
+    pub(crate) fn ready(&self, id: &NodeId, entry: u64) -> bool {
+        let least = self.rules.min_dataset_samples;
+        self.nodes.get(id).is_some_and(|node| {
+            node.standing == Standing::Active
+                && node
+                    .dataset
+                    .is_some_and(|data| data.entry < entry && data.commitment.samples >= least)
+        })
+    }
+
+    /// Whether two identities are one node's, now or before it changed its key.
+    pub(crate) fn same_node(&self, one: &NodeId, other: &NodeId) -> bool {
+        self.present_key(one) == self.present_key(other)
+    }
+
+    fn present_key(&self, id: &NodeId) -> NodeId {
+        *self.retired.get(id).unwrap_or(id)
+    }
+
+    /// The state's own digest: [`tagged_sha256`] of its borsh encoding under `zk0/state/v1`. Equal histories have equal digests.
+    pub fn digest(&self) -> Digest {
+        let bytes = borsh::to_vec(self).expect("writing to a Vec cannot fail");
+        tagged_sha256("zk0/state/v1", &[&bytes])
+    }
+}
+
+impl Round {
+    /// Its number.
+    pub fn number(&self) -> u64 {
+        self.opened.round
+    }
+
+    /// Whether `rules` let a node contribute to this round, whatever its standing.
+    pub fn invites(&self, node: &NodeId, rules: &Rules) -> bool {
+        match &rules.participation {
+            Participation::All => true,
+            Participation::Listed(nodes) => nodes.binary_search(node).is_ok(),
+            Participation::Sampled { .. } => self
+                .sample
+                .as_ref()
+                .is_some_and(|sample| sample.contains(node)),
+        }
+    }
+}

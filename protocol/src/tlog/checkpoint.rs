@@ -1,0 +1,189 @@
+//! Signed checkpoints: C2SP tlog-checkpoint bodies in C2SP signed notes, one ed25519 signature by the log's key. With
+//! cosignatures beside it, a checkpoint is opened by a [`crate::tlog::witness_policy::WitnessPolicy`].
+
+use crate::{
+    quote::short,
+    tlog::verifier_key::{KeyError, Role, VerifierKey},
+};
+use ed25519_dalek::{ed25519::signature::Error as SignatureError, Signer as _, SigningKey};
+use signed_note::{Note, Signer, VerifierList};
+use tlog_tiles::{checkpoint::Checkpoint as Body, tlog::Hash};
+use zk0_circuits::Digest;
+
+/// Longest checkpoint with the log's signature alone that is read, in bytes.
+pub const MAX_CHECKPOINT_BYTES: usize = 4096;
+
+/// Longest checkpoint with cosignatures that is read, in bytes: room for a hundred of them.
+pub const MAX_NOTE_BYTES: usize = 64 * 1024;
+
+/// What a checkpoint says: the log's first `size` entries have this root.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Checkpoint {
+    /// Number of entries.
+    pub size: u64,
+    /// RFC 6962 root over them.
+    pub root: Digest,
+}
+
+/// Why a text is no checkpoint of the log.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum CheckpointError {
+    /// Not a C2SP signed note with a checkpoint in it.
+    #[error("not a signed checkpoint: {0}")]
+    Malformed(String),
+    /// Of another log.
+    #[error("the checkpoint is of log '{found}', not of '{expected}'")]
+    OtherOrigin { found: String, expected: String },
+    /// Not signed by the log's key.
+    #[error("the checkpoint is not signed by the log's key: {0}")]
+    Signature(String),
+    /// Something beside the one encoding that a checkpoint of this log has.
+    #[error("the checkpoint is not in its canonical form")]
+    NotCanonical,
+    /// No ed25519 key.
+    #[error("the log's key is not an ed25519 public key")]
+    BadKey,
+    /// Too few of the witnesses that the policy names have cosigned it.
+    #[error("checkpoint of size {size}: cosigned by {found}, but the policy wants {wanted}: it was not shown to enough witnesses")]
+    NoQuorum {
+        size: u64,
+        found: String,
+        wanted: String,
+    },
+}
+
+impl Checkpoint {
+    /// Signs it: the text that is published.
+    pub fn sign(&self, origin: &str, key: &SigningKey) -> Result<Vec<u8>, CheckpointError> {
+        let malformed = |error: String| CheckpointError::Malformed(error);
+        let body = Body::new(origin, self.size, Hash(self.root.0), "")
+            .map_err(|error| malformed(error.to_string()))?;
+        let mut note =
+            Note::new(&body.to_bytes(), &[]).map_err(|error| malformed(error.to_string()))?;
+        let signer = LogSigner {
+            key: log_key(origin, key.verifying_key().as_bytes())?,
+            secret: key,
+        };
+        note.add_sigs(&[&signer])
+            .map_err(|error| malformed(error.to_string()))?;
+        Ok(note.to_bytes())
+    }
+
+    /// Opens a signed checkpoint of the log `origin`. Every byte counts: it is the one encoding of what is returned, with
+    /// one signature, by `log_key`.
+    pub fn open(text: &[u8], origin: &str, log_key: &[u8; 32]) -> Result<Self, CheckpointError> {
+        if text.len() > MAX_CHECKPOINT_BYTES {
+            return Err(CheckpointError::Malformed(format!("{} bytes", text.len())));
+        }
+        let parsed = Parsed::read(text)?;
+        let signatures = parsed.signed_by(&self::log_key(origin, log_key)?)?;
+        // Encoded again with nothing but the log's own signature: more of anything, or less, would differ.
+        let canonical = Note::new(parsed.note.text(), &signatures).map(|note| note.to_bytes());
+        match canonical.ok().as_deref() == Some(text) {
+            true => Ok(parsed.checkpoint),
+            false => Err(CheckpointError::NotCanonical),
+        }
+    }
+}
+
+/// A checkpoint that was read and not yet verified: it may be of any log, with any signatures.
+pub struct Parsed {
+    /// The note.
+    pub note: Note,
+    /// Whose it claims to be.
+    pub origin: String,
+    /// What it claims.
+    pub checkpoint: Checkpoint,
+}
+
+impl Parsed {
+    /// Reads a signed note with a checkpoint in its one canonical encoding, without extension lines.
+    pub fn read(text: &[u8]) -> Result<Self, CheckpointError> {
+        if text.len() > MAX_NOTE_BYTES {
+            return Err(CheckpointError::Malformed(format!("{} bytes", text.len())));
+        }
+        let note = Note::from_bytes(text)
+            .map_err(|error| CheckpointError::Malformed(error.to_string()))?;
+        let body = Body::from_bytes(note.text())
+            .map_err(|error| CheckpointError::Malformed(error.to_string()))?;
+        if !body.extension().is_empty() || body.to_bytes() != note.text() {
+            return Err(CheckpointError::NotCanonical);
+        }
+        Ok(Self {
+            origin: body.origin().into(),
+            checkpoint: Checkpoint {
+                size: body.size(),
+                root: Digest(body.hash().0),
+            },
+            note,
+        })
+    }
+
+    /// The log's signature, if this is a checkpoint of the log `key` and validly signed by it.
+    pub fn signed_by(
+        &self,
+        key: &VerifierKey,
+    ) -> Result<Vec<signed_note::Signature>, CheckpointError> {
+        if self.origin != key.name() {
+            return Err(CheckpointError::OtherOrigin {
+                found: short(&self.origin),
+                expected: key.name().into(),
+            });
+        }
+        let keys = VerifierList::new(vec![Box::new(key.clone())]);
+        let (signatures, _) = self
+            .note
+            .verify(&keys)
+            .map_err(|error| CheckpointError::Signature(error.to_string()))?;
+        Ok(signatures)
+    }
+}
+
+/// The verifier key of the log `origin` with this public key.
+pub fn log_key(origin: &str, key: &[u8; 32]) -> Result<VerifierKey, CheckpointError> {
+    VerifierKey::new(Role::Log, origin, key).map_err(|error| match error {
+        KeyError::Key(_) => CheckpointError::BadKey,
+        error => CheckpointError::Malformed(error.to_string()),
+    })
+}
+
+struct LogSigner<'a> {
+    key: VerifierKey,
+    secret: &'a SigningKey,
+}
+
+impl Signer for LogSigner<'_> {
+    fn name(&self) -> &str {
+        self.key.name()
+    }
+
+    fn key_id(&self) -> u32 {
+        self.key.id()
+    }
+
+    fn sign(&self, message: &[u8]) -> Result<Vec<u8>, SignatureError> {
+        Ok(self.secret.try_sign(message)?.to_vec())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_signed_extension_line_is_refused() {
+        let key = SigningKey::from_bytes(&[7; 32]);
+        let signed = |extension: &str| {
+            let body = Body::new("log", 3, Hash([5; 32]), extension).unwrap();
+            let mut note = Note::new(&body.to_bytes(), &[]).unwrap();
+            let signer = LogSigner {
+                key: log_key("log", key.verifying_key().as_bytes()).unwrap(),
+                secret: &key,
+            };
+            note.add_sigs(&[&signer]).unwrap();
+            Checkpoint::open(&note.to_bytes(), "log", key.verifying_key().as_bytes())
+        };
+        assert!(signed("").is_ok());
+        assert_eq!(signed("more\n"), Err(CheckpointError::NotCanonical));
+    }
+}

@@ -1,0 +1,51 @@
+//! Who makes cosignatures, and how to find one in a witness' answer.
+
+use crate::tlog::{
+    cosignature::message,
+    verifier_key::{KeyError, Role, VerifierKey},
+};
+use ed25519_dalek::{Signer as _, SigningKey};
+use signed_note::Note;
+
+/// A witness' name and secret key.
+pub struct Cosigner {
+    key: VerifierKey,
+    secret: SigningKey,
+}
+
+impl Cosigner {
+    /// A witness that signs as `name`. Use a key for one name and for nothing else: the name is not part of what is signed.
+    pub fn new(name: &str, secret: SigningKey) -> Result<Self, KeyError> {
+        let key = VerifierKey::new(Role::Witness, name, secret.verifying_key().as_bytes())?;
+        Ok(Self { key, secret })
+    }
+
+    /// What its cosignatures are verified with.
+    pub fn key(&self) -> &VerifierKey {
+        &self.key
+    }
+
+    /// Cosigns a note's text as of `time_s`, POSIX seconds: the signature line, newline included. Whether the text may be
+    /// cosigned is for [`crate::tlog::witness`] to say.
+    pub fn cosign(&self, text: &[u8], time_s: u64) -> Vec<u8> {
+        let signature = self.secret.sign(&message(text, time_s));
+        let bytes = [&time_s.to_be_bytes()[..], &signature.to_bytes()[..]].concat();
+        signed_note::Signature::new(self.key.name().into(), self.key.id(), bytes)
+            .expect("the name was checked when the key was made")
+            .to_bytes()
+    }
+}
+
+/// Takes the cosignature of `key` out of a witness' answer (signature lines), if a valid one of this note is in it. All other
+/// lines are ignored.
+pub fn find(answer: &[u8], key: &VerifierKey, note: &Note) -> Option<signed_note::Signature> {
+    answer
+        .split_inclusive(|byte| *byte == b'\n')
+        .filter_map(|line| line.strip_suffix(b"\n"))
+        .filter_map(|line| signed_note::Signature::from_bytes(line).ok())
+        .filter(|signature| signature.name() == key.name() && signature.id() == key.id())
+        .find(|signature| {
+            key.cosigned_at(note.text(), signature.signature())
+                .is_some()
+        })
+}

@@ -1,0 +1,195 @@
+//! What a log serves, and where: C2SP tlog-tiles, and two kinds of files beside it.
+//!
+//! | path | content |
+//! |---|---|
+//! | `checkpoint` | the newest published checkpoint, a C2SP signed note |
+//! | `tile/<L>/<N>[.p/<W>]` | 256 tree hashes, 32 bytes each, of level 8·L; `.p/<W>`: the first W of them |
+//! | `tile/entries/<N>[.p/<W>]` | 256 entries, each after its length (16 bits, big-endian) |
+//! | `zk0/checkpoints/<N>[.p/<W>]` | the log's checkpoints after these entries, in the same framing; empty where there is none |
+//! | `zk0/policy` | the log's key and the witnesses its checkpoints are shown to (C2SP tlog-policy) |
+//! | `blobs/sha256/<digest>` | proofs and weights, once they are public |
+//!
+//! Everything but `checkpoint` and `zk0/policy` never changes once it is there.
+
+use crate::tlog::decimal::decimal;
+use std::fmt;
+use zk0_circuits::Digest;
+
+/// Hashes in a full tile, entries in a full bundle.
+pub const TILE_WIDTH: u64 = 256;
+
+/// Height of a tile.
+pub const TILE_HEIGHT: u8 = 8;
+
+/// Largest tree that is read from others: positions of its hashes stay far from the end of 64 bits.
+pub const MAX_TREE_SIZE: u64 = 1 << 48;
+
+/// Something that a log serves.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Resource {
+    /// The newest published checkpoint.
+    Checkpoint,
+    /// The log's key and witnesses.
+    Policy,
+    /// A tile, or a bundle.
+    Tile(Tile),
+    /// A blob.
+    Blob(Digest),
+}
+
+/// A tile or bundle: `width` things from `number`·256 on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Tile {
+    /// Of what.
+    pub kind: Kind,
+    /// Which, from 0.
+    pub number: u64,
+    /// How many, from 1 to 256.
+    pub width: u16,
+}
+
+/// What a tile holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Kind {
+    /// Tree hashes of level 8·L; L is at most 7, since no tree is higher than 64.
+    Hashes(u8),
+    /// Entries.
+    Entries,
+    /// The checkpoints after entries.
+    Checkpoints,
+}
+
+impl Tile {
+    /// How many of its things a log of `size` entries has.
+    fn held(kind: Kind, size: u64) -> u64 {
+        match kind {
+            Kind::Hashes(level) => size >> (u32::from(level) * u32::from(TILE_HEIGHT)),
+            Kind::Entries | Kind::Checkpoints => size,
+        }
+    }
+
+    /// The widest tile of this number that a log of `size` entries has.
+    pub fn at(kind: Kind, number: u64, size: u64) -> Option<Self> {
+        let rest = Self::held(kind, size).checked_sub(number.checked_mul(TILE_WIDTH)?)?;
+        let width = rest.min(TILE_WIDTH) as u16;
+        (width > 0).then_some(Self {
+            kind,
+            number,
+            width,
+        })
+    }
+
+    /// Whether a log of `size` entries has it.
+    pub fn is_in(&self, size: u64) -> bool {
+        Self::at(self.kind, self.number, size).is_some_and(|widest| self.width <= widest.width)
+    }
+
+    /// Whether it has all it ever will.
+    pub fn is_full(&self) -> bool {
+        u64::from(self.width) == TILE_WIDTH
+    }
+
+    /// The full tile in its place.
+    pub fn full(&self) -> Self {
+        Self {
+            width: TILE_WIDTH as u16,
+            ..*self
+        }
+    }
+
+    /// First position that it holds.
+    pub fn start(&self) -> u64 {
+        self.number * TILE_WIDTH
+    }
+}
+
+/// All tiles and bundles of a log of `size` entries, the widest of each, in order.
+pub fn tiles(size: u64) -> impl Iterator<Item = Tile> {
+    let levels = (0..=7).map(Kind::Hashes);
+    levels
+        .chain([Kind::Entries, Kind::Checkpoints])
+        .flat_map(move |kind| (0..).map_while(move |number| Tile::at(kind, number, size)))
+}
+
+impl fmt::Display for Tile {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.kind {
+            Kind::Hashes(level) => write!(f, "tile/{level}/")?,
+            Kind::Entries => f.write_str("tile/entries/")?,
+            Kind::Checkpoints => f.write_str("zk0/checkpoints/")?,
+        }
+        // Three digits an element, all but the last after an x.
+        let mut groups = vec![self.number % 1000];
+        let mut rest = self.number / 1000;
+        while rest > 0 {
+            groups.push(rest % 1000);
+            rest /= 1000;
+        }
+        for group in groups[1..].iter().rev() {
+            write!(f, "x{group:03}/")?;
+        }
+        write!(f, "{:03}", groups[0])?;
+        match self.is_full() {
+            true => Ok(()),
+            false => write!(f, ".p/{}", self.width),
+        }
+    }
+}
+
+impl fmt::Display for Resource {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Checkpoint => f.write_str("checkpoint"),
+            Self::Policy => f.write_str("zk0/policy"),
+            Self::Tile(tile) => tile.fmt(f),
+            Self::Blob(digest) => write!(f, "blobs/sha256/{digest}"),
+        }
+    }
+}
+
+impl Resource {
+    /// Reads a path without a leading slash; `None` unless it is the one way to write it.
+    pub fn parse(path: &str) -> Option<Self> {
+        let found = match path {
+            "checkpoint" => Self::Checkpoint,
+            "zk0/policy" => Self::Policy,
+            _ => match path.strip_prefix("blobs/sha256/") {
+                Some(digest) => Self::Blob(digest.parse().ok()?),
+                None => Self::Tile(parse_tile(path)?),
+            },
+        };
+        (found.to_string() == path).then_some(found)
+    }
+}
+
+fn parse_tile(path: &str) -> Option<Tile> {
+    let (kind, rest) = if let Some(rest) = path.strip_prefix("tile/entries/") {
+        (Kind::Entries, rest)
+    } else if let Some(rest) = path.strip_prefix("zk0/checkpoints/") {
+        (Kind::Checkpoints, rest)
+    } else {
+        let (level, rest) = path.strip_prefix("tile/")?.split_once('/')?;
+        let level = level.parse().ok().filter(|level| *level <= 7)?;
+        (Kind::Hashes(level), rest)
+    };
+    let (number, width) = match rest.split_once(".p/") {
+        Some((number, width)) => {
+            let width = decimal(width).filter(|width| (1..TILE_WIDTH).contains(width))?;
+            (number, width)
+        }
+        None => (rest, TILE_WIDTH),
+    };
+    let mut value: u64 = 0;
+    for element in number.split('/') {
+        let digits = element.strip_prefix('x').unwrap_or(element);
+        if digits.len() != 3 || !digits.bytes().all(|digit| digit.is_ascii_digit()) {
+            return None;
+        }
+        value = value.checked_mul(1000)?.checked_add(digits.parse().ok()?)?;
+    }
+    Some(Tile {
+        kind,
+        number: value,
+        width: width as u16,
+    })
+}

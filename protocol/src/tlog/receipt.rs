@@ -1,0 +1,67 @@
+//! Receipts: what a node keeps, and shows to anyone who doubts that its entry is in the log.
+
+use crate::{
+    entries::codec::EntryError,
+    tlog::checkpoint::{Checkpoint, CheckpointError},
+    Entry,
+};
+use borsh::{BorshDeserialize, BorshSerialize};
+use tlog_tiles::tlog::{check_record, record_hash, Hash};
+use zk0_circuits::Digest;
+
+/// Proof that an entry is in the log: a signed checkpoint and the entry's inclusion in its tree.
+#[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
+pub struct Receipt {
+    /// Position of the entry, from 0.
+    pub index: u64,
+    /// Its canonical encoding.
+    pub entry: Vec<u8>,
+    /// The signed checkpoint (C2SP signed note) of a tree that holds it.
+    pub checkpoint: Vec<u8>,
+    /// RFC 6962 audit path, from the leaf upwards.
+    pub proof: Vec<Digest>,
+}
+
+/// Why a receipt proves nothing.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum ReceiptError {
+    /// Its checkpoint is not the log's.
+    #[error("receipt: {0}")]
+    Checkpoint(#[from] CheckpointError),
+    /// Its entry is none.
+    #[error("receipt: {0}")]
+    Entry(#[from] EntryError),
+    /// Its path does not lead from the entry to the checkpoint's root.
+    #[error("receipt: entry {index} is not in the tree of size {size} by this proof: {why}")]
+    NotIncluded { index: u64, size: u64, why: String },
+}
+
+impl Receipt {
+    /// Checks everything; returns the checkpoint and the entry.
+    pub fn verify(
+        &self,
+        log_key: &[u8; 32],
+        origin: &str,
+    ) -> Result<(Checkpoint, Entry), ReceiptError> {
+        let checkpoint = Checkpoint::open(&self.checkpoint, origin, log_key)?;
+        let entry = Entry::decode(&self.entry)?;
+        let refuse = |why: String| ReceiptError::NotIncluded {
+            index: self.index,
+            size: checkpoint.size,
+            why,
+        };
+        // A path is no longer than the tree is high; `check_record` copies it once per level.
+        if self.proof.len() > 64 {
+            return Err(refuse(format!("it has {} hashes", self.proof.len())));
+        }
+        check_record(
+            &self.proof.iter().map(|digest| Hash(digest.0)).collect(),
+            checkpoint.size,
+            Hash(checkpoint.root.0),
+            self.index,
+            record_hash(&self.entry),
+        )
+        .map_err(|error| refuse(error.to_string()))?;
+        Ok((checkpoint, entry))
+    }
+}

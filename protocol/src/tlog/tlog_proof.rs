@@ -1,0 +1,169 @@
+//! Receipts that outlive us: `tlog-proof` bundles (C2SP tlog-proof), checked offline against a log's key and a policy.
+//!
+//! The bundle's extra data is the entry itself, so that one file says what is proven; the entry is authenticated by the
+//! proof, since its hash is the leaf.
+
+use crate::{
+    entries::{codec::EntryError, entry::MAX_ENTRY_BYTES},
+    tlog::{
+        checkpoint::CheckpointError,
+        decimal::decimal,
+        receipt::Receipt,
+        verifier_key::VerifierKey,
+        witness_policy::{WitnessPolicy, Witnessed},
+    },
+    Entry,
+};
+use base64::prelude::{Engine as _, BASE64_STANDARD};
+use tlog_tiles::tlog::{check_record, record_hash, Hash};
+use zk0_circuits::Digest;
+
+/// First line of a bundle.
+const HEADER: &str = "c2sp.org/tlog-proof@v1";
+
+/// Longest bundle that is read, in bytes: an entry in base64, a path and a cosigned checkpoint.
+pub const MAX_PROOF_BYTES: usize = 2 * MAX_ENTRY_BYTES + crate::tlog::checkpoint::MAX_NOTE_BYTES;
+
+/// Most hashes in an inclusion proof: no tree is higher.
+const MAX_HASHES: usize = 63;
+
+/// That an entry is in a log, as anyone can check without asking anyone.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct TlogProof {
+    /// Opaque data; here the entry's canonical bytes.
+    pub extra: Option<Vec<u8>>,
+    /// Position of the entry, from 0.
+    pub index: u64,
+    /// RFC 6962 audit path, from the leaf upwards.
+    pub hashes: Vec<Digest>,
+    /// The signed checkpoint, with whatever cosignatures it has.
+    pub checkpoint: Vec<u8>,
+}
+
+/// Why a bundle proves nothing.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum ProofError {
+    /// Not a bundle.
+    #[error("not a tlog-proof: {0}")]
+    Form(String),
+    /// The entry is neither in the bundle nor given.
+    #[error("the proof does not hold its entry (no `extra` line): give the entry too")]
+    NoEntry,
+    /// Its checkpoint is not believed.
+    #[error("proof: {0}")]
+    Checkpoint(#[from] CheckpointError),
+    /// What it proves is no entry.
+    #[error("proof: {0}")]
+    Entry(#[from] EntryError),
+    /// The path does not lead from the entry to the checkpoint's root.
+    #[error("proof: entry {index} is not in the tree of size {size} by this path: {why}")]
+    NotIncluded { index: u64, size: u64, why: String },
+}
+
+impl From<Receipt> for TlogProof {
+    fn from(receipt: Receipt) -> Self {
+        Self {
+            extra: Some(receipt.entry),
+            index: receipt.index,
+            hashes: receipt.proof,
+            checkpoint: receipt.checkpoint,
+        }
+    }
+}
+
+impl TlogProof {
+    /// The text, to be kept as `….tlog-proof`.
+    pub fn encode(&self) -> Vec<u8> {
+        let mut text = format!("{HEADER}\n");
+        if let Some(extra) = &self.extra {
+            text.push_str(&format!("extra {}\n", BASE64_STANDARD.encode(extra)));
+        }
+        text.push_str(&format!("index {}\n", self.index));
+        for hash in &self.hashes {
+            text.push_str(&format!("{}\n", Hash(hash.0)));
+        }
+        text.push('\n');
+        [text.as_bytes(), &self.checkpoint].concat()
+    }
+
+    /// Reads a bundle; its checkpoint stays unread until [`TlogProof::verify`].
+    pub fn decode(bytes: &[u8]) -> Result<Self, ProofError> {
+        let form = |why: &str| ProofError::Form(why.into());
+        if bytes.len() > MAX_PROOF_BYTES {
+            return Err(form("it is too long"));
+        }
+        let text = std::str::from_utf8(bytes).map_err(|_| form("it is not UTF-8"))?;
+        let (head, checkpoint) = text
+            .split_once("\n\n")
+            .ok_or_else(|| form("no empty line before a checkpoint"))?;
+        let mut lines = head.split('\n').peekable();
+        if lines.next() != Some(HEADER) {
+            return Err(form("its first line is not c2sp.org/tlog-proof@v1"));
+        }
+        let extra = match lines.next_if(|line| line.starts_with("extra ")) {
+            Some(line) => Some(
+                BASE64_STANDARD
+                    .decode(&line["extra ".len()..])
+                    .map_err(|_| form("its extra data is not base64"))?,
+            ),
+            None => None,
+        };
+        let index = lines
+            .next()
+            .and_then(|line| line.strip_prefix("index "))
+            .and_then(decimal)
+            .ok_or_else(|| form("no line `index N`"))?;
+        let hashes: Vec<Digest> = lines
+            .map(|line| {
+                Hash::parse_hash(line)
+                    .map(|hash| Digest(hash.0))
+                    .map_err(|_| form("a line of its path is not the base64 of 32 bytes"))
+            })
+            .take(MAX_HASHES + 1)
+            .collect::<Result<_, _>>()?;
+        if hashes.len() > MAX_HASHES {
+            return Err(form("its path is longer than any tree is high"));
+        }
+        Ok(Self {
+            extra,
+            index,
+            hashes,
+            checkpoint: checkpoint.as_bytes().into(),
+        })
+    }
+
+    /// Checks everything: the log's signature, the quorum of `policy`, and that the entry in `extra` is in the signed tree.
+    pub fn verify(
+        &self,
+        log: &VerifierKey,
+        policy: &WitnessPolicy,
+    ) -> Result<(Witnessed, Entry), ProofError> {
+        let bytes = self.extra.as_deref().ok_or(ProofError::NoEntry)?;
+        let witnessed = self.verify_leaf(log, policy, bytes)?;
+        Ok((witnessed, Entry::decode(bytes)?))
+    }
+
+    /// The same for a leaf that is known by other means.
+    pub fn verify_leaf(
+        &self,
+        log: &VerifierKey,
+        policy: &WitnessPolicy,
+        leaf: &[u8],
+    ) -> Result<Witnessed, ProofError> {
+        let witnessed = policy.open(&self.checkpoint, log)?;
+        let Digest(root) = witnessed.checkpoint.root;
+        check_record(
+            &self.hashes.iter().map(|hash| Hash(hash.0)).collect(),
+            witnessed.checkpoint.size,
+            Hash(root),
+            self.index,
+            record_hash(leaf),
+        )
+        .map_err(|error| ProofError::NotIncluded {
+            index: self.index,
+            size: witnessed.checkpoint.size,
+            why: error.to_string(),
+        })?;
+        Ok(witnessed)
+    }
+}

@@ -1,0 +1,250 @@
+//! What a witness does (C2SP tlog-witness), without sockets, files or clocks: it remembers one checkpoint per log, and
+//! cosigns another only if that one continues it. So no two clients of the witness can be shown two histories.
+
+use crate::{
+    quote::short,
+    tlog::{
+        checkpoint::{Checkpoint, CheckpointError, Parsed, MAX_NOTE_BYTES},
+        cosigner::Cosigner,
+        decimal::decimal,
+        verifier_key::VerifierKey,
+    },
+};
+use std::collections::BTreeMap;
+use tlog_tiles::tlog::{check_tree, Hash, EMPTY_HASH};
+use zk0_circuits::Digest;
+
+/// Most lines of a consistency proof.
+const MAX_HASHES: usize = 63;
+
+/// Longest request that is read, in bytes.
+pub const MAX_REQUEST_BYTES: usize = 64 * 48 + MAX_NOTE_BYTES;
+
+/// A request for a cosignature.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct AddCheckpoint {
+    /// Size of the last checkpoint that the witness cosigned, as far as the client knows; 0 for none.
+    pub old: u64,
+    /// RFC 6962 consistency proof from there.
+    pub proof: Vec<Digest>,
+    /// The new checkpoint.
+    pub checkpoint: Vec<u8>,
+}
+
+/// Why a witness does not cosign.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum WitnessRefusal {
+    /// Not a request, or one that cannot be meant.
+    #[error("{0}")]
+    Malformed(String),
+    /// A log that this witness does not watch.
+    #[error("this witness does not watch the log '{0}'")]
+    UnknownLog(String),
+    /// Not signed by that log.
+    #[error("{0}")]
+    NotSigned(CheckpointError),
+    /// The client's idea of what was cosigned last is not the witness'.
+    #[error("the last checkpoint cosigned here has {last} entries, not {old}")]
+    Conflict { last: u64, old: u64 },
+    /// Another tree of the size that was cosigned last: the log shows two histories.
+    #[error("another tree of {size} entries was cosigned here")]
+    OtherTree { size: u64 },
+    /// The new tree is not shown to continue the old one: perhaps the log shows two histories.
+    #[error("the tree of {size} entries does not continue the one of {last} cosigned here: {why}")]
+    Inconsistent { last: u64, size: u64, why: String },
+}
+
+impl WitnessRefusal {
+    /// The HTTP status that says so.
+    pub fn status(&self) -> u16 {
+        match self {
+            Self::Malformed(_) => 400,
+            Self::NotSigned(_) => 403,
+            Self::UnknownLog(_) => 404,
+            Self::Conflict { .. } | Self::OtherTree { .. } => 409,
+            Self::Inconsistent { .. } => 422,
+        }
+    }
+}
+
+impl AddCheckpoint {
+    /// The request's body.
+    pub fn encode(&self) -> Vec<u8> {
+        let mut text = format!("old {}\n", self.old);
+        for hash in &self.proof {
+            text.push_str(&format!("{}\n", Hash(hash.0)));
+        }
+        text.push('\n');
+        [text.as_bytes(), &self.checkpoint].concat()
+    }
+
+    /// Reads a request's body; the checkpoint stays unread.
+    pub fn decode(body: &[u8]) -> Result<Self, WitnessRefusal> {
+        let malformed = |why: &str| WitnessRefusal::Malformed(why.into());
+        if body.len() > MAX_REQUEST_BYTES {
+            return Err(malformed("the request is too long"));
+        }
+        let text = std::str::from_utf8(body).map_err(|_| malformed("the request is not UTF-8"))?;
+        let (head, checkpoint) = text
+            .split_once("\n\n")
+            .ok_or_else(|| malformed("no empty line before the checkpoint"))?;
+        let mut lines = head.split('\n');
+        let old = lines
+            .next()
+            .and_then(|line| line.strip_prefix("old "))
+            .and_then(decimal)
+            .ok_or_else(|| malformed("the first line is not `old SIZE`"))?;
+        let proof: Vec<Digest> = lines
+            .map(|line| {
+                Hash::parse_hash(line)
+                    .map(|hash| Digest(hash.0))
+                    .map_err(|_| malformed("a line of the proof is not the base64 of 32 bytes"))
+            })
+            .take(MAX_HASHES + 1)
+            .collect::<Result<_, _>>()?;
+        if proof.len() > MAX_HASHES {
+            return Err(malformed("the proof has more than 63 lines"));
+        }
+        Ok(Self {
+            old,
+            proof,
+            checkpoint: checkpoint.as_bytes().into(),
+        })
+    }
+}
+
+/// A witness: whom it watches, and the last checkpoint it cosigned of each.
+pub struct Witness {
+    cosigner: Cosigner,
+    logs: BTreeMap<String, Watched>,
+}
+
+struct Watched {
+    key: VerifierKey,
+    last: Option<Checkpoint>,
+}
+
+/// A checkpoint that may be cosigned. It becomes the last one with [`Witness::record`], once it is on disk.
+pub struct Accepted {
+    /// Whose it is.
+    pub origin: String,
+    /// What it says.
+    pub checkpoint: Checkpoint,
+    /// The cosignature line.
+    pub cosignature: Vec<u8>,
+    /// The checkpoint with the log's signature and this cosignature alone.
+    pub note: Vec<u8>,
+}
+
+impl Witness {
+    /// A witness that watches no log yet.
+    pub fn new(cosigner: Cosigner) -> Self {
+        Self {
+            cosigner,
+            logs: BTreeMap::new(),
+        }
+    }
+
+    /// Watches a log, from what was cosigned of it last. Two keys for one origin cannot be watched.
+    pub fn watch(&mut self, key: VerifierKey, last: Option<Checkpoint>) -> Result<(), String> {
+        match self.logs.contains_key(key.name()) {
+            true => Err(format!("the log '{}' is named twice", key.name())),
+            false => {
+                self.logs.insert(key.name().into(), Watched { key, last });
+                Ok(())
+            }
+        }
+    }
+
+    /// What its cosignatures are verified with.
+    pub fn key(&self) -> &VerifierKey {
+        self.cosigner.key()
+    }
+
+    /// The logs that it watches.
+    pub fn logs(&self) -> impl Iterator<Item = &VerifierKey> {
+        self.logs.values().map(|watched| &watched.key)
+    }
+
+    /// Decides on a request at `time_s`, POSIX seconds. Changes nothing: the caller writes the note to disk, records it, and
+    /// only then hands out the cosignature.
+    pub fn check(&self, body: &[u8], time_s: u64) -> Result<Accepted, WitnessRefusal> {
+        let request = AddCheckpoint::decode(body)?;
+        let parsed = Parsed::read(&request.checkpoint)
+            .map_err(|error| WitnessRefusal::Malformed(error.to_string()))?;
+        let watched = self
+            .logs
+            .get(&parsed.origin)
+            .ok_or_else(|| WitnessRefusal::UnknownLog(short(&parsed.origin)))?;
+        let signatures = parsed
+            .signed_by(&watched.key)
+            .map_err(WitnessRefusal::NotSigned)?;
+        let new = parsed.checkpoint;
+        if request.old > new.size {
+            return Err(WitnessRefusal::Malformed(format!(
+                "the old size, {}, is beyond the checkpoint's, {}",
+                request.old, new.size
+            )));
+        }
+        let last = watched.last.map_or(0, |last| last.size);
+        if request.old != last {
+            return Err(WitnessRefusal::Conflict {
+                last,
+                old: request.old,
+            });
+        }
+        continues(watched.last.as_ref(), &new, &request.proof)?;
+        let cosignature = self.cosigner.cosign(parsed.note.text(), time_s);
+        let note = signed_note::Note::new(parsed.note.text(), &signatures)
+            .map_err(|error| WitnessRefusal::Malformed(error.to_string()))?;
+        Ok(Accepted {
+            origin: parsed.origin,
+            checkpoint: new,
+            note: [&note.to_bytes()[..], &cosignature].concat(),
+            cosignature,
+        })
+    }
+
+    /// Makes what was accepted the last checkpoint of its log.
+    pub fn record(&mut self, accepted: &Accepted) {
+        if let Some(watched) = self.logs.get_mut(&accepted.origin) {
+            watched.last = Some(accepted.checkpoint);
+        }
+    }
+}
+
+fn continues(
+    last: Option<&Checkpoint>,
+    new: &Checkpoint,
+    proof: &[Digest],
+) -> Result<(), WitnessRefusal> {
+    let inconsistent = |why: &str| WitnessRefusal::Inconsistent {
+        last: last.map_or(0, |last| last.size),
+        size: new.size,
+        why: why.into(),
+    };
+    if new.size == 0 && new.root.0 != EMPTY_HASH.0 {
+        return Err(inconsistent("the empty tree has another root"));
+    }
+    match last {
+        Some(last) if last.size == new.size && last.root != new.root => {
+            Err(WitnessRefusal::OtherTree { size: new.size })
+        }
+        // Anything continues the empty tree, and a tree continues itself.
+        _ if last.is_none_or(|last| last.size == 0 || last.size == new.size) => {
+            match proof.is_empty() {
+                true => Ok(()),
+                false => Err(inconsistent("there is nothing to prove, but a proof")),
+            }
+        }
+        None => Ok(()),
+        Some(last) => check_tree(
+            &proof.iter().map(|hash| Hash(hash.0)).collect(),
+            new.size,
+            Hash(new.root.0),
+            last.size,
+            Hash(last.root.0),
+        )
+        .map_err(|error| inconsistent(&error.to_string())),
+    }
+}

@@ -1,0 +1,417 @@
+//! Whom to believe: logs, witnesses and the quorum of cosignatures without which a checkpoint is nothing (C2SP tlog-policy).
+//!
+//! ```text
+//! witness A a.example+6c1bbd5e+BO… https://a.example/witness
+//! witness B b.example+0f2e7a91+BM… https://b.example/witness
+//! witness C c.example+93d0c1b7+BD… https://c.example/witness
+//! group two-of-three 2 A B C
+//! quorum two-of-three
+//! ```
+//!
+//! A policy belongs to whoever reads a log, not to the log: auditors may be stricter than the aggregator.
+
+use crate::{
+    quote::short,
+    tlog::{
+        checkpoint::{Checkpoint, CheckpointError, Parsed},
+        verifier_key::{KeyError, Role, VerifierKey},
+    },
+};
+use signed_note::{Verifier, VerifierList};
+use std::{collections::BTreeMap, fmt};
+
+/// Longest policy that is read, in bytes.
+pub const MAX_POLICY_BYTES: usize = 64 * 1024;
+
+/// Most logs, witnesses and groups, each.
+const MAX_OF_A_KIND: usize = 64;
+
+/// Logs, witnesses and a quorum.
+#[derive(Clone, Debug)]
+pub struct WitnessPolicy {
+    logs: Vec<VerifierKey>,
+    witnesses: Vec<Witness>,
+    quorum: Quorum,
+    text: String,
+}
+
+/// A witness that a policy names.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Witness {
+    /// Its name within the policy.
+    pub name: String,
+    /// What its cosignatures are verified with.
+    pub key: VerifierKey,
+    /// Where it takes checkpoints (C2SP tlog-witness: the submission prefix), if the policy says so.
+    pub url: Option<String>,
+}
+
+/// A checkpoint that a policy accepts.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Witnessed {
+    /// What it says.
+    pub checkpoint: Checkpoint,
+    /// The policy's witnesses that cosigned it, by name, and when (POSIX seconds).
+    pub cosigners: Vec<(String, u64)>,
+}
+
+#[derive(Clone, Debug)]
+enum Quorum {
+    None,
+    Witness(usize),
+    Group {
+        threshold: usize,
+        members: Vec<Quorum>,
+    },
+}
+
+/// Why a text is no policy.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum PolicyError {
+    /// Too much of it.
+    #[error("the policy has {0}")]
+    TooLarge(String),
+    /// A line says nothing that is known.
+    #[error("policy, line {line}: '{text}' is none of `log VKEY [URL]`, `witness NAME VKEY [URL]`, `group NAME all|any|K NAME…`, `quorum NAME`")]
+    Line { line: usize, text: String },
+    /// A key is none.
+    #[error("policy, line {line}: {error}")]
+    Key { line: usize, error: KeyError },
+    /// A name or a key occurs where it must not.
+    #[error("policy, line {line}: {why}")]
+    Name { line: usize, why: String },
+    /// No quorum line, or more than one.
+    #[error("the policy has {0} quorum lines: exactly one says whose cosignatures are wanted (`quorum none` for nobody's)")]
+    Quorums(usize),
+}
+
+impl WitnessPolicy {
+    /// Wants no cosignatures.
+    pub fn none() -> Self {
+        Self {
+            logs: Vec::new(),
+            witnesses: Vec::new(),
+            quorum: Quorum::None,
+            text: "quorum none\n".into(),
+        }
+    }
+
+    /// Reads one.
+    pub fn parse(text: &str) -> Result<Self, PolicyError> {
+        if text.len() > MAX_POLICY_BYTES {
+            return Err(PolicyError::TooLarge(format!(
+                "{} bytes, at most {MAX_POLICY_BYTES} are read",
+                text.len()
+            )));
+        }
+        let mut reader = Reader::default();
+        for (number, line) in text.lines().enumerate() {
+            reader.line(number + 1, line)?;
+        }
+        match reader.quorums.pop() {
+            Some(quorum) if reader.quorums.is_empty() => Ok(Self {
+                logs: reader.logs,
+                witnesses: reader.witnesses,
+                quorum,
+                text: text.into(),
+            }),
+            last => Err(PolicyError::Quorums(
+                reader.quorums.len() + usize::from(last.is_some()),
+            )),
+        }
+    }
+
+    /// Whether any cosignature is wanted.
+    pub fn wants_witnesses(&self) -> bool {
+        !matches!(self.quorum, Quorum::None)
+    }
+
+    /// The witnesses, in the order in which [`Policy::met_by`] takes them.
+    pub fn witnesses(&self) -> &[Witness] {
+        &self.witnesses
+    }
+
+    /// The key of the log with this origin, if the policy names it.
+    pub fn log(&self, origin: &str) -> Option<&VerifierKey> {
+        self.logs.iter().find(|key| key.name() == origin)
+    }
+
+    /// The logs that it names.
+    pub fn logs(&self) -> &[VerifierKey] {
+        &self.logs
+    }
+
+    /// Its text.
+    pub fn text(&self) -> &str {
+        &self.text
+    }
+
+    /// The same policy for one log: what others need to check that log's checkpoints. `comment` becomes its first line.
+    pub fn for_log(&self, log: &VerifierKey, comment: &str) -> String {
+        let others = self
+            .text
+            .lines()
+            .filter(|line| line.split_whitespace().next() != Some("log"));
+        let mut text = format!("# {comment}\nlog {log}\n");
+        for line in others {
+            text.push_str(line);
+            text.push('\n');
+        }
+        text
+    }
+
+    /// Whether the quorum is met when these of the witnesses have cosigned.
+    pub fn met_by(&self, cosigned: &[bool]) -> bool {
+        met(&self.quorum, cosigned)
+    }
+
+    /// Opens a checkpoint of `log`: signed by it and cosigned by a quorum. Signatures of others are ignored; an invalid
+    /// signature under a known key spoils the whole note.
+    pub fn open(&self, text: &[u8], log: &VerifierKey) -> Result<Witnessed, CheckpointError> {
+        let parsed = Parsed::read(text)?;
+        parsed.signed_by(log)?;
+        let boxed = |key: &VerifierKey| Box::new(key.clone()) as Box<dyn Verifier>;
+        let witnesses = self.witnesses.iter().map(|witness| boxed(&witness.key));
+        let keys = VerifierList::new(std::iter::once(boxed(log)).chain(witnesses).collect());
+        let (signatures, _) = parsed
+            .note
+            .verify(&keys)
+            .map_err(|error| CheckpointError::Signature(error.to_string()))?;
+        let time = |witness: &Witness| {
+            let of = |signature: &&signed_note::Signature| {
+                signature.name() == witness.key.name() && signature.id() == witness.key.id()
+            };
+            let bytes = signatures.iter().find(of)?.signature().first_chunk::<8>()?;
+            Some(u64::from_be_bytes(*bytes))
+        };
+        let times: Vec<Option<u64>> = self.witnesses.iter().map(time).collect();
+        let cosigned: Vec<bool> = times.iter().map(Option::is_some).collect();
+        let cosigners: Vec<(String, u64)> = self
+            .witnesses
+            .iter()
+            .zip(times)
+            .filter_map(|(witness, time)| Some((witness.name.clone(), time?)))
+            .collect();
+        match self.met_by(&cosigned) {
+            true => Ok(Witnessed {
+                checkpoint: parsed.checkpoint,
+                cosigners,
+            }),
+            false => Err(CheckpointError::NoQuorum {
+                size: parsed.checkpoint.size,
+                found: match cosigners.is_empty() {
+                    true => "none of the known witnesses".into(),
+                    false => {
+                        let names: Vec<_> = cosigners.into_iter().map(|(name, _)| name).collect();
+                        names.join(", ")
+                    }
+                },
+                wanted: self.to_string(),
+            }),
+        }
+    }
+}
+
+impl fmt::Display for WitnessPolicy {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&describe(&self.quorum, &self.witnesses))
+    }
+}
+
+fn met(quorum: &Quorum, cosigned: &[bool]) -> bool {
+    match quorum {
+        Quorum::None => true,
+        Quorum::Witness(at) => cosigned.get(*at).copied().unwrap_or(false),
+        Quorum::Group { threshold, members } => {
+            let count = members.iter().filter(|member| met(member, cosigned));
+            count.count() >= *threshold
+        }
+    }
+}
+
+fn describe(quorum: &Quorum, witnesses: &[Witness]) -> String {
+    match quorum {
+        Quorum::None => "nobody".into(),
+        Quorum::Witness(at) => witnesses[*at].name.clone(),
+        Quorum::Group { threshold, members } => {
+            let members: Vec<_> = members
+                .iter()
+                .map(|member| describe(member, witnesses))
+                .collect();
+            format!("{threshold} of ({})", members.join(", "))
+        }
+    }
+}
+
+#[derive(Default)]
+struct Reader {
+    logs: Vec<VerifierKey>,
+    witnesses: Vec<Witness>,
+    named: BTreeMap<String, Named>,
+    quorums: Vec<Quorum>,
+}
+
+struct Named {
+    quorum: Quorum,
+    /// Already a member of a group.
+    taken: bool,
+}
+
+impl Reader {
+    fn line(&mut self, line: usize, text: &str) -> Result<(), PolicyError> {
+        let controls = |c: char| c.is_control() && c != '\t';
+        let words: Vec<&str> = text
+            .split([' ', '\t'])
+            .filter(|word| !word.is_empty())
+            .collect();
+        if words.first().is_none_or(|word| word.starts_with('#')) {
+            return Ok(());
+        }
+        let key = |role, text: &str| {
+            VerifierKey::of_role(role, text).map_err(|error| PolicyError::Key { line, error })
+        };
+        match words.as_slice() {
+            _ if text.contains(controls) => Err(unknown(line, text)),
+            ["log", vkey] | ["log", vkey, _] => self.log(line, key(Role::Log, vkey)?),
+            ["witness", name, vkey, url @ ..] if url.len() < 2 => {
+                let url = url.first().map(|url| (*url).to_owned());
+                self.witness(line, name, key(Role::Witness, vkey)?, url)
+            }
+            ["group", name, threshold, members @ ..] => {
+                self.group(line, name, threshold, members, text)
+            }
+            ["quorum", "none"] => {
+                self.quorums.push(Quorum::None);
+                Ok(())
+            }
+            ["quorum", name] => {
+                let found = self.named.get(*name).ok_or_else(|| undefined(line, name))?;
+                self.quorums.push(found.quorum.clone());
+                Ok(())
+            }
+            _ => Err(unknown(line, text)),
+        }
+    }
+
+    fn log(&mut self, line: usize, key: VerifierKey) -> Result<(), PolicyError> {
+        if self.logs.iter().any(|log| log.public() == key.public()) {
+            return Err(twice(line, key.name()));
+        }
+        room("logs", self.logs.len())?;
+        self.logs.push(key);
+        Ok(())
+    }
+
+    fn witness(
+        &mut self,
+        line: usize,
+        name: &str,
+        key: VerifierKey,
+        url: Option<String>,
+    ) -> Result<(), PolicyError> {
+        // One operator under two names would count twice.
+        if self
+            .witnesses
+            .iter()
+            .any(|witness| witness.key.public() == key.public())
+        {
+            return Err(twice(line, key.name()));
+        }
+        room("witnesses", self.witnesses.len())?;
+        self.define(line, name, Quorum::Witness(self.witnesses.len()))?;
+        self.witnesses.push(Witness {
+            name: name.into(),
+            key,
+            url,
+        });
+        Ok(())
+    }
+
+    fn group(
+        &mut self,
+        line: usize,
+        name: &str,
+        threshold: &str,
+        names: &[&str],
+        text: &str,
+    ) -> Result<(), PolicyError> {
+        let mut members = Vec::new();
+        for member in names {
+            let named = self
+                .named
+                .get_mut(*member)
+                .ok_or_else(|| undefined(line, member))?;
+            if std::mem::replace(&mut named.taken, true) {
+                return Err(PolicyError::Name {
+                    line,
+                    why: format!("'{}' is already a member of a group", short(member)),
+                });
+            }
+            members.push(named.quorum.clone());
+        }
+        let threshold = match threshold {
+            "all" => members.len(),
+            "any" => 1,
+            k => k.parse().map_err(|_| unknown(line, text))?,
+        };
+        if !(1..=members.len()).contains(&threshold) {
+            return Err(PolicyError::Name {
+                line,
+                why: format!(
+                    "group '{}' wants {threshold} of {} members",
+                    short(name),
+                    members.len()
+                ),
+            });
+        }
+        room(
+            "groups",
+            self.named.len().saturating_sub(self.witnesses.len()),
+        )?;
+        self.define(line, name, Quorum::Group { threshold, members })
+    }
+
+    fn define(&mut self, line: usize, name: &str, quorum: Quorum) -> Result<(), PolicyError> {
+        let new = Named {
+            quorum,
+            taken: false,
+        };
+        match name != "none" && self.named.insert(name.into(), new).is_none() {
+            true => Ok(()),
+            false => Err(PolicyError::Name {
+                line,
+                why: format!("the name '{}' is already taken", short(name)),
+            }),
+        }
+    }
+}
+
+fn room(what: &str, count: usize) -> Result<(), PolicyError> {
+    match count < MAX_OF_A_KIND {
+        true => Ok(()),
+        false => Err(PolicyError::TooLarge(format!(
+            "more than {MAX_OF_A_KIND} {what}"
+        ))),
+    }
+}
+
+fn unknown(line: usize, text: &str) -> PolicyError {
+    PolicyError::Line {
+        line,
+        text: short(text),
+    }
+}
+
+fn undefined(line: usize, name: &str) -> PolicyError {
+    PolicyError::Name {
+        line,
+        why: format!("no line before it defines '{}'", short(name)),
+    }
+}
+
+fn twice(line: usize, name: &str) -> PolicyError {
+    PolicyError::Name {
+        line,
+        why: format!("the key of '{}' is there already", short(name)),
+    }
+}
