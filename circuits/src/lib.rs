@@ -1,61 +1,33 @@
 //! What zk0 proves, as one `no_std` crate that runs natively and inside the SP1 guest.
 //!
-//! A short tour:
-//! - [`claim`]: the public values of a proof, the statement a contribution makes; [`statement`] checks it from a
-//!   witness, in one of two modes. The guest programs run [`statement::check`] or [`statement::check_hinted`], and
-//!   nothing else.
-//! - [`spec`]: dimensions and scales of the evaluation; [`weights`], [`parameters`] and [`sample`]: what it takes, as
-//!   int16 ([`values`]); [`eval`]: the evaluation itself, of [`linear`] layers and [`elementwise`] steps, on
-//!   [`fixed`]-point arithmetic and [`tables`]; a [`site`] is a place in it.
-//! - [`multiply`]: where its matrix products come from. Mode `direct`: [`products`], from a [`witness`] that holds the
-//!   weights. Mode `checked`: from a [`hinted`] witness, [`checked`] with random [`coefficients`] of a large [`field`] against
-//!   the weights' [`projection`]. `SOUNDNESS.md` argues it.
-//! - [`challenge`]: what is drawn for a contribution: samples, flow times, noise.
-//! - [`dataset`]: what a dataset commitment commits to; [`merkle`]: its tree.
-//! - [`digest`]: 32-byte digests and domain-separated SHA-256; [`poseidon2`]: hashing of large int16 data.
-//! - [`budget`]: what of a guest's cycles each operation takes.
-//! - [`program`]: the guest programs' verifying keys; [`mode`]: modes by name.
+//! A short tour, from the top down. Each folder uses only those below it.
+//!
+//! - [`claim`]: what a proof says. [`Claim`] is the public values of a proof: the [`Terms`] that the ledger fixes, and the
+//!   losses. [`PrivateInput`] is what only the prover sees. [`claim::statement`] checks the private input and returns the
+//!   claim; the two guest programs run [`claim::statement::check`] or [`claim::statement::check_hinted`], and nothing else.
+//!   [`claim::dataset`] says what a node commits to before a round, and [`claim::challenge`] draws from it.
+//!   [`claim::program`] holds the verifying keys of the guest programs.
+//! - [`freivalds`]: mode `checked`. The prover hints the matrix products, and the guest checks them with random coefficients.
+//!   `SOUNDNESS.md` argues why this is sound.
+//! - [`model`]: the evaluation. [`model::spec`] fixes dimensions and scales, [`model::quantise`] makes int16 of f32, and
+//!   [`model::eval`] computes the loss of [`QuantisedWeights`] on a [`Sample`]. [`model::multiply`] says where the matrix
+//!   products come from: in mode `direct` the guest computes them.
+//! - [`vm`]: what differs between the native machine and the guest: SHA-256 and Poseidon2 are SP1 precompiles in the guest.
+//!   Beside them: Merkle trees, int16 values in words, and the cycle budget.
 #![cfg_attr(not(any(feature = "std", test)), no_std)]
 extern crate alloc;
 
-pub mod budget;
-pub mod challenge;
-pub mod checked;
 pub mod claim;
-pub mod coefficients;
-pub mod dataset;
-pub mod digest;
-pub mod elementwise;
-pub mod eval;
-pub mod field;
-pub mod fixed;
-pub mod hinted;
-pub mod linear;
-pub mod merkle;
-#[cfg(feature = "std")]
-pub mod mode;
-pub mod multiply;
-pub mod parameters;
-pub mod poseidon2;
-pub mod products;
-#[cfg(feature = "std")]
-pub mod program;
-pub mod projection;
-pub mod sample;
-pub mod site;
-pub mod spec;
-pub mod statement;
-pub mod tables;
-pub mod values;
-pub mod weights;
-pub mod witness;
-#[cfg(target_os = "zkvm")]
-mod zkvm;
+pub mod freivalds;
+pub mod model;
+pub mod vm;
 
-pub use claim::{Claim, GuestWeights, Losses, WeightCheck, WeightsDigest, CLAIM_VERSION};
-pub use dataset::DatasetCommitment;
-pub use digest::{Digest, NodeId};
-pub use sample::Sample;
-pub use spec::EvalSpec;
-pub use weights::QuantisedWeights;
-pub use witness::Witness;
+pub use claim::{
+    dataset::DatasetCommitment,
+    losses::{Disclosure, Losses},
+    private_input::PrivateInput,
+    public_values::{Claim, GuestWeights, WeightCheck, CLAIM_VERSION},
+    terms::{Terms, WeightsDigest},
+};
+pub use model::{mode::Mode, sample::Sample, spec::EvalSpec, weights::QuantisedWeights};
+pub use vm::digest::{Digest, NodeId};

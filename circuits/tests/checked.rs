@@ -4,23 +4,25 @@ mod claims;
 
 use claims::{calmer, honest, quantise, tensors, Honest, Random};
 use zk0_circuits::{
-    eval::EvalError,
-    hinted::HintedWitness,
-    spec::Dims,
-    statement::{check, check_hinted, StatementError},
+    claim::{
+        hinted_input::HintedInput,
+        statement::{check, check_hinted},
+        statement_error::StatementError,
+    },
+    model::{site::EvalError, spec::Dims},
     Claim, Digest, EvalSpec, Losses, NodeId, Sample, WeightCheck,
 };
 
-fn micro() -> (Honest, HintedWitness<'static>) {
+fn micro() -> (Honest, HintedInput<'static>) {
     let honest = honest(&EvalSpec::micro(), 6, 2, 1);
-    let hinted = HintedWitness::of(&honest.witness).unwrap();
+    let hinted = HintedInput::of(&honest.input).unwrap();
     (honest, hinted)
 }
 
 /// What the verifier, who holds the weights, expects of a claim whose coefficients come from `seed`.
 fn expected(honest: &Honest, seed: Digest) -> WeightCheck {
-    let mut again = HintedWitness::of(&honest.witness).unwrap();
-    let weights = [&honest.witness.base, &honest.witness.update];
+    let mut again = HintedInput::of(&honest.input).unwrap();
+    let weights = [&honest.input.base, &honest.input.update];
     again.project(seed, weights).unwrap();
     let check = again.weight_check();
     assert_eq!(check.seed, seed);
@@ -28,8 +30,8 @@ fn expected(honest: &Honest, seed: Digest) -> WeightCheck {
 }
 
 /// Whether a verifier would accept: the statement holds, and its weights are those of the files.
-fn accepted(honest: &Honest, witness: &HintedWitness) -> Result<Claim, String> {
-    let claim = check_hinted(witness).map_err(|error| error.to_string())?;
+fn accepted(honest: &Honest, input: &HintedInput) -> Result<Claim, String> {
+    let claim = check_hinted(input).map_err(|error| error.to_string())?;
     match claim.weight_check {
         Some(check) if check == expected(honest, check.seed) => Ok(claim),
         _ => Err("the verifier finds other weights".into()),
@@ -57,12 +59,12 @@ fn agrees_with_direct_on_a_thousand_small_models() {
             action_dim: pick(1, max_action_dim),
             max_prefix: pick(2, 6),
         };
-        let witness = honest(&EvalSpec::new(dims), 3, 1, seed).witness;
+        let input = honest(&EvalSpec::new(dims), 3, 1, seed).input;
         // Now and then a random model's calmer copy is no better: then both modes say so.
-        let direct = check(&witness);
-        let hinted = HintedWitness::of(&witness).unwrap();
+        let direct = check(&input);
+        let hinted = HintedInput::of(&input).unwrap();
         let buffers = hinted.to_buffers();
-        let read = HintedWitness::from_buffers(&buffers).unwrap();
+        let read = HintedInput::from_buffers(&buffers).unwrap();
         assert_eq!(read, hinted);
         let checked = check_hinted(&read).map(|claim| Claim {
             weight_check: None,
@@ -80,7 +82,7 @@ fn agrees_with_direct_on_a_thousand_small_models() {
 fn an_honest_claim_is_accepted() {
     let (honest, hinted) = micro();
     let claim = accepted(&honest, &hinted).unwrap();
-    assert_eq!(claim.losses, check(&honest.witness).unwrap().losses);
+    assert_eq!(claim.losses, check(&honest.input).unwrap().losses);
     assert!(matches!(claim.losses, Losses::Disclosed { .. }));
 }
 
@@ -89,8 +91,8 @@ fn an_honest_claim_is_accepted() {
 #[test]
 fn no_hinted_product_can_be_changed() {
     let honest = honest(&EvalSpec::micro(), 3, 1, 1);
-    let hinted = HintedWitness::of(&honest.witness).unwrap();
-    let weights = [&honest.witness.base, &honest.witness.update];
+    let hinted = HintedInput::of(&honest.input).unwrap();
+    let weights = [&honest.input.base, &honest.input.update];
     let mut random = Random(9);
     for model in 0..2 {
         let count = hinted.base.hints[0].sums().len();
@@ -126,12 +128,12 @@ fn no_hinted_product_can_be_changed() {
 #[test]
 fn hints_too_few_or_too_many_are_refused() {
     let (honest, hinted) = micro();
-    let weights = [&honest.witness.base, &honest.witness.update];
+    let weights = [&honest.input.base, &honest.input.update];
     for change in [-2i64, 2] {
         let mut cheat = hinted.clone();
         let mut sums = cheat.update.hints[1].sums().to_vec();
         sums.resize((sums.len() as i64 + change) as usize, 0);
-        cheat.update.hints[1] = zk0_circuits::hinted::Hints::new(&sums);
+        cheat.update.hints[1] = zk0_circuits::freivalds::hints::Hints::new(&sums);
         cheat.seal(weights).unwrap();
         assert!(matches!(
             check_hinted(&cheat),
@@ -177,9 +179,9 @@ fn hints_of_other_weights_are_refused() {
     let spec = EvalSpec::micro();
     let (honest, _) = micro();
     let other = tensors(&spec, &mut Random(77), 1.0);
-    let mut cheat = honest.witness.clone();
+    let mut cheat = honest.input.clone();
     cheat.update = quantise(&spec, &calmer(&other));
-    let hinted = HintedWitness::of(&cheat).unwrap();
+    let hinted = HintedInput::of(&cheat).unwrap();
     if let Ok(claim) = check_hinted(&hinted) {
         let check = claim.weight_check.unwrap();
         assert_ne!(check, expected(&honest, check.seed));
@@ -196,7 +198,8 @@ fn no_gain_or_bias_can_be_changed() {
     for at in (0..bytes.len()).step_by(3) {
         let mut changed = bytes.clone();
         changed[at] ^= 1;
-        let Ok(parameters) = zk0_circuits::parameters::Parameters::from_bytes(spec, &changed)
+        let Ok(parameters) =
+            zk0_circuits::model::parameters::Parameters::from_bytes(spec, &changed)
         else {
             continue; // a scale out of bounds, or padding
         };
@@ -204,7 +207,7 @@ fn no_gain_or_bias_can_be_changed() {
         cheat.update.parameters = parameters;
         assert!(accepted(&honest, &cheat).is_err(), "byte {at}");
         cheat
-            .seal([&honest.witness.base, &honest.witness.update])
+            .seal([&honest.input.base, &honest.input.update])
             .unwrap();
         assert!(accepted(&honest, &cheat).is_err(), "byte {at}, sealed anew");
     }
@@ -213,20 +216,21 @@ fn no_gain_or_bias_can_be_changed() {
 #[test]
 fn no_header_field_can_be_changed() {
     let (_, hinted) = micro();
-    type Change = fn(&mut HintedWitness);
-    let changes: [Change; 14] = [
-        |w| w.header.network.0[0] ^= 1,
-        |w| w.header.round += 1,
-        |w| w.header.node = NodeId([3; 32]),
-        |w| w.header.dataset.root.0[0] ^= 1,
-        |w| w.header.dataset.feature_spec.0[0] ^= 1,
-        |w| w.header.dataset.salt_commitment.0[0] ^= 1,
-        |w| w.header.base.blob.0[0] ^= 1,
-        |w| w.header.base.quantised.0[0] ^= 1,
-        |w| w.header.update.blob.0[0] ^= 1,
-        |w| w.header.update.quantised.0[0] ^= 1,
-        |w| w.header.challenge.0[0] ^= 1,
-        |w| w.header.min_improvement_bps -= 1,
+    type Change = fn(&mut HintedInput);
+    let changes: [Change; 15] = [
+        |w| w.header.terms.network.0[0] ^= 1,
+        |w| w.header.terms.round += 1,
+        |w| w.header.terms.node = NodeId([3; 32]),
+        |w| w.header.terms.dataset.root.0[0] ^= 1,
+        |w| w.header.terms.dataset.feature_spec.0[0] ^= 1,
+        |w| w.header.terms.dataset.salt_commitment.0[0] ^= 1,
+        |w| w.header.terms.evaluation.0[0] ^= 1,
+        |w| w.header.terms.base.blob.0[0] ^= 1,
+        |w| w.header.terms.base.quantised.0[0] ^= 1,
+        |w| w.header.terms.update.blob.0[0] ^= 1,
+        |w| w.header.terms.update.quantised.0[0] ^= 1,
+        |w| w.header.terms.challenge.0[0] ^= 1,
+        |w| w.header.terms.min_improvement_bps -= 1,
         |w| w.header.salt[0] ^= 1,
         |w| w.seed.0[31] ^= 1,
     ];
@@ -240,8 +244,8 @@ fn no_header_field_can_be_changed() {
 #[test]
 fn no_sample_index_or_path_can_be_changed() {
     let (honest, hinted) = micro();
-    let weights = [&honest.witness.base, &honest.witness.update];
-    type Change = fn(&mut HintedWitness, &Honest);
+    let weights = [&honest.input.base, &honest.input.update];
+    type Change = fn(&mut HintedInput, &Honest);
     let changes: [Change; 5] = [
         |w, _| w.openings[0].index ^= 1,
         |w, _| w.openings[0].path[0].0[5] ^= 1,
@@ -262,7 +266,7 @@ fn no_sample_index_or_path_can_be_changed() {
 #[test]
 fn no_value_of_a_sample_can_be_changed() {
     let (honest, hinted) = micro();
-    let weights = [&honest.witness.base, &honest.witness.update];
+    let weights = [&honest.input.base, &honest.input.update];
     let bytes = hinted.openings[0].sample.as_bytes().to_vec();
     let mut evaluated = 0;
     for at in (0..bytes.len()).step_by(2) {
@@ -285,13 +289,13 @@ fn no_value_of_a_sample_can_be_changed() {
 #[test]
 fn products_under_other_noise_are_refused() {
     let (honest, hinted) = micro();
-    let mut other = honest.witness.clone();
-    other.header.challenge.0[0] ^= 1;
-    let other = HintedWitness::of(&other).unwrap();
+    let mut other = honest.input.clone();
+    other.header.terms.challenge.0[0] ^= 1;
+    let other = HintedInput::of(&other).unwrap();
     let mut cheat = hinted.clone();
     cheat.update.hints = other.update.hints;
     cheat
-        .seal([&honest.witness.base, &honest.witness.update])
+        .seal([&honest.input.base, &honest.input.update])
         .unwrap();
     assert!(matches!(
         check_hinted(&cheat),
@@ -307,14 +311,14 @@ fn truncated_buffers_are_refused() {
         for keep in [0, 1, honest[buffer].len() / 2, honest[buffer].len() - 1] {
             let mut buffers = honest.clone();
             buffers[buffer].truncate(keep);
-            let read = HintedWitness::from_buffers(&buffers);
+            let read = HintedInput::from_buffers(&buffers);
             let refused = match &read {
-                Ok(witness) => check_hinted(witness).is_err(),
+                Ok(input) => check_hinted(input).is_err(),
                 Err(_) => true,
             };
             assert!(refused, "buffer {buffer} cut to {keep} bytes");
         }
     }
-    assert!(HintedWitness::from_buffers(&honest[..3]).is_err());
-    assert!(HintedWitness::from_buffers(&honest[..honest.len() - 1]).is_err());
+    assert!(HintedInput::from_buffers(&honest[..3]).is_err());
+    assert!(HintedInput::from_buffers(&honest[..honest.len() - 1]).is_err());
 }

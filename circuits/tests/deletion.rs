@@ -79,10 +79,7 @@ impl Workspace {
         for name in ["src", "tables", "elf"] {
             let (from, to) = (here.join(name), folder.join("circuits").join(name));
             let _ = fs::remove_dir_all(&to); // of an earlier run
-            for entry in fs::read_dir(&from).expect(name) {
-                let file = entry.expect(name).file_name();
-                write(&to.join(&file), fs::read(from.join(&file)).expect(name));
-            }
+            copy_folder(&from, &to);
         }
         let manifest = read(&here.join("Cargo.toml"));
         write(&folder.join("circuits/Cargo.toml"), manifest);
@@ -123,6 +120,18 @@ impl Workspace {
             String::from_utf8_lossy(&output.stdout).trim().to_string()
         } else {
             format!("not tried:\n{}", String::from_utf8_lossy(&output.stderr))
+        }
+    }
+}
+
+fn copy_folder(from: &Path, to: &Path) {
+    let entries = fs::read_dir(from).unwrap_or_else(|error| panic!("{}: {error}", from.display()));
+    for entry in entries {
+        let path = entry.expect("an entry of the folder").path();
+        let to = to.join(path.file_name().expect("an entry has a name"));
+        match path.is_dir() {
+            true => copy_folder(&path, &to),
+            false => write(&to, fs::read(&path).expect("a file of the crate")),
         }
     }
 }

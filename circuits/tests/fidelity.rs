@@ -5,7 +5,10 @@ mod claims;
 mod reference;
 
 use claims::{quantise, tensors, Parts, Random, Tensors};
-use zk0_circuits::{challenge::draw, eval::evaluate, spec::Dims, tables, Digest, EvalSpec};
+use zk0_circuits::{
+    model::{arithmetic::tables, draw::draw, eval::evaluate, spec::Dims},
+    Digest, EvalSpec,
+};
 
 /// Relative error of the loss over `count` samples; and the worst of single samples.
 fn fidelity(spec: &EvalSpec, tensors: &Tensors, random: &mut Random, count: usize) -> (f64, f64) {

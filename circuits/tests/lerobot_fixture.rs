@@ -2,13 +2,14 @@
 
 use safetensors::{tensor::TensorView, SafeTensors};
 use std::{collections::HashMap, fs, path::PathBuf};
-use zk0_circuits::{
-    challenge::Draw,
+use zk0_circuits::model::{
+    draw::Draw,
     eval::{evaluate, Evaluator},
+    layout::expert_tensors,
     parameters::Parameters,
     sample::{Sample, SampleParts},
     spec::{Dims, EvalSpec},
-    weights::{expert_tensors, QuantisedWeights},
+    weights::QuantisedWeights,
 };
 
 const TINY: Dims = Dims {

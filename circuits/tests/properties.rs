@@ -5,14 +5,19 @@ mod claims;
 use claims::{honest, quantise, tensors, Parts, Random};
 use proptest::prelude::*;
 use zk0_circuits::{
-    challenge::{draw, sample_indices},
-    eval::{evaluate, EvalError, Evaluator},
-    merkle,
-    sample::SampleParts,
-    spec::{Dims, SpecError},
-    values::Values,
-    weights::{expert_tensors, QuantiseError, WeightsError},
-    Digest, EvalSpec, QuantisedWeights, Sample, Witness,
+    claim::challenge::sample_indices,
+    model::{
+        draw::draw,
+        eval::{evaluate, Evaluator},
+        layout::expert_tensors,
+        quantise::QuantiseError,
+        sample::SampleParts,
+        site::EvalError,
+        spec::{Dims, SpecError},
+        weights::WeightsError,
+    },
+    vm::{merkle, values::Values},
+    Digest, EvalSpec, PrivateInput, QuantisedWeights, Sample,
 };
 
 fn leaves(count: usize) -> Vec<Digest> {
@@ -73,7 +78,7 @@ proptest! {
         if let Ok(spec) = EvalSpec::decode(&bytes) {
             // What is accepted can be evaluated, or says why not.
             if spec.dims == Dims::MICRO {
-                let honest = honest(&EvalSpec::micro(), 2, 1, 1).witness;
+                let honest = honest(&EvalSpec::micro(), 2, 1, 1).input;
                 let draw = draw(&spec, &Digest([0; 32]), 0);
                 let _ = evaluate(&spec, &honest.base, &honest.openings[0].sample, &draw);
             }
@@ -82,12 +87,12 @@ proptest! {
     }
 
     #[test]
-    fn mutilated_witnesses_do_not_panic(buffer in 0usize..4, at: usize, byte: u8) {
-        let mut buffers = honest(&EvalSpec::micro(), 3, 2, 1).witness.to_buffers();
+    fn mutilated_private_inputs_do_not_panic(buffer in 0usize..4, at: usize, byte: u8) {
+        let mut buffers = honest(&EvalSpec::micro(), 3, 2, 1).input.to_buffers();
         let len = buffers[buffer].len();
         buffers[buffer][at % len] = byte;
-        if let Ok(witness) = Witness::from_buffers(&buffers) {
-            let _ = zk0_circuits::statement::check(&witness);
+        if let Ok(input) = PrivateInput::from_buffers(&buffers) {
+            let _ = zk0_circuits::claim::statement::check(&input);
         }
     }
 

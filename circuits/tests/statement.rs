@@ -4,37 +4,45 @@ mod claims;
 
 use claims::{calmer, honest, name_weights, quantise, tensors, Honest, Random};
 use zk0_circuits::{
-    challenge::{challenge, sample_indices},
-    dataset::{check_leaves, leaf, salt_commitment, LeavesError},
-    eval::{evaluate, EvalError, Site},
-    merkle,
-    statement::{check, improves, Disclosure, Mode, Model, StatementError},
-    witness::{Opening, WitnessError},
-    Digest, EvalSpec, Losses, NodeId, Witness,
+    claim::{
+        challenge::{challenge, sample_indices},
+        dataset::{check_leaves, leaf, salt_commitment, LeavesError},
+        hinted_input::HintedInput,
+        private_input::{InputError, Opening},
+        statement::{check, check_hinted, improves},
+        statement_error::StatementError,
+        terms::Model,
+    },
+    model::{
+        eval::evaluate,
+        site::{EvalError, Site},
+    },
+    vm::merkle,
+    Digest, Disclosure, EvalSpec, Losses, Mode, NodeId, PrivateInput, Terms,
 };
 
 fn micro() -> Honest {
     honest(&EvalSpec::micro(), 20, 4, 11)
 }
 
-fn refused(witness: &Witness) -> StatementError {
-    check(witness).expect_err("the cheat passes")
+fn refused(input: &PrivateInput) -> StatementError {
+    check(input).expect_err("the cheat passes")
 }
 
 #[test]
 fn an_honest_claim_holds_and_says_what_was_evaluated() {
     let honest = micro();
-    let claim = check(&honest.witness).unwrap();
-    assert_eq!(claim.evaluation, EvalSpec::micro().digest());
+    let claim = check(&honest.input).unwrap();
+    assert_eq!(claim.terms.evaluation, EvalSpec::micro().digest());
     assert_eq!(
-        claim.base.quantised,
-        honest.witness.base.digest(Mode::Direct)
+        claim.terms.base.quantised,
+        honest.input.base.digest(Mode::Direct)
     );
     assert_eq!(
-        claim.update.quantised,
-        honest.witness.update.digest(Mode::Direct)
+        claim.terms.update.quantised,
+        honest.input.update.digest(Mode::Direct)
     );
-    assert_eq!(claim.challenge, honest.witness.header.challenge);
+    assert_eq!(claim.terms.challenge, honest.input.header.terms.challenge);
     let Losses::Disclosed {
         before,
         after,
@@ -49,19 +57,19 @@ fn an_honest_claim_holds_and_says_what_was_evaluated() {
 #[test]
 fn hidden_losses_stay_hidden() {
     let mut honest = micro();
-    honest.witness.header.disclosure = Disclosure::Hidden;
-    assert_eq!(check(&honest.witness).unwrap().losses, Losses::Hidden);
+    honest.input.header.disclosure = Disclosure::Nothing;
+    assert_eq!(check(&honest.input).unwrap().losses, Losses::Hidden);
 }
 
 #[test]
 fn another_sample_than_the_drawn_one_is_refused() {
     let mut honest = micro();
-    let drawn = honest.witness.openings[0].index;
+    let drawn = honest.input.openings[0].index;
     let easy = (0..20)
-        .find(|index| honest.witness.openings.iter().all(|o| o.index != *index))
+        .find(|index| honest.input.openings.iter().all(|o| o.index != *index))
         .unwrap();
     // A sample of the dataset, honestly opened, but not the one that was drawn.
-    honest.witness.openings[0] = Opening {
+    honest.input.openings[0] = Opening {
         index: easy,
         sample: honest.dataset[easy as usize].clone(),
         path: merkle::path(&honest.leaves, easy as usize).unwrap(),
@@ -71,17 +79,17 @@ fn another_sample_than_the_drawn_one_is_refused() {
         found: easy,
         drawn,
     };
-    assert_eq!(refused(&honest.witness), expected);
+    assert_eq!(refused(&honest.input), expected);
     // Under the drawn index.
-    honest.witness.openings[0].index = drawn;
+    honest.input.openings[0].index = drawn;
     assert_eq!(
-        refused(&honest.witness),
+        refused(&honest.input),
         StatementError::NotCommitted { index: drawn }
     );
     // With the drawn sample's path.
-    honest.witness.openings[0].path = merkle::path(&honest.leaves, drawn as usize).unwrap();
+    honest.input.openings[0].path = merkle::path(&honest.leaves, drawn as usize).unwrap();
     assert_eq!(
-        refused(&honest.witness),
+        refused(&honest.input),
         StatementError::NotCommitted { index: drawn }
     );
 }
@@ -89,9 +97,9 @@ fn another_sample_than_the_drawn_one_is_refused() {
 #[test]
 fn samples_in_another_order_are_refused() {
     let mut honest = micro();
-    honest.witness.openings.swap(1, 2);
+    honest.input.openings.swap(1, 2);
     assert!(matches!(
-        refused(&honest.witness),
+        refused(&honest.input),
         StatementError::Index { position: 1, .. }
     ));
 }
@@ -99,9 +107,9 @@ fn samples_in_another_order_are_refused() {
 #[test]
 fn one_sample_evaluated_twice_is_refused() {
     let mut honest = micro();
-    honest.witness.openings[1] = honest.witness.openings[0].clone();
+    honest.input.openings[1] = honest.input.openings[0].clone();
     assert!(matches!(
-        refused(&honest.witness),
+        refused(&honest.input),
         StatementError::Index { position: 1, .. }
     ));
 }
@@ -109,12 +117,12 @@ fn one_sample_evaluated_twice_is_refused() {
 #[test]
 fn fewer_samples_than_claimed_are_refused() {
     let mut honest = micro();
-    honest.witness.openings.pop();
+    honest.input.openings.pop();
     let expected = StatementError::Openings {
         claimed: 4,
         opened: 3,
     };
-    assert_eq!(refused(&honest.witness), expected);
+    assert_eq!(refused(&honest.input), expected);
 }
 
 #[test]
@@ -125,10 +133,10 @@ fn a_wrong_path_is_refused() {
         |path: &mut Vec<Digest>| path.push(Digest([0; 32])),
     ] {
         let mut honest = micro();
-        spoil(&mut honest.witness.openings[2].path);
-        let index = honest.witness.openings[2].index;
+        spoil(&mut honest.input.openings[2].path);
+        let index = honest.input.openings[2].index;
         assert_eq!(
-            refused(&honest.witness),
+            refused(&honest.input),
             StatementError::NotCommitted { index }
         );
     }
@@ -138,22 +146,30 @@ fn a_wrong_path_is_refused() {
 fn another_dataset_size_is_refused() {
     // The indices drawn are the same for both sizes under a suitable challenge; the tree's shape is not.
     let mut honest = micro();
-    let header = &mut honest.witness.header;
-    header.dataset.samples = 21;
-    let changed = (0..).map(|i| challenge(&header.network, i, &header.node, 4, &Digest([5; 32])));
+    let header = &mut honest.input.header;
+    header.terms.dataset.samples = 21;
+    let changed = (0..).map(|i| {
+        challenge(
+            &header.terms.network,
+            i,
+            &header.terms.node,
+            4,
+            &Digest([5; 32]),
+        )
+    });
     let (challenge, indices) = changed
         .map(|challenge| (challenge, sample_indices(&challenge, 21, 1).unwrap()))
         .find(|(_, indices)| indices[0] == 19)
         .unwrap();
-    header.challenge = challenge;
-    header.eval_samples = 1;
-    honest.witness.openings = vec![Opening {
+    header.terms.challenge = challenge;
+    header.terms.eval_samples = 1;
+    honest.input.openings = vec![Opening {
         index: indices[0],
         sample: honest.dataset[19].clone(),
         path: merkle::path(&honest.leaves, 19).unwrap(),
     }];
     assert_eq!(
-        refused(&honest.witness),
+        refused(&honest.input),
         StatementError::NotCommitted { index: 19 }
     );
 }
@@ -161,12 +177,12 @@ fn another_dataset_size_is_refused() {
 #[test]
 fn another_salt_is_refused() {
     let mut honest = micro();
-    honest.witness.header.salt[0] ^= 1;
-    assert_eq!(refused(&honest.witness), StatementError::Salt);
+    honest.input.header.salt[0] ^= 1;
+    assert_eq!(refused(&honest.input), StatementError::Salt);
     // Even when its commitment is given along: the leaves then differ.
-    honest.witness.header.dataset.salt_commitment = salt_commitment(&honest.witness.header.salt);
+    honest.input.header.terms.dataset.salt_commitment = salt_commitment(&honest.input.header.salt);
     assert!(matches!(
-        refused(&honest.witness),
+        refused(&honest.input),
         StatementError::NotCommitted { .. }
     ));
 }
@@ -174,10 +190,10 @@ fn another_salt_is_refused() {
 #[test]
 fn swapped_weights_do_not_improve() {
     let mut honest = micro();
-    std::mem::swap(&mut honest.witness.base, &mut honest.witness.update);
-    name_weights(&mut honest.witness);
+    std::mem::swap(&mut honest.input.base, &mut honest.input.update);
+    name_weights(&mut honest.input);
     assert!(matches!(
-        refused(&honest.witness),
+        refused(&honest.input),
         StatementError::NoImprovement { .. }
     ));
 }
@@ -186,28 +202,28 @@ fn swapped_weights_do_not_improve() {
 fn other_weights_give_another_digest() {
     let spec = EvalSpec::micro();
     let mut honest = micro();
-    let claim = check(&honest.witness).unwrap();
+    let claim = check(&honest.input).unwrap();
     let base = tensors(&spec, &mut Random(12), 1.0);
-    (honest.witness.base, honest.witness.update) =
+    (honest.input.base, honest.input.update) =
         (quantise(&spec, &base), quantise(&spec, &calmer(&base)));
     // The header names the weights; others than these are refused.
     let expected = StatementError::Weights(Model::Base);
-    assert_eq!(refused(&honest.witness), expected);
-    name_weights(&mut honest.witness);
-    let other = check(&honest.witness).unwrap();
-    assert_ne!(claim.base.quantised, other.base.quantised);
-    assert_ne!(claim.update.quantised, other.update.quantised);
+    assert_eq!(refused(&honest.input), expected);
+    name_weights(&mut honest.input);
+    let other = check(&honest.input).unwrap();
+    assert_ne!(claim.terms.base.quantised, other.terms.base.quantised);
+    assert_ne!(claim.terms.update.quantised, other.terms.update.quantised);
 }
 
 #[test]
 fn the_base_itself_is_no_improvement() {
     let mut honest = micro();
-    honest.witness.update = honest.witness.base.clone();
-    name_weights(&mut honest.witness);
+    honest.input.update = honest.input.base.clone();
+    name_weights(&mut honest.input);
     for bps in [0, 100] {
-        honest.witness.header.min_improvement_bps = bps;
+        honest.input.header.terms.min_improvement_bps = bps;
         assert!(matches!(
-            refused(&honest.witness),
+            refused(&honest.input),
             StatementError::NoImprovement { .. }
         ));
     }
@@ -216,23 +232,23 @@ fn the_base_itself_is_no_improvement() {
 #[test]
 fn too_small_an_improvement_is_refused() {
     let mut honest = micro();
-    let Losses::Disclosed { before, after, .. } = check(&honest.witness).unwrap().losses else {
+    let Losses::Disclosed { before, after, .. } = check(&honest.input).unwrap().losses else {
         panic!("losses are hidden")
     };
     let achieved = ((before - after) as u128 * 10_000 / before as u128) as u32;
-    honest.witness.header.min_improvement_bps = achieved;
-    assert!(check(&honest.witness).is_ok());
-    honest.witness.header.min_improvement_bps = achieved + 1;
+    honest.input.header.terms.min_improvement_bps = achieved;
+    assert!(check(&honest.input).is_ok());
+    honest.input.header.terms.min_improvement_bps = achieved + 1;
     let min_improvement_bps = achieved + 1;
     let expected = StatementError::NoImprovement {
         before,
         after,
         min_improvement_bps,
     };
-    assert_eq!(refused(&honest.witness), expected);
-    honest.witness.header.min_improvement_bps = 10_001;
+    assert_eq!(refused(&honest.input), expected);
+    honest.input.header.terms.min_improvement_bps = 10_001;
     assert_eq!(
-        refused(&honest.witness),
+        refused(&honest.input),
         StatementError::MinImprovement(10_001)
     );
 }
@@ -251,9 +267,9 @@ fn improvement_is_strict_and_exact() {
 #[test]
 fn samples_beyond_the_dataset_cannot_be_drawn() {
     let mut honest = micro();
-    honest.witness.header.eval_samples = 0;
-    honest.witness.openings.clear();
-    assert!(matches!(refused(&honest.witness), StatementError::Draw(_)));
+    honest.input.header.terms.eval_samples = 0;
+    honest.input.openings.clear();
+    assert!(matches!(refused(&honest.input), StatementError::Draw(_)));
     let all = sample_indices(&Digest([3; 32]), 5, 5).unwrap();
     let mut sorted = all.clone();
     sorted.sort_unstable();
@@ -267,15 +283,15 @@ fn a_dataset_of_padding_alone_has_no_loss() {
     let mut honest = honest(&spec, 4, 1, 5);
     let parts = claims::Parts::random(&spec, &mut Random(1), 5, 6);
     let sample = parts.quantise(&spec);
-    let leaf = leaf(&honest.witness.header.salt, &sample.digest());
-    let dataset = &mut honest.witness.header.dataset;
+    let leaf = leaf(&honest.input.header.salt, &sample.digest());
+    let dataset = &mut honest.input.header.terms.dataset;
     (dataset.root, dataset.samples) = (leaf, 1);
-    honest.witness.openings = vec![Opening {
+    honest.input.openings = vec![Opening {
         index: 0,
         sample,
         path: vec![],
     }];
-    assert_eq!(refused(&honest.witness), StatementError::NoElements);
+    assert_eq!(refused(&honest.input), StatementError::NoElements);
 }
 
 #[test]
@@ -289,12 +305,12 @@ fn overflowing_weights_are_an_error_that_names_the_site() {
     {
         *value *= 1000.0;
     }
-    honest.witness.update = quantise(&spec, &loud);
+    honest.input.update = quantise(&spec, &loud);
     let StatementError::Eval {
         model: Model::Update,
         error: EvalError::OutOfRange { site, value },
         ..
-    } = refused(&honest.witness)
+    } = refused(&honest.input)
     else {
         panic!("overflow is not reported")
     };
@@ -305,7 +321,7 @@ fn overflowing_weights_are_an_error_that_names_the_site() {
 #[test]
 fn duplicates_in_a_leaf_list_are_found() {
     let honest = micro();
-    let commitment = honest.witness.header.dataset;
+    let commitment = honest.input.header.terms.dataset;
     assert_eq!(check_leaves(&commitment, &honest.leaves), Ok(()));
     let mut leaves = honest.leaves.clone();
     leaves[17] = leaves[3];
@@ -348,34 +364,89 @@ fn challenges_depend_on_everything_they_name() {
 }
 
 #[test]
-fn a_witness_survives_its_encoding_and_truncation_is_refused() {
+fn a_private_input_survives_its_encoding_and_truncation_is_refused() {
     let honest = micro();
-    let buffers = honest.witness.to_buffers();
-    assert_eq!(Witness::from_buffers(&buffers).unwrap(), honest.witness);
+    let buffers = honest.input.to_buffers();
+    assert_eq!(PrivateInput::from_buffers(&buffers).unwrap(), honest.input);
     for buffer in 0..buffers.len() {
         for cut in [1, 2, 8, buffers[buffer].len()] {
             let mut short = buffers.clone();
             let keep = short[buffer].len() - cut;
             short[buffer].truncate(keep);
             assert!(
-                Witness::from_buffers(&short).is_err(),
+                PrivateInput::from_buffers(&short).is_err(),
                 "buffer {buffer} without {cut} bytes"
             );
             let mut long = buffers.clone();
             long[buffer].extend(vec![0; cut]);
             assert!(
-                Witness::from_buffers(&long).is_err(),
+                PrivateInput::from_buffers(&long).is_err(),
                 "buffer {buffer} with {cut} more bytes"
             );
         }
     }
     assert_eq!(
-        Witness::from_buffers(&buffers[..3]),
-        Err(WitnessError::Buffers {
+        PrivateInput::from_buffers(&buffers[..3]),
+        Err(InputError::Buffers {
             found: 3,
             expected: 4
         })
     );
+}
+
+#[test]
+fn another_specification_than_the_terms_name_is_refused() {
+    let mut honest = micro();
+    let claimed = honest.input.header.terms.evaluation;
+    honest.input.header.spec.dims.action_dim -= 1;
+    let given = honest.input.header.spec.digest();
+    let expected = StatementError::Evaluation { claimed, given };
+    assert_eq!(refused(&honest.input), expected);
+    let hinted = HintedInput::of(&honest.input).unwrap();
+    assert_eq!(check_hinted(&hinted), Err(expected));
+}
+
+#[test]
+fn a_claim_is_compared_term_by_term() {
+    let honest = micro();
+    let claim = check(&honest.input).unwrap();
+    let terms = claim.terms;
+    assert_eq!(terms, honest.input.header.terms);
+    assert_eq!(claim.check(&terms, Disclosure::Losses), Ok(()));
+    type Change = fn(&mut Terms);
+    let changes: [(&str, Change); 15] = [
+        ("network", |terms| terms.network.0[0] ^= 1),
+        ("round", |terms| terms.round += 1),
+        ("node", |terms| terms.node.0[0] ^= 1),
+        ("dataset.root", |terms| terms.dataset.root.0[0] ^= 1),
+        ("dataset.samples", |terms| terms.dataset.samples += 1),
+        ("dataset.feature_spec", |terms| {
+            terms.dataset.feature_spec.0[0] ^= 1
+        }),
+        ("dataset.salt_commitment", |terms| {
+            terms.dataset.salt_commitment.0[0] ^= 1
+        }),
+        ("evaluation", |terms| terms.evaluation.0[0] ^= 1),
+        ("base.blob", |terms| terms.base.blob.0[0] ^= 1),
+        ("base.quantised", |terms| terms.base.quantised.0[0] ^= 1),
+        ("update.blob", |terms| terms.update.blob.0[0] ^= 1),
+        ("update.quantised", |terms| terms.update.quantised.0[0] ^= 1),
+        ("challenge", |terms| terms.challenge.0[0] ^= 1),
+        ("eval_samples", |terms| terms.eval_samples += 1),
+        ("min_improvement_bps", |terms| {
+            terms.min_improvement_bps += 1
+        }),
+    ];
+    for (term, change) in changes {
+        let mut expected = terms;
+        change(&mut expected);
+        let wrong = claim.check(&expected, Disclosure::Losses).unwrap_err();
+        assert_eq!(wrong.term, term);
+        assert_ne!(wrong.claimed, wrong.expected);
+    }
+    let wrong = claim.check(&terms, Disclosure::Nothing).unwrap_err();
+    let text = "the claim's disclosure is losses; expected is nothing";
+    assert_eq!(wrong.to_string(), text);
 }
 
 #[test]
@@ -384,10 +455,10 @@ fn later_padding_changes_nothing() {
     let spec = EvalSpec::micro();
     let honest = micro();
     let mut parts = claims::Parts::random(&spec, &mut Random(4), 9, 2);
-    let draw = zk0_circuits::challenge::draw(&spec, &Digest([6; 32]), 0);
-    let first = evaluate(&spec, &honest.witness.base, &parts.quantise(&spec), &draw).unwrap();
+    let draw = zk0_circuits::model::draw::draw(&spec, &Digest([6; 32]), 0);
+    let first = evaluate(&spec, &honest.input.base, &parts.quantise(&spec), &draw).unwrap();
     parts.actions[5 * 8] += 1.0;
-    let second = evaluate(&spec, &honest.witness.base, &parts.quantise(&spec), &draw).unwrap();
+    let second = evaluate(&spec, &honest.input.base, &parts.quantise(&spec), &draw).unwrap();
     assert_eq!(first, second);
     assert_eq!(first.elements, 4 * 6);
 }

@@ -7,14 +7,19 @@ mod claims;
 use claims::{honest, quantise, tensors, Parts, Random};
 use std::{env, fs, path::PathBuf};
 use zk0_circuits::{
-    challenge::{challenge, draw, sample_indices},
-    dataset::{leaf, salt_commitment},
-    digest::tagged_sha256,
-    merkle,
-    poseidon2::{hash, permute, Domain, State},
-    statement::{check, Mode},
-    values::Values,
-    Digest, EvalSpec, NodeId,
+    claim::{
+        challenge::{challenge, sample_indices},
+        dataset::{leaf, salt_commitment},
+        statement::check,
+    },
+    model::draw::draw,
+    vm::{
+        digest::tagged_sha256,
+        merkle,
+        poseidon2::{hash, permute, Domain, State},
+        values::Values,
+    },
+    Digest, EvalSpec, Mode, NodeId,
 };
 
 fn hex(bytes: &[u8]) -> String {
@@ -122,15 +127,15 @@ fn poseidon2_structures() {
 fn evaluation_and_claim() {
     let spec = EvalSpec::micro();
     let honest = honest(&spec, 9, 4, 77);
-    let claim = check(&honest.witness).unwrap();
-    let [header, ..] = honest.witness.to_buffers();
+    let claim = check(&honest.input).unwrap();
+    let [header, ..] = honest.input.to_buffers();
     compare(
         "claim.hex",
         &[
             ("spec_bytes", spec.encode()),
             ("spec_digest", digest(spec.digest())),
             ("claim_bytes", borsh::to_vec(&claim).unwrap()),
-            ("witness_header", header),
+            ("private_input_header", header),
         ],
     );
 }

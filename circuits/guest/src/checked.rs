@@ -1,20 +1,23 @@
-//! The SP1 program of mode `checked`: matrix products are hinted, and checked with random coefficients.
+//! The SP1 program of mode `checked`: the prover hints the matrix products, and this program checks them with random coefficients.
 #![no_main]
 
-use zk0_circuits::{budget::operation, hinted::HintedWitness, statement};
+use zk0_circuits::{
+    claim::{hinted_input::HintedInput, statement},
+    vm::budget::operation,
+};
 
 sp1_zkvm::entrypoint!(main);
 
-/// Reads a witness and commits the claim it proves; panics, so that no proof exists, when it proves none.
+/// Reads the private input and commits the claim that it proves. Panics where a check fails, so that there is no proof.
 fn main() {
     let decoding = operation("hint decoding");
-    // The number of hint buffers follows from the number of samples, which the first buffer tells.
+    // The first buffer tells the number of samples, and the number of hint buffers follows from it.
     let mut buffers: Vec<Vec<u8>> = vec![sp1_zkvm::io::read_vec()];
-    let count = HintedWitness::buffers(&buffers[0]).unwrap_or_else(|error| panic!("{error}"));
+    let count = HintedInput::buffers(&buffers[0]).unwrap_or_else(|error| panic!("{error}"));
     buffers.extend((1..count).map(|_| sp1_zkvm::io::read_vec()));
-    let witness = HintedWitness::from_buffers(&buffers).unwrap_or_else(|error| panic!("{error}"));
+    let input = HintedInput::from_buffers(&buffers).unwrap_or_else(|error| panic!("{error}"));
     decoding.end();
-    let claim = statement::check_hinted(&witness).unwrap_or_else(|error| panic!("{error}"));
+    let claim = statement::check_hinted(&input).unwrap_or_else(|error| panic!("{error}"));
     let public_values = borsh::to_vec(&claim).unwrap_or_else(|error| panic!("{error}"));
     sp1_zkvm::io::commit_slice(&public_values);
 }

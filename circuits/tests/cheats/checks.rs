@@ -73,14 +73,14 @@ pub const DELETIONS: &[Deletion] = &[
     // What is opened.
     check(
         "number of openings",
-        "statement.rs",
+        "claim/statement.rs",
         &[("claimed as usize != opened", "false")],
         "opens the helpful samples only",
-        "claim evaluates 4 samples, the witness opens 1",
+        "claim evaluates 4 samples, but the private input opens 1",
     ),
     check(
         "salt",
-        "statement.rs",
+        "claim/statement.rs",
         &[(
             "salt_commitment(&header.salt) != dataset.salt_commitment",
             "false",
@@ -90,14 +90,14 @@ pub const DELETIONS: &[Deletion] = &[
     ),
     check(
         "distinct samples",
-        "challenge.rs",
+        "claim/challenge.rs",
         &[("!indices.contains(&index)", "true")],
         "opens one sample twice",
         "opening 1 is of sample 0",
     ),
     check(
         "drawn index, in the opening and in the path",
-        "statement.rs",
+        "claim/statement.rs",
         &[
             ("found != drawn", "false"),
             ("dataset.samples, drawn,", "dataset.samples, found,"),
@@ -107,7 +107,7 @@ pub const DELETIONS: &[Deletion] = &[
     ),
     check(
         "drawn index, in the opening alone",
-        "statement.rs",
+        "claim/statement.rs",
         &[("found != drawn", "false")],
         "opens a lucky sample instead",
         "the challenge draws sample",
@@ -115,7 +115,7 @@ pub const DELETIONS: &[Deletion] = &[
     .still("its path does not lead to the dataset root"),
     check(
         "drawn index, in the path alone",
-        "statement.rs",
+        "claim/statement.rs",
         &[("dataset.samples, drawn,", "dataset.samples, found,")],
         "opens a lucky sample instead",
         "the challenge draws sample",
@@ -123,42 +123,42 @@ pub const DELETIONS: &[Deletion] = &[
     .still("the challenge draws sample"),
     check(
         "Merkle path",
-        "statement.rs",
+        "claim/statement.rs",
         &[("!merkle::verify(", "false && !merkle::verify(")],
         "invents a sample",
         "its path does not lead to the dataset root",
     ),
     check(
         "Merkle path: root",
-        "merkle.rs",
+        "vm/merkle.rs",
         &[("last == 0 && hash == *root", "last == 0")],
         "invents a sample",
         "its path does not lead to the dataset root",
     ),
     check(
         "Merkle path: not too short",
-        "merkle.rs",
+        "vm/merkle.rs",
         &[("last == 0 && hash == *root", "hash == *root")],
         "counts more samples than there are",
         "its path does not lead to the dataset root",
     ),
     check(
         "Merkle path: not too long",
-        "merkle.rs",
+        "vm/merkle.rs",
         &[("if last == 0 {", "if false {")],
         "hides more samples than it counts",
         "its path does not lead to the dataset root",
     ),
     check(
         "sample: pad mask of 0 and 1",
-        "sample.rs",
+        "model/sample.rs",
         &[("value >> 1 != 0", "false")],
         "flags copies of a sample",
         "pad mask of frame 5",
     ),
     check(
         "sample: zeros behind the last value",
-        "values.rs",
+        "vm/values.rs",
         &[(".all(|&value| value == 0)", ".all(|_| true)")],
         "pads copies of a sample",
         "padding is not zero",
@@ -166,7 +166,7 @@ pub const DELETIONS: &[Deletion] = &[
     // Products, in mode `checked`.
     check(
         "rows of a linear layer",
-        "checked.rs",
+        "freivalds/checked.rs",
         &[(
             "Some(output) if !expected.eq(combined)",
             "Some(output) if false",
@@ -176,7 +176,7 @@ pub const DELETIONS: &[Deletion] = &[
     ),
     check(
         "rows of attention scores",
-        "checked.rs",
+        "freivalds/checked.rs",
         &[(
             "rows_with_elements(queries, &projection) != combined",
             "false",
@@ -186,21 +186,21 @@ pub const DELETIONS: &[Deletion] = &[
     ),
     check(
         "rows of attention outputs",
-        "checked.rs",
+        "freivalds/checked.rs",
         &[("if !expected.eq(combined) {", "if false {")],
         "makes attention outputs up",
         "attention output: the hinted product is wrong",
     ),
     check(
         "seed",
-        "statement.rs",
-        &[("witness.seed != expected", "false")],
+        "claim/statement.rs",
+        &[("input.seed != expected", "false")],
         "picks the update's sums last",
         "coefficients were drawn from seed",
     ),
     check(
         "transcript: hints of the update",
-        "hinted.rs",
+        "claim/hinted_input.rs",
         &[(
             "[base.digest(), update.digest()]",
             "[base.digest(), Digest::default()]",
@@ -210,7 +210,7 @@ pub const DELETIONS: &[Deletion] = &[
     ),
     check(
         "transcript: hints of the base",
-        "hinted.rs",
+        "claim/hinted_input.rs",
         &[(
             "[base.digest(), update.digest()]",
             "[Digest::default(), update.digest()]",
@@ -220,7 +220,7 @@ pub const DELETIONS: &[Deletion] = &[
     ),
     check(
         "transcript: header",
-        "hinted.rs",
+        "claim/hinted_input.rs",
         &[("= vec![&header];", "= vec![];")],
         "picks the update last",
         "coefficients were drawn from seed",
@@ -228,43 +228,43 @@ pub const DELETIONS: &[Deletion] = &[
     // Weights, in mode `direct`.
     check(
         "digest of the update",
-        "statement.rs",
-        &[(", (Model::Update, header.update)", "")],
+        "claim/statement.rs",
+        &[(", (Model::Update, terms.update)", "")],
         "evaluates another update",
-        "the Update weights are not those of the header",
+        "the digest of the update weights is not the one in the terms",
     ),
     check(
         "digest of the base",
-        "statement.rs",
-        &[("(Model::Base, header.base), ", "")],
+        "claim/statement.rs",
+        &[("(Model::Base, terms.base), ", "")],
         "evaluates another base",
-        "the Base weights are not those of the header",
+        "the digest of the base weights is not the one in the terms",
     ),
     // Values.
     check(
         "values between products fit",
-        "fixed.rs",
+        "model/arithmetic/fixed.rs",
         &[("self.seen >> 16 == 0", "true")],
         "wraps a norm",
         "final norm: 334400 does not fit",
     ),
     check(
         "sums of a linear layer fit, in mode `direct`",
-        "multiply.rs",
+        "model/multiply.rs",
         &[("fit.check(output.site, SUM_BITS)?;", "")],
         "wraps a velocity",
         "velocity (action_out_proj): 65545 does not fit",
     ),
     check(
         "attention scores fit, in mode `direct`",
-        "multiply.rs",
+        "model/multiply.rs",
         &[("fit.check(site, 0)?;", "")],
         "wraps attention scores",
         "attention scores: ",
     ),
     check(
         "attention outputs fit, in mode `direct`",
-        "multiply.rs",
+        "model/multiply.rs",
         &[("fit.check(site, SUM_BITS)?;", "")],
         "wraps attention outputs",
         "attention output: 32771 does not fit",
@@ -272,47 +272,44 @@ pub const DELETIONS: &[Deletion] = &[
     // Losses.
     check(
         "improvement",
-        "statement.rs",
-        &[(
-            "!improves(before, after, header.min_improvement_bps)",
-            "false",
-        )],
+        "claim/statement.rs",
+        &[("!improves(before, after, min_improvement_bps)", "false")],
         "contributes what is worse",
         "not lower by 100 basis points",
     ),
     check(
         "improvement: strictly lower",
-        "statement.rs",
+        "claim/statement.rs",
         &[("after < before && ", "")],
         "contributes the base itself",
         "not lower by 0 basis points",
     ),
     check(
         "improvement: by its minimum",
-        "statement.rs",
+        "claim/statement.rs",
         &[(" && after as u128 * 10_000 <= before as u128 * kept", "")],
         "improves less than it says",
         "not lower by 9000 basis points",
     ),
     check(
         "minimum improvement is a share",
-        "statement.rs",
-        &[("header.min_improvement_bps > 10_000", "false")],
+        "claim/statement.rs",
+        &[("min_improvement_bps > 10_000", "false")],
         "improves by twice the loss",
         "minimum improvement of 20000 basis points",
     ),
     check(
         "a frame that is not padding",
-        "statement.rs",
+        "claim/statement.rs",
         &[("elements == 0", "false")],
         "pads every frame",
         "there is no loss",
     )
-    .still("from 0 to 0: not lower"),
+    .still("from 0 to 0, which is not lower"),
     // The specification.
     check(
         "specification: scales of the cache",
-        "spec.rs",
+        "model/spec.rs",
         &[(
             "(layer.key != layer.cache_key || layer.value != layer.cache_value)",
             "false",
@@ -321,8 +318,15 @@ pub const DELETIONS: &[Deletion] = &[
         "must have the scale of the cache",
     ),
     check(
+        "specification: the one that the terms name",
+        "claim/statement.rs",
+        &[("claimed != given", "false")],
+        "evaluates fewer action dimensions",
+        "the terms name the evaluation specification with digest",
+    ),
+    check(
         "specification: limits of a scale",
-        "spec.rs",
+        "model/spec.rs",
         &[("scale(\"action\", self.action, 1, 12)?;", "")],
         "wraps the noise",
         "scale action has 14 fraction bits",

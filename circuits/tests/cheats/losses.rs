@@ -2,7 +2,7 @@
 
 use super::verifier::{direct, improves, loss, prove};
 use crate::claims::{calmer, louder, name_weights, nudged, quantise, Node, Parts, Random, Tensors};
-use zk0_circuits::{challenge::draw, EvalSpec, Witness};
+use zk0_circuits::{model::draw::draw, EvalSpec, PrivateInput};
 
 const LAYERS: &str = "model.vlm_with_expert.lm_expert.layers";
 
@@ -12,31 +12,31 @@ fn node() -> Node {
 }
 
 fn drawn(node: &Node) -> &Parts {
-    let index = node.honest().witness.openings[0].index;
+    let index = node.honest().input.openings[0].index;
     &node.data[index as usize]
 }
 
 /// Claims in mode `direct` that the update improves, which it does not.
 fn prove_direct(node: &Node) -> Result<(), String> {
     assert!(!improves(node, &[drawn(node)]));
-    let mut witness = node.honest().witness;
-    name_weights(&mut witness);
-    direct(&witness, [&witness.base, &witness.update]).map(drop)
+    let mut input = node.honest().input;
+    name_weights(&mut input);
+    direct(&input, [&input.base, &input.update]).map(drop)
 }
 
 /// The same in mode `checked`.
 fn prove_checked(node: &Node) -> Result<(), String> {
     assert!(!improves(node, &[drawn(node)]));
-    prove(node.honest().witness).map(drop)
+    prove(node.honest().input).map(drop)
 }
 
-/// Evaluates the weights that `evaluate` puts into the witness in place of those it names, in mode `direct`.
-fn evaluate_others(node: &Node, evaluate: impl Fn(&mut Witness)) -> Result<(), String> {
+/// Evaluates the weights that `evaluate` puts into the input in place of those it names, in mode `direct`.
+fn evaluate_others(node: &Node, evaluate: impl Fn(&mut PrivateInput)) -> Result<(), String> {
     assert!(!improves(node, &[drawn(node)]));
-    let named = node.honest().witness;
-    let mut witness = named.clone();
-    evaluate(&mut witness);
-    direct(&witness, [&named.base, &named.update]).map(drop)
+    let named = node.honest().input;
+    let mut input = named.clone();
+    evaluate(&mut input);
+    direct(&input, [&named.base, &named.update]).map(drop)
 }
 
 /// Contributes the base, and evaluates a calmer update.
@@ -44,7 +44,7 @@ pub fn other_update() -> Result<(), String> {
     let mut node = node();
     node.update = node.base.clone();
     let other = quantise(&node.spec, &calmer(&node.base));
-    evaluate_others(&node, |witness| witness.update = other.clone())
+    evaluate_others(&node, |input| input.update = other.clone())
 }
 
 /// Contributes the base, and evaluates a louder one as base.
@@ -52,7 +52,7 @@ pub fn other_base() -> Result<(), String> {
     let mut node = node();
     node.update = node.base.clone();
     let other = quantise(&node.spec, &louder(&node.base, 2.0));
-    evaluate_others(&node, |witness| witness.base = other.clone())
+    evaluate_others(&node, |input| input.base = other.clone())
 }
 
 /// The update has a higher loss.

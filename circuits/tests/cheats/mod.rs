@@ -42,6 +42,10 @@ pub const CHEATS: &[(&str, Cheat)] = &[
     ("wraps a velocity", losses::wrapped_velocity),
     ("wraps attention scores", losses::wrapped_scores),
     ("wraps attention outputs", losses::wrapped_outputs),
+    (
+        "evaluates fewer action dimensions",
+        specification::fewer_dimensions,
+    ),
     ("misreads the cache", specification::misread_cache),
     ("wraps the noise", specification::wrapped_noise),
 ];

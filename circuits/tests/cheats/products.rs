@@ -6,64 +6,67 @@ use super::{
 };
 use crate::claims::{nudged, quantise, Node, Parts, Random, Tensors};
 use zk0_circuits::{
-    challenge::{draw, Draw},
-    eval::{EvalError, Evaluator, LossSum, Site},
-    hinted::{coefficients, HintedWitness, Hints},
-    linear::Linear,
-    multiply::{Direct, Multiply},
-    parameters::Parameters,
-    products::Rows,
-    statement::Model,
-    weights::expert_tensors,
-    EvalSpec, QuantisedWeights, Witness,
+    claim::{hinted_input::HintedInput, terms::Model},
+    freivalds::hints::{coefficients, Hints},
+    model::{
+        arithmetic::products::Rows,
+        draw::{draw, Draw},
+        eval::{Evaluator, LossSum},
+        layout::expert_tensors,
+        linear::Linear,
+        multiply::{Direct, Multiply},
+        parameters::Parameters,
+        site::{EvalError, Site},
+    },
+    EvalSpec, PrivateInput, QuantisedWeights,
 };
 
 /// A node that contributes its base, unchanged: no claim of its improvement is true.
 struct FreeRider {
     node: Node,
-    witness: Witness,
+    input: PrivateInput,
 }
 
 impl FreeRider {
     fn new() -> Self {
         let mut node = Node::new(&EvalSpec::micro(), 3, 1, 11);
         node.update = node.base.clone();
-        let mut witness = node.honest().witness;
-        name_weights(&mut witness);
-        Self { node, witness }
+        let mut input = node.honest().input;
+        name_weights(&mut input);
+        Self { node, input }
     }
 
     fn files(&self) -> [&QuantisedWeights; 2] {
-        [&self.witness.base, &self.witness.update]
+        [&self.input.base, &self.input.update]
     }
 
     fn drawn(&self) -> &Parts {
-        &self.node.data[self.witness.openings[0].index as usize]
+        &self.node.data[self.input.openings[0].index as usize]
     }
 
     fn draw(&self) -> Draw {
-        draw(&self.node.spec, &self.witness.header.challenge, 0)
+        draw(&self.node.spec, &self.input.header.terms.challenge, 0)
     }
 
     /// Hinted sums as `forge` has them, and the loss they lead to.
     fn forge(&self, forge: impl FnMut(Site, &mut [i32])) -> (Hints<'static>, LossSum) {
         let evaluator = Evaluator::new(&self.node.spec).unwrap();
-        let parameters = Parameters::of(&self.node.spec, &self.witness.update);
+        let parameters = Parameters::of(&self.node.spec, &self.input.update);
         let mut forger = Forger {
-            direct: evaluator.direct(&self.witness.update).unwrap(),
+            direct: evaluator.direct(&self.input.update).unwrap(),
             sums: vec![],
             forge,
         };
-        let sample = &self.witness.openings[0].sample;
+        let sample = &self.input.openings[0].sample;
         let loss = evaluator.loss(&parameters, &mut forger, sample, &self.draw());
         (Hints::new(&forger.sums), loss.unwrap())
     }
 
-    fn hinted(&self) -> HintedWitness<'static> {
-        HintedWitness::of(&self.witness).unwrap()
+    fn hinted(&self) -> HintedInput<'static> {
+        HintedInput::of(&self.input).unwrap()
     }
 
-    fn claim(&self, cheat: &HintedWitness<'static>) -> Result<(), String> {
+    fn claim(&self, cheat: &HintedInput<'static>) -> Result<(), String> {
         assert!(!improves(&self.node, &[self.drawn()]));
         checked(cheat, self.files()).map(drop)
     }
@@ -202,7 +205,7 @@ pub fn base_sums_last() -> Result<(), String> {
 /// same.
 pub fn update_last() -> Result<(), String> {
     let mut node = Node::new(&EvalSpec::micro(), 3, 1, 11);
-    let drawn = node.honest().witness.openings[0].index as usize;
+    let drawn = node.honest().input.openings[0].index as usize;
     let drawn = node.data[drawn].clone();
     let before = loss(&node, &node.base, &[&drawn]);
     let good = (0..1000)
@@ -210,9 +213,9 @@ pub fn update_last() -> Result<(), String> {
         .find(|update| (0.98..0.985).contains(&(loss(&node, update, &[&drawn]) / before)))
         .expect("an update that improves");
     node.update = good.clone();
-    let mut witness = node.honest().witness;
-    name_weights(&mut witness);
-    let mut cheat = HintedWitness::of(&witness).unwrap();
+    let mut input = node.honest().input;
+    name_weights(&mut input);
+    let mut cheat = HintedInput::of(&input).unwrap();
 
     let evaluator = Evaluator::new(&node.spec).unwrap();
     let coefficients = coefficients(&evaluator, &cheat.seed);
@@ -224,10 +227,10 @@ pub fn update_last() -> Result<(), String> {
         .find(|update| loss(&node, update, &[&drawn]) > 1.005 * before)
         .expect("an update that does not improve");
     assert!(!improves(&node, &[&drawn]));
-    witness.update = quantise(&node.spec, &node.update);
-    name_weights(&mut witness);
-    cheat.header = witness.header.clone();
-    checked(&cheat, [&witness.base, &witness.update]).map(drop)
+    input.update = quantise(&node.spec, &node.update);
+    name_weights(&mut input);
+    cheat.header = input.header.clone();
+    checked(&cheat, [&input.base, &input.update]).map(drop)
 }
 
 /// `tensors` with `unseen` added to or subtracted from columns of all gates (the first) and ups (the second), at random, where

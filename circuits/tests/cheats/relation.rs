@@ -1,6 +1,6 @@
 //! Small integers that a product check does not see: a combination of coefficients that is zero modulo its prime.
 
-use zk0_circuits::{
+use zk0_circuits::freivalds::{
     coefficients::{Coefficient, Coefficients},
     field::MODULUS,
 };

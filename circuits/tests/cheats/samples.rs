@@ -3,11 +3,12 @@
 use super::verifier::{improves, loss, loss_at, prove};
 use crate::claims::{nudged, Node, Parts, Random, SALT};
 use zk0_circuits::{
-    challenge::sample_indices,
-    dataset::{check_leaves, leaf, salt_commitment},
-    digest::tagged_sha256,
-    merkle,
-    witness::Opening,
+    claim::{
+        challenge::sample_indices,
+        dataset::{check_leaves, leaf, salt_commitment},
+        private_input::Opening,
+    },
+    vm::{digest::tagged_sha256, merkle},
     Digest, EvalSpec, Sample,
 };
 
@@ -52,9 +53,9 @@ pub fn fewer() -> Result<(), String> {
     let drawn = sample_indices(&node.challenge, 6, 4).unwrap();
     let drawn: Vec<&Parts> = drawn.iter().map(|&index| &data[index as usize]).collect();
     help_only(&mut node, &[(drawn[0], 0)], &drawn);
-    let mut witness = node.honest().witness;
-    witness.openings.truncate(1);
-    prove(witness).map(drop)
+    let mut input = node.honest().input;
+    input.openings.truncate(1);
+    prove(input).map(drop)
 }
 
 /// The update helps on another sample than the one drawn.
@@ -65,9 +66,9 @@ pub fn lucky() -> Result<(), String> {
     let data = node.data.clone();
     help_only(&mut node, &[(&data[lucky], 0)], &[&data[drawn]]);
     let honest = node.honest();
-    let mut witness = honest.witness;
-    witness.openings = vec![open(&honest.dataset, &honest.leaves, lucky)];
-    prove(witness).map(drop)
+    let mut input = honest.input;
+    input.openings = vec![open(&honest.dataset, &honest.leaves, lucky)];
+    prove(input).map(drop)
 }
 
 /// The update helps on a sample that is not in the dataset, put in the place of the one drawn.
@@ -77,9 +78,9 @@ pub fn invented() -> Result<(), String> {
     let invented = Parts::random(&node.spec, &mut Random(8), 9, 0);
     let data = node.data.clone();
     help_only(&mut node, &[(&invented, 0)], &[&data[drawn]]);
-    let mut witness = node.honest().witness;
-    witness.openings[0].sample = invented.quantise(&node.spec);
-    prove(witness).map(drop)
+    let mut input = node.honest().input;
+    input.openings[0].sample = invented.quantise(&node.spec);
+    prove(input).map(drop)
 }
 
 /// The update helps on one of two samples. The node waits for a challenge that hits this one twice before it hits the other.
@@ -98,9 +99,9 @@ pub fn twice() -> Result<(), String> {
     let some = [(&data[0], 0), (&data[0], 1)];
     help_only(&mut node, &some, &[&data[0], &data[1]]);
     let honest = node.honest();
-    let mut witness = honest.witness;
-    witness.openings = vec![open(&honest.dataset, &honest.leaves, 0); 2];
-    prove(witness).map(drop)
+    let mut input = honest.input;
+    input.openings = vec![open(&honest.dataset, &honest.leaves, 0); 2];
+    prove(input).map(drop)
 }
 
 /// The dataset counts two samples, and below what should be the second are two more: index 0 leads to the first of the two
@@ -114,34 +115,34 @@ pub fn deeper() -> Result<(), String> {
     help_only(&mut node, &[(&data[1], 0)], &[&data[0]]);
     let honest = node.honest();
     let leaves = honest.leaves;
-    let mut witness = honest.witness;
-    let dataset = &mut witness.header.dataset;
+    let mut input = honest.input;
+    let dataset = &mut input.header.terms.dataset;
     let below = merkle::node_hash(&leaves[1], &leaves[2]);
     dataset.root = merkle::node_hash(&leaves[0], &below);
     dataset.samples = 2;
-    witness.openings = vec![Opening {
+    input.openings = vec![Opening {
         index: 0,
         sample: honest.dataset[1].clone(),
         path: vec![leaves[2], leaves[0]],
     }];
-    prove(witness).map(drop)
+    prove(input).map(drop)
 }
 
 /// One sample is all there is. The dataset counts six, and whichever is drawn is that one.
 pub fn shallower() -> Result<(), String> {
     let node = node(1, 1);
     let honest = node.honest();
-    let mut witness = honest.witness;
-    witness.header.dataset.samples = 6;
-    witness.header.eval_samples = 4;
+    let mut input = honest.input;
+    input.header.terms.dataset.samples = 6;
+    input.header.terms.eval_samples = 4;
     let drawn = sample_indices(&node.challenge, 6, 4).unwrap();
-    let opening = witness.openings[0].clone();
-    witness.openings = vec![opening; 4];
-    for (opening, drawn) in witness.openings.iter_mut().zip(drawn) {
+    let opening = input.openings[0].clone();
+    input.openings = vec![opening; 4];
+    for (opening, drawn) in input.openings.iter_mut().zip(drawn) {
         opening.index = drawn;
     }
-    let claim = prove(witness)?;
-    assert!(merkle::root(&honest.leaves) == claim.dataset.root && honest.leaves.len() == 1);
+    let claim = prove(input)?;
+    assert!(merkle::root(&honest.leaves) == claim.terms.dataset.root && honest.leaves.len() == 1);
     Ok(())
 }
 
@@ -157,7 +158,7 @@ fn copies(
         ..node
     };
     let honest = node.honest();
-    let mut witness = honest.witness;
+    let mut input = honest.input;
     let dataset: Vec<Sample> = honest
         .dataset
         .iter()
@@ -169,15 +170,15 @@ fn copies(
         .zip(&salts)
         .map(|(sample, salt)| leaf(salt, &sample.digest()))
         .collect();
-    witness.header.dataset.root = merkle::root(&leaves);
-    witness.header.dataset.salt_commitment = salt_commitment(&salts[0]);
-    let drawn = witness.openings[0].index as usize;
+    input.header.terms.dataset.root = merkle::root(&leaves);
+    input.header.terms.dataset.salt_commitment = salt_commitment(&salts[0]);
+    let drawn = input.openings[0].index as usize;
     assert_ne!(drawn, 0, "the sample drawn has the first salt");
-    witness.openings = vec![open(&dataset, &leaves, drawn)];
-    witness.header.salt = salts[drawn];
-    let claim = prove(witness)?;
+    input.openings = vec![open(&dataset, &leaves, drawn)];
+    input.header.salt = salts[drawn];
+    let claim = prove(input)?;
     // Who holds the list of leaves sees no duplicate.
-    assert_eq!(check_leaves(&claim.dataset, &leaves), Ok(()));
+    assert_eq!(check_leaves(&claim.terms.dataset, &leaves), Ok(()));
     Ok(())
 }
 
@@ -217,5 +218,5 @@ pub fn padding_alone() -> Result<(), String> {
     node.data[0].is_pad.fill(true);
     node.min_improvement_bps = 0;
     assert!(!improves(&node, &[&node.data[0]]));
-    prove(node.honest().witness).map(drop)
+    prove(node.honest().input).map(drop)
 }

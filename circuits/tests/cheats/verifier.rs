@@ -5,16 +5,18 @@ mod reference;
 
 use crate::claims::{Node, Parts, Tensors};
 use zk0_circuits::{
-    challenge::draw,
-    hinted::HintedWitness,
-    parameters::Parameters,
-    statement::{check, check_hinted, Mode},
-    Claim, EvalSpec, QuantisedWeights, Witness,
+    claim::{
+        hinted_input::HintedInput,
+        statement::{check, check_hinted},
+    },
+    model::{draw::draw, parameters::Parameters},
+    Claim, EvalSpec, Mode, PrivateInput, QuantisedWeights,
 };
 
 /// Runs the guest program of mode `direct`, and the verifier's checks of the claim against the files.
-pub fn direct(witness: &Witness, files: [&QuantisedWeights; 2]) -> Result<Claim, String> {
-    let read = Witness::from_buffers(&witness.to_buffers()).map_err(|error| error.to_string())?;
+pub fn direct(input: &PrivateInput, files: [&QuantisedWeights; 2]) -> Result<Claim, String> {
+    let read =
+        PrivateInput::from_buffers(&input.to_buffers()).map_err(|error| error.to_string())?;
     let claim = check(&read).map_err(|error| error.to_string())?;
     names_files(&claim, Mode::Direct, files)?;
     Ok(claim)
@@ -23,16 +25,16 @@ pub fn direct(witness: &Witness, files: [&QuantisedWeights; 2]) -> Result<Claim,
 /// Runs the guest program of mode `checked`, and the verifier's checks of the claim against the files: their digests, and
 /// what of them was in the guest.
 pub fn checked(
-    witness: &HintedWitness<'static>,
+    input: &HintedInput<'static>,
     files: [&QuantisedWeights; 2],
 ) -> Result<Claim, String> {
-    let buffers = witness.to_buffers();
-    let read = HintedWitness::from_buffers(&buffers).map_err(|error| error.to_string())?;
+    let buffers = input.to_buffers();
+    let read = HintedInput::from_buffers(&buffers).map_err(|error| error.to_string())?;
     let claim = check_hinted(&read).map_err(|error| error.to_string())?;
     names_files(&claim, Mode::Checked, files)?;
     let weight_check = claim.weight_check.ok_or("the claim has no weight check")?;
-    let [base, update] = files.map(|file| Parameters::of(&witness.header.spec, file));
-    let mut ours = witness.clone();
+    let [base, update] = files.map(|file| Parameters::of(&input.header.spec, file));
+    let mut ours = input.clone();
     (ours.base.parameters, ours.update.parameters) = (base, update);
     let projected = ours.project(weight_check.seed, files);
     projected.map_err(|error| error.to_string())?;
@@ -42,21 +44,21 @@ pub fn checked(
     Ok(claim)
 }
 
-/// Claims what `witness` says in mode `checked`, with hints as they should be. Its weights are those of the files.
-pub fn prove(mut witness: Witness) -> Result<Claim, String> {
-    name_weights(&mut witness);
-    let hinted = HintedWitness::of(&witness).map_err(|error| error.to_string())?;
-    checked(&hinted, [&witness.base, &witness.update])
+/// Claims what `input` says in mode `checked`, with hints as they should be. Its weights are those of the files.
+pub fn prove(mut input: PrivateInput) -> Result<Claim, String> {
+    name_weights(&mut input);
+    let hinted = HintedInput::of(&input).map_err(|error| error.to_string())?;
+    checked(&hinted, [&input.base, &input.update])
 }
 
-/// Names the witness's weights in its header, as mode `checked` does.
-pub fn name_weights(witness: &mut Witness) {
-    witness.header.base.quantised = witness.base.digest(Mode::Checked);
-    witness.header.update.quantised = witness.update.digest(Mode::Checked);
+/// Names the input's weights in its terms, as mode `checked` does.
+pub fn name_weights(input: &mut PrivateInput) {
+    input.header.terms.base.quantised = input.base.digest(Mode::Checked);
+    input.header.terms.update.quantised = input.update.digest(Mode::Checked);
 }
 
 fn names_files(claim: &Claim, mode: Mode, files: [&QuantisedWeights; 2]) -> Result<(), String> {
-    let named = [claim.base.quantised, claim.update.quantised];
+    let named = [claim.terms.base.quantised, claim.terms.update.quantised];
     if named != files.map(|file| file.digest(mode)) {
         return Err("the claim names other weights than the files'".into());
     }

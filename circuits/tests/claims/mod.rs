@@ -3,14 +3,15 @@
 
 use std::collections::HashMap;
 use zk0_circuits::{
-    challenge::{challenge, sample_indices},
-    dataset::{leaf, salt_commitment},
-    merkle,
-    sample::SampleParts,
-    statement::{Disclosure, Mode},
-    weights::expert_tensors,
-    witness::{Header, Opening},
-    DatasetCommitment, Digest, EvalSpec, NodeId, QuantisedWeights, Sample, WeightsDigest, Witness,
+    claim::{
+        challenge::{challenge, sample_indices},
+        dataset::{leaf, salt_commitment},
+        private_input::{Header, Opening},
+    },
+    model::{layout::expert_tensors, sample::SampleParts},
+    vm::merkle,
+    DatasetCommitment, Digest, Disclosure, EvalSpec, Mode, NodeId, PrivateInput, QuantisedWeights,
+    Sample, Terms, WeightsDigest,
 };
 
 /// SplitMix64: a seed's uniform numbers.
@@ -178,7 +179,7 @@ impl Node {
         }
     }
 
-    /// The honest claim's witness, and the dataset behind it.
+    /// The private input of an honest claim, and the dataset behind it.
     pub fn honest(&self) -> Honest {
         let spec = &self.spec;
         let parts = self.data.iter();
@@ -204,31 +205,34 @@ impl Node {
         };
         let header = Header {
             spec: spec.clone(),
-            network: NETWORK,
-            round: 3,
-            node: NODE,
-            dataset: DatasetCommitment {
-                root: merkle::root(&leaves),
-                samples,
-                feature_spec: Digest([8; 32]),
-                salt_commitment: salt_commitment(&SALT),
+            terms: Terms {
+                network: NETWORK,
+                round: 3,
+                node: NODE,
+                dataset: DatasetCommitment {
+                    root: merkle::root(&leaves),
+                    samples,
+                    feature_spec: Digest([8; 32]),
+                    salt_commitment: salt_commitment(&SALT),
+                },
+                evaluation: spec.digest(),
+                base: weights(Digest([9; 32]), &base),
+                update: weights(Digest([10; 32]), &update),
+                challenge: self.challenge,
+                eval_samples: self.eval_samples,
+                min_improvement_bps: self.min_improvement_bps,
             },
-            base: weights(Digest([9; 32]), &base),
-            update: weights(Digest([10; 32]), &update),
-            challenge: self.challenge,
-            eval_samples: self.eval_samples,
-            min_improvement_bps: self.min_improvement_bps,
-            disclosure: Disclosure::Disclosed,
+            disclosure: Disclosure::Losses,
             salt: SALT,
         };
-        let witness = Witness {
+        let input = PrivateInput {
             header,
             base,
             update,
             openings,
         };
         Honest {
-            witness,
+            input,
             dataset,
             leaves,
         }
@@ -237,7 +241,7 @@ impl Node {
 
 /// An honest claim and the dataset behind it.
 pub struct Honest {
-    pub witness: Witness,
+    pub input: PrivateInput,
     pub dataset: Vec<Sample>,
     pub leaves: Vec<Digest>,
 }
@@ -247,8 +251,8 @@ pub fn honest(spec: &EvalSpec, samples: usize, count: u32, seed: u64) -> Honest 
     Node::new(spec, samples, count, seed).honest()
 }
 
-/// Names the witness's weights in its header, as they are now.
-pub fn name_weights(witness: &mut Witness) {
-    witness.header.base.quantised = witness.base.digest(Mode::Direct);
-    witness.header.update.quantised = witness.update.digest(Mode::Direct);
+/// Names the input's weights in its terms, as they are now.
+pub fn name_weights(input: &mut PrivateInput) {
+    input.header.terms.base.quantised = input.base.digest(Mode::Direct);
+    input.header.terms.update.quantised = input.update.digest(Mode::Direct);
 }

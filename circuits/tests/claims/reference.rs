@@ -1,7 +1,7 @@
 //! The action expert in float64, written from the paper's and LeRobot's definitions, not from the fixed-point code.
 
 use super::{Parts, Tensors};
-use zk0_circuits::spec::Dims;
+use zk0_circuits::model::spec::Dims;
 
 type Matrix = Vec<Vec<f64>>;
 

@@ -1,0 +1,74 @@
+//! The challenge of a contribution, and what is drawn from it: sample indices, flow times, noise. Nothing is left for
+//! the node to choose.
+
+use crate::vm::digest::{tagged_sha256, Digest, NodeId};
+use alloc::vec::Vec;
+
+/// Most samples one claim may evaluate.
+pub const MAX_EVAL_SAMPLES: u32 = 4096;
+
+/// The challenge that answers the commit at `entry_index`: derived from the first signed checkpoint that covers it.
+pub fn challenge(
+    network: &Digest,
+    round: u64,
+    node: &NodeId,
+    entry_index: u64,
+    checkpoint_root: &Digest,
+) -> Digest {
+    let (round, entry_index) = (round.to_le_bytes(), entry_index.to_le_bytes());
+    tagged_sha256(
+        "zk0/challenge/v1",
+        &[
+            &network.0,
+            &round,
+            &node.0,
+            &entry_index,
+            &checkpoint_root.0,
+        ],
+    )
+}
+
+/// Why no indices can be drawn.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("cannot draw {asked} distinct samples: the dataset has {available}, a claim evaluates 1 to {MAX_EVAL_SAMPLES}")]
+pub struct DrawError {
+    /// Samples asked for.
+    pub asked: u32,
+    /// Samples in the dataset.
+    pub available: u64,
+}
+
+/// `count` distinct sample indices below `available`, in the order drawn. The stream is
+/// `H("zk0/indices/v1", challenge, counter)` read as four little-endian u64 each; a word x gives `x · available / 2^64`,
+/// and an index drawn before is skipped.
+pub fn sample_indices(
+    challenge: &Digest,
+    available: u64,
+    count: u32,
+) -> Result<Vec<u64>, DrawError> {
+    if count == 0 || count > MAX_EVAL_SAMPLES || count as u64 > available {
+        return Err(DrawError {
+            asked: count,
+            available,
+        });
+    }
+    let count = count as usize;
+    let mut indices = Vec::with_capacity(count);
+    for counter in 0u64.. {
+        let block = tagged_sha256("zk0/indices/v1", &[&challenge.0, &counter.to_le_bytes()]);
+        for word in block.0.chunks_exact(8) {
+            let word = word
+                .iter()
+                .rev()
+                .fold(0u128, |word, &byte| word << 8 | byte as u128);
+            let index = ((word * available as u128) >> 64) as u64;
+            if !indices.contains(&index) {
+                indices.push(index);
+                if indices.len() == count {
+                    return Ok(indices);
+                }
+            }
+        }
+    }
+    Ok(indices)
+}

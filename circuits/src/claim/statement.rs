@@ -1,0 +1,187 @@
+//! The statement that a proof proves: every check between the private input and the claim.
+//!
+//! The guest program of mode `direct` runs [`check`], that of mode `checked` runs [`check_hinted`]. Where a check fails, these
+//! functions return an error, and the guest program panics, so that there is no proof.
+
+use crate::{
+    claim::{
+        challenge::sample_indices,
+        dataset::salt_commitment,
+        hinted_input::{seed, HintedInput},
+        losses::{Disclosure, Losses},
+        private_input::{Header, Opening, PrivateInput},
+        public_values::{Claim, WeightCheck, CLAIM_VERSION},
+        statement_error::StatementError,
+        terms::Model,
+    },
+    freivalds::hints::{coefficients, Products},
+    model::{
+        draw::{draw, Draw},
+        eval::{Evaluator, LossSum},
+        mode::Mode,
+        parameters::Parameters,
+        sample::Sample,
+        site::EvalError,
+    },
+    vm::{budget::operation, digest::Digest, merkle},
+};
+use alloc::vec::Vec;
+
+/// Mode `direct`: computes every product. Checks everything and returns the claim, or says which check failed.
+///
+/// The digests of quantised weights and of the specification are computed here, from what is evaluated. The digests of the
+/// weights' files are taken as given: the verifier holds the files and recomputes both kinds.
+pub fn check(input: &PrivateInput) -> Result<Claim, StatementError> {
+    let header = &input.header;
+    let evaluator = evaluator(header)?;
+    check_openings(header, &input.openings)?;
+    let weights = [&input.base, &input.update];
+    let parameters = weights.map(|weights| Parameters::of(&header.spec, weights));
+    let losses = losses(header, &input.openings, |model, _, sample, draw| {
+        let mut direct = evaluator.direct(weights[model as usize])?;
+        evaluator.loss(&parameters[model as usize], &mut direct, sample, draw)
+    })?;
+    let terms = &header.terms;
+    for (model, digest) in [(Model::Base, terms.base), (Model::Update, terms.update)] {
+        if weights[model as usize].digest(Mode::Direct) != digest.quantised {
+            return Err(StatementError::Weights(model));
+        }
+    }
+    claim(header, losses, None)
+}
+
+/// Mode `checked`: takes every product from hints and checks it with random coefficients. Checks everything and returns the
+/// claim, or says which check failed.
+///
+/// Weight matrices do not enter the guest. The claim says with which projections ([`WeightCheck`]) the products hold. The
+/// verifier holds the weights' files, and recomputes the projections and both kinds of digests.
+pub fn check_hinted(input: &HintedInput<'_>) -> Result<Claim, StatementError> {
+    let header = &input.header;
+    let evaluator = evaluator(header)?;
+    let leaves = check_openings(header, &input.openings)?;
+    let expected = seed(input, &leaves);
+    if input.seed != expected {
+        return Err(StatementError::Seed {
+            found: input.seed,
+            expected,
+        });
+    }
+    let coefficients = coefficients(&evaluator, &input.seed);
+    let weights = [&input.base, &input.update];
+    let products = weights.map(|weights| Products::new(&evaluator, weights, &coefficients));
+    let losses = losses(header, &input.openings, |model, position, sample, draw| {
+        products[model as usize].loss(position, sample, draw)
+    })?;
+    claim(header, losses, Some(input.weight_check()))
+}
+
+/// Prepares the evaluation. The specification has to be the one that the terms name, because the round fixes it.
+fn evaluator(header: &Header) -> Result<Evaluator<'_>, StatementError> {
+    let (claimed, given) = (header.terms.evaluation, header.spec.digest());
+    if claimed != given {
+        return Err(StatementError::Evaluation { claimed, given });
+    }
+    Ok(Evaluator::new(&header.spec)?)
+}
+
+/// Returns the claim, if the losses improve as the terms ask.
+fn claim(
+    header: &Header,
+    (before, after, elements): (u64, u64, u64),
+    weight_check: Option<WeightCheck>,
+) -> Result<Claim, StatementError> {
+    let min_improvement_bps = header.terms.min_improvement_bps;
+    if min_improvement_bps > 10_000 {
+        return Err(StatementError::MinImprovement(min_improvement_bps));
+    }
+    if !improves(before, after, min_improvement_bps) {
+        return Err(StatementError::NoImprovement {
+            before,
+            after,
+            min_improvement_bps,
+        });
+    }
+    Ok(Claim {
+        version: CLAIM_VERSION,
+        terms: header.terms,
+        losses: match header.disclosure {
+            Disclosure::Nothing => Losses::Hidden,
+            Disclosure::Losses => Losses::Disclosed {
+                before,
+                after,
+                elements,
+            },
+        },
+        weight_check,
+    })
+}
+
+/// Whether a loss sum of `after` is lower than `before` by at least `min_improvement_bps` basis points; equal is never
+/// an improvement.
+pub fn improves(before: u64, after: u64, min_improvement_bps: u32) -> bool {
+    let kept = 10_000u128.saturating_sub(min_improvement_bps as u128);
+    after < before && after as u128 * 10_000 <= before as u128 * kept
+}
+
+/// Checks that the opened samples are those that the challenge draws from the committed dataset. Returns their leaves.
+fn check_openings(header: &Header, openings: &[Opening]) -> Result<Vec<Digest>, StatementError> {
+    let _operation = operation("hashing");
+    let dataset = &header.terms.dataset;
+    let (claimed, opened) = (header.terms.eval_samples, openings.len());
+    if claimed as usize != opened {
+        return Err(StatementError::Openings { claimed, opened });
+    }
+    if salt_commitment(&header.salt) != dataset.salt_commitment {
+        return Err(StatementError::Salt);
+    }
+    let drawn = sample_indices(&header.terms.challenge, dataset.samples, claimed)?;
+    let mut leaves = Vec::with_capacity(opened);
+    for (position, (opening, drawn)) in openings.iter().zip(drawn).enumerate() {
+        let found = opening.index;
+        if found != drawn {
+            return Err(StatementError::Index {
+                position,
+                found,
+                drawn,
+            });
+        }
+        let leaf = opening.leaf(header);
+        if !merkle::verify(&dataset.root, dataset.samples, drawn, &leaf, &opening.path) {
+            return Err(StatementError::NotCommitted { index: drawn });
+        }
+        leaves.push(leaf);
+    }
+    Ok(leaves)
+}
+
+/// Returns the sums of squared errors under base and update, and the number of elements. `evaluate` returns the loss of a
+/// model on the sample opened at a position.
+fn losses(
+    header: &Header,
+    openings: &[Opening],
+    evaluate: impl Fn(Model, usize, &Sample, &Draw) -> Result<LossSum, EvalError>,
+) -> Result<(u64, u64, u64), StatementError> {
+    let (mut before, mut after, mut elements) = (0, 0, 0);
+    for (position, opening) in openings.iter().enumerate() {
+        let draw = draw(&header.spec, &header.terms.challenge, position as u32);
+        let evaluate = |model| {
+            evaluate(model, position, &opening.sample, &draw).map_err(|error| {
+                StatementError::Eval {
+                    model,
+                    index: opening.index,
+                    error,
+                }
+            })
+        };
+        // At most 2^36 per element, 2^18 elements and 2^12 samples would give 2^66. Sums saturate: equal sums are no
+        // improvement, so that saturating can only refuse a claim.
+        let base = evaluate(Model::Base)?;
+        before = u64::saturating_add(before, base.squared_error);
+        after = u64::saturating_add(after, evaluate(Model::Update)?.squared_error);
+        elements += base.elements;
+    }
+    if elements == 0 {
+        return Err(StatementError::NoElements);
+    }
+    Ok((before, after, elements))
+}

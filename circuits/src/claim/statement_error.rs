@@ -1,0 +1,90 @@
+//! Why the guest proves no claim: one variant for each check of the statement.
+
+use crate::{
+    claim::{challenge::DrawError, terms::Model},
+    model::{site::EvalError, spec::SpecError},
+    vm::digest::Digest,
+};
+
+/// The check that failed.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum StatementError {
+    /// The specification is not valid.
+    #[error(transparent)]
+    Spec(#[from] SpecError),
+    /// The specification is not the one that the terms name.
+    #[error("the terms name the evaluation specification with digest {claimed}, but the digest of the one given is {given}")]
+    Evaluation {
+        /// Digest in the terms.
+        claimed: Digest,
+        /// Digest of the specification in the header.
+        given: Digest,
+    },
+    /// The minimum improvement is more than the whole loss.
+    #[error("a minimum improvement of {0} basis points is above 10000")]
+    MinImprovement(u32),
+    /// The samples cannot be drawn.
+    #[error(transparent)]
+    Draw(#[from] DrawError),
+    /// The number of opened samples is not the claimed one.
+    #[error("the claim evaluates {claimed} samples, but the private input opens {opened}")]
+    Openings {
+        /// Samples that the claim evaluates.
+        claimed: u32,
+        /// Samples opened.
+        opened: usize,
+    },
+    /// An opened sample is not the one that the challenge draws.
+    #[error("opening {position} is of sample {found}, but the challenge draws sample {drawn}")]
+    Index {
+        /// Which opening.
+        position: usize,
+        /// Index opened.
+        found: u64,
+        /// Index drawn.
+        drawn: u64,
+    },
+    /// The committed dataset has another sample at that index.
+    #[error("sample {index} is not the one committed: its path does not lead to the dataset root")]
+    NotCommitted {
+        /// Index of the sample.
+        index: u64,
+    },
+    /// The salt is not the dataset's.
+    #[error("the salt is not the one committed with the dataset")]
+    Salt,
+    /// An evaluation failed.
+    #[error("evaluating the {model} weights on sample {index}: {error}")]
+    Eval {
+        /// Which weights.
+        model: Model,
+        /// Index of the sample.
+        index: u64,
+        /// Why.
+        error: EvalError,
+    },
+    /// The evaluated weights are not those that the terms name.
+    #[error("the digest of the {0} weights is not the one in the terms")]
+    Weights(Model),
+    /// The seed does not follow from the header and the hints.
+    #[error("the coefficients were drawn from seed {found}, but header and hints give {expected}")]
+    Seed {
+        /// The seed in the private input.
+        found: Digest,
+        /// What header and hints give.
+        expected: Digest,
+    },
+    /// No element counts, because all frames are padding.
+    #[error("every frame of the drawn samples is padding: there is no loss")]
+    NoElements,
+    /// The loss is not lower by the minimum.
+    #[error("the sum of squared errors went from {before} to {after}, which is not lower by {min_improvement_bps} basis points")]
+    NoImprovement {
+        /// Sum under the base weights.
+        before: u64,
+        /// Sum under the update.
+        after: u64,
+        /// Least improvement asked for.
+        min_improvement_bps: u32,
+    },
+}

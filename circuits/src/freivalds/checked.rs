@@ -1,0 +1,163 @@
+//! Mode `checked`: products are hinted, and checked with random coefficients drawn after they were fixed (Freivalds,
+//! "Probabilistic machines can use less running time", IFIP 1977).
+//!
+//! For the sums S that are claimed of an input X and matrices W, with coefficients r: `S·r = X·u + rest·r`, where
+//! `u = Σ 2^shift · Wᵀ·r` is a *projection* ([`crate::freivalds::projection`]), hinted here and recomputed by the verifier, and
+//! `rest` the bias and rounding. In attention both factors are here, and so is their projection. See `SOUNDNESS.md`.
+
+use crate::{
+    freivalds::{
+        coefficients::{combine_rows, rows_with_coefficients, rows_with_elements, Coefficients},
+        field::{limbs, Element, Limbs},
+    },
+    model::{
+        arithmetic::products::Rows,
+        linear::{Linear, SUM_BITS},
+        multiply::{Multiply, MIX_SHIFT},
+        parameters::Parameters,
+        site::{EvalError, Site},
+    },
+    vm::budget::operation,
+};
+use alloc::vec;
+
+/// The rounding constant of a sum is 2 to this.
+const HALF_BITS: u32 = SUM_BITS - 1;
+
+/// Takes every product from hints and checks it.
+pub struct Checked<'a> {
+    /// Hinted sums not yet used.
+    hints: &'a [i32],
+    coefficients: &'a Coefficients,
+    /// Per linear, one element per input column.
+    projections: &'a [&'a [Limbs]],
+    /// Per linear, [`rest`].
+    rests: &'a [Element],
+}
+
+/// Σ (bias · 2^… + 2^15) · r over the outputs of `linear`: what a row of sums holds beside products.
+pub fn rest(linear: &Linear, parameters: &Parameters, coefficients: &Coefficients) -> Element {
+    let mut rest = Element::ZERO;
+    let mut first = 0;
+    for output in &linear.outputs {
+        let sum = coefficients.sum(first, output.rows);
+        rest = rest.add(sum.shift(HALF_BITS));
+        if let Some(bias) = output.bias {
+            let bias = parameters.vector(bias);
+            let values = Rows::new(&bias.values[..output.rows], output.rows);
+            for sum in rows_with_coefficients(values, coefficients.range(first, output.rows)) {
+                rest = rest.add(sum.shift(output.bias_shift(bias.bits)));
+            }
+        }
+        first += output.rows;
+    }
+    rest
+}
+
+impl<'a> Checked<'a> {
+    /// Products from `hints`; `projections` and `rests` are per linear.
+    pub fn new(
+        hints: &'a [i32],
+        coefficients: &'a Coefficients,
+        projections: &'a [&'a [Limbs]],
+        rests: &'a [Element],
+    ) -> Self {
+        Self {
+            hints,
+            coefficients,
+            projections,
+            rests,
+        }
+    }
+
+    /// Every hint was used, but for one that may pad the list to an even number.
+    pub fn finish(self) -> Result<(), EvalError> {
+        match self.hints.len() {
+            0 | 1 => Ok(()),
+            left => Err(EvalError::Hints(left)),
+        }
+    }
+
+    fn take(&mut self, count: usize) -> Result<&'a [i32], EvalError> {
+        let (now, later) = self
+            .hints
+            .split_at_checked(count)
+            .ok_or(EvalError::Hints(self.hints.len()))?;
+        self.hints = later;
+        Ok(now)
+    }
+}
+
+impl<'a> Multiply for Checked<'a> {
+    type Sums = &'a [i32];
+
+    fn linear(
+        &mut self,
+        index: usize,
+        linear: &Linear,
+        input: &[i16],
+    ) -> Result<&'a [i32], EvalError> {
+        let _operation = operation("linear product checks");
+        let input = Rows::new(input, linear.columns);
+        let sums = self.take(input.count() * linear.rows())?;
+        let mut combined = vec![Element::ZERO; input.count()];
+        let (mut first, mut rest) = (0, sums);
+        for output in &linear.outputs {
+            let (now, later) = rest.split_at(input.count() * output.rows);
+            rest = later;
+            let coefficients = self.coefficients.range(first, output.rows);
+            let now = rows_with_coefficients(Rows::new(now, output.rows), coefficients);
+            for (sum, now) in combined.iter_mut().zip(now) {
+                *sum = sum.add(now);
+            }
+            first += output.rows;
+        }
+        let rest = self.rests[index];
+        let products = rows_with_elements(input, self.projections[index]);
+        let expected = products.into_iter().map(|product| product.add(rest));
+        match linear.outputs.first() {
+            Some(output) if !expected.eq(combined) => Err(EvalError::Product(output.site)),
+            _ => Ok(sums),
+        }
+    }
+
+    fn scores(
+        &mut self,
+        site: Site,
+        queries: Rows<'_>,
+        keys: Rows<'_>,
+    ) -> Result<&'a [i32], EvalError> {
+        let _operation = operation("attention product checks");
+        let sums = self.take(queries.count() * keys.count())?;
+        let coefficients = self.coefficients.range(0, keys.count());
+        let projection = limbs(&combine_rows(keys, coefficients));
+        let combined = rows_with_coefficients(Rows::new(sums, keys.count()), coefficients);
+        if rows_with_elements(queries, &projection) != combined {
+            return Err(EvalError::Product(site));
+        }
+        Ok(sums)
+    }
+
+    fn mix(
+        &mut self,
+        site: Site,
+        weights: Rows<'_>,
+        values: Rows<'_>,
+    ) -> Result<&'a [i32], EvalError> {
+        let _operation = operation("attention product checks");
+        let columns = values.columns();
+        let sums = self.take(weights.count() * columns)?;
+        let coefficients = self.coefficients.range(0, columns);
+        let projection = limbs(&rows_with_coefficients(values, coefficients));
+        let combined = rows_with_coefficients(Rows::new(sums, columns), coefficients);
+        let rest = self.coefficients.sum(0, columns).shift(HALF_BITS);
+        let products = rows_with_elements(weights, &projection);
+        let expected = products
+            .into_iter()
+            .map(|product| product.shift(MIX_SHIFT).add(rest));
+        if !expected.eq(combined) {
+            return Err(EvalError::Product(site));
+        }
+        Ok(sums)
+    }
+}

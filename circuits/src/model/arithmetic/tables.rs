@@ -1,0 +1,97 @@
+//! The nonlinearities as tables: little-endian u16 data under `circuits/tables/`, compared
+//! with the formulas here by a test. Tables are data, not code, because `libm` differs between machines and the evaluation must not.
+
+/// Reads a table file at compile time.
+const fn table<const N: usize>(bytes: &[u8]) -> [u16; N] {
+    assert!(bytes.len() == 2 * N);
+    let mut entries = [0; N];
+    let mut index = 0;
+    while index < N {
+        entries[index] = u16::from_le_bytes([bytes[2 * index], bytes[2 * index + 1]]);
+        index += 1;
+    }
+    entries
+}
+
+/// `round(2^15 · sin(π/2 · i/1024))`, i = 0..=1024: a quarter wave.
+static SINE: [u16; 1025] = table(include_bytes!("../../../tables/sine.bin"));
+/// `round(2^15 · 2^(−i/1024))`, i = 0..2^14: sixteen halvings.
+static EXP2: [u16; 1 << 14] = table(include_bytes!("../../../tables/exp2.bin"));
+/// `round(2^15 / (1 + e^(−(i − 2^14)/1024)))`, i = 0..2^15: the logistic function from −16 to 16.
+static SIGMOID: [u16; 1 << 15] = table(include_bytes!("../../../tables/sigmoid.bin"));
+/// `round(2^12 · Φ⁻¹(1/2 + (i + 1/2)/4096))`, i = 0..2048: the upper half of the normal distribution's quantiles.
+static GAUSS: [u16; 2048] = table(include_bytes!("../../../tables/gauss.bin"));
+/// `round(2^16 · (0.999 · ((i + 1/2)/4096)^(2/3) + 0.001))`, i = 0..4096: quantiles of LeRobot's flow time, 0.999 times
+/// a Beta(1.5, 1) variable plus 0.001.
+static FLOW_TIME: [u16; 4096] = table(include_bytes!("../../../tables/beta.bin"));
+
+/// Fraction bits of [`sine`] and [`cosine`].
+pub const TRIG_BITS: u32 = 14;
+/// Fraction bits of [`exp2_negative`]'s argument.
+pub const EXPONENT_BITS: u32 = 10;
+/// Fraction bits of [`exp2_negative`].
+pub const EXP_BITS: u32 = 15;
+/// Fraction bits of [`sigmoid`]'s argument.
+pub const LOGIT_BITS: u32 = 10;
+/// Fraction bits of [`sigmoid`].
+pub const SIGMOID_BITS: u32 = 15;
+/// Fraction bits of [`gaussian`].
+pub const GAUSS_BITS: u32 = 12;
+
+/// Sine of an angle in units of 2^-32 turns; in [−2^14, 2^14]. Linear between table entries: within 2^-14 of the truth.
+pub fn sine(phase: u32) -> i16 {
+    let (quadrant, within) = (phase >> 30, phase & 0x3fff_ffff);
+    let position = if quadrant & 1 == 0 {
+        within
+    } else {
+        (1 << 30) - within
+    };
+    let (index, fraction) = ((position >> 20) as usize, (position & 0xf_ffff) as i64);
+    let low = SINE[index] as i64;
+    let slope = if index < 1024 {
+        SINE[index + 1] as i64 - low
+    } else {
+        0
+    };
+    let value = ((low << 20) + slope * fraction + (1 << 20)) >> 21;
+    (if quadrant < 2 { value } else { -value }) as i16
+}
+
+/// Cosine, like [`sine`].
+pub fn cosine(phase: u32) -> i16 {
+    sine(phase.wrapping_add(1 << 30))
+}
+
+/// 2^(−x) for `x` ≥ 0 with [`EXPONENT_BITS`] fraction bits; in [0, 2^15], and 0 from 16 on.
+#[inline(always)]
+pub fn exp2_negative(x: u64) -> u16 {
+    match EXP2.get(x as usize) {
+        Some(&value) => value,
+        None => 0,
+    }
+}
+
+/// Logistic function of `x` with [`LOGIT_BITS`] fraction bits; in [0, 2^15], constant beyond ±16.
+#[inline(always)]
+pub fn sigmoid(x: i64) -> i64 {
+    match SIGMOID.get((x + (1 << 14)) as usize) {
+        Some(&value) => value as i64,
+        None if x < 0 => 0,
+        None => 1 << SIGMOID_BITS,
+    }
+}
+
+/// A standard normal value with 12 fraction bits from 16 uniform bits: the top bit is the sign, the low 11 the quantile.
+pub fn gaussian(uniform: u16) -> i16 {
+    let magnitude = GAUSS[(uniform & 0x7ff) as usize] as i16;
+    if uniform >> 15 == 0 {
+        magnitude
+    } else {
+        -magnitude
+    }
+}
+
+/// A flow time in units of 2^-16 from 12 uniform bits (the low ones).
+pub fn flow_time(uniform: u16) -> u16 {
+    FLOW_TIME[(uniform & 0xfff) as usize]
+}

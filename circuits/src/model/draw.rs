@@ -1,0 +1,52 @@
+//! What the challenge draws for each evaluated sample: its flow time and its noise.
+
+use crate::{
+    model::{
+        arithmetic::{
+            fixed::align,
+            tables::{flow_time, gaussian, GAUSS_BITS},
+        },
+        spec::EvalSpec,
+    },
+    vm::digest::{tagged_sha256, Digest},
+};
+use alloc::vec::Vec;
+
+/// Flow time and noise of one evaluated sample.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Draw {
+    /// Flow time in units of 2^-16, as LeRobot trains: 0.999 · Beta(1.5, 1) + 0.001.
+    pub time: u16,
+    /// Standard normal noise `[chunk, max_action_dim]` with [`EvalSpec::action`] fraction bits.
+    pub noise: Vec<i16>,
+}
+
+/// The draw for the evaluated sample at `position` (0, 1, … in the order of [`crate::claim::challenge::sample_indices`]): blocks
+/// `H("zk0/draw/v1", challenge, position, counter)` read as little-endian u16; the first is the time, the others noise.
+pub fn draw(spec: &EvalSpec, challenge: &Digest, position: u32) -> Draw {
+    let values = spec.dims.chunk as usize * spec.dims.max_action_dim as usize;
+    let mut noise = Vec::with_capacity(values);
+    let mut time = None;
+    for counter in 0u64.. {
+        let (position, counter) = (position.to_le_bytes(), counter.to_le_bytes());
+        let block = tagged_sha256("zk0/draw/v1", &[&challenge.0, &position, &counter]);
+        for word in block.0.chunks_exact(2) {
+            let word = u16::from_le_bytes([word[0], word[1]]);
+            match time {
+                None => time = Some(flow_time(word)),
+                Some(_) if noise.len() < values => {
+                    let value = align(gaussian(word) as i64, GAUSS_BITS as i32, spec.action as i32);
+                    noise.push(value as i16); // |value| < 2^14 and the scale has at most 12 bits
+                }
+                Some(_) => break,
+            }
+        }
+        if noise.len() == values {
+            break;
+        }
+    }
+    Draw {
+        time: time.unwrap_or_default(),
+        noise,
+    }
+}

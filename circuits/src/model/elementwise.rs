@@ -1,0 +1,227 @@
+//! What the evaluation does between products: norms, rotations, activations, softmax. Results are int16; every narrowing
+//! is a shift (half up) whose result must fit, or the evaluation fails and names the site.
+
+use crate::{
+    model::{
+        arithmetic::{
+            fixed::{integer_sqrt, round_shift, Range, Rescale},
+            products::dot,
+            tables,
+        },
+        linear::output,
+        multiply::ATTENTION_BITS,
+        parameters::Vector,
+        site::{EvalError, Site},
+    },
+    vm::budget::operation,
+};
+use alloc::vec::Vec;
+
+/// Appends `values` to `target` as int16.
+#[inline(always)]
+fn narrow(
+    site: Site,
+    values: impl Iterator<Item = i64> + Clone,
+    target: &mut Vec<i16>,
+) -> Result<(), EvalError> {
+    let mut range = Range::default();
+    target.extend(values.clone().map(|value| range.narrow(value)));
+    check(site, range, values)
+}
+
+/// Fails with the first of `values` that does not fit, if `range` says that there is one.
+#[inline(always)]
+fn check(site: Site, range: Range, values: impl Iterator<Item = i64>) -> Result<(), EvalError> {
+    if range.holds() {
+        return Ok(());
+    }
+    let wrong = |value: &i64| *value as i16 as i64 != *value;
+    let value = values.into_iter().find(wrong).unwrap_or_default();
+    Err(EvalError::OutOfRange { site, value })
+}
+
+/// [`narrow`] into a vector of its own.
+#[inline(always)]
+fn narrowed(site: Site, values: impl Iterator<Item = i64> + Clone) -> Result<Vec<i16>, EvalError> {
+    let mut target = Vec::with_capacity(values.size_hint().0);
+    narrow(site, values, &mut target)?;
+    Ok(target)
+}
+
+/// `x_t = t · noise + (1 − t) · action`, `time` in units of 2^-16.
+pub fn noised(time: u16, noise: &[i16], actions: &[i16]) -> Result<Vec<i16>, EvalError> {
+    let time = time as i64;
+    let values = noise.iter().zip(actions).map(|(&noise, &action)| {
+        let sum = time * noise as i64 + (65536 - time) * action as i64;
+        round_shift(sum, 16)
+    });
+    narrowed(Site::NoisedAction, values)
+}
+
+/// The outputs of sums.
+pub fn outputs(sums: &[i32]) -> impl Iterator<Item = i16> + '_ {
+    sums.iter().map(|&sum| output(sum) as i16)
+}
+
+/// RMSNorm with eps 1e-5 over rows of the gain's width: `x · gain / √(mean(x²) + eps)`, by a reciprocal per row. `input` has
+/// `bits` fraction bits, the result `out`.
+pub fn norm(
+    site: Site,
+    input: &[i16],
+    bits: u8,
+    gain: Vector<'_>,
+    out: u8,
+) -> Result<Vec<i16>, EvalError> {
+    let _operation = operation("norms");
+    /// 1e-5 with 32 fraction bits.
+    const EPS: u64 = 42_950;
+    let width = gain.values.len() as u64;
+    let eps = EPS << (2 * bits as u32);
+    // The reciprocal has 23 fraction bits, and x·gain·reciprocal bits + gain.bits + 23.
+    let shift = gain.bits as u32 + bits as u32 + 23 - out as u32;
+    let mut output = Vec::with_capacity(input.len());
+    for row in input.chunks_exact(gain.values.len()) {
+        let squares = dot(row, row) as u64;
+        let (whole, rest) = (squares / width, squares % width);
+        // Mean square with 2·bits + 32 fraction bits, at most 2^62; its root has bits + 16, and is at least 2^(bits+7).
+        let mean = (whole << 32) + (rest << 32) / width;
+        let root = integer_sqrt(mean + eps);
+        // Below 2^32; |x·gain| ≤ 2^30.
+        let reciprocal = ((1u64 << (39 + bits as u32)) / root) as i64;
+        let values = row
+            .iter()
+            .zip(gain.values)
+            .map(|(&x, &gain)| round_shift(x as i64 * gain as i64 * reciprocal, shift));
+        narrow(site, values, &mut output)?;
+    }
+    Ok(output)
+}
+
+/// RoPE over sums in rows of heads of `head_dim`: halves rotated; row `i` by `rotations[i·head_dim/2 ..]`. The head at
+/// `(row, head)` goes to `place(row, head)` of `target`.
+pub fn rotate(
+    site: Site,
+    sums: &[i32],
+    (width, head_dim): (usize, usize),
+    rotations: &[(i16, i16)],
+    target: &mut [i16],
+    place: impl Fn(usize, usize) -> usize,
+) -> Result<(), EvalError> {
+    let _operation = operation("rotation");
+    let half = head_dim / 2;
+    let rows = sums.chunks_exact(width).zip(rotations.chunks_exact(half));
+    for (row, (sums, rotations)) in rows.enumerate() {
+        for (head, sums) in sums.chunks_exact(head_dim).enumerate() {
+            let (a, b) = sums.split_at(half);
+            let pairs = a.iter().zip(b).zip(rotations);
+            let pairs = pairs.map(|((&a, &b), &(cosine, sine))| {
+                let (a, b) = (output(a), output(b));
+                let (cosine, sine) = (cosine as i64, sine as i64);
+                [
+                    round_shift(a * cosine - b * sine, tables::TRIG_BITS),
+                    round_shift(b * cosine + a * sine, tables::TRIG_BITS),
+                ]
+            });
+            let mut range = Range::default();
+            let (low, high) = target[place(row, head)..][..head_dim].split_at_mut(half);
+            for ((low, high), pair) in low.iter_mut().zip(high).zip(pairs.clone()) {
+                [*low, *high] = pair.map(|value| range.narrow(value));
+            }
+            check(site, range, pairs.flatten())?;
+        }
+    }
+    Ok(())
+}
+
+/// The residual stream: outputs of `sums`, which have `out` fraction bits, plus `residual`, which has `bits`.
+pub fn add(
+    site: Site,
+    sums: &[i32],
+    residual: &[i16],
+    bits: u8,
+    out: u8,
+) -> Result<Vec<i16>, EvalError> {
+    let _operation = operation("residuals");
+    let rescale = Rescale::new(bits as i32, out as i32);
+    let values = sums
+        .iter()
+        .zip(residual)
+        .map(|(&sum, &residual)| output(sum) + rescale.apply(residual as i64));
+    narrowed(site, values)
+}
+
+/// SiLU of the outputs of `sums`, which have `bits` ≥ 6 fraction bits; the result has `out` ≤ 15.
+pub fn silu(site: Site, sums: &[i32], bits: u8, out: u8) -> Result<Vec<i16>, EvalError> {
+    let _operation = operation("SiLU");
+    let shift = bits as u32 + tables::SIGMOID_BITS - out as u32;
+    let to_logit = tables::LOGIT_BITS - bits as u32;
+    let values = sums.iter().map(|&sum| {
+        let x = output(sum);
+        round_shift(x * tables::sigmoid(x << to_logit), shift)
+    });
+    narrowed(site, values)
+}
+
+/// SwiGLU: `silu(gate) · up`, where the gate has `bits` ≥ 6 fraction bits, the other `up_bits` and the result `out` ≤ 15.
+pub fn swiglu(
+    site: Site,
+    (gate, bits): (&[i32], u8),
+    (up, up_bits): (&[i32], u8),
+    out: u8,
+) -> Result<Vec<i16>, EvalError> {
+    let _operation = operation("SiLU");
+    let shift = (bits + up_bits) as u32 + tables::SIGMOID_BITS - out as u32;
+    let to_logit = tables::LOGIT_BITS - bits as u32;
+    let values = gate.iter().zip(up).map(|(&gate, &up)| {
+        let gate = output(gate);
+        let silu = gate * tables::sigmoid(gate << to_logit);
+        round_shift(silu * output(up), shift)
+    });
+    narrowed(site, values)
+}
+
+/// Fraction bits of [`Softmax`]'s factor.
+const FACTOR_BITS: i32 = 20;
+
+/// Softmax of a row of scores, by powers of two of the distance to the largest.
+#[derive(Clone, Copy)]
+pub struct Softmax {
+    /// log2(e)/√head_dim with [`FACTOR_BITS`] fraction bits.
+    factor: i64,
+    /// From a distance times the factor to [`tables::exp2_negative`]'s argument.
+    shift: u32,
+}
+
+impl Softmax {
+    /// For heads of `head_dim`, and scores with `bits` fraction bits.
+    pub fn new(head_dim: u32, bits: u32) -> Self {
+        /// `log2(e)^2 · 2^(2·FACTOR_BITS)`, rounded.
+        const LOG2_E_SQUARED: u64 = 2_288_489_396_308;
+        Self {
+            factor: integer_sqrt(LOG2_E_SQUARED / head_dim as u64) as i64,
+            shift: bits + FACTOR_BITS as u32 - tables::EXPONENT_BITS,
+        }
+    }
+
+    /// Attention weights of `scores`, with [`ATTENTION_BITS`] fraction bits, into `weights`, which is as long.
+    pub fn apply(self, scores: &[i32], weights: &mut [i16]) {
+        let largest = scores.iter().fold(i32::MIN, |most, &score| most.max(score)) as i64;
+        // Distance below 2^33, factor below 2^21.
+        let nearest = largest * self.factor + (1 << (self.shift - 1));
+        let mut total = 0;
+        for (&score, weight) in scores.iter().zip(weights.iter_mut()) {
+            let distance = (nearest - score as i64 * self.factor) >> self.shift;
+            let power = tables::exp2_negative(distance as u64);
+            total += power as u64;
+            *weight = power as i16; // its 16 bits, for the moment
+        }
+        // The largest score's power alone is 2^15: the reciprocal is at most 2^33, a product at most 2^48.
+        const RECIPROCAL_BITS: u32 = 48;
+        let reciprocal = (1 << RECIPROCAL_BITS) / total.max(1);
+        const SHIFT: u32 = RECIPROCAL_BITS - ATTENTION_BITS;
+        for weight in weights {
+            let power = *weight as u16 as u64;
+            *weight = ((power * reciprocal + (1 << (SHIFT - 1))) >> SHIFT) as i16;
+        }
+    }
+}

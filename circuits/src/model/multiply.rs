@@ -1,0 +1,232 @@
+//! Where the evaluation gets its matrix products from: computed ([`Direct`]), computed and kept ([`Recorder`]), or hinted
+//! and checked ([`crate::freivalds::checked::Checked`]).
+
+use crate::model::{
+    arithmetic::products::{products, Rows},
+    layout::Layout,
+    linear::{Linear, HALF, SUM_BITS},
+    site::{EvalError, Site},
+    spec::EvalSpec,
+    weights::QuantisedWeights,
+};
+use alloc::{vec, vec::Vec};
+use core::ops::Deref;
+
+/// The evaluation's products. Sums are int32; what does not fit is an error.
+pub trait Multiply {
+    /// Sums of one product.
+    type Sums: Deref<Target = [i32]>;
+
+    /// Sums of linear number `index` ([`crate::model::linear::linears`]) over the rows of `input`: per matrix, one row of
+    /// outputs per row of input.
+    fn linear(
+        &mut self,
+        index: usize,
+        linear: &Linear,
+        input: &[i16],
+    ) -> Result<Self::Sums, EvalError>;
+
+    /// `queries · keysᵀ`, one row per query.
+    fn scores(
+        &mut self,
+        site: Site,
+        queries: Rows<'_>,
+        keys: Rows<'_>,
+    ) -> Result<Self::Sums, EvalError>;
+
+    /// `weights · values · 2^`[`MIX_SHIFT`]` + 2^15`, one row per row of `weights`: their outputs have the fraction
+    /// bits of `values`.
+    fn mix(
+        &mut self,
+        site: Site,
+        weights: Rows<'_>,
+        values: Rows<'_>,
+    ) -> Result<Self::Sums, EvalError>;
+}
+
+/// Fraction bits of attention weights: 1 is 2^14.
+pub const ATTENTION_BITS: u32 = 14;
+/// What brings attention weights times values to the scale of sums.
+pub const MIX_SHIFT: u32 = SUM_BITS - ATTENTION_BITS;
+
+/// Computes every product.
+pub struct Direct<'a> {
+    spec: &'a EvalSpec,
+    layout: &'a Layout,
+    weights: &'a QuantisedWeights,
+}
+
+impl<'a> Direct<'a> {
+    /// Products with `weights`, which were quantised for `spec`.
+    pub(crate) fn new(
+        spec: &'a EvalSpec,
+        layout: &'a Layout,
+        weights: &'a QuantisedWeights,
+    ) -> Result<Self, EvalError> {
+        if weights.values.len() != layout.len {
+            return Err(EvalError::Dimensions("the weights"));
+        }
+        Ok(Self {
+            spec,
+            layout,
+            weights,
+        })
+    }
+}
+
+impl Multiply for Direct<'_> {
+    type Sums = Vec<i32>;
+
+    fn linear(&mut self, _: usize, linear: &Linear, input: &[i16]) -> Result<Vec<i32>, EvalError> {
+        let input = Rows::new(input, linear.columns);
+        let mut sums = vec![0; input.count() * linear.rows()];
+        let mut rest = &mut sums[..];
+        for output in &linear.outputs {
+            let (matrix, bits) = self.weights.tensor(self.layout, output.matrix);
+            let rows = Rows::new(matrix, linear.columns).first(output.rows);
+            let shift = output.shift(linear.bits, bits);
+            let (now, later) = rest.split_at_mut(input.count() * output.rows);
+            rest = later;
+            let mut fit = Fit::new();
+            match output.bias {
+                None => products(input, rows, |at, _, sum| {
+                    now[at] = fit.fit((sum << shift) + HALF);
+                }),
+                Some(bias) => {
+                    let (bias, bits) = self.weights.tensor(self.layout, bias);
+                    let bias_shift = output.bias_shift(bits);
+                    products(input, rows, |at, column, sum| {
+                        let bias = (bias[column] as i64) << bias_shift;
+                        now[at] = fit.fit((sum << shift) + bias + HALF);
+                    });
+                }
+            }
+            fit.check(output.site, SUM_BITS)?;
+        }
+        Ok(sums)
+    }
+
+    fn scores(
+        &mut self,
+        site: Site,
+        queries: Rows<'_>,
+        keys: Rows<'_>,
+    ) -> Result<Vec<i32>, EvalError> {
+        let mut sums = vec![0; queries.count() * keys.count()];
+        let mut fit = Fit::new();
+        products(queries, keys, |at, _, sum| sums[at] = fit.fit(sum));
+        fit.check(site, 0)?;
+        Ok(sums)
+    }
+
+    fn mix(
+        &mut self,
+        site: Site,
+        weights: Rows<'_>,
+        values: Rows<'_>,
+    ) -> Result<Vec<i32>, EvalError> {
+        let head_dim = self.spec.dims.head_dim as usize;
+        let columns = values.transposed();
+        let columns = Rows::new(&columns, values.count());
+        let mut sums = vec![0; weights.count() * head_dim];
+        let mut fit = Fit::new();
+        products(weights, columns, |at, _, sum| {
+            sums[at] = fit.fit((sum << MIX_SHIFT) + HALF);
+        });
+        fit.check(site, SUM_BITS)?;
+        Ok(sums)
+    }
+}
+
+/// Narrows sums to int32 and remembers the first that does not fit.
+struct Fit {
+    refused: Option<i64>,
+}
+
+impl Fit {
+    fn new() -> Self {
+        Self { refused: None }
+    }
+
+    #[inline(always)]
+    fn fit(&mut self, sum: i64) -> i32 {
+        let fitted = sum as i32;
+        if fitted as i64 != sum {
+            self.refuse(sum);
+        }
+        fitted
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn refuse(&mut self, sum: i64) {
+        self.refused.get_or_insert(sum);
+    }
+
+    fn check(self, site: Site, bits: u32) -> Result<(), EvalError> {
+        match self.refused {
+            None => Ok(()),
+            Some(sum) => Err(EvalError::OutOfRange {
+                site,
+                value: sum >> bits,
+            }),
+        }
+    }
+}
+
+/// Computes every product and keeps the sums, in order: the hints of mode `checked`.
+pub struct Recorder<'a> {
+    direct: Direct<'a>,
+    /// All sums so far.
+    pub hints: Vec<i32>,
+}
+
+impl<'a> Recorder<'a> {
+    /// Records what `direct` computes.
+    pub fn new(direct: Direct<'a>) -> Self {
+        Self {
+            direct,
+            hints: vec![],
+        }
+    }
+
+    fn keep(&mut self, sums: Result<Vec<i32>, EvalError>) -> Result<Vec<i32>, EvalError> {
+        self.hints
+            .extend_from_slice(sums.as_deref().unwrap_or_default());
+        sums
+    }
+}
+
+impl Multiply for Recorder<'_> {
+    type Sums = Vec<i32>;
+
+    fn linear(
+        &mut self,
+        index: usize,
+        linear: &Linear,
+        input: &[i16],
+    ) -> Result<Vec<i32>, EvalError> {
+        let sums = self.direct.linear(index, linear, input);
+        self.keep(sums)
+    }
+
+    fn scores(
+        &mut self,
+        site: Site,
+        queries: Rows<'_>,
+        keys: Rows<'_>,
+    ) -> Result<Vec<i32>, EvalError> {
+        let sums = self.direct.scores(site, queries, keys);
+        self.keep(sums)
+    }
+
+    fn mix(
+        &mut self,
+        site: Site,
+        weights: Rows<'_>,
+        values: Rows<'_>,
+    ) -> Result<Vec<i32>, EvalError> {
+        let sums = self.direct.mix(site, weights, values);
+        self.keep(sums)
+    }
+}

@@ -1,0 +1,139 @@
+//! Hashing of int16 values with Poseidon2 over KoalaBear (eprint 2023/323; p = 2^31 − 2^24 + 1, width 16, 8 full and 20
+//! partial rounds, SP1's constants): a sponge of rate 8 and capacity 8.
+//!
+//! Inside the guest the permutation is SP1's precompile: 4 cycles for 12 values, where SHA-256 takes 130. Natively it
+//! is the same permutation from the crates SP1 is built of.
+//!
+//! Everything is stated in *canonical* field values (`p3-koala-bear` keeps Montgomery form in memory, the precompile
+//! does not). The state starts as zeros but for the capacity: `state[8]` is the domain, `state[9..=10]` the number of
+//! values (low and high 30 bits). Each block of 12 values is read as six little-endian u32 words w0…w5 and overwrites
+//! the rate: `state[i] = wi mod 2^30`, and the six pairs of top bits fill the last two elements,
+//! `state[6] = w0>>30 | w2>>30<<2 | w4>>30<<4`, `state[7]` likewise from w1, w3, w5. Every element stays below 2^30 < p
+//! and a block can be read back from its elements. The last block is zero-padded (the length is in the state). The digest
+//! is the rate after the last permutation, as eight little-endian u32.
+
+use crate::vm::{digest::Digest, values::Values};
+
+/// What is hashed: keeps digests of different things apart.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
+pub enum Domain {
+    /// Quantised weights: [`crate::model::weights::QuantisedWeights`].
+    Weights = 1,
+    /// A sample: [`crate::model::sample::Sample`].
+    Sample = 2,
+    /// Norm gains and biases: [`crate::model::parameters::Parameters`].
+    Parameters = 3,
+    /// Hinted sums of one evaluation, two int16 each.
+    Hints = 4,
+    /// Projections of the weight matrices: [`crate::freivalds::projection`].
+    Projections = 5,
+    /// The coefficients of the product checks: [`crate::freivalds::coefficients`].
+    Coefficients = 6,
+}
+
+const LOW_30: u64 = 0x3fff_ffff_3fff_ffff;
+const LOW_2: u64 = 0x0000_0003_0000_0003;
+
+/// The digest of `values` in `domain`.
+pub fn hash(domain: Domain, values: &Values) -> Digest {
+    hash_words(domain, values.words(), values.len() as u64)
+}
+
+/// The digest of `length` values in `domain`, given four to a word as [`Values::words`] does.
+pub fn hash_words(domain: Domain, words: &[u64], length: u64) -> Digest {
+    let state = absorb_words(domain, words, length);
+    let mut digest = [0; 32];
+    for (bytes, pair) in digest.chunks_exact_mut(8).zip(&state.0) {
+        bytes.copy_from_slice(&pair.to_le_bytes());
+    }
+    Digest(digest)
+}
+
+/// Elements without end, from a seed: the rate after absorbing the seed, and after every further permutation.
+pub struct Squeeze(State);
+
+impl Squeeze {
+    /// Absorbs the seed as 16 values.
+    pub fn new(domain: Domain, seed: &Digest) -> Self {
+        let mut words = [0; 4];
+        for (word, bytes) in words.iter_mut().zip(seed.0.as_chunks::<8>().0) {
+            *word = u64::from_le_bytes(*bytes);
+        }
+        Self(absorb_words(domain, &words, 16))
+    }
+
+    /// The next eight elements.
+    #[allow(clippy::should_implement_trait)] // it never ends
+    pub fn next(&mut self) -> [u32; 8] {
+        let elements = core::array::from_fn(|i| (self.0 .0[i / 2] >> (i % 2 * 32)) as u32);
+        permute(&mut self.0);
+        elements
+    }
+}
+
+fn absorb_words(domain: Domain, words: &[u64], length: u64) -> State {
+    let mut state = State::default();
+    state.0[4] = domain as u64 | (length & 0x3fff_ffff) << 32;
+    state.0[5] = length >> 30 & 0x3fff_ffff;
+    let mut blocks = words.chunks_exact(3);
+    for block in &mut blocks {
+        absorb(&mut state, [block[0], block[1], block[2]]);
+    }
+    let rest = blocks.remainder();
+    if !rest.is_empty() || words.is_empty() {
+        let mut block = [0; 3];
+        block[..rest.len()].copy_from_slice(rest);
+        absorb(&mut state, block);
+    }
+    state
+}
+
+#[inline(always)]
+fn absorb(state: &mut State, block: [u64; 3]) {
+    let [a, b, c] = block;
+    let tops = (a >> 30 & LOW_2) | (b >> 30 & LOW_2) << 2 | (c >> 30 & LOW_2) << 4;
+    state.0[0] = a & LOW_30;
+    state.0[1] = b & LOW_30;
+    state.0[2] = c & LOW_30;
+    state.0[3] = tops;
+    permute(state);
+}
+
+#[cfg(target_os = "zkvm")]
+use crate::vm::system_calls::{poseidon2 as permute, Poseidon2State as State};
+
+#[cfg(target_os = "zkvm")]
+impl Default for State {
+    fn default() -> Self {
+        Self([0; 8])
+    }
+}
+
+#[cfg(not(target_os = "zkvm"))]
+pub use native::{permute, State};
+
+#[cfg(not(target_os = "zkvm"))]
+mod native {
+    use slop_algebra::{AbstractField, PrimeField32};
+    use slop_koala_bear::{my_kb_16_perm, KoalaBear, KoalaPerm};
+    use slop_symmetric::Permutation;
+    use std::sync::LazyLock;
+
+    static PERMUTATION: LazyLock<KoalaPerm> = LazyLock::new(my_kb_16_perm);
+
+    /// Sixteen canonical KoalaBear values, two to a word, the first in the low half.
+    #[derive(Default)]
+    pub struct State(pub [u64; 8]);
+
+    /// One permutation; the values of `state` are below the modulus before and after.
+    pub fn permute(state: &mut State) {
+        let element = |value: u64| KoalaBear::from_canonical_u32(value as u32);
+        let input = core::array::from_fn(|index| element(state.0[index / 2] >> (index % 2 * 32)));
+        let output = PERMUTATION.permute(input);
+        for (pair, elements) in state.0.iter_mut().zip(output.as_chunks::<2>().0) {
+            let [low, high] = elements.map(|element| element.as_canonical_u32() as u64);
+            *pair = low | high << 32;
+        }
+    }
+}
