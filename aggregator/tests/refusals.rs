@@ -36,7 +36,7 @@ async fn an_unknown_node_is_turned_away_everywhere() -> Test {
     );
     committed(&network, &first, 0, 1).await;
     let mut claim = first.claim(&network).await;
-    claim.node = stranger.id();
+    claim.terms.node = stranger.id();
     refused(
         stranger.submit(&network, claim, b"proof").await,
         Code::PermissionDenied,
@@ -130,14 +130,14 @@ async fn statements_for_another_network_or_round_are_turned_away() -> Test {
     // What was signed for elsewhere can be replayed by anyone: it must not use up the node's one submission.
     let before = network.entries().await.len();
     let mut claim = first.claim(&network).await;
-    claim.network = elsewhere;
+    claim.terms.network = elsewhere;
     refused(
         first.submit(&network, claim, b"proof").await,
         Code::FailedPrecondition,
         "network",
     );
     let mut claim = first.claim(&network).await;
-    claim.round = 7;
+    claim.terms.round = 7;
     refused(
         first.submit(&network, claim, b"proof").await,
         Code::FailedPrecondition,
@@ -218,7 +218,7 @@ async fn a_receipt_given_again_still_fixes_the_challenge() -> Test {
     assert!(
         matches!(entry.body, Body::UpdateCommitted(signed) if signed.statement.node == first.id())
     );
-    let challenge = zk0_circuits::challenge::challenge(
+    let challenge = zk0_circuits::claim::challenge::challenge(
         &network.genesis.network_id(),
         0,
         &first.id(),
@@ -265,7 +265,7 @@ async fn a_submission_without_a_commitment_is_turned_away() -> Test {
     let (network, first, second) = open_round().await;
     committed(&network, &first, 0, 1).await;
     let mut claim = first.claim(&network).await;
-    claim.node = second.id();
+    claim.terms.node = second.id();
     refused(
         second.submit(&network, claim, b"proof").await,
         Code::FailedPrecondition,
@@ -307,7 +307,7 @@ async fn a_claim_that_the_ledger_contradicts_is_recorded() -> Test {
     let (network, first, _) = open_round().await;
     committed(&network, &first, 0, 1).await;
     let mut claim = first.claim(&network).await;
-    claim.eval_samples = 1;
+    claim.terms.eval_samples = 1;
     let reply = first.submit(&network, claim, b"proof").await?;
     assert!(
         reply
@@ -366,7 +366,7 @@ async fn datasets_are_checked_before_they_are_recorded() -> Test {
     let network = Network::start(&[&first], config).await;
     let sign = |leaves: &[Digest], samples: u64| {
         let mut registration = first.registration(&network.genesis.network_id()).statement;
-        registration.dataset.root = zk0_circuits::merkle::root(leaves);
+        registration.dataset.root = zk0_circuits::vm::merkle::root(leaves);
         registration.dataset.samples = samples;
         registration.leaves = zk0_verifier::blob_digest(&flat(leaves));
         Signed::new(registration, &first.key)

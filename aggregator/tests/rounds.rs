@@ -198,7 +198,7 @@ async fn the_history_replays_and_refusals_are_found_to_be_right() -> Test {
     first.submit(&network, claim, b"no proof").await?;
     committed(&network, &second, 0, 2).await;
     let mut claim = second.claim(&network).await;
-    claim.challenge = Digest([1; 32]);
+    claim.terms.challenge = Digest([1; 32]);
     second.submit(&network, claim, b"no proof").await?;
     network.settle().await;
     let mut auditor = Auditor::default();

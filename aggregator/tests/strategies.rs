@@ -1,7 +1,7 @@
 //! Combining updates is exact, and does not depend on the order they are given in.
 
 use proptest::prelude::*;
-use zk0_circuits::{weights::TensorSpec, NodeId};
+use zk0_circuits::{model::layout::TensorSpec, NodeId};
 use zk0_verifier::combine::{
     contributions::CombineError,
     fedavg::average,

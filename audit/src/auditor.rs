@@ -151,7 +151,7 @@ impl Auditor {
         self.accepted.push(recorded.clone());
         let (depth, blobs) = (self.depth, blobs.clone());
         self.begin(move || {
-            let node = recorded.submission.statement.claim.node;
+            let node = recorded.submission.statement.claim.terms.node;
             let examined = Box::new(recorded.accepted(depth, &blobs));
             Outcome::Accepted(recorded.index, node, examined)
         });
@@ -253,7 +253,7 @@ impl Recheck for Auditor {
             index,
             time_ms: entry.time_ms,
             submission: submission.clone(),
-            before: before.for_claims_of(&submission.statement.claim.node),
+            before: before.for_claims_of(&submission.statement.claim.terms.node),
         };
         match &entry.body {
             Body::DatasetCommitted(signed) => {

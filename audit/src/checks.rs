@@ -7,7 +7,7 @@ use crate::{
 };
 use borsh::{BorshDeserialize, BorshSerialize};
 use std::fmt::Display;
-use zk0_circuits::{dataset::check_leaves, Digest, WeightsDigest};
+use zk0_circuits::{claim::dataset::check_leaves, Digest, WeightsDigest};
 use zk0_ledger::blobs::{BlobError, Blobs};
 use zk0_protocol::{
     entries::{
@@ -55,7 +55,7 @@ impl Recorded {
     /// Verifies the contribution again, which was accepted.
     pub fn accepted(&self, depth: Depth, blobs: &Blobs) -> Examined {
         let (rules, statement) = (self.before.rules(), &self.submission.statement);
-        let node = statement.claim.node;
+        let node = statement.claim.terms.node;
         let failed = |why: &dyn Display| Examined {
             checks: vec![Check::Failed(format!(
                 "the contribution of node {node} was accepted, but {why}"
@@ -94,7 +94,7 @@ impl Recorded {
         if depth == Depth::Light {
             return without_update(Why::Light, format!("node {node}'s update"));
         }
-        let update = match blobs.get(&statement.claim.update.blob, rules.max_update_bytes) {
+        let update = match blobs.get(&statement.claim.terms.update.blob, rules.max_update_bytes) {
             Ok(update) => update,
             Err(BlobError::Missing(blob)) => {
                 let what =
@@ -103,7 +103,7 @@ impl Recorded {
             }
             Err(error) => return failed(&format!("its update cannot be read: {error}")),
         };
-        let base = match blobs.get(&statement.claim.base.blob, rules.max_base_bytes()) {
+        let base = match blobs.get(&statement.claim.terms.base.blob, rules.max_base_bytes()) {
             Ok(base) => base,
             Err(error) => return failed(&format!("its base weights cannot be read: {error}")),
         };
@@ -127,7 +127,7 @@ impl Recorded {
     pub fn rejected(&self, reason: &Refusal, depth: Depth, blobs: &Blobs) -> Check {
         let (before, time_ms) = (&self.before, self.time_ms);
         let (rules, statement) = (before.rules(), &self.submission.statement);
-        let node = statement.claim.node;
+        let node = statement.claim.terms.node;
         let failed = |found: &dyn Display| {
             Check::Failed(format!(
                 "the contribution of node {node} was refused because '{reason}', but {found}"
@@ -166,7 +166,9 @@ impl Recorded {
             // The proof is checked before the update.
             false => verify_claim(&self.submission, &proof, before, time_ms),
             true => {
-                let update = match blobs.get(&statement.claim.update.blob, rules.max_update_bytes) {
+                let update = match blobs
+                    .get(&statement.claim.terms.update.blob, rules.max_update_bytes)
+                {
                     Ok(update) => update,
                     Err(BlobError::Missing(blob)) => {
                         return not_at_hand(
@@ -176,7 +178,8 @@ impl Recorded {
                     }
                     Err(error) => return failed(&format!("its update cannot be read: {error}")),
                 };
-                let base = match blobs.get(&statement.claim.base.blob, rules.max_base_bytes()) {
+                let base = match blobs.get(&statement.claim.terms.base.blob, rules.max_base_bytes())
+                {
                     Ok(base) => base,
                     Err(error) => {
                         return failed(&format!("its base weights cannot be read: {error}"))

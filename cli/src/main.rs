@@ -24,6 +24,10 @@ enum Command {
     /// Run a whole federation on this machine: aggregator, prover and nodes, then the audit.
     #[cfg(feature = "full")]
     Demo(zk0::demo::Options),
+    /// The demo's lazy node. `zk0 demo` starts it.
+    #[cfg(feature = "full")]
+    #[command(hide = true)]
+    DemoLazyNode(zk0::demo::lazy_node::Options),
     /// Take part in a network with one's own recordings.
     #[cfg(feature = "full")]
     #[command(subcommand)]
@@ -71,6 +75,8 @@ fn main() -> ExitCode {
     let done = match cli.command {
         #[cfg(feature = "full")]
         Command::Demo(options) => zk0::demo::run(&options),
+        #[cfg(feature = "full")]
+        Command::DemoLazyNode(options) => zk0::demo::lazy_node::run(&options),
         #[cfg(feature = "full")]
         Command::Node(command) => zk0::node::run(&command),
         #[cfg(feature = "full")]

@@ -7,11 +7,8 @@ use std::{
     path::{Path, PathBuf},
 };
 use tokio::runtime::Runtime;
-use zk0_circuits::{challenge::MAX_EVAL_SAMPLES, statement::Mode, Digest, EvalSpec};
-use zk0_node::{
-    client::Node,
-    participant::{Conduct, Participant, Training},
-};
+use zk0_circuits::{claim::challenge::MAX_EVAL_SAMPLES, Digest, EvalSpec, Mode};
+use zk0_node::{client::Node, participant::Participant, turn::Training};
 use zk0_prover::{
     estimate as prover, execute::Executor, options::Resources, service::ProvingClient,
 };
@@ -101,9 +98,6 @@ pub struct Join {
     lr_boost: Option<f64>,
     #[command(flatten)]
     cache: CacheOptions,
-    /// Do not train: submit the base weights with the proof in this file. For demonstrations; it will be refused.
-    #[arg(long, hide = true)]
-    lazy_with_proof: Option<PathBuf>,
 }
 
 /// Runs the command.
@@ -178,7 +172,7 @@ fn table(model: &str, estimate: &prover::Estimate) -> String {
          \x20 witness          {witness:.1} MB to the proving service, private\n\
          \x20 memory           {needed:.0} GiB for a proof, {free:.1} GiB are free here: {memory}\n\
          \x20 proof            {proof} on {cores} cores, and {start} once to start the service\n\
-         the time is computed from the cycles by constants measured on two cores (README, \"What proving costs\"); after its\n\
+         the time is computed from the cycles by constants measured on two cores (docs/prove.md, \"How long does it take?\"); after its\n\
          first proof the proving service knows this machine's own\n",
         samples = estimate.samples,
         mode = estimate.mode,
@@ -213,14 +207,6 @@ async fn join(options: &Join) -> Result<()> {
     }
     fs::create_dir_all(&options.state)
         .with_context(|| format!("creating {}", options.state.display()))?;
-    let conduct = match &options.lazy_with_proof {
-        None => Conduct::Honest,
-        Some(path) => {
-            let proof =
-                fs::read(path).with_context(|| format!("reading the proof {}", path.display()))?;
-            Conduct::Lazy { proof }
-        }
-    };
     let participant = Participant {
         dataset: options.dataset.locate()?,
         state: options.state.clone(),
@@ -237,7 +223,6 @@ async fn join(options: &Join) -> Result<()> {
                 boost,
             },
         },
-        conduct,
     };
     let mut node = Node::connect(
         options.aggregator.clone(),

@@ -9,7 +9,7 @@ use std::{
     process::{Command, Output},
 };
 use zk0_circuits::{
-    spec::EvalSpec, statement::Mode, DatasetCommitment, Digest, Losses, NodeId, WeightsDigest,
+    model::spec::EvalSpec, DatasetCommitment, Digest, Losses, Mode, NodeId, WeightsDigest,
 };
 use zk0_ledger::{folder, Ledger};
 use zk0_protocol::{

@@ -6,7 +6,7 @@ use network::{rounds::copy, shelf::*, votes::*, *};
 use proptest::prelude::*;
 use rocksdb::DB;
 use std::{collections::BTreeSet, path::Path};
-use zk0_circuits::{challenge::challenge, NodeId};
+use zk0_circuits::{claim::challenge::challenge, NodeId};
 use zk0_ledger::{
     published::{
         mirror::{mirror, MirrorError},

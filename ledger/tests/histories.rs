@@ -255,11 +255,11 @@ proptest! {
                 }
                 Body::ContributionAccepted(Signed { statement, .. })
                 | Body::ContributionRejected { submission: Signed { statement, .. }, .. } => {
-                    prop_assert!(committed.contains(&statement.claim.node));
-                    prop_assert!(!decided.contains(&statement.claim.node));
-                    decided.push(statement.claim.node);
+                    prop_assert!(committed.contains(&statement.claim.terms.node));
+                    prop_assert!(!decided.contains(&statement.claim.terms.node));
+                    decided.push(statement.claim.terms.node);
                     if matches!(entry.body, Body::ContributionAccepted(_)) {
-                        accepted.push(statement.claim.node);
+                        accepted.push(statement.claim.terms.node);
                     }
                 }
                 Body::RoundClosed(closed) => {

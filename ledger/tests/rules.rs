@@ -438,7 +438,8 @@ fn the_challenge_depends_on_everything_that_fixes_it() {
     let commit = &chain.state.round().unwrap().commits[&id(1)];
     let root = digest(commit.entry as u8);
     let network = chain.state.network();
-    let expected = zk0_circuits::challenge::challenge(network, 0, &id(1), commit.entry, &root);
+    let expected =
+        zk0_circuits::claim::challenge::challenge(network, 0, &id(1), commit.entry, &root);
     assert_eq!(commit.challenge, expected);
 }
 
@@ -636,14 +637,10 @@ fn nobody_is_refused_by_a_strangers_hand_or_an_old_claim() {
             Refusal::WrongRound { .. }
         ));
     }
+    let mut of_another = claim(&chain.state, 0);
+    of_another.terms.node = id(1);
     let uncommitted = Body::ContributionRejected {
-        submission: submission(
-            Claim {
-                node: id(1),
-                ..claim(&chain.state, 0)
-            },
-            1,
-        ),
+        submission: submission(of_another, 1),
         reason: invalid_proof(),
     };
     assert_eq!(

@@ -6,7 +6,7 @@ use ed25519_dalek::SigningKey;
 use sha2::{Digest as _, Sha256};
 use std::{io::Write, time::Duration};
 use tonic::{transport, Code, Status};
-use zk0_circuits::{challenge::challenge, Claim, Digest, NodeId, WeightsDigest};
+use zk0_circuits::{claim::challenge::challenge, Claim, Digest, NodeId, WeightsDigest};
 use zk0_protocol::rpc::federation::{self as rpc, federation_client::FederationClient};
 use zk0_protocol::{
     entries::{

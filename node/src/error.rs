@@ -2,7 +2,7 @@
 
 use crate::client_error::NodeError;
 use std::{io, path::PathBuf};
-use zk0_circuits::{challenge::DrawError, statement};
+use zk0_circuits::claim::{challenge::DrawError, statement};
 use zk0_prover::service::ClientError;
 use zk0_smolvla::prefix_cache::CacheError;
 
@@ -23,10 +23,10 @@ pub enum ParticipantError {
     Policy(#[from] zk0_smolvla::PolicyError),
     /// Values outside the ranges that the round's specification can hold.
     #[error("fixed point: {0}")]
-    Quantise(#[from] zk0_circuits::weights::QuantiseError),
+    Quantise(#[from] zk0_circuits::model::quantise::QuantiseError),
     /// The network's evaluation specification.
     #[error("the network's evaluation specification: {0}")]
-    Spec(#[from] zk0_circuits::spec::SpecError),
+    Spec(#[from] zk0_circuits::model::spec::SpecError),
     /// The network was founded with another guest program than this version of zk0 has.
     #[error("the network proves with another program than this version of zk0 has: join with the version it was founded with")]
     OtherProgram,

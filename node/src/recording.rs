@@ -4,16 +4,15 @@ use crate::error::ParticipantError;
 use crate::progress::Progress;
 use std::{collections::BTreeSet, path::Path, slice};
 use zk0_circuits::{
-    dataset::{leaf, salt_commitment},
-    merkle,
-    sample::Sample,
-    spec::EvalSpec,
-    statement::Disclosure,
-    weights::QuantisedWeights,
-    witness::{Header, Opening, Witness},
-    DatasetCommitment, Digest,
+    claim::{
+        dataset::{leaf, salt_commitment},
+        private_input::{Header, Opening},
+    },
+    model::{sample::Sample, spec::EvalSpec, weights::QuantisedWeights},
+    vm::merkle,
+    DatasetCommitment, Digest, PrivateInput,
 };
-use zk0_protocol::rules::{bindings::ExpectedClaim, network_rules};
+use zk0_protocol::rules::bindings::ExpectedClaim;
 use zk0_smolvla::{
     batch::SampleSource,
     dataset::Dataset,
@@ -79,17 +78,17 @@ impl Recording {
     }
 
     /// All that proves `expected`: the challenged samples with their paths, and both sets of weights.
-    pub fn witness(
+    pub fn private_input(
         &self,
         spec: &EvalSpec,
         expected: &ExpectedClaim,
         base: QuantisedWeights,
         update: QuantisedWeights,
-    ) -> Result<Witness, ParticipantError> {
-        let indices = zk0_circuits::challenge::sample_indices(
-            &expected.challenge,
+    ) -> Result<PrivateInput, ParticipantError> {
+        let indices = zk0_circuits::claim::challenge::sample_indices(
+            &expected.terms.challenge,
             self.commitment.samples,
-            expected.eval_samples,
+            expected.terms.eval_samples,
         )?;
         let openings = indices
             .into_iter()
@@ -104,22 +103,11 @@ impl Recording {
             .collect();
         let header = Header {
             spec: spec.clone(),
-            network: expected.network,
-            round: expected.round,
-            node: expected.node,
-            dataset: self.commitment,
-            base: expected.base,
-            update: expected.update,
-            challenge: expected.challenge,
-            eval_samples: expected.eval_samples,
-            min_improvement_bps: expected.min_improvement_bps,
-            disclosure: match expected.disclosure {
-                rules::Disclosure::Nothing => Disclosure::Hidden,
-                rules::Disclosure::Losses => Disclosure::Disclosed,
-            },
+            terms: expected.terms,
+            disclosure: expected.disclosure,
             salt: self.salt,
         };
-        Ok(Witness {
+        Ok(PrivateInput {
             header,
             base,
             update,

@@ -3,16 +3,15 @@
 //! `cargo run --release --workspace --example cycle_budget PROGRAM.elf SAMPLES PROFILE…`
 //!
 //! The program is the ELF that `circuits/build-guest.sh --budget` writes: it says when an operation starts and ends
-//! (`zk0_circuits::budget`), by lines on its standard output that SP1's own executor counts only in a build for profiling. This is a
+//! (`zk0_circuits::vm::budget`), by lines on its standard output that SP1's own executor counts only in a build for profiling. This is a
 //! plain RV64IM interpreter with the system calls that the program makes, one instruction one cycle, as SP1 counts. No
 //! proof is made.
 
 use serde_json::json;
 use std::{collections::BTreeMap, env, error::Error, fs};
 use zk0_circuits::{
-    poseidon2::{permute, State},
-    statement::Mode,
-    EvalSpec,
+    vm::poseidon2::{permute, State},
+    EvalSpec, Mode,
 };
 use zk0_prover::{program::GuestInput, synthetic};
 use zk0_smolvla::{fixed_point::dims, Profile};
@@ -24,8 +23,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     let samples = arguments.next().ok_or(USAGE)?.parse()?;
     for profile in arguments {
         let spec = EvalSpec::new(dims(&Profile::from_name(&profile)?.config())?);
-        let witness = synthetic::witness(&spec, samples, 1)?;
-        let (_, input) = GuestInput::of(Mode::Checked, &witness)?;
+        let input = synthetic::private_input(&spec, samples, 1)?;
+        let (_, input) = GuestInput::of(Mode::Checked, &input)?;
         let mut machine = Machine::load(&elf, input.buffers).ok_or("not an ELF of the guest")?;
         machine.run()?;
         let named = machine.operations.values().sum::<u64>();

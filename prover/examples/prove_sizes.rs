@@ -14,8 +14,9 @@ use std::{
     time::{Duration, Instant},
 };
 use zk0_circuits::{
-    hinted::HintedWitness, program::verifying_key, spec::Dims, statement::Mode,
-    weights::expert_tensors, EvalSpec,
+    claim::{hinted_input::HintedInput, program::verifying_key},
+    model::{layout::expert_tensors, spec::Dims},
+    EvalSpec, Mode,
 };
 use zk0_prover::{
     device::{Device, DeviceKind},
@@ -55,13 +56,13 @@ async fn main() -> Result<(), Box<dyn Error>> {
     let setup = begin.elapsed();
     for (model, dims, mode) in work {
         eprintln!("zk0, mode {mode}: {model}");
-        let witness = synthetic::witness(&EvalSpec::new(dims), 1, 1)?;
-        let (_, input) = GuestInput::of(mode, &witness)?;
+        let input = synthetic::private_input(&EvalSpec::new(dims), 1, 1)?;
+        let (_, input) = GuestInput::of(mode, &input)?;
         let run = executor.execute(elf(mode), &input.buffers).await?;
         // The verifier's half of mode `checked`: projections of both sets of weights.
         let mut hinted = match mode {
             Mode::Direct => None,
-            Mode::Checked => Some(HintedWitness::of(&witness)?),
+            Mode::Checked => Some(HintedInput::of(&input)?),
         };
         fs::write("/proc/self/clear_refs", "5")?; // the peak of memory is from here on
         let begin = Instant::now();
@@ -75,7 +76,7 @@ async fn main() -> Result<(), Box<dyn Error>> {
         )?;
         if let Some(hinted) = &mut hinted {
             let seed = hinted.seed;
-            hinted.project(seed, [&witness.base, &witness.update])?;
+            hinted.project(seed, [&input.base, &input.update])?;
         }
         let verify = begin.elapsed();
         let weights: usize = expert_tensors(&dims).iter().map(|t| t.len()).sum();

@@ -2,12 +2,12 @@
 //! `cargo run --release --workspace --example prove_synthetic -- DEVICE MODEL MODE SAMPLES [FOLDER]`
 //!
 //! DEVICE is cpu or cuda (`make cuda` builds this example, too), MODEL micro or full, MODE direct or checked. Writes
-//! `proof.bin`, `claim.bin` (the public values) and `witness.bin` (borsh) to FOLDER when one is given, and prints what it
+//! `proof.bin`, `claim.bin` (the public values) and `input.bin` (borsh) to FOLDER when one is given, and prints what it
 //! took. A claim of model full takes a minute and 3 GB to make before it is proven.
 
 use serde_json::json;
 use std::{env, error::Error, fs, path::PathBuf, time::Instant};
-use zk0_circuits::{spec::Dims, statement::Mode, EvalSpec};
+use zk0_circuits::{model::spec::Dims, EvalSpec, Mode};
 use zk0_prover::{
     device::{Device, DeviceKind},
     execute::Executor,
@@ -34,9 +34,9 @@ async fn main() -> Result<(), Box<dyn Error>> {
     // First of all: a device that is not there is not worth a minute's wait.
     let device = Device::find(kind)?;
     let lock = ProverLock::acquire(&ProverLock::default_path(), Default::default())?;
-    let witness = synthetic::witness(&EvalSpec::new(dims), samples, 1)?;
-    let (_, input) = GuestInput::of(mode, &witness)?;
-    drop(witness);
+    let input = synthetic::private_input(&EvalSpec::new(dims), samples, 1)?;
+    let (_, input) = GuestInput::of(mode, &input)?;
+    drop(input);
     let executor = Executor::new().await?;
     let run = executor.execute(elf(mode), &input.buffers).await?;
     let begin = Instant::now();
@@ -50,7 +50,7 @@ async fn main() -> Result<(), Box<dyn Error>> {
         fs::create_dir_all(&folder)?;
         fs::write(folder.join("proof.bin"), &proof.bytes)?;
         fs::write(folder.join("claim.bin"), &proof.public_values)?;
-        fs::write(folder.join("witness.bin"), borsh::to_vec(&input.buffers)?)?;
+        fs::write(folder.join("input.bin"), borsh::to_vec(&input.buffers)?)?;
     }
     let report = json!({
         "device": kind.to_string(),

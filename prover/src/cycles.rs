@@ -8,7 +8,7 @@ use crate::{
     synthetic,
 };
 use serde::{Deserialize, Serialize};
-use zk0_circuits::{spec::Dims, statement::Mode, EvalSpec};
+use zk0_circuits::{model::spec::Dims, EvalSpec, Mode};
 
 /// A claim that is measured.
 #[derive(Clone, Copy, Debug)]
@@ -56,13 +56,13 @@ pub fn cases() -> Vec<Case> {
     .to_vec()
 }
 
-/// Makes a witness and executes its program. At full size that takes a minute and half a gigabyte for every sample.
+/// Makes a input and executes its program. At full size that takes a minute and half a gigabyte for every sample.
 pub async fn measure(executor: &Executor, case: Case) -> Result<Cost, ExecuteError> {
-    let witness = synthetic::witness(&EvalSpec::new(case.dims), case.samples, 1);
-    let witness = witness.map_err(ExecuteError::Failed)?;
-    let (_, input) = GuestInput::of(case.mode, &witness)
+    let input = synthetic::private_input(&EvalSpec::new(case.dims), case.samples, 1);
+    let input = input.map_err(ExecuteError::Failed)?;
+    let (_, input) = GuestInput::of(case.mode, &input)
         .map_err(|error| ExecuteError::Failed(error.to_string()))?;
-    drop(witness);
+    drop(input);
     let run = executor
         .execute(program::elf(case.mode), &input.buffers)
         .await?;

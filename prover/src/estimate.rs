@@ -12,7 +12,7 @@ use crate::{
     synthetic,
 };
 use serde::Serialize;
-use zk0_circuits::{statement::Mode, EvalSpec};
+use zk0_circuits::{EvalSpec, Mode};
 
 /// The cost of one claim.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -25,7 +25,7 @@ pub struct Estimate {
     pub cycles: u64,
     /// SP1's estimate of proving cost, precompiles included.
     pub gas: u64,
-    /// Bytes of the private witness that goes to the proving service.
+    /// Bytes of the private input that goes to the proving service.
     pub witness_bytes: u64,
     /// Free memory that a proof takes, in bytes.
     pub memory_needed_bytes: u64,
@@ -40,7 +40,7 @@ pub struct Estimate {
 }
 
 impl Estimate {
-    /// Counts the cycles of a claim over `samples` samples, at most [`zk0_circuits::challenge::MAX_EVAL_SAMPLES`], and derives the
+    /// Counts the cycles of a claim over `samples` samples, at most [`zk0_circuits::claim::challenge::MAX_EVAL_SAMPLES`], and derives the
     /// rest. Takes seconds for small models; at the published size minutes and 3 GB of memory.
     pub async fn of(
         executor: &Executor,
@@ -49,14 +49,14 @@ impl Estimate {
         samples: u32,
         machine: Resources,
     ) -> Result<Self, ExecuteError> {
-        let (first, witness) = execute(executor, spec, mode, 1).await?;
-        let (mut cycles, mut gas, mut witness_bytes) = (first.cycles, first.gas, witness);
+        let (first, input) = execute(executor, spec, mode, 1).await?;
+        let (mut cycles, mut gas, mut witness_bytes) = (first.cycles, first.gas, input);
         if samples > 1 {
-            let (second, witness) = execute(executor, spec, mode, 2).await?;
+            let (second, input) = execute(executor, spec, mode, 2).await?;
             let further = |one: u64, two: u64| two.saturating_sub(one) * (samples as u64 - 1);
             cycles += further(first.cycles, second.cycles);
             gas += further(first.gas, second.gas);
-            witness_bytes += further(witness_bytes, witness);
+            witness_bytes += further(witness_bytes, input);
         }
         Ok(Self {
             mode: mode.to_string(),
@@ -78,17 +78,17 @@ impl Estimate {
     }
 }
 
-/// Executes a claim over random samples; also the bytes of its witness.
+/// Executes a claim over random samples; also the bytes of its input.
 async fn execute(
     executor: &Executor,
     spec: &EvalSpec,
     mode: Mode,
     samples: u32,
 ) -> Result<(Execution, u64), ExecuteError> {
-    let witness = synthetic::witness(spec, samples, 1).map_err(ExecuteError::Failed)?;
+    let input = synthetic::private_input(spec, samples, 1).map_err(ExecuteError::Failed)?;
     let (_, input) =
-        GuestInput::of(mode, &witness).map_err(|error| ExecuteError::Failed(error.to_string()))?;
-    drop(witness);
+        GuestInput::of(mode, &input).map_err(|error| ExecuteError::Failed(error.to_string()))?;
+    drop(input);
     let run = executor.execute(elf(mode), &input.buffers).await?;
     let bytes = input.buffers.iter().map(|buffer| buffer.len() as u64).sum();
     Ok((run, bytes))

@@ -20,8 +20,8 @@ pub struct Execution {
 /// Why an execution gave no public values.
 #[derive(Debug, thiserror::Error)]
 pub enum ExecuteError {
-    /// The program ended itself: the statement does not hold for this witness.
-    #[error("the guest program refuses the witness: {0}")]
+    /// The program ended itself: the statement does not hold for this input.
+    #[error("the guest program refuses the input: {0}")]
     Refused(String),
     /// SP1 could not run the program.
     #[error("SP1 cannot execute the guest program: {0}")]
@@ -59,13 +59,13 @@ impl Executor {
         Ok(Self { client })
     }
 
-    /// Runs `elf` on `witness`, one buffer per read of the guest.
+    /// Runs `elf` on `input`, one buffer per read of the guest.
     pub async fn execute(
         &self,
         elf: &'static [u8],
-        witness: &[Vec<u8>],
+        input: &[Vec<u8>],
     ) -> Result<Execution, ExecuteError> {
-        let (client, stdin) = (self.client.clone(), stdin(witness));
+        let (client, stdin) = (self.client.clone(), stdin(input));
         blocking(move || {
             let (stderr, last_words) = watch::channel(String::new());
             let (public_values, report) = client
@@ -109,9 +109,9 @@ async fn blocking<T: Send + 'static>(
 }
 
 /// The input stream of the guest: one entry per buffer, unframed, as `sp1_zkvm::io::read_vec` reads them.
-pub(crate) fn stdin(witness: &[Vec<u8>]) -> SP1Stdin {
+pub(crate) fn stdin(input: &[Vec<u8>]) -> SP1Stdin {
     let mut stdin = SP1Stdin::new();
-    for buffer in witness {
+    for buffer in input {
         stdin.write_slice(buffer);
     }
     stdin

@@ -1,11 +1,14 @@
 //! The guest programs, and what they read. The programs' verifying keys, which are all that a verifier needs, are in
-//! [`zk0_circuits::program`].
+//! [`zk0_circuits::claim::program`].
 
 use zk0_circuits::{
-    hinted::HintedWitness,
-    statement::{check, check_hinted, Mode, StatementError},
-    witness::WitnessError,
-    Claim, Witness,
+    claim::{
+        hinted_input::HintedInput,
+        private_input::InputError,
+        statement::{check, check_hinted},
+        statement_error::StatementError,
+    },
+    Claim, Mode, PrivateInput,
 };
 
 /// The ELF of the program of `mode`, as `circuits/build-guest.sh` builds it.
@@ -16,7 +19,7 @@ pub fn elf(mode: Mode) -> &'static [u8] {
     }
 }
 
-/// A witness as the program of a mode reads it. Private: it holds samples and the dataset's salt.
+/// A input as the program of a mode reads it. Private: it holds samples and the dataset's salt.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct GuestInput {
     /// Which program.
@@ -28,21 +31,21 @@ pub struct GuestInput {
 /// Why an input is of no claim.
 #[derive(Debug, thiserror::Error)]
 pub enum InputError {
-    /// The buffers are no witness.
-    #[error("the witness cannot be read: {0}")]
-    Unreadable(#[from] WitnessError),
+    /// The buffers are no input.
+    #[error("the input cannot be read: {0}")]
+    Unreadable(#[from] InputError),
     /// The statement is false.
     #[error("the claim does not hold: {0}")]
     Statement(#[from] StatementError),
 }
 
 impl GuestInput {
-    /// The claim that `witness` proves, and the input for it: in mode `checked`, the products are computed here.
-    pub fn of(mode: Mode, witness: &Witness) -> Result<(Claim, Self), StatementError> {
+    /// The claim that `input` proves, and the input for it: in mode `checked`, the products are computed here.
+    pub fn of(mode: Mode, input: &PrivateInput) -> Result<(Claim, Self), StatementError> {
         let (claim, buffers) = match mode {
-            Mode::Direct => (check(witness)?, witness.to_buffers().to_vec()),
+            Mode::Direct => (check(input)?, input.to_buffers().to_vec()),
             Mode::Checked => {
-                let hinted = HintedWitness::of(witness)?;
+                let hinted = HintedInput::of(input)?;
                 (check_hinted(&hinted)?, hinted.to_buffers())
             }
         };
@@ -52,8 +55,8 @@ impl GuestInput {
     /// The claim, by running natively what the program runs; says why there is none.
     pub fn claim(&self) -> Result<Claim, InputError> {
         Ok(match self.mode {
-            Mode::Direct => check(&Witness::from_buffers(&self.buffers)?)?,
-            Mode::Checked => check_hinted(&HintedWitness::from_buffers(&self.buffers)?)?,
+            Mode::Direct => check(&PrivateInput::from_buffers(&self.buffers)?)?,
+            Mode::Checked => check_hinted(&HintedInput::from_buffers(&self.buffers)?)?,
         })
     }
 }

@@ -16,7 +16,7 @@ use sp1_sdk::{ProvingKey, SP1Proof, SP1ProvingKey};
 use sp1_verifier::compressed::SP1CompressedVerifierRaw;
 use std::sync::Arc;
 use tokio::{sync::Mutex, task::spawn_blocking};
-use zk0_circuits::{program::verifying_key, statement::Mode};
+use zk0_circuits::{claim::program::verifying_key, Mode};
 
 /// Why there is no proof.
 #[derive(Debug, thiserror::Error)]

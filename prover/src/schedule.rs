@@ -1,7 +1,7 @@
 //! How long proofs take, and which come first: what the proving service tells those who wait.
 //!
 //! Proving time is about `fixed + cycles / rate`: recursion down to one proof costs the same for any small program. The
-//! constants are measurements on two cores (README, "What proving costs"); after the first proof on this machine its real time
+//! constants are measurements on two cores (docs/prove.md, "How long does it take?"); after the first proof on this machine its real time
 //! scales them.
 
 use std::{

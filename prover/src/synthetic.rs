@@ -1,25 +1,27 @@
-//! Witnesses made from a seed: for counting cycles, for comparing guest and host, for trying a machine's prover.
+//! Private inputs made from a seed: for counting cycles, for comparing guest and host, for trying a machine's prover.
 //!
 //! Weights and samples are random, of a trained model's magnitudes; of two random models the one with the lower loss
 //! plays the update. Equal on every machine: the seed is all they depend on.
 
 use borsh::to_vec;
 use zk0_circuits::{
-    challenge::sample_indices,
-    dataset::{leaf, salt_commitment},
-    digest::tagged_sha256,
-    merkle,
-    sample::SampleParts,
-    statement::{check, Disclosure, Mode, StatementError},
-    weights::expert_tensors,
-    witness::{Header, Opening},
-    DatasetCommitment, Digest, EvalSpec, NodeId, QuantisedWeights, Sample, WeightsDigest, Witness,
+    claim::{
+        challenge::sample_indices,
+        dataset::{leaf, salt_commitment},
+        private_input::{Header, Opening},
+        statement::check,
+        statement_error::StatementError,
+    },
+    model::{layout::expert_tensors, sample::SampleParts},
+    vm::{digest::tagged_sha256, merkle},
+    DatasetCommitment, Digest, Disclosure, EvalSpec, Mode, NodeId, PrivateInput, QuantisedWeights,
+    Sample, Terms, WeightsDigest,
 };
 
-/// A witness whose statement holds, over `samples` samples of a dataset three times as large.
+/// A private input whose statement holds, over `samples` samples of a dataset three times as large.
 ///
 /// Errors are those of an unusable `spec`, or of one too small for random values to fit its scales.
-pub fn witness(spec: &EvalSpec, samples: u32, seed: u64) -> Result<Witness, String> {
+pub fn private_input(spec: &EvalSpec, samples: u32, seed: u64) -> Result<PrivateInput, String> {
     let mut random = Random(seed);
     let text = |error: &dyn std::fmt::Display| error.to_string();
     spec.validate().map_err(|error| text(&error))?;
@@ -36,24 +38,27 @@ pub fn witness(spec: &EvalSpec, samples: u32, seed: u64) -> Result<Witness, Stri
         .collect();
     let header = Header {
         spec: spec.clone(),
-        network: random.digest(),
-        round: seed,
-        node: NodeId(random.digest().0),
-        dataset: DatasetCommitment {
-            root: merkle::root(&leaves),
-            samples: leaves.len() as u64,
-            feature_spec: random.digest(),
-            salt_commitment: salt_commitment(&salt),
+        terms: Terms {
+            network: random.digest(),
+            round: seed,
+            node: NodeId(random.digest().0),
+            dataset: DatasetCommitment {
+                root: merkle::root(&leaves),
+                samples: leaves.len() as u64,
+                feature_spec: random.digest(),
+                salt_commitment: salt_commitment(&salt),
+            },
+            evaluation: spec.digest(),
+            base: WeightsDigest::default(),
+            update: WeightsDigest::default(),
+            challenge: random.digest(),
+            eval_samples: samples,
+            min_improvement_bps: 0,
         },
-        base: WeightsDigest::default(),
-        update: WeightsDigest::default(),
-        challenge: random.digest(),
-        eval_samples: samples,
-        min_improvement_bps: 0,
-        disclosure: Disclosure::Disclosed,
+        disclosure: Disclosure::Losses,
         salt,
     };
-    let openings = sample_indices(&header.challenge, leaves.len() as u64, samples)
+    let openings = sample_indices(&header.terms.challenge, leaves.len() as u64, samples)
         .map_err(|error| text(&error))?
         .into_iter()
         .map(|index| Opening {
@@ -62,28 +67,27 @@ pub fn witness(spec: &EvalSpec, samples: u32, seed: u64) -> Result<Witness, Stri
             path: merkle::path(&leaves, index as usize).unwrap_or_default(),
         })
         .collect();
-    let mut witness = Witness {
+    let mut input = PrivateInput {
         header,
         base,
         update,
         openings,
     };
-    name_weights(&mut witness, [random.digest(), random.digest()]);
-    if let Err(StatementError::NoImprovement { .. }) = check(&witness) {
-        std::mem::swap(&mut witness.base, &mut witness.update);
-        name_weights(&mut witness, [random.digest(), random.digest()]);
-        check(&witness).map_err(|error| text(&error))?;
+    name_weights(&mut input, [random.digest(), random.digest()]);
+    if let Err(StatementError::NoImprovement { .. }) = check(&input) {
+        std::mem::swap(&mut input.base, &mut input.update);
+        name_weights(&mut input, [random.digest(), random.digest()]);
+        check(&input).map_err(|error| text(&error))?;
     }
-    Ok(witness)
+    Ok(input)
 }
 
 /// Names the weights in the header.
-fn name_weights(witness: &mut Witness, blobs: [Digest; 2]) {
-    let [base, update] =
-        [&witness.base, &witness.update].map(|weights| weights.digest(Mode::Direct));
+fn name_weights(input: &mut PrivateInput, blobs: [Digest; 2]) {
+    let [base, update] = [&input.base, &input.update].map(|weights| weights.digest(Mode::Direct));
     let name = |blob, quantised| WeightsDigest { blob, quantised };
-    witness.header.base = name(blobs[0], base);
-    witness.header.update = name(blobs[1], update);
+    input.header.terms.base = name(blobs[0], base);
+    input.header.terms.update = name(blobs[1], update);
 }
 
 /// Gains around one, biases small, linear layers of unit gain.

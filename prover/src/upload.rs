@@ -6,7 +6,7 @@ use crate::{
 };
 use tokio_stream::{Stream, StreamExt};
 use tonic::Status;
-use zk0_circuits::statement::Mode;
+use zk0_circuits::Mode;
 
 /// Bytes in one message.
 const CHUNK_BYTES: usize = 1 << 20;
@@ -66,7 +66,7 @@ impl Announced {
         let (buffers, bytes) = (announced.sizes.len(), announced.bytes());
         if buffers > MAX_BUFFERS || bytes > MAX_INPUT_BYTES {
             return Err(Status::out_of_range(format!(
-                "a witness of {buffers} buffers and {bytes} bytes is too large: at most {MAX_BUFFERS} and {MAX_INPUT_BYTES}"
+                "a input of {buffers} buffers and {bytes} bytes is too large: at most {MAX_BUFFERS} and {MAX_INPUT_BYTES}"
             )));
         }
         Ok(announced)

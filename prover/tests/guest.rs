@@ -8,11 +8,13 @@ use std::{
     process::Command,
 };
 use zk0_circuits::{
-    hinted::HintedWitness,
-    program::verifying_key,
-    spec::Dims,
-    statement::{check, check_hinted, Mode},
-    EvalSpec, Witness,
+    claim::{
+        hinted_input::HintedInput,
+        program::verifying_key,
+        statement::{check, check_hinted},
+    },
+    model::spec::Dims,
+    EvalSpec, Mode, PrivateInput,
 };
 use zk0_prover::{
     cycles::{self, Cost},
@@ -49,15 +51,15 @@ async fn guest_and_host_give_the_same_claim() {
         .collect::<Vec<_>>();
     let other = EvalSpec::new(OTHER);
     for (spec, samples, seed) in [&cases[..], &[(&other, 2, 7), (&other, 3, 8)]].concat() {
-        let witness = synthetic::witness(spec, samples, seed).unwrap();
+        let input = synthetic::private_input(spec, samples, seed).unwrap();
         let run = executor
-            .execute(elf(Mode::Direct), &witness.to_buffers())
+            .execute(elf(Mode::Direct), &input.to_buffers())
             .await
             .unwrap();
-        let claim = borsh::to_vec(&check(&witness).unwrap()).unwrap();
+        let claim = borsh::to_vec(&check(&input).unwrap()).unwrap();
         assert_eq!(run.public_values, claim, "seed {seed}, direct");
 
-        let hinted = HintedWitness::of(&witness).unwrap();
+        let hinted = HintedInput::of(&input).unwrap();
         let run = executor
             .execute(elf(Mode::Checked), &hinted.to_buffers())
             .await
@@ -67,25 +69,25 @@ async fn guest_and_host_give_the_same_claim() {
     }
 }
 
-/// What a cheat may try on a witness that is honest otherwise.
-fn cheats() -> Vec<(&'static str, fn(&mut Witness))> {
+/// What a cheat may try on a input that is honest otherwise.
+fn cheats() -> Vec<(&'static str, fn(&mut PrivateInput))> {
     vec![
         ("the update is the base", |w| {
             w.update = w.base.clone();
-            w.header.update = w.header.base;
+            w.header.terms.update = w.header.terms.base;
         }),
         ("the update is worse", |w| {
             std::mem::swap(&mut w.base, &mut w.update);
-            std::mem::swap(&mut w.header.base, &mut w.header.update);
+            std::mem::swap(&mut w.header.terms.base, &mut w.header.terms.update);
         }),
         ("other weights than the header names", |w| {
             std::mem::swap(&mut w.base, &mut w.update)
         }),
         ("more improvement than there is", |w| {
-            w.header.min_improvement_bps = 9_999
+            w.header.terms.min_improvement_bps = 9_999
         }),
         ("improvement beyond everything", |w| {
-            w.header.min_improvement_bps = u32::MAX
+            w.header.terms.min_improvement_bps = u32::MAX
         }),
         ("an easier sample", |w| {
             w.openings[0] = w.openings[1].clone()
@@ -98,12 +100,12 @@ fn cheats() -> Vec<(&'static str, fn(&mut Witness))> {
             w.openings.pop();
         }),
         ("more samples claimed than opened", |w| {
-            w.header.eval_samples += 1
+            w.header.terms.eval_samples += 1
         }),
-        ("another dataset", |w| w.header.dataset.root.0[0] ^= 1),
-        ("a larger dataset", |w| w.header.dataset.samples += 1),
+        ("another dataset", |w| w.header.terms.dataset.root.0[0] ^= 1),
+        ("a larger dataset", |w| w.header.terms.dataset.samples += 1),
         ("another salt", |w| w.header.salt[0] ^= 1),
-        ("another challenge", |w| w.header.challenge.0[31] ^= 1),
+        ("another challenge", |w| w.header.terms.challenge.0[31] ^= 1),
         ("scales of its own", |w| w.header.spec.layers[0].query = 200),
         ("dimensions of its own", |w| w.header.spec.dims.chunk += 1),
     ]
@@ -112,14 +114,14 @@ fn cheats() -> Vec<(&'static str, fn(&mut Witness))> {
 #[tokio::test]
 async fn the_guest_refuses_what_the_host_refuses_for_the_same_reason() {
     let executor = Executor::new().await.unwrap();
-    let honest = synthetic::witness(&EvalSpec::micro(), 2, 11).unwrap();
+    let honest = synthetic::private_input(&EvalSpec::micro(), 2, 11).unwrap();
     for (name, cheat) in cheats() {
-        let mut witness = honest.clone();
-        cheat(&mut witness);
-        let buffers = witness.to_buffers();
-        let expected = match Witness::from_buffers(&buffers) {
+        let mut input = honest.clone();
+        cheat(&mut input);
+        let buffers = input.to_buffers();
+        let expected = match PrivateInput::from_buffers(&buffers) {
             Err(error) => error.to_string(),
-            Ok(witness) => check(&witness).expect_err(name).to_string(),
+            Ok(input) => check(&input).expect_err(name).to_string(),
         };
         match executor.execute(elf(Mode::Direct), &buffers).await {
             Err(ExecuteError::Refused(reason)) => assert_eq!(reason, expected, "{name}"),
@@ -130,7 +132,7 @@ async fn the_guest_refuses_what_the_host_refuses_for_the_same_reason() {
 
 #[tokio::test]
 async fn the_checked_guest_refuses_what_the_host_refuses_for_the_same_reason() {
-    type Cheat = fn(&mut HintedWitness);
+    type Cheat = fn(&mut HintedInput);
     let cheats: [(&str, Cheat); 6] = [
         ("a score", |w| w.update.hints[0].sums_mut()[900] += 1),
         ("the first sum", |w| w.base.hints[1].sums_mut()[0] -= 1),
@@ -143,11 +145,11 @@ async fn the_checked_guest_refuses_what_the_host_refuses_for_the_same_reason() {
             let projections = w.update.projections.to_mut();
             projections.truncate(projections.len() - 3);
         }),
-        ("another challenge", |w| w.header.challenge.0[3] ^= 1),
+        ("another challenge", |w| w.header.terms.challenge.0[3] ^= 1),
     ];
     let executor = Executor::new().await.unwrap();
-    let witness = synthetic::witness(&EvalSpec::micro(), 2, 13).unwrap();
-    let honest = HintedWitness::of(&witness).unwrap();
+    let input = synthetic::private_input(&EvalSpec::micro(), 2, 13).unwrap();
+    let honest = HintedInput::of(&input).unwrap();
     for (name, cheat) in cheats {
         // As it is, and with the seed drawn anew from what is hinted.
         for sealed in [false, true] {
@@ -155,13 +157,13 @@ async fn the_checked_guest_refuses_what_the_host_refuses_for_the_same_reason() {
             cheat(&mut hinted);
             if sealed {
                 let projections = hinted.update.projections.clone();
-                hinted.seal([&witness.base, &witness.update]).unwrap();
+                hinted.seal([&input.base, &input.update]).unwrap();
                 if name.contains("projection") {
                     hinted.update.projections = projections;
                 }
             }
             let buffers = hinted.to_buffers();
-            let read = HintedWitness::from_buffers(&buffers).expect(name);
+            let read = HintedInput::from_buffers(&buffers).expect(name);
             let expected = check_hinted(&read).expect_err(name).to_string();
             match executor.execute(elf(Mode::Checked), &buffers).await {
                 Err(ExecuteError::Refused(reason)) => assert_eq!(reason, expected, "{name}"),
@@ -174,7 +176,7 @@ async fn the_checked_guest_refuses_what_the_host_refuses_for_the_same_reason() {
 #[tokio::test]
 async fn the_guest_refuses_buffers_that_are_no_witness() {
     let executor = Executor::new().await.unwrap();
-    let honest = synthetic::witness(&EvalSpec::micro(), 1, 12)
+    let honest = synthetic::private_input(&EvalSpec::micro(), 1, 12)
         .unwrap()
         .to_buffers();
     for buffer in 0..honest.len() {
@@ -186,7 +188,9 @@ async fn the_guest_refuses_buffers_that_are_no_witness() {
         let mut empty = honest.to_vec();
         empty[buffer].clear();
         for (what, buffers) in [("longer", longer), ("shorter", shorter), ("empty", empty)] {
-            let expected = Witness::from_buffers(&buffers).unwrap_err().to_string();
+            let expected = PrivateInput::from_buffers(&buffers)
+                .unwrap_err()
+                .to_string();
             match executor.execute(elf(Mode::Direct), &buffers).await {
                 Err(ExecuteError::Refused(reason)) => {
                     assert_eq!(reason, expected, "buffer {buffer} {what}")

@@ -9,8 +9,8 @@ use std::{
 };
 use tokio::{net::TcpListener, sync::Semaphore};
 use zk0_circuits::{
-    statement::{Mode, StatementError},
-    witness::WitnessError,
+    claim::{private_input::InputError, statement_error::StatementError},
+    Mode,
 };
 use zk0_prover::{
     execute::Execution,
@@ -46,7 +46,7 @@ impl Backend for Fake {
 
     async fn check(&self, input: &GuestInput) -> Result<Execution, JobError> {
         match input.buffers.first() {
-            None => Err(InputError::Unreadable(WitnessError::Header).into()),
+            None => Err(InputError::Unreadable(InputError::Header).into()),
             Some(first) if first == b"false" => {
                 Err(InputError::Statement(StatementError::NoElements).into())
             }
@@ -59,19 +59,19 @@ impl Backend for Fake {
     }
 
     async fn prove(&self, input: &GuestInput) -> Result<Proof, JobError> {
-        let witness = &input.buffers;
+        let input = &input.buffers;
         let now = self.at_once.fetch_add(1, Ordering::SeqCst) + 1;
         self.most_at_once.fetch_max(now, Ordering::SeqCst);
         self.allowed.acquire().await.unwrap().forget();
         self.at_once.fetch_sub(1, Ordering::SeqCst);
-        let public_values = match witness[0].as_slice() {
+        let public_values = match input[0].as_slice() {
             b"forge" => b"another claim".to_vec(),
             b"fail" => return Err(JobError::Failed("out of luck".into())),
             b"panic" => panic!("as told"),
             first => first.to_vec(),
         };
         Ok(Proof {
-            bytes: [b"proof of ", witness[0].as_slice()].concat(),
+            bytes: [b"proof of ", input[0].as_slice()].concat(),
             public_values,
         })
     }

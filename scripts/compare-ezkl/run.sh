@@ -19,7 +19,7 @@ cd "$here/../.."
 export CARGO_TARGET_DIR=${CARGO_TARGET_DIR:-$HOME/.cache/zk0/target}
 scripts/setup.sh
 scripts/with-rust cargo build --release --workspace --locked --example prove_sizes
-# SP1's own shards: each of these claims fits into one or two that do not fill up. README, "What proving costs".
+# SP1's own shards: each of these claims fits into one or two that do not fill up. docs/prove.md, "How long does it take?".
 export ELEMENT_THRESHOLD=${ELEMENT_THRESHOLD:-402653184} HEIGHT_THRESHOLD=${HEIGHT_THRESHOLD:-4194304}
 "$CARGO_TARGET_DIR/release/examples/prove_sizes" "$here/sizes.json" "$results" "${models[@]}"
 python3 "$here/table.py" "$results"

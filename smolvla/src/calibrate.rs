@@ -12,7 +12,7 @@
 
 use std::fmt;
 
-use zk0_circuits::spec::{Dims, EvalSpec, SpecError};
+use zk0_circuits::model::spec::{Dims, EvalSpec, SpecError};
 
 use crate::config::PolicyConfig;
 use crate::error::PolicyError;
@@ -306,7 +306,7 @@ mod tests {
     use crate::Profile;
     use rand::SeedableRng;
     use rand_chacha::ChaCha20Rng;
-    use zk0_circuits::eval::EvalError;
+    use zk0_circuits::model::site::EvalError;
     use zk0_circuits::Digest;
 
     const CHALLENGE: Digest = Digest([4; 32]);

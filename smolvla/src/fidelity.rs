@@ -1,11 +1,11 @@
 //! Fidelity: how far the fixed-point loss is from the float32 loss, on the same weights, samples, noise and times, and how
 //! much room the ranges leave.
 
-use zk0_circuits::challenge::draw;
-use zk0_circuits::eval::{EvalError, Evaluator};
-use zk0_circuits::parameters::Parameters;
-use zk0_circuits::spec::SpecError;
-use zk0_circuits::weights::QuantiseError;
+use zk0_circuits::model::draw::draw;
+use zk0_circuits::model::parameters::Parameters;
+use zk0_circuits::model::quantise::QuantiseError;
+use zk0_circuits::model::spec::SpecError;
+use zk0_circuits::model::{eval::Evaluator, site::EvalError};
 use zk0_circuits::{Digest, EvalSpec};
 
 use crate::calibrate::{ranges, Magnitudes, Place, Range};

@@ -1,8 +1,8 @@
 //! The policy in fixed point: its dimensions, weights and samples as [`zk0_circuits`] evaluates them.
 
-use zk0_circuits::sample::{Sample, SampleParts};
-use zk0_circuits::spec::Dims;
-use zk0_circuits::weights::{QuantiseError, QuantisedWeights};
+use zk0_circuits::model::sample::{Sample, SampleParts};
+use zk0_circuits::model::spec::Dims;
+use zk0_circuits::model::{quantise::QuantiseError, weights::QuantisedWeights};
 use zk0_circuits::EvalSpec;
 
 use crate::config::{PolicyConfig, RMS_NORM_EPS};

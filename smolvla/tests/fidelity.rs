@@ -7,8 +7,8 @@ use std::path::PathBuf;
 use std::sync::LazyLock;
 
 use reference::{config, policy};
-use zk0_circuits::spec::Dims;
-use zk0_circuits::weights::QuantiseError;
+use zk0_circuits::model::quantise::QuantiseError;
+use zk0_circuits::model::spec::Dims;
 use zk0_circuits::{Digest, EvalSpec};
 use zk0_smolvla::calibrate::{calibrate, ranges, CalibrateError, Magnitudes, Place};
 use zk0_smolvla::dataset::Dataset;

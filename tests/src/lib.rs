@@ -13,7 +13,7 @@ use std::{
     path::{Path, PathBuf},
 };
 use tempfile::TempDir;
-use zk0_circuits::merkle;
+use zk0_circuits::vm::merkle;
 use zk0_ledger::blobs::Blobs;
 use zk0_protocol::{
     entries::{
@@ -92,8 +92,8 @@ fn contribution(submission: &Signed<Submission>, blobs: &Blobs) -> UnverifiedCon
     UnverifiedContribution {
         submission: submission.clone(),
         proof: blob(&submission.statement.proof),
-        update: blob(&submission.statement.claim.update.blob),
-        base: blob(&submission.statement.claim.base.blob),
+        update: blob(&submission.statement.claim.terms.update.blob),
+        base: blob(&submission.statement.claim.terms.base.blob),
     }
 }
 

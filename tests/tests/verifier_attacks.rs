@@ -209,11 +209,13 @@ fn weights_that_quantise_to_something_else_are_refused() {
     let mut update = real.contribution.update.clone();
     // The highest exponent bit but one of the last value: another number, still finite.
     *update.last_mut().unwrap() ^= 0x20;
-    let mut digest = claim.update;
+    let mut digest = claim.terms.update;
     digest.blob = blob_digest(&update);
     let evaluation = zk0_verifier::Evaluation::of(&real.state).unwrap();
     match evaluation.check_update(&update, &digest) {
-        Err(Refusal::OtherWeights { proven, .. }) => assert_eq!(proven, claim.update.quantised),
+        Err(Refusal::OtherWeights { proven, .. }) => {
+            assert_eq!(proven, claim.terms.update.quantised)
+        }
         other => panic!("{other:?}"),
     }
 }
@@ -225,31 +227,40 @@ fn every_field_the_ledger_fixes_is_bound() {
     let changes: [(&str, Box<dyn Fn(&mut Claim)>); 10] = [
         (
             "dataset.root",
-            Box::new(|claim| flip(&mut claim.dataset.root)),
+            Box::new(|claim| flip(&mut claim.terms.dataset.root)),
         ),
         (
             "dataset.samples",
-            Box::new(|claim| claim.dataset.samples += 1),
+            Box::new(|claim| claim.terms.dataset.samples += 1),
         ),
         (
             "dataset.feature_spec",
-            Box::new(|claim| flip(&mut claim.dataset.feature_spec)),
+            Box::new(|claim| flip(&mut claim.terms.dataset.feature_spec)),
         ),
         (
             "dataset.salt_commitment",
-            Box::new(|claim| flip(&mut claim.dataset.salt_commitment)),
+            Box::new(|claim| flip(&mut claim.terms.dataset.salt_commitment)),
         ),
-        ("evaluation", Box::new(|claim| flip(&mut claim.evaluation))),
-        ("base", Box::new(|claim| flip(&mut claim.base.blob))),
+        (
+            "evaluation",
+            Box::new(|claim| flip(&mut claim.terms.evaluation)),
+        ),
+        ("base", Box::new(|claim| flip(&mut claim.terms.base.blob))),
         (
             "update",
-            Box::new(|claim| flip(&mut claim.update.quantised)),
+            Box::new(|claim| flip(&mut claim.terms.update.quantised)),
         ),
-        ("challenge", Box::new(|claim| flip(&mut claim.challenge))),
-        ("eval_samples", Box::new(|claim| claim.eval_samples -= 1)),
+        (
+            "challenge",
+            Box::new(|claim| flip(&mut claim.terms.challenge)),
+        ),
+        (
+            "eval_samples",
+            Box::new(|claim| claim.terms.eval_samples -= 1),
+        ),
         (
             "min_improvement_bps",
-            Box::new(|claim| claim.min_improvement_bps -= 1),
+            Box::new(|claim| claim.terms.min_improvement_bps -= 1),
         ),
     ];
     for (name, change) in changes {
@@ -265,9 +276,9 @@ fn every_field_the_ledger_fixes_is_bound() {
 #[test]
 fn another_network_round_or_node_is_refused() {
     let real = real();
-    let (by_ledger, _) = check_changed(&real, |claim| claim.network.0[0] ^= 1);
+    let (by_ledger, _) = check_changed(&real, |claim| claim.terms.network.0[0] ^= 1);
     assert!(matches!(by_ledger, Refusal::WrongNetwork { .. }));
-    let (by_ledger, _) = check_changed(&real, |claim| claim.round += 1);
+    let (by_ledger, _) = check_changed(&real, |claim| claim.terms.round += 1);
     assert!(matches!(by_ledger, Refusal::WrongRound { .. }));
 }
 

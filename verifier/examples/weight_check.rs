@@ -11,7 +11,8 @@ use std::{
     time::Instant,
 };
 use zk0_circuits::{
-    spec::Dims, weights::expert_tensors, Digest, EvalSpec, GuestWeights, WeightCheck,
+    model::{layout::expert_tensors, spec::Dims},
+    Digest, EvalSpec, GuestWeights, WeightCheck,
 };
 use zk0_protocol::Refusal;
 use zk0_verifier::check_projections;

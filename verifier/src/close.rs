@@ -70,11 +70,11 @@ pub fn close(state: &State, contributions: &[VerifiedContribution]) -> Result<Cl
     }
     for one in contributions {
         let accepted = round.commits.get(&one.node()).map(|commit| commit.update);
-        if accepted != Some(one.claim().update) {
+        if accepted != Some(one.claim().terms.update) {
             return Err(CloseError::OtherUpdate {
                 node: one.node(),
                 accepted: accepted.map(|update| update.blob).unwrap_or_default(),
-                at_hand: one.claim().update.blob,
+                at_hand: one.claim().terms.update.blob,
             });
         }
     }

@@ -57,7 +57,7 @@ impl VerifiedContribution {
 
     /// Who contributed.
     pub fn node(&self) -> NodeId {
-        self.claim.node
+        self.claim.terms.node
     }
 
     /// Its weight in FedAvg: the committed samples, capped by the rules.
@@ -90,14 +90,18 @@ pub fn verify(
     verify_claim(submission, proof, state, time_ms)?;
     let claim = submission.statement.claim.clone();
     let evaluation = Evaluation::of(state)?;
-    let weights = evaluation.check_update(update, &claim.update)?;
+    let weights = evaluation.check_update(update, &claim.terms.update)?;
     evaluation.check_products(&claim, base, update)?;
     match state.rules().max_update_norm_bps {
         0 => {}
         limit => check_norm(&evaluation.read(base)?, &weights, limit)?,
     }
     Ok(VerifiedContribution {
-        samples: claim.dataset.samples.min(state.rules().max_weight_samples),
+        samples: claim
+            .terms
+            .dataset
+            .samples
+            .min(state.rules().max_weight_samples),
         claim,
         weights,
     })
@@ -129,7 +133,7 @@ pub fn authenticate(
     let statement = submission
         .verify()
         .map_err(|error| Refusal::Signature(error.to_string()))?;
-    let node = statement.claim.node;
+    let node = statement.claim.terms.node;
     if state.node(&node).is_none() {
         return Err(Refusal::NotEnrolled(node));
     }

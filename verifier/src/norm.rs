@@ -1,7 +1,7 @@
 //! How far an update is from the weights that its round started from: a bound on what one contribution can do.
 
 use crate::weights::ExpertTensors;
-use zk0_protocol::{Refusal, rules::basis_points::BPS};
+use zk0_protocol::{rules::basis_points::BPS, Refusal};
 
 /// Refuses an update whose difference from `base` has a Euclidean norm above `limit_bps` basis points of the base's.
 ///

@@ -13,11 +13,8 @@ use std::{
     thread,
 };
 use zk0_circuits::{
-    eval::Evaluator,
-    hinted::coefficients,
-    parameters::Parameters,
-    projection,
-    weights::{QuantiseError, Quantiser},
+    freivalds::{hints::coefficients, projection},
+    model::{eval::Evaluator, parameters::Parameters, quantise::QuantiseError, weights::Quantiser},
     EvalSpec, GuestWeights, WeightCheck,
 };
 use zk0_protocol::Refusal;
@@ -60,7 +57,7 @@ pub fn check_projections<R: Read + Seek + Send>(
 /// What of the weights in `file` enters the guest.
 fn project(
     evaluator: &Evaluator<'_>,
-    coefficients: &zk0_circuits::coefficients::Coefficients,
+    coefficients: &zk0_circuits::freivalds::coefficients::Coefficients,
     file: impl Read + Seek,
 ) -> Result<GuestWeights, String> {
     let quantiser = Quantiser::new(evaluator.spec);

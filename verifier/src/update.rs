@@ -6,10 +6,12 @@ use crate::{
 };
 use std::io::Cursor;
 use zk0_circuits::{
-    spec::EvalSpec,
-    statement::Mode,
-    weights::{expert_tensors, QuantisedWeights, TensorSpec},
-    Claim, WeightsDigest,
+    model::{
+        layout::{expert_tensors, TensorSpec},
+        spec::EvalSpec,
+        weights::QuantisedWeights,
+    },
+    Claim, Mode, WeightsDigest,
 };
 use zk0_protocol::{entries::genesis::Genesis, rules::state::State, Refusal};
 
@@ -72,9 +74,9 @@ impl Evaluation {
             (Mode::Direct, None) => Ok(()),
             (Mode::Checked, Some(check)) => {
                 let actual = blob_digest(base);
-                if actual != claim.base.blob {
+                if actual != claim.terms.base.blob {
                     return Err(Refusal::UpdateDigest {
-                        expected: claim.base.blob,
+                        expected: claim.terms.base.blob,
                         actual,
                     });
                 }

@@ -6,7 +6,7 @@
 use safetensors::{tensor::SafeTensorError, Dtype, SafeTensors, View};
 use sha2::{Digest as _, Sha256};
 use std::{borrow::Cow, collections::BTreeMap};
-use zk0_circuits::{weights::TensorSpec, Digest};
+use zk0_circuits::{model::layout::TensorSpec, Digest};
 
 /// Largest header of a safetensors file we read, in bytes. The full-size expert's has about 20 KB.
 pub const MAX_HEADER_BYTES: u64 = 1 << 20;

@@ -5,7 +5,7 @@ use proptest::prelude::*;
 use sp1_hypercube::{create_dummy_recursion_proof, SP1VerifyingKey};
 use sp1_verifier::{Groth16Bn254Proof, PlonkBn254Proof, SP1Proof};
 use zk0_circuits::{
-    Claim, DatasetCommitment, Digest, Losses, NodeId, WeightsDigest, CLAIM_VERSION,
+    Claim, DatasetCommitment, Digest, Losses, NodeId, Terms, WeightsDigest, CLAIM_VERSION,
 };
 use zk0_protocol::Refusal;
 use zk0_verifier::{check_proof, ProgramKey};
@@ -17,21 +17,23 @@ fn claim() -> Claim {
     };
     Claim {
         version: CLAIM_VERSION,
-        network: Digest([3; 32]),
-        round: 0,
-        node: NodeId([4; 32]),
-        dataset: DatasetCommitment {
-            root: Digest([5; 32]),
-            samples: 100,
-            feature_spec: Digest([6; 32]),
-            salt_commitment: Digest([7; 32]),
+        terms: Terms {
+            network: Digest([3; 32]),
+            round: 0,
+            node: NodeId([4; 32]),
+            dataset: DatasetCommitment {
+                root: Digest([5; 32]),
+                samples: 100,
+                feature_spec: Digest([6; 32]),
+                salt_commitment: Digest([7; 32]),
+            },
+            evaluation: Digest([8; 32]),
+            base: weights,
+            update: weights,
+            challenge: Digest([9; 32]),
+            eval_samples: 4,
+            min_improvement_bps: 100,
         },
-        evaluation: Digest([8; 32]),
-        base: weights,
-        update: weights,
-        challenge: Digest([9; 32]),
-        eval_samples: 4,
-        min_improvement_bps: 100,
         losses: Losses::Hidden,
         weight_check: None,
     }

@@ -3,16 +3,17 @@
 use safetensors::{tensor::TensorView, Dtype};
 use std::{collections::BTreeMap, io::Cursor};
 use zk0_circuits::{
-    challenge::sample_indices,
-    dataset::{leaf, salt_commitment},
-    hinted::HintedWitness,
-    merkle,
-    sample::SampleParts,
-    statement::{check_hinted, Disclosure, Mode},
-    weights::expert_tensors,
-    witness::{Header, Opening},
-    DatasetCommitment, Digest, EvalSpec, NodeId, QuantisedWeights, Sample, WeightCheck,
-    WeightsDigest, Witness,
+    claim::{
+        challenge::sample_indices,
+        dataset::{leaf, salt_commitment},
+        hinted_input::HintedInput,
+        private_input::{Header, Opening},
+        statement::check_hinted,
+    },
+    model::{layout::expert_tensors, sample::SampleParts},
+    vm::merkle,
+    DatasetCommitment, Digest, Disclosure, EvalSpec, Mode, NodeId, PrivateInput, QuantisedWeights,
+    Sample, Terms, WeightCheck, WeightsDigest,
 };
 use zk0_protocol::Refusal;
 use zk0_verifier::check_projections;
@@ -85,21 +86,24 @@ fn claimed(spec: &EvalSpec, base: &Tensors, update: &Tensors) -> WeightCheck {
     };
     let header = Header {
         spec: spec.clone(),
-        network: Digest([1; 32]),
-        round: 0,
-        node: NodeId([2; 32]),
-        dataset: DatasetCommitment {
-            root: merkle::root(&leaves),
-            samples: 1,
-            feature_spec: Digest([3; 32]),
-            salt_commitment: salt_commitment(&salt),
+        terms: Terms {
+            network: Digest([1; 32]),
+            round: 0,
+            node: NodeId([2; 32]),
+            dataset: DatasetCommitment {
+                root: merkle::root(&leaves),
+                samples: 1,
+                feature_spec: Digest([3; 32]),
+                salt_commitment: salt_commitment(&salt),
+            },
+            evaluation: spec.digest(),
+            base: named(&base),
+            update: named(&update),
+            challenge,
+            eval_samples: 1,
+            min_improvement_bps: 1,
         },
-        base: named(&base),
-        update: named(&update),
-        challenge,
-        eval_samples: 1,
-        min_improvement_bps: 1,
-        disclosure: Disclosure::Disclosed,
+        disclosure: Disclosure::Losses,
         salt,
     };
     let openings = vec![Opening {
@@ -107,13 +111,13 @@ fn claimed(spec: &EvalSpec, base: &Tensors, update: &Tensors) -> WeightCheck {
         sample,
         path: vec![],
     }];
-    let witness = Witness {
+    let input = PrivateInput {
         header,
         base,
         update,
         openings,
     };
-    let hinted = HintedWitness::of(&witness).unwrap();
+    let hinted = HintedInput::of(&input).unwrap();
     check_hinted(&hinted).unwrap().weight_check.unwrap()
 }
 

@@ -3,7 +3,7 @@
 use proptest::prelude::*;
 use safetensors::{tensor::TensorView, Dtype};
 use std::collections::BTreeMap;
-use zk0_circuits::{weights::TensorSpec, Digest};
+use zk0_circuits::{model::layout::TensorSpec, Digest};
 use zk0_verifier::{blob_digest, ExpertTensors, WeightsError};
 
 fn expected() -> Vec<TensorSpec> {

@@ -4,9 +4,7 @@ use anyhow::{Context, Result};
 use ed25519_dalek::SigningKey;
 use rayon::prelude::*;
 use std::path::Path;
-use zk0_circuits::{
-    statement::Mode, Claim, DatasetCommitment, Digest, Losses, NodeId, WeightsDigest,
-};
+use zk0_circuits::{Claim, DatasetCommitment, Digest, Losses, Mode, NodeId, WeightsDigest};
 use zk0_ledger::Ledger;
 use zk0_protocol::{
     entries::{

@@ -14,7 +14,7 @@ use crate::round::{
 use borsh::BorshDeserialize;
 use ed25519_dalek::SigningKey;
 use std::{path::Path, sync::Arc};
-use zk0_circuits::{dataset::check_leaves, Digest, NodeId};
+use zk0_circuits::{claim::dataset::check_leaves, Digest, NodeId};
 use zk0_ledger::{
     blobs::{BlobWriter, Blobs},
     log::Ledger,
@@ -392,7 +392,7 @@ impl Aggregator {
         let submission: Signed<Submission> = decode("submission", submission)?;
         zk0_verifier::authenticate(&submission, &proof, self.state())?;
         let claim = &submission.statement.claim;
-        let (node, round) = (claim.node, claim.round);
+        let (node, round) = (claim.terms.node, claim.terms.round);
         if let Some(decided) = self.decided(&submission)? {
             return Ok(decided);
         }
@@ -436,7 +436,7 @@ impl Aggregator {
     fn decided(&self, submission: &Signed<Submission>) -> Result<Option<Decided>, RequestError> {
         let claim = &submission.statement.claim;
         let mut rejected = None;
-        let index = self.recorded(claim.round, &claim.node, |body| match body {
+        let index = self.recorded(claim.terms.round, &claim.terms.node, |body| match body {
             Body::ContributionAccepted(recorded) => recorded == submission,
             Body::ContributionRejected {
                 submission: recorded,

@@ -32,8 +32,8 @@ pub fn verify_again(ledger: &Ledger, index: u64) -> Result<Option<Refusal>, Requ
     let (rules, statement, blobs) = (before.rules(), &submission.statement, ledger.blobs());
     let contribution = UnverifiedContribution {
         proof: blobs.get(&statement.proof, rules.max_proof_bytes)?,
-        update: blobs.get(&statement.claim.update.blob, rules.max_update_bytes)?,
-        base: blobs.get(&statement.claim.base.blob, rules.max_base_bytes())?,
+        update: blobs.get(&statement.claim.terms.update.blob, rules.max_update_bytes)?,
+        base: blobs.get(&statement.claim.terms.base.blob, rules.max_base_bytes())?,
         submission,
     };
     Ok(verify(&contribution, &before, time_ms).err())

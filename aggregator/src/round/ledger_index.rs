@@ -2,7 +2,7 @@
 
 use crate::round::request::RequestError;
 use std::collections::BTreeMap;
-use zk0_circuits::{digest::tagged_sha256, Digest};
+use zk0_circuits::{vm::digest::tagged_sha256, Digest};
 use zk0_ledger::{
     blobs::Blobs,
     log::Ledger,
@@ -122,7 +122,7 @@ impl Recheck for Reader {
         self.recalled.observe(index, &entry.body);
         match &entry.body {
             Body::ContributionAccepted(submission) => self.accepted.push(Accepted {
-                before: before.for_claims_of(&submission.statement.claim.node),
+                before: before.for_claims_of(&submission.statement.claim.terms.node),
                 time_ms: entry.time_ms,
                 submission: submission.clone(),
             }),
@@ -138,14 +138,14 @@ impl Accepted {
         let (rules, statement) = (self.before.rules(), &self.submission.statement);
         let contribution = UnverifiedContribution {
             proof: blobs.get(&statement.proof, rules.max_proof_bytes)?,
-            update: blobs.get(&statement.claim.update.blob, rules.max_update_bytes)?,
-            base: blobs.get(&statement.claim.base.blob, rules.max_base_bytes())?,
+            update: blobs.get(&statement.claim.terms.update.blob, rules.max_update_bytes)?,
+            base: blobs.get(&statement.claim.terms.base.blob, rules.max_base_bytes())?,
             submission: self.submission.clone(),
         };
         verify(&contribution, &self.before, self.time_ms).map_err(|reason| {
             RequestError::Internal(format!(
                 "the accepted contribution of node {} does not verify any more: {reason}",
-                statement.claim.node
+                statement.claim.terms.node
             ))
         })
     }

@@ -11,11 +11,12 @@ use zk0_aggregator::{
     publish::cosigning::Witnesses, Aggregator, Config, Limits, ManualClock, Service,
 };
 use zk0_circuits::{
-    merkle,
-    spec::EvalSpec,
-    statement::Mode,
-    weights::{expert_tensors, TensorSpec},
-    Claim, DatasetCommitment, Digest, Losses, NodeId, WeightsDigest,
+    model::{
+        layout::{expert_tensors, TensorSpec},
+        spec::EvalSpec,
+    },
+    vm::merkle,
+    Claim, DatasetCommitment, Digest, Losses, Mode, NodeId, WeightsDigest,
 };
 use zk0_protocol::rpc::federation::{
     self, federation_client::FederationClient, upload_chunk::Part,
@@ -474,15 +475,13 @@ impl Node {
     }
 
     pub fn claim_of(&self, expected: ExpectedClaim) -> Claim {
-        let claim = expected.with(Losses::Disclosed {
+        let mut claim = expected.with(Losses::Disclosed {
             before: 1000,
             after: 900,
             elements: 10,
         });
-        Claim {
-            node: self.id(),
-            ..claim
-        }
+        claim.terms.node = self.id();
+        claim
     }
 
     pub fn submission(&self, claim: Claim, proof: &[u8]) -> Signed<Submission> {

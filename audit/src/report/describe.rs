@@ -37,11 +37,11 @@ pub fn describe(entry: &Entry) -> String {
         ),
         Body::ContributionAccepted(submission) => format!(
             "the contribution of node {} in round {} was accepted",
-            submission.statement.claim.node, submission.statement.claim.round
+            submission.statement.claim.terms.node, submission.statement.claim.terms.round
         ),
         Body::ContributionRejected { submission, reason } => format!(
             "the contribution of node {} in round {} was refused: {reason}",
-            submission.statement.claim.node, submission.statement.claim.round
+            submission.statement.claim.terms.node, submission.statement.claim.terms.round
         ),
         Body::RoundClosed(closed) => format!(
             "round {} closed with {}",
@@ -158,7 +158,7 @@ pub fn nodes(body: &Body) -> Vec<NodeId> {
         Body::DatasetCommitted(signed) => vec![signed.statement.node],
         Body::UpdateCommitted(signed) => vec![signed.statement.node],
         Body::ContributionAccepted(submission) | Body::ContributionRejected { submission, .. } => {
-            vec![submission.statement.claim.node]
+            vec![submission.statement.claim.terms.node]
         }
         Body::RoundClosed(closed) => closed.contributors.iter().map(|one| one.node).collect(),
     }
@@ -179,7 +179,7 @@ pub fn round(body: &Body) -> Option<u64> {
         Body::RoundOpened(opened) => Some(opened.round),
         Body::UpdateCommitted(signed) => Some(signed.statement.round),
         Body::ContributionAccepted(submission) | Body::ContributionRejected { submission, .. } => {
-            Some(submission.statement.claim.round)
+            Some(submission.statement.claim.terms.round)
         }
         Body::RoundClosed(closed) => Some(closed.round),
     }
@@ -218,10 +218,10 @@ pub fn details(body: &Body) -> Vec<(&'static str, String)> {
             };
             vec![
                 ("proof", submission.statement.proof.to_string()),
-                ("base weights", claim.base.blob.to_string()),
-                ("update", claim.update.blob.to_string()),
-                ("challenge", claim.challenge.to_string()),
-                ("samples", claim.eval_samples.to_string()),
+                ("base weights", claim.terms.base.blob.to_string()),
+                ("update", claim.terms.update.blob.to_string()),
+                ("challenge", claim.terms.challenge.to_string()),
+                ("samples", claim.terms.eval_samples.to_string()),
                 ("squared errors", losses),
             ]
         }

@@ -4,7 +4,7 @@ use crate::report::describe;
 use anyhow::{bail, Context, Result};
 use serde::Serialize;
 use std::{collections::BTreeMap, path::Path};
-use zk0_circuits::{spec::EvalSpec, Claim, NodeId};
+use zk0_circuits::{model::spec::EvalSpec, Claim, NodeId};
 use zk0_ledger::{folder, store::Store};
 use zk0_protocol::{
     entries::{
@@ -352,7 +352,7 @@ impl History {
     }
 
     fn accepted(&mut self, index: u64, claim: &Claim) {
-        if let Some(&place) = self.places.get(&claim.node) {
+        if let Some(&place) = self.places.get(&claim.terms.node) {
             self.nodes[place].accepted += 1;
             let round = self.rounds.len().saturating_sub(1);
             self.contributions.insert(index, (round, place));
@@ -376,7 +376,7 @@ impl History {
     }
 
     fn refused(&mut self, claim: &Claim, reason: &Refusal) {
-        if let Some(node) = self.node(&claim.node) {
+        if let Some(node) = self.node(&claim.terms.node) {
             node.refused += 1;
         }
         *self.refusals.entry(describe::refusal(reason)).or_default() += 1;

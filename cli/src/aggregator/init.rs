@@ -19,7 +19,7 @@ use std::{
 };
 use zk0_aggregator::round::clock::{Clock, SystemClock};
 use zk0_circuits::{
-    program::verifying_key, spec::EvalSpec, statement::Mode, Digest, WeightsDigest,
+    claim::program::verifying_key, model::spec::EvalSpec, Digest, Mode, WeightsDigest,
 };
 use zk0_ledger::{
     blobs::{BlobWriter, Blobs},
@@ -81,7 +81,7 @@ const CALIBRATION_BYTES: usize = 2 << 30;
 /// Guest cycles of a multiply-add in mode `direct`, at best.
 const DIRECT_CYCLES: u64 = 4;
 
-/// From so many weights on mode `direct` takes more than twice the cycles of `checked` (README, "What proving costs").
+/// From so many weights on mode `direct` takes more than twice the cycles of `checked` (docs/prove.md, "How long does it take?").
 const DEAR_WEIGHTS: usize = 30_000;
 
 /// A claim whose multiply-adds alone take so many cycles is not proven in mode `direct`: more than a day on two cores, where

@@ -2,6 +2,7 @@
 //! own and speak gRPC over loopback; each node has its own recording. All are honest but the last, which submits the base
 //! weights with somebody else's proof. At the end the ledger is audited as an outsider would.
 
+pub mod lazy_node;
 mod process;
 mod results;
 
@@ -13,7 +14,7 @@ use std::{
     path::{Path, PathBuf},
     time::{Duration, SystemTime},
 };
-use zk0_circuits::statement::Mode;
+use zk0_circuits::Mode;
 
 /// What to run.
 #[derive(Debug, clap::Args)]
@@ -131,13 +132,18 @@ async fn federation(options: &Options) -> Result<()> {
     for (i, (name, dataset)) in names.iter().zip(&options.datasets).enumerate() {
         let dir = nodes.join(name);
         let key = dir.join("node.key");
-        let mut join = vec![
-            "node",
-            "join",
+        let is_lazy = i + 1 == count;
+        let mut join = match is_lazy {
+            true => vec![
+                "demo-lazy-node",
+                "--stolen-proof",
+                text(&options.stolen_proof)?,
+            ],
+            false => vec!["node", "join", "--prover", &prover_url],
+        };
+        join.extend([
             "--aggregator",
             &aggregator_url,
-            "--prover",
-            &prover_url,
             "--network",
             &id,
             "--key",
@@ -148,10 +154,7 @@ async fn federation(options: &Options) -> Result<()> {
             text(&dir)?,
             "--rounds",
             &rounds,
-        ];
-        if i + 1 == count {
-            join.extend(["--lazy-with-proof", text(&options.stolen_proof)?]);
-        }
+        ]);
         joined.push(Process::start(name, &join, &console)?);
     }
     let everybody = async {

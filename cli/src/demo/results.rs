@@ -8,9 +8,9 @@ use crate::{
 use anyhow::{bail, Context, Result};
 use serde::Serialize;
 use std::{collections::BTreeMap, fs, path::Path};
-use zk0_circuits::{spec::EvalSpec, Digest, NodeId};
+use zk0_circuits::{model::spec::EvalSpec, Digest, NodeId};
 use zk0_ledger::{blobs::Blobs, replay::Verdict};
-use zk0_node::{participant::TrainingHistory, recording};
+use zk0_node::{recording, training_history::TrainingHistory};
 use zk0_protocol::entries::{
     entry::{Body, Entry},
     genesis::Genesis,
@@ -160,13 +160,13 @@ fn contribution(
     let claim = &submission.statement.claim;
     let losses = claim.losses.means(spec);
     Contribution {
-        round: claim.round,
+        round: claim.terms.round,
         node: names
-            .get(&claim.node)
-            .map_or_else(|| claim.node.to_string(), |name| (*name).to_owned()),
+            .get(&claim.terms.node)
+            .map_or_else(|| claim.terms.node.to_string(), |name| (*name).to_owned()),
         accepted: reason.is_none(),
         reason,
-        dataset_samples: claim.dataset.samples,
+        dataset_samples: claim.terms.dataset.samples,
         proof: submission.statement.proof.to_string(),
         loss_before: losses.map(|(before, _)| before),
         loss_after: losses.map(|(_, after)| after),

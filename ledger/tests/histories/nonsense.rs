@@ -2,7 +2,9 @@
 
 use super::{network::*, steps::key_of};
 use proptest::prelude::*;
-use zk0_circuits::{Claim, Digest, GuestWeights, Losses, NodeId, WeightCheck, WeightsDigest};
+use zk0_circuits::{
+    Claim, Digest, GuestWeights, Losses, NodeId, Terms, WeightCheck, WeightsDigest,
+};
 use zk0_protocol::{
     entries::{
         entry::{Contributor, DisputeResolved, ProposalSettled, RoundClosed, RoundOpened},
@@ -73,16 +75,18 @@ prop_compose! {
         Submission {
             claim: Claim {
                 version: numbers.3,
-                network,
-                round,
-                node,
-                dataset: dataset(0),
-                evaluation: digests.0,
-                base: updates.0,
-                update: updates.1,
-                challenge: digests.1,
-                eval_samples: numbers.1,
-                min_improvement_bps: numbers.2,
+                terms: Terms {
+                    network,
+                    round,
+                    node,
+                    dataset: dataset(0),
+                    evaluation: digests.0,
+                    base: updates.0,
+                    update: updates.1,
+                    challenge: digests.1,
+                    eval_samples: numbers.1,
+                    min_improvement_bps: numbers.2,
+                },
                 losses: match hidden {
                     true => Losses::Hidden,
                     false => Losses::Disclosed { before: numbers.0, after: 1, elements: 1 },

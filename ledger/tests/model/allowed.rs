@@ -4,7 +4,7 @@ use super::{
     network::{COMMIT_WINDOW, DISPUTE_WINDOW, SUBMIT_WINDOW, TIME_LOCK, VOTING},
     second::{followed, Change, Event, Invited, Model, Who, IDS, KEYS},
 };
-use zk0_circuits::digest::tagged_sha256;
+use zk0_circuits::vm::digest::tagged_sha256;
 use zk0_protocol::{
     entries::{
         proposal::{Ballot, Outcome},

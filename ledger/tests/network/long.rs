@@ -5,7 +5,7 @@ use super::*;
 use rocksdb::{Options, WriteBatch, DB};
 use std::path::Path;
 use tlog_tiles::tlog::stored_hash_index;
-use zk0_circuits::digest::tagged_sha256;
+use zk0_circuits::vm::digest::tagged_sha256;
 use zk0_protocol::{tlog::tree::Frontier, Checkpoint};
 
 pub const NODES: u8 = 8;

@@ -8,9 +8,7 @@ pub mod shelf;
 pub mod votes;
 
 use ed25519_dalek::SigningKey;
-use zk0_circuits::{
-    statement::Mode, Claim, DatasetCommitment, Digest, Losses, NodeId, WeightsDigest,
-};
+use zk0_circuits::{Claim, DatasetCommitment, Digest, Losses, Mode, NodeId, WeightsDigest};
 use zk0_protocol::{
     entries::{
         entry::{Contributor, RoundClosed, RoundOpened, ENTRY_VERSION},

@@ -11,7 +11,7 @@ use crate::{
     },
 };
 use borsh::{BorshDeserialize, BorshSerialize};
-use zk0_circuits::{digest::tagged_sha256, spec::EvalSpec, statement::Mode, Digest, WeightsDigest};
+use zk0_circuits::{model::spec::EvalSpec, vm::digest::tagged_sha256, Digest, Mode, WeightsDigest};
 
 /// The founding document. Its digest is the network id.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
@@ -24,11 +24,11 @@ pub struct Genesis {
     pub nonce: [u8; 32],
     /// The rules that it begins with.
     pub rules: Rules,
-    /// Verifying key of the proof program (SP1 `hash_koalabear`, as `zk0_circuits::program` encodes it).
+    /// Verifying key of the proof program (SP1 `hash_koalabear`, as `zk0_circuits::claim::program` encodes it).
     pub program: Vec<u8>,
     /// How that program proves matrix products.
     pub mode: Mode,
-    /// The evaluation specification, canonical encoding of `zk0_circuits::spec::EvalSpec`.
+    /// The evaluation specification, canonical encoding of `zk0_circuits::model::spec::EvalSpec`.
     pub evaluation: Vec<u8>,
     /// SHA-256 of the whole initial policy (safetensors): frozen part and expert.
     pub policy: Digest,

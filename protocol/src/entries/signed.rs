@@ -194,19 +194,19 @@ pub enum Evidence {
 }
 
 macro_rules! statement {
-    ($type:ty, $tag:literal, $node:ident $(. $more:ident)?) => {
+    ($type:ty, $tag:literal, $node:ident $(. $more:ident)*) => {
         impl Statement for $type {
             const TAG: &'static str = $tag;
 
             fn signer(&self) -> NodeId {
-                self.$node$(.$more)?
+                self.$node$(.$more)*
             }
         }
     };
 }
 statement!(DatasetRegistration, "zk0:dataset-registration:v1", node);
 statement!(UpdateCommitment, "zk0:update-commitment:v1", node);
-statement!(Submission, "zk0:submission:v1", claim.node);
+statement!(Submission, "zk0:submission:v1", claim.terms.node);
 statement!(UploadRequest, "zk0:upload-request:v1", node);
 statement!(Proposal, "zk0:proposal:v1", proposer);
 statement!(Vote, "zk0:vote:v1", voter);

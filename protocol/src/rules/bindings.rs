@@ -2,47 +2,26 @@
 
 use crate::{
     entries::refusal::Refusal,
-    rules::{
-        network_rules::Disclosure,
-        state::{Commit, Round, State},
-    },
+    rules::state::{Commit, Round, State},
 };
 use std::fmt::Display;
-use zk0_circuits::{
-    Claim, DatasetCommitment, Digest, Losses, NodeId, WeightsDigest, CLAIM_VERSION,
-};
+use zk0_circuits::{Claim, Digest, Disclosure, Losses, NodeId, Terms, CLAIM_VERSION};
 
-/// Every field of a claim that the ledger fixes.
-#[derive(Clone, Debug, PartialEq, Eq)]
+/// What the ledger fixes about a claim: its terms, and what it discloses.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ExpectedClaim {
-    pub network: Digest,
-    pub round: u64,
-    pub node: NodeId,
-    pub dataset: DatasetCommitment,
-    pub evaluation: Digest,
-    pub base: WeightsDigest,
-    pub update: WeightsDigest,
-    pub challenge: Digest,
-    pub eval_samples: u32,
-    pub min_improvement_bps: u32,
+    /// The claim's terms.
+    pub terms: Terms,
+    /// What the claim has to disclose of the losses.
     pub disclosure: Disclosure,
 }
 
 impl ExpectedClaim {
-    /// The claim that says so, with these losses.
+    /// The claim with these terms and these losses, and without a weight check.
     pub fn with(&self, losses: Losses) -> Claim {
         Claim {
             version: CLAIM_VERSION,
-            network: self.network,
-            round: self.round,
-            node: self.node,
-            dataset: self.dataset,
-            evaluation: self.evaluation,
-            base: self.base,
-            update: self.update,
-            challenge: self.challenge,
-            eval_samples: self.eval_samples,
-            min_improvement_bps: self.min_improvement_bps,
+            terms: self.terms,
             losses,
             weight_check: None,
         }
@@ -55,16 +34,18 @@ impl State {
         let (round, commit) = self.commit(node)?;
         let rules = self.rules();
         Ok(ExpectedClaim {
-            network: self.network,
-            round: round.number(),
-            node: *node,
-            dataset: commit.dataset,
-            evaluation: round.opened.evaluation,
-            base: round.opened.base,
-            update: commit.update,
-            challenge: commit.challenge,
-            eval_samples: rules.eval_samples,
-            min_improvement_bps: rules.min_improvement_bps,
+            terms: Terms {
+                network: self.network,
+                round: round.number(),
+                node: *node,
+                dataset: commit.dataset,
+                evaluation: round.opened.evaluation,
+                base: round.opened.base,
+                update: commit.update,
+                challenge: commit.challenge,
+                eval_samples: rules.eval_samples,
+                min_improvement_bps: rules.min_improvement_bps,
+            },
             disclosure: rules.disclosure,
         })
     }
@@ -73,50 +54,19 @@ impl State {
     /// field by field.
     pub fn check_bindings(&self, claim: &Claim) -> Result<(), Refusal> {
         same("version", claim.version, CLAIM_VERSION)?;
-        self.check_addressed(&claim.network, claim.round, &claim.node)?;
-        let (_, commit) = self.commit(&claim.node)?;
+        self.check_addressed(&claim.terms.network, claim.terms.round, &claim.terms.node)?;
+        let (_, commit) = self.commit(&claim.terms.node)?;
         if commit.decision.is_some() {
             return Err(already_submitted(claim));
         }
-        let expected = self.expected_claim(&claim.node)?;
-        let (ours, theirs) = (&expected.dataset, &claim.dataset);
-        same("dataset.root", theirs.root, ours.root)?;
-        same("dataset.samples", theirs.samples, ours.samples)?;
-        same(
-            "dataset.feature_spec",
-            theirs.feature_spec,
-            ours.feature_spec,
-        )?;
-        same(
-            "dataset.salt_commitment",
-            theirs.salt_commitment,
-            ours.salt_commitment,
-        )?;
-        same("evaluation", claim.evaluation, expected.evaluation)?;
-        same("base.blob", claim.base.blob, expected.base.blob)?;
-        same(
-            "base.quantised",
-            claim.base.quantised,
-            expected.base.quantised,
-        )?;
-        same("update.blob", claim.update.blob, expected.update.blob)?;
-        same(
-            "update.quantised",
-            claim.update.quantised,
-            expected.update.quantised,
-        )?;
-        same("challenge", claim.challenge, expected.challenge)?;
-        same("eval_samples", claim.eval_samples, expected.eval_samples)?;
-        same(
-            "min_improvement_bps",
-            claim.min_improvement_bps,
-            expected.min_improvement_bps,
-        )?;
-        let disclosed = match claim.losses {
-            Losses::Hidden => Disclosure::Nothing,
-            Losses::Disclosed { .. } => Disclosure::Losses,
-        };
-        same("disclosure", disclosed, expected.disclosure)
+        let expected = self.expected_claim(&claim.terms.node)?;
+        claim
+            .check(&expected.terms, expected.disclosure)
+            .map_err(|wrong| Refusal::Binding {
+                field: wrong.term.into(),
+                claimed: wrong.claimed,
+                expected: wrong.expected,
+            })
     }
 
     /// [`State::check_bindings`], and that the claim is in time when it is recorded at `time_ms`.
@@ -164,8 +114,8 @@ impl State {
 
 pub(crate) fn already_submitted(claim: &Claim) -> Refusal {
     Refusal::Duplicate {
-        node: claim.node,
-        round: claim.round,
+        node: claim.terms.node,
+        round: claim.terms.round,
         done: "submitted a contribution".into(),
     }
 }

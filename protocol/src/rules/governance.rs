@@ -6,7 +6,13 @@
 //! the time lock, in which enough weight may veto it. Then it is due: it has to be settled before the next round opens, so
 //! nobody can put it off, and it is settled between rounds, so no round's rules change while it runs.
 
-use crate::{entries::{identity::{check_identity, check_member_name}, identity_text}, rules::basis_points::BPS};
+use crate::{
+    entries::{
+        identity::{check_identity, check_member_name},
+        identity_text,
+    },
+    rules::basis_points::BPS,
+};
 use borsh::{BorshDeserialize, BorshSerialize};
 use serde::{Deserialize, Serialize};
 use zk0_circuits::NodeId;

@@ -1,11 +1,13 @@
 //! The rules of a network: founded in its genesis, changed by vote ([`crate::rules::governance`]) and in no other way.
 
 use crate::{
-    entries::identity_text, rules::governance::Governance, tlog::witness_policy::WitnessPolicy,
+    entries::identity_text,
+    rules::{basis_points::BPS, governance::Governance},
+    tlog::witness_policy::WitnessPolicy,
 };
 use borsh::{BorshDeserialize, BorshSerialize};
 use serde::{Deserialize, Serialize};
-use zk0_circuits::{challenge::MAX_EVAL_SAMPLES, NodeId};
+use zk0_circuits::{claim::challenge::MAX_EVAL_SAMPLES, Disclosure, NodeId};
 
 /// Most identities in a list of participants: such rules fit in an entry.
 pub const MAX_LISTED: usize = 1000;
@@ -112,18 +114,6 @@ pub struct CreditRule {
     pub max_per_contribution: u64,
     /// How long after its round's closing a contribution may be disputed, in milliseconds.
     pub dispute_window_ms: u64,
-}
-
-/// What a proof discloses of the losses.
-#[derive(
-    Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize, Serialize, Deserialize,
-)]
-#[serde(rename_all = "kebab-case")]
-pub enum Disclosure {
-    /// Only that the loss went down by the minimum.
-    Nothing,
-    /// Both losses.
-    Losses,
 }
 
 impl Default for Rules {

@@ -1,6 +1,9 @@
 //! An open proposal, as the state holds it, and the count of its votes.
 
-use crate::{entries::proposal::{Action, Ballot, Outcome}, rules::basis_points::BPS};
+use crate::{
+    entries::proposal::{Action, Ballot, Outcome},
+    rules::basis_points::BPS,
+};
 use borsh::{BorshDeserialize, BorshSerialize};
 use std::collections::{BTreeMap, BTreeSet};
 use zk0_circuits::NodeId;

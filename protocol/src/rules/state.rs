@@ -14,7 +14,7 @@ use crate::{
 };
 use borsh::{BorshDeserialize, BorshSerialize};
 use std::collections::{BTreeMap, BTreeSet};
-use zk0_circuits::{digest::tagged_sha256, DatasetCommitment, Digest, NodeId, WeightsDigest};
+use zk0_circuits::{vm::digest::tagged_sha256, DatasetCommitment, Digest, NodeId, WeightsDigest};
 
 /// The state of a network. [`State::found`] makes one from a genesis, [`State::apply`] takes it one entry further.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]

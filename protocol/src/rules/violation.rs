@@ -2,7 +2,7 @@
 
 use crate::{
     entries::{codec::EntryError, refusal::Refusal},
-    rules::{network_rules::Disclosure, state::Standing},
+    rules::state::Standing,
 };
 use zk0_circuits::NodeId;
 
@@ -116,15 +116,6 @@ pub enum RuleViolation {
     /// Deadlines beyond the end of time.
     #[error("round {0}'s deadlines do not fit in 64 bits")]
     EndOfTime(u64),
-}
-
-impl std::fmt::Display for Disclosure {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(match self {
-            Self::Nothing => "nothing",
-            Self::Losses => "losses",
-        })
-    }
 }
 
 impl std::fmt::Display for Standing {

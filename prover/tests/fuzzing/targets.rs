@@ -4,13 +4,13 @@ use std::fs;
 use std::path::Path;
 
 use prost::Message as _;
-use zk0_circuits::statement::Mode;
+use zk0_circuits::Mode;
 use zk0_circuits::{Digest, EvalSpec};
 use zk0_node::base_losses::BaseLosses;
 use zk0_node::participant::TrainingHistory;
 use zk0_prover::program::GuestInput;
 use zk0_prover::rpc::ProvePart;
-use zk0_prover::synthetic::witness;
+use zk0_prover::synthetic::private_input;
 use zk0_prover::upload::{parts, Announced};
 
 /// What any input may make a reader allocate: an evaluation has tables.
@@ -67,15 +67,15 @@ pub fn target(name: &str) -> Target {
 
 /// What the verifier's target `eval_spec` tells apart is one outcome here.
 fn without_parts(message: String) -> String {
-    let parts = ["scale", "dimension"].map(|part| format!("the witness cannot be read: {part}"));
+    let parts = ["scale", "dimension"].map(|part| format!("the input cannot be read: {part}"));
     let part = parts.into_iter().find(|part| message.starts_with(part));
     part.unwrap_or(message)
 }
 
 /// Inputs of true claims, one for each program.
 fn inputs() -> [GuestInput; 2] {
-    let witness = witness(&EvalSpec::micro(), 1, 1).unwrap();
-    [Mode::Direct, Mode::Checked].map(|mode| GuestInput::of(mode, &witness).unwrap().1)
+    let input = private_input(&EvalSpec::micro(), 1, 1).unwrap();
+    [Mode::Direct, Mode::Checked].map(|mode| GuestInput::of(mode, &input).unwrap().1)
 }
 
 fn framed_input(input: GuestInput) -> Vec<u8> {

@@ -1,7 +1,7 @@
 //! Watching a pass of the expert: the values at every place that the fixed-point evaluation narrows ([`Site`]).
 
 use candle_core::Tensor;
-pub use zk0_circuits::site::Site;
+pub use zk0_circuits::model::site::Site;
 
 use crate::error::Result;
 

@@ -6,13 +6,16 @@ use std::path::Path;
 use safetensors::tensor::{serialize, Dtype, TensorView};
 use sp1_hypercube::{create_dummy_recursion_proof, SP1VerifyingKey};
 use sp1_verifier::SP1Proof;
-use zk0_circuits::eval::Evaluator;
-use zk0_circuits::hinted::coefficients;
-use zk0_circuits::parameters::Parameters;
-use zk0_circuits::spec::Dims;
-use zk0_circuits::statement::Mode;
-use zk0_circuits::weights::{expert_tensors, Quantiser, TensorSpec};
-use zk0_circuits::{projection, Claim, Digest, EvalSpec, GuestWeights, WeightCheck};
+use zk0_circuits::freivalds::hints::coefficients;
+use zk0_circuits::model::eval::Evaluator;
+use zk0_circuits::model::parameters::Parameters;
+use zk0_circuits::model::spec::Dims;
+use zk0_circuits::model::{
+    layout::{expert_tensors, TensorSpec},
+    weights::Quantiser,
+};
+use zk0_circuits::Mode;
+use zk0_circuits::{freivalds::projection, Claim, Digest, EvalSpec, GuestWeights, WeightCheck};
 use zk0_ledger::{replay, Blobs, Finding, Recheck};
 use zk0_protocol::entries::signed::{Signed, Submission};
 use zk0_protocol::{Body, Entry, Refusal, State};

@@ -128,7 +128,7 @@ impl State {
             Body::UpdateCommitted(signed) => self.commit_update(&signed.statement, index, root),
             Body::ContributionAccepted(signed) => self.accept(&signed.statement.claim, index),
             Body::ContributionRejected { submission, .. } => {
-                self.reject(&submission.statement.claim.node);
+                self.reject(&submission.statement.claim.terms.node);
             }
             Body::RoundClosed(closed) => self.close(closed, now),
             Body::KeyRotated { rotation, .. } => {

@@ -1,8 +1,23 @@
 //! Rounds: openings, commitments, decisions, closings.
 
-use crate::{entries::{entry::{Contributor, RoundClosed, RoundOpened}, refusal::Refusal, signed::{Evidence, UpdateCommitment}}, rules::{basis_points::BPS, bindings::{already_submitted, in_time, same}, network_rules::Participation, state::{Commit, Contribution, Decision, OpenDispute, Round, State}, violation::RuleViolation}};
+use crate::{
+    entries::{
+        entry::{Contributor, RoundClosed, RoundOpened},
+        refusal::Refusal,
+        signed::{Evidence, UpdateCommitment},
+    },
+    rules::{
+        basis_points::BPS,
+        bindings::{already_submitted, in_time, same},
+        network_rules::Participation,
+        state::{Commit, Contribution, Decision, OpenDispute, Round, State},
+        violation::RuleViolation,
+    },
+};
 use std::collections::{BTreeMap, BTreeSet};
-use zk0_circuits::{challenge::challenge, digest::tagged_sha256, Claim, Digest, Losses, NodeId};
+use zk0_circuits::{
+    claim::challenge::challenge, vm::digest::tagged_sha256, Claim, Digest, Losses, NodeId,
+};
 
 /// Most nodes that may commit to one round: the entry that closes it names each, in 48 bytes.
 pub const MAX_COMMITS: usize = 1300;
@@ -167,9 +182,14 @@ impl State {
         time_ms: u64,
     ) -> Result<(), RuleViolation> {
         // A stranger may replay what the node signed for another round: only a claim for this one can decide it.
-        let round = self.check_addressed(&claim.network, claim.round, &claim.node)?;
-        match round.commits.get(&claim.node).map(|commit| commit.decision) {
-            None => return Err(Refusal::NotCommitted(claim.node).into()),
+        let round =
+            self.check_addressed(&claim.terms.network, claim.terms.round, &claim.terms.node)?;
+        match round
+            .commits
+            .get(&claim.terms.node)
+            .map(|commit| commit.decision)
+        {
+            None => return Err(Refusal::NotCommitted(claim.terms.node).into()),
             Some(Some(_)) => return Err(already_submitted(claim).into()),
             Some(None) => {}
         }
@@ -343,11 +363,15 @@ impl State {
     }
 
     pub(super) fn accept(&mut self, claim: &Claim, index: u64) {
-        let samples = claim.dataset.samples.min(self.rules.max_weight_samples);
+        let samples = claim
+            .terms
+            .dataset
+            .samples
+            .min(self.rules.max_weight_samples);
         let improvement = improvement_bps(claim);
         let credits = self.rules.credits.earned(improvement, samples);
         let entry = index;
-        self.decide(&claim.node, Decision::Accepted { entry, credits });
+        self.decide(&claim.terms.node, Decision::Accepted { entry, credits });
     }
 
     pub(super) fn reject(&mut self, node: &NodeId) {
@@ -407,7 +431,7 @@ impl State {
 /// The improvement that a claim proves, in basis points, rounded down: what its losses say where they are disclosed, and
 /// never less than the minimum, which is proven in any case.
 fn improvement_bps(claim: &Claim) -> u64 {
-    let least = u64::from(claim.min_improvement_bps);
+    let least = u64::from(claim.terms.min_improvement_bps);
     match claim.losses {
         Losses::Disclosed { before, after, .. } if before > 0 => {
             let gain = u128::from(before.saturating_sub(after)) * u128::from(BPS);

@@ -1,0 +1,206 @@
+//! One node's part in one round: it trains, commits to the update, proves the claim, and submits it.
+
+use crate::{
+    base_losses::BaseLosses,
+    client::{Decision, Node},
+    error::ParticipantError,
+    progress::{self, Progress},
+    receipts,
+    recording::Recording,
+    state_files,
+    training_history::TrainingHistory,
+};
+use sha2::{Digest as _, Sha256};
+use std::path::Path;
+use zk0_circuits::{model::spec::EvalSpec, Digest, Terms, WeightsDigest};
+use zk0_protocol::{entries::entry::RoundOpened, rules::bindings::ExpectedClaim};
+use zk0_prover::{program::GuestInput, rpc, service::ProvingClient};
+use zk0_smolvla::{
+    adaptive::{adapted, Adaptation, Rates},
+    fixed_point::quantise_weights,
+    train::{measure::loss_of, train, TrainOptions},
+    ExpertWeights, PolicyConfig,
+};
+
+/// Local training in each round.
+#[derive(Clone, Copy, Debug)]
+pub struct Training {
+    /// Optimiser steps.
+    pub steps: usize,
+    /// Samples per step.
+    pub batch_size: usize,
+    /// Learning rate.
+    pub learning_rate: f64,
+    /// FedProx: weight of the pull towards the round's base weights.
+    pub fedprox_mu: f64,
+    /// What lets mu and the learning rate change with the losses of the rounds' base weights.
+    pub adaptation: Adaptation,
+}
+
+/// What a node has ready before its first round.
+pub struct Entered {
+    /// The policy's configuration.
+    pub config: PolicyConfig,
+    /// The network's evaluation specification.
+    pub spec: EvalSpec,
+    /// The recording, prepared and committed to.
+    pub recording: Recording,
+}
+
+/// One node's part in one round.
+pub struct Turn<'a> {
+    /// The node's state folder.
+    pub state: &'a Path,
+    /// How it trains.
+    pub training: &'a Training,
+    /// What it has ready.
+    pub entered: &'a Entered,
+    /// The round.
+    pub opened: &'a RoundOpened,
+}
+
+impl Turn<'_> {
+    /// Trains, commits, proves and submits.
+    pub async fn play(
+        &self,
+        node: &mut Node,
+        prover: &mut ProvingClient,
+    ) -> Result<Decision, ParticipantError> {
+        let round = self.opened.round;
+        let rules = &self.opened.rules;
+        let limit = rules.max_base_bytes();
+        let base = {
+            let file = node.download(&self.opened.base.blob, limit).await?;
+            ExpertWeights::from_safetensors(&self.entered.config, &file)?
+        };
+        let update = self.train(&base, self.rates(node.network(), &base)?)?;
+        let update_file = update.to_safetensors()?;
+        let (quantised_base, quantised) = (
+            quantise_weights(&self.entered.spec, &base)?,
+            quantise_weights(&self.entered.spec, &update)?,
+        );
+        let digest = WeightsDigest {
+            blob: Digest(Sha256::digest(&update_file).into()),
+            quantised: quantised.digest(node.genesis().mode),
+        };
+        let kept = format!("round-{round}.safetensors");
+        state_files::write(&self.state.join(kept), &update_file)?;
+
+        node.upload(round, &update_file).await?;
+        let (challenge, receipt) = node
+            .commit(round, &self.entered.recording.commitment.root, &digest)
+            .await?;
+        receipts::keep(self.state, receipt)?;
+        tracing::info!(
+            "round {round}: committed to update {}, challenge {challenge}",
+            digest.blob
+        );
+
+        let expected = ExpectedClaim {
+            terms: Terms {
+                network: *node.network(),
+                round,
+                node: node.id(),
+                dataset: self.entered.recording.commitment,
+                evaluation: self.opened.evaluation,
+                base: self.opened.base,
+                update: digest,
+                challenge,
+                eval_samples: rules.eval_samples,
+                min_improvement_bps: rules.min_improvement_bps,
+            },
+            disclosure: rules.disclosure,
+        };
+        let input = self.entered.recording.private_input(
+            &self.entered.spec,
+            &expected,
+            quantised_base,
+            quantised,
+        )?;
+        // The check takes a second, and spares minutes of proving a claim that does not hold.
+        let (claim, input) = GuestInput::of(node.genesis().mode, &input)?;
+        let proof = prover.prove(input, proving_progress).await?;
+        tracing::info!(
+            "round {round}: proven, {} cycles in {} s, {} bytes",
+            proof.cycles,
+            proof.proving_ms / 1000,
+            proof.proof.len()
+        );
+        if let Some((before, after)) = claim.losses.means(&self.entered.spec) {
+            tracing::info!("round {round}: submitting the claim that the loss went from {before:.4} to {after:.4}");
+        }
+        let decision = node.submit(claim, proof.proof).await?;
+        receipts::keep(self.state, decision.receipt.clone())?;
+        Ok(decision)
+    }
+
+    /// What the round is trained at: as the losses of the base weights so far ask for, if they are followed.
+    fn rates(&self, network: &Digest, base: &ExpertWeights) -> Result<Rates, ParticipantError> {
+        let (round, training) = (self.opened.round, self.training);
+        let start = Rates {
+            mu: training.fedprox_mu,
+            learning_rate: training.learning_rate,
+        };
+        if !training.adaptation.is_wanted() {
+            return Ok(start);
+        }
+        let dataset = self.entered.recording.commitment.root;
+        let kept = BaseLosses::at(self.state, *network, dataset);
+        // The same samples, noise and times in every round.
+        let measure = || {
+            Ok(loss_of(
+                &self.entered.config,
+                base,
+                &self.entered.recording.samples,
+                0,
+            )?)
+        };
+        let losses = kept.up_to(round, &self.opened.base.blob, measure)?;
+        let adapted = adapted(start, training.adaptation, &losses)?;
+        tracing::info!("round {round}: {adapted}");
+        Ok(adapted.rates)
+    }
+
+    fn train(&self, base: &ExpertWeights, rates: Rates) -> Result<ExpertWeights, ParticipantError> {
+        let round = self.opened.round;
+        let training = self.training;
+        let options = TrainOptions {
+            steps: training.steps,
+            batch_size: training.batch_size,
+            learning_rate: rates.learning_rate,
+            fedprox_mu: rates.mu,
+            seed: round,
+            ..TrainOptions::default()
+        };
+        tracing::info!("round {round}: training {} steps", training.steps);
+        let mut progress = Progress::start("training", training.steps as u64);
+        let trained = train(
+            &self.entered.config,
+            base,
+            &self.entered.recording.samples,
+            &options,
+            &mut |step| {
+                progress.reached(step.step as u64);
+            },
+        )?;
+        let history = TrainingHistory {
+            round,
+            losses: trained.losses,
+        };
+        let path = TrainingHistory::path(self.state, round);
+        state_files::write_json(&path, &history)?;
+        Ok(trained.weights)
+    }
+}
+
+/// Passes on what the proving service says of a claim's way.
+fn proving_progress(event: rpc::Progress) {
+    let phase = match event.phase() {
+        rpc::progress::Phase::Queued => "waiting for the prover",
+        rpc::progress::Phase::Proving => "proving",
+        // Over in a second, and nothing is known of the time yet.
+        _ => return,
+    };
+    let total = event.estimated_total_ms.max(event.elapsed_ms + 1);
+    progress::report(phase, event.elapsed_ms, total, total - event.elapsed_ms);
+}
