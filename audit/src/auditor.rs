@@ -28,7 +28,7 @@ use zk0_protocol::{
         genesis::Genesis,
         signed::{Signed, Submission},
     },
-    rules::state::State,
+    rules::{named_blobs::BlobKind, state::State},
     Refusal,
 };
 use zk0_verifier::{Evaluation, ProgramKey, VerifiedContribution};
@@ -258,14 +258,17 @@ impl Recheck for Auditor {
         match &entry.body {
             Body::DatasetCommitted(signed) => {
                 let (registration, blobs) = (signed.statement.clone(), blobs.clone());
-                self.check(index, move || checks::dataset(&registration, depth, &blobs));
+                let rules = before.rules().clone();
+                self.check(index, move || {
+                    checks::dataset(&registration, &rules, depth, &blobs)
+                });
             }
             Body::RoundOpened(opened) => {
                 let disputable = before.contributions();
                 self.doubtful
                     .retain(|index, _| disputable.contains_key(index));
                 let evaluation = Evaluation::of(before);
-                let limit = before.rules().max_base_bytes();
+                let limit = BlobKind::Weights.max_bytes(before.rules());
                 let (base, blobs) = (opened.base, blobs.clone());
                 self.check(index, move || {
                     checks::base(evaluation, limit, &base, depth, &blobs)
