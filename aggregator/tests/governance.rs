@@ -318,6 +318,6 @@ async fn nothing_is_served_without_the_witnesses_that_the_rules_name() -> Test {
     )?;
     let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await?;
     let served = Service::new(aggregator).serve(listener, std::future::ready(()));
-    assert!(matches!(served.await, Err(ServeError::OtherWitnesses)));
+    assert!(matches!(served.await, Err(ServeError::OtherWitnesses { .. })));
     Ok(())
 }

@@ -267,7 +267,7 @@ async fn an_upload_that_falls_silent_loses_its_place() -> Test {
     }
     let mut client = network.client().await;
     let result = client.upload(ReceiverStream::new(receiver)).await;
-    refused(result, Code::DeadlineExceeded, "nothing came for");
+    refused(result, Code::DeadlineExceeded, "no data came for");
     assert_eq!(network.uploads(), 0);
     node.upload(&network, 0, &update).await?;
     Ok(())
