@@ -270,7 +270,7 @@ fn an_audit_in_two_parts_ends_as_one_wherever_it_is_parted() {
             Depth::Full => Depth::Light,
         };
         let refused = go_on(whole.path(), other, &file).unwrap_err();
-        assert!(refused.contains("it is of a"), "{refused}");
+        assert!(refused.contains("the state file is from a"), "{refused}");
     }
 }
 

@@ -31,7 +31,7 @@ pub enum Check {
     Failed(String),
 }
 
-/// A recorded claim, and the state that it was recorded on, as far as it is about that claim.
+/// A recorded claim, and what its verification reads of the state that it was recorded on.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct Recorded {
     pub index: u64,
@@ -40,7 +40,7 @@ pub struct Recorded {
     pub before: State,
 }
 
-/// What was found out about an accepted contribution.
+/// What an audit found about an accepted contribution.
 #[derive(Debug, Default)]
 pub struct Examined {
     pub checks: Vec<Check>,
@@ -48,7 +48,7 @@ pub struct Examined {
     pub verified: Option<VerifiedContribution>,
     /// What verification says against it, if it does.
     pub refused: Option<Refusal>,
-    /// The proof, if it is not here.
+    /// The proof, if it is not at hand.
     pub missing_proof: Option<Digest>,
 }
 
@@ -87,7 +87,7 @@ impl Recorded {
                         error: BlobError::Missing(blob),
                     }) => Err((
                         Why::NotAtHand,
-                        format!("node {node}'s update {blob} is not at hand, its proof verifies"),
+                        format!("node {node}'s update {blob} is not at hand; its proof verifies"),
                     )),
                     Err(error) => return failed(&error),
                 }

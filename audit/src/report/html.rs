@@ -81,11 +81,11 @@ impl Page {
         self.markup("</b><br>");
         self.text(says);
         if audited.holds() && !audited.not_checked.is_empty() {
-            self.text(", but for what is named below as not checked");
+            self.text(". The list below names what was not checked");
         }
         self.markup(".<br>");
         self.text(format_args!(
-            "{} entries, the last of {}",
+            "The log has {} entries. The last one was recorded at {}.",
             audited.entries,
             time(history.last_ms)
         ));
@@ -96,15 +96,15 @@ impl Page {
         self.heading("What was checked");
         self.markup("<p>");
         self.text(format_args!(
-            "The encoding, the signatures and the place in the log of {} entries, {} signed checkpoints, and the network's rules at \
-             every entry. Beyond that: {}.",
+            "The audit checked the encoding, the signatures and the place in the log of {} entries, the signatures of {} checkpoints, and \
+             the network's rules at every entry. It also checked {}.",
             audited.entries,
             audited.checkpoints,
             counts(&audited.checked)
         ));
         self.markup("</p><p>");
         match audited.not_checked.is_empty() {
-            true => self.text("Nothing was left out."),
+            true => self.text("The audit left nothing out."),
             false => {
                 self.markup("<b>Not checked:</b></p><ul>");
                 for left_out in &audited.not_checked {
@@ -122,12 +122,12 @@ impl Page {
         let faults: Vec<_> = of(findings, Severity::Fault);
         let notes: Vec<_> = of(findings, Severity::Note)
             .into_iter()
-            // Named above.
+            // The section above names these.
             .filter(|note| !note.text.starts_with("not checked: "))
             .collect();
         self.heading("Findings");
         if faults.is_empty() && notes.is_empty() {
-            self.markup("<p>None.</p>");
+            self.markup("<p>The audit found no faults, and it has no notes.</p>");
             return;
         }
         self.markup("<ul>");
@@ -150,7 +150,7 @@ impl Page {
         if count > MOST_ROWS {
             self.markup("<p class=\"small\">");
             self.text(format_args!(
-                "{} more are in the JSON file that belongs to this page.",
+                "The JSON file that belongs to this page has {} more.",
                 count - MOST_ROWS
             ));
             self.markup("</p>");
@@ -233,7 +233,7 @@ impl Page {
             let columns = [
                 "#proposal",
                 "title",
-                "would",
+                "what it does",
                 "#ballots",
                 "outcome",
                 "#entry",
@@ -263,7 +263,7 @@ impl Page {
             for one in history.disputes.iter().rev().take(MOST_ROWS) {
                 let outcome = match one.upheld {
                     None => "open",
-                    Some(true) => "upheld: its credits were taken back",
+                    Some(true) => "upheld: the node lost the credits that it had earned for it",
                     Some(false) => "dismissed",
                 };
                 self.row(
@@ -304,7 +304,7 @@ impl Page {
                 &audited.state.as_deref().unwrap_or("unknown"),
             ],
         );
-        self.row(&columns, &[&"products are proven in mode", &network.mode]);
+        self.row(&columns, &[&"mode of the proofs", &network.mode]);
         self.row(&columns, &[&"initial policy", &network.policy]);
         for (rule, value) in rules(network) {
             self.row(&columns, &[&rule, &value]);
@@ -318,7 +318,7 @@ fn of(findings: &[Finding], severity: Severity) -> Vec<&Finding> {
     findings.iter().filter(is).collect()
 }
 
-/// The rules by their names in a genesis, with spaces.
+/// The rules, by their names in a genesis with spaces for underscores.
 fn rules(network: &Network) -> Vec<(String, String)> {
     let Ok(serde_json::Value::Object(rules)) = serde_json::to_value(&network.rules) else {
         return Vec::new();
