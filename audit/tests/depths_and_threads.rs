@@ -1,5 +1,6 @@
 //! Audits, light and full, by one thread or several, at once or bit by bit: they find the same.
 
+#[path = "../../aggregator/tests/harness/mod.rs"]
 mod harness;
 
 use harness::*;
