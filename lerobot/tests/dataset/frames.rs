@@ -298,11 +298,11 @@ fn v20_has_its_statistics_in_one_file() {
     let copy = Copy::of("so100_pickplace_v21");
     std::fs::remove_file(copy.path("meta/episodes_stats.jsonl")).unwrap();
     std::fs::copy(
-        recordings::recording("so100_pickplace").join(STATS),
+        crate::recordings::recording("so100_pickplace").join(STATS),
         copy.path(STATS),
     )
     .unwrap();
-    copy.edit_text(recordings::INFO, "\"v2.1\"", "\"v2.0\"");
+    copy.edit_text(crate::recordings::INFO, "\"v2.1\"", "\"v2.0\"");
     let (ours, like) = (copy.open().unwrap(), open("so100_pickplace_v21"));
     assert_eq!(ours.info().format, Format::V20);
     assert!(ours.frame(122, 10).unwrap() == like.frame(122, 10).unwrap());

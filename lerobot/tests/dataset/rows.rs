@@ -270,7 +270,10 @@ fn episodes_described_twice_are_read_once() {
 
 #[test]
 fn timestamps_off_the_frame_grid_are_named() {
-    let error = Dataset::open(recordings::recording("so100_pickplace_bad_timestamps")).unwrap_err();
+    let error = Dataset::open(crate::recordings::recording(
+        "so100_pickplace_bad_timestamps",
+    ))
+    .unwrap_err();
     assert!(
         matches!(
             error,

@@ -7,7 +7,6 @@ use std::path::PathBuf;
 use zk0_lerobot::layout::policy_layout;
 use zk0_lerobot::policy_folder::{LeRobotConfig, PolicyFolder};
 use zk0_lerobot::safetensors::{write_to, Entry, TensorFile};
-use zk0_lerobot::tokenizer::TrainedTokenizer;
 use zk0_lerobot::PolicyConfig;
 
 use crate::recordings::fixtures;

@@ -30,7 +30,7 @@ const BATCHES: usize = 2;
 struct FullLength(PolicyConfig);
 
 impl Tokenizer for FullLength {
-    fn tokens(&self, _: &str) -> Result<Vec<u32>, PolicyError> {
+    fn tokens(&self, _: &str) -> zk0_lerobot::error::Result<Vec<u32>> {
         let length = self.0.max_language_tokens.min(48);
         let ids = (0..length).map(|i| (i * 7 % (self.0.text.vocabulary - 1)) as u32);
         Ok(ids.collect())

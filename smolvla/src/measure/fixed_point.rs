@@ -5,8 +5,9 @@ use zk0_circuits::spec::Dims;
 use zk0_circuits::weights::{QuantiseError, QuantisedWeights};
 use zk0_circuits::EvalSpec;
 use zk0_lerobot::config::{PolicyConfig, RMS_NORM_EPS};
+use zk0_lerobot::StoredPolicyError;
 
-use crate::error::{PolicyError, Result};
+use crate::error::Result;
 use crate::frames::sample::PreparedSample;
 use crate::policy::weights::ExpertWeights;
 
@@ -23,13 +24,15 @@ pub fn dims(config: &PolicyConfig) -> Result<Dims> {
     if periods != PERIODS {
         return Err(StoredPolicyError::Config(format!(
             "time periods {periods:?}: the fixed-point evaluation has {PERIODS:?}"
-        )));
+        ))
+        .into());
     }
     if config.rms_norm_eps != RMS_NORM_EPS {
         return Err(StoredPolicyError::Config(format!(
             "`rms_norm_eps` is {}: the fixed-point evaluation has {RMS_NORM_EPS}",
             config.rms_norm_eps
-        )));
+        ))
+        .into());
     }
     let number = |name: &str, value: usize| {
         u32::try_from(value)

@@ -174,6 +174,7 @@ fn save_used(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::error::PolicyError;
     use crate::policy::init::init_policy;
     use crate::policy::profile::Profile;
     use serde_json::json;
@@ -255,7 +256,7 @@ mod tests {
             let tensors = policy.tensors().map(Entry::of).collect();
             write_to(&mut bytes, tensors, notes).unwrap();
             match read(&bytes) {
-                Err(StoredPolicyError::Tokenizer(_)) => {}
+                Err(PolicyError::Stored(StoredPolicyError::Tokenizer(_))) => {}
                 Err(other) => panic!("{other}"),
                 Ok(_) => panic!("{text:?} was passed over"),
             }
@@ -323,12 +324,12 @@ mod tests {
         let mut file = micro();
         assert!(matches!(
             read(&file.policy.to_safetensors().unwrap()),
-            Err(StoredPolicyError::Config(_))
+            Err(PolicyError::Stored(StoredPolicyError::Config(_)))
         ));
         file.policy.config.text.layers = usize::MAX;
         assert!(matches!(
             read(&bytes(&file)),
-            Err(StoredPolicyError::Config(_))
+            Err(PolicyError::Stored(StoredPolicyError::Config(_)))
         ));
     }
 }

@@ -108,11 +108,11 @@ impl Policy {
 
 fn write<'a>(tensors: impl Iterator<Item = (&'a String, &'a TensorData)>) -> Result<Vec<u8>> {
     let mut bytes = Vec::new();
-    safetensors_writer::write_to(
+    write_to(
         &mut bytes,
         tensors.map(Entry::of).collect(),
         BTreeMap::new(),
     )
-    .map_err(|e| PolicyError::Safetensors(e.to_string()))?;
+    .map_err(|e| StoredPolicyError::Safetensors(e.to_string()))?;
     Ok(bytes)
 }

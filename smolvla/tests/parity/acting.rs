@@ -2,9 +2,9 @@
 
 use candle_core::Device;
 use zk0_lerobot::dataset::{Normalizer, Stats};
+use zk0_lerobot::error::Result;
 use zk0_lerobot::tokenizer::Tokenizer;
 use zk0_smolvla::act::{Actor, Scene};
-use zk0_smolvla::error::Result;
 use zk0_smolvla::frames::sample::CameraImage;
 use zk0_smolvla::policy::model::Parameters;
 

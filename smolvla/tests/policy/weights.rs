@@ -43,7 +43,15 @@ fn file_with(change: impl Fn(&mut Vec<(String, Dtype, Vec<usize>, Vec<u8>)>)) ->
 }
 
 fn refusal(bytes: &[u8]) -> StoredPolicyError {
-    ExpertWeights::from_safetensors(&micro(), bytes).unwrap_err()
+    stored(ExpertWeights::from_safetensors(&micro(), bytes).unwrap_err())
+}
+
+/// What is wrong with the stored tensors.
+fn stored(error: PolicyError) -> StoredPolicyError {
+    match error {
+        PolicyError::Stored(error) => error,
+        other => panic!("{other}"),
+    }
 }
 
 #[test]
@@ -154,7 +162,7 @@ fn values_that_are_not_finite_are_named() {
 
         let mut tensors = expert().into_tensors();
         tensors.get_mut(NORM).unwrap().data[2] = value;
-        let error = ExpertWeights::from_tensors(&micro(), tensors).unwrap_err();
+        let error = stored(ExpertWeights::from_tensors(&micro(), tensors).unwrap_err());
         assert!(
             matches!(error, StoredPolicyError::NotFinite { index: 2, .. }),
             "{error}"
@@ -167,7 +175,7 @@ fn tensors_made_elsewhere_are_checked_too() {
     let change = |change: fn(&mut zk0_lerobot::safetensors::TensorSet)| {
         let mut tensors = expert().into_tensors();
         change(&mut tensors);
-        ExpertWeights::from_tensors(&micro(), tensors).unwrap_err()
+        stored(ExpertWeights::from_tensors(&micro(), tensors).unwrap_err())
     };
     assert!(matches!(
         change(|t| drop(t.remove(NORM))),

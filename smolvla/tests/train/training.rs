@@ -1,6 +1,7 @@
 //! Preparing samples, training and evaluating at the micro profile.
 
 use proptest::prelude::*;
+use rand::SeedableRng;
 use rand_chacha::ChaCha20Rng;
 use zk0_smolvla::frames::sample::PreparedSample;
 use zk0_smolvla::measure::evaluate::{evaluate, FlowDraw};

@@ -87,7 +87,9 @@ impl KeySpace {
             let ids = match &tokens[frame.task_index] {
                 Some(ids) => ids,
                 None => {
-                    let ids = tokenizer.tokens(&frame.task).map_err(policy_error)?;
+                    let ids = tokenizer
+                        .tokens(&frame.task)
+                        .map_err(|error| policy_error(error.into()))?;
                     tokens[frame.task_index].insert(ids)
                 }
             };

@@ -3,8 +3,9 @@
 use candle_core::{DType, Device, Tensor};
 use zk0_lerobot::config::{LayerKind, PolicyConfig};
 use zk0_lerobot::layout::EXPERT;
+use zk0_lerobot::StoredPolicyError;
 
-use crate::error::{PolicyError, Result};
+use crate::error::Result;
 use crate::policy::memory::KeepFreed;
 use crate::policy::model::attention::{mix, products, Mask};
 use crate::policy::model::kernels::linear::Linear;

@@ -16,7 +16,7 @@ use crate::policy::frozen::FrozenPrecision;
 pub struct Parameters {
     tensors: BTreeMap<String, Tensor>,
     /// The type of linear maps' weights and biases in the models made of them.
-    operands: DType,
+    pub(super) operands: DType,
 }
 
 impl Parameters {

@@ -158,7 +158,7 @@ impl AdamW {
                         expected: shape.to_vec(),
                         found: vec![values.len()],
                     };
-                    return Err(wrong.into());
+                    return Err(PolicyError::from(wrong));
                 }
                 Ok(values)
             };
