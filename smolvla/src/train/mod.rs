@@ -4,7 +4,7 @@
 //! - [`order`]: which samples a step takes, and with what noise. Both are functions of the seed and the step's number alone, so a
 //!   run is at every step fully described by its variables, its moments and that number.
 //! - [`learner`]: the trainable variables and the loss of a batch, for either [`TrainScope`].
-//! - [`optimizer`]: AdamW.
+//! - [`optimizer`] is AdamW.
 //! - [`trainer`]: makes steps. [`train()`] makes all of them.
 //! - [`snapshots`]: a run on disk. A run that is stopped at any moment resumes from its newest snapshot and ends with the same bytes.
 //! - [`measured_loss`]: the loss that learning rates follow. [`adaptive`] has the rules by which a federation's losses change its

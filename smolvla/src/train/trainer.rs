@@ -58,7 +58,7 @@ impl<'a> Trainer<'a> {
         options: TrainOptions,
     ) -> Result<Self> {
         Self::on(
-            &FrozenPlace::default(),
+            FrozenPlace::default(),
             config,
             start,
             None,
