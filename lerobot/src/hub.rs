@@ -17,7 +17,7 @@ use sha2::{Digest, Sha256};
 
 /// Largest listing of a repository read, in bytes: some hundred thousand files.
 const MAX_LISTING: u64 = 64 << 20;
-/// How often a download is taken up again where it broke off, and how often begun anew.
+/// How often a download is resumed where it broke off, and how often it starts again from the beginning.
 const RETRIES: usize = 3;
 const LISTING_TIMEOUT: Duration = Duration::from_secs(120);
 /// The folders that a recording is read from; all else in a repository stays there.
@@ -114,13 +114,13 @@ pub struct HubProgress {
 /// Why a recording could not be fetched, and what to do.
 #[derive(Debug, thiserror::Error)]
 pub enum HubError {
-    /// Not the name of a repository.
+    /// The text is not the name of a repository.
     #[error(
         "{given:?} does not name a recording on the Hub; write owner/name or owner/name@revision"
     )]
     Name { given: String },
-    /// No place for the cache.
-    #[error("no home directory to keep downloads in; set HF_HOME")]
+    /// There is no folder for the cache.
+    #[error("there is no home directory to keep downloads in; set HF_HOME")]
     NoHome,
     /// The Hub does not show it to this caller; private and missing repositories look alike.
     #[error(
@@ -145,17 +145,19 @@ pub enum HubError {
         endpoint: String,
         cause: String,
     },
-    /// The repository is something else.
-    #[error("{recording}: has no meta/info.json; is it a LeRobotDataset?")]
+    /// The repository is not a recording.
+    #[error("{recording} has no meta/info.json; is it a LeRobotDataset?")]
     NoDataset { recording: HubRecording },
-    /// The Hub's answer makes no sense, or would write outside the cache.
+    /// The Hub's answer cannot be understood, or it would make this program write outside the cache.
     #[error("{recording}: the Hub's listing is unusable: {cause}")]
     Listing {
         recording: HubRecording,
         cause: String,
     },
-    /// A file did not come, or not whole.
-    #[error("{recording}: {file}: {cause}; try again, what is there is kept")]
+    /// A file was not downloaded, or only a part of it.
+    #[error(
+        "{recording}: {file}: {cause}; run the command again, it keeps the files that are complete"
+    )]
     Download {
         recording: HubRecording,
         file: String,
@@ -164,7 +166,7 @@ pub enum HubError {
 }
 
 /// Fetches what is missing of a recording and gives its folder in the cache. `progress` is told of every step; if all is there, the
-/// Hub is asked for the listing alone. Where it cannot be reached, a recording fetched before is given as it is, with a warning.
+/// Hub is asked only for the listing. If the Hub cannot be reached, a recording that was fetched before is used as it is, with a warning.
 ///
 /// # Errors
 /// See [`HubError`]. A file that is not whole is not left under its name.
@@ -340,7 +342,7 @@ fn is_whole(path: &Path, size: u64) -> bool {
     fs::metadata(path).is_ok_and(|found| found.is_file() && found.len() == size)
 }
 
-/// Downloads one file and checks it; begins anew where what came is not what was listed.
+/// Downloads one file and checks it. The download starts again when the content is not what the Hub listed.
 fn download(
     remote: &ApiRepo,
     file: &RemoteFile,

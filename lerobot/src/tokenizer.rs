@@ -154,7 +154,7 @@ fn build(definition: &str, limit: usize) -> std::result::Result<tokenizers::Toke
     Ok(tokenizer)
 }
 
-/// Runs a step of the library, which is not known never to panic on a file that nobody vouches for.
+/// Runs a step of the library and turns a panic into an error: the file may come from anybody.
 fn guarded<T>(step: impl FnOnce() -> tokenizers::Result<T>) -> std::result::Result<T, String> {
     match catch_unwind(AssertUnwindSafe(step)) {
         Ok(Ok(value)) => Ok(value),

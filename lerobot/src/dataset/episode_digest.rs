@@ -1,4 +1,4 @@
-//! What an episode is known by: two recordings of one network that hold the same episode are found out.
+//! The digest of an episode. It shows when two recordings hold the same episode.
 
 use sha2::{Digest, Sha256};
 

@@ -1,4 +1,4 @@
-//! What can be wrong with a recording, for the person who has to repair it.
+//! What can be wrong with a recording, in words for the person who repairs it.
 
 use std::path::PathBuf;
 
@@ -22,7 +22,7 @@ pub enum DatasetError {
     Meta { path: PathBuf, cause: String },
     /// Another version of the format.
     #[error(
-        "{}: format {found:?}, but this reads v2.0, v2.1 and v3.0; convert older recordings with LeRobot 0.3 and 0.4: python -m \
+        "{}: the format is {found:?}, and only v2.0, v2.1 and v3.0 are read; convert older recordings with LeRobot 0.3 and 0.4: python -m \
          lerobot.datasets.v30.convert_dataset_v21_to_v30",
         path.display()
     )]
@@ -65,7 +65,7 @@ pub enum DatasetError {
     /// A video's container or one of its frames is unusable.
     #[error("{}: {cause}", path.display())]
     Video { path: PathBuf, cause: String },
-    /// A frame's picture could not be had: which frame, and why.
+    /// A frame's picture cannot be read: which frame, and why.
     #[error("episode {episode} frame {frame}, camera {camera}: {source}")]
     Picture {
         episode: usize,
@@ -73,7 +73,7 @@ pub enum DatasetError {
         camera: String,
         source: Box<DatasetError>,
     },
-    /// Statistics to normalise with that are not of a recording like this; dimensions of states and actions.
+    /// The statistics to normalise with have other dimensions of states and actions than the recording.
     #[error(
         "{}: has {} state and {} action dimensions, the statistics to normalise it with have {} and {}",
         path.display(), found.0, found.1, given.0, given.1
@@ -84,12 +84,12 @@ pub enum DatasetError {
         found: (usize, usize),
     },
     /// The caller asked for a frame that does not exist.
-    #[error("frame {index} asked for, the recording has {len}")]
+    #[error("there is no frame {index}: the recording has {len} frames")]
     OutOfRange { index: usize, len: usize },
-    /// The caller asked for an unusable action chunk.
-    #[error("an action chunk of {chunk} frames asked for; it has to be 1 to {max}")]
+    /// The caller asked for an action chunk of a length that is not allowed.
+    #[error("an action chunk cannot have {chunk} frames; it must have 1 to {max}")]
     Chunk { chunk: usize, max: usize },
-    /// The caller asked for unusable `delta_timestamps`.
+    /// The caller asked for `delta_timestamps` that cannot be used.
     #[error("delta_timestamps of {key}: {cause}")]
     DeltaTimestamps { key: String, cause: String },
 }

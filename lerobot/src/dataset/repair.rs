@@ -1,4 +1,4 @@
-//! Faults of a recording that have one right reading, and were read that way.
+//! Faults of a recording that can be read in one way only. The reader corrects them and reports them.
 
 use std::fmt;
 use std::path::PathBuf;

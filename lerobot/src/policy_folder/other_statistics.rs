@@ -1,4 +1,5 @@
-//! A copy of a policy folder with the statistics of another recording: what differs in it, by where the source keeps its own.
+//! The files and tensors that differ in a copy of a policy folder which has the statistics of another recording. Which ones they
+//! are depends on where the source keeps its own statistics.
 
 use std::collections::BTreeMap;
 

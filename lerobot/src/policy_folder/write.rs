@@ -168,7 +168,7 @@ struct NewWeights<'a> {
 
 impl NewWeights<'_> {
     fn write(&self, path: &Path) -> Result<()> {
-        // What is wrong with the weights themselves passes through the writer, which knows the errors of files alone.
+        // The atomic writer carries only errors of files, so an error of the weights takes this way around it.
         let mut wrong = None;
         let written = atomic_file::write(path, Durability::OnDisk, |out| {
             self.write_to(out).map_err(|error| match error {

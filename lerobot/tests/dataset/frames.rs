@@ -327,7 +327,7 @@ fn feature_spec_tells_recordings_apart_and_not_more() {
 fn requests_outside_the_recording_are_errors() {
     let dataset = open("so100_pickplace");
     let error = dataset.frame(245, 10).unwrap_err().to_string();
-    assert_eq!(error, "frame 245 asked for, the recording has 245");
+    assert_eq!(error, "there is no frame 245: the recording has 245 frames");
     assert!(dataset.frame(usize::MAX, 10).is_err());
     assert!(dataset.loader(0).is_err());
     assert!(dataset.loader(usize::MAX).is_err());

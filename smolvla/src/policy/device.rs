@@ -27,7 +27,7 @@ pub fn device(name: &str) -> Result<Device> {
             "device `{name}`: this build of zk0 trains on the CPU alone; `make cuda` makes one for NVIDIA GPUs"
         )));
     }
-    // CUDA's libraries are loaded here, and cudarc panics where one is not to be found.
+    // CUDA's libraries are loaded here, and cudarc panics where it cannot find one.
     let opened = quietly(|| Device::new_cuda(number).map_err(|error| error.to_string()));
     opened
         .and_then(|opened| opened)

@@ -1,6 +1,6 @@
 //! Where the frozen half of a policy is computed, and in which precision.
 //!
-//! Both decide the last digits of a frame's keys and values, and with them what a prefix cache holds: they are part of its keys.
+//! Both decide the last digits of a frame's keys and values, and so what a prefix cache holds. They are part of its keys.
 
 use candle_core::{DType, Device};
 use serde::{Deserialize, Serialize};

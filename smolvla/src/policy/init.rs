@@ -2,7 +2,7 @@
 //!
 //! No pretrained weights exist at the micro profile's size. The frozen half is then a fixed random feature
 //! map; scales are chosen so that every layer passes values of about unit size and the expert can learn from
-//! them. Loading a checkpoint ([`Policy::from_safetensors`]) is the way to start from pretrained weights.
+//! them. To start from pretrained weights, read a policy folder ([`Policy::from_folder`]).
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha20Rng;

@@ -1,7 +1,7 @@
 //! The allocator of programs that train, and when it keeps what is freed.
 //!
-//! A training step frees and asks again for gigabytes of tensors. Giving them back to the system in between costs as much as
-//! a third of the step: the pages have to be cleared for us anew.
+//! A training step frees gigabytes of tensors and asks for as much again. Giving the memory back to the system in between takes as
+//! long as a third of the step, because the system has to clear the pages again.
 
 use std::sync::Mutex;
 

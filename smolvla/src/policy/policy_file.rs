@@ -1,9 +1,11 @@
-//! A whole policy as one file: safetensors with LeRobot's names; in the file's metadata its dimensions as JSON and, where it
-//! has one, its tokenizer as the text of a `tokenizer.json`. What a network's genesis names by its digest: so all its nodes read
-//! instructions alike.
+//! A whole policy as one file.
 //!
-//! Where `zk0 train` has left it, the metadata also say how the policy is used ([`Inference`]), the statistics it was trained with
-//! among that. A network's have none of it: each of its nodes normalises with its own recording's.
+//! It is a safetensors file with LeRobot's names. Its metadata hold the policy's dimensions as JSON and, if the policy has a
+//! tokenizer of its own, the text of that `tokenizer.json`. A network's genesis names this file by its digest, so all nodes read
+//! instructions in the same way.
+//!
+//! In a file that `zk0 train` wrote, the metadata also say how the policy is used ([`Inference`]), with the statistics that it was
+//! trained with. The file of a network does not: each node normalises with the statistics of its own recording.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -108,8 +110,8 @@ pub fn read(bytes: &[u8]) -> Result<PolicyFile> {
 pub fn load(path: &Path) -> Result<PolicyFile> {
     let failed = |cause: io::Error| StoredPolicyError::file(path, cause);
     let file = File::open(path).map_err(failed)?;
-    // SAFETY: the bytes are taken for names and numbers only and checked as such. Whoever cuts the file off while it is being
-    // read ends this process, no more.
+    // SAFETY: the bytes are used as names and numbers only, and are checked. A process that shortens the file while it is read
+    // can end this process, and do no other harm.
     let map = unsafe { Mmap::map(&file) }.map_err(failed)?;
     read(&map)
 }
@@ -143,7 +145,7 @@ pub fn save(policy: &Policy, tokenizer: &PolicyTokenizer, path: &Path) -> Result
     save_used(policy, tokenizer, None, path)
 }
 
-/// [`save`] for a policy that was trained: what [`inference`] reads goes along.
+/// [`save`] for a policy that was trained. The file also holds what [`inference`] reads.
 ///
 /// # Errors
 /// As [`save`].

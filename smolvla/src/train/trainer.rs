@@ -180,7 +180,7 @@ impl<'a> Trainer<'a> {
         &self.optimizer
     }
 
-    /// Goes to where a checkpoint was.
+    /// Brings the trainer to the step of a snapshot.
     pub(super) fn restored(
         &mut self,
         step: usize,

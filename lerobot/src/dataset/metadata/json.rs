@@ -1,4 +1,4 @@
-//! Metadata in JSON: one document, or one on every line, never more of it in memory than such a file can hold.
+//! Metadata in JSON: one document, or one on every line. A file larger than any such file is refused before it is read.
 
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read};

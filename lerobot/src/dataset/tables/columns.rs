@@ -1,4 +1,4 @@
-//! Typed columns out of parquet files; every surprise is an error that names file and column.
+//! Typed columns of parquet files. What is not as expected is an error that names the file and the column.
 
 use std::fs::File;
 use std::panic::{catch_unwind, AssertUnwindSafe};

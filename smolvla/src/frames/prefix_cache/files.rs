@@ -1,4 +1,4 @@
-//! Digests of files, remembered: hashing a recording's videos anew at each start would take longer than the rest of it.
+//! Remembered digests of files. To hash a recording's videos again at each start would take longer than the rest of the start.
 
 use std::collections::{BTreeMap, HashMap};
 use std::fs::{self, File};

@@ -5,15 +5,15 @@
 //! CACHE/files.json                digests of video files, by path, size and time of change
 //! ```
 //!
-//! - [`key_space`]: an entry's name, a digest of all that it is a function of: the frozen weights, the preprocessing, where and in which
-//!   precision the frozen half is computed, and the frame.
+//! - [`key_space`]: the names of entries. A name is a digest of everything that decides the sample: the frozen weights, the
+//!   preprocessing, where and in which precision the frozen half is computed, and the frame.
 //!   A frame is named by its place in a video file and that file's digest, so that a second run decodes no video.
-//! - [`entry`]: a sample as bytes and back, bit for bit: what is cached is the very object that a dataset commitment commits to.
-//! - [`store`]: the folder, its budget, and what goes when that is used up.
-//! - [`source`]: frames of recordings as samples, from the cache where they are in it and computed where not.
+//! - [`entry`]: a sample as bytes and back, bit for bit. A dataset commitment commits to exactly this sample.
+//! - [`store`]: the folder and its budget. It removes the entries that were not used for the longest time.
+//! - [`source`]: frames of recordings as samples. It takes them from the cache, and computes those that are not in it.
 //!
-//! An entry is written under another name and renamed, and carries a checksum: a process that is killed leaves none that
-//! passes for whole, and one that the disk has spoilt is noticed, reported and computed again.
+//! An entry is written under a temporary name and renamed, and it carries a checksum. A process that is killed leaves no entry that
+//! is only half written. An entry that the disk has damaged is noticed, reported and computed again.
 
 pub mod entry;
 mod error;

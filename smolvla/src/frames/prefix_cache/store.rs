@@ -15,7 +15,7 @@ use crate::frames::prefix_cache::error::{at, CacheError};
 use crate::frames::prefix_cache::files::FileDigests;
 use crate::frames::prefix_cache::key::Key;
 
-/// An unfinished file older than this is nobody's any more.
+/// No process still writes an unfinished file that is older than this.
 const ABANDONED: Duration = Duration::from_secs(3600);
 
 /// A folder of entries. Several processes may use one.

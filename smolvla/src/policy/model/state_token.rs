@@ -1,4 +1,5 @@
-//! The state's token, made anew at every step where the state projection is trained; and the language layers it goes through.
+//! The state's token, and the language layers that it goes through. Where the state projection is trained, the token is computed
+//! again at every step.
 //!
 //! Of all tokens of the prefix only the state's sees the state, so the keys and values of the others stay what they are. Training
 //! the state projection costs one token through the language layers that way, not the whole prefix.

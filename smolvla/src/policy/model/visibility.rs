@@ -1,7 +1,7 @@
 //! Who sees whom, and at which position: LeRobot's `make_att_2d_masks` and its position ids, in the two phases.
 //!
 //! Images and language see each other. The state token sees them and itself. An action token sees the prefix and the action
-//! tokens up to itself. Tokens that are not valid (padding, absent cameras) are seen by nobody, and take no position.
+//! tokens up to itself. Tokens that are not valid (padding, absent cameras) are not seen by any token, and take no position.
 
 /// Position of each prefix token: the running count of valid tokens, minus one.
 pub fn prefix_positions(valid: &[bool]) -> Vec<i64> {

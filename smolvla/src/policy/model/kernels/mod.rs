@@ -7,7 +7,7 @@
 //! - [`softmax`]: scale, mask and softmax of attention scores in one pass.
 //! - [`heads`]: queries by keys and weights by values, for heads that share keys.
 //! - [`attention`]: attention without a mask and without a gradient, block by block: the frozen vision tower's.
-//! - [`gradients`]: of a loss, without a detour for weights.
+//! - [`gradients`]: the gradients of a loss, written to where they belong.
 //! - [`gelu`]: the frozen vision tower's activation.
 //! - [`swiglu`], [`norm`], [`rotate`]: the decoder layers' elementwise work, forward and backward in a pass each.
 //!
