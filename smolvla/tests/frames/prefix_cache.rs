@@ -8,7 +8,8 @@ use candle_core::Device;
 use zk0_lerobot::dataset::Dataset;
 use zk0_smolvla::frames::batch::SampleSource;
 use zk0_smolvla::frames::prefix_cache::{
-    DiskCache, FileDigests, FrameMaker, FrameRef, FrameSource, Key, KeySpace,
+    DiskCache, FileDigests, FrameMaker, FrameNames, FrameRef, FrameSource, Key, KeySpace,
+    PreparedFrames,
 };
 use zk0_smolvla::frames::sample::{ObservedSample, PreparedSample, Preparer};
 use zk0_smolvla::policy::frozen::{FrozenPlace, FrozenPrecision};
@@ -115,6 +116,37 @@ fn samples_are_made_once_and_come_back_bit_for_bit() {
     assert_eq!(all(&source), expected);
     assert_eq!(loaded.get(), 2);
     assert_eq!(fs::read(&path).unwrap(), good);
+}
+
+#[test]
+fn prepared_frames_are_the_same_with_a_cache_and_without() {
+    let (policy, count) = (policy(), 12);
+    let tokenizer = WordHash::new(&policy.config);
+    let datasets = [Dataset::open(recording()).unwrap()];
+    let expected = direct(&policy, &datasets[0], count);
+    let dir = tempfile::tempdir().unwrap();
+    let cache = DiskCache::open(dir.path(), PLENTY).unwrap();
+    let indices: Vec<usize> = (0..count).collect();
+    for cache in [None, Some(&cache), Some(&cache)] {
+        let space = KeySpace::new::<PreparedSample>(&policy, &FrozenPlace::default());
+        let mut names = FrameNames::new(space, &policy.config, &tokenizer, cache);
+        let named = names.frames(0, &datasets[0], &indices).unwrap();
+        assert_eq!(named, frames(&policy, &datasets[0], count));
+        let maker = FrameMaker::new(&datasets, policy.config.chunk_size, || {
+            Preparer::new(&policy, &tokenizer)
+        });
+        let mut done = 0;
+        let prepared = PreparedFrames::<PreparedSample>::prepare(cache, &maker, named, |n, of| {
+            assert_eq!(of, count);
+            done = n;
+        });
+        let prepared = prepared.unwrap();
+        assert_eq!((done, prepared.len()), (count, count));
+        assert_eq!(*prepared.sample(3).unwrap(), expected[3]);
+        assert!(prepared.sample(count).is_err());
+        assert_eq!(prepared.into_samples().unwrap(), expected);
+    }
+    assert!(dir.path().join("files.json").exists());
 }
 
 #[test]

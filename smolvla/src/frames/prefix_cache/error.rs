@@ -9,7 +9,7 @@ use crate::frames::recording::PrepareError;
 #[derive(Debug, thiserror::Error)]
 pub enum CacheError {
     /// The disk, or its owner's share of it, is full.
-    #[error("{}: there is no space left for the prefix cache; free some space, give the cache a smaller budget or another folder, or turn it off", path.display())]
+    #[error("{}: there is no space left for the prefix cache; free some space, give the cache a smaller budget or another folder, or work without a cache", path.display())]
     Full {
         /// What was being written.
         path: PathBuf,

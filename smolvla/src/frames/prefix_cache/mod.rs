@@ -11,6 +11,7 @@
 //! - [`entry`]: a sample as bytes and back, bit for bit. A dataset commitment commits to exactly this sample.
 //! - [`store`]: the folder and its budget. It removes the entries that were not used for the longest time.
 //! - [`source`]: frames of recordings as samples. It takes them from the cache, and computes those that are not in it.
+//! - [`FrameNames`] and [`PreparedFrames`]: the one way to samples of chosen frames, with a cache or without.
 //!
 //! An entry is written under a temporary name and renamed, and it carries a checksum. A process that is killed leaves no entry that
 //! is only half written. An entry that the disk has damaged is noticed, reported and computed again.
@@ -20,6 +21,7 @@ mod error;
 pub mod files;
 pub mod key;
 pub mod key_space;
+mod prepared;
 pub mod source;
 pub mod store;
 
@@ -27,5 +29,6 @@ pub use error::CacheError;
 pub use files::FileDigests;
 pub use key::{digest_of, Key};
 pub use key_space::KeySpace;
+pub use prepared::{FrameNames, PreparedFrames};
 pub use source::{FrameMaker, FrameRef, FrameSource};
 pub use store::DiskCache;
