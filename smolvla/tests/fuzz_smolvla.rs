@@ -1,11 +1,11 @@
 //! Inputs that fuzzing found, read again; and the fuzzing itself, for as long as one likes:
 //!
 //! ```sh
-//! FUZZ_TARGET=policy_file FUZZ_SECONDS=600 cargo test --release -p zk0-smolvla --test fuzz -- --ignored --nocapture
+//! FUZZ_TARGET=policy_file FUZZ_SECONDS=600 cargo test --release -p zk0-smolvla --test fuzz_smolvla -- --ignored --nocapture
 //! ```
 //!
 //! It adds to `tests/fixtures/fuzz/<target>` one small input per outcome that is not there yet. It fails on a panic or an
-//! allocation out of proportion, and leaves such inputs there as well. The machinery is that of `lerobot/tests/fuzz.rs`.
+//! allocation out of proportion, and leaves such inputs there as well. The machinery is that of `lerobot/tests/fuzz_lerobot.rs`.
 
 #[path = "../../lerobot/tests/allocations/mod.rs"]
 mod allocations;

@@ -1,7 +1,7 @@
 //! Inputs that fuzzing found, read again; and the fuzzing itself, for as long as one likes:
 //!
 //! ```sh
-//! FUZZ_TARGET=mp4 FUZZ_SECONDS=600 cargo test --release -p zk0-lerobot --test fuzz -- --ignored --nocapture
+//! FUZZ_TARGET=mp4 FUZZ_SECONDS=600 cargo test --release -p zk0-lerobot --test fuzz_lerobot -- --ignored --nocapture
 //! ```
 //!
 //! It adds to `tests/fixtures/fuzz/<target>` one small input per outcome that is not there yet, and fails on a panic or an
