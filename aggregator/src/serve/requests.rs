@@ -87,13 +87,11 @@ impl Federation for Service {
     ) -> Result<Response<Self::DownloadStream>, Status> {
         let blob = digest(&request.into_inner().blob)?;
         let path = self.with(move |aggregator| aggregator.blob(&blob)).await?;
+        let name = path.display().to_string();
         let failed = move |error: std::io::Error| {
-            Status::from(RequestError::Internal(format!(
-                "{}: {error}",
-                path.display()
-            )))
+            Status::from(RequestError::Internal(format!("{name}: {error}")))
         };
-        let file = tokio::fs::File::open(&path).await.map_err(&failed)?;
+        let file = tokio::fs::File::open(path).await.map_err(&failed)?;
         let parts = file_parts(file, self.limits.silence)
             .map(move |part| part.map(|data| Chunk { data }).map_err(&failed));
         Ok(Response::new(Box::pin(parts)))
