@@ -281,10 +281,6 @@ fn serve(dir: &Path, listen: std::net::SocketAddr) -> Result<()> {
         Ok(_) | Err(zk0_ledger::published::publication::PublicationError::NotCosigned(_)) => {}
         Err(error) => return Err(error.into()),
     }
-    crate::serve_http(
-        "log",
-        listen,
-        std::sync::Arc::new(server),
-        http::Limits::default(),
-    )
+    let limits = http::Limits::default();
+    crate::serve_http("log", listen, server.router(limits), limits)
 }

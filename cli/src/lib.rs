@@ -52,7 +52,7 @@ pub mod witness;
 pub(crate) fn serve_http(
     what: &str,
     listen: std::net::SocketAddr,
-    handler: std::sync::Arc<dyn zk0_aggregator::publish::http::Handler>,
+    router: zk0_aggregator::publish::http::Router,
     limits: zk0_aggregator::publish::http::Limits,
 ) -> anyhow::Result<()> {
     use anyhow::Context;
@@ -63,7 +63,7 @@ pub(crate) fn serve_http(
             .with_context(|| format!("listening on {listen}"))?;
         let address = listener.local_addr()?;
         tracing::info!(listening = %address, "{what} on http://{address}");
-        zk0_aggregator::publish::http::serve(listener, handler, limits, interrupted()).await;
+        zk0_aggregator::publish::http::serve(listener, router, limits, interrupted()).await;
         Ok(())
     })
 }

@@ -65,12 +65,7 @@ pub fn run(command: &Command) -> Result<()> {
             let witness = WitnessStore::open(dir, cosigner, logs)?;
             tracing::info!("witness {}", witness.key());
             let server = WitnessServer::new(witness, Arc::new(SystemClock));
-            crate::serve_http(
-                "witness",
-                *listen,
-                Arc::new(server),
-                WitnessServer::limits(),
-            )
+            crate::serve_http("witness", *listen, server.router(), WitnessServer::limits())
         }
     }
 }

@@ -1,4 +1,4 @@
-//! What the aggregator publishes over HTTP, and the witnesses that it asks.
+//! What the aggregator publishes over HTTP, and the witnesses that it asks for cosignatures.
 
 pub mod cosigning;
 pub mod http;

@@ -146,11 +146,11 @@ async fn log_files(options: &Serve) -> Result<Option<JoinHandle<()>>> {
         .await
         .with_context(|| format!("listening on {listen}"))?;
     tracing::info!("log on http://{}", listener.local_addr()?);
-    let server = Arc::new(LogServer::new(&options.dir));
     let limits = http::Limits::default();
+    let router = LogServer::new(&options.dir).router(limits);
     Ok(Some(tokio::spawn(http::serve(
         listener,
-        server,
+        router,
         limits,
         std::future::pending(),
     ))))

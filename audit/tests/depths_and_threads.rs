@@ -1,5 +1,6 @@
 //! Audits, light and full, by one thread or several, at once or bit by bit: they find the same.
 
+#[path = "../../aggregator/tests/harness/mod.rs"]
 mod harness;
 
 use harness::*;
@@ -270,7 +271,7 @@ fn an_audit_in_two_parts_ends_as_one_wherever_it_is_parted() {
             Depth::Full => Depth::Light,
         };
         let refused = go_on(whole.path(), other, &file).unwrap_err();
-        assert!(refused.contains("it is of a"), "{refused}");
+        assert!(refused.contains("the state file is from a"), "{refused}");
     }
 }
 
