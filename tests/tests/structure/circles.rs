@@ -94,7 +94,7 @@ fn circle(edges: &Edges) -> Option<Vec<String>> {
     }
 }
 
-/// The crates of the tree (tests and examples in folders of their own are crates, too), by the folder of the root.
+/// The crates of the tree by the folder of their sources. A prototype under `research` is no part of zk0.
 fn crates() -> BTreeMap<String, Files> {
     let tracked = tracked_files();
     let ours: Vec<_> = tracked
@@ -106,6 +106,9 @@ fn crates() -> BTreeMap<String, Files> {
         let Some((folder, "lib.rs" | "main.rs")) = root.rsplit_once('/') else {
             continue;
         };
+        if !folder.ends_with("/src") {
+            continue;
+        }
         let below = format!("{folder}/");
         let has_library = ours.contains(&&format!("{below}lib.rs"));
         let files = ours

@@ -44,10 +44,17 @@ pub fn source(here: &[String], text: &str, modules: &BTreeSet<Path>) -> Source {
     (at, inline) = (0, Vec::new());
     while at < tokens.len() {
         let begins = at == 0 || !matches!(tokens[at - 1], Colons | Sign('.') | Word("in"));
-        if let (Word(_), Some(Colons), true) = (tokens[at], tokens.get(at + 1), begins) {
-            let path = path_from(&tokens, at);
-            let module = inside(here, &inline);
-            named.extend(absolute(&path, &module, modules, &imports));
+        match (tokens[at], tokens.get(at + 1)) {
+            (Word("use"), Some(after)) if *after != Sign('<') => {
+                let end = tokens[at..].iter().position(|token| *token == Sign(';'));
+                at += end.unwrap_or(0);
+            }
+            (Word(_), Some(Colons)) if begins => {
+                let path = path_from(&tokens, at);
+                let module = inside(here, &inline);
+                named.extend(absolute(&path, &module, modules, &imports));
+            }
+            _ => (),
         }
         at = step(&tokens, at, &mut inline);
     }
