@@ -1,8 +1,6 @@
 //! Credits are earned by what was proven and lost when it turns out false.
 
-mod network;
-
-use network::{votes::*, *};
+use crate::network::{votes::*, *};
 use zk0_circuits::{Digest, Losses};
 use zk0_protocol::{
     entries::{
