@@ -5,7 +5,7 @@ use ed25519_dalek::SigningKey;
 use zk0_protocol::{
     tlog::{
         checkpoint::{CheckpointError, Parsed},
-        cosigner::Cosigner,
+        cosigner::{self, Cosigner},
         verifier_key::{KeyError, Role},
         witness_policy::PolicyError,
     },
