@@ -13,9 +13,10 @@ use zk0_prover::{
     estimate as prover, execute::Executor, options::Resources, service::ProvingClient,
 };
 use zk0_smolvla::{
-    adaptive::{Adaptation, Boost},
-    fixed_point::dims,
-    policy_file, Profile,
+    measure::fixed_point::dims,
+    policy::policy_file,
+    train::adaptive::{Adaptation, Boost},
+    Profile,
 };
 
 /// What to do.

@@ -91,7 +91,7 @@ impl BaseLosses {
                     base: base.to_string(),
                     loss,
                 });
-                own_files::write_json(&self.path, &kept)?;
+                state_files::write_json(&self.path, &kept)?;
             }
         }
         Ok(kept.rounds.iter().map(|one| f64::from(one.loss)).collect())
@@ -99,7 +99,7 @@ impl BaseLosses {
 
     fn kept(&self) -> Result<Kept, ParticipantError> {
         let (network, dataset) = (self.network.to_string(), self.dataset.to_string());
-        let Some(kept) = own_files::read_json::<Kept>(&self.path, MAX_BYTES)? else {
+        let Some(kept) = state_files::read_json::<Kept>(&self.path, MAX_BYTES)? else {
             return Ok(Kept {
                 network,
                 dataset,

@@ -2,19 +2,19 @@
 
 use crate::client_error::NodeError;
 use std::{io, path::PathBuf};
-use zk0_circuits::claim::{challenge::DrawError, statement};
+use zk0_circuits::claim::{challenge::DrawError, statement_error::StatementError};
 use zk0_prover::service::ClientError;
-use zk0_smolvla::prefix_cache::CacheError;
+use zk0_smolvla::frames::prefix_cache::CacheError;
 
 /// Why a node cannot go on.
 #[derive(Debug, thiserror::Error)]
 pub enum ParticipantError {
     /// The recording.
     #[error("the recording: {0}")]
-    Dataset(#[from] zk0_smolvla::dataset::DatasetError),
+    Dataset(#[from] zk0_lerobot::dataset::DatasetError),
     /// The recording, or how it fits the policy.
     #[error("the recording: {0}")]
-    Prepare(#[from] zk0_smolvla::recording::PrepareError),
+    Prepare(#[from] zk0_smolvla::frames::recording::PrepareError),
     /// The cache of prepared samples.
     #[error(transparent)]
     Cache(#[from] CacheError),
@@ -38,7 +38,7 @@ pub enum ParticipantError {
     Draw(#[from] DrawError),
     /// The claim does not hold: the update is not better by enough on the samples drawn.
     #[error("the update cannot be proven: {0}")]
-    Statement(#[from] statement::StatementError),
+    Statement(#[from] StatementError),
     /// The aggregator.
     #[error("the aggregator: {0}")]
     Node(#[from] NodeError),

@@ -14,7 +14,7 @@ use zk0_circuits::{
     EvalSpec, Mode,
 };
 use zk0_prover::{program::GuestInput, synthetic};
-use zk0_smolvla::{fixed_point::dims, Profile};
+use zk0_smolvla::{measure::fixed_point::dims, Profile};
 
 fn main() -> Result<(), Box<dyn Error>> {
     const USAGE: &str = "usage: cycle_budget PROGRAM.elf SAMPLES PROFILE…";

@@ -56,13 +56,13 @@ pub fn cases() -> Vec<Case> {
     .to_vec()
 }
 
-/// Makes a input and executes its program. At full size that takes a minute and half a gigabyte for every sample.
+/// Makes a private input and executes its program. At full size that takes a minute and half a gigabyte for every sample.
 pub async fn measure(executor: &Executor, case: Case) -> Result<Cost, ExecuteError> {
-    let input = synthetic::private_input(&EvalSpec::new(case.dims), case.samples, 1);
-    let input = input.map_err(ExecuteError::Failed)?;
-    let (_, input) = GuestInput::of(case.mode, &input)
+    let private = synthetic::private_input(&EvalSpec::new(case.dims), case.samples, 1);
+    let private = private.map_err(ExecuteError::Failed)?;
+    let (_, input) = GuestInput::of(case.mode, &private)
         .map_err(|error| ExecuteError::Failed(error.to_string()))?;
-    drop(input);
+    drop(private);
     let run = executor
         .execute(program::elf(case.mode), &input.buffers)
         .await?;

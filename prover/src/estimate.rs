@@ -85,10 +85,10 @@ async fn execute(
     mode: Mode,
     samples: u32,
 ) -> Result<(Execution, u64), ExecuteError> {
-    let input = synthetic::private_input(spec, samples, 1).map_err(ExecuteError::Failed)?;
+    let private = synthetic::private_input(spec, samples, 1).map_err(ExecuteError::Failed)?;
     let (_, input) =
-        GuestInput::of(mode, &input).map_err(|error| ExecuteError::Failed(error.to_string()))?;
-    drop(input);
+        GuestInput::of(mode, &private).map_err(|error| ExecuteError::Failed(error.to_string()))?;
+    drop(private);
     let run = executor.execute(elf(mode), &input.buffers).await?;
     let bytes = input.buffers.iter().map(|buffer| buffer.len() as u64).sum();
     Ok((run, bytes))

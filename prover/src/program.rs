@@ -19,7 +19,7 @@ pub fn elf(mode: Mode) -> &'static [u8] {
     }
 }
 
-/// A input as the program of a mode reads it. Private: it holds samples and the dataset's salt.
+/// A private input as the program of a mode reads it. Private: it holds samples and the dataset's salt.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct GuestInput {
     /// Which program.
@@ -28,10 +28,10 @@ pub struct GuestInput {
     pub buffers: Vec<Vec<u8>>,
 }
 
-/// Why an input is of no claim.
+/// Why there is no claim for an input.
 #[derive(Debug, thiserror::Error)]
-pub enum InputError {
-    /// The buffers are no input.
+pub enum GuestInputError {
+    /// The buffers do not hold a private input.
     #[error("the input cannot be read: {0}")]
     Unreadable(#[from] InputError),
     /// The statement is false.
@@ -53,7 +53,7 @@ impl GuestInput {
     }
 
     /// The claim, by running natively what the program runs; says why there is none.
-    pub fn claim(&self) -> Result<Claim, InputError> {
+    pub fn claim(&self) -> Result<Claim, GuestInputError> {
         Ok(match self.mode {
             Mode::Direct => check(&PrivateInput::from_buffers(&self.buffers)?)?,
             Mode::Checked => check_hinted(&HintedInput::from_buffers(&self.buffers)?)?,

@@ -6,7 +6,7 @@
 
 use crate::{
     execute::Execution,
-    program::{GuestInput, InputError},
+    program::{GuestInput, GuestInputError},
     proof::Proof,
     rpc::{self, progress::Phase, prover_client::ProverClient, prover_server},
     schedule::{Place, Schedule, Work},
@@ -38,7 +38,7 @@ const TICK: Duration = Duration::from_secs(1);
 pub enum JobError {
     /// There is no such claim.
     #[error(transparent)]
-    Input(#[from] InputError),
+    Input(#[from] GuestInputError),
     /// The prover failed.
     #[error("proving failed: {0}")]
     Failed(String),
@@ -48,8 +48,8 @@ impl From<JobError> for Status {
     fn from(error: JobError) -> Self {
         let text = error.to_string();
         match error {
-            JobError::Input(InputError::Unreadable(_)) => Self::invalid_argument(text),
-            JobError::Input(InputError::Statement(_)) => Self::failed_precondition(text),
+            JobError::Input(GuestInputError::Unreadable(_)) => Self::invalid_argument(text),
+            JobError::Input(GuestInputError::Statement(_)) => Self::failed_precondition(text),
             JobError::Failed(_) => Self::internal(text),
         }
     }

@@ -1,4 +1,4 @@
-//! What the prover and a node read, from others or from a disk that may have damaged it: inputs that fuzzing found, read again;
+//! What the prover reads from others: inputs that fuzzing found, read again;
 //! and the fuzzing itself, for as long as one likes:
 //!
 //! ```sh
@@ -8,9 +8,9 @@
 //!
 //! As `ledger/tests/fuzz.rs`, with the corpus in `prover/tests/corpus`.
 
-#[path = "../../smolvla/tests/allocations/mod.rs"]
+#[path = "../../lerobot/tests/allocations/mod.rs"]
 mod allocations;
-#[path = "../../smolvla/tests/fuzzing/mod.rs"]
+#[path = "../../lerobot/tests/fuzzing/mod.rs"]
 mod fuzzing;
 #[path = "fuzzing/targets.rs"]
 mod targets;

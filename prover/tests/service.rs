@@ -14,7 +14,7 @@ use zk0_circuits::{
 };
 use zk0_prover::{
     execute::Execution,
-    program::{GuestInput, InputError},
+    program::{GuestInput, GuestInputError},
     proof::Proof,
     rpc::{
         progress::Phase, prove_part::Part, prove_request, prover_client::ProverClient, Progress,
@@ -46,9 +46,9 @@ impl Backend for Fake {
 
     async fn check(&self, input: &GuestInput) -> Result<Execution, JobError> {
         match input.buffers.first() {
-            None => Err(InputError::Unreadable(InputError::Header).into()),
+            None => Err(GuestInputError::Unreadable(InputError::Header).into()),
             Some(first) if first == b"false" => {
-                Err(InputError::Statement(StatementError::NoElements).into())
+                Err(GuestInputError::Statement(StatementError::NoElements).into())
             }
             Some(first) => Ok(Execution {
                 public_values: first.clone(),

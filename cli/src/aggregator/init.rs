@@ -30,8 +30,8 @@ use zk0_ledger::{
 use zk0_node::participant::MAX_POLICY_BYTES;
 use zk0_protocol::{entries::genesis::Genesis, rules::network_rules::Rules};
 use zk0_smolvla::{
-    fixed_point::{dims, quantise_weights},
-    policy_file::PolicyFile,
+    measure::fixed_point::{dims, quantise_weights},
+    policy::policy_file::PolicyFile,
     Policy, Profile,
 };
 

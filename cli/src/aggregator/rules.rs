@@ -2,9 +2,10 @@
 
 use super::Enrolment;
 use anyhow::{Context, Result};
+use zk0_circuits::Disclosure;
 use zk0_protocol::rules::{
     governance::{Governance, Governor},
-    network_rules::{Disclosure, Rules},
+    network_rules::Rules,
 };
 
 /// Least limit of an update, in bytes: room for the micro profile, with plenty to spare.

@@ -17,7 +17,7 @@ use zk0_audit::{
     },
     run::Audit,
 };
-use zk0_audit::{Auditor, Depth};
+use zk0_audit::Depth;
 use zk0_ledger::replay::{Finding, Keep};
 
 /// `zk0 audit replay`.

@@ -13,7 +13,9 @@ use zk0_node::{
     turn::{Entered, Training},
 };
 use zk0_protocol::{entries::entry::RoundOpened, rules::bindings::ExpectedClaim};
-use zk0_smolvla::{adaptive::Adaptation, fixed_point::quantise_weights, ExpertWeights};
+use zk0_smolvla::{
+    measure::fixed_point::quantise_weights, train::adaptive::Adaptation, ExpertWeights,
+};
 
 /// What the demo tells its lazy node.
 #[derive(Debug, clap::Args)]

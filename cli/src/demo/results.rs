@@ -2,21 +2,23 @@
 
 use super::process::Console;
 use crate::{
-    audit::{self, Audited},
+    audit,
     chart::{self, Curve, Proven},
 };
 use anyhow::{bail, Context, Result};
 use serde::Serialize;
 use std::{collections::BTreeMap, fs, path::Path};
+use zk0_audit::report::verdict::{verdict, Audited};
 use zk0_circuits::{model::spec::EvalSpec, Digest, NodeId};
 use zk0_ledger::{blobs::Blobs, replay::Verdict};
+use zk0_lerobot::dataset::Dataset;
 use zk0_node::{recording, training_history::TrainingHistory};
 use zk0_protocol::entries::{
     entry::{Body, Entry},
     genesis::Genesis,
     signed::{Signed, Submission},
 };
-use zk0_smolvla::{dataset::Dataset, evaluate, policy_file, ExpertWeights, PolicyConfig};
+use zk0_smolvla::{measure::evaluate, policy::policy_file, ExpertWeights, PolicyConfig};
 
 /// Steps that one point of a training curve is the mean of.
 const WINDOW: usize = 20;
@@ -66,7 +68,7 @@ pub fn finish(
     console: &Console,
 ) -> Result<()> {
     let (entries, report) = audit::history(network)?;
-    print!("\n{}\n", audit::verdict(&report));
+    print!("\n{}\n", verdict(&report));
     if report.verdict == Verdict::Failed {
         bail!("the audit failed");
     }
@@ -238,7 +240,7 @@ fn global(
 /// A recording nobody trained on, with fixed draws.
 struct Unseen {
     config: PolicyConfig,
-    samples: Vec<zk0_smolvla::sample::PreparedSample>,
+    samples: Vec<zk0_smolvla::frames::sample::PreparedSample>,
     draws: Vec<evaluate::FlowDraw>,
 }
 

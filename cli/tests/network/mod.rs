@@ -25,7 +25,7 @@ use zk0_prover::{
     proof::Proof,
     service::{Backend, JobError, ProvingService},
 };
-use zk0_smolvla::policy_file::{self, PolicyFile};
+use zk0_smolvla::policy::policy_file::{self, PolicyFile};
 
 pub const RECORDING: &str = "tests/fixtures/datasets/so100_pickplace";
 
