@@ -1,5 +1,5 @@
 //! Test vectors: the bytes of every hashed or signed structure, committed as data. Whoever changes one on purpose writes
-//! them anew with `ZK0_WRITE_VECTORS=1 cargo test -p zk0-protocol --test vectors`.
+//! them anew with `ZK0_WRITE_VECTORS=1 cargo test -p zk0-protocol --test encodings`.
 
 mod network;
 

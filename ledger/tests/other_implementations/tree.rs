@@ -1,9 +1,7 @@
 //! The proofs that a ledger hands out, verified by another implementation of RFC 6962.
 
-mod network;
-
+use crate::network::*;
 use ct_merkle::{mem_backed_tree::MemoryBackedTree, ConsistencyProof, InclusionProof};
-use network::*;
 use sha2_11::Sha256;
 use zk0_circuits::Digest;
 use zk0_ledger::Ledger;
