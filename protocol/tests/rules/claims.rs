@@ -2,37 +2,33 @@
 
 use super::{refused, Breaks};
 use crate::network::*;
-use zk0_circuits::{Claim, Losses, NodeId};
-use zk0_protocol::{
-    entries::{codec::EntryError, member::NodeEnrolled},
-    rules::network_rules::Disclosure,
-    Body, Refusal, RuleViolation, Signed, State,
-};
+use zk0_circuits::{Claim, Disclosure, Losses};
+use zk0_protocol::{Body, Refusal, RuleViolation};
 
 #[test]
 fn a_claim_says_what_the_ledger_fixed() {
     let wrong: [Breaks<Claim>; 17] = [
         ("version", |c| c.version -= 1),
-        ("dataset.root", |c| c.dataset.root = digest(0)),
-        ("dataset.samples", |c| c.dataset.samples += 1),
+        ("dataset.root", |c| c.terms.dataset.root = digest(0)),
+        ("dataset.samples", |c| c.terms.dataset.samples += 1),
         ("dataset.feature_spec", |c| {
-            c.dataset.feature_spec = digest(0)
+            c.terms.dataset.feature_spec = digest(0)
         }),
         ("dataset.salt_commitment", |c| {
-            c.dataset.salt_commitment = digest(0)
+            c.terms.dataset.salt_commitment = digest(0)
         }),
-        ("evaluation", |c| c.evaluation = digest(0)),
-        ("base.blob", |c| c.base.blob = digest(0)),
-        ("base.quantised", |c| c.base.quantised = digest(0)),
-        ("update.blob", |c| c.update.blob = digest(0)),
-        ("update.quantised", |c| c.update.quantised = digest(0)),
-        ("challenge", |c| c.challenge = digest(0)),
-        ("eval_samples", |c| c.eval_samples -= 1),
-        ("eval_samples", |c| c.eval_samples += 1),
-        ("min_improvement_bps", |c| c.min_improvement_bps -= 1),
-        ("min_improvement_bps", |c| c.min_improvement_bps += 1),
+        ("evaluation", |c| c.terms.evaluation = digest(0)),
+        ("base.blob", |c| c.terms.base.blob = digest(0)),
+        ("base.quantised", |c| c.terms.base.quantised = digest(0)),
+        ("update.blob", |c| c.terms.update.blob = digest(0)),
+        ("update.quantised", |c| c.terms.update.quantised = digest(0)),
+        ("challenge", |c| c.terms.challenge = digest(0)),
+        ("eval_samples", |c| c.terms.eval_samples -= 1),
+        ("eval_samples", |c| c.terms.eval_samples += 1),
+        ("min_improvement_bps", |c| c.terms.min_improvement_bps -= 1),
+        ("min_improvement_bps", |c| c.terms.min_improvement_bps += 1),
         ("disclosure", |c| c.losses = Losses::Hidden),
-        ("dataset.samples", |c| c.dataset.samples = u64::MAX),
+        ("dataset.samples", |c| c.terms.dataset.samples = u64::MAX),
     ];
     let mut chain = Chain::all_committed(1);
     assert_eq!(chain.state.check_bindings(&claim(&chain.state, 0)), Ok(()));
@@ -82,15 +78,21 @@ fn a_claim_is_for_this_network_this_round_and_an_enrolled_node_that_committed() 
         refused(chain.refusal(Body::ContributionAccepted(submission(claim, by))))
     };
     assert!(matches!(
-        refusal(|c| c.network = digest(1), 0),
+        refusal(|c| c.terms.network = digest(1), 0),
         Refusal::WrongNetwork { .. }
     ));
     assert!(matches!(
-        refusal(|c| c.round = 1, 0),
+        refusal(|c| c.terms.round = 1, 0),
         Refusal::WrongRound { .. }
     ));
-    assert_eq!(refusal(|c| c.node = id(5), 5), Refusal::NotEnrolled(id(5)));
-    assert_eq!(refusal(|c| c.node = id(1), 1), Refusal::NotCommitted(id(1)));
+    assert_eq!(
+        refusal(|c| c.terms.node = id(5), 5),
+        Refusal::NotEnrolled(id(5))
+    );
+    assert_eq!(
+        refusal(|c| c.terms.node = id(1), 1),
+        Refusal::NotCommitted(id(1))
+    );
     assert!(matches!(refusal(|_| {}, 1), Refusal::Signature(_)));
 }
 
@@ -155,7 +157,7 @@ fn a_refusal_gives_the_reason_that_holds() {
         RuleViolation::WrongReason { .. }
     ));
     let mut wrong = claim(&chain.state, 0);
-    wrong.eval_samples = 3;
+    wrong.terms.eval_samples = 3;
     let reject = |reason| Body::ContributionRejected {
         submission: submission(wrong.clone(), 0),
         reason,

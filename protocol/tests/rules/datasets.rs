@@ -2,12 +2,7 @@
 
 use super::refused;
 use crate::network::*;
-use zk0_circuits::{Claim, Losses, NodeId};
-use zk0_protocol::{
-    entries::{codec::EntryError, member::NodeEnrolled},
-    rules::network_rules::Disclosure,
-    Body, Refusal, RuleViolation, Signed, State,
-};
+use zk0_protocol::{Body, Refusal, RuleViolation, Signed};
 
 #[test]
 fn datasets_are_signed_by_an_enrolled_node_of_this_network() {

@@ -2,11 +2,10 @@
 
 use super::Breaks;
 use crate::network::*;
-use zk0_circuits::{Claim, Losses, NodeId};
+use zk0_circuits::NodeId;
 use zk0_protocol::{
     entries::{codec::EntryError, member::NodeEnrolled},
-    rules::network_rules::Disclosure,
-    Body, Refusal, RuleViolation, Signed, State,
+    Body, RuleViolation, State,
 };
 
 #[test]

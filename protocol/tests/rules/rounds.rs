@@ -2,12 +2,7 @@
 
 use super::{refused, Breaks};
 use crate::network::*;
-use zk0_circuits::{Claim, Losses, NodeId};
-use zk0_protocol::{
-    entries::{codec::EntryError, member::NodeEnrolled},
-    rules::network_rules::Disclosure,
-    Body, Refusal, RuleViolation, Signed, State,
-};
+use zk0_protocol::{Body, Refusal, RuleViolation, Signed, State};
 
 #[test]
 fn a_round_runs_from_opening_to_closing() {
@@ -206,7 +201,7 @@ fn a_copy_is_still_a_copy_in_the_next_round() {
 fn the_challenge_depends_on_everything_that_fixes_it() {
     let mut chain = Chain::in_round(2);
     let body = committed(&chain.state, 0, weights(0x10));
-    let challenge = |state: &State, node| state.expected_claim(&id(node)).unwrap().challenge;
+    let challenge = |state: &State, node| state.expected_claim(&id(node)).unwrap().terms.challenge;
     let with_root = |byte| {
         let mut state = chain.state.clone();
         let at = entry(chain.time_ms, body.clone());
