@@ -7,6 +7,7 @@
 //! - [`published`]: the log as others read it, with mirrors; [`backup`]: a copy of a ledger's folder, and the way back.
 //! - [`witness_store`]: what a witness remembers, on disk.
 
+mod atomic_file;
 pub mod backup;
 pub mod blobs;
 pub mod clock;

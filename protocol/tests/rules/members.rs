@@ -1,9 +1,7 @@
 //! Nodes keep their place when their key changes, and an episode is one node's own.
 
-mod network;
-
+use crate::network::{votes::*, *};
 use ed25519_dalek::SigningKey;
-use network::{votes::*, *};
 use zk0_circuits::NodeId;
 use zk0_protocol::{
     entries::{

@@ -1,9 +1,7 @@
 //! A round takes as many nodes as its closing can name, and no more: a round that cannot close would end the network.
 
-mod network;
-
+use crate::network::*;
 use ed25519_dalek::SigningKey;
-use network::*;
 use zk0_circuits::{Digest, NodeId, WeightsDigest};
 use zk0_protocol::{
     entries::{

@@ -1,10 +1,8 @@
 //! Checkpoints, cosignatures and proofs of ours, verified by an implementation that is not: Go's `sumdb/note` and
 //! `sumdb/tlog` (Debian: `golang-go golang-golang-x-mod-dev`). Where they are not installed the test says so and passes.
 
-mod network;
-
+use crate::network::{shelf::log_vkey, *};
 use ed25519_dalek::SigningKey;
-use network::{shelf::log_vkey, *};
 use std::{
     fs,
     path::Path,

@@ -1,8 +1,6 @@
 //! Credits are earned by what was proven and lost when it turns out false.
 
-mod network;
-
-use network::{votes::*, *};
+use crate::network::{votes::*, *};
 use zk0_circuits::{Digest, Losses};
 use zk0_protocol::{
     entries::{
@@ -95,7 +93,7 @@ fn credits_are_improvement_times_samples_capped() {
 #[test]
 fn hidden_losses_earn_what_is_proven_the_minimum() {
     let mut founded = genesis();
-    founded.rules.disclosure = zk0_protocol::rules::network_rules::Disclosure::Nothing;
+    founded.rules.disclosure = zk0_circuits::Disclosure::Nothing;
     let mut chain = Chain::founded(founded);
     chain.apply(enrolled(0));
     chain.apply(registered(&chain.state.network().clone(), 0));

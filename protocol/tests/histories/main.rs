@@ -1,9 +1,8 @@
 //! Random histories: the state machine is total, all or nothing, and the same from a snapshot.
 
+#[path = "../network/mod.rs"]
 mod network;
-#[path = "histories/nonsense.rs"]
 mod nonsense;
-#[path = "histories/steps.rs"]
 mod steps;
 
 use network::*;
@@ -16,6 +15,7 @@ use steps::{attempt, step, wait, Step};
 use zk0_circuits::Digest;
 use zk0_protocol::{
     entries::{
+        known_keys::KnownKeys,
         proposal::{Action, Outcome},
         signed::Evidence,
     },
@@ -28,6 +28,8 @@ struct Played {
     /// The accepted entries, with their roots.
     history: Vec<(Entry, Digest)>,
     last: State,
+    /// The keys of the accepted entries.
+    keys: KnownKeys,
     /// What the accepted entries were.
     accepted: Vec<&'static str>,
     /// Names of the reasons for which others were refused.
@@ -38,6 +40,7 @@ fn play(steps: &[Step]) -> Played {
     let mut played = Played {
         history: Vec::new(),
         last: Chain::new().state,
+        keys: KnownKeys::default(),
         accepted: Vec::new(),
         refused: BTreeSet::new(),
     };
@@ -51,7 +54,14 @@ fn play(steps: &[Step]) -> Played {
         let root = digest(played.history.len() as u8);
         let before = state.clone();
         let verdict = state.check(&entry);
-        if let Ok(authentic) = entry.authenticate() {
+        let authentic = entry.authenticate(&played.keys);
+        let anew = entry.authenticate(&KnownKeys::default());
+        assert_eq!(
+            authentic.clone().map(drop),
+            anew.map(drop),
+            "the verdict depends on the keys that are known"
+        );
+        if let Ok(authentic) = authentic {
             assert_eq!(state.check_authentic(&authentic), verdict);
         }
         let applied = state.apply(&root, &entry);
@@ -65,6 +75,7 @@ fn play(steps: &[Step]) -> Played {
                 played
                     .accepted
                     .extend(happened(&entry.body, &before, state));
+                played.keys.learn(&entry);
                 played.history.push((entry, root));
             }
             Err(reason) => {

@@ -1,18 +1,13 @@
 //! Receipts as tlog-proof bundles (C2SP tlog-proof).
 
-mod network;
-
-use network::{shelf::log_vkey, *};
-use zk0_ledger::Ledger;
+use crate::network::{
+    log::{log_vkey, MemoryLog},
+    *,
+};
 use zk0_protocol::{tlog::tlog_proof::ProofError, TlogProof, WitnessPolicy};
 
 fn proof(index: u64) -> TlogProof {
-    let dir = tempfile::tempdir().unwrap();
-    let (mut ledger, _) = Ledger::create(dir.path(), genesis(), log_key(), T0).unwrap();
-    for node in 0..5 {
-        ledger.append(T0, enrolled(node)).unwrap();
-    }
-    ledger.receipt(index).unwrap().into()
+    MemoryLog::of_enrolments(5, 0).receipt(index).into()
 }
 
 #[test]

@@ -1,8 +1,6 @@
 //! Who reads a log without replaying it finds the same witnesses in it as who does.
 
-mod network;
-
-use network::{votes::*, *};
+use crate::network::{votes::*, *};
 use zk0_protocol::{
     entries::proposal::{Action, Ballot, Outcome},
     rules::required_witnesses::RequiredWitnesses,

@@ -4,7 +4,7 @@ use super::{network::*, nonsense::nonsense};
 use ed25519_dalek::SigningKey;
 use proptest::prelude::*;
 use std::sync::LazyLock;
-use zk0_circuits::{Losses, NodeId};
+use zk0_circuits::{Disclosure, Losses, NodeId};
 use zk0_protocol::{
     entries::{
         entry::{DisputeResolved, ProposalSettled},
@@ -15,7 +15,7 @@ use zk0_protocol::{
         },
     },
     rules::{
-        network_rules::{Disclosure, EnrolmentRule, Participation},
+        network_rules::{EnrolmentRule, Participation},
         state::{Node, Standing},
     },
     Body, Entry, Refusal, Rules, Signed, State,

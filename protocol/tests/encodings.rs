@@ -1,14 +1,14 @@
 //! Test vectors: the bytes of every hashed or signed structure, committed as data. Whoever changes one on purpose writes
-//! them anew with `ZK0_WRITE_VECTORS=1 cargo test -p zk0-ledger --test vectors`.
+//! them anew with `ZK0_WRITE_VECTORS=1 cargo test -p zk0-protocol --test encodings`.
 
 mod network;
 
-use network::*;
+use network::{log::MemoryLog, *};
 use std::{fs, path::PathBuf};
 use zk0_protocol::{
     entries::signed::{Statement, UploadRequest},
     tlog::{checkpoint::Parsed, cosigner::Cosigner, witness::AddCheckpoint},
-    Body, Checkpoint, Entry, Receipt, Signed, State, TlogProof,
+    Body, Checkpoint, Entry, Signed, State, TlogProof,
 };
 
 fn check(name: &str, bytes: &[u8]) {
@@ -43,21 +43,24 @@ fn check_signed<T: Statement + Clone>(name: &str, statement: T) {
 #[test]
 fn entries() {
     let state: State = chain().state;
-    check_entry("entry-genesis", Body::Genesis(genesis()));
-    check_entry("entry-node-enrolled", enrolled(0));
-    check_entry("entry-dataset-committed", registered(state.network(), 0));
-    check_entry("entry-round-opened", Body::RoundOpened(opened(&state, T0)));
+    check_entry("entries/genesis", Body::Genesis(genesis()));
+    check_entry("entries/node-enrolled", enrolled(0));
+    check_entry("entries/dataset-committed", registered(state.network(), 0));
     check_entry(
-        "entry-update-committed",
+        "entries/round-opened",
+        Body::RoundOpened(opened(&state, T0)),
+    );
+    check_entry(
+        "entries/update-committed",
         committed(&state, 0, weights(0x10)),
     );
-    check_entry("entry-contribution-accepted", accepted(&state, 0));
+    check_entry("entries/contribution-accepted", accepted(&state, 0));
     check_entry(
-        "entry-contribution-rejected",
+        "entries/contribution-rejected",
         rejected(&state, 0, invalid_proof()),
     );
     check_entry(
-        "entry-round-closed",
+        "entries/round-closed",
         Body::RoundClosed(closed(&state, weights(0x50))),
     );
 }
@@ -66,19 +69,19 @@ fn entries() {
 fn statements() {
     let state = chain().state;
     check_signed(
-        "signed-dataset-registration",
+        "signed/dataset-registration",
         registration(state.network(), 0),
     );
     check_signed(
-        "signed-update-commitment",
+        "signed/update-commitment",
         commitment(&state, 0, weights(0x10)),
     );
     check_signed(
-        "signed-submission",
+        "signed/submission",
         submission(claim(&state, 0), 0).statement,
     );
     check_signed(
-        "signed-upload-request",
+        "signed/upload-request",
         UploadRequest {
             network: *state.network(),
             round: 0,
@@ -104,17 +107,14 @@ fn checkpoints_and_receipts() {
         root: digest(0x33),
     };
     let text = checkpoint.sign(&genesis.name, &log_key()).unwrap();
-    check("checkpoint", &text);
+    check("tlog/checkpoint", &text);
     assert_eq!(
         Checkpoint::open(&text, &genesis.name, &genesis.log_key),
         Ok(checkpoint)
     );
-    let dir = tempfile::tempdir().unwrap();
-    let (mut ledger, _) = zk0_ledger::Ledger::create(dir.path(), genesis, log_key(), T0).unwrap();
-    ledger.append(T0 + 1, enrolled(0)).unwrap();
-    let receipt: Receipt = ledger.append(T0 + 2, enrolled(1)).unwrap();
-    check("receipt", &borsh::to_vec(&receipt).unwrap());
-    check("tlog-proof", &TlogProof::from(receipt).encode());
+    let receipt = MemoryLog::of_enrolments(2, 1).receipt(2);
+    check("tlog/receipt", &borsh::to_vec(&receipt).unwrap());
+    check("tlog/tlog-proof", &TlogProof::from(receipt).encode());
 }
 
 #[test]
@@ -127,18 +127,21 @@ fn keys_cosignatures_and_requests() {
     let note = Parsed::read(&text).unwrap().note;
     let cosigner = Cosigner::new("witness.example/w", key(0)).unwrap();
     let log = genesis().verifier_key().unwrap();
-    check("verifier-key-log", log.to_string().as_bytes());
+    check("tlog/verifier-key-log", log.to_string().as_bytes());
     check(
-        "verifier-key-witness",
+        "tlog/verifier-key-witness",
         cosigner.key().to_string().as_bytes(),
     );
-    check("cosignature", &cosigner.cosign(note.text(), 1_700_000_000));
+    check(
+        "tlog/cosignature",
+        &cosigner.cosign(note.text(), 1_700_000_000),
+    );
     let request = AddCheckpoint {
         old: 7,
         proof: vec![digest(1), digest(2)],
         checkpoint: text,
     };
-    check("add-checkpoint", &request.encode());
+    check("tlog/add-checkpoint", &request.encode());
 }
 
 #[test]

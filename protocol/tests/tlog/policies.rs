@@ -1,14 +1,11 @@
 //! Verifier keys, policies and quorums (C2SP signed-note, tlog-policy, tlog-cosignature).
 
-mod network;
-
+use crate::network::{log::*, *};
 use ed25519_dalek::SigningKey;
-use network::{shelf::*, *};
 use zk0_protocol::{
     tlog::{
         checkpoint::{CheckpointError, Parsed},
-        cosignature,
-        cosigner::Cosigner,
+        cosigner::{self, Cosigner},
         verifier_key::{KeyError, Role},
         witness_policy::PolicyError,
     },
@@ -224,7 +221,7 @@ fn a_witness_answer_is_searched_for_one_valid_cosignature() {
     let good = witness.cosign(note.text(), 1_700_000_000);
     let of_another_text = witness.cosign(b"another text\n", 1_700_000_000);
     let of_another = cosigner(1).cosign(note.text(), 1_700_000_000);
-    let find = |answer: &[u8]| cosignature::find(answer, witness.key(), &note);
+    let find = |answer: &[u8]| cosigner::find(answer, witness.key(), &note);
     for answer in [
         &b""[..],
         b"\n\n",

@@ -4,14 +4,11 @@
 //! - [`second`]: the model's history, and what can be seen in it; [`allowed`]: what it lets happen next;
 //! - [`steps`]: what is tried; [`entries`]: how it is written down for the state machine.
 
-#[path = "model/allowed.rs"]
 mod allowed;
-#[path = "model/entries.rs"]
 mod entries;
+#[path = "../network/mod.rs"]
 mod network;
-#[path = "model/second.rs"]
 mod second;
-#[path = "model/steps.rs"]
 mod steps;
 
 use entries::{body, participation};
