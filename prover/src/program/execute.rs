@@ -1,4 +1,5 @@
-//! Runs the guest program without proving: the same public values, the cycles that a proof would cost, in a second.
+//! Runs a guest program without proving it. That takes a second, and gives the same public values and the cycles that a proof would
+//! have to prove.
 
 use sp1_sdk::{
     blocking::{LightProver, Prover},
@@ -9,9 +10,9 @@ use tokio::sync::watch;
 /// What one run of a guest program gave.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Execution {
-    /// What the program committed: borsh([`zk0_circuits::Claim`]).
+    /// What the program committed to: borsh([`zk0_circuits::Claim`]).
     pub public_values: Vec<u8>,
-    /// RISC-V instructions run. Proving time grows with them.
+    /// The RISC-V instructions that ran. Proving time grows with them.
     pub cycles: u64,
     /// SP1's estimate of proving cost, precompiles included.
     pub gas: u64,
@@ -20,7 +21,7 @@ pub struct Execution {
 /// Why an execution gave no public values.
 #[derive(Debug, thiserror::Error)]
 pub enum ExecuteError {
-    /// The program ended itself: the statement does not hold for this input.
+    /// The program ended with an error: the statement does not hold for this input.
     #[error("the guest program refuses the input: {0}")]
     Refused(String),
     /// SP1 could not run the program.
@@ -46,7 +47,7 @@ impl VerifyingKey {
     }
 }
 
-/// SP1's executor. It proves nothing and starts in about a second. Clones share it.
+/// SP1's executor. It makes no proof, and starts in about a second. Clones share it.
 #[derive(Clone)]
 pub struct Executor {
     client: LightProver,
@@ -123,8 +124,8 @@ fn gas(report: &ExecutionReport) -> Result<u64, ExecuteError> {
         .ok_or_else(|| ExecuteError::Failed("no gas was calculated".into()))
 }
 
-/// The message of a Rust panic, one line: the guest's runtime says where in the source it was before, and says the
-/// message again after.
+/// The message of a Rust panic, in one line. Before the message, the guest's runtime writes the place in the source; after it, the
+/// runtime writes the message again.
 fn panic_message(stderr: &str) -> String {
     let text = match stderr.split_once("panicked at ") {
         Some((_, rest)) => rest.split_once('\n').map_or(rest, |(_, message)| message),

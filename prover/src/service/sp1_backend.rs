@@ -1,19 +1,16 @@
 //! SP1 on this machine as the backend of the proving service.
 
+use super::backend::{Backend, JobError};
 use crate::{
-    device::{Device, DeviceError, DeviceKind},
-    execute::{ExecuteError, Execution, Executor},
-    lock::{LockError, ProverLock},
-    program::{self, GuestInput},
-    proof::Proof,
-    prove::Sp1Prover,
-    service::{Backend, JobError},
+    machine::{Device, DeviceError, DeviceKind, LockError, ProverLock},
+    program::{elf, ExecuteError, Execution, Executor, GuestInput},
+    prove::{Proof, Sp1Prover},
 };
 use std::{sync::Arc, time::Duration};
 use tokio::sync::OnceCell;
 use zk0_circuits::Claim;
 
-/// Executes with SP1's executor, proves with the one prover of this machine.
+/// Executes with SP1's executor, and proves with the one prover of this machine.
 pub struct Sp1Backend {
     executor: Executor,
     device: Device,
@@ -24,7 +21,7 @@ pub struct Sp1Backend {
 /// Why this machine cannot prove now.
 #[derive(Debug, thiserror::Error)]
 pub enum Sp1BackendError {
-    /// The device is not there, or memory is missing.
+    /// The machine lacks the device, or memory.
     #[error(transparent)]
     Device(#[from] DeviceError),
     /// Another prover runs.
@@ -36,7 +33,7 @@ pub enum Sp1BackendError {
 }
 
 impl Sp1Backend {
-    /// Finds the device and takes this machine's prover lock. SP1 itself starts with the service.
+    /// Finds the device and takes this machine's prover lock. SP1 itself starts when the service starts.
     pub async fn new(device: DeviceKind) -> Result<Self, Sp1BackendError> {
         let device = Device::find(device)?;
         let lock = ProverLock::acquire(&ProverLock::default_path(), Duration::ZERO)?;
@@ -63,11 +60,11 @@ impl Backend for Sp1Backend {
     }
 
     async fn check(&self, input: &GuestInput) -> Result<Execution, JobError> {
-        // Natively first: in a moment, and with the reason in full.
+        // The native check comes first: it takes a moment, and gives the reason in full.
         let claim = input.claim()?;
         let execution = self
             .executor
-            .execute(program::elf(input.mode), &input.buffers)
+            .execute(elf(input.mode), &input.buffers)
             .await
             .map_err(|error| JobError::Failed(error.to_string()))?;
         match borsh::from_slice::<Claim>(&execution.public_values) {

@@ -1,8 +1,8 @@
-//! SP1 on the CPU: the SDK's blocking prover. (It is compiled within `sp1-sdk`, once; the asynchronous one would be compiled
-//! anew, for minutes, in every crate that awaits it.)
+//! SP1 on the CPU: the SDK's blocking prover. It is compiled once, within `sp1-sdk`. The asynchronous prover would be compiled again,
+//! for minutes, in every crate that awaits it.
 
-use super::Engine;
-use crate::options::ProverOptions;
+use super::interface::Engine;
+use crate::machine::ProverOptions;
 use sp1_sdk::{
     blocking::{CpuProver, ProveRequest, Prover},
     Elf, SP1ProofWithPublicValues, SP1ProvingKey, SP1Stdin,

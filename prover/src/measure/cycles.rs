@@ -1,12 +1,8 @@
-//! What claims cost: guest cycles and gas per profile and mode, on witnesses made from a fixed seed.
+//! What claims cost: guest cycles and gas for each profile and mode, on private inputs made from a fixed seed.
 //!
 //! `circuits/CYCLES.json` holds the committed figures; a test fails when they grow.
 
-use crate::{
-    execute::{ExecuteError, Executor},
-    program::{self, GuestInput},
-    synthetic,
-};
+use crate::program::{elf, synthetic, ExecuteError, Executor, GuestInput};
 use serde::{Deserialize, Serialize};
 use zk0_circuits::{model::spec::Dims, EvalSpec, Mode};
 
@@ -56,16 +52,14 @@ pub fn cases() -> Vec<Case> {
     .to_vec()
 }
 
-/// Makes a input and executes its program. At full size that takes a minute and half a gigabyte for every sample.
+/// Makes a private input and executes its program. At full size that takes a minute and half a gigabyte for every sample.
 pub async fn measure(executor: &Executor, case: Case) -> Result<Cost, ExecuteError> {
-    let input = synthetic::private_input(&EvalSpec::new(case.dims), case.samples, 1);
-    let input = input.map_err(ExecuteError::Failed)?;
-    let (_, input) = GuestInput::of(case.mode, &input)
+    let private = synthetic::private_input(&EvalSpec::new(case.dims), case.samples, 1)
+        .map_err(ExecuteError::Failed)?;
+    let (_, input) = GuestInput::of(case.mode, &private)
         .map_err(|error| ExecuteError::Failed(error.to_string()))?;
-    drop(input);
-    let run = executor
-        .execute(program::elf(case.mode), &input.buffers)
-        .await?;
+    drop(private);
+    let run = executor.execute(elf(case.mode), &input.buffers).await?;
     Ok(Cost {
         profile: case.profile.into(),
         mode: case.mode.to_string(),

@@ -1,20 +1,20 @@
-//! How long proofs take, and which come first: what the proving service tells those who wait.
+//! How long proofs take, and which come first. The proving service tells this to the clients that wait.
 //!
 //! Proving time is about `fixed + cycles / rate`: recursion down to one proof costs the same for any small program. The
-//! constants are measurements on two cores (docs/prove.md, "How long does it take?"); after the first proof on this machine its real time
-//! scales them.
+//! constants are measurements on two cores (docs/prove.md, "How long does it take?"). After each proof, the time that it really took
+//! on this machine scales them.
 
 use std::{
     collections::VecDeque,
     time::{Duration, Instant},
 };
 
-/// Proving time of an empty program, seconds, on two cores: start of a compressed proof and its recursion. With the rate below
-/// within 35 % of the claims of 0.5 to 7.4 M cycles that were measured.
+/// Proving time of an empty program, in seconds, on two cores: the start of a compressed proof and its recursion. With the rate below,
+/// the estimate was within 35 % of the measured time for claims of 0.5 to 7.4 M cycles.
 const FIXED_SECONDS: f64 = 400.0;
-/// Cycles proven in a second on two cores, beyond that.
+/// Cycles proven in a second, beyond that, on two cores.
 const CYCLES_PER_SECOND: f64 = 9_000.0;
-/// Starting SP1, seconds, on two cores.
+/// Time to start SP1, in seconds, on two cores.
 const START_SECONDS: f64 = 130.0;
 /// The cores the constants were measured on.
 const CORES: f64 = 2.0;
@@ -50,9 +50,9 @@ struct Job {
     began: Option<Instant>,
 }
 
-/// The queue, with the times it will take. Pure: the clock is handed in.
+/// The queue, with the times it will take. The caller hands in the clock.
 pub struct Schedule {
-    /// This machine's time over the constants' time.
+    /// This machine's time, divided by the time that the constants give.
     scale: f64,
     next: u64,
     jobs: VecDeque<Job>,
@@ -87,12 +87,12 @@ impl Schedule {
         }
     }
 
-    /// Leaves the queue: done, failed or given up.
+    /// Leaves the queue: the work is done, has failed, or was given up.
     pub fn leave(&mut self, place: Place) {
         self.jobs.retain(|job| job.place != place);
     }
 
-    /// Leaves the queue with the work done, and learns from the time it took. Returns that time.
+    /// Leaves the queue with the work done. Returns the time that it took, which scales later estimates.
     pub fn finish(&mut self, place: Place, now: Instant) -> Duration {
         let job = self.jobs.iter().find(|job| job.place == place);
         let took = match job.and_then(|job| Some((job.work, job.began?))) {
@@ -109,7 +109,7 @@ impl Schedule {
         took
     }
 
-    /// What is ahead of `place`; nothing when it has left.
+    /// What is ahead of `place`; nothing if it has left the queue.
     pub fn outlook(&self, place: Place, now: Instant) -> Outlook {
         let mut outlook = Outlook {
             ahead: 0,
@@ -138,7 +138,7 @@ pub fn expected_on(cores: usize, work: Work) -> f64 {
     expected(work) * CORES / cores.max(1) as f64
 }
 
-/// Seconds on the machine of the constants.
+/// Seconds on the machine on which the constants were measured.
 fn expected(work: Work) -> f64 {
     match work {
         Work::Start => START_SECONDS,

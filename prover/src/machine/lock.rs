@@ -1,4 +1,4 @@
-//! One prover at a time on a machine: two need more memory than either was promised.
+//! A lock that lets one prover run at a time on a machine: two provers need more memory than the machine has for them.
 
 use std::{
     fs::{File, OpenOptions, TryLockError},
@@ -7,17 +7,17 @@ use std::{
     time::{Duration, Instant},
 };
 
-/// Held while a prover lives; the system releases it when the process ends, however it ends.
+/// The lock, held while a prover lives. The system releases it when the process ends, however it ends.
 #[derive(Debug)]
 pub struct ProverLock {
     _file: File,
 }
 
-/// Why the lock could not be had.
+/// Why the lock could not be taken.
 #[derive(Debug, thiserror::Error)]
 pub enum LockError {
     /// Another process proves.
-    #[error("another prover runs on this machine (it holds {0}): wait for it, or use its service")]
+    #[error("another prover runs on this machine (it holds {0}): wait until it ends, or use its service")]
     Held(PathBuf),
     /// The lock file cannot be used.
     #[error("cannot lock {path}: {error}")]
@@ -35,7 +35,7 @@ impl ProverLock {
         std::env::temp_dir().join("zk0-prover.lock")
     }
 
-    /// Takes the lock, waiting `patience` for another holder.
+    /// Takes the lock. If another process holds it, this waits for it, at most as long as `patience`.
     pub fn acquire(path: &Path, patience: Duration) -> Result<Self, LockError> {
         let broken = |error| LockError::Io {
             path: path.to_owned(),
@@ -58,7 +58,7 @@ impl ProverLock {
     }
 }
 
-/// Opens the lock file, which may be another user's: reading is enough to lock it.
+/// Opens the lock file. It may belong to another user: to lock a file, it is enough to read it.
 fn open(path: &Path) -> io::Result<File> {
     match File::open(path) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => {}

@@ -1,4 +1,4 @@
-//! How a guest input travels to the proving service: its mode and the sizes of its buffers, then their bytes.
+//! How a private input travels to the proving service: its mode and the sizes of its buffers, then their bytes.
 
 use crate::{
     program::GuestInput,
@@ -12,12 +12,14 @@ use zk0_circuits::Mode;
 const CHUNK_BYTES: usize = 1 << 20;
 /// Largest message: sizes of [`MAX_BUFFERS`] buffers, or a chunk.
 pub const MAX_MESSAGE_BYTES: usize = 2 * CHUNK_BYTES;
-/// Most buffers: two per sample, and a few.
+/// Largest event that the service sends: a proof (1.3 MB) with its public values.
+pub const MAX_EVENT_BYTES: usize = 8 << 20;
+/// Most buffers: two for each sample, and a few more.
 const MAX_BUFFERS: usize = 1 << 14;
 /// Largest input. A claim at the published size takes 85 MB for each sample.
 pub const MAX_INPUT_BYTES: u64 = 1 << 30;
 
-/// What comes first.
+/// What a request says first: its mode, and the sizes of its buffers.
 pub struct Announced {
     mode: Mode,
     sizes: Vec<u64>,
@@ -49,7 +51,7 @@ impl Announced {
     ) -> Result<Self, Status> {
         let Some(Part::Request(request)) = next(parts).await? else {
             return Err(Status::invalid_argument(
-                "a request begins with its mode and sizes",
+                "a request begins with its mode and the sizes of its buffers",
             ));
         };
         let mode = match request.mode() {
@@ -66,7 +68,8 @@ impl Announced {
         let (buffers, bytes) = (announced.sizes.len(), announced.bytes());
         if buffers > MAX_BUFFERS || bytes > MAX_INPUT_BYTES {
             return Err(Status::out_of_range(format!(
-                "a input of {buffers} buffers and {bytes} bytes is too large: at most {MAX_BUFFERS} and {MAX_INPUT_BYTES}"
+                "a private input of {buffers} buffers and {bytes} bytes is too large: it may have at most {MAX_BUFFERS} buffers and \
+                 {MAX_INPUT_BYTES} bytes"
             )));
         }
         Ok(announced)
@@ -79,7 +82,7 @@ impl Announced {
             .fold(0, |sum, &size| sum.saturating_add(size))
     }
 
-    /// Reads the buffers. Memory grows with what has come, not with what was announced.
+    /// Reads the buffers. Memory grows with the bytes that have come, not with the sizes that were announced.
     pub async fn rest(
         self,
         parts: &mut (impl Stream<Item = Result<ProvePart, Status>> + Unpin),

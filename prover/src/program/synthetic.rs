@@ -1,7 +1,7 @@
-//! Private inputs made from a seed: for counting cycles, for comparing guest and host, for trying a machine's prover.
+//! Private inputs made from a seed. They serve to count cycles, to compare guest and host, and to try a machine's prover.
 //!
-//! Weights and samples are random, of a trained model's magnitudes; of two random models the one with the lower loss
-//! plays the update. Equal on every machine: the seed is all they depend on.
+//! Weights and samples are random numbers of a trained model's magnitudes. Two models are drawn, and the one with the lower loss is the
+//! update. The result depends on the seed alone, so it is the same on every machine.
 
 use borsh::to_vec;
 use zk0_circuits::{
@@ -20,7 +20,8 @@ use zk0_circuits::{
 
 /// A private input whose statement holds, over `samples` samples of a dataset three times as large.
 ///
-/// Errors are those of an unusable `spec`, or of one too small for random values to fit its scales.
+/// # Errors
+/// `spec` cannot be used, or random values do not fit its scales.
 pub fn private_input(spec: &EvalSpec, samples: u32, seed: u64) -> Result<PrivateInput, String> {
     let mut random = Random(seed);
     let text = |error: &dyn std::fmt::Display| error.to_string();
@@ -90,7 +91,7 @@ fn name_weights(input: &mut PrivateInput, blobs: [Digest; 2]) {
     input.header.terms.update = name(blobs[1], update);
 }
 
-/// Gains around one, biases small, linear layers of unit gain.
+/// Random weights: gains around one, small biases, and linear layers of unit gain.
 fn weights(spec: &EvalSpec, random: &mut Random) -> Result<QuantisedWeights, String> {
     let tensors: Vec<(String, Vec<f32>)> = expert_tensors(&spec.dims)
         .into_iter()
@@ -111,7 +112,7 @@ fn weights(spec: &EvalSpec, random: &mut Random) -> Result<QuantisedWeights, Str
         .map_err(|error| error.to_string())
 }
 
-/// A sample with the longest prefix; the last `index mod 3` frames are padding.
+/// A random sample with the longest prefix. Its last `index mod 3` frames are padding.
 fn sample(spec: &EvalSpec, random: &mut Random, index: u32) -> Result<Sample, String> {
     let dims = &spec.dims;
     let mut vector = |len: usize| -> Vec<f32> { (0..len).map(|_| random.symmetric()).collect() };

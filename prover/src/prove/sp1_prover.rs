@@ -1,16 +1,16 @@
-//! Makes compressed SP1 proofs on a [device](crate::device) of this machine.
+//! The prover of this machine.
 //!
-//! Starting takes minutes (SP1 derives its recursion programs) and gigabytes, so a process has one [`Sp1Prover`] and keeps
-//! it; a [lock](crate::lock) keeps other processes from having one too. SP1 blocks, on threads of its own: the caller's
+//! Starting it takes minutes (SP1 derives its recursion programs) and gigabytes, so a process has one [`Sp1Prover`] and keeps
+//! it. A [lock](ProverLock) keeps other processes from having one too. SP1 blocks, so it runs on threads of its own, and the caller's
 //! runtime stays free to answer.
 
-use crate::{
-    device::Device,
+use super::{
     engine::{self, Engine},
-    execute::{stdin, VerifyingKey},
-    lock::{LockError, ProverLock},
-    program::{elf, GuestInput},
     proof::Proof,
+};
+use crate::{
+    machine::{Device, LockError, ProverLock},
+    program::{elf, stdin, GuestInput, VerifyingKey},
 };
 use sp1_sdk::{ProvingKey, SP1Proof, SP1ProvingKey};
 use sp1_verifier::compressed::SP1CompressedVerifierRaw;
@@ -25,12 +25,12 @@ pub enum ProveError {
     #[error(transparent)]
     Lock(#[from] LockError),
     /// The ELF is not the program that verifiers expect.
-    #[error("the guest ELF has another verifying key ({found}) than the one recorded with it: rebuild and record it")]
+    #[error("the guest ELF has another verifying key ({found}) than the one recorded with it: run `make guest`, which builds and records both")]
     OtherProgram {
         /// Its `bytes32`.
         found: String,
     },
-    /// SP1 failed; its log says more.
+    /// SP1 failed. Its log says more.
     #[error("SP1 could not {doing}: {reason}")]
     Sp1 {
         /// What it was doing.
@@ -58,7 +58,7 @@ struct Sp1 {
 }
 
 impl Sp1Prover {
-    /// Starts SP1 on `device` for the programs of both modes, whose verifying keys must be the recorded ones. Takes one to
+    /// Starts SP1 on `device` for the programs of both modes. Their verifying keys must be the recorded ones. Takes one to
     /// two minutes on two cores.
     pub async fn start(device: Device, lock: Arc<ProverLock>) -> Result<Self, ProveError> {
         let failed = |reason| ProveError::Sp1 {
@@ -92,14 +92,14 @@ impl Sp1Prover {
         })
     }
 
-    /// Proves that the program accepts `input`, and verifies the proof as a verifier would. Run
-    /// [`crate::execute::Executor`] first: an input that the program refuses costs minutes here and ends in an error
-    /// that does not say why.
+    /// Proves that the program accepts `input`, and verifies the proof as a verifier would. Run an
+    /// [`Executor`](crate::program::Executor) first: an input that the program refuses costs minutes here, and the error does not say
+    /// why it is refused.
     pub async fn prove_compressed(&self, input: &GuestInput) -> Result<Proof, ProveError> {
         let turn = self.proving.clone().lock_owned().await;
         let (sp1, mode, stdin) = (self.sp1.clone(), input.mode, stdin(&input.buffers));
         let work = spawn_blocking(move || {
-            // Held by the work itself: a caller that stops waiting does not let a second proof start beside it.
+            // The work itself holds the turn, so that a caller that stops waiting does not let a second proof start beside it.
             let _turn = turn;
             sp1.prove(mode, stdin)
         });

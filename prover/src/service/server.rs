@@ -1,16 +1,13 @@
-//! The proving service that the nodes of one machine share, and its client.
-//!
-//! A request is checked at once, by running the statement and counting its cycles: a claim that does not hold is told so
-//! in seconds. Then it queues, first come, first served, and one proof is made at a time. The protocol is
-//! `proto/prover.proto`; what proves is a [`Backend`], so that queue and protocol are tested without SP1.
+//! The proving service itself: it receives requests, checks them, queues them, and has them proven one at a time.
 
-use crate::{
-    execute::Execution,
-    program::{GuestInput, InputError},
-    proof::Proof,
-    rpc::{self, progress::Phase, prover_client::ProverClient, prover_server},
+use super::{
+    backend::{Backend, JobError},
     schedule::{Place, Schedule, Work},
     upload::{self, Announced},
+};
+use crate::{
+    program::GuestInput,
+    rpc::{self, progress::Phase, prover_server},
 };
 use std::{
     future::Future,
@@ -24,47 +21,12 @@ use tokio::{
 use tokio_stream::wrappers::{ReceiverStream, TcpListenerStream};
 use tonic::{transport, Request, Response, Status, Streaming};
 
-/// Memory for the witnesses of all requests, in MiB.
+/// Memory for the private inputs of all requests, in MiB.
 const MEMORY_MIB: u32 = 4 << 10;
-/// Largest event: a proof (1.3 MB) with its public values.
-pub const MAX_EVENT_BYTES: usize = 8 << 20;
 /// Requests on one connection at a time.
 const REQUESTS_PER_CONNECTION: usize = 16;
 /// Time between two progress events.
 const TICK: Duration = Duration::from_secs(1);
-
-/// Why a request is refused or fails.
-#[derive(Debug, thiserror::Error)]
-pub enum JobError {
-    /// There is no such claim.
-    #[error(transparent)]
-    Input(#[from] InputError),
-    /// The prover failed.
-    #[error("proving failed: {0}")]
-    Failed(String),
-}
-
-impl From<JobError> for Status {
-    fn from(error: JobError) -> Self {
-        let text = error.to_string();
-        match error {
-            JobError::Input(InputError::Unreadable(_)) => Self::invalid_argument(text),
-            JobError::Input(InputError::Statement(_)) => Self::failed_precondition(text),
-            JobError::Failed(_) => Self::internal(text),
-        }
-    }
-}
-
-/// What checks and proves.
-#[tonic::async_trait]
-pub trait Backend: Send + Sync + 'static {
-    /// Gets ready to prove. Called once, before the first proof.
-    async fn start(&self) -> Result<(), JobError>;
-    /// Checks the statement and counts its cycles, in seconds.
-    async fn check(&self, input: &GuestInput) -> Result<Execution, JobError>;
-    /// Proves it. The service never calls this twice at a time.
-    async fn prove(&self, input: &GuestInput) -> Result<Proof, JobError>;
-}
 
 /// The service. Clones share one queue.
 pub struct ProvingService<B> {
@@ -95,7 +57,7 @@ impl<B: Backend> ProvingService<B> {
             proving: Arc::new(Semaphore::new(1)),
             schedule: Mutex::new(Schedule::new(cores)),
         });
-        // Starting is the first place in the queue: whoever comes meanwhile waits for it, and is told how long.
+        // Starting takes the first place in the queue: a request that comes meanwhile waits for it, and is told how long.
         let turn = shared.proving.clone().try_acquire_owned();
         let place = shared.schedule().join(Work::Start);
         shared.schedule().begin(place, Instant::now());
@@ -116,7 +78,7 @@ impl<B: Backend> ProvingService<B> {
         Self { shared }
     }
 
-    /// Serves on `listener` until `shutdown` is ready.
+    /// Serves requests on `listener` until `shutdown` is ready.
     pub async fn serve(
         self,
         listener: TcpListener,
@@ -124,7 +86,7 @@ impl<B: Backend> ProvingService<B> {
     ) -> Result<(), transport::Error> {
         let service = prover_server::ProverServer::new(self)
             .max_decoding_message_size(upload::MAX_MESSAGE_BYTES)
-            .max_encoding_message_size(MAX_EVENT_BYTES);
+            .max_encoding_message_size(upload::MAX_EVENT_BYTES);
         transport::Server::builder()
             .concurrency_limit_per_connection(REQUESTS_PER_CONNECTION)
             .add_service(service)
@@ -150,7 +112,7 @@ impl<B: Backend> prover_server::Prover for ProvingService<B> {
         let memory = self.shared.memory.clone().try_acquire_many_owned(mebibytes);
         let memory = memory.map_err(|_| {
             Status::resource_exhausted(
-                "the witnesses in the prover's queue fill its memory: try again when a proof is done",
+                "the private inputs in the prover's queue fill its memory: try again when a proof is done",
             )
         })?;
         let input = announced.rest(&mut parts).await?;
@@ -169,7 +131,7 @@ impl<B: Backend> prover_server::Prover for ProvingService<B> {
 
 impl<B> Shared<B> {
     fn schedule(&self) -> MutexGuard<'_, Schedule> {
-        // Nothing panics while holding it; were it to, the figures would still be sound.
+        // Nothing panics while it holds this lock. If something did, the figures would still be right.
         self.schedule.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
@@ -184,7 +146,7 @@ struct Job<B> {
     _taken: [OwnedSemaphorePermit; 2],
 }
 
-/// The client has gone; nobody waits for the result.
+/// The client has gone, so nobody waits for the result.
 struct Gone;
 
 impl<B: Backend> Job<B> {
@@ -202,7 +164,7 @@ impl<B: Backend> Job<B> {
                 return;
             }
         };
-        let _ = self.events.send(last).await; // fails when the client has gone, too
+        let _ = self.events.send(last).await; // This fails, too, when the client has gone.
     }
 
     async fn steps(&self) -> Result<Result<rpc::Proof, JobError>, Gone> {
@@ -234,8 +196,8 @@ impl<B: Backend> Job<B> {
             }
         };
 
-        // A task of its own holds the turn: SP1 cannot be interrupted, so a proof whose client goes away is still
-        // made to the end before the next begins.
+        // A task of its own holds the turn. SP1 cannot be interrupted, so a proof whose client goes away is still made to the end
+        // before the next one begins.
         shared.schedule().begin(place, Instant::now());
         let (prover, input) = (shared.clone(), self.input.clone());
         let proving = tokio::spawn(async move {
@@ -253,7 +215,7 @@ impl<B: Backend> Job<B> {
         let proven = self.during(Phase::Proving, Some(place), proving).await?;
         Ok(match proven {
             Ok(Ok((proof, _))) if proof.public_values != execution.public_values => Err(
-                JobError::Failed("the proof's public values are not the claim's".into()),
+                JobError::Failed("the proof's public values are not those of the claim".into()),
             ),
             Ok(Ok((proof, took))) => {
                 tracing::info!(seconds = took.as_secs(), "proven");
@@ -288,7 +250,7 @@ impl<B: Backend> Job<B> {
                 () = self.events.closed() => return Err(Gone),
                 result = &mut work => return Ok(result),
                 _ = tick.tick() => {
-                    // A client that does not keep up misses ticks; it must not hold up the work.
+                    // A client that is too slow misses some events. It must not hold up the work.
                     let _ = self.events.try_send(Ok(self.progress(phase, place)));
                 }
             }
@@ -312,62 +274,4 @@ impl<B: Backend> Job<B> {
 
 fn millis(duration: Duration) -> u64 {
     u64::try_from(duration.as_millis()).unwrap_or(u64::MAX)
-}
-
-/// A proving service to send claims to.
-#[derive(Clone)]
-pub struct ProvingClient {
-    client: ProverClient<transport::Channel>,
-}
-
-/// Why a service gave no proof.
-#[derive(Debug, thiserror::Error)]
-pub enum ClientError {
-    /// The address is no address, or nobody answers.
-    #[error("cannot reach the proving service: {0}")]
-    Connect(#[from] transport::Error),
-    /// The service refuses: code and reason as in `proto/prover.proto`.
-    #[error("{}", .0.message())]
-    Refused(Box<Status>),
-    /// The connection broke.
-    #[error("the proving service ended the stream without a proof")]
-    NoProof,
-}
-
-impl ProvingClient {
-    /// Connects to a service, `http://127.0.0.1:50052` for example.
-    pub async fn connect(address: String) -> Result<Self, ClientError> {
-        let channel = transport::Endpoint::try_from(address)?
-            .connect_timeout(Duration::from_secs(10))
-            .connect()
-            .await?;
-        let client = ProverClient::new(channel)
-            .max_encoding_message_size(upload::MAX_MESSAGE_BYTES)
-            .max_decoding_message_size(MAX_EVENT_BYTES);
-        Ok(Self { client })
-    }
-
-    /// Has a claim proven; `progress` hears of every event on the way. The proof is not verified here.
-    pub async fn prove(
-        &mut self,
-        input: GuestInput,
-        mut progress: impl FnMut(rpc::Progress),
-    ) -> Result<rpc::Proof, ClientError> {
-        let refused = |status| ClientError::Refused(Box::new(status));
-        let request = tokio_stream::iter(upload::parts(input));
-        let mut events = self
-            .client
-            .prove(request)
-            .await
-            .map_err(refused)?
-            .into_inner();
-        while let Some(event) = events.message().await.map_err(refused)? {
-            match event.event {
-                Some(rpc::prove_event::Event::Progress(event)) => progress(event),
-                Some(rpc::prove_event::Event::Proof(proof)) => return Ok(proof),
-                None => {}
-            }
-        }
-        Err(ClientError::NoProof)
-    }
 }

@@ -1,24 +1,26 @@
-//! What SP1 proves on: this machine's CPU or its GPU. Found here, before anything takes minutes; [`crate::prove`] starts it.
-
-use crate::options::{OptionsError, ProverOptions, Resources};
-use std::{fmt, str::FromStr};
+//! What SP1 proves on: this machine's CPU or its GPU. The device is found here; [`crate::prove`] starts SP1 on it.
 
 #[cfg(feature = "cuda")]
-use crate::engine::cuda::Gpu;
+use super::gpu::Gpu;
+use super::{
+    device_error::DeviceError,
+    options::{ProverOptions, Resources},
+};
+use std::{fmt, str::FromStr};
 
 /// What an operator asks to prove on.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum DeviceKind {
-    /// The CPU. Every build can.
+    /// The CPU. Every build can prove on it.
     #[default]
     Cpu,
-    /// An NVIDIA GPU, by a build with the feature `cuda`.
+    /// An NVIDIA GPU. Only builds with the feature `cuda` can prove on it.
     Cuda,
 }
 
-/// It names no device.
+/// The text does not name a device.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("'{0}' is no device to prove on; there are cpu and cuda")]
+#[error("'{0}' is not a device that can prove: write cpu or cuda")]
 pub struct UnknownDevice(String);
 
 impl FromStr for DeviceKind {
@@ -42,57 +44,14 @@ impl fmt::Display for DeviceKind {
     }
 }
 
-/// A device of this machine that is there, with memory enough to start.
+/// A device that this machine has, with memory enough to start.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Device {
-    /// The CPU, and how SP1 shall use it.
+    /// The CPU, and how SP1 is to use it.
     Cpu(ProverOptions),
-    /// The GPU. How to use it is SP1's choice.
+    /// The GPU. SP1 chooses how to use it.
     #[cfg(feature = "cuda")]
     Cuda(Gpu),
-}
-
-/// Why this machine cannot prove on the device.
-#[derive(Debug, thiserror::Error)]
-pub enum DeviceError {
-    /// Too little memory for the CPU.
-    #[error(transparent)]
-    Options(#[from] OptionsError),
-    /// The program was built for CPUs.
-    #[error(
-        "this build proves on the CPU only; `make cuda` makes one that proves on an NVIDIA GPU"
-    )]
-    NotBuilt,
-    /// There is no GPU, or no driver that is recent enough.
-    #[error(
-        "no GPU can be used: {0}; `nvidia-smi` must show one, and a CUDA version not older than the one this program was \
-         built with"
-    )]
-    NoGpu(String),
-    /// The GPU's memory would not do.
-    #[error(
-        "proving needs {needed} GiB of free GPU memory, and {name} has {free} GiB free: end other programs on it, or prove on \
-         another GPU"
-    )]
-    SmallGpu {
-        /// The GPU's name.
-        name: String,
-        /// GiB needed.
-        needed: u64,
-        /// GiB free.
-        free: u64,
-    },
-    /// This machine's own memory would not do.
-    #[error(
-        "to prove on a GPU, SP1 first locks {needed} GiB of this machine's own memory, and {free} GiB are free: close other \
-         programs, or prove on another machine"
-    )]
-    LittleHostMemory {
-        /// GiB needed to start.
-        needed: u64,
-        /// GiB free.
-        free: u64,
-    },
 }
 
 impl Device {
@@ -108,8 +67,8 @@ impl Device {
         }
     }
 
-    /// GPU memory in use, in bytes: after a proof, the most that it took, for SP1 gives none back while the process lives.
-    /// Other programs' memory counts too. `None` of a CPU.
+    /// The GPU memory in use, in bytes; `None` for a CPU. After a proof this is the most that the proof took, because SP1 keeps its
+    /// memory while the process lives. The memory of other programs counts too.
     pub fn gpu_memory_used(&self) -> Option<u64> {
         match self {
             Self::Cpu(_) => None,

@@ -1,5 +1,4 @@
-//! The guest programs, and what they read. The programs' verifying keys, which are all that a verifier needs, are in
-//! [`zk0_circuits::claim::program`].
+//! What a guest program reads, and the claim that follows from it.
 
 use zk0_circuits::{
     claim::{
@@ -11,28 +10,20 @@ use zk0_circuits::{
     Claim, Mode, PrivateInput,
 };
 
-/// The ELF of the program of `mode`, as `circuits/build-guest.sh` builds it.
-pub fn elf(mode: Mode) -> &'static [u8] {
-    match mode {
-        Mode::Direct => include_bytes!("../../circuits/elf/direct.elf"),
-        Mode::Checked => include_bytes!("../../circuits/elf/checked.elf"),
-    }
-}
-
-/// A input as the program of a mode reads it. Private: it holds samples and the dataset's salt.
+/// A private input as the program of a mode reads it. It holds samples and the dataset's salt, so it must stay private.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct GuestInput {
-    /// Which program.
+    /// The program that reads it.
     pub mode: Mode,
-    /// One per read.
+    /// One buffer for each read.
     pub buffers: Vec<Vec<u8>>,
 }
 
-/// Why an input is of no claim.
+/// Why an input proves no claim.
 #[derive(Debug, thiserror::Error)]
-pub enum InputError {
-    /// The buffers are no input.
-    #[error("the input cannot be read: {0}")]
+pub enum GuestInputError {
+    /// The buffers do not have the form that the program reads.
+    #[error("the private input cannot be read: {0}")]
     Unreadable(#[from] InputError),
     /// The statement is false.
     #[error("the claim does not hold: {0}")]
@@ -40,7 +31,8 @@ pub enum InputError {
 }
 
 impl GuestInput {
-    /// The claim that `input` proves, and the input for it: in mode `checked`, the products are computed here.
+    /// The claim that `input` proves, and the buffers that the program reads. In mode `checked`, this computes the matrix products
+    /// that the program only checks.
     pub fn of(mode: Mode, input: &PrivateInput) -> Result<(Claim, Self), StatementError> {
         let (claim, buffers) = match mode {
             Mode::Direct => (check(input)?, input.to_buffers().to_vec()),
@@ -52,8 +44,8 @@ impl GuestInput {
         Ok((claim, Self { mode, buffers }))
     }
 
-    /// The claim, by running natively what the program runs; says why there is none.
-    pub fn claim(&self) -> Result<Claim, InputError> {
+    /// The claim. It is found by running natively what the program runs; the error says why there is no claim.
+    pub fn claim(&self) -> Result<Claim, GuestInputError> {
         Ok(match self.mode {
             Mode::Direct => check(&PrivateInput::from_buffers(&self.buffers)?)?,
             Mode::Checked => check_hinted(&HintedInput::from_buffers(&self.buffers)?)?,

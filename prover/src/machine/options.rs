@@ -1,17 +1,17 @@
-//! SP1's options for the CPU, from this machine's free memory and cores.
+//! SP1's options for the CPU, chosen from this machine's free memory and cores.
 //!
-//! SP1's defaults suit a server: four provers at a time over shards of 400 million trace elements. On a small machine they
-//! end in the kernel's out-of-memory killer after minutes of work, so the choice is made, or refused, before anything runs.
+//! SP1's defaults suit a server: four provers at a time over shards of 400 million trace elements. On a small machine, the kernel kills
+//! such a prover for want of memory after minutes of work. So the options are chosen, or proving is refused, before anything runs.
 
 use sp1_core_executor::SP1CoreOpts;
 use std::{fs, path::Path};
 
 const GIB: u64 = 1 << 30;
 
-/// What a proof can use of the machine.
+/// What a proof can use of this machine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Resources {
-    /// Memory that can be had without swapping, in bytes.
+    /// Memory that is free without swapping, in bytes.
     pub memory: u64,
     /// Hardware threads.
     pub cores: usize,
@@ -23,7 +23,7 @@ pub enum OptionsError {
     /// The proof would not fit.
     #[error(
         "a compressed proof needs {:.1} GiB of free memory and {:.1} GiB are free: close other programs, or prove on another \
-         machine; killed provers leave memory in /dev/shm/sp1_*, to be removed while none is running",
+         machine; provers that were killed leave memory in /dev/shm/sp1_*: remove these files while no prover runs",
         gib(.needed), gib(.free)
     )]
     TooLittleMemory {
@@ -33,7 +33,7 @@ pub enum OptionsError {
         free: u64,
     },
     /// The system does not say how much memory is free.
-    #[error("cannot tell how much memory is free: {0}")]
+    #[error("zk0 cannot tell how much memory is free: {0}")]
     Unknown(String),
 }
 
@@ -67,8 +67,8 @@ fn mem_available(meminfo: &str) -> Option<u64> {
     kibibytes.checked_mul(1024)
 }
 
-/// Bytes left under the limit of a version 2 control group; `None` without one. Page cache counts as used there but can be
-/// dropped, so it is given back.
+/// Bytes left under the limit of a version 2 control group; `None` where there is no limit. The page cache counts as used there, but
+/// the kernel can drop it, so it counts as free here.
 fn control_group_room(group: &Path) -> Option<u64> {
     let number = |file: &str| -> Option<u64> {
         fs::read_to_string(group.join(file))
@@ -89,14 +89,14 @@ fn control_group_room(group: &Path) -> Option<u64> {
     Some(limit.saturating_sub(used.saturating_sub(cache)))
 }
 
-/// How SP1 proves on this machine.
+/// How SP1 proves on this machine's CPU.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ProverOptions {
-    /// Trace elements in a shard, at most.
+    /// Most trace elements in a shard.
     pub element_threshold: u64,
-    /// Rows of one table in a shard, at most.
+    /// Most rows of one table in a shard.
     pub height_threshold: u64,
-    /// Workers of each kind, and slots in the buffers between them: shards that are in memory at the same time.
+    /// Workers of each kind, and slots in the buffers between them. So many shards are in memory at the same time.
     pub workers: usize,
 }
 
@@ -104,17 +104,17 @@ pub struct ProverOptions {
 /// elements, peaked at 22.6 GiB.
 const MIDDLE: u64 = 26 * GIB;
 
-/// Free memory from which SP1's own shard size, twice as much again, should fit. At 23 GiB it does not: the claim that takes
-/// 22.6 GiB in shards of half the size was killed.
+/// Free memory from which SP1's own shard size, twice as much again, should fit. At 23 GiB it does not fit: the kernel killed the
+/// proof of the claim that takes 22.6 GiB in shards of half the size.
 const LARGE: u64 = 48 * GIB;
 
 impl ProverOptions {
-    /// Memory for a compressed proof under the smallest options, in bytes, however long the claim: one shard is proven while
-    /// another is recursed over. A claim of 7.4 M cycles peaked at 19.7 GiB; smaller shards would not help, recursion alone
-    /// takes 14.
+    /// Memory for a compressed proof under the smallest options, in bytes, however long the claim is: SP1 proves one shard while it
+    /// recurses over another. A claim of 7.4 M cycles peaked at 19.7 GiB. Smaller shards would not help, because recursion alone takes
+    /// 14 GiB.
     pub const NEEDED: u64 = 20 * GIB;
 
-    /// The options for `resources`, or how much memory is missing.
+    /// The options for `resources`; the error says how much memory is missing.
     pub fn choose(resources: Resources) -> Result<Self, OptionsError> {
         let Resources { memory, cores } = resources;
         let small = Self {
@@ -147,8 +147,8 @@ impl ProverOptions {
         }
     }
 
-    /// SP1's core options with these thresholds. SP1's own variables, `ELEMENT_THRESHOLD` and `HEIGHT_THRESHOLD`, come first
-    /// where they are set.
+    /// SP1's core options with these thresholds. Where SP1's own variables `ELEMENT_THRESHOLD` and `HEIGHT_THRESHOLD` are set, they
+    /// take precedence.
     pub fn core(&self) -> SP1CoreOpts {
         let mut options = SP1CoreOpts::default();
         let sharding = &mut options.sharding_threshold;
@@ -171,8 +171,8 @@ impl ProverOptions {
         options
     }
 
-    /// Sets the number of workers and of the buffer slots between them, which SP1 reads from the environment when its
-    /// prover starts. Variables that are set already stay: the operator knows better.
+    /// Sets the environment variables from which SP1 reads the number of workers, and of the buffer slots between them, when its prover
+    /// starts. Variables that the operator has set keep their values.
     pub fn export(&self) {
         for (variable, per_worker) in WORKERS {
             let name = format!("SP1_WORKER_{variable}");
