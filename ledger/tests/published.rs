@@ -7,7 +7,7 @@ use ct_merkle::{mem_backed_tree::MemoryBackedTree, InclusionProof};
 use network::{shelf::*, *};
 use proptest::prelude::*;
 use sha2_11::Sha256;
-use zk0_ledger::{published::reader::PublishedError, PublishedLog};
+use zk0_ledger::published::reader::{PublishedError, PublishedLog};
 use zk0_protocol::{
     tlog::layout::{tiles, Kind, Resource, Tile},
     WitnessPolicy,

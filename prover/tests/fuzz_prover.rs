@@ -1,4 +1,4 @@
-//! What the prover and a node read, from others or from a disk that may have damaged it: inputs that fuzzing found, read again;
+//! What the prover reads from others: inputs that fuzzing found, read again;
 //! and the fuzzing itself, for as long as one likes:
 //!
 //! ```sh

@@ -175,7 +175,7 @@ fn serve(options: &Serve) -> Result<()> {
             bail!("this network's rules name its witnesses: leave --policy out")
         }
         None if ruled.wants_witnesses() => ruled,
-        Some(path) => crate::ledger::read_policy(path)?,
+        Some(path) => crate::ledger::read_witness_policy(path)?,
         None => folder::read_policy(&options.dir)?,
     };
     if !policy.wants_witnesses() && options.policy.is_some() {

@@ -8,8 +8,8 @@ use std::time::Duration;
 use ed25519_dalek::SigningKey;
 use sha2::{Digest as _, Sha256};
 use zk0_ledger::published::reader::first_entry;
+use zk0_ledger::published::{reader::PublishedLog, tiles};
 use zk0_ledger::replay::{replay_with, Keep, Options, Saved, SavedError};
-use zk0_ledger::{published::tiles, PublishedLog};
 use zk0_protocol::entries::entry::DisputeResolved;
 use zk0_protocol::entries::proposal::{Action, Ballot, Outcome};
 use zk0_protocol::entries::signed::{

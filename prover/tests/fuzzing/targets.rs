@@ -1,13 +1,7 @@
 //! What is given random inputs, and what it starts from.
 
-use std::fs;
-use std::path::Path;
-
 use prost::Message as _;
-use zk0_circuits::Mode;
-use zk0_circuits::{Digest, EvalSpec};
-use zk0_node::base_losses::BaseLosses;
-use zk0_node::participant::TrainingHistory;
+use zk0_circuits::{EvalSpec, Mode};
 use zk0_prover::program::GuestInput;
 use zk0_prover::rpc::ProvePart;
 use zk0_prover::synthetic::private_input;
@@ -22,12 +16,7 @@ pub struct Target {
     pub run: Box<dyn FnMut(&[u8]) -> Result<(), String>>,
 }
 
-pub const NAMES: [&str; 4] = [
-    "guest_input",
-    "prove_request",
-    "base_losses",
-    "training_history",
-];
+pub const NAMES: [&str; 2] = ["guest_input", "prove_request"];
 
 pub fn target(name: &str) -> Target {
     match name {
@@ -47,20 +36,6 @@ pub fn target(name: &str) -> Target {
             }),
         },
         "prove_request" => prove_request(),
-        "base_losses" => base_losses(),
-        "training_history" => {
-            let dir = tempfile::tempdir().unwrap();
-            Target {
-                seeds: vec![br#"{"round":0,"losses":[0.75,0.5]}"#.to_vec()],
-                run: Box::new(move |bytes| {
-                    fs::write(dir.path().join("round-0.training.json"), bytes).unwrap();
-                    match TrainingHistory::read(dir.path(), 0) {
-                        Ok(found) => found.map(drop).ok_or("not there".into()),
-                        Err(error) => Err(without_path(&error.to_string(), dir.path())),
-                    }
-                }),
-            }
-        }
         other => panic!("no target {other}; there are {NAMES:?}"),
     }
 }
@@ -137,37 +112,4 @@ fn prove_request() -> Target {
                 .map_err(|status| status.message().to_owned())
         }),
     }
-}
-
-fn base_losses() -> Target {
-    let dir = tempfile::tempdir().unwrap();
-    let (network, dataset, base) = (Digest([1; 32]), Digest([2; 32]), Digest([7; 32]));
-    let losses = BaseLosses::at(dir.path(), network, dataset);
-    let file = dir.path().join("base-losses.json");
-    // A file that goes on, and one that is as far as it is asked.
-    let seeds = [2, 5].map(|last| {
-        losses.up_to(last, &base, || Ok(1.0 / 3.0)).unwrap();
-        fs::read(&file).unwrap()
-    });
-    Target {
-        seeds: seeds.into(),
-        run: Box::new(move |bytes| {
-            fs::write(&file, bytes).unwrap();
-            let read = losses.up_to(5, &base, || Ok(0.5));
-            read.map(drop).map_err(|error| {
-                let said = without_path(&error.to_string(), dir.path());
-                // What the file says it is of, it may say in any words.
-                let quoted = ["it is of network", "whose root is", "begins with weights"];
-                let ends = quoted.iter().filter_map(|words| said.find(words));
-                match ends.min() {
-                    Some(end) => said[..end].to_owned(),
-                    None => said,
-                }
-            })
-        }),
-    }
-}
-
-fn without_path(message: &str, folder: &Path) -> String {
-    message.replace(folder.to_str().unwrap(), "")
 }
