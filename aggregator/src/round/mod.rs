@@ -3,6 +3,7 @@
 pub mod aggregator;
 pub mod clock;
 pub mod dispute;
+pub mod founding;
 pub mod ledger_index;
 pub mod request;
 pub mod staging;

@@ -1,4 +1,5 @@
-//! Samples from recordings for `zk0 fidelity` and `zk0 aggregator init --calibrate`, and the ranges chosen from them.
+//! Samples from recordings, and the ranges of fixed-point numbers that are chosen from them, for `zk0 fidelity` and
+//! `zk0 aggregator init --calibrate`.
 
 use crate::dataset::RecordingName;
 use anyhow::{Context, Result};
@@ -12,7 +13,7 @@ use zk0_smolvla::{
     ExpertWeights, PolicyConfig,
 };
 
-/// Noises and times that each sample is seen at.
+/// The number of noises and times with which each sample is evaluated.
 const DRAWS: usize = 2;
 
 /// At most `frames` frames of each recording, evenly spaced, through the frozen half of a policy.
@@ -34,14 +35,14 @@ pub fn samples(
     Ok(samples)
 }
 
-/// The specification whose ranges hold all that `weights` make of `samples`, with headroom.
+/// The evaluation whose ranges hold all values that `weights` compute from `samples`, with headroom.
 pub fn calibrated(
     config: &PolicyConfig,
     weights: &ExpertWeights,
     samples: &[PreparedSample],
 ) -> Result<EvalSpec> {
     let dims = dims(config)?;
-    // Any challenge will do, but not one that a comparison of losses uses too.
+    // Any challenge will do, except one that a comparison of losses uses, too.
     let draws = draws(
         &EvalSpec::new(dims),
         &Digest([0xca; 32]),

@@ -1,4 +1,4 @@
-//! Where `zk0 train` and `zk0 eval` compute.
+//! The options that say where `zk0 train` and `zk0 eval` compute.
 
 use anyhow::Result;
 use zk0_smolvla::{
@@ -8,20 +8,20 @@ use zk0_smolvla::{
 
 /// A device, and how exactly the frozen half is computed on it.
 #[derive(Clone, Debug, clap::Args)]
-pub struct PlaceOptions {
-    /// Where to compute: cpu, cuda or cuda:N.
+pub struct DeviceOptions {
+    /// Compute on this device: cpu, cuda or cuda:N.
     #[arg(long, default_value = "cpu")]
     pub device: String,
-    /// What the frozen half rounds the operands of its products to: bf16, or f32 for not at all [default: bf16 on a GPU, f32 on the CPU]
+    /// Round the factors in the frozen half to this type: bf16, or f32 for no rounding [default: bf16 on a GPU, f32 on the CPU]
     #[arg(long, value_name = "PRECISION", value_parser = FrozenPrecision::from_name)]
     frozen_precision: Option<FrozenPrecision>,
 }
 
-impl PlaceOptions {
+impl DeviceOptions {
     /// Opens the device.
     ///
     /// # Errors
-    /// There is none of that name, or this build or machine cannot use it.
+    /// There is no device of that name, or this build or machine cannot use it.
     pub fn open(&self) -> Result<FrozenPlace> {
         let device = device(&self.device)?;
         Ok(FrozenPlace::on(device, self.frozen_precision))
