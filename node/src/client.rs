@@ -47,7 +47,9 @@ macro_rules! patiently {
             match $self.client.$method($request.clone()).await {
                 Err(status) if status.code() == Code::Unavailable && attempt < ATTEMPTS => {
                     if attempt == 1 {
-                        tracing::warn!("the aggregator does not answer; the node asks again every two seconds");
+                        tracing::warn!(
+                            "the aggregator does not answer; the node asks again every two seconds"
+                        );
                     }
                     attempt += 1;
                     tokio::time::sleep(APART).await;

@@ -126,7 +126,8 @@ pub fn prepare_samples(
     let PolicyFile { policy, tokenizer } = file;
     let space = KeySpace::new::<PreparedSample>(policy, &FrozenPlace::default());
     let all: Vec<usize> = (0..dataset.len()).collect();
-    let frames = FrameNames::new(space, &policy.config, tokenizer, cache).frames(0, dataset, &all)?;
+    let frames =
+        FrameNames::new(space, &policy.config, tokenizer, cache).frames(0, dataset, &all)?;
     let maker = FrameMaker::new(slice::from_ref(dataset), policy.config.chunk_size, || {
         Preparer::new(policy, tokenizer)
     });

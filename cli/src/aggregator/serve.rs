@@ -5,7 +5,9 @@ use anyhow::{Context, Result};
 use std::{future, net::SocketAddr, path::PathBuf, sync::Arc, time::Duration};
 use tokio::{net::TcpListener, runtime::Runtime, task::JoinHandle};
 use zk0_aggregator::{
-    publish::{chosen_witnesses::chosen_witnesses, cosigning::Witnesses, http, log_server::LogServer},
+    publish::{
+        chosen_witnesses::chosen_witnesses, cosigning::Witnesses, http, log_server::LogServer,
+    },
     Aggregator, Config, Service, SystemClock,
 };
 

@@ -1,4 +1,4 @@
-//! A recording as commands name it: a folder, or on the Hub and then in its cache.
+//! A recording, as the command line names it.
 
 use anyhow::{Context, Result};
 use std::{convert::Infallible, fmt, path::PathBuf, str::FromStr};
@@ -25,7 +25,7 @@ impl fmt::Display for RecordingName {
 }
 
 impl RecordingName {
-    /// Its folder. What is on the Hub is downloaded as far as it is not in the cache.
+    /// The recording's folder. A recording on the Hub is downloaded, unless it is in the Hub's cache already.
     pub fn locate(&self) -> Result<PathBuf> {
         let Some(name) = self.0.strip_prefix("hub:") else {
             return Ok((&self.0).into());
@@ -41,7 +41,7 @@ impl RecordingName {
         Ok(folder)
     }
 
-    /// Opens it.
+    /// Opens the recording.
     pub fn open(&self) -> Result<Dataset> {
         let opened = self.locate().and_then(|folder| Ok(Dataset::open(folder)?));
         opened.with_context(|| format!("recording {self}"))

@@ -1,4 +1,4 @@
-//! The policy that a command is told to use.
+//! The policy that a command uses.
 
 use anyhow::{bail, Context, Result};
 use std::{
@@ -17,14 +17,14 @@ use zk0_smolvla::{
 /// Where a policy comes from.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum PolicySource {
-    /// A policy file, or a folder of LeRobot's.
+    /// A policy file, or a LeRobot policy folder.
     Path(PathBuf),
     /// Random weights of a profile's dimensions.
     Random(Profile, u64),
 }
 
 impl PolicySource {
-    /// Reads or makes it, with what its instructions are read with.
+    /// Reads or makes the policy, with the tokenizer that reads its instructions.
     pub fn load(&self) -> Result<PolicyFile> {
         match self {
             Self::Path(path) => read(path),
@@ -32,7 +32,7 @@ impl PolicySource {
         }
     }
 
-    /// Its weights alone.
+    /// Reads or makes the weights alone.
     pub fn policy(&self) -> Result<Policy> {
         match self {
             Self::Path(path) if path.is_dir() => read_folder(path),
@@ -41,10 +41,10 @@ impl PolicySource {
         }
     }
 
-    /// How it is used: the statistics it was trained with, where it has any. Reads no weight.
+    /// How the policy is used: among others, the statistics that it was trained with, if it has any. This reads no weights.
     ///
     /// # Errors
-    /// As reading it, and when it normalises in a way that is not implemented.
+    /// The policy cannot be read, or it normalises in a way that zk0 does not implement.
     pub fn inference(&self) -> Result<Inference> {
         match self {
             Self::Path(path) if path.is_dir() => folder_inference(path),
@@ -53,7 +53,7 @@ impl PolicySource {
         }
     }
 
-    /// The checkpoint, where it is a folder of LeRobot's.
+    /// The LeRobot policy folder, if the policy comes from one.
     pub fn lerobot(&self) -> Result<Option<Checkpoint>> {
         match self {
             Self::Path(path) if path.is_dir() && !is_reference(path) => {
@@ -63,7 +63,7 @@ impl PolicySource {
         }
     }
 
-    /// For people.
+    /// The name of the policy, for people.
     pub fn name(&self) -> String {
         match self {
             Self::Path(path) => path.display().to_string(),
@@ -74,9 +74,9 @@ impl PolicySource {
     }
 }
 
-/// Reads a policy file, or a folder: a checkpoint as LeRobot's `save_pretrained` writes it, or a reference with
-/// policy_config.json, vlm_config.json and weights.safetensors. Its tokenizer is the file's, or the folder's tokenizer.json;
-/// where there is none words are hashed, which suits policies that start at random.
+/// Reads a policy file or a folder. The folder is one that LeRobot's `save_pretrained` wrote, or a reference with policy_config.json,
+/// vlm_config.json and weights.safetensors. The tokenizer is the file's, or the folder's tokenizer.json. Where there is none, words are
+/// hashed, which suits policies that start at random.
 pub fn read(path: &Path) -> Result<PolicyFile> {
     if !path.is_dir() {
         return policy_file::load(path)
@@ -87,7 +87,7 @@ pub fn read(path: &Path) -> Result<PolicyFile> {
     Ok(PolicyFile { policy, tokenizer })
 }
 
-/// Whether a folder is a reference, not a checkpoint.
+/// Whether a folder is a reference, and not a LeRobot policy folder.
 fn is_reference(folder: &Path) -> bool {
     folder.join("policy_config.json").exists()
 }
@@ -138,19 +138,19 @@ fn folder_tokenizer(folder: &Path, config: &PolicyConfig) -> Result<PolicyTokeni
     }
     if folder.join("config.json").exists() {
         tracing::warn!(
-            "{} is not there: instructions become hashed words, which a pretrained policy does not understand",
+            "{} does not exist, so instructions are read as hashed words; a pretrained policy does not understand these",
             file.display()
         );
     }
     Ok(PolicyTokenizer::word_hash(config))
 }
 
-/// One of the two ways of naming a policy.
+/// The policy that the options name, in one of two ways.
 pub fn one(path: Option<&PathBuf>, profile: Option<Profile>, seed: u64) -> Result<PolicySource> {
     match (path, profile) {
         (Some(path), None) => Ok(PolicySource::Path(path.clone())),
         (None, Some(profile)) => Ok(PolicySource::Random(profile, seed)),
-        _ => bail!("which policy? Give --policy PATH or --profile NAME"),
+        _ => bail!("this command needs a policy: add --policy PATH or --profile NAME"),
     }
 }
 

@@ -1,7 +1,7 @@
-//! `lerobot/` in the folder of a run that started from a folder of LeRobot's: the same with what was trained, as LeRobot's
+//! `lerobot/` in the folder of a run: the LeRobot policy folder that the run started from, with the trained weights. LeRobot's
 //! `from_pretrained` loads it.
 
-use crate::policy_source::PolicySource;
+use crate::policy::PolicySource;
 use anyhow::{bail, Context, Result};
 use std::{
     fs::{self, File},
@@ -13,7 +13,7 @@ use zk0_smolvla::{checkpoint::Precision, dataset::Stats, weights::TensorSet};
 /// Its name in the run's folder.
 const FOLDER: &str = "lerobot";
 
-/// Finds out before the first step whether the folder can be written after the last.
+/// Checks before the first step that the folder can be written after the last one.
 pub fn check(source: &PolicySource, out: &Path, stats: &Stats, resumes: bool) -> Result<()> {
     let Some(checkpoint) = source.lerobot()? else {
         return Ok(());
@@ -28,18 +28,18 @@ pub fn check(source: &PolicySource, out: &Path, stats: &Stats, resumes: bool) ->
             out.display()
         );
     }
-    // A run that goes on replaces its own; this could be anybody's.
+    // A run that goes on replaces its own folder. This one could belong to another run.
     if !resumes && folder.exists() {
         bail!(
-            "{} is there already: add --resume to go on with the run that left it, or choose another --out",
+            "{} exists already: add --resume to go on with the run that wrote it, or choose another --out",
             folder.display()
         );
     }
     Ok(())
 }
 
-/// Writes it, whole or not at all, in place of the one that the run has left before. `None` where the run did not start from such a
-/// folder.
+/// Writes the folder, whole or not at all. It replaces the folder that the run has written before. `None` if the run did not start from a
+/// LeRobot policy folder.
 pub fn write(
     source: &PolicySource,
     out: &Path,
@@ -53,7 +53,7 @@ pub fn write(
     let folder = out.join(FOLDER);
     let aside = |suffix: &str| out.join(format!("{FOLDER}.{suffix}"));
     let (unfinished, replaced) = (aside("unfinished"), aside("replaced"));
-    // What a killed process has left.
+    // A killed process may have left these.
     remove(&unfinished)?;
     remove(&replaced)?;
     checkpoint.write_trained(&unfinished, trained, stats, precision)?;
