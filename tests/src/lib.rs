@@ -66,7 +66,7 @@ pub struct Accepted {
 
 /// Finds the first accepted contribution of the ledger in `dir`.
 pub fn accepted(dir: &Path) -> Accepted {
-    let (entries, _) = zk0::audit::history(dir).expect("a ledger");
+    let (entries, _) = zk0_audit::verified_entries::verified_entries(dir).expect("a ledger");
     let blobs = Blobs::at(dir);
     let mut leaves = Vec::new();
     let mut state: Option<State> = None;

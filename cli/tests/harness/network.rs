@@ -1,17 +1,13 @@
-//! A network as processes on this machine: founded and joined by the command itself, with an aggregator and a prover that run
-//! in the test. The prover proves nothing, so nobody is accepted: each round starts from the same weights.
-#![allow(dead_code)] // every test file uses its own part of it
+//! A network on this machine. The binary founds and joins it; an aggregator and a prover run in the test. The prover makes no real proofs,
+//! so no contribution is accepted, and each round starts from the same weights.
 
-use std::{
-    fs,
-    path::{Path, PathBuf},
-    process::{Command, Output},
-    sync::Arc,
-};
+use super::{logged, logs, root, words, zk0, RECORDING};
+use std::{fs, path::Path, process::Output, sync::Arc};
 use tempfile::TempDir;
 use tokio::{net::TcpListener, runtime::Runtime};
-use zk0::{audit, keys};
+use zk0::keys;
 use zk0_aggregator::{Aggregator, Config, Service, SystemClock};
+use zk0_audit::verified_entries::verified_entries;
 use zk0_circuits::{Digest, EvalSpec};
 use zk0_ledger::log::Ledger;
 use zk0_node::recording::Recording;
@@ -20,56 +16,24 @@ use zk0_protocol::entries::{
     genesis::Genesis,
 };
 use zk0_prover::{
-    execute::Execution,
-    program::GuestInput,
-    proof::Proof,
+    program::{Execution, GuestInput},
+    prove::Proof,
     service::{Backend, JobError, ProvingService},
 };
 use zk0_smolvla::policy_file::{self, PolicyFile};
 
-pub const RECORDING: &str = "tests/fixtures/datasets/so100_pickplace";
-
-/// The repository.
-pub fn root() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
-}
-
-pub fn zk0(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_zk0"))
-        .args(arguments)
-        .current_dir(root())
-        .output()
-        .unwrap()
-}
-
-#[track_caller]
-pub fn succeeds(arguments: &[&str]) -> String {
-    let output = zk0(arguments);
-    let said = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(output.status.success(), "{said}");
-    said
-}
-
-#[track_caller]
-pub fn fails(arguments: &[&str]) -> String {
-    let output = zk0(arguments);
-    let said = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert_eq!(output.status.code(), Some(1), "{said}");
-    said
-}
-
 /// A folder for a ledger, a node and their keys.
-pub struct Place {
+pub struct LocalNetwork {
     dir: TempDir,
 }
 
-impl Place {
+impl LocalNetwork {
     pub fn new() -> Self {
-        let place = Self {
+        let network = Self {
             dir: tempfile::tempdir().unwrap(),
         };
-        keys::generate(Path::new(&place.path("log.key"))).unwrap();
-        place
+        keys::generate(Path::new(&network.path("log.key"))).unwrap();
+        network
     }
 
     pub fn path(&self, name: &str) -> String {
@@ -92,11 +56,11 @@ impl Place {
         let node = format!("node={node}");
         let windows = ["--commit-minutes", "1", "--submit-minutes", "1"];
         let more = [&["--node", &node], &windows[..], more].concat();
-        succeeds(&words(&self.founding(&more)))
+        logs(&words(&self.founding(&more)))
     }
 
     pub fn entries(&self) -> Vec<Entry> {
-        audit::history(Path::new(&self.path("ledger"))).unwrap().0
+        verified_entries(Path::new(&self.path("ledger"))).unwrap().0
     }
 
     pub fn genesis(&self) -> Genesis {
@@ -113,7 +77,7 @@ impl Place {
         policy_file::load(&blobs.join(blob)).unwrap()
     }
 
-    /// What the node's recording is, prepared for `file` under the node's salt.
+    /// The node's recording, prepared for `file` under the node's salt.
     pub fn recording(&self, file: &PolicyFile) -> Recording {
         let spec = EvalSpec::decode(&self.genesis().evaluation).unwrap();
         let salt = fs::read(self.path("state/salt")).unwrap();
@@ -121,7 +85,7 @@ impl Place {
         Recording::prepare(&root().join(RECORDING), file, &spec, salt, None).unwrap()
     }
 
-    /// Runs `zk0 node join`, with an aggregator and a prover that go away afterwards.
+    /// Runs `zk0 node join`, with an aggregator and a prover that end afterwards.
     #[track_caller]
     pub fn join(&self, rounds: u64, more: &[&str]) -> Output {
         let runtime = Runtime::new().unwrap();
@@ -157,19 +121,19 @@ impl Place {
         arguments.extend(["--network", &network, "--key", &key, "--dataset", RECORDING]);
         arguments.extend(["--state", &state, "--rounds", &rounds]);
         arguments.extend(more);
-        let output = zk0(&arguments);
+        let output = zk0(&arguments).output().unwrap();
         services.iter().for_each(|service| service.abort());
-        // Whatever still holds the database ends here.
+        // All that still holds the database ends here.
         drop(runtime);
         self.wait_until_closed();
         output
     }
 
-    /// As [`Self::join`]; what it said.
+    /// The log of [`Self::join`], which has to succeed.
     #[track_caller]
     pub fn joins(&self, rounds: u64, more: &[&str]) -> String {
         let output = self.join(rounds, more);
-        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        let said = logged(&output);
         assert!(output.status.success(), "{said}");
         said
     }
@@ -187,10 +151,6 @@ impl Place {
     }
 }
 
-pub fn words(owned: &[String]) -> Vec<&str> {
-    owned.iter().map(String::as_str).collect()
-}
-
 /// The roots of all datasets on the ledger.
 pub fn committed(entries: &[Entry]) -> Vec<Digest> {
     let roots = entries.iter().filter_map(|entry| match &entry.body {
@@ -200,7 +160,7 @@ pub fn committed(entries: &[Entry]) -> Vec<Digest> {
     roots.collect()
 }
 
-/// Passes off nothing as a proof, at once.
+/// Makes something else than a proof, at once.
 struct NoProver;
 
 #[tonic::async_trait]
