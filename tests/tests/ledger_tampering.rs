@@ -1,4 +1,4 @@
-//! The replay of a real ledger holds; change any byte of an entry, a proof or a checkpoint, and it does not.
+//! The replay of a real ledger succeeds. With any changed byte in an entry, a proof or a checkpoint, it fails.
 
 use rocksdb::{IteratorMode, DB};
 use std::{fs, path::Path};

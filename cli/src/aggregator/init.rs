@@ -97,7 +97,7 @@ pub fn found(options: &Init) -> Result<()> {
         initial,
         quantised,
     };
-    let write_policy = |out: &mut dyn Write| Ok(file.write(out)?.digest);
+    let write_policy = |out: &mut dyn Write| file.write(out).map(|written| written.digest);
     let mut ledger = founding.found(
         &options.dir,
         key,

@@ -79,7 +79,7 @@ pub fn run(options: &Options) -> Result<bool> {
         if options.looks == Some(look) {
             // What was not read is not verified.
             if failed > 0 {
-                bail!("{} gave no answer at the last look", options.ledger);
+                bail!("{} gave no answer at the last check", options.ledger);
             }
             return Ok(true);
         }

@@ -107,7 +107,7 @@ pub fn run(options: &Options) -> Result<()> {
     }
     for profile in &options.profiles {
         let policy = PolicySource::Random(*profile, 1).load()?;
-        let untrained = "a random initialisation, not a published checkpoint";
+        let untrained = "a random initialisation, not a published policy";
         compare(profile.name().into(), untrained, policy)?;
     }
     eprint!("{}{notes}", table(&rows));

@@ -15,13 +15,13 @@ const FOLDER: &str = "lerobot";
 
 /// Checks before the first step that the folder can be written after the last one.
 pub fn check(source: &PolicySource, out: &Path, stats: &Stats, resumes: bool) -> Result<()> {
-    let Some(checkpoint) = source.lerobot()? else {
+    let Some(policy_folder) = source.lerobot()? else {
         return Ok(());
     };
-    checkpoint.check_takes(stats)?;
+    policy_folder.check_takes(stats)?;
     let folder = out.join(FOLDER);
     let real = |path: &Path| path.canonicalize().ok();
-    let started_from = real(checkpoint.folder());
+    let started_from = real(policy_folder.folder());
     if [out, &folder].iter().any(|path| real(path) == started_from) {
         bail!(
             "results in {} would replace the policy that the run starts from: choose another --out",
@@ -47,7 +47,7 @@ pub fn write(
     stats: &Stats,
     precision: Precision,
 ) -> Result<Option<PathBuf>> {
-    let Some(checkpoint) = source.lerobot()? else {
+    let Some(policy_folder) = source.lerobot()? else {
         return Ok(None);
     };
     let folder = out.join(FOLDER);
@@ -56,7 +56,7 @@ pub fn write(
     // A killed process may have left these.
     remove(&unfinished)?;
     remove(&replaced)?;
-    checkpoint.write_trained(&unfinished, trained, stats, precision)?;
+    policy_folder.write_trained(&unfinished, trained, stats, precision)?;
     let placed = || -> io::Result<()> {
         if folder.exists() {
             fs::rename(&folder, &replaced)?;
