@@ -1,4 +1,4 @@
-//! Mode `checked`: agrees with `direct`, and refuses every hint that is not what it says.
+//! Mode `checked` agrees with mode `direct`, and refuses every wrong hint.
 
 mod claims;
 
@@ -19,7 +19,7 @@ fn micro() -> (Honest, HintedInput<'static>) {
     (honest, hinted)
 }
 
-/// What the verifier, who holds the weights, expects of a claim whose coefficients come from `seed`.
+/// Returns what the verifier, who holds the weights, expects of a claim whose coefficients come from `seed`.
 fn expected(honest: &Honest, seed: Digest) -> WeightCheck {
     let mut again = HintedInput::of(&honest.input).unwrap();
     let weights = [&honest.input.base, &honest.input.update];
@@ -60,7 +60,7 @@ fn agrees_with_direct_on_a_thousand_small_models() {
             max_prefix: pick(2, 6),
         };
         let input = honest(&EvalSpec::new(dims), 3, 1, seed).input;
-        // Now and then a random model's calmer copy is no better: then both modes say so.
+        // Sometimes the calmer copy of a random model is not better. Then both modes say so.
         let direct = check(&input);
         let hinted = HintedInput::of(&input).unwrap();
         let buffers = hinted.to_buffers();
@@ -86,8 +86,8 @@ fn an_honest_claim_is_accepted() {
     assert!(matches!(claim.losses, Losses::Disclosed { .. }));
 }
 
-/// One hinted sum changed, every one of them in turn, by a cheat who draws the seed anew from what is hinted, as the
-/// protocol does; one who is careless keeps the seed.
+/// Changes one hinted sum, every one of them in turn. The cheat draws the seed again from the hints, as the protocol does; a
+/// careless cheat keeps the seed.
 #[test]
 fn no_hinted_product_can_be_changed() {
     let honest = honest(&EvalSpec::micro(), 3, 1, 1);
@@ -165,7 +165,7 @@ fn no_projection_can_be_changed() {
             assert!(accepted(&honest, &cheat).is_err(), "limb {index}");
         }
     }
-    // An element in another representation, modulus added, is the same number: the digest tells.
+    // With the modulus added, an element is the same number. The digest tells the two representations apart.
     let mut cheat = hinted.clone();
     let element = &mut cheat.update.projections.to_mut()[..3];
     element[2] += 1 << 35;

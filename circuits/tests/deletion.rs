@@ -1,7 +1,7 @@
-//! For every check of the statement: without it a cheat passes, which it does not with it.
+//! Shows for every check of the statement that a cheat passes without the check and fails with it.
 //!
-//! Builds copies of this crate, each with one check deleted, and lets a cheat (`cheats/`) loose on them. What is
-//! deleted is in `cheats/checks.rs`.
+//! This test builds copies of the crate, each with one check deleted, and tries a cheat (`cheats/`) on each. `cheats/checks.rs`
+//! lists what is deleted.
 //!
 //! `cargo test --release -p zk0-circuits --test deletion -- --nocapture` prints what is deleted and what passes.
 
@@ -86,7 +86,7 @@ impl Workspace {
         let program = here.join("tests/cheats/program.rs");
         let manifest = CHEATS_MANIFEST.to_string() + &format!("path = {program:?}\n");
         write(&folder.join("cheats/Cargo.toml"), manifest);
-        // Versions of dependencies are the workspace's; its members are others.
+        // The versions of dependencies are the workspace's. Only the members differ.
         let manifest = read(&root.join("Cargo.toml"));
         let members = manifest.lines().find(|line| line.starts_with("members = "));
         let members = members.expect("a line 'members = …' in the workspace's Cargo.toml");
@@ -104,7 +104,7 @@ impl Workspace {
         read(&self.sources.join(deletion.file))
     }
 
-    /// Builds with `source` in place of the file, lets the cheat loose, and puts the file back. Returns what the program says.
+    /// Builds with `source` in place of the file, tries the cheat, and puts the file back. Returns what the program prints.
     fn try_cheat(&self, deletion: &Deletion, source: &str) -> String {
         let place = self.folder.join("circuits/src").join(deletion.file);
         write(&place, source);
@@ -146,7 +146,7 @@ fn write(path: &Path, content: impl AsRef<[u8]>) {
         .unwrap_or_else(|error| panic!("{}: {error}", path.display()));
 }
 
-/// Quick to build: most of it is built once. Arithmetic wraps silently, as it does in the guest.
+/// A profile that builds quickly, because most of it is built once. Arithmetic wraps silently, as it does in the guest.
 const PROFILE: &str = r#"
 [profile.weakened]
 inherits = "release"

@@ -1,4 +1,4 @@
-//! How close the fixed-point loss is to the real one: |fixed − float64| / float64, printed and bounded.
+//! Prints and bounds how close the fixed-point loss is to the real one: |fixed − float64| / float64.
 
 mod claims;
 #[path = "claims/reference.rs"]

@@ -1,4 +1,5 @@
-//! Fixed point against LeRobot itself: velocity and loss of `tests/fixtures/smolvla_tiny`, evaluated from its prefix cache.
+//! Compares the fixed-point evaluation with LeRobot itself: velocity and loss of `tests/fixtures/smolvla_tiny`, evaluated from its
+//! prefix cache.
 
 use safetensors::{tensor::TensorView, SafeTensors};
 use std::{collections::HashMap, fs, path::PathBuf};

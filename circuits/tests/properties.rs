@@ -1,4 +1,4 @@
-//! Properties of trees, encodings and quantisation on random input; hostile input is refused, never a panic.
+//! Properties of trees, encodings and quantisation on random input. Hostile input is refused and never causes a panic.
 
 mod claims;
 
@@ -288,7 +288,7 @@ fn specifications_out_of_bounds_are_refused() {
 
 #[test]
 fn an_inner_node_is_not_a_leaf() {
-    // With the rest of the path, an inner node's hash leads to the root as well: only the number of steps tells.
+    // With the rest of the path, the hash of an inner node leads to the root too. Only the number of steps tells them apart.
     let leaves = leaves(8);
     let (root, path) = (merkle::root(&leaves), merkle::path(&leaves, 0).unwrap());
     let inner = merkle::node_hash(&leaves[0], &leaves[1]);

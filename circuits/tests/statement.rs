@@ -179,7 +179,7 @@ fn another_salt_is_refused() {
     let mut honest = micro();
     honest.input.header.salt[0] ^= 1;
     assert_eq!(refused(&honest.input), StatementError::Salt);
-    // Even when its commitment is given along: the leaves then differ.
+    // The same with the commitment of the other salt: then the leaves differ.
     honest.input.header.terms.dataset.salt_commitment = salt_commitment(&honest.input.header.salt);
     assert!(matches!(
         refused(&honest.input),
@@ -206,7 +206,7 @@ fn other_weights_give_another_digest() {
     let base = tensors(&spec, &mut Random(12), 1.0);
     (honest.input.base, honest.input.update) =
         (quantise(&spec, &base), quantise(&spec, &calmer(&base)));
-    // The header names the weights; others than these are refused.
+    // The terms name the weights, and others are refused.
     let expected = StatementError::Weights(Model::Base);
     assert_eq!(refused(&honest.input), expected);
     name_weights(&mut honest.input);
@@ -451,7 +451,7 @@ fn a_claim_is_compared_term_by_term() {
 
 #[test]
 fn later_padding_changes_nothing() {
-    // Two samples that differ in a padded frame only have the same loss: attention is causal.
+    // Attention is causal, so that two samples that differ only in a padded frame have the same loss.
     let spec = EvalSpec::micro();
     let honest = micro();
     let mut parts = claims::Parts::random(&spec, &mut Random(4), 9, 2);

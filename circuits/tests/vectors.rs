@@ -1,6 +1,6 @@
-//! Committed bytes of every hashed, signed or drawn structure: a change of any encoding or of the arithmetic shows here.
+//! Committed bytes of every hashed, signed or drawn structure. A change of any encoding or of the arithmetic shows here.
 //!
-//! After an intended change (which makes a new version and a new guest program) run with `ZK0_WRITE_VECTORS=1`.
+//! An intended change makes a new version and a new guest program. To write the new bytes, run with `ZK0_WRITE_VECTORS=1`.
 
 mod claims;
 

@@ -1,5 +1,5 @@
-//! The challenge of a contribution, and what is drawn from it: sample indices, flow times, noise. Nothing is left for
-//! the node to choose.
+//! The challenge of a contribution, and the samples that it draws. Flow times and noise are drawn from it too
+//! ([`crate::model::draw`]), so that the node chooses nothing.
 
 use crate::vm::digest::{tagged_sha256, Digest, NodeId};
 use alloc::vec::Vec;
@@ -7,7 +7,7 @@ use alloc::vec::Vec;
 /// Most samples one claim may evaluate.
 pub const MAX_EVAL_SAMPLES: u32 = 4096;
 
-/// The challenge that answers the commit at `entry_index`: derived from the first signed checkpoint that covers it.
+/// Returns the challenge for the commit at `entry_index`, derived from the first signed checkpoint that covers it.
 pub fn challenge(
     network: &Digest,
     round: u64,
@@ -30,7 +30,7 @@ pub fn challenge(
 
 /// Why no indices can be drawn.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("cannot draw {asked} distinct samples: the dataset has {available}, a claim evaluates 1 to {MAX_EVAL_SAMPLES}")]
+#[error("cannot draw {asked} distinct samples: the dataset has {available}, and a claim evaluates 1 to {MAX_EVAL_SAMPLES}")]
 pub struct DrawError {
     /// Samples asked for.
     pub asked: u32,
@@ -38,9 +38,10 @@ pub struct DrawError {
     pub available: u64,
 }
 
-/// `count` distinct sample indices below `available`, in the order drawn. The stream is
-/// `H("zk0/indices/v1", challenge, counter)` read as four little-endian u64 each; a word x gives `x · available / 2^64`,
-/// and an index drawn before is skipped.
+/// Draws `count` distinct sample indices below `available`, and returns them in the order drawn.
+///
+/// The blocks `H("zk0/indices/v1", challenge, counter)` are read as four little-endian u64 each. A word x gives the index
+/// `x · available / 2^64`. An index that was drawn before is skipped.
 pub fn sample_indices(
     challenge: &Digest,
     available: u64,

@@ -1,9 +1,9 @@
 //! What a dataset commitment commits to.
 //!
 //! A *sample* is the frozen prefix's key/value cache of one frame, the normalised action chunk and its pad mask, all
-//! in fixed point. Its leaf is `H(salt, Poseidon2(sample))` under one secret salt per dataset: leaves say nothing about
-//! the data, yet two equal samples give two equal leaves, so that whoever holds the list of leaves (the aggregator, an
-//! auditor) sees every duplicate.
+//! in fixed point. Its leaf is `H(salt, Poseidon2(sample))` under one secret salt per dataset. Leaves say nothing about
+//! the data. Two equal samples give two equal leaves, so that whoever holds the list of leaves (the aggregator, an auditor)
+//! sees every duplicate.
 
 use crate::vm::{
     digest::{tagged_sha256, Digest},
@@ -12,7 +12,7 @@ use crate::vm::{
 use alloc::vec::Vec;
 use borsh::{BorshDeserialize, BorshSerialize};
 
-/// A commitment to an ordered set of samples; made before the round opens.
+/// A commitment to an ordered set of samples, made before the round opens.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct DatasetCommitment {
     /// RFC 6962 Merkle tree hash over the leaves, in dataset order.
@@ -21,7 +21,7 @@ pub struct DatasetCommitment {
     pub samples: u64,
     /// Digest of the dataset's features: names, shapes, rate, cameras, chunk length.
     pub feature_spec: Digest,
-    /// `H(tag, salt)`: holds the node to one salt, so that uniqueness of leaves is uniqueness of samples.
+    /// `H(tag, salt)`. It holds the node to one salt, so that different leaves are different samples.
     pub salt_commitment: Digest,
 }
 
@@ -35,26 +35,26 @@ pub fn salt_commitment(salt: &[u8; 32]) -> Digest {
     tagged_sha256("zk0/dataset-salt/v1", &[salt])
 }
 
-/// Why a list of leaves is not the committed one.
+/// Why a list of leaves does not match a commitment.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum LeavesError {
-    /// Other number of leaves.
-    #[error("the dataset commitment counts {committed} samples, the list has {listed} leaves")]
+    /// The number of leaves differs.
+    #[error("the dataset commitment counts {committed} samples, but the list has {listed} leaves")]
     Count {
         /// Samples in the commitment.
         committed: u64,
         /// Leaves in the list.
         listed: u64,
     },
-    /// Other root.
-    #[error("the leaves hash to root {listed}, the commitment says {committed}")]
+    /// The root differs.
+    #[error("the leaves hash to root {listed}, but the commitment says {committed}")]
     Root {
         /// Root in the commitment.
         committed: Digest,
         /// Root over the list.
         listed: Digest,
     },
-    /// The same sample twice.
+    /// A sample is there twice.
     #[error("samples {first} and {second} are the same: every sample of a dataset must be unique")]
     Duplicate {
         /// Index of one.

@@ -136,7 +136,7 @@ impl PrivateInput {
 /// Index and path of an opening.
 type OpeningPlace = (u64, Vec<Digest>);
 
-/// Header, what is in between, and per opening index and path.
+/// Encodes the header, what comes `between`, and for each opening its index and path.
 pub(crate) fn head<T: BorshSerialize>(
     header: &Header,
     between: &T,

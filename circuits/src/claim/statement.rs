@@ -116,8 +116,8 @@ fn claim(
     })
 }
 
-/// Whether a loss sum of `after` is lower than `before` by at least `min_improvement_bps` basis points; equal is never
-/// an improvement.
+/// Returns whether a loss sum of `after` is lower than `before` by at least `min_improvement_bps` basis points. An equal sum is
+/// never an improvement.
 pub fn improves(before: u64, after: u64, min_improvement_bps: u32) -> bool {
     let kept = 10_000u128.saturating_sub(min_improvement_bps as u128);
     after < before && after as u128 * 10_000 <= before as u128 * kept

@@ -1,9 +1,10 @@
-//! Mode `checked`: products are hinted, and checked with random coefficients drawn after they were fixed (Freivalds,
-//! "Probabilistic machines can use less running time", IFIP 1977).
+//! The product checks of mode `checked`. The products are hinted, and checked with random coefficients that are drawn after the
+//! products were fixed (Freivalds, "Probabilistic machines can use less running time", IFIP 1977).
 //!
-//! For the sums S that are claimed of an input X and matrices W, with coefficients r: `S·r = X·u + rest·r`, where
-//! `u = Σ 2^shift · Wᵀ·r` is a *projection* ([`crate::freivalds::projection`]), hinted here and recomputed by the verifier, and
-//! `rest` the bias and rounding. In attention both factors are here, and so is their projection. See `SOUNDNESS.md`.
+//! Let S be the sums claimed for an input X and matrices W, and r the coefficients. The check is `S·r = X·u + rest·r`, where
+//! `u = Σ 2^shift · Wᵀ·r` is a *projection* ([`crate::freivalds::projection`]), which is hinted here and recomputed by the
+//! verifier, and `rest` is the bias and rounding. In attention the guest has both factors, and computes the projection itself.
+//! See `SOUNDNESS.md`.
 
 use crate::{
     freivalds::{
@@ -21,7 +22,7 @@ use crate::{
 };
 use alloc::vec;
 
-/// The rounding constant of a sum is 2 to this.
+/// The rounding constant of a sum is 2 to the power of this.
 const HALF_BITS: u32 = SUM_BITS - 1;
 
 /// Takes every product from hints and checks it.
@@ -29,24 +30,24 @@ pub struct Checked<'a> {
     /// Hinted sums not yet used.
     hints: &'a [i32],
     coefficients: &'a Coefficients,
-    /// Per linear, one element per input column.
+    /// For each linear layer, one element per input column.
     projections: &'a [&'a [Limbs]],
-    /// Per linear, [`rest`].
+    /// For each linear layer, its [`rest`].
     rests: &'a [Element],
 }
 
-/// Σ (bias · 2^… + 2^15) · r over the outputs of `linear`: what a row of sums holds beside products.
+/// Returns Σ (bias · 2^… + 2^15) · r over the outputs of `linear`: what a row of sums holds beside products.
 pub fn rest(linear: &Linear, parameters: &Parameters, coefficients: &Coefficients) -> Element {
     let mut rest = Element::ZERO;
     let mut first = 0;
     for output in &linear.outputs {
         let sum = coefficients.sum(first, output.rows);
-        rest = rest.add(sum.shift(HALF_BITS));
+        rest = rest + sum.shift(HALF_BITS);
         if let Some(bias) = output.bias {
             let bias = parameters.vector(bias);
             let values = Rows::new(&bias.values[..output.rows], output.rows);
             for sum in rows_with_coefficients(values, coefficients.range(first, output.rows)) {
-                rest = rest.add(sum.shift(output.bias_shift(bias.bits)));
+                rest = rest + sum.shift(output.bias_shift(bias.bits));
             }
         }
         first += output.rows;
@@ -55,7 +56,7 @@ pub fn rest(linear: &Linear, parameters: &Parameters, coefficients: &Coefficient
 }
 
 impl<'a> Checked<'a> {
-    /// Products from `hints`; `projections` and `rests` are per linear.
+    /// Takes products from `hints`. There is one entry of `projections` and `rests` for each linear layer.
     pub fn new(
         hints: &'a [i32],
         coefficients: &'a Coefficients,
@@ -70,7 +71,7 @@ impl<'a> Checked<'a> {
         }
     }
 
-    /// Every hint was used, but for one that may pad the list to an even number.
+    /// Checks that every hint was used. One may be left, because the list is padded to an even number.
     pub fn finish(self) -> Result<(), EvalError> {
         match self.hints.len() {
             0 | 1 => Ok(()),
@@ -108,13 +109,13 @@ impl<'a> Multiply for Checked<'a> {
             let coefficients = self.coefficients.range(first, output.rows);
             let now = rows_with_coefficients(Rows::new(now, output.rows), coefficients);
             for (sum, now) in combined.iter_mut().zip(now) {
-                *sum = sum.add(now);
+                *sum = *sum + now;
             }
             first += output.rows;
         }
         let rest = self.rests[index];
         let products = rows_with_elements(input, self.projections[index]);
-        let expected = products.into_iter().map(|product| product.add(rest));
+        let expected = products.into_iter().map(|product| product + rest);
         match linear.outputs.first() {
             Some(output) if !expected.eq(combined) => Err(EvalError::Product(output.site)),
             _ => Ok(sums),
@@ -154,7 +155,7 @@ impl<'a> Multiply for Checked<'a> {
         let products = rows_with_elements(weights, &projection);
         let expected = products
             .into_iter()
-            .map(|product| product.shift(MIX_SHIFT).add(rest));
+            .map(|product| product.shift(MIX_SHIFT) + rest);
         if !expected.eq(combined) {
             return Err(EvalError::Product(site));
         }

@@ -1,8 +1,8 @@
 //! The random coefficients of the product checks, expanded from a seed, and inner products with them.
 //!
-//! A coefficient is `Σ limb_k · 2^(26k)` with four limbs in −2^25 .. 2^25, each the low 26 bits of one KoalaBear element
-//! squeezed from Poseidon2, less 2^25. No value of an element's low 26 bits is taken by more than 32 of the field's
-//! 2^31 − 2^24 + 1 elements, so that no coefficient has a probability above 2^-103.9.
+//! A coefficient is `Σ limb_k · 2^(26k)` with four limbs in −2^25 .. 2^25. Each limb is the low 26 bits of one KoalaBear element
+//! squeezed from Poseidon2, less 2^25. At most 32 of the field's 2^31 − 2^24 + 1 elements share their low 26 bits, so that no
+//! coefficient has a probability above 2^-103.9.
 
 use crate::{
     freivalds::field::{Element, Limbs, LIMB_BITS},
@@ -23,12 +23,12 @@ pub type Coefficient = [i32; 4];
 /// Random coefficients, all from one seed.
 pub struct Coefficients {
     limbs: Vec<Coefficient>,
-    /// Sums of the first 0, 1, 2, … of them.
+    /// The sums of the first 0, 1, 2, … coefficients.
     running: Vec<Element>,
 }
 
 impl Coefficients {
-    /// The first `count` coefficients of `seed`.
+    /// Expands the first `count` coefficients of `seed`.
     pub fn expand(seed: &Digest, count: usize) -> Self {
         let mut squeeze = Squeeze::new(Domain::Coefficients, seed);
         let mut limbs = Vec::with_capacity(count + 1);
@@ -44,7 +44,7 @@ impl Coefficients {
         let mut running = Vec::with_capacity(count + 1);
         running.push(sum);
         for limbs in &limbs {
-            sum = sum.add(compose(limbs.map(i128::from)));
+            sum = sum + compose(limbs.map(i128::from));
             running.push(sum);
         }
         Self { limbs, running }
@@ -57,7 +57,7 @@ impl Coefficients {
 
     /// Sum of coefficients `first .. first + count`.
     pub fn sum(&self, first: usize, count: usize) -> Element {
-        self.running[first + count].subtract(self.running[first])
+        self.running[first + count] - self.running[first]
     }
 }
 
@@ -66,15 +66,15 @@ pub fn compose(parts: [i128; 4]) -> Element {
     Element::compose(parts, BITS)
 }
 
-/// Terms |value| ≤ 2^31 times |limb| ≤ 2^25 that an int64 holds: 2^7 would reach 2^63.
+/// How many terms |value| ≤ 2^31 times |limb| ≤ 2^25 fit an int64: 2^7 of them would reach 2^63.
 const TERMS: usize = 120;
-/// Terms |value| ≤ 2^15 times limb < 2^36 that an int64 holds, with room.
+/// How many terms |value| ≤ 2^15 times limb < 2^36 are summed in an int64. More would fit.
 const ELEMENT_TERMS: usize = 2048;
 
-/// Rows whose inner products are computed together, sharing the loads of the limbs.
+/// How many rows share the loads of the limbs.
 const TOGETHER: usize = 3;
 
-/// Inner product of every row with the coefficients; rows as long as `coefficients`.
+/// Returns the inner product of every row with the coefficients. Rows are as long as `coefficients`.
 pub fn rows_with_coefficients<T: Copy + Into<i64>>(
     rows: Rows<'_, T>,
     coefficients: &[Coefficient],
@@ -82,7 +82,7 @@ pub fn rows_with_coefficients<T: Copy + Into<i64>>(
     each_row(rows, coefficients, TERMS, compose)
 }
 
-/// Inner product of every row with field elements; rows as long as `elements`.
+/// Returns the inner product of every row with field elements. Rows are as long as `elements`.
 pub fn rows_with_elements(rows: Rows<'_>, elements: &[Limbs]) -> Vec<Element> {
     each_row(rows, elements, ELEMENT_TERMS, |parts| {
         Element::compose(parts, LIMB_BITS)
@@ -136,7 +136,7 @@ where
     totals
 }
 
-/// [`sums`] of so few terms that they fit an int64. Four columns at a time: pointers move once for all of them.
+/// [`sums`] of so few terms that they fit an int64. It takes four columns at a time, so that pointers move once for four.
 #[inline(never)]
 fn short_sums<T, L, const N: usize, const K: usize>(
     rows: [&[T]; N],
@@ -182,12 +182,12 @@ fn add_products<T, L, const N: usize, const K: usize>(
     }
 }
 
-/// `value`, about which the compiler knows nothing: it then keeps the order of additions. Left to itself it adds up
-/// products before it adds them to their sum, for which the guest's registers do not suffice.
+/// Returns `value`, and hides from the compiler what it is, so that the compiler keeps the order of additions. Otherwise it
+/// adds up products before it adds them to their sum, and the guest has too few registers for that.
 #[inline(always)]
 fn opaque(value: i64) -> i64 {
     #[cfg(target_os = "zkvm")]
-    // SAFETY: no instructions.
+    // SAFETY: the assembly holds no instructions.
     unsafe {
         let mut value = value;
         core::arch::asm!("/* {0} */", inlateout(reg) value, options(pure, nomem, nostack, preserves_flags));
@@ -216,7 +216,7 @@ impl Limb for u64 {
     }
 }
 
-/// `Σ coefficient_i · row_i`: one element per column.
+/// Returns `Σ coefficient_i · row_i`, one element per column.
 pub fn combine_rows(rows: Rows<'_>, coefficients: &[Coefficient]) -> Vec<Element> {
     let mut combined = Vec::with_capacity(rows.columns());
     while combined.len() + TOGETHER <= rows.columns() {

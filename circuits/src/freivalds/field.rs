@@ -1,10 +1,11 @@
 //! The prime field of 2^107 − 1 elements (a Mersenne prime), in which products are checked.
 //!
-//! Large enough for 100 bits of soundness in one repetition, and inner products need no reduction on the way: a random
-//! coefficient of 104 bits is four signed limbs of 26, an element three limbs of 36, and limbs times int32 or int16
-//! are summed in an int64.
+//! The field is large enough for 100 bits of soundness in one repetition, and inner products need no reduction on the way: a
+//! random coefficient of 104 bits has four signed limbs of 26 bits, an element has three limbs of 36 bits, and an int64 holds
+//! the sums of limbs times int32 or int16.
 
 use alloc::vec::Vec;
+use core::ops::{Add, Sub};
 
 /// Bits of the modulus.
 pub const BITS: u32 = 107;
@@ -24,7 +25,7 @@ impl Element {
     /// Zero.
     pub const ZERO: Self = Self(0);
 
-    /// The residue of an integer.
+    /// Returns the residue of an integer.
     pub fn from_i128(value: i128) -> Self {
         let magnitude = Self::reduce(value.unsigned_abs());
         if value < 0 {
@@ -39,21 +40,11 @@ impl Element {
         Self(if sum >= MODULUS { sum - MODULUS } else { sum })
     }
 
-    /// The sum.
-    pub fn add(self, other: Self) -> Self {
-        Self::reduce(self.0 + other.0)
-    }
-
-    /// The difference.
-    pub fn subtract(self, other: Self) -> Self {
-        self.add(other.negate())
-    }
-
     fn negate(self) -> Self {
         Self::reduce(MODULUS - self.0)
     }
 
-    /// Times 2^`bits`, for `bits` below 107: a rotation.
+    /// Multiplies by 2^`bits`, for `bits` below 107. This rotates the bits.
     pub fn shift(self, bits: u32) -> Self {
         if bits == 0 {
             return self;
@@ -62,24 +53,40 @@ impl Element {
         Self::reduce(low | self.0 >> (BITS - bits))
     }
 
-    /// Σ `parts[i]` · 2^(`bits`·i), for |`parts[i]`| < 2^(126 − `bits`): two neighbours fit an int128.
+    /// Returns Σ `parts[i]` · 2^(`bits`·i), for |`parts[i]`| < 2^(126 − `bits`): two neighbours fit an int128.
     pub fn compose<const N: usize>(parts: [i128; N], bits: u32) -> Self {
         let mut sum = Self::ZERO;
         for (index, pair) in parts.chunks(2).enumerate() {
             let value = pair.iter().rev().fold(0, |high, low| (high << bits) + low);
-            sum = sum.add(Self::from_i128(value).shift(2 * bits * index as u32));
+            sum = sum + Self::from_i128(value).shift(2 * bits * index as u32);
         }
         sum
     }
 
-    /// The element as three limbs.
+    /// Splits the element into three limbs.
     pub fn limbs(self) -> Limbs {
         let limb = |index: u32| (self.0 >> (LIMB_BITS * index)) as u64 & ((1 << LIMB_BITS) - 1);
         [limb(0), limb(1), limb(2)]
     }
 }
 
-/// Limbs of all `elements`.
+impl Add for Element {
+    type Output = Self;
+
+    fn add(self, other: Self) -> Self {
+        Self::reduce(self.0 + other.0)
+    }
+}
+
+impl Sub for Element {
+    type Output = Self;
+
+    fn sub(self, other: Self) -> Self {
+        self.add(other.negate())
+    }
+}
+
+/// Returns the limbs of all `elements`.
 pub fn limbs(elements: &[Element]) -> Vec<Limbs> {
     elements.iter().map(|element| element.limbs()).collect()
 }
@@ -98,10 +105,10 @@ mod tests {
         fn arithmetic_is_that_of_integers(a: i128, b: i128, bits in 0u32..107) {
             let (x, y) = (Element::from_i128(a), Element::from_i128(b));
             prop_assert_eq!(x.0, residue(a));
-            prop_assert_eq!(x.add(y).0, (residue(a) + residue(b)) % MODULUS);
-            prop_assert_eq!(x.subtract(y).add(y), x);
+            prop_assert_eq!((x + y).0, (residue(a) + residue(b)) % MODULUS);
+            prop_assert_eq!(x - y + y, x);
             let mut doubled = x;
-            (0..bits).for_each(|_| doubled = doubled.add(doubled));
+            (0..bits).for_each(|_| doubled = doubled + doubled);
             prop_assert_eq!(x.shift(bits), doubled);
             let parts = x.limbs().map(|limb| limb as i128);
             prop_assert!(x.limbs().iter().all(|limb| limb >> 36 == 0));
@@ -113,7 +120,7 @@ mod tests {
     fn the_modulus_is_zero() {
         assert_eq!(Element::from_i128(MODULUS as i128), Element::ZERO);
         assert_eq!(Element::from_i128(-(MODULUS as i128)), Element::ZERO);
-        assert_eq!(Element::ZERO.subtract(Element::ZERO), Element::ZERO);
+        assert_eq!(Element::ZERO - Element::ZERO, Element::ZERO);
         assert_eq!(Element::from_i128(i128::MIN).0, residue(i128::MIN));
     }
 }

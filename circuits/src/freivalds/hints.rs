@@ -1,4 +1,4 @@
-//! Hinted products: what of the weights enters the guest in mode `checked`, and the evaluation with them.
+//! Hinted products: what enters the guest of a set of weights in mode `checked`, and the evaluation with it.
 
 use crate::{
     freivalds::{

@@ -1,4 +1,4 @@
-//! Projections of the weight matrices: what the verifier computes of the weights, so that they need not enter the guest.
+//! Projections of the weight matrices. The verifier computes them from the weights, so that the weights need not enter the guest.
 //!
 //! The projection of a linear layer is `u = Σ 2^shift · Wᵀ·r` over its matrices W, each with its own stretch of the random
 //! coefficients r: one field element per input column.
@@ -16,7 +16,7 @@ use crate::{
 };
 use alloc::{vec, vec::Vec};
 
-/// Coefficients that the products of an evaluation take.
+/// Returns how many coefficients the products of an evaluation take.
 pub fn coefficient_count(dims: &Dims, linears: &[Linear]) -> usize {
     let outputs = linears.iter().map(|linear| linear.rows());
     let keys = dims.max_prefix as usize + dims.chunk as usize;
@@ -24,13 +24,13 @@ pub fn coefficient_count(dims: &Dims, linears: &[Linear]) -> usize {
     outputs.fold(attention, usize::max)
 }
 
-/// Number of elements of all projections of one set of weights.
+/// Returns the number of elements of all projections of one set of weights.
 pub fn projection_len(linears: &[Linear]) -> usize {
     linears.iter().map(|linear| linear.columns).sum()
 }
 
-/// The projections of all linears, one after another. `matrix` gives values (row-major) and fraction bits of the tensor with
-/// an index.
+/// Returns the projections of all linear layers, one after another. `matrix` returns the values (row-major) and the fraction
+/// bits of the tensor with an index.
 pub fn project<M: AsRef<[i16]>, E>(
     evaluator: &Evaluator<'_>,
     coefficients: &Coefficients,
@@ -47,7 +47,7 @@ pub fn project<M: AsRef<[i16]>, E>(
             let parts = combine(values.as_ref(), linear.columns, coefficients);
             for (column, sum) in sums.iter_mut().enumerate() {
                 let part = parts.each_ref().map(|parts| parts[column] as i128);
-                *sum = sum.add(compose(part).shift(shift));
+                *sum = *sum + compose(part).shift(shift);
             }
             first += output.rows;
         }
@@ -72,7 +72,8 @@ fn combine(values: &[i16], columns: usize, coefficients: &[Coefficient]) -> [Vec
     combine_with(values, columns, coefficients)
 }
 
-/// Plain Rust, four rows at a time so that sums are loaded and stored once for four: compilers make vectors of it.
+/// [`combine`] in plain Rust, which compilers turn into vector instructions. It takes four rows at a time, so that sums are
+/// loaded and stored once for four rows.
 #[inline(always)]
 fn combine_with(values: &[i16], columns: usize, coefficients: &[Coefficient]) -> [Vec<i64>; 4] {
     let mut sums = [(); 4].map(|()| vec![0i64; columns]);
@@ -102,7 +103,7 @@ fn combine_with(values: &[i16], columns: usize, coefficients: &[Coefficient]) ->
     sums
 }
 
-/// Per linear, its part of all projections; `None` when they are not as many as the linears take.
+/// Returns for each linear layer its part of all projections, or `None` if there are not as many as the layers take.
 pub fn by_linear<'p>(linears: &[Linear], all: &'p [Limbs]) -> Option<Vec<&'p [Limbs]>> {
     let mut rest = all;
     let mut parts = Vec::with_capacity(linears.len());

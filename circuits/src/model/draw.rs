@@ -21,8 +21,10 @@ pub struct Draw {
     pub noise: Vec<i16>,
 }
 
-/// The draw for the evaluated sample at `position` (0, 1, … in the order of [`crate::claim::challenge::sample_indices`]): blocks
-/// `H("zk0/draw/v1", challenge, position, counter)` read as little-endian u16; the first is the time, the others noise.
+/// Draws for the evaluated sample at `position` (0, 1, … in the order of [`crate::claim::challenge::sample_indices`]).
+///
+/// The blocks `H("zk0/draw/v1", challenge, position, counter)` are read as little-endian u16. The first is the flow time, the
+/// others are noise.
 pub fn draw(spec: &EvalSpec, challenge: &Digest, position: u32) -> Draw {
     let values = spec.dims.chunk as usize * spec.dims.max_action_dim as usize;
     let mut noise = Vec::with_capacity(values);

@@ -1,5 +1,5 @@
-//! What the evaluation does between products: norms, rotations, activations, softmax. Results are int16; every narrowing
-//! is a shift (half up) whose result must fit, or the evaluation fails and names the site.
+//! What the evaluation does between products: norms, rotations, activations, softmax. Results are int16. Every narrowing is a
+//! shift that rounds half up. If its result does not fit, the evaluation fails and names the site.
 
 use crate::{
     model::{
@@ -40,7 +40,7 @@ fn check(site: Site, range: Range, values: impl Iterator<Item = i64>) -> Result<
     Err(EvalError::OutOfRange { site, value })
 }
 
-/// [`narrow`] into a vector of its own.
+/// Does what [`narrow`] does, into a new vector.
 #[inline(always)]
 fn narrowed(site: Site, values: impl Iterator<Item = i64> + Clone) -> Result<Vec<i16>, EvalError> {
     let mut target = Vec::with_capacity(values.size_hint().0);
@@ -63,8 +63,8 @@ pub fn outputs(sums: &[i32]) -> impl Iterator<Item = i16> + '_ {
     sums.iter().map(|&sum| output(sum) as i16)
 }
 
-/// RMSNorm with eps 1e-5 over rows of the gain's width: `x · gain / √(mean(x²) + eps)`, by a reciprocal per row. `input` has
-/// `bits` fraction bits, the result `out`.
+/// RMSNorm with eps 1e-5 over rows of the gain's width: `x · gain / √(mean(x²) + eps)`, with one reciprocal per row. `input`
+/// has `bits` fraction bits, and the result has `out`.
 pub fn norm(
     site: Site,
     input: &[i16],
@@ -97,8 +97,8 @@ pub fn norm(
     Ok(output)
 }
 
-/// RoPE over sums in rows of heads of `head_dim`: halves rotated; row `i` by `rotations[i·head_dim/2 ..]`. The head at
-/// `(row, head)` goes to `place(row, head)` of `target`.
+/// RoPE over sums in rows of heads of `head_dim`. The halves of a head are rotated, those of row `i` by
+/// `rotations[i·head_dim/2 ..]`. The head at `(row, head)` goes to `place(row, head)` of `target`.
 pub fn rotate(
     site: Site,
     sums: &[i32],
@@ -203,7 +203,7 @@ impl Softmax {
         }
     }
 
-    /// Attention weights of `scores`, with [`ATTENTION_BITS`] fraction bits, into `weights`, which is as long.
+    /// Writes the attention weights of `scores`, with [`ATTENTION_BITS`] fraction bits, into `weights`, which is as long.
     pub fn apply(self, scores: &[i32], weights: &mut [i16]) {
         let largest = scores.iter().fold(i32::MIN, |most, &score| most.max(score)) as i64;
         // Distance below 2^33, factor below 2^21.
@@ -213,7 +213,7 @@ impl Softmax {
             let distance = (nearest - score as i64 * self.factor) >> self.shift;
             let power = tables::exp2_negative(distance as u64);
             total += power as u64;
-            *weight = power as i16; // its 16 bits, for the moment
+            *weight = power as i16; // its 16 bits, until the loop below
         }
         // The largest score's power alone is 2^15: the reciprocal is at most 2^33, a product at most 2^48.
         const RECIPROCAL_BITS: u32 = 48;

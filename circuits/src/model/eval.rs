@@ -1,8 +1,8 @@
-//! Fixed-point evaluation of the action expert: the flow-matching loss of one sample, the same bits on every machine
-//! and in the guest, whatever way its products are had ([`crate::model::multiply`]).
+//! Fixed-point evaluation of the action expert: the flow-matching loss of one sample. It gives the same bits on every machine and
+//! in the guest, and in both modes ([`crate::model::multiply`]).
 //!
-//! Follows SmolVLA as LeRobot computes it (arXiv 2506.01844; lerobot 0.4.4). Activations and weights are int16, sums
-//! int64, of which a linear layer keeps 32 bits ([`crate::model::linear`]): each output is rounded once.
+//! It follows SmolVLA as LeRobot computes it (arXiv 2506.01844; lerobot 0.4.4). Activations and weights are int16. Sums are
+//! int64, and a linear layer keeps 32 bits of them ([`crate::model::linear`]), so that each output is rounded once.
 
 use crate::{
     model::{
@@ -32,7 +32,7 @@ pub struct LossSum {
     pub elements: u64,
 }
 
-/// Loss of one sample under `weights` at the flow time and noise of `draw`: squared error of the velocity over
+/// Computes the loss of one sample under `weights` at the flow time and noise of `draw`: squared error of the velocity over
 /// unpadded frames and real action dimensions (`loss_valid_only`).
 pub fn evaluate(
     spec: &EvalSpec,
@@ -46,7 +46,7 @@ pub fn evaluate(
     evaluator.loss(&parameters, &mut direct, sample, draw)
 }
 
-/// A valid evaluation specification with what follows from it.
+/// A valid evaluation specification, and what follows from it.
 pub struct Evaluator<'a> {
     /// The specification.
     pub spec: &'a EvalSpec,
@@ -79,12 +79,12 @@ impl<'a> Evaluator<'a> {
         })
     }
 
-    /// Products with `weights`, computed.
+    /// Prepares to compute products with `weights`.
     pub fn direct<'w>(&'w self, weights: &'w QuantisedWeights) -> Result<Direct<'w>, EvalError> {
         Direct::new(self.spec, &self.layout, weights)
     }
 
-    /// See [`evaluate`]; products come from `multiply`, gains and biases are `parameters`.
+    /// Does what [`evaluate`] does, with products from `multiply`, and with `parameters` as gains and biases.
     pub fn loss(
         &self,
         parameters: &Parameters,
@@ -114,7 +114,7 @@ impl<'a> Evaluator<'a> {
     }
 
     /// The velocity `v_t` of the real action dimensions, `[frames, action_dim]` with [`EvalSpec::action`] fraction
-    /// bits, up to the last frame that is not padding: attention is causal, later frames change nothing.
+    /// bits, up to the last frame that is not padding. Attention is causal, so that later frames change nothing.
     pub fn velocity(
         &self,
         parameters: &Parameters,
@@ -325,8 +325,8 @@ impl<'a> Evaluator<'a> {
         &self.rotations[start * self.spec.rope_frequencies.len()..]
     }
 
-    /// Grouped-query attention: every query of token `i` over the first `visible(i)` keys. Scores with the other keys are
-    /// computed too, and must fit like the rest, but have no weight. The result is in rows of tokens.
+    /// Grouped-query attention: every query of token `i` attends to the first `visible(i)` keys. Scores with the other keys
+    /// are computed too and must fit, but have no weight. The result has one row per token.
     fn attend(
         &self,
         multiply: &mut impl Multiply,

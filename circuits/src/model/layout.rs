@@ -27,7 +27,7 @@ impl TensorSpec {
     }
 }
 
-/// The tensors of the action expert in the canonical order: that of quantised weights, digests and aggregation.
+/// Returns the tensors of the action expert in the canonical order, which quantised weights, digests and aggregation use.
 pub fn expert_tensors(dims: &Dims) -> Vec<TensorSpec> {
     let layout = Layout::new(dims);
     let mut all = Vec::with_capacity(layout.tensors.len());
@@ -75,7 +75,7 @@ pub fn expert_tensors(dims: &Dims) -> Vec<TensorSpec> {
     all
 }
 
-/// Where each tensor of [`expert_tensors`] lies, without names: what the guest computes.
+/// Where each tensor of [`expert_tensors`] lies. The guest needs no more than this, and computes no names.
 #[derive(Clone, Debug)]
 pub(crate) struct Layout {
     /// Where each tensor lies.

@@ -1,11 +1,11 @@
-//! The linear layers in the order of evaluation: which matrices share an input, at which scales.
+//! The linear layers in the order of evaluation: which matrices share an input, and at which scales.
 //!
 //! The sum of an output is kept with 16 fraction bits more than the output itself:
 //!
 //! `sum = Σ x·w · 2^shift + bias · 2^… + 2^15`, `output = sum >> 16` (rounded half up),
 //!
 //! where `shift` brings the products to the scale of the sum. The sum must fit int32, which is the same as the output
-//! fitting int16. A tensor has at most so many fraction bits that `shift` is not negative, so that a sum is exact.
+//! fitting int16. The fraction bits of a tensor are limited so that `shift` is not negative. Sums are therefore exact.
 
 use crate::model::{
     layout::{HEAD_TENSORS, LAYER_TENSORS, MAX_WEIGHT_BITS},
@@ -16,7 +16,7 @@ use alloc::{vec, vec::Vec};
 
 /// Fraction bits of a sum beyond those of its output.
 pub const SUM_BITS: u32 = 16;
-/// What rounds a sum's high half to nearest.
+/// Added to a sum, it rounds the sum's high half to nearest.
 pub const HALF: i64 = 1 << (SUM_BITS - 1);
 /// Largest shift: products over 2^14 columns stay below 2^44, shifted below 2^62.
 const MAX_SHIFT: i32 = 18;
@@ -64,7 +64,7 @@ impl Output {
     /// Left shift of a product with a matrix of `matrix_bits` fraction bits and an input of `input_bits`.
     pub fn shift(&self, input_bits: u8, matrix_bits: i16) -> u32 {
         let shift = SUM_BITS as i32 + self.bits as i32 - input_bits as i32 - matrix_bits as i32;
-        shift.clamp(0, MAX_SHIFT) as u32 // within these bounds when the bits are: see `bit_limits`
+        shift.clamp(0, MAX_SHIFT) as u32 // `bit_limits` keeps it within these bounds
     }
 
     /// Left shift of a bias with `bias_bits` fraction bits.
@@ -183,7 +183,7 @@ pub fn linears(spec: &EvalSpec) -> Vec<Linear> {
     all
 }
 
-/// Least and most fraction bits of each tensor, such that every shift is within bounds.
+/// Returns the least and most fraction bits of each tensor with which every shift is within its bounds.
 pub fn bit_limits(spec: &EvalSpec, tensors: usize) -> Vec<(i16, i16)> {
     let mut limits = vec![(0, MAX_WEIGHT_BITS); tensors];
     for linear in linears(spec) {

@@ -1,5 +1,5 @@
-//! Where the evaluation gets its matrix products from: computed ([`Direct`]), computed and kept ([`Recorder`]), or hinted
-//! and checked ([`crate::freivalds::checked::Checked`]).
+//! Where the evaluation gets its matrix products from: [`Direct`] computes them, [`Recorder`] computes and keeps them, and
+//! [`crate::freivalds::checked::Checked`] checks hinted ones.
 
 use crate::model::{
     arithmetic::products::{products, Rows},
@@ -12,13 +12,13 @@ use crate::model::{
 use alloc::{vec, vec::Vec};
 use core::ops::Deref;
 
-/// The evaluation's products. Sums are int32; what does not fit is an error.
+/// A source of the evaluation's products. Sums are int32, and a sum that does not fit is an error.
 pub trait Multiply {
     /// Sums of one product.
     type Sums: Deref<Target = [i32]>;
 
-    /// Sums of linear number `index` ([`crate::model::linear::linears`]) over the rows of `input`: per matrix, one row of
-    /// outputs per row of input.
+    /// Returns the sums of linear layer number `index` ([`crate::model::linear::linears`]) over the rows of `input`:
+    /// for each matrix, one row of outputs per row of input.
     fn linear(
         &mut self,
         index: usize,
@@ -46,7 +46,7 @@ pub trait Multiply {
 
 /// Fraction bits of attention weights: 1 is 2^14.
 pub const ATTENTION_BITS: u32 = 14;
-/// What brings attention weights times values to the scale of sums.
+/// The shift that brings attention weights times values to the scale of sums.
 pub const MIX_SHIFT: u32 = SUM_BITS - ATTENTION_BITS;
 
 /// Computes every product.

@@ -1,4 +1,4 @@
-//! The expert's small tensors, norm gains and biases: the part of the weights that enters the guest in every mode.
+//! Norm gains and biases: the small tensors of the expert, which enter the guest in every mode.
 
 use crate::{
     model::{
@@ -20,7 +20,7 @@ use alloc::vec::Vec;
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Parameters {
     values: Values,
-    /// Per tensor of the expert, where it lies here; `None` for a matrix.
+    /// For each tensor of the expert where it lies here; `None` for a matrix.
     places: Vec<Option<Place>>,
 }
 
@@ -41,7 +41,7 @@ pub struct Vector<'a> {
 }
 
 impl Parameters {
-    /// Those of `weights`, which were quantised for `spec`.
+    /// Copies the gains and biases of `weights`, which were quantised for `spec`.
     pub fn of(spec: &EvalSpec, weights: &QuantisedWeights) -> Self {
         let layout = Layout::new(&spec.dims);
         let (places, len) = places(&layout);
@@ -108,7 +108,7 @@ impl Parameters {
         hash(Domain::Parameters, &self.values)
     }
 
-    /// Gain or bias number `index` of the expert's tensors; empty for a matrix.
+    /// Returns the gain or bias that is number `index` of the expert's tensors. It is empty for a matrix.
     pub fn vector(&self, index: usize) -> Vector<'_> {
         let values = self.values.as_slice();
         match self.places.get(index) {

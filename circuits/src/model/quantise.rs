@@ -10,7 +10,7 @@ pub enum QuantiseError {
     #[error("tensor {0} is missing")]
     Missing(String),
     /// A tensor has the wrong size.
-    #[error("tensor {name} has {found} values, expected {expected}")]
+    #[error("tensor {name} has {found} values; {expected} are needed")]
     Length {
         /// Which.
         name: String,
@@ -43,12 +43,12 @@ pub enum QuantiseError {
         /// Largest magnitude that fits.
         limit: f32,
     },
-    /// The specification itself is refused.
+    /// The specification is not valid.
     #[error(transparent)]
     Spec(#[from] SpecError),
 }
 
-/// The rule for a tensor's fraction bits.
+/// Returns a tensor's fraction bits: the most within `limits` at which its largest magnitude fits int16.
 pub(crate) fn weight_bits(
     name: &str,
     values: &[f32],
@@ -104,9 +104,9 @@ pub(crate) fn quantise_into(
     Ok(())
 }
 
-/// `value · 2^bits` rounded to the nearest integer, ties to even; `None` beyond ±32767.
+/// Returns `value · 2^bits` rounded to the nearest integer, ties to even; `None` beyond ±32767.
 ///
-/// Exact on every machine: the product by a power of two is exact in f64, and adding and subtracting 1.5 · 2^52 rounds.
+/// The result is the same on every machine: the product by a power of two is exact in f64, and adding and subtracting 1.5 · 2^52 rounds.
 fn fixed(value: f32, bits: u32) -> Option<i16> {
     const ROUND: f64 = 6755399441055744.0;
     let scaled = value as f64 * (1u64 << bits) as f64;

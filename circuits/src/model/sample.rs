@@ -38,11 +38,11 @@ pub struct SampleParts<'a> {
     pub is_pad: &'a [bool],
 }
 
-/// Why a buffer is not a sample.
+/// Why a buffer does not hold a sample.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum SampleError {
     /// Wrong size for the number of prefix tokens.
-    #[error("a sample with {prefix} prefix tokens takes {expected} bytes, got {found} (or padding is not zero)")]
+    #[error("a sample with {prefix} prefix tokens takes {expected} bytes with zeros as padding; there are {found} bytes")]
     Length {
         /// Prefix tokens.
         prefix: usize,
@@ -51,16 +51,16 @@ pub enum SampleError {
         /// Bytes there.
         found: usize,
     },
-    /// Too many or no prefix tokens.
-    #[error("a sample has {found} prefix tokens, must be within 1 ..= {most}")]
+    /// The sample has no prefix tokens, or too many.
+    #[error("a sample has {found} prefix tokens; it must have 1 to {most}")]
     Prefix {
         /// Tokens in the sample.
         found: i64,
         /// Most allowed.
         most: u32,
     },
-    /// The pad mask holds something else than 0 and 1.
-    #[error("pad mask of frame {frame} is {value}, must be 0 or 1")]
+    /// The pad mask holds another value than 0 and 1.
+    #[error("the pad mask of frame {frame} is {value}; it must be 0 or 1")]
     PadMask {
         /// Which frame.
         frame: usize,
@@ -198,7 +198,7 @@ impl Sample {
         self.values.as_bytes()
     }
 
-    /// Poseidon2 digest; goes into the dataset's leaf.
+    /// Poseidon2 digest, which goes into the dataset's leaf.
     pub fn digest(&self) -> Digest {
         hash(Domain::Sample, &self.values)
     }

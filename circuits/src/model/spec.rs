@@ -1,5 +1,5 @@
-//! The evaluation specification: dimensions, activation scales, frequencies. Public, and fixed by the round: a node
-//! chooses none of it.
+//! The evaluation specification: dimensions, activation scales, frequencies. It is public and fixed by the round. A node chooses
+//! nothing of it.
 
 use crate::vm::digest::{tagged_sha256, Digest};
 use alloc::{vec, vec::Vec};
@@ -116,7 +116,7 @@ pub struct LayerScales {
     pub hidden: u8,
 }
 
-/// All that is needed, besides weights, sample and draw, to evaluate.
+/// Everything that an evaluation needs besides weights, sample and draw.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct EvalSpec {
     /// [`EVAL_VERSION`].
@@ -143,16 +143,16 @@ pub struct EvalSpec {
     pub rope_frequencies: Vec<u32>,
 }
 
-/// Why a specification is refused.
+/// Why a specification is not valid.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum SpecError {
-    /// Another version.
+    /// The version is another than this program's.
     #[error(
-        "evaluation specification has version {0}, this program evaluates version {EVAL_VERSION}"
+        "the evaluation specification has version {0}; this program evaluates version {EVAL_VERSION}"
     )]
     Version(u16),
     /// A dimension out of bounds.
-    #[error("dimension {name} is {value}, must be within {least} ..= {most}")]
+    #[error("dimension {name} is {value}; it must be {least} to {most}")]
     Dimension {
         /// Which.
         name: &'static str,
@@ -163,11 +163,11 @@ pub enum SpecError {
         /// Most allowed.
         most: u32,
     },
-    /// Dimensions that contradict each other.
+    /// Two dimensions contradict each other.
     #[error("dimensions disagree: {0}")]
     Inconsistent(&'static str),
     /// Fraction bits out of bounds.
-    #[error("scale {name} has {bits} fraction bits, must be within {least} ..= {most}")]
+    #[error("scale {name} has {bits} fraction bits; it must have {least} to {most}")]
     Scale {
         /// Which.
         name: &'static str,
@@ -179,7 +179,7 @@ pub enum SpecError {
         most: u8,
     },
     /// A list of the wrong length.
-    #[error("{name} has {found} entries, the dimensions ask for {expected}")]
+    #[error("{name} has {found} entries; with these dimensions it must have {expected}")]
     Length {
         /// Which list.
         name: &'static str,
@@ -188,8 +188,8 @@ pub enum SpecError {
         /// Entries there.
         found: usize,
     },
-    /// Not the encoding of a specification.
-    #[error("bytes are not an evaluation specification")]
+    /// The bytes do not encode a specification.
+    #[error("the bytes do not encode an evaluation specification")]
     Encoding,
 }
 
@@ -199,8 +199,8 @@ impl EvalSpec {
         Self::new(Dims::MICRO)
     }
 
-    /// A specification for `dims` with default scales: room for activations some ten times those of a freshly trained
-    /// model. Uses only exactly specified arithmetic, so that all machines agree on its digest.
+    /// Returns a specification for `dims` with default scales, which leave room for activations about ten times those of a
+    /// freshly trained model. It uses only exactly specified arithmetic, so that all machines agree on its digest.
     pub fn new(dims: Dims) -> Self {
         // Normed values reach √width times the gain; leave a factor of 4 for the gain.
         let normed = 13u32.saturating_sub(dims.expert_width.max(1).ilog2().div_ceil(2)) as u8;
@@ -386,7 +386,7 @@ fn length(name: &'static str, found: usize, expected: usize) -> Result<(), SpecE
     })
 }
 
-/// Frequencies by IEEE additions, multiplications and divisions alone, which every machine rounds alike.
+/// Computes frequencies with IEEE additions, multiplications and divisions only, which every machine rounds alike.
 mod frequencies {
     use alloc::vec::Vec;
     use core::f64::consts::LOG2_10;

@@ -18,19 +18,21 @@ use alloc::vec::Vec;
 
 /// All weights of the expert as int16.
 ///
-/// One buffer: first the fraction bits of each tensor, then the tensors' values, both in the order of
-/// [`expert_tensors`]. A tensor's fraction bits are the most, up to [`MAX_WEIGHT_BITS`], with which its largest
-/// magnitude still rounds to an int16 (−32767 ..= 32767; ties to even).
+/// One buffer holds first the fraction bits of each tensor, then the tensors' values, both in the order of
+/// [`expert_tensors`]. A tensor has as many fraction bits as possible, up to [`crate::model::layout::MAX_WEIGHT_BITS`], while its
+/// largest magnitude still rounds to an int16 (−32767 ..= 32767; ties to even).
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct QuantisedWeights {
     pub(crate) values: Values,
 }
 
-/// Why a buffer is not quantised weights.
+/// Why a buffer does not hold quantised weights.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum WeightsError {
     /// Wrong size.
-    #[error("quantised weights take {expected} bytes, got {found} (or padding is not zero)")]
+    #[error(
+        "quantised weights take {expected} bytes with zeros as padding; there are {found} bytes"
+    )]
     Length {
         /// Bytes needed.
         expected: usize,
@@ -38,7 +40,7 @@ pub enum WeightsError {
         found: usize,
     },
     /// A scale out of bounds.
-    #[error("tensor {index} has {bits} fraction bits, must be within {least} ..= {most}")]
+    #[error("tensor {index} has {bits} fraction bits; it must have {least} to {most}")]
     Scale {
         /// Which tensor, in canonical order.
         index: usize,
@@ -60,7 +62,7 @@ impl QuantisedWeights {
         spec.validate()?;
         let tensors = expert_tensors(&spec.dims);
         let layout = Layout::new(&spec.dims);
-        // Sizes are checked before the buffer is allocated: it is never larger than what was given.
+        // Sizes are checked before the buffer is allocated, so that it is never larger than what was given.
         for tensor in &tensors {
             let found =
                 get(&tensor.name).ok_or_else(|| QuantiseError::Missing(tensor.name.clone()))?;
@@ -111,8 +113,8 @@ impl QuantisedWeights {
         (&values[place.start..][..place.len], values[index])
     }
 
-    /// Digest over scales and values: [`crate::claim::terms::WeightsDigest::quantised`]. Poseidon2 in mode `direct`, where the guest computes
-    /// it; SHA-256 in mode `checked`, where only verifiers do, in a tenth of the time.
+    /// Digest over scales and values: [`crate::WeightsDigest::quantised`]. It is Poseidon2 in mode `direct`, where the guest
+    /// computes it. It is SHA-256 in mode `checked`, where only verifiers compute it, because that takes a tenth of the time.
     pub fn digest(&self, mode: Mode) -> Digest {
         match mode {
             Mode::Direct => hash(Domain::Weights, &self.values),
@@ -128,7 +130,7 @@ pub struct Quantiser {
 }
 
 impl Quantiser {
-    /// For the tensors of a valid specification.
+    /// Prepares to quantise the tensors of a valid specification.
     pub fn new(spec: &EvalSpec) -> Self {
         let tensors = expert_tensors(&spec.dims);
         let limits = bit_limits(spec, tensors.len());
@@ -154,7 +156,7 @@ impl Quantiser {
     }
 }
 
-/// Checks the fraction bits of the tensors that there are.
+/// Checks fraction bits; `None` stands for a tensor that is not there.
 pub(crate) fn check_bits(
     spec: &EvalSpec,
     tensors: impl ExactSizeIterator<Item = Option<i16>>,

@@ -1,5 +1,5 @@
-//! The cycle budget: in a guest program built with the feature `budget`, SP1's executor is told when an operation starts
-//! and ends, and adds up the cycles of each. In any other build this is nothing.
+//! The cycle budget. A guest program built with the feature `budget` tells SP1's executor when an operation starts and ends, and
+//! the executor adds up the cycles of each. In any other build, this module does nothing.
 
 /// An operation in progress; it ends when this is dropped. Operations do not overlap.
 #[must_use]
@@ -20,7 +20,7 @@ pub fn operation(#[allow(unused)] name: &'static str) -> Operation {
 }
 
 impl Operation {
-    /// Ends it before the end of its scope.
+    /// Ends the operation before the end of its scope.
     pub fn end(self) {}
 }
 

@@ -42,7 +42,7 @@ macro_rules! hex_bytes {
 hex_bytes!(Digest);
 hex_bytes!(NodeId);
 
-/// The text is not 64 hexadecimal digits.
+/// A text does not consist of 64 hexadecimal digits.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ParseHexError(String);
 
@@ -71,9 +71,9 @@ fn parse_hex(text: &str) -> Result<[u8; 32], ParseHexError> {
 
 /// SHA-256 over `parts` under a domain-separation tag.
 ///
-/// The hashed bytes are the length of the tag as one byte, the tag, and for every part its length as a
-/// little-endian u64 followed by the part: no two calls with different arguments hash the same bytes. Tags are at most
-/// 255 bytes (longer ones are cut; all tags are literals of this workspace).
+/// The hashed bytes are the length of the tag as one byte, the tag, and for every part its length as a little-endian u64
+/// followed by the part. No two calls with different arguments hash the same bytes. A tag has at most 255 bytes; a longer one
+/// would be cut, but all tags are literals of this workspace.
 pub fn tagged_sha256(tag: &str, parts: &[&[u8]]) -> Digest {
     let tag = &tag.as_bytes()[..tag.len().min(255)];
     let mut hasher = Sha256::new();

@@ -13,7 +13,7 @@ pub fn node_hash(left: &Digest, right: &Digest) -> Digest {
     sha256(&[&[1], &left.0, &right.0])
 }
 
-/// Merkle tree hash over `leaves`; of an empty list the SHA-256 of nothing.
+/// Merkle tree hash over `leaves`. For an empty list it is the SHA-256 of no bytes.
 pub fn root(leaves: &[Digest]) -> Digest {
     match leaves {
         [] => sha256(&[]),
@@ -25,7 +25,7 @@ pub fn root(leaves: &[Digest]) -> Digest {
     }
 }
 
-/// Inclusion path of leaf `index`, from the leaf up; `None` when there is no such leaf.
+/// Returns the inclusion path of leaf `index`, from the leaf up, or `None` if there is no such leaf.
 pub fn path(leaves: &[Digest], index: usize) -> Option<Vec<Digest>> {
     if index >= leaves.len() {
         return None;
@@ -48,8 +48,8 @@ pub fn path(leaves: &[Digest], index: usize) -> Option<Vec<Digest>> {
     Some(path)
 }
 
-/// Whether `path` proves that the tree of `size` leaves with this `root` has leaf hash `leaf` at `index` (RFC 9162,
-/// section 2.1.3.2). Index and size are bound: a path for another position or another size does not verify.
+/// Returns whether `path` proves that the tree of `size` leaves with this `root` has leaf hash `leaf` at `index` (RFC 9162,
+/// section 2.1.3.2). A path for another position or another size does not verify.
 pub fn verify(root: &Digest, size: u64, index: u64, leaf: &Digest, path: &[Digest]) -> bool {
     if index >= size {
         return false;

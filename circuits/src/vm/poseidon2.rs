@@ -1,20 +1,20 @@
 //! Hashing of int16 values with Poseidon2 over KoalaBear (eprint 2023/323; p = 2^31 − 2^24 + 1, width 16, 8 full and 20
 //! partial rounds, SP1's constants): a sponge of rate 8 and capacity 8.
 //!
-//! Inside the guest the permutation is SP1's precompile: 4 cycles for 12 values, where SHA-256 takes 130. Natively it
-//! is the same permutation from the crates SP1 is built of.
+//! Inside the guest the permutation is SP1's precompile, which takes 4 cycles for 12 values, where SHA-256 takes 130. Natively
+//! it is the same permutation, from the crates that SP1 is built of.
 //!
-//! Everything is stated in *canonical* field values (`p3-koala-bear` keeps Montgomery form in memory, the precompile
-//! does not). The state starts as zeros but for the capacity: `state[8]` is the domain, `state[9..=10]` the number of
-//! values (low and high 30 bits). Each block of 12 values is read as six little-endian u32 words w0…w5 and overwrites
-//! the rate: `state[i] = wi mod 2^30`, and the six pairs of top bits fill the last two elements,
-//! `state[6] = w0>>30 | w2>>30<<2 | w4>>30<<4`, `state[7]` likewise from w1, w3, w5. Every element stays below 2^30 < p
-//! and a block can be read back from its elements. The last block is zero-padded (the length is in the state). The digest
-//! is the rate after the last permutation, as eight little-endian u32.
+//! All field values are *canonical* (`p3-koala-bear` keeps them in Montgomery form in memory, the precompile does not). The
+//! state starts as zeros, except that `state[8]` is the domain and `state[9..=10]` is the number of values (low and high 30
+//! bits). Each block of 12 values is read as six little-endian u32 words w0…w5 and overwrites the rate:
+//! `state[i] = wi mod 2^30`, and the six pairs of top bits fill the last two elements,
+//! `state[6] = w0>>30 | w2>>30<<2 | w4>>30<<4`, and `state[7]` in the same way from w1, w3, w5. Every element stays below
+//! 2^30 < p, and a block can be read back from its elements. The last block is padded with zeros, which is unambiguous because
+//! the length is in the state. The digest is the rate after the last permutation, as eight little-endian u32.
 
 use crate::vm::{digest::Digest, values::Values};
 
-/// What is hashed: keeps digests of different things apart.
+/// What is hashed. It keeps the digests of different things apart.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Domain {
@@ -50,7 +50,7 @@ pub fn hash_words(domain: Domain, words: &[u64], length: u64) -> Digest {
     Digest(digest)
 }
 
-/// Elements without end, from a seed: the rate after absorbing the seed, and after every further permutation.
+/// An endless stream of elements from a seed: the rate after absorbing the seed, and after every further permutation.
 pub struct Squeeze(State);
 
 impl Squeeze {

@@ -1,7 +1,7 @@
 //! The SP1 precompiles that hashing uses inside the guest.
 //!
-//! The system calls are declared here rather than taken from `sp1-zkvm`, which defines them, so that this crate
-//! depends on nothing of SP1: the guest program links `sp1-zkvm` and with it these symbols.
+//! `sp1-zkvm` defines the system calls, and the guest program links it. This crate only declares them, so that it does not depend
+//! on `sp1-zkvm`.
 
 extern "C" {
     fn syscall_sha256_extend(words: *mut [u64; 64]);
@@ -24,7 +24,7 @@ pub fn print(text: &str) {
     unsafe { syscall_write(STDOUT, text.as_ptr(), text.len()) }
 }
 
-/// One Poseidon2 permutation. Every value of `state` must be below the modulus, or no proof can be made.
+/// One Poseidon2 permutation. Every value of `state` must be below the modulus, or no proof can be made of the run.
 #[inline(always)]
 pub fn poseidon2(state: &mut Poseidon2State) {
     // SAFETY: the precompile reads and writes exactly this 64-byte, 8-aligned block.

@@ -1,7 +1,7 @@
 //! Int16 values kept in 8-byte words.
 //!
-//! Weights and samples are hashed four values at a time and multiplied one at a time. Owning them as `u64` words makes
-//! both views free: the allocation is 8-aligned whatever the allocator does.
+//! Weights and samples are hashed four values at a time and multiplied one at a time. As `u64` words they need no copy for
+//! either, because such an allocation is always aligned to 8 bytes.
 
 use alloc::{vec, vec::Vec};
 
@@ -31,7 +31,7 @@ impl Values {
         all
     }
 
-    /// Reads `len` values from exactly [`Self::byte_len`] bytes; `None` when the length differs or padding is not 0.
+    /// Reads `len` values from exactly [`Self::byte_len`] bytes. Returns `None` if the length differs or the padding is not 0.
     pub fn from_bytes(bytes: &[u8], len: usize) -> Option<Self> {
         if bytes.len() != Self::byte_len(len) {
             return None;

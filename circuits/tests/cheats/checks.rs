@@ -1,7 +1,7 @@
-//! The checks, each as text of the source whose deletion lets a cheat pass. Every text has to be there exactly once: where the
-//! source changes, it has to follow.
+//! The checks. Each is a text of the source, and when it is deleted, a cheat passes. Every text must be in the source exactly
+//! once. When the source changes, the text here must change with it.
 
-/// Code deleted or, where it has to be an expression, replaced.
+/// Code that is deleted or, where an expression is needed, replaced.
 type Replacement = (&'static str, &'static str);
 
 /// A check, and the cheat that it stops.
@@ -57,8 +57,8 @@ impl Deletion {
             let found = source.matches(code).count();
             if found != 1 {
                 return Err(format!(
-                    "to delete '{}', `{code}` has to be in src/{} once and is there {found} times: \
-                     the source has changed, and this test's replacement has to follow",
+                    "to delete '{}', `{code}` has to be in src/{} once and is there {found} times; \
+                     if the source has changed, change this test's replacement too",
                     self.check, self.file
                 ));
             }
@@ -161,7 +161,7 @@ pub const DELETIONS: &[Deletion] = &[
         "vm/values.rs",
         &[(".all(|&value| value == 0)", ".all(|_| true)")],
         "pads copies of a sample",
-        "padding is not zero",
+        "with zeros as padding",
     ),
     // Products, in mode `checked`.
     check(

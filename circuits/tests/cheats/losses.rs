@@ -1,4 +1,4 @@
-//! Cheats with what is computed of the right samples: other weights, no improvement, values that wrap.
+//! Cheats that use the right samples: other weights, no improvement, values that wrap.
 
 use super::verifier::{direct, improves, loss, prove};
 use crate::claims::{calmer, louder, name_weights, nudged, quantise, Node, Parts, Random, Tensors};
@@ -6,7 +6,7 @@ use zk0_circuits::{model::draw::draw, EvalSpec, PrivateInput};
 
 const LAYERS: &str = "model.vlm_with_expert.lm_expert.layers";
 
-/// A node whose update is to be chosen; one sample is drawn.
+/// A node whose update a cheat chooses. One sample is drawn.
 fn node() -> Node {
     Node::new(&EvalSpec::micro(), 3, 1, 11)
 }
@@ -62,7 +62,7 @@ pub fn worse() -> Result<(), String> {
     prove_checked(&node)
 }
 
-/// No improvement is asked for but that there is one.
+/// The terms ask for any improvement at all.
 pub fn same() -> Result<(), String> {
     let mut node = node();
     node.update = node.base.clone();
@@ -70,14 +70,14 @@ pub fn same() -> Result<(), String> {
     prove_checked(&node)
 }
 
-/// Some improvement, where nine tenths are claimed.
+/// There is some improvement, but nine tenths are claimed.
 pub fn less() -> Result<(), String> {
     let mut node = node();
     node.min_improvement_bps = 9000;
     prove_checked(&node)
 }
 
-/// An update that hits the one frame that counts leaves no loss; the claim is that it takes away twice what there was.
+/// The update hits the one frame that counts, so that no loss is left. The claim says that it takes away twice the loss.
 pub fn twice_the_loss() -> Result<(), String> {
     let mut node = node();
     node.min_improvement_bps = 20_000;
@@ -105,7 +105,8 @@ fn scale(update: &mut Tensors, name: &str, factor: f32) {
     values.iter_mut().for_each(|value| *value *= factor);
 }
 
-/// A final norm two hundred times as large, of which a hundredth is used: twice the velocity. Wrapped, it is next to none.
+/// The final norm is two hundred times as large and a hundredth of it is used, which gives twice the velocity. If the norm
+/// wraps, the velocity is close to zero.
 pub fn wrapped_norm() -> Result<(), String> {
     let mut node = node();
     node.update = node.base.clone();
@@ -118,7 +119,7 @@ pub fn wrapped_norm() -> Result<(), String> {
     prove_checked(&node)
 }
 
-/// A calmer velocity, but 32 too high, which is once around.
+/// The velocity is calmer, but too high by 32, which is the full range of an int16.
 pub fn wrapped_velocity() -> Result<(), String> {
     let mut node = node();
     let bias = node.update.get_mut("model.action_out_proj.bias").unwrap();
@@ -126,7 +127,7 @@ pub fn wrapped_velocity() -> Result<(), String> {
     prove_direct(&node)
 }
 
-/// Of many updates whose queries and keys are so large that their products wrap, one that looks better for it.
+/// Queries and keys are so large that their products wrap. Of many such updates, one looks better because of it.
 pub fn wrapped_scores() -> Result<(), String> {
     let mut node = node();
     for parts in &mut node.data {
@@ -144,7 +145,7 @@ pub fn wrapped_scores() -> Result<(), String> {
 }
 
 /// The update attends to six tokens alike, whose values are as large as values can be. Six equal attention weights round up
-/// to slightly more than 1: the outputs wrap to the other sign, which may be the better one.
+/// to slightly more than 1. The outputs then wrap to the other sign, which may give a lower loss.
 pub fn wrapped_outputs() -> Result<(), String> {
     let mut node = node();
     let width = node.spec.dims.kv_width();

@@ -1,7 +1,7 @@
-//! Cheats by name. Each wants a false claim accepted, and says whether it was.
+//! Cheats by name. Each tries to get a false claim accepted, and says whether it succeeded.
 //!
-//! They play the prover, who runs code of his own, against the statement of the crate they are linked with: the real one in
-//! `deletion.rs`, one with a check deleted in `program.rs`.
+//! A cheat plays a prover who runs code of his own. It plays against the crate that it is linked with: in `deletion.rs` the real
+//! one, in `program.rs` a copy with one check deleted.
 
 mod losses;
 mod products;
@@ -10,8 +10,8 @@ mod samples;
 mod specification;
 mod verifier;
 
-/// Done when a false claim was accepted, else why not. Panics if the claim that was accepted is true: then the cheat is
-/// none.
+/// Returns `Ok` if a false claim was accepted, and otherwise why not. Panics if the claim is true, because then nothing was
+/// cheated.
 pub type Cheat = fn() -> Result<(), String>;
 
 /// All cheats.

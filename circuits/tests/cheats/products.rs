@@ -21,7 +21,7 @@ use zk0_circuits::{
     EvalSpec, PrivateInput, QuantisedWeights,
 };
 
-/// A node that contributes its base, unchanged: no claim of its improvement is true.
+/// A node that contributes its base unchanged, so that no claim of an improvement is true.
 struct FreeRider {
     node: Node,
     input: PrivateInput,
@@ -162,7 +162,7 @@ impl<F: FnMut(Site, &mut [i32])> Multiply for Forger<'_, F> {
     }
 }
 
-/// A calmer velocity than the update's.
+/// The velocity is calmer than the update's.
 pub fn velocity() -> Result<(), String> {
     FreeRider::new().make_up(|_, site, sums| {
         if site == Site::Velocity {
@@ -171,7 +171,7 @@ pub fn velocity() -> Result<(), String> {
     })
 }
 
-/// Attention elsewhere than the update's.
+/// The attention is elsewhere than the update's.
 pub fn scores() -> Result<(), String> {
     FreeRider::new().make_up(|random, site, sums| {
         if let Site::Scores(_) = site {
@@ -181,7 +181,7 @@ pub fn scores() -> Result<(), String> {
     })
 }
 
-/// Attention to other values than there are.
+/// The attention is to values that do not exist.
 pub fn outputs() -> Result<(), String> {
     FreeRider::new().make_up(|random, site, sums| {
         if let Site::Attention(_) = site {

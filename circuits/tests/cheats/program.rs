@@ -1,4 +1,4 @@
-//! Tries the cheat that its argument names against the crate it was built with. Prints `accepted`, or why it was refused.
+//! Tries the cheat that its argument names on the crate it was built with. Prints `accepted`, or why the claim was refused.
 
 #[path = "mod.rs"]
 mod cheats;

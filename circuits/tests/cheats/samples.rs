@@ -1,4 +1,4 @@
-//! Cheats with samples: other samples than those drawn, or other data than the commitment says.
+//! Cheats that open other samples than those drawn, or commit to other data than they say.
 
 use super::verifier::{improves, loss, loss_at, prove};
 use crate::claims::{nudged, Node, Parts, Random, SALT};
@@ -196,7 +196,7 @@ pub fn flagged_copies() -> Result<(), String> {
     })
 }
 
-/// Each copy has another number behind its last value, where nothing reads it.
+/// Each copy has another number behind its last value, which nothing reads.
 pub fn padded_copies() -> Result<(), String> {
     copies([SALT; 6], |sample, index| {
         let last = sample.as_bytes().len() / 2 - 1;

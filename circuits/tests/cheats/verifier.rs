@@ -1,4 +1,4 @@
-//! The other side: what a verifier accepts who holds the files, and whether a claim is true, by float64.
+//! The other side: whether a verifier who holds the files accepts a claim, and whether the claim is true in float64.
 
 #[path = "../claims/reference.rs"]
 mod reference;
@@ -23,7 +23,7 @@ pub fn direct(input: &PrivateInput, files: [&QuantisedWeights; 2]) -> Result<Cla
 }
 
 /// Runs the guest program of mode `checked`, and the verifier's checks of the claim against the files: their digests, and
-/// what of them was in the guest.
+/// the parts of them that were in the guest.
 pub fn checked(
     input: &HintedInput<'static>,
     files: [&QuantisedWeights; 2],
@@ -82,7 +82,7 @@ pub fn loss(node: &Node, tensors: &Tensors, samples: &[&Parts]) -> f64 {
 
 /// That of one sample, with the noise and time of a position.
 pub fn loss_at(node: &Node, tensors: &Tensors, parts: &Parts, position: usize) -> f64 {
-    // The challenge's noise as its table has it, whatever the node's specification makes of it.
+    // The noise as the table has it. The node's specification may round it differently.
     let exact = EvalSpec {
         action: 12,
         ..EvalSpec::new(node.spec.dims)

@@ -1,4 +1,4 @@
-//! Honest claims from a seed, for tests to spoil.
+//! Honest claims made from a seed, which tests then change.
 #![allow(dead_code)]
 
 use std::collections::HashMap;
@@ -14,7 +14,7 @@ use zk0_circuits::{
     Sample, Terms, WeightsDigest,
 };
 
-/// SplitMix64: a seed's uniform numbers.
+/// SplitMix64: uniform random numbers from a seed.
 pub struct Random(pub u64);
 
 impl Random {
@@ -67,7 +67,7 @@ pub fn tensors(spec: &EvalSpec, random: &mut Random, gain: f32) -> Tensors {
     .collect()
 }
 
-/// The same weights with a velocity a quarter as large: a lower loss where velocity and target are independent.
+/// The same weights with a velocity a quarter as large, which gives a lower loss where velocity and target are independent.
 pub fn calmer(tensors: &Tensors) -> Tensors {
     louder(tensors, 0.25)
 }

@@ -1,12 +1,12 @@
-//! Fixed-point arithmetic: shifts with explicit rounding, and narrowing that refuses what does not fit.
+//! Fixed-point arithmetic: shifts with explicit rounding, and narrowing that refuses a value that does not fit.
 
-/// `value` with `from` fraction bits, restated with `to`: exact to the left, rounded half up to the right.
+/// Brings `value` from `from` fraction bits to `to`. A shift to the left is exact, a shift to the right rounds half up.
 #[inline(always)]
 pub fn align(value: i64, from: i32, to: i32) -> i64 {
     Rescale::new(from, to).apply(value)
 }
 
-/// A change of fraction bits, prepared: a shift left that is exact, or one right that rounds half up.
+/// A prepared change of fraction bits: an exact shift to the left, or a shift to the right that rounds half up.
 #[derive(Clone, Copy)]
 pub struct Rescale {
     left: u32,
@@ -15,7 +15,7 @@ pub struct Rescale {
 }
 
 impl Rescale {
-    /// From `from` fraction bits to `to`.
+    /// Prepares the change from `from` fraction bits to `to`.
     #[inline(always)]
     pub fn new(from: i32, to: i32) -> Self {
         let (left, right) = ((to - from).max(0) as u32, (from - to).max(0) as u32);
@@ -26,7 +26,7 @@ impl Rescale {
         }
     }
 
-    /// `value` at the new scale.
+    /// Returns `value` at the new scale.
     #[inline(always)]
     pub fn apply(self, value: i64) -> i64 {
         ((value << self.left) + self.half) >> self.right
@@ -66,7 +66,7 @@ pub fn integer_sqrt(value: u64) -> u64 {
     }
 }
 
-/// Whether values fit int16, at two instructions each: out of range is an error, never a clamp.
+/// Finds out whether values fit int16, at two instructions a value. A value out of range is an error and is never clamped.
 #[derive(Default)]
 pub struct Range {
     /// Bits of all values plus 2^15.
@@ -74,7 +74,7 @@ pub struct Range {
 }
 
 impl Range {
-    /// `value` as int16. What it returns for a value out of range is never used.
+    /// Returns `value` as int16. The result for a value out of range is never used.
     #[inline(always)]
     pub fn narrow(&mut self, value: i64) -> i16 {
         self.seen |= value.wrapping_add(1 << 15) as u64;

@@ -1,4 +1,4 @@
-//! The int16 matrix product with int64 sums: where nearly all of the work of mode `direct` is.
+//! The int16 matrix product with int64 sums. Mode `direct` spends nearly all of its time here.
 
 use alloc::{vec, vec::Vec};
 
@@ -98,11 +98,11 @@ impl<'a, T: Copy> Rows<'a, T> {
     }
 }
 
-/// `a · bᵀ`: gives `sink(i * b.count + j, j, sum)` the product of row `i` of `a` with row `j` of `b`, for all i and j.
-/// |a·b| ≤ 2^30, so 2^16 columns stay far inside int64. Should the rows differ in length, the shorter counts.
+/// Computes `a · bᵀ`: calls `sink(i * b.count + j, j, sum)` with the product of row `i` of `a` and row `j` of `b`, for all i and
+/// j. |a·b| ≤ 2^30, so that 2^16 columns stay far inside int64. If the rows differ in length, the shorter counts.
 ///
-/// Blocks of 2 × 3 rows share their loads: about 3 guest cycles per multiply-add, where a plain loop takes 12. Bounds are
-/// checked once per matrix, not per block: at 12 columns those checks cost as much as a third of the products.
+/// Blocks of 2 × 3 rows share their loads. That takes about 3 guest cycles per multiply-add, where a plain loop takes 12. Bounds
+/// are checked once per matrix and not per block, because at 12 columns those checks cost as much as a third of the products.
 #[inline(always)]
 pub fn products(a: Rows<'_>, b: Rows<'_>, mut sink: impl FnMut(usize, usize, i64)) {
     let columns = a.columns.min(b.columns);
@@ -140,7 +140,7 @@ pub fn products(a: Rows<'_>, b: Rows<'_>, mut sink: impl FnMut(usize, usize, i64
     }
 }
 
-/// Σ a·b over two slices, as far as the shorter goes.
+/// Returns Σ a·b over two slices, up to the end of the shorter.
 pub fn dot(a: &[i16], b: &[i16]) -> i64 {
     let columns = a.len().min(b.len());
     let [[sum]] = block([&a[..columns]], [&b[..columns]], columns);

@@ -1,5 +1,5 @@
-//! The nonlinearities as tables: little-endian u16 data under `circuits/tables/`, compared
-//! with the formulas here by a test. Tables are data, not code, because `libm` differs between machines and the evaluation must not.
+//! The nonlinear functions as tables of little-endian u16 under `circuits/tables/`. A test compares the tables with the formulas
+//! given here. They are data because `libm` differs between machines, and the evaluation must not.
 
 /// Reads a table file at compile time.
 const fn table<const N: usize>(bytes: &[u8]) -> [u16; N] {
@@ -38,7 +38,8 @@ pub const SIGMOID_BITS: u32 = 15;
 /// Fraction bits of [`gaussian`].
 pub const GAUSS_BITS: u32 = 12;
 
-/// Sine of an angle in units of 2^-32 turns; in [−2^14, 2^14]. Linear between table entries: within 2^-14 of the truth.
+/// Sine of an angle in units of 2^-32 turns; in [−2^14, 2^14]. It is linear between table entries, with an error of at most
+/// 2^-14.
 pub fn sine(phase: u32) -> i16 {
     let (quadrant, within) = (phase >> 30, phase & 0x3fff_ffff);
     let position = if quadrant & 1 == 0 {
