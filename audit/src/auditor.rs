@@ -15,7 +15,7 @@ use crate::{
     depth::Depth,
     queue::{BrokeDown, Queue},
 };
-use borsh::{BorshDeserialize, BorshSerialize};
+
 use std::{collections::BTreeMap, num::NonZeroUsize, thread};
 use zk0_circuits::{Digest, NodeId};
 use zk0_ledger::{

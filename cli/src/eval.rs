@@ -9,19 +9,23 @@ use anyhow::{bail, Context, Result};
 use serde::Serialize;
 use std::{fmt::Write as _, fs, path::PathBuf};
 use zk0_ledger::whole_files;
+use zk0_lerobot::dataset::Dataset;
 use zk0_node::{
     progress::Progress,
     samples::{FrameNames, ReadySamples},
 };
 use zk0_smolvla::{
-    action_error::{sample_actions, ActionError},
-    batch::SampleSource,
-    dataset::Dataset,
-    evaluate::fixed_draws,
-    policy_file::PolicyFile,
-    prefix_cache::{FrameMaker, KeySpace},
-    sample::{PreparedSample, Preparer},
-    train::{learner::Snapshot, trainer::evaluate_samples, Samples},
+    frames::{
+        batch::SampleSource,
+        prefix_cache::{FrameMaker, KeySpace},
+        sample::{PreparedSample, Preparer},
+    },
+    measure::{
+        action_error::{sample_actions, ActionError},
+        evaluate::fixed_draws,
+    },
+    policy::policy_file::PolicyFile,
+    train::{learner::EvaluationModels, trainer::evaluate_samples, Samples},
     PolicyError, Profile,
 };
 
@@ -187,7 +191,7 @@ fn measure(
     let (config, tokenizer) = (policy.config.clone(), &tokenizer);
     let cache = options.cache.open()?;
     let space = KeySpace::new::<PreparedSample>(&policy, &place);
-    let models = Snapshot::new(&config, &policy.expert, None, &place.device)?;
+    let models = EvaluationModels::new(&config, &policy.expert, None, &place.device)?;
     drop(policy);
     let maker = FrameMaker::new(datasets, config.chunk_size, || {
         let policy = source.policy();

@@ -7,7 +7,7 @@ use zk0::{audit, ledger, logging};
 
 #[cfg(feature = "full")]
 #[global_allocator]
-static ALLOCATOR: zk0_smolvla::memory::Allocator = zk0_smolvla::memory::Allocator;
+static ALLOCATOR: zk0_smolvla::policy::memory::Allocator = zk0_smolvla::policy::memory::Allocator;
 
 /// Federated learning of robot policies, in which a contribution counts only if a proof shows that it is an improvement.
 #[derive(Parser)]

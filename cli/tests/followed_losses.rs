@@ -7,8 +7,8 @@ use harness::network::LocalNetwork;
 use serde_json::{json, Value};
 use std::{fs, path::Path};
 use zk0_smolvla::{
-    policy_file::PolicyFile,
-    train::{measure::loss_of, train, TrainOptions},
+    policy::policy_file::PolicyFile,
+    train::{measured_loss::loss_of, train, TrainOptions},
 };
 
 const STEPS: usize = 200;

@@ -11,11 +11,11 @@ use std::{
     path::{Path, PathBuf},
 };
 use tempfile::TempDir;
-use zk0_smolvla::{
+use zk0_lerobot::{
     dataset::{Dataset, Stats},
-    inference::Inference,
-    policy_file, Checkpoint,
+    policy_folder::{Inference, PolicyFolder},
 };
+use zk0_smolvla::policy::policy_file;
 
 const PICKPLACE: &str = "so100_pickplace";
 const SORTING: &str = "so100_sorting";

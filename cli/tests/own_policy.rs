@@ -10,13 +10,18 @@ use harness::{
 use serde_json::{json, Value};
 use std::{fs, path::Path};
 use zk0_circuits::{Digest, EvalSpec};
+use zk0_lerobot::{
+    policy_folder::PolicyFolder,
+    tokenizer::{Tokenizer, TrainedTokenizer},
+};
 use zk0_smolvla::{
-    fixed_point::dims,
-    init::init_policy,
-    policy_file::{self, PolicyFile},
-    tokenizer::{PolicyTokenizer, Tokenizer},
-    trained_tokenizer::TrainedTokenizer,
-    Checkpoint, Profile,
+    measure::fixed_point::dims,
+    policy::{
+        init::init_policy,
+        policy_file::{self, PolicyFile},
+        tokenizer::PolicyTokenizer,
+    },
+    Profile,
 };
 
 /// LeRobot's fixture as `save_pretrained` leaves a policy, with a tokenizer of a few words.

@@ -8,9 +8,9 @@
 //! It adds to `ledger/tests/corpus/<target>` one small input per outcome that is not there yet, and fails on a panic or an
 //! allocation out of proportion, whose inputs it leaves there as well. The machinery is that of `smolvla/tests/fuzz.rs`.
 
-#[path = "../../smolvla/tests/allocations/mod.rs"]
+#[path = "../../lerobot/tests/allocations/mod.rs"]
 mod allocations;
-#[path = "../../smolvla/tests/fuzzing/mod.rs"]
+#[path = "../../lerobot/tests/fuzzing/mod.rs"]
 mod fuzzing;
 mod network;
 #[path = "fuzzing/targets.rs"]

@@ -5,22 +5,18 @@ use crate::{client_error::NodeError, recording::Recording};
 use ed25519_dalek::SigningKey;
 use sha2::{Digest as _, Sha256};
 use std::{io::Write, time::Duration};
-use tonic::{transport, Code, Status};
+use tonic::{transport, Code};
 use zk0_circuits::{claim::challenge::challenge, Claim, Digest, NodeId, WeightsDigest};
 use zk0_protocol::rpc::federation::{self as rpc, federation_client::FederationClient};
 use zk0_protocol::{
     entries::{
-        codec::EntryError,
         entry::{Body, Entry, RoundClosed, RoundOpened},
         genesis::Genesis,
         signed::{
             DatasetRegistration, Proposal, Signed, Submission, UpdateCommitment, UploadRequest,
         },
     },
-    tlog::{
-        checkpoint::{Checkpoint, CheckpointError},
-        receipt::{Receipt, ReceiptError},
-    },
+    tlog::{checkpoint::Checkpoint, receipt::Receipt},
     Refusal, Rules,
 };
 

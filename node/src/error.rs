@@ -2,19 +2,19 @@
 
 use crate::client_error::NodeError;
 use std::{io, path::PathBuf};
-use zk0_circuits::claim::{challenge::DrawError, statement};
+use zk0_circuits::claim::{challenge::DrawError, statement_error::StatementError};
 use zk0_prover::service::ClientError;
-use zk0_smolvla::prefix_cache::CacheError;
+use zk0_smolvla::frames::prefix_cache::CacheError;
 
 /// Why a node cannot go on.
 #[derive(Debug, thiserror::Error)]
 pub enum ParticipantError {
     /// The recording cannot be read.
     #[error("the recording: {0}")]
-    Dataset(#[from] zk0_smolvla::dataset::DatasetError),
+    Dataset(#[from] zk0_lerobot::dataset::DatasetError),
     /// The recording cannot be read, or does not fit the policy.
     #[error("the recording: {0}")]
-    Prepare(#[from] zk0_smolvla::recording::PrepareError),
+    Prepare(#[from] zk0_smolvla::frames::recording::PrepareError),
     /// The cache of prepared samples fails.
     #[error(transparent)]
     Cache(CacheError),
@@ -38,7 +38,7 @@ pub enum ParticipantError {
     Draw(#[from] DrawError),
     /// The claim does not hold: on the samples drawn, the update is not better by as much as the rules ask.
     #[error("the update cannot be proven: {0}")]
-    Statement(#[from] statement::StatementError),
+    Statement(#[from] StatementError),
     /// A request to the aggregator fails.
     #[error(transparent)]
     Node(#[from] NodeError),

@@ -13,9 +13,9 @@ use std::{fs::File, io::BufWriter, path::PathBuf};
 use zk0_circuits::{claim::program::verifying_key, model::spec::EvalSpec, Digest};
 use zk0_prover::service::ProvingClient;
 use zk0_smolvla::{
-    fixed_point::dims,
-    policy_file::{self, PolicyFile},
-    prefix_cache::DiskCache,
+    frames::prefix_cache::DiskCache,
+    measure::fixed_point::dims,
+    policy::policy_file::{self, PolicyFile},
     PolicyConfig,
 };
 

@@ -14,15 +14,16 @@ use zk0_circuits::{
     vm::merkle,
     DatasetCommitment, Digest, PrivateInput,
 };
+use zk0_lerobot::dataset::Dataset;
 use zk0_protocol::rules::bindings::ExpectedClaim;
 use zk0_smolvla::{
-    batch::SampleSource,
-    dataset::Dataset,
-    fixed_point::quantise_sample,
-    frozen::FrozenPlace,
-    policy_file::PolicyFile,
-    prefix_cache::{DiskCache, FrameMaker, KeySpace},
-    sample::{PreparedSample, Preparer},
+    frames::{
+        batch::SampleSource,
+        prefix_cache::{DiskCache, FrameMaker, KeySpace},
+        sample::{PreparedSample, Preparer},
+    },
+    measure::fixed_point::quantise_sample,
+    policy::{frozen::FrozenPlace, policy_file::PolicyFile},
 };
 
 /// A prepared recording, as training and proving use it.
@@ -144,10 +145,8 @@ mod tests {
     use super::*;
     use serde_json::json;
     use std::path::PathBuf;
-    use zk0_smolvla::{
-        fixed_point::dims, init::init_policy, tokenizer::Tokenizer,
-        trained_tokenizer::TrainedTokenizer, Profile,
-    };
+    use zk0_lerobot::tokenizer::{Tokenizer, TrainedTokenizer};
+    use zk0_smolvla::{measure::fixed_point::dims, policy::init::init_policy, Profile};
 
     fn path() -> PathBuf {
         PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../tests/fixtures/datasets/so100_pickplace")

@@ -2,15 +2,16 @@
 
 use crate::progress::Progress;
 use std::borrow::Cow;
+use zk0_lerobot::{dataset::Dataset, tokenizer::Tokenizer};
 use zk0_smolvla::{
-    batch::SampleSource,
-    dataset::Dataset,
-    prefix_cache::{
-        entry::Entry, CacheError, DiskCache, FileDigests, FrameMaker, FrameRef, FrameSource,
-        KeySpace,
+    frames::{
+        batch::SampleSource,
+        prefix_cache::{
+            entry::Entry, CacheError, DiskCache, FileDigests, FrameMaker, FrameRef, FrameSource,
+            KeySpace,
+        },
+        sample::{FromFrame, ObservedSample, PreparedSample},
     },
-    sample::{FromFrame, ObservedSample, PreparedSample},
-    tokenizer::Tokenizer,
     train::Samples,
     PolicyConfig, PolicyError,
 };

@@ -16,9 +16,12 @@ use zk0_circuits::{model::spec::EvalSpec, Digest, Terms, WeightsDigest};
 use zk0_protocol::{entries::entry::RoundOpened, rules::bindings::ExpectedClaim};
 use zk0_prover::{program::GuestInput, rpc, service::ProvingClient};
 use zk0_smolvla::{
-    adaptive::{adapted, Adaptation, Rates},
-    fixed_point::quantise_weights,
-    train::{measure::loss_of, train, TrainOptions},
+    measure::fixed_point::quantise_weights,
+    train::{
+        adaptive::{adapted, Adaptation, Rates},
+        measured_loss::loss_of,
+        train, TrainOptions,
+    },
     ExpertWeights, PolicyConfig,
 };
 

@@ -5,13 +5,15 @@
 use std::error::Error;
 use std::time::Instant;
 
-use zk0_smolvla::dataset::Dataset;
-use zk0_smolvla::evaluate::{evaluate, fixed_draws};
-use zk0_smolvla::init::init_policy;
-use zk0_smolvla::sample::{PreparedSample, Preparer};
-use zk0_smolvla::tokenizer::WordHash;
+use zk0_lerobot::config::PolicyConfig;
+use zk0_lerobot::dataset::Dataset;
+use zk0_smolvla::frames::sample::{PreparedSample, Preparer};
+use zk0_smolvla::measure::evaluate::{evaluate, fixed_draws};
+use zk0_smolvla::policy::init::init_policy;
+use zk0_smolvla::policy::profile::Profile;
+use zk0_smolvla::policy::tokenizer::WordHash;
+use zk0_smolvla::policy::weights::ExpertWeights;
 use zk0_smolvla::train::{train, TrainOptions};
-use zk0_smolvla::{ExpertWeights, PolicyConfig, Profile};
 
 /// Held-out draws per sample.
 const DRAWS: usize = 8;

@@ -1,16 +1,16 @@
 //! Acting: from what the robot sees to a chunk of actions in the robot's units, as LeRobot's `predict_action_chunk`.
 
 use candle_core::Tensor;
+use zk0_lerobot::config::PolicyConfig;
+use zk0_lerobot::dataset::Stats;
+use zk0_lerobot::tokenizer::Tokenizer;
 
-use crate::config::PolicyConfig;
-use crate::dataset::Stats;
 use crate::error::{PolicyError, Result};
-use crate::model::expert::ExpertModel;
-use crate::model::prefix::PrefixModel;
-use crate::model::sampling::sample_actions;
-use crate::model::Parameters;
-use crate::sample::{CameraImage, Preparer};
-use crate::tokenizer::Tokenizer;
+use crate::frames::sample::{CameraImage, Preparer};
+use crate::policy::model::expert::ExpertModel;
+use crate::policy::model::prefix::PrefixModel;
+use crate::policy::model::sampling::sample_actions;
+use crate::policy::model::Parameters;
 
 /// What the robot sees.
 pub struct Scene<'a> {

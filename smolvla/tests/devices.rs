@@ -10,16 +10,17 @@ use std::collections::BTreeMap;
 
 use candle_core::{DType, Device, Tensor};
 use reference::{check, config, numbers, policy, relative_distance as distance, Values};
-use zk0_smolvla::device::device;
-use zk0_smolvla::frozen::FrozenPrecision;
-use zk0_smolvla::layout::trainable_layout;
-use zk0_smolvla::model::expert::ExpertModel;
-use zk0_smolvla::model::flow;
-use zk0_smolvla::model::kernels::{gradients::backward, without};
-use zk0_smolvla::model::prefix::{CameraInput, PrefixCache, PrefixInput, PrefixModel};
-use zk0_smolvla::model::sampling::sample_actions;
-use zk0_smolvla::model::Parameters;
-use zk0_smolvla::optimizer::{AdamW, AdamWOptions};
+use zk0_lerobot::layout::trainable_layout;
+use zk0_smolvla::policy::device::device;
+use zk0_smolvla::policy::frozen::FrozenPrecision;
+use zk0_smolvla::policy::model::expert::ExpertModel;
+use zk0_smolvla::policy::model::kernels::gradients::backward;
+use zk0_smolvla::policy::model::kernels::without;
+use zk0_smolvla::policy::model::key_values::PrefixCache;
+use zk0_smolvla::policy::model::prefix::{CameraInput, PrefixInput, PrefixModel};
+use zk0_smolvla::policy::model::sampling::sample_actions;
+use zk0_smolvla::policy::model::{flow, Parameters};
+use zk0_smolvla::train::optimizer::{AdamW, AdamWOptions};
 
 /// What is compared, all of it brought to the CPU.
 struct Results {

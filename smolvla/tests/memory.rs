@@ -2,7 +2,7 @@
 
 use candle_core::{DType, Device, Tensor};
 use libmimalloc_sys::mi_option_get;
-use zk0_smolvla::memory::{Allocator, KeepFreed, KEPT_FOR, PURGE_DELAY};
+use zk0_smolvla::policy::memory::{Allocator, KeepFreed, KEPT_FOR, PURGE_DELAY};
 
 #[global_allocator]
 static ALLOCATOR: Allocator = Allocator;

@@ -6,12 +6,12 @@ mod reference;
 
 use candle_core::{Device, Tensor};
 use reference::peak_gib;
-use zk0_smolvla::init::init_policy;
-use zk0_smolvla::layout::checkpoint_layout;
-use zk0_smolvla::model::expert::ExpertModel;
-use zk0_smolvla::model::prefix::{CameraInput, PrefixInput, PrefixModel};
-use zk0_smolvla::model::Parameters;
-use zk0_smolvla::Profile;
+use zk0_lerobot::layout::state_dict_layout;
+use zk0_smolvla::policy::init::init_policy;
+use zk0_smolvla::policy::model::expert::ExpertModel;
+use zk0_smolvla::policy::model::prefix::{CameraInput, PrefixInput, PrefixModel};
+use zk0_smolvla::policy::model::Parameters;
+use zk0_smolvla::policy::profile::Profile;
 
 /// The weights that a forward pass uses are 1.5 GiB in F32. PyTorch takes 3.9 GB for a training step of the same.
 const MOST_GIB: f64 = 2.1;
@@ -33,11 +33,11 @@ fn a_forward_pass_at_the_published_size_in_bounded_memory() {
     let mut all = policy.frozen;
     all.extend(policy.expert.into_tensors());
 
-    // What the checkpoint has and the policy uses.
+    // What the state dict has and the policy uses.
     let mut found = 0;
     let (mut tensors, mut parameters) = (0, 0);
     let json = reference::published_parameters();
-    let layout = checkpoint_layout(&config);
+    let layout = state_dict_layout(&config);
     for parameter in json["parameters"].as_array().unwrap() {
         let name = parameter["name"].as_str().unwrap();
         let shape: Vec<usize> = serde_json::from_value(parameter["shape"].clone()).unwrap();

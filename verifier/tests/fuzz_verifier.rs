@@ -8,9 +8,9 @@
 //!
 //! As `ledger/tests/fuzz.rs`, with the corpus in `verifier/tests/corpus`.
 
-#[path = "../../smolvla/tests/allocations/mod.rs"]
+#[path = "../../lerobot/tests/allocations/mod.rs"]
 mod allocations;
-#[path = "../../smolvla/tests/fuzzing/mod.rs"]
+#[path = "../../lerobot/tests/fuzzing/mod.rs"]
 mod fuzzing;
 #[path = "fuzzing/targets.rs"]
 mod targets;

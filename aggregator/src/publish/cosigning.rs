@@ -14,7 +14,7 @@ use zk0_circuits::Digest;
 use zk0_ledger::published::web::agent;
 use zk0_protocol::tlog::{
     checkpoint::{CheckpointError, Parsed},
-    cosignature,
+    cosigner,
     witness::AddCheckpoint,
     witness_policy::{Witness, WitnessPolicy},
 };
@@ -171,7 +171,7 @@ impl Client {
             let text = || String::from_utf8_lossy(&answer.body).trim().to_owned();
             match answer.status {
                 200 => {
-                    let line = cosignature::find(&answer.body, &self.witness.key, &note)
+                    let line = cosigner::find(&answer.body, &self.witness.key, &note)
                         .ok_or("answered without a valid cosignature of this checkpoint")?;
                     self.known.store(size, Ordering::Release);
                     return Ok(line.to_bytes());

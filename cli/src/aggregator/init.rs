@@ -23,8 +23,8 @@ use zk0_node::participant::MAX_POLICY_BYTES;
 use zk0_protocol::Rules;
 use zk0_prover::measure::{DirectCost, DirectMode};
 use zk0_smolvla::{
-    fixed_point::{dims, quantise_weights},
-    policy_file::PolicyFile,
+    measure::fixed_point::{dims, quantise_weights},
+    policy::policy_file::PolicyFile,
     Policy, Profile,
 };
 

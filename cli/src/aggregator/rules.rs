@@ -3,10 +3,11 @@
 use super::enrolment::Enrolment;
 use anyhow::{Context, Result};
 use std::path::Path;
+use zk0_circuits::Disclosure;
 use zk0_ledger::whole_files;
 use zk0_protocol::rules::{
     governance::{Governance, Governor},
-    network_rules::{Disclosure, Rules},
+    network_rules::Rules,
 };
 
 /// The least limit for an update, in bytes. The micro profile needs much less.

@@ -3,7 +3,7 @@
 use super::RecordingName;
 use anyhow::{Context, Result};
 use serde::Serialize;
-use zk0_smolvla::dataset::{Dataset, Frame, Normalizer, VectorFeature, VideoReader};
+use zk0_lerobot::dataset::{Dataset, Frame, Normalizer, VectorFeature, VideoReader};
 
 /// Prints what `recording` holds.
 pub fn run(recording: &RecordingName, chunk: usize, json: bool) -> Result<()> {

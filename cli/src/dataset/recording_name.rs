@@ -2,9 +2,9 @@
 
 use anyhow::{Context, Result};
 use std::{convert::Infallible, fmt, path::PathBuf, str::FromStr};
+use zk0_lerobot::dataset::Dataset;
+use zk0_lerobot::hub::{fetch, HubOptions, HubRecording};
 use zk0_node::progress::Progress;
-use zk0_smolvla::dataset::Dataset;
-use zk0_smolvla::hub::{fetch, HubOptions, HubRecording};
 
 /// A LeRobotDataset folder (v2.0, v2.1, v3.0), or `hub:owner/name[@revision]` on the Hugging Face Hub.
 #[derive(Clone, Debug)]

@@ -2,8 +2,8 @@
 
 use super::RecordingName;
 use anyhow::Result;
+use zk0_lerobot::dataset::Dataset;
 use zk0_node::progress::Progress;
-use zk0_smolvla::dataset::Dataset;
 
 /// Checks one recording after another. Returns `false` if any has a fault.
 pub fn run(recordings: &[RecordingName]) -> Result<bool> {

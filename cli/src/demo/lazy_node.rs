@@ -14,7 +14,9 @@ use zk0_node::{
     turn::{Entered, Training},
 };
 use zk0_protocol::{entries::entry::RoundOpened, rules::bindings::ExpectedClaim};
-use zk0_smolvla::{adaptive::Adaptation, fixed_point::quantise_weights, ExpertWeights};
+use zk0_smolvla::{
+    measure::fixed_point::quantise_weights, train::adaptive::Adaptation, ExpertWeights,
+};
 
 /// Largest proof that is read. A compressed proof has 1.3 MB.
 const MAX_PROOF_BYTES: usize = 16 << 20;

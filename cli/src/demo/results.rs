@@ -11,13 +11,14 @@ use zk0_audit::{
 };
 use zk0_circuits::{model::spec::EvalSpec, Digest, NodeId};
 use zk0_ledger::{blobs::Blobs, replay::Verdict, whole_files};
+use zk0_lerobot::dataset::Dataset;
 use zk0_node::{recording, training_history::TrainingHistory};
 use zk0_protocol::entries::{
     entry::{Body, Entry},
     genesis::Genesis,
     signed::{Signed, Submission},
 };
-use zk0_smolvla::{dataset::Dataset, evaluate, policy_file, ExpertWeights, PolicyConfig};
+use zk0_smolvla::{measure::evaluate, policy::policy_file, ExpertWeights, PolicyConfig};
 
 /// A point of a training curve is the mean of this many steps.
 const WINDOW: usize = 20;
@@ -241,7 +242,7 @@ fn global(
 /// A recording that nobody trained on, with fixed noise and times.
 struct Unseen {
     config: PolicyConfig,
-    samples: Vec<zk0_smolvla::sample::PreparedSample>,
+    samples: Vec<zk0_smolvla::frames::sample::PreparedSample>,
     draws: Vec<evaluate::FlowDraw>,
 }
 

@@ -16,10 +16,9 @@ use report::{print_ranges, table, Outcome, Row};
 use std::path::PathBuf;
 use zk0_circuits::{Digest, EvalSpec};
 use zk0_smolvla::{
-    fidelity::measure,
-    fixed_point::dims,
-    policy_file::PolicyFile,
-    sample::PreparedSample,
+    frames::sample::PreparedSample,
+    measure::{fidelity::measure, fixed_point::dims},
+    policy::policy_file::PolicyFile,
     train::{train, TrainOptions},
     ExpertWeights, Policy, PolicyConfig, Profile,
 };

@@ -1,7 +1,7 @@
 //! What `zk0 fidelity` prints: JSON lines to standard output, tables for people to standard error.
 
 use serde::Serialize;
-use zk0_smolvla::{
+use zk0_smolvla::measure::{
     calibrate::Range,
     fidelity::{Fidelity, FidelityError},
 };

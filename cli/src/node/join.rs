@@ -6,7 +6,7 @@ use std::{fs, path::PathBuf};
 use zk0_circuits::Digest;
 use zk0_node::{client::Node, participant::Participant, turn::Training};
 use zk0_prover::service::ProvingClient;
-use zk0_smolvla::adaptive::{Adaptation, Boost};
+use zk0_smolvla::train::adaptive::{Adaptation, Boost};
 
 /// `zk0 node join`.
 #[derive(Debug, clap::Args)]

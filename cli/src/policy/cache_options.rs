@@ -5,7 +5,7 @@ use std::{
     env,
     path::{Path, PathBuf},
 };
-use zk0_smolvla::prefix_cache::{CacheError, DiskCache};
+use zk0_smolvla::frames::prefix_cache::{CacheError, DiskCache};
 
 /// Where prepared samples are kept.
 #[derive(Clone, Debug, clap::Args)]

@@ -5,11 +5,13 @@ use crate::dataset::RecordingName;
 use anyhow::{Context, Result};
 use zk0_circuits::{Digest, EvalSpec};
 use zk0_smolvla::{
-    calibrate::{calibrate, Magnitudes},
-    fidelity::draws,
-    fixed_point::dims,
-    policy_file::PolicyFile,
-    sample::{PreparedSample, Preparer},
+    frames::sample::{PreparedSample, Preparer},
+    measure::{
+        calibrate::{calibrate, Magnitudes},
+        fidelity::draws,
+        fixed_point::dims,
+    },
+    policy::policy_file::PolicyFile,
     ExpertWeights, PolicyConfig,
 };
 

@@ -1,7 +1,7 @@
 //! The options that say where `zk0 train` and `zk0 eval` compute.
 
 use anyhow::Result;
-use zk0_smolvla::{
+use zk0_smolvla::policy::{
     device::device,
     frozen::{FrozenPlace, FrozenPrecision},
 };

@@ -5,13 +5,17 @@ use std::{
     fs,
     path::{Path, PathBuf},
 };
+use zk0_lerobot::{
+    policy_folder::{Inference, LeRobotConfig, PolicyFolder},
+    tokenizer::TrainedTokenizer,
+};
 use zk0_smolvla::{
-    inference::Inference,
-    init::init_policy,
-    policy_file::{self, PolicyFile},
-    tokenizer::PolicyTokenizer,
-    trained_tokenizer::TrainedTokenizer,
-    Checkpoint, LeRobotConfig, Policy, PolicyConfig, Profile,
+    policy::{
+        init::init_policy,
+        policy_file::{self, PolicyFile},
+        tokenizer::PolicyTokenizer,
+    },
+    Policy, PolicyConfig, Profile,
 };
 
 /// Where a policy comes from.
@@ -54,10 +58,10 @@ impl PolicySource {
     }
 
     /// The LeRobot policy folder, if the policy comes from one.
-    pub fn lerobot(&self) -> Result<Option<Checkpoint>> {
+    pub fn lerobot(&self) -> Result<Option<PolicyFolder>> {
         match self {
             Self::Path(path) if path.is_dir() && !is_reference(path) => {
-                Ok(Some(Checkpoint::open(path)?))
+                Ok(Some(PolicyFolder::open(path)?))
             }
             _ => Ok(None),
         }
@@ -94,7 +98,7 @@ fn is_reference(folder: &Path) -> bool {
 
 fn read_folder(path: &Path) -> Result<Policy> {
     if !is_reference(path) {
-        return Ok(Checkpoint::open(path)?.policy()?);
+        return Ok(Policy::from_folder(&PolicyFolder::open(path)?)?);
     }
     let config = reference_config(path)?.dims;
     Policy::from_safetensors(&config, &file(path, "weights.safetensors")?)
@@ -104,7 +108,7 @@ fn read_folder(path: &Path) -> Result<Policy> {
 /// A reference has no statistics.
 fn folder_inference(path: &Path) -> Result<Inference> {
     if !is_reference(path) {
-        return Ok(Checkpoint::open(path)?.inference()?);
+        return Ok(PolicyFolder::open(path)?.inference()?);
     }
     let config = reference_config(path)?;
     let (state, action) = config
@@ -158,7 +162,7 @@ pub fn one(path: Option<&PathBuf>, profile: Option<Profile>, seed: u64) -> Resul
 mod tests {
     use super::*;
     use serde_json::json;
-    use zk0_smolvla::tokenizer::Tokenizer;
+    use zk0_lerobot::tokenizer::Tokenizer;
 
     /// A byte-level BPE of three letters, `Ċ` being the line break.
     fn definition() -> Vec<u8> {

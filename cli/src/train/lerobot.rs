@@ -8,7 +8,7 @@ use std::{
     io::{self, ErrorKind},
     path::{Path, PathBuf},
 };
-use zk0_smolvla::{checkpoint::Precision, dataset::Stats, weights::TensorSet};
+use zk0_lerobot::{dataset::Stats, policy_folder::Precision, safetensors::TensorSet};
 
 /// Its name in the run's folder.
 const FOLDER: &str = "lerobot";

@@ -18,28 +18,32 @@ use std::{
     path::Path,
     time::Instant,
 };
+use zk0_lerobot::{
+    dataset::{Dataset, Stats},
+    layout::expert_layout,
+    policy_folder::Inference,
+    safetensors::TensorSet,
+};
 use zk0_node::{
     progress::Progress,
     samples::{FrameNames, ReadySamples, SampleKind},
 };
 use zk0_smolvla::{
-    adaptive::{boost, Boost},
-    dataset::{Dataset, Stats},
-    evaluate::{fixed_draws, FlowDraw},
-    inference::Inference,
-    layout::expert_layout,
-    policy_file::{self, PolicyFile},
-    prefix_cache::{digest_of, FrameMaker, FrameRef, KeySpace},
-    sample::{ObservedSample, PreparedSample, Preparer},
+    frames::{
+        prefix_cache::{digest_of, FrameMaker, FrameRef, KeySpace},
+        sample::{ObservedSample, PreparedSample, Preparer},
+    },
+    measure::evaluate::{fixed_draws, FlowDraw},
+    policy::policy_file::{self, PolicyFile},
     train::{
-        checkpoints::{Checkpoints, RunIdentity},
+        adaptive::{boost, Boost},
         learner::state_part,
-        measure::measured_loss,
+        measured_loss::measured_loss,
+        snapshots::{RunIdentity, Snapshots},
         split::{self, Split},
         trainer::evaluate_samples,
         Samples, TrainOptions, Trainer,
     },
-    weights::TensorSet,
     ExpertWeights, Policy, PolicyConfig, PolicyError,
 };
 
@@ -125,7 +129,7 @@ fn train<S: SampleKind>(options: &Options) -> Result<()> {
     drop(frozen);
     drop(policy);
 
-    let snapshots = Checkpoints::new(&out.join("snapshots"), options.keep, identity)?;
+    let snapshots = Snapshots::new(&out.join("snapshots"), options.keep, identity)?;
     let resumed = match options.resume {
         true => snapshots.resume(&mut trainer)?.unwrap_or(0),
         false if !snapshots.is_empty()? => bail!(
@@ -215,7 +219,7 @@ struct HeldOut<'c, 'a, S> {
 
 impl<S: SampleKind> HeldOut<'_, '_, S> {
     fn evaluate(&self, trainer: &Trainer) -> Result<Evaluated> {
-        let (models, samples) = (trainer.snapshot()?, S::samples(&self.samples));
+        let (models, samples) = (trainer.evaluation_models()?, S::samples(&self.samples));
         let all: Vec<usize> = (0..samples.len()).collect();
         let errors = evaluate_samples(&models, samples, &all, &self.draws)?;
         Ok(Evaluated {
@@ -229,7 +233,7 @@ impl<S: SampleKind> HeldOut<'_, '_, S> {
 fn steps<S: SampleKind>(
     options: &Options,
     trainer: &mut Trainer,
-    snapshots: &Checkpoints,
+    snapshots: &Snapshots,
     held_out: Option<&HeldOut<S>>,
     metrics: &mut Metrics,
 ) -> Result<Option<Evaluated>> {
@@ -344,7 +348,7 @@ fn boosted(options: &Options, trainer: &Trainer, samples: Samples) -> Result<f64
     let (Some(factor), Some(prior)) = (options.lr_boost, options.prior_loss) else {
         return Ok(1.0);
     };
-    let now = measured_loss(&trainer.snapshot()?, samples, options.seed)?;
+    let now = measured_loss(&trainer.evaluation_models()?, samples, options.seed)?;
     let rule = Boost {
         factor,
         ..Boost::default()

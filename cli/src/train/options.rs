@@ -7,12 +7,14 @@ use crate::{
 use anyhow::Result;
 use serde::Serialize;
 use std::path::PathBuf;
+use zk0_lerobot::policy_folder::Precision;
 use zk0_smolvla::{
-    adaptive::{follow, Rates, Trend},
-    checkpoint::Precision,
-    optimizer::AdamWOptions,
-    schedule::Schedule,
-    train::TrainOptions,
+    train::{
+        adaptive::{follow, Rates, Trend},
+        optimizer::AdamWOptions,
+        schedule::Schedule,
+        TrainOptions,
+    },
     Profile,
 };
 

@@ -5,11 +5,12 @@ use anyhow::{Context, Result};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use zk0_ledger::whole_files;
+use zk0_lerobot::policy_folder::Inference;
 use zk0_smolvla::{
-    adaptive::Trend,
-    frozen::{FrozenPlace, FrozenPrecision},
-    inference::Inference,
-    train::{checkpoints::RunIdentity, split::Split, TrainOptions, TrainScope, Trainer},
+    policy::frozen::{FrozenPlace, FrozenPrecision},
+    train::{
+        adaptive::Trend, snapshots::RunIdentity, split::Split, TrainOptions, TrainScope, Trainer,
+    },
 };
 
 /// The file's content.

@@ -20,7 +20,7 @@ use zk0_prover::{
     prove::Proof,
     service::{Backend, JobError, ProvingService},
 };
-use zk0_smolvla::policy_file::{self, PolicyFile};
+use zk0_smolvla::policy::policy_file::{self, PolicyFile};
 
 /// A folder for a ledger, a node and their keys.
 pub struct LocalNetwork {

@@ -1,12 +1,11 @@
 //! Attention, rotary embeddings, and the keys and values that are joined for it.
 
 use candle_core::{Device, Tensor};
-use zk0_smolvla::config::LayerKind;
-use zk0_smolvla::model::attention::{attend, Mask};
-use zk0_smolvla::model::kernels::attention::attend_to_all;
-use zk0_smolvla::model::rope::Rope;
-use zk0_smolvla::model::visibility::action_sees;
-use zk0_smolvla::PolicyConfig;
+use zk0_lerobot::config::{LayerKind, PolicyConfig};
+use zk0_smolvla::policy::model::attention::{attend, Mask};
+use zk0_smolvla::policy::model::kernels::attention::attend_to_all;
+use zk0_smolvla::policy::model::rope::Rope;
+use zk0_smolvla::policy::model::visibility::action_sees;
 
 use crate::report::{run, tensor, variable, Least, Report};
 use crate::Failure;

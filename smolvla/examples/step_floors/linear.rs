@@ -2,9 +2,9 @@
 
 use std::collections::BTreeMap;
 
-use zk0_smolvla::layout::{policy_layout, EXPERT, VLM};
-use zk0_smolvla::model::kernels::linear::Linear;
-use zk0_smolvla::PolicyConfig;
+use zk0_lerobot::config::PolicyConfig;
+use zk0_lerobot::layout::{policy_layout, EXPERT, VLM};
+use zk0_smolvla::policy::model::kernels::linear::Linear;
 
 use crate::report::{run, tensor, variable, Least, Report};
 use crate::Failure;

@@ -14,16 +14,16 @@ mod report;
 use std::collections::BTreeMap;
 
 use candle_core::Var;
-use zk0_smolvla::layout::trainable_layout;
-use zk0_smolvla::memory::KeepFreed;
-use zk0_smolvla::optimizer::{AdamW, AdamWOptions};
-use zk0_smolvla::{PolicyConfig, Profile};
-
 use report::{tensor, Least, Report};
+use zk0_lerobot::config::PolicyConfig;
+use zk0_lerobot::layout::trainable_layout;
+use zk0_smolvla::policy::memory::KeepFreed;
+use zk0_smolvla::policy::profile::Profile;
+use zk0_smolvla::train::optimizer::{AdamW, AdamWOptions};
 
 /// As in the `zk0` binary.
 #[global_allocator]
-static ALLOCATOR: zk0_smolvla::memory::Allocator = zk0_smolvla::memory::Allocator;
+static ALLOCATOR: zk0_smolvla::policy::memory::Allocator = zk0_smolvla::policy::memory::Allocator;
 
 type Failure = Box<dyn std::error::Error>;
 

@@ -1,11 +1,10 @@
 //! What passes over numbers once: pictures, norms, activations, sums.
 
-use zk0_smolvla::config::CHANNELS;
-use zk0_smolvla::image::vision_input;
-use zk0_smolvla::model::kernels::gelu::gelu_tanh;
-use zk0_smolvla::model::kernels::norm::{layer_norm, rms_norm};
-use zk0_smolvla::model::kernels::swiglu::swiglu;
-use zk0_smolvla::PolicyConfig;
+use zk0_lerobot::config::{PolicyConfig, CHANNELS};
+use zk0_smolvla::frames::image::vision_input;
+use zk0_smolvla::policy::model::kernels::gelu::gelu_tanh;
+use zk0_smolvla::policy::model::kernels::norm::{layer_norm, rms_norm};
+use zk0_smolvla::policy::model::kernels::swiglu::swiglu;
 
 use crate::report::{run, tensor, variable, Least, Report};
 use crate::Failure;

@@ -4,8 +4,8 @@ use std::time::Instant;
 
 use candle_core::{Device, Tensor, Var};
 use rayon::prelude::*;
-use zk0_smolvla::model::kernels::gradients::backward;
-use zk0_smolvla::model::kernels::matrix::{product, Into, Matrix, Threads};
+use zk0_smolvla::policy::model::kernels::gradients::backward;
+use zk0_smolvla::policy::model::kernels::matrix::{product, Into, Matrix, Threads};
 
 use crate::Failure;
 

@@ -17,23 +17,25 @@ use std::time::Instant;
 use candle_core::{Tensor, Var};
 use rand::SeedableRng;
 use rand_chacha::ChaCha20Rng;
-use zk0_smolvla::device::device;
-use zk0_smolvla::evaluate::FlowDraw;
-use zk0_smolvla::frozen::FrozenPlace;
-use zk0_smolvla::image::vision_input;
-use zk0_smolvla::init::init_policy;
-use zk0_smolvla::layout::trainable_layout;
-use zk0_smolvla::model::expert::ExpertModel;
-use zk0_smolvla::model::flow::{losses, mean_loss, noisy_actions, target_velocity};
-use zk0_smolvla::model::kernels::gradients::backward;
-use zk0_smolvla::model::prefix::{CameraInput, PrefixCache, PrefixInput, PrefixModel};
-use zk0_smolvla::model::Parameters;
-use zk0_smolvla::optimizer::{AdamW, AdamWOptions};
-use zk0_smolvla::{PolicyConfig, Profile};
+use zk0_lerobot::config::PolicyConfig;
+use zk0_lerobot::layout::trainable_layout;
+use zk0_smolvla::frames::image::vision_input;
+use zk0_smolvla::measure::evaluate::FlowDraw;
+use zk0_smolvla::policy::device::device;
+use zk0_smolvla::policy::frozen::FrozenPlace;
+use zk0_smolvla::policy::init::init_policy;
+use zk0_smolvla::policy::model::expert::ExpertModel;
+use zk0_smolvla::policy::model::flow::{losses, mean_loss, noisy_actions, target_velocity};
+use zk0_smolvla::policy::model::kernels::gradients::backward;
+use zk0_smolvla::policy::model::key_values::PrefixCache;
+use zk0_smolvla::policy::model::prefix::{CameraInput, PrefixInput, PrefixModel};
+use zk0_smolvla::policy::model::Parameters;
+use zk0_smolvla::policy::profile::Profile;
+use zk0_smolvla::train::optimizer::{AdamW, AdamWOptions};
 
 /// As in the `zk0` binary.
 #[global_allocator]
-static ALLOCATOR: zk0_smolvla::memory::Allocator = zk0_smolvla::memory::Allocator;
+static ALLOCATOR: zk0_smolvla::policy::memory::Allocator = zk0_smolvla::policy::memory::Allocator;
 
 type Failure = Box<dyn std::error::Error>;
 

@@ -6,18 +6,20 @@ use std::time::Instant;
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha20Rng;
-use zk0_smolvla::batch::SampleSource;
-use zk0_smolvla::frozen::FrozenPlace;
-use zk0_smolvla::init::init_policy;
-use zk0_smolvla::prefix_cache::entry::Entry;
-use zk0_smolvla::prefix_cache::{DiskCache, Key};
-use zk0_smolvla::sample::{
+use zk0_lerobot::config::PolicyConfig;
+use zk0_lerobot::tokenizer::Tokenizer;
+use zk0_smolvla::frames::batch::SampleSource;
+use zk0_smolvla::frames::prefix_cache::entry::Entry;
+use zk0_smolvla::frames::prefix_cache::{DiskCache, Key};
+use zk0_smolvla::frames::sample::{
     CameraImage, FromFrame, Observation, ObservedSample, PreparedSample, Preparer,
 };
-use zk0_smolvla::tokenizer::Tokenizer;
+use zk0_smolvla::policy::frozen::FrozenPlace;
+use zk0_smolvla::policy::init::init_policy;
+use zk0_smolvla::policy::profile::Profile;
 use zk0_smolvla::train::learner::state_part;
 use zk0_smolvla::train::{Samples, TrainOptions, Trainer};
-use zk0_smolvla::{PolicyConfig, PolicyError, Profile};
+use zk0_smolvla::PolicyError;
 
 use crate::{recorded, Failure, Measured};
 
@@ -28,7 +30,7 @@ const BATCHES: usize = 2;
 struct FullLength(PolicyConfig);
 
 impl Tokenizer for FullLength {
-    fn tokens(&self, _: &str) -> Result<Vec<u32>, PolicyError> {
+    fn tokens(&self, _: &str) -> zk0_lerobot::error::Result<Vec<u32>> {
         let length = self.0.max_language_tokens.min(48);
         let ids = (0..length).map(|i| (i * 7 % (self.0.text.vocabulary - 1)) as u32);
         Ok(ids.collect())

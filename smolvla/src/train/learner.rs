@@ -4,19 +4,20 @@ use std::borrow::Cow;
 use std::collections::BTreeMap;
 
 use candle_core::{Device, Tensor, Var};
+use zk0_lerobot::config::PolicyConfig;
+use zk0_lerobot::safetensors::{TensorData, TensorSet};
 
-use crate::batch::{pick, Batch, ObservedBatch, SampleSource};
-use crate::config::PolicyConfig;
 use crate::error::{PolicyError, Result};
-use crate::evaluate::FlowDraw;
-use crate::frozen::FrozenPlace;
-use crate::model::expert::ExpertModel;
-use crate::model::flow::{losses, mean_loss_valid_only, noisy_actions, target_velocity};
-use crate::model::state_token::StateToken;
-use crate::model::Parameters;
-use crate::sample::{ObservedSample, PreparedSample};
-use crate::train::TrainScope;
-use crate::weights::{ExpertWeights, TensorData, TensorSet};
+use crate::frames::batch::{pick, Batch, ObservedBatch, SampleSource};
+use crate::frames::sample::{ObservedSample, PreparedSample};
+use crate::measure::evaluate::FlowDraw;
+use crate::policy::frozen::FrozenPlace;
+use crate::policy::model::expert::ExpertModel;
+use crate::policy::model::flow::{losses, mean_loss_valid_only, noisy_actions, target_velocity};
+use crate::policy::model::state_token::StateToken;
+use crate::policy::model::Parameters;
+use crate::policy::weights::ExpertWeights;
+use crate::train::options::TrainScope;
 
 /// The state projection, which [`TrainScope::ExpertAndState`] trains besides the expert.
 pub const STATE_PROJECTION: [&str; 2] = ["model.state_proj.weight", "model.state_proj.bias"];
@@ -166,10 +167,10 @@ impl Learner {
     }
 
     /// The models as they are now, for looking at them: nothing is kept for a backward pass.
-    pub fn snapshot(&self) -> Result<Snapshot> {
+    pub fn evaluation_models(&self) -> Result<EvaluationModels> {
         let detached = parameters(&self.variables, Var::as_detached_tensor);
         let state = self.models.state.as_ref();
-        Ok(Snapshot {
+        Ok(EvaluationModels {
             models: Models {
                 expert: ExpertModel::new(&self.config, &detached)?,
                 state: state.map(|s| s.with_projection(&detached)).transpose()?,
@@ -187,13 +188,13 @@ fn parameters(variables: &BTreeMap<String, Var>, tensor: impl Fn(&Var) -> Tensor
 }
 
 /// The models of a [`Learner`] at one moment. It shares their memory: use it before the next step.
-pub struct Snapshot {
+pub struct EvaluationModels {
     config: PolicyConfig,
     device: Device,
     models: Models,
 }
 
-impl Snapshot {
+impl EvaluationModels {
     /// A policy's models without any intention to train. `frozen` is needed for observed samples, and the precision of `place`
     /// has to be theirs; a device stands for [its usual one](FrozenPlace::on).
     pub fn new(
@@ -202,7 +203,7 @@ impl Snapshot {
         frozen: Option<&TensorSet>,
         place: impl Into<FrozenPlace>,
     ) -> Result<Self> {
-        Learner::new(config, expert, frozen, &place.into())?.snapshot()
+        Learner::new(config, expert, frozen, &place.into())?.evaluation_models()
     }
 
     /// The expert.

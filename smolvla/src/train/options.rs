@@ -3,8 +3,8 @@
 use serde::{Deserialize, Serialize};
 
 use crate::error::{PolicyError, Result};
-use crate::optimizer::AdamWOptions;
-use crate::schedule::Schedule;
+use crate::train::optimizer::AdamWOptions;
+use crate::train::schedule::Schedule;
 
 /// What is trained.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]

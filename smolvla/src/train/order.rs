@@ -5,10 +5,10 @@
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha20Rng;
+use zk0_lerobot::config::PolicyConfig;
 
-use crate::config::PolicyConfig;
-use crate::evaluate::FlowDraw;
-use crate::random::index;
+use crate::measure::evaluate::FlowDraw;
+use crate::policy::random::index;
 
 /// Endless epochs over `0..samples`, each a fresh Fisher-Yates shuffle.
 pub struct Order {
@@ -76,7 +76,7 @@ fn stream(seed: u64, number: u64) -> ChaCha20Rng {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Profile;
+    use crate::policy::profile::Profile;
 
     #[test]
     fn every_epoch_takes_every_sample_once_in_another_order() {

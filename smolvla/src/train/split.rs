@@ -7,8 +7,8 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha20Rng;
 use serde::{Deserialize, Serialize};
 
-use super::order::shuffle;
 use crate::error::{PolicyError, Result};
+use crate::train::order::shuffle;
 
 /// Numbers of a recording's episodes, both in order.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]

@@ -1,19 +1,20 @@
 //! Makes steps.
 
 use serde::{Deserialize, Serialize};
+use zk0_lerobot::config::PolicyConfig;
+use zk0_lerobot::layout::expert_layout;
+use zk0_lerobot::safetensors::TensorSet;
 
-use super::learner::{Learner, Samples, Snapshot};
-use super::options::{TrainOptions, TrainScope};
-use super::order::{draws, Order};
-use crate::config::PolicyConfig;
 use crate::error::{PolicyError, Result};
-use crate::evaluate::{squared_errors, Evaluation, FlowDraw, SampleErrors};
-use crate::frozen::FrozenPlace;
-use crate::layout::expert_layout;
-use crate::model::kernels::gradients::backward;
-use crate::model::observe::ignore;
-use crate::optimizer::AdamW;
-use crate::weights::{ExpertWeights, TensorSet};
+use crate::measure::evaluate::{squared_errors, Evaluation, FlowDraw, SampleErrors};
+use crate::policy::frozen::FrozenPlace;
+use crate::policy::model::kernels::gradients::backward;
+use crate::policy::model::observe::ignore;
+use crate::policy::weights::ExpertWeights;
+use crate::train::learner::{EvaluationModels, Learner, Samples};
+use crate::train::optimizer::AdamW;
+use crate::train::options::{TrainOptions, TrainScope};
+use crate::train::order::{draws, Order};
 
 /// Samples evaluated at once.
 const EVALUATED_AT_ONCE: usize = 16;
@@ -57,7 +58,7 @@ impl<'a> Trainer<'a> {
         options: TrainOptions,
     ) -> Result<Self> {
         Self::on(
-            &FrozenPlace::default(),
+            FrozenPlace::default(),
             config,
             start,
             None,
@@ -68,7 +69,7 @@ impl<'a> Trainer<'a> {
 
     /// A run at `place`, which is where the samples were prepared, or another device with the same precision; a device stands for
     /// [its usual one](FrozenPlace::on). For [`TrainScope::ExpertAndState`], `frozen` is the frozen half of the policy, or what
-    /// [`state_part`](super::learner::state_part) leaves of it.
+    /// [`state_part`](crate::train::learner::state_part) leaves of it.
     ///
     /// # Errors
     /// As [`Self::new`]; samples and `frozen` have to be for the same scope.
@@ -171,15 +172,15 @@ impl<'a> Trainer<'a> {
     }
 
     /// The models as they are now.
-    pub fn snapshot(&self) -> Result<Snapshot> {
-        self.learner.snapshot()
+    pub fn evaluation_models(&self) -> Result<EvaluationModels> {
+        self.learner.evaluation_models()
     }
 
     pub(super) fn optimizer(&self) -> &AdamW {
         &self.optimizer
     }
 
-    /// Goes to where a checkpoint was.
+    /// Brings the trainer to the step of a snapshot.
     pub(super) fn restored(
         &mut self,
         step: usize,
@@ -196,7 +197,7 @@ impl<'a> Trainer<'a> {
 /// # Errors
 /// [`PolicyError::Sample`] for a sample or draw that does not fit the policy, or when there is none.
 pub fn evaluate_samples(
-    models: &Snapshot,
+    models: &EvaluationModels,
     samples: Samples,
     indices: &[usize],
     draws: &[FlowDraw],

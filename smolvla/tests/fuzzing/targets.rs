@@ -1,21 +1,13 @@
 //! What is given random inputs, and what it starts from.
 
-use std::fs;
-use std::io::Cursor;
+use zk0_lerobot::tokenizer::TrainedTokenizer;
+use zk0_smolvla::policy::init::init_policy;
+use zk0_smolvla::policy::policy_file::{self, PolicyFile};
+use zk0_smolvla::{ExpertWeights, Profile};
 
-use openh264::encoder::Profile;
-use zk0_smolvla::dataset::{Mp4Track, VideoReader};
-use zk0_smolvla::init::init_policy;
-use zk0_smolvla::tokenizer::Tokenizer;
-use zk0_smolvla::trained_tokenizer::TrainedTokenizer;
-use zk0_smolvla::{ExpertWeights, Profile as Model};
+use crate::cache_and_snapshot_targets;
 
-use crate::hub_target::hub_listing;
-use crate::mp4_writer::encode;
-use crate::recordings::{recording, Copy};
-use crate::{kept_targets, policy_targets};
-
-/// What any input may make a reader allocate: pictures, and tables of the libraries.
+/// What any input may make a reader allocate.
 pub const SLACK: usize = 24 << 20;
 
 /// A reader under test.
@@ -24,154 +16,29 @@ pub struct Target {
     pub run: Box<dyn FnMut(&[u8]) -> Result<(), String>>,
 }
 
-pub const NAMES: [&str; 24] = [
-    "mp4",
-    "h264",
-    "av1",
-    "info_v30",
-    "info_v21",
-    "stats",
-    "tasks_jsonl",
-    "episodes_jsonl",
-    "episodes_stats_jsonl",
-    "tasks_parquet",
-    "episodes_parquet",
-    "data_parquet",
-    "tokenizer",
+pub const NAMES: [&str; 6] = [
     "safetensors",
     "policy_file",
-    "tensor_file",
-    "policy_json",
-    "vlm_json",
-    "processor_json",
     "prefix_entry",
     "file_digests",
     "training_state",
     "training_tensors",
-    "hub_listing",
 ];
 
-const HEIGHT: usize = 48;
-const WIDTH: usize = 64;
-
 pub fn target(name: &str) -> Target {
-    let old = "so100_pickplace_v21";
-    let new = "so100_pickplace";
     match name {
-        "mp4" => Target {
-            seeds: vec![video(Profile::High), av1()],
-            run: Box::new(|bytes| Mp4Track::read(&mut Cursor::new(bytes)).map(drop)),
-        },
-        "h264" => {
-            let seeds = vec![video(Profile::Baseline), video(Profile::High)];
-            pictures(seeds, HEIGHT, WIDTH)
-        }
-        "av1" => pictures(vec![av1()], 96, 128),
-        "info_v30" => in_folder(new, "meta/info.json"),
-        "info_v21" => in_folder(old, "meta/info.json"),
-        "stats" => in_folder(new, "meta/stats.json"),
-        "tasks_jsonl" => in_folder(old, "meta/tasks.jsonl"),
-        "episodes_jsonl" => in_folder(old, "meta/episodes.jsonl"),
-        "episodes_stats_jsonl" => in_folder(old, "meta/episodes_stats.jsonl"),
-        "tasks_parquet" => in_folder(new, "meta/tasks.parquet"),
-        "episodes_parquet" => in_folder(new, "meta/episodes/chunk-000/file-000.parquet"),
-        "data_parquet" => in_folder(old, "data/chunk-000/episode_000000.parquet"),
-        "tokenizer" => tokenizer(),
         "safetensors" => safetensors(),
-        "policy_file" => policy_targets::policy_file(),
-        "tensor_file" => policy_targets::tensor_file(),
-        "policy_json" => policy_targets::policy_json(),
-        "vlm_json" => policy_targets::vlm_json(),
-        "processor_json" => policy_targets::processor_json(),
-        "prefix_entry" => kept_targets::prefix_entry(),
-        "file_digests" => kept_targets::file_digests(),
-        "training_state" => kept_targets::training_state(),
-        "training_tensors" => kept_targets::training_tensors(),
-        "hub_listing" => hub_listing(),
+        "policy_file" => policy_file(),
+        "prefix_entry" => cache_and_snapshot_targets::prefix_entry(),
+        "file_digests" => cache_and_snapshot_targets::file_digests(),
+        "training_state" => cache_and_snapshot_targets::training_state(),
+        "training_tensors" => cache_and_snapshot_targets::training_tensors(),
         other => panic!("no target {other}; there are {NAMES:?}"),
     }
 }
 
-/// A few frames of noise and gradients as H.264.
-fn video(profile: Profile) -> Vec<u8> {
-    let picture = |n: usize| {
-        (0..3 * HEIGHT * WIDTH)
-            .map(|i| (i * (n + 3) / 7) as u8)
-            .collect()
-    };
-    let pictures: Vec<Vec<u8>> = (0..6).map(picture).collect();
-    let stream = encode(&pictures, HEIGHT, WIDTH, profile, 3);
-    stream.mp4_shown(HEIGHT, WIDTH, &[0, 2, 1, 3, 5, 4])
-}
-
-fn av1() -> Vec<u8> {
-    let file = "videos/chunk-000/observation.images.wrist/episode_000001.mp4";
-    fs::read(recording("so100_pickplace_v21").join(file)).unwrap()
-}
-
-/// The first pictures of a video of this size.
-fn pictures(seeds: Vec<Vec<u8>>, height: usize, width: usize) -> Target {
-    let dir = tempfile::tempdir().unwrap();
-    Target {
-        seeds,
-        run: Box::new(move |bytes| {
-            let path = dir.path().join("input");
-            fs::write(&path, bytes).unwrap();
-            let read = VideoReader::open(&path, height, width).and_then(|mut video| {
-                (0..video.len().min(6)).try_for_each(|n| video.rgb(n).map(drop))
-            });
-            read.map_err(|e| e.to_string().replace(path.to_str().unwrap(), ""))
-        }),
-    }
-}
-
-/// A recording that is sound but for one file.
-fn in_folder(name: &str, file: &'static str) -> Target {
-    let copy = Copy::of(name);
-    Target {
-        seeds: vec![fs::read(copy.path(file)).unwrap()],
-        run: Box::new(move |bytes| {
-            fs::write(copy.path(file), bytes).unwrap();
-            let root = copy.root().to_str().unwrap();
-            copy.open()
-                .map(drop)
-                .map_err(|e| e.to_string().replace(root, ""))
-        }),
-    }
-}
-
-fn tokenizer() -> Target {
-    let dir = tempfile::tempdir().unwrap();
-    let seed = serde_json::json!({
-        "version": "1.0", "truncation": null, "padding": null,
-        "added_tokens": [{"id": 8, "content": "<s>", "single_word": false, "lstrip": false, "rstrip": false,
-            "normalized": false, "special": true}],
-        "normalizer": {"type": "NFC"},
-        "pre_tokenizer": {"type": "ByteLevel", "add_prefix_space": false, "trim_offsets": true, "use_regex": true},
-        "post_processor": {"type": "TemplateProcessing",
-            "single": [{"SpecialToken": {"id": "<s>", "type_id": 0}}, {"Sequence": {"id": "A", "type_id": 0}}],
-            "pair": [{"Sequence": {"id": "A", "type_id": 0}}, {"Sequence": {"id": "B", "type_id": 1}}],
-            "special_tokens": {"<s>": {"id": "<s>", "ids": [8], "tokens": ["<s>"]}}},
-        "decoder": null,
-        "model": {"type": "BPE", "dropout": null, "unk_token": null, "continuing_subword_prefix": null,
-            "end_of_word_suffix": null, "fuse_unk": false, "byte_fallback": false,
-            "vocab": {"r": 0, "e": 1, "d": 2, "Ġ": 3, "Ċ": 4, "re": 5, "red": 6, "Ġred": 7},
-            "merges": ["r e", "re d", "Ġ red"]}
-    });
-    Target {
-        seeds: vec![seed.to_string().into_bytes()],
-        run: Box::new(move |bytes| {
-            let path = dir.path().join("input");
-            fs::write(&path, bytes).unwrap();
-            TrainedTokenizer::read(&path, &Model::Micro.config())
-                .and_then(|tokenizer| tokenizer.tokens("red reed 1 🤖").map(drop))
-                .map_err(|e| e.to_string().replace(path.to_str().unwrap(), ""))
-        }),
-    }
-}
-
 fn safetensors() -> Target {
-    let config = Model::Micro.config();
+    let config = Profile::Micro.config();
     let seed = init_policy(&config, 1)
         .unwrap()
         .expert
@@ -181,6 +48,32 @@ fn safetensors() -> Target {
         seeds: vec![seed],
         run: Box::new(move |bytes| {
             ExpertWeights::from_safetensors(&config, bytes)
+                .map(drop)
+                .map_err(|e| e.to_string())
+        }),
+    }
+}
+
+/// With words that are hashed, and with a tokenizer.
+fn policy_file() -> Target {
+    let config = Profile::Micro.config();
+    let policy = || init_policy(&config, 3).unwrap();
+    let definition = r#"{"version": "1.0", "truncation": null, "padding": null, "added_tokens": [], "normalizer": null,
+        "pre_tokenizer": {"type": "Whitespace"}, "post_processor": null, "decoder": null,
+        "model": {"type": "WordLevel", "vocab": {"?": 0, "cube": 1}, "unk_token": "?"}}"#;
+    let trained = PolicyFile {
+        policy: policy(),
+        tokenizer: TrainedTokenizer::parse(definition, &config).unwrap().into(),
+    };
+    let seeds = [PolicyFile::hashing_words(policy()), trained].map(|file| {
+        let mut bytes = Vec::new();
+        file.write(&mut bytes).unwrap();
+        bytes
+    });
+    Target {
+        seeds: seeds.into(),
+        run: Box::new(|bytes| {
+            policy_file::read(bytes)
                 .map(drop)
                 .map_err(|e| e.to_string())
         }),

@@ -1,12 +1,12 @@
 //! The whole way, one sample at a time: 8-bit pictures, raw state and token ids to a chunk of actions.
 
 use candle_core::Device;
+use zk0_lerobot::dataset::{Normalizer, Stats};
+use zk0_lerobot::error::Result;
+use zk0_lerobot::tokenizer::Tokenizer;
 use zk0_smolvla::act::{Actor, Scene};
-use zk0_smolvla::dataset::{Normalizer, Stats};
-use zk0_smolvla::error::Result;
-use zk0_smolvla::model::Parameters;
-use zk0_smolvla::sample::CameraImage;
-use zk0_smolvla::tokenizer::Tokenizer;
+use zk0_smolvla::frames::sample::CameraImage;
+use zk0_smolvla::policy::model::Parameters;
 
 use crate::case::{last_frames, Case, SAMPLED};
 use crate::reference::{check, distance, is_of_repository, policy};

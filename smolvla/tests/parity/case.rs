@@ -1,12 +1,12 @@
 //! A reference folder, and both phases of the policy with its weights.
 
 use candle_core::Device;
-use zk0_smolvla::model::expert::ExpertModel;
-use zk0_smolvla::model::prefix::{
-    CameraInput, PrefixCache, PrefixEmbedding, PrefixInput, PrefixModel,
-};
-use zk0_smolvla::model::Parameters;
-use zk0_smolvla::{LeRobotConfig, PolicyConfig};
+use zk0_lerobot::config::PolicyConfig;
+use zk0_lerobot::policy_folder::LeRobotConfig;
+use zk0_smolvla::policy::model::expert::ExpertModel;
+use zk0_smolvla::policy::model::key_values::PrefixCache;
+use zk0_smolvla::policy::model::prefix::{CameraInput, PrefixEmbedding, PrefixInput, PrefixModel};
+use zk0_smolvla::policy::model::Parameters;
 
 use crate::reference::{lerobot, policy, Values};
 

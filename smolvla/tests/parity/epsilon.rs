@@ -1,8 +1,8 @@
 //! The second reference with another epsilon of the text layers' and the expert's norms.
 
-use zk0_smolvla::model::flow;
-use zk0_smolvla::model::kernels::gradients::backward;
-use zk0_smolvla::model::sampling::sample_actions;
+use zk0_smolvla::policy::model::flow;
+use zk0_smolvla::policy::model::kernels::gradients::backward;
+use zk0_smolvla::policy::model::sampling::sample_actions;
 
 use crate::case::{LOSS, SAMPLED};
 use crate::reference::{check, distance, is_odd, lerobot, numbers};

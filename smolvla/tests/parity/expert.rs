@@ -1,10 +1,10 @@
 //! Phase two: noisy actions and a time, to the velocity and the losses.
 
 use candle_core::{Device, Tensor};
-use zk0_smolvla::evaluate::{evaluate, FlowDraw};
-use zk0_smolvla::model::flow;
-use zk0_smolvla::model::observe::Site;
-use zk0_smolvla::sample::PreparedSample;
+use zk0_smolvla::frames::sample::PreparedSample;
+use zk0_smolvla::measure::evaluate::{evaluate, FlowDraw};
+use zk0_smolvla::policy::model::flow;
+use zk0_smolvla::policy::model::observe::Site;
 
 use crate::case::{Case, EARLY, HIDDEN, LOSS, LOSSES};
 use crate::reference::{check, close, is_committed, json, numbers, policy};

@@ -1,8 +1,8 @@
 //! Gradients of every trainable tensor, under both losses.
 
 use candle_core::Tensor;
-use zk0_smolvla::model::flow;
-use zk0_smolvla::model::kernels::gradients::backward;
+use zk0_smolvla::policy::model::flow;
+use zk0_smolvla::policy::model::kernels::gradients::backward;
 
 use crate::reference::{check, is_of_repository, lerobot, numbers, relative_distance, Values};
 use crate::training::Training;

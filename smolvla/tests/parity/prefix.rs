@@ -1,12 +1,12 @@
 //! Phase one: images, language and state, to the key/value cache.
 
 use candle_core::Tensor;
-use zk0_smolvla::cameras::camera_slots;
-use zk0_smolvla::image::resize_with_pad;
-use zk0_smolvla::model::visibility::{
+use zk0_smolvla::frames::cameras::camera_slots;
+use zk0_smolvla::frames::image::resize_with_pad;
+use zk0_smolvla::frames::sample::widen;
+use zk0_smolvla::policy::model::visibility::{
     action_positions, action_sees, prefix_positions, prefix_sees,
 };
-use zk0_smolvla::sample::widen;
 
 use crate::case::{last_frames, Case, EARLY, HIDDEN};
 use crate::reference::{close, close_numbers, close_where, is_committed};

@@ -2,7 +2,7 @@
 
 use candle_core::Tensor;
 use zk0_smolvla::act::real_actions;
-use zk0_smolvla::model::sampling::sample_actions_observed;
+use zk0_smolvla::policy::model::sampling::sample_actions_observed;
 
 use crate::case::{Case, HIDDEN, SAMPLED};
 use crate::reference::{check, close, distance, is_committed, numbers};

@@ -3,10 +3,10 @@
 use std::collections::BTreeMap;
 
 use serde_json::Value;
-use zk0_smolvla::model::flow;
-use zk0_smolvla::model::kernels::gradients::backward;
-use zk0_smolvla::optimizer::{AdamW, AdamWOptions};
-use zk0_smolvla::schedule::Schedule;
+use zk0_smolvla::policy::model::flow;
+use zk0_smolvla::policy::model::kernels::gradients::backward;
+use zk0_smolvla::train::optimizer::{AdamW, AdamWOptions};
+use zk0_smolvla::train::schedule::Schedule;
 use zk0_smolvla::train::TrainOptions;
 
 use crate::case::LOSS;

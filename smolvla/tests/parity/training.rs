@@ -3,10 +3,10 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use candle_core::{Device, Tensor, Var};
-use zk0_smolvla::layout::{trainable_layout, Layout};
-use zk0_smolvla::model::prefix::PrefixCache;
-use zk0_smolvla::model::{flow, Parameters};
-use zk0_smolvla::LeRobotConfig;
+use zk0_lerobot::layout::{trainable_layout, Layout};
+use zk0_lerobot::policy_folder::LeRobotConfig;
+use zk0_smolvla::policy::model::key_values::PrefixCache;
+use zk0_smolvla::policy::model::{flow, Parameters};
 
 use crate::case::Case;
 use crate::reference::{json, lerobot, policy, Values};

@@ -1,10 +1,10 @@
 //! Single functions: resizing, the rotary and the time embedding.
 
 use candle_core::Device;
-use zk0_smolvla::image::resize_with_pad;
-use zk0_smolvla::model::rope::Rope;
-use zk0_smolvla::model::time_embedding::time_embedding;
-use zk0_smolvla::Profile;
+use zk0_smolvla::frames::image::resize_with_pad;
+use zk0_smolvla::policy::model::rope::Rope;
+use zk0_smolvla::policy::model::time_embedding::time_embedding;
+use zk0_smolvla::policy::profile::Profile;
 
 use crate::case::EARLY;
 use crate::reference::{check, close, close_numbers, config, distance, is_committed, Values};

@@ -1,6 +1,6 @@
 //! What a GPU computes, here: the comparisons again, by candle's operations in place of the kernels, within the same tolerances.
 
-use zk0_smolvla::model::kernels::without;
+use zk0_smolvla::policy::model::kernels::without;
 
 use crate::{acting, expert, gradients, prefix, sampling, steps, units};
 

@@ -7,7 +7,9 @@ use std::path::PathBuf;
 
 use candle_core::{Device, Tensor};
 use safetensors::tensor::{Dtype, SafeTensors};
-use zk0_smolvla::{LeRobotConfig, Policy, PolicyConfig};
+use zk0_lerobot::config::PolicyConfig;
+use zk0_lerobot::policy_folder::LeRobotConfig;
+use zk0_smolvla::policy::weights::Policy;
 
 /// The repository's fixtures.
 pub fn fixtures() -> PathBuf {

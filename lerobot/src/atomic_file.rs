@@ -1,0 +1,154 @@
+//! Writing a file whole or not at all.
+//!
+//! A file is written under a temporary name in the same folder and then renamed. Under its own name there is the old content or
+//! the new one, never a part of it, whenever the process is killed. A process that is killed can leave the temporary file behind;
+//! its name ends with [`UNFINISHED`].
+
+use std::ffi::OsString;
+use std::fs::{self, File};
+use std::io::{self, BufWriter, Write};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// The end of a temporary file's name.
+pub const UNFINISHED: &str = ".unfinished";
+/// Bytes that are given to the operating system at once.
+const BUFFER: usize = 1 << 20;
+
+/// What a power failure may take away.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Durability {
+    /// Nothing: the call returns when the file and its name are on the disk.
+    OnDisk,
+    /// The file. This is for a cache whose readers check a checksum and can make the content again.
+    Cache,
+}
+
+/// Writes the file `path` with what `fill` writes, and gives what `fill` gives. An existing file is replaced.
+///
+/// # Errors
+/// The error of the file system or of `fill`. The file `path` is as it was before, and the temporary file is removed.
+pub fn write<T>(
+    path: &Path,
+    durability: Durability,
+    fill: impl FnOnce(&mut dyn Write) -> io::Result<T>,
+) -> io::Result<T> {
+    let unfinished = temporary(path)?;
+    let written = write_and_rename(&unfinished, path, durability, fill);
+    if written.is_err() {
+        // The first error is the one to report.
+        let _ = fs::remove_file(&unfinished);
+    }
+    written
+}
+
+fn write_and_rename<T>(
+    unfinished: &Path,
+    path: &Path,
+    durability: Durability,
+    fill: impl FnOnce(&mut dyn Write) -> io::Result<T>,
+) -> io::Result<T> {
+    let file = File::create_new(unfinished)?;
+    let mut out = BufWriter::with_capacity(BUFFER, &file);
+    let filled = fill(&mut out)?;
+    out.flush()?;
+    drop(out);
+    if durability == Durability::OnDisk {
+        file.sync_all()?;
+    }
+    fs::rename(unfinished, path)?;
+    if durability == Durability::OnDisk {
+        sync_folder(parent(path))?;
+    }
+    Ok(filled)
+}
+
+/// Gives a finished folder its name `to`, and waits until the name is on the disk. The files in it must be there already.
+///
+/// # Errors
+/// The error of the file system.
+pub fn rename_folder(from: &Path, to: &Path) -> io::Result<()> {
+    sync_folder(from)?;
+    fs::rename(from, to)?;
+    sync_folder(parent(to))
+}
+
+/// Waits until the names in a folder are on the disk.
+fn sync_folder(folder: &Path) -> io::Result<()> {
+    File::open(folder)?.sync_all()
+}
+
+fn parent(path: &Path) -> &Path {
+    match path.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
+    }
+}
+
+/// A name beside `path` that no other writer uses.
+fn temporary(path: &Path) -> io::Result<PathBuf> {
+    static NUMBER: AtomicU64 = AtomicU64::new(0);
+    let name = path.file_name().ok_or_else(|| {
+        io::Error::new(io::ErrorKind::InvalidInput, "the path does not name a file")
+    })?;
+    let number = NUMBER.fetch_add(1, Ordering::Relaxed);
+    let mut temporary = OsString::from(name);
+    temporary.push(format!(".{}-{number}{UNFINISHED}", std::process::id()));
+    Ok(path.with_file_name(temporary))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn names(folder: &Path) -> Vec<OsString> {
+        let entries = fs::read_dir(folder).unwrap();
+        let mut names: Vec<_> = entries.map(|entry| entry.unwrap().file_name()).collect();
+        names.sort();
+        names
+    }
+
+    #[test]
+    fn a_file_is_replaced_by_a_whole_one() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("some.file");
+        for (text, durability) in [("one", Durability::OnDisk), ("two", Durability::Cache)] {
+            let count = write(&path, durability, |out| {
+                out.write_all(text.as_bytes())?;
+                Ok(text.len())
+            });
+            assert_eq!(count.unwrap(), 3);
+            assert_eq!(fs::read_to_string(&path).unwrap(), text);
+        }
+        assert_eq!(names(dir.path()), ["some.file"]);
+    }
+
+    #[test]
+    fn what_fails_leaves_the_old_file_and_nothing_else() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("some.file");
+        fs::write(&path, "old").unwrap();
+        let failed = write(&path, Durability::OnDisk, |out| {
+            out.write_all(b"half of it")?;
+            Err::<(), _>(io::Error::from(io::ErrorKind::StorageFull))
+        });
+        assert_eq!(failed.unwrap_err().kind(), io::ErrorKind::StorageFull);
+        assert_eq!(fs::read_to_string(&path).unwrap(), "old");
+        assert_eq!(names(dir.path()), ["some.file"]);
+
+        let nowhere = dir.path().join("none/some.file");
+        assert!(write(&nowhere, Durability::OnDisk, |_| Ok(())).is_err());
+        assert!(write(Path::new("/"), Durability::OnDisk, |_| Ok(())).is_err());
+    }
+
+    #[test]
+    fn a_folder_gets_its_name_when_it_is_finished() {
+        let dir = tempfile::tempdir().unwrap();
+        let (from, to) = (dir.path().join("from"), dir.path().join("to"));
+        fs::create_dir(&from).unwrap();
+        fs::write(from.join("file"), "content").unwrap();
+        rename_folder(&from, &to).unwrap();
+        assert_eq!(names(dir.path()), ["to"]);
+        assert!(rename_folder(&from, &to).is_err());
+    }
+}

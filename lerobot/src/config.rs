@@ -1,0 +1,171 @@
+//! Every dimension of a SmolVLA policy.
+//!
+//! Field meanings follow LeRobot's `SmolVLAConfig` and transformers' `SmolVLMConfig`
+//! ([`PolicyConfig::from_lerobot`] reads both). What is the same in all SmolVLA models is a constant here, not a field.
+
+use serde::{Deserialize, Serialize};
+
+/// Base of the rotary embedding. LeRobot uses 10,000 whatever `rope_theta` says.
+pub const ROPE_BASE: f32 = 10_000.0;
+/// Epsilon of the published model's RMSNorms ([`PolicyConfig::rms_norm_eps`]).
+pub const RMS_NORM_EPS: f64 = 1e-5;
+/// Epsilon of the LayerNorms of the vision tower.
+pub const LAYER_NORM_EPS: f64 = 1e-6;
+/// Colour channels of an image.
+pub const CHANNELS: usize = 3;
+
+/// The vision tower (SigLIP).
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct VisionConfig {
+    /// Height and width of the square input, in pixels.
+    pub image_size: usize,
+    /// Height and width of a patch, in pixels.
+    pub patch_size: usize,
+    /// Hidden width.
+    pub width: usize,
+    /// Hidden width of the MLPs.
+    pub mlp_width: usize,
+    /// Encoder layers.
+    pub layers: usize,
+    /// Attention heads.
+    pub heads: usize,
+    /// Pixel-shuffle factor of the connector: `shuffle x shuffle` patches become one token.
+    pub shuffle: usize,
+}
+
+/// The language layers (SmolLM2), only those that SmolVLA keeps.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TextConfig {
+    /// Hidden width.
+    pub width: usize,
+    /// Hidden width of the SwiGLU MLPs.
+    pub mlp_width: usize,
+    /// Layers kept; the expert has as many.
+    pub layers: usize,
+    /// Query heads, shared with the expert.
+    pub heads: usize,
+    /// Key/value heads, shared with the expert.
+    pub kv_heads: usize,
+    /// Width of a head.
+    pub head_dim: usize,
+    /// Token ids are below this.
+    pub vocabulary: usize,
+}
+
+/// The action expert.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ExpertConfig {
+    /// Hidden width.
+    pub width: usize,
+    /// Hidden width of the SwiGLU MLPs.
+    pub mlp_width: usize,
+}
+
+/// How a layer of the expert meets the prefix.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LayerKind {
+    /// One attention over the prefix's keys and the expert's own, causal among the action tokens.
+    Joint,
+    /// Attention over the prefix alone, its keys and values passed through the expert's own projections.
+    Cross,
+}
+
+/// All dimensions of one SmolVLA policy.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PolicyConfig {
+    /// Camera slots.
+    pub cameras: usize,
+    /// Vision tower and connector.
+    pub vision: VisionConfig,
+    /// Language layers.
+    pub text: TextConfig,
+    /// Action expert.
+    pub expert: ExpertConfig,
+    /// Layer `i` is [`LayerKind::Joint`] when `i` is a multiple of this, else [`LayerKind::Cross`]; with 0 all layers are the
+    /// latter.
+    pub self_attn_every: usize,
+    /// Action frames predicted at once.
+    pub chunk_size: usize,
+    /// Real state dimensions of the robot.
+    pub state_dim: usize,
+    /// Real action dimensions of the robot.
+    pub action_dim: usize,
+    /// State dimensions of the network; the rest is zero.
+    pub max_state_dim: usize,
+    /// Action dimensions of the network; the rest is zero.
+    pub max_action_dim: usize,
+    /// Longest instruction, in tokens.
+    pub max_language_tokens: usize,
+    /// Shortest period of the time embedding.
+    pub min_period: f64,
+    /// Longest period of the time embedding.
+    pub max_period: f64,
+    /// Prefixes are filled up to this many tokens with masked ones; 0 leaves them as long as they are.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub prefix_length: usize,
+    /// Names of the camera slots in the order of the prefix (LeRobot's image features), or none: then cameras go by name.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub camera_names: Vec<String>,
+    /// Epsilon of the RMSNorms of the text layers and of the expert, whose configuration LeRobot copies from theirs.
+    #[serde(default = "published_eps", skip_serializing_if = "is_published_eps")]
+    pub rms_norm_eps: f64,
+}
+
+fn published_eps() -> f64 {
+    RMS_NORM_EPS
+}
+
+/// A file of the published epsilon does not name it: policy files, and with them a genesis' digests, stay what they were.
+fn is_published_eps(eps: &f64) -> bool {
+    *eps == RMS_NORM_EPS
+}
+
+fn is_zero(number: &usize) -> bool {
+    *number == 0
+}
+
+impl PolicyConfig {
+    /// Kind of the expert's layer `i`.
+    pub fn layer_kind(&self, i: usize) -> LayerKind {
+        if self.self_attn_every > 0 && i.is_multiple_of(self.self_attn_every) {
+            LayerKind::Joint
+        } else {
+            LayerKind::Cross
+        }
+    }
+
+    /// Width of all query heads together.
+    pub fn query_width(&self) -> usize {
+        self.text.heads * self.text.head_dim
+    }
+
+    /// Width of all key (or value) heads together.
+    pub fn kv_width(&self) -> usize {
+        self.text.kv_heads * self.text.head_dim
+    }
+
+    /// Patches of one image. Pixels that fill no whole patch, at the right and at the bottom, are not read.
+    pub fn patches(&self) -> usize {
+        let side = self.vision.image_size / self.vision.patch_size;
+        side * side
+    }
+
+    /// Tokens that one camera adds to the prefix.
+    pub fn tokens_per_camera(&self) -> usize {
+        self.patches() / (self.vision.shuffle * self.vision.shuffle)
+    }
+
+    /// The longest possible prefix: all cameras, the longest instruction, one state token.
+    pub fn max_prefix_tokens(&self) -> usize {
+        self.cameras * self.tokens_per_camera() + self.max_language_tokens + 1
+    }
+
+    /// Elements of one action chunk, padded to the network's action dimensions.
+    pub fn chunk_elements(&self) -> usize {
+        self.chunk_size * self.max_action_dim
+    }
+}

@@ -1,0 +1,128 @@
+//! What can be wrong with a recording, in words for the person who repairs it.
+
+use std::path::PathBuf;
+
+/// Why a recording could not be read: which file, what is wrong in it, what to do.
+#[derive(Debug, thiserror::Error)]
+pub enum DatasetError {
+    /// The dataset's folder is not there.
+    #[error("{}: no such folder; a LeRobotDataset is a folder with meta/, data/ and videos/", path.display())]
+    NoFolder { path: PathBuf },
+    /// A file that the metadata promises is not there.
+    #[error("{}: missing; the recording is incomplete, copy it again", path.display())]
+    MissingFile { path: PathBuf },
+    /// The operating system could not read a file.
+    #[error("{}: cannot be read: {source}", path.display())]
+    Io {
+        path: PathBuf,
+        source: std::io::Error,
+    },
+    /// A metadata file is not what LeRobot writes.
+    #[error("{}: {cause}", path.display())]
+    Meta { path: PathBuf, cause: String },
+    /// Another version of the format.
+    #[error(
+        "{}: the format is {found:?}, and only v2.0, v2.1 and v3.0 are read; convert older recordings with LeRobot 0.3 and 0.4: python -m \
+         lerobot.datasets.v30.convert_dataset_v21_to_v30",
+        path.display()
+    )]
+    Version { path: PathBuf, found: String },
+    /// A parquet file is damaged, lacks a column, or has one of another type.
+    #[error("{}: {cause}", path.display())]
+    Parquet { path: PathBuf, cause: String },
+    /// A frame is in the table a second time, and not as it was the first time.
+    #[error(
+        "{}: row {row} holds episode {episode} frame {frame} again (index {index}) with other values; remove the rows that \
+         are wrong",
+        path.display()
+    )]
+    RepeatedFrame {
+        path: PathBuf,
+        row: usize,
+        index: i64,
+        episode: i64,
+        frame: i64,
+    },
+    /// A timestamp is not the frame's number divided by the frames per second.
+    #[error(
+        "{}: episode {episode} frame {frame} has timestamp {timestamp} s where {expected:.6} s is expected (tolerance 0.0001 s)",
+        path.display()
+    )]
+    Timestamp {
+        path: PathBuf,
+        episode: usize,
+        frame: usize,
+        timestamp: f32,
+        expected: f64,
+    },
+    /// The rows end before the frames that the metadata declares.
+    #[error("{}: the data ends after {found} frames, meta/info.json declares {declared}", path.display())]
+    FewerFrames {
+        path: PathBuf,
+        found: usize,
+        declared: usize,
+    },
+    /// A video's container or one of its frames is unusable.
+    #[error("{}: {cause}", path.display())]
+    Video { path: PathBuf, cause: String },
+    /// A frame's picture cannot be read: which frame, and why.
+    #[error("episode {episode} frame {frame}, camera {camera}: {source}")]
+    Picture {
+        episode: usize,
+        frame: usize,
+        camera: String,
+        source: Box<DatasetError>,
+    },
+    /// The statistics to normalise with have other dimensions of states and actions than the recording.
+    #[error(
+        "{}: has {} state and {} action dimensions, the statistics to normalise it with have {} and {}",
+        path.display(), found.0, found.1, given.0, given.1
+    )]
+    Normalisation {
+        path: PathBuf,
+        given: (usize, usize),
+        found: (usize, usize),
+    },
+    /// The caller asked for a frame that does not exist.
+    #[error("there is no frame {index}: the recording has {len} frames")]
+    OutOfRange { index: usize, len: usize },
+    /// The caller asked for an action chunk of a length that is not allowed.
+    #[error("an action chunk cannot have {chunk} frames; it must have 1 to {max}")]
+    Chunk { chunk: usize, max: usize },
+    /// The caller asked for `delta_timestamps` that cannot be used.
+    #[error("delta_timestamps of {key}: {cause}")]
+    DeltaTimestamps { key: String, cause: String },
+}
+
+impl DatasetError {
+    /// Tells a file that is not there from one that cannot be read.
+    pub(crate) fn io(path: impl Into<PathBuf>, source: std::io::Error) -> Self {
+        let path = path.into();
+        if source.kind() == std::io::ErrorKind::NotFound {
+            Self::MissingFile { path }
+        } else {
+            Self::Io { path, source }
+        }
+    }
+
+    pub(crate) fn meta(path: impl Into<PathBuf>, cause: impl Into<String>) -> Self {
+        Self::Meta {
+            path: path.into(),
+            cause: cause.into(),
+        }
+    }
+
+    pub(crate) fn parquet(path: impl Into<PathBuf>, cause: impl Into<String>) -> Self {
+        Self::Parquet {
+            path: path.into(),
+            cause: cause.into(),
+        }
+    }
+
+    pub(crate) fn video(path: impl Into<PathBuf>, cause: impl Into<String>) -> Self {
+        Self::Video {
+            path: path.into(),
+            cause: cause.into(),
+        }
+    }
+}

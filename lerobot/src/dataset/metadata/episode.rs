@@ -1,0 +1,26 @@
+//! An episode and its stretches of video.
+
+use std::ops::Range;
+use std::path::PathBuf;
+
+/// One demonstration: consecutive frames, and where each camera filmed them.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Episode {
+    /// Number of the episode, from 0.
+    pub index: usize,
+    /// Its frames in the dataset's numbering; never empty.
+    pub frames: Range<usize>,
+    /// Its stretch of video per camera, in the order of [`Dataset::cameras`](crate::dataset::Dataset::cameras).
+    pub videos: Vec<VideoSpan>,
+    /// The parquet file that holds its rows.
+    pub(crate) data_file: PathBuf,
+}
+
+/// Where an episode lies in a camera's video file; in v3.0 several episodes share one.
+#[derive(Debug, Clone, PartialEq)]
+pub struct VideoSpan {
+    /// The mp4 file.
+    pub path: PathBuf,
+    /// Second of the file at which the episode's first frame is shown.
+    pub from_timestamp: f64,
+}

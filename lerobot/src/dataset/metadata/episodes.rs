@@ -1,0 +1,225 @@
+//! The episodes of a recording: which rows and which stretches of video belong together. The metadata of v3.0 is read here,
+//! that of v2.x in `episodes_v2`.
+
+use std::path::{Path, PathBuf};
+
+use crate::dataset::metadata::episode::{Episode, VideoSpan};
+use crate::dataset::metadata::episodes_v2;
+use crate::dataset::metadata::info::Format;
+use crate::dataset::metadata::paths::Place;
+use crate::dataset::tables::columns::{self, Columns};
+use crate::dataset::{DatasetError, Info, Repair};
+
+/// Episodes in order, checked to tile the frames that `meta/info.json` declares.
+pub(crate) fn read_episodes(
+    root: &Path,
+    info: &Info,
+    repairs: &mut Vec<Repair>,
+) -> Result<Vec<Episode>, DatasetError> {
+    let (source, episodes) = if info.format < Format::V30 {
+        episodes_v2::read_episodes(root, info, repairs)?
+    } else {
+        read_parquet(root, info, repairs)?
+    };
+    let frames = episodes.last().map_or(0, |e| e.frames.end);
+    if episodes.len() != info.total_episodes || frames != info.total_frames {
+        return Err(DatasetError::meta(
+            source,
+            format!(
+                "describes {} episodes with {frames} frames, meta/info.json declares {} with {}",
+                episodes.len(),
+                info.total_episodes,
+                info.total_frames
+            ),
+        ));
+    }
+    Ok(episodes)
+}
+
+/// `meta/episodes` of v3.0.
+fn read_parquet(
+    root: &Path,
+    info: &Info,
+    repairs: &mut Vec<Repair>,
+) -> Result<(PathBuf, Vec<Episode>), DatasetError> {
+    let layout = EpisodeColumns::new(info);
+    let folder = root.join("meta/episodes");
+    let mut episodes: Vec<Episode> = Vec::new();
+    for path in parquet_files(&folder)? {
+        let mut repeated = 0;
+        columns::read(&path, &layout.all(), 1, |batch| {
+            for row in 0..batch.rows() {
+                let found = layout.row(batch, row)?;
+                let (number, start) = next(&episodes);
+                let follows = number < info.total_episodes
+                    && found.index == number as i64
+                    && found.from == start as i64
+                    && found.to > found.from
+                    && found.to <= info.total_frames as i64
+                    && found.length == found.to - found.from;
+                let known = usize::try_from(found.index)
+                    .ok()
+                    .and_then(|index| episodes.get(index));
+                if follows {
+                    let episode = layout.episode(root, info, &path, batch, row, &found)?;
+                    episodes.push(episode);
+                } else if known.is_some_and(|first| found.describes(first))
+                    && Some(&layout.episode(root, info, &path, batch, row, &found)?) == known
+                {
+                    repeated += 1;
+                } else {
+                    return Err(DatasetError::meta(
+                        &path,
+                        format!(
+                            "expected episode {number} of {} from frame {start} on, found episode {} of {} frames, {}..{}; \
+                             episodes have to follow each other and end at frame {}",
+                            info.total_episodes,
+                            found.index,
+                            found.length,
+                            found.from,
+                            found.to,
+                            info.total_frames
+                        ),
+                    ));
+                }
+            }
+            Ok(())
+        })?;
+        if repeated > 0 {
+            repairs.push(Repair::RepeatedEpisodes {
+                path,
+                rows: repeated,
+            });
+        }
+    }
+    Ok((folder, episodes))
+}
+
+/// Number and first frame of the episode that is to come.
+fn next(episodes: &[Episode]) -> (usize, usize) {
+    (episodes.len(), episodes.last().map_or(0, |e| e.frames.end))
+}
+
+/// What a row says about the place of its episode among the others.
+struct EpisodeRow {
+    index: i64,
+    length: i64,
+    from: i64,
+    to: i64,
+}
+
+impl EpisodeRow {
+    fn describes(&self, episode: &Episode) -> bool {
+        let frames = &episode.frames;
+        (self.from, self.to) == (frames.start as i64, frames.end as i64)
+            && self.length == frames.len() as i64
+    }
+}
+
+/// Names of the columns, those of the cameras among them.
+struct EpisodeColumns {
+    /// Per camera: chunk, file, start.
+    spans: Vec<[String; 3]>,
+}
+
+impl EpisodeColumns {
+    const FIXED: [&'static str; 6] = [
+        "episode_index",
+        "length",
+        "dataset_from_index",
+        "dataset_to_index",
+        "data/chunk_index",
+        "data/file_index",
+    ];
+
+    fn new(info: &Info) -> Self {
+        let of_camera = ["chunk_index", "file_index", "from_timestamp"];
+        Self {
+            spans: info
+                .cameras
+                .iter()
+                .map(|c| of_camera.map(|f| format!("videos/{}/{f}", c.name)))
+                .collect(),
+        }
+    }
+
+    fn all(&self) -> Vec<&str> {
+        let spans = self.spans.iter().flatten().map(String::as_str);
+        Self::FIXED.into_iter().chain(spans).collect()
+    }
+
+    fn row(&self, batch: &Columns, row: usize) -> Result<EpisodeRow, DatasetError> {
+        let int = |name: &str| batch.ints(name).map(|column| column[row]);
+        Ok(EpisodeRow {
+            index: int(Self::FIXED[0])?,
+            length: int(Self::FIXED[1])?,
+            from: int(Self::FIXED[2])?,
+            to: int(Self::FIXED[3])?,
+        })
+    }
+
+    /// The episode of a row whose frames are known to be sound.
+    fn episode(
+        &self,
+        root: &Path,
+        info: &Info,
+        path: &Path,
+        batch: &Columns,
+        row: usize,
+        found: &EpisodeRow,
+    ) -> Result<Episode, DatasetError> {
+        let broken =
+            |cause: String| DatasetError::meta(path, format!("episode {}: {cause}", found.index));
+        let number = |name: &str| {
+            let value = batch.ints(name)?[row];
+            u64::try_from(value).map_err(|_| broken(format!("{name} is {value}")))
+        };
+        let place = Place::Shared {
+            chunk: number(Self::FIXED[4])?,
+            file: number(Self::FIXED[5])?,
+        };
+        let data_file = info.data_file(root, place)?;
+        let mut videos = Vec::with_capacity(info.cameras.len());
+        for (camera, [chunk, file, from]) in info.cameras.iter().zip(&self.spans) {
+            let from_timestamp = batch.doubles(from)?[row];
+            if !(0.0..1e9).contains(&from_timestamp) {
+                return Err(broken(format!("{from} is {from_timestamp}")));
+            }
+            let place = Place::Shared {
+                chunk: number(chunk)?,
+                file: number(file)?,
+            };
+            videos.push(VideoSpan {
+                path: info.video_file(root, camera, place)?,
+                from_timestamp,
+            });
+        }
+        Ok(Episode {
+            index: found.index as usize,
+            frames: found.from as usize..found.to as usize,
+            videos,
+            data_file,
+        })
+    }
+}
+
+/// `chunk-*/file-*.parquet` under `folder`, in name order as LeRobot reads them.
+fn parquet_files(folder: &Path) -> Result<Vec<PathBuf>, DatasetError> {
+    let list = |dir: &Path| -> Result<Vec<PathBuf>, DatasetError> {
+        let mut found = Vec::new();
+        for entry in std::fs::read_dir(dir).map_err(|e| DatasetError::io(dir, e))? {
+            found.push(entry.map_err(|e| DatasetError::io(dir, e))?.path());
+        }
+        found.sort();
+        Ok(found)
+    };
+    let mut files = Vec::new();
+    for chunk in list(folder)?.into_iter().filter(|p| p.is_dir()) {
+        files.extend(
+            list(&chunk)?
+                .into_iter()
+                .filter(|p| p.extension().is_some_and(|e| e == "parquet")),
+        );
+    }
+    Ok(files)
+}

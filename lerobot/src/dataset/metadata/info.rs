@@ -1,0 +1,323 @@
+//! `meta/info.json`: what was recorded, how fast, and where the files lie.
+
+use std::fmt;
+use std::path::{Path, PathBuf};
+
+use serde::de::{Deserializer, MapAccess, Visitor};
+use serde::Deserialize;
+use serde_json::Value;
+
+use crate::dataset::metadata::json::read_text;
+use crate::dataset::metadata::paths::{fill, Place};
+use crate::dataset::DatasetError;
+
+/// A frame cap (92 hours at 30 fps) that keeps a false count from being believed.
+pub(crate) const MAX_FRAMES: usize = 10_000_000;
+const MAX_SIDE: usize = 8192;
+const MAX_DIM: usize = 4096;
+
+pub(crate) const STATE: &str = "observation.state";
+pub(crate) const ACTION: &str = "action";
+
+/// Version of LeRobotDataset's format, `codebase_version` of `meta/info.json`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Format {
+    /// One parquet file and one video per episode; statistics of the whole in `meta/stats.json`.
+    V20,
+    /// As [`Format::V20`], with statistics per episode in `meta/episodes_stats.jsonl`.
+    V21,
+    /// Episodes share files; metadata in parquet.
+    V30,
+}
+
+impl Format {
+    const ALL: [Self; 3] = [Self::V20, Self::V21, Self::V30];
+
+    /// As LeRobot writes it: `v2.0`, `v2.1`, `v3.0`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::V20 => "v2.0",
+            Self::V21 => "v2.1",
+            Self::V30 => "v3.0",
+        }
+    }
+}
+
+impl fmt::Display for Format {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+/// The parts of `meta/info.json` that reading needs, checked.
+#[derive(Debug, Clone)]
+pub struct Info {
+    /// Which version of the format the folder is.
+    pub format: Format,
+    /// Frames per second, at least 1.
+    pub fps: u32,
+    /// Robot, as LeRobot names it (`so100`, ...), where given.
+    pub robot_type: Option<String>,
+    /// Frames in all episodes together.
+    pub total_frames: usize,
+    /// Number of episodes.
+    pub total_episodes: usize,
+    /// Number of tasks.
+    pub total_tasks: usize,
+    /// `observation.state`.
+    pub state: VectorFeature,
+    /// `action`.
+    pub action: VectorFeature,
+    /// Video features in the file's order.
+    pub cameras: Vec<Camera>,
+    /// Episodes in a folder of v2.x, at least 1.
+    chunks_size: u64,
+    data_path: String,
+    video_path: String,
+}
+
+/// A float32 vector recorded at every frame.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct VectorFeature {
+    /// Number of values.
+    pub dim: usize,
+    /// Name of each value (joints), where given; otherwise empty.
+    pub names: Vec<String>,
+}
+
+/// A camera: a video feature, 8-bit RGB once decoded.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Camera {
+    /// Feature name, for example `observation.images.top`.
+    pub name: String,
+    /// Pixels from top to bottom.
+    pub height: usize,
+    /// Pixels from left to right.
+    pub width: usize,
+}
+
+#[derive(Deserialize)]
+struct RawInfo {
+    fps: u32,
+    robot_type: Option<String>,
+    total_frames: usize,
+    total_episodes: usize,
+    total_tasks: usize,
+    chunks_size: Option<u64>,
+    data_path: String,
+    video_path: Option<String>,
+    features: OrderedFeatures,
+}
+
+#[derive(Deserialize)]
+struct RawFeature {
+    dtype: String,
+    shape: Vec<usize>,
+    names: Option<Value>,
+}
+
+/// The cameras' order matters to the policy, so the map is kept as the list that it is written as.
+struct OrderedFeatures(Vec<(String, RawFeature)>);
+
+impl<'de> Deserialize<'de> for OrderedFeatures {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct InOrder;
+        impl<'de> Visitor<'de> for InOrder {
+            type Value = OrderedFeatures;
+            fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
+                f.write_str("a map from feature name to feature")
+            }
+            fn visit_map<M: MapAccess<'de>>(self, mut map: M) -> Result<Self::Value, M::Error> {
+                let mut features = Vec::new();
+                while let Some(entry) = map.next_entry()? {
+                    features.push(entry);
+                }
+                Ok(OrderedFeatures(features))
+            }
+        }
+        deserializer.deserialize_map(InOrder)
+    }
+}
+
+impl Info {
+    /// Reads and checks `meta/info.json` under `root`.
+    pub(crate) fn read(root: &Path) -> Result<Self, DatasetError> {
+        let path = root.join("meta/info.json");
+        let text = read_text(&path)?;
+        let broken = |cause: String| DatasetError::meta(&path, cause);
+
+        // The version first: another version's file may lack what the rest of this one needs.
+        let any: Value = serde_json::from_str(&text)
+            .map_err(|e| broken(format!("is not the JSON it should be: {e}")))?;
+        let Some(version) = any.get("codebase_version").and_then(Value::as_str) else {
+            return Err(broken(
+                "has no codebase_version; is this a LeRobotDataset?".into(),
+            ));
+        };
+        let Some(format) = Format::ALL.into_iter().find(|f| f.name() == version) else {
+            return Err(DatasetError::Version {
+                path,
+                found: version.chars().take(40).collect(),
+            });
+        };
+        let raw: RawInfo = serde_json::from_str(&text).map_err(|e| broken(e.to_string()))?;
+        Self::check(format, raw).map_err(broken)
+    }
+
+    fn check(format: Format, raw: RawInfo) -> Result<Self, String> {
+        if raw.fps == 0 || raw.fps > 1000 {
+            return Err(format!("fps is {}, expected 1 to 1000", raw.fps));
+        }
+        for (what, count) in [
+            ("total_frames", raw.total_frames),
+            ("total_episodes", raw.total_episodes),
+            ("total_tasks", raw.total_tasks),
+        ] {
+            if count == 0 || count > MAX_FRAMES {
+                return Err(format!("{what} is {count}, expected 1 to {MAX_FRAMES}"));
+            }
+        }
+        // What LeRobot takes where nothing is said.
+        let chunks_size = raw.chunks_size.unwrap_or(1000);
+        if chunks_size == 0 {
+            return Err("chunks_size is 0, expected at least 1".into());
+        }
+        let mut cameras: Vec<Camera> = Vec::new();
+        let (mut state, mut action) = (None, None);
+        for (name, feature) in raw.features.0 {
+            match (name.as_str(), feature.dtype.as_str()) {
+                (STATE, _) => state = Some(vector(&name, &feature)?),
+                (ACTION, _) => action = Some(vector(&name, &feature)?),
+                (_, "video") => {
+                    if cameras.iter().any(|c| c.name == name) {
+                        return Err(format!("feature {} is there twice", quoted(&name)));
+                    }
+                    cameras.push(camera(name, &feature)?);
+                }
+                (_, "image") => {
+                    return Err(format!(
+                    "feature {} stores single images; only videos are read, record with use_videos",
+                    quoted(&name)
+                ))
+                }
+                _ => {}
+            }
+        }
+        if !cameras.is_empty() && raw.video_path.is_none() {
+            return Err("has cameras but no video_path".into());
+        }
+        Ok(Self {
+            format,
+            fps: raw.fps,
+            robot_type: raw.robot_type,
+            total_frames: raw.total_frames,
+            total_episodes: raw.total_episodes,
+            total_tasks: raw.total_tasks,
+            state: state.ok_or(format!("has no feature {STATE}"))?,
+            action: action.ok_or(format!("has no feature {ACTION}"))?,
+            cameras,
+            chunks_size,
+            data_path: raw.data_path,
+            video_path: raw.video_path.unwrap_or_default(),
+        })
+    }
+
+    /// The file that v2.x keeps an episode in.
+    pub(crate) fn place_of_episode(&self, episode: u64) -> Place {
+        Place::OfEpisode {
+            chunk: episode / self.chunks_size,
+            episode,
+        }
+    }
+
+    /// A data file of the dataset in `root`.
+    pub(crate) fn data_file(&self, root: &Path, place: Place) -> Result<PathBuf, DatasetError> {
+        in_folder(root, fill(&self.data_path, "", place))
+    }
+
+    /// A camera's video file of the dataset in `root`; it has to be there.
+    pub(crate) fn video_file(
+        &self,
+        root: &Path,
+        camera: &Camera,
+        place: Place,
+    ) -> Result<PathBuf, DatasetError> {
+        let path = in_folder(root, fill(&self.video_path, &camera.name, place))?;
+        if !path.is_file() {
+            return Err(DatasetError::MissingFile { path });
+        }
+        Ok(path)
+    }
+}
+
+fn in_folder(root: &Path, relative: Result<PathBuf, String>) -> Result<PathBuf, DatasetError> {
+    match relative {
+        Ok(path) => Ok(root.join(path)),
+        Err(cause) => Err(DatasetError::meta(root.join("meta/info.json"), cause)),
+    }
+}
+
+fn vector(name: &str, feature: &RawFeature) -> Result<VectorFeature, String> {
+    if feature.dtype != "float32" {
+        return Err(format!(
+            "{name} is {}, expected float32",
+            quoted(&feature.dtype)
+        ));
+    }
+    match feature.shape[..] {
+        [dim] if (1..=MAX_DIM).contains(&dim) => Ok(VectorFeature {
+            dim,
+            names: names(feature.names.as_ref()),
+        }),
+        _ => Err(format!(
+            "{name} has shape {}, expected one dimension of 1 to {MAX_DIM}",
+            shape(feature)
+        )),
+    }
+}
+
+/// What a stranger wrote, for a message: on one line, and not long.
+fn quoted(text: &str) -> String {
+    format!("{:?}", text.chars().take(60).collect::<String>())
+}
+
+fn shape(feature: &RawFeature) -> String {
+    match feature.shape.len() {
+        0..=8 => format!("{:?}", feature.shape),
+        many => format!("of {many} dimensions"),
+    }
+}
+
+/// LeRobot writes a list of names, or a map of groups of them, or nothing.
+fn names(value: Option<&Value>) -> Vec<String> {
+    match value {
+        Some(Value::String(name)) => vec![name.clone()],
+        Some(Value::Array(items)) => items.iter().flat_map(|v| names(Some(v))).collect(),
+        Some(Value::Object(groups)) => groups.values().flat_map(|v| names(Some(v))).collect(),
+        _ => Vec::new(),
+    }
+}
+
+fn camera(name: String, feature: &RawFeature) -> Result<Camera, String> {
+    // Older recordings say that the channels come first; the video is the same.
+    let names = names(feature.names.as_ref());
+    let channels_first = names.first().is_some_and(|n| n.starts_with("channel"));
+    let sides = match feature.shape[..] {
+        [3, height, width] if channels_first => Some((height, width)),
+        [height, width, 3] if !channels_first => Some((height, width)),
+        _ => None,
+    };
+    let fits = |side: &usize| (1..=MAX_SIDE).contains(side);
+    match sides.filter(|(height, width)| fits(height) && fits(width)) {
+        Some((height, width)) => Ok(Camera {
+            name,
+            height,
+            width,
+        }),
+        None => Err(format!(
+            "{} has shape {}, expected [height, width, 3] with sides of 1 to {MAX_SIDE}",
+            quoted(&name),
+            shape(feature)
+        )),
+    }
+}

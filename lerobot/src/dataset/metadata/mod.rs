@@ -1,0 +1,12 @@
+//! The files under `meta/`.
+
+pub(crate) mod episode;
+mod episode_stats;
+pub(crate) mod episodes;
+mod episodes_v2;
+pub(crate) mod info;
+mod json;
+pub(crate) mod normalizer;
+mod paths;
+pub(crate) mod stats;
+pub(crate) mod tasks;

@@ -1,0 +1,161 @@
+//! Normalisers of states and actions, and the moments that they are made of.
+
+use serde::{Deserialize, Serialize};
+
+/// Normalisers of the recording's states and actions.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Stats {
+    /// For `observation.state`.
+    pub state: Normalizer,
+    /// For `action`.
+    pub action: Normalizer,
+}
+
+/// `(x - mean) / (std + 1e-8)` per dimension, in float32 as LeRobot computes it, and back.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "Moments", into = "Moments")]
+pub struct Normalizer {
+    mean: Vec<f32>,
+    std: Vec<f32>,
+}
+
+/// Mean and standard deviation per dimension, as they are written.
+#[derive(Clone, Serialize, Deserialize)]
+pub(crate) struct Moments {
+    pub mean: Vec<f64>,
+    pub std: Vec<f64>,
+}
+
+impl Stats {
+    /// Those of several recordings together, each with its number of frames, as LeRobot's `aggregate_stats` pools them; those of
+    /// one are its own. `None` where there is no frame, or dimensions differ.
+    pub fn pooled(recordings: &[(&Self, usize)]) -> Option<Self> {
+        if let [(one, _)] = recordings {
+            return Some((*one).clone());
+        }
+        let pooled = |of: fn(&Self) -> &Normalizer| {
+            let dim = of(recordings.first()?.0).dim();
+            let moments: Vec<Moments> = recordings.iter().map(|(s, _)| of(s).into()).collect();
+            if moments.iter().any(|m| m.mean.len() != dim) {
+                return None;
+            }
+            let frames = recordings.iter().map(|(_, frames)| *frames as f64);
+            let parts: Vec<_> = moments.iter().zip(frames).collect();
+            Normalizer::of(&pool(&parts, dim), dim).ok()
+        };
+        Some(Self {
+            state: pooled(|s| &s.state)?,
+            action: pooled(|s| &s.action)?,
+        })
+    }
+}
+
+/// Moments of all frames together, of parts of `dim` dimensions, each with its number of frames.
+///
+/// With n frames in a part of mean m and standard deviation s, and M the mean over all frames: M = sum(n m) / sum(n), and the
+/// variance is sum(n (s² + (m - M)²)) / sum(n).
+pub(crate) fn pool(parts: &[(&Moments, f64)], dim: usize) -> Moments {
+    let total: f64 = parts.iter().map(|(_, count)| count).sum();
+    let weighted = |value: &dyn Fn(&Moments) -> f64| {
+        let values = parts.iter().map(|(moments, count)| value(moments) * count);
+        values.sum::<f64>() / total
+    };
+    let mean: Vec<f64> = (0..dim).map(|d| weighted(&|m| m.mean[d])).collect();
+    let variance = |d: usize| {
+        let spread = |m: &Moments| m.std[d].powi(2) + (m.mean[d] - mean[d]).powi(2);
+        weighted(&spread)
+    };
+    let std = (0..dim).map(|d| variance(d).sqrt()).collect();
+    Moments { mean, std }
+}
+
+impl From<&Normalizer> for Moments {
+    fn from(normalizer: &Normalizer) -> Self {
+        let f64s = |values: &[f32]| values.iter().map(|&v| v.into()).collect();
+        Self {
+            mean: f64s(&normalizer.mean),
+            std: f64s(&normalizer.std),
+        }
+    }
+}
+
+// Written as f64, every f32 comes back as it was.
+impl From<Normalizer> for Moments {
+    fn from(normalizer: Normalizer) -> Self {
+        Self::from(&normalizer)
+    }
+}
+
+impl TryFrom<Moments> for Normalizer {
+    type Error = String;
+
+    fn try_from(moments: Moments) -> Result<Self, String> {
+        Self::of(&moments, moments.mean.len())
+    }
+}
+
+impl Normalizer {
+    /// From moments as they are written, of `dim` dimensions.
+    pub(crate) fn of(moments: &Moments, dim: usize) -> Result<Self, String> {
+        let Moments { mean, std } = moments;
+        if mean.len() != dim || std.len() != dim {
+            return Err(format!(
+                "{} means and {} standard deviations for {dim} dimensions",
+                mean.len(),
+                std.len()
+            ));
+        }
+        let f32s = |values: &[f64]| values.iter().map(|&v| v as f32).collect();
+        Self::new(f32s(mean), f32s(std))
+            .ok_or_else(|| "a mean or standard deviation is not a finite number, or below 0".into())
+    }
+
+    /// From one mean and one standard deviation per dimension; `None` where lengths differ or are 0, or a value is not
+    /// finite, or a standard deviation is negative.
+    pub fn new(mean: Vec<f32>, std: Vec<f32>) -> Option<Self> {
+        let fits = !mean.is_empty()
+            && mean.len() == std.len()
+            && mean.iter().chain(&std).all(|v| v.is_finite())
+            && std.iter().all(|&v| v >= 0.0);
+        fits.then_some(Self { mean, std })
+    }
+
+    /// The one that changes nothing, of `dim` dimensions; `None` for 0.
+    pub fn identity(dim: usize) -> Option<Self> {
+        Self::new(vec![0.0; dim], vec![1.0; dim])
+    }
+
+    /// Number of dimensions.
+    pub fn dim(&self) -> usize {
+        self.mean.len()
+    }
+
+    /// Mean per dimension.
+    pub fn mean(&self) -> &[f32] {
+        &self.mean
+    }
+
+    /// Standard deviation per dimension.
+    pub fn std(&self) -> &[f32] {
+        &self.std
+    }
+
+    /// Normalises rows of [`Normalizer::dim`] values in place.
+    pub fn normalize(&self, rows: &mut [f32]) {
+        for row in rows.chunks_mut(self.dim()) {
+            for ((x, mean), std) in row.iter_mut().zip(&self.mean).zip(&self.std) {
+                *x = (*x - mean) / (std + 1e-8);
+            }
+        }
+    }
+
+    /// Brings rows of normalised values back to the robot's units, in place.
+    pub fn denormalize(&self, rows: &mut [f32]) {
+        for row in rows.chunks_mut(self.dim()) {
+            for ((x, mean), std) in row.iter_mut().zip(&self.mean).zip(&self.std) {
+                *x = *x * std + mean;
+            }
+        }
+    }
+}

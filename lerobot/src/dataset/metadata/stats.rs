@@ -1,0 +1,41 @@
+//! The statistics of a recording.
+
+use std::collections::HashMap;
+use std::path::Path;
+
+use crate::dataset::metadata::episode_stats;
+use crate::dataset::metadata::info::{Format, ACTION, STATE};
+use crate::dataset::metadata::json::read_text;
+use crate::dataset::metadata::normalizer::{Moments, Normalizer, Stats};
+use crate::dataset::{DatasetError, Info};
+
+/// Reads and checks the statistics under `root`: those of the whole in `meta/stats.json`, or in v2.1 those of the episodes,
+/// pooled.
+pub(crate) fn read(root: &Path, info: &Info) -> Result<Stats, DatasetError> {
+    if info.format == Format::V21 {
+        episode_stats::read(root, info)
+    } else {
+        read_whole(root, info)
+    }
+}
+
+fn read_whole(root: &Path, info: &Info) -> Result<Stats, DatasetError> {
+    let path = root.join("meta/stats.json");
+    let text = read_text(&path)?;
+    let broken = |cause: String| DatasetError::meta(&path, cause);
+    // Images' statistics are nested differently and not used: take only what is.
+    let mut all: HashMap<String, serde_json::Value> = serde_json::from_str(&text)
+        .map_err(|e| broken(format!("is not the JSON it should be: {e}")))?;
+    let mut normalizer = |name: &str, dim: usize| {
+        let value = all
+            .remove(name)
+            .ok_or_else(|| broken(format!("has no statistics of {name}")))?;
+        let moments: Moments =
+            serde_json::from_value(value).map_err(|e| broken(format!("{name}: {e}")))?;
+        Normalizer::of(&moments, dim).map_err(|cause| broken(format!("{name}: {cause}")))
+    };
+    Ok(Stats {
+        state: normalizer(STATE, info.state.dim)?,
+        action: normalizer(ACTION, info.action.dim)?,
+    })
+}

@@ -1,0 +1,49 @@
+//! Recordings: a reader of LeRobotDataset folders, v2.0, v2.1 and v3.0.
+//!
+//! ```text
+//! meta/info.json                  metadata::info      frames per second, features, where the files are (paths)
+//! meta/stats.json                 metadata::stats     mean and standard deviation of states and actions
+//! meta/tasks.parquet              metadata::tasks     task strings
+//! meta/episodes/*/*.parquet       metadata::episodes  which rows and which stretch of video each episode has
+//! data/*/*.parquet                tables::motion      states, actions, timestamps
+//! videos/*/*/*.mp4                video               one camera's frames: mp4 finds them, av1 or h264 decodes, color makes RGB
+//! ```
+//!
+//! In v2.x `meta` holds `tasks.jsonl` and `episodes.jsonl` (`episodes_v2`), and in v2.1 also `episodes_stats.jsonl`
+//! (`episode_stats`). There every episode has a parquet file and videos of its own.
+//!
+//! [`Dataset::open`] reads everything but the pixels and checks it. What it returns is consistent; the faults that it corrected are
+//! in [`Dataset::repairs`]. [`Dataset::loader`] then gives [`Frame`]s. Each is what LeRobot's `LeRobotDataset.__getitem__` gives under
+//! SmolVLA's `delta_timestamps` (observations of this frame, and a chunk of actions from this frame on).
+//! [`Dataset::loader_with`] takes any other [`DeltaTimestamps`]. `feature_spec` makes a digest of what kind of recording it is.
+//!
+//! The formats are those of LeRobot 0.4 (`codebase_version` v3.0, <https://huggingface.co/docs/lerobot/lerobot-dataset-v3>) and of
+//! LeRobot 0.3 (v2.1).
+
+mod delta_timestamps;
+mod episode_digest;
+mod error;
+mod feature_spec;
+mod loader;
+mod metadata;
+mod recording;
+mod repair;
+mod tables;
+mod validate;
+mod video;
+
+pub use delta_timestamps::{DeltaTimestamps, Window};
+pub use error::DatasetError;
+pub use feature_spec::FEATURE_SPEC_TAG;
+pub use loader::{Frame, Frames, Image, Loader};
+pub use metadata::episode::{Episode, VideoSpan};
+pub use metadata::info::{Camera, Format, Info, VectorFeature};
+pub use metadata::normalizer::{Normalizer, Stats};
+pub use recording::Dataset;
+pub use repair::Repair;
+pub use validate::PictureFault;
+pub use video::color::{rgb_from_yuv420, Yuv420};
+pub use video::mp4::avc_config::AvcConfig;
+pub use video::mp4::sample::{Mp4Codec, Mp4Sample};
+pub use video::mp4::track::Mp4Track;
+pub use video::reader::VideoReader;

@@ -1,0 +1,150 @@
+//! A recording, opened and checked.
+
+use std::path::{Path, PathBuf};
+
+use crate::dataset::error::DatasetError;
+use crate::dataset::metadata::episode::Episode;
+use crate::dataset::metadata::info::{Camera, Info};
+use crate::dataset::metadata::normalizer::Stats;
+use crate::dataset::metadata::{episodes, stats, tasks};
+use crate::dataset::repair::Repair;
+use crate::dataset::tables::motion::Motion;
+
+/// A recording, opened and checked; pixels are decoded on demand by a [`Loader`](crate::dataset::Loader).
+///
+/// States and actions are held in memory (a few dozen bytes a frame), videos are not.
+#[derive(Debug)]
+pub struct Dataset {
+    root: PathBuf,
+    info: Info,
+    stats: Stats,
+    normalisation: Option<Stats>,
+    tasks: Vec<String>,
+    episodes: Vec<Episode>,
+    pub(crate) motion: Motion,
+    repairs: Vec<Repair>,
+}
+
+impl Dataset {
+    /// Opens the LeRobotDataset folder `root`. What is put right on reading is warned of and kept in [`Dataset::repairs`].
+    ///
+    /// # Errors
+    /// Anything missing, unreadable or inconsistent outside the videos' content, each with its path: see [`DatasetError`].
+    /// Among them rows that repeat a frame with other values, and timestamps that are not `frame / fps`.
+    pub fn open(root: impl AsRef<Path>) -> Result<Self, DatasetError> {
+        let root = root.as_ref().to_path_buf();
+        if !root.is_dir() {
+            return Err(DatasetError::NoFolder { path: root });
+        }
+        let mut repairs = Vec::new();
+        let info = Info::read(&root)?;
+        let stats = stats::read(&root, &info)?;
+        let tasks = tasks::read_tasks(&root, &info)?;
+        let episodes = episodes::read_episodes(&root, &info, &mut repairs)?;
+        let motion = Motion::read(&root, &info, &episodes, tasks.len(), &mut repairs)?;
+        for repair in &repairs {
+            tracing::warn!("{repair}");
+        }
+        Ok(Self {
+            root,
+            info,
+            stats,
+            normalisation: None,
+            tasks,
+            episodes,
+            motion,
+            repairs,
+        })
+    }
+
+    /// Number of frames in all episodes together.
+    pub fn len(&self) -> usize {
+        self.motion.len()
+    }
+
+    /// Whether there are no frames; [`Dataset::open`] refuses such a folder, so this is `false`.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// The folder that was opened.
+    pub fn root(&self) -> &Path {
+        &self.root
+    }
+
+    /// Frames per second.
+    pub fn fps(&self) -> u32 {
+        self.info.fps
+    }
+
+    /// `meta/info.json`: robot type, features.
+    pub fn info(&self) -> &Info {
+        &self.info
+    }
+
+    /// The cameras in the recording's order, which is the order of [`Frame::images`](crate::dataset::Frame::images).
+    pub fn cameras(&self) -> &[Camera] {
+        &self.info.cameras
+    }
+
+    /// The recording's own statistics.
+    pub fn stats(&self) -> &Stats {
+        &self.stats
+    }
+
+    /// What samples of it are normalised with: its own statistics, unless [`Dataset::normalise_with`] has given others.
+    pub fn normalisation(&self) -> &Stats {
+        self.normalisation.as_ref().unwrap_or(&self.stats)
+    }
+
+    /// Has samples of it normalised with other statistics than its own: a policy's, or those of several recordings together.
+    ///
+    /// # Errors
+    /// [`DatasetError::Normalisation`] when they are of other dimensions than its states and actions.
+    pub fn normalise_with(&mut self, stats: Stats) -> Result<(), DatasetError> {
+        let dims = |stats: &Stats| (stats.state.dim(), stats.action.dim());
+        if dims(&stats) != dims(&self.stats) {
+            return Err(DatasetError::Normalisation {
+                path: self.root.clone(),
+                given: dims(&stats),
+                found: dims(&self.stats),
+            });
+        }
+        self.normalisation = Some(stats);
+        Ok(())
+    }
+
+    /// Task strings; [`Frame::task_index`](crate::dataset::Frame::task_index) points into them.
+    pub fn tasks(&self) -> &[String] {
+        &self.tasks
+    }
+
+    /// Episodes in order; they tile the frames `0..len()`.
+    pub fn episodes(&self) -> &[Episode] {
+        &self.episodes
+    }
+
+    /// Faults of the files that were put right on reading; mostly none.
+    pub fn repairs(&self) -> &[Repair] {
+        &self.repairs
+    }
+
+    /// `observation.state` of frame `index`, not normalised; `None` if there is no such frame.
+    pub fn state(&self, index: usize) -> Option<&[f32]> {
+        (index < self.len()).then(|| self.motion.state(index))
+    }
+
+    /// `action` of frame `index`, not normalised; `None` if there is no such frame.
+    pub fn action(&self, index: usize) -> Option<&[f32]> {
+        (index < self.len()).then(|| self.motion.action(index))
+    }
+
+    /// Frames of every task, in the order of [`Dataset::tasks`].
+    pub fn frames_per_task(&self) -> Vec<usize> {
+        let mut counts = vec![0; self.tasks.len()];
+        for frame in 0..self.len() {
+            counts[self.motion.task(frame)] += 1;
+        }
+        counts
+    }
+}

@@ -1,0 +1,5 @@
+//! The parquet files: their columns, and the states and actions in them.
+
+pub(crate) mod columns;
+pub(crate) mod motion;
+mod parquet_pages;

@@ -1,0 +1,113 @@
+//! One AV1 decoder (`re_rav1d`, a Rust port of dav1d) that takes encoded frames in order and gives RGB.
+
+use re_rav1d::dav1d::pixel::{MatrixCoefficients, YUVRange};
+use re_rav1d::dav1d::{Decoder, Picture, PixelLayout, PlanarImageComponent, Settings};
+
+use crate::dataset::video::color::{rgb_from_yuv420, Yuv420};
+
+/// Decodes one frame after another; after an error it has to be replaced by a new one.
+pub(crate) struct Av1 {
+    decoder: Decoder,
+    height: usize,
+    width: usize,
+}
+
+impl Av1 {
+    /// A decoder of `height x width` pictures that has seen no frame yet.
+    pub fn new(height: usize, width: usize) -> Result<Self, String> {
+        let mut settings = Settings::new();
+        // One thread: every frame comes out as soon as it went in, in the same way on every machine.
+        settings.set_n_threads(1);
+        settings.set_max_frame_delay(1);
+        // Before the decoder allocates for whatever size the bitstream claims.
+        settings.set_frame_size_limit(u32::try_from(height * width).unwrap_or(u32::MAX));
+        // As FFmpeg asks for it: of a layered stream only the best layer.
+        settings.set_all_layers(false);
+        let decoder = Decoder::with_settings(&settings)
+            .map_err(|e| format!("no AV1 decoder could be made: {e}"))?;
+        Ok(Self {
+            decoder,
+            height,
+            width,
+        })
+    }
+
+    /// Feeds one encoded frame (an AV1 temporal unit) and takes the one picture that it holds.
+    pub fn decode(&mut self, encoded: Vec<u8>) -> Result<Decoded, String> {
+        if let Err(e) = self.decoder.send_data(encoded, None, None, None) {
+            return Err(if e.is_again() {
+                "holds more than one frame".into()
+            } else {
+                format!("does not decode: {e}")
+            });
+        }
+        let picture = match self.decoder.get_picture() {
+            Ok(picture) => picture,
+            Err(e) if e.is_again() => return Err("does not decode: no picture came out".into()),
+            Err(e) => return Err(format!("does not decode: {e}")),
+        };
+        Ok(Decoded {
+            picture,
+            height: self.height,
+            width: self.width,
+        })
+    }
+}
+
+/// A picture not yet converted; frames that only serve others as reference need not be.
+pub(crate) struct Decoded {
+    picture: Picture,
+    height: usize,
+    width: usize,
+}
+
+impl Decoded {
+    /// RGB, `[3, height, width]`.
+    pub fn to_rgb(&self) -> Result<Vec<u8>, String> {
+        let p = &self.picture;
+        if (p.height() as usize, p.width() as usize) != (self.height, self.width) {
+            return Err(format!(
+                "is {} x {} (height x width), expected {} x {}",
+                p.height(),
+                p.width(),
+                self.height,
+                self.width
+            ));
+        }
+        if p.pixel_layout() != PixelLayout::I420 || p.bit_depth() != 8 {
+            return Err(format!(
+                "is {:?} with {} bits, only 8-bit 4:2:0 (yuv420p) is read",
+                p.pixel_layout(),
+                p.bit_depth()
+            ));
+        }
+        let matrix = p.matrix_coefficients();
+        let bt601 = matches!(
+            matrix,
+            MatrixCoefficients::Unspecified
+                | MatrixCoefficients::BT470BG
+                | MatrixCoefficients::ST170M
+        );
+        if p.color_range() != YUVRange::Limited || !bt601 {
+            return Err(format!(
+                "has colours of {:?} range and {matrix:?} matrix, only limited-range BT.601 is read",
+                p.color_range()
+            ));
+        }
+        let (y, u, v) = (
+            p.plane(PlanarImageComponent::Y),
+            p.plane(PlanarImageComponent::U),
+            p.plane(PlanarImageComponent::V),
+        );
+        rgb_from_yuv420(&Yuv420 {
+            y: &y,
+            u: &u,
+            v: &v,
+            y_stride: p.stride(PlanarImageComponent::Y) as usize,
+            uv_stride: p.stride(PlanarImageComponent::U) as usize,
+            height: self.height,
+            width: self.width,
+        })
+        .ok_or_else(|| "has planes smaller than its size".into())
+    }
+}

@@ -1,0 +1,85 @@
+//! One H.264 decoder (`openh264`, Cisco's library) that takes an mp4's samples in decoding order and gives RGB.
+//!
+//! What is read: Baseline, Main and High profile, progressive, 8-bit 4:2:0, limited-range BT.601, B-frames included. Parameter
+//! sets are checked here (`sps`) before the library sees them, so that it allocates for pictures of the declared size and no
+//! others; what it does not support is refused by name.
+
+use openh264::decoder::{DecodeOptions, Decoder, DecoderConfig, Flush};
+use openh264::formats::YUVSource;
+use openh264::OpenH264API;
+
+use super::{annex_b, sps};
+use crate::dataset::video::color::{rgb_from_yuv420, Yuv420};
+use crate::dataset::video::mp4::avc_config::AvcConfig;
+
+/// Decodes one sample after another; after an error it has to be replaced by a new one.
+pub(crate) struct H264 {
+    decoder: Decoder,
+    config: AvcConfig,
+    height: usize,
+    width: usize,
+}
+
+impl H264 {
+    /// A decoder of `height x width` pictures that has seen no frame yet.
+    pub fn new(config: &AvcConfig, height: usize, width: usize) -> Result<Self, String> {
+        let decoder = Decoder::with_api_config(OpenH264API::from_source(), DecoderConfig::new())
+            .map_err(|e| format!("no H.264 decoder could be made: {}", why(&e)))?;
+        Ok(Self {
+            decoder,
+            config: config.clone(),
+            height,
+            width,
+        })
+    }
+
+    /// Feeds one sample, a key frame where `key`; gives its picture as RGB, `[3, height, width]`, if it is to be `shown`.
+    ///
+    /// Pictures come in decoding order: the library would put them in order of presentation, but the container knows that order
+    /// too, and is believed.
+    pub fn decode(
+        &mut self,
+        sample: &[u8],
+        key: bool,
+        shown: bool,
+    ) -> Result<Option<Vec<u8>>, String> {
+        let sps = |unit: &[u8]| {
+            sps::check(unit, self.height, self.width)?;
+            sps::unordered(unit).ok_or_else(|| "has a parameter set that ends too early".into())
+        };
+        let stream = annex_b::stream(&self.config, sample, key, sps)?;
+        let options = DecodeOptions::new().flush_after_decode(Flush::Flush);
+        let picture = match self.decoder.decode_with_options(&stream, options) {
+            Ok(Some(picture)) => picture,
+            Ok(None) => return Err("does not decode: no picture came out".into()),
+            Err(e) => return Err(format!("does not decode: {}", why(&e))),
+        };
+        let (width, height) = picture.dimensions();
+        if (height, width) != (self.height, self.width) {
+            return Err(format!(
+                "is {height} x {width} (height x width), expected {} x {}",
+                self.height, self.width
+            ));
+        }
+        if !shown {
+            return Ok(None);
+        }
+        let (y_stride, uv_stride, _) = picture.strides();
+        rgb_from_yuv420(&Yuv420 {
+            y: picture.y(),
+            u: picture.u(),
+            v: picture.v(),
+            y_stride,
+            uv_stride,
+            height,
+            width,
+        })
+        .map(Some)
+        .ok_or_else(|| "has planes smaller than its size".into())
+    }
+}
+
+/// The library's error without its backtrace remarks.
+fn why(error: &openh264::Error) -> String {
+    format!("OpenH264 error {:#x}", error.native_code())
+}

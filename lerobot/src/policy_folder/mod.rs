@@ -1,0 +1,27 @@
+//! A policy folder: a SmolVLA policy as LeRobot's `save_pretrained` leaves it. It holds
+//!
+//! ```text
+//! config.json                                    dimensions, features, training preset (LeRobotConfig)
+//! model.safetensors                              the state dict; F32, F16 and BF16 are read
+//! policy_preprocessor.json  + .safetensors       from LeRobot 0.4 on: normalisation of states, with its statistics
+//! policy_postprocessor.json + .safetensors       and of actions. LeRobot 0.3 kept them in the state dict.
+//! vlm_config.json                                not LeRobot's: the VLM's config.json, where its name is not a known one
+//! ```
+//!
+//! [`PolicyFolder::open`] checks names, shapes and types against the layout that follows from the configuration, without reading
+//! a single weight. [`PolicyFolder::write`] leaves a folder that LeRobot loads, in which only the given weights differ.
+//! [`PolicyFolder::write_trained`] also puts a recording's statistics into it. [`Inference`] says how the policy is used.
+
+mod folder;
+mod inference;
+mod lerobot_config;
+mod other_statistics;
+mod statistics;
+mod vlm_config;
+mod write;
+
+pub use folder::{PolicyFolder, CONFIG, VLM_CONFIG, WEIGHTS};
+pub use inference::{Inference, Normalisation, STEPS};
+pub use lerobot_config::{default_expert_mlp_width, LeRobotConfig, TrainingPreset, IMAGES};
+pub use vlm_config::VlmDims;
+pub use write::Precision;

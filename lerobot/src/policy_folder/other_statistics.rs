@@ -1,0 +1,174 @@
+//! The files and tensors that differ in a copy of a policy folder which has the statistics of another recording. Which ones they
+//! are depends on where the source keeps its own statistics.
+
+use std::collections::BTreeMap;
+
+use safetensors::tensor::TensorView;
+use serde_json::Value;
+
+use crate::dataset::{Normalizer, Stats};
+use crate::error::{Result, StoredPolicyError};
+use crate::policy_folder::folder::{read_json, PolicyFolder, WEIGHTS};
+use crate::policy_folder::inference::Normalisation;
+use crate::policy_folder::statistics::{plain_name, Normalised, ACTION, STATE};
+use crate::safetensors::{TensorData, TensorFile, TensorSet};
+
+/// What the copy has.
+#[derive(Default)]
+pub(super) struct OtherStats {
+    /// Files with this content, instead of the source's or besides them.
+    pub files: BTreeMap<String, Vec<u8>>,
+    /// Tensors among the weights, instead of the source's or besides them.
+    pub tensors: TensorSet,
+}
+
+impl PolicyFolder {
+    /// Says early whether [`PolicyFolder::write_trained`] could put statistics like these into a copy.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn check_takes(&self, stats: &Stats) -> Result<()> {
+        self.other_stats(stats).map(drop)
+    }
+
+    pub(super) fn other_stats(&self, stats: &Stats) -> Result<OtherStats> {
+        let (modes, dims) = (self.modes()?, &self.config.dims);
+        let all = [
+            (&STATE, modes.0, &stats.state, dims.state_dim),
+            (&ACTION, modes.1, &stats.action, dims.action_dim),
+        ];
+        // LeRobot looks at no statistics of a feature that is not normalised.
+        let used = all.map(|(feature, mode, normalizer, dim)| {
+            let used = mode == Normalisation::MeanStd;
+            used.then_some((feature, normalizer, dim))
+        });
+        let mut moments = TensorSet::new();
+        for (feature, normalizer, dim) in used.into_iter().flatten() {
+            if normalizer.dim() != dim {
+                return Err(StoredPolicyError::Statistics {
+                    feature: feature.name,
+                    expected: dim,
+                    found: normalizer.dim(),
+                });
+            }
+            moments.extend(named(feature.name, normalizer));
+        }
+        let mut other = OtherStats::default();
+        if moments.is_empty() {
+            return Ok(other);
+        }
+        for (feature, used) in [&STATE, &ACTION].into_iter().zip(used) {
+            if self.folder.join(feature.pipeline).exists() {
+                // Both pipelines have both features' statistics: the first normalises actions too, where LeRobot trains.
+                self.put_into_pipeline(feature, &moments, used.is_some(), &mut other.files)?;
+            } else if let Some((_, normalizer, _)) = used {
+                let buffers = feature.buffers.iter();
+                other
+                    .tensors
+                    .extend(buffers.flat_map(|name| named(name, normalizer)));
+            }
+        }
+        Ok(other)
+    }
+
+    fn put_into_pipeline(
+        &self,
+        feature: &Normalised,
+        moments: &TensorSet,
+        needed: bool,
+        files: &mut BTreeMap<String, Vec<u8>>,
+    ) -> Result<()> {
+        let path = self.folder.join(feature.pipeline);
+        let broken = |cause: String| StoredPolicyError::file(&path, cause);
+        let mut pipeline: Value =
+            serde_json::from_str(&read_json(&path)?).map_err(|e| broken(e.to_string()))?;
+        let steps = pipeline.get_mut("steps").and_then(Value::as_array_mut);
+        let mut steps = steps.into_iter().flatten().enumerate();
+        let step = steps.find_map(|(number, step)| match step {
+            Value::Object(step) => {
+                let found = step.get("registry_name")?.as_str()? == feature.processor;
+                found.then_some((number, step))
+            }
+            _ => None,
+        });
+        let Some((number, step)) = step else {
+            return match needed {
+                true => Err(broken(format!(
+                    "has no step `{}`, which would hold the statistics of `{}`",
+                    feature.processor, feature.name
+                ))),
+                false => Ok(()),
+            };
+        };
+        if let Some(name) = step.get("state_file").and_then(Value::as_str) {
+            let name = plain_name(&path, name)?;
+            if name == WEIGHTS {
+                return Err(broken(format!(
+                    "`state_file` is `{name}`, the policy's weights; statistics are in a file of their own"
+                )));
+            }
+            let source = TensorFile::open(self.folder.join(name))?;
+            files.insert(name.into(), state_file(Some(&source), moments)?);
+            return Ok(());
+        }
+        // The processor was saved before it saw a recording. The name is the one that LeRobot gives.
+        let stem = feature.pipeline.trim_end_matches(".json");
+        let name = format!("{stem}_step_{number}_{}.safetensors", feature.processor);
+        step.insert("state_file".into(), name.clone().into());
+        let text = serde_json::to_vec_pretty(&pipeline).map_err(|e| broken(e.to_string()))?;
+        files.insert(feature.pipeline.into(), text);
+        files.insert(name, state_file(None, moments)?);
+        Ok(())
+    }
+}
+
+/// Mean and standard deviation by their tensors' names.
+fn named(name: &str, normalizer: &Normalizer) -> [(String, TensorData); 2] {
+    [("mean", normalizer.mean()), ("std", normalizer.std())].map(|(what, values)| {
+        let tensor = TensorData {
+            shape: vec![values.len()],
+            data: values.to_vec(),
+        };
+        (format!("{name}.{what}"), tensor)
+    })
+}
+
+/// The bytes of a processor's state with these moments. All that the source says of the same features goes, smallest and
+/// largest values too: they are of another recording. What it says of others, images for one, stays.
+fn state_file(source: Option<&TensorFile>, moments: &TensorSet) -> Result<Vec<u8>> {
+    let feature = |name: &str| {
+        name.rsplit_once('.')
+            .map(|(feature, _)| feature.to_string())
+    };
+    let replaced: Vec<_> = moments.keys().map(|name| feature(name)).collect();
+    let mut all = Vec::new();
+    if let Some(source) = source {
+        for name in source.names() {
+            let Some(info) = source.info(&name) else {
+                continue;
+            };
+            if !replaced.contains(&feature(&name)) {
+                let (dtype, shape) = (info.dtype, info.shape.clone());
+                let mut bytes = Vec::new();
+                source.each_block(&name, &mut |block| {
+                    bytes.extend_from_slice(block);
+                    Ok::<_, StoredPolicyError>(())
+                })?;
+                all.push((name, dtype, shape, bytes));
+            }
+        }
+    }
+    for (name, tensor) in moments {
+        let bytes = tensor.data.iter().flat_map(|x| x.to_le_bytes()).collect();
+        let dtype = safetensors::Dtype::F32;
+        all.push((name.clone(), dtype, tensor.shape.clone(), bytes));
+    }
+    let failed = |e: safetensors::SafeTensorError| StoredPolicyError::Safetensors(e.to_string());
+    let views = all.iter().map(|(name, dtype, shape, bytes)| {
+        let view = TensorView::new(*dtype, shape.clone(), bytes).map_err(failed)?;
+        Ok((name, view))
+    });
+    let views = views.collect::<Result<Vec<_>>>()?;
+    let metadata = source.and_then(|source| source.metadata().clone());
+    safetensors::serialize(views, metadata).map_err(failed)
+}

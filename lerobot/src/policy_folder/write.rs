@@ -1,0 +1,308 @@
+//! Writing a policy folder: a copy of the one that was opened, with other weights.
+
+use std::cmp::Reverse;
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs::{self, File};
+use std::io::{self, Write};
+use std::path::Path;
+
+use safetensors::tensor::{Dtype, TensorInfo};
+use serde::ser::{Serialize, SerializeMap, Serializer};
+
+use crate::atomic_file::{self, Durability};
+use crate::dataset::Stats;
+use crate::error::{Result, StoredPolicyError};
+use crate::layout::policy_layout;
+use crate::policy_folder::folder::{PolicyFolder, WEIGHTS};
+use crate::policy_folder::other_statistics::OtherStats;
+use crate::safetensors::{check_finite, check_shape, encode, TensorData, TensorSet, BLOCK};
+
+/// In which type changed tensors are written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Precision {
+    /// Each in the type that it has in the source, rounded to nearest even.
+    Kept,
+    /// In F32: nothing of what training changed is lost, the file grows.
+    Single,
+}
+
+impl PolicyFolder {
+    /// Writes a policy folder to the new or empty folder `to`. The tensors in `changed` replace those of the same names, whatever
+    /// else the source holds is copied byte for byte: the other tensors (the language model's head among them), the weights
+    /// file's metadata, `config.json`, and all files that lie beside it. Folders within the source are left out.
+    ///
+    /// The weights come last and under their name only when they are complete.
+    ///
+    /// # Errors
+    /// [`StoredPolicyError::AtPath`] when a file cannot be read or written, or `to` holds something; and when `changed` has a tensor that
+    /// the policy does not have, of another shape, with a number that is not finite, or too large for the type that is kept.
+    pub fn write(&self, to: &Path, changed: &TensorSet, precision: Precision) -> Result<()> {
+        self.write_copy(to, changed, &OtherStats::default(), precision)
+    }
+
+    /// [`Self::write`] for weights that were trained on recordings with the statistics `stats`: these replace the source's,
+    /// where it keeps them. Where it keeps none they go into the state of its processors; and where it has no processors,
+    /// among the weights, as LeRobot 0.3 has it.
+    ///
+    /// # Errors
+    /// As [`Self::write`]; and when the source normalises in a way that is not implemented, `stats` are not of its dimensions, or
+    /// a processor's file is not what LeRobot writes.
+    pub fn write_trained(
+        &self,
+        to: &Path,
+        changed: &TensorSet,
+        stats: &Stats,
+        precision: Precision,
+    ) -> Result<()> {
+        self.write_copy(to, changed, &self.other_stats(stats)?, precision)
+    }
+
+    fn write_copy(
+        &self,
+        to: &Path,
+        changed: &TensorSet,
+        stats: &OtherStats,
+        precision: Precision,
+    ) -> Result<()> {
+        self.check_changed(changed)?;
+        let failed = |path: &Path| {
+            let path = path.to_path_buf();
+            move |e: io::Error| StoredPolicyError::file(&path, e)
+        };
+        fs::create_dir_all(to).map_err(failed(to))?;
+        if fs::read_dir(to).map_err(failed(to))?.next().is_some() {
+            return Err(StoredPolicyError::file(
+                to,
+                "is not empty; a policy folder is written to a new folder",
+            ));
+        }
+        for name in self.other_files()? {
+            if name
+                .to_str()
+                .is_some_and(|name| stats.files.contains_key(name))
+            {
+                continue;
+            }
+            let (source, target) = (self.folder.join(&name), to.join(&name));
+            let mut source = File::open(&source).map_err(failed(&source))?;
+            atomic_file::write(&target, Durability::OnDisk, |out| {
+                io::copy(&mut source, out)
+            })
+            .map_err(failed(&target))?;
+        }
+        for (name, content) in &stats.files {
+            let target = to.join(name);
+            atomic_file::write(&target, Durability::OnDisk, |out| out.write_all(content))
+                .map_err(failed(&target))?;
+        }
+        let weights = NewWeights {
+            source: self,
+            changed,
+            stats: &stats.tensors,
+            precision,
+        };
+        weights.write(&to.join(WEIGHTS))
+    }
+
+    /// Names of the files beside the weights.
+    fn other_files(&self) -> Result<BTreeSet<std::ffi::OsString>> {
+        let failed = |e: io::Error| StoredPolicyError::file(&self.folder, e);
+        let mut names = BTreeSet::new();
+        for entry in fs::read_dir(&self.folder).map_err(failed)? {
+            let entry = entry.map_err(failed)?;
+            // Follows links: a snapshot in the Hub's cache consists of them.
+            let is_file = fs::metadata(entry.path()).is_ok_and(|about| about.is_file());
+            if is_file && entry.file_name() != WEIGHTS {
+                names.insert(entry.file_name());
+            }
+        }
+        Ok(names)
+    }
+
+    fn check_changed(&self, changed: &TensorSet) -> Result<()> {
+        let layout = policy_layout(&self.config.dims);
+        for (name, tensor) in changed {
+            let Some(shape) = layout.get(name) else {
+                return Err(StoredPolicyError::UnexpectedTensor(name.clone()));
+            };
+            check_shape(name, tensor, shape)?;
+            check_finite(name, &tensor.data)?;
+            if self.weights.info(name).is_none() {
+                return Err(StoredPolicyError::file(
+                    self.weights.path(),
+                    format!("tensor `{name}` is stored under another name, which would change too"),
+                ));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Why weights could not be written.
+enum Failure {
+    Weights(StoredPolicyError),
+    Writing(io::Error),
+}
+
+impl From<StoredPolicyError> for Failure {
+    fn from(error: StoredPolicyError) -> Self {
+        Self::Weights(error)
+    }
+}
+
+impl From<io::Error> for Failure {
+    fn from(error: io::Error) -> Self {
+        Self::Writing(error)
+    }
+}
+
+/// The content of the copy's file of weights.
+struct NewWeights<'a> {
+    source: &'a PolicyFolder,
+    /// Weights that replace the source's.
+    changed: &'a TensorSet,
+    /// Statistics, in F32 whatever the source has them in: a standard deviation does not bear rounding.
+    stats: &'a TensorSet,
+    precision: Precision,
+}
+
+impl NewWeights<'_> {
+    fn write(&self, path: &Path) -> Result<()> {
+        // The atomic writer carries only errors of files, so an error of the weights takes this way around it.
+        let mut wrong = None;
+        let written = atomic_file::write(path, Durability::OnDisk, |out| {
+            self.write_to(out).map_err(|error| match error {
+                Failure::Writing(error) => error,
+                Failure::Weights(error) => {
+                    wrong = Some(error);
+                    io::Error::from(io::ErrorKind::InvalidData)
+                }
+            })
+        });
+        match (written, wrong) {
+            (Ok(()), _) => Ok(()),
+            (Err(_), Some(error)) => Err(error.within(path)),
+            (Err(error), None) => Err(StoredPolicyError::file(path, error)),
+        }
+    }
+
+    fn write_to(&self, out: &mut dyn Write) -> std::result::Result<(), Failure> {
+        let source = &self.source.weights;
+        let header = Header::of(self);
+        let bytes = match &header {
+            // Not a byte of it differs: even its order and spacing are kept.
+            None => source.header().to_vec(),
+            Some(header) => header.to_bytes()?,
+        };
+        out.write_all(&(bytes.len() as u64).to_le_bytes())?;
+        out.write_all(&bytes)?;
+
+        let entries = match header {
+            None => source.names().into_iter().map(|n| (n, None)).collect(),
+            Some(header) => header.types(),
+        };
+        for (name, dtype) in entries {
+            let info = source.info(&name);
+            match self.replacement(&name) {
+                Some(tensor) => {
+                    let dtype = dtype.or(info.map(|i| i.dtype)).unwrap_or(Dtype::F32);
+                    for block in tensor.data.chunks(BLOCK / 4) {
+                        let bytes =
+                            encode(dtype, block).ok_or_else(|| StoredPolicyError::TooLarge {
+                                name: name.clone(),
+                                dtype: dtype.to_string(),
+                            })?;
+                        out.write_all(&bytes)?;
+                    }
+                }
+                None => source.each_block(&name, &mut |block| {
+                    out.write_all(block).map_err(Failure::Writing)
+                })?,
+            }
+        }
+        Ok(())
+    }
+
+    fn replacement(&self, name: &str) -> Option<&TensorData> {
+        self.stats.get(name).or_else(|| self.changed.get(name))
+    }
+}
+
+/// A new header, for when types change.
+struct Header {
+    metadata: Option<BTreeMap<String, String>>,
+    tensors: Vec<(String, TensorInfo)>,
+}
+
+impl Header {
+    /// `None` when there are the tensors that there were, each of the type and shape it had.
+    fn of(new: &NewWeights) -> Option<Self> {
+        let source = &new.source.weights;
+        let mut same = true;
+        let mut tensors: Vec<(String, TensorInfo)> = Vec::new();
+        for name in source.names() {
+            let Some(mut info) = source.info(&name).cloned() else {
+                continue;
+            };
+            if new.stats.contains_key(&name) {
+                continue;
+            }
+            if new.precision == Precision::Single && new.changed.contains_key(&name) {
+                same &= info.dtype == Dtype::F32;
+                info.dtype = Dtype::F32;
+            }
+            tensors.push((name, info));
+        }
+        for (name, tensor) in new.stats {
+            let found = source.info(name);
+            same &= found.is_some_and(|i| i.dtype == Dtype::F32 && i.shape == tensor.shape);
+            let info = TensorInfo {
+                dtype: Dtype::F32,
+                shape: tensor.shape.clone(),
+                data_offsets: (0, 0),
+            };
+            tensors.push((name.clone(), info));
+        }
+        if same {
+            return None;
+        }
+        // Wide types first, as safetensors writes them: every tensor stays aligned.
+        tensors.sort_by(|(a, x), (b, y)| (Reverse(x.dtype), a).cmp(&(Reverse(y.dtype), b)));
+        let mut start = 0;
+        for (_, info) in &mut tensors {
+            let bits = info.shape.iter().product::<usize>() * info.dtype.bitsize();
+            info.data_offsets = (start, start + bits / 8);
+            start += bits / 8;
+        }
+        let metadata = source.metadata().as_ref();
+        Some(Self {
+            metadata: metadata.map(|m| m.iter().map(|(k, v)| (k.clone(), v.clone())).collect()),
+            tensors,
+        })
+    }
+
+    fn to_bytes(&self) -> Result<Vec<u8>> {
+        let mut bytes =
+            serde_json::to_vec(self).map_err(|e| StoredPolicyError::Safetensors(e.to_string()))?;
+        bytes.resize(bytes.len().next_multiple_of(8), b' ');
+        Ok(bytes)
+    }
+
+    fn types(self) -> Vec<(String, Option<Dtype>)> {
+        let types = self.tensors.into_iter();
+        types.map(|(name, info)| (name, Some(info.dtype))).collect()
+    }
+}
+
+impl Serialize for Header {
+    fn serialize<S: Serializer>(&self, serializer: S) -> std::result::Result<S::Ok, S::Error> {
+        let mut map = serializer.serialize_map(None)?;
+        if let Some(metadata) = &self.metadata {
+            map.serialize_entry("__metadata__", metadata)?;
+        }
+        for (name, info) in &self.tensors {
+            map.serialize_entry(name, info)?;
+        }
+        map.end()
+    }
+}

@@ -1,0 +1,52 @@
+//! The number formats that are read and written: F32, F16 and BF16.
+
+use half::{bf16, f16};
+use safetensors::tensor::Dtype;
+
+/// Bytes of an element, for the types that are read.
+pub(crate) fn readable_size(dtype: Dtype) -> Option<usize> {
+    match dtype {
+        Dtype::F32 => Some(4),
+        Dtype::F16 | Dtype::BF16 => Some(2),
+        _ => None,
+    }
+}
+
+pub(crate) fn decode(dtype: Dtype, block: &[u8], out: &mut Vec<f32>) {
+    let pairs = block.chunks_exact(2).map(|b| [b[0], b[1]]);
+    match dtype {
+        Dtype::F16 => out.extend(pairs.map(|b| f16::from_le_bytes(b).to_f32())),
+        Dtype::BF16 => out.extend(pairs.map(|b| bf16::from_le_bytes(b).to_f32())),
+        // F32, the only other one that `readable_size` lets through.
+        _ => out.extend(
+            block
+                .chunks_exact(4)
+                .map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])),
+        ),
+    }
+}
+
+/// Numbers as bytes of a type that can be read, rounded to nearest even; `None` where one gets too large for it.
+pub(crate) fn encode(dtype: Dtype, numbers: &[f32]) -> Option<Vec<u8>> {
+    let mut out = Vec::with_capacity(numbers.len() * readable_size(dtype)?);
+    for x in numbers {
+        match dtype {
+            Dtype::F16 => {
+                let rounded = f16::from_f32(*x);
+                if !rounded.is_finite() {
+                    return None;
+                }
+                out.extend(rounded.to_le_bytes());
+            }
+            Dtype::BF16 => {
+                let rounded = bf16::from_f32(*x);
+                if !rounded.is_finite() {
+                    return None;
+                }
+                out.extend(rounded.to_le_bytes());
+            }
+            _ => out.extend(x.to_le_bytes()),
+        }
+    }
+    Some(out)
+}

@@ -1,0 +1,206 @@
+//! Writes a safetensors file piece by piece. A policy of the published size has 1.8 GB, which must not be in memory twice.
+
+use std::borrow::Cow;
+use std::collections::BTreeMap;
+use std::io::{self, Write};
+
+use serde::Serialize;
+use sha2::{Digest, Sha256};
+
+use super::file::HEADER_LIMIT;
+use super::tensors::TensorData;
+
+/// One tensor of a file.
+pub struct Entry<'a> {
+    /// Its name.
+    pub name: String,
+    /// Its shape.
+    pub shape: Vec<usize>,
+    /// As many values as the shape says, row-major.
+    pub values: Cow<'a, [f32]>,
+}
+
+impl<'a> Entry<'a> {
+    /// A tensor that stays where it is.
+    pub fn of((name, tensor): (&String, &'a TensorData)) -> Self {
+        Self {
+            name: name.clone(),
+            shape: tensor.shape.clone(),
+            values: Cow::Borrowed(&tensor.data[..]),
+        }
+    }
+}
+
+/// An entry of the header; fields in the order in which the safetensors crate writes them.
+#[derive(Serialize)]
+#[serde(untagged)]
+enum About<'a> {
+    Notes(BTreeMap<&'a str, &'a str>),
+    Tensor {
+        dtype: &'static str,
+        shape: &'a [usize],
+        data_offsets: [usize; 2],
+    },
+}
+
+/// What was written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Written {
+    /// SHA-256 of the file.
+    pub digest: [u8; 32],
+    /// Its size.
+    pub bytes: u64,
+}
+
+/// Writes `entries`, sorted by name, and `notes`, the file's metadata, piece by piece. Equal tensors and notes give equal bytes:
+/// those that the safetensors crate writes.
+///
+/// # Errors
+/// Those of `out`, and one when the notes make the header larger than the format allows.
+pub fn write_to(
+    out: impl Write,
+    mut entries: Vec<Entry>,
+    notes: BTreeMap<&str, &str>,
+) -> io::Result<Written> {
+    entries.sort_by(|a, b| a.name.cmp(&b.name));
+    let mut header = BTreeMap::new();
+    if !notes.is_empty() {
+        header.insert("__metadata__", About::Notes(notes));
+    }
+    let mut end = 0;
+    for entry in &entries {
+        let start = end;
+        end += 4 * entry.values.len();
+        let about = About::Tensor {
+            dtype: "F32",
+            shape: &entry.shape,
+            data_offsets: [start, end],
+        };
+        header.insert(entry.name.as_str(), about);
+    }
+    let mut header = serde_json::to_vec(&header)?;
+    header.resize(header.len().next_multiple_of(8), b' ');
+    if header.len() as u64 > HEADER_LIMIT {
+        let wrong = format!(
+            "the header has {} bytes, safetensors files have {HEADER_LIMIT} at most",
+            header.len()
+        );
+        return Err(io::Error::new(io::ErrorKind::InvalidInput, wrong));
+    }
+
+    let mut out = Hashing {
+        inner: out,
+        hash: Sha256::new(),
+        bytes: 0,
+    };
+    out.write_all(&(header.len() as u64).to_le_bytes())?;
+    out.write_all(&header)?;
+    for entry in &entries {
+        for values in entry.values.chunks(1 << 16) {
+            let bytes: Vec<u8> = values.iter().flat_map(|x| x.to_le_bytes()).collect();
+            out.write_all(&bytes)?;
+        }
+    }
+    out.flush()?;
+    Ok(Written {
+        digest: out.hash.finalize().into(),
+        bytes: out.bytes,
+    })
+}
+
+struct Hashing<W> {
+    inner: W,
+    hash: Sha256,
+    bytes: u64,
+}
+
+impl<W: Write> Write for Hashing<W> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let count = self.inner.write(bytes)?;
+        self.hash.update(&bytes[..count]);
+        self.bytes += count as u64;
+        Ok(count)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.inner.flush()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::safetensors::{metadata_of, read_f32};
+    use safetensors::tensor::Dtype;
+
+    fn entry<'a>(name: &str, shape: &[usize], values: Vec<f32>) -> Entry<'a> {
+        Entry {
+            name: name.into(),
+            shape: shape.into(),
+            values: values.into(),
+        }
+    }
+
+    #[test]
+    fn what_is_written_is_a_safetensors_file() {
+        let many: Vec<f32> = (0..100_000).map(|i| i as f32).collect();
+        let entries = || {
+            vec![
+                entry("b", &[2, 2], vec![1.0, 2.0, 3.0, 4.0]),
+                entry("a", &[100_000], many.clone()),
+            ]
+        };
+        let mut bytes = Vec::new();
+        let written = write_to(&mut bytes, entries(), BTreeMap::new()).unwrap();
+        assert_eq!(written.bytes, bytes.len() as u64);
+        assert_eq!(written.digest[..], Sha256::digest(&bytes)[..]);
+        let read = read_f32(&bytes).unwrap();
+        assert_eq!(read("a", &[100_000]).unwrap().data, many);
+        assert_eq!(read("b", &[2, 2]).unwrap().data, [1.0, 2.0, 3.0, 4.0]);
+        let error = |name, shape: &[usize]| read(name, shape).unwrap_err().to_string();
+        assert!(error("b", &[4]).contains("[2, 2]"));
+        assert!(error("c", &[4]).contains("missing"));
+
+        let mut noted = Vec::new();
+        let notes = BTreeMap::from([("key", "text"), ("another", "\"quoted\"\n")]);
+        let written = write_to(&mut noted, entries(), notes).unwrap();
+        assert_eq!(written.bytes, noted.len() as u64);
+        assert_eq!(written.digest[..], Sha256::digest(&noted)[..]);
+        let metadata = metadata_of(&noted).unwrap();
+        assert_eq!(metadata["key"], "text");
+        assert_eq!(metadata["another"], "\"quoted\"\n");
+    }
+
+    /// Files are named by their digests, on ledgers too: their bytes never change.
+    #[test]
+    fn the_bytes_are_those_of_the_safetensors_crate() {
+        let raw: Vec<u8> = [0.5f32, -3.0]
+            .iter()
+            .flat_map(|x| x.to_le_bytes())
+            .collect();
+        for note in [None, Some(("key", "text"))] {
+            let views = ["b", "a"].map(|name| {
+                let view = safetensors::tensor::TensorView::new(Dtype::F32, vec![2, 1], &raw);
+                (name, view.unwrap())
+            });
+            let metadata = note.map(|(key, text): (&str, &str)| {
+                std::collections::HashMap::from([(key.to_string(), text.to_string())])
+            });
+            let theirs = safetensors::tensor::serialize(views, metadata).unwrap();
+            let mut ours = Vec::new();
+            let entries = ["a", "b"].map(|name| entry(name, &[2, 1], vec![0.5, -3.0]));
+            write_to(&mut ours, entries.into(), note.into_iter().collect()).unwrap();
+            assert_eq!(ours, theirs);
+        }
+    }
+
+    #[test]
+    fn a_header_that_nobody_could_read_is_not_written() {
+        let text = "x".repeat(HEADER_LIMIT as usize);
+        let mut out = Vec::new();
+        let error = write_to(&mut out, Vec::new(), BTreeMap::from([("key", &text[..])]));
+        let error = error.unwrap_err().to_string();
+        assert!(error.contains("100000000 at most"), "{error}");
+        assert!(out.is_empty());
+    }
+}

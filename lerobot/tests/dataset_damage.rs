@@ -1,0 +1,124 @@
+//! Random damage to every kind of file: it ends in an error or in a value, never in a panic, and never in an allocation that the
+//! damaged file talked the reader into.
+
+mod allocations;
+mod recordings;
+
+use std::fs;
+
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use recordings::{recording, Copy, DATA};
+use zk0_lerobot::dataset::VideoReader;
+
+#[test]
+fn parquet_files_cut_anywhere() {
+    for file in [
+        DATA,
+        "meta/tasks.parquet",
+        "meta/episodes/chunk-000/file-000.parquet",
+    ] {
+        let copy = Copy::new();
+        let whole = fs::read(copy.path(file)).unwrap();
+        for part in 0..20 {
+            copy.edit(file, |_| whole[..whole.len() * part / 20].to_vec());
+            copy.fails(file, "damaged parquet file");
+        }
+    }
+}
+
+/// Found by random damage: with this byte changed the parquet crate (60.1) panics.
+#[test]
+fn a_panic_of_the_parquet_crate_becomes_an_error() {
+    let copy = Copy::new();
+    copy.edit(DATA, |mut bytes| {
+        bytes[959] = 0;
+        bytes
+    });
+    copy.fails(DATA, "damaged parquet file: ");
+}
+
+/// Random damage: a few bytes changed, a stretch overwritten, or the tail lost.
+fn damaged(bytes: &[u8], rng: &mut ChaCha8Rng) -> Vec<u8> {
+    let mut bytes = bytes.to_vec();
+    // Half of the damage goes to the first 2 KiB, where the mp4's index is, or the last, where parquet's is.
+    let near = |rng: &mut ChaCha8Rng, len: usize| match rng.random_range(0..4) {
+        0 => rng.random_range(0..len.min(2048)),
+        1 => len - 1 - rng.random_range(0..len.min(2048)),
+        _ => rng.random_range(0..len),
+    };
+    match rng.random_range(0..8) {
+        0 => bytes.truncate(near(rng, bytes.len())),
+        1 => {
+            let at = near(rng, bytes.len());
+            let end = (at + rng.random_range(1..64)).min(bytes.len());
+            rng.fill(&mut bytes[at..end]);
+        }
+        // Lengths and counts are 32-bit: make one huge.
+        2 => {
+            let at = near(rng, bytes.len());
+            let end = (at + 4).min(bytes.len());
+            bytes[at..end].fill(if rng.random() { 0xff } else { 0x7f });
+        }
+        _ => {
+            for _ in 0..rng.random_range(1..4) {
+                let at = near(rng, bytes.len());
+                bytes[at] = rng.random();
+            }
+        }
+    }
+    bytes
+}
+
+/// What the largest allocation may be: decoder state and buffers, whatever a file claims.
+const ENOUGH: usize = 64 << 20;
+
+#[test]
+fn random_damage_to_a_video_never_panics() {
+    let source =
+        recording("so100_sorting").join("videos/observation.images.wrist/chunk-000/file-001.mp4");
+    let whole = fs::read(source).unwrap();
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("damaged.mp4");
+    let mut rng = ChaCha8Rng::seed_from_u64(2);
+    let (mut refused, mut undecodable, mut decoded) = (0, 0, 0);
+    for _ in 0..2000 {
+        fs::write(&path, damaged(&whole, &mut rng)).unwrap();
+        match VideoReader::open(&path, 96, 128) {
+            Err(_) => refused += 1,
+            Ok(mut video) => {
+                // A few frames each; all of them would take minutes.
+                let at = rng.random_range(0..video.len());
+                match (at..video.len().min(at + 4)).find_map(|n| video.rgb(n).err()) {
+                    Some(_) => undecodable += 1,
+                    None => decoded += 1,
+                }
+            }
+        }
+    }
+    println!(
+        "of 2000 damaged videos {refused} refused, {undecodable} not decodable, {decoded} decoded"
+    );
+    assert!(refused > 100 && undecodable > 20 && decoded > 100);
+    assert!(allocations::largest() < ENOUGH);
+}
+
+#[test]
+fn random_damage_to_a_parquet_file_never_panics() {
+    let mut rng = ChaCha8Rng::seed_from_u64(3);
+    for file in [
+        DATA,
+        "meta/tasks.parquet",
+        "meta/episodes/chunk-000/file-000.parquet",
+    ] {
+        let copy = Copy::new();
+        let whole = fs::read(copy.path(file)).unwrap();
+        let mut refused = 0;
+        for _ in 0..500 {
+            copy.edit(file, |_| damaged(&whole, &mut rng));
+            refused += usize::from(copy.open().is_err());
+        }
+        assert!(refused > 100, "{file}: {refused}");
+    }
+    assert!(allocations::largest() < ENOUGH);
+}

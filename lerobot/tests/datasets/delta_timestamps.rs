@@ -1,0 +1,128 @@
+//! LeRobot's `delta_timestamps`: other frames around the current one, per feature, with flags for what is padding.
+
+use zk0_lerobot::dataset::{Dataset, DeltaTimestamps, Frame};
+
+use crate::recordings::open;
+
+const TOP: &str = "observation.images.top";
+const STATE: &str = "observation.state";
+
+/// Seconds of these numbers of frames at 30 frames a second.
+fn seconds(frames: &[i32]) -> Vec<f64> {
+    frames.iter().map(|&n| f64::from(n) / 30.0).collect()
+}
+
+fn now(dataset: &Dataset, index: usize) -> Frame {
+    dataset.frame(index, 1).unwrap()
+}
+
+#[test]
+fn every_feature_comes_from_the_frames_asked_for() {
+    let dataset = open("so100_pickplace");
+    let (past, around) = ([-5, -1, 0], [2, -3]);
+    let deltas = DeltaTimestamps::new()
+        .with(STATE, seconds(&past))
+        .with("action", seconds(&[-1, 0, 1, 30]))
+        .with(TOP, seconds(&around));
+    let mut loader = dataset.loader_with(&deltas).unwrap();
+    // Episodes of 41 and 38 frames: the middle of one, both ends of the next.
+    for (index, first, last) in [(20, 0, 40), (41, 41, 78), (43, 41, 78), (78, 41, 78)] {
+        let frame = loader.frame(index).unwrap();
+        let held = |offset: i32| {
+            let wanted = index as i32 + offset;
+            let held = wanted.clamp(first, last);
+            (now(&dataset, held as usize), held != wanted)
+        };
+        let (states, is_pad): (Vec<_>, Vec<_>) = past.map(held).into_iter().unzip();
+        assert_eq!(
+            frame.state,
+            states
+                .iter()
+                .flat_map(|f| f.state.clone())
+                .collect::<Vec<_>>()
+        );
+        assert_eq!(frame.state_is_pad, is_pad, "{index}");
+        let (actions, is_pad): (Vec<_>, Vec<_>) = [-1, 0, 1, 30].map(held).into_iter().unzip();
+        assert_eq!(
+            frame.actions,
+            actions
+                .iter()
+                .flat_map(|f| f.actions.clone())
+                .collect::<Vec<_>>()
+        );
+        assert_eq!(frame.action_is_pad, is_pad, "{index}");
+        // The first camera at two times, the second, not named, now.
+        let pictures = around.map(held);
+        assert_eq!(frame.images.len(), 3);
+        for ((found, is_pad), (like, like_pad)) in
+            frame.images.iter().zip(&frame.image_is_pad).zip(&pictures)
+        {
+            assert!(found == &like.images[0], "{index}");
+            assert_eq!(is_pad, like_pad);
+        }
+        assert!(frame.images[2] == now(&dataset, index).images[1]);
+        assert!(!frame.image_is_pad[2]);
+        assert_eq!(
+            (frame.index, frame.task.as_str()),
+            (index, now(&dataset, index).task.as_str())
+        );
+        // Without pictures the same.
+        let motion = loader.motion(index).unwrap();
+        assert_eq!(
+            (&motion.state, &motion.actions),
+            (&frame.state, &frame.actions)
+        );
+    }
+    assert_eq!(loader.window().camera(0), [2, -3]);
+    assert_eq!(loader.window().camera(1), [0]);
+    assert_eq!(loader.window().state(), past.map(i64::from));
+}
+
+#[test]
+fn a_chunk_of_actions_is_the_offsets_from_now_on() {
+    let dataset = open("so100_sorting");
+    let chunk: Vec<i32> = (0..50).collect();
+    let deltas = DeltaTimestamps::new().with("action", seconds(&chunk));
+    let mut loader = dataset.loader_with(&deltas).unwrap();
+    for index in [0, 39, 248] {
+        assert!(loader.frame(index).unwrap() == dataset.frame(index, 50).unwrap());
+    }
+}
+
+/// A window that slides over the recording gives the same pictures as one that is opened anew, also when it goes back.
+#[test]
+fn pictures_kept_from_the_last_frame_are_the_right_ones() {
+    let dataset = open("so100_pickplace_v21");
+    let deltas = DeltaTimestamps::new().with(TOP, seconds(&[-4, -2, 0, 0, 1]));
+    let mut sliding = dataset.loader_with(&deltas).unwrap();
+    for index in (30..50).chain([44, 43, 200, 42]) {
+        let anew = dataset.loader_with(&deltas).unwrap().frame(index).unwrap();
+        assert!(sliding.frame(index).unwrap() == anew, "{index}");
+    }
+}
+
+#[test]
+fn offsets_that_are_no_frames_are_refused() {
+    let dataset = open("so100_pickplace");
+    let refused = |deltas: DeltaTimestamps| match dataset.loader_with(&deltas) {
+        Ok(_) => panic!("taken"),
+        Err(e) => e.to_string(),
+    };
+    let action = |seconds: Vec<f64>| refused(DeltaTimestamps::new().with("action", seconds));
+    // LeRobot's tolerance is 1e-4 s.
+    assert_eq!(
+        action(vec![0.0, 0.0335]),
+        "delta_timestamps of action: 0.0335 s is not a multiple of 1/30 s (within 0.0001 s)"
+    );
+    let near = DeltaTimestamps::new().with("action", [0.0334]);
+    assert_eq!(dataset.loader_with(&near).unwrap().window().action(), [1]);
+    assert!(action(vec![f64::NAN]).contains("not a multiple"));
+    assert!(action(vec![f64::INFINITY]).contains("not a multiple"));
+    assert!(action(vec![1e6]).contains("more than 4096 frames away"));
+    assert!(action(vec![]).contains("0 offsets given"));
+    assert!(action(vec![0.0; 4097]).contains("4097 offsets given"));
+    assert!(
+        refused(DeltaTimestamps::new().with("observation.images.left", [0.0]))
+            .contains("observation.images.left: the recording has no camera")
+    );
+}

@@ -1,0 +1,348 @@
+//! Metadata that is missing or wrong: each ends in an error that names the file and the cause.
+
+use std::fs;
+
+use zk0_lerobot::dataset::{Dataset, DatasetError};
+
+use crate::recordings::{recording, Copy, DATA, INFO, STATS, TOP};
+
+#[test]
+fn folder_and_files_that_are_not_there() {
+    let error = Dataset::open(recording("nowhere")).unwrap_err().to_string();
+    assert!(error.contains("nowhere: no such folder"), "{error}");
+
+    let files = [
+        INFO,
+        STATS,
+        "meta/tasks.parquet",
+        "meta/episodes",
+        DATA,
+        TOP,
+    ];
+    for file in files {
+        let copy = Copy::new();
+        let path = copy.path(file);
+        if path.is_dir() {
+            fs::remove_dir_all(path).unwrap();
+        } else {
+            fs::remove_file(path).unwrap();
+        }
+        assert!(
+            matches!(copy.open(), Err(DatasetError::MissingFile { path }) if path == copy.path(file)),
+            "{file}"
+        );
+    }
+}
+
+#[test]
+fn broken_info() {
+    let cases = [
+        ("\"fps\"", "fps", "not the JSON"),
+        ("\"fps\": 30", "\"fps\": 0", "fps is 0"),
+        ("\"fps\": 30", "\"fps\": -1", "invalid value"),
+        ("\"fps\": 30", "\"frames\": 30", "missing field `fps`"),
+        ("codebase_version", "version", "no codebase_version"),
+        (
+            "\"total_frames\": 245",
+            "\"total_frames\": 1000000000000",
+            "total_frames is 1000000000000",
+        ),
+        (
+            "\"total_frames\": 245",
+            "\"total_frames\": 0",
+            "total_frames is 0",
+        ),
+        (
+            "\"total_episodes\": 6",
+            "\"total_episodes\": 99999999999",
+            "total_episodes is 99999999999",
+        ),
+        (
+            "\"total_tasks\": 1",
+            "\"total_tasks\": 99999999999",
+            "total_tasks is 99999999999",
+        ),
+        ("\"action\":", "\"motion\":", "no feature action"),
+        (
+            "\"observation.state\":",
+            "\"observation.stat\":",
+            "no feature observation.state",
+        ),
+        ("\"float32\"", "\"float64\"", "action is \"float64\""),
+        (
+            "                6",
+            "                600000000",
+            "action has shape [600000000]",
+        ),
+        (
+            "                96",
+            "                960000000",
+            "shape [960000000, 128, 3]",
+        ),
+        ("\"video\"", "\"image\"", "stores single images"),
+        ("data/chunk-{", "../data/chunk-{", "path template"),
+        (
+            "{file_index:03d}.parquet",
+            "{other}.parquet",
+            "path template",
+        ),
+        ("videos/{video_key}", "/{video_key}", "path template"),
+    ];
+    for (from, to, cause) in cases {
+        let copy = Copy::new();
+        copy.edit_text(INFO, from, to);
+        copy.fails(INFO, cause);
+    }
+    let copy = Copy::new();
+    copy.edit(INFO, |_| vec![b' '; 17 << 20]);
+    copy.fails(INFO, "larger than");
+}
+
+#[test]
+fn counts_that_the_files_do_not_hold() {
+    let copy = Copy::new();
+    copy.edit_text(INFO, "\"total_frames\": 245", "\"total_frames\": 246");
+    copy.fails("meta/episodes", "meta/info.json declares 6 with 246");
+    let copy = Copy::new();
+    copy.edit_text(INFO, "\"total_episodes\": 6", "\"total_episodes\": 5");
+    copy.fails(
+        "meta/episodes/chunk-000/file-000.parquet",
+        "expected episode 5 of 5",
+    );
+    let copy = Copy::new();
+    copy.edit_text(INFO, "\"total_tasks\": 1", "\"total_tasks\": 2");
+    copy.fails("meta/tasks.parquet", "does not name all 2 tasks");
+}
+
+#[test]
+fn an_older_format_is_told_how_to_convert() {
+    let copy = Copy::of("so100_pickplace_v21");
+    copy.edit_text(INFO, "\"v2.1\"", "\"v1.6\"");
+    let error = copy.error();
+    assert!(
+        matches!(&error, DatasetError::Version { found, .. } if found == "v1.6"),
+        "{error}"
+    );
+    assert!(error.to_string().contains("convert_dataset_v21_to_v30"));
+}
+
+#[test]
+fn broken_stats() {
+    let copy = Copy::new();
+    copy.edit(STATS, |bytes| bytes[..bytes.len() / 2].to_vec());
+    copy.fails(STATS, "not the JSON");
+
+    let damage = |change: fn(&mut serde_json::Value), cause| {
+        let copy = Copy::new();
+        copy.edit(STATS, |bytes| {
+            let mut stats = serde_json::from_slice(&bytes).unwrap();
+            change(&mut stats);
+            serde_json::to_vec(&stats).unwrap()
+        });
+        copy.fails(STATS, cause);
+    };
+    damage(
+        |s| s["action"]["std"][2] = (-1.0).into(),
+        "action: a mean or standard deviation",
+    );
+    damage(
+        |s| s["action"]["std"][2] = 1e300.into(),
+        "action: a mean or standard deviation",
+    );
+    damage(
+        |s| s["action"]["mean"] = vec![0.0; 5].into(),
+        "action: 5 means",
+    );
+    damage(|s| s["observation.state"] = 1.into(), "observation.state: ");
+    damage(
+        |s| drop(s.as_object_mut().unwrap().remove("action")),
+        "no statistics of action",
+    );
+}
+
+const EPISODES: &str = "meta/episodes.jsonl";
+const EPISODE_STATS: &str = "meta/episodes_stats.jsonl";
+const TASKS: &str = "meta/tasks.jsonl";
+
+#[test]
+fn v21_files_that_are_not_there() {
+    let files = [
+        EPISODES,
+        EPISODE_STATS,
+        TASKS,
+        "data/chunk-000/episode_000003.parquet",
+        "videos/chunk-000/observation.images.wrist/episode_000005.mp4",
+    ];
+    for file in files {
+        let copy = Copy::of("so100_pickplace_v21");
+        fs::remove_file(copy.path(file)).unwrap();
+        assert!(
+            matches!(copy.open(), Err(DatasetError::MissingFile { path }) if path == copy.path(file)),
+            "{file}"
+        );
+    }
+}
+
+#[test]
+fn v21_lines_that_are_wrong() {
+    // File, what is there, what it becomes, what the reader says.
+    let cases = [
+        (
+            EPISODES,
+            "\"length\": 38",
+            "\"length\": 39",
+            "declares 6 with 245",
+        ),
+        (
+            EPISODES,
+            "\"length\": 38",
+            "\"length\": 0",
+            "line 2: episode 1 has 0 frames",
+        ),
+        (
+            EPISODES,
+            "\"length\": 38",
+            "\"length\": 99999999999",
+            "line 2: episode 1 has 99999999999",
+        ),
+        (
+            EPISODES,
+            "\"length\": 38",
+            "\"length\": -1",
+            "line 2 is not the JSON",
+        ),
+        (
+            EPISODES,
+            "\"episode_index\": 5",
+            "\"episode_index\": 6",
+            "line 6: episode 6 where",
+        ),
+        (
+            EPISODES,
+            "\"episode_index\": 4",
+            "\"episode_index\": 3",
+            "an earlier line says 38",
+        ),
+        (
+            EPISODES,
+            "{\"episode_index\": 0",
+            "{\"index\": 0",
+            "missing field `episode_index`",
+        ),
+        (
+            TASKS,
+            "\"task_index\": 0",
+            "\"task_index\": 1",
+            "task_index 1 where",
+        ),
+        (
+            TASKS,
+            "{\"task_index\"",
+            "{task_index",
+            "line 1 is not the JSON",
+        ),
+        (
+            EPISODE_STATS,
+            "\"episode_index\": 5",
+            "\"episode_index\": 9",
+            "line 6: episode 9 where",
+        ),
+        (
+            EPISODE_STATS,
+            "\"episode_index\": 5",
+            "\"episode_index\": 4",
+            "statistics of 5 episodes",
+        ),
+        (
+            EPISODE_STATS,
+            "\"action\": {\"min\"",
+            "\"motion\": {\"min\"",
+            "line 1 is not the JSON it should be: missing field `action`",
+        ),
+        (
+            EPISODE_STATS,
+            "\"count\": [41]",
+            "\"count\": [0]",
+            "line 1: action: count is [0.0]",
+        ),
+        (
+            EPISODE_STATS,
+            "\"count\": [41]",
+            "\"count\": []",
+            "line 1: action: count is a list of 0 numbers",
+        ),
+    ];
+    for (file, from, to, cause) in cases {
+        let copy = Copy::of("so100_pickplace_v21");
+        copy.edit_text(file, from, to);
+        copy.fails(file, cause);
+    }
+    let changes: [(fn(&mut serde_json::Value), &str); 2] = [
+        (
+            |s| s["std"][1] = (-1.0).into(),
+            "action: a mean or standard deviation",
+        ),
+        (
+            |s| s["mean"] = vec![1.0].into(),
+            "action: 1 means and 6 standard deviations",
+        ),
+    ];
+    for (change, cause) in changes {
+        let copy = Copy::of("so100_pickplace_v21");
+        copy.edit(EPISODE_STATS, |bytes| {
+            let text = String::from_utf8(bytes).unwrap();
+            let (first, rest) = text.split_once('\n').unwrap();
+            let mut line: serde_json::Value = serde_json::from_str(first).unwrap();
+            change(&mut line["stats"]["action"]);
+            format!("{line}\n{rest}").into_bytes()
+        });
+        copy.fails(EPISODE_STATS, cause);
+    }
+    // A line without end is not read to its end.
+    let copy = Copy::of("so100_pickplace_v21");
+    copy.edit(EPISODES, |mut bytes| {
+        bytes.extend(vec![b' '; 2 << 20]);
+        bytes
+    });
+    copy.fails(EPISODES, "line 7 is longer than 1048576 bytes");
+}
+
+#[test]
+fn v21_paths_stay_in_the_folder() {
+    for (from, to) in [
+        ("data/chunk-{", "../data/chunk-{"),
+        ("{episode_index:06d}.parquet", "{file_index:03d}.parquet"),
+        ("\"chunks_size\": 1000", "\"chunks_size\": 0"),
+    ] {
+        let copy = Copy::of("so100_pickplace_v21");
+        copy.edit_text(INFO, from, to);
+        copy.fails(INFO, "");
+    }
+}
+
+#[test]
+fn cameras_may_be_described_channels_first() {
+    let copy = Copy::of("so100_pickplace_v21");
+    copy.edit(INFO, |bytes| {
+        let mut info: serde_json::Value = serde_json::from_slice(&bytes).unwrap();
+        let top = &mut info["features"]["observation.images.top"];
+        top["shape"] = serde_json::json!([3, 96, 128]);
+        top["names"] = serde_json::json!(["channel", "height", "width"]);
+        serde_json::to_vec(&info).unwrap()
+    });
+    let dataset = copy.open().unwrap();
+    let top = dataset
+        .cameras()
+        .iter()
+        .find(|c| c.name.ends_with("top"))
+        .unwrap();
+    assert_eq!((top.height, top.width), (96, 128));
+
+    // A shape that its names contradict.
+    copy.edit_text(
+        INFO,
+        "[\"channel\",\"height\",\"width\"]",
+        "[\"height\",\"width\",\"channel\"]",
+    );
+    copy.fails(INFO, "has shape [3, 96, 128]");
+}

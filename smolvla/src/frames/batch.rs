@@ -1,0 +1,207 @@
+//! Where samples come from, and batches of them as tensors.
+
+use std::borrow::Cow;
+
+use candle_core::{Device, Tensor};
+use zk0_lerobot::config::PolicyConfig;
+
+use crate::error::{PolicyError, Result};
+use crate::frames::sample::{ObservedSample, PreparedSample};
+use crate::policy::model::key_values::PrefixCache;
+
+/// Samples by number: in memory, or read from a [cache](crate::frames::prefix_cache) one at a time.
+pub trait SampleSource<S: Clone> {
+    /// How many there are.
+    fn len(&self) -> usize;
+
+    /// Whether there are none.
+    fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Sample `index`, which is below [`Self::len`].
+    ///
+    /// # Errors
+    /// It cannot be had, and why.
+    fn sample(&self, index: usize) -> Result<Cow<'_, S>>;
+}
+
+/// Samples that are in memory.
+pub struct InMemory<'a, S>(&'a [S]);
+
+impl<'a> InMemory<'a, PreparedSample> {
+    /// Checks all of them.
+    ///
+    /// # Errors
+    /// [`PolicyError::Sample`] when there is none, or one does not fit the policy or holds a value that is not finite.
+    pub fn new(config: &PolicyConfig, samples: &'a [PreparedSample]) -> Result<Self> {
+        Self::checked(samples, |sample| sample.check(config))
+    }
+}
+
+impl<'a> InMemory<'a, ObservedSample> {
+    /// As [`InMemory::new`].
+    pub fn observed(config: &PolicyConfig, samples: &'a [ObservedSample]) -> Result<Self> {
+        Self::checked(samples, |sample| sample.check(config))
+    }
+}
+
+impl<'a, S> InMemory<'a, S> {
+    fn checked(
+        samples: &'a [S],
+        check: impl Fn(&S) -> std::result::Result<(), String>,
+    ) -> Result<Self> {
+        if samples.is_empty() {
+            return Err(PolicyError::Sample("there are no samples".into()));
+        }
+        for (i, sample) in samples.iter().enumerate() {
+            check(sample).map_err(|what| PolicyError::Sample(format!("sample {i}: {what}")))?;
+        }
+        Ok(Self(samples))
+    }
+}
+
+impl<S: Clone> SampleSource<S> for InMemory<'_, S> {
+    fn len(&self) -> usize {
+        self.0.len()
+    }
+
+    fn sample(&self, index: usize) -> Result<Cow<'_, S>> {
+        let found = self.0.get(index).map(Cow::Borrowed);
+        found.ok_or_else(|| missing(index, self.0.len()))
+    }
+}
+
+/// The error of a number beyond the end.
+pub(crate) fn missing(index: usize, len: usize) -> PolicyError {
+    PolicyError::Sample(format!("there is no sample {index} among {len}"))
+}
+
+/// Samples of a source, at chosen numbers.
+///
+/// # Errors
+/// As [`SampleSource::sample`].
+pub fn pick<'a, S: Clone>(
+    source: &'a dyn SampleSource<S>,
+    indices: &[usize],
+) -> Result<Vec<Cow<'a, S>>> {
+    indices.iter().map(|index| source.sample(*index)).collect()
+}
+
+/// Some samples as tensors, shorter prefixes filled up and masked.
+pub struct Batch {
+    /// Their prefix.
+    pub cache: PrefixCache,
+    /// (B, chunk, max_action_dim).
+    pub actions: Tensor,
+    /// B rows of chunk.
+    pub is_pad: Vec<Vec<bool>>,
+}
+
+impl Batch {
+    /// Copies samples to a device; `numbers` are their names in errors.
+    ///
+    /// # Errors
+    /// [`PolicyError::Sample`] when there is none, or one does not fit the policy or holds a value that is not finite.
+    pub fn new(
+        config: &PolicyConfig,
+        samples: &[&PreparedSample],
+        numbers: &[usize],
+        device: &Device,
+    ) -> Result<Self> {
+        checked(samples, numbers, |sample| sample.check(config))?;
+        let longest = samples.iter().map(|s| s.prefix_tokens).max().unwrap_or(0);
+        let width = config.kv_width();
+        let layers = |part: fn(&PreparedSample) -> &Vec<Vec<f32>>| -> Result<Vec<Tensor>> {
+            (0..config.text.layers)
+                .map(|layer| {
+                    let rows = samples.iter().map(|sample| &part(sample)[layer][..]);
+                    let (heads, dim) = (config.text.kv_heads, config.text.head_dim);
+                    let shape = (samples.len(), longest, heads, dim);
+                    let all = filled_up(rows, longest * width, samples.len());
+                    Ok(Tensor::from_vec(all, shape, device)?)
+                })
+                .collect()
+        };
+        Ok(Self {
+            cache: PrefixCache {
+                keys: layers(|s| &s.keys)?,
+                values: layers(|s| &s.values)?,
+                valid: samples
+                    .iter()
+                    .map(|s| (0..longest).map(|k| k < s.prefix_tokens).collect())
+                    .collect(),
+            },
+            actions: actions(config, samples.iter().map(|s| &s.actions[..]), device)?,
+            is_pad: samples.iter().map(|s| s.is_pad.clone()).collect(),
+        })
+    }
+}
+
+/// Some samples without their state's token as tensors, and their states.
+pub struct ObservedBatch {
+    /// The samples; their prefix lacks the last token.
+    pub observed: Batch,
+    /// (B, max_state_dim).
+    pub state: Tensor,
+}
+
+impl ObservedBatch {
+    /// As [`Batch::new`].
+    ///
+    /// # Errors
+    /// As [`Batch::new`].
+    pub fn new(
+        config: &PolicyConfig,
+        samples: &[&ObservedSample],
+        numbers: &[usize],
+        device: &Device,
+    ) -> Result<Self> {
+        checked(samples, numbers, |sample| sample.check(config))?;
+        let observed: Vec<&PreparedSample> = samples.iter().map(|s| &s.observed).collect();
+        let state = samples.iter().flat_map(|s| s.state.iter().copied());
+        let state: Vec<f32> = state.collect();
+        Ok(Self {
+            observed: Batch::new(config, &observed, numbers, device)?,
+            state: Tensor::from_vec(state, (samples.len(), config.max_state_dim), device)?,
+        })
+    }
+}
+
+fn checked<S>(
+    samples: &[&S],
+    numbers: &[usize],
+    check: impl Fn(&S) -> std::result::Result<(), String>,
+) -> Result<()> {
+    if samples.is_empty() {
+        return Err(PolicyError::Sample("there are no samples".into()));
+    }
+    for (place, sample) in samples.iter().enumerate() {
+        check(sample).map_err(|what| {
+            let number = numbers.get(place).unwrap_or(&place);
+            PolicyError::Sample(format!("sample {number}: {what}"))
+        })?;
+    }
+    Ok(())
+}
+
+/// Rows one after another, each with zeros after it up to `length`.
+fn filled_up<'a>(rows: impl Iterator<Item = &'a [f32]>, length: usize, count: usize) -> Vec<f32> {
+    let mut all = Vec::with_capacity(count * length);
+    for (i, row) in rows.enumerate() {
+        all.extend_from_slice(row);
+        all.resize((i + 1) * length, 0.0);
+    }
+    all
+}
+
+fn actions<'a>(
+    config: &PolicyConfig,
+    rows: impl Iterator<Item = &'a [f32]>,
+    device: &Device,
+) -> Result<Tensor> {
+    let all: Vec<f32> = rows.flatten().copied().collect();
+    let samples = all.len() / config.chunk_elements();
+    let shape = (samples, config.chunk_size, config.max_action_dim);
+    Ok(Tensor::from_vec(all, shape, device)?)
+}

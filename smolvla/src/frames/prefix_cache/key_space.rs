@@ -1,0 +1,143 @@
+//! The names of the entries that one policy makes: each is a digest of everything that the sample is a function of.
+
+use rayon::prelude::*;
+use sha2::{Digest, Sha256};
+use zk0_lerobot::config::PolicyConfig;
+use zk0_lerobot::dataset::Dataset;
+use zk0_lerobot::tokenizer::Tokenizer;
+
+use crate::error::PolicyError;
+use crate::frames::prefix_cache::entry::Entry;
+use crate::frames::prefix_cache::error::CacheError;
+use crate::frames::prefix_cache::files::FileDigests;
+use crate::frames::prefix_cache::key::Key;
+use crate::frames::recording::{normalise, PrepareError};
+use crate::frames::sample::ObservedSample;
+use crate::policy::frozen::FrozenPlace;
+use crate::policy::weights::Policy;
+
+/// Version of all code between a recording and a sample. Raise it whenever that gives other numbers than before.
+const PREPROCESSING: u64 = 1;
+
+/// What all samples of one kind made by one policy have in common.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct KeySpace([u8; 32]);
+
+impl KeySpace {
+    /// For samples of kind `E` made by the frozen half of `policy`, computed at `place`. Reads all its weights.
+    pub fn new<E: Entry>(policy: &Policy, place: &FrozenPlace) -> Self {
+        // An observed sample ends before the state.
+        let all = E::KIND != ObservedSample::KIND;
+        let matters = |name: &str| all || !name.starts_with("model.state_proj");
+        let tensors: Vec<_> = policy.frozen.iter().filter(|(n, _)| matters(n)).collect();
+        let digests: Vec<[u8; 32]> = tensors
+            .par_iter()
+            .map(|(name, tensor)| {
+                let mut hash = Fields::new("zk0:tensor:v1");
+                hash.text(name);
+                hash.number(tensor.shape.len() as u64);
+                tensor.shape.iter().for_each(|dim| hash.number(*dim as u64));
+                hash.numbers(&tensor.data);
+                hash.finish()
+            })
+            .collect();
+        let mut hash = Fields::new("zk0:prefix-cache:v2");
+        hash.number(PREPROCESSING);
+        hash.text(E::KIND);
+        hash.text(&place.name());
+        // Derived `Debug` names every field: two configurations that print the same are the same.
+        hash.text(&format!("{:?}", policy.config));
+        hash.number(digests.len() as u64);
+        digests.iter().for_each(|digest| hash.bytes(digest));
+        Self(hash.finish())
+    }
+
+    /// Keys of some frames of a recording. Touches no video but for its digest.
+    ///
+    /// # Errors
+    /// There is no such frame, a video cannot be read, or the tokenizer fails.
+    pub fn keys(
+        &self,
+        config: &PolicyConfig,
+        tokenizer: &dyn Tokenizer,
+        dataset: &Dataset,
+        frames: &[usize],
+        files: &mut FileDigests,
+    ) -> Result<Vec<Key>, CacheError> {
+        let dataset_error = |error| CacheError::Prepare(PrepareError::Dataset(error));
+        let policy_error = |error: PolicyError| CacheError::Prepare(PrepareError::Policy(error));
+        let loader = dataset.loader(config.chunk_size).map_err(dataset_error)?;
+        let mut tokens: Vec<Option<Vec<u32>>> = vec![None; dataset.tasks().len()];
+        let mut keys = Vec::with_capacity(frames.len());
+        for index in frames {
+            let mut frame = loader.motion(*index).map_err(dataset_error)?;
+            normalise(dataset, &mut frame);
+            let mut hash = Fields::new("zk0:prefix-cache-frame:v1");
+            hash.bytes(&self.0);
+            let videos = &dataset.episodes()[frame.episode].videos;
+            hash.number(videos.len() as u64);
+            for (camera, span) in dataset.cameras().iter().zip(videos) {
+                let seconds = frame.frame as f64 / f64::from(dataset.fps());
+                hash.text(&camera.name);
+                hash.number(camera.height as u64);
+                hash.number(camera.width as u64);
+                hash.bytes(&files.of(&span.path)?);
+                hash.number((span.from_timestamp + seconds).to_bits());
+            }
+            let ids = match &tokens[frame.task_index] {
+                Some(ids) => ids,
+                None => {
+                    let ids = tokenizer
+                        .tokens(&frame.task)
+                        .map_err(|error| policy_error(error.into()))?;
+                    tokens[frame.task_index].insert(ids)
+                }
+            };
+            hash.number(ids.len() as u64);
+            ids.iter().for_each(|id| hash.number(u64::from(*id)));
+            hash.numbers(&frame.state);
+            hash.numbers(&frame.actions);
+            hash.number(frame.action_is_pad.len() as u64);
+            let flags = frame.action_is_pad.iter();
+            flags.for_each(|pad| hash.number(u64::from(*pad)));
+            keys.push(Key(hash.finish()));
+        }
+        Ok(keys)
+    }
+}
+
+/// A hash of fields, each with its length.
+struct Fields(Sha256);
+
+impl Fields {
+    fn new(tag: &str) -> Self {
+        let mut fields = Self(Sha256::new());
+        fields.text(tag);
+        fields
+    }
+
+    fn number(&mut self, n: u64) {
+        self.0.update(n.to_le_bytes());
+    }
+
+    fn bytes(&mut self, bytes: &[u8]) {
+        self.number(bytes.len() as u64);
+        self.0.update(bytes);
+    }
+
+    fn text(&mut self, text: &str) {
+        self.bytes(text.as_bytes());
+    }
+
+    fn numbers(&mut self, values: &[f32]) {
+        self.number(values.len() as u64);
+        for values in values.chunks(1 << 12) {
+            let bytes: Vec<u8> = values.iter().flat_map(|x| x.to_le_bytes()).collect();
+            self.0.update(bytes);
+        }
+    }
+
+    fn finish(self) -> [u8; 32] {
+        self.0.finalize().into()
+    }
+}

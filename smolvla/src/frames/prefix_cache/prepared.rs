@@ -1,0 +1,150 @@
+//! The one way to samples of chosen frames, with a cache or without.
+
+use std::borrow::Cow;
+
+use zk0_lerobot::dataset::Dataset;
+use zk0_lerobot::tokenizer::Tokenizer;
+use zk0_lerobot::PolicyConfig;
+
+use crate::error::Result;
+use crate::frames::batch::{missing, SampleSource};
+use crate::frames::prefix_cache::entry::Entry;
+use crate::frames::prefix_cache::error::CacheError;
+use crate::frames::prefix_cache::files::FileDigests;
+use crate::frames::prefix_cache::key_space::KeySpace;
+use crate::frames::prefix_cache::source::{FrameMaker, FrameRef, FrameSource};
+use crate::frames::prefix_cache::store::DiskCache;
+use crate::frames::sample::FromFrame;
+
+/// Names frames of several recordings, and remembers the digests of their videos in the cache, if there is one.
+pub struct FrameNames<'a> {
+    space: KeySpace,
+    config: &'a PolicyConfig,
+    tokenizer: &'a dyn Tokenizer,
+    cache: Option<&'a DiskCache>,
+    files: FileDigests,
+}
+
+impl<'a> FrameNames<'a> {
+    /// For samples that the policy of `space` makes. It has the dimensions `config`.
+    pub fn new(
+        space: KeySpace,
+        config: &'a PolicyConfig,
+        tokenizer: &'a dyn Tokenizer,
+        cache: Option<&'a DiskCache>,
+    ) -> Self {
+        Self {
+            space,
+            config,
+            tokenizer,
+            cache,
+            files: cache.map(DiskCache::file_digests).unwrap_or_default(),
+        }
+    }
+
+    /// Names the frames `indices` of `dataset`, which is recording `number` of those that a [`FrameMaker`] has.
+    ///
+    /// # Errors
+    /// As [`KeySpace::keys`], and when the digests of videos cannot be written.
+    pub fn frames(
+        &mut self,
+        number: usize,
+        dataset: &Dataset,
+        indices: &[usize],
+    ) -> std::result::Result<Vec<FrameRef>, CacheError> {
+        let (config, files) = (self.config, &mut self.files);
+        let keys = self
+            .space
+            .keys(config, self.tokenizer, dataset, indices, files)?;
+        if let Some(cache) = self.cache {
+            cache.remember(&mut self.files)?;
+        }
+        let frames = keys.into_iter().zip(indices);
+        Ok(frames
+            .map(|(key, index)| FrameRef {
+                dataset: number,
+                index: *index,
+                key,
+            })
+            .collect())
+    }
+}
+
+/// Samples of chosen frames, ready for use.
+pub enum PreparedFrames<'c, 'a, S> {
+    /// They are read from the cache, one at a time.
+    Cached(FrameSource<'c, 'a, S>),
+    /// All of them are in memory.
+    InMemory(Vec<S>),
+}
+
+impl<'c, 'a, S: FromFrame + Entry> PreparedFrames<'c, 'a, S> {
+    /// Makes the samples that the cache does not hold yet, or all of them if there is no cache. `progress` is called with the
+    /// frames done and their total.
+    ///
+    /// # Errors
+    /// A frame cannot be made, or the cache cannot be written.
+    pub fn prepare(
+        cache: Option<&'c DiskCache>,
+        maker: &'c FrameMaker<'a>,
+        frames: Vec<FrameRef>,
+        mut progress: impl FnMut(usize, usize),
+    ) -> std::result::Result<Self, CacheError> {
+        let Some(cache) = cache else {
+            let mut samples = Vec::with_capacity(frames.len());
+            for frame in &frames {
+                samples.push(maker.make(frame)?);
+                progress(samples.len(), frames.len());
+            }
+            maker.rest();
+            return Ok(Self::InMemory(samples));
+        };
+        let source = FrameSource::new(cache, maker, frames);
+        let filled = source.fill(progress)?;
+        tracing::info!(
+            "{} samples came from the prefix cache in {}, {} were computed",
+            filled.found,
+            cache.root().display(),
+            filled.made
+        );
+        if filled.beyond > 0 {
+            tracing::warn!(
+                "{} samples do not fit the prefix cache and are computed whenever they are needed; a larger budget is faster",
+                filled.beyond
+            );
+        }
+        Ok(Self::Cached(source))
+    }
+
+    /// All samples in memory.
+    ///
+    /// # Errors
+    /// As [`SampleSource::sample`].
+    pub fn into_samples(self) -> Result<Vec<S>> {
+        match self {
+            Self::InMemory(samples) => Ok(samples),
+            Self::Cached(source) => (0..source.len())
+                .map(|index| Ok(source.sample(index)?.into_owned()))
+                .collect(),
+        }
+    }
+}
+
+impl<S: FromFrame + Entry> SampleSource<S> for PreparedFrames<'_, '_, S> {
+    fn len(&self) -> usize {
+        match self {
+            Self::Cached(source) => source.len(),
+            Self::InMemory(samples) => samples.len(),
+        }
+    }
+
+    fn sample(&self, index: usize) -> Result<Cow<'_, S>> {
+        match self {
+            Self::Cached(source) => source.sample(index),
+            Self::InMemory(samples) => {
+                let found = samples.get(index).map(Cow::Borrowed);
+                found.ok_or_else(|| missing(index, samples.len()))
+            }
+        }
+    }
+}

@@ -1,0 +1,83 @@
+//! A whole recording, prepared: the bridge from [`zk0_lerobot::dataset`] to [`crate::frames::sample`].
+
+use zk0_lerobot::dataset::{Dataset, DatasetError, Frame, Loader};
+
+use crate::error::PolicyError;
+use crate::frames::sample::{CameraImage, FromFrame, Observation, PreparedSample, Preparer};
+
+impl Preparer<'_> {
+    /// Prepares every frame of a recording, in order, normalised with [`Dataset::normalisation`]. `progress` is called with
+    /// the frames done and their total.
+    pub fn prepare_dataset(
+        &self,
+        dataset: &Dataset,
+        progress: impl FnMut(usize, usize),
+    ) -> std::result::Result<Vec<PreparedSample>, PrepareError> {
+        self.prepare_every(dataset, 1, progress)
+    }
+
+    /// [`Self::prepare_dataset`] for frames 0, `step`, 2 · `step`, … alone; a `step` of 0 is taken for 1.
+    pub fn prepare_every(
+        &self,
+        dataset: &Dataset,
+        step: usize,
+        mut progress: impl FnMut(usize, usize),
+    ) -> std::result::Result<Vec<PreparedSample>, PrepareError> {
+        let mut loader = dataset.loader(self.config().chunk_size)?;
+        let wanted = (0..dataset.len()).step_by(step.max(1));
+        let count = wanted.len();
+        let mut samples = Vec::with_capacity(count);
+        for index in wanted {
+            samples.push(self.prepare_frame(dataset, &mut loader, index)?);
+            progress(samples.len(), count);
+        }
+        Ok(samples)
+    }
+
+    /// Makes a sample of frame `index` of a recording, with a loader of that recording.
+    pub fn prepare_frame<S: FromFrame>(
+        &self,
+        dataset: &Dataset,
+        loader: &mut Loader,
+        index: usize,
+    ) -> std::result::Result<S, PrepareError> {
+        let mut frame = loader.frame(index)?;
+        normalise(dataset, &mut frame);
+        let cameras = dataset
+            .cameras()
+            .iter()
+            .zip(&frame.images)
+            .map(|(camera, image)| CameraImage {
+                name: &camera.name,
+                height: image.height,
+                width: image.width,
+                pixels: &image.pixels,
+            });
+        let observation = Observation {
+            cameras: cameras.collect(),
+            state: &frame.state,
+            actions: &frame.actions,
+            is_pad: &frame.action_is_pad,
+            task: &frame.task,
+        };
+        Ok(S::from_frame(self, &observation)?)
+    }
+}
+
+/// Brings a frame's state and actions to mean 0 and standard deviation 1, by the recording's statistics unless it was given
+/// others.
+pub(crate) fn normalise(dataset: &Dataset, frame: &mut Frame) {
+    dataset.normalisation().state.normalize(&mut frame.state);
+    dataset.normalisation().action.normalize(&mut frame.actions);
+}
+
+/// Preparing a whole recording can fail in the recording or in the policy.
+#[derive(Debug, thiserror::Error)]
+pub enum PrepareError {
+    /// The recording cannot be read.
+    #[error(transparent)]
+    Dataset(#[from] DatasetError),
+    /// A frame does not fit the policy.
+    #[error(transparent)]
+    Policy(#[from] PolicyError),
+}

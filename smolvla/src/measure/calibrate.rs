@@ -1,0 +1,424 @@
+//! Ranges of the fixed-point evaluation, chosen from data: the largest magnitude at every place of a float32 pass
+//! decides how many fraction bits the values there get.
+//!
+//! A value at a scale of `b` fraction bits is an int16 in units of 2^-b, so it must stay below 2^(15-b). [`calibrate`]
+//! gives each scale the most fraction bits that leave all its places a headroom of 2^[`HEADROOM_BITS`], so that training
+//! does not push a value out. One scale may hold several places: queries before and after their rotation, a residual
+//! stream and what is added to it, and in self-attention layers the keys (and values) of the prefix and the action tokens.
+//!
+//! Weights need no calibration: the fraction bits of a tensor follow from its values whenever it is quantised. That a
+//! matrix has at most 16 bits more than its outputs have over its inputs costs little: rounding it then moves a sum by
+//! about as much as rounding the output does.
+
+use std::fmt;
+
+use zk0_circuits::model::spec::{Dims, EvalSpec, SpecError};
+use zk0_lerobot::config::PolicyConfig;
+
+use crate::error::PolicyError;
+use crate::frames::sample::PreparedSample;
+use crate::measure::evaluate::{evaluate_each, Evaluation, FlowDraw};
+use crate::policy::model::observe::Site;
+use crate::policy::weights::ExpertWeights;
+
+/// Headroom of calibrated ranges, in bits: values may grow eightfold. The first forty steps from a random start double the
+/// residual stream (`docs/fidelity.md`), and a bit more costs little of the 0.5 % that losses may differ.
+pub const HEADROOM_BITS: u32 = 3;
+
+/// Where a value must fit its scale.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Place {
+    /// A sample's actions.
+    Actions,
+    /// The noise drawn.
+    Noise,
+    /// The time embedding: sines and cosines.
+    TimeEmbedding,
+    /// A sample's keys in a layer.
+    CachedKeys(usize),
+    /// A sample's values in a layer.
+    CachedValues(usize),
+    /// A place of the evaluation.
+    Evaluation(Site),
+}
+
+impl fmt::Display for Place {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Actions => write!(f, "sample actions"),
+            Self::Noise => write!(f, "noise"),
+            Self::TimeEmbedding => write!(f, "time embedding"),
+            Self::CachedKeys(layer) => write!(f, "layer {layer} sample keys"),
+            Self::CachedValues(layer) => write!(f, "layer {layer} sample values"),
+            Self::Evaluation(site) => site.fmt(f),
+        }
+    }
+}
+
+impl Place {
+    /// The scale that holds the values of this place. `None` for attention scores, whose scale follows from those of
+    /// queries and keys, and for a layer that `spec` lacks.
+    fn scale(self, spec: &mut EvalSpec) -> Option<&mut u8> {
+        use Place::*;
+        let joint = |layer| spec.dims.is_self_attention(layer);
+        let holder = match self {
+            Evaluation(Site::Key(layer) | Site::RotatedKey(layer)) if joint(layer) => {
+                CachedKeys(layer)
+            }
+            Evaluation(Site::Value(layer) | Site::Attention(layer)) if joint(layer) => {
+                CachedValues(layer)
+            }
+            place => place,
+        };
+        let layers = &mut spec.layers;
+        Some(match holder {
+            Actions | Noise => &mut spec.action,
+            TimeEmbedding => &mut spec.embedding,
+            CachedKeys(layer) => &mut layers.get_mut(layer)?.cache_key,
+            CachedValues(layer) => &mut layers.get_mut(layer)?.cache_value,
+            Evaluation(site) => match site {
+                Site::NoisedAction | Site::Velocity => &mut spec.action,
+                Site::ActionIn => &mut spec.embedding,
+                Site::TimeMlpIn => &mut spec.time_hidden,
+                Site::TimeMlpSilu => &mut spec.time_activation,
+                Site::TimeMlpOut => &mut spec.hidden,
+                Site::InputNorm(layer) => &mut layers.get_mut(layer)?.normed,
+                Site::Query(layer) | Site::RotatedQuery(layer) => &mut layers.get_mut(layer)?.query,
+                Site::Key(layer) | Site::RotatedKey(layer) => &mut layers.get_mut(layer)?.key,
+                Site::Value(layer) | Site::Attention(layer) => &mut layers.get_mut(layer)?.value,
+                Site::AttentionOut(layer) | Site::Attended(layer) => {
+                    &mut layers.get_mut(layer)?.attended
+                }
+                Site::MlpNorm(layer) => &mut layers.get_mut(layer)?.mlp_normed,
+                Site::Gate(layer) => &mut layers.get_mut(layer)?.gate,
+                Site::Up(layer) => &mut layers.get_mut(layer)?.up,
+                Site::Gated(layer) => &mut layers.get_mut(layer)?.gated,
+                Site::Down(layer) | Site::MlpOut(layer) => &mut layers.get_mut(layer)?.hidden,
+                Site::FinalNorm => &mut spec.final_normed,
+                Site::Scores(_) => return None,
+            },
+        })
+    }
+
+    /// Least and most fraction bits of its scale, as [`EvalSpec::validate`] has them.
+    fn limits(self) -> (u8, u8) {
+        match self {
+            Self::Actions | Self::Noise => (1, 12),
+            Self::Evaluation(Site::NoisedAction | Site::Velocity) => (1, 12),
+            Self::TimeEmbedding | Self::Evaluation(Site::ActionIn) => (0, 14),
+            Self::Evaluation(Site::TimeMlpIn | Site::Gate(_)) => (6, 10),
+            _ => (0, 15),
+        }
+    }
+}
+
+/// The largest magnitude at every place of some passes, in the order of the evaluation.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Magnitudes(Vec<(Place, f32)>);
+
+impl Magnitudes {
+    /// Passes in float32 of `weights` over samples with their draws, and what they evaluate to, pair by pair. Frames that
+    /// are padding count, although the fixed-point evaluation leaves most of them out.
+    ///
+    /// # Errors
+    /// As [`crate::measure::evaluate::evaluate`].
+    pub fn observe(
+        config: &PolicyConfig,
+        weights: &ExpertWeights,
+        pairs: &[(&PreparedSample, &FlowDraw)],
+    ) -> Result<(Self, Vec<Evaluation>), PolicyError> {
+        let mut seen = Self::default();
+        seen.add(Place::TimeEmbedding, 1.0);
+        for (sample, draw) in pairs {
+            seen.add(Place::Noise, largest(&draw.noise));
+            seen.add(Place::Actions, largest(&sample.actions));
+            for (layer, (keys, values)) in sample.keys.iter().zip(&sample.values).enumerate() {
+                seen.add(Place::CachedKeys(layer), largest(keys));
+                seen.add(Place::CachedValues(layer), largest(values));
+            }
+        }
+        let evaluations = evaluate_each(config, weights, pairs, &mut |site, values| {
+            let values = values.flatten_all()?.to_vec1::<f32>()?;
+            seen.add(Place::Evaluation(site), largest(&values));
+            Ok(())
+        })?;
+        Ok((seen, evaluations))
+    }
+    /// The largest magnitudes of either.
+    pub fn join(&mut self, other: &Self) {
+        for (place, largest) in &other.0 {
+            self.add(*place, *largest);
+        }
+    }
+
+    fn add(&mut self, place: Place, largest: f32) {
+        match self.0.iter_mut().find(|(seen, _)| *seen == place) {
+            Some((_, seen)) => *seen = seen.max(largest),
+            None => self.0.push((place, largest)),
+        }
+    }
+}
+
+/// The largest magnitude; infinite if there is one that is not a number.
+fn largest(values: &[f32]) -> f32 {
+    let magnitude = |value: &f32| {
+        if value.is_nan() {
+            f32::INFINITY
+        } else {
+            value.abs()
+        }
+    };
+    values.iter().map(magnitude).fold(0.0, f32::max)
+}
+
+/// What a specification holds at a place, and what was seen there.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Range {
+    /// Where.
+    pub place: Place,
+    /// The largest magnitude seen.
+    pub largest: f32,
+    /// The largest that fits.
+    pub holds: f64,
+}
+
+impl Range {
+    /// How often the largest magnitude fits; below 1, it does not.
+    pub fn headroom(&self) -> f64 {
+        self.holds / f64::from(self.largest)
+    }
+}
+
+/// Every place's range in `spec`, in the order of the evaluation. Places that `spec` lacks are left out.
+pub fn ranges(spec: &EvalSpec, magnitudes: &Magnitudes) -> Vec<Range> {
+    let mut spec = spec.clone();
+    let held = |(place, largest): &(Place, f32)| {
+        let holds = match *place {
+            Place::Evaluation(Site::Scores(layer)) => {
+                let scales = spec.layers.get(layer)?;
+                most(SCORE_LIMIT, (scales.query + scales.key).into())
+            }
+            place => most(VALUE_LIMIT, (*place.scale(&mut spec)?).into()),
+        };
+        Some(Range {
+            place: *place,
+            largest: *largest,
+            holds,
+        })
+    };
+    magnitudes.0.iter().filter_map(held).collect()
+}
+
+/// The largest int16 and the largest int32.
+const VALUE_LIMIT: f64 = i16::MAX as f64;
+const SCORE_LIMIT: f64 = i32::MAX as f64;
+
+/// What integers up to `limit` hold with `bits` fraction bits.
+fn most(limit: f64, bits: i32) -> f64 {
+    limit * 2f64.powi(-bits)
+}
+
+/// Why no scales can be chosen.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum CalibrateError {
+    /// The dimensions.
+    #[error(transparent)]
+    Spec(#[from] SpecError),
+    /// Values too large for the coarsest scale.
+    #[error("{place}: values reach {largest}; with a headroom of {} no scale holds more than {limit}", 1 << HEADROOM_BITS)]
+    TooLarge {
+        /// Where.
+        place: Place,
+        /// The largest magnitude seen.
+        largest: f32,
+        /// The largest that may be seen there.
+        limit: f64,
+    },
+}
+
+/// A specification for `dims` whose scales leave every magnitude a headroom of 2^[`HEADROOM_BITS`], and are as fine as that
+/// allows. Scales of places that were not seen are the default ones.
+///
+/// # Errors
+/// [`CalibrateError::TooLarge`] names the place whose values no scale can hold with that headroom.
+pub fn calibrate(dims: Dims, magnitudes: &Magnitudes) -> Result<EvalSpec, CalibrateError> {
+    let mut spec = EvalSpec::new(dims);
+    spec.validate()?;
+    for (place, _) in &magnitudes.0 {
+        if let Some(bits) = place.scale(&mut spec) {
+            *bits = place.limits().1;
+        }
+    }
+    for &(place, largest) in &magnitudes.0 {
+        let (least, _) = place.limits();
+        if let Some(bits) = place.scale(&mut spec) {
+            *bits = finest(place, largest, VALUE_LIMIT, least, *bits)?;
+        }
+    }
+    for layer in 0..spec.layers.len() {
+        if spec.dims.is_self_attention(layer) {
+            let scales = &mut spec.layers[layer];
+            (scales.key, scales.value) = (scales.cache_key, scales.cache_value);
+        }
+    }
+    // Scores come last: their fraction bits are those of queries and keys together, and only queries can give way, as the
+    // scale of keys may be the cache's.
+    for &(place, largest) in &magnitudes.0 {
+        if let Place::Evaluation(Site::Scores(layer)) = place {
+            if let Some(scales) = spec.layers.get_mut(layer) {
+                let bits = scales.query + scales.key;
+                scales.query = finest(place, largest, SCORE_LIMIT, scales.key, bits)? - scales.key;
+            }
+        }
+    }
+    spec.validate()?;
+    Ok(spec)
+}
+
+/// The most fraction bits in `least..=upper` with which integers up to `limit` hold `largest` with the headroom.
+fn finest(
+    place: Place,
+    largest: f32,
+    limit: f64,
+    least: u8,
+    upper: u8,
+) -> Result<u8, CalibrateError> {
+    let fits = |bits: &u8| {
+        f64::from(largest) * f64::from(1 << HEADROOM_BITS) <= most(limit, i32::from(*bits))
+    };
+    (least..=upper)
+        .rev()
+        .find(fits)
+        .ok_or_else(|| CalibrateError::TooLarge {
+            place,
+            largest,
+            limit: most(limit, i32::from(least)) / f64::from(1 << HEADROOM_BITS),
+        })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::measure::fidelity::{draws, measure, FidelityError};
+    use crate::measure::fixed_point::dims;
+    use crate::policy::init::init_policy;
+    use crate::policy::profile::Profile;
+    use crate::policy::random::normal;
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha20Rng;
+    use zk0_circuits::model::site::EvalError;
+    use zk0_circuits::Digest;
+
+    const CHALLENGE: Digest = Digest([4; 32]);
+
+    fn samples(config: &PolicyConfig, count: usize) -> Vec<PreparedSample> {
+        let mut rng = ChaCha20Rng::seed_from_u64(1);
+        let mut vector = |len: usize| -> Vec<f32> { (0..len).map(|_| normal(&mut rng)).collect() };
+        let tokens = config.max_prefix_tokens();
+        let cache = tokens * config.kv_width();
+        (0..count)
+            .map(|_| PreparedSample {
+                prefix_tokens: tokens,
+                keys: (0..config.text.layers).map(|_| vector(cache)).collect(),
+                values: (0..config.text.layers).map(|_| vector(cache)).collect(),
+                actions: vector(config.chunk_elements()),
+                is_pad: vec![false; config.chunk_size],
+            })
+            .collect()
+    }
+
+    /// Address of the scale that holds a place: which one it is.
+    fn scale(spec: &mut EvalSpec, place: Place) -> Option<*const u8> {
+        place.scale(spec).map(|bits| bits as *const u8)
+    }
+
+    #[test]
+    fn a_scale_that_is_too_fine_fails_at_one_of_its_places() {
+        let config = Profile::Micro.config();
+        let weights = init_policy(&config, 1).unwrap().expert;
+        let samples = samples(&config, 8);
+        let dims = dims(&config).unwrap();
+        let draws = draws(&EvalSpec::new(dims), &CHALLENGE, 8);
+        let pairs: Vec<_> = samples.iter().zip(&draws).collect();
+        let (seen, _) = Magnitudes::observe(&config, &weights, &pairs).unwrap();
+        let calibrated = calibrate(dims, &seen).unwrap();
+        let mut failed = 0;
+        for (place, _) in &seen.0 {
+            let Place::Evaluation(site) = *place else {
+                continue;
+            };
+            let mut spec = calibrated.clone();
+            let Some(bits) = place.scale(&mut spec) else {
+                continue;
+            };
+            // The headroom of the tightest place is below 16.
+            *bits += 4;
+            if *bits > place.limits().1 {
+                continue;
+            }
+            for layer in (0..spec.layers.len()).filter(|layer| dims.is_self_attention(*layer)) {
+                let scales = &mut spec.layers[layer];
+                (scales.key, scales.value) = (scales.cache_key, scales.cache_value);
+            }
+            match measure(&spec, &config, &weights, &samples, &CHALLENGE, 8) {
+                Err(FidelityError::Evaluation(EvalError::OutOfRange { site: at, .. })) => {
+                    let (held, failing) = (
+                        scale(&mut spec, *place),
+                        scale(&mut spec, Place::Evaluation(at)),
+                    );
+                    assert_eq!(held, failing, "{site}: fails at {at}");
+                }
+                // The cache is at that scale too.
+                Err(FidelityError::Quantise(error)) => {
+                    assert!(matches!(
+                        site,
+                        Site::Key(0) | Site::RotatedKey(0) | Site::Value(0) | Site::Attention(0)
+                    ));
+                    assert!(error.to_string().contains("of layer 0"), "{site}: {error}");
+                }
+                other => panic!("{site}: {other:?}"),
+            }
+            failed += 1;
+        }
+        assert!(failed >= 25, "only {failed} of {} places", seen.0.len());
+    }
+
+    #[test]
+    fn what_is_not_a_number_fits_no_range() {
+        let mut seen = Magnitudes::default();
+        seen.add(
+            Place::Evaluation(Site::Up(1)),
+            largest(&[1.0, f32::NAN, 2.0]),
+        );
+        let error = calibrate(Dims::MICRO, &seen).unwrap_err().to_string();
+        assert!(
+            error.starts_with("layer 1 up_proj: values reach inf"),
+            "{error}"
+        );
+    }
+
+    #[test]
+    fn scores_take_bits_from_queries() {
+        let scores = |layer, largest| {
+            let mut seen = Magnitudes::default();
+            for place in [Site::Query(layer), Site::Key(layer)] {
+                seen.add(Place::Evaluation(place), 0.1);
+            }
+            seen.add(Place::Evaluation(Site::Scores(layer)), largest);
+            calibrate(Dims::MICRO, &seen)
+        };
+        // 0.1 with headroom fits 15 bits, their products 30 bits of an int32 only up to 2/8.
+        let bits = |layer, largest| {
+            let spec = scores(layer, largest).unwrap();
+            (spec.layers[layer].query, spec.layers[layer].key)
+        };
+        assert_eq!(bits(1, 0.2), (15, 15));
+        assert_eq!(bits(1, 3.0), (11, 15));
+        assert_eq!(bits(0, 3.0), (11, 15));
+        let error = scores(0, 1e5).unwrap_err().to_string();
+        assert!(
+            error.starts_with("layer 0 attention scores: values reach 100000"),
+            "{error}"
+        );
+    }
+}

@@ -1,0 +1,191 @@
+//! The flow-matching loss at given noise and times: the float32 side of what a claim proves.
+
+use candle_core::{Device, Tensor};
+use rand::{RngCore, SeedableRng};
+use rand_chacha::ChaCha20Rng;
+use zk0_lerobot::config::PolicyConfig;
+
+use crate::error::{PolicyError, Result};
+use crate::frames::batch::Batch;
+use crate::frames::sample::PreparedSample;
+use crate::policy::model::expert::ExpertModel;
+use crate::policy::model::flow::{losses, noisy_actions, target_velocity};
+use crate::policy::model::observe::{ignore, Observer};
+use crate::policy::model::Parameters;
+use crate::policy::random::{flow_time, normal};
+use crate::policy::weights::ExpertWeights;
+
+/// Samples run through the expert at once.
+const BATCH: usize = 64;
+
+/// The random part of one loss evaluation.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FlowDraw {
+    /// Flow time in [0, 1].
+    pub time: f32,
+    /// (chunk_size, max_action_dim), standard normal.
+    pub noise: Vec<f32>,
+}
+
+impl FlowDraw {
+    /// A draw as in training: time first, then the noise.
+    pub fn random(config: &PolicyConfig, rng: &mut impl RngCore) -> Self {
+        let time = flow_time(rng);
+        Self {
+            time,
+            noise: (0..config.chunk_elements()).map(|_| normal(rng)).collect(),
+        }
+    }
+}
+
+/// `count` draws that are the same for one seed: for comparing weights on the same noise and times.
+pub fn fixed_draws(config: &PolicyConfig, count: usize, seed: u64) -> Vec<FlowDraw> {
+    let mut rng = ChaCha20Rng::seed_from_u64(seed);
+    (0..count)
+        .map(|_| FlowDraw::random(config, &mut rng))
+        .collect()
+}
+
+/// A loss as the sum it is a mean of.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Evaluation {
+    /// Sum of squared errors over the real action dimensions of frames that are not padding.
+    pub squared_error: f64,
+    /// How many were summed.
+    pub elements: usize,
+}
+
+impl Evaluation {
+    /// The `loss_valid_only` of all samples together.
+    pub fn loss(&self) -> f64 {
+        self.squared_error / self.elements.max(1) as f64
+    }
+}
+
+/// Evaluates `weights` on samples, each with its draw.
+///
+/// # Errors
+/// [`PolicyError::Sample`] for a sample or draw that does not fit the policy.
+pub fn evaluate(
+    config: &PolicyConfig,
+    weights: &ExpertWeights,
+    pairs: &[(&PreparedSample, &FlowDraw)],
+) -> Result<Evaluation> {
+    let mut total = Evaluation {
+        squared_error: 0.0,
+        elements: 0,
+    };
+    for one in evaluate_each(config, weights, pairs, &mut ignore)? {
+        total.squared_error += one.squared_error;
+        total.elements += one.elements;
+    }
+    Ok(total)
+}
+
+/// The evaluation of every pair by itself, in their order; `observe` watches the passes.
+///
+/// # Errors
+/// As [`evaluate`], and those of `observe`.
+pub fn evaluate_each(
+    config: &PolicyConfig,
+    weights: &ExpertWeights,
+    pairs: &[(&PreparedSample, &FlowDraw)],
+    observe: &mut Observer,
+) -> Result<Vec<Evaluation>> {
+    let device = Device::Cpu;
+    let expert = ExpertModel::new(config, &Parameters::load(weights.tensors(), &device)?)?;
+    let mut all = Vec::with_capacity(pairs.len());
+    for (round, some) in pairs.chunks(BATCH).enumerate() {
+        let samples: Vec<&PreparedSample> = some.iter().map(|(sample, _)| *sample).collect();
+        let draws: Vec<&FlowDraw> = some.iter().map(|(_, draw)| *draw).collect();
+        let numbers: Vec<usize> = (round * BATCH..).take(some.len()).collect();
+        let batch = Batch::new(config, &samples, &numbers, &device)?;
+        let errors = squared_errors(config, &expert, &batch, &draws, observe)?;
+        all.extend(errors.iter().map(|errors| errors.valid_only));
+    }
+    Ok(all)
+}
+
+/// The two rules by which LeRobot's releases take the mean of one sample's squared errors.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SampleErrors {
+    /// Real action dimensions of frames that are not padding: LeRobot 0.6's `loss_valid_only`, and that of a claim.
+    pub valid_only: Evaluation,
+    /// All dimensions of all frames, padding included: LeRobot 0.4's.
+    pub plain: Evaluation,
+}
+
+/// The errors of every sample of a batch, each at its draw.
+///
+/// # Errors
+/// [`PolicyError::Sample`] for a draw that does not fit the policy; those of `observe`.
+pub fn squared_errors(
+    config: &PolicyConfig,
+    expert: &ExpertModel,
+    batch: &Batch,
+    draws: &[&FlowDraw],
+    observe: &mut Observer,
+) -> Result<Vec<SampleErrors>> {
+    if draws.len() != batch.is_pad.len() {
+        return Err(PolicyError::Sample(format!(
+            "{} draws for {} samples",
+            draws.len(),
+            batch.is_pad.len()
+        )));
+    }
+    for draw in draws {
+        check(config, draw)?;
+    }
+    let times: Vec<f32> = draws.iter().map(|draw| draw.time).collect();
+    let noise: Vec<f32> = draws.iter().flat_map(|d| d.noise.iter().copied()).collect();
+    let noise = Tensor::from_vec(noise, batch.actions.shape(), batch.actions.device())?;
+    let velocity = expert.forward_observed(
+        &batch.cache,
+        &noisy_actions(&batch.actions, &noise, &times)?,
+        &times,
+        observe,
+    )?;
+    let errors: Vec<f32> = losses(&velocity, &target_velocity(&batch.actions, &noise)?)?
+        .flatten_all()?
+        .to_vec1()?;
+    let samples = errors.chunks_exact(config.chunk_elements());
+    let each = samples.zip(&batch.is_pad).map(|(errors, is_pad)| {
+        let frames = errors.chunks_exact(config.max_action_dim).zip(is_pad);
+        let mut valid_only = Evaluation {
+            squared_error: 0.0,
+            elements: 0,
+        };
+        for (frame, _) in frames.filter(|(_, pad)| !**pad) {
+            valid_only.squared_error += sum(&frame[..config.action_dim]);
+            valid_only.elements += config.action_dim;
+        }
+        SampleErrors {
+            valid_only,
+            plain: Evaluation {
+                squared_error: sum(errors),
+                elements: errors.len(),
+            },
+        }
+    });
+    Ok(each.collect())
+}
+
+fn sum(errors: &[f32]) -> f64 {
+    errors.iter().map(|e| f64::from(*e)).sum()
+}
+
+fn check(config: &PolicyConfig, draw: &FlowDraw) -> Result<()> {
+    if draw.noise.len() != config.chunk_elements() || !draw.noise.iter().all(|x| x.is_finite()) {
+        return Err(PolicyError::Sample(format!(
+            "a draw needs {} finite noise values",
+            config.chunk_elements()
+        )));
+    }
+    if !(0.0..=1.0).contains(&draw.time) {
+        return Err(PolicyError::Sample(format!(
+            "flow time {} is not in [0, 1]",
+            draw.time
+        )));
+    }
+    Ok(())
+}

@@ -1,0 +1,133 @@
+//! Fidelity: how far the fixed-point loss is from the float32 loss, on the same weights, samples, noise and times, and how
+//! much room the ranges leave.
+
+use zk0_circuits::model::draw::draw;
+use zk0_circuits::model::parameters::Parameters;
+use zk0_circuits::model::quantise::QuantiseError;
+use zk0_circuits::model::spec::SpecError;
+use zk0_circuits::model::{eval::Evaluator, site::EvalError};
+use zk0_circuits::{Digest, EvalSpec};
+use zk0_lerobot::config::PolicyConfig;
+
+use crate::error::PolicyError;
+use crate::frames::sample::PreparedSample;
+use crate::measure::calibrate::{ranges, Magnitudes, Place, Range};
+use crate::measure::evaluate::{Evaluation, FlowDraw};
+use crate::measure::fixed_point::{quantise_sample, quantise_weights};
+use crate::policy::weights::ExpertWeights;
+
+/// Both losses, and the ranges of the passes they come from.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Fidelity {
+    /// Evaluations, each a sample at a time and noise of its own.
+    pub evaluations: usize,
+    /// Mean loss in float32.
+    pub float32_loss: f64,
+    /// Mean loss in fixed point: what a claim is about.
+    pub fixed_point_loss: f64,
+    /// The largest relative difference of a single evaluation's losses.
+    pub worst_sample: f64,
+    /// Per place, what the specification holds and what the float32 passes reached.
+    pub ranges: Vec<Range>,
+}
+
+impl Fidelity {
+    /// Relative difference of the mean losses.
+    pub fn relative_difference(&self) -> f64 {
+        (self.fixed_point_loss / self.float32_loss - 1.0).abs()
+    }
+
+    /// The range with the least headroom. Noise and time embedding are left out: they are as large as they will ever be.
+    pub fn tightest(&self) -> Option<&Range> {
+        let bounded = |range: &&Range| matches!(range.place, Place::Noise | Place::TimeEmbedding);
+        let by_headroom = |a: &&Range, b: &&Range| a.headroom().total_cmp(&b.headroom());
+        let ranges = self.ranges.iter().filter(|range| !bounded(range));
+        ranges.min_by(by_headroom)
+    }
+}
+
+/// Why there is nothing to compare.
+#[derive(Debug, thiserror::Error)]
+pub enum FidelityError {
+    /// The float32 side.
+    #[error(transparent)]
+    Policy(#[from] PolicyError),
+    /// The specification.
+    #[error(transparent)]
+    Spec(#[from] SpecError),
+    /// A sample or weight does not fit.
+    #[error(transparent)]
+    Quantise(#[from] QuantiseError),
+    /// The fixed-point evaluation fails: [`EvalError::OutOfRange`] names the place.
+    #[error(transparent)]
+    Evaluation(#[from] EvalError),
+}
+
+/// The draws of `count` evaluations under a challenge, as the float32 side takes them: the fixed-point numbers, exactly.
+pub fn draws(spec: &EvalSpec, challenge: &Digest, count: usize) -> Vec<FlowDraw> {
+    let unit = 1.0 / f32::from(1u16 << spec.action.min(15));
+    (0..count as u32)
+        .map(|position| {
+            let draw = draw(spec, challenge, position);
+            FlowDraw {
+                time: f32::from(draw.time) / 65536.0,
+                noise: draw.noise.iter().map(|n| f32::from(*n) * unit).collect(),
+            }
+        })
+        .collect()
+}
+
+/// Evaluates `weights` in float32 and in fixed point, `count` times: on the samples in turn, each time with the next draw
+/// of `challenge`. The float32 side takes weights and samples as they are, before any rounding.
+///
+/// # Errors
+/// There is no sample, the policy and `spec` disagree in dimensions, or a value does not fit: see [`FidelityError`].
+pub fn measure(
+    spec: &EvalSpec,
+    config: &PolicyConfig,
+    weights: &ExpertWeights,
+    samples: &[PreparedSample],
+    challenge: &Digest,
+    count: usize,
+) -> Result<Fidelity, FidelityError> {
+    let evaluator = Evaluator::new(spec)?;
+    if samples.is_empty() || count == 0 {
+        return Err(PolicyError::Sample("there is nothing to evaluate".into()).into());
+    }
+    let draws = draws(spec, challenge, count);
+    let pairs: Vec<_> = samples.iter().cycle().zip(&draws).collect();
+    let (magnitudes, float32) = Magnitudes::observe(config, weights, &pairs)?;
+
+    let quantised = quantise_weights(spec, weights)?;
+    let parameters = Parameters::of(spec, &quantised);
+    let mut products = evaluator.direct(&quantised)?;
+    let unit = 2f64.powi(-2 * i32::from(spec.action));
+    let mut fixed = Vec::with_capacity(count);
+    for (position, (sample, _)) in pairs.iter().enumerate() {
+        let sample = quantise_sample(spec, sample)?;
+        let draw = draw(spec, challenge, position as u32);
+        let sum = evaluator.loss(&parameters, &mut products, &sample, &draw)?;
+        fixed.push(Evaluation {
+            squared_error: sum.squared_error as f64 * unit,
+            elements: sum.elements as usize,
+        });
+    }
+    let differences = fixed.iter().zip(&float32);
+    let differences = differences.map(|(a, b)| (a.loss() / b.loss() - 1.0).abs());
+    Ok(Fidelity {
+        evaluations: count,
+        float32_loss: mean(&float32),
+        fixed_point_loss: mean(&fixed),
+        worst_sample: differences.fold(0.0, f64::max),
+        ranges: ranges(spec, &magnitudes),
+    })
+}
+
+/// The loss of all evaluations together, as a claim counts it.
+fn mean(evaluations: &[Evaluation]) -> f64 {
+    Evaluation {
+        squared_error: evaluations.iter().map(|one| one.squared_error).sum(),
+        elements: evaluations.iter().map(|one| one.elements).sum(),
+    }
+    .loss()
+}

@@ -1,0 +1,106 @@
+//! The policy in fixed point: its dimensions, weights and samples as [`zk0_circuits`] evaluates them.
+
+use zk0_circuits::model::sample::{Sample, SampleParts};
+use zk0_circuits::model::spec::Dims;
+use zk0_circuits::model::{quantise::QuantiseError, weights::QuantisedWeights};
+use zk0_circuits::EvalSpec;
+use zk0_lerobot::config::{PolicyConfig, RMS_NORM_EPS};
+use zk0_lerobot::StoredPolicyError;
+
+use crate::error::Result;
+use crate::frames::sample::PreparedSample;
+use crate::policy::weights::ExpertWeights;
+
+/// Periods of the time embedding that [`EvalSpec::new`] writes into every specification.
+const PERIODS: (f64, f64) = (0.004, 4.0);
+
+/// The dimensions of a policy's expert and samples.
+///
+/// # Errors
+/// [`StoredPolicyError::Config`] when a dimension is out of every specification's bounds, or the time embedding has other
+/// periods or the norms another epsilon than the evaluation's.
+pub fn dims(config: &PolicyConfig) -> Result<Dims> {
+    let periods = (config.min_period, config.max_period);
+    if periods != PERIODS {
+        return Err(StoredPolicyError::Config(format!(
+            "time periods {periods:?}: the fixed-point evaluation has {PERIODS:?}"
+        ))
+        .into());
+    }
+    if config.rms_norm_eps != RMS_NORM_EPS {
+        return Err(StoredPolicyError::Config(format!(
+            "`rms_norm_eps` is {}: the fixed-point evaluation has {RMS_NORM_EPS}",
+            config.rms_norm_eps
+        ))
+        .into());
+    }
+    let number = |name: &str, value: usize| {
+        u32::try_from(value)
+            .map_err(|_| StoredPolicyError::Config(format!("`{name}` is {value}, far too large")))
+    };
+    let dims = Dims {
+        expert_width: number("expert.width", config.expert.width)?,
+        expert_mlp: number("expert.mlp_width", config.expert.mlp_width)?,
+        heads: number("text.heads", config.text.heads)?,
+        kv_heads: number("text.kv_heads", config.text.kv_heads)?,
+        head_dim: number("text.head_dim", config.text.head_dim)?,
+        layers: number("text.layers", config.text.layers)?,
+        self_attn_every: number("self_attn_every", config.self_attn_every)?,
+        chunk: number("chunk_size", config.chunk_size)?,
+        max_action_dim: number("max_action_dim", config.max_action_dim)?,
+        action_dim: number("action_dim", config.action_dim)?,
+        max_prefix: number("prefix tokens", config.max_prefix_tokens())?,
+    };
+    EvalSpec::new(dims)
+        .validate()
+        .map_err(|error| StoredPolicyError::Config(error.to_string()))?;
+    Ok(dims)
+}
+
+/// The fixed-point form of a prepared sample.
+///
+/// # Errors
+/// A value does not fit its scale, or the sample is of other dimensions.
+pub fn quantise_sample(
+    spec: &EvalSpec,
+    sample: &PreparedSample,
+) -> std::result::Result<Sample, QuantiseError> {
+    let cache: Vec<(&[f32], &[f32])> = sample
+        .keys
+        .iter()
+        .zip(&sample.values)
+        .map(|(keys, values)| (&keys[..], &values[..]))
+        .collect();
+    let parts = SampleParts {
+        cache: &cache,
+        actions: &sample.actions,
+        is_pad: &sample.is_pad,
+    };
+    Sample::quantise(spec, parts)
+}
+
+/// The fixed-point form of expert weights.
+///
+/// # Errors
+/// A tensor is missing, of other dimensions, or holds a value that no allowed scale can hold.
+pub fn quantise_weights(
+    spec: &EvalSpec,
+    weights: &ExpertWeights,
+) -> std::result::Result<QuantisedWeights, QuantiseError> {
+    let tensors = weights.tensors();
+    QuantisedWeights::quantise(spec, |name| {
+        tensors.get(name).map(|tensor| &tensor.data[..])
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::policy::profile::Profile;
+
+    #[test]
+    fn profiles_have_the_dimensions_that_are_measured() {
+        assert_eq!(dims(&Profile::Micro.config()).unwrap(), Dims::MICRO);
+        assert_eq!(dims(&Profile::Full.config()).unwrap(), Dims::FULL);
+    }
+}

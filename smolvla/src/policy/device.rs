@@ -1,0 +1,93 @@
+//! Where tensors live.
+
+use std::panic::{self, UnwindSafe};
+
+use candle_core::Device;
+
+use crate::error::{PolicyError, Result};
+
+/// The device of a name: `cpu`, `cuda` (the first GPU) or `cuda:N`.
+///
+/// # Errors
+/// [`PolicyError::Options`] for another name, or where this build or machine cannot use that device.
+pub fn device(name: &str) -> Result<Device> {
+    let unknown = || {
+        PolicyError::Options(format!(
+            "no device is called `{name}`; there are `cpu`, `cuda` and `cuda:N`"
+        ))
+    };
+    let number = match name.split_once(':') {
+        None if name == "cpu" => return Ok(Device::Cpu),
+        None if name == "cuda" => 0,
+        Some(("cuda", number)) => number.parse().map_err(|_| unknown())?,
+        _ => return Err(unknown()),
+    };
+    if !candle_core::utils::cuda_is_available() {
+        return Err(PolicyError::Options(format!(
+            "device `{name}`: this build of zk0 trains on the CPU alone; `make cuda` makes one for NVIDIA GPUs"
+        )));
+    }
+    // CUDA's libraries are loaded here, and cudarc panics where it cannot find one.
+    let opened = quietly(|| Device::new_cuda(number).map_err(|error| error.to_string()));
+    opened
+        .and_then(|opened| opened)
+        .map_err(|cause| PolicyError::Options(format!("device `{name}` cannot be used: {cause}")))
+}
+
+/// What `work` gives, or what it said when it panicked, which is printed nowhere else.
+fn quietly<T>(work: impl FnOnce() -> T + UnwindSafe) -> std::result::Result<T, String> {
+    let hook = panic::take_hook();
+    panic::set_hook(Box::new(|_| ()));
+    let done = panic::catch_unwind(work);
+    panic::set_hook(hook);
+    done.map_err(|panicked| {
+        let text = panicked.downcast_ref::<String>().map(String::as_str);
+        let text = text.or_else(|| panicked.downcast_ref::<&str>().copied());
+        let text = text.unwrap_or("it panicked");
+        // cudarc goes on with the thirty names it looked for.
+        match text.split_once(" - searched") {
+            Some((missing, _)) => format!(
+                "{missing}; it wants NVIDIA's driver, and cuBLAS and cuRAND in LD_LIBRARY_PATH"
+            ),
+            None => text.to_owned(),
+        }
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn devices_go_by_name() {
+        assert!(device("cpu").unwrap().is_cpu());
+        for name in ["", "gpu", "cuda:", "cuda:x", "cpu:0", "CPU"] {
+            let error = device(name).unwrap_err().to_string();
+            assert!(error.contains("no device is called"), "{error}");
+        }
+    }
+
+    /// Says so in a build without CUDA, with it and without its libraries, and with them and no such GPU.
+    #[test]
+    fn a_gpu_that_is_not_there_is_an_error() {
+        let error = device("cuda:987").unwrap_err().to_string();
+        assert!(error.contains("device `cuda:987`"), "{error}");
+    }
+
+    #[test]
+    fn panics_become_what_they_said() {
+        assert_eq!(quietly(|| 7), Ok(7));
+        let cuda = "cuda";
+        let said = quietly(|| -> () { panic!("no lib{cuda}.so") }).unwrap_err();
+        assert_eq!(said, "no libcuda.so");
+        let said = quietly(|| -> () { panic!("no cublas - searched for a, b") }).unwrap_err();
+        assert!(
+            said.starts_with("no cublas; it wants NVIDIA's driver"),
+            "{said}"
+        );
+        assert_eq!(
+            quietly(|| -> () { panic!("no GPU") }).unwrap_err(),
+            "no GPU"
+        );
+    }
+}

@@ -1,0 +1,89 @@
+//! A seeded start: random weights for a whole policy, the same bits for the same seed on every machine.
+//!
+//! No pretrained weights exist at the micro profile's size. The frozen half is then a fixed random feature
+//! map; scales are chosen so that every layer passes values of about unit size and the expert can learn from
+//! them. To start from pretrained weights, read a policy folder ([`Policy::from_folder`]).
+
+use rand::SeedableRng;
+use rand_chacha::ChaCha20Rng;
+use rayon::prelude::*;
+use sha2::{Digest, Sha256};
+use zk0_lerobot::config::PolicyConfig;
+use zk0_lerobot::layout::policy_layout;
+use zk0_lerobot::safetensors::{TensorData, TensorSet};
+
+use crate::error::Result;
+use crate::policy::random::uniform;
+use crate::policy::weights::Policy;
+
+/// A policy with random weights of the configuration's dimensions.
+///
+/// Each tensor draws from its own ChaCha20 stream, keyed by the seed and the tensor's name, so that a tensor
+/// keeps its values when others are added.
+///
+/// # Errors
+/// When the configuration is not valid.
+pub fn init_policy(config: &PolicyConfig, seed: u64) -> Result<Policy> {
+    config.validate()?;
+    let tensors: TensorSet = policy_layout(config)
+        .into_par_iter()
+        .map(|(name, shape)| {
+            let elements = shape.iter().product();
+            let data = match Start::of(&name, &shape, config) {
+                Start::Constant(value) => vec![value; elements],
+                Start::Uniform(std) => {
+                    let mut rng = stream(seed, &name);
+                    let reach = 3f64.sqrt() * f64::from(std);
+                    (0..elements)
+                        .map(|_| (reach * (2.0 * uniform(&mut rng) - 1.0)) as f32)
+                        .collect()
+                }
+            };
+            (name, TensorData { shape, data })
+        })
+        .collect();
+    Ok(Policy::split(config, tensors))
+}
+
+/// How a tensor starts.
+enum Start {
+    Constant(f32),
+    /// Uniform around zero with this standard deviation. Its arithmetic is exact, unlike a normal's.
+    Uniform(f32),
+}
+
+impl Start {
+    fn of(name: &str, shape: &[usize], config: &PolicyConfig) -> Self {
+        if name.ends_with(".bias") {
+            return Self::Constant(0.0);
+        }
+        if shape.len() == 1 {
+            return Self::Constant(1.0); // gains of norms
+        }
+        let fan_in: usize = shape[1..].iter().product();
+        let unit = 1.0 / (fan_in as f32).sqrt();
+        let text_width = config.text.width as f32;
+        Self::Uniform(if name.contains("position_embedding") {
+            0.5
+        } else if name.contains("embed_tokens") || name.contains("connector") {
+            // Multiplied by sqrt(width) when embedded: about unit size afterwards.
+            unit.min(1.0 / text_width.sqrt())
+        } else if name.contains("action_out_proj") {
+            // A small first prediction: the loss starts near its value at v = 0.
+            0.1 * unit
+        } else if name.ends_with("o_proj.weight") || name.ends_with("down_proj.weight") {
+            // Residual branches: the sum over all layers stays of unit size.
+            unit / (2.0 * config.text.layers as f32).sqrt()
+        } else {
+            unit
+        })
+    }
+}
+
+fn stream(seed: u64, name: &str) -> ChaCha20Rng {
+    let mut hash = Sha256::new();
+    hash.update(b"zk0/init-policy/v1\0");
+    hash.update(seed.to_le_bytes());
+    hash.update(name.as_bytes());
+    ChaCha20Rng::from_seed(hash.finalize().into())
+}

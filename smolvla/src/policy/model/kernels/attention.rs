@@ -1,0 +1,140 @@
+//! Attention of every token to every token, without mask or gradient: the vision tower's, which is frozen.
+//!
+//! Scores are made, used and forgotten a block of queries at a time, so that they stay in the cache (the idea of Dao et al.,
+//! FlashAttention, 2022; keys are few enough here that their rows need not be split).
+
+use candle_core::{CpuStorage, CustomOp1, Layout, Result, Shape, Tensor, D};
+use pulp::{Arch, Simd};
+use rayon::prelude::*;
+
+use crate::policy::model::kernels::dispatch::{serve, values, widened};
+use crate::policy::model::kernels::matmul::matmul;
+use crate::policy::model::kernels::matrix::{product, Into, Matrix, Threads};
+use crate::policy::model::kernels::softmax::exponentials;
+
+/// Queries a block: with 1024 keys their scores take 1 MiB.
+const BLOCK: usize = 256;
+
+/// `softmax(q·kᵀ / sqrt(dim))·v` for each of `heads` heads, for queries, keys and values side by side in the last dimension of
+/// `qkv` (B, L, 3 * heads * dim), and heads side by side in each. Gives (B, L, heads * dim). Has no backward pass.
+pub fn attend_to_all(qkv: &Tensor, heads: usize) -> Result<Tensor> {
+    if serve(qkv) {
+        return qkv.contiguous()?.apply_op1_no_bwd(&AttendToAll { heads });
+    }
+    let (batch, tokens, width) = qkv.dims3()?;
+    let (width, dim) = (width / 3, width / 3 / heads);
+    let by_head = |part: usize| {
+        qkv.narrow(2, part * width, width)?
+            .reshape((batch, tokens, heads, dim))?
+            .transpose(1, 2)?
+            .contiguous()
+    };
+    let scores = widened(&matmul(&by_head(0)?, &by_head(1)?.t()?)?)?;
+    let scores = (scores * (dim as f64).powf(-0.5))?;
+    let weights = candle_nn::ops::softmax(&scores, D::Minus1)?.to_dtype(qkv.dtype())?;
+    matmul(&weights, &by_head(2)?)?
+        .transpose(1, 2)?
+        .reshape((batch, tokens, width))
+}
+
+struct AttendToAll {
+    heads: usize,
+}
+
+impl CustomOp1 for AttendToAll {
+    fn name(&self) -> &'static str {
+        "attend-to-all"
+    }
+
+    fn cpu_fwd(&self, qkv: &CpuStorage, layout: &Layout) -> Result<(CpuStorage, Shape)> {
+        let (batch, tokens, stride) = layout.shape().dims3()?;
+        let heads = self.heads.max(1);
+        if stride % (3 * heads) != 0 {
+            candle_core::bail!("{stride} values for queries, keys and values of {heads} heads");
+        }
+        let width = stride / 3;
+        let dim = width / heads;
+        let scale = (dim as f32).powf(-0.5);
+        let qkv = values(qkv, layout)?;
+        let mut out = vec![0.0f32; batch * tokens * width];
+        // A block never reaches into another sample: samples are divided first.
+        let samples = out.par_chunks_mut((tokens * width).max(1)).enumerate();
+        let blocks = samples.flat_map(|(sample, out)| {
+            let blocks = out.par_chunks_mut((BLOCK * width).max(1)).enumerate();
+            blocks.map(move |(block, out)| (sample * tokens, sample * tokens + block * BLOCK, out))
+        });
+        blocks.for_each(|(first_key, first_query, out)| {
+            let queries = out.len() / width;
+            let mut scores = vec![0.0f32; queries * tokens];
+            for column in (0..width).step_by(dim.max(1)) {
+                let of = |token: usize, part: usize, count: usize| {
+                    let from = token * stride + part * width + column;
+                    Matrix::strided(&qkv[from..], count, dim, stride)
+                };
+                product(
+                    of(first_query, 0, queries),
+                    of(first_key, 1, tokens).transposed(),
+                    scale,
+                    &mut scores,
+                    tokens,
+                    Into::Replace,
+                    Threads::One,
+                );
+                let mut totals = [0.0f32; BLOCK];
+                exponentiate(&mut scores, tokens, &mut totals);
+                let out = &mut out[column..];
+                product(
+                    Matrix::new(&scores, queries, tokens),
+                    of(first_key, 2, tokens),
+                    1.0,
+                    out,
+                    width,
+                    Into::Replace,
+                    Threads::One,
+                );
+                for (row, total) in out.chunks_mut(width).zip(&totals) {
+                    let factor = 1.0 / total;
+                    row[..dim].iter_mut().for_each(|value| *value *= factor);
+                }
+            }
+        });
+        Ok((CpuStorage::F32(out), Shape::from((batch, tokens, width))))
+    }
+}
+
+/// Replaces rows of `tokens` scores by [`exponentials`], and gives each row's sum.
+#[pulp::with_simd(exponentiate = Arch::new())]
+#[inline(always)]
+fn exponentiate_with<S: Simd>(_: S, scores: &mut [f32], tokens: usize, totals: &mut [f32]) {
+    for (row, total) in scores.chunks_exact_mut(tokens).zip(totals) {
+        *total = exponentials(row);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use candle_core::Device;
+
+    #[test]
+    fn blocks_give_what_whole_matrices_give() {
+        // 600 tokens: two whole blocks and a part of one.
+        let (batch, tokens, heads, dim) = (2, 600, 3, 5);
+        let count = batch * tokens * 3 * heads * dim;
+        let values = (0..count).map(|i| 3.0 * (i as f32 * 0.37).sin()).collect();
+        let qkv = Tensor::from_vec(values, (batch, tokens, 3 * heads * dim), &Device::Cpu).unwrap();
+        let ours = attend_to_all(&qkv, heads).unwrap();
+        // In double precision the general path is taken.
+        let double = |x: &Tensor| x.to_dtype(candle_core::DType::F64).unwrap();
+        let theirs = attend_to_all(&double(&qkv), heads).unwrap();
+        let difference = (double(&ours) - theirs).unwrap().abs().unwrap();
+        let largest: f64 = difference
+            .flatten_all()
+            .unwrap()
+            .max(0)
+            .unwrap()
+            .to_scalar()
+            .unwrap();
+        assert!(largest < 1e-5, "{largest}");
+    }
+}

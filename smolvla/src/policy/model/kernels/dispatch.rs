@@ -1,0 +1,93 @@
+//! Which tensors the kernels serve, and how their work is divided among threads.
+
+use std::cell::Cell;
+
+use candle_core::{CpuStorage, DType, Layout, Result, Tensor};
+use rayon::prelude::*;
+
+thread_local! {
+    /// Whether [`without`] runs in this thread.
+    static SET_ASIDE: Cell<bool> = const { Cell::new(false) };
+}
+
+/// Whether these kernels serve a tensor: `f32` on the CPU, outside of [`without`].
+pub(crate) fn serve(x: &Tensor) -> bool {
+    x.device().is_cpu() && x.dtype() == DType::F32 && !SET_ASIDE.get()
+}
+
+/// Runs `work` in this thread without these kernels, by the operations that every other device computes with.
+pub fn without<R>(work: impl FnOnce() -> R) -> R {
+    /// Puts back what was, also when `work` panics.
+    struct Before(bool);
+    impl Drop for Before {
+        fn drop(&mut self) {
+            SET_ASIDE.set(self.0);
+        }
+    }
+    let _before = Before(SET_ASIDE.replace(true));
+    work()
+}
+
+/// What sums, norms and functions are computed in: `f32` in place of shorter numbers.
+pub(super) fn widened(x: &Tensor) -> Result<Tensor> {
+    match x.dtype() {
+        DType::BF16 | DType::F16 => x.to_dtype(DType::F32),
+        _ => Ok(x.clone()),
+    }
+}
+
+/// The values of a contiguous `f32` tensor on the CPU.
+pub(super) fn values<'a>(storage: &'a CpuStorage, layout: &Layout) -> Result<&'a [f32]> {
+    let values = storage.as_slice::<f32>()?;
+    match layout.contiguous_offsets() {
+        Some((from, to)) => Ok(&values[from..to]),
+        None => candle_core::bail!("a kernel needs a contiguous tensor, not {layout:?}"),
+    }
+}
+
+/// Operations that one thread finishes before another would have begun.
+const SMALL: usize = 1 << 20;
+
+/// Runs `work` on the numbered chunks of `out`, `size` values each but the last, in parallel where that is worth it: a value takes
+/// about so many operations.
+pub(super) fn in_chunks(
+    out: &mut [f32],
+    size: usize,
+    operations: usize,
+    work: impl Fn(usize, &mut [f32]) + Sync,
+) {
+    let size = size.max(1);
+    if out.len().saturating_mul(operations) < SMALL {
+        let chunks = out.chunks_mut(size).enumerate();
+        chunks.for_each(|(at, chunk)| work(at, chunk));
+    } else {
+        let chunks = out.par_chunks_mut(size).enumerate();
+        chunks.for_each(|(at, chunk)| work(at, chunk));
+    }
+}
+
+/// [`in_chunks`] for functions of single values that take an exponential each: `work` gets where its block begins.
+pub(super) fn in_blocks(out: &mut [f32], work: impl Fn(usize, &mut [f32]) + Sync) {
+    const BLOCK: usize = 1 << 14;
+    in_chunks(out, BLOCK, 16, |at, block| work(at * BLOCK, block));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use candle_core::Device;
+
+    #[test]
+    fn kernels_are_set_aside_in_one_thread_and_come_back() {
+        let x = Tensor::zeros(1, DType::F32, &Device::Cpu).unwrap();
+        assert!(serve(&x));
+        without(|| {
+            assert!(!serve(&x));
+            without(|| assert!(!serve(&x)));
+            assert!(!serve(&x));
+            std::thread::scope(|scope| scope.spawn(|| assert!(serve(&x))).join().unwrap());
+        });
+        let panicked = std::panic::catch_unwind(|| without(|| panic!("on purpose")));
+        assert!(panicked.is_err() && serve(&x));
+    }
+}

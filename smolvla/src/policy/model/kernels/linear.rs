@@ -1,0 +1,290 @@
+//! Linear maps whose backward pass computes what is asked for and nothing else.
+
+use candle_core::{CpuStorage, CustomOp2, CustomOp3, Layout, Result, Shape, Tensor, D};
+
+use crate::policy::model::kernels::dispatch::{in_chunks, serve, values};
+use crate::policy::model::kernels::gradients::collect;
+use crate::policy::model::kernels::matmul::matmul;
+use crate::policy::model::kernels::matrix::{product, product_of, Into, Matrix, Threads};
+
+/// `x·wᵀ + b` over the last dimension, with a weight (out, in) and perhaps a bias (out).
+///
+/// A weight of shorter numbers than the input, [bf16](crate::policy::frozen::FrozenPrecision), has the input rounded to them, and so is
+/// what comes out.
+///
+/// By the kernels, no gradient is computed for a weight or bias that is not a variable.
+#[derive(Clone, Debug)]
+pub struct Linear {
+    weight: Tensor,
+    bias: Option<Tensor>,
+}
+
+impl Linear {
+    /// From a weight (out, in) and a bias (out).
+    pub fn new(weight: Tensor, bias: Option<Tensor>) -> Self {
+        Self { weight, bias }
+    }
+
+    /// (…, in) to (…, out).
+    pub fn forward(&self, x: &Tensor) -> Result<Tensor> {
+        let x = &x.to_dtype(self.weight.dtype())?;
+        let mut shape = x.dims().to_vec();
+        if let Some(last) = shape.last_mut() {
+            *last = self.weight.dim(0)?;
+        }
+        let rows = x.flatten_to(D::Minus2)?.contiguous()?;
+        let out = match (serve(x), &self.bias) {
+            (true, None) => rows.apply_op2(&self.weight, Affine)?,
+            (true, Some(bias)) => rows.apply_op3(&self.weight, bias, Affine)?,
+            (false, None) => matmul(&rows, &self.weight.t()?)?,
+            (false, Some(bias)) => matmul(&rows, &self.weight.t()?)?.broadcast_add(bias)?,
+        };
+        out.reshape(shape)
+    }
+
+    /// `residual + x·wᵀ + b` for a residual (…, out), in one pass and the residual's numbers. Has no backward pass.
+    pub fn forward_onto(&self, residual: &Tensor, x: &Tensor) -> Result<Tensor> {
+        if !serve(x) || !serve(&self.weight) {
+            return self.forward(x)?.to_dtype(residual.dtype())? + residual;
+        }
+        let rows = x.flatten_to(D::Minus2)?.contiguous()?;
+        let onto = residual.flatten_to(D::Minus2)?.contiguous()?;
+        let bias = self.bias.as_ref();
+        rows.apply_op3_no_bwd(&self.weight, &onto, &Onto { bias })?
+            .reshape(residual.shape())
+    }
+}
+
+/// `residual + x·wᵀ + b`.
+struct Onto<'a> {
+    bias: Option<&'a Tensor>,
+}
+
+impl CustomOp3 for Onto<'_> {
+    fn name(&self) -> &'static str {
+        "linear-onto"
+    }
+
+    fn cpu_fwd(
+        &self,
+        x: &CpuStorage,
+        x_layout: &Layout,
+        w: &CpuStorage,
+        w_layout: &Layout,
+        residual: &CpuStorage,
+        residual_layout: &Layout,
+    ) -> Result<(CpuStorage, Shape)> {
+        let mut onto = values(residual, residual_layout)?.to_vec();
+        if let Some(bias) = self.bias {
+            let bias = bias.to_vec1::<f32>()?;
+            in_chunks(&mut onto, bias.len(), 1, |_, row| {
+                row.iter_mut().zip(&bias).for_each(|(x, b)| *x += b);
+            });
+        }
+        forward((x, x_layout), (w, w_layout), Some(onto))
+    }
+}
+
+struct Affine;
+
+/// `x·wᵀ` added to as many values, or to nothing.
+fn forward(
+    (x, x_layout): (&CpuStorage, &Layout),
+    (w, w_layout): (&CpuStorage, &Layout),
+    onto: Option<Vec<f32>>,
+) -> Result<(CpuStorage, Shape)> {
+    let ((rows, inner), (outer, columns)) = (x_layout.shape().dims2()?, w_layout.shape().dims2()?);
+    if inner != columns || onto.as_ref().is_some_and(|onto| onto.len() != rows * outer) {
+        candle_core::bail!(
+            "a linear map of {columns} to {outer} values got {rows} rows of {inner}, or a bias or residual of another length"
+        );
+    }
+    let x = Matrix::new(values(x, x_layout)?, rows, inner);
+    let w = Matrix::new(values(w, w_layout)?, outer, inner).transposed();
+    let out = match onto {
+        None => product_of(x, w),
+        Some(mut onto) => {
+            product(x, w, 1.0, &mut onto, outer, Into::Add, Threads::All);
+            onto
+        }
+    };
+    Ok((CpuStorage::F32(out), Shape::from((rows, outer))))
+}
+
+/// Gradients of input and weight, as far as they are wanted.
+fn backward(x: &Tensor, w: &Tensor, grad: &Tensor) -> Result<(Option<Tensor>, Option<Tensor>)> {
+    let wanted = |argument: &Tensor, left: &Tensor, right: &Tensor, op| {
+        argument
+            .track_op()
+            .then(|| left.apply_op2_no_bwd(right, &op))
+            .transpose()
+    };
+    let of_w = wanted(w, grad, x, Backward::Weight)?;
+    Ok((
+        wanted(x, grad, w, Backward::Input)?,
+        of_w.and_then(|gradient| collect(w, gradient)),
+    ))
+}
+
+enum Backward {
+    /// grad (rows, out) times w (out, in).
+    Input,
+    /// gradᵀ (out, rows) times x (rows, in).
+    Weight,
+}
+
+impl CustomOp2 for Backward {
+    fn name(&self) -> &'static str {
+        "linear-backward"
+    }
+
+    fn cpu_fwd(
+        &self,
+        grad: &CpuStorage,
+        grad_layout: &Layout,
+        other: &CpuStorage,
+        other_layout: &Layout,
+    ) -> Result<(CpuStorage, Shape)> {
+        let ((rows, outer), (height, inner)) =
+            (grad_layout.shape().dims2()?, other_layout.shape().dims2()?);
+        let grad = Matrix::new(values(grad, grad_layout)?, rows, outer);
+        let other = Matrix::new(values(other, other_layout)?, height, inner);
+        let (grad, rows) = match self {
+            Self::Input => (grad, rows),
+            Self::Weight => (grad.transposed(), outer),
+        };
+        let out = product_of(grad, other);
+        Ok((CpuStorage::F32(out), Shape::from((rows, inner))))
+    }
+}
+
+impl CustomOp2 for Affine {
+    fn name(&self) -> &'static str {
+        "linear"
+    }
+
+    fn cpu_fwd(
+        &self,
+        x: &CpuStorage,
+        x_layout: &Layout,
+        w: &CpuStorage,
+        w_layout: &Layout,
+    ) -> Result<(CpuStorage, Shape)> {
+        forward((x, x_layout), (w, w_layout), None)
+    }
+
+    fn bwd(
+        &self,
+        x: &Tensor,
+        w: &Tensor,
+        _: &Tensor,
+        grad: &Tensor,
+    ) -> Result<(Option<Tensor>, Option<Tensor>)> {
+        backward(x, w, &grad.contiguous()?)
+    }
+}
+
+impl CustomOp3 for Affine {
+    fn name(&self) -> &'static str {
+        "linear-with-bias"
+    }
+
+    fn cpu_fwd(
+        &self,
+        x: &CpuStorage,
+        x_layout: &Layout,
+        w: &CpuStorage,
+        w_layout: &Layout,
+        bias: &CpuStorage,
+        bias_layout: &Layout,
+    ) -> Result<(CpuStorage, Shape)> {
+        let rows = x_layout.shape().dims2()?.0;
+        let onto = values(bias, bias_layout)?.repeat(rows);
+        forward((x, x_layout), (w, w_layout), Some(onto))
+    }
+
+    fn bwd(
+        &self,
+        x: &Tensor,
+        w: &Tensor,
+        bias: &Tensor,
+        _: &Tensor,
+        grad: &Tensor,
+    ) -> Result<(Option<Tensor>, Option<Tensor>, Option<Tensor>)> {
+        let grad = grad.contiguous()?;
+        let (of_x, of_w) = backward(x, w, &grad)?;
+        let of_bias = bias.track_op().then(|| grad.sum(0)).transpose()?;
+        Ok((of_x, of_w, of_bias))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use candle_core::{Device, Module as _, Var};
+
+    fn tensor(shape: &[usize], step: f32) -> Tensor {
+        let count: usize = shape.iter().product();
+        let values = (0..count).map(|i| (i as f32 * step).sin()).collect();
+        Tensor::from_vec(values, shape, &Device::Cpu).unwrap()
+    }
+
+    fn distance(a: &Tensor, b: &Tensor) -> f32 {
+        let difference = (a - b).unwrap().abs().unwrap().flatten_all().unwrap();
+        difference.max(0).unwrap().to_scalar().unwrap()
+    }
+
+    #[test]
+    fn values_and_gradients_are_candles() {
+        let variable = |shape: &[usize], step| Var::from_tensor(&tensor(shape, step)).unwrap();
+        let (x, w, b) = (
+            variable(&[2, 5, 7], 0.3),
+            variable(&[3, 7], 0.7),
+            variable(&[3], 1.1),
+        );
+        let weights = tensor(&[2, 5, 3], 0.9);
+        for bias in [None, Some(b.as_tensor().clone())] {
+            let ours = Linear::new(w.as_tensor().clone(), bias.clone());
+            let theirs = candle_nn::Linear::new(w.as_tensor().clone(), bias.clone());
+            let (ours, theirs) = (ours.forward(&x).unwrap(), theirs.forward(&x).unwrap());
+            assert!(distance(&ours, &theirs) < 1e-6);
+            let gradients = |out: Tensor| (out * &weights).unwrap().sum_all().unwrap().backward();
+            let (ours, theirs) = (gradients(ours).unwrap(), gradients(theirs).unwrap());
+            for variable in [&x, &w].into_iter().chain(bias.is_some().then_some(&b)) {
+                let (ours, theirs) = (ours.get(variable).unwrap(), theirs.get(variable).unwrap());
+                assert!(distance(ours, theirs) < 1e-5);
+            }
+        }
+    }
+
+    #[test]
+    fn a_residual_is_added() {
+        let (x, residual) = (tensor(&[2, 5, 7], 0.3), tensor(&[2, 5, 3], 0.9));
+        for bias in [None, Some(tensor(&[3], 1.1))] {
+            let linear = Linear::new(tensor(&[3, 7], 0.7), bias);
+            let ours = linear.forward_onto(&residual, &x).unwrap();
+            let theirs = (linear.forward(&x).unwrap() + &residual).unwrap();
+            assert!(distance(&ours, &theirs) < 1e-6);
+            assert!(linear.forward_onto(&x, &x).is_err());
+        }
+    }
+
+    #[test]
+    fn frozen_weights_get_no_gradient() {
+        let x = Var::from_tensor(&tensor(&[4, 7], 0.3)).unwrap();
+        let (w, b) = (tensor(&[3, 7], 0.7), tensor(&[3], 1.1));
+        let out = Linear::new(w.clone(), Some(b.clone())).forward(&x).unwrap();
+        let gradients = out.sum_all().unwrap().backward().unwrap();
+        assert!(gradients.get(&x).is_some());
+        assert!(gradients.get(&w).is_none() && gradients.get(&b).is_none());
+    }
+
+    #[test]
+    fn a_bias_or_input_of_another_length_is_an_error() {
+        let (x, w) = (tensor(&[4, 7], 0.3), tensor(&[3, 7], 0.7));
+        assert!(Linear::new(w.clone(), Some(tensor(&[7], 1.0)))
+            .forward(&x)
+            .is_err());
+        assert!(Linear::new(w, None).forward(&tensor(&[4, 6], 1.0)).is_err());
+    }
+}

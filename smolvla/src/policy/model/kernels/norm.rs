@@ -1,0 +1,255 @@
+//! RMSNorm (Zhang and Sennrich, 2019), forward and backward row by row, and the frozen vision tower's layer norm.
+
+use candle_core::{CpuStorage, CustomOp2, CustomOp3, Layout, Result, Shape, Tensor, D};
+use pulp::{Arch, Simd};
+
+use crate::policy::model::kernels::dispatch::{in_chunks, serve, values};
+use crate::policy::model::kernels::vector::sum;
+
+/// `x / sqrt(mean(x²) + eps) * gain` over the last dimension; no gradient is computed for a gain that is not a variable.
+pub fn rms_norm(x: &Tensor, gain: &Tensor, eps: f64) -> Result<Tensor> {
+    if serve(x) {
+        let eps = eps as f32;
+        return x.contiguous()?.apply_op2(gain, RmsNorm { eps });
+    }
+    let mean_square = x.sqr()?.mean_keepdim(D::Minus1)?;
+    x.broadcast_div(&(mean_square + eps)?.sqrt()?)?
+        .broadcast_mul(gain)
+}
+
+/// `(x - mean) / sqrt(variance + eps) * gain + bias` over the last dimension (Ba et al., Layer Normalization, 2016). Has no backward
+/// pass. The variance is the mean square of what is left without the mean: candle's, a difference of large numbers, is less exact.
+pub fn layer_norm(x: &Tensor, gain: &Tensor, bias: &Tensor, eps: f64) -> Result<Tensor> {
+    if serve(x) {
+        let eps = eps as f32;
+        return x
+            .contiguous()?
+            .apply_op3_no_bwd(gain, bias, &LayerNorm { eps });
+    }
+    let centred = x.broadcast_sub(&x.mean_keepdim(D::Minus1)?)?;
+    let variance = centred.sqr()?.mean_keepdim(D::Minus1)?;
+    centred
+        .broadcast_div(&(variance + eps)?.sqrt()?)?
+        .broadcast_mul(gain)?
+        .broadcast_add(bias)
+}
+
+struct LayerNorm {
+    eps: f32,
+}
+
+impl CustomOp3 for LayerNorm {
+    fn name(&self) -> &'static str {
+        "layer-norm"
+    }
+
+    fn cpu_fwd(
+        &self,
+        x: &CpuStorage,
+        x_layout: &Layout,
+        gain: &CpuStorage,
+        gain_layout: &Layout,
+        bias: &CpuStorage,
+        bias_layout: &Layout,
+    ) -> Result<(CpuStorage, Shape)> {
+        let (gain, bias) = (values(gain, gain_layout)?, values(bias, bias_layout)?);
+        let width = gain.len();
+        if x_layout.dims().last() != Some(&width) || bias.len() != width || width == 0 {
+            candle_core::bail!("a norm of {width} values got {:?}", x_layout.shape());
+        }
+        let mut out = values(x, x_layout)?.to_vec();
+        in_chunks(&mut out, width, 6, |_, row| {
+            standardise(row, gain, bias, self.eps)
+        });
+        Ok((CpuStorage::F32(out), x_layout.shape().clone()))
+    }
+}
+
+#[pulp::with_simd(standardise = Arch::new())]
+#[inline(always)]
+fn standardise_with<S: Simd>(_: S, row: &mut [f32], gain: &[f32], bias: &[f32], eps: f32) {
+    let values = &*row;
+    let mean = sum(values.len(), |i| values[i]) / values.len() as f32;
+    for x in row.iter_mut() {
+        *x -= mean;
+    }
+    let factor = inverse_root(row, eps);
+    for ((x, gain), bias) in row.iter_mut().zip(gain).zip(bias) {
+        *x = *x * factor * gain + bias;
+    }
+}
+
+struct RmsNorm {
+    eps: f32,
+}
+
+/// `1 / sqrt(mean(x²) + eps)`.
+#[inline(always)]
+fn inverse_root(x: &[f32], eps: f32) -> f32 {
+    let mean_square = sum(x.len(), |i| x[i] * x[i]) / x.len() as f32;
+    1.0 / (mean_square + eps).sqrt()
+}
+
+impl CustomOp2 for RmsNorm {
+    fn name(&self) -> &'static str {
+        "rms-norm"
+    }
+
+    fn cpu_fwd(
+        &self,
+        x: &CpuStorage,
+        x_layout: &Layout,
+        gain: &CpuStorage,
+        gain_layout: &Layout,
+    ) -> Result<(CpuStorage, Shape)> {
+        let gain = values(gain, gain_layout)?;
+        if x_layout.dims().last() != Some(&gain.len()) || gain.is_empty() {
+            candle_core::bail!("a norm of {} values got {:?}", gain.len(), x_layout.shape());
+        }
+        let mut out = values(x, x_layout)?.to_vec();
+        in_chunks(&mut out, gain.len(), 4, |_, row| {
+            normalise(row, gain, self.eps)
+        });
+        Ok((CpuStorage::F32(out), x_layout.shape().clone()))
+    }
+
+    fn bwd(
+        &self,
+        x: &Tensor,
+        gain: &Tensor,
+        _: &Tensor,
+        grad: &Tensor,
+    ) -> Result<(Option<Tensor>, Option<Tensor>)> {
+        let (x, grad) = (x.contiguous()?, grad.contiguous()?);
+        let of_x = x
+            .track_op()
+            .then(|| x.apply_op3_no_bwd(gain, &grad, &Backward { eps: self.eps }))
+            .transpose()?;
+        let of_gain = gain
+            .track_op()
+            .then(|| {
+                // Σ over rows of grad * x / sqrt(mean(x²) + eps): the norm itself with a gain of grad.
+                let plain = x.apply_op2_no_bwd(&gain.ones_like()?, self)?;
+                (plain * &grad)?.flatten_to(D::Minus2)?.sum(0)
+            })
+            .transpose()?;
+        Ok((of_x, of_gain))
+    }
+}
+
+/// With f = 1 / sqrt(mean(x²) + eps) and h = grad * gain: `f h - x f³ mean(h x)`.
+struct Backward {
+    eps: f32,
+}
+
+impl CustomOp3 for Backward {
+    fn name(&self) -> &'static str {
+        "rms-norm-backward"
+    }
+
+    fn cpu_fwd(
+        &self,
+        x: &CpuStorage,
+        x_layout: &Layout,
+        gain: &CpuStorage,
+        gain_layout: &Layout,
+        grad: &CpuStorage,
+        grad_layout: &Layout,
+    ) -> Result<(CpuStorage, Shape)> {
+        let (x, gain) = (values(x, x_layout)?, values(gain, gain_layout)?);
+        let mut out = values(grad, grad_layout)?.to_vec();
+        let width = gain.len().max(1);
+        in_chunks(&mut out, width, 8, |row, grad| {
+            gradient(grad, &x[row * width..][..grad.len()], gain, self.eps)
+        });
+        Ok((CpuStorage::F32(out), x_layout.shape().clone()))
+    }
+}
+
+#[pulp::with_simd(normalise = Arch::new())]
+#[inline(always)]
+fn normalise_with<S: Simd>(_: S, row: &mut [f32], gain: &[f32], eps: f32) {
+    let factor = inverse_root(row, eps);
+    for (x, gain) in row.iter_mut().zip(gain) {
+        *x = *x * factor * gain;
+    }
+}
+
+/// From the gradient of a normalised row to that of `x`.
+#[pulp::with_simd(gradient = Arch::new())]
+#[inline(always)]
+fn gradient_with<S: Simd>(_: S, grad: &mut [f32], x: &[f32], gain: &[f32], eps: f32) {
+    let factor = inverse_root(x, eps);
+    let n = x.len().min(gain.len()).min(grad.len());
+    let (g, x, gain) = (&mut grad[..n], &x[..n], &gain[..n]);
+    let mean = sum(n, |i| g[i] * gain[i] * x[i]) / n as f32;
+    let pull = factor * factor * factor * mean;
+    for ((g, x), gain) in g.iter_mut().zip(x).zip(gain) {
+        *g = factor * *g * gain - x * pull;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use candle_core::{DType, Device, Var};
+
+    #[test]
+    fn layer_norms_are_exact_far_from_zero() {
+        let values: Vec<f32> = (0..74).map(|i| 100.0 + (i as f32 * 0.3).sin()).collect();
+        let x = Tensor::from_vec(values, (2, 37), &Device::Cpu).unwrap();
+        let (gain, bias) = (x.get(0).unwrap(), x.get(1).unwrap());
+        let ours = layer_norm(&x, &gain, &bias, 1e-6).unwrap();
+        let rows = |x: &Tensor| x.to_dtype(DType::F64).unwrap().to_vec2::<f64>().unwrap();
+        let (x_rows, gain_and_bias) = (rows(&x), rows(&x));
+        for (row, ours) in x_rows.iter().zip(rows(&ours)) {
+            let mean = row.iter().sum::<f64>() / 37.0;
+            let variance = row.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / 37.0;
+            for (i, ours) in ours.into_iter().enumerate() {
+                let unit = (row[i] - mean) / (variance + 1e-6).sqrt();
+                let exact = unit * gain_and_bias[0][i] + gain_and_bias[1][i];
+                assert!((ours - exact).abs() < 2e-3, "{ours} {exact}");
+            }
+        }
+        assert!(layer_norm(&x, &gain, &bias.narrow(0, 0, 5).unwrap(), 1e-6).is_err());
+    }
+
+    #[test]
+    fn values_and_gradients_are_candles() {
+        let variable = |shape: &[usize], step: f32| {
+            let count: usize = shape.iter().product();
+            let values = (0..count).map(|i| 3.0 * (i as f32 * step).sin()).collect();
+            let tensor = Tensor::from_vec(values, shape, &Device::Cpu).unwrap();
+            Var::from_tensor(&tensor).unwrap()
+        };
+        let (x, gain) = (variable(&[2, 3, 37], 0.3), variable(&[37], 0.7));
+        let close = |a: &Tensor, b: &Tensor| {
+            let difference = (a - b).unwrap().abs().unwrap().flatten_all().unwrap();
+            let largest: f32 = difference.max(0).unwrap().to_scalar().unwrap();
+            assert!(largest < 2e-5, "{largest}");
+        };
+        let ours = rms_norm(&x, &gain, 1e-5).unwrap();
+        let mean_square = x.sqr().unwrap().mean_keepdim(D::Minus1).unwrap();
+        let root = (mean_square + 1e-5).unwrap().sqrt().unwrap();
+        let theirs = x
+            .broadcast_div(&root)
+            .unwrap()
+            .broadcast_mul(&gain)
+            .unwrap();
+        close(&ours, &theirs);
+        let gradients = |out: Tensor| out.sin().unwrap().sum_all().unwrap().backward().unwrap();
+        let (ours, theirs) = (gradients(ours), gradients(theirs));
+        for variable in [&x, &gain] {
+            close(ours.get(variable).unwrap(), theirs.get(variable).unwrap());
+        }
+        // A frozen gain gets none.
+        let frozen = gain.as_detached_tensor();
+        let gradients = rms_norm(&x, &frozen, 1e-5)
+            .unwrap()
+            .sum_all()
+            .unwrap()
+            .backward()
+            .unwrap();
+        assert!(gradients.get(&x).is_some() && gradients.get(&frozen).is_none());
+    }
+}

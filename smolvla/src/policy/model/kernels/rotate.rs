@@ -1,0 +1,126 @@
+//! The rotation of the rotary embedding, over halves.
+
+use candle_core::{CpuStorage, CustomOp3, Layout, Result, Shape, Tensor, D};
+use pulp::{Arch, Simd};
+
+use crate::policy::model::kernels::dispatch::{in_chunks, serve, values};
+
+/// Rotates the halves of the last dimension of x (B, L, heads, dim) by angles whose sines and cosines are (B, L, 1, dim / 2):
+/// `(a cos - b sin, b cos + a sin)`, in the angles' numbers. The angles get no gradient.
+pub fn rotate(x: &Tensor, sin: &Tensor, cos: &Tensor) -> Result<Tensor> {
+    if serve(x) {
+        return x.contiguous()?.apply_op3(sin, cos, Rotate { back: false });
+    }
+    let (x, half) = (x.to_dtype(sin.dtype())?, x.dim(D::Minus1)? / 2);
+    let (a, b) = (
+        x.narrow(D::Minus1, 0, half)?,
+        x.narrow(D::Minus1, half, half)?,
+    );
+    let first = (a.broadcast_mul(cos)? - b.broadcast_mul(sin)?)?;
+    let second = (b.broadcast_mul(cos)? + a.broadcast_mul(sin)?)?;
+    Tensor::cat(&[first, second], D::Minus1)
+}
+
+struct Rotate {
+    /// By the negative angles: the gradient's way.
+    back: bool,
+}
+
+impl CustomOp3 for Rotate {
+    fn name(&self) -> &'static str {
+        "rotate"
+    }
+
+    fn cpu_fwd(
+        &self,
+        x: &CpuStorage,
+        x_layout: &Layout,
+        sin: &CpuStorage,
+        sin_layout: &Layout,
+        cos: &CpuStorage,
+        cos_layout: &Layout,
+    ) -> Result<(CpuStorage, Shape)> {
+        let (batch, tokens, heads, dim) = x_layout.shape().dims4()?;
+        let half = dim / 2;
+        let angles = (batch, tokens, 1, half);
+        if sin_layout.shape().dims4()? != angles
+            || cos_layout.shape().dims4()? != angles
+            || half == 0
+        {
+            candle_core::bail!(
+                "cannot rotate {:?} by angles {:?}",
+                x_layout.shape(),
+                sin_layout.shape()
+            );
+        }
+        let (sin, cos) = (values(sin, sin_layout)?, values(cos, cos_layout)?);
+        let mut out = values(x, x_layout)?.to_vec();
+        let sign = if self.back { -1.0 } else { 1.0 };
+        in_chunks(&mut out, heads * dim, 4, |at, token| {
+            let angles = at * half..(at + 1) * half;
+            rotate_heads(token, &sin[angles.clone()], &cos[angles], sign)
+        });
+        Ok((CpuStorage::F32(out), x_layout.shape().clone()))
+    }
+
+    fn bwd(
+        &self,
+        _: &Tensor,
+        sin: &Tensor,
+        cos: &Tensor,
+        _: &Tensor,
+        grad: &Tensor,
+    ) -> Result<(Option<Tensor>, Option<Tensor>, Option<Tensor>)> {
+        let back = Rotate { back: !self.back };
+        let of_x = grad.contiguous()?.apply_op3_no_bwd(sin, cos, &back)?;
+        Ok((Some(of_x), None, None))
+    }
+}
+
+#[pulp::with_simd(rotate_heads = Arch::new())]
+#[inline(always)]
+fn rotate_heads_with<S: Simd>(_: S, token: &mut [f32], sin: &[f32], cos: &[f32], sign: f32) {
+    for head in token.chunks_exact_mut(2 * sin.len()) {
+        let (a, b) = head.split_at_mut(sin.len());
+        for (((a, b), sin), cos) in a.iter_mut().zip(b).zip(sin).zip(cos) {
+            let sin = sign * sin;
+            (*a, *b) = (*a * cos - *b * sin, *b * cos + *a * sin);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use candle_core::{Device, Var};
+
+    #[test]
+    fn rotating_keeps_lengths_and_its_gradient_rotates_back() {
+        let (batch, tokens, heads, dim) = (2, 3, 2, 6);
+        let count = batch * tokens * heads * dim;
+        let x: Vec<f32> = (0..count).map(|i| (i as f32 * 0.7).sin()).collect();
+        let x = Tensor::from_vec(x, (batch, tokens, heads, dim), &Device::Cpu).unwrap();
+        let angles: Vec<f32> = (0..batch * tokens * dim / 2)
+            .map(|i| i as f32 * 0.3)
+            .collect();
+        let angles = Tensor::from_vec(angles, (batch, tokens, 1, dim / 2), &Device::Cpu).unwrap();
+        let (sin, cos) = (angles.sin().unwrap(), angles.cos().unwrap());
+        let variable = Var::from_tensor(&x).unwrap();
+        let rotated = rotate(&variable, &sin, &cos).unwrap();
+        let list = |t: &Tensor| t.flatten_all().unwrap().to_vec1::<f32>().unwrap();
+        let (before, after) = (list(&x), list(&rotated));
+        // The first head of the second token, by hand: its angles are 0.9, 1.2 and 1.5.
+        for (i, angle) in [0.9f32, 1.2, 1.5].into_iter().enumerate() {
+            let at = heads * dim + i;
+            let (a, b) = (before[at], before[at + 3]);
+            assert!((after[at] - (a * angle.cos() - b * angle.sin())).abs() < 1e-6);
+            assert!((after[at + 3] - (b * angle.cos() + a * angle.sin())).abs() < 1e-6);
+        }
+        // Half the squared length has itself as gradient; rotated back, it is x.
+        let loss = (rotated.sqr().unwrap().sum_all().unwrap() * 0.5).unwrap();
+        let gradient = list(loss.backward().unwrap().get(&variable).unwrap());
+        for (found, x) in gradient.iter().zip(&before) {
+            assert!((found - x).abs() < 1e-6);
+        }
+    }
+}

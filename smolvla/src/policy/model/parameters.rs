@@ -1,0 +1,109 @@
+//! Weights on a device.
+
+use std::collections::BTreeMap;
+
+use candle_core::{DType, Device, Tensor, Var};
+use zk0_lerobot::layout::{policy_layout, Layout};
+use zk0_lerobot::policy_folder::PolicyFolder;
+use zk0_lerobot::safetensors::TensorSet;
+use zk0_lerobot::StoredPolicyError;
+
+use crate::error::Result;
+use crate::policy::frozen::FrozenPrecision;
+
+/// Weights on a device, by LeRobot's names.
+#[derive(Clone)]
+pub struct Parameters {
+    tensors: BTreeMap<String, Tensor>,
+    /// The type of linear maps' weights and biases in the models made of them.
+    pub(super) operands: DType,
+}
+
+impl Parameters {
+    /// Copies plain weights to a device.
+    pub fn load(weights: &TensorSet, device: &Device) -> Result<Self> {
+        let tensors = weights
+            .iter()
+            .map(|(name, t)| {
+                Ok((
+                    name.clone(),
+                    Tensor::from_slice(&t.data, t.shape.as_slice(), device)?,
+                ))
+            })
+            .collect::<Result<_>>()?;
+        Ok(Self::from_tensors(tensors))
+    }
+
+    /// Moves plain weights to a device; on the CPU without a copy.
+    pub fn take(weights: TensorSet, device: &Device) -> Result<Self> {
+        let tensors = weights
+            .into_iter()
+            .map(|(name, t)| Ok((name, Tensor::from_vec(t.data, t.shape, device)?)))
+            .collect::<Result<_>>()?;
+        Ok(Self::from_tensors(tensors))
+    }
+
+    /// Reads all weights of a policy folder to a device. One tensor at a time passes through memory, so on the CPU this takes the
+    /// policy's size and no more.
+    ///
+    /// # Errors
+    /// As [`PolicyFolder::tensor`].
+    pub fn from_folder(folder: &PolicyFolder, device: &Device) -> Result<Self> {
+        let names = policy_layout(&folder.config().dims).into_keys();
+        let tensors = names
+            .map(|name| {
+                let tensor = folder.tensor(&name)?;
+                Ok((name, Tensor::from_vec(tensor.data, tensor.shape, device)?))
+            })
+            .collect::<Result<_>>()?;
+        Ok(Self::from_tensors(tensors))
+    }
+
+    /// Moves plain weights to a device, those named in `trainable` as variables, which are also given by name.
+    pub fn with_variables(
+        weights: TensorSet,
+        trainable: &Layout,
+        device: &Device,
+    ) -> Result<(Self, BTreeMap<String, Var>)> {
+        let mut tensors = Self::take(weights, device)?.tensors;
+        let mut variables = BTreeMap::new();
+        for name in trainable.keys() {
+            let tensor = tensors
+                .get_mut(name)
+                .ok_or_else(|| StoredPolicyError::MissingTensor(name.clone()))?;
+            let variable = Var::from_tensor(tensor)?;
+            *tensor = variable.as_tensor().clone();
+            variables.insert(name.clone(), variable);
+        }
+        Ok((Self::from_tensors(tensors), variables))
+    }
+
+    /// Uses tensors that are there already, for example trainable variables.
+    pub fn from_tensors(tensors: BTreeMap<String, Tensor>) -> Self {
+        Self {
+            tensors,
+            operands: DType::F32,
+        }
+    }
+
+    /// The same weights, whose linear maps multiply in `precision`: for the frozen half.
+    pub fn in_precision(&self, precision: FrozenPrecision) -> Self {
+        Self {
+            operands: precision.operands(),
+            ..self.clone()
+        }
+    }
+
+    /// The tensor of that name.
+    pub fn get(&self, name: &str) -> Result<Tensor> {
+        self.tensors
+            .get(name)
+            .cloned()
+            .ok_or_else(|| StoredPolicyError::MissingTensor(name.into()).into())
+    }
+
+    /// The weight or bias of a linear map, as it is multiplied and added.
+    pub fn operand(&self, name: &str) -> Result<Tensor> {
+        Ok(self.get(name)?.to_dtype(self.operands)?)
+    }
+}

@@ -1,0 +1,337 @@
+//! A whole policy as one file.
+//!
+//! It is a safetensors file with LeRobot's names. Its metadata hold the policy's dimensions as JSON and, if the policy has a
+//! tokenizer of its own, the text of that `tokenizer.json`. A network's genesis names this file by its digest, so all nodes read
+//! instructions in the same way.
+//!
+//! In a file that `zk0 train` wrote, the metadata also say how the policy is used ([`Inference`]), with the statistics that it was
+//! trained with. The file of a network does not: each node normalises with the statistics of its own recording.
+
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{self, Write};
+use std::path::Path;
+
+use memmap2::Mmap;
+use zk0_lerobot::atomic_file::{self, Durability};
+use zk0_lerobot::config::PolicyConfig;
+use zk0_lerobot::policy_folder::Inference;
+use zk0_lerobot::safetensors::{metadata_of, write_to, Entry, TensorFile};
+use zk0_lerobot::tokenizer::TrainedTokenizer;
+use zk0_lerobot::StoredPolicyError;
+
+use crate::error::Result;
+use crate::policy::tokenizer::PolicyTokenizer;
+use crate::policy::weights::Policy;
+
+pub use zk0_lerobot::safetensors::Written;
+
+/// Key of the file's metadata under which the dimensions are.
+pub const CONFIG_KEY: &str = "zk0.config";
+/// Key of the file's metadata under which the tokenizer is. Without it, words are hashed.
+pub const TOKENIZER_KEY: &str = "zk0.tokenizer";
+/// Key of the file's metadata under which its use is. Without it, the policy has no statistics.
+pub const INFERENCE_KEY: &str = "zk0.inference";
+
+/// What a policy file holds.
+pub struct PolicyFile {
+    /// The policy.
+    pub policy: Policy,
+    /// What its instructions are read with.
+    pub tokenizer: PolicyTokenizer,
+}
+
+impl PolicyFile {
+    /// A policy without a tokenizer of its own: words are hashed.
+    pub fn hashing_words(policy: Policy) -> Self {
+        Self {
+            tokenizer: PolicyTokenizer::word_hash(&policy.config),
+            policy,
+        }
+    }
+
+    /// Writes the file, piece by piece: at the published size it has 1.8 GB. See [`write`].
+    ///
+    /// # Errors
+    /// As [`write`].
+    pub fn write(&self, out: impl Write) -> io::Result<Written> {
+        write(&self.policy, &self.tokenizer, out)
+    }
+}
+
+/// Writes what [`read`] reads. Equal policies and tokenizers give equal bytes.
+///
+/// # Errors
+/// Those of `out`, and one when the tokenizer's text is longer than a file's metadata can be.
+pub fn write(policy: &Policy, tokenizer: &PolicyTokenizer, out: impl Write) -> io::Result<Written> {
+    write_used(policy, tokenizer, None, out)
+}
+
+fn write_used(
+    policy: &Policy,
+    tokenizer: &PolicyTokenizer,
+    inference: Option<&Inference>,
+    out: impl Write,
+) -> io::Result<Written> {
+    let config = serde_json::to_string(&policy.config)?;
+    let inference = inference.map(serde_json::to_string).transpose()?;
+    let mut notes = BTreeMap::from([(CONFIG_KEY, &config[..])]);
+    notes.extend(tokenizer.definition().map(|text| (TOKENIZER_KEY, text)));
+    notes.extend(inference.as_deref().map(|text| (INFERENCE_KEY, text)));
+    write_to(out, policy.tensors().map(Entry::of).collect(), notes)
+}
+
+/// Reads what [`write`] wrote.
+///
+/// # Errors
+/// As [`Policy::from_safetensors`]; when the dimensions are missing or not usable; when there is a tokenizer that cannot be
+/// used.
+pub fn read(bytes: &[u8]) -> Result<PolicyFile> {
+    let notes = metadata_of(bytes)?;
+    let note = |key| notes.get(key);
+    let config = note(CONFIG_KEY).ok_or_else(|| {
+        StoredPolicyError::Config(format!("the file's metadata has no `{CONFIG_KEY}`"))
+    })?;
+    let config: PolicyConfig =
+        serde_json::from_str(config).map_err(|e| StoredPolicyError::Config(e.to_string()))?;
+    // The dimensions are checked first: a tokenizer is for them.
+    let policy = Policy::from_safetensors(&config, bytes)?;
+    let tokenizer = match note(TOKENIZER_KEY) {
+        Some(text) => TrainedTokenizer::parse(text, &config)?.into(),
+        None => PolicyTokenizer::word_hash(&config),
+    };
+    Ok(PolicyFile { policy, tokenizer })
+}
+
+/// Reads the file `path`, through a memory map: at the published size a copy of its bytes would be 1.8 GB.
+///
+/// # Errors
+/// As [`read`], and [`StoredPolicyError::AtPath`].
+pub fn load(path: &Path) -> Result<PolicyFile> {
+    let failed = |cause: io::Error| StoredPolicyError::file(path, cause);
+    let file = File::open(path).map_err(failed)?;
+    // SAFETY: the bytes are used as names and numbers only, and are checked. A process that shortens the file while it is read
+    // can end this process, and do no other harm.
+    let map = unsafe { Mmap::map(&file) }.map_err(failed)?;
+    read(&map)
+}
+
+/// How the policy in the file `path` is used: as LeRobot's default where the file does not say it. Reads no weight.
+///
+/// # Errors
+/// [`StoredPolicyError::AtPath`].
+pub fn inference(path: &Path) -> Result<Inference> {
+    let file = TensorFile::open(path)?;
+    let note = |key| file.metadata().as_ref().and_then(|all| all.get(key));
+    let Some(text) = note(INFERENCE_KEY) else {
+        return Ok(Inference::default());
+    };
+    let broken = |key: &str, cause: &dyn std::fmt::Display| {
+        StoredPolicyError::file(path, format!("`{key}` in the file's metadata: {cause}"))
+    };
+    let config = note(CONFIG_KEY).ok_or_else(|| broken(CONFIG_KEY, &"is missing"))?;
+    let config: PolicyConfig = serde_json::from_str(config).map_err(|e| broken(CONFIG_KEY, &e))?;
+    let inference: Inference = serde_json::from_str(text).map_err(|e| broken(INFERENCE_KEY, &e))?;
+    let checked = inference.check(&config);
+    checked.map_err(|e| broken(INFERENCE_KEY, &e))?;
+    Ok(inference)
+}
+
+/// Writes what [`load`] reads, piece by piece and then renamed: whole or not at all. Returns the file's SHA-256.
+///
+/// # Errors
+/// [`StoredPolicyError::AtPath`].
+pub fn save(policy: &Policy, tokenizer: &PolicyTokenizer, path: &Path) -> Result<[u8; 32]> {
+    save_used(policy, tokenizer, None, path)
+}
+
+/// [`save`] for a policy that was trained. The file also holds what [`inference`] reads.
+///
+/// # Errors
+/// As [`save`].
+pub fn save_trained(
+    policy: &Policy,
+    tokenizer: &PolicyTokenizer,
+    inference: &Inference,
+    path: &Path,
+) -> Result<[u8; 32]> {
+    save_used(policy, tokenizer, Some(inference), path)
+}
+
+fn save_used(
+    policy: &Policy,
+    tokenizer: &PolicyTokenizer,
+    inference: Option<&Inference>,
+    path: &Path,
+) -> Result<[u8; 32]> {
+    let written = atomic_file::write(path, Durability::OnDisk, |out| {
+        write_used(policy, tokenizer, inference, out)
+    });
+    match written {
+        Ok(written) => Ok(written.digest),
+        Err(cause) => Err(StoredPolicyError::file(path, cause).into()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::error::PolicyError;
+    use crate::policy::init::init_policy;
+    use crate::policy::profile::Profile;
+    use serde_json::json;
+    use zk0_lerobot::dataset::{Normalizer, Stats};
+    use zk0_lerobot::tokenizer::Tokenizer;
+
+    fn micro() -> PolicyFile {
+        PolicyFile::hashing_words(init_policy(&Profile::Micro.config(), 3).unwrap())
+    }
+
+    fn bytes(file: &PolicyFile) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        file.write(&mut bytes).unwrap();
+        bytes
+    }
+
+    /// A tokenizer of whole words.
+    fn words(words: &[&str]) -> String {
+        let ids = words.iter().enumerate();
+        let vocabulary: serde_json::Map<_, _> =
+            ids.map(|(i, w)| (w.to_string(), i.into())).collect();
+        let definition = json!({
+            "version": "1.0", "truncation": null, "padding": null, "added_tokens": [],
+            "normalizer": null, "pre_tokenizer": {"type": "Whitespace"}, "post_processor": null, "decoder": null,
+            "model": {"type": "WordLevel", "vocab": vocabulary, "unk_token": "?"}
+        });
+        definition.to_string()
+    }
+
+    fn with_tokenizer(text: &str) -> PolicyFile {
+        let PolicyFile { policy, .. } = micro();
+        let trained = TrainedTokenizer::parse(text, &policy.config).unwrap();
+        PolicyFile {
+            policy,
+            tokenizer: trained.into(),
+        }
+    }
+
+    #[test]
+    fn a_policy_comes_back_with_its_dimensions() {
+        let file = micro();
+        let written = bytes(&file);
+        assert_eq!(written, bytes(&file));
+        let back = read(&written).unwrap();
+        assert_eq!(back.policy, file.policy);
+        assert_eq!(back.tokenizer.definition(), None);
+    }
+
+    #[test]
+    fn a_policy_s_tokenizer_comes_back_and_is_the_one_that_is_used() {
+        let text = words(&["?", "stack", "the", "cube"]);
+        let file = with_tokenizer(&text);
+        let written = bytes(&file);
+        assert_eq!(written, bytes(&file));
+        let back = read(&written).unwrap();
+        assert_eq!(back.policy, file.policy);
+        assert_eq!(back.tokenizer.definition(), Some(&text[..]));
+        assert_eq!(
+            back.tokenizer.tokens("stack the red cube").unwrap(),
+            [1, 2, 0, 3]
+        );
+        let hashed = micro().tokenizer.tokens("stack the red cube").unwrap();
+        assert_ne!(hashed, [1, 2, 0, 3]);
+        let other = with_tokenizer(&words(&["?", "cube", "the", "stack"]));
+        assert_ne!(
+            bytes(&other),
+            written,
+            "the file's digest binds the tokenizer"
+        );
+    }
+
+    #[test]
+    fn a_broken_tokenizer_is_an_error_and_not_passed_over() {
+        let policy = micro().policy;
+        let config = serde_json::to_string(&policy.config).unwrap();
+        for text in ["", "{}", "no JSON"] {
+            let mut bytes = Vec::new();
+            let notes = BTreeMap::from([(CONFIG_KEY, &config[..]), (TOKENIZER_KEY, text)]);
+            let tensors = policy.tensors().map(Entry::of).collect();
+            write_to(&mut bytes, tensors, notes).unwrap();
+            match read(&bytes) {
+                Err(PolicyError::Stored(StoredPolicyError::Tokenizer(_))) => {}
+                Err(other) => panic!("{other}"),
+                Ok(_) => panic!("{text:?} was passed over"),
+            }
+        }
+    }
+
+    #[test]
+    fn a_file_that_was_saved_is_one_that_was_written() {
+        for file in [micro(), with_tokenizer(&words(&["?", "cube"]))] {
+            let dir = tempfile::tempdir().unwrap();
+            let path = dir.path().join("policy.safetensors");
+            let digest = save(&file.policy, &file.tokenizer, &path).unwrap();
+            assert_eq!(load(&path).unwrap().policy, file.policy);
+            let saved = std::fs::read(&path).unwrap();
+            assert_eq!(saved, bytes(&file));
+            assert_eq!(
+                digest[..],
+                <sha2::Sha256 as sha2::Digest>::digest(&saved)[..]
+            );
+            let error = load(&dir.path().join("none")).err().unwrap().to_string();
+            assert!(error.contains("none"), "{error}");
+        }
+    }
+
+    #[test]
+    fn how_a_policy_is_used_comes_back_and_changes_nothing_else() {
+        let (dir, file) = (tempfile::tempdir().unwrap(), micro());
+        let path = dir.path().join("policy.safetensors");
+        save(&file.policy, &file.tokenizer, &path).unwrap();
+        assert_eq!(inference(&path).unwrap(), Inference::default());
+        let with = |dim: usize| Inference {
+            num_steps: 3,
+            stats: Some(Stats {
+                state: Normalizer::new(vec![0.3; dim], vec![0.7; dim]).unwrap(),
+                action: Normalizer::identity(dim).unwrap(),
+            }),
+            ..Inference::default()
+        };
+        save_trained(&file.policy, &file.tokenizer, &with(6), &path).unwrap();
+        assert_eq!(inference(&path).unwrap(), with(6));
+        let back = load(&path).unwrap();
+        assert_eq!(back.policy, file.policy);
+        // As a network is founded on it: the same file as without.
+        assert_eq!(bytes(&back), bytes(&file));
+
+        save_trained(&file.policy, &file.tokenizer, &with(5), &path).unwrap();
+        let said = inference(&path).unwrap_err().to_string();
+        assert!(
+            said.contains("zk0.inference") && said.contains("5 state"),
+            "{said}"
+        );
+        let config = serde_json::to_string(&file.policy.config).unwrap();
+        let notes = BTreeMap::from([(CONFIG_KEY, &config[..]), (INFERENCE_KEY, "{}")]);
+        let tensors = file.policy.tensors().map(Entry::of).collect();
+        write_to(File::create(&path).unwrap(), tensors, notes).unwrap();
+        let said = inference(&path).unwrap_err().to_string();
+        assert!(
+            said.contains("policy.safetensors") && said.contains("num_steps"),
+            "{said}"
+        );
+    }
+
+    #[test]
+    fn a_file_without_dimensions_or_with_absurd_ones_is_refused() {
+        let mut file = micro();
+        assert!(matches!(
+            read(&file.policy.to_safetensors().unwrap()),
+            Err(PolicyError::Stored(StoredPolicyError::Config(_)))
+        ));
+        file.policy.config.text.layers = usize::MAX;
+        assert!(matches!(
+            read(&bytes(&file)),
+            Err(PolicyError::Stored(StoredPolicyError::Config(_)))
+        ));
+    }
+}

@@ -1,0 +1,118 @@
+//! The weights of a policy as plain numbers: its frozen half and its expert.
+//!
+//! Reading checks names, shapes and types against the layout of the configuration, and that every number is finite. Writing is
+//! deterministic: equal weights give equal bytes.
+
+use std::collections::BTreeMap;
+
+use zk0_lerobot::config::PolicyConfig;
+use zk0_lerobot::layout::{expert_layout, policy_layout, LM_HEAD};
+use zk0_lerobot::policy_folder::PolicyFolder;
+use zk0_lerobot::safetensors::{
+    check_layout, read_exactly, write_to, Entry, TensorData, TensorSet,
+};
+use zk0_lerobot::StoredPolicyError;
+
+use crate::error::Result;
+
+/// The tensors that training changes and that nodes exchange: the expert's layers and final norm, and the
+/// action and time projections. Always complete, of the configuration's shapes, and finite.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ExpertWeights(TensorSet);
+
+impl ExpertWeights {
+    /// Reads the bytes of a safetensors file holding exactly the expert's tensors.
+    ///
+    /// # Errors
+    /// Says which tensor is missing, unexpected, of another shape or type, or not finite.
+    pub fn from_safetensors(config: &PolicyConfig, bytes: &[u8]) -> Result<Self> {
+        Ok(Self(read_exactly(bytes, &expert_layout(config), &[])?))
+    }
+
+    /// Takes tensors made elsewhere (an average of several updates, say), with the same checks.
+    pub fn from_tensors(config: &PolicyConfig, tensors: TensorSet) -> Result<Self> {
+        check_layout(&tensors, &expert_layout(config))?;
+        Ok(Self(tensors))
+    }
+
+    /// The bytes of a safetensors file; equal weights give equal bytes.
+    pub fn to_safetensors(&self) -> Result<Vec<u8>> {
+        write(self.0.iter())
+    }
+
+    /// The tensors in name order.
+    pub fn tensors(&self) -> &TensorSet {
+        &self.0
+    }
+
+    /// Gives the tensors away.
+    pub fn into_tensors(self) -> TensorSet {
+        self.0
+    }
+}
+
+/// A whole policy: the half that stays frozen and the expert.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Policy {
+    /// Its dimensions.
+    pub config: PolicyConfig,
+    /// Vision tower, connector, language layers and state projection.
+    pub frozen: TensorSet,
+    /// The trainable rest.
+    pub expert: ExpertWeights,
+}
+
+impl Policy {
+    /// Reads LeRobot's `policy.state_dict()` as safetensors bytes. The language model's `lm_head`, which the
+    /// policy never uses, may be there.
+    ///
+    /// # Errors
+    /// As [`ExpertWeights::from_safetensors`].
+    pub fn from_safetensors(config: &PolicyConfig, bytes: &[u8]) -> Result<Self> {
+        config.validate()?;
+        let all = read_exactly(bytes, &policy_layout(config), &[LM_HEAD])?;
+        Ok(Self::split(config, all))
+    }
+
+    /// Reads all weights of a policy folder.
+    ///
+    /// # Errors
+    /// As [`PolicyFolder::tensors`].
+    pub fn from_folder(folder: &PolicyFolder) -> Result<Self> {
+        Ok(Self::split(&folder.config().dims, folder.tensors()?))
+    }
+
+    /// Splits a complete, checked set into its two halves.
+    pub(crate) fn split(config: &PolicyConfig, all: TensorSet) -> Self {
+        let trainable = expert_layout(config);
+        let (expert, frozen) = all
+            .into_iter()
+            .partition(|(name, _)| trainable.contains_key(name));
+        Self {
+            config: config.clone(),
+            frozen,
+            expert: ExpertWeights(expert),
+        }
+    }
+
+    /// All tensors: the frozen ones in name order, then the expert's.
+    pub fn tensors(&self) -> impl Iterator<Item = (&String, &TensorData)> {
+        self.frozen.iter().chain(&self.expert.0)
+    }
+
+    /// The bytes of a safetensors file with LeRobot's names; equal policies give equal bytes.
+    pub fn to_safetensors(&self) -> Result<Vec<u8>> {
+        write(self.tensors())
+    }
+}
+
+fn write<'a>(tensors: impl Iterator<Item = (&'a String, &'a TensorData)>) -> Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    write_to(
+        &mut bytes,
+        tensors.map(Entry::of).collect(),
+        BTreeMap::new(),
+    )
+    .map_err(|e| StoredPolicyError::Safetensors(e.to_string()))?;
+    Ok(bytes)
+}

@@ -1,0 +1,195 @@
+//! The optimiser: named variables, each with its moments.
+
+use std::borrow::Cow;
+use std::collections::BTreeMap;
+
+use candle_core::backprop::GradStore;
+use candle_core::{Tensor, Var};
+use zk0_lerobot::StoredPolicyError;
+
+use crate::error::{PolicyError, Result};
+use crate::policy::model::kernels::serve;
+use crate::train::optimizer::device::{self, DeviceSlot};
+use crate::train::optimizer::factors::{AdamWOptions, Factors, Squares};
+use crate::train::optimizer::host::HostSlot;
+
+/// What a step found.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Stepped {
+    /// L2 norm of the gradient over all tensors, proximal term included, before clipping.
+    pub gradient_norm: f64,
+    /// The proximal term before the step, `mu / 2 * |w - w0|^2`; 0 without one.
+    pub proximal: f64,
+}
+
+/// AdamW over named variables.
+pub struct AdamW {
+    options: AdamWOptions,
+    mu: f64,
+    slots: BTreeMap<String, (Var, Slot)>,
+    steps: u64,
+}
+
+/// Moments of one variable, and where it started if that matters.
+enum Slot {
+    Host(HostSlot),
+    Device(DeviceSlot),
+}
+
+impl AdamW {
+    /// Starts with zero moments.
+    pub fn new(variables: &BTreeMap<String, Var>, options: AdamWOptions) -> Result<Self> {
+        Self::proximal(variables, options, 0.0)
+    }
+
+    /// As [`Self::new`], and every loss gains `mu / 2 * |w - w0|^2` over all variables, where `w0` are their values now:
+    /// FedProx (Li et al. 2020). Its gradient counts in clipping, as if it were part of the loss.
+    pub fn proximal(
+        variables: &BTreeMap<String, Var>,
+        options: AdamWOptions,
+        mu: f64,
+    ) -> Result<Self> {
+        let slots = variables
+            .iter()
+            .map(|(name, variable)| {
+                let anchored = mu > 0.0;
+                let slot = match serve(variable) {
+                    true => Slot::Host(HostSlot::new(variable, anchored)?),
+                    false => Slot::Device(DeviceSlot::new(variable, anchored)?),
+                };
+                Ok((name.clone(), (variable.clone(), slot)))
+            })
+            .collect::<Result<_>>()?;
+        Ok(Self {
+            options,
+            mu,
+            slots,
+            steps: 0,
+        })
+    }
+
+    /// One step.
+    ///
+    /// # Errors
+    /// [`PolicyError::NoGradient`] when a variable has none: some operation between it and the loss has no backward pass.
+    /// [`PolicyError::GradientNotFinite`] when one is not a number; nothing has changed then.
+    pub fn step(&mut self, gradients: &GradStore, learning_rate: f64) -> Result<Stepped> {
+        let mut sums = Squares::default();
+        let mut on_device = Vec::new();
+        for (name, (variable, slot)) in &self.slots {
+            let gradient = gradient(gradients, name, variable)?;
+            match slot {
+                Slot::Host(slot) => sums.add(slot.squares(variable, &gradient, self.mu)?),
+                Slot::Device(slot) => on_device.push(slot.squares(variable, &gradient, self.mu)?),
+            }
+        }
+        sums.add(device::total(&on_device)?);
+        let norm = sums.gradient.sqrt();
+        if !norm.is_finite() {
+            return Err(PolicyError::GradientNotFinite { norm });
+        }
+
+        let o = self.options;
+        self.steps = self.steps.saturating_add(1);
+        let step = i32::try_from(self.steps).unwrap_or(i32::MAX);
+        let by = Factors {
+            options: o,
+            mu: self.mu,
+            clip: (o.clip_norm / (norm + 1e-6)).min(1.0),
+            keep: 1.0 - learning_rate * o.weight_decay,
+            rate: learning_rate / (1.0 - o.beta1.powi(step)),
+            root_bias: (1.0 - o.beta2.powi(step)).sqrt(),
+        };
+        for (name, (variable, slot)) in &mut self.slots {
+            let gradient = gradient(gradients, name, variable)?;
+            match slot {
+                Slot::Host(slot) => slot.update(variable, &gradient, &by)?,
+                Slot::Device(slot) => slot.update(variable, &gradient, &by)?,
+            }
+        }
+        Ok(Stepped {
+            gradient_norm: norm,
+            proximal: 0.5 * self.mu * sums.distance,
+        })
+    }
+
+    /// Steps made, over all resumptions.
+    pub fn steps(&self) -> u64 {
+        self.steps
+    }
+
+    /// The moments as named tensors (`exp_avg.NAME` and `exp_avg_sq.NAME`, torch's words), for [`Self::restore`].
+    pub fn moments(&self) -> Result<Vec<Moment<'_>>> {
+        let mut all = Vec::with_capacity(2 * self.slots.len());
+        for (name, (variable, slot)) in &self.slots {
+            let [mean, square] = match slot {
+                Slot::Host(slot) => slot.moments().map(Cow::Borrowed),
+                Slot::Device(slot) => slot.moments()?.map(Cow::Owned),
+            };
+            for (kind, values) in [(MEAN, mean), (MEAN_SQUARE, square)] {
+                all.push(Moment {
+                    name: format!("{kind}.{name}"),
+                    shape: variable.dims().to_vec(),
+                    values,
+                });
+            }
+        }
+        Ok(all)
+    }
+
+    /// Goes on where another optimiser of the same variables was after `steps` steps. `read` gives the tensor of a name and
+    /// a shape, as [`Self::moments`] gave them.
+    ///
+    /// # Errors
+    /// Those of `read`, and [`StoredPolicyError::Shape`] when it gives a tensor of another size.
+    pub fn restore(
+        &mut self,
+        steps: u64,
+        read: &mut dyn FnMut(&str, &[usize]) -> Result<Vec<f32>>,
+    ) -> Result<()> {
+        for (name, (variable, slot)) in &mut self.slots {
+            let shape = variable.dims();
+            let mut moment = |kind: &str| {
+                let name = format!("{kind}.{name}");
+                let values = read(&name, shape)?;
+                if values.len() != variable.elem_count() {
+                    let wrong = StoredPolicyError::Shape {
+                        name,
+                        expected: shape.to_vec(),
+                        found: vec![values.len()],
+                    };
+                    return Err(PolicyError::from(wrong));
+                }
+                Ok(values)
+            };
+            let (mean, square) = (moment(MEAN)?, moment(MEAN_SQUARE)?);
+            match slot {
+                Slot::Host(slot) => slot.restore(mean, square),
+                Slot::Device(slot) => slot.restore(variable, mean, square)?,
+            }
+        }
+        self.steps = steps;
+        Ok(())
+    }
+}
+
+const MEAN: &str = "exp_avg";
+const MEAN_SQUARE: &str = "exp_avg_sq";
+
+/// One moment of one variable.
+pub struct Moment<'a> {
+    /// `exp_avg.NAME` or `exp_avg_sq.NAME`.
+    pub name: String,
+    /// The variable's.
+    pub shape: Vec<usize>,
+    /// Row-major.
+    pub values: Cow<'a, [f32]>,
+}
+
+fn gradient(gradients: &GradStore, name: &str, variable: &Var) -> Result<Tensor> {
+    let gradient = gradients
+        .get(variable.as_tensor())
+        .ok_or_else(|| PolicyError::NoGradient(name.into()))?;
+    // Without detaching, moments made of it would keep every step's graph alive.
+    Ok(gradient.detach().contiguous()?)
+}

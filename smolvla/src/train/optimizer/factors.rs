@@ -1,0 +1,63 @@
+//! The settings, and the numbers that all tensors of a step share.
+
+use serde::{Deserialize, Serialize};
+
+/// Settings besides the learning rate.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct AdamWOptions {
+    /// Decay of the mean gradient.
+    pub beta1: f64,
+    /// Decay of the mean squared gradient.
+    pub beta2: f64,
+    /// Added to the root of the mean squared gradient.
+    pub eps: f64,
+    /// Decoupled weight decay.
+    pub weight_decay: f64,
+    /// Gradients are scaled down to this L2 norm, over all tensors together.
+    pub clip_norm: f64,
+}
+
+impl Default for AdamWOptions {
+    /// LeRobot's preset for SmolVLA.
+    fn default() -> Self {
+        Self {
+            beta1: 0.9,
+            beta2: 0.95,
+            eps: 1e-8,
+            weight_decay: 1e-10,
+            clip_norm: 10.0,
+        }
+    }
+}
+
+/// Squares summed over one tensor.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Squares {
+    /// Of the gradient with its proximal part.
+    pub gradient: f64,
+    /// Of the distance from the start.
+    pub distance: f64,
+}
+
+impl Squares {
+    pub fn add(&mut self, more: Self) {
+        self.gradient += more.gradient;
+        self.distance += more.distance;
+    }
+}
+
+/// The numbers of one step that all tensors share.
+#[derive(Clone, Copy)]
+pub(super) struct Factors {
+    pub options: AdamWOptions,
+    /// Of the proximal term.
+    pub mu: f64,
+    /// What gradients are multiplied by.
+    pub clip: f64,
+    /// `1 - learning_rate * weight_decay`.
+    pub keep: f64,
+    /// The learning rate over the first moment's bias.
+    pub rate: f64,
+    /// Root of the second moment's bias.
+    pub root_bias: f64,
+}

@@ -1,0 +1,15 @@
+//! AdamW with gradient clipping, and the proximal term of FedProx.
+//!
+//! Steps agree with `torch.optim.AdamW` and `torch.nn.utils.clip_grad_norm_`. On the CPU a step is one pass over each tensor
+//! ([`host`]): ten tensor operations in a row would read and write the 98 million values of the published expert ten times.
+//! On other devices, and [without the kernels](crate::policy::model::kernels::without), it is made of tensor operations ([`device`]).
+//!
+//! The result does not depend on the number of threads: sums are taken in blocks of a fixed size, in order.
+
+mod adamw;
+mod device;
+mod factors;
+mod host;
+
+pub use adamw::{AdamW, Moment, Stepped};
+pub use factors::AdamWOptions;

@@ -1,0 +1,48 @@
+//! Training from the first step to the last.
+
+use zk0_lerobot::config::PolicyConfig;
+
+use crate::error::Result;
+use crate::frames::batch::InMemory;
+use crate::frames::sample::PreparedSample;
+use crate::policy::weights::ExpertWeights;
+use crate::train::learner::Samples;
+use crate::train::options::TrainOptions;
+use crate::train::trainer::{Step, Trainer};
+
+/// What training gives.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Trained {
+    /// The new weights.
+    pub weights: ExpertWeights,
+    /// The batch's loss before every step.
+    pub losses: Vec<f32>,
+}
+
+/// Trains the expert from `start` on `samples`, by `loss_valid_only` with t = 0.999 Beta(1.5, 1) + 0.001, from the first step
+/// to the last. `progress` is called after every step.
+///
+/// # Errors
+/// [`PolicyError::Options`](crate::PolicyError::Options) and [`PolicyError::Sample`](crate::PolicyError::Sample) before the
+/// first step; those of [`Trainer::step`].
+pub fn train(
+    config: &PolicyConfig,
+    start: &ExpertWeights,
+    samples: &[PreparedSample],
+    options: &TrainOptions,
+    progress: &mut dyn FnMut(Step),
+) -> Result<Trained> {
+    options.check()?;
+    let samples = InMemory::new(config, samples)?;
+    let mut trainer = Trainer::new(config, start, Samples::Prepared(&samples), options.clone())?;
+    let mut losses = Vec::with_capacity(options.steps.min(1 << 20));
+    while !trainer.is_done() {
+        let step = trainer.step()?;
+        losses.push(step.loss);
+        progress(step);
+    }
+    Ok(Trained {
+        weights: trainer.weights()?,
+        losses,
+    })
+}

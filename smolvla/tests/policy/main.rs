@@ -1,0 +1,10 @@
+//! The policy: its weights, its profiles, and what it does.
+
+#[path = "../reference/mod.rs"]
+mod reference;
+
+mod acting;
+mod folder;
+mod profiles;
+mod trainable;
+mod weights;
