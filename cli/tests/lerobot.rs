@@ -15,7 +15,7 @@ use zk0_lerobot::{
     dataset::{Dataset, Stats},
     policy_folder::{Inference, PolicyFolder},
 };
-use zk0_smolvla::policy::policy_file;
+use zk0_smolvla::{policy::policy_file, Policy};
 
 const PICKPLACE: &str = "so100_pickplace";
 const SORTING: &str = "so100_sorting";
@@ -163,12 +163,12 @@ fn a_run_leaves_a_folder_for_lerobot() {
     let said = place.train(&[PICKPLACE], &options).unwrap();
     assert!(said.contains("run/lerobot"), "{said}");
 
-    let written = Checkpoint::open(place.at("run/lerobot")).unwrap();
-    let policy = written.policy().unwrap();
+    let written = PolicyFolder::open(place.at("run/lerobot")).unwrap();
+    let policy = Policy::from_folder(&written).unwrap();
     let model = policy_file::load(&place.at("run/model.safetensors")).unwrap();
     assert!(policy == model.policy);
-    let before = Checkpoint::open(place.at("source")).unwrap();
-    let before = before.policy().unwrap();
+    let before = PolicyFolder::open(place.at("source")).unwrap();
+    let before = Policy::from_folder(&before).unwrap();
     assert!(policy.expert != before.expert);
     let changed = policy
         .frozen
@@ -286,11 +286,11 @@ fn what_was_trained_keeps_its_type_unless_told_otherwise() {
     ] {
         let options = [&["--policy", "source", "--out", out], more].concat();
         place.train(&[PICKPLACE], &options).unwrap();
-        let written = Checkpoint::open(place.at(out).join("lerobot")).unwrap();
+        let written = PolicyFolder::open(place.at(out).join("lerobot")).unwrap();
         let info = written.weights().info(norm).unwrap();
         assert_eq!(info.dtype.to_string(), dtype);
         let model = policy_file::load(&place.at(out).join("model.safetensors")).unwrap();
-        let same = written.policy().unwrap() == model.policy;
+        let same = Policy::from_folder(&written).unwrap() == model.policy;
         assert_eq!(same, dtype == "F32");
     }
 }
@@ -396,7 +396,7 @@ fn other_normalisations_are_kept_to_or_refused() {
         (&[0.0; 6][..], &[1.0; 6][..])
     );
     assert_eq!(kept.action, kept.state);
-    let written = Checkpoint::open(place.at("run/lerobot")).unwrap();
+    let written = PolicyFolder::open(place.at("run/lerobot")).unwrap();
     assert_eq!(written.inference().unwrap(), used);
     // Whoever goes on from the file does not normalise either.
     assert_eq!(go("again", &["--policy", "run/model.safetensors"]), used);
@@ -414,7 +414,7 @@ fn several_recordings_share_one_normaliser() {
     let open = |name: &str| Dataset::open(recording(name)).unwrap();
     let (a, b) = (open(PICKPLACE), open(SORTING));
     let pooled = Stats::pooled(&[(a.stats(), a.len()), (b.stats(), b.len())]);
-    let written = Checkpoint::open(place.at("run/lerobot")).unwrap();
+    let written = PolicyFolder::open(place.at("run/lerobot")).unwrap();
     assert_eq!(written.stats().unwrap(), pooled);
     let used = policy_file::inference(&place.at("run/model.safetensors")).unwrap();
     assert_eq!(used.stats, pooled);

@@ -21,7 +21,7 @@ use zk0_smolvla::{
         policy_file::{self, PolicyFile},
         tokenizer::PolicyTokenizer,
     },
-    Profile,
+    Policy, Profile,
 };
 
 /// LeRobot's fixture as `save_pretrained` leaves a policy, with a tokenizer of a few words.
@@ -52,7 +52,7 @@ fn lerobot_folder(network: &LocalNetwork) -> String {
 
 /// The same policy, read without the code under test.
 fn by_hand(folder: &str) -> PolicyFile {
-    let policy = Checkpoint::open(folder).unwrap().policy().unwrap();
+    let policy = Policy::from_folder(&PolicyFolder::open(folder).unwrap()).unwrap();
     let tokenizer = Path::new(folder).join("tokenizer.json");
     let tokenizer = TrainedTokenizer::read(tokenizer, &policy.config).unwrap();
     PolicyFile {

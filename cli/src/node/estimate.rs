@@ -5,9 +5,7 @@ use anyhow::{bail, Result};
 use std::path::Path;
 use zk0_circuits::{claim::challenge::MAX_EVAL_SAMPLES, EvalSpec, Mode};
 use zk0_prover::{machine::Resources, measure, program::Executor};
-use zk0_smolvla::{
-    measure::fixed_point::dims, policy::policy_file, PolicyConfig, Profile,
-};
+use zk0_smolvla::{measure::fixed_point::dims, policy::policy_file, PolicyConfig, Profile};
 
 /// `zk0 node estimate`.
 #[derive(Debug, clap::Args)]
