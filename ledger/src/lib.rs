@@ -6,6 +6,7 @@
 //! - [`replay`]: an auditor reads everything again and believes nothing.
 //! - [`published`]: the log as others read it, with mirrors; [`backup`]: a copy of a ledger's folder, and the way back.
 //! - [`witness_store`]: what a witness remembers, on disk.
+//! - [`whole_files`]: files that are written whole or not at all.
 
 mod atomic_file;
 pub mod backup;
@@ -19,6 +20,8 @@ pub mod log;
 pub mod published;
 pub mod replay;
 pub mod store;
+pub mod whole_files;
+pub mod witness_policy_file;
 pub mod witness_store;
 
 pub use blobs::{BlobError, BlobWriter, Blobs};
