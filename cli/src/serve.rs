@@ -1,17 +1,12 @@
 //! What the commands that serve share: serving over HTTP, and ending when they are told to.
 
 use anyhow::{Context, Result};
-use std::{net::SocketAddr, sync::Arc};
+use std::net::SocketAddr;
 use tokio::{net::TcpListener, runtime::Runtime};
-use zk0_aggregator::publish::http::{self, Handler, Limits};
+use zk0_aggregator::publish::http::{self, Limits, Router};
 
 /// Serves a log's files or a witness until the process is told to end.
-pub fn serve_http(
-    what: &str,
-    listen: SocketAddr,
-    handler: Arc<dyn Handler>,
-    limits: Limits,
-) -> Result<()> {
+pub fn serve_http(what: &str, listen: SocketAddr, router: Router, limits: Limits) -> Result<()> {
     let runtime = Runtime::new().context("starting the runtime")?;
     runtime.block_on(async {
         let listener = TcpListener::bind(listen)
@@ -19,7 +14,7 @@ pub fn serve_http(
             .with_context(|| format!("listening on {listen}"))?;
         let address = listener.local_addr()?;
         tracing::info!(listening = %address, "the {what} is served on http://{address}");
-        http::serve(listener, handler, limits, interrupted()).await;
+        http::serve(listener, router, limits, interrupted()).await;
         Ok(())
     })
 }

@@ -8,6 +8,7 @@
 //! - [`witness_store`]: what a witness remembers, on disk.
 //! - [`whole_files`]: files that are written whole or not at all.
 
+mod atomic_file;
 pub mod backup;
 pub mod blobs;
 pub mod clock;

@@ -18,12 +18,9 @@ use zk0_protocol::{
         entry::{Body, Entry},
         signed::{Signed, Submission},
     },
-    rules::state::State,
+    rules::{network_rules::Rules, state::State},
 };
 use zk0_verifier::UnverifiedContribution;
-
-/// The blobs of the fixture are smaller than this.
-const MAX_BLOB: u64 = 4 << 20;
 
 /// A file or folder under `tests/fixtures`.
 pub fn fixture(name: &str) -> PathBuf {
@@ -54,7 +51,7 @@ pub fn copy(from: &Path, to: &Path) {
 
 /// The first accepted contribution of a ledger: what was submitted, when, and in which state of the ledger.
 pub struct Accepted {
-    /// The submission, the proof and the update.
+    /// The submission, the proof, the update and the base weights.
     pub contribution: UnverifiedContribution,
     /// The state before it was recorded.
     pub state: State,
@@ -70,7 +67,7 @@ pub fn accepted(dir: &Path) -> Accepted {
     let mut state: Option<State> = None;
     for entry in entries {
         if let (Body::ContributionAccepted(submission), Some(state)) = (&entry.body, &state) {
-            let contribution = contribution(submission, &blobs);
+            let contribution = contribution(submission, state.rules(), &blobs);
             return Accepted {
                 contribution,
                 state: state.clone(),
@@ -85,14 +82,13 @@ pub fn accepted(dir: &Path) -> Accepted {
     panic!("the ledger has no accepted contribution");
 }
 
-fn contribution(submission: &Signed<Submission>, blobs: &Blobs) -> UnverifiedContribution {
-    let blob = |digest| blobs.get(digest, MAX_BLOB).expect("a blob of the fixture");
-    UnverifiedContribution {
-        submission: submission.clone(),
-        proof: blob(&submission.statement.proof),
-        update: blob(&submission.statement.claim.terms.update.blob),
-        base: blob(&submission.statement.claim.terms.base.blob),
-    }
+fn contribution(
+    submission: &Signed<Submission>,
+    rules: &Rules,
+    blobs: &Blobs,
+) -> UnverifiedContribution {
+    UnverifiedContribution::read(submission, rules, |digest, limit| blobs.get(digest, limit))
+        .expect("the blobs of the fixture")
 }
 
 fn fold(state: &mut Option<State>, root: &zk0_circuits::Digest, entry: &Entry) {

@@ -4,10 +4,27 @@ use ed25519_dalek::SigningKey;
 use zk0_circuits::{Claim, Digest, Losses};
 use zk0_protocol::{entries::signed::Signed, Refusal, Rules, State};
 use zk0_tests::{accepted, ledger_copy, Accepted};
-use zk0_verifier::{blob_digest, check_proof, verify, ProgramKey, UnverifiedContribution};
+use zk0_verifier::{
+    authenticate, blob_digest, check_proof, ProgramKey, UnverifiedContribution,
+    VerifiedContribution,
+};
 
 fn real() -> Accepted {
     accepted(ledger_copy().path())
+}
+
+fn verify(
+    contribution: &UnverifiedContribution,
+    state: &State,
+    time_ms: u64,
+) -> Result<VerifiedContribution, Refusal> {
+    let UnverifiedContribution {
+        submission,
+        proof,
+        weights,
+    } = contribution.clone();
+    let authentic = authenticate(submission, proof, state)?;
+    zk0_verifier::verify(&authentic, &weights, state, time_ms)
 }
 
 fn refusal(real: &Accepted, contribution: &UnverifiedContribution) -> Refusal {
@@ -196,7 +213,7 @@ fn another_nodes_signature_is_refused() {
 fn other_weights_than_those_committed_are_refused() {
     let real = real();
     let mut changed = real.contribution.clone();
-    *changed.update.last_mut().unwrap() ^= 1;
+    *changed.weights.update.last_mut().unwrap() ^= 1;
     assert!(matches!(
         refusal(&real, &changed),
         Refusal::UpdateDigest { .. }
@@ -207,7 +224,7 @@ fn other_weights_than_those_committed_are_refused() {
 fn weights_that_quantise_to_something_else_are_refused() {
     let real = real();
     let claim = &real.contribution.submission.statement.claim;
-    let mut update = real.contribution.update.clone();
+    let mut update = real.contribution.weights.update.clone();
     // The highest exponent bit but one of the last value: another number, still finite.
     *update.last_mut().unwrap() ^= 0x20;
     let mut digest = claim.terms.update;

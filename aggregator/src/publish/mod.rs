@@ -1,4 +1,4 @@
-//! What the aggregator publishes over HTTP, and the witnesses that it asks.
+//! What the aggregator publishes over HTTP, and the witnesses that it asks for cosignatures.
 
 pub mod chosen_witnesses;
 pub mod cosigning;

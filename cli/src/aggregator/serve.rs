@@ -82,11 +82,11 @@ async fn serve_log(options: &Serve) -> Result<Option<JoinHandle<()>>> {
         .await
         .with_context(|| format!("listening on {listen}"))?;
     tracing::info!("the log is served on http://{}", listener.local_addr()?);
-    let server = Arc::new(LogServer::new(&options.dir));
     let limits = http::Limits::default();
+    let router = LogServer::new(&options.dir).router(limits);
     Ok(Some(tokio::spawn(http::serve(
         listener,
-        server,
+        router,
         limits,
         future::pending(),
     ))))

@@ -64,7 +64,7 @@ pub fn run(options: &Options) -> Result<bool> {
     let mirror = options.mirror.as_deref();
     let trust = options.trust.read()?;
     let located = locate(&options.ledger, mirror, &trust, wanted)?;
-    let memory = options.state.as_ref().map(|path| Keep {
+    let state_file = options.state.as_ref().map(|path| Keep {
         path: path.clone(),
         every: Duration::from_secs(options.state_every),
     });
@@ -74,7 +74,7 @@ pub fn run(options: &Options) -> Result<bool> {
         depth,
         network: trust.network,
         threads: options.threads,
-        memory,
+        state_file,
         progress: (!options.json).then_some(&progress),
     };
     let mut audited = audit.run(&located.dir)?;

@@ -214,6 +214,6 @@ fn serve(dir: &Path, listen: std::net::SocketAddr) -> Result<()> {
         Ok(_) | Err(PublicationError::NotCosigned(_)) => {}
         Err(error) => return Err(error.into()),
     }
-    let server = std::sync::Arc::new(server);
-    crate::serve::serve_http("log", listen, server, http::Limits::default())
+    let limits = http::Limits::default();
+    crate::serve::serve_http("log", listen, server.router(limits), limits)
 }

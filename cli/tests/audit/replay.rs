@@ -53,7 +53,7 @@ fn a_light_audit_fetches_no_weights_and_says_what_it_left_out() {
     );
     let said = prints(&["audit", "replay", LEDGER, "--light"]);
     assert!(
-        said.contains("weights and averages were not looked at"),
+        said.contains("it did not read weights, so it checked no averages"),
         "{said}"
     );
     assert!(said.contains("this audit is light"), "{said}");
@@ -133,7 +133,7 @@ fn an_audit_with_a_state_file_reads_what_is_new_and_ends_the_same() {
         ],
     );
     assert!(
-        log.contains("it is of a full audit, this one is light"),
+        log.contains("the state file is from a full audit, and this audit is light"),
         "{log}"
     );
     assert!(said.contains("VERIFIED"), "{said}");
