@@ -7,8 +7,8 @@
 //! - [`blob_check`]: checks that the blobs of a ledger's folder have the digests that the ledger names.
 //! - [`log_source`]: finds logs by their address or folder. [`fetch`]: fetches what an audit reads.
 //! - [`run`]: one run of an audit. [`watch`]: one run after another, each over what is new.
-//! - [`verified_entries`]: an audit of a ledger's folder that hands out the entries. [`fsck`]: whether a folder is whole.
-//!   [`known_checkpoint`]: a checkpoint that somebody has.
+//! - [`verified_entries`]: an audit of a ledger's folder that hands out the entries. [`fsck`]: a check that a folder is whole.
+//!   [`known_checkpoint`]: reads a checkpoint that somebody has.
 //! - [`report`]: the verdict, the history in numbers, and the page for a browser.
 
 pub mod account;
