@@ -26,10 +26,7 @@ pub fn generate(path: &Path) -> Result<NodeId> {
 
 /// Writes a key file whole or not at all.
 fn write(path: &Path, key: &SigningKey) -> io::Result<()> {
-    let folder = match path.parent() {
-        Some(folder) if !folder.as_os_str().is_empty() => folder,
-        _ => Path::new("."),
-    };
+    let folder = atomic_file::folder_of(path);
     // A temporary file can be read by its owner alone, and so can the key.
     let mut file = tempfile::NamedTempFile::new_in(folder)?;
     writeln!(file, "{}", Digest(key.to_bytes()))?;
