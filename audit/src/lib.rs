@@ -7,6 +7,8 @@
 //! - [`blob_check`]: checks that the blobs of a ledger's folder have the digests that the ledger names.
 //! - [`log_source`]: finds logs by their address or folder. [`fetch`]: fetches what an audit reads.
 //! - [`run`]: one run of an audit. [`watch`]: one run after another, each over what is new.
+//! - [`verified_entries`]: an audit of a ledger's folder that hands out the entries. [`fsck`]: a check that a folder is whole.
+//!   [`known_checkpoint`]: reads a checkpoint that somebody has.
 //! - [`report`]: the verdict, the history in numbers, and the page for a browser.
 
 pub mod account;
@@ -15,10 +17,13 @@ pub mod blob_check;
 pub mod checks;
 pub mod depth;
 pub mod fetch;
+pub mod fsck;
+pub mod known_checkpoint;
 pub mod log_source;
 pub mod queue;
 pub mod report;
 pub mod run;
+pub mod verified_entries;
 pub mod watch;
 
 pub use auditor::Auditor;

@@ -8,6 +8,7 @@
 //! another history over the same sizes. So [`restore`] wants to see the newest checkpoints that anybody has.
 
 use crate::{
+    atomic_file::folder_of,
     error::{io_error, LedgerError},
     folder,
     history::History,
@@ -162,10 +163,7 @@ pub fn restore(
         text.as_deref(),
     )?;
     fs::rename(&unfinished, dir).map_err(io_error(dir))?;
-    match dir.parent() {
-        Some(parent) if parent.is_dir() => folder::sync(parent)?,
-        _ => folder::sync(Path::new("."))?,
-    }
+    folder::sync(folder_of(dir))?;
     Ok(done)
 }
 

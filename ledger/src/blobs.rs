@@ -1,6 +1,7 @@
 //! Content-addressed blobs beside the log: proofs, weights, leaf lists. A blob's name is the SHA-256 of its bytes, and is
 //! believed only after hashing them.
 
+use crate::atomic_file::{folder_of, put_in_place, sync_folder};
 use sha2::{Digest as _, Sha256};
 use std::{
     fs::{self, File},
@@ -170,19 +171,14 @@ impl BlobWriter {
     /// Puts the blob in its place if its digest is `expected`; on disk when this returns.
     pub fn finish(self, expected: &Digest) -> Result<(), BlobError> {
         check(expected, self.hasher.clone().finalize().into())?;
-        self.file.sync_all().map_err(io_error(&self.path))?;
         let place = self.blobs.path(expected);
-        fs::rename(&self.path, &place).map_err(io_error(&place))?;
-        // The first blob's folders are new as well: their own names have to be safe, or the blob is lost with them.
-        let sha256 = self.blobs.dir.join("sha256");
-        for folder in sha256.ancestors().take(3) {
-            let folder = match folder.as_os_str().is_empty() {
-                true => Path::new("."),
-                false => folder,
-            };
-            File::open(folder)
-                .and_then(|folder| folder.sync_all())
-                .map_err(io_error(folder))?;
+        put_in_place(&self.file, &self.path, &place).map_err(io_error(&place))?;
+        // With the first blob, the folders above it are new too. If their names were lost, the blob would be lost with them.
+        for folder in [
+            folder_of(&self.blobs.dir.join("sha256")),
+            folder_of(&self.blobs.dir),
+        ] {
+            sync_folder(folder).map_err(io_error(folder))?;
         }
         Ok(())
     }

@@ -1,10 +1,13 @@
 //! A ledger's folder, and the small files in it that are neither database nor blob: the newest signed checkpoint, and, where
 //! checkpoints are witnessed, the policy and the newest checkpoint with its cosignatures.
 
-use crate::error::{io_error, LedgerError};
+use crate::{
+    atomic_file::{self, sync_folder},
+    error::{io_error, LedgerError},
+};
 use std::{
-    fs::{self, File},
-    io::{self, Read, Write},
+    fs::File,
+    io::{self, Read},
     path::{Path, PathBuf},
 };
 use zk0_protocol::tlog::{
@@ -60,17 +63,17 @@ pub fn read_policy(dir: &Path) -> Result<WitnessPolicy, LedgerError> {
 
 /// Replaces the folder's policy; on disk when this returns.
 pub fn write_policy(dir: &Path, policy: &WitnessPolicy) -> Result<(), LedgerError> {
-    write(dir, "policy", policy.text().as_bytes())
+    replace(&self::policy(dir), policy.text().as_bytes())
 }
 
 /// Replaces the cosigned checkpoint; on disk when this returns.
 pub fn write_cosigned(dir: &Path, text: &[u8]) -> Result<(), LedgerError> {
-    write(dir, "cosigned", text)
+    replace(&cosigned(dir), text)
 }
 
 /// Replaces the checkpoint file, all or nothing; on disk when this returns.
 pub(crate) fn write_checkpoint(dir: &Path, text: &[u8]) -> Result<(), LedgerError> {
-    write(dir, "checkpoint", text)
+    replace(&checkpoint(dir), text)
 }
 
 /// A small file's content, if there is one; at most one byte more than `limit`, so that whoever reads it sees it is too long.
@@ -86,23 +89,11 @@ fn read(path: &Path, limit: usize) -> Result<Option<Vec<u8>>, LedgerError> {
     Ok(Some(text))
 }
 
-/// Replaces a file in `dir`, all or nothing; on disk when this returns.
-fn write(dir: &Path, name: &str, text: &[u8]) -> Result<(), LedgerError> {
-    let path = dir.join(name);
-    let new = dir.join(format!("{name}.new"));
-    let write = || {
-        let mut file = File::create(&new)?;
-        file.write_all(text)?;
-        file.sync_all()?;
-        fs::rename(&new, &path)
-    };
-    write().map_err(io_error(&path))?;
-    sync(dir)
+fn replace(path: &Path, text: &[u8]) -> Result<(), LedgerError> {
+    atomic_file::replace(path, &[text]).map_err(io_error(path))
 }
 
 /// Makes what was created or renamed in `dir` durable.
 pub(crate) fn sync(dir: &Path) -> Result<(), LedgerError> {
-    File::open(dir)
-        .and_then(|dir| dir.sync_all())
-        .map_err(io_error(dir))
+    sync_folder(dir).map_err(io_error(dir))
 }

@@ -13,6 +13,7 @@ use zk0_protocol::{
     entries::{
         authentic::AuthenticEntry,
         entry::{needs_checkpoint, Entry},
+        known_keys::KnownKeys,
     },
     rules::{state::State, violation::RuleViolation},
     tlog::{checkpoint::Checkpoint, tree::Frontier},
@@ -40,6 +41,7 @@ pub(crate) fn group(
     entries: &[Entry],
     tree: &Frontier,
     state: &mut Trial<'_>,
+    keys: &KnownKeys,
     key: &SigningKey,
 ) -> Result<Group, LedgerError> {
     let refused = |at: usize, violation: RuleViolation| match entries.len() {
@@ -52,7 +54,7 @@ pub(crate) fn group(
         roots: Vec::with_capacity(entries.len()),
         checkpoint: Vec::new(),
     };
-    for (at, checked) in check_all(entries).into_iter().enumerate() {
+    for (at, checked) in check_all(entries, keys).into_iter().enumerate() {
         let (bytes, leaf, entry) = checked.map_err(|violation| refused(at, violation))?;
         let trial = state.check(&entry);
         trial.map_err(|violation| refused(at, violation))?;
@@ -78,7 +80,8 @@ pub(crate) fn group(
 type Alone<'a> = (Vec<u8>, Hash, AuthenticEntry<'a>);
 
 /// What can be checked of each entry by itself: by all cores, where there are several entries.
-fn check_all(entries: &[Entry]) -> Vec<Result<Alone<'_>, RuleViolation>> {
+fn check_all<'a>(entries: &'a [Entry], keys: &KnownKeys) -> Vec<Result<Alone<'a>, RuleViolation>> {
+    let check_alone = |entry: &'a Entry| check_alone(entry, keys);
     match entries.len() {
         1 => entries.iter().map(check_alone).collect(),
         _ => entries
@@ -89,10 +92,10 @@ fn check_all(entries: &[Entry]) -> Vec<Result<Alone<'_>, RuleViolation>> {
     }
 }
 
-fn check_alone(entry: &Entry) -> Result<Alone<'_>, RuleViolation> {
+fn check_alone<'a>(entry: &'a Entry, keys: &KnownKeys) -> Result<Alone<'a>, RuleViolation> {
     let bytes = entry.encode()?;
     let leaf = record_hash(&bytes);
-    Ok((bytes, leaf, entry.authenticate()?))
+    Ok((bytes, leaf, entry.authenticate(keys)?))
 }
 
 /// The state on which a group is tried: the ledger's own for a single entry, which nothing follows; else a copy, which is

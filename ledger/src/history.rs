@@ -6,7 +6,7 @@ use std::{ops::Range, path::Path};
 use tlog_tiles::tlog::{record_hash, stored_hash_index, Hash, HashReader};
 use zk0_circuits::Digest;
 use zk0_protocol::{
-    entries::{authentic::AuthenticEntry, entry::needs_checkpoint},
+    entries::{authentic::AuthenticEntry, entry::needs_checkpoint, known_keys::KnownKeys},
     rules::{state::State, violation::RuleViolation},
     tlog::{checkpoint::Checkpoint, tree::Frontier},
     Entry, Genesis,
@@ -19,6 +19,8 @@ const CHUNK: u64 = 512;
 pub(crate) struct History {
     pub state: State,
     pub tree: Frontier,
+    /// The keys that its entries use.
+    pub keys: KnownKeys,
     /// The newest checkpoint in the database: at least as new as the published one.
     pub checkpoint: Vec<u8>,
 }
@@ -37,6 +39,7 @@ impl History {
             return Err(LedgerError::NoLedger(dir.into()));
         }
         let mut tree = Frontier::default();
+        let mut keys = KnownKeys::default();
         let mut state = found(store)?;
         check_network(dir, state.network(), network)?;
         let signed = open_published(dir, &state, held, published)?;
@@ -44,7 +47,8 @@ impl History {
         for start in (0..held).step_by(CHUNK as usize) {
             let indexes = start..held.min(start + CHUNK);
             let chunk = chunk(store, state.genesis(), indexes)?;
-            for (read, authentic) in chunk.iter().zip(authenticate(&chunk)) {
+            let authentic = authenticate(&chunk, &keys);
+            for (read, authentic) in chunk.iter().zip(authentic) {
                 let index = tree.size();
                 let refused = |error: RuleViolation| bad(index, error.to_string());
                 let hashes = tree.push_leaf(read.leaf)?;
@@ -58,6 +62,7 @@ impl History {
                     let entry = authentic.map_err(refused)?;
                     state.check_authentic(&entry).map_err(refused)?;
                     state.enact(&root, &entry);
+                    keys.learn(&entry);
                 }
                 match &read.checkpoint {
                     Some((_, checkpoint)) => same_root(checkpoint, root)?,
@@ -80,6 +85,7 @@ impl History {
         Ok(Self {
             state,
             tree,
+            keys,
             checkpoint,
         })
     }
@@ -148,10 +154,13 @@ fn chunk(store: &Store, genesis: &Genesis, indexes: Range<u64>) -> Result<Vec<Re
     read.into_iter().collect()
 }
 
-fn authenticate(chunk: &[Read]) -> Vec<Result<AuthenticEntry<'_>, RuleViolation>> {
+fn authenticate<'a>(
+    chunk: &'a [Read],
+    keys: &KnownKeys,
+) -> Vec<Result<AuthenticEntry<'a>, RuleViolation>> {
     chunk
         .par_iter()
-        .map(|read| read.entry.authenticate())
+        .map(|read| read.entry.authenticate(keys))
         .collect()
 }
 

@@ -35,6 +35,7 @@ use zk0_protocol::{
     entries::{
         entry::{Body, Entry, ENTRY_VERSION},
         genesis::Genesis,
+        known_keys::KnownKeys,
     },
     rules::state::State,
     tlog::{checkpoint::Checkpoint, receipt::Receipt, tree::Frontier},
@@ -48,6 +49,7 @@ pub struct Ledger {
     key: SigningKey,
     tree: Frontier,
     state: State,
+    keys: KnownKeys,
     /// A second copy of the state once a group was appended: the next one is tried on it, and neither copied nor undone.
     trial: Option<Box<State>>,
     checkpoint: Vec<u8>,
@@ -88,6 +90,7 @@ impl Ledger {
             key,
             tree: Frontier::default(),
             state,
+            keys: KnownKeys::default(),
             trial: None,
             checkpoint: Vec::new(),
             clock: None,
@@ -153,6 +156,7 @@ impl Ledger {
             key,
             tree: history.tree,
             state,
+            keys: history.keys,
             trial: None,
             checkpoint: history.checkpoint,
             clock: None,
@@ -212,7 +216,7 @@ impl Ledger {
                     .unwrap_or_else(|| Box::new(self.state.clone())),
             ),
         };
-        let group = group(&entries, &self.tree, &mut trial, &self.key)?;
+        let group = group(&entries, &self.tree, &mut trial, &self.keys, &self.key)?;
         let tried = match trial {
             Trial::Single(_) => None,
             Trial::Copy(state) => Some(state),
@@ -221,6 +225,7 @@ impl Ledger {
         self.tree = group.tree;
         for (root, entry) in group.roots.iter().zip(&entries) {
             self.state.enact(root, entry);
+            self.keys.learn(entry);
             if let Some(behind) = &mut self.trial {
                 behind.enact(root, entry);
             }

@@ -2,10 +2,11 @@
 //! monitoring interface serves it. A cosignature is handed out only after the file is on disk, so a killed witness never
 //! forgets what it signed.
 
+use crate::atomic_file;
 use sha2::{Digest as _, Sha256};
 use std::{
     fs::{self, File},
-    io::{self, Read, Write},
+    io::{self, Read},
     path::{Path, PathBuf},
 };
 use zk0_protocol::tlog::{
@@ -130,15 +131,7 @@ impl WitnessStore {
 
     fn write(&self, accepted: &Accepted) -> Result<(), WitnessError> {
         let path = self.file(&accepted.origin);
-        let new = path.with_extension("new");
-        let write = || {
-            let mut file = File::create(&new)?;
-            file.write_all(&accepted.note)?;
-            file.sync_all()?;
-            fs::rename(&new, &path)?;
-            File::open(&self.dir)?.sync_all()
-        };
-        write().map_err(io_error(&path))
+        atomic_file::replace(&path, &[&accepted.note]).map_err(io_error(&path))
     }
 
     fn file(&self, origin: &str) -> PathBuf {

@@ -10,8 +10,7 @@ use zk0_ledger::witness_store::{hash, AddError, WitnessError, WitnessStore};
 use zk0_protocol::{
     tlog::{
         checkpoint::Parsed,
-        cosignature,
-        cosigner::Cosigner,
+        cosigner::{self, Cosigner},
         witness::{AddCheckpoint, WitnessRefusal},
     },
     Checkpoint, VerifierKey, WitnessPolicy,
@@ -55,7 +54,7 @@ fn status(witness: &mut WitnessStore, request: &AddCheckpoint) -> u16 {
         Ok(line) => {
             let note = Parsed::read(&request.checkpoint).unwrap().note;
             let key = witness.key().clone();
-            cosignature::find(&line, &key, &note).expect("a valid cosignature");
+            cosigner::find(&line, &key, &note).expect("a valid cosignature");
             200
         }
         Err(AddError::Refused(refusal)) => refusal.status(),

@@ -1,4 +1,4 @@
-//! A contribution with a real SP1 proof is accepted; change one thing, and it is refused for that thing's reason.
+//! A contribution with a real SP1 proof is accepted. With one thing changed, it is refused for the reason that belongs to the change.
 
 use ed25519_dalek::SigningKey;
 use zk0_circuits::{Claim, Digest, Losses};
@@ -31,8 +31,9 @@ fn refusal(real: &Accepted, contribution: &UnverifiedContribution) -> Refusal {
     verify(contribution, &real.state, real.time_ms).expect_err("has to be refused")
 }
 
-/// The contribution with its claim changed and signed again, as a cheat would who holds the node's key. The fixture's nodes
-/// keep theirs: the signature is then the first thing that is wrong, so what comes after is checked on its own.
+/// The refusals of a contribution whose claim is changed. A cheat who holds the node's key would sign it again, but the keys of the
+/// fixture's nodes are not here. The signature is then the first thing that is wrong, so the checks that come after it are called
+/// alone.
 fn check_changed(real: &Accepted, change: impl FnOnce(&mut Claim)) -> (Refusal, Refusal) {
     let mut changed = real.contribution.clone();
     change(&mut changed.submission.statement.claim);

@@ -54,7 +54,7 @@ fn weights(number: u64) -> WeightsDigest {
 }
 
 fn genesis() -> Genesis {
-    let evaluation = include_str!("../../../ledger/tests/vectors/evaluation.hex");
+    let evaluation = include_str!("../../../protocol/tests/vectors/evaluation.hex");
     Genesis {
         name: "zk0.example/bench".into(),
         log_key: log_key().verifying_key().to_bytes(),

@@ -4,6 +4,7 @@ pub mod accepted;
 pub mod aggregator;
 pub mod clock;
 pub mod dispute;
+pub mod founding;
 pub mod ledger_index;
 pub mod recording;
 pub mod request;

@@ -3,12 +3,13 @@
 
 use crate::published::publication::{Content, Publication, PublicationError};
 use crate::{
+    atomic_file,
     blobs::{BlobError, Blobs},
     error::LedgerError,
 };
 use std::{
     fs::{self, File},
-    io::{self, Read, Write},
+    io::{self, Read},
     path::{Path, PathBuf},
 };
 use zk0_protocol::tlog::{
@@ -139,16 +140,9 @@ fn continues(view: &Publication, out: &Path) -> Result<(), ExportError> {
 
 /// Writes a file, all or nothing; on disk when this returns.
 fn write(path: &Path, bytes: &[u8]) -> Result<(), ExportError> {
-    let write = || {
-        let parent = path.parent().unwrap_or(Path::new("."));
-        fs::create_dir_all(parent)?;
-        let new = path.with_extension("new");
-        let mut file = File::create(&new)?;
-        file.write_all(bytes)?;
-        file.sync_all()?;
-        fs::rename(&new, path)
-    };
-    write().map_err(io_error(path))
+    fs::create_dir_all(atomic_file::folder_of(path))
+        .and_then(|()| atomic_file::replace(path, &[bytes]))
+        .map_err(io_error(path))
 }
 
 fn io_error(path: &Path) -> impl FnOnce(io::Error) -> ExportError + '_ {

@@ -5,8 +5,10 @@ use crate::store::Store;
 use std::ops::Range;
 use tlog_tiles::tlog::{record_hash, stored_hash_index, Hash, HashReader};
 use zk0_protocol::{
-    entries::authentic::AuthenticEntry, rules::violation::RuleViolation,
-    tlog::checkpoint::Checkpoint, Entry, Genesis,
+    entries::{authentic::AuthenticEntry, known_keys::KnownKeys},
+    rules::violation::RuleViolation,
+    tlog::checkpoint::Checkpoint,
+    Entry, Genesis,
 };
 
 /// Most entries in a chunk.
@@ -54,10 +56,10 @@ impl Chunk {
     }
 
     /// Verifies the signatures and the new key in each entry.
-    pub fn authenticate(&self) -> Vec<Result<AuthenticEntry<'_>, RuleViolation>> {
+    pub fn authenticate(&self, keys: &KnownKeys) -> Vec<Result<AuthenticEntry<'_>, RuleViolation>> {
         self.items
             .iter()
-            .map(|item| item.entry.authenticate())
+            .map(|item| item.entry.authenticate(keys))
             .collect()
     }
 }

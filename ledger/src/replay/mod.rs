@@ -25,13 +25,13 @@ use std::{
     path::{Path, PathBuf},
     sync::{
         atomic::{AtomicU64, Ordering},
-        Condvar, Mutex, MutexGuard, PoisonError,
+        Arc, Condvar, Mutex, MutexGuard, PoisonError,
     },
     thread,
     time::Duration,
 };
 use zk0_circuits::Digest;
-use zk0_protocol::{Entry, Genesis, State};
+use zk0_protocol::{entries::known_keys::KnownKeys, Entry, Genesis, State};
 
 /// What else an auditor checks, entry by entry: proofs, refusals, aggregation. The ledger itself has checked bytes, tree
 /// and checkpoint by then. The calls come one after the other, though not all from one thread.
@@ -198,11 +198,12 @@ impl<'a, 'b> Relay<'a, 'b> {
                 .start
                 .saturating_add(number.saturating_mul(CHUNK));
             let end = start.saturating_add(CHUNK).min(self.entries.end);
-            if start >= end || self.lock().stop.is_some() {
+            let Some(keys) = self.keys().filter(|_| start < end) else {
                 break;
-            }
+            };
             let chunk = Chunk::read(self.store, start..end, self.genesis);
-            let authentic = chunk.authenticate();
+            let authentic = chunk.authenticate(&keys);
+            drop(keys);
             let mut track = self.lock();
             while track.turn != number && track.stop.is_none() {
                 track = self
@@ -224,6 +225,12 @@ impl<'a, 'b> Relay<'a, 'b> {
             }
         }
         drop(alarm);
+    }
+
+    /// The keys that are known now; `None` once the replay has stopped.
+    fn keys(&self) -> Option<Arc<KnownKeys>> {
+        let track = self.lock();
+        track.stop.is_none().then(|| track.serial.keys())
     }
 
     fn lock(&self) -> MutexGuard<'_, Track<'a, 'b>> {

@@ -4,11 +4,12 @@
 //! own memory and believed like one: whoever can write it can make him believe anything.
 
 use super::Finding;
+use crate::atomic_file;
 use borsh::{BorshDeserialize, BorshSerialize};
 use sha2::{Digest as _, Sha256};
 use std::{
-    fs::{self, File},
-    io::{self, Read, Write},
+    fs::File,
+    io::{self, Read},
     path::{Path, PathBuf},
 };
 use zk0_circuits::Digest;
@@ -121,20 +122,7 @@ impl Saving<'_> {
                 self.findings,
                 &self.recheck,
             ))?;
-            let mut name = path.file_name().unwrap_or_default().to_owned();
-            name.push(".new");
-            let new = path.with_file_name(name);
-            let mut file = File::create(&new)?;
-            let digest: [u8; 32] = Sha256::digest(&rest).into();
-            for part in [FORMAT, &digest, &rest] {
-                file.write_all(part)?;
-            }
-            file.sync_all()?;
-            fs::rename(&new, path)?;
-            match path.parent() {
-                Some(parent) if parent != Path::new("") => File::open(parent)?.sync_all(),
-                _ => File::open(".")?.sync_all(),
-            }
+            atomic_file::replace(path, &[FORMAT, &Sha256::digest(&rest), &rest])
         };
         write().map_err(|error| SavedError::Io {
             path: path.into(),

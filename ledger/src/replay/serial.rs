@@ -8,11 +8,12 @@ use super::{
 use crate::{blobs::Blobs, error::LedgerError, history::check_network, store::Store};
 use std::{
     path::{Path, PathBuf},
+    sync::Arc,
     time::Instant,
 };
 use zk0_circuits::Digest;
 use zk0_protocol::{
-    entries::{authentic::AuthenticEntry, entry::needs_checkpoint},
+    entries::{authentic::AuthenticEntry, entry::needs_checkpoint, known_keys::KnownKeys},
     rules::{state::State, violation::RuleViolation},
     tlog::{checkpoint::Checkpoint, tree::Frontier},
     Body, Entry, Genesis,
@@ -34,6 +35,8 @@ pub struct Serial<'a> {
     /// What is verified: so many entries, with this root.
     verified: Option<(u64, Digest)>,
     state: Option<State>,
+    /// The keys that the verified entries use. Threads that verify signatures hold older copies.
+    keys: Arc<KnownKeys>,
     checkpoints: u64,
     findings: Vec<Finding>,
     /// Entries that an earlier replay verified. What is found about them now was perhaps found then.
@@ -54,6 +57,7 @@ impl<'a> Serial<'a> {
             tree: Frontier::default(),
             verified: None,
             state: None,
+            keys: Arc::default(),
             checkpoints: 0,
             findings: Vec::new(),
             before: 0,
@@ -68,7 +72,7 @@ impl<'a> Serial<'a> {
             Some(saved) => self.resume(store, saved),
             None => {
                 let chunk = Chunk::read(store, 0..1, None);
-                let authentic = chunk.authenticate();
+                let authentic = chunk.authenticate(&self.keys);
                 self.take(&chunk, &authentic)?;
                 Ok(1)
             }
@@ -139,6 +143,11 @@ impl<'a> Serial<'a> {
         self.state.as_ref().map(State::genesis)
     }
 
+    /// The keys that are known so far, for the threads that verify signatures.
+    pub fn keys(&self) -> Arc<KnownKeys> {
+        Arc::clone(&self.keys)
+    }
+
     /// The next entries, in order.
     pub fn take(
         &mut self,
@@ -194,6 +203,10 @@ impl<'a> Serial<'a> {
                 allowed(state, entry, authentic).map_err(|error| error.to_string())?;
                 let found = self.recheck.entry(state, item.index, entry, &self.blobs);
                 state.enact(&root, entry);
+                // The map is copied when other threads hold it, so it is left alone where nothing is new.
+                if self.keys.lacks(entry) {
+                    Arc::make_mut(&mut self.keys).learn(entry);
+                }
                 self.found(found);
             }
         }

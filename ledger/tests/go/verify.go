@@ -1,5 +1,5 @@
 // Verifies what zk0 publishes with an implementation that is not zk0's: golang.org/x/mod/sumdb, which the Go project checks its
-// module database with. Run by ledger/tests/go.rs.
+// module database with. Run by ledger/tests/other_implementations/go.rs.
 package main
 
 import (

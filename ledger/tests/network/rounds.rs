@@ -3,6 +3,7 @@
 use super::*;
 use std::path::Path;
 use zk0_ledger::Ledger;
+use zk0_protocol::{Body, State};
 
 /// Founds a ledger in `dir`; three nodes, one round, one accepted and two refused, then closed, and the next one opened.
 pub fn ledger_with_a_round(dir: &Path) -> Ledger {

@@ -9,7 +9,7 @@ use std::{
     process::{Command, Output},
 };
 use zk0_ledger::{Blobs, Ledger, LedgerError};
-use zk0_protocol::{Checkpoint, Receipt};
+use zk0_protocol::{Body, Checkpoint, Receipt};
 
 /// Names the folder to the child process.
 pub const FOLDER: &str = "ZK0_TEST_SCENARIO_IN";

@@ -13,19 +13,11 @@ use zk0_ledger::{
     store::{Batch, Store},
 };
 use zk0_protocol::{
-    tlog::{
-        layout::Resource,
-        tree::Frontier,
-        verifier_key::{Role, VerifierKey},
-    },
+    tlog::{layout::Resource, tree::Frontier},
     Checkpoint,
 };
 
-pub const ORIGIN: &str = "zk0.example/test";
-
-pub fn log_vkey() -> VerifierKey {
-    VerifierKey::new(Role::Log, ORIGIN, log_key().verifying_key().as_bytes()).unwrap()
-}
+pub use super::log::{log_vkey, ORIGIN};
 
 /// A database with these leaves.
 pub struct Shelf {

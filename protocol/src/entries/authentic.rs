@@ -1,10 +1,11 @@
-//! Entries whose signatures and new keys were verified. That takes most of a replay's time and nothing but the entry, so it is
-//! done apart from the rules, which have to go one entry after the other: by as many threads as there are.
+//! Entries whose signatures and new keys were verified. This takes most of the time of a replay, and it needs nothing but the entry.
+//! So it is separate from the rules: the rules take one entry after the other, while several threads can verify signatures.
 
 use crate::{
     entries::{
         entry::{Body, Entry},
-        identity::check_identity,
+        identity::NOT_A_KEY,
+        known_keys::KnownKeys,
         refusal::Refusal,
         signed::{Signed, Statement},
     },
@@ -12,30 +13,33 @@ use crate::{
 };
 use std::ops::Deref;
 
-/// An entry of which every signature is the named signer's, and that enrols or rotates to nothing but usable keys. Only [`Entry::authenticate`] makes one.
+/// An entry whose signatures are all valid, and whose new keys are all usable. Only [`Entry::authenticate`] makes one.
 #[derive(Clone, Copy, Debug)]
 pub struct AuthenticEntry<'a>(&'a Entry);
 
 impl Entry {
-    /// Verifies all signatures in this entry, and the key that it enrols.
-    pub fn authenticate(&self) -> Result<AuthenticEntry<'_>, RuleViolation> {
+    /// Verifies all signatures in this entry, and the key that it enrols. `keys` only saves time: the result does not depend on it.
+    pub fn authenticate(&self, keys: &KnownKeys) -> Result<AuthenticEntry<'_>, RuleViolation> {
         match &self.body {
-            Body::DatasetCommitted(signed) => verify(signed)?,
-            Body::UpdateCommitted(signed) => verify(signed)?,
+            Body::DatasetCommitted(signed) => verify(signed, keys)?,
+            Body::UpdateCommitted(signed) => verify(signed, keys)?,
             Body::ContributionAccepted(submission)
-            | Body::ContributionRejected { submission, .. } => verify(submission)?,
+            | Body::ContributionRejected { submission, .. } => verify(submission, keys)?,
             Body::KeyRotated { rotation, takeover } => {
-                verify(rotation)?;
-                verify(takeover)?;
+                verify(rotation, keys)?;
+                verify(takeover, keys)?;
             }
-            Body::Proposed(signed) => verify(signed)?,
-            Body::Voted(signed) => verify(signed)?,
-            Body::Disputed(signed) => verify(signed)?,
+            Body::Proposed(signed) => verify(signed, keys)?,
+            Body::Voted(signed) => verify(signed, keys)?,
+            Body::Disputed(signed) => verify(signed, keys)?,
             Body::NodeEnrolled(enrolled) => {
                 let node = enrolled.node;
-                check_identity(&node).map_err(|why| RuleViolation::BadNode { node, why })?;
+                if keys.key(&node).is_none() {
+                    let why = NOT_A_KEY.into();
+                    return Err(RuleViolation::BadNode { node, why });
+                }
             }
-            // Said by the aggregator, who signs the checkpoint that covers it.
+            // The aggregator makes these entries, and signs the checkpoint that covers them.
             Body::Genesis(_)
             | Body::RoundOpened(_)
             | Body::RoundClosed(_)
@@ -54,8 +58,8 @@ impl Deref for AuthenticEntry<'_> {
     }
 }
 
-fn verify<T: Statement>(signed: &Signed<T>) -> Result<(), Refusal> {
-    match signed.verify() {
+fn verify<T: Statement>(signed: &Signed<T>, keys: &KnownKeys) -> Result<(), Refusal> {
+    match signed.verify_with(keys.key(&signed.statement.signer())) {
         Ok(_) => Ok(()),
         Err(error) => Err(Refusal::Signature(error.to_string())),
     }

@@ -6,6 +6,7 @@ pub mod entry;
 pub mod genesis;
 pub mod identity;
 pub mod identity_text;
+pub mod known_keys;
 pub mod member;
 pub mod proposal;
 pub mod refusal;

@@ -5,7 +5,7 @@ use crate::{
     public_key::public_key,
 };
 use borsh::{BorshDeserialize, BorshSerialize};
-use ed25519_dalek::{Signature, Signer, SigningKey};
+use ed25519_dalek::{Signature, Signer, SigningKey, VerifyingKey};
 use zk0_circuits::{Claim, DatasetCommitment, Digest, NodeId, WeightsDigest};
 
 /// A statement that names its signer.
@@ -47,10 +47,17 @@ impl<T: Statement> Signed<T> {
         }
     }
 
-    /// Checks the signature, strictly (RFC 8032 with no malleable or small-order cases).
+    /// Checks the signature, strictly (RFC 8032 without its malleable and small-order cases).
     pub fn verify(&self) -> Result<&T, SignatureError> {
         let node = self.statement.signer();
-        let key = public_key(&node.0).ok_or(SignatureError::BadKey(node))?;
+        self.verify_with(public_key(&node.0))
+    }
+
+    /// [`Signed::verify`] with the signer's key, where the caller has it decompressed already; `None` says that the signer's
+    /// identity is not a usable key.
+    pub(crate) fn verify_with(&self, key: Option<VerifyingKey>) -> Result<&T, SignatureError> {
+        let node = self.statement.signer();
+        let key = key.ok_or(SignatureError::BadKey(node))?;
         let signature = Signature::from_bytes(&self.signature);
         match key.verify_strict(&message(&self.statement), &signature) {
             Ok(()) => Ok(&self.statement),

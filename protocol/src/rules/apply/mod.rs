@@ -19,6 +19,7 @@ use crate::{
         authentic::AuthenticEntry,
         codec::EntryError,
         entry::{Body, Entry, ENTRY_VERSION},
+        known_keys::KnownKeys,
         refusal::Refusal,
     },
     rules::{recent_updates::Updates, state::State, violation::RuleViolation},
@@ -71,7 +72,7 @@ impl State {
     pub fn check(&self, entry: &Entry) -> Result<(), RuleViolation> {
         check_version(entry)?;
         self.check_time(entry)?;
-        self.check_body(&entry.authenticate()?)
+        self.check_body(&entry.authenticate(&KnownKeys::default())?)
     }
 
     /// [`State::check`] of an entry whose signatures were verified before: elsewhere, or by another thread.

@@ -1,0 +1,205 @@
+//! Test vectors: the bytes of every hashed or signed structure, committed as data. Whoever changes one on purpose writes
+//! them anew with `ZK0_WRITE_VECTORS=1 cargo test -p zk0-protocol --test encodings`.
+
+mod network;
+
+use network::{log::MemoryLog, *};
+use std::{fs, path::PathBuf};
+use zk0_protocol::{
+    entries::signed::{Statement, UploadRequest},
+    tlog::{checkpoint::Parsed, cosigner::Cosigner, witness::AddCheckpoint},
+    Body, Checkpoint, Entry, Signed, State, TlogProof,
+};
+
+fn check(name: &str, bytes: &[u8]) {
+    let path = PathBuf::from(env!("CARGO_MANIFEST_DIR"))
+        .join("tests/vectors")
+        .join(format!("{name}.hex"));
+    if std::env::var_os("ZK0_WRITE_VECTORS").is_some() {
+        fs::write(&path, hex::encode(bytes) + "\n").unwrap();
+    }
+    let vector = fs::read_to_string(&path).unwrap();
+    assert_eq!(vector.trim_end(), hex::encode(bytes), "{name} has changed");
+}
+
+/// A state after an opening and a commitment.
+fn chain() -> Chain {
+    Chain::all_committed(1)
+}
+
+fn check_entry(name: &str, body: Body) {
+    let entry = entry(T0, body);
+    let bytes = entry.encode().unwrap();
+    check(name, &bytes);
+    assert_eq!(Entry::decode(&bytes).unwrap(), entry);
+}
+
+fn check_signed<T: Statement + Clone>(name: &str, statement: T) {
+    let signed = Signed::new(statement, &key(0));
+    signed.verify().unwrap();
+    check(name, &borsh::to_vec(&signed).unwrap());
+}
+
+#[test]
+fn entries() {
+    let state: State = chain().state;
+    check_entry("entries/genesis", Body::Genesis(genesis()));
+    check_entry("entries/node-enrolled", enrolled(0));
+    check_entry("entries/dataset-committed", registered(state.network(), 0));
+    check_entry(
+        "entries/round-opened",
+        Body::RoundOpened(opened(&state, T0)),
+    );
+    check_entry(
+        "entries/update-committed",
+        committed(&state, 0, weights(0x10)),
+    );
+    check_entry("entries/contribution-accepted", accepted(&state, 0));
+    check_entry(
+        "entries/contribution-rejected",
+        rejected(&state, 0, invalid_proof()),
+    );
+    check_entry(
+        "entries/round-closed",
+        Body::RoundClosed(closed(&state, weights(0x50))),
+    );
+}
+
+#[test]
+fn statements() {
+    let state = chain().state;
+    check_signed(
+        "signed/dataset-registration",
+        registration(state.network(), 0),
+    );
+    check_signed(
+        "signed/update-commitment",
+        commitment(&state, 0, weights(0x10)),
+    );
+    check_signed(
+        "signed/submission",
+        submission(claim(&state, 0), 0).statement,
+    );
+    check_signed(
+        "signed/upload-request",
+        UploadRequest {
+            network: *state.network(),
+            round: 0,
+            node: id(0),
+            blob: digest(0x10),
+            size: 12345,
+        },
+    );
+}
+
+#[test]
+fn digests() {
+    let state = chain().state;
+    check("network-id", &state.network().0);
+    check("state-digest", &state.digest().0);
+}
+
+#[test]
+fn checkpoints_and_receipts() {
+    let genesis = genesis();
+    let checkpoint = Checkpoint {
+        size: 12,
+        root: digest(0x33),
+    };
+    let text = checkpoint.sign(&genesis.name, &log_key()).unwrap();
+    check("tlog/checkpoint", &text);
+    assert_eq!(
+        Checkpoint::open(&text, &genesis.name, &genesis.log_key),
+        Ok(checkpoint)
+    );
+    let receipt = MemoryLog::of_enrolments(2, 1).receipt(2);
+    check("tlog/receipt", &borsh::to_vec(&receipt).unwrap());
+    check("tlog/tlog-proof", &TlogProof::from(receipt).encode());
+}
+
+#[test]
+fn keys_cosignatures_and_requests() {
+    let checkpoint = Checkpoint {
+        size: 12,
+        root: digest(0x33),
+    };
+    let text = checkpoint.sign(&genesis().name, &log_key()).unwrap();
+    let note = Parsed::read(&text).unwrap().note;
+    let cosigner = Cosigner::new("witness.example/w", key(0)).unwrap();
+    let log = genesis().verifier_key().unwrap();
+    check("tlog/verifier-key-log", log.to_string().as_bytes());
+    check(
+        "tlog/verifier-key-witness",
+        cosigner.key().to_string().as_bytes(),
+    );
+    check(
+        "tlog/cosignature",
+        &cosigner.cosign(note.text(), 1_700_000_000),
+    );
+    let request = AddCheckpoint {
+        old: 7,
+        proof: vec![digest(1), digest(2)],
+        checkpoint: text,
+    };
+    check("tlog/add-checkpoint", &request.encode());
+}
+
+#[test]
+fn a_signature_under_one_tag_is_none_under_another() {
+    // The same fields under another tag: only the tag keeps the two apart.
+    #[derive(Clone, borsh::BorshSerialize, borsh::BorshDeserialize)]
+    struct Other(UploadRequest);
+    impl Statement for Other {
+        const TAG: &'static str = "zk0:another:v1";
+        fn signer(&self) -> zk0_circuits::NodeId {
+            self.0.node
+        }
+    }
+    let request = UploadRequest {
+        network: digest(0),
+        round: 0,
+        node: id(0),
+        blob: digest(0x10),
+        size: 12345,
+    };
+    let signature = Signed::new(Other(request.clone()), &key(0)).signature;
+    let moved = Signed {
+        statement: request,
+        signature,
+    };
+    assert!(moved.verify().is_err());
+}
+
+/// A checkpoint is checked to the last byte: nothing can be added, removed or changed.
+#[test]
+fn a_checkpoint_has_one_form() {
+    let genesis = genesis();
+    let open = |text: &[u8]| Checkpoint::open(text, &genesis.name, &genesis.log_key);
+    let checkpoint = Checkpoint {
+        size: 12,
+        root: digest(0x33),
+    };
+    let text = checkpoint.sign(&genesis.name, &log_key()).unwrap();
+    for position in 0..text.len() {
+        for bit in 0..8 {
+            let mut changed = text.clone();
+            changed[position] ^= 1 << bit;
+            assert!(
+                open(&changed).is_err(),
+                "bit {bit} of byte {position} does not matter"
+            );
+        }
+        assert!(open(&text[..position]).is_err());
+    }
+    assert!(open(&[&text[..], b"\n"].concat()).is_err());
+    // A second, valid signature line; and the same once more.
+    let line = text.split(|byte| *byte == b'\n').nth(4).unwrap();
+    let doubled = [&text[..], line, b"\n"].concat();
+    assert!(open(&doubled).is_err());
+    // Signed by another key, or for another log.
+    let other = checkpoint.sign(&genesis.name, &key(0)).unwrap();
+    assert!(open(&other).is_err());
+    let other = checkpoint.sign("another.log", &log_key()).unwrap();
+    assert!(open(&other).is_err());
+    assert!(open(&vec![b'a'; 1 << 20]).is_err());
+}

@@ -1,0 +1,272 @@
+//! Credits are earned by what was proven and lost when it turns out false.
+
+use crate::network::{votes::*, *};
+use zk0_circuits::{Digest, Losses};
+use zk0_protocol::{
+    entries::{
+        entry::DisputeResolved,
+        proposal::Action,
+        signed::{Dispute, Evidence},
+    },
+    rules::{network_rules::CreditRule, state::Standing},
+    Body, Refusal, RuleViolation, Signed, State,
+};
+
+/// Two contributions to round 0, which is over: entries 7 (node 0) and 8 (node 1).
+fn contributed() -> Chain {
+    let mut chain = Chain::all_committed(2);
+    chain.apply(accepted(&chain.state, 0));
+    chain.apply(accepted(&chain.state, 1));
+    chain.apply(Body::RoundClosed(closed(&chain.state, weights(0x50))));
+    assert_eq!(
+        chain.state.contributions().keys().collect::<Vec<_>>(),
+        [&8, &9]
+    );
+    chain
+}
+
+fn dispute(state: &State, by: u8, contribution: u64, evidence: Evidence) -> Dispute {
+    Dispute {
+        network: *state.network(),
+        disputer: id(by),
+        contribution,
+        evidence,
+    }
+}
+
+fn disputed(state: &State, by: u8, contribution: u64, evidence: Evidence) -> Body {
+    Body::Disputed(Signed::new(
+        dispute(state, by, contribution, evidence),
+        &key(by),
+    ))
+}
+
+fn resolved(dispute: u64, upheld: Option<Refusal>) -> Body {
+    Body::DisputeResolved(DisputeResolved { dispute, upheld })
+}
+
+fn said(violation: RuleViolation) -> String {
+    match violation {
+        RuleViolation::BadDispute { why, .. } => why,
+        other => panic!("{other}"),
+    }
+}
+
+fn credits(chain: &Chain, node: u8) -> u64 {
+    chain.state.node(&id(node)).unwrap().credits
+}
+
+#[test]
+fn credits_are_improvement_times_samples_capped() {
+    let rule = CreditRule {
+        bps_samples_per_credit: 100,
+        max_per_contribution: 500,
+        dispute_window_ms: 0,
+    };
+    assert_eq!(rule.earned(1000, 10), 100);
+    assert_eq!(rule.earned(99, 1), 0);
+    assert_eq!(rule.earned(1000, 51), 500);
+    assert_eq!(rule.earned(u64::MAX, u64::MAX), 500);
+    assert_eq!(
+        CreditRule {
+            max_per_contribution: 0,
+            ..rule
+        }
+        .earned(1000, 10),
+        0
+    );
+
+    // From 1000 to 900 over 10 and 20 samples; and over 100 of 120, as the rules cap them.
+    let mut chain = Chain::all_committed(12);
+    for node in [0, 1, 11] {
+        chain.apply(accepted(&chain.state, node));
+    }
+    chain.wait(SUBMIT_WINDOW);
+    chain.apply(Body::RoundClosed(closed(&chain.state, weights(0x50))));
+    assert_eq!(
+        [0, 1, 11].map(|node| credits(&chain, node)),
+        [100, 200, 500]
+    );
+    assert_eq!(credits(&chain, 2), 0);
+}
+
+#[test]
+fn hidden_losses_earn_what_is_proven_the_minimum() {
+    let mut founded = genesis();
+    founded.rules.disclosure = zk0_circuits::Disclosure::Nothing;
+    let mut chain = Chain::founded(founded);
+    chain.apply(enrolled(0));
+    chain.apply(registered(&chain.state.network().clone(), 0));
+    chain.open();
+    chain.apply(committed(&chain.state, 0, weights(0x10)));
+    chain.apply(accepted(&chain.state, 0));
+    assert_eq!(
+        chain.state.contributors()[0].credits,
+        5,
+        "50 basis points on 10 samples"
+    );
+}
+
+#[test]
+fn a_worse_loss_than_proven_earns_no_more_than_the_minimum() {
+    // Such a claim is never proven; should it be recorded all the same, nothing wraps.
+    let mut chain = Chain::all_committed(1);
+    let mut claim = claim(&chain.state, 0);
+    claim.losses = Losses::Disclosed {
+        before: 1,
+        after: u64::MAX,
+        elements: 1,
+    };
+    chain.apply(Body::ContributionAccepted(submission(claim, 0)));
+    assert_eq!(chain.state.contributors()[0].credits, 5);
+}
+
+#[test]
+fn a_false_contribution_loses_its_credits_and_its_node_is_suspended() {
+    let mut chain = contributed();
+    assert_eq!((credits(&chain, 0), credits(&chain, 1)), (100, 200));
+    chain.apply(disputed(&chain.state, 0, 9, Evidence::Verification));
+    // It cannot be put off.
+    let opening = Body::RoundOpened(opened(&chain.state, chain.time_ms + 1));
+    assert_eq!(chain.refusal(opening), RuleViolation::DisputeUndecided(11));
+    let (entry, open) = chain.state.undecided().unwrap();
+    assert_eq!((entry, open.contribution), (11, 9));
+    chain.apply(resolved(11, Some(invalid_proof())));
+    assert_eq!((credits(&chain, 0), credits(&chain, 1)), (100, 0));
+    assert_eq!(
+        chain.state.node(&id(1)).unwrap().standing,
+        Standing::Suspended
+    );
+    assert!(chain.state.disputes().is_empty());
+    // It is not taken twice.
+    let again = disputed(&chain.state, 0, 9, Evidence::Verification);
+    assert!(said(chain.refusal(again)).contains("no accepted contribution"));
+    chain.open();
+}
+
+#[test]
+fn a_contribution_that_verifies_is_cleared() {
+    let mut chain = contributed();
+    chain.apply(disputed(&chain.state, 0, 9, Evidence::Verification));
+    chain.apply(resolved(11, None));
+    assert_eq!(credits(&chain, 1), 200);
+    assert_eq!(chain.state.node(&id(1)).unwrap().standing, Standing::Active);
+    let again = disputed(&chain.state, 0, 9, Evidence::Verification);
+    assert!(said(chain.refusal(again)).contains("verified again already"));
+    // What a document says is another question.
+    chain.apply(disputed(&chain.state, 0, 9, Evidence::Document(digest(1))));
+}
+
+#[test]
+fn what_a_document_says_is_decided_by_vote() {
+    let mut chain = contributed();
+    chain.apply(disputed(&chain.state, 0, 9, Evidence::Document(digest(1))));
+    assert!(said(chain.refusal(resolved(11, Some(invalid_proof())))).contains("a vote decides"));
+    chain.open();
+    chain.wait(SUBMIT_WINDOW);
+    chain.apply(Body::RoundClosed(closed(&chain.state, weights(0x50))));
+    chain.decide(Action::JudgeDispute {
+        dispute: 11,
+        upheld: true,
+    });
+    assert_eq!((credits(&chain, 0), credits(&chain, 1)), (100, 0));
+    assert_eq!(
+        chain.state.node(&id(1)).unwrap().standing,
+        Standing::Suspended
+    );
+
+    let mut chain = contributed();
+    chain.apply(disputed(&chain.state, 0, 9, Evidence::Verification));
+    let judge = Action::JudgeDispute {
+        dispute: 11,
+        upheld: true,
+    };
+    assert!(matches!(
+        chain.refusal(proposed(&chain.state, 0, judge)),
+        RuleViolation::BadProposal { why, .. } if why.contains("verification decides")
+    ));
+}
+
+#[test]
+fn disputes_are_raised_by_members_about_what_may_be_disputed() {
+    let mut chain = contributed();
+    let verification = Evidence::Verification;
+    let said_no = |chain: &mut Chain, body| said(chain.refusal(body));
+    for nothing in [0, 7, 10, 99] {
+        let body = disputed(&chain.state, 0, nothing, verification);
+        assert!(said_no(&mut chain, body).contains("no accepted contribution"));
+    }
+    let stranger = disputed(&chain.state, 7, 9, verification);
+    assert_eq!(chain.refusal(stranger), Refusal::NotEnrolled(id(7)).into());
+    let forged = Signed::new(dispute(&chain.state, 0, 9, verification), &key(1));
+    assert!(matches!(
+        chain.refusal(Body::Disputed(forged)),
+        RuleViolation::Refused(Refusal::Signature(_))
+    ));
+    let mut elsewhere = dispute(&chain.state, 0, 9, verification);
+    elsewhere.network = Digest([1; 32]);
+    assert!(matches!(
+        chain.refusal(Body::Disputed(Signed::new(elsewhere, &key(0)))),
+        RuleViolation::Refused(Refusal::WrongNetwork { .. })
+    ));
+    // Governors have a say without a node. One dispute each, and one about each.
+    let mut by_governor = dispute(&chain.state, 0, 8, verification);
+    by_governor.disputer = governor(2);
+    let by_governor = Signed::new(by_governor, &governor_key(2));
+    chain.apply(Body::Disputed(by_governor));
+    let about_the_same = disputed(&chain.state, 1, 8, Evidence::Document(digest(1)));
+    assert!(said_no(&mut chain, about_the_same).contains("open already"));
+    chain.apply(disputed(&chain.state, 0, 9, verification));
+    // Too late.
+    let mut late = contributed();
+    late.time_ms = late.state.contributions()[&9].disputable_until_ms;
+    let body = disputed(&late.state, 0, 9, verification);
+    assert!(said_no(&mut late, body).contains("could be disputed until 1 ms ago"));
+}
+
+#[test]
+fn one_dispute_each() {
+    let mut chain = contributed();
+    chain.apply(disputed(&chain.state, 0, 9, Evidence::Verification));
+    let second = disputed(&chain.state, 0, 8, Evidence::Verification);
+    assert!(said(chain.refusal(second)).contains("has a dispute open already"));
+}
+
+#[test]
+fn verification_says_what_only_blobs_can_tell_and_between_rounds() {
+    let mut chain = contributed();
+    chain.apply(disputed(&chain.state, 0, 9, Evidence::Verification));
+    for reason in [
+        Refusal::NotEnrolled(id(1)),
+        Refusal::Late {
+            what: "the claim".into(),
+            round: 0,
+            late_ms: 1,
+        },
+        Refusal::Dataset("bad".into()),
+    ] {
+        assert!(said(chain.refusal(resolved(11, Some(reason)))).contains("cannot say"));
+    }
+    assert!(said(chain.refusal(resolved(9, None))).contains("no open dispute"));
+    let mut chain = contributed();
+    chain.open();
+    chain.apply(disputed(&chain.state, 0, 9, Evidence::Verification));
+    assert_eq!(
+        chain.refusal(resolved(12, None)),
+        RuleViolation::RoundStillOpen(1)
+    );
+}
+
+#[test]
+fn the_state_forgets_what_can_no_longer_be_disputed() {
+    let mut chain = contributed();
+    chain.apply(disputed(&chain.state, 0, 9, Evidence::Document(digest(1))));
+    chain.wait(DISPUTE_WINDOW + 10);
+    chain.open();
+    assert!(chain.state.contributions().is_empty());
+    assert!(
+        chain.state.disputes().is_empty(),
+        "nobody judged it in time"
+    );
+    assert_eq!(credits(&chain, 1), 200);
+}

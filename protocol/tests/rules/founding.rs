@@ -1,0 +1,118 @@
+//! The genesis, versions, times, and the first enrolments.
+
+use super::Breaks;
+use crate::network::*;
+use zk0_circuits::NodeId;
+use zk0_protocol::{
+    entries::{codec::EntryError, member::NodeEnrolled},
+    Body, RuleViolation, State,
+};
+
+#[test]
+fn genesis_comes_first_and_only_first() {
+    assert_eq!(
+        State::found(&entry(T0, enrolled(0))),
+        Err(RuleViolation::NoGenesis)
+    );
+    assert_eq!(
+        Chain::new().refusal(Body::Genesis(genesis())),
+        RuleViolation::SecondGenesis
+    );
+}
+
+#[test]
+fn a_genesis_has_to_make_sense() {
+    let broken: [Breaks<zk0_protocol::Genesis>; 15] = [
+        ("evaluation", |g| g.evaluation[0] ^= 1),
+        ("evaluation", |g| g.evaluation.push(0)),
+        ("eval_samples", |g| g.rules.eval_samples = 11),
+        ("eval_samples", |g| {
+            g.rules.eval_samples = 5000;
+            g.rules.min_dataset_samples = 5000;
+        }),
+        ("name", |g| g.name = "two words".into()),
+        ("name", |g| g.name = "".into()),
+        ("name", |g| g.name = "a+b".into()),
+        ("name", |g| g.name = "n".repeat(129)),
+        ("log_key", |g| g.log_key = [0; 32]),
+        ("min_improvement_bps", |g| g.rules.min_improvement_bps = 0),
+        ("min_improvement_bps", |g| {
+            g.rules.min_improvement_bps = 10_001
+        }),
+        ("eval_samples", |g| g.rules.eval_samples = 0),
+        ("min_dataset_samples", |g| g.rules.min_dataset_samples = 0),
+        ("max_weight_samples", |g| g.rules.max_weight_samples = 0),
+        ("submit_window_ms", |g| {
+            g.rules.submit_window_ms = COMMIT_WINDOW - 1
+        }),
+    ];
+    for (what, breaks) in broken {
+        let mut genesis = genesis();
+        breaks(&mut genesis);
+        match State::found(&entry(T0, Body::Genesis(genesis))) {
+            Err(RuleViolation::BadGenesis(why)) => assert!(why.contains(what), "{why}"),
+            other => panic!("{what}: {other:?}"),
+        }
+    }
+}
+
+#[test]
+fn the_network_id_is_that_of_the_whole_genesis() {
+    let network = *Chain::new().state.network();
+    let mut other = genesis();
+    other.nonce[31] ^= 1;
+    assert_ne!(network, other.network_id());
+    let mut other = genesis();
+    other.rules.max_proof_bytes += 1;
+    assert_ne!(network, other.network_id());
+}
+
+#[test]
+fn versions_are_known() {
+    let mut unknown = entry(T0, Body::Genesis(genesis()));
+    unknown.version = 2;
+    let expected = RuleViolation::Entry(EntryError::UnknownVersion(2));
+    assert_eq!(State::found(&unknown), Err(expected.clone()));
+    let mut unknown = entry(T0, enrolled(0));
+    unknown.version = 2;
+    let mut state = Chain::new().state;
+    assert_eq!(state.apply(&digest(0), &unknown), Err(expected));
+}
+
+#[test]
+fn time_does_not_run_backwards() {
+    let mut state = Chain::new().state;
+    assert_eq!(
+        state.apply(&digest(0), &entry(T0 - 1, enrolled(0))),
+        Err(RuleViolation::TimeBackwards {
+            time_ms: T0 - 1,
+            last_ms: T0
+        })
+    );
+    assert_eq!(state.apply(&digest(0), &entry(T0, enrolled(0))), Ok(()));
+}
+
+#[test]
+fn nodes_enrol_once_under_a_real_key_and_a_plain_name() {
+    let mut chain = Chain::new();
+    chain.apply(enrolled(0));
+    assert_eq!(
+        chain.refusal(enrolled(0)),
+        RuleViolation::AlreadyEnrolled(id(0))
+    );
+    let bad = |node: NodeId, name: &str| {
+        Body::NodeEnrolled(NodeEnrolled {
+            node,
+            name: name.into(),
+        })
+    };
+    // Zero is a point of small order: anyone can sign for it.
+    for body in [
+        bad(NodeId([0; 32]), "weak"),
+        bad(id(1), ""),
+        bad(id(1), "a\nb"),
+        bad(id(1), &"n".repeat(129)),
+    ] {
+        assert!(matches!(chain.refusal(body), RuleViolation::BadNode { .. }));
+    }
+}

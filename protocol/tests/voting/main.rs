@@ -1,0 +1,22 @@
+//! The rules change by vote and in no other way: every way to cheat is refused, and the end of a vote is what it has to be.
+
+#[path = "../network/mod.rs"]
+mod network;
+
+mod proposals;
+mod votes;
+
+use network::genesis;
+use zk0_protocol::{entries::proposal::Action, Rules};
+
+/// Rules with another number of samples per claim.
+fn other_rules() -> Rules {
+    Rules {
+        eval_samples: 7,
+        ..genesis().rules
+    }
+}
+
+fn change() -> Action {
+    Action::ChangeRules(Box::new(other_rules()))
+}

@@ -1,0 +1,339 @@
+//! What can be proposed, and what an executed proposal changes.
+
+use super::change;
+use crate::network::{votes::*, *};
+use zk0_circuits::NodeId;
+use zk0_protocol::{
+    entries::{
+        entry::ProposalSettled,
+        member::NodeEnrolled,
+        proposal::{Action, Ballot, Outcome},
+        signed::Proposal,
+    },
+    rules::{
+        governance::{Governance, MAX_OPEN_PROPOSALS},
+        network_rules::{Participation, Strategy},
+        state::Standing,
+    },
+    Body, Genesis, Refusal, RuleViolation, Rules, Signed,
+};
+
+#[test]
+fn a_proposal_makes_sense_when_it_is_made() {
+    let mut chain = Chain::new();
+    chain.apply(enrolled(0));
+    let broken = |breaks: fn(&mut Rules)| {
+        let mut rules = genesis().rules;
+        breaks(&mut rules);
+        Action::ChangeRules(Box::new(rules))
+    };
+    let senseless = [
+        (broken(|r| r.eval_samples = 0), "eval_samples"),
+        (
+            broken(|r| r.strategy = Strategy::TrimmedMean { trim_bps: 5000 }),
+            "strategy",
+        ),
+        (
+            broken(|r| r.participation = Participation::Sampled { nodes: 0 }),
+            "participation",
+        ),
+        (
+            broken(|r| r.participation = Participation::Listed(vec![])),
+            "participation",
+        ),
+        (
+            broken(|r| r.participation = Participation::Listed(vec![id(0), id(0)])),
+            "ascending",
+        ),
+        (
+            broken(|r| r.credits.bps_samples_per_credit = 0),
+            "bps_samples_per_credit",
+        ),
+        (
+            broken(|r| r.governance.threshold_bps = 4999),
+            "threshold_bps",
+        ),
+        (broken(|r| r.governance.quorum_bps = 0), "quorum_bps"),
+        (broken(|r| r.governance.veto_bps = 10_001), "veto_bps"),
+        (broken(|r| r.governance.voting_ms = 0), "voting_ms"),
+        (broken(|r| r.governance.governors[0].weight = 0), "weight"),
+        (broken(|r| r.governance.governors.swap(0, 1)), "ascending"),
+        (
+            broken(|r| r.governance.governors[0].key.0 = [0; 32]),
+            "governor",
+        ),
+        (broken(|r| r.governance.governors[0].name.clear()), "name"),
+        (Action::Suspend(id(1)), "not enrolled"),
+        (Action::Reinstate(id(0)), "active"),
+        (Action::Enrol(enrolment(0)), "already enrolled"),
+        (
+            Action::ReplaceKey {
+                node: id(0),
+                with: id(0),
+            },
+            "already enrolled",
+        ),
+        // Zero is a point of small order: anyone can sign for it.
+        (
+            Action::Enrol(NodeEnrolled {
+                node: NodeId([0; 32]),
+                name: "weak".into(),
+            }),
+            "not an ed25519 public key",
+        ),
+        (
+            Action::ReplaceKey {
+                node: id(0),
+                with: NodeId([0; 32]),
+            },
+            "not an ed25519 public key",
+        ),
+        (
+            Action::JudgeDispute {
+                dispute: 1,
+                upheld: true,
+            },
+            "no open dispute",
+        ),
+    ];
+    for (action, said) in senseless {
+        let proposed = proposed(&chain.state, 0, action);
+        match chain.refusal(proposed) {
+            RuleViolation::BadProposal { why, .. } => assert!(why.contains(said), "{said}: {why}"),
+            other => panic!("{said}: {other}"),
+        }
+    }
+    let text = |breaks: fn(&mut Proposal)| {
+        let mut proposal = proposal(&chain.state, 0, change());
+        breaks(&mut proposal);
+        Body::Proposed(Signed::new(proposal, &governor_key(0)))
+    };
+    for text in [
+        text(|p| p.title.clear()),
+        text(|p| p.title = "t".repeat(201)),
+        text(|p| p.title = "two\nlines".into()),
+        text(|p| p.text = "t".repeat((8 << 10) + 1)),
+        text(|p| p.number = 1),
+    ] {
+        assert!(matches!(
+            chain.refusal(text),
+            RuleViolation::BadProposal { .. }
+        ));
+    }
+}
+
+#[test]
+fn what_is_not_possible_any_more_changes_nothing() {
+    let mut chain = Chain::new();
+    chain.apply(proposed(&chain.state, 0, Action::Enrol(enrolment(0))));
+    chain.apply(voted(&chain.state, 0, 0, Ballot::For));
+    chain.apply(enrolled(0));
+    chain.wait(VOTING + TIME_LOCK);
+    let why = RuleViolation::AlreadyEnrolled(id(0)).to_string();
+    chain.apply(settled(0, Outcome::Impossible(why)));
+    chain.open();
+}
+
+#[test]
+fn one_proposal_each_and_so_many_in_all() {
+    let mut founded = genesis();
+    let governors = u8::try_from(MAX_OPEN_PROPOSALS + 1).unwrap();
+    founded.rules.governance.governors = (0..governors)
+        .map(|number| zk0_protocol::rules::governance::Governor {
+            key: id(number),
+            name: "one of many".into(),
+            weight: 1,
+        })
+        .collect();
+    founded
+        .rules
+        .governance
+        .governors
+        .sort_by_key(|governor| governor.key);
+    let mut chain = Chain::founded(founded);
+    let by = |chain: &Chain, number: u8| {
+        let proposal = Proposal {
+            proposer: id(number),
+            ..proposal(&chain.state, 0, change())
+        };
+        Body::Proposed(Signed::new(proposal, &key(number)))
+    };
+    let open = |refusal| matches!(refusal, RuleViolation::BadProposal { why, .. } if why.contains("open already"));
+    chain.apply(by(&chain, 0));
+    assert!(open(chain.refusal(by(&chain, 0))));
+    for number in 1..governors - 1 {
+        chain.apply(by(&chain, number));
+    }
+    assert!(open(chain.refusal(by(&chain, governors - 1))));
+}
+
+#[test]
+fn nodes_come_and_go_by_vote() {
+    let mut founded = genesis();
+    founded.rules.enrolment = zk0_protocol::rules::network_rules::EnrolmentRule::Vote;
+    let mut chain = Chain::founded(founded);
+    assert_eq!(
+        chain.refusal(enrolled(0)),
+        RuleViolation::EnrolmentByVote(id(0))
+    );
+    chain.decide(Action::Enrol(enrolment(0)));
+    assert_eq!(chain.state.node(&id(0)).unwrap().standing, Standing::Active);
+    let network = *chain.state.network();
+    chain.apply(registered(&network, 0));
+    chain.decide(Action::Suspend(id(0)));
+    chain.open();
+    let suspended = Refusal::NotActive {
+        node: id(0),
+        standing: "suspended".into(),
+    };
+    let commit = committed(&chain.state, 0, weights(0x10));
+    assert_eq!(chain.refusal(commit), suspended.clone().into());
+    assert!(chain.state.may_close(chain.time_ms), "nobody is waited for");
+    chain.apply(Body::RoundClosed(closed(&chain.state, weights(4))));
+    assert_eq!(chain.refusal(registered(&network, 0)), suspended.into());
+    chain.decide(Action::Reinstate(id(0)));
+    chain.decide(Action::Revoke(id(0)));
+    assert_eq!(
+        chain.state.node(&id(0)).unwrap().standing,
+        Standing::Revoked
+    );
+    // There is no way back, under this key or by enrolling again.
+    for action in [
+        Action::Reinstate(id(0)),
+        Action::Enrol(enrolment(0)),
+        Action::ReplaceKey {
+            node: id(0),
+            with: id(1),
+        },
+    ] {
+        let proposed = proposed(&chain.state, 0, action);
+        assert!(matches!(
+            chain.refusal(proposed),
+            RuleViolation::BadProposal { .. }
+        ));
+    }
+}
+
+#[test]
+fn who_may_contribute_is_a_rule() {
+    let with = |participation| {
+        let mut founded = genesis();
+        founded.rules.participation = participation;
+        let mut chain = Chain::founded(founded);
+        for node in 0..6 {
+            chain.apply(enrolled(node));
+            chain.apply(registered(&chain.state.network().clone(), node));
+        }
+        chain
+    };
+    let invited = |chain: &mut Chain| -> Vec<u8> {
+        chain.open();
+        let may = (0..6).filter(|node| {
+            let body = committed(&chain.state, *node, weights(0x10 + node));
+            match (Chain {
+                state: chain.state.clone(),
+                time_ms: chain.time_ms,
+            })
+            .try_apply(body)
+            {
+                Ok(()) => true,
+                Err(RuleViolation::Refused(Refusal::NotInvited { node: refused, .. })) => {
+                    assert_eq!(refused, id(*node));
+                    false
+                }
+                Err(other) => panic!("{other}"),
+            }
+        });
+        may.collect()
+    };
+    assert_eq!(invited(&mut with(Participation::All)).len(), 6);
+    let mut listed = vec![id(2), id(4)];
+    listed.sort();
+    assert_eq!(invited(&mut with(Participation::Listed(listed))), [2, 4]);
+
+    // A sample is another one in other rounds, of the size asked for, and the round waits for nobody else.
+    let mut chain = with(Participation::Sampled { nodes: 2 });
+    let mut samples = std::collections::BTreeSet::new();
+    for round in 0..8 {
+        let sample = invited(&mut chain);
+        assert_eq!(sample.len(), 2);
+        for node in &sample {
+            chain.apply(committed(
+                &chain.state,
+                *node,
+                weights(0x10 + 6 * round + node),
+            ));
+            chain.apply(rejected(&chain.state, *node, invalid_proof()));
+        }
+        assert!(chain.state.may_close(chain.time_ms));
+        chain.apply(Body::RoundClosed(closed(&chain.state, weights(4))));
+        samples.insert(sample);
+    }
+    assert!(samples.len() > 3, "{samples:?}");
+    // More than there are is everyone.
+    assert_eq!(
+        invited(&mut with(Participation::Sampled { nodes: 100 })).len(),
+        6
+    );
+}
+
+#[test]
+fn a_larger_minimum_leaves_small_datasets_out() {
+    let mut chain = Chain::in_round(2);
+    chain.wait(SUBMIT_WINDOW);
+    chain.apply(Body::RoundClosed(closed(&chain.state, weights(4))));
+    let rules = Rules {
+        min_dataset_samples: 20,
+        ..genesis().rules
+    };
+    chain.decide(Action::ChangeRules(Box::new(rules)));
+    chain.open();
+    assert!(matches!(
+        chain.refusal(committed(&chain.state, 0, weights(0x10))),
+        RuleViolation::Refused(Refusal::Dataset(why)) if why.contains("10 samples")
+    ));
+    chain.apply(committed(&chain.state, 1, weights(0x11)));
+    chain.apply(rejected(&chain.state, 1, invalid_proof()));
+    assert!(
+        chain.state.may_close(chain.time_ms),
+        "nobody waits for node 0"
+    );
+}
+
+#[test]
+fn without_governance_nothing_is_ever_proposed() {
+    let founded = Genesis {
+        rules: Rules {
+            governance: Governance::none(),
+            ..genesis().rules
+        },
+        ..genesis()
+    };
+    let mut chain = Chain::founded(founded);
+    let refused = chain.refusal(proposed(&chain.state, 0, change()));
+    assert_eq!(refused, RuleViolation::NoVote(governor(0)));
+}
+
+#[test]
+fn rules_are_the_same_as_json() {
+    let mut rules = genesis().rules;
+    rules.participation = Participation::Listed(vec![id(0)]);
+    rules.strategy = Strategy::TrimmedMean { trim_bps: 1000 };
+    let json = serde_json::to_string_pretty(&rules).unwrap();
+    assert_eq!(serde_json::from_str::<Rules>(&json).unwrap(), rules);
+    let unknown = json.replace("min_dataset_samples", "min_dataset_sample");
+    let error = serde_json::from_str::<Rules>(&unknown)
+        .unwrap_err()
+        .to_string();
+    assert!(error.contains("min_dataset_sample"), "{error}");
+}
+
+#[test]
+fn a_settlement_says_which_proposal() {
+    let mut chain = Chain::new();
+    let unknown = Body::ProposalSettled(ProposalSettled {
+        proposal: 3,
+        outcome: Outcome::Executed,
+    });
+    assert_eq!(chain.refusal(unknown), RuleViolation::ProposalNotOpen(3));
+}

@@ -1,0 +1,364 @@
+//! Votes, vetoes, their times and their weights.
+
+use super::{change, other_rules};
+use crate::network::{votes::*, *};
+use zk0_protocol::{
+    entries::{
+        entry::DisputeResolved,
+        proposal::{Action, Ballot, Outcome},
+        signed::{Dispute, Evidence, Proposal, Vote},
+    },
+    rules::open_proposal::Tally,
+    Body, Refusal, RuleViolation, Signed,
+};
+
+#[test]
+fn rules_change_after_vote_and_time_lock() {
+    let mut chain = Chain::new();
+    chain.apply(proposed(&chain.state, 0, change()));
+    chain.apply(voted(&chain.state, 0, 0, Ballot::For));
+    chain.apply(voted(&chain.state, 1, 0, Ballot::Against));
+    chain.wait(VOTING + TIME_LOCK);
+    assert_eq!(
+        chain.state.rules(),
+        &genesis().rules,
+        "not before it is settled"
+    );
+    chain.apply(settled(0, Outcome::Executed));
+    assert_eq!(chain.state.rules(), &other_rules());
+    assert!(chain.state.proposals().is_empty());
+    chain.open();
+    assert_eq!(chain.state.round().unwrap().opened.rules, other_rules());
+}
+
+/// Governors 0, 1 and 2 have weights 5, 3 and 2; 40 % have to take part, more than half has to be for it, 30 % stop it.
+#[test]
+fn the_end_of_a_vote_follows_from_the_weights() {
+    use Ballot::{Abstain, Against, For, Veto};
+    let ends: [(&str, &[(u8, Ballot)], &[u8], Outcome); 10] = [
+        ("nobody", &[], &[], Outcome::NoQuorum),
+        ("3 of 10", &[(1, For)], &[], Outcome::NoQuorum),
+        ("5 of 10", &[(0, For)], &[], Outcome::Executed),
+        (
+            "an abstention counts",
+            &[(2, For), (1, Abstain)],
+            &[],
+            Outcome::Executed,
+        ),
+        ("all abstain", &[(0, Abstain)], &[], Outcome::Rejected),
+        (
+            "a tie",
+            &[(0, For), (1, Against), (2, Against)],
+            &[],
+            Outcome::Rejected,
+        ),
+        ("against", &[(2, For), (1, Against)], &[], Outcome::Rejected),
+        ("a veto too light", &[(0, For)], &[2], Outcome::Executed),
+        ("a veto", &[(0, For)], &[1], Outcome::Vetoed),
+        (
+            "one's own veto",
+            &[(0, For), (1, For)],
+            &[0],
+            Outcome::Vetoed,
+        ),
+    ];
+    for (what, votes, vetoes, end) in ends {
+        let mut chain = Chain::new();
+        chain.apply(proposed(&chain.state, 0, change()));
+        for (governor, ballot) in votes {
+            chain.apply(voted(&chain.state, *governor, 0, *ballot));
+        }
+        chain.wait(VOTING);
+        for governor in vetoes {
+            chain.apply(voted(&chain.state, *governor, 0, Veto));
+        }
+        chain.wait(TIME_LOCK);
+        for other in [
+            Outcome::Executed,
+            Outcome::Rejected,
+            Outcome::Vetoed,
+            Outcome::NoQuorum,
+        ] {
+            if other != end {
+                let refused = chain.refusal(settled(0, other));
+                assert!(
+                    matches!(refused, RuleViolation::OtherOutcome { .. }),
+                    "{what}: {refused}"
+                );
+            }
+        }
+        chain.apply(settled(0, end.clone()));
+        let changed = chain.state.rules() == &other_rules();
+        assert_eq!(changed, end == Outcome::Executed, "{what}");
+    }
+}
+
+#[test]
+fn nobody_votes_twice() {
+    let mut chain = Chain::new();
+    chain.apply(proposed(&chain.state, 0, change()));
+    let twice = |number, voter| RuleViolation::VotedTwice { number, voter };
+    chain.apply(voted(&chain.state, 1, 0, Ballot::For));
+    for ballot in [Ballot::For, Ballot::Against, Ballot::Abstain] {
+        let again = voted(&chain.state, 1, 0, ballot);
+        assert_eq!(chain.refusal(again), twice(0, governor(1)));
+    }
+    chain.wait(VOTING);
+    chain.apply(voted(&chain.state, 1, 0, Ballot::Veto));
+    let again = voted(&chain.state, 1, 0, Ballot::Veto);
+    assert_eq!(chain.refusal(again), twice(0, governor(1)));
+}
+
+#[test]
+fn votes_and_vetoes_have_their_time() {
+    let mut chain = Chain::new();
+    chain.apply(proposed(&chain.state, 0, change()));
+    let early = voted(&chain.state, 0, 0, Ballot::Veto);
+    assert!(matches!(
+        chain.refusal(early),
+        RuleViolation::VetoEarly { number: 0, .. }
+    ));
+    let ends = chain.state.proposals()[&0].voting_ends_ms;
+    // The last moment counts, the one after it does not.
+    chain.time_ms = ends - 1;
+    chain.apply(voted(&chain.state, 0, 0, Ballot::For));
+    let late = voted(&chain.state, 1, 0, Ballot::For);
+    assert!(matches!(
+        chain.refusal(late),
+        RuleViolation::VoteClosed {
+            number: 0,
+            late_ms: 1,
+            ..
+        }
+    ));
+    let early = settled(0, Outcome::Executed);
+    assert!(matches!(
+        chain.refusal(early),
+        RuleViolation::SettledEarly { .. }
+    ));
+    chain.time_ms = chain.state.proposals()[&0].veto_ends_ms - 1;
+    chain.apply(voted(&chain.state, 2, 0, Ballot::Veto));
+    let late = voted(&chain.state, 1, 0, Ballot::Veto);
+    assert!(matches!(
+        chain.refusal(late),
+        RuleViolation::VoteClosed {
+            number: 0,
+            late_ms: 1,
+            ..
+        }
+    ));
+    chain.apply(settled(0, Outcome::Executed));
+    for ballot in [Ballot::For, Ballot::Veto] {
+        let over = voted(&chain.state, 1, 0, ballot);
+        assert_eq!(chain.refusal(over), RuleViolation::ProposalNotOpen(0));
+    }
+    assert_eq!(
+        chain.refusal(settled(0, Outcome::Executed)),
+        RuleViolation::ProposalNotOpen(0)
+    );
+}
+
+#[test]
+fn rules_do_not_change_while_a_round_is_open_and_change_before_the_next_one() {
+    let mut chain = Chain::in_round(1);
+    chain.apply(proposed(&chain.state, 0, change()));
+    chain.apply(voted(&chain.state, 0, 0, Ballot::For));
+    chain.wait(VOTING + TIME_LOCK);
+    assert_eq!(
+        chain.refusal(settled(0, Outcome::Executed)),
+        RuleViolation::RoundStillOpen(0)
+    );
+    chain.apply(Body::RoundClosed(closed(&chain.state, weights(4))));
+    let opening = Body::RoundOpened(opened(&chain.state, chain.time_ms + 1));
+    assert_eq!(chain.refusal(opening), RuleViolation::ProposalDue(0));
+    assert_eq!(chain.state.due(chain.time_ms), Some(0));
+    chain.apply(settled(0, Outcome::Executed));
+    // Nor can an opening name other rules than those in force.
+    let mut opening = opened(&chain.state, chain.time_ms + 1);
+    opening.rules = genesis().rules;
+    assert!(matches!(
+        chain.refusal(Body::RoundOpened(opening)),
+        RuleViolation::RoundField { field: "rules", .. }
+    ));
+    chain.open();
+}
+
+#[test]
+fn votes_and_proposals_are_for_one_network_and_one_number() {
+    let mut chain = Chain::new();
+    let mut other = genesis();
+    other.nonce[0] ^= 1;
+    let other = Chain::founded(other);
+    let elsewhere = |refusal| {
+        matches!(
+            refusal,
+            RuleViolation::Refused(Refusal::WrongNetwork { .. })
+        )
+    };
+    assert!(elsewhere(chain.refusal(proposed(
+        &other.state,
+        0,
+        change()
+    ))));
+    chain.apply(proposed(&chain.state, 0, change()));
+    assert!(elsewhere(chain.refusal(voted(
+        &other.state,
+        0,
+        0,
+        Ballot::For
+    ))));
+    assert_eq!(
+        chain.refusal(voted(&chain.state, 0, 1, Ballot::For)),
+        RuleViolation::ProposalNotOpen(1)
+    );
+    // The same proposal again, as it was signed, once it has failed.
+    let replayed = {
+        let fresh = Chain::new();
+        proposed(&fresh.state, 0, change())
+    };
+    chain.wait(VOTING + TIME_LOCK);
+    chain.apply(settled(0, Outcome::NoQuorum));
+    assert!(matches!(
+        chain.refusal(replayed),
+        RuleViolation::BadProposal { number: 0, why } if why.contains("number 1")
+    ));
+    chain.apply(proposed(&chain.state, 0, change()));
+    assert_eq!(chain.state.next_proposal(), 2);
+}
+
+#[test]
+fn who_signs_is_who_votes() {
+    let mut chain = Chain::new();
+    chain.apply(enrolled(0));
+    assert_eq!(
+        chain.refusal(Body::Proposed(Signed::new(
+            Proposal {
+                proposer: id(0),
+                ..proposal(&chain.state, 0, change())
+            },
+            &key(0),
+        ))),
+        RuleViolation::NoVote(id(0))
+    );
+    chain.apply(proposed(&chain.state, 0, change()));
+    let vote = |voter| Vote {
+        network: *chain.state.network(),
+        proposal: 0,
+        voter,
+        ballot: Ballot::For,
+    };
+    let forged = Body::Voted(Signed::new(vote(governor(0)), &key(0)));
+    let stranger = Body::Voted(Signed::new(vote(id(0)), &key(0)));
+    let forged_proposal = Body::Proposed(Signed::new(proposal(&chain.state, 1, change()), &key(0)));
+    for forged in [forged, forged_proposal] {
+        assert!(matches!(
+            chain.refusal(forged),
+            RuleViolation::Refused(Refusal::Signature(_))
+        ));
+    }
+    assert_eq!(chain.refusal(stranger), RuleViolation::NoVote(id(0)));
+}
+
+#[test]
+fn credits_vote_as_they_stood_when_it_was_proposed() {
+    // Node 1 earns 200 credits, which at ten a vote and five at most are five votes.
+    let mut chain = Chain::all_committed(2);
+    chain.apply(accepted(&chain.state, 1));
+    chain.apply(accepted(&chain.state, 0));
+    assert!(
+        !chain.state.electorate().contains_key(&id(1)),
+        "not yet earned"
+    );
+    chain.apply(Body::RoundClosed(closed(&chain.state, weights(0x50))));
+    assert_eq!(chain.state.node(&id(1)).unwrap().credits, 200);
+    assert_eq!(chain.state.electorate()[&id(1)], 5);
+    chain.apply(Body::Proposed(Signed::new(
+        Proposal {
+            proposer: id(1),
+            ..proposal(&chain.state, 0, change())
+        },
+        &key(1),
+    )));
+    let vote = |voter: u8, ballot| {
+        let vote = Vote {
+            network: *chain.state.network(),
+            proposal: 0,
+            voter: id(voter),
+            ballot,
+        };
+        Body::Voted(Signed::new(vote, &key(voter)))
+    };
+    let (first, second) = (vote(1, Ballot::For), vote(0, Ballot::For));
+    chain.apply(first);
+    chain.apply(second);
+    let tally = chain.state.proposals()[&0].tally();
+    assert_eq!((tally.for_it, tally.electorate), (10, 20));
+    // Who enrols or earns later has no say in it.
+    chain.apply(enrolled(5));
+    assert_eq!(chain.state.proposals()[&0].tally().electorate, 20);
+}
+
+#[test]
+fn what_a_node_has_lost_votes_no_more() {
+    use Ballot::{Against, For, Veto};
+    // Node 1 has five votes, the governors ten.
+    let with_vote = |ballot| {
+        let mut chain = Chain::all_committed(2);
+        let accepted_by = chain.state.entries();
+        chain.apply(accepted(&chain.state, 1));
+        chain.apply(accepted(&chain.state, 0));
+        chain.apply(Body::RoundClosed(closed(&chain.state, weights(0x50))));
+        chain.apply(proposed(&chain.state, 0, change()));
+        if ballot == Veto {
+            chain.wait(VOTING);
+        }
+        let vote = Vote {
+            network: *chain.state.network(),
+            proposal: 0,
+            voter: id(1),
+            ballot,
+        };
+        chain.apply(Body::Voted(Signed::new(vote, &key(1))));
+        (chain, accepted_by)
+    };
+    let tally = |chain: &Chain| chain.state.proposals()[&0].tally();
+    for ballot in [For, Against, Veto] {
+        let (mut chain, contribution) = with_vote(ballot);
+        assert_eq!(tally(&chain).electorate, 20);
+        let dispute = Dispute {
+            network: *chain.state.network(),
+            disputer: governor(1),
+            contribution,
+            evidence: Evidence::Verification,
+        };
+        let entry = chain.state.entries();
+        chain.apply(Body::Disputed(Signed::new(dispute, &governor_key(1))));
+        chain.apply(Body::DisputeResolved(DisputeResolved {
+            dispute: entry,
+            upheld: Some(invalid_proof()),
+        }));
+        let nothing = Tally {
+            electorate: 15,
+            ..Tally::default()
+        };
+        assert_eq!(tally(&chain), nothing, "{ballot:?}");
+        // And it has no say in it again.
+        let vote = Vote {
+            network: *chain.state.network(),
+            proposal: 0,
+            voter: id(1),
+            ballot,
+        };
+        let again = Body::Voted(Signed::new(vote, &key(1)));
+        assert_eq!(chain.refusal(again), RuleViolation::NoVote(id(1)));
+    }
+    // A node that is suspended by an earlier proposal, too; others keep what they have.
+    let (mut chain, _) = with_vote(For);
+    chain.apply(proposed(&chain.state, 1, Action::Suspend(id(1))));
+    for governor in 0..3 {
+        chain.apply(voted(&chain.state, governor, 1, For));
+    }
+    chain.wait(VOTING + TIME_LOCK);
+    chain.apply(settled(1, Outcome::Executed));
+    assert_eq!((tally(&chain).for_it, tally(&chain).electorate), (0, 15));
+}
