@@ -3,9 +3,8 @@
 use anyhow::{Context, Result};
 use std::path::Path;
 use zk0_ledger::{
-    folder,
+    bounded_file, folder,
     published::{source::Source, web::Web},
-    whole_files,
 };
 use zk0_protocol::tlog::checkpoint::MAX_NOTE_BYTES;
 
@@ -24,5 +23,5 @@ pub fn known_checkpoint(from: &str) -> Result<Vec<u8>> {
         path if path.is_dir() => folder::checkpoint(path),
         path => path.to_owned(),
     };
-    whole_files::read(&path, MAX_NOTE_BYTES).with_context(|| format!("reading {}", path.display()))
+    bounded_file::read(&path, MAX_NOTE_BYTES).with_context(|| format!("reading {}", path.display()))
 }

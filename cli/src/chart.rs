@@ -3,8 +3,8 @@
 
 use anyhow::{anyhow, Context, Result};
 use plotters::{coord::Shift, prelude::*, style::register_font};
-use std::path::Path;
-use zk0_ledger::whole_files;
+use std::{fs::File, path::Path};
+use zk0_ledger::atomic_file;
 
 /// A curve with a name: (step, loss).
 #[derive(Clone, Debug, serde::Serialize)]
@@ -73,7 +73,7 @@ pub fn draw_bars(stem: &Path, rows: &[[Bars; 2]]) -> Result<()> {
 
 fn write_json(stem: &Path, data: &impl serde::Serialize) -> Result<()> {
     let path = stem.with_extension("json");
-    whole_files::write(&path, &serde_json::to_vec(data)?)
+    atomic_file::replace(&path, &[&serde_json::to_vec(data)?])
         .with_context(|| format!("writing {}", path.display()))
 }
 
@@ -126,13 +126,15 @@ fn save(stem: &Path, size: (u32, u32), picture: &impl Picture) -> Result<()> {
     let area = BitMapBackend::new(&unfinished, size).into_drawing_area();
     draw_on(area, picture)?;
     let png = stem.with_extension("png");
-    whole_files::replace(&unfinished, &png)
+    File::open(&unfinished)
+        .and_then(|file| atomic_file::put_in_place(&file, &unfinished, &png))
         .with_context(|| format!("writing {}", png.display()))?;
 
     let (mut text, svg) = (String::new(), stem.with_extension("svg"));
     let area = SVGBackend::with_string(&mut text, size).into_drawing_area();
     draw_on(area, picture)?;
-    whole_files::write(&svg, text.as_bytes()).with_context(|| format!("writing {}", svg.display()))
+    atomic_file::replace(&svg, &[text.as_bytes()])
+        .with_context(|| format!("writing {}", svg.display()))
 }
 
 fn draw_on<B: DrawingBackend>(area: DrawingArea<B, Shift>, picture: &impl Picture) -> Result<()> {

@@ -8,7 +8,7 @@ use crate::{
 use anyhow::{bail, Context, Result};
 use serde::Serialize;
 use std::{fmt::Write as _, fs, path::PathBuf};
-use zk0_ledger::whole_files;
+use zk0_ledger::atomic_file;
 use zk0_lerobot::dataset::Dataset;
 use zk0_node::{
     progress::Progress,
@@ -136,7 +136,7 @@ pub fn run(options: &Options) -> Result<()> {
     if let Some(out) = &options.out {
         fs::create_dir_all(out).with_context(|| format!("creating {}", out.display()))?;
         let path = out.join("eval.json");
-        whole_files::write(&path, &serde_json::to_vec_pretty(&rows)?)
+        atomic_file::replace(&path, &[&serde_json::to_vec_pretty(&rows)?])
             .with_context(|| format!("writing {}", path.display()))?;
         chart::draw_bars(&out.join("eval"), &panels(&rows, options.datasets.len()))?;
     }

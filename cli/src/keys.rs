@@ -7,7 +7,7 @@ use std::{
     path::Path,
 };
 use zk0_circuits::{Digest, NodeId};
-use zk0_ledger::whole_files;
+use zk0_ledger::{atomic_file, bounded_file};
 
 /// Largest key file that is read.
 const MAX_KEY_BYTES: usize = 200;
@@ -26,16 +26,13 @@ pub fn generate(path: &Path) -> Result<NodeId> {
 
 /// Writes a key file whole or not at all.
 fn write(path: &Path, key: &SigningKey) -> io::Result<()> {
-    let folder = match path.parent() {
-        Some(folder) if !folder.as_os_str().is_empty() => folder,
-        _ => Path::new("."),
-    };
+    let folder = atomic_file::folder_of(path);
     // A temporary file can be read by its owner alone, and so can the key.
     let mut file = tempfile::NamedTempFile::new_in(folder)?;
     writeln!(file, "{}", Digest(key.to_bytes()))?;
     file.as_file().sync_all()?;
     file.persist_noclobber(path).map_err(|error| error.error)?;
-    whole_files::sync_folder_of(path)
+    atomic_file::sync_folder(folder)
 }
 
 /// 32 bytes of the system's randomness.
@@ -47,7 +44,7 @@ pub fn random() -> Result<[u8; 32]> {
 
 /// Reads the key in `path`.
 pub fn read(path: &Path) -> Result<SigningKey> {
-    let text = whole_files::read(path, MAX_KEY_BYTES)
+    let text = bounded_file::read(path, MAX_KEY_BYTES)
         .with_context(|| format!("reading the key file {}", path.display()))?;
     let secret: Option<Digest> = str::from_utf8(&text)
         .ok()

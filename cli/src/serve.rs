@@ -6,12 +6,7 @@ use tokio::{net::TcpListener, runtime::Runtime};
 use zk0_aggregator::publish::http::{self, Limits, Router};
 
 /// Serves a log's files or a witness until the process is told to end.
-pub fn serve_http(
-    what: &str,
-    listen: SocketAddr,
-    router: Router,
-    limits: Limits,
-) -> Result<()> {
+pub fn serve_http(what: &str, listen: SocketAddr, router: Router, limits: Limits) -> Result<()> {
     let runtime = Runtime::new().context("starting the runtime")?;
     runtime.block_on(async {
         let listener = TcpListener::bind(listen)

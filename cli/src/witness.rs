@@ -66,12 +66,7 @@ pub fn run(command: &Command) -> Result<()> {
             let witness = WitnessStore::open(dir, cosigner, logs)?;
             tracing::info!("the verifier key of this witness is {}", witness.key());
             let server = WitnessServer::new(witness, Arc::new(SystemClock));
-            serve_http(
-                "witness",
-                *listen,
-                server.router(),
-                WitnessServer::limits(),
-            )
+            serve_http("witness", *listen, server.router(), WitnessServer::limits())
         }
     }
 }

@@ -51,7 +51,7 @@ pub fn copy(from: &Path, to: &Path) {
 
 /// The first accepted contribution of a ledger: what was submitted, when, and in which state of the ledger.
 pub struct Accepted {
-    /// Submission, proof, update and base weights.
+    /// The submission, the proof, the update and the base weights.
     pub contribution: UnverifiedContribution,
     /// The state before it was recorded.
     pub state: State,

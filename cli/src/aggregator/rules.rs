@@ -4,7 +4,7 @@ use super::enrolment::Enrolment;
 use anyhow::{Context, Result};
 use std::path::Path;
 use zk0_circuits::Disclosure;
-use zk0_ledger::whole_files;
+use zk0_ledger::bounded_file;
 use zk0_protocol::rules::{
     governance::{Governance, Governor},
     network_rules::Rules,
@@ -107,7 +107,7 @@ impl CommonRules {
 /// The file cannot be read, or no network can work by these rules.
 pub fn read_rules(file: &Path) -> Result<Rules> {
     let context = || format!("reading rules from {}", file.display());
-    let text = whole_files::read(file, MAX_RULES_BYTES).with_context(context)?;
+    let text = bounded_file::read(file, MAX_RULES_BYTES).with_context(context)?;
     let rules: Rules = serde_json::from_slice(&text).with_context(context)?;
     rules
         .check()

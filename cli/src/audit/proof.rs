@@ -7,7 +7,7 @@ use zk0_audit::{
     log_source::open_log,
     report::describe::{describe, printable},
 };
-use zk0_ledger::{whole_files, witness_policy_file};
+use zk0_ledger::{atomic_file, bounded_file, witness_policy_file};
 use zk0_protocol::tlog::{
     tlog_proof::{TlogProof, MAX_PROOF_BYTES},
     verifier_key::{Role, VerifierKey},
@@ -52,9 +52,8 @@ pub fn prove(options: &Prove) -> Result<()> {
     })?;
     let text = proof.encode();
     match &options.out {
-        Some(path) => {
-            whole_files::write(path, &text).with_context(|| format!("writing {}", path.display()))
-        }
+        Some(path) => atomic_file::replace(path, &[&text])
+            .with_context(|| format!("writing {}", path.display())),
         None => Ok(std::io::stdout().write_all(&text)?),
     }
 }
@@ -65,7 +64,7 @@ pub fn verify(options: &Verify) -> Result<bool> {
     let policy = options.witness_policy.as_deref();
     let policy = policy.map_or_else(|| Ok(WitnessPolicy::none()), witness_policy_file::read)?;
     let reading = || format!("reading {}", file.display());
-    let proof = whole_files::read(file, MAX_PROOF_BYTES).with_context(reading)?;
+    let proof = bounded_file::read(file, MAX_PROOF_BYTES).with_context(reading)?;
     let proof = TlogProof::decode(&proof).with_context(reading)?;
     let keys: Vec<&VerifierKey> = match &options.log_key {
         Some(key) if key.role() == Role::Log => vec![key],

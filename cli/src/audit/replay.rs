@@ -18,8 +18,8 @@ use zk0_audit::{
     Depth,
 };
 use zk0_ledger::{
+    atomic_file,
     replay::{Finding, Keep},
-    whole_files,
 };
 
 /// `zk0 audit replay`.
@@ -105,7 +105,8 @@ fn write_page(path: &Path, dir: &Path, audited: &Audited) -> Result<()> {
         audit: audited,
         history: &history,
     })?;
-    whole_files::write(&data, &json).with_context(|| format!("writing {}", data.display()))?;
+    atomic_file::replace(&data, &[&json]).with_context(|| format!("writing {}", data.display()))?;
     let page = html::page(audited, &history);
-    whole_files::write(path, page.as_bytes()).with_context(|| format!("writing {}", path.display()))
+    atomic_file::replace(path, &[page.as_bytes()])
+        .with_context(|| format!("writing {}", path.display()))
 }

@@ -7,7 +7,7 @@ use anyhow::{Context, Result};
 use sha2::{Digest as _, Sha256};
 use std::path::PathBuf;
 use zk0_circuits::{Digest, Disclosure, Losses, Terms, WeightsDigest};
-use zk0_ledger::whole_files;
+use zk0_ledger::bounded_file;
 use zk0_node::{
     client::Node,
     participant::Participant,
@@ -57,7 +57,7 @@ pub fn run(options: &Options) -> Result<()> {
 }
 
 async fn take_part(options: &Options) -> Result<()> {
-    let proof = whole_files::read(&options.stolen_proof, MAX_PROOF_BYTES)
+    let proof = bounded_file::read(&options.stolen_proof, MAX_PROOF_BYTES)
         .with_context(|| format!("reading the proof {}", options.stolen_proof.display()))?;
     let participant = Participant {
         dataset: options.dataset.clone(),

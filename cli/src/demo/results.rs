@@ -10,7 +10,7 @@ use zk0_audit::{
     verified_entries::verified_entries,
 };
 use zk0_circuits::{model::spec::EvalSpec, Digest, NodeId};
-use zk0_ledger::{blobs::Blobs, replay::Verdict, whole_files};
+use zk0_ledger::{atomic_file, blobs::Blobs, replay::Verdict};
 use zk0_lerobot::dataset::Dataset;
 use zk0_node::{recording, training_history::TrainingHistory};
 use zk0_protocol::entries::{
@@ -82,7 +82,7 @@ pub fn finish(
     let global = global(&entries, genesis, &Blobs::at(network), unseen)?;
     if let Some(last) = global.last() {
         let bytes = Blobs::at(network).get(&last.weights.parse::<Digest>()?, MAX_WEIGHTS)?;
-        whole_files::write(&out.join("global.safetensors"), &bytes)
+        atomic_file::replace(&out.join("global.safetensors"), &[&bytes])
             .context("writing global.safetensors")?;
     }
     let proven: Vec<Proven> = contributions
@@ -111,9 +111,9 @@ pub fn finish(
         training,
         audit: report,
     };
-    whole_files::write(
+    atomic_file::replace(
         &out.join("metrics.json"),
-        &serde_json::to_vec_pretty(&metrics)?,
+        &[&serde_json::to_vec_pretty(&metrics)?],
     )
     .context("writing metrics.json")?;
     console.say(&format!(

@@ -8,7 +8,7 @@ use std::{
     io::Write,
     path::{Path, PathBuf},
 };
-use zk0_ledger::whole_files;
+use zk0_ledger::atomic_file;
 use zk0_smolvla::train::Step;
 
 /// A point of the training curve is the mean of this many steps, or of more: a long run has at most 400 points.
@@ -102,7 +102,7 @@ impl Metrics {
             serde_json::to_writer(&mut text, line)?;
             text.push(b'\n');
         }
-        whole_files::write(path, &text)
+        atomic_file::replace(path, &[&text])
             .and_then(|()| File::options().append(true).open(path))
             .with_context(|| format!("writing {}", path.display()))
             .map(|file| Self {

@@ -4,7 +4,7 @@ use super::Options;
 use anyhow::{Context, Result};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
-use zk0_ledger::whole_files;
+use zk0_ledger::atomic_file;
 use zk0_lerobot::policy_folder::Inference;
 use zk0_smolvla::{
     policy::frozen::{FrozenPlace, FrozenPrecision},
@@ -126,7 +126,7 @@ impl Report {
     /// Writes the file, whole or not at all.
     pub fn write(&self, out: &Path) -> Result<()> {
         let path = out.join("run.json");
-        whole_files::write(&path, &serde_json::to_vec_pretty(self)?)
+        atomic_file::replace(&path, &[&serde_json::to_vec_pretty(self)?])
             .with_context(|| format!("writing {}", path.display()))
     }
 

@@ -43,7 +43,8 @@ pub fn target(name: &str) -> Target {
 
 /// Messages that the verifier's target `eval_spec` tells apart are one outcome here.
 fn without_parts(message: String) -> String {
-    let parts = ["scale", "dimension"].map(|part| format!("the private input cannot be read: {part}"));
+    let parts =
+        ["scale", "dimension"].map(|part| format!("the private input cannot be read: {part}"));
     let part = parts.into_iter().find(|part| message.starts_with(part));
     part.unwrap_or(message)
 }
