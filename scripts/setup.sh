@@ -1,8 +1,12 @@
 #!/usr/bin/env bash
-# Installs what building zk0 needs and is missing here: system packages, and a Rust toolchain where there is none recent
-# enough. Debian and Ubuntu; asks for sudo when not root. `setup.sh guest` also installs what tests want besides (what
-# rebuilds the guest program, Go and strace), `setup.sh cuda` what scripts/with-cuda needs, `setup.sh python` what scripts/python-env
-# does.
+# Installs what building zk0 needs and this machine lacks: system packages, and a Rust toolchain where none is recent enough.
+# It knows Debian and Ubuntu, and uses sudo when it does not run as root. Arguments add to that:
+#
+#   guest      what rebuilds the guest programs, and what some tests want: Go and strace
+#   lint       what scripts/lint runs: rustfmt, clippy and cargo-deny
+#   coverage   what scripts/coverage runs: cargo-llvm-cov and LLVM's tools
+#   cuda       what scripts/with-cuda needs
+#   python     what scripts/python-env needs
 set -euo pipefail
 
 packages=(gcc g++ make pkg-config git protobuf-compiler libprotobuf-dev clang libclang-dev cmake nasm)
@@ -42,17 +46,56 @@ if ! "$here/with-rust" true 2>/dev/null; then
     "$here/with-rust" true
 fi
 
-if [ "${1:-}" = guest ]; then
-    # The guest is rebuilt with Debian's compiler; without it the check says that it did not run.
+wanted() { [[ " $arguments " == *" $1 "* ]]; }
+arguments=$*
+
+# Installs a program of crates.io into cargo's own folder, if cargo does not find one. It is built for a quick build rather
+# than a quick program, outside the target folder.
+install_cargo() {
+    "$here/with-rust" cargo "${1#cargo-}" --version >/dev/null 2>&1 && return
+    echo "setup: building $1 $2; this takes two minutes" >&2
+    env -u CARGO_TARGET_DIR CARGO_PROFILE_RELEASE_LTO=off CARGO_PROFILE_RELEASE_CODEGEN_UNITS=16 \
+        CARGO_PROFILE_RELEASE_OPT_LEVEL=1 "$here/with-rust" cargo install --quiet --locked "$1" --version "$2"
+}
+
+# Installs a component of the toolchain in use: with rustup where it is rustup's, otherwise as the Debian packages named.
+install_component() {
+    local component=$1 cargo
+    shift
+    cargo=$("$here/with-rust" bash -c 'command -v cargo')
+    if [ "$cargo" != /usr/bin/cargo ] && [ -x "$(dirname "$cargo")/rustup" ]; then
+        "$(dirname "$cargo")/rustup" --quiet component add "$component"
+    else
+        install "$@"
+    fi
+}
+
+if wanted guest; then
+    # Debian's compiler rebuilds the guest programs. Without it the test says that it did not run.
     install rustc-web cargo-web rust-web-src lld ||
-        echo "setup: Debian's rustc-web is not to be had here; the guest program will not be rebuilt" >&2
-    # Go's own implementation verifies our log's checkpoints and proofs; without it that test says that it did not.
+        echo "setup: Debian's rustc-web cannot be installed here, so the tests do not rebuild the guest programs" >&2
+    # Go's own implementation verifies our log's checkpoints and proofs. Without it that test says that it did not run.
     install golang-go golang-golang-x-mod-dev ||
-        echo "setup: Go is not to be had here; only our own code will verify the log's formats" >&2
-    # Tests kill the ledger's writer at each of its writes, and fail them; without it they say that they did not.
-    install strace || echo "setup: strace is not to be had here; the ledger's writes will not be failed" >&2
+        echo "setup: Go cannot be installed here, so only our own code verifies the log's formats" >&2
+    # With strace, tests kill the ledger's writer at each of its writes, and make writes fail. Without it they say so.
+    install strace || echo "setup: strace cannot be installed here, so the tests do not make the ledger's writes fail" >&2
 fi
 
-if [ "${1:-}" = python ] || { [ "${1:-}" = cuda ] && ! command -v nvcc >/dev/null; }; then
+if wanted lint; then
+    "$here/with-rust" cargo fmt --version >/dev/null 2>&1 || install_component rustfmt rustfmt-web ||
+        echo "setup: rustfmt cannot be installed here, so the formatting is not checked" >&2
+    "$here/with-rust" cargo clippy --version >/dev/null 2>&1 || install_component clippy rust-web-clippy ||
+        echo "setup: clippy cannot be installed here, so its warnings are not looked for" >&2
+    install_cargo cargo-deny 0.20.2 ||
+        echo "setup: cargo-deny cannot be installed here, so the licences of dependencies are not checked" >&2
+fi
+
+if wanted coverage; then
+    llvm=$("$here/with-rust" rustc -vV | sed -n 's/^LLVM version: \([0-9]*\).*/\1/p')
+    install_component llvm-tools "llvm-$llvm" || install "llvm-$llvm"
+    install_cargo cargo-llvm-cov 0.9.1
+fi
+
+if wanted python || { wanted cuda && ! command -v nvcc >/dev/null; }; then
     python3 -c 'import ensurepip, venv' 2>/dev/null || install python3 python3-venv
 fi

@@ -1,14 +1,18 @@
 //! The aggregator: the one writer of a ledger, the gRPC service in front of it, and what it publishes.
 //!
 //! A short tour:
-//! - [`round`]: the rounds ([`round::aggregator`]), uploads that wait ([`round::staging`]), what a restarted aggregator reads from its
-//!   ledger ([`round::ledger_index`]), disputes, the clock, and why a request is turned down ([`round::request`]).
-//! - [`serve`]: the gRPC service, with its limits.
-//! - [`publish`]: a small web server ([`publish::http`]), under which the log's files are served and a witness answers, and the
-//!   client that asks witnesses for cosignatures ([`publish::cosigning`]).
+//! - [`round`]: opening and closing rounds ([`round::aggregator`]), recording what nodes send ([`round::recording`]), uploads that
+//!   wait ([`round::staging`]), what a restarted aggregator reads from its ledger ([`round::ledger_index`]), disputes
+//!   ([`round::dispute`]), the clock, and why a request is turned down ([`round::request`]).
+//! - [`serve`]: the gRPC service and its limits ([`serve::service`]), and the answers to its requests ([`serve::requests`]).
+//! - [`publish`]: HTTP under limits ([`publish::http`]) for the log's files ([`publish::log_server`]) and for a witness
+//!   ([`publish::witness_server`]), and the client that asks witnesses for cosignatures ([`publish::cosigning`]).
+//! - `connections` and `file_parts`: a bounded number of connections, and files sent in parts, for both servers.
 //!
-//! What decides about a submission and how a round ends are pure functions of [`zk0_verifier`].
+//! The decision on a submission and the end of a round are pure functions of [`zk0_verifier`].
 
+mod connections;
+mod file_parts;
 pub mod publish;
 pub mod round;
 pub mod serve;

@@ -10,7 +10,7 @@ use zk0_aggregator::{
 };
 use zk0_circuits::Digest;
 use zk0_ledger::log::Ledger;
-use zk0_protocol::rpc::federation;
+use zk0_protocol::rpc::federation as proto;
 use zk0_protocol::{
     entries::{
         entry::{Body, Contributor, RoundClosed},
@@ -318,6 +318,9 @@ async fn nothing_is_served_without_the_witnesses_that_the_rules_name() -> Test {
     )?;
     let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await?;
     let served = Service::new(aggregator).serve(listener, std::future::ready(()));
-    assert!(matches!(served.await, Err(ServeError::OtherWitnesses)));
+    assert!(matches!(
+        served.await,
+        Err(ServeError::OtherWitnesses { .. })
+    ));
     Ok(())
 }

@@ -9,7 +9,7 @@ use tokio_stream::wrappers::ReceiverStream;
 use tonic::Code;
 use zk0_aggregator::{Config, Limits};
 use zk0_circuits::Digest;
-use zk0_protocol::rpc::federation::{self, upload_chunk::Part};
+use zk0_protocol::rpc::federation::{self as proto, upload_chunk::Part};
 use zk0_protocol::{entries::signed::Signed, rules::apply::MAX_EPISODES};
 
 type Test = Result<(), Box<dyn std::error::Error>>;
@@ -267,7 +267,7 @@ async fn an_upload_that_falls_silent_loses_its_place() -> Test {
     }
     let mut client = network.client().await;
     let result = client.upload(ReceiverStream::new(receiver)).await;
-    refused(result, Code::DeadlineExceeded, "nothing came for");
+    refused(result, Code::DeadlineExceeded, "no data came for");
     assert_eq!(network.uploads(), 0);
     node.upload(&network, 0, &update).await?;
     Ok(())

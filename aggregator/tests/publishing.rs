@@ -3,7 +3,7 @@
 mod harness;
 
 use harness::*;
-use std::{fs, path::Path, sync::Arc, time::Duration};
+use std::{fs, path::Path, time::Duration};
 use tokio::{
     io::{AsyncReadExt, AsyncWriteExt},
     net::{TcpListener, TcpStream},
@@ -268,10 +268,10 @@ fn a_damaged_ledger_is_not_published() {
 async fn served(dir: &Path, limits: Limits) -> (String, JoinHandle<()>) {
     let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
     let address = listener.local_addr().unwrap().to_string();
-    let server = Arc::new(LogServer::new(dir));
+    let router = LogServer::new(dir).router(limits);
     let task = tokio::spawn(http::serve(
         listener,
-        server,
+        router,
         limits,
         std::future::pending(),
     ));

@@ -225,7 +225,7 @@ async fn a_receipt_given_again_still_fixes_the_challenge() -> Test {
         index,
         &checkpoint.root,
     );
-    assert_eq!(first.claim(&network).await.challenge, challenge);
+    assert_eq!(first.claim(&network).await.terms.challenge, challenge);
     Ok(())
 }
 

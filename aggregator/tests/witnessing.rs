@@ -74,9 +74,9 @@ impl Running {
         let listener = TcpListener::bind(&self.address).await.unwrap();
         self.address = listener.local_addr().unwrap().to_string();
         let clock = Arc::new(ManualClock::at(START_MS));
-        let server = Arc::new(WitnessServer::new(store, clock));
+        let router = WitnessServer::new(store, clock).router();
         let limits = WitnessServer::limits();
-        let serving = http::serve(listener, server, limits, std::future::pending());
+        let serving = http::serve(listener, router, limits, std::future::pending());
         self.task = Some(tokio::spawn(serving));
     }
 

@@ -1,11 +1,11 @@
-//! What an audit checked, and what it did not: counts by kind, and one line for each kind that is missing.
+//! What an audit checked, and what it did not check: the number of checks of each kind, and one line for each kind that was left out.
 
 use borsh::{BorshDeserialize, BorshSerialize};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use zk0_ledger::replay::Finding;
 
-/// What is checked.
+/// A kind of check.
 #[derive(
     Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, BorshSerialize, BorshDeserialize,
 )]
@@ -13,52 +13,52 @@ use zk0_ledger::replay::Finding;
 pub enum What {
     /// The file of the whole initial policy is the one that the genesis names.
     Policy,
-    /// Leaves hash to the committed root, all different.
+    /// The leaves of a dataset hash to the committed root, and no two are the same.
     Datasets,
-    /// The weights that a round starts from: file and numbers belong together.
+    /// The file of the weights that a round starts from holds the numbers that the ledger names.
     Bases,
-    /// SP1 proofs of accepted contributions.
+    /// The SP1 proof of an accepted contribution verifies.
     Proofs,
-    /// Updates: the bytes are the weights that were proven, and the products are those with them.
+    /// The bytes of an update are the weights that were proven, and the proof's products are those with them.
     Updates,
-    /// Reasons of refusals.
+    /// The recorded reason of a refusal is the one that verification gives.
     Refusals,
-    /// Averages, computed anew.
+    /// An average, computed again, is the recorded one.
     Averages,
-    /// Files of global weights are those that the ledger names.
+    /// The file of global weights is the one that the ledger names.
     Globals,
-    /// Disputes that verification decided.
+    /// A dispute that verification decides was decided rightly.
     Disputes,
 }
 
-/// Why something is not checked.
+/// Why a check was left out.
 #[derive(
     Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, BorshSerialize, BorshDeserialize,
 )]
 #[serde(rename_all = "kebab-case")]
 pub enum Why {
-    /// A light audit reads no weights and no lists of samples.
+    /// The audit is light: it reads no weights and no lists of samples.
     Light,
-    /// A blob is not here.
+    /// A blob that the check reads is not at hand.
     NotAtHand,
-    /// It rests on something that was not verified.
+    /// The check needs something that was not verified.
     RestsOnOthers,
 }
 
 /// How much was checked.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Checked {
-    /// Datasets whose leaves hash to the committed root, all different.
+    /// Datasets whose leaves hash to the committed root, with no two the same.
     pub datasets: u64,
     /// Proofs of accepted contributions that verify.
     pub proofs: u64,
     /// Updates whose bytes are the weights that were proven.
     pub updates: u64,
-    /// Refusals that were found to be right.
+    /// Refusals whose reason is the one that verification gives.
     pub refusals: u64,
-    /// Global weights computed anew, with the same digest.
+    /// Global weights that have the same digest when they are computed again.
     pub averages: u64,
-    /// Disputes that verification decided as it does here.
+    /// Disputes that were decided as verification decides them here.
     pub disputes: u64,
     /// Checks that were left out.
     pub not_checked: u64,
@@ -67,19 +67,19 @@ pub struct Checked {
 /// Checks of one kind that were left out for one reason.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct NotChecked {
-    /// What.
+    /// The kind of check.
     pub what: What,
-    /// Why.
+    /// The reason.
     pub why: Why,
-    /// How many.
+    /// How many checks.
     pub count: u64,
-    /// The first of them: its entry.
+    /// The entry of the first of them.
     pub first_entry: u64,
-    /// The first of them, in words.
+    /// What the first of them would have checked.
     pub example: String,
 }
 
-/// A running account.
+/// What was checked and left out so far.
 #[derive(Clone, Debug, Default, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct Account {
     passed: BTreeMap<What, u64>,
@@ -87,18 +87,18 @@ pub struct Account {
 }
 
 impl Account {
-    /// One more check that passed.
+    /// Counts a check that passed.
     pub fn passed(&mut self, what: What) {
         *self.passed.entry(what).or_default() += 1;
     }
 
-    /// One more check that was left out, at entry `index`.
+    /// Counts a check of entry `index` that was left out.
     pub fn left_out(&mut self, what: What, why: Why, index: u64, example: String) {
         let place = self.left_out.entry((what, why));
         place.or_insert((0, index, example)).0 += 1;
     }
 
-    /// Takes over what another one counted later.
+    /// Adds what another account counted later.
     pub fn add(&mut self, later: Self) {
         for (what, count) in later.passed {
             *self.passed.entry(what).or_default() += count;
@@ -108,7 +108,7 @@ impl Account {
         }
     }
 
-    /// The counts.
+    /// How much was checked.
     pub fn checked(&self) -> Checked {
         let count = |what| self.passed.get(&what).copied().unwrap_or_default();
         Checked {
@@ -139,7 +139,7 @@ impl Account {
 }
 
 impl NotChecked {
-    /// For the report.
+    /// The note in the report.
     pub fn finding(&self) -> Finding {
         Finding::note(None, format!("not checked: {self}"))
     }

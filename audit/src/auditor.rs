@@ -1,19 +1,19 @@
-//! What an auditor checks beyond the ledger's own rules: proofs, refusals, datasets and averages, with the very functions
-//! that the aggregator decided by, on the blobs that are at hand.
+//! What an auditor checks beyond the ledger's own rules: proofs, refusals, datasets and averages. The auditor uses the functions by
+//! which the aggregator decided, on the blobs that are at hand.
 //!
-//! A proof that is missing for an accepted contribution is a fault as soon as its round has closed: nothing counts unproven.
-//! Until then it is private, and only its aggregator has it. Weights and evidence that are not at hand (an auditor need not
-//! hold them) are reported as not checked, and so is what a light audit leaves out: one line for each kind.
+//! Once a round has closed, it is a fault if the proof of an accepted contribution is missing. Until then the proof is private, and
+//! only the aggregator has it. An auditor need not hold weights and evidence: the audit reports what is not at hand as not checked,
+//! and so it does with what a light audit leaves out, one line for each kind.
 //!
-//! Proofs and weights are verified by several threads while the replay goes on. Begun and not yet reported are at most twice as
-//! many contributions as there are threads; the weights of those that the open round accepted are held until it closes, for
+//! Several threads verify proofs and weights while the replay goes on. At most twice as many contributions as there are threads
+//! are begun and not yet reported. The weights of the contributions that the open round accepted are held until it closes, for
 //! their average.
 
 use crate::{
     account::{Account, Checked, NotChecked, What, Why},
     checks::{self, Check, Examined, Recorded},
     depth::Depth,
-    queue::{BrokeDown, Queue},
+    queue::{Panicked, Queue},
 };
 
 use std::{collections::BTreeMap, num::NonZeroUsize, thread};
@@ -28,32 +28,32 @@ use zk0_protocol::{
         genesis::Genesis,
         signed::{Signed, Submission},
     },
-    rules::state::State,
+    rules::{named_blobs::BlobKind, state::State},
     Refusal,
 };
 use zk0_verifier::{Evaluation, ProgramKey, VerifiedContribution};
 
-/// Re-verifies contributions and averages during a replay: hand it to [`zk0_ledger::replay::replay`].
+/// Verifies contributions and averages again during a replay: hand it to [`zk0_ledger::replay::replay`].
 pub struct Auditor {
     depth: Depth,
-    /// What was checked, but for contributions that the open round accepted.
+    /// What was checked, without the contributions that the open round accepted.
     account: Account,
-    /// What was checked of those.
+    /// What was checked of the contributions that the open round accepted.
     open: Account,
-    /// Accepted in the open round.
+    /// What the open round accepted.
     accepted: Vec<Recorded>,
-    /// Of them, those that verify.
+    /// The contributions among them that verify.
     contributions: Vec<VerifiedContribution>,
-    /// Of them, those without a proof at hand: entry, node, proof.
+    /// Those among them whose proof is not at hand: entry, node, proof.
     unproven: Vec<(u64, NodeId, Digest)>,
-    /// Accepted contributions that may still be disputed and were not found to verify: what verification says, or `None` where
-    /// not all of it was checked.
+    /// Accepted contributions that may still be disputed, and of which this audit has not found that they verify: what verification
+    /// says, or `None` where not all of it was checked.
     doubtful: BTreeMap<u64, Option<Refusal>>,
     queue: Queue<Outcome>,
     found: Vec<Finding>,
 }
 
-/// What is saved of an auditor.
+/// What a state file keeps of an auditor.
 type Saved = (
     Depth,
     Account,
@@ -61,11 +61,11 @@ type Saved = (
     BTreeMap<u64, Option<Refusal>>,
 );
 
-/// What comes out of the queue.
+/// The outcome of a job of the queue.
 enum Outcome {
-    /// A check of an entry.
+    /// The check of an entry.
     Check(u64, Check),
-    /// That of an accepted contribution.
+    /// The checks of an accepted contribution.
     Accepted(u64, NodeId, Box<Examined>),
 }
 
@@ -97,18 +97,18 @@ impl Auditor {
         }
     }
 
-    /// Goes on from what an audit of the same depth gave to [`Recheck::save`]. What the open round accepted is verified again:
-    /// its weights are wanted for the average.
+    /// Goes on from what an audit of the same depth has saved with [`Recheck::save`]. What the open round accepted is verified again,
+    /// because the average needs its weights.
     pub fn go_on(depth: Depth, saved: &[u8], blobs: &Blobs) -> Result<Self, String> {
         let (was, account, accepted, doubtful): Saved = borsh::from_slice(saved)
-            .map_err(|error| format!("another version of the software wrote it ({error})"))?;
+            .map_err(|error| format!("another version of zk0 wrote the state file ({error})"))?;
         if was != depth {
             let name = |depth| match depth {
                 Depth::Light => "light",
                 Depth::Full => "full",
             };
             return Err(format!(
-                "it is of a {} audit, this one is {}",
+                "the state file is from a {} audit, and this audit is {}",
                 name(was),
                 name(depth)
             ));
@@ -124,12 +124,12 @@ impl Auditor {
         Ok(auditor)
     }
 
-    /// How much was checked so far.
+    /// How much has been checked so far.
     pub fn checked(&self) -> Checked {
         self.whole_account().checked()
     }
 
-    /// What was left out so far, by kind and reason.
+    /// What has been left out so far, by kind and reason.
     pub fn not_checked(&self) -> Vec<NotChecked> {
         self.whole_account().not_checked()
     }
@@ -139,14 +139,14 @@ impl Auditor {
         account.add(self.open.clone());
         for (index, node, proof) in &self.unproven {
             let what = format!(
-                "the proof {proof} of node {node}'s accepted contribution is not at hand; it has to be once its round closes"
+                "the proof {proof} of node {node}'s accepted contribution is not at hand; it has to be at hand once its round closes"
             );
             account.left_out(What::Proofs, Why::NotAtHand, *index, what);
         }
         account
     }
 
-    /// Has the contribution verified, which the open round accepted.
+    /// Begins to verify a contribution that the open round accepted.
     fn examine(&mut self, recorded: Recorded, blobs: &Blobs) {
         self.accepted.push(recorded.clone());
         let (depth, blobs) = (self.depth, blobs.clone());
@@ -157,7 +157,7 @@ impl Auditor {
         });
     }
 
-    /// Has blobs of entry `index` checked. A light audit reads none, and says so at once.
+    /// Begins a check of the blobs of entry `index`. A light audit reads no blobs here, so the check takes no time.
     fn check(&mut self, index: u64, check: impl FnOnce() -> Check + Send + 'static) {
         match self.depth {
             Depth::Light => self.queue.push(Outcome::Check(index, check())),
@@ -173,12 +173,12 @@ impl Auditor {
         self.queue.begin(check);
     }
 
-    fn take(&mut self, outcome: Option<Result<Outcome, BrokeDown>>) {
+    fn take(&mut self, outcome: Option<Result<Outcome, Panicked>>) {
         match outcome {
             None => {}
-            Some(Err(BrokeDown)) => self.found.push(Finding::fault(
+            Some(Err(Panicked)) => self.found.push(Finding::fault(
                 None,
-                "a check broke down, so something is not verified: see the log",
+                "a check panicked, so something is not verified: the log says what",
             )),
             Some(Ok(Outcome::Check(index, check))) => {
                 enter(&mut self.account, &mut self.found, index, check);
@@ -204,7 +204,7 @@ impl Auditor {
         }
     }
 
-    /// The end of a round: the average over what it accepted, and nothing accepted without a proof.
+    /// Checks the end of a round: the average over what it accepted, and that every accepted contribution has a proof.
     fn closed(
         &mut self,
         before: &State,
@@ -214,7 +214,7 @@ impl Auditor {
         self.finish_all();
         for (_, node, proof) in self.unproven.drain(..) {
             let why = format!(
-                "the contribution of node {node} was accepted, but its proof {proof} is not there"
+                "the contribution of node {node} was accepted, but its proof {proof} is missing"
             );
             self.found.push(Finding::fault(index, why));
         }
@@ -258,14 +258,17 @@ impl Recheck for Auditor {
         match &entry.body {
             Body::DatasetCommitted(signed) => {
                 let (registration, blobs) = (signed.statement.clone(), blobs.clone());
-                self.check(index, move || checks::dataset(&registration, depth, &blobs));
+                let rules = before.rules().clone();
+                self.check(index, move || {
+                    checks::dataset(&registration, &rules, depth, &blobs)
+                });
             }
             Body::RoundOpened(opened) => {
                 let disputable = before.contributions();
                 self.doubtful
                     .retain(|index, _| disputable.contains_key(index));
                 let evaluation = Evaluation::of(before);
-                let limit = before.rules().max_base_bytes();
+                let limit = BlobKind::Weights.max_bytes(before.rules());
                 let (base, blobs) = (opened.base, blobs.clone());
                 self.check(index, move || {
                     checks::base(evaluation, limit, &base, depth, &blobs)
@@ -325,7 +328,7 @@ impl Recheck for Auditor {
     }
 }
 
-/// Books the outcome of a check of entry `index`.
+/// Takes down the outcome of a check of entry `index`.
 fn enter(account: &mut Account, found: &mut Vec<Finding>, index: u64, check: Check) {
     match check {
         Check::Passed(what) => account.passed(what),

@@ -1,5 +1,4 @@
-//! Whether a ledger's folder is whole: every blob that the ledger names and that is there is what its name says. Proofs and
-//! averages are for [`crate::auditor`].
+//! Checks the blobs in a ledger's folder: each has the SHA-256 that is its name. [`crate::auditor`] checks proofs and averages.
 
 use zk0_circuits::Digest;
 use zk0_ledger::{
@@ -14,7 +13,7 @@ use zk0_protocol::{
     rules::{named_blobs::named_blobs, state::State},
 };
 
-/// Checks blobs during a replay: hand it to [`zk0_ledger::replay::replay`].
+/// Checks the blobs that the ledger names during a replay: hand it to [`zk0_ledger::replay::replay`].
 #[derive(Clone, Copy, Debug, Default)]
 pub struct BlobCheck;
 
@@ -38,9 +37,10 @@ fn check(index: u64, body: &Body, blobs: &Blobs) -> Vec<Finding> {
 fn whole(index: u64, digest: &Digest, blobs: &Blobs) -> Option<Finding> {
     match blobs.check(digest) {
         Ok(()) => None,
-        Err(BlobError::Missing(_)) => {
-            Some(Finding::note(index, format!("blob {digest} is not kept")))
-        }
+        Err(BlobError::Missing(_)) => Some(Finding::note(
+            index,
+            format!("blob {digest} is not in this folder"),
+        )),
         Err(error) => Some(Finding::fault(index, error.to_string())),
     }
 }

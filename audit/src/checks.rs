@@ -1,5 +1,5 @@
-//! The checks themselves, each a function of the ledger's statement and the blobs at hand: with the very functions that the
-//! aggregator decided by.
+//! The checks themselves. Each is a function of what the ledger says and of the blobs at hand, and uses the functions by which the
+//! aggregator decided.
 
 use crate::{
     account::{What, Why},
@@ -7,19 +7,20 @@ use crate::{
 };
 use borsh::{BorshDeserialize, BorshSerialize};
 use std::fmt::Display;
-use zk0_circuits::{claim::dataset::check_leaves, Digest, WeightsDigest};
+use zk0_circuits::{Digest, NodeId, WeightsDigest};
 use zk0_ledger::blobs::{BlobError, Blobs};
 use zk0_protocol::{
     entries::{
         entry::RoundClosed,
         signed::{DatasetRegistration, Signed, Submission},
     },
-    rules::state::State,
+    rules::{named_blobs::BlobKind, network_rules::Rules, state::State},
     Refusal,
 };
-use zk0_verifier::{close::close, decide::is_recorded};
 use zk0_verifier::{
-    verify, verify_claim, Evaluation, UnverifiedContribution, VerifiedContribution,
+    authenticate, close::close, contribution_blobs::read_proof, dataset::check_leaf_list,
+    decide::is_recorded, verify, verify_claim, Evaluation, Unreadable, VerifiedContribution,
+    WeightFiles,
 };
 
 /// The outcome of one check.
@@ -30,7 +31,7 @@ pub enum Check {
     Failed(String),
 }
 
-/// A recorded claim, and the state that it was recorded on, as far as it is about that claim.
+/// A recorded claim, and what its verification reads of the state that it was recorded on.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct Recorded {
     pub index: u64,
@@ -39,7 +40,7 @@ pub struct Recorded {
     pub before: State,
 }
 
-/// What was found out about an accepted contribution.
+/// What an audit found about an accepted contribution.
 #[derive(Debug, Default)]
 pub struct Examined {
     pub checks: Vec<Check>,
@@ -47,97 +48,84 @@ pub struct Examined {
     pub verified: Option<VerifiedContribution>,
     /// What verification says against it, if it does.
     pub refused: Option<Refusal>,
-    /// The proof, if it is not here.
+    /// The proof, if it is not at hand.
     pub missing_proof: Option<Digest>,
 }
 
 impl Recorded {
-    /// Verifies the contribution again, which was accepted.
+    /// Verifies again the contribution that the ledger accepted.
     pub fn accepted(&self, depth: Depth, blobs: &Blobs) -> Examined {
-        let (rules, statement) = (self.before.rules(), &self.submission.statement);
-        let node = statement.claim.terms.node;
+        let (rules, node) = (self.before.rules(), self.node());
         let failed = |why: &dyn Display| Examined {
             checks: vec![Check::Failed(format!(
                 "the contribution of node {node} was accepted, but {why}"
             ))],
             ..Examined::default()
         };
-        let refused = |reason: Refusal| Examined {
-            refused: Some(reason.clone()),
-            ..failed(&reason)
-        };
-        let proof = match blobs.get(&statement.proof, rules.max_proof_bytes) {
+        let get = |digest: &Digest, limit| blobs.get(digest, limit);
+        let proof = match read_proof(&self.submission, rules, get) {
             Ok(proof) => proof,
-            Err(BlobError::Missing(blob)) => {
+            Err(Unreadable {
+                error: BlobError::Missing(blob),
+                ..
+            }) => {
                 return Examined {
                     missing_proof: Some(blob),
                     ..Examined::default()
                 }
             }
-            Err(error) => return failed(&format!("its proof cannot be read: {error}")),
+            Err(error) => return failed(&error),
         };
-        let without_update = |why, what: String| match verify_claim(
-            &self.submission,
-            &proof,
-            &self.before,
-            self.time_ms,
-        ) {
-            Ok(()) => Examined {
+        let terms = &self.submission.statement.claim.terms;
+        let weights = match depth {
+            Depth::Light => Err((Why::Light, format!("node {node}'s update"))),
+            Depth::Full => {
+                match WeightFiles::read(&terms.update.blob, &terms.base.blob, rules, get) {
+                    Ok(weights) => Ok(weights),
+                    Err(Unreadable {
+                        kind: BlobKind::Update,
+                        error: BlobError::Missing(blob),
+                    }) => Err((
+                        Why::NotAtHand,
+                        format!("node {node}'s update {blob} is not at hand; its proof verifies"),
+                    )),
+                    Err(error) => return failed(&error),
+                }
+            }
+        };
+        match (self.verify(proof, weights.as_ref().ok()), weights) {
+            (Ok(verified), Ok(_)) => Examined {
+                checks: vec![Check::Passed(What::Proofs), Check::Passed(What::Updates)],
+                verified,
+                ..Examined::default()
+            },
+            (Ok(_), Err((why, what))) => Examined {
                 checks: vec![
                     Check::Passed(What::Proofs),
                     Check::LeftOut(What::Updates, why, what),
                 ],
                 ..Examined::default()
             },
-            Err(reason) => refused(reason),
-        };
-        if depth == Depth::Light {
-            return without_update(Why::Light, format!("node {node}'s update"));
-        }
-        let update = match blobs.get(&statement.claim.terms.update.blob, rules.max_update_bytes) {
-            Ok(update) => update,
-            Err(BlobError::Missing(blob)) => {
-                let what =
-                    format!("node {node}'s update {blob} is not at hand, its proof verifies");
-                return without_update(Why::NotAtHand, what);
-            }
-            Err(error) => return failed(&format!("its update cannot be read: {error}")),
-        };
-        let base = match blobs.get(&statement.claim.terms.base.blob, rules.max_base_bytes()) {
-            Ok(base) => base,
-            Err(error) => return failed(&format!("its base weights cannot be read: {error}")),
-        };
-        let contribution = UnverifiedContribution {
-            submission: self.submission.clone(),
-            proof,
-            update,
-            base,
-        };
-        match verify(&contribution, &self.before, self.time_ms) {
-            Ok(verified) => Examined {
-                checks: vec![Check::Passed(What::Proofs), Check::Passed(What::Updates)],
-                verified: Some(verified),
-                ..Examined::default()
+            (Err(reason), _) => Examined {
+                refused: Some(reason.clone()),
+                ..failed(&reason)
             },
-            Err(reason) => refused(reason),
         }
     }
 
-    /// The recorded reason is the one that verification gives.
+    /// Checks that the recorded reason of a refusal is the one that verification gives.
     pub fn rejected(&self, reason: &Refusal, depth: Depth, blobs: &Blobs) -> Check {
-        let (before, time_ms) = (&self.before, self.time_ms);
-        let (rules, statement) = (before.rules(), &self.submission.statement);
-        let node = statement.claim.terms.node;
+        let (rules, node) = (self.before.rules(), self.node());
         let failed = |found: &dyn Display| {
             Check::Failed(format!(
                 "the contribution of node {node} was refused because '{reason}', but {found}"
             ))
         };
         match reason {
-            // The ledger's own rules have found these to be right.
+            // The ledger's own rules have checked these.
             Refusal::Late { .. } | Refusal::Binding { .. } => return Check::Passed(What::Refusals),
             reason if !is_recorded(reason) => {
-                return failed(&"that cannot be held against it: others can cause it")
+                return failed(&"the node is not to blame for that: others can cause it")
             }
             _ => {}
         }
@@ -152,58 +140,66 @@ impl Recorded {
             let what = format!("node {node}'s update was refused");
             return Check::LeftOut(What::Refusals, Why::Light, what);
         }
-        let proof = match blobs.get(&statement.proof, rules.max_proof_bytes) {
+        let get = |digest: &Digest, limit| blobs.get(digest, limit);
+        let proof = match read_proof(&self.submission, rules, get) {
             Ok(proof) => proof,
-            Err(BlobError::Missing(blob)) => {
+            Err(Unreadable {
+                error: BlobError::Missing(blob),
+                ..
+            }) => {
                 return not_at_hand(
                     What::Refusals,
                     format!("the refused proof {blob} of node {node}"),
                 )
             }
-            Err(error) => return failed(&format!("its proof cannot be read: {error}")),
+            Err(error) => return failed(&error),
         };
-        let found = match about_update {
+        let terms = &self.submission.statement.claim.terms;
+        let weights = match about_update {
             // The proof is checked before the update.
-            false => verify_claim(&self.submission, &proof, before, time_ms),
-            true => {
-                let update = match blobs
-                    .get(&statement.claim.terms.update.blob, rules.max_update_bytes)
-                {
-                    Ok(update) => update,
-                    Err(BlobError::Missing(blob)) => {
-                        return not_at_hand(
-                            What::Refusals,
-                            format!("the refused update {blob} of node {node}"),
-                        )
-                    }
-                    Err(error) => return failed(&format!("its update cannot be read: {error}")),
-                };
-                let base = match blobs.get(&statement.claim.terms.base.blob, rules.max_base_bytes())
-                {
-                    Ok(base) => base,
-                    Err(error) => {
-                        return failed(&format!("its base weights cannot be read: {error}"))
-                    }
-                };
-                let contribution = UnverifiedContribution {
-                    submission: self.submission.clone(),
-                    proof,
-                    update,
-                    base,
-                };
-                verify(&contribution, before, time_ms).map(drop)
-            }
+            false => None,
+            true => match WeightFiles::read(&terms.update.blob, &terms.base.blob, rules, get) {
+                Ok(weights) => Some(weights),
+                Err(Unreadable {
+                    kind: BlobKind::Update,
+                    error: BlobError::Missing(blob),
+                }) => {
+                    return not_at_hand(
+                        What::Refusals,
+                        format!("the refused update {blob} of node {node}"),
+                    )
+                }
+                Err(error) => return failed(&error),
+            },
         };
-        match found {
+        match self.verify(proof, weights.as_ref()) {
             Err(found) if found == *reason => Check::Passed(What::Refusals),
             Err(found) => failed(&format!("verification says: {found}")),
-            Ok(()) => failed(&"nothing is wrong with it"),
+            Ok(_) => failed(&"verification finds nothing wrong with it"),
+        }
+    }
+
+    fn node(&self) -> NodeId {
+        self.submission.statement.claim.terms.node
+    }
+
+    /// Verifies the contribution, or only its claim where the weights are not read.
+    fn verify(
+        &self,
+        proof: Vec<u8>,
+        weights: Option<&WeightFiles>,
+    ) -> Result<Option<VerifiedContribution>, Refusal> {
+        let (before, time_ms) = (&self.before, self.time_ms);
+        let contribution = authenticate(self.submission.clone(), proof, before)?;
+        match weights {
+            Some(weights) => verify(&contribution, weights, before, time_ms).map(Some),
+            None => verify_claim(&contribution, before, time_ms).map(|()| None),
         }
     }
 }
 
-/// The decision of a dispute about entry `contribution` is what verification says; `found` is what it said here, when the
-/// contribution was accepted: `None` that it verifies, `Some(None)` that it was not all checked.
+/// Checks that a dispute about entry `contribution` was decided as verification says. `found` is what this audit found when the
+/// contribution was accepted: `None` if it verifies, `Some(None)` if not all of it was checked.
 pub fn disputed(
     contribution: u64,
     found: Option<&Option<Refusal>>,
@@ -231,7 +227,7 @@ pub fn disputed(
     }
 }
 
-/// A blob that the ledger names is the one at hand.
+/// Checks that a blob is the one that the ledger names.
 pub fn whole(what: What, name: &str, blob: &Digest, depth: Depth, blobs: &Blobs) -> Check {
     if depth == Depth::Light {
         return Check::LeftOut(what, Why::Light, format!("{name} {blob}"));
@@ -239,19 +235,26 @@ pub fn whole(what: What, name: &str, blob: &Digest, depth: Depth, blobs: &Blobs)
     match blobs.check(blob) {
         Ok(()) => Check::Passed(what),
         Err(BlobError::Missing(blob)) => not_at_hand(what, format!("{name} {blob}")),
-        Err(error) => Check::Failed(format!("{name}: {error}")),
+        Err(error) => Check::Failed(format!("{name} {blob} cannot be checked: {error}")),
     }
 }
 
-/// The registered leaves hash to the root, and no two are the same.
-pub fn dataset(registration: &DatasetRegistration, depth: Depth, blobs: &Blobs) -> Check {
+/// Checks that the registered leaves hash to the root, and that no two are the same.
+pub fn dataset(
+    registration: &DatasetRegistration,
+    rules: &Rules,
+    depth: Depth,
+    blobs: &Blobs,
+) -> Check {
     let node = registration.node;
     if depth == Depth::Light {
         let what = format!("the leaves of node {node}'s dataset");
         return Check::LeftOut(What::Datasets, Why::Light, what);
     }
-    let limit = registration.dataset.samples.saturating_mul(32);
-    let bytes = match blobs.get(&registration.leaves, limit) {
+    let leaves = BlobKind::Leaves {
+        samples: registration.dataset.samples,
+    };
+    let bytes = match blobs.get(&registration.leaves, leaves.max_bytes(rules)) {
         Ok(bytes) => bytes,
         Err(BlobError::Missing(blob)) => {
             return not_at_hand(
@@ -259,18 +262,19 @@ pub fn dataset(registration: &DatasetRegistration, depth: Depth, blobs: &Blobs) 
                 format!("the list {blob} of node {node}'s dataset"),
             )
         }
-        Err(error) => return Check::Failed(format!("dataset leaves: {error}")),
+        Err(error) => {
+            return Check::Failed(format!(
+                "the list of leaves of node {node}'s dataset cannot be read: {error}"
+            ))
+        }
     };
-    let (leaves, rest) = bytes.as_chunks::<32>();
-    let leaves: Vec<_> = leaves.iter().copied().map(Digest).collect();
-    match check_leaves(&registration.dataset, &leaves) {
-        _ if !rest.is_empty() => Check::Failed("dataset leaves: not whole hashes".into()),
+    match check_leaf_list(&registration.dataset, &bytes) {
         Ok(()) => Check::Passed(What::Datasets),
-        Err(error) => Check::Failed(format!("dataset of node {node}: {error}")),
+        Err(error) => Check::Failed(format!("node {node}: {error}")),
     }
 }
 
-/// The weights that a round starts from, of at most `limit` bytes: the file and its numbers belong together.
+/// Checks that the file of the weights that a round starts from, of at most `limit` bytes, holds the numbers that the ledger names.
 pub fn base(
     evaluation: Result<Evaluation, Refusal>,
     limit: u64,
@@ -290,15 +294,15 @@ pub fn base(
         Err(BlobError::Missing(blob)) => {
             return not_at_hand(What::Bases, format!("the base weights {blob}"))
         }
-        Err(error) => return Check::Failed(format!("base weights: {error}")),
+        Err(error) => return Check::Failed(format!("the base weights cannot be read: {error}")),
     };
     match checked {
         Ok(_) => Check::Passed(What::Bases),
-        Err(error) => Check::Failed(format!("base weights: {error}")),
+        Err(error) => Check::Failed(format!("the base weights: {error}")),
     }
 }
 
-/// The average over the accepted contributions is the one that was recorded.
+/// Checks that the average over the accepted contributions is the recorded one.
 pub fn average(
     before: &State,
     closed: &RoundClosed,

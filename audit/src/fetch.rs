@@ -1,5 +1,5 @@
-//! Where an audited ledger lies: a folder as it is, or the mirror of an export or a served log, with as many blobs as the audit
-//! reads.
+//! Finds the ledger to audit. A ledger's folder is read where it lies. An export or a served log is fetched into a mirror, with as
+//! many blobs as the audit reads.
 
 use crate::log_source::{source, Trust};
 use anyhow::{bail, Context, Result};
@@ -24,33 +24,33 @@ use zk0_protocol::{
     Entry,
 };
 
-/// Which blobs are fetched.
+/// Which blobs to fetch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Wanted {
     /// None.
     Entries,
-    /// Those that a light audit reads.
+    /// The proofs, which are what a light audit reads.
     Proofs,
     /// All.
     Everything,
 }
 
-/// A ledger's folder to read.
+/// A ledger's folder that can be read.
 pub struct Located {
     /// The folder.
     pub dir: PathBuf,
-    /// Whether it is the ledger's own folder, whose newest entries may not be published yet.
+    /// Whether it is the ledger's own folder. Its newest entries may not be published yet.
     pub lies_here: bool,
     _made: Option<TempDir>,
 }
 
-/// Finds `ledger`, and fetches it if it is not a ledger's folder: to `keep`, or to where it is forgotten afterwards.
+/// Finds `ledger`. If it is not a ledger's folder, fetches it to `keep`, or to a temporary folder.
 pub fn locate(ledger: &str, keep: Option<&Path>, trust: &Trust, wanted: Wanted) -> Result<Located> {
     let dir = Path::new(ledger);
     if folder::database(dir).exists() {
         if trust.witness_policy.is_some() {
             bail!(
-                "{ledger} is a ledger's directory, whose checkpoint has the log's signature alone: give --witness-policy with an export or \
+                "{ledger} is a ledger's directory, whose checkpoint has only the log's signature: --witness-policy is for an export or \
                  a served log"
             );
         }
@@ -107,7 +107,7 @@ pub fn fetch(
         Wanted::Entries => {
             mirror(&selection, dir, policy, network)?;
         }
-        // Which proofs there are, the entries say; more may come meanwhile.
+        // The entries say which proofs there are, and new entries may come meanwhile.
         Wanted::Proofs => {
             mirror(&selection, dir, policy, network)?;
             loop {
@@ -135,7 +135,7 @@ fn proofs(dir: &Path) -> Result<BTreeSet<Digest>, MirrorError> {
     Ok(proofs)
 }
 
-/// A log of whose blobs only some are asked for.
+/// A log of which only some blobs are fetched.
 struct Selection<'a> {
     source: &'a dyn Source,
     blobs: BTreeSet<Digest>,

@@ -1,12 +1,15 @@
-//! The audit of a ledger by somebody who trusts nobody.
+//! Audits a ledger, for somebody who trusts nobody.
 //!
 //! A short tour:
-//! - [`auditor`]: what is checked beyond the ledger's own rules, entry by entry: proofs, refusals, datasets and averages
-//!   ([`checks`]), by several threads ([`queue`]), with an account of what was checked and what was not ([`account`]); [`depth`]: how much of it is read.
-//! - [`blob_check`]: whether the blobs that a ledger names are whole.
-//! - [`log_source`]: logs by their address or folder; [`fetch`]: a copy of what an audit reads.
-//! - [`run`]: one run of an audit; [`watch`]: runs again and again, of what is new.
-//! - [`report`]: what an audit says: the verdict, the history in numbers, the page for a browser.
+//! - [`auditor`]: what an audit checks beyond the ledger's own rules, entry by entry: proofs, refusals, datasets and averages
+//!   ([`checks`]). Several threads do the checks ([`queue`]), and an account says what was checked and what was not ([`account`]).
+//!   [`depth`] says how much an audit reads.
+//! - [`blob_check`]: checks that the blobs of a ledger's folder have the digests that the ledger names.
+//! - [`log_source`]: finds logs by their address or folder. [`fetch`]: fetches what an audit reads.
+//! - [`run`]: one run of an audit. [`watch`]: one run after another, each over what is new.
+//! - [`verified_entries`]: an audit of a ledger's folder that hands out the entries. [`fsck`]: a check that a folder is whole.
+//!   [`known_checkpoint`]: reads a checkpoint that somebody has.
+//! - [`report`]: the verdict, the history in numbers, and the page for a browser.
 
 pub mod account;
 pub mod auditor;
@@ -14,10 +17,13 @@ pub mod blob_check;
 pub mod checks;
 pub mod depth;
 pub mod fetch;
+pub mod fsck;
+pub mod known_checkpoint;
 pub mod log_source;
 pub mod queue;
 pub mod report;
 pub mod run;
+pub mod verified_entries;
 pub mod watch;
 
 pub use auditor::Auditor;

@@ -1,4 +1,4 @@
-//! Logs by their address or folder, and whom an auditor trusts to have signed them.
+//! Finds logs by their address or folder, and says whose signatures an auditor trusts.
 
 use anyhow::{bail, Result};
 use std::path::Path;
@@ -17,14 +17,14 @@ use zk0_protocol::{Body, Entry, Genesis, VerifierKey, WitnessPolicy};
 /// Whom an auditor trusts.
 #[derive(Clone, Debug, Default)]
 pub struct Trust {
-    /// The network that it has to be; `None` when the auditor does not know it by other means.
+    /// The network that the log has to be of; `None` if the auditor does not know its id.
     pub network: Option<Digest>,
-    /// The witnesses whose cosignatures have to be on the checkpoint. `None` for those that the network's rules ask for, wherever
-    /// the whole log is read.
+    /// The witnesses whose cosignatures have to be on the checkpoint. `None` asks for those that the network's rules name, where the
+    /// whole log is read.
     pub witness_policy: Option<WitnessPolicy>,
 }
 
-/// A log by its address or folder.
+/// Finds a log by its address or folder.
 pub fn source(text: &str) -> Result<Box<dyn Source>> {
     if text.starts_with("http://") || text.starts_with("https://") {
         return Ok(Box::new(Web::at(text)?));
@@ -39,21 +39,21 @@ pub fn source(text: &str) -> Result<Box<dyn Source>> {
     }
 }
 
-/// The genesis that a log claims, which is the right one if the network's id is known.
+/// Reads the genesis of a log. Without `network`, nothing shows that it is the genesis of the network that was meant.
 pub fn genesis(source: &dyn Source, network: Option<&Digest>) -> Result<Genesis> {
     let Body::Genesis(genesis) = Entry::decode(&first_entry(source)?)?.body else {
-        bail!("the log's first entry is no genesis");
+        bail!("the log's first entry is not a genesis");
     };
     let found = genesis.network_id();
     match network {
         Some(expected) if *expected != found => {
-            bail!("the log is of network {found}, not of {expected}")
+            bail!("the log is of network {found}, and not of {expected}")
         }
         _ => Ok(genesis),
     }
 }
 
-/// Opens a published log, whose newest checkpoint convinces, and reads from it.
+/// Opens a published log, checks the signatures of its newest checkpoint, and reads from the log.
 pub fn open_log<T, E>(
     from: &str,
     trust: &Trust,

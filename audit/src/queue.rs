@@ -1,4 +1,4 @@
-//! Checks that take long, done by a bounded number of threads; their outcomes come out in the order they were asked for.
+//! Checks that take long. A bounded number of threads does them, and their outcomes come out in the order in which they were begun.
 
 use std::{
     collections::VecDeque,
@@ -7,7 +7,7 @@ use std::{
     thread,
 };
 
-/// Outcomes `T` that are there or to come.
+/// A queue of checks with outcomes `T`.
 pub struct Queue<T> {
     slots: VecDeque<Slot<T>>,
     most: usize,
@@ -19,7 +19,7 @@ enum Slot<T> {
 }
 
 impl<T: Send + 'static> Queue<T> {
-    /// A queue for checks of which at most twice `threads` are begun and not taken out.
+    /// A queue that holds at most twice as many checks as `threads`.
     pub fn new(threads: NonZeroUsize) -> Self {
         Self {
             slots: VecDeque::new(),
@@ -27,11 +27,10 @@ impl<T: Send + 'static> Queue<T> {
         }
     }
 
-    /// Has `check` done by another thread. When the queue is full, the first outcomes have to be taken out before: see
-    /// [`Queue::is_full`].
+    /// Starts `check` on another thread. When the queue is full (see [`Queue::is_full`]), take the first outcome out before.
     pub fn begin(&mut self, check: impl FnOnce() -> T + Send + 'static) {
         let (done, outcome) = sync_channel(1);
-        // Where there can be no thread, it is done here.
+        // If no thread can be started, this thread does the check.
         let check = std::sync::Arc::new(std::sync::Mutex::new(Some(check)));
         let taken = check.clone();
         let run = move || {
@@ -50,23 +49,23 @@ impl<T: Send + 'static> Queue<T> {
         self.slots.push_back(slot);
     }
 
-    /// An outcome that took no time.
+    /// Adds an outcome that took no time.
     pub fn push(&mut self, outcome: T) {
         self.slots.push_back(Slot::Done(outcome));
     }
 
-    /// Whether nothing may be begun before something is taken out.
+    /// Whether an outcome has to be taken out before the next check begins.
     pub fn is_full(&self) -> bool {
         self.slots.len() >= self.most
     }
 
-    /// The first outcome, if it is there already. An error: its thread broke down.
-    pub fn take_ready(&mut self) -> Option<Result<T, BrokeDown>> {
+    /// The first outcome, if the check is done. It is an error if its thread panicked.
+    pub fn take_ready(&mut self) -> Option<Result<T, Panicked>> {
         let outcome = match self.slots.front()? {
             Slot::Done(_) => return self.take(),
             Slot::Running(outcome) => match outcome.try_recv() {
                 Ok(outcome) => Ok(outcome),
-                Err(TryRecvError::Disconnected) => Err(BrokeDown),
+                Err(TryRecvError::Disconnected) => Err(Panicked),
                 Err(TryRecvError::Empty) => return None,
             },
         };
@@ -74,18 +73,18 @@ impl<T: Send + 'static> Queue<T> {
         Some(outcome)
     }
 
-    /// The first outcome, waited for.
-    pub fn take(&mut self) -> Option<Result<T, BrokeDown>> {
+    /// The first outcome. Waits until the check is done.
+    pub fn take(&mut self) -> Option<Result<T, Panicked>> {
         Some(match self.slots.pop_front()? {
             Slot::Done(outcome) => Ok(outcome),
-            Slot::Running(outcome) => outcome.recv().map_err(|_| BrokeDown),
+            Slot::Running(outcome) => outcome.recv().map_err(|_| Panicked),
         })
     }
 }
 
-/// A check ended without an outcome.
+/// The thread of a check panicked, so there is no outcome.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct BrokeDown;
+pub struct Panicked;
 
 #[cfg(test)]
 mod tests {
@@ -131,10 +130,10 @@ mod tests {
     }
 
     #[test]
-    fn a_check_that_panics_is_no_outcome() {
+    fn a_check_that_panics_has_no_outcome() {
         let mut queue: Queue<()> = Queue::new(NonZeroUsize::MIN);
         queue.begin(|| panic!("as a test"));
-        assert_eq!(queue.take(), Some(Err(BrokeDown)));
+        assert_eq!(queue.take(), Some(Err(Panicked)));
         assert_eq!(queue.take(), None);
     }
 }

@@ -14,20 +14,20 @@ use zk0_ledger::{
 pub struct Audit<'a> {
     /// Light or full.
     pub depth: Depth,
-    /// The network that it has to be.
+    /// The network that the ledger has to be of; `None` for any.
     pub network: Option<Digest>,
-    /// Threads.
+    /// How many threads; `None` for as many as there are cores.
     pub threads: Option<NonZeroUsize>,
-    /// What was verified before, and is from now on.
-    pub memory: Option<Keep>,
-    /// Hears how many entries of how many are verified, from several threads. `None` for an audit that nobody watches.
+    /// The state file, which keeps what was verified. `None` to start from the first entry and keep nothing.
+    pub state_file: Option<Keep>,
+    /// Called from several threads with the number of verified entries and of all entries. `None` if nobody watches.
     pub progress: Option<&'a (dyn Fn(u64, u64) + Sync)>,
 }
 
 impl Audit<'_> {
     /// Audits the ledger in `dir`. Where the state file cannot be used, the audit starts from the first entry, and the log says why.
     pub fn run(&self, dir: &Path) -> Result<Audited> {
-        let (auditor, from) = match self.recalled(dir)? {
+        let (auditor, from) = match self.saved(dir)? {
             Some((auditor, saved)) => (auditor, Some(saved)),
             None => (self.auditor(), None),
         };
@@ -41,19 +41,19 @@ impl Audit<'_> {
         }
     }
 
-    /// What was verified before, if it can be used.
-    fn recalled(&self, dir: &Path) -> Result<Option<(Auditor, Saved)>> {
-        let Some(memory) = &self.memory else {
+    /// What was verified before, if the state file can be used.
+    fn saved(&self, dir: &Path) -> Result<Option<(Auditor, Saved)>> {
+        let Some(state_file) = &self.state_file else {
             return Ok(None);
         };
-        let anew = |why: String| {
+        let start_again = |why: String| {
             tracing::warn!("the audit starts again from the first entry: {why}");
             Ok(None)
         };
-        let saved = match Saved::read(&memory.path) {
+        let saved = match Saved::read(&state_file.path) {
             Ok(None) => return Ok(None),
             Ok(Some(saved)) => saved,
-            Err(error @ SavedError::Unusable { .. }) => return anew(error.to_string()),
+            Err(error @ SavedError::Unusable { .. }) => return start_again(error.to_string()),
             Err(error) => return Err(error.into()),
         };
         match Auditor::go_on(self.depth, &saved.recheck, &Blobs::at(dir)) {
@@ -61,7 +61,7 @@ impl Audit<'_> {
                 tracing::info!("{} entries were verified before", saved.size);
                 Ok(Some((auditor, saved)))
             }
-            Err(why) => anew(format!("{}: {why}", memory.path.display())),
+            Err(why) => start_again(format!("{}: {why}", state_file.path.display())),
         }
     }
 
@@ -72,7 +72,7 @@ impl Audit<'_> {
             threads: self.threads,
             progress: self.progress,
             from,
-            keep: self.memory.clone(),
+            keep: self.state_file.clone(),
         };
         let report = replay_with(dir, options, &mut auditor);
         Audited::new(report, self.depth, &auditor)

@@ -1,4 +1,5 @@
-//! A log that is audited again and again. What was seen once has to stay: a log that forks, goes back or breaks a rule is named.
+//! Audits a log again and again. What was seen once has to stay: the watch raises an alarm when the log forks, is rolled back or breaks a
+//! rule.
 
 use crate::{
     fetch::{fetch, Wanted},
@@ -25,26 +26,26 @@ use zk0_ledger::{
 };
 use zk0_protocol::Entry;
 
-/// What one look at the log gave.
+/// The result of one look at the log.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Look {
     /// The log continues what was seen before, and everything new was verified.
     Continues,
-    /// The log is not to be trusted, for this reason.
+    /// The log cannot be trusted, for this reason.
     Alarm(String),
 }
 
 /// What a watch reports while it looks.
 #[derive(Debug)]
 pub enum Seen<'a> {
-    /// The first look verified all of the log: so many entries of this network.
+    /// The first look has verified the whole log.
     First {
-        /// Entries.
+        /// How many entries the log has.
         entries: u64,
         /// The network's id.
         network: &'a str,
     },
-    /// A new entry, verified.
+    /// A new entry has been verified.
     New {
         /// Its index, from 0.
         index: u64,
@@ -85,7 +86,7 @@ impl Watch {
     pub fn begin(options: WatchOptions) -> Result<Self> {
         let made = tempfile::tempdir().context("making a temporary directory")?;
         let lies_here = folder::database(Path::new(&options.ledger)).exists();
-        // A folder's own checkpoint is not cosigned: with a witness policy the folder is read as it would be published.
+        // A folder's own checkpoint is not cosigned. With a witness policy, the folder is read as it would be published.
         let mirror = match lies_here && options.trust.witness_policy.is_none() {
             true if options.mirror.is_some() => {
                 bail!(
@@ -105,9 +106,9 @@ impl Watch {
             .state
             .clone()
             .unwrap_or_else(|| made.path().join("state"));
-        // Without the state file a rollback would pass unnoticed: whoever runs this has to know.
+        // Without the state file, nobody would notice a rollback: whoever runs this has to know.
         Saved::read(&state).context(
-            "the state file cannot be read: remove it to start again, but then a fork or a rollback since is not noticed",
+            "the state file cannot be read: remove it to start again, but then a fork or a rollback since then goes unnoticed",
         )?;
         Ok(Self {
             options,
@@ -158,7 +159,7 @@ impl Watch {
             depth: self.options.depth,
             network: *network,
             threads: None,
-            memory: Some(Keep {
+            state_file: Some(Keep {
                 path: self.state.clone(),
                 every: Duration::from_secs(30),
             }),
@@ -173,7 +174,7 @@ impl Watch {
     }
 }
 
-/// Reports what an audit verified that was not seen before.
+/// Reports what the audit verified and the watch had not seen before.
 fn report(
     dir: &Path,
     before: Option<u64>,
@@ -198,7 +199,7 @@ fn report(
     })
 }
 
-/// Whether what was served is wrong, and not only missing or late.
+/// Whether the log served something wrong, and not just nothing.
 fn is_alarming(error: &MirrorError) -> bool {
     match error {
         MirrorError::Published(error) => !matches!(

@@ -1,14 +1,15 @@
-//! Charts: training curves, what proofs say of the same losses, and bars that compare policies. Each as PNG and SVG, the
-//! curves and bars also as JSON.
+//! Charts: training curves, the losses that proofs show, and bars that compare policies. Each chart is drawn as PNG and as SVG. The data
+//! of training curves is also written as JSON.
 
 use anyhow::{anyhow, Context, Result};
 use plotters::{coord::Shift, prelude::*, style::register_font};
-use std::{fs, path::Path};
+use std::{fs::File, path::Path};
+use zk0_ledger::atomic_file;
 
 /// A curve with a name: (step, loss).
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct Curve {
-    /// Whose.
+    /// What the curve shows.
     pub name: String,
     /// Training step and mean loss there.
     pub points: Vec<(f64, f64)>,
@@ -17,9 +18,9 @@ pub struct Curve {
 /// A proven pair of losses.
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct Proven {
-    /// Whose.
+    /// The node.
     pub name: String,
-    /// Round.
+    /// The round.
     pub round: u64,
     /// Loss of the round's base weights on the challenged samples.
     pub before: f64,
@@ -30,13 +31,13 @@ pub struct Proven {
 /// Groups of bars.
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct Bars {
-    /// Above them.
+    /// The text above them.
     pub caption: String,
     /// What they measure.
     pub unit: String,
     /// Below each group.
     pub groups: Vec<String>,
-    /// A bar in every group for each: its name and its values.
+    /// For each series its name, and its bar in every group.
     pub series: Vec<(String, Vec<f64>)>,
 }
 
@@ -72,11 +73,11 @@ pub fn draw_bars(stem: &Path, rows: &[[Bars; 2]]) -> Result<()> {
 
 fn write_json(stem: &Path, data: &impl serde::Serialize) -> Result<()> {
     let path = stem.with_extension("json");
-    fs::write(&path, serde_json::to_vec(data)?)
+    atomic_file::replace(&path, &[&serde_json::to_vec(data)?])
         .with_context(|| format!("writing {}", path.display()))
 }
 
-/// What can be drawn on any backend.
+/// A picture that can be drawn on any backend.
 trait Picture {
     fn draw<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>) -> Drawn<B>;
 }
@@ -120,9 +121,20 @@ fn save(stem: &Path, size: (u32, u32), picture: &impl Picture) -> Result<()> {
         register_font("sans-serif", style, epaint_default_fonts::UBUNTU_LIGHT)
             .map_err(|_| anyhow!("the chart's font is broken"))?;
     }
-    let (png, svg) = (stem.with_extension("png"), stem.with_extension("svg"));
-    draw_on(BitMapBackend::new(&png, size).into_drawing_area(), picture)?;
-    draw_on(SVGBackend::new(&svg, size).into_drawing_area(), picture)
+    // The backend takes the format from the file's extension.
+    let unfinished = stem.with_extension("unfinished.png");
+    let area = BitMapBackend::new(&unfinished, size).into_drawing_area();
+    draw_on(area, picture)?;
+    let png = stem.with_extension("png");
+    File::open(&unfinished)
+        .and_then(|file| atomic_file::put_in_place(&file, &unfinished, &png))
+        .with_context(|| format!("writing {}", png.display()))?;
+
+    let (mut text, svg) = (String::new(), stem.with_extension("svg"));
+    let area = SVGBackend::with_string(&mut text, size).into_drawing_area();
+    draw_on(area, picture)?;
+    atomic_file::replace(&svg, &[text.as_bytes()])
+        .with_context(|| format!("writing {}", svg.display()))
 }
 
 fn draw_on<B: DrawingBackend>(area: DrawingArea<B, Shift>, picture: &impl Picture) -> Result<()> {
@@ -200,7 +212,7 @@ fn bars<B: DrawingBackend>(area: &DrawingArea<B, Shift>, bars: &Bars) -> Drawn<B
         .y_desc(&bars.unit)
         .light_line_style(WHITE)
         .draw()?;
-    // The first series is what the others are compared with.
+    // The other series are compared with the first one.
     let width = 0.7 / bars.series.len().max(1) as f64;
     for (i, (name, values)) in bars.series.iter().enumerate() {
         let colour = match i {

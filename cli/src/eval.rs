@@ -3,15 +3,17 @@
 use crate::{
     chart::{self, Bars},
     dataset::RecordingName,
-    frames::{CacheOptions, Naming, Ready},
-    place::PlaceOptions,
-    policy_source::PolicySource,
+    policy::{cache_failed, CacheOptions, DeviceOptions, PolicySource},
 };
 use anyhow::{bail, Context, Result};
 use serde::Serialize;
 use std::{fmt::Write as _, fs, path::PathBuf};
+use zk0_ledger::atomic_file;
 use zk0_lerobot::dataset::Dataset;
-use zk0_node::progress::Progress;
+use zk0_node::{
+    progress::Progress,
+    samples::{FrameNames, ReadySamples},
+};
 use zk0_smolvla::{
     frames::{
         batch::SampleSource,
@@ -27,59 +29,60 @@ use zk0_smolvla::{
     PolicyError, Profile,
 };
 
-/// Measure policies on recordings: the flow-matching loss by both of LeRobot's rules, and how far sampled actions are from
-/// the demonstrated ones, joint by joint, in the recording's units.
+/// Measure policies on recordings: the flow-matching loss by both of LeRobot's definitions, and how far sampled actions are from the
+/// demonstrated ones, for each joint, in the recording's units.
 #[derive(Debug, clap::Args)]
 pub struct Options {
-    /// A policy: a policy file, such as `model.safetensors` of `zk0 train`, or a folder of LeRobot's.
+    /// Measure this policy: a policy file, such as `model.safetensors` of `zk0 train`, or a LeRobot policy folder. Repeat the option for
+    /// more policies.
     #[arg(
         long = "policy",
         value_name = "PATH",
         required_unless_present = "profile"
     )]
     policies: Vec<PathBuf>,
-    /// A profile's random weights, to compare with: micro, tiny or full.
+    /// Also measure random weights of this size, to compare with: micro, tiny or full.
     #[arg(long, value_name = "NAME", value_parser = Profile::from_name)]
     profile: Option<Profile>,
-    /// A recording (LeRobotDataset folder).
+    /// Measure on this recording: a LeRobotDataset folder, or hub:owner/name[@revision]. Repeat the option for more recordings.
     #[arg(long = "dataset", value_name = "RECORDING", required = true)]
     datasets: Vec<RecordingName>,
-    /// Episodes of each recording that are looked at [default: all]
+    /// Use only these episodes of each recording, counted from 0 [default: all]
     #[arg(long, value_name = "N,N,…", value_delimiter = ',')]
     episodes: Vec<usize>,
-    /// Frames of each recording at most, evenly spaced.
+    /// Use at most this many frames of each recording, evenly spaced.
     #[arg(long, default_value_t = 200, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     frames: u32,
-    /// Decides noise and times, and a profile's random weights.
+    /// The seed of the noise, of the times, and of random weights.
     #[arg(long, default_value_t = 0)]
     seed: u64,
-    /// What states and actions are normalised with: the statistics that the policy was trained with, or each recording's own
+    /// Normalise states and actions with the statistics that the policy was trained with, or with each recording's own
     #[arg(long, value_enum, default_value_t)]
     statistics: Statistics,
     #[command(flatten)]
-    place: PlaceOptions,
+    device: DeviceOptions,
     /// Print JSON instead of a table.
     #[arg(long)]
     json: bool,
-    /// Write eval.json, eval.png and eval.svg there.
+    /// Write eval.json, eval.png and eval.svg into this folder.
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     #[command(flatten)]
     cache: CacheOptions,
 }
 
-/// Whose statistics normalise.
+/// The statistics that states and actions are normalised with.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, Serialize)]
 #[serde(rename_all = "lowercase")]
 enum Statistics {
-    /// The policy's; the recording's where the policy has none.
+    /// Those of the policy, or those of the recording where the policy has none.
     #[default]
     Policy,
-    /// The recording's own.
+    /// Those of the recording.
     Recording,
 }
 
-/// Samples through the policy at once.
+/// Samples that go through the policy at once.
 const BATCH: usize = 8;
 
 /// One policy on one recording.
@@ -88,9 +91,9 @@ struct Row {
     policy: String,
     dataset: String,
     frames: usize,
-    /// Whose statistics states and actions were normalised with.
+    /// The statistics that states and actions were normalised with.
     statistics: Statistics,
-    /// Euler steps that actions were sampled in.
+    /// The number of Euler steps in which actions were sampled.
     num_steps: usize,
     /// LeRobot 0.6's mean: real dimensions of frames that are not padding.
     loss_valid_only: f64,
@@ -133,7 +136,7 @@ pub fn run(options: &Options) -> Result<()> {
     if let Some(out) = &options.out {
         fs::create_dir_all(out).with_context(|| format!("creating {}", out.display()))?;
         let path = out.join("eval.json");
-        fs::write(&path, serde_json::to_vec_pretty(&rows)?)
+        atomic_file::replace(&path, &[&serde_json::to_vec_pretty(&rows)?])
             .with_context(|| format!("writing {}", path.display()))?;
         chart::draw_bars(&out.join("eval"), &panels(&rows, options.datasets.len()))?;
     }
@@ -144,7 +147,7 @@ pub fn run(options: &Options) -> Result<()> {
     Ok(())
 }
 
-/// The frames of a recording that are looked at.
+/// The frames of a recording that are used.
 fn chosen(options: &Options, dataset: &Dataset) -> Result<Vec<usize>> {
     let episodes = dataset.episodes();
     let mut all = Vec::new();
@@ -155,7 +158,7 @@ fn chosen(options: &Options, dataset: &Dataset) -> Result<Vec<usize>> {
         match episodes.get(*number) {
             Some(episode) => all.extend(episode.frames.clone()),
             None => bail!(
-                "{} has {} episodes, there is no episode {number}",
+                "{} has {} episodes, counted from 0, so there is no episode {number}",
                 dataset.root().display(),
                 episodes.len()
             ),
@@ -165,7 +168,7 @@ fn chosen(options: &Options, dataset: &Dataset) -> Result<Vec<usize>> {
     Ok((0..count).map(|i| all[i * all.len() / count]).collect())
 }
 
-/// One policy on all recordings.
+/// Measures one policy on all recordings.
 fn measure(
     options: &Options,
     source: &PolicySource,
@@ -183,7 +186,7 @@ fn measure(
         dataset.normalise_with(stats)?;
     }
     let datasets = &*datasets;
-    let place = options.place.open()?;
+    let place = options.device.open()?;
     let PolicyFile { policy, tokenizer } = source.load()?;
     let (config, tokenizer) = (policy.config.clone(), &tokenizer);
     let cache = options.cache.open()?;
@@ -195,11 +198,15 @@ fn measure(
         let policy = policy.map_err(|error| PolicyError::Sample(format!("{error:#}")))?;
         Preparer::at(&place, policy, tokenizer)
     });
-    let mut naming = Naming::new(space, &config, tokenizer, cache.as_ref());
+    let mut names_of_frames = FrameNames::new(space, &config, tokenizer, cache.as_ref());
     let mut rows = Vec::new();
     for (number, (dataset, indices)) in datasets.iter().zip(chosen).enumerate() {
-        let frames = naming.frames(number, dataset, indices)?;
-        let samples = Ready::<PreparedSample>::prepare(cache.as_ref(), &maker, frames)?;
+        let frames = names_of_frames
+            .frames(number, dataset, indices)
+            .map_err(cache_failed)
+            .with_context(|| format!("recording {}", dataset.root().display()))?;
+        let samples = ReadySamples::<PreparedSample>::prepare(cache.as_ref(), &maker, frames)
+            .map_err(cache_failed)?;
         let draws = fixed_draws(&config, samples.len(), options.seed);
         let all: Vec<usize> = (0..samples.len()).collect();
         let errors = evaluate_samples(&models, Samples::Prepared(&samples), &all, &draws)?;
@@ -236,7 +243,7 @@ fn measure(
     Ok(rows)
 }
 
-/// For people.
+/// The results, for people.
 fn table(rows: &[Row]) -> String {
     let mut text = String::new();
     for row in rows {
@@ -271,7 +278,7 @@ fn table(rows: &[Row]) -> String {
     text
 }
 
-/// For every recording its losses and its joints' errors, a bar for each policy.
+/// The charts of each recording: its losses, and the errors of its joints, with a bar for each policy.
 fn panels(rows: &[Row], datasets: usize) -> Vec<[Bars; 2]> {
     let of_dataset = |number: usize| rows.iter().skip(number).step_by(datasets);
     let name = |path: &str| {

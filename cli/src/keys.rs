@@ -1,29 +1,38 @@
-//! Key files: an ed25519 secret key as one line of hexadecimal, readable by its owner alone.
+//! Key files: an ed25519 secret key as one line of hexadecimal digits, readable by its owner alone.
 
 use anyhow::{bail, Context, Result};
 use ed25519_dalek::SigningKey;
-use std::{fs, io::Write, os::unix::fs::OpenOptionsExt, path::Path};
+use std::{
+    io::{self, Write},
+    path::Path,
+};
 use zk0_circuits::{Digest, NodeId};
+use zk0_ledger::{atomic_file, bounded_file};
 
-/// Makes a key and writes it to `path`; an existing file is never overwritten.
+/// Largest key file that is read.
+const MAX_KEY_BYTES: usize = 200;
+
+/// Makes a key, writes it to `path`, and returns its identity. An existing file is never overwritten.
 pub fn generate(path: &Path) -> Result<NodeId> {
-    let mut secret = [0; 32];
-    getrandom::fill(&mut secret).context("the system gives no random bytes")?;
-    let key = SigningKey::from_bytes(&secret);
-    let mut file = fs::OpenOptions::new()
-        .write(true)
-        .create_new(true)
-        .mode(0o600)
-        .open(path)
-        .with_context(|| {
-            format!(
-                "creating the key file {} (an existing key is kept)",
-                path.display()
-            )
-        })?;
-    writeln!(file, "{}", Digest(secret))?;
-    file.sync_all()?;
+    let key = SigningKey::from_bytes(&random()?);
+    write(path, &key).with_context(|| {
+        format!(
+            "creating the key file {} (an existing key is kept)",
+            path.display()
+        )
+    })?;
     Ok(identity(&key))
+}
+
+/// Writes a key file whole or not at all.
+fn write(path: &Path, key: &SigningKey) -> io::Result<()> {
+    let folder = atomic_file::folder_of(path);
+    // A temporary file can be read by its owner alone, and so can the key.
+    let mut file = tempfile::NamedTempFile::new_in(folder)?;
+    writeln!(file, "{}", Digest(key.to_bytes()))?;
+    file.as_file().sync_all()?;
+    file.persist_noclobber(path).map_err(|error| error.error)?;
+    atomic_file::sync_folder(folder)
 }
 
 /// 32 bytes of the system's randomness.
@@ -35,26 +44,19 @@ pub fn random() -> Result<[u8; 32]> {
 
 /// Reads the key in `path`.
 pub fn read(path: &Path) -> Result<SigningKey> {
-    let size = fs::metadata(path)
-        .with_context(|| format!("reading the key file {}", path.display()))?
-        .len();
-    if size > 200 {
-        bail!(
-            "{} has {size} bytes: a key file is one line of 64 hexadecimal digits",
-            path.display()
-        );
-    }
-    let text = fs::read_to_string(path)
+    let text = bounded_file::read(path, MAX_KEY_BYTES)
         .with_context(|| format!("reading the key file {}", path.display()))?;
-    let secret: Digest = match text.trim().parse() {
-        Ok(secret) => secret,
-        // The text may be most of a secret: it is not repeated.
-        Err(_) => bail!(
-            "{} is no key file: one line of 64 hexadecimal digits",
+    let secret: Option<Digest> = str::from_utf8(&text)
+        .ok()
+        .and_then(|text| text.trim().parse().ok());
+    match secret {
+        Some(secret) => Ok(SigningKey::from_bytes(&secret.0)),
+        // The text may be most of a secret, so it is not repeated.
+        None => bail!(
+            "{} is not a key file; a key file is one line of 64 hexadecimal digits",
             path.display()
         ),
-    };
-    Ok(SigningKey::from_bytes(&secret.0))
+    }
 }
 
 /// The public identity of a key.
@@ -65,6 +67,7 @@ pub fn identity(key: &SigningKey) -> NodeId {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::fs;
 
     #[test]
     fn a_key_comes_back_and_is_never_overwritten() {
@@ -74,6 +77,17 @@ mod tests {
         assert_eq!(identity(&read(&path).unwrap()), node);
         assert!(generate(&path).is_err());
         assert_eq!(identity(&read(&path).unwrap()), node);
+    }
+
+    #[test]
+    fn a_key_file_is_for_its_owner_alone() {
+        use std::os::unix::fs::PermissionsExt;
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("node.key");
+        generate(&path).unwrap();
+        let mode = fs::metadata(&path).unwrap().permissions().mode();
+        assert_eq!(mode & 0o777, 0o600);
+        assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 1);
     }
 
     #[test]

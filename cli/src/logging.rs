@@ -1,5 +1,5 @@
-//! Logs and progress. Libraries report progress as tracing events of target [`PROGRESS`] (`phase`, `done`, `total`,
-//! `eta_ms`); here they become a bar on a terminal, and JSON lines for the process that reads them.
+//! Logs and progress. Libraries report progress as tracing events of the target [`PROGRESS`], with the fields `phase`, `done`, `total` and
+//! `eta_ms`. Here they become a bar on a terminal, and JSON lines for a process that reads them.
 
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 use std::{
@@ -25,14 +25,14 @@ pub const PROGRESS: &str = "zk0::progress";
 /// How a process writes its log.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
 pub enum LogFormat {
-    /// For people.
+    /// Text for people.
     #[default]
     Text,
     /// One JSON object per line.
     Json,
 }
 
-/// Starts logging to standard error. `RUST_LOG` overrides the level.
+/// Starts to log to standard error. The environment variable `RUST_LOG` sets the level.
 pub fn init(format: LogFormat) {
     let filter =
         || EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new("warn,zk0=info"));
@@ -69,7 +69,7 @@ pub fn init(format: LogFormat) {
 /// One progress event.
 #[derive(Clone, Debug, Default, PartialEq, Eq, serde::Deserialize)]
 pub struct Progress {
-    /// What is going on: `training`, `proving`, …
+    /// The work: `training`, `proving` and so on.
     pub phase: String,
     /// Units done.
     pub done: u64,
@@ -121,7 +121,7 @@ impl Bars {
         }
     }
 
-    /// Draws the bar of `key` anew; a finished one disappears.
+    /// Draws the bar of `key` again. A finished bar disappears.
     pub fn show(&self, key: &str, progress: &Progress) {
         let mut bars = self.by_key.lock().unwrap_or_else(PoisonError::into_inner);
         if progress.done >= progress.total {

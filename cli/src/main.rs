@@ -1,4 +1,5 @@
-//! The one binary. Exit codes: 0 all is well; 1 it is not (an audit that fails, a refusal, an error); 2 wrong usage.
+//! The one binary. Its exit codes are 0 for success, 1 for a failure (an audit that fails, a refusal, an error), and 2 for a wrong command
+//! line.
 
 use clap::{Parser, Subcommand};
 use std::process::ExitCode;
@@ -8,11 +9,11 @@ use zk0::{audit, ledger, logging};
 #[global_allocator]
 static ALLOCATOR: zk0_smolvla::policy::memory::Allocator = zk0_smolvla::policy::memory::Allocator;
 
-/// Federated learning in which a contribution counts only if it is proven.
+/// Federated learning of robot policies, in which a contribution counts only if a proof shows that it is an improvement.
 #[derive(Parser)]
 #[command(name = "zk0", version, max_term_width = 100)]
 struct Cli {
-    /// How to write the log (to standard error).
+    /// The format of the log, which goes to standard error.
     #[arg(long, global = true, value_enum, default_value_t)]
     log: logging::LogFormat,
     #[command(subcommand)]
@@ -21,14 +22,14 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
-    /// Run a whole federation on this machine: aggregator, prover and nodes, then the audit.
+    /// Run a whole network on this machine: an aggregator, a prover, nodes, and an audit at the end.
     #[cfg(feature = "full")]
     Demo(zk0::demo::Options),
-    /// The demo's lazy node. `zk0 demo` starts it.
+    /// The demo's node that cheats. `zk0 demo` starts it.
     #[cfg(feature = "full")]
     #[command(hide = true)]
     DemoLazyNode(zk0::demo::lazy_node::Options),
-    /// Take part in a network with one's own recordings.
+    /// Take part in a network with your own recordings.
     #[cfg(feature = "full")]
     #[command(subcommand)]
     Node(zk0::node::Command),
@@ -36,7 +37,7 @@ enum Command {
     #[cfg(feature = "full")]
     #[command(subcommand)]
     Aggregator(zk0::aggregator::Command),
-    /// Propose, vote, dispute, change a key.
+    /// Propose changes, vote on them, dispute contributions, or change a node's key.
     #[cfg(feature = "full")]
     #[command(subcommand)]
     Governance(Box<zk0::governance::Command>),
@@ -50,21 +51,21 @@ enum Command {
     /// Measure policies on recordings.
     #[cfg(feature = "full")]
     Eval(zk0::eval::Options),
-    /// Look at recordings before training on them.
+    /// Look at recordings, and check them, before you train on them.
     #[cfg(feature = "full")]
     #[command(subcommand)]
     Dataset(zk0::dataset::Command),
-    /// Compare the fixed-point loss with the float32 one, on untrained and trained weights.
+    /// Compare the loss in fixed-point numbers, which proofs use, with the loss in floating-point numbers.
     #[cfg(feature = "full")]
     Fidelity(zk0::fidelity::Options),
-    /// Cosign logs, so that none can show two histories.
+    /// Cosign the logs of others, so that none of them can show two histories.
     #[cfg(feature = "full")]
     #[command(subcommand)]
     Witness(zk0::witness::Command),
-    /// Check a ledger, trusting nobody.
+    /// Check a ledger without trusting anybody.
     #[command(subcommand)]
     Audit(audit::Command),
-    /// Publish, mirror and check a ledger as files, and prove what is in it.
+    /// Publish, mirror, back up and check a ledger as files.
     #[command(subcommand)]
     Ledger(ledger::Command),
 }
@@ -72,53 +73,46 @@ enum Command {
 fn main() -> ExitCode {
     let cli = Cli::parse();
     logging::init(cli.log);
-    let done = match cli.command {
-        #[cfg(feature = "full")]
-        Command::Demo(options) => zk0::demo::run(&options),
-        #[cfg(feature = "full")]
-        Command::DemoLazyNode(options) => zk0::demo::lazy_node::run(&options),
-        #[cfg(feature = "full")]
-        Command::Node(command) => zk0::node::run(&command),
-        #[cfg(feature = "full")]
-        Command::Aggregator(command) => zk0::aggregator::run(&command),
-        #[cfg(feature = "full")]
-        Command::Governance(command) => zk0::governance::run(&command),
-        #[cfg(feature = "full")]
-        Command::Prover(command) => zk0::prover::run(&command),
-        #[cfg(feature = "full")]
-        Command::Train(options) => zk0::train::run(&options),
-        #[cfg(feature = "full")]
-        Command::Eval(options) => zk0::eval::run(&options),
-        #[cfg(feature = "full")]
-        Command::Dataset(command) => match zk0::dataset::run(&command) {
-            Ok(true) => Ok(()),
-            Ok(false) => return ExitCode::FAILURE,
-            Err(error) => Err(error),
-        },
-        #[cfg(feature = "full")]
-        Command::Fidelity(options) => zk0::fidelity::run(&options),
-        #[cfg(feature = "full")]
-        Command::Witness(command) => zk0::witness::run(&command),
-        Command::Audit(command) => match audit::run(&command) {
-            Ok(true) => Ok(()),
-            Ok(false) => return ExitCode::FAILURE,
-            Err(error) => Err(error),
-        },
-        Command::Ledger(command) => match ledger::run(&command) {
-            Ok(true) => Ok(()),
-            Ok(false) => return ExitCode::FAILURE,
-            Err(error) => Err(error),
-        },
-    };
-    match done {
-        Ok(()) => ExitCode::SUCCESS,
+    match run(cli.command) {
+        Ok(true) => ExitCode::SUCCESS,
+        Ok(false) => ExitCode::FAILURE,
         Err(error) => {
             match cli.log {
-                // Whoever reads the JSON lines shall read the end as well.
+                // A program that reads the JSON lines must learn the reason, too.
                 logging::LogFormat::Json => tracing::error!("{error:#}"),
                 logging::LogFormat::Text => eprintln!("error: {error:#}"),
             }
             ExitCode::FAILURE
         }
+    }
+}
+
+/// Runs the command. `false` means that something is wrong, and that the command has printed what.
+fn run(command: Command) -> anyhow::Result<bool> {
+    match command {
+        #[cfg(feature = "full")]
+        Command::Demo(options) => zk0::demo::run(&options).map(|()| true),
+        #[cfg(feature = "full")]
+        Command::DemoLazyNode(options) => zk0::demo::lazy_node::run(&options).map(|()| true),
+        #[cfg(feature = "full")]
+        Command::Node(command) => zk0::node::run(&command).map(|()| true),
+        #[cfg(feature = "full")]
+        Command::Aggregator(command) => zk0::aggregator::run(&command).map(|()| true),
+        #[cfg(feature = "full")]
+        Command::Governance(command) => zk0::governance::run(&command).map(|()| true),
+        #[cfg(feature = "full")]
+        Command::Prover(command) => zk0::prover::run(&command).map(|()| true),
+        #[cfg(feature = "full")]
+        Command::Train(options) => zk0::train::run(&options).map(|()| true),
+        #[cfg(feature = "full")]
+        Command::Eval(options) => zk0::eval::run(&options).map(|()| true),
+        #[cfg(feature = "full")]
+        Command::Dataset(command) => zk0::dataset::run(&command),
+        #[cfg(feature = "full")]
+        Command::Fidelity(options) => zk0::fidelity::run(&options).map(|()| true),
+        #[cfg(feature = "full")]
+        Command::Witness(command) => zk0::witness::run(&command).map(|()| true),
+        Command::Audit(command) => audit::run(&command),
+        Command::Ledger(command) => ledger::run(&command),
     }
 }

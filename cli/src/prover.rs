@@ -4,25 +4,29 @@ use anyhow::{Context, Result};
 use std::net::SocketAddr;
 use tokio::{net::TcpListener, runtime::Runtime};
 use zk0_prover::{
-    cycles, device::DeviceKind, execute::Executor, service::ProvingService, sp1::Sp1Backend,
+    machine::DeviceKind,
+    measure::cycles,
+    program::Executor,
+    service::{ProvingService, Sp1Backend},
 };
 
 /// What to do.
 #[derive(Debug, clap::Subcommand)]
 pub enum Command {
-    /// Serve proofs to the nodes of this machine, one at a time. Wants 20 GB of free memory.
+    /// Make proofs for the nodes of this machine, one at a time. This needs 20 GiB of free memory.
     Serve {
-        /// Address to listen on; port 0 takes a free one. Witnesses hold private samples: keep it on loopback.
+        /// Listen on this address; port 0 takes a free port. Requests carry a private input, which holds samples of a recording, and the
+        /// traffic is not encrypted. So listen only on this machine.
         #[arg(long, default_value = "127.0.0.1:7072")]
         listen: SocketAddr,
-        /// Claims that may wait.
+        /// Let this many claims wait.
         #[arg(long, default_value_t = 16)]
         queue: usize,
-        /// What to prove on: cpu, or cuda for an NVIDIA GPU (in builds of `make cuda`).
+        /// Prove on this device: cpu, or cuda for an NVIDIA GPU. Only builds by `make cuda` know cuda.
         #[arg(long, default_value_t)]
         device: DeviceKind,
     },
-    /// Print what claims cost, one JSON line per profile and mode, from execute mode: no proof is made.
+    /// Print what claims cost, one JSON line for each profile and mode. The programs are executed, and no proof is made.
     Cycles,
 }
 
@@ -54,12 +58,12 @@ async fn serve(listen: SocketAddr, queue: usize, device: DeviceKind) -> Result<(
         .with_context(|| format!("listening on {listen}"))?;
     let address = listener.local_addr()?;
     let backend = Sp1Backend::new(device).await?;
-    // Before its first proof the service expects a GPU, too, to take a CPU's time.
+    // Until the first proof is made, the service expects that a GPU takes as long as a CPU.
     let cores = std::thread::available_parallelism().map_or(1, |cores| cores.get());
     let service = ProvingService::start(backend, queue, cores);
-    tracing::info!(listening = %address, "proving service on {address}; SP1 is starting on device {device}");
+    tracing::info!(listening = %address, "the proving service listens on {address}, and SP1 is starting on the device {device}");
     service
-        .serve(listener, crate::interrupted())
+        .serve(listener, crate::serve::interrupted())
         .await
         .context("the proving service")
 }

@@ -1,6 +1,6 @@
-//! `zk0 witness`: cosign other people's logs, so that none of them can show two histories (C2SP tlog-witness).
+//! `zk0 witness`: cosign the logs of others, so that none of them can show two histories (C2SP tlog-witness).
 
-use crate::keys;
+use crate::{keys, serve::serve_http};
 use anyhow::{Context, Result};
 use std::{net::SocketAddr, path::PathBuf, sync::Arc};
 use zk0_aggregator::{publish::witness_server::WitnessServer, round::clock::SystemClock};
@@ -13,28 +13,29 @@ use zk0_protocol::tlog::{
 /// What to do.
 #[derive(Debug, clap::Subcommand)]
 pub enum Command {
-    /// Make a key for a witness, and print its verifier key for others' policies.
+    /// Make the key of a witness and print its verifier key. Others put the verifier key into their witness policies.
     Keygen {
-        /// Where the key goes.
+        /// Write the key to this file. An existing file is kept.
         file: PathBuf,
-        /// The witness' name, best an address without its scheme: witness.example/w1. Use the key for no other name.
+        /// The name of the witness. An address without its scheme is best, such as witness.example/w1. Use the key for no other name.
         #[arg(long)]
         name: String,
     },
-    /// Cosign the checkpoints of these logs, as long as each continues the last.
+    /// Cosign the checkpoints of logs. A checkpoint is cosigned only if it continues the one before it.
     Serve {
-        /// Where the last checkpoint of each log is kept. Never restore an old copy of it, or start anew with the same key.
+        /// Keep the last checkpoint of each log in this folder. Never replace the folder by an old copy, and never use the key with
+        /// another folder: the witness could then cosign two histories.
         dir: PathBuf,
-        /// The witness' key.
+        /// The file of the witness's key.
         #[arg(long)]
         key: PathBuf,
-        /// The witness' name.
+        /// The name of the witness, as it was given to `zk0 witness keygen`.
         #[arg(long)]
         name: String,
-        /// A log to watch: its verifier key, as `zk0 ledger vkey` prints it.
-        #[arg(long = "log-key", required = true)]
+        /// Cosign the log with this verifier key, as `zk0 ledger vkey` prints it. Repeat the option for more logs.
+        #[arg(long = "log-key", value_name = "KEY", required = true)]
         logs: Vec<String>,
-        /// Address to listen on; port 0 takes a free one. Traffic is not encrypted: put a TLS proxy before it.
+        /// Listen on this address; port 0 takes a free port. The traffic is not encrypted, so put a TLS proxy before it.
         #[arg(long, default_value = "127.0.0.1:7074")]
         listen: SocketAddr,
     },
@@ -44,7 +45,7 @@ pub enum Command {
 pub fn run(command: &Command) -> Result<()> {
     match command {
         Command::Keygen { file, name } => {
-            // The name first: a key for a name that cannot be is of no use.
+            // The name is checked first, because a key with an impossible name is of no use.
             VerifierKey::new(Role::Witness, name, &BASE_POINT).context("naming the witness")?;
             keys::generate(file)?;
             println!("{}", Cosigner::new(name, keys::read(file)?)?.key());
@@ -63,19 +64,14 @@ pub fn run(command: &Command) -> Result<()> {
                 .map(|log| Ok(VerifierKey::of_role(Role::Log, log)?))
                 .collect::<Result<_>>()?;
             let witness = WitnessStore::open(dir, cosigner, logs)?;
-            tracing::info!("witness {}", witness.key());
+            tracing::info!("the verifier key of this witness is {}", witness.key());
             let server = WitnessServer::new(witness, Arc::new(SystemClock));
-            crate::serve_http(
-                "witness",
-                *listen,
-                Arc::new(server),
-                WitnessServer::limits(),
-            )
+            serve_http("witness", *listen, server.router(), WitnessServer::limits())
         }
     }
 }
 
-/// Some public key: ed25519's base point.
+/// A public key that serves to check a name: ed25519's base point.
 const BASE_POINT: [u8; 32] = {
     let mut bytes = [0x66; 32];
     bytes[0] = 0x58;

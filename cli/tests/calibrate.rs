@@ -1,22 +1,14 @@
 //! `zk0 aggregator init --calibrate`: a network founded with ranges chosen from recordings.
 
-use std::{
-    path::Path,
-    process::{Command, Output},
-};
+mod harness;
+
+use harness::{ends, logged, zk0};
+use std::{path::Path, process::Command};
 use zk0::keys;
 use zk0_circuits::EvalSpec;
 use zk0_ledger::log::Ledger;
 
-fn zk0(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_zk0"))
-        .args(arguments)
-        .current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/.."))
-        .output()
-        .unwrap()
-}
-
-fn found(dir: &Path, ledger: &str, more: &[&str]) -> Output {
+fn found(dir: &Path, ledger: &str, more: &[&str]) -> Command {
     let (ledger, key) = (dir.join(ledger), dir.join("log.key"));
     let mut arguments = vec!["aggregator", "init", ledger.to_str().unwrap()];
     arguments.extend(["--name", "calibrated", "--key", key.to_str().unwrap()]);
@@ -28,17 +20,12 @@ fn found(dir: &Path, ledger: &str, more: &[&str]) -> Output {
 fn a_network_is_founded_with_ranges_chosen_from_a_recording() {
     let dir = tempfile::tempdir().unwrap();
     let key = dir.path().join("log.key");
-    assert!(zk0(&["aggregator", "keygen", key.to_str().unwrap()])
-        .status
-        .success());
-    let recording = "tests/fixtures/datasets/so100_pickplace";
+    ends(0, zk0(&["aggregator", "keygen", key.to_str().unwrap()]));
     for (ledger, options) in [
         ("default", vec![]),
-        ("chosen", vec!["--calibrate", recording]),
+        ("chosen", vec!["--calibrate", harness::RECORDING]),
     ] {
-        let founded = found(dir.path(), ledger, &options);
-        let said = String::from_utf8_lossy(&founded.stderr);
-        assert!(founded.status.success(), "{said}");
+        ends(0, found(dir.path(), ledger, &options));
     }
     let spec = |ledger: &str| {
         let key = keys::read(&key).unwrap();
@@ -55,10 +42,9 @@ fn a_network_is_founded_with_ranges_chosen_from_a_recording() {
 fn a_recording_that_is_not_there_founds_nothing() {
     let dir = tempfile::tempdir().unwrap();
     let key = dir.path().join("log.key");
-    zk0(&["aggregator", "keygen", key.to_str().unwrap()]);
+    ends(0, zk0(&["aggregator", "keygen", key.to_str().unwrap()]));
     let refused = found(dir.path(), "ledger", &["--calibrate", "no/such/recording"]);
-    let said = String::from_utf8_lossy(&refused.stderr).into_owned();
-    assert_eq!(refused.status.code(), Some(1));
+    let said = logged(&ends(1, refused));
     assert!(said.contains("recording no/such/recording"), "{said}");
     assert!(!dir.path().join("ledger").exists());
 }

@@ -1,26 +1,23 @@
 //! `zk0 dataset inspect` and `zk0 dataset validate`, as a person or a script meets them.
 
+mod harness;
+
+use harness::{copy, logged, printed};
 use std::{
     fs,
-    path::Path,
     process::{Command, Output},
 };
 
 fn zk0(arguments: &[&str]) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_zk0"));
+    let mut command = harness::zk0(arguments);
     command
-        .args(arguments)
-        .current_dir(concat!(
-            env!("CARGO_MANIFEST_DIR"),
-            "/../tests/fixtures/datasets"
-        ))
+        .current_dir(harness::root().join("tests/fixtures/datasets"))
         .env_remove("HF_TOKEN");
     command
 }
 
 fn said(output: &Output) -> String {
-    let part = |bytes: &[u8]| String::from_utf8(bytes.to_vec()).unwrap();
-    part(&output.stdout) + &part(&output.stderr)
+    printed(output) + &logged(output)
 }
 
 #[test]
@@ -126,20 +123,8 @@ fn validate_lists_every_fault_and_says_so_by_its_exit_code() {
 
 #[test]
 fn validate_finds_every_video_that_does_not_decode() {
-    fn copy(from: &Path, to: &Path) {
-        fs::create_dir_all(to).unwrap();
-        for entry in fs::read_dir(from).unwrap() {
-            let entry = entry.unwrap();
-            let to = to.join(entry.file_name());
-            match entry.file_type().unwrap().is_dir() {
-                true => copy(&entry.path(), &to),
-                false => drop(fs::copy(entry.path(), to).unwrap()),
-            }
-        }
-    }
     let dir = tempfile::tempdir().unwrap();
-    let fixture = Path::new(env!("CARGO_MANIFEST_DIR"))
-        .join("../tests/fixtures/datasets/so100_pickplace_v21");
+    let fixture = harness::root().join("tests/fixtures/datasets/so100_pickplace_v21");
     copy(&fixture, dir.path());
     let video = |camera: &str, episode: u32| {
         dir.path().join(format!(

@@ -1,9 +1,9 @@
 //! `zk0 node join --follow-losses` and `--lr-boost`: rates that change with the losses of the rounds' base weights reach
 //! training, and are the same after a restart.
 
-mod network;
+mod harness;
 
-use network::Place;
+use harness::network::LocalNetwork;
 use serde_json::{json, Value};
 use std::{fs, path::Path};
 use zk0_smolvla::{
@@ -29,8 +29,14 @@ const TRAINING: [&str; 8] = [
 ];
 
 /// The update that training at these rates gives, as the file of `round`.
-fn trained(place: &Place, file: &PolicyFile, round: u64, mu: f64, learning_rate: f64) -> Vec<u8> {
-    let recording = place.recording(file);
+fn trained(
+    network: &LocalNetwork,
+    file: &PolicyFile,
+    round: u64,
+    mu: f64,
+    learning_rate: f64,
+) -> Vec<u8> {
+    let recording = network.recording(file);
     let options = TrainOptions {
         steps: STEPS,
         batch_size: BATCH,
@@ -50,81 +56,81 @@ fn trained(place: &Place, file: &PolicyFile, round: u64, mu: f64, learning_rate:
     trained.unwrap().weights.to_safetensors().unwrap()
 }
 
-fn update(place: &Place, round: u64) -> Vec<u8> {
-    fs::read(place.path(&format!("state/round-{round}.safetensors"))).unwrap()
+fn update(network: &LocalNetwork, round: u64) -> Vec<u8> {
+    fs::read(network.path(&format!("state/round-{round}.safetensors"))).unwrap()
 }
 
-fn losses(place: &Place) -> Value {
-    let text = fs::read(place.path("state/base-losses.json")).unwrap();
+fn losses(network: &LocalNetwork) -> Value {
+    let text = fs::read(network.path("state/base-losses.json")).unwrap();
     serde_json::from_slice(&text).unwrap()
 }
 
 #[test]
 fn rates_follow_the_losses_from_start_to_start() {
-    let place = Place::new();
-    place.found(&[]);
+    let network = LocalNetwork::new();
+    network.found(&[]);
     let follow = [&TRAINING[..], &["--follow-losses"]].concat();
     // Nobody's proof is accepted, so the base weights stay and their loss stalls.
-    let said = place.joins(2, &follow);
+    let said = network.joins(2, &follow);
     assert!(said.contains("too early for a trend"), "{said}");
-    let file = place.policy();
-    let samples = place.recording(&file).samples;
+    let file = network.policy();
+    let samples = network.recording(&file).samples;
     let loss = loss_of(&file.policy.config, &file.policy.expert, &samples, 0).unwrap();
-    let kept = losses(&place);
+    let kept = losses(&network);
     let rounds = kept["rounds"].as_array().unwrap();
     assert_eq!(rounds.len(), 2);
     for round in rounds {
         assert_eq!(round["loss"].as_f64().unwrap() as f32, loss as f32);
     }
     for round in [0, 1] {
-        let expected = trained(&place, &file, round, MU, LEARNING_RATE);
-        assert!(update(&place, round) == expected, "round {round}");
+        let expected = trained(&network, &file, round, MU, LEARNING_RATE);
+        assert!(update(&network, round) == expected, "round {round}");
     }
 
-    let said = place.joins(1, &follow);
+    let said = network.joins(1, &follow);
     assert!(
         said.contains("stalled: mu 4.000e-1, learning rate 4.000e-4"),
         "{said}"
     );
-    let lower = trained(&place, &file, 2, MU * 0.8, LEARNING_RATE * 0.8);
+    let lower = trained(&network, &file, 2, MU * 0.8, LEARNING_RATE * 0.8);
     assert!(
-        update(&place, 2) == lower,
+        update(&network, 2) == lower,
         "the rates did not reach training"
     );
-    assert!(lower != trained(&place, &file, 2, MU * 0.8, LEARNING_RATE));
-    assert!(lower != trained(&place, &file, 2, MU, LEARNING_RATE * 0.8));
+    assert!(lower != trained(&network, &file, 2, MU * 0.8, LEARNING_RATE));
+    assert!(lower != trained(&network, &file, 2, MU, LEARNING_RATE * 0.8));
 
     // As if the base weights had been five times better until now.
-    let mut past = losses(&place);
+    let mut past = losses(&network);
     for round in past["rounds"].as_array_mut().unwrap() {
         round["loss"] = json!(loss / 5.0);
     }
-    fs::write(place.path("state/base-losses.json"), past.to_string()).unwrap();
+    fs::write(network.path("state/base-losses.json"), past.to_string()).unwrap();
     let boost = [&follow[..], &["--lr-boost", "1.5"]].concat();
-    let said = place.joins(1, &boost);
+    let said = network.joins(1, &boost);
     assert!(
         said.contains("diverging") && said.contains("so the learning rate times 1.5"),
         "{said}"
     );
     let raised = LEARNING_RATE * 0.8 * 1.1 * 1.5;
-    let expected = trained(&place, &file, 3, MU * 0.8 * 1.1, raised);
+    let expected = trained(&network, &file, 3, MU * 0.8 * 1.1, raised);
     assert!(
-        update(&place, 3) == expected,
+        update(&network, 3) == expected,
         "the boost did not reach training"
     );
 }
 
 #[test]
 fn nothing_is_measured_unless_it_is_wanted_and_mistakes_are_named() {
-    let place = Place::new();
-    place.found(&[]);
-    place.joins(1, &TRAINING);
-    assert!(!Path::new(&place.path("state/base-losses.json")).exists());
-    let expected = trained(&place, &place.policy(), 0, MU, LEARNING_RATE);
-    assert!(update(&place, 0) == expected);
+    let network = LocalNetwork::new();
+    network.found(&[]);
+    network.joins(1, &TRAINING);
+    assert!(!Path::new(&network.path("state/base-losses.json")).exists());
+    let expected = trained(&network, &network.policy(), 0, MU, LEARNING_RATE);
+    assert!(update(&network, 0) == expected);
 
     let refused = |more: &[&str]| {
-        let output = place.join(1, more);
+        let output = network.join(1, more);
         assert_eq!(output.status.code(), Some(1));
         String::from_utf8_lossy(&output.stderr).into_owned()
     };
@@ -133,7 +139,7 @@ fn nothing_is_measured_unless_it_is_wanted_and_mistakes_are_named() {
         boost.contains("--lr-boost: ") && boost.contains("0.5; it must be in 1..=10"),
         "{boost}"
     );
-    fs::write(place.path("state/base-losses.json"), "{").unwrap();
+    fs::write(network.path("state/base-losses.json"), "{").unwrap();
     let broken = refused(&["--follow-losses"]);
     assert!(
         broken.contains("base-losses.json is not what this node wrote there"),

@@ -1,89 +1,22 @@
-//! `zk0 ledger` and `zk0 audit replay` on the committed ledger, which holds a real proof: exported, served, mirrored, audited
-//! from each of them, and an entry proven offline.
+//! `zk0 ledger` and `zk0 audit replay` on the committed ledger, which holds a real proof. The ledger is exported, served and mirrored, and
+//! each of these is audited; and an entry is proven offline.
 
-use std::{
-    fs,
-    io::{BufRead, BufReader},
-    path::Path,
-    process::{Child, Command, Output, Stdio},
-};
+mod harness;
 
-const LEDGER: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/fixtures/ledger");
+use harness::{ends, logged, printed, prints, serving::Serving, text, zk0, LEDGER};
+use std::{fs, path::Path};
 
-fn zk0(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_zk0"))
-        .args(arguments)
-        .output()
-        .unwrap()
-}
-
-#[track_caller]
-fn succeeds(arguments: &[&str]) -> String {
-    let output = zk0(arguments);
-    let said = String::from_utf8_lossy(&output.stdout).into_owned();
-    let complained = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.success(), "{arguments:?}: {said}{complained}");
-    said
-}
-
+/// Runs a command that has to fail, and to say `words`.
 #[track_caller]
 fn fails(arguments: &[&str], words: &str) {
-    let output = zk0(arguments);
-    let said = String::from_utf8_lossy(&output.stdout).into_owned();
-    let complained = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert_eq!(
-        output.status.code(),
-        Some(1),
-        "{arguments:?}: {said}{complained}"
-    );
-    assert!(
-        said.contains(words) || complained.contains(words),
-        "{said}{complained}"
-    );
-}
-
-fn text(path: &Path) -> &str {
-    path.to_str().unwrap()
-}
-
-/// A serving process, ended when dropped.
-struct Serving {
-    process: Child,
-    address: String,
-}
-
-impl Serving {
-    fn start(arguments: &[&str]) -> Self {
-        let mut process = Command::new(env!("CARGO_BIN_EXE_zk0"))
-            .args(["--log", "json"])
-            .args(arguments)
-            .stderr(Stdio::piped())
-            .spawn()
-            .unwrap();
-        let log = BufReader::new(process.stderr.take().unwrap());
-        let address = log
-            .lines()
-            .map_while(Result::ok)
-            .find_map(|line| {
-                let line: serde_json::Value = serde_json::from_str(&line).ok()?;
-                Some(line["listening"].as_str()?.to_owned())
-            })
-            .expect("it says where it listens");
-        let address = format!("http://{address}");
-        Self { process, address }
-    }
-}
-
-impl Drop for Serving {
-    fn drop(&mut self) {
-        let _ = self.process.kill();
-        let _ = self.process.wait();
-    }
+    let output = ends(1, zk0(arguments));
+    let said = printed(&output) + &logged(&output);
+    assert!(said.contains(words), "{said}");
 }
 
 /// What an audit says, without the notes.
 fn audit(ledger: &str) -> serde_json::Value {
-    serde_json::from_str(&succeeds(&["audit", "replay", ledger, "--json"])).unwrap()
+    harness::json(&["audit", "replay", ledger, "--json"])
 }
 
 #[test]
@@ -91,7 +24,7 @@ fn an_audit_says_the_same_wherever_the_ledger_is_read() {
     let scratch = tempfile::tempdir().unwrap();
     let (out, mirror) = (scratch.path().join("out"), scratch.path().join("mirror"));
     let original = audit(LEDGER);
-    let said = succeeds(&["ledger", "export", LEDGER, text(&out)]);
+    let said = prints(&["ledger", "export", LEDGER, text(&out)]);
     assert!(said.contains("entries published"), "{said}");
     assert_eq!(audit(text(&out)), original);
     let serving = Serving::start(&["ledger", "serve", LEDGER, "--listen", "127.0.0.1:0"]);
@@ -105,9 +38,9 @@ fn an_audit_says_the_same_wherever_the_ledger_is_read() {
         "--network",
         network,
     ];
-    succeeds(&import);
+    prints(&import);
     assert_eq!(audit(text(&mirror)), original);
-    succeeds(&["ledger", "fsck", text(&mirror)]);
+    prints(&["ledger", "fsck", text(&mirror)]);
     let other = "00".repeat(32);
     fails(
         &["audit", "replay", text(&out), "--network", &other],
@@ -129,14 +62,13 @@ fn a_backup_is_restored_unless_something_newer_was_signed() {
     let at = |name: &str| scratch.path().join(name);
     let (saved, again) = (at("backup"), at("again"));
     let original = audit(LEDGER);
-    let said = succeeds(&["ledger", "backup", LEDGER, text(&saved)]);
+    let said = prints(&["ledger", "backup", LEDGER, text(&saved)]);
     assert!(said.contains("backed up"), "{said}");
-    let said = succeeds(&["ledger", "backup", LEDGER, text(&saved)]);
+    let said = prints(&["ledger", "backup", LEDGER, text(&saved)]);
     assert!(said.contains(" 0 of them new"), "{said}");
     assert_eq!(audit(text(&saved)), original);
-    // Neither a checkpoint nor the word that there is none: refused before anything is done.
-    let bare = zk0(&["ledger", "restore", text(&saved), text(&again)]);
-    assert_eq!(bare.status.code(), Some(2));
+    // Without a checkpoint, and without the option that there is none, nothing is done.
+    ends(2, zk0(&["ledger", "restore", text(&saved), text(&again)]));
     assert!(!again.exists());
     let restore = |to: &Path, more: &[&str]| {
         let arguments = [&["ledger", "restore", text(&saved), text(to)], more].concat();
@@ -148,7 +80,7 @@ fn a_backup_is_restored_unless_something_newer_was_signed() {
         &["--checkpoint", LEDGER, "--checkpoint", &serving.address],
     );
     let restored: Vec<&str> = restored.iter().map(String::as_str).collect();
-    let said = succeeds(&restored);
+    let said = prints(&restored);
     assert!(
         said.contains("restored to") && !said.contains("WARNING"),
         "{said}"
@@ -158,7 +90,7 @@ fn a_backup_is_restored_unless_something_newer_was_signed() {
     let trusting = at("trusting");
     let trusting = restore(&trusting, &["--no-newer-checkpoint-exists"]);
     let trusting: Vec<&str> = trusting.iter().map(String::as_str).collect();
-    let said = succeeds(&trusting);
+    let said = prints(&trusting);
     assert!(said.contains("WARNING"), "{said}");
     // Another log's checkpoint.
     let stranger = at("stranger");
@@ -180,14 +112,14 @@ fn a_backup_is_restored_unless_something_newer_was_signed() {
 fn an_entry_is_proven_offline() {
     let scratch = tempfile::tempdir().unwrap();
     let proof = scratch.path().join("entry.tlog-proof");
-    let key = succeeds(&["ledger", "vkey", LEDGER]);
+    let key = prints(&["ledger", "vkey", LEDGER]);
     let key = key.trim();
-    succeeds(&["audit", "prove", LEDGER, "3", "--out", text(&proof)]);
-    let said = succeeds(&["audit", "verify-proof", text(&proof), "--log-key", key]);
+    prints(&["audit", "prove", LEDGER, "3", "--out", text(&proof)]);
+    let said = prints(&["audit", "verify-proof", text(&proof), "--log-key", key]);
     assert!(said.contains("VERIFIED"), "{said}");
     // Another log's key, a witness that has not cosigned, a changed proof.
     let other = scratch.path().join("w.key");
-    let witness = succeeds(&[
+    let witness = prints(&[
         "witness",
         "keygen",
         text(&other),
@@ -200,12 +132,12 @@ fn an_entry_is_proven_offline() {
         "audit",
         "verify-proof",
         text(&proof),
-        "--policy",
+        "--witness-policy",
         text(&policy),
     ];
     fails(&with_policy, "cosigned by none");
     fs::write(&policy, format!("log {key}\nquorum none\n")).unwrap();
-    succeeds(&with_policy);
+    prints(&with_policy);
     let changed = fs::read_to_string(&proof)
         .unwrap()
         .replacen("index 3", "index 2", 1);
@@ -222,7 +154,7 @@ fn a_witness_is_made_and_served() {
     let scratch = tempfile::tempdir().unwrap();
     let (key, state) = (scratch.path().join("w.key"), scratch.path().join("state"));
     let name = "witness.example/w";
-    let vkey = succeeds(&["witness", "keygen", text(&key), "--name", name]);
+    let vkey = prints(&["witness", "keygen", text(&key), "--name", name]);
     assert!(vkey.starts_with("witness.example/w+"), "{vkey}");
     fails(
         &["witness", "keygen", text(&key), "--name", name],
@@ -234,7 +166,7 @@ fn a_witness_is_made_and_served() {
         "cannot name a key",
     );
     assert!(!unnamed.exists());
-    let log = succeeds(&["ledger", "vkey", LEDGER]);
+    let log = prints(&["ledger", "vkey", LEDGER]);
     let serve = [
         "witness",
         "serve",

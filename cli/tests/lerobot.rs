@@ -1,25 +1,27 @@
 //! LeRobot's folders through the binary: `zk0 train` starts from one and leaves one, and what a policy says of its normalisation is
 //! kept to.
 
+mod harness;
+
+use harness::{logged, printed};
 use serde_json::{json, Value};
 use std::{
     collections::BTreeMap,
     fs,
     path::{Path, PathBuf},
-    process::Command,
 };
 use tempfile::TempDir;
 use zk0_lerobot::{
     dataset::{Dataset, Stats},
     policy_folder::{Inference, PolicyFolder},
 };
-use zk0_smolvla::policy::policy_file;
+use zk0_smolvla::{policy::policy_file, Policy};
 
 const PICKPLACE: &str = "so100_pickplace";
 const SORTING: &str = "so100_sorting";
 
 fn fixtures() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/fixtures")
+    harness::root().join("tests/fixtures")
 }
 
 fn recording(name: &str) -> PathBuf {
@@ -84,10 +86,10 @@ fn folder(to: &Path) {
     }
 }
 
-/// A folder in which a test works.
-struct Place(TempDir);
+/// The folder in which a test works.
+struct Folder(TempDir);
 
-impl Place {
+impl Folder {
     fn new() -> Self {
         let place = Self(tempfile::tempdir().unwrap());
         folder(&place.at("source"));
@@ -99,8 +101,8 @@ impl Place {
     }
 
     fn zk0(&self, command: &str, datasets: &[PathBuf], more: &[&str]) -> (bool, String, String) {
-        let mut zk0 = Command::new(env!("CARGO_BIN_EXE_zk0"));
-        zk0.arg(command).args(more);
+        let mut zk0 = harness::zk0(&[command]);
+        zk0.args(more);
         zk0.arg("--cache")
             .arg(self.at("cache"))
             .current_dir(self.0.path());
@@ -108,12 +110,7 @@ impl Place {
             zk0.arg("--dataset").arg(dataset);
         }
         let output = zk0.output().unwrap();
-        let text = |bytes| String::from_utf8(bytes).unwrap();
-        (
-            output.status.success(),
-            text(output.stdout),
-            text(output.stderr),
-        )
+        (output.status.success(), printed(&output), logged(&output))
     }
 
     fn train(&self, datasets: &[&str], more: &[&str]) -> Result<String, String> {
@@ -160,18 +157,18 @@ fn measured(row: &Value) -> Value {
 
 #[test]
 fn a_run_leaves_a_folder_for_lerobot() {
-    let place = Place::new();
+    let place = Folder::new();
     let source = files(&place.at("source"));
     let options = ["--policy", "source", "--out", "run", "--train-state-proj"];
     let said = place.train(&[PICKPLACE], &options).unwrap();
     assert!(said.contains("run/lerobot"), "{said}");
 
-    let written = Checkpoint::open(place.at("run/lerobot")).unwrap();
-    let policy = written.policy().unwrap();
+    let written = PolicyFolder::open(place.at("run/lerobot")).unwrap();
+    let policy = Policy::from_folder(&written).unwrap();
     let model = policy_file::load(&place.at("run/model.safetensors")).unwrap();
     assert!(policy == model.policy);
-    let before = Checkpoint::open(place.at("source")).unwrap();
-    let before = before.policy().unwrap();
+    let before = PolicyFolder::open(place.at("source")).unwrap();
+    let before = Policy::from_folder(&before).unwrap();
     assert!(policy.expert != before.expert);
     let changed = policy
         .frozen
@@ -213,7 +210,7 @@ fn a_run_leaves_a_folder_for_lerobot() {
 
 #[test]
 fn a_run_that_goes_on_leaves_the_same_folder() {
-    let place = Place::new();
+    let place = Folder::new();
     let go = |more: &[&str]| {
         let options = [&["--policy", "source", "--out", "run"], more].concat();
         place.train(&[PICKPLACE], &options)
@@ -244,9 +241,9 @@ fn a_run_that_goes_on_leaves_the_same_folder() {
         assert!(!place.at("run/lerobot.replaced").exists());
     }
     // Another run may not take it for its own.
-    fs::remove_dir_all(place.at("run/checkpoints")).unwrap();
+    fs::remove_dir_all(place.at("run/snapshots")).unwrap();
     let said = go(&[]).unwrap_err();
-    assert!(said.contains("run/lerobot is there already"), "{said}");
+    assert!(said.contains("run/lerobot exists already"), "{said}");
     for policy in ["run/lerobot", "source"] {
         let out = policy.strip_suffix("/lerobot").unwrap_or(policy);
         let options = ["--policy", policy, "--out", out, "--resume"];
@@ -259,7 +256,7 @@ fn a_run_that_goes_on_leaves_the_same_folder() {
 /// With `--lerobot-f32` nothing of what was trained is rounded; else it has the source's type.
 #[test]
 fn what_was_trained_keeps_its_type_unless_told_otherwise() {
-    let place = Place::new();
+    let place = Folder::new();
     let path = place.at("source/model.safetensors");
     let bytes = fs::read(&path).unwrap();
     // The same file with the expert's norm in BF16.
@@ -289,27 +286,23 @@ fn what_was_trained_keeps_its_type_unless_told_otherwise() {
     ] {
         let options = [&["--policy", "source", "--out", out], more].concat();
         place.train(&[PICKPLACE], &options).unwrap();
-        let written = Checkpoint::open(place.at(out).join("lerobot")).unwrap();
+        let written = PolicyFolder::open(place.at(out).join("lerobot")).unwrap();
         let info = written.weights().info(norm).unwrap();
         assert_eq!(info.dtype.to_string(), dtype);
         let model = policy_file::load(&place.at(out).join("model.safetensors")).unwrap();
-        let same = written.policy().unwrap() == model.policy;
+        let same = Policy::from_folder(&written).unwrap() == model.policy;
         assert_eq!(same, dtype == "F32");
     }
 }
 
 #[test]
 fn a_policy_is_evaluated_under_the_statistics_it_was_trained_with() {
-    let place = Place::new();
+    let place = Folder::new();
     let options = ["--policy", "source", "--out", "run"];
     place.train(&[PICKPLACE], &options).unwrap();
     // The same recording, whose statistics are those that the policy was trained with.
     let copy = place.at("copy");
-    let copied = Command::new("cp")
-        .arg("-r")
-        .args([&recording(SORTING), &copy])
-        .status();
-    assert!(copied.unwrap().success());
+    harness::copy(&recording(SORTING), &copy);
     let of = |folder: &Path| -> Value {
         serde_json::from_slice(&fs::read(folder.join("meta/stats.json")).unwrap()).unwrap()
     };
@@ -354,7 +347,7 @@ fn a_policy_is_evaluated_under_the_statistics_it_was_trained_with() {
 
 #[test]
 fn actions_are_sampled_in_as_many_steps_as_the_policy_says() {
-    let place = Place::new();
+    let place = Folder::new();
     let path = place.at("source/config.json");
     let config = fs::read_to_string(&path).unwrap();
     let eval = |policy: &str| place.eval(&recording(SORTING), &["--policy", policy])[0].clone();
@@ -375,7 +368,7 @@ fn actions_are_sampled_in_as_many_steps_as_the_policy_says() {
 
 #[test]
 fn other_normalisations_are_kept_to_or_refused() {
-    let place = Place::new();
+    let place = Folder::new();
     let path = place.at("source/config.json");
     let config = fs::read_to_string(&path).unwrap();
     for (feature, mode) in [("STATE", "MIN_MAX"), ("ACTION", "QUANTILES")] {
@@ -403,7 +396,7 @@ fn other_normalisations_are_kept_to_or_refused() {
         (&[0.0; 6][..], &[1.0; 6][..])
     );
     assert_eq!(kept.action, kept.state);
-    let written = Checkpoint::open(place.at("run/lerobot")).unwrap();
+    let written = PolicyFolder::open(place.at("run/lerobot")).unwrap();
     assert_eq!(written.inference().unwrap(), used);
     // Whoever goes on from the file does not normalise either.
     assert_eq!(go("again", &["--policy", "run/model.safetensors"]), used);
@@ -415,13 +408,13 @@ fn other_normalisations_are_kept_to_or_refused() {
 
 #[test]
 fn several_recordings_share_one_normaliser() {
-    let place = Place::new();
+    let place = Folder::new();
     let options = ["--policy", "source", "--out", "run"];
     place.train(&[PICKPLACE, SORTING], &options).unwrap();
     let open = |name: &str| Dataset::open(recording(name)).unwrap();
     let (a, b) = (open(PICKPLACE), open(SORTING));
     let pooled = Stats::pooled(&[(a.stats(), a.len()), (b.stats(), b.len())]);
-    let written = Checkpoint::open(place.at("run/lerobot")).unwrap();
+    let written = PolicyFolder::open(place.at("run/lerobot")).unwrap();
     assert_eq!(written.stats().unwrap(), pooled);
     let used = policy_file::inference(&place.at("run/model.safetensors")).unwrap();
     assert_eq!(used.stats, pooled);

@@ -1,8 +1,12 @@
 //! Networks of other policies than the micro profile: `zk0 aggregator init --policy` and `--profile`, up to what nodes commit to.
 
-mod network;
+mod harness;
 
-use network::{committed, fails, root, succeeds, words, Place};
+use harness::{
+    ends, fails, logs,
+    network::{committed, LocalNetwork},
+    root, words, zk0, RECORDING,
+};
 use serde_json::{json, Value};
 use std::{fs, path::Path};
 use zk0_circuits::{Digest, EvalSpec};
@@ -17,12 +21,12 @@ use zk0_smolvla::{
         policy_file::{self, PolicyFile},
         tokenizer::PolicyTokenizer,
     },
-    Profile,
+    Policy, Profile,
 };
 
 /// LeRobot's fixture as `save_pretrained` leaves a policy, with a tokenizer of a few words.
-fn lerobot_folder(place: &Place) -> String {
-    let folder = place.path("lerobot");
+fn lerobot_folder(network: &LocalNetwork) -> String {
+    let folder = network.path("lerobot");
     fs::create_dir(&folder).unwrap();
     let fixture = root().join("tests/fixtures/smolvla_tiny");
     for (from, to) in [
@@ -48,7 +52,7 @@ fn lerobot_folder(place: &Place) -> String {
 
 /// The same policy, read without the code under test.
 fn by_hand(folder: &str) -> PolicyFile {
-    let policy = Checkpoint::open(folder).unwrap().policy().unwrap();
+    let policy = Policy::from_folder(&PolicyFolder::open(folder).unwrap()).unwrap();
     let tokenizer = Path::new(folder).join("tokenizer.json");
     let tokenizer = TrainedTokenizer::read(tokenizer, &policy.config).unwrap();
     PolicyFile {
@@ -59,13 +63,13 @@ fn by_hand(folder: &str) -> PolicyFile {
 
 #[test]
 fn a_network_of_a_lerobot_checkpoint_reads_instructions_with_its_tokenizer() {
-    let place = Place::new();
-    let folder = lerobot_folder(&place);
-    let said = place.found(&["--policy", &folder, "--mode", "checked"]);
+    let network = LocalNetwork::new();
+    let folder = lerobot_folder(&network);
+    let said = network.found(&["--policy", &folder, "--mode", "checked"]);
     assert!(said.contains("with its own tokenizer"), "{said}");
 
     let by_hand = by_hand(&folder);
-    let (genesis, file) = (place.genesis(), place.policy());
+    let (genesis, file) = (network.genesis(), network.policy());
     assert_eq!(file.policy, by_hand.policy);
     assert_eq!(file.tokenizer.definition(), by_hand.tokenizer.definition());
     let config = &by_hand.policy.config;
@@ -74,92 +78,92 @@ fn a_network_of_a_lerobot_checkpoint_reads_instructions_with_its_tokenizer() {
     // Its expert has not quite a mebibyte.
     assert_eq!(genesis.rules.max_update_bytes, 1 << 20);
 
-    place.joins(0, &[]);
+    network.joins(0, &[]);
     let hashing = PolicyFile {
         tokenizer: PolicyTokenizer::word_hash(config),
         policy: by_hand.policy.clone(),
     };
-    let expected = place.recording(&by_hand).commitment.root;
-    assert_eq!(committed(&place.entries()), [expected]);
-    assert_ne!(place.recording(&hashing).commitment.root, expected);
+    let expected = network.recording(&by_hand).commitment.root;
+    assert_eq!(committed(&network.entries()), [expected]);
+    assert_ne!(network.recording(&hashing).commitment.root, expected);
 }
 
 /// A second start finds the policy where the first one put it, and a file that was spoilt is not taken for it.
 #[test]
 fn a_node_downloads_the_policy_once_and_believes_its_digest_alone() {
-    let place = Place::new();
-    place.found(&[]);
-    place.joins(0, &[]);
-    let kept = place.path(&format!(
+    let network = LocalNetwork::new();
+    network.found(&[]);
+    network.joins(0, &[]);
+    let kept = network.path(&format!(
         "state/policy-{}.safetensors",
-        place.genesis().policy
+        network.genesis().policy
     ));
     let modified = || fs::metadata(&kept).unwrap().modified().unwrap();
     let first = modified();
-    place.joins(0, &[]);
+    network.joins(0, &[]);
     assert_eq!(modified(), first, "it was downloaded again");
 
     let good = fs::read(&kept).unwrap();
     let other = PolicyFile::hashing_words(init_policy(&Profile::Micro.config(), 9).unwrap());
     policy_file::save(&other.policy, &other.tokenizer, Path::new(&kept)).unwrap();
     assert_ne!(fs::read(&kept).unwrap(), good);
-    place.joins(0, &[]);
+    network.joins(0, &[]);
     assert!(fs::read(&kept).unwrap() == good, "another policy was taken");
     // What another policy would have led to would be another commitment.
-    assert_eq!(committed(&place.entries()).len(), 1);
+    assert_eq!(committed(&network.entries()).len(), 1);
 }
 
 #[test]
 fn a_node_takes_no_other_policy_than_the_genesis_names() {
-    let place = Place::new();
-    place.found(&[]);
-    let name = place.genesis().policy.to_string();
-    let blob = Path::new(&place.path("ledger/blobs/sha256")).join(&name);
+    let network = LocalNetwork::new();
+    network.found(&[]);
+    let name = network.genesis().policy.to_string();
+    let blob = Path::new(&network.path("ledger/blobs/sha256")).join(&name);
     let other = PolicyFile::hashing_words(init_policy(&Profile::Micro.config(), 9).unwrap());
     policy_file::save(&other.policy, &other.tokenizer, &blob).unwrap();
-    let output = place.join(0, &[]);
+    let output = network.join(0, &[]);
     let said = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(1), "{said}");
     assert!(
         said.contains(&format!("blob {name} has SHA-256 ")),
         "{said}"
     );
-    let kept = place.path(&format!("state/policy-{name}.safetensors"));
+    let kept = network.path(&format!("state/policy-{name}.safetensors"));
     assert!(!Path::new(&kept).exists());
 }
 
 /// Ranges are chosen from samples as nodes will make them.
 #[test]
 fn calibration_reads_instructions_with_the_policy_s_tokenizer() {
-    let place = Place::new();
-    let folder = lerobot_folder(&place);
+    let network = LocalNetwork::new();
+    let folder = lerobot_folder(&network);
     let calibrate = [
         "--policy",
         &folder,
         "--mode",
         "checked",
         "--calibrate",
-        network::RECORDING,
+        RECORDING,
     ];
     let file = Path::new(&folder).join("tokenizer.json");
     let good = fs::read_to_string(&file).unwrap();
     // A token that the policy does not know, for every word that the tokenizer does not.
     fs::write(&file, good.replace("\"?\":0", "\"?\":500")).unwrap();
-    let refused = fails(&words(&place.founding(&calibrate)));
+    let refused = fails(&words(&network.founding(&calibrate)));
     assert!(refused.contains("token id 500"), "{refused}");
-    assert!(!Path::new(&place.path("ledger")).exists());
+    assert!(!Path::new(&network.path("ledger")).exists());
     fs::write(&file, good).unwrap();
-    place.found(&calibrate);
-    let config = &place.policy().policy.config;
+    network.found(&calibrate);
+    let config = &network.policy().policy.config;
     let default = EvalSpec::new(dims(config).unwrap());
-    let chosen = EvalSpec::decode(&place.genesis().evaluation).unwrap();
+    let chosen = EvalSpec::decode(&network.genesis().evaluation).unwrap();
     assert_eq!(chosen.dims, default.dims);
     assert_ne!(chosen, default);
 }
 
 #[test]
 fn without_a_policy_it_is_micro_and_a_file_is_as_good_as_what_it_was_made_of() {
-    let micro = Place::new();
+    let micro = LocalNetwork::new();
     micro.found(&[]);
     let genesis = micro.genesis();
     assert_eq!(genesis.evaluation, EvalSpec::micro().encode());
@@ -171,7 +175,7 @@ fn without_a_policy_it_is_micro_and_a_file_is_as_good_as_what_it_was_made_of() {
     assert_eq!(file.tokenizer.definition(), None);
 
     // Founded on the policy file of the other network: the same bytes.
-    let again = Place::new();
+    let again = LocalNetwork::new();
     let blobs = micro.path("ledger/blobs/sha256");
     let blob = Path::new(&blobs).join(genesis.policy.to_string());
     again.found(&["--policy", blob.to_str().unwrap()]);
@@ -181,22 +185,22 @@ fn without_a_policy_it_is_micro_and_a_file_is_as_good_as_what_it_was_made_of() {
         (genesis.policy, genesis.initial)
     );
 
-    let other = Place::new();
+    let other = LocalNetwork::new();
     other.found(&["--profile", "micro", "--seed", "1"]);
     assert_ne!(other.genesis().policy, genesis.policy);
 }
 
 #[test]
 fn an_update_has_room_in_the_rules_or_nothing_is_founded() {
-    let place = Place::new();
+    let network = LocalNetwork::new();
     let rules: Value =
-        serde_json::from_slice(&network::zk0(&["aggregator", "rules"]).stdout).unwrap();
+        serde_json::from_slice(&ends(0, zk0(&["aggregator", "rules"])).stdout).unwrap();
     let found = |limit: u64, more: &[&str]| {
         let mut rules = rules.clone();
         rules["max_update_bytes"] = limit.into();
-        let file = place.path("rules.json");
+        let file = network.path("rules.json");
         fs::write(&file, rules.to_string()).unwrap();
-        place.founding(&[&["--rules", &file], more].concat())
+        network.founding(&[&["--rules", &file], more].concat())
     };
     let tiny = ["--profile", "tiny", "--mode", "checked"];
     let said = fails(&words(&found(800_000, &tiny)));
@@ -208,30 +212,30 @@ fn an_update_has_room_in_the_rules_or_nothing_is_founded() {
     let needed: u64 = needed.split(' ').next().unwrap().parse().unwrap();
     let too_little = fails(&words(&found(needed - 1, &tiny)));
     assert!(too_little.contains("too little"), "{too_little}");
-    assert!(!Path::new(&place.path("ledger")).exists());
-    succeeds(&words(&found(needed, &tiny)));
-    assert_eq!(place.genesis().rules.max_update_bytes, needed);
+    assert!(!Path::new(&network.path("ledger")).exists());
+    logs(&words(&found(needed, &tiny)));
+    assert_eq!(network.genesis().rules.max_update_bytes, needed);
 }
 
 #[test]
 fn nothing_is_added_to_a_folder_that_holds_a_ledger() {
-    let place = Place::new();
-    place.found(&[]);
+    let network = LocalNetwork::new();
+    network.found(&[]);
     let blobs = || {
-        fs::read_dir(place.path("ledger/blobs/sha256"))
+        fs::read_dir(network.path("ledger/blobs/sha256"))
             .unwrap()
             .count()
     };
     assert_eq!(blobs(), 2);
-    let refused = fails(&words(&place.founding(&["--seed", "5"])));
+    let refused = fails(&words(&network.founding(&["--seed", "5"])));
     assert!(refused.contains("already holds a ledger"), "{refused}");
     assert_eq!(blobs(), 2);
 }
 
 #[test]
 fn mode_direct_is_for_small_policies() {
-    let place = Place::new();
-    let tiny = |more: &[&str]| place.founding(&[&["--profile", "tiny"], more].concat());
+    let network = LocalNetwork::new();
+    let tiny = |more: &[&str]| network.founding(&[&["--profile", "tiny"], more].concat());
     let many = ["--eval-samples", "100", "--min-dataset-samples", "100"];
     let refused = fails(&words(&tiny(&many)));
     assert!(
@@ -239,22 +243,22 @@ fn mode_direct_is_for_small_policies() {
             && refused.contains("add --mode checked"),
         "{refused}"
     );
-    assert!(!Path::new(&place.path("ledger")).exists());
-    let warned = succeeds(&words(&tiny(&[])));
+    assert!(!Path::new(&network.path("ledger")).exists());
+    let warned = logs(&words(&tiny(&[])));
     assert!(warned.contains("--mode checked takes less"), "{warned}");
-    let place = Place::new();
+    let network = LocalNetwork::new();
     let checked = [&many[..], &["--profile", "tiny", "--mode", "checked"]].concat();
-    let said = succeeds(&words(&place.founding(&checked)));
+    let said = logs(&words(&network.founding(&checked)));
     assert!(!said.contains("direct"), "{said}");
 }
 
 #[test]
 fn a_policy_that_cannot_be_used_founds_nothing() {
-    let place = Place::new();
-    let folder = lerobot_folder(&place);
+    let network = LocalNetwork::new();
+    let folder = lerobot_folder(&network);
     let refused = |more: &[&str]| {
-        let said = fails(&words(&place.founding(more)));
-        assert!(!Path::new(&place.path("ledger")).exists(), "{said}");
+        let said = fails(&words(&network.founding(more)));
+        assert!(!Path::new(&network.path("ledger")).exists(), "{said}");
         said
     };
     let nowhere = refused(&["--policy", "no/such/policy"]);
@@ -265,23 +269,21 @@ fn a_policy_that_cannot_be_used_founds_nothing() {
         broken.contains("tokenizer.json: is not a tokenizer.json"),
         "{broken}"
     );
-    let both = network::zk0(&words(
-        &place.founding(&["--policy", &folder, "--seed", "1"]),
-    ));
-    assert_eq!(both.status.code(), Some(2));
+    let both = network.founding(&["--policy", &folder, "--seed", "1"]);
+    ends(2, zk0(&words(&both)));
 }
 
 /// What a founder trained by itself can be what a network begins with, tokenizer and all.
 #[test]
 fn a_trained_policy_keeps_its_tokenizer() {
-    let place = Place::new();
-    let folder = lerobot_folder(&place);
-    let out = place.path("run");
-    let cache = place.path("cache");
-    succeeds(&[
+    let network = LocalNetwork::new();
+    let folder = lerobot_folder(&network);
+    let out = network.path("run");
+    let cache = network.path("cache");
+    logs(&[
         "train",
         "--dataset",
-        network::RECORDING,
+        RECORDING,
         "--policy",
         &folder,
         "--steps",
@@ -291,12 +293,12 @@ fn a_trained_policy_keeps_its_tokenizer() {
         "--cache",
         &cache,
     ]);
-    let model = place.path("run/model.safetensors");
+    let model = network.path("run/model.safetensors");
     let file = policy_file::load(Path::new(&model)).unwrap();
     let text = "Pick up the red cube";
     assert_eq!(file.tokenizer.tokens(text).unwrap(), [11, 12, 13, 14, 15]);
-    place.found(&["--policy", &model, "--mode", "checked"]);
-    let founded = place.policy();
+    network.found(&["--policy", &model, "--mode", "checked"]);
+    let founded = network.policy();
     assert_eq!(founded.policy, file.policy);
     assert_eq!(founded.tokenizer.definition(), file.tokenizer.definition());
 }
@@ -305,7 +307,7 @@ fn a_trained_policy_keeps_its_tokenizer() {
 #[test]
 fn the_committed_ledger_s_policy_is_written_byte_for_byte() {
     let ledger = root().join("tests/fixtures/ledger");
-    let (entries, _) = zk0::audit::history(&ledger).unwrap();
+    let (entries, _) = zk0_audit::verified_entries::verified_entries(&ledger).unwrap();
     let zk0_protocol::entries::entry::Body::Genesis(genesis) = &entries[0].body else {
         panic!("no genesis");
     };

@@ -1,21 +1,16 @@
 //! The whole demo with a real proof made in the run: two nodes as processes, one honest, one lazy. In mode `checked`: the
 //! proof of the committed ledger, which other tests audit, is of mode `direct`. Run alone; `make test` does it last.
 
+mod harness;
+
+use harness::zk0;
 use serde_json::Value;
 use sha2::{Digest, Sha256};
 use std::{
     fs,
     path::{Path, PathBuf},
-    process::{Command, Output},
+    process::Output,
 };
-
-fn zk0(arguments: &[&str]) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_zk0"));
-    command
-        .args(arguments)
-        .current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/.."));
-    command
-}
 
 fn audit(ledger: &Path) -> Output {
     zk0(&["audit", "replay", "--json", ledger.to_str().unwrap()])

@@ -1,5 +1,8 @@
 //! `zk0 train` and `zk0 eval` as processes: killed at any moment and resumed, a run ends with the same bytes.
 
+mod harness;
+
+use harness::{ends, logged, zk0, RECORDING};
 use serde_json::Value;
 use std::{
     fs,
@@ -8,16 +11,6 @@ use std::{
     thread::sleep,
     time::{Duration, SystemTime, UNIX_EPOCH},
 };
-
-const RECORDING: &str = "tests/fixtures/datasets/so100_pickplace";
-
-fn zk0(arguments: &[&str]) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_zk0"));
-    command
-        .args(arguments)
-        .current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/.."));
-    command
-}
 
 /// `zk0 train` on a recording, micro profile, with a cache in `dir`.
 fn train(dir: &Path, out: &str, more: &[&str]) -> Command {
@@ -38,26 +31,20 @@ const MICRO: [&str; 10] = [
     "120",
     "--batch-size",
     "16",
-    "--checkpoint-every",
+    "--snapshot-every",
     "7",
     "--eval-episodes",
     "0.2",
 ];
 
-fn said(output: &Output) -> String {
-    String::from_utf8_lossy(&output.stderr).into_owned()
+#[track_caller]
+fn succeeds(command: Command) -> Output {
+    ends(0, command)
 }
 
-fn succeeds(mut command: Command) -> Output {
-    let output = command.output().unwrap();
-    assert!(output.status.success(), "{}", said(&output));
-    output
-}
-
-fn fails(mut command: Command) -> String {
-    let output = command.output().unwrap();
-    assert_eq!(output.status.code(), Some(1), "{}", said(&output));
-    said(&output)
+#[track_caller]
+fn fails(command: Command) -> String {
+    logged(&ends(1, command))
 }
 
 fn json(path: &Path) -> Value {
@@ -82,7 +69,7 @@ fn a_run_that_is_killed_again_and_again_ends_with_the_same_bytes() {
     succeeds(train(dir.path(), "unbroken", &MICRO));
     let model = |out: &str| fs::read(dir.path().join(out).join("model.safetensors")).unwrap();
     let resumed = [&MICRO[..], &["--resume"]].concat();
-    // Killed when so many steps are in the metrics: before the first checkpoint, right after one, and between.
+    // Killed when so many steps are in the metrics: before the first snapshot, right after one, and between.
     for (run, stops) in [[0, 3, 8, 31, 32, 90], [1, 7, 14, 15, 66, 101]]
         .iter()
         .enumerate()
@@ -283,7 +270,7 @@ fn the_frozen_halfs_precision_is_a_runs_own() {
 
     let unknown = run("new", "fp8", &[]).output().unwrap();
     assert_eq!(unknown.status.code(), Some(2));
-    assert!(said(&unknown).contains("`fp8`"), "{}", said(&unknown));
+    assert!(logged(&unknown).contains("`fp8`"), "{}", logged(&unknown));
 }
 
 #[test]
@@ -320,7 +307,7 @@ fn mistakes_are_named_before_anything_is_spent() {
     assert!(micro(&["--dataset", "hub:so100"]).contains("recording hub:so100"));
     let policy = ["--policy", "no/such/policy", "--steps", "2"];
     assert!(fails(train(dir.path(), "new", &policy)).contains("no/such/policy"));
-    assert!(!dir.path().join("new/checkpoints/000002").exists());
+    assert!(!dir.path().join("new/snapshots/000002").exists());
 
     // A folder that two processes would write to.
     let out = dir.path().join("locked");

@@ -6,10 +6,12 @@
 //! - [`replay`]: an auditor reads everything again and believes nothing.
 //! - [`published`]: the log as others read it, with mirrors; [`backup`]: a copy of a ledger's folder, and the way back.
 //! - [`witness_store`]: what a witness remembers, on disk.
+//! - [`atomic_file`]: files that are written whole or not at all; [`bounded_file`]: files that are read up to a limit.
 
-mod atomic_file;
+pub mod atomic_file;
 pub mod backup;
 pub mod blobs;
+pub mod bounded_file;
 pub mod clock;
 pub mod error;
 pub mod folder;
@@ -19,6 +21,7 @@ pub mod log;
 pub mod published;
 pub mod replay;
 pub mod store;
+pub mod witness_policy_file;
 pub mod witness_store;
 
 pub use blobs::{BlobError, BlobWriter, Blobs};

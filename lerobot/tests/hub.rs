@@ -279,7 +279,7 @@ fn files_that_are_not_whole_are_never_used() {
     let options = hub.options(cache.path());
     let error = get(&options).unwrap_err();
     assert!(matches!(error, HubError::Download { .. }), "{error}");
-    assert!(error.to_string().contains("try again"));
+    assert!(error.to_string().contains("run the command again"));
     // With the Hub back to its senses it goes on from there.
     hub.manners.lock().unwrap().cuts = 0;
     is_whole(&get(&options).unwrap(), "so101_pickplace");

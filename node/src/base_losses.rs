@@ -1,4 +1,5 @@
-//! The losses that a node's rates follow: of each round's base weights on samples of its own, kept from start to start.
+//! The losses that a node's learning rate follows: those of each round's base weights on the node's own samples. They stay on disk when
+//! the node ends.
 
 use crate::{
     error::ParticipantError,
@@ -9,7 +10,7 @@ use std::path::{Path, PathBuf};
 use zk0_circuits::Digest;
 use zk0_smolvla::PolicyError;
 
-/// Largest file that is read: more rounds than there will be.
+/// Largest file that is read. It has room for more rounds than a network will have.
 const MAX_BYTES: u64 = 64 << 20;
 
 /// What the file holds.
@@ -18,7 +19,7 @@ const MAX_BYTES: u64 = 64 << 20;
 struct Kept {
     /// The network's id.
     network: String,
-    /// Root of the dataset whose samples the losses are on.
+    /// The root of the dataset on whose samples the losses were measured.
     dataset: String,
     /// Oldest first.
     rounds: Vec<Measured>,
@@ -30,7 +31,7 @@ struct Measured {
     round: u64,
     /// Digest of the base weights' file.
     base: String,
-    /// As `f32`: that comes back from JSON as it was.
+    /// An `f32`, because JSON gives it back exactly.
     loss: f32,
 }
 
@@ -42,7 +43,7 @@ pub struct BaseLosses {
 }
 
 impl BaseLosses {
-    /// Of the node with the state folder `state`, in `network`, on the samples of the dataset with the root `dataset`.
+    /// The losses of the node with the state folder `state`, in `network`, on the samples of the dataset with the root `dataset`.
     pub fn at(state: &Path, network: Digest, dataset: Digest) -> Self {
         Self {
             path: state.join("base-losses.json"),
@@ -51,11 +52,12 @@ impl BaseLosses {
         }
     }
 
-    /// The losses up to `round`, oldest first; that of `round`, whose base weights are `base`, is what `measure` says, unless it
-    /// was measured before. On disk when this returns.
+    /// The losses up to `round`, the oldest first. `base` is the digest of the base weights of `round`; `measure` measures their loss
+    /// unless it is in the file already. The file is on disk when this returns.
     ///
     /// # Errors
-    /// Those of `measure`; the file cannot be read or written, or is of another network, another dataset, or another past.
+    /// Those of `measure`. The file cannot be read or written. The file belongs to another network, another dataset, or another history of
+    /// the network.
     pub fn up_to(
         &self,
         round: u64,
@@ -66,7 +68,7 @@ impl BaseLosses {
         match kept.rounds.last() {
             Some(last) if last.round > round => {
                 let why = format!(
-                    "it goes up to round {}, the network is in round {round}",
+                    "it goes up to round {}, but the network is in round {round}",
                     last.round
                 );
                 return Err(broken(&self.path, why));
@@ -74,7 +76,7 @@ impl BaseLosses {
             Some(last) if last.round == round => {
                 if last.base != base.to_string() {
                     let why = format!(
-                        "it says that round {round} begins with weights {}, they are {base}",
+                        "it says that round {round} begins with weights {}, but the round begins with {base}",
                         last.base
                     );
                     return Err(broken(&self.path, why));
@@ -108,11 +110,11 @@ impl BaseLosses {
         };
         let wrong = |why: String| Err(broken(&self.path, why));
         if kept.network != network {
-            return wrong(format!("it is of network {}", kept.network));
+            return wrong(format!("it belongs to network {}", kept.network));
         }
         if kept.dataset != dataset {
             return wrong(format!(
-                "it is of a recording whose root is {}, this one's is {dataset}",
+                "it belongs to a recording whose root is {}, and this recording's root is {dataset}",
                 kept.dataset
             ));
         }
@@ -169,7 +171,7 @@ mod tests {
             error.to_string()
         };
         let of = |network, dataset| BaseLosses::at(dir.path(), Digest(network), Digest(dataset));
-        assert!(refused(&of([9; 32], [2; 32]), 4, BASE).contains("of network 0101"));
+        assert!(refused(&of([9; 32], [2; 32]), 4, BASE).contains("to network 0101"));
         assert!(refused(&of([1; 32], [9; 32]), 4, BASE).contains("whose root is 0202"));
         assert!(refused(&losses(&dir), 2, BASE).contains("up to round 3"));
         assert!(refused(&losses(&dir), 3, Digest([8; 32])).contains("round 3 begins with"));

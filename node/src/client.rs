@@ -1,5 +1,5 @@
-//! A node's dealings with an aggregator. Nothing the aggregator says is believed: the network is known by its id, whatever
-//! was recorded comes with a receipt, and the challenge is derived from the receipt's checkpoint.
+//! A node's connection to an aggregator. The node believes nothing that the aggregator says: it knows the network by its id, it demands
+//! a receipt for whatever is recorded, and it derives the challenge from the receipt's checkpoint.
 
 use crate::{client_error::NodeError, recording::Recording};
 use ed25519_dalek::SigningKey;
@@ -23,18 +23,19 @@ use zk0_protocol::{
 /// Bytes in one message of an upload.
 const CHUNK_BYTES: usize = 64 << 10;
 
-/// Time between two looks at a round that is awaited.
+/// Time between two requests while the node waits for a round.
 const POLL: Duration = Duration::from_millis(500);
 
-/// Largest message that is read: a receipt or a chunk is far smaller.
+/// Largest message that is read. A receipt or a chunk is far smaller.
 const MAX_MESSAGE_BYTES: usize = 4 << 20;
 
-/// How often, and how long apart, an aggregator that does not answer is asked again: it may be restarting.
+/// How often a node asks an aggregator that does not answer. The aggregator may be restarting.
 const ATTEMPTS: u32 = 150;
+/// Time between two of these attempts.
 const APART: Duration = Duration::from_secs(2);
 
-/// Makes a request, again and again while the aggregator is away. That is safe: who asks for the same thing twice gets the
-/// same receipt.
+/// Makes a request, and repeats it while the aggregator does not answer. That is safe, because a node that asks for the same thing twice
+/// gets the same receipt.
 macro_rules! patiently {
     ($self:ident.client.$method:ident($request:ident)) => {{
         let mut attempt = 1;
@@ -42,7 +43,9 @@ macro_rules! patiently {
             match $self.client.$method($request.clone()).await {
                 Err(status) if status.code() == Code::Unavailable && attempt < ATTEMPTS => {
                     if attempt == 1 {
-                        tracing::warn!("the aggregator does not answer; asking again");
+                        tracing::warn!(
+                            "the aggregator does not answer; the node asks again every two seconds"
+                        );
                     }
                     attempt += 1;
                     tokio::time::sleep(APART).await;
@@ -64,22 +67,22 @@ pub struct Node {
 /// What the aggregator decided on a submission.
 #[derive(Clone, Debug)]
 pub struct Decision {
-    /// Why it does not count; `None` if it counts.
+    /// Why the submission is refused; `None` if it is accepted.
     pub refusal: Option<Refusal>,
-    /// That the decision is on the ledger.
+    /// Shows that the decision is on the ledger.
     pub receipt: Receipt,
 }
 
-/// How a network is governed at the moment.
+/// The governance of a network at the moment.
 #[derive(Clone, Debug)]
 pub struct GovernanceInfo {
     /// The rules in force.
     pub rules: Rules,
     /// The number of the next proposal.
     pub next_proposal: u64,
-    /// The open proposals, and how their votes stand.
+    /// The open proposals, with their votes so far.
     pub proposals: Vec<(Proposal, rpc::OpenProposal)>,
-    /// Milliseconds on the aggregator's clock.
+    /// The time on the aggregator's clock, in milliseconds.
     pub now_ms: u64,
 }
 
@@ -137,6 +140,11 @@ impl Node {
         &self.network
     }
 
+    /// The node's key.
+    pub(crate) fn key(&self) -> &SigningKey {
+        &self.key
+    }
+
     /// The node's identity.
     pub fn id(&self) -> NodeId {
         NodeId(self.key.verifying_key().to_bytes())
@@ -149,7 +157,8 @@ impl Node {
         Ok(bytes)
     }
 
-    /// As [`Self::download`], piece by piece. Only when this returns without an error is what was written the blob.
+    /// Downloads a public blob, as [`Self::download`] does, and writes it to `out` piece by piece. What was written is the blob only if
+    /// this returns without an error.
     pub async fn download_to(
         &mut self,
         blob: &Digest,
@@ -181,7 +190,7 @@ impl Node {
         }
     }
 
-    /// Puts a dataset on the ledger; a node that was restarted gets the receipt it got before.
+    /// Puts a dataset on the ledger. A node that was restarted gets the same receipt again.
     pub async fn register(&mut self, recording: &Recording) -> Result<Receipt, NodeError> {
         let leaves: Vec<u8> = recording.leaves.iter().flat_map(|leaf| leaf.0).collect();
         let statement = DatasetRegistration {
@@ -200,8 +209,8 @@ impl Node {
         Ok(self.recorded(receipt, Body::DatasetCommitted(signed))?.0)
     }
 
-    /// Waits until `round` is open, and returns how it was opened; a later one if that has closed meanwhile, or if the rules do
-    /// not let this node contribute to it.
+    /// Waits until `round` is open, and returns its opening. If the round has closed meanwhile, or the rules do not let this node
+    /// contribute to it, this waits for a later one.
     pub async fn wait_for_round(&mut self, round: u64) -> Result<RoundOpened, NodeError> {
         loop {
             let request = rpc::GetRoundRequest {
@@ -220,7 +229,7 @@ impl Node {
         }
     }
 
-    /// Waits until `round` is closed, and returns how.
+    /// Waits until `round` is closed, and returns its close.
     pub async fn wait_for_close(&mut self, round: u64) -> Result<RoundClosed, NodeError> {
         loop {
             let request = rpc::GetRoundRequest {
@@ -238,7 +247,7 @@ impl Node {
         }
     }
 
-    /// Uploads an update; it stays private until the round closes.
+    /// Uploads an update. It stays private until the round closes.
     pub async fn upload(&mut self, round: u64, update: &[u8]) -> Result<(), NodeError> {
         use rpc::upload_chunk::Part;
         let request = UploadRequest {
@@ -260,8 +269,8 @@ impl Node {
         Ok(())
     }
 
-    /// Commits to an uploaded update and derives the challenge from the checkpoint that covers the commitment; the receipt
-    /// holds that checkpoint.
+    /// Commits to an uploaded update, and derives the challenge from the checkpoint that covers the commitment. The receipt holds that
+    /// checkpoint.
     pub async fn commit(
         &mut self,
         round: u64,
@@ -281,7 +290,7 @@ impl Node {
         };
         let receipt = patiently!(self.client.commit(request))?.into_inner();
         let (receipt, checkpoint) = self.recorded(receipt, Body::UpdateCommitted(signed))?;
-        // The tree that ends with the commitment: nobody chose which checkpoint it is.
+        // The checkpoint must be of the tree that ends with the commitment, so that nobody can choose among checkpoints.
         if checkpoint.size != receipt.index + 1 {
             let found = format!("one of size {}", checkpoint.size);
             return Err(unexpected(
@@ -328,13 +337,13 @@ impl Node {
         if submission != signed {
             return Err(unexpected(
                 "the decision on this submission",
-                "that on another",
+                "the decision on another",
             ));
         }
         Ok(Decision { refusal, receipt })
     }
 
-    /// Puts on the ledger what is signed already: a proposal, a vote, a dispute, a change of key. Returns the entry's index.
+    /// Puts a signed statement on the ledger: a proposal, a vote, a dispute, or a change of key. Returns the entry's index.
     pub async fn record(&mut self, body: Body) -> Result<u64, NodeError> {
         let request = rpc::RecordRequest {
             body: encode(&body),
@@ -343,8 +352,8 @@ impl Node {
         Ok(self.recorded(receipt, body)?.0.index)
     }
 
-    /// The rules in force and the open proposals. The proposals themselves come with receipts, the rest is the
-    /// aggregator's word: who wants to be sure replays the ledger.
+    /// The rules in force and the open proposals. The proposals come with receipts. The rest is only what the aggregator says; to be
+    /// sure of it, replay the ledger.
     pub async fn governance(&mut self) -> Result<GovernanceInfo, NodeError> {
         let request = rpc::GetGovernanceRequest {};
         let info = patiently!(self.client.get_governance(request))?.into_inner();
@@ -367,7 +376,7 @@ impl Node {
         })
     }
 
-    /// Checks that what was just recorded is `body`.
+    /// Checks that the entry of the receipt is `body`.
     fn recorded(
         &self,
         receipt: rpc::Receipt,
@@ -378,7 +387,7 @@ impl Node {
             true => Ok((receipt, checkpoint)),
             false => Err(unexpected(
                 "a receipt of what this node signed",
-                "that of another entry",
+                "a receipt of another entry",
             )),
         }
     }

@@ -1,4 +1,4 @@
-//! Why dealings with the aggregator fail.
+//! Why a request to the aggregator fails.
 
 use tonic::{transport, Status};
 use zk0_circuits::Digest;
@@ -10,56 +10,59 @@ use zk0_protocol::{
 /// What goes wrong between a node and its aggregator.
 #[derive(Debug, thiserror::Error)]
 pub enum NodeError {
-    /// The address is no address, or nobody answers.
-    #[error("cannot be reached: {0}")]
+    /// The text is not an address, or nobody answers there.
+    #[error("the aggregator cannot be reached: {0}")]
     Connect(#[from] transport::Error),
-    /// The aggregator refuses, and says why.
+    /// The aggregator refuses, and gives the reason.
     #[error("{}", .0.message())]
     Refused(Box<Status>),
-    /// Another network than the one asked for.
-    #[error("it serves network {theirs}, not {ours}")]
+    /// The aggregator serves another network.
+    #[error("the aggregator serves network {theirs}, not network {ours}")]
     OtherNetwork {
-        /// As the node was told.
+        /// The network that the node was told.
         ours: Digest,
-        /// As follows from the genesis it sent.
+        /// The network whose genesis the aggregator sent.
         theirs: Digest,
     },
-    /// It sent what is no entry of a ledger.
-    #[error("it sent a broken entry: {0}")]
+    /// It sent bytes that are not an entry of a ledger.
+    #[error("the aggregator sent a broken entry: {0}")]
     Entry(#[from] EntryError),
-    /// A checkpoint that is not the log's.
+    /// It sent a checkpoint that the log did not sign.
     #[error("{0}")]
     Checkpoint(#[from] CheckpointError),
-    /// A receipt that proves nothing.
+    /// It sent a receipt that does not prove the entry.
     #[error("{0}")]
     Receipt(#[from] ReceiptError),
-    /// It answered with something else than what was asked for.
-    #[error("it answered with {found} where {expected} was due")]
+    /// It answered with something other than what the node asked for.
+    #[error("the aggregator answered with {found}; the node asked for {expected}")]
     Unexpected {
-        /// What was due.
+        /// What the node asked for.
         expected: String,
         /// What came.
         found: String,
     },
-    /// A blob that is not the one asked for.
-    #[error("blob {asked} has SHA-256 {actual} as it sent it")]
+    /// It sent another blob than the node asked for.
+    #[error("blob {asked} has SHA-256 {actual} as the aggregator sent it")]
     OtherBlob {
-        /// As asked.
+        /// The blob that the node asked for.
         asked: Digest,
-        /// As received.
+        /// The SHA-256 of what it received.
         actual: Digest,
     },
-    /// A blob over the limit.
-    #[error("blob {blob} is longer than the {limit} bytes it may have")]
+    /// It sent a blob over the limit.
+    #[error("blob {blob} is longer than {limit} bytes, which is the limit for it")]
     TooLarge {
-        /// Which.
+        /// The blob.
         blob: Digest,
         /// The limit.
         limit: u64,
     },
-    /// What was downloaded cannot be kept.
-    #[error("a download cannot be kept: {0}")]
+    /// What was downloaded cannot be written to disk.
+    #[error("a download cannot be written to disk: {0}")]
     Write(std::io::Error),
+    /// The new key of a node is its present one.
+    #[error("the new key is the present one: make another with `zk0 node keygen`")]
+    SameKey,
 }
 
 impl From<Status> for NodeError {

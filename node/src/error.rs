@@ -9,59 +9,68 @@ use zk0_smolvla::frames::prefix_cache::CacheError;
 /// Why a node cannot go on.
 #[derive(Debug, thiserror::Error)]
 pub enum ParticipantError {
-    /// The recording.
+    /// The recording cannot be read.
     #[error("the recording: {0}")]
     Dataset(#[from] zk0_lerobot::dataset::DatasetError),
-    /// The recording, or how it fits the policy.
+    /// The recording cannot be read, or does not fit the policy.
     #[error("the recording: {0}")]
     Prepare(#[from] zk0_smolvla::frames::recording::PrepareError),
-    /// The cache of prepared samples.
+    /// The cache of prepared samples fails.
     #[error(transparent)]
-    Cache(#[from] CacheError),
-    /// The policy, its weights, or training.
+    Cache(CacheError),
+    /// The policy, its weights, or training fails.
     #[error("the policy: {0}")]
     Policy(#[from] zk0_smolvla::PolicyError),
-    /// Values outside the ranges that the round's specification can hold.
-    #[error("fixed point: {0}")]
+    /// A value lies outside the ranges that the round's evaluation can hold.
+    #[error("a value does not fit into the network's fixed-point numbers: {0}")]
     Quantise(#[from] zk0_circuits::model::quantise::QuantiseError),
-    /// The network's evaluation specification.
+    /// The network's evaluation specification cannot be read.
     #[error("the network's evaluation specification: {0}")]
     Spec(#[from] zk0_circuits::model::spec::SpecError),
     /// The network was founded with another guest program than this version of zk0 has.
-    #[error("the network proves with another program than this version of zk0 has: join with the version it was founded with")]
+    #[error("the network proves with another guest program than this version of zk0 has: join with the version of zk0 that the network was founded with")]
     OtherProgram,
     /// The policy and the evaluation specification are not of the same dimensions.
-    #[error("the network's policy and its evaluation specification differ in dimensions; its founder has to mend that")]
+    #[error("the network's policy and its evaluation specification have different dimensions, so nobody can take part: tell its operator")]
     Dimensions,
-    /// The challenge cannot be drawn.
+    /// The samples of the challenge cannot be drawn.
     #[error("the challenge: {0}")]
     Draw(#[from] DrawError),
-    /// The claim does not hold: the update is not better by enough on the samples drawn.
+    /// The claim does not hold: on the samples drawn, the update is not better by as much as the rules ask.
     #[error("the update cannot be proven: {0}")]
     Statement(#[from] StatementError),
-    /// The aggregator.
-    #[error("the aggregator: {0}")]
+    /// A request to the aggregator fails.
+    #[error(transparent)]
     Node(#[from] NodeError),
-    /// The proving service.
+    /// A request to the proving service fails.
     #[error("the proving service: {0}")]
     Prover(#[from] ClientError),
-    /// A file of the node's own.
+    /// A file of the node's own cannot be read or written.
     #[error("{path}: {error}")]
     File {
-        /// Which.
+        /// The file.
         path: PathBuf,
-        /// Why.
+        /// What the system says.
         error: io::Error,
     },
-    /// A file of the node's own that does not hold what it should.
-    #[error("{path} is not what this node wrote there: {why}; move it away to start anew")]
+    /// A file of the node's own holds something else than what the node wrote.
+    #[error("{path} is not what this node wrote there: {why}; to start without it, move it away")]
     BrokenFile {
-        /// Which.
+        /// The file.
         path: PathBuf,
         /// What is wrong.
         why: String,
     },
-    /// The machine.
+    /// The system gives no randomness.
     #[error("the system gives no random bytes: {0}")]
     Random(getrandom::Error),
+}
+
+impl From<CacheError> for ParticipantError {
+    fn from(error: CacheError) -> Self {
+        match error {
+            CacheError::Prepare(error) => Self::Prepare(error),
+            error => Self::Cache(error),
+        }
+    }
 }

@@ -1,4 +1,4 @@
-//! A node's life in a network: prepare the recording, then round after round train, commit, prove, submit.
+//! Takes part in a network: prepares the recording, and then trains, commits, proves and submits in each round.
 
 use crate::{
     client::{Decision, Node},
@@ -19,16 +19,16 @@ use zk0_smolvla::{
     PolicyConfig,
 };
 
-/// Largest policy file a node downloads: the published policy takes 1.8 GB.
+/// Largest policy file that a node downloads. The published policy takes 1.8 GB.
 pub const MAX_POLICY_BYTES: u64 = 4 << 30;
 
 /// Who takes part, and with what.
 pub struct Participant {
-    /// The recording: a LeRobotDataset v3.0 folder.
+    /// The recording: a LeRobotDataset folder.
     pub dataset: PathBuf,
     /// Where the node keeps the policy, its salt, its updates, its training histories and its receipts.
     pub state: PathBuf,
-    /// Where prepared samples are kept from start to start.
+    /// Where prepared samples are kept when the node ends.
     pub cache: Option<DiskCache>,
     /// How it trains.
     pub training: Training,
@@ -52,7 +52,7 @@ impl Participant {
         check_dimensions(&config, &spec)?;
         tracing::info!("preparing the recording {}", self.dataset.display());
         let recording = self.recording(&file, &spec)?;
-        // The frozen half has done its part: at the published size, 1.4 GB of memory.
+        // The frozen half is not needed any more. At the published size this frees 1.4 GB of memory.
         drop(file);
         receipts::keep(&self.state, node.register(&recording).await?)?;
         tracing::info!(
@@ -67,8 +67,7 @@ impl Participant {
         })
     }
 
-    /// Takes part in `rounds` rounds. A round in which the update cannot be proven, or is refused, is lost; the next one is
-    /// another chance.
+    /// Takes part in `rounds` rounds. If the update of a round cannot be proven, or is refused, the node goes on with the next round.
     pub async fn run(
         &self,
         node: &mut Node,
@@ -96,7 +95,7 @@ impl Participant {
                 }) => tracing::warn!("round {}: refused: {reason}", opened.round),
                 Err(ParticipantError::Statement(error)) => {
                     tracing::warn!(
-                        "round {}: not submitted, the update cannot be proven: {error}",
+                        "round {}: the update cannot be proven and is not submitted: {error}",
                         opened.round
                     );
                 }
@@ -104,7 +103,7 @@ impl Participant {
             }
             let closed = node.wait_for_close(opened.round).await?;
             tracing::info!(
-                "round {} closed, {} contributions averaged",
+                "round {} has closed, and {} contributions were averaged",
                 closed.round,
                 closed.contributors.len()
             );
@@ -112,7 +111,7 @@ impl Participant {
         Ok(())
     }
 
-    /// The network's policy, on disk from the first start on: it is as large as 1.8 GB, and is not held in memory twice.
+    /// The network's policy. The first start downloads it, and it stays on disk. It may have 1.8 GB, so it is never in memory twice.
     async fn policy(&self, node: &mut Node, blob: &Digest) -> Result<PolicyFile, ParticipantError> {
         let path = self.state.join(format!("policy-{blob}.safetensors"));
         if state_files::sha256(&path)? != Some(blob.0) {
@@ -129,7 +128,7 @@ impl Participant {
         Ok(policy_file::load(&path)?)
     }
 
-    /// The prepared recording, under a salt that stays the same from start to start.
+    /// The prepared recording. Its salt stays the same when the node is started again.
     fn recording(&self, file: &PolicyFile, spec: &EvalSpec) -> Result<Recording, ParticipantError> {
         let path = self.state.join("salt");
         let salt = match state_files::read(&path, 32)? {
@@ -151,7 +150,7 @@ impl Participant {
     }
 }
 
-/// A node that trained at other dimensions than it proves would find out after minutes of work: check first.
+/// Checks that the node trains and proves at the same dimensions. Otherwise it would fail only after minutes of work.
 fn check_dimensions(config: &PolicyConfig, spec: &EvalSpec) -> Result<(), ParticipantError> {
     match dims(config)? == spec.dims {
         true => Ok(()),

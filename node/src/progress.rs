@@ -1,11 +1,11 @@
-//! Progress of long work, as tracing events that a terminal or a parent process turns into bars.
+//! Progress of long work, as tracing events. A terminal or a parent process shows them as bars.
 
 use std::time::{Duration, Instant};
 
 /// Target of the events; their fields are `phase`, `done`, `total` and `eta_ms`.
 pub const TARGET: &str = "zk0::progress";
 
-/// One piece of work whose units take about the same time each.
+/// Work in many units that take about the same time each.
 #[derive(Debug)]
 pub struct Progress {
     phase: &'static str,
@@ -25,7 +25,7 @@ impl Progress {
         }
     }
 
-    /// Says that `done` units are done; reports at most twice a second, and the end always.
+    /// Tells that `done` units are done. This reports at most twice a second, and always reports the end.
     pub fn reached(&mut self, done: u64) {
         let finished = done >= self.total;
         if !finished

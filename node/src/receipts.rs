@@ -1,10 +1,10 @@
-//! The receipts of what a node has put on the ledger.
+//! Keeps the receipts of what a node has put on the ledger.
 
 use crate::{error::ParticipantError, state_files};
 use std::{fs, path::Path};
 use zk0_protocol::{Receipt, TlogProof};
 
-/// Keeps a receipt in the state folder, as a C2SP tlog-proof. With it the node shows anyone that the log has signed the entry,
+/// Keeps a receipt in the state folder, as a C2SP tlog-proof. With this file the node can show anyone that the log has signed the entry,
 /// whatever the log says later.
 pub fn keep(state: &Path, receipt: Receipt) -> Result<(), ParticipantError> {
     let receipts = state.join("receipts");

@@ -1,7 +1,9 @@
-//! A node's own recording, prepared: every frame through the frozen prefix once, quantised, and committed to.
+//! A node's own recording: each frame goes through the frozen prefix once, is quantised, and is committed to.
 
-use crate::error::ParticipantError;
-use crate::progress::Progress;
+use crate::{
+    error::ParticipantError,
+    samples::{FrameNames, ReadySamples},
+};
 use std::{collections::BTreeSet, path::Path, slice};
 use zk0_circuits::{
     claim::{
@@ -17,31 +19,30 @@ use zk0_protocol::rules::bindings::ExpectedClaim;
 use zk0_smolvla::{
     frames::{
         batch::SampleSource,
-        prefix_cache::{DiskCache, FrameMaker, FrameRef, FrameSource, KeySpace},
+        prefix_cache::{DiskCache, FrameMaker, KeySpace},
         sample::{PreparedSample, Preparer},
     },
     measure::fixed_point::quantise_sample,
     policy::{frozen::FrozenPlace, policy_file::PolicyFile},
 };
 
-/// A recording as training and proving use it.
+/// A prepared recording, as training and proving use it.
 pub struct Recording {
     /// For training: f32, in dataset order.
     pub samples: Vec<PreparedSample>,
-    /// What the network learns of it.
+    /// What the network learns about it.
     pub commitment: DatasetCommitment,
     /// The leaf hashes, in dataset order.
     pub leaves: Vec<Digest>,
-    /// Digests of its episodes, each once, in ascending order.
+    /// The digests of its episodes, in ascending order and without repetition.
     pub episodes: Vec<Digest>,
     salt: [u8; 32],
     quantised: Vec<Sample>,
 }
 
 impl Recording {
-    /// Reads the LeRobotDataset in `path`, runs the frozen half of the network's policy over it, its instructions read with the
-    /// policy's tokenizer, and commits to the result under `salt`. Samples that are in `cache` are the same bits, and are not
-    /// computed again.
+    /// Reads the LeRobotDataset in `path`, runs the frozen half of the network's policy over it, and commits to the result under `salt`.
+    /// The policy's tokenizer reads the instructions. Samples that are in `cache` are not computed again; they are the same bits.
     pub fn prepare(
         path: &Path,
         file: &PolicyFile,
@@ -78,7 +79,7 @@ impl Recording {
         })
     }
 
-    /// All that proves `expected`: the challenged samples with their paths, and both sets of weights.
+    /// All that is needed to prove `expected`: the challenged samples with their paths, and both sets of weights.
     pub fn private_input(
         &self,
         spec: &EvalSpec,
@@ -117,42 +118,26 @@ impl Recording {
     }
 }
 
-/// Every frame of the recording, ready for training; what is in `cache` is not computed again.
+/// All frames of the recording as samples for training. Samples that are in `cache` are not computed again.
 pub fn prepare_samples(
     dataset: &Dataset,
     file: &PolicyFile,
     cache: Option<&DiskCache>,
 ) -> Result<Vec<PreparedSample>, ParticipantError> {
     let PolicyFile { policy, tokenizer } = file;
-    let mut progress = Progress::start("preparing samples", dataset.len() as u64);
-    let Some(cache) = cache else {
-        let prepared = Preparer::new(policy, tokenizer)?
-            .prepare_dataset(dataset, |done, _| progress.reached(done as u64));
-        return Ok(prepared?);
-    };
-    let (mut files, all) = (cache.file_digests(), (0..dataset.len()).collect::<Vec<_>>());
-    let keys = KeySpace::new::<PreparedSample>(policy, &FrozenPlace::default()).keys(
-        &policy.config,
-        tokenizer,
-        dataset,
-        &all,
-        &mut files,
-    )?;
-    cache.remember(&mut files)?;
-    let frames = keys.into_iter().zip(all).map(|(key, index)| FrameRef {
-        dataset: 0,
-        index,
-        key,
-    });
+    let space = KeySpace::new::<PreparedSample>(policy, &FrozenPlace::default());
+    let all: Vec<usize> = (0..dataset.len()).collect();
+    let frames =
+        FrameNames::new(space, &policy.config, tokenizer, cache).frames(0, dataset, &all)?;
     let maker = FrameMaker::new(slice::from_ref(dataset), policy.config.chunk_size, || {
         Preparer::new(policy, tokenizer)
     });
-    let source = FrameSource::<PreparedSample>::new(cache, &maker, frames.collect());
-    source.fill(|done, _| progress.reached(done as u64))?;
-    let samples = (0..source.len()).map(|i| -> Result<PreparedSample, ParticipantError> {
-        Ok(source.sample(i)?.into_owned())
-    });
-    samples.collect()
+    match ReadySamples::prepare(cache, &maker, frames)? {
+        ReadySamples::InMemory(samples) => Ok(samples),
+        ReadySamples::Cached(source) => (0..source.len())
+            .map(|index| Ok(source.sample(index)?.into_owned()))
+            .collect(),
+    }
 }
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! A node's own files in its state folder: written whole or not at all, and when read, what was written or an error.
+//! A node's own files in its state folder. A file is written whole or not at all. Whoever reads it gets what was written, or an error.
 
 use crate::error::ParticipantError;
 use serde::{de::DeserializeOwned, Serialize};
@@ -9,7 +9,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// The bytes of a file; `None` if it is not there.
+/// The bytes of a file; `None` if there is no such file.
 ///
 /// # Errors
 /// It cannot be read, or has more than `limit` bytes.
@@ -28,10 +28,10 @@ pub fn read(path: &Path, limit: u64) -> Result<Option<Vec<u8>>, ParticipantError
     }
 }
 
-/// What a file says in JSON; `None` if it is not there.
+/// The JSON value in a file; `None` if there is no such file.
 ///
 /// # Errors
-/// As [`read`], and when it says something else.
+/// Those of [`read`]; and the file does not hold such a value.
 pub fn read_json<T: DeserializeOwned>(
     path: &Path,
     limit: u64,
@@ -44,7 +44,7 @@ pub fn read_json<T: DeserializeOwned>(
         .map_err(|error| broken(path, error.to_string()))
 }
 
-/// SHA-256 of a file of any size; `None` if it is not there.
+/// The SHA-256 of a file of any size; `None` if there is no such file.
 pub fn sha256(path: &Path) -> Result<Option<[u8; 32]>, ParticipantError> {
     let mut file = match File::open(path) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
@@ -59,30 +59,30 @@ pub fn sha256(path: &Path) -> Result<Option<[u8; 32]>, ParticipantError> {
     }
 }
 
-/// Writes a file whole or not at all; on disk when this returns.
+/// Writes a file whole or not at all. It is on disk when this returns.
 pub fn write(path: &Path, bytes: &[u8]) -> Result<(), ParticipantError> {
     let unfinished = unfinished(path);
     fs::write(&unfinished, bytes).map_err(at(&unfinished))?;
     put(&unfinished, path)
 }
 
-/// As [`write()`], of JSON.
+/// Writes a file as [`write()`] does, with the value as JSON.
 pub fn write_json(path: &Path, value: &impl Serialize) -> Result<(), ParticipantError> {
     let json = serde_json::to_vec(value).map_err(|error| at(path)(error.into()))?;
     write(path, &json)
 }
 
-/// Where a file is while it is being written.
+/// The path under which a file is written, before it is whole.
 pub fn unfinished(path: &Path) -> PathBuf {
     path.with_extension("unfinished")
 }
 
-/// Puts a file that was written in its place; on disk when this returns.
+/// Gives a file that was written under its unfinished name the name `path`. Both are on disk when this returns.
 pub fn put(unfinished: &Path, path: &Path) -> Result<(), ParticipantError> {
     let sync = |path: &Path| File::open(path).and_then(|file| file.sync_all());
     sync(unfinished).map_err(at(unfinished))?;
     fs::rename(unfinished, path).map_err(at(path))?;
-    // Its new name, too.
+    // The new name must be on disk, too.
     let folder = match path.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => folder,
         _ => Path::new("."),
@@ -90,7 +90,7 @@ pub fn put(unfinished: &Path, path: &Path) -> Result<(), ParticipantError> {
     sync(folder).map_err(at(folder))
 }
 
-/// An error of the file system.
+/// Makes an error of the file system name the path.
 pub fn at(path: &Path) -> impl FnOnce(io::Error) -> ParticipantError + '_ {
     |error| ParticipantError::File {
         path: path.into(),
@@ -98,7 +98,7 @@ pub fn at(path: &Path) -> impl FnOnce(io::Error) -> ParticipantError + '_ {
     }
 }
 
-/// An error of a file's content.
+/// The error for a file whose content is wrong.
 pub fn broken(path: &Path, why: String) -> ParticipantError {
     ParticipantError::BrokenFile {
         path: path.into(),
@@ -129,7 +129,7 @@ mod tests {
             wrong(4).contains("numbers.json is not what this node wrote there: more than 4 bytes")
         );
         fs::write(&path, "[4, 5").unwrap();
-        assert!(wrong(9).contains("move it away to start anew"));
+        assert!(wrong(9).contains("to start without it, move it away"));
         let nowhere = dir.path().join("no/such/folder");
         let error = write(&nowhere, b"").unwrap_err().to_string();
         assert!(error.contains("no/such/folder"), "{error}");

@@ -36,11 +36,11 @@ pub struct Training {
     pub learning_rate: f64,
     /// FedProx: weight of the pull towards the round's base weights.
     pub fedprox_mu: f64,
-    /// What lets mu and the learning rate change with the losses of the rounds' base weights.
+    /// How mu and the learning rate change with the losses of the rounds' base weights.
     pub adaptation: Adaptation,
 }
 
-/// What a node has ready before its first round.
+/// What a node has prepared before its first round.
 pub struct Entered {
     /// The policy's configuration.
     pub config: PolicyConfig,
@@ -56,7 +56,7 @@ pub struct Turn<'a> {
     pub state: &'a Path,
     /// How it trains.
     pub training: &'a Training,
-    /// What it has ready.
+    /// What it has prepared.
     pub entered: &'a Entered,
     /// The round.
     pub opened: &'a RoundOpened,
@@ -120,24 +120,24 @@ impl Turn<'_> {
             quantised_base,
             quantised,
         )?;
-        // The check takes a second, and spares minutes of proving a claim that does not hold.
+        // This check takes a second. Without it, a claim that does not hold would cost minutes of proving.
         let (claim, input) = GuestInput::of(node.genesis().mode, &input)?;
         let proof = prover.prove(input, proving_progress).await?;
         tracing::info!(
-            "round {round}: proven, {} cycles in {} s, {} bytes",
+            "round {round}: the claim is proven: {} cycles in {} s; the proof has {} bytes",
             proof.cycles,
             proof.proving_ms / 1000,
             proof.proof.len()
         );
         if let Some((before, after)) = claim.losses.means(&self.entered.spec) {
-            tracing::info!("round {round}: submitting the claim that the loss went from {before:.4} to {after:.4}");
+            tracing::info!("round {round}: the node submits the claim that the loss fell from {before:.4} to {after:.4}");
         }
         let decision = node.submit(claim, proof.proof).await?;
         receipts::keep(self.state, decision.receipt.clone())?;
         Ok(decision)
     }
 
-    /// What the round is trained at: as the losses of the base weights so far ask for, if they are followed.
+    /// The rates at which the round is trained. They follow the losses of the base weights so far, if the operator wants that.
     fn rates(&self, network: &Digest, base: &ExpertWeights) -> Result<Rates, ParticipantError> {
         let (round, training) = (self.opened.round, self.training);
         let start = Rates {
@@ -149,7 +149,7 @@ impl Turn<'_> {
         }
         let dataset = self.entered.recording.commitment.root;
         let kept = BaseLosses::at(self.state, *network, dataset);
-        // The same samples, noise and times in every round.
+        // Samples, noise and times are the same in every round.
         let measure = || {
             Ok(loss_of(
                 &self.entered.config,
@@ -196,12 +196,12 @@ impl Turn<'_> {
     }
 }
 
-/// Passes on what the proving service says of a claim's way.
+/// Reports how far the proving service is with a claim.
 fn proving_progress(event: rpc::Progress) {
     let phase = match event.phase() {
         rpc::progress::Phase::Queued => "waiting for the prover",
         rpc::progress::Phase::Proving => "proving",
-        // Over in a second, and nothing is known of the time yet.
+        // This phase takes a second, and the time of the proof is not known yet.
         _ => return,
     };
     let total = event.estimated_total_ms.max(event.elapsed_ms + 1);

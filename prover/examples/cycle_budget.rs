@@ -1,20 +1,20 @@
-//! What of a claim's guest cycles each operation takes: `make cycles` runs it.
+//! How many of a claim's guest cycles each operation takes. `make cycles` runs this.
 //!
 //! `cargo run --release --workspace --example cycle_budget PROGRAM.elf SAMPLES PROFILE…`
 //!
-//! The program is the ELF that `circuits/build-guest.sh --budget` writes: it says when an operation starts and ends
-//! (`zk0_circuits::vm::budget`), by lines on its standard output that SP1's own executor counts only in a build for profiling. This is a
-//! plain RV64IM interpreter with the system calls that the program makes, one instruction one cycle, as SP1 counts. No
-//! proof is made.
+//! The program is the ELF that `circuits/build-guest.sh --budget` writes. It says when an operation starts and ends
+//! (`zk0_circuits::vm::budget`), in lines on its standard output. SP1's own executor counts these only in a build for profiling, so this
+//! example is a plain RV64IM interpreter with the system calls that the program makes. It counts one cycle for each instruction, as SP1
+//! does, and makes no proof.
 
 use serde_json::json;
 use std::{collections::BTreeMap, env, error::Error, fs};
 use zk0_circuits::{
+    model::spec::Dims,
     vm::poseidon2::{permute, State},
     EvalSpec, Mode,
 };
-use zk0_prover::{program::GuestInput, synthetic};
-use zk0_smolvla::{measure::fixed_point::dims, Profile};
+use zk0_prover::program::{synthetic, GuestInput};
 
 fn main() -> Result<(), Box<dyn Error>> {
     const USAGE: &str = "usage: cycle_budget PROGRAM.elf SAMPLES PROFILE…";
@@ -22,9 +22,15 @@ fn main() -> Result<(), Box<dyn Error>> {
     let elf = fs::read(arguments.next().ok_or(USAGE)?)?;
     let samples = arguments.next().ok_or(USAGE)?.parse()?;
     for profile in arguments {
-        let spec = EvalSpec::new(dims(&Profile::from_name(&profile)?.config())?);
-        let input = synthetic::private_input(&spec, samples, 1)?;
-        let (_, input) = GuestInput::of(Mode::Checked, &input)?;
+        let spec = EvalSpec::new(match profile.as_str() {
+            "micro" => Dims::MICRO,
+            "full" => Dims::FULL,
+            other => Err(format!(
+                "there is no profile '{other}': write micro or full"
+            ))?,
+        });
+        let private = synthetic::private_input(&spec, samples, 1)?;
+        let (_, input) = GuestInput::of(Mode::Checked, &private)?;
         let mut machine = Machine::load(&elf, input.buffers).ok_or("not an ELF of the guest")?;
         machine.run()?;
         let named = machine.operations.values().sum::<u64>();

@@ -1,11 +1,11 @@
-//! Executes SP1 programs without proving and prints what they cost, one JSON line per folder:
+//! Executes an SP1 program without proving and prints what it costs, one JSON line for each folder:
 //! `cargo run --release -p zk0-prover --example execute_elf -- PROGRAM.elf FOLDER…`
 //!
 //! A folder holds the program's input, one file per read, named 0.bin, 1.bin and so on. Cycles and gas are also written
 //! to `cost.txt` in it.
 
 use std::{error::Error, fs, io, path::Path};
-use zk0_prover::execute::Executor;
+use zk0_prover::program::Executor;
 
 #[tokio::main]
 async fn main() -> Result<(), Box<dyn Error>> {
@@ -30,7 +30,7 @@ async fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// The files 0.bin, 1.bin, … as far as there are.
+/// The files 0.bin, 1.bin and so on, up to the first number that is missing.
 fn buffers(folder: &Path) -> io::Result<Vec<Vec<u8>>> {
     (0..)
         .map(|index| folder.join(format!("{index}.bin")))

@@ -1,7 +1,7 @@
 //! zk0's side of `scripts/compare-ezkl`: proves a claim over one sample for every model of a list, in both modes, one JSON
 //! line each: `cargo run --release --workspace --example prove_sizes SIZES.json OUTPUT.jsonl MODEL…`
 //!
-//! What has a line in OUTPUT.jsonl already is not proven again.
+//! A model that has a line in OUTPUT.jsonl already is not proven again.
 
 use serde_json::{json, Value};
 use sp1_verifier::compressed::SP1CompressedVerifierRaw;
@@ -19,12 +19,9 @@ use zk0_circuits::{
     EvalSpec, Mode,
 };
 use zk0_prover::{
-    device::{Device, DeviceKind},
-    execute::Executor,
-    lock::ProverLock,
-    program::{elf, GuestInput},
+    machine::{Device, DeviceKind, ProverLock},
+    program::{elf, synthetic, Executor, GuestInput},
     prove::Sp1Prover,
-    synthetic,
 };
 
 const USAGE: &str = "usage: prove_sizes SIZES.json OUTPUT.jsonl MODEL…";
@@ -56,15 +53,15 @@ async fn main() -> Result<(), Box<dyn Error>> {
     let setup = begin.elapsed();
     for (model, dims, mode) in work {
         eprintln!("zk0, mode {mode}: {model}");
-        let input = synthetic::private_input(&EvalSpec::new(dims), 1, 1)?;
-        let (_, input) = GuestInput::of(mode, &input)?;
+        let private = synthetic::private_input(&EvalSpec::new(dims), 1, 1)?;
+        let (_, input) = GuestInput::of(mode, &private)?;
         let run = executor.execute(elf(mode), &input.buffers).await?;
         // The verifier's half of mode `checked`: projections of both sets of weights.
         let mut hinted = match mode {
             Mode::Direct => None,
-            Mode::Checked => Some(HintedInput::of(&input)?),
+            Mode::Checked => Some(HintedInput::of(&private)?),
         };
-        fs::write("/proc/self/clear_refs", "5")?; // the peak of memory is from here on
+        fs::write("/proc/self/clear_refs", "5")?; // The peak of memory is counted from here on.
         let begin = Instant::now();
         let proof = prover.prove_compressed(&input).await?;
         let prove = begin.elapsed();
@@ -76,7 +73,7 @@ async fn main() -> Result<(), Box<dyn Error>> {
         )?;
         if let Some(hinted) = &mut hinted {
             let seed = hinted.seed;
-            hinted.project(seed, [&input.base, &input.update])?;
+            hinted.project(seed, [&private.base, &private.update])?;
         }
         let verify = begin.elapsed();
         let weights: usize = expert_tensors(&dims).iter().map(|t| t.len()).sum();
@@ -100,7 +97,7 @@ fn dims(value: &Value) -> Result<Dims, String> {
         let number = value[name]
             .as_u64()
             .and_then(|number| number.try_into().ok());
-        number.ok_or(format!("dimension {name} is missing or no number"))
+        number.ok_or(format!("dimension {name} is missing or is not a number"))
     };
     Ok(Dims {
         expert_width: field("expert_width")?,

@@ -1,4 +1,4 @@
-//! Proves a claim made from a seed, to try a machine's prover or to make the proof that verifier tests are committed with:
+//! Proves a claim made from a seed. It serves to try a machine's prover, and to make the proof that the verifier's tests use:
 //! `cargo run --release --workspace --example prove_synthetic -- DEVICE MODEL MODE SAMPLES [FOLDER]`
 //!
 //! DEVICE is cpu or cuda (`make cuda` builds this example, too), MODEL micro or full, MODE direct or checked. Writes
@@ -9,12 +9,9 @@ use serde_json::json;
 use std::{env, error::Error, fs, path::PathBuf, time::Instant};
 use zk0_circuits::{model::spec::Dims, EvalSpec, Mode};
 use zk0_prover::{
-    device::{Device, DeviceKind},
-    execute::Executor,
-    lock::ProverLock,
-    program::{elf, GuestInput},
+    machine::{Device, DeviceKind, ProverLock},
+    program::{elf, synthetic, Executor, GuestInput},
     prove::Sp1Prover,
-    synthetic,
 };
 
 #[tokio::main]
@@ -26,17 +23,17 @@ async fn main() -> Result<(), Box<dyn Error>> {
     let dims = match model.as_str() {
         "micro" => Dims::MICRO,
         "full" => Dims::FULL,
-        other => Err(format!("'{other}' is no model; there are micro and full"))?,
+        other => Err(format!("there is no model '{other}': write micro or full"))?,
     };
     let mode: Mode = arguments.next().ok_or(USAGE)?.parse()?;
     let samples = arguments.next().ok_or(USAGE)?.parse()?;
     let folder = arguments.next().map(PathBuf::from);
-    // First of all: a device that is not there is not worth a minute's wait.
+    // This comes first, so that nobody waits a minute for a device that is not there.
     let device = Device::find(kind)?;
     let lock = ProverLock::acquire(&ProverLock::default_path(), Default::default())?;
-    let input = synthetic::private_input(&EvalSpec::new(dims), samples, 1)?;
-    let (_, input) = GuestInput::of(mode, &input)?;
-    drop(input);
+    let private = synthetic::private_input(&EvalSpec::new(dims), samples, 1)?;
+    let (_, input) = GuestInput::of(mode, &private)?;
+    drop(private);
     let executor = Executor::new().await?;
     let run = executor.execute(elf(mode), &input.buffers).await?;
     let begin = Instant::now();

@@ -1,11 +1,12 @@
-//! After `circuits/build-guest.sh` has replaced the ELFs: writes their verifying keys and the records of how they were built.
+//! Writes the verifying keys of the guest ELFs, and the records of how they were built. Run it after `circuits/build-guest.sh` has
+//! replaced the ELFs; `make guest` does both.
 //!
 //! `cargo run --release -p zk0-prover --example record_guest`
 
 use serde_json::json;
 use sha2::{Digest, Sha256};
 use std::{error::Error, fs, path::Path, process::Command};
-use zk0_prover::execute::Executor;
+use zk0_prover::program::Executor;
 
 #[tokio::main]
 async fn main() -> Result<(), Box<dyn Error>> {

@@ -1,31 +1,18 @@
 //! SP1 over [`zk0_circuits`]: a private input goes in, a proof comes out. This crate knows no ledger and no tensors.
 //!
 //! A short tour:
-//! - [`program`]: the guest program's ELF.
-//! - [`execute`]: runs it without proving: public values, cycles, or why the claim does not hold.
-//! - [`device`]: what proves, CPU or GPU; [`options`]: SP1's options for the CPU, from free memory and cores.
-//! - [`lock`]: one prover at a time on a machine.
-//! - [`prove`]: the prover; makes and checks compressed [proofs](proof), with SP1 started on a device by `engine`.
-//! - [`schedule`]: how long proofs take and which come first.
+//! - [`program`]: the guest programs, what they read, and how to run them without a proof: public values, cycles, or the reason why
+//!   a claim does not hold. It also makes private inputs from a seed.
+//! - [`machine`]: what this machine can prove with (CPU or GPU, free memory), and the lock that lets one prover run at a time.
+//! - [`prove`]: the prover. It makes compressed proofs and checks them.
 //! - [`service`]: the proving service that the nodes of a machine share, and its client.
-//! - [`sp1`]: SP1 as that service's backend.
-//! - [`synthetic`]: private inputs made from a seed; [`cycles`]: what proving them costs.
+//! - [`measure`]: what claims cost in cycles, memory and time.
 
-pub mod cycles;
-pub mod device;
-mod engine;
-pub mod estimate;
-pub mod execute;
-pub mod lock;
-pub mod options;
+pub mod machine;
+pub mod measure;
 pub mod program;
-pub mod proof;
 pub mod prove;
-pub mod schedule;
 pub mod service;
-pub mod sp1;
-pub mod synthetic;
-pub mod upload;
 
 /// What `proto/prover.proto` generates.
 #[allow(missing_docs, clippy::all)]

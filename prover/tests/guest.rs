@@ -1,4 +1,5 @@
-//! The guest program and the host's code are one: same claims, same refusals, and the committed ELF is of these sources.
+//! The guest program and the host's code agree: they give the same claims and the same refusals, and the committed ELF is built from
+//! these sources.
 
 use sha2::{Digest, Sha256};
 use std::{
@@ -17,10 +18,8 @@ use zk0_circuits::{
     EvalSpec, Mode, PrivateInput,
 };
 use zk0_prover::{
-    cycles::{self, Cost},
-    execute::{ExecuteError, Executor},
-    program::elf,
-    synthetic,
+    measure::cycles::{self, Cost},
+    program::{elf, synthetic, ExecuteError, Executor},
 };
 
 fn circuits() -> PathBuf {
@@ -69,45 +68,57 @@ async fn guest_and_host_give_the_same_claim() {
     }
 }
 
-/// What a cheat may try on a input that is honest otherwise.
+/// What a cheat may try on an input that is otherwise honest.
 fn cheats() -> Vec<(&'static str, fn(&mut PrivateInput))> {
     vec![
-        ("the update is the base", |w| {
-            w.update = w.base.clone();
-            w.header.terms.update = w.header.terms.base;
+        ("the update is the base", |input| {
+            input.update = input.base.clone();
+            input.header.terms.update = input.header.terms.base;
         }),
-        ("the update is worse", |w| {
-            std::mem::swap(&mut w.base, &mut w.update);
-            std::mem::swap(&mut w.header.terms.base, &mut w.header.terms.update);
+        ("the update is worse", |input| {
+            std::mem::swap(&mut input.base, &mut input.update);
+            std::mem::swap(&mut input.header.terms.base, &mut input.header.terms.update);
         }),
-        ("other weights than the header names", |w| {
-            std::mem::swap(&mut w.base, &mut w.update)
+        ("other weights than the header names", |input| {
+            std::mem::swap(&mut input.base, &mut input.update)
         }),
-        ("more improvement than there is", |w| {
-            w.header.terms.min_improvement_bps = 9_999
+        ("more improvement than there is", |input| {
+            input.header.terms.min_improvement_bps = 9_999
         }),
-        ("improvement beyond everything", |w| {
-            w.header.terms.min_improvement_bps = u32::MAX
+        ("improvement beyond everything", |input| {
+            input.header.terms.min_improvement_bps = u32::MAX
         }),
-        ("an easier sample", |w| {
-            w.openings[0] = w.openings[1].clone()
+        ("an easier sample", |input| {
+            input.openings[0] = input.openings[1].clone()
         }),
-        ("a sample under another's index", |w| {
-            w.openings[0].sample = w.openings[1].sample.clone()
+        ("a sample under another's index", |input| {
+            input.openings[0].sample = input.openings[1].sample.clone()
         }),
-        ("samples in another order", |w| w.openings.swap(0, 1)),
-        ("one sample fewer", |w| {
-            w.openings.pop();
+        ("samples in another order", |input| {
+            input.openings.swap(0, 1)
         }),
-        ("more samples claimed than opened", |w| {
-            w.header.terms.eval_samples += 1
+        ("one sample fewer", |input| {
+            input.openings.pop();
         }),
-        ("another dataset", |w| w.header.terms.dataset.root.0[0] ^= 1),
-        ("a larger dataset", |w| w.header.terms.dataset.samples += 1),
-        ("another salt", |w| w.header.salt[0] ^= 1),
-        ("another challenge", |w| w.header.terms.challenge.0[31] ^= 1),
-        ("scales of its own", |w| w.header.spec.layers[0].query = 200),
-        ("dimensions of its own", |w| w.header.spec.dims.chunk += 1),
+        ("more samples claimed than opened", |input| {
+            input.header.terms.eval_samples += 1
+        }),
+        ("another dataset", |input| {
+            input.header.terms.dataset.root.0[0] ^= 1
+        }),
+        ("a larger dataset", |input| {
+            input.header.terms.dataset.samples += 1
+        }),
+        ("another salt", |input| input.header.salt[0] ^= 1),
+        ("another challenge", |input| {
+            input.header.terms.challenge.0[31] ^= 1
+        }),
+        ("scales of its own", |input| {
+            input.header.spec.layers[0].query = 200
+        }),
+        ("dimensions of its own", |input| {
+            input.header.spec.dims.chunk += 1
+        }),
     ]
 }
 
@@ -134,24 +145,32 @@ async fn the_guest_refuses_what_the_host_refuses_for_the_same_reason() {
 async fn the_checked_guest_refuses_what_the_host_refuses_for_the_same_reason() {
     type Cheat = fn(&mut HintedInput);
     let cheats: [(&str, Cheat); 6] = [
-        ("a score", |w| w.update.hints[0].sums_mut()[900] += 1),
-        ("the first sum", |w| w.base.hints[1].sums_mut()[0] -= 1),
-        ("the last sum", |w| {
-            let sums = w.base.hints[0].sums_mut();
+        ("a score", |input| {
+            input.update.hints[0].sums_mut()[900] += 1
+        }),
+        ("the first sum", |input| {
+            input.base.hints[1].sums_mut()[0] -= 1
+        }),
+        ("the last sum", |input| {
+            let sums = input.base.hints[0].sums_mut();
             sums[sums.len() - 2] ^= 1 << 20;
         }),
-        ("a projection", |w| w.update.projections.to_mut()[100] += 1),
-        ("too few projections", |w| {
-            let projections = w.update.projections.to_mut();
+        ("a projection", |input| {
+            input.update.projections.to_mut()[100] += 1
+        }),
+        ("too few projections", |input| {
+            let projections = input.update.projections.to_mut();
             projections.truncate(projections.len() - 3);
         }),
-        ("another challenge", |w| w.header.terms.challenge.0[3] ^= 1),
+        ("another challenge", |input| {
+            input.header.terms.challenge.0[3] ^= 1
+        }),
     ];
     let executor = Executor::new().await.unwrap();
     let input = synthetic::private_input(&EvalSpec::micro(), 2, 13).unwrap();
     let honest = HintedInput::of(&input).unwrap();
     for (name, cheat) in cheats {
-        // As it is, and with the seed drawn anew from what is hinted.
+        // The input as it is, and again with the seed drawn anew from its hints.
         for sealed in [false, true] {
             let mut hinted = honest.clone();
             cheat(&mut hinted);
@@ -174,7 +193,7 @@ async fn the_checked_guest_refuses_what_the_host_refuses_for_the_same_reason() {
 }
 
 #[tokio::test]
-async fn the_guest_refuses_buffers_that_are_no_witness() {
+async fn the_guest_refuses_buffers_that_are_not_a_private_input() {
     let executor = Executor::new().await.unwrap();
     let honest = synthetic::private_input(&EvalSpec::micro(), 1, 12)
         .unwrap()
@@ -201,9 +220,9 @@ async fn the_guest_refuses_buffers_that_are_no_witness() {
     }
 }
 
-/// `make cycles` prints the figures; a change that makes claims dearer shows here.
+/// `make cycles` prints the figures. A change that makes claims cost more fails here.
 #[tokio::test]
-async fn claims_do_not_get_dearer_unnoticed() {
+async fn a_claim_that_costs_more_than_before_fails_the_test() {
     let committed = fs::read_to_string(circuits().join("CYCLES.json")).unwrap();
     let committed: Vec<Cost> = committed
         .lines()
@@ -212,7 +231,7 @@ async fn claims_do_not_get_dearer_unnoticed() {
     let executor = Executor::new().await.unwrap();
     let cases = cycles::cases();
     assert_eq!(committed.len(), cases.len());
-    // More than one sample at full size takes minutes, and tells nothing new of the code.
+    // More than one sample at full size takes minutes, and shows nothing new about the code.
     let quick = |case: &&cycles::Case| case.profile == "micro" || case.samples == 1;
     for case in cases.iter().filter(quick) {
         let now = cycles::measure(&executor, *case).await.unwrap();
@@ -246,7 +265,7 @@ async fn the_records_beside_the_elfs_are_true() {
         let key = executor.verifying_key(elf).await.unwrap();
         assert_eq!(
             key.koalabear, expected,
-            "elf/{program}.vk is of another ELF: run the example record_guest"
+            "elf/{program}.vk belongs to another ELF: run the example record_guest"
         );
         assert_eq!(
             record["verifying_key_koalabear"],
@@ -256,7 +275,7 @@ async fn the_records_beside_the_elfs_are_true() {
     }
 }
 
-/// Skipped, and said so, only where the recorded toolchain is not installed.
+/// Where the recorded toolchain is not installed, this test is skipped and says so.
 #[test]
 fn the_committed_elf_is_what_the_sources_give() {
     let build = Command::new(circuits().join("build-guest.sh"))
@@ -266,7 +285,7 @@ fn the_committed_elf_is_what_the_sources_give() {
     let text = String::from_utf8_lossy(&build.stderr);
     match build.status.code() {
         Some(0) => {}
-        // Straight to the terminal: the test harness keeps what `eprintln!` prints of tests that pass.
+        // Straight to the terminal: the test harness hides what `eprintln!` prints in tests that pass.
         Some(2) => writeln!(io::stderr(), "SKIPPED: {text}").unwrap(),
         _ => panic!("run circuits/build-guest.sh and the example record_guest\n{text}"),
     }

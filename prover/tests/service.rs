@@ -1,4 +1,4 @@
-//! The proving service over real sockets, with a backend that plays the prover.
+//! The proving service over real sockets, with a backend in place of SP1.
 
 use std::{
     sync::{
@@ -13,15 +13,16 @@ use zk0_circuits::{
     Mode,
 };
 use zk0_prover::{
-    execute::Execution,
-    program::{GuestInput, GuestInputError},
-    proof::Proof,
+    program::{Execution, GuestInput, GuestInputError},
+    prove::Proof,
     rpc::{
         progress::Phase, prove_part::Part, prove_request, prover_client::ProverClient, Progress,
         ProvePart, ProveRequest,
     },
-    service::{Backend, ClientError, JobError, ProvingClient, ProvingService},
-    upload::{self, Announced, MAX_INPUT_BYTES},
+    service::{
+        upload::{self, Announced, MAX_INPUT_BYTES},
+        Backend, ClientError, JobError, ProvingClient, ProvingService,
+    },
 };
 
 fn input(buffers: Vec<Vec<u8>>) -> GuestInput {
@@ -31,7 +32,7 @@ fn input(buffers: Vec<Vec<u8>>) -> GuestInput {
     }
 }
 
-/// Proves when allowed to; refuses witnesses that begin with "false", forges the claim of those that begin with "forge".
+/// Proves when it is allowed to. It refuses inputs that begin with "false", and forges the claim of those that begin with "forge".
 struct Fake {
     allowed: Arc<Semaphore>,
     at_once: AtomicUsize,
@@ -146,7 +147,7 @@ async fn a_false_claim_is_told_at_once_and_never_reaches_the_prover() {
 }
 
 #[tokio::test]
-async fn what_is_no_witness_is_an_invalid_argument() {
+async fn an_unreadable_private_input_is_an_invalid_argument() {
     let service = service(4, 0).await;
     let mut client = ProvingClient::connect(service.address.clone())
         .await
@@ -160,7 +161,7 @@ async fn a_proof_of_another_claim_is_not_handed_out() {
     let service = service(4, 1).await;
     let (code, reason) = refusal(service.prove("forge").await);
     assert_eq!(code, tonic::Code::Internal);
-    assert!(reason.contains("not the claim's"), "{reason}");
+    assert!(reason.contains("not those of the claim"), "{reason}");
 }
 
 #[tokio::test]
@@ -204,7 +205,7 @@ async fn a_full_queue_refuses_and_accepts_again_when_a_proof_is_done() {
 }
 
 #[tokio::test]
-async fn those_in_the_queue_hear_of_their_place_and_time() {
+async fn clients_in_the_queue_are_told_their_place_and_time() {
     let service = Arc::new(service(4, 0).await);
     let first = {
         let service = service.clone();
@@ -265,7 +266,7 @@ async fn a_client_that_goes_away_gives_up_its_place() {
         .expect("the place of the second was free");
 }
 
-/// What the service says of a request that the real client would not make.
+/// The service's answer to a request that the real client would not make.
 async fn raw(parts: Vec<Part>) -> tonic::Status {
     let service = service(2, 1).await;
     let mut client = ProverClient::connect(service.address).await.unwrap();
@@ -328,7 +329,7 @@ async fn a_request_that_is_not_what_it_announces_is_refused() {
 
 /// Buffers of any size arrive as they were, whatever the cuts between messages.
 #[tokio::test]
-async fn a_large_witness_arrives_whole() {
+async fn a_large_private_input_arrives_whole() {
     let large: Vec<u8> = (0..5_000_001u32)
         .map(|i| (i.wrapping_mul(i) >> 7) as u8)
         .collect();
@@ -347,11 +348,11 @@ async fn a_large_witness_arrives_whole() {
 }
 
 #[tokio::test]
-async fn witnesses_that_fill_the_memory_are_refused_until_a_proof_is_done() {
+async fn private_inputs_that_fill_the_memory_are_refused_until_a_proof_is_done() {
     let service = Arc::new(service(16, 0).await);
     let all_waiting: Vec<_> = (0..4)
         .map(|_| {
-            // Announced, and never sent: the memory is set aside all the same.
+            // The input is announced and never sent. The service reserves the memory all the same.
             let address = service.address.clone();
             tokio::spawn(async move {
                 let mut client = ProverClient::connect(address).await.unwrap();

@@ -1,12 +1,10 @@
-//! End-to-end, attack and fault tests of the whole system; the tests of one crate live in that crate.
+//! Tests of the whole system. The tests of one crate are in that crate; those of the binary are in `cli/tests`.
 //!
 //! - `structure`: the crates depend on one another as the map says, and an auditor's build stays light.
-//! - `verifier_attacks`: a contribution with a real proof, with one thing changed at a time.
-//! - `sp1_verdicts`: our verdict on proofs, changed in all places, is that of SP1's own verifier.
-//! - `ledger_tampering`: replay of a real ledger, with one byte changed at a time.
-//! - `real_proof`: the whole demo, a real compressed proof made in the run (run alone: it takes up to 20 GiB).
+//! - `verifier_attacks`: a contribution with a real proof, in which one thing at a time is changed.
+//! - `ledger_tampering`: the replay of a real ledger, in which one byte at a time is changed.
 //!
-//! All but the first and the last work on `fixtures/ledger`, the ledger that a demo left (`make fixtures` makes it anew).
+//! All but the first work on `fixtures/ledger`, a ledger that a demo left. `make fixtures` makes it again.
 
 use std::{
     fs,
@@ -20,12 +18,9 @@ use zk0_protocol::{
         entry::{Body, Entry},
         signed::{Signed, Submission},
     },
-    rules::state::State,
+    rules::{network_rules::Rules, state::State},
 };
 use zk0_verifier::UnverifiedContribution;
-
-/// Blobs of the fixture are below this.
-const MAX_BLOB: u64 = 4 << 20;
 
 /// A file or folder under `tests/fixtures`.
 pub fn fixture(name: &str) -> PathBuf {
@@ -34,7 +29,7 @@ pub fn fixture(name: &str) -> PathBuf {
         .join(name)
 }
 
-/// A copy of a real demo's ledger, to be tampered with.
+/// A copy of a real demo's ledger, which a test may change.
 pub fn ledger_copy() -> TempDir {
     let dir = tempfile::tempdir().expect("a temporary folder");
     copy(&fixture("ledger"), dir.path());
@@ -54,9 +49,9 @@ pub fn copy(from: &Path, to: &Path) {
     }
 }
 
-/// The first accepted contribution of a ledger: what was submitted, the state it met, and when.
+/// The first accepted contribution of a ledger: what was submitted, when, and in which state of the ledger.
 pub struct Accepted {
-    /// Submission, proof, update.
+    /// The submission, the proof, the update and the base weights.
     pub contribution: UnverifiedContribution,
     /// The state before it was recorded.
     pub state: State,
@@ -66,13 +61,13 @@ pub struct Accepted {
 
 /// Finds the first accepted contribution of the ledger in `dir`.
 pub fn accepted(dir: &Path) -> Accepted {
-    let (entries, _) = zk0::audit::history(dir).expect("a ledger");
+    let (entries, _) = zk0_audit::verified_entries::verified_entries(dir).expect("a ledger");
     let blobs = Blobs::at(dir);
     let mut leaves = Vec::new();
     let mut state: Option<State> = None;
     for entry in entries {
         if let (Body::ContributionAccepted(submission), Some(state)) = (&entry.body, &state) {
-            let contribution = contribution(submission, &blobs);
+            let contribution = contribution(submission, state.rules(), &blobs);
             return Accepted {
                 contribution,
                 state: state.clone(),
@@ -87,14 +82,13 @@ pub fn accepted(dir: &Path) -> Accepted {
     panic!("the ledger has no accepted contribution");
 }
 
-fn contribution(submission: &Signed<Submission>, blobs: &Blobs) -> UnverifiedContribution {
-    let blob = |digest| blobs.get(digest, MAX_BLOB).expect("a blob of the fixture");
-    UnverifiedContribution {
-        submission: submission.clone(),
-        proof: blob(&submission.statement.proof),
-        update: blob(&submission.statement.claim.terms.update.blob),
-        base: blob(&submission.statement.claim.terms.base.blob),
-    }
+fn contribution(
+    submission: &Signed<Submission>,
+    rules: &Rules,
+    blobs: &Blobs,
+) -> UnverifiedContribution {
+    UnverifiedContribution::read(submission, rules, |digest, limit| blobs.get(digest, limit))
+        .expect("the blobs of the fixture")
 }
 
 fn fold(state: &mut Option<State>, root: &zk0_circuits::Digest, entry: &Entry) {

@@ -1,9 +1,12 @@
-//! The replay of a real ledger holds; change any byte of an entry, a proof or a checkpoint, and it does not.
+//! The replay of a real ledger succeeds. With any changed byte in an entry, a proof or a checkpoint, it fails.
 
 use rocksdb::{IteratorMode, DB};
 use std::{fs, path::Path};
-use zk0::audit;
-use zk0_audit::Auditor;
+
+use zk0_audit::{
+    verified_entries::{network_id, verified_entries},
+    Auditor,
+};
 use zk0_ledger::replay::{replay, Verdict};
 use zk0_protocol::entries::entry::Body;
 use zk0_tests::ledger_copy;
@@ -21,7 +24,7 @@ fn flip(path: &Path, at: usize) {
 #[test]
 fn a_real_ledger_is_verified_with_an_acceptance_and_a_refusal() {
     let dir = ledger_copy();
-    let (entries, report) = audit::history(dir.path()).unwrap();
+    let (entries, report) = verified_entries(dir.path()).unwrap();
     assert_eq!(report.verdict, Verdict::Verified, "{report:?}");
     let accepted = entries
         .iter()
@@ -100,7 +103,7 @@ fn a_byte_of_any_proof_or_weights() {
 #[test]
 fn a_missing_proof() {
     let dir = ledger_copy();
-    let (entries, _) = audit::history(dir.path()).unwrap();
+    let (entries, _) = verified_entries(dir.path()).unwrap();
     let proof = entries.iter().find_map(|entry| match &entry.body {
         Body::ContributionAccepted(submission) => Some(submission.statement.proof),
         _ => None,
@@ -117,7 +120,7 @@ fn a_missing_proof() {
 #[test]
 fn another_network() {
     let dir = ledger_copy();
-    let id = audit::network_id(dir.path()).unwrap();
+    let id = network_id(dir.path()).unwrap();
     assert_eq!(
         replay(dir.path(), Some(&id), &mut ()).verdict,
         Verdict::Verified

@@ -1,21 +1,39 @@
-//! A contribution with a real SP1 proof is accepted; change one thing, and it is refused for that thing's reason.
+//! A contribution with a real SP1 proof is accepted. With one thing changed, it is refused for the reason that belongs to the change.
 
 use ed25519_dalek::SigningKey;
 use zk0_circuits::{Claim, Digest, Losses};
 use zk0_protocol::{entries::signed::Signed, Refusal, Rules, State};
 use zk0_tests::{accepted, ledger_copy, Accepted};
-use zk0_verifier::{blob_digest, check_proof, verify, ProgramKey, UnverifiedContribution};
+use zk0_verifier::{
+    authenticate, blob_digest, check_proof, ProgramKey, UnverifiedContribution,
+    VerifiedContribution,
+};
 
 fn real() -> Accepted {
     accepted(ledger_copy().path())
+}
+
+fn verify(
+    contribution: &UnverifiedContribution,
+    state: &State,
+    time_ms: u64,
+) -> Result<VerifiedContribution, Refusal> {
+    let UnverifiedContribution {
+        submission,
+        proof,
+        weights,
+    } = contribution.clone();
+    let authentic = authenticate(submission, proof, state)?;
+    zk0_verifier::verify(&authentic, &weights, state, time_ms)
 }
 
 fn refusal(real: &Accepted, contribution: &UnverifiedContribution) -> Refusal {
     verify(contribution, &real.state, real.time_ms).expect_err("has to be refused")
 }
 
-/// The contribution with its claim changed and signed again, as a cheat would who holds the node's key. The fixture's nodes
-/// keep theirs: the signature is then the first thing that is wrong, so what comes after is checked on its own.
+/// The refusals of a contribution whose claim is changed. A cheat who holds the node's key would sign it again, but the keys of the
+/// fixture's nodes are not here. The signature is then the first thing that is wrong, so the checks that come after it are called
+/// alone.
 fn check_changed(real: &Accepted, change: impl FnOnce(&mut Claim)) -> (Refusal, Refusal) {
     let mut changed = real.contribution.clone();
     change(&mut changed.submission.statement.claim);
@@ -195,7 +213,7 @@ fn another_nodes_signature_is_refused() {
 fn other_weights_than_those_committed_are_refused() {
     let real = real();
     let mut changed = real.contribution.clone();
-    *changed.update.last_mut().unwrap() ^= 1;
+    *changed.weights.update.last_mut().unwrap() ^= 1;
     assert!(matches!(
         refusal(&real, &changed),
         Refusal::UpdateDigest { .. }
@@ -206,7 +224,7 @@ fn other_weights_than_those_committed_are_refused() {
 fn weights_that_quantise_to_something_else_are_refused() {
     let real = real();
     let claim = &real.contribution.submission.statement.claim;
-    let mut update = real.contribution.update.clone();
+    let mut update = real.contribution.weights.update.clone();
     // The highest exponent bit but one of the last value: another number, still finite.
     *update.last_mut().unwrap() ^= 0x20;
     let mut digest = claim.terms.update;

@@ -1,4 +1,4 @@
-//! How a round ends: what was accepted, combined as the rules say, the base weights when nothing was.
+//! The end of a round: the accepted contributions are combined as the rules say. Where none was accepted, the base weights stay.
 
 use crate::combine::{contributions::CombineError, strategy::combine};
 use crate::{Evaluation, VerifiedContribution};
@@ -12,7 +12,7 @@ use zk0_protocol::{
 /// The end of a round.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Closing {
-    /// What goes on the ledger.
+    /// The entry's body.
     pub closed: RoundClosed,
     /// The file of the new global weights; `None` when the base weights stay.
     pub file: Option<Vec<u8>>,
@@ -21,29 +21,27 @@ pub struct Closing {
 /// Why a round cannot be closed.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum CloseError {
-    /// There is no open round.
+    /// No round is open.
     #[error("no round is open")]
     NotOpen,
-    /// The contributions at hand are not those that the ledger accepted.
-    #[error("the ledger accepted {accepted:?} in round {round}, at hand are the contributions of {at_hand:?}")]
+    /// The given contributions are not those that the ledger accepted.
+    #[error("the ledger accepted the contributions of {accepted:?} in round {round}, but those of {given:?} were given")]
     OtherContributions {
         round: u64,
         accepted: Vec<NodeId>,
-        at_hand: Vec<NodeId>,
+        given: Vec<NodeId>,
     },
-    /// A contribution is not the one that was accepted.
-    #[error(
-        "node {node}'s contribution at hand is update {at_hand}, the ledger accepted {accepted}"
-    )]
+    /// A given contribution is not the one that the ledger accepted.
+    #[error("the ledger accepted update {accepted} of node {node}, but update {given} was given")]
     OtherUpdate {
         node: NodeId,
         accepted: Digest,
-        at_hand: Digest,
+        given: Digest,
     },
-    /// The genesis says nothing usable about the weights.
+    /// The genesis does not say how weights are evaluated.
     #[error("evaluation: {0}")]
     Evaluation(#[from] Refusal),
-    /// They do not combine.
+    /// The contributions do not combine.
     #[error(transparent)]
     Combine(#[from] CombineError),
 }
@@ -52,20 +50,20 @@ pub enum CloseError {
 pub fn close(state: &State, contributions: &[VerifiedContribution]) -> Result<Closing, CloseError> {
     let round = state.round().ok_or(CloseError::NotOpen)?;
     let contributors = state.contributors();
-    let mut at_hand: Vec<_> = contributions
+    let mut given: Vec<_> = contributions
         .iter()
         .map(VerifiedContribution::node)
         .collect();
-    at_hand.sort();
+    given.sort();
     let accepted: Vec<_> = contributors
         .iter()
         .map(|one: &Contributor| one.node)
         .collect();
-    if at_hand != accepted {
+    if given != accepted {
         return Err(CloseError::OtherContributions {
             round: round.number(),
             accepted,
-            at_hand,
+            given,
         });
     }
     for one in contributions {
@@ -74,7 +72,7 @@ pub fn close(state: &State, contributions: &[VerifiedContribution]) -> Result<Cl
             return Err(CloseError::OtherUpdate {
                 node: one.node(),
                 accepted: accepted.map(|update| update.blob).unwrap_or_default(),
-                at_hand: one.claim().terms.update.blob,
+                given: one.claim().terms.update.blob,
             });
         }
     }

@@ -1,6 +1,8 @@
-//! From what a node sent to what counts: [`verify`] is the only way from one to the other.
+//! From what a node sent to what counts: [`authenticate`] makes an [`AuthenticContribution`], and [`verify`] makes a
+//! [`VerifiedContribution`] of it. Each step takes what the step before it made, so that none is left out and none is done twice.
 
 use crate::{
+    contribution_blobs::WeightFiles,
     norm::check_norm,
     proof::{check_proof, ProgramKey},
     update::Evaluation,
@@ -13,17 +15,35 @@ use zk0_protocol::{
     Refusal,
 };
 
-/// What a node submitted, nothing of it checked.
+/// A submission that an enrolled node signed, with the proof that it signed. Only [`authenticate`] makes one:
+///
+/// ```compile_fail
+/// use zk0_protocol::entries::signed::{Signed, Submission};
+/// fn forge(submission: Signed<Submission>, proof: Vec<u8>) -> zk0_verifier::AuthenticContribution {
+///     zk0_verifier::AuthenticContribution { submission, proof }
+/// }
+/// ```
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct UnverifiedContribution {
-    /// The signed claim.
-    pub submission: Signed<Submission>,
-    /// The SP1 compressed proof.
-    pub proof: Vec<u8>,
-    /// The update: the expert's weights as a safetensors file.
-    pub update: Vec<u8>,
-    /// The weights that the round started from, likewise.
-    pub base: Vec<u8>,
+pub struct AuthenticContribution {
+    submission: Signed<Submission>,
+    proof: Vec<u8>,
+}
+
+impl AuthenticContribution {
+    /// The signed claim, and the digest of its proof.
+    pub fn submission(&self) -> &Signed<Submission> {
+        &self.submission
+    }
+
+    /// The claim.
+    pub fn claim(&self) -> &Claim {
+        &self.submission.statement.claim
+    }
+
+    /// The bytes of the proof. Nothing but their digest is checked.
+    pub fn proof(&self) -> &[u8] {
+        &self.proof
+    }
 }
 
 /// A contribution that counts: signed by an enrolled node, bound to the ledger, proven, and its weights are those that were
@@ -60,7 +80,7 @@ impl VerifiedContribution {
         self.claim.terms.node
     }
 
-    /// Its weight in FedAvg: the committed samples, capped by the rules.
+    /// Its weight in FedAvg: the number of committed samples, capped by the rules.
     pub fn samples(&self) -> u64 {
         self.samples
     }
@@ -71,27 +91,51 @@ impl VerifiedContribution {
     }
 }
 
-/// Verifies a contribution recorded at `time_ms` on top of `state`, cheapest check first: sizes, signature, enrolment, the
-/// proof's digest, what the ledger fixes (network, round, commitment, one submission a round, every field of the claim,
-/// the deadline), the SP1 proof, the weights and, in mode `checked`, that the products are those with them, and at last how far the
-/// weights are from the base.
+/// Checks that an enrolled node sent precisely this: the claim and the proof. Whoever fails here may be a stranger, or someone
+/// between the node and the aggregator, so a failure is never held against the node.
+///
+/// # Errors
+/// The proof is larger than the rules allow, the signature is not the node's, the node is not enrolled, or the proof is not the
+/// one that the node signed.
+pub fn authenticate(
+    submission: Signed<Submission>,
+    proof: Vec<u8>,
+    state: &State,
+) -> Result<AuthenticContribution, Refusal> {
+    check_size("the proof", &proof, state.rules().max_proof_bytes)?;
+    let statement = submission
+        .verify()
+        .map_err(|error| Refusal::Signature(error.to_string()))?;
+    let node = statement.claim.terms.node;
+    if state.node(&node).is_none() {
+        return Err(Refusal::NotEnrolled(node));
+    }
+    let actual = blob_digest(&proof);
+    match actual == statement.proof {
+        true => Ok(AuthenticContribution { submission, proof }),
+        false => Err(Refusal::ProofDigest {
+            signed: statement.proof,
+            actual,
+        }),
+    }
+}
+
+/// Verifies a contribution recorded at `time_ms` on top of `state`, the cheapest check first: the size of the update, what the
+/// ledger fixes (network, round, commitment, one submission a round, every field of the claim, the deadline), the SP1 proof,
+/// the weights and, in mode `checked`, that the products are those with them, and last how far the weights are from the base.
 pub fn verify(
-    contribution: &UnverifiedContribution,
+    contribution: &AuthenticContribution,
+    weights: &WeightFiles,
     state: &State,
     time_ms: u64,
 ) -> Result<VerifiedContribution, Refusal> {
-    let UnverifiedContribution {
-        submission,
-        proof,
-        update,
-        base,
-    } = contribution;
+    let WeightFiles { update, base } = weights;
     check_size("the update", update, state.rules().max_update_bytes)?;
-    verify_claim(submission, proof, state, time_ms)?;
-    let claim = submission.statement.claim.clone();
+    verify_claim(contribution, state, time_ms)?;
+    let claim = contribution.claim();
     let evaluation = Evaluation::of(state)?;
     let weights = evaluation.check_update(update, &claim.terms.update)?;
-    evaluation.check_products(&claim, base, update)?;
+    evaluation.check_products(claim, base, update)?;
     match state.rules().max_update_norm_bps {
         0 => {}
         limit => check_norm(&evaluation.read(base)?, &weights, limit)?,
@@ -102,49 +146,22 @@ pub fn verify(
             .dataset
             .samples
             .min(state.rules().max_weight_samples),
-        claim,
+        claim: claim.clone(),
         weights,
     })
 }
 
-/// All of [`verify`] but the weights: what can be checked by someone who does not hold the update.
+/// All of [`verify`] but the weights: what somebody who does not hold the update can check.
 pub fn verify_claim(
-    submission: &Signed<Submission>,
-    proof: &[u8],
+    contribution: &AuthenticContribution,
     state: &State,
     time_ms: u64,
 ) -> Result<(), Refusal> {
-    authenticate(submission, proof, state)?;
-    let claim = &submission.statement.claim;
+    let claim = contribution.claim();
     state.check_claim(claim, time_ms)?;
     let key = ProgramKey::from_bytes(&state.genesis().program)
         .map_err(|error| Refusal::InvalidProof(error.to_string()))?;
-    check_proof(proof, claim, &key)
-}
-
-/// That an enrolled node sent precisely this: claim and proof. Whoever fails here may be a stranger, or someone between the
-/// node and us, and nothing that they cause may be held against the node.
-pub fn authenticate(
-    submission: &Signed<Submission>,
-    proof: &[u8],
-    state: &State,
-) -> Result<(), Refusal> {
-    check_size("the proof", proof, state.rules().max_proof_bytes)?;
-    let statement = submission
-        .verify()
-        .map_err(|error| Refusal::Signature(error.to_string()))?;
-    let node = statement.claim.terms.node;
-    if state.node(&node).is_none() {
-        return Err(Refusal::NotEnrolled(node));
-    }
-    let actual = blob_digest(proof);
-    match actual == statement.proof {
-        true => Ok(()),
-        false => Err(Refusal::ProofDigest {
-            signed: statement.proof,
-            actual,
-        }),
-    }
+    check_proof(&contribution.proof, claim, &key)
 }
 
 fn check_size(what: &str, bytes: &[u8], limit: u64) -> Result<(), Refusal> {

@@ -1,6 +1,7 @@
-//! What becomes of a submission: accepted, rejected with a reason, or turned away without a trace.
+//! What becomes of a submission: it is accepted, it is rejected and the ledger records why, or it is turned away and the ledger
+//! records nothing.
 
-use crate::{authenticate, verify, UnverifiedContribution, VerifiedContribution};
+use crate::{verify, AuthenticContribution, VerifiedContribution, WeightFiles};
 use zk0_protocol::{
     entries::entry::{Body, Entry, ENTRY_VERSION},
     rules::{state::State, violation::RuleViolation},
@@ -10,16 +11,16 @@ use zk0_protocol::{
 /// A decision that goes on the ledger.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Decision {
-    /// It counts.
+    /// The contribution counts.
     Accepted(Box<VerifiedContribution>),
-    /// It does not, for this reason.
+    /// The contribution does not count, for this reason.
     Rejected(Refusal),
 }
 
 impl Decision {
-    /// The entry's body that records it.
-    pub fn body(&self, contribution: &UnverifiedContribution) -> Body {
-        let submission = contribution.submission.clone();
+    /// The body of the entry that records the decision.
+    pub fn body(&self, contribution: &AuthenticContribution) -> Body {
+        let submission = contribution.submission().clone();
         match self {
             Self::Accepted(_) => Body::ContributionAccepted(submission),
             Self::Rejected(reason) => Body::ContributionRejected {
@@ -32,16 +33,17 @@ impl Decision {
 
 /// Decides on a submission that arrived at `time_ms`, on top of `state`.
 ///
-/// An error means that it is turned away and leaves no entry: it may come from a stranger, be a replay of what a node
-/// signed for another round or network, or carry other bytes than the node signed. If that were recorded, anyone could use
-/// up a node's one submission. What is recorded, the node itself has caused.
+/// # Errors
+/// The submission is turned away, and the ledger records nothing. The node signed it, but for another round or network, or the
+/// node has submitted before: anybody may send such a submission again. If the ledger recorded that, anybody could use up a
+/// node's one submission. The ledger records only what the node itself has caused.
 pub fn decide(
     state: &State,
-    contribution: &UnverifiedContribution,
+    contribution: &AuthenticContribution,
+    weights: &WeightFiles,
     time_ms: u64,
 ) -> Result<Decision, Refusal> {
-    authenticate(&contribution.submission, &contribution.proof, state)?;
-    let reason = match verify(contribution, state, time_ms) {
+    let reason = match verify(contribution, weights, state, time_ms) {
         Ok(verified) => return Ok(Decision::Accepted(Box::new(verified))),
         Err(reason) => reason,
     };
@@ -61,7 +63,7 @@ pub fn decide(
     }
 }
 
-/// Whether a refusal is the doing of the node that signed for this round, and so goes on the ledger.
+/// Whether the node that signed for this round caused the refusal itself. Only then does the refusal go on the ledger.
 pub fn is_recorded(reason: &Refusal) -> bool {
     match reason {
         Refusal::Late { .. } | Refusal::Binding { .. } => true,

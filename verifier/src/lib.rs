@@ -3,18 +3,23 @@
 //! This crate links neither `sp1-sdk` nor candle nor RocksDB, and it compiles for browsers.
 //!
 //! A short tour:
-//! - [`contribution`]: [`UnverifiedContribution`] → [`verify`] → [`VerifiedContribution`], which nothing else can make.
-//! - [`proof`]: the SP1 compressed proof, read under limits from hostile bytes, and verified by SP1's own verifier.
-//! - [`projection`]: the verifier's half of mode `checked`, from the weights' files.
+//! - [`contribution`]: [`authenticate`] makes an [`AuthenticContribution`], and [`verify`] makes a [`VerifiedContribution`] of
+//!   it. Nothing else can make either.
+//! - [`contribution_blobs`]: the proof and the weights of a contribution, read from where the caller keeps blobs.
+//! - [`proof`]: the SP1 compressed proof, read from hostile bytes under limits, and verified by SP1's own verifier.
+//! - [`projection`]: the verifier's half of mode `checked`, computed from the files with the weights.
 //! - [`update`]: the weight check: the uploaded bytes, quantised again, are what was proven.
 //! - [`norm`]: how far an update is from the weights that it was trained from.
 //! - [`weights`]: safetensors files of the action expert, read strictly and written canonically.
-//! - [`decide`]: what becomes of a submission: accepted, rejected with a reason, or turned away.
-//! - [`combine`]: contributions combined to new weights, bit-exact on every machine; [`close`]: how a round ends.
+//! - [`dataset`]: the list of leaves behind a dataset commitment.
+//! - [`decide`]: a submission is accepted, rejected with a reason, or turned away.
+//! - [`combine`]: combines contributions to new weights, bit-exact on every machine; [`close`]: the end of a round.
 
 pub mod close;
 pub mod combine;
 pub mod contribution;
+pub mod contribution_blobs;
+pub mod dataset;
 pub mod decide;
 pub mod norm;
 pub mod projection;
@@ -23,8 +28,9 @@ pub mod update;
 pub mod weights;
 
 pub use contribution::{
-    authenticate, verify, verify_claim, UnverifiedContribution, VerifiedContribution,
+    authenticate, verify, verify_claim, AuthenticContribution, VerifiedContribution,
 };
+pub use contribution_blobs::{Unreadable, UnverifiedContribution, WeightFiles};
 pub use projection::check_projections;
 pub use proof::{check_proof, ProgramKey};
 pub use update::Evaluation;

@@ -1,11 +1,11 @@
-//! How far an update is from the weights that its round started from: a bound on what one contribution can do.
+//! How far an update is from the weights that its round started from. The rules can bound that, and so what one contribution can do.
 
 use crate::weights::ExpertTensors;
 use zk0_protocol::{rules::basis_points::BPS, Refusal};
 
 /// Refuses an update whose difference from `base` has a Euclidean norm above `limit_bps` basis points of the base's.
 ///
-/// Squares are summed in double precision, tensor by tensor in ascending order of name: the same on every machine.
+/// Squares are summed in double precision, tensor by tensor in ascending order of name, so the result is the same on every machine.
 pub fn check_norm(
     base: &ExpertTensors,
     update: &ExpertTensors,

@@ -1,14 +1,13 @@
-//! The verifier's half of mode `checked`: projects the weight matrices of a file with the coefficients that a proof used,
-//! tensor by tensor, and compares with what was in the guest.
+//! The verifier's half of mode `checked`: it projects the weight matrices of a file with the coefficients that a proof used,
+//! tensor by tensor, and compares the result with what was in the guest.
 //!
-//! One tensor is in memory at a time: a full-size expert (98 M weights, 393 MB) takes some 20 MB. The two sets of weights
-//! are projected side by side, one thread each.
+//! One tensor is in memory at a time: a full-size expert (98 M weights, 393 MB) takes some 20 MB. Two threads project the two
+//! sets of weights side by side. A browser has no threads: there the sets are projected one after the other.
 
-use crate::weights::{check_header, short};
+use crate::weights::check_header;
 use safetensors::{tensor::Metadata, Dtype};
 use std::{
     collections::HashMap,
-    convert::identity,
     io::{Read, Seek, SeekFrom},
     thread,
 };
@@ -17,7 +16,7 @@ use zk0_circuits::{
     model::{eval::Evaluator, parameters::Parameters, quantise::QuantiseError, weights::Quantiser},
     EvalSpec, GuestWeights, WeightCheck,
 };
-use zk0_protocol::Refusal;
+use zk0_protocol::{quote::short, Refusal};
 
 /// Checks that the products a proof took on trust are those with the weights in the files `base` and `update`
 /// (safetensors, as [`crate::ExpertTensors::read`] accepts them).
@@ -27,20 +26,21 @@ pub fn check_projections<R: Read + Seek + Send>(
     base: R,
     update: R,
 ) -> Result<(), Refusal> {
-    let failed = |error: String| Refusal::MalformedUpdate(short(&error));
-    let evaluator = Evaluator::new(spec).map_err(|error| failed(error.to_string()))?;
+    let evaluator =
+        Evaluator::new(spec).map_err(|error| Refusal::MalformedUpdate(error.to_string()))?;
     let coefficients = coefficients(&evaluator, &claimed.seed);
     let project = |file: R| project(&evaluator, &coefficients, file);
-    let (base, update) = thread::scope(|threads| {
-        let base = threads.spawn(|| project(base));
-        let update = project(update);
-        (base.join(), update)
-    });
-    let base = base
-        .map_err(|_| "a thread gave up on the base weights".into())
-        .and_then(identity)
-        .map_err(failed)?;
-    let update = update.map_err(failed)?;
+    let (base, update) = match cfg!(target_family = "wasm") {
+        true => (project(base), project(update)),
+        false => thread::scope(|threads| {
+            let base = threads.spawn(|| project(base));
+            let update = project(update);
+            let panicked = |_| Err("the thread that projects the base weights panicked".into());
+            (base.join().unwrap_or_else(panicked), update)
+        }),
+    };
+    let base = base.map_err(Refusal::MalformedUpdate)?;
+    let update = update.map_err(Refusal::MalformedUpdate)?;
     for (which, claimed, actual) in [
         ("base", claimed.base, base),
         ("update", claimed.update, update),
@@ -54,7 +54,7 @@ pub fn check_projections<R: Read + Seek + Send>(
     Ok(())
 }
 
-/// What of the weights in `file` enters the guest.
+/// What the guest reads of the weights in `file`.
 fn project(
     evaluator: &Evaluator<'_>,
     coefficients: &zk0_circuits::freivalds::coefficients::Coefficients,
@@ -91,7 +91,7 @@ fn project(
     })
 }
 
-/// A safetensors file of which tensors are read one by one.
+/// A safetensors file whose tensors are read one by one.
 struct TensorFile<R> {
     file: R,
     /// Where the tensors' bytes begin.
@@ -111,7 +111,7 @@ impl<R: Read + Seek> TensorFile<R> {
         let mut header = (&mut file).take(header);
         header.read_to_end(&mut bytes).map_err(failed)?;
         let metadata = serde_json::from_slice(&bytes)
-            .map_err(|error| format!("bad safetensors header: {error}"))?;
+            .map_err(|error| format!("bad safetensors header: {}", short(&error.to_string())))?;
         Ok(Self {
             file,
             start: 8 + bytes.len() as u64,

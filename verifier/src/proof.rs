@@ -1,9 +1,10 @@
 //! Checks an SP1 compressed proof, in process, without `sp1-sdk`.
 //!
-//! Proof bytes are `bincode(SP1Proof::Compressed(…))`, the public values `borsh(Claim)`. Bytes come from strangers: they are
-//! decoded under a limit, have to be the one canonical encoding, and a panic inside SP1's verifier is a refusal, not a crash.
+//! The bytes of a proof are `bincode(SP1Proof::Compressed(…))`, and the public values are `borsh(Claim)`. Strangers send these
+//! bytes, so they are decoded under a limit and have to be the one canonical encoding. A panic inside SP1's verifier refuses the
+//! proof and does not end the process. The texts of refusals go on the ledger, and auditors compare them: to change one is to
+//! disagree with the ledgers that have it.
 
-use crate::weights::short;
 use bincode::Options;
 use sp1_verifier::{
     compressed::{CompressedError, SP1CompressedVerifier},
@@ -15,7 +16,7 @@ use std::{
     sync::LazyLock,
 };
 use zk0_circuits::Claim;
-use zk0_protocol::Refusal;
+use zk0_protocol::{quote::short, Refusal};
 
 /// The KoalaBear prime, 2^31 − 2^24 + 1.
 const MODULUS: u32 = 0x7f00_0001;
@@ -27,14 +28,14 @@ const COMPRESSED: u32 = 1;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ProgramKey([u8; 32]);
 
-/// The bytes are no verifying key.
+/// Why bytes are not a verifying key.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ProgramKeyError {
-    /// Not eight elements.
-    #[error("a program's verifying key has 32 bytes, not {0}")]
+    /// The key does not have eight elements.
+    #[error("a program's verifying key has 32 bytes, this one has {0}")]
     Length(usize),
-    /// An element is not below the field's modulus.
-    #[error("element {index} of the program's verifying key is {value}, not a KoalaBear element")]
+    /// An element is not smaller than the field's modulus.
+    #[error("element {index} of the program's verifying key is {value}, which is not a KoalaBear element")]
     NotCanonical { index: usize, value: u32 },
 }
 
@@ -64,7 +65,7 @@ pub fn check_proof(proof: &[u8], claim: &Claim, key: &ProgramKey) -> Result<(), 
     })
 }
 
-/// SP1's verifier is a hundred thousand lines that read hostile bytes: should one of them panic, the proof is refused.
+/// SP1's verifier is a large program that reads hostile bytes. If it panics, the proof is refused.
 fn refuse_panics(check: impl FnOnce() -> Result<(), Refusal>) -> Result<(), Refusal> {
     catch_unwind(AssertUnwindSafe(check)).unwrap_or_else(|_| {
         tracing::error!("SP1's verifier panicked on a proof; the proof is refused");
@@ -98,7 +99,7 @@ fn decode(bytes: &[u8]) -> Result<SP1Proof, Refusal> {
     }
 }
 
-/// Takes the bytes that it expects, and no others.
+/// A writer that accepts the bytes that it expects, and no others.
 struct Expected<'a>(&'a [u8]);
 
 impl io::Write for Expected<'_> {

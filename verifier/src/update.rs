@@ -1,8 +1,8 @@
-//! The weight check: the bytes a node uploaded are the weights that its proof is about.
+//! The weight check: the bytes that a node uploaded are the weights that its proof is about.
 
 use crate::{
     projection::check_projections,
-    weights::{blob_digest, short, ExpertTensors},
+    weights::{blob_digest, ExpertTensors},
 };
 use std::io::Cursor;
 use zk0_circuits::{
@@ -15,7 +15,7 @@ use zk0_circuits::{
 };
 use zk0_protocol::{entries::genesis::Genesis, rules::state::State, Refusal};
 
-/// What a network evaluates, and so which tensors its weights have.
+/// What a network evaluates. It determines the tensors that the network's weights have.
 #[derive(Clone, Debug)]
 pub struct Evaluation {
     spec: EvalSpec,
@@ -57,17 +57,17 @@ impl Evaluation {
             .map_err(|error| Refusal::MalformedUpdate(error.to_string()))
     }
 
-    /// The digest of weights that travel as the file `bytes`.
+    /// The digest of weights whose file has these `bytes`.
     pub fn digest(&self, bytes: &[u8], weights: &ExpertTensors) -> Result<WeightsDigest, Refusal> {
         let quantised = QuantisedWeights::quantise(&self.spec, |name| weights.get(name))
-            .map_err(|error| Refusal::MalformedUpdate(short(&error.to_string())))?;
+            .map_err(|error| Refusal::MalformedUpdate(error.to_string()))?;
         Ok(WeightsDigest {
             blob: blob_digest(bytes),
             quantised: quantised.digest(self.mode),
         })
     }
 
-    /// Checks, in mode `checked`, that the products behind `claim` are those with the weights in the files `base`, the round's,
+    /// Checks, in mode `checked`, that the products behind `claim` are those with the weights in the files `base` (the round's)
     /// and `update`.
     pub fn check_products(&self, claim: &Claim, base: &[u8], update: &[u8]) -> Result<(), Refusal> {
         match (self.mode, &claim.weight_check) {
@@ -90,7 +90,7 @@ impl Evaluation {
         }
     }
 
-    /// Checks that `bytes` are the weights named by `claimed`, as a file and, quantised anew, as numbers.
+    /// Checks that `bytes` are the weights that `claimed` names: the digest of the file, and the digest of its quantised numbers.
     pub fn check_update(
         &self,
         bytes: &[u8],

@@ -1,14 +1,15 @@
 //! Expert weights as they travel: a safetensors file, read strictly.
 //!
-//! The file must hold exactly the tensors that are expected, in float32, finite. Whatever else it is, the error says which
-//! tensor and why. Nothing is allocated before the header was checked against the size of the file.
+//! The file must hold exactly the expected tensors, in float32, and every value must be finite. Otherwise the error names the
+//! tensor and says what is wrong with it. Nothing is allocated before the header is checked against the size of the file.
 
 use safetensors::{tensor::SafeTensorError, Dtype, SafeTensors, View};
 use sha2::{Digest as _, Sha256};
 use std::{borrow::Cow, collections::BTreeMap};
 use zk0_circuits::{model::layout::TensorSpec, Digest};
+use zk0_protocol::quote::short;
 
-/// Largest header of a safetensors file we read, in bytes. The full-size expert's has about 20 KB.
+/// Largest header of a safetensors file that is read, in bytes. That of the full-size expert has about 20 KB.
 pub const MAX_HEADER_BYTES: u64 = 1 << 20;
 
 /// Named float32 tensors, all finite, ordered by name.
@@ -21,13 +22,14 @@ struct Tensor {
     values: Vec<f32>,
 }
 
-/// Why bytes are no expert weights.
+/// Why a file does not hold expert weights. These texts go on the ledger as reasons of refusals, and auditors compare them: to
+/// change one is to disagree with the ledgers that have it.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum WeightsError {
-    /// Not even a header.
+    /// The file has no room for a header.
     #[error("truncated: {0} bytes are too few for a safetensors file")]
     NoHeader(u64),
-    /// The header alone is over the limit.
+    /// The header is larger than the limit.
     #[error(
         "the safetensors header says it has {0} bytes, more than the {MAX_HEADER_BYTES} allowed"
     )]
@@ -35,29 +37,29 @@ pub enum WeightsError {
     /// The header goes on past the end of the file.
     #[error("truncated: the safetensors header has {header} bytes, only {left} follow")]
     HeaderTruncated { header: u64, left: u64 },
-    /// The header is no safetensors header, or contradicts itself.
+    /// The header is not a safetensors header, or it contradicts itself.
     #[error("bad safetensors header: {0}")]
     Header(String),
     /// The file is shorter or longer than its header says.
     #[error("the safetensors header describes more or fewer bytes than the file's {0}: truncated, or followed by other bytes")]
     Length(u64),
-    /// An expected tensor is not there.
+    /// An expected tensor is missing.
     #[error("tensor '{0}' is missing")]
     Missing(String),
-    /// A tensor that is not expected is there.
+    /// The file holds a tensor that is not expected.
     #[error("tensor '{0}' does not belong to the action expert")]
     Extra(String),
-    /// Not float32.
+    /// A tensor has another type than float32.
     #[error("tensor '{tensor}' is {found}, expected F32")]
     Dtype { tensor: String, found: String },
-    /// Another shape.
+    /// A tensor has another shape.
     #[error("tensor '{tensor}' has shape {found:?}, expected {expected:?}")]
     Shape {
         tensor: String,
         found: Vec<usize>,
         expected: Vec<usize>,
     },
-    /// NaN or infinite.
+    /// A value is NaN or infinite.
     #[error("tensor '{tensor}' holds {value} at element {index}")]
     NotFinite {
         tensor: String,
@@ -207,9 +209,4 @@ pub(crate) fn check_header(size: u64, start: &[u8; 8]) -> Result<u64, WeightsErr
         return Err(WeightsError::HeaderTruncated { header, left });
     }
     Ok(header)
-}
-
-/// Messages quote names from the file: keep a hostile one short.
-pub(crate) fn short(text: &str) -> String {
-    text.chars().take(200).collect()
 }

@@ -1,5 +1,5 @@
-//! Asking witnesses for cosignatures (C2SP tlog-witness, `add-checkpoint`): all at once, until the quorum of the policy is
-//! met or the time is over.
+//! Asking witnesses for cosignatures (C2SP tlog-witness, `add-checkpoint`). All witnesses are asked at once, until the quorum of the
+//! policy is met or the time is over.
 
 use crate::publish::http_client::post;
 use std::{
@@ -12,6 +12,7 @@ use std::{
 };
 use zk0_circuits::Digest;
 use zk0_ledger::published::web::agent;
+use zk0_protocol::quote::short;
 use zk0_protocol::tlog::{
     checkpoint::{CheckpointError, Parsed},
     cosigner,
@@ -19,16 +20,16 @@ use zk0_protocol::tlog::{
     witness_policy::{Witness, WitnessPolicy},
 };
 
-/// Longest answer of a witness that is read, in bytes.
+/// Largest answer of a witness that is read, in bytes.
 const MAX_ANSWER_BYTES: u64 = 16 << 10;
 
-/// How often a witness is asked again because it knows another size than we thought.
+/// How often a witness is asked because it knows another size of the log than we thought.
 const ATTEMPTS: usize = 3;
 
 /// Makes the consistency proof from one size to another.
 pub type Prove = Arc<dyn Fn(u64, u64) -> Result<Vec<Digest>, String> + Send + Sync>;
 
-/// The witnesses of a policy, and what is known of each.
+/// The witnesses of a policy, and what the log knows of each.
 pub struct Witnesses {
     policy: WitnessPolicy,
     clients: Vec<Arc<Client>>,
@@ -38,14 +39,14 @@ pub struct Witnesses {
 /// Why a checkpoint is not cosigned.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum CosigningError {
-    /// The checkpoint is none.
+    /// The text is not a checkpoint.
     #[error(transparent)]
     Checkpoint(#[from] CheckpointError),
-    /// A witness that cannot be asked.
-    #[error("the policy has no address for witness {0}: add it to its line")]
+    /// A witness cannot be asked.
+    #[error("the witness policy has no address for witness {0}: add the address to the line of the witness")]
     NoAddress(String),
-    /// Too few cosignatures in time.
-    #[error("no quorum of cosignatures: {wanted} wanted; {}", .refused.join("; "))]
+    /// Too few witnesses have cosigned in time.
+    #[error("too few witnesses have cosigned: the policy asks for {wanted}; {}", .refused.join("; "))]
     NoQuorum {
         wanted: String,
         refused: Vec<String>,
@@ -56,14 +57,14 @@ struct Client {
     witness: Witness,
     url: String,
     agent: ureq::Agent,
-    /// Size of the last checkpoint that it cosigned, as far as we know.
+    /// The size of the last checkpoint that the witness has cosigned, as far as we know.
     known: AtomicU64,
-    /// A request is under way, from an earlier checkpoint perhaps.
+    /// The witness has not answered a request yet, which may be about an earlier checkpoint.
     busy: AtomicBool,
 }
 
 impl Witnesses {
-    /// The witnesses of `policy`, each of which has `deadline` to answer.
+    /// The witnesses of `policy`. Each has `deadline` to answer.
     pub fn new(policy: WitnessPolicy, deadline: Duration) -> Result<Self, CosigningError> {
         let clients = policy
             .witnesses()
@@ -92,13 +93,13 @@ impl Witnesses {
         &self.policy
     }
 
-    /// How long a checkpoint may take to be cosigned, if one before it is being cosigned already.
+    /// How long it may take until a checkpoint is cosigned, if the one before it is being cosigned.
     pub fn patience(&self) -> Duration {
         2 * self.deadline + Duration::from_secs(1)
     }
 
-    /// Collects cosignatures of a checkpoint with the log's signature: the checkpoint with all that came until the quorum
-    /// was met.
+    /// Asks for cosignatures of a checkpoint that the log has signed. Returns the checkpoint with all cosignatures that came until
+    /// the quorum was met.
     pub fn cosign(&self, checkpoint: &[u8], prove: &Prove) -> Result<Vec<u8>, CosigningError> {
         let size = Parsed::read(checkpoint)?.checkpoint.size;
         let until = Instant::now() + self.deadline;
@@ -176,16 +177,16 @@ impl Client {
                     self.known.store(size, Ordering::Release);
                     return Ok(line.to_bytes());
                 }
-                // With another text, another tree of this size was cosigned.
+                // 409 with a number names the size that the witness knows. With a text it says that the witness has cosigned
+                // another tree of this size.
                 status => match (status, text().parse()) {
                     (409, Ok(last)) => self.known.store(last, Ordering::Release),
                     _ => {
-                        let text: String = text().chars().take(200).collect();
-                        return Err(format!("refuses (status {status}): {text}"));
+                        return Err(format!("refuses (status {status}): {}", short(&text())));
                     }
                 },
             }
         }
-        Err("keeps naming other sizes".into())
+        Err("names another size each time it is asked".into())
     }
 }

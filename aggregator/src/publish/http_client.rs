@@ -1,6 +1,6 @@
-//! Requests to witnesses over HTTP.
+//! Requests to a witness over HTTP.
 
-/// What a witness answered.
+/// The answer of a witness.
 pub(crate) struct Answer {
     /// HTTP status.
     pub status: u16,
@@ -8,7 +8,7 @@ pub(crate) struct Answer {
     pub body: Vec<u8>,
 }
 
-/// Posts a body and reads an answer of at most `limit` bytes.
+/// Sends a body with POST, and reads an answer of at most `limit` bytes.
 pub(crate) fn post(
     agent: &ureq::Agent,
     url: &str,

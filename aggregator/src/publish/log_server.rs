@@ -1,47 +1,71 @@
-//! Serves a ledger's folder as a tiled log (C2SP tlog-tiles), read-only, beside the aggregator that writes it or instead of it.
+//! Serves a ledger's folder as a tiled log (C2SP tlog-tiles), read-only. It can run beside the aggregator that writes the ledger,
+//! or without one.
 
-use crate::publish::http::{Body, Call, Handler, Reply, BINARY, IMMUTABLE, NO_CACHE, TEXT};
-use hyper::Method;
+use crate::{
+    file_parts::file_parts,
+    publish::http::{answer, text, Limits, Router, IMMUTABLE, NO_CACHE, TEXT},
+};
+use axum::{
+    body::Body,
+    extract::State,
+    http::{header::CONTENT_LENGTH, Uri},
+    response::Response,
+    routing::get,
+};
 use std::{
+    io,
     path::{Path, PathBuf},
     sync::{Arc, Mutex, PoisonError},
+    time::Duration,
 };
+use tokio::{fs::File, task::spawn_blocking};
 use zk0_ledger::published::publication::{Content, Publication, PublicationError};
 use zk0_protocol::tlog::layout::Resource;
+
+/// The content type of tiles and blobs.
+const BINARY: &str = "application/octet-stream";
 
 /// Serves one folder.
 pub struct LogServer {
     dir: PathBuf,
-    view: Mutex<Option<Arc<Publication>>>,
+    held: Mutex<Option<Arc<Publication>>>,
 }
 
 impl LogServer {
-    /// Serves the log in `dir`. Nothing need be published there yet.
+    /// Serves the log in `dir`. It need not hold a published log yet.
     pub fn new(dir: &Path) -> Self {
         Self {
             dir: dir.into(),
-            view: Mutex::new(None),
+            held: Mutex::new(None),
         }
+    }
+
+    /// The log's routes.
+    pub fn router(self, limits: Limits) -> Router {
+        Router::new()
+            .fallback(get(read).fallback(|| async { text(405, "a log can only be read\n") }))
+            .with_state((Arc::new(self), limits.silence))
     }
 
     /// What is published now.
     pub fn newest(&self) -> Result<Arc<Publication>, PublicationError> {
-        let mut held = self.view.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut held = self.held.lock().unwrap_or_else(PoisonError::into_inner);
         match held.as_ref() {
-            Some(view) if view.is_current()? => Ok(view.clone()),
+            Some(publication) if publication.is_current()? => Ok(publication.clone()),
             before => {
-                let new = Arc::new(Publication::open(&self.dir, before.map(|view| &**view))?);
+                let before = before.map(|publication| &**publication);
+                let new = Arc::new(Publication::open(&self.dir, before)?);
                 *held = Some(new.clone());
                 Ok(new)
             }
         }
     }
 
-    /// What was published when a checkpoint was last asked for: all that such a client goes on to ask for is in it.
+    /// What was published when somebody last asked for a checkpoint. It holds all that a reader of that checkpoint asks for.
     fn recent(&self) -> Result<Arc<Publication>, PublicationError> {
-        let held = self.view.lock().unwrap_or_else(PoisonError::into_inner);
+        let held = self.held.lock().unwrap_or_else(PoisonError::into_inner);
         match held.as_ref() {
-            Some(view) => Ok(view.clone()),
+            Some(publication) => Ok(publication.clone()),
             None => {
                 drop(held);
                 self.newest()
@@ -55,45 +79,55 @@ impl LogServer {
         }
         match self.recent()?.read(resource)? {
             Some(content) => Ok(Some(content)),
-            // Perhaps published meanwhile, and told by somebody else.
+            // It may have been published since, and the reader may have the newer checkpoint from somebody else.
             None => Ok(self.newest()?.read(resource)?),
         }
     }
 }
 
-impl Handler for LogServer {
-    fn answer(&self, call: &Call) -> Reply {
-        if call.method != Method::GET && call.method != Method::HEAD {
-            return Reply::text(405, "a log is only read\n");
-        }
-        let Some(resource) = Resource::parse(&call.path) else {
-            return Reply::text(404, "a log has no such file\n");
-        };
-        let body = match self.content(&resource) {
-            Ok(Some(Content::Bytes(bytes))) => Body::Bytes(bytes),
-            Ok(Some(Content::File(path))) => Body::File(path),
-            Ok(None) => return Reply::text(404, "not published, or not yet\n"),
-            Err(PublicationError::NotCosigned(_)) => {
-                return Reply::text(
-                    503,
-                    "nothing is published before the witnesses have cosigned\n",
-                )
+async fn read(
+    State((server, silence)): State<(Arc<LogServer>, Duration)>,
+    address: Uri,
+) -> Response {
+    let path = address.path();
+    let Some(resource) = Resource::parse(path.strip_prefix('/').unwrap_or(path)) else {
+        return text(404, "a log has no such file\n");
+    };
+    let (kind, cache) = match resource {
+        Resource::Checkpoint | Resource::Policy => (TEXT, NO_CACHE),
+        Resource::Tile(_) | Resource::Blob(_) => (BINARY, IMMUTABLE),
+    };
+    let failed = |error: &dyn std::fmt::Display| {
+        // The error names paths, which are for the operator.
+        tracing::error!("{error}");
+        text(500, "the log cannot be read; its operator's log says why\n")
+    };
+    let content = match spawn_blocking(move || server.content(&resource)).await {
+        Ok(content) => content,
+        Err(error) => return failed(&error),
+    };
+    match content {
+        Ok(Some(Content::Bytes(bytes))) => answer(200, kind, cache, bytes),
+        Ok(Some(Content::File(path))) => match open(&path).await {
+            Ok((file, length)) => {
+                let parts = Body::from_stream(file_parts(file, silence));
+                let mut response = answer(200, kind, cache, parts);
+                response.headers_mut().insert(CONTENT_LENGTH, length.into());
+                response
             }
-            Err(error) => {
-                // Paths and the like are for the operator.
-                tracing::error!("{error}");
-                return Reply::text(500, "the log cannot be read; its operator's log says why\n");
-            }
-        };
-        let (kind, cache) = match resource {
-            Resource::Checkpoint | Resource::Policy => (TEXT, NO_CACHE),
-            Resource::Tile(_) | Resource::Blob(_) => (BINARY, IMMUTABLE),
-        };
-        Reply {
-            status: 200,
-            kind,
-            cache,
-            body,
-        }
+            Err(error) => failed(&format_args!("{}: {error}", path.display())),
+        },
+        Ok(None) => text(404, "this file is not published, or not yet\n"),
+        Err(PublicationError::NotCosigned(_)) => text(
+            503,
+            "nothing is published before the witnesses have cosigned a checkpoint\n",
+        ),
+        Err(error) => failed(&error),
     }
+}
+
+async fn open(path: &Path) -> io::Result<(File, u64)> {
+    let file = File::open(path).await?;
+    let length = file.metadata().await?.len();
+    Ok((file, length))
 }

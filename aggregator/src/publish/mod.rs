@@ -1,5 +1,6 @@
-//! What the aggregator publishes over HTTP, and the witnesses that it asks.
+//! What the aggregator publishes over HTTP, and the witnesses that it asks for cosignatures.
 
+pub mod chosen_witnesses;
 pub mod cosigning;
 pub mod http;
 pub mod http_client;

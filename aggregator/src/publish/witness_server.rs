@@ -1,17 +1,23 @@
-//! A witness on the network: C2SP tlog-witness' `add-checkpoint`, and the last cosigned checkpoint of each log for monitors.
+//! A witness on the network: C2SP tlog-witness' `add-checkpoint`, and the last checkpoint of each log that it cosigned.
 
 use crate::{
-    publish::http::{Body, Call, Handler, Limits, Reply, NO_CACHE, TEXT},
+    publish::http::{answer, text, Limits, Router, NO_CACHE, TEXT},
     round::clock::Clock,
 };
-use hyper::Method;
+use axum::{
+    body::Bytes,
+    extract::{Path, State},
+    response::Response,
+    routing::{get, post},
+};
 use std::sync::{Arc, Mutex};
+use tokio::task::spawn_blocking;
 use zk0_ledger::witness_store::{AddError, WitnessStore};
 use zk0_protocol::tlog::witness::{WitnessRefusal, MAX_REQUEST_BYTES};
 
 /// Serves one witness.
 pub struct WitnessServer {
-    /// One request at a time: between looking at the last checkpoint and replacing it, nobody else may.
+    /// Locked for a whole request: nobody else may look at the last checkpoint of a log before this request has replaced it.
     witness: Mutex<WitnessStore>,
     clock: Arc<dyn Clock>,
 }
@@ -25,7 +31,7 @@ impl WitnessServer {
         }
     }
 
-    /// What such a server puts up with.
+    /// The limits of such a server.
     pub fn limits() -> Limits {
         Limits {
             body: MAX_REQUEST_BYTES,
@@ -33,65 +39,71 @@ impl WitnessServer {
         }
     }
 
-    fn add(&self, body: &[u8]) -> Reply {
+    /// The witness' routes.
+    pub fn router(self) -> Router {
+        let only_posted = || async { text(405, "a checkpoint is sent with POST\n") };
+        let only_read = || async { text(405, "the last checkpoint can only be read\n") };
+        Router::new()
+            .route("/add-checkpoint", post(add).fallback(only_posted))
+            .route("/{log}/checkpoint", get(last).fallback(only_read))
+            .fallback(|| async { text(404, "a witness has no such file\n") })
+            .with_state(Arc::new(self))
+    }
+
+    fn add(&self, body: &[u8]) -> Response {
         let Ok(mut witness) = self.witness.lock() else {
-            return Reply::text(500, "an earlier request failed\n");
+            return text(500, "an earlier request failed\n");
         };
         match witness.add(body, self.clock.now_ms() / 1000) {
-            Ok(line) => Reply {
-                status: 200,
-                kind: TEXT,
-                cache: NO_CACHE,
-                body: Body::Bytes(line),
-            },
-            Err(AddError::Refused(refusal @ WitnessRefusal::Conflict { last, .. })) => Reply {
-                kind: "text/x.tlog.size",
-                ..Reply::text(refusal.status(), format!("{last}\n"))
-            },
+            Ok(line) => answer(200, TEXT, NO_CACHE, line),
+            Err(AddError::Refused(refusal @ WitnessRefusal::Conflict { last, .. })) => answer(
+                refusal.status(),
+                "text/x.tlog.size",
+                NO_CACHE,
+                format!("{last}\n"),
+            ),
             Err(AddError::Refused(refusal)) => {
                 use WitnessRefusal::{Inconsistent, OtherTree};
                 if let Inconsistent { .. } | OtherTree { .. } = refusal {
                     tracing::error!("a log shows two histories: {refusal}");
                 }
-                Reply::text(refusal.status(), format!("{refusal}\n"))
+                text(refusal.status(), format!("{refusal}\n"))
             }
             Err(AddError::Failed(error)) => {
                 tracing::error!("{error}");
-                Reply::text(500, "the witness failed; its log says why\n")
+                text(500, "the witness failed; its log says why\n")
             }
         }
     }
 
-    fn last(&self, origin_hash: &str) -> Reply {
+    fn last(&self, origin_hash: &str) -> Response {
         let Ok(witness) = self.witness.lock() else {
-            return Reply::text(500, "an earlier request failed\n");
+            return text(500, "an earlier request failed\n");
         };
         match witness.last(origin_hash) {
-            Ok(Some(note)) => Reply {
-                status: 200,
-                kind: TEXT,
-                cache: NO_CACHE,
-                body: Body::Bytes(note),
-            },
-            Ok(None) => Reply::text(404, "no checkpoint of such a log was cosigned here\n"),
+            Ok(Some(note)) => answer(200, TEXT, NO_CACHE, note),
+            Ok(None) => text(
+                404,
+                "this witness has cosigned no checkpoint of such a log\n",
+            ),
             Err(error) => {
                 tracing::error!("{error}");
-                Reply::text(500, "the witness failed; its log says why\n")
+                text(500, "the witness failed; its log says why\n")
             }
         }
     }
 }
 
-impl Handler for WitnessServer {
-    fn answer(&self, call: &Call) -> Reply {
-        match (call.path.as_str(), &call.method) {
-            ("add-checkpoint", &Method::POST) => self.add(&call.body),
-            ("add-checkpoint", _) => Reply::text(405, "checkpoints are posted\n"),
-            (path, &Method::GET | &Method::HEAD) => match path.strip_suffix("/checkpoint") {
-                Some(origin_hash) => self.last(origin_hash),
-                None => Reply::text(404, "a witness has no such thing\n"),
-            },
-            _ => Reply::text(405, "a witness takes only checkpoints\n"),
-        }
-    }
+async fn add(State(server): State<Arc<WitnessServer>>, body: Bytes) -> Response {
+    answered(move || server.add(&body)).await
+}
+
+async fn last(State(server): State<Arc<WitnessServer>>, Path(log): Path<String>) -> Response {
+    answered(move || server.last(&log)).await
+}
+
+/// Runs `work` away from the threads that serve the network: it reads and writes files.
+async fn answered(work: impl FnOnce() -> Response + Send + 'static) -> Response {
+    let done = spawn_blocking(work).await;
+    done.unwrap_or_else(|_| text(500, "the witness failed\n"))
 }

@@ -1,4 +1,4 @@
-//! The aggregator's clock: deadlines are by this one alone.
+//! The aggregator's clock. Only this clock decides whether a deadline has passed.
 
 use std::{
     fs,
@@ -14,7 +14,7 @@ pub trait Clock: Send + Sync {
     /// Now.
     fn now_ms(&self) -> u64;
 
-    /// Time since some moment in the past, by a clock that nobody sets and that goes on while the machine sleeps.
+    /// Time since some moment in the past, by a clock that nobody can set and that goes on while the machine sleeps.
     fn steady(&self) -> Duration;
 }
 
@@ -46,7 +46,7 @@ fn uptime() -> Option<Duration> {
     Duration::try_from_secs_f64(seconds).ok()
 }
 
-/// A clock that stands still until it is moved.
+/// A clock that stands still until a test moves it.
 #[derive(Debug, Default)]
 pub struct ManualClock {
     shown_ms: AtomicU64,
@@ -68,7 +68,7 @@ impl ManualClock {
         self.set_forward(by_ms);
     }
 
-    /// Sets it forward, though no time has passed.
+    /// Sets the clock forward, though no time has passed.
     pub fn set_forward(&self, by_ms: u64) {
         self.shown_ms.fetch_add(by_ms, Ordering::SeqCst);
     }

@@ -1,6 +1,7 @@
-//! What a restarted aggregator has to know beside the ledger's state, computed from the ledger.
+//! What an aggregator has to know beside the ledger's state: where things are in the ledger, and what the open round accepted. A
+//! restarted aggregator reads both from the ledger again.
 
-use crate::round::request::RequestError;
+use crate::round::{accepted::Accepted, request::RequestError};
 use std::collections::BTreeMap;
 use zk0_circuits::{vm::digest::tagged_sha256, Digest};
 use zk0_ledger::{
@@ -8,26 +9,23 @@ use zk0_ledger::{
     log::Ledger,
     replay::{replay, Finding, Recheck, Verdict},
 };
-use zk0_protocol::rules::disclosed_blobs::DisclosedBlobs;
 use zk0_protocol::{
-    entries::{
-        entry::{Body, Entry},
-        signed::{Signed, Submission},
-    },
-    rules::state::State,
+    entries::entry::{Body, Entry},
+    rules::{disclosed_blobs::DisclosedBlobs, state::State},
 };
-use zk0_verifier::{verify, UnverifiedContribution, VerifiedContribution};
+use zk0_verifier::VerifiedContribution;
 
 /// Where things are in the ledger, as a fold over its entries.
 #[derive(Clone, Debug, Default)]
-pub struct Recalled {
+pub struct LedgerIndex {
     /// Which blobs may be read.
     pub disclosed: DisclosedBlobs,
     /// The entries that opened and closed each round.
     rounds: Vec<(u64, Option<u64>)>,
     /// The entries that recorded proposals, by number.
     proposals: Vec<u64>,
-    /// What members said about the network itself, by the hash of it: whoever says it again gets the same receipt.
+    /// The entries that recorded what members said about the network itself, by the hash of the body: whoever says the same again
+    /// gets the same receipt.
     said: BTreeMap<Digest, u64>,
 }
 
@@ -36,8 +34,8 @@ fn key(body: &Body) -> Digest {
     tagged_sha256("zk0/said/v1", &[&bytes])
 }
 
-impl Recalled {
-    /// Takes note of entry `index`.
+impl LedgerIndex {
+    /// Notes entry `index`.
     pub fn observe(&mut self, index: u64, body: &Body) {
         self.disclosed.observe(body);
         match body {
@@ -79,8 +77,8 @@ impl Recalled {
     }
 }
 
-/// Reads the whole ledger again: where things are, and what was accepted in the open round, verified anew.
-pub fn recall(ledger: &Ledger) -> Result<(Recalled, Vec<VerifiedContribution>), RequestError> {
+/// Reads the whole ledger again: where things are, and what the open round accepted, which is verified again.
+pub fn read(ledger: &Ledger) -> Result<(LedgerIndex, Vec<VerifiedContribution>), RequestError> {
     let mut reader = Reader::default();
     let report = replay(ledger.dir(), Some(ledger.state().network()), &mut reader);
     if report.verdict != Verdict::Verified {
@@ -97,56 +95,33 @@ pub fn recall(ledger: &Ledger) -> Result<(Recalled, Vec<VerifiedContribution>), 
     let contributions = reader
         .accepted
         .iter()
-        .map(|accepted| accepted.verify(ledger.blobs()))
+        .map(|accepted| {
+            accepted.verify(ledger.blobs())?.map_err(|reason| {
+                RequestError::Internal(format!(
+                    "the accepted contribution of node {} does not verify any more: {reason}",
+                    accepted.submission().statement.claim.terms.node
+                ))
+            })
+        })
         .collect::<Result<_, _>>()?;
-    let mut recalled = reader.recalled;
-    recalled.observe(0, &Body::Genesis(ledger.state().genesis().clone()));
-    Ok((recalled, contributions))
+    let mut index = reader.index;
+    index.observe(0, &Body::Genesis(ledger.state().genesis().clone()));
+    Ok((index, contributions))
 }
 
 #[derive(Default)]
 struct Reader {
-    recalled: Recalled,
+    index: LedgerIndex,
     accepted: Vec<Accepted>,
-}
-
-/// An acceptance, and what its verification reads of the state it was made on.
-struct Accepted {
-    before: State,
-    time_ms: u64,
-    submission: Signed<Submission>,
 }
 
 impl Recheck for Reader {
     fn entry(&mut self, before: &State, index: u64, entry: &Entry, _: &Blobs) -> Vec<Finding> {
-        self.recalled.observe(index, &entry.body);
-        match &entry.body {
-            Body::ContributionAccepted(submission) => self.accepted.push(Accepted {
-                before: before.for_claims_of(&submission.statement.claim.terms.node),
-                time_ms: entry.time_ms,
-                submission: submission.clone(),
-            }),
-            Body::RoundClosed(_) => self.accepted.clear(),
-            _ => {}
+        self.index.observe(index, &entry.body);
+        self.accepted.extend(Accepted::of(before, entry));
+        if let Body::RoundClosed(_) = &entry.body {
+            self.accepted.clear();
         }
         Vec::new()
-    }
-}
-
-impl Accepted {
-    fn verify(&self, blobs: &Blobs) -> Result<VerifiedContribution, RequestError> {
-        let (rules, statement) = (self.before.rules(), &self.submission.statement);
-        let contribution = UnverifiedContribution {
-            proof: blobs.get(&statement.proof, rules.max_proof_bytes)?,
-            update: blobs.get(&statement.claim.terms.update.blob, rules.max_update_bytes)?,
-            base: blobs.get(&statement.claim.terms.base.blob, rules.max_base_bytes())?,
-            submission: self.submission.clone(),
-        };
-        verify(&contribution, &self.before, self.time_ms).map_err(|reason| {
-            RequestError::Internal(format!(
-                "the accepted contribution of node {} does not verify any more: {reason}",
-                statement.claim.terms.node
-            ))
-        })
     }
 }

@@ -1,8 +1,11 @@
 //! The rounds of a network, and the ledger's one writer.
 
+pub mod accepted;
 pub mod aggregator;
 pub mod clock;
 pub mod dispute;
+pub mod founding;
 pub mod ledger_index;
+pub mod recording;
 pub mod request;
 pub mod staging;

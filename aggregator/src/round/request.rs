@@ -4,36 +4,36 @@ use crate::round::staging::StagingError;
 use tonic::{Code, Status};
 use zk0_ledger::{blobs::BlobError, error::LedgerError};
 use zk0_protocol::{entries::signed::SignatureError, rules::violation::RuleViolation, Refusal};
-use zk0_verifier::close::CloseError;
+use zk0_verifier::{close::CloseError, Unreadable};
 
 /// Why a request is turned down.
 #[derive(Debug, thiserror::Error)]
 pub enum RequestError {
-    /// Bytes that are not what they should be.
+    /// The bytes are not what they should be.
     #[error("{0}")]
     Malformed(String),
-    /// Not by the rules.
+    /// The rules refuse a contribution.
     #[error(transparent)]
     Refused(#[from] Refusal),
-    /// Not by the rules.
+    /// The rules do not allow this entry.
     #[error(transparent)]
     Violation(RuleViolation),
-    /// A blob that is not for everyone yet.
+    /// The blob stays private until its round closes.
     #[error("blob {0} is private until its round closes")]
     HeldBack(zk0_circuits::Digest),
-    /// A blob nobody knows.
+    /// No entry names the blob.
     #[error("the ledger names no blob {0}")]
     UnknownBlob(zk0_circuits::Digest),
-    /// Too much at once.
+    /// The node asks for too much at once.
     #[error("{0}")]
     Busy(String),
-    /// Took too long.
+    /// The request took too long.
     #[error("{0}")]
     TimedOut(String),
-    /// Recorded, but not yet published: the witnesses have not cosigned a checkpoint that covers it.
+    /// The entry is recorded, but not published: the witnesses have not cosigned a checkpoint that covers it.
     #[error("{0}")]
     NotPublished(String),
-    /// Our own trouble.
+    /// The aggregator failed. Whoever asked is not told why, because that names paths: the log says it.
     #[error("{0}")]
     Internal(String),
 }
@@ -68,6 +68,12 @@ impl From<BlobError> for RequestError {
     }
 }
 
+impl From<Unreadable<BlobError>> for RequestError {
+    fn from(error: Unreadable<BlobError>) -> Self {
+        Self::Internal(error.to_string())
+    }
+}
+
 impl From<StagingError> for RequestError {
     fn from(error: StagingError) -> Self {
         match error {
@@ -85,7 +91,7 @@ impl From<CloseError> for RequestError {
 }
 
 impl RequestError {
-    /// Why an uploaded blob is not stored: unlike a blob that we cannot read, that is the sender's doing.
+    /// Why an uploaded blob is not stored. The sender caused that, and not the aggregator's disk.
     pub fn upload(error: BlobError) -> Self {
         match error {
             BlobError::TooLarge { size, limit } => Self::Refused(Refusal::TooLarge {
@@ -131,7 +137,6 @@ impl RequestError {
 impl From<RequestError> for Status {
     fn from(error: RequestError) -> Self {
         if let RequestError::Internal(cause) = &error {
-            // Paths and the like are for the operator, not for whoever asked.
             tracing::error!(%cause, "request failed");
             return Self::internal("the aggregator failed; its log says why");
         }

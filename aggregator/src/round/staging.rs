@@ -1,6 +1,6 @@
-//! Updates that were uploaded but not committed yet: on disk, apart by round and node, within a quota.
+//! Updates that nodes have uploaded and not yet committed to. They lie on disk, in a folder for each round and node, within a quota.
 //!
-//! A node can only commit what it has uploaded itself. What was not committed when a round ends is thrown away.
+//! A node can commit only to what it has uploaded itself. When a round ends, what no node committed to is removed.
 
 use std::{
     fs, io,
@@ -9,7 +9,7 @@ use std::{
 use zk0_circuits::{Digest, NodeId};
 use zk0_ledger::blobs::{BlobError, BlobWriter, Blobs};
 
-/// Uploads a node may have waiting in one round: the first one, and some to think again.
+/// How many uploads of a node may wait in one round: the first one, and some for a node that changes its mind.
 pub const MAX_UPLOADS: usize = 4;
 
 /// The uploads of all nodes.
@@ -21,15 +21,15 @@ pub struct Staging {
 /// Why an upload cannot begin.
 #[derive(Debug, thiserror::Error)]
 pub enum StagingError {
-    /// Over the quota.
+    /// The node has used up its quota.
     #[error(
         "node {0} has already uploaded {MAX_UPLOADS} updates in this round: commit to one of them"
     )]
     Quota(NodeId),
-    /// The disk.
+    /// The blob cannot be written.
     #[error(transparent)]
     Blob(#[from] BlobError),
-    /// The disk.
+    /// The file system failed.
     #[error("{path}: {error}")]
     Io { path: PathBuf, error: io::Error },
 }
@@ -61,7 +61,7 @@ impl Staging {
         }
     }
 
-    /// Throws everything away.
+    /// Removes all uploads.
     pub fn clear(&self) -> Result<(), StagingError> {
         match fs::remove_dir_all(&self.dir) {
             Err(error) if error.kind() != io::ErrorKind::NotFound => Err(StagingError::Io {

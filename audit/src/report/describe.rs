@@ -1,4 +1,4 @@
-//! Entries in words: the one place that knows every kind.
+//! Entries in words. Only this file has to know every kind of entry.
 
 use zk0_circuits::{Losses, NodeId};
 use zk0_protocol::{
@@ -10,7 +10,7 @@ use zk0_protocol::{
     Entry, Refusal,
 };
 
-/// What the entry says, in a sentence. Names come from strangers: whoever shows them escapes them.
+/// What the entry says, in a sentence. Names come from strangers: whoever shows the sentence has to escape it.
 pub fn describe(entry: &Entry) -> String {
     match &entry.body {
         Body::Genesis(genesis) => format!(
@@ -185,7 +185,7 @@ pub fn round(body: &Body) -> Option<u64> {
     }
 }
 
-/// What else there is to know of an entry, as labelled values.
+/// The other contents of an entry, as labelled values.
 pub fn details(body: &Body) -> Vec<(&'static str, String)> {
     match body {
         Body::Genesis(genesis) => vec![
@@ -247,7 +247,7 @@ pub fn details(body: &Body) -> Vec<(&'static str, String)> {
         Body::Disputed(signed) => vec![(
             "evidence",
             match signed.statement.evidence {
-                Evidence::Verification => "verification, done again".into(),
+                Evidence::Verification => "verification, which anybody can repeat".into(),
                 Evidence::Document(digest) => format!("a document with SHA-256 {digest}"),
             },
         )],
@@ -294,7 +294,7 @@ pub fn time(unix_ms: u64) -> String {
     }
 }
 
-/// Text that a terminal shows and does not obey: names and reasons come from strangers.
+/// Text without control characters, which a terminal would obey. Names and reasons come from strangers.
 pub fn printable(text: &str) -> String {
     let shown = |c: char| match c.is_control() {
         true => c.escape_default().collect::<String>(),

@@ -1,4 +1,4 @@
-//! What happened in a network, as numbers: rounds and nodes, from its entries alone. For tables, charts and JSON.
+//! What happened in a network, in numbers, for tables, charts and JSON. It follows from the entries alone.
 
 use crate::report::describe;
 use anyhow::{bail, Context, Result};
@@ -20,11 +20,11 @@ use zk0_protocol::{
 /// A network's history in numbers.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct History {
-    /// Entries it is about.
+    /// How many entries it covers.
     pub entries: u64,
     /// Time of the last of them, Unix milliseconds.
     pub last_ms: u64,
-    /// How it was founded.
+    /// How the network was founded.
     pub network: Option<Network>,
     /// Each round.
     pub rounds: Vec<Round>,
@@ -85,13 +85,13 @@ pub struct Round {
     pub refused: u64,
     /// SHA-256 of the global weights it closed with.
     pub global: Option<String>,
-    /// What each contributor was given for it.
+    /// What each contributor earned in it.
     pub shares: Vec<Share>,
-    /// Means over the accepted claims, where losses are disclosed: of the weights it began with, and of the updates.
+    /// Mean losses of the weights that the round began with and of the updates, over the accepted claims that disclose them.
     pub losses: Option<Losses>,
 }
 
-/// What a contributor was given in a round.
+/// What a contributor earned in a round.
 #[derive(Clone, Debug, Serialize)]
 pub struct Share {
     /// Who: a place among [`History::nodes`].
@@ -177,7 +177,7 @@ impl Node {
 }
 
 impl History {
-    /// Takes note of entry `index`, as far as a replay has allowed it.
+    /// Counts entry `index`, which a replay has verified.
     pub fn observe(&mut self, index: u64, entry: &Entry) {
         self.entries = index + 1;
         self.last_ms = entry.time_ms;
@@ -292,7 +292,7 @@ impl History {
         });
     }
 
-    /// A node goes by another identity from now on; what it said as the old one stays its own.
+    /// A node has another identity from now on. What it did under the old one still counts as its own.
     fn replace_key(&mut self, node: &NodeId, with: NodeId) {
         if let Some(&place) = self.places.get(node) {
             self.places.insert(with, place);
@@ -312,7 +312,7 @@ impl History {
         }
     }
 
-    /// The end of a dispute. What a false contribution had earned is taken back.
+    /// Ends a dispute. The node loses what a false contribution had earned.
     fn judged(&mut self, dispute: u64, upheld: bool) {
         let is = |one: &&mut Dispute| one.disputed_entry == dispute;
         let Some(dispute) = self.disputes.iter_mut().find(is) else {
@@ -407,15 +407,15 @@ impl History {
     }
 }
 
-/// Goes through the first `size` entries of the ledger in `dir`, which a replay has found to have the root `root`: they have it
-/// still.
+/// Goes through the first `size` entries of the ledger in `dir`. A replay has found that they have the root `root`, and this checks
+/// that they still do.
 pub fn read(dir: &Path, size: u64, root: &str, mut each: impl FnMut(u64, &Entry)) -> Result<()> {
     let store = Store::open_read_only(&folder::database(dir))?;
     let mut tree = Frontier::default();
     for index in 0..size {
-        let bytes = store
-            .entry(index)?
-            .with_context(|| format!("entry {index} has gone since it was verified"))?;
+        let bytes = store.entry(index)?.with_context(|| {
+            format!("entry {index} was verified, but it is no longer in the ledger")
+        })?;
         tree.push(&bytes)
             .map_err(|error| anyhow::anyhow!("tree: {error}"))?;
         each(index, &Entry::decode(&bytes)?);
@@ -425,7 +425,7 @@ pub fn read(dir: &Path, size: u64, root: &str, mut each: impl FnMut(u64, &Entry)
         .map_err(|error| anyhow::anyhow!("tree: {error}"))?
         .to_string();
     if size > 0 && found != root {
-        bail!("the first {size} entries have changed since they were verified: their root is {found}, it was {root}");
+        bail!("the first {size} entries have changed since they were verified: their root was {root}, and it is {found} now");
     }
     Ok(())
 }

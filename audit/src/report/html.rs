@@ -1,28 +1,21 @@
 //! The report as one HTML file: no script, nothing loaded, readable offline and on paper.
 //!
-//! Names, reasons and findings come from strangers. [`Page`] takes markup only as literals of this program, and escapes
-//! everything else; and the page's own policy forbids scripts and addresses, should that ever fail.
+//! Names, reasons and findings come from strangers. [`Page`] escapes them, and if it ever failed to, the page's own security policy
+//! forbids scripts and addresses.
 
 use crate::report::{
     describe::time,
-    history::{History, Round},
-    svg::{self, Series, Svg, BAD, COLOURS, GOOD},
+    history::{History, Network},
+    page::Page,
     verdict::{counts, sentence, Audited},
 };
 use serde::Serialize;
-use std::fmt::Display;
 use zk0_ledger::replay::{Finding, Severity};
 
-/// Most bars or points in a chart.
-const MOST_PLACES: usize = 120;
-
-/// Most rows in a table: the data beside the page has all.
+/// Most rows in a table. The data beside the page has all.
 const MOST_ROWS: usize = 500;
 
-/// Nodes with a line of their own; the others share one.
-const MOST_NODES: usize = 7;
-
-/// What is written beside the page.
+/// The data that is written beside the page.
 #[derive(Serialize)]
 pub struct Data<'a> {
     /// The audit.
@@ -70,78 +63,14 @@ pub fn page(audited: &Audited, history: &History) -> String {
     page.governance(history);
     page.facts(audited, history);
     page.markup("</body></html>\n");
-    page.0
+    page.finish()
 }
 
 fn name(audited: &Audited) -> &str {
     audited.name.as_deref().unwrap_or("an unknown network")
 }
 
-/// HTML in the making.
-#[derive(Default)]
-struct Page(String);
-
 impl Page {
-    /// Markup: a literal, never a value.
-    fn markup(&mut self, markup: &'static str) {
-        self.0.push_str(markup);
-    }
-
-    /// Text of any origin.
-    fn text(&mut self, text: impl Display) {
-        self.0.push_str(&svg::escape(&text.to_string()));
-    }
-
-    fn figure(&mut self, caption: &str, chart: &Svg) {
-        self.markup("<figure><figcaption>");
-        self.text(caption);
-        self.markup("</figcaption>");
-        self.0.push_str(chart.as_str());
-        self.markup("</figure>");
-    }
-
-    fn heading(&mut self, text: &str) {
-        self.markup("<h2>");
-        self.text(text);
-        self.markup("</h2>");
-    }
-
-    /// Begins a table; a column whose name begins with `#` holds numbers.
-    fn table(&mut self, columns: &[&str]) {
-        self.markup("<table><thead><tr>");
-        for column in columns {
-            match column.strip_prefix('#') {
-                Some(column) => {
-                    self.markup("<th class=\"n\">");
-                    self.text(column);
-                }
-                None => {
-                    self.markup("<th>");
-                    self.text(column);
-                }
-            }
-            self.markup("</th>");
-        }
-        self.markup("</tr></thead><tbody>");
-    }
-
-    fn row(&mut self, columns: &[&str], cells: &[&dyn Display]) {
-        self.markup("<tr>");
-        for (column, cell) in columns.iter().zip(cells) {
-            match column.starts_with('#') {
-                true => self.markup("<td class=\"n\">"),
-                false => self.markup("<td>"),
-            }
-            self.text(cell);
-            self.markup("</td>");
-        }
-        self.markup("</tr>");
-    }
-
-    fn end_table(&mut self) {
-        self.markup("</tbody></table>");
-    }
-
     fn verdict(&mut self, audited: &Audited, history: &History) {
         self.markup(match audited.holds() {
             true => "<div class=\"verdict good\"><b>",
@@ -152,11 +81,11 @@ impl Page {
         self.markup("</b><br>");
         self.text(says);
         if audited.holds() && !audited.not_checked.is_empty() {
-            self.text(", but for what is named below as not checked");
+            self.text(". The list below names what was not checked");
         }
         self.markup(".<br>");
         self.text(format_args!(
-            "{} entries, the last of {}",
+            "The log has {} entries. The last one was recorded at {}.",
             audited.entries,
             time(history.last_ms)
         ));
@@ -167,15 +96,15 @@ impl Page {
         self.heading("What was checked");
         self.markup("<p>");
         self.text(format_args!(
-            "The encoding, the signatures and the place in the log of {} entries, {} signed checkpoints, and the network's rules at \
-             every entry. Beyond that: {}.",
+            "The audit checked the encoding, the signatures and the place in the log of {} entries, the signatures of {} checkpoints, and \
+             the network's rules at every entry. It also checked {}.",
             audited.entries,
             audited.checkpoints,
             counts(&audited.checked)
         ));
         self.markup("</p><p>");
         match audited.not_checked.is_empty() {
-            true => self.text("Nothing was left out."),
+            true => self.text("The audit left nothing out."),
             false => {
                 self.markup("<b>Not checked:</b></p><ul>");
                 for left_out in &audited.not_checked {
@@ -193,12 +122,12 @@ impl Page {
         let faults: Vec<_> = of(findings, Severity::Fault);
         let notes: Vec<_> = of(findings, Severity::Note)
             .into_iter()
-            // Named above.
+            // The section above names these.
             .filter(|note| !note.text.starts_with("not checked: "))
             .collect();
         self.heading("Findings");
         if faults.is_empty() && notes.is_empty() {
-            self.markup("<p>None.</p>");
+            self.markup("<p>The audit found no faults, and it has no notes.</p>");
             return;
         }
         self.markup("<ul>");
@@ -221,83 +150,11 @@ impl Page {
         if count > MOST_ROWS {
             self.markup("<p class=\"small\">");
             self.text(format_args!(
-                "{} more are in the JSON file that belongs to this page.",
+                "The JSON file that belongs to this page has {} more.",
                 count - MOST_ROWS
             ));
             self.markup("</p>");
         }
-    }
-
-    fn charts(&mut self, history: &History) {
-        if history.rounds.is_empty() {
-            return;
-        }
-        self.heading("Charts");
-        self.markup("<div class=\"charts\">");
-        let groups = groups(&history.rounds);
-        let labels: Vec<String> = groups.iter().map(|group| label(group)).collect();
-        let sum = |of: fn(&Round) -> u64| -> Vec<Option<f64>> {
-            let sum = |group: &&[Round]| Some(group.iter().map(of).sum::<u64>() as f64);
-            groups.iter().map(sum).collect()
-        };
-        let decided = [
-            Series {
-                name: "accepted".into(),
-                colour: GOOD,
-                values: sum(|round| round.accepted),
-            },
-            Series {
-                name: "refused".into(),
-                colour: BAD,
-                values: sum(|round| round.refused),
-            },
-        ];
-        self.figure(
-            "Contributions per round",
-            &svg::stacked(
-                "Contributions per round, accepted and refused",
-                &labels,
-                &decided,
-            ),
-        );
-        self.reasons(history);
-        let (name, series) = credits(history, &groups);
-        self.figure(&name, &svg::lines(&name, &labels, &series, true));
-        let loss = |of: fn(&crate::report::history::Losses) -> f64| -> Vec<Option<f64>> {
-            groups.iter().map(|group| mean_loss(group, of)).collect()
-        };
-        let (before, after) = (loss(|losses| losses.before), loss(|losses| losses.after));
-        if before.iter().any(Option::is_some) {
-            let losses = [
-                Series {
-                    name: "global weights".into(),
-                    colour: COLOURS[0],
-                    values: before,
-                },
-                Series {
-                    name: "updates".into(),
-                    colour: COLOURS[2],
-                    values: after,
-                },
-            ];
-            let name = "Loss, as proven: of each round's global weights and of the accepted updates, mean over claims";
-            self.figure(name, &svg::lines(name, &labels, &losses, false));
-        } else {
-            self.markup("<p class=\"small\">No accepted claim discloses its losses.</p>");
-        }
-        self.markup("</div>");
-    }
-
-    fn reasons(&mut self, history: &History) {
-        let accepted: u64 = history.rounds.iter().map(|round| round.accepted).sum();
-        let mut bars = vec![("accepted".to_owned(), accepted as f64, GOOD)];
-        let mut refusals: Vec<_> = history.refusals.iter().collect();
-        refusals.sort_by_key(|(_, count)| std::cmp::Reverse(**count));
-        for (reason, count) in refusals {
-            bars.push(((*reason).to_owned(), *count as f64, BAD));
-        }
-        let name = "Contributions by what became of them";
-        self.figure(name, &svg::lying(name, &bars));
     }
 
     fn rounds(&mut self, history: &History) {
@@ -376,7 +233,7 @@ impl Page {
             let columns = [
                 "#proposal",
                 "title",
-                "would",
+                "what it does",
                 "#ballots",
                 "outcome",
                 "#entry",
@@ -406,7 +263,7 @@ impl Page {
             for one in history.disputes.iter().rev().take(MOST_ROWS) {
                 let outcome = match one.upheld {
                     None => "open",
-                    Some(true) => "upheld: its credits were taken back",
+                    Some(true) => "upheld: the node lost the credits that it had earned for it",
                     Some(false) => "dismissed",
                 };
                 self.row(
@@ -447,7 +304,7 @@ impl Page {
                 &audited.state.as_deref().unwrap_or("unknown"),
             ],
         );
-        self.row(&columns, &[&"products are proven in mode", &network.mode]);
+        self.row(&columns, &[&"mode of the proofs", &network.mode]);
         self.row(&columns, &[&"initial policy", &network.policy]);
         for (rule, value) in rules(network) {
             self.row(&columns, &[&rule, &value]);
@@ -461,8 +318,8 @@ fn of(findings: &[Finding], severity: Severity) -> Vec<&Finding> {
     findings.iter().filter(is).collect()
 }
 
-/// The rules by their names in a genesis, with spaces.
-fn rules(network: &crate::report::history::Network) -> Vec<(String, String)> {
+/// The rules, by their names in a genesis with spaces for underscores.
+fn rules(network: &Network) -> Vec<(String, String)> {
     let Ok(serde_json::Value::Object(rules)) = serde_json::to_value(&network.rules) else {
         return Vec::new();
     };
@@ -475,65 +332,4 @@ fn rules(network: &crate::report::history::Network) -> Vec<(String, String)> {
         .into_iter()
         .map(|(rule, says)| (name(rule), value(says)))
         .collect()
-}
-
-/// The rounds, in as many groups of equal size as a chart has room for.
-fn groups(rounds: &[Round]) -> Vec<&[Round]> {
-    rounds
-        .chunks(rounds.len().div_ceil(MOST_PLACES).max(1))
-        .collect()
-}
-
-fn label(group: &[Round]) -> String {
-    match (group.first(), group.last()) {
-        (Some(first), Some(last)) if first.round != last.round => {
-            format!("{}–{}", first.round, last.round)
-        }
-        (Some(first), _) => first.round.to_string(),
-        _ => String::new(),
-    }
-}
-
-/// The mean over a group's claims.
-fn mean_loss(group: &[Round], of: fn(&crate::report::history::Losses) -> f64) -> Option<f64> {
-    let losses = || group.iter().filter_map(|round| round.losses.as_ref());
-    let claims: u64 = losses().map(|losses| losses.claims).sum();
-    let sum: f64 = losses().map(|one| of(one) * one.claims as f64).sum();
-    (claims > 0).then(|| sum / claims as f64)
-}
-
-/// What the nodes have earned after each group of rounds, those with the most by name.
-fn credits(history: &History, groups: &[&[Round]]) -> (String, Vec<Series<'static>>) {
-    let mut order: Vec<usize> = (0..history.nodes.len())
-        .filter(|place| history.nodes[*place].credits > 0)
-        .collect();
-    order.sort_by_key(|place| std::cmp::Reverse(history.nodes[*place].credits));
-    let named: Vec<usize> = order.iter().copied().take(MOST_NODES).collect();
-    let mut totals = vec![0u64; named.len() + 1];
-    let mut values: Vec<Vec<Option<f64>>> = vec![Vec::new(); named.len() + 1];
-    for group in groups {
-        for share in group.iter().flat_map(|round| &round.shares) {
-            let line = named.iter().position(|place| *place == share.node);
-            let total = &mut totals[line.unwrap_or(named.len())];
-            *total = total.saturating_add(share.credits);
-        }
-        for (line, total) in values.iter_mut().zip(&totals) {
-            line.push(Some(*total as f64));
-        }
-    }
-    let others = values.pop().filter(|_| order.len() > named.len());
-    let series = named.iter().zip(values).enumerate();
-    let mut series: Vec<_> = series
-        .map(|(at, (place, values))| Series {
-            name: history.nodes[*place].name.clone(),
-            colour: COLOURS[at % COLOURS.len()],
-            values,
-        })
-        .collect();
-    series.extend(others.map(|values| Series {
-        name: "all others".into(),
-        colour: COLOURS[7],
-        values,
-    }));
-    ("Credits earned by node, running total".into(), series)
 }

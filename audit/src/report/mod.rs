@@ -1,7 +1,9 @@
-//! What an audit says, for people and for machines.
+//! What an audit reports, for people and for machines.
 
+mod charts;
 pub mod describe;
 pub mod history;
 pub mod html;
-pub mod svg;
+mod page;
+mod svg;
 pub mod verdict;

@@ -1,4 +1,4 @@
-//! Charts as SVG elements within a page: bars in groups, bars lying down, and lines. Text is escaped; nothing is loaded.
+//! Charts as SVG elements within a page: stacked bars, lying bars, and lines. Text is escaped, and nothing is loaded.
 
 use std::fmt::Write;
 
@@ -7,15 +7,15 @@ pub const COLOURS: [&str; 8] = [
     "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#999999", "#000000",
 ];
 
-/// What was accepted.
+/// The colour of what was accepted.
 pub const GOOD: &str = "#009e73";
 
-/// What was refused.
+/// The colour of what was refused.
 pub const BAD: &str = "#d55e00";
 
 const WIDTH: f64 = 720.0;
 const HEIGHT: f64 = 260.0;
-const LEFT: f64 = 64.0;
+const LEFT: f64 = 84.0;
 const RIGHT: f64 = 12.0;
 const TOP: f64 = 26.0;
 const BOTTOM: f64 = 40.0;
@@ -50,25 +50,34 @@ pub fn escape(text: &str) -> String {
     escaped
 }
 
-/// One colour of a chart: its name, its colour, and a value for each place; `None` where there is none.
+/// One line or one kind of bars in a chart.
 pub struct Series<'a> {
-    /// For the legend.
+    /// Its name in the legend.
     pub name: String,
-    /// How it is drawn.
+    /// Its colour.
     pub colour: &'a str,
-    /// Values.
+    /// Its value at each place; `None` where it has none.
     pub values: Vec<Option<f64>>,
 }
 
-/// Bars over `labels`, the series on top of one another.
-pub fn stacked(title: &str, labels: &[String], series: &[Series<'_>]) -> Svg {
+/// The axis of the places.
+pub struct Axis<'a> {
+    /// What the places are.
+    pub name: &'a str,
+    /// The name of each place.
+    pub places: Vec<String>,
+}
+
+/// Bars over the places of `x`, one series on top of the other. `y` names what is counted.
+pub fn stacked(title: &str, x: &Axis<'_>, y: &str, series: &[Series<'_>]) -> Svg {
+    let labels = &x.places;
     let total = |at: usize| -> f64 {
         let at = |one: &Series<'_>| one.values.get(at).copied().flatten();
         series.iter().filter_map(at).sum()
     };
     let most = (0..labels.len()).map(total).fold(0.0, f64::max);
     let mut chart = Chart::new(title, (0.0, most), true);
-    chart.labels(labels);
+    chart.axes(x, y);
     chart.legend(series);
     let step = chart.step(labels.len());
     let width = (step * 0.8).min(48.0);
@@ -88,8 +97,9 @@ pub fn stacked(title: &str, labels: &[String], series: &[Series<'_>]) -> Svg {
     chart.finish()
 }
 
-/// Lines over `labels`.
-pub fn lines(title: &str, labels: &[String], series: &[Series<'_>], from_zero: bool) -> Svg {
+/// Lines over the places of `x`. `y` names what is measured. `from_zero` is for counts.
+pub fn lines(title: &str, x: &Axis<'_>, y: &str, series: &[Series<'_>], from_zero: bool) -> Svg {
+    let labels = &x.places;
     let values = || {
         series
             .iter()
@@ -101,7 +111,7 @@ pub fn lines(title: &str, labels: &[String], series: &[Series<'_>], from_zero: b
         false => values().fold(f64::MAX, f64::min),
     };
     let mut chart = Chart::new(title, (least.min(most), most.max(least)), from_zero);
-    chart.labels(labels);
+    chart.axes(x, y);
     chart.legend(series);
     for one in series {
         let mut points: Vec<(f64, f64, f64)> = Vec::new();
@@ -119,7 +129,7 @@ pub fn lines(title: &str, labels: &[String], series: &[Series<'_>], from_zero: b
             escape(one.colour),
             path.join(" ")
         ));
-        // A few points are points; many are a line.
+        // Circles show a few points. With many points, the line alone shows them better.
         if points.len() <= 60 {
             for (x, y, value) in points {
                 let title = escape(&format!("{}: {}", one.name, number(value)));
@@ -133,13 +143,17 @@ pub fn lines(title: &str, labels: &[String], series: &[Series<'_>], from_zero: b
     chart.finish()
 }
 
-/// Bars that lie, each with its name, value and colour.
-pub fn lying(title: &str, bars: &[(String, f64, &str)]) -> Svg {
+/// Lying bars, each with its name, value and colour. `unit` names what is counted.
+pub fn lying(title: &str, unit: &str, bars: &[(String, f64, &str)]) -> Svg {
     const ROW: f64 = 24.0;
     const NAMES: f64 = 210.0;
     let most = bars.iter().map(|(_, value, _)| *value).fold(1.0, f64::max);
-    let height = TOP + ROW * bars.len() as f64 + 8.0;
-    let mut body = String::new();
+    let height = TOP + ROW * bars.len() as f64 + 22.0;
+    let mut body = format!(
+        "<text x=\"{NAMES}\" y=\"{:.1}\">{}</text>",
+        height - 6.0,
+        escape(unit)
+    );
     for (at, (name, value, colour)) in bars.iter().enumerate() {
         let y = TOP + ROW * at as f64;
         let width = (WIDTH - NAMES - 70.0) * value / most;
@@ -171,9 +185,10 @@ struct Chart {
 }
 
 impl Chart {
-    /// A chart whose values lie between `low` and `high`; counts, if `from_zero`, with no steps between them.
+    /// A chart whose values lie between `low` and `high`. Where `from_zero` is set, the values are counts: the scale begins at 0 and
+    /// has whole steps.
     fn new(title: &str, (low, high): (f64, f64), from_zero: bool) -> Self {
-        // Without any value the least is above the largest, and all that floats lies between.
+        // Without any value, `low` and `high` are the largest and the smallest number.
         let usable = low.is_finite() && high.is_finite() && (high - low).is_finite();
         let (low, high) = if usable { (low, high) } else { (0.0, 1.0) };
         let span = match high - low {
@@ -215,7 +230,7 @@ impl Chart {
         HEIGHT - BOTTOM - share * (HEIGHT - BOTTOM - TOP)
     }
 
-    /// Width of one of `count` places.
+    /// The width of one of `count` places.
     fn step(&self, count: usize) -> f64 {
         (WIDTH - LEFT - RIGHT) / count.max(1) as f64
     }
@@ -224,21 +239,28 @@ impl Chart {
         LEFT + self.step(count) * (at as f64 + 0.5)
     }
 
-    /// As many labels as there is room for.
-    fn labels(&mut self, labels: &[String]) {
+    /// The names of both axes, and those of as many places as there is room for.
+    fn axes(&mut self, x: &Axis<'_>, y: &str) {
+        let labels = &x.places;
         let every = labels.len().div_ceil(12).max(1);
         for (at, label) in labels.iter().enumerate().step_by(every) {
-            let x = self.centre(at, labels.len());
+            let centre = self.centre(at, labels.len());
             self.element(&format!(
-                "<text x=\"{x:.1}\" y=\"{:.1}\" text-anchor=\"middle\">{}</text>",
+                "<text x=\"{centre:.1}\" y=\"{:.1}\" text-anchor=\"middle\">{}</text>",
                 HEIGHT - BOTTOM + 16.0,
                 escape(&short(label, 14))
             ));
         }
         self.element(&format!(
-            "<text x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"middle\">round</text>",
+            "<text x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"middle\">{}</text>",
             LEFT + (WIDTH - LEFT - RIGHT) / 2.0,
-            HEIGHT - 6.0
+            HEIGHT - 6.0,
+            escape(x.name)
+        ));
+        self.element(&format!(
+            "<text transform=\"translate(14 {:.1}) rotate(-90)\" text-anchor=\"middle\">{}</text>",
+            TOP + (HEIGHT - TOP - BOTTOM) / 2.0,
+            escape(y)
         ));
     }
 
@@ -349,7 +371,10 @@ mod tests {
                 values,
             }]
         };
-        let labels = |count: usize| vec![hostile.to_owned(); count];
+        let axis = |count: usize| Axis {
+            name: hostile,
+            places: vec![hostile.to_owned(); count],
+        };
         for values in [
             vec![],
             vec![None],
@@ -357,11 +382,11 @@ mod tests {
             vec![Some(f64::NAN), Some(1.0)],
             vec![Some(5.0); 300],
         ] {
-            let labels = labels(values.len());
+            let x = axis(values.len());
             for svg in [
-                stacked(hostile, &labels, &series(values.clone())),
-                lines(hostile, &labels, &series(values.clone()), false),
-                lying(hostile, &[(hostile.into(), 3.0, BAD)]),
+                stacked(hostile, &x, hostile, &series(values.clone())),
+                lines(hostile, &x, hostile, &series(values.clone()), false),
+                lying(hostile, hostile, &[(hostile.into(), 3.0, BAD)]),
             ] {
                 let text = svg.as_str();
                 assert!(!text.contains("<script") && !text.contains('\u{0}'));

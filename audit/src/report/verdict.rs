@@ -1,4 +1,4 @@
-//! What an audit says: for machines, and for people.
+//! The report of an audit, for machines and for people.
 
 use crate::report::describe::printable;
 use crate::{
@@ -19,7 +19,7 @@ pub struct Audited {
     pub depth: Depth,
     /// How much was checked.
     pub checked: Checked,
-    /// What was not, a line for each kind and reason.
+    /// What was not checked, a line for each kind and reason.
     pub not_checked: Vec<NotChecked>,
 }
 
@@ -77,7 +77,7 @@ pub fn verdict(audited: &Audited) -> String {
     let (label, says) = sentence(audited);
     line(label, says);
     if audited.holds() && !report.findings.is_empty() {
-        line("", "but for what the notes name");
+        line("", "the notes above name what this does not cover");
     }
     text
 }
@@ -87,20 +87,20 @@ pub fn sentence(audited: &Audited) -> (&'static str, &'static str) {
     match (audited.report.verdict, audited.depth) {
         (Verdict::Verified, Depth::Full) => (
             "VERIFIED",
-            "every entry, signature, proof, refusal and average was checked again and holds",
+            "this audit checked every entry, signature, proof, refusal and average again, and all of them hold",
         ),
         (Verdict::Verified, Depth::Light) => (
             "VERIFIED",
-            "every entry, signature and proof was checked again and holds; weights and averages were not looked at",
+            "this audit checked every entry, signature and proof again, and all of them hold; it did not read weights, so it checked no averages",
         ),
         (Verdict::Failed, _) => (
             "FAILED",
-            "this ledger is not to be trusted: see the faults",
+            "this audit found faults: do not trust this ledger",
         ),
     }
 }
 
-/// What was checked beyond entries, in words.
+/// What was checked beyond the entries, in words.
 pub fn counts(checked: &Checked) -> String {
     let some = |count: u64, one: &str, many: &str| match count {
         1 => format!("1 {one}"),

@@ -1,45 +1,52 @@
-//! The rules that most networks set, as options of a command.
+//! A network's rules, from the options of a command or from a JSON file.
 
-use super::Enrolment;
+use super::enrolment::Enrolment;
 use anyhow::{Context, Result};
+use std::path::Path;
 use zk0_circuits::Disclosure;
+use zk0_ledger::bounded_file;
 use zk0_protocol::rules::{
     governance::{Governance, Governor},
     network_rules::Rules,
 };
 
-/// Least limit of an update, in bytes: room for the micro profile, with plenty to spare.
+/// The least limit for an update, in bytes. The micro profile needs much less.
 pub const LEAST_UPDATE_LIMIT: u64 = 1 << 20;
+
+/// Largest file of rules that is read.
+const MAX_RULES_BYTES: usize = 1 << 20;
 
 const MINUTE_MS: u64 = 60_000;
 
 /// The rules that most networks set.
 #[derive(Debug, clap::Args)]
 pub struct CommonRules {
-    /// Fewest samples a dataset may have.
+    /// The fewest samples that a dataset may have.
     #[arg(long, default_value_t = Rules::default().min_dataset_samples)]
     min_dataset_samples: u64,
-    /// Samples evaluated per claim.
+    /// The number of samples that a claim evaluates.
     #[arg(long, default_value_t = Rules::default().eval_samples)]
     eval_samples: u32,
-    /// Least improvement of the loss, in basis points (100 are 1 %).
+    /// The least improvement of the loss, in basis points (100 are 1 %).
     #[arg(long, default_value_t = Rules::default().min_improvement_bps)]
     min_improvement_bps: u32,
-    /// Most samples a contribution counts for.
+    /// The most samples that count when a contribution is averaged.
     #[arg(long, default_value_t = Rules::default().max_weight_samples)]
     max_weight_samples: u64,
-    /// Keep the losses out of the proofs' public values.
+    /// Do not reveal the losses in proofs.
     #[arg(long)]
     hide_losses: bool,
-    /// Minutes from a round's opening in which updates may be committed.
+    /// Minutes after a round's opening until which nodes may commit to updates.
     #[arg(long, default_value_t = Rules::default().commit_window_ms / MINUTE_MS)]
     commit_minutes: u64,
-    /// Minutes from a round's opening in which claims may be submitted.
+    /// Minutes after a round's opening until which nodes may submit claims.
     #[arg(long, default_value_t = Rules::default().submit_window_ms / MINUTE_MS)]
     submit_minutes: u64,
-    /// Who governs, each with one vote: NAME=IDENTITY, as `zk0 governance keygen` prints it. Half of them make a quorum, more
-    /// than half of the votes decide, a third stops it; three days to vote, one to veto. Without any, the rules never change.
-    #[arg(long = "governor")]
+    /// Let this governor vote on changes of the rules. `zk0 governance keygen` prints the identity; the name is for people. Repeat the
+    /// option for more governors. Each has one vote. A vote counts if half of the governors take part, and more than half of the votes
+    /// decide. Voting takes three days. For one more day, a third of the governors can stop the change. Without governors, the rules
+    /// never change.
+    #[arg(long = "governor", value_name = "NAME=IDENTITY")]
     governors: Vec<Enrolment>,
 }
 
@@ -73,7 +80,7 @@ impl CommonRules {
         let minutes = |count: u64| {
             count
                 .checked_mul(MINUTE_MS)
-                .context("a window of so many minutes is no window")
+                .with_context(|| format!("{count} minutes are too many for a window of a round"))
         };
         Ok(Rules {
             min_dataset_samples: self.min_dataset_samples,
@@ -92,4 +99,19 @@ impl CommonRules {
             ..Rules::default()
         })
     }
+}
+
+/// Reads rules from a JSON file.
+///
+/// # Errors
+/// The file cannot be read, or no network can work by these rules.
+pub fn read_rules(file: &Path) -> Result<Rules> {
+    let context = || format!("reading rules from {}", file.display());
+    let text = bounded_file::read(file, MAX_RULES_BYTES).with_context(context)?;
+    let rules: Rules = serde_json::from_slice(&text).with_context(context)?;
+    rules
+        .check()
+        .map_err(anyhow::Error::msg)
+        .with_context(context)?;
+    Ok(rules)
 }

@@ -1,10 +1,13 @@
-//! `zk0 audit prove` and `verify-proof`: that an entry is in a log, as one file that anybody checks offline.
+//! `zk0 audit prove` and `zk0 audit verify-proof`: a file that proves that an entry is in a log.
 
-use crate::ledger::{read_bounded, read_witness_policy, TrustOptions};
+use crate::ledger::TrustOptions;
 use anyhow::{bail, Context, Result};
-use std::{fs, io::Write, path::PathBuf};
-use zk0_audit::log_source::open_log;
-use zk0_audit::report::describe::{describe, printable};
+use std::{io::Write, path::PathBuf};
+use zk0_audit::{
+    log_source::open_log,
+    report::describe::{describe, printable},
+};
+use zk0_ledger::{atomic_file, bounded_file, witness_policy_file};
 use zk0_protocol::tlog::{
     tlog_proof::{TlogProof, MAX_PROOF_BYTES},
     verifier_key::{Role, VerifierKey},
@@ -14,12 +17,12 @@ use zk0_protocol::tlog::{
 /// `zk0 audit prove`.
 #[derive(Debug, clap::Args)]
 pub struct Prove {
-    /// A ledger's directory, an export of one, or the address of a served log.
+    /// A ledger's folder, an export of one, or the address of a served log.
     from: String,
-    /// The entry, counted from 0.
+    /// The number of the entry, counted from 0.
     index: u64,
-    /// Where the proof goes; to standard output when absent.
-    #[arg(long)]
+    /// Write the proof to this file [default: standard output]
+    #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
     #[command(flatten)]
     trust: TrustOptions,
@@ -28,13 +31,13 @@ pub struct Prove {
 /// `zk0 audit verify-proof`.
 #[derive(Debug, clap::Args)]
 pub struct Verify {
-    /// The proof.
+    /// The file with the proof.
     file: PathBuf,
-    /// The log's verifier key, as `zk0 ledger vkey` prints it. A witness policy that names the log makes it unnecessary.
+    /// The log's verifier key, as `zk0 ledger vkey` prints it. It is not needed if the witness policy names the log.
     #[arg(long, required_unless_present = "witness_policy")]
     log_key: Option<VerifierKey>,
-    /// Whose cosignatures have to be on the checkpoint (a C2SP tlog-policy file).
-    #[arg(long)]
+    /// Accept the proof only if the witnesses that this file names have cosigned its checkpoint (a C2SP tlog-policy).
+    #[arg(long, value_name = "FILE")]
     witness_policy: Option<PathBuf>,
 }
 
@@ -43,31 +46,36 @@ pub fn prove(options: &Prove) -> Result<()> {
     let index = options.index;
     let proof = open_log(&options.from, &options.trust.read()?, |log, key, policy| {
         let proof = log.prove(index)?;
-        // Nothing is handed out that does not convince us.
+        // Only a proof that holds is handed out.
         proof.verify(key, policy)?;
         anyhow::Ok(proof)
     })?;
     let text = proof.encode();
     match &options.out {
-        Some(path) => fs::write(path, &text).with_context(|| format!("writing {}", path.display())),
+        Some(path) => atomic_file::replace(path, &[&text])
+            .with_context(|| format!("writing {}", path.display())),
         None => Ok(std::io::stdout().write_all(&text)?),
     }
 }
 
-/// Checks a proof; `false` when it does not hold.
+/// Checks a proof. Returns `false` if it does not hold.
 pub fn verify(options: &Verify) -> Result<bool> {
     let file = &options.file;
     let policy = options.witness_policy.as_deref();
-    let policy = policy.map_or_else(|| Ok(WitnessPolicy::none()), read_witness_policy)?;
-    let proof = TlogProof::decode(&read_bounded(file, MAX_PROOF_BYTES)?)
-        .with_context(|| format!("reading {}", file.display()))?;
+    let policy = policy.map_or_else(|| Ok(WitnessPolicy::none()), witness_policy_file::read)?;
+    let reading = || format!("reading {}", file.display());
+    let proof = bounded_file::read(file, MAX_PROOF_BYTES).with_context(reading)?;
+    let proof = TlogProof::decode(&proof).with_context(reading)?;
     let keys: Vec<&VerifierKey> = match &options.log_key {
         Some(key) if key.role() == Role::Log => vec![key],
-        Some(key) => bail!("{} is a witness' key, not a log's", key.name()),
+        Some(key) => bail!(
+            "{} is the key of a witness; give the key of a log",
+            key.name()
+        ),
         None => policy.logs().iter().collect(),
     };
     if keys.is_empty() {
-        bail!("the witness policy names no log; give --log-key");
+        bail!("the witness policy does not name the log: give the log's key with --log-key");
     }
     let mut refused = Vec::new();
     for key in keys {

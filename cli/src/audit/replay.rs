@@ -1,13 +1,12 @@
-//! `zk0 audit replay`: the whole audit, or what an earlier one has not seen.
+//! `zk0 audit replay`: an audit of the whole ledger, or of what an earlier audit has not seen.
 
-use crate::{ledger::TrustOptions, logging::PROGRESS};
+use super::progress_bar::Bar;
+use crate::ledger::TrustOptions;
 use anyhow::{Context, Result};
 use std::{
-    fs,
     num::NonZeroUsize,
     path::{Path, PathBuf},
-    sync::Mutex,
-    time::{Duration, Instant},
+    time::Duration,
 };
 use zk0_audit::{
     fetch::{locate, Wanted},
@@ -16,35 +15,38 @@ use zk0_audit::{
         verdict::{verdict, Audited},
     },
     run::Audit,
+    Depth,
 };
-use zk0_audit::Depth;
-use zk0_ledger::replay::{Finding, Keep};
+use zk0_ledger::{
+    atomic_file,
+    replay::{Finding, Keep},
+};
 
 /// `zk0 audit replay`.
 #[derive(Debug, clap::Args)]
 pub struct Options {
-    /// The ledger's directory or a copy of it, an export, or the address of a served log (fetched to a temporary directory
-    /// first).
+    /// The ledger's folder or a copy of it, an export, or the address of a served log. A served log is fetched into a temporary folder
+    /// first.
     ledger: String,
-    /// Read no weights, and fetch none: entries, tree, checkpoints, rules, refusals and proofs are checked; updates, averages and
-    /// datasets' lists are not.
+    /// Read and fetch no weights. This checks entries, the tree, checkpoints, rules, refusals and proofs. It does not check updates,
+    /// averages, and the lists of datasets.
     #[arg(long)]
     light: bool,
-    /// Remember in this file what was verified, and go on from there the next time: only what is new is read then, and a log
-    /// that forked or went back is named.
+    /// Keep the state of the audit in this file. The next audit with the same file reads only what is new, and it reports a log that
+    /// shows another history or has lost entries.
     #[arg(long, value_name = "FILE")]
     state: Option<PathBuf>,
-    /// Least time between two writings of --state, in seconds: what a killed audit loses.
+    /// Write the file of --state at most every this many seconds. An audit that is killed loses so much work.
     #[arg(long, value_name = "SECONDS", default_value_t = 30)]
     state_every: u64,
-    /// Keep what is fetched from an address or an export, as a ledger's directory; only what is new is fetched the next time.
+    /// Keep what is fetched from an address or an export in this folder, so that the next audit fetches only what is new.
     #[arg(long, value_name = "DIR")]
     mirror: Option<PathBuf>,
-    /// Write a report to be read in a browser, offline, and its data as JSON beside it.
+    /// Write a report to this file, for reading in a browser without a network. Its data goes beside it as JSON.
     #[arg(long, value_name = "FILE")]
     html: Option<PathBuf>,
-    /// Threads that read and check signatures; as many check proofs. When absent, as many as there are cores.
-    #[arg(long)]
+    /// Use this many threads for reading and signatures, and as many for proofs [default: the number of cores]
+    #[arg(long, value_name = "N")]
     threads: Option<NonZeroUsize>,
     /// Print the report as JSON.
     #[arg(long)]
@@ -53,7 +55,7 @@ pub struct Options {
     trust: TrustOptions,
 }
 
-/// Runs it; `false` when the ledger does not hold.
+/// Runs the command. Returns `false` if the ledger is not right.
 pub fn run(options: &Options) -> Result<bool> {
     let (depth, wanted) = match options.light {
         true => (Depth::Light, Wanted::Proofs),
@@ -62,7 +64,7 @@ pub fn run(options: &Options) -> Result<bool> {
     let mirror = options.mirror.as_deref();
     let trust = options.trust.read()?;
     let located = locate(&options.ledger, mirror, &trust, wanted)?;
-    let memory = options.state.as_ref().map(|path| Keep {
+    let state_file = options.state.as_ref().map(|path| Keep {
         path: path.clone(),
         every: Duration::from_secs(options.state_every),
     });
@@ -72,7 +74,7 @@ pub fn run(options: &Options) -> Result<bool> {
         depth,
         network: trust.network,
         threads: options.threads,
-        memory,
+        state_file,
         progress: (!options.json).then_some(&progress),
     };
     let mut audited = audit.run(&located.dir)?;
@@ -80,8 +82,8 @@ pub fn run(options: &Options) -> Result<bool> {
     if located.lies_here && rules.is_some_and(|rules| !rules.witness_policy.is_empty()) {
         audited.report.findings.push(Finding::note(
             None,
-            "cosignatures were not looked at: in a ledger's own folder the newest entries may still lack those that the rules ask \
-             for; audit what is published",
+            "cosignatures were not looked at, because in a ledger's own folder the newest entries may still lack those that the rules \
+             ask for; to check them, audit an export or the served log",
         ));
     }
     if let Some(path) = &options.html {
@@ -103,43 +105,8 @@ fn write_page(path: &Path, dir: &Path, audited: &Audited) -> Result<()> {
         audit: audited,
         history: &history,
     })?;
-    fs::write(&data, json).with_context(|| format!("writing {}", data.display()))?;
-    fs::write(path, html::page(audited, &history))
+    atomic_file::replace(&data, &[&json]).with_context(|| format!("writing {}", data.display()))?;
+    let page = html::page(audited, &history);
+    atomic_file::replace(path, &[page.as_bytes()])
         .with_context(|| format!("writing {}", path.display()))
-}
-
-/// Tells the log's progress bar now and then.
-#[derive(Default)]
-pub struct Bar(Mutex<Option<Told>>);
-
-struct Told {
-    begun: Instant,
-    last: Instant,
-    first: u64,
-    most: u64,
-}
-
-impl Bar {
-    /// `done` of `total` entries are verified. Threads may say so out of order.
-    pub fn at(&self, done: u64, total: u64) {
-        const PAUSE: Duration = Duration::from_millis(200);
-        let now = Instant::now();
-        let Ok(mut told) = self.0.lock() else { return };
-        let told = told.get_or_insert(Told {
-            begun: now,
-            last: now,
-            first: done,
-            most: done,
-        });
-        // An audit that takes no time needs no bar; the end is always told, or a bar would stay.
-        let early = now < told.last + PAUSE && done < total;
-        if early || done < told.most {
-            return;
-        }
-        (told.last, told.most) = (now, done);
-        let elapsed = now.duration_since(told.begun).as_secs_f64();
-        let rate = (done - told.first) as f64 / elapsed.max(0.001);
-        let eta_ms = (rate > 0.0).then(|| (total.saturating_sub(done) as f64 / rate * 1e3) as u64);
-        tracing::info!(target: PROGRESS, phase = "auditing", done, total, eta_ms);
-    }
 }

@@ -1,4 +1,4 @@
-//! `zk0 audit show`: what happened, on a terminal. Everything shown is in a tree that the log has signed and follows its rules.
+//! `zk0 audit show`: shows on a terminal what happened. Everything shown is in a tree that the log has signed, and follows the rules.
 
 use crate::ledger::TrustOptions;
 use anyhow::{bail, Result};
@@ -18,18 +18,18 @@ use zk0_protocol::Entry;
 /// `zk0 audit show`.
 #[derive(Debug, clap::Args)]
 pub struct Options {
-    /// A ledger's directory, an export of one, or the address of a served log.
+    /// A ledger's folder, an export of one, or the address of a served log.
     ledger: String,
-    /// One entry, counted from 0.
+    /// Show the entry of this number, counted from 0.
     #[arg(conflicts_with_all = ["round", "node", "entries"])]
     index: Option<u64>,
-    /// One round: its entries.
+    /// Show the entries of this round.
     #[arg(long, conflicts_with = "node")]
     round: Option<u64>,
-    /// One node: its entries. Its name, or the beginning of its identity.
+    /// Show the entries of this node. Give its name, or the beginning of its identity.
     #[arg(long)]
     node: Option<String>,
-    /// All entries.
+    /// Show all entries.
     #[arg(long, conflicts_with_all = ["round", "node"])]
     entries: bool,
     /// Print JSON.
@@ -39,7 +39,7 @@ pub struct Options {
     trust: TrustOptions,
 }
 
-/// Runs it; `false` when the ledger does not hold.
+/// Runs the command. Returns `false` if the ledger is not right.
 pub fn run(options: &Options) -> Result<bool> {
     if let Some(index) = options.index {
         one(options, index)?;
@@ -58,7 +58,7 @@ pub fn run(options: &Options) -> Result<bool> {
     if let Some(number) = options.round {
         if !history.rounds.iter().any(|round| round.round == number) {
             bail!(
-                "there is no round {number}: {} rounds were opened",
+                "there is no round {number}: the ledger has {} rounds, counted from 0",
                 history.rounds.len()
             );
         }
@@ -121,7 +121,7 @@ pub fn run(options: &Options) -> Result<bool> {
     Ok(faults.is_empty())
 }
 
-/// One entry, whose place in the signed tree is checked, and nothing else.
+/// Shows one entry. Its place in the signed tree is checked, and nothing else.
 fn one(options: &Options, index: u64) -> Result<()> {
     let bytes = open_log(&options.ledger, &options.trust.read()?, |log, _, _| {
         let size = log.checkpoint().size;

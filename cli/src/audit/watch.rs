@@ -1,7 +1,7 @@
-//! `zk0 audit watch`: an audit that does not end. What was seen once has to stay: a log that forks, goes back or breaks a rule
-//! ends it, loudly.
+//! `zk0 audit watch`: an audit that does not end. What was seen once has to stay. When a log shows two histories, loses entries or breaks a
+//! rule, the watch raises an alarm and ends.
 
-use super::{replay::Bar, show};
+use super::{progress_bar::Bar, show};
 use crate::ledger::TrustOptions;
 use anyhow::{bail, Result};
 use serde_json::json;
@@ -15,22 +15,22 @@ use zk0_audit::{
 /// `zk0 audit watch`.
 #[derive(Debug, clap::Args)]
 pub struct Options {
-    /// A ledger's directory, an export of one, or the address of a served log.
+    /// A ledger's folder, an export of one, or the address of a served log.
     ledger: String,
-    /// Seconds between two looks.
+    /// Check the log every this many seconds.
     #[arg(long, value_name = "SECONDS", default_value_t = 60)]
     interval: u64,
-    /// Look so often, then end; without it, for ever.
+    /// Check the log this many times, and end [default: no limit]
     #[arg(long, value_name = "TIMES")]
     looks: Option<u64>,
-    /// Remember in this file what was seen, so that after a restart a fork or a rollback is still noticed, and only what is new is
-    /// read.
+    /// Keep what was seen in this file. After a restart, the watch then still notices another history or lost entries, and reads only
+    /// what is new.
     #[arg(long, value_name = "FILE")]
     state: Option<PathBuf>,
-    /// Keep what is fetched in this directory; only what is new is fetched after a restart.
+    /// Keep what is fetched in this folder, so that after a restart only what is new is fetched.
     #[arg(long, value_name = "DIR")]
     mirror: Option<PathBuf>,
-    /// Read no weights, and fetch none: see `replay`.
+    /// Read and fetch no weights. `zk0 audit replay --help` says what is not checked then.
     #[arg(long)]
     light: bool,
     /// Print JSON lines.
@@ -40,10 +40,10 @@ pub struct Options {
     trust: TrustOptions,
 }
 
-/// How many looks in a row may fail for want of an answer, or of a file that is about to come.
+/// How many checks in a row may fail because nobody answers or a file is missing.
 const PATIENCE: u32 = 5;
 
-/// Runs it; `false` when something is wrong with the log.
+/// Runs the command. Returns `false` if something is wrong with the log.
 pub fn run(options: &Options) -> Result<bool> {
     let watch = Watch::begin(WatchOptions {
         ledger: options.ledger.clone(),
@@ -69,7 +69,7 @@ pub fn run(options: &Options) -> Result<bool> {
             }
             Err(error) => {
                 failed += 1;
-                tracing::warn!("look {failed} of {PATIENCE} got no answer: {error:#}");
+                tracing::warn!("check {failed} of {PATIENCE} failed, and is repeated: {error:#}");
                 if failed == PATIENCE {
                     return Err(error.context(format!("{} gives no answer", options.ledger)));
                 }
@@ -77,9 +77,9 @@ pub fn run(options: &Options) -> Result<bool> {
         }
         look += 1;
         if options.looks == Some(look) {
-            // What was never seen is not verified.
+            // What was not read is not verified.
             if failed > 0 {
-                bail!("{} gave no answer at the last look", options.ledger);
+                bail!("{} gave no answer at the last check", options.ledger);
             }
             return Ok(true);
         }

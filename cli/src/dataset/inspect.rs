@@ -1,4 +1,4 @@
-//! `zk0 dataset inspect`: what a recording holds, as a table or as JSON.
+//! `zk0 dataset inspect`: shows what a recording holds, as a table or as JSON.
 
 use super::RecordingName;
 use anyhow::{Context, Result};
@@ -42,7 +42,7 @@ struct Camera {
     height: usize,
     width: usize,
     codec: &'static str,
-    /// Frames of the first video's key frames are this far apart, on average.
+    /// The average distance of the first video's key frames, in frames.
     frames_per_key: f64,
 }
 
@@ -125,7 +125,12 @@ impl Summary {
             line("folder", &self.folder);
         }
         line("format", &format!("LeRobotDataset {}", self.format));
-        line("robot", self.robot.as_deref().unwrap_or("not said"));
+        line(
+            "robot",
+            self.robot
+                .as_deref()
+                .unwrap_or("the recording does not say"),
+        );
         let [shortest, longest] = self.episode_frames;
         line(
             "episodes",
@@ -241,7 +246,8 @@ fn joints<'a>(
         .collect()
 }
 
-/// The first frame as training sees it: pictures as they are (the policy brings them to size), motion normalised.
+/// The first frame as training sees it. The pictures have their own size, because the policy resizes them. States and actions are
+/// normalised.
 fn sample(dataset: &Dataset, mut frame: Frame) -> Sample {
     let stats = dataset.stats();
     stats.state.normalize(&mut frame.state);

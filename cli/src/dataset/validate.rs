@@ -1,11 +1,11 @@
-//! `zk0 dataset validate`: everything that is wrong with recordings, before training finds it.
+//! `zk0 dataset validate`: lists all faults of recordings.
 
 use super::RecordingName;
 use anyhow::Result;
 use zk0_lerobot::dataset::Dataset;
 use zk0_node::progress::Progress;
 
-/// Checks one recording after another; `false` if any has a fault.
+/// Checks one recording after another. Returns `false` if any has a fault.
 pub fn run(recordings: &[RecordingName]) -> Result<bool> {
     let mut sound = true;
     for recording in recordings {
@@ -19,9 +19,9 @@ pub fn run(recordings: &[RecordingName]) -> Result<bool> {
 /// What was found in one recording.
 #[derive(Default)]
 struct Report {
-    /// What it holds, if it could be opened.
+    /// What the recording holds, if it could be opened.
     size: Option<String>,
-    /// Faults that have one right reading, and were read that way.
+    /// Faults that zk0 repairs while it reads, because there is only one right way to do so.
     repairs: Vec<String>,
     faults: Vec<String>,
 }
@@ -55,7 +55,7 @@ fn check(recording: &RecordingName) -> Report {
         .into_iter()
         .map(|fault| match fault.more_episodes {
             0 => fault.error.to_string(),
-            more => format!("{} (and {more} more episodes likewise)", fault.error),
+            more => format!("{} ({more} more episodes have the same fault)", fault.error),
         })
         .collect();
     report

@@ -1,12 +1,13 @@
-//! The demo's lazy node: it submits the base weights and passes off somebody else's proof as its own. The network refuses it.
+//! The demo's lazy node: it submits the base weights, with somebody else's proof. The network refuses that.
 //!
 //! It is a program of the demo. A node of `zk0 node join` cannot do this.
 
-use crate::{frames::CacheOptions, keys};
+use crate::{keys, policy::CacheOptions};
 use anyhow::{Context, Result};
 use sha2::{Digest as _, Sha256};
-use std::{fs, path::PathBuf};
+use std::path::PathBuf;
 use zk0_circuits::{Digest, Disclosure, Losses, Terms, WeightsDigest};
+use zk0_ledger::bounded_file;
 use zk0_node::{
     client::Node,
     participant::Participant,
@@ -16,6 +17,9 @@ use zk0_protocol::{entries::entry::RoundOpened, rules::bindings::ExpectedClaim};
 use zk0_smolvla::{
     measure::fixed_point::quantise_weights, train::adaptive::Adaptation, ExpertWeights,
 };
+
+/// Largest proof that is read. A compressed proof has 1.3 MB.
+const MAX_PROOF_BYTES: usize = 16 << 20;
 
 /// What the demo tells its lazy node.
 #[derive(Debug, clap::Args)]
@@ -45,7 +49,7 @@ pub struct Options {
     cache: CacheOptions,
 }
 
-/// Takes part in the rounds. A refusal is what the demo expects, so it is logged and no error.
+/// Takes part in the rounds. The demo expects a refusal, so a refusal is logged and is not an error.
 pub fn run(options: &Options) -> Result<()> {
     tokio::runtime::Runtime::new()
         .context("starting the runtime")?
@@ -53,7 +57,7 @@ pub fn run(options: &Options) -> Result<()> {
 }
 
 async fn take_part(options: &Options) -> Result<()> {
-    let proof = fs::read(&options.stolen_proof)
+    let proof = bounded_file::read(&options.stolen_proof, MAX_PROOF_BYTES)
         .with_context(|| format!("reading the proof {}", options.stolen_proof.display()))?;
     let participant = Participant {
         dataset: options.dataset.clone(),

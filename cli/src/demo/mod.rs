@@ -1,12 +1,12 @@
-//! `zk0 demo`: a whole federation on one machine. An aggregator, a proving service and the nodes run as processes of their
-//! own and speak gRPC over loopback; each node has its own recording. All are honest but the last, which submits the base
-//! weights with somebody else's proof. At the end the ledger is audited as an outsider would.
+//! `zk0 demo`: a whole network on one machine. An aggregator, a proving service and the nodes run as processes of their own, and speak gRPC
+//! within this machine. Each node has its own recording. All nodes are honest except the last one, which submits the base weights with
+//! somebody else's proof. At the end the ledger is audited, as an outsider would do it.
 
 pub mod lazy_node;
 mod process;
 mod results;
 
-use crate::{audit, keys};
+use crate::keys;
 use anyhow::{bail, Context, Result};
 use process::{Console, Process};
 use std::{
@@ -14,21 +14,22 @@ use std::{
     path::{Path, PathBuf},
     time::{Duration, SystemTime},
 };
+use zk0_audit::verified_entries::network_id;
 use zk0_circuits::Mode;
 
 /// What to run.
 #[derive(Debug, clap::Args)]
 pub struct Options {
-    /// Rounds to run.
+    /// Run this many rounds.
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=100))]
     rounds: u64,
-    /// Nodes, each on its own recording; the last one is lazy.
+    /// Run this many nodes, each with its own recording. The last one cheats.
     #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u64).range(2..=16))]
     nodes: u64,
-    /// How matrix products are proven: direct or checked (see `zk0 aggregator init --help`).
+    /// How matrix products are proven: direct or checked. `zk0 aggregator init --help` explains them.
     #[arg(long, default_value = "direct")]
     mode: Mode,
-    /// Recordings (LeRobotDataset folders), one per node.
+    /// A recording for a node (a LeRobotDataset folder). Repeat the option to give each node one.
     #[arg(long = "dataset", default_values = [
         "tests/fixtures/datasets/so100_pickplace",
         "tests/fixtures/datasets/so100_stacking",
@@ -36,15 +37,15 @@ pub struct Options {
         "tests/fixtures/datasets/so101_pickplace",
     ])]
     datasets: Vec<PathBuf>,
-    /// A real proof of another claim, which the lazy node passes off as its own.
+    /// A real proof of another claim. The node that cheats submits it as its own.
     #[arg(long, default_value = "tests/fixtures/proof.bin")]
     stolen_proof: PathBuf,
-    /// Where results go, in a folder named by the time.
+    /// Write the results below this folder, into a folder that is named by the time.
     #[arg(long, default_value = "outputs")]
     out: PathBuf,
 }
 
-/// Runs the demo; an error unless the audit holds, somebody was accepted and the lazy node was refused.
+/// Runs the demo. It is an error if the audit fails, if no contribution is accepted, or if the one that cheats is not refused.
 pub fn run(options: &Options) -> Result<()> {
     tokio::runtime::Runtime::new()
         .context("starting the runtime")?
@@ -55,7 +56,7 @@ async fn federation(options: &Options) -> Result<()> {
     let count = options.nodes as usize;
     if options.datasets.len() < count {
         bail!(
-            "{count} nodes need {count} recordings, {} given: add --dataset DIR",
+            "{count} nodes need {count} recordings, and there are {}: add --dataset DIR",
             options.datasets.len()
         );
     }
@@ -67,7 +68,7 @@ async fn federation(options: &Options) -> Result<()> {
     {
         if !path.exists() {
             bail!(
-                "{} is not there: run from the repository's root, or name it by an option",
+                "{} does not exist: run this in the repository's folder, or name the file by an option",
                 path.display()
             );
         }
@@ -76,9 +77,9 @@ async fn federation(options: &Options) -> Result<()> {
     let (network, nodes) = (out.join("network"), out.join("nodes"));
     fs::create_dir_all(&nodes).with_context(|| format!("creating {}", nodes.display()))?;
     let console = Console::new(fs::File::create(out.join("zk0.log")).context("creating the log")?);
-    console.say(&format!("results go to {}", out.display()));
+    console.say(&format!("the results go to {}", out.display()));
 
-    // The prover takes longest to start: it starts first.
+    // The prover starts first, because it takes longest.
     let mut prover = Process::start(
         "prover",
         &["prover", "serve", "--listen", "127.0.0.1:0"],
@@ -103,7 +104,7 @@ async fn federation(options: &Options) -> Result<()> {
         "--key",
         text(&log_key)?,
     ];
-    // One prover serves everybody in turn: leave each node its turn.
+    // One prover serves all nodes one after another, so the window has time for each of them.
     let submit_window = (10 + 15 * count).to_string();
     let mode = options.mode.to_string();
     init.extend(["--submit-minutes", &submit_window, "--mode", &mode]);
@@ -128,7 +129,7 @@ async fn federation(options: &Options) -> Result<()> {
     let (aggregator_url, prover_url) = (url(&mut aggregator).await?, url(&mut prover).await?);
 
     let mut joined = Vec::new();
-    let id = audit::network_id(&network)?.to_string();
+    let id = network_id(&network)?.to_string();
     for (i, (name, dataset)) in names.iter().zip(&options.datasets).enumerate() {
         let dir = nodes.join(name);
         let key = dir.join("node.key");
@@ -171,7 +172,7 @@ async fn federation(options: &Options) -> Result<()> {
     prover.stop().await;
     aggregator.stop().await;
 
-    console.say("auditing the ledger as an outsider would");
+    console.say("the ledger is audited, as an outsider would do it");
     let held_out = options.datasets.get(count).filter(|path| path.exists());
     results::finish(
         &out,
@@ -183,7 +184,7 @@ async fn federation(options: &Options) -> Result<()> {
 }
 
 async fn url(process: &mut Process) -> Result<String> {
-    // Setting up the prover takes minutes on a small machine.
+    // To start the prover takes minutes on a small machine.
     let address = tokio::time::timeout(Duration::from_secs(900), process.address())
         .await
         .context("waiting for a server")??;

@@ -1,4 +1,4 @@
-//! The demo's child processes: each is this very binary, its JSON log lines go to the one unified log and to the screen.
+//! The demo's child processes. Each runs this binary, and its JSON log lines go to one log file and to the screen.
 
 use crate::logging::{Bars, Progress, PROGRESS};
 use anyhow::{bail, Context, Result};
@@ -16,7 +16,7 @@ use tokio::{
     sync::watch,
 };
 
-/// The unified log and the screen, shared by all processes.
+/// The log file and the screen, which all processes share.
 #[derive(Clone, Debug)]
 pub struct Console(Arc<Inner>);
 
@@ -28,7 +28,7 @@ struct Inner {
 }
 
 impl Console {
-    /// Writes the unified log to `log`.
+    /// A console that writes the log to `log`.
     pub fn new(log: File) -> Self {
         Self(Arc::new(Inner {
             log: Mutex::new(log),
@@ -37,7 +37,7 @@ impl Console {
         }))
     }
 
-    /// Says something of the demo's own.
+    /// Writes a line of the demo itself.
     pub fn say(&self, text: &str) {
         let mut line = Map::new();
         line.insert("message".into(), text.into());
@@ -57,14 +57,14 @@ impl Console {
     fn record(&self, process: &str, mut line: Map<String, Value>) {
         line.insert("process".into(), process.into());
         let mut log = self.0.log.lock().unwrap_or_else(PoisonError::into_inner);
-        // The log is for people: a full disk must not end the federation.
+        // The log is only for people, so a full disk must not end the demo.
         let _ = writeln!(log, "{}", Value::Object(line));
     }
 
     /// Takes one line of a child's standard error.
     fn child_line(&self, process: &str, line: &str, last_progress: &mut (String, u64)) {
         let Ok(Value::Object(fields)) = serde_json::from_str(line) else {
-            // Not a log line: a panic, or a word from a library.
+            // This is not a log line. It may be a panic, or a message of a library.
             self.record(
                 process,
                 Map::from_iter([("message".to_owned(), line.into())]),
@@ -82,7 +82,7 @@ impl Console {
         self.record(process, fields);
     }
 
-    /// A bar on a terminal; elsewhere a line each tenth of the way.
+    /// Shows a bar on a terminal, and elsewhere a line for each tenth of the work.
     fn progress(&self, process: &str, progress: &Progress, last: &mut (String, u64)) {
         use std::io::IsTerminal;
         if std::io::stderr().is_terminal() {
@@ -119,7 +119,7 @@ pub struct Process {
 }
 
 impl Process {
-    /// Starts this binary with `arguments`; it is killed when the value is dropped.
+    /// Starts this binary with `arguments`. The process is killed when the value is dropped.
     pub fn start(name: &str, arguments: &[&str], console: &Console) -> Result<Self> {
         let binary = std::env::current_exe().context("finding this program's file")?;
         let mut child = Command::new(binary)
@@ -163,7 +163,7 @@ impl Process {
         match told {
             Ok(Some(address)) => Ok(address),
             _ => bail!(
-                "{} ended before it listened; its last words are above",
+                "{} ended before it listened; its last log lines above say why",
                 self.name
             ),
         }
@@ -178,31 +178,31 @@ impl Process {
             .with_context(|| format!("waiting for {}", self.name))?;
         if !status.success() {
             bail!(
-                "{} ended with {status}; its last words are above",
+                "{} ended with {status}; its last log lines above say why",
                 self.name
             );
         }
         Ok(())
     }
 
-    /// Resolves when the process ends, which a server should not do by itself.
+    /// Waits until the process ends, which a server should not do by itself.
     pub async fn ended(&mut self) -> anyhow::Error {
         match self.child.wait().await {
             Ok(status) => anyhow::anyhow!(
-                "{} ended early with {status}; its last words are above",
+                "{} ended too early with {status}; its last log lines above say why",
                 self.name
             ),
             Err(error) => anyhow::Error::from(error).context(format!("waiting for {}", self.name)),
         }
     }
 
-    /// Ends the process. Servers lose nothing: what they acknowledged is on disk.
+    /// Ends the process. A server loses nothing, because all that it acknowledged is on disk.
     pub async fn stop(mut self) {
         let _ = self.child.kill().await;
     }
 }
 
-/// What an event says besides its message, as ` (name value, …)`; digests shortened, the log has them whole.
+/// The fields of an event besides its message, as ` (name value, …)`. Digests are shortened; the log file has them whole.
 fn details(fields: &Map<String, Value>) -> String {
     const KNOWN: [&str; 5] = ["timestamp", "level", "target", "message", "listening"];
     let short = |value: &Value| {

@@ -1,16 +1,16 @@
-//! What is left of a demo: the audit's verdict, `metrics.json`, the chart, `global.safetensors`.
+//! The results of a demo: the audit's verdict, `metrics.json`, the chart, and `global.safetensors`.
 
 use super::process::Console;
-use crate::{
-    audit,
-    chart::{self, Curve, Proven},
-};
+use crate::chart::{self, Curve, Proven};
 use anyhow::{bail, Context, Result};
 use serde::Serialize;
-use std::{collections::BTreeMap, fs, path::Path};
-use zk0_audit::report::verdict::{verdict, Audited};
+use std::{collections::BTreeMap, path::Path};
+use zk0_audit::{
+    report::verdict::{verdict, Audited},
+    verified_entries::verified_entries,
+};
 use zk0_circuits::{model::spec::EvalSpec, Digest, NodeId};
-use zk0_ledger::{blobs::Blobs, replay::Verdict};
+use zk0_ledger::{atomic_file, blobs::Blobs, replay::Verdict};
 use zk0_lerobot::dataset::Dataset;
 use zk0_node::{recording, training_history::TrainingHistory};
 use zk0_protocol::entries::{
@@ -20,10 +20,10 @@ use zk0_protocol::entries::{
 };
 use zk0_smolvla::{measure::evaluate, policy::policy_file, ExpertWeights, PolicyConfig};
 
-/// Steps that one point of a training curve is the mean of.
+/// A point of a training curve is the mean of this many steps.
 const WINDOW: usize = 20;
 
-/// Largest weights file the demo reads.
+/// Largest file of weights that the demo reads.
 const MAX_WEIGHTS: u64 = 1 << 30;
 
 #[derive(Serialize)]
@@ -54,12 +54,13 @@ struct Global {
     round: u64,
     weights: String,
     contributors: usize,
-    /// Mean float32 loss on a recording nobody trained on; fixed draws.
+    /// The mean float32 loss on a recording that nobody trained on. Noise and times are fixed.
     unseen_loss_before: Option<f64>,
     unseen_loss_after: Option<f64>,
 }
 
-/// Audits, writes the results, prints the summary; an error unless the ledger holds, somebody was accepted and somebody refused.
+/// Audits the ledger, writes the results, and prints the summary. It is an error if the audit fails, or if no contribution is accepted, or
+/// none is refused.
 pub fn finish(
     out: &Path,
     network: &Path,
@@ -67,10 +68,10 @@ pub fn finish(
     unseen: Option<&Path>,
     console: &Console,
 ) -> Result<()> {
-    let (entries, report) = audit::history(network)?;
+    let (entries, report) = verified_entries(network)?;
     print!("\n{}\n", verdict(&report));
     if report.verdict == Verdict::Failed {
-        bail!("the audit failed");
+        bail!("the audit failed; the lines above say why");
     }
     let Some(Body::Genesis(genesis)) = entries.first().map(|entry| &entry.body) else {
         bail!("the ledger has no genesis");
@@ -81,7 +82,8 @@ pub fn finish(
     let global = global(&entries, genesis, &Blobs::at(network), unseen)?;
     if let Some(last) = global.last() {
         let bytes = Blobs::at(network).get(&last.weights.parse::<Digest>()?, MAX_WEIGHTS)?;
-        fs::write(out.join("global.safetensors"), bytes)?;
+        atomic_file::replace(&out.join("global.safetensors"), &[&bytes])
+            .context("writing global.safetensors")?;
     }
     let proven: Vec<Proven> = contributions
         .iter()
@@ -109,13 +111,13 @@ pub fn finish(
         training,
         audit: report,
     };
-    fs::write(
-        out.join("metrics.json"),
-        serde_json::to_string_pretty(&metrics)?,
+    atomic_file::replace(
+        &out.join("metrics.json"),
+        &[&serde_json::to_vec_pretty(&metrics)?],
     )
     .context("writing metrics.json")?;
     console.say(&format!(
-        "done: {accepted} accepted, {refused} refused, ledger verified; see {}",
+        "done: {accepted} contributions accepted, {refused} refused, and the ledger is verified; the results are in {}",
         out.display()
     ));
     println!(
@@ -123,7 +125,7 @@ pub fn finish(
         network.display()
     );
     if accepted == 0 || refused == 0 {
-        bail!("the demo should end with a contribution accepted and one refused");
+        bail!("the demo should end with an accepted contribution and a refused one");
     }
     Ok(())
 }
@@ -175,7 +177,7 @@ fn contribution(
     }
 }
 
-/// The nodes' own training losses, smoothed; rounds follow one another.
+/// The training losses of the nodes, smoothed. Each curve goes through all rounds.
 fn training_curves(nodes: &Path, names: &[String]) -> Result<Vec<Curve>> {
     let mut curves = Vec::new();
     for name in names {
@@ -237,7 +239,7 @@ fn global(
     Ok(global)
 }
 
-/// A recording nobody trained on, with fixed draws.
+/// A recording that nobody trained on, with fixed noise and times.
 struct Unseen {
     config: PolicyConfig,
     samples: Vec<zk0_smolvla::frames::sample::PreparedSample>,

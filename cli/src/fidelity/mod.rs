@@ -1,12 +1,15 @@
-//! `zk0 fidelity`: the fixed-point loss against the float32 loss, on untrained and trained weights, with default ranges and
-//! with ranges calibrated on the untrained weights, as a network's founder would.
+//! `zk0 fidelity`: compares the fixed-point loss with the float32 loss, on untrained and on trained weights, with the default ranges and
+//! with ranges that are calibrated on the untrained weights, as a network's founder does it.
 
 mod report;
 
 use crate::{
-    calibration::{calibrated, samples},
     dataset::RecordingName,
-    policy_source::{self, PolicySource},
+    policy::{
+        self,
+        calibration::{calibrated, samples},
+        PolicySource,
+    },
 };
 use anyhow::{bail, Result};
 use report::{print_ranges, table, Outcome, Row};
@@ -20,37 +23,39 @@ use zk0_smolvla::{
     ExpertWeights, Policy, PolicyConfig, Profile,
 };
 
-/// What to compare. Prints one JSON line per comparison to standard output, and a table of all of them to standard error.
+/// Compare the loss in fixed-point numbers with the loss in floating-point numbers. This prints a JSON line for each comparison to
+/// standard output, and a table of all comparisons to standard error. It fails if a difference is too large.
 #[derive(Debug, clap::Args)]
 pub struct Options {
-    /// Recordings (LeRobotDataset folders, or hub:owner/name[@revision]). Every other frame is trained and calibrated on, those between are compared on.
+    /// The recordings: LeRobotDataset folders, or hub:owner/name[@revision]. Every other frame is used for training and for calibrating
+    /// ranges, and the frames between are used for the comparison.
     #[arg(required = true)]
     datasets: Vec<RecordingName>,
-    /// A randomly initialised policy: micro, tiny or full (the published dimensions; takes minutes and 5 GB).
+    /// Compare on random weights of this size: micro, tiny or full (the published dimensions; this takes minutes and 5 GB of memory).
     #[arg(long = "profile", value_name = "NAME", value_parser = Profile::from_name)]
     profiles: Vec<Profile>,
-    /// A policy of LeRobot's: a folder with policy_config.json, vlm_config.json and weights.safetensors, and tokenizer.json if
-    /// it has one.
+    /// Compare on the policy in this folder: a LeRobot policy folder, or one with policy_config.json, vlm_config.json and
+    /// weights.safetensors. Instructions are read with its tokenizer.json, if there is one.
     #[arg(long = "lerobot", value_name = "DIR")]
     folders: Vec<PathBuf>,
-    /// Optimiser steps until weights count as trained [default: 600, for large policies 40]
+    /// Train for this many optimiser steps to get the trained weights [default: 600; 40 for large policies]
     #[arg(long)]
     steps: Option<usize>,
-    /// Samples compared [default: 96, for large policies 12]
+    /// Compare on this many samples [default: 96; 12 for large policies]
     #[arg(long)]
     samples: Option<usize>,
-    /// The largest difference of the mean losses, in percent, that is no failure.
+    /// Fail if the mean losses differ by more than this, in percent.
     #[arg(long, default_value_t = 0.5)]
     limit: f64,
-    /// Also print every range: the largest magnitude seen, what the scale holds, the headroom.
+    /// Also print every range: the largest magnitude seen, the largest that the range holds, and the headroom.
     #[arg(long)]
     ranges: bool,
 }
 
-/// What noises and times are drawn from.
+/// Noises and times are drawn from this.
 const CHALLENGE: Digest = Digest([0xf1; 32]);
 
-/// How much is done with a policy, by its size.
+/// How much work is done with a policy. It depends on the policy's size.
 struct Effort {
     /// Frames taken of each recording.
     frames: usize,
@@ -82,10 +87,10 @@ impl Effort {
     }
 }
 
-/// Runs the command; an error when a comparison fails or is beyond the limit.
+/// Runs the command. It is an error if a comparison fails or is beyond the limit.
 pub fn run(options: &Options) -> Result<()> {
     if options.profiles.is_empty() && options.folders.is_empty() {
-        bail!("which policy? Add --profile NAME or --lerobot DIR");
+        bail!("zk0 fidelity needs a policy: add --profile NAME or --lerobot DIR");
     }
     let (mut rows, mut notes) = (Vec::new(), String::new());
     let mut compare = |name: String, untrained: &str, policy: PolicyFile| -> Result<()> {
@@ -97,11 +102,11 @@ pub fn run(options: &Options) -> Result<()> {
     for folder in &options.folders {
         let name = folder.file_name().unwrap_or(folder.as_os_str());
         let name = name.to_string_lossy().into_owned();
-        compare(name, "what the folder holds", policy_source::read(folder)?)?;
+        compare(name, "what the folder holds", policy::read(folder)?)?;
     }
     for profile in &options.profiles {
         let policy = PolicySource::Random(*profile, 1).load()?;
-        let untrained = "a random initialisation, not a published checkpoint";
+        let untrained = "a random initialisation, not a published policy";
         compare(profile.name().into(), untrained, policy)?;
     }
     eprint!("{}{notes}", table(&rows));
@@ -109,18 +114,19 @@ pub fn run(options: &Options) -> Result<()> {
     match rows.iter().filter(beyond).count() {
         0 => Ok(()),
         count => bail!(
-            "{count} of {} losses cannot be had or are too far off",
+            "{count} of {} losses could not be computed or differ too much",
             rows.len()
         ),
     }
 }
 
-/// The four rows of a policy, untrained and trained, with default and with calibrated ranges; and how it was trained.
+/// The four rows of a policy: untrained and trained, with default and with calibrated ranges. Also tells how it was trained.
 fn compare(options: &Options, name: &str, file: PolicyFile) -> Result<(Vec<Row>, String)> {
     let effort = Effort::of(&file.policy, options);
     tracing::info!("{name}: preparing samples");
     let all = samples(&file, &options.datasets, effort.frames)?;
-    let Policy { config, expert, .. } = file.policy; // the frozen half has done its part
+    // The frozen half is not needed any more.
+    let Policy { config, expert, .. } = file.policy;
     let (mut ours, mut others) = (Vec::new(), Vec::new());
     for (index, sample) in all.into_iter().enumerate() {
         if index.is_multiple_of(2) {

@@ -15,16 +15,16 @@ pub struct Row {
     pub weights: &'static str,
     /// `default` or `calibrated`.
     pub ranges: &'static str,
-    /// What came of it.
+    /// The outcome of the comparison.
     #[serde(flatten)]
     pub outcome: Outcome,
 }
 
-/// What came of a comparison.
+/// The outcome of a comparison.
 #[derive(Clone, Debug, Serialize)]
 #[serde(untagged)]
 pub enum Outcome {
-    /// Losses, their differences as fractions, and the least headroom as a factor.
+    /// The losses, their differences as fractions, and the least headroom as a factor.
     Compared {
         samples: usize,
         float32_loss: f64,
@@ -34,7 +34,7 @@ pub enum Outcome {
         least_headroom: f64,
         least_headroom_at: String,
     },
-    /// A value does not fit: the error names the place.
+    /// A value does not fit into its range. The error names the place.
     Failed { error: String },
 }
 
@@ -51,7 +51,7 @@ struct RangeLine<'a> {
 }
 
 impl Outcome {
-    /// Of what was measured, or why it was not.
+    /// The outcome of a measurement that succeeded or failed.
     pub fn of(measured: &Result<Fidelity, FidelityError>) -> Self {
         let fidelity = match measured {
             Ok(fidelity) => fidelity,
@@ -84,7 +84,7 @@ impl Outcome {
     }
 }
 
-/// One JSON line per place to standard output; to standard error, one line per kind of place: its tightest layer.
+/// Prints a JSON line for each place to standard output, and for each kind of place a line about its tightest layer to standard error.
 pub fn print_ranges(row: &Row, ranges: &[Range]) -> serde_json::Result<()> {
     let mut kinds: Vec<(String, Range)> = Vec::new();
     for range in ranges {
@@ -126,7 +126,7 @@ pub fn print_ranges(row: &Row, ranges: &[Range]) -> serde_json::Result<()> {
     Ok(())
 }
 
-/// All rows, for people.
+/// A table of all rows, for people.
 pub fn table(rows: &[Row]) -> String {
     let mut text = format!(
         "{:<13} {:<9} {:<10} {:>7} {:>9} {:>11} {:>10} {:>12}  {}\n",

@@ -1,7 +1,7 @@
-//! `lerobot/` in the folder of a run that started from a folder of LeRobot's: the same with what was trained, as LeRobot's
+//! `lerobot/` in the folder of a run: the LeRobot policy folder that the run started from, with the trained weights. LeRobot's
 //! `from_pretrained` loads it.
 
-use crate::policy_source::PolicySource;
+use crate::policy::PolicySource;
 use anyhow::{bail, Context, Result};
 use std::{
     fs::{self, File},
@@ -13,33 +13,33 @@ use zk0_lerobot::{dataset::Stats, policy_folder::Precision, safetensors::TensorS
 /// Its name in the run's folder.
 const FOLDER: &str = "lerobot";
 
-/// Finds out before the first step whether the folder can be written after the last.
+/// Checks before the first step that the folder can be written after the last one.
 pub fn check(source: &PolicySource, out: &Path, stats: &Stats, resumes: bool) -> Result<()> {
-    let Some(checkpoint) = source.lerobot()? else {
+    let Some(policy_folder) = source.lerobot()? else {
         return Ok(());
     };
-    checkpoint.check_takes(stats)?;
+    policy_folder.check_takes(stats)?;
     let folder = out.join(FOLDER);
     let real = |path: &Path| path.canonicalize().ok();
-    let started_from = real(checkpoint.folder());
+    let started_from = real(policy_folder.folder());
     if [out, &folder].iter().any(|path| real(path) == started_from) {
         bail!(
             "results in {} would replace the policy that the run starts from: choose another --out",
             out.display()
         );
     }
-    // A run that goes on replaces its own; this could be anybody's.
+    // A run that goes on replaces its own folder. This one could belong to another run.
     if !resumes && folder.exists() {
         bail!(
-            "{} is there already: add --resume to go on with the run that left it, or choose another --out",
+            "{} exists already: add --resume to go on with the run that wrote it, or choose another --out",
             folder.display()
         );
     }
     Ok(())
 }
 
-/// Writes it, whole or not at all, in place of the one that the run has left before. `None` where the run did not start from such a
-/// folder.
+/// Writes the folder, whole or not at all. It replaces the folder that the run has written before. `None` if the run did not start from a
+/// LeRobot policy folder.
 pub fn write(
     source: &PolicySource,
     out: &Path,
@@ -47,16 +47,16 @@ pub fn write(
     stats: &Stats,
     precision: Precision,
 ) -> Result<Option<PathBuf>> {
-    let Some(checkpoint) = source.lerobot()? else {
+    let Some(policy_folder) = source.lerobot()? else {
         return Ok(None);
     };
     let folder = out.join(FOLDER);
     let aside = |suffix: &str| out.join(format!("{FOLDER}.{suffix}"));
     let (unfinished, replaced) = (aside("unfinished"), aside("replaced"));
-    // What a killed process has left.
+    // A killed process may have left these.
     remove(&unfinished)?;
     remove(&replaced)?;
-    checkpoint.write_trained(&unfinished, trained, stats, precision)?;
+    policy_folder.write_trained(&unfinished, trained, stats, precision)?;
     let placed = || -> io::Result<()> {
         if folder.exists() {
             fs::rename(&folder, &replaced)?;

@@ -1,4 +1,4 @@
-//! `metrics.jsonl`: one line per step, and one per evaluation.
+//! `metrics.jsonl`: a line for each step, and a line for each evaluation.
 
 use crate::chart::Curve;
 use anyhow::{Context, Result};
@@ -8,9 +8,10 @@ use std::{
     io::Write,
     path::{Path, PathBuf},
 };
+use zk0_ledger::atomic_file;
 use zk0_smolvla::train::Step;
 
-/// Steps that a point of the training curve is the mean of, at least; a long run has no more than 400 points.
+/// A point of the training curve is the mean of this many steps, or of more: a long run has at most 400 points.
 const WINDOW: usize = 10;
 
 /// A line of the file.
@@ -23,7 +24,7 @@ pub enum Line {
     Eval(EvalLine),
 }
 
-/// What is said of a step.
+/// The line of a step.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct StepLine {
     /// Steps made.
@@ -42,7 +43,7 @@ pub struct StepLine {
     pub samples_per_second: f64,
 }
 
-/// What is said of an evaluation.
+/// The line of an evaluation.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct EvalLine {
     /// Steps made.
@@ -51,12 +52,12 @@ pub struct EvalLine {
     pub eval_loss: f64,
     /// LeRobot 0.4's mean, padding included.
     pub eval_loss_plain: f64,
-    /// Frames it is over.
+    /// The number of frames evaluated.
     pub eval_frames: usize,
 }
 
 impl StepLine {
-    /// Of a step of `samples` samples that took `seconds`.
+    /// The line of a step of `samples` samples that took `seconds`.
     pub fn of(step: &Step, samples: usize, seconds: f64) -> Self {
         Self {
             step: step.step,
@@ -79,15 +80,15 @@ impl Line {
     }
 }
 
-/// The file, open for more.
+/// The file, open for more lines.
 pub struct Metrics {
     path: PathBuf,
     file: File,
 }
 
 impl Metrics {
-    /// Opens `path` for a run that has made `step` steps: lines of later ones, and a line that a stopped process left
-    /// unfinished, are removed.
+    /// Opens `path` for a run that has made `step` steps. Lines of later steps are removed, and so is a line that a stopped process left
+    /// unfinished.
     pub fn open(path: &Path, step: usize) -> Result<Self> {
         let kept: Vec<Line> = match step {
             0 => Vec::new(),
@@ -96,14 +97,12 @@ impl Metrics {
                 .filter(|line| line.step() <= step)
                 .collect(),
         };
-        let unfinished = path.with_extension("unfinished");
         let mut text = Vec::new();
         for line in &kept {
             serde_json::to_writer(&mut text, line)?;
             text.push(b'\n');
         }
-        fs::write(&unfinished, text)
-            .and_then(|()| fs::rename(&unfinished, path))
+        atomic_file::replace(path, &[&text])
             .and_then(|()| File::options().append(true).open(path))
             .with_context(|| format!("writing {}", path.display()))
             .map(|file| Self {
@@ -121,7 +120,7 @@ impl Metrics {
     }
 }
 
-/// All whole lines of the file; none if it is not there.
+/// All whole lines of the file; none if there is no file.
 pub fn read(path: &Path) -> Result<Vec<Line>> {
     if !path.exists() {
         return Ok(Vec::new());
@@ -133,7 +132,7 @@ pub fn read(path: &Path) -> Result<Vec<Line>> {
         .collect())
 }
 
-/// Loss curves of the lines: training, smoothed, and the held-out episodes where there are any.
+/// The loss curves: training, smoothed, and the held-out episodes, if there are any.
 pub fn curves(lines: &[Line]) -> Vec<Curve> {
     let steps: Vec<&StepLine> = lines
         .iter()
@@ -194,7 +193,7 @@ mod tests {
     }
 
     #[test]
-    fn a_resumed_run_goes_on_after_its_checkpoint() {
+    fn a_resumed_run_goes_on_after_its_snapshot() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("metrics.jsonl");
         let mut metrics = Metrics::open(&path, 0).unwrap();

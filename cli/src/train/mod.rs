@@ -1,5 +1,5 @@
-//! `zk0 train`: fits a policy to recordings on this machine. May be stopped at any moment and resumed: the result is the
-//! same, byte for byte.
+//! `zk0 train`: trains a policy on recordings, on this machine. A run may be stopped at any moment and resumed: the result is the same,
+//! byte for byte.
 
 mod lerobot;
 mod metrics;
@@ -8,11 +8,7 @@ mod report;
 
 pub use options::Options;
 
-use crate::{
-    chart,
-    dataset::RecordingName,
-    frames::{Kind, Naming, Ready},
-};
+use crate::{chart, dataset::RecordingName, policy::cache_failed};
 use anyhow::{bail, Context, Result};
 use metrics::{EvalLine, Line, Metrics, StepLine};
 use report::{Ended, Evaluated, Recording, Report};
@@ -28,7 +24,10 @@ use zk0_lerobot::{
     policy_folder::Inference,
     safetensors::TensorSet,
 };
-use zk0_node::progress::Progress;
+use zk0_node::{
+    progress::Progress,
+    samples::{FrameNames, ReadySamples, SampleKind},
+};
 use zk0_smolvla::{
     frames::{
         prefix_cache::{digest_of, FrameMaker, FrameRef, KeySpace},
@@ -56,9 +55,9 @@ pub fn run(options: &Options) -> Result<()> {
     }
 }
 
-fn train<S: Kind>(options: &Options) -> Result<()> {
+fn train<S: SampleKind>(options: &Options) -> Result<()> {
     let training = options.training()?;
-    let at = options.place.open()?;
+    let at = options.device.open()?;
     let source = options.source()?;
     let out = &options.out;
     fs::create_dir_all(out).with_context(|| format!("creating {}", out.display()))?;
@@ -80,11 +79,11 @@ fn train<S: Kind>(options: &Options) -> Result<()> {
     };
     let cache = options.cache.open()?;
     let space = KeySpace::new::<S>(&policy, &at);
-    let naming = Naming::new(space, &config, tokenizer, cache.as_ref());
-    let chosen = Chosen::of(options, &datasets, naming)?;
+    let names = FrameNames::new(space, &config, tokenizer, cache.as_ref());
+    let chosen = Chosen::of(options, &datasets, names)?;
     let data = digest_of(chosen.train.iter().map(|frame| frame.key));
 
-    // At the published size the frozen half is 1.4 GB: nobody holds more of it, or for longer, than needed.
+    // At the published size the frozen half has 1.4 GB, so nothing holds more of it, or for longer, than it needs.
     let frozen = mem::take(&mut policy.frozen);
     let frozen = options.train_state_proj.then(|| state_part(frozen));
     let maker = FrameMaker::new(&datasets, config.chunk_size, || {
@@ -92,12 +91,14 @@ fn train<S: Kind>(options: &Options) -> Result<()> {
         let policy = policy.map_err(|error| PolicyError::Sample(format!("{error:#}")))?;
         Preparer::at(&at, policy, tokenizer)
     });
-    let ours = Ready::<S>::prepare(cache.as_ref(), &maker, chosen.train)?;
+    let prepare =
+        |frames| ReadySamples::<S>::prepare(cache.as_ref(), &maker, frames).map_err(cache_failed);
+    let ours = prepare(chosen.train)?;
     let held_out = match chosen.held_out.is_empty() {
         true => None,
         false => Some(HeldOut {
             draws: fixed_draws(&config, chosen.held_out.len(), options.seed),
-            samples: Ready::<S>::prepare(cache.as_ref(), &maker, chosen.held_out)?,
+            samples: prepare(chosen.held_out)?,
         }),
     };
 
@@ -128,17 +129,17 @@ fn train<S: Kind>(options: &Options) -> Result<()> {
     drop(frozen);
     drop(policy);
 
-    let checkpoints = Snapshots::new(&out.join("checkpoints"), options.keep, identity)?;
+    let snapshots = Snapshots::new(&out.join("snapshots"), options.keep, identity)?;
     let resumed = match options.resume {
-        true => checkpoints.resume(&mut trainer)?.unwrap_or(0),
-        false if !checkpoints.is_empty()? => bail!(
-            "{} holds checkpoints of a run: add --resume to go on with it, or choose another --out",
+        true => snapshots.resume(&mut trainer)?.unwrap_or(0),
+        false if !snapshots.is_empty()? => bail!(
+            "{} holds the snapshots of a run: add --resume to go on with that run, or choose another --out",
             out.display()
         ),
         false => 0,
     };
     if options.resume {
-        tracing::info!("going on after step {resumed}");
+        tracing::info!("the run goes on after step {resumed}");
     }
     report.write(out)?;
     let lines = out.join("metrics.jsonl");
@@ -147,7 +148,7 @@ fn train<S: Kind>(options: &Options) -> Result<()> {
     let evaluated = steps(
         options,
         &mut trainer,
-        &checkpoints,
+        &snapshots,
         held_out.as_ref(),
         &mut metrics,
     )?;
@@ -157,10 +158,10 @@ fn train<S: Kind>(options: &Options) -> Result<()> {
     drop(trainer);
 
     let precision = options.lerobot_precision();
-    // Should it fail, what was trained is saved all the same.
+    // If this fails, the trained policy is saved all the same.
     let lerobot = lerobot::write(&source, out, &values, &stats, precision);
     let mut policy = source.policy()?;
-    place(&mut policy, values)?;
+    put_into(&mut policy, values)?;
     let model = out.join("model.safetensors");
     let digest = policy_file::save_trained(&policy, tokenizer, &inference, &model)?;
     let curves = metrics::curves(&metrics::read(&lines)?);
@@ -171,7 +172,7 @@ fn train<S: Kind>(options: &Options) -> Result<()> {
     Ok(())
 }
 
-/// Frames to train on and frames held out, of all recordings.
+/// The frames of all recordings that are trained on, and those that are held out.
 struct Chosen {
     train: Vec<FrameRef>,
     held_out: Vec<FrameRef>,
@@ -179,7 +180,7 @@ struct Chosen {
 }
 
 impl Chosen {
-    fn of(options: &Options, datasets: &[Dataset], mut naming: Naming) -> Result<Self> {
+    fn of(options: &Options, datasets: &[Dataset], mut names: FrameNames) -> Result<Self> {
         let mut chosen = Self {
             train: Vec::new(),
             held_out: Vec::new(),
@@ -190,7 +191,12 @@ impl Chosen {
             let split = Split::of(episodes.len(), options.eval_episodes, options.seed)
                 .with_context(|| format!("recording {}", dataset.root().display()))?;
             let all: Vec<_> = episodes.iter().map(|e| e.frames.clone()).collect();
-            let mut named = |some| naming.frames(number, dataset, &split::frames(&all, some));
+            let mut named = |some| {
+                names
+                    .frames(number, dataset, &split::frames(&all, some))
+                    .map_err(cache_failed)
+                    .with_context(|| format!("recording {}", dataset.root().display()))
+            };
             let (train, eval) = (named(&split.train)?, named(&split.eval)?);
             chosen.recordings.push(Recording {
                 path: dataset.root().display().to_string(),
@@ -205,13 +211,13 @@ impl Chosen {
     }
 }
 
-/// Samples of the held-out episodes, each with its noise and time: the same at every evaluation.
+/// The samples of the held-out episodes. Each has a noise and a time that stay the same at every evaluation.
 struct HeldOut<'c, 'a, S> {
-    samples: Ready<'c, 'a, S>,
+    samples: ReadySamples<'c, 'a, S>,
     draws: Vec<FlowDraw>,
 }
 
-impl<S: Kind> HeldOut<'_, '_, S> {
+impl<S: SampleKind> HeldOut<'_, '_, S> {
     fn evaluate(&self, trainer: &Trainer) -> Result<Evaluated> {
         let (models, samples) = (trainer.evaluation_models()?, S::samples(&self.samples));
         let all: Vec<usize> = (0..samples.len()).collect();
@@ -223,11 +229,11 @@ impl<S: Kind> HeldOut<'_, '_, S> {
     }
 }
 
-/// Makes the steps that are left; the held-out losses after the last.
-fn steps<S: Kind>(
+/// Makes the steps that are left. Returns the losses on the held-out episodes after the last one.
+fn steps<S: SampleKind>(
     options: &Options,
     trainer: &mut Trainer,
-    checkpoints: &Snapshots,
+    snapshots: &Snapshots,
     held_out: Option<&HeldOut<S>>,
     metrics: &mut Metrics,
 ) -> Result<Option<Evaluated>> {
@@ -253,7 +259,7 @@ fn steps<S: Kind>(
         evaluate(trainer, metrics)?;
     }
     if trainer.is_done() {
-        // Stopped between the last step and the end.
+        // The run was stopped between the last step and its end.
         return held_out
             .map(|held_out| held_out.evaluate(trainer))
             .transpose();
@@ -273,21 +279,24 @@ fn steps<S: Kind>(
         if step.step % options.eval_every() == 0 || trainer.is_done() {
             last = evaluate(trainer, metrics)?;
         }
-        if step.step % options.checkpoint_every() == 0 || trainer.is_done() {
-            checkpoints.save(trainer)?;
+        if step.step % options.snapshot_every() == 0 || trainer.is_done() {
+            snapshots.save(trainer)?;
         }
     }
     Ok(last)
 }
 
-/// Takes the folder for this process alone; the system gives it back however the process ends.
+/// Locks the folder for this process. The system releases the lock when the process ends, however it ends.
 fn lock(out: &Path) -> Result<File> {
     let path = out.join(".lock");
     let file = File::create(&path).with_context(|| format!("creating {}", path.display()))?;
     match file.try_lock() {
         Ok(()) => Ok(file),
         Err(TryLockError::WouldBlock) => {
-            bail!("another process trains into {}", out.display())
+            bail!(
+                "another process trains into {}; choose another --out",
+                out.display()
+            )
         }
         Err(TryLockError::Error(error)) => {
             Err(error).with_context(|| format!("locking {}", path.display()))
@@ -295,8 +304,8 @@ fn lock(out: &Path) -> Result<File> {
     }
 }
 
-/// Has all recordings normalised with the same statistics, those of all their frames, as the policy is used after training: with
-/// one normaliser for states and one for actions. Returns them.
+/// Normalises all recordings with the same statistics, those of all their frames, because the policy has one normaliser for states and one
+/// for actions when it is used. Returns the statistics.
 fn normalise(
     config: &PolicyConfig,
     inference: &Inference,
@@ -314,19 +323,19 @@ fn normalise(
     Ok(stats)
 }
 
-/// Refuses a recording that cannot be the policy's before minutes are spent on it.
+/// Refuses a recording that does not fit the policy, before minutes are spent on it.
 fn fits(config: &PolicyConfig, dataset: &Dataset) -> Result<()> {
     let (name, cameras) = (dataset.root().display(), dataset.cameras().len());
     if cameras == 0 || cameras > config.cameras {
         bail!(
-            "{name} has {cameras} cameras, the policy takes 1 to {}",
+            "{name} has {cameras} cameras, and the policy takes 1 to {}",
             config.cameras
         );
     }
     let (state, action) = (dataset.stats().state.dim(), dataset.stats().action.dim());
     if (state, action) != (config.state_dim, config.action_dim) {
         bail!(
-            "{name} has {state} state and {action} action dimensions, the policy takes {} and {}",
+            "{name} has {state} state and {action} action dimensions, and the policy takes {} and {}",
             config.state_dim,
             config.action_dim
         );
@@ -334,7 +343,7 @@ fn fits(config: &PolicyConfig, dataset: &Dataset) -> Result<()> {
     Ok(())
 }
 
-/// What the learning rate is multiplied by, for a client whose loss is high.
+/// The factor for the learning rate of a client whose loss is high.
 fn boosted(options: &Options, trainer: &Trainer, samples: Samples) -> Result<f64> {
     let (Some(factor), Some(prior)) = (options.lr_boost, options.prior_loss) else {
         return Ok(1.0);
@@ -346,13 +355,13 @@ fn boosted(options: &Options, trainer: &Trainer, samples: Samples) -> Result<f64
     };
     let boosted = boost(rule, prior, now)?;
     tracing::info!(
-        "loss at the start {now:.4}, average before {prior:.4}: learning rate times {boosted}"
+        "the loss at the start is {now:.4}, and the average before is {prior:.4}, so the learning rate is multiplied by {boosted}"
     );
     Ok(boosted)
 }
 
 /// Puts trained tensors into the policy they were trained from.
-fn place(policy: &mut Policy, mut values: TensorSet) -> Result<()> {
+fn put_into(policy: &mut Policy, mut values: TensorSet) -> Result<()> {
     let expert = expert_layout(&policy.config);
     let besides: Vec<String> = values
         .keys()

@@ -1,10 +1,8 @@
-//! What `zk0 train` is told.
+//! The options of `zk0 train`.
 
 use crate::{
     dataset::RecordingName,
-    frames::CacheOptions,
-    place::PlaceOptions,
-    policy_source::{self, PolicySource},
+    policy::{self, CacheOptions, DeviceOptions, PolicySource},
 };
 use anyhow::Result;
 use serde::Serialize;
@@ -20,96 +18,96 @@ use zk0_smolvla::{
     Profile,
 };
 
-/// Train a policy on recordings. Leaves `model.safetensors`, `run.json`, `metrics.jsonl`, the loss chart and the checkpoints
-/// in the folder named by `--out`; and `lerobot/`, which LeRobot loads, where it starts from a folder of LeRobot's.
+/// Train a policy on recordings. The folder `--out` gets `model.safetensors`, `run.json`, `metrics.jsonl`, the loss chart, and snapshots of
+/// the run. If the run starts from a LeRobot policy folder, it also gets `lerobot/`, which LeRobot loads.
 #[derive(Debug, clap::Args)]
 pub struct Options {
-    /// A recording (LeRobotDataset folder, or hub:owner/name[@revision]); several are trained on together, normalised with the
-    /// mean and standard deviation over all their frames.
+    /// Train on this recording: a LeRobotDataset folder, or hub:owner/name[@revision]. Repeat the option to train on several recordings
+    /// together. They are normalised with the mean and the standard deviation over all their frames.
     #[arg(long = "dataset", value_name = "RECORDING", required = true)]
     pub datasets: Vec<RecordingName>,
-    /// The policy to start from: a policy file, or a folder of LeRobot's.
+    /// Start from this policy: a policy file, or a LeRobot policy folder.
     #[arg(long, value_name = "PATH", required_unless_present = "profile")]
     policy: Option<PathBuf>,
-    /// Start from random weights instead: micro, tiny or full (the published dimensions).
+    /// Start from random weights of this size instead: micro, tiny or full (the published dimensions).
     #[arg(long, value_name = "NAME", value_parser = Profile::from_name, conflicts_with = "policy")]
     profile: Option<Profile>,
-    /// Where results go.
+    /// Write the results into this folder.
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
-    /// Optimiser steps.
+    /// Make this many optimiser steps.
     #[arg(long, default_value_t = 30_000)]
     steps: usize,
-    /// Samples per step.
+    /// Use this many samples in each step.
     #[arg(long, default_value_t = 8)]
     batch_size: usize,
-    /// Peak learning rate. Random weights of a small profile want 1e-3 and more.
+    /// The peak of the learning rate. Random weights of a small size need 1e-3 or more.
     #[arg(long, default_value_t = 1e-4)]
     lr: f64,
-    /// Its course over the run.
+    /// The course of the learning rate over the run.
     #[arg(long, value_enum, default_value_t)]
     schedule: Course,
-    /// Warm-up steps of `lerobot` (shrinks with a run shorter than the decay).
+    /// The steps of the warm-up of --schedule lerobot. In a run that is shorter than --decay, the warm-up is shorter, too.
     #[arg(long, default_value_t = 1000, value_name = "STEPS")]
     warmup: usize,
-    /// Step at which `lerobot` reaches its floor.
+    /// The step at which --schedule lerobot reaches its floor.
     #[arg(long, default_value_t = 30_000, value_name = "STEPS")]
     decay: usize,
-    /// Steps of the first cosine of `warm-restarts`.
+    /// The steps of the first cosine of --schedule warm-restarts.
     #[arg(long, default_value_t = 15, value_name = "STEPS")]
     first_period: usize,
-    /// What each further one is longer by.
+    /// Each further cosine is longer by this factor.
     #[arg(long, default_value_t = 2, value_name = "N")]
     period_factor: usize,
-    /// What is left of the learning rate at the end of a cosine, as a share [default: 0.025 for lerobot, 0.1 for warm-restarts]
+    /// The share of the learning rate that is left at the end of a cosine [default: 0.025 for lerobot, 0.1 for warm-restarts]
     #[arg(long, value_name = "SHARE")]
     floor: Option<f64>,
-    /// Weight decay.
+    /// The weight decay.
     #[arg(long, default_value_t = AdamWOptions::default().weight_decay)]
     weight_decay: f64,
-    /// Gradients are scaled down to this norm.
+    /// Scale gradients down to this norm.
     #[arg(long, default_value_t = AdamWOptions::default().clip_norm)]
     clip_norm: f64,
-    /// FedProx: weight of the pull towards where the weights start.
+    /// Pull the weights towards their start with this strength (FedProx).
     #[arg(long, default_value_t = 0.0, value_name = "MU")]
     fedprox_mu: f64,
-    /// Losses of the global model after the rounds so far, oldest first: when they stall, mu and learning rate shrink by a
-    /// fifth, when they grow, both grow by a tenth.
+    /// The losses of the global policy after the rounds so far, the oldest first. If they stall, the strength of FedProx and the learning
+    /// rate are multiplied by 0.8. If they grow, both are multiplied by 1.1.
     #[arg(long, value_name = "LOSS,LOSS,…", value_delimiter = ',')]
     round_losses: Vec<f64>,
-    /// Raise the learning rate by this factor if the loss at the start is more than twice `--prior-loss`.
+    /// Multiply the learning rate by this factor if the loss at the start is more than twice `--prior-loss`.
     #[arg(long, value_name = "FACTOR", requires = "prior_loss")]
     pub lr_boost: Option<f64>,
-    /// The average loss that training on these recordings had in the rounds before.
+    /// The average loss of training on these recordings in the rounds before.
     #[arg(long, value_name = "LOSS", requires = "lr_boost")]
     pub prior_loss: Option<f64>,
-    /// Write the trained tensors of `lerobot/` in F32. Else each has the type that it has in the folder of `--policy`: in BF16 it
-    /// is rounded to 8 bits.
+    /// Write the trained tensors of `lerobot/` as F32. Without this option, each has the type that it has in the folder of `--policy`; a
+    /// BF16 tensor is rounded to 8 bits.
     #[arg(long)]
     lerobot_f32: bool,
-    /// Train the state projection too, as LeRobot does: its token then runs through the language layers at every step.
+    /// Also train the state projection, as LeRobot does. Each step then computes the language layers for the state's token.
     #[arg(long)]
     pub train_state_proj: bool,
-    /// Share of each recording's episodes that is held out and evaluated.
+    /// Hold out this share of each recording's episodes, and evaluate on them.
     #[arg(long, default_value_t = 0.0, value_name = "SHARE")]
     pub eval_episodes: f64,
-    /// Evaluate after so many steps [default: a tenth of all]
+    /// Evaluate each time after this many steps [default: a tenth of all]
     #[arg(long, value_name = "STEPS")]
     eval_every: Option<usize>,
-    /// Write a checkpoint after so many steps [default: a tenth of all, 1000 at most]
+    /// Write a snapshot of the run each time after this many steps [default: a tenth of all, 1000 at most]
     #[arg(long, value_name = "STEPS")]
-    checkpoint_every: Option<usize>,
-    /// Checkpoints kept.
+    snapshot_every: Option<usize>,
+    /// Keep this many snapshots.
     #[arg(long, default_value_t = 3, value_name = "N")]
     pub keep: usize,
-    /// Go on from the newest checkpoint in `--out`; from the beginning if there is none.
+    /// Go on from the newest snapshot in `--out`, or from the beginning if there is none.
     #[arg(long)]
     pub resume: bool,
-    /// Decides the split into episodes, the order of samples, noise and times, and random weights.
+    /// The seed of the choice of held-out episodes, of the order of samples, of noise and times, and of random weights.
     #[arg(long, default_value_t = 0)]
     pub seed: u64,
     #[command(flatten)]
-    pub place: PlaceOptions,
+    pub device: DeviceOptions,
     #[command(flatten)]
     pub cache: CacheOptions,
 }
@@ -117,10 +115,10 @@ pub struct Options {
 /// Courses of the learning rate.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, Serialize)]
 enum Course {
-    /// Warm-up and one cosine.
+    /// A warm-up and one cosine, as LeRobot does it.
     #[default]
     Lerobot,
-    /// The same all the time.
+    /// The same learning rate all the time.
     Constant,
     /// Cosines that start again at the peak.
     WarmRestarts,
@@ -129,10 +127,10 @@ enum Course {
 impl Options {
     /// The policy to start from.
     pub fn source(&self) -> Result<PolicySource> {
-        policy_source::one(self.policy.as_ref(), self.profile, self.seed)
+        policy::one(self.policy.as_ref(), self.profile, self.seed)
     }
 
-    /// In which type `lerobot/` has what was trained.
+    /// The type of the trained tensors in `lerobot/`.
     pub fn lerobot_precision(&self) -> Precision {
         match self.lerobot_f32 {
             true => Precision::Single,
@@ -140,12 +138,12 @@ impl Options {
         }
     }
 
-    /// Where the global model's loss goes.
+    /// The trend of the global policy's loss.
     pub fn trend(&self) -> Result<Trend> {
         Ok(Trend::of(&self.round_losses)?)
     }
 
-    /// How to train, but for a boost of the learning rate.
+    /// How to train, before a boost of the learning rate.
     pub fn training(&self) -> Result<TrainOptions> {
         let rates = Rates {
             mu: self.fedprox_mu,
@@ -186,9 +184,9 @@ impl Options {
         self.eval_every.unwrap_or(self.steps / 10).max(1)
     }
 
-    /// Steps between checkpoints.
-    pub fn checkpoint_every(&self) -> usize {
+    /// Steps between snapshots.
+    pub fn snapshot_every(&self) -> usize {
         let tenth = (self.steps / 10).min(1000);
-        self.checkpoint_every.unwrap_or(tenth).max(1)
+        self.snapshot_every.unwrap_or(tenth).max(1)
     }
 }

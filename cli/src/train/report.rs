@@ -1,12 +1,10 @@
-//! `run.json`: what was trained, on what, how, and what came of it.
+//! `run.json`: what was trained, on which recordings, how, and with which result.
 
 use super::Options;
 use anyhow::{Context, Result};
 use serde::Serialize;
-use std::{
-    fs,
-    path::{Path, PathBuf},
-};
+use std::path::{Path, PathBuf};
+use zk0_ledger::atomic_file;
 use zk0_lerobot::policy_folder::Inference;
 use zk0_smolvla::{
     policy::frozen::{FrozenPlace, FrozenPrecision},
@@ -21,20 +19,20 @@ pub struct Report {
     version: &'static str,
     policy: String,
     scope: TrainScope,
-    /// How it trains; trend and boost are in these numbers already.
+    /// How it trains. These numbers contain the trend and the boost already.
     options: TrainOptions,
     device: String,
-    /// What the frozen half's products were made of.
+    /// The type to which the factors in the frozen half are rounded.
     frozen_precision: FrozenPrecision,
-    /// Where the global model's loss goes, by `--round-losses`.
+    /// The trend of the global policy's loss, by `--round-losses`.
     trend: Trend,
-    /// What the learning rate was multiplied by for a high loss at the start.
+    /// The factor for the learning rate because of a high loss at the start.
     lr_boost: f64,
     recordings: Vec<Recording>,
-    /// How the policy is used afterwards: what samples are normalised with is in it.
+    /// How the policy is used afterwards. It contains the statistics that samples are normalised with.
     inference: Inference,
     identity: RunIdentity,
-    /// Once all steps are made.
+    /// The result, once all steps are made.
     ended: Option<Ended>,
 }
 
@@ -45,9 +43,9 @@ pub struct Recording {
     pub path: String,
     /// Frames of the episodes trained on.
     pub train_frames: usize,
-    /// Frames of those held out.
+    /// Frames of the episodes held out.
     pub eval_frames: usize,
-    /// Which are which.
+    /// Which episodes are trained on, and which are held out.
     pub episodes: Split,
 }
 
@@ -60,16 +58,16 @@ pub struct Evaluated {
     pub loss_plain: f64,
 }
 
-/// What came of it.
+/// The result.
 #[derive(Serialize)]
 pub struct Ended {
     /// SHA-256 of `model.safetensors`.
     model_sha256: String,
-    /// The folder for LeRobot, where the run started from one.
+    /// The folder for LeRobot, if the run started from one.
     lerobot: Option<PathBuf>,
-    /// Steps made by the process that ended the run.
+    /// Steps that the process made that ended the run.
     steps: usize,
-    /// How long they took it, evaluations and checkpoints included.
+    /// How long these steps took, with evaluations and snapshots.
     seconds: f64,
     held_out: Option<Evaluated>,
 }
@@ -109,7 +107,7 @@ impl Report {
             policy: options.source()?.name(),
             scope: trainer.scope(),
             options: trainer.options().clone(),
-            device: options.place.device.clone(),
+            device: options.device.device.clone(),
             frozen_precision: place.precision,
             trend: options.trend()?,
             lr_boost,
@@ -127,13 +125,12 @@ impl Report {
 
     /// Writes the file, whole or not at all.
     pub fn write(&self, out: &Path) -> Result<()> {
-        let (path, unfinished) = (out.join("run.json"), out.join("run.unfinished"));
-        fs::write(&unfinished, serde_json::to_vec_pretty(self)?)
-            .and_then(|()| fs::rename(&unfinished, &path))
+        let path = out.join("run.json");
+        atomic_file::replace(&path, &[&serde_json::to_vec_pretty(self)?])
             .with_context(|| format!("writing {}", path.display()))
     }
 
-    /// For people.
+    /// The result, for people.
     pub fn summary(&self, out: &Path) -> String {
         let model = out.join("model.safetensors");
         let mut text = format!(
@@ -147,10 +144,13 @@ impl Report {
             }
             if ended.steps > 0 {
                 let each = ended.seconds / ended.steps as f64;
-                text += &format!("\n{each:.3} s a step over the {} made now", ended.steps);
+                text += &format!(
+                    "\n{each:.3} s for each of the {} steps made now",
+                    ended.steps
+                );
             }
             if let Some(held_out) = ended.held_out {
-                text += &format!("\nloss on held-out episodes {:.4}", held_out.loss);
+                text += &format!("\nthe loss on held-out episodes is {:.4}", held_out.loss);
             }
         }
         text

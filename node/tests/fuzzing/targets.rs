@@ -53,7 +53,11 @@ fn base_losses() -> Target {
             read.map(drop).map_err(|error| {
                 let said = without_path(&error.to_string(), dir.path());
                 // What the file says it is of, it may say in any words.
-                let quoted = ["it is of network", "whose root is", "begins with weights"];
+                let quoted = [
+                    "it belongs to network",
+                    "whose root is",
+                    "begins with weights",
+                ];
                 let ends = quoted.iter().filter_map(|words| said.find(words));
                 match ends.min() {
                     Some(end) => said[..end].to_owned(),

@@ -1,13 +1,14 @@
-//! What is given random inputs, and what it starts from.
+//! The readers that are given random bytes, and the inputs that fuzzing starts from.
 
 use prost::Message as _;
 use zk0_circuits::{EvalSpec, Mode};
-use zk0_prover::program::GuestInput;
-use zk0_prover::rpc::ProvePart;
-use zk0_prover::synthetic::private_input;
-use zk0_prover::upload::{parts, Announced};
+use zk0_prover::{
+    program::{synthetic::private_input, GuestInput},
+    rpc::ProvePart,
+    service::upload::{parts, Announced},
+};
 
-/// What any input may make a reader allocate: an evaluation has tables.
+/// What a reader may allocate for any input, because an evaluation has tables.
 pub const SLACK: usize = 2 << 20;
 
 /// A reader under test.
@@ -40,9 +41,10 @@ pub fn target(name: &str) -> Target {
     }
 }
 
-/// What the verifier's target `eval_spec` tells apart is one outcome here.
+/// Messages that the verifier's target `eval_spec` tells apart are one outcome here.
 fn without_parts(message: String) -> String {
-    let parts = ["scale", "dimension"].map(|part| format!("the input cannot be read: {part}"));
+    let parts =
+        ["scale", "dimension"].map(|part| format!("the private input cannot be read: {part}"));
     let part = parts.into_iter().find(|part| message.starts_with(part));
     part.unwrap_or(message)
 }

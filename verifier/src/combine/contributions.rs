@@ -7,20 +7,20 @@ use zk0_protocol::Refusal;
 /// Why contributions do not combine.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum CombineError {
-    /// Nothing to combine.
+    /// No contribution has a weight above 0.
     #[error("no contribution has any weight")]
     Empty,
-    /// A node twice.
+    /// A node contributes twice.
     #[error("node {0} contributes twice")]
     Twice(NodeId),
-    /// Contributions that do not fit one another.
+    /// Two contributions have different tensors.
     #[error("node {node}'s weights have no tensor '{tensor}' of {len} values")]
     Unlike {
         node: NodeId,
         tensor: String,
         len: usize,
     },
-    /// The result is not finite; cannot happen for finite weights.
+    /// The result is not finite. Finite weights cannot give that.
     #[error(transparent)]
     Weights(#[from] WeightsError),
     /// The result does not quantise.

@@ -1,0 +1,46 @@
+//! Which witnesses an aggregator asks: those of the network's rules, those that its operator names, or those that it asked before.
+
+use std::path::{Path, PathBuf};
+use zk0_ledger::{folder, witness_policy_file, LedgerError};
+use zk0_protocol::{Rules, WitnessPolicy};
+
+/// Why the witnesses cannot be chosen.
+#[derive(Debug, thiserror::Error)]
+pub enum ChosenWitnessesError {
+    /// The rules and the operator both name witnesses.
+    #[error("this network's rules name its witnesses: leave out the witness policy {}", .0.display())]
+    RulesNameThem(PathBuf),
+    /// The rules name witnesses in a form that cannot be read.
+    #[error("the witnesses that the rules name cannot be read: {0}")]
+    Rules(String),
+    /// A witness policy cannot be read or kept.
+    #[error(transparent)]
+    Ledger(#[from] LedgerError),
+}
+
+/// The witness policy of the aggregator of the ledger in `dir`. `named` is the file that its operator names. A policy that asks for no
+/// witnesses is kept in `dir`; a policy that asks for witnesses is kept once they have cosigned.
+///
+/// # Errors
+/// The rules name witnesses and the operator does, too; or a policy cannot be read or kept.
+pub fn chosen_witnesses(
+    dir: &Path,
+    rules: &Rules,
+    named: Option<&Path>,
+) -> Result<WitnessPolicy, ChosenWitnessesError> {
+    let ruled = rules.witnesses().map_err(ChosenWitnessesError::Rules)?;
+    let Some(named) = named else {
+        return Ok(match ruled.wants_witnesses() {
+            true => ruled,
+            false => folder::read_policy(dir)?,
+        });
+    };
+    if ruled.wants_witnesses() {
+        return Err(ChosenWitnessesError::RulesNameThem(named.to_owned()));
+    }
+    let policy = witness_policy_file::read(named)?;
+    if !policy.wants_witnesses() {
+        folder::write_policy(dir, &policy)?;
+    }
+    Ok(policy)
+}

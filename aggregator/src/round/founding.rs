@@ -1,0 +1,147 @@
+//! Founds a network: stores its policy and its first weights, writes the genesis, and enrols the first nodes.
+
+use super::clock::Clock;
+use ed25519_dalek::SigningKey;
+use std::{
+    io::{self, BufWriter, Write},
+    path::Path,
+};
+use zk0_circuits::{claim::program::verifying_key, Digest, EvalSpec, Mode, WeightsDigest};
+use zk0_ledger::{
+    blobs::{BlobWriter, Blobs},
+    folder, BlobError, Ledger, LedgerError,
+};
+use zk0_protocol::{entries::member::NodeEnrolled, Body, Genesis, Rules};
+
+/// What a network begins with.
+pub struct Founding {
+    /// The network's name.
+    pub name: String,
+    /// Random bytes, so that two networks of the same name have different ids.
+    pub nonce: [u8; 32],
+    /// The network's rules.
+    pub rules: Rules,
+    /// How matrix products are proven.
+    pub mode: Mode,
+    /// How claims are evaluated.
+    pub evaluation: EvalSpec,
+    /// The expert's weights that round 0 starts from, as a safetensors file.
+    pub initial: Vec<u8>,
+    /// The digest of these weights in fixed point, under `mode`.
+    pub quantised: Digest,
+}
+
+/// Why a network was not founded.
+#[derive(Debug, thiserror::Error)]
+pub enum FoundingError {
+    /// The ledger cannot be made.
+    #[error(transparent)]
+    Ledger(#[from] LedgerError),
+    /// The weights cannot be stored.
+    #[error(transparent)]
+    Blob(#[from] BlobError),
+    /// The policy cannot be stored.
+    #[error("storing the policy file, which may have {limit} bytes at most because nodes download no larger one: {error}")]
+    Policy {
+        /// The limit, in bytes.
+        limit: u64,
+        /// What went wrong.
+        error: io::Error,
+    },
+    /// A node cannot be enrolled.
+    #[error("enrolling {name}: {error}")]
+    Enrol {
+        /// The node's name.
+        name: String,
+        /// What went wrong.
+        error: LedgerError,
+    },
+}
+
+impl Founding {
+    /// Founds the network in `dir`. `write_policy` writes the policy file, of at most `limit` bytes, and returns its SHA-256: at the
+    /// published size the file should not be in memory besides the policy.
+    ///
+    /// # Errors
+    /// `dir` holds a ledger already, or the file system fails.
+    pub fn found(
+        self,
+        dir: &Path,
+        key: SigningKey,
+        clock: &dyn Clock,
+        limit: u64,
+        write_policy: impl FnOnce(&mut dyn Write) -> io::Result<[u8; 32]>,
+    ) -> Result<Ledger, FoundingError> {
+        check_free(dir)?;
+        // The blobs come first, so that no ledger names weights that are not there.
+        let blobs = Blobs::at(dir);
+        let mut blob = Blob(blobs.writer(limit)?);
+        let mut out = BufWriter::with_capacity(1 << 20, &mut blob);
+        let written = write_policy(&mut out).and_then(|digest| out.flush().map(|()| digest));
+        drop(out);
+        let policy = Digest(written.map_err(|error| FoundingError::Policy { limit, error })?);
+        blob.0.finish(&policy)?;
+        let genesis = Genesis {
+            name: self.name,
+            log_key: key.verifying_key().to_bytes(),
+            nonce: self.nonce,
+            rules: self.rules,
+            program: verifying_key(self.mode).to_vec(),
+            mode: self.mode,
+            evaluation: self.evaluation.encode(),
+            policy,
+            initial: WeightsDigest {
+                blob: blobs.put(&self.initial)?,
+                quantised: self.quantised,
+            },
+        };
+        Ok(Ledger::create(dir, genesis, key, clock.now_ms())?.0)
+    }
+}
+
+/// Checks that `dir` holds no ledger yet.
+///
+/// # Errors
+/// It holds one.
+pub fn check_free(dir: &Path) -> Result<(), LedgerError> {
+    match folder::checkpoint(dir).exists() {
+        true => Err(LedgerError::AlreadyExists(dir.to_owned())),
+        false => Ok(()),
+    }
+}
+
+/// Enrols nodes.
+///
+/// # Errors
+/// The rules refuse a node, or the file system fails.
+pub fn enrol(
+    ledger: &mut Ledger,
+    nodes: Vec<NodeEnrolled>,
+    clock: &dyn Clock,
+) -> Result<(), FoundingError> {
+    for enrolled in nodes {
+        let (name, node) = (enrolled.name.clone(), enrolled.node);
+        ledger
+            .append(clock.now_ms(), Body::NodeEnrolled(enrolled))
+            .map_err(|error| FoundingError::Enrol {
+                name: name.clone(),
+                error,
+            })?;
+        tracing::info!("enrolled {name} ({node})");
+    }
+    Ok(())
+}
+
+/// A blob as something to write to.
+struct Blob(BlobWriter);
+
+impl Write for Blob {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.0.write(bytes).map_err(io::Error::other)?;
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}

@@ -1,0 +1,232 @@
+//! The requests of `proto/federation.proto`, answered by the rounds behind a [`Service`].
+
+use crate::{
+    file_parts::file_parts,
+    round::request::RequestError,
+    serve::{governance_info::governance_info, service::Service},
+};
+use std::{pin::Pin, time::Duration};
+use tokio::{task::spawn_blocking, time::timeout};
+use tokio_stream::{Stream, StreamExt};
+use tonic::{Request, Response, Status, Streaming};
+use zk0_circuits::{Digest, NodeId};
+use zk0_protocol::rpc::federation::{
+    federation_server::Federation, upload_chunk::Part, Chunk, CommitRequest, DownloadRequest,
+    GetGovernanceRequest, GetNetworkRequest, GetRoundRequest, GovernanceInfo, NetworkInfo, Receipt,
+    RecordRequest, RegisterDatasetRequest, RoundInfo, SubmitReply, SubmitRequest, UploadChunk,
+    UploadReply,
+};
+use zk0_protocol::Refusal;
+
+#[tonic::async_trait]
+impl Federation for Service {
+    async fn get_network(
+        &self,
+        _: Request<GetNetworkRequest>,
+    ) -> Result<Response<NetworkInfo>, Status> {
+        let service = self.clone();
+        let info = self.with(move |aggregator| {
+            let ledger = aggregator.ledger();
+            let checkpoint = ledger.checkpoint_at(service.visible(aggregator)?)?;
+            Ok(NetworkInfo {
+                genesis: ledger.receipt(0)?.entry,
+                checkpoint: String::from_utf8_lossy(&checkpoint).into_owned(),
+            })
+        });
+        Ok(Response::new(info.await?))
+    }
+
+    async fn get_round(
+        &self,
+        request: Request<GetRoundRequest>,
+    ) -> Result<Response<RoundInfo>, Status> {
+        let GetRoundRequest { round, node } = request.into_inner();
+        let node = <[u8; 32]>::try_from(node).ok().map(NodeId);
+        let service = self.clone();
+        let info = self.with(move |aggregator| {
+            let (opened, closed) = aggregator.round(round, service.visible(aggregator)?)?;
+            let state = aggregator.state();
+            let open = state.round().zip(node);
+            Ok(RoundInfo {
+                invited: open.is_some_and(|(open, node)| state.may_contribute(open, &node)),
+                opened: opened.map(Into::into),
+                closed: closed.map(Into::into),
+                now_ms: aggregator.now_ms(),
+            })
+        });
+        Ok(Response::new(info.await?))
+    }
+
+    async fn record(&self, request: Request<RecordRequest>) -> Result<Response<Receipt>, Status> {
+        let body = request.into_inner().body;
+        let receipt = self
+            .with(move |aggregator| aggregator.record(&body))
+            .await?;
+        self.changed.notify_one();
+        self.published(receipt.index + 1).await?;
+        Ok(Response::new(receipt.into()))
+    }
+
+    async fn get_governance(
+        &self,
+        _: Request<GetGovernanceRequest>,
+    ) -> Result<Response<GovernanceInfo>, Status> {
+        let service = self.clone();
+        let info = self.with(move |aggregator| {
+            let visible = service.visible(aggregator)?;
+            governance_info(aggregator, visible)
+        });
+        Ok(Response::new(info.await?))
+    }
+
+    type DownloadStream = Pin<Box<dyn Stream<Item = Result<Chunk, Status>> + Send>>;
+
+    async fn download(
+        &self,
+        request: Request<DownloadRequest>,
+    ) -> Result<Response<Self::DownloadStream>, Status> {
+        let blob = digest(&request.into_inner().blob)?;
+        let path = self.with(move |aggregator| aggregator.blob(&blob)).await?;
+        let name = path.display().to_string();
+        let failed = move |error: std::io::Error| {
+            Status::from(RequestError::Internal(format!("{name}: {error}")))
+        };
+        let file = tokio::fs::File::open(path).await.map_err(&failed)?;
+        let parts = file_parts(file, self.limits.silence)
+            .map(move |part| part.map(|data| Chunk { data }).map_err(&failed));
+        Ok(Response::new(Box::pin(parts)))
+    }
+
+    async fn register_dataset(
+        &self,
+        request: Request<RegisterDatasetRequest>,
+    ) -> Result<Response<Receipt>, Status> {
+        let RegisterDatasetRequest {
+            registration,
+            leaves,
+        } = request.into_inner();
+        let receipt = self
+            .with(move |aggregator| aggregator.register(&registration, &leaves))
+            .await?;
+        self.changed.notify_one();
+        self.published(receipt.index + 1).await?;
+        Ok(Response::new(receipt.into()))
+    }
+
+    async fn upload(
+        &self,
+        request: Request<Streaming<UploadChunk>>,
+    ) -> Result<Response<UploadReply>, Status> {
+        match timeout(self.limits.upload, self.receive(request.into_inner())).await {
+            Ok(received) => received.map(|()| Response::new(UploadReply {})),
+            Err(_) => Err(too_long("the upload took", self.limits.upload)),
+        }
+    }
+
+    async fn commit(&self, request: Request<CommitRequest>) -> Result<Response<Receipt>, Status> {
+        let commitment = request.into_inner().commitment;
+        let receipt = self
+            .with(move |aggregator| aggregator.commit(&commitment))
+            .await?;
+        self.changed.notify_one();
+        self.published(receipt.index + 1).await?;
+        Ok(Response::new(receipt.into()))
+    }
+
+    async fn submit(
+        &self,
+        request: Request<SubmitRequest>,
+    ) -> Result<Response<SubmitReply>, Status> {
+        let SubmitRequest { submission, proof } = request.into_inner();
+        let decided = self
+            .with(move |aggregator| aggregator.submit(&submission, proof))
+            .await?;
+        self.changed.notify_one();
+        self.published(decided.receipt.index + 1).await?;
+        Ok(Response::new(SubmitReply {
+            accepted: decided.rejected.is_none(),
+            reason: decided
+                .rejected
+                .as_ref()
+                .map(Refusal::to_string)
+                .unwrap_or_default(),
+            receipt: Some(decided.receipt.into()),
+        }))
+    }
+}
+
+impl Service {
+    /// Receives an upload to its end.
+    async fn receive(&self, mut stream: Streaming<UploadChunk>) -> Result<(), Status> {
+        let Some(Part::Request(first)) = self.next(&mut stream).await? else {
+            return Err(malformed(
+                "the first message of an upload holds its signed request",
+            ));
+        };
+        let (upload, writer) = self
+            .with(move |aggregator| aggregator.begin_upload(&first))
+            .await?;
+        let Some(mut writer) = writer else {
+            return Ok(());
+        };
+        let _place = self.uploading.take(upload.node)?;
+        while let Some(part) = self.next(&mut stream).await? {
+            let Part::Data(data) = part else {
+                return Err(malformed(
+                    "an upload holds one request, and nothing but data after it",
+                ));
+            };
+            writer = blocking(move || {
+                writer.write(&data).map_err(RequestError::upload)?;
+                Ok(writer)
+            })
+            .await?;
+        }
+        if writer.size() != upload.size {
+            return Err(malformed(&format!(
+                "the upload ended after {} of {} bytes",
+                writer.size(),
+                upload.size
+            )));
+        }
+        blocking(move || writer.finish(&upload.blob).map_err(RequestError::upload)).await?;
+        tracing::info!(node = %upload.node, update = %upload.blob, size = upload.size, "update uploaded");
+        Ok(())
+    }
+
+    /// The next part of an upload. It is an error if none comes for too long.
+    async fn next(&self, stream: &mut Streaming<UploadChunk>) -> Result<Option<Part>, Status> {
+        let silence = self.limits.silence;
+        let message = timeout(silence, stream.message())
+            .await
+            .map_err(|_| too_long("no data came for", silence))??;
+        match message {
+            None => Ok(None),
+            Some(UploadChunk { part: Some(part) }) => Ok(Some(part)),
+            Some(UploadChunk { part: None }) => Err(malformed("a message of the upload is empty")),
+        }
+    }
+}
+
+async fn blocking<T: Send + 'static>(
+    work: impl FnOnce() -> Result<T, RequestError> + Send + 'static,
+) -> Result<T, RequestError> {
+    spawn_blocking(work)
+        .await
+        .unwrap_or_else(|error| Err(RequestError::Internal(error.to_string())))
+}
+
+fn digest(bytes: &[u8]) -> Result<Digest, Status> {
+    bytes
+        .try_into()
+        .map(Digest)
+        .map_err(|_| malformed("the name of a blob is its SHA-256, of 32 bytes"))
+}
+
+fn too_long(what: &str, limit: Duration) -> Status {
+    RequestError::TimedOut(format!("{what} more than {} ms", limit.as_millis())).into()
+}
+
+fn malformed(what: &str) -> Status {
+    RequestError::Malformed(what.into()).into()
+}

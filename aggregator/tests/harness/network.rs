@@ -1,0 +1,211 @@
+//! An aggregator that serves on loopback, and can be killed and started again.
+
+use super::{files, genesis, log_key, weights, Node, POLICY, START_MS};
+use std::{sync::Arc, time::Duration};
+use tempfile::TempDir;
+use tokio::{net::TcpListener, sync::oneshot, task::JoinHandle};
+use tonic::{transport::Channel, Status};
+use zk0_aggregator::{
+    publish::cosigning::Witnesses, Aggregator, Config, Limits, ManualClock, Service,
+};
+use zk0_circuits::Digest;
+use zk0_protocol::{
+    entries::{
+        entry::{Body, Entry},
+        genesis::Genesis,
+    },
+    rpc::federation::{self as proto, federation_client::FederationClient},
+    tlog::{checkpoint::Checkpoint, receipt::Receipt, witness_policy::WitnessPolicy},
+};
+
+/// A running aggregator.
+pub struct Network {
+    pub dir: TempDir,
+    pub clock: Arc<ManualClock>,
+    pub genesis: Genesis,
+    pub config: Config,
+    service: Option<Service>,
+    limits: Limits,
+    /// Witnesses whose quorum is wanted, from the next start on.
+    pub policy: Option<WitnessPolicy>,
+    pub address: String,
+    running: Option<(oneshot::Sender<()>, JoinHandle<()>)>,
+}
+
+impl Network {
+    /// Founds a network with these nodes and serves it.
+    pub async fn start(nodes: &[&Node], config: Config) -> Self {
+        Self::start_with(nodes, config, Limits::default()).await
+    }
+
+    pub async fn start_with(nodes: &[&Node], config: Config, limits: Limits) -> Self {
+        let dir = tempfile::tempdir().unwrap();
+        let clock = Arc::new(ManualClock::at(START_MS));
+        let genesis = genesis();
+        let mut aggregator = Aggregator::found(
+            dir.path(),
+            genesis.clone(),
+            log_key(),
+            POLICY,
+            &weights(0),
+            clock.clone(),
+            config,
+        )
+        .unwrap();
+        for (number, node) in nodes.iter().enumerate() {
+            aggregator
+                .enrol(node.id(), format!("node-{number}"))
+                .unwrap();
+        }
+        let mut network = Self {
+            dir,
+            clock,
+            genesis,
+            config,
+            service: Some(Service::with_limits(aggregator, limits)),
+            limits,
+            policy: None,
+            address: String::new(),
+            running: None,
+        };
+        network.serve().await;
+        network
+    }
+
+    async fn serve(&mut self) {
+        let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+        self.address = format!("http://{}", listener.local_addr().unwrap());
+        let (stop, stopped) = oneshot::channel::<()>();
+        let service = self.service().clone();
+        let task = tokio::spawn(async move {
+            let stopped = async {
+                let _ = stopped.await;
+            };
+            service.serve(listener, stopped).await.unwrap();
+        });
+        self.running = Some((stop, task));
+    }
+
+    /// Kills the aggregator and starts it again on what is on disk.
+    pub async fn restart(&mut self) {
+        let (stop, task) = self.running.take().unwrap();
+        task.abort(); // without a goodbye
+        let _ = task.await;
+        drop(stop);
+        // The database is locked until every clone of the old service is gone: requests that were in progress hold one.
+        let mut tries = 0;
+        self.service = None;
+        let aggregator = loop {
+            match self.open() {
+                Ok(aggregator) => break aggregator,
+                Err(error) if tries < 100 && error.to_string().contains("in use") => {
+                    tries += 1;
+                    tokio::time::sleep(Duration::from_millis(50)).await;
+                }
+                Err(error) => panic!("{error}"),
+            }
+        };
+        let mut service = Service::with_limits(aggregator, self.limits);
+        if let Some(policy) = &self.policy {
+            let witnesses = Witnesses::new(policy.clone(), Duration::from_secs(1)).unwrap();
+            service = service.witnessed(witnesses).await.unwrap();
+        }
+        self.service = Some(service);
+        self.serve().await;
+    }
+
+    fn open(&self) -> Result<Aggregator, zk0_aggregator::round::request::RequestError> {
+        Aggregator::open(
+            self.dir.path(),
+            Some(&self.genesis.network_id()),
+            log_key(),
+            self.clock.clone(),
+            self.config,
+        )
+    }
+
+    pub fn service(&self) -> &Service {
+        self.service.as_ref().unwrap()
+    }
+
+    /// Lets the aggregator look at the clock until nothing changes.
+    pub async fn settle(&self) {
+        use zk0_aggregator::Progress;
+        loop {
+            let progress = self.service().with(Aggregator::step).await.unwrap();
+            if matches!(progress, Progress::Waiting | Progress::Finished) {
+                return;
+            }
+        }
+    }
+
+    pub async fn entries(&self) -> Vec<Entry> {
+        self.service()
+            .with(|aggregator| {
+                let ledger = aggregator.ledger();
+                Ok((0..ledger.size())
+                    .map(|at| ledger.entry(at).unwrap())
+                    .collect())
+            })
+            .await
+            .unwrap()
+    }
+
+    pub async fn last(&self) -> Body {
+        self.entries().await.pop().unwrap().body
+    }
+
+    pub async fn client(&self) -> FederationClient<Channel> {
+        FederationClient::connect(self.address.clone())
+            .await
+            .unwrap()
+    }
+
+    pub async fn round(&self, round: Option<u64>) -> proto::RoundInfo {
+        let request = proto::GetRoundRequest {
+            round,
+            node: Vec::new(),
+        };
+        self.client()
+            .await
+            .get_round(request)
+            .await
+            .unwrap()
+            .into_inner()
+    }
+
+    /// Opens a receipt with nothing but the genesis.
+    pub fn opened(&self, receipt: proto::Receipt) -> (u64, Checkpoint, Entry) {
+        let receipt = Receipt {
+            index: receipt.index,
+            entry: receipt.entry,
+            checkpoint: receipt.checkpoint.into_bytes(),
+            proof: receipt
+                .inclusion
+                .into_iter()
+                .map(|hash| Digest(hash.try_into().unwrap()))
+                .collect(),
+        };
+        let index = receipt.index;
+        let (checkpoint, entry) = receipt
+            .verify(&self.genesis.log_key, &self.genesis.name)
+            .unwrap();
+        (index, checkpoint, entry)
+    }
+
+    pub async fn download(&self, blob: Digest) -> Result<Vec<u8>, Status> {
+        let request = proto::DownloadRequest {
+            blob: blob.0.to_vec(),
+        };
+        let mut stream = self.client().await.download(request).await?.into_inner();
+        let mut bytes = Vec::new();
+        while let Some(chunk) = stream.message().await? {
+            bytes.extend(chunk.data);
+        }
+        Ok(bytes)
+    }
+
+    pub fn uploads(&self) -> usize {
+        files(&self.dir.path().join("uploads"))
+    }
+}

@@ -1,0 +1,199 @@
+//! A node that says what a test tells it to say.
+
+use super::{digest, flat, Network};
+use ed25519_dalek::SigningKey;
+use tonic::Status;
+use zk0_circuits::{vm::merkle, Claim, DatasetCommitment, Digest, Losses, NodeId};
+use zk0_protocol::{
+    entries::signed::{DatasetRegistration, Signed, Submission, UpdateCommitment, UploadRequest},
+    rpc::federation::{self as proto, upload_chunk::Part},
+    rules::bindings::ExpectedClaim,
+};
+use zk0_verifier::blob_digest;
+
+/// A node that signs what it is told to.
+pub struct Node {
+    pub key: SigningKey,
+    pub seed: u8,
+}
+
+impl Node {
+    pub fn new(seed: u8) -> Self {
+        Self {
+            key: SigningKey::from_bytes(&[seed; 32]),
+            seed,
+        }
+    }
+
+    pub fn id(&self) -> NodeId {
+        NodeId(self.key.verifying_key().to_bytes())
+    }
+
+    pub fn leaves(&self) -> Vec<Digest> {
+        (0..10).map(|at| Digest([self.seed ^ at; 32])).collect()
+    }
+
+    pub fn dataset(&self) -> DatasetCommitment {
+        let leaves = self.leaves();
+        DatasetCommitment {
+            root: merkle::root(&leaves),
+            samples: leaves.len() as u64,
+            feature_spec: Digest([1; 32]),
+            salt_commitment: Digest([self.seed; 32]),
+        }
+    }
+
+    pub fn registration(&self, network: &Digest) -> Signed<DatasetRegistration> {
+        let registration = DatasetRegistration {
+            network: *network,
+            node: self.id(),
+            dataset: self.dataset(),
+            leaves: blob_digest(&flat(&self.leaves())),
+            episodes: vec![Digest([self.seed; 32])],
+        };
+        Signed::new(registration, &self.key)
+    }
+
+    pub async fn register(&self, network: &Network) -> Result<proto::Receipt, Status> {
+        self.register_as(
+            network,
+            &self.registration(&network.genesis.network_id()),
+            &self.leaves(),
+        )
+        .await
+    }
+
+    pub async fn register_as(
+        &self,
+        network: &Network,
+        registration: &Signed<DatasetRegistration>,
+        leaves: &[Digest],
+    ) -> Result<proto::Receipt, Status> {
+        let request = proto::RegisterDatasetRequest {
+            registration: borsh::to_vec(registration).unwrap(),
+            leaves: flat(leaves),
+        };
+        let reply = network.client().await.register_dataset(request).await?;
+        Ok(reply.into_inner())
+    }
+
+    pub fn upload_request(&self, network: &Digest, round: u64, bytes: &[u8]) -> UploadRequest {
+        UploadRequest {
+            network: *network,
+            round,
+            node: self.id(),
+            blob: blob_digest(bytes),
+            size: bytes.len() as u64,
+        }
+    }
+
+    pub async fn upload(&self, network: &Network, round: u64, bytes: &[u8]) -> Result<(), Status> {
+        let request = Signed::new(
+            self.upload_request(&network.genesis.network_id(), round, bytes),
+            &self.key,
+        );
+        self.upload_as(network, &request, bytes).await
+    }
+
+    pub async fn upload_as(
+        &self,
+        network: &Network,
+        request: &Signed<UploadRequest>,
+        bytes: &[u8],
+    ) -> Result<(), Status> {
+        let first = Part::Request(borsh::to_vec(request).unwrap());
+        let data = bytes.chunks(1000).map(|data| Part::Data(data.to_vec()));
+        let parts: Vec<_> = std::iter::once(first)
+            .chain(data)
+            .map(|part| proto::UploadChunk { part: Some(part) })
+            .collect();
+        network
+            .client()
+            .await
+            .upload(tokio_stream::iter(parts))
+            .await?;
+        Ok(())
+    }
+
+    pub fn commitment(&self, network: &Digest, round: u64, update: &[u8]) -> UpdateCommitment {
+        UpdateCommitment {
+            network: *network,
+            round,
+            node: self.id(),
+            dataset_root: self.dataset().root,
+            update: digest(update),
+        }
+    }
+
+    pub async fn commit(
+        &self,
+        network: &Network,
+        round: u64,
+        update: &[u8],
+    ) -> Result<proto::Receipt, Status> {
+        let commitment = Signed::new(
+            self.commitment(&network.genesis.network_id(), round, update),
+            &self.key,
+        );
+        self.commit_as(network, &commitment).await
+    }
+
+    pub async fn commit_as(
+        &self,
+        network: &Network,
+        commitment: &Signed<UpdateCommitment>,
+    ) -> Result<proto::Receipt, Status> {
+        let commitment = borsh::to_vec(commitment).unwrap();
+        let request = proto::CommitRequest { commitment };
+        Ok(network.client().await.commit(request).await?.into_inner())
+    }
+
+    /// The claim that the ledger expects, with losses as if it held.
+    pub async fn claim(&self, network: &Network) -> Claim {
+        let node = self.id();
+        let expected = network
+            .service()
+            .with(move |aggregator| Ok(aggregator.state().expected_claim(&node)?))
+            .await
+            .unwrap();
+        self.claim_of(expected)
+    }
+
+    pub fn claim_of(&self, expected: ExpectedClaim) -> Claim {
+        let mut claim = expected.with(Losses::Disclosed {
+            before: 1000,
+            after: 900,
+            elements: 10,
+        });
+        claim.terms.node = self.id();
+        claim
+    }
+
+    pub fn submission(&self, claim: Claim, proof: &[u8]) -> Signed<Submission> {
+        let proof = blob_digest(proof);
+        Signed::new(Submission { claim, proof }, &self.key)
+    }
+
+    pub async fn submit(
+        &self,
+        network: &Network,
+        claim: Claim,
+        proof: &[u8],
+    ) -> Result<proto::SubmitReply, Status> {
+        self.submit_as(network, &self.submission(claim, proof), proof)
+            .await
+    }
+
+    pub async fn submit_as(
+        &self,
+        network: &Network,
+        submission: &Signed<Submission>,
+        proof: &[u8],
+    ) -> Result<proto::SubmitReply, Status> {
+        let request = proto::SubmitRequest {
+            submission: borsh::to_vec(submission).unwrap(),
+            proof: proof.to_vec(),
+        };
+        Ok(network.client().await.submit(request).await?.into_inner())
+    }
+}

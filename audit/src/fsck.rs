@@ -1,0 +1,31 @@
+//! Checks that a ledger's folder is whole: entries, rules, tree, checkpoints, and the blobs that are there. It checks no proofs.
+
+use crate::blob_check::BlobCheck;
+use std::path::Path;
+use zk0_ledger::{
+    published::publication::{Publication, PublicationError},
+    replay::{replay, Report, Verdict},
+};
+
+/// What the check found.
+pub struct Fsck {
+    /// The replay of the entries, with what it found in the blobs.
+    pub report: Report,
+    /// The number of published entries; or why the folder cannot be published.
+    pub published: Result<u64, PublicationError>,
+}
+
+impl Fsck {
+    /// Whether nothing is damaged.
+    pub fn is_whole(&self) -> bool {
+        self.report.verdict == Verdict::Verified && self.published.is_ok()
+    }
+}
+
+/// Checks the ledger in `dir`.
+pub fn fsck(dir: &Path) -> Fsck {
+    Fsck {
+        report: replay(dir, None, &mut BlobCheck),
+        published: Publication::open(dir, None).map(|view| view.checkpoint().size),
+    }
+}

@@ -1,0 +1,80 @@
+//! HTML that is being written. Names, reasons and findings come from strangers: [`Page`] takes markup only as literals of this
+//! program, and escapes everything else.
+
+use crate::report::svg::{escape, Svg};
+use std::fmt::Display;
+
+/// HTML that is being written.
+#[derive(Default)]
+pub struct Page(String);
+
+impl Page {
+    /// Markup: a literal, never a value.
+    pub fn markup(&mut self, markup: &'static str) {
+        self.0.push_str(markup);
+    }
+
+    /// Text of any origin, escaped.
+    pub fn text(&mut self, text: impl Display) {
+        self.0.push_str(&escape(&text.to_string()));
+    }
+
+    /// A chart, whose text is escaped.
+    pub fn figure(&mut self, caption: &str, chart: &Svg) {
+        self.markup("<figure><figcaption>");
+        self.text(caption);
+        self.markup("</figcaption>");
+        self.0.push_str(chart.as_str());
+        self.markup("</figure>");
+    }
+
+    /// The whole page.
+    pub fn finish(self) -> String {
+        self.0
+    }
+
+    /// A heading.
+    pub fn heading(&mut self, text: &str) {
+        self.markup("<h2>");
+        self.text(text);
+        self.markup("</h2>");
+    }
+
+    /// Begins a table; a column whose name begins with `#` holds numbers.
+    pub fn table(&mut self, columns: &[&str]) {
+        self.markup("<table><thead><tr>");
+        for column in columns {
+            match column.strip_prefix('#') {
+                Some(column) => {
+                    self.markup("<th class=\"n\">");
+                    self.text(column);
+                }
+                None => {
+                    self.markup("<th>");
+                    self.text(column);
+                }
+            }
+            self.markup("</th>");
+        }
+        self.markup("</tr></thead><tbody>");
+    }
+
+    /// A row of a table.
+    pub fn row(&mut self, columns: &[&str], cells: &[&dyn Display]) {
+        self.markup("<tr>");
+        for (column, cell) in columns.iter().zip(cells) {
+            match column.starts_with('#') {
+                true => self.markup("<td class=\"n\">"),
+                false => self.markup("<td>"),
+            }
+            self.text(cell);
+            self.markup("</td>");
+        }
+        self.markup("</tr>");
+    }
+
+    /// Ends a table.
+    pub fn end_table(&mut self) {
+        self.markup("</tbody></table>");
+    }
+}

@@ -1,0 +1,38 @@
+//! The entries of a ledger's folder, for programs that go on with them after an audit.
+
+use crate::{auditor::Auditor, depth::Depth, report::verdict::Audited};
+use anyhow::{Context, Result};
+use std::path::Path;
+use zk0_circuits::Digest;
+use zk0_ledger::{folder, store::Store};
+use zk0_protocol::Entry;
+
+/// The id of the network whose ledger is in `dir`.
+///
+/// # Errors
+/// There is no ledger.
+pub fn network_id(dir: &Path) -> Result<Digest> {
+    let report = zk0_ledger::replay(dir, None, &mut ());
+    let id = report
+        .network
+        .with_context(|| format!("{} does not hold a ledger", dir.display()))?;
+    Ok(id.parse()?)
+}
+
+/// Audits the ledger in `dir` in full. Returns the entries that were verified, and the result of the audit.
+///
+/// # Errors
+/// The ledger cannot be read.
+pub fn verified_entries(dir: &Path) -> Result<(Vec<Entry>, Audited)> {
+    let mut auditor = Auditor::new(Depth::Full);
+    let report = zk0_ledger::replay(dir, None, &mut auditor);
+    let store = Store::open_read_only(&folder::database(dir))?;
+    let mut entries = Vec::new();
+    for index in 0..report.entries {
+        let bytes = store
+            .entry(index)?
+            .with_context(|| format!("entry {index} has gone from the ledger"))?;
+        entries.push(Entry::decode(&bytes)?);
+    }
+    Ok((entries, Audited::new(report, Depth::Full, &auditor)))
+}

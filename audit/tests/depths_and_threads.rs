@@ -1,0 +1,432 @@
+//! Audits, light and full, by one thread or several, at once or bit by bit: they find the same.
+
+#[path = "../../aggregator/tests/harness/mod.rs"]
+mod harness;
+
+use harness::*;
+use rocksdb::DB;
+use std::{
+    collections::BTreeMap,
+    fs,
+    num::NonZeroUsize,
+    path::{Path, PathBuf},
+    time::Duration,
+};
+use tempfile::TempDir;
+use zk0_audit::{
+    account::{Checked, What, Why},
+    Auditor, Depth,
+};
+use zk0_ledger::{
+    blobs::Blobs,
+    folder,
+    replay::{replay, replay_with, Keep, Options, Report, Saved, Verdict},
+    store::Store,
+    Ledger,
+};
+use zk0_protocol::{
+    entries::{
+        entry::{Body, DisputeResolved, RoundClosed},
+        signed::{Dispute, Evidence, Signed},
+    },
+    Entry, Refusal,
+};
+
+type Test = Result<(), Box<dyn std::error::Error>>;
+
+/// A ledger with a real proof in it.
+const REAL: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/fixtures/ledger");
+
+fn copy_of(ledger: &Path) -> TempDir {
+    fn copy(from: &Path, to: &Path) {
+        fs::create_dir_all(to).unwrap();
+        for found in fs::read_dir(from).unwrap() {
+            let (path, place) = {
+                let found = found.unwrap();
+                (found.path(), to.join(found.file_name()))
+            };
+            match path.is_dir() {
+                true => copy(&path, &place),
+                false => drop(fs::copy(&path, &place).unwrap()),
+            }
+        }
+    }
+    let dir = tempfile::tempdir().unwrap();
+    copy(ledger, dir.path());
+    dir
+}
+
+fn audit(dir: &Path, depth: Depth, threads: usize) -> (Report, Checked) {
+    let mut auditor = Auditor::with_threads(depth, NonZeroUsize::new(threads).unwrap());
+    let options = Options {
+        threads: NonZeroUsize::new(threads),
+        ..Options::default()
+    };
+    let report = replay_with(dir, options, &mut auditor);
+    (report, auditor.checked())
+}
+
+fn entries(dir: &Path) -> Vec<Entry> {
+    let store = Store::open_read_only(&folder::database(dir)).unwrap();
+    (0..store.size().unwrap())
+        .map(|index| Entry::decode(&store.entry(index).unwrap().unwrap()).unwrap())
+        .collect()
+}
+
+/// The blobs that the entries name as proofs.
+fn proofs(dir: &Path) -> Vec<PathBuf> {
+    let proof = |entry: Entry| match entry.body {
+        Body::ContributionAccepted(submission) | Body::ContributionRejected { submission, .. } => {
+            Some(Blobs::at(dir).path(&submission.statement.proof))
+        }
+        _ => None,
+    };
+    entries(dir).into_iter().filter_map(proof).collect()
+}
+
+/// The proof of the first accepted contribution.
+fn accepted_proof(dir: &Path) -> PathBuf {
+    let proof = |entry: Entry| match entry.body {
+        Body::ContributionAccepted(submission) => Some(submission.statement.proof),
+        _ => None,
+    };
+    let proof = entries(dir).into_iter().find_map(proof).unwrap();
+    Blobs::at(dir).path(&proof)
+}
+
+fn blobs(dir: &Path) -> Vec<PathBuf> {
+    let mut blobs: Vec<_> = fs::read_dir(dir.join("blobs/sha256"))
+        .unwrap()
+        .map(|found| found.unwrap().path())
+        .collect();
+    blobs.sort();
+    blobs
+}
+
+fn notes(report: &Report) -> Vec<&str> {
+    let texts = report.findings.iter().map(|finding| finding.text.as_str());
+    texts
+        .filter(|text| text.starts_with("not checked"))
+        .collect()
+}
+
+#[test]
+fn a_light_audit_verifies_proofs_and_reads_no_weights() {
+    let dir = copy_of(Path::new(REAL));
+    let (full, everything) = audit(dir.path(), Depth::Full, 2);
+    assert_eq!(full.verdict, Verdict::Verified, "{:?}", full.findings);
+    assert!(everything.proofs >= 1 && everything.updates >= 1 && everything.averages >= 1);
+    let (light, checked) = audit(dir.path(), Depth::Light, 2);
+    assert_eq!(light.verdict, Verdict::Verified, "{:?}", light.findings);
+    assert_eq!(checked.proofs, everything.proofs);
+    assert_eq!((checked.updates, checked.datasets), (0, 0));
+    assert!(checked.not_checked >= 5);
+    // A line for each kind, not for each check.
+    let mut kinds: Vec<_> = notes(&light)
+        .iter()
+        .map(|text| text.split(": ").nth(1))
+        .collect();
+    kinds.sort();
+    kinds.dedup();
+    assert_eq!(kinds.len(), notes(&light).len());
+    assert!(notes(&light).len() <= 8);
+    // It says the same when nothing but proofs is there, and when weights are wrong; the full one does not.
+    let proofs = proofs(dir.path());
+    let blobs = blobs(dir.path());
+    for blob in blobs.iter().filter(|blob| !proofs.contains(blob)) {
+        fs::write(blob, b"changed").unwrap();
+    }
+    assert_eq!(audit(dir.path(), Depth::Light, 2).0, light);
+    assert_eq!(audit(dir.path(), Depth::Full, 2).0.verdict, Verdict::Failed);
+    for blob in blobs.iter().filter(|blob| !proofs.contains(blob)) {
+        fs::remove_file(blob).unwrap();
+    }
+    assert_eq!(audit(dir.path(), Depth::Light, 2).0, light);
+    let (without, _) = audit(dir.path(), Depth::Full, 2);
+    assert_eq!(without.verdict, Verdict::Verified, "{:?}", without.findings);
+    assert!(notes(&without)
+        .iter()
+        .any(|note| note.contains("not at hand")));
+    // A proof is wanted by either.
+    fs::write(accepted_proof(dir.path()), b"changed").unwrap();
+    assert_eq!(
+        audit(dir.path(), Depth::Light, 2).0.verdict,
+        Verdict::Failed
+    );
+}
+
+#[test]
+fn several_threads_find_what_one_finds_in_blobs_too() {
+    let dir = copy_of(Path::new(REAL));
+    let same = |what: &str| {
+        for depth in [Depth::Light, Depth::Full] {
+            let alone = audit(dir.path(), depth, 1);
+            for threads in [2, 5] {
+                assert_eq!(audit(dir.path(), depth, threads), alone, "{what}");
+            }
+        }
+        audit(dir.path(), Depth::Full, 2).0.verdict
+    };
+    assert_eq!(same("as it is"), Verdict::Verified);
+    for blob in blobs(dir.path()) {
+        let whole = fs::read(&blob).unwrap();
+        let mut changed = whole.clone();
+        changed[whole.len() / 2] ^= 1;
+        fs::write(&blob, changed).unwrap();
+        assert_eq!(same("a changed blob"), Verdict::Failed);
+        fs::remove_file(&blob).unwrap();
+        same("a missing blob");
+        fs::write(&blob, whole).unwrap();
+    }
+    // Two faults at once, in their order.
+    for blob in proofs(dir.path()) {
+        fs::write(blob, b"no proof").unwrap();
+    }
+    assert_eq!(same("no proof at all"), Verdict::Failed);
+    let faults: Vec<_> = audit(dir.path(), Depth::Full, 5)
+        .0
+        .findings
+        .iter()
+        .filter_map(|finding| finding.index)
+        .collect();
+    assert!(faults.len() >= 2 && faults.is_sorted(), "{faults:?}");
+}
+
+/// The sizes that have a checkpoint, each with the text.
+fn checkpoints(dir: &Path) -> BTreeMap<u64, Vec<u8>> {
+    let store = Store::open_read_only(&folder::database(dir)).unwrap();
+    (1..=store.size().unwrap())
+        .filter_map(|size| Some((size, store.checkpoint(size).unwrap()?)))
+        .collect()
+}
+
+/// Takes the ledger in `dir` back to what it was with `size` entries.
+fn cut(dir: &Path, size: u64, checkpoint: &[u8]) {
+    let db = DB::open_default(folder::database(dir)).unwrap();
+    let hashes = tlog_tiles::tlog::stored_hash_count(size);
+    for key in db
+        .iterator(rocksdb::IteratorMode::Start)
+        .map(|found| found.unwrap().0)
+        .collect::<Vec<_>>()
+    {
+        let number = u64::from_be_bytes(key[1..].try_into().unwrap());
+        let beyond = match key[0] {
+            b'e' => number >= size,
+            b'h' => number >= hashes,
+            _ => number > size,
+        };
+        if beyond {
+            db.delete(key).unwrap();
+        }
+    }
+    fs::write(folder::checkpoint(dir), checkpoint).unwrap();
+}
+
+/// Audits `dir` and remembers it in `file`, from where an earlier audit left off if there was one.
+fn go_on(dir: &Path, depth: Depth, file: &Path) -> Result<(Report, Checked), String> {
+    let from = Saved::read(file).unwrap();
+    let mut auditor = match &from {
+        Some(saved) => Auditor::go_on(depth, &saved.recheck, &Blobs::at(dir))?,
+        None => Auditor::new(depth),
+    };
+    let options = Options {
+        from,
+        keep: Some(Keep {
+            path: file.into(),
+            every: Duration::ZERO,
+        }),
+        ..Options::default()
+    };
+    let report = replay_with(dir, options, &mut auditor);
+    Ok((report, auditor.checked()))
+}
+
+#[test]
+fn an_audit_in_two_parts_ends_as_one_wherever_it_is_parted() {
+    let whole = copy_of(Path::new(REAL));
+    let parts = checkpoints(whole.path());
+    assert!(parts.len() > 3);
+    for depth in [Depth::Light, Depth::Full] {
+        let expected = audit(whole.path(), depth, 2);
+        for (size, text) in &parts {
+            let (part, scratch) = (copy_of(whole.path()), tempfile::tempdir().unwrap());
+            let file = scratch.path().join("state");
+            cut(part.path(), *size, text);
+            let (first, _) = go_on(part.path(), depth, &file).unwrap();
+            assert_eq!((first.verdict, first.entries), (Verdict::Verified, *size));
+            let then = go_on(whole.path(), depth, &file).unwrap();
+            assert_eq!(then, expected, "parted at {size}");
+        }
+        // Entry for entry, in one memory.
+        let scratch = tempfile::tempdir().unwrap();
+        let file = scratch.path().join("state");
+        for (size, text) in &parts {
+            let part = copy_of(whole.path());
+            cut(part.path(), *size, text);
+            go_on(part.path(), depth, &file).unwrap();
+        }
+        assert_eq!(go_on(whole.path(), depth, &file).unwrap(), expected);
+        let other = match depth {
+            Depth::Light => Depth::Full,
+            Depth::Full => Depth::Light,
+        };
+        let refused = go_on(whole.path(), other, &file).unwrap_err();
+        assert!(refused.contains("the state file is from a"), "{refused}");
+    }
+}
+
+#[test]
+fn a_proof_that_goes_missing_before_its_round_closes_is_missed() {
+    let whole = copy_of(Path::new(REAL));
+    let accepted = |entry: &Entry| matches!(entry.body, Body::ContributionAccepted(_));
+    let at = entries(whole.path()).iter().position(accepted).unwrap() as u64 + 1;
+    let (size, text) = checkpoints(whole.path())
+        .range(at..)
+        .next()
+        .map(|(s, t)| (*s, t.clone()))
+        .unwrap();
+    let (part, scratch) = (copy_of(whole.path()), tempfile::tempdir().unwrap());
+    let file = scratch.path().join("state");
+    cut(part.path(), size, &text);
+    // While its round is open, its aggregator alone has it.
+    let proof = &accepted_proof(part.path());
+    let bytes = fs::read(proof).unwrap();
+    let name = proof.file_name().unwrap();
+    fs::remove_file(proof).unwrap();
+    let (first, _) = go_on(part.path(), Depth::Full, &file).unwrap();
+    assert_eq!(first.verdict, Verdict::Verified, "{:?}", first.findings);
+    let open = notes(&first)
+        .iter()
+        .any(|note| note.contains("once its round closes"));
+    assert!(open, "{:?}", first.findings);
+    // Then it has to be there.
+    let kept = fs::read(&file).unwrap();
+    let place = whole.path().join("blobs/sha256").join(name);
+    fs::remove_file(&place).unwrap();
+    let (then, _) = go_on(whole.path(), Depth::Full, &file).unwrap();
+    assert_eq!(then.verdict, Verdict::Failed);
+    fs::write(&file, kept).unwrap();
+    fs::write(&place, bytes).unwrap();
+    let (then, _) = go_on(whole.path(), Depth::Full, &file).unwrap();
+    assert_eq!(then, audit(whole.path(), Depth::Full, 1).0);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn what_is_not_checked_is_counted_by_kind() -> Test {
+    let (network, first, second) = open_round().await;
+    for (node, seed) in [(&first, 1), (&second, 2)] {
+        committed(&network, node, 0, seed).await;
+        let claim = node.claim(&network).await;
+        node.submit(&network, claim, b"no proof").await?;
+    }
+    network.settle().await;
+    let dir = network.dir.path();
+    let mut auditor = Auditor::new(Depth::Light);
+    let report = replay(dir, None, &mut auditor);
+    assert_eq!(report.verdict, Verdict::Verified, "{:?}", report.findings);
+    let left_out: BTreeMap<_, _> = auditor
+        .not_checked()
+        .into_iter()
+        .map(|line| ((line.what, line.why), line.count))
+        .collect();
+    assert_eq!(left_out[&(What::Datasets, Why::Light)], 2);
+    assert_eq!(left_out[&(What::Policy, Why::Light)], 1);
+    assert_eq!(auditor.checked().refusals, 2, "proofs were looked at");
+    // The rules say that nobody contributed, so there is no average to leave out.
+    assert!(!left_out.contains_key(&(What::Averages, Why::Light)));
+    // With the evidence gone: once more a line for both.
+    fs::remove_file(Blobs::at(dir).path(&zk0_verifier::blob_digest(b"no proof")))?;
+    let mut auditor = Auditor::new(Depth::Light);
+    replay(dir, None, &mut auditor);
+    let lines = auditor.not_checked();
+    let line = lines.iter().find(|line| line.what == What::Refusals);
+    let line = line.ok_or("nothing is said of refusals")?;
+    assert_eq!((line.why, line.count), (Why::NotAtHand, 2));
+    assert!(
+        line.to_string()
+            .starts_with("2 refusals' reasons: the first, "),
+        "{line}"
+    );
+    Ok(())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_dispute_is_decided_as_verification_says() -> Test {
+    let (network, first, second) = open_round().await;
+    committed(&network, &first, 0, 1).await;
+    let submission = first.submission(first.claim(&network).await, b"no proof");
+    committed(&network, &second, 0, 2).await;
+    let late = second.submission(second.claim(&network).await, b"none either");
+    let bytes = [b"no proof".as_slice(), b"none either"];
+    let put = move |aggregator: &mut zk0_aggregator::Aggregator| {
+        for bytes in bytes {
+            aggregator.ledger().blobs().put(bytes)?;
+        }
+        Ok(())
+    };
+    network.service().with(put).await?;
+    // Whoever holds the log's key accepts what does not verify, and decides as he likes when it is disputed.
+    let unknown = |first: &[u8; 4]| {
+        Refusal::MalformedProof(format!(
+            "unknown kind of proof {}",
+            u32::from_le_bytes(*first)
+        ))
+    };
+    let cases = [
+        (None, false),
+        (Some(Refusal::OtherProgram), false),
+        (Some(unknown(b"no p")), true),
+    ];
+    for (upheld, holds) in cases {
+        let dir = copy_of(network.dir.path());
+        let mut ledger = Ledger::open(dir.path(), None, log_key())?;
+        let accepted = ledger.append(START_MS, Body::ContributionAccepted(submission.clone()))?;
+        ledger.append(
+            START_MS,
+            Body::ContributionRejected {
+                submission: late.clone(),
+                reason: unknown(b"none"),
+            },
+        )?;
+        let state = ledger.state();
+        let closed = RoundClosed {
+            round: 0,
+            global: digest(&weights(9)),
+            contributors: state.contributors(),
+        };
+        let dispute = Dispute {
+            network: *state.network(),
+            disputer: second.id(),
+            contribution: accepted.index,
+            evidence: Evidence::Verification,
+        };
+        ledger.append(START_MS, Body::RoundClosed(closed))?;
+        let dispute = Body::Disputed(Signed::new(dispute, &second.key));
+        let dispute = ledger.append(START_MS, dispute)?.index;
+        let resolved = DisputeResolved { dispute, upheld };
+        let index = ledger
+            .append(START_MS, Body::DisputeResolved(resolved))?
+            .index;
+        drop(ledger);
+        let mut auditor = Auditor::new(Depth::Full);
+        let report = replay(dir.path(), None, &mut auditor);
+        let said = report.findings.iter().any(|finding| {
+            finding.index == Some(index) && finding.text.contains("verification says: not an SP1")
+        });
+        assert_eq!(said, !holds, "{:?}", report.findings);
+        assert_eq!(auditor.checked().disputes, u64::from(holds));
+        // In two parts, with the contribution in the first.
+        let scratch = tempfile::tempdir()?;
+        let file = scratch.path().join("state");
+        let part = copy_of(dir.path());
+        let (size, text) = checkpoints(dir.path())
+            .into_iter()
+            .rfind(|(size, _)| *size < index)
+            .ok_or("no earlier checkpoint")?;
+        cut(part.path(), size, &text);
+        go_on(part.path(), Depth::Full, &file)?;
+        let then = go_on(dir.path(), Depth::Full, &file)?;
+        assert_eq!(then, (report, auditor.checked()));
+    }
+    Ok(())
+}

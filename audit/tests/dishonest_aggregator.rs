@@ -1,0 +1,127 @@
+//! The audit of a network that an aggregator has run: it confirms what is right, and it finds what the aggregator made up.
+
+#[path = "../../aggregator/tests/harness/mod.rs"]
+mod harness;
+
+use harness::*;
+use zk0_audit::Auditor;
+use zk0_circuits::Digest;
+use zk0_ledger::{
+    log::Ledger,
+    replay::{replay, Verdict},
+};
+use zk0_protocol::{
+    entries::{
+        entry::Body,
+        signed::{Signed, Submission},
+    },
+    Refusal,
+};
+use zk0_verifier::blob_digest;
+
+type Test = Result<(), Box<dyn std::error::Error>>;
+
+#[tokio::test(flavor = "multi_thread")]
+async fn the_history_replays_and_refusals_are_found_to_be_right() -> Test {
+    let (network, first, second) = open_round().await;
+    committed(&network, &first, 0, 1).await;
+    let claim = first.claim(&network).await;
+    first.submit(&network, claim, b"no proof").await?;
+    committed(&network, &second, 0, 2).await;
+    let mut claim = second.claim(&network).await;
+    claim.terms.challenge = Digest([1; 32]);
+    second.submit(&network, claim, b"no proof").await?;
+    network.settle().await;
+    let mut auditor = Auditor::default();
+    let report = replay(
+        network.dir.path(),
+        Some(&network.genesis.network_id()),
+        &mut auditor,
+    );
+    assert_eq!(report.verdict, Verdict::Verified, "{:?}", report.findings);
+    let checked = auditor.checked();
+    assert_eq!(
+        (checked.datasets, checked.refusals, checked.not_checked),
+        (2, 2, 0)
+    );
+
+    // Without the evidence a refusal cannot be judged, and the report says so.
+    let proof = network
+        .dir
+        .path()
+        .join("blobs/sha256")
+        .join(blob_digest(b"no proof").to_string());
+    std::fs::remove_file(proof)?;
+    let mut auditor = Auditor::default();
+    let report = replay(network.dir.path(), None, &mut auditor);
+    assert_eq!(report.verdict, Verdict::Verified);
+    assert_eq!(
+        (auditor.checked().refusals, auditor.checked().not_checked),
+        (1, 1)
+    );
+    assert!(report
+        .findings
+        .iter()
+        .any(|finding| finding.text.contains("not at hand")));
+    Ok(())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn an_audit_finds_what_a_dishonest_aggregator_records() -> Test {
+    // The ledger's own rules cannot see into proofs and blobs; whoever holds the log's key can write these entries.
+    let cases: [(&str, fn(Signed<Submission>) -> Body); 3] = [
+        ("was accepted, but", Body::ContributionAccepted),
+        (
+            "verification says: not an SP1 compressed proof",
+            |submission| Body::ContributionRejected {
+                submission,
+                reason: Refusal::InvalidProof("because".into()),
+            },
+        ),
+        (
+            "verification says: not an SP1 compressed proof",
+            |submission| Body::ContributionRejected {
+                submission,
+                reason: Refusal::MalformedUpdate("because".into()),
+            },
+        ),
+    ];
+    for (words, body) in cases {
+        let (network, first, _) = open_round().await;
+        committed(&network, &first, 0, 1).await;
+        let submission = first.submission(first.claim(&network).await, b"no proof");
+        network
+            .service()
+            .with(move |aggregator| {
+                aggregator.ledger().blobs().put(b"no proof")?;
+                Ok(())
+            })
+            .await?;
+        let copy = tempfile::tempdir()?;
+        copy_folder(network.dir.path(), copy.path())?;
+        let mut ledger = Ledger::open(copy.path(), None, log_key())?;
+        ledger.append(START_MS, body(submission))?;
+        drop(ledger);
+        let report = replay(copy.path(), None, &mut Auditor::default());
+        assert_eq!(report.verdict, Verdict::Failed);
+        let found = report
+            .findings
+            .iter()
+            .any(|finding| finding.text.contains(words));
+        assert!(found, "{words}: {:?}", report.findings);
+    }
+    Ok(())
+}
+
+fn copy_folder(from: &std::path::Path, to: &std::path::Path) -> std::io::Result<()> {
+    std::fs::create_dir_all(to)?;
+    for entry in std::fs::read_dir(from)? {
+        let entry = entry?;
+        let target = to.join(entry.file_name());
+        match entry.path().is_dir() {
+            true => copy_folder(&entry.path(), &target)?,
+            false => std::fs::copy(entry.path(), target).map(drop)?,
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,93 @@
+//! `zk0 aggregator serve`: run the rounds of a network.
+
+use crate::{keys, serve::interrupted};
+use anyhow::{Context, Result};
+use std::{future, net::SocketAddr, path::PathBuf, sync::Arc, time::Duration};
+use tokio::{net::TcpListener, runtime::Runtime, task::JoinHandle};
+use zk0_aggregator::{
+    publish::{
+        chosen_witnesses::chosen_witnesses, cosigning::Witnesses, http, log_server::LogServer,
+    },
+    Aggregator, Config, Service, SystemClock,
+};
+
+/// `zk0 aggregator serve`.
+#[derive(Debug, clap::Args)]
+pub struct Serve {
+    /// The ledger's folder.
+    dir: PathBuf,
+    /// The file of the log's signing key.
+    #[arg(long)]
+    key: PathBuf,
+    /// Listen on this address; port 0 takes a free port. The traffic is not encrypted, so put a TLS proxy before it.
+    #[arg(long, default_value = "127.0.0.1:7071")]
+    listen: SocketAddr,
+    /// Open this many rounds, and then no more [default: no limit]
+    #[arg(long, default_value_t = u64::MAX, hide_default_value = true)]
+    rounds: u64,
+    /// Open a round only when this many nodes have committed to a dataset.
+    #[arg(long, default_value_t = 1)]
+    min_nodes: usize,
+    /// Publish nothing before the witnesses that this file names have cosigned it (a C2SP tlog-policy with the witnesses' addresses).
+    /// The ledger's folder remembers the file's content. Leave this out if the network's rules name the witnesses.
+    #[arg(long, value_name = "FILE")]
+    witness_policy: Option<PathBuf>,
+    /// Wait this many seconds for a witness to answer.
+    #[arg(long, value_name = "SECONDS", default_value_t = 5)]
+    witness_seconds: u64,
+    /// Also serve the log's files over HTTP, on this address (C2SP tlog-tiles).
+    #[arg(long, value_name = "ADDRESS")]
+    log_listen: Option<SocketAddr>,
+}
+
+/// Runs the command.
+pub fn serve(options: &Serve) -> Result<()> {
+    let config = Config {
+        rounds: Some(options.rounds).filter(|rounds| *rounds != u64::MAX),
+        min_nodes: options.min_nodes,
+    };
+    let key = keys::read(&options.key)?;
+    let aggregator = Aggregator::open(&options.dir, None, key, Arc::new(SystemClock), config)?;
+    let rules = aggregator.state().rules();
+    let policy = chosen_witnesses(&options.dir, rules, options.witness_policy.as_deref())?;
+    let runtime = Runtime::new().context("starting the runtime")?;
+    runtime.block_on(async {
+        let listen = options.listen;
+        let listener = TcpListener::bind(listen)
+            .await
+            .with_context(|| format!("listening on {listen}"))?;
+        let address = listener.local_addr()?;
+        let network = *aggregator.state().network();
+        let mut service = Service::new(aggregator);
+        if policy.wants_witnesses() {
+            let patience = Duration::from_secs(options.witness_seconds);
+            service = service.witnessed(Witnesses::new(policy, patience)?).await?;
+        }
+        tracing::info!(listening = %address, "the aggregator of network {network} listens on {address}");
+        let log = serve_log(options).await?;
+        let served = service.serve(listener, interrupted()).await;
+        if let Some(log) = log {
+            log.abort();
+        }
+        served.context("the aggregator")
+    })
+}
+
+/// Starts to serve the log's files, if the operator wants that.
+async fn serve_log(options: &Serve) -> Result<Option<JoinHandle<()>>> {
+    let Some(listen) = options.log_listen else {
+        return Ok(None);
+    };
+    let listener = TcpListener::bind(listen)
+        .await
+        .with_context(|| format!("listening on {listen}"))?;
+    tracing::info!("the log is served on http://{}", listener.local_addr()?);
+    let limits = http::Limits::default();
+    let router = LogServer::new(&options.dir).router(limits);
+    Ok(Some(tokio::spawn(http::serve(
+        listener,
+        router,
+        limits,
+        future::pending(),
+    ))))
+}

@@ -1,0 +1,49 @@
+//! A recording, as the command line names it.
+
+use anyhow::{Context, Result};
+use std::{convert::Infallible, fmt, path::PathBuf, str::FromStr};
+use zk0_lerobot::dataset::Dataset;
+use zk0_lerobot::hub::{fetch, HubOptions, HubRecording};
+use zk0_node::progress::Progress;
+
+/// A LeRobotDataset folder (v2.0, v2.1, v3.0), or `hub:owner/name[@revision]` on the Hugging Face Hub.
+#[derive(Clone, Debug)]
+pub struct RecordingName(String);
+
+impl FromStr for RecordingName {
+    type Err = Infallible;
+
+    fn from_str(name: &str) -> Result<Self, Infallible> {
+        Ok(Self(name.to_owned()))
+    }
+}
+
+impl fmt::Display for RecordingName {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+impl RecordingName {
+    /// The recording's folder. A recording on the Hub is downloaded, unless it is in the Hub's cache already.
+    pub fn locate(&self) -> Result<PathBuf> {
+        let Some(name) = self.0.strip_prefix("hub:") else {
+            return Ok((&self.0).into());
+        };
+        let name: HubRecording = name.parse()?;
+        let options = HubOptions::from_env()?;
+        let mut progress = None;
+        let folder = fetch(&name, &options, &mut |at| {
+            progress
+                .get_or_insert_with(|| Progress::start("downloading", at.of_bytes))
+                .reached(at.bytes);
+        })?;
+        Ok(folder)
+    }
+
+    /// Opens the recording.
+    pub fn open(&self) -> Result<Dataset> {
+        let opened = self.locate().and_then(|folder| Ok(Dataset::open(folder)?));
+        opened.with_context(|| format!("recording {self}"))
+    }
+}

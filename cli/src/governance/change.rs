@@ -1,0 +1,86 @@
+//! The changes that can be proposed.
+
+use crate::aggregator::{read_rules, Enrolment};
+use anyhow::Result;
+use std::path::PathBuf;
+use zk0_circuits::NodeId;
+use zk0_protocol::entries::{member::NodeEnrolled, proposal::Action};
+
+/// What a proposal changes.
+#[derive(Debug, clap::Subcommand)]
+pub enum Change {
+    /// Replace the rules by those of a JSON file. `zk0 governance status --rules` prints the rules in force as such a file.
+    Rules {
+        /// The JSON file.
+        file: PathBuf,
+    },
+    /// Let a node join.
+    Enrol {
+        /// NAME=IDENTITY. `zk0 node keygen` prints the identity; the name is for people.
+        node: Enrolment,
+    },
+    /// Let a node contribute no more until it is reinstated.
+    Suspend {
+        /// The node's identity.
+        node: NodeId,
+    },
+    /// Let a suspended node contribute again.
+    Reinstate {
+        /// The node's identity.
+        node: NodeId,
+    },
+    /// Let a node never contribute again.
+    Revoke {
+        /// The node's identity.
+        node: NodeId,
+    },
+    /// Replace a node's key that is lost or stolen.
+    ReplaceKey {
+        /// The node's identity.
+        node: NodeId,
+        /// The identity of the new key.
+        with: NodeId,
+    },
+    /// Decide a dispute that rests on a document.
+    Judge {
+        /// The number of the entry that raised the dispute.
+        dispute: u64,
+        /// Whether the contribution was false.
+        verdict: Verdict,
+    },
+}
+
+/// The decision on a dispute.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum Verdict {
+    /// The contribution was false. Its credits are taken back, and its node is suspended.
+    Upheld,
+    /// The contribution stands.
+    Dismissed,
+}
+
+impl Change {
+    /// The change as it goes on the ledger.
+    pub fn action(&self) -> Result<Action> {
+        Ok(match self {
+            Self::Rules { file } => Action::ChangeRules(Box::new(read_rules(file)?)),
+            Self::Enrol {
+                node: Enrolment { name, node },
+            } => Action::Enrol(NodeEnrolled {
+                node: *node,
+                name: name.clone(),
+            }),
+            Self::Suspend { node } => Action::Suspend(*node),
+            Self::Reinstate { node } => Action::Reinstate(*node),
+            Self::Revoke { node } => Action::Revoke(*node),
+            Self::ReplaceKey { node, with } => Action::ReplaceKey {
+                node: *node,
+                with: *with,
+            },
+            Self::Judge { dispute, verdict } => Action::JudgeDispute {
+                dispute: *dispute,
+                upheld: *verdict == Verdict::Upheld,
+            },
+        })
+    }
+}

@@ -1,0 +1,208 @@
+//! `zk0 governance`: propose, vote, dispute, change a key.
+
+mod change;
+mod status;
+
+use crate::keys;
+use anyhow::{Context, Result};
+use change::Change;
+use ed25519_dalek::SigningKey;
+use std::path::{Path, PathBuf};
+use tokio::runtime::Runtime;
+use zk0_circuits::Digest;
+use zk0_node::{client::Node, state_files};
+use zk0_protocol::entries::{proposal::Ballot, signed::Evidence};
+
+/// What to do.
+#[derive(Debug, clap::Subcommand)]
+pub enum Command {
+    /// Make a governor's key and print its identity. A network's rules name its governors by their identities.
+    Keygen {
+        /// Write the key to this file. An existing file is kept.
+        file: PathBuf,
+    },
+    /// Print the rules in force and the open proposals. The aggregator proves that the proposals are on its ledger, but it only says
+    /// how the votes stand; `zk0 audit replay` counts the votes again.
+    Status {
+        #[command(flatten)]
+        network: Network,
+        /// Print only the rules, as JSON. You can edit them, and propose them with `zk0 governance propose rules`.
+        #[arg(long)]
+        rules: bool,
+    },
+    /// Propose a change. Votes on it are taken for as long as the rules say.
+    Propose {
+        #[command(flatten)]
+        signer: Signer,
+        /// A line that tells people what you propose.
+        #[arg(long)]
+        title: String,
+        /// A text that tells people why.
+        #[arg(long, default_value = "")]
+        text: String,
+        #[command(subcommand)]
+        change: Change,
+    },
+    /// Vote on a proposal. You cannot change a vote.
+    Vote {
+        #[command(flatten)]
+        signer: Signer,
+        /// The proposal's number.
+        proposal: u64,
+        /// Your vote. A veto stops the proposal; vetoes are taken after the voting, before the change takes effect.
+        ballot: BallotArg,
+    },
+    /// Dispute a contribution that was accepted. Without a document, the aggregator verifies the contribution again, and the result
+    /// decides.
+    Dispute {
+        #[command(flatten)]
+        signer: Signer,
+        /// The number of the entry that accepted the contribution.
+        contribution: u64,
+        /// A file that shows that the contribution is false. The governors judge it. The ledger records only its SHA-256, so publish the
+        /// file yourself.
+        #[arg(long)]
+        document: Option<PathBuf>,
+    },
+    /// Change a node's key. The node keeps its place in the network.
+    RotateKey {
+        #[command(flatten)]
+        signer: Signer,
+        /// The file of the new key, made by `zk0 node keygen`.
+        #[arg(long)]
+        new_key: PathBuf,
+    },
+}
+
+/// The network that is meant.
+#[derive(Debug, clap::Args)]
+pub struct Network {
+    /// The aggregator's address, such as http://127.0.0.1:7071.
+    #[arg(long)]
+    aggregator: String,
+    /// The network's id, as its operator published it.
+    #[arg(long)]
+    network: Digest,
+}
+
+/// The network that is meant, and who signs.
+#[derive(Debug, clap::Args)]
+pub struct Signer {
+    #[command(flatten)]
+    network: Network,
+    /// The file of the key that signs: a governor's or a node's.
+    #[arg(long)]
+    key: PathBuf,
+}
+
+/// A vote.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum BallotArg {
+    /// For the proposal.
+    For,
+    /// Against it.
+    Against,
+    /// Neither for nor against it. The vote counts towards the quorum.
+    Abstain,
+    /// Stop it.
+    Veto,
+}
+
+impl From<BallotArg> for Ballot {
+    fn from(ballot: BallotArg) -> Self {
+        match ballot {
+            BallotArg::For => Self::For,
+            BallotArg::Against => Self::Against,
+            BallotArg::Abstain => Self::Abstain,
+            BallotArg::Veto => Self::Veto,
+        }
+    }
+}
+
+/// Runs the command.
+pub fn run(command: &Command) -> Result<()> {
+    if let Command::Keygen { file } = command {
+        println!("{}", keys::generate(file)?);
+        return Ok(());
+    }
+    Runtime::new()
+        .context("starting the runtime")?
+        .block_on(online(command))
+}
+
+async fn online(command: &Command) -> Result<()> {
+    match command {
+        Command::Keygen { .. } => {}
+        Command::Status { network, rules } => {
+            // Nothing is signed, so any key will do.
+            let key = SigningKey::from_bytes(&keys::random()?);
+            let info = network.connect(key).await?.governance().await?;
+            match rules {
+                true => println!("{}", serde_json::to_string_pretty(&info.rules)?),
+                false => print!("{}", status::status(&info)?),
+            }
+        }
+        Command::Propose {
+            signer,
+            title,
+            text,
+            change,
+        } => {
+            let action = change.action()?;
+            let mut node = signer.connect().await?;
+            let proposed = node.propose(title.clone(), text.clone(), action).await?;
+            println!("proposal {} is entry {}", proposed.number, proposed.entry);
+        }
+        Command::Vote {
+            signer,
+            proposal,
+            ballot,
+        } => {
+            let entry = signer
+                .connect()
+                .await?
+                .vote(*proposal, (*ballot).into())
+                .await?;
+            println!("the vote is entry {entry}");
+        }
+        Command::Dispute {
+            signer,
+            contribution,
+            document,
+        } => {
+            let evidence = match document {
+                None => Evidence::Verification,
+                Some(path) => Evidence::Document(document_digest(path)?),
+            };
+            let mut node = signer.connect().await?;
+            let entry = node.dispute(*contribution, evidence).await?;
+            println!("the dispute is entry {entry}");
+        }
+        Command::RotateKey { signer, new_key } => {
+            let new = keys::read(new_key)?;
+            let (entry, identity) = signer.connect().await?.rotate_key(&new).await?;
+            println!("entry {entry}: the node is {identity} from now on; join with its new key");
+        }
+    }
+    Ok(())
+}
+
+fn document_digest(path: &Path) -> Result<Digest> {
+    let digest = state_files::sha256(path).context("reading the document")?;
+    let digest = digest.with_context(|| format!("there is no document {}", path.display()))?;
+    Ok(Digest(digest))
+}
+
+impl Network {
+    async fn connect(&self, key: SigningKey) -> Result<Node> {
+        Node::connect(self.aggregator.clone(), self.network, key)
+            .await
+            .with_context(|| format!("connecting to {}", self.aggregator))
+    }
+}
+
+impl Signer {
+    async fn connect(&self) -> Result<Node> {
+        self.network.connect(keys::read(&self.key)?).await
+    }
+}

@@ -1,0 +1,57 @@
+//! What `zk0 governance status` prints.
+
+use anyhow::Result;
+use zk0_node::client::GovernanceInfo;
+use zk0_protocol::entries::proposal::Action;
+
+/// The rules in force and the open proposals, for people.
+pub fn status(info: &GovernanceInfo) -> Result<String> {
+    let mut text = serde_json::to_string_pretty(&info.rules)? + "\n\n";
+    if info.proposals.is_empty() {
+        text.push_str("no proposal is open\n");
+    }
+    for (proposal, open) in &info.proposals {
+        let left = |until: u64| format!("{} s", until.saturating_sub(info.now_ms).div_ceil(1000));
+        let phase = match info.now_ms {
+            now if now <= open.voting_ends_ms => {
+                format!("votes are taken for another {}", left(open.voting_ends_ms))
+            }
+            now if now <= open.veto_ends_ms => {
+                format!("vetoes are taken for another {}", left(open.veto_ends_ms))
+            }
+            _ => "it is settled before the next round opens".into(),
+        };
+        text.push_str(&format!(
+            "proposal {}: {}\n  {}\n  by {}; {phase}\n  for {}, against {}, abstained {}, vetoes {}, of {}\n",
+            proposal.number,
+            proposal.title,
+            describe(&proposal.action)?,
+            proposal.proposer,
+            open.for_it,
+            open.against,
+            open.abstained,
+            open.vetoes,
+            open.electorate,
+        ));
+        if !proposal.text.is_empty() {
+            let shown = proposal.text.escape_debug().to_string();
+            text.push_str(&format!("  {shown}\n"));
+        }
+    }
+    Ok(text)
+}
+
+fn describe(action: &Action) -> Result<String> {
+    Ok(match action {
+        Action::ChangeRules(rules) => format!("rules: {}", serde_json::to_string(rules)?),
+        Action::Enrol(enrolled) => format!("enrol {} ({})", enrolled.name, enrolled.node),
+        Action::Suspend(node) => format!("suspend {node}"),
+        Action::Reinstate(node) => format!("reinstate {node}"),
+        Action::Revoke(node) => format!("revoke {node}"),
+        Action::ReplaceKey { node, with } => format!("replace the key of {node} with {with}"),
+        Action::JudgeDispute { dispute, upheld } => format!(
+            "{} the dispute of entry {dispute}",
+            if *upheld { "uphold" } else { "dismiss" }
+        ),
+    })
+}

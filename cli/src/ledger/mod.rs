@@ -1,0 +1,219 @@
+//! `zk0 ledger`: publish, mirror, back up and check a ledger as files.
+
+mod trust_options;
+
+pub use trust_options::TrustOptions;
+
+use anyhow::Result;
+use std::path::{Path, PathBuf};
+use zk0_audit::{
+    fsck::fsck,
+    known_checkpoint::known_checkpoint,
+    log_source::{genesis, source},
+};
+use zk0_circuits::Digest;
+use zk0_ledger::{
+    backup,
+    published::{
+        export::export,
+        mirror::{mirror, Mirrored},
+        publication::Publication,
+    },
+};
+
+/// What to do.
+#[derive(Debug, clap::Subcommand)]
+pub enum Command {
+    /// Print the verifier key of a ledger's log. With it, anyone can check the log's checkpoints and proofs.
+    Vkey {
+        /// A ledger's folder, an export of one, or the address of a served log.
+        from: String,
+    },
+    /// Write a ledger as plain files that any web server can serve (C2SP tlog-tiles). An earlier export is brought up to date.
+    Export {
+        /// The ledger's folder. Its aggregator may be running.
+        dir: PathBuf,
+        /// Write the files into this folder.
+        out: PathBuf,
+    },
+    /// Make a ledger's folder from an export or a served log (a mirror). An earlier mirror is brought up to date. Everything is checked
+    /// on the way, and the log must continue what was mirrored before.
+    Import(Import),
+    /// Make a backup of a ledger's folder. An earlier backup is brought up to date. A backup is a ledger's folder, too. It contains the
+    /// private files of the open round, but no keys. Everything is checked on the way.
+    Backup {
+        /// The ledger's folder. Its aggregator may be running.
+        dir: PathBuf,
+        /// The folder of the backup.
+        out: PathBuf,
+    },
+    /// Make a ledger's folder from a backup. If an aggregator goes on from a backup that is too old, it signs a second history of its
+    /// log, and auditors will notice. So name the newest checkpoint that anybody has; the backup must contain all that it covers.
+    Restore(Restore),
+    /// Serve a ledger's files over HTTP, for reading (C2SP tlog-tiles).
+    #[cfg(feature = "full")]
+    Serve {
+        /// The ledger's folder. Its aggregator may be running.
+        dir: PathBuf,
+        /// Listen on this address; port 0 takes a free port. The traffic is not encrypted, so put a TLS proxy before it.
+        #[arg(long, default_value = "127.0.0.1:7073")]
+        listen: std::net::SocketAddr,
+    },
+    /// Check that a ledger's folder is not damaged: its entries, tree and checkpoints, and all files of weights and proofs that are there.
+    /// This checks no proofs; `zk0 audit replay` does. The exit code is 0 if the folder is whole, and 1 if it is not.
+    Fsck {
+        /// The ledger's folder.
+        dir: PathBuf,
+    },
+}
+
+/// `zk0 ledger import`.
+#[derive(Debug, clap::Args)]
+pub struct Import {
+    /// A ledger's folder, an export of one, or the address of a served log.
+    from: String,
+    /// The ledger's folder to make or to bring up to date.
+    dir: PathBuf,
+    #[command(flatten)]
+    trust: TrustOptions,
+}
+
+/// `zk0 ledger restore`.
+#[derive(Debug, clap::Args)]
+pub struct Restore {
+    /// The folder of the backup.
+    backup: PathBuf,
+    /// The ledger's folder to make. It must not exist, or be empty.
+    dir: PathBuf,
+    /// A checkpoint of the log that somebody has: a file; a folder with a file `checkpoint`, such as an export or a mirror; the address
+    /// of a served log; or the address of a witness's last checkpoint. Repeat the option for more checkpoints.
+    #[arg(
+        long,
+        value_name = "FILE|DIR|ADDRESS",
+        required_unless_present = "no_newer_checkpoint_exists"
+    )]
+    checkpoint: Vec<String>,
+    /// Go on without a checkpoint. Use this only if you know that the log signed nothing after the backup was made.
+    #[arg(long)]
+    no_newer_checkpoint_exists: bool,
+    /// Accept only the ledger of the network with this id.
+    #[arg(long, value_name = "ID")]
+    network: Option<Digest>,
+}
+
+/// Runs the command. Returns `false` if the ledger is damaged.
+pub fn run(command: &Command) -> Result<bool> {
+    match command {
+        Command::Vkey { from } => {
+            let genesis = genesis(source(from)?.as_ref(), None)?;
+            println!("{}", genesis.verifier_key()?);
+        }
+        Command::Export { dir, out } => {
+            let view = Publication::open(dir, None)?;
+            let done = export(&view, out)?;
+            println!(
+                "{} entries published; wrote {} tiles and {} blobs to {}",
+                done.entries,
+                done.tiles,
+                done.blobs,
+                out.display()
+            );
+            if done.missing_blobs > 0 {
+                println!(
+                    "{} public blobs are missing: this ledger does not keep them",
+                    done.missing_blobs
+                );
+            }
+        }
+        Command::Import(options) => import(options)?,
+        Command::Backup { dir, out } => {
+            let done = backup::backup(dir, out)?;
+            copied(&done);
+            println!("backed up to {}", out.display());
+        }
+        Command::Restore(options) => {
+            let known = options
+                .checkpoint
+                .iter()
+                .map(|from| known_checkpoint(from))
+                .collect::<Result<Vec<_>>>()?;
+            let network = options.network.as_ref();
+            let done = backup::restore(&options.backup, &options.dir, network, &known)?;
+            copied(&done);
+            println!("restored to {}", options.dir.display());
+            if known.is_empty() {
+                println!(
+                    "WARNING      if the log has signed a checkpoint of more than {} entries, do not start its aggregator: it would \
+                     sign a second history",
+                    done.entries
+                );
+            }
+        }
+        #[cfg(feature = "full")]
+        Command::Serve { dir, listen } => serve(dir, *listen)?,
+        Command::Fsck { dir } => return Ok(check(dir)),
+    }
+    Ok(true)
+}
+
+fn import(options: &Import) -> Result<()> {
+    let source = source(&options.from)?;
+    let trust = options.trust.read()?;
+    let done = mirror(
+        source.as_ref(),
+        &options.dir,
+        trust.witness_policy.as_ref(),
+        trust.network.as_ref(),
+    )?;
+    copied(&done);
+    Ok(())
+}
+
+fn copied(done: &Mirrored) {
+    println!("network {}", done.network);
+    println!(
+        "{} entries, {} of them new; {} blobs new",
+        done.entries, done.new_entries, done.new_blobs
+    );
+    if done.missing_blobs > 0 {
+        println!(
+            "{} blobs are missing: they are not public yet, or are no longer kept",
+            done.missing_blobs
+        );
+    }
+}
+
+/// Prints whether the ledger in `dir` is whole.
+fn check(dir: &Path) -> bool {
+    let found = fsck(dir);
+    match &found.published {
+        Ok(entries) => println!("published    {entries} entries"),
+        Err(error) => println!("FAULT        {error}"),
+    }
+    println!("entries      {}", found.report.entries);
+    for finding in &found.report.findings {
+        println!("{:<12} {}", format!("{:?}", finding.severity), finding.text);
+    }
+    println!(
+        "{}",
+        match found.is_whole() {
+            true => "WHOLE        proofs were not checked; `zk0 audit replay` checks them",
+            false => "DAMAGED      the lines above say what is damaged",
+        }
+    );
+    found.is_whole()
+}
+
+#[cfg(feature = "full")]
+fn serve(dir: &Path, listen: std::net::SocketAddr) -> Result<()> {
+    use zk0_aggregator::publish::{http, log_server::LogServer};
+    use zk0_ledger::published::publication::PublicationError;
+    let server = LogServer::new(dir);
+    match server.newest() {
+        // A log that the witnesses have not cosigned yet can be served as soon as they have.
+        Ok(_) | Err(PublicationError::NotCosigned(_)) => {}
+        Err(error) => return Err(error.into()),
+    }
+    let limits = http::Limits::default();
+    crate::serve::serve_http("log", listen, server.router(limits), limits)
+}

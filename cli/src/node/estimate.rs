@@ -1,0 +1,112 @@
+//! `zk0 node estimate`: what a claim will cost on this machine.
+
+use crate::dataset::RecordingName;
+use anyhow::{bail, Result};
+use std::path::Path;
+use zk0_circuits::{claim::challenge::MAX_EVAL_SAMPLES, EvalSpec, Mode};
+use zk0_prover::{machine::Resources, measure, program::Executor};
+use zk0_smolvla::{measure::fixed_point::dims, policy::policy_file, PolicyConfig, Profile};
+
+/// `zk0 node estimate`.
+#[derive(Debug, clap::Args)]
+pub struct Estimate {
+    /// The size of the policy: micro, tiny or full (the published size); or a network's policy file.
+    #[arg(long, default_value = "micro")]
+    model: String,
+    /// How matrix products are proven, as the network's genesis says: direct or checked.
+    #[arg(long, default_value = "checked")]
+    mode: Mode,
+    /// The number of samples that a claim evaluates, as the network's rules say.
+    #[arg(long, default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=MAX_EVAL_SAMPLES as i64))]
+    samples: u32,
+    /// Check that this recording fits the policy and the number of samples (a LeRobotDataset folder, or hub:owner/name[@revision]).
+    #[arg(long, value_name = "RECORDING")]
+    dataset: Option<RecordingName>,
+    /// Print JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+/// Runs the command.
+pub async fn run(options: &Estimate) -> Result<()> {
+    let config = match Profile::from_name(&options.model) {
+        Ok(profile) => profile.config(),
+        Err(unknown) => match policy_file::load(Path::new(&options.model)) {
+            Ok(file) => file.policy.config,
+            Err(error) => bail!(
+                "{unknown}; and {} cannot be read as a policy file: {error}",
+                options.model
+            ),
+        },
+    };
+    if let Some(recording) = &options.dataset {
+        check_fit(recording, &config, options.samples)?;
+    }
+    let spec = EvalSpec::new(dims(&config)?);
+    if !options.json {
+        eprintln!("zk0 counts the cycles: it executes the guest program on random weights and samples of this size");
+    }
+    let machine = Resources::of_this_machine()?;
+    let executor = Executor::new().await?;
+    let estimate =
+        measure::Estimate::of(&executor, &spec, options.mode, options.samples, machine).await?;
+    match options.json {
+        true => println!("{}", serde_json::to_string(&estimate)?),
+        false => print!("{}", table(&options.model, &estimate)),
+    }
+    Ok(())
+}
+
+/// Checks that claims over `samples` samples can be made of the recording.
+fn check_fit(recording: &RecordingName, config: &PolicyConfig, samples: u32) -> Result<()> {
+    let dataset = recording.open()?;
+    let (frames, cameras) = (dataset.len(), dataset.cameras().len());
+    if (frames as u64) < u64::from(samples) {
+        bail!("{recording} has {frames} frames, too few for a claim over {samples} samples");
+    }
+    if cameras > config.cameras {
+        bail!(
+            "{recording} has {cameras} cameras, and the policy takes at most {}",
+            config.cameras
+        );
+    }
+    Ok(())
+}
+
+/// The estimate, for people.
+fn table(model: &str, estimate: &measure::Estimate) -> String {
+    const GIB: f64 = (1u64 << 30) as f64;
+    let memory = match estimate.fits() {
+        true => "enough",
+        false => "NOT ENOUGH, so make the proof on another machine",
+    };
+    format!(
+        "a claim over {samples} samples of model {model}, mode {mode}\n\
+         \x20 guest cycles     {cycles:.1} million ({gas:.1} million gas)\n\
+         \x20 private input    {input:.1} MB, which go to the proving service\n\
+         \x20 memory           a proof takes {needed:.0} GiB, and {free:.1} GiB are free here: {memory}\n\
+         \x20 proof            {proof} on {cores} cores, and {start} once to start the service\n\
+         The time follows from the cycles and from measurements on two cores (docs/prove.md, \"How long does it take?\").\n\
+         After its first proof, the proving service estimates by the time that this machine took.\n",
+        samples = estimate.samples,
+        mode = estimate.mode,
+        cycles = estimate.cycles as f64 / 1e6,
+        gas = estimate.gas as f64 / 1e6,
+        input = estimate.private_input_bytes as f64 / 1e6,
+        needed = estimate.memory_needed_bytes as f64 / GIB,
+        free = estimate.memory_free_bytes as f64 / GIB,
+        proof = duration(estimate.proving_seconds),
+        cores = estimate.cores,
+        start = duration(estimate.start_seconds),
+    )
+}
+
+/// `45 s`, `10 min`, `7.3 h`, `2.1 days`.
+fn duration(seconds: f64) -> String {
+    match seconds {
+        s if s < 100.0 => format!("{s:.0} s"),
+        s if s < 6000.0 => format!("{:.0} min", s / 60.0),
+        s if s < 172_800.0 => format!("{:.1} h", s / 3600.0),
+        s => format!("{:.1} days", s / 86_400.0),
+    }
+}

@@ -1,0 +1,10 @@
+//! What the commands that train and evaluate share: where the policy comes from, where it computes, and where samples are kept.
+
+mod cache_options;
+pub mod calibration;
+mod device_options;
+mod source;
+
+pub use cache_options::{cache_failed, CacheOptions};
+pub use device_options::DeviceOptions;
+pub use source::{one, read, PolicySource};

@@ -1,0 +1,118 @@
+//! The report for browsers holds no script, and loads nothing.
+
+use crate::{
+    ends,
+    harness::{
+        made_ledger::{Made, NAMES},
+        prints, text,
+    },
+};
+use std::fs;
+
+/// The elements of a report.
+const ELEMENTS: &[&str] = &[
+    "!DOCTYPE",
+    "html",
+    "head",
+    "meta",
+    "title",
+    "style",
+    "body",
+    "h1",
+    "h2",
+    "div",
+    "code",
+    "b",
+    "br",
+    "p",
+    "ul",
+    "li",
+    "table",
+    "thead",
+    "tbody",
+    "tr",
+    "th",
+    "td",
+    "figure",
+    "figcaption",
+    "svg",
+    "text",
+    "rect",
+    "line",
+    "polyline",
+    "circle",
+];
+
+#[test]
+fn a_report_for_browsers_holds_no_script_and_loads_nothing() {
+    let scratch = tempfile::tempdir().unwrap();
+    let (dir, page) = (
+        scratch.path().join("ledger"),
+        scratch.path().join("report.html"),
+    );
+    let mut made = Made::found(&dir, 0);
+    made.round();
+    made.round();
+    drop(made.ledger);
+    prints(&["audit", "replay", text(&dir), "--html", text(&page)]);
+    let html = fs::read_to_string(&page).unwrap();
+    for hostile in ["<script", "<img", "onerror=alert(1)>", "javascript:"] {
+        assert!(!html.to_lowercase().contains(hostile), "{hostile}");
+    }
+    for shown in [
+        "&lt;script&gt;alert(1)&lt;/script&gt;",
+        "&amp;lt;b&amp;gt; Zoë&#39;s arm",
+        "audit&lt;test&gt;",
+        "VERIFIED",
+        "Not checked:",
+        "malformed proof",
+    ] {
+        assert!(html.contains(shown), "{shown}");
+    }
+    // Every '<' begins a known element. None of them loads anything or reacts to anything.
+    for tag in html.split('<').skip(1) {
+        let tag = tag.split('>').next().unwrap();
+        let name = tag
+            .trim_start_matches('/')
+            .split_whitespace()
+            .next()
+            .unwrap();
+        assert!(ELEMENTS.contains(&name), "<{tag}>");
+        for attribute in ["src=", "href", "url(", " on", "http:", "https:"] {
+            assert!(!tag.contains(attribute), "<{tag}>");
+        }
+    }
+    assert!(!html.contains("url(") && !html.contains("@import"));
+    assert!(html.contains("default-src 'none'"));
+    assert!(html.matches("<svg").count() >= 3);
+    for element in [
+        "svg", "table", "tr", "td", "figure", "ul", "li", "p", "div", "text",
+    ] {
+        let opened = html.matches(&format!("<{element} ")).count()
+            + html.matches(&format!("<{element}>")).count();
+        assert_eq!(
+            opened,
+            html.matches(&format!("</{element}>")).count(),
+            "{element}"
+        );
+    }
+    let data = fs::read(page.with_extension("json")).unwrap();
+    let data: serde_json::Value = serde_json::from_slice(&data).unwrap();
+    assert_eq!(data["audit"]["verdict"], "verified");
+    assert_eq!(data["history"]["rounds"].as_array().unwrap().len(), 2);
+    assert_eq!(data["history"]["nodes"][0]["name"], NAMES[0]);
+    assert_eq!(data["history"]["refusals"]["malformed proof"], 6);
+    // The verdict is that of the audit, and it quotes what the audit found.
+    let lies = scratch.path().join("lies");
+    let mut made = Made::found(&lies, 0);
+    made.lie = Some("<script>because()</script>");
+    (0..12).for_each(|_| made.round());
+    drop(made.ledger);
+    ends(1, &["audit", "replay", text(&lies), "--html", text(&page)]);
+    let html = fs::read_to_string(&page).unwrap();
+    assert!(html.contains("FAILED") && html.contains("class=\"fault\""));
+    assert!(html.contains("&lt;script&gt;because") && !html.contains("<script"));
+    // Contributions, reasons, credits and losses.
+    assert_eq!(html.matches("<svg").count(), 4);
+    assert_eq!(html.matches("<polyline").count(), 4);
+}

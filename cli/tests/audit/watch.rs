@@ -1,0 +1,94 @@
+//! `zk0 audit watch`.
+
+use crate::{
+    ends, export,
+    harness::{made_ledger::Made, text},
+    look,
+};
+use std::{fs, path::PathBuf};
+
+#[test]
+fn a_watch_tells_what_is_new_and_remembers_what_it_saw() {
+    let scratch = tempfile::tempdir().unwrap();
+    let place = |name: &str| scratch.path().join(name);
+    let (dir, state) = (place("ledger"), place("state"));
+    let mut made = Made::found(&dir, 0);
+    made.round();
+    let export_as = |name: &str| -> PathBuf {
+        let out = place(name);
+        export(&dir, &out);
+        out
+    };
+    let first = export_as("first");
+    let said = look(0, &first, &state, &[]);
+    assert!(said.contains("verified     15 entries"), "{said}");
+    assert_eq!(look(0, &first, &state, &[]), "", "nothing is new");
+    made.round();
+    drop(made.ledger);
+    let second = export_as("second");
+    let said = look(0, &second, &state, &[]);
+    assert_eq!(said.lines().count(), 8, "{said}");
+    assert!(said.contains("round 1 closed"), "{said}");
+    // The folder itself, with the same state file.
+    assert_eq!(look(0, &dir, &state, &[]), "");
+    // Lost entries, another history and damage raise an alarm, and the state file stays.
+    let kept = fs::read(&state).unwrap();
+    let said = look(1, &first, &state, &[]);
+    assert!(
+        said.contains("ALARM") && said.contains("ROLLED BACK"),
+        "{said}"
+    );
+    let said = look(1, &first, &state, &["--json"]);
+    assert!(said.contains("\"event\":\"alarm\""), "{said}");
+    let (forked, fork) = (place("forked"), place("fork"));
+    let mut made = Made::found(&forked, 0x0c);
+    (0..3).for_each(|_| made.round());
+    drop(made.ledger);
+    export(&forked, &fork);
+    let said = look(1, &fork, &state, &[]);
+    assert!(said.contains("ALARM") && said.contains("FORKED"), "{said}");
+    assert_eq!(fs::read(&state).unwrap(), kept);
+    // A proof under the name of another one.
+    let blobs = export_as("false-proof").join("blobs/sha256");
+    let proof = fs::read_dir(blobs).unwrap().next().unwrap().unwrap();
+    fs::write(proof.path(), b"another proof").unwrap();
+    let said = look(1, &place("false-proof"), &place("new"), &[]);
+    assert!(said.contains("ALARM") && said.contains("SHA-256"), "{said}");
+    // A mirror that is kept notices without the state file.
+    let (mirror, other) = (place("mirror"), place("other"));
+    look(0, &second, &other, &["--mirror", text(&mirror)]);
+    fs::remove_file(&other).unwrap();
+    let said = look(1, &first, &other, &["--mirror", text(&mirror)]);
+    assert!(said.contains("ROLLED BACK"), "{said}");
+    // When the state file is damaged, its owner has to decide.
+    let mut damaged = kept.clone();
+    damaged[100] ^= 1;
+    fs::write(&state, damaged).unwrap();
+    let arguments = [
+        "audit",
+        "watch",
+        text(&second),
+        "--looks",
+        "1",
+        "--state",
+        text(&state),
+    ];
+    let (_, why) = ends(1, &arguments);
+    assert!(why.contains("remove the file to begin anew"), "{why}");
+    // When nobody answers there is no alarm, but the watch fails.
+    fs::write(&state, kept).unwrap();
+    let arguments = [
+        "audit",
+        "watch",
+        "http://127.0.0.1:9",
+        "--looks",
+        "1",
+        "--state",
+        text(&state),
+    ];
+    let (said, why) = ends(1, &arguments);
+    assert!(
+        !said.contains("ALARM") && why.contains("gave no answer"),
+        "{said}{why}"
+    );
+}

@@ -1,0 +1,185 @@
+//! Ledgers that a test makes without nodes and provers.
+
+use ed25519_dalek::SigningKey;
+use std::path::Path;
+use zk0_circuits::{
+    model::spec::EvalSpec, DatasetCommitment, Digest, Losses, Mode, NodeId, WeightsDigest,
+};
+use zk0_ledger::Ledger;
+use zk0_protocol::{
+    entries::{
+        entry::RoundClosed,
+        member::NodeEnrolled,
+        signed::{DatasetRegistration, Submission, UpdateCommitment},
+    },
+    rules::network_rules::CreditRule,
+    Body, Genesis, Refusal, Rules, Signed,
+};
+
+/// A ledger whose entries follow the rules, and whose proofs are not real.
+pub struct Made {
+    /// The ledger.
+    pub ledger: Ledger,
+    /// The time of the last entry.
+    pub time_ms: u64,
+    /// Weights depend on it.
+    pub seed: u8,
+    /// With a text, all nodes but the last are accepted, and the refusal gives the text as its reason. Without one, all are refused for
+    /// the true reason.
+    pub lie: Option<&'static str>,
+}
+
+/// What nodes submit instead of proofs begins with this.
+const NO_PROOF: &[u8; 4] = b"none";
+
+/// The names of the nodes. They try to get code into a report.
+pub const NAMES: [&str; 3] = [
+    "<script>alert(1)</script>",
+    "\"><img src=x onerror=alert(1)>",
+    "&lt;b&gt; Zoë's arm",
+];
+
+impl Made {
+    /// A node's key.
+    pub fn node(node: u8) -> SigningKey {
+        SigningKey::from_bytes(&[100 + node; 32])
+    }
+
+    /// A node's identity.
+    pub fn id(node: u8) -> NodeId {
+        NodeId(Self::node(node).verifying_key().to_bytes())
+    }
+
+    /// Founds the ledger, with its nodes and their datasets.
+    pub fn found(dir: &Path, seed: u8) -> Self {
+        Self::found_with(dir, seed, [9; 32], String::new())
+    }
+
+    /// As [`Self::found`], with this nonce and these witnesses in the rules.
+    pub fn found_with(dir: &Path, seed: u8, nonce: [u8; 32], witness_policy: String) -> Self {
+        let key = SigningKey::from_bytes(&[7; 32]);
+        let genesis = Genesis {
+            name: "zk0.example/audit<test>".into(),
+            log_key: key.verifying_key().to_bytes(),
+            nonce,
+            rules: Rules {
+                min_dataset_samples: 4,
+                eval_samples: 2,
+                min_improvement_bps: 50,
+                max_weight_samples: 100,
+                commit_window_ms: 1_000,
+                submit_window_ms: 5_000,
+                credits: CreditRule {
+                    bps_samples_per_credit: 100,
+                    max_per_contribution: 1000,
+                    dispute_window_ms: 1000,
+                },
+                witness_policy,
+                ..Rules::default()
+            },
+            program: vec![0; 32],
+            mode: Mode::Direct,
+            evaluation: EvalSpec::micro().encode(),
+            policy: Digest([3; 32]),
+            initial: weights(4, 0),
+        };
+        let time_ms = 1_700_000_000_000;
+        let (ledger, _) = Ledger::create(dir, genesis, key, time_ms).unwrap();
+        let mut made = Self {
+            ledger,
+            time_ms,
+            seed,
+            lie: None,
+        };
+        for (node, name) in (0..).zip(NAMES) {
+            made.append(Body::NodeEnrolled(NodeEnrolled {
+                node: Self::id(node),
+                name: name.into(),
+            }));
+            let registration = DatasetRegistration {
+                network: *made.ledger.state().network(),
+                node: Self::id(node),
+                dataset: DatasetCommitment {
+                    root: Digest([0x20 + node; 32]),
+                    samples: 10 + u64::from(node),
+                    feature_spec: Digest([5; 32]),
+                    salt_commitment: Digest([0x40 + node; 32]),
+                },
+                leaves: Digest([0x60 + node; 32]),
+                episodes: vec![Digest([node; 32])],
+            };
+            made.append(Body::DatasetCommitted(Signed::new(
+                registration,
+                &Self::node(node),
+            )));
+        }
+        made
+    }
+
+    /// Appends an entry.
+    pub fn append(&mut self, body: Body) {
+        self.time_ms += 1;
+        self.ledger.append(self.time_ms, body).unwrap();
+    }
+
+    /// Appends a whole round.
+    pub fn round(&mut self) {
+        let state = self.ledger.state();
+        let (network, round) = (*state.network(), state.next_round());
+        let opened = state.next_opening(self.time_ms + 1).unwrap();
+        let base = opened.base;
+        self.append(Body::RoundOpened(opened));
+        for node in 0..NAMES.len() as u8 {
+            let commitment = UpdateCommitment {
+                network,
+                round,
+                node: Self::id(node),
+                dataset_root: Digest([0x20 + node; 32]),
+                update: weights(0x10 + node, self.seed),
+            };
+            self.append(Body::UpdateCommitted(Signed::new(
+                commitment,
+                &Self::node(node),
+            )));
+        }
+        for node in 0..NAMES.len() as u8 {
+            let expected = self.ledger.state().expected_claim(&Self::id(node)).unwrap();
+            let claim = expected.with(Losses::Disclosed {
+                before: 4_000_000_000 / (round + 2),
+                after: 4_000_000_000 / (round + 3),
+                elements: 10,
+            });
+            let proof = self
+                .ledger
+                .blobs()
+                .put(&[NO_PROOF, &[node][..]].concat())
+                .unwrap();
+            let submission = Signed::new(Submission { claim, proof }, &Self::node(node));
+            let truth = format!("unknown kind of proof {}", u32::from_le_bytes(*NO_PROOF));
+            let last = usize::from(node) + 1 == NAMES.len();
+            self.append(match self.lie {
+                Some(_) if !last => Body::ContributionAccepted(submission),
+                lie => Body::ContributionRejected {
+                    submission,
+                    reason: Refusal::MalformedProof(lie.map_or(truth, str::to_owned)),
+                },
+            });
+        }
+        let contributors = self.ledger.state().contributors();
+        self.append(Body::RoundClosed(RoundClosed {
+            round,
+            global: match contributors.is_empty() {
+                true => base,
+                false => weights(round as u8, 0x33),
+            },
+            contributors,
+        }));
+    }
+}
+
+fn weights(byte: u8, seed: u8) -> WeightsDigest {
+    WeightsDigest {
+        blob: Digest([byte ^ seed; 32]),
+        quantised: Digest([byte ^ seed ^ 0x80; 32]),
+    }
+}

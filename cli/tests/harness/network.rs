@@ -1,0 +1,186 @@
+//! A network on this machine. The binary founds and joins it; an aggregator and a prover run in the test. The prover makes no real proofs,
+//! so no contribution is accepted, and each round starts from the same weights.
+
+use super::{logged, logs, root, words, zk0, RECORDING};
+use std::{fs, path::Path, process::Output, sync::Arc};
+use tempfile::TempDir;
+use tokio::{net::TcpListener, runtime::Runtime};
+use zk0::keys;
+use zk0_aggregator::{Aggregator, Config, Service, SystemClock};
+use zk0_audit::verified_entries::verified_entries;
+use zk0_circuits::{Digest, EvalSpec};
+use zk0_ledger::log::Ledger;
+use zk0_node::recording::Recording;
+use zk0_protocol::entries::{
+    entry::{Body, Entry},
+    genesis::Genesis,
+};
+use zk0_prover::{
+    program::{Execution, GuestInput},
+    prove::Proof,
+    service::{Backend, JobError, ProvingService},
+};
+use zk0_smolvla::policy::policy_file::{self, PolicyFile};
+
+/// A folder for a ledger, a node and their keys.
+pub struct LocalNetwork {
+    dir: TempDir,
+}
+
+impl LocalNetwork {
+    pub fn new() -> Self {
+        let network = Self {
+            dir: tempfile::tempdir().unwrap(),
+        };
+        keys::generate(Path::new(&network.path("log.key"))).unwrap();
+        network
+    }
+
+    pub fn path(&self, name: &str) -> String {
+        self.dir.path().join(name).to_str().unwrap().into()
+    }
+
+    /// The command that founds a network in `ledger`.
+    pub fn founding(&self, more: &[&str]) -> Vec<String> {
+        let mut arguments = vec!["aggregator".into(), "init".into(), self.path("ledger")];
+        arguments.extend(["--name".into(), "own-policy".into()]);
+        arguments.extend(["--key".into(), self.path("log.key")]);
+        arguments.extend(more.iter().map(|word| (*word).to_owned()));
+        arguments
+    }
+
+    /// Founds a network of one node; a round lasts a minute at most.
+    #[track_caller]
+    pub fn found(&self, more: &[&str]) -> String {
+        let node = keys::generate(Path::new(&self.path("node.key"))).unwrap();
+        let node = format!("node={node}");
+        let windows = ["--commit-minutes", "1", "--submit-minutes", "1"];
+        let more = [&["--node", &node], &windows[..], more].concat();
+        logs(&words(&self.founding(&more)))
+    }
+
+    pub fn entries(&self) -> Vec<Entry> {
+        verified_entries(Path::new(&self.path("ledger"))).unwrap().0
+    }
+
+    pub fn genesis(&self) -> Genesis {
+        match self.entries().remove(0).body {
+            Body::Genesis(genesis) => genesis,
+            other => panic!("{other:?}"),
+        }
+    }
+
+    /// The policy file that the genesis names.
+    pub fn policy(&self) -> PolicyFile {
+        let blob = self.genesis().policy.to_string();
+        let blobs = Path::new(&self.path("ledger")).join("blobs/sha256");
+        policy_file::load(&blobs.join(blob)).unwrap()
+    }
+
+    /// The node's recording, prepared for `file` under the node's salt.
+    pub fn recording(&self, file: &PolicyFile) -> Recording {
+        let spec = EvalSpec::decode(&self.genesis().evaluation).unwrap();
+        let salt = fs::read(self.path("state/salt")).unwrap();
+        let salt = salt.try_into().unwrap();
+        Recording::prepare(&root().join(RECORDING), file, &spec, salt, None).unwrap()
+    }
+
+    /// Runs `zk0 node join`, with an aggregator and a prover that end afterwards.
+    #[track_caller]
+    pub fn join(&self, rounds: u64, more: &[&str]) -> Output {
+        let runtime = Runtime::new().unwrap();
+        let key = keys::read(Path::new(&self.path("log.key"))).unwrap();
+        let ledger = self.path("ledger");
+        let config = Config {
+            rounds: None,
+            min_nodes: 1,
+        };
+        let clock = Arc::new(SystemClock);
+        let aggregator = Aggregator::open(Path::new(&ledger), None, key, clock, config).unwrap();
+        let network = aggregator.state().network().to_string();
+        let (urls, services) = runtime.block_on(async {
+            let listener = || async { TcpListener::bind("127.0.0.1:0").await.unwrap() };
+            let (first, second) = (listener().await, listener().await);
+            let url = |listener: &TcpListener| format!("http://{}", listener.local_addr().unwrap());
+            let urls = (url(&first), url(&second));
+            let prover = ProvingService::start(NoProver, 4, 2);
+            let services = [
+                tokio::spawn(async move {
+                    let service = Service::new(aggregator);
+                    service.serve(first, std::future::pending()).await.unwrap();
+                }),
+                tokio::spawn(async move {
+                    prover.serve(second, std::future::pending()).await.unwrap();
+                }),
+            ];
+            (urls, services)
+        });
+        let rounds = rounds.to_string();
+        let (key, state) = (self.path("node.key"), self.path("state"));
+        let mut arguments = vec!["node", "join", "--aggregator", &urls.0, "--prover", &urls.1];
+        arguments.extend(["--network", &network, "--key", &key, "--dataset", RECORDING]);
+        arguments.extend(["--state", &state, "--rounds", &rounds]);
+        arguments.extend(more);
+        let output = zk0(&arguments).output().unwrap();
+        services.iter().for_each(|service| service.abort());
+        // All that still holds the database ends here.
+        drop(runtime);
+        self.wait_until_closed();
+        output
+    }
+
+    /// The log of [`Self::join`], which has to succeed.
+    #[track_caller]
+    pub fn joins(&self, rounds: u64, more: &[&str]) -> String {
+        let output = self.join(rounds, more);
+        let said = logged(&output);
+        assert!(output.status.success(), "{said}");
+        said
+    }
+
+    fn wait_until_closed(&self) {
+        let ledger = self.path("ledger");
+        for _ in 0..100 {
+            let key = keys::read(Path::new(&self.path("log.key"))).unwrap();
+            match Ledger::open(Path::new(&ledger), None, key) {
+                Ok(_) => return,
+                Err(_) => std::thread::sleep(std::time::Duration::from_millis(50)),
+            }
+        }
+        panic!("the aggregator does not let go of its ledger");
+    }
+}
+
+/// The roots of all datasets on the ledger.
+pub fn committed(entries: &[Entry]) -> Vec<Digest> {
+    let roots = entries.iter().filter_map(|entry| match &entry.body {
+        Body::DatasetCommitted(signed) => Some(signed.statement.dataset.root),
+        _ => None,
+    });
+    roots.collect()
+}
+
+/// Makes something else than a proof, at once.
+struct NoProver;
+
+#[tonic::async_trait]
+impl Backend for NoProver {
+    async fn start(&self) -> Result<(), JobError> {
+        Ok(())
+    }
+
+    async fn check(&self, _: &GuestInput) -> Result<Execution, JobError> {
+        Ok(Execution {
+            public_values: Vec::new(),
+            cycles: 1,
+            gas: 1,
+        })
+    }
+
+    async fn prove(&self, _: &GuestInput) -> Result<Proof, JobError> {
+        Ok(Proof {
+            bytes: b"no proof".to_vec(),
+            public_values: Vec::new(),
+        })
+    }
+}

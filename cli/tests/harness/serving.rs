@@ -1,0 +1,43 @@
+//! A process that serves, ended when it is dropped.
+
+use super::zk0;
+use std::{
+    io::{BufRead, BufReader},
+    process::{Child, Stdio},
+};
+
+/// A serving process.
+pub struct Serving {
+    process: Child,
+    /// The address that it serves on.
+    pub address: String,
+}
+
+impl Serving {
+    /// Starts the binary, and waits until it says where it listens.
+    pub fn start(arguments: &[&str]) -> Self {
+        let mut process = zk0(&["--log", "json"])
+            .args(arguments)
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let log = BufReader::new(process.stderr.take().unwrap());
+        let address = log
+            .lines()
+            .map_while(Result::ok)
+            .find_map(|line| {
+                let line: serde_json::Value = serde_json::from_str(&line).ok()?;
+                Some(line["listening"].as_str()?.to_owned())
+            })
+            .expect("it says where it listens");
+        let address = format!("http://{address}");
+        Self { process, address }
+    }
+}
+
+impl Drop for Serving {
+    fn drop(&mut self) {
+        let _ = self.process.kill();
+        let _ = self.process.wait();
+    }
+}

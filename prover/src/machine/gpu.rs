@@ -1,0 +1,70 @@
+//! The NVIDIA GPU of this machine, and whether it has memory enough. Not yet run on a GPU.
+
+use super::{device_error::DeviceError, options::Resources};
+use sp1_gpu_cudart::{cuda_device_name, cuda_memory_info};
+use sp1_gpu_prover::{
+    local_gpu_opts, RECURSION_TRACE_ALLOCATION, SHRINK_TRACE_ALLOCATION, WRAP_TRACE_ALLOCATION,
+};
+use sp1_prover::CORE_LOG_STACKING_HEIGHT;
+
+const GIB: u64 = 1 << 30;
+
+/// Free GPU memory that proving needs, in GiB. SP1 panics on GPUs of less than 24 GB, by which it means more than 19 GiB.
+const NEEDED_GIB: u64 = 20;
+
+/// The first GPU of this machine.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Gpu {
+    /// The name that its driver gives.
+    pub name: String,
+    /// Its memory, in bytes.
+    pub memory: u64,
+}
+
+impl Gpu {
+    /// Finds the GPU, and checks that there is memory enough to start: on the GPU what SP1 asks for, and on `host` what SP1 locks for
+    /// traces. A proof takes more of `host`. How much more has not been measured yet, so the operator has to see to that.
+    pub(crate) fn find(host: Resources) -> Result<Self, DeviceError> {
+        let none = |error: sp1_gpu_cudart::CudaError| DeviceError::NoGpu(error.to_string());
+        let (free, total) = cuda_memory_info().map_err(none)?;
+        let name = cuda_device_name().map_err(none)?.to_owned();
+        // Rounded up, as SP1 does: a card sold as 24 GB has some MiB less.
+        let free = (free as u64).div_ceil(GIB);
+        if free < NEEDED_GIB {
+            return Err(DeviceError::SmallGpu {
+                name,
+                needed: NEEDED_GIB,
+                free,
+            });
+        }
+        let locked = locked_memory();
+        if host.memory < locked {
+            return Err(DeviceError::LittleHostMemory {
+                needed: locked.div_ceil(GIB),
+                free: host.memory / GIB,
+            });
+        }
+        let memory = total as u64;
+        Ok(Self { name, memory })
+    }
+
+    pub(crate) fn memory_used(&self) -> Option<u64> {
+        let (free, total) = cuda_memory_info().ok()?;
+        Some(total.saturating_sub(free) as u64)
+    }
+}
+
+/// Host memory that `cuda_worker_builder` locks, in bytes: four buffers of field elements for each of four provers. It may be called
+/// only once the GPU is known to have memory enough.
+fn locked_memory() -> u64 {
+    let core = local_gpu_opts().sharding_threshold.element_threshold as usize
+        + (1 << CORE_LOG_STACKING_HEIGHT);
+    let provers = [
+        core,
+        RECURSION_TRACE_ALLOCATION,
+        SHRINK_TRACE_ALLOCATION,
+        WRAP_TRACE_ALLOCATION,
+    ];
+    let buffers_of_each = 4;
+    (provers.iter().sum::<usize>() * buffers_of_each * size_of::<u32>()) as u64
+}

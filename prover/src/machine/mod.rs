@@ -1,0 +1,15 @@
+//! What this machine can prove with. All of it is found out before any work that takes minutes.
+
+mod device;
+mod device_error;
+#[cfg(feature = "cuda")]
+mod gpu;
+mod lock;
+mod options;
+
+pub use device::{Device, DeviceKind, UnknownDevice};
+pub use device_error::DeviceError;
+#[cfg(feature = "cuda")]
+pub use gpu::Gpu;
+pub use lock::{LockError, ProverLock};
+pub use options::{OptionsError, ProverOptions, Resources};

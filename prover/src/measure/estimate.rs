@@ -1,0 +1,93 @@
+//! What a claim will cost on this machine: cycles, memory and time. An operator sees it before spending anything.
+//!
+//! The cycles are counted: the guest program is executed on random weights and samples of the claim's dimensions, for one sample and
+//! for two. Each further sample costs what the second one did. Real samples cost at most that much, because their prefix is not
+//! longer, and the work depends on values only for a few cycles in ten thousand.
+
+use crate::{
+    machine::{ProverOptions, Resources},
+    program::{elf, synthetic, ExecuteError, Execution, Executor, GuestInput},
+    service::schedule::{expected_on, Work},
+};
+use serde::Serialize;
+use zk0_circuits::{EvalSpec, Mode};
+
+/// The cost of one claim.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Estimate {
+    /// `direct` or `checked`.
+    pub mode: String,
+    /// Samples that the claim evaluates, each under both sets of weights.
+    pub samples: u32,
+    /// Guest instructions.
+    pub cycles: u64,
+    /// SP1's estimate of proving cost, precompiles included.
+    pub gas: u64,
+    /// Bytes of the private input that goes to the proving service.
+    pub private_input_bytes: u64,
+    /// Free memory that a proof takes, in bytes.
+    pub memory_needed_bytes: u64,
+    /// Free memory of this machine, in bytes.
+    pub memory_free_bytes: u64,
+    /// Hardware threads of this machine.
+    pub cores: usize,
+    /// Seconds until the proving service is ready, once.
+    pub start_seconds: f64,
+    /// Seconds of one proof on this machine's CPU.
+    pub proving_seconds: f64,
+}
+
+impl Estimate {
+    /// Counts the cycles of a claim over `samples` samples, at most [`zk0_circuits::claim::challenge::MAX_EVAL_SAMPLES`], and derives
+    /// memory and time from them. Takes seconds for small models; at the published size it takes minutes and 3 GB of memory.
+    pub async fn of(
+        executor: &Executor,
+        spec: &EvalSpec,
+        mode: Mode,
+        samples: u32,
+        machine: Resources,
+    ) -> Result<Self, ExecuteError> {
+        let (first, input) = execute(executor, spec, mode, 1).await?;
+        let (mut cycles, mut gas, mut private_input_bytes) = (first.cycles, first.gas, input);
+        if samples > 1 {
+            let (second, input) = execute(executor, spec, mode, 2).await?;
+            let further = |one: u64, two: u64| two.saturating_sub(one) * (samples as u64 - 1);
+            cycles += further(first.cycles, second.cycles);
+            gas += further(first.gas, second.gas);
+            private_input_bytes += further(private_input_bytes, input);
+        }
+        Ok(Self {
+            mode: mode.to_string(),
+            samples,
+            cycles,
+            gas,
+            private_input_bytes,
+            memory_needed_bytes: ProverOptions::NEEDED,
+            memory_free_bytes: machine.memory,
+            cores: machine.cores,
+            start_seconds: expected_on(machine.cores, Work::Start),
+            proving_seconds: expected_on(machine.cores, Work::Proof { cycles }),
+        })
+    }
+
+    /// Whether this machine has the memory.
+    pub fn fits(&self) -> bool {
+        self.memory_needed_bytes <= self.memory_free_bytes
+    }
+}
+
+/// Executes a claim over random samples. Returns the execution and the size of its input in bytes.
+async fn execute(
+    executor: &Executor,
+    spec: &EvalSpec,
+    mode: Mode,
+    samples: u32,
+) -> Result<(Execution, u64), ExecuteError> {
+    let private = synthetic::private_input(spec, samples, 1).map_err(ExecuteError::Failed)?;
+    let (_, input) =
+        GuestInput::of(mode, &private).map_err(|error| ExecuteError::Failed(error.to_string()))?;
+    drop(private);
+    let run = executor.execute(elf(mode), &input.buffers).await?;
+    let bytes = input.buffers.iter().map(|buffer| buffer.len() as u64).sum();
+    Ok((run, bytes))
+}

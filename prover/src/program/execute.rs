@@ -1,0 +1,152 @@
+//! Runs a guest program without proving it. That takes a second, and gives the same public values and the cycles that a proof would
+//! have to prove.
+
+use sp1_sdk::{
+    blocking::{LightProver, Prover},
+    Elf, ExecutionReport, HashableKey, ProvingKey, SP1Stdin, SP1VerifyingKey,
+};
+use tokio::sync::watch;
+
+/// What one run of a guest program gave.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Execution {
+    /// What the program committed to: borsh([`zk0_circuits::Claim`]).
+    pub public_values: Vec<u8>,
+    /// The RISC-V instructions that ran. Proving time grows with them.
+    pub cycles: u64,
+    /// SP1's estimate of proving cost, precompiles included.
+    pub gas: u64,
+}
+
+/// Why an execution gave no public values.
+#[derive(Debug, thiserror::Error)]
+pub enum ExecuteError {
+    /// The program ended with an error: the statement does not hold for this input.
+    #[error("the guest program refuses the input: {0}")]
+    Refused(String),
+    /// SP1 could not run the program.
+    #[error("SP1 cannot execute the guest program: {0}")]
+    Failed(String),
+}
+
+/// A program's verifying key in the two forms that verifiers ask for.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct VerifyingKey {
+    /// bincode of `vk.hash_koalabear()`: what compressed proofs are verified against.
+    pub koalabear: Vec<u8>,
+    /// `vk.bytes32()`, hexadecimal with 0x: what Groth16 and PLONK proofs are verified against.
+    pub bytes32: String,
+}
+
+impl VerifyingKey {
+    pub(crate) fn of(key: &SP1VerifyingKey) -> bincode::Result<Self> {
+        Ok(Self {
+            koalabear: bincode::serialize(&key.hash_koalabear())?,
+            bytes32: key.bytes32(),
+        })
+    }
+}
+
+/// SP1's executor. It makes no proof, and starts in about a second. Clones share it.
+#[derive(Clone)]
+pub struct Executor {
+    client: LightProver,
+}
+
+impl Executor {
+    /// Starts the executor.
+    pub async fn new() -> Result<Self, ExecuteError> {
+        let client = blocking(|| Ok(LightProver::new())).await?;
+        Ok(Self { client })
+    }
+
+    /// Runs `elf` on `input`, one buffer per read of the guest.
+    pub async fn execute(
+        &self,
+        elf: &'static [u8],
+        input: &[Vec<u8>],
+    ) -> Result<Execution, ExecuteError> {
+        let (client, stdin) = (self.client.clone(), stdin(input));
+        blocking(move || {
+            let (stderr, last_words) = watch::channel(String::new());
+            let (public_values, report) = client
+                .execute(Elf::Static(elf), stdin)
+                .stderr(stderr)
+                .run()
+                .map_err(|error| ExecuteError::Failed(error.to_string()))?;
+            if report.exit_code != 0 {
+                return Err(ExecuteError::Refused(panic_message(&last_words.borrow())));
+            }
+            Ok(Execution {
+                public_values: public_values.to_vec(),
+                cycles: report.total_instruction_count(),
+                gas: gas(&report)?,
+            })
+        })
+        .await
+    }
+
+    /// Derives the verifying key of `elf`; takes some seconds.
+    pub async fn verifying_key(&self, elf: &'static [u8]) -> Result<VerifyingKey, ExecuteError> {
+        let client = self.client.clone();
+        blocking(move || {
+            let program = client
+                .setup(Elf::Static(elf))
+                .map_err(|error| ExecuteError::Failed(error.to_string()))?;
+            VerifyingKey::of(program.verifying_key())
+                .map_err(|error| ExecuteError::Failed(error.to_string()))
+        })
+        .await
+    }
+}
+
+/// Runs SP1 on a thread where it may block; its panics become errors.
+async fn blocking<T: Send + 'static>(
+    work: impl FnOnce() -> Result<T, ExecuteError> + Send + 'static,
+) -> Result<T, ExecuteError> {
+    tokio::task::spawn_blocking(work)
+        .await
+        .unwrap_or_else(|panic| Err(ExecuteError::Failed(panic.to_string())))
+}
+
+/// The input stream of the guest: one entry per buffer, unframed, as `sp1_zkvm::io::read_vec` reads them.
+pub(crate) fn stdin(input: &[Vec<u8>]) -> SP1Stdin {
+    let mut stdin = SP1Stdin::new();
+    for buffer in input {
+        stdin.write_slice(buffer);
+    }
+    stdin
+}
+
+fn gas(report: &ExecutionReport) -> Result<u64, ExecuteError> {
+    report
+        .gas()
+        .ok_or_else(|| ExecuteError::Failed("no gas was calculated".into()))
+}
+
+/// The message of a Rust panic, in one line. Before the message, the guest's runtime writes the place in the source; after it, the
+/// runtime writes the message again.
+fn panic_message(stderr: &str) -> String {
+    let text = match stderr.split_once("panicked at ") {
+        Some((_, rest)) => rest.split_once('\n').map_or(rest, |(_, message)| message),
+        None => stderr,
+    };
+    match text.lines().find(|line| !line.trim().is_empty()) {
+        Some(message) => message.trim().into(),
+        None => "it ended without a message".into(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_panic_is_reported_without_its_source_line() {
+        let stderr =
+            "\nthread 'main' panicked at src/direct.rs:9:5:\nthe loss did not fall\nthe loss did not fall\n";
+        assert_eq!(panic_message(stderr), "the loss did not fall");
+        assert_eq!(panic_message(""), "it ended without a message");
+        assert_eq!(panic_message("out of memory\n"), "out of memory");
+    }
+}

@@ -1,0 +1,11 @@
+//! The guest programs, their input, and how to run them without a proof.
+
+mod elf;
+mod execute;
+mod guest_input;
+pub mod synthetic;
+
+pub use elf::elf;
+pub(crate) use execute::stdin;
+pub use execute::{ExecuteError, Execution, Executor, VerifyingKey};
+pub use guest_input::{GuestInput, GuestInputError};

@@ -1,0 +1,162 @@
+//! Private inputs made from a seed. They serve to count cycles, to compare guest and host, and to try a machine's prover.
+//!
+//! Weights and samples are random numbers of a trained model's magnitudes. Two models are drawn, and the one with the lower loss is the
+//! update. The result depends on the seed alone, so it is the same on every machine.
+
+use borsh::to_vec;
+use zk0_circuits::{
+    claim::{
+        challenge::sample_indices,
+        dataset::{leaf, salt_commitment},
+        private_input::{Header, Opening},
+        statement::check,
+        statement_error::StatementError,
+    },
+    model::{layout::expert_tensors, sample::SampleParts},
+    vm::{digest::tagged_sha256, merkle},
+    DatasetCommitment, Digest, Disclosure, EvalSpec, Mode, NodeId, PrivateInput, QuantisedWeights,
+    Sample, Terms, WeightsDigest,
+};
+
+/// A private input whose statement holds, over `samples` samples of a dataset three times as large.
+///
+/// # Errors
+/// `spec` cannot be used, or random values do not fit its scales.
+pub fn private_input(spec: &EvalSpec, samples: u32, seed: u64) -> Result<PrivateInput, String> {
+    let mut random = Random(seed);
+    let text = |error: &dyn std::fmt::Display| error.to_string();
+    spec.validate().map_err(|error| text(&error))?;
+    let dataset: Vec<Sample> = (0..3 * samples)
+        .map(|index| sample(spec, &mut random, index).map_err(|error| text(&error)))
+        .collect::<Result<_, _>>()?;
+    let base = weights(spec, &mut random).map_err(|error| text(&error))?;
+    let update = weights(spec, &mut random).map_err(|error| text(&error))?;
+
+    let salt = random.digest().0;
+    let leaves: Vec<Digest> = dataset
+        .iter()
+        .map(|sample| leaf(&salt, &sample.digest()))
+        .collect();
+    let header = Header {
+        spec: spec.clone(),
+        terms: Terms {
+            network: random.digest(),
+            round: seed,
+            node: NodeId(random.digest().0),
+            dataset: DatasetCommitment {
+                root: merkle::root(&leaves),
+                samples: leaves.len() as u64,
+                feature_spec: random.digest(),
+                salt_commitment: salt_commitment(&salt),
+            },
+            evaluation: spec.digest(),
+            base: WeightsDigest::default(),
+            update: WeightsDigest::default(),
+            challenge: random.digest(),
+            eval_samples: samples,
+            min_improvement_bps: 0,
+        },
+        disclosure: Disclosure::Losses,
+        salt,
+    };
+    let openings = sample_indices(&header.terms.challenge, leaves.len() as u64, samples)
+        .map_err(|error| text(&error))?
+        .into_iter()
+        .map(|index| Opening {
+            index,
+            sample: dataset[index as usize].clone(),
+            path: merkle::path(&leaves, index as usize).unwrap_or_default(),
+        })
+        .collect();
+    let mut input = PrivateInput {
+        header,
+        base,
+        update,
+        openings,
+    };
+    name_weights(&mut input, [random.digest(), random.digest()]);
+    if let Err(StatementError::NoImprovement { .. }) = check(&input) {
+        std::mem::swap(&mut input.base, &mut input.update);
+        name_weights(&mut input, [random.digest(), random.digest()]);
+        check(&input).map_err(|error| text(&error))?;
+    }
+    Ok(input)
+}
+
+/// Names the weights in the header.
+fn name_weights(input: &mut PrivateInput, blobs: [Digest; 2]) {
+    let [base, update] = [&input.base, &input.update].map(|weights| weights.digest(Mode::Direct));
+    let name = |blob, quantised| WeightsDigest { blob, quantised };
+    input.header.terms.base = name(blobs[0], base);
+    input.header.terms.update = name(blobs[1], update);
+}
+
+/// Random weights: gains around one, small biases, and linear layers of unit gain.
+fn weights(spec: &EvalSpec, random: &mut Random) -> Result<QuantisedWeights, String> {
+    let tensors: Vec<(String, Vec<f32>)> = expert_tensors(&spec.dims)
+        .into_iter()
+        .map(|tensor| {
+            let is_gain = tensor.name.contains("norm");
+            let values = (0..tensor.len())
+                .map(|_| match tensor.shape.as_slice() {
+                    [_] if is_gain => 1.0 + 0.2 * random.symmetric(),
+                    [_] => 0.1 * random.symmetric(),
+                    shape => random.symmetric() * (3.0 / shape[shape.len() - 1] as f32).sqrt(),
+                })
+                .collect();
+            (tensor.name, values)
+        })
+        .collect();
+    let find = |name: &str| tensors.iter().find(|(tensor, _)| tensor == name);
+    QuantisedWeights::quantise(spec, |name| find(name).map(|(_, values)| values.as_slice()))
+        .map_err(|error| error.to_string())
+}
+
+/// A random sample with the longest prefix. Its last `index mod 3` frames are padding.
+fn sample(spec: &EvalSpec, random: &mut Random, index: u32) -> Result<Sample, String> {
+    let dims = &spec.dims;
+    let mut vector = |len: usize| -> Vec<f32> { (0..len).map(|_| random.symmetric()).collect() };
+    let prefix = dims.max_prefix as usize * dims.kv_width();
+    let cache: Vec<(Vec<f32>, Vec<f32>)> = (0..dims.layers)
+        .map(|_| (vector(prefix), vector(prefix)))
+        .collect();
+    let cache: Vec<(&[f32], &[f32])> = cache.iter().map(|(k, v)| (&k[..], &v[..])).collect();
+    let (chunk, width) = (dims.chunk as usize, dims.max_action_dim as usize);
+    let mut actions = vector(chunk * width);
+    for frame in actions.chunks_mut(width) {
+        frame[dims.action_dim as usize..].fill(0.0);
+    }
+    let real = chunk - (index as usize % 3).min(chunk - 1);
+    let is_pad: Vec<bool> = (0..chunk).map(|frame| frame >= real).collect();
+    let parts = SampleParts {
+        cache: &cache,
+        actions: &actions,
+        is_pad: &is_pad,
+    };
+    Sample::quantise(spec, parts).map_err(|error| error.to_string())
+}
+
+/// SplitMix64 (Steele, Lea and Flood 2014).
+struct Random(u64);
+
+impl Random {
+    fn word(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^ (z >> 31)
+    }
+
+    /// Uniform in -1 to 1, 24 bits: exact in f32.
+    fn symmetric(&mut self) -> f32 {
+        (self.word() >> 40) as f32 / (1 << 23) as f32 - 1.0
+    }
+
+    fn digest(&mut self) -> Digest {
+        tagged_sha256(
+            "zk0/synthetic",
+            &[&to_vec(&self.word()).unwrap_or_default()],
+        )
+    }
+}

@@ -1,0 +1,138 @@
+//! The prover of this machine.
+//!
+//! Starting it takes minutes (SP1 derives its recursion programs) and gigabytes, so a process has one [`Sp1Prover`] and keeps
+//! it. A [lock](ProverLock) keeps other processes from having one too. SP1 blocks, so it runs on threads of its own, and the caller's
+//! runtime stays free to answer.
+
+use super::{
+    engine::{self, Engine},
+    proof::Proof,
+};
+use crate::{
+    machine::{Device, LockError, ProverLock},
+    program::{elf, stdin, GuestInput, VerifyingKey},
+};
+use sp1_sdk::{ProvingKey, SP1Proof, SP1ProvingKey};
+use sp1_verifier::compressed::SP1CompressedVerifierRaw;
+use std::sync::Arc;
+use tokio::{sync::Mutex, task::spawn_blocking};
+use zk0_circuits::{claim::program::verifying_key, Mode};
+
+/// Why there is no proof.
+#[derive(Debug, thiserror::Error)]
+pub enum ProveError {
+    /// Another process proves.
+    #[error(transparent)]
+    Lock(#[from] LockError),
+    /// The ELF is not the program that verifiers expect.
+    #[error("the guest ELF has another verifying key ({found}) than the one recorded with it: run `make guest`, which builds and records both")]
+    OtherProgram {
+        /// Its `bytes32`.
+        found: String,
+    },
+    /// SP1 failed. Its log says more.
+    #[error("SP1 could not {doing}: {reason}")]
+    Sp1 {
+        /// What it was doing.
+        doing: &'static str,
+        /// What it said.
+        reason: String,
+    },
+    /// SP1 made a proof that a verifier would refuse.
+    #[error("SP1 made a proof that does not verify: {0}")]
+    Unsound(String),
+}
+
+/// The one prover of this machine.
+pub struct Sp1Prover {
+    sp1: Arc<Sp1>,
+    /// One proof at a time.
+    proving: Arc<Mutex<()>>,
+}
+
+struct Sp1 {
+    engine: Box<dyn Engine>,
+    /// Per mode, as [`Mode::ALL`] lists them.
+    programs: [SP1ProvingKey; 2],
+    _lock: Arc<ProverLock>,
+}
+
+impl Sp1Prover {
+    /// Starts SP1 on `device` for the programs of both modes. Their verifying keys must be the recorded ones. Takes one to
+    /// two minutes on two cores.
+    pub async fn start(device: Device, lock: Arc<ProverLock>) -> Result<Self, ProveError> {
+        let failed = |reason| ProveError::Sp1 {
+            doing: "start",
+            reason,
+        };
+        let sp1 = spawn_blocking(move || {
+            let engine = engine::start(device).map_err(failed)?;
+            let set_up = |mode| {
+                let program = engine.setup(elf(mode)).map_err(failed)?;
+                let key = VerifyingKey::of(program.verifying_key())
+                    .map_err(|error| failed(error.to_string()))?;
+                if key.koalabear != verifying_key(mode) {
+                    let found = key.bytes32;
+                    return Err(ProveError::OtherProgram { found });
+                }
+                Ok(program)
+            };
+            let [direct, checked] = Mode::ALL.map(set_up);
+            let programs = [direct?, checked?];
+            Ok::<_, ProveError>(Sp1 {
+                engine,
+                programs,
+                _lock: lock,
+            })
+        });
+        let sp1 = sp1.await.map_err(|panic| failed(panic.to_string()))??;
+        Ok(Self {
+            sp1: Arc::new(sp1),
+            proving: Arc::default(),
+        })
+    }
+
+    /// Proves that the program accepts `input`, and verifies the proof as a verifier would. Run an
+    /// [`Executor`](crate::program::Executor) first: an input that the program refuses costs minutes here, and the error does not say
+    /// why it is refused.
+    pub async fn prove_compressed(&self, input: &GuestInput) -> Result<Proof, ProveError> {
+        let turn = self.proving.clone().lock_owned().await;
+        let (sp1, mode, stdin) = (self.sp1.clone(), input.mode, stdin(&input.buffers));
+        let work = spawn_blocking(move || {
+            // The work itself holds the turn, so that a caller that stops waiting does not let a second proof start beside it.
+            let _turn = turn;
+            sp1.prove(mode, stdin)
+        });
+        work.await.map_err(|panic| proving(panic.to_string()))?
+    }
+}
+
+impl Sp1 {
+    fn prove(&self, mode: Mode, stdin: sp1_sdk::SP1Stdin) -> Result<Proof, ProveError> {
+        let proven = self
+            .engine
+            .prove(&self.programs[mode as usize], stdin)
+            .map_err(proving)?;
+        if !matches!(proven.proof, SP1Proof::Compressed(_)) {
+            return Err(ProveError::Unsound("it is not a compressed proof".into()));
+        }
+        let proof = Proof {
+            bytes: bincode::serialize(&proven.proof).map_err(|error| proving(error.to_string()))?,
+            public_values: proven.public_values.to_vec(),
+        };
+        SP1CompressedVerifierRaw::verify_with_public_values(
+            &proof.bytes,
+            &proof.public_values,
+            verifying_key(mode),
+        )
+        .map_err(|error| ProveError::Unsound(error.to_string()))?;
+        Ok(proof)
+    }
+}
+
+fn proving(reason: String) -> ProveError {
+    ProveError::Sp1 {
+        doing: "prove",
+        reason,
+    }
+}

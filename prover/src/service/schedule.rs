@@ -1,0 +1,212 @@
+//! How long proofs take, and which come first. The proving service tells this to the clients that wait.
+//!
+//! Proving time is about `fixed + cycles / rate`: recursion down to one proof costs the same for any small program. The
+//! constants are measurements on two cores (docs/prove.md, "How long does it take?"). After each proof, the time that it really took
+//! on this machine scales them.
+
+use std::{
+    collections::VecDeque,
+    time::{Duration, Instant},
+};
+
+/// Proving time of an empty program, in seconds, on two cores: the start of a compressed proof and its recursion. With the rate below,
+/// the estimate was within 35 % of the measured time for claims of 0.5 to 7.4 M cycles.
+const FIXED_SECONDS: f64 = 400.0;
+/// Cycles proven in a second, beyond that, on two cores.
+const CYCLES_PER_SECOND: f64 = 9_000.0;
+/// Time to start SP1, in seconds, on two cores.
+const START_SECONDS: f64 = 130.0;
+/// The cores the constants were measured on.
+const CORES: f64 = 2.0;
+
+/// The work of one place in the queue.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Work {
+    /// Starting SP1.
+    Start,
+    /// A proof of so many guest cycles.
+    Proof {
+        /// Guest instructions.
+        cycles: u64,
+    },
+}
+
+/// A place in the queue.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Place(u64);
+
+/// What comes before a place, and how long it and its own work will take.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Outlook {
+    /// Proofs that come first.
+    pub ahead: u32,
+    /// From now until the work of this place is done.
+    pub remaining: Duration,
+}
+
+struct Job {
+    place: Place,
+    work: Work,
+    began: Option<Instant>,
+}
+
+/// The queue, with the times it will take. The caller hands in the clock.
+pub struct Schedule {
+    /// This machine's time, divided by the time that the constants give.
+    scale: f64,
+    next: u64,
+    jobs: VecDeque<Job>,
+}
+
+impl Schedule {
+    /// An empty queue on a machine with `cores` hardware threads.
+    pub fn new(cores: usize) -> Self {
+        Self {
+            scale: CORES / cores.max(1) as f64,
+            next: 0,
+            jobs: VecDeque::new(),
+        }
+    }
+
+    /// Joins the queue.
+    pub fn join(&mut self, work: Work) -> Place {
+        let place = Place(self.next);
+        self.next += 1;
+        self.jobs.push_back(Job {
+            place,
+            work,
+            began: None,
+        });
+        place
+    }
+
+    /// Work at `place` begins.
+    pub fn begin(&mut self, place: Place, now: Instant) {
+        if let Some(job) = self.jobs.iter_mut().find(|job| job.place == place) {
+            job.began = Some(now);
+        }
+    }
+
+    /// Leaves the queue: the work is done, has failed, or was given up.
+    pub fn leave(&mut self, place: Place) {
+        self.jobs.retain(|job| job.place != place);
+    }
+
+    /// Leaves the queue with the work done. Returns the time that it took, which scales later estimates.
+    pub fn finish(&mut self, place: Place, now: Instant) -> Duration {
+        let job = self.jobs.iter().find(|job| job.place == place);
+        let took = match job.and_then(|job| Some((job.work, job.began?))) {
+            Some((work, began)) => {
+                let took = now.saturating_duration_since(began);
+                if let Work::Proof { .. } = work {
+                    self.scale = took.as_secs_f64() / expected(work);
+                }
+                took
+            }
+            None => Duration::ZERO,
+        };
+        self.leave(place);
+        took
+    }
+
+    /// What is ahead of `place`; nothing if it has left the queue.
+    pub fn outlook(&self, place: Place, now: Instant) -> Outlook {
+        let mut outlook = Outlook {
+            ahead: 0,
+            remaining: Duration::ZERO,
+        };
+        for job in &self.jobs {
+            let whole = Duration::from_secs_f64(expected(job.work) * self.scale);
+            let spent = job
+                .began
+                .map_or(Duration::ZERO, |began| now.saturating_duration_since(began));
+            outlook.remaining += whole.saturating_sub(spent);
+            if job.place == place {
+                return outlook;
+            }
+            outlook.ahead += u32::from(job.work != Work::Start);
+        }
+        Outlook {
+            ahead: 0,
+            remaining: Duration::ZERO,
+        }
+    }
+}
+
+/// Seconds that `work` takes on a machine with `cores` hardware threads of which nothing else is known.
+pub fn expected_on(cores: usize, work: Work) -> f64 {
+    expected(work) * CORES / cores.max(1) as f64
+}
+
+/// Seconds on the machine on which the constants were measured.
+fn expected(work: Work) -> f64 {
+    match work {
+        Work::Start => START_SECONDS,
+        Work::Proof { cycles } => FIXED_SECONDS + cycles as f64 / CYCLES_PER_SECOND,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SECOND: Duration = Duration::from_secs(1);
+
+    #[test]
+    fn those_who_wait_are_told_of_all_that_comes_first() {
+        let mut schedule = Schedule::new(2);
+        let now = Instant::now();
+        let start = schedule.join(Work::Start);
+        schedule.begin(start, now);
+        let work = Work::Proof { cycles: 1_800_000 };
+        let (first, second) = (schedule.join(work), schedule.join(work));
+        let later = now + 40 * SECOND;
+        let outlook = |schedule: &Schedule, place| schedule.outlook(place, later);
+        assert_eq!(
+            outlook(&schedule, first),
+            Outlook {
+                ahead: 0,
+                remaining: (90 + 600) * SECOND
+            }
+        );
+        assert_eq!(
+            outlook(&schedule, second),
+            Outlook {
+                ahead: 1,
+                remaining: (90 + 1200) * SECOND
+            }
+        );
+        schedule.finish(start, later);
+        schedule.leave(first);
+        assert_eq!(
+            outlook(&schedule, second),
+            Outlook {
+                ahead: 0,
+                remaining: 600 * SECOND
+            }
+        );
+    }
+
+    #[test]
+    fn the_first_proof_teaches_the_speed_of_the_machine() {
+        let mut schedule = Schedule::new(2);
+        let now = Instant::now();
+        let work = Work::Proof { cycles: 1_800_000 };
+        let first = schedule.join(work);
+        schedule.begin(first, now);
+        let took = schedule.finish(first, now + 160 * SECOND);
+        assert_eq!(took, 160 * SECOND);
+        let second = schedule.join(work);
+        assert_eq!(schedule.outlook(second, now).remaining, 160 * SECOND);
+    }
+
+    #[test]
+    fn a_proof_that_takes_longer_than_expected_is_about_to_end() {
+        let mut schedule = Schedule::new(2);
+        let now = Instant::now();
+        let place = schedule.join(Work::Proof { cycles: 0 });
+        schedule.begin(place, now);
+        let outlook = schedule.outlook(place, now + 10_000 * SECOND);
+        assert_eq!(outlook.remaining, Duration::ZERO);
+    }
+}

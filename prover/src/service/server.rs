@@ -1,0 +1,277 @@
+//! The proving service itself: it receives requests, checks them, queues them, and has them proven one at a time.
+
+use super::{
+    backend::{Backend, JobError},
+    schedule::{Place, Schedule, Work},
+    upload::{self, Announced},
+};
+use crate::{
+    program::GuestInput,
+    rpc::{self, progress::Phase, prover_server},
+};
+use std::{
+    future::Future,
+    sync::{Arc, Mutex, MutexGuard, PoisonError},
+    time::{Duration, Instant},
+};
+use tokio::{
+    net::TcpListener,
+    sync::{mpsc, OwnedSemaphorePermit, Semaphore},
+};
+use tokio_stream::wrappers::{ReceiverStream, TcpListenerStream};
+use tonic::{transport, Request, Response, Status, Streaming};
+
+/// Memory for the private inputs of all requests, in MiB.
+const MEMORY_MIB: u32 = 4 << 10;
+/// Requests on one connection at a time.
+const REQUESTS_PER_CONNECTION: usize = 16;
+/// Time between two progress events.
+const TICK: Duration = Duration::from_secs(1);
+
+/// The service. Clones share one queue.
+pub struct ProvingService<B> {
+    shared: Arc<Shared<B>>,
+}
+
+struct Shared<B> {
+    backend: B,
+    /// Requests being served or waiting: how long the queue may grow.
+    slots: Arc<Semaphore>,
+    /// What is left of [`MEMORY_MIB`].
+    memory: Arc<Semaphore>,
+    /// One check at a time.
+    checking: Semaphore,
+    /// One proof at a time, in order of arrival.
+    proving: Arc<Semaphore>,
+    schedule: Mutex<Schedule>,
+}
+
+impl<B: Backend> ProvingService<B> {
+    /// Starts `backend` in the background and serves at most `queue` requests at a time, on `cores` hardware threads.
+    pub fn start(backend: B, queue: usize, cores: usize) -> Self {
+        let shared = Arc::new(Shared {
+            backend,
+            slots: Arc::new(Semaphore::new(queue)),
+            memory: Arc::new(Semaphore::new(MEMORY_MIB as usize)),
+            checking: Semaphore::new(1),
+            proving: Arc::new(Semaphore::new(1)),
+            schedule: Mutex::new(Schedule::new(cores)),
+        });
+        // Starting takes the first place in the queue: a request that comes meanwhile waits for it, and is told how long.
+        let turn = shared.proving.clone().try_acquire_owned();
+        let place = shared.schedule().join(Work::Start);
+        shared.schedule().begin(place, Instant::now());
+        let starting = shared.clone();
+        tokio::spawn(async move {
+            let _turn = turn;
+            match starting.backend.start().await {
+                Ok(()) => {
+                    let took = starting.schedule().finish(place, Instant::now());
+                    tracing::info!(seconds = took.as_secs(), "the prover is ready");
+                }
+                Err(error) => {
+                    starting.schedule().leave(place);
+                    tracing::error!(%error, "the prover did not start");
+                }
+            }
+        });
+        Self { shared }
+    }
+
+    /// Serves requests on `listener` until `shutdown` is ready.
+    pub async fn serve(
+        self,
+        listener: TcpListener,
+        shutdown: impl Future<Output = ()>,
+    ) -> Result<(), transport::Error> {
+        let service = prover_server::ProverServer::new(self)
+            .max_decoding_message_size(upload::MAX_MESSAGE_BYTES)
+            .max_encoding_message_size(upload::MAX_EVENT_BYTES);
+        transport::Server::builder()
+            .concurrency_limit_per_connection(REQUESTS_PER_CONNECTION)
+            .add_service(service)
+            .serve_with_incoming_shutdown(TcpListenerStream::new(listener), shutdown)
+            .await
+    }
+}
+
+#[tonic::async_trait]
+impl<B: Backend> prover_server::Prover for ProvingService<B> {
+    type ProveStream = ReceiverStream<Result<rpc::ProveEvent, Status>>;
+
+    async fn prove(
+        &self,
+        request: Request<Streaming<rpc::ProvePart>>,
+    ) -> Result<Response<Self::ProveStream>, Status> {
+        let mut parts = request.into_inner();
+        let slot = self.shared.slots.clone().try_acquire_owned().map_err(|_| {
+            Status::resource_exhausted("the prover's queue is full: try again when a proof is done")
+        })?;
+        let announced = Announced::receive(&mut parts).await?;
+        let mebibytes = announced.bytes().div_ceil(1 << 20).min(MEMORY_MIB.into()) as u32;
+        let memory = self.shared.memory.clone().try_acquire_many_owned(mebibytes);
+        let memory = memory.map_err(|_| {
+            Status::resource_exhausted(
+                "the private inputs in the prover's queue fill its memory: try again when a proof is done",
+            )
+        })?;
+        let input = announced.rest(&mut parts).await?;
+        let (events, stream) = mpsc::channel(4);
+        let job = Job {
+            shared: self.shared.clone(),
+            input: Arc::new(input),
+            events,
+            came: Instant::now(),
+            _taken: [slot, memory],
+        };
+        tokio::spawn(job.run());
+        Ok(Response::new(ReceiverStream::new(stream)))
+    }
+}
+
+impl<B> Shared<B> {
+    fn schedule(&self) -> MutexGuard<'_, Schedule> {
+        // Nothing panics while it holds this lock. If something did, the figures would still be right.
+        self.schedule.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// One request, from check to proof.
+struct Job<B> {
+    shared: Arc<Shared<B>>,
+    input: Arc<GuestInput>,
+    events: mpsc::Sender<Result<rpc::ProveEvent, Status>>,
+    came: Instant,
+    /// A slot of the queue, and memory.
+    _taken: [OwnedSemaphorePermit; 2],
+}
+
+/// The client has gone, so nobody waits for the result.
+struct Gone;
+
+impl<B: Backend> Job<B> {
+    async fn run(self) {
+        let last = match self.steps().await {
+            Ok(Ok(proof)) => Ok(rpc::ProveEvent {
+                event: Some(rpc::prove_event::Event::Proof(proof)),
+            }),
+            Ok(Err(error)) => {
+                tracing::warn!(%error, "request refused");
+                Err(error.into())
+            }
+            Err(Gone) => {
+                tracing::info!("the client has gone; its request is dropped");
+                return;
+            }
+        };
+        let _ = self.events.send(last).await; // This fails, too, when the client has gone.
+    }
+
+    async fn steps(&self) -> Result<Result<rpc::Proof, JobError>, Gone> {
+        let shared = &self.shared;
+        let checked = async {
+            let _turn = shared.checking.acquire().await;
+            shared.backend.check(&self.input).await
+        };
+        let execution = match self.during(Phase::Checking, None, checked).await? {
+            Ok(execution) => execution,
+            Err(error) => return Ok(Err(error)),
+        };
+        tracing::info!(
+            cycles = execution.cycles,
+            gas = execution.gas,
+            "the claim holds; queued"
+        );
+
+        let work = Work::Proof {
+            cycles: execution.cycles,
+        };
+        let place = shared.schedule().join(work);
+        let turn = shared.proving.clone().acquire_owned();
+        let turn = match self.during(Phase::Queued, Some(place), turn).await {
+            Ok(turn) => turn,
+            Err(gone) => {
+                shared.schedule().leave(place);
+                return Err(gone);
+            }
+        };
+
+        // A task of its own holds the turn. SP1 cannot be interrupted, so a proof whose client goes away is still made to the end
+        // before the next one begins.
+        shared.schedule().begin(place, Instant::now());
+        let (prover, input) = (shared.clone(), self.input.clone());
+        let proving = tokio::spawn(async move {
+            let _turn = turn;
+            let result = prover.backend.prove(&input).await;
+            let mut schedule = prover.schedule();
+            match result {
+                Ok(proof) => Ok((proof, schedule.finish(place, Instant::now()))),
+                Err(error) => {
+                    schedule.leave(place);
+                    Err(error)
+                }
+            }
+        });
+        let proven = self.during(Phase::Proving, Some(place), proving).await?;
+        Ok(match proven {
+            Ok(Ok((proof, _))) if proof.public_values != execution.public_values => Err(
+                JobError::Failed("the proof's public values are not those of the claim".into()),
+            ),
+            Ok(Ok((proof, took))) => {
+                tracing::info!(seconds = took.as_secs(), "proven");
+                Ok(rpc::Proof {
+                    proof: proof.bytes,
+                    public_values: proof.public_values,
+                    cycles: execution.cycles,
+                    gas: execution.gas,
+                    proving_ms: millis(took),
+                })
+            }
+            Ok(Err(error)) => Err(error),
+            Err(panic) => {
+                shared.schedule().leave(place);
+                Err(JobError::Failed(panic.to_string()))
+            }
+        })
+    }
+
+    /// Reports progress until `work` is done or the client has gone.
+    async fn during<T>(
+        &self,
+        phase: Phase,
+        place: Option<Place>,
+        work: impl Future<Output = T>,
+    ) -> Result<T, Gone> {
+        tokio::pin!(work);
+        let mut tick = tokio::time::interval(TICK);
+        loop {
+            tokio::select! {
+                biased;
+                () = self.events.closed() => return Err(Gone),
+                result = &mut work => return Ok(result),
+                _ = tick.tick() => {
+                    // A client that is too slow misses some events. It must not hold up the work.
+                    let _ = self.events.try_send(Ok(self.progress(phase, place)));
+                }
+            }
+        }
+    }
+
+    fn progress(&self, phase: Phase, place: Option<Place>) -> rpc::ProveEvent {
+        let now = Instant::now();
+        let elapsed = now - self.came;
+        let outlook = place.map(|place| self.shared.schedule().outlook(place, now));
+        rpc::ProveEvent {
+            event: Some(rpc::prove_event::Event::Progress(rpc::Progress {
+                phase: phase.into(),
+                elapsed_ms: millis(elapsed),
+                estimated_total_ms: outlook.map_or(0, |o| millis(elapsed + o.remaining)),
+                ahead: outlook.map_or(0, |o| o.ahead),
+            })),
+        }
+    }
+}
+
+fn millis(duration: Duration) -> u64 {
+    u64::try_from(duration.as_millis()).unwrap_or(u64::MAX)
+}

@@ -1,0 +1,124 @@
+//! How a private input travels to the proving service: its mode and the sizes of its buffers, then their bytes.
+
+use crate::{
+    program::GuestInput,
+    rpc::{prove_part::Part, prove_request, ProvePart, ProveRequest},
+};
+use tokio_stream::{Stream, StreamExt};
+use tonic::Status;
+use zk0_circuits::Mode;
+
+/// Bytes in one message.
+const CHUNK_BYTES: usize = 1 << 20;
+/// Largest message: sizes of [`MAX_BUFFERS`] buffers, or a chunk.
+pub const MAX_MESSAGE_BYTES: usize = 2 * CHUNK_BYTES;
+/// Largest event that the service sends: a proof (1.3 MB) with its public values.
+pub const MAX_EVENT_BYTES: usize = 8 << 20;
+/// Most buffers: two for each sample, and a few more.
+const MAX_BUFFERS: usize = 1 << 14;
+/// Largest input. A claim at the published size takes 85 MB for each sample.
+pub const MAX_INPUT_BYTES: u64 = 1 << 30;
+
+/// What a request says first: its mode, and the sizes of its buffers.
+pub struct Announced {
+    mode: Mode,
+    sizes: Vec<u64>,
+}
+
+/// The messages that carry `input`.
+pub fn parts(input: GuestInput) -> impl Iterator<Item = ProvePart> + Send {
+    let mode = match input.mode {
+        Mode::Direct => prove_request::Mode::Direct,
+        Mode::Checked => prove_request::Mode::Checked,
+    };
+    let request = Part::Request(ProveRequest {
+        mode: mode.into(),
+        buffers: input.buffers.iter().map(|b| b.len() as u64).collect(),
+    });
+    let chunks = input.buffers.into_iter().flat_map(|buffer| {
+        let starts = (0..buffer.len()).step_by(CHUNK_BYTES);
+        starts.map(move |at| buffer[at..buffer.len().min(at + CHUNK_BYTES)].to_vec())
+    });
+    std::iter::once(request)
+        .chain(chunks.map(Part::Data))
+        .map(|part| ProvePart { part: Some(part) })
+}
+
+impl Announced {
+    /// Reads the first message and checks its limits.
+    pub async fn receive(
+        parts: &mut (impl Stream<Item = Result<ProvePart, Status>> + Unpin),
+    ) -> Result<Self, Status> {
+        let Some(Part::Request(request)) = next(parts).await? else {
+            return Err(Status::invalid_argument(
+                "a request begins with its mode and the sizes of its buffers",
+            ));
+        };
+        let mode = match request.mode() {
+            prove_request::Mode::Direct => Mode::Direct,
+            prove_request::Mode::Checked => Mode::Checked,
+            prove_request::Mode::Unspecified => {
+                return Err(Status::invalid_argument("the request names no known mode"));
+            }
+        };
+        let announced = Self {
+            mode,
+            sizes: request.buffers,
+        };
+        let (buffers, bytes) = (announced.sizes.len(), announced.bytes());
+        if buffers > MAX_BUFFERS || bytes > MAX_INPUT_BYTES {
+            return Err(Status::out_of_range(format!(
+                "a private input of {buffers} buffers and {bytes} bytes is too large: it may have at most {MAX_BUFFERS} buffers and \
+                 {MAX_INPUT_BYTES} bytes"
+            )));
+        }
+        Ok(announced)
+    }
+
+    /// Bytes of all buffers.
+    pub fn bytes(&self) -> u64 {
+        self.sizes
+            .iter()
+            .fold(0, |sum, &size| sum.saturating_add(size))
+    }
+
+    /// Reads the buffers. Memory grows with the bytes that have come, not with the sizes that were announced.
+    pub async fn rest(
+        self,
+        parts: &mut (impl Stream<Item = Result<ProvePart, Status>> + Unpin),
+    ) -> Result<GuestInput, Status> {
+        let mut buffers = Vec::with_capacity(self.sizes.len());
+        let mut chunk = Vec::new();
+        for size in self.sizes {
+            let mut buffer = Vec::new();
+            while (buffer.len() as u64) < size {
+                if chunk.is_empty() {
+                    chunk = match next(parts).await? {
+                        Some(Part::Data(data)) => data,
+                        _ => return Err(other_size("fewer")),
+                    };
+                }
+                let missing = usize::try_from(size - buffer.len() as u64).unwrap_or(usize::MAX);
+                buffer.extend(chunk.drain(..missing.min(chunk.len())));
+            }
+            buffers.push(buffer);
+        }
+        if !chunk.is_empty() || next(parts).await?.is_some() {
+            return Err(other_size("more"));
+        }
+        Ok(GuestInput {
+            mode: self.mode,
+            buffers,
+        })
+    }
+}
+
+async fn next(
+    parts: &mut (impl Stream<Item = Result<ProvePart, Status>> + Unpin),
+) -> Result<Option<Part>, Status> {
+    Ok(parts.next().await.transpose()?.and_then(|part| part.part))
+}
+
+fn other_size(which: &str) -> Status {
+    Status::invalid_argument(format!("{which} bytes came than the request announced"))
+}

@@ -1,0 +1,98 @@
+//! The blobs that a verification reads. This crate knows neither disks nor networks, so the caller hands in a function that
+//! reads a blob of at most so many bytes by its digest.
+
+use std::fmt::Display;
+use zk0_circuits::Digest;
+use zk0_protocol::{
+    entries::signed::{Signed, Submission},
+    rules::{named_blobs::BlobKind, network_rules::Rules},
+};
+
+/// The files with the weights that a contribution is about.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct WeightFiles {
+    /// The update: the expert's weights as a safetensors file.
+    pub update: Vec<u8>,
+    /// The weights that the round started from, likewise.
+    pub base: Vec<u8>,
+}
+
+/// A recorded contribution as its blobs have it. Nothing of it is checked: see [`crate::authenticate`].
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct UnverifiedContribution {
+    /// The signed claim.
+    pub submission: Signed<Submission>,
+    /// The SP1 compressed proof.
+    pub proof: Vec<u8>,
+    /// The weights.
+    pub weights: WeightFiles,
+}
+
+/// A blob of a contribution cannot be read.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{} cannot be read: {error}", name(.kind))]
+pub struct Unreadable<E: Display> {
+    /// Which one.
+    pub kind: BlobKind,
+    /// Why.
+    pub error: E,
+}
+
+impl UnverifiedContribution {
+    /// Reads the proof, the update and the base weights that `submission` names.
+    pub fn read<E: Display>(
+        submission: &Signed<Submission>,
+        rules: &Rules,
+        get: impl Fn(&Digest, u64) -> Result<Vec<u8>, E>,
+    ) -> Result<Self, Unreadable<E>> {
+        let terms = &submission.statement.claim.terms;
+        Ok(Self {
+            proof: read_proof(submission, rules, &get)?,
+            weights: WeightFiles::read(&terms.update.blob, &terms.base.blob, rules, &get)?,
+            submission: submission.clone(),
+        })
+    }
+}
+
+impl WeightFiles {
+    /// Reads an update and the weights that it was trained from.
+    pub fn read<E: Display>(
+        update: &Digest,
+        base: &Digest,
+        rules: &Rules,
+        get: impl Fn(&Digest, u64) -> Result<Vec<u8>, E>,
+    ) -> Result<Self, Unreadable<E>> {
+        Ok(Self {
+            update: read(BlobKind::Update, update, rules, &get)?,
+            base: read(BlobKind::Weights, base, rules, &get)?,
+        })
+    }
+}
+
+/// Reads the proof that `submission` names.
+pub fn read_proof<E: Display>(
+    submission: &Signed<Submission>,
+    rules: &Rules,
+    get: impl Fn(&Digest, u64) -> Result<Vec<u8>, E>,
+) -> Result<Vec<u8>, Unreadable<E>> {
+    read(BlobKind::Proof, &submission.statement.proof, rules, get)
+}
+
+fn read<E: Display>(
+    kind: BlobKind,
+    digest: &Digest,
+    rules: &Rules,
+    get: impl Fn(&Digest, u64) -> Result<Vec<u8>, E>,
+) -> Result<Vec<u8>, Unreadable<E>> {
+    get(digest, kind.max_bytes(rules)).map_err(|error| Unreadable { kind, error })
+}
+
+fn name(kind: &BlobKind) -> &'static str {
+    match kind {
+        BlobKind::Policy => "the initial policy",
+        BlobKind::Weights => "the file of the base weights",
+        BlobKind::Leaves { .. } => "the list of leaves",
+        BlobKind::Update => "the update",
+        BlobKind::Proof => "the proof",
+    }
+}
