@@ -9,7 +9,7 @@ use super::{text, Target};
 use crate::network::votes::{proposed, settled, voted};
 use crate::network::{
     accepted, closed, committed, digest, enrolled, entry, genesis, governor_key, id, invalid_proof,
-    key, opened, registered, rejected, submission, weights, Chain, T0, TIME_LOCK, VOTING,
+    key, opened, registered, rejected, weights, Chain, T0, TIME_LOCK, VOTING,
 };
 
 /// A state with something in each of its parts, and the entries that lead to it.

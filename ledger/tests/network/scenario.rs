@@ -8,6 +8,7 @@ use std::{
     path::{Path, PathBuf},
     process::{Command, Output},
 };
+use zk0_circuits::Digest;
 use zk0_ledger::{Blobs, Ledger, LedgerError};
 use zk0_protocol::{Body, Checkpoint, Receipt};
 
