@@ -1,7 +1,7 @@
-//! How long the verifier's half of mode `checked` takes at full size, and in how much memory.
+//! Measures how long the verifier's half of mode `checked` takes at full size, and how much memory it needs.
 //!
-//! `cargo run --release -p zk0-verifier --example weight_check`: writes two sets of random full-size weights (393 MB each) to a
-//! temporary folder, projects both, prints one JSON line. `peer` is the time allowed, one second.
+//! `cargo run --release -p zk0-verifier --example weight_check` writes two sets of random full-size weights (393 MB each) to a
+//! temporary folder, projects both, and prints one JSON line. `peer` is the time that it may take: one second.
 
 use std::{
     error::Error,
@@ -45,7 +45,7 @@ fn measure(spec: &EvalSpec, folder: &Path) -> Result<(), Box<dyn Error>> {
         let [base, update] = [File::open(&paths[0])?, File::open(&paths[1])?];
         let begin = Instant::now();
         match check_projections(spec, &claimed, base, update) {
-            // Nobody claimed these: the comparison at the end fails, after all the work.
+            // Nobody claimed these weights, so the comparison fails. It comes last, after all the work.
             Err(Refusal::OtherProducts { .. }) => {}
             other => return Err(format!("unexpected: {other:?}").into()),
         }

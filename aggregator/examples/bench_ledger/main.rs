@@ -1,8 +1,9 @@
-//! How fast a ledger is on this machine, beside what it is made of: RocksDB, SHA-256 and ed25519. `make bench-ledger`.
+//! Measures how fast a ledger is on this machine, and how fast its parts are by themselves: RocksDB, SHA-256 and ed25519. Run it with
+//! `make bench-ledger`.
 //!
-//! One JSON line for each figure on standard output, progress on standard error. `ratio` is ours over the peer's, turned so
-//! that more than 1 means ours is better. Files are made in `--dir`, by default where temporary files go; `--only` takes the
-//! figures whose name begins so.
+//! It prints one JSON line for each figure on standard output, and its progress on standard error. `ratio` compares our figure with the
+//! peer's: more than 1 means that ours is better. It makes its files in `--dir`, or else where temporary files go. `--only` measures
+//! just the figures whose names begin with its argument.
 
 mod network;
 mod peers;
@@ -21,10 +22,10 @@ use zk0_ledger::{
 use zk0_protocol::Body;
 use zk0_verifier::{check_proof, ProgramKey};
 
-/// Entries of a group.
+/// How many entries a group has.
 const GROUP: usize = 1000;
 
-/// What the ledger is to do in a second: the project's aim.
+/// How many entries the ledger should append in a second.
 const AIM: f64 = 150_000.0;
 
 fn main() -> Result<()> {
@@ -139,7 +140,7 @@ fn appends(dir: &Path, bench: &str, make: impl Fn(&mut Ledger) -> Result<Vec<Bod
         ledger.commit(network::TIME, group)?;
     }
     let ours = count / started.elapsed().as_secs_f64();
-    // On a machine that others use, this says more than the time on the wall.
+    // On a machine that others use, this says more than the time that has passed.
     let cpu = 1e6 * (cpu_seconds()? - cpu) / count;
     eprintln!("  {cpu:.1} µs of CPU an entry");
     drop(ledger);
@@ -153,7 +154,7 @@ fn appends(dir: &Path, bench: &str, make: impl Fn(&mut Ledger) -> Result<Vec<Bod
     Ok(())
 }
 
-/// What it costs besides to hand out a receipt for each entry.
+/// Measures what it costs to hand out a receipt for each entry as well.
 fn receipts(dir: &Path) -> Result<()> {
     let scratch = tempfile::tempdir_in(dir)?;
     let mut ledger = founded(scratch.path())?;
@@ -209,7 +210,7 @@ fn replays(dir: &Path, entries: u64) -> Result<()> {
         eprintln!("replay of {entries} entries …");
         let scratch = tempfile::tempdir_in(dir)?;
         grown(scratch.path(), entries)?;
-        // In a process of its own: its memory is the replay's.
+        // The replay runs in a process of its own, so that the memory is the replay's alone.
         let output = Command::new(std::env::current_exe()?)
             .arg("replay")
             .arg(scratch.path())

@@ -1,4 +1,4 @@
-//! A network as large as one likes: nodes that commit, submit and are averaged, round after round, all of it signed.
+//! A network of any size. Its nodes commit and submit round after round, and every statement is signed.
 
 use anyhow::{Context, Result};
 use ed25519_dalek::SigningKey;
@@ -22,7 +22,7 @@ use zk0_protocol::{
 /// Nodes of the network.
 pub const NODES: u64 = 250;
 
-/// When it all begins, Unix milliseconds.
+/// When the network begins, in Unix milliseconds.
 pub const TIME: u64 = 1_700_000_000_000;
 
 /// A digest that no other number has.

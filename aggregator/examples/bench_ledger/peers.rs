@@ -1,4 +1,4 @@
-//! What a ledger is made of, by itself: the least that its work can take on this machine.
+//! The parts of a ledger by themselves. A ledger cannot be faster than they are.
 
 use anyhow::{bail, Context, Result};
 use ed25519_dalek::{Signature, SigningKey, VerifyingKey};
