@@ -245,7 +245,7 @@ async fn nothing_is_published_before_the_first_quorum() {
         .await
         .get_network(zk0_protocol::rpc::federation::GetNetworkRequest {})
         .await;
-    refused(info, Code::Unavailable, "nothing is published");
+    refused(info, Code::Unavailable, "Nothing is published");
 }
 
 fn enrol(ledger: &mut Ledger, node: u8) {

@@ -1,13 +1,12 @@
-//! An auditor's replay: read a ledger's folder from the first byte, believe nothing, and report.
+//! An auditor's replay: it reads a ledger's folder from the first byte, verifies everything, and reports.
 //!
-//! What depends on one entry alone ([`chunk`]: reading, decoding, signatures) is done by several threads; what depends on the
-//! entries before it ([`serial`]: tree, rules, the caller's own checks) by whichever thread's turn it is, in order. Each thread
-//! holds one chunk: memory does not grow with the log, but for what the network's state itself remembers. What is found does
-//! not depend on the number of threads.
+//! Several threads do the part that needs only one entry ([`chunk`]: reading, decoding, signatures). The part that needs the entries before
+//! it ([`serial`]: tree, rules, the caller's own checks) is done in order, by one thread at a time. Each thread holds one chunk, so
+//! only the network's state grows with the log. The findings do not depend on the number of threads.
 //!
-//! - [`relay`]: the threads; [`database`]: which database is read;
-//! - [`recheck`]: what the caller checks besides; [`report`]: what was found;
-//! - [`options`]: how to replay; [`saved`]: a replay on disk, from which a later one goes on.
+//! - [`relay`]: the threads; [`database`]: how the database is opened and checked;
+//! - [`recheck`]: what the caller checks besides; [`report`]: the report at the end;
+//! - [`options`]: how to replay; [`saved`]: a replay on disk, from which a later replay goes on.
 
 mod chunk;
 mod database;
@@ -27,7 +26,7 @@ use serial::Serial;
 use std::{num::NonZeroUsize, path::Path, thread};
 use zk0_circuits::Digest;
 
-/// Replays the ledger in `dir`, which may be a read-only copy or in use. If `network` is given it has to be that one.
+/// Replays the ledger in `dir`, which may be a read-only copy, or in use. If `network` is given, the ledger has to be of that network.
 pub fn replay(dir: &Path, network: Option<&Digest>, recheck: &mut dyn Recheck) -> Report {
     let options = Options {
         network: network.copied(),
@@ -36,7 +35,7 @@ pub fn replay(dir: &Path, network: Option<&Digest>, recheck: &mut dyn Recheck) -
     replay_with(dir, options, recheck)
 }
 
-/// [`replay`], with a say in how.
+/// Replays the ledger in `dir` with these options; see [`replay`].
 pub fn replay_with(dir: &Path, options: Options<'_>, recheck: &mut dyn Recheck) -> Report {
     let threads = options
         .threads

@@ -4,26 +4,26 @@ use super::saved::Saved;
 use std::{num::NonZeroUsize, path::PathBuf, time::Duration};
 use zk0_circuits::Digest;
 
-/// How to replay.
+/// Options of a replay.
 #[derive(Default)]
 pub struct Options<'a> {
-    /// The network that it has to be.
+    /// The log has to be of this network.
     pub network: Option<Digest>,
-    /// How many threads; when absent, one more than there are cores, since one may wait for its turn.
+    /// How many threads are used. Without a value there is one more than there are cores, because one may be waiting for its turn.
     pub threads: Option<NonZeroUsize>,
-    /// Is told now and then how many entries are verified, and of how many.
+    /// Is called from time to time with the number of verified entries and the number of all entries.
     pub progress: Option<&'a (dyn Fn(u64, u64) + Sync)>,
-    /// What an earlier replay verified: this one goes on from there, and the log has to continue it.
+    /// An earlier replay. This one goes on from there, and the log has to continue what was verified then.
     pub from: Option<Saved>,
-    /// Where to keep what is verified, for a later replay.
+    /// Where the result is saved, so that a later replay can go on from it.
     pub keep: Option<Keep>,
 }
 
-/// Where to keep a replay, and how often to write it. It is written at the end in any case.
+/// Where a replay is saved, and how often. It is always saved at the end.
 #[derive(Clone, Debug)]
 pub struct Keep {
     /// The file.
     pub path: PathBuf,
-    /// The least time between two writes: what a replay that is killed loses.
+    /// The shortest time between two writes. A replay that is killed loses the work of about this time.
     pub every: Duration,
 }

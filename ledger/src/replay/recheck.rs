@@ -4,19 +4,19 @@ use super::report::Finding;
 use crate::blobs::Blobs;
 use zk0_protocol::{Entry, Genesis, State};
 
-/// What else an auditor checks, entry by entry: proofs, refusals, aggregation. The ledger itself has checked bytes, tree
-/// and checkpoint by then. The calls come one after the other, though not all from one thread.
+/// The checks that an auditor adds to each entry: proofs, refusals, aggregation. The replay has verified the entry's bytes, the tree and
+/// the checkpoint before it calls these functions. The calls come one after the other, though not all from the same thread.
 pub trait Recheck: Send {
-    /// How many entries there will be.
+    /// The replay begins, and the log has so many entries.
     fn begin(&mut self, _entries: u64) {}
 
-    /// The founding document.
+    /// Checks the genesis.
     fn genesis(&mut self, _genesis: &Genesis, _blobs: &Blobs) -> Vec<Finding> {
         Vec::new()
     }
 
-    /// An entry that the rules allow after `before`. What takes long may be left to other threads: findings are those of this
-    /// entry and of entries before it, in order.
+    /// Checks an entry that the rules allow in the state `before`. Long checks may be left to other threads, so the result is findings about
+    /// this entry and about entries before it, in order.
     fn entry(
         &mut self,
         _before: &State,
@@ -27,21 +27,21 @@ pub trait Recheck: Send {
         Vec::new()
     }
 
-    /// Waits for what was left to other threads, and gives all findings that are still to come.
+    /// Waits for the checks that were left to other threads, and returns their findings.
     fn settle(&mut self) -> Vec<Finding> {
         Vec::new()
     }
 
-    /// What another process has to know to go on from here. Comes after [`Recheck::settle`].
+    /// The state that another process needs to go on from here. It is asked for after [`Recheck::settle`].
     fn save(&self) -> Vec<u8> {
         Vec::new()
     }
 
-    /// What there is to say of the whole, at the end.
+    /// Findings about the whole log, at the end.
     fn summary(&mut self) -> Vec<Finding> {
         Vec::new()
     }
 }
 
-/// Checks the ledger alone.
+/// No checks beyond the ledger's own.
 impl Recheck for () {}

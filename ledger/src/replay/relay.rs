@@ -17,7 +17,7 @@ use std::{
 };
 use zk0_protocol::{entries::known_keys::KnownKeys, Genesis};
 
-/// Replays with so many threads, up to the first entry that cannot be gone past.
+/// Replays with so many threads, and stops at the first entry that it cannot verify.
 pub fn run(
     dir: &Path,
     threads: usize,
@@ -51,21 +51,24 @@ pub fn run(
     let track = relay.track.into_inner();
     match track.unwrap_or_else(PoisonError::into_inner).stop {
         Some(Stop::Fault(fault)) => Err(fault),
-        Some(Stop::Panic) => Err(Finding::fault(None, "the replay gave up: see its log")),
+        Some(Stop::Panic) => Err(Finding::fault(
+            None,
+            "a thread of the replay has failed: see the program's log",
+        )),
         None => Ok(()),
     }
 }
 
-/// Chunks of entries go through several threads at once; their serial part in order, handed on from thread to thread.
+/// Distributes chunks of entries to several threads, which do the serial part in the order of the chunks.
 struct Relay<'a, 'b> {
     store: &'a Store,
     entries: std::ops::Range<u64>,
     genesis: Option<&'a Genesis>,
-    /// The next chunk that nobody has taken.
+    /// The next chunk that no thread has taken.
     next: AtomicU64,
     progress: Option<&'a (dyn Fn(u64, u64) + Sync)>,
     track: Mutex<Track<'a, 'b>>,
-    /// Somebody else's turn has come, or nobody's.
+    /// Wakes the waiting threads when the next chunk's turn has come, and when the replay stops.
     turned: Condvar,
 }
 
@@ -77,9 +80,9 @@ struct Track<'a, 'b> {
 }
 
 enum Stop {
-    /// An entry that cannot be gone past.
+    /// An entry is not valid, so nothing after it can be.
     Fault(Finding),
-    /// A thread ended: the others must not wait for it.
+    /// A thread has panicked, and the others must not wait for it.
     Panic,
 }
 
@@ -133,7 +136,7 @@ impl<'a, 'b> Relay<'a, 'b> {
     }
 }
 
-/// Tells the other threads when this one ends by a panic.
+/// Stops the other threads when this one panics.
 struct Alarm<'r, 'a, 'b>(&'r Relay<'a, 'b>);
 
 impl Drop for Alarm<'_, '_, '_> {
