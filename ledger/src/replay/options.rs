@@ -1,0 +1,29 @@
+//! How to replay a ledger, and where to keep what was replayed.
+
+use super::saved::Saved;
+use std::{num::NonZeroUsize, path::PathBuf, time::Duration};
+use zk0_circuits::Digest;
+
+/// Options of a replay.
+#[derive(Default)]
+pub struct Options<'a> {
+    /// The log has to be of this network.
+    pub network: Option<Digest>,
+    /// How many threads are used. Without a value there is one more than there are cores, because one may be waiting for its turn.
+    pub threads: Option<NonZeroUsize>,
+    /// Is called from time to time with the number of verified entries and the number of all entries.
+    pub progress: Option<&'a (dyn Fn(u64, u64) + Sync)>,
+    /// An earlier replay. This one goes on from there, and the log has to continue what was verified then.
+    pub from: Option<Saved>,
+    /// Where the result is saved, so that a later replay can go on from it.
+    pub keep: Option<Keep>,
+}
+
+/// Where a replay is saved, and how often. It is always saved at the end.
+#[derive(Clone, Debug)]
+pub struct Keep {
+    /// The file.
+    pub path: PathBuf,
+    /// The shortest time between two writes. A replay that is killed loses the work of about this time.
+    pub every: Duration,
+}

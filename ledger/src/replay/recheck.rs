@@ -1,0 +1,47 @@
+//! What a caller checks besides the ledger itself.
+
+use super::report::Finding;
+use crate::blobs::Blobs;
+use zk0_protocol::{Entry, Genesis, State};
+
+/// The checks that an auditor adds to each entry: proofs, refusals, aggregation. The replay has verified the entry's bytes, the tree and
+/// the checkpoint before it calls these functions. The calls come one after the other, though not all from the same thread.
+pub trait Recheck: Send {
+    /// The replay begins, and the log has so many entries.
+    fn begin(&mut self, _entries: u64) {}
+
+    /// Checks the genesis.
+    fn genesis(&mut self, _genesis: &Genesis, _blobs: &Blobs) -> Vec<Finding> {
+        Vec::new()
+    }
+
+    /// Checks an entry that the rules allow in the state `before`. Long checks may be left to other threads, so the result is findings about
+    /// this entry and about entries before it, in order.
+    fn entry(
+        &mut self,
+        _before: &State,
+        _index: u64,
+        _entry: &Entry,
+        _blobs: &Blobs,
+    ) -> Vec<Finding> {
+        Vec::new()
+    }
+
+    /// Waits for the checks that were left to other threads, and returns their findings.
+    fn settle(&mut self) -> Vec<Finding> {
+        Vec::new()
+    }
+
+    /// The state that another process needs to go on from here. It is asked for after [`Recheck::settle`].
+    fn save(&self) -> Vec<u8> {
+        Vec::new()
+    }
+
+    /// Findings about the whole log, at the end.
+    fn summary(&mut self) -> Vec<Finding> {
+        Vec::new()
+    }
+}
+
+/// No checks beyond the ledger's own.
+impl Recheck for () {}
