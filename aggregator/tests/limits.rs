@@ -61,7 +61,7 @@ async fn an_upload_over_the_rules_limit_is_refused_before_it_is_read() -> Test {
     refused(
         first.upload_as(&network, &request, &[0; 10]).await,
         Code::ResourceExhausted,
-        "more than the 200000 the rules allow",
+        "the rules allow at most 200000",
     );
     assert_eq!(network.uploads(), 0);
     Ok(())

@@ -135,14 +135,14 @@ fn an_entry_is_proven_offline() {
         "--witness-policy",
         text(&policy),
     ];
-    fails(&with_policy, "cosigned by none");
+    fails(&with_policy, "of no witness of the policy");
     fs::write(&policy, format!("log {key}\nquorum none\n")).unwrap();
     prints(&with_policy);
     let changed = fs::read_to_string(&proof)
         .unwrap()
         .replacen("index 3", "index 2", 1);
     fs::write(&proof, changed).unwrap();
-    fails(&with_policy, "is not in the tree");
+    fails(&with_policy, "does not show that entry 2 is in the tree");
     fails(
         &["audit", "prove", LEDGER, "100000"],
         "there is no entry 100000",
@@ -163,7 +163,7 @@ fn a_witness_is_made_and_served() {
     let unnamed = scratch.path().join("other.key");
     fails(
         &["witness", "keygen", text(&unnamed), "--name", "a b"],
-        "cannot name a key",
+        "cannot be the name of a key",
     );
     assert!(!unnamed.exists());
     let log = prints(&["ledger", "vkey", LEDGER]);

@@ -1,11 +1,11 @@
-//! A second copy of a ledger's folder, brought up to date as often as one likes; and a folder made of it when the first is lost.
+//! Backups: a second copy of a ledger's folder, which can be brought up to date at any time, and restored when the first copy is lost.
 //!
-//! There is one mechanism for all copies: [`crate::published::mirror`]. A mirror is of what a log publishes; a backup is of the folder
-//! itself, up to the newest checkpoint that was signed, cosigned or not, with the blobs of the round that is open. It is a
-//! ledger's folder too: it can be audited, exported, and extended from any other copy of the log. It holds no key.
+//! All copies are made by [`crate::published::mirror`]. A mirror copies what a log publishes. A backup copies the folder itself: all
+//! entries up to the newest signed checkpoint, cosigned or not, and also the blobs of the open round. A backup is a ledger's folder
+//! too: it can be audited, exported, and brought up to date from any other copy of the log. It holds no key.
 //!
-//! **An old copy is dangerous.** What the log signed after it was made is not in it, and a writer who goes on from there signs
-//! another history over the same sizes. So [`restore`] wants to see the newest checkpoints that anybody has.
+//! **An old backup is dangerous.** It lacks what the log signed later, and a writer who goes on from it signs a second history of the
+//! same sizes. So [`restore`] asks for the newest checkpoints that anybody has.
 
 use crate::{
     atomic_file::folder_of,
@@ -33,28 +33,28 @@ use zk0_protocol::tlog::{
     witness_policy::WitnessPolicy,
 };
 
-/// Why a backup is not made, or not restored.
+/// Why a backup cannot be made or restored.
 #[derive(Debug, thiserror::Error)]
 pub enum BackupError {
-    /// It cannot be copied.
+    /// The ledger cannot be copied.
     #[error(transparent)]
     Mirror(#[from] MirrorError),
     /// A folder cannot be read or written.
     #[error(transparent)]
     Ledger(#[from] LedgerError),
-    /// A backup of itself.
+    /// The backup and the ledger are the same folder.
     #[error("{0} is the ledger itself: choose another folder")]
     Same(PathBuf),
-    /// There is something where the ledger should go.
+    /// The folder for the ledger is not empty.
     #[error("{0} is not empty: move away what is there, or choose another folder")]
     NotEmpty(PathBuf),
-    /// A checkpoint that is none of this log.
-    #[error("the known checkpoint is none of this log's")]
+    /// A known checkpoint is not of this log.
+    #[error("the known checkpoint is not a valid checkpoint of this log")]
     Checkpoint(#[from] CheckpointError),
-    /// The log has signed more than the backup has.
+    /// The log has signed more entries than the backup holds.
     #[error(
-        "the backup in {backup} has {held} entries, but the log has signed a checkpoint of {signed}: whoever goes on from this \
-         backup forks the log. Bring it up to date from another copy first (`zk0 ledger import ADDRESS {backup}`); nothing was restored"
+        "the backup in {backup} has {held} entries, but the log has signed a checkpoint of {signed}: to go on from this \
+         backup would fork the log. Bring it up to date from another copy first (`zk0 ledger import ADDRESS {backup}`); nothing was restored"
     )]
     Older {
         backup: PathBuf,
@@ -63,7 +63,7 @@ pub enum BackupError {
     },
 }
 
-/// A ledger's folder as the source of a copy: all of it, public or not.
+/// A ledger's folder as the source of a copy, with all its content, public or not.
 struct Whole {
     text: Vec<u8>,
     size: u64,
@@ -72,13 +72,13 @@ struct Whole {
 }
 
 impl Whole {
-    /// The folder as of its newest signed checkpoint; a writer may be at work in it.
+    /// Opens the folder at its newest signed checkpoint. A writer may be using it at the same time.
     fn open(dir: &Path) -> Result<Self, MirrorError> {
         let database = folder::database(dir);
         if !database.exists() {
             return Err(LedgerError::NoLedger(dir.into()).into());
         }
-        // The text first: what it covers was in the database before.
+        // The checkpoint's text is read first, because its entries were in the database before it was written.
         let path = folder::checkpoint(dir);
         let text = folder::read_checkpoint(dir)?;
         let text = text.ok_or_else(|| LedgerError::NoCheckpoint(path.clone()))?;
@@ -122,8 +122,8 @@ impl Source for Whole {
     }
 }
 
-/// Makes a backup of the ledger in `dir`, or brings the one in `out` up to date. The ledger's writer may be at work. Every
-/// entry, checkpoint and blob is checked on the way; a backup that has more, or another history, is left alone.
+/// Makes a backup of the ledger in `dir`, or brings the backup in `out` up to date. The ledger's writer may be using it at the same time.
+/// Every entry, checkpoint and blob is verified. A backup that has more entries, or another history, is not changed.
 pub fn backup(dir: &Path, out: &Path) -> Result<Mirrored, BackupError> {
     if fs::canonicalize(dir)
         .ok()
@@ -134,11 +134,11 @@ pub fn backup(dir: &Path, out: &Path) -> Result<Mirrored, BackupError> {
     copy(dir, out, None)
 }
 
-/// Makes a ledger's folder in `dir`, which has to be missing or empty, from a backup. `known` are texts of the log's newest
-/// checkpoints as others have them: its nodes, its mirrors, its witnesses, the `checkpoint` file of what was lost. A backup
-/// that lacks entries that one of them covers is refused, and so is one with another history.
+/// Makes a ledger's folder in `dir`, which has to be missing or empty, from a backup. `known` holds the log's newest checkpoints as others
+/// have them: nodes, mirrors, witnesses, or the `checkpoint` file of the lost ledger. A backup is refused if it lacks entries that a
+/// known checkpoint covers, or if it has another history.
 ///
-/// Interrupted, it begins again where it was; `dir` is not there before all of it is.
+/// After an interruption, the next call goes on from there. `dir` appears only when it is complete.
 pub fn restore(
     backup: &Path,
     dir: &Path,
@@ -154,7 +154,7 @@ pub fn restore(
     not_older(backup, known)?;
     let unfinished = unfinished(dir);
     let done = copy(backup, &unfinished, network)?;
-    // Rules and all: what is put in place can be opened.
+    // The whole history is checked, rules included, so that the restored ledger can be opened.
     let text = folder::read_checkpoint(&unfinished)?;
     History::read(
         &Store::open_read_only(&folder::database(&unfinished))?,
@@ -167,7 +167,7 @@ pub fn restore(
     Ok(done)
 }
 
-/// Where a folder is put together before it is there.
+/// The temporary folder in which a ledger is put together.
 fn unfinished(dir: &Path) -> PathBuf {
     let mut name = OsString::from(dir);
     name.push(".restoring");
@@ -175,7 +175,7 @@ fn unfinished(dir: &Path) -> PathBuf {
 }
 
 fn copy(dir: &Path, out: &Path, network: Option<&Digest>) -> Result<Mirrored, BackupError> {
-    // Before the log is looked at: what was cosigned by now is in it.
+    // These files are read before the log, because the log then holds everything that was cosigned.
     let (policy, cosigned) = (folder::read_policy(dir)?, folder::read_cosigned(dir)?);
     let whole = Whole::open(dir)?;
     let done = mirror(&whole, out, Some(&WitnessPolicy::none()), network)?;
@@ -188,7 +188,7 @@ fn copy(dir: &Path, out: &Path, network: Option<&Digest>) -> Result<Mirrored, Ba
     Ok(done)
 }
 
-/// Refuses a backup if the log has signed what it does not have.
+/// Refuses a backup that lacks entries that the log has signed.
 fn not_older(backup: &Path, known: &[Vec<u8>]) -> Result<(), BackupError> {
     let whole = Whole::open(backup)?;
     let first = whole.store.entry(0).map_err(MirrorError::from)?;

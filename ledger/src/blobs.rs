@@ -1,5 +1,5 @@
-//! Content-addressed blobs beside the log: proofs, weights, leaf lists. A blob's name is the SHA-256 of its bytes, and is
-//! believed only after hashing them.
+//! Content-addressed blobs beside the log: proofs, weights, leaf lists. A blob's name is the SHA-256 of its bytes, which is verified
+//! whenever a blob is read.
 
 use crate::atomic_file::{folder_of, put_in_place, sync_folder};
 use sha2::{Digest as _, Sha256};
@@ -20,34 +20,34 @@ pub struct Blobs {
 /// Why a blob cannot be stored or read.
 #[derive(Debug, thiserror::Error)]
 pub enum BlobError {
-    /// Not there.
-    #[error("blob {0} is not there")]
+    /// There is no such blob.
+    #[error("there is no blob {0}")]
     Missing(Digest),
-    /// Over the limit.
-    #[error("the blob has {size} bytes or more, {limit} are allowed")]
+    /// It is larger than the limit.
+    #[error("the blob has at least {size} bytes; at most {limit} are allowed")]
     TooLarge { size: u64, limit: u64 },
-    /// Other bytes than announced, or changed on disk.
+    /// Its bytes are not those that were announced, or they have changed on disk.
     #[error("the blob has SHA-256 {actual}, not {expected}")]
     WrongDigest { expected: Digest, actual: Digest },
-    /// The file system.
+    /// The file system failed.
     #[error("{path}: {error}")]
     Io { path: PathBuf, error: io::Error },
 }
 
 impl Blobs {
-    /// The blobs of the ledger in `dir`. Touches nothing.
+    /// The blobs of the ledger in `dir`. This reads and writes nothing.
     pub fn at(dir: &Path) -> Self {
         Self {
             dir: dir.join("blobs"),
         }
     }
 
-    /// Where a blob lies, if it is there.
+    /// The path of a blob, whether or not it exists.
     pub fn path(&self, digest: &Digest) -> PathBuf {
         self.dir.join("sha256").join(digest.to_string())
     }
 
-    /// Whether it is there. Its bytes are not checked.
+    /// Whether a blob exists. Its bytes are not checked.
     pub fn contains(&self, digest: &Digest) -> bool {
         self.path(digest).is_file()
     }
@@ -73,7 +73,7 @@ impl Blobs {
         })
     }
 
-    /// Stores bytes under their digest; on disk when this returns.
+    /// Stores bytes under their digest. They are on disk when this returns.
     pub fn put(&self, bytes: &[u8]) -> Result<Digest, BlobError> {
         let digest = Digest(Sha256::digest(bytes).into());
         if self.get(&digest, bytes.len() as u64).is_err() {
@@ -84,7 +84,7 @@ impl Blobs {
         Ok(digest)
     }
 
-    /// Reads a blob of at most `limit` bytes and checks that it is what its name says.
+    /// Reads a blob of at most `limit` bytes and verifies its digest.
     pub fn get(&self, digest: &Digest, limit: u64) -> Result<Vec<u8>, BlobError> {
         let path = self.path(digest);
         let file = match File::open(&path) {
@@ -108,7 +108,7 @@ impl Blobs {
         Ok(bytes)
     }
 
-    /// Checks that a blob of any size is there and whole, without holding it in memory.
+    /// Verifies the digest of a blob of any size, without holding the blob in memory.
     pub fn check(&self, digest: &Digest) -> Result<(), BlobError> {
         let path = self.path(digest);
         let mut file = match File::open(&path) {
@@ -122,7 +122,7 @@ impl Blobs {
         check(digest, hasher.finalize().into())
     }
 
-    /// Removes what killed processes left behind. Only for the ledger's one writer.
+    /// Removes unfinished blobs that killed processes left behind. Only the ledger's writer may call this.
     pub(crate) fn remove_unfinished(&self) -> Result<(), BlobError> {
         let folder = self.unfinished();
         match fs::remove_dir_all(&folder) {
@@ -136,7 +136,7 @@ impl Blobs {
     }
 }
 
-/// A blob being written. Dropped before [`BlobWriter::finish`], it leaves nothing.
+/// A blob that is being written. If it is dropped before [`BlobWriter::finish`], nothing of it remains.
 #[derive(Debug)]
 pub struct BlobWriter {
     blobs: Blobs,
@@ -148,7 +148,7 @@ pub struct BlobWriter {
 }
 
 impl BlobWriter {
-    /// Adds bytes; refuses those over the limit before writing them.
+    /// Adds bytes. Bytes over the limit are refused and not written.
     pub fn write(&mut self, bytes: &[u8]) -> Result<(), BlobError> {
         let size = self.size.saturating_add(bytes.len() as u64);
         if size > self.limit {
@@ -163,12 +163,12 @@ impl BlobWriter {
         Ok(())
     }
 
-    /// Bytes so far.
+    /// The number of bytes so far.
     pub fn size(&self) -> u64 {
         self.size
     }
 
-    /// Puts the blob in its place if its digest is `expected`; on disk when this returns.
+    /// Stores the blob if its digest is `expected`. It is on disk when this returns.
     pub fn finish(self, expected: &Digest) -> Result<(), BlobError> {
         check(expected, self.hasher.clone().finalize().into())?;
         let place = self.blobs.path(expected);
@@ -186,7 +186,7 @@ impl BlobWriter {
 
 impl Drop for BlobWriter {
     fn drop(&mut self) {
-        // After a successful finish there is nothing at this path any more.
+        // After a successful finish the file has another path, and this removes nothing.
         let _ = fs::remove_file(&self.path);
     }
 }

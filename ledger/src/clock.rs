@@ -1,30 +1,30 @@
-//! Whether the clock can be believed. Deadlines and votes end by the times of entries, and those never go back: an entry from
-//! the far future would end them all at once and could never be taken back. So a writer holds its clock against another one
-//! that nobody sets.
+//! Whether the writer's clock is right. Deadlines and votes end by the times of entries, and those times never go back. An entry with a
+//! time in the far future would end all of them at once, and it could not be undone. So a writer compares its clock with a second
+//! clock that nobody can set.
 //!
-//! What this cannot notice: a clock that was wrong before the ledger was opened, and ahead. Small steps back are absorbed: an
-//! entry gets the time of the one before.
+//! A clock that was ahead before the ledger was opened is not noticed. After a small step back, an entry gets the time of the entry
+//! before it.
 
 use std::{fmt, time::Duration};
 
-/// How far the clock may be off, in milliseconds.
+/// How much the two clocks may differ, in milliseconds.
 pub const TOLERANCE_MS: u64 = 60_000;
 
-/// Why the clock is not believed.
+/// Why the clock seems to be wrong.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ClockError {
-    /// Before the last entry.
+    /// The clock shows a time before the last entry.
     #[error(
-        "the clock shows {clock_ms} (Unix milliseconds), {} s before the last entry, recorded at {last_ms}: either is wrong. Set the \
-         clock; if it is right, wait until it is past that entry",
+        "the clock shows {clock_ms} (Unix milliseconds), which is {} s before the last entry, of {last_ms}. Set the clock. \
+         If the clock is right, the entry's time is wrong: wait until that time is over",
         (last_ms - clock_ms) / 1000
     )]
     Behind { clock_ms: u64, last_ms: u64 },
-    /// Further than time has passed.
+    /// The clock has moved further than time has passed.
     #[error(
-        "the clock shows {clock_ms} (Unix milliseconds), but by the time that has passed since the ledger was opened it should show \
-         {expected_ms}: it leapt {} s ahead, and what is recorded with such a time cannot be taken back. Set the clock; if it is \
-         right now, open the ledger again",
+        "the clock shows {clock_ms} (Unix milliseconds), but by the time since the ledger was opened it should show \
+         {expected_ms}: it is {} s ahead. An entry with such a time could not be undone, so none is recorded. Set the clock. If it \
+         is right now, open the ledger again",
         (clock_ms - expected_ms) / 1000
     )]
     LeaptAhead { clock_ms: u64, expected_ms: u64 },
@@ -32,9 +32,9 @@ pub enum ClockError {
 
 /// Compares a clock that can be set with one that cannot.
 pub struct ClockWatch {
-    /// What the clock showed at first, Unix milliseconds.
+    /// The clock's time at the beginning, in Unix milliseconds.
     clock_ms: u64,
-    /// What the other one showed then.
+    /// The second clock's time at the beginning.
     steady: Duration,
     read: Box<dyn Fn() -> Duration + Send + Sync>,
 }
@@ -49,9 +49,8 @@ impl fmt::Debug for ClockWatch {
 }
 
 impl ClockWatch {
-    /// Begins now, when the clock shows `clock_ms` and the last entry is of `last_ms`, both in Unix milliseconds. `read` gives
-    /// the time since some moment in the past, and nobody sets it: on Linux `CLOCK_BOOTTIME`, which goes on while a machine
-    /// sleeps.
+    /// Begins now. The clock shows `clock_ms`, and the last entry has the time `last_ms`, both in Unix milliseconds. `read` reads the second
+    /// clock: the time since some moment in the past, such as Linux' `CLOCK_BOOTTIME`, which also runs while a machine sleeps.
     pub fn begin(
         clock_ms: u64,
         last_ms: u64,
@@ -67,7 +66,7 @@ impl ClockWatch {
         }
     }
 
-    /// Whether the clock may show `clock_ms` now.
+    /// Checks that the clock may show `clock_ms` now.
     pub fn check(&self, clock_ms: u64) -> Result<(), ClockError> {
         let passed = (self.read)().saturating_sub(self.steady);
         let passed = u64::try_from(passed.as_millis()).unwrap_or(u64::MAX);

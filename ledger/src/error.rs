@@ -14,94 +14,94 @@ use zk0_protocol::{
 /// Why a ledger cannot be opened, read or extended.
 #[derive(Debug, thiserror::Error)]
 pub enum LedgerError {
-    /// The rules refuse the entry; nothing was written.
+    /// The rules refuse the entry. Nothing was written.
     #[error(transparent)]
     Rule(#[from] RuleViolation),
-    /// The rules refuse an entry of a group; nothing of the group was written.
+    /// The rules refuse an entry of a group. Nothing of the group was written.
     #[error(
-        "entry {at} (from 0) of a group of {of}: {violation}; nothing of the group was recorded"
+        "entry {at} (from 0) of a group of {of}: {violation}; no entry of the group was recorded"
     )]
     InGroup {
         at: usize,
         of: usize,
         violation: RuleViolation,
     },
-    /// The clock cannot be believed; nothing was written.
+    /// The clock seems to be wrong. Nothing was written.
     #[error(transparent)]
     Clock(#[from] ClockError),
-    /// Another process has it open.
-    #[error("the ledger in {0} is in use by another process: stop that one first")]
+    /// Another process has the ledger open.
+    #[error("the ledger in {0} is in use by another process: stop that process first")]
     Locked(PathBuf),
-    /// Nothing there.
+    /// The folder holds no ledger.
     #[error("there is no ledger in {0}")]
     NoLedger(PathBuf),
-    /// Something there already.
+    /// The folder holds a ledger already.
     #[error("{0} already holds a ledger: open it, or choose another folder")]
     AlreadyExists(PathBuf),
-    /// Of another network.
-    #[error("the ledger in {dir} is of network {found}, not of {expected}: choose that network's folder")]
+    /// The ledger is of another network.
+    #[error("the ledger in {dir} is of network {found}, not of network {expected}: choose the right folder")]
     OtherNetwork {
         dir: PathBuf,
         found: Digest,
         expected: Digest,
     },
-    /// The key is not the one named in the genesis.
+    /// The key is not the log key in the genesis.
     #[error("the signing key is not the log key of network {0}")]
     OtherKey(Digest),
-    /// The database lacks what was signed.
-    #[error("the database holds {held} entries, but a checkpoint of {signed} is signed: it was rolled back or damaged; restore the newest copy, nothing will be signed until then")]
+    /// The database lacks entries that the log has signed.
+    #[error("the database holds {held} entries, but the log has signed a checkpoint of {signed} entries: the database was rolled back or damaged. Restore the newest copy; until then nothing is signed")]
     RolledBack { held: u64, signed: u64 },
-    /// The database has another history than what was signed.
-    #[error("the first {size} entries have root {found}, but {signed} is signed: the history was changed; restore the true one, nothing will be signed until then")]
+    /// The database has another history than the log has signed.
+    #[error("the first {size} entries have root {found}, but the log has signed root {signed}: the history was changed. Restore the true one; until then nothing is signed")]
     Forked {
         size: u64,
         found: Digest,
         signed: Digest,
     },
-    /// The checkpoint file is gone.
-    #[error("{0} is missing, but the database holds entries: put the newest signed checkpoint back, nothing will be signed until then")]
+    /// The checkpoint file is missing.
+    #[error("{0} is missing, but the database holds entries. Put the newest signed checkpoint back; until then nothing is signed")]
     NoCheckpoint(PathBuf),
-    /// A checkpoint is not the log's.
+    /// A stored checkpoint is not valid.
     #[error("checkpoint of size {size}: {error}")]
     Checkpoint { size: u64, error: CheckpointError },
-    /// The checkpoint file is not the log's.
+    /// The checkpoint file does not hold a valid checkpoint of the log.
     #[error("{path}: {error}")]
     CheckpointFile {
         path: PathBuf,
         error: CheckpointError,
     },
-    /// The policy file is none.
+    /// The policy file does not hold a policy.
     #[error("{path}: {why}")]
     BadPolicy { path: PathBuf, why: String },
-    /// The checkpoint file is not the newest stored checkpoint.
-    #[error("{path} (of size {published}) is not the newest checkpoint in the database (of size {size}): if the aggregator was killed, start it once")]
+    /// The checkpoint file does not hold the newest checkpoint of the database.
+    #[error("{path} holds a checkpoint of {published} entries, but the database has {size} entries. If the aggregator was killed, start it once")]
     OtherPublished {
         path: PathBuf,
         published: u64,
         size: u64,
     },
-    /// An entry that does not belong where it is.
+    /// A stored entry is not valid where it is.
     #[error("entry {index}: {why}")]
     BadEntry { index: u64, why: String },
-    /// A write failed before: what is on disk has to be read again.
+    /// A write has failed. What is on disk is unknown until the ledger is opened again.
     #[error("an earlier write failed: open the ledger again")]
     Poisoned,
-    /// Not an entry of this log.
+    /// The log has no such entry.
     #[error("there is no entry {0}")]
     NoEntry(u64),
-    /// No group ended there.
+    /// The log has no checkpoint of this size, because no group of entries ended there.
     #[error("the log has no checkpoint of {0} entries")]
     NoCheckpointAt(u64),
-    /// The tree's hashes do not add up.
+    /// The tree's hashes are missing or wrong.
     #[error("tree: {0}")]
     Tree(String),
-    /// The database.
+    /// The database failed.
     #[error("database: {0}")]
     Database(#[from] rocksdb::Error),
-    /// The blobs.
+    /// A blob cannot be read or written.
     #[error(transparent)]
     Blob(#[from] BlobError),
-    /// The file system.
+    /// The file system failed.
     #[error("{path}: {error}")]
     Io { path: PathBuf, error: io::Error },
 }

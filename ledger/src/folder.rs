@@ -1,5 +1,5 @@
-//! A ledger's folder, and the small files in it that are neither database nor blob: the newest signed checkpoint, and, where
-//! checkpoints are witnessed, the policy and the newest checkpoint with its cosignatures.
+//! A ledger's folder, and the small files in it: the newest signed checkpoint and, if witnesses cosign checkpoints, the witness policy
+//! and the newest checkpoint with its cosignatures.
 
 use crate::{
     atomic_file::{self, sync_folder},
@@ -30,22 +30,22 @@ pub fn cosigned(dir: &Path) -> PathBuf {
     dir.join("cosigned")
 }
 
-/// The witnesses and the quorum without which nothing is published, in `dir`.
+/// The witness policy in `dir`: the witnesses, and the quorum that a published checkpoint needs.
 pub fn policy(dir: &Path) -> PathBuf {
     dir.join("policy")
 }
 
-/// The checkpoint file's content, if there is one; not more than a checkpoint can have.
+/// The checkpoint file's content, if there is such a file.
 pub fn read_checkpoint(dir: &Path) -> Result<Option<Vec<u8>>, LedgerError> {
     read(&checkpoint(dir), MAX_CHECKPOINT_BYTES)
 }
 
-/// The cosigned checkpoint, if there is one.
+/// The cosigned checkpoint, if there is such a file.
 pub fn read_cosigned(dir: &Path) -> Result<Option<Vec<u8>>, LedgerError> {
     read(&cosigned(dir), MAX_NOTE_BYTES)
 }
 
-/// The folder's policy; [`Policy::none`] where there is none.
+/// The folder's policy; [`WitnessPolicy::none`] if there is no such file.
 pub fn read_policy(dir: &Path) -> Result<WitnessPolicy, LedgerError> {
     let path = policy(dir);
     let bad = |why: String| LedgerError::BadPolicy {
@@ -61,22 +61,22 @@ pub fn read_policy(dir: &Path) -> Result<WitnessPolicy, LedgerError> {
     }
 }
 
-/// Replaces the folder's policy; on disk when this returns.
+/// Replaces the folder's policy. It is on disk when this returns.
 pub fn write_policy(dir: &Path, policy: &WitnessPolicy) -> Result<(), LedgerError> {
     replace(&self::policy(dir), policy.text().as_bytes())
 }
 
-/// Replaces the cosigned checkpoint; on disk when this returns.
+/// Replaces the cosigned checkpoint. It is on disk when this returns.
 pub fn write_cosigned(dir: &Path, text: &[u8]) -> Result<(), LedgerError> {
     replace(&cosigned(dir), text)
 }
 
-/// Replaces the checkpoint file, all or nothing; on disk when this returns.
+/// Replaces the checkpoint file. It is on disk when this returns.
 pub(crate) fn write_checkpoint(dir: &Path, text: &[u8]) -> Result<(), LedgerError> {
     replace(&checkpoint(dir), text)
 }
 
-/// A small file's content, if there is one; at most one byte more than `limit`, so that whoever reads it sees it is too long.
+/// A small file's content, if the file exists. At most `limit` + 1 bytes are read, so that the caller can see that a file is too long.
 fn read(path: &Path, limit: usize) -> Result<Option<Vec<u8>>, LedgerError> {
     let file = match File::open(path) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),

@@ -1,8 +1,8 @@
 //! Groups: entries that are committed together, on disk with one write and covered by one signed checkpoint.
 //!
-//! A checkpoint is signed where a group ends. So a log has checkpoints of some sizes and not of others, with exceptions that
-//! a reader insists on: the last entry has one, or nothing would vouch for it; and so has an entry whose tree decides
-//! something ([`needs_checkpoint`]), since nobody could check what follows from a root that was never signed.
+//! The log signs a checkpoint at the end of each group, so a log has checkpoints of some sizes and not of others. There are two kinds of
+//! entries after which a reader requires a checkpoint: the last entry, because nothing else would vouch for it, and an entry whose
+//! tree determines something ([`needs_checkpoint`]), because nobody could verify what follows from a root that was never signed.
 
 use crate::{error::LedgerError, store::Batch};
 use ed25519_dalek::SigningKey;
@@ -19,24 +19,23 @@ use zk0_protocol::{
     tlog::{checkpoint::Checkpoint, tree::Frontier},
 };
 
-/// Instead of a root where none is signed: nothing may follow from it, and hashing one for each entry takes as long as all the
-/// rest of the tree.
+/// Stands for the root after an entry that has no checkpoint. Nothing follows from such a root, and to compute it for each entry takes as
+/// long as all the rest of the tree.
 const UNUSED_ROOT: Digest = Digest([0; 32]);
 
-/// A group that the rules allow after what is there, ready to be written.
+/// A group of entries that the rules allow, ready to be written.
 pub(crate) struct Group {
-    /// All that is written.
+    /// Everything that is written to the database.
     pub batch: Batch,
-    /// The tree that ends with it.
+    /// The tree after the group.
     pub tree: Frontier,
-    /// The root after each entry from which something follows, and after the last.
+    /// The root after each entry: the true one after entries from whose tree something follows and after the last entry.
     pub roots: Vec<Digest>,
-    /// The signed checkpoint at its end.
+    /// The signed checkpoint at the end of the group.
     pub checkpoint: Vec<u8>,
 }
 
-/// Makes a group of `entries`, not none, to follow `tree`. Refused if one of them is: `state` says whether the next one may
-/// come, and is told of each that may.
+/// Makes a group of at least one entry that follows `tree`. If `state` refuses one of the entries, the whole group is refused.
 pub(crate) fn group(
     entries: &[Entry],
     tree: &Frontier,
@@ -79,7 +78,7 @@ pub(crate) fn group(
 /// An entry's bytes, its leaf, and the entry with its signatures verified.
 type Alone<'a> = (Vec<u8>, Hash, AuthenticEntry<'a>);
 
-/// What can be checked of each entry by itself: by all cores, where there are several entries.
+/// Makes the checks that need only the entry itself, on all cores if there are several entries.
 fn check_all<'a>(entries: &'a [Entry], keys: &KnownKeys) -> Vec<Result<Alone<'a>, RuleViolation>> {
     let check_alone = |entry: &'a Entry| check_alone(entry, keys);
     match entries.len() {
@@ -98,12 +97,12 @@ fn check_alone<'a>(entry: &'a Entry, keys: &KnownKeys) -> Result<Alone<'a>, Rule
     Ok((bytes, leaf, entry.authenticate(keys)?))
 }
 
-/// The state on which a group is tried: the ledger's own for a single entry, which nothing follows; else a copy, which is
-/// taken further while the ledger's stays what it is on disk.
+/// The state that checks a group. For a single entry it is the ledger's own state. For several entries it is a copy, to which they are
+/// applied one after the other, while the ledger's state stays as it is on disk.
 pub(crate) enum Trial<'a> {
-    /// Looked at, not changed.
+    /// The ledger's state, which is not changed.
     Single(&'a State),
-    /// Changed entry by entry.
+    /// A copy, which is changed entry by entry.
     Copy(Box<State>),
 }
 

@@ -1,4 +1,5 @@
-//! The history in a database, folded and held against what was signed: what a writer has to know before it signs more.
+//! The history in a database. Before a writer signs more, it reads all entries, applies the rules, and compares the result with what the
+//! log has signed.
 
 use crate::{error::LedgerError, folder, store::Store};
 use rayon::prelude::*;
@@ -12,22 +13,22 @@ use zk0_protocol::{
     Entry, Genesis,
 };
 
-/// Entries read at once, their signatures verified by all cores. An entry has at most 64 KiB.
+/// How many entries are read at once; all cores verify their signatures. An entry has at most 64 KiB.
 const CHUNK: u64 = 512;
 
-/// A history that extends the newest published checkpoint.
+/// A history that continues the newest published checkpoint.
 pub(crate) struct History {
     pub state: State,
     pub tree: Frontier,
     /// The keys that its entries use.
     pub keys: KnownKeys,
-    /// The newest checkpoint in the database: at least as new as the published one.
+    /// The newest checkpoint in the database. It is the published one, or a newer one.
     pub checkpoint: Vec<u8>,
 }
 
 impl History {
-    /// Reads everything: each entry against the rules, each tree hash, each checkpoint, and the root at the size of
-    /// `published`, the text of the checkpoint file.
+    /// Reads and verifies everything: each entry by the rules, each tree hash, each checkpoint, and the root at the size of `published`, which
+    /// is the content of the checkpoint file.
     pub fn read(
         store: &Store,
         dir: &Path,
@@ -103,7 +104,7 @@ fn found(store: &Store) -> Result<State, LedgerError> {
     State::found(&entry).map_err(|error| bad(0, error.to_string()))
 }
 
-/// An entry as the database has it, and the checkpoint after it, if there is one: its text, and what it says.
+/// A stored entry, with the text and the content of the checkpoint after it, if there is one.
 struct Read {
     leaf: Hash,
     entry: Entry,
@@ -173,7 +174,7 @@ fn open_published(
     let path = folder::checkpoint(dir);
     let genesis = founded.genesis();
     match published {
-        // Killed right after the founding.
+        // The writer was killed right after the founding.
         None if held == 1 => Ok(None),
         None => Err(LedgerError::NoCheckpoint(path)),
         Some(text) => {

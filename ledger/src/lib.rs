@@ -1,11 +1,11 @@
-//! What a network keeps: the log on disk, the blobs beside it, backups, mirrors, and replay.
+//! The storage of a network: the log on disk, the blobs beside it, backups, mirrors, and replay.
 //!
-//! What the entries say and which may come next is in [`zk0_protocol`]. A short tour of how they are kept:
+//! [`zk0_protocol`] defines the entries and which entry may come next. This crate stores and reads them. A short tour:
 //! - [`log`]: the log on disk, over [`store`] (RocksDB) and [`folder`]; [`group`]: entries that are written together; [`blobs`]: files
-//!   beside the log, named by their SHA-256; [`clock`]: whether the writer's clock can be believed.
-//! - [`replay`]: an auditor reads everything again and believes nothing.
-//! - [`published`]: the log as others read it, with mirrors; [`backup`]: a copy of a ledger's folder, and the way back.
-//! - [`witness_store`]: what a witness remembers, on disk.
+//!   beside the log, named by their SHA-256; [`clock`]: whether the writer's clock is right; `atomic_file`: how files are replaced.
+//! - [`replay`]: an auditor reads and verifies everything again.
+//! - [`published`]: the log as others read it, and mirrors of it; [`backup`]: copies of a ledger's folder, and how one is restored.
+//! - [`witness_store`]: the files of a witness.
 //! - [`atomic_file`]: files that are written whole or not at all; [`bounded_file`]: files that are read up to a limit.
 
 pub mod atomic_file;

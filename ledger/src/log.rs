@@ -1,7 +1,7 @@
-//! The append-only log: entries in, receipts out. On disk before it is acknowledged, and never two histories.
+//! The append-only log. It takes entries and gives receipts. An entry is on disk before it is acknowledged, and the log never has two
+//! histories.
 //!
-//! Entries are committed in groups ([`crate::group`]): one write to disk and one signed checkpoint for as many as come
-//! together, all or none of them.
+//! Entries are committed in groups ([`crate::group`]): a group is written to disk at once, with one signed checkpoint, or not at all.
 //!
 //! A ledger's folder:
 //!
@@ -10,8 +10,8 @@
 //! | `log/` | the database ([`crate::store`]) |
 //! | `checkpoint` | the newest signed checkpoint, outside the database, so that a restored backup of the database is noticed |
 //! | `blobs/sha256/` | content-addressed proofs, weights and leaf lists ([`crate::blobs`]) |
-//! | `policy` | where checkpoints are witnessed: the witnesses and the quorum ([`zk0_protocol::tlog::witness_policy`]) |
-//! | `cosigned` | there too: the newest checkpoint with its quorum of cosignatures, the one that is published |
+//! | `policy` | the witness policy, if witnesses cosign checkpoints ([`zk0_protocol::tlog::witness_policy`]) |
+//! | `cosigned` | in that case, the newest checkpoint with its quorum of cosignatures: the one that is published |
 
 use crate::{
     blobs::Blobs,
@@ -41,7 +41,7 @@ use zk0_protocol::{
     tlog::{checkpoint::Checkpoint, receipt::Receipt, tree::Frontier},
 };
 
-/// A ledger open for writing, by its one writer.
+/// A ledger that is open for writing. Only one process at a time can have it open.
 pub struct Ledger {
     dir: PathBuf,
     store: Store,
@@ -50,7 +50,7 @@ pub struct Ledger {
     tree: Frontier,
     state: State,
     keys: KnownKeys,
-    /// A second copy of the state once a group was appended: the next one is tried on it, and neither copied nor undone.
+    /// A second copy of the state, made when the first group is appended. The next group is tried on it.
     trial: Option<Box<State>>,
     checkpoint: Vec<u8>,
     clock: Option<ClockWatch>,
@@ -58,7 +58,7 @@ pub struct Ledger {
 }
 
 impl Ledger {
-    /// Founds a ledger in `dir`, which must not hold one. Returns it with the genesis' receipt.
+    /// Founds a ledger in `dir`, which must not hold one. Returns the ledger and the receipt of the genesis.
     pub fn create(
         dir: &Path,
         genesis: Genesis,
@@ -113,8 +113,8 @@ impl Ledger {
         Ok((ledger, receipt))
     }
 
-    /// Opens the ledger in `dir` for writing. The whole history is read: every entry against the rules, every hash of the
-    /// tree, and the root against the signed checkpoint in the file. If `network` is given it has to be that one.
+    /// Opens the ledger in `dir` for writing. It reads the whole history and verifies every entry by the rules, every hash of the tree, and
+    /// the root by the signed checkpoint in the file. If `network` is given, the ledger has to be of that network.
     pub fn open(
         dir: &Path,
         network: Option<&Digest>,
@@ -124,7 +124,7 @@ impl Ledger {
         if !path.exists() {
             return Err(LedgerError::NoLedger(dir.into()));
         }
-        // First without writing: RocksDB's own recovery would make a loss permanent.
+        // At first nothing is written, because RocksDB's own recovery would make a loss permanent.
         let mut published = folder::read_checkpoint(dir)?;
         let mut history = History::read(
             &Store::open_read_only(&path)?,
@@ -135,7 +135,7 @@ impl Ledger {
         let store = Store::open(&path)?;
         let held = history.tree.size();
         if store.size()? != held || store.checkpoint(held)?.as_ref() != Some(&history.checkpoint) {
-            // Somebody has written between. Now nobody else can.
+            // Another process has written in the meantime. Now no other process can.
             published = folder::read_checkpoint(dir)?;
             history = History::read(&store, dir, network, published.as_deref())?;
         }
@@ -143,7 +143,7 @@ impl Ledger {
         if state.genesis().log_key != key.verifying_key().to_bytes() {
             return Err(LedgerError::OtherKey(*state.network()));
         }
-        // Killed between committing an entry and publishing its checkpoint: publish it now.
+        // The writer was killed after it committed an entry and before it published the checkpoint.
         if published.as_deref() != Some(&history.checkpoint) {
             folder::write_checkpoint(dir, &history.checkpoint)?;
         }
@@ -164,14 +164,14 @@ impl Ledger {
         })
     }
 
-    /// Appends an entry if the rules allow it. When this returns, entry and checkpoint are on disk and the receipt may be
-    /// handed out. Its time is `time_ms`, or that of the entry before if the clock went back.
+    /// Appends an entry if the rules allow it. When this returns, entry and checkpoint are on disk, and the receipt may be handed out. The
+    /// entry's time is `time_ms`, or the time of the entry before it if the clock went back.
     pub fn append(&mut self, time_ms: u64, body: Body) -> Result<Receipt, LedgerError> {
         let appended = self.commit(time_ms, vec![body])?;
         self.first_receipt(appended.start)
     }
 
-    /// [`Ledger::append`] of many, all or none of them: [`Ledger::commit`] with a receipt for each.
+    /// Appends several entries, all or none of them ([`Ledger::commit`]), and returns the receipt of each.
     pub fn append_all(
         &mut self,
         time_ms: u64,
@@ -182,12 +182,12 @@ impl Ledger {
             .collect()
     }
 
-    /// Appends entries as one group, each if the rules allow it after those before it: one write to disk, one checkpoint at
-    /// the end (and one after each entry from whose tree something follows). If the rules refuse one, nothing
-    /// is written and [`LedgerError::InGroup`] says which. Returns where the entries are; [`Ledger::first_receipt`] has
-    /// their receipts.
+    /// Appends entries as one group, with one write to disk and one checkpoint at the end, and one more after each entry from whose tree
+    /// something follows. If the rules refuse an entry, nothing is written, and [`LedgerError::InGroup`] names the entry. Returns the
+    /// indexes of the entries. [`Ledger::first_receipt`] gives their receipts.
     ///
-    /// Takes time in proportion to the group. The first group, and the first after a refused one, also copy the state.
+    /// The time that this takes is proportional to the size of the group. The first group, and the first one after a refused group, also
+    /// copy the state.
     pub fn commit(&mut self, time_ms: u64, bodies: Vec<Body>) -> Result<Range<u64>, LedgerError> {
         if self.poisoned {
             return Err(LedgerError::Poisoned);
@@ -234,9 +234,8 @@ impl Ledger {
         Ok(first..self.tree.size())
     }
 
-    /// From now on, entries are refused whose time is further ahead than time has passed ([`crate::clock`]). The clock that
-    /// gives their times shows `clock_ms` now; a clock far behind the last entry is refused at once. `steady` is one that nobody
-    /// sets.
+    /// From now on, the ledger refuses entries if the clock has moved further than time has passed ([`crate::clock`]). The clock shows
+    /// `clock_ms` now. If that is far before the last entry, this fails at once. `steady` reads a second clock that nobody can set.
     pub fn watch_clock(
         &mut self,
         clock_ms: u64,
@@ -247,12 +246,12 @@ impl Ledger {
         Ok(())
     }
 
-    /// The time an entry gets that is recorded now: the clock's, but never before the last entry's.
+    /// The time of an entry that is recorded now. It is the clock's time, but never before the last entry.
     pub fn time_ms(&self, clock_ms: u64) -> u64 {
         clock_ms.max(self.state.time_ms())
     }
 
-    /// Commits, then publishes. A failure leaves what is on disk unknown: nothing is written after it.
+    /// Commits, and then publishes. After a failure it is unknown what is on disk, so nothing more is written.
     fn write(&mut self, batch: Batch, checkpoint: Vec<u8>) -> Result<(), LedgerError> {
         self.poisoned = true;
         self.store.commit(batch)?;
@@ -296,13 +295,13 @@ impl Ledger {
         Ok(Entry::decode(&bytes)?)
     }
 
-    /// Proof that entry `index` is in the tree of the newest checkpoint.
+    /// The proof that entry `index` is in the tree of the newest checkpoint.
     pub fn receipt(&self, index: u64) -> Result<Receipt, LedgerError> {
         self.receipt_at(self.tree.size(), index)
     }
 
-    /// The receipt that [`Ledger::append`] gave for entry `index`: its checkpoint is the first that covers the entry, the
-    /// one a challenge follows from.
+    /// The receipt that [`Ledger::append`] gave for entry `index`. Its checkpoint is the first that covers the entry. A challenge follows from
+    /// that one.
     pub fn first_receipt(&self, index: u64) -> Result<Receipt, LedgerError> {
         let missing = || LedgerError::NoEntry(index);
         let after = index.checked_add(1).ok_or_else(missing)?;
@@ -311,8 +310,8 @@ impl Ledger {
         self.receipt_with(size, checkpoint, index)
     }
 
-    /// Proof that entry `index` is in the tree of the first `size` entries, with the checkpoint of that size, where a group
-    /// has to have ended.
+    /// The proof that entry `index` is in the tree of the first `size` entries, with the checkpoint of that size. A group has to have ended
+    /// there.
     pub fn receipt_at(&self, size: u64, index: u64) -> Result<Receipt, LedgerError> {
         self.receipt_with(size, self.checkpoint_at(size)?, index)
     }
@@ -334,7 +333,7 @@ impl Ledger {
         })
     }
 
-    /// The log's checkpoint of the first `size` entries, where a group has to have ended, with its signature alone.
+    /// The log's checkpoint of the first `size` entries, with only the log's signature. A group has to have ended there.
     pub fn checkpoint_at(&self, size: u64) -> Result<Vec<u8>, LedgerError> {
         let missing = LedgerError::NoCheckpointAt(size);
         self.store.checkpoint(size)?.ok_or(missing)

@@ -1,4 +1,4 @@
-//! The log on disk: a RocksDB database with three kinds of keys, and nothing else.
+//! The log on disk: a RocksDB database with three kinds of keys.
 //!
 //! | key | value |
 //! |---|---|
@@ -26,7 +26,7 @@ pub struct Store {
     db: DB,
 }
 
-/// What is written at once: see [`Store::commit`].
+/// Entries, hashes and checkpoints that [`Store::commit`] writes at once.
 #[derive(Default)]
 pub struct Batch(WriteBatch);
 
@@ -81,7 +81,7 @@ impl Key {
 }
 
 impl Store {
-    /// Opens for writing; one process at a time.
+    /// Opens a database for writing. Only one process at a time can do so.
     pub fn open(path: &Path) -> Result<Self, LedgerError> {
         let mut options = options();
         options.create_if_missing(true);
@@ -92,7 +92,7 @@ impl Store {
         }
     }
 
-    /// Opens for reading: a snapshot as of now, beside a writer or on read-only media. Writes nothing.
+    /// Opens a snapshot for reading, while another process may write, or on a read-only file system. This writes nothing.
     pub fn open_read_only(path: &Path) -> Result<Self, LedgerError> {
         Ok(Self {
             db: DB::open_for_read_only(&options(), path, false)?,
@@ -124,7 +124,7 @@ impl Store {
         }
     }
 
-    /// Number of entries: one more than the last index.
+    /// The number of entries.
     pub fn size(&self) -> Result<u64, LedgerError> {
         let end = Key::Entry(u64::MAX).bytes();
         match self
@@ -140,19 +140,19 @@ impl Store {
         }
     }
 
-    /// RFC 6962 root of the first `size` entries, from the stored hashes.
+    /// The RFC 6962 root of the first `size` entries, from the stored hashes.
     pub fn root(&self, size: u64) -> Result<Digest, LedgerError> {
         Ok(Digest(tree_hash(size, self)?.0))
     }
 
-    /// Every key in the database, in order; `None` is one that has no business there.
+    /// Every key in the database, in order; `None` stands for a key of an unknown kind.
     pub fn keys(&self) -> impl Iterator<Item = Result<Option<Key>, LedgerError>> + '_ {
         self.db
             .iterator(IteratorMode::Start)
             .map(|found| Ok(Key::parse(&found?.0)))
     }
 
-    /// Writes a batch: all of it or nothing, and on disk when this returns.
+    /// Writes all of a batch or nothing. It is on disk when this returns.
     pub fn commit(&self, batch: Batch) -> Result<(), LedgerError> {
         let mut durable = WriteOptions::default();
         durable.set_sync(true);
@@ -181,15 +181,15 @@ impl HashReader for Store {
 fn options() -> Options {
     let mut options = Options::default();
     options.set_paranoid_checks(true);
-    // What was written last is in memory, and is read again from RocksDB's journal whenever the database is opened.
+    // RocksDB holds the newest data in memory, and reads it from its journal again whenever the database is opened.
     options.set_write_buffer_size(WRITE_BUFFER);
     let mut blocks = BlockBasedOptions::default();
     blocks.set_block_cache(&Cache::new_lru_cache(BLOCK_CACHE));
     options.set_block_based_table_factory(&blocks);
-    // A record torn by a crash is dropped: it was never acknowledged. Should a flipped byte look like one, the log is
-    // shorter than its signed checkpoint, and opening fails there.
+    // A record that a crash cut off is dropped, because it was never acknowledged. If a damaged record looks like one, the log becomes
+    // shorter than its signed checkpoint, and opening fails.
     options.set_wal_recovery_mode(DBRecoveryMode::TolerateCorruptedTailRecords);
-    // RocksDB's own log goes to ours: nothing but data lies in the folder, and read-only media can be read.
+    // RocksDB's own log messages go to our log, so that the folder holds only data, and read-only file systems can be read.
     options.set_info_logger(InfoLogger::new_callback_logger(
         LogLevel::Warn,
         |_, message| tracing::debug!(target: "rocksdb", "{}", message.trim_end()),

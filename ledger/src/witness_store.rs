@@ -1,6 +1,6 @@
-//! What a witness remembers, on disk: one file per log, the last checkpoint it cosigned with its cosignature, as the C2SP
-//! monitoring interface serves it. A cosignature is handed out only after the file is on disk, so a killed witness never
-//! forgets what it signed.
+//! The files of a witness: for each log, the last checkpoint that it cosigned, with its cosignature, as the C2SP monitoring interface
+//! serves it. The witness hands out a cosignature only after the file is on disk, so even a killed witness never forgets what it
+//! signed.
 
 use crate::atomic_file;
 use sha2::{Digest as _, Sha256};
@@ -20,46 +20,46 @@ use zk0_protocol::tlog::{
 pub struct WitnessStore {
     dir: PathBuf,
     witness: Witness,
-    /// Held as long as the witness runs: two processes on one folder would cosign two histories.
+    /// The lock is held as long as the witness runs, because two processes in one folder could cosign two histories.
     _lock: File,
 }
 
-/// Why a witness cannot run, or cannot go on.
+/// Why a witness cannot start or go on.
 #[derive(Debug, thiserror::Error)]
 pub enum WitnessError {
-    /// The file system.
+    /// The file system failed.
     #[error("{path}: {error}")]
     Io { path: PathBuf, error: io::Error },
-    /// Another process has the folder.
-    #[error("the witness in {0} is running already: stop that one first")]
+    /// Another process uses the folder.
+    #[error("the witness in {0} is running already: stop that process first")]
     Locked(PathBuf),
-    /// What is remembered of a log is damaged. Starting from nothing could cosign a second history.
+    /// A file is damaged. Without it, the witness could cosign a second history.
     #[error(
-        "{path} is not what this witness cosigned last of the log '{origin}': {why}; restore it"
+        "{path} does not hold the last checkpoint of the log '{origin}' that this witness cosigned: {why}. Restore the file"
     )]
     Damaged {
         path: PathBuf,
         origin: String,
         why: String,
     },
-    /// A log that cannot be watched.
+    /// The witness cannot watch a log.
     #[error("{0}")]
     Log(String),
 }
 
-/// Why a request got no cosignature.
+/// Why a request gets no cosignature.
 #[derive(Debug, thiserror::Error)]
 pub enum AddError {
     /// The witness refuses.
     #[error(transparent)]
     Refused(#[from] WitnessRefusal),
-    /// The witness cannot remember it, so it does not sign.
+    /// The witness cannot store the checkpoint, so it does not cosign it.
     #[error(transparent)]
     Failed(#[from] WitnessError),
 }
 
 impl WitnessStore {
-    /// Opens the witness in `dir`, which watches `logs`. Verifies what it remembers.
+    /// Opens the witness in `dir`, which watches `logs`, and verifies its files.
     pub fn open(
         dir: &Path,
         cosigner: Cosigner,
@@ -97,7 +97,7 @@ impl WitnessStore {
             origin: key.name().into(),
             why,
         };
-        // Cosigned by this very witness: what it did not sign, it does not remember.
+        // The file has to carry this witness' own cosignature.
         let own = format!("witness this {}\nquorum this\n", self.witness.key());
         let own = WitnessPolicy::parse(&own).map_err(|error| damaged(error.to_string()))?;
         let opened = own
@@ -106,7 +106,7 @@ impl WitnessStore {
         Ok(Some(opened.checkpoint))
     }
 
-    /// Decides on a request at `time_s`; returns the cosignature line. On disk when this returns.
+    /// Decides on a request at `time_s` and returns the cosignature line. The checkpoint is on disk when this returns.
     pub fn add(&mut self, body: &[u8], time_s: u64) -> Result<Vec<u8>, AddError> {
         let accepted = self.witness.check(body, time_s)?;
         self.write(&accepted)?;
@@ -114,7 +114,7 @@ impl WitnessStore {
         Ok(accepted.cosignature)
     }
 
-    /// What was cosigned last of the log whose origin has this SHA-256, in lower-case hexadecimal.
+    /// The last cosigned checkpoint of the log whose origin has this SHA-256, in lower-case hexadecimal.
     pub fn last(&self, origin_hash: &str) -> Result<Option<Vec<u8>>, WitnessError> {
         let watched = |key: &VerifierKey| hash(key.name()) == origin_hash;
         match self.witness.logs().find(|key| watched(key)) {
@@ -123,7 +123,7 @@ impl WitnessStore {
         }
     }
 
-    /// What its cosignatures are verified with.
+    /// The key that verifies its cosignatures.
     pub fn key(&self) -> &VerifierKey {
         debug_assert_eq!(self.witness.key().role(), Role::Witness);
         self.witness.key()
@@ -151,7 +151,7 @@ fn read(path: &Path) -> Result<Option<Vec<u8>>, WitnessError> {
     Ok(Some(text))
 }
 
-/// How the monitoring interface names a log: SHA-256 of its origin, in hexadecimal.
+/// The name of a log in the monitoring interface: the SHA-256 of its origin, in hexadecimal.
 pub fn hash(origin: &str) -> String {
     hex::encode(Sha256::digest(origin.as_bytes()))
 }

@@ -12,7 +12,7 @@ use zk0_ledger::{
     backup::{backup, restore, BackupError},
     folder,
     published::mirror::MirrorError,
-    replay::{self, Verdict},
+    replay::{replay, Verdict},
     BlobError, Ledger, LedgerError, Report,
 };
 use zk0_protocol::{Body, WitnessPolicy};

@@ -16,7 +16,7 @@ use std::{
 };
 use zk0_circuits::NodeId;
 use zk0_ledger::{
-    replay::{self, Verdict},
+    replay::{replay, Verdict},
     Ledger, LedgerError,
 };
 use zk0_protocol::{

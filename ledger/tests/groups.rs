@@ -12,7 +12,7 @@ use zk0_ledger::{
         mirror::{mirror, MirrorError},
         tiles,
     },
-    replay::{self, Verdict},
+    replay::{replay, Verdict},
     store::Store,
     Ledger, LedgerError, Report,
 };

@@ -5,7 +5,7 @@ mod network;
 use network::*;
 use rocksdb::DB;
 use zk0_ledger::{
-    replay::{self, Verdict},
+    replay::{replay, Verdict},
     store::{Batch, Store},
     Ledger, LedgerError,
 };

@@ -246,7 +246,7 @@ fn a_log_that_does_not_continue_what_was_verified_is_named() {
     };
     says(
         &short,
-        "ROLLED BACK: 431 entries were verified before, now there are 71",
+        "ROLLED BACK: an earlier audit verified 431 entries, but now there are 71",
     );
     let (fork, other) = (scratch.path().join("fork"), scratch.path().join("other"));
     Long::found(&fork, 1).rounds(30);
@@ -301,7 +301,7 @@ fn a_memory_that_cannot_be_written_is_said_and_spoils_nothing() {
     let nowhere = dir.path().join("no/such/folder/state");
     let report = go_on(dir.path(), &nowhere, &mut Finder::default());
     assert_eq!(report.verdict, Verdict::Verified);
-    let said = |finding: &Finding| finding.text.contains("cannot be kept");
+    let said = |finding: &Finding| finding.text.contains("cannot be saved");
     assert!(report.findings.iter().any(said), "{:?}", report.findings);
 }
 

@@ -14,7 +14,7 @@ use std::{
     path::{Path, PathBuf},
 };
 use zk0_ledger::{
-    replay::{self, Severity, Verdict},
+    replay::{replay, Severity, Verdict},
     Blobs, Finding, Ledger, Recheck, Report,
 };
 use zk0_protocol::{Entry, Genesis, State};

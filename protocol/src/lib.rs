@@ -1,16 +1,17 @@
-//! What is said in a zk0 network: entries, rules, the state machine, the formats of a transparency log.
+//! The protocol of a zk0 network: its entries, its rules, the state machine, and the formats of its transparency log.
 //!
 //! This crate is pure. It has no disk, no clock, no threads and no sockets, and it compiles for browsers and for SP1's guest.
 //!
 //! A short tour:
-//! - [`entries`]: what the log holds ([`entries::entry`]) and its one canonical encoding ([`entries::codec`]); what founds a network
+//! - [`entries`]: what the log holds ([`entries::entry`]) and its canonical encoding ([`entries::codec`]); how a network begins
 //!   ([`entries::genesis`]); what nodes and governors sign ([`entries::signed`]); entries whose signatures were verified
-//!   ([`entries::authentic`]); the named reasons for which a contribution is refused ([`entries::refusal`]).
-//! - [`rules`]: the rules of a network ([`rules::network_rules`]) and how they change ([`rules::governance`]); what a network is after
-//!   the entries so far ([`rules::state`]); which entry may come next and what it changes ([`rules::apply`], a pure function); what
-//!   the ledger fixes about a claim ([`rules::bindings`]).
+//!   ([`entries::authentic`], which takes decompressed keys from [`entries::known_keys`]); why a contribution is refused
+//!   ([`entries::refusal`]).
+//! - [`rules`]: the rules of a network ([`rules::network_rules`]) and how they change ([`rules::governance`]); the state of a network
+//!   after its entries so far ([`rules::state`]); which entry may come next and what it changes ([`rules::apply`], a pure function);
+//!   which fields of a claim the ledger determines ([`rules::bindings`]).
 //! - [`tlog`]: RFC 6962 trees, C2SP checkpoints, cosignatures, tiles, receipts.
-//! - [`public_key`], [`quote`]: ed25519 keys that nobody else can sign for; how messages quote what a stranger wrote.
+//! - [`public_key`]: how ed25519 public keys are read; [`quote`]: how messages quote what a stranger wrote.
 //! - `rpc`, with the feature `rpc`: the generated gRPC messages, and the conversions between them and the types above.
 
 pub mod entries;

@@ -3,7 +3,7 @@
 /// Most characters of a text that a message quotes.
 const MAX_QUOTED: usize = 128;
 
-/// A text as a message quotes it: kept short, with everything escaped that could do something to a terminal.
+/// Shortens a text and escapes every character that could control a terminal, so that a message can quote it.
 pub fn short(text: &str) -> String {
     text.chars()
         .take(MAX_QUOTED)

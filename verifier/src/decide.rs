@@ -67,6 +67,6 @@ pub fn decide(
 pub fn is_recorded(reason: &Refusal) -> bool {
     match reason {
         Refusal::Late { .. } | Refusal::Binding { .. } => true,
-        reason => reason.is_told_by_blobs(),
+        reason => reason.follows_from_blobs(),
     }
 }

@@ -33,7 +33,7 @@ fn a_watch_asks_for_the_witnesses_that_it_was_told() {
             &["--witness-policy", text(&policy)],
         );
         assert!(
-            said.contains("ALARM") && said.contains("cosigned by none"),
+            said.contains("ALARM") && said.contains("of no witness of the policy"),
             "{said}"
         );
     }
@@ -84,13 +84,13 @@ fn the_networks_own_rules_ask_for_witnesses() {
     ] {
         let (_, why) = ends(1, arguments);
         assert!(
-            why.contains("lacks the cosignatures"),
+            why.contains("lacks cosignatures that the network's rules require"),
             "{arguments:?}: {why}"
         );
     }
     let said = look(1, &out, &place("state"), &[]);
     assert!(
-        said.contains("ALARM") && said.contains("lacks the cosignatures"),
+        said.contains("ALARM") && said.contains("lacks cosignatures that the network's rules require"),
         "{said}"
     );
     fs::write(place("any"), "quorum none\n").unwrap();

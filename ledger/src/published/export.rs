@@ -1,4 +1,4 @@
-//! A ledger as plain files in the tlog-tiles layout: any web server serves them, any archive keeps them, and
+//! Export: a ledger as plain files in the tlog-tiles layout. Any web server can serve them, any archive can keep them, and
 //! [`crate::published::mirror`] makes a ledger of them again.
 
 use crate::published::publication::{Content, Publication, PublicationError};
@@ -18,20 +18,20 @@ use zk0_protocol::tlog::{
     witness_policy::WitnessPolicy,
 };
 
-/// What was written.
+/// The result of an export.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Exported {
-    /// Entries published.
+    /// How many entries are published.
     pub entries: u64,
-    /// Tiles and bundles written; those that were there already are not.
+    /// How many tiles and bundles were written. Those that existed already are not written again.
     pub tiles: u64,
-    /// Blobs written.
+    /// How many blobs were written.
     pub blobs: u64,
-    /// Public blobs that the ledger's folder does not keep.
+    /// How many public blobs the ledger's folder does not have.
     pub missing_blobs: u64,
 }
 
-/// Why a ledger is not exported.
+/// Why a ledger cannot be exported.
 #[derive(Debug, thiserror::Error)]
 pub enum ExportError {
     /// The ledger publishes nothing.
@@ -40,22 +40,22 @@ pub enum ExportError {
     /// The ledger cannot be read.
     #[error(transparent)]
     Ledger(#[from] LedgerError),
-    /// A blob is not what its name says.
+    /// A blob does not have the digest in its name.
     #[error(transparent)]
     Blob(#[from] BlobError),
-    /// What is there is not of this log.
-    #[error("{path}: {error}: choose another folder")]
+    /// The folder holds another log.
+    #[error("{path} is not a checkpoint of this log ({error}): choose another folder")]
     Other {
         path: PathBuf,
         error: CheckpointError,
     },
-    /// The file system.
+    /// The file system failed.
     #[error("{path}: {error}")]
     Io { path: PathBuf, error: io::Error },
 }
 
-/// Writes what `view` publishes to `out`, or brings an older export of the same log up to date. The checkpoint comes last:
-/// whoever reads meanwhile finds all that the checkpoint he sees covers.
+/// Writes what `view` publishes to `out`, or brings an older export of the same log up to date. The checkpoint is written last, so a
+/// reader always finds everything that the checkpoint covers.
 pub fn export(view: &Publication, out: &Path) -> Result<Exported, ExportError> {
     continues(view, out)?;
     let mut exported = Exported {
@@ -64,7 +64,7 @@ pub fn export(view: &Publication, out: &Path) -> Result<Exported, ExportError> {
     };
     for tile in tiles(view.checkpoint().size) {
         let path = out.join(tile.to_string());
-        // Never changes once it is there.
+        // A tile never changes.
         if path.exists() {
             continue;
         }
@@ -104,7 +104,7 @@ pub fn export(view: &Publication, out: &Path) -> Result<Exported, ExportError> {
     Ok(exported)
 }
 
-/// An export of another log, or of more of this one than there is now, is left alone.
+/// Refuses to change an export of another log, and an export that has more entries than the log has now.
 fn continues(view: &Publication, out: &Path) -> Result<(), ExportError> {
     let path = out.join(Resource::Checkpoint.to_string());
     let file = match File::open(&path) {
@@ -138,7 +138,7 @@ fn continues(view: &Publication, out: &Path) -> Result<(), ExportError> {
     }
 }
 
-/// Writes a file, all or nothing; on disk when this returns.
+/// Writes a file, and the folders above it where they are missing.
 fn write(path: &Path, bytes: &[u8]) -> Result<(), ExportError> {
     fs::create_dir_all(atomic_file::folder_of(path))
         .and_then(|()| atomic_file::replace(path, &[bytes]))

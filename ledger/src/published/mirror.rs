@@ -1,9 +1,9 @@
-//! A ledger's folder made from a published log, or brought up to date from it: what an auditor replays, on any machine, long
-//! after whoever ran the network is gone. It holds no signing key.
+//! Mirrors: a ledger's folder made from a published log, or brought up to date from it. An auditor can replay a mirror on any machine,
+//! even after the network's operator is gone. It holds no signing key.
 //!
-//! Nothing is taken on trust: the checkpoint by its signatures and the policy, every entry by its place in the signed tree,
-//! every checkpoint by its signature and root, every blob by its name. What was mirrored before has to be
-//! continued: a log that forked or went back is refused, and the folder stays as it is.
+//! Everything is verified: the newest checkpoint by its signatures and the policy, every entry by its place in the signed tree, every
+//! checkpoint by its signature and root, and every blob by its digest. The log has to continue what was mirrored before. If it has
+//! forked, or has fewer entries, it is refused, and the folder stays as it is.
 
 use crate::{
     blobs::{BlobError, Blobs},
@@ -39,34 +39,34 @@ use zk0_protocol::{
     },
 };
 
-/// What was mirrored.
+/// The result of mirroring.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Mirrored {
     /// The network.
     pub network: Digest,
-    /// Entries in all.
+    /// How many entries the mirror has.
     pub entries: u64,
-    /// Of them, those that were not there before.
+    /// How many of them are new.
     pub new_entries: u64,
-    /// Blobs that were fetched.
+    /// How many blobs were fetched.
     pub new_blobs: u64,
-    /// Blobs that the ledger names and the log does not serve: not public yet, or not kept.
+    /// How many blobs the log does not serve, although its entries name them: they are not public yet, or no longer kept.
     pub missing_blobs: u64,
 }
 
-/// Why a log is not mirrored.
+/// Why a log cannot be mirrored.
 #[derive(Debug, thiserror::Error)]
 pub enum MirrorError {
-    /// What is served is not believed.
+    /// The published log is not valid.
     #[error(transparent)]
     Published(#[from] PublishedError),
-    /// The folder.
+    /// The mirror's folder cannot be read or written.
     #[error(transparent)]
     Ledger(#[from] LedgerError),
-    /// The published checkpoint lacks a quorum.
-    #[error("what is published lacks the cosignatures that the network's rules ask for: {0}")]
+    /// The published checkpoint lacks required cosignatures.
+    #[error("the published checkpoint lacks cosignatures that the network's rules require: {0}")]
     Witnesses(String),
-    /// The checkpoint after an entry is not what the log signed then.
+    /// The checkpoint after an entry is not valid.
     #[error("the checkpoint after entry {index}: {why}")]
     Checkpoint { index: u64, why: String },
 }
@@ -89,9 +89,10 @@ impl From<BlobError> for MirrorError {
     }
 }
 
-/// Mirrors the log in `source` to the folder `dir`. If `network` is given it has to be that one; otherwise, the first time,
-/// the log is what it says it is. `policy` says whose cosignatures the checkpoint needs; without one, the network's rules do. Those
-/// are in the entries: without their quorum the entries, which the log has signed, are kept, and no checkpoint.
+/// Mirrors the log in `source` to the folder `dir`. If `network` is given, the log has to be of that network. Otherwise the first mirroring
+/// accepts the network that the log names. `policy` names the cosignatures that the checkpoint needs. Without a policy, the network's
+/// rules name them. Since the rules are in the entries, the entries are stored even if their quorum is missing, but the checkpoint is
+/// not.
 pub fn mirror(
     source: &dyn Source,
     dir: &Path,
@@ -109,7 +110,7 @@ pub fn mirror(
     let log = PublishedLog::open(source, &key, policy.unwrap_or(&WitnessPolicy::none()))?;
     fs::create_dir_all(dir).map_err(io_error(dir))?;
     let store = Store::open(&folder::database(dir))?;
-    let (mut tree, mut asked) = held(&store)?;
+    let (mut tree, mut required) = held(&store)?;
     let held = tree.size();
     if let Some(text) = folder::read_checkpoint(dir)? {
         let path = folder::checkpoint(dir);
@@ -124,15 +125,15 @@ pub fn mirror(
         let root = tree.root().map_err(LedgerError::from)?;
         log.continues(&Checkpoint { size: held, root })?;
     }
-    extend(&log, &genesis, &store, &mut tree, &mut asked)?;
+    extend(&log, &genesis, &store, &mut tree, &mut required)?;
     let size = tree.size();
     let policy = match policy {
         Some(policy) => policy.clone(),
         None => {
-            let asked = asked.policy().map_err(MirrorError::Witnesses)?;
-            let opened = asked.open(log.text(), &key);
+            let required = required.policy().map_err(MirrorError::Witnesses)?;
+            let opened = required.open(log.text(), &key);
             opened.map_err(|error| MirrorError::Witnesses(error.to_string()))?;
-            asked
+            required
         }
     };
     let newest = store.checkpoint(size)?.ok_or(LedgerError::NoEntry(size))?;
@@ -164,9 +165,9 @@ pub(crate) fn genesis(bytes: &[u8]) -> Result<Genesis, MirrorError> {
     }
 }
 
-/// The tree over what a folder holds, its stored hashes checked, and the witnesses that its entries ask for.
+/// The tree of the entries in a folder, with its stored hashes verified, and the witnesses that the entries require.
 fn held(store: &Store) -> Result<(Frontier, RequiredWitnesses), LedgerError> {
-    let (mut tree, mut asked) = (Frontier::default(), RequiredWitnesses::default());
+    let (mut tree, mut required) = (Frontier::default(), RequiredWitnesses::default());
     for index in 0..store.size()? {
         let bytes = store.entry(index)?.ok_or(LedgerError::NoEntry(index))?;
         let hashes = tree.push(&bytes)?;
@@ -177,18 +178,18 @@ fn held(store: &Store) -> Result<(Frontier, RequiredWitnesses), LedgerError> {
                 why: "its tree hashes are missing or wrong".into(),
             });
         }
-        asked.observe(&Entry::decode(&bytes)?.body);
+        required.observe(&Entry::decode(&bytes)?.body);
     }
-    Ok((tree, asked))
+    Ok((tree, required))
 }
 
-/// Appends what the log has beyond `tree`.
+/// Appends the entries that the log has beyond `tree`.
 fn extend(
     log: &PublishedLog<'_>,
     genesis: &Genesis,
     store: &Store,
     tree: &mut Frontier,
-    asked: &mut RequiredWitnesses,
+    required: &mut RequiredWitnesses,
 ) -> Result<(), MirrorError> {
     let size = log.checkpoint().size;
     while tree.size() < size {
@@ -199,7 +200,7 @@ fn extend(
         for (entry, text) in entries.iter().zip(&checkpoints).skip(skip) {
             let index = tree.size();
             let body = Entry::decode(entry)?.body;
-            asked.observe(&body);
+            required.observe(&body);
             let hashes = tree.push(entry).map_err(LedgerError::from)?;
             batch.entry(index, entry, &hashes);
             let after = Checkpoint {
@@ -223,20 +224,20 @@ fn extend(
     Ok(())
 }
 
-/// Whether the log signed what we found.
+/// Checks that the log signed the tree that we found.
 fn check_checkpoint(text: &[u8], genesis: &Genesis, found: &Checkpoint) -> Result<(), String> {
     let signed = Checkpoint::open(text, genesis.origin(), &genesis.log_key)
         .map_err(|error| error.to_string())?;
     match signed == *found {
         true => Ok(()),
         false => Err(format!(
-            "it signs root {} of {} entries, but {} entries have root {}",
+            "it signs root {} of {} entries, but the first {} entries have root {}",
             signed.root, signed.size, found.size, found.root
         )),
     }
 }
 
-/// Fetches the blobs that the first `size` entries name; returns how many came and how many are not served.
+/// Fetches the blobs that the first `size` entries name. Returns how many were fetched and how many the log does not serve.
 fn blobs(
     source: &dyn Source,
     store: &Store,

@@ -1,8 +1,9 @@
-//! What a ledger's folder publishes at this moment: one checkpoint, and everything up to it that is anyone's to read. Export
-//! and the log's server hand out nothing else.
+//! What a ledger's folder publishes now: one checkpoint, and everything up to it that is public. The export and the log's server hand out
+//! nothing else.
 //!
-//! Where the network's rules ask for witnesses, or else the folder has a policy, the checkpoint is the newest with its quorum of
-//! cosignatures; entries beyond it are on disk and not published. Blobs of an open round are nobody's to read yet ([`zk0_protocol::rules::disclosed_blobs`]).
+//! If the network's rules require witnesses, or if the folder has a witness policy, the published checkpoint is the newest one with its
+//! quorum of cosignatures. Later entries are on disk, but not published. Blobs of an open round are not public yet
+//! ([`zk0_protocol::rules::disclosed_blobs`]).
 
 use crate::{
     blobs::Blobs,
@@ -42,54 +43,54 @@ pub struct Publication {
     genesis: Genesis,
     key: VerifierKey,
     policy: WitnessPolicy,
-    /// The folder's own policy, which counts where the rules ask for no witnesses.
+    /// The folder's own policy, which is used if the rules require no witnesses.
     own_policy: WitnessPolicy,
     text: Vec<u8>,
     checkpoint: Checkpoint,
-    /// Of the entries up to the checkpoint.
-    told: Told,
+    /// What was gathered from the entries up to the checkpoint.
+    gathered: Gathered,
 }
 
-/// What may be published. It is read before the database: what it covers is in there then.
+/// The checkpoints that may be published. They are read before the database, because the database then holds their entries.
 struct Texts {
     checkpoint: Option<Vec<u8>>,
     cosigned: Option<Vec<u8>>,
 }
 
-/// What a log's first entries say, as a fold over them.
+/// What is gathered from a log's first entries.
 #[derive(Clone, Default)]
-struct Told {
+struct Gathered {
     size: u64,
     disclosed: DisclosedBlobs,
-    asked: RequiredWitnesses,
+    required: RequiredWitnesses,
 }
 
-/// What is handed out.
+/// Something that is handed out.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Content {
     /// These bytes.
     Bytes(Vec<u8>),
-    /// The file's bytes.
+    /// The bytes of this file.
     File(PathBuf),
 }
 
-/// Why a folder publishes nothing.
+/// Why a folder does not publish anything.
 #[derive(Debug, thiserror::Error)]
 pub enum PublicationError {
     /// The ledger cannot be read.
     #[error(transparent)]
     Ledger(#[from] LedgerError),
-    /// Nothing has its quorum yet.
-    #[error("{0} has no checkpoint with a quorum of cosignatures yet: nothing is published before the witnesses have cosigned")]
+    /// No checkpoint has its quorum yet.
+    #[error("{0} has no checkpoint with a quorum of cosignatures yet. Nothing is published before the witnesses have cosigned")]
     NotCosigned(PathBuf),
-    /// The published checkpoint is not one of this ledger.
+    /// The published checkpoint is not a valid checkpoint of this ledger.
     #[error("{path}: {why}")]
     Published { path: PathBuf, why: String },
 }
 
 impl Publication {
-    /// The published log in `dir`, as of now; a writer may be at work beside it. `before`, an older view, saves reading again
-    /// what was read.
+    /// The published log in `dir` as it is now. A writer may be using the folder at the same time. With `before`, an older view, entries that
+    /// were read then are not read again.
     pub fn open(dir: &Path, before: Option<&Self>) -> Result<Self, PublicationError> {
         let path = folder::database(dir);
         if !path.exists() {
@@ -102,32 +103,37 @@ impl Publication {
             _ => return Err(LedgerError::NoLedger(dir.into()).into()),
         };
         let held = store.size()?;
-        // What a checkpoint needs, the rules that it covers say.
-        let told_by =
-            |file: &Path, text: &[u8]| -> Result<(Told, WitnessPolicy), PublicationError> {
+        // The rules in the entries up to a checkpoint determine which cosignatures it needs.
+        let gathered_from =
+            |file: &Path, text: &[u8]| -> Result<(Gathered, WitnessPolicy), PublicationError> {
                 let signed = Parsed::read(text).map_err(not_published(file))?;
                 let size = signed.checkpoint.size.min(held);
-                let known = before.map(|view| &view.told);
-                let known = known.filter(|told| told.size <= size).cloned();
-                let told = known.unwrap_or_default().up_to(&store, size)?;
-                let ruled = told.asked.policy().map_err(not_published(file))?;
-                Ok((told, ruled))
+                let known = before.map(|view| &view.gathered);
+                let known = known.filter(|gathered| gathered.size <= size).cloned();
+                let gathered = known.unwrap_or_default().up_to(&store, size)?;
+                let ruled = gathered.required.policy().map_err(not_published(file))?;
+                Ok((gathered, ruled))
             };
         let file = folder::checkpoint(dir);
         let text = texts.checkpoint;
         let text = text.ok_or_else(|| LedgerError::NoCheckpoint(file.clone()))?;
-        let (told, ruled) = told_by(&file, &text)?;
+        let (gathered, ruled) = gathered_from(&file, &text)?;
         let uncosigned = !ruled.wants_witnesses() && !own_policy.wants_witnesses();
-        let (file, text, told, policy) = match uncosigned {
-            true => (file, text, told, WitnessPolicy::none()),
+        let (file, text, gathered, policy) = match uncosigned {
+            true => (file, text, gathered, WitnessPolicy::none()),
             false => {
                 let file = folder::cosigned(dir);
                 let text = texts.cosigned;
                 let text = text.ok_or_else(|| PublicationError::NotCosigned(dir.into()))?;
-                let (told, ruled_then) = told_by(&file, &text)?;
+                let (gathered, ruled_then) = gathered_from(&file, &text)?;
                 let policies = [ruled_then, own_policy.clone(), ruled];
                 let policy = policies.into_iter().find(WitnessPolicy::wants_witnesses);
-                (file, text, told, policy.unwrap_or(WitnessPolicy::none()))
+                (
+                    file,
+                    text,
+                    gathered,
+                    policy.unwrap_or(WitnessPolicy::none()),
+                )
             }
         };
         let key = genesis.verifier_key().map_err(not_published(&file))?;
@@ -155,11 +161,11 @@ impl Publication {
             own_policy,
             text,
             checkpoint,
-            told,
+            gathered,
         })
     }
 
-    /// Whether the folder publishes the same still.
+    /// Whether the folder still publishes the same.
     pub fn is_current(&self) -> Result<bool, PublicationError> {
         let texts = Texts::read(&self.dir)?;
         let text = match self.policy.wants_witnesses() {
@@ -190,9 +196,9 @@ impl Publication {
         self.store.root(size)
     }
 
-    /// The blobs that anyone may read, whether or not they are kept.
+    /// The blobs that anybody may read, whether or not the folder has them.
     pub fn public_blobs(&self) -> impl Iterator<Item = &Digest> {
-        self.told.disclosed.public()
+        self.gathered.disclosed.public()
     }
 
     /// The blobs beside the ledger.
@@ -200,7 +206,7 @@ impl Publication {
         Blobs::at(&self.dir)
     }
 
-    /// What is served under a path; `None` if nothing is.
+    /// What is served for a resource; `None` if nothing is.
     pub fn read(&self, resource: &Resource) -> Result<Option<Content>, LedgerError> {
         Ok(match resource {
             Resource::Checkpoint => Some(Content::Bytes(self.text.clone())),
@@ -213,7 +219,7 @@ impl Publication {
                 tiles::read(&self.store, self.checkpoint.size, tile)?.map(Content::Bytes)
             }
             Resource::Blob(digest) => {
-                let public = self.told.disclosed.access(digest) == BlobAccess::Public;
+                let public = self.gathered.disclosed.access(digest) == BlobAccess::Public;
                 let blobs = self.blobs();
                 (public && blobs.contains(digest)).then(|| Content::File(blobs.path(digest)))
             }
@@ -221,7 +227,7 @@ impl Publication {
     }
 }
 
-/// A ledger's folder, read like any published log.
+/// A ledger's folder can be read like any published log.
 impl Source for Publication {
     fn open(&self, path: &str) -> Result<Option<Box<dyn Read>>, SourceError> {
         let failed = |error: String| SourceError::new(path, error);
@@ -249,20 +255,20 @@ impl Texts {
     }
 }
 
-impl Told {
-    /// As far as the first `size` entries go, which are no fewer than before.
+impl Gathered {
+    /// Goes on to the first `size` entries, which are at least as many as before.
     fn up_to(mut self, store: &Store, size: u64) -> Result<Self, LedgerError> {
         for index in self.size..size {
             let body = entry(store, index)?.body;
             self.disclosed.observe(&body);
-            self.asked.observe(&body);
+            self.required.observe(&body);
         }
         self.size = size;
         Ok(self)
     }
 }
 
-/// That what `file` holds is not published, and why.
+/// An error that says why the content of `file` is not published.
 fn not_published<E: ToString>(file: &Path) -> impl Fn(E) -> PublicationError + '_ {
     |error| PublicationError::Published {
         path: file.into(),

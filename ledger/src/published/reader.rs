@@ -1,5 +1,5 @@
-//! A published log as its reader sees it: files that nobody has to be trusted for. Every tile is checked against the signed
-//! root, every entry against its leaf, and every newer checkpoint against the older one.
+//! A published log, read without trust in whoever serves it. Every tile is verified by the signed root, every entry by its leaf, and every
+//! newer checkpoint by the older one.
 
 use crate::published::source::{Source, SourceError};
 use std::cell::RefCell;
@@ -20,40 +20,40 @@ use zk0_protocol::tlog::{
     witness_policy::WitnessPolicy,
 };
 
-/// Why a published log is not believed.
+/// Why a published log is not valid.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum PublishedError {
     /// A file cannot be read.
     #[error(transparent)]
     Source(#[from] SourceError),
-    /// A file that the log has to serve is not there.
-    #[error("{0} is not there, but a log of {1} entries has it")]
+    /// A file that the log has to serve is missing.
+    #[error("{0} is missing, but a log of {1} entries has it")]
     Missing(String, u64),
-    /// The log has published nothing.
-    #[error("there is no checkpoint: this is no published log")]
+    /// The log has not published anything.
+    #[error("there is no checkpoint, so this is not a published log")]
     NoCheckpoint,
-    /// The checkpoint is not believed.
+    /// The checkpoint is not valid.
     #[error(transparent)]
     Checkpoint(#[from] CheckpointError),
-    /// A tree too large to be true, or an empty one.
-    #[error("the checkpoint is of {0} entries: logs have 1 to {MAX_TREE_SIZE}")]
+    /// The tree is empty, or larger than any real one.
+    #[error("the checkpoint is of {0} entries, but a log has 1 to {MAX_TREE_SIZE}")]
     Size(u64),
-    /// Not an entry of the log.
-    #[error("there is no entry {index} in a log of {size}")]
+    /// The log has no such entry.
+    #[error("there is no entry {index} in a log of {size} entries")]
     NoEntry { index: u64, size: u64 },
-    /// Tiles that are not those of the signed tree.
-    #[error("tiles of the tree of {size} entries: {why}")]
+    /// Tiles do not belong to the signed tree.
+    #[error("the tiles do not belong to the signed tree of {size} entries: {why}")]
     Tiles { size: u64, why: String },
-    /// A bundle that is none, or holds other entries than the tree.
+    /// The bytes are not a bundle, or the bundle holds other entries than the tree.
     #[error("{path}: {why}")]
     Bundle { path: String, why: String },
-    /// Fewer entries than were signed before.
+    /// The log has fewer entries than it signed before.
     #[error(
-        "ROLLED BACK: the log has a checkpoint of {published} entries, but one of {known} is known"
+        "ROLLED BACK: the log publishes a checkpoint of {published} entries, but it signed one of {known} entries before"
     )]
     RolledBack { published: u64, known: u64 },
-    /// Another history than was signed before.
-    #[error("FORKED: the first {size} entries of the log have root {found}, but a checkpoint with root {known} is known")]
+    /// The log has another history than it signed before.
+    #[error("FORKED: the first {size} entries of the log have root {found}, but it signed root {known} before")]
     Forked {
         size: u64,
         found: Digest,
@@ -69,7 +69,7 @@ pub struct PublishedLog<'a> {
 }
 
 impl<'a> PublishedLog<'a> {
-    /// Reads the newest checkpoint of the log `key` and believes it if `policy` does.
+    /// Reads the newest checkpoint of the log `key`, which `policy` has to accept.
     pub fn open(
         source: &'a dyn Source,
         key: &VerifierKey,
@@ -100,7 +100,7 @@ impl<'a> PublishedLog<'a> {
         &self.text
     }
 
-    /// Refuses the log if it does not continue what `known` signed: nothing is gone and nothing has changed.
+    /// Checks that the log continues `known`, a checkpoint that it signed before: no entry is missing, and none has changed.
     pub fn continues(&self, known: &Checkpoint) -> Result<(), PublishedError> {
         let size = self.checkpoint.size;
         if known.size > size {
@@ -120,7 +120,7 @@ impl<'a> PublishedLog<'a> {
         }
     }
 
-    /// An entry's bytes, verified.
+    /// The verified bytes of an entry.
     pub fn entry(&self, index: u64) -> Result<Vec<u8>, PublishedError> {
         let mut entries = self.entries(index / TILE_WIDTH)?;
         let at = (index % TILE_WIDTH) as usize;
@@ -130,7 +130,7 @@ impl<'a> PublishedLog<'a> {
         }
     }
 
-    /// The entries of bundle `number`, verified.
+    /// The verified entries of bundle `number`.
     pub fn entries(&self, number: u64) -> Result<Vec<Vec<u8>>, PublishedError> {
         let (tile, entries) = self.bundle(Kind::Entries, number)?;
         let positions: Vec<u64> = (tile.start()..)
@@ -147,14 +147,14 @@ impl<'a> PublishedLog<'a> {
             Some(at) => Err(PublishedError::Bundle {
                 path: tile.to_string(),
                 why: format!(
-                    "entry {} is not the one in the signed tree",
+                    "entry {} is not the entry in the signed tree",
                     tile.start() + at as u64
                 ),
             }),
         }
     }
 
-    /// The checkpoints after the entries of bundle `number`, as the log serves them: not verified. `None` after an entry
+    /// The checkpoints after the entries of bundle `number`, as the log serves them. They are not verified. It is `None` after an entry
     /// within a group.
     pub fn checkpoints(&self, number: u64) -> Result<Vec<Option<Vec<u8>>>, PublishedError> {
         let (_, texts) = self.bundle(Kind::Checkpoints, number)?;
@@ -162,7 +162,7 @@ impl<'a> PublishedLog<'a> {
         Ok(texts.into_iter().map(there).collect())
     }
 
-    /// A proof for anyone that entry `index` is in the log, with the entry and this checkpoint in it.
+    /// A proof that entry `index` is in the log. It holds the entry and this checkpoint, so that anybody can verify it.
     pub fn prove(&self, index: u64) -> Result<TlogProof, PublishedError> {
         let size = self.checkpoint.size;
         if index >= size {
@@ -191,7 +191,7 @@ impl<'a> PublishedLog<'a> {
         read_bundle(self.source, tile, size).map(|items| (tile, items))
     }
 
-    /// Runs `read` on the tree's hashes, each proven to be in the signed tree.
+    /// Calls `read` with the tree's hashes, each of which is proven to be in the signed tree.
     fn tiles<T>(
         &self,
         read: impl FnOnce(&TileHashReader<'_>) -> Result<T, TreeError>,
@@ -215,8 +215,8 @@ impl<'a> PublishedLog<'a> {
     }
 }
 
-/// The genesis entry of a published log, and the key that it says the log has: believed by nobody yet. For a reader who
-/// knows the network's id, or takes the log as he finds it.
+/// The first entry of a published log, which is not verified. The genesis in it names the log's key. A reader compares the genesis with the
+/// network's id, or accepts the log as it is.
 pub fn first_entry(source: &dyn Source) -> Result<Vec<u8>, PublishedError> {
     let path = Resource::Checkpoint.to_string();
     let text = source
@@ -243,7 +243,7 @@ fn read_bundle(source: &dyn Source, tile: Tile, size: u64) -> Result<Vec<Vec<u8>
         .collect())
 }
 
-/// Fetches a tile; the full one where a partial one is gone because the log has grown.
+/// Fetches a tile. If a partial tile is gone because the log has grown, it fetches the full one.
 fn fetch(
     source: &dyn Source,
     tile: Tile,
@@ -258,7 +258,7 @@ fn fetch(
     Err(PublishedError::Missing(tile.to_string(), size))
 }
 
-/// Tiles for `tlog_tiles`, which authenticates them.
+/// Gives tiles to `tlog_tiles`, which verifies them.
 struct Tiles<'a> {
     source: &'a dyn Source,
     size: u64,

@@ -1,4 +1,4 @@
-//! Where a published log is read from: a folder with its files, or whatever else hands them out by path.
+//! Where a published log is read from: a folder with its files, or anything else that has files by path.
 
 use std::{
     fs::File,
@@ -6,9 +6,9 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// Hands out files by the paths of [`zk0_protocol::tlog::layout`].
+/// Gives files by the paths of [`zk0_protocol::tlog::layout`].
 pub trait Source {
-    /// Opens a file; `None` if there is none of this path.
+    /// Opens a file; `None` if there is no file with this path.
     fn open(&self, path: &str) -> Result<Option<Box<dyn Read>>, SourceError>;
 
     /// Reads a file of at most `limit` bytes.
@@ -23,7 +23,7 @@ pub trait Source {
         match bytes.len() as u64 > limit {
             true => Err(SourceError::new(
                 path,
-                format!("it has more than the {limit} bytes that it can have"),
+                format!("it has more than {limit} bytes, which is the limit for this file"),
             )),
             false => Ok(Some(bytes)),
         }
@@ -34,9 +34,9 @@ pub trait Source {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{path}: {why}")]
 pub struct SourceError {
-    /// Which file.
+    /// The file.
     pub path: String,
-    /// Why not.
+    /// Why it cannot be read.
     pub why: String,
 }
 
@@ -55,7 +55,7 @@ impl SourceError {
 pub struct Folder(PathBuf);
 
 impl Folder {
-    /// The log in `dir`. Touches nothing.
+    /// The log in `dir`. This reads and writes nothing.
     pub fn at(dir: &Path) -> Self {
         Self(dir.into())
     }

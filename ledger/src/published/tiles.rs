@@ -1,4 +1,4 @@
-//! Tiles and bundles of a ledger, from its database: functions of what to serve and the number of published entries.
+//! Tiles and bundles of a ledger, read from its database.
 
 use crate::{error::LedgerError, store::Store};
 use tlog_tiles::tlog::{stored_hash_index, HashReader};
@@ -7,8 +7,8 @@ use zk0_protocol::tlog::{
     layout::{Kind, Tile, TILE_HEIGHT},
 };
 
-/// The bytes of `tile` in the log of the first `size` entries of `store`; `None` if that log does not have it. For a given
-/// tile the bytes are the same whatever the size.
+/// The bytes of `tile` in the log of the first `size` entries of `store`; `None` if that log does not have the tile. A tile has the same
+/// bytes for every size.
 pub fn read(store: &Store, size: u64, tile: &Tile) -> Result<Option<Vec<u8>>, LedgerError> {
     if !tile.is_in(size) {
         return Ok(None);
@@ -24,7 +24,7 @@ pub fn read(store: &Store, size: u64, tile: &Tile) -> Result<Option<Vec<u8>>, Le
         Kind::Entries => bundle(positions, |index| {
             store.entry(index)?.ok_or(LedgerError::NoEntry(index))
         })?,
-        // An entry in the midst of its group has none.
+        // After an entry within its group there is no checkpoint.
         Kind::Checkpoints => bundle(positions, |index| {
             Ok(store.checkpoint(index + 1)?.unwrap_or_default())
         })?,

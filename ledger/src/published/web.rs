@@ -10,10 +10,10 @@ pub struct Web {
 }
 
 impl Web {
-    /// The log under `url`, such as `https://host/log`. Nothing is fetched yet.
+    /// The log under `url`, such as `https://host/log`. This fetches nothing.
     pub fn at(url: &str) -> Result<Self, SourceError> {
         if !(url.starts_with("http://") || url.starts_with("https://")) {
-            let why = "not an address that begins with http:// or https://".into();
+            let why = "this is not an address that begins with http:// or https://".into();
             return Err(SourceError::new(url, why));
         }
         Ok(Self {
@@ -40,7 +40,7 @@ impl Source for Web {
     }
 }
 
-/// A client that gives up after `timeout`, and takes every status as an answer.
+/// A client that gives up after `timeout`. A response with an error status is a response, and not an error of the client.
 pub fn agent(timeout: Duration) -> ureq::Agent {
     ureq::Agent::config_builder()
         .timeout_global(Some(timeout))

@@ -1,5 +1,5 @@
-//! What of a replay depends on one entry alone, and so is done for many entries at once by as many threads as there are:
-//! reading, decoding, signatures.
+//! The part of a replay that needs only one entry: reading, decoding, verifying signatures. Several threads do it for many entries at
+//! once.
 
 use crate::store::Store;
 use std::ops::Range;
@@ -16,9 +16,9 @@ pub const CHUNK: u64 = 256;
 
 /// Some consecutive entries, read and decoded.
 pub struct Chunk {
-    /// As far as they can be read.
+    /// The entries, up to the first that cannot be read.
     pub items: Vec<Item>,
-    /// Why the next one cannot.
+    /// Why the next entry cannot be read.
     pub broken: Option<String>,
 }
 
@@ -30,14 +30,14 @@ pub struct Item {
     pub entry: Entry,
     /// Its hash as a leaf of the tree.
     pub leaf: Hash,
-    /// The hashes that became final with it, as stored; `None` when one is missing.
+    /// The stored hashes that became final with it; `None` if one is missing.
     pub hashes: Option<Vec<Hash>>,
-    /// The checkpoint after it, if there is one: what its signature vouches for.
+    /// The checkpoint after it, if there is one and its signature is valid; otherwise why it is not.
     pub checkpoint: Option<Result<Checkpoint, String>>,
 }
 
 impl Chunk {
-    /// Reads the entries `range`. `genesis` is that of the log; without it, the first entry has to be one.
+    /// Reads the entries in `range`. `genesis` is the log's genesis. Without it, the first entry has to be a genesis.
     pub fn read(store: &Store, range: Range<u64>, genesis: Option<&Genesis>) -> Self {
         let mut items = Vec::new();
         for index in range {
@@ -55,7 +55,7 @@ impl Chunk {
         }
     }
 
-    /// Verifies the signatures and the new key in each entry.
+    /// Verifies the signatures in each entry, and the keys that are new.
     pub fn authenticate(&self, keys: &KnownKeys) -> Vec<Result<AuthenticEntry<'_>, RuleViolation>> {
         self.items
             .iter()
@@ -82,7 +82,7 @@ impl Item {
         let open = |text: Vec<u8>| match genesis {
             Some(genesis) => Checkpoint::open(&text, genesis.origin(), &genesis.log_key)
                 .map_err(|error| error.to_string()),
-            None => Err("no genesis says whose signature it wants".into()),
+            None => Err("no genesis names the key that signs checkpoints".into()),
         };
         Ok(Self {
             index,

@@ -1,5 +1,5 @@
-//! The database that is replayed: the newest checkpoint in it is the published one, and it holds what a log of its size holds
-//! and nothing else.
+//! The database that is replayed. Its newest checkpoint has to be the published one, and it has to hold exactly what a log of its size
+//! holds.
 
 use super::Finding;
 use crate::{
@@ -10,7 +10,7 @@ use crate::{
 use std::{path::Path, thread::sleep, time::Duration};
 use tlog_tiles::tlog::stored_hash_count;
 
-/// Opens a database whose newest checkpoint is the published one; looks again if a writer seems to be at work.
+/// Opens a database whose newest checkpoint is the published one. It tries again if a writer seems to be using the database.
 pub fn open_published(dir: &Path) -> Result<(Store, u64), LedgerError> {
     const PAUSE: Duration = Duration::from_millis(20);
     let path = folder::database(dir);
@@ -25,7 +25,7 @@ pub fn open_published(dir: &Path) -> Result<(Store, u64), LedgerError> {
             Ok(_) => return opened,
             Err(_) => PAUSE,
         });
-        // Committed and not yet published, or published meanwhile: both pass. Anything else stays.
+        // If a writer has committed and not published yet, or has published in the meantime, the next try can succeed.
         let between = matches!(&opened, Err(LedgerError::OtherPublished { published, size, .. })
             if published < size);
         patience -= 1;
@@ -45,8 +45,8 @@ fn open_once(dir: &Path, path: &Path) -> Result<(Store, u64), LedgerError> {
     let Some(published) = published else {
         return Err(LedgerError::NoCheckpoint(folder::checkpoint(dir)));
     };
-    // A writer commits before it publishes: if it published something new meanwhile, what was published before has to be in
-    // the database, but not be the newest.
+    // A writer commits before it publishes. If it has published something new in the meantime, the checkpoint that we read has to be in
+    // the database, but it need not be the newest.
     let at_work = folder::read_checkpoint(dir)?.as_ref() != Some(&published);
     let claimed = claimed_size(&published).unwrap_or_default();
     let at = if at_work { claimed } else { size };
@@ -60,13 +60,13 @@ fn open_once(dir: &Path, path: &Path) -> Result<(Store, u64), LedgerError> {
     }
 }
 
-/// The size a checkpoint's text claims, not verified.
+/// The size that a checkpoint's text claims. It is not verified.
 fn claimed_size(text: &[u8]) -> Option<u64> {
     let line = text.split(|byte| *byte == b'\n').nth(1)?;
     std::str::from_utf8(line).ok()?.parse().ok()
 }
 
-/// Every key is one that a log of this size has, and no entry or hash is missing. Checkpoints are where groups ended.
+/// Checks that the database has every entry and hash of a log of this size, and no other keys. There is a checkpoint where a group ended.
 pub fn check_keys(store: &Store, size: u64) -> Result<(), Finding> {
     let (mut entries, mut hashes) = (0..size, 0..stored_hash_count(size));
     for key in store.keys() {
@@ -82,7 +82,7 @@ pub fn check_keys(store: &Store, size: u64) -> Result<(), Finding> {
             return Err(Finding::fault(
                 None,
                 format!(
-                    "the database holds {found}, which a log of {size} entries does not have there"
+                    "the database holds {found}, which does not belong in a log of {size} entries"
                 ),
             ));
         }

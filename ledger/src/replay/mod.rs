@@ -1,12 +1,11 @@
-//! An auditor's replay: read a ledger's folder from the first byte, believe nothing, and report.
+//! An auditor's replay: it reads a ledger's folder from the first byte, verifies everything, and reports.
 //!
-//! What depends on one entry alone ([`chunk`]: reading, decoding, signatures) is done by several threads; what depends on the
-//! entries before it ([`serial`]: tree, rules, the caller's own checks) by whichever thread's turn it is, in order. Each thread
-//! holds one chunk: memory does not grow with the log, but for what the network's state itself remembers. What is found does
-//! not depend on the number of threads.
+//! Several threads do the part that needs only one entry ([`chunk`]: reading, decoding, signatures). The part that needs the entries before
+//! it ([`serial`]: tree, rules, the caller's own checks) is done in order, by one thread at a time. Each thread holds one chunk, so
+//! only the network's state grows with the log. The findings do not depend on the number of threads.
 //!
-//! - [`report`]: what is said at the end; [`database`]: which database is read;
-//! - [`saved`]: a replay on disk, from which a later one goes on.
+//! - [`report`]: the report at the end; [`database`]: how the database is opened and checked;
+//! - [`saved`]: a replay on disk, from which a later replay goes on.
 
 mod chunk;
 mod database;
@@ -33,19 +32,19 @@ use std::{
 use zk0_circuits::Digest;
 use zk0_protocol::{entries::known_keys::KnownKeys, Entry, Genesis, State};
 
-/// What else an auditor checks, entry by entry: proofs, refusals, aggregation. The ledger itself has checked bytes, tree
-/// and checkpoint by then. The calls come one after the other, though not all from one thread.
+/// The checks that an auditor adds to each entry: proofs, refusals, aggregation. The replay has verified the entry's bytes, the tree and
+/// the checkpoint before it calls these functions. The calls come one after the other, though not all from the same thread.
 pub trait Recheck: Send {
-    /// How many entries there will be.
+    /// The replay begins, and the log has so many entries.
     fn begin(&mut self, _entries: u64) {}
 
-    /// The founding document.
+    /// Checks the genesis.
     fn genesis(&mut self, _genesis: &Genesis, _blobs: &Blobs) -> Vec<Finding> {
         Vec::new()
     }
 
-    /// An entry that the rules allow after `before`. What takes long may be left to other threads: findings are those of this
-    /// entry and of entries before it, in order.
+    /// Checks an entry that the rules allow in the state `before`. Long checks may be left to other threads, so the result is findings about
+    /// this entry and about entries before it, in order.
     fn entry(
         &mut self,
         _before: &State,
@@ -56,50 +55,50 @@ pub trait Recheck: Send {
         Vec::new()
     }
 
-    /// Waits for what was left to other threads, and gives all findings that are still to come.
+    /// Waits for the checks that were left to other threads, and returns their findings.
     fn settle(&mut self) -> Vec<Finding> {
         Vec::new()
     }
 
-    /// What another process has to know to go on from here. Comes after [`Recheck::settle`].
+    /// The state that another process needs to go on from here. It is asked for after [`Recheck::settle`].
     fn save(&self) -> Vec<u8> {
         Vec::new()
     }
 
-    /// What there is to say of the whole, at the end.
+    /// Findings about the whole log, at the end.
     fn summary(&mut self) -> Vec<Finding> {
         Vec::new()
     }
 }
 
-/// Checks the ledger alone.
+/// No checks beyond the ledger's own.
 impl Recheck for () {}
 
-/// How to replay.
+/// Options of a replay.
 #[derive(Default)]
 pub struct Options<'a> {
-    /// The network that it has to be.
+    /// The log has to be of this network.
     pub network: Option<Digest>,
-    /// How many threads; when absent, one more than there are cores, since one may wait for its turn.
+    /// How many threads are used. Without a value there is one more than there are cores, because one may be waiting for its turn.
     pub threads: Option<NonZeroUsize>,
-    /// Is told now and then how many entries are verified, and of how many.
+    /// Is called from time to time with the number of verified entries and the number of all entries.
     pub progress: Option<&'a (dyn Fn(u64, u64) + Sync)>,
-    /// What an earlier replay verified: this one goes on from there, and the log has to continue it.
+    /// An earlier replay. This one goes on from there, and the log has to continue what was verified then.
     pub from: Option<Saved>,
-    /// Where to keep what is verified, for a later replay.
+    /// Where the result is saved, so that a later replay can go on from it.
     pub keep: Option<Keep>,
 }
 
-/// Where to keep a replay, and how often to write it. It is written at the end in any case.
+/// Where a replay is saved, and how often. It is always saved at the end.
 #[derive(Clone, Debug)]
 pub struct Keep {
     /// The file.
     pub path: PathBuf,
-    /// The least time between two writes: what a replay that is killed loses.
+    /// The shortest time between two writes. A replay that is killed loses the work of about this time.
     pub every: Duration,
 }
 
-/// Replays the ledger in `dir`, which may be a read-only copy or in use. If `network` is given it has to be that one.
+/// Replays the ledger in `dir`, which may be a read-only copy, or in use. If `network` is given, the ledger has to be of that network.
 pub fn replay(dir: &Path, network: Option<&Digest>, recheck: &mut dyn Recheck) -> Report {
     let options = Options {
         network: network.copied(),
@@ -108,7 +107,7 @@ pub fn replay(dir: &Path, network: Option<&Digest>, recheck: &mut dyn Recheck) -
     replay_with(dir, options, recheck)
 }
 
-/// [`replay`], with a say in how.
+/// Replays the ledger in `dir` with these options; see [`replay`].
 pub fn replay_with(dir: &Path, options: Options<'_>, recheck: &mut dyn Recheck) -> Report {
     let threads = options
         .threads
@@ -156,21 +155,24 @@ fn run(
     let track = relay.track.into_inner();
     match track.unwrap_or_else(PoisonError::into_inner).stop {
         Some(Stop::Fault(fault)) => Err(fault),
-        Some(Stop::Panic) => Err(Finding::fault(None, "the replay gave up: see its log")),
+        Some(Stop::Panic) => Err(Finding::fault(
+            None,
+            "a thread of the replay has failed: see the program's log",
+        )),
         None => Ok(()),
     }
 }
 
-/// Chunks of entries go through several threads at once; their serial part in order, handed on from thread to thread.
+/// Distributes chunks of entries to several threads, which do the serial part in the order of the chunks.
 struct Relay<'a, 'b> {
     store: &'a Store,
     entries: std::ops::Range<u64>,
     genesis: Option<&'a Genesis>,
-    /// The next chunk that nobody has taken.
+    /// The next chunk that no thread has taken.
     next: AtomicU64,
     progress: Option<&'a (dyn Fn(u64, u64) + Sync)>,
     track: Mutex<Track<'a, 'b>>,
-    /// Somebody else's turn has come, or nobody's.
+    /// Wakes the waiting threads when the next chunk's turn has come, and when the replay stops.
     turned: Condvar,
 }
 
@@ -182,9 +184,9 @@ struct Track<'a, 'b> {
 }
 
 enum Stop {
-    /// An entry that cannot be gone past.
+    /// An entry is not valid, so nothing after it can be.
     Fault(Finding),
-    /// A thread ended: the others must not wait for it.
+    /// A thread has panicked, and the others must not wait for it.
     Panic,
 }
 
@@ -238,7 +240,7 @@ impl<'a, 'b> Relay<'a, 'b> {
     }
 }
 
-/// Tells the other threads when this one ends by a panic.
+/// Stops the other threads when this one panics.
 struct Alarm<'r, 'a, 'b>(&'r Relay<'a, 'b>);
 
 impl Drop for Alarm<'_, '_, '_> {

@@ -1,21 +1,21 @@
-//! What a replay says: findings, and whether the history is what it claims to be.
+//! The report of a replay: findings, and a verdict on the history.
 
 use borsh::{BorshDeserialize, BorshSerialize};
 use serde::Serialize;
 use zk0_protocol::rules::network_rules::Rules;
 
-/// Something an auditor should know.
+/// Something that an auditor should know.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, BorshSerialize, BorshDeserialize)]
 pub struct Finding {
     /// The entry it is about.
     pub index: Option<u64>,
-    /// Whether the ledger cannot be trusted because of it.
+    /// How serious it is.
     pub severity: Severity,
-    /// In words.
+    /// The finding in words.
     pub text: String,
 }
 
-/// How bad a finding is.
+/// How serious a finding is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, BorshSerialize, BorshDeserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Severity {
@@ -25,41 +25,41 @@ pub enum Severity {
     Fault,
 }
 
-/// Whether the history is what it claims to be.
+/// The verdict on the history.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Verdict {
-    /// Nothing is wrong.
+    /// Nothing was found to be wrong.
     Verified,
-    /// Something is: see the findings.
+    /// Something is wrong: see the findings.
     Failed,
 }
 
-/// What a replay found.
+/// The result of a replay.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Report {
-    /// Whether it holds.
+    /// The verdict.
     pub verdict: Verdict,
     /// The network's name, once the genesis was read.
     pub name: Option<String>,
     /// The network's id, in hexadecimal.
     pub network: Option<String>,
-    /// Entries verified.
+    /// How many entries were verified.
     pub entries: u64,
-    /// Checkpoints verified.
+    /// How many checkpoints were verified.
     pub checkpoints: u64,
     /// Root of the last verified tree, in hexadecimal.
     pub root: Option<String>,
     /// Digest of the state after the last verified entry, in hexadecimal.
     pub state: Option<String>,
-    /// The rules in force after it.
+    /// The rules in force after the last verified entry.
     pub rules: Option<Rules>,
-    /// What was found, in the order of the entries; then what was not checked; and at last, if the replay stopped, why.
+    /// The findings in the order of the entries, then what was not checked, and at last why the replay stopped, if it did.
     pub findings: Vec<Finding>,
 }
 
 impl Finding {
-    /// Something that makes the replay fail.
+    /// A finding that makes the verdict [`Verdict::Failed`].
     pub fn fault(index: impl Into<Option<u64>>, text: impl Into<String>) -> Self {
         Self {
             index: index.into(),
@@ -68,7 +68,7 @@ impl Finding {
         }
     }
 
-    /// Something worth knowing.
+    /// A finding that does not change the verdict.
     pub fn note(index: impl Into<Option<u64>>, text: impl Into<String>) -> Self {
         Self {
             severity: Severity::Note,

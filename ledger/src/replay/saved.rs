@@ -1,7 +1,7 @@
-//! A replay on disk, to go on from: what an auditor has verified so far and need not read again.
+//! A saved replay: what an auditor has verified so far, and need not read again.
 //!
-//! The file is a line that names the format, the SHA-256 of the rest, and the borsh encoding of the rest. It is the auditor's
-//! own memory and believed like one: whoever can write it can make him believe anything.
+//! The file has a line that names the format, the SHA-256 of the rest, and the rest in borsh encoding. It belongs to the auditor, and a
+//! later replay trusts it. Whoever can write this file can make that replay accept anything.
 
 use super::Finding;
 use crate::atomic_file;
@@ -20,43 +20,43 @@ const FORMAT: &[u8] = b"zk0 audit state v1\n";
 /// Largest file that is read, in bytes.
 const MAX_BYTES: u64 = 1 << 32;
 
-/// The first entries of a log, verified.
+/// The verified first entries of a log.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct Saved {
     /// [`ENTRY_VERSION`] of the software that wrote it.
     version: u16,
-    /// How many entries.
+    /// How many entries are verified.
     pub size: u64,
     /// Root of their tree.
     pub root: Digest,
-    /// Checkpoints that were verified.
+    /// How many checkpoints were verified.
     pub(super) checkpoints: u64,
     /// The network after them.
     pub(super) state: State,
-    /// What was found.
+    /// The findings.
     pub(super) findings: Vec<Finding>,
-    /// What the caller's own checks have to know: [`super::Recheck::save`].
+    /// The state of the caller's own checks ([`super::Recheck::save`]).
     pub recheck: Vec<u8>,
 }
 
-/// Why a file cannot be gone on from.
+/// Why a saved replay cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum SavedError {
-    /// It cannot be read or written.
+    /// The file cannot be read or written.
     #[error("{path}: {error}")]
     Io { path: PathBuf, error: io::Error },
-    /// It is damaged, of another kind, or of another version.
-    #[error("{path} is not the state of an audit: {why}")]
+    /// The file is damaged, of another kind, or of another version.
+    #[error("{path} is not a usable state file of an audit: {why}")]
     Unusable { path: PathBuf, why: String },
 }
 
 impl Saved {
-    /// The network it is of.
+    /// The network of the log.
     pub fn network(&self) -> &Digest {
         self.state.network()
     }
 
-    /// Reads the file at `path`; `None` if there is none.
+    /// Reads the file at `path`; `None` if there is no such file.
     pub fn read(path: &Path) -> Result<Option<Self>, SavedError> {
         let failed = |error| SavedError::Io {
             path: path.into(),
@@ -79,17 +79,19 @@ impl Saved {
         }
         let rest = bytes
             .strip_prefix(FORMAT)
-            .ok_or_else(|| unusable("its first line is another".into()))?;
+            .ok_or_else(|| unusable("its first line does not name this format".into()))?;
         let (digest, rest) = rest
             .split_first_chunk::<32>()
             .ok_or_else(|| unusable("it is cut short".into()))?;
         if <[u8; 32]>::from(Sha256::digest(rest)) != *digest {
-            return Err(unusable("it is damaged: its SHA-256 differs".into()));
+            return Err(unusable(
+                "it is damaged: its content does not have the recorded SHA-256".into(),
+            ));
         }
         match borsh::from_slice::<Self>(rest) {
             Ok(saved) if saved.version == ENTRY_VERSION => Ok(Some(saved)),
             Ok(saved) => Err(unusable(format!(
-                "version {} of the software wrote it, this is version {ENTRY_VERSION}",
+                "version {} of the software wrote it, but this is version {ENTRY_VERSION}",
                 saved.version
             ))),
             Err(error) => Err(unusable(format!(
@@ -99,7 +101,7 @@ impl Saved {
     }
 }
 
-/// What is written, still in use: field for field a [`Saved`].
+/// The values that are written. It has the fields of [`Saved`], but borrows them.
 pub(super) struct Saving<'a> {
     pub verified: (u64, Digest),
     pub checkpoints: u64,
@@ -109,7 +111,7 @@ pub(super) struct Saving<'a> {
 }
 
 impl Saving<'_> {
-    /// Writes the file, all or nothing; on disk when this returns.
+    /// Replaces the file. It is on disk when this returns.
     pub fn write(&self, path: &Path) -> Result<(), SavedError> {
         let write = || {
             let (size, root) = self.verified;

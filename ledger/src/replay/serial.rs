@@ -1,4 +1,4 @@
-//! What of a replay depends on the entries before: the tree, the rules, the caller's checks. One entry after the other.
+//! The part of a replay that needs the entries before: the tree, the rules, the caller's checks. It takes one entry after the other.
 
 use super::{
     chunk::{Chunk, Item},
@@ -19,7 +19,7 @@ use zk0_protocol::{
     Body, Entry, Genesis,
 };
 
-/// The history as far as it is verified.
+/// The history that is verified so far.
 pub struct Serial<'a> {
     dir: PathBuf,
     network: Option<Digest>,
@@ -30,16 +30,16 @@ pub struct Serial<'a> {
     blobs: Blobs,
     /// Entries in the database.
     size: u64,
-    /// May be one entry ahead of what is verified.
+    /// The tree. It may be one entry ahead of what is verified.
     tree: Frontier,
-    /// What is verified: so many entries, with this root.
+    /// How many entries are verified, and their root.
     verified: Option<(u64, Digest)>,
     state: Option<State>,
     /// The keys that the verified entries use. Threads that verify signatures hold older copies.
     keys: Arc<KnownKeys>,
     checkpoints: u64,
     findings: Vec<Finding>,
-    /// Entries that an earlier replay verified. What is found about them now was perhaps found then.
+    /// How many entries an earlier replay verified. It may have had the same findings about them.
     before: u64,
 }
 
@@ -64,7 +64,7 @@ impl<'a> Serial<'a> {
         }
     }
 
-    /// Takes up what was verified before, or the genesis of a log of `size` entries. Returns the index of the next entry.
+    /// Begins with the earlier replay, or with the genesis, of a log of `size` entries. Returns the index of the next entry.
     pub fn begin(&mut self, store: &Store, size: u64) -> Result<u64, Finding> {
         self.size = size;
         self.recheck.begin(size);
@@ -79,7 +79,7 @@ impl<'a> Serial<'a> {
         }
     }
 
-    /// The log has to continue what was verified: the same root at that size.
+    /// Goes on from an earlier replay. The log has to continue it: it must have the same root at that size.
     fn resume(&mut self, store: &Store, saved: Saved) -> Result<u64, Finding> {
         let fault = |text: String| Finding::fault(None, text);
         let founder = Chunk::read(store, 0..1, None);
@@ -89,7 +89,7 @@ impl<'a> Serial<'a> {
         };
         if found != *saved.network() {
             return Err(fault(format!(
-                "what was verified before is of network {}, but this is network {found}: give another file to keep it in",
+                "the earlier audit is of network {}, but this is network {found}: name another state file",
                 saved.network()
             )));
         }
@@ -97,24 +97,24 @@ impl<'a> Serial<'a> {
             .map_err(|error| fault(error.to_string()))?;
         if saved.size > self.size {
             return Err(fault(format!(
-                "ROLLED BACK: {} entries were verified before, now there are {}",
+                "ROLLED BACK: an earlier audit verified {} entries, but now there are {}",
                 saved.size, self.size
             )));
         }
         let tree = Frontier::read(saved.size, store).and_then(|tree| Ok((tree.root()?, tree)));
         let (root, tree) = tree.map_err(|error| {
             fault(format!(
-                "the tree of the {} entries that were verified before cannot be read: {error}",
+                "the tree of the {} entries that an earlier audit verified cannot be read: {error}",
                 saved.size
             ))
         })?;
         if root != saved.root {
             return Err(fault(format!(
-                "FORKED: the first {} entries have root {root}, but root {} was verified before",
+                "FORKED: the first {} entries have root {root}, but an earlier audit verified root {}",
                 saved.size, saved.root
             )));
         }
-        // Nothing new may come that vouches for it.
+        // Without new entries, no later checkpoint vouches for the last one, so it needs its own.
         if saved.size == self.size {
             let signed = store.checkpoint(saved.size);
             let signed = signed.map_err(|error| fault(error.to_string()))?;
@@ -148,7 +148,7 @@ impl<'a> Serial<'a> {
         Arc::clone(&self.keys)
     }
 
-    /// The next entries, in order.
+    /// Verifies the next entries, in order.
     pub fn take(
         &mut self,
         chunk: &Chunk,
@@ -169,7 +169,7 @@ impl<'a> Serial<'a> {
         Ok(())
     }
 
-    /// One entry: its hashes, the checkpoint after it, the rules, and whatever the caller checks.
+    /// Verifies one entry: its hashes, the checkpoint after it, the rules, and the caller's own checks.
     fn step(
         &mut self,
         item: &Item,
@@ -182,7 +182,7 @@ impl<'a> Serial<'a> {
             .push_leaf(item.leaf)
             .map_err(|error| error.to_string())?;
         if item.hashes.as_ref() != Some(&hashes) {
-            return Err("the stored tree hashes are not those of the entries".into());
+            return Err("the stored tree hashes do not belong to the entries".into());
         }
         let root = self.tree.root().map_err(|error| error.to_string())?;
         let size = item.index + 1;
@@ -224,7 +224,7 @@ impl<'a> Serial<'a> {
         }
     }
 
-    /// Writes down what is verified.
+    /// Saves what is verified so far.
     fn save(&mut self) {
         let found = self.recheck.settle();
         self.found(found);
@@ -242,14 +242,14 @@ impl<'a> Serial<'a> {
         if let Err(error) = saving.write(&keep.path) {
             self.findings.push(Finding::note(
                 None,
-                format!("what is verified cannot be kept, a later audit begins anew: {error}"),
+                format!("the state of the audit cannot be saved, so a later audit starts from the beginning: {error}"),
             ));
             self.keep = None;
         }
         self.kept = Instant::now();
     }
 
-    /// The end. `stopped` says why, if it came early: then nothing more is written down.
+    /// Ends the replay. If it stopped early, `stopped` says why, and nothing more is saved.
     pub fn report(mut self, stopped: Option<Finding>) -> Report {
         match stopped {
             None => self.save(),
@@ -282,7 +282,7 @@ impl<'a> Serial<'a> {
     }
 }
 
-/// Whether the rules allow the entry: its signatures were verified by the thread that read it.
+/// Whether the rules allow the entry. The thread that read the entry has verified its signatures.
 fn allowed(
     state: &State,
     entry: &Entry,
@@ -290,12 +290,12 @@ fn allowed(
 ) -> Result<(), RuleViolation> {
     match authentic {
         Ok(authentic) => state.check_authentic(authentic),
-        // In its place among the other reasons: version and time are looked at first.
+        // A wrong version or time is reported first, as when an entry is appended.
         Err(violation) => state.check(entry).and(Err(violation.clone())),
     }
 }
 
-/// Checks the checkpoint of `after`'s size, which may be missing within a group but not where it is `needed`.
+/// Checks the checkpoint of `after`'s size. It may be missing within a group, but not where it is `needed`.
 fn check_checkpoint(
     signed: Option<&Result<Checkpoint, String>>,
     after: &Checkpoint,
@@ -307,7 +307,7 @@ fn check_checkpoint(
         Some(Err(why)) => Err(why.clone()),
         Some(Ok(signed)) if signed == after => Ok(()),
         Some(Ok(signed)) => Err(format!(
-            "the checkpoint signs root {} of {} entries, but {} entries have root {}",
+            "the checkpoint signs root {} of {} entries, but the first {} entries have root {}",
             signed.root, signed.size, after.size, after.root
         )),
     }

@@ -2,19 +2,19 @@
 
 use crate::entries::entry::{Entry, ENTRY_VERSION, MAX_ENTRY_BYTES};
 
-/// The bytes are no entry, or the entry is too large to be bytes.
+/// Why bytes cannot be decoded to an entry, or an entry cannot be encoded.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum EntryError {
-    /// Over [`MAX_ENTRY_BYTES`].
-    #[error("the entry has {0} bytes, more than the {MAX_ENTRY_BYTES} that are allowed")]
+    /// It is longer than [`MAX_ENTRY_BYTES`].
+    #[error("the entry has {0} bytes; at most {MAX_ENTRY_BYTES} are allowed")]
     TooLarge(usize),
-    /// From a later version of this software, or not an entry at all.
-    #[error("the entry has version {0}, this software knows version {ENTRY_VERSION}")]
+    /// A later version of this software wrote it, or it is not an entry at all.
+    #[error("the entry has version {0}, but this software knows only version {ENTRY_VERSION}")]
     UnknownVersion(u16),
-    /// Not the borsh encoding of an entry.
-    #[error("not an entry: {0}")]
+    /// It is not the borsh encoding of an entry.
+    #[error("this is not an entry: {0}")]
     Malformed(String),
-    /// Decodes, but to an entry whose encoding is another one.
+    /// It decodes to an entry that has another encoding.
     #[error("the entry is not in its canonical encoding")]
     NotCanonical,
 }
@@ -30,9 +30,8 @@ impl Entry {
         }
     }
 
-    /// Decodes one entry from exactly these bytes. Memory stays within a small multiple of [`MAX_ENTRY_BYTES`]: lengths
-    /// inside the bytes are not trusted (ahead of what it has read, borsh reserves at most 1 MiB for a string and 4 KiB for a
-    /// list).
+    /// Decodes one entry from exactly these bytes. Memory stays within a small multiple of [`MAX_ENTRY_BYTES`], because lengths
+    /// inside the bytes are not trusted: borsh reserves at most 1 MiB for a string and 4 KiB for a list before it has read them.
     pub fn decode(bytes: &[u8]) -> Result<Self, EntryError> {
         if bytes.len() > MAX_ENTRY_BYTES {
             return Err(EntryError::TooLarge(bytes.len()));

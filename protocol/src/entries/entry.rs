@@ -19,16 +19,16 @@ use zk0_circuits::{Digest, NodeId, WeightsDigest};
 /// Version of the encoding and meaning of [`Entry`].
 pub const ENTRY_VERSION: u16 = 1;
 
-/// Largest encoded entry, in bytes: what fits in an entry bundle (C2SP tlog-tiles: 16-bit lengths). Proofs and weights are
-/// blobs beside the log.
+/// Most bytes of an encoded entry. An entry has to fit in an entry bundle, which has 16-bit lengths (C2SP tlog-tiles). Proofs and
+/// weights are not in entries: they are blobs beside the log.
 pub const MAX_ENTRY_BYTES: usize = u16::MAX as usize;
 
-/// One line of the history.
+/// One entry of the log.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct Entry {
     /// [`ENTRY_VERSION`].
     pub version: u16,
-    /// When the aggregator recorded it: Unix time in milliseconds, never decreasing along the log.
+    /// When the aggregator recorded it, in Unix milliseconds. The times never decrease along the log.
     pub time_ms: u64,
     /// What happened.
     pub body: Body,
@@ -37,7 +37,7 @@ pub struct Entry {
 /// What happened.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub enum Body {
-    /// The first entry, and only the first.
+    /// The network was founded. This is always the first entry, and never a later one.
     Genesis(Genesis),
     /// A node joined.
     NodeEnrolled(NodeEnrolled),
@@ -45,11 +45,11 @@ pub enum Body {
     DatasetCommitted(Signed<DatasetRegistration>),
     /// A round opened.
     RoundOpened(RoundOpened),
-    /// A node fixed its update. The tree that ends with this entry fixes the node's challenge.
+    /// A node committed to its update. The tree that ends with this entry determines the node's challenge.
     UpdateCommitted(Signed<UpdateCommitment>),
     /// A contribution was verified and counts.
     ContributionAccepted(Signed<Submission>),
-    /// A contribution does not count, and why.
+    /// A contribution was refused.
     ContributionRejected {
         /// What the node signed.
         submission: Signed<Submission>,
@@ -60,16 +60,16 @@ pub enum Body {
     RoundClosed(RoundClosed),
     /// A node changed its key.
     KeyRotated {
-        /// Signed with the key that it had.
+        /// Signed with the node's old key.
         rotation: Signed<KeyRotation>,
-        /// Signed with the key that it has from now on.
+        /// Signed with the node's new key.
         takeover: Signed<KeyTakeover>,
     },
     /// A change was proposed.
     Proposed(Signed<Proposal>),
     /// Someone voted.
     Voted(Signed<Vote>),
-    /// A proposal's time was over: what became of it.
+    /// The time of a proposal was over, and it was settled.
     ProposalSettled(ProposalSettled),
     /// An accepted contribution was disputed.
     Disputed(Signed<Dispute>),
@@ -91,7 +91,7 @@ pub struct ProposalSettled {
 pub struct DisputeResolved {
     /// Index of the entry that raised it.
     pub dispute: u64,
-    /// What verification says against the contribution; `None` when it verifies.
+    /// Why the contribution does not verify; `None` if it does.
     pub upheld: Option<Refusal>,
 }
 
@@ -108,7 +108,7 @@ pub struct RoundOpened {
     pub commit_deadline_ms: u64,
     /// Last moment for a submission, Unix milliseconds.
     pub submit_deadline_ms: u64,
-    /// The rules in force; they stay so while the round is open.
+    /// The rules in force. They do not change while the round is open.
     pub rules: Rules,
 }
 
@@ -128,14 +128,14 @@ pub struct RoundClosed {
 pub struct Contributor {
     /// The node.
     pub node: NodeId,
-    /// Its committed samples, capped by the rules.
+    /// Its committed samples, up to the maximum in the rules.
     pub samples: u64,
     /// The credits that it earned.
     pub credits: u64,
 }
 
-/// Whether the tree that ends with this entry has to have a signed checkpoint, wherever in a group the entry is: an update's
-/// challenge follows from it, and the sample of nodes that a round is for.
+/// Whether the tree that ends with this entry needs a signed checkpoint, even in the middle of a group. It does where something follows
+/// from the root: the challenge of an update, or the sample of nodes that may contribute to a round.
 pub fn needs_checkpoint(body: &Body) -> bool {
     match body {
         Body::UpdateCommitted(_) => true,

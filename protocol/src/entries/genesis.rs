@@ -16,13 +16,13 @@ use zk0_circuits::{model::spec::EvalSpec, vm::digest::tagged_sha256, Digest, Mod
 /// The founding document. Its digest is the network id.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct Genesis {
-    /// A name for people, also the origin line of checkpoints.
+    /// A readable name. It is also the origin line of checkpoints.
     pub name: String,
     /// ed25519 key that signs checkpoints.
     pub log_key: [u8; 32],
-    /// Keeps apart two networks founded alike.
+    /// A random value, so that two networks with the same rules have different ids.
     pub nonce: [u8; 32],
-    /// The rules that it begins with.
+    /// The rules at the beginning.
     pub rules: Rules,
     /// Verifying key of the proof program (SP1 `hash_koalabear`, as `zk0_circuits::claim::program` encodes it).
     pub program: Vec<u8>,
@@ -63,11 +63,11 @@ impl Genesis {
         }
     }
 
-    /// Refuses a genesis no network can live by; the text says which value, and why.
+    /// Checks every value. The error names the value that a network cannot use, and says why.
     pub fn check(&self) -> Result<(), String> {
         if !is_log_name(&self.name) {
             return Err(format!(
-                "name '{}' cannot name a log: 1 to {MAX_NAME_BYTES} bytes, no spaces, no '+', no control characters",
+                "name '{}' cannot be a log's name, which has 1 to {MAX_NAME_BYTES} bytes, no spaces, no '+', no control characters",
                 short(&self.name)
             ));
         }

@@ -1,4 +1,4 @@
-//! Checks of what a member says about itself: its key, its name, a line of text.
+//! Checks of what members write: a key, a name, a line of text.
 
 use crate::{public_key::public_key, tlog::names::MAX_NAME_BYTES};
 use zk0_circuits::NodeId;
@@ -15,12 +15,12 @@ pub fn check_identity(key: &NodeId) -> Result<(), String> {
     }
 }
 
-/// Refuses a name that people cannot read.
+/// Checks a member's name: one line of text.
 pub fn check_member_name(name: &str) -> Result<(), String> {
     check_line("its name", name, MAX_NAME_BYTES)
 }
 
-/// Refuses what is not one line of text.
+/// Checks that a text is one line of at most `most` bytes. The error begins with `what`.
 pub fn check_line(what: &str, text: &str, most: usize) -> Result<(), String> {
     match text.is_empty() || text.len() > most || text.chars().any(char::is_control) {
         true => Err(format!(

@@ -4,12 +4,12 @@ use crate::quote::short;
 use serde::{de::Error, Deserialize, Deserializer, Serializer};
 use zk0_circuits::NodeId;
 
-/// Writes one.
+/// Writes an identity.
 pub fn serialize<S: Serializer>(id: &NodeId, serializer: S) -> Result<S::Ok, S::Error> {
     serializer.collect_str(id)
 }
 
-/// Reads one.
+/// Reads an identity.
 pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<NodeId, D::Error> {
     parse(&String::deserialize(deserializer)?)
 }
@@ -18,12 +18,12 @@ fn parse<E: Error>(text: &str) -> Result<NodeId, E> {
     text.parse().map_err(|_| {
         let text = short(text);
         E::custom(format!(
-            "'{text}' is no identity: it has to be 64 hexadecimal digits"
+            "'{text}' is not an identity, which has 64 hexadecimal digits"
         ))
     })
 }
 
-/// Lists of them.
+/// Lists of identities.
 pub mod list {
     use super::*;
 

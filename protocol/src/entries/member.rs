@@ -8,6 +8,6 @@ use zk0_circuits::NodeId;
 pub struct NodeEnrolled {
     /// Its key.
     pub node: NodeId,
-    /// A name for people.
+    /// A readable name.
     pub name: String,
 }

@@ -1,4 +1,4 @@
-//! What a proposal asks for, how people vote on it, and how it ends.
+//! What a proposal changes, how people vote on it, and how it ends.
 
 use crate::{entries::member::NodeEnrolled, rules::network_rules::Rules};
 use borsh::{BorshDeserialize, BorshSerialize};
@@ -7,7 +7,7 @@ use zk0_circuits::NodeId;
 /// What a proposal does once it is executed.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub enum Action {
-    /// These rules, all of them, from the next round on.
+    /// These rules replace all present rules, from the next round on.
     ChangeRules(Box<Rules>),
     /// A node joins.
     Enrol(NodeEnrolled),
@@ -17,14 +17,14 @@ pub enum Action {
     Reinstate(NodeId),
     /// A node may never contribute again.
     Revoke(NodeId),
-    /// Another key takes a node's place, whose own is lost or stolen.
+    /// A node gets another key, because its own is lost or stolen.
     ReplaceKey {
         /// The node.
         node: NodeId,
         /// Its new identity.
         with: NodeId,
     },
-    /// A dispute that no program can decide is decided.
+    /// A dispute that rests on a document is decided by vote.
     JudgeDispute {
         /// Index of the entry that raised it.
         dispute: u64,
@@ -33,31 +33,32 @@ pub enum Action {
     },
 }
 
-/// One voter's say.
+/// How somebody votes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub enum Ballot {
-    /// For it.
+    /// For the proposal.
     For,
-    /// Against it.
+    /// Against the proposal.
     Against,
-    /// Neither, but counted towards the quorum.
+    /// Neither for nor against. It counts towards the quorum.
     Abstain,
-    /// Stop it: in the time lock alone, after the vote.
+    /// Stops a proposal that has passed. A veto is possible only during the time lock, after the vote.
     Veto,
 }
 
 /// What became of a proposal.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub enum Outcome {
-    /// It passed and is done.
+    /// It passed, and its action was executed.
     Executed,
-    /// Not enough weight took part.
+    /// Too little weight took part.
     NoQuorum,
-    /// Not enough of it was for it.
+    /// Too little of the weight that took part was for it.
     Rejected,
-    /// It passed and was stopped.
+    /// It passed, and vetoes stopped it.
     Vetoed,
-    /// It passed, but what it asks for is not possible any more, and why.
+    /// It passed, but its action was not possible any more. The text says why. It is data of the ledger: every replay computes it
+    /// again and compares, so the texts that [`crate::rules::state::State::outcome`] can put here must never change.
     Impossible(String),
 }
 

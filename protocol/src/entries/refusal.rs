@@ -1,99 +1,99 @@
-//! The named reasons for which a contribution is refused.
+//! The reasons for which a contribution is refused.
 
 use borsh::{BorshDeserialize, BorshSerialize};
 use zk0_circuits::{Digest, NodeId};
 
-/// Why a contribution does not count. Those that can be caused by a stranger (before a valid signature) never reach the
-/// ledger; the others are recorded there.
+/// Why a contribution does not count. A refusal that a stranger could cause, because there is no valid signature, is never recorded.
+/// The ledger records all others. Texts inside a refusal are data of the ledger: a replay compares them.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize, thiserror::Error)]
 pub enum Refusal {
-    /// A blob or message over the rules' limit.
-    #[error("{what} has {size} bytes, more than the {limit} the rules allow")]
+    /// A blob or a message is larger than the rules allow.
+    #[error("{what} has {size} bytes; the rules allow at most {limit}")]
     TooLarge { what: String, size: u64, limit: u64 },
-    /// The claim is not signed by the node it names.
+    /// The node that the claim names did not sign it.
     #[error("signature: {0}")]
     Signature(String),
-    /// Not on the ledger as a node.
+    /// The identity does not belong to an enrolled node.
     #[error("node {0} is not enrolled in this network")]
     NotEnrolled(NodeId),
     /// The claim is for another network.
-    #[error("the claim is for network {claimed}, this is {ours}")]
+    #[error("the claim is for network {claimed}, but this is network {ours}")]
     WrongNetwork { claimed: Digest, ours: Digest },
     /// The claim is for a round that is not open.
-    #[error("the claim is for round {claimed}, {}", match open { Some(round) => format!("round {round} is open"), None => "no round is open".into() })]
+    #[error("the claim is for round {claimed}, but {}", match open { Some(round) => format!("round {round} is open"), None => "no round is open".into() })]
     WrongRound { claimed: u64, open: Option<u64> },
-    /// Past the deadline.
+    /// It arrived after the deadline.
     #[error("{what} arrived {late_ms} ms after the deadline of round {round}")]
     Late {
         what: String,
         round: u64,
         late_ms: u64,
     },
-    /// A second commitment or submission in one round.
+    /// The node committed or submitted a second time in one round.
     #[error("node {node} has already {done} in round {round}")]
     Duplicate {
         node: NodeId,
         round: u64,
         done: String,
     },
-    /// Another node's update.
+    /// Another node has committed to the same update before.
     #[error("update {update} was already committed by node {by}")]
     CopiedUpdate { update: Digest, by: NodeId },
-    /// No commitment to this update came first.
+    /// The node has not committed to an update.
     #[error("node {0} has not committed an update in this round")]
     NotCommitted(NodeId),
-    /// A field of the claim differs from what the ledger fixes.
+    /// A field of the claim differs from the value that the ledger determines.
     #[error("{field} is {claimed} in the claim, but {expected} on the ledger")]
     Binding {
         field: String,
         claimed: String,
         expected: String,
     },
-    /// The dataset breaks a rule.
+    /// The dataset does not follow the rules.
     #[error("dataset: {0}")]
     Dataset(String),
-    /// The proof's bytes are not those the node signed.
-    #[error("the proof has SHA-256 {actual}, the node signed {signed}")]
+    /// The proof has other bytes than the node signed for.
+    #[error("the proof has SHA-256 {actual}, but the node signed {signed}")]
     ProofDigest { signed: Digest, actual: Digest },
-    /// The bytes are no SP1 compressed proof.
-    #[error("not an SP1 compressed proof: {0}")]
+    /// The bytes are not an SP1 compressed proof.
+    #[error("this is not an SP1 compressed proof: {0}")]
     MalformedProof(String),
-    /// A real proof, but of other public values.
+    /// The proof has other public values than the claim.
     #[error("the SP1 proof does not prove this claim: its public values differ")]
     OtherClaim,
-    /// A proof of another program.
-    #[error("the SP1 proof is not of this network's program: verifying key differs")]
+    /// The proof is of another program.
+    #[error("the SP1 proof is of another program than this network's: the verifying keys differ")]
     OtherProgram,
     /// The proof does not verify.
     #[error("the SP1 proof is invalid: {0}")]
     InvalidProof(String),
-    /// The update's bytes are not those that were committed.
-    #[error("the update has SHA-256 {actual}, {expected} was committed")]
+    /// The update has other bytes than the node committed to.
+    #[error("the update has SHA-256 {actual}, but the node committed to {expected}")]
     UpdateDigest { expected: Digest, actual: Digest },
-    /// The update's bytes are no expert weights.
+    /// The update's bytes are not weights of the action expert.
     #[error("update: {0}")]
     MalformedUpdate(String),
-    /// The update's bytes do not quantise to what was proven.
-    #[error("the update quantises to {actual}, the proof is about {proven}")]
+    /// Quantised again, the update gives other weights than the proof is about.
+    #[error("the update quantises to {actual}, but the proof is about {proven}")]
     OtherWeights { proven: Digest, actual: Digest },
-    /// The products that were proven are not those with the weights (mode `checked`).
+    /// The proven products are not products with these weights (mode `checked`).
     #[error(
         "the proof's products are not those with the {which} weights: their projections differ"
     )]
     OtherProducts { which: String },
-    /// The update was never uploaded.
+    /// The node never uploaded the update.
     #[error("update {0} was not uploaded")]
     MissingUpdate(Digest),
-    /// Suspended, or revoked.
-    #[error("node {node} is {standing}: it may not take part")]
+    /// The node is suspended or revoked.
+    #[error("node {node} is {standing} and may not take part")]
     NotActive { node: NodeId, standing: String },
-    /// The rules do not let it contribute to this round.
+    /// By the rules, the node may not contribute to this round.
     #[error("node {node} is not among those that may contribute to round {round}")]
     NotInvited { node: NodeId, round: u64 },
-    /// The update is too far from the weights that the round started from.
-    #[error("the update's difference from its base has {bps} basis points of the base's norm, the rules allow {limit}")]
+    /// The update differs too much from the weights that the round started from.
+    #[error("the norm of the update's difference from its base is {bps} basis points of the base's norm; the rules allow at most {limit}")]
     TooFar { bps: u64, limit: u64 },
-    /// As many nodes have committed as the entry that closes a round can name.
+    /// The entry that closes the round cannot name more nodes than have committed already.
     #[error("round {round} is full: {limit} nodes have committed updates")]
     RoundFull { round: u64, limit: u64 },
 }

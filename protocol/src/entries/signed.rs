@@ -10,26 +10,26 @@ use zk0_circuits::{Claim, DatasetCommitment, Digest, NodeId, WeightsDigest};
 
 /// A statement that names its signer.
 pub trait Statement: BorshSerialize + BorshDeserialize {
-    /// Domain-separation tag: a signature for one kind of statement is none for another.
+    /// Domain-separation tag, so that a signature of one kind of statement is not valid for another kind.
     const TAG: &'static str;
 
     /// Who must have signed: a node, or a governor.
     fn signer(&self) -> NodeId;
 }
 
-/// A statement and its signature, not yet checked: see [`Signed::verify`].
+/// A statement and its signature. The signature is not verified yet: see [`Signed::verify`].
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct Signed<T> {
-    /// What is said.
+    /// The statement.
     pub statement: T,
     /// ed25519 over `TAG ‖ 0x00 ‖ borsh(statement)`.
     pub signature: [u8; 64],
 }
 
-/// The signature is not the signer's.
+/// Why a signature is not valid.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum SignatureError {
-    /// The identity is no ed25519 public key.
+    /// The signer's identity is not an ed25519 public key.
     #[error("{0} is not an ed25519 public key")]
     BadKey(NodeId),
     /// The key did not make this signature.
@@ -38,7 +38,7 @@ pub enum SignatureError {
 }
 
 impl<T: Statement> Signed<T> {
-    /// Signs `statement`; `key` should be the signer's, or nobody will accept the result.
+    /// Signs `statement`. With another key than the signer's, the result never verifies.
     pub fn new(statement: T, key: &SigningKey) -> Self {
         let signature = key.sign(&message(&statement)).to_bytes();
         Self {
@@ -75,7 +75,7 @@ fn message<T: Statement>(statement: &T) -> Vec<u8> {
     message
 }
 
-/// A node puts a dataset on the ledger, before any round that uses it.
+/// A node registers a dataset, before any round that uses it.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct DatasetRegistration {
     /// The network it is for.
@@ -84,14 +84,14 @@ pub struct DatasetRegistration {
     pub node: NodeId,
     /// The commitment.
     pub dataset: DatasetCommitment,
-    /// SHA-256 of the list of leaf hashes (32 bytes each, in order), kept as a blob: anyone recomputes root and
-    /// uniqueness from it.
+    /// SHA-256 of the list of leaf hashes (32 bytes each, in order). The list is a blob, and anybody can recompute the root from it and
+    /// check that no leaf occurs twice.
     pub leaves: Digest,
-    /// Digests of its episodes, each once, in ascending order: none may be another node's.
+    /// Digests of its episodes, in ascending order and each once. No episode may be registered by another node.
     pub episodes: Vec<Digest>,
 }
 
-/// A node fixes its update before it learns what it will be evaluated on.
+/// A node commits to its update before it learns on which samples the update will be evaluated.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct UpdateCommitment {
     /// The network.
@@ -100,13 +100,13 @@ pub struct UpdateCommitment {
     pub round: u64,
     /// The node.
     pub node: NodeId,
-    /// Root of the registered dataset the evaluation will draw from.
+    /// Root of the registered dataset from which the evaluation draws its samples.
     pub dataset_root: Digest,
     /// The update.
     pub update: WeightsDigest,
 }
 
-/// A node's claim and the proof it stands on.
+/// A node's claim, and the digest of the proof of it.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct Submission {
     /// The claim, equal to the proof's public values.
@@ -130,24 +130,24 @@ pub struct UploadRequest {
     pub size: u64,
 }
 
-/// Someone with a vote asks for a change.
+/// Somebody who may vote proposes a change.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct Proposal {
     /// The network.
     pub network: Digest,
-    /// Its number: proposals are counted from 0, so that none can be recorded again.
+    /// Its number, counted from 0. The number keeps a proposal from being recorded twice.
     pub number: u64,
     /// Who proposes it.
     pub proposer: NodeId,
-    /// A line for people.
+    /// A short title.
     pub title: String,
-    /// Why, for people.
+    /// The reasons for it.
     pub text: String,
     /// What it does once it is executed.
     pub action: Action,
 }
 
-/// One voter's say on one proposal.
+/// Somebody's vote on a proposal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct Vote {
     /// The network.
@@ -156,29 +156,29 @@ pub struct Vote {
     pub proposal: u64,
     /// Who votes.
     pub voter: NodeId,
-    /// What they say.
+    /// How they vote.
     pub ballot: Ballot,
 }
 
-/// A node hands its place over to another key of its own.
+/// A node replaces its key by another key of its own.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct KeyRotation {
     /// The network.
     pub network: Digest,
     /// The node, by its present key.
     pub node: NodeId,
-    /// Its next key.
+    /// Its new key.
     pub with: NodeId,
 }
 
-/// The other half of a [`KeyRotation`]: whoever has the next key takes the place.
+/// The other half of a [`KeyRotation`], signed with the new key: it shows that the node has that key.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct KeyTakeover {
-    /// What is taken over.
+    /// The rotation that it belongs to.
     pub rotation: KeyRotation,
 }
 
-/// Someone says that an accepted contribution is false.
+/// Somebody disputes an accepted contribution.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct Dispute {
     /// The network.
@@ -187,16 +187,16 @@ pub struct Dispute {
     pub disputer: NodeId,
     /// Index of the entry that accepted it.
     pub contribution: u64,
-    /// Why it is false.
+    /// The evidence against it.
     pub evidence: Evidence,
 }
 
-/// Why a contribution is false, and so who decides.
+/// The evidence against a contribution, which determines who decides.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub enum Evidence {
-    /// It does not verify. The evidence is on the ledger and in its blobs; verification, done again, decides.
+    /// The contribution does not verify. It is verified once more, from the ledger and its blobs, and the result decides.
     Verification,
-    /// What a document says, of which this is the SHA-256. Those who govern decide.
+    /// A document with this SHA-256. A vote decides.
     Document(Digest),
 }
 

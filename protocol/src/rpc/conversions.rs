@@ -1,4 +1,4 @@
-//! Between what is said on the wire and what it means.
+//! Conversions between gRPC messages and the protocol's own types.
 
 use super::federation as wire;
 use crate::{rules::open_proposal::OpenProposal, tlog::receipt::Receipt};
@@ -9,16 +9,16 @@ impl From<Receipt> for wire::Receipt {
         Self {
             index: receipt.index,
             entry: receipt.entry,
-            // Checkpoints are text by their specification.
+            // By their specification, checkpoints are text.
             checkpoint: String::from_utf8_lossy(&receipt.checkpoint).into_owned(),
             inclusion: receipt.proof.iter().map(|hash| hash.0.to_vec()).collect(),
         }
     }
 }
 
-/// A hash in a message has this many bytes, and not 32.
+/// A hash in a message does not have 32 bytes, but this many.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("a hash of {0} bytes; a hash has 32")]
+#[error("a hash in the message has {0} bytes, but it has to have 32")]
 pub struct HashLength(pub usize);
 
 impl TryFrom<wire::Receipt> for Receipt {

@@ -1,4 +1,4 @@
-//! The gRPC messages of `proto/federation.proto`, generated once for clients and servers, and what they mean.
+//! The gRPC messages of `proto/federation.proto`, generated once for clients and servers, and their conversions.
 
 pub mod conversions;
 

@@ -1,4 +1,4 @@
-//! What the ledger fixes about a claim before anyone looks at its proof.
+//! The fields of a claim that the ledger determines, so that they can be checked before anybody looks at the proof.
 
 use crate::{
     entries::refusal::Refusal,
@@ -7,12 +7,12 @@ use crate::{
 use std::fmt::Display;
 use zk0_circuits::{Claim, Digest, Disclosure, Losses, NodeId, Terms, CLAIM_VERSION};
 
-/// What the ledger fixes about a claim: its terms, and what it discloses.
+/// The part of a claim that the ledger determines.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ExpectedClaim {
     /// The claim's terms.
     pub terms: Terms,
-    /// What the claim has to disclose of the losses.
+    /// How much the claim has to disclose of the losses.
     pub disclosure: Disclosure,
 }
 
@@ -29,7 +29,7 @@ impl ExpectedClaim {
 }
 
 impl State {
-    /// What the claim of `node` in the open round has to say.
+    /// What the ledger determines of the claim that `node` may make in the open round.
     pub fn expected_claim(&self, node: &NodeId) -> Result<ExpectedClaim, Refusal> {
         let (round, commit) = self.commit(node)?;
         let rules = self.rules();
@@ -50,8 +50,8 @@ impl State {
         })
     }
 
-    /// Compares a claim with what the ledger fixes: network, round, enrolment, commitment, one submission a round, then
-    /// field by field.
+    /// Compares a claim with what the ledger determines: its network and round, the node's enrolment and commitment, that the node has
+    /// submitted nothing in this round, and then each field.
     pub fn check_bindings(&self, claim: &Claim) -> Result<(), Refusal> {
         same("version", claim.version, CLAIM_VERSION)?;
         self.check_addressed(&claim.terms.network, claim.terms.round, &claim.terms.node)?;
@@ -69,7 +69,7 @@ impl State {
             })
     }
 
-    /// [`State::check_bindings`], and that the claim is in time when it is recorded at `time_ms`.
+    /// Makes the checks of [`State::check_bindings`], and checks that a claim recorded at `time_ms` is in time.
     pub fn check_claim(&self, claim: &Claim, time_ms: u64) -> Result<(), Refusal> {
         self.check_bindings(claim)?;
         match &self.round {
@@ -78,7 +78,7 @@ impl State {
         }
     }
 
-    /// For this network, for the open round, and from an enrolled node.
+    /// Checks that something is for this network, for the open round, and from an active node.
     pub(crate) fn check_addressed(
         &self,
         network: &Digest,
@@ -120,7 +120,7 @@ pub(crate) fn already_submitted(claim: &Claim) -> Refusal {
     }
 }
 
-/// Refuses what is recorded after its deadline.
+/// Refuses something that is recorded after its deadline.
 pub(crate) fn in_time(
     what: &str,
     round: &Round,

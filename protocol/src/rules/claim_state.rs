@@ -1,4 +1,4 @@
-//! What of a state the verification of one claim reads: small, however long the history, so that a claim can be verified
+//! The part of a state that the verification of one claim reads. It is small however long the history is, so a claim can be verified
 //! later, or by another thread, while the history goes on.
 
 use crate::rules::{
@@ -9,8 +9,8 @@ use std::collections::{BTreeMap, BTreeSet};
 use zk0_circuits::NodeId;
 
 impl State {
-    /// This state as far as it is about the claims of `node`: its own enrolment and commitment, the open round, the rules. What
-    /// other nodes ever registered and committed is left out, so it is for verifying claims, and not for entries to follow.
+    /// A copy with only what concerns the claims of `node`: its enrolment and commitment, the open round, and the rules. It lacks what
+    /// other nodes registered and committed, so it is good for verifying claims, but not for applying entries.
     pub fn for_claims_of(&self, node: &NodeId) -> Self {
         Self {
             genesis: self.genesis.clone(),
@@ -50,7 +50,7 @@ impl State {
     }
 }
 
-/// A round's sample, of which only `node` is left.
+/// The round's sample, reduced to `node`.
 fn own_place(round: &Round, node: &NodeId) -> Option<BTreeSet<NodeId>> {
     let sample = round.sample.as_ref()?;
     Some(sample.get(node).copied().into_iter().collect())

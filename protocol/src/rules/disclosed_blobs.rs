@@ -1,22 +1,22 @@
-//! Which blobs anyone may read: an update or a proof stays private until its round has closed, so that nobody can copy it
-//! in the round it is for.
+//! Which blobs anybody may read. An update or a proof stays private until its round has closed, so that nobody can copy it in that
+//! round.
 
 use crate::{entries::entry::Body, rules::named_blobs::named_blobs};
 use std::collections::BTreeSet;
 use zk0_circuits::Digest;
 
-/// Whether a blob may be handed out.
+/// Who may read a blob.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BlobAccess {
-    /// To anyone.
+    /// Anybody may read it.
     Public,
-    /// Not before the open round has closed.
+    /// Nobody may read it before the open round has closed.
     HeldBack,
     /// The ledger names no such blob.
     Unknown,
 }
 
-/// The blobs that the ledger names, as a fold over its entries.
+/// The blobs that a log names, gathered entry by entry.
 #[derive(Clone, Debug, Default)]
 pub struct DisclosedBlobs {
     public: BTreeSet<Digest>,
@@ -24,7 +24,7 @@ pub struct DisclosedBlobs {
 }
 
 impl DisclosedBlobs {
-    /// Takes note of an entry.
+    /// Takes the next entry into account.
     pub fn observe(&mut self, body: &Body) {
         if let Body::RoundClosed(_) = body {
             self.public.append(&mut self.held_back);
@@ -37,7 +37,7 @@ impl DisclosedBlobs {
         }
     }
 
-    /// Whether `blob` may be handed out now.
+    /// Who may read `blob` now.
     pub fn access(&self, blob: &Digest) -> BlobAccess {
         if self.public.contains(blob) {
             BlobAccess::Public
@@ -48,7 +48,7 @@ impl DisclosedBlobs {
         }
     }
 
-    /// All blobs that anyone may read.
+    /// All blobs that anybody may read.
     pub fn public(&self) -> impl Iterator<Item = &Digest> {
         self.public.iter()
     }

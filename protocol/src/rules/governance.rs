@@ -1,10 +1,10 @@
 //! How the rules change: proposals, weighted votes, a quorum, a threshold, a time lock, a veto.
 //!
-//! A proposal is open for [`Governance::voting_ms`] from the entry that records it. Who may vote, and with what weight, is fixed
-//! by that entry: governors as the rules list them, and active nodes by the credits they have. At the end of the vote it has
-//! passed if enough weight took part (quorum) and more than the threshold of what was not abstention is for it. Then it waits for
-//! the time lock, in which enough weight may veto it. Then it is due: it has to be settled before the next round opens, so
-//! nobody can put it off, and it is settled between rounds, so no round's rules change while it runs.
+//! A proposal is open for [`Governance::voting_ms`] after the entry that records it. That entry also determines who may vote, and with
+//! what weight: governors as the rules list them, and active nodes by their credits. At the end of the vote, the proposal has passed
+//! if enough weight took part (the quorum), and if the share of the votes for it, without abstentions, exceeds the threshold. Then
+//! the time lock begins, during which enough weight can veto the proposal. After that the proposal is due. It has to be settled
+//! before the next round opens, so nobody can delay it, and it is settled between rounds, so no rules change during a round.
 
 use crate::{
     entries::{
@@ -17,7 +17,7 @@ use borsh::{BorshDeserialize, BorshSerialize};
 use serde::{Deserialize, Serialize};
 use zk0_circuits::NodeId;
 
-/// Most governors.
+/// Most governors that a network can have.
 pub const MAX_GOVERNORS: usize = 64;
 
 /// Largest weight of one voter.
@@ -26,42 +26,42 @@ pub const MAX_WEIGHT: u64 = 1 << 32;
 /// Longest title of a proposal, in bytes.
 pub const MAX_TITLE_BYTES: usize = 200;
 
-/// Longest reasoning of a proposal, in bytes.
+/// Longest text of a proposal, in bytes.
 pub const MAX_TEXT_BYTES: usize = 8 << 10;
 
 /// Proposals that may be open at once.
 pub const MAX_OPEN_PROPOSALS: usize = 32;
 
-/// How the rules change. Without governors and with `credits_per_vote` 0 nobody can propose anything: they never do.
+/// How the rules change. Without governors, and with `credits_per_vote` 0, nobody can propose anything, so the rules never change.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Governance {
     /// Who governs, in ascending order of identity.
     pub governors: Vec<Governor>,
-    /// Credits that give a node one vote beside the governors; 0 where credits do not vote.
+    /// How many credits give a node one vote; 0 if credits give no votes.
     pub credits_per_vote: u64,
-    /// Most votes that a node's credits give it.
+    /// Most votes that a node can have from its credits.
     pub max_node_votes: u64,
-    /// Share of the electorate's weight that has to take part, in basis points.
+    /// The share of the electorate's weight that has to take part, in basis points.
     pub quorum_bps: u32,
-    /// Share of the weight for and against that has to be exceeded by what is for it, in basis points: at least 5,000.
+    /// A proposal passes if the weight for it exceeds this share of the weight for and against, in basis points; at least 5,000.
     pub threshold_bps: u32,
-    /// Share of the electorate's weight that stops a passed proposal, in basis points.
+    /// The share of the electorate's weight that can veto a passed proposal, in basis points.
     pub veto_bps: u32,
-    /// From a proposal to the end of the vote, in milliseconds.
+    /// How long a vote lasts, in milliseconds.
     pub voting_ms: u64,
-    /// From the end of the vote to the moment when it is due, in milliseconds.
+    /// How long a passed proposal waits after its vote, in milliseconds.
     pub time_lock_ms: u64,
 }
 
-/// Someone who votes whether or not they have a node.
+/// Somebody who may vote without having a node.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Governor {
     /// Their key.
     #[serde(with = "identity_text")]
     pub key: NodeId,
-    /// A name for people.
+    /// A readable name.
     pub name: String,
     /// The weight of their vote; 1 to [`MAX_WEIGHT`].
     pub weight: u64,
@@ -90,12 +90,12 @@ impl Governance {
         }
     }
 
-    /// Refuses what cannot govern; the text says which value, and why.
+    /// Checks every value. The error names the value that cannot be used, and says why.
     pub fn check(&self) -> Result<(), String> {
         let rule = "rule governance";
         if self.governors.len() > MAX_GOVERNORS {
             return Err(format!(
-                "{rule} names {} governors, at most {MAX_GOVERNORS} are possible",
+                "{rule} names {} governors; at most {MAX_GOVERNORS} are possible",
                 self.governors.len()
             ));
         }
@@ -117,7 +117,7 @@ impl Governance {
         }
         if self.max_node_votes > MAX_WEIGHT {
             return Err(format!(
-                "{rule}: max_node_votes is {}, at most {MAX_WEIGHT} is possible",
+                "{rule}: max_node_votes is {}; it can be at most {MAX_WEIGHT}",
                 self.max_node_votes
             ));
         }
@@ -128,12 +128,12 @@ impl Governance {
         ] {
             if !(least..=most).contains(&bps) {
                 return Err(format!(
-                    "{rule}: {name} is {bps}, it has to be between {least} and {most}"
+                    "{rule}: {name} is {bps}; it has to be between {least} and {most}"
                 ));
             }
         }
         match self.voting_ms {
-            0 => Err(format!("{rule}: voting_ms is 0, nobody could vote")),
+            0 => Err(format!("{rule}: voting_ms is 0, so nobody could vote")),
             _ => Ok(()),
         }
     }

@@ -1,9 +1,9 @@
-//! The blobs that an entry is the first to name: what each holds, how large it can be, and whether it is private at first.
+//! The blobs that entries name: what each blob holds, how large it may be, and whether it is private at first.
 
 use crate::{entries::entry::Body, rules::network_rules::Rules};
 use zk0_circuits::Digest;
 
-/// Largest initial policy that is fetched, in bytes: no rule bounds it.
+/// Largest initial policy that is fetched, in bytes. It has a limit of its own because no rule limits it.
 const MAX_INITIAL_POLICY_BYTES: u64 = 1 << 36;
 
 /// A blob that an entry names by its SHA-256.

@@ -1,4 +1,4 @@
-//! The rules of a network: founded in its genesis, changed by vote ([`crate::rules::governance`]) and in no other way.
+//! The rules of a network. The genesis states the first ones, and only a vote changes them ([`crate::rules::governance`]).
 
 use crate::{
     entries::identity_text,
@@ -9,29 +9,29 @@ use borsh::{BorshDeserialize, BorshSerialize};
 use serde::{Deserialize, Serialize};
 use zk0_circuits::{claim::challenge::MAX_EVAL_SAMPLES, Disclosure, NodeId};
 
-/// Most identities in a list of participants: such rules fit in an entry.
+/// Most identities in a list of participants, so that the rules fit in an entry.
 pub const MAX_LISTED: usize = 1000;
 
 /// Longest policy for witnesses, in bytes.
 pub const MAX_WITNESS_POLICY_BYTES: usize = 8 << 10;
 
-/// What the network's nodes, its aggregator and its auditors hold one another to.
+/// The rules that nodes, aggregator and auditors follow.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Rules {
-    /// Fewest samples a registered dataset may have.
+    /// Fewest samples that a registered dataset may have.
     pub min_dataset_samples: u64,
-    /// Samples evaluated per claim.
+    /// How many samples a claim evaluates.
     pub eval_samples: u32,
-    /// Least relative improvement of the loss, in basis points; at least 1.
+    /// The smallest relative improvement of the loss that counts, in basis points; at least 1.
     pub min_improvement_bps: u32,
-    /// Most samples a contribution counts for in the average.
+    /// The weight of a contribution in the average is its number of samples, up to this maximum.
     pub max_weight_samples: u64,
-    /// What a proof discloses of the losses.
+    /// How much a proof discloses of the losses.
     pub disclosure: Disclosure,
-    /// From a round's opening to the last moment for committing an update, in milliseconds.
+    /// How long after a round's opening nodes can commit to updates, in milliseconds.
     pub commit_window_ms: u64,
-    /// From a round's opening to the last moment for submitting a claim, in milliseconds.
+    /// How long after a round's opening nodes can submit claims, in milliseconds.
     pub submit_window_ms: u64,
     /// Largest update, in bytes.
     pub max_update_bytes: u64,
@@ -43,18 +43,18 @@ pub struct Rules {
     pub strategy: Strategy,
     /// Who may contribute to a round.
     pub participation: Participation,
-    /// How nodes come in.
+    /// How nodes join.
     pub enrolment: EnrolmentRule,
     /// What a contribution earns.
     pub credits: CreditRule,
-    /// Whose cosignatures a checkpoint needs before it is published: a C2SP tlog-policy, with the witnesses' addresses and a
-    /// quorum. Empty where the log's own signature is enough.
+    /// Which witnesses have to cosign a checkpoint before it is published: a C2SP tlog-policy with the witnesses' addresses and a
+    /// quorum. It is empty if the log's own signature is enough.
     pub witness_policy: String,
     /// How these rules change.
     pub governance: Governance,
 }
 
-/// How a round's updates become the new global weights. All are bit-exact on every machine.
+/// How a round's updates become the new global weights. Each strategy gives the same bits on every machine.
 #[derive(
     Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize, Serialize, Deserialize,
 )]
@@ -62,11 +62,11 @@ pub struct Rules {
 pub enum Strategy {
     /// The mean, weighted by committed samples (McMahan et al. 2017, arXiv:1602.05629).
     FedAvg,
-    /// The median of each parameter, every contributor counting alike (Yin et al. 2018, arXiv:1803.01498).
+    /// The median of each parameter, with equal weights (Yin et al. 2018, arXiv:1803.01498).
     Median,
-    /// The mean of each parameter without its largest and its smallest values, every contributor counting alike (ibid.).
+    /// The mean of each parameter without its largest and its smallest values, with equal weights (ibid.).
     TrimmedMean {
-        /// Share of the contributors left out at either end, in basis points, rounded down; below 5,000.
+        /// The share of the contributors that is left out at either end, in basis points, rounded down; less than 5,000.
         trim_bps: u32,
     },
 }
@@ -77,17 +77,17 @@ pub enum Strategy {
 pub enum Participation {
     /// Every active node with a dataset.
     All,
-    /// Those of them that are listed, in ascending order.
+    /// The active nodes with a dataset that are listed here, in ascending order.
     #[serde(with = "identity_text::list")]
     Listed(Vec<NodeId>),
-    /// A sample of them, another in each round: drawn by the checkpoint that the round's opening ends.
+    /// A sample of the active nodes with a dataset. The checkpoint after a round's opening determines who is drawn for that round.
     Sampled {
         /// How many; at least 1.
         nodes: u32,
     },
 }
 
-/// How nodes come in.
+/// How nodes join.
 #[derive(
     Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize, Serialize, Deserialize,
 )]
@@ -95,30 +95,30 @@ pub enum Participation {
 pub enum EnrolmentRule {
     /// The aggregator's operator enrols them.
     Operator,
-    /// By vote alone.
+    /// Only a vote enrols them.
     Vote,
 }
 
-/// What a contribution earns: proven improvement in basis points, times committed samples (as capped for the average),
-/// divided by [`CreditRule::bps_samples_per_credit`] and rounded down, at most [`CreditRule::max_per_contribution`]. Where losses
-/// are not disclosed, the improvement that is proven is the minimum. Credits are entries in a book: what they are worth is
-/// for the network's members to say; the ledger lets them vote.
+/// How many credits a contribution earns: the proven improvement in basis points, times the committed samples (up to the maximum that
+/// the average uses), divided by [`CreditRule::bps_samples_per_credit`] and rounded down; at most
+/// [`CreditRule::max_per_contribution`]. If losses are not disclosed, the proven improvement is the minimum. The network's members
+/// decide what a credit is worth. On the ledger, credits only give votes.
 #[derive(
     Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize, Serialize, Deserialize,
 )]
 #[serde(deny_unknown_fields)]
 pub struct CreditRule {
-    /// Basis points times samples for one credit; at least 1.
+    /// How many basis points times samples earn one credit; at least 1.
     pub bps_samples_per_credit: u64,
-    /// Most credits for one contribution; 0 for none ever.
+    /// Most credits for one contribution; with 0, nobody earns any.
     pub max_per_contribution: u64,
     /// How long after its round's closing a contribution may be disputed, in milliseconds.
     pub dispute_window_ms: u64,
 }
 
 impl Default for Rules {
-    /// To begin with: rounds of an hour, four samples a claim, 1 % better, FedAvg over whoever the operator enrols, a week for
-    /// disputes, and nobody who could change any of it.
+    /// Rules to begin with: rounds of an hour, four samples a claim, a minimum improvement of 1 %, FedAvg over the nodes that the
+    /// operator enrols, a week for disputes, and nobody who could change the rules.
     fn default() -> Self {
         const MINUTE_MS: u64 = 60_000;
         Self {
@@ -147,13 +147,13 @@ impl Default for Rules {
 }
 
 impl Rules {
-    /// Largest file of global weights: as large as an update, and then some for the names and order that the average gives
-    /// its tensors.
+    /// Largest file of global weights, in bytes. It is a little more than the largest update, because combined weights may have longer
+    /// names of tensors.
     pub fn max_base_bytes(&self) -> u64 {
         self.max_update_bytes.saturating_mul(2)
     }
 
-    /// Refuses rules that no network can live by; the text says which value, and why.
+    /// Checks every rule. The error names the rule that a network cannot use, and says why.
     pub fn check(&self) -> Result<(), String> {
         let at_least_one = [
             ("min_dataset_samples", self.min_dataset_samples),
@@ -169,11 +169,11 @@ impl Rules {
             ),
         ];
         if let Some((rule, _)) = at_least_one.iter().find(|(_, value)| *value == 0) {
-            return Err(format!("rule {rule} is 0, it has to be at least 1"));
+            return Err(format!("rule {rule} is 0; it has to be at least 1"));
         }
         if self.min_improvement_bps > BPS {
             return Err(format!(
-                "rule min_improvement_bps is {}, a loss cannot fall by more than {BPS}",
+                "rule min_improvement_bps is {}, but a loss cannot fall by more than {BPS}",
                 self.min_improvement_bps
             ));
         }
@@ -181,13 +181,13 @@ impl Rules {
             || u64::from(self.eval_samples) > self.min_dataset_samples
         {
             return Err(format!(
-                "rule eval_samples is {}, it can be at most {MAX_EVAL_SAMPLES} and at most min_dataset_samples, {}",
+                "rule eval_samples is {}; it can be at most {MAX_EVAL_SAMPLES} and at most min_dataset_samples, {}",
                 self.eval_samples, self.min_dataset_samples
             ));
         }
         if self.submit_window_ms < self.commit_window_ms {
             return Err(format!(
-                "rule submit_window_ms is {}, shorter than commit_window_ms, {}",
+                "rule submit_window_ms is {}, which is shorter than commit_window_ms, {}",
                 self.submit_window_ms, self.commit_window_ms
             ));
         }
@@ -197,18 +197,18 @@ impl Rules {
         self.governance.check()
     }
 
-    /// The witnesses and the quorum that these rules ask for.
+    /// The witnesses and the quorum that these rules require.
     pub fn witnesses(&self) -> Result<WitnessPolicy, String> {
         let bad = |why: String| format!("rule witness_policy: {why}");
         match self.witness_policy.len() {
             0 => Ok(WitnessPolicy::none()),
             size if size > MAX_WITNESS_POLICY_BYTES => Err(bad(format!(
-                "it has {size} bytes, at most {MAX_WITNESS_POLICY_BYTES} are possible"
+                "it has {size} bytes; at most {MAX_WITNESS_POLICY_BYTES} are possible"
             ))),
             _ => match WitnessPolicy::parse(&self.witness_policy) {
                 Ok(policy) if policy.wants_witnesses() => Ok(policy),
                 Ok(_) => Err(bad(
-                    "it asks for no cosignature: leave it empty, or name a quorum".into(),
+                    "it requires no cosignature: leave it empty, or name a quorum".into(),
                 )),
                 Err(error) => Err(bad(error.to_string())),
             },
@@ -220,7 +220,7 @@ impl Strategy {
     fn check(&self) -> Result<(), String> {
         match self {
             Self::TrimmedMean { trim_bps } if *trim_bps >= BPS / 2 => Err(format!(
-                "rule strategy leaves out {trim_bps} basis points at either end, which leaves nothing: less than {} are possible",
+                "rule strategy leaves out {trim_bps} basis points at either end, so nothing would be left; it has to be less than {}",
                 BPS / 2
             )),
             _ => Ok(()),
@@ -232,7 +232,7 @@ impl Participation {
     fn check(&self) -> Result<(), String> {
         match self {
             Self::Sampled { nodes: 0 } => {
-                Err("rule participation samples 0 nodes, it has to be at least 1".into())
+                Err("rule participation samples 0 nodes; it has to sample at least 1".into())
             }
             Self::Listed(nodes) if nodes.is_empty() || nodes.len() > MAX_LISTED => Err(format!(
                 "rule participation lists {} nodes; 1 to {MAX_LISTED} are possible",

@@ -1,4 +1,4 @@
-//! An open proposal, as the state holds it, and the count of its votes.
+//! Open proposals, and how their votes are counted.
 
 use crate::{
     entries::proposal::{Action, Ballot, Outcome},
@@ -8,18 +8,18 @@ use borsh::{BorshDeserialize, BorshSerialize};
 use std::collections::{BTreeMap, BTreeSet};
 use zk0_circuits::NodeId;
 
-/// An open proposal, as the state holds it.
+/// A proposal that is not settled yet.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct OpenProposal {
     /// Who proposed it.
     pub proposer: NodeId,
-    /// A line for people.
+    /// A short title.
     pub title: String,
     /// What it does.
     pub action: Action,
-    /// Who may vote, with what weight: that of when it was proposed, less what was lost since.
+    /// Who may vote, and with what weight. It is the weight at the time of the proposal, less what the voter has lost since.
     pub electorate: BTreeMap<NodeId, u64>,
-    /// The rules of this vote: those in force when it was proposed.
+    /// The quorum that was in force when it was proposed.
     pub quorum_bps: u32,
     /// Likewise.
     pub threshold_bps: u32,
@@ -29,29 +29,29 @@ pub struct OpenProposal {
     pub voting_ends_ms: u64,
     /// Last moment for a veto, Unix milliseconds. After it the proposal has to be settled before the next round opens.
     pub veto_ends_ms: u64,
-    /// The votes: one each, final.
+    /// The votes. Nobody can change theirs.
     pub votes: BTreeMap<NodeId, Ballot>,
-    /// Who wants to stop it.
+    /// Who has vetoed it.
     pub vetoes: BTreeSet<NodeId>,
 }
 
 /// A count of weights.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Tally {
-    /// For it.
+    /// The weight for it.
     pub for_it: u128,
-    /// Against it.
+    /// The weight against it.
     pub against: u128,
-    /// Abstentions.
+    /// The weight of the abstentions.
     pub abstained: u128,
-    /// Vetoes.
+    /// The weight of the vetoes.
     pub vetoes: u128,
-    /// All that might have voted.
+    /// The weight of everybody who may vote.
     pub electorate: u128,
 }
 
 impl OpenProposal {
-    /// The weights so far.
+    /// Counts the votes so far.
     pub fn tally(&self) -> Tally {
         let weight = |voter: &NodeId| u128::from(self.electorate.get(voter).copied().unwrap_or(0));
         let of = |ballot: Ballot| {
@@ -67,7 +67,7 @@ impl OpenProposal {
         }
     }
 
-    /// Gives a voter's weight and votes to the key that took its place.
+    /// Moves a voter's weight and votes to the key that replaces the voter's.
     pub(crate) fn rename(&mut self, old: &NodeId, new: &NodeId) {
         if let Some(weight) = self.electorate.remove(old) {
             self.electorate.insert(*new, weight);
@@ -83,7 +83,7 @@ impl OpenProposal {
         }
     }
 
-    /// Lets what is proposed for a node go with it to the key that took its place: nobody gets away by changing keys.
+    /// Makes the proposed action concern a node's new key, so that no node can avoid it by changing its key.
     pub(crate) fn follow(&mut self, old: &NodeId, new: &NodeId) {
         match &mut self.action {
             Action::Suspend(node)
@@ -98,7 +98,7 @@ impl OpenProposal {
         }
     }
 
-    /// Leaves a voter at most `most`; without any weight its votes are gone too.
+    /// Lowers a voter's weight to at most `most`. A voter without weight also loses its votes.
     pub(crate) fn limit_weight(&mut self, voter: &NodeId, most: u64) {
         if most == 0 {
             self.electorate.remove(voter);
@@ -109,7 +109,7 @@ impl OpenProposal {
         }
     }
 
-    /// How the vote ended, once it is due; `None` when it passed and was not stopped.
+    /// How the vote ended, once the proposal is due; `None` if it passed and was not vetoed.
     pub fn failed(&self) -> Option<Outcome> {
         let tally = self.tally();
         let share = |part: u128, bps: u32| (part * u128::from(BPS), u128::from(bps));

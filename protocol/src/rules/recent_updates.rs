@@ -1,21 +1,20 @@
-//! The updates that were committed last: nobody may count for what another node trained.
+//! The updates that nodes committed to last, so that no node can contribute what another node has trained.
 //!
-//! The number is bounded, and with it the memory of everybody who follows a log, however long it is. It is a number of
-//! updates and not of rounds or days: an aggregator could let any number of empty rounds go by at once, but each commitment is
-//! a node's, one a round.
+//! Their number is limited, so that following a log takes a limited amount of memory. It is a number of updates, and not of rounds or
+//! days, because an aggregator could let any number of empty rounds pass at once, while each node commits only once a round.
 
 use borsh::{BorshDeserialize, BorshSerialize};
 use std::collections::{BTreeMap, VecDeque};
 use zk0_circuits::{Digest, NodeId, WeightsDigest};
 
-/// How many updates are remembered. One that was committed before so many others may be committed by another node: it would
-/// have to improve on what the network has become since.
+/// How many updates are remembered. Another node could commit to an older one, but that update would have to improve on what the network
+/// has become since.
 pub const REMEMBERED_UPDATES: usize = 1 << 16;
 
-/// The last [`REMEMBERED_UPDATES`] updates, and whose they are.
+/// The last [`REMEMBERED_UPDATES`] updates, and the node of each.
 #[derive(Clone, Debug, Default, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct Updates {
-    /// By the digest of their bytes and by that of their numbers: other bytes do not make another update.
+    /// By the digest of their bytes and by the digest of their numbers, because the same numbers in other bytes are the same update.
     by_digest: BTreeMap<Digest, Committed>,
     /// In the order of their entries.
     in_order: VecDeque<(u64, WeightsDigest)>,
@@ -79,7 +78,7 @@ mod tests {
         let (node, limit) = (NodeId([7; 32]), REMEMBERED_UPDATES as u64);
         let mut updates = Updates::default();
         (0..limit).for_each(|number| updates.remember(&update(number), node, number));
-        // Committed again: remembered from then on.
+        // It was committed again, and counts from then on.
         updates.remember(&update(1), node, limit);
         let known = |updates: &Updates, number| {
             let WeightsDigest { blob, quantised } = update(number);

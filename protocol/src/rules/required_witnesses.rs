@@ -1,5 +1,5 @@
-//! Which witnesses a network's own rules ask for, told from its entries without the state: for readers that publish or copy a
-//! log, and do not replay it.
+//! Which witnesses a network's rules require, read from its entries without a state. It is for programs that publish or copy a log and
+//! do not replay it.
 
 use crate::{
     entries::{
@@ -11,17 +11,17 @@ use crate::{
 };
 use std::collections::BTreeMap;
 
-/// A fold over a log's entries, from the first. It believes what they say: whether they follow the rules is for
-/// [`zk0_ledger::replay`] to find out.
+/// The required witnesses, gathered entry by entry from the first one. It does not check whether entries follow the rules: a replay does
+/// that.
 #[derive(Clone, Debug, Default)]
 pub struct RequiredWitnesses {
     rules: Rules,
-    /// Rules that are proposed, by number.
+    /// Proposed rules, by the proposal's number.
     proposed: BTreeMap<u64, Rules>,
 }
 
 impl RequiredWitnesses {
-    /// Takes note of the next entry.
+    /// Takes the next entry into account.
     pub fn observe(&mut self, body: &Body) {
         match body {
             Body::Genesis(genesis) => self.rules = genesis.rules.clone(),
@@ -41,7 +41,7 @@ impl RequiredWitnesses {
         }
     }
 
-    /// The policy that the rules in force name; [`Policy::none`] where they ask for no witnesses.
+    /// The policy in the rules in force; [`WitnessPolicy::none`] if they require no witnesses.
     pub fn policy(&self) -> Result<WitnessPolicy, String> {
         self.rules.witnesses()
     }

@@ -1,4 +1,4 @@
-//! What a network is after the entries so far: a value, computed from them alone.
+//! The state of a network after its entries so far. It is a plain value, computed from the entries and nothing else.
 
 use crate::{
     entries::{
@@ -28,47 +28,47 @@ pub struct State {
     /// The rules in force.
     pub(crate) rules: Rules,
     pub(crate) nodes: BTreeMap<NodeId, Node>,
-    /// Keys that nodes no longer use, each with the one that its node uses now.
+    /// Keys that nodes no longer use, each with the key that its node uses now.
     pub(crate) retired: BTreeMap<NodeId, NodeId>,
-    /// Every episode ever registered, and by whom.
+    /// Every episode that was ever registered, and the node that registered it.
     pub(crate) episodes: BTreeMap<Digest, NodeId>,
-    /// Every dataset root ever registered, and by whom.
+    /// Every dataset root that was ever registered, and the node that registered it.
     pub(crate) datasets: BTreeMap<Digest, NodeId>,
-    /// The updates committed last, and by whom.
+    /// The updates that nodes committed to last.
     pub(crate) updates: Updates,
     pub(crate) global: WeightsDigest,
     pub(crate) next_round: u64,
     pub(crate) round: Option<Round>,
     pub(crate) next_proposal: u64,
-    /// Those that are not settled, by number.
+    /// The proposals that are not settled, by number.
     pub(crate) proposals: BTreeMap<u64, OpenProposal>,
-    /// What counted in rounds that are over and may still be disputed, by the entry that accepted it.
+    /// Accepted contributions to closed rounds that may still be disputed, by the entry that accepted them.
     pub(crate) contributions: BTreeMap<u64, Contribution>,
-    /// Those that are not decided, by the entry that raised them.
+    /// The disputes that are not decided, by the entry that raised them.
     pub(crate) disputes: BTreeMap<u64, OpenDispute>,
 }
 
 /// An enrolled node.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct Node {
-    /// A name for people.
+    /// A readable name.
     pub name: String,
     /// Its dataset, if it registered one.
     pub dataset: Option<Dataset>,
     /// Whether it may contribute.
     pub standing: Standing,
-    /// What it has earned and not lost again.
+    /// Its credits: those that it has earned, less those that it has lost.
     pub credits: u64,
 }
 
 /// Whether a node may contribute.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub enum Standing {
-    /// It may.
+    /// The node may contribute.
     Active,
-    /// Not until it is reinstated: by vote, or because a dispute was upheld.
+    /// The node may not contribute until a vote reinstates it. A vote or an upheld dispute suspended it.
     Suspended,
-    /// Never again.
+    /// The node may never contribute again.
     Revoked,
 }
 
@@ -83,7 +83,7 @@ pub struct Contribution {
     pub credits: u64,
     /// Last moment for a dispute, Unix milliseconds.
     pub disputable_until_ms: u64,
-    /// Whether a dispute already had it verified again, and it held.
+    /// Whether it was verified again because of a dispute, and is valid.
     pub verified_again: bool,
 }
 
@@ -94,9 +94,9 @@ pub struct OpenDispute {
     pub disputer: NodeId,
     /// The entry that accepted the contribution.
     pub contribution: u64,
-    /// Why it is said to be false.
+    /// The evidence against the contribution.
     pub evidence: Evidence,
-    /// When it lapses unless it is judged, Unix milliseconds. One about verification never does.
+    /// When it ends without a decision, in Unix milliseconds. A dispute about verification never ends without one.
     pub lapses_ms: u64,
 }
 
@@ -118,9 +118,9 @@ pub struct Round {
     pub opened: RoundOpened,
     /// Index of the entry that opened it.
     pub entry: u64,
-    /// Who may contribute, where the rules draw a sample.
+    /// Who may contribute, if the rules draw a sample.
     pub sample: Option<BTreeSet<NodeId>>,
-    /// What nodes committed to, by node.
+    /// The commitments, by node.
     pub commits: BTreeMap<NodeId, Commit>,
 }
 
@@ -133,23 +133,23 @@ pub struct Commit {
     pub dataset: DatasetCommitment,
     /// Index of the entry that recorded it.
     pub entry: u64,
-    /// Fixed by the tree that ends with that entry.
+    /// The challenge, which follows from the tree that ends with that entry.
     pub challenge: Digest,
-    /// What became of it.
+    /// Whether the contribution was accepted or rejected, once that is decided.
     pub decision: Option<Decision>,
 }
 
-/// What became of a contribution.
+/// The decision about a contribution.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub enum Decision {
-    /// It counts.
+    /// It was accepted.
     Accepted {
         /// Index of the entry that says so.
         entry: u64,
         /// What it earns when the round closes.
         credits: u64,
     },
-    /// It does not.
+    /// It was rejected.
     Rejected,
 }
 
@@ -179,7 +179,7 @@ impl State {
         self.entries
     }
 
-    /// Time of the last entry, Unix milliseconds. The next has none earlier.
+    /// Time of the last entry, in Unix milliseconds. The next entry cannot be earlier.
     pub fn time_ms(&self) -> u64 {
         self.time_ms
     }
@@ -219,7 +219,7 @@ impl State {
         self.next_proposal
     }
 
-    /// What counted and may still be disputed, by the entry that accepted it.
+    /// The accepted contributions that may still be disputed, by the entry that accepted them.
     pub fn contributions(&self) -> &BTreeMap<u64, Contribution> {
         &self.contributions
     }
@@ -229,7 +229,7 @@ impl State {
         &self.disputes
     }
 
-    /// Who counts for how much in the open round, ordered by node: what `RoundClosed` has to say.
+    /// The contributors to the open round and their weights, ordered by node, as `RoundClosed` has to list them.
     pub fn contributors(&self) -> Vec<Contributor> {
         let cap = self.rules.max_weight_samples;
         let accepted = |(node, commit): (&NodeId, &Commit)| match commit.decision {
@@ -244,7 +244,7 @@ impl State {
         commits.filter_map(accepted).collect()
     }
 
-    /// Whether `node` may contribute to `round`, as far as the rules in force and its own standing go.
+    /// Whether `node` may contribute to `round`, by the rules in force and the node's standing.
     pub fn may_contribute(&self, round: &Round, id: &NodeId) -> bool {
         self.ready(id, round.entry) && round.invites(id, &self.rules)
     }
@@ -260,7 +260,7 @@ impl State {
         })
     }
 
-    /// Whether two identities are one node's, now or before it changed its key.
+    /// Whether two identities belong to the same node, now or before it changed its key.
     pub(crate) fn same_node(&self, one: &NodeId, other: &NodeId) -> bool {
         self.present_key(one) == self.present_key(other)
     }
@@ -269,7 +269,7 @@ impl State {
         *self.retired.get(id).unwrap_or(id)
     }
 
-    /// The state's own digest: [`tagged_sha256`] of its borsh encoding under `zk0/state/v1`. Equal histories have equal digests.
+    /// The digest of the state: [`tagged_sha256`] of its borsh encoding under `zk0/state/v1`. Equal histories give equal digests.
     pub fn digest(&self) -> Digest {
         let bytes = borsh::to_vec(self).expect("writing to a Vec cannot fail");
         tagged_sha256("zk0/state/v1", &[&bytes])
@@ -282,7 +282,7 @@ impl Round {
         self.opened.round
     }
 
-    /// Whether `rules` let a node contribute to this round, whatever its standing.
+    /// Whether a node may contribute to this round by `rules`, without a look at its standing.
     pub fn invites(&self, node: &NodeId, rules: &Rules) -> bool {
         match &rules.participation {
             Participation::All => true,

@@ -1,4 +1,4 @@
-//! The named reasons for which the state refuses an entry.
+//! The reasons for which the state refuses an entry.
 
 use crate::{
     entries::{codec::EntryError, refusal::Refusal},
@@ -9,111 +9,111 @@ use zk0_circuits::NodeId;
 /// Why an entry cannot follow the history so far.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum RuleViolation {
-    /// A node's statement that the rules refuse.
+    /// The rules refuse what a node states.
     #[error(transparent)]
     Refused(#[from] Refusal),
-    /// An entry too large, or of another version.
+    /// The entry is too large, or of another version.
     #[error(transparent)]
     Entry(#[from] EntryError),
-    /// Time ran backwards.
-    #[error("the entry's time is {time_ms} ms, the one before it has {last_ms} ms")]
+    /// The entry is older than the entry before it.
+    #[error("the entry's time is {time_ms} ms, but the entry before it has {last_ms} ms")]
     TimeBackwards { time_ms: u64, last_ms: u64 },
     /// The first entry is not a genesis.
     #[error("the first entry is not a genesis")]
     NoGenesis,
-    /// A genesis that is not the first entry.
-    #[error("a second genesis")]
+    /// A genesis comes after the first entry.
+    #[error("this is a second genesis; a log has one, its first entry")]
     SecondGenesis,
-    /// A genesis no network can live by.
+    /// The genesis has a value that a network cannot use.
     #[error("genesis: {0}")]
     BadGenesis(String),
-    /// A node that cannot be enrolled.
+    /// The node cannot be enrolled.
     #[error("node {node} cannot be enrolled: {why}")]
     BadNode { node: NodeId, why: String },
-    /// Enrolled twice.
+    /// The key belongs to an enrolled node, or did so. The text is data of the ledger (see [`crate::entries::proposal::Outcome`]).
     #[error("node {0} is already enrolled")]
     AlreadyEnrolled(NodeId),
-    /// A dataset changed under an open round.
+    /// A dataset would change while a round is open.
     #[error("node {node} cannot replace its dataset while round {round} is open")]
     DatasetInUse { node: NodeId, round: u64 },
-    /// A round opened before the one before it closed.
+    /// The round before is not closed.
     #[error("round {0} is still open")]
     RoundStillOpen(u64),
-    /// A field of a round's opening or closing is not what the ledger fixes.
-    #[error("round {round}: {field} is {found}, it has to be {expected}")]
+    /// A field of a round's opening or closing has another value than the ledger determines.
+    #[error("round {round}: {field} is {found}, but it has to be {expected}")]
     RoundField {
         round: u64,
         field: &'static str,
         found: String,
         expected: String,
     },
-    /// Nothing to close.
+    /// There is no such round to close.
     #[error("round {0} is not open")]
     RoundNotOpen(u64),
-    /// Closed while a node could still contribute.
+    /// The round would close while a node can still contribute.
     #[error("round {round} cannot close {early_ms} ms before its deadline: {waiting_for}")]
     ClosedEarly {
         round: u64,
         early_ms: u64,
         waiting_for: String,
     },
-    /// Refused for a reason that does not hold, or not for the one that does.
-    #[error("the contribution is refused because '{given}', but {found}")]
+    /// The recorded reason for a refusal is not the true one.
+    #[error("the recorded reason for the refusal is '{given}', but {found}")]
     WrongReason { given: String, found: String },
-    /// The operator enrols a node where only a vote can.
-    #[error("node {0} cannot be enrolled by the operator: the rules ask for a vote")]
+    /// The operator cannot enrol nodes in this network.
+    #[error("the operator cannot enrol node {0}: by the rules, only a vote can")]
     EnrolmentByVote(NodeId),
-    /// Two halves of a key rotation that do not fit.
+    /// The two halves of a key rotation do not fit together.
     #[error("node {0}'s key cannot be rotated: the new key signed another rotation")]
     OtherTakeover(NodeId),
-    /// A key that the open round knows.
+    /// The node has used its key in the open round.
     #[error("node {node} cannot change its key: it has committed an update in round {round}, which is open")]
     KeyInUse { node: NodeId, round: u64 },
-    /// So many keys that whose a thing is takes long to say.
+    /// The node has changed its key too often. A limit keeps the search for former keys short.
     #[error("node {node} has changed its key {limit} times: only a vote can give it another")]
     TooManyKeys { node: NodeId, limit: usize },
-    /// A proposal that makes no sense.
+    /// The proposal is not possible.
     #[error("proposal {number}: {why}")]
     BadProposal { number: u64, why: String },
-    /// Neither a governor nor a node whose credits vote.
-    #[error("{0} has no vote here")]
+    /// The identity belongs neither to a governor nor to a node with enough credits.
+    #[error("{0} may not vote here: it is neither a governor nor a node with enough credits")]
     NoVote(NodeId),
-    /// Nothing to vote on.
+    /// There is no such open proposal.
     #[error("proposal {0} is not open")]
     ProposalNotOpen(u64),
-    /// Too late.
+    /// The vote or veto comes too late.
     #[error("a {what} on proposal {number} comes {late_ms} ms too late")]
     VoteClosed {
         number: u64,
         what: String,
         late_ms: u64,
     },
-    /// A veto while the vote lasts.
+    /// The veto comes while the vote lasts.
     #[error("a veto on proposal {number} comes {early_ms} ms too early: vote against it, or wait for the end of the vote")]
     VetoEarly { number: u64, early_ms: u64 },
-    /// A second vote.
+    /// The voter has voted before.
     #[error("{voter} has voted on proposal {number} already; votes are final")]
     VotedTwice { number: u64, voter: NodeId },
-    /// Settled while it can be voted on or vetoed.
+    /// The proposal can still be voted on or vetoed.
     #[error("proposal {number} cannot be settled for another {early_ms} ms")]
     SettledEarly { number: u64, early_ms: u64 },
-    /// Settled otherwise than it ended.
+    /// The recorded outcome is not the true one.
     #[error("proposal {number} is settled as '{found}', but it is {expected}")]
     OtherOutcome {
         number: u64,
         found: String,
         expected: String,
     },
-    /// A round opened before what was decided took effect.
+    /// A round cannot open while a proposal is due.
     #[error("proposal {0} has to be settled before a round opens")]
     ProposalDue(u64),
-    /// A dispute that makes no sense, or its end.
+    /// A dispute, or its end, is not possible.
     #[error("dispute about entry {entry}: {why}")]
     BadDispute { entry: u64, why: String },
-    /// A round opened before a contribution was verified again.
+    /// A round cannot open before disputed contributions were verified again.
     #[error("the dispute of entry {0} has to be decided before a round opens")]
     DisputeUndecided(u64),
-    /// Deadlines beyond the end of time.
+    /// The deadlines are too far in the future.
     #[error("round {0}'s deadlines do not fit in 64 bits")]
     EndOfTime(u64),
 }

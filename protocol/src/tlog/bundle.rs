@@ -1,20 +1,20 @@
 //! Entry bundles (C2SP tlog-tiles): each item after its length, 16 bits, big-endian.
 
-/// Why bytes are no bundle of so many items.
+/// Why bytes are not a bundle of so many items.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum BundleError {
     /// An item has more bytes than 16 bits can count.
     #[error("an item of {0} bytes does not fit in a bundle")]
     TooLarge(usize),
-    /// It ends within an item, or has fewer items.
-    #[error("the bundle ends in its item {0}")]
+    /// The bundle ends before or within an item.
+    #[error("the bundle ends before the end of its item {0} (from 0)")]
     Short(usize),
-    /// It goes on after its last item.
+    /// The bundle goes on after its last item.
     #[error("the bundle has {0} bytes after its last item")]
     Long(usize),
 }
 
-/// Most bytes a bundle of `width` items has.
+/// Most bytes that a bundle of `width` items can have.
 pub fn max_bytes(width: u16) -> u64 {
     u64::from(width) * (2 + u64::from(u16::MAX))
 }
@@ -27,7 +27,7 @@ pub fn push(bundle: &mut Vec<u8>, item: &[u8]) -> Result<(), BundleError> {
     Ok(())
 }
 
-/// The `width` items of a bundle, which has no more.
+/// Splits a bundle of exactly `width` items.
 pub fn split(bundle: &[u8], width: u16) -> Result<Vec<&[u8]>, BundleError> {
     let mut rest = bundle;
     let mut items = Vec::with_capacity(usize::from(width).min(bundle.len() / 2));

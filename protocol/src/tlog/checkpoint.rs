@@ -1,5 +1,5 @@
-//! Signed checkpoints: C2SP tlog-checkpoint bodies in C2SP signed notes, one ed25519 signature by the log's key. With
-//! cosignatures beside it, a checkpoint is opened by a [`crate::tlog::witness_policy::WitnessPolicy`].
+//! Signed checkpoints: C2SP tlog-checkpoint bodies in C2SP signed notes, with one ed25519 signature by the log's key. A checkpoint with
+//! cosignatures is opened by a [`crate::tlog::witness_policy::WitnessPolicy`].
 
 use crate::{
     quote::short,
@@ -10,13 +10,13 @@ use signed_note::{Note, Signer, VerifierList};
 use tlog_tiles::{checkpoint::Checkpoint as Body, tlog::Hash};
 use zk0_circuits::Digest;
 
-/// Longest checkpoint with the log's signature alone that is read, in bytes.
+/// Longest checkpoint that is read, in bytes, if it has only the log's signature.
 pub const MAX_CHECKPOINT_BYTES: usize = 4096;
 
-/// Longest checkpoint with cosignatures that is read, in bytes: room for a hundred of them.
+/// Longest checkpoint with cosignatures that is read, in bytes. It has room for a hundred of them.
 pub const MAX_NOTE_BYTES: usize = 64 * 1024;
 
-/// What a checkpoint says: the log's first `size` entries have this root.
+/// A checkpoint: the log's first `size` entries have this root.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Checkpoint {
     /// Number of entries.
@@ -25,26 +25,26 @@ pub struct Checkpoint {
     pub root: Digest,
 }
 
-/// Why a text is no checkpoint of the log.
+/// Why a text is not a valid checkpoint of the log.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum CheckpointError {
-    /// Not a C2SP signed note with a checkpoint in it.
-    #[error("not a signed checkpoint: {0}")]
+    /// The text is not a C2SP signed note with a checkpoint.
+    #[error("this is not a signed checkpoint: {0}")]
     Malformed(String),
-    /// Of another log.
-    #[error("the checkpoint is of log '{found}', not of '{expected}'")]
+    /// The checkpoint is of another log.
+    #[error("the checkpoint is of the log '{found}', not of the log '{expected}'")]
     OtherOrigin { found: String, expected: String },
-    /// Not signed by the log's key.
-    #[error("the checkpoint is not signed by the log's key: {0}")]
+    /// The log's key did not sign it.
+    #[error("the checkpoint has no valid signature of the log's key: {0}")]
     Signature(String),
-    /// Something beside the one encoding that a checkpoint of this log has.
+    /// The text says more, or says it otherwise, than the only encoding of this checkpoint.
     #[error("the checkpoint is not in its canonical form")]
     NotCanonical,
-    /// No ed25519 key.
+    /// The log's key is not a usable ed25519 key.
     #[error("the log's key is not an ed25519 public key")]
     BadKey,
-    /// Too few of the witnesses that the policy names have cosigned it.
-    #[error("checkpoint of size {size}: cosigned by {found}, but the policy wants {wanted}: it was not shown to enough witnesses")]
+    /// Too few of the policy's witnesses have cosigned it.
+    #[error("the policy requires cosignatures of {wanted}; the checkpoint of {size} entries carries cosignatures of {found}")]
     NoQuorum {
         size: u64,
         found: String,
@@ -53,7 +53,7 @@ pub enum CheckpointError {
 }
 
 impl Checkpoint {
-    /// Signs it: the text that is published.
+    /// Signs the checkpoint. The result is the text that is published.
     pub fn sign(&self, origin: &str, key: &SigningKey) -> Result<Vec<u8>, CheckpointError> {
         let malformed = |error: String| CheckpointError::Malformed(error);
         let body = Body::new(origin, self.size, Hash(self.root.0), "")
@@ -69,15 +69,15 @@ impl Checkpoint {
         Ok(note.to_bytes())
     }
 
-    /// Opens a signed checkpoint of the log `origin`. Every byte counts: it is the one encoding of what is returned, with
-    /// one signature, by `log_key`.
+    /// Opens a signed checkpoint of the log `origin`. The text has to be the only encoding of the checkpoint with one signature, by
+    /// `log_key`: any other byte is refused.
     pub fn open(text: &[u8], origin: &str, log_key: &[u8; 32]) -> Result<Self, CheckpointError> {
         if text.len() > MAX_CHECKPOINT_BYTES {
             return Err(CheckpointError::Malformed(format!("{} bytes", text.len())));
         }
         let parsed = Parsed::read(text)?;
         let signatures = parsed.signed_by(&self::log_key(origin, log_key)?)?;
-        // Encoded again with nothing but the log's own signature: more of anything, or less, would differ.
+        // Encoded again with only the log's signature, the checkpoint has to give the same text.
         let canonical = Note::new(parsed.note.text(), &signatures).map(|note| note.to_bytes());
         match canonical.ok().as_deref() == Some(text) {
             true => Ok(parsed.checkpoint),
@@ -86,18 +86,18 @@ impl Checkpoint {
     }
 }
 
-/// A checkpoint that was read and not yet verified: it may be of any log, with any signatures.
+/// A checkpoint that is not verified yet. It may be of any log, with any signatures.
 pub struct Parsed {
     /// The note.
     pub note: Note,
-    /// Whose it claims to be.
+    /// The log that it claims to be of.
     pub origin: String,
-    /// What it claims.
+    /// The size and root that it claims.
     pub checkpoint: Checkpoint,
 }
 
 impl Parsed {
-    /// Reads a signed note with a checkpoint in its one canonical encoding, without extension lines.
+    /// Reads a signed note with a checkpoint in its canonical encoding, without extension lines.
     pub fn read(text: &[u8]) -> Result<Self, CheckpointError> {
         if text.len() > MAX_NOTE_BYTES {
             return Err(CheckpointError::Malformed(format!("{} bytes", text.len())));
@@ -119,7 +119,7 @@ impl Parsed {
         })
     }
 
-    /// The log's signature, if this is a checkpoint of the log `key` and validly signed by it.
+    /// The log's signature, if this is a checkpoint of the log `key` with a valid signature.
     pub fn signed_by(
         &self,
         key: &VerifierKey,

@@ -14,19 +14,19 @@ pub struct Cosigner {
 }
 
 impl Cosigner {
-    /// A witness that signs as `name`. Use a key for one name and for nothing else: the name is not part of what is signed.
+    /// A witness that signs as `name`. Use each key for one name and for nothing else, because the name is not part of the message.
     pub fn new(name: &str, secret: SigningKey) -> Result<Self, KeyError> {
         let key = VerifierKey::new(Role::Witness, name, secret.verifying_key().as_bytes())?;
         Ok(Self { key, secret })
     }
 
-    /// What its cosignatures are verified with.
+    /// The key that verifies its cosignatures.
     pub fn key(&self) -> &VerifierKey {
         &self.key
     }
 
-    /// Cosigns a note's text as of `time_s`, POSIX seconds: the signature line, newline included. Whether the text may be
-    /// cosigned is for [`crate::tlog::witness`] to say.
+    /// Cosigns a note's text at `time_s`, in POSIX seconds. Returns the signature line with its newline. It does not check whether the text
+    /// may be cosigned: [`crate::tlog::witness`] does.
     pub fn cosign(&self, text: &[u8], time_s: u64) -> Vec<u8> {
         let signature = self.secret.sign(&message(text, time_s));
         let bytes = [&time_s.to_be_bytes()[..], &signature.to_bytes()[..]].concat();
@@ -36,8 +36,7 @@ impl Cosigner {
     }
 }
 
-/// Takes the cosignature of `key` out of a witness' answer (signature lines), if a valid one of this note is in it. All other
-/// lines are ignored.
+/// Finds the valid cosignature of this note by `key` in a witness' answer, which has one signature a line. Other lines are ignored.
 pub fn find(answer: &[u8], key: &VerifierKey, note: &Note) -> Option<signed_note::Signature> {
     answer
         .split_inclusive(|byte| *byte == b'\n')

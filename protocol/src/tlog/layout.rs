@@ -1,15 +1,15 @@
-//! What a log serves, and where: C2SP tlog-tiles, and two kinds of files beside it.
+//! The files that a log serves: those of C2SP tlog-tiles, and two more kinds.
 //!
 //! | path | content |
 //! |---|---|
 //! | `checkpoint` | the newest published checkpoint, a C2SP signed note |
 //! | `tile/<L>/<N>[.p/<W>]` | 256 tree hashes, 32 bytes each, of level 8·L; `.p/<W>`: the first W of them |
 //! | `tile/entries/<N>[.p/<W>]` | 256 entries, each after its length (16 bits, big-endian) |
-//! | `zk0/checkpoints/<N>[.p/<W>]` | the log's checkpoints after these entries, in the same framing; empty where there is none |
-//! | `zk0/policy` | the log's key and the witnesses its checkpoints are shown to (C2SP tlog-policy) |
+//! | `zk0/checkpoints/<N>[.p/<W>]` | the log's checkpoints after these entries, each after its length; empty where there is none |
+//! | `zk0/policy` | the log's key and the witnesses that cosign its checkpoints (C2SP tlog-policy) |
 //! | `blobs/sha256/<digest>` | proofs and weights, once they are public |
 //!
-//! Everything but `checkpoint` and `zk0/policy` never changes once it is there.
+//! Only `checkpoint` and `zk0/policy` change. All other files stay as they are.
 
 use crate::tlog::decimal::decimal;
 use std::fmt;
@@ -21,7 +21,7 @@ pub const TILE_WIDTH: u64 = 256;
 /// Height of a tile.
 pub const TILE_HEIGHT: u8 = 8;
 
-/// Largest tree that is read from others: positions of its hashes stay far from the end of 64 bits.
+/// Largest tree that is read from others. The limit keeps the positions of its hashes well within 64 bits.
 pub const MAX_TREE_SIZE: u64 = 1 << 48;
 
 /// Something that a log serves.
@@ -37,14 +37,14 @@ pub enum Resource {
     Blob(Digest),
 }
 
-/// A tile or bundle: `width` things from `number`·256 on.
+/// A tile or bundle: `width` items, beginning with item `number`·256.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Tile {
-    /// Of what.
+    /// What its items are.
     pub kind: Kind,
-    /// Which, from 0.
+    /// Its number, from 0.
     pub number: u64,
-    /// How many, from 1 to 256.
+    /// How many items it has, from 1 to 256.
     pub width: u16,
 }
 
@@ -60,7 +60,7 @@ pub enum Kind {
 }
 
 impl Tile {
-    /// How many of its things a log of `size` entries has.
+    /// How many items of this kind a log of `size` entries has.
     fn held(kind: Kind, size: u64) -> u64 {
         match kind {
             Kind::Hashes(level) => size >> (u32::from(level) * u32::from(TILE_HEIGHT)),
@@ -79,17 +79,17 @@ impl Tile {
         })
     }
 
-    /// Whether a log of `size` entries has it.
+    /// Whether a log of `size` entries has this tile.
     pub fn is_in(&self, size: u64) -> bool {
         Self::at(self.kind, self.number, size).is_some_and(|widest| self.width <= widest.width)
     }
 
-    /// Whether it has all it ever will.
+    /// Whether it has 256 items.
     pub fn is_full(&self) -> bool {
         u64::from(self.width) == TILE_WIDTH
     }
 
-    /// The full tile in its place.
+    /// The full tile with the same number.
     pub fn full(&self) -> Self {
         Self {
             width: TILE_WIDTH as u16,
@@ -97,7 +97,7 @@ impl Tile {
         }
     }
 
-    /// First position that it holds.
+    /// The position of its first item.
     pub fn start(&self) -> u64 {
         self.number * TILE_WIDTH
     }
@@ -118,7 +118,7 @@ impl fmt::Display for Tile {
             Kind::Entries => f.write_str("tile/entries/")?,
             Kind::Checkpoints => f.write_str("zk0/checkpoints/")?,
         }
-        // Three digits an element, all but the last after an x.
+        // Each element has three digits, and an x before all but the last.
         let mut groups = vec![self.number % 1000];
         let mut rest = self.number / 1000;
         while rest > 0 {
@@ -148,7 +148,7 @@ impl fmt::Display for Resource {
 }
 
 impl Resource {
-    /// Reads a path without a leading slash; `None` unless it is the one way to write it.
+    /// Reads a path without a leading slash; `None` if no file has this path, or if the path could be written otherwise.
     pub fn parse(path: &str) -> Option<Self> {
         let found = match path {
             "checkpoint" => Self::Checkpoint,

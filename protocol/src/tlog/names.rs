@@ -3,7 +3,7 @@
 /// Longest name of a network, a log, a witness or a node, in bytes.
 pub const MAX_NAME_BYTES: usize = 128;
 
-/// Whether a name can stand in a signed note (C2SP signed-note): 1 to [`MAX_NAME_BYTES`] bytes, without spaces, plus signs and
+/// Whether a signed note can hold a name (C2SP signed-note). A name has 1 to [`MAX_NAME_BYTES`] bytes, and no spaces, plus signs or
 /// control characters.
 pub fn is_log_name(name: &str) -> bool {
     let printable = name.chars().all(|c| !c.is_control());

@@ -1,4 +1,4 @@
-//! Receipts: what a node keeps, and shows to anyone who doubts that its entry is in the log.
+//! Receipts. A node keeps a receipt to show that its entry is in the log.
 
 use crate::{
     entries::codec::EntryError,
@@ -9,7 +9,7 @@ use borsh::{BorshDeserialize, BorshSerialize};
 use tlog_tiles::tlog::{check_record, record_hash, Hash};
 use zk0_circuits::Digest;
 
-/// Proof that an entry is in the log: a signed checkpoint and the entry's inclusion in its tree.
+/// A proof that an entry is in the log: a signed checkpoint, and the entry's inclusion in its tree.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct Receipt {
     /// Position of the entry, from 0.
@@ -22,22 +22,22 @@ pub struct Receipt {
     pub proof: Vec<Digest>,
 }
 
-/// Why a receipt proves nothing.
+/// Why a receipt is not valid.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ReceiptError {
-    /// Its checkpoint is not the log's.
+    /// Its checkpoint is not a valid checkpoint of the log.
     #[error("receipt: {0}")]
     Checkpoint(#[from] CheckpointError),
-    /// Its entry is none.
+    /// Its bytes are not an entry.
     #[error("receipt: {0}")]
     Entry(#[from] EntryError),
     /// Its path does not lead from the entry to the checkpoint's root.
-    #[error("receipt: entry {index} is not in the tree of size {size} by this proof: {why}")]
+    #[error("receipt: the proof does not show that entry {index} is in the tree of {size} entries: {why}")]
     NotIncluded { index: u64, size: u64, why: String },
 }
 
 impl Receipt {
-    /// Checks everything; returns the checkpoint and the entry.
+    /// Verifies the checkpoint's signature and the inclusion proof. Returns the checkpoint and the entry.
     pub fn verify(
         &self,
         log_key: &[u8; 32],
@@ -50,9 +50,12 @@ impl Receipt {
             size: checkpoint.size,
             why,
         };
-        // A path is no longer than the tree is high; `check_record` copies it once per level.
+        // A path cannot be longer than the tree is high, and `check_record` copies it once for each level.
         if self.proof.len() > 64 {
-            return Err(refuse(format!("it has {} hashes", self.proof.len())));
+            return Err(refuse(format!(
+                "it has {} hashes, which is too many",
+                self.proof.len()
+            )));
         }
         check_record(
             &self.proof.iter().map(|digest| Hash(digest.0)).collect(),

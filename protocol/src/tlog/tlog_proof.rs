@@ -1,7 +1,7 @@
-//! Receipts that outlive us: `tlog-proof` bundles (C2SP tlog-proof), checked offline against a log's key and a policy.
+//! Receipts as files: `tlog-proof` bundles (C2SP tlog-proof). Anybody can verify one offline, with the log's key and a policy.
 //!
-//! The bundle's extra data is the entry itself, so that one file says what is proven; the entry is authenticated by the
-//! proof, since its hash is the leaf.
+//! The bundle's extra data is the entry itself, so that the file is complete. The proof authenticates the entry, because the entry's
+//! hash is the leaf.
 
 use crate::{
     entries::{codec::EntryError, entry::MAX_ENTRY_BYTES},
@@ -21,42 +21,42 @@ use zk0_circuits::Digest;
 /// First line of a bundle.
 const HEADER: &str = "c2sp.org/tlog-proof@v1";
 
-/// Longest bundle that is read, in bytes: an entry in base64, a path and a cosigned checkpoint.
+/// Longest bundle that is read, in bytes. It has room for an entry in base64, a path and a cosigned checkpoint.
 pub const MAX_PROOF_BYTES: usize = 2 * MAX_ENTRY_BYTES + crate::tlog::checkpoint::MAX_NOTE_BYTES;
 
-/// Most hashes in an inclusion proof: no tree is higher.
+/// Most hashes in an inclusion proof, because no tree is higher.
 const MAX_HASHES: usize = 63;
 
-/// That an entry is in a log, as anyone can check without asking anyone.
+/// A proof that an entry is in a log, which anybody can verify offline.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct TlogProof {
-    /// Opaque data; here the entry's canonical bytes.
+    /// Extra data; here it is the entry's canonical bytes.
     pub extra: Option<Vec<u8>>,
     /// Position of the entry, from 0.
     pub index: u64,
     /// RFC 6962 audit path, from the leaf upwards.
     pub hashes: Vec<Digest>,
-    /// The signed checkpoint, with whatever cosignatures it has.
+    /// The signed checkpoint with its cosignatures.
     pub checkpoint: Vec<u8>,
 }
 
-/// Why a bundle proves nothing.
+/// Why a bundle is not a valid proof.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ProofError {
-    /// Not a bundle.
-    #[error("not a tlog-proof: {0}")]
+    /// The text is not a bundle.
+    #[error("this is not a tlog-proof: {0}")]
     Form(String),
-    /// The entry is neither in the bundle nor given.
+    /// The bundle does not hold the entry, and the caller gave none.
     #[error("the proof does not hold its entry (no `extra` line): give the entry too")]
     NoEntry,
-    /// Its checkpoint is not believed.
+    /// Its checkpoint is not valid.
     #[error("proof: {0}")]
     Checkpoint(#[from] CheckpointError),
-    /// What it proves is no entry.
+    /// The proven bytes are not an entry.
     #[error("proof: {0}")]
     Entry(#[from] EntryError),
     /// The path does not lead from the entry to the checkpoint's root.
-    #[error("proof: entry {index} is not in the tree of size {size} by this path: {why}")]
+    #[error("the proof does not show that entry {index} is in the tree of {size} entries: {why}")]
     NotIncluded { index: u64, size: u64, why: String },
 }
 
@@ -72,7 +72,7 @@ impl From<Receipt> for TlogProof {
 }
 
 impl TlogProof {
-    /// The text, to be kept as `….tlog-proof`.
+    /// The text of the bundle. Files with it have the extension `.tlog-proof`.
     pub fn encode(&self) -> Vec<u8> {
         let mut text = format!("{HEADER}\n");
         if let Some(extra) = &self.extra {
@@ -86,7 +86,7 @@ impl TlogProof {
         [text.as_bytes(), &self.checkpoint].concat()
     }
 
-    /// Reads a bundle; its checkpoint stays unread until [`TlogProof::verify`].
+    /// Reads a bundle. [`TlogProof::verify`] reads the checkpoint in it.
     pub fn decode(bytes: &[u8]) -> Result<Self, ProofError> {
         let form = |why: &str| ProofError::Form(why.into());
         if bytes.len() > MAX_PROOF_BYTES {
@@ -95,7 +95,7 @@ impl TlogProof {
         let text = std::str::from_utf8(bytes).map_err(|_| form("it is not UTF-8"))?;
         let (head, checkpoint) = text
             .split_once("\n\n")
-            .ok_or_else(|| form("no empty line before a checkpoint"))?;
+            .ok_or_else(|| form("it has no empty line before the checkpoint"))?;
         let mut lines = head.split('\n').peekable();
         if lines.next() != Some(HEADER) {
             return Err(form("its first line is not c2sp.org/tlog-proof@v1"));
@@ -112,7 +112,7 @@ impl TlogProof {
             .next()
             .and_then(|line| line.strip_prefix("index "))
             .and_then(decimal)
-            .ok_or_else(|| form("no line `index N`"))?;
+            .ok_or_else(|| form("it has no line `index N`"))?;
         let hashes: Vec<Digest> = lines
             .map(|line| {
                 Hash::parse_hash(line)
@@ -122,7 +122,7 @@ impl TlogProof {
             .take(MAX_HASHES + 1)
             .collect::<Result<_, _>>()?;
         if hashes.len() > MAX_HASHES {
-            return Err(form("its path is longer than any tree is high"));
+            return Err(form("its path has more hashes than any tree has levels"));
         }
         Ok(Self {
             extra,
@@ -132,7 +132,7 @@ impl TlogProof {
         })
     }
 
-    /// Checks everything: the log's signature, the quorum of `policy`, and that the entry in `extra` is in the signed tree.
+    /// Verifies the log's signature, the quorum of `policy`, and that the entry in `extra` is in the signed tree.
     pub fn verify(
         &self,
         log: &VerifierKey,
@@ -143,7 +143,7 @@ impl TlogProof {
         Ok((witnessed, Entry::decode(bytes)?))
     }
 
-    /// The same for a leaf that is known by other means.
+    /// Does the same for a leaf that the caller has from elsewhere.
     pub fn verify_leaf(
         &self,
         log: &VerifierKey,

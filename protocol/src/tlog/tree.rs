@@ -1,23 +1,23 @@
-//! The right edge of an RFC 6962 tree: all that is needed to append to it and to know its root.
+//! The right edge of an RFC 6962 tree. It is enough to append leaves and to compute the root.
 
 use tlog_tiles::tlog::{
     node_hash, record_hash, sub_tree_index, Error as TreeError, Hash, HashReader, EMPTY_HASH,
 };
 use zk0_circuits::Digest;
 
-/// Most leaves: positions of their hashes stay far from the end of 64 bits.
+/// Most leaves. The limit keeps the positions of the hashes well within 64 bits.
 const MAX_LEAVES: u64 = 1 << 60;
 
-/// A tree of `size` leaves, known by the roots of its complete subtrees (at most log₂ of its size).
+/// A tree of `size` leaves, represented by the roots of its complete subtrees. There are at most log₂ of `size` of them.
 #[derive(Clone, Debug, Default)]
 pub struct Frontier {
     size: u64,
-    /// One for each bit of `size`, the largest subtree's first.
+    /// One root for each one among the bits of `size`, with the largest subtree's first.
     edge: Vec<Hash>,
 }
 
 impl Frontier {
-    /// The right edge of the first `size` leaves, from the hashes that were stored as they came.
+    /// The right edge of the first `size` leaves, from stored hashes.
     pub fn read(size: u64, stored: &impl HashReader) -> Result<Self, TreeError> {
         // Largest subtree first.
         let edge = stored.read_hashes(&sub_tree_index(0, size, Vec::new()))?;
@@ -29,8 +29,8 @@ impl Frontier {
         self.size
     }
 
-    /// Appends a leaf. Returns the hashes that become final with it, to be stored from
-    /// `tlog_tiles::tlog::stored_hash_index(0, n)` on, the leaf's own hash first. Refuses a leaf beyond 2⁶⁰.
+    /// Appends a leaf. Returns the hashes that become final with it, beginning with the hash of the leaf itself. They are stored at
+    /// consecutive positions from `tlog_tiles::tlog::stored_hash_index(0, n)` on. A tree has at most 2⁶⁰ leaves.
     pub fn push(&mut self, entry: &[u8]) -> Result<Vec<Hash>, TreeError> {
         self.push_leaf(record_hash(entry))
     }
@@ -44,7 +44,7 @@ impl Frontier {
         }
         let mut new = vec![leaf];
         let mut hash = leaf;
-        // Each trailing one of the size is a subtree as large as what the leaf completes.
+        // For each one at the end of the size's bits, the leaf completes a subtree of twice the size.
         for _ in 0..self.size.trailing_ones() {
             let left = self.edge.pop().ok_or(TreeError::IndexesNotInTree)?;
             hash = node_hash(left, hash);

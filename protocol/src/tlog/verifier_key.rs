@@ -1,8 +1,8 @@
-//! Verifier keys: who signed, in one line of text (C2SP signed-note, "vkeys").
+//! Verifier keys: the name and the public key of a signer in one line of text (C2SP signed-note, "vkeys").
 //!
 //! `<name>+<key id, hexadecimal>+base64(signature type ‖ ed25519 public key)`. A log signs checkpoints with type `0x01`, a
-//! witness cosigns them with type `0x04` (C2SP tlog-cosignature); the type is part of the key's id, so neither passes for the
-//! other.
+//! witness cosigns them with type `0x04` (C2SP tlog-cosignature). The type is part of the key's id, so one kind of signature is never
+//! taken for the other.
 
 use crate::{
     public_key::public_key,
@@ -16,7 +16,7 @@ use base64::prelude::{Engine as _, BASE64_STANDARD};
 use ed25519_dalek::{Signature, VerifyingKey};
 use std::{fmt, str::FromStr};
 
-/// What a key's signatures mean.
+/// The kind of a key's signatures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Role {
     /// ed25519 over the note: the log's own signature.
@@ -34,7 +34,7 @@ impl Role {
     }
 }
 
-/// A name, a public key, and what its signatures mean.
+/// A name, a public key, and the kind of its signatures.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct VerifierKey {
     name: String,
@@ -42,36 +42,36 @@ pub struct VerifierKey {
     key: VerifyingKey,
 }
 
-/// Why a text is no verifier key.
+/// Why a text is not a verifier key.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum KeyError {
-    /// Not of the form.
-    #[error("'{0}' is no verifier key: NAME+ID+KEY, as `zk0 ledger vkey` and `zk0 witness keygen` print it")]
+    /// The text does not have the form of a verifier key.
+    #[error("'{0}' is not a verifier key. A verifier key has the form NAME+ID+KEY; `zk0 ledger vkey` and `zk0 witness keygen` print it")]
     Form(String),
-    /// The name cannot name a key.
-    #[error("'{0}' cannot name a key: 1 to {MAX_NAME_BYTES} bytes, no spaces, no '+', no control characters")]
+    /// A key cannot have this name.
+    #[error("'{0}' cannot be the name of a key. A name has 1 to {MAX_NAME_BYTES} bytes and no spaces, plus signs or control characters")]
     Name(String),
-    /// Another kind of key.
-    #[error("key '{name}' has signature type {found:#04x}, not {expected}")]
+    /// The key is of another kind.
+    #[error("key '{name}' has signature type {found:#04x}, but it has to be {expected}")]
     Type {
         name: String,
         found: u8,
         expected: &'static str,
     },
-    /// The id is not the one that follows from name and key.
-    #[error("key '{name}' has id {found}, but name and key make {expected}: a character is wrong")]
+    /// The id does not belong to the name and the key.
+    #[error("key '{name}' has the id {found}, but the id of this name and key is {expected}: some character is wrong")]
     Id {
         name: String,
         found: String,
         expected: String,
     },
-    /// No ed25519 public key.
+    /// It is not an ed25519 public key.
     #[error("key '{0}' is not an ed25519 public key")]
     Key(String),
 }
 
 impl VerifierKey {
-    /// A key from its parts. Refuses small-order points: they verify what nobody signed.
+    /// A key from its parts. Points of small order are refused, because anybody can make signatures for them.
     pub fn new(role: Role, name: &str, key: &[u8; 32]) -> Result<Self, KeyError> {
         if !is_log_name(name) {
             return Err(KeyError::Name(short(name)));
@@ -86,7 +86,7 @@ impl VerifierKey {
         }
     }
 
-    /// Reads one and insists on its role.
+    /// Reads a key, which has to have this role.
     pub fn of_role(role: Role, text: &str) -> Result<Self, KeyError> {
         let key: Self = text.parse()?;
         match key.role == role {
@@ -102,12 +102,12 @@ impl VerifierKey {
         }
     }
 
-    /// The name: a log's is its origin.
+    /// The name. The name of a log's key is the log's origin.
     pub fn name(&self) -> &str {
         &self.name
     }
 
-    /// What its signatures mean.
+    /// The kind of its signatures.
     pub fn role(&self) -> Role {
         self.role
     }
@@ -117,7 +117,7 @@ impl VerifierKey {
         self.key.as_bytes()
     }
 
-    /// SHA-256(name ‖ newline ‖ type ‖ key), the first four bytes.
+    /// The first four bytes of SHA-256(name ‖ newline ‖ type ‖ key).
     pub fn id(&self) -> u32 {
         signed_note::key_id(&self.name, &self.encoded())
     }
@@ -158,7 +158,7 @@ impl FromStr for VerifierKey {
                 return Err(KeyError::Type {
                     name: short(name),
                     found: *found,
-                    expected: "0x01 or 0x04: only ed25519 keys are known here",
+                    expected: "0x01 or 0x04, because this software knows only ed25519 keys",
                 })
             }
         };

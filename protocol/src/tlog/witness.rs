@@ -1,5 +1,6 @@
-//! What a witness does (C2SP tlog-witness), without sockets, files or clocks: it remembers one checkpoint per log, and
-//! cosigns another only if that one continues it. So no two clients of the witness can be shown two histories.
+//! The decisions of a witness (C2SP tlog-witness), without sockets, files or clocks. A witness remembers one checkpoint for each log, and
+//! cosigns another checkpoint only if it continues the first. So a log cannot show two histories to two readers who require this
+//! witness' cosignature.
 
 use crate::{
     quote::short,
@@ -23,9 +24,9 @@ pub const MAX_REQUEST_BYTES: usize = 64 * 48 + MAX_NOTE_BYTES;
 /// A request for a cosignature.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct AddCheckpoint {
-    /// Size of the last checkpoint that the witness cosigned, as far as the client knows; 0 for none.
+    /// Size of the last checkpoint that the witness cosigned, as far as the client knows; 0 if there is none.
     pub old: u64,
-    /// RFC 6962 consistency proof from there.
+    /// RFC 6962 consistency proof from that size to the new checkpoint.
     pub proof: Vec<Digest>,
     /// The new checkpoint.
     pub checkpoint: Vec<u8>,
@@ -34,28 +35,28 @@ pub struct AddCheckpoint {
 /// Why a witness does not cosign.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum WitnessRefusal {
-    /// Not a request, or one that cannot be meant.
+    /// The bytes are not a request, or the request contradicts itself.
     #[error("{0}")]
     Malformed(String),
-    /// A log that this witness does not watch.
+    /// The witness does not watch this log.
     #[error("this witness does not watch the log '{0}'")]
     UnknownLog(String),
-    /// Not signed by that log.
+    /// The log did not sign the checkpoint.
     #[error("{0}")]
     NotSigned(CheckpointError),
-    /// The client's idea of what was cosigned last is not the witness'.
-    #[error("the last checkpoint cosigned here has {last} entries, not {old}")]
+    /// The client is wrong about the last checkpoint that the witness cosigned.
+    #[error("the last checkpoint that this witness cosigned has {last} entries, not {old}")]
     Conflict { last: u64, old: u64 },
-    /// Another tree of the size that was cosigned last: the log shows two histories.
-    #[error("another tree of {size} entries was cosigned here")]
+    /// The witness has cosigned another tree of the same size: the log shows two histories.
+    #[error("this witness has cosigned another tree of {size} entries")]
     OtherTree { size: u64 },
-    /// The new tree is not shown to continue the old one: perhaps the log shows two histories.
-    #[error("the tree of {size} entries does not continue the one of {last} cosigned here: {why}")]
+    /// The proof does not show that the new tree continues the old one. Perhaps the log shows two histories.
+    #[error("the proof does not show that the tree of {size} entries continues the one of {last} entries that this witness cosigned: {why}")]
     Inconsistent { last: u64, size: u64, why: String },
 }
 
 impl WitnessRefusal {
-    /// The HTTP status that says so.
+    /// The HTTP status of this refusal.
     pub fn status(&self) -> u16 {
         match self {
             Self::Malformed(_) => 400,
@@ -78,7 +79,7 @@ impl AddCheckpoint {
         [text.as_bytes(), &self.checkpoint].concat()
     }
 
-    /// Reads a request's body; the checkpoint stays unread.
+    /// Reads a request's body, but not the checkpoint in it.
     pub fn decode(body: &[u8]) -> Result<Self, WitnessRefusal> {
         let malformed = |why: &str| WitnessRefusal::Malformed(why.into());
         if body.len() > MAX_REQUEST_BYTES {
@@ -87,7 +88,7 @@ impl AddCheckpoint {
         let text = std::str::from_utf8(body).map_err(|_| malformed("the request is not UTF-8"))?;
         let (head, checkpoint) = text
             .split_once("\n\n")
-            .ok_or_else(|| malformed("no empty line before the checkpoint"))?;
+            .ok_or_else(|| malformed("there is no empty line before the checkpoint"))?;
         let mut lines = head.split('\n');
         let old = lines
             .next()
@@ -113,7 +114,7 @@ impl AddCheckpoint {
     }
 }
 
-/// A witness: whom it watches, and the last checkpoint it cosigned of each.
+/// A witness: the logs that it watches, and the last checkpoint of each that it cosigned.
 pub struct Witness {
     cosigner: Cosigner,
     logs: BTreeMap<String, Watched>,
@@ -124,15 +125,15 @@ struct Watched {
     last: Option<Checkpoint>,
 }
 
-/// A checkpoint that may be cosigned. It becomes the last one with [`Witness::record`], once it is on disk.
+/// A checkpoint that may be cosigned. Once it is on disk, [`Witness::record`] makes it the log's last one.
 pub struct Accepted {
-    /// Whose it is.
+    /// The log that it is of.
     pub origin: String,
-    /// What it says.
+    /// The checkpoint.
     pub checkpoint: Checkpoint,
     /// The cosignature line.
     pub cosignature: Vec<u8>,
-    /// The checkpoint with the log's signature and this cosignature alone.
+    /// The checkpoint with only the log's signature and this cosignature.
     pub note: Vec<u8>,
 }
 
@@ -145,7 +146,7 @@ impl Witness {
         }
     }
 
-    /// Watches a log, from what was cosigned of it last. Two keys for one origin cannot be watched.
+    /// Starts to watch a log, from the last checkpoint that was cosigned. A witness cannot watch two keys for one origin.
     pub fn watch(&mut self, key: VerifierKey, last: Option<Checkpoint>) -> Result<(), String> {
         match self.logs.contains_key(key.name()) {
             true => Err(format!("the log '{}' is named twice", key.name())),
@@ -156,7 +157,7 @@ impl Witness {
         }
     }
 
-    /// What its cosignatures are verified with.
+    /// The key that verifies its cosignatures.
     pub fn key(&self) -> &VerifierKey {
         self.cosigner.key()
     }
@@ -166,8 +167,8 @@ impl Witness {
         self.logs.values().map(|watched| &watched.key)
     }
 
-    /// Decides on a request at `time_s`, POSIX seconds. Changes nothing: the caller writes the note to disk, records it, and
-    /// only then hands out the cosignature.
+    /// Decides on a request at `time_s`, in POSIX seconds, and changes nothing. The caller first writes the note to disk, then records it,
+    /// and only then hands out the cosignature.
     pub fn check(&self, body: &[u8], time_s: u64) -> Result<Accepted, WitnessRefusal> {
         let request = AddCheckpoint::decode(body)?;
         let parsed = Parsed::read(&request.checkpoint)
@@ -182,7 +183,7 @@ impl Witness {
         let new = parsed.checkpoint;
         if request.old > new.size {
             return Err(WitnessRefusal::Malformed(format!(
-                "the old size, {}, is beyond the checkpoint's, {}",
+                "the old size, {}, is larger than the checkpoint's, {}",
                 request.old, new.size
             )));
         }
@@ -230,11 +231,11 @@ fn continues(
         Some(last) if last.size == new.size && last.root != new.root => {
             Err(WitnessRefusal::OtherTree { size: new.size })
         }
-        // Anything continues the empty tree, and a tree continues itself.
+        // Every tree continues the empty tree, and a tree continues itself. No proof is needed.
         _ if last.is_none_or(|last| last.size == 0 || last.size == new.size) => {
             match proof.is_empty() {
                 true => Ok(()),
-                false => Err(inconsistent("there is nothing to prove, but a proof")),
+                false => Err(inconsistent("there is a proof where none is needed")),
             }
         }
         None => Ok(()),

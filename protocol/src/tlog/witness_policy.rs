@@ -1,4 +1,5 @@
-//! Whom to believe: logs, witnesses and the quorum of cosignatures without which a checkpoint is nothing (C2SP tlog-policy).
+//! Witness policies (C2SP tlog-policy): the logs and witnesses that a reader knows, and the quorum of cosignatures that a checkpoint
+//! needs.
 //!
 //! ```text
 //! witness A a.example+6c1bbd5e+BO… https://a.example/witness
@@ -8,7 +9,7 @@
 //! quorum two-of-three
 //! ```
 //!
-//! A policy belongs to whoever reads a log, not to the log: auditors may be stricter than the aggregator.
+//! A policy belongs to a reader of a log, not to the log, so an auditor may be stricter than the aggregator.
 
 use crate::{
     quote::short,
@@ -23,7 +24,7 @@ use std::{collections::BTreeMap, fmt};
 /// Longest policy that is read, in bytes.
 pub const MAX_POLICY_BYTES: usize = 64 * 1024;
 
-/// Most logs, witnesses and groups, each.
+/// Most logs, most witnesses, and most groups.
 const MAX_OF_A_KIND: usize = 64;
 
 /// Logs, witnesses and a quorum.
@@ -40,18 +41,18 @@ pub struct WitnessPolicy {
 pub struct Witness {
     /// Its name within the policy.
     pub name: String,
-    /// What its cosignatures are verified with.
+    /// The key that verifies its cosignatures.
     pub key: VerifierKey,
-    /// Where it takes checkpoints (C2SP tlog-witness: the submission prefix), if the policy says so.
+    /// The address where it takes checkpoints (the submission prefix of C2SP tlog-witness), if the policy has it.
     pub url: Option<String>,
 }
 
 /// A checkpoint that a policy accepts.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Witnessed {
-    /// What it says.
+    /// The checkpoint.
     pub checkpoint: Checkpoint,
-    /// The policy's witnesses that cosigned it, by name, and when (POSIX seconds).
+    /// The names of the policy's witnesses that cosigned it, each with the time in POSIX seconds.
     pub cosigners: Vec<(String, u64)>,
 }
 
@@ -65,28 +66,28 @@ enum Quorum {
     },
 }
 
-/// Why a text is no policy.
+/// Why a text is not a policy.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum PolicyError {
-    /// Too much of it.
-    #[error("the policy has {0}")]
+    /// The policy is too large.
+    #[error("the policy is too large: it has {0}")]
     TooLarge(String),
-    /// A line says nothing that is known.
-    #[error("policy, line {line}: '{text}' is none of `log VKEY [URL]`, `witness NAME VKEY [URL]`, `group NAME all|any|K NAME…`, `quorum NAME`")]
+    /// A line has none of the known forms.
+    #[error("policy, line {line}: '{text}' has none of the forms `log VKEY [URL]`, `witness NAME VKEY [URL]`, `group NAME all|any|K NAME…` and `quorum NAME`")]
     Line { line: usize, text: String },
-    /// A key is none.
+    /// A key is not a verifier key.
     #[error("policy, line {line}: {error}")]
     Key { line: usize, error: KeyError },
-    /// A name or a key occurs where it must not.
+    /// A name or a key may not be used here.
     #[error("policy, line {line}: {why}")]
     Name { line: usize, why: String },
-    /// No quorum line, or more than one.
-    #[error("the policy has {0} quorum lines: exactly one says whose cosignatures are wanted (`quorum none` for nobody's)")]
+    /// The policy has no quorum line, or more than one.
+    #[error("the policy has {0} quorum lines. It needs exactly one, which names the required cosignatures (`quorum none` requires none)")]
     Quorums(usize),
 }
 
 impl WitnessPolicy {
-    /// Wants no cosignatures.
+    /// The policy that requires no cosignatures.
     pub fn none() -> Self {
         Self {
             logs: Vec::new(),
@@ -96,7 +97,7 @@ impl WitnessPolicy {
         }
     }
 
-    /// Reads one.
+    /// Reads a policy.
     pub fn parse(text: &str) -> Result<Self, PolicyError> {
         if text.len() > MAX_POLICY_BYTES {
             return Err(PolicyError::TooLarge(format!(
@@ -121,12 +122,12 @@ impl WitnessPolicy {
         }
     }
 
-    /// Whether any cosignature is wanted.
+    /// Whether the policy requires any cosignature.
     pub fn wants_witnesses(&self) -> bool {
         !matches!(self.quorum, Quorum::None)
     }
 
-    /// The witnesses, in the order in which [`Policy::met_by`] takes them.
+    /// The witnesses, in the order in which [`WitnessPolicy::met_by`] takes them.
     pub fn witnesses(&self) -> &[Witness] {
         &self.witnesses
     }
@@ -146,7 +147,7 @@ impl WitnessPolicy {
         &self.text
     }
 
-    /// The same policy for one log: what others need to check that log's checkpoints. `comment` becomes its first line.
+    /// The same policy for one log, so that others can verify this log's checkpoints. `comment` becomes its first line.
     pub fn for_log(&self, log: &VerifierKey, comment: &str) -> String {
         let others = self
             .text
@@ -165,8 +166,8 @@ impl WitnessPolicy {
         met(&self.quorum, cosigned)
     }
 
-    /// Opens a checkpoint of `log`: signed by it and cosigned by a quorum. Signatures of others are ignored; an invalid
-    /// signature under a known key spoils the whole note.
+    /// Opens a checkpoint of `log`, which the log has to have signed and a quorum has to have cosigned. Signatures of unknown keys are
+    /// ignored. An invalid signature of a known key makes the whole checkpoint invalid.
     pub fn open(&self, text: &[u8], log: &VerifierKey) -> Result<Witnessed, CheckpointError> {
         let parsed = Parsed::read(text)?;
         parsed.signed_by(log)?;
@@ -200,7 +201,7 @@ impl WitnessPolicy {
             false => Err(CheckpointError::NoQuorum {
                 size: parsed.checkpoint.size,
                 found: match cosigners.is_empty() {
-                    true => "none of the known witnesses".into(),
+                    true => "no witness of the policy".into(),
                     false => {
                         let names: Vec<_> = cosigners.into_iter().map(|(name, _)| name).collect();
                         names.join(", ")
@@ -253,7 +254,7 @@ struct Reader {
 
 struct Named {
     quorum: Quorum,
-    /// Already a member of a group.
+    /// Whether it is already a member of a group.
     taken: bool,
 }
 
@@ -309,7 +310,7 @@ impl Reader {
         key: VerifierKey,
         url: Option<String>,
     ) -> Result<(), PolicyError> {
-        // One operator under two names would count twice.
+        // With two names, one operator would count twice.
         if self
             .witnesses
             .iter()
@@ -358,7 +359,7 @@ impl Reader {
             return Err(PolicyError::Name {
                 line,
                 why: format!(
-                    "group '{}' wants {threshold} of {} members",
+                    "group '{}' requires {threshold} of its {} members",
                     short(name),
                     members.len()
                 ),
@@ -412,6 +413,6 @@ fn undefined(line: usize, name: &str) -> PolicyError {
 fn twice(line: usize, name: &str) -> PolicyError {
     PolicyError::Name {
         line,
-        why: format!("the key of '{}' is there already", short(name)),
+        why: format!("the policy has the key of '{}' already", short(name)),
     }
 }

@@ -140,7 +140,7 @@ fn a_false_contribution_loses_its_credits_and_its_node_is_suspended() {
     assert!(chain.state.disputes().is_empty());
     // It is not taken twice.
     let again = disputed(&chain.state, 0, 9, Evidence::Verification);
-    assert!(said(chain.refusal(again)).contains("no accepted contribution"));
+    assert!(said(chain.refusal(again)).contains("not an accepted contribution"));
     chain.open();
 }
 
@@ -194,7 +194,7 @@ fn disputes_are_raised_by_members_about_what_may_be_disputed() {
     let said_no = |chain: &mut Chain, body| said(chain.refusal(body));
     for nothing in [0, 7, 10, 99] {
         let body = disputed(&chain.state, 0, nothing, verification);
-        assert!(said_no(&mut chain, body).contains("no accepted contribution"));
+        assert!(said_no(&mut chain, body).contains("not an accepted contribution"));
     }
     let stranger = disputed(&chain.state, 7, 9, verification);
     assert_eq!(chain.refusal(stranger), Refusal::NotEnrolled(id(7)).into());
@@ -245,9 +245,9 @@ fn verification_says_what_only_blobs_can_tell_and_between_rounds() {
         },
         Refusal::Dataset("bad".into()),
     ] {
-        assert!(said(chain.refusal(resolved(11, Some(reason)))).contains("cannot say"));
+        assert!(said(chain.refusal(resolved(11, Some(reason)))).contains("cannot be the result"));
     }
-    assert!(said(chain.refusal(resolved(9, None))).contains("no open dispute"));
+    assert!(said(chain.refusal(resolved(9, None))).contains("not an open dispute"));
     let mut chain = contributed();
     chain.open();
     chain.apply(disputed(&chain.state, 0, 9, Evidence::Verification));

@@ -1,6 +1,6 @@
-//! Disputes: an accepted contribution is said to be false. Where it is, its credits are taken back and its node is suspended.
+//! Disputes about accepted contributions. If a dispute is upheld, the node loses the contribution's credits and is suspended.
 //!
-//! The global weights stay as they are: later rounds were trained from them.
+//! The global weights stay as they are, because later rounds were trained from them.
 
 use crate::{
     entries::{
@@ -28,7 +28,7 @@ impl State {
         let bad = |why: String| RuleViolation::BadDispute { entry, why };
         let Some(contribution) = self.contributions.get(&entry) else {
             return Err(bad(
-                "it is no accepted contribution to a closed round that may still be disputed"
+                "that entry is not an accepted contribution to a closed round that may still be disputed"
                     .into(),
             ));
         };
@@ -39,7 +39,7 @@ impl State {
             )));
         }
         if dispute.evidence == Evidence::Verification && contribution.verified_again {
-            return Err(bad("it was verified again already, and it holds".into()));
+            return Err(bad("it was verified again already, and it is valid".into()));
         }
         for open in self.disputes.values() {
             if open.contribution == entry {
@@ -47,7 +47,7 @@ impl State {
             }
             if open.disputer == disputer {
                 return Err(bad(format!(
-                    "who disputes it has a dispute open already, about entry {}",
+                    "the disputer has a dispute open already, about entry {}",
                     open.contribution
                 )));
             }
@@ -78,14 +78,14 @@ impl State {
         );
     }
 
-    /// The first dispute that verification has to decide: no round opens before it has.
+    /// The first dispute that verification has to decide. No round opens before it is decided.
     pub fn undecided(&self) -> Option<(u64, OpenDispute)> {
         let mut open = self.disputes.iter();
         let (entry, dispute) = open.find(|(_, one)| one.evidence == Evidence::Verification)?;
         Some((*entry, *dispute))
     }
 
-    /// Refuses while a proposal or a dispute waits for an end that only the aggregator can record.
+    /// Refuses to go on while the aggregator has to settle a proposal or to decide a dispute first.
     pub(super) fn check_nothing_due(&self, now: u64) -> Result<(), RuleViolation> {
         if let Some(number) = self.due(now) {
             return Err(RuleViolation::ProposalDue(number));
@@ -105,21 +105,21 @@ impl State {
             return Err(RuleViolation::RoundStillOpen(round.number()));
         }
         match self.disputes.get(&resolved.dispute) {
-            None => return Err(bad("it is no open dispute".into())),
+            None => return Err(bad("that entry is not an open dispute".into())),
             Some(open) if open.evidence != Evidence::Verification => {
                 return Err(bad("a vote decides about it, not verification".into()))
             }
             Some(_) => {}
         }
         match &resolved.upheld {
-            Some(reason) if !reason.is_told_by_blobs() => Err(bad(format!(
-                "verification of a claim that the ledger accepted cannot say '{reason}'"
+            Some(reason) if !reason.follows_from_blobs() => Err(bad(format!(
+                "'{reason}' cannot be the result of verifying a claim that the ledger accepted"
             ))),
             _ => Ok(()),
         }
     }
 
-    /// The end of a dispute, whoever decided it.
+    /// Ends a dispute.
     pub(super) fn judge(&mut self, dispute: u64, upheld: bool) {
         let Some(open) = self.disputes.remove(&dispute) else {
             return;
@@ -144,9 +144,9 @@ impl State {
 }
 
 impl Refusal {
-    /// Whether a refusal follows from the proof and the weights, which are beside the ledger: whoever holds them repeats the
-    /// check. The others follow from the ledger itself, or concern bytes that never get as far as the ledger.
-    pub fn is_told_by_blobs(&self) -> bool {
+    /// Whether a refusal follows from the proof and the weights, which are blobs beside the ledger, so that whoever has them can repeat the
+    /// check. The other refusals follow from the ledger itself, or concern bytes that are never recorded.
+    pub fn follows_from_blobs(&self) -> bool {
         match self {
             Self::MalformedProof(_)
             | Self::OtherClaim

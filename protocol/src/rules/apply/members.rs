@@ -15,10 +15,10 @@ use crate::{
 };
 use zk0_circuits::NodeId;
 
-/// Most episodes in a dataset: their digests fit in an entry.
+/// Most episodes in a dataset, so that their digests fit in an entry.
 pub const MAX_EPISODES: usize = 1500;
 
-/// How often a node may change its key by itself: whose a former key is has to be found out by everyone who replays.
+/// How often a node may change its key by itself. The limit keeps the search for the owner of a former key short.
 pub const MAX_ROTATIONS: usize = 100;
 
 impl State {
@@ -29,7 +29,7 @@ impl State {
         }
     }
 
-    /// Whether a node may join, whoever decides it. Its key was looked at before.
+    /// Whether a node may join. Its key was checked before.
     pub(super) fn check_enrolment(&self, enrolled: &NodeEnrolled) -> Result<(), RuleViolation> {
         let refuse = |why: String| RuleViolation::BadNode {
             node: enrolled.node,
@@ -42,7 +42,7 @@ impl State {
         }
     }
 
-    /// Whether a key is or was a node's: then it is nobody else's, ever.
+    /// Whether a key belongs or belonged to a node. Then no other node can ever have it.
     fn is_used(&self, key: &NodeId) -> bool {
         self.nodes.contains_key(key) || self.retired.contains_key(key)
     }
@@ -59,7 +59,7 @@ impl State {
         );
     }
 
-    /// A node that is enrolled and may contribute.
+    /// The node, if it is enrolled and may contribute.
     pub(crate) fn active(&self, id: &NodeId) -> Result<&Node, Refusal> {
         match self.nodes.get(id) {
             None => Err(Refusal::NotEnrolled(*id)),
@@ -91,8 +91,8 @@ impl State {
         self.check_replacement(&rotation.node, &rotation.with)
     }
 
-    /// Whether the key `with`, which was looked at before, may take the place of `node`'s: nobody has or had it, and the node
-    /// is not in the middle of a round, where its claim has to name the key that committed.
+    /// Whether `with`, a key that was checked before, may replace the key of `node`. Nobody may have or have had it, and the node must
+    /// not have committed in the open round, because its claim has to name the key that committed.
     pub(super) fn check_replacement(
         &self,
         node: &NodeId,
@@ -113,8 +113,9 @@ impl State {
         }
     }
 
-    /// Gives a node's place to another key: dataset, standing, credits, what may be disputed, what it was drawn for, what is proposed
-    /// for it, and its votes and disputes that are open (but a governor's own, whose key the rules name).
+    /// Gives a node another key. Everything of the node moves to the new key: dataset, standing, credits, contributions, its place in a
+    /// sample, proposals about it, and its open votes and disputes. The votes and disputes of a governor stay with the governor's key,
+    /// because the rules name that key.
     pub(super) fn replace_key(&mut self, old: &NodeId, new: &NodeId) {
         if let Some(node) = self.nodes.remove(old) {
             self.nodes.insert(*new, node);
@@ -177,7 +178,7 @@ impl State {
                 commitment.root
             )));
         }
-        // What a node signed for a dataset that it has replaced since is public: anyone could send it again.
+        // Old registrations are public, so anybody could send one again after the node has replaced it.
         let current = enrolled.dataset.map(|dataset| dataset.commitment.root);
         if self.datasets.contains_key(&commitment.root) && current != Some(commitment.root) {
             return Err(bad(format!(

@@ -1,10 +1,11 @@
-//! The state machine: which entry may come next, and what it changes. Pure, total, and all or nothing.
+//! The state machine: which entry may come next, and what it changes. It is a pure function, it never panics, and a refused entry
+//! changes nothing.
 //!
-//! - here: founding, versions, time, and which part answers for which entry;
+//! - this file: founding, versions, time, and which file is responsible for which entry;
 //! - [`members`]: nodes, their keys, their datasets;
 //! - [`rounds`]: openings, commitments, decisions, closings;
 //! - [`votes`]: proposals and what they change;
-//! - [`disputes`]: contributions that are said to be false.
+//! - [`disputes`]: disputes about accepted contributions.
 
 mod disputes;
 mod members;
@@ -60,22 +61,21 @@ impl State {
         })
     }
 
-    /// Takes the state one entry further; `root` is that of the tree that ends with this entry. An entry that the rules
-    /// refuse changes nothing.
+    /// Applies the next entry. `root` is the root of the tree that ends with it. An entry that the rules refuse changes nothing.
     pub fn apply(&mut self, root: &Digest, entry: &Entry) -> Result<(), RuleViolation> {
         self.check(entry)?;
         self.enact(root, entry);
         Ok(())
     }
 
-    /// Whether `entry` may come next. It may depend on everything but the tree: its own root is not known yet.
+    /// Whether `entry` may come next. This cannot depend on the tree, because the root after the entry is not known yet.
     pub fn check(&self, entry: &Entry) -> Result<(), RuleViolation> {
         check_version(entry)?;
         self.check_time(entry)?;
         self.check_body(&entry.authenticate(&KnownKeys::default())?)
     }
 
-    /// [`State::check`] of an entry whose signatures were verified before: elsewhere, or by another thread.
+    /// [`State::check`] for an entry whose signatures were verified before, perhaps by another thread.
     pub fn check_authentic(&self, entry: &AuthenticEntry<'_>) -> Result<(), RuleViolation> {
         check_version(entry)?;
         self.check_time(entry)?;
@@ -118,7 +118,7 @@ impl State {
         }
     }
 
-    /// What an entry that passed [`State::check`] changes; `root` is that of the tree that ends with it.
+    /// Makes the changes of an entry that passed [`State::check`]. `root` is the root of the tree that ends with it.
     pub fn enact(&mut self, root: &Digest, entry: &Entry) {
         let (index, now) = (self.entries, entry.time_ms);
         match &entry.body {

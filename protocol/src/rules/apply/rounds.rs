@@ -19,7 +19,7 @@ use zk0_circuits::{
     claim::challenge::challenge, vm::digest::tagged_sha256, Claim, Digest, Losses, NodeId,
 };
 
-/// Most nodes that may commit to one round: the entry that closes it names each, in 48 bytes.
+/// Most nodes that may commit in one round. The entry that closes the round names each of them, in 48 bytes.
 pub const MAX_COMMITS: usize = 1300;
 
 impl State {
@@ -87,7 +87,7 @@ impl State {
         }
     }
 
-    /// The only opening of the next round that is allowed at `time_ms`.
+    /// The opening of the next round at `time_ms`. The rules allow no other.
     pub fn next_opening(&self, time_ms: u64) -> Result<RoundOpened, RuleViolation> {
         let after = |window: u64| {
             time_ms
@@ -173,15 +173,15 @@ impl State {
         Ok(())
     }
 
-    /// A refusal is recorded only for a claim about the open round by a node that committed, once; and where the ledger itself can tell
-    /// why a claim is refused, that has to be the reason.
+    /// A refusal is recorded once, and only for a claim about the open round by a node that committed. If the ledger itself shows why a
+    /// claim is refused, the recorded reason has to be that one.
     pub(super) fn check_rejected(
         &self,
         claim: &Claim,
         reason: &Refusal,
         time_ms: u64,
     ) -> Result<(), RuleViolation> {
-        // A stranger may replay what the node signed for another round: only a claim for this one can decide it.
+        // A stranger may send again what the node signed for another round, so only a claim for this round counts.
         let round =
             self.check_addressed(&claim.terms.network, claim.terms.round, &claim.terms.node)?;
         match round
@@ -203,14 +203,14 @@ impl State {
                     ..
                 }),
             ) => {
-                // Refused when it arrived, recorded a moment later.
+                // It was refused when it arrived, and recorded a moment later.
                 (1..=*at_most).contains(late_ms) && round == open
             }
             (Refusal::Late { .. } | Refusal::Binding { .. }, found) => {
                 found.as_ref() == Err(reason)
             }
-            (reason, _) if !reason.is_told_by_blobs() => false,
-            // What the proof and the blobs say is for whoever holds them to check.
+            (reason, _) if !reason.follows_from_blobs() => false,
+            // Whoever holds the proof and the blobs can check these reasons.
             _ => true,
         };
         match holds {
@@ -218,8 +218,8 @@ impl State {
             false => Err(RuleViolation::WrongReason {
                 given: reason.to_string(),
                 found: match found {
-                    Ok(()) => "the ledger finds nothing wrong with the claim".into(),
-                    Err(found) => format!("the ledger finds: {found}"),
+                    Ok(()) => "by the ledger nothing is wrong with the claim".into(),
+                    Err(found) => format!("by the ledger the reason is: {found}"),
                 },
             }),
         }
@@ -269,7 +269,8 @@ impl State {
         Ok(())
     }
 
-    /// Whether the open round may close at `time_ms`: after the submission deadline, or once nothing can come any more.
+    /// Whether the open round may close at `time_ms`. It may after the submission deadline, and earlier once no node can contribute any
+    /// more.
     pub fn may_close(&self, time_ms: u64) -> bool {
         self.round
             .as_ref()
@@ -321,7 +322,7 @@ impl State {
         });
     }
 
-    /// The `count` nodes, of those that are ready, whose hash with the tree that ends with the opening is least.
+    /// Draws the sample: the `count` ready nodes with the smallest hashes of their key and the root of the tree that ends with the opening.
     fn sample(&self, round: u64, index: u64, root: &Digest, count: u32) -> BTreeSet<NodeId> {
         let hash = |node: &NodeId| {
             let round = round.to_le_bytes();
@@ -414,7 +415,7 @@ impl State {
         }
     }
 
-    /// Contributions and disputes whose time is over; so that the state does not grow with the history.
+    /// Removes contributions and disputes whose time is over, so that the state does not grow with the history.
     fn forget_what_is_settled(&mut self, now: u64) {
         let awaits_verification =
             |dispute: &OpenDispute| dispute.evidence == Evidence::Verification;
@@ -428,8 +429,8 @@ impl State {
     }
 }
 
-/// The improvement that a claim proves, in basis points, rounded down: what its losses say where they are disclosed, and
-/// never less than the minimum, which is proven in any case.
+/// The improvement that a claim proves, in basis points, rounded down. It follows from the losses if they are disclosed, and it is never
+/// less than the minimum, which every claim proves.
 fn improvement_bps(claim: &Claim) -> u64 {
     let least = u64::from(claim.terms.min_improvement_bps);
     match claim.losses {

@@ -19,7 +19,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use zk0_circuits::NodeId;
 
 impl State {
-    /// Who may vote now, with what weight: governors, and active nodes by their credits.
+    /// Who may vote now, and with what weight: governors, and active nodes by their credits.
     pub fn electorate(&self) -> BTreeMap<NodeId, u64> {
         let governance = &self.rules.governance;
         let governors = governance
@@ -61,7 +61,7 @@ impl State {
         check_line("its title", &proposal.title, MAX_TITLE_BYTES).map_err(bad)?;
         if proposal.text.len() > MAX_TEXT_BYTES {
             return Err(bad(format!(
-                "its text has {} bytes, at most {MAX_TEXT_BYTES} are allowed",
+                "its text has {} bytes; at most {MAX_TEXT_BYTES} are allowed",
                 proposal.text.len()
             )));
         }
@@ -71,7 +71,7 @@ impl State {
         let own = |open: &&OpenProposal| open.proposer == proposal.proposer;
         if let Some(open) = self.proposals.values().find(own) {
             return Err(bad(format!(
-                "who proposes it has one open already, '{}'",
+                "the proposer has another proposal open already, '{}'",
                 open.title
             )));
         }
@@ -84,7 +84,7 @@ impl State {
         }
     }
 
-    /// The last moment for a vote and for a veto on what is proposed now.
+    /// The last moments for a vote and for a veto on something that is proposed now.
     fn vote_ends(&self, now: u64) -> Option<(u64, u64)> {
         let governance = &self.rules.governance;
         let voting = now.checked_add(governance.voting_ms)?;
@@ -157,14 +157,14 @@ impl State {
         }
     }
 
-    /// The first proposal whose time is over at `now`: no round opens before it is settled.
+    /// The first proposal whose time is over at `now`. No round opens before it is settled.
     pub fn due(&self, now: u64) -> Option<u64> {
         let mut open = self.proposals.iter();
         let (number, _) = open.find(|(_, proposal)| proposal.veto_ends_ms < now)?;
         Some(*number)
     }
 
-    /// What becomes of a proposal whose time is over at `now`.
+    /// The outcome of a proposal whose time is over at `now`.
     pub fn outcome(&self, number: u64, now: u64) -> Result<Outcome, RuleViolation> {
         let open = self.open_proposal(number)?;
         if now <= open.veto_ends_ms {
@@ -206,7 +206,8 @@ impl State {
         }
     }
 
-    /// Why an action cannot be done in this state, if it cannot.
+    /// Why an action is not possible in this state; `None` if it is. The text becomes data of the ledger when the action stops being
+    /// possible after it was proposed ([`Outcome::Impossible`]), so its wording must never change.
     fn impossible(&self, action: &Action) -> Option<String> {
         let standing = |node: &NodeId, may: &[Standing]| match self.nodes.get(node) {
             None => Some(Refusal::NotEnrolled(*node).to_string()),
@@ -260,8 +261,8 @@ impl State {
         }
     }
 
-    /// Takes the weight that a voter has lost since from the proposals that are open, votes already cast among them: what was
-    /// clawed back decides nothing. What it gained since does not count in them either.
+    /// Lowers a voter's weight in all open proposals, also for votes that are cast already, to what the voter has now. Weight that was
+    /// taken back decides nothing. Weight that the voter gained after a proposal does not count in it either.
     pub(super) fn weigh_anew(&mut self, voter: &NodeId) {
         let weight = self.electorate().remove(voter).unwrap_or(0);
         for open in self.proposals.values_mut() {
