@@ -36,11 +36,11 @@ impl Aggregator {
         let body: Body = match body.len() {
             size if size > MAX_ENTRY_BYTES => {
                 return Err(RequestError::Malformed(format!(
-                    "the body has {size} bytes: at most {MAX_ENTRY_BYTES} are read"
+                    "the entry to record has {size} bytes: at most {MAX_ENTRY_BYTES} are read"
                 )))
             }
             _ => borsh::from_slice(body).map_err(|error| {
-                RequestError::Malformed(format!("the body of an entry: {error}"))
+                RequestError::Malformed(format!("these bytes are not an entry to record: {error}"))
             })?,
         };
         let said_by_members = matches!(
@@ -49,7 +49,7 @@ impl Aggregator {
         );
         if !said_by_members {
             return Err(RequestError::Malformed(
-                "the body is neither a proposal nor a vote, a dispute or a change of key".into(),
+                "the entry to record is neither a proposal nor a vote, a dispute or a change of key".into(),
             ));
         }
         if let Some(index) = self.index.said(&body) {
