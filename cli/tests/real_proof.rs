@@ -64,7 +64,10 @@ fn a_federation_ends_with_a_proven_contribution_and_a_refused_one() {
     assert!(accepted[0]["loss_after"].as_f64() < accepted[0]["loss_before"].as_f64());
     // The stolen proof is real, and of mode `direct`'s program. (The committed ledger has one of the same program.)
     let reason = refused[0]["reason"].as_str().unwrap();
-    assert!(reason.contains("of another program than this network's"), "{reason}");
+    assert!(
+        reason.contains("of another program than this network's"),
+        "{reason}"
+    );
 
     let global = fs::read(out.join("global.safetensors")).unwrap();
     let digest: String = Sha256::digest(&global)

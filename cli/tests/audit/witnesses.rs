@@ -90,7 +90,8 @@ fn the_networks_own_rules_ask_for_witnesses() {
     }
     let said = look(1, &out, &place("state"), &[]);
     assert!(
-        said.contains("ALARM") && said.contains("lacks cosignatures that the network's rules require"),
+        said.contains("ALARM")
+            && said.contains("lacks cosignatures that the network's rules require"),
         "{said}"
     );
     fs::write(place("any"), "quorum none\n").unwrap();
