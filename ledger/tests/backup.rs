@@ -1,4 +1,4 @@
-//! Backups: complete, up to date as often as one likes, and never a way to sign a second history by accident.
+//! Backups are complete, can be brought up to date at any time, and never lead to a second history by accident.
 
 mod network;
 
@@ -75,7 +75,7 @@ fn a_backup_of_a_running_ledger_is_the_whole_of_it_and_can_be_brought_up_to_date
     assert_eq!(
         fs::read_dir(scratch.path()).unwrap().count(),
         2,
-        "nothing is left but the backup and the ledger"
+        "only the backup and the ledger remain"
     );
 }
 

@@ -1,4 +1,4 @@
-//! Blobs are what their names say, within their limits, or not there.
+//! A blob has the digest in its name and keeps to its limit, or it does not exist.
 
 mod network;
 

@@ -1,4 +1,4 @@
-//! Nothing acknowledged is lost, and there are never two histories.
+//! Nothing that was acknowledged is lost, and a log never has two histories.
 
 mod network;
 

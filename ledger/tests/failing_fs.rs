@@ -1,6 +1,6 @@
 //! The writer on a file system that fails (`shim/failing_fs.c`, in LD_PRELOAD): each of the calls that change a file in the
-//! ledger's folder fails once, or with all that follow it, or is torn in half as the process is killed. Nothing acknowledged is
-//! lost, and what was signed stays one history. Wants a C compiler, as Rust does; neither strace nor root.
+//! ledger's folder fails once, or fails with all later calls, or stops half-way when the process is killed. Nothing that was
+//! acknowledged is lost, and the log signs only one history. The test needs a C compiler, as Rust does, but neither strace nor root.
 #![cfg(target_os = "linux")]
 
 mod network;

@@ -1,7 +1,7 @@
-//! The writer is killed at each of its system calls that write, each of them fails in turn, and the disk is full: nothing
-//! acknowledged is lost, and what was signed stays one history.
+//! The writer is killed at each of its system calls that write, each of these calls fails in turn, and the disk is full. Nothing that was
+//! acknowledged is lost, and the log signs only one history.
 //!
-//! `cargo test --release --workspace --test faults` takes every ninth call; with `-- --include-ignored` every one.
+//! `cargo test --release --workspace --test faults` tries every ninth call, and with `-- --include-ignored` every call.
 
 mod network;
 
@@ -195,7 +195,7 @@ fn fill(dir: &Path, more_room: impl FnOnce()) {
     assert!(matches!(again, Err(LedgerError::Poisoned)), "{again:?}");
     assert!(ledger.size() > 100, "this tests little");
     drop(ledger);
-    // With the disk still full it opens, or says why not; nothing is lost by trying.
+    // With the disk still full, the ledger opens or says why it does not, and the attempt loses nothing.
     let full = Ledger::open(dir, None, log_key()).map(drop);
     println!("opened while full: {full:?}");
     more_room();

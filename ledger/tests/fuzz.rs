@@ -1,12 +1,12 @@
-//! Everything of the ledger that reads strangers' bytes: inputs that fuzzing found, read again; and the fuzzing itself, for as
-//! long as one likes:
+//! Everything in protocol and ledger that reads strangers' bytes. One test reads the inputs that fuzzing has found. Another fuzzes for as
+//! long as you like:
 //!
 //! ```sh
 //! FUZZ_TARGET=entry FUZZ_SECONDS=600 cargo test --release --workspace --test fuzz -- --ignored --nocapture fuzzing_the_ledger
 //! ```
 //!
 //! It adds to `ledger/tests/corpus/<target>` one small input per outcome that is not there yet, and fails on a panic or an
-//! allocation out of proportion, whose inputs it leaves there as well. The machinery is that of `smolvla/tests/fuzz.rs`.
+//! allocation out of proportion, whose inputs it leaves there as well. The fuzzer is the one of `lerobot/tests/fuzzing`.
 
 #[path = "../../lerobot/tests/allocations/mod.rs"]
 mod allocations;

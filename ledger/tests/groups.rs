@@ -1,4 +1,4 @@
-//! Groups of entries: all or none of them, one checkpoint, and the same history as one by one.
+//! Groups of entries are recorded as a whole or not at all, with one checkpoint, and give the same history as single entries.
 
 mod network;
 
@@ -213,7 +213,7 @@ fn a_checkpoint_that_something_depends_on_may_not_be_missing() {
             other => panic!("{size}: {other:?}"),
         }
     }
-    // Without the one in the midst of a group, nothing is amiss.
+    // Without the checkpoint within a group, the log is still valid.
     let db = DB::open_default(dir.path().join("log")).unwrap();
     db.delete([&b"c"[..], &7u64.to_be_bytes()].concat())
         .unwrap();
@@ -296,7 +296,7 @@ fn step(chain: &mut Chain, kinds: &mut BTreeSet<u8>, body: Body) {
 }
 
 #[test]
-fn a_root_decides_nothing_where_none_is_signed() {
+fn nothing_follows_from_a_root_that_is_not_signed() {
     let mut kinds = BTreeSet::new();
     for participation in [
         Participation::All,

@@ -1,6 +1,6 @@
-//! The power fails: what was written and not synced is gone, or gone in part. Every write and sync of a writer is recorded
-//! (with strace), and the disk put together as it may be found after a failure at any of these moments: all that was
-//! acknowledged has to be there, and what was signed is one history.
+//! The power fails, and data that was written but not synced is lost, or lost in part. The test records every write and sync of a writer
+//! with strace, and puts together the disk as it may be after a failure at any of these moments. Everything that was acknowledged has
+//! to be there, and the log must have signed only one history.
 
 mod network;
 

@@ -1,5 +1,4 @@
-//! Tiles and bundles, and a reader who believes none of them: against another implementation of RFC 6962, and against
-//! servers that lie.
+//! Tiles and bundles, and the reader that verifies them: with another implementation of RFC 6962, and with servers that lie.
 
 mod network;
 
@@ -119,7 +118,7 @@ fn a_tree_has_the_tiles_that_the_specification_says() {
 }
 
 #[test]
-fn what_is_read_from_tiles_convinces_another_implementation() {
+fn another_implementation_verifies_what_is_read_from_tiles() {
     let leaves = leaves(600, 1);
     let shelf = Shelf::of(&leaves);
     for size in [1, 2, 3, 255, 256, 257, 511, 512, 513, 600] {

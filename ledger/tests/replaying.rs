@@ -1,4 +1,4 @@
-//! A replay by several threads finds what one finds; a replay that goes on from an earlier one ends as a whole one does.
+//! Several threads have the same findings as one, and a replay that goes on from an earlier one has the same result as a whole one.
 
 mod network;
 
@@ -242,7 +242,11 @@ fn a_log_that_does_not_continue_what_was_verified_is_named() {
         assert_eq!(report.verdict, Verdict::Failed);
         let fault = report.findings.last().unwrap();
         assert!(fault.text.contains(words), "{fault:?}");
-        assert_eq!(fs::read(&file).unwrap(), kept, "the memory stays");
+        assert_eq!(
+            fs::read(&file).unwrap(),
+            kept,
+            "the state file stays as it is"
+        );
     };
     says(
         &short,
@@ -257,7 +261,7 @@ fn a_log_that_does_not_continue_what_was_verified_is_named() {
     };
     Long::found_as(&other, stranger, 0).rounds(30);
     says(&other, "is of network");
-    // The checkpoint that vouches for it all has to be there when nothing new comes, too.
+    // The last checkpoint has to be there also if there are no new entries.
     drop(long);
     let db = DB::open_default(one.join("log")).unwrap();
     let text = db.get(db_key(b'c', 431)).unwrap().unwrap();
@@ -270,7 +274,7 @@ fn a_log_that_does_not_continue_what_was_verified_is_named() {
 }
 
 #[test]
-fn a_damaged_memory_is_not_believed() {
+fn a_damaged_state_file_is_refused() {
     let (dir, scratch) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
     let file = scratch.path().join("state");
     assert_eq!(Saved::read(&file).unwrap(), None);

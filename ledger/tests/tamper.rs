@@ -1,4 +1,4 @@
-//! Whatever byte of a ledger is changed, replay says so.
+//! A replay reports every changed byte of a ledger.
 
 mod network;
 

@@ -1,4 +1,4 @@
-//! A witness (C2SP tlog-witness): every answer of the specification, and what it may never do.
+//! A witness (C2SP tlog-witness) gives every answer of the specification, and never cosigns two histories.
 
 mod network;
 
@@ -274,11 +274,11 @@ fn two_clients_cannot_be_shown_two_histories() {
                 }
             }
         }
-        let believed = notes
+        let accepted = notes
             .iter()
             .filter(|note| policy.open(note, &log_vkey()).is_ok())
             .count();
-        assert_eq!(believed, 1, "order {order:03b}");
+        assert_eq!(accepted, 1, "order {order:03b}");
     }
 }
 

@@ -1,4 +1,4 @@
-//! A clock that leaps does not get into the history.
+//! A time that the clock leapt to is never recorded.
 
 mod network;
 

@@ -1,5 +1,5 @@
-//! Test vectors: the bytes of every hashed or signed structure, committed as data. Whoever changes one on purpose writes
-//! them anew with `ZK0_WRITE_VECTORS=1 cargo test -p zk0-protocol --test encodings`.
+//! Test vectors: the bytes of every hashed or signed structure, committed as data. After a change on purpose, write them anew with
+//! `ZK0_WRITE_VECTORS=1 cargo test -p zk0-protocol --test encodings`.
 
 mod network;
 
@@ -145,7 +145,7 @@ fn keys_cosignatures_and_requests() {
 }
 
 #[test]
-fn a_signature_under_one_tag_is_none_under_another() {
+fn a_signature_under_one_tag_is_not_valid_under_another() {
     // The same fields under another tag: only the tag keeps the two apart.
     #[derive(Clone, borsh::BorshSerialize, borsh::BorshDeserialize)]
     struct Other(UploadRequest);

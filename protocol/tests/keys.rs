@@ -1,4 +1,4 @@
-//! Keys and signatures that somebody made up on purpose: signed statements and checkpoints have the verdict of dalek's strict
+//! Keys and signatures that somebody made up on purpose. Signed statements and log signatures get the verdict of dalek's strict
 //! verification, whichever keys are known already.
 
 use curve25519_dalek::{constants::EIGHT_TORSION, EdwardsPoint, Scalar};

@@ -1,4 +1,4 @@
-//! What is given random inputs, and what it starts from.
+//! The readers that get random inputs, and the valid inputs that fuzzing starts from.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -255,7 +255,7 @@ fn cosigned_answer() -> Target {
     }
 }
 
-/// `find` says nothing of what it passes over: how far it got with the best line.
+/// How far the best line of the answer gets, because `find` does not say why it ignores a line.
 fn why_none(answer: &[u8], key: &VerifierKey) -> String {
     let lines = answer.split_inclusive(|byte| *byte == b'\n');
     let lines: Vec<&[u8]> = lines.filter_map(|line| line.strip_suffix(b"\n")).collect();

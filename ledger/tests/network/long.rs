@@ -1,5 +1,5 @@
-//! A ledger of any length, written straight to its database: whole rounds of eight nodes, checkpoints where they have to be
-//! and at the end of each round.
+//! A ledger of any length, written directly to its database: whole rounds of eight nodes, with the checkpoints that a log needs and one
+//! at the end of each round.
 
 use super::*;
 use rocksdb::{Options, WriteBatch, DB};

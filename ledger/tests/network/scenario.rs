@@ -1,5 +1,5 @@
-//! What a writer does in tests that kill it, fail its writes or take the disk away: every kind of write that a ledger makes,
-//! and on standard output what it has acknowledged by then.
+//! The writer in tests that kill it, fail its writes or cut off the power. It makes every kind of write that a ledger makes, and prints
+//! on standard output what it has acknowledged.
 
 use super::*;
 use std::{

@@ -1,4 +1,4 @@
-//! A published log over a bare database, with leaves of any kind, at any size; and a source that can be made to lie.
+//! A published log from a database with any leaves, at any size, and a source of its files that can lie.
 
 use super::*;
 use std::{

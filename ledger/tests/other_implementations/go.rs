@@ -1,5 +1,5 @@
-//! Checkpoints, cosignatures and proofs of ours, verified by an implementation that is not: Go's `sumdb/note` and
-//! `sumdb/tlog` (Debian: `golang-go golang-golang-x-mod-dev`). Where they are not installed the test says so and passes.
+//! Go's `sumdb/note` and `sumdb/tlog` verify our checkpoints, cosignatures and proofs (Debian: `golang-go golang-golang-x-mod-dev`). If
+//! they are not installed, the test says so and passes.
 
 use crate::network::{shelf::log_vkey, *};
 use ed25519_dalek::SigningKey;

@@ -1,4 +1,5 @@
-//! Random histories: the state machine is total, all or nothing, and the same from a snapshot.
+//! Random histories. The state machine answers every entry, a refused entry changes nothing, and a state restored from bytes behaves the
+//! same.
 
 #[path = "../network/mod.rs"]
 mod network;

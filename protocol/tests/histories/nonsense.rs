@@ -1,4 +1,4 @@
-//! Entries of all kinds that say anything at all, most of them signed by whom they name.
+//! Entries of all kinds with arbitrary content. Most of them are signed by the signer that they name.
 
 use super::{network::*, steps::key_of};
 use proptest::prelude::*;

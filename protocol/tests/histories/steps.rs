@@ -1,4 +1,4 @@
-//! What histories are made of: mostly what the rules allow, with all kinds of nonsense in between.
+//! The steps of histories. The rules allow most of them; the others are nonsense of all kinds.
 
 use super::{network::*, nonsense::nonsense};
 use ed25519_dalek::SigningKey;

@@ -1,4 +1,4 @@
-//! What the second model lets happen next.
+//! Which events the second model allows next.
 
 use super::{
     network::{COMMIT_WINDOW, DISPUTE_WINDOW, SUBMIT_WINDOW, TIME_LOCK, VOTING},

@@ -1,4 +1,4 @@
-//! The entries that stand for events.
+//! Makes the entries for the model's events.
 
 use super::{
     network::{votes::*, *},

@@ -1,8 +1,8 @@
 //! The state machine against a tiny second model of the same rules. Both have to allow the same steps, and to agree on what
 //! follows from them.
 //!
-//! - [`second`]: the model's history, and what can be seen in it; [`allowed`]: what it lets happen next;
-//! - [`steps`]: what is tried; [`entries`]: how it is written down for the state machine.
+//! - [`second`]: the model's history, and questions about it; [`allowed`]: which events it allows next;
+//! - [`steps`]: which events are tried; [`entries`]: the entries for them.
 
 mod allowed;
 mod entries;

@@ -1,4 +1,4 @@
-//! The second model: it keeps the history and nothing else, and answers every question by looking through it.
+//! The second model. It keeps only the history, and answers every question by a search through it.
 
 use super::network::{id, DISPUTE_WINDOW};
 use std::sync::LazyLock;

@@ -1,4 +1,4 @@
-//! What is tried: mostly what the second model allows, so that histories get somewhere, and now and then anything.
+//! The events that are tried. Most of them are allowed by the second model, so that histories become long, and some are arbitrary.
 
 use super::{
     network::digest,

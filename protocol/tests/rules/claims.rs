@@ -1,4 +1,4 @@
-//! Claims are accepted or refused, each for the reason that holds.
+//! Claims are accepted, or refused for the true reason.
 
 use super::{refused, Breaks};
 use crate::network::*;

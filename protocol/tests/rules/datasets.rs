@@ -1,4 +1,4 @@
-//! Datasets are registered once, by their node, and stay while a round is open.
+//! A node registers its dataset once, and cannot change it while a round is open.
 
 use super::refused;
 use crate::network::*;

@@ -1,4 +1,4 @@
-//! Credits are earned by what was proven and lost when it turns out false.
+//! A node earns credits for proven contributions, and loses them when a dispute is upheld.
 
 use crate::network::{votes::*, *};
 use zk0_circuits::{Digest, Losses};

@@ -1,4 +1,4 @@
-//! A round takes as many nodes as its closing can name, and no more: a round that cannot close would end the network.
+//! A round takes no more nodes than its closing entry can name, because a round that cannot close would end the network.
 
 use crate::network::*;
 use ed25519_dalek::SigningKey;

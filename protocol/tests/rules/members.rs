@@ -1,4 +1,4 @@
-//! Nodes keep their place when their key changes, and an episode is one node's own.
+//! A node keeps everything when its key changes, and an episode belongs to one node.
 
 use crate::network::{votes::*, *};
 use ed25519_dalek::SigningKey;

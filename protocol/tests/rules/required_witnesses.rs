@@ -1,4 +1,4 @@
-//! Who reads a log without replaying it finds the same witnesses in it as who does.
+//! A program that only reads a log finds the same required witnesses as one that replays it.
 
 use crate::network::{votes::*, *};
 use zk0_protocol::{

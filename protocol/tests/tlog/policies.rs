@@ -191,7 +191,7 @@ fn a_checkpoint_needs_its_quorum() {
         let opened = open(&changed);
         assert!(opened.is_err(), "byte {position} does not matter");
     }
-    // At no time, it says nothing.
+    // A cosignature without a time is not valid.
     let timeless = [
         text.clone(),
         cosigner(0).cosign(&body(&text), 0),
@@ -203,7 +203,7 @@ fn a_checkpoint_needs_its_quorum() {
 
 #[test]
 fn a_log_key_is_no_witness_key_and_the_other_way_round() {
-    // One secret in both roles: the signature of one is none of the other.
+    // With one secret in both roles, a signature of one role is not valid in the other.
     let (_, text) = checkpoint();
     let witness = Cosigner::new(ORIGIN, log_key()).unwrap();
     let policy = format!("witness W {}\nquorum W\n", witness.key());

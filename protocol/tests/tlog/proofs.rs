@@ -26,7 +26,7 @@ fn a_receipt_is_a_proof_that_stands_alone() {
 }
 
 #[test]
-fn a_proof_changed_anywhere_proves_nothing() {
+fn a_proof_with_any_byte_changed_is_refused() {
     let good = proof(2).encode();
     for position in 0..good.len() {
         for bit in [0, 3, 7] {

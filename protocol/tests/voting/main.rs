@@ -1,4 +1,4 @@
-//! The rules change by vote and in no other way: every way to cheat is refused, and the end of a vote is what it has to be.
+//! Only a vote changes the rules. Every way to cheat is refused, and every vote has the right outcome.
 
 #[path = "../network/mod.rs"]
 mod network;
