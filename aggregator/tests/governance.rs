@@ -85,7 +85,7 @@ async fn a_vote_changes_the_next_round() -> Test {
     refused(
         record(&network, &stranger).await,
         Code::FailedPrecondition,
-        "no vote",
+        "may not vote here",
     );
     record(&network, &vote(&network, &governor, Ballot::For)).await?;
     let info = network

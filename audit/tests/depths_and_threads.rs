@@ -411,7 +411,10 @@ async fn a_dispute_is_decided_as_verification_says() -> Test {
         let mut auditor = Auditor::new(Depth::Full);
         let report = replay(dir.path(), None, &mut auditor);
         let said = report.findings.iter().any(|finding| {
-            finding.index == Some(index) && finding.text.contains("verification says: not an SP1")
+            finding.index == Some(index)
+                && finding
+                    .text
+                    .contains("verification says: this is not an SP1")
         });
         assert_eq!(said, !holds, "{:?}", report.findings);
         assert_eq!(auditor.checked().disputes, u64::from(holds));

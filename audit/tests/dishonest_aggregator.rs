@@ -72,14 +72,14 @@ async fn an_audit_finds_what_a_dishonest_aggregator_records() -> Test {
     let cases: [(&str, fn(Signed<Submission>) -> Body); 3] = [
         ("was accepted, but", Body::ContributionAccepted),
         (
-            "verification says: not an SP1 compressed proof",
+            "verification says: this is not an SP1 compressed proof",
             |submission| Body::ContributionRejected {
                 submission,
                 reason: Refusal::InvalidProof("because".into()),
             },
         ),
         (
-            "verification says: not an SP1 compressed proof",
+            "verification says: this is not an SP1 compressed proof",
             |submission| Body::ContributionRejected {
                 submission,
                 reason: Refusal::MalformedUpdate("because".into()),

@@ -5,12 +5,13 @@
 use crate::{keys, policy::CacheOptions};
 use anyhow::{Context, Result};
 use sha2::{Digest as _, Sha256};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use zk0_circuits::{Digest, Disclosure, Losses, Terms, WeightsDigest};
 use zk0_ledger::bounded_file;
 use zk0_node::{
     client::Node,
     participant::Participant,
+    receipts,
     turn::{Entered, Training},
 };
 use zk0_protocol::{entries::entry::RoundOpened, rules::bindings::ExpectedClaim};
@@ -88,7 +89,7 @@ async fn take_part(options: &Options) -> Result<()> {
     for _ in 0..options.rounds {
         let opened = node.wait_for_round(next).await?;
         next = opened.round + 1;
-        play(&mut node, &entered, &opened, &proof).await?;
+        play(&mut node, &entered, &opened, &options.state, &proof).await?;
         node.wait_for_close(opened.round).await?;
     }
     Ok(())
@@ -98,6 +99,7 @@ async fn play(
     node: &mut Node,
     entered: &Entered,
     opened: &RoundOpened,
+    state: &Path,
     proof: &[u8],
 ) -> Result<()> {
     let (round, rules) = (opened.round, &opened.rules);
@@ -112,7 +114,8 @@ async fn play(
     };
     node.upload(round, &file).await?;
     let root = entered.recording.commitment.root;
-    let (challenge, _) = node.commit(round, &root, &digest).await?;
+    let (challenge, receipt) = node.commit(round, &root, &digest).await?;
+    receipts::keep(state, receipt)?;
     let expected = ExpectedClaim {
         terms: Terms {
             network: *node.network(),
@@ -138,6 +141,7 @@ async fn play(
         },
     };
     let decision = node.submit(expected.with(losses), proof.to_vec()).await?;
+    receipts::keep(state, decision.receipt)?;
     match decision.refusal {
         Some(reason) => tracing::warn!("round {round}: refused: {reason}"),
         None => tracing::info!("round {round}: accepted"),

@@ -74,7 +74,7 @@ fn a_watch_tells_what_is_new_and_remembers_what_it_saw() {
         text(&state),
     ];
     let (_, why) = ends(1, &arguments);
-    assert!(why.contains("remove the file to begin anew"), "{why}");
+    assert!(why.contains("remove it to start again"), "{why}");
     // When nobody answers there is no alarm, but the watch fails.
     fs::write(&state, kept).unwrap();
     let arguments = [

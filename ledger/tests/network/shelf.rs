@@ -17,6 +17,7 @@ use zk0_protocol::{
     Checkpoint,
 };
 
+#[allow(unused_imports)] // Not every test uses both.
 pub use super::log::{log_vkey, ORIGIN};
 
 /// A database with these leaves.

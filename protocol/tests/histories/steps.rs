@@ -332,7 +332,7 @@ fn action(what: u8, whom: u8, state: &State) -> Action {
                 .filter(|(_, open)| open.evidence != Evidence::Verification);
             Action::JudgeDispute {
                 dispute: nth(by_vote.map(|(entry, _)| *entry), whom),
-                upheld: whom % 2 == 0,
+                upheld: whom.is_multiple_of(2),
             }
         }
     }
