@@ -1,8 +1,12 @@
 //! A file in parts, for sending it over a network. Memory stays small whatever the size of the file, and a reader that takes no
 //! part for too long is given up.
 
-use std::{io, time::Duration};
-use tokio::{fs::File, io::AsyncReadExt, sync::mpsc, time::timeout};
+use std::io;
+use std::time::Duration;
+use tokio::fs::File;
+use tokio::io::AsyncReadExt;
+use tokio::sync::mpsc;
+use tokio::time::timeout;
 use tokio_stream::wrappers::ReceiverStream;
 
 /// Bytes in a part.

@@ -17,10 +17,6 @@ pub mod publish;
 pub mod round;
 pub mod serve;
 
-pub use crate::{
-    round::{
-        aggregator::{Aggregator, Config, Progress},
-        clock::{Clock, ManualClock, SystemClock},
-    },
-    serve::service::{Limits, Service},
-};
+pub use crate::round::aggregator::{Aggregator, Config, Progress};
+pub use crate::round::clock::{Clock, ManualClock, SystemClock};
+pub use crate::serve::service::{Limits, Service};

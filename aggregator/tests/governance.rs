@@ -5,22 +5,20 @@ mod harness;
 use harness::*;
 use std::sync::Arc;
 use tonic::{Code, Status};
-use zk0_aggregator::{
-    serve::service::ServeError, Aggregator, Config, ManualClock, Progress, Service,
-};
+use zk0_aggregator::serve::service::ServeError;
+use zk0_aggregator::{Aggregator, Config, ManualClock, Progress, Service};
 use zk0_circuits::Digest;
 use zk0_ledger::log::Ledger;
-use zk0_protocol::rpc::federation as proto;
-use zk0_protocol::{
-    entries::{
-        entry::{Body, Contributor, RoundClosed},
-        member::NodeEnrolled,
-        proposal::{Action, Ballot, Outcome},
-        signed::{Dispute, Evidence, KeyRotation, KeyTakeover, Proposal, Signed, Vote},
-    },
-    rules::{network_rules::Participation, state::Standing},
-    Refusal, Rules,
+use zk0_protocol::entries::entry::{Body, Contributor, RoundClosed};
+use zk0_protocol::entries::member::NodeEnrolled;
+use zk0_protocol::entries::proposal::{Action, Ballot, Outcome};
+use zk0_protocol::entries::signed::{
+    Dispute, Evidence, KeyRotation, KeyTakeover, Proposal, Signed, Vote,
 };
+use zk0_protocol::rpc::federation as proto;
+use zk0_protocol::rules::network_rules::Participation;
+use zk0_protocol::rules::state::Standing;
+use zk0_protocol::{Refusal, Rules};
 
 type Test = Result<(), Box<dyn std::error::Error>>;
 

@@ -9,8 +9,10 @@ use tokio_stream::wrappers::ReceiverStream;
 use tonic::Code;
 use zk0_aggregator::{Config, Limits};
 use zk0_circuits::Digest;
-use zk0_protocol::rpc::federation::{self as proto, upload_chunk::Part};
-use zk0_protocol::{entries::signed::Signed, rules::apply::MAX_EPISODES};
+use zk0_protocol::entries::signed::Signed;
+use zk0_protocol::rpc::federation as proto;
+use zk0_protocol::rpc::federation::upload_chunk::Part;
+use zk0_protocol::rules::apply::MAX_EPISODES;
 
 type Test = Result<(), Box<dyn std::error::Error>>;
 

@@ -3,38 +3,28 @@
 mod harness;
 
 use harness::*;
-use std::{fs, path::Path, time::Duration};
-use tokio::{
-    io::{AsyncReadExt, AsyncWriteExt},
-    net::{TcpListener, TcpStream},
-    task::{spawn_blocking, JoinHandle},
-};
-use zk0_aggregator::publish::{
-    http::{self, Limits},
-    log_server::LogServer,
-};
+use std::fs;
+use std::path::Path;
+use std::time::Duration;
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::net::{TcpListener, TcpStream};
+use tokio::task::{spawn_blocking, JoinHandle};
+use zk0_aggregator::publish::http::{self, Limits};
+use zk0_aggregator::publish::log_server::LogServer;
 use zk0_audit::Auditor;
 use zk0_circuits::Digest;
+use zk0_ledger::blobs::Blobs;
+use zk0_ledger::error::LedgerError;
+use zk0_ledger::log::Ledger;
+use zk0_ledger::published::export::{export, ExportError};
+use zk0_ledger::published::mirror::{mirror, MirrorError};
+use zk0_ledger::published::publication::Publication;
+use zk0_ledger::published::reader::{PublishedError, PublishedLog};
+use zk0_ledger::published::source::{Folder, Source};
 use zk0_ledger::published::web::Web;
-use zk0_ledger::published::{
-    export::{export, ExportError},
-    publication::Publication,
-};
-use zk0_ledger::{
-    blobs::Blobs,
-    error::LedgerError,
-    log::Ledger,
-    published::{
-        mirror::{mirror, MirrorError},
-        reader::{PublishedError, PublishedLog},
-        source::{Folder, Source},
-    },
-    replay::{replay, Verdict},
-};
-use zk0_protocol::{
-    tlog::verifier_key::{Role, VerifierKey},
-    WitnessPolicy,
-};
+use zk0_ledger::replay::{replay, Verdict};
+use zk0_protocol::tlog::verifier_key::{Role, VerifierKey};
+use zk0_protocol::WitnessPolicy;
 use zk0_verifier::blob_digest;
 
 fn key() -> VerifierKey {

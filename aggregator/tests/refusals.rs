@@ -6,10 +6,9 @@ use harness::*;
 use tonic::Code;
 use zk0_aggregator::Config;
 use zk0_circuits::Digest;
-use zk0_protocol::{
-    entries::{entry::Body, signed::Signed},
-    Refusal,
-};
+use zk0_protocol::entries::entry::Body;
+use zk0_protocol::entries::signed::Signed;
+use zk0_protocol::Refusal;
 
 type Test = Result<(), Box<dyn std::error::Error>>;
 

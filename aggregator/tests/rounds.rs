@@ -10,10 +10,9 @@ use zk0_aggregator::{Aggregator, Config, ManualClock, Progress};
 use zk0_audit::Auditor;
 use zk0_circuits::Digest;
 use zk0_ledger::replay::{replay, Verdict};
-use zk0_protocol::{
-    entries::{entry::Body, signed::Signed},
-    Refusal,
-};
+use zk0_protocol::entries::entry::Body;
+use zk0_protocol::entries::signed::Signed;
+use zk0_protocol::Refusal;
 use zk0_verifier::blob_digest;
 
 type Test = Result<(), Box<dyn std::error::Error>>;

@@ -4,32 +4,27 @@ mod harness;
 
 use ed25519_dalek::SigningKey;
 use harness::*;
-use std::{fs, path::Path, sync::Arc, time::Duration};
+use std::fs;
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Duration;
 use tempfile::TempDir;
-use tokio::{net::TcpListener, task::JoinHandle};
+use tokio::net::TcpListener;
+use tokio::task::JoinHandle;
 use tonic::Code;
-use zk0_aggregator::{
-    publish::{
-        cosigning::{CosigningError, Prove, Witnesses},
-        http,
-        witness_server::WitnessServer,
-    },
-    Config, ManualClock,
-};
+use zk0_aggregator::publish::cosigning::{CosigningError, Prove, Witnesses};
+use zk0_aggregator::publish::http;
+use zk0_aggregator::publish::witness_server::WitnessServer;
+use zk0_aggregator::{Config, ManualClock};
+use zk0_ledger::log::Ledger;
 use zk0_ledger::published::publication::{Publication, PublicationError};
-use zk0_ledger::{
-    log::Ledger,
-    published::reader::PublishedLog,
-    witness_store::{hash, WitnessStore},
-};
-use zk0_protocol::{
-    entries::{entry::Body, member::NodeEnrolled},
-    tlog::{
-        cosigner::Cosigner,
-        verifier_key::{Role, VerifierKey},
-    },
-    WitnessPolicy,
-};
+use zk0_ledger::published::reader::PublishedLog;
+use zk0_ledger::witness_store::{hash, WitnessStore};
+use zk0_protocol::entries::entry::Body;
+use zk0_protocol::entries::member::NodeEnrolled;
+use zk0_protocol::tlog::cosigner::Cosigner;
+use zk0_protocol::tlog::verifier_key::{Role, VerifierKey};
+use zk0_protocol::WitnessPolicy;
 
 fn log() -> VerifierKey {
     VerifierKey::new(Role::Log, &genesis().name, &genesis().log_key).unwrap()

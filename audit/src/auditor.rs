@@ -9,28 +9,23 @@
 //! are begun and not yet reported. The weights of the contributions that the open round accepted are held until it closes, for
 //! their average.
 
-use crate::{
-    account::{Account, Checked, NotChecked, What, Why},
-    checks::{self, Check, Examined, Recorded},
-    depth::Depth,
-    queue::{Panicked, Queue},
-};
+use crate::account::{Account, Checked, NotChecked, What, Why};
+use crate::checks::{self, Check, Examined, Recorded};
+use crate::depth::Depth;
+use crate::queue::{Panicked, Queue};
 
-use std::{collections::BTreeMap, num::NonZeroUsize, thread};
+use std::collections::BTreeMap;
+use std::num::NonZeroUsize;
+use std::thread;
 use zk0_circuits::{Digest, NodeId};
-use zk0_ledger::{
-    blobs::Blobs,
-    replay::{Finding, Recheck},
-};
-use zk0_protocol::{
-    entries::{
-        entry::{Body, Entry},
-        genesis::Genesis,
-        signed::{Signed, Submission},
-    },
-    rules::{named_blobs::BlobKind, state::State},
-    Refusal,
-};
+use zk0_ledger::blobs::Blobs;
+use zk0_ledger::replay::{Finding, Recheck};
+use zk0_protocol::entries::entry::{Body, Entry};
+use zk0_protocol::entries::genesis::Genesis;
+use zk0_protocol::entries::signed::{Signed, Submission};
+use zk0_protocol::rules::named_blobs::BlobKind;
+use zk0_protocol::rules::state::State;
+use zk0_protocol::Refusal;
 use zk0_verifier::{Evaluation, ProgramKey, VerifiedContribution};
 
 /// Verifies contributions and averages again during a replay: hand it to [`zk0_ledger::replay::replay`].

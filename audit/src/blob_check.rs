@@ -1,17 +1,12 @@
 //! Checks the blobs in a ledger's folder: each has the SHA-256 that is its name. [`crate::auditor`] checks proofs and averages.
 
 use zk0_circuits::Digest;
-use zk0_ledger::{
-    blobs::{BlobError, Blobs},
-    replay::{Finding, Recheck},
-};
-use zk0_protocol::{
-    entries::{
-        entry::{Body, Entry},
-        genesis::Genesis,
-    },
-    rules::{named_blobs::named_blobs, state::State},
-};
+use zk0_ledger::blobs::{BlobError, Blobs};
+use zk0_ledger::replay::{Finding, Recheck};
+use zk0_protocol::entries::entry::{Body, Entry};
+use zk0_protocol::entries::genesis::Genesis;
+use zk0_protocol::rules::named_blobs::named_blobs;
+use zk0_protocol::rules::state::State;
 
 /// Checks the blobs that the ledger names during a replay: hand it to [`zk0_ledger::replay::replay`].
 #[derive(Clone, Copy, Debug, Default)]

@@ -1,26 +1,24 @@
 //! The checks themselves. Each is a function of what the ledger says and of the blobs at hand, and uses the functions by which the
 //! aggregator decided.
 
-use crate::{
-    account::{What, Why},
-    depth::Depth,
-};
+use crate::account::{What, Why};
+use crate::depth::Depth;
 use borsh::{BorshDeserialize, BorshSerialize};
 use std::fmt::Display;
 use zk0_circuits::{Digest, NodeId, WeightsDigest};
 use zk0_ledger::blobs::{BlobError, Blobs};
-use zk0_protocol::{
-    entries::{
-        entry::RoundClosed,
-        signed::{DatasetRegistration, Signed, Submission},
-    },
-    rules::{named_blobs::BlobKind, network_rules::Rules, state::State},
-    Refusal,
-};
+use zk0_protocol::entries::entry::RoundClosed;
+use zk0_protocol::entries::signed::{DatasetRegistration, Signed, Submission};
+use zk0_protocol::rules::named_blobs::BlobKind;
+use zk0_protocol::rules::network_rules::Rules;
+use zk0_protocol::rules::state::State;
+use zk0_protocol::Refusal;
+use zk0_verifier::close::close;
+use zk0_verifier::contribution_blobs::read_proof;
+use zk0_verifier::dataset::check_leaf_list;
+use zk0_verifier::decide::is_recorded;
 use zk0_verifier::{
-    authenticate, close::close, contribution_blobs::read_proof, dataset::check_leaf_list,
-    decide::is_recorded, verify, verify_claim, Evaluation, Unreadable, VerifiedContribution,
-    WeightFiles,
+    authenticate, verify, verify_claim, Evaluation, Unreadable, VerifiedContribution, WeightFiles,
 };
 
 /// The outcome of one check.

@@ -3,26 +3,19 @@
 
 use crate::log_source::{source, Trust};
 use anyhow::{bail, Context, Result};
-use std::{
-    collections::BTreeSet,
-    io::Read,
-    path::{Path, PathBuf},
-};
+use std::collections::BTreeSet;
+use std::io::Read;
+use std::path::{Path, PathBuf};
 use tempfile::TempDir;
 use zk0_circuits::Digest;
-use zk0_ledger::{
-    folder,
-    published::{
-        mirror::{mirror, MirrorError},
-        source::{Source, SourceError},
-    },
-    store::Store,
-};
-use zk0_protocol::{
-    rules::named_blobs::{named_blobs, BlobKind},
-    tlog::{layout::Resource, witness_policy::WitnessPolicy},
-    Entry,
-};
+use zk0_ledger::folder;
+use zk0_ledger::published::mirror::{mirror, MirrorError};
+use zk0_ledger::published::source::{Source, SourceError};
+use zk0_ledger::store::Store;
+use zk0_protocol::rules::named_blobs::{named_blobs, BlobKind};
+use zk0_protocol::tlog::layout::Resource;
+use zk0_protocol::tlog::witness_policy::WitnessPolicy;
+use zk0_protocol::Entry;
 
 /// Which blobs to fetch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

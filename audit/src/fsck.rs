@@ -2,10 +2,8 @@
 
 use crate::blob_check::BlobCheck;
 use std::path::Path;
-use zk0_ledger::{
-    published::publication::{Publication, PublicationError},
-    replay::{replay, Report, Verdict},
-};
+use zk0_ledger::published::publication::{Publication, PublicationError};
+use zk0_ledger::replay::{replay, Report, Verdict};
 
 /// What the check found.
 pub struct Fsck {

@@ -2,10 +2,9 @@
 
 use anyhow::{Context, Result};
 use std::path::Path;
-use zk0_ledger::{
-    bounded_file, folder,
-    published::{source::Source, web::Web},
-};
+use zk0_ledger::published::source::Source;
+use zk0_ledger::published::web::Web;
+use zk0_ledger::{bounded_file, folder};
 use zk0_protocol::tlog::checkpoint::MAX_NOTE_BYTES;
 
 /// The text of a checkpoint. `from` is a file, a folder with a file `checkpoint`, the address of a served log, or the address of a

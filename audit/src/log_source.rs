@@ -3,15 +3,11 @@
 use anyhow::{bail, Result};
 use std::path::Path;
 use zk0_circuits::Digest;
-use zk0_ledger::{
-    folder,
-    published::{
-        publication::Publication,
-        reader::{first_entry, PublishedLog},
-        source::{Folder, Source},
-        web::Web,
-    },
-};
+use zk0_ledger::folder;
+use zk0_ledger::published::publication::Publication;
+use zk0_ledger::published::reader::{first_entry, PublishedLog};
+use zk0_ledger::published::source::{Folder, Source};
+use zk0_ledger::published::web::Web;
 use zk0_protocol::{Body, Entry, Genesis, VerifierKey, WitnessPolicy};
 
 /// Whom an auditor trusts.

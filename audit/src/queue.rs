@@ -1,11 +1,9 @@
 //! Checks that take long. A bounded number of threads does them, and their outcomes come out in the order in which they were begun.
 
-use std::{
-    collections::VecDeque,
-    num::NonZeroUsize,
-    sync::mpsc::{sync_channel, Receiver, TryRecvError},
-    thread,
-};
+use std::collections::VecDeque;
+use std::num::NonZeroUsize;
+use std::sync::mpsc::{sync_channel, Receiver, TryRecvError};
+use std::thread;
 
 /// A queue of checks with outcomes `T`.
 pub struct Queue<T> {
@@ -89,13 +87,9 @@ pub struct Panicked;
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::{
-        sync::{
-            atomic::{AtomicUsize, Ordering},
-            Arc,
-        },
-        time::Duration,
-    };
+    use std::sync::atomic::{AtomicUsize, Ordering};
+    use std::sync::Arc;
+    use std::time::Duration;
 
     #[test]
     fn outcomes_come_in_order_and_no_more_run_than_allowed() {

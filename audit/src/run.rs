@@ -1,13 +1,14 @@
 //! One run of an audit over a ledger's folder: from the first entry, or from where an earlier run ended.
 
-use crate::{auditor::Auditor, depth::Depth, report::verdict::Audited};
+use crate::auditor::Auditor;
+use crate::depth::Depth;
+use crate::report::verdict::Audited;
 use anyhow::Result;
-use std::{num::NonZeroUsize, path::Path};
+use std::num::NonZeroUsize;
+use std::path::Path;
 use zk0_circuits::Digest;
-use zk0_ledger::{
-    replay::{replay_with, Keep, Options as Replaying, Saved, SavedError},
-    Blobs,
-};
+use zk0_ledger::replay::{replay_with, Keep, Options as Replaying, Saved, SavedError};
+use zk0_ledger::Blobs;
 
 /// How to audit.
 #[derive(Clone)]

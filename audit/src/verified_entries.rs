@@ -1,10 +1,13 @@
 //! The entries of a ledger's folder, for programs that go on with them after an audit.
 
-use crate::{auditor::Auditor, depth::Depth, report::verdict::Audited};
+use crate::auditor::Auditor;
+use crate::depth::Depth;
+use crate::report::verdict::Audited;
 use anyhow::{Context, Result};
 use std::path::Path;
 use zk0_circuits::Digest;
-use zk0_ledger::{folder, store::Store};
+use zk0_ledger::folder;
+use zk0_ledger::store::Store;
 use zk0_protocol::Entry;
 
 /// The id of the network whose ledger is in `dir`.

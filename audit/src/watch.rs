@@ -1,29 +1,22 @@
 //! Audits a log again and again. What was seen once has to stay: the watch raises an alarm when the log forks, is rolled back or breaks a
 //! rule.
 
-use crate::{
-    fetch::{fetch, Wanted},
-    log_source::{source, Trust},
-    report::{
-        history,
-        verdict::{verdict, Audited},
-    },
-    run::Audit,
-    Depth,
-};
+use crate::fetch::{fetch, Wanted};
+use crate::log_source::{source, Trust};
+use crate::report::history;
+use crate::report::verdict::{verdict, Audited};
+use crate::run::Audit;
+use crate::Depth;
 use anyhow::{bail, Context, Result};
-use std::{
-    path::{Path, PathBuf},
-    time::Duration,
-};
+use std::path::{Path, PathBuf};
+use std::time::Duration;
 use tempfile::TempDir;
-use zk0_ledger::{
-    blobs::BlobError,
-    error::LedgerError,
-    folder,
-    published::{mirror::MirrorError, reader::PublishedError},
-    replay::{Keep, Saved},
-};
+use zk0_ledger::blobs::BlobError;
+use zk0_ledger::error::LedgerError;
+use zk0_ledger::folder;
+use zk0_ledger::published::mirror::MirrorError;
+use zk0_ledger::published::reader::PublishedError;
+use zk0_ledger::replay::{Keep, Saved};
 use zk0_protocol::Entry;
 
 /// The result of one look at the log.

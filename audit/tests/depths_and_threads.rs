@@ -5,32 +5,21 @@ mod harness;
 
 use harness::*;
 use rocksdb::DB;
-use std::{
-    collections::BTreeMap,
-    fs,
-    num::NonZeroUsize,
-    path::{Path, PathBuf},
-    time::Duration,
-};
+use std::collections::BTreeMap;
+use std::fs;
+use std::num::NonZeroUsize;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
 use tempfile::TempDir;
-use zk0_audit::{
-    account::{Checked, What, Why},
-    Auditor, Depth,
-};
-use zk0_ledger::{
-    blobs::Blobs,
-    folder,
-    replay::{replay, replay_with, Keep, Options, Report, Saved, Verdict},
-    store::Store,
-    Ledger,
-};
-use zk0_protocol::{
-    entries::{
-        entry::{Body, DisputeResolved, RoundClosed},
-        signed::{Dispute, Evidence, Signed},
-    },
-    Entry, Refusal,
-};
+use zk0_audit::account::{Checked, What, Why};
+use zk0_audit::{Auditor, Depth};
+use zk0_ledger::blobs::Blobs;
+use zk0_ledger::replay::{replay, replay_with, Keep, Options, Report, Saved, Verdict};
+use zk0_ledger::store::Store;
+use zk0_ledger::{folder, Ledger};
+use zk0_protocol::entries::entry::{Body, DisputeResolved, RoundClosed};
+use zk0_protocol::entries::signed::{Dispute, Evidence, Signed};
+use zk0_protocol::{Entry, Refusal};
 
 type Test = Result<(), Box<dyn std::error::Error>>;
 

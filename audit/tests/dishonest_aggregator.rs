@@ -6,17 +6,11 @@ mod harness;
 use harness::*;
 use zk0_audit::Auditor;
 use zk0_circuits::Digest;
-use zk0_ledger::{
-    log::Ledger,
-    replay::{replay, Verdict},
-};
-use zk0_protocol::{
-    entries::{
-        entry::Body,
-        signed::{Signed, Submission},
-    },
-    Refusal,
-};
+use zk0_ledger::log::Ledger;
+use zk0_ledger::replay::{replay, Verdict};
+use zk0_protocol::entries::entry::Body;
+use zk0_protocol::entries::signed::{Signed, Submission};
+use zk0_protocol::Refusal;
 use zk0_verifier::blob_digest;
 
 type Test = Result<(), Box<dyn std::error::Error>>;

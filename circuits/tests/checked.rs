@@ -3,15 +3,12 @@
 mod claims;
 
 use claims::{calmer, honest, quantise, tensors, Honest, Random};
-use zk0_circuits::{
-    claim::{
-        hinted_input::HintedInput,
-        statement::{check, check_hinted},
-        statement_error::StatementError,
-    },
-    model::{site::EvalError, spec::Dims},
-    Claim, Digest, EvalSpec, Losses, NodeId, Sample, WeightCheck,
-};
+use zk0_circuits::claim::hinted_input::HintedInput;
+use zk0_circuits::claim::statement::{check, check_hinted};
+use zk0_circuits::claim::statement_error::StatementError;
+use zk0_circuits::model::site::EvalError;
+use zk0_circuits::model::spec::Dims;
+use zk0_circuits::{Claim, Digest, EvalSpec, Losses, NodeId, Sample, WeightCheck};
 
 fn micro() -> (Honest, HintedInput<'static>) {
     let honest = honest(&EvalSpec::micro(), 6, 2, 1);

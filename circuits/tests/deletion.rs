@@ -12,11 +12,9 @@ mod claims;
 
 use cheats::{try_cheat, CHEATS};
 use checks::{Deletion, DELETIONS};
-use std::{
-    fs,
-    path::{Path, PathBuf},
-    process::Command,
-};
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
 
 #[test]
 fn every_check_stops_a_cheat() {

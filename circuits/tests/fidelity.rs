@@ -5,10 +5,11 @@ mod claims;
 mod reference;
 
 use claims::{quantise, tensors, Parts, Random, Tensors};
-use zk0_circuits::{
-    model::{arithmetic::tables, draw::draw, eval::evaluate, spec::Dims},
-    Digest, EvalSpec,
-};
+use zk0_circuits::model::arithmetic::tables;
+use zk0_circuits::model::draw::draw;
+use zk0_circuits::model::eval::evaluate;
+use zk0_circuits::model::spec::Dims;
+use zk0_circuits::{Digest, EvalSpec};
 
 /// Relative error of the loss over `count` samples; and the worst of single samples.
 fn fidelity(spec: &EvalSpec, tensors: &Tensors, random: &mut Random, count: usize) -> (f64, f64) {

@@ -1,17 +1,18 @@
 //! Compares the fixed-point evaluation with LeRobot itself: velocity and loss of `tests/fixtures/smolvla_tiny`, evaluated from its
 //! prefix cache.
 
-use safetensors::{tensor::TensorView, SafeTensors};
-use std::{collections::HashMap, fs, path::PathBuf};
-use zk0_circuits::model::{
-    draw::Draw,
-    eval::{evaluate, Evaluator},
-    layout::expert_tensors,
-    parameters::Parameters,
-    sample::{Sample, SampleParts},
-    spec::{Dims, EvalSpec},
-    weights::QuantisedWeights,
-};
+use safetensors::tensor::TensorView;
+use safetensors::SafeTensors;
+use std::collections::HashMap;
+use std::fs;
+use std::path::PathBuf;
+use zk0_circuits::model::draw::Draw;
+use zk0_circuits::model::eval::{evaluate, Evaluator};
+use zk0_circuits::model::layout::expert_tensors;
+use zk0_circuits::model::parameters::Parameters;
+use zk0_circuits::model::sample::{Sample, SampleParts};
+use zk0_circuits::model::spec::{Dims, EvalSpec};
+use zk0_circuits::model::weights::QuantisedWeights;
 
 const TINY: Dims = Dims {
     expert_width: 54,

@@ -4,21 +4,18 @@ mod claims;
 
 use claims::{honest, quantise, tensors, Parts, Random};
 use proptest::prelude::*;
-use zk0_circuits::{
-    claim::challenge::sample_indices,
-    model::{
-        draw::draw,
-        eval::{evaluate, Evaluator},
-        layout::expert_tensors,
-        quantise::QuantiseError,
-        sample::SampleParts,
-        site::EvalError,
-        spec::{Dims, SpecError},
-        weights::WeightsError,
-    },
-    vm::{merkle, values::Values},
-    Digest, EvalSpec, PrivateInput, QuantisedWeights, Sample,
-};
+use zk0_circuits::claim::challenge::sample_indices;
+use zk0_circuits::model::draw::draw;
+use zk0_circuits::model::eval::{evaluate, Evaluator};
+use zk0_circuits::model::layout::expert_tensors;
+use zk0_circuits::model::quantise::QuantiseError;
+use zk0_circuits::model::sample::SampleParts;
+use zk0_circuits::model::site::EvalError;
+use zk0_circuits::model::spec::{Dims, SpecError};
+use zk0_circuits::model::weights::WeightsError;
+use zk0_circuits::vm::merkle;
+use zk0_circuits::vm::values::Values;
+use zk0_circuits::{Digest, EvalSpec, PrivateInput, QuantisedWeights, Sample};
 
 fn leaves(count: usize) -> Vec<Digest> {
     (0..count)

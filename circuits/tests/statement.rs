@@ -3,23 +3,17 @@
 mod claims;
 
 use claims::{calmer, honest, name_weights, quantise, tensors, Honest, Random};
-use zk0_circuits::{
-    claim::{
-        challenge::{challenge, sample_indices},
-        dataset::{check_leaves, leaf, salt_commitment, LeavesError},
-        hinted_input::HintedInput,
-        private_input::{InputError, Opening},
-        statement::{check, check_hinted, improves},
-        statement_error::StatementError,
-        terms::Model,
-    },
-    model::{
-        eval::evaluate,
-        site::{EvalError, Site},
-    },
-    vm::merkle,
-    Digest, Disclosure, EvalSpec, Losses, Mode, NodeId, PrivateInput, Terms,
-};
+use zk0_circuits::claim::challenge::{challenge, sample_indices};
+use zk0_circuits::claim::dataset::{check_leaves, leaf, salt_commitment, LeavesError};
+use zk0_circuits::claim::hinted_input::HintedInput;
+use zk0_circuits::claim::private_input::{InputError, Opening};
+use zk0_circuits::claim::statement::{check, check_hinted, improves};
+use zk0_circuits::claim::statement_error::StatementError;
+use zk0_circuits::claim::terms::Model;
+use zk0_circuits::model::eval::evaluate;
+use zk0_circuits::model::site::{EvalError, Site};
+use zk0_circuits::vm::merkle;
+use zk0_circuits::{Digest, Disclosure, EvalSpec, Losses, Mode, NodeId, PrivateInput, Terms};
 
 fn micro() -> Honest {
     honest(&EvalSpec::micro(), 20, 4, 11)

@@ -5,22 +5,17 @@
 mod claims;
 
 use claims::{honest, quantise, tensors, Parts, Random};
-use std::{env, fs, path::PathBuf};
-use zk0_circuits::{
-    claim::{
-        challenge::{challenge, sample_indices},
-        dataset::{leaf, salt_commitment},
-        statement::check,
-    },
-    model::draw::draw,
-    vm::{
-        digest::tagged_sha256,
-        merkle,
-        poseidon2::{hash, permute, Domain, State},
-        values::Values,
-    },
-    Digest, EvalSpec, Mode, NodeId,
-};
+use std::path::PathBuf;
+use std::{env, fs};
+use zk0_circuits::claim::challenge::{challenge, sample_indices};
+use zk0_circuits::claim::dataset::{leaf, salt_commitment};
+use zk0_circuits::claim::statement::check;
+use zk0_circuits::model::draw::draw;
+use zk0_circuits::vm::digest::tagged_sha256;
+use zk0_circuits::vm::merkle;
+use zk0_circuits::vm::poseidon2::{hash, permute, Domain, State};
+use zk0_circuits::vm::values::Values;
+use zk0_circuits::{Digest, EvalSpec, Mode, NodeId};
 
 fn hex(bytes: &[u8]) -> String {
     bytes.iter().map(|byte| format!("{byte:02x}")).collect()

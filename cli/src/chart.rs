@@ -2,8 +2,11 @@
 //! of training curves is also written as JSON.
 
 use anyhow::{anyhow, Context, Result};
-use plotters::{coord::Shift, prelude::*, style::register_font};
-use std::{fs::File, path::Path};
+use plotters::coord::Shift;
+use plotters::prelude::*;
+use plotters::style::register_font;
+use std::fs::File;
+use std::path::Path;
 use zk0_ledger::atomic_file;
 
 /// A curve with a name: (step, loss).

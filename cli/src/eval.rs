@@ -1,33 +1,27 @@
 //! `zk0 eval`: losses and action errors of policies on recordings.
 
-use crate::{
-    chart::{self, Bars},
-    dataset::RecordingName,
-    policy::{cache_failed, CacheOptions, DeviceOptions, PolicySource},
-};
+use crate::chart::{self, Bars};
+use crate::dataset::RecordingName;
+use crate::policy::{cache_failed, CacheOptions, DeviceOptions, PolicySource};
 use anyhow::{bail, Context, Result};
 use serde::Serialize;
-use std::{fmt::Write as _, fs, path::PathBuf};
+use std::fmt::Write as _;
+use std::fs;
+use std::path::PathBuf;
 use zk0_ledger::atomic_file;
 use zk0_lerobot::dataset::Dataset;
-use zk0_node::{
-    progress::Progress,
-    samples::{FrameNames, ReadySamples},
-};
-use zk0_smolvla::{
-    frames::{
-        batch::SampleSource,
-        prefix_cache::{FrameMaker, KeySpace},
-        sample::{PreparedSample, Preparer},
-    },
-    measure::{
-        action_error::{sample_actions, ActionError},
-        evaluate::fixed_draws,
-    },
-    policy::policy_file::PolicyFile,
-    train::{learner::EvaluationModels, trainer::evaluate_samples, Samples},
-    PolicyError, Profile,
-};
+use zk0_node::progress::Progress;
+use zk0_node::samples::{FrameNames, ReadySamples};
+use zk0_smolvla::frames::batch::SampleSource;
+use zk0_smolvla::frames::prefix_cache::{FrameMaker, KeySpace};
+use zk0_smolvla::frames::sample::{PreparedSample, Preparer};
+use zk0_smolvla::measure::action_error::{sample_actions, ActionError};
+use zk0_smolvla::measure::evaluate::fixed_draws;
+use zk0_smolvla::policy::policy_file::PolicyFile;
+use zk0_smolvla::train::learner::EvaluationModels;
+use zk0_smolvla::train::trainer::evaluate_samples;
+use zk0_smolvla::train::Samples;
+use zk0_smolvla::{PolicyError, Profile};
 
 /// Measure policies on recordings: the flow-matching loss by both of LeRobot's definitions, and how far sampled actions are from the
 /// demonstrated ones, for each joint, in the recording's units.

@@ -2,10 +2,8 @@
 
 use anyhow::{bail, Context, Result};
 use ed25519_dalek::SigningKey;
-use std::{
-    io::{self, Write},
-    path::Path,
-};
+use std::io::{self, Write};
+use std::path::Path;
 use zk0_circuits::{Digest, NodeId};
 use zk0_ledger::{atomic_file, bounded_file};
 

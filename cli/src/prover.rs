@@ -2,13 +2,12 @@
 
 use anyhow::{Context, Result};
 use std::net::SocketAddr;
-use tokio::{net::TcpListener, runtime::Runtime};
-use zk0_prover::{
-    machine::DeviceKind,
-    measure::cycles,
-    program::Executor,
-    service::{ProvingService, Sp1Backend},
-};
+use tokio::net::TcpListener;
+use tokio::runtime::Runtime;
+use zk0_prover::machine::DeviceKind;
+use zk0_prover::measure::cycles;
+use zk0_prover::program::Executor;
+use zk0_prover::service::{ProvingService, Sp1Backend};
 
 /// What to do.
 #[derive(Debug, clap::Subcommand)]

@@ -2,7 +2,8 @@
 
 use anyhow::{Context, Result};
 use std::net::SocketAddr;
-use tokio::{net::TcpListener, runtime::Runtime};
+use tokio::net::TcpListener;
+use tokio::runtime::Runtime;
 use zk0_aggregator::publish::http::{self, Limits, Router};
 
 /// Serves a log's files or a witness until the process is told to end.

@@ -1,14 +1,16 @@
 //! `zk0 witness`: cosign the logs of others, so that none of them can show two histories (C2SP tlog-witness).
 
-use crate::{keys, serve::serve_http};
+use crate::keys;
+use crate::serve::serve_http;
 use anyhow::{Context, Result};
-use std::{net::SocketAddr, path::PathBuf, sync::Arc};
-use zk0_aggregator::{publish::witness_server::WitnessServer, round::clock::SystemClock};
+use std::net::SocketAddr;
+use std::path::PathBuf;
+use std::sync::Arc;
+use zk0_aggregator::publish::witness_server::WitnessServer;
+use zk0_aggregator::round::clock::SystemClock;
 use zk0_ledger::witness_store::WitnessStore;
-use zk0_protocol::tlog::{
-    cosigner::Cosigner,
-    verifier_key::{Role, VerifierKey},
-};
+use zk0_protocol::tlog::cosigner::Cosigner;
+use zk0_protocol::tlog::verifier_key::{Role, VerifierKey};
 
 /// What to do.
 #[derive(Debug, clap::Subcommand)]

@@ -3,7 +3,8 @@
 mod harness;
 
 use harness::{ends, logged, zk0};
-use std::{path::Path, process::Command};
+use std::path::Path;
+use std::process::Command;
 use zk0::keys;
 use zk0_circuits::EvalSpec;
 use zk0_ledger::log::Ledger;

@@ -3,10 +3,8 @@
 mod harness;
 
 use harness::{copy, logged, printed};
-use std::{
-    fs,
-    process::{Command, Output},
-};
+use std::fs;
+use std::process::{Command, Output};
 
 fn zk0(arguments: &[&str]) -> Command {
     let mut command = harness::zk0(arguments);

@@ -5,11 +5,11 @@ mod harness;
 
 use harness::network::LocalNetwork;
 use serde_json::{json, Value};
-use std::{fs, path::Path};
-use zk0_smolvla::{
-    policy::policy_file::PolicyFile,
-    train::{measured_loss::loss_of, train, TrainOptions},
-};
+use std::fs;
+use std::path::Path;
+use zk0_smolvla::policy::policy_file::PolicyFile;
+use zk0_smolvla::train::measured_loss::loss_of;
+use zk0_smolvla::train::{train, TrainOptions};
 
 const STEPS: usize = 200;
 const BATCH: usize = 16;

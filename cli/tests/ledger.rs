@@ -3,8 +3,10 @@
 
 mod harness;
 
-use harness::{ends, logged, printed, prints, serving::Serving, text, zk0, LEDGER};
-use std::{fs, path::Path};
+use harness::serving::Serving;
+use harness::{ends, logged, printed, prints, text, zk0, LEDGER};
+use std::fs;
+use std::path::Path;
 
 /// Runs a command that has to fail, and to say `words`.
 #[track_caller]

@@ -5,17 +5,14 @@ mod harness;
 
 use harness::{logged, printed};
 use serde_json::{json, Value};
-use std::{
-    collections::BTreeMap,
-    fs,
-    path::{Path, PathBuf},
-};
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
 use tempfile::TempDir;
-use zk0_lerobot::{
-    dataset::{Dataset, Stats},
-    policy_folder::{Inference, PolicyFolder},
-};
-use zk0_smolvla::{policy::policy_file, Policy};
+use zk0_lerobot::dataset::{Dataset, Stats};
+use zk0_lerobot::policy_folder::{Inference, PolicyFolder};
+use zk0_smolvla::policy::policy_file;
+use zk0_smolvla::Policy;
 
 const PICKPLACE: &str = "so100_pickplace";
 const SORTING: &str = "so100_sorting";

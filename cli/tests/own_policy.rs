@@ -2,27 +2,19 @@
 
 mod harness;
 
-use harness::{
-    ends, fails, logs,
-    network::{committed, LocalNetwork},
-    root, words, zk0, RECORDING,
-};
+use harness::network::{committed, LocalNetwork};
+use harness::{ends, fails, logs, root, words, zk0, RECORDING};
 use serde_json::{json, Value};
-use std::{fs, path::Path};
+use std::fs;
+use std::path::Path;
 use zk0_circuits::{Digest, EvalSpec};
-use zk0_lerobot::{
-    policy_folder::PolicyFolder,
-    tokenizer::{Tokenizer, TrainedTokenizer},
-};
-use zk0_smolvla::{
-    measure::fixed_point::dims,
-    policy::{
-        init::init_policy,
-        policy_file::{self, PolicyFile},
-        tokenizer::PolicyTokenizer,
-    },
-    Policy, Profile,
-};
+use zk0_lerobot::policy_folder::PolicyFolder;
+use zk0_lerobot::tokenizer::{Tokenizer, TrainedTokenizer};
+use zk0_smolvla::measure::fixed_point::dims;
+use zk0_smolvla::policy::init::init_policy;
+use zk0_smolvla::policy::policy_file::{self, PolicyFile};
+use zk0_smolvla::policy::tokenizer::PolicyTokenizer;
+use zk0_smolvla::{Policy, Profile};
 
 /// LeRobot's fixture as `save_pretrained` leaves a policy, with a tokenizer of a few words.
 fn lerobot_folder(network: &LocalNetwork) -> String {

@@ -6,11 +6,9 @@ mod harness;
 use harness::zk0;
 use serde_json::Value;
 use sha2::{Digest, Sha256};
-use std::{
-    fs,
-    path::{Path, PathBuf},
-    process::Output,
-};
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Output;
 
 fn audit(ledger: &Path) -> Output {
     zk0(&["audit", "replay", "--json", ledger.to_str().unwrap()])

@@ -4,13 +4,11 @@ mod harness;
 
 use harness::{ends, logged, zk0, RECORDING};
 use serde_json::Value;
-use std::{
-    fs,
-    path::Path,
-    process::{Command, Output, Stdio},
-    thread::sleep,
-    time::{Duration, SystemTime, UNIX_EPOCH},
-};
+use std::fs;
+use std::path::Path;
+use std::process::{Command, Output, Stdio};
+use std::thread::sleep;
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 /// `zk0 train` on a recording, micro profile, with a cache in `dir`.
 fn train(dir: &Path, out: &str, more: &[&str]) -> Command {

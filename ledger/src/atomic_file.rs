@@ -1,10 +1,8 @@
 //! Files that are replaced all at once: whoever reads one finds either the old content or the new, also after a crash.
 
-use std::{
-    fs::{self, File},
-    io::{self, Write},
-    path::{Path, PathBuf},
-};
+use std::fs::{self, File};
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
 
 /// Replaces the file at `path` by these parts, one after the other. The new content is on disk when this returns. It is written to a
 /// temporary file in the same folder first, because only a rename within one folder is atomic.

@@ -7,31 +7,22 @@
 //! **An old backup is dangerous.** It lacks what the log signed later, and a writer who goes on from it signs a second history of the
 //! same sizes. So [`restore`] asks for the newest checkpoints that anybody has.
 
-use crate::{
-    atomic_file::folder_of,
-    error::{io_error, LedgerError},
-    folder,
-    history::History,
-    published::{
-        mirror::{genesis, mirror, MirrorError, Mirrored},
-        source::{Source, SourceError},
-        tiles,
-    },
-    store::Store,
-    Blobs,
-};
-use std::{
-    ffi::OsString,
-    fs::{self, File},
-    io::{self, Cursor, Read},
-    path::{Path, PathBuf},
-};
+use crate::atomic_file::folder_of;
+use crate::error::{io_error, LedgerError};
+use crate::history::History;
+use crate::published::mirror::{genesis, mirror, MirrorError, Mirrored};
+use crate::published::source::{Source, SourceError};
+use crate::published::tiles;
+use crate::store::Store;
+use crate::{folder, Blobs};
+use std::ffi::OsString;
+use std::fs::{self, File};
+use std::io::{self, Cursor, Read};
+use std::path::{Path, PathBuf};
 use zk0_circuits::Digest;
-use zk0_protocol::tlog::{
-    checkpoint::{Checkpoint, CheckpointError},
-    layout::Resource,
-    witness_policy::WitnessPolicy,
-};
+use zk0_protocol::tlog::checkpoint::{Checkpoint, CheckpointError};
+use zk0_protocol::tlog::layout::Resource;
+use zk0_protocol::tlog::witness_policy::WitnessPolicy;
 
 /// Why a backup cannot be made or restored.
 #[derive(Debug, thiserror::Error)]

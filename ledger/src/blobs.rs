@@ -3,12 +3,10 @@
 
 use crate::atomic_file::{folder_of, put_in_place, sync_folder};
 use sha2::{Digest as _, Sha256};
-use std::{
-    fs::{self, File},
-    io::{self, Read, Write},
-    path::{Path, PathBuf},
-    sync::atomic::{AtomicU64, Ordering},
-};
+use std::fs::{self, File};
+use std::io::{self, Read, Write};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
 use zk0_circuits::Digest;
 
 /// The blobs of one ledger folder: `blobs/sha256/<digest>`, unfinished ones in `blobs/unfinished/`.

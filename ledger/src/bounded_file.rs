@@ -1,10 +1,8 @@
 //! Files that are read up to a limit, so that a file that is too long costs no memory.
 
-use std::{
-    fs::File,
-    io::{self, Read},
-    path::Path,
-};
+use std::fs::File;
+use std::io::{self, Read};
+use std::path::Path;
 
 /// Reads a file of at most `limit` bytes.
 ///

@@ -5,7 +5,8 @@
 //! A clock that was ahead before the ledger was opened is not noticed. After a small step back, an entry gets the time of the entry
 //! before it.
 
-use std::{fmt, time::Duration};
+use std::fmt;
+use std::time::Duration;
 
 /// How much the two clocks may differ, in milliseconds.
 pub const TOLERANCE_MS: u64 = 60_000;

@@ -1,15 +1,14 @@
 //! Why a ledger cannot be opened, read or extended.
 
-use crate::{blobs::BlobError, clock::ClockError};
-use std::{
-    io,
-    path::{Path, PathBuf},
-};
+use crate::blobs::BlobError;
+use crate::clock::ClockError;
+use std::io;
+use std::path::{Path, PathBuf};
 use tlog_tiles::tlog::Error as TreeError;
 use zk0_circuits::Digest;
-use zk0_protocol::{
-    entries::codec::EntryError, rules::violation::RuleViolation, tlog::checkpoint::CheckpointError,
-};
+use zk0_protocol::entries::codec::EntryError;
+use zk0_protocol::rules::violation::RuleViolation;
+use zk0_protocol::tlog::checkpoint::CheckpointError;
 
 /// Why a ledger cannot be opened, read or extended.
 #[derive(Debug, thiserror::Error)]

@@ -1,19 +1,13 @@
 //! A ledger's folder, and the small files in it: the newest signed checkpoint and, if witnesses cosign checkpoints, the witness policy
 //! and the newest checkpoint with its cosignatures.
 
-use crate::{
-    atomic_file::{self, sync_folder},
-    error::{io_error, LedgerError},
-};
-use std::{
-    fs::File,
-    io::{self, Read},
-    path::{Path, PathBuf},
-};
-use zk0_protocol::tlog::{
-    checkpoint::{MAX_CHECKPOINT_BYTES, MAX_NOTE_BYTES},
-    witness_policy::{WitnessPolicy, MAX_POLICY_BYTES},
-};
+use crate::atomic_file::{self, sync_folder};
+use crate::error::{io_error, LedgerError};
+use std::fs::File;
+use std::io::{self, Read};
+use std::path::{Path, PathBuf};
+use zk0_protocol::tlog::checkpoint::{MAX_CHECKPOINT_BYTES, MAX_NOTE_BYTES};
+use zk0_protocol::tlog::witness_policy::{WitnessPolicy, MAX_POLICY_BYTES};
 
 /// The database in `dir`.
 pub fn database(dir: &Path) -> PathBuf {

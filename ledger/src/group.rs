@@ -4,20 +4,19 @@
 //! entries after which a reader requires a checkpoint: the last entry, because nothing else would vouch for it, and an entry whose
 //! tree determines something ([`needs_checkpoint`]), because nobody could verify what follows from a root that was never signed.
 
-use crate::{error::LedgerError, store::Batch};
+use crate::error::LedgerError;
+use crate::store::Batch;
 use ed25519_dalek::SigningKey;
 use rayon::prelude::*;
 use tlog_tiles::tlog::{record_hash, Hash};
 use zk0_circuits::Digest;
-use zk0_protocol::{
-    entries::{
-        authentic::AuthenticEntry,
-        entry::{needs_checkpoint, Entry},
-        known_keys::KnownKeys,
-    },
-    rules::{state::State, violation::RuleViolation},
-    tlog::{checkpoint::Checkpoint, tree::Frontier},
-};
+use zk0_protocol::entries::authentic::AuthenticEntry;
+use zk0_protocol::entries::entry::{needs_checkpoint, Entry};
+use zk0_protocol::entries::known_keys::KnownKeys;
+use zk0_protocol::rules::state::State;
+use zk0_protocol::rules::violation::RuleViolation;
+use zk0_protocol::tlog::checkpoint::Checkpoint;
+use zk0_protocol::tlog::tree::Frontier;
 
 /// Stands for the root after an entry that has no checkpoint. Nothing follows from such a root, and to compute it for each entry takes as
 /// long as all the rest of the tree.

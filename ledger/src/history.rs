@@ -1,17 +1,22 @@
 //! The history in a database. Before a writer signs more, it reads all entries, applies the rules, and compares the result with what the
 //! log has signed.
 
-use crate::{error::LedgerError, folder, store::Store};
+use crate::error::LedgerError;
+use crate::folder;
+use crate::store::Store;
 use rayon::prelude::*;
-use std::{ops::Range, path::Path};
+use std::ops::Range;
+use std::path::Path;
 use tlog_tiles::tlog::{record_hash, stored_hash_index, Hash, HashReader};
 use zk0_circuits::Digest;
-use zk0_protocol::{
-    entries::{authentic::AuthenticEntry, entry::needs_checkpoint, known_keys::KnownKeys},
-    rules::{state::State, violation::RuleViolation},
-    tlog::{checkpoint::Checkpoint, tree::Frontier},
-    Entry, Genesis,
-};
+use zk0_protocol::entries::authentic::AuthenticEntry;
+use zk0_protocol::entries::entry::needs_checkpoint;
+use zk0_protocol::entries::known_keys::KnownKeys;
+use zk0_protocol::rules::state::State;
+use zk0_protocol::rules::violation::RuleViolation;
+use zk0_protocol::tlog::checkpoint::Checkpoint;
+use zk0_protocol::tlog::tree::Frontier;
+use zk0_protocol::{Entry, Genesis};
 
 /// How many entries are read at once; all cores verify their signatures. An entry has at most 64 KiB.
 const CHUNK: u64 = 512;

@@ -13,33 +13,27 @@
 //! | `policy` | the witness policy, if witnesses cosign checkpoints ([`zk0_protocol::tlog::witness_policy`]) |
 //! | `cosigned` | in that case, the newest checkpoint with its quorum of cosignatures: the one that is published |
 
-use crate::{
-    blobs::Blobs,
-    clock::ClockWatch,
-    error::{io_error, LedgerError},
-    folder,
-    group::{group, Trial},
-    history::History,
-    store::{Batch, Store},
-};
+use crate::blobs::Blobs;
+use crate::clock::ClockWatch;
+use crate::error::{io_error, LedgerError};
+use crate::folder;
+use crate::group::{group, Trial};
+use crate::history::History;
+use crate::store::{Batch, Store};
 use ed25519_dalek::SigningKey;
-use std::{
-    fs,
-    ops::Range,
-    path::{Path, PathBuf},
-    time::Duration,
-};
+use std::fs;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
 use tlog_tiles::tlog::{prove_record, prove_tree};
 use zk0_circuits::Digest;
-use zk0_protocol::{
-    entries::{
-        entry::{Body, Entry, ENTRY_VERSION},
-        genesis::Genesis,
-        known_keys::KnownKeys,
-    },
-    rules::state::State,
-    tlog::{checkpoint::Checkpoint, receipt::Receipt, tree::Frontier},
-};
+use zk0_protocol::entries::entry::{Body, Entry, ENTRY_VERSION};
+use zk0_protocol::entries::genesis::Genesis;
+use zk0_protocol::entries::known_keys::KnownKeys;
+use zk0_protocol::rules::state::State;
+use zk0_protocol::tlog::checkpoint::Checkpoint;
+use zk0_protocol::tlog::receipt::Receipt;
+use zk0_protocol::tlog::tree::Frontier;
 
 /// A ledger that is open for writing. Only one process at a time can have it open.
 pub struct Ledger {

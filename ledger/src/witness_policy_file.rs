@@ -1,9 +1,7 @@
 //! Reads a witness policy (a C2SP tlog-policy) from a file.
 
-use crate::{
-    bounded_file,
-    error::{io_error, LedgerError},
-};
+use crate::bounded_file;
+use crate::error::{io_error, LedgerError};
 use std::path::Path;
 use zk0_protocol::tlog::witness_policy::{WitnessPolicy, MAX_POLICY_BYTES};
 

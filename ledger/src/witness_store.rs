@@ -4,17 +4,13 @@
 
 use crate::atomic_file;
 use sha2::{Digest as _, Sha256};
-use std::{
-    fs::{self, File},
-    io::{self, Read},
-    path::{Path, PathBuf},
-};
-use zk0_protocol::tlog::{
-    cosigner::Cosigner,
-    verifier_key::{Role, VerifierKey},
-    witness::{Accepted, Witness, WitnessRefusal},
-    witness_policy::WitnessPolicy,
-};
+use std::fs::{self, File};
+use std::io::{self, Read};
+use std::path::{Path, PathBuf};
+use zk0_protocol::tlog::cosigner::Cosigner;
+use zk0_protocol::tlog::verifier_key::{Role, VerifierKey};
+use zk0_protocol::tlog::witness::{Accepted, Witness, WitnessRefusal};
+use zk0_protocol::tlog::witness_policy::WitnessPolicy;
 
 /// A witness and its folder.
 pub struct WitnessStore {

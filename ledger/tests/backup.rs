@@ -2,19 +2,15 @@
 
 mod network;
 
-use network::{
-    rounds::{copy, ledger_with_a_round},
-    shelf::*,
-    *,
-};
-use std::{fs, path::Path};
-use zk0_ledger::{
-    backup::{backup, restore, BackupError},
-    folder,
-    published::mirror::MirrorError,
-    replay::{replay, Verdict},
-    BlobError, Ledger, LedgerError, Report,
-};
+use network::rounds::{copy, ledger_with_a_round};
+use network::shelf::*;
+use network::*;
+use std::fs;
+use std::path::Path;
+use zk0_ledger::backup::{backup, restore, BackupError};
+use zk0_ledger::published::mirror::MirrorError;
+use zk0_ledger::replay::{replay, Verdict};
+use zk0_ledger::{folder, BlobError, Ledger, LedgerError, Report};
 use zk0_protocol::{Body, WitnessPolicy};
 
 fn verified(dir: &Path) -> Report {

@@ -2,26 +2,20 @@
 
 mod network;
 
-use network::{
-    rounds::{copy, ledger_with_a_round},
-    *,
-};
-use std::{
-    fs,
-    io::{BufRead, BufReader},
-    path::Path,
-    process::{Child, Command, Stdio},
-    thread::sleep,
-    time::Duration,
-};
+use network::rounds::{copy, ledger_with_a_round};
+use network::*;
+use std::fs;
+use std::io::{BufRead, BufReader};
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::thread::sleep;
+use std::time::Duration;
 use zk0_circuits::NodeId;
-use zk0_ledger::{
-    replay::{replay, Verdict},
-    Ledger, LedgerError,
-};
-use zk0_protocol::{
-    entries::member::NodeEnrolled, tlog::tree::Frontier, Body, Checkpoint, Receipt,
-};
+use zk0_ledger::replay::{replay, Verdict};
+use zk0_ledger::{Ledger, LedgerError};
+use zk0_protocol::entries::member::NodeEnrolled;
+use zk0_protocol::tlog::tree::Frontier;
+use zk0_protocol::{Body, Checkpoint, Receipt};
 
 const CHILD: &str = "ZK0_TEST_APPEND_IN";
 

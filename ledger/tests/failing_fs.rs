@@ -8,12 +8,10 @@ mod network;
 use network::scenario::{
     check, child, run_as_child, said, scratch as memory, Said, ENTRIES, STOPPED,
 };
-use std::{
-    fs,
-    os::unix::process::ExitStatusExt,
-    path::{Path, PathBuf},
-    process::{Command, ExitStatus},
-};
+use std::fs;
+use std::os::unix::process::ExitStatusExt;
+use std::path::{Path, PathBuf};
+use std::process::{Command, ExitStatus};
 
 const EIO: i32 = 5;
 const ENOSPC: i32 = 28;

@@ -6,22 +6,19 @@
 mod network;
 
 use ed25519_dalek::SigningKey;
-use network::{
-    scenario::{
-        check, child, run_as_child, said, scratch as memory, strace, Said, ENTRIES, STOPPED,
-    },
-    *,
+use network::scenario::{
+    check, child, run_as_child, said, scratch as memory, strace, Said, ENTRIES, STOPPED,
 };
-use std::{
-    collections::{BTreeMap, BTreeSet},
-    fs,
-    os::unix::process::ExitStatusExt,
-    path::Path,
-    process::Command,
-};
+use network::*;
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs;
+use std::os::unix::process::ExitStatusExt;
+use std::path::Path;
+use std::process::Command;
 use zk0_circuits::NodeId;
 use zk0_ledger::{Ledger, LedgerError};
-use zk0_protocol::{entries::member::NodeEnrolled, Body};
+use zk0_protocol::entries::member::NodeEnrolled;
+use zk0_protocol::Body;
 
 /// All that changes files, or waits for the disk.
 const CALLS: &str = "?write,?pwrite64,?pwritev,?fsync,?fdatasync,?sync_file_range,?rename,?renameat,?renameat2,?openat,\

@@ -2,34 +2,29 @@
 
 mod network;
 
-use network::{rounds::copy, shelf::*, votes::*, *};
+use network::rounds::copy;
+use network::shelf::*;
+use network::votes::*;
+use network::*;
 use proptest::prelude::*;
 use rocksdb::DB;
-use std::{collections::BTreeSet, path::Path};
-use zk0_circuits::{claim::challenge::challenge, NodeId};
-use zk0_ledger::{
-    published::{
-        mirror::{mirror, MirrorError},
-        tiles,
-    },
-    replay::{replay, Verdict},
-    store::Store,
-    Ledger, LedgerError, Report,
-};
-use zk0_protocol::{
-    entries::{
-        entry::{needs_checkpoint, DisputeResolved},
-        member::NodeEnrolled,
-        proposal::{Action, Ballot},
-        signed::{Dispute, Evidence, KeyRotation, KeyTakeover},
-    },
-    rules::network_rules::Participation,
-    tlog::{
-        bundle,
-        layout::{Kind, Tile},
-    },
-    Body, Refusal, RuleViolation, Signed,
-};
+use std::collections::BTreeSet;
+use std::path::Path;
+use zk0_circuits::claim::challenge::challenge;
+use zk0_circuits::NodeId;
+use zk0_ledger::published::mirror::{mirror, MirrorError};
+use zk0_ledger::published::tiles;
+use zk0_ledger::replay::{replay, Verdict};
+use zk0_ledger::store::Store;
+use zk0_ledger::{Ledger, LedgerError, Report};
+use zk0_protocol::entries::entry::{needs_checkpoint, DisputeResolved};
+use zk0_protocol::entries::member::NodeEnrolled;
+use zk0_protocol::entries::proposal::{Action, Ballot};
+use zk0_protocol::entries::signed::{Dispute, Evidence, KeyRotation, KeyTakeover};
+use zk0_protocol::rules::network_rules::Participation;
+use zk0_protocol::tlog::bundle;
+use zk0_protocol::tlog::layout::{Kind, Tile};
+use zk0_protocol::{Body, Refusal, RuleViolation, Signed};
 
 fn verified(dir: &Path) -> Report {
     let report = replay(dir, None, &mut ());

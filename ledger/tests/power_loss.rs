@@ -5,11 +5,9 @@
 mod network;
 
 use network::scenario::{check, child, run_as_child, said, scratch as memory, strace, ENTRIES};
-use std::{
-    collections::BTreeMap,
-    fs,
-    path::{Path, PathBuf},
-};
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
 
 const CALLS: &str = "?write,?writev,?pwrite64,?pwritev,?fsync,?fdatasync,?rename,?renameat,?renameat2,?openat,?open,\
                      ?creat,?truncate,?ftruncate,?unlink,?unlinkat,?rmdir,?mkdir,?mkdirat,?link,?linkat,?symlink";

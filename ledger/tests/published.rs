@@ -2,15 +2,15 @@
 
 mod network;
 
-use ct_merkle::{mem_backed_tree::MemoryBackedTree, InclusionProof};
-use network::{shelf::*, *};
+use ct_merkle::mem_backed_tree::MemoryBackedTree;
+use ct_merkle::InclusionProof;
+use network::shelf::*;
+use network::*;
 use proptest::prelude::*;
 use sha2_11::Sha256;
 use zk0_ledger::published::reader::{PublishedError, PublishedLog};
-use zk0_protocol::{
-    tlog::layout::{tiles, Kind, Resource, Tile},
-    WitnessPolicy,
-};
+use zk0_protocol::tlog::layout::{tiles, Kind, Resource, Tile};
+use zk0_protocol::WitnessPolicy;
 
 fn leaves(count: u64, seed: u8) -> Vec<Vec<u8>> {
     (0..count)

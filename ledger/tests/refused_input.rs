@@ -4,19 +4,15 @@ mod network;
 
 use network::*;
 use rocksdb::DB;
-use zk0_ledger::{
-    replay::{replay, Verdict},
-    store::{Batch, Store},
-    Ledger, LedgerError,
-};
-use zk0_protocol::{
-    entries::{
-        codec::EntryError, entry::MAX_ENTRY_BYTES, member::NodeEnrolled,
-        signed::DatasetRegistration,
-    },
-    tlog::tree::Frontier,
-    Body, Checkpoint, RuleViolation, Signed,
-};
+use zk0_ledger::replay::{replay, Verdict};
+use zk0_ledger::store::{Batch, Store};
+use zk0_ledger::{Ledger, LedgerError};
+use zk0_protocol::entries::codec::EntryError;
+use zk0_protocol::entries::entry::MAX_ENTRY_BYTES;
+use zk0_protocol::entries::member::NodeEnrolled;
+use zk0_protocol::entries::signed::DatasetRegistration;
+use zk0_protocol::tlog::tree::Frontier;
+use zk0_protocol::{Body, Checkpoint, RuleViolation, Signed};
 
 /// An entry of exactly so many bytes: an enrolment with a name that long.
 fn of_bytes(bytes: usize) -> Body {

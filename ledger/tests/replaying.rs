@@ -2,24 +2,20 @@
 
 mod network;
 
-use network::{
-    long::{db_key, Long, ROUND},
-    rounds::copy,
-    *,
-};
+use network::long::{db_key, Long, ROUND};
+use network::rounds::copy;
+use network::*;
 use rocksdb::DB;
-use std::{
-    fs,
-    num::NonZeroUsize,
-    panic::{catch_unwind, AssertUnwindSafe},
-    path::Path,
-    sync::atomic::{AtomicU64, Ordering},
-    time::{Duration, Instant},
+use std::fs;
+use std::num::NonZeroUsize;
+use std::panic::{catch_unwind, AssertUnwindSafe};
+use std::path::Path;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::{Duration, Instant};
+use zk0_ledger::replay::{
+    replay, replay_with, Keep, Options, Recheck, Report, Saved, SavedError, Verdict,
 };
-use zk0_ledger::{
-    replay::{replay, replay_with, Keep, Options, Recheck, Report, Saved, SavedError, Verdict},
-    Blobs, Finding,
-};
+use zk0_ledger::{Blobs, Finding};
 use zk0_protocol::{Entry, State};
 
 /// Finds something in every fiftieth entry, and fails the one it is told to; one entry late, as other threads would.

@@ -2,21 +2,15 @@
 
 mod network;
 
-use network::{
-    rounds::{copy, ledger_with_a_round},
-    *,
-};
+use network::rounds::{copy, ledger_with_a_round};
+use network::*;
 use rand_flips::Flips;
 use rocksdb::{IteratorMode, DB};
-use std::{
-    collections::BTreeMap,
-    fs,
-    path::{Path, PathBuf},
-};
-use zk0_ledger::{
-    replay::{replay, Severity, Verdict},
-    Blobs, Finding, Ledger, Recheck, Report,
-};
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+use zk0_ledger::replay::{replay, Severity, Verdict};
+use zk0_ledger::{Blobs, Finding, Ledger, Recheck, Report};
 use zk0_protocol::{Entry, Genesis, State};
 
 mod rand_flips {

@@ -3,18 +3,15 @@
 mod network;
 
 use ed25519_dalek::SigningKey;
-use network::{shelf::*, *};
+use network::shelf::*;
+use network::*;
 use std::fs;
 use zk0_circuits::Digest;
 use zk0_ledger::witness_store::{hash, AddError, WitnessError, WitnessStore};
-use zk0_protocol::{
-    tlog::{
-        checkpoint::Parsed,
-        cosigner::{self, Cosigner},
-        witness::{AddCheckpoint, WitnessRefusal},
-    },
-    Checkpoint, VerifierKey, WitnessPolicy,
-};
+use zk0_protocol::tlog::checkpoint::Parsed;
+use zk0_protocol::tlog::cosigner::{self, Cosigner};
+use zk0_protocol::tlog::witness::{AddCheckpoint, WitnessRefusal};
+use zk0_protocol::{Checkpoint, VerifierKey, WitnessPolicy};
 
 const NOW: u64 = 1_700_000_000;
 

@@ -3,19 +3,13 @@
 mod network;
 
 use network::*;
-use std::{
-    sync::{
-        atomic::{AtomicU64, Ordering},
-        Arc,
-    },
-    time::Duration,
-};
-use zk0_ledger::{
-    clock::{ClockError, TOLERANCE_MS},
-    replay,
-    replay::Verdict,
-    Ledger, LedgerError,
-};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::Arc;
+use std::time::Duration;
+use zk0_ledger::clock::{ClockError, TOLERANCE_MS};
+use zk0_ledger::replay;
+use zk0_ledger::replay::Verdict;
+use zk0_ledger::{Ledger, LedgerError};
 
 /// A clock that nobody sets, by hand.
 #[derive(Clone, Default)]

@@ -1,10 +1,8 @@
 //! The losses that a node's learning rate follows: those of each round's base weights on the node's own samples. They stay on disk when
 //! the node ends.
 
-use crate::{
-    error::ParticipantError,
-    state_files::{self, broken},
-};
+use crate::error::ParticipantError;
+use crate::state_files::{self, broken};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use zk0_circuits::Digest;

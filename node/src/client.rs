@@ -1,24 +1,25 @@
 //! A node's connection to an aggregator. The node believes nothing that the aggregator says: it knows the network by its id, it demands
 //! a receipt for whatever is recorded, and it derives the challenge from the receipt's checkpoint.
 
-use crate::{client_error::NodeError, recording::Recording};
+use crate::client_error::NodeError;
+use crate::recording::Recording;
 use ed25519_dalek::SigningKey;
 use sha2::{Digest as _, Sha256};
-use std::{io::Write, time::Duration};
+use std::io::Write;
+use std::time::Duration;
 use tonic::{transport, Code};
-use zk0_circuits::{claim::challenge::challenge, Claim, Digest, NodeId, WeightsDigest};
-use zk0_protocol::rpc::federation::{self as rpc, federation_client::FederationClient};
-use zk0_protocol::{
-    entries::{
-        entry::{Body, Entry, RoundClosed, RoundOpened},
-        genesis::Genesis,
-        signed::{
-            DatasetRegistration, Proposal, Signed, Submission, UpdateCommitment, UploadRequest,
-        },
-    },
-    tlog::{checkpoint::Checkpoint, receipt::Receipt},
-    Refusal, Rules,
+use zk0_circuits::claim::challenge::challenge;
+use zk0_circuits::{Claim, Digest, NodeId, WeightsDigest};
+use zk0_protocol::entries::entry::{Body, Entry, RoundClosed, RoundOpened};
+use zk0_protocol::entries::genesis::Genesis;
+use zk0_protocol::entries::signed::{
+    DatasetRegistration, Proposal, Signed, Submission, UpdateCommitment, UploadRequest,
 };
+use zk0_protocol::rpc::federation as rpc;
+use zk0_protocol::rpc::federation::federation_client::FederationClient;
+use zk0_protocol::tlog::checkpoint::Checkpoint;
+use zk0_protocol::tlog::receipt::Receipt;
+use zk0_protocol::{Refusal, Rules};
 
 /// Bytes in one message of an upload.
 const CHUNK_BYTES: usize = 64 << 10;

@@ -2,10 +2,9 @@
 
 use tonic::{transport, Status};
 use zk0_circuits::Digest;
-use zk0_protocol::{
-    entries::codec::EntryError,
-    tlog::{checkpoint::CheckpointError, receipt::ReceiptError},
-};
+use zk0_protocol::entries::codec::EntryError;
+use zk0_protocol::tlog::checkpoint::CheckpointError;
+use zk0_protocol::tlog::receipt::ReceiptError;
 
 /// What goes wrong between a node and its aggregator.
 #[derive(Debug, thiserror::Error)]

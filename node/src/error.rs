@@ -1,8 +1,10 @@
 //! Why a node cannot go on.
 
 use crate::client_error::NodeError;
-use std::{io, path::PathBuf};
-use zk0_circuits::claim::{challenge::DrawError, statement_error::StatementError};
+use std::io;
+use std::path::PathBuf;
+use zk0_circuits::claim::challenge::DrawError;
+use zk0_circuits::claim::statement_error::StatementError;
 use zk0_prover::service::ClientError;
 use zk0_smolvla::frames::prefix_cache::CacheError;
 

@@ -1,12 +1,13 @@
 //! What governors and nodes sign besides contributions: proposals, votes, disputes, and the change of a key.
 
-use crate::{client::Node, client_error::NodeError};
+use crate::client::Node;
+use crate::client_error::NodeError;
 use ed25519_dalek::SigningKey;
 use zk0_circuits::NodeId;
-use zk0_protocol::entries::{
-    entry::Body,
-    proposal::{Action, Ballot},
-    signed::{Dispute, Evidence, KeyRotation, KeyTakeover, Proposal, Signed, Vote},
+use zk0_protocol::entries::entry::Body;
+use zk0_protocol::entries::proposal::{Action, Ballot};
+use zk0_protocol::entries::signed::{
+    Dispute, Evidence, KeyRotation, KeyTakeover, Proposal, Signed, Vote,
 };
 
 /// A proposal that is on the ledger.

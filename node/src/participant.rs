@@ -1,23 +1,22 @@
 //! Takes part in a network: prepares the recording, and then trains, commits, proves and submits in each round.
 
-use crate::{
-    client::{Decision, Node},
-    client_error::NodeError,
-    error::ParticipantError,
-    receipts,
-    recording::Recording,
-    state_files,
-    turn::{Entered, Training, Turn},
-};
-use std::{fs::File, io::BufWriter, path::PathBuf};
-use zk0_circuits::{claim::program::verifying_key, model::spec::EvalSpec, Digest};
+use crate::client::{Decision, Node};
+use crate::client_error::NodeError;
+use crate::error::ParticipantError;
+use crate::recording::Recording;
+use crate::turn::{Entered, Training, Turn};
+use crate::{receipts, state_files};
+use std::fs::File;
+use std::io::BufWriter;
+use std::path::PathBuf;
+use zk0_circuits::claim::program::verifying_key;
+use zk0_circuits::model::spec::EvalSpec;
+use zk0_circuits::Digest;
 use zk0_prover::service::ProvingClient;
-use zk0_smolvla::{
-    frames::prefix_cache::DiskCache,
-    measure::fixed_point::dims,
-    policy::policy_file::{self, PolicyFile},
-    PolicyConfig,
-};
+use zk0_smolvla::frames::prefix_cache::DiskCache;
+use zk0_smolvla::measure::fixed_point::dims;
+use zk0_smolvla::policy::policy_file::{self, PolicyFile};
+use zk0_smolvla::PolicyConfig;
 
 /// Largest policy file that a node downloads. The published policy takes 1.8 GB.
 pub const MAX_POLICY_BYTES: u64 = 4 << 30;

@@ -1,7 +1,9 @@
 //! Keeps the receipts of what a node has put on the ledger.
 
-use crate::{error::ParticipantError, state_files};
-use std::{fs, path::Path};
+use crate::error::ParticipantError;
+use crate::state_files;
+use std::fs;
+use std::path::Path;
 use zk0_protocol::{Receipt, TlogProof};
 
 /// Keeps a receipt in the state folder, as a C2SP tlog-proof. With this file the node can show anyone that the log has signed the entry,

@@ -1,30 +1,25 @@
 //! A node's own recording: each frame goes through the frozen prefix once, is quantised, and is committed to.
 
-use crate::{
-    error::ParticipantError,
-    samples::{FrameNames, ReadySamples},
-};
-use std::{collections::BTreeSet, path::Path, slice};
-use zk0_circuits::{
-    claim::{
-        dataset::{leaf, salt_commitment},
-        private_input::{Header, Opening},
-    },
-    model::{sample::Sample, spec::EvalSpec, weights::QuantisedWeights},
-    vm::merkle,
-    DatasetCommitment, Digest, PrivateInput,
-};
+use crate::error::ParticipantError;
+use crate::samples::{FrameNames, ReadySamples};
+use std::collections::BTreeSet;
+use std::path::Path;
+use std::slice;
+use zk0_circuits::claim::dataset::{leaf, salt_commitment};
+use zk0_circuits::claim::private_input::{Header, Opening};
+use zk0_circuits::model::sample::Sample;
+use zk0_circuits::model::spec::EvalSpec;
+use zk0_circuits::model::weights::QuantisedWeights;
+use zk0_circuits::vm::merkle;
+use zk0_circuits::{DatasetCommitment, Digest, PrivateInput};
 use zk0_lerobot::dataset::Dataset;
 use zk0_protocol::rules::bindings::ExpectedClaim;
-use zk0_smolvla::{
-    frames::{
-        batch::SampleSource,
-        prefix_cache::{DiskCache, FrameMaker, KeySpace},
-        sample::{PreparedSample, Preparer},
-    },
-    measure::fixed_point::quantise_sample,
-    policy::{frozen::FrozenPlace, policy_file::PolicyFile},
-};
+use zk0_smolvla::frames::batch::SampleSource;
+use zk0_smolvla::frames::prefix_cache::{DiskCache, FrameMaker, KeySpace};
+use zk0_smolvla::frames::sample::{PreparedSample, Preparer};
+use zk0_smolvla::measure::fixed_point::quantise_sample;
+use zk0_smolvla::policy::frozen::FrozenPlace;
+use zk0_smolvla::policy::policy_file::PolicyFile;
 
 /// A prepared recording, as training and proving use it.
 pub struct Recording {
@@ -146,7 +141,9 @@ mod tests {
     use serde_json::json;
     use std::path::PathBuf;
     use zk0_lerobot::tokenizer::{Tokenizer, TrainedTokenizer};
-    use zk0_smolvla::{measure::fixed_point::dims, policy::init::init_policy, Profile};
+    use zk0_smolvla::measure::fixed_point::dims;
+    use zk0_smolvla::policy::init::init_policy;
+    use zk0_smolvla::Profile;
 
     fn path() -> PathBuf {
         PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../tests/fixtures/datasets/so100_pickplace")

@@ -2,19 +2,16 @@
 
 use crate::progress::Progress;
 use std::borrow::Cow;
-use zk0_lerobot::{dataset::Dataset, tokenizer::Tokenizer};
-use zk0_smolvla::{
-    frames::{
-        batch::SampleSource,
-        prefix_cache::{
-            entry::Entry, CacheError, DiskCache, FileDigests, FrameMaker, FrameRef, FrameSource,
-            KeySpace,
-        },
-        sample::{FromFrame, ObservedSample, PreparedSample},
-    },
-    train::Samples,
-    PolicyConfig, PolicyError,
+use zk0_lerobot::dataset::Dataset;
+use zk0_lerobot::tokenizer::Tokenizer;
+use zk0_smolvla::frames::batch::SampleSource;
+use zk0_smolvla::frames::prefix_cache::entry::Entry;
+use zk0_smolvla::frames::prefix_cache::{
+    CacheError, DiskCache, FileDigests, FrameMaker, FrameRef, FrameSource, KeySpace,
 };
+use zk0_smolvla::frames::sample::{FromFrame, ObservedSample, PreparedSample};
+use zk0_smolvla::train::Samples;
+use zk0_smolvla::{PolicyConfig, PolicyError};
 
 /// A kind of samples. The kind decides what is trained on them.
 pub trait SampleKind: FromFrame + Entry {

@@ -1,13 +1,12 @@
 //! A node's own files in its state folder. A file is written whole or not at all. Whoever reads it gets what was written, or an error.
 
 use crate::error::ParticipantError;
-use serde::{de::DeserializeOwned, Serialize};
+use serde::de::DeserializeOwned;
+use serde::Serialize;
 use sha2::{Digest, Sha256};
-use std::{
-    fs::{self, File},
-    io::{self, Read},
-    path::{Path, PathBuf},
-};
+use std::fs::{self, File};
+use std::io::{self, Read};
+use std::path::{Path, PathBuf};
 
 /// The bytes of a file; `None` if there is no such file.
 ///

@@ -1,6 +1,7 @@
 //! The training losses of a round. A node keeps them beside the update.
 
-use crate::{error::ParticipantError, state_files};
+use crate::error::ParticipantError;
+use crate::state_files;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 

@@ -1,29 +1,26 @@
 //! One node's part in one round: it trains, commits to the update, proves the claim, and submits it.
 
-use crate::{
-    base_losses::BaseLosses,
-    client::{Decision, Node},
-    error::ParticipantError,
-    progress::{self, Progress},
-    receipts,
-    recording::Recording,
-    state_files,
-    training_history::TrainingHistory,
-};
+use crate::base_losses::BaseLosses;
+use crate::client::{Decision, Node};
+use crate::error::ParticipantError;
+use crate::progress::{self, Progress};
+use crate::recording::Recording;
+use crate::training_history::TrainingHistory;
+use crate::{receipts, state_files};
 use sha2::{Digest as _, Sha256};
 use std::path::Path;
-use zk0_circuits::{model::spec::EvalSpec, Digest, Terms, WeightsDigest};
-use zk0_protocol::{entries::entry::RoundOpened, rules::bindings::ExpectedClaim};
-use zk0_prover::{program::GuestInput, rpc, service::ProvingClient};
-use zk0_smolvla::{
-    measure::fixed_point::quantise_weights,
-    train::{
-        adaptive::{adapted, Adaptation, Rates},
-        measured_loss::loss_of,
-        train, TrainOptions,
-    },
-    ExpertWeights, PolicyConfig,
-};
+use zk0_circuits::model::spec::EvalSpec;
+use zk0_circuits::{Digest, Terms, WeightsDigest};
+use zk0_protocol::entries::entry::RoundOpened;
+use zk0_protocol::rules::bindings::ExpectedClaim;
+use zk0_prover::program::GuestInput;
+use zk0_prover::rpc;
+use zk0_prover::service::ProvingClient;
+use zk0_smolvla::measure::fixed_point::quantise_weights;
+use zk0_smolvla::train::adaptive::{adapted, Adaptation, Rates};
+use zk0_smolvla::train::measured_loss::loss_of;
+use zk0_smolvla::train::{train, TrainOptions};
+use zk0_smolvla::{ExpertWeights, PolicyConfig};
 
 /// Local training in each round.
 #[derive(Clone, Copy, Debug)]

@@ -22,17 +22,17 @@ pub mod rpc;
 pub mod rules;
 pub mod tlog;
 
-pub use entries::{
-    authentic::AuthenticEntry,
-    entry::{Body, Entry},
-    genesis::Genesis,
-    refusal::Refusal,
-    signed::Signed,
-};
-pub use rules::{
-    bindings::ExpectedClaim, network_rules::Rules, state::State, violation::RuleViolation,
-};
-pub use tlog::{
-    checkpoint::Checkpoint, receipt::Receipt, tlog_proof::TlogProof, verifier_key::VerifierKey,
-    witness_policy::WitnessPolicy,
-};
+pub use entries::authentic::AuthenticEntry;
+pub use entries::entry::{Body, Entry};
+pub use entries::genesis::Genesis;
+pub use entries::refusal::Refusal;
+pub use entries::signed::Signed;
+pub use rules::bindings::ExpectedClaim;
+pub use rules::network_rules::Rules;
+pub use rules::state::State;
+pub use rules::violation::RuleViolation;
+pub use tlog::checkpoint::Checkpoint;
+pub use tlog::receipt::Receipt;
+pub use tlog::tlog_proof::TlogProof;
+pub use tlog::verifier_key::VerifierKey;
+pub use tlog::witness_policy::WitnessPolicy;

@@ -3,13 +3,15 @@
 
 mod network;
 
-use network::{log::MemoryLog, *};
-use std::{fs, path::PathBuf};
-use zk0_protocol::{
-    entries::signed::{Statement, UploadRequest},
-    tlog::{checkpoint::Parsed, cosigner::Cosigner, witness::AddCheckpoint},
-    Body, Checkpoint, Entry, Signed, State, TlogProof,
-};
+use network::log::MemoryLog;
+use network::*;
+use std::fs;
+use std::path::PathBuf;
+use zk0_protocol::entries::signed::{Statement, UploadRequest};
+use zk0_protocol::tlog::checkpoint::Parsed;
+use zk0_protocol::tlog::cosigner::Cosigner;
+use zk0_protocol::tlog::witness::AddCheckpoint;
+use zk0_protocol::{Body, Checkpoint, Entry, Signed, State, TlogProof};
 
 fn check(name: &str, bytes: &[u8]) {
     let path = PathBuf::from(env!("CARGO_MANIFEST_DIR"))

@@ -1,23 +1,20 @@
 //! Keys and signatures that somebody made up on purpose. Signed statements and log signatures get the verdict of dalek's strict
 //! verification, whichever keys are known already.
 
-use curve25519_dalek::{constants::EIGHT_TORSION, EdwardsPoint, Scalar};
+use curve25519_dalek::constants::EIGHT_TORSION;
+use curve25519_dalek::{EdwardsPoint, Scalar};
 use ed25519_dalek::{Signature, SigningKey, Verifier as _, VerifyingKey};
 use proptest::prelude::*;
 use sha2::{Digest as _, Sha512};
 use signed_note::Verifier as _;
 use zk0_circuits::{Digest, NodeId};
-use zk0_protocol::{
-    entries::{
-        entry::ENTRY_VERSION,
-        known_keys::{KnownKeys, MAX_KNOWN_KEYS},
-        member::NodeEnrolled,
-        proposal::Ballot,
-        signed::{KeyRotation, KeyTakeover, Statement, Vote},
-    },
-    tlog::verifier_key::Role,
-    Body, Entry, Signed, VerifierKey,
-};
+use zk0_protocol::entries::entry::ENTRY_VERSION;
+use zk0_protocol::entries::known_keys::{KnownKeys, MAX_KNOWN_KEYS};
+use zk0_protocol::entries::member::NodeEnrolled;
+use zk0_protocol::entries::proposal::Ballot;
+use zk0_protocol::entries::signed::{KeyRotation, KeyTakeover, Statement, Vote};
+use zk0_protocol::tlog::verifier_key::Role;
+use zk0_protocol::{Body, Entry, Signed, VerifierKey};
 
 fn entry(body: Body) -> Entry {
     Entry {

@@ -3,11 +3,10 @@
 mod network;
 
 use network::*;
-use zk0_protocol::{
-    entries::{codec::EntryError, entry::ENTRY_VERSION},
-    rules::network_rules::Participation,
-    Checkpoint, Entry, VerifierKey, WitnessPolicy,
-};
+use zk0_protocol::entries::codec::EntryError;
+use zk0_protocol::entries::entry::ENTRY_VERSION;
+use zk0_protocol::rules::network_rules::Participation;
+use zk0_protocol::{Checkpoint, Entry, VerifierKey, WitnessPolicy};
 
 #[test]
 fn unknown_versions_kinds_and_bytes_that_are_no_text_are_each_named() {

@@ -8,12 +8,12 @@
 //! does, and makes no proof.
 
 use serde_json::json;
-use std::{collections::BTreeMap, env, error::Error, fs};
-use zk0_circuits::{
-    model::spec::Dims,
-    vm::poseidon2::{permute, State},
-    EvalSpec, Mode,
-};
+use std::collections::BTreeMap;
+use std::error::Error;
+use std::{env, fs};
+use zk0_circuits::model::spec::Dims;
+use zk0_circuits::vm::poseidon2::{permute, State};
+use zk0_circuits::{EvalSpec, Mode};
 use zk0_prover::program::{synthetic, GuestInput};
 
 fn main() -> Result<(), Box<dyn Error>> {

@@ -4,7 +4,9 @@
 //! A folder holds the program's input, one file per read, named 0.bin, 1.bin and so on. Cycles and gas are also written
 //! to `cost.txt` in it.
 
-use std::{error::Error, fs, io, path::Path};
+use std::error::Error;
+use std::path::Path;
+use std::{fs, io};
 use zk0_prover::program::Executor;
 
 #[tokio::main]

@@ -5,24 +5,20 @@
 
 use serde_json::{json, Value};
 use sp1_verifier::compressed::SP1CompressedVerifierRaw;
-use std::{
-    env,
-    error::Error,
-    fs::{self, OpenOptions},
-    io::Write,
-    path::Path,
-    time::{Duration, Instant},
-};
-use zk0_circuits::{
-    claim::{hinted_input::HintedInput, program::verifying_key},
-    model::{layout::expert_tensors, spec::Dims},
-    EvalSpec, Mode,
-};
-use zk0_prover::{
-    machine::{Device, DeviceKind, ProverLock},
-    program::{elf, synthetic, Executor, GuestInput},
-    prove::Sp1Prover,
-};
+use std::env;
+use std::error::Error;
+use std::fs::{self, OpenOptions};
+use std::io::Write;
+use std::path::Path;
+use std::time::{Duration, Instant};
+use zk0_circuits::claim::hinted_input::HintedInput;
+use zk0_circuits::claim::program::verifying_key;
+use zk0_circuits::model::layout::expert_tensors;
+use zk0_circuits::model::spec::Dims;
+use zk0_circuits::{EvalSpec, Mode};
+use zk0_prover::machine::{Device, DeviceKind, ProverLock};
+use zk0_prover::program::{elf, synthetic, Executor, GuestInput};
+use zk0_prover::prove::Sp1Prover;
 
 const USAGE: &str = "usage: prove_sizes SIZES.json OUTPUT.jsonl MODEL…";
 

@@ -6,13 +6,15 @@
 //! took. A claim of model full takes a minute and 3 GB to make before it is proven.
 
 use serde_json::json;
-use std::{env, error::Error, fs, path::PathBuf, time::Instant};
-use zk0_circuits::{model::spec::Dims, EvalSpec, Mode};
-use zk0_prover::{
-    machine::{Device, DeviceKind, ProverLock},
-    program::{elf, synthetic, Executor, GuestInput},
-    prove::Sp1Prover,
-};
+use std::error::Error;
+use std::path::PathBuf;
+use std::time::Instant;
+use std::{env, fs};
+use zk0_circuits::model::spec::Dims;
+use zk0_circuits::{EvalSpec, Mode};
+use zk0_prover::machine::{Device, DeviceKind, ProverLock};
+use zk0_prover::program::{elf, synthetic, Executor, GuestInput};
+use zk0_prover::prove::Sp1Prover;
 
 #[tokio::main]
 async fn main() -> Result<(), Box<dyn Error>> {

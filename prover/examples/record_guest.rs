@@ -5,7 +5,10 @@
 
 use serde_json::json;
 use sha2::{Digest, Sha256};
-use std::{error::Error, fs, path::Path, process::Command};
+use std::error::Error;
+use std::fs;
+use std::path::Path;
+use std::process::Command;
 use zk0_prover::program::Executor;
 
 #[tokio::main]

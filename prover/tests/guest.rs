@@ -2,25 +2,17 @@
 //! these sources.
 
 use sha2::{Digest, Sha256};
-use std::{
-    fs,
-    io::{self, Write},
-    path::PathBuf,
-    process::Command,
-};
-use zk0_circuits::{
-    claim::{
-        hinted_input::HintedInput,
-        program::verifying_key,
-        statement::{check, check_hinted},
-    },
-    model::spec::Dims,
-    EvalSpec, Mode, PrivateInput,
-};
-use zk0_prover::{
-    measure::cycles::{self, Cost},
-    program::{elf, synthetic, ExecuteError, Executor},
-};
+use std::fs;
+use std::io::{self, Write};
+use std::path::PathBuf;
+use std::process::Command;
+use zk0_circuits::claim::hinted_input::HintedInput;
+use zk0_circuits::claim::program::verifying_key;
+use zk0_circuits::claim::statement::{check, check_hinted};
+use zk0_circuits::model::spec::Dims;
+use zk0_circuits::{EvalSpec, Mode, PrivateInput};
+use zk0_prover::measure::cycles::{self, Cost};
+use zk0_prover::program::{elf, synthetic, ExecuteError, Executor};
 
 fn circuits() -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../circuits")

@@ -1,29 +1,21 @@
 //! The proving service over real sockets, with a backend in place of SP1.
 
-use std::{
-    sync::{
-        atomic::{AtomicUsize, Ordering},
-        Arc,
-    },
-    time::Duration,
-};
-use tokio::{net::TcpListener, sync::Semaphore};
-use zk0_circuits::{
-    claim::{private_input::InputError, statement_error::StatementError},
-    Mode,
-};
-use zk0_prover::{
-    program::{Execution, GuestInput, GuestInputError},
-    prove::Proof,
-    rpc::{
-        progress::Phase, prove_part::Part, prove_request, prover_client::ProverClient, Progress,
-        ProvePart, ProveRequest,
-    },
-    service::{
-        upload::{self, Announced, MAX_INPUT_BYTES},
-        Backend, ClientError, JobError, ProvingClient, ProvingService,
-    },
-};
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::net::TcpListener;
+use tokio::sync::Semaphore;
+use zk0_circuits::claim::private_input::InputError;
+use zk0_circuits::claim::statement_error::StatementError;
+use zk0_circuits::Mode;
+use zk0_prover::program::{Execution, GuestInput, GuestInputError};
+use zk0_prover::prove::Proof;
+use zk0_prover::rpc::progress::Phase;
+use zk0_prover::rpc::prove_part::Part;
+use zk0_prover::rpc::prover_client::ProverClient;
+use zk0_prover::rpc::{prove_request, Progress, ProvePart, ProveRequest};
+use zk0_prover::service::upload::{self, Announced, MAX_INPUT_BYTES};
+use zk0_prover::service::{Backend, ClientError, JobError, ProvingClient, ProvingService};
 
 fn input(buffers: Vec<Vec<u8>>) -> GuestInput {
     GuestInput {

@@ -6,20 +6,15 @@
 //!
 //! All but the first work on `fixtures/ledger`, a ledger that a demo left. `make fixtures` makes it again.
 
-use std::{
-    fs,
-    path::{Path, PathBuf},
-};
+use std::fs;
+use std::path::{Path, PathBuf};
 use tempfile::TempDir;
 use zk0_circuits::vm::merkle;
 use zk0_ledger::blobs::Blobs;
-use zk0_protocol::{
-    entries::{
-        entry::{Body, Entry},
-        signed::{Signed, Submission},
-    },
-    rules::{network_rules::Rules, state::State},
-};
+use zk0_protocol::entries::entry::{Body, Entry};
+use zk0_protocol::entries::signed::{Signed, Submission};
+use zk0_protocol::rules::network_rules::Rules;
+use zk0_protocol::rules::state::State;
 use zk0_verifier::UnverifiedContribution;
 
 /// A file or folder under `tests/fixtures`.

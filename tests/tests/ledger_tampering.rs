@@ -1,12 +1,11 @@
 //! The replay of a real ledger succeeds. With any changed byte in an entry, a proof or a checkpoint, it fails.
 
 use rocksdb::{IteratorMode, DB};
-use std::{fs, path::Path};
+use std::fs;
+use std::path::Path;
 
-use zk0_audit::{
-    verified_entries::{network_id, verified_entries},
-    Auditor,
-};
+use zk0_audit::verified_entries::{network_id, verified_entries};
+use zk0_audit::Auditor;
 use zk0_ledger::replay::{replay, Verdict};
 use zk0_protocol::entries::entry::Body;
 use zk0_tests::ledger_copy;

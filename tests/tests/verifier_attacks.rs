@@ -2,7 +2,8 @@
 
 use ed25519_dalek::SigningKey;
 use zk0_circuits::{Claim, Digest, Losses};
-use zk0_protocol::{entries::signed::Signed, Refusal, Rules, State};
+use zk0_protocol::entries::signed::Signed;
+use zk0_protocol::{Refusal, Rules, State};
 use zk0_tests::{accepted, ledger_copy, Accepted};
 use zk0_verifier::{
     authenticate, blob_digest, check_proof, ProgramKey, UnverifiedContribution,

@@ -3,17 +3,14 @@
 //! `cargo run --release -p zk0-verifier --example weight_check` writes two sets of random full-size weights (393 MB each) to a
 //! temporary folder, projects both, and prints one JSON line. `peer` is the time that it may take: one second.
 
-use std::{
-    error::Error,
-    fs::{self, File},
-    io::{BufWriter, Write},
-    path::Path,
-    time::Instant,
-};
-use zk0_circuits::{
-    model::{layout::expert_tensors, spec::Dims},
-    Digest, EvalSpec, GuestWeights, WeightCheck,
-};
+use std::error::Error;
+use std::fs::{self, File};
+use std::io::{BufWriter, Write};
+use std::path::Path;
+use std::time::Instant;
+use zk0_circuits::model::layout::expert_tensors;
+use zk0_circuits::model::spec::Dims;
+use zk0_circuits::{Digest, EvalSpec, GuestWeights, WeightCheck};
 use zk0_protocol::Refusal;
 use zk0_verifier::check_projections;
 

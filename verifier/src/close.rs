@@ -1,13 +1,12 @@
 //! The end of a round: the accepted contributions are combined as the rules say. Where none was accepted, the base weights stay.
 
-use crate::combine::{contributions::CombineError, strategy::combine};
+use crate::combine::contributions::CombineError;
+use crate::combine::strategy::combine;
 use crate::{Evaluation, VerifiedContribution};
 use zk0_circuits::{Digest, NodeId};
-use zk0_protocol::{
-    entries::entry::{Contributor, RoundClosed},
-    rules::state::State,
-    Refusal,
-};
+use zk0_protocol::entries::entry::{Contributor, RoundClosed};
+use zk0_protocol::rules::state::State;
+use zk0_protocol::Refusal;
 
 /// The end of a round.
 #[derive(Clone, Debug, PartialEq, Eq)]

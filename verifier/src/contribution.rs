@@ -1,19 +1,15 @@
 //! From what a node sent to what counts: [`authenticate`] makes an [`AuthenticContribution`], and [`verify`] makes a
 //! [`VerifiedContribution`] of it. Each step takes what the step before it made, so that none is left out and none is done twice.
 
-use crate::{
-    contribution_blobs::WeightFiles,
-    norm::check_norm,
-    proof::{check_proof, ProgramKey},
-    update::Evaluation,
-    weights::{blob_digest, ExpertTensors},
-};
+use crate::contribution_blobs::WeightFiles;
+use crate::norm::check_norm;
+use crate::proof::{check_proof, ProgramKey};
+use crate::update::Evaluation;
+use crate::weights::{blob_digest, ExpertTensors};
 use zk0_circuits::{Claim, NodeId};
-use zk0_protocol::{
-    entries::signed::{Signed, Submission},
-    rules::state::State,
-    Refusal,
-};
+use zk0_protocol::entries::signed::{Signed, Submission};
+use zk0_protocol::rules::state::State;
+use zk0_protocol::Refusal;
 
 /// A submission that an enrolled node signed, with the proof that it signed. Only [`authenticate`] makes one:
 ///

@@ -3,10 +3,9 @@
 
 use std::fmt::Display;
 use zk0_circuits::Digest;
-use zk0_protocol::{
-    entries::signed::{Signed, Submission},
-    rules::{named_blobs::BlobKind, network_rules::Rules},
-};
+use zk0_protocol::entries::signed::{Signed, Submission};
+use zk0_protocol::rules::named_blobs::BlobKind;
+use zk0_protocol::rules::network_rules::Rules;
 
 /// The files with the weights that a contribution is about.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -1,6 +1,7 @@
 //! The list of leaves behind a dataset commitment.
 
-use zk0_circuits::{claim::dataset::check_leaves, DatasetCommitment, Digest};
+use zk0_circuits::claim::dataset::check_leaves;
+use zk0_circuits::{DatasetCommitment, Digest};
 use zk0_protocol::Refusal;
 
 /// Checks a list of leaf hashes, 32 bytes each: there are as many as `dataset` counts, they hash to its root, and no two are the

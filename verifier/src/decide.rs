@@ -2,11 +2,10 @@
 //! records nothing.
 
 use crate::{verify, AuthenticContribution, VerifiedContribution, WeightFiles};
-use zk0_protocol::{
-    entries::entry::{Body, Entry, ENTRY_VERSION},
-    rules::{state::State, violation::RuleViolation},
-    Refusal,
-};
+use zk0_protocol::entries::entry::{Body, Entry, ENTRY_VERSION};
+use zk0_protocol::rules::state::State;
+use zk0_protocol::rules::violation::RuleViolation;
+use zk0_protocol::Refusal;
 
 /// A decision that goes on the ledger.
 #[derive(Clone, Debug, PartialEq)]

@@ -1,7 +1,8 @@
 //! How far an update is from the weights that its round started from. The rules can bound that, and so what one contribution can do.
 
 use crate::weights::ExpertTensors;
-use zk0_protocol::{rules::basis_points::BPS, Refusal};
+use zk0_protocol::rules::basis_points::BPS;
+use zk0_protocol::Refusal;
 
 /// Refuses an update whose difference from `base` has a Euclidean norm above `limit_bps` basis points of the base's.
 ///

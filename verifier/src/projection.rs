@@ -5,18 +5,20 @@
 //! sets of weights side by side. A browser has no threads: there the sets are projected one after the other.
 
 use crate::weights::check_header;
-use safetensors::{tensor::Metadata, Dtype};
-use std::{
-    collections::HashMap,
-    io::{Read, Seek, SeekFrom},
-    thread,
-};
-use zk0_circuits::{
-    freivalds::{hints::coefficients, projection},
-    model::{eval::Evaluator, parameters::Parameters, quantise::QuantiseError, weights::Quantiser},
-    EvalSpec, GuestWeights, WeightCheck,
-};
-use zk0_protocol::{quote::short, Refusal};
+use safetensors::tensor::Metadata;
+use safetensors::Dtype;
+use std::collections::HashMap;
+use std::io::{Read, Seek, SeekFrom};
+use std::thread;
+use zk0_circuits::freivalds::hints::coefficients;
+use zk0_circuits::freivalds::projection;
+use zk0_circuits::model::eval::Evaluator;
+use zk0_circuits::model::parameters::Parameters;
+use zk0_circuits::model::quantise::QuantiseError;
+use zk0_circuits::model::weights::Quantiser;
+use zk0_circuits::{EvalSpec, GuestWeights, WeightCheck};
+use zk0_protocol::quote::short;
+use zk0_protocol::Refusal;
 
 /// Checks that the products a proof took on trust are those with the weights in the files `base` and `update`
 /// (safetensors, as [`crate::ExpertTensors::read`] accepts them).

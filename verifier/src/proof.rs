@@ -6,17 +6,14 @@
 //! disagree with the ledgers that have it.
 
 use bincode::Options;
-use sp1_verifier::{
-    compressed::{CompressedError, SP1CompressedVerifier},
-    SP1Proof,
-};
-use std::{
-    io,
-    panic::{catch_unwind, AssertUnwindSafe},
-    sync::LazyLock,
-};
+use sp1_verifier::compressed::{CompressedError, SP1CompressedVerifier};
+use sp1_verifier::SP1Proof;
+use std::io;
+use std::panic::{catch_unwind, AssertUnwindSafe};
+use std::sync::LazyLock;
 use zk0_circuits::Claim;
-use zk0_protocol::{quote::short, Refusal};
+use zk0_protocol::quote::short;
+use zk0_protocol::Refusal;
 
 /// The KoalaBear prime, 2^31 − 2^24 + 1.
 const MODULUS: u32 = 0x7f00_0001;

@@ -1,19 +1,15 @@
 //! The weight check: the bytes that a node uploaded are the weights that its proof is about.
 
-use crate::{
-    projection::check_projections,
-    weights::{blob_digest, ExpertTensors},
-};
+use crate::projection::check_projections;
+use crate::weights::{blob_digest, ExpertTensors};
 use std::io::Cursor;
-use zk0_circuits::{
-    model::{
-        layout::{expert_tensors, TensorSpec},
-        spec::EvalSpec,
-        weights::QuantisedWeights,
-    },
-    Claim, Mode, WeightsDigest,
-};
-use zk0_protocol::{entries::genesis::Genesis, rules::state::State, Refusal};
+use zk0_circuits::model::layout::{expert_tensors, TensorSpec};
+use zk0_circuits::model::spec::EvalSpec;
+use zk0_circuits::model::weights::QuantisedWeights;
+use zk0_circuits::{Claim, Mode, WeightsDigest};
+use zk0_protocol::entries::genesis::Genesis;
+use zk0_protocol::rules::state::State;
+use zk0_protocol::Refusal;
 
 /// What a network evaluates. It determines the tensors that the network's weights have.
 #[derive(Clone, Debug)]

@@ -3,10 +3,13 @@
 //! The file must hold exactly the expected tensors, in float32, and every value must be finite. Otherwise the error names the
 //! tensor and says what is wrong with it. Nothing is allocated before the header is checked against the size of the file.
 
-use safetensors::{tensor::SafeTensorError, Dtype, SafeTensors, View};
+use safetensors::tensor::SafeTensorError;
+use safetensors::{Dtype, SafeTensors, View};
 use sha2::{Digest as _, Sha256};
-use std::{borrow::Cow, collections::BTreeMap};
-use zk0_circuits::{model::layout::TensorSpec, Digest};
+use std::borrow::Cow;
+use std::collections::BTreeMap;
+use zk0_circuits::model::layout::TensorSpec;
+use zk0_circuits::Digest;
 use zk0_protocol::quote::short;
 
 /// Largest header of a safetensors file that is read, in bytes. That of the full-size expert has about 20 KB.

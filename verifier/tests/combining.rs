@@ -1,12 +1,11 @@
 //! Combining updates is exact, and does not depend on the order they are given in.
 
 use proptest::prelude::*;
-use zk0_circuits::{model::layout::TensorSpec, NodeId};
-use zk0_verifier::combine::{
-    contributions::CombineError,
-    fedavg::average,
-    robust::{median, trimmed_mean},
-};
+use zk0_circuits::model::layout::TensorSpec;
+use zk0_circuits::NodeId;
+use zk0_verifier::combine::contributions::CombineError;
+use zk0_verifier::combine::fedavg::average;
+use zk0_verifier::combine::robust::{median, trimmed_mean};
 use zk0_verifier::ExpertTensors;
 
 fn specs(len: usize) -> Vec<TensorSpec> {

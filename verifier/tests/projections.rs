@@ -1,17 +1,18 @@
 //! The verifier's half of mode `checked`: what the guest used of the weights is what the files hold.
 
-use safetensors::{tensor::TensorView, Dtype};
-use std::{collections::BTreeMap, io::Cursor};
+use safetensors::tensor::TensorView;
+use safetensors::Dtype;
+use std::collections::BTreeMap;
+use std::io::Cursor;
+use zk0_circuits::claim::challenge::sample_indices;
+use zk0_circuits::claim::dataset::{leaf, salt_commitment};
+use zk0_circuits::claim::hinted_input::HintedInput;
+use zk0_circuits::claim::private_input::{Header, Opening};
+use zk0_circuits::claim::statement::check_hinted;
+use zk0_circuits::model::layout::expert_tensors;
+use zk0_circuits::model::sample::SampleParts;
+use zk0_circuits::vm::merkle;
 use zk0_circuits::{
-    claim::{
-        challenge::sample_indices,
-        dataset::{leaf, salt_commitment},
-        hinted_input::HintedInput,
-        private_input::{Header, Opening},
-        statement::check_hinted,
-    },
-    model::{layout::expert_tensors, sample::SampleParts},
-    vm::merkle,
     DatasetCommitment, Digest, Disclosure, EvalSpec, Mode, NodeId, PrivateInput, QuantisedWeights,
     Sample, Terms, WeightCheck, WeightsDigest,
 };

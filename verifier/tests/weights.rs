@@ -1,9 +1,11 @@
 //! Expert weights are read strictly: whatever is wrong with a file, the error names the tensor and the cause.
 
 use proptest::prelude::*;
-use safetensors::{tensor::TensorView, Dtype};
+use safetensors::tensor::TensorView;
+use safetensors::Dtype;
 use std::collections::BTreeMap;
-use zk0_circuits::{model::layout::TensorSpec, Digest};
+use zk0_circuits::model::layout::TensorSpec;
+use zk0_circuits::Digest;
 use zk0_verifier::{blob_digest, ExpertTensors, WeightsError};
 
 fn expected() -> Vec<TensorSpec> {

@@ -10,15 +10,11 @@ mod peers;
 
 use anyhow::{bail, Context, Result};
 use network::{empty_rounds, enrolments, founded, grown, registrations};
-use std::{
-    path::{Path, PathBuf},
-    process::Command,
-    time::Instant,
-};
-use zk0_ledger::{
-    replay::{replay, Verdict},
-    Blobs, Ledger,
-};
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::time::Instant;
+use zk0_ledger::replay::{replay, Verdict};
+use zk0_ledger::{Blobs, Ledger};
 use zk0_protocol::Body;
 use zk0_verifier::{check_proof, ProgramKey};
 

@@ -6,18 +6,12 @@ use rayon::prelude::*;
 use std::path::Path;
 use zk0_circuits::{Claim, DatasetCommitment, Digest, Losses, Mode, NodeId, WeightsDigest};
 use zk0_ledger::Ledger;
-use zk0_protocol::{
-    entries::{
-        entry::{RoundClosed, RoundOpened},
-        member::NodeEnrolled,
-        signed::{DatasetRegistration, Submission, UpdateCommitment},
-    },
-    rules::{
-        governance::{Governance, Governor},
-        network_rules::CreditRule,
-    },
-    Body, Genesis, Refusal, Rules, Signed, State,
-};
+use zk0_protocol::entries::entry::{RoundClosed, RoundOpened};
+use zk0_protocol::entries::member::NodeEnrolled;
+use zk0_protocol::entries::signed::{DatasetRegistration, Submission, UpdateCommitment};
+use zk0_protocol::rules::governance::{Governance, Governor};
+use zk0_protocol::rules::network_rules::CreditRule;
+use zk0_protocol::{Body, Genesis, Refusal, Rules, Signed, State};
 
 /// Nodes of the network.
 pub const NODES: u64 = 250;

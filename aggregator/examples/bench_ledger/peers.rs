@@ -5,11 +5,14 @@ use ed25519_dalek::{Signature, SigningKey, VerifyingKey};
 use rayon::prelude::*;
 use rocksdb::{Options, WriteBatch, WriteOptions, DB};
 use sha2::{Digest as _, Sha256};
-use sp1_verifier::{compressed::SP1CompressedVerifier, SP1Proof};
-use std::{path::Path, time::Instant};
+use sp1_verifier::compressed::SP1CompressedVerifier;
+use sp1_verifier::SP1Proof;
+use std::path::Path;
+use std::time::Instant;
 use tlog_tiles::tlog::{stored_hash_count, HashReader};
 use zk0_circuits::Claim;
-use zk0_ledger::{folder, store::Store};
+use zk0_ledger::folder;
+use zk0_ledger::store::Store;
 use zk0_protocol::{Body, Entry};
 
 /// What one group wrote.

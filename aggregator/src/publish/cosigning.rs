@@ -2,23 +2,17 @@
 //! policy is met or the time is over.
 
 use crate::publish::http_client::post;
-use std::{
-    sync::{
-        atomic::{AtomicBool, AtomicU64, Ordering},
-        mpsc, Arc,
-    },
-    thread,
-    time::{Duration, Instant},
-};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{mpsc, Arc};
+use std::thread;
+use std::time::{Duration, Instant};
 use zk0_circuits::Digest;
 use zk0_ledger::published::web::agent;
 use zk0_protocol::quote::short;
-use zk0_protocol::tlog::{
-    checkpoint::{CheckpointError, Parsed},
-    cosigner,
-    witness::AddCheckpoint,
-    witness_policy::{Witness, WitnessPolicy},
-};
+use zk0_protocol::tlog::checkpoint::{CheckpointError, Parsed};
+use zk0_protocol::tlog::cosigner;
+use zk0_protocol::tlog::witness::AddCheckpoint;
+use zk0_protocol::tlog::witness_policy::{Witness, WitnessPolicy};
 
 /// Largest answer of a witness that is read, in bytes.
 const MAX_ANSWER_BYTES: u64 = 16 << 10;

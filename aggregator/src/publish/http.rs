@@ -10,27 +10,20 @@
 //! Traffic is not encrypted: put a TLS proxy before it.
 
 use crate::connections::BoundedListener;
-use axum::{
-    body::{to_bytes, Body},
-    extract::Request,
-    http::{
-        header::{CACHE_CONTROL, CONTENT_TYPE},
-        StatusCode,
-    },
-    middleware::{from_fn, Next},
-    response::{IntoResponse, Response},
-};
+use axum::body::{to_bytes, Body};
+use axum::extract::Request;
+use axum::http::header::{CACHE_CONTROL, CONTENT_TYPE};
+use axum::http::StatusCode;
+use axum::middleware::{from_fn, Next};
+use axum::response::{IntoResponse, Response};
 use hyper::server::conn::http1;
-use hyper_util::{
-    rt::{TokioIo, TokioTimer},
-    service::TowerToHyperService,
-};
-use std::{future::Future, time::Duration};
-use tokio::{
-    net::TcpListener,
-    task::JoinSet,
-    time::{sleep, timeout},
-};
+use hyper_util::rt::{TokioIo, TokioTimer};
+use hyper_util::service::TowerToHyperService;
+use std::future::Future;
+use std::time::Duration;
+use tokio::net::TcpListener;
+use tokio::task::JoinSet;
+use tokio::time::{sleep, timeout};
 
 pub use axum::Router;
 

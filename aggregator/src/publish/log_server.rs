@@ -1,24 +1,20 @@
 //! Serves a ledger's folder as a tiled log (C2SP tlog-tiles), read-only. It can run beside the aggregator that writes the ledger,
 //! or without one.
 
-use crate::{
-    file_parts::file_parts,
-    publish::http::{answer, text, Limits, Router, IMMUTABLE, NO_CACHE, TEXT},
-};
-use axum::{
-    body::Body,
-    extract::State,
-    http::{header::CONTENT_LENGTH, Uri},
-    response::Response,
-    routing::get,
-};
-use std::{
-    io,
-    path::{Path, PathBuf},
-    sync::{Arc, Mutex, PoisonError},
-    time::Duration,
-};
-use tokio::{fs::File, task::spawn_blocking};
+use crate::file_parts::file_parts;
+use crate::publish::http::{answer, text, Limits, Router, IMMUTABLE, NO_CACHE, TEXT};
+use axum::body::Body;
+use axum::extract::State;
+use axum::http::header::CONTENT_LENGTH;
+use axum::http::Uri;
+use axum::response::Response;
+use axum::routing::get;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+use tokio::fs::File;
+use tokio::task::spawn_blocking;
 use zk0_ledger::published::publication::{Content, Publication, PublicationError};
 use zk0_protocol::tlog::layout::Resource;
 

@@ -1,15 +1,11 @@
 //! A witness on the network: C2SP tlog-witness' `add-checkpoint`, and the last checkpoint of each log that it cosigned.
 
-use crate::{
-    publish::http::{answer, text, Limits, Router, NO_CACHE, TEXT},
-    round::clock::Clock,
-};
-use axum::{
-    body::Bytes,
-    extract::{Path, State},
-    response::Response,
-    routing::{get, post},
-};
+use crate::publish::http::{answer, text, Limits, Router, NO_CACHE, TEXT};
+use crate::round::clock::Clock;
+use axum::body::Bytes;
+use axum::extract::{Path, State};
+use axum::response::Response;
+use axum::routing::{get, post};
 use std::sync::{Arc, Mutex};
 use tokio::task::spawn_blocking;
 use zk0_ledger::witness_store::{AddError, WitnessStore};

@@ -2,14 +2,10 @@
 
 use crate::round::request::RequestError;
 use zk0_ledger::blobs::Blobs;
-use zk0_protocol::{
-    entries::{
-        entry::{Body, Entry},
-        signed::{Signed, Submission},
-    },
-    rules::state::State,
-    Refusal,
-};
+use zk0_protocol::entries::entry::{Body, Entry};
+use zk0_protocol::entries::signed::{Signed, Submission};
+use zk0_protocol::rules::state::State;
+use zk0_protocol::Refusal;
 use zk0_verifier::{authenticate, verify, UnverifiedContribution, VerifiedContribution};
 
 /// An acceptance, and what its verification reads of the state that it was made on.

@@ -4,30 +4,25 @@
 //! of it. The disk holds nothing but the ledger, its blobs and the waiting uploads. Everything in memory is computed from them, so
 //! an aggregator that was killed goes on where it was.
 
-use crate::round::{
-    clock::Clock,
-    dispute::verify_again,
-    ledger_index::{self, LedgerIndex},
-    request::RequestError,
-    staging::Staging,
-};
+use crate::round::clock::Clock;
+use crate::round::dispute::verify_again;
+use crate::round::ledger_index::{self, LedgerIndex};
+use crate::round::request::RequestError;
+use crate::round::staging::Staging;
 use ed25519_dalek::SigningKey;
-use std::{path::Path, sync::Arc};
+use std::path::Path;
+use std::sync::Arc;
 use zk0_circuits::{Digest, NodeId};
-use zk0_ledger::{blobs::Blobs, log::Ledger};
-use zk0_protocol::{
-    entries::{
-        entry::{Body, DisputeResolved, Entry, ProposalSettled, ENTRY_VERSION},
-        genesis::Genesis,
-        member::NodeEnrolled,
-    },
-    rules::{
-        disclosed_blobs::BlobAccess,
-        state::{Standing, State},
-    },
-    tlog::receipt::Receipt,
-};
-use zk0_verifier::{blob_digest, close::close, Evaluation, ProgramKey, VerifiedContribution};
+use zk0_ledger::blobs::Blobs;
+use zk0_ledger::log::Ledger;
+use zk0_protocol::entries::entry::{Body, DisputeResolved, Entry, ProposalSettled, ENTRY_VERSION};
+use zk0_protocol::entries::genesis::Genesis;
+use zk0_protocol::entries::member::NodeEnrolled;
+use zk0_protocol::rules::disclosed_blobs::BlobAccess;
+use zk0_protocol::rules::state::{Standing, State};
+use zk0_protocol::tlog::receipt::Receipt;
+use zk0_verifier::close::close;
+use zk0_verifier::{blob_digest, Evaluation, ProgramKey, VerifiedContribution};
 
 /// How the operator runs the network.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

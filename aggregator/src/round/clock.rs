@@ -1,13 +1,9 @@
 //! The aggregator's clock. Only this clock decides whether a deadline has passed.
 
-use std::{
-    fs,
-    sync::{
-        atomic::{AtomicU64, Ordering},
-        OnceLock,
-    },
-    time::{Duration, Instant, SystemTime, UNIX_EPOCH},
-};
+use std::fs;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::OnceLock;
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 /// Tells the time, in Unix milliseconds.
 pub trait Clock: Send + Sync {

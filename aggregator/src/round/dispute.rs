@@ -1,12 +1,13 @@
 //! Deciding a dispute: the contribution is verified again, as it was accepted, on what the ledger was before it.
 
-use crate::round::{accepted::Accepted, request::RequestError};
-use zk0_ledger::{
-    blobs::Blobs,
-    log::Ledger,
-    replay::{replay, Finding, Recheck, Verdict},
-};
-use zk0_protocol::{entries::entry::Entry, rules::state::State, Refusal};
+use crate::round::accepted::Accepted;
+use crate::round::request::RequestError;
+use zk0_ledger::blobs::Blobs;
+use zk0_ledger::log::Ledger;
+use zk0_ledger::replay::{replay, Finding, Recheck, Verdict};
+use zk0_protocol::entries::entry::Entry;
+use zk0_protocol::rules::state::State;
+use zk0_protocol::Refusal;
 
 /// What verification says against the contribution that entry `index` accepted; `None` when the contribution verifies. Reads
 /// the ledger from its first entry.

@@ -2,16 +2,14 @@
 
 use super::clock::Clock;
 use ed25519_dalek::SigningKey;
-use std::{
-    io::{self, BufWriter, Write},
-    path::Path,
-};
-use zk0_circuits::{claim::program::verifying_key, Digest, EvalSpec, Mode, WeightsDigest};
-use zk0_ledger::{
-    blobs::{BlobWriter, Blobs},
-    folder, BlobError, Ledger, LedgerError,
-};
-use zk0_protocol::{entries::member::NodeEnrolled, Body, Genesis, Rules};
+use std::io::{self, BufWriter, Write};
+use std::path::Path;
+use zk0_circuits::claim::program::verifying_key;
+use zk0_circuits::{Digest, EvalSpec, Mode, WeightsDigest};
+use zk0_ledger::blobs::{BlobWriter, Blobs};
+use zk0_ledger::{folder, BlobError, Ledger, LedgerError};
+use zk0_protocol::entries::member::NodeEnrolled;
+use zk0_protocol::{Body, Genesis, Rules};
 
 /// What a network begins with.
 pub struct Founding {

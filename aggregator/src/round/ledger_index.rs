@@ -1,18 +1,17 @@
 //! What an aggregator has to know beside the ledger's state: where things are in the ledger, and what the open round accepted. A
 //! restarted aggregator reads both from the ledger again.
 
-use crate::round::{accepted::Accepted, request::RequestError};
+use crate::round::accepted::Accepted;
+use crate::round::request::RequestError;
 use std::collections::BTreeMap;
-use zk0_circuits::{vm::digest::tagged_sha256, Digest};
-use zk0_ledger::{
-    blobs::Blobs,
-    log::Ledger,
-    replay::{replay, Finding, Recheck, Verdict},
-};
-use zk0_protocol::{
-    entries::entry::{Body, Entry},
-    rules::{disclosed_blobs::DisclosedBlobs, state::State},
-};
+use zk0_circuits::vm::digest::tagged_sha256;
+use zk0_circuits::Digest;
+use zk0_ledger::blobs::Blobs;
+use zk0_ledger::log::Ledger;
+use zk0_ledger::replay::{replay, Finding, Recheck, Verdict};
+use zk0_protocol::entries::entry::{Body, Entry};
+use zk0_protocol::rules::disclosed_blobs::DisclosedBlobs;
+use zk0_protocol::rules::state::State;
 use zk0_verifier::VerifiedContribution;
 
 /// Where things are in the ledger, as a fold over its entries.

@@ -1,25 +1,21 @@
 //! Recording what nodes and members send. What is recorded already is not recorded again: whoever sends it again gets the same
 //! receipt.
 
-use crate::round::{aggregator::Aggregator, request::RequestError};
+use crate::round::aggregator::Aggregator;
+use crate::round::request::RequestError;
 use borsh::BorshDeserialize;
 use zk0_circuits::NodeId;
 use zk0_ledger::blobs::BlobWriter;
-use zk0_protocol::{
-    entries::{
-        entry::{Body, MAX_ENTRY_BYTES},
-        signed::{DatasetRegistration, Signed, Submission, UpdateCommitment, UploadRequest},
-    },
-    rules::named_blobs::BlobKind,
-    tlog::receipt::Receipt,
-    Refusal,
+use zk0_protocol::entries::entry::{Body, MAX_ENTRY_BYTES};
+use zk0_protocol::entries::signed::{
+    DatasetRegistration, Signed, Submission, UpdateCommitment, UploadRequest,
 };
-use zk0_verifier::{
-    authenticate, blob_digest,
-    dataset::check_leaf_list,
-    decide::{decide, Decision},
-    WeightFiles,
-};
+use zk0_protocol::rules::named_blobs::BlobKind;
+use zk0_protocol::tlog::receipt::Receipt;
+use zk0_protocol::Refusal;
+use zk0_verifier::dataset::check_leaf_list;
+use zk0_verifier::decide::{decide, Decision};
+use zk0_verifier::{authenticate, blob_digest, WeightFiles};
 
 /// The answer to a submission.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -2,9 +2,13 @@
 
 use crate::round::staging::StagingError;
 use tonic::{Code, Status};
-use zk0_ledger::{blobs::BlobError, error::LedgerError};
-use zk0_protocol::{entries::signed::SignatureError, rules::violation::RuleViolation, Refusal};
-use zk0_verifier::{close::CloseError, Unreadable};
+use zk0_ledger::blobs::BlobError;
+use zk0_ledger::error::LedgerError;
+use zk0_protocol::entries::signed::SignatureError;
+use zk0_protocol::rules::violation::RuleViolation;
+use zk0_protocol::Refusal;
+use zk0_verifier::close::CloseError;
+use zk0_verifier::Unreadable;
 
 /// Why a request is turned down.
 #[derive(Debug, thiserror::Error)]

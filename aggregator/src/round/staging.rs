@@ -2,10 +2,8 @@
 //!
 //! A node can commit only to what it has uploaded itself. When a round ends, what no node committed to is removed.
 
-use std::{
-    fs, io,
-    path::{Path, PathBuf},
-};
+use std::path::{Path, PathBuf};
+use std::{fs, io};
 use zk0_circuits::{Digest, NodeId};
 use zk0_ledger::blobs::{BlobError, BlobWriter, Blobs};
 

@@ -1,6 +1,7 @@
 //! What the service answers about governance.
 
-use crate::round::{aggregator::Aggregator, request::RequestError};
+use crate::round::aggregator::Aggregator;
+use crate::round::request::RequestError;
 use zk0_protocol::rpc::federation as proto;
 
 /// How the network is governed, as far as the first `published` entries go.

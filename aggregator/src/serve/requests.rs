@@ -1,20 +1,22 @@
 //! The requests of `proto/federation.proto`, answered by the rounds behind a [`Service`].
 
-use crate::{
-    file_parts::file_parts,
-    round::request::RequestError,
-    serve::{governance_info::governance_info, service::Service},
-};
-use std::{pin::Pin, time::Duration};
-use tokio::{task::spawn_blocking, time::timeout};
+use crate::file_parts::file_parts;
+use crate::round::request::RequestError;
+use crate::serve::governance_info::governance_info;
+use crate::serve::service::Service;
+use std::pin::Pin;
+use std::time::Duration;
+use tokio::task::spawn_blocking;
+use tokio::time::timeout;
 use tokio_stream::{Stream, StreamExt};
 use tonic::{Request, Response, Status, Streaming};
 use zk0_circuits::{Digest, NodeId};
+use zk0_protocol::rpc::federation::federation_server::Federation;
+use zk0_protocol::rpc::federation::upload_chunk::Part;
 use zk0_protocol::rpc::federation::{
-    federation_server::Federation, upload_chunk::Part, Chunk, CommitRequest, DownloadRequest,
-    GetGovernanceRequest, GetNetworkRequest, GetRoundRequest, GovernanceInfo, NetworkInfo, Receipt,
-    RecordRequest, RegisterDatasetRequest, RoundInfo, SubmitReply, SubmitRequest, UploadChunk,
-    UploadReply,
+    Chunk, CommitRequest, DownloadRequest, GetGovernanceRequest, GetNetworkRequest,
+    GetRoundRequest, GovernanceInfo, NetworkInfo, Receipt, RecordRequest, RegisterDatasetRequest,
+    RoundInfo, SubmitReply, SubmitRequest, UploadChunk, UploadReply,
 };
 use zk0_protocol::Refusal;
 

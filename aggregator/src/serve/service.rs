@@ -14,28 +14,21 @@
 //! [`crate::serve::requests`] answers the requests. This file serves them, opens and closes the rounds in time, and has checkpoints
 //! cosigned and published.
 
-use crate::{
-    connections::BoundedListener,
-    publish::cosigning::{Prove, Witnesses},
-    round::{
-        aggregator::{Aggregator, Progress},
-        request::RequestError,
-    },
-    serve::upload_places::UploadPlaces,
-};
-use std::{
-    future::Future,
-    sync::{Arc, Mutex},
-    time::Duration,
-};
-use tokio::{
-    net::TcpListener,
-    sync::{watch, Notify},
-    task::spawn_blocking,
-    time::{sleep, timeout},
-};
+use crate::connections::BoundedListener;
+use crate::publish::cosigning::{Prove, Witnesses};
+use crate::round::aggregator::{Aggregator, Progress};
+use crate::round::request::RequestError;
+use crate::serve::upload_places::UploadPlaces;
+use std::future::Future;
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+use tokio::net::TcpListener;
+use tokio::sync::{watch, Notify};
+use tokio::task::spawn_blocking;
+use tokio::time::{sleep, timeout};
 use tonic::transport::Server;
-use zk0_ledger::{error::LedgerError, folder};
+use zk0_ledger::error::LedgerError;
+use zk0_ledger::folder;
 use zk0_protocol::rpc::federation::federation_server::FederationServer;
 
 /// How many requests of one connection may be in progress.

@@ -1,10 +1,8 @@
 //! Each node has one place among the running uploads.
 
 use crate::round::request::RequestError;
-use std::{
-    collections::BTreeSet,
-    sync::{Arc, Mutex, MutexGuard, PoisonError},
-};
+use std::collections::BTreeSet;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use zk0_circuits::NodeId;
 
 /// The nodes that are uploading.

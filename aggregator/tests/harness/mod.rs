@@ -5,26 +5,19 @@
 mod network;
 mod node;
 
-pub use self::{network::Network, node::Node};
+pub use self::network::Network;
+pub use self::node::Node;
 
 use ed25519_dalek::SigningKey;
 use std::path::Path;
 use tonic::{Code, Status};
 use zk0_aggregator::Config;
-use zk0_circuits::{
-    model::{
-        layout::{expert_tensors, TensorSpec},
-        spec::EvalSpec,
-    },
-    Digest, Mode, WeightsDigest,
-};
-use zk0_protocol::{
-    entries::genesis::Genesis,
-    rules::{
-        governance::{Governance, Governor},
-        network_rules::{CreditRule, Rules},
-    },
-};
+use zk0_circuits::model::layout::{expert_tensors, TensorSpec};
+use zk0_circuits::model::spec::EvalSpec;
+use zk0_circuits::{Digest, Mode, WeightsDigest};
+use zk0_protocol::entries::genesis::Genesis;
+use zk0_protocol::rules::governance::{Governance, Governor};
+use zk0_protocol::rules::network_rules::{CreditRule, Rules};
 use zk0_verifier::{blob_digest, Evaluation, ExpertTensors};
 
 pub const START_MS: u64 = 1_700_000_000_000;

@@ -1,22 +1,24 @@
 //! An aggregator that serves on loopback, and can be killed and started again.
 
 use super::{files, genesis, log_key, weights, Node, POLICY, START_MS};
-use std::{sync::Arc, time::Duration};
+use std::sync::Arc;
+use std::time::Duration;
 use tempfile::TempDir;
-use tokio::{net::TcpListener, sync::oneshot, task::JoinHandle};
-use tonic::{transport::Channel, Status};
-use zk0_aggregator::{
-    publish::cosigning::Witnesses, Aggregator, Config, Limits, ManualClock, Service,
-};
+use tokio::net::TcpListener;
+use tokio::sync::oneshot;
+use tokio::task::JoinHandle;
+use tonic::transport::Channel;
+use tonic::Status;
+use zk0_aggregator::publish::cosigning::Witnesses;
+use zk0_aggregator::{Aggregator, Config, Limits, ManualClock, Service};
 use zk0_circuits::Digest;
-use zk0_protocol::{
-    entries::{
-        entry::{Body, Entry},
-        genesis::Genesis,
-    },
-    rpc::federation::{self as proto, federation_client::FederationClient},
-    tlog::{checkpoint::Checkpoint, receipt::Receipt, witness_policy::WitnessPolicy},
-};
+use zk0_protocol::entries::entry::{Body, Entry};
+use zk0_protocol::entries::genesis::Genesis;
+use zk0_protocol::rpc::federation as proto;
+use zk0_protocol::rpc::federation::federation_client::FederationClient;
+use zk0_protocol::tlog::checkpoint::Checkpoint;
+use zk0_protocol::tlog::receipt::Receipt;
+use zk0_protocol::tlog::witness_policy::WitnessPolicy;
 
 /// A running aggregator.
 pub struct Network {

@@ -3,12 +3,14 @@
 use super::{digest, flat, Network};
 use ed25519_dalek::SigningKey;
 use tonic::Status;
-use zk0_circuits::{vm::merkle, Claim, DatasetCommitment, Digest, Losses, NodeId};
-use zk0_protocol::{
-    entries::signed::{DatasetRegistration, Signed, Submission, UpdateCommitment, UploadRequest},
-    rpc::federation::{self as proto, upload_chunk::Part},
-    rules::bindings::ExpectedClaim,
+use zk0_circuits::vm::merkle;
+use zk0_circuits::{Claim, DatasetCommitment, Digest, Losses, NodeId};
+use zk0_protocol::entries::signed::{
+    DatasetRegistration, Signed, Submission, UpdateCommitment, UploadRequest,
 };
+use zk0_protocol::rpc::federation as proto;
+use zk0_protocol::rpc::federation::upload_chunk::Part;
+use zk0_protocol::rules::bindings::ExpectedClaim;
 use zk0_verifier::blob_digest;
 
 /// A node that signs what it is told to.

@@ -1,10 +1,8 @@
 //! The charts of a report: contributions, reasons of refusals, credits and losses, by round.
 
-use crate::report::{
-    history::{History, Losses, Round},
-    page::Page,
-    svg::{lines, lying, stacked, Axis, Series, BAD, COLOURS, GOOD},
-};
+use crate::report::history::{History, Losses, Round};
+use crate::report::page::Page;
+use crate::report::svg::{lines, lying, stacked, Axis, Series, BAD, COLOURS, GOOD};
 
 /// Most bars or points in a chart. Where there are more rounds, each stands for several.
 const MOST_PLACES: usize = 120;

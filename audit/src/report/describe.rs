@@ -1,14 +1,10 @@
 //! Entries in words. Only this file has to know every kind of entry.
 
 use zk0_circuits::{Losses, NodeId};
-use zk0_protocol::{
-    entries::{
-        entry::Body,
-        proposal::{Action, Ballot},
-        signed::Evidence,
-    },
-    Entry, Refusal,
-};
+use zk0_protocol::entries::entry::Body;
+use zk0_protocol::entries::proposal::{Action, Ballot};
+use zk0_protocol::entries::signed::Evidence;
+use zk0_protocol::{Entry, Refusal};
 
 /// What the entry says, in a sentence. Names come from strangers: whoever shows the sentence has to escape it.
 pub fn describe(entry: &Entry) -> String {

@@ -3,19 +3,18 @@
 use crate::report::describe;
 use anyhow::{bail, Context, Result};
 use serde::Serialize;
-use std::{collections::BTreeMap, path::Path};
-use zk0_circuits::{model::spec::EvalSpec, Claim, NodeId};
-use zk0_ledger::{folder, store::Store};
-use zk0_protocol::{
-    entries::{
-        entry::Body,
-        genesis::Genesis,
-        member::NodeEnrolled,
-        proposal::{Action, Outcome},
-    },
-    tlog::tree::Frontier,
-    Entry, Refusal, Rules,
-};
+use std::collections::BTreeMap;
+use std::path::Path;
+use zk0_circuits::model::spec::EvalSpec;
+use zk0_circuits::{Claim, NodeId};
+use zk0_ledger::folder;
+use zk0_ledger::store::Store;
+use zk0_protocol::entries::entry::Body;
+use zk0_protocol::entries::genesis::Genesis;
+use zk0_protocol::entries::member::NodeEnrolled;
+use zk0_protocol::entries::proposal::{Action, Outcome};
+use zk0_protocol::tlog::tree::Frontier;
+use zk0_protocol::{Entry, Refusal, Rules};
 
 /// A network's history in numbers.
 #[derive(Clone, Debug, Default, Serialize)]

@@ -3,12 +3,10 @@
 //! Names, reasons and findings come from strangers. [`Page`] escapes them, and if it ever failed to, the page's own security policy
 //! forbids scripts and addresses.
 
-use crate::report::{
-    describe::time,
-    history::{History, Network},
-    page::Page,
-    verdict::{counts, sentence, Audited},
-};
+use crate::report::describe::time;
+use crate::report::history::{History, Network};
+use crate::report::page::Page;
+use crate::report::verdict::{counts, sentence, Audited};
 use serde::Serialize;
 use zk0_ledger::replay::{Finding, Severity};
 

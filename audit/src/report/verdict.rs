@@ -1,11 +1,9 @@
 //! The report of an audit, for machines and for people.
 
+use crate::account::{Checked, NotChecked};
+use crate::auditor::Auditor;
+use crate::depth::Depth;
 use crate::report::describe::printable;
-use crate::{
-    account::{Checked, NotChecked},
-    auditor::Auditor,
-    depth::Depth,
-};
 use serde::Serialize;
 use zk0_ledger::replay::{Report, Severity, Verdict};
 

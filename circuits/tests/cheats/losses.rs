@@ -2,7 +2,8 @@
 
 use super::verifier::{direct, improves, loss, prove};
 use crate::claims::{calmer, louder, name_weights, nudged, quantise, Node, Parts, Random, Tensors};
-use zk0_circuits::{model::draw::draw, EvalSpec, PrivateInput};
+use zk0_circuits::model::draw::draw;
+use zk0_circuits::{EvalSpec, PrivateInput};
 
 const LAYERS: &str = "model.vlm_with_expert.lm_expert.layers";
 

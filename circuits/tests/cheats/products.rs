@@ -1,25 +1,20 @@
 //! Cheats with matrix products, in mode `checked`.
 
-use super::{
-    relation::relation,
-    verifier::{checked, improves, loss, name_weights},
-};
+use super::relation::relation;
+use super::verifier::{checked, improves, loss, name_weights};
 use crate::claims::{nudged, quantise, Node, Parts, Random, Tensors};
-use zk0_circuits::{
-    claim::{hinted_input::HintedInput, terms::Model},
-    freivalds::hints::{coefficients, Hints},
-    model::{
-        arithmetic::products::Rows,
-        draw::{draw, Draw},
-        eval::{Evaluator, LossSum},
-        layout::expert_tensors,
-        linear::Linear,
-        multiply::{Direct, Multiply},
-        parameters::Parameters,
-        site::{EvalError, Site},
-    },
-    EvalSpec, PrivateInput, QuantisedWeights,
-};
+use zk0_circuits::claim::hinted_input::HintedInput;
+use zk0_circuits::claim::terms::Model;
+use zk0_circuits::freivalds::hints::{coefficients, Hints};
+use zk0_circuits::model::arithmetic::products::Rows;
+use zk0_circuits::model::draw::{draw, Draw};
+use zk0_circuits::model::eval::{Evaluator, LossSum};
+use zk0_circuits::model::layout::expert_tensors;
+use zk0_circuits::model::linear::Linear;
+use zk0_circuits::model::multiply::{Direct, Multiply};
+use zk0_circuits::model::parameters::Parameters;
+use zk0_circuits::model::site::{EvalError, Site};
+use zk0_circuits::{EvalSpec, PrivateInput, QuantisedWeights};
 
 /// A node that contributes its base unchanged, so that no claim of an improvement is true.
 struct FreeRider {

@@ -1,9 +1,7 @@
 //! Small integers that a product check does not see: a combination of coefficients that is zero modulo its prime.
 
-use zk0_circuits::freivalds::{
-    coefficients::{Coefficient, Coefficients},
-    field::MODULUS,
-};
+use zk0_circuits::freivalds::coefficients::{Coefficient, Coefficients};
+use zk0_circuits::freivalds::field::MODULUS;
 
 /// Integers, not all zero, whose inner product with coefficients `first .. first + count` is a multiple of the modulus.
 ///

@@ -2,15 +2,12 @@
 
 use super::verifier::{improves, loss, loss_at, prove};
 use crate::claims::{nudged, Node, Parts, Random, SALT};
-use zk0_circuits::{
-    claim::{
-        challenge::sample_indices,
-        dataset::{check_leaves, leaf, salt_commitment},
-        private_input::Opening,
-    },
-    vm::{digest::tagged_sha256, merkle},
-    Digest, EvalSpec, Sample,
-};
+use zk0_circuits::claim::challenge::sample_indices;
+use zk0_circuits::claim::dataset::{check_leaves, leaf, salt_commitment};
+use zk0_circuits::claim::private_input::Opening;
+use zk0_circuits::vm::digest::tagged_sha256;
+use zk0_circuits::vm::merkle;
+use zk0_circuits::{Digest, EvalSpec, Sample};
 
 /// A node with `samples` samples of which `count` are drawn.
 fn node(samples: usize, count: u32) -> Node {

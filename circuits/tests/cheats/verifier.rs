@@ -4,14 +4,11 @@
 mod reference;
 
 use crate::claims::{Node, Parts, Tensors};
-use zk0_circuits::{
-    claim::{
-        hinted_input::HintedInput,
-        statement::{check, check_hinted},
-    },
-    model::{draw::draw, parameters::Parameters},
-    Claim, EvalSpec, Mode, PrivateInput, QuantisedWeights,
-};
+use zk0_circuits::claim::hinted_input::HintedInput;
+use zk0_circuits::claim::statement::{check, check_hinted};
+use zk0_circuits::model::draw::draw;
+use zk0_circuits::model::parameters::Parameters;
+use zk0_circuits::{Claim, EvalSpec, Mode, PrivateInput, QuantisedWeights};
 
 /// Runs the guest program of mode `direct`, and the verifier's checks of the claim against the files.
 pub fn direct(input: &PrivateInput, files: [&QuantisedWeights; 2]) -> Result<Claim, String> {

@@ -2,14 +2,13 @@
 #![allow(dead_code)]
 
 use std::collections::HashMap;
+use zk0_circuits::claim::challenge::{challenge, sample_indices};
+use zk0_circuits::claim::dataset::{leaf, salt_commitment};
+use zk0_circuits::claim::private_input::{Header, Opening};
+use zk0_circuits::model::layout::expert_tensors;
+use zk0_circuits::model::sample::SampleParts;
+use zk0_circuits::vm::merkle;
 use zk0_circuits::{
-    claim::{
-        challenge::{challenge, sample_indices},
-        dataset::{leaf, salt_commitment},
-        private_input::{Header, Opening},
-    },
-    model::{layout::expert_tensors, sample::SampleParts},
-    vm::merkle,
     DatasetCommitment, Digest, Disclosure, EvalSpec, Mode, NodeId, PrivateInput, QuantisedWeights,
     Sample, Terms, WeightsDigest,
 };

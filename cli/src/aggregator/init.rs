@@ -1,32 +1,24 @@
 //! `zk0 aggregator init`: found a network on a policy.
 
-use super::{
-    rules::{read_rules, CommonRules, LEAST_UPDATE_LIMIT},
-    Enrolment,
-};
-use crate::{
-    dataset::RecordingName,
-    keys,
-    policy::{
-        calibration::{calibrated, samples},
-        PolicySource,
-    },
-};
+use super::rules::{read_rules, CommonRules, LEAST_UPDATE_LIMIT};
+use super::Enrolment;
+use crate::dataset::RecordingName;
+use crate::keys;
+use crate::policy::calibration::{calibrated, samples};
+use crate::policy::PolicySource;
 use anyhow::{bail, Context, Result};
-use std::{io::Write, path::PathBuf};
-use zk0_aggregator::{
-    round::founding::{check_free, enrol, Founding},
-    SystemClock,
-};
-use zk0_circuits::{model::spec::EvalSpec, Mode};
+use std::io::Write;
+use std::path::PathBuf;
+use zk0_aggregator::round::founding::{check_free, enrol, Founding};
+use zk0_aggregator::SystemClock;
+use zk0_circuits::model::spec::EvalSpec;
+use zk0_circuits::Mode;
 use zk0_node::participant::MAX_POLICY_BYTES;
 use zk0_protocol::Rules;
 use zk0_prover::measure::{DirectCost, DirectMode};
-use zk0_smolvla::{
-    measure::fixed_point::{dims, quantise_weights},
-    policy::policy_file::PolicyFile,
-    Policy, Profile,
-};
+use zk0_smolvla::measure::fixed_point::{dims, quantise_weights};
+use zk0_smolvla::policy::policy_file::PolicyFile;
+use zk0_smolvla::{Policy, Profile};
 
 /// `zk0 aggregator init`.
 #[derive(Debug, clap::Args)]

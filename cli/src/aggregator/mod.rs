@@ -14,7 +14,8 @@ use init::Init;
 use rules::{CommonRules, LEAST_UPDATE_LIMIT};
 use serve::Serve;
 use std::path::PathBuf;
-use zk0_aggregator::{round::founding::enrol, Clock, SystemClock};
+use zk0_aggregator::round::founding::enrol;
+use zk0_aggregator::{Clock, SystemClock};
 use zk0_ledger::Ledger;
 
 /// What to do.

@@ -5,10 +5,8 @@ use anyhow::{Context, Result};
 use std::path::Path;
 use zk0_circuits::Disclosure;
 use zk0_ledger::bounded_file;
-use zk0_protocol::rules::{
-    governance::{Governance, Governor},
-    network_rules::Rules,
-};
+use zk0_protocol::rules::governance::{Governance, Governor};
+use zk0_protocol::rules::network_rules::Rules;
 
 /// The least limit for an update, in bytes. The micro profile needs much less.
 pub const LEAST_UPDATE_LIMIT: u64 = 1 << 20;

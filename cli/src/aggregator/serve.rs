@@ -1,15 +1,21 @@
 //! `zk0 aggregator serve`: run the rounds of a network.
 
-use crate::{keys, serve::interrupted};
+use crate::keys;
+use crate::serve::interrupted;
 use anyhow::{Context, Result};
-use std::{future, net::SocketAddr, path::PathBuf, sync::Arc, time::Duration};
-use tokio::{net::TcpListener, runtime::Runtime, task::JoinHandle};
-use zk0_aggregator::{
-    publish::{
-        chosen_witnesses::chosen_witnesses, cosigning::Witnesses, http, log_server::LogServer,
-    },
-    Aggregator, Config, Service, SystemClock,
-};
+use std::future;
+use std::net::SocketAddr;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::net::TcpListener;
+use tokio::runtime::Runtime;
+use tokio::task::JoinHandle;
+use zk0_aggregator::publish::chosen_witnesses::chosen_witnesses;
+use zk0_aggregator::publish::cosigning::Witnesses;
+use zk0_aggregator::publish::http;
+use zk0_aggregator::publish::log_server::LogServer;
+use zk0_aggregator::{Aggregator, Config, Service, SystemClock};
 
 /// `zk0 aggregator serve`.
 #[derive(Debug, clap::Args)]

@@ -1,10 +1,8 @@
 //! Tells the progress bar how far an audit is.
 
 use crate::logging::PROGRESS;
-use std::{
-    sync::Mutex,
-    time::{Duration, Instant},
-};
+use std::sync::Mutex;
+use std::time::{Duration, Instant};
 
 /// Reports the progress of an audit a few times a second.
 #[derive(Default)]

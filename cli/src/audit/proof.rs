@@ -2,17 +2,14 @@
 
 use crate::ledger::TrustOptions;
 use anyhow::{bail, Context, Result};
-use std::{io::Write, path::PathBuf};
-use zk0_audit::{
-    log_source::open_log,
-    report::describe::{describe, printable},
-};
+use std::io::Write;
+use std::path::PathBuf;
+use zk0_audit::log_source::open_log;
+use zk0_audit::report::describe::{describe, printable};
 use zk0_ledger::{atomic_file, bounded_file, witness_policy_file};
-use zk0_protocol::tlog::{
-    tlog_proof::{TlogProof, MAX_PROOF_BYTES},
-    verifier_key::{Role, VerifierKey},
-    witness_policy::WitnessPolicy,
-};
+use zk0_protocol::tlog::tlog_proof::{TlogProof, MAX_PROOF_BYTES};
+use zk0_protocol::tlog::verifier_key::{Role, VerifierKey};
+use zk0_protocol::tlog::witness_policy::WitnessPolicy;
 
 /// `zk0 audit prove`.
 #[derive(Debug, clap::Args)]

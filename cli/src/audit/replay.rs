@@ -3,24 +3,16 @@
 use super::progress_bar::Bar;
 use crate::ledger::TrustOptions;
 use anyhow::{Context, Result};
-use std::{
-    num::NonZeroUsize,
-    path::{Path, PathBuf},
-    time::Duration,
-};
-use zk0_audit::{
-    fetch::{locate, Wanted},
-    report::{
-        history, html,
-        verdict::{verdict, Audited},
-    },
-    run::Audit,
-    Depth,
-};
-use zk0_ledger::{
-    atomic_file,
-    replay::{Finding, Keep},
-};
+use std::num::NonZeroUsize;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+use zk0_audit::fetch::{locate, Wanted};
+use zk0_audit::report::verdict::{verdict, Audited};
+use zk0_audit::report::{history, html};
+use zk0_audit::run::Audit;
+use zk0_audit::Depth;
+use zk0_ledger::atomic_file;
+use zk0_ledger::replay::{Finding, Keep};
 
 /// `zk0 audit replay`.
 #[derive(Debug, clap::Args)]

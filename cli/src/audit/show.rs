@@ -4,15 +4,12 @@ use crate::ledger::TrustOptions;
 use anyhow::{bail, Result};
 use serde_json::json;
 use sha2::{Digest as _, Sha256};
+use zk0_audit::fetch::{locate, Wanted};
 use zk0_audit::log_source::open_log;
-use zk0_audit::{
-    fetch::{locate, Wanted},
-    report::{
-        describe::{describe, details, kind, nodes, printable, round, time},
-        history::{self, History},
-    },
-};
-use zk0_ledger::{published::reader::PublishedError, replay::Severity};
+use zk0_audit::report::describe::{describe, details, kind, nodes, printable, round, time};
+use zk0_audit::report::history::{self, History};
+use zk0_ledger::published::reader::PublishedError;
+use zk0_ledger::replay::Severity;
 use zk0_protocol::Entry;
 
 /// `zk0 audit show`.

@@ -1,16 +1,18 @@
 //! `zk0 audit watch`: an audit that does not end. What was seen once has to stay. When a log shows two histories, loses entries or breaks a
 //! rule, the watch raises an alarm and ends.
 
-use super::{progress_bar::Bar, show};
+use super::progress_bar::Bar;
+use super::show;
 use crate::ledger::TrustOptions;
 use anyhow::{bail, Result};
 use serde_json::json;
-use std::{io::Write, path::PathBuf, thread::sleep, time::Duration};
-use zk0_audit::{
-    report::describe::printable,
-    watch::{Look, Seen, Watch, WatchOptions},
-    Depth,
-};
+use std::io::Write;
+use std::path::PathBuf;
+use std::thread::sleep;
+use std::time::Duration;
+use zk0_audit::report::describe::printable;
+use zk0_audit::watch::{Look, Seen, Watch, WatchOptions};
+use zk0_audit::Depth;
 
 /// `zk0 audit watch`.
 #[derive(Debug, clap::Args)]

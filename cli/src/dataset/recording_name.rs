@@ -1,7 +1,10 @@
 //! A recording, as the command line names it.
 
 use anyhow::{Context, Result};
-use std::{convert::Infallible, fmt, path::PathBuf, str::FromStr};
+use std::convert::Infallible;
+use std::fmt;
+use std::path::PathBuf;
+use std::str::FromStr;
 use zk0_lerobot::dataset::Dataset;
 use zk0_lerobot::hub::{fetch, HubOptions, HubRecording};
 use zk0_node::progress::Progress;

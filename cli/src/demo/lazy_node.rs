@@ -2,22 +2,22 @@
 //!
 //! It is a program of the demo. A node of `zk0 node join` cannot do this.
 
-use crate::{keys, policy::CacheOptions};
+use crate::keys;
+use crate::policy::CacheOptions;
 use anyhow::{Context, Result};
 use sha2::{Digest as _, Sha256};
 use std::path::{Path, PathBuf};
 use zk0_circuits::{Digest, Disclosure, Losses, Terms, WeightsDigest};
 use zk0_ledger::bounded_file;
-use zk0_node::{
-    client::Node,
-    participant::Participant,
-    receipts,
-    turn::{Entered, Training},
-};
-use zk0_protocol::{entries::entry::RoundOpened, rules::bindings::ExpectedClaim};
-use zk0_smolvla::{
-    measure::fixed_point::quantise_weights, train::adaptive::Adaptation, ExpertWeights,
-};
+use zk0_node::client::Node;
+use zk0_node::participant::Participant;
+use zk0_node::receipts;
+use zk0_node::turn::{Entered, Training};
+use zk0_protocol::entries::entry::RoundOpened;
+use zk0_protocol::rules::bindings::ExpectedClaim;
+use zk0_smolvla::measure::fixed_point::quantise_weights;
+use zk0_smolvla::train::adaptive::Adaptation;
+use zk0_smolvla::ExpertWeights;
 
 /// Largest proof that is read. A compressed proof has 1.3 MB.
 const MAX_PROOF_BYTES: usize = 16 << 20;

@@ -9,11 +9,9 @@ mod results;
 use crate::keys;
 use anyhow::{bail, Context, Result};
 use process::{Console, Process};
-use std::{
-    fs,
-    path::{Path, PathBuf},
-    time::{Duration, SystemTime},
-};
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, SystemTime};
 use zk0_audit::verified_entries::network_id;
 use zk0_circuits::Mode;
 

@@ -3,18 +3,14 @@
 use crate::logging::{Bars, Progress, PROGRESS};
 use anyhow::{bail, Context, Result};
 use serde_json::{Map, Value};
-use std::{
-    fs::File,
-    io::Write,
-    process::Stdio,
-    sync::{Arc, Mutex, PoisonError},
-    time::Instant,
-};
-use tokio::{
-    io::{AsyncBufReadExt, BufReader},
-    process::{Child, Command},
-    sync::watch,
-};
+use std::fs::File;
+use std::io::Write;
+use std::process::Stdio;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Instant;
+use tokio::io::{AsyncBufReadExt, BufReader};
+use tokio::process::{Child, Command};
+use tokio::sync::watch;
 
 /// The log file and the screen, which all processes share.
 #[derive(Clone, Debug)]

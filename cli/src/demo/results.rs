@@ -4,21 +4,24 @@ use super::process::Console;
 use crate::chart::{self, Curve, Proven};
 use anyhow::{bail, Context, Result};
 use serde::Serialize;
-use std::{collections::BTreeMap, path::Path};
-use zk0_audit::{
-    report::verdict::{verdict, Audited},
-    verified_entries::verified_entries,
-};
-use zk0_circuits::{model::spec::EvalSpec, Digest, NodeId};
-use zk0_ledger::{atomic_file, blobs::Blobs, replay::Verdict};
+use std::collections::BTreeMap;
+use std::path::Path;
+use zk0_audit::report::verdict::{verdict, Audited};
+use zk0_audit::verified_entries::verified_entries;
+use zk0_circuits::model::spec::EvalSpec;
+use zk0_circuits::{Digest, NodeId};
+use zk0_ledger::atomic_file;
+use zk0_ledger::blobs::Blobs;
+use zk0_ledger::replay::Verdict;
 use zk0_lerobot::dataset::Dataset;
-use zk0_node::{recording, training_history::TrainingHistory};
-use zk0_protocol::entries::{
-    entry::{Body, Entry},
-    genesis::Genesis,
-    signed::{Signed, Submission},
-};
-use zk0_smolvla::{measure::evaluate, policy::policy_file, ExpertWeights, PolicyConfig};
+use zk0_node::recording;
+use zk0_node::training_history::TrainingHistory;
+use zk0_protocol::entries::entry::{Body, Entry};
+use zk0_protocol::entries::genesis::Genesis;
+use zk0_protocol::entries::signed::{Signed, Submission};
+use zk0_smolvla::measure::evaluate;
+use zk0_smolvla::policy::policy_file;
+use zk0_smolvla::{ExpertWeights, PolicyConfig};
 
 /// A point of a training curve is the mean of this many steps.
 const WINDOW: usize = 20;

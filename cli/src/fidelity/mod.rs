@@ -3,25 +3,19 @@
 
 mod report;
 
-use crate::{
-    dataset::RecordingName,
-    policy::{
-        self,
-        calibration::{calibrated, samples},
-        PolicySource,
-    },
-};
+use crate::dataset::RecordingName;
+use crate::policy::calibration::{calibrated, samples};
+use crate::policy::{self, PolicySource};
 use anyhow::{bail, Result};
 use report::{print_ranges, table, Outcome, Row};
 use std::path::PathBuf;
 use zk0_circuits::{Digest, EvalSpec};
-use zk0_smolvla::{
-    frames::sample::PreparedSample,
-    measure::{fidelity::measure, fixed_point::dims},
-    policy::policy_file::PolicyFile,
-    train::{train, TrainOptions},
-    ExpertWeights, Policy, PolicyConfig, Profile,
-};
+use zk0_smolvla::frames::sample::PreparedSample;
+use zk0_smolvla::measure::fidelity::measure;
+use zk0_smolvla::measure::fixed_point::dims;
+use zk0_smolvla::policy::policy_file::PolicyFile;
+use zk0_smolvla::train::{train, TrainOptions};
+use zk0_smolvla::{ExpertWeights, Policy, PolicyConfig, Profile};
 
 /// Compare the loss in fixed-point numbers with the loss in floating-point numbers. This prints a JSON line for each comparison to
 /// standard output, and a table of all comparisons to standard error. It fails if a difference is too large.

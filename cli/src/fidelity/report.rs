@@ -1,10 +1,8 @@
 //! What `zk0 fidelity` prints: JSON lines to standard output, tables for people to standard error.
 
 use serde::Serialize;
-use zk0_smolvla::measure::{
-    calibrate::Range,
-    fidelity::{Fidelity, FidelityError},
-};
+use zk0_smolvla::measure::calibrate::Range;
+use zk0_smolvla::measure::fidelity::{Fidelity, FidelityError};
 
 /// One comparison.
 #[derive(Clone, Debug, Serialize)]

@@ -4,7 +4,8 @@ use crate::aggregator::{read_rules, Enrolment};
 use anyhow::Result;
 use std::path::PathBuf;
 use zk0_circuits::NodeId;
-use zk0_protocol::entries::{member::NodeEnrolled, proposal::Action};
+use zk0_protocol::entries::member::NodeEnrolled;
+use zk0_protocol::entries::proposal::Action;
 
 /// What a proposal changes.
 #[derive(Debug, clap::Subcommand)]

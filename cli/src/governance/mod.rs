@@ -10,8 +10,10 @@ use ed25519_dalek::SigningKey;
 use std::path::{Path, PathBuf};
 use tokio::runtime::Runtime;
 use zk0_circuits::Digest;
-use zk0_node::{client::Node, state_files};
-use zk0_protocol::entries::{proposal::Ballot, signed::Evidence};
+use zk0_node::client::Node;
+use zk0_node::state_files;
+use zk0_protocol::entries::proposal::Ballot;
+use zk0_protocol::entries::signed::Evidence;
 
 /// What to do.
 #[derive(Debug, clap::Subcommand)]

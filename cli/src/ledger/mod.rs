@@ -6,20 +6,14 @@ pub use trust_options::TrustOptions;
 
 use anyhow::Result;
 use std::path::{Path, PathBuf};
-use zk0_audit::{
-    fsck::fsck,
-    known_checkpoint::known_checkpoint,
-    log_source::{genesis, source},
-};
+use zk0_audit::fsck::fsck;
+use zk0_audit::known_checkpoint::known_checkpoint;
+use zk0_audit::log_source::{genesis, source};
 use zk0_circuits::Digest;
-use zk0_ledger::{
-    backup,
-    published::{
-        export::export,
-        mirror::{mirror, Mirrored},
-        publication::Publication,
-    },
-};
+use zk0_ledger::backup;
+use zk0_ledger::published::export::export;
+use zk0_ledger::published::mirror::{mirror, Mirrored};
+use zk0_ledger::published::publication::Publication;
 
 /// What to do.
 #[derive(Debug, clap::Subcommand)]
@@ -206,7 +200,8 @@ fn check(dir: &Path) -> bool {
 
 #[cfg(feature = "full")]
 fn serve(dir: &Path, listen: std::net::SocketAddr) -> Result<()> {
-    use zk0_aggregator::publish::{http, log_server::LogServer};
+    use zk0_aggregator::publish::http;
+    use zk0_aggregator::publish::log_server::LogServer;
     use zk0_ledger::published::publication::PublicationError;
     let server = LogServer::new(dir);
     match server.newest() {

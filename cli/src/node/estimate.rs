@@ -3,9 +3,14 @@
 use crate::dataset::RecordingName;
 use anyhow::{bail, Result};
 use std::path::Path;
-use zk0_circuits::{claim::challenge::MAX_EVAL_SAMPLES, EvalSpec, Mode};
-use zk0_prover::{machine::Resources, measure, program::Executor};
-use zk0_smolvla::{measure::fixed_point::dims, policy::policy_file, PolicyConfig, Profile};
+use zk0_circuits::claim::challenge::MAX_EVAL_SAMPLES;
+use zk0_circuits::{EvalSpec, Mode};
+use zk0_prover::machine::Resources;
+use zk0_prover::measure;
+use zk0_prover::program::Executor;
+use zk0_smolvla::measure::fixed_point::dims;
+use zk0_smolvla::policy::policy_file;
+use zk0_smolvla::{PolicyConfig, Profile};
 
 /// `zk0 node estimate`.
 #[derive(Debug, clap::Args)]

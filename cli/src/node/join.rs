@@ -1,10 +1,15 @@
 //! `zk0 node join`: take part in the rounds of a network.
 
-use crate::{dataset::RecordingName, keys, policy::CacheOptions};
+use crate::dataset::RecordingName;
+use crate::keys;
+use crate::policy::CacheOptions;
 use anyhow::{Context, Result};
-use std::{fs, path::PathBuf};
+use std::fs;
+use std::path::PathBuf;
 use zk0_circuits::Digest;
-use zk0_node::{client::Node, participant::Participant, turn::Training};
+use zk0_node::client::Node;
+use zk0_node::participant::Participant;
+use zk0_node::turn::Training;
 use zk0_prover::service::ProvingClient;
 use zk0_smolvla::train::adaptive::{Adaptation, Boost};
 

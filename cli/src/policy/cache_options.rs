@@ -1,10 +1,8 @@
 //! The options that say where prepared samples are kept.
 
 use anyhow::{bail, Context, Result};
-use std::{
-    env,
-    path::{Path, PathBuf},
-};
+use std::env;
+use std::path::{Path, PathBuf};
 use zk0_smolvla::frames::prefix_cache::{CacheError, DiskCache};
 
 /// Where prepared samples are kept.

@@ -4,16 +4,12 @@
 use crate::dataset::RecordingName;
 use anyhow::{Context, Result};
 use zk0_circuits::{Digest, EvalSpec};
-use zk0_smolvla::{
-    frames::sample::{PreparedSample, Preparer},
-    measure::{
-        calibrate::{calibrate, Magnitudes},
-        fidelity::draws,
-        fixed_point::dims,
-    },
-    policy::policy_file::PolicyFile,
-    ExpertWeights, PolicyConfig,
-};
+use zk0_smolvla::frames::sample::{PreparedSample, Preparer};
+use zk0_smolvla::measure::calibrate::{calibrate, Magnitudes};
+use zk0_smolvla::measure::fidelity::draws;
+use zk0_smolvla::measure::fixed_point::dims;
+use zk0_smolvla::policy::policy_file::PolicyFile;
+use zk0_smolvla::{ExpertWeights, PolicyConfig};
 
 /// The number of noises and times with which each sample is evaluated.
 const DRAWS: usize = 2;

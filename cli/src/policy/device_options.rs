@@ -1,10 +1,8 @@
 //! The options that say where `zk0 train` and `zk0 eval` compute.
 
 use anyhow::Result;
-use zk0_smolvla::policy::{
-    device::device,
-    frozen::{FrozenPlace, FrozenPrecision},
-};
+use zk0_smolvla::policy::device::device;
+use zk0_smolvla::policy::frozen::{FrozenPlace, FrozenPrecision};
 
 /// A device, and how exactly the frozen half is computed on it.
 #[derive(Clone, Debug, clap::Args)]

@@ -1,22 +1,14 @@
 //! The policy that a command uses.
 
 use anyhow::{bail, Context, Result};
-use std::{
-    fs,
-    path::{Path, PathBuf},
-};
-use zk0_lerobot::{
-    policy_folder::{Inference, LeRobotConfig, PolicyFolder},
-    tokenizer::TrainedTokenizer,
-};
-use zk0_smolvla::{
-    policy::{
-        init::init_policy,
-        policy_file::{self, PolicyFile},
-        tokenizer::PolicyTokenizer,
-    },
-    Policy, PolicyConfig, Profile,
-};
+use std::fs;
+use std::path::{Path, PathBuf};
+use zk0_lerobot::policy_folder::{Inference, LeRobotConfig, PolicyFolder};
+use zk0_lerobot::tokenizer::TrainedTokenizer;
+use zk0_smolvla::policy::init::init_policy;
+use zk0_smolvla::policy::policy_file::{self, PolicyFile};
+use zk0_smolvla::policy::tokenizer::PolicyTokenizer;
+use zk0_smolvla::{Policy, PolicyConfig, Profile};
 
 /// Where a policy comes from.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -3,12 +3,12 @@
 
 use crate::policy::PolicySource;
 use anyhow::{bail, Context, Result};
-use std::{
-    fs::{self, File},
-    io::{self, ErrorKind},
-    path::{Path, PathBuf},
-};
-use zk0_lerobot::{dataset::Stats, policy_folder::Precision, safetensors::TensorSet};
+use std::fs::{self, File};
+use std::io::{self, ErrorKind};
+use std::path::{Path, PathBuf};
+use zk0_lerobot::dataset::Stats;
+use zk0_lerobot::policy_folder::Precision;
+use zk0_lerobot::safetensors::TensorSet;
 
 /// Its name in the run's folder.
 const FOLDER: &str = "lerobot";

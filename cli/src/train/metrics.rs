@@ -3,11 +3,9 @@
 use crate::chart::Curve;
 use anyhow::{Context, Result};
 use serde::{Deserialize, Serialize};
-use std::{
-    fs::{self, File},
-    io::Write,
-    path::{Path, PathBuf},
-};
+use std::fs::{self, File};
+use std::io::Write;
+use std::path::{Path, PathBuf};
 use zk0_ledger::atomic_file;
 use zk0_smolvla::train::Step;
 

@@ -8,44 +8,34 @@ mod report;
 
 pub use options::Options;
 
-use crate::{chart, dataset::RecordingName, policy::cache_failed};
+use crate::chart;
+use crate::dataset::RecordingName;
+use crate::policy::cache_failed;
 use anyhow::{bail, Context, Result};
 use metrics::{EvalLine, Line, Metrics, StepLine};
 use report::{Ended, Evaluated, Recording, Report};
-use std::{
-    fs::{self, File, TryLockError},
-    mem,
-    path::Path,
-    time::Instant,
-};
-use zk0_lerobot::{
-    dataset::{Dataset, Stats},
-    layout::expert_layout,
-    policy_folder::Inference,
-    safetensors::TensorSet,
-};
-use zk0_node::{
-    progress::Progress,
-    samples::{FrameNames, ReadySamples, SampleKind},
-};
-use zk0_smolvla::{
-    frames::{
-        prefix_cache::{digest_of, FrameMaker, FrameRef, KeySpace},
-        sample::{ObservedSample, PreparedSample, Preparer},
-    },
-    measure::evaluate::{fixed_draws, FlowDraw},
-    policy::policy_file::{self, PolicyFile},
-    train::{
-        adaptive::{boost, Boost},
-        learner::state_part,
-        measured_loss::measured_loss,
-        snapshots::{RunIdentity, Snapshots},
-        split::{self, Split},
-        trainer::evaluate_samples,
-        Samples, TrainOptions, Trainer,
-    },
-    ExpertWeights, Policy, PolicyConfig, PolicyError,
-};
+use std::fs::{self, File, TryLockError};
+use std::mem;
+use std::path::Path;
+use std::time::Instant;
+use zk0_lerobot::dataset::{Dataset, Stats};
+use zk0_lerobot::layout::expert_layout;
+use zk0_lerobot::policy_folder::Inference;
+use zk0_lerobot::safetensors::TensorSet;
+use zk0_node::progress::Progress;
+use zk0_node::samples::{FrameNames, ReadySamples, SampleKind};
+use zk0_smolvla::frames::prefix_cache::{digest_of, FrameMaker, FrameRef, KeySpace};
+use zk0_smolvla::frames::sample::{ObservedSample, PreparedSample, Preparer};
+use zk0_smolvla::measure::evaluate::{fixed_draws, FlowDraw};
+use zk0_smolvla::policy::policy_file::{self, PolicyFile};
+use zk0_smolvla::train::adaptive::{boost, Boost};
+use zk0_smolvla::train::learner::state_part;
+use zk0_smolvla::train::measured_loss::measured_loss;
+use zk0_smolvla::train::snapshots::{RunIdentity, Snapshots};
+use zk0_smolvla::train::split::{self, Split};
+use zk0_smolvla::train::trainer::evaluate_samples;
+use zk0_smolvla::train::{Samples, TrainOptions, Trainer};
+use zk0_smolvla::{ExpertWeights, Policy, PolicyConfig, PolicyError};
 
 /// Runs the command.
 pub fn run(options: &Options) -> Result<()> {

@@ -1,22 +1,16 @@
 //! The options of `zk0 train`.
 
-use crate::{
-    dataset::RecordingName,
-    policy::{self, CacheOptions, DeviceOptions, PolicySource},
-};
+use crate::dataset::RecordingName;
+use crate::policy::{self, CacheOptions, DeviceOptions, PolicySource};
 use anyhow::Result;
 use serde::Serialize;
 use std::path::PathBuf;
 use zk0_lerobot::policy_folder::Precision;
-use zk0_smolvla::{
-    train::{
-        adaptive::{follow, Rates, Trend},
-        optimizer::AdamWOptions,
-        schedule::Schedule,
-        TrainOptions,
-    },
-    Profile,
-};
+use zk0_smolvla::train::adaptive::{follow, Rates, Trend};
+use zk0_smolvla::train::optimizer::AdamWOptions;
+use zk0_smolvla::train::schedule::Schedule;
+use zk0_smolvla::train::TrainOptions;
+use zk0_smolvla::Profile;
 
 /// Train a policy on recordings. The folder `--out` gets `model.safetensors`, `run.json`, `metrics.jsonl`, the loss chart, and snapshots of
 /// the run. If the run starts from a LeRobot policy folder, it also gets `lerobot/`, which LeRobot loads.

@@ -6,12 +6,11 @@ use serde::Serialize;
 use std::path::{Path, PathBuf};
 use zk0_ledger::atomic_file;
 use zk0_lerobot::policy_folder::Inference;
-use zk0_smolvla::{
-    policy::frozen::{FrozenPlace, FrozenPrecision},
-    train::{
-        adaptive::Trend, snapshots::RunIdentity, split::Split, TrainOptions, TrainScope, Trainer,
-    },
-};
+use zk0_smolvla::policy::frozen::{FrozenPlace, FrozenPrecision};
+use zk0_smolvla::train::adaptive::Trend;
+use zk0_smolvla::train::snapshots::RunIdentity;
+use zk0_smolvla::train::split::Split;
+use zk0_smolvla::train::{TrainOptions, TrainScope, Trainer};
 
 /// The file's content.
 #[derive(Serialize)]

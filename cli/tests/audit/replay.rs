@@ -1,11 +1,12 @@
 //! `zk0 audit replay`, in full and light, from the beginning and with a state file.
 
-use crate::{
-    ends, export,
-    harness::{copy, json, made_ledger::Made, prints, text, LEDGER},
-};
+use crate::harness::made_ledger::Made;
+use crate::harness::{copy, json, prints, text, LEDGER};
+use crate::{ends, export};
 use ed25519_dalek::SigningKey;
-use std::{collections::BTreeSet, fs, path::Path};
+use std::collections::BTreeSet;
+use std::fs;
+use std::path::Path;
 use zk0_ledger::Ledger;
 
 /// Names of the files in a folder.

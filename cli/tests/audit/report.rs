@@ -1,12 +1,8 @@
 //! The report for browsers holds no script, and loads nothing.
 
-use crate::{
-    ends,
-    harness::{
-        made_ledger::{Made, NAMES},
-        prints, text,
-    },
-};
+use crate::ends;
+use crate::harness::made_ledger::{Made, NAMES};
+use crate::harness::{prints, text};
 use std::fs;
 
 /// The elements of a report.

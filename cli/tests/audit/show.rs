@@ -1,14 +1,10 @@
 //! `zk0 audit show`.
 
-use crate::{
-    ends, export,
-    harness::{
-        json,
-        made_ledger::{Made, NAMES},
-        prints, text,
-    },
-};
-use zk0_protocol::{entries::member::NodeEnrolled, Body};
+use crate::harness::made_ledger::{Made, NAMES};
+use crate::harness::{json, prints, text};
+use crate::{ends, export};
+use zk0_protocol::entries::member::NodeEnrolled;
+use zk0_protocol::Body;
 
 #[test]
 fn what_happened_is_shown_in_words_and_tables() {

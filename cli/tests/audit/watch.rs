@@ -1,11 +1,10 @@
 //! `zk0 audit watch`.
 
-use crate::{
-    ends, export,
-    harness::{made_ledger::Made, text},
-    look,
-};
-use std::{fs, path::PathBuf};
+use crate::harness::made_ledger::Made;
+use crate::harness::text;
+use crate::{ends, export, look};
+use std::fs;
+use std::path::PathBuf;
 
 #[test]
 fn a_watch_tells_what_is_new_and_remembers_what_it_saw() {

@@ -1,14 +1,13 @@
 //! The cosignatures that an audit asks for.
 
-use crate::{
-    ends, export,
-    harness::{made_ledger::Made, prints, text},
-    look,
-};
+use crate::harness::made_ledger::Made;
+use crate::harness::{prints, text};
+use crate::{ends, export, look};
 use ed25519_dalek::SigningKey;
 use std::fs;
 use zk0_ledger::folder;
-use zk0_protocol::tlog::{checkpoint::Parsed, cosigner::Cosigner};
+use zk0_protocol::tlog::checkpoint::Parsed;
+use zk0_protocol::tlog::cosigner::Cosigner;
 
 #[test]
 fn a_watch_asks_for_the_witnesses_that_it_was_told() {

@@ -2,19 +2,14 @@
 
 use ed25519_dalek::SigningKey;
 use std::path::Path;
-use zk0_circuits::{
-    model::spec::EvalSpec, DatasetCommitment, Digest, Losses, Mode, NodeId, WeightsDigest,
-};
+use zk0_circuits::model::spec::EvalSpec;
+use zk0_circuits::{DatasetCommitment, Digest, Losses, Mode, NodeId, WeightsDigest};
 use zk0_ledger::Ledger;
-use zk0_protocol::{
-    entries::{
-        entry::RoundClosed,
-        member::NodeEnrolled,
-        signed::{DatasetRegistration, Submission, UpdateCommitment},
-    },
-    rules::network_rules::CreditRule,
-    Body, Genesis, Refusal, Rules, Signed,
-};
+use zk0_protocol::entries::entry::RoundClosed;
+use zk0_protocol::entries::member::NodeEnrolled;
+use zk0_protocol::entries::signed::{DatasetRegistration, Submission, UpdateCommitment};
+use zk0_protocol::rules::network_rules::CreditRule;
+use zk0_protocol::{Body, Genesis, Refusal, Rules, Signed};
 
 /// A ledger whose entries follow the rules, and whose proofs are not real.
 pub struct Made {

@@ -5,11 +5,9 @@ pub mod made_ledger;
 pub mod network;
 pub mod serving;
 
-use std::{
-    fs,
-    path::{Path, PathBuf},
-    process::{Command, Output},
-};
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
 
 /// A recording, as seen from the repository's folder.
 pub const RECORDING: &str = "tests/fixtures/datasets/so100_pickplace";

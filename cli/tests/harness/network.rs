@@ -2,24 +2,24 @@
 //! so no contribution is accepted, and each round starts from the same weights.
 
 use super::{logged, logs, root, words, zk0, RECORDING};
-use std::{fs, path::Path, process::Output, sync::Arc};
+use std::fs;
+use std::path::Path;
+use std::process::Output;
+use std::sync::Arc;
 use tempfile::TempDir;
-use tokio::{net::TcpListener, runtime::Runtime};
+use tokio::net::TcpListener;
+use tokio::runtime::Runtime;
 use zk0::keys;
 use zk0_aggregator::{Aggregator, Config, Service, SystemClock};
 use zk0_audit::verified_entries::verified_entries;
 use zk0_circuits::{Digest, EvalSpec};
 use zk0_ledger::log::Ledger;
 use zk0_node::recording::Recording;
-use zk0_protocol::entries::{
-    entry::{Body, Entry},
-    genesis::Genesis,
-};
-use zk0_prover::{
-    program::{Execution, GuestInput},
-    prove::Proof,
-    service::{Backend, JobError, ProvingService},
-};
+use zk0_protocol::entries::entry::{Body, Entry};
+use zk0_protocol::entries::genesis::Genesis;
+use zk0_prover::program::{Execution, GuestInput};
+use zk0_prover::prove::Proof;
+use zk0_prover::service::{Backend, JobError, ProvingService};
 use zk0_smolvla::policy::policy_file::{self, PolicyFile};
 
 /// A folder for a ledger, a node and their keys.

@@ -1,10 +1,8 @@
 //! A process that serves, ended when it is dropped.
 
 use super::zk0;
-use std::{
-    io::{BufRead, BufReader},
-    process::{Child, Stdio},
-};
+use std::io::{BufRead, BufReader};
+use std::process::{Child, Stdio};
 
 /// A serving process.
 pub struct Serving {

@@ -1,22 +1,16 @@
 //! Export: a ledger as plain files in the tlog-tiles layout. Any web server can serve them, any archive can keep them, and
 //! [`crate::published::mirror`] makes a ledger of them again.
 
+use crate::atomic_file;
+use crate::blobs::{BlobError, Blobs};
+use crate::error::LedgerError;
 use crate::published::publication::{Content, Publication, PublicationError};
-use crate::{
-    atomic_file,
-    blobs::{BlobError, Blobs},
-    error::LedgerError,
-};
-use std::{
-    fs::{self, File},
-    io::{self, Read},
-    path::{Path, PathBuf},
-};
-use zk0_protocol::tlog::{
-    checkpoint::{CheckpointError, MAX_NOTE_BYTES},
-    layout::{tiles, Resource},
-    witness_policy::WitnessPolicy,
-};
+use std::fs::{self, File};
+use std::io::{self, Read};
+use std::path::{Path, PathBuf};
+use zk0_protocol::tlog::checkpoint::{CheckpointError, MAX_NOTE_BYTES};
+use zk0_protocol::tlog::layout::{tiles, Resource};
+use zk0_protocol::tlog::witness_policy::WitnessPolicy;
 
 /// The result of an export.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -5,39 +5,29 @@
 //! checkpoint by its signature and root, and every blob by its digest. The log has to continue what was mirrored before. If it has
 //! forked, or has fewer entries, it is refused, and the folder stays as it is.
 
-use crate::{
-    blobs::{BlobError, Blobs},
-    error::{io_error, LedgerError},
-    folder,
-    history::check_network,
-    published::{
-        reader::{first_entry, PublishedError, PublishedLog},
-        source::{Source, SourceError},
-    },
-    store::{Batch, Store},
-};
-use std::{fs, io::Read, path::Path};
+use crate::blobs::{BlobError, Blobs};
+use crate::error::{io_error, LedgerError};
+use crate::folder;
+use crate::history::check_network;
+use crate::published::reader::{first_entry, PublishedError, PublishedLog};
+use crate::published::source::{Source, SourceError};
+use crate::store::{Batch, Store};
+use std::fs;
+use std::io::Read;
+use std::path::Path;
 use tlog_tiles::tlog::{stored_hash_index, HashReader};
 use zk0_circuits::Digest;
-use zk0_protocol::{
-    entries::{
-        codec::EntryError,
-        entry::{needs_checkpoint, Body, Entry},
-        genesis::Genesis,
-    },
-    rules::{
-        named_blobs::{named_blobs, NamedBlob},
-        network_rules::Rules,
-        required_witnesses::RequiredWitnesses,
-        violation::RuleViolation,
-    },
-    tlog::{
-        checkpoint::Checkpoint,
-        layout::{Resource, TILE_WIDTH},
-        tree::Frontier,
-        witness_policy::WitnessPolicy,
-    },
-};
+use zk0_protocol::entries::codec::EntryError;
+use zk0_protocol::entries::entry::{needs_checkpoint, Body, Entry};
+use zk0_protocol::entries::genesis::Genesis;
+use zk0_protocol::rules::named_blobs::{named_blobs, NamedBlob};
+use zk0_protocol::rules::network_rules::Rules;
+use zk0_protocol::rules::required_witnesses::RequiredWitnesses;
+use zk0_protocol::rules::violation::RuleViolation;
+use zk0_protocol::tlog::checkpoint::Checkpoint;
+use zk0_protocol::tlog::layout::{Resource, TILE_WIDTH};
+use zk0_protocol::tlog::tree::Frontier;
+use zk0_protocol::tlog::witness_policy::WitnessPolicy;
 
 /// The result of mirroring.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -5,36 +5,24 @@
 //! quorum of cosignatures. Later entries are on disk, but not published. Blobs of an open round are not public yet
 //! ([`zk0_protocol::rules::disclosed_blobs`]).
 
-use crate::{
-    blobs::Blobs,
-    error::LedgerError,
-    folder,
-    published::{
-        source::{Source, SourceError},
-        tiles,
-    },
-    store::Store,
-};
-use std::{
-    fs::File,
-    io::{Cursor, Read},
-    path::{Path, PathBuf},
-};
+use crate::blobs::Blobs;
+use crate::error::LedgerError;
+use crate::folder;
+use crate::published::source::{Source, SourceError};
+use crate::published::tiles;
+use crate::store::Store;
+use std::fs::File;
+use std::io::{Cursor, Read};
+use std::path::{Path, PathBuf};
 use zk0_circuits::Digest;
+use zk0_protocol::entries::entry::{Body, Entry};
+use zk0_protocol::entries::genesis::Genesis;
 use zk0_protocol::rules::disclosed_blobs::{BlobAccess, DisclosedBlobs};
-use zk0_protocol::{
-    entries::{
-        entry::{Body, Entry},
-        genesis::Genesis,
-    },
-    rules::required_witnesses::RequiredWitnesses,
-    tlog::{
-        checkpoint::{Checkpoint, Parsed},
-        layout::Resource,
-        verifier_key::VerifierKey,
-        witness_policy::WitnessPolicy,
-    },
-};
+use zk0_protocol::rules::required_witnesses::RequiredWitnesses;
+use zk0_protocol::tlog::checkpoint::{Checkpoint, Parsed};
+use zk0_protocol::tlog::layout::Resource;
+use zk0_protocol::tlog::verifier_key::VerifierKey;
+use zk0_protocol::tlog::witness_policy::WitnessPolicy;
 
 /// A folder's published log at one checkpoint.
 pub struct Publication {

@@ -3,22 +3,18 @@
 
 use crate::published::source::{Source, SourceError};
 use std::cell::RefCell;
-use tlog_tiles::{
-    tile::{Tile as HashTile, TileHashReader, TileReader},
-    tlog::{
-        prove_record, record_hash, stored_hash_index, tree_hash, Error as TreeError, Hash,
-        HashReader, HASH_SIZE,
-    },
+use tlog_tiles::tile::{Tile as HashTile, TileHashReader, TileReader};
+use tlog_tiles::tlog::{
+    prove_record, record_hash, stored_hash_index, tree_hash, Error as TreeError, Hash, HashReader,
+    HASH_SIZE,
 };
 use zk0_circuits::Digest;
-use zk0_protocol::tlog::{
-    bundle,
-    checkpoint::{Checkpoint, CheckpointError, Parsed, MAX_NOTE_BYTES},
-    layout::{Kind, Resource, Tile, MAX_TREE_SIZE, TILE_HEIGHT, TILE_WIDTH},
-    tlog_proof::TlogProof,
-    verifier_key::VerifierKey,
-    witness_policy::WitnessPolicy,
-};
+use zk0_protocol::tlog::bundle;
+use zk0_protocol::tlog::checkpoint::{Checkpoint, CheckpointError, Parsed, MAX_NOTE_BYTES};
+use zk0_protocol::tlog::layout::{Kind, Resource, Tile, MAX_TREE_SIZE, TILE_HEIGHT, TILE_WIDTH};
+use zk0_protocol::tlog::tlog_proof::TlogProof;
+use zk0_protocol::tlog::verifier_key::VerifierKey;
+use zk0_protocol::tlog::witness_policy::WitnessPolicy;
 
 /// Why a published log is not valid.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]

@@ -1,10 +1,8 @@
 //! Where a published log is read from: a folder with its files, or anything else that has files by path.
 
-use std::{
-    fs::File,
-    io::{self, Read},
-    path::{Path, PathBuf},
-};
+use std::fs::File;
+use std::io::{self, Read};
+use std::path::{Path, PathBuf};
 
 /// Gives files by the paths of [`zk0_protocol::tlog::layout`].
 pub trait Source {

@@ -1,11 +1,10 @@
 //! Tiles and bundles of a ledger, read from its database.
 
-use crate::{error::LedgerError, store::Store};
+use crate::error::LedgerError;
+use crate::store::Store;
 use tlog_tiles::tlog::{stored_hash_index, HashReader};
-use zk0_protocol::tlog::{
-    bundle::{push, BundleError},
-    layout::{Kind, Tile, TILE_HEIGHT},
-};
+use zk0_protocol::tlog::bundle::{push, BundleError};
+use zk0_protocol::tlog::layout::{Kind, Tile, TILE_HEIGHT};
 
 /// The bytes of `tile` in the log of the first `size` entries of `store`; `None` if that log does not have the tile. A tile has the same
 /// bytes for every size.

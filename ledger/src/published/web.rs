@@ -1,7 +1,8 @@
 //! A published log under an address, read over HTTP.
 
 use crate::published::source::{Source, SourceError};
-use std::{io::Read, time::Duration};
+use std::io::Read;
+use std::time::Duration;
 
 /// A log that is served under an address.
 pub struct Web {

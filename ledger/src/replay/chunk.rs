@@ -4,12 +4,11 @@
 use crate::store::Store;
 use std::ops::Range;
 use tlog_tiles::tlog::{record_hash, stored_hash_index, Hash, HashReader};
-use zk0_protocol::{
-    entries::{authentic::AuthenticEntry, known_keys::KnownKeys},
-    rules::violation::RuleViolation,
-    tlog::checkpoint::Checkpoint,
-    Entry, Genesis,
-};
+use zk0_protocol::entries::authentic::AuthenticEntry;
+use zk0_protocol::entries::known_keys::KnownKeys;
+use zk0_protocol::rules::violation::RuleViolation;
+use zk0_protocol::tlog::checkpoint::Checkpoint;
+use zk0_protocol::{Entry, Genesis};
 
 /// Most entries in a chunk.
 pub const CHUNK: u64 = 256;

@@ -2,12 +2,12 @@
 //! holds.
 
 use super::Finding;
-use crate::{
-    error::LedgerError,
-    folder,
-    store::{Key, Store},
-};
-use std::{path::Path, thread::sleep, time::Duration};
+use crate::error::LedgerError;
+use crate::folder;
+use crate::store::{Key, Store};
+use std::path::Path;
+use std::thread::sleep;
+use std::time::Duration;
 use tlog_tiles::tlog::stored_hash_count;
 
 /// Opens a database whose newest checkpoint is the published one. It tries again if a writer seems to be using the database.

@@ -23,7 +23,9 @@ pub use report::{Finding, Report, Severity, Verdict};
 pub use saved::{Saved, SavedError};
 
 use serial::Serial;
-use std::{num::NonZeroUsize, path::Path, thread};
+use std::num::NonZeroUsize;
+use std::path::Path;
+use std::thread;
 use zk0_circuits::Digest;
 
 /// Replays the ledger in `dir`, which may be a read-only copy, or in use. If `network` is given, the ledger has to be of that network.

@@ -1,7 +1,9 @@
 //! How to replay a ledger, and where to keep what was replayed.
 
 use super::saved::Saved;
-use std::{num::NonZeroUsize, path::PathBuf, time::Duration};
+use std::num::NonZeroUsize;
+use std::path::PathBuf;
+use std::time::Duration;
 use zk0_circuits::Digest;
 
 /// Options of a replay.

@@ -1,21 +1,17 @@
 //! A replay on several threads: each prepares chunks, and the serial part passes from thread to thread, in order.
 
-use super::{
-    chunk::{Chunk, CHUNK},
-    database,
-    report::Finding,
-    serial::Serial,
-};
-use crate::{error::LedgerError, store::Store};
-use std::{
-    path::Path,
-    sync::{
-        atomic::{AtomicU64, Ordering},
-        Arc, Condvar, Mutex, MutexGuard, PoisonError,
-    },
-    thread,
-};
-use zk0_protocol::{entries::known_keys::KnownKeys, Genesis};
+use super::chunk::{Chunk, CHUNK};
+use super::database;
+use super::report::Finding;
+use super::serial::Serial;
+use crate::error::LedgerError;
+use crate::store::Store;
+use std::path::Path;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::thread;
+use zk0_protocol::entries::known_keys::KnownKeys;
+use zk0_protocol::Genesis;
 
 /// Replays with so many threads, and stops at the first entry that it cannot verify.
 pub fn run(

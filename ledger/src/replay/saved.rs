@@ -7,13 +7,12 @@ use super::Finding;
 use crate::atomic_file;
 use borsh::{BorshDeserialize, BorshSerialize};
 use sha2::{Digest as _, Sha256};
-use std::{
-    fs::File,
-    io::{self, Read},
-    path::{Path, PathBuf},
-};
+use std::fs::File;
+use std::io::{self, Read};
+use std::path::{Path, PathBuf};
 use zk0_circuits::Digest;
-use zk0_protocol::{entries::entry::ENTRY_VERSION, rules::state::State};
+use zk0_protocol::entries::entry::ENTRY_VERSION;
+use zk0_protocol::rules::state::State;
 
 const FORMAT: &[u8] = b"zk0 audit state v1\n";
 

@@ -1,23 +1,24 @@
 //! The part of a replay that needs the entries before: the tree, the rules, the caller's checks. It takes one entry after the other.
 
-use super::{
-    chunk::{Chunk, Item},
-    saved::Saving,
-    Finding, Keep, Options, Recheck, Report, Saved, Severity, Verdict,
-};
-use crate::{blobs::Blobs, error::LedgerError, history::check_network, store::Store};
-use std::{
-    path::{Path, PathBuf},
-    sync::Arc,
-    time::Instant,
-};
+use super::chunk::{Chunk, Item};
+use super::saved::Saving;
+use super::{Finding, Keep, Options, Recheck, Report, Saved, Severity, Verdict};
+use crate::blobs::Blobs;
+use crate::error::LedgerError;
+use crate::history::check_network;
+use crate::store::Store;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Instant;
 use zk0_circuits::Digest;
-use zk0_protocol::{
-    entries::{authentic::AuthenticEntry, entry::needs_checkpoint, known_keys::KnownKeys},
-    rules::{state::State, violation::RuleViolation},
-    tlog::{checkpoint::Checkpoint, tree::Frontier},
-    Body, Entry, Genesis,
-};
+use zk0_protocol::entries::authentic::AuthenticEntry;
+use zk0_protocol::entries::entry::needs_checkpoint;
+use zk0_protocol::entries::known_keys::KnownKeys;
+use zk0_protocol::rules::state::State;
+use zk0_protocol::rules::violation::RuleViolation;
+use zk0_protocol::tlog::checkpoint::Checkpoint;
+use zk0_protocol::tlog::tree::Frontier;
+use zk0_protocol::{Body, Entry, Genesis};
 
 /// The history that is verified so far.
 pub struct Serial<'a> {

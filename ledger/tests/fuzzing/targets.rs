@@ -11,13 +11,13 @@ use zk0_ledger::published::reader::{first_entry, PublishedLog};
 use zk0_ledger::published::tiles;
 use zk0_ledger::replay::{replay_with, Keep, Options, Saved, SavedError};
 use zk0_protocol::entries::signed::{SignatureError, Submission, UploadRequest};
+use zk0_protocol::tlog::bundle;
 use zk0_protocol::tlog::checkpoint::Parsed;
 use zk0_protocol::tlog::cosigner::{self, Cosigner};
 use zk0_protocol::tlog::layout::{Kind, Resource, Tile};
 use zk0_protocol::tlog::witness::{AddCheckpoint, Witness};
 use zk0_protocol::{
-    tlog::bundle, Checkpoint, Entry, Receipt, Rules, Signed, State, TlogProof, VerifierKey,
-    WitnessPolicy,
+    Checkpoint, Entry, Receipt, Rules, Signed, State, TlogProof, VerifierKey, WitnessPolicy,
 };
 
 use crate::network::rounds::ledger_with_a_round;

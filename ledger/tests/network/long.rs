@@ -5,8 +5,10 @@ use super::*;
 use rocksdb::{Options, WriteBatch, DB};
 use std::path::Path;
 use tlog_tiles::tlog::stored_hash_index;
-use zk0_circuits::{vm::digest::tagged_sha256, WeightsDigest};
-use zk0_protocol::{tlog::tree::Frontier, Body, Checkpoint, Entry, Genesis, Signed, State};
+use zk0_circuits::vm::digest::tagged_sha256;
+use zk0_circuits::WeightsDigest;
+use zk0_protocol::tlog::tree::Frontier;
+use zk0_protocol::{Body, Checkpoint, Entry, Genesis, Signed, State};
 
 pub const NODES: u8 = 8;
 

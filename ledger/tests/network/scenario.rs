@@ -2,12 +2,10 @@
 //! on standard output what it has acknowledged.
 
 use super::*;
-use std::{
-    io::{IoSlice, Write},
-    os::fd::AsFd,
-    path::{Path, PathBuf},
-    process::{Command, Output},
-};
+use std::io::{IoSlice, Write};
+use std::os::fd::AsFd;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
 use zk0_circuits::Digest;
 use zk0_ledger::{Blobs, Ledger, LedgerError};
 use zk0_protocol::{Body, Checkpoint, Receipt};

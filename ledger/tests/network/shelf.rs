@@ -1,21 +1,14 @@
 //! A published log from a database with any leaves, at any size, and a source of its files that can lie.
 
 use super::*;
-use std::{
-    collections::BTreeMap,
-    io::{Cursor, Read},
-};
-use zk0_ledger::{
-    published::{
-        source::{Source, SourceError},
-        tiles,
-    },
-    store::{Batch, Store},
-};
-use zk0_protocol::{
-    tlog::{layout::Resource, tree::Frontier},
-    Checkpoint,
-};
+use std::collections::BTreeMap;
+use std::io::{Cursor, Read};
+use zk0_ledger::published::source::{Source, SourceError};
+use zk0_ledger::published::tiles;
+use zk0_ledger::store::{Batch, Store};
+use zk0_protocol::tlog::layout::Resource;
+use zk0_protocol::tlog::tree::Frontier;
+use zk0_protocol::Checkpoint;
 
 #[allow(unused_imports)] // Not every test uses both.
 pub use super::log::{log_vkey, ORIGIN};

@@ -1,15 +1,15 @@
 //! Go's `sumdb/note` and `sumdb/tlog` verify our checkpoints, cosignatures and proofs (Debian: `golang-go golang-golang-x-mod-dev`). If
 //! they are not installed, the test says so and passes.
 
-use crate::network::{shelf::log_vkey, *};
+use crate::network::shelf::log_vkey;
+use crate::network::*;
 use ed25519_dalek::SigningKey;
-use std::{
-    fs,
-    path::Path,
-    process::{Command, Output},
-};
+use std::fs;
+use std::path::Path;
+use std::process::{Command, Output};
 use zk0_ledger::Ledger;
-use zk0_protocol::{tlog::cosigner::Cosigner, TlogProof, WitnessPolicy};
+use zk0_protocol::tlog::cosigner::Cosigner;
+use zk0_protocol::{TlogProof, WitnessPolicy};
 
 /// Where Debian installs Go's packages.
 const GOPATH: &str = "/usr/share/gocode";

@@ -1,7 +1,8 @@
 //! The proofs that a ledger hands out, verified by another implementation of RFC 6962.
 
 use crate::network::*;
-use ct_merkle::{mem_backed_tree::MemoryBackedTree, ConsistencyProof, InclusionProof};
+use ct_merkle::mem_backed_tree::MemoryBackedTree;
+use ct_merkle::{ConsistencyProof, InclusionProof};
 use sha2_11::Sha256;
 use zk0_circuits::Digest;
 use zk0_ledger::Ledger;

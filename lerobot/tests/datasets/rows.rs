@@ -66,7 +66,9 @@ fn rows_that_do_not_fit() {
 
 #[test]
 fn values_that_are_not_finite() {
-    use arrow_array::{cast::AsArray, types::Float32Type, Array, FixedSizeListArray};
+    use arrow_array::cast::AsArray;
+    use arrow_array::types::Float32Type;
+    use arrow_array::{Array, FixedSizeListArray};
     let copy = Copy::new();
     copy.edit_rows(|rows| {
         let states = rows

@@ -17,8 +17,7 @@ use rand_chacha::ChaCha8Rng;
 use crate::allocations::peak;
 
 // Of the test that this is part of.
-use crate::targets::Target;
-use crate::targets::SLACK;
+use crate::targets::{Target, SLACK};
 
 pub use corpus::{fuzz, read_again};
 

@@ -1,8 +1,10 @@
 //! What is given random inputs, and what it starts from.
 
-use std::{fs, path::Path};
+use std::fs;
+use std::path::Path;
 use zk0_circuits::Digest;
-use zk0_node::{base_losses::BaseLosses, training_history::TrainingHistory};
+use zk0_node::base_losses::BaseLosses;
+use zk0_node::training_history::TrainingHistory;
 
 /// What any input may make a reader allocate.
 pub const SLACK: usize = 2 << 20;

@@ -1,16 +1,12 @@
 //! Entries whose signatures and new keys were verified. This takes most of the time of a replay, and it needs nothing but the entry.
 //! So it is separate from the rules: the rules take one entry after the other, while several threads can verify signatures.
 
-use crate::{
-    entries::{
-        entry::{Body, Entry},
-        identity::NOT_A_KEY,
-        known_keys::KnownKeys,
-        refusal::Refusal,
-        signed::{Signed, Statement},
-    },
-    rules::violation::RuleViolation,
-};
+use crate::entries::entry::{Body, Entry};
+use crate::entries::identity::NOT_A_KEY;
+use crate::entries::known_keys::KnownKeys;
+use crate::entries::refusal::Refusal;
+use crate::entries::signed::{Signed, Statement};
+use crate::rules::violation::RuleViolation;
 use std::ops::Deref;
 
 /// An entry whose signatures are all valid, and whose new keys are all usable. Only [`Entry::authenticate`] makes one.

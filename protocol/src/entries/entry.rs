@@ -1,18 +1,14 @@
 //! What the log holds. The canonical encoding of an entry is borsh; its RFC 6962 leaf is the hash of those bytes.
 
-use crate::{
-    entries::{
-        genesis::Genesis,
-        member::NodeEnrolled,
-        proposal::Outcome,
-        refusal::Refusal,
-        signed::{
-            DatasetRegistration, Dispute, KeyRotation, KeyTakeover, Proposal, Signed, Submission,
-            UpdateCommitment, Vote,
-        },
-    },
-    rules::network_rules::{Participation, Rules},
+use crate::entries::genesis::Genesis;
+use crate::entries::member::NodeEnrolled;
+use crate::entries::proposal::Outcome;
+use crate::entries::refusal::Refusal;
+use crate::entries::signed::{
+    DatasetRegistration, Dispute, KeyRotation, KeyTakeover, Proposal, Signed, Submission,
+    UpdateCommitment, Vote,
 };
+use crate::rules::network_rules::{Participation, Rules};
 use borsh::{BorshDeserialize, BorshSerialize};
 use zk0_circuits::{Digest, NodeId, WeightsDigest};
 

@@ -1,17 +1,15 @@
 //! The genesis, the entry that founds a network, and what follows from it: the network's id and the log's origin.
 
-use crate::{
-    public_key::public_key,
-    quote::short,
-    rules::network_rules::Rules,
-    tlog::{
-        checkpoint::{log_key, CheckpointError},
-        names::{is_log_name, MAX_NAME_BYTES},
-        verifier_key::VerifierKey,
-    },
-};
+use crate::public_key::public_key;
+use crate::quote::short;
+use crate::rules::network_rules::Rules;
+use crate::tlog::checkpoint::{log_key, CheckpointError};
+use crate::tlog::names::{is_log_name, MAX_NAME_BYTES};
+use crate::tlog::verifier_key::VerifierKey;
 use borsh::{BorshDeserialize, BorshSerialize};
-use zk0_circuits::{model::spec::EvalSpec, vm::digest::tagged_sha256, Digest, Mode, WeightsDigest};
+use zk0_circuits::model::spec::EvalSpec;
+use zk0_circuits::vm::digest::tagged_sha256;
+use zk0_circuits::{Digest, Mode, WeightsDigest};
 
 /// The founding document. Its digest is the network id.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]

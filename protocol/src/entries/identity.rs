@@ -1,6 +1,7 @@
 //! Checks of what members write: a key, a name, a line of text.
 
-use crate::{public_key::public_key, tlog::names::MAX_NAME_BYTES};
+use crate::public_key::public_key;
+use crate::tlog::names::MAX_NAME_BYTES;
 use zk0_circuits::NodeId;
 
 /// What a message says of an identity that is not a usable key.

@@ -1,7 +1,8 @@
 //! Identities in JSON: hexadecimal text.
 
 use crate::quote::short;
-use serde::{de::Error, Deserialize, Deserializer, Serializer};
+use serde::de::Error;
+use serde::{Deserialize, Deserializer, Serializer};
 use zk0_circuits::NodeId;
 
 /// Writes an identity.

@@ -1,10 +1,8 @@
 //! Public keys that were decompressed once. A public key is a compressed point of a curve, and decompressing it takes about a tenth of
 //! the time of a signature check. A log holds many signatures of few keys, so whoever reads many entries keeps their keys here.
 
-use crate::{
-    entries::entry::{Body, Entry},
-    public_key::public_key,
-};
+use crate::entries::entry::{Body, Entry};
+use crate::public_key::public_key;
 use ed25519_dalek::VerifyingKey;
 use std::collections::BTreeMap;
 use zk0_circuits::NodeId;

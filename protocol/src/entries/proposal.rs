@@ -1,6 +1,7 @@
 //! What a proposal changes, how people vote on it, and how it ends.
 
-use crate::{entries::member::NodeEnrolled, rules::network_rules::Rules};
+use crate::entries::member::NodeEnrolled;
+use crate::rules::network_rules::Rules;
 use borsh::{BorshDeserialize, BorshSerialize};
 use zk0_circuits::NodeId;
 

@@ -1,9 +1,7 @@
 //! Statements signed by a node or a governor: the payload, its canonical encoding and an ed25519 signature (RFC 8032).
 
-use crate::{
-    entries::proposal::{Action, Ballot},
-    public_key::public_key,
-};
+use crate::entries::proposal::{Action, Ballot};
+use crate::public_key::public_key;
 use borsh::{BorshDeserialize, BorshSerialize};
 use ed25519_dalek::{Signature, Signer, SigningKey, VerifyingKey};
 use zk0_circuits::{Claim, DatasetCommitment, Digest, NodeId, WeightsDigest};

@@ -1,7 +1,8 @@
 //! Conversions between gRPC messages and the protocol's own types.
 
 use super::federation as wire;
-use crate::{rules::open_proposal::OpenProposal, tlog::receipt::Receipt};
+use crate::rules::open_proposal::OpenProposal;
+use crate::tlog::receipt::Receipt;
 use zk0_circuits::Digest;
 
 impl From<Receipt> for wire::Receipt {

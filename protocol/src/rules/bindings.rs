@@ -1,9 +1,7 @@
 //! The fields of a claim that the ledger determines, so that they can be checked before anybody looks at the proof.
 
-use crate::{
-    entries::refusal::Refusal,
-    rules::state::{Commit, Round, State},
-};
+use crate::entries::refusal::Refusal;
+use crate::rules::state::{Commit, Round, State};
 use std::fmt::Display;
 use zk0_circuits::{Claim, Digest, Disclosure, Losses, NodeId, Terms, CLAIM_VERSION};
 

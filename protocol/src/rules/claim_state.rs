@@ -1,10 +1,8 @@
 //! The part of a state that the verification of one claim reads. It is small however long the history is, so a claim can be verified
 //! later, or by another thread, while the history goes on.
 
-use crate::rules::{
-    recent_updates::Updates,
-    state::{Round, State},
-};
+use crate::rules::recent_updates::Updates;
+use crate::rules::state::{Round, State};
 use std::collections::{BTreeMap, BTreeSet};
 use zk0_circuits::NodeId;
 

@@ -1,7 +1,8 @@
 //! Which blobs anybody may read. An update or a proof stays private until its round has closed, so that nobody can copy it in that
 //! round.
 
-use crate::{entries::entry::Body, rules::named_blobs::named_blobs};
+use crate::entries::entry::Body;
+use crate::rules::named_blobs::named_blobs;
 use std::collections::BTreeSet;
 use zk0_circuits::Digest;
 

@@ -6,13 +6,9 @@
 //! the time lock begins, during which enough weight can veto the proposal. After that the proposal is due. It has to be settled
 //! before the next round opens, so nobody can delay it, and it is settled between rounds, so no rules change during a round.
 
-use crate::{
-    entries::{
-        identity::{check_identity, check_member_name},
-        identity_text,
-    },
-    rules::basis_points::BPS,
-};
+use crate::entries::identity::{check_identity, check_member_name};
+use crate::entries::identity_text;
+use crate::rules::basis_points::BPS;
 use borsh::{BorshDeserialize, BorshSerialize};
 use serde::{Deserialize, Serialize};
 use zk0_circuits::NodeId;

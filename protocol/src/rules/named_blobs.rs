@@ -1,6 +1,7 @@
 //! The blobs that entries name: what each blob holds, how large it may be, and whether it is private at first.
 
-use crate::{entries::entry::Body, rules::network_rules::Rules};
+use crate::entries::entry::Body;
+use crate::rules::network_rules::Rules;
 use zk0_circuits::Digest;
 
 /// Largest initial policy that is fetched, in bytes. It has a limit of its own because no rule limits it.

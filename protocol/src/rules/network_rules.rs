@@ -1,13 +1,13 @@
 //! The rules of a network. The genesis states the first ones, and only a vote changes them ([`crate::rules::governance`]).
 
-use crate::{
-    entries::identity_text,
-    rules::{basis_points::BPS, governance::Governance},
-    tlog::witness_policy::WitnessPolicy,
-};
+use crate::entries::identity_text;
+use crate::rules::basis_points::BPS;
+use crate::rules::governance::Governance;
+use crate::tlog::witness_policy::WitnessPolicy;
 use borsh::{BorshDeserialize, BorshSerialize};
 use serde::{Deserialize, Serialize};
-use zk0_circuits::{claim::challenge::MAX_EVAL_SAMPLES, Disclosure, NodeId};
+use zk0_circuits::claim::challenge::MAX_EVAL_SAMPLES;
+use zk0_circuits::{Disclosure, NodeId};
 
 /// Most identities in a list of participants, so that the rules fit in an entry.
 pub const MAX_LISTED: usize = 1000;

@@ -1,9 +1,7 @@
 //! Open proposals, and how their votes are counted.
 
-use crate::{
-    entries::proposal::{Action, Ballot, Outcome},
-    rules::basis_points::BPS,
-};
+use crate::entries::proposal::{Action, Ballot, Outcome};
+use crate::rules::basis_points::BPS;
 use borsh::{BorshDeserialize, BorshSerialize};
 use std::collections::{BTreeMap, BTreeSet};
 use zk0_circuits::NodeId;

@@ -1,14 +1,10 @@
 //! Which witnesses a network's rules require, read from its entries without a state. It is for programs that publish or copy a log and
 //! do not replay it.
 
-use crate::{
-    entries::{
-        entry::Body,
-        proposal::{Action, Outcome},
-    },
-    rules::network_rules::Rules,
-    tlog::witness_policy::WitnessPolicy,
-};
+use crate::entries::entry::Body;
+use crate::entries::proposal::{Action, Outcome};
+use crate::rules::network_rules::Rules;
+use crate::tlog::witness_policy::WitnessPolicy;
 use std::collections::BTreeMap;
 
 /// The required witnesses, gathered entry by entry from the first one. It does not check whether entries follow the rules: a replay does

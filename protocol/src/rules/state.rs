@@ -1,20 +1,15 @@
 //! The state of a network after its entries so far. It is a plain value, computed from the entries and nothing else.
 
-use crate::{
-    entries::{
-        entry::{Contributor, RoundOpened},
-        genesis::Genesis,
-        signed::Evidence,
-    },
-    rules::{
-        network_rules::{Participation, Rules},
-        open_proposal::OpenProposal,
-        recent_updates::Updates,
-    },
-};
+use crate::entries::entry::{Contributor, RoundOpened};
+use crate::entries::genesis::Genesis;
+use crate::entries::signed::Evidence;
+use crate::rules::network_rules::{Participation, Rules};
+use crate::rules::open_proposal::OpenProposal;
+use crate::rules::recent_updates::Updates;
 use borsh::{BorshDeserialize, BorshSerialize};
 use std::collections::{BTreeMap, BTreeSet};
-use zk0_circuits::{vm::digest::tagged_sha256, DatasetCommitment, Digest, NodeId, WeightsDigest};
+use zk0_circuits::vm::digest::tagged_sha256;
+use zk0_circuits::{DatasetCommitment, Digest, NodeId, WeightsDigest};
 
 /// The state of a network. [`State::found`] makes one from a genesis, [`State::apply`] takes it one entry further.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]

@@ -1,9 +1,8 @@
 //! The reasons for which the state refuses an entry.
 
-use crate::{
-    entries::{codec::EntryError, refusal::Refusal},
-    rules::state::Standing,
-};
+use crate::entries::codec::EntryError;
+use crate::entries::refusal::Refusal;
+use crate::rules::state::Standing;
 use zk0_circuits::NodeId;
 
 /// Why an entry cannot follow the history so far.

@@ -1,13 +1,13 @@
 //! Signed checkpoints: C2SP tlog-checkpoint bodies in C2SP signed notes, with one ed25519 signature by the log's key. A checkpoint with
 //! cosignatures is opened by a [`crate::tlog::witness_policy::WitnessPolicy`].
 
-use crate::{
-    quote::short,
-    tlog::verifier_key::{KeyError, Role, VerifierKey},
-};
-use ed25519_dalek::{ed25519::signature::Error as SignatureError, Signer as _, SigningKey};
+use crate::quote::short;
+use crate::tlog::verifier_key::{KeyError, Role, VerifierKey};
+use ed25519_dalek::ed25519::signature::Error as SignatureError;
+use ed25519_dalek::{Signer as _, SigningKey};
 use signed_note::{Note, Signer, VerifierList};
-use tlog_tiles::{checkpoint::Checkpoint as Body, tlog::Hash};
+use tlog_tiles::checkpoint::Checkpoint as Body;
+use tlog_tiles::tlog::Hash;
 use zk0_circuits::Digest;
 
 /// Longest checkpoint that is read, in bytes, if it has only the log's signature.

@@ -1,9 +1,7 @@
 //! Who makes cosignatures, and how to find one in a witness' answer.
 
-use crate::tlog::{
-    cosignature::message,
-    verifier_key::{KeyError, Role, VerifierKey},
-};
+use crate::tlog::cosignature::message;
+use crate::tlog::verifier_key::{KeyError, Role, VerifierKey};
 use ed25519_dalek::{Signer as _, SigningKey};
 use signed_note::Note;
 

@@ -1,10 +1,8 @@
 //! Receipts. A node keeps a receipt to show that its entry is in the log.
 
-use crate::{
-    entries::codec::EntryError,
-    tlog::checkpoint::{Checkpoint, CheckpointError},
-    Entry,
-};
+use crate::entries::codec::EntryError;
+use crate::tlog::checkpoint::{Checkpoint, CheckpointError};
+use crate::Entry;
 use borsh::{BorshDeserialize, BorshSerialize};
 use tlog_tiles::tlog::{check_record, record_hash, Hash};
 use zk0_circuits::Digest;

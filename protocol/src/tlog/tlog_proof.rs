@@ -3,17 +3,14 @@
 //! The bundle's extra data is the entry itself, so that the file is complete. The proof authenticates the entry, because the entry's
 //! hash is the leaf.
 
-use crate::{
-    entries::{codec::EntryError, entry::MAX_ENTRY_BYTES},
-    tlog::{
-        checkpoint::CheckpointError,
-        decimal::decimal,
-        receipt::Receipt,
-        verifier_key::VerifierKey,
-        witness_policy::{WitnessPolicy, Witnessed},
-    },
-    Entry,
-};
+use crate::entries::codec::EntryError;
+use crate::entries::entry::MAX_ENTRY_BYTES;
+use crate::tlog::checkpoint::CheckpointError;
+use crate::tlog::decimal::decimal;
+use crate::tlog::receipt::Receipt;
+use crate::tlog::verifier_key::VerifierKey;
+use crate::tlog::witness_policy::{WitnessPolicy, Witnessed};
+use crate::Entry;
 use base64::prelude::{Engine as _, BASE64_STANDARD};
 use tlog_tiles::tlog::{check_record, record_hash, Hash};
 use zk0_circuits::Digest;

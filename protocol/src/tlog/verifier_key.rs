@@ -4,17 +4,14 @@
 //! witness cosigns them with type `0x04` (C2SP tlog-cosignature). The type is part of the key's id, so one kind of signature is never
 //! taken for the other.
 
-use crate::{
-    public_key::public_key,
-    quote::short,
-    tlog::{
-        cosignature,
-        names::{is_log_name, MAX_NAME_BYTES},
-    },
-};
+use crate::public_key::public_key;
+use crate::quote::short;
+use crate::tlog::cosignature;
+use crate::tlog::names::{is_log_name, MAX_NAME_BYTES};
 use base64::prelude::{Engine as _, BASE64_STANDARD};
 use ed25519_dalek::{Signature, VerifyingKey};
-use std::{fmt, str::FromStr};
+use std::fmt;
+use std::str::FromStr;
 
 /// The kind of a key's signatures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]

@@ -2,15 +2,11 @@
 //! cosigns another checkpoint only if it continues the first. So a log cannot show two histories to two readers who require this
 //! witness' cosignature.
 
-use crate::{
-    quote::short,
-    tlog::{
-        checkpoint::{Checkpoint, CheckpointError, Parsed, MAX_NOTE_BYTES},
-        cosigner::Cosigner,
-        decimal::decimal,
-        verifier_key::VerifierKey,
-    },
-};
+use crate::quote::short;
+use crate::tlog::checkpoint::{Checkpoint, CheckpointError, Parsed, MAX_NOTE_BYTES};
+use crate::tlog::cosigner::Cosigner;
+use crate::tlog::decimal::decimal;
+use crate::tlog::verifier_key::VerifierKey;
 use std::collections::BTreeMap;
 use tlog_tiles::tlog::{check_tree, Hash, EMPTY_HASH};
 use zk0_circuits::Digest;

@@ -11,15 +11,12 @@
 //!
 //! A policy belongs to a reader of a log, not to the log, so an auditor may be stricter than the aggregator.
 
-use crate::{
-    quote::short,
-    tlog::{
-        checkpoint::{Checkpoint, CheckpointError, Parsed},
-        verifier_key::{KeyError, Role, VerifierKey},
-    },
-};
+use crate::quote::short;
+use crate::tlog::checkpoint::{Checkpoint, CheckpointError, Parsed};
+use crate::tlog::verifier_key::{KeyError, Role, VerifierKey};
 use signed_note::{Verifier, VerifierList};
-use std::{collections::BTreeMap, fmt};
+use std::collections::BTreeMap;
+use std::fmt;
 
 /// Longest policy that is read, in bytes.
 pub const MAX_POLICY_BYTES: usize = 64 * 1024;

@@ -7,22 +7,17 @@ mod nonsense;
 mod steps;
 
 use network::*;
-use proptest::{prelude::*, test_runner::TestRunner};
-use std::{
-    cell::RefCell,
-    collections::{BTreeMap, BTreeSet},
-};
+use proptest::prelude::*;
+use proptest::test_runner::TestRunner;
+use std::cell::RefCell;
+use std::collections::{BTreeMap, BTreeSet};
 use steps::{attempt, step, wait, Step};
 use zk0_circuits::Digest;
-use zk0_protocol::{
-    entries::{
-        known_keys::KnownKeys,
-        proposal::{Action, Outcome},
-        signed::Evidence,
-    },
-    rules::network_rules::Participation,
-    Body, Entry, RuleViolation, Signed, State,
-};
+use zk0_protocol::entries::known_keys::KnownKeys;
+use zk0_protocol::entries::proposal::{Action, Outcome};
+use zk0_protocol::entries::signed::Evidence;
+use zk0_protocol::rules::network_rules::Participation;
+use zk0_protocol::{Body, Entry, RuleViolation, Signed, State};
 
 /// What came of some steps.
 struct Played {

@@ -1,23 +1,22 @@
 //! Entries of all kinds with arbitrary content. Most of them are signed by the signer that they name.
 
-use super::{network::*, steps::key_of};
+use super::network::*;
+use super::steps::key_of;
 use proptest::prelude::*;
 use zk0_circuits::{
     Claim, Digest, GuestWeights, Losses, NodeId, Terms, WeightCheck, WeightsDigest,
 };
-use zk0_protocol::{
-    entries::{
-        entry::{Contributor, DisputeResolved, ProposalSettled, RoundClosed, RoundOpened},
-        member::NodeEnrolled,
-        proposal::{Action, Ballot, Outcome},
-        signed::{
-            DatasetRegistration, Dispute, Evidence, KeyRotation, KeyTakeover, Proposal, Statement,
-            Submission, UpdateCommitment, Vote,
-        },
-    },
-    rules::network_rules::{Participation, Strategy as Average},
-    Body, Entry, Genesis, Refusal, Rules, Signed,
+use zk0_protocol::entries::entry::{
+    Contributor, DisputeResolved, ProposalSettled, RoundClosed, RoundOpened,
 };
+use zk0_protocol::entries::member::NodeEnrolled;
+use zk0_protocol::entries::proposal::{Action, Ballot, Outcome};
+use zk0_protocol::entries::signed::{
+    DatasetRegistration, Dispute, Evidence, KeyRotation, KeyTakeover, Proposal, Statement,
+    Submission, UpdateCommitment, Vote,
+};
+use zk0_protocol::rules::network_rules::{Participation, Strategy as Average};
+use zk0_protocol::{Body, Entry, Genesis, Refusal, Rules, Signed};
 
 fn any_digest() -> impl Strategy<Value = Digest> {
     any::<u8>().prop_map(digest)

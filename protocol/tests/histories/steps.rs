@@ -1,25 +1,20 @@
 //! The steps of histories. The rules allow most of them; the others are nonsense of all kinds.
 
-use super::{network::*, nonsense::nonsense};
+use super::network::*;
+use super::nonsense::nonsense;
 use ed25519_dalek::SigningKey;
 use proptest::prelude::*;
 use std::sync::LazyLock;
 use zk0_circuits::{Disclosure, Losses, NodeId};
-use zk0_protocol::{
-    entries::{
-        entry::{DisputeResolved, ProposalSettled},
-        member::NodeEnrolled,
-        proposal::{Action, Ballot, Outcome},
-        signed::{
-            Dispute, Evidence, KeyRotation, KeyTakeover, Proposal, Statement, Submission, Vote,
-        },
-    },
-    rules::{
-        network_rules::{EnrolmentRule, Participation},
-        state::{Node, Standing},
-    },
-    Body, Entry, Refusal, Rules, Signed, State,
+use zk0_protocol::entries::entry::{DisputeResolved, ProposalSettled};
+use zk0_protocol::entries::member::NodeEnrolled;
+use zk0_protocol::entries::proposal::{Action, Ballot, Outcome};
+use zk0_protocol::entries::signed::{
+    Dispute, Evidence, KeyRotation, KeyTakeover, Proposal, Statement, Submission, Vote,
 };
+use zk0_protocol::rules::network_rules::{EnrolmentRule, Participation};
+use zk0_protocol::rules::state::{Node, Standing};
+use zk0_protocol::{Body, Entry, Refusal, Rules, Signed, State};
 
 /// Keys that join, keys that take their places, and the governors' keys.
 static KEYS: LazyLock<Vec<(NodeId, SigningKey)>> = LazyLock::new(|| {

@@ -1,17 +1,11 @@
 //! Which events the second model allows next.
 
-use super::{
-    network::{COMMIT_WINDOW, DISPUTE_WINDOW, SUBMIT_WINDOW, TIME_LOCK, VOTING},
-    second::{followed, Change, Event, Invited, Model, Who, IDS, KEYS},
-};
+use super::network::{COMMIT_WINDOW, DISPUTE_WINDOW, SUBMIT_WINDOW, TIME_LOCK, VOTING};
+use super::second::{followed, Change, Event, Invited, Model, Who, IDS, KEYS};
 use zk0_circuits::vm::digest::tagged_sha256;
-use zk0_protocol::{
-    entries::{
-        proposal::{Ballot, Outcome},
-        signed::Evidence,
-    },
-    rules::state::Standing,
-};
+use zk0_protocol::entries::proposal::{Ballot, Outcome};
+use zk0_protocol::entries::signed::Evidence;
+use zk0_protocol::rules::state::Standing;
 
 impl Model<'_> {
     /// How a proposal ends, if it may be settled now.

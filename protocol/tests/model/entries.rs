@@ -1,20 +1,15 @@
 //! Makes the entries for the model's events.
 
-use super::{
-    network::{votes::*, *},
-    second::{Change, Event, Invited, Model, Who, IDS},
-};
+use super::network::votes::*;
+use super::network::*;
+use super::second::{Change, Event, Invited, Model, Who, IDS};
 use ed25519_dalek::SigningKey;
 use zk0_circuits::NodeId;
-use zk0_protocol::{
-    entries::{
-        entry::{DisputeResolved, ProposalSettled},
-        proposal::{Action, Outcome},
-        signed::{Dispute, KeyRotation, KeyTakeover, Proposal, Vote},
-    },
-    rules::network_rules::Participation,
-    Body, Rules, Signed, State,
-};
+use zk0_protocol::entries::entry::{DisputeResolved, ProposalSettled};
+use zk0_protocol::entries::proposal::{Action, Outcome};
+use zk0_protocol::entries::signed::{Dispute, KeyRotation, KeyTakeover, Proposal, Vote};
+use zk0_protocol::rules::network_rules::Participation;
+use zk0_protocol::{Body, Rules, Signed, State};
 
 fn signer(who: Who) -> (NodeId, SigningKey) {
     match who {

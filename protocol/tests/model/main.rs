@@ -17,7 +17,8 @@ use proptest::prelude::*;
 use second::{Change, Event, Invited, Model, Who, IDS, KEYS};
 use steps::{meant, step, Step};
 use zk0_circuits::NodeId;
-use zk0_protocol::{entries::proposal::Outcome, Genesis, State};
+use zk0_protocol::entries::proposal::Outcome;
+use zk0_protocol::{Genesis, State};
 
 fn founded() -> Genesis {
     let mut founded = genesis();
@@ -243,7 +244,8 @@ const NOTED: [(&str, Noted); 29] = [
 /// Otherwise the two would agree about little.
 #[test]
 fn everything_comes_to_pass() {
-    use proptest::{strategy::ValueTree, test_runner::TestRunner};
+    use proptest::strategy::ValueTree;
+    use proptest::test_runner::TestRunner;
     let mut runner = TestRunner::deterministic();
     let steps = prop::collection::vec(step(), 600..601);
     let mut seen = NOTED.map(|_| 0);

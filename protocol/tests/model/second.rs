@@ -3,13 +3,9 @@
 use super::network::{id, DISPUTE_WINDOW};
 use std::sync::LazyLock;
 use zk0_circuits::{Digest, NodeId};
-use zk0_protocol::{
-    entries::{
-        proposal::{Ballot, Outcome},
-        signed::Evidence,
-    },
-    rules::state::Standing,
-};
+use zk0_protocol::entries::proposal::{Ballot, Outcome};
+use zk0_protocol::entries::signed::Evidence;
+use zk0_protocol::rules::state::Standing;
 
 /// Weights of the governors.
 pub const GOVERNORS: [u64; 3] = [5, 3, 2];

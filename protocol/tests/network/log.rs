@@ -2,13 +2,9 @@
 
 use super::*;
 use tlog_tiles::tlog::{prove_record, prove_tree, Error as TreeError, Hash, HashReader};
-use zk0_protocol::{
-    tlog::{
-        tree::Frontier,
-        verifier_key::{Role, VerifierKey},
-    },
-    Checkpoint, Receipt,
-};
+use zk0_protocol::tlog::tree::Frontier;
+use zk0_protocol::tlog::verifier_key::{Role, VerifierKey};
+use zk0_protocol::{Checkpoint, Receipt};
 
 pub const ORIGIN: &str = "zk0.example/test";
 

@@ -8,18 +8,12 @@ use ed25519_dalek::SigningKey;
 use zk0_circuits::{
     Claim, DatasetCommitment, Digest, Disclosure, Losses, Mode, NodeId, WeightsDigest,
 };
-use zk0_protocol::{
-    entries::{
-        entry::{Contributor, RoundClosed, RoundOpened, ENTRY_VERSION},
-        member::NodeEnrolled,
-        signed::{DatasetRegistration, Submission, UpdateCommitment},
-    },
-    rules::{
-        governance::{Governance, Governor},
-        network_rules::CreditRule,
-    },
-    Body, Entry, Genesis, Refusal, RuleViolation, Rules, Signed, State,
-};
+use zk0_protocol::entries::entry::{Contributor, RoundClosed, RoundOpened, ENTRY_VERSION};
+use zk0_protocol::entries::member::NodeEnrolled;
+use zk0_protocol::entries::signed::{DatasetRegistration, Submission, UpdateCommitment};
+use zk0_protocol::rules::governance::{Governance, Governor};
+use zk0_protocol::rules::network_rules::CreditRule;
+use zk0_protocol::{Body, Entry, Genesis, Refusal, RuleViolation, Rules, Signed, State};
 
 pub const T0: u64 = 1_700_000_000_000;
 pub const COMMIT_WINDOW: u64 = 1_000;

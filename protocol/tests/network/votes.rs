@@ -1,11 +1,9 @@
 //! Proposals, votes and their ends.
 
 use super::*;
-use zk0_protocol::entries::{
-    entry::ProposalSettled,
-    proposal::{Action, Ballot, Outcome},
-    signed::{Proposal, Vote},
-};
+use zk0_protocol::entries::entry::ProposalSettled;
+use zk0_protocol::entries::proposal::{Action, Ballot, Outcome};
+use zk0_protocol::entries::signed::{Proposal, Vote};
 
 pub fn enrolment(node: u8) -> NodeEnrolled {
     match enrolled(node) {

@@ -1,16 +1,14 @@
 //! A node earns credits for proven contributions, and loses them when a dispute is upheld.
 
-use crate::network::{votes::*, *};
+use crate::network::votes::*;
+use crate::network::*;
 use zk0_circuits::{Digest, Losses};
-use zk0_protocol::{
-    entries::{
-        entry::DisputeResolved,
-        proposal::Action,
-        signed::{Dispute, Evidence},
-    },
-    rules::{network_rules::CreditRule, state::Standing},
-    Body, Refusal, RuleViolation, Signed, State,
-};
+use zk0_protocol::entries::entry::DisputeResolved;
+use zk0_protocol::entries::proposal::Action;
+use zk0_protocol::entries::signed::{Dispute, Evidence};
+use zk0_protocol::rules::network_rules::CreditRule;
+use zk0_protocol::rules::state::Standing;
+use zk0_protocol::{Body, Refusal, RuleViolation, Signed, State};
 
 /// Two contributions to round 0, which is over: entries 7 (node 0) and 8 (node 1).
 fn contributed() -> Chain {

@@ -3,10 +3,9 @@
 use super::Breaks;
 use crate::network::*;
 use zk0_circuits::NodeId;
-use zk0_protocol::{
-    entries::{codec::EntryError, member::NodeEnrolled},
-    Body, RuleViolation, State,
-};
+use zk0_protocol::entries::codec::EntryError;
+use zk0_protocol::entries::member::NodeEnrolled;
+use zk0_protocol::{Body, RuleViolation, State};
 
 #[test]
 fn genesis_comes_first_and_only_first() {

@@ -3,14 +3,10 @@
 use crate::network::*;
 use ed25519_dalek::SigningKey;
 use zk0_circuits::{Digest, NodeId, WeightsDigest};
-use zk0_protocol::{
-    entries::{
-        member::NodeEnrolled,
-        signed::{DatasetRegistration, Submission, UpdateCommitment},
-    },
-    rules::apply::{MAX_COMMITS, MAX_EPISODES},
-    Body, Refusal, RuleViolation, Signed,
-};
+use zk0_protocol::entries::member::NodeEnrolled;
+use zk0_protocol::entries::signed::{DatasetRegistration, Submission, UpdateCommitment};
+use zk0_protocol::rules::apply::{MAX_COMMITS, MAX_EPISODES};
+use zk0_protocol::{Body, Refusal, RuleViolation, Signed};
 
 /// A digest of its own for each number.
 fn numbered(kind: u8, number: usize) -> Digest {

@@ -1,16 +1,15 @@
 //! A node keeps everything when its key changes, and an episode belongs to one node.
 
-use crate::network::{votes::*, *};
+use crate::network::votes::*;
+use crate::network::*;
 use ed25519_dalek::SigningKey;
 use zk0_circuits::NodeId;
-use zk0_protocol::{
-    entries::{
-        proposal::{Action, Ballot, Outcome},
-        signed::{Dispute, Evidence, KeyRotation, KeyTakeover, Proposal, Vote},
-    },
-    rules::{apply::MAX_ROTATIONS, network_rules::Participation, state::Standing},
-    Body, Refusal, RuleViolation, Signed, State,
-};
+use zk0_protocol::entries::proposal::{Action, Ballot, Outcome};
+use zk0_protocol::entries::signed::{Dispute, Evidence, KeyRotation, KeyTakeover, Proposal, Vote};
+use zk0_protocol::rules::apply::MAX_ROTATIONS;
+use zk0_protocol::rules::network_rules::Participation;
+use zk0_protocol::rules::state::Standing;
+use zk0_protocol::{Body, Refusal, RuleViolation, Signed, State};
 
 fn rotation(state: &State, node: u8, with: u8) -> KeyRotation {
     KeyRotation {

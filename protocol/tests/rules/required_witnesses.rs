@@ -1,12 +1,11 @@
 //! A program that only reads a log finds the same required witnesses as one that replays it.
 
-use crate::network::{votes::*, *};
-use zk0_protocol::{
-    entries::proposal::{Action, Ballot, Outcome},
-    rules::required_witnesses::RequiredWitnesses,
-    tlog::cosigner::Cosigner,
-    Body, Rules,
-};
+use crate::network::votes::*;
+use crate::network::*;
+use zk0_protocol::entries::proposal::{Action, Ballot, Outcome};
+use zk0_protocol::rules::required_witnesses::RequiredWitnesses;
+use zk0_protocol::tlog::cosigner::Cosigner;
+use zk0_protocol::{Body, Rules};
 
 /// Rules that ask for this many witnesses.
 fn asking(witnesses: u8) -> Rules {

@@ -1,7 +1,9 @@
 //! Our tree against another implementation of RFC 6962.
 
-use crate::network::{log::*, *};
-use ct_merkle::{mem_backed_tree::MemoryBackedTree, ConsistencyProof, InclusionProof};
+use crate::network::log::*;
+use crate::network::*;
+use ct_merkle::mem_backed_tree::MemoryBackedTree;
+use ct_merkle::{ConsistencyProof, InclusionProof};
 use proptest::prelude::*;
 use sha2_11::Sha256;
 use zk0_circuits::Digest;

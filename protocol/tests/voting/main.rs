@@ -7,7 +7,8 @@ mod proposals;
 mod votes;
 
 use network::genesis;
-use zk0_protocol::{entries::proposal::Action, Rules};
+use zk0_protocol::entries::proposal::Action;
+use zk0_protocol::Rules;
 
 /// Rules with another number of samples per claim.
 fn other_rules() -> Rules {

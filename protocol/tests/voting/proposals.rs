@@ -1,22 +1,17 @@
 //! What can be proposed, and what an executed proposal changes.
 
 use super::change;
-use crate::network::{votes::*, *};
+use crate::network::votes::*;
+use crate::network::*;
 use zk0_circuits::NodeId;
-use zk0_protocol::{
-    entries::{
-        entry::ProposalSettled,
-        member::NodeEnrolled,
-        proposal::{Action, Ballot, Outcome},
-        signed::Proposal,
-    },
-    rules::{
-        governance::{Governance, MAX_OPEN_PROPOSALS},
-        network_rules::{Participation, Strategy},
-        state::Standing,
-    },
-    Body, Genesis, Refusal, RuleViolation, Rules, Signed,
-};
+use zk0_protocol::entries::entry::ProposalSettled;
+use zk0_protocol::entries::member::NodeEnrolled;
+use zk0_protocol::entries::proposal::{Action, Ballot, Outcome};
+use zk0_protocol::entries::signed::Proposal;
+use zk0_protocol::rules::governance::{Governance, MAX_OPEN_PROPOSALS};
+use zk0_protocol::rules::network_rules::{Participation, Strategy};
+use zk0_protocol::rules::state::Standing;
+use zk0_protocol::{Body, Genesis, Refusal, RuleViolation, Rules, Signed};
 
 #[test]
 fn a_proposal_makes_sense_when_it_is_made() {

@@ -1,12 +1,11 @@
 //! What SP1 proves on: this machine's CPU or its GPU. The device is found here; [`crate::prove`] starts SP1 on it.
 
+use super::device_error::DeviceError;
 #[cfg(feature = "cuda")]
 use super::gpu::Gpu;
-use super::{
-    device_error::DeviceError,
-    options::{ProverOptions, Resources},
-};
-use std::{fmt, str::FromStr};
+use super::options::{ProverOptions, Resources};
+use std::fmt;
+use std::str::FromStr;
 
 /// What an operator asks to prove on.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -1,6 +1,7 @@
 //! The NVIDIA GPU of this machine, and whether it has memory enough. Not yet run on a GPU.
 
-use super::{device_error::DeviceError, options::Resources};
+use super::device_error::DeviceError;
+use super::options::Resources;
 use sp1_gpu_cudart::{cuda_device_name, cuda_memory_info};
 use sp1_gpu_prover::{
     local_gpu_opts, RECURSION_TRACE_ALLOCATION, SHRINK_TRACE_ALLOCATION, WRAP_TRACE_ALLOCATION,

@@ -1,11 +1,9 @@
 //! A lock that lets one prover run at a time on a machine: two provers need more memory than the machine has for them.
 
-use std::{
-    fs::{File, OpenOptions, TryLockError},
-    io,
-    path::{Path, PathBuf},
-    time::{Duration, Instant},
-};
+use std::fs::{File, OpenOptions, TryLockError};
+use std::io;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
 
 /// The lock, held while a prover lives. The system releases it when the process ends, however it ends.
 #[derive(Debug)]

@@ -4,7 +4,8 @@
 //! such a prover for want of memory after minutes of work. So the options are chosen, or proving is refused, before anything runs.
 
 use sp1_core_executor::SP1CoreOpts;
-use std::{fs, path::Path};
+use std::fs;
+use std::path::Path;
 
 const GIB: u64 = 1 << 30;
 

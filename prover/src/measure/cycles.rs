@@ -4,7 +4,8 @@
 
 use crate::program::{elf, synthetic, ExecuteError, Executor, GuestInput};
 use serde::{Deserialize, Serialize};
-use zk0_circuits::{model::spec::Dims, EvalSpec, Mode};
+use zk0_circuits::model::spec::Dims;
+use zk0_circuits::{EvalSpec, Mode};
 
 /// A claim that is measured.
 #[derive(Clone, Copy, Debug)]

@@ -4,11 +4,9 @@
 //! for two. Each further sample costs what the second one did. Real samples cost at most that much, because their prefix is not
 //! longer, and the work depends on values only for a few cycles in ten thousand.
 
-use crate::{
-    machine::{ProverOptions, Resources},
-    program::{elf, synthetic, ExecuteError, Execution, Executor, GuestInput},
-    service::schedule::{expected_on, Work},
-};
+use crate::machine::{ProverOptions, Resources};
+use crate::program::{elf, synthetic, ExecuteError, Execution, Executor, GuestInput};
+use crate::service::schedule::{expected_on, Work};
 use serde::Serialize;
 use zk0_circuits::{EvalSpec, Mode};
 

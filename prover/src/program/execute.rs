@@ -1,10 +1,8 @@
 //! Runs a guest program without proving it. That takes a second, and gives the same public values and the cycles that a proof would
 //! have to prove.
 
-use sp1_sdk::{
-    blocking::{LightProver, Prover},
-    Elf, ExecutionReport, HashableKey, ProvingKey, SP1Stdin, SP1VerifyingKey,
-};
+use sp1_sdk::blocking::{LightProver, Prover};
+use sp1_sdk::{Elf, ExecutionReport, HashableKey, ProvingKey, SP1Stdin, SP1VerifyingKey};
 use tokio::sync::watch;
 
 /// What one run of a guest program gave.

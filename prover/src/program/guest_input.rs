@@ -1,14 +1,10 @@
 //! What a guest program reads, and the claim that follows from it.
 
-use zk0_circuits::{
-    claim::{
-        hinted_input::HintedInput,
-        private_input::InputError,
-        statement::{check, check_hinted},
-        statement_error::StatementError,
-    },
-    Claim, Mode, PrivateInput,
-};
+use zk0_circuits::claim::hinted_input::HintedInput;
+use zk0_circuits::claim::private_input::InputError;
+use zk0_circuits::claim::statement::{check, check_hinted};
+use zk0_circuits::claim::statement_error::StatementError;
+use zk0_circuits::{Claim, Mode, PrivateInput};
 
 /// A private input as the program of a mode reads it. It holds samples and the dataset's salt, so it must stay private.
 #[derive(Clone, Debug, PartialEq, Eq)]

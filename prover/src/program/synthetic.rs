@@ -4,16 +4,16 @@
 //! update. The result depends on the seed alone, so it is the same on every machine.
 
 use borsh::to_vec;
+use zk0_circuits::claim::challenge::sample_indices;
+use zk0_circuits::claim::dataset::{leaf, salt_commitment};
+use zk0_circuits::claim::private_input::{Header, Opening};
+use zk0_circuits::claim::statement::check;
+use zk0_circuits::claim::statement_error::StatementError;
+use zk0_circuits::model::layout::expert_tensors;
+use zk0_circuits::model::sample::SampleParts;
+use zk0_circuits::vm::digest::tagged_sha256;
+use zk0_circuits::vm::merkle;
 use zk0_circuits::{
-    claim::{
-        challenge::sample_indices,
-        dataset::{leaf, salt_commitment},
-        private_input::{Header, Opening},
-        statement::check,
-        statement_error::StatementError,
-    },
-    model::{layout::expert_tensors, sample::SampleParts},
-    vm::{digest::tagged_sha256, merkle},
     DatasetCommitment, Digest, Disclosure, EvalSpec, Mode, NodeId, PrivateInput, QuantisedWeights,
     Sample, Terms, WeightsDigest,
 };

@@ -4,19 +4,17 @@
 //! it. A [lock](ProverLock) keeps other processes from having one too. SP1 blocks, so it runs on threads of its own, and the caller's
 //! runtime stays free to answer.
 
-use super::{
-    engine::{self, Engine},
-    proof::Proof,
-};
-use crate::{
-    machine::{Device, LockError, ProverLock},
-    program::{elf, stdin, GuestInput, VerifyingKey},
-};
+use super::engine::{self, Engine};
+use super::proof::Proof;
+use crate::machine::{Device, LockError, ProverLock};
+use crate::program::{elf, stdin, GuestInput, VerifyingKey};
 use sp1_sdk::{ProvingKey, SP1Proof, SP1ProvingKey};
 use sp1_verifier::compressed::SP1CompressedVerifierRaw;
 use std::sync::Arc;
-use tokio::{sync::Mutex, task::spawn_blocking};
-use zk0_circuits::{claim::program::verifying_key, Mode};
+use tokio::sync::Mutex;
+use tokio::task::spawn_blocking;
+use zk0_circuits::claim::program::verifying_key;
+use zk0_circuits::Mode;
 
 /// Why there is no proof.
 #[derive(Debug, thiserror::Error)]

@@ -1,9 +1,7 @@
 //! What checks and proves claims behind the service. Tests play it, so that they need no SP1.
 
-use crate::{
-    program::{Execution, GuestInput, GuestInputError},
-    prove::Proof,
-};
+use crate::program::{Execution, GuestInput, GuestInputError};
+use crate::prove::Proof;
 use tonic::Status;
 
 /// Why a request is refused or fails.

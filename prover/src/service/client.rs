@@ -1,10 +1,9 @@
 //! A node's side of the proving service.
 
 use super::upload;
-use crate::{
-    program::GuestInput,
-    rpc::{self, prover_client::ProverClient},
-};
+use crate::program::GuestInput;
+use crate::rpc;
+use crate::rpc::prover_client::ProverClient;
 use std::time::Duration;
 use tonic::{transport, Status};
 

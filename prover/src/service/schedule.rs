@@ -4,10 +4,8 @@
 //! constants are measurements on two cores (docs/prove.md, "How long does it take?"). After each proof, the time that it really took
 //! on this machine scales them.
 
-use std::{
-    collections::VecDeque,
-    time::{Duration, Instant},
-};
+use std::collections::VecDeque;
+use std::time::{Duration, Instant};
 
 /// Proving time of an empty program, in seconds, on two cores: the start of a compressed proof and its recursion. With the rate below,
 /// the estimate was within 35 % of the measured time for claims of 0.5 to 7.4 M cycles.

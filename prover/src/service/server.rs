@@ -1,23 +1,16 @@
 //! The proving service itself: it receives requests, checks them, queues them, and has them proven one at a time.
 
-use super::{
-    backend::{Backend, JobError},
-    schedule::{Place, Schedule, Work},
-    upload::{self, Announced},
-};
-use crate::{
-    program::GuestInput,
-    rpc::{self, progress::Phase, prover_server},
-};
-use std::{
-    future::Future,
-    sync::{Arc, Mutex, MutexGuard, PoisonError},
-    time::{Duration, Instant},
-};
-use tokio::{
-    net::TcpListener,
-    sync::{mpsc, OwnedSemaphorePermit, Semaphore},
-};
+use super::backend::{Backend, JobError};
+use super::schedule::{Place, Schedule, Work};
+use super::upload::{self, Announced};
+use crate::program::GuestInput;
+use crate::rpc::progress::Phase;
+use crate::rpc::{self, prover_server};
+use std::future::Future;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+use tokio::net::TcpListener;
+use tokio::sync::{mpsc, OwnedSemaphorePermit, Semaphore};
 use tokio_stream::wrappers::{ReceiverStream, TcpListenerStream};
 use tonic::{transport, Request, Response, Status, Streaming};
 

@@ -1,12 +1,11 @@
 //! SP1 on this machine as the backend of the proving service.
 
 use super::backend::{Backend, JobError};
-use crate::{
-    machine::{Device, DeviceError, DeviceKind, LockError, ProverLock},
-    program::{elf, ExecuteError, Execution, Executor, GuestInput},
-    prove::{Proof, Sp1Prover},
-};
-use std::{sync::Arc, time::Duration};
+use crate::machine::{Device, DeviceError, DeviceKind, LockError, ProverLock};
+use crate::program::{elf, ExecuteError, Execution, Executor, GuestInput};
+use crate::prove::{Proof, Sp1Prover};
+use std::sync::Arc;
+use std::time::Duration;
 use tokio::sync::OnceCell;
 use zk0_circuits::Claim;
 

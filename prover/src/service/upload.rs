@@ -1,9 +1,8 @@
 //! How a private input travels to the proving service: its mode and the sizes of its buffers, then their bytes.
 
-use crate::{
-    program::GuestInput,
-    rpc::{prove_part::Part, prove_request, ProvePart, ProveRequest},
-};
+use crate::program::GuestInput;
+use crate::rpc::prove_part::Part;
+use crate::rpc::{prove_request, ProvePart, ProveRequest};
 use tokio_stream::{Stream, StreamExt};
 use tonic::Status;
 use zk0_circuits::Mode;

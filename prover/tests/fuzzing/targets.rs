@@ -2,11 +2,10 @@
 
 use prost::Message as _;
 use zk0_circuits::{EvalSpec, Mode};
-use zk0_prover::{
-    program::{synthetic::private_input, GuestInput},
-    rpc::ProvePart,
-    service::upload::{parts, Announced},
-};
+use zk0_prover::program::synthetic::private_input;
+use zk0_prover::program::GuestInput;
+use zk0_prover::rpc::ProvePart;
+use zk0_prover::service::upload::{parts, Announced};
 
 /// What a reader may allocate for any input, because an evaluation has tables.
 pub const SLACK: usize = 2 << 20;

@@ -2,10 +2,11 @@
 //! much room the ranges leave.
 
 use zk0_circuits::model::draw::draw;
+use zk0_circuits::model::eval::Evaluator;
 use zk0_circuits::model::parameters::Parameters;
 use zk0_circuits::model::quantise::QuantiseError;
+use zk0_circuits::model::site::EvalError;
 use zk0_circuits::model::spec::SpecError;
-use zk0_circuits::model::{eval::Evaluator, site::EvalError};
 use zk0_circuits::{Digest, EvalSpec};
 use zk0_lerobot::config::PolicyConfig;
 

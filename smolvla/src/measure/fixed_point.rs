@@ -1,8 +1,9 @@
 //! The policy in fixed point: its dimensions, weights and samples as [`zk0_circuits`] evaluates them.
 
+use zk0_circuits::model::quantise::QuantiseError;
 use zk0_circuits::model::sample::{Sample, SampleParts};
 use zk0_circuits::model::spec::Dims;
-use zk0_circuits::model::{quantise::QuantiseError, weights::QuantisedWeights};
+use zk0_circuits::model::weights::QuantisedWeights;
 use zk0_circuits::EvalSpec;
 use zk0_lerobot::config::{PolicyConfig, RMS_NORM_EPS};
 use zk0_lerobot::StoredPolicyError;

@@ -1,10 +1,8 @@
 //! The files of a crate use one another in no circle. A file that only declares modules and imports names uses nothing:
 //! what others take through it is counted as taken from where it comes.
 
-use crate::{
-    paths::{self, Path, Source},
-    read, tracked_files,
-};
+use crate::paths::{self, Path, Source};
+use crate::{read, tracked_files};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// The files of one crate: their texts by their paths below the folder of its root.

@@ -7,7 +7,8 @@ mod map;
 mod paths;
 mod tokens;
 
-use std::{path::Path, process::Command};
+use std::path::Path;
+use std::process::Command;
 
 /// The root of the repository.
 fn root() -> &'static Path {

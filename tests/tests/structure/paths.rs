@@ -1,9 +1,7 @@
 //! The modules that a source file names: in `use`, and in paths such as `crate::rules::apply`.
 
-use crate::tokens::{
-    tokens,
-    Token::{self, Colons, Sign, Word},
-};
+use crate::tokens::tokens;
+use crate::tokens::Token::{self, Colons, Sign, Word};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Names from the root of the crate: `["rules", "apply"]` for `crate::rules::apply`.

@@ -1,14 +1,10 @@
 //! From a round's contributions to new global weights, as the rules say: [`crate::combine::fedavg`], or one of [`crate::combine::robust`].
 
-use crate::{
-    combine::{
-        contributions::CombineError,
-        fedavg::average,
-        robust::{median, trimmed_mean},
-    },
-    contribution::VerifiedContribution,
-    update::Evaluation,
-};
+use crate::combine::contributions::CombineError;
+use crate::combine::fedavg::average;
+use crate::combine::robust::{median, trimmed_mean};
+use crate::contribution::VerifiedContribution;
+use crate::update::Evaluation;
 use zk0_circuits::WeightsDigest;
 use zk0_protocol::rules::network_rules::Strategy;
 

@@ -7,15 +7,13 @@ use safetensors::tensor::{serialize, Dtype, TensorView};
 use sp1_hypercube::{create_dummy_recursion_proof, SP1VerifyingKey};
 use sp1_verifier::SP1Proof;
 use zk0_circuits::freivalds::hints::coefficients;
+use zk0_circuits::freivalds::projection;
 use zk0_circuits::model::eval::Evaluator;
+use zk0_circuits::model::layout::{expert_tensors, TensorSpec};
 use zk0_circuits::model::parameters::Parameters;
 use zk0_circuits::model::spec::Dims;
-use zk0_circuits::model::{
-    layout::{expert_tensors, TensorSpec},
-    weights::Quantiser,
-};
-use zk0_circuits::Mode;
-use zk0_circuits::{freivalds::projection, Claim, Digest, EvalSpec, GuestWeights, WeightCheck};
+use zk0_circuits::model::weights::Quantiser;
+use zk0_circuits::{Claim, Digest, EvalSpec, GuestWeights, Mode, WeightCheck};
 use zk0_ledger::{replay, Blobs, Finding, Recheck};
 use zk0_protocol::entries::signed::{Signed, Submission};
 use zk0_protocol::{Body, Entry, Refusal, State};

@@ -2,17 +2,11 @@
 //!
 //! The global weights stay as they are, because later rounds were trained from them.
 
-use crate::{
-    entries::{
-        entry::DisputeResolved,
-        refusal::Refusal,
-        signed::{Dispute, Evidence},
-    },
-    rules::{
-        state::{OpenDispute, Standing, State},
-        violation::RuleViolation,
-    },
-};
+use crate::entries::entry::DisputeResolved;
+use crate::entries::refusal::Refusal;
+use crate::entries::signed::{Dispute, Evidence};
+use crate::rules::state::{OpenDispute, Standing, State};
+use crate::rules::violation::RuleViolation;
 use zk0_circuits::NodeId;
 
 /// Disputes that may be open at once.

@@ -1,18 +1,12 @@
 //! Nodes, their keys and their datasets.
 
-use crate::{
-    entries::{
-        identity::check_member_name,
-        member::NodeEnrolled,
-        refusal::Refusal,
-        signed::{DatasetRegistration, KeyRotation, KeyTakeover},
-    },
-    rules::{
-        network_rules::EnrolmentRule,
-        state::{Dataset, Node, Standing, State},
-        violation::RuleViolation,
-    },
-};
+use crate::entries::identity::check_member_name;
+use crate::entries::member::NodeEnrolled;
+use crate::entries::refusal::Refusal;
+use crate::entries::signed::{DatasetRegistration, KeyRotation, KeyTakeover};
+use crate::rules::network_rules::EnrolmentRule;
+use crate::rules::state::{Dataset, Node, Standing, State};
+use crate::rules::violation::RuleViolation;
 use zk0_circuits::NodeId;
 
 /// Most episodes in a dataset, so that their digests fit in an entry.

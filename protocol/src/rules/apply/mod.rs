@@ -15,16 +15,14 @@ mod votes;
 pub use members::{MAX_EPISODES, MAX_ROTATIONS};
 pub use rounds::MAX_COMMITS;
 
-use crate::{
-    entries::{
-        authentic::AuthenticEntry,
-        codec::EntryError,
-        entry::{Body, Entry, ENTRY_VERSION},
-        known_keys::KnownKeys,
-        refusal::Refusal,
-    },
-    rules::{recent_updates::Updates, state::State, violation::RuleViolation},
-};
+use crate::entries::authentic::AuthenticEntry;
+use crate::entries::codec::EntryError;
+use crate::entries::entry::{Body, Entry, ENTRY_VERSION};
+use crate::entries::known_keys::KnownKeys;
+use crate::entries::refusal::Refusal;
+use crate::rules::recent_updates::Updates;
+use crate::rules::state::State;
+use crate::rules::violation::RuleViolation;
 use std::collections::BTreeMap;
 use zk0_circuits::Digest;
 

@@ -1,23 +1,17 @@
 //! Rounds: openings, commitments, decisions, closings.
 
-use crate::{
-    entries::{
-        entry::{Contributor, RoundClosed, RoundOpened},
-        refusal::Refusal,
-        signed::{Evidence, UpdateCommitment},
-    },
-    rules::{
-        basis_points::BPS,
-        bindings::{already_submitted, in_time, same},
-        network_rules::Participation,
-        state::{Commit, Contribution, Decision, OpenDispute, Round, State},
-        violation::RuleViolation,
-    },
-};
+use crate::entries::entry::{Contributor, RoundClosed, RoundOpened};
+use crate::entries::refusal::Refusal;
+use crate::entries::signed::{Evidence, UpdateCommitment};
+use crate::rules::basis_points::BPS;
+use crate::rules::bindings::{already_submitted, in_time, same};
+use crate::rules::network_rules::Participation;
+use crate::rules::state::{Commit, Contribution, Decision, OpenDispute, Round, State};
+use crate::rules::violation::RuleViolation;
 use std::collections::{BTreeMap, BTreeSet};
-use zk0_circuits::{
-    claim::challenge::challenge, vm::digest::tagged_sha256, Claim, Digest, Losses, NodeId,
-};
+use zk0_circuits::claim::challenge::challenge;
+use zk0_circuits::vm::digest::tagged_sha256;
+use zk0_circuits::{Claim, Digest, Losses, NodeId};
 
 /// Most nodes that may commit in one round. The entry that closes the round names each of them, in 48 bytes.
 pub const MAX_COMMITS: usize = 1300;

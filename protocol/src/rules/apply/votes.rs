@@ -1,20 +1,14 @@
 //! Proposals, votes, and what an executed proposal changes.
 
-use crate::{
-    entries::{
-        entry::ProposalSettled,
-        identity::{check_identity, check_line},
-        proposal::{Action, Ballot, Outcome},
-        refusal::Refusal,
-        signed::{Evidence, Proposal, Vote},
-    },
-    rules::{
-        governance::{MAX_OPEN_PROPOSALS, MAX_TEXT_BYTES, MAX_TITLE_BYTES},
-        open_proposal::OpenProposal,
-        state::{Standing, State},
-        violation::RuleViolation,
-    },
-};
+use crate::entries::entry::ProposalSettled;
+use crate::entries::identity::{check_identity, check_line};
+use crate::entries::proposal::{Action, Ballot, Outcome};
+use crate::entries::refusal::Refusal;
+use crate::entries::signed::{Evidence, Proposal, Vote};
+use crate::rules::governance::{MAX_OPEN_PROPOSALS, MAX_TEXT_BYTES, MAX_TITLE_BYTES};
+use crate::rules::open_proposal::OpenProposal;
+use crate::rules::state::{Standing, State};
+use crate::rules::violation::RuleViolation;
 use std::collections::{BTreeMap, BTreeSet};
 use zk0_circuits::NodeId;
 

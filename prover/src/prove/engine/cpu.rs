@@ -3,10 +3,8 @@
 
 use super::interface::Engine;
 use crate::machine::ProverOptions;
-use sp1_sdk::{
-    blocking::{CpuProver, ProveRequest, Prover},
-    Elf, SP1ProofWithPublicValues, SP1ProvingKey, SP1Stdin,
-};
+use sp1_sdk::blocking::{CpuProver, ProveRequest, Prover};
+use sp1_sdk::{Elf, SP1ProofWithPublicValues, SP1ProvingKey, SP1Stdin};
 
 pub(crate) struct Cpu {
     client: CpuProver,

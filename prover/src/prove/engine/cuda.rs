@@ -6,8 +6,10 @@ use sp1_gpu_cudart::run_in_place;
 use sp1_gpu_prover::cuda_worker_builder;
 use sp1_prover::worker::{SP1LocalNode, SP1LocalNodeBuilder};
 use sp1_sdk::{Elf, ProvingKey, SP1ProofWithPublicValues, SP1ProvingKey, SP1Stdin};
-use std::{future, mem::ManuallyDrop};
-use tokio::{runtime::Runtime, sync::oneshot};
+use std::future;
+use std::mem::ManuallyDrop;
+use tokio::runtime::Runtime;
+use tokio::sync::oneshot;
 
 pub(crate) struct Cuda {
     node: SP1LocalNode,

@@ -1,8 +1,9 @@
 //! Starts SP1 on a device.
 
+use super::cpu::Cpu;
 #[cfg(feature = "cuda")]
 use super::cuda::Cuda;
-use super::{cpu::Cpu, interface::Engine};
+use super::interface::Engine;
 use crate::machine::Device;
 
 /// Starts SP1 on `device`. Takes minutes on few cores.
