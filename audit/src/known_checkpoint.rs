@@ -2,9 +2,10 @@
 
 use anyhow::{Context, Result};
 use std::path::Path;
+use zk0_files::bounded_file;
+use zk0_ledger::folder;
 use zk0_ledger::published::source::Source;
 use zk0_ledger::published::web::Web;
-use zk0_ledger::{bounded_file, folder};
 use zk0_protocol::tlog::checkpoint::MAX_NOTE_BYTES;
 
 /// The text of a checkpoint. `from` is a file, a folder with a file `checkpoint`, the address of a served log, or the address of a
@@ -22,5 +23,6 @@ pub fn known_checkpoint(from: &str) -> Result<Vec<u8>> {
         path if path.is_dir() => folder::checkpoint(path),
         path => path.to_owned(),
     };
-    bounded_file::read(&path, MAX_NOTE_BYTES).with_context(|| format!("reading {}", path.display()))
+    bounded_file::read(&path, MAX_NOTE_BYTES as u64)
+        .with_context(|| format!("reading {}", path.display()))
 }

@@ -7,7 +7,7 @@ use plotters::prelude::*;
 use plotters::style::register_font;
 use std::fs::File;
 use std::path::Path;
-use zk0_ledger::atomic_file;
+use zk0_files::atomic_file;
 
 /// A curve with a name: (step, loss).
 #[derive(Clone, Debug, serde::Serialize)]
@@ -76,7 +76,7 @@ pub fn draw_bars(stem: &Path, rows: &[[Bars; 2]]) -> Result<()> {
 
 fn write_json(stem: &Path, data: &impl serde::Serialize) -> Result<()> {
     let path = stem.with_extension("json");
-    atomic_file::replace(&path, &[&serde_json::to_vec(data)?])
+    atomic_file::replace(&path, &serde_json::to_vec(data)?)
         .with_context(|| format!("writing {}", path.display()))
 }
 
@@ -136,7 +136,7 @@ fn save(stem: &Path, size: (u32, u32), picture: &impl Picture) -> Result<()> {
     let (mut text, svg) = (String::new(), stem.with_extension("svg"));
     let area = SVGBackend::with_string(&mut text, size).into_drawing_area();
     draw_on(area, picture)?;
-    atomic_file::replace(&svg, &[text.as_bytes()])
+    atomic_file::replace(&svg, text.as_bytes())
         .with_context(|| format!("writing {}", svg.display()))
 }
 

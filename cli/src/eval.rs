@@ -8,7 +8,7 @@ use serde::Serialize;
 use std::fmt::Write as _;
 use std::fs;
 use std::path::PathBuf;
-use zk0_ledger::atomic_file;
+use zk0_files::atomic_file;
 use zk0_lerobot::dataset::Dataset;
 use zk0_node::progress::Progress;
 use zk0_node::samples::{FrameNames, ReadySamples};
@@ -130,7 +130,7 @@ pub fn run(options: &Options) -> Result<()> {
     if let Some(out) = &options.out {
         fs::create_dir_all(out).with_context(|| format!("creating {}", out.display()))?;
         let path = out.join("eval.json");
-        atomic_file::replace(&path, &[&serde_json::to_vec_pretty(&rows)?])
+        atomic_file::replace(&path, &serde_json::to_vec_pretty(&rows)?)
             .with_context(|| format!("writing {}", path.display()))?;
         chart::draw_bars(&out.join("eval"), &panels(&rows, options.datasets.len()))?;
     }

@@ -5,10 +5,10 @@ use ed25519_dalek::SigningKey;
 use std::io::{self, Write};
 use std::path::Path;
 use zk0_circuits::{Digest, NodeId};
-use zk0_ledger::{atomic_file, bounded_file};
+use zk0_files::{atomic_file, bounded_file};
 
 /// Largest key file that is read.
-const MAX_KEY_BYTES: usize = 200;
+const MAX_KEY_BYTES: u64 = 200;
 
 /// Makes a key, writes it to `path`, and returns its identity. An existing file is never overwritten.
 pub fn generate(path: &Path) -> Result<NodeId> {

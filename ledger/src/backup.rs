@@ -7,7 +7,6 @@
 //! **An old backup is dangerous.** It lacks what the log signed later, and a writer who goes on from it signs a second history of the
 //! same sizes. So [`restore`] asks for the newest checkpoints that anybody has.
 
-use crate::atomic_file::folder_of;
 use crate::error::{io_error, LedgerError};
 use crate::history::History;
 use crate::published::mirror::{genesis, mirror, MirrorError, Mirrored};
@@ -20,6 +19,7 @@ use std::fs::{self, File};
 use std::io::{self, Cursor, Read};
 use std::path::{Path, PathBuf};
 use zk0_circuits::Digest;
+use zk0_files::atomic_file::folder_of;
 use zk0_protocol::tlog::checkpoint::{Checkpoint, CheckpointError};
 use zk0_protocol::tlog::layout::Resource;
 use zk0_protocol::tlog::witness_policy::WitnessPolicy;

@@ -1,13 +1,13 @@
 //! Content-addressed blobs beside the log: proofs, weights, leaf lists. A blob's name is the SHA-256 of its bytes, which is verified
 //! whenever a blob is read.
 
-use crate::atomic_file::{folder_of, put_in_place, sync_folder};
 use sha2::{Digest as _, Sha256};
 use std::fs::{self, File};
 use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use zk0_circuits::Digest;
+use zk0_files::atomic_file::{folder_of, put_in_place, sync_folder};
 
 /// The blobs of one ledger folder: `blobs/sha256/<digest>`, unfinished ones in `blobs/unfinished/`.
 #[derive(Clone, Debug)]

@@ -1,11 +1,10 @@
 //! A ledger's folder, and the small files in it: the newest signed checkpoint and, if witnesses cosign checkpoints, the witness policy
 //! and the newest checkpoint with its cosignatures.
 
-use crate::atomic_file::{self, sync_folder};
 use crate::error::{io_error, LedgerError};
-use std::fs::File;
-use std::io::{self, Read};
 use std::path::{Path, PathBuf};
+use zk0_files::atomic_file::{self, sync_folder};
+use zk0_files::bounded_file;
 use zk0_protocol::tlog::checkpoint::{MAX_CHECKPOINT_BYTES, MAX_NOTE_BYTES};
 use zk0_protocol::tlog::witness_policy::{WitnessPolicy, MAX_POLICY_BYTES};
 
@@ -70,21 +69,13 @@ pub(crate) fn write_checkpoint(dir: &Path, text: &[u8]) -> Result<(), LedgerErro
     replace(&checkpoint(dir), text)
 }
 
-/// A small file's content, if the file exists. At most `limit` + 1 bytes are read, so that the caller can see that a file is too long.
+/// A small file's content, if the file exists.
 fn read(path: &Path, limit: usize) -> Result<Option<Vec<u8>>, LedgerError> {
-    let file = match File::open(path) {
-        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
-        other => other.map_err(io_error(path))?,
-    };
-    let mut text = Vec::new();
-    file.take(limit as u64 + 1)
-        .read_to_end(&mut text)
-        .map_err(io_error(path))?;
-    Ok(Some(text))
+    bounded_file::read_if_there(path, limit as u64).map_err(io_error(path))
 }
 
 fn replace(path: &Path, text: &[u8]) -> Result<(), LedgerError> {
-    atomic_file::replace(path, &[text]).map_err(io_error(path))
+    atomic_file::replace(path, text).map_err(io_error(path))
 }
 
 /// Makes what was created or renamed in `dir` durable.

@@ -2,16 +2,13 @@
 //!
 //! [`zk0_protocol`] defines the entries and which entry may come next. This crate stores and reads them. A short tour:
 //! - [`log`]: the log on disk, over [`store`] (RocksDB) and [`folder`]; [`group`]: entries that are written together; [`blobs`]: files
-//!   beside the log, named by their SHA-256; [`clock`]: whether the writer's clock is right; `atomic_file`: how files are replaced.
+//!   beside the log, named by their SHA-256; [`clock`]: whether the writer's clock is right.
 //! - [`replay`]: an auditor reads and verifies everything again.
 //! - [`published`]: the log as others read it, and mirrors of it; [`backup`]: copies of a ledger's folder, and how one is restored.
 //! - [`witness_store`]: the files of a witness.
-//! - [`atomic_file`]: files that are written whole or not at all; [`bounded_file`]: files that are read up to a limit.
 
-pub mod atomic_file;
 pub mod backup;
 pub mod blobs;
-pub mod bounded_file;
 pub mod clock;
 pub mod error;
 pub mod folder;

@@ -2,11 +2,12 @@
 //! serves it. The witness hands out a cosignature only after the file is on disk, so even a killed witness never forgets what it
 //! signed.
 
-use crate::atomic_file;
 use sha2::{Digest as _, Sha256};
 use std::fs::{self, File};
-use std::io::{self, Read};
+use std::io;
 use std::path::{Path, PathBuf};
+use zk0_files::{atomic_file, bounded_file};
+use zk0_protocol::tlog::checkpoint::MAX_NOTE_BYTES;
 use zk0_protocol::tlog::cosigner::Cosigner;
 use zk0_protocol::tlog::verifier_key::{Role, VerifierKey};
 use zk0_protocol::tlog::witness::{Accepted, Witness, WitnessRefusal};
@@ -127,7 +128,7 @@ impl WitnessStore {
 
     fn write(&self, accepted: &Accepted) -> Result<(), WitnessError> {
         let path = self.file(&accepted.origin);
-        atomic_file::replace(&path, &[&accepted.note]).map_err(io_error(&path))
+        atomic_file::replace(&path, &accepted.note).map_err(io_error(&path))
     }
 
     fn file(&self, origin: &str) -> PathBuf {
@@ -136,15 +137,7 @@ impl WitnessStore {
 }
 
 fn read(path: &Path) -> Result<Option<Vec<u8>>, WitnessError> {
-    let file = match File::open(path) {
-        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
-        other => other.map_err(io_error(path))?,
-    };
-    let mut text = Vec::new();
-    file.take(zk0_protocol::tlog::checkpoint::MAX_NOTE_BYTES as u64 + 1)
-        .read_to_end(&mut text)
-        .map_err(io_error(path))?;
-    Ok(Some(text))
+    bounded_file::read_if_there(path, MAX_NOTE_BYTES as u64).map_err(io_error(path))
 }
 
 /// The name of a log in the monitoring interface: the SHA-256 of its origin, in hexadecimal.

@@ -224,14 +224,14 @@ fn a_witness_with_a_damaged_memory_does_not_start() {
 fn nothing_is_cosigned_that_cannot_be_remembered() {
     let dir = tempfile::tempdir().unwrap();
     let shelf = Shelf::of(&leaves(20, 99));
-    let mut witness = witness(dir.path());
+    let mut witness = witness(&dir.path().join("state"));
     assert_eq!(status(&mut witness, &request(&shelf, 0, 8)), 200);
-    // A folder in the place of the new file: it cannot be written, even by root.
-    let new = dir.path().join(hash(ORIGIN)).with_extension("new");
-    fs::create_dir(&new).unwrap();
+    // Without its folder, the witness cannot write: not even root can.
+    let (folder, away) = (dir.path().join("state"), dir.path().join("away"));
+    fs::rename(&folder, &away).unwrap();
     let failed = witness.add(&request(&shelf, 8, 9).encode(), NOW);
     assert!(matches!(failed, Err(AddError::Failed(_))), "{failed:?}");
-    fs::remove_dir(&new).unwrap();
+    fs::rename(&away, &folder).unwrap();
     // And it has not moved on.
     assert_eq!(status(&mut witness, &request(&shelf, 8, 10)), 200);
 }

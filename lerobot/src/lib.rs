@@ -10,9 +10,7 @@
 //! - [`config`] has every dimension of a SmolVLA policy. [`layout`] has the names and shapes of the tensors that follow from them.
 //! - [`tokenizer`] reads a `tokenizer.json` and uses it as LeRobot does.
 //! - [`safetensors`] reads and writes tensors as plain `f32` numbers.
-//! - [`atomic_file`] writes a file whole or not at all.
 
-pub mod atomic_file;
 pub mod config;
 pub mod dataset;
 pub mod error;

@@ -1,12 +1,12 @@
 //! Instructions as token ids: a trained tokenizer from a `tokenizer.json`, used as LeRobot uses it for SmolVLA.
 
-use std::fs::File;
-use std::io::Read;
+use std::io::ErrorKind;
 use std::panic::{catch_unwind, AssertUnwindSafe};
 use std::path::{Path, PathBuf};
 
 use tokenizers::models::ModelWrapper;
 use tokenizers::{TruncationDirection, TruncationParams, TruncationStrategy};
+use zk0_files::bounded_file;
 
 use crate::config::PolicyConfig;
 use crate::error::{Result, StoredPolicyError};
@@ -115,13 +115,10 @@ impl Tokenizer for TrainedTokenizer {
 
 /// The text of a file.
 fn load(path: &Path) -> std::result::Result<String, String> {
-    let mut json = Vec::new();
-    File::open(path)
-        .and_then(|file| file.take(MAX_FILE + 1).read_to_end(&mut json))
-        .map_err(|e| format!("cannot be read: {e}"))?;
-    if json.len() as u64 > MAX_FILE {
-        return Err(too_large());
-    }
+    let json = bounded_file::read(path, MAX_FILE).map_err(|e| match e.kind() {
+        ErrorKind::FileTooLarge => too_large(),
+        _ => format!("cannot be read: {e}"),
+    })?;
     String::from_utf8(json).map_err(|e| format!("is not a tokenizer.json that can be used: {e}"))
 }
 
@@ -305,7 +302,10 @@ mod tests {
             .unwrap()
             .to_string();
         assert!(error.contains("none.json: cannot be read"), "{error}");
-        File::create(&path).unwrap().set_len(MAX_FILE + 1).unwrap();
+        std::fs::File::create(&path)
+            .unwrap()
+            .set_len(MAX_FILE + 1)
+            .unwrap();
         let error = TrainedTokenizer::read(&path, &config)
             .err()
             .unwrap()

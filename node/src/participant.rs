@@ -12,6 +12,7 @@ use std::path::PathBuf;
 use zk0_circuits::claim::program::verifying_key;
 use zk0_circuits::model::spec::EvalSpec;
 use zk0_circuits::Digest;
+use zk0_files::atomic_file::put_in_place;
 use zk0_prover::service::ProvingClient;
 use zk0_smolvla::frames::prefix_cache::DiskCache;
 use zk0_smolvla::measure::fixed_point::dims;
@@ -114,15 +115,15 @@ impl Participant {
     async fn policy(&self, node: &mut Node, blob: &Digest) -> Result<PolicyFile, ParticipantError> {
         let path = self.state.join(format!("policy-{blob}.safetensors"));
         if state_files::sha256(&path)? != Some(blob.0) {
-            let unfinished = state_files::unfinished(&path);
+            let unfinished = path.with_extension("unfinished");
             let file = File::create(&unfinished).map_err(state_files::at(&unfinished))?;
-            let mut out = BufWriter::new(file);
+            let mut out = BufWriter::new(&file);
             match node.download_to(blob, MAX_POLICY_BYTES, &mut out).await {
                 Err(NodeError::Write(error)) => return Err(state_files::at(&unfinished)(error)),
                 downloaded => downloaded?,
             }
             drop(out);
-            state_files::put(&unfinished, &path)?;
+            put_in_place(&file, &unfinished, &path).map_err(state_files::at(&path))?;
         }
         Ok(policy_file::load(&path)?)
     }

@@ -4,7 +4,7 @@ use super::enrolment::Enrolment;
 use anyhow::{Context, Result};
 use std::path::Path;
 use zk0_circuits::Disclosure;
-use zk0_ledger::bounded_file;
+use zk0_files::bounded_file;
 use zk0_protocol::rules::governance::{Governance, Governor};
 use zk0_protocol::rules::network_rules::Rules;
 
@@ -12,7 +12,7 @@ use zk0_protocol::rules::network_rules::Rules;
 pub const LEAST_UPDATE_LIMIT: u64 = 1 << 20;
 
 /// Largest file of rules that is read.
-const MAX_RULES_BYTES: usize = 1 << 20;
+const MAX_RULES_BYTES: u64 = 1 << 20;
 
 const MINUTE_MS: u64 = 60_000;
 

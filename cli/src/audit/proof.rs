@@ -6,7 +6,8 @@ use std::io::Write;
 use std::path::PathBuf;
 use zk0_audit::log_source::open_log;
 use zk0_audit::report::describe::{describe, printable};
-use zk0_ledger::{atomic_file, bounded_file, witness_policy_file};
+use zk0_files::{atomic_file, bounded_file};
+use zk0_ledger::witness_policy_file;
 use zk0_protocol::tlog::tlog_proof::{TlogProof, MAX_PROOF_BYTES};
 use zk0_protocol::tlog::verifier_key::{Role, VerifierKey};
 use zk0_protocol::tlog::witness_policy::WitnessPolicy;
@@ -49,8 +50,9 @@ pub fn prove(options: &Prove) -> Result<()> {
     })?;
     let text = proof.encode();
     match &options.out {
-        Some(path) => atomic_file::replace(path, &[&text])
-            .with_context(|| format!("writing {}", path.display())),
+        Some(path) => {
+            atomic_file::replace(path, &text).with_context(|| format!("writing {}", path.display()))
+        }
         None => Ok(std::io::stdout().write_all(&text)?),
     }
 }
@@ -61,7 +63,7 @@ pub fn verify(options: &Verify) -> Result<bool> {
     let policy = options.witness_policy.as_deref();
     let policy = policy.map_or_else(|| Ok(WitnessPolicy::none()), witness_policy_file::read)?;
     let reading = || format!("reading {}", file.display());
-    let proof = bounded_file::read(file, MAX_PROOF_BYTES).with_context(reading)?;
+    let proof = bounded_file::read(file, MAX_PROOF_BYTES as u64).with_context(reading)?;
     let proof = TlogProof::decode(&proof).with_context(reading)?;
     let keys: Vec<&VerifierKey> = match &options.log_key {
         Some(key) if key.role() == Role::Log => vec![key],

@@ -11,7 +11,7 @@ use zk0_audit::report::verdict::{verdict, Audited};
 use zk0_audit::report::{history, html};
 use zk0_audit::run::Audit;
 use zk0_audit::Depth;
-use zk0_ledger::atomic_file;
+use zk0_files::atomic_file;
 use zk0_ledger::replay::{Finding, Keep};
 
 /// `zk0 audit replay`.
@@ -97,8 +97,8 @@ fn write_page(path: &Path, dir: &Path, audited: &Audited) -> Result<()> {
         audit: audited,
         history: &history,
     })?;
-    atomic_file::replace(&data, &[&json]).with_context(|| format!("writing {}", data.display()))?;
+    atomic_file::replace(&data, &json).with_context(|| format!("writing {}", data.display()))?;
     let page = html::page(audited, &history);
-    atomic_file::replace(path, &[page.as_bytes()])
+    atomic_file::replace(path, page.as_bytes())
         .with_context(|| format!("writing {}", path.display()))
 }

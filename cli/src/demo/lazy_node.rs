@@ -8,7 +8,7 @@ use anyhow::{Context, Result};
 use sha2::{Digest as _, Sha256};
 use std::path::{Path, PathBuf};
 use zk0_circuits::{Digest, Disclosure, Losses, Terms, WeightsDigest};
-use zk0_ledger::bounded_file;
+use zk0_files::bounded_file;
 use zk0_node::client::Node;
 use zk0_node::participant::Participant;
 use zk0_node::receipts;
@@ -20,7 +20,7 @@ use zk0_smolvla::train::adaptive::Adaptation;
 use zk0_smolvla::ExpertWeights;
 
 /// Largest proof that is read. A compressed proof has 1.3 MB.
-const MAX_PROOF_BYTES: usize = 16 << 20;
+const MAX_PROOF_BYTES: u64 = 16 << 20;
 
 /// What the demo tells its lazy node.
 #[derive(Debug, clap::Args)]

@@ -10,7 +10,7 @@ use zk0_audit::report::verdict::{verdict, Audited};
 use zk0_audit::verified_entries::verified_entries;
 use zk0_circuits::model::spec::EvalSpec;
 use zk0_circuits::{Digest, NodeId};
-use zk0_ledger::atomic_file;
+use zk0_files::atomic_file;
 use zk0_ledger::blobs::Blobs;
 use zk0_ledger::replay::Verdict;
 use zk0_lerobot::dataset::Dataset;
@@ -85,7 +85,7 @@ pub fn finish(
     let global = global(&entries, genesis, &Blobs::at(network), unseen)?;
     if let Some(last) = global.last() {
         let bytes = Blobs::at(network).get(&last.weights.parse::<Digest>()?, MAX_WEIGHTS)?;
-        atomic_file::replace(&out.join("global.safetensors"), &[&bytes])
+        atomic_file::replace(&out.join("global.safetensors"), &bytes)
             .context("writing global.safetensors")?;
     }
     let proven: Vec<Proven> = contributions
@@ -116,7 +116,7 @@ pub fn finish(
     };
     atomic_file::replace(
         &out.join("metrics.json"),
-        &[&serde_json::to_vec_pretty(&metrics)?],
+        &serde_json::to_vec_pretty(&metrics)?,
     )
     .context("writing metrics.json")?;
     console.say(&format!(

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use std::fs::{self, File};
 use std::io::Write;
 use std::path::{Path, PathBuf};
-use zk0_ledger::atomic_file;
+use zk0_files::atomic_file;
 use zk0_smolvla::train::Step;
 
 /// A point of the training curve is the mean of this many steps, or of more: a long run has at most 400 points.
@@ -100,7 +100,7 @@ impl Metrics {
             serde_json::to_writer(&mut text, line)?;
             text.push(b'\n');
         }
-        atomic_file::replace(path, &[&text])
+        atomic_file::replace(path, &text)
             .and_then(|()| File::options().append(true).open(path))
             .with_context(|| format!("writing {}", path.display()))
             .map(|file| Self {

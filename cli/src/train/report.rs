@@ -4,7 +4,7 @@ use super::Options;
 use anyhow::{Context, Result};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
-use zk0_ledger::atomic_file;
+use zk0_files::atomic_file;
 use zk0_lerobot::policy_folder::Inference;
 use zk0_smolvla::policy::frozen::{FrozenPlace, FrozenPrecision};
 use zk0_smolvla::train::adaptive::Trend;
@@ -125,7 +125,7 @@ impl Report {
     /// Writes the file, whole or not at all.
     pub fn write(&self, out: &Path) -> Result<()> {
         let path = out.join("run.json");
-        atomic_file::replace(&path, &[&serde_json::to_vec_pretty(self)?])
+        atomic_file::replace(&path, &serde_json::to_vec_pretty(self)?)
             .with_context(|| format!("writing {}", path.display()))
     }
 

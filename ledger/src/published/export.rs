@@ -1,13 +1,13 @@
 //! Export: a ledger as plain files in the tlog-tiles layout. Any web server can serve them, any archive can keep them, and
 //! [`crate::published::mirror`] makes a ledger of them again.
 
-use crate::atomic_file;
 use crate::blobs::{BlobError, Blobs};
 use crate::error::LedgerError;
 use crate::published::publication::{Content, Publication, PublicationError};
 use std::fs::{self, File};
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
+use zk0_files::{atomic_file, bounded_file};
 use zk0_protocol::tlog::checkpoint::{CheckpointError, MAX_NOTE_BYTES};
 use zk0_protocol::tlog::layout::{tiles, Resource};
 use zk0_protocol::tlog::witness_policy::WitnessPolicy;
@@ -101,14 +101,10 @@ pub fn export(view: &Publication, out: &Path) -> Result<Exported, ExportError> {
 /// Refuses to change an export of another log, and an export that has more entries than the log has now.
 fn continues(view: &Publication, out: &Path) -> Result<(), ExportError> {
     let path = out.join(Resource::Checkpoint.to_string());
-    let file = match File::open(&path) {
-        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
-        other => other.map_err(io_error(&path))?,
+    let there = bounded_file::read_if_there(&path, MAX_NOTE_BYTES as u64);
+    let Some(text) = there.map_err(io_error(&path))? else {
+        return Ok(());
     };
-    let mut text = Vec::new();
-    file.take(MAX_NOTE_BYTES as u64 + 1)
-        .read_to_end(&mut text)
-        .map_err(io_error(&path))?;
     let there = WitnessPolicy::none()
         .open(&text, view.key())
         .map_err(|error| ExportError::Other { path, error })?
@@ -135,7 +131,7 @@ fn continues(view: &Publication, out: &Path) -> Result<(), ExportError> {
 /// Writes a file, and the folders above it where they are missing.
 fn write(path: &Path, bytes: &[u8]) -> Result<(), ExportError> {
     fs::create_dir_all(atomic_file::folder_of(path))
-        .and_then(|()| atomic_file::replace(path, &[bytes]))
+        .and_then(|()| atomic_file::replace(path, bytes))
         .map_err(io_error(path))
 }
 

@@ -3,6 +3,7 @@
 use std::fs::File;
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
+use zk0_files::bounded_file;
 
 /// Gives files by the paths of [`zk0_protocol::tlog::layout`].
 pub trait Source {
@@ -14,17 +15,9 @@ pub trait Source {
         let Some(file) = self.open(path)? else {
             return Ok(None);
         };
-        let mut bytes = Vec::new();
-        file.take(limit.saturating_add(1))
-            .read_to_end(&mut bytes)
-            .map_err(|error| SourceError::new(path, error.to_string()))?;
-        match bytes.len() as u64 > limit {
-            true => Err(SourceError::new(
-                path,
-                format!("it has more than {limit} bytes, which is the limit for this file"),
-            )),
-            false => Ok(Some(bytes)),
-        }
+        bounded_file::read_from(file, limit)
+            .map(Some)
+            .map_err(|error| SourceError::new(path, error.to_string()))
     }
 }
 

@@ -4,13 +4,13 @@
 //! later replay trusts it. Whoever can write this file can make that replay accept anything.
 
 use super::Finding;
-use crate::atomic_file;
 use borsh::{BorshDeserialize, BorshSerialize};
 use sha2::{Digest as _, Sha256};
-use std::fs::File;
-use std::io::{self, Read};
+use std::io;
 use std::path::{Path, PathBuf};
 use zk0_circuits::Digest;
+use zk0_files::atomic_file::{self, Durability};
+use zk0_files::bounded_file;
 use zk0_protocol::entries::entry::ENTRY_VERSION;
 use zk0_protocol::rules::state::State;
 
@@ -65,17 +65,15 @@ impl Saved {
             path: path.into(),
             why,
         };
-        let file = match File::open(path) {
-            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
+        let bytes = match bounded_file::read_if_there(path, MAX_BYTES) {
+            Err(error) if error.kind() == io::ErrorKind::FileTooLarge => {
+                return Err(unusable(error.to_string()))
+            }
             other => other.map_err(failed)?,
         };
-        let mut bytes = Vec::new();
-        file.take(MAX_BYTES + 1)
-            .read_to_end(&mut bytes)
-            .map_err(failed)?;
-        if bytes.len() as u64 > MAX_BYTES {
-            return Err(unusable(format!("it has more than {MAX_BYTES} bytes")));
-        }
+        let Some(bytes) = bytes else {
+            return Ok(None);
+        };
         let rest = bytes
             .strip_prefix(FORMAT)
             .ok_or_else(|| unusable("its first line does not name this format".into()))?;
@@ -123,7 +121,11 @@ impl Saving<'_> {
                 self.findings,
                 &self.recheck,
             ))?;
-            atomic_file::replace(path, &[FORMAT, &Sha256::digest(&rest), &rest])
+            atomic_file::write(path, Durability::OnDisk, |out| {
+                out.write_all(FORMAT)?;
+                out.write_all(&Sha256::digest(&rest))?;
+                out.write_all(&rest)
+            })
         };
         write().map_err(|error| SavedError::Io {
             path: path.into(),

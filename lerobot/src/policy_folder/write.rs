@@ -9,13 +9,13 @@ use std::path::Path;
 use safetensors::tensor::{Dtype, TensorInfo};
 use serde::ser::{Serialize, SerializeMap, Serializer};
 
-use crate::atomic_file::{self, Durability};
 use crate::dataset::Stats;
 use crate::error::{Result, StoredPolicyError};
 use crate::layout::policy_layout;
 use crate::policy_folder::folder::{PolicyFolder, WEIGHTS};
 use crate::policy_folder::other_statistics::OtherStats;
 use crate::safetensors::{check_finite, check_shape, encode, TensorData, TensorSet, BLOCK};
+use zk0_files::atomic_file::{self, Durability};
 
 /// In which type changed tensors are written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -92,8 +92,7 @@ impl PolicyFolder {
         }
         for (name, content) in &stats.files {
             let target = to.join(name);
-            atomic_file::write(&target, Durability::OnDisk, |out| out.write_all(content))
-                .map_err(failed(&target))?;
+            atomic_file::replace(&target, content).map_err(failed(&target))?;
         }
         let weights = NewWeights {
             source: self,

@@ -13,7 +13,7 @@ use std::io::{self, Write};
 use std::path::Path;
 
 use memmap2::Mmap;
-use zk0_lerobot::atomic_file::{self, Durability};
+use zk0_files::atomic_file::{self, Durability};
 use zk0_lerobot::config::PolicyConfig;
 use zk0_lerobot::policy_folder::Inference;
 use zk0_lerobot::safetensors::{metadata_of, write_to, Entry, TensorFile};

@@ -14,7 +14,7 @@ use std::{fs, io};
 use candle_core::Tensor;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
-use zk0_lerobot::atomic_file::{self, Durability};
+use zk0_files::atomic_file::{self, Durability};
 use zk0_lerobot::safetensors::{read_f32, write_to, Entry, Written};
 
 use crate::error::PolicyError;

@@ -6,12 +6,13 @@ use std::collections::{BTreeMap, BTreeSet};
 type Dependencies<'a> = BTreeMap<&'a str, BTreeSet<&'a str>>;
 
 /// Each crate, and what its row of the map names.
-const MAP: [(&str, &[&str]); 11] = [
+const MAP: [(&str, &[&str]); 12] = [
+    ("zk0-files", &[]),
     ("zk0-circuits", &[]),
-    ("zk0-lerobot", &[]),
+    ("zk0-lerobot", &["zk0-files"]),
     ("zk0-smolvla", &["zk0-circuits", "zk0-lerobot"]),
     ("zk0-protocol", &["zk0-circuits"]),
-    ("zk0-ledger", &["zk0-protocol"]),
+    ("zk0-ledger", &["zk0-files", "zk0-protocol"]),
     ("zk0-verifier", &["zk0-protocol"]),
     ("zk0-prover", &["zk0-circuits"]),
     ("zk0-node", &["zk0-smolvla", "zk0-protocol", "zk0-prover"]),

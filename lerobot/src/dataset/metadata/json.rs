@@ -1,10 +1,11 @@
 //! Metadata in JSON: one document, or one on every line. A file larger than any such file is refused before it is read.
 
 use std::fs::File;
-use std::io::{BufRead, BufReader, Read};
+use std::io::{BufRead, BufReader, Error, ErrorKind, Read};
 use std::path::Path;
 
 use serde::de::DeserializeOwned;
+use zk0_files::bounded_file;
 
 use crate::dataset::DatasetError;
 
@@ -15,18 +16,14 @@ const MAX_LINE: u64 = 1 << 20;
 
 /// Reads a metadata file, unless it is far larger than such a file can be.
 pub(crate) fn read_text(path: &Path) -> Result<String, DatasetError> {
-    let file = File::open(path).map_err(|e| DatasetError::io(path, e))?;
-    let mut text = String::new();
-    file.take(MAX_FILE + 1)
-        .read_to_string(&mut text)
-        .map_err(|e| DatasetError::io(path, e))?;
-    if text.len() as u64 > MAX_FILE {
-        return Err(DatasetError::meta(
-            path,
-            format!("is larger than {MAX_FILE} bytes"),
-        ));
-    }
-    Ok(text)
+    let bytes = bounded_file::read(path, MAX_FILE).map_err(|e| match e.kind() {
+        ErrorKind::FileTooLarge => {
+            DatasetError::meta(path, format!("is larger than {MAX_FILE} bytes"))
+        }
+        _ => DatasetError::io(path, e),
+    })?;
+    String::from_utf8(bytes)
+        .map_err(|e| DatasetError::io(path, Error::new(ErrorKind::InvalidData, e)))
 }
 
 /// Hands the object on every line of a `.jsonl` file to `each`, with the line's number from 1; empty lines are passed over.

@@ -8,7 +8,7 @@ use std::time::UNIX_EPOCH;
 
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
-use zk0_lerobot::atomic_file::{self, Durability};
+use zk0_files::atomic_file::{self, Durability};
 
 use crate::frames::prefix_cache::error::{at, CacheError};
 

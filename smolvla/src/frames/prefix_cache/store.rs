@@ -8,7 +8,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, SystemTime};
 
 use memmap2::Mmap;
-use zk0_lerobot::atomic_file::{self, Durability};
+use zk0_files::atomic_file::{self, Durability};
 
 use crate::frames::prefix_cache::entry::{decode, encode, Entry};
 use crate::frames::prefix_cache::error::{at, CacheError};

@@ -53,14 +53,29 @@ fn write_and_rename<T>(
     let filled = fill(&mut out)?;
     out.flush()?;
     drop(out);
-    if durability == Durability::OnDisk {
-        file.sync_all()?;
-    }
-    fs::rename(unfinished, path)?;
-    if durability == Durability::OnDisk {
-        sync_folder(parent(path))?;
+    match durability {
+        Durability::OnDisk => put_in_place(&file, unfinished, path)?,
+        Durability::Cache => fs::rename(unfinished, path)?,
     }
     Ok(filled)
+}
+
+/// Writes the file `path` with these bytes, as [`write()`] does. It is on disk when this returns.
+///
+/// # Errors
+/// Those of [`write()`].
+pub fn replace(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    write(path, Durability::OnDisk, |out| out.write_all(bytes))
+}
+
+/// Moves a finished file to its place: its bytes reach the disk before its name does.
+///
+/// # Errors
+/// The error of the file system.
+pub fn put_in_place(file: &File, from: &Path, to: &Path) -> io::Result<()> {
+    file.sync_all()?;
+    fs::rename(from, to)?;
+    sync_folder(folder_of(to))
 }
 
 /// Gives a finished folder its name `to`, and waits until the name is on the disk. The files in it must be there already.
@@ -70,17 +85,21 @@ fn write_and_rename<T>(
 pub fn rename_folder(from: &Path, to: &Path) -> io::Result<()> {
     sync_folder(from)?;
     fs::rename(from, to)?;
-    sync_folder(parent(to))
+    sync_folder(folder_of(to))
 }
 
 /// Waits until the names in a folder are on the disk.
-fn sync_folder(folder: &Path) -> io::Result<()> {
+///
+/// # Errors
+/// The error of the file system.
+pub fn sync_folder(folder: &Path) -> io::Result<()> {
     File::open(folder)?.sync_all()
 }
 
-fn parent(path: &Path) -> &Path {
+/// The folder that a file or a folder lies in.
+pub fn folder_of(path: &Path) -> &Path {
     match path.parent() {
-        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        Some(folder) if !folder.as_os_str().is_empty() => folder,
         _ => Path::new("."),
     }
 }
@@ -120,6 +139,8 @@ mod tests {
             assert_eq!(count.unwrap(), 3);
             assert_eq!(fs::read_to_string(&path).unwrap(), text);
         }
+        replace(&path, b"three").unwrap();
+        assert_eq!(fs::read_to_string(&path).unwrap(), "three");
         assert_eq!(names(dir.path()), ["some.file"]);
     }
 

@@ -1,0 +1,7 @@
+//! How every crate of zk0 writes and reads its own files on disk.
+//!
+//! - [`atomic_file`]: a file is written whole or not at all, and is on disk before anybody is told so.
+//! - [`bounded_file`]: a file is read up to a limit, so that a file that is too long costs no memory.
+
+pub mod atomic_file;
+pub mod bounded_file;
