@@ -30,48 +30,20 @@ impl State {
         if *opened == expected {
             return Ok(());
         }
-        let fields = [
-            (
-                "round",
-                opened.round.to_string(),
-                expected.round.to_string(),
-            ),
-            (
-                "base.blob",
-                opened.base.blob.to_string(),
-                expected.base.blob.to_string(),
-            ),
-            (
-                "base.quantised",
-                opened.base.quantised.to_string(),
-                expected.base.quantised.to_string(),
-            ),
-            (
-                "evaluation",
-                opened.evaluation.to_string(),
-                expected.evaluation.to_string(),
-            ),
-            (
-                "commit_deadline_ms",
-                opened.commit_deadline_ms.to_string(),
-                expected.commit_deadline_ms.to_string(),
-            ),
-            (
-                "submit_deadline_ms",
-                opened.submit_deadline_ms.to_string(),
-                expected.submit_deadline_ms.to_string(),
-            ),
-            (
-                "rules",
-                format!("{:?}", opened.rules),
-                format!("{:?}", expected.rules),
-            ),
-        ];
-        match fields
-            .into_iter()
-            .find(|(_, found, expected)| found != expected)
-        {
-            Some((field, found, expected)) => Err(RuleViolation::RoundField {
+        let fields = |round: &RoundOpened| {
+            [
+                ("round", round.round.to_string()),
+                ("base.blob", round.base.blob.to_string()),
+                ("base.quantised", round.base.quantised.to_string()),
+                ("evaluation", round.evaluation.to_string()),
+                ("commit_deadline_ms", round.commit_deadline_ms.to_string()),
+                ("submit_deadline_ms", round.submit_deadline_ms.to_string()),
+                ("rules", format!("{:?}", round.rules)),
+            ]
+        };
+        let mut pairs = fields(opened).into_iter().zip(fields(&expected));
+        match pairs.find(|(found, expected)| found != expected) {
+            Some(((field, found), (_, expected))) => Err(RuleViolation::RoundField {
                 round: opened.round,
                 field,
                 found,
