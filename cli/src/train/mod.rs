@@ -155,7 +155,7 @@ fn train<S: SampleKind>(options: &Options) -> Result<()> {
     let mut policy = source.policy()?;
     put_into(&mut policy, values)?;
     let model = out.join("model.safetensors");
-    let digest = policy_file::save_trained(&policy, tokenizer, &inference, &model)?;
+    let digest = policy_file::save(&policy, tokenizer, Some(&inference), &model)?;
     let curves = metrics::curves(&metrics::read(&lines)?);
     chart::draw_training(&out.join("loss"), &curves)?;
     report.ended(Ended::new(&digest, lerobot?, made, seconds, evaluated));
