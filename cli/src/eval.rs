@@ -185,7 +185,7 @@ fn measure(
     let (config, tokenizer) = (policy.config.clone(), &tokenizer);
     let cache = options.cache.open()?;
     let space = KeySpace::new::<PreparedSample>(&policy, &place);
-    let models = EvaluationModels::new(&config, &policy.expert, None, &place.device)?;
+    let models = EvaluationModels::new(&config, &policy.expert, None, &place)?;
     drop(policy);
     let maker = FrameMaker::new(datasets, config.chunk_size, || {
         let policy = source.policy();

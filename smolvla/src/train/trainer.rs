@@ -58,7 +58,7 @@ impl<'a> Trainer<'a> {
         options: TrainOptions,
     ) -> Result<Self> {
         Self::on(
-            FrozenPlace::default(),
+            &FrozenPlace::default(),
             config,
             start,
             None,
@@ -67,14 +67,14 @@ impl<'a> Trainer<'a> {
         )
     }
 
-    /// A run at `place`, which is where the samples were prepared, or another device with the same precision; a device stands for
-    /// [its usual one](FrozenPlace::on). For [`TrainScope::ExpertAndState`], `frozen` is the frozen half of the policy, or what
+    /// A run at `place`, which is where the samples were prepared, or another device with the same precision. For
+    /// [`TrainScope::ExpertAndState`], `frozen` is the frozen half of the policy, or what
     /// [`state_part`](crate::train::learner::state_part) leaves of it.
     ///
     /// # Errors
     /// As [`Self::new`]; samples and `frozen` have to be for the same scope.
     pub fn on(
-        place: impl Into<FrozenPlace>,
+        place: &FrozenPlace,
         config: &PolicyConfig,
         start: &ExpertWeights,
         frozen: Option<&TensorSet>,
@@ -85,7 +85,7 @@ impl<'a> Trainer<'a> {
         if samples.is_empty() {
             return Err(PolicyError::Sample("there are no samples".into()));
         }
-        let learner = Learner::new(config, start, frozen, &place.into())?;
+        let learner = Learner::new(config, start, frozen, place)?;
         let optimizer = AdamW::proximal(learner.variables(), options.adamw, options.fedprox_mu)?;
         Ok(Self {
             order: Order::new(options.seed, samples.len()),
