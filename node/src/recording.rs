@@ -182,7 +182,7 @@ mod tests {
         assert_eq!(trained.tokens("one two three").unwrap(), [5, 5, 5]);
         let dataset = Dataset::open(path()).unwrap();
         let preparer = Preparer::new(&hashed.policy, &trained).unwrap();
-        let expected = preparer.prepare_dataset(&dataset, |_, _| {}).unwrap();
+        let expected = preparer.prepare_every(&dataset, 1, |_, _| {}).unwrap();
         let own = PolicyFile {
             policy: hashed.policy.clone(),
             tokenizer: trained.into(),

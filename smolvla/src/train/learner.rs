@@ -10,10 +10,11 @@ use zk0_lerobot::safetensors::{TensorData, TensorSet};
 use crate::error::{PolicyError, Result};
 use crate::frames::batch::{pick, Batch, ObservedBatch, SampleSource};
 use crate::frames::sample::{ObservedSample, PreparedSample};
-use crate::measure::evaluate::FlowDraw;
+use crate::measure::evaluate::{losses_at, FlowDraw};
 use crate::policy::frozen::FrozenPlace;
 use crate::policy::model::expert::ExpertModel;
-use crate::policy::model::flow::{losses, mean_loss_valid_only, noisy_actions, target_velocity};
+use crate::policy::model::flow::mean_loss_valid_only;
+use crate::policy::model::observe::ignore;
 use crate::policy::model::state_token::StateToken;
 use crate::policy::model::Parameters;
 use crate::policy::weights::ExpertWeights;
@@ -155,16 +156,9 @@ impl Learner {
 
     /// The mean loss of a batch, by `loss_valid_only`.
     pub fn loss(&self, batch: &Batch, draws: &[FlowDraw]) -> Result<Tensor> {
-        let times: Vec<f32> = draws.iter().map(|d| d.time).collect();
-        let noise: Vec<f32> = draws.iter().flat_map(|d| d.noise.iter().copied()).collect();
-        let noise = Tensor::from_vec(noise, batch.actions.shape(), &self.models.device)?;
-        let velocity = self.models.expert.forward(
-            &batch.cache,
-            &noisy_actions(&batch.actions, &noise, &times)?,
-            &times,
-        )?;
-        let errors = losses(&velocity, &target_velocity(&batch.actions, &noise)?)?;
-        mean_loss_valid_only(&errors, self.models.config.action_dim, &batch.is_pad)
+        let (models, draws) = (&self.models, draws.iter().collect::<Vec<_>>());
+        let errors = losses_at(&models.expert, batch, &draws, &mut ignore)?;
+        mean_loss_valid_only(&errors, models.config.action_dim, &batch.is_pad)
     }
 
     /// The models as they are now, for looking at them: nothing is kept for a backward pass.

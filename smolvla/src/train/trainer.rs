@@ -6,7 +6,7 @@ use zk0_lerobot::layout::expert_layout;
 use zk0_lerobot::safetensors::TensorSet;
 
 use crate::error::{PolicyError, Result};
-use crate::measure::evaluate::{squared_errors, Evaluation, FlowDraw, SampleErrors};
+use crate::measure::evaluate::{squared_errors, FlowDraw, SampleErrors};
 use crate::policy::frozen::FrozenPlace;
 use crate::policy::model::kernels::gradients::backward;
 use crate::policy::model::observe::ignore;
@@ -209,34 +209,16 @@ pub fn evaluate_samples(
             indices.len()
         )));
     }
-    let zero = Evaluation {
-        squared_error: 0.0,
-        elements: 0,
-    };
-    let mut total = SampleErrors {
-        valid_only: zero,
-        plain: zero,
-    };
+    let mut all = Vec::with_capacity(indices.len());
     let rounds = indices.chunks(EVALUATED_AT_ONCE);
     for (indices, draws) in rounds.zip(draws.chunks(EVALUATED_AT_ONCE)) {
         let batch = models.batch(samples, indices)?;
         let draws: Vec<&FlowDraw> = draws.iter().collect();
-        let each = squared_errors(
-            models.config(),
-            models.expert(),
-            &batch,
-            &draws,
-            &mut ignore,
-        )?;
-        for one in each {
-            for (sum, more) in [
-                (&mut total.valid_only, one.valid_only),
-                (&mut total.plain, one.plain),
-            ] {
-                sum.squared_error += more.squared_error;
-                sum.elements += more.elements;
-            }
-        }
+        let (config, expert) = (models.config(), models.expert());
+        all.extend(squared_errors(config, expert, &batch, &draws, &mut ignore)?);
     }
-    Ok(total)
+    Ok(SampleErrors {
+        valid_only: all.iter().map(|one| one.valid_only).sum(),
+        plain: all.iter().map(|one| one.plain).sum(),
+    })
 }
