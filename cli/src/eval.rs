@@ -11,9 +11,9 @@ use std::path::PathBuf;
 use zk0_files::atomic_file;
 use zk0_lerobot::dataset::Dataset;
 use zk0_node::progress::Progress;
-use zk0_node::samples::{FrameNames, ReadySamples};
+use zk0_node::samples::prepare;
 use zk0_smolvla::frames::batch::SampleSource;
-use zk0_smolvla::frames::prefix_cache::{FrameMaker, KeySpace};
+use zk0_smolvla::frames::prefix_cache::{FrameMaker, FrameNames, KeySpace};
 use zk0_smolvla::frames::sample::{PreparedSample, Preparer};
 use zk0_smolvla::measure::action_error::{sample_actions, ActionError};
 use zk0_smolvla::measure::evaluate::fixed_draws;
@@ -185,7 +185,7 @@ fn measure(
     let (config, tokenizer) = (policy.config.clone(), &tokenizer);
     let cache = options.cache.open()?;
     let space = KeySpace::new::<PreparedSample>(&policy, &place);
-    let models = EvaluationModels::new(&config, &policy.expert, None, &place.device)?;
+    let models = EvaluationModels::new(&config, &policy.expert, None, &place)?;
     drop(policy);
     let maker = FrameMaker::new(datasets, config.chunk_size, || {
         let policy = source.policy();
@@ -199,8 +199,8 @@ fn measure(
             .frames(number, dataset, indices)
             .map_err(cache_failed)
             .with_context(|| format!("recording {}", dataset.root().display()))?;
-        let samples = ReadySamples::<PreparedSample>::prepare(cache.as_ref(), &maker, frames)
-            .map_err(cache_failed)?;
+        let samples =
+            prepare::<PreparedSample>(cache.as_ref(), &maker, frames).map_err(cache_failed)?;
         let draws = fixed_draws(&config, samples.len(), options.seed);
         let all: Vec<usize> = (0..samples.len()).collect();
         let errors = evaluate_samples(&models, Samples::Prepared(&samples), &all, &draws)?;

@@ -97,7 +97,7 @@ fn a_node_downloads_the_policy_once_and_believes_its_digest_alone() {
 
     let good = fs::read(&kept).unwrap();
     let other = PolicyFile::hashing_words(init_policy(&Profile::Micro.config(), 9).unwrap());
-    policy_file::save(&other.policy, &other.tokenizer, Path::new(&kept)).unwrap();
+    policy_file::save(&other.policy, &other.tokenizer, None, Path::new(&kept)).unwrap();
     assert_ne!(fs::read(&kept).unwrap(), good);
     network.joins(0, &[]);
     assert!(fs::read(&kept).unwrap() == good, "another policy was taken");
@@ -112,7 +112,7 @@ fn a_node_takes_no_other_policy_than_the_genesis_names() {
     let name = network.genesis().policy.to_string();
     let blob = Path::new(&network.path("ledger/blobs/sha256")).join(&name);
     let other = PolicyFile::hashing_words(init_policy(&Profile::Micro.config(), 9).unwrap());
-    policy_file::save(&other.policy, &other.tokenizer, &blob).unwrap();
+    policy_file::save(&other.policy, &other.tokenizer, None, &blob).unwrap();
     let output = network.join(0, &[]);
     let said = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(1), "{said}");

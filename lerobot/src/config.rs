@@ -1,7 +1,7 @@
 //! Every dimension of a SmolVLA policy.
 //!
 //! Field meanings follow LeRobot's `SmolVLAConfig` and transformers' `SmolVLMConfig`
-//! ([`PolicyConfig::from_lerobot`] reads both). What is the same in all SmolVLA models is a constant here, not a field.
+//! ([`LeRobotConfig`](crate::policy_folder::LeRobotConfig) reads both). What is the same in all SmolVLA models is a constant here, not a field.
 
 use serde::{Deserialize, Serialize};
 

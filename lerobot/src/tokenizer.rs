@@ -163,6 +163,7 @@ fn guarded<T>(step: impl FnOnce() -> tokenizers::Result<T>) -> std::result::Resu
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::policy_folder::LeRobotConfig;
     use serde_json::{json, Value};
 
     /// A policy that reads four tokens and knows 128.
@@ -173,7 +174,7 @@ mod tests {
         );
         let text = |file: &str| std::fs::read_to_string(format!("{folder}/{file}")).unwrap();
         let (policy, vlm) = (text("policy_config.json"), text("vlm_config.json"));
-        let mut config = PolicyConfig::from_lerobot(&policy, &vlm).unwrap();
+        let mut config = LeRobotConfig::parse(&policy, Some(&vlm)).unwrap().dims;
         config.max_language_tokens = 4;
         config
     }

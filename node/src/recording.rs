@@ -1,7 +1,7 @@
 //! A node's own recording: each frame goes through the frozen prefix once, is quantised, and is committed to.
 
 use crate::error::ParticipantError;
-use crate::samples::{FrameNames, ReadySamples};
+use crate::samples::prepare;
 use std::collections::BTreeSet;
 use std::path::Path;
 use std::slice;
@@ -14,8 +14,7 @@ use zk0_circuits::vm::merkle;
 use zk0_circuits::{DatasetCommitment, Digest, PrivateInput};
 use zk0_lerobot::dataset::Dataset;
 use zk0_protocol::rules::bindings::ExpectedClaim;
-use zk0_smolvla::frames::batch::SampleSource;
-use zk0_smolvla::frames::prefix_cache::{DiskCache, FrameMaker, KeySpace};
+use zk0_smolvla::frames::prefix_cache::{DiskCache, FrameMaker, FrameNames, KeySpace};
 use zk0_smolvla::frames::sample::{PreparedSample, Preparer};
 use zk0_smolvla::measure::fixed_point::quantise_sample;
 use zk0_smolvla::policy::frozen::FrozenPlace;
@@ -127,12 +126,7 @@ pub fn prepare_samples(
     let maker = FrameMaker::new(slice::from_ref(dataset), policy.config.chunk_size, || {
         Preparer::new(policy, tokenizer)
     });
-    match ReadySamples::prepare(cache, &maker, frames)? {
-        ReadySamples::InMemory(samples) => Ok(samples),
-        ReadySamples::Cached(source) => (0..source.len())
-            .map(|index| Ok(source.sample(index)?.into_owned()))
-            .collect(),
-    }
+    Ok(prepare(cache, &maker, frames)?.into_samples()?)
 }
 
 #[cfg(test)]
@@ -188,7 +182,7 @@ mod tests {
         assert_eq!(trained.tokens("one two three").unwrap(), [5, 5, 5]);
         let dataset = Dataset::open(path()).unwrap();
         let preparer = Preparer::new(&hashed.policy, &trained).unwrap();
-        let expected = preparer.prepare_dataset(&dataset, |_, _| {}).unwrap();
+        let expected = preparer.prepare_every(&dataset, 1, |_, _| {}).unwrap();
         let own = PolicyFile {
             policy: hashed.policy.clone(),
             tokenizer: trained.into(),

@@ -8,14 +8,12 @@
 //! - [`measure`] computes what a policy's weights are worth: the flow-matching loss at chosen noise and times, which is what a claim
 //!   is about, the error of sampled actions, and the form in fixed point that a claim evaluates.
 //! - [`train`] fits the expert to samples. Training can be stopped at any moment and resumed.
-//! - [`act`] goes from what a robot sees to its next actions.
 //!
 //! Recordings, policy folders of LeRobot and the dimensions of a policy are in [`zk0_lerobot`].
 //!
 //! Only [`policy::profile`] knows sizes. The `tiny` fixture, the `micro` profile of the demo and the published model run through
 //! the same functions.
 
-pub mod act;
 pub mod error;
 pub mod frames;
 pub mod measure;

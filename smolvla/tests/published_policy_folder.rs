@@ -8,13 +8,11 @@ use std::fs::File;
 use std::io::{BufReader, BufWriter, Read, Write};
 use std::path::Path;
 
-use candle_core::Device;
 use half::bf16;
-use reference::peak_gib;
+use reference::{parameters_of, peak_gib};
 use zk0_lerobot::layout::{state_dict_layout, trainable_layout};
 use zk0_lerobot::policy_folder::{PolicyFolder, Precision};
 use zk0_lerobot::safetensors::TensorSet;
-use zk0_smolvla::policy::model::Parameters;
 use zk0_smolvla::Profile;
 
 /// The policy is 1.5 GiB in F32. A second copy of it, or the file mapped beside it, would not fit.
@@ -95,7 +93,7 @@ fn a_published_policy_folder_is_read_and_written_in_bounded_memory() {
     let opened = PolicyFolder::open(&source).unwrap();
     let dims = &opened.config().dims;
     assert_eq!((dims.text.layers, dims.cameras), (16, 2));
-    let parameters = Parameters::from_folder(&opened, &Device::Cpu).unwrap();
+    let parameters = parameters_of(&opened);
     let name = "model.action_out_proj.bias";
     let bias: Vec<f32> = parameters.get(name).unwrap().to_vec1().unwrap();
     assert!(bias.iter().all(|x| bf16::from_f32(*x).to_f32() == *x));

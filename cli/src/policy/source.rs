@@ -209,7 +209,7 @@ mod tests {
         fs::write(dir.path().join("tokenizer.json"), definition()).unwrap();
         let loaded = source.load().unwrap();
         let path = dir.path().join("policy.safetensors");
-        policy_file::save(&loaded.policy, &loaded.tokenizer, &path).unwrap();
+        policy_file::save(&loaded.policy, &loaded.tokenizer, None, &path).unwrap();
         let file = PolicySource::Path(path);
         assert_eq!(tokens(&file), [2, 3]);
         assert_eq!(file.policy().unwrap(), loaded.policy);

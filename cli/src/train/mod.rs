@@ -23,8 +23,10 @@ use zk0_lerobot::layout::expert_layout;
 use zk0_lerobot::policy_folder::Inference;
 use zk0_lerobot::safetensors::TensorSet;
 use zk0_node::progress::Progress;
-use zk0_node::samples::{FrameNames, ReadySamples, SampleKind};
-use zk0_smolvla::frames::prefix_cache::{digest_of, FrameMaker, FrameRef, KeySpace};
+use zk0_node::samples::{self, SampleKind};
+use zk0_smolvla::frames::prefix_cache::{
+    digest_of, FrameMaker, FrameNames, FrameRef, KeySpace, PreparedFrames,
+};
 use zk0_smolvla::frames::sample::{ObservedSample, PreparedSample, Preparer};
 use zk0_smolvla::measure::evaluate::{fixed_draws, FlowDraw};
 use zk0_smolvla::policy::policy_file::{self, PolicyFile};
@@ -82,7 +84,7 @@ fn train<S: SampleKind>(options: &Options) -> Result<()> {
         Preparer::at(&at, policy, tokenizer)
     });
     let prepare =
-        |frames| ReadySamples::<S>::prepare(cache.as_ref(), &maker, frames).map_err(cache_failed);
+        |frames| samples::prepare::<S>(cache.as_ref(), &maker, frames).map_err(cache_failed);
     let ours = prepare(chosen.train)?;
     let held_out = match chosen.held_out.is_empty() {
         true => None,
@@ -153,7 +155,7 @@ fn train<S: SampleKind>(options: &Options) -> Result<()> {
     let mut policy = source.policy()?;
     put_into(&mut policy, values)?;
     let model = out.join("model.safetensors");
-    let digest = policy_file::save_trained(&policy, tokenizer, &inference, &model)?;
+    let digest = policy_file::save(&policy, tokenizer, Some(&inference), &model)?;
     let curves = metrics::curves(&metrics::read(&lines)?);
     chart::draw_training(&out.join("loss"), &curves)?;
     report.ended(Ended::new(&digest, lerobot?, made, seconds, evaluated));
@@ -203,7 +205,7 @@ impl Chosen {
 
 /// The samples of the held-out episodes. Each has a noise and a time that stay the same at every evaluation.
 struct HeldOut<'c, 'a, S> {
-    samples: ReadySamples<'c, 'a, S>,
+    samples: PreparedFrames<'c, 'a, S>,
     draws: Vec<FlowDraw>,
 }
 

@@ -89,9 +89,6 @@ pub enum DatasetError {
     /// The caller asked for an action chunk of a length that is not allowed.
     #[error("an action chunk cannot have {chunk} frames; it must have 1 to {max}")]
     Chunk { chunk: usize, max: usize },
-    /// The caller asked for `delta_timestamps` that cannot be used.
-    #[error("delta_timestamps of {key}: {cause}")]
-    DeltaTimestamps { key: String, cause: String },
 }
 
 impl DatasetError {

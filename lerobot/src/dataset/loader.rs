@@ -1,12 +1,11 @@
-//! Frames as a policy is trained on them: pictures and state now, actions from now on, or whatever else
-//! [`DeltaTimestamps`] ask for.
+//! Frames as a policy is trained on them: pictures and state now, actions from now on, or whatever else a [`Window`] asks for.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
 
-use crate::dataset::delta_timestamps::{DeltaTimestamps, Window};
 use crate::dataset::tables::motion::TOLERANCE;
 use crate::dataset::video::reader::VideoReader;
+use crate::dataset::window::Window;
 use crate::dataset::{Dataset, DatasetError};
 
 /// What LeRobot's `__getitem__` gives for one frame under some `delta_timestamps`.
@@ -77,22 +76,6 @@ impl Dataset {
         Ok(Loader::new(self, Window::chunk(self.info(), chunk)?))
     }
 
-    /// A loader of frames with other frames around them, as LeRobot's `delta_timestamps` ask for it.
-    ///
-    /// # Errors
-    /// As [`DeltaTimestamps::window`].
-    pub fn loader_with(&self, deltas: &DeltaTimestamps) -> Result<Loader<'_>, DatasetError> {
-        Ok(Loader::new(self, deltas.window(self.info())?))
-    }
-
-    /// All frames in order, every video decoded once; stops after the first error.
-    ///
-    /// # Errors
-    /// As [`Dataset::loader`].
-    pub fn frames(&self, chunk: usize) -> Result<Frames<'_>, DatasetError> {
-        Ok(Frames::new(self.loader(chunk)?))
-    }
-
     /// One frame; a [`Loader`] is faster for more than one.
     ///
     /// # Errors
@@ -103,7 +86,8 @@ impl Dataset {
 }
 
 impl<'a> Loader<'a> {
-    pub(crate) fn new(dataset: &'a Dataset, window: Window) -> Self {
+    /// A loader of frames with those of `window` around them, which has to be one of this recording.
+    pub fn new(dataset: &'a Dataset, window: Window) -> Self {
         Self {
             dataset,
             window,
@@ -115,11 +99,6 @@ impl<'a> Loader<'a> {
         }
     }
 
-    /// Which frames it gives around the one asked for.
-    pub fn window(&self) -> &Window {
-        &self.window
-    }
-
     /// Frame `index` with its pictures.
     ///
     /// # Errors
@@ -128,7 +107,9 @@ impl<'a> Loader<'a> {
         let mut frame = self.motion(index)?;
         let episode = self.dataset.episodes()[frame.episode].frames.clone();
         for camera in 0..self.cameras.len() {
-            let (wanted, is_pad) = within(&episode, index, &self.window.cameras[camera]);
+            let offsets = self.window.cameras.get(camera);
+            let offsets = offsets.map_or(&[][..], Vec::as_slice);
+            let (wanted, is_pad) = within(&episode, index, offsets);
             frame.images.extend(self.images(camera, &wanted)?);
             frame.image_is_pad.extend(is_pad);
         }
@@ -239,35 +220,9 @@ fn within(episode: &Range<usize>, index: usize, offsets: &[i64]) -> (Vec<usize>,
     offsets
         .iter()
         .map(|offset| {
-            let wanted = index as i64 + offset;
+            let wanted = (index as i64).saturating_add(*offset);
             let held = wanted.clamp(first, last);
             (held as usize, held != wanted)
         })
         .unzip()
-}
-
-/// All frames in order; ends after the first error.
-pub struct Frames<'a> {
-    loader: Loader<'a>,
-    next: usize,
-}
-
-impl<'a> Frames<'a> {
-    pub(crate) fn new(loader: Loader<'a>) -> Self {
-        Self { loader, next: 0 }
-    }
-}
-
-impl Iterator for Frames<'_> {
-    type Item = Result<Frame, DatasetError>;
-
-    fn next(&mut self) -> Option<Self::Item> {
-        let len = self.loader.dataset.len();
-        if self.next >= len {
-            return None;
-        }
-        let frame = self.loader.frame(self.next);
-        self.next = if frame.is_ok() { self.next + 1 } else { len };
-        Some(frame)
-    }
 }

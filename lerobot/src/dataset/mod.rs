@@ -15,12 +15,11 @@
 //! [`Dataset::open`] reads everything but the pixels and checks it. What it returns is consistent; the faults that it corrected are
 //! in [`Dataset::repairs`]. [`Dataset::loader`] then gives [`Frame`]s. Each is what LeRobot's `LeRobotDataset.__getitem__` gives under
 //! SmolVLA's `delta_timestamps` (observations of this frame, and a chunk of actions from this frame on).
-//! [`Dataset::loader_with`] takes any other [`DeltaTimestamps`]. `feature_spec` makes a digest of what kind of recording it is.
+//! [`Loader::new`] takes any other [`Window`]. `feature_spec` makes a digest of what kind of recording it is.
 //!
 //! The formats are those of LeRobot 0.4 (`codebase_version` v3.0, <https://huggingface.co/docs/lerobot/lerobot-dataset-v3>) and of
 //! LeRobot 0.3 (v2.1).
 
-mod delta_timestamps;
 mod episode_digest;
 mod error;
 mod feature_spec;
@@ -31,11 +30,11 @@ mod repair;
 mod tables;
 mod validate;
 mod video;
+mod window;
 
-pub use delta_timestamps::{DeltaTimestamps, Window};
 pub use error::DatasetError;
 pub use feature_spec::FEATURE_SPEC_TAG;
-pub use loader::{Frame, Frames, Image, Loader};
+pub use loader::{Frame, Image, Loader};
 pub use metadata::episode::{Episode, VideoSpan};
 pub use metadata::info::{Camera, Format, Info, VectorFeature};
 pub use metadata::normalizer::{Normalizer, Stats};
@@ -47,3 +46,4 @@ pub use video::mp4::avc_config::AvcConfig;
 pub use video::mp4::sample::{Mp4Codec, Mp4Sample};
 pub use video::mp4::track::Mp4Track;
 pub use video::reader::VideoReader;
+pub use window::Window;

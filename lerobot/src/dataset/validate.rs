@@ -1,6 +1,6 @@
 //! Every picture of a recording decoded, to find what is wrong with it before training does.
 
-use crate::dataset::delta_timestamps::Window;
+use crate::dataset::window::Window;
 use crate::dataset::{Dataset, DatasetError, Loader};
 
 /// Something wrong with the pictures of an episode.

@@ -111,6 +111,7 @@ impl Normalisation {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::policy_folder::lerobot_config::LeRobotConfig;
 
     /// A policy of six state and six action dimensions.
     fn config() -> PolicyConfig {
@@ -120,7 +121,7 @@ mod tests {
         );
         let text = |file: &str| std::fs::read_to_string(format!("{folder}/{file}")).unwrap();
         let (policy, vlm) = (text("policy_config.json"), text("vlm_config.json"));
-        PolicyConfig::from_lerobot(&policy, &vlm).unwrap()
+        LeRobotConfig::parse(&policy, Some(&vlm)).unwrap().dims
     }
 
     fn stats(dim: usize) -> Stats {

@@ -27,51 +27,12 @@ pub struct LeRobotConfig {
     pub empty_cameras: usize,
     /// Euler steps from noise to actions.
     pub num_steps: usize,
-    /// Actions of a chunk that LeRobot plays before it asks for the next.
-    pub n_action_steps: usize,
-    /// How instructions are padded: to the longest of a batch or to `tokenizer_max_length`. No value that counts depends on it.
-    pub pad_language_to: String,
     /// The VLM's name on the Hub, or a path of where the policy was trained.
     pub vlm_model_name: String,
     /// How states are normalised, by LeRobot's name: `MEAN_STD` as a rule.
     pub state_normalisation: String,
     /// The same for actions.
     pub action_normalisation: String,
-    /// What is trained and how.
-    pub training: TrainingPreset,
-}
-
-/// The training half of LeRobot's `SmolVLAConfig`. [`Default`] gives LeRobot's defaults.
-#[derive(Clone, Debug, PartialEq)]
-pub struct TrainingPreset {
-    /// Whether the vision tower stays as it is.
-    pub freeze_vision_encoder: bool,
-    /// Whether the whole vision-language model does.
-    pub train_expert_only: bool,
-    /// Whether `state_proj` is trained with the expert.
-    pub train_state_proj: bool,
-    /// AdamW's peak learning rate.
-    pub learning_rate: f64,
-    /// AdamW's betas.
-    pub betas: (f64, f64),
-    /// AdamW's epsilon.
-    pub eps: f64,
-    /// AdamW's decoupled weight decay.
-    pub weight_decay: f64,
-    /// L2 norm that gradients are clipped at.
-    pub grad_clip_norm: f64,
-    /// Steps of linear warm-up.
-    pub warmup_steps: usize,
-    /// Step at which the cosine ends.
-    pub decay_steps: usize,
-    /// Learning rate from there on.
-    pub decay_learning_rate: f64,
-}
-
-impl Default for TrainingPreset {
-    fn default() -> Self {
-        PolicyJson::default().training()
-    }
 }
 
 /// The file itself. What it leaves out has LeRobot's default; what is not here is ignored.
@@ -84,7 +45,6 @@ struct PolicyJson {
     output_features: InOrder<Feature>,
     normalization_mapping: BTreeMap<String, String>,
     chunk_size: usize,
-    n_action_steps: usize,
     max_state_dim: usize,
     max_action_dim: usize,
     resize_imgs_with_padding: Option<[usize; 2]>,
@@ -93,22 +53,10 @@ struct PolicyJson {
     use_delta_joint_actions_aloha: bool,
     tokenizer_max_length: usize,
     num_steps: usize,
-    freeze_vision_encoder: bool,
-    train_expert_only: bool,
-    train_state_proj: bool,
-    optimizer_lr: f64,
-    optimizer_betas: (f64, f64),
-    optimizer_eps: f64,
-    optimizer_weight_decay: f64,
-    optimizer_grad_clip_norm: f64,
-    scheduler_warmup_steps: usize,
-    scheduler_decay_steps: usize,
-    scheduler_decay_lr: f64,
     vlm_model_name: String,
     add_image_special_tokens: bool,
     attention_mode: String,
     prefix_length: i64,
-    pad_language_to: String,
     num_expert_layers: i64,
     num_vlm_layers: i64,
     self_attn_every_n_layers: i64,
@@ -133,7 +81,6 @@ impl Default for PolicyJson {
             .map(|(kind, mode)| (kind.into(), mode.into()))
             .into(),
             chunk_size: 50,
-            n_action_steps: 50,
             max_state_dim: 32,
             max_action_dim: 32,
             resize_imgs_with_padding: Some([512, 512]),
@@ -142,22 +89,10 @@ impl Default for PolicyJson {
             use_delta_joint_actions_aloha: false,
             tokenizer_max_length: 48,
             num_steps: 10,
-            freeze_vision_encoder: true,
-            train_expert_only: true,
-            train_state_proj: true,
-            optimizer_lr: 1e-4,
-            optimizer_betas: (0.9, 0.95),
-            optimizer_eps: 1e-8,
-            optimizer_weight_decay: 1e-10,
-            optimizer_grad_clip_norm: 10.0,
-            scheduler_warmup_steps: 1000,
-            scheduler_decay_steps: 30_000,
-            scheduler_decay_lr: 2.5e-6,
             vlm_model_name: "HuggingFaceTB/SmolVLM2-500M-Video-Instruct".into(),
             add_image_special_tokens: false,
             attention_mode: "cross_attn".into(),
             prefix_length: -1,
-            pad_language_to: "longest".into(),
             num_expert_layers: -1,
             num_vlm_layers: 16,
             self_attn_every_n_layers: 2,
@@ -232,13 +167,6 @@ pub fn default_expert_mlp_width(expert_width: usize) -> usize {
     (4 * (2 * expert_width / 3)).div_ceil(256) * 256
 }
 
-impl PolicyConfig {
-    /// The dimensions in the two files that describe a LeRobot SmolVLA: [`LeRobotConfig::parse`] without the rest.
-    pub fn from_lerobot(policy_json: &str, vlm_json: &str) -> Result<Self> {
-        Ok(LeRobotConfig::parse(policy_json, Some(vlm_json))?.dims)
-    }
-}
-
 impl LeRobotConfig {
     /// Reads the policy's configuration and that of the VLM it is built on; without the latter, the VLM must be one whose
     /// dimensions are known by its name. An `expert_intermediate_size` in the former overrides LeRobot's formula.
@@ -295,11 +223,8 @@ impl LeRobotConfig {
             dims,
             empty_cameras: policy.empty_cameras,
             num_steps: policy.num_steps,
-            n_action_steps: policy.n_action_steps,
             state_normalisation: policy.normalisation("STATE"),
             action_normalisation: policy.normalisation("ACTION"),
-            training: policy.training(),
-            pad_language_to: policy.pad_language_to,
             vlm_model_name: policy.vlm_model_name,
         })
     }
@@ -353,22 +278,6 @@ impl PolicyJson {
     fn normalisation(&self, kind: &str) -> String {
         let mode = self.normalization_mapping.get(kind);
         mode.cloned().unwrap_or_else(|| "IDENTITY".into())
-    }
-
-    fn training(&self) -> TrainingPreset {
-        TrainingPreset {
-            freeze_vision_encoder: self.freeze_vision_encoder,
-            train_expert_only: self.train_expert_only,
-            train_state_proj: self.train_state_proj,
-            learning_rate: self.optimizer_lr,
-            betas: self.optimizer_betas,
-            eps: self.optimizer_eps,
-            weight_decay: self.optimizer_weight_decay,
-            grad_clip_norm: self.optimizer_grad_clip_norm,
-            warmup_steps: self.scheduler_warmup_steps,
-            decay_steps: self.scheduler_decay_steps,
-            decay_learning_rate: self.scheduler_decay_lr,
-        }
     }
 
     fn refuse_unsupported(&self, image_size: usize, layers: usize) -> Result<()> {

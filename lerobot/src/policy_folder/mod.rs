@@ -1,7 +1,7 @@
 //! A policy folder: a SmolVLA policy as LeRobot's `save_pretrained` leaves it. It holds
 //!
 //! ```text
-//! config.json                                    dimensions, features, training preset (LeRobotConfig)
+//! config.json                                    dimensions, features (LeRobotConfig)
 //! model.safetensors                              the state dict; F32, F16 and BF16 are read
 //! policy_preprocessor.json  + .safetensors       from LeRobot 0.4 on: normalisation of states, with its statistics
 //! policy_postprocessor.json + .safetensors       and of actions. LeRobot 0.3 kept them in the state dict.
@@ -22,6 +22,6 @@ mod write;
 
 pub use folder::{PolicyFolder, CONFIG, VLM_CONFIG, WEIGHTS};
 pub use inference::{Inference, Normalisation, STEPS};
-pub use lerobot_config::{default_expert_mlp_width, LeRobotConfig, TrainingPreset, IMAGES};
+pub use lerobot_config::{default_expert_mlp_width, LeRobotConfig, IMAGES};
 pub use vlm_config::VlmDims;
 pub use write::Precision;

@@ -20,7 +20,7 @@ fn tiny(file: &str) -> PathBuf {
 pub fn config() -> PolicyConfig {
     let text = |file: &str| fs::read_to_string(tiny(file)).unwrap();
     let (policy, vlm) = (text("policy_config.json"), text("vlm_config.json"));
-    PolicyConfig::from_lerobot(&policy, &vlm).unwrap()
+    LeRobotConfig::parse(&policy, Some(&vlm)).unwrap().dims
 }
 
 /// A file of which tensors are read one by one.

@@ -27,7 +27,11 @@ fn policy_json(changes: &[(&str, serde_json::Value)]) -> String {
 }
 
 fn parse(policy: &str) -> Result<PolicyConfig, StoredPolicyError> {
-    PolicyConfig::from_lerobot(policy, &text("vlm_config.json"))
+    dims(policy, &text("vlm_config.json"))
+}
+
+fn dims(policy: &str, vlm: &str) -> Result<PolicyConfig, StoredPolicyError> {
+    Ok(LeRobotConfig::parse(policy, Some(vlm))?.dims)
 }
 
 /// SmolVLA as published, written as changes to the tiny fixture's file.
@@ -86,7 +90,7 @@ fn the_published_model_has_exactly_these_tensors() {
     }
     assert_eq!(all.len(), 500);
 
-    let mut config = PolicyConfig::from_lerobot(&published_policy(), &published_vlm()).unwrap();
+    let mut config = dims(&published_policy(), &published_vlm()).unwrap();
     config.camera_names.clear();
     assert_eq!((config.expert.width, config.expert.mlp_width), (720, 2048));
     assert_eq!(config.max_prefix_tokens(), 2 * 64 + 48 + 1);
@@ -138,8 +142,8 @@ fn a_vlm_file_may_leave_out_transformers_defaults() {
         vlm["text_config"].as_object_mut().unwrap().remove(key);
     }
     assert_eq!(
-        PolicyConfig::from_lerobot(&published_policy(), &vlm.to_string()).unwrap(),
-        PolicyConfig::from_lerobot(&published_policy(), &published_vlm()).unwrap()
+        dims(&published_policy(), &vlm.to_string()).unwrap(),
+        dims(&published_policy(), &published_vlm()).unwrap()
     );
 }
 
@@ -206,9 +210,8 @@ fn layer_kinds_follow_lerobots_rule() {
 /// Policy files of the published epsilon do not name it: they, and digests of them, are what they were without that field.
 #[test]
 fn the_norms_epsilon_is_the_vlms() {
-    let parsed = |vlm: &serde_json::Value| {
-        PolicyConfig::from_lerobot(&text("policy_config.json"), &vlm.to_string()).unwrap()
-    };
+    let parsed =
+        |vlm: &serde_json::Value| dims(&text("policy_config.json"), &vlm.to_string()).unwrap();
     let back = |config: &PolicyConfig| -> (String, PolicyConfig) {
         let text = serde_json::to_string(config).unwrap();
         let config = serde_json::from_str(&text).unwrap();
@@ -234,21 +237,13 @@ fn the_norms_epsilon_is_the_vlms() {
 }
 
 #[test]
-fn training_presets_and_lerobots_defaults() {
+fn euler_steps_and_lerobots_defaults() {
     let config = LeRobotConfig::parse(
-        &policy_json(&[
-            ("train_state_proj", false.into()),
-            ("optimizer_betas", vec![0.8, 0.9].into()),
-            ("scheduler_decay_lr", 1e-6.into()),
-            ("num_steps", 7.into()),
-        ]),
+        &policy_json(&[("num_steps", 7.into())]),
         Some(&text("vlm_config.json")),
     )
     .unwrap();
     assert_eq!(config.num_steps, 7);
-    assert!(!config.training.train_state_proj && config.training.train_expert_only);
-    assert_eq!(config.training.betas, (0.8, 0.9));
-    assert_eq!(config.training.decay_learning_rate, 1e-6);
 
     // A file of LeRobot 0.3.3 knows fewer keys; the shortest possible one, next to none.
     let mut policy = json("policy_config.json");
@@ -267,10 +262,8 @@ fn training_presets_and_lerobots_defaults() {
     }
     let vlm = text("vlm_config.json");
     let short = LeRobotConfig::parse(&policy.to_string(), Some(&vlm)).unwrap();
-    let mut whole = LeRobotConfig::parse(&text("policy_config.json"), Some(&vlm)).unwrap();
-    whole.n_action_steps = 50; // the fixture's is not the default
+    let whole = LeRobotConfig::parse(&text("policy_config.json"), Some(&vlm)).unwrap();
     assert_eq!(short, whole);
-    assert_eq!(short.training, Default::default());
 }
 
 #[test]
@@ -322,8 +315,7 @@ fn unsupported_or_impossible_configurations_are_refused_by_name() {
     ] {
         let mut vlm = json("vlm_config.json");
         vlm[part][key] = value;
-        let error =
-            PolicyConfig::from_lerobot(&text("policy_config.json"), &vlm.to_string()).unwrap_err();
+        let error = dims(&text("policy_config.json"), &vlm.to_string()).unwrap_err();
         assert!(
             matches!(error, StoredPolicyError::Config(_)),
             "{key}: {error}"
@@ -345,5 +337,5 @@ fn unsupported_or_impossible_configurations_are_refused_by_name() {
     }
     let twice = text("policy_config.json").replace("images.camera2", "images.camera1");
     assert!(parse(&twice).unwrap_err().to_string().contains("twice"));
-    assert!(PolicyConfig::from_lerobot("{", "{}").is_err());
+    assert!(dims("{", "{}").is_err());
 }

@@ -9,7 +9,7 @@ use arrow_array::{ArrayRef, RecordBatch};
 use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
 use parquet::arrow::ArrowWriter;
 use tempfile::TempDir;
-use zk0_lerobot::dataset::{Dataset, DatasetError};
+use zk0_lerobot::dataset::{Dataset, DatasetError, Frame};
 
 pub const INFO: &str = "meta/info.json";
 pub const STATS: &str = "meta/stats.json";
@@ -26,6 +26,19 @@ pub fn recording(name: &str) -> PathBuf {
 
 pub fn open(name: &str) -> Dataset {
     Dataset::open(recording(name)).unwrap()
+}
+
+/// All frames in order; ends after the first error.
+pub fn frames(
+    dataset: &Dataset,
+    chunk: usize,
+) -> impl Iterator<Item = Result<Frame, DatasetError>> + '_ {
+    let (mut loader, mut failed) = (dataset.loader(chunk).unwrap(), false);
+    (0..dataset.len()).map_while(move |index| {
+        let frame = (!failed).then(|| loader.frame(index))?;
+        failed = frame.is_err();
+        Some(frame)
+    })
 }
 
 /// A copy of a recording to damage.
@@ -112,7 +125,7 @@ impl Copy {
             Ok(dataset) => dataset,
             Err(e) => return e,
         };
-        let mut frames = dataset.frames(10).unwrap();
+        let mut frames = frames(&dataset, 10);
         frames
             .find_map(Result::err)
             .expect("the damage went unnoticed")

@@ -10,26 +10,12 @@ use zk0_smolvla::policy::model::visibility::action_sees;
 use crate::report::{run, tensor, variable, Least, Report};
 use crate::Failure;
 
-/// Queries and keys of an attention.
-#[derive(Clone, Copy)]
-struct Tokens {
-    batch: usize,
-    queries: usize,
-    keys: usize,
-}
-
-impl Tokens {
-    /// Both products, and what goes in and comes out once: scores need never leave the cache.
-    fn least(self, c: &PolicyConfig) -> Least {
-        let Self {
-            batch,
-            queries,
-            keys,
-        } = self;
-        Least {
-            operations: 4.0 * (batch * queries * keys * c.query_width()) as f64,
-            numbers: (batch * (2 * queries * c.query_width() + 2 * keys * c.kv_width())) as f64,
-        }
+/// Of an attention with so many queries and keys a sample: both products, and what goes in and comes out once. Scores need never
+/// leave the cache.
+fn least_of(c: &PolicyConfig, batch: usize, queries: usize, keys: usize) -> Least {
+    Least {
+        operations: 4.0 * (batch * queries * keys * c.query_width()) as f64,
+        numbers: (batch * (2 * queries * c.query_width() + 2 * keys * c.kv_width())) as f64,
     }
 }
 
@@ -47,20 +33,18 @@ pub fn attention(report: &mut Report, c: &PolicyConfig, batch: usize) -> Result<
 
     let (prefix, chunk) = (c.max_prefix_tokens(), c.chunk_size);
     let (heads, kv_heads, dim) = (c.text.heads, c.text.kv_heads, c.text.head_dim);
-    let tokens = Tokens {
-        batch,
-        queries: prefix,
-        keys: prefix,
-    };
     let mask = Mask::new((batch, prefix, prefix), &Device::Cpu, |_, _, _| true)?;
     let (q, k) = (
         tensor(&[batch, prefix, heads, dim])?,
         tensor(&[batch, prefix, kv_heads, dim])?,
     );
     let layers = c.text.layers;
-    report.kernel("text: attention", layers - 1, tokens.least(c), || {
-        run(attend(&q, &k, &k, &mask))
-    });
+    report.kernel(
+        "text: attention",
+        layers - 1,
+        least_of(c, batch, prefix, prefix),
+        || run(attend(&q, &k, &k, &mask)),
+    );
 
     let kind = |wanted: LayerKind| (0..layers).filter(|i| c.layer_kind(*i) == wanted).count();
     let (joint, cross) = (kind(LayerKind::Joint), kind(LayerKind::Cross));
@@ -78,12 +62,7 @@ pub fn attention(report: &mut Report, c: &PolicyConfig, batch: usize) -> Result<
             variable(&[batch, keys, kv_heads, dim])?,
             variable(&[batch, keys, kv_heads, dim])?,
         );
-        let tokens = Tokens {
-            batch,
-            queries,
-            keys,
-        };
-        let least = tokens.least(c);
+        let least = least_of(c, batch, queries, keys);
         let work = || Ok(attend(&q, &k, &v, &mask)?);
         report.trained(name, calls, (least, least.times(2.0)), work)?;
     }

@@ -87,35 +87,26 @@ fn of_a_step(c: &PolicyConfig, batch: usize) -> BTreeMap<Maps, usize> {
 pub fn linear_maps(report: &mut Report, c: &PolicyConfig, batch: usize) -> Result<(), Failure> {
     for (map, calls) in of_a_step(c, batch) {
         let Maps {
-            part,
-            rows,
-            inner,
-            out,
-            gradient,
+            rows, inner, out, ..
         } = map;
-        let name = format!("{part}: linear {rows} x {inner} -> {out}");
+        let name = format!("{}: linear {rows} x {inner} -> {out}", map.part);
         let (x, w) = (&[rows, inner], &[out, inner]);
         let least = Least {
             operations: 2.0 * (rows * out * inner) as f64,
             numbers: (rows * (out + inner) + out * inner) as f64,
         };
-        match gradient {
-            Gradient::Nothing => {
-                let (x, map) = (tensor(x)?, Linear::new(tensor(w)?, None));
-                report.kernel(&name, calls, least, || run(map.forward(&x)));
-            }
-            // A gradient's product reads one of the matrices and the result's gradient, and writes the size of the other.
-            Gradient::Input => {
-                let (x, map) = (variable(x)?, Linear::new(tensor(w)?, None));
-                let work = || Ok(map.forward(&x)?);
-                report.trained(&name, calls, (least, least), work)?;
-            }
-            Gradient::InputAndWeight => {
-                let (x, map) = (variable(x)?, Linear::new(variable(w)?, None));
-                let work = || Ok(map.forward(&x)?);
-                report.trained(&name, calls, (least, least.times(2.0)), work)?;
-            }
+        if map.gradient == Gradient::Nothing {
+            let (x, map) = (tensor(x)?, Linear::new(tensor(w)?, None));
+            report.kernel(&name, calls, least, || run(map.forward(&x)));
+            continue;
         }
+        // A gradient's product reads one of the matrices and the result's gradient, and writes the size of the other.
+        let (w, back) = match map.gradient {
+            Gradient::InputAndWeight => (variable(w)?, least.times(2.0)),
+            _ => (tensor(w)?, least),
+        };
+        let (x, map) = (variable(x)?, Linear::new(w, None));
+        report.trained(&name, calls, (least, back), || Ok(map.forward(&x)?))?;
     }
     Ok(())
 }

@@ -15,11 +15,13 @@ use std::collections::BTreeMap;
 use std::time::Instant;
 
 use candle_core::{Tensor, Var};
+use over_cache::run;
 use rand::SeedableRng;
 use rand_chacha::ChaCha20Rng;
 use zk0_lerobot::config::PolicyConfig;
 use zk0_lerobot::layout::trainable_layout;
 use zk0_smolvla::frames::image::vision_input;
+use zk0_smolvla::frames::sample::{ObservedSample, PreparedSample};
 use zk0_smolvla::measure::evaluate::FlowDraw;
 use zk0_smolvla::policy::device::device;
 use zk0_smolvla::policy::frozen::FrozenPlace;
@@ -32,6 +34,7 @@ use zk0_smolvla::policy::model::prefix::{CameraInput, PrefixInput, PrefixModel};
 use zk0_smolvla::policy::model::Parameters;
 use zk0_smolvla::policy::profile::Profile;
 use zk0_smolvla::train::optimizer::{AdamW, AdamWOptions};
+use zk0_smolvla::train::Samples;
 
 /// As in the `zk0` binary.
 #[global_allocator]
@@ -46,6 +49,11 @@ fn recorded(profile: Profile) -> (usize, usize) {
     } else {
         (48, 64)
     }
+}
+
+/// Some numbers.
+fn wave(count: usize) -> Vec<f32> {
+    (0..count).map(|i| (i as f32 * 0.618).sin()).collect()
 }
 
 struct Bench {
@@ -74,11 +82,8 @@ impl Bench {
         let (parameters, variables) = Parameters::with_variables(all, &trainable, device)?;
         let mut rng = ChaCha20Rng::seed_from_u64(2);
         let (height, width) = recorded(profile);
-        let values = |shape: &[usize]| {
-            let count = shape.iter().product::<usize>();
-            let wave = (0..count).map(|i| (i as f32 * 0.618).sin()).collect();
-            Tensor::from_vec(wave, shape, device)
-        };
+        let values =
+            |shape: &[usize]| Tensor::from_vec(wave(shape.iter().product()), shape, device);
         let mut pictures = vec![0; batch * config.cameras * 3 * height * width];
         rand::RngCore::fill_bytes(&mut rng, &mut pictures);
         Ok(Self {
@@ -96,11 +101,7 @@ impl Bench {
         })
     }
 
-    /// The prefix of the batch's frames: pictures resized, then the frozen half; a gradient reaches `state_proj` through it.
-    fn cache_training_state(&self) -> Result<PrefixCache, Failure> {
-        Ok(self.prefix.cache_training_state(&self.input()?)?)
-    }
-
+    /// What the prefix is made of: the batch's pictures, resized, and words.
     fn input(&self) -> Result<PrefixInput, Failure> {
         let (size, (height, width)) = (self.config.vision.image_size, self.size);
         let device = self.state.device();
@@ -168,7 +169,8 @@ fn whole(
     let (mut seconds, mut loss) = (Vec::new(), 0.0);
     for _ in 0..=steps {
         let started = Instant::now();
-        let cache = bench.cache_training_state()?;
+        // A gradient reaches `state_proj` through the prefix.
+        let cache = bench.prefix.cache_training_state(&bench.input()?)?;
         loss = bench.step(&cache)?;
         seconds.push(started.elapsed().as_secs_f64());
     }
@@ -192,22 +194,24 @@ fn peak_memory() -> Option<u64> {
 
 fn main() -> Result<(), Failure> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let (profile, batch, what, steps, device_name) =
-        match arguments.as_slice() {
-            [profile, batch, what, steps] => (profile, batch, what, steps, "cpu"),
-            [profile, batch, what, steps, device] => (profile, batch, what, steps, device.as_str()),
-            _ => return Err(
-                "usage: train_step tiny|micro|full BATCH whole|cached|cached-state STEPS [DEVICE]"
-                    .into(),
-            ),
-        };
+    let [profile, batch, what, steps, device_name @ ..] = arguments.as_slice() else {
+        return Err(
+            "usage: train_step tiny|micro|full BATCH whole|cached|cached-state STEPS [DEVICE]"
+                .into(),
+        );
+    };
+    let device_name = device_name.first().map_or("cpu", String::as_str);
     let place = FrozenPlace::on(device(device_name)?, None);
     let profile_named = Profile::from_name(profile)?;
     let (batch, steps): (usize, usize) = (batch.parse()?, steps.parse()?);
     let mut measured = match what.as_str() {
         "whole" => whole(profile_named, batch, steps, &place)?,
-        "cached" => over_cache::prepared(profile_named, batch, steps, &place)?,
-        "cached-state" => over_cache::observed(profile_named, batch, steps, &place)?,
+        "cached" => run::<PreparedSample>(profile_named, batch, steps, &place, |kept| {
+            Samples::Prepared(kept)
+        })?,
+        "cached-state" => run::<ObservedSample>(profile_named, batch, steps, &place, |kept| {
+            Samples::Observed(kept)
+        })?,
         other => return Err(format!("`{other}` is none of whole, cached, cached-state").into()),
     };
     measured.seconds.remove(0);

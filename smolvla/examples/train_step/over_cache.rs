@@ -11,9 +11,7 @@ use zk0_lerobot::tokenizer::Tokenizer;
 use zk0_smolvla::frames::batch::SampleSource;
 use zk0_smolvla::frames::prefix_cache::entry::Entry;
 use zk0_smolvla::frames::prefix_cache::{DiskCache, Key};
-use zk0_smolvla::frames::sample::{
-    CameraImage, FromFrame, Observation, ObservedSample, PreparedSample, Preparer,
-};
+use zk0_smolvla::frames::sample::{CameraImage, FromFrame, Observation, Preparer};
 use zk0_smolvla::policy::frozen::FrozenPlace;
 use zk0_smolvla::policy::init::init_policy;
 use zk0_smolvla::policy::profile::Profile;
@@ -21,7 +19,7 @@ use zk0_smolvla::train::learner::state_part;
 use zk0_smolvla::train::{Samples, TrainOptions, Trainer};
 use zk0_smolvla::PolicyError;
 
-use crate::{recorded, Failure, Measured};
+use crate::{recorded, wave, Failure, Measured};
 
 /// Batches that the cache holds.
 const BATCHES: usize = 2;
@@ -38,7 +36,7 @@ impl Tokenizer for FullLength {
 }
 
 /// Samples by number, each read from the disk when it is asked for.
-struct OnDisk {
+pub struct OnDisk {
     cache: DiskCache,
     keys: Vec<Key>,
 }
@@ -56,27 +54,8 @@ impl<S: Entry + Clone> SampleSource<S> for OnDisk {
     }
 }
 
-/// The expert is trained.
-pub fn prepared(
-    profile: Profile,
-    batch: usize,
-    steps: usize,
-    place: &FrozenPlace,
-) -> Result<Measured, Failure> {
-    run::<PreparedSample>(profile, batch, steps, place, |kept| Samples::Prepared(kept))
-}
-
-/// The state projection as well.
-pub fn observed(
-    profile: Profile,
-    batch: usize,
-    steps: usize,
-    place: &FrozenPlace,
-) -> Result<Measured, Failure> {
-    run::<ObservedSample>(profile, batch, steps, place, |kept| Samples::Observed(kept))
-}
-
-fn run<S: FromFrame + Entry>(
+/// Trains on samples of a kind, which decides what is trained.
+pub fn run<S: FromFrame + Entry>(
     profile: Profile,
     batch: usize,
     steps: usize,
@@ -96,10 +75,10 @@ fn run<S: FromFrame + Entry>(
         let tokenizer = FullLength(config.clone());
         let preparer = Preparer::at(place, init_policy(&config, 1)?, &tokenizer)?;
         for number in 0..BATCHES * batch {
-            let sample = S::from_frame(&preparer, &Frame::random(&config, profile, number).seen())?;
+            let made = sample::<S>(&preparer, profile, number)?;
             let mut key = Key([0; 32]);
             key.0[..8].copy_from_slice(&(number as u64).to_le_bytes());
-            kept.cache.put(&key, &sample)?;
+            kept.cache.put(&key, &made)?;
             kept.keys.push(key);
         }
     }
@@ -129,58 +108,36 @@ fn run<S: FromFrame + Entry>(
     })
 }
 
-/// A random frame of a recording.
-struct Frame {
-    size: (usize, usize),
-    /// Of each camera: 8-bit RGB (3, height, width).
-    pictures: Vec<Vec<u8>>,
-    names: Vec<String>,
-    state: Vec<f32>,
-    actions: Vec<f32>,
-    is_pad: Vec<bool>,
-}
-
-impl Frame {
-    fn random(config: &PolicyConfig, profile: Profile, number: usize) -> Self {
-        let mut rng = ChaCha20Rng::seed_from_u64(number as u64);
-        let (height, width) = recorded(profile);
-        let picture = |_| {
-            let mut picture = vec![0; 3 * height * width];
-            rand::RngCore::fill_bytes(&mut rng, &mut picture);
-            picture
-        };
-        let wave = |count: usize| (0..count).map(|i| (i as f32 * 0.618).sin()).collect();
-        Self {
-            size: (height, width),
-            pictures: (0..config.cameras).map(picture).collect(),
-            names: (0..config.cameras)
-                .map(|slot| format!("camera{slot}"))
-                .collect(),
-            state: wave(config.state_dim),
-            actions: wave(config.chunk_size * config.action_dim),
-            is_pad: vec![false; config.chunk_size],
-        }
-    }
-
-    fn seen(&self) -> Observation<'_> {
-        let (height, width) = self.size;
-        let camera = |(name, pixels)| CameraImage {
-            name,
-            height,
-            width,
-            pixels,
-        };
-        let pictures = self
-            .names
-            .iter()
-            .map(String::as_str)
-            .zip(self.pictures.iter().map(Vec::as_slice));
-        Observation {
-            cameras: pictures.map(camera).collect(),
-            state: &self.state,
-            actions: &self.actions,
-            is_pad: &self.is_pad,
-            task: "",
-        }
-    }
+/// Runs the frozen half over a random frame of a recording.
+fn sample<S: FromFrame>(
+    preparer: &Preparer,
+    profile: Profile,
+    number: usize,
+) -> Result<S, Failure> {
+    let config = preparer.config();
+    let mut rng = ChaCha20Rng::seed_from_u64(number as u64);
+    let (height, width) = recorded(profile);
+    let mut pictures = vec![0; config.cameras * 3 * height * width];
+    rand::RngCore::fill_bytes(&mut rng, &mut pictures);
+    let names: Vec<String> = (0..config.cameras)
+        .map(|slot| format!("camera{slot}"))
+        .collect();
+    let camera = |(name, pixels)| CameraImage {
+        name,
+        height,
+        width,
+        pixels,
+    };
+    let seen = names
+        .iter()
+        .map(String::as_str)
+        .zip(pictures.chunks_exact(3 * height * width));
+    let observation = Observation {
+        cameras: seen.map(camera).collect(),
+        state: &wave(config.state_dim),
+        actions: &wave(config.chunk_size * config.action_dim),
+        is_pad: &vec![false; config.chunk_size],
+        task: "",
+    };
+    Ok(S::from_frame(preparer, &observation)?)
 }

@@ -6,7 +6,7 @@ use candle_core::{Device, Tensor};
 use zk0_lerobot::config::PolicyConfig;
 
 use crate::error::{PolicyError, Result};
-use crate::frames::sample::{ObservedSample, PreparedSample};
+use crate::frames::sample::{FromFrame, ObservedSample, PreparedSample};
 use crate::policy::model::key_values::PrefixCache;
 
 /// Samples by number: in memory, or read from a [cache](crate::frames::prefix_cache) one at a time.
@@ -29,34 +29,14 @@ pub trait SampleSource<S: Clone> {
 /// Samples that are in memory.
 pub struct InMemory<'a, S>(&'a [S]);
 
-impl<'a> InMemory<'a, PreparedSample> {
+impl<'a, S: FromFrame> InMemory<'a, S> {
     /// Checks all of them.
     ///
     /// # Errors
     /// [`PolicyError::Sample`] when there is none, or one does not fit the policy or holds a value that is not finite.
-    pub fn new(config: &PolicyConfig, samples: &'a [PreparedSample]) -> Result<Self> {
-        Self::checked(samples, |sample| sample.check(config))
-    }
-}
-
-impl<'a> InMemory<'a, ObservedSample> {
-    /// As [`InMemory::new`].
-    pub fn observed(config: &PolicyConfig, samples: &'a [ObservedSample]) -> Result<Self> {
-        Self::checked(samples, |sample| sample.check(config))
-    }
-}
-
-impl<'a, S> InMemory<'a, S> {
-    fn checked(
-        samples: &'a [S],
-        check: impl Fn(&S) -> std::result::Result<(), String>,
-    ) -> Result<Self> {
-        if samples.is_empty() {
-            return Err(PolicyError::Sample("there are no samples".into()));
-        }
-        for (i, sample) in samples.iter().enumerate() {
-            check(sample).map_err(|what| PolicyError::Sample(format!("sample {i}: {what}")))?;
-        }
+    pub fn new(config: &PolicyConfig, samples: &'a [S]) -> Result<Self> {
+        let all: Vec<&S> = samples.iter().collect();
+        check(config, &all, &[])?;
         Ok(Self(samples))
     }
 }
@@ -109,7 +89,7 @@ impl Batch {
         numbers: &[usize],
         device: &Device,
     ) -> Result<Self> {
-        checked(samples, numbers, |sample| sample.check(config))?;
+        check(config, samples, numbers)?;
         let longest = samples.iter().map(|s| s.prefix_tokens).max().unwrap_or(0);
         let width = config.kv_width();
         let layers = |part: fn(&PreparedSample) -> &Vec<Vec<f32>>| -> Result<Vec<Tensor>> {
@@ -123,6 +103,9 @@ impl Batch {
                 })
                 .collect()
         };
+        let actions = samples.iter().flat_map(|s| s.actions.iter().copied());
+        let actions: Vec<f32> = actions.collect();
+        let shape = (samples.len(), config.chunk_size, config.max_action_dim);
         Ok(Self {
             cache: PrefixCache {
                 keys: layers(|s| &s.keys)?,
@@ -132,7 +115,7 @@ impl Batch {
                     .map(|s| (0..longest).map(|k| k < s.prefix_tokens).collect())
                     .collect(),
             },
-            actions: actions(config, samples.iter().map(|s| &s.actions[..]), device)?,
+            actions: Tensor::from_vec(actions, shape, device)?,
             is_pad: samples.iter().map(|s| s.is_pad.clone()).collect(),
         })
     }
@@ -157,7 +140,7 @@ impl ObservedBatch {
         numbers: &[usize],
         device: &Device,
     ) -> Result<Self> {
-        checked(samples, numbers, |sample| sample.check(config))?;
+        check(config, samples, numbers)?;
         let observed: Vec<&PreparedSample> = samples.iter().map(|s| &s.observed).collect();
         let state = samples.iter().flat_map(|s| s.state.iter().copied());
         let state: Vec<f32> = state.collect();
@@ -168,16 +151,13 @@ impl ObservedBatch {
     }
 }
 
-fn checked<S>(
-    samples: &[&S],
-    numbers: &[usize],
-    check: impl Fn(&S) -> std::result::Result<(), String>,
-) -> Result<()> {
+/// Checks samples; `numbers` are their names in errors, where they have any.
+fn check<S: FromFrame>(config: &PolicyConfig, samples: &[&S], numbers: &[usize]) -> Result<()> {
     if samples.is_empty() {
         return Err(PolicyError::Sample("there are no samples".into()));
     }
     for (place, sample) in samples.iter().enumerate() {
-        check(sample).map_err(|what| {
+        sample.check(config).map_err(|what| {
             let number = numbers.get(place).unwrap_or(&place);
             PolicyError::Sample(format!("sample {number}: {what}"))
         })?;
@@ -193,15 +173,4 @@ fn filled_up<'a>(rows: impl Iterator<Item = &'a [f32]>, length: usize, count: us
         all.resize((i + 1) * length, 0.0);
     }
     all
-}
-
-fn actions<'a>(
-    config: &PolicyConfig,
-    rows: impl Iterator<Item = &'a [f32]>,
-    device: &Device,
-) -> Result<Tensor> {
-    let all: Vec<f32> = rows.flatten().copied().collect();
-    let samples = all.len() / config.chunk_elements();
-    let shape = (samples, config.chunk_size, config.max_action_dim);
-    Ok(Tensor::from_vec(all, shape, device)?)
 }

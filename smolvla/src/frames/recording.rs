@@ -6,17 +6,8 @@ use crate::error::PolicyError;
 use crate::frames::sample::{CameraImage, FromFrame, Observation, PreparedSample, Preparer};
 
 impl Preparer<'_> {
-    /// Prepares every frame of a recording, in order, normalised with [`Dataset::normalisation`]. `progress` is called with
-    /// the frames done and their total.
-    pub fn prepare_dataset(
-        &self,
-        dataset: &Dataset,
-        progress: impl FnMut(usize, usize),
-    ) -> std::result::Result<Vec<PreparedSample>, PrepareError> {
-        self.prepare_every(dataset, 1, progress)
-    }
-
-    /// [`Self::prepare_dataset`] for frames 0, `step`, 2 · `step`, … alone; a `step` of 0 is taken for 1.
+    /// Prepares frames 0, `step`, 2 · `step`, … of a recording, normalised with [`Dataset::normalisation`]; a `step` of 0 is taken
+    /// for 1. `progress` is called with the frames done and their total.
     pub fn prepare_every(
         &self,
         dataset: &Dataset,

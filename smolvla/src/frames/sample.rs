@@ -50,23 +50,20 @@ pub trait FromFrame: Clone {
     /// # Errors
     /// As [`Preparer::prepare`].
     fn from_frame(preparer: &Preparer, observation: &Observation) -> Result<Self>;
+
+    /// Says what does not fit the policy, or that a value is not finite.
+    ///
+    /// # Errors
+    /// What that is.
+    fn check(&self, config: &PolicyConfig) -> std::result::Result<(), String>;
 }
 
 impl FromFrame for PreparedSample {
     fn from_frame(preparer: &Preparer, observation: &Observation) -> Result<Self> {
         preparer.prepare(observation)
     }
-}
 
-impl FromFrame for ObservedSample {
-    fn from_frame(preparer: &Preparer, observation: &Observation) -> Result<Self> {
-        preparer.observe(observation)
-    }
-}
-
-impl PreparedSample {
-    /// Says what does not fit the policy, or that a value is not finite.
-    pub(crate) fn check(&self, config: &PolicyConfig) -> std::result::Result<(), String> {
+    fn check(&self, config: &PolicyConfig) -> std::result::Result<(), String> {
         if !(1..=config.max_prefix_tokens()).contains(&self.prefix_tokens) {
             return Err(format!(
                 "{} prefix tokens, the policy takes 1 to {}",
@@ -90,9 +87,12 @@ impl PreparedSample {
     }
 }
 
-impl ObservedSample {
-    /// Says what does not fit the policy, or that a value is not finite.
-    pub(crate) fn check(&self, config: &PolicyConfig) -> std::result::Result<(), String> {
+impl FromFrame for ObservedSample {
+    fn from_frame(preparer: &Preparer, observation: &Observation) -> Result<Self> {
+        preparer.observe(observation)
+    }
+
+    fn check(&self, config: &PolicyConfig) -> std::result::Result<(), String> {
         self.observed.check(config)?;
         if self.observed.prefix_tokens == config.max_prefix_tokens() {
             return Err("its prefix leaves no room for the state".into());

@@ -1,5 +1,7 @@
 //! The flow-matching loss at given noise and times: the float32 side of what a claim proves.
 
+use std::iter::Sum;
+
 use candle_core::{Device, Tensor};
 use rand::{RngCore, SeedableRng};
 use rand_chacha::ChaCha20Rng;
@@ -47,7 +49,7 @@ pub fn fixed_draws(config: &PolicyConfig, count: usize, seed: u64) -> Vec<FlowDr
 }
 
 /// A loss as the sum it is a mean of.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Evaluation {
     /// Sum of squared errors over the real action dimensions of frames that are not padding.
     pub squared_error: f64,
@@ -56,9 +58,26 @@ pub struct Evaluation {
 }
 
 impl Evaluation {
+    fn of(errors: &[f32]) -> Self {
+        Self {
+            squared_error: errors.iter().map(|e| f64::from(*e)).sum(),
+            elements: errors.len(),
+        }
+    }
+
     /// The `loss_valid_only` of all samples together.
     pub fn loss(&self) -> f64 {
         self.squared_error / self.elements.max(1) as f64
+    }
+}
+
+/// All samples together.
+impl Sum for Evaluation {
+    fn sum<I: Iterator<Item = Self>>(all: I) -> Self {
+        all.fold(Self::default(), |sum, one| Self {
+            squared_error: sum.squared_error + one.squared_error,
+            elements: sum.elements + one.elements,
+        })
     }
 }
 
@@ -71,15 +90,9 @@ pub fn evaluate(
     weights: &ExpertWeights,
     pairs: &[(&PreparedSample, &FlowDraw)],
 ) -> Result<Evaluation> {
-    let mut total = Evaluation {
-        squared_error: 0.0,
-        elements: 0,
-    };
-    for one in evaluate_each(config, weights, pairs, &mut ignore)? {
-        total.squared_error += one.squared_error;
-        total.elements += one.elements;
-    }
-    Ok(total)
+    Ok(evaluate_each(config, weights, pairs, &mut ignore)?
+        .into_iter()
+        .sum())
 }
 
 /// The evaluation of every pair by itself, in their order; `observe` watches the passes.
@@ -136,42 +149,39 @@ pub fn squared_errors(
     for draw in draws {
         check(config, draw)?;
     }
-    let times: Vec<f32> = draws.iter().map(|draw| draw.time).collect();
-    let noise: Vec<f32> = draws.iter().flat_map(|d| d.noise.iter().copied()).collect();
-    let noise = Tensor::from_vec(noise, batch.actions.shape(), batch.actions.device())?;
-    let velocity = expert.forward_observed(
-        &batch.cache,
-        &noisy_actions(&batch.actions, &noise, &times)?,
-        &times,
-        observe,
-    )?;
-    let errors: Vec<f32> = losses(&velocity, &target_velocity(&batch.actions, &noise)?)?
+    let errors: Vec<f32> = losses_at(expert, batch, draws, observe)?
         .flatten_all()?
         .to_vec1()?;
     let samples = errors.chunks_exact(config.chunk_elements());
     let each = samples.zip(&batch.is_pad).map(|(errors, is_pad)| {
         let frames = errors.chunks_exact(config.max_action_dim).zip(is_pad);
-        let mut valid_only = Evaluation {
-            squared_error: 0.0,
-            elements: 0,
-        };
-        for (frame, _) in frames.filter(|(_, pad)| !**pad) {
-            valid_only.squared_error += sum(&frame[..config.action_dim]);
-            valid_only.elements += config.action_dim;
-        }
+        let real = frames.filter(|(_, pad)| !**pad);
         SampleErrors {
-            valid_only,
-            plain: Evaluation {
-                squared_error: sum(errors),
-                elements: errors.len(),
-            },
+            valid_only: real
+                .map(|(frame, _)| Evaluation::of(&frame[..config.action_dim]))
+                .sum(),
+            plain: Evaluation::of(errors),
         }
     });
     Ok(each.collect())
 }
 
-fn sum(errors: &[f32]) -> f64 {
-    errors.iter().map(|e| f64::from(*e)).sum()
+/// The squared error of every element of a batch's actions, each sample at its draw.
+///
+/// # Errors
+/// Those of `observe`.
+pub fn losses_at(
+    expert: &ExpertModel,
+    batch: &Batch,
+    draws: &[&FlowDraw],
+    observe: &mut Observer,
+) -> Result<Tensor> {
+    let times: Vec<f32> = draws.iter().map(|draw| draw.time).collect();
+    let noise: Vec<f32> = draws.iter().flat_map(|d| d.noise.iter().copied()).collect();
+    let noise = Tensor::from_vec(noise, batch.actions.shape(), batch.actions.device())?;
+    let x_t = noisy_actions(&batch.actions, &noise, &times)?;
+    let velocity = expert.forward_observed(&batch.cache, &x_t, &times, observe)?;
+    losses(&velocity, &target_velocity(&batch.actions, &noise)?)
 }
 
 fn check(config: &PolicyConfig, draw: &FlowDraw) -> Result<()> {

@@ -117,18 +117,9 @@ pub fn measure(
     let differences = differences.map(|(a, b)| (a.loss() / b.loss() - 1.0).abs());
     Ok(Fidelity {
         evaluations: count,
-        float32_loss: mean(&float32),
-        fixed_point_loss: mean(&fixed),
+        float32_loss: float32.iter().copied().sum::<Evaluation>().loss(),
+        fixed_point_loss: fixed.iter().copied().sum::<Evaluation>().loss(),
         worst_sample: differences.fold(0.0, f64::max),
         ranges: ranges(spec, &magnitudes),
     })
-}
-
-/// The loss of all evaluations together, as a claim counts it.
-fn mean(evaluations: &[Evaluation]) -> f64 {
-    Evaluation {
-        squared_error: evaluations.iter().map(|one| one.squared_error).sum(),
-        elements: evaluations.iter().map(|one| one.elements).sum(),
-    }
-    .loss()
 }

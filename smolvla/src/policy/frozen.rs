@@ -69,19 +69,6 @@ impl Default for FrozenPlace {
     }
 }
 
-/// On that device, in its usual precision.
-impl From<&Device> for FrozenPlace {
-    fn from(device: &Device) -> Self {
-        Self::on(device.clone(), None)
-    }
-}
-
-impl From<&FrozenPlace> for FrozenPlace {
-    fn from(place: &FrozenPlace) -> Self {
-        place.clone()
-    }
-}
-
 impl FrozenPlace {
     /// On `device`, in the precision asked for, or else `bf16` on a GPU and `f32` on the CPU.
     pub fn on(device: Device, precision: Option<FrozenPrecision>) -> Self {

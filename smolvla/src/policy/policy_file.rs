@@ -50,21 +50,14 @@ impl PolicyFile {
         }
     }
 
-    /// Writes the file, piece by piece: at the published size it has 1.8 GB. See [`write`].
+    /// Writes what [`read`] reads, piece by piece: at the published size it has 1.8 GB. Equal policies and tokenizers give equal
+    /// bytes.
     ///
     /// # Errors
-    /// As [`write`].
+    /// Those of `out`, and one when the tokenizer's text is longer than a file's metadata can be.
     pub fn write(&self, out: impl Write) -> io::Result<Written> {
-        write(&self.policy, &self.tokenizer, out)
+        write_used(&self.policy, &self.tokenizer, None, out)
     }
-}
-
-/// Writes what [`read`] reads. Equal policies and tokenizers give equal bytes.
-///
-/// # Errors
-/// Those of `out`, and one when the tokenizer's text is longer than a file's metadata can be.
-pub fn write(policy: &Policy, tokenizer: &PolicyTokenizer, out: impl Write) -> io::Result<Written> {
-    write_used(policy, tokenizer, None, out)
 }
 
 fn write_used(
@@ -81,7 +74,7 @@ fn write_used(
     write_to(out, policy.tensors().map(Entry::of).collect(), notes)
 }
 
-/// Reads what [`write`] wrote.
+/// Reads what [`PolicyFile::write`] wrote.
 ///
 /// # Errors
 /// As [`Policy::from_safetensors`]; when the dimensions are missing or not usable; when there is a tokenizer that cannot be
@@ -137,28 +130,12 @@ pub fn inference(path: &Path) -> Result<Inference> {
     Ok(inference)
 }
 
-/// Writes what [`load`] reads, piece by piece and then renamed: whole or not at all. Returns the file's SHA-256.
+/// Writes what [`load`] reads, piece by piece and then renamed: whole or not at all. The file of a policy that was trained also
+/// holds its `inference`, which [`inference()`] reads. Returns the file's SHA-256.
 ///
 /// # Errors
 /// [`StoredPolicyError::AtPath`].
-pub fn save(policy: &Policy, tokenizer: &PolicyTokenizer, path: &Path) -> Result<[u8; 32]> {
-    save_used(policy, tokenizer, None, path)
-}
-
-/// [`save`] for a policy that was trained. The file also holds what [`inference`] reads.
-///
-/// # Errors
-/// As [`save`].
-pub fn save_trained(
-    policy: &Policy,
-    tokenizer: &PolicyTokenizer,
-    inference: &Inference,
-    path: &Path,
-) -> Result<[u8; 32]> {
-    save_used(policy, tokenizer, Some(inference), path)
-}
-
-fn save_used(
+pub fn save(
     policy: &Policy,
     tokenizer: &PolicyTokenizer,
     inference: Option<&Inference>,
@@ -270,7 +247,7 @@ mod tests {
         for file in [micro(), with_tokenizer(&words(&["?", "cube"]))] {
             let dir = tempfile::tempdir().unwrap();
             let path = dir.path().join("policy.safetensors");
-            let digest = save(&file.policy, &file.tokenizer, &path).unwrap();
+            let digest = save(&file.policy, &file.tokenizer, None, &path).unwrap();
             assert_eq!(load(&path).unwrap().policy, file.policy);
             let saved = std::fs::read(&path).unwrap();
             assert_eq!(saved, bytes(&file));
@@ -287,7 +264,7 @@ mod tests {
     fn how_a_policy_is_used_comes_back_and_changes_nothing_else() {
         let (dir, file) = (tempfile::tempdir().unwrap(), micro());
         let path = dir.path().join("policy.safetensors");
-        save(&file.policy, &file.tokenizer, &path).unwrap();
+        save(&file.policy, &file.tokenizer, None, &path).unwrap();
         assert_eq!(inference(&path).unwrap(), Inference::default());
         let with = |dim: usize| Inference {
             num_steps: 3,
@@ -297,14 +274,14 @@ mod tests {
             }),
             ..Inference::default()
         };
-        save_trained(&file.policy, &file.tokenizer, &with(6), &path).unwrap();
+        save(&file.policy, &file.tokenizer, Some(&with(6)), &path).unwrap();
         assert_eq!(inference(&path).unwrap(), with(6));
         let back = load(&path).unwrap();
         assert_eq!(back.policy, file.policy);
         // As a network is founded on it: the same file as without.
         assert_eq!(bytes(&back), bytes(&file));
 
-        save_trained(&file.policy, &file.tokenizer, &with(5), &path).unwrap();
+        save(&file.policy, &file.tokenizer, Some(&with(5)), &path).unwrap();
         let said = inference(&path).unwrap_err().to_string();
         assert!(
             said.contains("zk0.inference") && said.contains("5 state"),

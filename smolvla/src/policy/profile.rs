@@ -1,7 +1,7 @@
 //! Policies of known dimensions, by name.
 
 use serde::{Deserialize, Serialize};
-use zk0_lerobot::config::{ExpertConfig, PolicyConfig, TextConfig, VisionConfig, RMS_NORM_EPS};
+use zk0_lerobot::config::{ExpertConfig, PolicyConfig, TextConfig, VisionConfig};
 use zk0_lerobot::policy_folder::VlmDims;
 use zk0_lerobot::StoredPolicyError;
 
@@ -43,20 +43,20 @@ impl Profile {
         }
     }
 
-    /// Its dimensions.
+    /// Its dimensions. The small profiles are like the published model where they do not say otherwise.
     pub fn config(self) -> PolicyConfig {
+        let vision = |(width, mlp_width, heads)| VisionConfig {
+            image_size: 64,
+            patch_size: 16,
+            width,
+            mlp_width,
+            layers: 2,
+            heads,
+            shuffle: 2,
+        };
         match self {
             Self::Tiny => PolicyConfig {
-                cameras: 2,
-                vision: VisionConfig {
-                    image_size: 64,
-                    patch_size: 16,
-                    width: 48,
-                    mlp_width: 96,
-                    layers: 2,
-                    heads: 3,
-                    shuffle: 2,
-                },
+                vision: vision((48, 96, 3)),
                 text: TextConfig {
                     width: 72,
                     mlp_width: 160,
@@ -70,30 +70,11 @@ impl Profile {
                     width: 54,
                     mlp_width: 256,
                 },
-                self_attn_every: 2,
                 chunk_size: 10,
-                state_dim: 6,
-                action_dim: 6,
-                max_state_dim: 32,
-                max_action_dim: 32,
-                max_language_tokens: 48,
-                min_period: 0.004,
-                max_period: 4.0,
-                prefix_length: 0,
-                camera_names: Vec::new(),
-                rms_norm_eps: RMS_NORM_EPS,
+                ..Self::Full.config()
             },
             Self::Micro => PolicyConfig {
-                cameras: 2,
-                vision: VisionConfig {
-                    image_size: 64,
-                    patch_size: 16,
-                    width: 16,
-                    mlp_width: 32,
-                    layers: 2,
-                    heads: 2,
-                    shuffle: 2,
-                },
+                vision: vision((16, 32, 2)),
                 text: TextConfig {
                     width: 16,
                     mlp_width: 32,
@@ -107,18 +88,11 @@ impl Profile {
                     width: 12,
                     mlp_width: 32,
                 },
-                self_attn_every: 2,
                 chunk_size: 6,
-                state_dim: 6,
-                action_dim: 6,
                 max_state_dim: 8,
                 max_action_dim: 8,
                 max_language_tokens: 4,
-                min_period: 0.004,
-                max_period: 4.0,
-                prefix_length: 0,
-                camera_names: Vec::new(),
-                rms_norm_eps: RMS_NORM_EPS,
+                ..Self::Full.config()
             },
             Self::Full => {
                 let vlm = VlmDims::smolvlm2_500m();

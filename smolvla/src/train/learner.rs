@@ -10,10 +10,11 @@ use zk0_lerobot::safetensors::{TensorData, TensorSet};
 use crate::error::{PolicyError, Result};
 use crate::frames::batch::{pick, Batch, ObservedBatch, SampleSource};
 use crate::frames::sample::{ObservedSample, PreparedSample};
-use crate::measure::evaluate::FlowDraw;
+use crate::measure::evaluate::{losses_at, FlowDraw};
 use crate::policy::frozen::FrozenPlace;
 use crate::policy::model::expert::ExpertModel;
-use crate::policy::model::flow::{losses, mean_loss_valid_only, noisy_actions, target_velocity};
+use crate::policy::model::flow::mean_loss_valid_only;
+use crate::policy::model::observe::ignore;
 use crate::policy::model::state_token::StateToken;
 use crate::policy::model::Parameters;
 use crate::policy::weights::ExpertWeights;
@@ -62,13 +63,15 @@ impl Samples<'_> {
 
 /// Trainable variables and the models made of them.
 pub struct Learner {
-    config: PolicyConfig,
-    device: Device,
     variables: BTreeMap<String, Var>,
-    models: Models,
+    models: EvaluationModels,
 }
 
-struct Models {
+/// The models of a [`Learner`], or of a policy that nobody trains. Those of [`Learner::evaluation_models`] share its memory: use
+/// them before the next step.
+pub struct EvaluationModels {
+    config: PolicyConfig,
+    device: Device,
     expert: ExpertModel,
     /// Where the state projection is trained: its token runs through the language layers at every step.
     state: Option<StateToken>,
@@ -111,12 +114,12 @@ impl Learner {
             }
         };
         Ok(Self {
-            models: Models {
+            models: EvaluationModels {
                 expert: ExpertModel::new(config, &trainable)?,
                 state,
+                config: config.clone(),
+                device: device.clone(),
             },
-            config: config.clone(),
-            device: device.clone(),
             variables,
         })
     }
@@ -128,7 +131,7 @@ impl Learner {
 
     /// Dimensions of the policy.
     pub fn config(&self) -> &PolicyConfig {
-        &self.config
+        &self.models.config
     }
 
     /// Their values now.
@@ -146,37 +149,27 @@ impl Learner {
     /// A batch of samples, as the variables are now; gradients reach them through it.
     ///
     /// # Errors
-    /// [`PolicyError::Sample`] for samples of the other scope, or that do not fit the policy.
+    /// As [`EvaluationModels::batch`].
     pub fn batch(&self, samples: Samples, indices: &[usize]) -> Result<Batch> {
-        self.models
-            .batch(&self.config, &self.device, samples, indices)
+        self.models.batch(samples, indices)
     }
 
     /// The mean loss of a batch, by `loss_valid_only`.
     pub fn loss(&self, batch: &Batch, draws: &[FlowDraw]) -> Result<Tensor> {
-        let times: Vec<f32> = draws.iter().map(|d| d.time).collect();
-        let noise: Vec<f32> = draws.iter().flat_map(|d| d.noise.iter().copied()).collect();
-        let noise = Tensor::from_vec(noise, batch.actions.shape(), &self.device)?;
-        let velocity = self.models.expert.forward(
-            &batch.cache,
-            &noisy_actions(&batch.actions, &noise, &times)?,
-            &times,
-        )?;
-        let errors = losses(&velocity, &target_velocity(&batch.actions, &noise)?)?;
-        mean_loss_valid_only(&errors, self.config.action_dim, &batch.is_pad)
+        let (models, draws) = (&self.models, draws.iter().collect::<Vec<_>>());
+        let errors = losses_at(&models.expert, batch, &draws, &mut ignore)?;
+        mean_loss_valid_only(&errors, models.config.action_dim, &batch.is_pad)
     }
 
     /// The models as they are now, for looking at them: nothing is kept for a backward pass.
     pub fn evaluation_models(&self) -> Result<EvaluationModels> {
         let detached = parameters(&self.variables, Var::as_detached_tensor);
-        let state = self.models.state.as_ref();
+        let (config, state) = (&self.models.config, self.models.state.as_ref());
         Ok(EvaluationModels {
-            models: Models {
-                expert: ExpertModel::new(&self.config, &detached)?,
-                state: state.map(|s| s.with_projection(&detached)).transpose()?,
-            },
-            config: self.config.clone(),
-            device: self.device.clone(),
+            expert: ExpertModel::new(config, &detached)?,
+            state: state.map(|s| s.with_projection(&detached)).transpose()?,
+            config: config.clone(),
+            device: self.models.device.clone(),
         })
     }
 }
@@ -187,28 +180,21 @@ fn parameters(variables: &BTreeMap<String, Var>, tensor: impl Fn(&Var) -> Tensor
     Parameters::from_tensors(tensors.collect())
 }
 
-/// The models of a [`Learner`] at one moment. It shares their memory: use it before the next step.
-pub struct EvaluationModels {
-    config: PolicyConfig,
-    device: Device,
-    models: Models,
-}
-
 impl EvaluationModels {
     /// A policy's models without any intention to train. `frozen` is needed for observed samples, and the precision of `place`
-    /// has to be theirs; a device stands for [its usual one](FrozenPlace::on).
+    /// has to be theirs.
     pub fn new(
         config: &PolicyConfig,
         expert: &ExpertWeights,
         frozen: Option<&TensorSet>,
-        place: impl Into<FrozenPlace>,
+        place: &FrozenPlace,
     ) -> Result<Self> {
-        Learner::new(config, expert, frozen, &place.into())?.evaluation_models()
+        Learner::new(config, expert, frozen, place)?.evaluation_models()
     }
 
     /// The expert.
     pub fn expert(&self) -> &ExpertModel {
-        &self.models.expert
+        &self.expert
     }
 
     /// Dimensions of the policy.
@@ -216,24 +202,12 @@ impl EvaluationModels {
         &self.config
     }
 
-    /// As [`Learner::batch`].
+    /// A batch of samples.
     ///
     /// # Errors
-    /// As [`Learner::batch`].
+    /// [`PolicyError::Sample`] for samples of the other scope, or that do not fit the policy.
     pub fn batch(&self, samples: Samples, indices: &[usize]) -> Result<Batch> {
-        self.models
-            .batch(&self.config, &self.device, samples, indices)
-    }
-}
-
-impl Models {
-    fn batch(
-        &self,
-        config: &PolicyConfig,
-        device: &Device,
-        samples: Samples,
-        indices: &[usize],
-    ) -> Result<Batch> {
+        let (config, device) = (&self.config, &self.device);
         match (samples, &self.state) {
             (Samples::Prepared(source), None) => {
                 let picked = pick(source, indices)?;

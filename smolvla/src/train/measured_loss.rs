@@ -1,12 +1,12 @@
 //! The loss that learning rates follow: on a fixed part of the samples, at fixed noise and times.
 
-use candle_core::Device;
 use zk0_lerobot::config::PolicyConfig;
 
 use crate::error::{PolicyError, Result};
 use crate::frames::batch::InMemory;
 use crate::frames::sample::PreparedSample;
 use crate::measure::evaluate::fixed_draws;
+use crate::policy::frozen::FrozenPlace;
 use crate::policy::weights::ExpertWeights;
 use crate::train::learner::{EvaluationModels, Samples};
 use crate::train::trainer::evaluate_samples;
@@ -43,7 +43,7 @@ pub fn loss_of(
     samples: &[PreparedSample],
     seed: u64,
 ) -> Result<f64> {
-    let models = EvaluationModels::new(config, weights, None, &Device::Cpu)?;
+    let models = EvaluationModels::new(config, weights, None, &FrozenPlace::default())?;
     let samples = InMemory::new(config, samples)?;
     measured_loss(&models, Samples::Prepared(&samples), seed)
 }

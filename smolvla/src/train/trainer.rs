@@ -6,7 +6,7 @@ use zk0_lerobot::layout::expert_layout;
 use zk0_lerobot::safetensors::TensorSet;
 
 use crate::error::{PolicyError, Result};
-use crate::measure::evaluate::{squared_errors, Evaluation, FlowDraw, SampleErrors};
+use crate::measure::evaluate::{squared_errors, FlowDraw, SampleErrors};
 use crate::policy::frozen::FrozenPlace;
 use crate::policy::model::kernels::gradients::backward;
 use crate::policy::model::observe::ignore;
@@ -58,7 +58,7 @@ impl<'a> Trainer<'a> {
         options: TrainOptions,
     ) -> Result<Self> {
         Self::on(
-            FrozenPlace::default(),
+            &FrozenPlace::default(),
             config,
             start,
             None,
@@ -67,14 +67,14 @@ impl<'a> Trainer<'a> {
         )
     }
 
-    /// A run at `place`, which is where the samples were prepared, or another device with the same precision; a device stands for
-    /// [its usual one](FrozenPlace::on). For [`TrainScope::ExpertAndState`], `frozen` is the frozen half of the policy, or what
+    /// A run at `place`, which is where the samples were prepared, or another device with the same precision. For
+    /// [`TrainScope::ExpertAndState`], `frozen` is the frozen half of the policy, or what
     /// [`state_part`](crate::train::learner::state_part) leaves of it.
     ///
     /// # Errors
     /// As [`Self::new`]; samples and `frozen` have to be for the same scope.
     pub fn on(
-        place: impl Into<FrozenPlace>,
+        place: &FrozenPlace,
         config: &PolicyConfig,
         start: &ExpertWeights,
         frozen: Option<&TensorSet>,
@@ -85,7 +85,7 @@ impl<'a> Trainer<'a> {
         if samples.is_empty() {
             return Err(PolicyError::Sample("there are no samples".into()));
         }
-        let learner = Learner::new(config, start, frozen, &place.into())?;
+        let learner = Learner::new(config, start, frozen, place)?;
         let optimizer = AdamW::proximal(learner.variables(), options.adamw, options.fedprox_mu)?;
         Ok(Self {
             order: Order::new(options.seed, samples.len()),
@@ -209,34 +209,16 @@ pub fn evaluate_samples(
             indices.len()
         )));
     }
-    let zero = Evaluation {
-        squared_error: 0.0,
-        elements: 0,
-    };
-    let mut total = SampleErrors {
-        valid_only: zero,
-        plain: zero,
-    };
+    let mut all = Vec::with_capacity(indices.len());
     let rounds = indices.chunks(EVALUATED_AT_ONCE);
     for (indices, draws) in rounds.zip(draws.chunks(EVALUATED_AT_ONCE)) {
         let batch = models.batch(samples, indices)?;
         let draws: Vec<&FlowDraw> = draws.iter().collect();
-        let each = squared_errors(
-            models.config(),
-            models.expert(),
-            &batch,
-            &draws,
-            &mut ignore,
-        )?;
-        for one in each {
-            for (sum, more) in [
-                (&mut total.valid_only, one.valid_only),
-                (&mut total.plain, one.plain),
-            ] {
-                sum.squared_error += more.squared_error;
-                sum.elements += more.elements;
-            }
-        }
+        let (config, expert) = (models.config(), models.expert());
+        all.extend(squared_errors(config, expert, &batch, &draws, &mut ignore)?);
     }
-    Ok(total)
+    Ok(SampleErrors {
+        valid_only: all.iter().map(|one| one.valid_only).sum(),
+        plain: all.iter().map(|one| one.plain).sum(),
+    })
 }

@@ -4,10 +4,10 @@ use candle_core::Device;
 use zk0_lerobot::dataset::{Normalizer, Stats};
 use zk0_lerobot::error::Result;
 use zk0_lerobot::tokenizer::Tokenizer;
-use zk0_smolvla::act::{Actor, Scene};
 use zk0_smolvla::frames::sample::CameraImage;
 use zk0_smolvla::policy::model::Parameters;
 
+use crate::actor::{Actor, Scene};
 use crate::case::{last_frames, Case, SAMPLED};
 use crate::reference::{check, distance, is_of_repository, policy};
 

@@ -93,6 +93,6 @@ impl Case {
     }
 
     pub fn cache(&self) -> PrefixCache {
-        self.prefix.run(&self.embedding()).unwrap().cache
+        self.prefix.cache(&self.prefix_input()).unwrap()
     }
 }

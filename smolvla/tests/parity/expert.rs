@@ -13,7 +13,6 @@ use crate::reference::{check, close, is_committed, json, numbers, policy};
 pub fn expert_from_noise_to_velocity() {
     let case = Case::read();
     let (inputs, out, layers) = (&case.inputs, &case.outputs, case.config().text.layers);
-    let cache = case.cache();
     let (actions, noise) = (out.tensor("prepared.action"), inputs.tensor("noise"));
     let times = inputs.f32s("time");
     let x_t = flow::noisy_actions(&actions, &noise, &times).unwrap();
@@ -23,31 +22,29 @@ pub fn expert_from_noise_to_velocity() {
     let time_emb = case.expert.embed_time(&times, &Device::Cpu).unwrap();
     close(out, "time_emb", &time_emb, 1e-6);
 
-    let suffix = case.expert.embed(&x_t, &times).unwrap();
-    close(out, "suffix_embs", &suffix, EARLY);
-    let hidden = case.expert.hidden_states(&cache, &suffix).unwrap();
-    assert_eq!(hidden.len(), layers + 1);
-    for (layer, input) in hidden.iter().enumerate().take(layers) {
-        let name = format!("train.expert.layer.{layer}.input");
-        close(out, &name, input, HIDDEN);
-    }
-    close(
-        out,
-        "train.expert.final_norm.input",
-        &hidden[layers],
-        HIDDEN,
-    );
-    let output = case.expert.output(&hidden[layers]).unwrap();
-    close(out, "suffix_out", &output, HIDDEN);
-
     let mut attended = 0;
     let v_t = case
         .expert
-        .forward_observed(&cache, &x_t, &times, &mut |site, values| {
-            if let Site::Attention(layer) = site {
-                let name = format!("train.expert.layer.{layer}.attn_out");
-                close(out, &name, values, HIDDEN);
-                attended += 1;
+        .forward_observed(&case.cache(), &x_t, &times, &mut |site, values| {
+            match site {
+                Site::TimeMlpOut => {
+                    close(out, "suffix_embs", values, EARLY);
+                    close(out, "train.expert.layer.0.input", values, HIDDEN);
+                }
+                Site::MlpOut(layer) if layer + 1 == layers => {
+                    close(out, "train.expert.final_norm.input", values, HIDDEN);
+                }
+                Site::MlpOut(layer) => {
+                    let name = format!("train.expert.layer.{}.input", layer + 1);
+                    close(out, &name, values, HIDDEN);
+                }
+                Site::Attention(layer) => {
+                    let name = format!("train.expert.layer.{layer}.attn_out");
+                    close(out, &name, values, HIDDEN);
+                    attended += 1;
+                }
+                Site::FinalNorm => close(out, "suffix_out", values, HIDDEN),
+                _ => {}
             }
             Ok(())
         })
@@ -69,7 +66,7 @@ pub fn losses_under_both_rules() {
     close(out, "losses", &losses, LOSSES);
     let mean = flow::mean_loss(&losses).unwrap();
     close(out, "loss", &mean, LOSS);
-    let each = flow::per_sample_loss(&losses).unwrap();
+    let each = losses.flatten_from(1).unwrap().mean(1).unwrap();
     close(out, "per_sample_loss", &each, LOSS);
 
     let is_pad = inputs.mask("batch.action_is_pad");
@@ -81,7 +78,12 @@ pub fn losses_under_both_rules() {
     }
     let valid = flow::mean_loss_valid_only(&losses, config.action_dim, &is_pad).unwrap();
     close(out, "loss_valid_only", &valid, LOSS);
-    let each = flow::per_sample_loss_valid_only(&losses, config.action_dim, &is_pad).unwrap();
+    let each = (0..case.batch()).map(|b| {
+        let losses = losses.narrow(0, b, 1).unwrap();
+        let is_pad = &is_pad[b..=b];
+        flow::mean_loss_valid_only(&losses, config.action_dim, is_pad).unwrap()
+    });
+    let each = Tensor::stack(&each.collect::<Vec<_>>(), 0).unwrap();
     close(out, "per_sample_loss_valid_only", &each, LOSS);
 
     let facts = json("facts.json");

@@ -4,7 +4,9 @@ use candle_core::Tensor;
 use zk0_smolvla::policy::model::flow;
 use zk0_smolvla::policy::model::kernels::gradients::backward;
 
-use crate::reference::{check, is_of_repository, lerobot, numbers, relative_distance, Values};
+use crate::reference::{
+    check, is_of_repository, numbers, relative_distance, training_preset, Values,
+};
 use crate::training::Training;
 
 fn gradients_agree(training: &Training, file: &str, loss: &Tensor) {
@@ -41,7 +43,7 @@ pub fn gradients_of_the_valid_only_loss() {
 /// What training with a cached prefix does: the state's token alone is made anew, and alone has a gradient.
 #[test]
 pub fn gradients_by_way_of_the_state_token_alone() {
-    if !lerobot().training.train_expert_only {
+    if !training_preset().train_expert_only {
         assert!(
             !is_of_repository(),
             "the repository's train the expert only"

@@ -3,6 +3,8 @@
 //! The reference is `tests/fixtures/smolvla_tiny`, or another folder of the same layout in `ZK0_PARITY_DIR`: of any dimensions,
 //! cameras and batch. Nothing here knows a size that is not read from its files.
 
+#[path = "../actor/mod.rs"]
+mod actor;
 #[path = "../reference/mod.rs"]
 mod reference;
 

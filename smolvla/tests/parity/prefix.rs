@@ -1,15 +1,19 @@
 //! Phase one: images, language and state, to the key/value cache.
 
-use candle_core::Tensor;
+use candle_core::{Device, Tensor};
+use zk0_lerobot::layout::VLM;
 use zk0_smolvla::frames::cameras::camera_slots;
 use zk0_smolvla::frames::image::resize_with_pad;
 use zk0_smolvla::frames::sample::widen;
+use zk0_smolvla::policy::model::layers::RmsNorm;
 use zk0_smolvla::policy::model::visibility::{
     action_positions, action_sees, prefix_positions, prefix_sees,
 };
+use zk0_smolvla::policy::model::vision::VisionSite;
+use zk0_smolvla::policy::model::Parameters;
 
 use crate::case::{last_frames, Case, EARLY, HIDDEN};
-use crate::reference::{close, close_numbers, close_where, is_committed};
+use crate::reference::{close, close_numbers, close_where, is_committed, policy};
 
 /// The batch's images, in the policy's order and at its size, and blank ones for cameras that are missing.
 #[test]
@@ -71,19 +75,26 @@ pub fn vision_from_pixels_to_tokens() {
     assert_eq!(cameras.len(), case.cameras());
     let side = config.vision.image_size / config.vision.patch_size;
     for (camera, input) in cameras.iter().enumerate() {
-        let vision = case.prefix.vision().run(&input.pixels).unwrap();
         let name = |what: &str| format!("vision.{camera}.{what}");
         let grid = (case.batch(), config.vision.width, side, side);
-        let patches = vision.patches.transpose(1, 2).unwrap();
-        let patches = patches.reshape(grid).unwrap();
-        close(out, &name("patch_conv"), &patches, EARLY);
-        assert_eq!(vision.hidden.len(), config.vision.layers + 1);
-        for (layer, input) in vision.hidden.iter().enumerate().take(config.vision.layers) {
-            close(out, &name(&format!("layer.{layer}.input")), input, EARLY);
-        }
-        close(out, &name("post_layernorm"), &vision.normed, EARLY);
-        close(out, &name("connector"), &vision.tokens, EARLY);
-        let tokens = case.prefix.vision().tokens(&input.pixels).unwrap();
+        let mut seen = 0;
+        let mut observe = |site, values: &Tensor| {
+            seen += 1;
+            match site {
+                VisionSite::Patches => {
+                    let patches = values.transpose(1, 2).unwrap().reshape(grid).unwrap();
+                    close(out, &name("patch_conv"), &patches, EARLY);
+                }
+                VisionSite::Hidden(layer) if layer == config.vision.layers => {}
+                VisionSite::Hidden(layer) => {
+                    close(out, &name(&format!("layer.{layer}.input")), values, EARLY)
+                }
+                VisionSite::Normed => close(out, &name("post_layernorm"), values, EARLY),
+            }
+        };
+        let vision = case.prefix.vision();
+        let tokens = vision.tokens(&input.pixels, &mut observe).unwrap();
+        assert_eq!(seen, config.vision.layers + 3);
         close(out, &name("connector"), &tokens, EARLY);
     }
 }
@@ -103,24 +114,27 @@ pub fn prefix_embeddings_and_cache() {
     }
     close(out, "prefix_embs", &embedding.tokens, EARLY);
 
-    let prefix = case.prefix.run(&embedding).unwrap();
     let compare = |name: String, found: &Tensor| close_where(out, &name, found, &valid, HIDDEN);
-    assert_eq!(prefix.hidden.len(), config.text.layers + 1);
+    let mut hidden = vec![embedding.tokens.clone()];
+    let mut observe = |attended: &Tensor, x: &Tensor| {
+        let layer = hidden.len() - 1;
+        compare(format!("train.vlm.layer.{layer}.attn_out"), attended);
+        hidden.push(x.clone());
+    };
+    let cache = case.prefix.layers(&embedding, Some(&mut observe)).unwrap();
+    assert_eq!(hidden.len(), config.text.layers + 1);
     for layer in 0..config.text.layers {
-        compare(
-            format!("train.vlm.layer.{layer}.input"),
-            &prefix.hidden[layer],
-        );
-        compare(
-            format!("train.vlm.layer.{layer}.attn_out"),
-            &prefix.attended[layer],
-        );
-        compare(format!("cache.{layer}.key"), &prefix.cache.keys[layer]);
-        compare(format!("cache.{layer}.value"), &prefix.cache.values[layer]);
+        compare(format!("train.vlm.layer.{layer}.input"), &hidden[layer]);
+        compare(format!("cache.{layer}.key"), &cache.keys[layer]);
+        compare(format!("cache.{layer}.value"), &cache.values[layer]);
     }
-    let last = &prefix.hidden[config.text.layers];
+    let last = &hidden[config.text.layers];
     compare("train.vlm.final_norm.input".into(), last);
-    compare("prefix_out".into(), &prefix.output);
+    // The policy has no use for the final norm, and so no part of it.
+    let parameters = Parameters::load(&policy().frozen, &Device::Cpu).unwrap();
+    let name = format!("{VLM}.text_model.norm");
+    let norm = RmsNorm::new(&parameters, &name, config.rms_norm_eps).unwrap();
+    compare("prefix_out".into(), &norm.forward(last).unwrap());
 }
 
 /// Positions and visibility of prefix and action tokens together, as in LeRobot's training pass.

@@ -1,7 +1,6 @@
 //! Euler steps of the velocity field, from noise to actions.
 
 use candle_core::Tensor;
-use zk0_smolvla::act::real_actions;
 use zk0_smolvla::policy::model::sampling::sample_actions_observed;
 
 use crate::case::{Case, HIDDEN, SAMPLED};
@@ -43,6 +42,6 @@ pub fn sampled_actions() {
         .unwrap();
     assert_eq!(step, steps);
     close(out, "sample.actions", &actions, SAMPLED);
-    let chunk = real_actions(&actions, case.config().action_dim).unwrap();
+    let chunk = actions.narrow(2, 0, case.config().action_dim).unwrap();
     close(out, "sample.action_chunk", &chunk, SAMPLED);
 }

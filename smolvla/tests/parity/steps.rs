@@ -10,7 +10,9 @@ use zk0_smolvla::train::schedule::Schedule;
 use zk0_smolvla::train::TrainOptions;
 
 use crate::case::LOSS;
-use crate::reference::{check, is_committed, is_of_repository, json, lerobot, numbers, Values};
+use crate::reference::{
+    check, is_committed, is_of_repository, json, numbers, training_preset, TrainingPreset, Values,
+};
 use crate::training::{idle, Training};
 
 /// Of the loss before a step: that of a loss. An entry whose gradient is rounding noise may move either way by a whole learning rate
@@ -164,21 +166,22 @@ fn defaults_are_lerobots_preset() {
     let peak = number(&settings["scheduler"], "peak_lr");
     assert_eq!(number(&settings["optimizer"], "lr"), peak);
 
-    let preset = lerobot().training;
+    let preset = training_preset();
     let configured = AdamWOptions {
-        beta1: preset.betas.0,
-        beta2: preset.betas.1,
-        eps: preset.eps,
-        weight_decay: preset.weight_decay,
-        clip_norm: preset.grad_clip_norm,
+        beta1: preset.optimizer_betas.0,
+        beta2: preset.optimizer_betas.1,
+        eps: preset.optimizer_eps,
+        weight_decay: preset.optimizer_weight_decay,
+        clip_norm: preset.optimizer_grad_clip_norm,
     };
     assert_eq!(configured, adamw);
-    assert_eq!(preset.learning_rate, peak);
+    assert_eq!(preset.optimizer_lr, peak);
 
     if !is_of_repository() {
         println!("not compared with our defaults: another folder may have other settings");
         return;
     }
+    assert_eq!(preset, TrainingPreset::default());
     let ours = TrainOptions::default();
     assert_eq!(AdamWOptions::default(), adamw);
     assert_eq!(ours.adamw, adamw);

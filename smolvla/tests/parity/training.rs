@@ -9,7 +9,7 @@ use zk0_smolvla::policy::model::key_values::PrefixCache;
 use zk0_smolvla::policy::model::{flow, Parameters};
 
 use crate::case::Case;
-use crate::reference::{json, lerobot, policy, Values};
+use crate::reference::{json, lerobot, policy, training_preset, Values};
 
 pub struct Training {
     pub variables: BTreeMap<String, Var>,
@@ -31,10 +31,10 @@ impl Training {
         let reference = Values::read("grads.safetensors");
         let shape = |name: &String| (name.clone(), reference.shape(name).to_vec());
         let trainable: Layout = reference.names().map(shape).collect();
-        if lerobot.training.train_expert_only {
+        let preset = training_preset();
+        if preset.train_expert_only {
             // Not so only where the vision-language model is trained too, which the library has no set for.
-            let with_state = lerobot.training.train_state_proj;
-            let mut ours = trainable_layout(&lerobot.dims, with_state);
+            let mut ours = trainable_layout(&lerobot.dims, preset.train_state_proj);
             ours.retain(|name, _| !idle().contains(name));
             assert_eq!(trainable, ours);
         }

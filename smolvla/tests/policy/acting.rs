@@ -3,7 +3,6 @@
 use candle_core::Device;
 use zk0_lerobot::config::PolicyConfig;
 use zk0_lerobot::dataset::{Normalizer, Stats};
-use zk0_smolvla::act::{Actor, Scene};
 use zk0_smolvla::error::Result;
 use zk0_smolvla::frames::sample::{CameraImage, Observation, PreparedSample, Preparer};
 use zk0_smolvla::policy::init::init_policy;
@@ -12,6 +11,8 @@ use zk0_smolvla::policy::profile::Profile;
 use zk0_smolvla::policy::tokenizer::WordHash;
 use zk0_smolvla::policy::weights::Policy;
 use zk0_smolvla::PolicyError;
+
+use crate::actor::{Actor, Scene};
 
 const TASK: &str = "put the cube down";
 

@@ -2,12 +2,10 @@
 
 use std::fs;
 
-use candle_core::Device;
 use zk0_lerobot::policy_folder::PolicyFolder;
-use zk0_smolvla::policy::model::Parameters;
 use zk0_smolvla::Policy;
 
-use crate::reference::fixtures;
+use crate::reference::{fixtures, parameters_of};
 
 const NORM: &str = "model.vlm_with_expert.lm_expert.norm.weight";
 
@@ -30,7 +28,7 @@ fn a_folder_gives_the_weights_that_its_file_holds() {
     let direct = Policy::from_safetensors(&opened.config().dims, &bytes).unwrap();
     assert_eq!(policy, direct);
 
-    let parameters = Parameters::from_folder(&opened, &Device::Cpu).unwrap();
+    let parameters = parameters_of(&opened);
     let norm: Vec<f32> = parameters.get(NORM).unwrap().to_vec1().unwrap();
     assert_eq!(norm, policy.expert.tensors()[NORM].data);
 }

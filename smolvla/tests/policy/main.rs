@@ -1,5 +1,7 @@
 //! The policy: its weights, its profiles, and what it does.
 
+#[path = "../actor/mod.rs"]
+mod actor;
 #[path = "../reference/mod.rs"]
 mod reference;
 

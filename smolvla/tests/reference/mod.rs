@@ -7,8 +7,11 @@ use std::path::PathBuf;
 
 use candle_core::{Device, Tensor};
 use safetensors::tensor::{Dtype, SafeTensors};
+use serde::Deserialize;
 use zk0_lerobot::config::PolicyConfig;
-use zk0_lerobot::policy_folder::LeRobotConfig;
+use zk0_lerobot::layout::policy_layout;
+use zk0_lerobot::policy_folder::{LeRobotConfig, PolicyFolder};
+use zk0_smolvla::policy::model::Parameters;
 use zk0_smolvla::policy::weights::Policy;
 
 /// The repository's fixtures.
@@ -69,6 +72,56 @@ pub fn json(file: &str) -> serde_json::Value {
 
 pub fn lerobot() -> LeRobotConfig {
     LeRobotConfig::parse(&text("policy_config.json"), Some(&text("vlm_config.json"))).unwrap()
+}
+
+/// What a policy's configuration says of its training. What it leaves out has LeRobot's default.
+#[derive(Clone, Debug, Deserialize, PartialEq)]
+#[serde(default)]
+pub struct TrainingPreset {
+    pub freeze_vision_encoder: bool,
+    pub train_expert_only: bool,
+    pub train_state_proj: bool,
+    pub optimizer_lr: f64,
+    pub optimizer_betas: (f64, f64),
+    pub optimizer_eps: f64,
+    pub optimizer_weight_decay: f64,
+    pub optimizer_grad_clip_norm: f64,
+    pub scheduler_warmup_steps: usize,
+    pub scheduler_decay_steps: usize,
+    pub scheduler_decay_lr: f64,
+}
+
+impl Default for TrainingPreset {
+    fn default() -> Self {
+        Self {
+            freeze_vision_encoder: true,
+            train_expert_only: true,
+            train_state_proj: true,
+            optimizer_lr: 1e-4,
+            optimizer_betas: (0.9, 0.95),
+            optimizer_eps: 1e-8,
+            optimizer_weight_decay: 1e-10,
+            optimizer_grad_clip_norm: 10.0,
+            scheduler_warmup_steps: 1000,
+            scheduler_decay_steps: 30_000,
+            scheduler_decay_lr: 2.5e-6,
+        }
+    }
+}
+
+pub fn training_preset() -> TrainingPreset {
+    serde_json::from_value(json("policy_config.json")).unwrap()
+}
+
+/// All weights of a policy folder. One tensor at a time passes through memory: this takes the policy's size and no more.
+pub fn parameters_of(folder: &PolicyFolder) -> Parameters {
+    let read = |name: String| {
+        let tensor = folder.tensor(&name).unwrap();
+        let tensor = Tensor::from_vec(tensor.data, tensor.shape, &Device::Cpu).unwrap();
+        (name, tensor)
+    };
+    let names = policy_layout(&folder.config().dims).into_keys();
+    Parameters::from_tensors(names.map(read).collect())
 }
 
 pub fn config() -> PolicyConfig {

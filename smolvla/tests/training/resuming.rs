@@ -8,6 +8,7 @@ use rand_chacha::ChaCha20Rng;
 use zk0_lerobot::config::PolicyConfig;
 use zk0_smolvla::frames::batch::InMemory;
 use zk0_smolvla::frames::sample::{ObservedSample, PreparedSample};
+use zk0_smolvla::policy::frozen::FrozenPlace;
 use zk0_smolvla::policy::init::init_policy;
 use zk0_smolvla::policy::profile::Profile;
 use zk0_smolvla::policy::random::normal;
@@ -106,9 +107,9 @@ fn trainer<'a>(policy: &Policy, samples: Samples<'a>, options: TrainOptions) -> 
         Samples::Prepared(_) => None,
         Samples::Observed(_) => Some(&policy.frozen),
     };
-    let device = candle_core::Device::Cpu;
+    let cpu = FrozenPlace::default();
     Trainer::on(
-        &device,
+        &cpu,
         &policy.config,
         &policy.expert,
         frozen,
@@ -166,7 +167,7 @@ fn the_expert_stopped_anywhere() {
 #[test]
 fn expert_and_state_projection_stopped_anywhere() {
     let samples = observed();
-    let samples = InMemory::observed(&config(), &samples).unwrap();
+    let samples = InMemory::new(&config(), &samples).unwrap();
     stopped_anywhere(Samples::Observed(&samples));
 }
 

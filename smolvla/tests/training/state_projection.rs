@@ -28,13 +28,13 @@ fn observed_samples_give_the_prefix_of_prepared_ones() {
     );
     let in_memory = (
         InMemory::new(&config(), &prepared).unwrap(),
-        InMemory::observed(&config(), &observed).unwrap(),
+        InMemory::new(&config(), &observed).unwrap(),
     );
-    let device = candle_core::Device::Cpu;
+    let cpu = FrozenPlace::default();
     let all: Vec<usize> = (0..6).collect();
     let draws = fixed_draws(&config(), 6, 3);
     let loss = |frozen, samples| {
-        let models = EvaluationModels::new(&config(), &policy.expert, frozen, &device).unwrap();
+        let models = EvaluationModels::new(&config(), &policy.expert, frozen, &cpu).unwrap();
         evaluate_samples(&models, samples, &all, &draws).unwrap()
     };
     let a = loss(None, Samples::Prepared(&in_memory.0));
@@ -107,7 +107,7 @@ fn the_states_token_is_made_in_the_precision_of_the_frozen_half() {
         let prepared = (0..6).map(|k| Scene::at(k).made_at(&at, &policy).unwrap());
         let prepared: Vec<PreparedSample> = prepared.collect();
         let observed = observed_at(&at);
-        let observed = InMemory::observed(&config(), &observed).unwrap();
+        let observed = InMemory::new(&config(), &observed).unwrap();
         let samples = Samples::Observed(&observed);
         let apart = |made_in: FrozenPrecision| {
             let (at, frozen) = (place(made_in), Some(&policy.frozen));
@@ -159,7 +159,7 @@ fn the_states_token_is_made_in_the_precision_of_the_frozen_half() {
 fn a_rounded_state_projection_is_the_one_that_is_trained() {
     let (policy, at) = (policy(), place(FrozenPrecision::Bf16));
     let observed = observed_at(&at);
-    let observed = InMemory::observed(&config(), &observed).unwrap();
+    let observed = InMemory::new(&config(), &observed).unwrap();
     let (samples, all) = (Samples::Observed(&observed), [0, 1, 2, 3, 4, 5]);
     let learner = Learner::new(&config(), &policy.expert, Some(&policy.frozen), &at).unwrap();
     let keys = |cache: &PrefixCache| -> Vec<Vec<f32>> { cache.keys.iter().map(numbers).collect() };
@@ -190,10 +190,10 @@ fn a_rounded_state_projection_is_the_one_that_is_trained() {
 fn the_state_projection_is_trained_when_asked_for() {
     let policy = policy();
     let samples: Vec<ObservedSample> = (0..12).map(|k| Scene::at(k).observe().unwrap()).collect();
-    let samples = InMemory::observed(&config(), &samples).unwrap();
-    let device = candle_core::Device::Cpu;
+    let samples = InMemory::new(&config(), &samples).unwrap();
+    let cpu = FrozenPlace::default();
     let mut trainer = Trainer::on(
-        &device,
+        &cpu,
         &config(),
         &policy.expert,
         Some(&policy.frozen),
@@ -218,10 +218,10 @@ fn samples_of_the_other_scope_are_refused() {
     let policy = policy();
     let samples = samples();
     let samples = InMemory::new(&config(), &samples).unwrap();
-    let device = candle_core::Device::Cpu;
+    let cpu = FrozenPlace::default();
     let (frozen, samples) = (Some(&policy.frozen), Samples::Prepared(&samples));
     let made = Trainer::on(
-        &device,
+        &cpu,
         &config(),
         &policy.expert,
         frozen,

@@ -102,14 +102,15 @@ impl<'c, 'a, S: FromFrame + Entry> PreparedFrames<'c, 'a, S> {
         let source = FrameSource::new(cache, maker, frames);
         let filled = source.fill(progress)?;
         tracing::info!(
-            "{} samples came from the prefix cache in {}, {} were computed",
-            filled.found,
+            "the prefix cache {} has {} of the samples; {} were computed and stored",
             cache.root().display(),
+            filled.found,
             filled.made
         );
         if filled.beyond > 0 {
             tracing::warn!(
-                "{} samples do not fit the prefix cache and are computed whenever they are needed; a larger budget is faster",
+                "{} samples do not fit into the prefix cache, so they are computed whenever they are needed; a larger cache \
+                 (--cache-budget) is faster",
                 filled.beyond
             );
         }

@@ -3,7 +3,6 @@
 use candle_core::{DType, Device, Tensor};
 use zk0_lerobot::config::{LayerKind, PolicyConfig};
 use zk0_lerobot::layout::EXPERT;
-use zk0_lerobot::StoredPolicyError;
 
 use crate::error::Result;
 use crate::policy::memory::KeepFreed;
@@ -62,14 +61,10 @@ impl ExpertModel {
         observe: &mut Observer,
     ) -> Result<Tensor> {
         observe(Site::NoisedAction, x_t)?;
-        let suffix = self.embed_observed(x_t, times, observe)?;
-        let hidden = self.hidden_states_observed(cache, &suffix, observe)?;
-        let last = hidden
-            .last()
-            .ok_or_else(|| StoredPolicyError::Config("the policy has no layers".into()))?;
-        let output = self.output(last)?;
+        let suffix = self.embed(x_t, times, observe)?;
+        let output = self.norm.forward(&self.layers(cache, suffix, observe)?)?;
         observe(Site::FinalNorm, &output)?;
-        let velocity = self.velocity(&output)?;
+        let velocity = self.action_out.forward(&output)?;
         // The loss has no use for the other dimensions: the evaluation does not compute them.
         observe(
             Site::Velocity,
@@ -89,16 +84,7 @@ impl ExpertModel {
     }
 
     /// Action tokens (B, chunk, expert width): actions and time joined, linear, SiLU, linear.
-    pub fn embed(&self, x_t: &Tensor, times: &[f32]) -> Result<Tensor> {
-        self.embed_observed(x_t, times, &mut ignore)
-    }
-
-    fn embed_observed(
-        &self,
-        x_t: &Tensor,
-        times: &[f32],
-        observe: &mut Observer,
-    ) -> Result<Tensor> {
+    fn embed(&self, x_t: &Tensor, times: &[f32], observe: &mut Observer) -> Result<Tensor> {
         let (batch, chunk, _) = x_t.dims3()?;
         let actions = self.action_in.forward(x_t)?;
         observe(Site::ActionIn, &actions)?;
@@ -116,19 +102,10 @@ impl ExpertModel {
         Ok(suffix)
     }
 
-    /// Input of every layer, then the output of the last: each (B, chunk, expert width).
-    pub fn hidden_states(&self, cache: &PrefixCache, suffix: &Tensor) -> Result<Vec<Tensor>> {
-        self.hidden_states_observed(cache, suffix, &mut ignore)
-    }
-
-    fn hidden_states_observed(
-        &self,
-        cache: &PrefixCache,
-        suffix: &Tensor,
-        observe: &mut Observer,
-    ) -> Result<Vec<Tensor>> {
-        let (batch, chunk, _) = suffix.dims3()?;
-        let device = suffix.device();
+    /// The output of the last layer (B, chunk, expert width).
+    fn layers(&self, cache: &PrefixCache, mut x: Tensor, observe: &mut Observer) -> Result<Tensor> {
+        let (batch, chunk, _) = x.dims3()?;
+        let device = &x.device().clone();
         let head_dim = self.config.text.head_dim;
         let valid = &cache.valid;
         let prefix = valid.first().map_or(0, Vec::len);
@@ -145,8 +122,6 @@ impl ExpertModel {
             action_sees(&valid[b], q, k)
         })?;
 
-        let mut x = suffix.clone();
-        let mut hidden = vec![x.clone()];
         for (i, layer) in self.layers.iter().enumerate() {
             let (keys, values) = (&cache.keys[i], &cache.values[i]);
             let normed = layer.normalised(&x)?;
@@ -186,18 +161,7 @@ impl ExpertModel {
             let attended = mix(&scores, &values, mask)?;
             observe(Site::Attention(i), &attended)?;
             x = layer.finish(&x, &attended, &mut |site, values| observe(site(i), values))?;
-            hidden.push(x.clone());
         }
-        Ok(hidden)
-    }
-
-    /// The final norm.
-    pub fn output(&self, hidden: &Tensor) -> Result<Tensor> {
-        Ok(self.norm.forward(hidden)?)
-    }
-
-    /// The velocity from the normed output.
-    pub fn velocity(&self, output: &Tensor) -> Result<Tensor> {
-        Ok(self.action_out.forward(output)?)
+        Ok(x)
     }
 }

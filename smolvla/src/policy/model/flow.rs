@@ -25,11 +25,6 @@ pub fn mean_loss(losses: &Tensor) -> Result<Tensor> {
     Ok(losses.mean_all()?)
 }
 
-/// [`mean_loss`] of every sample by itself: (B).
-pub fn per_sample_loss(losses: &Tensor) -> Result<Tensor> {
-    Ok(losses.flatten_from(1)?.mean(1)?)
-}
-
 /// LeRobot 0.6's mean, the one a claim is about: real action dimensions of frames that are not padding.
 /// `is_pad` has one row of `chunk` per sample. Over a batch without any real frame it is 0.
 pub fn mean_loss_valid_only(
@@ -50,24 +45,4 @@ pub fn mean_loss_valid_only(
         .broadcast_mul(&weights)?
         .sum_all()?;
     Ok((total / count.max(1) as f64)?)
-}
-
-/// [`mean_loss_valid_only`] of every sample by itself: (B).
-pub fn per_sample_loss_valid_only(
-    losses: &Tensor,
-    action_dim: usize,
-    is_pad: &[Vec<bool>],
-) -> Result<Tensor> {
-    let means = is_pad
-        .iter()
-        .enumerate()
-        .map(|(b, pad)| {
-            mean_loss_valid_only(
-                &losses.narrow(0, b, 1)?,
-                action_dim,
-                std::slice::from_ref(pad),
-            )
-        })
-        .collect::<Result<Vec<_>>>()?;
-    Ok(Tensor::stack(&means, 0)?)
 }

@@ -3,8 +3,7 @@
 use std::collections::BTreeMap;
 
 use candle_core::{DType, Device, Tensor, Var};
-use zk0_lerobot::layout::{policy_layout, Layout};
-use zk0_lerobot::policy_folder::PolicyFolder;
+use zk0_lerobot::layout::Layout;
 use zk0_lerobot::safetensors::TensorSet;
 use zk0_lerobot::StoredPolicyError;
 
@@ -39,22 +38,6 @@ impl Parameters {
         let tensors = weights
             .into_iter()
             .map(|(name, t)| Ok((name, Tensor::from_vec(t.data, t.shape, device)?)))
-            .collect::<Result<_>>()?;
-        Ok(Self::from_tensors(tensors))
-    }
-
-    /// Reads all weights of a policy folder to a device. One tensor at a time passes through memory, so on the CPU this takes the
-    /// policy's size and no more.
-    ///
-    /// # Errors
-    /// As [`PolicyFolder::tensor`].
-    pub fn from_folder(folder: &PolicyFolder, device: &Device) -> Result<Self> {
-        let names = policy_layout(&folder.config().dims).into_keys();
-        let tensors = names
-            .map(|name| {
-                let tensor = folder.tensor(&name)?;
-                Ok((name, Tensor::from_vec(tensor.data, tensor.shape, device)?))
-            })
             .collect::<Result<_>>()?;
         Ok(Self::from_tensors(tensors))
     }

@@ -8,7 +8,6 @@ use crate::error::{PolicyError, Result};
 use crate::policy::memory::KeepFreed;
 use crate::policy::model::attention::{attend, Mask};
 use crate::policy::model::key_values::PrefixCache;
-use crate::policy::model::layers::RmsNorm;
 use crate::policy::model::rope::Rope;
 use crate::policy::model::state_token::StateToken;
 use crate::policy::model::visibility::{prefix_positions, prefix_sees};
@@ -46,31 +45,15 @@ pub struct PrefixEmbedding {
     pub state: usize,
 }
 
-/// Values on the way through the language layers.
-pub struct PrefixRun {
-    /// Input of every layer, then the output of the last: each (B, P, text width).
-    pub hidden: Vec<Tensor>,
-    /// Attention output of every layer, before its output projection: each (B, P, heads * head_dim).
-    pub attended: Vec<Tensor>,
-    /// What the expert needs.
-    pub cache: PrefixCache,
-    /// After the final norm (B, P, text width); the policy has no use for it.
-    pub output: Tensor,
-}
-
-/// How far the last language layer is run. The expert reads its keys and values, and nothing after them.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Last {
-    KeysAndValues,
-    Finished,
-}
+/// Called after every language layer with its attention's output (B, P, heads * head_dim), before the output projection, and with
+/// its own (B, P, text width).
+type Observer<'a> = &'a mut dyn FnMut(&Tensor, &Tensor);
 
 /// The frozen half of the policy.
 pub struct PrefixModel {
     vision: Vision,
     embeddings: Tensor,
     text: StateToken,
-    norm: RmsNorm,
     config: PolicyConfig,
     _memory: KeepFreed,
 }
@@ -79,12 +62,10 @@ impl PrefixModel {
     /// From the weights of a whole policy, or of its frozen half. It multiplies in their
     /// [precision](Parameters::in_precision); keys and values are `f32` whichever that is.
     pub fn new(config: &PolicyConfig, parameters: &Parameters) -> Result<Self> {
-        let text = format!("{VLM}.text_model");
         Ok(Self {
             vision: Vision::new(config, parameters)?,
-            embeddings: parameters.get(&format!("{text}.embed_tokens.weight"))?,
+            embeddings: parameters.get(&format!("{VLM}.text_model.embed_tokens.weight"))?,
             text: StateToken::new(config, parameters)?,
-            norm: RmsNorm::new(parameters, &format!("{text}.norm"), config.rms_norm_eps)?,
             config: config.clone(),
             _memory: KeepFreed::new(),
         })
@@ -100,9 +81,9 @@ impl PrefixModel {
         &self.vision
     }
 
-    /// The cache of a batch: [`Self::embed`], then what the expert needs of [`Self::run`].
+    /// The cache of a batch: [`Self::embed`], then the language layers.
     pub fn cache(&self, input: &PrefixInput) -> Result<PrefixCache> {
-        self.layers(&self.embed(input)?, Last::KeysAndValues, &mut |_, _| ())
+        self.layers(&self.embed(input)?, None)
     }
 
     /// Embeds cameras, language and state. Image and language tokens are scaled by sqrt(text width), the
@@ -120,7 +101,7 @@ impl PrefixModel {
         let mut parts = Vec::new();
         let mut valid = vec![Vec::new(); batch];
         for camera in &input.cameras {
-            let tokens = (self.vision.tokens(&camera.pixels)? * scale)?;
+            let tokens = (self.vision.tokens(&camera.pixels, &mut |_, _| ())? * scale)?;
             let count = tokens.dim(1)?;
             for (row, present) in valid.iter_mut().zip(&camera.present) {
                 row.extend(std::iter::repeat_n(*present, count));
@@ -154,28 +135,12 @@ impl PrefixModel {
         })
     }
 
-    /// Runs the language layers. Images and language see each other; the state sees them and itself.
-    pub fn run(&self, embedding: &PrefixEmbedding) -> Result<PrefixRun> {
-        let (mut hidden, mut attended) = (vec![embedding.tokens.clone()], Vec::new());
-        let cache = self.layers(embedding, Last::Finished, &mut |mixed, x| {
-            attended.push(mixed);
-            hidden.push(x);
-        })?;
-        let last = hidden.last().unwrap_or(&embedding.tokens);
-        Ok(PrefixRun {
-            output: self.norm.forward(last)?,
-            hidden,
-            attended,
-            cache,
-        })
-    }
-
-    /// Keys and values of the language layers. `observe` gets attention output and output of those that are finished.
-    fn layers(
+    /// Runs the language layers. Images and language see each other; the state sees them and itself. The expert reads keys and
+    /// values of the last layer and nothing after them, so that the last one is finished only for an observer.
+    pub fn layers(
         &self,
         embedding: &PrefixEmbedding,
-        last: Last,
-        observe: &mut dyn FnMut(Tensor, Tensor),
+        mut observe: Option<Observer>,
     ) -> Result<PrefixCache> {
         let (batch, count, _) = embedding.tokens.dims3()?;
         let device = embedding.tokens.device();
@@ -193,11 +158,13 @@ impl PrefixModel {
             let normed = layer.normalised(&x)?;
             let k = rope.apply(&layer.keys(&normed, head_dim)?)?;
             let v = layer.values(&normed, head_dim)?;
-            if i + 1 < self.text.layers.len() || last == Last::Finished {
+            if i + 1 < self.text.layers.len() || observe.is_some() {
                 let q = rope.apply(&layer.queries(&normed, head_dim)?)?;
                 let mixed = attend(&q, &k, &v, &mask)?;
                 x = layer.finish(&x, &mixed, &mut |_, _| Ok(()))?;
-                observe(mixed, x.clone());
+                if let Some(observe) = &mut observe {
+                    observe(&mixed, &x);
+                }
             }
             keys.push(k);
             values.push(v.to_dtype(x.dtype())?);
@@ -216,7 +183,7 @@ impl PrefixModel {
     pub fn cache_training_state(&self, input: &PrefixInput) -> Result<PrefixCache> {
         let mut embedding = self.embed(input)?;
         embedding.tokens = embedding.tokens.detach();
-        let mut observed = self.layers(&embedding, Last::KeysAndValues, &mut |_, _| ())?;
+        let mut observed = self.layers(&embedding, None)?;
         for row in &mut observed.valid {
             row[embedding.state] = false;
         }

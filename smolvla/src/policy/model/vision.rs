@@ -24,16 +24,15 @@ pub struct Vision {
     shuffle: usize,
 }
 
-/// Values on the way of one camera's images, in order.
-pub struct VisionRun {
+/// A value on the way of one camera's images.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum VisionSite {
     /// The patch convolution (B, patches, width), before positions are added.
-    pub patches: Tensor,
-    /// Input of every encoder layer, then the output of the last: each (B, patches, width).
-    pub hidden: Vec<Tensor>,
+    Patches,
+    /// The input of an encoder layer; after the last layer, its output: (B, patches, width).
+    Hidden(usize),
     /// After the final norm (B, patches, width).
-    pub normed: Tensor,
-    /// After pixel shuffle and projection (B, tokens_per_camera, text width), not yet scaled.
-    pub tokens: Tensor,
+    Normed,
 }
 
 struct EncoderLayer {
@@ -81,40 +80,25 @@ impl Vision {
         })
     }
 
-    /// Tokens of images (B, 3, size, size) with values in [-1, 1]: (B, tokens_per_camera, text width), not yet scaled.
-    pub fn tokens(&self, images: &Tensor) -> Result<Tensor> {
-        let x = self.layers(self.patch.forward(&self.patches(images)?)?, &mut |_| ())?;
-        self.connect(&self.post_norm.forward(&x)?)
-    }
-
-    /// [`Self::tokens`], with all values on the way.
-    pub fn run(&self, images: &Tensor) -> Result<VisionRun> {
+    /// Tokens of images (B, 3, size, size) with values in [-1, 1]: (B, tokens_per_camera, text width), not yet scaled. `observe`
+    /// gets the values on the way, in order.
+    pub fn tokens(
+        &self,
+        images: &Tensor,
+        observe: &mut dyn FnMut(VisionSite, &Tensor),
+    ) -> Result<Tensor> {
         let patches = self.patch.forward(&self.patches(images)?)?;
-        let mut hidden = Vec::new();
-        let x = self.layers(patches.clone(), &mut |x| hidden.push(x.clone()))?;
-        let normed = self.post_norm.forward(&x)?;
-        Ok(VisionRun {
-            tokens: self.connect(&normed)?,
-            patches,
-            hidden,
-            normed,
-        })
-    }
-
-    /// From patches to the output of the last encoder layer; `observe` gets what goes into the first, and what comes out of each.
-    fn layers(&self, patches: Tensor, observe: &mut dyn FnMut(&Tensor)) -> Result<Tensor> {
+        observe(VisionSite::Patches, &patches);
         let patches = patches.to_dtype(self.positions.dtype())?;
         let mut x = patches.broadcast_add(&self.positions)?;
-        observe(&x);
-        for layer in &self.layers {
+        for (i, layer) in self.layers.iter().enumerate() {
+            observe(VisionSite::Hidden(i), &x);
             x = layer.forward(&x)?;
-            observe(&x);
         }
-        Ok(x)
-    }
-
-    fn connect(&self, normed: &Tensor) -> Result<Tensor> {
-        let tokens = self.connector.forward(&self.pixel_shuffle(normed)?)?;
+        observe(VisionSite::Hidden(self.layers.len()), &x);
+        let normed = self.post_norm.forward(&x)?;
+        observe(VisionSite::Normed, &normed);
+        let tokens = self.connector.forward(&self.pixel_shuffle(&normed)?)?;
         Ok(tokens.to_dtype(normed.dtype())?)
     }
 

@@ -55,8 +55,7 @@ impl HostSlot {
         });
         let mut all = Squares::default();
         for (gradient, distance) in sums {
-            all.gradient += gradient;
-            all.distance += distance;
+            all.add(Squares { gradient, distance });
         }
         Ok(all)
     }
@@ -83,14 +82,12 @@ impl HostSlot {
     fn apply(&mut self, values: &mut [f32], gradient: &[f32], by: &Factors) {
         let constants = Constants::of(by);
         let parts = (&mut self.mean[..], &mut self.mean_square[..]);
+        // A thread pool costs a small tensor more than the work does.
+        if values.len() <= BLOCK {
+            let anchor = self.anchor.as_deref();
+            return constants.step(values, gradient, parts.0, parts.1, anchor);
+        }
         match &self.anchor {
-            // A thread pool costs a small tensor more than the work does.
-            None if values.len() <= BLOCK => {
-                constants.step(values, gradient, parts.0, parts.1, None)
-            }
-            Some(anchor) if values.len() <= BLOCK => {
-                constants.step(values, gradient, parts.0, parts.1, Some(anchor))
-            }
             None => values
                 .par_chunks_mut(BLOCK)
                 .zip(gradient.par_chunks(BLOCK))

@@ -3,13 +3,14 @@
 //! Scores are made, used and forgotten a block of queries at a time, so that they stay in the cache (the idea of Dao et al.,
 //! FlashAttention, 2022; keys are few enough here that their rows need not be split).
 
-use candle_core::{CpuStorage, CustomOp1, Layout, Result, Shape, Tensor, D};
+use candle_core::{Result, Shape, Tensor, D};
 use pulp::{Arch, Simd};
 use rayon::prelude::*;
 
-use crate::policy::model::kernels::dispatch::{serve, values, widened};
+use crate::policy::model::kernels::dispatch::{serve, widened};
 use crate::policy::model::kernels::matmul::matmul;
 use crate::policy::model::kernels::matrix::{product, Into, Matrix, Threads};
+use crate::policy::model::kernels::operation::{Kernel, Operation, Output, Values};
 use crate::policy::model::kernels::softmax::exponentials;
 
 /// Queries a block: with 1024 keys their scores take 1 MiB.
@@ -19,7 +20,9 @@ const BLOCK: usize = 256;
 /// `qkv` (B, L, 3 * heads * dim), and heads side by side in each. Gives (B, L, heads * dim). Has no backward pass.
 pub fn attend_to_all(qkv: &Tensor, heads: usize) -> Result<Tensor> {
     if serve(qkv) {
-        return qkv.contiguous()?.apply_op1_no_bwd(&AttendToAll { heads });
+        return qkv
+            .contiguous()?
+            .apply_op1_no_bwd(&Operation(AttendToAll { heads }));
     }
     let (batch, tokens, width) = qkv.dims3()?;
     let (width, dim) = (width / 3, width / 3 / heads);
@@ -41,13 +44,11 @@ struct AttendToAll {
     heads: usize,
 }
 
-impl CustomOp1 for AttendToAll {
-    fn name(&self) -> &'static str {
-        "attend-to-all"
-    }
+impl Kernel<1> for AttendToAll {
+    const NAME: &'static str = "attend-to-all";
 
-    fn cpu_fwd(&self, qkv: &CpuStorage, layout: &Layout) -> Result<(CpuStorage, Shape)> {
-        let (batch, tokens, stride) = layout.shape().dims3()?;
+    fn forward(&self, [qkv]: [Values; 1]) -> Output {
+        let (batch, tokens, stride) = qkv.shape.dims3()?;
         let heads = self.heads.max(1);
         if stride % (3 * heads) != 0 {
             candle_core::bail!("{stride} values for queries, keys and values of {heads} heads");
@@ -55,7 +56,6 @@ impl CustomOp1 for AttendToAll {
         let width = stride / 3;
         let dim = width / heads;
         let scale = (dim as f32).powf(-0.5);
-        let qkv = values(qkv, layout)?;
         let mut out = vec![0.0f32; batch * tokens * width];
         // A block never reaches into another sample: samples are divided first.
         let samples = out.par_chunks_mut((tokens * width).max(1)).enumerate();
@@ -98,7 +98,7 @@ impl CustomOp1 for AttendToAll {
                 }
             }
         });
-        Ok((CpuStorage::F32(out), Shape::from((batch, tokens, width))))
+        Ok((out, Shape::from((batch, tokens, width))))
     }
 }
 

@@ -2,17 +2,20 @@
 //!
 //! Where tokens come first, (B, tokens, heads, dim), a head's matrix has strided rows; where heads come first, it is contiguous.
 
-use candle_core::{CpuStorage, CustomOp2, Layout, Result, Shape, Tensor};
+use candle_core::{Result, Shape, Tensor};
 
-use crate::policy::model::kernels::dispatch::{in_chunks, serve, values};
+use crate::policy::model::kernels::dispatch::{in_chunks, serve};
 use crate::policy::model::kernels::matmul::matmul;
 use crate::policy::model::kernels::matrix::{product, Into, Matrix, Threads};
+use crate::policy::model::kernels::operation::{Gradients, Kernel, Operation, Output, Values};
 
 /// `q·kᵀ` for queries (B, Q, heads, dim) and keys (B, K, kv_heads, dim): (B, heads, Q, K). Query head `h` meets key head
 /// `h / (heads / kv_heads)`.
 pub fn queries_by_keys(q: &Tensor, k: &Tensor) -> Result<Tensor> {
     if serve(q) {
-        return q.contiguous()?.apply_op2(&k.contiguous()?, QueriesByKeys);
+        return q
+            .contiguous()?
+            .apply_op2(&k.contiguous()?, Operation(QueriesByKeys));
     }
     let (batch, queries, heads, dim) = q.dims4()?;
     let (_, keys, kv_heads, _) = k.dims4()?;
@@ -26,7 +29,9 @@ pub fn queries_by_keys(q: &Tensor, k: &Tensor) -> Result<Tensor> {
 /// `p·v` for weights (B, heads, Q, K) and values (B, K, kv_heads, dim): (B, heads, Q, dim), in the values' numbers.
 pub fn weights_by_values(p: &Tensor, v: &Tensor) -> Result<Tensor> {
     if serve(p) && serve(v) {
-        return p.contiguous()?.apply_op2(&v.contiguous()?, WeightsByValues);
+        return p
+            .contiguous()?
+            .apply_op2(&v.contiguous()?, Operation(WeightsByValues));
     }
     let (batch, heads, queries, keys) = p.dims4()?;
     let (kv_heads, dim) = (v.dim(2)?, v.dim(3)?);
@@ -44,20 +49,12 @@ fn heads_first(x: &Tensor) -> Result<Tensor> {
 
 struct QueriesByKeys;
 
-impl CustomOp2 for QueriesByKeys {
-    fn name(&self) -> &'static str {
-        "queries-by-keys"
-    }
+impl Kernel<2> for QueriesByKeys {
+    const NAME: &'static str = "queries-by-keys";
 
-    fn cpu_fwd(
-        &self,
-        q: &CpuStorage,
-        q_layout: &Layout,
-        k: &CpuStorage,
-        k_layout: &Layout,
-    ) -> Result<(CpuStorage, Shape)> {
-        let q = Heads::tokens_first(q, q_layout)?;
-        let k = Heads::tokens_first(k, k_layout)?;
+    fn forward(&self, [q, k]: [Values; 2]) -> Output {
+        let q = Heads::tokens_first(q)?;
+        let k = Heads::tokens_first(k)?;
         let group = group(
             q.heads,
             k.heads,
@@ -69,42 +66,28 @@ impl CustomOp2 for QueriesByKeys {
             multiply(q.matrix(at), keys, out, k.rows, Into::Replace);
         });
         let shape = Shape::from((q.batch, q.heads, q.rows, k.rows));
-        Ok((CpuStorage::F32(out), shape))
+        Ok((out, shape))
     }
 
-    fn bwd(
-        &self,
-        q: &Tensor,
-        k: &Tensor,
-        _: &Tensor,
-        grad: &Tensor,
-    ) -> Result<(Option<Tensor>, Option<Tensor>)> {
+    fn backward(&self, [q, k]: [&Tensor; 2], _: &Tensor, grad: &Tensor) -> Gradients<2> {
         let grad = grad.contiguous()?;
         let of_q = q.track_op().then(|| {
-            let of_q = grad.apply_op2_no_bwd(k, &WeightsByValues)?;
+            let of_q = grad.apply_op2_no_bwd(k, &Operation(WeightsByValues))?;
             of_q.transpose(1, 2)
         });
         let of_k = k.track_op().then(|| summed_over_queries(&grad, q, k));
-        Ok((of_q.transpose()?, of_k.transpose()?))
+        Ok([of_q.transpose()?, of_k.transpose()?])
     }
 }
 
 struct WeightsByValues;
 
-impl CustomOp2 for WeightsByValues {
-    fn name(&self) -> &'static str {
-        "weights-by-values"
-    }
+impl Kernel<2> for WeightsByValues {
+    const NAME: &'static str = "weights-by-values";
 
-    fn cpu_fwd(
-        &self,
-        p: &CpuStorage,
-        p_layout: &Layout,
-        v: &CpuStorage,
-        v_layout: &Layout,
-    ) -> Result<(CpuStorage, Shape)> {
-        let p = Heads::heads_first(p, p_layout)?;
-        let v = Heads::tokens_first(v, v_layout)?;
+    fn forward(&self, [p, v]: [Values; 2]) -> Output {
+        let p = Heads::heads_first(p)?;
+        let v = Heads::tokens_first(v)?;
         let group = group(p.heads, v.heads, p.batch == v.batch && p.columns == v.rows)?;
         let mut out = vec![0.0; p.batch * p.heads * p.rows * v.columns];
         in_chunks(&mut out, p.rows * v.columns, 2 * v.rows, |at, out| {
@@ -112,22 +95,16 @@ impl CustomOp2 for WeightsByValues {
             multiply(p.matrix(at), values, out, v.columns, Into::Replace);
         });
         let shape = Shape::from((p.batch, p.heads, p.rows, v.columns));
-        Ok((CpuStorage::F32(out), shape))
+        Ok((out, shape))
     }
 
-    fn bwd(
-        &self,
-        p: &Tensor,
-        v: &Tensor,
-        _: &Tensor,
-        grad: &Tensor,
-    ) -> Result<(Option<Tensor>, Option<Tensor>)> {
+    fn backward(&self, [p, v]: [&Tensor; 2], _: &Tensor, grad: &Tensor) -> Gradients<2> {
         let grad = grad.transpose(1, 2)?.contiguous()?;
         let of_p = p
             .track_op()
-            .then(|| grad.apply_op2_no_bwd(v, &QueriesByKeys));
+            .then(|| grad.apply_op2_no_bwd(v, &Operation(QueriesByKeys)));
         let of_v = v.track_op().then(|| summed_over_queries(p, &grad, v));
-        Ok((of_p.transpose()?, of_v.transpose()?))
+        Ok([of_p.transpose()?, of_v.transpose()?])
     }
 }
 
@@ -135,7 +112,7 @@ impl CustomOp2 for WeightsByValues {
 /// (B, heads, Q, K) and x (B, Q, heads, dim).
 fn summed_over_queries(p: &Tensor, x: &Tensor, like: &Tensor) -> Result<Tensor> {
     let kv_heads = like.dim(2)?;
-    p.apply_op2_no_bwd(x, &SummedOverQueries { kv_heads })?
+    p.apply_op2_no_bwd(x, &Operation(SummedOverQueries { kv_heads }))?
         .transpose(1, 2)
 }
 
@@ -143,20 +120,12 @@ struct SummedOverQueries {
     kv_heads: usize,
 }
 
-impl CustomOp2 for SummedOverQueries {
-    fn name(&self) -> &'static str {
-        "summed-over-queries"
-    }
+impl Kernel<2> for SummedOverQueries {
+    const NAME: &'static str = "summed-over-queries";
 
-    fn cpu_fwd(
-        &self,
-        p: &CpuStorage,
-        p_layout: &Layout,
-        x: &CpuStorage,
-        x_layout: &Layout,
-    ) -> Result<(CpuStorage, Shape)> {
-        let p = Heads::heads_first(p, p_layout)?;
-        let x = Heads::tokens_first(x, x_layout)?;
+    fn forward(&self, [p, x]: [Values; 2]) -> Output {
+        let p = Heads::heads_first(p)?;
+        let x = Heads::tokens_first(x)?;
         let fits = p.batch == x.batch && p.heads == x.heads && p.rows == x.rows;
         let group = group(p.heads, self.kv_heads, fits)?;
         let mut out = vec![0.0; p.batch * self.kv_heads * p.columns * x.columns];
@@ -168,7 +137,7 @@ impl CustomOp2 for SummedOverQueries {
             }
         });
         let shape = Shape::from((p.batch, self.kv_heads, p.columns, x.columns));
-        Ok((CpuStorage::F32(out), shape))
+        Ok((out, shape))
     }
 }
 
@@ -184,10 +153,10 @@ struct Heads<'a> {
 
 impl<'a> Heads<'a> {
     /// (B, rows, heads, columns).
-    fn tokens_first(storage: &'a CpuStorage, layout: &Layout) -> Result<Self> {
-        let (batch, rows, heads, columns) = layout.shape().dims4()?;
+    fn tokens_first(x: Values<'a>) -> Result<Self> {
+        let (batch, rows, heads, columns) = x.shape.dims4()?;
         Ok(Self {
-            values: values(storage, layout)?,
+            values: x.all,
             batch,
             heads,
             rows,
@@ -197,10 +166,10 @@ impl<'a> Heads<'a> {
     }
 
     /// (B, heads, rows, columns).
-    fn heads_first(storage: &'a CpuStorage, layout: &Layout) -> Result<Self> {
-        let (batch, heads, rows, columns) = layout.shape().dims4()?;
+    fn heads_first(x: Values<'a>) -> Result<Self> {
+        let (batch, heads, rows, columns) = x.shape.dims4()?;
         Ok(Self {
-            values: values(storage, layout)?,
+            values: x.all,
             batch,
             heads,
             rows,

@@ -1,11 +1,12 @@
 //! Linear maps whose backward pass computes what is asked for and nothing else.
 
-use candle_core::{CpuStorage, CustomOp2, CustomOp3, Layout, Result, Shape, Tensor, D};
+use candle_core::{Result, Shape, Tensor, D};
 
-use crate::policy::model::kernels::dispatch::{in_chunks, serve, values};
+use crate::policy::model::kernels::dispatch::{in_chunks, serve};
 use crate::policy::model::kernels::gradients::collect;
 use crate::policy::model::kernels::matmul::matmul;
 use crate::policy::model::kernels::matrix::{product, product_of, Into, Matrix, Threads};
+use crate::policy::model::kernels::operation::{Gradients, Kernel, Operation, Output, Values};
 
 /// `x·wᵀ + b` over the last dimension, with a weight (out, in) and perhaps a bias (out).
 ///
@@ -34,8 +35,8 @@ impl Linear {
         }
         let rows = x.flatten_to(D::Minus2)?.contiguous()?;
         let out = match (serve(x), &self.bias) {
-            (true, None) => rows.apply_op2(&self.weight, Affine)?,
-            (true, Some(bias)) => rows.apply_op3(&self.weight, bias, Affine)?,
+            (true, None) => rows.apply_op2(&self.weight, Operation(Affine))?,
+            (true, Some(bias)) => rows.apply_op3(&self.weight, bias, Operation(Affine))?,
             (false, None) => matmul(&rows, &self.weight.t()?)?,
             (false, Some(bias)) => matmul(&rows, &self.weight.t()?)?.broadcast_add(bias)?,
         };
@@ -50,7 +51,7 @@ impl Linear {
         let rows = x.flatten_to(D::Minus2)?.contiguous()?;
         let onto = residual.flatten_to(D::Minus2)?.contiguous()?;
         let bias = self.bias.as_ref();
-        rows.apply_op3_no_bwd(&self.weight, &onto, &Onto { bias })?
+        rows.apply_op3_no_bwd(&self.weight, &onto, &Operation(Onto { bias }))?
             .reshape(residual.shape())
     }
 }
@@ -60,47 +61,33 @@ struct Onto<'a> {
     bias: Option<&'a Tensor>,
 }
 
-impl CustomOp3 for Onto<'_> {
-    fn name(&self) -> &'static str {
-        "linear-onto"
-    }
+impl Kernel<3> for Onto<'_> {
+    const NAME: &'static str = "linear-onto";
 
-    fn cpu_fwd(
-        &self,
-        x: &CpuStorage,
-        x_layout: &Layout,
-        w: &CpuStorage,
-        w_layout: &Layout,
-        residual: &CpuStorage,
-        residual_layout: &Layout,
-    ) -> Result<(CpuStorage, Shape)> {
-        let mut onto = values(residual, residual_layout)?.to_vec();
+    fn forward(&self, [x, w, residual]: [Values; 3]) -> Output {
+        let mut onto = residual.to_vec();
         if let Some(bias) = self.bias {
             let bias = bias.to_vec1::<f32>()?;
             in_chunks(&mut onto, bias.len(), 1, |_, row| {
                 row.iter_mut().zip(&bias).for_each(|(x, b)| *x += b);
             });
         }
-        forward((x, x_layout), (w, w_layout), Some(onto))
+        forward(x, w, Some(onto))
     }
 }
 
 struct Affine;
 
 /// `x·wᵀ` added to as many values, or to nothing.
-fn forward(
-    (x, x_layout): (&CpuStorage, &Layout),
-    (w, w_layout): (&CpuStorage, &Layout),
-    onto: Option<Vec<f32>>,
-) -> Result<(CpuStorage, Shape)> {
-    let ((rows, inner), (outer, columns)) = (x_layout.shape().dims2()?, w_layout.shape().dims2()?);
+fn forward(x: Values, w: Values, onto: Option<Vec<f32>>) -> Output {
+    let ((rows, inner), (outer, columns)) = (x.shape.dims2()?, w.shape.dims2()?);
     if inner != columns || onto.as_ref().is_some_and(|onto| onto.len() != rows * outer) {
         candle_core::bail!(
             "a linear map of {columns} to {outer} values got {rows} rows of {inner}, or a bias or residual of another length"
         );
     }
-    let x = Matrix::new(values(x, x_layout)?, rows, inner);
-    let w = Matrix::new(values(w, w_layout)?, outer, inner).transposed();
+    let x = Matrix::new(&x, rows, inner);
+    let w = Matrix::new(&w, outer, inner).transposed();
     let out = match onto {
         None => product_of(x, w),
         Some(mut onto) => {
@@ -108,22 +95,22 @@ fn forward(
             onto
         }
     };
-    Ok((CpuStorage::F32(out), Shape::from((rows, outer))))
+    Ok((out, Shape::from((rows, outer))))
 }
 
 /// Gradients of input and weight, as far as they are wanted.
-fn backward(x: &Tensor, w: &Tensor, grad: &Tensor) -> Result<(Option<Tensor>, Option<Tensor>)> {
+fn backward(x: &Tensor, w: &Tensor, grad: &Tensor) -> Gradients<2> {
     let wanted = |argument: &Tensor, left: &Tensor, right: &Tensor, op| {
         argument
             .track_op()
-            .then(|| left.apply_op2_no_bwd(right, &op))
+            .then(|| left.apply_op2_no_bwd(right, &Operation(op)))
             .transpose()
     };
     let of_w = wanted(w, grad, x, Backward::Weight)?;
-    Ok((
+    Ok([
         wanted(x, grad, w, Backward::Input)?,
         of_w.and_then(|gradient| collect(w, gradient)),
-    ))
+    ])
 }
 
 enum Backward {
@@ -133,88 +120,48 @@ enum Backward {
     Weight,
 }
 
-impl CustomOp2 for Backward {
-    fn name(&self) -> &'static str {
-        "linear-backward"
-    }
+impl Kernel<2> for Backward {
+    const NAME: &'static str = "linear-backward";
 
-    fn cpu_fwd(
-        &self,
-        grad: &CpuStorage,
-        grad_layout: &Layout,
-        other: &CpuStorage,
-        other_layout: &Layout,
-    ) -> Result<(CpuStorage, Shape)> {
-        let ((rows, outer), (height, inner)) =
-            (grad_layout.shape().dims2()?, other_layout.shape().dims2()?);
-        let grad = Matrix::new(values(grad, grad_layout)?, rows, outer);
-        let other = Matrix::new(values(other, other_layout)?, height, inner);
+    fn forward(&self, [grad, other]: [Values; 2]) -> Output {
+        let ((rows, outer), (height, inner)) = (grad.shape.dims2()?, other.shape.dims2()?);
+        let grad = Matrix::new(&grad, rows, outer);
+        let other = Matrix::new(&other, height, inner);
         let (grad, rows) = match self {
             Self::Input => (grad, rows),
             Self::Weight => (grad.transposed(), outer),
         };
         let out = product_of(grad, other);
-        Ok((CpuStorage::F32(out), Shape::from((rows, inner))))
+        Ok((out, Shape::from((rows, inner))))
     }
 }
 
-impl CustomOp2 for Affine {
-    fn name(&self) -> &'static str {
-        "linear"
+impl Kernel<2> for Affine {
+    const NAME: &'static str = "linear";
+
+    fn forward(&self, [x, w]: [Values; 2]) -> Output {
+        forward(x, w, None)
     }
 
-    fn cpu_fwd(
-        &self,
-        x: &CpuStorage,
-        x_layout: &Layout,
-        w: &CpuStorage,
-        w_layout: &Layout,
-    ) -> Result<(CpuStorage, Shape)> {
-        forward((x, x_layout), (w, w_layout), None)
-    }
-
-    fn bwd(
-        &self,
-        x: &Tensor,
-        w: &Tensor,
-        _: &Tensor,
-        grad: &Tensor,
-    ) -> Result<(Option<Tensor>, Option<Tensor>)> {
+    fn backward(&self, [x, w]: [&Tensor; 2], _: &Tensor, grad: &Tensor) -> Gradients<2> {
         backward(x, w, &grad.contiguous()?)
     }
 }
 
-impl CustomOp3 for Affine {
-    fn name(&self) -> &'static str {
-        "linear-with-bias"
+impl Kernel<3> for Affine {
+    const NAME: &'static str = "linear-with-bias";
+
+    fn forward(&self, [x, w, bias]: [Values; 3]) -> Output {
+        let rows = x.shape.dims2()?.0;
+        let onto = bias.repeat(rows);
+        forward(x, w, Some(onto))
     }
 
-    fn cpu_fwd(
-        &self,
-        x: &CpuStorage,
-        x_layout: &Layout,
-        w: &CpuStorage,
-        w_layout: &Layout,
-        bias: &CpuStorage,
-        bias_layout: &Layout,
-    ) -> Result<(CpuStorage, Shape)> {
-        let rows = x_layout.shape().dims2()?.0;
-        let onto = values(bias, bias_layout)?.repeat(rows);
-        forward((x, x_layout), (w, w_layout), Some(onto))
-    }
-
-    fn bwd(
-        &self,
-        x: &Tensor,
-        w: &Tensor,
-        bias: &Tensor,
-        _: &Tensor,
-        grad: &Tensor,
-    ) -> Result<(Option<Tensor>, Option<Tensor>, Option<Tensor>)> {
+    fn backward(&self, [x, w, bias]: [&Tensor; 3], _: &Tensor, grad: &Tensor) -> Gradients<3> {
         let grad = grad.contiguous()?;
-        let (of_x, of_w) = backward(x, w, &grad)?;
+        let [of_x, of_w] = backward(x, w, &grad)?;
         let of_bias = bias.track_op().then(|| grad.sum(0)).transpose()?;
-        Ok((of_x, of_w, of_bias))
+        Ok([of_x, of_w, of_bias])
     }
 }
 

@@ -30,6 +30,7 @@ pub mod linear;
 pub mod matmul;
 pub mod matrix;
 pub mod norm;
+mod operation;
 pub mod rotate;
 pub mod softmax;
 pub mod swiglu;

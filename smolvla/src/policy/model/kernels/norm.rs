@@ -1,16 +1,17 @@
 //! RMSNorm (Zhang and Sennrich, 2019), forward and backward row by row, and the frozen vision tower's layer norm.
 
-use candle_core::{CpuStorage, CustomOp2, CustomOp3, Layout, Result, Shape, Tensor, D};
+use candle_core::{Result, Tensor, D};
 use pulp::{Arch, Simd};
 
-use crate::policy::model::kernels::dispatch::{in_chunks, serve, values};
+use crate::policy::model::kernels::dispatch::{in_chunks, serve};
+use crate::policy::model::kernels::operation::{Gradients, Kernel, Operation, Output, Values};
 use crate::policy::model::kernels::vector::sum;
 
 /// `x / sqrt(mean(x²) + eps) * gain` over the last dimension; no gradient is computed for a gain that is not a variable.
 pub fn rms_norm(x: &Tensor, gain: &Tensor, eps: f64) -> Result<Tensor> {
     if serve(x) {
         let eps = eps as f32;
-        return x.contiguous()?.apply_op2(gain, RmsNorm { eps });
+        return x.contiguous()?.apply_op2(gain, Operation(RmsNorm { eps }));
     }
     let mean_square = x.sqr()?.mean_keepdim(D::Minus1)?;
     x.broadcast_div(&(mean_square + eps)?.sqrt()?)?
@@ -24,7 +25,7 @@ pub fn layer_norm(x: &Tensor, gain: &Tensor, bias: &Tensor, eps: f64) -> Result<
         let eps = eps as f32;
         return x
             .contiguous()?
-            .apply_op3_no_bwd(gain, bias, &LayerNorm { eps });
+            .apply_op3_no_bwd(gain, bias, &Operation(LayerNorm { eps }));
     }
     let centred = x.broadcast_sub(&x.mean_keepdim(D::Minus1)?)?;
     let variance = centred.sqr()?.mean_keepdim(D::Minus1)?;
@@ -38,30 +39,19 @@ struct LayerNorm {
     eps: f32,
 }
 
-impl CustomOp3 for LayerNorm {
-    fn name(&self) -> &'static str {
-        "layer-norm"
-    }
+impl Kernel<3> for LayerNorm {
+    const NAME: &'static str = "layer-norm";
 
-    fn cpu_fwd(
-        &self,
-        x: &CpuStorage,
-        x_layout: &Layout,
-        gain: &CpuStorage,
-        gain_layout: &Layout,
-        bias: &CpuStorage,
-        bias_layout: &Layout,
-    ) -> Result<(CpuStorage, Shape)> {
-        let (gain, bias) = (values(gain, gain_layout)?, values(bias, bias_layout)?);
+    fn forward(&self, [x, gain, bias]: [Values; 3]) -> Output {
         let width = gain.len();
-        if x_layout.dims().last() != Some(&width) || bias.len() != width || width == 0 {
-            candle_core::bail!("a norm of {width} values got {:?}", x_layout.shape());
+        if x.shape.dims().last() != Some(&width) || bias.len() != width || width == 0 {
+            candle_core::bail!("a norm of {width} values got {:?}", x.shape);
         }
-        let mut out = values(x, x_layout)?.to_vec();
+        let mut out = x.to_vec();
         in_chunks(&mut out, width, 6, |_, row| {
-            standardise(row, gain, bias, self.eps)
+            standardise(row, &gain, &bias, self.eps)
         });
-        Ok((CpuStorage::F32(out), x_layout.shape().clone()))
+        Ok((out, x.shape.clone()))
     }
 }
 
@@ -79,6 +69,7 @@ fn standardise_with<S: Simd>(_: S, row: &mut [f32], gain: &[f32], bias: &[f32], 
     }
 }
 
+#[derive(Clone, Copy)]
 struct RmsNorm {
     eps: f32,
 }
@@ -90,50 +81,35 @@ fn inverse_root(x: &[f32], eps: f32) -> f32 {
     1.0 / (mean_square + eps).sqrt()
 }
 
-impl CustomOp2 for RmsNorm {
-    fn name(&self) -> &'static str {
-        "rms-norm"
-    }
+impl Kernel<2> for RmsNorm {
+    const NAME: &'static str = "rms-norm";
 
-    fn cpu_fwd(
-        &self,
-        x: &CpuStorage,
-        x_layout: &Layout,
-        gain: &CpuStorage,
-        gain_layout: &Layout,
-    ) -> Result<(CpuStorage, Shape)> {
-        let gain = values(gain, gain_layout)?;
-        if x_layout.dims().last() != Some(&gain.len()) || gain.is_empty() {
-            candle_core::bail!("a norm of {} values got {:?}", gain.len(), x_layout.shape());
+    fn forward(&self, [x, gain]: [Values; 2]) -> Output {
+        if x.shape.dims().last() != Some(&gain.len()) || gain.is_empty() {
+            candle_core::bail!("a norm of {} values got {:?}", gain.len(), x.shape);
         }
-        let mut out = values(x, x_layout)?.to_vec();
+        let mut out = x.to_vec();
         in_chunks(&mut out, gain.len(), 4, |_, row| {
-            normalise(row, gain, self.eps)
+            normalise(row, &gain, self.eps)
         });
-        Ok((CpuStorage::F32(out), x_layout.shape().clone()))
+        Ok((out, x.shape.clone()))
     }
 
-    fn bwd(
-        &self,
-        x: &Tensor,
-        gain: &Tensor,
-        _: &Tensor,
-        grad: &Tensor,
-    ) -> Result<(Option<Tensor>, Option<Tensor>)> {
+    fn backward(&self, [x, gain]: [&Tensor; 2], _: &Tensor, grad: &Tensor) -> Gradients<2> {
         let (x, grad) = (x.contiguous()?, grad.contiguous()?);
         let of_x = x
             .track_op()
-            .then(|| x.apply_op3_no_bwd(gain, &grad, &Backward { eps: self.eps }))
+            .then(|| x.apply_op3_no_bwd(gain, &grad, &Operation(Backward { eps: self.eps })))
             .transpose()?;
         let of_gain = gain
             .track_op()
             .then(|| {
                 // Σ over rows of grad * x / sqrt(mean(x²) + eps): the norm itself with a gain of grad.
-                let plain = x.apply_op2_no_bwd(&gain.ones_like()?, self)?;
+                let plain = x.apply_op2_no_bwd(&gain.ones_like()?, &Operation(*self))?;
                 (plain * &grad)?.flatten_to(D::Minus2)?.sum(0)
             })
             .transpose()?;
-        Ok((of_x, of_gain))
+        Ok([of_x, of_gain])
     }
 }
 
@@ -142,27 +118,16 @@ struct Backward {
     eps: f32,
 }
 
-impl CustomOp3 for Backward {
-    fn name(&self) -> &'static str {
-        "rms-norm-backward"
-    }
+impl Kernel<3> for Backward {
+    const NAME: &'static str = "rms-norm-backward";
 
-    fn cpu_fwd(
-        &self,
-        x: &CpuStorage,
-        x_layout: &Layout,
-        gain: &CpuStorage,
-        gain_layout: &Layout,
-        grad: &CpuStorage,
-        grad_layout: &Layout,
-    ) -> Result<(CpuStorage, Shape)> {
-        let (x, gain) = (values(x, x_layout)?, values(gain, gain_layout)?);
-        let mut out = values(grad, grad_layout)?.to_vec();
+    fn forward(&self, [x, gain, grad]: [Values; 3]) -> Output {
+        let mut out = grad.to_vec();
         let width = gain.len().max(1);
         in_chunks(&mut out, width, 8, |row, grad| {
-            gradient(grad, &x[row * width..][..grad.len()], gain, self.eps)
+            gradient(grad, &x[row * width..][..grad.len()], &gain, self.eps)
         });
-        Ok((CpuStorage::F32(out), x_layout.shape().clone()))
+        Ok((out, x.shape.clone()))
     }
 }
 

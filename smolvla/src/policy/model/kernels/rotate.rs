@@ -1,15 +1,18 @@
 //! The rotation of the rotary embedding, over halves.
 
-use candle_core::{CpuStorage, CustomOp3, Layout, Result, Shape, Tensor, D};
+use candle_core::{Result, Tensor, D};
 use pulp::{Arch, Simd};
 
-use crate::policy::model::kernels::dispatch::{in_chunks, serve, values};
+use crate::policy::model::kernels::dispatch::{in_chunks, serve};
+use crate::policy::model::kernels::operation::{Gradients, Kernel, Operation, Output, Values};
 
 /// Rotates the halves of the last dimension of x (B, L, heads, dim) by angles whose sines and cosines are (B, L, 1, dim / 2):
 /// `(a cos - b sin, b cos + a sin)`, in the angles' numbers. The angles get no gradient.
 pub fn rotate(x: &Tensor, sin: &Tensor, cos: &Tensor) -> Result<Tensor> {
     if serve(x) {
-        return x.contiguous()?.apply_op3(sin, cos, Rotate { back: false });
+        return x
+            .contiguous()?
+            .apply_op3(sin, cos, Operation(Rotate { back: false }));
     }
     let (x, half) = (x.to_dtype(sin.dtype())?, x.dim(D::Minus1)? / 2);
     let (a, b) = (
@@ -26,54 +29,29 @@ struct Rotate {
     back: bool,
 }
 
-impl CustomOp3 for Rotate {
-    fn name(&self) -> &'static str {
-        "rotate"
-    }
+impl Kernel<3> for Rotate {
+    const NAME: &'static str = "rotate";
 
-    fn cpu_fwd(
-        &self,
-        x: &CpuStorage,
-        x_layout: &Layout,
-        sin: &CpuStorage,
-        sin_layout: &Layout,
-        cos: &CpuStorage,
-        cos_layout: &Layout,
-    ) -> Result<(CpuStorage, Shape)> {
-        let (batch, tokens, heads, dim) = x_layout.shape().dims4()?;
+    fn forward(&self, [x, sin, cos]: [Values; 3]) -> Output {
+        let (batch, tokens, heads, dim) = x.shape.dims4()?;
         let half = dim / 2;
         let angles = (batch, tokens, 1, half);
-        if sin_layout.shape().dims4()? != angles
-            || cos_layout.shape().dims4()? != angles
-            || half == 0
-        {
-            candle_core::bail!(
-                "cannot rotate {:?} by angles {:?}",
-                x_layout.shape(),
-                sin_layout.shape()
-            );
+        if sin.shape.dims4()? != angles || cos.shape.dims4()? != angles || half == 0 {
+            candle_core::bail!("cannot rotate {:?} by angles {:?}", x.shape, sin.shape);
         }
-        let (sin, cos) = (values(sin, sin_layout)?, values(cos, cos_layout)?);
-        let mut out = values(x, x_layout)?.to_vec();
+        let mut out = x.to_vec();
         let sign = if self.back { -1.0 } else { 1.0 };
         in_chunks(&mut out, heads * dim, 4, |at, token| {
             let angles = at * half..(at + 1) * half;
             rotate_heads(token, &sin[angles.clone()], &cos[angles], sign)
         });
-        Ok((CpuStorage::F32(out), x_layout.shape().clone()))
+        Ok((out, x.shape.clone()))
     }
 
-    fn bwd(
-        &self,
-        _: &Tensor,
-        sin: &Tensor,
-        cos: &Tensor,
-        _: &Tensor,
-        grad: &Tensor,
-    ) -> Result<(Option<Tensor>, Option<Tensor>, Option<Tensor>)> {
-        let back = Rotate { back: !self.back };
+    fn backward(&self, [_, sin, cos]: [&Tensor; 3], _: &Tensor, grad: &Tensor) -> Gradients<3> {
+        let back = Operation(Rotate { back: !self.back });
         let of_x = grad.contiguous()?.apply_op3_no_bwd(sin, cos, &back)?;
-        Ok((Some(of_x), None, None))
+        Ok([Some(of_x), None, None])
     }
 }
 

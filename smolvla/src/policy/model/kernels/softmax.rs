@@ -1,9 +1,10 @@
 //! Softmax of attention scores, scaled and masked in the same pass.
 
-use candle_core::{CpuStorage, CustomOp2, Layout, Result, Shape, Tensor, D};
+use candle_core::{Result, Tensor, D};
 use pulp::{Arch, Simd};
 
-use crate::policy::model::kernels::dispatch::{in_chunks, serve, values};
+use crate::policy::model::kernels::dispatch::{in_chunks, serve};
+use crate::policy::model::kernels::operation::{Gradients, Kernel, Operation, Output, Values};
 use crate::policy::model::kernels::vector::{exp, sum};
 
 /// `softmax(scale * scores + mask)` over the last dimension, for scores (B, heads, Q, K) and a mask (B, 1, Q, K) of numbers
@@ -13,7 +14,7 @@ pub fn masked_softmax(scores: &Tensor, mask: &Tensor, scale: f64) -> Result<Tens
         let scale = scale as f32;
         return scores
             .contiguous()?
-            .apply_op2(&mask.contiguous()?, MaskedSoftmax { scale });
+            .apply_op2(&mask.contiguous()?, Operation(MaskedSoftmax { scale }));
     }
     let scores = (scores * scale)?.broadcast_add(mask)?;
     // The maximum only guards against overflow, so it carries no gradient.
@@ -27,50 +28,29 @@ struct MaskedSoftmax {
     scale: f32,
 }
 
-impl CustomOp2 for MaskedSoftmax {
-    fn name(&self) -> &'static str {
-        "masked-softmax"
-    }
+impl Kernel<2> for MaskedSoftmax {
+    const NAME: &'static str = "masked-softmax";
 
-    fn cpu_fwd(
-        &self,
-        scores: &CpuStorage,
-        scores_layout: &Layout,
-        mask: &CpuStorage,
-        mask_layout: &Layout,
-    ) -> Result<(CpuStorage, Shape)> {
-        let (batch, heads, queries, keys) = scores_layout.shape().dims4()?;
-        if mask_layout.shape().dims4()? != (batch, 1, queries, keys) {
-            candle_core::bail!(
-                "scores {:?} and mask {:?}",
-                scores_layout.shape(),
-                mask_layout.shape()
-            );
+    fn forward(&self, [scores, mask]: [Values; 2]) -> Output {
+        let (batch, heads, queries, keys) = scores.shape.dims4()?;
+        if mask.shape.dims4()? != (batch, 1, queries, keys) {
+            candle_core::bail!("scores {:?} and mask {:?}", scores.shape, mask.shape);
         }
-        let mut out = values(scores, scores_layout)?.to_vec();
-        let mask = values(mask, mask_layout)?;
+        let mut out = scores.to_vec();
         let scale = self.scale;
         let plane = (queries * keys).max(1);
         in_chunks(&mut out, plane, 16, |at, scores| {
             let mask = &mask[at / heads * plane..][..scores.len()];
             softmax_rows(scores, mask, keys.max(1), scale)
         });
-        Ok((CpuStorage::F32(out), scores_layout.shape().clone()))
+        Ok((out, scores.shape.clone()))
     }
 
-    fn bwd(
-        &self,
-        _: &Tensor,
-        _: &Tensor,
-        out: &Tensor,
-        grad: &Tensor,
-    ) -> Result<(Option<Tensor>, Option<Tensor>)> {
+    fn backward(&self, _: [&Tensor; 2], out: &Tensor, grad: &Tensor) -> Gradients<2> {
         let scale = self.scale;
         let grad = grad.contiguous()?;
-        Ok((
-            Some(out.apply_op2_no_bwd(&grad, &Backward { scale })?),
-            None,
-        ))
+        let of_scores = out.apply_op2_no_bwd(&grad, &Operation(Backward { scale }))?;
+        Ok([Some(of_scores), None])
     }
 }
 
@@ -79,30 +59,21 @@ struct Backward {
     scale: f32,
 }
 
-impl CustomOp2 for Backward {
-    fn name(&self) -> &'static str {
-        "masked-softmax-backward"
-    }
+impl Kernel<2> for Backward {
+    const NAME: &'static str = "masked-softmax-backward";
 
-    fn cpu_fwd(
-        &self,
-        out: &CpuStorage,
-        out_layout: &Layout,
-        grad: &CpuStorage,
-        grad_layout: &Layout,
-    ) -> Result<(CpuStorage, Shape)> {
-        let (_, _, queries, keys) = out_layout.shape().dims4()?;
-        let out = values(out, out_layout)?;
-        let mut result = values(grad, grad_layout)?.to_vec();
+    fn forward(&self, [out, grad]: [Values; 2]) -> Output {
+        let (_, _, queries, keys) = out.shape.dims4()?;
+        let mut result = grad.to_vec();
         let (scale, keys) = (self.scale, keys.max(1));
         let plane = (queries * keys).max(1);
         if out.len() != result.len() {
-            candle_core::bail!("a gradient {:?}", grad_layout.shape());
+            candle_core::bail!("a gradient {:?}", grad.shape);
         }
         in_chunks(&mut result, plane, 6, |at, grad| {
             gradient_rows(grad, &out[at * plane..][..grad.len()], keys, scale)
         });
-        Ok((CpuStorage::F32(result), grad_layout.shape().clone()))
+        Ok((result, grad.shape.clone()))
     }
 }
 

@@ -1,15 +1,17 @@
 //! SiLU, and SwiGLU's gate `silu(gate) * up`, each gradient in one pass.
 
-use candle_core::{CpuStorage, CustomOp1, CustomOp2, CustomOp3, Layout, Result, Shape, Tensor};
+use candle_core::{Result, Tensor};
 use pulp::{Arch, Simd};
 
-use crate::policy::model::kernels::dispatch::{in_blocks, serve, values, widened};
+use crate::policy::model::kernels::dispatch::{in_blocks, serve, widened};
+use crate::policy::model::kernels::operation::{Gradients, Kernel, Operation, Output, Values};
 use crate::policy::model::kernels::vector::sigmoid;
 
 /// `silu(gate) * up` for two tensors of one shape, in `f32` where they are of shorter numbers (Shazeer, GLU Variants Improve Transformer, 2020).
 pub fn swiglu(gate: &Tensor, up: &Tensor) -> Result<Tensor> {
     if serve(gate) {
-        gate.contiguous()?.apply_op2(&up.contiguous()?, SwiGlu)
+        gate.contiguous()?
+            .apply_op2(&up.contiguous()?, Operation(SwiGlu))
     } else {
         widened(gate)?.silu()? * widened(up)?
     }
@@ -18,7 +20,7 @@ pub fn swiglu(gate: &Tensor, up: &Tensor) -> Result<Tensor> {
 /// `x / (1 + e^−x)` (Elfwing et al., Sigmoid-Weighted Linear Units, 2018).
 pub fn silu(x: &Tensor) -> Result<Tensor> {
     if serve(x) {
-        x.contiguous()?.apply_op1(Silu)
+        x.contiguous()?.apply_op1(Operation(Silu))
     } else {
         widened(x)?.silu()
     }
@@ -26,86 +28,57 @@ pub fn silu(x: &Tensor) -> Result<Tensor> {
 
 struct Silu;
 
-impl CustomOp1 for Silu {
-    fn name(&self) -> &'static str {
-        "silu"
-    }
+impl Kernel<1> for Silu {
+    const NAME: &'static str = "silu";
 
-    fn cpu_fwd(&self, x: &CpuStorage, layout: &Layout) -> Result<(CpuStorage, Shape)> {
-        let mut out = values(x, layout)?.to_vec();
+    fn forward(&self, [x]: [Values; 1]) -> Output {
+        let mut out = x.to_vec();
         in_blocks(&mut out, |_, x| silu_block(x));
-        Ok((CpuStorage::F32(out), layout.shape().clone()))
+        Ok((out, x.shape.clone()))
     }
 
-    fn bwd(&self, x: &Tensor, _: &Tensor, grad: &Tensor) -> Result<Option<Tensor>> {
+    fn backward(&self, [x]: [&Tensor; 1], _: &Tensor, grad: &Tensor) -> Gradients<1> {
         let grad = grad.contiguous()?;
-        grad.apply_op2_no_bwd(x, &SiluBackward).map(Some)
+        grad.apply_op2_no_bwd(x, &Operation(SiluBackward))
+            .map(|of_x| [Some(of_x)])
     }
 }
 
 /// From grad and x to `grad * s * (1 + x * (1 - s))` for s = sigmoid(x).
 struct SiluBackward;
 
-impl CustomOp2 for SiluBackward {
-    fn name(&self) -> &'static str {
-        "silu-backward"
-    }
+impl Kernel<2> for SiluBackward {
+    const NAME: &'static str = "silu-backward";
 
-    fn cpu_fwd(
-        &self,
-        grad: &CpuStorage,
-        grad_layout: &Layout,
-        x: &CpuStorage,
-        x_layout: &Layout,
-    ) -> Result<(CpuStorage, Shape)> {
-        let mut out = values(grad, grad_layout)?.to_vec();
-        let x = values(x, x_layout)?;
+    fn forward(&self, [grad, x]: [Values; 2]) -> Output {
+        let mut out = grad.to_vec();
         if x.len() != out.len() {
-            candle_core::bail!("a gradient {:?}", grad_layout.shape());
+            candle_core::bail!("a gradient {:?}", grad.shape);
         }
         in_blocks(&mut out, |from, grad| gradient_of_silu(grad, &x[from..]));
-        Ok((CpuStorage::F32(out), grad_layout.shape().clone()))
+        Ok((out, grad.shape.clone()))
     }
 }
 
 struct SwiGlu;
 
-impl CustomOp2 for SwiGlu {
-    fn name(&self) -> &'static str {
-        "swiglu"
-    }
+impl Kernel<2> for SwiGlu {
+    const NAME: &'static str = "swiglu";
 
-    fn cpu_fwd(
-        &self,
-        gate: &CpuStorage,
-        gate_layout: &Layout,
-        up: &CpuStorage,
-        up_layout: &Layout,
-    ) -> Result<(CpuStorage, Shape)> {
-        let mut out = values(gate, gate_layout)?.to_vec();
-        let up = values(up, up_layout)?;
-        if gate_layout.shape() != up_layout.shape() {
-            candle_core::bail!(
-                "gate {:?} and up {:?}",
-                gate_layout.shape(),
-                up_layout.shape()
-            );
+    fn forward(&self, [gate, up]: [Values; 2]) -> Output {
+        let mut out = gate.to_vec();
+        if gate.shape != up.shape {
+            candle_core::bail!("gate {:?} and up {:?}", gate.shape, up.shape);
         }
         in_blocks(&mut out, |from, gate| gated(gate, &up[from..]));
-        Ok((CpuStorage::F32(out), gate_layout.shape().clone()))
+        Ok((out, gate.shape.clone()))
     }
 
-    fn bwd(
-        &self,
-        gate: &Tensor,
-        up: &Tensor,
-        _: &Tensor,
-        grad: &Tensor,
-    ) -> Result<(Option<Tensor>, Option<Tensor>)> {
+    fn backward(&self, [gate, up]: [&Tensor; 2], _: &Tensor, grad: &Tensor) -> Gradients<2> {
         let grad = grad.contiguous()?;
         let (gate, up) = (gate.contiguous()?, up.contiguous()?);
-        let of = |op| grad.apply_op3_no_bwd(&gate, &up, &op);
-        Ok((Some(of(Backward::Gate)?), Some(of(Backward::Up)?)))
+        let of = |op| grad.apply_op3_no_bwd(&gate, &up, &Operation(op));
+        Ok([Some(of(Backward::Gate)?), Some(of(Backward::Up)?)])
     }
 }
 
@@ -117,30 +90,19 @@ enum Backward {
     Up,
 }
 
-impl CustomOp3 for Backward {
-    fn name(&self) -> &'static str {
-        "swiglu-backward"
-    }
+impl Kernel<3> for Backward {
+    const NAME: &'static str = "swiglu-backward";
 
-    fn cpu_fwd(
-        &self,
-        grad: &CpuStorage,
-        grad_layout: &Layout,
-        gate: &CpuStorage,
-        gate_layout: &Layout,
-        up: &CpuStorage,
-        up_layout: &Layout,
-    ) -> Result<(CpuStorage, Shape)> {
-        let mut out = values(grad, grad_layout)?.to_vec();
-        let (gate, up) = (values(gate, gate_layout)?, values(up, up_layout)?);
-        if gate_layout.shape() != grad_layout.shape() || up_layout.shape() != grad_layout.shape() {
-            candle_core::bail!("a gradient {:?}", grad_layout.shape());
+    fn forward(&self, [grad, gate, up]: [Values; 3]) -> Output {
+        let mut out = grad.to_vec();
+        if gate.shape != grad.shape || up.shape != grad.shape {
+            candle_core::bail!("a gradient {:?}", grad.shape);
         }
         in_blocks(&mut out, |from, grad| match self {
             Self::Gate => gradient_of_gate(grad, &gate[from..], &up[from..]),
             Self::Up => gradient_of_up(grad, &gate[from..]),
         });
-        Ok((CpuStorage::F32(out), grad_layout.shape().clone()))
+        Ok((out, grad.shape.clone()))
     }
 }
 

@@ -5,12 +5,12 @@ use zk0_lerobot::config::PolicyConfig;
 use zk0_lerobot::dataset::Stats;
 use zk0_lerobot::tokenizer::Tokenizer;
 
-use crate::error::{PolicyError, Result};
-use crate::frames::sample::{CameraImage, Preparer};
-use crate::policy::model::expert::ExpertModel;
-use crate::policy::model::prefix::PrefixModel;
-use crate::policy::model::sampling::sample_actions;
-use crate::policy::model::Parameters;
+use zk0_smolvla::error::{PolicyError, Result};
+use zk0_smolvla::frames::sample::{CameraImage, Preparer};
+use zk0_smolvla::policy::model::expert::ExpertModel;
+use zk0_smolvla::policy::model::prefix::PrefixModel;
+use zk0_smolvla::policy::model::sampling::sample_actions;
+use zk0_smolvla::policy::model::Parameters;
 
 /// What the robot sees.
 pub struct Scene<'a> {
@@ -90,15 +90,11 @@ impl<'a> Actor<'a> {
         let shape = (1, c.chunk_size, c.max_action_dim);
         let noise = Tensor::from_slice(noise, shape, self.preparer.device())?;
         let actions = sample_actions(&self.expert, &cache, &noise, self.steps)?;
-        let mut actions: Vec<f32> = real_actions(&actions, c.action_dim)?
+        let mut actions: Vec<f32> = actions
+            .narrow(2, 0, c.action_dim)?
             .flatten_all()?
             .to_vec1()?;
         self.stats.action.denormalize(&mut actions);
         Ok(actions)
     }
-}
-
-/// The dimensions of (B, chunk, max_action_dim) that the robot has: (B, chunk, action_dim).
-pub fn real_actions(actions: &Tensor, action_dim: usize) -> Result<Tensor> {
-    Ok(actions.narrow(2, 0, action_dim)?)
 }

@@ -1,0 +1,130 @@
+//! An operation of these kernels: from the values of its arguments to those of its result, and the way of gradients back.
+
+use std::ops::Deref;
+
+use candle_core::{
+    bail, CpuStorage, CustomOp1, CustomOp2, CustomOp3, Error, Layout, Result, Shape, Tensor,
+};
+
+/// The values of a contiguous `f32` tensor on the CPU, in order.
+#[derive(Clone, Copy)]
+pub(super) struct Values<'a> {
+    pub all: &'a [f32],
+    pub shape: &'a Shape,
+}
+
+impl<'a> Values<'a> {
+    fn of(storage: &'a CpuStorage, layout: &'a Layout) -> Result<Self> {
+        let values = storage.as_slice::<f32>()?;
+        match layout.contiguous_offsets() {
+            Some((from, to)) => Ok(Self {
+                all: &values[from..to],
+                shape: layout.shape(),
+            }),
+            None => bail!("a kernel needs a contiguous tensor, not {layout:?}"),
+        }
+    }
+}
+
+impl Deref for Values<'_> {
+    type Target = [f32];
+
+    fn deref(&self) -> &[f32] {
+        self.all
+    }
+}
+
+/// The values and the shape of a result.
+pub(super) type Output = Result<(Vec<f32>, Shape)>;
+
+/// The gradients of those of `N` arguments that get one.
+pub(super) type Gradients<const N: usize> = Result<[Option<Tensor>; N]>;
+
+/// What an operation on `N` tensors does.
+pub(super) trait Kernel<const N: usize> {
+    /// Its name, in errors.
+    const NAME: &'static str;
+
+    /// From the arguments to the result.
+    fn forward(&self, arguments: [Values; N]) -> Output;
+
+    /// From the arguments, the result and its gradient to theirs.
+    fn backward(&self, _: [&Tensor; N], _: &Tensor, _: &Tensor) -> Gradients<N> {
+        Err(Error::BackwardNotSupported { op: Self::NAME })
+    }
+}
+
+/// A kernel as candle takes it.
+pub(super) struct Operation<K>(pub K);
+
+type Stored = Result<(CpuStorage, Shape)>;
+
+fn run<K: Kernel<N>, const N: usize>(kernel: &K, arguments: [Values; N]) -> Stored {
+    let (values, shape) = kernel.forward(arguments)?;
+    Ok((CpuStorage::F32(values), shape))
+}
+
+impl<K: Kernel<1>> CustomOp1 for Operation<K> {
+    fn name(&self) -> &'static str {
+        K::NAME
+    }
+
+    fn cpu_fwd(&self, s: &CpuStorage, l: &Layout) -> Stored {
+        run(&self.0, [Values::of(s, l)?])
+    }
+
+    fn bwd(&self, a: &Tensor, out: &Tensor, grad: &Tensor) -> Result<Option<Tensor>> {
+        let [of_a] = self.0.backward([a], out, grad)?;
+        Ok(of_a)
+    }
+}
+
+impl<K: Kernel<2>> CustomOp2 for Operation<K> {
+    fn name(&self) -> &'static str {
+        K::NAME
+    }
+
+    fn cpu_fwd(&self, s1: &CpuStorage, l1: &Layout, s2: &CpuStorage, l2: &Layout) -> Stored {
+        run(&self.0, [Values::of(s1, l1)?, Values::of(s2, l2)?])
+    }
+
+    fn bwd(
+        &self,
+        a: &Tensor,
+        b: &Tensor,
+        out: &Tensor,
+        grad: &Tensor,
+    ) -> Result<(Option<Tensor>, Option<Tensor>)> {
+        Ok(self.0.backward([a, b], out, grad)?.into())
+    }
+}
+
+impl<K: Kernel<3>> CustomOp3 for Operation<K> {
+    fn name(&self) -> &'static str {
+        K::NAME
+    }
+
+    fn cpu_fwd(
+        &self,
+        s1: &CpuStorage,
+        l1: &Layout,
+        s2: &CpuStorage,
+        l2: &Layout,
+        s3: &CpuStorage,
+        l3: &Layout,
+    ) -> Stored {
+        let (a, b) = (Values::of(s1, l1)?, Values::of(s2, l2)?);
+        run(&self.0, [a, b, Values::of(s3, l3)?])
+    }
+
+    fn bwd(
+        &self,
+        a: &Tensor,
+        b: &Tensor,
+        c: &Tensor,
+        out: &Tensor,
+        grad: &Tensor,
+    ) -> Result<(Option<Tensor>, Option<Tensor>, Option<Tensor>)> {
+        Ok(self.0.backward([a, b, c], out, grad)?.into())
+    }
+}
