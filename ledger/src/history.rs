@@ -156,7 +156,7 @@ fn chunk(store: &Store, genesis: &Genesis, indexes: Range<u64>) -> Result<Vec<Re
         .into_par_iter()
         .map(|(index, bytes, text)| Read::of(index, &bytes, text, genesis))
         .collect();
-    // In order: the first of several faults is named.
+    // The order is kept, so that the first of several faults is named.
     read.into_iter().collect()
 }
 

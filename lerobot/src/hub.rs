@@ -86,7 +86,7 @@ impl HubOptions {
         let var = |name: &str| std::env::var(name).ok().filter(|v| !v.trim().is_empty());
         let cache = match var("HF_HOME") {
             Some(home) => Cache::new(PathBuf::from(home).join("hub")),
-            // `hf_hub` would panic.
+            // `hf_hub` would panic on such a name.
             None if std::env::home_dir().is_none() => return Err(HubError::NoHome),
             None => Cache::default(),
         };
@@ -353,7 +353,7 @@ fn download(
 ) -> Result<(), String> {
     let mut last = String::new();
     for _ in 0..RETRIES {
-        // What an earlier attempt left, whole or more: there is nothing to resume, and the Hub would refuse to.
+        // An earlier attempt left the whole file, or more. There is nothing to resume, and the Hub would refuse the request.
         let part = blob.with_extension("part");
         if fs::metadata(&part).is_ok_and(|found| found.len() >= file.size) {
             remove(&part)?;

@@ -216,7 +216,7 @@ mod tests {
 
     #[test]
     fn what_is_too_long_is_cut_on_the_right_whatever_the_file_says() {
-        // The policy reads four tokens: the line break is cut off too, as it is by LeRobot.
+        // The policy reads four tokens, so the line break is cut off too. LeRobot does the same.
         assert_eq!(tokens(&definition(), "red red red red red"), [6, 7, 7, 7]);
         let mut other = definition();
         other["truncation"] =

@@ -148,7 +148,7 @@ mod tests {
     #[test]
     fn losses_are_measured_once_and_come_back_exactly() {
         let dir = tempfile::tempdir().unwrap();
-        // No short decimals.
+        // These numbers have no short decimal form.
         let first = losses(&dir).up_to(3, &BASE, || Ok(1.0 / 3.0)).unwrap();
         assert_eq!(first, [f64::from(1.0f32 / 3.0)]);
         assert_eq!(losses(&dir).up_to(3, &BASE, not_again).unwrap(), first);

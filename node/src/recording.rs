@@ -171,7 +171,7 @@ mod tests {
     #[test]
     fn instructions_are_read_with_the_policy_s_own_tokenizer() {
         let hashed = hashing_words();
-        // Knows no word of the recording: each becomes token 5.
+        // This tokenizer knows no word of the recording. Each word becomes token 5.
         let definition = json!({
             "version": "1.0", "truncation": null, "padding": null, "added_tokens": [],
             "normalizer": null, "pre_tokenizer": {"type": "Whitespace"}, "post_processor": null, "decoder": null,

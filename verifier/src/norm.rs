@@ -27,7 +27,7 @@ pub fn check_norm(
     }
     let bps = (difference / norm).sqrt() * f64::from(BPS);
     Err(Refusal::TooFar {
-        // A cast saturates; a base of zeros makes it infinite.
+        // A cast saturates. With a base of zeros the ratio is infinite.
         bps: bps.ceil() as u64,
         limit: limit_bps.into(),
     })

@@ -126,7 +126,7 @@ fn verify(proof: &SP1Proof, public_values: &[u8], key: &ProgramKey) -> Result<()
         .map_err(|error| match error {
             CompressedError::PublicValuesMismatch => Refusal::OtherClaim,
             other => match other.to_string() {
-                // The last check before the public values: by then the proof was found valid, of some program.
+                // This is the last check before the public values. Before it, the proof was found valid for some program.
                 text if text.ends_with("sp1 vk hash mismatch") => Refusal::OtherProgram,
                 text => Refusal::InvalidProof(short(&text)),
             },

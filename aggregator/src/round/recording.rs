@@ -183,7 +183,7 @@ impl Aggregator {
             self.state().check_claim(claim, now)?;
             return Err(Refusal::NotCommitted(node).into());
         };
-        // By the digests on the ledger: a claim may name other blobs.
+        // The digests on the ledger count, because a claim may name other blobs.
         let weights = WeightFiles::read(&update, &base, self.state().rules(), |digest, limit| {
             self.ledger.blobs().get(digest, limit)
         })?;

@@ -40,7 +40,7 @@ pub fn escape(text: &str) -> String {
             '>' => escaped.push_str("&gt;"),
             '"' => escaped.push_str("&quot;"),
             '\'' => escaped.push_str("&#39;"),
-            // Not allowed in HTML or XML at all.
+            // HTML and XML do not allow these characters at all.
             c if c.is_control() && c != '\n' && c != '\t' => {
                 let _ = write!(escaped, "{}", c.escape_default());
             }

@@ -198,7 +198,7 @@ mod tests {
         let file = dir.path().join("tokenizer.json");
         fs::write(&file, definition()).unwrap();
         assert_eq!(tokens(&source), [2, 3]);
-        // One that cannot be used is an error, never passed over.
+        // A file that cannot be used is an error. It is never passed over.
         fs::write(&file, "{}").unwrap();
         assert!(source.load().is_err());
     }

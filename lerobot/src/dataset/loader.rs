@@ -155,7 +155,7 @@ impl<'a> Loader<'a> {
 
     /// Pictures of these frames, all of one episode; each is decoded once, in ascending order.
     fn images(&mut self, camera: usize, wanted: &[usize]) -> Result<Vec<Image>, DatasetError> {
-        // One picture is not worth keeping: the next frame will not ask for it again.
+        // One picture is not kept, because the next frame does not ask for it again.
         if let [frame] = wanted {
             return Ok(vec![self.picture(camera, *frame)?]);
         }
@@ -195,7 +195,7 @@ impl<'a> Loader<'a> {
                 Some(video) => video,
                 None => slot.insert(VideoReader::open(&span.path, size.height, size.width)?),
             };
-            // The timestamp is checked to be `frame / fps`; in float32 it would be less exact.
+            // The timestamp was checked to be `frame / fps`. In float32 it would be less exact.
             let seconds = span.from_timestamp + frame as f64 / f64::from(self.dataset.fps());
             let number = video.frame_at(seconds, TOLERANCE)?;
             video.rgb(number)

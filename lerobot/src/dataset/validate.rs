@@ -20,7 +20,7 @@ impl Dataset {
         let all = self.len() * self.cameras().len();
         let window = Window::now(self.info());
         for camera in 0..self.cameras().len() {
-            // One camera after another: only its video is open.
+            // The cameras are checked one after another, so that only one video is open.
             let mut loader = Loader::new(self, window.clone());
             let mut last: Option<(PictureFault, String)> = None;
             for episode in self.episodes() {

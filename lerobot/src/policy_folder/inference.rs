@@ -125,7 +125,7 @@ mod tests {
     }
 
     fn stats(dim: usize) -> Stats {
-        // Not representable in few decimal digits.
+        // These numbers have no short decimal form.
         let mean = (0..dim).map(|d| 1.0 / (3.0 + d as f32)).collect();
         let std = (0..dim).map(|d| f32::MIN_POSITIVE * d as f32).collect();
         Stats {

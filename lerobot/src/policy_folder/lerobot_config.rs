@@ -193,7 +193,7 @@ impl LeRobotConfig {
         policy.refuse_unsupported(vlm.vision.image_size, text.layers)?;
 
         let camera_names = policy.camera_names()?;
-        // LeRobot truncates the product; widths are far below 2^53, so the cast is exact after `floor`.
+        // LeRobot truncates the product. Widths are far below 2^53, so the cast is exact after `floor`.
         let expert_width = (text.width as f64 * policy.expert_width_multiplier).floor() as usize;
         let dims = PolicyConfig {
             cameras: camera_names.len(),

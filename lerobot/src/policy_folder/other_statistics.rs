@@ -59,7 +59,8 @@ impl PolicyFolder {
         }
         for (feature, used) in [&STATE, &ACTION].into_iter().zip(used) {
             if self.folder.join(feature.pipeline).exists() {
-                // Both pipelines have both features' statistics: the first normalises actions too, where LeRobot trains.
+                // Both pipelines have the statistics of both features, because the first one also normalises the actions that
+                // LeRobot trains on.
                 self.put_into_pipeline(feature, &moments, used.is_some(), &mut other.files)?;
             } else if let Some((_, normalizer, _)) = used {
                 let buffers = feature.buffers.iter();

@@ -109,7 +109,7 @@ impl PolicyFolder {
         let mut names = BTreeSet::new();
         for entry in fs::read_dir(&self.folder).map_err(failed)? {
             let entry = entry.map_err(failed)?;
-            // Follows links: a snapshot in the Hub's cache consists of them.
+            // This follows links, because a snapshot in the Hub's cache consists of links.
             let is_file = fs::metadata(entry.path()).is_ok_and(|about| about.is_file());
             if is_file && entry.file_name() != WEIGHTS {
                 names.insert(entry.file_name());
@@ -189,7 +189,7 @@ impl NewWeights<'_> {
         let source = &self.source.weights;
         let header = Header::of(self);
         let bytes = match &header {
-            // Not a byte of it differs: even its order and spacing are kept.
+            // No byte of it differs. Even its order and spacing are kept.
             None => source.header().to_vec(),
             Some(header) => header.to_bytes()?,
         };
@@ -265,7 +265,7 @@ impl Header {
         if same {
             return None;
         }
-        // Wide types first, as safetensors writes them: every tensor stays aligned.
+        // Wide types come first, as safetensors writes them, so that every tensor stays aligned.
         tensors.sort_by(|(a, x), (b, y)| (Reverse(x.dtype), a).cmp(&(Reverse(y.dtype), b)));
         let mut start = 0;
         for (_, info) in &mut tensors {

@@ -56,7 +56,7 @@ impl TensorFile {
         file.read_exact(&mut length)
             .map_err(|_| broken(format!("it has {} bytes", about.len())))?;
         let length = u64::from_le_bytes(length);
-        // Before anything is allocated for it.
+        // The length is checked before anything is allocated for the header.
         if length > HEADER_LIMIT || length > about.len().saturating_sub(LENGTH as u64) {
             return Err(broken(format!(
                 "a header of {length} bytes in a file of {}",
@@ -121,7 +121,7 @@ impl TensorFile {
         let dtype = info.dtype;
         let bytes = readable_size(dtype).ok_or_else(|| self.unreadable(name, dtype))?;
         let (start, end) = info.data_offsets;
-        // Not more than twice what is in the file: the header was checked against its length.
+        // This is at most twice the size of the file, because the header was checked against the file's length.
         let mut data: Vec<f32> = Vec::with_capacity((end - start) / bytes);
         self.each_block(name, &mut |block| {
             decode(dtype, block, &mut data);

@@ -17,7 +17,7 @@ pub(crate) fn decode(dtype: Dtype, block: &[u8], out: &mut Vec<f32>) {
     match dtype {
         Dtype::F16 => out.extend(pairs.map(|b| f16::from_le_bytes(b).to_f32())),
         Dtype::BF16 => out.extend(pairs.map(|b| bf16::from_le_bytes(b).to_f32())),
-        // F32, the only other one that `readable_size` lets through.
+        // This is F32, the only other type that `readable_size` lets through.
         _ => out.extend(
             block
                 .chunks_exact(4)

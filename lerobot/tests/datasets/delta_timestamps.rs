@@ -71,7 +71,7 @@ fn offset(seconds: f64, fps: u32) -> Result<i64, String> {
     let frames = seconds * fps;
     let whole = frames.round();
     let fits = (frames - whole).abs() / fps <= TOLERANCE;
-    // NaN does not.
+    // NaN is not above it.
     if !fits {
         return Err(format!(
             "{seconds} s is not a multiple of 1/{fps} s (within {TOLERANCE} s)"

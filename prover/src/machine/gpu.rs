@@ -29,7 +29,7 @@ impl Gpu {
         let none = |error: sp1_gpu_cudart::CudaError| DeviceError::NoGpu(error.to_string());
         let (free, total) = cuda_memory_info().map_err(none)?;
         let name = cuda_device_name().map_err(none)?.to_owned();
-        // Rounded up, as SP1 does: a card sold as 24 GB has some MiB less.
+        // The size is rounded up, as SP1 does, because a card that is sold as 24 GB has some MiB less.
         let free = (free as u64).div_ceil(GIB);
         if free < NEEDED_GIB {
             return Err(DeviceError::SmallGpu {

@@ -50,7 +50,7 @@ impl<B: Backend> ProvingService<B> {
             proving: Arc::new(Semaphore::new(1)),
             schedule: Mutex::new(Schedule::new(cores)),
         });
-        // Starting takes the first place in the queue: a request that comes meanwhile waits for it, and is told how long.
+        // Starting takes the first place in the queue. A request that comes meanwhile waits for it, and is told how long.
         let turn = shared.proving.clone().try_acquire_owned();
         let place = shared.schedule().join(Work::Start);
         shared.schedule().begin(place, Instant::now());

@@ -70,7 +70,7 @@ mod tests {
             camera_slots(&policy, 3, 0, &["top", "wrist"]).unwrap(),
             [Some(1), Some(0)]
         );
-        // Two are missing, one may be blank.
+        // Two cameras are missing, and one of them may be blank.
         assert_eq!(
             camera_slots(&policy, 3, 1, &["top"]).unwrap(),
             [Some(0), None]

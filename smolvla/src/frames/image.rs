@@ -10,7 +10,7 @@ pub fn resize_with_pad(
     size: (usize, usize),
 ) -> Vec<f32> {
     let (out_height, out_width) = size;
-    // In f64 and truncated, as the reference's Python does.
+    // The result is computed in f64 and truncated, as LeRobot's Python does.
     let ratio = (width as f64 / out_width as f64).max(height as f64 / out_height as f64);
     let scaled = |length: usize, limit: usize| ((length as f64 / ratio) as usize).clamp(1, limit);
     let (rows, columns) = (scaled(height, out_height), scaled(width, out_width));

@@ -256,7 +256,7 @@ impl<'a> Preparer<'a> {
     /// As [`Self::prepare`].
     pub fn observe(&self, observation: &Observation) -> Result<ObservedSample> {
         let c = &self.config;
-        // Of all tokens only the state's, the last, sees the state: the others are what they would be without it.
+        // Only the state's token, which is the last one, sees the state. The other tokens are the same without it.
         let mut observed = self.prepare(observation)?;
         observed.prefix_tokens -= 1;
         let values = observed.prefix_tokens * c.kv_width();
@@ -283,7 +283,7 @@ impl<'a> Preparer<'a> {
         let device = self.device();
         let size = c.vision.image_size;
         let names: Vec<&str> = cameras.iter().map(|camera| camera.name).collect();
-        // Blank cameras are seen by nobody: leaving them out changes no token that counts.
+        // No token attends to blank cameras, so leaving them out changes no token that counts.
         let slots = camera_slots(&c.camera_names, c.cameras, 0, &names)?;
         let cameras = slots.into_iter().flatten().map(|i| {
             let camera = &cameras[i];

@@ -118,7 +118,7 @@ mod tests {
         let normalizer = Normalizer::new(vec![5.0; 6], deviations).unwrap();
         let shape = (2, chunk, wide);
         let sampled = Tensor::ones(shape, DType::F32, &Device::Cpu).unwrap();
-        // Off by 2 standard deviations in frames that count, by 100 in those that do not.
+        // The frames that count are off by 2 standard deviations. Those that do not count are off by 100.
         let mut is_pad = vec![vec![false; chunk]; 2];
         is_pad[1][3] = true;
         let shown = is_pad.iter().flatten().flat_map(|pad| {

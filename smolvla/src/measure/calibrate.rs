@@ -407,7 +407,7 @@ mod tests {
             seen.add(Place::Evaluation(Site::Scores(layer)), largest);
             calibrate(Dims::MICRO, &seen)
         };
-        // 0.1 with headroom fits 15 bits, their products 30 bits of an int32 only up to 2/8.
+        // 0.1 with headroom fits into 15 bits. The products fit into 30 bits of an int32 only up to 2/8.
         let bits = |layer, largest| {
             let spec = scores(layer, largest).unwrap();
             (spec.layers[layer].query, spec.layers[layer].key)

@@ -44,7 +44,7 @@ fn quietly<T>(work: impl FnOnce() -> T + UnwindSafe) -> std::result::Result<T, S
         let text = panicked.downcast_ref::<String>().map(String::as_str);
         let text = text.or_else(|| panicked.downcast_ref::<&str>().copied());
         let text = text.unwrap_or("it panicked");
-        // cudarc goes on with the thirty names it looked for.
+        // cudarc's message goes on with the thirty names that it looked for.
         match text.split_once(" - searched") {
             Some((missing, _)) => format!(
                 "{missing}; it wants NVIDIA's driver, and cuBLAS and cuRAND in LD_LIBRARY_PATH"

@@ -66,13 +66,13 @@ impl Start {
         Self::Uniform(if name.contains("position_embedding") {
             0.5
         } else if name.contains("embed_tokens") || name.contains("connector") {
-            // Multiplied by sqrt(width) when embedded: about unit size afterwards.
+            // An embedding is multiplied by sqrt(width), and has about unit size afterwards.
             unit.min(1.0 / text_width.sqrt())
         } else if name.contains("action_out_proj") {
-            // A small first prediction: the loss starts near its value at v = 0.
+            // The first prediction is small, so the loss starts near its value at v = 0.
             0.1 * unit
         } else if name.ends_with("o_proj.weight") || name.ends_with("down_proj.weight") {
-            // Residual branches: the sum over all layers stays of unit size.
+            // With this size of the residual branches, the sum over all layers keeps unit size.
             unit / (2.0 * config.text.layers as f32).sqrt()
         } else {
             unit

@@ -30,7 +30,7 @@ impl KeepFreed {
     pub fn new() -> Self {
         let mut keeping = KEEPING.lock().unwrap_or_else(|e| e.into_inner());
         if keeping.0 == 0 {
-            // SAFETY: reads and writes a number; options may be set at any time.
+            // SAFETY: this reads and writes a number. Options may be set at any time.
             unsafe {
                 keeping.1 = mi_option_get(PURGE_DELAY);
                 mi_option_set(PURGE_DELAY, KEPT_FOR);
@@ -46,7 +46,7 @@ impl Drop for KeepFreed {
         let mut keeping = KEEPING.lock().unwrap_or_else(|e| e.into_inner());
         keeping.0 -= 1;
         if keeping.0 == 0 {
-            // SAFETY: as above; collecting frees nothing that is in use.
+            // SAFETY: as above. Collecting frees nothing that is in use.
             unsafe {
                 mi_option_set(PURGE_DELAY, keeping.1);
                 mi_collect(true);

@@ -87,7 +87,7 @@ pub fn read(bytes: &[u8]) -> Result<PolicyFile> {
     })?;
     let config: PolicyConfig =
         serde_json::from_str(config).map_err(|e| StoredPolicyError::Config(e.to_string()))?;
-    // The dimensions are checked first: a tokenizer is for them.
+    // The dimensions are checked first, because the tokenizer is made for them.
     let policy = Policy::from_safetensors(&config, bytes)?;
     let tokenizer = match note(TOKENIZER_KEY) {
         Some(text) => TrainedTokenizer::parse(text, &config)?.into(),
@@ -278,7 +278,7 @@ mod tests {
         assert_eq!(inference(&path).unwrap(), with(6));
         let back = load(&path).unwrap();
         assert_eq!(back.policy, file.policy);
-        // As a network is founded on it: the same file as without.
+        // A network is founded on the same file as without it.
         assert_eq!(bytes(&back), bytes(&file));
 
         save(&file.policy, &file.tokenizer, Some(&with(5)), &path).unwrap();

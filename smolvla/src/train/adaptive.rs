@@ -299,7 +299,7 @@ mod tests {
             follow(rates(1.0, 9.9e-4), Trend::Diverging),
             rates(1.1, 1e-3),
         );
-        // From scratch the small profiles train at more than the bound.
+        // Small profiles that start from random weights train at more than the bound.
         near(follow(rates(1.0, 2e-3), Trend::Diverging), rates(1.1, 2e-3));
         near(follow(rates(1.0, 1e-6), Trend::Stalled), rates(0.8, 1e-6));
     }
@@ -345,7 +345,7 @@ mod tests {
             learning_rate: once.learning_rate * 0.8,
         };
         assert_eq!(rates(&[1.0, 1.0, 1.0, 1.0]), twice);
-        // A trend that is over has left its mark.
+        // A trend that has ended still changes the factor.
         assert_eq!(rates(&[1.0, 1.0, 1.0, 0.5, 0.4]), once);
         let grown = follow(once, Trend::Diverging);
         assert_eq!(rates(&[1.0, 1.0, 1.0, 2.0]), grown);
@@ -389,7 +389,7 @@ mod tests {
     fn losses_and_boosts_that_make_no_sense_are_refused() {
         assert!(adapted(START, following(), &[]).is_err());
         assert!(adapted(START, following(), &[1.0, f64::NAN]).is_err());
-        // The factor is looked at before there is anything to boost.
+        // The factor is read before there is anything to boost.
         let boost = |factor| Adaptation {
             follow: false,
             boost: Some(Boost {

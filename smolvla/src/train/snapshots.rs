@@ -93,7 +93,7 @@ impl RunIdentity {
         Ok(Self {
             start: hex::encode(hash.finalize()),
             data: hex::encode(data),
-            // As text: numbers that are read from JSON need not be the ones that were written.
+            // The numbers are kept as text, because a number that is read from JSON may differ from the one that was written.
             options: serde_json::to_string(&options)
                 .map_err(|error| PolicyError::Options(error.to_string()))?,
         })
@@ -202,7 +202,7 @@ impl Snapshots {
         })
         .map_err(at(&path))?;
 
-        // A snapshot of this step is there only if it was found to be spoilt, or is the same.
+        // If there is a snapshot of this step, it was found to be damaged, or it is the same.
         self.remove(step)?;
         atomic_file::rename_folder(&unfinished, &whole).map_err(at(&whole))?;
 

@@ -22,7 +22,7 @@ pub fn average(weighted: &[(NodeId, u64, &ExpertTensors)]) -> Result<ExpertTenso
         return Err(CombineError::Empty);
     }
     let average = first.map(|name, values| {
-        // −0.0 is what adds nothing, to a negative zero either.
+        // The sum starts with −0.0, because it changes no number that is added to it, not even a negative zero.
         let mut sums = vec![-0.0f64; values.len()];
         for (_, samples, tensors) in &weighted {
             let samples = *samples as f64;

@@ -50,7 +50,7 @@ fn middle_mean(
                 }
                 column.sort_unstable_by(f32::total_cmp);
                 let kept = &column[kept.clone()];
-                // −0.0 is what adds nothing, to a negative zero either.
+                // The sum starts with −0.0, because it changes no number that is added to it, not even a negative zero.
                 let sum = kept.iter().fold(-0.0, |sum, value| sum + f64::from(*value));
                 (sum / kept.len() as f64) as f32
             })

@@ -146,7 +146,7 @@ impl Info {
         let text = read_text(&path)?;
         let broken = |cause: String| DatasetError::meta(&path, cause);
 
-        // The version first: another version's file may lack what the rest of this one needs.
+        // The version is read first, because a file of another version may lack the fields that are read next.
         let any: Value = serde_json::from_str(&text)
             .map_err(|e| broken(format!("is not the JSON it should be: {e}")))?;
         let Some(version) = any.get("codebase_version").and_then(Value::as_str) else {
@@ -177,7 +177,7 @@ impl Info {
                 return Err(format!("{what} is {count}, expected 1 to {MAX_FRAMES}"));
             }
         }
-        // What LeRobot takes where nothing is said.
+        // LeRobot uses this value where the file does not name one.
         let chunks_size = raw.chunks_size.unwrap_or(1000);
         if chunks_size == 0 {
             return Err("chunks_size is 0, expected at least 1".into());
@@ -299,7 +299,7 @@ fn names(value: Option<&Value>) -> Vec<String> {
 }
 
 fn camera(name: String, feature: &RawFeature) -> Result<Camera, String> {
-    // Older recordings say that the channels come first; the video is the same.
+    // Older recordings say that the channels come first. Their videos are the same.
     let names = names(feature.names.as_ref());
     let channels_first = names.first().is_some_and(|n| n.starts_with("channel"));
     let sides = match feature.shape[..] {

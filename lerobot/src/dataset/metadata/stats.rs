@@ -23,7 +23,7 @@ fn read_whole(root: &Path, info: &Info) -> Result<Stats, DatasetError> {
     let path = root.join("meta/stats.json");
     let text = read_text(&path)?;
     let broken = |cause: String| DatasetError::meta(&path, cause);
-    // Images' statistics are nested differently and not used: take only what is.
+    // The statistics of images are nested differently. They are not used, so only the others are read.
     let mut all: HashMap<String, serde_json::Value> = serde_json::from_str(&text)
         .map_err(|e| broken(format!("is not the JSON it should be: {e}")))?;
     let mut normalizer = |name: &str, dim: usize| {

@@ -72,7 +72,7 @@ impl Tasks {
     }
 
     fn complete(self, path: PathBuf) -> Result<Vec<String>, DatasetError> {
-        // All indices are below the number expected.
+        // All indices are below the expected number, so each of them has a place.
         if self.found.len() != self.expected {
             return Err(DatasetError::meta(
                 path,

@@ -239,7 +239,7 @@ impl DataFile<'_> {
                 expected.data_file.display()
             )));
         }
-        // A float32 of many seconds is itself coarser than the tolerance.
+        // A float32 that holds many seconds is coarser than the tolerance.
         let seconds = number as f64 / f64::from(self.info.fps);
         let slack = TOLERANCE + seconds * f64::from(f32::EPSILON);
         let off = (f64::from(rows.timestamp[i]) - seconds).abs();

@@ -119,7 +119,7 @@ impl PageHeader {
             match (id, kind) {
                 (2, I32) => uncompressed = u64::try_from(fields.integer()?).ok(),
                 (3, I32) => compressed = u64::try_from(fields.integer()?).ok(),
-                // Data pages of version 1 and 2; their first field is the number of values.
+                // These are data pages of version 1 and 2. Their first field is the number of values.
                 (5 | 8, STRUCT) => {
                     let mut last = 0;
                     while let Some((id, kind)) = fields.field(&mut last)? {
@@ -201,7 +201,7 @@ impl<R: Read> Thrift<R> {
     }
 
     fn skip_bytes(&mut self, n: u64) -> Option<()> {
-        // Never more than there are: the end of the bytes ends it.
+        // There are never more than that, because the loop ends where the bytes end.
         for _ in 0..n {
             self.byte()?;
         }
@@ -251,7 +251,7 @@ impl<R: Read> Thrift<R> {
         for _ in 0..len {
             for &kind in kinds {
                 match kind {
-                    // Within a collection a truth value is a byte.
+                    // Within a collection, a truth value takes one byte.
                     TRUE | FALSE => self.skip_bytes(1)?,
                     _ => self.skip(kind, depth + 1)?,
                 }
@@ -290,9 +290,9 @@ mod tests {
 
     #[test]
     fn headers_that_make_no_sense_end_soon() {
-        // A negative size.
+        // The size is negative.
         assert_eq!(read(&[0x15, 0x00, 0x15, 0x01, 0x15, 0x02, 0x00]).0, None);
-        // A list of 2^63 items, text of that length, structures without end.
+        // These are a list of 2^63 items, a text of that length, and structures without an end.
         let huge = [0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0x7f];
         assert_eq!(read(&[&[0x19, 0xf3][..], &huge].concat()).0, None);
         assert_eq!(read(&[&[0x18][..], &huge].concat()).0, None);

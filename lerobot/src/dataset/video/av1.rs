@@ -16,12 +16,12 @@ impl Av1 {
     /// A decoder of `height x width` pictures that has seen no frame yet.
     pub fn new(height: usize, width: usize) -> Result<Self, String> {
         let mut settings = Settings::new();
-        // One thread: every frame comes out as soon as it went in, in the same way on every machine.
+        // With one thread, every frame comes out as soon as it went in, and in the same way on every machine.
         settings.set_n_threads(1);
         settings.set_max_frame_delay(1);
-        // Before the decoder allocates for whatever size the bitstream claims.
+        // The decoder gets this limit before it allocates for the size that the bitstream claims.
         settings.set_frame_size_limit(u32::try_from(height * width).unwrap_or(u32::MAX));
-        // As FFmpeg asks for it: of a layered stream only the best layer.
+        // FFmpeg sets the same: of a stream with layers, only the best layer is decoded.
         settings.set_all_layers(false);
         let decoder = Decoder::with_settings(&settings)
             .map_err(|e| format!("no AV1 decoder could be made: {e}"))?;

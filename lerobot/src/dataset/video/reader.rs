@@ -123,7 +123,7 @@ impl VideoReader {
         };
         let sample = sample as usize;
         let key = self.key_before(sample);
-        // Taken out, so that a decoder that failed is not used again.
+        // The decoder is taken out, so that a decoder that failed is not used again.
         let mut playing = match self.playing.take() {
             Some(playing) if playing.reaches(key, sample) => playing,
             _ => Playing {

@@ -35,7 +35,7 @@ impl Cuda {
         match runtime.block_on(handed_out) {
             Ok(Ok(node)) => Ok(Self { node, runtime }),
             Ok(Err(error)) => Err(format!("{error:#}")),
-            // The scope ended before it had a node: SP1 panics where it cannot go on.
+            // The scope ended before it had a node. SP1 panics where it cannot go on.
             Err(_) => Err(match runtime.block_on(scope) {
                 Err(panic) => panic.to_string(),
                 Ok(()) => "it ended without a reason".into(),

@@ -256,7 +256,7 @@ mod tests {
                 bytes[at] ^= 1 << bit;
             }
             prop_assert!(decode::<PreparedSample>(&KEY, &bytes, false).is_err());
-            // Without the checksum it may be another sample, but nothing worse.
+            // If the checksum is not checked, it may be another sample. Nothing worse can happen.
             let _ = decode::<PreparedSample>(&KEY, &bytes, true);
         }
     }

@@ -125,7 +125,7 @@ mod tests {
         assert_eq!(digests.of(&file).unwrap(), one);
         digests.save(&memo).unwrap();
 
-        // What the memo says is believed while size and time are the same.
+        // The memo is used as long as size and time are the same.
         let text = fs::read_to_string(&memo).unwrap();
         let pretended = text.replace(&hex::encode(one), &hex::encode([9; 32]));
         assert_ne!(text, pretended);

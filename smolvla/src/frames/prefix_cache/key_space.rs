@@ -45,7 +45,7 @@ impl KeySpace {
         hash.number(PREPROCESSING);
         hash.text(E::KIND);
         hash.text(&place.name());
-        // Derived `Debug` names every field: two configurations that print the same are the same.
+        // The derived `Debug` names every field, so two configurations that print the same are the same.
         hash.text(&format!("{:?}", policy.config));
         hash.number(digests.len() as u64);
         digests.iter().for_each(|digest| hash.bytes(digest));

@@ -57,7 +57,7 @@ impl DiskCache {
             }
             for file in fs::read_dir(&folder).map_err(at(&folder))? {
                 let file = file.map_err(at(&folder))?;
-                // Gone meanwhile, by another process: not ours to complain about.
+                // Another process has removed it meanwhile, which is no error.
                 let Ok(metadata) = file.metadata() else {
                     continue;
                 };
@@ -142,7 +142,7 @@ impl DiskCache {
             Ok(sample) => {
                 if first {
                     let now = SystemTime::now();
-                    // For the order of removal alone; a folder that is only readable does as well.
+                    // The time only decides what is removed first. In a folder that can only be read, nothing is removed.
                     let _ = file.set_modified(now);
                     self.state().add(*key, metadata.len(), now, true);
                 }

@@ -65,7 +65,7 @@ impl ExpertModel {
         let output = self.norm.forward(&self.layers(cache, suffix, observe)?)?;
         observe(Site::FinalNorm, &output)?;
         let velocity = self.action_out.forward(&output)?;
-        // The loss has no use for the other dimensions: the evaluation does not compute them.
+        // The loss does not use the other dimensions, so the evaluation does not compute them.
         observe(
             Site::Velocity,
             &velocity.narrow(2, 0, self.config.action_dim)?,
@@ -148,7 +148,7 @@ impl ExpertModel {
                     )
                 }
                 LayerKind::Cross => {
-                    // The prefix's keys are rotated already; the expert's projections come after that.
+                    // The prefix's keys are already rotated. The expert's projections come after that.
                     let keys = layer.keys(&keys.flatten_from(2)?, head_dim)?;
                     observe(Site::Key(i), &keys)?;
                     let values = layer.values(&values.flatten_from(2)?, head_dim)?;

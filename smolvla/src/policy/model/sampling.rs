@@ -44,7 +44,7 @@ pub fn sample_actions_observed(
         ));
     }
     let batch = noise.dim(0)?;
-    // In f64 and from the step's number: added up in f32, the times of LeRobot 0.3.3 drift.
+    // The time is computed in f64 from the step's number. LeRobot 0.3.3 adds times up in f32, and they drift.
     let dt = -1.0 / steps as f64;
     let mut x_t = noise.detach();
     for step in 0..steps {

@@ -107,10 +107,10 @@ impl StateToken {
             let k = rope.apply(&layer.keys(&normed, self.head_dim)?)?;
             let v = layer.values(&normed, self.head_dim)?;
             let k = Tensor::cat(&[seen_keys, &k], 1)?;
-            // Nothing is lost in rounding them: they came out of such a product.
+            // Rounding them loses nothing, because they are the result of such a product.
             let seen_values = seen_values.to_dtype(v.dtype())?;
             let v = Tensor::cat(&[&seen_values, &v], 1)?;
-            // Nothing reads what the last layer makes of its keys and values.
+            // Nothing reads the last layer's result for its keys and values.
             if i + 1 < self.layers.len() {
                 let q = rope.apply(&layer.queries(&normed, self.head_dim)?)?;
                 x = layer.finish(&x, &attend(&q, &k, &v, &mask)?, &mut |_, _| Ok(()))?;

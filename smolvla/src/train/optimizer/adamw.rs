@@ -190,6 +190,6 @@ fn gradient(gradients: &GradStore, name: &str, variable: &Var) -> Result<Tensor>
     let gradient = gradients
         .get(variable.as_tensor())
         .ok_or_else(|| PolicyError::NoGradient(name.into()))?;
-    // Without detaching, moments made of it would keep every step's graph alive.
+    // Without detaching, moments that are computed from it would keep the graph of every step in memory.
     Ok(gradient.detach().contiguous()?)
 }

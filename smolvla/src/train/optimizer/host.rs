@@ -82,7 +82,7 @@ impl HostSlot {
     fn apply(&mut self, values: &mut [f32], gradient: &[f32], by: &Factors) {
         let constants = Constants::of(by);
         let parts = (&mut self.mean[..], &mut self.mean_square[..]);
-        // A thread pool costs a small tensor more than the work does.
+        // For a small tensor, a thread pool costs more than the work.
         if values.len() <= BLOCK {
             let anchor = self.anchor.as_deref();
             return constants.step(values, gradient, parts.0, parts.1, anchor);
@@ -295,7 +295,7 @@ mod tests {
     fn the_proximal_term_pulls_back_and_is_reported() {
         let (free, free_norms) = three_steps(0.0);
         let (held, held_norms) = three_steps(1e3);
-        // Both make the same first step, as the distance from the start is 0 before it.
+        // Both make the same first step, because the distance from the start is 0 before it.
         assert_eq!(free_norms[..2], held_norms[..2]);
         assert!(free_norms[1..].iter().step_by(2).all(|term| *term == 0.0));
         assert_eq!(held_norms[1], 0.0);

@@ -23,7 +23,7 @@ pub(crate) fn stream(
     for unit in units {
         let unit = without_trailing_zeros(unit?);
         let kind = kind(unit).ok_or("holds an empty NAL unit")?;
-        // The decoder would take what follows for another unit, one that was not checked.
+        // The decoder would take the bytes after it for another unit, which was not checked.
         if unit.windows(3).any(|w| w[..2] == [0, 0] && w[2] <= 2) {
             return Err("holds a start code within a NAL unit".into());
         }
@@ -116,7 +116,7 @@ mod tests {
             of(2, &[0, 1, 0x65, 0, 2, 0x65, 7], true).unwrap(),
             [0, 0, 0, 1, 0x67, 1, 0, 0, 0, 1, 0x68, 2, 0, 0, 0, 1, 0x65, 0, 0, 0, 1, 0x65, 7]
         );
-        // Zeros after a unit are no part of it.
+        // Zeros after a unit do not belong to it.
         assert_eq!(
             of(1, &[3, 0x41, 9, 0], false).unwrap(),
             [0, 0, 0, 1, 0x41, 9]
@@ -125,7 +125,7 @@ mod tests {
 
     #[test]
     fn hidden_and_broken_units_are_refused() {
-        // A sequence parameter set that only the decoder would see.
+        // This is a sequence parameter set that only the decoder would see.
         let hidden = of(1, &[6, 0x41, 0, 0, 1, 0x67, 1], false).unwrap_err();
         assert_eq!(hidden, "holds a start code within a NAL unit");
         assert!(of(1, &[5, 0x41, 0, 0, 3, 1], false).is_ok());

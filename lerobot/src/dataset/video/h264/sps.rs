@@ -25,7 +25,7 @@ pub(crate) fn check(unit: &[u8], height: usize, width: usize) -> Result<(), Stri
     if !sps.progressive {
         return Err("is interlaced, which is not read; re-encode the video".into());
     }
-    // 2: unspecified, 5 and 6: BT.601.
+    // The value 2 means unspecified. The values 5 and 6 mean BT.601.
     if sps.full_range || !matches!(sps.matrix, 2 | 5 | 6) {
         return Err(format!(
             "has colours of {} range and matrix {}, only limited-range BT.601 is read; re-encode the video",
@@ -114,7 +114,7 @@ impl Sps {
         if bits.flag()? {
             (full_range, matrix) = colours(&mut bits)?;
         }
-        // Units of cropping: of chroma samples, and of pairs of lines where there are fields.
+        // Cropping is counted in chroma samples, and in pairs of lines where the video has fields.
         let unit_x = if matches!(chroma_format, 1 | 2) { 2 } else { 1 };
         let lines = if progressive { 1 } else { 2 };
         let unit_y = if chroma_format == 1 { 2 * lines } else { lines };
@@ -136,7 +136,7 @@ impl Sps {
 
 /// Range and matrix of the VUI parameters (annex E.1.1), as far as they are there.
 fn colours(bits: &mut Bits) -> Option<(bool, u32)> {
-    // Aspect ratio; 255 spells it out.
+    // This is the aspect ratio. After 255, its numbers follow.
     if bits.flag()? && bits.fixed(8)? == 255 {
         bits.fixed(32)?;
     }
@@ -192,7 +192,7 @@ pub(crate) fn unordered(unit: &[u8]) -> Option<Vec<u8>> {
         bits.unsigned()?; // id
         let (head, all) = (bits.at, payload.len() * 8);
         let bit = |at: usize| payload[at / 8] >> (7 - at % 8) & 1;
-        // 4:2:0, twice 8 bits, no bypass, no scaling lists.
+        // The fields say 4:2:0, 8 bits twice, no bypass and no scaling lists.
         let added = [0, 1, 0, 1, 1, 0, 0];
         let longer: Vec<u8> = (0..head)
             .map(bit)
@@ -397,7 +397,7 @@ mod tests {
         })
         .contains("full range"));
         assert!(refused(Case { matrix: 1, ..GOOD }).contains("matrix 1,"));
-        // Cropping by 3 units of two field lines each.
+        // The set crops by 3 units of two field lines each.
         let interlaced = unit(&Case {
             progressive: 0,
             ..GOOD
@@ -405,7 +405,7 @@ mod tests {
         assert!(check(&interlaced, 84, 128)
             .unwrap_err()
             .contains("interlaced"));
-        // 4:2:2 crops by single lines.
+        // With 4:2:2, cropping counts single lines.
         let dense = unit(&Case { chroma: 2, ..GOOD });
         assert!(check(&dense, 93, 128)
             .unwrap_err()
@@ -414,7 +414,7 @@ mod tests {
 
     #[test]
     fn another_profile_says_the_same() {
-        // Main: no fields of the High profiles. With zeros that need prevention once it is longer.
+        // The profile is Main, which has no fields of the High profiles. Its zeros need prevention bytes once it is longer.
         let main = Writer::default()
             .fixed(8, 77)
             .fixed(16, 30)

@@ -78,7 +78,7 @@ pub(crate) fn sample_times(table: &[u8], count: usize, scale: u32) -> Result<Vec
     let mut decode_time: u64 = 0;
     for _ in 0..count {
         let offset = match &mut offsets {
-            // Version 0 is unsigned, but never so large that the sign would matter.
+            // Version 0 is unsigned, but it is never so large that the sign would matter.
             Some(offsets) => i64::from(offsets.next()? as i32),
             None => 0,
         };

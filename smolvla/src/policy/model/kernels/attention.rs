@@ -57,7 +57,7 @@ impl Kernel<1> for AttendToAll {
         let dim = width / heads;
         let scale = (dim as f32).powf(-0.5);
         let mut out = vec![0.0f32; batch * tokens * width];
-        // A block never reaches into another sample: samples are divided first.
+        // A block never reaches into another sample, because samples are divided first.
         let samples = out.par_chunks_mut((tokens * width).max(1)).enumerate();
         let blocks = samples.flat_map(|(sample, out)| {
             let blocks = out.par_chunks_mut((BLOCK * width).max(1)).enumerate();
@@ -118,7 +118,7 @@ mod tests {
 
     #[test]
     fn blocks_give_what_whole_matrices_give() {
-        // 600 tokens: two whole blocks and a part of one.
+        // 600 tokens are two whole blocks and a part of one.
         let (batch, tokens, heads, dim) = (2, 600, 3, 5);
         let count = batch * tokens * 3 * heads * dim;
         let values = (0..count).map(|i| 3.0 * (i as f32 * 0.37).sin()).collect();

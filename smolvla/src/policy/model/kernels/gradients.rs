@@ -59,10 +59,10 @@ mod tests {
             variable((3, 3), 1.1),
         );
         let apply = |w: &Tensor, x: &Tensor| Linear::new(w.clone(), None).forward(x).unwrap();
-        // A weight that is made of a variable: the gradient has to go on from it.
+        // This weight is computed from a variable, so the gradient has to go on from it.
         let made = twice.sin().unwrap();
         let out = apply(&twice, &apply(&made, &apply(&twice, &apply(&once, &x))));
-        // And one that another operation uses as well.
+        // Another operation uses this weight as well.
         let loss = (out.sqr().unwrap().sum_all().unwrap() + once.sqr().unwrap().sum_all()).unwrap();
         let (ours, theirs) = (backward(&loss).unwrap(), loss.backward().unwrap());
         for variable in [&x, &once, &twice] {

@@ -10,7 +10,7 @@ pub(super) fn matmul(a: &Tensor, b: &Tensor) -> Result<Tensor> {
             candle_core::bail!("a product of strided matrices {:?}", operand.layout());
         }
     }
-    // candle has no product of bf16 on the CPU. They are f32 whose last bits are zero: that product is the same.
+    // candle has no product of bf16 on the CPU. A bf16 is an f32 whose last bits are zero, so the product in f32 is the same.
     if a.dtype() == DType::BF16 && a.device().is_cpu() {
         let wide = a.to_dtype(DType::F32)?.matmul(&b.to_dtype(DType::F32)?)?;
         return wide.to_dtype(DType::BF16);
@@ -44,7 +44,7 @@ mod tests {
         for (a, found) in a.iter().zip(product) {
             for (b, found) in b.iter().zip(found) {
                 let exact: f64 = a.iter().zip(b).map(|(a, b)| a.to_f64() * b.to_f64()).sum();
-                // Half a unit in the last of its eight bits, and f32's own rounding.
+                // The tolerance is half a unit in the last of its eight bits, plus the rounding of f32.
                 let allowed = exact.abs() / 256.0 + 1e-5;
                 assert!((found.to_f64() - exact).abs() <= allowed, "{found} {exact}");
                 assert_eq!(found, bf16::from_f32(found.to_f32()));

@@ -207,7 +207,7 @@ mod tests {
     fn strided_and_transposed_products_are_the_plain_ones() {
         let a: Vec<f32> = (0..35).map(|x| x as f32 - 11.0).collect();
         let b: Vec<f32> = (0..30).map(|x| (x * x % 13) as f32).collect();
-        // 4 x 3 inside rows of 7, times the transpose of 5 x 3 inside rows of 5.
+        // A matrix of 4 x 3 in rows of 7 is multiplied by the transpose of one of 5 x 3 in rows of 5.
         let (left, right) = (
             Matrix::strided(&a[2..], 4, 3, 7),
             Matrix::strided(&b, 5, 3, 5),
@@ -243,7 +243,7 @@ mod tests {
 
     #[test]
     fn results_do_not_depend_on_the_number_of_threads() {
-        // Few rows, many rows, long sums: large enough for several threads each.
+        // Few rows, many rows and long sums: each is large enough for several threads.
         for (rows, inner, columns) in [(50, 720, 512), (512, 128, 256), (300, 2048, 64)] {
             let values = |count: usize, step: f32| -> Vec<f32> {
                 (0..count).map(|i| (i as f32 * step).sin()).collect()

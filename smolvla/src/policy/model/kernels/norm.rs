@@ -104,7 +104,7 @@ impl Kernel<2> for RmsNorm {
         let of_gain = gain
             .track_op()
             .then(|| {
-                // Σ over rows of grad * x / sqrt(mean(x²) + eps): the norm itself with a gain of grad.
+                // This is the sum over rows of grad * x / sqrt(mean(x²) + eps): the norm itself with grad as its gain.
                 let plain = x.apply_op2_no_bwd(&gain.ones_like()?, &Operation(*self))?;
                 (plain * &grad)?.flatten_to(D::Minus2)?.sum(0)
             })
@@ -207,7 +207,7 @@ mod tests {
         for variable in [&x, &gain] {
             close(ours.get(variable).unwrap(), theirs.get(variable).unwrap());
         }
-        // A frozen gain gets none.
+        // A frozen gain gets no gradient.
         let frozen = gain.as_detached_tensor();
         let gradients = rms_norm(&x, &frozen, 1e-5)
             .unwrap()

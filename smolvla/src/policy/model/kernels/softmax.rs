@@ -17,7 +17,7 @@ pub fn masked_softmax(scores: &Tensor, mask: &Tensor, scale: f64) -> Result<Tens
             .apply_op2(&mask.contiguous()?, Operation(MaskedSoftmax { scale }));
     }
     let scores = (scores * scale)?.broadcast_add(mask)?;
-    // The maximum only guards against overflow, so it carries no gradient.
+    // The maximum only guards against overflow, so it has no gradient.
     let shifted = scores
         .broadcast_sub(&scores.max_keepdim(D::Minus1)?.detach())?
         .exp()?;

@@ -22,7 +22,7 @@ pub fn exp(x: f32) -> f32 {
     let p = p.mul_add(r, 1.666_666_5e-1);
     let p = p.mul_add(r, 0.5);
     let e = (p * r).mul_add(r, r) + 1.0;
-    // 2^n, by its exponent bits: n is within ±126. The bits of `ROUND` go out on the left.
+    // This is 2^n, made from its exponent bits. n is within ±126. The bits of `ROUND` are shifted out on the left.
     let value = e * f32::from_bits(rounded.to_bits().wrapping_add(127) << 23);
     if hidden {
         0.0
