@@ -1,6 +1,6 @@
 //! An aggregator that serves on loopback, and can be killed and started again.
 
-use super::{files, genesis, log_key, weights, Node, POLICY, START_MS};
+use super::{files, found, genesis, log_key, Node, START_MS};
 use std::sync::Arc;
 use std::time::Duration;
 use tempfile::TempDir;
@@ -44,16 +44,7 @@ impl Network {
         let dir = tempfile::tempdir().unwrap();
         let clock = Arc::new(ManualClock::at(START_MS));
         let genesis = genesis();
-        let mut aggregator = Aggregator::found(
-            dir.path(),
-            genesis.clone(),
-            log_key(),
-            POLICY,
-            &weights(0),
-            clock.clone(),
-            config,
-        )
-        .unwrap();
+        let mut aggregator = found(dir.path(), genesis.clone(), clock.clone(), config).unwrap();
         for (number, node) in nodes.iter().enumerate() {
             aggregator
                 .enrol(node.id(), format!("node-{number}"))
