@@ -3,6 +3,8 @@
 
 use clap::{Parser, Subcommand};
 use std::process::ExitCode;
+#[cfg(feature = "full")]
+use zk0::serve::online;
 use zk0::{audit, ledger, logging};
 
 #[cfg(feature = "full")]
@@ -91,9 +93,11 @@ fn main() -> ExitCode {
 fn run(command: Command) -> anyhow::Result<bool> {
     match command {
         #[cfg(feature = "full")]
-        Command::Demo(options) => zk0::demo::run(&options).map(|()| true),
+        Command::Demo(options) => online(zk0::demo::run(&options)).map(|()| true),
         #[cfg(feature = "full")]
-        Command::DemoLazyNode(options) => zk0::demo::lazy_node::run(&options).map(|()| true),
+        Command::DemoLazyNode(options) => {
+            online(zk0::demo::lazy_node::run(&options)).map(|()| true)
+        }
         #[cfg(feature = "full")]
         Command::Node(command) => zk0::node::run(&command).map(|()| true),
         #[cfg(feature = "full")]

@@ -44,13 +44,7 @@ pub struct Options {
 }
 
 /// Runs the demo. It is an error if the audit fails, if no contribution is accepted, or if the one that cheats is not refused.
-pub fn run(options: &Options) -> Result<()> {
-    tokio::runtime::Runtime::new()
-        .context("starting the runtime")?
-        .block_on(federation(options))
-}
-
-async fn federation(options: &Options) -> Result<()> {
+pub async fn run(options: &Options) -> Result<()> {
     let count = options.nodes as usize;
     if options.datasets.len() < count {
         bail!(
