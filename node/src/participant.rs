@@ -12,6 +12,7 @@ use std::path::PathBuf;
 use zk0_circuits::claim::program::verifying_key;
 use zk0_circuits::model::spec::EvalSpec;
 use zk0_circuits::Digest;
+use zk0_protocol::counted::counted;
 use zk0_prover::service::ProvingClient;
 use zk0_smolvla::frames::prefix_cache::DiskCache;
 use zk0_smolvla::measure::fixed_point::dims;
@@ -103,10 +104,12 @@ impl Participant {
                 Err(error) => return Err(error),
             }
             let closed = node.wait_for_close(round).await?;
-            let averaged = match closed.contributors.len() {
-                1 => "1 contribution was averaged".into(),
-                count => format!("{count} contributions were averaged"),
-            };
+            let count = closed.contributors.len() as u64;
+            let averaged = counted(
+                count,
+                "contribution was averaged",
+                "contributions were averaged",
+            );
             tracing::info!("round {round} has closed, and {averaged}");
         }
         Ok(())

@@ -1,6 +1,7 @@
 //! Entries in words. Only this file has to know every kind of entry.
 
 use zk0_circuits::{Losses, NodeId};
+use zk0_protocol::counted::counted;
 use zk0_protocol::entries::entry::Body;
 use zk0_protocol::entries::proposal::{Action, Ballot};
 use zk0_protocol::entries::signed::Evidence;
@@ -18,8 +19,9 @@ pub fn describe(entry: &Entry) -> String {
             format!("node {} was enrolled as '{}'", enrolled.node, enrolled.name)
         }
         Body::DatasetCommitted(signed) => format!(
-            "node {} committed to a dataset of {} samples",
-            signed.statement.node, signed.statement.dataset.samples
+            "node {} committed to a dataset of {}",
+            signed.statement.node,
+            counted(signed.statement.dataset.samples, "sample", "samples")
         ),
         Body::RoundOpened(opened) => format!(
             "round {} opened, for commitments until {} and proofs until {}",
@@ -42,10 +44,11 @@ pub fn describe(entry: &Entry) -> String {
         Body::RoundClosed(closed) => format!(
             "round {} closed with {}",
             closed.round,
-            match closed.contributors.len() {
-                1 => "1 contribution".into(),
-                count => format!("{count} contributions"),
-            }
+            counted(
+                closed.contributors.len() as u64,
+                "contribution",
+                "contributions"
+            )
         ),
         Body::KeyRotated { rotation, .. } => format!(
             "node {} changed its key to {}",
@@ -225,8 +228,10 @@ pub fn details(body: &Body) -> Vec<(&'static str, String)> {
             let mut details = vec![("global weights", closed.global.blob.to_string())];
             for one in &closed.contributors {
                 let share = format!(
-                    "{} counts for {} samples and earned {} credits",
-                    one.node, one.samples, one.credits
+                    "{} counts for {} and earned {}",
+                    one.node,
+                    counted(one.samples, "sample", "samples"),
+                    counted(one.credits, "credit", "credits")
                 );
                 details.push(("contributor", share));
             }
