@@ -131,13 +131,25 @@ pub fn kind(body: &Body) -> &'static str {
 
 /// The nodes that an entry is about.
 pub fn nodes(body: &Body) -> Vec<NodeId> {
+    about(body).1
+}
+
+/// The round that an entry is about.
+pub fn round(body: &Body) -> Option<u64> {
+    about(body).0
+}
+
+/// The round and the nodes that an entry is about.
+fn about(body: &Body) -> (Option<u64>, Vec<NodeId>) {
     match body {
-        Body::Genesis(_)
-        | Body::RoundOpened(_)
-        | Body::ProposalSettled(_)
-        | Body::DisputeResolved(_) => Vec::new(),
+        Body::Genesis(_) | Body::ProposalSettled(_) | Body::DisputeResolved(_) => (None, vec![]),
+        Body::NodeEnrolled(enrolled) => (None, vec![enrolled.node]),
+        Body::DatasetCommitted(signed) => (None, vec![signed.statement.node]),
+        Body::Voted(signed) => (None, vec![signed.statement.voter]),
+        Body::Disputed(signed) => (None, vec![signed.statement.disputer]),
         Body::KeyRotated { rotation, .. } => {
-            vec![rotation.statement.node, rotation.statement.with]
+            let rotation = &rotation.statement;
+            (None, vec![rotation.node, rotation.with])
         }
         Body::Proposed(signed) => {
             let mut nodes = vec![signed.statement.proposer];
@@ -149,38 +161,20 @@ pub fn nodes(body: &Body) -> Vec<NodeId> {
                 }
                 Action::ReplaceKey { node, with } => nodes.extend([*node, *with]),
             }
-            nodes
+            (None, nodes)
         }
-        Body::Voted(signed) => vec![signed.statement.voter],
-        Body::Disputed(signed) => vec![signed.statement.disputer],
-        Body::NodeEnrolled(enrolled) => vec![enrolled.node],
-        Body::DatasetCommitted(signed) => vec![signed.statement.node],
-        Body::UpdateCommitted(signed) => vec![signed.statement.node],
+        Body::RoundOpened(opened) => (Some(opened.round), vec![]),
+        Body::UpdateCommitted(signed) => {
+            (Some(signed.statement.round), vec![signed.statement.node])
+        }
         Body::ContributionAccepted(submission) | Body::ContributionRejected { submission, .. } => {
-            vec![submission.statement.claim.terms.node]
+            let terms = &submission.statement.claim.terms;
+            (Some(terms.round), vec![terms.node])
         }
-        Body::RoundClosed(closed) => closed.contributors.iter().map(|one| one.node).collect(),
-    }
-}
-
-/// The round that an entry is about.
-pub fn round(body: &Body) -> Option<u64> {
-    match body {
-        Body::Genesis(_)
-        | Body::NodeEnrolled(_)
-        | Body::DatasetCommitted(_)
-        | Body::KeyRotated { .. }
-        | Body::Proposed(_)
-        | Body::Voted(_)
-        | Body::ProposalSettled(_)
-        | Body::Disputed(_)
-        | Body::DisputeResolved(_) => None,
-        Body::RoundOpened(opened) => Some(opened.round),
-        Body::UpdateCommitted(signed) => Some(signed.statement.round),
-        Body::ContributionAccepted(submission) | Body::ContributionRejected { submission, .. } => {
-            Some(submission.statement.claim.terms.round)
+        Body::RoundClosed(closed) => {
+            let nodes = closed.contributors.iter().map(|one| one.node);
+            (Some(closed.round), nodes.collect())
         }
-        Body::RoundClosed(closed) => Some(closed.round),
     }
 }
 
