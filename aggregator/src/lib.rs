@@ -18,5 +18,5 @@ pub mod round;
 pub mod serve;
 
 pub use crate::round::aggregator::{Aggregator, Config, Progress};
-pub use crate::round::clock::{Clock, ManualClock, SystemClock};
+pub use crate::round::clock::{Clock, SystemClock};
 pub use crate::serve::service::{Limits, Service};

@@ -5,7 +5,7 @@ mod harness;
 use harness::*;
 use std::fmt::{Debug, Display};
 use std::sync::Arc;
-use zk0_aggregator::{Aggregator, Config, ManualClock};
+use zk0_aggregator::{Aggregator, Config};
 use zk0_circuits::NodeId;
 
 fn id(seed: u8) -> NodeId {

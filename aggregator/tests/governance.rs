@@ -6,7 +6,7 @@ use harness::*;
 use std::sync::Arc;
 use tonic::{Code, Status};
 use zk0_aggregator::serve::service::ServeError;
-use zk0_aggregator::{Aggregator, Config, ManualClock, Progress, Service};
+use zk0_aggregator::{Aggregator, Config, Progress, Service};
 use zk0_circuits::Digest;
 use zk0_ledger::log::Ledger;
 use zk0_protocol::entries::entry::{Body, Contributor, RoundClosed};

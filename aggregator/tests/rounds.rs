@@ -7,7 +7,7 @@ use harness::*;
 use std::io::Write;
 use std::sync::Arc;
 use tonic::Code;
-use zk0_aggregator::{Aggregator, Config, ManualClock, Progress};
+use zk0_aggregator::{Aggregator, Config, Progress};
 use zk0_audit::Auditor;
 use zk0_circuits::Digest;
 use zk0_ledger::replay::{replay, Verdict};

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use borsh::BorshDeserialize;
 use zk0_aggregator::round::request::RequestError;
-use zk0_aggregator::{Aggregator, Config, ManualClock, Progress};
+use zk0_aggregator::{Aggregator, Config, Progress};
 use zk0_audit::{Auditor, Depth};
 use zk0_circuits::Digest;
 use zk0_ledger::replay::{replay, Finding, Recheck};
@@ -17,7 +17,7 @@ use zk0_protocol::entries::signed::{
 use zk0_protocol::{Body, Entry, Genesis, Refusal, State};
 use zk0_verifier::blob_digest;
 
-use crate::harness::{flat, found, genesis, weights, Node, GOVERNOR, START_MS};
+use crate::harness::{flat, found, genesis, weights, ManualClock, Node, GOVERNOR, START_MS};
 
 /// What any input may make a reader allocate: an uploaded update is read again, and an auditor verifies a whole proof.
 pub const SLACK: usize = 8 << 20;

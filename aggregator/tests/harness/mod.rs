@@ -2,9 +2,11 @@
 //! are told to say.
 #![allow(dead_code)] // every test file uses its own part of it
 
+mod manual_clock;
 mod network;
 mod node;
 
+pub use self::manual_clock::ManualClock;
 pub use self::network::Network;
 pub use self::node::Node;
 
@@ -15,7 +17,7 @@ use std::sync::Arc;
 use tonic::{Code, Status};
 use zk0_aggregator::round::founding::Founding;
 use zk0_aggregator::round::request::RequestError;
-use zk0_aggregator::{Aggregator, Config, ManualClock};
+use zk0_aggregator::{Aggregator, Config};
 use zk0_circuits::model::layout::{expert_tensors, TensorSpec};
 use zk0_circuits::model::spec::EvalSpec;
 use zk0_circuits::{Digest, Mode, WeightsDigest};

@@ -1,6 +1,6 @@
 //! An aggregator that serves on loopback, and can be killed and started again.
 
-use super::{files, found, genesis, log_key, Node, START_MS};
+use super::{files, found, genesis, log_key, ManualClock, Node, START_MS};
 use std::sync::Arc;
 use std::time::Duration;
 use tempfile::TempDir;
@@ -10,7 +10,7 @@ use tokio::task::JoinHandle;
 use tonic::transport::Channel;
 use tonic::Status;
 use zk0_aggregator::publish::cosigning::Witnesses;
-use zk0_aggregator::{Aggregator, Config, Limits, ManualClock, Service};
+use zk0_aggregator::{Aggregator, Config, Limits, Service};
 use zk0_circuits::Digest;
 use zk0_protocol::entries::entry::{Body, Entry};
 use zk0_protocol::entries::genesis::Genesis;
