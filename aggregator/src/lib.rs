@@ -1,7 +1,7 @@
 //! The aggregator: the one writer of a ledger, the gRPC service in front of it, and what it publishes.
 //!
 //! A short tour:
-//! - [`round`]: opening and closing rounds ([`round::aggregator`]), recording what nodes send ([`round::recording`]), uploads that
+//! - [`round`]: founding a network ([`round::founding`]), opening and closing rounds ([`round::aggregator`]), recording what nodes send ([`round::recording`]), uploads that
 //!   wait ([`round::staging`]), what a restarted aggregator reads from its ledger ([`round::ledger_index`]), disputes
 //!   ([`round::dispute`]), the clock, and why a request is turned down ([`round::request`]).
 //! - [`serve`]: the gRPC service and its limits ([`serve::service`]), and the answers to its requests ([`serve::requests`]).
@@ -18,5 +18,5 @@ pub mod round;
 pub mod serve;
 
 pub use crate::round::aggregator::{Aggregator, Config, Progress};
-pub use crate::round::clock::{Clock, ManualClock, SystemClock};
+pub use crate::round::clock::{Clock, SystemClock};
 pub use crate::serve::service::{Limits, Service};

@@ -5,7 +5,7 @@ mod harness;
 use harness::*;
 use std::fmt::{Debug, Display};
 use std::sync::Arc;
-use zk0_aggregator::{Aggregator, Config, ManualClock};
+use zk0_aggregator::{Aggregator, Config};
 use zk0_circuits::NodeId;
 
 fn id(seed: u8) -> NodeId {
@@ -29,16 +29,7 @@ fn a_clock_set_forward_opens_no_round_and_ends_none() {
         rounds: None,
         min_nodes: 0,
     };
-    let mut aggregator = Aggregator::found(
-        dir.path(),
-        genesis(),
-        log_key(),
-        POLICY,
-        &weights(0),
-        clock.clone(),
-        config,
-    )
-    .unwrap();
+    let mut aggregator = found(dir.path(), genesis(), clock.clone(), config).unwrap();
     clock.advance(24 * 3_600_000);
     aggregator.enrol(id(1), "one".into()).unwrap();
     let entries = aggregator.state().entries();

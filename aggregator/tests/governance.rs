@@ -6,7 +6,7 @@ use harness::*;
 use std::sync::Arc;
 use tonic::{Code, Status};
 use zk0_aggregator::serve::service::ServeError;
-use zk0_aggregator::{Aggregator, Config, ManualClock, Progress, Service};
+use zk0_aggregator::{Aggregator, Config, Progress, Service};
 use zk0_circuits::Digest;
 use zk0_ledger::log::Ledger;
 use zk0_protocol::entries::entry::{Body, Contributor, RoundClosed};
@@ -200,12 +200,9 @@ fn with_a_false_contribution(
     let node = Node::new(1);
     let open =
         |clock: Arc<ManualClock>| Aggregator::open(dir.path(), None, log_key(), clock, config());
-    let mut aggregator = Aggregator::found(
+    let mut aggregator = found(
         dir.path(),
         genesis(),
-        log_key(),
-        POLICY,
-        &weights(0),
         clock.clone(),
         Config {
             rounds: Some(1),
@@ -305,12 +302,9 @@ async fn nothing_is_served_without_the_witnesses_that_the_rules_name() -> Test {
     let line = format!("witness W {} http://127.0.0.1:1\nquorum W\n", witness.key());
     genesis.rules.witness_policy = line;
     let dir = tempfile::tempdir()?;
-    let aggregator = Aggregator::found(
+    let aggregator = found(
         dir.path(),
         genesis,
-        log_key(),
-        POLICY,
-        &weights(0),
         Arc::new(ManualClock::at(START_MS)),
         config(),
     )?;

@@ -4,9 +4,10 @@ mod harness;
 
 use ed25519_dalek::SigningKey;
 use harness::*;
+use std::io::Write;
 use std::sync::Arc;
 use tonic::Code;
-use zk0_aggregator::{Aggregator, Config, ManualClock, Progress};
+use zk0_aggregator::{Aggregator, Config, Progress};
 use zk0_audit::Auditor;
 use zk0_circuits::Digest;
 use zk0_ledger::replay::{replay, Verdict};
@@ -195,15 +196,7 @@ fn a_submission_after_the_deadline_of_an_open_round_is_recorded_as_late() -> Tes
         rounds: Some(1),
         min_nodes: 1,
     };
-    let mut aggregator = Aggregator::found(
-        dir.path(),
-        genesis(),
-        log_key(),
-        POLICY,
-        &weights(0),
-        clock.clone(),
-        config,
-    )?;
+    let mut aggregator = found(dir.path(), genesis(), clock.clone(), config)?;
     aggregator.enrol(node.id(), "node".into())?;
     let network = genesis().network_id();
     let registration = borsh::to_vec(&node.registration(&network))?;
@@ -244,15 +237,7 @@ fn a_folder_of_another_network_is_not_opened() -> Test {
         rounds: None,
         min_nodes: 1,
     };
-    drop(Aggregator::found(
-        dir.path(),
-        genesis(),
-        log_key(),
-        POLICY,
-        &weights(0),
-        clock.clone(),
-        config,
-    )?);
+    drop(found(dir.path(), genesis(), clock.clone(), config)?);
     let other = Digest([1; 32]);
     let error = Aggregator::open(dir.path(), Some(&other), log_key(), clock.clone(), config).err();
     assert!(error.ok_or("opened")?.to_string().contains("is of network"));
@@ -274,32 +259,26 @@ fn a_folder_of_another_network_is_not_opened() -> Test {
 
 #[test]
 fn a_network_is_not_founded_on_other_bytes_than_its_genesis_names() -> Test {
+    let dir = tempfile::tempdir()?;
+    let clock = ManualClock::at(START_MS);
+    let other_policy = |out: &mut dyn Write| {
+        out.write_all(b"another policy")?;
+        Ok(blob_digest(POLICY).0)
+    };
+    let founding = founding(genesis());
+    let founded = founding.found(dir.path(), log_key(), &clock, 1 << 20, other_policy);
+    let error = founded.err().ok_or("founded")?.to_string();
+    assert!(error.contains("SHA-256"), "{error}");
+
+    let (dir, clock) = (tempfile::tempdir()?, Arc::new(ManualClock::at(START_MS)));
     let config = Config {
         rounds: None,
         min_nodes: 1,
     };
-    let found = |genesis, policy: &[u8], initial: &[u8]| {
-        let dir = tempfile::tempdir().unwrap();
-        let clock = Arc::new(ManualClock::at(START_MS));
-        let error = Aggregator::found(
-            dir.path(),
-            genesis,
-            log_key(),
-            policy,
-            initial,
-            clock,
-            config,
-        )
-        .err();
-        error.map(|error| error.to_string()).unwrap_or_default()
-    };
-    assert!(found(genesis(), b"another policy", &weights(0)).contains("the policy has SHA-256"));
-    assert!(found(genesis(), POLICY, &weights(1)).contains("the update has SHA-256"));
-    let mut quantised = genesis();
-    quantised.initial.quantised = Digest([1; 32]);
-    assert!(found(quantised, POLICY, &weights(0)).contains("quantises to"));
     let mut program = genesis();
     program.program = vec![0; 31];
-    assert!(found(program, POLICY, &weights(0)).contains("verifying key"));
+    let error = found(dir.path(), program, clock, config).err();
+    let error = error.ok_or("opened")?.to_string();
+    assert!(error.contains("verifying key"), "{error}");
     Ok(())
 }

@@ -15,7 +15,7 @@ use tonic::Code;
 use zk0_aggregator::publish::cosigning::{CosigningError, Prove, Witnesses};
 use zk0_aggregator::publish::http;
 use zk0_aggregator::publish::witness_server::WitnessServer;
-use zk0_aggregator::{Config, ManualClock};
+use zk0_aggregator::Config;
 use zk0_ledger::log::Ledger;
 use zk0_ledger::published::publication::{Publication, PublicationError};
 use zk0_ledger::published::reader::PublishedLog;

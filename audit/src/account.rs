@@ -4,6 +4,7 @@ use borsh::{BorshDeserialize, BorshSerialize};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use zk0_ledger::replay::Finding;
+use zk0_protocol::counted::counted;
 
 /// A kind of check.
 #[derive(
@@ -161,8 +162,7 @@ impl std::fmt::Display for NotChecked {
             What::Globals => ("file of global weights", "files of global weights"),
             What::Disputes => ("decision of a dispute", "decisions of disputes"),
         };
-        let noun = if self.count == 1 { one } else { many };
-        write!(f, "{} {noun}: ", self.count)?;
+        write!(f, "{}: ", counted(self.count, one, many))?;
         match self.why {
             Why::Light => f.write_str("this audit is light"),
             Why::NotAtHand | Why::RestsOnOthers => {

@@ -53,20 +53,16 @@ pub struct Examined {
 impl Recorded {
     /// Verifies again the contribution that the ledger accepted.
     pub fn accepted(&self, depth: Depth, blobs: &Blobs) -> Examined {
-        let (rules, node) = (self.before.rules(), self.node());
+        let node = self.node();
         let failed = |why: &dyn Display| Examined {
             checks: vec![Check::Failed(format!(
                 "the contribution of node {node} was accepted, but {why}"
             ))],
             ..Examined::default()
         };
-        let get = |digest: &Digest, limit| blobs.get(digest, limit);
-        let proof = match read_proof(&self.submission, rules, get) {
-            Ok(proof) => proof,
-            Err(Unreadable {
-                error: BlobError::Missing(blob),
-                ..
-            }) => {
+        let proof = match self.proof(blobs) {
+            Ok(Ok(proof)) => proof,
+            Ok(Err(blob)) => {
                 return Examined {
                     missing_proof: Some(blob),
                     ..Examined::default()
@@ -74,22 +70,16 @@ impl Recorded {
             }
             Err(error) => return failed(&error),
         };
-        let terms = &self.submission.statement.claim.terms;
         let weights = match depth {
             Depth::Light => Err((Why::Light, format!("node {node}'s update"))),
-            Depth::Full => {
-                match WeightFiles::read(&terms.update.blob, &terms.base.blob, rules, get) {
-                    Ok(weights) => Ok(weights),
-                    Err(Unreadable {
-                        kind: BlobKind::Update,
-                        error: BlobError::Missing(blob),
-                    }) => Err((
-                        Why::NotAtHand,
-                        format!("node {node}'s update {blob} is not at hand; its proof verifies"),
-                    )),
-                    Err(error) => return failed(&error),
-                }
-            }
+            Depth::Full => match self.weights(blobs) {
+                Ok(weights) => weights.map_err(|blob| {
+                    let what =
+                        format!("node {node}'s update {blob} is not at hand; its proof verifies");
+                    (Why::NotAtHand, what)
+                }),
+                Err(error) => return failed(&error),
+            },
         };
         match (self.verify(proof, weights.as_ref().ok()), weights) {
             (Ok(verified), Ok(_)) => Examined {
@@ -113,7 +103,7 @@ impl Recorded {
 
     /// Checks that the recorded reason of a refusal is the one that verification gives.
     pub fn rejected(&self, reason: &Refusal, depth: Depth, blobs: &Blobs) -> Check {
-        let (rules, node) = (self.before.rules(), self.node());
+        let node = self.node();
         let failed = |found: &dyn Display| {
             Check::Failed(format!(
                 "the contribution of node {node} was refused because '{reason}', but {found}"
@@ -138,35 +128,21 @@ impl Recorded {
             let what = format!("node {node}'s update was refused");
             return Check::LeftOut(What::Refusals, Why::Light, what);
         }
-        let get = |digest: &Digest, limit| blobs.get(digest, limit);
-        let proof = match read_proof(&self.submission, rules, get) {
-            Ok(proof) => proof,
-            Err(Unreadable {
-                error: BlobError::Missing(blob),
-                ..
-            }) => {
-                return not_at_hand(
-                    What::Refusals,
-                    format!("the refused proof {blob} of node {node}"),
-                )
-            }
+        let missing = |what: &str, blob: Digest| {
+            let what = format!("the refused {what} {blob} of node {node}");
+            not_at_hand(What::Refusals, what)
+        };
+        let proof = match self.proof(blobs) {
+            Ok(Ok(proof)) => proof,
+            Ok(Err(blob)) => return missing("proof", blob),
             Err(error) => return failed(&error),
         };
-        let terms = &self.submission.statement.claim.terms;
         let weights = match about_update {
             // The proof is checked before the update.
             false => None,
-            true => match WeightFiles::read(&terms.update.blob, &terms.base.blob, rules, get) {
-                Ok(weights) => Some(weights),
-                Err(Unreadable {
-                    kind: BlobKind::Update,
-                    error: BlobError::Missing(blob),
-                }) => {
-                    return not_at_hand(
-                        What::Refusals,
-                        format!("the refused update {blob} of node {node}"),
-                    )
-                }
+            true => match self.weights(blobs) {
+                Ok(Ok(weights)) => Some(weights),
+                Ok(Err(blob)) => return missing("update", blob),
                 Err(error) => return failed(&error),
             },
         };
@@ -181,6 +157,20 @@ impl Recorded {
         self.submission.statement.claim.terms.node
     }
 
+    fn proof(&self, blobs: &Blobs) -> AtHand<Vec<u8>> {
+        let get = |digest: &Digest, limit| blobs.get(digest, limit);
+        let proof = read_proof(&self.submission, self.before.rules(), get);
+        at_hand(BlobKind::Proof, proof)
+    }
+
+    fn weights(&self, blobs: &Blobs) -> AtHand<WeightFiles> {
+        let terms = &self.submission.statement.claim.terms;
+        let get = |digest: &Digest, limit| blobs.get(digest, limit);
+        let rules = self.before.rules();
+        let weights = WeightFiles::read(&terms.update.blob, &terms.base.blob, rules, get);
+        at_hand(BlobKind::Update, weights)
+    }
+
     /// Verifies the contribution, or only its claim where the weights are not read.
     fn verify(
         &self,
@@ -193,6 +183,20 @@ impl Recorded {
             Some(weights) => verify(&contribution, weights, before, time_ms).map(Some),
             None => verify_claim(&contribution, before, time_ms).map(|()| None),
         }
+    }
+}
+
+/// What was read, or the blob that is not at hand; it is an error if something else is wrong.
+type AtHand<T> = Result<Result<T, Digest>, Unreadable<BlobError>>;
+
+/// Auditors need not hold blobs of this kind.
+fn at_hand<T>(needless: BlobKind, read: Result<T, Unreadable<BlobError>>) -> AtHand<T> {
+    match read {
+        Err(Unreadable {
+            kind,
+            error: BlobError::Missing(blob),
+        }) if kind == needless => Ok(Err(blob)),
+        other => other.map(Ok),
     }
 }
 

@@ -15,3 +15,13 @@ pub enum Depth {
     #[default]
     Full,
 }
+
+impl Depth {
+    /// The depth of an audit that is light, or is not.
+    pub fn of(light: bool) -> Self {
+        match light {
+            true => Self::Light,
+            false => Self::Full,
+        }
+    }
+}

@@ -1,6 +1,7 @@
 //! Finds the ledger to audit. A ledger's folder is read where it lies. An export or a served log is fetched into a mirror, with as
 //! many blobs as the audit reads.
 
+use crate::depth::Depth;
 use crate::log_source::{source, Trust};
 use anyhow::{bail, Context, Result};
 use std::collections::BTreeSet;
@@ -26,6 +27,15 @@ pub enum Wanted {
     Proofs,
     /// All.
     Everything,
+}
+
+impl From<Depth> for Wanted {
+    fn from(depth: Depth) -> Self {
+        match depth {
+            Depth::Light => Self::Proofs,
+            Depth::Full => Self::Everything,
+        }
+    }
 }
 
 /// A ledger's folder that can be read.

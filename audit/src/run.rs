@@ -59,7 +59,10 @@ impl Audit<'_> {
         };
         match Auditor::go_on(self.depth, &saved.recheck, &Blobs::at(dir)) {
             Ok(auditor) => {
-                tracing::info!("{} entries were verified before", saved.size);
+                match saved.size {
+                    1 => tracing::info!("1 entry was verified before"),
+                    size => tracing::info!("{size} entries were verified before"),
+                }
                 Ok(Some((auditor, saved)))
             }
             Err(why) => start_again(format!("{}: {why}", state_file.path.display())),

@@ -2,12 +2,11 @@
 
 use crate::auditor::Auditor;
 use crate::depth::Depth;
+use crate::report::history;
 use crate::report::verdict::Audited;
 use anyhow::{Context, Result};
 use std::path::Path;
 use zk0_circuits::Digest;
-use zk0_ledger::folder;
-use zk0_ledger::store::Store;
 use zk0_protocol::Entry;
 
 /// The id of the network whose ledger is in `dir`.
@@ -29,13 +28,9 @@ pub fn network_id(dir: &Path) -> Result<Digest> {
 pub fn verified_entries(dir: &Path) -> Result<(Vec<Entry>, Audited)> {
     let mut auditor = Auditor::new(Depth::Full);
     let report = zk0_ledger::replay(dir, None, &mut auditor);
-    let store = Store::open_read_only(&folder::database(dir))?;
-    let mut entries = Vec::new();
-    for index in 0..report.entries {
-        let bytes = store
-            .entry(index)?
-            .with_context(|| format!("entry {index} has gone from the ledger"))?;
-        entries.push(Entry::decode(&bytes)?);
-    }
+    let (mut entries, root) = (Vec::new(), report.root.as_deref().unwrap_or_default());
+    history::read(dir, report.entries, root, |_, entry| {
+        entries.push(entry.clone());
+    })?;
     Ok((entries, Audited::new(report, Depth::Full, &auditor)))
 }

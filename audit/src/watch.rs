@@ -1,7 +1,7 @@
 //! Audits a log again and again. What was seen once has to stay: the watch raises an alarm when the log forks, is rolled back or breaks a
 //! rule.
 
-use crate::fetch::{fetch, Wanted};
+use crate::fetch::fetch;
 use crate::log_source::{source, Trust};
 use crate::report::history;
 use crate::report::verdict::{verdict, Audited};
@@ -124,10 +124,6 @@ impl Watch {
             network,
             witness_policy,
         } = &self.options.trust;
-        let wanted = match self.options.depth {
-            Depth::Light => Wanted::Proofs,
-            Depth::Full => Wanted::Everything,
-        };
         let dir = match &self.mirror {
             None => PathBuf::from(&self.options.ledger),
             Some(dir) => {
@@ -137,7 +133,7 @@ impl Watch {
                     dir,
                     witness_policy.as_ref(),
                     network.as_ref(),
-                    wanted,
+                    self.options.depth.into(),
                 );
                 match fetched {
                     Ok(()) => {}

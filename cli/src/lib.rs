@@ -5,7 +5,7 @@
 //! - `governance`: proposals, votes, disputes.
 //! - `train`, `eval`, `fidelity`, `dataset`: policies and recordings, without a network; `policy`: the options that they share.
 //! - `demo`: a whole network as processes on this machine.
-//! - [`logging`], `chart`, `keys`, `serve`: what the commands share.
+//! - [`logging`], `chart`, `keys`, `network`, `serve`: what the commands share.
 
 pub mod audit;
 pub mod ledger;
@@ -28,13 +28,15 @@ pub mod governance;
 #[cfg(feature = "full")]
 pub mod keys;
 #[cfg(feature = "full")]
+mod network;
+#[cfg(feature = "full")]
 pub mod node;
 #[cfg(feature = "full")]
 mod policy;
 #[cfg(feature = "full")]
 pub mod prover;
 #[cfg(feature = "full")]
-mod serve;
+pub mod serve;
 #[cfg(feature = "full")]
 pub mod train;
 #[cfg(feature = "full")]

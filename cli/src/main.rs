@@ -3,6 +3,8 @@
 
 use clap::{Parser, Subcommand};
 use std::process::ExitCode;
+#[cfg(feature = "full")]
+use zk0::serve::online;
 use zk0::{audit, ledger, logging};
 
 #[cfg(feature = "full")]
@@ -22,52 +24,50 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
-    /// Run a whole network on this machine: an aggregator, a prover, nodes, and an audit at the end.
     #[cfg(feature = "full")]
-    Demo(zk0::demo::Options),
-    /// The demo's node that cheats. `zk0 demo` starts it.
-    #[cfg(feature = "full")]
-    #[command(hide = true)]
-    DemoLazyNode(zk0::demo::lazy_node::Options),
-    /// Take part in a network with your own recordings.
-    #[cfg(feature = "full")]
-    #[command(subcommand)]
-    Node(zk0::node::Command),
-    /// Found a network and run its rounds.
-    #[cfg(feature = "full")]
-    #[command(subcommand)]
-    Aggregator(zk0::aggregator::Command),
-    /// Propose changes, vote on them, dispute contributions, or change a node's key.
-    #[cfg(feature = "full")]
-    #[command(subcommand)]
-    Governance(Box<zk0::governance::Command>),
-    /// Make proofs for the nodes of this machine.
-    #[cfg(feature = "full")]
-    #[command(subcommand)]
-    Prover(zk0::prover::Command),
-    /// Train a policy on recordings.
-    #[cfg(feature = "full")]
-    Train(Box<zk0::train::Options>),
-    /// Measure policies on recordings.
-    #[cfg(feature = "full")]
-    Eval(zk0::eval::Options),
-    /// Look at recordings, and check them, before you train on them.
-    #[cfg(feature = "full")]
-    #[command(subcommand)]
-    Dataset(zk0::dataset::Command),
-    /// Compare the loss in fixed-point numbers, which proofs use, with the loss in floating-point numbers.
-    #[cfg(feature = "full")]
-    Fidelity(zk0::fidelity::Options),
-    /// Cosign the logs of others, so that none of them can show two histories.
-    #[cfg(feature = "full")]
-    #[command(subcommand)]
-    Witness(zk0::witness::Command),
+    #[command(flatten)]
+    Full(Full),
     /// Check a ledger without trusting anybody.
     #[command(subcommand)]
     Audit(audit::Command),
     /// Publish, mirror, back up and check a ledger as files.
     #[command(subcommand)]
     Ledger(ledger::Command),
+}
+
+/// What an auditor's light build cannot do.
+#[cfg(feature = "full")]
+#[derive(Subcommand)]
+enum Full {
+    /// Run a whole network on this machine: an aggregator, a prover, nodes, and an audit at the end.
+    Demo(zk0::demo::Options),
+    /// The demo's node that cheats. `zk0 demo` starts it.
+    #[command(hide = true)]
+    DemoLazyNode(zk0::demo::lazy_node::Options),
+    /// Take part in a network with your own recordings.
+    #[command(subcommand)]
+    Node(zk0::node::Command),
+    /// Found a network and run its rounds.
+    #[command(subcommand)]
+    Aggregator(zk0::aggregator::Command),
+    /// Propose changes, vote on them, dispute contributions, or change a node's key.
+    #[command(subcommand)]
+    Governance(Box<zk0::governance::Command>),
+    /// Make proofs for the nodes of this machine.
+    #[command(subcommand)]
+    Prover(zk0::prover::Command),
+    /// Train a policy on recordings.
+    Train(Box<zk0::train::Options>),
+    /// Measure policies on recordings.
+    Eval(zk0::eval::Options),
+    /// Look at recordings, and check them, before you train on them.
+    #[command(subcommand)]
+    Dataset(zk0::dataset::Command),
+    /// Compare the loss in fixed-point numbers, which proofs use, with the loss in floating-point numbers.
+    Fidelity(zk0::fidelity::Options),
+    /// Cosign the logs of others, so that none of them can show two histories.
+    #[command(subcommand)]
+    Witness(zk0::witness::Command),
 }
 
 fn main() -> ExitCode {
@@ -91,28 +91,28 @@ fn main() -> ExitCode {
 fn run(command: Command) -> anyhow::Result<bool> {
     match command {
         #[cfg(feature = "full")]
-        Command::Demo(options) => zk0::demo::run(&options).map(|()| true),
-        #[cfg(feature = "full")]
-        Command::DemoLazyNode(options) => zk0::demo::lazy_node::run(&options).map(|()| true),
-        #[cfg(feature = "full")]
-        Command::Node(command) => zk0::node::run(&command).map(|()| true),
-        #[cfg(feature = "full")]
-        Command::Aggregator(command) => zk0::aggregator::run(&command).map(|()| true),
-        #[cfg(feature = "full")]
-        Command::Governance(command) => zk0::governance::run(&command).map(|()| true),
-        #[cfg(feature = "full")]
-        Command::Prover(command) => zk0::prover::run(&command).map(|()| true),
-        #[cfg(feature = "full")]
-        Command::Train(options) => zk0::train::run(&options).map(|()| true),
-        #[cfg(feature = "full")]
-        Command::Eval(options) => zk0::eval::run(&options).map(|()| true),
-        #[cfg(feature = "full")]
-        Command::Dataset(command) => zk0::dataset::run(&command),
-        #[cfg(feature = "full")]
-        Command::Fidelity(options) => zk0::fidelity::run(&options).map(|()| true),
-        #[cfg(feature = "full")]
-        Command::Witness(command) => zk0::witness::run(&command).map(|()| true),
+        Command::Full(command) => command.run(),
         Command::Audit(command) => audit::run(&command),
         Command::Ledger(command) => ledger::run(&command),
+    }
+}
+
+#[cfg(feature = "full")]
+impl Full {
+    fn run(self) -> anyhow::Result<bool> {
+        match self {
+            Self::Demo(options) => online(zk0::demo::run(&options))?,
+            Self::DemoLazyNode(options) => online(zk0::demo::lazy_node::run(&options))?,
+            Self::Node(command) => zk0::node::run(&command)?,
+            Self::Aggregator(command) => zk0::aggregator::run(&command)?,
+            Self::Governance(command) => zk0::governance::run(&command)?,
+            Self::Prover(command) => zk0::prover::run(&command)?,
+            Self::Train(options) => zk0::train::run(&options)?,
+            Self::Eval(options) => zk0::eval::run(&options)?,
+            Self::Dataset(command) => return zk0::dataset::run(&command),
+            Self::Fidelity(options) => zk0::fidelity::run(&options)?,
+            Self::Witness(command) => zk0::witness::run(&command)?,
+        }
+        Ok(true)
     }
 }

@@ -1,9 +1,8 @@
 //! `zk0 prover`: the proving service that the nodes of one machine share, and what proving costs.
 
+use crate::serve::{interrupted, listening, online};
 use anyhow::{Context, Result};
 use std::net::SocketAddr;
-use tokio::net::TcpListener;
-use tokio::runtime::Runtime;
 use zk0_prover::machine::DeviceKind;
 use zk0_prover::measure::cycles;
 use zk0_prover::program::Executor;
@@ -31,14 +30,13 @@ pub enum Command {
 
 /// Runs the command.
 pub fn run(command: &Command) -> Result<()> {
-    let runtime = Runtime::new().context("starting the runtime")?;
     match command {
         Command::Serve {
             listen,
             queue,
             device,
-        } => runtime.block_on(serve(*listen, *queue, *device)),
-        Command::Cycles => runtime.block_on(cycles()),
+        } => online(serve(*listen, *queue, *device)),
+        Command::Cycles => online(cycles()),
     }
 }
 
@@ -52,17 +50,14 @@ async fn cycles() -> Result<()> {
 }
 
 async fn serve(listen: SocketAddr, queue: usize, device: DeviceKind) -> Result<()> {
-    let listener = TcpListener::bind(listen)
-        .await
-        .with_context(|| format!("listening on {listen}"))?;
-    let address = listener.local_addr()?;
+    let (listener, address) = listening(listen).await?;
     let backend = Sp1Backend::new(device).await?;
     // Until the first proof is made, the service expects that a GPU takes as long as a CPU.
     let cores = std::thread::available_parallelism().map_or(1, |cores| cores.get());
     let service = ProvingService::start(backend, queue, cores);
     tracing::info!(listening = %address, "the proving service listens on {address}, and SP1 is starting on the device {device}");
     service
-        .serve(listener, crate::serve::interrupted())
+        .serve(listener, interrupted())
         .await
         .context("the proving service")
 }

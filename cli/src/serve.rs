@@ -1,19 +1,31 @@
-//! What the commands that serve share: serving over HTTP, and ending when they are told to.
+//! What the commands on the network share: a runtime, listening, serving over HTTP, and ending when they are told to.
 
 use anyhow::{Context, Result};
+use std::future::Future;
 use std::net::SocketAddr;
 use tokio::net::TcpListener;
 use tokio::runtime::Runtime;
 use zk0_aggregator::publish::http::{self, Limits, Router};
 
+/// Runs a command that uses the network.
+pub fn online<T>(work: impl Future<Output = Result<T>>) -> Result<T> {
+    let runtime = Runtime::new().context("starting the runtime")?;
+    runtime.block_on(work)
+}
+
+/// Listens on this address, or on a free port of it. Returns the listener with its address.
+pub async fn listening(listen: SocketAddr) -> Result<(TcpListener, SocketAddr)> {
+    let listener = TcpListener::bind(listen)
+        .await
+        .with_context(|| format!("listening on {listen}"))?;
+    let address = listener.local_addr()?;
+    Ok((listener, address))
+}
+
 /// Serves a log's files or a witness until the process is told to end.
 pub fn serve_http(what: &str, listen: SocketAddr, router: Router, limits: Limits) -> Result<()> {
-    let runtime = Runtime::new().context("starting the runtime")?;
-    runtime.block_on(async {
-        let listener = TcpListener::bind(listen)
-            .await
-            .with_context(|| format!("listening on {listen}"))?;
-        let address = listener.local_addr()?;
+    online(async {
+        let (listener, address) = listening(listen).await?;
         tracing::info!(listening = %address, "the {what} is served on http://{address}");
         http::serve(listener, router, limits, interrupted()).await;
         Ok(())

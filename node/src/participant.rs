@@ -13,6 +13,7 @@ use zk0_circuits::claim::program::verifying_key;
 use zk0_circuits::model::spec::EvalSpec;
 use zk0_circuits::Digest;
 use zk0_files::atomic_file::put_in_place;
+use zk0_protocol::counted::counted;
 use zk0_prover::service::ProvingClient;
 use zk0_smolvla::frames::prefix_cache::DiskCache;
 use zk0_smolvla::measure::fixed_point::dims;
@@ -30,8 +31,6 @@ pub struct Participant {
     pub state: PathBuf,
     /// Where prepared samples are kept when the node ends.
     pub cache: Option<DiskCache>,
-    /// How it trains.
-    pub training: Training,
 }
 
 impl Participant {
@@ -40,7 +39,7 @@ impl Participant {
     /// # Errors
     /// The network proves with another program, the policy does not fit its evaluation specification, or the recording, the
     /// aggregator or the file system fails.
-    pub async fn enter(&self, node: &mut Node) -> Result<Entered, ParticipantError> {
+    async fn enter(&self, node: &mut Node) -> Result<Entered, ParticipantError> {
         let genesis = node.genesis();
         if genesis.program != verifying_key(genesis.mode) {
             return Err(ParticipantError::OtherProgram);
@@ -72,41 +71,47 @@ impl Participant {
         &self,
         node: &mut Node,
         prover: &mut ProvingClient,
+        training: &Training,
         rounds: u64,
+    ) -> Result<(), ParticipantError> {
+        let play = async |turn: &Turn<'_>, node: &mut Node| turn.play(training, node, prover).await;
+        self.rounds(node, rounds, play).await
+    }
+
+    /// Takes part in `rounds` rounds, as `play` does it.
+    pub async fn rounds(
+        &self,
+        node: &mut Node,
+        rounds: u64,
+        mut play: impl AsyncFnMut(&Turn<'_>, &mut Node) -> Result<Decision, ParticipantError>,
     ) -> Result<(), ParticipantError> {
         let entered = self.enter(node).await?;
         let mut next = 0;
         for _ in 0..rounds {
             let opened = node.wait_for_round(next).await?;
-            next = opened.round + 1;
+            let round = opened.round;
+            next = round + 1;
             let turn = Turn {
                 state: &self.state,
-                training: &self.training,
                 entered: &entered,
                 opened: &opened,
             };
-            match turn.play(node, prover).await {
-                Ok(Decision { refusal: None, .. }) => {
-                    tracing::info!("round {}: accepted", opened.round)
-                }
-                Ok(Decision {
-                    refusal: Some(reason),
-                    ..
-                }) => tracing::warn!("round {}: refused: {reason}", opened.round),
-                Err(ParticipantError::Statement(error)) => {
-                    tracing::warn!(
-                        "round {}: the update cannot be proven and is not submitted: {error}",
-                        opened.round
-                    );
-                }
+            match play(&turn, node).await.map(|decision| decision.refusal) {
+                Ok(None) => tracing::info!("round {round}: accepted"),
+                Ok(Some(reason)) => tracing::warn!("round {round}: refused: {reason}"),
+                Err(ParticipantError::Statement(error)) => tracing::warn!(
+                    "round {round}: the update cannot be proven and is not submitted: {error}"
+                ),
                 Err(error) => return Err(error),
             }
-            let closed = node.wait_for_close(opened.round).await?;
-            tracing::info!(
-                "round {} has closed, and {} contributions were averaged",
-                closed.round,
-                closed.contributors.len()
+            let closed = node.wait_for_close(round).await?;
+            let count = closed.contributors.len() as u64;
+            let averaged = counted(
+                count,
+                "contribution was averaged",
+                "contributions were averaged",
             );
+            tracing::info!("round {round} has closed, and {averaged}");
         }
         Ok(())
     }

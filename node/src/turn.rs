@@ -10,7 +10,7 @@ use crate::{receipts, state_files};
 use sha2::{Digest as _, Sha256};
 use std::path::Path;
 use zk0_circuits::model::spec::EvalSpec;
-use zk0_circuits::{Digest, Terms, WeightsDigest};
+use zk0_circuits::{Claim, Digest, Terms, WeightsDigest};
 use zk0_protocol::entries::entry::RoundOpened;
 use zk0_protocol::rules::bindings::ExpectedClaim;
 use zk0_prover::program::GuestInput;
@@ -51,8 +51,6 @@ pub struct Entered {
 pub struct Turn<'a> {
     /// The node's state folder.
     pub state: &'a Path,
-    /// How it trains.
-    pub training: &'a Training,
     /// What it has prepared.
     pub entered: &'a Entered,
     /// The round.
@@ -63,54 +61,26 @@ impl Turn<'_> {
     /// Trains, commits, proves and submits.
     pub async fn play(
         &self,
+        training: &Training,
         node: &mut Node,
         prover: &mut ProvingClient,
     ) -> Result<Decision, ParticipantError> {
         let round = self.opened.round;
-        let rules = &self.opened.rules;
-        let limit = rules.max_base_bytes();
-        let base = {
-            let file = node.download(&self.opened.base.blob, limit).await?;
-            ExpertWeights::from_safetensors(&self.entered.config, &file)?
-        };
-        let update = self.train(&base, self.rates(node.network(), &base)?)?;
+        let base = self.base(node).await?;
+        let update = self.train(
+            &base,
+            training,
+            self.rates(training, node.network(), &base)?,
+        )?;
         let update_file = update.to_safetensors()?;
         let (quantised_base, quantised) = (
             quantise_weights(&self.entered.spec, &base)?,
             quantise_weights(&self.entered.spec, &update)?,
         );
-        let digest = WeightsDigest {
-            blob: Digest(Sha256::digest(&update_file).into()),
-            quantised: quantised.digest(node.genesis().mode),
-        };
         let kept = format!("round-{round}.safetensors");
         state_files::write(&self.state.join(kept), &update_file)?;
-
-        node.upload(round, &update_file).await?;
-        let (challenge, receipt) = node
-            .commit(round, &self.entered.recording.commitment.root, &digest)
-            .await?;
-        receipts::keep(self.state, receipt)?;
-        tracing::info!(
-            "round {round}: committed to update {}, challenge {challenge}",
-            digest.blob
-        );
-
-        let expected = ExpectedClaim {
-            terms: Terms {
-                network: *node.network(),
-                round,
-                node: node.id(),
-                dataset: self.entered.recording.commitment,
-                evaluation: self.opened.evaluation,
-                base: self.opened.base,
-                update: digest,
-                challenge,
-                eval_samples: rules.eval_samples,
-                min_improvement_bps: rules.min_improvement_bps,
-            },
-            disclosure: rules.disclosure,
-        };
+        let digest = quantised.digest(node.genesis().mode);
+        let expected = self.commit(node, &update_file, digest).await?;
         let input = self.entered.recording.private_input(
             &self.entered.spec,
             &expected,
@@ -129,14 +99,74 @@ impl Turn<'_> {
         if let Some((before, after)) = claim.losses.means(&self.entered.spec) {
             tracing::info!("round {round}: the node submits the claim that the loss fell from {before:.4} to {after:.4}");
         }
-        let decision = node.submit(claim, proof.proof).await?;
+        self.submit(node, claim, proof.proof).await
+    }
+
+    /// Downloads the weights that the round starts from.
+    pub async fn base(&self, node: &mut Node) -> Result<ExpertWeights, ParticipantError> {
+        let limit = self.opened.rules.max_base_bytes();
+        let file = node.download(&self.opened.base.blob, limit).await?;
+        Ok(ExpertWeights::from_safetensors(
+            &self.entered.config,
+            &file,
+        )?)
+    }
+
+    /// Uploads an update, whose digest in fixed point is `quantised`, and commits to it. Returns what the ledger determines of the claim.
+    pub async fn commit(
+        &self,
+        node: &mut Node,
+        update: &[u8],
+        quantised: Digest,
+    ) -> Result<ExpectedClaim, ParticipantError> {
+        let (round, rules) = (self.opened.round, &self.opened.rules);
+        let dataset = self.entered.recording.commitment;
+        let update_digest = WeightsDigest {
+            blob: Digest(Sha256::digest(update).into()),
+            quantised,
+        };
+        node.upload(round, update).await?;
+        let (challenge, receipt) = node.commit(round, &dataset.root, &update_digest).await?;
+        receipts::keep(self.state, receipt)?;
+        let blob = update_digest.blob;
+        tracing::info!("round {round}: committed to update {blob}, challenge {challenge}");
+        Ok(ExpectedClaim {
+            terms: Terms {
+                network: *node.network(),
+                round,
+                node: node.id(),
+                dataset,
+                evaluation: self.opened.evaluation,
+                base: self.opened.base,
+                update: update_digest,
+                challenge,
+                eval_samples: rules.eval_samples,
+                min_improvement_bps: rules.min_improvement_bps,
+            },
+            disclosure: rules.disclosure,
+        })
+    }
+
+    /// Submits a claim with its proof, and keeps the receipt of the decision.
+    pub async fn submit(
+        &self,
+        node: &mut Node,
+        claim: Claim,
+        proof: Vec<u8>,
+    ) -> Result<Decision, ParticipantError> {
+        let decision = node.submit(claim, proof).await?;
         receipts::keep(self.state, decision.receipt.clone())?;
         Ok(decision)
     }
 
     /// The rates at which the round is trained. They follow the losses of the base weights so far, if the operator wants that.
-    fn rates(&self, network: &Digest, base: &ExpertWeights) -> Result<Rates, ParticipantError> {
-        let (round, training) = (self.opened.round, self.training);
+    fn rates(
+        &self,
+        training: &Training,
+        network: &Digest,
+        base: &ExpertWeights,
+    ) -> Result<Rates, ParticipantError> {
+        let round = self.opened.round;
         let start = Rates {
             mu: training.fedprox_mu,
             learning_rate: training.learning_rate,
@@ -161,9 +191,13 @@ impl Turn<'_> {
         Ok(adapted.rates)
     }
 
-    fn train(&self, base: &ExpertWeights, rates: Rates) -> Result<ExpertWeights, ParticipantError> {
+    fn train(
+        &self,
+        base: &ExpertWeights,
+        training: &Training,
+        rates: Rates,
+    ) -> Result<ExpertWeights, ParticipantError> {
         let round = self.opened.round;
-        let training = self.training;
         let options = TrainOptions {
             steps: training.steps,
             batch_size: training.batch_size,

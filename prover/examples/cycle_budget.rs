@@ -11,7 +11,6 @@ use serde_json::json;
 use std::collections::BTreeMap;
 use std::error::Error;
 use std::{env, fs};
-use zk0_circuits::model::spec::Dims;
 use zk0_circuits::vm::poseidon2::{permute, State};
 use zk0_circuits::{EvalSpec, Mode};
 use zk0_prover::program::{synthetic, GuestInput};
@@ -22,13 +21,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let elf = fs::read(arguments.next().ok_or(USAGE)?)?;
     let samples = arguments.next().ok_or(USAGE)?.parse()?;
     for profile in arguments {
-        let spec = EvalSpec::new(match profile.as_str() {
-            "micro" => Dims::MICRO,
-            "full" => Dims::FULL,
-            other => Err(format!(
-                "there is no profile '{other}': write micro or full"
-            ))?,
-        });
+        let spec = EvalSpec::new(synthetic::dims(&profile)?);
         let private = synthetic::private_input(&spec, samples, 1)?;
         let (_, input) = GuestInput::of(Mode::Checked, &private)?;
         let mut machine = Machine::load(&elf, input.buffers).ok_or("not an ELF of the guest")?;

@@ -16,7 +16,7 @@ use zk0_circuits::claim::program::verifying_key;
 use zk0_circuits::model::layout::expert_tensors;
 use zk0_circuits::model::spec::Dims;
 use zk0_circuits::{EvalSpec, Mode};
-use zk0_prover::machine::{Device, DeviceKind, ProverLock};
+use zk0_prover::machine::{peak_memory, Device, DeviceKind, ProverLock};
 use zk0_prover::program::{elf, synthetic, Executor, GuestInput};
 use zk0_prover::prove::Sp1Prover;
 
@@ -122,11 +122,4 @@ fn is_done(output: &Path, model: &str, mode: Mode) -> Result<bool, Box<dyn Error
         }
     }
     Ok(false)
-}
-
-/// `VmHWM` of this process.
-fn peak_memory() -> Option<u64> {
-    let status = fs::read_to_string("/proc/self/status").ok()?;
-    let line = status.lines().find_map(|l| l.strip_prefix("VmHWM:"))?;
-    Some(line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()? * 1024)
 }

@@ -10,10 +10,9 @@ use std::error::Error;
 use std::path::PathBuf;
 use std::time::Instant;
 use std::{env, fs};
-use zk0_circuits::model::spec::Dims;
 use zk0_circuits::{EvalSpec, Mode};
-use zk0_prover::machine::{Device, DeviceKind, ProverLock};
-use zk0_prover::program::{elf, synthetic, Executor, GuestInput};
+use zk0_prover::machine::{peak_memory, Device, DeviceKind, ProverLock};
+use zk0_prover::program::{synthetic, Executor};
 use zk0_prover::prove::Sp1Prover;
 
 #[tokio::main]
@@ -22,22 +21,15 @@ async fn main() -> Result<(), Box<dyn Error>> {
     let mut arguments = env::args().skip(1);
     let kind: DeviceKind = arguments.next().ok_or(USAGE)?.parse()?;
     let model = arguments.next().ok_or(USAGE)?;
-    let dims = match model.as_str() {
-        "micro" => Dims::MICRO,
-        "full" => Dims::FULL,
-        other => Err(format!("there is no model '{other}': write micro or full"))?,
-    };
+    let spec = EvalSpec::new(synthetic::dims(&model)?);
     let mode: Mode = arguments.next().ok_or(USAGE)?.parse()?;
     let samples = arguments.next().ok_or(USAGE)?.parse()?;
     let folder = arguments.next().map(PathBuf::from);
     // This comes first, so that nobody waits a minute for a device that is not there.
     let device = Device::find(kind)?;
     let lock = ProverLock::acquire(&ProverLock::default_path(), Default::default())?;
-    let private = synthetic::private_input(&EvalSpec::new(dims), samples, 1)?;
-    let (_, input) = GuestInput::of(mode, &private)?;
-    drop(private);
     let executor = Executor::new().await?;
-    let run = executor.execute(elf(mode), &input.buffers).await?;
+    let (input, run) = synthetic::execute(&executor, &spec, mode, samples).await?;
     let begin = Instant::now();
     let prover = Sp1Prover::start(device.clone(), lock.into()).await?;
     let start = begin.elapsed();
@@ -68,11 +60,4 @@ async fn main() -> Result<(), Box<dyn Error>> {
     });
     println!("{report}");
     Ok(())
-}
-
-/// `VmHWM` of this process.
-fn peak_memory() -> Option<u64> {
-    let status = fs::read_to_string("/proc/self/status").ok()?;
-    let line = status.lines().find_map(|l| l.strip_prefix("VmHWM:"))?;
-    Some(line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()? * 1024)
 }

@@ -1,7 +1,6 @@
 //! Asking witnesses for cosignatures (C2SP tlog-witness, `add-checkpoint`). All witnesses are asked at once, until the quorum of the
 //! policy is met or the time is over.
 
-use crate::publish::http_client::post;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{mpsc, Arc};
 use std::thread;
@@ -161,12 +160,13 @@ impl Client {
                 proof,
                 checkpoint: checkpoint.into(),
             };
-            let answer = post(&self.agent, &self.url, &request.encode(), MAX_ANSWER_BYTES)
+            let (status, answer) = self
+                .post(&request.encode())
                 .map_err(|error| format!("cannot be asked: {error}"))?;
-            let text = || String::from_utf8_lossy(&answer.body).trim().to_owned();
-            match answer.status {
+            let text = || String::from_utf8_lossy(&answer).trim().to_owned();
+            match status {
                 200 => {
-                    let line = cosigner::find(&answer.body, &self.witness.key, &note)
+                    let line = cosigner::find(&answer, &self.witness.key, &note)
                         .ok_or("answered without a valid cosignature of this checkpoint")?;
                     self.known.store(size, Ordering::Release);
                     return Ok(line.to_bytes());
@@ -182,5 +182,13 @@ impl Client {
             }
         }
         Err("names another size each time it is asked".into())
+    }
+
+    /// Sends a body. Returns the status and the body of the answer.
+    fn post(&self, body: &[u8]) -> Result<(u16, Vec<u8>), ureq::Error> {
+        let mut response = self.agent.post(&self.url).send(body)?;
+        let body = response.body_mut().with_config().limit(MAX_ANSWER_BYTES);
+        let body = body.read_to_vec()?;
+        Ok((response.status().as_u16(), body))
     }
 }

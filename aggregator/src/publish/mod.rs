@@ -3,6 +3,5 @@
 pub mod chosen_witnesses;
 pub mod cosigning;
 pub mod http;
-pub mod http_client;
 pub mod log_server;
 pub mod witness_server;

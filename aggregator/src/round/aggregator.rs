@@ -1,4 +1,5 @@
-//! The one writer of a ledger: it founds a network, and it opens and closes rounds. [`crate::round::recording`] records what nodes send.
+//! The one writer of a ledger: it opens and closes rounds. [`crate::round::founding`] founds the network, and
+//! [`crate::round::recording`] records what nodes send.
 //!
 //! Everything here is synchronous, and it is on disk before a function returns; [`crate::serve::service`] puts a network in front
 //! of it. The disk holds nothing but the ledger, its blobs and the waiting uploads. Everything in memory is computed from them, so
@@ -13,7 +14,6 @@ use ed25519_dalek::SigningKey;
 use std::path::Path;
 use std::sync::Arc;
 use zk0_circuits::{Digest, NodeId};
-use zk0_ledger::blobs::Blobs;
 use zk0_ledger::log::Ledger;
 use zk0_protocol::entries::entry::{Body, DisputeResolved, Entry, ProposalSettled, ENTRY_VERSION};
 use zk0_protocol::entries::genesis::Genesis;
@@ -22,7 +22,7 @@ use zk0_protocol::rules::disclosed_blobs::BlobAccess;
 use zk0_protocol::rules::state::{Standing, State};
 use zk0_protocol::tlog::receipt::Receipt;
 use zk0_verifier::close::close;
-use zk0_verifier::{blob_digest, Evaluation, ProgramKey, VerifiedContribution};
+use zk0_verifier::{Evaluation, ProgramKey, VerifiedContribution};
 
 /// How the operator runs the network.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -62,40 +62,6 @@ pub struct Aggregator {
 }
 
 impl Aggregator {
-    /// Founds a network in `dir`. `policy` is the whole initial policy, and `initial` holds the expert weights that round 0 starts
-    /// from. Both are safetensors files with the digests that the genesis names.
-    pub fn found(
-        dir: &Path,
-        genesis: Genesis,
-        key: SigningKey,
-        policy: &[u8],
-        initial: &[u8],
-        clock: Arc<dyn Clock>,
-        config: Config,
-    ) -> Result<Self, RequestError> {
-        check_genesis(&genesis)?;
-        let found = blob_digest(policy);
-        if found != genesis.policy {
-            return Err(RequestError::Malformed(format!(
-                "the policy has SHA-256 {found}, the genesis says {}",
-                genesis.policy
-            )));
-        }
-        let (size, limit) = (initial.len() as u64, genesis.rules.max_update_bytes);
-        if size > limit {
-            return Err(RequestError::Malformed(format!(
-                "the initial weights have {size} bytes, but the rules allow updates of at most {limit}"
-            )));
-        }
-        Evaluation::of_genesis(&genesis)?.check_update(initial, &genesis.initial)?;
-        // The blobs come first: a ledger never names weights that are missing.
-        let blobs = Blobs::at(dir);
-        blobs.put(policy)?;
-        blobs.put(initial)?;
-        let (ledger, _) = Ledger::create(dir, genesis, key, clock.now_ms())?;
-        Self::resume(ledger, clock, config)
-    }
-
     /// Opens the network in `dir` and goes on where it was. If `network` is given, the ledger has to be of that network.
     pub fn open(
         dir: &Path,
@@ -104,16 +70,8 @@ impl Aggregator {
         clock: Arc<dyn Clock>,
         config: Config,
     ) -> Result<Self, RequestError> {
-        let ledger = Ledger::open(dir, network, key)?;
+        let mut ledger = Ledger::open(dir, network, key)?;
         check_genesis(ledger.state().genesis())?;
-        Self::resume(ledger, clock, config)
-    }
-
-    fn resume(
-        mut ledger: Ledger,
-        clock: Arc<dyn Clock>,
-        config: Config,
-    ) -> Result<Self, RequestError> {
         let steady = clock.clone();
         ledger.watch_clock(clock.now_ms(), move || steady.steady())?;
         let (index, contributions) = ledger_index::read(&ledger)?;
@@ -272,9 +230,9 @@ impl Aggregator {
 
 /// Refuses to run a network whose proofs or weights nobody could check.
 fn check_genesis(genesis: &Genesis) -> Result<(), RequestError> {
-    ProgramKey::from_bytes(&genesis.program)
-        .map_err(|error| RequestError::Malformed(format!("genesis: {error}")))?;
-    Evaluation::of_genesis(genesis)
-        .map_err(|error| RequestError::Malformed(format!("genesis: {error}")))?;
-    Ok(())
+    let program = ProgramKey::from_bytes(&genesis.program).map_err(|error| error.to_string());
+    let evaluation = Evaluation::of_genesis(genesis).map_err(|error| error.to_string());
+    (program.map(drop))
+        .and(evaluation.map(drop))
+        .map_err(|why| RequestError::Malformed(format!("genesis: {why}")))
 }

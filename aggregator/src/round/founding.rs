@@ -4,7 +4,6 @@ use super::clock::Clock;
 use ed25519_dalek::SigningKey;
 use std::io::{self, BufWriter, Write};
 use std::path::Path;
-use zk0_circuits::claim::program::verifying_key;
 use zk0_circuits::{Digest, EvalSpec, Mode, WeightsDigest};
 use zk0_ledger::blobs::{BlobWriter, Blobs};
 use zk0_ledger::{folder, BlobError, Ledger, LedgerError};
@@ -19,6 +18,8 @@ pub struct Founding {
     pub nonce: [u8; 32],
     /// The network's rules.
     pub rules: Rules,
+    /// The verifying key of the program that claims are proven with.
+    pub program: Vec<u8>,
     /// How matrix products are proven.
     pub mode: Mode,
     /// How claims are evaluated.
@@ -84,7 +85,7 @@ impl Founding {
             log_key: key.verifying_key().to_bytes(),
             nonce: self.nonce,
             rules: self.rules,
-            program: verifying_key(self.mode).to_vec(),
+            program: self.program,
             mode: self.mode,
             evaluation: self.evaluation.encode(),
             policy,

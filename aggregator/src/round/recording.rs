@@ -29,16 +29,7 @@ pub struct Decided {
 impl Aggregator {
     /// Records a proposal, a vote, a dispute or a change of key, as it was signed.
     pub fn record(&mut self, body: &[u8]) -> Result<Receipt, RequestError> {
-        let body: Body = match body.len() {
-            size if size > MAX_ENTRY_BYTES => {
-                return Err(RequestError::Malformed(format!(
-                    "the entry to record has {size} bytes: at most {MAX_ENTRY_BYTES} are read"
-                )))
-            }
-            _ => borsh::from_slice(body).map_err(|error| {
-                RequestError::Malformed(format!("these bytes are not an entry to record: {error}"))
-            })?,
-        };
+        let body: Body = decode("entry to record", body)?;
         let said_by_members = matches!(
             body,
             Body::Proposed(_) | Body::Voted(_) | Body::Disputed(_) | Body::KeyRotated { .. }
@@ -256,6 +247,6 @@ fn decode<T: BorshDeserialize>(what: &str, bytes: &[u8]) -> Result<T, RequestErr
         )));
     }
     borsh::from_slice(bytes).map_err(|error| {
-        RequestError::Malformed(format!("these bytes are not a signed {what}: {error}"))
+        RequestError::Malformed(format!("these bytes are not a valid {what}: {error}"))
     })
 }

@@ -1,6 +1,5 @@
 //! The gRPC service in front of the rounds.
 
-pub mod governance_info;
 pub mod requests;
 pub mod service;
 mod upload_places;

@@ -1,12 +1,11 @@
 //! The requests of `proto/federation.proto`, answered by the rounds behind a [`Service`].
 
 use crate::file_parts::file_parts;
+use crate::round::aggregator::Aggregator;
 use crate::round::request::RequestError;
-use crate::serve::governance_info::governance_info;
-use crate::serve::service::Service;
+use crate::serve::service::{blocking, Service};
 use std::pin::Pin;
 use std::time::Duration;
-use tokio::task::spawn_blocking;
 use tokio::time::timeout;
 use tokio_stream::{Stream, StreamExt};
 use tonic::{Request, Response, Status, Streaming};
@@ -15,9 +14,10 @@ use zk0_protocol::rpc::federation::federation_server::Federation;
 use zk0_protocol::rpc::federation::upload_chunk::Part;
 use zk0_protocol::rpc::federation::{
     Chunk, CommitRequest, DownloadRequest, GetGovernanceRequest, GetNetworkRequest,
-    GetRoundRequest, GovernanceInfo, NetworkInfo, Receipt, RecordRequest, RegisterDatasetRequest,
-    RoundInfo, SubmitReply, SubmitRequest, UploadChunk, UploadReply,
+    GetRoundRequest, GovernanceInfo, NetworkInfo, OpenProposal, Receipt, RecordRequest,
+    RegisterDatasetRequest, RoundInfo, SubmitReply, SubmitRequest, UploadChunk, UploadReply,
 };
+use zk0_protocol::tlog::receipt;
 use zk0_protocol::Refusal;
 
 #[tonic::async_trait]
@@ -61,12 +61,8 @@ impl Federation for Service {
 
     async fn record(&self, request: Request<RecordRequest>) -> Result<Response<Receipt>, Status> {
         let body = request.into_inner().body;
-        let receipt = self
-            .with(move |aggregator| aggregator.record(&body))
-            .await?;
-        self.changed.notify_one();
-        self.published(receipt.index + 1).await?;
-        Ok(Response::new(receipt.into()))
+        self.recorded(move |aggregator| aggregator.record(&body))
+            .await
     }
 
     async fn get_governance(
@@ -75,8 +71,21 @@ impl Federation for Service {
     ) -> Result<Response<GovernanceInfo>, Status> {
         let service = self.clone();
         let info = self.with(move |aggregator| {
-            let visible = service.visible(aggregator)?;
-            governance_info(aggregator, visible)
+            let published = service.visible(aggregator)?;
+            let state = aggregator.state();
+            let mut proposals = Vec::new();
+            for (number, open) in state.proposals() {
+                if let Some(receipt) = aggregator.proposal(*number, published)? {
+                    proposals.push(OpenProposal::new(open, receipt));
+                }
+            }
+            Ok(GovernanceInfo {
+                rules: borsh::to_vec(state.rules())
+                    .map_err(|error| RequestError::Internal(error.to_string()))?,
+                next_proposal: state.next_proposal(),
+                proposals,
+                now_ms: aggregator.now_ms(),
+            })
         });
         Ok(Response::new(info.await?))
     }
@@ -107,12 +116,8 @@ impl Federation for Service {
             registration,
             leaves,
         } = request.into_inner();
-        let receipt = self
-            .with(move |aggregator| aggregator.register(&registration, &leaves))
-            .await?;
-        self.changed.notify_one();
-        self.published(receipt.index + 1).await?;
-        Ok(Response::new(receipt.into()))
+        self.recorded(move |aggregator| aggregator.register(&registration, &leaves))
+            .await
     }
 
     async fn upload(
@@ -127,12 +132,8 @@ impl Federation for Service {
 
     async fn commit(&self, request: Request<CommitRequest>) -> Result<Response<Receipt>, Status> {
         let commitment = request.into_inner().commitment;
-        let receipt = self
-            .with(move |aggregator| aggregator.commit(&commitment))
-            .await?;
-        self.changed.notify_one();
-        self.published(receipt.index + 1).await?;
-        Ok(Response::new(receipt.into()))
+        self.recorded(move |aggregator| aggregator.commit(&commitment))
+            .await
     }
 
     async fn submit(
@@ -143,7 +144,6 @@ impl Federation for Service {
         let decided = self
             .with(move |aggregator| aggregator.submit(&submission, proof))
             .await?;
-        self.changed.notify_one();
         self.published(decided.receipt.index + 1).await?;
         Ok(Response::new(SubmitReply {
             accepted: decided.rejected.is_none(),
@@ -158,6 +158,16 @@ impl Federation for Service {
 }
 
 impl Service {
+    /// Records a statement, and answers with its receipt once the receipt is published.
+    async fn recorded(
+        &self,
+        record: impl FnOnce(&mut Aggregator) -> Result<receipt::Receipt, RequestError> + Send + 'static,
+    ) -> Result<Response<Receipt>, Status> {
+        let receipt = self.with(record).await?;
+        self.published(receipt.index + 1).await?;
+        Ok(Response::new(receipt.into()))
+    }
+
     /// Receives an upload to its end.
     async fn receive(&self, mut stream: Streaming<UploadChunk>) -> Result<(), Status> {
         let Some(Part::Request(first)) = self.next(&mut stream).await? else {
@@ -208,14 +218,6 @@ impl Service {
             Some(UploadChunk { part: None }) => Err(malformed("a message of the upload is empty")),
         }
     }
-}
-
-async fn blocking<T: Send + 'static>(
-    work: impl FnOnce() -> Result<T, RequestError> + Send + 'static,
-) -> Result<T, RequestError> {
-    spawn_blocking(work)
-        .await
-        .unwrap_or_else(|error| Err(RequestError::Internal(error.to_string())))
 }
 
 fn digest(bytes: &[u8]) -> Result<Digest, Status> {

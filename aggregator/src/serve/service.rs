@@ -72,7 +72,7 @@ const TICK: Duration = Duration::from_millis(250);
 pub struct Service {
     aggregator: Arc<Mutex<Aggregator>>,
     /// Something was recorded, and a round may be due.
-    pub(super) changed: Arc<Notify>,
+    changed: Arc<Notify>,
     publishing: Option<Publishing>,
     pub(super) uploading: UploadPlaces,
     pub(super) limits: Limits,
@@ -255,9 +255,10 @@ impl Service {
         }
     }
 
-    /// Waits until the first `size` entries are published. If that takes too long, whoever asks again later gets the receipt then:
+    /// Tells that entries were recorded, and waits until the first `size` entries are published. If that takes too long, whoever asks again later gets the receipt then:
     /// what is recorded stays recorded.
     pub(super) async fn published(&self, size: u64) -> Result<(), RequestError> {
+        self.changed.notify_one();
         let Some(publishing) = &self.publishing else {
             return Ok(());
         };
@@ -295,13 +296,21 @@ impl Service {
         work: impl FnOnce(&mut Aggregator) -> Result<T, RequestError> + Send + 'static,
     ) -> Result<T, RequestError> {
         let aggregator = self.aggregator.clone();
-        let done = spawn_blocking(move || match aggregator.lock() {
+        blocking(move || match aggregator.lock() {
             Ok(mut aggregator) => work(&mut aggregator),
             Err(_) => Err(RequestError::Internal("an earlier request panicked".into())),
-        });
-        done.await
-            .unwrap_or_else(|error| Err(RequestError::Internal(error.to_string())))
+        })
+        .await
     }
+}
+
+/// Runs `work` away from the threads that serve the network.
+pub(super) async fn blocking<T: Send + 'static>(
+    work: impl FnOnce() -> Result<T, RequestError> + Send + 'static,
+) -> Result<T, RequestError> {
+    spawn_blocking(work)
+        .await
+        .unwrap_or_else(|error| Err(RequestError::Internal(error.to_string())))
 }
 
 /// Who has to cosign checkpoints before they are published, and what is published.

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use borsh::BorshDeserialize;
 use zk0_aggregator::round::request::RequestError;
-use zk0_aggregator::{Aggregator, Config, ManualClock, Progress};
+use zk0_aggregator::{Aggregator, Config, Progress};
 use zk0_audit::{Auditor, Depth};
 use zk0_circuits::Digest;
 use zk0_ledger::replay::{replay, Finding, Recheck};
@@ -17,7 +17,7 @@ use zk0_protocol::entries::signed::{
 use zk0_protocol::{Body, Entry, Genesis, Refusal, State};
 use zk0_verifier::blob_digest;
 
-use crate::harness::{flat, genesis, log_key, weights, Node, GOVERNOR, POLICY, START_MS};
+use crate::harness::{flat, found, genesis, weights, ManualClock, Node, GOVERNOR, START_MS};
 
 /// What any input may make a reader allocate: an uploaded update is read again, and an auditor verifies a whole proof.
 pub const SLACK: usize = 8 << 20;
@@ -69,17 +69,8 @@ impl Network {
             min_nodes: 2,
         };
         let (clock, genesis) = (Arc::new(ManualClock::at(START_MS)), genesis());
-        let initial = weights(0);
         let id = genesis.network_id();
-        let founded = Aggregator::found(
-            dir.path(),
-            genesis,
-            log_key(),
-            POLICY,
-            &initial,
-            clock,
-            config,
-        );
+        let founded = found(dir.path(), genesis, clock, config);
         let mut aggregator = founded.unwrap();
         let nodes = [1, 2, 3].map(Node::new);
         for node in &nodes {

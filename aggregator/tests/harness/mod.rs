@@ -2,16 +2,22 @@
 //! are told to say.
 #![allow(dead_code)] // every test file uses its own part of it
 
+mod manual_clock;
 mod network;
 mod node;
 
+pub use self::manual_clock::ManualClock;
 pub use self::network::Network;
 pub use self::node::Node;
 
 use ed25519_dalek::SigningKey;
+use std::io::{self, Write};
 use std::path::Path;
+use std::sync::Arc;
 use tonic::{Code, Status};
-use zk0_aggregator::Config;
+use zk0_aggregator::round::founding::Founding;
+use zk0_aggregator::round::request::RequestError;
+use zk0_aggregator::{Aggregator, Config};
 use zk0_circuits::model::layout::{expert_tensors, TensorSpec};
 use zk0_circuits::model::spec::EvalSpec;
 use zk0_circuits::{Digest, Mode, WeightsDigest};
@@ -72,6 +78,42 @@ pub fn genesis() -> Genesis {
         policy: blob_digest(POLICY),
         initial: digest(&initial),
     }
+}
+
+/// What a network of this genesis begins with.
+pub fn founding(genesis: Genesis) -> Founding {
+    Founding {
+        name: genesis.name,
+        nonce: genesis.nonce,
+        rules: genesis.rules,
+        program: genesis.program,
+        mode: genesis.mode,
+        evaluation: EvalSpec::decode(&genesis.evaluation).unwrap(),
+        initial: weights(0),
+        quantised: genesis.initial.quantised,
+    }
+}
+
+/// Writes the policy file.
+pub fn write_policy(out: &mut dyn Write) -> io::Result<[u8; 32]> {
+    out.write_all(POLICY)?;
+    Ok(blob_digest(POLICY).0)
+}
+
+/// Founds the network of `genesis` in `dir`, and opens it.
+pub fn found(
+    dir: &Path,
+    genesis: Genesis,
+    clock: Arc<ManualClock>,
+    config: Config,
+) -> Result<Aggregator, RequestError> {
+    let ledger = founding(genesis.clone())
+        .found(dir, log_key(), &*clock, 1 << 20, write_policy)
+        .unwrap();
+    assert_eq!(*ledger.state().genesis(), genesis);
+    drop(ledger);
+    let network = genesis.network_id();
+    Aggregator::open(dir, Some(&network), log_key(), clock, config)
 }
 
 /// Expert weights that differ with `seed`.

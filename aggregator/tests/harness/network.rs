@@ -1,6 +1,6 @@
 //! An aggregator that serves on loopback, and can be killed and started again.
 
-use super::{files, genesis, log_key, weights, Node, POLICY, START_MS};
+use super::{files, found, genesis, log_key, ManualClock, Node, START_MS};
 use std::sync::Arc;
 use std::time::Duration;
 use tempfile::TempDir;
@@ -10,7 +10,7 @@ use tokio::task::JoinHandle;
 use tonic::transport::Channel;
 use tonic::Status;
 use zk0_aggregator::publish::cosigning::Witnesses;
-use zk0_aggregator::{Aggregator, Config, Limits, ManualClock, Service};
+use zk0_aggregator::{Aggregator, Config, Limits, Service};
 use zk0_circuits::Digest;
 use zk0_protocol::entries::entry::{Body, Entry};
 use zk0_protocol::entries::genesis::Genesis;
@@ -44,16 +44,7 @@ impl Network {
         let dir = tempfile::tempdir().unwrap();
         let clock = Arc::new(ManualClock::at(START_MS));
         let genesis = genesis();
-        let mut aggregator = Aggregator::found(
-            dir.path(),
-            genesis.clone(),
-            log_key(),
-            POLICY,
-            &weights(0),
-            clock.clone(),
-            config,
-        )
-        .unwrap();
+        let mut aggregator = found(dir.path(), genesis.clone(), clock.clone(), config).unwrap();
         for (number, node) in nodes.iter().enumerate() {
             aggregator
                 .enrol(node.id(), format!("node-{number}"))

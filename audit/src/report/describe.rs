@@ -1,6 +1,7 @@
 //! Entries in words. Only this file has to know every kind of entry.
 
 use zk0_circuits::{Losses, NodeId};
+use zk0_protocol::counted::counted;
 use zk0_protocol::entries::entry::Body;
 use zk0_protocol::entries::proposal::{Action, Ballot};
 use zk0_protocol::entries::signed::Evidence;
@@ -18,8 +19,9 @@ pub fn describe(entry: &Entry) -> String {
             format!("node {} was enrolled as '{}'", enrolled.node, enrolled.name)
         }
         Body::DatasetCommitted(signed) => format!(
-            "node {} committed to a dataset of {} samples",
-            signed.statement.node, signed.statement.dataset.samples
+            "node {} committed to a dataset of {}",
+            signed.statement.node,
+            counted(signed.statement.dataset.samples, "sample", "samples")
         ),
         Body::RoundOpened(opened) => format!(
             "round {} opened, for commitments until {} and proofs until {}",
@@ -42,10 +44,11 @@ pub fn describe(entry: &Entry) -> String {
         Body::RoundClosed(closed) => format!(
             "round {} closed with {}",
             closed.round,
-            match closed.contributors.len() {
-                1 => "1 contribution".into(),
-                count => format!("{count} contributions"),
-            }
+            counted(
+                closed.contributors.len() as u64,
+                "contribution",
+                "contributions"
+            )
         ),
         Body::KeyRotated { rotation, .. } => format!(
             "node {} changed its key to {}",
@@ -128,13 +131,25 @@ pub fn kind(body: &Body) -> &'static str {
 
 /// The nodes that an entry is about.
 pub fn nodes(body: &Body) -> Vec<NodeId> {
+    about(body).1
+}
+
+/// The round that an entry is about.
+pub fn round(body: &Body) -> Option<u64> {
+    about(body).0
+}
+
+/// The round and the nodes that an entry is about.
+fn about(body: &Body) -> (Option<u64>, Vec<NodeId>) {
     match body {
-        Body::Genesis(_)
-        | Body::RoundOpened(_)
-        | Body::ProposalSettled(_)
-        | Body::DisputeResolved(_) => Vec::new(),
+        Body::Genesis(_) | Body::ProposalSettled(_) | Body::DisputeResolved(_) => (None, vec![]),
+        Body::NodeEnrolled(enrolled) => (None, vec![enrolled.node]),
+        Body::DatasetCommitted(signed) => (None, vec![signed.statement.node]),
+        Body::Voted(signed) => (None, vec![signed.statement.voter]),
+        Body::Disputed(signed) => (None, vec![signed.statement.disputer]),
         Body::KeyRotated { rotation, .. } => {
-            vec![rotation.statement.node, rotation.statement.with]
+            let rotation = &rotation.statement;
+            (None, vec![rotation.node, rotation.with])
         }
         Body::Proposed(signed) => {
             let mut nodes = vec![signed.statement.proposer];
@@ -146,38 +161,20 @@ pub fn nodes(body: &Body) -> Vec<NodeId> {
                 }
                 Action::ReplaceKey { node, with } => nodes.extend([*node, *with]),
             }
-            nodes
+            (None, nodes)
         }
-        Body::Voted(signed) => vec![signed.statement.voter],
-        Body::Disputed(signed) => vec![signed.statement.disputer],
-        Body::NodeEnrolled(enrolled) => vec![enrolled.node],
-        Body::DatasetCommitted(signed) => vec![signed.statement.node],
-        Body::UpdateCommitted(signed) => vec![signed.statement.node],
+        Body::RoundOpened(opened) => (Some(opened.round), vec![]),
+        Body::UpdateCommitted(signed) => {
+            (Some(signed.statement.round), vec![signed.statement.node])
+        }
         Body::ContributionAccepted(submission) | Body::ContributionRejected { submission, .. } => {
-            vec![submission.statement.claim.terms.node]
+            let terms = &submission.statement.claim.terms;
+            (Some(terms.round), vec![terms.node])
         }
-        Body::RoundClosed(closed) => closed.contributors.iter().map(|one| one.node).collect(),
-    }
-}
-
-/// The round that an entry is about.
-pub fn round(body: &Body) -> Option<u64> {
-    match body {
-        Body::Genesis(_)
-        | Body::NodeEnrolled(_)
-        | Body::DatasetCommitted(_)
-        | Body::KeyRotated { .. }
-        | Body::Proposed(_)
-        | Body::Voted(_)
-        | Body::ProposalSettled(_)
-        | Body::Disputed(_)
-        | Body::DisputeResolved(_) => None,
-        Body::RoundOpened(opened) => Some(opened.round),
-        Body::UpdateCommitted(signed) => Some(signed.statement.round),
-        Body::ContributionAccepted(submission) | Body::ContributionRejected { submission, .. } => {
-            Some(submission.statement.claim.terms.round)
+        Body::RoundClosed(closed) => {
+            let nodes = closed.contributors.iter().map(|one| one.node);
+            (Some(closed.round), nodes.collect())
         }
-        Body::RoundClosed(closed) => Some(closed.round),
     }
 }
 
@@ -225,8 +222,10 @@ pub fn details(body: &Body) -> Vec<(&'static str, String)> {
             let mut details = vec![("global weights", closed.global.blob.to_string())];
             for one in &closed.contributors {
                 let share = format!(
-                    "{} counts for {} samples and earned {} credits",
-                    one.node, one.samples, one.credits
+                    "{} counts for {} and earned {}",
+                    one.node,
+                    counted(one.samples, "sample", "samples"),
+                    counted(one.credits, "credit", "credits")
                 );
                 details.push(("contributor", share));
             }

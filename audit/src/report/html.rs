@@ -9,6 +9,7 @@ use crate::report::page::Page;
 use crate::report::verdict::{counts, sentence, Audited};
 use serde::Serialize;
 use zk0_ledger::replay::{Finding, Severity};
+use zk0_protocol::counted::counted;
 
 /// Most rows in a table. The data beside the page has all.
 const MOST_ROWS: usize = 500;
@@ -83,8 +84,8 @@ impl Page {
         }
         self.markup(".<br>");
         self.text(format_args!(
-            "The log has {} entries. The last one was recorded at {}.",
-            audited.entries,
+            "The log has {}. The last one was recorded at {}.",
+            counted(audited.entries, "entry", "entries"),
             time(history.last_ms)
         ));
         self.markup("</div>");
@@ -94,10 +95,10 @@ impl Page {
         self.heading("What was checked");
         self.markup("<p>");
         self.text(format_args!(
-            "The audit checked the encoding, the signatures and the place in the log of {} entries, the signatures of {} checkpoints, and \
+            "The audit checked the encoding, the signatures and the place in the log of {}, the signatures of {}, and \
              the network's rules at every entry. It also checked {}.",
-            audited.entries,
-            audited.checkpoints,
+            counted(audited.entries, "entry", "entries"),
+            counted(audited.checkpoints, "checkpoint", "checkpoints"),
             counts(&audited.checked)
         ));
         self.markup("</p><p>");

@@ -6,6 +6,7 @@ use crate::depth::Depth;
 use crate::report::describe::printable;
 use serde::Serialize;
 use zk0_ledger::replay::{Report, Severity, Verdict};
+use zk0_protocol::counted::counted;
 
 /// The report of an audit: what the replay found, what was checked, and what was not.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -100,17 +101,13 @@ pub fn sentence(audited: &Audited) -> (&'static str, &'static str) {
 
 /// What was checked beyond the entries, in words.
 pub fn counts(checked: &Checked) -> String {
-    let some = |count: u64, one: &str, many: &str| match count {
-        1 => format!("1 {one}"),
-        count => format!("{count} {many}"),
-    };
     [
-        some(checked.proofs, "proof", "proofs"),
-        some(checked.updates, "update", "updates"),
-        some(checked.refusals, "refusal", "refusals"),
-        some(checked.averages, "average", "averages"),
-        some(checked.datasets, "dataset", "datasets"),
-        some(checked.disputes, "dispute", "disputes"),
+        counted(checked.proofs, "proof", "proofs"),
+        counted(checked.updates, "update", "updates"),
+        counted(checked.refusals, "refusal", "refusals"),
+        counted(checked.averages, "average", "averages"),
+        counted(checked.datasets, "dataset", "datasets"),
+        counted(checked.disputes, "dispute", "disputes"),
     ]
     .join(", ")
 }

@@ -11,6 +11,7 @@ use std::io::Write;
 use std::path::PathBuf;
 use zk0_aggregator::round::founding::{check_free, enrol, Founding};
 use zk0_aggregator::SystemClock;
+use zk0_circuits::claim::program::verifying_key;
 use zk0_circuits::model::spec::EvalSpec;
 use zk0_circuits::Mode;
 use zk0_node::participant::MAX_POLICY_BYTES;
@@ -84,6 +85,7 @@ pub fn found(options: &Init) -> Result<()> {
         name: options.name.clone(),
         nonce: keys::random()?,
         rules,
+        program: verifying_key(options.mode).to_vec(),
         mode: options.mode,
         evaluation,
         initial,

@@ -1,15 +1,13 @@
 //! `zk0 aggregator serve`: run the rounds of a network.
 
 use crate::keys;
-use crate::serve::interrupted;
+use crate::serve::{interrupted, listening, online};
 use anyhow::{Context, Result};
 use std::future;
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
-use tokio::net::TcpListener;
-use tokio::runtime::Runtime;
 use tokio::task::JoinHandle;
 use zk0_aggregator::publish::chosen_witnesses::chosen_witnesses;
 use zk0_aggregator::publish::cosigning::Witnesses;
@@ -56,13 +54,8 @@ pub fn serve(options: &Serve) -> Result<()> {
     let aggregator = Aggregator::open(&options.dir, None, key, Arc::new(SystemClock), config)?;
     let rules = aggregator.state().rules();
     let policy = chosen_witnesses(&options.dir, rules, options.witness_policy.as_deref())?;
-    let runtime = Runtime::new().context("starting the runtime")?;
-    runtime.block_on(async {
-        let listen = options.listen;
-        let listener = TcpListener::bind(listen)
-            .await
-            .with_context(|| format!("listening on {listen}"))?;
-        let address = listener.local_addr()?;
+    online(async {
+        let (listener, address) = listening(options.listen).await?;
         let network = *aggregator.state().network();
         let mut service = Service::new(aggregator);
         if policy.wants_witnesses() {
@@ -84,10 +77,8 @@ async fn serve_log(options: &Serve) -> Result<Option<JoinHandle<()>>> {
     let Some(listen) = options.log_listen else {
         return Ok(None);
     };
-    let listener = TcpListener::bind(listen)
-        .await
-        .with_context(|| format!("listening on {listen}"))?;
-    tracing::info!("the log is served on http://{}", listener.local_addr()?);
+    let (listener, address) = listening(listen).await?;
+    tracing::info!("the log is served on http://{address}");
     let limits = http::Limits::default();
     let router = LogServer::new(&options.dir).router(limits);
     Ok(Some(tokio::spawn(http::serve(

@@ -6,7 +6,7 @@ use anyhow::{Context, Result};
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
-use zk0_audit::fetch::{locate, Wanted};
+use zk0_audit::fetch::locate;
 use zk0_audit::report::verdict::{verdict, Audited};
 use zk0_audit::report::{history, html};
 use zk0_audit::run::Audit;
@@ -49,13 +49,10 @@ pub struct Options {
 
 /// Runs the command. Returns `false` if the ledger is not right.
 pub fn run(options: &Options) -> Result<bool> {
-    let (depth, wanted) = match options.light {
-        true => (Depth::Light, Wanted::Proofs),
-        false => (Depth::Full, Wanted::Everything),
-    };
+    let depth = Depth::of(options.light);
     let mirror = options.mirror.as_deref();
     let trust = options.trust.read()?;
-    let located = locate(&options.ledger, mirror, &trust, wanted)?;
+    let located = locate(&options.ledger, mirror, &trust, depth.into())?;
     let state_file = options.state.as_ref().map(|path| Keep {
         path: path.clone(),
         every: Duration::from_secs(options.state_every),

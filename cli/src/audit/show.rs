@@ -10,6 +10,7 @@ use zk0_audit::report::describe::{describe, details, kind, nodes, printable, rou
 use zk0_audit::report::history::{self, History};
 use zk0_ledger::published::reader::PublishedError;
 use zk0_ledger::replay::Severity;
+use zk0_protocol::counted::counted;
 use zk0_protocol::Entry;
 
 /// `zk0 audit show`.
@@ -55,8 +56,8 @@ pub fn run(options: &Options) -> Result<bool> {
     if let Some(number) = options.round {
         if !history.rounds.iter().any(|round| round.round == number) {
             bail!(
-                "there is no round {number}: the ledger has {} rounds, counted from 0",
-                history.rounds.len()
+                "there is no round {number}: the ledger has {}, counted from 0",
+                counted(history.rounds.len() as u64, "round", "rounds")
             );
         }
     }

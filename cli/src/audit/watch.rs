@@ -13,6 +13,7 @@ use std::time::Duration;
 use zk0_audit::report::describe::printable;
 use zk0_audit::watch::{Look, Seen, Watch, WatchOptions};
 use zk0_audit::Depth;
+use zk0_protocol::counted::counted;
 
 /// `zk0 audit watch`.
 #[derive(Debug, clap::Args)]
@@ -50,10 +51,7 @@ pub fn run(options: &Options) -> Result<bool> {
     let watch = Watch::begin(WatchOptions {
         ledger: options.ledger.clone(),
         trust: options.trust.read()?,
-        depth: match options.light {
-            true => Depth::Light,
-            false => Depth::Full,
-        },
+        depth: Depth::of(options.light),
         state: options.state.clone(),
         mirror: options.mirror.clone(),
     })?;
@@ -93,10 +91,8 @@ impl Options {
     fn tell(&self, seen: Seen<'_>) {
         match seen {
             Seen::First { entries, network } => {
-                self.say(
-                    "verified",
-                    &format!("{entries} entries of network {network}"),
-                );
+                let entries = counted(entries, "entry", "entries");
+                self.say("verified", &format!("{entries} of network {network}"));
             }
             Seen::New { index, entry } => {
                 match self.json {

@@ -4,6 +4,7 @@ use super::RecordingName;
 use anyhow::Result;
 use zk0_lerobot::dataset::Dataset;
 use zk0_node::progress::Progress;
+use zk0_protocol::counted::counted;
 
 /// Checks one recording after another. Returns `false` if any has a fault.
 pub fn run(recordings: &[RecordingName]) -> Result<bool> {
@@ -39,10 +40,14 @@ fn check(recording: &RecordingName) -> Report {
         }
     };
     report.size = Some(format!(
-        "{} episodes, {} frames, {} pictures",
-        dataset.episodes().len(),
-        dataset.len(),
-        dataset.len() * dataset.cameras().len()
+        "{}, {}, {}",
+        counted(dataset.episodes().len() as u64, "episode", "episodes"),
+        counted(dataset.len() as u64, "frame", "frames"),
+        counted(
+            (dataset.len() * dataset.cameras().len()) as u64,
+            "picture",
+            "pictures"
+        )
     ));
     report.repairs = dataset.repairs().iter().map(ToString::to_string).collect();
     let mut progress: Option<Progress> = None;

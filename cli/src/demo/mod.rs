@@ -9,8 +9,9 @@ mod results;
 use crate::keys;
 use anyhow::{bail, Context, Result};
 use process::{Console, Process};
+use std::ffi::OsStr;
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::{Duration, SystemTime};
 use zk0_audit::verified_entries::network_id;
 use zk0_circuits::Mode;
@@ -44,13 +45,7 @@ pub struct Options {
 }
 
 /// Runs the demo. It is an error if the audit fails, if no contribution is accepted, or if the one that cheats is not refused.
-pub fn run(options: &Options) -> Result<()> {
-    tokio::runtime::Runtime::new()
-        .context("starting the runtime")?
-        .block_on(federation(options))
-}
-
-async fn federation(options: &Options) -> Result<()> {
+pub async fn run(options: &Options) -> Result<()> {
     let count = options.nodes as usize;
     if options.datasets.len() < count {
         bail!(
@@ -77,12 +72,12 @@ async fn federation(options: &Options) -> Result<()> {
     let console = Console::new(fs::File::create(out.join("zk0.log")).context("creating the log")?);
     console.say(&format!("the results go to {}", out.display()));
 
+    let start = |name: &str, command: &str, options: &[(&str, &dyn AsRef<OsStr>)]| {
+        Process::start(name, command, options, &console)
+    };
+    let free_port = ("--listen", &"127.0.0.1:0" as &dyn AsRef<OsStr>);
     // The prover starts first, because it takes longest.
-    let mut prover = Process::start(
-        "prover",
-        &["prover", "serve", "--listen", "127.0.0.1:0"],
-        &console,
-    )?;
+    let mut prover = start("prover", "prover serve", &[free_port])?;
 
     let names: Vec<String> = (1..=count).map(|i| format!("node-{i}")).collect();
     let mut enrol = Vec::new();
@@ -93,37 +88,28 @@ async fn federation(options: &Options) -> Result<()> {
     }
     let log_key = out.join("log.key");
     keys::generate(&log_key)?;
-    let mut init = vec![
-        "aggregator",
-        "init",
-        text(&network)?,
-        "--name",
-        "zk0-demo",
-        "--key",
-        text(&log_key)?,
-    ];
     // One prover serves all nodes one after another, so the window has time for each of them.
-    let submit_window = (10 + 15 * count).to_string();
+    let submit_minutes = (10 + 15 * count).to_string();
     let mode = options.mode.to_string();
-    init.extend(["--submit-minutes", &submit_window, "--mode", &mode]);
-    enrol.iter().for_each(|node| init.extend(["--node", node]));
-    Process::start("init", &init, &console)?.finish().await?;
+    let mut init: Vec<(&str, &dyn AsRef<OsStr>)> = vec![
+        ("", &network),
+        ("--name", &"zk0-demo"),
+        ("--key", &log_key),
+        ("--submit-minutes", &submit_minutes),
+        ("--mode", &mode),
+    ];
+    init.extend(enrol.iter().map(|node| ("--node", node as _)));
+    start("init", "aggregator init", &init)?.finish().await?;
 
     let (rounds, min_nodes) = (options.rounds.to_string(), count.to_string());
-    let serve = [
-        "aggregator",
-        "serve",
-        text(&network)?,
-        "--key",
-        text(&log_key)?,
-        "--listen",
-        "127.0.0.1:0",
-        "--rounds",
-        &rounds,
-        "--min-nodes",
-        &min_nodes,
+    let serve: [(&str, &dyn AsRef<OsStr>); 5] = [
+        ("", &network),
+        ("--key", &log_key),
+        free_port,
+        ("--rounds", &rounds),
+        ("--min-nodes", &min_nodes),
     ];
-    let mut aggregator = Process::start("aggregator", &serve, &console)?;
+    let mut aggregator = start("aggregator", "aggregator serve", &serve)?;
     let (aggregator_url, prover_url) = (url(&mut aggregator).await?, url(&mut prover).await?);
 
     let mut joined = Vec::new();
@@ -131,30 +117,20 @@ async fn federation(options: &Options) -> Result<()> {
     for (i, (name, dataset)) in names.iter().zip(&options.datasets).enumerate() {
         let dir = nodes.join(name);
         let key = dir.join("node.key");
-        let is_lazy = i + 1 == count;
-        let mut join = match is_lazy {
-            true => vec![
-                "demo-lazy-node",
-                "--stolen-proof",
-                text(&options.stolen_proof)?,
-            ],
-            false => vec!["node", "join", "--prover", &prover_url],
+        let (command, own): (_, (&str, &dyn AsRef<OsStr>)) = match i + 1 == count {
+            true => ("demo-lazy-node", ("--stolen-proof", &options.stolen_proof)),
+            false => ("node join", ("--prover", &prover_url)),
         };
-        join.extend([
-            "--aggregator",
-            &aggregator_url,
-            "--network",
-            &id,
-            "--key",
-            text(&key)?,
-            "--dataset",
-            text(dataset)?,
-            "--state",
-            text(&dir)?,
-            "--rounds",
-            &rounds,
-        ]);
-        joined.push(Process::start(name, &join, &console)?);
+        let join: [(&str, &dyn AsRef<OsStr>); 7] = [
+            own,
+            ("--aggregator", &aggregator_url),
+            ("--network", &id),
+            ("--key", &key),
+            ("--dataset", dataset),
+            ("--state", &dir),
+            ("--rounds", &rounds),
+        ];
+        joined.push(start(name, command, &join)?);
     }
     let everybody = async {
         for node in &mut joined {
@@ -187,11 +163,6 @@ async fn url(process: &mut Process) -> Result<String> {
         .await
         .context("waiting for a server")??;
     Ok(format!("http://{address}"))
-}
-
-fn text(path: &Path) -> Result<&str> {
-    path.to_str()
-        .with_context(|| format!("the path {} is not UTF-8", path.display()))
 }
 
 /// UTC time as `2026-11-21T08-30-00`: sorts by name, safe in file names.

@@ -3,6 +3,7 @@
 use crate::logging::{Bars, Progress, PROGRESS};
 use anyhow::{bail, Context, Result};
 use serde_json::{Map, Value};
+use std::ffi::OsStr;
 use std::fs::File;
 use std::io::Write;
 use std::process::Stdio;
@@ -115,12 +116,22 @@ pub struct Process {
 }
 
 impl Process {
-    /// Starts this binary with `arguments`. The process is killed when the value is dropped.
-    pub fn start(name: &str, arguments: &[&str], console: &Console) -> Result<Self> {
+    /// Starts this binary with a command and its options. An option without a name is an argument. The process is killed when the value
+    /// is dropped.
+    pub fn start(
+        name: &str,
+        command: &str,
+        options: &[(&str, &dyn AsRef<OsStr>)],
+        console: &Console,
+    ) -> Result<Self> {
         let binary = std::env::current_exe().context("finding this program's file")?;
         let mut child = Command::new(binary)
             .args(["--log", "json"])
-            .args(arguments)
+            .args(command.split(' '))
+            .args(options.iter().flat_map(|(name, value)| {
+                let name = Some(OsStr::new(*name)).filter(|name| !name.is_empty());
+                name.into_iter().chain([value.as_ref()])
+            }))
             .stdin(Stdio::null())
             .stdout(Stdio::null())
             .stderr(Stdio::piped())

@@ -16,6 +16,7 @@ use zk0_ledger::replay::Verdict;
 use zk0_lerobot::dataset::Dataset;
 use zk0_node::recording;
 use zk0_node::training_history::TrainingHistory;
+use zk0_protocol::counted::counted;
 use zk0_protocol::entries::entry::{Body, Entry};
 use zk0_protocol::entries::genesis::Genesis;
 use zk0_protocol::entries::signed::{Signed, Submission};
@@ -120,7 +121,8 @@ pub fn finish(
     )
     .context("writing metrics.json")?;
     console.say(&format!(
-        "done: {accepted} contributions accepted, {refused} refused, and the ledger is verified; the results are in {}",
+        "done: {} accepted, {refused} refused, and the ledger is verified; the results are in {}",
+        counted(accepted as u64, "contribution", "contributions"),
         out.display()
     ));
     println!(

@@ -4,13 +4,13 @@ mod change;
 mod status;
 
 use crate::keys;
+use crate::network::{Network, Signer};
+use crate::serve::online;
 use anyhow::{Context, Result};
 use change::Change;
 use ed25519_dalek::SigningKey;
 use std::path::{Path, PathBuf};
-use tokio::runtime::Runtime;
 use zk0_circuits::Digest;
-use zk0_node::client::Node;
 use zk0_node::state_files;
 use zk0_protocol::entries::proposal::Ballot;
 use zk0_protocol::entries::signed::Evidence;
@@ -76,27 +76,6 @@ pub enum Command {
     },
 }
 
-/// The network that is meant.
-#[derive(Debug, clap::Args)]
-pub struct Network {
-    /// The aggregator's address, such as http://127.0.0.1:7071.
-    #[arg(long)]
-    aggregator: String,
-    /// The network's id, as its operator published it.
-    #[arg(long)]
-    network: Digest,
-}
-
-/// The network that is meant, and who signs.
-#[derive(Debug, clap::Args)]
-pub struct Signer {
-    #[command(flatten)]
-    network: Network,
-    /// The file of the key that signs: a governor's or a node's.
-    #[arg(long)]
-    key: PathBuf,
-}
-
 /// A vote.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum BallotArg {
@@ -123,18 +102,12 @@ impl From<BallotArg> for Ballot {
 
 /// Runs the command.
 pub fn run(command: &Command) -> Result<()> {
-    if let Command::Keygen { file } = command {
-        println!("{}", keys::generate(file)?);
-        return Ok(());
-    }
-    Runtime::new()
-        .context("starting the runtime")?
-        .block_on(online(command))
+    online(answer(command))
 }
 
-async fn online(command: &Command) -> Result<()> {
+async fn answer(command: &Command) -> Result<()> {
     match command {
-        Command::Keygen { .. } => {}
+        Command::Keygen { file } => println!("{}", keys::generate(file)?),
         Command::Status { network, rules } => {
             // Nothing is signed, so any key will do.
             let key = SigningKey::from_bytes(&keys::random()?);
@@ -193,18 +166,4 @@ fn document_digest(path: &Path) -> Result<Digest> {
     let digest = state_files::sha256(path).context("reading the document")?;
     let digest = digest.with_context(|| format!("there is no document {}", path.display()))?;
     Ok(Digest(digest))
-}
-
-impl Network {
-    async fn connect(&self, key: SigningKey) -> Result<Node> {
-        Node::connect(self.aggregator.clone(), self.network, key)
-            .await
-            .with_context(|| format!("connecting to {}", self.aggregator))
-    }
-}
-
-impl Signer {
-    async fn connect(&self) -> Result<Node> {
-        self.network.connect(keys::read(&self.key)?).await
-    }
 }

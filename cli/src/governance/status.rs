@@ -1,6 +1,7 @@
 //! What `zk0 governance status` prints.
 
 use anyhow::Result;
+use zk0_audit::report::describe;
 use zk0_node::client::GovernanceInfo;
 use zk0_protocol::entries::proposal::Action;
 
@@ -25,7 +26,7 @@ pub fn status(info: &GovernanceInfo) -> Result<String> {
             "proposal {}: {}\n  {}\n  by {}; {phase}\n  for {}, against {}, abstained {}, vetoes {}, of {}\n",
             proposal.number,
             proposal.title,
-            describe(&proposal.action)?,
+            would(&proposal.action)?,
             proposal.proposer,
             open.for_it,
             open.against,
@@ -41,17 +42,10 @@ pub fn status(info: &GovernanceInfo) -> Result<String> {
     Ok(text)
 }
 
-fn describe(action: &Action) -> Result<String> {
+/// What a proposal would do. New rules are shown as a whole.
+fn would(action: &Action) -> Result<String> {
     Ok(match action {
         Action::ChangeRules(rules) => format!("rules: {}", serde_json::to_string(rules)?),
-        Action::Enrol(enrolled) => format!("enrol {} ({})", enrolled.name, enrolled.node),
-        Action::Suspend(node) => format!("suspend {node}"),
-        Action::Reinstate(node) => format!("reinstate {node}"),
-        Action::Revoke(node) => format!("revoke {node}"),
-        Action::ReplaceKey { node, with } => format!("replace the key of {node} with {with}"),
-        Action::JudgeDispute { dispute, upheld } => format!(
-            "{} the dispute of entry {dispute}",
-            if *upheld { "uphold" } else { "dismiss" }
-        ),
+        other => describe::action(other),
     })
 }

@@ -14,6 +14,7 @@ use zk0_ledger::backup;
 use zk0_ledger::published::export::export;
 use zk0_ledger::published::mirror::{mirror, Mirrored};
 use zk0_ledger::published::publication::Publication;
+use zk0_protocol::counted::counted;
 
 /// What to do.
 #[derive(Debug, clap::Subcommand)]
@@ -106,17 +107,17 @@ pub fn run(command: &Command) -> Result<bool> {
             let view = Publication::open(dir, None)?;
             let done = export(&view, out)?;
             println!(
-                "{} entries published; wrote {} tiles and {} blobs to {}",
-                done.entries,
-                done.tiles,
-                done.blobs,
+                "{} published; wrote {} and {} to {}",
+                counted(done.entries, "entry", "entries"),
+                counted(done.tiles, "tile", "tiles"),
+                counted(done.blobs, "blob", "blobs"),
                 out.display()
             );
-            if done.missing_blobs > 0 {
-                println!(
-                    "{} public blobs are missing: this ledger does not keep them",
-                    done.missing_blobs
-                );
+            let missing = "missing: this ledger does not keep";
+            match done.missing_blobs {
+                0 => {}
+                1 => println!("1 public blob is {missing} it"),
+                count => println!("{count} public blobs are {missing} them"),
             }
         }
         Command::Import(options) => import(options)?,
@@ -137,9 +138,9 @@ pub fn run(command: &Command) -> Result<bool> {
             println!("restored to {}", options.dir.display());
             if known.is_empty() {
                 println!(
-                    "WARNING      if the log has signed a checkpoint of more than {} entries, do not start its aggregator: it would \
+                    "WARNING      if the log has signed a checkpoint of more than {}, do not start its aggregator: it would \
                      sign a second history",
-                    done.entries
+                    counted(done.entries, "entry", "entries")
                 );
             }
         }
@@ -166,14 +167,17 @@ fn import(options: &Import) -> Result<()> {
 fn copied(done: &Mirrored) {
     println!("network {}", done.network);
     println!(
-        "{} entries, {} of them new; {} blobs new",
-        done.entries, done.new_entries, done.new_blobs
+        "{}, {} of them new; {} new",
+        counted(done.entries, "entry", "entries"),
+        done.new_entries,
+        counted(done.new_blobs, "blob", "blobs")
     );
-    if done.missing_blobs > 0 {
-        println!(
-            "{} blobs are missing: they are not public yet, or are no longer kept",
-            done.missing_blobs
-        );
+    match done.missing_blobs {
+        0 => {}
+        1 => println!("1 blob is missing: it is not public yet, or is no longer kept"),
+        count => {
+            println!("{count} blobs are missing: they are not public yet, or are no longer kept")
+        }
     }
 }
 
@@ -181,7 +185,7 @@ fn copied(done: &Mirrored) {
 fn check(dir: &Path) -> bool {
     let found = fsck(dir);
     match &found.published {
-        Ok(entries) => println!("published    {entries} entries"),
+        Ok(entries) => println!("published    {}", counted(*entries, "entry", "entries")),
         Err(error) => println!("FAULT        {error}"),
     }
     println!("entries      {}", found.report.entries);

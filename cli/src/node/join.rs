@@ -1,14 +1,7 @@
 //! `zk0 node join`: take part in the rounds of a network.
 
-use crate::dataset::RecordingName;
-use crate::keys;
-use crate::policy::CacheOptions;
+use crate::network::Membership;
 use anyhow::{Context, Result};
-use std::fs;
-use std::path::PathBuf;
-use zk0_circuits::Digest;
-use zk0_node::client::Node;
-use zk0_node::participant::Participant;
 use zk0_node::turn::Training;
 use zk0_prover::service::ProvingClient;
 use zk0_smolvla::train::adaptive::{Adaptation, Boost};
@@ -16,27 +9,11 @@ use zk0_smolvla::train::adaptive::{Adaptation, Boost};
 /// `zk0 node join`.
 #[derive(Debug, clap::Args)]
 pub struct Join {
-    /// The aggregator's address, such as http://127.0.0.1:7071.
-    #[arg(long, value_name = "ADDRESS")]
-    aggregator: String,
+    #[command(flatten)]
+    member: Membership,
     /// The address of the proving service, such as http://127.0.0.1:7072. `zk0 prover serve` runs it.
     #[arg(long, value_name = "ADDRESS")]
     prover: String,
-    /// The network's id, as its operator published it. The node takes part in no other network.
-    #[arg(long, value_name = "ID")]
-    network: Digest,
-    /// The file of the node's key, made by `zk0 node keygen`.
-    #[arg(long, value_name = "FILE")]
-    key: PathBuf,
-    /// The recording: a LeRobotDataset folder, or hub:owner/name[@revision] on the Hugging Face Hub.
-    #[arg(long, value_name = "RECORDING")]
-    dataset: RecordingName,
-    /// Keep the policy, the salt, updates, training histories and receipts in this folder. Keep the folder secret.
-    #[arg(long, value_name = "DIR")]
-    state: PathBuf,
-    /// Take part in this many rounds.
-    #[arg(long, default_value_t = 1)]
-    rounds: u64,
     /// Train for this many optimiser steps in each round.
     #[arg(long, default_value_t = 600)]
     steps: usize,
@@ -56,8 +33,6 @@ pub struct Join {
     /// Multiply the learning rate by this factor, 1 to 10, in rounds that begin at more than twice the average loss so far.
     #[arg(long, value_name = "FACTOR")]
     lr_boost: Option<f64>,
-    #[command(flatten)]
-    cache: CacheOptions,
 }
 
 /// Runs the command.
@@ -69,33 +44,19 @@ pub async fn run(options: &Join) -> Result<()> {
     if let Some(boost) = boost {
         boost.check().context("--lr-boost")?;
     }
-    fs::create_dir_all(&options.state)
-        .with_context(|| format!("creating {}", options.state.display()))?;
-    let participant = Participant {
-        dataset: options.dataset.locate()?,
-        state: options.state.clone(),
-        cache: options
-            .cache
-            .open_or(|| Ok(options.state.join("prefix-cache")))?,
-        training: Training {
-            steps: options.steps,
-            batch_size: options.batch_size,
-            learning_rate: options.learning_rate,
-            fedprox_mu: options.fedprox_mu,
-            adaptation: Adaptation {
-                follow: options.follow_losses,
-                boost,
-            },
+    let training = Training {
+        steps: options.steps,
+        batch_size: options.batch_size,
+        learning_rate: options.learning_rate,
+        fedprox_mu: options.fedprox_mu,
+        adaptation: Adaptation {
+            follow: options.follow_losses,
+            boost,
         },
     };
-    let mut node = Node::connect(
-        options.aggregator.clone(),
-        options.network,
-        keys::read(&options.key)?,
-    )
-    .await?;
+    let (participant, mut node) = options.member.begin().await?;
     let mut prover = ProvingClient::connect(options.prover.clone()).await?;
     Ok(participant
-        .run(&mut node, &mut prover, options.rounds)
+        .run(&mut node, &mut prover, &training, options.member.rounds)
         .await?)
 }

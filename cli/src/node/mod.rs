@@ -4,11 +4,11 @@ mod estimate;
 mod join;
 
 use crate::keys;
-use anyhow::{Context, Result};
+use crate::serve::online;
+use anyhow::Result;
 use estimate::Estimate;
 use join::Join;
 use std::path::PathBuf;
-use tokio::runtime::Runtime;
 
 /// What to do.
 #[derive(Debug, clap::Subcommand)]
@@ -27,13 +27,12 @@ pub enum Command {
 
 /// Runs the command.
 pub fn run(command: &Command) -> Result<()> {
-    let runtime = || Runtime::new().context("starting the runtime");
     match command {
         Command::Keygen { file } => {
             println!("{}", keys::generate(file)?);
             Ok(())
         }
-        Command::Estimate(options) => runtime()?.block_on(estimate::run(options)),
-        Command::Join(options) => runtime()?.block_on(join::run(options)),
+        Command::Estimate(options) => online(estimate::run(options)),
+        Command::Join(options) => online(join::run(options)),
     }
 }

@@ -17,47 +17,39 @@ const WINDOW: usize = 10;
 #[serde(untagged)]
 pub enum Line {
     /// A step.
-    Step(StepLine),
+    Step {
+        /// Steps made.
+        step: usize,
+        /// The batch's loss before it.
+        loss: f64,
+        /// FedProx's term before it.
+        prox: f64,
+        /// Norm of the gradient, before clipping.
+        grad_norm: f64,
+        /// Learning rate.
+        lr: f64,
+        /// How long it took.
+        seconds: f64,
+        /// Samples through it per second.
+        samples_per_second: f64,
+    },
     /// An evaluation of the held-out episodes after a step.
-    Eval(EvalLine),
+    Eval {
+        /// Steps made.
+        step: usize,
+        /// `loss_valid_only` on the held-out episodes.
+        eval_loss: f64,
+        /// LeRobot 0.4's mean, padding included.
+        eval_loss_plain: f64,
+        /// The number of frames evaluated.
+        eval_frames: usize,
+    },
 }
 
-/// The line of a step.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct StepLine {
-    /// Steps made.
-    pub step: usize,
-    /// The batch's loss before it.
-    pub loss: f64,
-    /// FedProx's term before it.
-    pub prox: f64,
-    /// Norm of the gradient, before clipping.
-    pub grad_norm: f64,
-    /// Learning rate.
-    pub lr: f64,
-    /// How long it took.
-    pub seconds: f64,
-    /// Samples through it per second.
-    pub samples_per_second: f64,
-}
-
-/// The line of an evaluation.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct EvalLine {
-    /// Steps made.
-    pub step: usize,
-    /// `loss_valid_only` on the held-out episodes.
-    pub eval_loss: f64,
-    /// LeRobot 0.4's mean, padding included.
-    pub eval_loss_plain: f64,
-    /// The number of frames evaluated.
-    pub eval_frames: usize,
-}
-
-impl StepLine {
+impl Line {
     /// The line of a step of `samples` samples that took `seconds`.
     pub fn of(step: &Step, samples: usize, seconds: f64) -> Self {
-        Self {
+        Self::Step {
             step: step.step,
             loss: f64::from(step.loss),
             prox: step.proximal,
@@ -67,13 +59,10 @@ impl StepLine {
             samples_per_second: samples as f64 / seconds.max(1e-9),
         }
     }
-}
 
-impl Line {
     fn step(&self) -> usize {
         match self {
-            Self::Step(line) => line.step,
-            Self::Eval(line) => line.step,
+            Self::Step { step, .. } | Self::Eval { step, .. } => *step,
         }
     }
 }
@@ -132,30 +121,27 @@ pub fn read(path: &Path) -> Result<Vec<Line>> {
 
 /// The loss curves: training, smoothed, and the held-out episodes, if there are any.
 pub fn curves(lines: &[Line]) -> Vec<Curve> {
-    let steps: Vec<&StepLine> = lines
-        .iter()
-        .filter_map(|line| match line {
-            Line::Step(step) => Some(step),
-            Line::Eval(_) => None,
-        })
-        .collect();
-    let window = WINDOW.max(steps.len() / 400);
-    let mean = |some: &[&StepLine], of: fn(&StepLine) -> f64| {
-        some.iter().map(|line| of(line)).sum::<f64>() / some.len() as f64
+    let step = |line: &Line| match line {
+        Line::Step { step, loss, .. } => Some((*step as f64, *loss)),
+        Line::Eval { .. } => None,
     };
-    let points = steps.chunks(window).map(|some| {
-        (
-            mean(some, |line| line.step as f64),
-            mean(some, |line| line.loss),
-        )
-    });
+    let steps: Vec<(f64, f64)> = lines.iter().filter_map(step).collect();
+    let window = WINDOW.max(steps.len() / 400);
+    let mean = |some: &[(f64, f64)]| {
+        let sum = some
+            .iter()
+            .fold((0.0, 0.0), |sum, (step, loss)| (sum.0 + step, sum.1 + loss));
+        (sum.0 / some.len() as f64, sum.1 / some.len() as f64)
+    };
     let training = Curve {
         name: format!("training, mean over {window} steps"),
-        points: points.collect(),
+        points: steps.chunks(window).map(mean).collect(),
     };
     let evaluated = lines.iter().filter_map(|line| match line {
-        Line::Eval(eval) => Some((eval.step as f64, eval.eval_loss)),
-        Line::Step(_) => None,
+        Line::Eval {
+            step, eval_loss, ..
+        } => Some((*step as f64, *eval_loss)),
+        Line::Step { .. } => None,
     });
     let held_out = Curve {
         name: "held-out episodes".into(),
@@ -170,7 +156,7 @@ mod tests {
     use super::*;
 
     fn step(step: usize) -> Line {
-        Line::Step(StepLine {
+        Line::Step {
             step,
             loss: 1.0 / step as f64,
             prox: 0.0,
@@ -178,16 +164,16 @@ mod tests {
             lr: 1e-4,
             seconds: 0.1,
             samples_per_second: 80.0,
-        })
+        }
     }
 
     fn eval(step: usize) -> Line {
-        Line::Eval(EvalLine {
+        Line::Eval {
             step,
             eval_loss: 0.5,
             eval_loss_plain: 0.4,
             eval_frames: 9,
-        })
+        }
     }
 
     #[test]

@@ -12,7 +12,7 @@ use crate::chart;
 use crate::dataset::RecordingName;
 use crate::policy::cache_failed;
 use anyhow::{bail, Context, Result};
-use metrics::{EvalLine, Line, Metrics, StepLine};
+use metrics::{Line, Metrics};
 use report::{Ended, Evaluated, Recording, Report};
 use std::fs::{self, File, TryLockError};
 use std::mem;
@@ -235,12 +235,12 @@ fn steps<S: SampleKind>(
             return Ok(None);
         };
         let (step, evaluated) = (trainer.steps_done(), held_out.evaluate(trainer)?);
-        metrics.add(&Line::Eval(EvalLine {
+        metrics.add(&Line::Eval {
             step,
             eval_loss: evaluated.loss,
             eval_loss_plain: evaluated.loss_plain,
             eval_frames: held_out.draws.len(),
-        }))?;
+        })?;
         tracing::info!(
             "step {step}: loss on held-out episodes {:.4}",
             evaluated.loss
@@ -263,7 +263,7 @@ fn steps<S: SampleKind>(
         let step = trainer.step()?;
         let seconds = clock.elapsed().as_secs_f64();
         let batch = trainer.options().batch_size;
-        metrics.add(&Line::Step(StepLine::of(&step, batch, seconds)))?;
+        metrics.add(&Line::of(&step, batch, seconds))?;
         progress.reached((step.step - first) as u64);
         if step.step % of.div_ceil(20) == 0 {
             tracing::info!("step {} of {of}, loss {:.4}", step.step, step.loss);

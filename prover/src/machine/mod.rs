@@ -12,4 +12,4 @@ pub use device_error::DeviceError;
 #[cfg(feature = "cuda")]
 pub use gpu::Gpu;
 pub use lock::{LockError, ProverLock};
-pub use options::{OptionsError, ProverOptions, Resources};
+pub use options::{peak_memory, OptionsError, ProverOptions, Resources};

@@ -48,7 +48,7 @@ impl Resources {
     pub fn of_this_machine() -> Result<Self, OptionsError> {
         let meminfo = fs::read_to_string("/proc/meminfo")
             .map_err(|error| OptionsError::Unknown(format!("/proc/meminfo: {error}")))?;
-        let available = mem_available(&meminfo)
+        let available = bytes_of("MemAvailable:", &meminfo)
             .ok_or_else(|| OptionsError::Unknown("no MemAvailable in /proc/meminfo".into()))?;
         let memory = match control_group_room(Path::new("/sys/fs/cgroup")) {
             Some(room) => available.min(room),
@@ -59,11 +59,14 @@ impl Resources {
     }
 }
 
-/// `MemAvailable` of a /proc/meminfo, in bytes.
-fn mem_available(meminfo: &str) -> Option<u64> {
-    let line = meminfo
-        .lines()
-        .find_map(|line| line.strip_prefix("MemAvailable:"))?;
+/// The most memory that this process has had so far, in bytes, if the system tells.
+pub fn peak_memory() -> Option<u64> {
+    bytes_of("VmHWM:", &fs::read_to_string("/proc/self/status").ok()?)
+}
+
+/// A size of a file in /proc, in bytes.
+fn bytes_of(name: &str, text: &str) -> Option<u64> {
+    let line = text.lines().find_map(|line| line.strip_prefix(name))?;
     let kibibytes: u64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
     kibibytes.checked_mul(1024)
 }
@@ -255,9 +258,9 @@ mod tests {
     #[test]
     fn meminfo_is_read_in_kibibytes() {
         let text = "MemTotal:       24612344 kB\nMemFree:  1 kB\nMemAvailable:   22000000 kB\n";
-        assert_eq!(mem_available(text), Some(22_000_000 * 1024));
-        assert_eq!(mem_available("MemTotal: 1 kB\n"), None);
-        assert_eq!(mem_available("MemAvailable: lots\n"), None);
+        assert_eq!(bytes_of("MemAvailable:", text), Some(22_000_000 * 1024));
+        assert_eq!(bytes_of("MemAvailable:", "MemTotal: 1 kB\n"), None);
+        assert_eq!(bytes_of("MemAvailable:", "MemAvailable: lots\n"), None);
     }
 
     #[test]

@@ -2,9 +2,8 @@
 //!
 //! `circuits/CYCLES.json` holds the committed figures; a test fails when they grow.
 
-use crate::program::{elf, synthetic, ExecuteError, Executor, GuestInput};
+use crate::program::{synthetic, ExecuteError, Executor};
 use serde::{Deserialize, Serialize};
-use zk0_circuits::model::spec::Dims;
 use zk0_circuits::{EvalSpec, Mode};
 
 /// A claim that is measured.
@@ -12,8 +11,6 @@ use zk0_circuits::{EvalSpec, Mode};
 pub struct Case {
     /// Name of the dimensions.
     pub profile: &'static str,
-    /// The dimensions.
-    pub dims: Dims,
     /// How matrix products are proven.
     pub mode: Mode,
     /// Samples evaluated.
@@ -37,30 +34,24 @@ pub struct Cost {
 
 /// All that `make cycles` measures, the quick ones first.
 pub fn cases() -> Vec<Case> {
-    let (micro, full) = (("micro", Dims::MICRO), ("full", Dims::FULL));
     [
-        (micro, Mode::Direct, 4),
-        (micro, Mode::Checked, 4),
-        (full, Mode::Checked, 1),
-        (full, Mode::Checked, 4),
+        ("micro", Mode::Direct, 4),
+        ("micro", Mode::Checked, 4),
+        ("full", Mode::Checked, 1),
+        ("full", Mode::Checked, 4),
     ]
-    .map(|((profile, dims), mode, samples)| Case {
+    .map(|(profile, mode, samples)| Case {
         profile,
-        dims,
         mode,
         samples,
     })
     .to_vec()
 }
 
-/// Makes a private input and executes its program. At full size that takes a minute and half a gigabyte for every sample.
+/// Executes a claim made from a seed.
 pub async fn measure(executor: &Executor, case: Case) -> Result<Cost, ExecuteError> {
-    let private = synthetic::private_input(&EvalSpec::new(case.dims), case.samples, 1)
-        .map_err(ExecuteError::Failed)?;
-    let (_, input) = GuestInput::of(case.mode, &private)
-        .map_err(|error| ExecuteError::Failed(error.to_string()))?;
-    drop(private);
-    let run = executor.execute(elf(case.mode), &input.buffers).await?;
+    let spec = EvalSpec::new(synthetic::dims(case.profile).map_err(ExecuteError::Failed)?);
+    let (_, run) = synthetic::execute(executor, &spec, case.mode, case.samples).await?;
     Ok(Cost {
         profile: case.profile.into(),
         mode: case.mode.to_string(),

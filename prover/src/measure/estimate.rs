@@ -5,7 +5,7 @@
 //! longer, and the work depends on values only for a few cycles in ten thousand.
 
 use crate::machine::{ProverOptions, Resources};
-use crate::program::{elf, synthetic, ExecuteError, Execution, Executor, GuestInput};
+use crate::program::{synthetic, ExecuteError, Executor};
 use crate::service::schedule::{expected_on, Work};
 use serde::Serialize;
 use zk0_circuits::{EvalSpec, Mode};
@@ -45,14 +45,15 @@ impl Estimate {
         samples: u32,
         machine: Resources,
     ) -> Result<Self, ExecuteError> {
-        let (first, input) = execute(executor, spec, mode, 1).await?;
-        let (mut cycles, mut gas, mut private_input_bytes) = (first.cycles, first.gas, input);
+        let (input, first) = synthetic::execute(executor, spec, mode, 1).await?;
+        let (mut cycles, mut gas, mut private_input_bytes) =
+            (first.cycles, first.gas, input.bytes());
         if samples > 1 {
-            let (second, input) = execute(executor, spec, mode, 2).await?;
+            let (input, second) = synthetic::execute(executor, spec, mode, 2).await?;
             let further = |one: u64, two: u64| two.saturating_sub(one) * (samples as u64 - 1);
             cycles += further(first.cycles, second.cycles);
             gas += further(first.gas, second.gas);
-            private_input_bytes += further(private_input_bytes, input);
+            private_input_bytes += further(private_input_bytes, input.bytes());
         }
         Ok(Self {
             mode: mode.to_string(),
@@ -72,20 +73,4 @@ impl Estimate {
     pub fn fits(&self) -> bool {
         self.memory_needed_bytes <= self.memory_free_bytes
     }
-}
-
-/// Executes a claim over random samples. Returns the execution and the size of its input in bytes.
-async fn execute(
-    executor: &Executor,
-    spec: &EvalSpec,
-    mode: Mode,
-    samples: u32,
-) -> Result<(Execution, u64), ExecuteError> {
-    let private = synthetic::private_input(spec, samples, 1).map_err(ExecuteError::Failed)?;
-    let (_, input) =
-        GuestInput::of(mode, &private).map_err(|error| ExecuteError::Failed(error.to_string()))?;
-    drop(private);
-    let run = executor.execute(elf(mode), &input.buffers).await?;
-    let bytes = input.buffers.iter().map(|buffer| buffer.len() as u64).sum();
-    Ok((run, bytes))
 }

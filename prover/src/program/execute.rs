@@ -71,7 +71,7 @@ impl Executor {
                 .execute(Elf::Static(elf), stdin)
                 .stderr(stderr)
                 .run()
-                .map_err(|error| ExecuteError::Failed(error.to_string()))?;
+                .map_err(failed)?;
             if report.exit_code != 0 {
                 return Err(ExecuteError::Refused(panic_message(&last_words.borrow())));
             }
@@ -88,14 +88,15 @@ impl Executor {
     pub async fn verifying_key(&self, elf: &'static [u8]) -> Result<VerifyingKey, ExecuteError> {
         let client = self.client.clone();
         blocking(move || {
-            let program = client
-                .setup(Elf::Static(elf))
-                .map_err(|error| ExecuteError::Failed(error.to_string()))?;
-            VerifyingKey::of(program.verifying_key())
-                .map_err(|error| ExecuteError::Failed(error.to_string()))
+            let program = client.setup(Elf::Static(elf)).map_err(failed)?;
+            VerifyingKey::of(program.verifying_key()).map_err(failed)
         })
         .await
     }
+}
+
+fn failed(error: impl ToString) -> ExecuteError {
+    ExecuteError::Failed(error.to_string())
 }
 
 /// Runs SP1 on a thread where it may block; its panics become errors.

@@ -40,6 +40,11 @@ impl GuestInput {
         Ok((claim, Self { mode, buffers }))
     }
 
+    /// The bytes of all buffers.
+    pub fn bytes(&self) -> u64 {
+        self.buffers.iter().map(|buffer| buffer.len() as u64).sum()
+    }
+
     /// The claim. It is found by running natively what the program runs; the error says why there is no claim.
     pub fn claim(&self) -> Result<Claim, GuestInputError> {
         Ok(match self.mode {

@@ -3,6 +3,9 @@
 //! Weights and samples are random numbers of a trained model's magnitudes. Two models are drawn, and the one with the lower loss is the
 //! update. The result depends on the seed alone, so it is the same on every machine.
 
+use super::elf::elf;
+use super::execute::{ExecuteError, Execution, Executor};
+use super::guest_input::GuestInput;
 use borsh::to_vec;
 use zk0_circuits::claim::challenge::sample_indices;
 use zk0_circuits::claim::dataset::{leaf, salt_commitment};
@@ -11,6 +14,7 @@ use zk0_circuits::claim::statement::check;
 use zk0_circuits::claim::statement_error::StatementError;
 use zk0_circuits::model::layout::expert_tensors;
 use zk0_circuits::model::sample::SampleParts;
+use zk0_circuits::model::spec::Dims;
 use zk0_circuits::vm::digest::tagged_sha256;
 use zk0_circuits::vm::merkle;
 use zk0_circuits::{
@@ -24,13 +28,12 @@ use zk0_circuits::{
 /// `spec` cannot be used, or random values do not fit its scales.
 pub fn private_input(spec: &EvalSpec, samples: u32, seed: u64) -> Result<PrivateInput, String> {
     let mut random = Random(seed);
-    let text = |error: &dyn std::fmt::Display| error.to_string();
-    spec.validate().map_err(|error| text(&error))?;
+    spec.validate().map_err(|error| error.to_string())?;
     let dataset: Vec<Sample> = (0..3 * samples)
-        .map(|index| sample(spec, &mut random, index).map_err(|error| text(&error)))
+        .map(|index| sample(spec, &mut random, index))
         .collect::<Result<_, _>>()?;
-    let base = weights(spec, &mut random).map_err(|error| text(&error))?;
-    let update = weights(spec, &mut random).map_err(|error| text(&error))?;
+    let base = weights(spec, &mut random)?;
+    let update = weights(spec, &mut random)?;
 
     let salt = random.digest().0;
     let leaves: Vec<Digest> = dataset
@@ -60,7 +63,7 @@ pub fn private_input(spec: &EvalSpec, samples: u32, seed: u64) -> Result<Private
         salt,
     };
     let openings = sample_indices(&header.terms.challenge, leaves.len() as u64, samples)
-        .map_err(|error| text(&error))?
+        .map_err(|error| error.to_string())?
         .into_iter()
         .map(|index| Opening {
             index,
@@ -78,9 +81,40 @@ pub fn private_input(spec: &EvalSpec, samples: u32, seed: u64) -> Result<Private
     if let Err(StatementError::NoImprovement { .. }) = check(&input) {
         std::mem::swap(&mut input.base, &mut input.update);
         name_weights(&mut input, [random.digest(), random.digest()]);
-        check(&input).map_err(|error| text(&error))?;
+        check(&input).map_err(|error| error.to_string())?;
     }
     Ok(input)
+}
+
+/// The dimensions that go by this name.
+///
+/// # Errors
+/// There are none of this name.
+pub fn dims(name: &str) -> Result<Dims, String> {
+    match name {
+        "micro" => Ok(Dims::MICRO),
+        "full" => Ok(Dims::FULL),
+        other => Err(format!("there is no model '{other}': write micro or full")),
+    }
+}
+
+/// Makes a claim over `samples` samples, and executes its program. Returns what the program read and what it gave. At full size that
+/// takes a minute and half a gigabyte for every sample.
+///
+/// # Errors
+/// There is no such claim, or SP1 fails.
+pub async fn execute(
+    executor: &Executor,
+    spec: &EvalSpec,
+    mode: Mode,
+    samples: u32,
+) -> Result<(GuestInput, Execution), ExecuteError> {
+    let private = private_input(spec, samples, 1).map_err(ExecuteError::Failed)?;
+    let (_, input) =
+        GuestInput::of(mode, &private).map_err(|error| ExecuteError::Failed(error.to_string()))?;
+    drop(private);
+    let run = executor.execute(elf(mode), &input.buffers).await?;
+    Ok((input, run))
 }
 
 /// Names the weights in the header.

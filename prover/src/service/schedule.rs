@@ -34,7 +34,7 @@ pub enum Work {
 pub struct Place(u64);
 
 /// What comes before a place, and how long it and its own work will take.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Outlook {
     /// Proofs that come first.
     pub ahead: u32,
@@ -109,10 +109,7 @@ impl Schedule {
 
     /// What is ahead of `place`; nothing if it has left the queue.
     pub fn outlook(&self, place: Place, now: Instant) -> Outlook {
-        let mut outlook = Outlook {
-            ahead: 0,
-            remaining: Duration::ZERO,
-        };
+        let mut outlook = Outlook::default();
         for job in &self.jobs {
             let whole = Duration::from_secs_f64(expected(job.work) * self.scale);
             let spent = job
@@ -124,10 +121,7 @@ impl Schedule {
             }
             outlook.ahead += u32::from(job.work != Work::Start);
         }
-        Outlook {
-            ahead: 0,
-            remaining: Duration::ZERO,
-        }
+        Outlook::default()
     }
 }
 

@@ -181,13 +181,8 @@ impl<B: Backend> Job<B> {
         };
         let place = shared.schedule().join(work);
         let turn = shared.proving.clone().acquire_owned();
-        let turn = match self.during(Phase::Queued, Some(place), turn).await {
-            Ok(turn) => turn,
-            Err(gone) => {
-                shared.schedule().leave(place);
-                return Err(gone);
-            }
-        };
+        let turn = self.during(Phase::Queued, Some(place), turn).await;
+        let turn = turn.inspect_err(|Gone| shared.schedule().leave(place))?;
 
         // A task of its own holds the turn. SP1 cannot be interrupted, so a proof whose client goes away is still made to the end
         // before the next one begins.

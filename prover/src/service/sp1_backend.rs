@@ -48,7 +48,7 @@ impl Sp1Backend {
         self.prover
             .get_or_try_init(|| Sp1Prover::start(self.device.clone(), self.lock.clone()))
             .await
-            .map_err(|error| JobError::Failed(error.to_string()))
+            .map_err(failed)
     }
 }
 
@@ -65,7 +65,7 @@ impl Backend for Sp1Backend {
             .executor
             .execute(elf(input.mode), &input.buffers)
             .await
-            .map_err(|error| JobError::Failed(error.to_string()))?;
+            .map_err(failed)?;
         match borsh::from_slice::<Claim>(&execution.public_values) {
             Ok(proven) if proven == claim => Ok(execution),
             _ => Err(JobError::Failed(
@@ -79,6 +79,10 @@ impl Backend for Sp1Backend {
             .await?
             .prove_compressed(input)
             .await
-            .map_err(|error| JobError::Failed(error.to_string()))
+            .map_err(failed)
     }
+}
+
+fn failed(error: impl ToString) -> JobError {
+    JobError::Failed(error.to_string())
 }

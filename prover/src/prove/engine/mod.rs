@@ -4,7 +4,16 @@ mod cpu;
 #[cfg(feature = "cuda")]
 mod cuda;
 mod interface;
-mod start;
+
+use crate::machine::Device;
 
 pub(crate) use interface::Engine;
-pub(crate) use start::start;
+
+/// Starts SP1 on `device`. Takes minutes on few cores.
+pub(crate) fn start(device: Device) -> Result<Box<dyn Engine>, String> {
+    match device {
+        Device::Cpu(options) => Ok(Box::new(cpu::Cpu::start(options))),
+        #[cfg(feature = "cuda")]
+        Device::Cuda(_) => Ok(Box::new(cuda::Cuda::start()?)),
+    }
+}

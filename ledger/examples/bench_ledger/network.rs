@@ -1,23 +1,26 @@
-//! A network of any size. Its nodes commit and submit round after round, and every statement is signed.
+//! A network of any size, founded as the protocol's test network. Its nodes commit and submit round after round, and every statement
+//! is signed.
+
+#[path = "../../../protocol/tests/network/mod.rs"]
+mod founded;
 
 use anyhow::{Context, Result};
 use ed25519_dalek::SigningKey;
+use founded::{closed, genesis, invalid_proof, log_key, opened};
 use rayon::prelude::*;
 use std::path::Path;
-use zk0_circuits::{Claim, DatasetCommitment, Digest, Losses, Mode, NodeId, WeightsDigest};
+use zk0_circuits::{Claim, DatasetCommitment, Digest, Losses, NodeId, WeightsDigest};
 use zk0_ledger::Ledger;
 use zk0_protocol::entries::entry::{RoundClosed, RoundOpened};
 use zk0_protocol::entries::member::NodeEnrolled;
 use zk0_protocol::entries::signed::{DatasetRegistration, Submission, UpdateCommitment};
-use zk0_protocol::rules::governance::{Governance, Governor};
-use zk0_protocol::rules::network_rules::CreditRule;
-use zk0_protocol::{Body, Genesis, Refusal, Rules, Signed, State};
+use zk0_protocol::{Body, Signed, State};
 
 /// Nodes of the network.
 pub const NODES: u64 = 250;
 
 /// When the network begins, in Unix milliseconds.
-pub const TIME: u64 = 1_700_000_000_000;
+pub const TIME: u64 = founded::T0;
 
 /// A digest that no other number has.
 fn digest(what: u64, number: u64) -> Digest {
@@ -35,11 +38,6 @@ fn id(key: &SigningKey) -> NodeId {
     NodeId(key.verifying_key().to_bytes())
 }
 
-/// The key that signs the log.
-pub fn log_key() -> SigningKey {
-    key(u64::MAX)
-}
-
 fn weights(number: u64) -> WeightsDigest {
     WeightsDigest {
         blob: digest(2, number),
@@ -47,51 +45,11 @@ fn weights(number: u64) -> WeightsDigest {
     }
 }
 
-fn genesis() -> Genesis {
-    let evaluation = include_str!("../../../protocol/tests/vectors/evaluation.hex");
-    Genesis {
-        name: "zk0.example/bench".into(),
-        log_key: log_key().verifying_key().to_bytes(),
-        nonce: [9; 32],
-        rules: Rules {
-            min_dataset_samples: 10,
-            eval_samples: 2,
-            min_improvement_bps: 50,
-            max_weight_samples: 100,
-            commit_window_ms: 1000,
-            submit_window_ms: 5000,
-            credits: CreditRule {
-                bps_samples_per_credit: 100,
-                max_per_contribution: 500,
-                dispute_window_ms: 1000,
-            },
-            governance: Governance {
-                governors: vec![Governor {
-                    key: id(&key(u64::MAX - 1)),
-                    name: "governor".into(),
-                    weight: 1,
-                }],
-                credits_per_vote: 10,
-                max_node_votes: 5,
-                quorum_bps: 4000,
-                threshold_bps: 5000,
-                veto_bps: 3000,
-                voting_ms: 20_000,
-                time_lock_ms: 10_000,
-            },
-            ..Rules::default()
-        },
-        program: vec![1; 32],
-        mode: Mode::Direct,
-        evaluation: hex::decode(evaluation.trim()).expect("hexadecimal"),
-        policy: digest(4, 0),
-        initial: weights(0),
-    }
-}
-
 /// A ledger with nothing but its genesis.
 pub fn founded(dir: &Path) -> Result<Ledger> {
-    let (ledger, _) = Ledger::create(dir, genesis(), log_key(), TIME)?;
+    let mut genesis = genesis();
+    genesis.rules.credits.dispute_window_ms = 1000;
+    let (ledger, _) = Ledger::create(dir, genesis, log_key(), TIME)?;
     Ok(ledger)
 }
 
@@ -107,10 +65,10 @@ pub fn enrolments(numbers: std::ops::Range<u64>) -> Vec<Body> {
 }
 
 /// Rounds that open and close with nobody in them, from the next on: two entries each, that only the log signs.
-pub fn empty_rounds(state: &State, count: u64) -> Result<Vec<Body>> {
-    let first = state.next_opening(TIME)?;
+pub fn empty_rounds(state: &State, count: u64) -> Vec<Body> {
+    let first = opened(state, TIME);
     let rounds = first.round..first.round + count;
-    Ok(rounds
+    rounds
         .flat_map(|round| {
             let opened = RoundOpened {
                 round,
@@ -123,7 +81,7 @@ pub fn empty_rounds(state: &State, count: u64) -> Result<Vec<Body>> {
             };
             [Body::RoundOpened(opened), Body::RoundClosed(closed)]
         })
-        .collect())
+        .collect()
 }
 
 /// Registrations of the nodes' datasets, once more for each of `times`: entries that a node signs.
@@ -163,7 +121,7 @@ pub fn grown(dir: &Path, entries: u64) -> Result<()> {
         let state = ledger.state();
         // Long enough for the round before to be beyond dispute.
         let now = TIME + state.next_round() * 2000;
-        let opening = state.next_opening(now)?;
+        let opening = opened(state, now);
         let (network, round) = (*state.network(), opening.round);
         let commit = |(node, key): (usize, &SigningKey)| {
             let node = node as u64;
@@ -190,18 +148,14 @@ pub fn grown(dir: &Path, entries: u64) -> Result<()> {
             Ok(match node % 10 {
                 0 => Body::ContributionRejected {
                     submission,
-                    reason: Refusal::InvalidProof("it does not verify".into()),
+                    reason: invalid_proof(),
                 },
                 _ => Body::ContributionAccepted(submission),
             })
         };
         let decided: Result<Vec<Body>> = keys.par_iter().enumerate().map(decide).collect();
         ledger.commit(now, decided?)?;
-        let closed = RoundClosed {
-            round,
-            global: weights(round),
-            contributors: ledger.state().contributors(),
-        };
+        let closed = closed(ledger.state(), weights(round));
         ledger.append(now, Body::RoundClosed(closed))?;
         if round % 200 == 199 {
             eprintln!("  {} of {entries} entries made", ledger.size());

@@ -48,14 +48,17 @@ fn main() -> Result<()> {
             }
         }
     }
-    options.appends()?;
-    if options.wanted("sp1_proofs") {
-        proofs()?;
-    }
-    match options.wanted("replay") {
-        true => replays(&options.dir, options.entries),
-        false => Ok(()),
-    }
+    options.append("append_rounds", |ledger| {
+        Ok(empty_rounds(ledger.state(), 150_000))
+    })?;
+    options.append("append_enrolments", |_| Ok(enrolments(0..300_000)))?;
+    options.append("append_signed_by_nodes", |ledger| {
+        ledger.commit(network::TIME, enrolments(0..network::NODES))?;
+        Ok(registrations(ledger.state(), 400))
+    })?;
+    options.wanted("append_with_receipts", || receipts(&options.dir))?;
+    options.wanted("sp1_proofs", proofs)?;
+    options.wanted("replay", || replays(&options.dir, options.entries))
 }
 
 struct Options {
@@ -66,34 +69,16 @@ struct Options {
 }
 
 impl Options {
-    fn wanted(&self, bench: &str) -> bool {
-        bench.starts_with(&self.only)
-    }
-
-    fn appends(&self) -> Result<()> {
-        let nodes = |ledger: &mut Ledger| -> Result<()> {
-            ledger.commit(network::TIME, enrolments(0..network::NODES))?;
-            Ok(())
-        };
-        self.append("append_rounds", |ledger| {
-            empty_rounds(ledger.state(), 150_000)
-        })?;
-        self.append("append_enrolments", |_| Ok(enrolments(0..300_000)))?;
-        self.append("append_signed_by_nodes", |ledger| {
-            nodes(ledger)?;
-            Ok(registrations(ledger.state(), 400))
-        })?;
-        match self.wanted("append_with_receipts") {
-            true => receipts(&self.dir),
+    /// Measures, if the user wants this figure.
+    fn wanted(&self, bench: &str, measure: impl FnOnce() -> Result<()>) -> Result<()> {
+        match bench.starts_with(&self.only) {
+            true => measure(),
             false => Ok(()),
         }
     }
 
     fn append(&self, bench: &str, make: impl Fn(&mut Ledger) -> Result<Vec<Body>>) -> Result<()> {
-        match self.wanted(bench) {
-            true => appends(&self.dir, bench, make),
-            false => Ok(()),
-        }
+        self.wanted(bench, || appends(&self.dir, bench, make))
     }
 }
 
@@ -154,7 +139,7 @@ fn appends(dir: &Path, bench: &str, make: impl Fn(&mut Ledger) -> Result<Vec<Bod
 fn receipts(dir: &Path) -> Result<()> {
     let scratch = tempfile::tempdir_in(dir)?;
     let mut ledger = founded(scratch.path())?;
-    let bodies = empty_rounds(ledger.state(), 50_000)?;
+    let bodies = empty_rounds(ledger.state(), 50_000);
     let count = bodies.len() as f64;
     let started = Instant::now();
     for group in bodies.chunks(GROUP) {

@@ -1,0 +1,43 @@
+//! The clock of the tests.
+
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
+use zk0_aggregator::Clock;
+
+/// A clock that stands still until a test moves it.
+#[derive(Debug, Default)]
+pub struct ManualClock {
+    shown_ms: AtomicU64,
+    passed_ms: AtomicU64,
+}
+
+impl ManualClock {
+    /// A clock that shows `now_ms`.
+    pub fn at(now_ms: u64) -> Self {
+        Self {
+            shown_ms: AtomicU64::new(now_ms),
+            passed_ms: AtomicU64::new(0),
+        }
+    }
+
+    /// Lets time pass.
+    pub fn advance(&self, by_ms: u64) {
+        self.passed_ms.fetch_add(by_ms, Ordering::SeqCst);
+        self.set_forward(by_ms);
+    }
+
+    /// Sets the clock forward, though no time has passed.
+    pub fn set_forward(&self, by_ms: u64) {
+        self.shown_ms.fetch_add(by_ms, Ordering::SeqCst);
+    }
+}
+
+impl Clock for ManualClock {
+    fn now_ms(&self) -> u64 {
+        self.shown_ms.load(Ordering::SeqCst)
+    }
+
+    fn steady(&self) -> Duration {
+        Duration::from_millis(self.passed_ms.load(Ordering::SeqCst))
+    }
+}

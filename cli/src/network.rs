@@ -1,0 +1,81 @@
+//! The options that say which network is meant, and who connects to it.
+
+use crate::dataset::RecordingName;
+use crate::keys;
+use crate::policy::CacheOptions;
+use anyhow::{Context, Result};
+use ed25519_dalek::SigningKey;
+use std::fs;
+use std::path::PathBuf;
+use zk0_circuits::Digest;
+use zk0_node::client::Node;
+use zk0_node::participant::Participant;
+
+/// The network that is meant.
+#[derive(Debug, clap::Args)]
+pub struct Network {
+    /// The aggregator's address, such as http://127.0.0.1:7071.
+    #[arg(long, value_name = "ADDRESS")]
+    aggregator: String,
+    /// The network's id, as its operator published it. No other network is accepted.
+    #[arg(long, value_name = "ID")]
+    network: Digest,
+}
+
+/// The network that is meant, and who signs.
+#[derive(Debug, clap::Args)]
+pub struct Signer {
+    #[command(flatten)]
+    network: Network,
+    /// The file of the key that signs: a node's, made by `zk0 node keygen`, or a governor's, made by `zk0 governance keygen`.
+    #[arg(long, value_name = "FILE")]
+    key: PathBuf,
+}
+
+/// The network that a node takes part in, and with what.
+#[derive(Debug, clap::Args)]
+pub struct Membership {
+    #[command(flatten)]
+    signer: Signer,
+    /// The recording: a LeRobotDataset folder, or hub:owner/name[@revision] on the Hugging Face Hub.
+    #[arg(long, value_name = "RECORDING")]
+    dataset: RecordingName,
+    /// Keep the policy, the salt, updates, training histories and receipts in this folder. Keep the folder secret.
+    #[arg(long, value_name = "DIR")]
+    state: PathBuf,
+    /// Take part in this many rounds.
+    #[arg(long, default_value_t = 1)]
+    pub rounds: u64,
+    #[command(flatten)]
+    cache: CacheOptions,
+}
+
+impl Network {
+    /// Connects to the network.
+    pub async fn connect(&self, key: SigningKey) -> Result<Node> {
+        Node::connect(self.aggregator.clone(), self.network, key)
+            .await
+            .with_context(|| format!("connecting to {}", self.aggregator))
+    }
+}
+
+impl Signer {
+    /// Connects to the network with the signer's key.
+    pub async fn connect(&self) -> Result<Node> {
+        self.network.connect(keys::read(&self.key)?).await
+    }
+}
+
+impl Membership {
+    /// Who takes part, and the connection to the network.
+    pub async fn begin(&self) -> Result<(Participant, Node)> {
+        let state = &self.state;
+        fs::create_dir_all(state).with_context(|| format!("creating {}", state.display()))?;
+        let participant = Participant {
+            dataset: self.dataset.locate()?,
+            state: state.clone(),
+            cache: self.cache.open_or(|| Ok(state.join("prefix-cache")))?,
+        };
+        Ok((participant, self.signer.connect().await?))
+    }
+}
