@@ -59,19 +59,19 @@ pub fn draw(stem: &Path, curves: &[Curve], proven: &[Proven]) -> Result<()> {
             ("update".into(), pair(|p| p.after)),
         ],
     };
-    save(stem, (1200, 500), &Federation(curves, &bars))
+    save(stem, (1200, 500), &Picture::Federation(curves, &bars))
 }
 
 /// Draws the curves of one run to `stem.png` and `stem.svg`, and writes them to `stem.json`.
 pub fn draw_training(stem: &Path, curves: &[Curve]) -> Result<()> {
     write_json(stem, &curves)?;
-    save(stem, (900, 500), &Training(curves))
+    save(stem, (900, 500), &Picture::Training(curves))
 }
 
 /// Draws rows of two groups of bars each to `stem.png` and `stem.svg`, the rows below one another.
 pub fn draw_bars(stem: &Path, rows: &[[Bars; 2]]) -> Result<()> {
     let height = 360 * rows.len().clamp(1, 50) as u32;
-    save(stem, (1200, height), &Rows(rows))
+    save(stem, (1200, height), &Picture::Rows(rows))
 }
 
 fn write_json(stem: &Path, data: &impl serde::Serialize) -> Result<()> {
@@ -80,46 +80,37 @@ fn write_json(stem: &Path, data: &impl serde::Serialize) -> Result<()> {
         .with_context(|| format!("writing {}", path.display()))
 }
 
-/// A picture that can be drawn on any backend.
-trait Picture {
-    fn draw<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>) -> Drawn<B>;
+/// What is drawn, on any backend.
+enum Picture<'a> {
+    Federation(&'a [Curve], &'a Bars),
+    Training(&'a [Curve]),
+    Rows(&'a [[Bars; 2]]),
 }
 
 type Drawn<B> = Result<(), DrawingAreaErrorKind<<B as DrawingBackend>::ErrorType>>;
 
-struct Federation<'a>(&'a [Curve], &'a Bars);
-
-impl Picture for Federation<'_> {
+impl Picture<'_> {
     fn draw<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>) -> Drawn<B> {
-        let (left, right) = area.split_horizontally((62).percent_width());
-        training(&left, self.0)?;
-        bars(&right, self.1)
-    }
-}
-
-struct Training<'a>(&'a [Curve]);
-
-impl Picture for Training<'_> {
-    fn draw<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>) -> Drawn<B> {
-        training(area, self.0)
-    }
-}
-
-struct Rows<'a>(&'a [[Bars; 2]]);
-
-impl Picture for Rows<'_> {
-    fn draw<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>) -> Drawn<B> {
-        let areas = area.split_evenly((self.0.len().max(1), 1));
-        for (area, [left, right]) in areas.iter().zip(self.0) {
-            let (first, second) = area.split_horizontally((38).percent_width());
-            bars(&first, left)?;
-            bars(&second, right)?;
+        match self {
+            Self::Federation(curves, proven) => {
+                let (left, right) = area.split_horizontally((62).percent_width());
+                training(&left, curves)?;
+                bars(&right, proven)
+            }
+            Self::Training(curves) => training(area, curves),
+            Self::Rows(rows) => {
+                let areas = area.split_evenly((rows.len().max(1), 1));
+                areas.iter().zip(*rows).try_for_each(|(area, row)| {
+                    let (left, right) = area.split_horizontally((38).percent_width());
+                    bars(&left, &row[0])?;
+                    bars(&right, &row[1])
+                })
+            }
         }
-        Ok(())
     }
 }
 
-fn save(stem: &Path, size: (u32, u32), picture: &impl Picture) -> Result<()> {
+fn save(stem: &Path, size: (u32, u32), picture: &Picture) -> Result<()> {
     for style in [FontStyle::Normal, FontStyle::Bold] {
         register_font("sans-serif", style, epaint_default_fonts::UBUNTU_LIGHT)
             .map_err(|_| anyhow!("the chart's font is broken"))?;
@@ -140,7 +131,7 @@ fn save(stem: &Path, size: (u32, u32), picture: &impl Picture) -> Result<()> {
         .with_context(|| format!("writing {}", svg.display()))
 }
 
-fn draw_on<B: DrawingBackend>(area: DrawingArea<B, Shift>, picture: &impl Picture) -> Result<()> {
+fn draw_on<B: DrawingBackend>(area: DrawingArea<B, Shift>, picture: &Picture) -> Result<()> {
     let failed = |error: String| anyhow!("drawing the chart: {error}");
     area.fill(&WHITE).map_err(|e| failed(e.to_string()))?;
     picture.draw(&area).map_err(|e| failed(e.to_string()))?;

@@ -54,7 +54,7 @@ pub fn init(format: LogFormat) {
             .with(
                 std::io::stderr()
                     .is_terminal()
-                    .then(|| BarLayer(Bars::new())),
+                    .then(|| BarLayer(Bars::default())),
             )
             .init(),
     }
@@ -94,27 +94,13 @@ impl Visit for Progress {
 }
 
 /// Progress bars, one per key, drawn together.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct Bars {
     all: MultiProgress,
     by_key: Mutex<HashMap<String, ProgressBar>>,
 }
 
-impl Default for Bars {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 impl Bars {
-    /// No bars yet.
-    pub fn new() -> Self {
-        Self {
-            all: MultiProgress::new(),
-            by_key: Mutex::default(),
-        }
-    }
-
     /// Draws the bar of `key` again. A finished bar disappears.
     pub fn show(&self, key: &str, progress: &Progress) {
         let mut bars = self.by_key.lock().unwrap_or_else(PoisonError::into_inner);

@@ -23,6 +23,20 @@ pub fn read_if_there(path: &Path, limit: u64) -> io::Result<Option<Vec<u8>>> {
     }
 }
 
+/// Reads the first `most` bytes of a file; `None` if there is no such file. This is for formats whose own reader refuses what is too
+/// long: it gets one byte more than it takes.
+///
+/// # Errors
+/// The file cannot be read.
+pub fn start_if_there(path: &Path, most: u64) -> io::Result<Option<Vec<u8>>> {
+    let mut bytes = Vec::new();
+    match File::open(path) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
+        other => other?.take(most).read_to_end(&mut bytes)?,
+    };
+    Ok(Some(bytes))
+}
+
 /// Reads what is left of a file or a stream, if that is at most `limit` bytes.
 ///
 /// # Errors
@@ -48,9 +62,11 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("key");
         assert_eq!(read_if_there(&path, 5).unwrap(), None);
+        assert_eq!(start_if_there(&path, 5).unwrap(), None);
         std::fs::write(&path, b"12345").unwrap();
         assert_eq!(read(&path, 5).unwrap(), b"12345");
         assert_eq!(read_if_there(&path, 5).unwrap().unwrap(), b"12345");
+        assert_eq!(start_if_there(&path, 3).unwrap().unwrap(), b"123");
         let error = read(&path, 4).unwrap_err();
         assert!(error.to_string().contains("more than 4 bytes"), "{error}");
     }

@@ -69,9 +69,9 @@ pub(crate) fn write_checkpoint(dir: &Path, text: &[u8]) -> Result<(), LedgerErro
     replace(&checkpoint(dir), text)
 }
 
-/// A small file's content, if the file exists.
+/// A small file's content, if the file exists. At most `limit` + 1 bytes are read, so that the caller can see that a file is too long.
 fn read(path: &Path, limit: usize) -> Result<Option<Vec<u8>>, LedgerError> {
-    bounded_file::read_if_there(path, limit as u64).map_err(io_error(path))
+    bounded_file::start_if_there(path, limit as u64 + 1).map_err(io_error(path))
 }
 
 fn replace(path: &Path, text: &[u8]) -> Result<(), LedgerError> {

@@ -333,11 +333,6 @@ impl Ledger {
         self.store.checkpoint(size)?.ok_or(missing)
     }
 
-    /// RFC 6962 consistency proof from the tree of the first `size` entries to the newest checkpoint's.
-    pub fn consistency(&self, size: u64) -> Result<Vec<Digest>, LedgerError> {
-        self.consistency_between(size, self.tree.size())
-    }
-
     /// RFC 6962 consistency proof from the tree of the first `old` entries to that of the first `new`.
     pub fn consistency_between(&self, old: u64, new: u64) -> Result<Vec<Digest>, LedgerError> {
         let proof = prove_tree(new, old, &self.store)?;

@@ -137,7 +137,7 @@ impl WitnessStore {
 }
 
 fn read(path: &Path) -> Result<Option<Vec<u8>>, WitnessError> {
-    bounded_file::read_if_there(path, MAX_NOTE_BYTES as u64).map_err(io_error(path))
+    bounded_file::start_if_there(path, MAX_NOTE_BYTES as u64 + 1).map_err(io_error(path))
 }
 
 /// The name of a log in the monitoring interface: the SHA-256 of its origin, in hexadecimal.

@@ -29,7 +29,7 @@ impl Console {
     pub fn new(log: File) -> Self {
         Self(Arc::new(Inner {
             log: Mutex::new(log),
-            bars: Bars::new(),
+            bars: Bars::default(),
             started: Instant::now(),
         }))
     }

@@ -2,10 +2,10 @@
 //! [`crate::published::mirror`] makes a ledger of them again.
 
 use crate::blobs::{BlobError, Blobs};
-use crate::error::LedgerError;
+use crate::error::{io_error, LedgerError};
 use crate::published::publication::{Content, Publication, PublicationError};
 use std::fs::{self, File};
-use std::io::{self, Read};
+use std::io::Read;
 use std::path::{Path, PathBuf};
 use zk0_files::{atomic_file, bounded_file};
 use zk0_protocol::tlog::checkpoint::{CheckpointError, MAX_NOTE_BYTES};
@@ -31,7 +31,7 @@ pub enum ExportError {
     /// The ledger publishes nothing.
     #[error(transparent)]
     Publication(#[from] PublicationError),
-    /// The ledger cannot be read.
+    /// The ledger cannot be read, or the export cannot be written.
     #[error(transparent)]
     Ledger(#[from] LedgerError),
     /// A blob does not have the digest in its name.
@@ -43,9 +43,6 @@ pub enum ExportError {
         path: PathBuf,
         error: CheckpointError,
     },
-    /// The file system failed.
-    #[error("{path}: {error}")]
-    Io { path: PathBuf, error: io::Error },
 }
 
 /// Writes what `view` publishes to `out`, or brings an older export of the same log up to date. The checkpoint is written last, so a
@@ -101,7 +98,7 @@ pub fn export(view: &Publication, out: &Path) -> Result<Exported, ExportError> {
 /// Refuses to change an export of another log, and an export that has more entries than the log has now.
 fn continues(view: &Publication, out: &Path) -> Result<(), ExportError> {
     let path = out.join(Resource::Checkpoint.to_string());
-    let there = bounded_file::read_if_there(&path, MAX_NOTE_BYTES as u64);
+    let there = bounded_file::start_if_there(&path, MAX_NOTE_BYTES as u64 + 1);
     let Some(text) = there.map_err(io_error(&path))? else {
         return Ok(());
     };
@@ -129,15 +126,8 @@ fn continues(view: &Publication, out: &Path) -> Result<(), ExportError> {
 }
 
 /// Writes a file, and the folders above it where they are missing.
-fn write(path: &Path, bytes: &[u8]) -> Result<(), ExportError> {
+fn write(path: &Path, bytes: &[u8]) -> Result<(), LedgerError> {
     fs::create_dir_all(atomic_file::folder_of(path))
         .and_then(|()| atomic_file::replace(path, bytes))
         .map_err(io_error(path))
-}
-
-fn io_error(path: &Path) -> impl FnOnce(io::Error) -> ExportError + '_ {
-    |error| ExportError::Io {
-        path: path.into(),
-        error,
-    }
 }

@@ -42,7 +42,7 @@ fn another_implementation_verifies_the_proofs() {
     }
     for size in 1..=ledger.size() {
         let old = oracle(&leaves[..size as usize]);
-        let proof = concat(&ledger.consistency(size).unwrap());
+        let proof = concat(&ledger.consistency_between(size, ledger.size()).unwrap());
         let proof = ConsistencyProof::<Sha256>::try_from_bytes(proof).unwrap();
         theirs
             .root()
