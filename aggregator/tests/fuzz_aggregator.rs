@@ -1,12 +1,5 @@
-//! What an aggregator reads of strangers, and an auditor of the disk: inputs that fuzzing found, read again; and the fuzzing
-//! itself, for as long as one likes:
-//!
-//! ```sh
-//! FUZZ_TARGET=record FUZZ_SECONDS=600 \
-//!     cargo test --release --workspace --test fuzz_aggregator -- --ignored --nocapture fuzzing_the_aggregator
-//! ```
-//!
-//! As `ledger/tests/fuzz.rs`, with the corpus in `aggregator/tests/corpus`.
+//! What an aggregator reads of strangers, and an auditor of the disk: inputs that fuzzing found, read again.
+//! They are in `tests/corpus/aggregator`, and `scripts/fuzz aggregator record 600` looks for more of one target.
 
 #[path = "../../lerobot/tests/allocations/mod.rs"]
 mod allocations;
@@ -16,20 +9,8 @@ mod harness;
 #[path = "fuzzing/targets.rs"]
 mod targets;
 
-use std::path::Path;
-
-fn corpus() -> &'static Path {
-    Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/corpus"))
-}
-
-/// The one test of this file that always runs: allocations are counted for the whole process.
+/// The one test of this file: allocations are counted for the whole process.
 #[test]
 fn what_fuzzing_the_aggregator_found_neither_panics_nor_allocates_out_of_proportion() {
-    fuzzing::read_again(corpus());
-}
-
-#[test]
-#[ignore = "runs for FUZZ_SECONDS and writes into aggregator/tests/corpus"]
-fn fuzzing_the_aggregator() {
-    fuzzing::fuzz(corpus());
+    fuzzing::read_again("aggregator");
 }

@@ -1,12 +1,5 @@
-//! What a node reads from a disk that may have damaged it: inputs that fuzzing found, read again;
-//! and the fuzzing itself, for as long as one likes:
-//!
-//! ```sh
-//! FUZZ_TARGET=base_losses FUZZ_SECONDS=600 \
-//!     cargo test --release --workspace --test fuzz_node -- --ignored --nocapture fuzzing_the_node
-//! ```
-//!
-//! As `ledger/tests/fuzz.rs`, with the corpus in `node/tests/corpus`.
+//! What a node reads from a disk that may have damaged it: inputs that fuzzing found, read again.
+//! They are in `tests/corpus/node`, and `scripts/fuzz node base_losses 600` looks for more of one target.
 
 #[path = "../../lerobot/tests/allocations/mod.rs"]
 mod allocations;
@@ -15,20 +8,8 @@ mod fuzzing;
 #[path = "fuzzing/targets.rs"]
 mod targets;
 
-use std::path::Path;
-
-fn corpus() -> &'static Path {
-    Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/corpus"))
-}
-
-/// The one test of this file that always runs: allocations are counted for the whole process.
+/// The one test of this file: allocations are counted for the whole process.
 #[test]
 fn what_fuzzing_the_node_found_neither_panics_nor_allocates_out_of_proportion() {
-    fuzzing::read_again(corpus());
-}
-
-#[test]
-#[ignore = "runs for FUZZ_SECONDS and writes into node/tests/corpus"]
-fn fuzzing_the_node() {
-    fuzzing::fuzz(corpus());
+    fuzzing::read_again("node");
 }

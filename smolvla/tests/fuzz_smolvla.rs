@@ -1,11 +1,5 @@
-//! Inputs that fuzzing found, read again; and the fuzzing itself, for as long as one likes:
-//!
-//! ```sh
-//! FUZZ_TARGET=policy_file FUZZ_SECONDS=600 cargo test --release -p zk0-smolvla --test fuzz_smolvla -- --ignored --nocapture
-//! ```
-//!
-//! It adds to `tests/fixtures/fuzz/<target>` one small input per outcome that is not there yet. It fails on a panic or an
-//! allocation out of proportion, and leaves such inputs there as well. The machinery is that of `lerobot/tests/fuzz_lerobot.rs`.
+//! What reads weights, caches and snapshots: inputs that fuzzing found, read again.
+//! They are in `tests/corpus/smolvla`, and `scripts/fuzz smolvla policy_file 600` looks for more of one target.
 
 #[path = "../../lerobot/tests/allocations/mod.rs"]
 mod allocations;
@@ -16,20 +10,8 @@ mod fuzzing;
 #[path = "fuzzing/targets.rs"]
 mod targets;
 
-use std::path::Path;
-
-fn corpora() -> std::path::PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/fixtures/fuzz")
-}
-
-/// The one test of this file that always runs: allocations are counted for the whole process.
+/// The one test of this file: allocations are counted for the whole process.
 #[test]
 fn inputs_found_by_fuzzing_neither_panic_nor_allocate_out_of_proportion() {
-    fuzzing::read_again(&corpora());
-}
-
-#[test]
-#[ignore = "runs for FUZZ_SECONDS and writes into tests/fixtures"]
-fn fuzzing() {
-    fuzzing::fuzz(&corpora());
+    fuzzing::read_again("smolvla");
 }

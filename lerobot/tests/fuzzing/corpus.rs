@@ -2,16 +2,30 @@
 
 use std::collections::BTreeSet;
 use std::fs;
+use std::panic::{catch_unwind, AssertUnwindSafe};
 use std::path::{Path, PathBuf};
-use std::time::Duration;
 
-use sha2::{Digest, Sha256};
+use super::run;
+use crate::targets::{target, Target, NAMES};
 
-use super::{explore, run};
-use crate::targets::{target, NAMES};
+/// What came of an input: the error without what is particular to the input, or `read`. `Err` is a finding.
+fn outcome(target: &mut Target, input: &[u8]) -> Result<String, String> {
+    let read = catch_unwind(AssertUnwindSafe(|| run(target, input)));
+    Ok(match read.map_err(|_| "a panic")?? {
+        Ok(()) => "read".into(),
+        Err(message) => class(&message),
+    })
+}
 
-/// Largest input that is kept.
-const MAX_KEPT: usize = 64 << 10;
+/// The message up to a quotation and without words that have a digit, so that one fault is one outcome.
+fn class(message: &str) -> String {
+    let end = message.find(['"', '`', '\'']).unwrap_or(message.len());
+    let words = message[..end].split(' ');
+    let words: Vec<&str> = words
+        .filter(|word| !word.contains(char::is_numeric))
+        .collect();
+    words.join(" ")
+}
 
 /// Inputs of a target by file name.
 fn corpus(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
@@ -26,9 +40,11 @@ fn corpus(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
         .collect()
 }
 
-/// Has every target read its seeds and the inputs in its folder in `root`. Fails on a panic or an allocation out of proportion;
-/// allocations are counted for the whole process, so nothing else may run.
-pub fn read_again(root: &Path) {
+/// Has every target read its seeds, and the inputs in `tests/corpus/<crate>/<target>`. Fails on a panic or an allocation out of
+/// proportion; allocations are counted for the whole process, so nothing else may run.
+pub fn read_again(of: &str) {
+    let root = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/corpus");
+    let root = Path::new(root).join(of);
     // Panics of libraries are caught, and not worth a line each.
     std::panic::set_hook(Box::new(|_| ()));
     let mut wrong = Vec::new();
@@ -36,13 +52,13 @@ pub fn read_again(root: &Path) {
         let mut target = target(name);
         let mut outcomes = BTreeSet::new();
         for (path, input) in corpus(&root.join(name)) {
-            match run(&mut target, &input) {
+            match outcome(&mut target, &input) {
                 Ok(outcome) => drop(outcomes.insert(outcome)),
                 Err(finding) => wrong.push(format!("{}: {finding}", path.display())),
             }
         }
         for seed in target.seeds.clone() {
-            let outcome = run(&mut target, &seed);
+            let outcome = outcome(&mut target, &seed);
             if outcome != Ok("read".into()) {
                 wrong.push(format!("{name}: a seed is not read: {outcome:?}"));
             }
@@ -54,51 +70,4 @@ pub fn read_again(root: &Path) {
     }
     let _ = std::panic::take_hook();
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
-}
-
-/// Fuzzes the target FUZZ_TARGET for FUZZ_SECONDS and adds what is new to its folder in `root`.
-pub fn fuzz(root: &Path) {
-    let var = |name: &str| std::env::var(name).unwrap_or_else(|_| panic!("set {name}"));
-    let name = var("FUZZ_TARGET");
-    let folder = root.join(&name);
-    let time = Duration::from_secs(var("FUZZ_SECONDS").parse().unwrap());
-    let seed = std::env::var("FUZZ_SEED").map_or(1, |s| s.parse().unwrap());
-    std::panic::set_hook(Box::new(|_| ()));
-    let mut target = target(&name);
-    let known: Vec<Vec<u8>> = corpus(&folder)
-        .into_iter()
-        .map(|(_, input)| input)
-        .collect();
-    let seen: BTreeSet<String> = known
-        .iter()
-        .filter_map(|input| run(&mut target, input).ok())
-        .collect();
-    let found = explore(&mut target, known, time, seed);
-    let _ = std::panic::take_hook();
-
-    fs::create_dir_all(&folder).unwrap();
-    let keep = |label: &str, input: &[u8]| {
-        let hash = hex::encode(&Sha256::digest(input)[..6]);
-        fs::write(folder.join(format!("{label}{hash}")), input).unwrap();
-    };
-    let mut new = 0;
-    for (outcome, input) in &found.outcomes {
-        if outcome != "read" && !seen.contains(outcome) && input.len() <= MAX_KEPT {
-            keep("", input);
-            new += 1;
-        }
-    }
-    found
-        .findings
-        .iter()
-        .for_each(|(_, input)| keep("finding-", input));
-    println!(
-        "{name}: {} runs in {} s, {} outcomes ({new} new), {} findings",
-        found.runs,
-        time.as_secs(),
-        found.outcomes.len(),
-        found.findings.len()
-    );
-    let findings: BTreeSet<&String> = found.findings.iter().map(|(finding, _)| finding).collect();
-    assert!(findings.is_empty(), "{findings:?}");
 }

@@ -118,7 +118,7 @@ fn a_file_too_many_is_seen_where_it_is_no_data() {
         ["ledger/tests holds 16 files; at most 15 are allowed"]
     );
     assert_eq!(crowded(&sixteen("ledger/tests")[1..]), [""; 0]);
-    assert_eq!(crowded(&sixteen("ledger/tests/corpus/rules")), [""; 0]);
+    assert_eq!(crowded(&sixteen("tests/corpus/ledger/rules")), [""; 0]);
 }
 
 #[test]
