@@ -38,7 +38,7 @@ fn a_clock_set_forward_opens_no_round_and_ends_none() {
     leapt(aggregator.enrol(id(2), "two".into()));
     assert_eq!(aggregator.state().entries(), entries);
     drop(aggregator);
-    // Started again with that clock, it is believed.
+    // When the operator starts it again with that clock, the aggregator believes the clock.
     let open =
         |clock: ManualClock| Aggregator::open(dir.path(), None, log_key(), Arc::new(clock), config);
     let behind = open(ManualClock::at(START_MS)).map(drop).unwrap_err();

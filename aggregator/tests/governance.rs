@@ -1,4 +1,4 @@
-//! What members say over the network becomes rules; what was accepted and is false is found out.
+//! What members say over the network becomes rules. The aggregator finds out that an accepted contribution is false.
 
 mod harness;
 
@@ -76,7 +76,7 @@ async fn a_vote_changes_the_next_round() -> Test {
     let action = Action::ChangeRules(Box::new(rules.clone()));
     let proposed = proposal(&network, &governor, 0, action.clone());
     let index = record(&network, &proposed).await?;
-    // Asked again, after a restart even, the same receipt; and no second entry.
+    // After a restart, the aggregator answers the same request with the index of the entry that exists already.
     network.restart().await;
     assert_eq!(record(&network, &proposed).await?, index);
     let stranger = proposal(&network, &first, 1, action);
@@ -102,7 +102,7 @@ async fn a_vote_changes_the_next_round() -> Test {
         network.genesis.rules
     );
 
-    // The vote's time is over in the middle of the round: it takes effect with the next.
+    // The voting ends in the middle of the round. The new rules take effect with the next round.
     network.clock.advance(VOTING_MS + 1);
     network.settle().await;
     assert!(network.round(Some(0)).await.closed.is_none());
@@ -122,7 +122,7 @@ async fn a_vote_changes_the_next_round() -> Test {
     let opened = at(|body| matches!(body, Body::RoundOpened(opened) if opened.round == 1));
     assert!(closed < settled && settled < opened);
     assert!(matches!(&bodies[opened], Body::RoundOpened(opened) if opened.rules == rules));
-    // Who is not listed is told so, and before it trains.
+    // The aggregator tells a node whether it is invited, before the node trains.
     let asked = |node: &Node| proto::GetRoundRequest {
         round: Some(1),
         node: node.id().0.to_vec(),
@@ -193,7 +193,7 @@ async fn a_node_goes_on_under_its_next_key() -> Test {
     Ok(())
 }
 
-/// A ledger whose aggregator accepted, in round 0, a proof that is none, from node 1; and is honest from then on.
+/// Makes a ledger whose aggregator accepted a false proof of node 1 in round 0, and has been honest since.
 fn with_a_false_contribution(
 ) -> Result<(tempfile::TempDir, Aggregator, u64), Box<dyn std::error::Error>> {
     let (dir, clock) = (tempfile::tempdir()?, Arc::new(ManualClock::at(START_MS)));
@@ -273,7 +273,7 @@ fn a_disputed_contribution_is_verified_again() -> Test {
     assert_eq!(earned(&aggregator), 0);
     let standing = aggregator.state().node(&node.id()).unwrap().standing;
     assert_eq!(standing, Standing::Suspended);
-    // Nobody is ready for another round.
+    // No node is ready for another round.
     assert_eq!(aggregator.step()?, Progress::Waiting);
     Ok(())
 }

@@ -1,4 +1,4 @@
-//! Floods, giants and quotas: limits act before work, and memory and disk stay bounded.
+//! The aggregator withstands floods, huge requests and full quotas. Limits act before any work, and memory and disk stay bounded.
 
 mod harness;
 
@@ -95,7 +95,7 @@ async fn an_endless_upload_is_cut_at_its_announced_size() -> Test {
         .upload(ReceiverStream::new(receiver))
         .await;
     refused(result, Code::ResourceExhausted, "the upload has");
-    // Whatever was on its way stops soon after: a few windows of HTTP/2, not a gigabyte.
+    // The upload stops soon after. A few windows of HTTP/2 are on their way by then, not a gigabyte.
     let sent = tokio::time::timeout(Duration::from_secs(10), endless).await??;
     assert!(sent < 20 << 20, "{sent} bytes were taken");
     assert_eq!(network.uploads(), 0);
@@ -147,7 +147,7 @@ async fn a_node_has_four_uploads_in_a_round() -> Test {
     for seed in 1..=4 {
         first.upload(&network, 0, &weights(seed)).await?;
     }
-    // One that is there already costs nothing.
+    // An upload of an update that is there already costs nothing.
     first.upload(&network, 0, &weights(4)).await?;
     refused(
         first.upload(&network, 0, &weights(5)).await,
@@ -174,7 +174,7 @@ async fn a_node_uploads_one_thing_at_a_time() -> Test {
     sender.send(part(Part::Data(slow[..100].to_vec()))).await?;
     let mut client = network.client().await;
     let waiting = tokio::spawn(async move { client.upload(ReceiverStream::new(receiver)).await });
-    // The slow upload has its place once its first bytes are on disk.
+    // The slow upload has taken its place when its first bytes are on disk.
     let unfinished = network.dir.path().join("uploads");
     for _ in 0..200 {
         match files(&unfinished) {

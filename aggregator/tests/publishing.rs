@@ -1,4 +1,4 @@
-//! A ledger published as files and over HTTP, read back by somebody who believes nothing, and replayed from what was read.
+//! The aggregator publishes its ledger as files and over HTTP. A reader who trusts nothing reads it back and replays it.
 
 mod harness;
 
@@ -32,7 +32,8 @@ fn key() -> VerifierKey {
     VerifierKey::new(Role::Log, &genesis.name, &genesis.log_key).unwrap()
 }
 
-/// A network with a round that is over, and the next one open with an update and a proof in it. Returns those two blobs.
+/// Makes a network whose first round is over and whose next round is open, with an update and a proof in it. Returns those two
+/// blobs.
 async fn busy() -> (Network, Digest, Digest) {
     let (network, first, second) = open_round().await;
     for (node, seed) in [(&first, 1), (&second, 2)] {
@@ -68,12 +69,12 @@ async fn an_export_outlives_the_ledger() {
     let (network, update, proof) = busy().await;
     let dir = network.dir.path();
     let (out, copy) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
-    // The aggregator is at work beside it.
+    // The aggregator works on the ledger at the same time.
     let done = export(&Publication::open(dir, None).unwrap(), out.path()).unwrap();
     let folder = Folder::at(out.path());
     assert_eq!(mirrored(&folder, copy.path()).unwrap(), done.entries);
     same_replay(dir, copy.path());
-    // All that is public is there, and nothing of the open round.
+    // The mirror holds all public blobs, and nothing of the open round.
     let blobs = Blobs::at(copy.path());
     assert!(blobs.contains(&blob_digest(b"no proof")));
     assert!(blobs.contains(&genesis().policy));
@@ -82,23 +83,23 @@ async fn an_export_outlives_the_ledger() {
         assert!(!Blobs::at(out.path()).contains(&private));
         assert!(!blobs.contains(&private));
     }
-    // Once more: nothing new.
+    // A second export finds nothing new.
     let again = export(&Publication::open(dir, None).unwrap(), out.path()).unwrap();
     assert_eq!((again.tiles, again.blobs), (0, 0));
     assert_eq!(mirrored(&folder, copy.path()).unwrap(), 0);
-    // The log goes on: export and mirror follow.
+    // The log grows, and the export and the mirror follow it.
     let second = Node::new(2);
     committed(&network, &second, 1, 4).await;
     export(&Publication::open(dir, None).unwrap(), out.path()).unwrap();
     assert_eq!(mirrored(&folder, copy.path()).unwrap(), 1);
     same_replay(dir, copy.path());
-    // A mirror's mirror, from its folder.
+    // A mirror can be mirrored from its folder.
     let third = tempfile::tempdir().unwrap();
     mirrored(&Publication::open(copy.path(), None).unwrap(), third.path()).unwrap();
     same_replay(dir, third.path());
 }
 
-/// Two ledgers with one key, alike for `shared` entries and different after that.
+/// Makes two ledgers of one log key. Their first entries are the same, and the later ones differ.
 fn forked(ours: &Path, other: &Path) {
     let enrol = |ledger: &mut Ledger, node: u8| {
         let node = Node::new(node).id();
@@ -128,7 +129,7 @@ fn a_mirror_follows_no_fork_and_no_rollback() {
         fs::read(copy.join("checkpoint")).unwrap(),
         fs::read(out.join("checkpoint")).unwrap(),
     );
-    // Another history under the same key.
+    // The same key signs another history.
     let error = mirrored(&view(other), copy).unwrap_err();
     assert!(
         matches!(error, MirrorError::Published(PublishedError::Forked { .. })),
@@ -139,7 +140,7 @@ fn a_mirror_follows_no_fork_and_no_rollback() {
         matches!(error, ExportError::Ledger(LedgerError::Forked { .. })),
         "{error}"
     );
-    // Less than there was.
+    // The log is shorter than before.
     let short = tempfile::tempdir().unwrap();
     drop(Ledger::create(short.path(), genesis(), log_key(), START_MS).unwrap());
     let error = mirrored(&view(short.path()), copy).unwrap_err();
@@ -161,7 +162,7 @@ fn a_mirror_follows_no_fork_and_no_rollback() {
     );
     assert_eq!(before, after);
     assert_eq!(replay(copy, None, &mut ()).verdict, Verdict::Verified);
-    // A second operator: another key under the same name.
+    // A second operator has another key under the same name.
     let theirs = tempfile::tempdir().unwrap();
     let secret = ed25519_dalek::SigningKey::from_bytes(&[43; 32]);
     let mut genesis = genesis();
@@ -170,7 +171,7 @@ fn a_mirror_follows_no_fork_and_no_rollback() {
     assert!(mirrored(&view(theirs.path()), copy).is_err());
     let opened = PublishedLog::open(&view(theirs.path()), &key(), &WitnessPolicy::none()).map(drop);
     assert!(matches!(opened, Err(PublishedError::Checkpoint(_))));
-    // And a mirror whose database went back behind its own checkpoint.
+    // A mirror is refused if its database is older than its own checkpoint.
     let text = fs::read(copy.join("checkpoint")).unwrap();
     let back = tempfile::tempdir().unwrap();
     mirrored(&view(short.path()), back.path()).unwrap();
@@ -182,7 +183,7 @@ fn a_mirror_follows_no_fork_and_no_rollback() {
     );
 }
 
-/// A log whose newest tree holds other entries than it signed one by one, or blobs that are not what their names say.
+/// A mirror refuses a log whose files are damaged or come from another history, and a blob that does not match its name.
 #[test]
 fn a_mirror_takes_nothing_on_trust() {
     let dirs: Vec<_> = (0..3).map(|_| tempfile::tempdir().unwrap()).collect();
@@ -216,7 +217,7 @@ fn a_mirror_takes_nothing_on_trust() {
             );
         }
     }
-    // A blob that is not what its name says.
+    // This blob does not match its name.
     let blob = b"the whole initial policy".to_vec();
     Blobs::at(ours).put(&blob).unwrap();
     let out = out.join("blob");
@@ -236,7 +237,7 @@ fn a_damaged_ledger_is_not_published() {
     let [ours, other] = [0, 1].map(|at| dirs[at].path());
     forked(ours, other);
     Publication::open(ours, None).unwrap();
-    // The other history under this one's checkpoint, and a shorter one.
+    // First the other history, then a shorter one, lies under this ledger's checkpoint.
     fs::rename(ours.join("log"), ours.join("away")).unwrap();
     fs::rename(other.join("log"), ours.join("log")).unwrap();
     let opened = Publication::open(ours, None)
@@ -301,7 +302,7 @@ async fn a_served_log_is_read_while_it_grows() {
     committed(&network, &Node::new(2), 1, 4).await;
     assert_eq!(fetch(url.clone(), to.clone()).await.unwrap(), 1);
     same_replay(&dir, &to);
-    // How long things may be kept.
+    // The server says how long clients may keep each file.
     let size = replay(&dir, None, &mut ()).entries;
     for (path, kind, cache) in [
         (
@@ -347,11 +348,11 @@ async fn a_served_log_is_read_while_it_grows() {
             "{path}: {head}"
         );
     }
-    // The policy is one that a verifier can use.
+    // A verifier can use the policy that the server gives.
     let policy = get(&address, "zk0/policy").await;
     let policy = WitnessPolicy::parse(policy.split("\r\n\r\n").nth(1).unwrap()).unwrap();
     assert_eq!(policy.logs(), [key()]);
-    // What is not there, or not yet, or nobody's to read.
+    // The server answers 404 for files that do not exist, do not exist yet, or are private.
     for path in [
         "",
         "checkpoint/",
@@ -388,7 +389,7 @@ async fn a_server_of_files_has_limits() {
         body: 10,
     };
     let (address, _server) = served(dir.path(), limits).await;
-    // A head that is too long, or never ends; a body that is too long, or never comes.
+    // The server refuses a head that is too long or never ends, and a body that is too long or never comes.
     let long = format!(
         "GET /checkpoint HTTP/1.1\r\nx: {}\r\n\r\n",
         "y".repeat(40_000)
@@ -401,7 +402,7 @@ async fn a_server_of_files_has_limits() {
     assert!(raw(&address, body).await.starts_with("HTTP/1.1 413"));
     let silent = "POST /checkpoint HTTP/1.1\r\nhost: x\r\ncontent-length: 5\r\n\r\n";
     assert!(raw(&address, silent).await.starts_with("HTTP/1.1 408"));
-    // Two who only hold their places: the third waits, and is served when they are shown out.
+    // Two clients take both places and send nothing. A third client waits, and is served when the server closes their connections.
     let _first = TcpStream::connect(&address).await.unwrap();
     let _second = TcpStream::connect(&address).await.unwrap();
     let answer = tokio::time::timeout(Duration::from_secs(10), get(&address, "checkpoint")).await;

@@ -1,4 +1,5 @@
-//! What a stranger, a cheat or a late node is told, over the network, and what of it goes on the ledger.
+//! The aggregator tells strangers, cheats and late nodes over the network why it refuses them. These tests also show which refusals
+//! the ledger records.
 
 mod harness;
 
@@ -126,7 +127,7 @@ async fn statements_for_another_network_or_round_are_turned_away() -> Test {
         "round 1",
     );
     first.commit(&network, 0, &update).await?;
-    // What was signed for elsewhere can be replayed by anyone: it must not use up the node's one submission.
+    // Anyone can replay what the node signed for another network or round. Such a replay must not use up the node's one submission.
     let before = network.entries().await.len();
     let mut claim = first.claim(&network).await;
     claim.terms.network = elsewhere;
@@ -342,7 +343,7 @@ async fn a_second_submission_is_refused_the_same_one_is_answered_again() -> Test
 
 #[tokio::test(flavor = "multi_thread")]
 async fn other_bytes_than_the_node_signed_leave_no_trace() -> Test {
-    // Someone between the node and the aggregator swaps the proof: that must not cost the node its submission.
+    // Somebody between the node and the aggregator swaps the proof. This must not cost the node its submission.
     let (network, first, _) = open_round().await;
     committed(&network, &first, 0, 1).await;
     let submission = first.submission(first.claim(&network).await, b"proof");
@@ -421,7 +422,7 @@ async fn bytes_that_are_no_statement_are_named() -> Test {
             "commitment",
         );
     }
-    // A byte more than the statement is not the statement.
+    // A statement with one more byte is refused.
     let mut commitment = borsh::to_vec(&Signed::new(
         first.commitment(&network.genesis.network_id(), 0, &weights(1)),
         &first.key,

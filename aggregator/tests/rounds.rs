@@ -1,4 +1,4 @@
-//! Rounds open and close in time, blobs become public in time, and a killed aggregator goes on where it was.
+//! Rounds open and close in time, blobs become public in time, and a killed aggregator goes on after a restart.
 
 mod harness;
 
@@ -55,10 +55,10 @@ async fn a_round_closes_early_when_everyone_is_decided() -> Test {
     let Body::RoundClosed(closed) = entry.body else {
         panic!("{entry:?}");
     };
-    // Nobody contributed: the weights stay.
+    // No contribution was accepted, so the weights stay the same.
     assert_eq!(closed.global, network.genesis.initial);
     assert_eq!(closed.contributors, []);
-    // The next round is open, on the same weights.
+    // The next round is open and starts from the same weights.
     let (_, _, entry) = network.opened(network.round(None).await.opened.ok_or("not open")?);
     assert!(
         matches!(entry.body, Body::RoundOpened(opened) if opened.round == 1 && opened.base == closed.global)
@@ -167,17 +167,17 @@ async fn nothing_acknowledged_is_lost_when_the_aggregator_is_killed() -> Test {
     network.restart().await;
 
     assert_eq!(network.entries().await, entries);
-    // What was acknowledged is acknowledged again, word for word.
+    // After the restart, the aggregator answers the same requests with exactly the same bytes.
     assert_eq!(first.commit(&network, 0, &update).await?, committed);
     assert_eq!(first.submit(&network, claim, b"no proof").await?, decided);
-    // What is private stays private.
+    // The private update stays private.
     let blob = blob_digest(&update);
     refused(
         network.download(blob).await,
         Code::PermissionDenied,
         "private",
     );
-    // The round goes on: the second node commits to what it uploaded before, and is decided.
+    // The round goes on. The second node commits to the update that it uploaded before, and its submission is decided.
     second.commit(&network, 0, &weights(2)).await?;
     let claim = second.claim(&network).await;
     second.submit(&network, claim, b"no proof").await?;
@@ -189,7 +189,7 @@ async fn nothing_acknowledged_is_lost_when_the_aggregator_is_killed() -> Test {
 
 #[test]
 fn a_submission_after_the_deadline_of_an_open_round_is_recorded_as_late() -> Test {
-    // The aggregator alone, without the timer that would close the round at once.
+    // This aggregator runs without the timer that would close the round at once.
     let (dir, node) = (tempfile::tempdir()?, Node::new(1));
     let clock = Arc::new(ManualClock::at(START_MS));
     let config = Config {

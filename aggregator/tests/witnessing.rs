@@ -1,4 +1,5 @@
-//! Nothing is published before a quorum of witnesses has cosigned it; entries are safe all the same.
+//! The aggregator publishes nothing before a quorum of witnesses has cosigned it. Entries are safe on disk even without the
+//! witnesses.
 
 mod harness;
 
@@ -30,7 +31,7 @@ fn log() -> VerifierKey {
     VerifierKey::new(Role::Log, &genesis().name, &genesis().log_key).unwrap()
 }
 
-/// A witness on loopback, which can be stopped and started again where it was.
+/// A witness on loopback. A test can stop it and start it again at the same address.
 struct Running {
     number: u8,
     dir: TempDir,
@@ -60,7 +61,7 @@ impl Running {
         let store = loop {
             match WitnessStore::open(self.dir.path(), self.cosigner(), vec![log()]) {
                 Ok(store) => break store,
-                // The stopped one lets go when its last request is through.
+                // The stopped witness releases its folder when its last request has ended.
                 Err(_) if tries < 100 => tries += 1,
                 Err(error) => panic!("{error}"),
             }
@@ -87,7 +88,7 @@ impl Running {
     }
 }
 
-/// Three witnesses, and the policy that wants two of them.
+/// Starts three witnesses, and returns them with a policy that asks for two of them.
 async fn three() -> ([Running; 3], WitnessPolicy) {
     let witnesses = [
         Running::start(0).await,
@@ -115,7 +116,7 @@ async fn receipts_wait_for_the_quorum_and_entries_do_not() {
     let dir = network.dir.path().to_owned();
     network.policy = Some(policy.clone());
     network.restart().await;
-    // All three there, then one gone: a receipt comes, and what it is about is published by then.
+    // At first all three witnesses run, then one is stopped. Receipts still come, and their entries are published by then.
     let receipt = first.register(&network).await.unwrap();
     assert!(published(&dir) > receipt.index);
     witnesses[0].off().await;
@@ -125,7 +126,7 @@ async fn receipts_wait_for_the_quorum_and_entries_do_not() {
     let proof = log_at.prove(2).unwrap();
     let (witnessed, _) = proof.verify(&log(), &policy).unwrap();
     assert_eq!(witnessed.cosigners.len(), 2);
-    // Two gone: the entry is on disk, the receipt and the checkpoint are not out.
+    // With two witnesses stopped, the entry is on disk, but the receipt and the checkpoint are not published.
     witnesses[1].off().await;
     let before = (published(&dir), fs::read(dir.join("cosigned")).unwrap());
     let third = Node::new(3);
@@ -150,7 +151,7 @@ async fn receipts_wait_for_the_quorum_and_entries_do_not() {
         (published(&dir), fs::read(dir.join("cosigned")).unwrap())
     );
     assert!(entries.len() as u64 > before.0);
-    // Nor does any other answer show more than is published.
+    // No other answer shows more than what is published.
     let request = zk0_protocol::rpc::federation::GetNetworkRequest {};
     let info = network
         .client()
@@ -163,7 +164,7 @@ async fn receipts_wait_for_the_quorum_and_entries_do_not() {
         info.checkpoint.lines().nth(1),
         Some(before.0.to_string().as_str())
     );
-    // Killed and started again without the witnesses: still nothing new.
+    // The aggregator is killed and starts again without the witnesses. Still nothing new is published.
     network.restart().await;
     refused(
         third.register(&network).await,
@@ -171,14 +172,14 @@ async fn receipts_wait_for_the_quorum_and_entries_do_not() {
         "too few witnesses",
     );
     assert_eq!(before.0, published(&dir));
-    // One comes back: asked again, the same entry gets its receipt.
+    // One witness comes back. The same request now gets the receipt of the same entry.
     witnesses[1].on().await;
     let receipt = third.register(&network).await.unwrap();
     assert_eq!(receipt.index, entries.len() as u64 - 1);
     assert!(published(&dir) > receipt.index);
 }
 
-/// Registers a node's dataset; what it is about is published when the receipt is there.
+/// Registers a node's dataset, and checks that the entry is published when the receipt comes.
 async fn registered(network: &Network, node: &Node, dir: &Path) {
     let receipt = node.register(network).await.unwrap();
     assert!(published(dir) > receipt.index);
@@ -209,7 +210,7 @@ async fn a_round_that_is_not_published_is_not_shown() {
     assert_eq!(network.round(Some(0)).await.opened, None);
     witnesses[0].on().await;
     second.register(&network).await.unwrap();
-    // What is newest is cosigned within a moment, asked for or not.
+    // The newest checkpoint is cosigned soon, even if nobody asks for it.
     let mut tries = 0;
     while network.round(None).await.opened.is_none() {
         tries += 1;
@@ -253,7 +254,7 @@ fn enrol(ledger: &mut Ledger, node: u8) {
         .unwrap();
 }
 
-/// A ledger of genesis and these nodes.
+/// Makes a ledger that holds the genesis and the enrolments of these nodes.
 fn ledger(dir: &Path, nodes: &[u8]) -> Ledger {
     let (mut ledger, _) = Ledger::create(dir, genesis(), log_key(), START_MS).unwrap();
     nodes.iter().for_each(|node| enrol(&mut ledger, *node));
@@ -292,7 +293,8 @@ async fn a_forked_or_rolled_back_log_gets_no_quorum() {
     let honest = Arc::new(ledger(dirs[0].path(), &[1, 2, 3, 4]));
     let note = cosigned(&policy, &honest).await.unwrap();
     policy.open(&note, &log()).unwrap();
-    // The same size with another entry; more entries on top of that; and after all witnesses were restarted.
+    // One fork has the same size and another entry. Another fork has more entries on top of that. The second pass tries both after
+    // all witnesses were restarted.
     let forked = Arc::new(ledger(dirs[1].path(), &[1, 2, 9, 4]));
     let longer = Arc::new(ledger(dirs[2].path(), &[1, 2, 9, 4, 5, 6]));
     let shorter = Arc::new(ledger(dirs[3].path(), &[1, 2]));
@@ -301,7 +303,7 @@ async fn a_forked_or_rolled_back_log_gets_no_quorum() {
             let why = why(cosigned(&policy, fork).await.unwrap_err());
             assert!(why.contains(status), "{why}");
         }
-        // Rolled back: the witnesses have seen more.
+        // The witnesses have seen more than this shorter log holds.
         let why = why(cosigned(&policy, &shorter).await.unwrap_err());
         assert!(why.contains("rolled back"), "{why}");
         for witness in &mut witnesses {
@@ -309,7 +311,7 @@ async fn a_forked_or_rolled_back_log_gets_no_quorum() {
             witness.on().await;
         }
     }
-    // The honest one goes on.
+    // The honest log goes on.
     let Ok(mut honest) = Arc::try_unwrap(honest) else {
         panic!("still in use");
     };
@@ -323,7 +325,7 @@ async fn a_witness_that_answers_nonsense_or_not_at_all_costs_no_more_than_the_de
     let (mut witnesses, _) = three().await;
     let dir = tempfile::tempdir().unwrap();
     let ledger = Arc::new(ledger(dir.path(), &[1]));
-    // W0 accepts connections and says nothing; W1 signs with another key than the policy says.
+    // W0 accepts connections and says nothing. W1 signs with another key than the policy names.
     witnesses[0].off().await;
     let mute = TcpListener::bind(&witnesses[0].address).await.unwrap();
     let stranger = SigningKey::from_bytes(&[77; 32]);
@@ -344,7 +346,7 @@ async fn a_witness_that_answers_nonsense_or_not_at_all_costs_no_more_than_the_de
         "{:?}",
         begun.elapsed()
     );
-    // Where one is enough, nobody waits for the mute one.
+    // If one witness is enough, the aggregator does not wait for the silent one.
     let one = WitnessPolicy::parse(&format!("{lines}group g any W0 W1 W2\nquorum g\n")).unwrap();
     let begun = std::time::Instant::now();
     cosigned(&one, &ledger).await.unwrap();
@@ -359,7 +361,7 @@ async fn a_witness_that_answers_nonsense_or_not_at_all_costs_no_more_than_the_de
     assert!(matches!(error, CosigningError::NoAddress(_)));
 }
 
-/// The witness' own HTTP interface, as any client of the specification sees it.
+/// Speaks to the witness over HTTP as any client of the specification does.
 #[tokio::test(flavor = "multi_thread")]
 async fn a_witness_speaks_the_protocol() {
     let (witnesses, policy) = three().await;
@@ -367,7 +369,7 @@ async fn a_witness_speaks_the_protocol() {
     let honest = Arc::new(ledger(dir.path(), &[1, 2, 3]));
     cosigned(&policy, &honest).await.unwrap();
     let base = format!("http://{}", witnesses[1].address);
-    // W1 may be the one that nobody waited for: ask it by itself.
+    // Nobody may have waited for W1 before, so this request asks W1 alone.
     let alone = WitnessPolicy::parse(&format!("{}quorum W1\n", witnesses[1].line())).unwrap();
     cosigned(&alone, &honest).await.unwrap();
     let checkpoint = honest.checkpoint().to_vec();

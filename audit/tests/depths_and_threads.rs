@@ -1,4 +1,4 @@
-//! Audits, light and full, by one thread or several, at once or bit by bit: they find the same.
+//! Light and full audits, with one thread or several, in one run or in parts, find the same.
 
 #[path = "../../aggregator/tests/harness/mod.rs"]
 mod harness;
@@ -110,7 +110,7 @@ fn a_light_audit_verifies_proofs_and_reads_no_weights() {
     assert_eq!(checked.proofs, everything.proofs);
     assert_eq!((checked.updates, checked.datasets), (0, 0));
     assert!(checked.not_checked >= 5);
-    // A line for each kind, not for each check.
+    // The report has one line for each kind of check that was left out.
     let mut kinds: Vec<_> = notes(&light)
         .iter()
         .map(|text| text.split(": ").nth(1))
@@ -119,7 +119,7 @@ fn a_light_audit_verifies_proofs_and_reads_no_weights() {
     kinds.dedup();
     assert_eq!(kinds.len(), notes(&light).len());
     assert!(notes(&light).len() <= 8);
-    // It says the same when nothing but proofs is there, and when weights are wrong; the full one does not.
+    // A light audit finds the same when all blobs but the proofs are damaged or missing. A full audit fails when they are damaged.
     let proofs = proofs(dir.path());
     let blobs = blobs(dir.path());
     for blob in blobs.iter().filter(|blob| !proofs.contains(blob)) {
@@ -136,7 +136,7 @@ fn a_light_audit_verifies_proofs_and_reads_no_weights() {
     assert!(notes(&without)
         .iter()
         .any(|note| note.contains("not at hand")));
-    // A proof is wanted by either.
+    // Both kinds of audits need the proof.
     fs::write(accepted_proof(dir.path()), b"changed").unwrap();
     assert_eq!(
         audit(dir.path(), Depth::Light, 2).0.verdict,
@@ -167,7 +167,7 @@ fn several_threads_find_what_one_finds_in_blobs_too() {
         same("a missing blob");
         fs::write(&blob, whole).unwrap();
     }
-    // Two faults at once, in their order.
+    // All proofs are damaged at once. The faults come in the order of their entries.
     for blob in proofs(dir.path()) {
         fs::write(blob, b"no proof").unwrap();
     }
@@ -211,7 +211,7 @@ fn cut(dir: &Path, size: u64, checkpoint: &[u8]) {
     fs::write(folder::checkpoint(dir), checkpoint).unwrap();
 }
 
-/// Audits `dir` and remembers it in `file`, from where an earlier audit left off if there was one.
+/// Audits `dir` and remembers the result in `file`. If `file` holds an earlier audit, goes on from there.
 fn go_on(dir: &Path, depth: Depth, file: &Path) -> Result<(Report, Checked), String> {
     let from = Saved::read(file).unwrap();
     let mut auditor = match &from {
@@ -246,7 +246,7 @@ fn an_audit_in_two_parts_ends_as_one_wherever_it_is_parted() {
             let then = go_on(whole.path(), depth, &file).unwrap();
             assert_eq!(then, expected, "parted at {size}");
         }
-        // Entry for entry, in one memory.
+        // The audit goes on checkpoint by checkpoint, always with the same state file.
         let scratch = tempfile::tempdir().unwrap();
         let file = scratch.path().join("state");
         for (size, text) in &parts {
@@ -277,7 +277,7 @@ fn a_proof_that_goes_missing_before_its_round_closes_is_missed() {
     let (part, scratch) = (copy_of(whole.path()), tempfile::tempdir().unwrap());
     let file = scratch.path().join("state");
     cut(part.path(), size, &text);
-    // While its round is open, its aggregator alone has it.
+    // While the round is open, only its aggregator has the proof.
     let proof = &accepted_proof(part.path());
     let bytes = fs::read(proof).unwrap();
     let name = proof.file_name().unwrap();
@@ -288,7 +288,7 @@ fn a_proof_that_goes_missing_before_its_round_closes_is_missed() {
         .iter()
         .any(|note| note.contains("once its round closes"));
     assert!(open, "{:?}", first.findings);
-    // Then it has to be there.
+    // After the round has closed, the proof has to be there.
     let kept = fs::read(&file).unwrap();
     let place = whole.path().join("blobs/sha256").join(name);
     fs::remove_file(&place).unwrap();
@@ -323,7 +323,7 @@ async fn what_is_not_checked_is_counted_by_kind() -> Test {
     assert_eq!(auditor.checked().refusals, 2, "proofs were looked at");
     // The rules say that nobody contributed, so there is no average to leave out.
     assert!(!left_out.contains_key(&(What::Averages, Why::Light)));
-    // With the evidence gone: once more a line for both.
+    // The evidence is gone. The report has one line for both refusals.
     fs::remove_file(Blobs::at(dir).path(&zk0_verifier::blob_digest(b"no proof")))?;
     let mut auditor = Auditor::new(Depth::Light);
     replay(dir, None, &mut auditor);
@@ -354,7 +354,7 @@ async fn a_dispute_is_decided_as_verification_says() -> Test {
         Ok(())
     };
     network.service().with(put).await?;
-    // Whoever holds the log's key accepts what does not verify, and decides as he likes when it is disputed.
+    // An operator who holds the log's key accepts a contribution that does not verify, and decides as he likes when it is disputed.
     let unknown = |first: &[u8; 4]| {
         Refusal::MalformedProof(format!(
             "unknown kind of proof {}",
@@ -407,7 +407,7 @@ async fn a_dispute_is_decided_as_verification_says() -> Test {
         });
         assert_eq!(said, !holds, "{:?}", report.findings);
         assert_eq!(auditor.checked().disputes, u64::from(holds));
-        // In two parts, with the contribution in the first.
+        // The audit runs in two parts, and the contribution is in the first part.
         let scratch = tempfile::tempdir()?;
         let file = scratch.path().join("state");
         let part = copy_of(dir.path());

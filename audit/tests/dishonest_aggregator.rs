@@ -62,7 +62,7 @@ async fn the_history_replays_and_refusals_are_found_to_be_right() -> Test {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn an_audit_finds_what_a_dishonest_aggregator_records() -> Test {
-    // The ledger's own rules cannot see into proofs and blobs; whoever holds the log's key can write these entries.
+    // The ledger's own rules do not look into proofs and blobs, so anyone who holds the log's key can write these entries.
     let cases: [(&str, fn(Signed<Submission>) -> Body); 3] = [
         ("was accepted, but", Body::ContributionAccepted),
         (

@@ -57,7 +57,7 @@ fn agrees_with_direct_on_a_thousand_small_models() {
             max_prefix: pick(2, 6),
         };
         let input = honest(&EvalSpec::new(dims), 3, 1, seed).input;
-        // Sometimes the calmer copy of a random model is not better. Then both modes say so.
+        // Sometimes the calmer copy of a random model is not better. Then both modes refuse the claim.
         let direct = check(&input);
         let hinted = HintedInput::of(&input).unwrap();
         let buffers = hinted.to_buffers();
@@ -83,8 +83,8 @@ fn an_honest_claim_is_accepted() {
     assert!(matches!(claim.losses, Losses::Disclosed { .. }));
 }
 
-/// Changes one hinted sum, every one of them in turn. The cheat draws the seed again from the hints, as the protocol does; a
-/// careless cheat keeps the seed.
+/// Changes every hinted sum in turn. The cheat draws the seed again from the hints, as the protocol does. A careless cheat keeps
+/// the seed.
 #[test]
 fn no_hinted_product_can_be_changed() {
     let honest = honest(&EvalSpec::micro(), 3, 1, 1);
@@ -100,7 +100,7 @@ fn no_hinted_product_can_be_changed() {
                 _ => &mut cheat.update.hints[0],
             };
             let sum = &mut hints.sums_mut()[index];
-            // Half of them by as little as possible, half by anything.
+            // Half of the changes are as small as possible. The other half are arbitrary.
             let by = match random.bits() % 4 {
                 0 => 1,
                 1 => -1,
@@ -146,7 +146,7 @@ fn hints_too_few_or_too_many_are_refused() {
     assert!(check_hinted(&cheat).is_err());
 }
 
-/// Projections are not part of the transcript: they follow from it, and the verifier recomputes them.
+/// The seed is not drawn from the projections. They follow from it, and the verifier recomputes them.
 #[test]
 fn no_projection_can_be_changed() {
     let (honest, hinted) = micro();
@@ -162,7 +162,7 @@ fn no_projection_can_be_changed() {
             assert!(accepted(&honest, &cheat).is_err(), "limb {index}");
         }
     }
-    // With the modulus added, an element is the same number. The digest tells the two representations apart.
+    // With the modulus added, a field element stays the same number. The digest tells the two representations apart.
     let mut cheat = hinted.clone();
     let element = &mut cheat.update.projections.to_mut()[..3];
     element[2] += 1 << 35;
@@ -170,7 +170,8 @@ fn no_projection_can_be_changed() {
     assert!(accepted(&honest, &cheat).is_err());
 }
 
-/// Products of other weights than those of the file: consistent in themselves, and refused by the verifier.
+/// The products belong to other weights than those of the file. They are consistent with one another, but the verifier refuses
+/// them.
 #[test]
 fn hints_of_other_weights_are_refused() {
     let spec = EvalSpec::micro();
@@ -198,7 +199,7 @@ fn no_gain_or_bias_can_be_changed() {
         let Ok(parameters) =
             zk0_circuits::model::parameters::Parameters::from_bytes(spec, &changed)
         else {
-            continue; // a scale out of bounds, or padding
+            continue; // The scale is out of bounds, or this is padding
         };
         let mut cheat = hinted.clone();
         cheat.update.parameters = parameters;
@@ -259,7 +260,7 @@ fn no_sample_index_or_path_can_be_changed() {
     }
 }
 
-/// Every value of a sample: the frozen prefix's keys and values, actions, padding.
+/// Changes the values of a sample: the frozen prefix's keys and values, the actions and the padding.
 #[test]
 fn no_value_of_a_sample_can_be_changed() {
     let (honest, hinted) = micro();
@@ -270,7 +271,8 @@ fn no_value_of_a_sample_can_be_changed() {
         let mut changed = bytes.clone();
         changed[at] ^= 1;
         let Ok((sample, _)) = Sample::split_from(&hinted.header.spec.dims, &changed) else {
-            continue; // another prefix, padding that is neither 0 nor 1
+            // The prefix has another length, or the padding is neither 0 nor 1.
+            continue;
         };
         let mut cheat = hinted.clone();
         cheat.openings[0].sample = sample;
@@ -282,7 +284,7 @@ fn no_value_of_a_sample_can_be_changed() {
     assert!(evaluated > 400, "only {evaluated} values could be changed");
 }
 
-/// Noise and flow times are not hinted but drawn: products under those of another challenge do not fit.
+/// The noise and the flow times are drawn, not hinted. Products of another challenge do not fit.
 #[test]
 fn products_under_other_noise_are_refused() {
     let (honest, hinted) = micro();

@@ -73,10 +73,10 @@ impl Workspace {
         let here = Path::new(env!("CARGO_MANIFEST_DIR"));
         let root = here.parent().expect("the crate is in a workspace");
         let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("deletion");
-        // What the crate is built from.
+        // The crate is built from these folders.
         for name in ["src", "tables", "elf"] {
             let (from, to) = (here.join(name), folder.join("circuits").join(name));
-            let _ = fs::remove_dir_all(&to); // of an earlier run
+            let _ = fs::remove_dir_all(&to); // An earlier run may have left this folder
             copy_folder(&from, &to);
         }
         let manifest = read(&here.join("Cargo.toml"));
@@ -84,7 +84,7 @@ impl Workspace {
         let program = here.join("tests/cheats/program.rs");
         let manifest = CHEATS_MANIFEST.to_string() + &format!("path = {program:?}\n");
         write(&folder.join("cheats/Cargo.toml"), manifest);
-        // The versions of dependencies are the workspace's. Only the members differ.
+        // The dependencies have the versions of the workspace. Only the members differ.
         let manifest = read(&root.join("Cargo.toml"));
         let members = manifest.lines().find(|line| line.starts_with("members = "));
         let members = members.expect("a line 'members = …' in the workspace's Cargo.toml");
@@ -97,7 +97,7 @@ impl Workspace {
         }
     }
 
-    /// The file in which a check is, whole.
+    /// Returns the whole text of the file that holds a check.
     fn source(&self, deletion: &Deletion) -> String {
         read(&self.sources.join(deletion.file))
     }

@@ -11,7 +11,7 @@ use zk0_circuits::model::eval::evaluate;
 use zk0_circuits::model::spec::Dims;
 use zk0_circuits::{Digest, EvalSpec};
 
-/// Relative error of the loss over `count` samples; and the worst of single samples.
+/// Returns the relative error of the loss over `count` samples, and the worst error of a single sample.
 fn fidelity(spec: &EvalSpec, tensors: &Tensors, random: &mut Random, count: usize) -> (f64, f64) {
     let weights = quantise(spec, tensors);
     let scale = (1u64 << spec.action) as f64;
@@ -52,7 +52,7 @@ fn random_micro_models() {
 
 #[test]
 fn structured_weights() {
-    // A few large channels beside small ones, as trained models have them: the worst case for one scale per tensor.
+    // A few channels are much larger than the others, as in trained models. This is the worst case for one scale per tensor.
     let spec = EvalSpec::micro();
     let mut random = Random(2);
     let mut tensors = tensors(&spec, &mut random, 0.7);
@@ -176,7 +176,7 @@ fn normal_below(x: f64) -> f64 {
 
 #[test]
 fn drawn_noise_and_times_follow_their_distributions() {
-    // Every table entry is the quantile that its index stands for.
+    // Every table entry is the quantile that belongs to its index.
     for index in 0..2048u16 {
         let probability = 0.5 + (index as f64 + 0.5) / 4096.0;
         let (low, high) = (

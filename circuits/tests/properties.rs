@@ -73,7 +73,7 @@ proptest! {
         let len = bytes.len();
         bytes[at % len] = byte;
         if let Ok(spec) = EvalSpec::decode(&bytes) {
-            // What is accepted can be evaluated, or says why not.
+            // An accepted specification can be evaluated, or the evaluation returns an error.
             if spec.dims == Dims::MICRO {
                 let honest = honest(&EvalSpec::micro(), 2, 1, 1).input;
                 let draw = draw(&spec, &Digest([0; 32]), 0);
@@ -150,7 +150,7 @@ fn unusable_weights_are_refused_by_name() {
         ),
         "{error}"
     );
-    // Zeros, subnormals and the largest that fits are fine.
+    // Zeros, subnormals and the largest value that fits are accepted.
     for value in [0.0, f32::MIN_POSITIVE / 2.0, 32767.0] {
         let mut tensors = good.clone();
         tensors.get_mut(name).unwrap().fill(value);
@@ -285,7 +285,7 @@ fn specifications_out_of_bounds_are_refused() {
 
 #[test]
 fn an_inner_node_is_not_a_leaf() {
-    // With the rest of the path, the hash of an inner node leads to the root too. Only the number of steps tells them apart.
+    // With the rest of the path, the hash of an inner node leads to the root as well. Only the number of steps tells them apart.
     let leaves = leaves(8);
     let (root, path) = (merkle::root(&leaves), merkle::path(&leaves, 0).unwrap());
     let inner = merkle::node_hash(&leaves[0], &leaves[1]);

@@ -1,4 +1,4 @@
-//! Every check of the statement, and the cheat it stops.
+//! The statement refuses every cheat that one of its checks stops.
 
 mod claims;
 
@@ -62,7 +62,7 @@ fn another_sample_than_the_drawn_one_is_refused() {
     let easy = (0..20)
         .find(|index| honest.input.openings.iter().all(|o| o.index != *index))
         .unwrap();
-    // A sample of the dataset, honestly opened, but not the one that was drawn.
+    // The prover opens a sample of the dataset honestly, but not the one that was drawn.
     honest.input.openings[0] = Opening {
         index: easy,
         sample: honest.dataset[easy as usize].clone(),
@@ -74,13 +74,13 @@ fn another_sample_than_the_drawn_one_is_refused() {
         drawn,
     };
     assert_eq!(refused(&honest.input), expected);
-    // Under the drawn index.
+    // The same sample under the drawn index is refused, too.
     honest.input.openings[0].index = drawn;
     assert_eq!(
         refused(&honest.input),
         StatementError::NotCommitted { index: drawn }
     );
-    // With the drawn sample's path.
+    // The same sample with the path of the drawn sample is refused, too.
     honest.input.openings[0].path = merkle::path(&honest.leaves, drawn as usize).unwrap();
     assert_eq!(
         refused(&honest.input),
@@ -138,7 +138,7 @@ fn a_wrong_path_is_refused() {
 
 #[test]
 fn another_dataset_size_is_refused() {
-    // The indices drawn are the same for both sizes under a suitable challenge; the tree's shape is not.
+    // Under a suitable challenge, both sizes give the same drawn indices. The shape of the tree differs.
     let mut honest = micro();
     let header = &mut honest.input.header;
     header.terms.dataset.samples = 21;
@@ -173,7 +173,7 @@ fn another_salt_is_refused() {
     let mut honest = micro();
     honest.input.header.salt[0] ^= 1;
     assert_eq!(refused(&honest.input), StatementError::Salt);
-    // The same with the commitment of the other salt: then the leaves differ.
+    // With the commitment of the other salt, the leaves differ.
     honest.input.header.terms.dataset.salt_commitment = salt_commitment(&honest.input.header.salt);
     assert!(matches!(
         refused(&honest.input),
@@ -200,7 +200,7 @@ fn other_weights_give_another_digest() {
     let base = tensors(&spec, &mut Random(12), 1.0);
     (honest.input.base, honest.input.update) =
         (quantise(&spec, &base), quantise(&spec, &calmer(&base)));
-    // The terms name the weights, and others are refused.
+    // The terms name the weights, so other weights are refused.
     let expected = StatementError::Weights(Model::Base);
     assert_eq!(refused(&honest.input), expected);
     name_weights(&mut honest.input);
@@ -445,7 +445,7 @@ fn a_claim_is_compared_term_by_term() {
 
 #[test]
 fn later_padding_changes_nothing() {
-    // Attention is causal, so that two samples that differ only in a padded frame have the same loss.
+    // Attention is causal, so two samples that differ only in a padded frame have the same loss.
     let spec = EvalSpec::micro();
     let honest = micro();
     let mut parts = claims::Parts::random(&spec, &mut Random(4), 9, 2);

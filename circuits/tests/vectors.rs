@@ -140,7 +140,7 @@ fn poseidon2_separates_values_lengths_and_domains() {
     let zeros = |len| hash(Domain::Weights, &Values::zeros(len));
     assert!((0..40).all(|len| (0..len).all(|other| zeros(len) != zeros(other))));
     assert_ne!(zeros(5), hash(Domain::Sample, &Values::zeros(5)));
-    // Every bit of every value counts, the top ones of a word too.
+    // Every bit of every value changes the hash, even the top bits of a word.
     let values: Vec<i16> = (0..30).map(|i| i * 1017 - 15000).collect();
     let original = hash(Domain::Weights, &Values::from_slice(&values));
     for index in 0..values.len() {

@@ -70,7 +70,7 @@ fn inspect_says_what_it_put_right() {
     let note = "so100_stacking_doubled/data/chunk-000/file-000.parquet: 249 rows repeat frames that are there already";
     let table = String::from_utf8(shown.stdout).unwrap();
     assert!(table.contains(&format!("REPAIRED   {note}")), "{table}");
-    // And warns of it.
+    // The log warns about the repair, too.
     let log = String::from_utf8(shown.stderr).unwrap();
     assert!(log.contains("WARN") && log.contains(note), "{log}");
 }
@@ -131,7 +131,8 @@ fn validate_finds_every_video_that_does_not_decode() {
     };
     let whole = fs::read(video("top", 1)).unwrap();
     fs::write(video("top", 1), &whole[..whole.len() / 2]).unwrap();
-    fs::copy(video("wrist", 1), video("wrist", 4)).unwrap(); // 38 frames where there are 41
+    // The file has 38 frames where the recording has 41.
+    fs::copy(video("wrist", 1), video("wrist", 4)).unwrap();
     let root = dir.path().to_str().unwrap();
     let bad = zk0(&["dataset", "validate", root]).output().unwrap();
     let text = String::from_utf8(bad.stdout).unwrap();

@@ -1,5 +1,5 @@
-//! `zk0 node join --follow-losses` and `--lr-boost`: rates that change with the losses of the rounds' base weights reach
-//! training, and are the same after a restart.
+//! `zk0 node join --follow-losses` and `--lr-boost`: the learning rates follow the losses of the rounds' base weights. The rates
+//! reach training, and are the same after a restart.
 
 mod harness;
 
@@ -16,7 +16,7 @@ const BATCH: usize = 16;
 const MU: f64 = 0.5;
 const LEARNING_RATE: f64 = 5e-4;
 
-/// How the node trains, but for what follows.
+/// How the node trains, apart from the rates.
 const TRAINING: [&str; 8] = [
     "--steps",
     "200",
@@ -28,7 +28,7 @@ const TRAINING: [&str; 8] = [
     "5e-4",
 ];
 
-/// The update that training at these rates gives, as the file of `round`.
+/// Returns the update that training at these rates gives, as the file of `round`.
 fn trained(
     network: &LocalNetwork,
     file: &PolicyFile,
@@ -100,7 +100,7 @@ fn rates_follow_the_losses_from_start_to_start() {
     assert!(lower != trained(&network, &file, 2, MU * 0.8, LEARNING_RATE));
     assert!(lower != trained(&network, &file, 2, MU, LEARNING_RATE * 0.8));
 
-    // As if the base weights had been five times better until now.
+    // The file now says that the base weights were five times better until now.
     let mut past = losses(&network);
     for round in past["rounds"].as_array_mut().unwrap() {
         round["loss"] = json!(loss / 5.0);

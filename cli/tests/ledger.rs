@@ -48,7 +48,7 @@ fn an_audit_says_the_same_wherever_the_ledger_is_read() {
         &["audit", "replay", text(&out), "--network", &other],
         "of network",
     );
-    // A blob changed on disk is no longer whole.
+    // One blob on disk is changed.
     let blob = fs::read_dir(mirror.join("blobs/sha256"))
         .unwrap()
         .next()
@@ -69,7 +69,7 @@ fn a_backup_is_restored_unless_something_newer_was_signed() {
     let said = prints(&["ledger", "backup", LEDGER, text(&saved)]);
     assert!(said.contains(" 0 of them new"), "{said}");
     assert_eq!(audit(text(&saved)), original);
-    // Without a checkpoint, and without the option that there is none, nothing is done.
+    // Without a known checkpoint, and without the option which says that there is none, the command does nothing.
     ends(2, zk0(&["ledger", "restore", text(&saved), text(&again)]));
     assert!(!again.exists());
     let restore = |to: &Path, more: &[&str]| {
@@ -94,7 +94,7 @@ fn a_backup_is_restored_unless_something_newer_was_signed() {
     let trusting: Vec<&str> = trusting.iter().map(String::as_str).collect();
     let said = prints(&trusting);
     assert!(said.contains("WARNING"), "{said}");
-    // Another log's checkpoint.
+    // This checkpoint belongs to another log.
     let stranger = at("stranger");
     let other = at("other");
     fs::write(
@@ -119,7 +119,7 @@ fn an_entry_is_proven_offline() {
     prints(&["audit", "prove", LEDGER, "3", "--out", text(&proof)]);
     let said = prints(&["audit", "verify-proof", text(&proof), "--log-key", key]);
     assert!(said.contains("VERIFIED"), "{said}");
-    // Another log's key, a witness that has not cosigned, a changed proof.
+    // The proof is refused when the policy asks for a witness that has not cosigned, and when the proof is changed.
     let other = scratch.path().join("w.key");
     let witness = prints(&[
         "witness",

@@ -1,5 +1,5 @@
-//! LeRobot's folders through the binary: `zk0 train` starts from one and leaves one, and what a policy says of its normalisation is
-//! kept to.
+//! LeRobot's folders with the binary: `zk0 train` starts from such a folder and leaves one. The commands respect what a policy says
+//! about its normalisation.
 
 mod harness;
 
@@ -41,7 +41,7 @@ fn tensors(rows: &[(&str, [f32; 6])]) -> Vec<u8> {
     file
 }
 
-/// LeRobot's tiny policy as its 0.4 leaves one, trained on some other recording.
+/// LeRobot's tiny policy as LeRobot 0.4 leaves one. It was trained on another recording.
 fn folder(to: &Path) {
     fs::create_dir_all(to).unwrap();
     for (from, name) in [
@@ -143,7 +143,7 @@ fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
         .collect()
 }
 
-/// What a policy makes of a recording, without the policy's name.
+/// Returns what a policy makes of a recording, without the names.
 fn measured(row: &Value) -> Value {
     let mut row = row.clone();
     for name in ["policy", "dataset", "statistics"] {
@@ -194,7 +194,7 @@ fn a_run_leaves_a_folder_for_lerobot() {
     }
     assert_eq!(files(&place.at("source")), source);
 
-    // Both are the same policy, and say so.
+    // Both are the same policy, so their measurements are equal.
     let paths = [
         "--policy",
         "run/lerobot",
@@ -214,7 +214,7 @@ fn a_run_that_goes_on_leaves_the_same_folder() {
     };
     go(&[]).unwrap();
     let left = files(&place.at("run/lerobot"));
-    // Killed while it wrote, or while it put the new folder in the old one's place; or not killed at all.
+    // The run is killed while it writes the new folder, or while it replaces the old folder, or not at all.
     let junk = |name: &str| {
         fs::create_dir_all(place.at(name)).unwrap();
         fs::write(place.at(name).join("model.safetensors"), b"half").unwrap();
@@ -237,7 +237,7 @@ fn a_run_that_goes_on_leaves_the_same_folder() {
         assert!(!place.at("run/lerobot.unfinished").exists());
         assert!(!place.at("run/lerobot.replaced").exists());
     }
-    // Another run may not take it for its own.
+    // Another run may not replace this folder.
     fs::remove_dir_all(place.at("run/snapshots")).unwrap();
     let said = go(&[]).unwrap_err();
     assert!(said.contains("run/lerobot exists already"), "{said}");
@@ -250,13 +250,13 @@ fn a_run_that_goes_on_leaves_the_same_folder() {
     assert_eq!(files(&place.at("run/lerobot")), left);
 }
 
-/// With `--lerobot-f32` nothing of what was trained is rounded; else it has the source's type.
+/// With `--lerobot-f32`, the trained weights are not rounded. Otherwise they have the type of the source.
 #[test]
 fn what_was_trained_keeps_its_type_unless_told_otherwise() {
     let place = Folder::new();
     let path = place.at("source/model.safetensors");
     let bytes = fs::read(&path).unwrap();
-    // The same file with the expert's norm in BF16.
+    // This is the same file with the expert's norm in BF16.
     let norm = "model.vlm_with_expert.lm_expert.norm.weight";
     let length = u64::from_le_bytes(bytes[..8].try_into().unwrap()) as usize;
     let mut header: BTreeMap<String, Value> =
@@ -297,7 +297,7 @@ fn a_policy_is_evaluated_under_the_statistics_it_was_trained_with() {
     let place = Folder::new();
     let options = ["--policy", "source", "--out", "run"];
     place.train(&[PICKPLACE], &options).unwrap();
-    // The same recording, whose statistics are those that the policy was trained with.
+    // This is the same recording, but with the statistics that the policy was trained with.
     let copy = place.at("copy");
     harness::copy(&recording(SORTING), &copy);
     let of = |folder: &Path| -> Value {
@@ -323,7 +323,7 @@ fn a_policy_is_evaluated_under_the_statistics_it_was_trained_with() {
         let other = eval(&recording(SORTING), &recordings);
         assert_ne!(measured(&ours), measured(&other), "{policy}");
     }
-    // The checkpoint itself has its own, and a policy without any takes the recording's.
+    // The checkpoint has its own statistics. A policy without any uses those of the recording.
     let rows = place.eval(
         &recording(SORTING),
         &["--policy", "source", "--profile", "micro"],
@@ -395,7 +395,7 @@ fn other_normalisations_are_kept_to_or_refused() {
     assert_eq!(kept.action, kept.state);
     let written = PolicyFolder::open(place.at("run/lerobot")).unwrap();
     assert_eq!(written.inference().unwrap(), used);
-    // Whoever goes on from the file does not normalise either.
+    // A run that goes on from the file does not normalise either.
     assert_eq!(go("again", &["--policy", "run/model.safetensors"]), used);
     assert!(
         !place.at("again/lerobot").exists(),

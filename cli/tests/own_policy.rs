@@ -1,4 +1,5 @@
-//! Networks of other policies than the micro profile: `zk0 aggregator init --policy` and `--profile`, up to what nodes commit to.
+//! Networks of other policies than the micro profile: `zk0 aggregator init --policy` and `--profile`, and what nodes then commit
+//! to.
 
 mod harness;
 
@@ -42,7 +43,7 @@ fn lerobot_folder(network: &LocalNetwork) -> String {
     folder
 }
 
-/// The same policy, read without the code under test.
+/// Reads the same policy without the code under test.
 fn by_hand(folder: &str) -> PolicyFile {
     let policy = Policy::from_folder(&PolicyFolder::open(folder).unwrap()).unwrap();
     let tokenizer = Path::new(folder).join("tokenizer.json");
@@ -67,7 +68,7 @@ fn a_network_of_a_lerobot_checkpoint_reads_instructions_with_its_tokenizer() {
     let config = &by_hand.policy.config;
     let spec = EvalSpec::new(dims(config).unwrap());
     assert_eq!(genesis.evaluation, spec.encode());
-    // Its expert has not quite a mebibyte.
+    // The expert of this policy takes slightly less than one mebibyte.
     assert_eq!(genesis.rules.max_update_bytes, 1 << 20);
 
     network.joins(0, &[]);
@@ -80,7 +81,7 @@ fn a_network_of_a_lerobot_checkpoint_reads_instructions_with_its_tokenizer() {
     assert_ne!(network.recording(&hashing).commitment.root, expected);
 }
 
-/// A second start finds the policy where the first one put it, and a file that was spoilt is not taken for it.
+/// A second start finds the policy where the first one put it. A damaged file is not taken for the policy.
 #[test]
 fn a_node_downloads_the_policy_once_and_believes_its_digest_alone() {
     let network = LocalNetwork::new();
@@ -101,7 +102,7 @@ fn a_node_downloads_the_policy_once_and_believes_its_digest_alone() {
     assert_ne!(fs::read(&kept).unwrap(), good);
     network.joins(0, &[]);
     assert!(fs::read(&kept).unwrap() == good, "another policy was taken");
-    // What another policy would have led to would be another commitment.
+    // Samples prepared with another policy would give a second commitment.
     assert_eq!(committed(&network.entries()).len(), 1);
 }
 
@@ -124,7 +125,7 @@ fn a_node_takes_no_other_policy_than_the_genesis_names() {
     assert!(!Path::new(&kept).exists());
 }
 
-/// Ranges are chosen from samples as nodes will make them.
+/// The founder chooses ranges from samples as the nodes will make them.
 #[test]
 fn calibration_reads_instructions_with_the_policy_s_tokenizer() {
     let network = LocalNetwork::new();
@@ -139,7 +140,7 @@ fn calibration_reads_instructions_with_the_policy_s_tokenizer() {
     ];
     let file = Path::new(&folder).join("tokenizer.json");
     let good = fs::read_to_string(&file).unwrap();
-    // A token that the policy does not know, for every word that the tokenizer does not.
+    // The tokenizer gives each unknown word a token that the policy does not know.
     fs::write(&file, good.replace("\"?\":0", "\"?\":500")).unwrap();
     let refused = fails(&words(&network.founding(&calibrate)));
     assert!(refused.contains("token id 500"), "{refused}");
@@ -166,7 +167,7 @@ fn without_a_policy_it_is_micro_and_a_file_is_as_good_as_what_it_was_made_of() {
     );
     assert_eq!(file.tokenizer.definition(), None);
 
-    // Founded on the policy file of the other network: the same bytes.
+    // This network is founded on the policy file of the other one, so the bytes are the same.
     let again = LocalNetwork::new();
     let blobs = micro.path("ledger/blobs/sha256");
     let blob = Path::new(&blobs).join(genesis.policy.to_string());
@@ -265,7 +266,7 @@ fn a_policy_that_cannot_be_used_founds_nothing() {
     ends(2, zk0(&words(&both)));
 }
 
-/// What a founder trained by itself can be what a network begins with, tokenizer and all.
+/// A network can begin with a policy that its founder trained, and the policy keeps its tokenizer.
 #[test]
 fn a_trained_policy_keeps_its_tokenizer() {
     let network = LocalNetwork::new();
@@ -295,7 +296,7 @@ fn a_trained_policy_keeps_its_tokenizer() {
     assert_eq!(founded.tokenizer.definition(), file.tokenizer.definition());
 }
 
-/// Digests of policies without a tokenizer are on ledgers: such files are written as they always were.
+/// Ledgers hold digests of policies without a tokenizer, so the bytes of such files never change.
 #[test]
 fn the_committed_ledger_s_policy_is_written_byte_for_byte() {
     let ledger = root().join("tests/fixtures/ledger");

@@ -16,7 +16,7 @@ fn audit(ledger: &Path) -> Output {
         .unwrap()
 }
 
-/// What a node kept shows, without the ledger, that its dataset, update and submission are on it.
+/// Checks that the receipts of a node show, without the ledger, that its dataset, update and submission are recorded.
 fn receipts_convince(node: &Path, ledger: &Path) {
     let key = zk0(&["ledger", "vkey", ledger.to_str().unwrap()]).output();
     let key = String::from_utf8(key.unwrap().stdout).unwrap();
@@ -60,7 +60,7 @@ fn a_federation_ends_with_a_proven_contribution_and_a_refused_one() {
         .partition(|one| one["accepted"] == true);
     assert_eq!((accepted.len(), refused.len()), (1, 1));
     assert!(accepted[0]["loss_after"].as_f64() < accepted[0]["loss_before"].as_f64());
-    // The stolen proof is real, and of mode `direct`'s program. (The committed ledger has one of the same program.)
+    // The stolen proof is real, but of the program of mode `direct`. (The committed ledger has a proof of the same program.)
     let reason = refused[0]["reason"].as_str().unwrap();
     assert!(
         reason.contains("of another program than this network's"),

@@ -1,4 +1,4 @@
-//! `zk0 train` and `zk0 eval` as processes: killed at any moment and resumed, a run ends with the same bytes.
+//! `zk0 train` and `zk0 eval` as processes. A run that is killed at any moment and resumed ends with the same bytes.
 
 mod harness;
 
@@ -49,7 +49,7 @@ fn json(path: &Path) -> Value {
     serde_json::from_slice(&fs::read(path).unwrap()).unwrap()
 }
 
-/// The steps in a file of metrics, as far as its lines are whole.
+/// Reads the steps from a file of metrics, and skips lines that are not whole.
 fn steps(metrics: &Path) -> Vec<u64> {
     let text = fs::read_to_string(metrics).unwrap_or_default();
     let lines = text
@@ -67,7 +67,8 @@ fn a_run_that_is_killed_again_and_again_ends_with_the_same_bytes() {
     succeeds(train(dir.path(), "unbroken", &MICRO));
     let model = |out: &str| fs::read(dir.path().join(out).join("model.safetensors")).unwrap();
     let resumed = [&MICRO[..], &["--resume"]].concat();
-    // Killed when so many steps are in the metrics: before the first snapshot, right after one, and between.
+    // The test kills the run when the metrics hold this many steps: before the first snapshot, right after a snapshot, and between
+    // snapshots.
     for (run, stops) in [[0, 3, 8, 31, 32, 90], [1, 7, 14, 15, 66, 101]]
         .iter()
         .enumerate()
@@ -84,7 +85,7 @@ fn a_run_that_is_killed_again_and_again_ends_with_the_same_bytes() {
             while process.try_wait().unwrap().is_none() && steps(&metrics).len() < *stop {
                 sleep(Duration::from_millis(1));
             }
-            // Anywhere within the next steps. SIGKILL leaves no time for anything.
+            // The kill comes at some moment of the next steps. SIGKILL leaves the process no time for anything.
             let clock = SystemTime::now().duration_since(UNIX_EPOCH).unwrap();
             sleep(Duration::from_micros(
                 u64::from(clock.subsec_nanos()) % 20_000,
@@ -97,7 +98,7 @@ fn a_run_that_is_killed_again_and_again_ends_with_the_same_bytes() {
         succeeds(train(dir.path(), &out, &resumed));
         assert!(model("unbroken") == model(&out), "run {run}: other bytes");
 
-        // Every step is in the metrics once, in order.
+        // The metrics hold every step once, in order.
         assert_eq!(steps(&metrics), (1..=120).collect::<Vec<_>>());
     }
 }
@@ -174,7 +175,7 @@ fn a_run_leaves_its_results_and_they_can_be_evaluated() {
     );
 }
 
-/// What nobody says on the command line is LeRobot's preset, with which the reference was trained.
+/// Options that are not given have the values of LeRobot's preset, with which the reference was trained.
 #[test]
 fn options_that_are_not_given_are_lerobots_preset() {
     let preset =
@@ -182,7 +183,7 @@ fn options_that_are_not_given_are_lerobots_preset() {
     let preset = json(&preset);
     let (adamw, scheduler) = (&preset["optimizer"], &preset["scheduler"]);
 
-    // A run says what it was told and what not; one step is enough for that.
+    // A run prints all its options, given or not. One step is enough for that.
     let dir = tempfile::tempdir().unwrap();
     let mut command = zk0(&[
         "train",
@@ -215,10 +216,10 @@ fn options_that_are_not_given_are_lerobots_preset() {
     let floor = number(&scheduler["decay_lr"]) / number(&scheduler["peak_lr"]);
     assert_eq!(number(&schedule["floor"]), floor);
     assert_eq!(number(&options["fedprox_mu"]), 0.0);
-    // That of LeRobot's TrainPipelineConfig.
+    // LeRobot's TrainPipelineConfig has this batch size.
     assert_eq!(options["batch_size"], 8);
 
-    // As many steps as the cosine has.
+    // The default number of steps is the length of the cosine.
     let help = succeeds(zk0(&["train", "--help"]));
     let help = String::from_utf8(help.stdout).unwrap();
     let steps = help.split("--steps <STEPS>").nth(1).unwrap();
@@ -227,7 +228,7 @@ fn options_that_are_not_given_are_lerobots_preset() {
     assert_eq!(steps, scheduler["num_decay_steps"].to_string());
 }
 
-/// Frames prepared in one precision are not taken for those of another: not from the cache that both runs share, and not when a run
+/// Frames prepared in one precision are never used in another. This holds for the cache that both runs share, and for a run that
 /// goes on.
 #[test]
 fn the_frozen_halfs_precision_is_a_runs_own() {
@@ -307,7 +308,7 @@ fn mistakes_are_named_before_anything_is_spent() {
     assert!(fails(train(dir.path(), "new", &policy)).contains("no/such/policy"));
     assert!(!dir.path().join("new/snapshots/000002").exists());
 
-    // A folder that two processes would write to.
+    // Another process already writes to this folder.
     let out = dir.path().join("locked");
     fs::create_dir(&out).unwrap();
     let lock = fs::File::create(out.join(".lock")).unwrap();

@@ -19,7 +19,7 @@ fn verified(dir: &Path) -> Report {
     report
 }
 
-/// A running ledger with an open round, and in it an update that is nobody's to read yet.
+/// Makes a running ledger with an open round, which holds an update that nobody may read yet.
 fn running(dir: &Path) -> Ledger {
     let mut ledger = ledger_with_a_round(dir);
     let update = ledger.blobs().put(b"an update").unwrap();
@@ -64,7 +64,7 @@ fn a_backup_of_a_running_ledger_is_the_whole_of_it_and_can_be_brought_up_to_date
     assert_eq!(ledger.state(), &state);
     assert_eq!(ledger.checkpoint(), checkpoint);
     ledger.append(T0 + 23, enrolled(41)).unwrap();
-    // What went on is ahead of the backup, and brings it up to date like the first one did.
+    // The restored ledger has gone on and is ahead of the backup. It brings the backup up to date like the original ledger.
     assert_eq!(backup(&again, &saved).unwrap().new_entries, 1);
     drop(ledger);
     assert_eq!(verified(&saved), verified(&again));
@@ -94,9 +94,9 @@ fn a_backup_older_than_a_known_checkpoint_is_not_restored() {
         other => panic!("{other:?}"),
     }
     assert!(!again.exists());
-    // With a cosignature beside it, as a witness has it, and of a size that the backup has.
+    // The known checkpoint has a cosignature beside it, as a witness keeps it, and the backup has entries of this size.
     restore(&saved, &again, None, &[before]).unwrap();
-    // From another copy the rest can be had; then it is as good as new.
+    // Another copy supplies the rest. After that, the backup is complete again.
     backup(&dir, &saved).unwrap();
     restore(&saved, &at("third"), None, &[after]).unwrap();
 }
@@ -134,7 +134,7 @@ fn a_backup_with_another_history_than_a_known_checkpoint_is_not_restored() {
         matches!(refused, Err(BackupError::Checkpoint(_))),
         "{refused:?}"
     );
-    // Nor does a backup take up another history.
+    // A backup accepts no other history either.
     let onto = backup(&other, &saved);
     assert!(
         matches!(
@@ -216,7 +216,7 @@ fn a_damaged_backup_is_not_restored_and_what_is_begun_is_gone_on_with() {
     assert_eq!((done.entries, done.new_entries), (17, 0), "they were there");
     verified(&again);
 
-    // An entry that is another one than in the signed tree.
+    // This entry differs from the one in the signed tree.
     let db = rocksdb::DB::open_default(saved.join("log")).unwrap();
     let key = *b"e\0\0\0\0\0\0\0\x05";
     let mut entry = db.get(key).unwrap().unwrap();
@@ -239,7 +239,7 @@ fn the_policy_and_what_was_cosigned_are_kept() {
     let cosigned = ledger.checkpoint().to_vec();
     folder::write_policy(&dir, &WitnessPolicy::none()).unwrap();
     folder::write_cosigned(&dir, &cosigned).unwrap();
-    // Signed, perhaps shown to a witness, and not published: a backup that lacked it would fork the log.
+    // This entry is signed and perhaps known to a witness, but not published. A backup without it would fork the log.
     ledger.append(T0 + 21, enrolled(20)).unwrap();
     backup(&dir, &saved).unwrap();
     restore(&saved, &again, None, &[ledger.checkpoint().to_vec()]).unwrap();

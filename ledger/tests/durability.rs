@@ -19,7 +19,7 @@ use zk0_protocol::{Body, Checkpoint, Receipt};
 
 const CHILD: &str = "ZK0_TEST_APPEND_IN";
 
-/// Not a test of its own: what the child processes of the tests below do, until they are killed.
+/// This is not a test of its own. The child processes of the tests below run it until they are killed.
 #[test]
 #[ignore = "run by other tests as a child process"]
 fn append_until_killed() {
@@ -78,7 +78,7 @@ fn child(dir: &Path) -> Child {
         .unwrap()
 }
 
-/// The receipts a killed child printed; its last line may be torn.
+/// Reads the receipts that a killed child printed. Its last line may be incomplete.
 fn acknowledged(child: &mut Child) -> Vec<Receipt> {
     BufReader::new(child.stdout.take().unwrap())
         .lines()
@@ -99,7 +99,7 @@ fn killed_at_any_moment_it_loses_nothing_acknowledged_and_never_forks() {
     let mut appended = 0;
     for round in 0..12u64 {
         let mut child = child(dir.path());
-        // Not the same moment each time: from before the first append to some hundreds later.
+        // The kill comes at different moments: from before the first append to some hundreds of appends later.
         sleep(Duration::from_millis(20 + (round * 7919) % 331));
         child.kill().unwrap();
         child.wait().unwrap();
@@ -148,7 +148,7 @@ fn one_writer_at_a_time_and_readers_beside_it() {
 
     let mut child = child(dir.path());
     let mut seen = 0;
-    // However slow the disk: the writer appends all the time.
+    // The disk may be slow, so the test waits up to a minute while the writer appends.
     let patience = std::time::Instant::now() + std::time::Duration::from_secs(60);
     while std::time::Instant::now() < patience {
         let report = replay(dir.path(), None, &mut ());
@@ -235,7 +235,7 @@ fn killed_before_publishing_it_publishes_on_opening() {
     assert_eq!(fs::read(&file).unwrap(), newest);
     assert_eq!(replay(dir.path(), None, &mut ()).verdict, Verdict::Verified);
 
-    // Right after the founding there may be no file at all.
+    // Right after the founding, the file may not exist yet.
     let dir = tempfile::tempdir().unwrap();
     drop(Ledger::create(dir.path(), genesis(), log_key(), T0).unwrap());
     let file = dir.path().join("checkpoint");
@@ -245,7 +245,7 @@ fn killed_before_publishing_it_publishes_on_opening() {
     assert_eq!(fs::read(&file).unwrap(), first);
 }
 
-/// Opening fails, and signs nothing: the folder's checkpoint stays what it is.
+/// Opening fails and signs nothing, so the folder's checkpoint stays the same.
 fn refused(dir: &Path) -> LedgerError {
     let file = dir.join("checkpoint");
     let before = fs::read(&file).ok();

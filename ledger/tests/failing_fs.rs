@@ -16,14 +16,14 @@ use std::process::{Command, ExitStatus};
 const EIO: i32 = 5;
 const ENOSPC: i32 = 28;
 
-/// Not a test: what the child processes of the tests below do.
+/// This is not a test of its own. The child processes of the tests below run it.
 #[test]
 #[ignore = "run by other tests as a child process"]
 fn the_scenario() {
     run_as_child();
 }
 
-/// The file system, compiled.
+/// The compiled file system that fails.
 struct Shim {
     _dir: tempfile::TempDir,
     library: PathBuf,
@@ -44,7 +44,7 @@ impl Shim {
         Self { _dir: dir, library }
     }
 
-    /// The scenario in `dir`, with this fault at the call of this number; 0 for none.
+    /// Runs the scenario in `dir`, with this fault at the call with this number. With 0, no call fails.
     fn run(&self, dir: &Path, fault: &str, at: u64, more: &[String]) -> (Said, ExitStatus, String) {
         let set = |name: &str, value: &str| format!("{name}={value}");
         let mut wrapper = vec![
@@ -70,12 +70,13 @@ impl Shim {
         assert!(status.success(), "{status}: {complained}");
         assert_eq!(said.receipts.len(), ENTRIES);
         let calls = fs::read_to_string(count).unwrap().trim().parse().unwrap();
-        // Each of the entries in a batch of its own, the checkpoints, the blob: fewer would be another scenario.
+        // The scenario writes each entry in a batch of its own, the checkpoints and the blob. Fewer calls would mean another
+        // scenario.
         assert!(calls > 100, "{calls} calls are counted");
         calls
     }
 
-    /// Has `fault` happen at each of the calls.
+    /// Runs the scenario once for each of its calls, and lets `fault` happen there.
     fn sweep(&self, fault: &str) {
         let calls = self.calls();
         let (mut acknowledging, mut ended) = (0, 0);
@@ -87,7 +88,7 @@ impl Shim {
             check(&dir, &said, &when);
             let killed = status.signal() == Some(9);
             let stopped = status.code() == Some(STOPPED);
-            // RocksDB can do without some calls, and its threads make one fewer now and then: then all was done.
+            // RocksDB can do without some calls, and its threads sometimes make one call fewer. Then the scenario ends as usual.
             let done = status.success() && said.receipts.len() == ENTRIES;
             let expected = match fault {
                 "torn" => killed,

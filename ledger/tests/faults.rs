@@ -20,11 +20,11 @@ use zk0_ledger::{Ledger, LedgerError};
 use zk0_protocol::entries::member::NodeEnrolled;
 use zk0_protocol::Body;
 
-/// All that changes files, or waits for the disk.
+/// The calls that change files or wait for the disk.
 const CALLS: &str = "?write,?pwrite64,?pwritev,?fsync,?fdatasync,?sync_file_range,?rename,?renameat,?renameat2,?openat,\
                      ?open,?ftruncate,?fallocate,?unlink,?unlinkat,?mkdir,?mkdirat,?link,?linkat";
 
-/// Not a test: what the child processes of the tests below do.
+/// This is not a test of its own. The child processes of the tests below run it.
 #[test]
 #[ignore = "run by other tests as a child process"]
 fn the_scenario() {
@@ -33,16 +33,16 @@ fn the_scenario() {
 
 #[derive(Clone, Copy, Debug)]
 enum Fault {
-    /// SIGKILL as the call begins.
+    /// SIGKILL ends the process when the call begins.
     Kill,
-    /// The call fails, once.
+    /// The call fails once.
     Fails(&'static str),
-    /// It fails, and so do all after it.
+    /// The call fails, and so do all later ones.
     FailsFromNow(&'static str),
 }
 
 impl Fault {
-    /// At the `count`th `call`.
+    /// Returns the command that lets the fault happen at the `count`th `call`.
     fn at(self, call: &str, count: u64) -> Vec<String> {
         let effect = match self {
             Self::Kill => format!("signal=KILL:when={count}"),
@@ -64,12 +64,12 @@ fn traced(calls: &str, log: &Path) -> Vec<String> {
         .collect()
 }
 
-/// The calls that the scenario makes, each with its number among those of its name and thread: as strace counts. Without those
-/// that load the program.
+/// Returns the calls that the scenario makes. Each has its number among those of the same name and thread, because strace counts
+/// this way. Calls that load the program are left out.
 fn calls() -> Vec<(String, u64)> {
     let scratch = memory();
     let log = scratch.path().join("calls");
-    // The scenario says with a `writev` that it begins.
+    // With a `writev`, the scenario says that it begins.
     let traced = traced(&format!("{CALLS},writev"), &log);
     let output = child(&scratch.path().join("ledger"), &traced);
     let complained = String::from_utf8_lossy(&output.stderr);
@@ -96,7 +96,7 @@ fn calls() -> Vec<(String, u64)> {
     calls.into_iter().collect()
 }
 
-/// Has `fault` happen at every `stride`th of the scenario's calls.
+/// Runs the scenario with `fault` at every `stride`th of its calls.
 fn sweep(fault: Fault, first: usize, stride: usize) {
     if strace().is_none() {
         return;
@@ -111,9 +111,9 @@ fn sweep(fault: Fault, first: usize, stride: usize) {
         let (said, status) = (said(&output.stdout), output.status);
         check(&dir, &said, &when);
         let as_it_should = match fault {
-            // strace ends as its child did. Now and then a thread makes a call fewer.
+            // strace ends as its child did. Sometimes a thread makes one call fewer, and the scenario ends as usual.
             Fault::Kill => status.signal() == Some(9) || said.receipts.len() == ENTRIES,
-            // Where RocksDB can do without a call, all is well. A program that did not begin could not be loaded.
+            // If RocksDB can do without a call, the scenario succeeds. A program that did not begin could not be loaded.
             _ => status.success() || status.code() == Some(STOPPED) || !said.begun,
         };
         let complained = String::from_utf8_lossy(&output.stderr);
@@ -162,7 +162,7 @@ fn every_write_killed_and_failed() {
     }
 }
 
-/// Appends until it fails, on a disk of a few megabytes or with files of at most one, then with room again.
+/// Appends until a write fails, on a small disk or with a limit on the size of files. Then checks the ledger with room again.
 fn fill(dir: &Path, more_room: impl FnOnce()) {
     let mut ledger = Ledger::create(dir, genesis(), log_key(), T0).unwrap().0;
     let mut said = Said::default();
@@ -177,7 +177,7 @@ fn fill(dir: &Path, more_room: impl FnOnce()) {
             })
         });
         match ledger.append_all(T0, names.collect()) {
-            // A few of each group, or checking takes long.
+            // The test keeps only some receipts of each group, because the check of all takes long.
             Ok(receipts) => said.receipts.extend(receipts.into_iter().step_by(13)),
             Err(error) => break error,
         }
@@ -192,7 +192,7 @@ fn fill(dir: &Path, more_room: impl FnOnce()) {
     assert!(matches!(again, Err(LedgerError::Poisoned)), "{again:?}");
     assert!(ledger.size() > 100, "this tests little");
     drop(ledger);
-    // With the disk still full, the ledger opens or says why it does not, and the attempt loses nothing.
+    // While the disk is still full, the ledger opens or says why it does not. The attempt loses nothing.
     let full = Ledger::open(dir, None, log_key()).map(drop);
     println!("opened while full: {full:?}");
     more_room();
@@ -213,7 +213,7 @@ fn a_full_disk_stops_the_ledger_and_with_room_again_it_goes_on() {
         return;
     }
     let filled = std::panic::catch_unwind(|| {
-        // Something else takes room, and is then removed: opening writes all that is in the write-ahead log once more.
+        // Another file takes room and is removed later, because opening writes everything in the write-ahead log once more.
         let ballast = disk.join("ballast");
         fs::write(&ballast, vec![0; 6 << 20]).unwrap();
         fill(&disk.join("ledger"), || fs::remove_file(&ballast).unwrap());
@@ -227,7 +227,7 @@ fn a_full_disk_stops_the_ledger_and_with_room_again_it_goes_on() {
 
 const LIMITED: &str = "ZK0_TEST_LIMITED_IN";
 
-/// Not a test: what the child process of the next one does.
+/// This is not a test of its own. The child process of the next test runs it.
 #[test]
 #[ignore = "run by another test as a child process"]
 fn fill_up_to_the_limit() {
@@ -248,8 +248,8 @@ fn fill_up_to_the_limit() {
 fn a_file_that_may_not_grow_stops_the_ledger_and_when_it_may_it_goes_on() {
     let scratch = tempfile::tempdir().unwrap();
     let this = std::env::current_exe().unwrap();
-    // Half a megabyte, and the signal that comes with it ignored: the write fails with EFBIG. The soft limit alone: a process
-    // may raise it again.
+    // The limit is half a megabyte. The shell ignores the signal that comes with the limit, so the write fails with EFBIG. Only the
+    // soft limit is set, because a process may raise it again.
     let output = Command::new("bash")
         .args(["-c", "trap '' XFSZ; ulimit -S -f 512; exec \"$@\"", "bash"])
         .arg(this)

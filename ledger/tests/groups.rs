@@ -1,4 +1,5 @@
-//! Groups of entries are recorded as a whole or not at all, with one checkpoint, and give the same history as single entries.
+//! The ledger records a group of entries as a whole or not at all, with one checkpoint. Groups give the same history as single
+//! entries.
 
 mod network;
 
@@ -36,7 +37,7 @@ fn founded(dir: &Path) -> Ledger {
     Ledger::create(dir, genesis(), log_key(), T0).unwrap().0
 }
 
-/// Sizes of which the database has a checkpoint.
+/// Returns the sizes for which the database has a checkpoint.
 fn checkpoints(dir: &Path) -> Vec<u64> {
     let store = Store::open_read_only(&dir.join("log")).unwrap();
     let size = store.size().unwrap();
@@ -52,7 +53,7 @@ fn joining(nodes: std::ops::Range<u8>) -> Vec<Body> {
         .collect()
 }
 
-/// Nodes that nobody else uses.
+/// Returns enrolments of nodes that no other test uses.
 fn strangers(numbers: std::ops::Range<u64>) -> Vec<Body> {
     let enrol = |number: u64| {
         let seed = [number.to_le_bytes(); 4].concat().try_into().unwrap();
@@ -114,7 +115,8 @@ fn a_group_with_a_refused_entry_leaves_no_trace() {
         }
         _ => unreachable!(),
     };
-    // The second is refused only because of the first; the third because of what is recorded; the fourth by itself.
+    // The refused entry repeats an earlier entry of the group, or a recorded entry, or has a wrong signature, or is a second
+    // genesis.
     for (at, last) in [
         (2, enrolled(5)),
         (2, enrolled(1)),
@@ -136,7 +138,7 @@ fn a_group_with_a_refused_entry_leaves_no_trace() {
         );
         assert_eq!(before, now);
     }
-    // Nothing is left of what was tried.
+    // The refused groups left nothing behind.
     let receipts = ledger.append_all(T0, joining(5..7)).unwrap();
     assert_eq!(receipts[0].index, 5);
     let state = ledger.state().clone();
@@ -146,7 +148,7 @@ fn a_group_with_a_refused_entry_leaves_no_trace() {
     assert_eq!(ledger.state(), &state);
 }
 
-/// A ledger with one group that has commitments in its midst; returns the checkpoints that it has.
+/// Makes a ledger with one group that has commitments in its midst.
 fn with_commitments(dir: &Path) -> Ledger {
     let mut ledger = founded(dir);
     ledger.append_all(T0, joining(0..3)).unwrap();
@@ -208,7 +210,7 @@ fn a_checkpoint_that_something_depends_on_may_not_be_missing() {
             other => panic!("{size}: {other:?}"),
         }
     }
-    // Without the checkpoint within a group, the log is still valid.
+    // The log is still valid without a checkpoint within the group that nothing depends on.
     let db = DB::open_default(dir.path().join("log")).unwrap();
     db.delete([&b"c"[..], &7u64.to_be_bytes()].concat())
         .unwrap();
@@ -229,7 +231,7 @@ fn any_checkpoint_of_another_tree_keeps_a_ledger_from_opening() {
         .sign(ORIGIN, &log_key())
         .unwrap()
     };
-    // By the log's own key: of another root, and of another size than its place says.
+    // The log's own key signed these checkpoints. They are of another root, or of another size than their place says.
     for (place, text) in [(7u64, forged(7, 1)), (7, forged(8, 1)), (5, forged(5, 2))] {
         let copied = tempfile::tempdir().unwrap();
         copy(dir.path(), copied.path());
@@ -273,8 +275,8 @@ fn the_opening_of_a_round_that_draws_its_nodes_has_the_checkpoint_that_draws_the
     assert!(Ledger::open(dir.path(), None, log_key()).is_err());
 }
 
-/// Applies `body` with two roots: what comes of it may differ only where the root has to be signed. In a group, other roots are
-/// not even computed.
+/// Applies `body` with two roots. The results may differ only if the root has to be signed. Within a group, other roots are not
+/// even computed.
 fn step(chain: &mut Chain, kinds: &mut BTreeSet<u8>, body: Body) {
     let with = |root: u8| {
         let mut state = chain.state.clone();
@@ -363,7 +365,7 @@ fn nothing_follows_from_a_root_that_is_not_signed() {
         let outcome = chain.state.outcome(0, chain.time_ms + 1).unwrap();
         step(chain, &mut kinds, settled(0, outcome));
     }
-    // All but the genesis.
+    // All kinds of entries but the genesis are tried.
     let last = borsh::to_vec(&Body::DisputeResolved(DisputeResolved {
         dispute: 0,
         upheld: None,
@@ -391,7 +393,7 @@ fn a_late_commitment_in_a_group_is_refused_for_its_own_reason() {
     }
 }
 
-/// A ledger that is published with the checkpoint bundle `change`d.
+/// Mirrors the ledger with a checkpoint bundle that `change` has altered, and replays the mirror.
 fn published_with(dir: &Path, change: impl Fn(&mut Vec<Vec<u8>>)) -> Result<Report, MirrorError> {
     let store = Store::open_read_only(&dir.join("log")).unwrap();
     let size = store.size().unwrap();
@@ -422,7 +424,7 @@ fn published_with(dir: &Path, change: impl Fn(&mut Vec<Vec<u8>>)) -> Result<Repo
 fn a_mirror_of_groups_is_the_same_ledger_and_insists_on_the_same_checkpoints() {
     let dir = tempfile::tempdir().unwrap();
     let mut ledger = with_commitments(dir.path());
-    // Beyond the first bundle, with a group across its end.
+    // The ledger goes beyond the first bundle, and one group lies across the end of that bundle.
     ledger.append_all(T0, strangers(0..300)).unwrap();
     ledger.append_all(T0, strangers(300..310)).unwrap();
     drop(ledger);
@@ -441,7 +443,7 @@ fn a_mirror_of_groups_is_the_same_ledger_and_insists_on_the_same_checkpoints() {
     let fewer = without(7).unwrap();
     assert_eq!(fewer.verdict, Verdict::Verified);
     assert_eq!(fewer.checkpoints, original.checkpoints - 1);
-    // In the midst of a group, one by the log's key that is not of this tree.
+    // The log's key signed this checkpoint in the midst of a group, but it is not of this tree.
     let forged = zk0_protocol::Checkpoint {
         size: 5,
         root: digest(1),

@@ -12,31 +12,31 @@ use std::path::{Path, PathBuf};
 const CALLS: &str = "?write,?writev,?pwrite64,?pwritev,?fsync,?fdatasync,?rename,?renameat,?renameat2,?openat,?open,\
                      ?creat,?truncate,?ftruncate,?unlink,?unlinkat,?rmdir,?mkdir,?mkdirat,?link,?linkat,?symlink";
 
-/// Not a test: what the child process of the test below does.
+/// This is not a test of its own. The child process of the test below runs it.
 #[test]
 #[ignore = "run by another test as a child process"]
 fn the_scenario() {
     run_as_child();
 }
 
-/// A system call that succeeded: its name, its arguments as strace prints them, the paths and strings decoded.
+/// A system call that succeeded. Paths and strings are decoded.
 struct Call {
     name: String,
-    /// What a descriptor argument or result refers to.
+    /// The files that the descriptors in the arguments or the result refer to.
     descriptors: Vec<PathBuf>,
-    /// String arguments.
+    /// The string arguments.
     strings: Vec<Vec<u8>>,
-    /// All as it is printed.
+    /// The whole call as strace prints it.
     text: String,
 }
 
-/// `\x2f\x74…` as bytes.
+/// Decodes `\x2f\x74…` to bytes.
 fn unescape(text: &str) -> Vec<u8> {
     let digits: String = text.split("\\x").collect();
     hex::decode(digits).unwrap_or_else(|_| panic!("not in hexadecimal: {text}"))
 }
 
-/// The texts between two characters.
+/// Returns the texts between two characters.
 fn between(text: &str, open: char, close: char) -> Vec<&str> {
     text.split(open)
         .skip(1)
@@ -96,7 +96,7 @@ enum Node {
     File(usize),
 }
 
-/// A disk: what programs see of it, and what is safe.
+/// A disk: what programs see of it, and what survives a failure.
 #[derive(Default)]
 struct Disk {
     root: PathBuf,
@@ -105,25 +105,25 @@ struct Disk {
     synced_names: BTreeMap<PathBuf, Node>,
 }
 
-/// What a failure leaves of what was not synced.
+/// What a failure leaves of the data that was not synced.
 #[derive(Clone, Copy, Debug)]
 enum Left {
-    /// Nothing.
+    /// The failure leaves nothing of it.
     Nothing,
-    /// Names: of files that are empty, or shorter than they were.
+    /// The failure leaves the names of files. The files are empty, or shorter than they were.
     Names,
-    /// Names, and the first half of what was written since.
+    /// The failure leaves the names, and the first half of what was written since.
     Half,
 }
 
-/// What a call does, as far as failures go.
+/// What a call changes with regard to failures.
 enum Effect {
     Nothing,
-    /// A file's content is another now.
+    /// The content of a file changes.
     Content,
-    /// Something is safe that was not, or has another name.
+    /// Something becomes safe, or gets another name.
     Safety,
-    /// This was said to somebody else.
+    /// The call prints this.
     Said(Vec<u8>),
 }
 
@@ -153,7 +153,7 @@ impl Disk {
                 }
                 Effect::Content
             }
-            // How the scenario speaks.
+            // This is the call with which the scenario speaks.
             "writev" => Effect::Said(call.strings.concat()),
             "pwrite64" => {
                 let (at, data) = (number(0), &call.strings[0]);
@@ -220,7 +220,7 @@ impl Disk {
         }
     }
 
-    /// Writes to `to` what is found after a failure now.
+    /// Writes to `to` what a program finds after a failure at this moment.
     fn after_failure(&self, left: Left, to: &Path) {
         let names = match left {
             Left::Nothing => &self.synced_names,
@@ -229,7 +229,7 @@ impl Disk {
         for (path, node) in names {
             let inside = path.strip_prefix(&self.root).unwrap();
             let place = to.join(inside);
-            // In a folder whose own name is lost, all is.
+            // A folder whose own name is lost loses everything in it.
             if !place.parent().unwrap().is_dir() {
                 continue;
             }

@@ -1,4 +1,5 @@
-//! Tiles and bundles, and the reader that verifies them: with another implementation of RFC 6962, and with servers that lie.
+//! Tiles and bundles, and the reader that verifies them. The tests compare with another implementation of RFC 6962, and use servers
+//! that lie.
 
 mod network;
 
@@ -84,7 +85,7 @@ fn paths_are_those_of_the_specification() {
     }
 }
 
-/// The example of the specification: a tree of 70,000 entries.
+/// The specification gives this example: a tree of 70,000 entries.
 #[test]
 fn a_tree_has_the_tiles_that_the_specification_says() {
     let count = |kind, full: bool| {
@@ -163,7 +164,7 @@ fn another_implementation_verifies_what_is_read_from_tiles() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(16))]
 
-    /// Every hash of every tile is the other implementation's root over just the entries below it.
+    /// Every hash of every tile is the root that the other implementation computes over the entries below it.
     #[test]
     fn tiles_hold_the_roots_of_their_subtrees(size in 1u64..300) {
         let leaves = leaves(size, 2);
@@ -238,7 +239,7 @@ fn where_a_partial_tile_is_gone_the_full_one_serves() {
     let shelf = Shelf::of(&leaves(512, 5));
     let old = shelf.at(300);
     let mut shown = shelf.at(512);
-    // The checkpoint that the reader saw is of 300 entries; meanwhile the log has 512.
+    // The checkpoint that the reader saw is of 300 entries. By now the log has 512 entries.
     let text = old.store.checkpoint(300).unwrap();
     shown.instead.insert("checkpoint".into(), text);
     for tile in [
@@ -301,7 +302,7 @@ fn a_checkpoint_that_cannot_be_is_refused_before_anything_is_read() {
             "{size}"
         );
     }
-    // A size that the tiles do not bear out.
+    // The tiles do not fit this size.
     for size in [2, 4, 257, 1 << 48] {
         let text = zk0_protocol::Checkpoint { size, root }
             .sign(ORIGIN, &log_key())
@@ -314,7 +315,7 @@ fn a_checkpoint_that_cannot_be_is_refused_before_anything_is_read() {
     let mut shown = shelf.at(3);
     shown.instead.insert("checkpoint".into(), None);
     assert_eq!(open(&shown).err(), Some(PublishedError::NoCheckpoint));
-    // A second operator's key.
+    // A second operator signs with another key.
     let text = zk0_protocol::Checkpoint { size: 3, root }
         .sign(ORIGIN, &key(1))
         .unwrap();

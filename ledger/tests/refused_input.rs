@@ -14,7 +14,7 @@ use zk0_protocol::entries::signed::DatasetRegistration;
 use zk0_protocol::tlog::tree::Frontier;
 use zk0_protocol::{Body, Checkpoint, RuleViolation, Signed};
 
-/// An entry of exactly so many bytes: an enrolment with a name that long.
+/// Makes an entry of exactly this many bytes: an enrolment with a long name.
 fn of_bytes(bytes: usize) -> Body {
     let named = |length: usize| {
         Body::NodeEnrolled(NodeEnrolled {
@@ -48,7 +48,7 @@ fn an_entry_over_the_limit_is_refused_and_the_log_goes_on() {
             other => panic!("{other:?}"),
         }
     }
-    // At the limit it is an entry, and the rules have their own say about it.
+    // An entry of exactly the limit is read, and the rules decide about it.
     let at_limit = ledger.append(T0, of_bytes(MAX_ENTRY_BYTES)).map(drop);
     assert!(
         matches!(
@@ -57,7 +57,7 @@ fn an_entry_over_the_limit_is_refused_and_the_log_goes_on() {
         ),
         "{at_limit:?}"
     );
-    // One that a node signed, with more episodes than an entry holds.
+    // A node signed this registration, which has more episodes than an entry holds.
     ledger.append(T0, enrolled(0)).unwrap();
     let network = *ledger.state().network();
     let endless = DatasetRegistration {
@@ -86,7 +86,7 @@ fn an_entry_over_the_limit_is_refused_and_the_log_goes_on() {
     assert_eq!((report.verdict, report.entries), (Verdict::Verified, 3));
 }
 
-/// What an operator with the log's key might put on disk past our own code: signed, and still refused by whoever reads it.
+/// An operator with the log's key can put such bytes on disk without our code. Even if they are signed, every reader refuses them.
 #[test]
 fn signed_or_not_such_bytes_on_disk_are_refused_by_name() {
     let good = entry(T0, enrolled(1)).encode().unwrap();
@@ -126,7 +126,7 @@ fn signed_or_not_such_bytes_on_disk_are_refused_by_name() {
         assert_eq!(report.verdict, Verdict::Failed);
         assert_eq!(report.findings[0].index, Some(1));
         assert!(report.findings[0].text.contains(words));
-        // The log below it is intact.
+        // The log before the bad entry is intact.
         let db = DB::open_default(dir.path().join("log")).unwrap();
         assert_eq!(
             db.get(*b"e\0\0\0\0\0\0\0\0").unwrap(),

@@ -18,7 +18,8 @@ use zk0_ledger::replay::{
 use zk0_ledger::{Blobs, Finding};
 use zk0_protocol::{Entry, State};
 
-/// Finds something in every fiftieth entry, and fails the one it is told to; one entry late, as other threads would.
+/// Finds something in every fiftieth entry, and panics at the entry that it is told. It reports one entry late, as other threads
+/// would.
 #[derive(Default)]
 struct Finder {
     waiting: Vec<Finding>,
@@ -79,7 +80,7 @@ fn several_threads_find_what_one_finds() {
         report.findings.last()
     );
     assert_eq!(report.findings.len() as u64, (size - 1) / 50 + 1);
-    // Whatever is wrong, and in two places: the first one counts, in whichever chunk it is.
+    // Two places are wrong. The first one counts, in whichever chunk it is.
     let db = DB::open_default(dir.path().join("log")).unwrap();
     let truth = |key: [u8; 9]| db.get(key).unwrap().unwrap();
     let later = db_key(b'e', size - 2);
@@ -110,7 +111,7 @@ fn several_threads_find_what_one_finds() {
 
 #[test]
 fn a_changed_signature_is_found_by_any_number_of_threads() {
-    // A whole tree over an entry that nobody signed: only its signature is wrong.
+    // The tree is whole, but nobody signed the statement of one entry. Only its signature is wrong.
     let dir = tempfile::tempdir().unwrap();
     let mut long = Long::found(dir.path(), 0);
     long.rounds(20);
@@ -134,12 +135,12 @@ fn checkpoints_may_be_sparse_but_not_where_something_follows_from_them() {
     assert!(verified.checkpoints < size);
     let db = DB::open_default(dir.path().join("log")).unwrap();
     let (opened, last) = (size - ROUND, size);
-    // After the founding's last entry: nothing follows from that one.
+    // Nothing depends on the checkpoint after the founding's last entry.
     db.delete(db_key(b'c', opened)).unwrap();
     let report = replay(dir.path(), None, &mut ());
     assert_eq!(report.verdict, Verdict::Verified, "{:?}", report.findings);
     assert_eq!(report.checkpoints, verified.checkpoints - 1);
-    // After a commitment, and after the last entry.
+    // The checkpoints after a commitment and after the last entry have to be there.
     for (missing, index) in [(opened + 2, Some(opened + 1)), (last, None)] {
         let text = db.get(db_key(b'c', missing)).unwrap().unwrap();
         db.delete(db_key(b'c', missing)).unwrap();
@@ -148,7 +149,7 @@ fn checkpoints_may_be_sparse_but_not_where_something_follows_from_them() {
         assert_eq!(report.findings[0].index, index, "{:?}", report.findings);
         db.put(db_key(b'c', missing), text).unwrap();
     }
-    // Of another size, though the log signed it.
+    // The log signed this checkpoint, but it is of another size than its place says.
     let other = db.get(db_key(b'c', last)).unwrap().unwrap();
     db.put(db_key(b'c', opened + 5), other).unwrap();
     let report = replay(dir.path(), None, &mut ());
@@ -160,7 +161,7 @@ fn keep(path: &Path, every: Duration) -> Option<Keep> {
     Some(Keep { path, every })
 }
 
-/// Goes on from what is in `file`, if there is something.
+/// Replays from what `file` holds, or from the beginning if it holds nothing.
 fn go_on(dir: &Path, file: &Path, finder: &mut Finder) -> Report {
     let options = Options {
         from: Saved::read(file).unwrap(),
@@ -257,7 +258,7 @@ fn a_log_that_does_not_continue_what_was_verified_is_named() {
     };
     Long::found_as(&other, stranger, 0).rounds(30);
     says(&other, "is of network");
-    // The last checkpoint has to be there also if there are no new entries.
+    // The last checkpoint has to be valid even if there are no new entries.
     drop(long);
     let db = DB::open_default(one.join("log")).unwrap();
     let text = db.get(db_key(b'c', 431)).unwrap().unwrap();
@@ -324,7 +325,7 @@ fn progress_is_told_to_the_end() {
     assert_eq!(most.into_inner(), size);
 }
 
-/// `ENTRIES=1000000 cargo test --release --workspace --locked --test replaying -- --ignored --nocapture`
+/// Run it with `ENTRIES=1000000 cargo test --release --workspace --locked --test replaying -- --ignored --nocapture`.
 #[test]
 #[ignore = "a measurement"]
 fn replay_speed_and_memory() {
@@ -374,7 +375,7 @@ fn cpu_seconds() -> f64 {
     ticks as f64 / 100.0
 }
 
-/// The process' largest resident set so far, in MiB; counted from now on if `reset`.
+/// Returns the largest resident set of this process so far, in MiB. If `reset` is set, the count begins now.
 fn peak_memory_mib(reset: bool) -> u64 {
     if reset {
         let _ = fs::write("/proc/self/clear_refs", "5");

@@ -14,7 +14,7 @@ use zk0_ledger::{Blobs, Finding, Ledger, Recheck, Report};
 use zk0_protocol::{Entry, Genesis, State};
 
 mod rand_flips {
-    /// A small seeded generator (SplitMix64): the same flips in every run.
+    /// A small seeded generator (SplitMix64), which makes the same flips in every run.
     pub struct Flips(pub u64);
 
     impl Flips {
@@ -52,7 +52,7 @@ fn any_changed_entry_hash_or_checkpoint_in_the_database_fails() {
         .collect();
     for (key, value) in &pairs {
         let number = u64::from_be_bytes(key[1..].try_into().unwrap());
-        // Every byte of the last checkpoint, a sample of all others, the first and the last always.
+        // The test flips every byte of the last checkpoint, a sample of all other bytes, and always the first and the last one.
         let step = match key[0] {
             b'c' if number == last => 1,
             _ => 13,
@@ -66,7 +66,7 @@ fn any_changed_entry_hash_or_checkpoint_in_the_database_fails() {
             let what = format!("byte {position} of {} {number}", key[0] as char);
             let finding = fails(dir.path(), &what);
             match key[0] {
-                // The last checkpoint differs from the file's before any entry is read.
+                // The last checkpoint differs from the checkpoint file, which the replay notices before it reads any entry.
                 b'c' if number == last => {}
                 b'c' => assert_eq!(finding.index, Some(number - 1), "{what}"),
                 b'e' => assert_eq!(finding.index, Some(number), "{what}"),
@@ -75,20 +75,20 @@ fn any_changed_entry_hash_or_checkpoint_in_the_database_fails() {
         }
         db.delete(key).unwrap();
         match key[0] {
-            // Of one that nothing depends on, a log is as good without: there might have been a group.
+            // A log is as good without a checkpoint that nothing depends on, because a group has no checkpoint there either.
             b'c' if !(9..=11).contains(&number) && number != last => {
                 assert_eq!(verified(dir.path()).checkpoints, last - 1);
             }
             b'c' => {
                 let finding = fails(dir.path(), "a missing checkpoint");
-                // What opening finds is not about an entry.
+                // If the last checkpoint is missing, the finding need not name an entry.
                 assert!(number == last || finding.index == Some(number - 1));
             }
             _ => drop(fails(dir.path(), "a missing key")),
         }
         db.put(key, value).unwrap();
     }
-    // Signed by the log, but of another size: nothing but the tree tells.
+    // The log signed this checkpoint, but it is of another size, which only the tree shows.
     let (key_6, key_7) = (*b"c\0\0\0\0\0\0\0\x06", *b"c\0\0\0\0\0\0\0\x07");
     let (text_6, text_7) = (
         db.get(key_6).unwrap().unwrap(),
@@ -131,7 +131,7 @@ fn any_changed_byte_of_the_checkpoint_file_fails() {
     verified(dir.path());
 }
 
-/// An operator with the log key rewrites history consistently: the rules still catch what they forbid.
+/// An operator with the log key rewrites history consistently. The rules still refuse what they forbid.
 #[test]
 fn entries_that_break_the_rules_fail_even_when_signed() {
     let dir = tempfile::tempdir().unwrap();
@@ -172,7 +172,7 @@ fn files(dir: &Path) -> Vec<PathBuf> {
     files
 }
 
-/// What flips in RocksDB's own files do: by file kind, how many were noticed of how many.
+/// Flips bits in RocksDB's own files. Returns for each kind of file how many flips were noticed, and how many there were.
 fn flips(original: &Path, seed: u64, count: usize) -> BTreeMap<String, (usize, usize)> {
     let truth = verified(original);
     let scratch = tempfile::tempdir().unwrap();
@@ -210,7 +210,7 @@ fn flips(original: &Path, seed: u64, count: usize) -> BTreeMap<String, (usize, u
 fn a_flipped_bit_in_a_database_file_is_noticed_or_harmless() {
     let dir = tempfile::tempdir().unwrap();
     drop(ledger_with_a_round(dir.path()));
-    // First all of it in the write-ahead log, then in a table.
+    // First everything is in the write-ahead log, and then in a table.
     let in_log = flips(dir.path(), 1, 100);
     let db = DB::open_default(dir.path().join("log")).unwrap();
     db.flush().unwrap();
@@ -235,7 +235,7 @@ fn a_write_ahead_log_cut_short_is_noticed_and_not_made_worse() {
     fs::write(&log, &whole[..whole.len() - 10]).unwrap();
     fails(dir.path(), "a log cut short");
     assert!(Ledger::open(dir.path(), None, log_key()).is_err());
-    // Opening has not thrown away what is left: with the missing bytes back, all is well.
+    // The attempt to open threw nothing away. With the missing bytes back, the ledger opens again.
     fs::write(&log, &whole).unwrap();
     drop(Ledger::open(dir.path(), None, log_key()).unwrap());
     verified(dir.path());

@@ -45,7 +45,7 @@ fn request(shelf: &Shelf, old: u64, size: u64) -> AddCheckpoint {
     }
 }
 
-/// The status that the specification gives for the answer.
+/// Returns the HTTP status that the specification gives for the answer.
 fn status(witness: &mut WitnessStore, request: &AddCheckpoint) -> u16 {
     match witness.add(&request.encode(), NOW) {
         Ok(line) => {
@@ -66,16 +66,16 @@ fn a_witness_answers_as_the_specification_says() {
     let shelf = Shelf::of(&leaves(20, 99));
     let forked = Shelf::of(&leaves(20, 5));
     let ask = |witness: &mut WitnessStore, old, size| status(witness, &request(&shelf, old, size));
-    // Nothing cosigned yet: only old size 0 fits, without a proof.
+    // The witness has cosigned nothing yet, so only old size 0 is right, and only without a proof.
     assert_eq!(ask(&mut witness, 3, 8), 409);
     let mut with_proof = request(&shelf, 3, 8);
     with_proof.old = 0;
     assert_eq!(status(&mut witness, &with_proof), 422);
     assert_eq!(ask(&mut witness, 0, 8), 200);
-    // The same again, and on.
+    // The witness cosigns the same checkpoint again, and a later one.
     assert_eq!(ask(&mut witness, 8, 8), 200);
     assert_eq!(ask(&mut witness, 8, 13), 200);
-    // Another idea of where we are; the true one comes back.
+    // The request names an old size that is not the witness's last one. The answer says which is.
     for old in [0, 8, 12] {
         let refused = witness
             .add(&request(&shelf, old, 15).encode(), NOW)
@@ -84,17 +84,17 @@ fn a_witness_answers_as_the_specification_says() {
             panic!("{refused}");
         };
     }
-    // Rolled back: the old size is beyond the new one.
+    // The log is rolled back, so the old size is larger than the new one.
     assert_eq!(ask(&mut witness, 13, 12), 400);
-    // And, as far as the witness is concerned, from a size that was.
+    // The log is rolled back, and the request names an old size that is not the witness's last one.
     assert_eq!(ask(&mut witness, 8, 12), 409);
-    // Forked: at the same size, and later.
+    // The log is forked, at the same size and at a later one.
     assert_eq!(status(&mut witness, &request(&forked, 13, 13)), 409);
     assert_eq!(status(&mut witness, &request(&forked, 13, 20)), 422);
     let mut honest_proof = request(&shelf, 13, 20);
     honest_proof.checkpoint = request(&forked, 13, 20).checkpoint;
     assert_eq!(status(&mut witness, &honest_proof), 422);
-    // A proof with a hash changed, missing, or too many.
+    // One hash of the proof is changed, one is missing, there is one too many, or there is none.
     for change in [
         |proof: &mut Vec<Digest>| proof[0].0[7] ^= 1,
         |proof: &mut Vec<Digest>| proof.truncate(proof.len() - 1),
@@ -105,7 +105,7 @@ fn a_witness_answers_as_the_specification_says() {
         change(&mut changed.proof);
         assert_eq!(status(&mut witness, &changed), 422);
     }
-    // A second operator's key, and another log.
+    // A second operator's key signs the checkpoint, and then the checkpoint is of another log.
     let mut other = request(&shelf, 13, 20);
     other.checkpoint = shelf.checkpoint(20).sign(ORIGIN, &key(1)).unwrap();
     assert_eq!(status(&mut witness, &other), 403);
@@ -114,7 +114,7 @@ fn a_witness_answers_as_the_specification_says() {
         .sign("another.log", &log_key())
         .unwrap();
     assert_eq!(status(&mut witness, &other), 404);
-    // An empty tree that is not empty.
+    // The checkpoint claims an empty tree with the root of another tree.
     let dir = tempfile::tempdir().unwrap();
     let mut fresh = WitnessStore::open(dir.path(), cosigner(), vec![log_vkey()]).unwrap();
     let empty = |root| AddCheckpoint {
@@ -130,7 +130,7 @@ fn a_witness_answers_as_the_specification_says() {
         200
     );
     assert_eq!(ask(&mut fresh, 0, 3), 200);
-    // After all of that, the honest log goes on.
+    // After all these requests, the honest log goes on.
     assert_eq!(ask(&mut witness, 13, 20), 200);
 }
 
@@ -177,7 +177,7 @@ fn a_restarted_witness_knows_what_it_signed() {
     assert_eq!(status(&mut again, &request(&forked, 0, 8)), 409);
     assert_eq!(status(&mut again, &request(&forked, 8, 9)), 422);
     assert_eq!(status(&mut again, &request(&shelf, 8, 9)), 200);
-    // What it remembers is what it shows to monitors, with both signatures.
+    // The witness shows monitors what it remembers, with both signatures.
     let note = again.last(&hash(ORIGIN)).unwrap().unwrap();
     let policy = format!("witness W {}\nquorum W\n", again.key());
     let opened = WitnessPolicy::parse(&policy)
@@ -186,7 +186,7 @@ fn a_restarted_witness_knows_what_it_signed() {
         .unwrap();
     assert_eq!(opened.checkpoint, shelf.checkpoint(9));
     assert_eq!(again.last(&hash("another.log")).unwrap(), None);
-    // Two of one witness at once would cosign two histories.
+    // Two processes of the same witness at once would cosign two histories, so the second one does not start.
     let second = WitnessStore::open(dir.path(), cosigner(), vec![log_vkey()]);
     assert!(matches!(second, Err(WitnessError::Locked(_))));
 }
@@ -202,7 +202,7 @@ fn a_witness_with_a_damaged_memory_does_not_start() {
     let file = dir.path().join(hash(ORIGIN));
     let good = fs::read(&file).unwrap();
     let start = || WitnessStore::open(dir.path(), cosigner(), vec![log_vkey()]).map(drop);
-    // Not cosigned by this witness: somebody else's word for what it signed last.
+    // This checkpoint has no cosignature of this witness, so it does not show what the witness signed last.
     let without = shelf.checkpoint(9).sign(ORIGIN, &log_key()).unwrap();
     let mut changed = good.clone();
     changed[25] ^= 1;
@@ -226,18 +226,18 @@ fn nothing_is_cosigned_that_cannot_be_remembered() {
     let shelf = Shelf::of(&leaves(20, 99));
     let mut witness = witness(&dir.path().join("state"));
     assert_eq!(status(&mut witness, &request(&shelf, 0, 8)), 200);
-    // Without its folder, the witness cannot write: not even root can.
+    // Without its folder the witness cannot write, even if it runs as root.
     let (folder, away) = (dir.path().join("state"), dir.path().join("away"));
     fs::rename(&folder, &away).unwrap();
     let failed = witness.add(&request(&shelf, 8, 9).encode(), NOW);
     assert!(matches!(failed, Err(AddError::Failed(_))), "{failed:?}");
     fs::rename(&away, &folder).unwrap();
-    // And it has not moved on.
+    // The witness still remembers the old size.
     assert_eq!(status(&mut witness, &request(&shelf, 8, 10)), 200);
 }
 
-/// The split view: an operator who shows one history to one client and another one to another. Of three witnesses, two have
-/// to cosign; whichever it shows to whom, one of the two clients is left without a quorum.
+/// An operator shows one history to one client and another history to another client. Two of the three witnesses have to cosign.
+/// Whichever history the operator shows to which witness, one of the two clients gets no quorum.
 #[test]
 fn two_clients_cannot_be_shown_two_histories() {
     let honest = Shelf::of(&leaves(20, 99));
@@ -252,7 +252,7 @@ fn two_clients_cannot_be_shown_two_histories() {
         .collect();
     policy.push_str("group two 2 A B C\nquorum two\n");
     let policy = WitnessPolicy::parse(&policy).unwrap();
-    // Every way to show each witness one history first and the other after.
+    // The operator shows each witness one history first and the other one after, in every possible combination.
     for order in 0..8u8 {
         let dirs: Vec<_> = (0..3).map(|_| tempfile::tempdir().unwrap()).collect();
         let mut notes =

@@ -11,7 +11,7 @@ use zk0_ledger::replay;
 use zk0_ledger::replay::Verdict;
 use zk0_ledger::{Ledger, LedgerError};
 
-/// A clock that nobody sets, by hand.
+/// A clock that only moves on. The test moves it by hand.
 #[derive(Clone, Default)]
 struct Passed(Arc<AtomicU64>);
 
@@ -47,10 +47,10 @@ fn an_entry_from_the_future_is_refused_and_the_log_goes_on() {
         }
     }
     assert_eq!(before, (ledger.size(), ledger.checkpoint().to_vec()));
-    // Set right again, a little back: the entry gets the time of the one before.
+    // The clock is right again, slightly behind the last entry. The entry gets the time of the one before.
     ledger.append(T0 + 5, enrolled(1)).unwrap();
     assert_eq!(ledger.state().time_ms(), T0 + TOLERANCE_MS);
-    // And time that has passed may be shown.
+    // The ledger records time that has really passed.
     passed.pass(HOUR);
     ledger.append(T0 + HOUR, enrolled(2)).unwrap();
     drop(ledger);

@@ -1,5 +1,5 @@
-//! Random damage to every kind of file: it ends in an error or in a value, never in a panic, and never in an allocation that the
-//! damaged file talked the reader into.
+//! Random damage to every kind of file ends in an error or in a value. It never causes a panic, or an allocation as large as the
+//! damaged file claims.
 
 mod allocations;
 mod recordings;
@@ -27,7 +27,7 @@ fn parquet_files_cut_anywhere() {
     }
 }
 
-/// Found by random damage: with this byte changed the parquet crate (60.1) panics.
+/// Random damage found this: with this byte changed, the parquet crate (60.1) panics.
 #[test]
 fn a_panic_of_the_parquet_crate_becomes_an_error() {
     let copy = Copy::new();
@@ -38,10 +38,10 @@ fn a_panic_of_the_parquet_crate_becomes_an_error() {
     copy.fails(DATA, "damaged parquet file: ");
 }
 
-/// Random damage: a few bytes changed, a stretch overwritten, or the tail lost.
+/// Damages the bytes at random: changes a few bytes, overwrites a stretch, or cuts the end off.
 fn damaged(bytes: &[u8], rng: &mut ChaCha8Rng) -> Vec<u8> {
     let mut bytes = bytes.to_vec();
-    // Half of the damage goes to the first 2 KiB, where the mp4's index is, or the last, where parquet's is.
+    // Half of the damage hits the first 2 KiB, where the mp4's index is, or the last 2 KiB, where parquet's index is.
     let near = |rng: &mut ChaCha8Rng, len: usize| match rng.random_range(0..4) {
         0 => rng.random_range(0..len.min(2048)),
         1 => len - 1 - rng.random_range(0..len.min(2048)),
@@ -54,7 +54,7 @@ fn damaged(bytes: &[u8], rng: &mut ChaCha8Rng) -> Vec<u8> {
             let end = (at + rng.random_range(1..64)).min(bytes.len());
             rng.fill(&mut bytes[at..end]);
         }
-        // Lengths and counts are 32-bit: make one huge.
+        // Lengths and counts have 32 bits. This makes one of them huge.
         2 => {
             let at = near(rng, bytes.len());
             let end = (at + 4).min(bytes.len());
@@ -70,7 +70,7 @@ fn damaged(bytes: &[u8], rng: &mut ChaCha8Rng) -> Vec<u8> {
     bytes
 }
 
-/// What the largest allocation may be: decoder state and buffers, whatever a file claims.
+/// The largest allocation that is allowed, whatever a file claims: decoder state and buffers.
 const ENOUGH: usize = 64 << 20;
 
 #[test]
@@ -87,7 +87,7 @@ fn random_damage_to_a_video_never_panics() {
         match VideoReader::open(&path, 96, 128) {
             Err(_) => refused += 1,
             Ok(mut video) => {
-                // A few frames each; all of them would take minutes.
+                // The test decodes a few frames of each video, because all of them would take minutes.
                 let at = rng.random_range(0..video.len());
                 match (at..video.len().min(at + 4)).find_map(|n| video.rgb(n).err()) {
                     Some(_) => undecodable += 1,

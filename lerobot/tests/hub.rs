@@ -23,11 +23,11 @@ const NAME: &str = "robots/so100";
 struct Manners {
     /// Answers only callers with this token.
     token: Option<&'static str>,
-    /// Cuts the connection in the middle of the body, for the first so many requests of a file's content.
+    /// Cuts the connection in the middle of the body, for this many of the first requests for a file's content.
     cuts: usize,
-    /// Sends other bytes than it lists, for the first so many requests of a file's content.
+    /// Sends other bytes than it lists, for this many of the first requests for a file's content.
     lies: usize,
-    /// Lists this file too.
+    /// Lists this file as well.
     extra: Option<&'static str>,
     /// Sends every file without its second half, and says that this is all.
     halves: bool,
@@ -54,7 +54,7 @@ impl Hub {
         let (requests, manners) = (hub.requests.clone(), hub.manners.clone());
         std::thread::spawn(move || {
             for stream in listener.incoming() {
-                // A caller that has gone is no fault of the server.
+                // It is not the server's fault if the caller has closed the connection.
                 let _ = answer(stream.unwrap(), &files, &requests, &manners);
             }
         });
@@ -90,7 +90,7 @@ fn hash(bytes: &[u8]) -> String {
     hex::encode(Sha256::digest(bytes))
 }
 
-/// One request, one answer, then the connection is closed.
+/// Answers one request, and then closes the connection.
 fn answer(
     mut stream: TcpStream,
     files: &HashMap<String, Vec<u8>>,
@@ -130,7 +130,7 @@ fn answer(
         return status(&mut stream, "401 Unauthorized");
     }
     if path == format!("/api/datasets/{NAME}/revision/main?blobs=true") {
-        // Large files are listed with their SHA-256, small ones with git's hash, of which only the form matters here.
+        // Large files are listed with their SHA-256. Small files are listed with git's hash, of which only the form matters here.
         let mut siblings: Vec<_> = files
             .iter()
             .map(|(name, bytes)| {
@@ -202,7 +202,7 @@ fn get(options: &HubOptions) -> Result<PathBuf, HubError> {
     fetch(&NAME.parse().unwrap(), options, &mut |_| ())
 }
 
-/// The recording is the one in the fixtures, to the last byte of every file and as a dataset.
+/// Checks that the recording equals the one in the fixtures, in every byte of every file and as a dataset.
 #[track_caller]
 fn is_whole(folder: &Path, name: &str) {
     let (mut here, mut there) = (HashMap::new(), HashMap::new());
@@ -213,7 +213,7 @@ fn is_whole(folder: &Path, name: &str) {
     assert!(ours.frame(100, 10).unwrap() == like.frame(100, 10).unwrap());
 }
 
-/// As [`collect`], through the links that the cache is made of.
+/// Collects the files as [`collect`] does, through the links that the cache is made of.
 fn collect_followed(folder: &Path, prefix: &str, files: &mut HashMap<String, Vec<u8>>) {
     for entry in fs::read_dir(folder).unwrap() {
         let path = entry.unwrap().path();
@@ -240,14 +240,14 @@ fn a_recording_is_downloaded_once() {
         assert_eq!((last.files, last.bytes), (last.of_files, last.of_bytes));
         assert!(seen.windows(2).all(|w| w[0].files <= w[1].files));
 
-        // Again: the listing alone.
+        // A second call only reads the list of files.
         assert_eq!(get(&options).unwrap(), folder);
         assert_eq!(
             hub.asked(),
             [format!("/api/datasets/{NAME}/revision/main?blobs=true")]
         );
 
-        // Without the Hub: what is there.
+        // Without the Hub, the call returns what is already there.
         let nowhere = HubOptions {
             endpoint: "http://127.0.0.1:1".into(),
             ..options
@@ -270,7 +270,7 @@ fn connections_that_are_cut_are_taken_up_again() {
 
 #[test]
 fn files_that_are_not_whole_are_never_used() {
-    // Cut whenever it is asked: an error, and nothing under the files' names.
+    // If the connection is cut at every request, the result is an error, and no file has its name yet.
     let manners = Manners {
         cuts: usize::MAX,
         ..Manners::default()
@@ -280,11 +280,11 @@ fn files_that_are_not_whole_are_never_used() {
     let error = get(&options).unwrap_err();
     assert!(matches!(error, HubError::Download { .. }), "{error}");
     assert!(error.to_string().contains("run the command again"));
-    // With the Hub back to its senses it goes on from there.
+    // When the Hub sends whole files again, the download goes on from there.
     hub.manners.lock().unwrap().cuts = 0;
     is_whole(&get(&options).unwrap(), "so101_pickplace");
 
-    // Short files that are said to be whole.
+    // The server sends short files and says that they are whole.
     let manners = Manners {
         halves: true,
         ..Manners::default()
@@ -301,7 +301,7 @@ fn files_that_are_not_whole_are_never_used() {
     }
     assert!(left.is_empty(), "{:?}", left.keys());
 
-    // A file that has lost its end since.
+    // A file in the cache has lost its end since the download.
     let (hub, cache) = (
         Hub::start("so101_pickplace", Manners::default()),
         self::cache(),
@@ -319,7 +319,7 @@ fn other_bytes_than_listed_are_noticed() {
         lies,
         ..Manners::default()
     };
-    // Metadata has no SHA-256 in the listing, only its size; the videos and tables have.
+    // The list holds only the size of metadata files, but the SHA-256 of tables and videos.
     let (hub, cache) = (Hub::start("so101_pickplace", lies(usize::MAX)), cache());
     let error = get(&hub.options(cache.path())).unwrap_err().to_string();
     assert!(error.contains("its SHA-256 is "), "{error}");
@@ -373,7 +373,7 @@ fn listings_cannot_write_outside_the_cache() {
         let (hub, cache) = (Hub::start("so101_pickplace", manners), cache());
         let error = match get(&hub.options(cache.path())) {
             Err(error) => error,
-            // Harmless spellings of a path inside may also end as a file that is not there.
+            // Some of these paths are harmless spellings of a path within the cache. They may end as a file that is not there.
             Ok(_) => panic!("{path} was fetched"),
         };
         match path.contains("..") {

@@ -152,7 +152,7 @@ mod tests {
         Recording::prepare(&path(), file, &spec, [3; 32], cache).unwrap()
     }
 
-    /// What is committed to does not depend on where the samples come from.
+    /// The commitment does not depend on where the samples come from.
     #[test]
     fn a_commitment_is_the_same_with_and_without_the_cache() {
         let file = hashing_words();

@@ -148,7 +148,7 @@ fn keys_cosignatures_and_requests() {
 
 #[test]
 fn a_signature_under_one_tag_is_not_valid_under_another() {
-    // The same fields under another tag: only the tag keeps the two apart.
+    // The same fields are under another tag. Only the tag keeps the two apart.
     #[derive(Clone, borsh::BorshSerialize, borsh::BorshDeserialize)]
     struct Other(UploadRequest);
     impl Statement for Other {
@@ -194,11 +194,11 @@ fn a_checkpoint_has_one_form() {
         assert!(open(&text[..position]).is_err());
     }
     assert!(open(&[&text[..], b"\n"].concat()).is_err());
-    // A second, valid signature line; and the same once more.
+    // The same valid signature line stands in the text twice.
     let line = text.split(|byte| *byte == b'\n').nth(4).unwrap();
     let doubled = [&text[..], line, b"\n"].concat();
     assert!(open(&doubled).is_err());
-    // Signed by another key, or for another log.
+    // Another key signed the checkpoint, or it is for another log.
     let other = checkpoint.sign(&genesis.name, &key(0)).unwrap();
     assert!(open(&other).is_err());
     let other = checkpoint.sign("another.log", &log_key()).unwrap();

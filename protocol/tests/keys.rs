@@ -55,7 +55,7 @@ fn strict(key: &[u8; 32], message: &[u8], signature: &Signature) -> bool {
     VerifyingKey::from_bytes(key).is_ok_and(|key| key.verify_strict(message, signature).is_ok())
 }
 
-/// What our own code says, which has to be the same in all places.
+/// Returns what our own code says. All places have to say the same.
 fn ours(vote: &Vote, signature: &Signature) -> bool {
     let signed = Signed {
         statement: *vote,
@@ -80,7 +80,8 @@ fn challenge(r: &[u8; 32], key: &[u8; 32], message: &[u8]) -> Scalar {
 }
 
 proptest! {
-    /// Signatures by somebody who chooses every part: secret, nonce, and points of small order added to key and R.
+    /// Signatures by somebody who chooses every part: the secret, the nonce, and points of small order that are added to the key
+    /// and to R.
     #[test]
     fn accepts_what_strict_verification_accepts(
         secret in any::<[u8; 32]>(),
@@ -110,7 +111,7 @@ proptest! {
     }
 }
 
-/// Whoever has the key can sign with an R that does not come from a nonce. Plain verification accepts that.
+/// Anyone who has the key can sign with an R that does not come from a nonce. Plain verification accepts that signature.
 #[test]
 fn r_of_small_order_is_refused() {
     let secret = Scalar::from(7u64);

@@ -23,7 +23,7 @@ fn unknown_versions_kinds_and_bytes_that_are_no_text_are_each_named() {
         EntryError::Malformed(text) => assert!(text.contains(words), "{text}"),
         other => panic!("{other:?}"),
     };
-    // After version and time comes the kind; the name ends the entry.
+    // The kind follows the version and the time. The name ends the entry.
     for kind in [100, 255] {
         malformed(with(10, kind), &kind.to_string());
     }
@@ -46,7 +46,7 @@ fn what_strangers_call_themselves_is_quoted_short_and_does_nothing_to_a_terminal
         root: zk0_circuits::Digest([1; 32]),
     };
     let signed = String::from_utf8(checkpoint.sign(name, &log_key()).unwrap()).unwrap();
-    // A note holds no control characters of ASCII; this one clears a screen as well.
+    // A note holds no ASCII control characters. This control character, which is not ASCII, clears a screen as well.
     let hostile = format!("\u{9b}2Jlog'{}", "x".repeat(500));
     let other = signed.replacen(name.as_str(), &hostile, 1);
     let key = log_key().verifying_key().to_bytes();

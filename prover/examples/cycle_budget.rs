@@ -40,7 +40,7 @@ fn main() -> Result<(), Box<dyn Error>> {
 }
 
 const PAGE_BITS: u32 = 16;
-/// Of the address space that SP1 gives a program.
+/// How many bits the addresses that SP1 gives a program have.
 const MEMORY_BITS: u32 = 38;
 type Page = [u8; 1 << PAGE_BITS];
 
@@ -51,7 +51,7 @@ struct Machine {
     pc: u64,
     registers: [u64; 32],
     input: std::vec::IntoIter<Vec<u8>>,
-    /// Instructions so far.
+    /// How many instructions have run so far.
     cycles: u64,
     operations: BTreeMap<String, u64>,
     operation: Option<(String, u64)>,
@@ -108,7 +108,7 @@ impl Machine {
         }
     }
 
-    /// `bytes` at an address that is a multiple of `bytes`.
+    /// Loads `bytes` bytes from an address that is a multiple of `bytes`.
     fn load_bytes(&mut self, address: u64, bytes: usize) -> Result<u64, String> {
         let at = address as usize & ((1 << PAGE_BITS) - 1);
         let mut word = [0; 8];
@@ -139,7 +139,7 @@ impl Machine {
         }
     }
 
-    /// One instruction of RV64IM (The RISC-V Instruction Set Manual, volume I).
+    /// Executes one instruction of RV64IM (The RISC-V Instruction Set Manual, volume I).
     fn step(&mut self, word: u32) -> Result<(), String> {
         let (rd, funct3, funct7) = (word >> 7 & 31, word >> 12 & 7, word >> 25);
         let a = self.registers[(word >> 15 & 31) as usize];
@@ -198,7 +198,7 @@ impl Machine {
             0x13 => arithmetic(funct3, word >> 30 == 1 && funct3 == 5, a, immediate),
             0x33 if funct7 == 1 => multiply(funct3, a, b),
             0x33 => arithmetic(funct3, funct7 == 32, a, b),
-            // The same on the low halves; shifts by five bits.
+            // These instructions work on the low halves of the registers, and shift by five bits of the operand.
             0x1b | 0x3b => {
                 let b = if word & 0x20 == 0 { immediate } else { b };
                 match (word & 0x20 != 0 && funct7 == 1, funct3) {
@@ -212,7 +212,7 @@ impl Machine {
                     _ => word32((a as u32 >> (b & 31)) as u64),
                 }
             }
-            0x0f => 0, // fence
+            0x0f => 0, // This is a fence
             opcode => return Err(format!("opcode {opcode:#x} at {:#x}", self.pc)),
         };
         if rd != 0 && word & 0x7f != 0x0f {
@@ -222,7 +222,7 @@ impl Machine {
         Ok(())
     }
 
-    /// A system call of SP1 (`sp1-zkvm`, `syscalls`); whether the program goes on.
+    /// Executes a system call of SP1 (`sp1-zkvm`, `syscalls`). Returns whether the program goes on.
     fn system_call(&mut self) -> Result<bool, String> {
         let [code, a, b, c] = [5, 10, 11, 12].map(|register| self.registers[register]);
         match code & 0xff {
@@ -246,7 +246,7 @@ impl Machine {
                 }
             }
             0x06 => self.sha256_compress(a, b)?,
-            0x10 | 0x1a => {} // the committed values are of no interest here
+            0x10 | 0x1a => {} // The committed values do not matter here
             0x33 => {
                 let mut state = State::default();
                 for (at, pair) in state.0.iter_mut().enumerate() {
@@ -272,7 +272,7 @@ impl Machine {
         Ok(true)
     }
 
-    /// FIPS 180-4, 6.2.2, over words of 64 bits.
+    /// Compresses a block as in FIPS 180-4, 6.2.2. The words lie in 64 bits each.
     fn sha256_compress(&mut self, words: u64, state: u64) -> Result<(), String> {
         let mut hash = [0u32; 8];
         for (at, value) in hash.iter_mut().enumerate() {
@@ -281,7 +281,7 @@ impl Machine {
         let [mut a, mut b, mut c, mut d, mut e, mut f, mut g, mut h] = hash;
         let primes = (2u32..).filter(|n| (2..*n).take_while(|d| d * d <= *n).all(|d| n % d != 0));
         for (round, prime) in primes.take(64).enumerate() {
-            // The first 32 bits of the fractional part of its cube root.
+            // The constant is the first 32 bits of the fractional part of the prime's cube root.
             let constant = ((prime as f64).cbrt().fract() * 4_294_967_296.0) as u32;
             let word = self.load_bytes(words + 8 * round as u64, 8)? as u32;
             let s1 = e.rotate_right(6) ^ e.rotate_right(11) ^ e.rotate_right(25);
@@ -300,7 +300,7 @@ impl Machine {
         Ok(())
     }
 
-    /// What the program says; a report of an operation starts or stops its clock.
+    /// Handles the output of the program. A report of an operation starts or stops the clock of that operation.
     fn write(&mut self, file: u64, start: u64, count: u64) -> Result<(), String> {
         let bytes = (start..start + count).map(|at| self.load_bytes(at, 1).map(|byte| byte as u8));
         let text = String::from_utf8_lossy(&bytes.collect::<Result<Vec<_>, _>>()?).into_owned();

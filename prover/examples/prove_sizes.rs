@@ -52,7 +52,7 @@ async fn main() -> Result<(), Box<dyn Error>> {
         let private = synthetic::private_input(&EvalSpec::new(dims), 1, 1)?;
         let (_, input) = GuestInput::of(mode, &private)?;
         let run = executor.execute(elf(mode), &input.buffers).await?;
-        // The verifier's half of mode `checked`: projections of both sets of weights.
+        // In mode `checked`, the verifier also projects both sets of weights.
         let mut hinted = match mode {
             Mode::Direct => None,
             Mode::Checked => Some(HintedInput::of(&private)?),
@@ -87,7 +87,7 @@ async fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Reads dimensions, field by field.
+/// Reads the dimensions field by field.
 fn dims(value: &Value) -> Result<Dims, String> {
     let field = |name: &str| {
         let number = value[name]

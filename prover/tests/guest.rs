@@ -18,7 +18,8 @@ fn circuits() -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../circuits")
 }
 
-/// Dimensions other than `micro`'s in every respect: cross-attention first to last, grouped heads, odd chunk.
+/// These dimensions differ from `micro`'s in every respect: all layers but the first have cross-attention, the heads are grouped,
+/// and the chunk is odd.
 const OTHER: Dims = Dims {
     expert_width: 18,
     expert_mlp: 20,
@@ -60,7 +61,7 @@ async fn guest_and_host_give_the_same_claim() {
     }
 }
 
-/// What a cheat may try on an input that is otherwise honest.
+/// Changes that a cheat may try on an honest input.
 fn cheats() -> Vec<(&'static str, fn(&mut PrivateInput))> {
     vec![
         ("the update is the base", |input| {
@@ -162,7 +163,7 @@ async fn the_checked_guest_refuses_what_the_host_refuses_for_the_same_reason() {
     let input = synthetic::private_input(&EvalSpec::micro(), 2, 13).unwrap();
     let honest = HintedInput::of(&input).unwrap();
     for (name, cheat) in cheats {
-        // The input as it is, and again with the seed drawn anew from its hints.
+        // The test tries the changed input as it is, and again with the seed drawn anew from its hints.
         for sealed in [false, true] {
             let mut hinted = honest.clone();
             cheat(&mut hinted);
@@ -277,7 +278,7 @@ fn the_committed_elf_is_what_the_sources_give() {
     let text = String::from_utf8_lossy(&build.stderr);
     match build.status.code() {
         Some(0) => {}
-        // Straight to the terminal: the test harness hides what `eprintln!` prints in tests that pass.
+        // The message goes straight to the terminal, because the test harness hides what `eprintln!` prints in tests that pass.
         Some(2) => writeln!(io::stderr(), "SKIPPED: {text}").unwrap(),
         _ => panic!("run circuits/build-guest.sh and the example record_guest\n{text}"),
     }

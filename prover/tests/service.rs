@@ -209,7 +209,7 @@ async fn clients_in_the_queue_are_told_their_place_and_time() {
     service
         .prove_and_watch("second", |event| {
             if event.phase() == Phase::Queued && event.elapsed_ms > 500 {
-                allowed.add_permits(1); // the first ends
+                allowed.add_permits(1); // This lets the first proof end
             }
             if event.phase() == Phase::Proving {
                 allowed.add_permits(1);
@@ -258,7 +258,7 @@ async fn a_client_that_goes_away_gives_up_its_place() {
         .expect("the place of the second was free");
 }
 
-/// The service's answer to a request that the real client would not make.
+/// Returns the service's answer to a request that the real client would not make.
 async fn raw(parts: Vec<Part>) -> tonic::Status {
     let service = service(2, 1).await;
     let mut client = ProverClient::connect(service.address).await.unwrap();
@@ -344,7 +344,7 @@ async fn private_inputs_that_fill_the_memory_are_refused_until_a_proof_is_done()
     let service = Arc::new(service(16, 0).await);
     let all_waiting: Vec<_> = (0..4)
         .map(|_| {
-            // The input is announced and never sent. The service reserves the memory all the same.
+            // The client announces the input and never sends it. The service reserves the memory all the same.
             let address = service.address.clone();
             tokio::spawn(async move {
                 let mut client = ProverClient::connect(address).await.unwrap();

@@ -22,7 +22,7 @@ use zk0_smolvla::policy::model::sampling::sample_actions;
 use zk0_smolvla::policy::model::{flow, Parameters};
 use zk0_smolvla::train::optimizer::{AdamW, AdamWOptions};
 
-/// What is compared, all of it brought to the CPU.
+/// The results that are compared, all on the CPU.
 struct Results {
     keys_and_values: Vec<Vec<f64>>,
     actions: Vec<f64>,
@@ -52,7 +52,7 @@ fn prefix_input(device: &Device) -> PrefixInput {
     }
 }
 
-/// Keys and values of the tokens that are real; the others mean nothing.
+/// Returns the keys and values of the real tokens. Those of the other tokens mean nothing.
 fn seen(cache: &PrefixCache) -> Vec<Vec<f64>> {
     let layers = cache.keys.iter().chain(&cache.values);
     layers
@@ -127,7 +127,7 @@ fn results(device: &Device, precision: FrozenPrecision) -> Results {
     }
 }
 
-/// How far two may be apart, as a share of what is compared.
+/// How far two results may be apart, as a share of the compared values.
 struct Tolerances {
     keys_and_values: f64,
     actions: f64,
@@ -144,8 +144,8 @@ const F32: Tolerances = Tolerances {
     moves: 1e-2,
 };
 
-/// What rounding to bf16 may change. (PyTorch 2.10 under autocast is 0.6 % to 1.6 % off its own float32 on this policy's keys and
-/// values.)
+/// How much rounding to bf16 may change. (PyTorch 2.10 under autocast is 0.6 % to 1.6 % off its own float32 on this policy's keys
+/// and values.)
 const BF16: Tolerances = Tolerances {
     keys_and_values: 3e-2,
     actions: 3e-2,
@@ -176,8 +176,8 @@ fn kernels_and_candles_operations() {
     agree(&plain, &kernels, &F32);
 }
 
-/// Rounding the frozen half's products changes what bf16 has no digits for, and nothing more; the gradient still reaches the state
-/// projection through them.
+/// If the frozen half's products are rounded to bf16, the results change only within its tolerances. The gradient still reaches the
+/// state projection through them.
 #[test]
 fn a_rounded_frozen_half_is_near_the_exact_one() {
     let exact = results(&Device::Cpu, FrozenPrecision::F32);

@@ -1,4 +1,4 @@
-//! Freed memory is kept while a model exists. One test alone: it watches the whole process.
+//! Freed memory is kept while a model exists. The file has only one test, because the test watches the whole process.
 
 use candle_core::{DType, Device, Tensor};
 use libmimalloc_sys::mi_option_get;
@@ -7,7 +7,7 @@ use zk0_smolvla::policy::memory::{Allocator, KeepFreed, KEPT_FOR, PURGE_DELAY};
 #[global_allocator]
 static ALLOCATOR: Allocator = Allocator;
 
-/// Bytes of this process in memory.
+/// Returns how many bytes of this process are in memory.
 fn resident() -> u64 {
     let status = std::fs::read_to_string("/proc/self/status").unwrap();
     let line = status.lines().find(|l| l.starts_with("VmRSS:")).unwrap();
@@ -19,9 +19,9 @@ fn resident() -> u64 {
         << 10
 }
 
-/// Milliseconds until freed memory is given back.
+/// Returns the number of milliseconds until freed memory is given back.
 fn delay() -> i64 {
-    // SAFETY: reads a number.
+    // SAFETY: the call only reads a number.
     unsafe { mi_option_get(PURGE_DELAY) }
 }
 

@@ -56,7 +56,7 @@ fn write_model(path: &Path) {
             state = state
                 .wrapping_mul(6364136223846793005)
                 .wrapping_add(1442695040888963407);
-            // Any exponent below that of 1 makes a finite number.
+            // Any exponent below that of 1 gives a finite number.
             let bits = ((state >> 48) as u16) & 0xbf7f;
             pair.copy_from_slice(&bits.to_le_bytes());
         }

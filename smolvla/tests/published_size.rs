@@ -33,7 +33,7 @@ fn a_forward_pass_at_the_published_size_in_bounded_memory() {
     let mut all = policy.frozen;
     all.extend(policy.expert.into_tensors());
 
-    // What the state dict has and the policy uses.
+    // The loop counts the tensors that the state dict has and that the policy uses.
     let mut found = 0;
     let (mut tensors, mut parameters) = (0, 0);
     let json = reference::published_parameters();
@@ -51,7 +51,7 @@ fn a_forward_pass_at_the_published_size_in_bounded_memory() {
         }
     }
     assert_eq!((tensors, parameters), (500, 450_046_176));
-    // All but the language model's head.
+    // The policy uses all tensors but the language model's head.
     assert_eq!((found, all.len()), (499, 499));
 
     let device = &Device::Cpu;

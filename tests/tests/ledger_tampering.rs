@@ -68,7 +68,7 @@ fn any_byte_of_the_published_checkpoint() {
     let whole = fs::read(&path).unwrap();
     for at in 0..whole.len() {
         flip(&path, at);
-        // The ledger's own checks are enough to see it: no proof has to be verified again.
+        // The ledger's own checks notice the change, so no proof has to be verified again.
         assert_eq!(
             replay(dir.path(), None, &mut ()).verdict,
             Verdict::Failed,

@@ -59,7 +59,7 @@ fn the_real_contribution_is_accepted() {
     );
 }
 
-/// The state with other rules: they are encoded twice in it, in the genesis and as the rules in force.
+/// Returns the state with other rules. The state encodes the rules twice: in the genesis, and as the rules in force.
 fn with_rules(state: &State, change: impl FnOnce(&mut Rules)) -> State {
     let mut rules = state.rules().clone();
     let encoded = borsh::to_vec(&rules).unwrap();
@@ -107,12 +107,12 @@ fn a_flipped_byte_in_the_proof_is_refused() {
     ] {
         let mut changed = real.contribution.clone();
         changed.proof[at] ^= 1;
-        // The node signed the proof's digest, so a flip on the way is seen before SP1 is asked…
+        // The node signed the proof's digest, so a flipped byte is seen before SP1 is asked.
         assert!(
             matches!(refusal(&real, &changed), Refusal::ProofDigest { .. }),
             "byte {at}"
         );
-        // …and SP1 itself refuses what the node might have signed.
+        // SP1 itself refuses the changed proof, even if the node might have signed it.
         let by_proof = check_proof(&changed.proof, claim, &key).expect_err("a changed proof");
         assert!(
             matches!(
@@ -226,7 +226,7 @@ fn weights_that_quantise_to_something_else_are_refused() {
     let real = real();
     let claim = &real.contribution.submission.statement.claim;
     let mut update = real.contribution.weights.update.clone();
-    // The highest exponent bit but one of the last value: another number, still finite.
+    // This flips the second-highest exponent bit of the last value. The number changes and stays finite.
     *update.last_mut().unwrap() ^= 0x20;
     let mut digest = claim.terms.update;
     digest.blob = blob_digest(&update);

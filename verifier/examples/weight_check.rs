@@ -42,7 +42,7 @@ fn measure(spec: &EvalSpec, folder: &Path) -> Result<(), Box<dyn Error>> {
         let [base, update] = [File::open(&paths[0])?, File::open(&paths[1])?];
         let begin = Instant::now();
         match check_projections(spec, &claimed, base, update) {
-            // Nobody claimed these weights, so the comparison fails. It comes last, after all the work.
+            // Nobody claimed these weights, so the comparison fails. The comparison comes last, after all the work.
             Err(Refusal::OtherProducts { .. }) => {}
             other => return Err(format!("unexpected: {other:?}").into()),
         }
@@ -61,7 +61,7 @@ fn measure(spec: &EvalSpec, folder: &Path) -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// A safetensors file of random weights of a trained model's magnitudes.
+/// Makes a safetensors file of random weights with the magnitudes of a trained model.
 fn write(spec: &EvalSpec, path: &Path, seed: u32) -> Result<(), Box<dyn Error>> {
     let tensors = expert_tensors(&spec.dims);
     let mut at = 0;

@@ -15,7 +15,7 @@ fn specs(len: usize) -> Vec<TensorSpec> {
     }]
 }
 
-/// Weights as they arrive: through a file.
+/// Returns the weights as they arrive, which is through a file.
 fn tensors(values: &[f32]) -> ExpertTensors {
     let data: Vec<u8> = values
         .iter()
@@ -65,7 +65,7 @@ fn one_contribution_averages_to_itself() {
 
 #[test]
 fn rounding_happens_once_at_the_end() {
-    // In float32 arithmetic 2^24 + 1 + 1 loses both ones; in one final rounding they count.
+    // In float32 arithmetic, 2^24 + 1 + 1 loses both ones. With one final rounding, they count.
     let (large, one) = (tensors(&[16_777_216.0]), tensors(&[1.0]));
     let mean = average(&[(node(1), 1, &large), (node(2), 1, &one), (node(3), 1, &one)]).unwrap();
     assert_eq!(mean.get("weight").unwrap(), [5_592_406.0]);
@@ -73,7 +73,8 @@ fn rounding_happens_once_at_the_end() {
 
 #[test]
 fn sums_run_in_the_order_of_nodes() {
-    // In doubles (1e30 − 1e30) + 1 is 1, 1e30 + (−1e30 + 1) is 0: the order is part of the result, and it is that of nodes.
+    // In doubles, (1e30 − 1e30) + 1 is 1, and 1e30 + (−1e30 + 1) is 0. The order is part of the result, and it is the order of the
+    // nodes.
     let (up, down, one) = (tensors(&[1e30]), tensors(&[-1e30]), tensors(&[3.0]));
     for order in [[0, 1, 2], [2, 1, 0], [1, 2, 0], [0, 2, 1]] {
         let all = [(node(1), 1, &up), (node(2), 1, &down), (node(3), 1, &one)];
@@ -104,7 +105,7 @@ fn what_cannot_be_averaged_is_named() {
 
 #[test]
 fn the_average_has_the_bits_it_always_had() {
-    // A test vector: computed once; any change of order, precision or rounding shows.
+    // These bits are a test vector that was computed once. They change with any change of order, precision or rounding.
     let parts: Vec<_> = (0..5u8)
         .map(|part| {
             let value = |at: u32| ((at * 31 + u32::from(part) * 17) % 101) as f32 / 7.0 - 6.3;
@@ -214,7 +215,7 @@ proptest! {
         given.rotate_left(by);
         prop_assert_eq!(bits(&median(&given).unwrap()), bits(&first));
         prop_assert_eq!(bits(&trimmed_mean(&given, trim_bps).unwrap()), bits(&second));
-        // Between the extremes.
+        // The result is between the smallest and the largest value.
         for mean in [&first, &second] {
             let found = mean.get("weight").unwrap()[0];
             prop_assert!(values.iter().any(|(a, _)| *a <= found) && values.iter().any(|(a, _)| *a >= found));

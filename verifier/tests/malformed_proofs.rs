@@ -55,7 +55,7 @@ fn encode(proof: &SP1Proof) -> Vec<u8> {
     bincode::serialize(proof).unwrap()
 }
 
-/// What SP1's mock prover hands out for a program: valid structures, nothing proven.
+/// Returns what SP1's mock prover makes for a program. Its structures are valid, but it proves nothing.
 fn mock_proof() -> Vec<u8> {
     let key: SP1VerifyingKey = bincode::deserialize(&[0; 4096]).unwrap();
     encode(&SP1Proof::Compressed(Box::new(
@@ -92,7 +92,7 @@ fn bytes_after_a_proof_are_refused() {
 #[test]
 fn a_second_encoding_of_the_same_proof_is_refused() {
     let mut proof = mock_proof();
-    // The verifying key's first element follows the kind: 0 and the modulus are the same field element.
+    // The first element of the verifying key follows the kind. Zero and the modulus are the same field element.
     assert_eq!(proof[4..8], [0; 4]);
     proof[4..8].copy_from_slice(&0x7f00_0001u32.to_le_bytes());
     malformed(&proof, "canonical");

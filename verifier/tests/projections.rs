@@ -1,4 +1,4 @@
-//! The verifier's half of mode `checked`: what the guest used of the weights is what the files hold.
+//! The verifier's half of mode `checked`: the weights that the guest used are those in the files.
 
 use safetensors::tensor::TensorView;
 use safetensors::Dtype;
@@ -21,7 +21,7 @@ use zk0_verifier::check_projections;
 
 type Tensors = BTreeMap<String, (Vec<usize>, Vec<f32>)>;
 
-/// Small weights that differ with `seed`; the velocity's are scaled by `loud`.
+/// Makes small weights that differ with `seed`. The velocity's weights are scaled by `loud`.
 fn tensors(spec: &EvalSpec, seed: u32, loud: f32) -> Tensors {
     let mut state = seed;
     let mut next = move || {
@@ -139,12 +139,12 @@ fn files_are_what_the_guest_used_or_not() {
     assert_eq!(refused(&update_file, &update_file), "base");
     assert_eq!(refused(&base_file, &base_file), "update");
 
-    // One weight of every tensor changed, by more than rounding hides.
+    // One weight of each tensor is changed by more than the rounding hides.
     for name in base.keys() {
         let mut other = base.clone();
         let values = &mut other.get_mut(name).unwrap().1;
         let last = values.len() - 1;
-        // Beyond the action dimensions that are real, rows of the last layer are in no product.
+        // Rows of the last layer beyond the real action dimensions are in no product.
         let at = if name.contains("action_out") { 0 } else { last };
         values[at] += 0.01;
         assert_eq!(refused(&file(&other), &update_file), "base", "{name}");

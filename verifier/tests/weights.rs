@@ -66,7 +66,7 @@ fn a_good_file_is_read_and_written_canonically() {
 
 #[test]
 fn the_canonical_file_is_what_it_was() {
-    // A test vector: a change here changes the digest of every network's weights.
+    // This is a test vector. A change here changes the digest of every network's weights.
     let weights = ExpertTensors::read(&file(&good()), &expected()).unwrap();
     let header = r#"{"a.bias":{"dtype":"F32","shape":[2],"data_offsets":[0,8]},"b.weight":{"dtype":"F32","shape":[2,3],"data_offsets":[8,32]}}"#;
     let padded = format!("{header:<width$}", width = header.len().next_multiple_of(8));

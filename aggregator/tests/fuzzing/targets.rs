@@ -1,4 +1,4 @@
-//! What is given random inputs, and what it starts from.
+//! The readers that get random inputs, and the inputs that fuzzing starts from.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -19,7 +19,7 @@ use zk0_verifier::blob_digest;
 
 use crate::harness::{flat, found, genesis, weights, ManualClock, Node, GOVERNOR, START_MS};
 
-/// What any input may make a reader allocate: an uploaded update is read again, and an auditor verifies a whole proof.
+/// What any input may make a reader allocate. An uploaded update is read again, and an auditor verifies a whole proof.
 pub const SLACK: usize = 8 << 20;
 
 /// A reader under test.
@@ -52,7 +52,7 @@ pub fn target(name: &str) -> Target {
 /// The only proof that is submitted.
 const PROOF: &[u8] = b"no proof";
 
-/// An aggregator in round 0, for which node 1 has uploaded an update. Node 2 may contribute, node 3 has no dataset.
+/// An aggregator in round 0, to which node 1 has uploaded an update. Node 2 may contribute. Node 3 has no dataset.
 struct Network {
     dir: tempfile::TempDir,
     aggregator: Aggregator,
@@ -108,7 +108,7 @@ fn text(error: impl ToString) -> String {
     error.to_string()
 }
 
-/// A statement that names `node` as its signer, signed anew; any other bytes as they are.
+/// Signs a statement anew if it names `node` as its signer. Leaves all other bytes as they are.
 fn sign_anew<T: Statement + BorshDeserialize>(input: &[u8], node: &Node) -> Vec<u8> {
     match borsh::from_slice::<Signed<T>>(input) {
         Ok(signed) if signed.statement.signer() == node.id() => {
@@ -118,7 +118,8 @@ fn sign_anew<T: Statement + BorshDeserialize>(input: &[u8], node: &Node) -> Vec<
     }
 }
 
-/// What members say, already recorded. Said otherwise it is for `applied` of the ledger's targets.
+/// Requests to record what members sign. The ledger has recorded these already. Other signed statements are inputs of the ledger's
+/// target `applied`.
 fn record() -> Target {
     let Network {
         dir,
@@ -157,8 +158,8 @@ fn record() -> Target {
     }
 }
 
-/// A registration and a list of leaves, the former after its length. What names node 3 is signed anew with the digest of the
-/// leaves that come with it; node 3 is never registered, as the root that it commits to is wrong.
+/// A registration with its length before it, and then a list of leaves. A registration of node 3 is signed anew with the digest of
+/// its leaves. Node 3 is never registered, because it commits to a wrong root.
 fn registration() -> Target {
     let mut network = Network::new();
     let with_leaves = |registration: Vec<u8>, leaves: Vec<u8>| {
@@ -220,7 +221,7 @@ fn upload() -> Target {
     }
 }
 
-/// What names node 2 is signed anew, and turned down at the latest because node 2 has uploaded nothing.
+/// A commitment of node 2 is signed anew. The aggregator always refuses it, because node 2 has uploaded nothing.
 fn commitment() -> Target {
     let mut network = Network::new();
     let updates = [network.update.clone(), weights(2)];
@@ -242,7 +243,7 @@ fn commitment() -> Target {
     }
 }
 
-/// A submission by node 1, which is decided by the time that others come.
+/// Submissions of node 1. The first one is decided before the others come.
 fn submission() -> Target {
     let mut network = Network::new();
     let node = &network.nodes[0];
@@ -266,7 +267,7 @@ fn submission() -> Target {
     }
 }
 
-/// An auditor's memory after each entry of a real ledger.
+/// Keeps what an auditor remembers after each entry of a real ledger.
 struct Memories {
     auditor: Auditor,
     saved: Vec<Vec<u8>>,
@@ -285,7 +286,7 @@ impl Recheck for Memories {
     }
 }
 
-/// What an auditor remembers besides the ledger's own state.
+/// Reads what an auditor remembers besides the ledger's own state.
 fn audit_memory() -> Target {
     let dir = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/fixtures/ledger");
     let mut memories = Memories {
@@ -294,7 +295,7 @@ fn audit_memory() -> Target {
     };
     replay(&dir, None, &mut memories);
     let saved = memories.saved;
-    // The last one, and one in a round that has accepted something.
+    // The seeds are the last memory, and the largest, from a round that has accepted something.
     let largest = saved.iter().max_by_key(|saved| saved.len()).unwrap();
     let blobs = Blobs::at(&dir);
     Target {

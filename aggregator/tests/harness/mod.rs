@@ -1,6 +1,6 @@
 //! A network of one aggregator behind a real service on loopback, a clock that the test moves, and nodes that say what they
 //! are told to say.
-#![allow(dead_code)] // every test file uses its own part of it
+#![allow(dead_code)] // Every test file uses only a part of it
 
 mod manual_clock;
 mod network;
@@ -186,7 +186,7 @@ pub async fn committed(network: &Network, node: &Node, round: u64, seed: u32) ->
     update
 }
 
-/// The request is turned down with this code and words, and leaves no entry.
+/// Asserts that the request is refused with this code and these words.
 #[track_caller]
 pub fn refused<T: std::fmt::Debug>(result: Result<T, Status>, code: Code, words: &str) {
     let status = result.unwrap_err();

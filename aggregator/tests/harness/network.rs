@@ -28,7 +28,7 @@ pub struct Network {
     pub config: Config,
     service: Option<Service>,
     limits: Limits,
-    /// Witnesses whose quorum is wanted, from the next start on.
+    /// The policy of witnesses that the aggregator follows from its next start on.
     pub policy: Option<WitnessPolicy>,
     pub address: String,
     running: Option<(oneshot::Sender<()>, JoinHandle<()>)>,
@@ -82,10 +82,10 @@ impl Network {
     /// Kills the aggregator and starts it again on what is on disk.
     pub async fn restart(&mut self) {
         let (stop, task) = self.running.take().unwrap();
-        task.abort(); // without a goodbye
+        task.abort(); // The aggregator gets no time to end its work
         let _ = task.await;
         drop(stop);
-        // The database is locked until every clone of the old service is gone: requests that were in progress hold one.
+        // The database is locked until every clone of the old service is gone. Requests that were in progress hold such clones.
         let mut tries = 0;
         self.service = None;
         let aggregator = loop {

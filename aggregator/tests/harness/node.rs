@@ -150,7 +150,7 @@ impl Node {
         Ok(network.client().await.commit(request).await?.into_inner())
     }
 
-    /// The claim that the ledger expects, with losses as if it held.
+    /// Returns the claim that the ledger expects, with losses that the claim would hold for.
     pub async fn claim(&self, network: &Network) -> Claim {
         let node = self.id();
         let expected = network

@@ -34,13 +34,13 @@ const fn check(
 }
 
 impl Deletion {
-    /// Another check stops the cheat as well.
+    /// Says that another check stops the cheat as well, with this reason.
     const fn still(mut self, refused: &'static str) -> Self {
         self.still_refused = Some(refused);
         self
     }
 
-    /// What is deleted.
+    /// Describes what is deleted.
     pub fn text(&self) -> String {
         let each = |(code, left): &Replacement| match *left {
             "" => format!("{}: `{code}`", self.file),
@@ -50,7 +50,7 @@ impl Deletion {
         all.join("; ")
     }
 
-    /// The source without the check, or which text of it is not there.
+    /// Returns the source without the check, or an error that names the text that is not there exactly once.
     pub fn apply(&self, source: &str) -> Result<String, String> {
         let mut source = source.to_string();
         for (code, left) in self.replacements {
@@ -70,7 +70,7 @@ impl Deletion {
 
 /// All checks.
 pub const DELETIONS: &[Deletion] = &[
-    // What is opened.
+    // These checks are about the samples that are opened.
     check(
         "number of openings",
         "claim/statement.rs",
@@ -163,7 +163,7 @@ pub const DELETIONS: &[Deletion] = &[
         "pads copies of a sample",
         "with zeros as padding",
     ),
-    // Products, in mode `checked`.
+    // These checks are about products in mode `checked`.
     check(
         "rows of a linear layer",
         "freivalds/checked.rs",
@@ -225,7 +225,7 @@ pub const DELETIONS: &[Deletion] = &[
         "picks the update last",
         "coefficients were drawn from seed",
     ),
-    // Weights, in mode `direct`.
+    // These checks are about the weights in mode `direct`.
     check(
         "digest of the update",
         "claim/statement.rs",
@@ -240,7 +240,7 @@ pub const DELETIONS: &[Deletion] = &[
         "evaluates another base",
         "the digest of the base weights is not the one in the terms",
     ),
-    // Values.
+    // These checks are about the range of values.
     check(
         "values between products fit",
         "model/arithmetic/fixed.rs",
@@ -269,7 +269,7 @@ pub const DELETIONS: &[Deletion] = &[
         "wraps attention outputs",
         "attention output: 32771 does not fit",
     ),
-    // Losses.
+    // These checks are about losses.
     check(
         "improvement",
         "claim/statement.rs",
@@ -306,7 +306,7 @@ pub const DELETIONS: &[Deletion] = &[
         "there is no loss",
     )
     .still("from 0 to 0, which is not lower"),
-    // The specification.
+    // These checks are about the specification.
     check(
         "specification: scales of the cache",
         "model/spec.rs",

@@ -43,7 +43,7 @@ impl FreeRider {
         draw(&self.node.spec, &self.input.header.terms.challenge, 0)
     }
 
-    /// Hinted sums as `forge` has them, and the loss they lead to.
+    /// Makes the update's hinted sums as `forge` changes them, and returns them with the loss that they lead to.
     fn forge(&self, forge: impl FnMut(Site, &mut [i32])) -> (Hints<'static>, LossSum) {
         let evaluator = Evaluator::new(&self.node.spec).unwrap();
         let parameters = Parameters::of(&self.node.spec, &self.input.update);
@@ -66,8 +66,8 @@ impl FreeRider {
         checked(cheat, self.files()).map(drop)
     }
 
-    /// Claims the update's sums as `forge` has them, by the protocol: the seed is drawn anew from them. Tries until the loss
-    /// looks lower.
+    /// Claims the update's sums as `forge` changes them, and draws the seed anew from them, as the protocol does. Tries until the
+    /// loss looks lower.
     fn make_up(&self, mut forge: impl FnMut(&mut Random, Site, &mut [i32])) -> Result<(), String> {
         let (_, honest) = self.forge(|_, _| ());
         for seed in 0..100 {
@@ -83,8 +83,8 @@ impl FreeRider {
         panic!("no made-up sums look like an improvement");
     }
 
-    /// Draws the seed from honest hints, and then changes the sums of a model's last MLP by what a check with that seed's
-    /// coefficients does not see, until the loss looks as it should.
+    /// Draws the seed from honest hints. Then changes the sums of a model's last MLP in a way that a check with that seed's
+    /// coefficients does not see, until the loss looks as wanted.
     fn sums_last(&self, model: Model, looks: impl Fn(f64) -> bool) -> Result<(), String> {
         let mut cheat = self.hinted();
         let evaluator = Evaluator::new(&self.node.spec).unwrap();
@@ -196,8 +196,7 @@ pub fn base_sums_last() -> Result<(), String> {
     FreeRider::new().sums_last(Model::Base, |share| share > 1.02)
 }
 
-/// Evaluates an update that improves, and once the coefficients are known contributes another, whose projections are the
-/// same.
+/// Evaluates an update that improves. Once the coefficients are known, contributes another update that has the same projections.
 pub fn update_last() -> Result<(), String> {
     let mut node = Node::new(&EvalSpec::micro(), 3, 1, 11);
     let drawn = node.honest().input.openings[0].index as usize;
@@ -215,7 +214,7 @@ pub fn update_last() -> Result<(), String> {
     let evaluator = Evaluator::new(&node.spec).unwrap();
     let coefficients = coefficients(&evaluator, &cheat.seed);
     let mlp = node.spec.dims.expert_mlp as usize;
-    // A gate's rows are the first outputs of their product, the other factor's follow.
+    // The first outputs of the product are the rows of the gate. The rows of the other factor follow.
     let unseen = [0, mlp].map(|first| relation(&coefficients, first, mlp));
     node.update = (0..1000)
         .filter_map(|seed| moved(&node.spec, &good, &unseen, &mut Random(seed)))
@@ -228,8 +227,8 @@ pub fn update_last() -> Result<(), String> {
     checked(&cheat, [&input.base, &input.update]).map(drop)
 }
 
-/// `tensors` with `unseen` added to or subtracted from columns of all gates (the first) and ups (the second), at random, where
-/// that leaves int16; `None` if the scale of one changes with it.
+/// Adds `unseen` to columns of the gates (the first) and ups (the second) or subtracts it, at random, where the result fits int16.
+/// Returns `None` if the scale of a tensor changes.
 fn moved(
     spec: &EvalSpec,
     tensors: &Tensors,
@@ -237,7 +236,7 @@ fn moved(
     random: &mut Random,
 ) -> Option<Tensors> {
     let mut moved = tensors.clone();
-    // Quantised weights begin with each tensor's fraction bits.
+    // Quantised weights begin with the fraction bits of each tensor.
     let bits = |tensors: &Tensors, index: usize| quantise(spec, tensors).as_bytes()[2 * index];
     for (index, tensor) in expert_tensors(&spec.dims).iter().enumerate() {
         let unseen = match tensor.name.split('.').nth_back(1) {

@@ -83,7 +83,7 @@ pub fn invented() -> Result<(), String> {
 /// The update helps on one of two samples. The node waits for a challenge that hits this one twice before it hits the other.
 pub fn twice() -> Result<(), String> {
     let mut node = node(2, 2);
-    // The first bit of each of a block's four little-endian words says which of two samples.
+    // The first bit of each of a block's four little-endian words says which of the two samples is drawn.
     let hits = |challenge: &Digest| {
         let block = tagged_sha256("zk0/indices/v1", &[&challenge.0, &0u64.to_le_bytes()]);
         [7, 15].map(|byte: usize| block.0[byte] as usize >> 7)
@@ -101,8 +101,8 @@ pub fn twice() -> Result<(), String> {
     prove(input).map(drop)
 }
 
-/// The dataset counts two samples, and below what should be the second are two more: index 0 leads to the first of the two
-/// as well, by a path that is longer than it should be. The update helps on that one.
+/// The dataset counts two samples. Two more lie below the place of the second, so index 0 also leads to the first of them, by a
+/// path that is too long. The update helps on that sample.
 pub fn deeper() -> Result<(), String> {
     let mut node = node(3, 1);
     let first_of_two = |challenge: &Digest| sample_indices(challenge, 2, 1).unwrap() == [0];
@@ -125,7 +125,7 @@ pub fn deeper() -> Result<(), String> {
     prove(input).map(drop)
 }
 
-/// One sample is all there is. The dataset counts six, and whichever is drawn is that one.
+/// The node has only one sample. The dataset counts six, and whichever index is drawn leads to that sample.
 pub fn shallower() -> Result<(), String> {
     let node = node(1, 1);
     let honest = node.honest();
@@ -174,18 +174,18 @@ fn copies(
     input.openings = vec![open(&dataset, &leaves, drawn)];
     input.header.salt = salts[drawn];
     let claim = prove(input)?;
-    // Who holds the list of leaves sees no duplicate.
+    // A verifier who holds the list of leaves sees no duplicate.
     assert_eq!(check_leaves(&claim.terms.dataset, &leaves), Ok(()));
     Ok(())
 }
 
-/// Each copy under a salt of its own.
+/// Gives each copy a salt of its own.
 pub fn salted_copies() -> Result<(), String> {
     let salts = [0, 1, 2, 3, 4, 5].map(|index| [index; 32]);
     copies(salts, |sample, _| Ok(sample.clone()))
 }
 
-/// Each copy marks its last frame, which is padding, by another number.
+/// Marks the last frame of each copy, which is padding, with another number.
 pub fn flagged_copies() -> Result<(), String> {
     let chunk = EvalSpec::micro().dims.chunk as usize;
     copies([SALT; 6], |sample, index| {
@@ -193,7 +193,7 @@ pub fn flagged_copies() -> Result<(), String> {
     })
 }
 
-/// Each copy has another number behind its last value, which nothing reads.
+/// Puts another number behind the last value of each copy. Nothing reads it.
 pub fn padded_copies() -> Result<(), String> {
     copies([SALT; 6], |sample, index| {
         let last = sample.as_bytes().len() / 2 - 1;
@@ -201,7 +201,7 @@ pub fn padded_copies() -> Result<(), String> {
     })
 }
 
-/// The sample as the guest would read it with another value at `at`.
+/// Returns the sample as the guest would read it with another value at `at`.
 fn with_value(sample: &Sample, at: usize, value: i16) -> Result<Sample, String> {
     let mut bytes = sample.as_bytes().to_vec();
     bytes[2 * at..][..2].copy_from_slice(&value.to_le_bytes());
@@ -209,7 +209,7 @@ fn with_value(sample: &Sample, at: usize, value: i16) -> Result<Sample, String> 
     read.map_err(|error| error.to_string())
 }
 
-/// All frames are padding: no loss is lower than another.
+/// All frames are padding, so no loss is lower than another.
 pub fn padding_alone() -> Result<(), String> {
     let mut node = node(1, 1);
     node.data[0].is_pad.fill(true);

@@ -28,14 +28,14 @@ fn tries(spec: &EvalSpec, prepare: impl Fn(&mut Node)) -> Result<(), String> {
     refused
 }
 
-/// Values of the prefix are read as a quarter of what they are, beside the action tokens' own.
+/// The evaluation reads the values of the prefix as a quarter of what they are, and the action tokens' own values as they are.
 pub fn misread_cache() -> Result<(), String> {
     let mut spec = EvalSpec::micro();
     spec.layers[0].value = spec.layers[0].cache_value + 2;
     tries(&spec, |_| ())
 }
 
-/// Noise beyond two standard deviations has the other sign.
+/// Noise beyond two standard deviations has the opposite sign.
 pub fn wrapped_noise() -> Result<(), String> {
     let mut spec = EvalSpec::micro();
     spec.action = 14;

@@ -1,4 +1,5 @@
-//! The other side: whether a verifier who holds the files accepts a claim, and whether the claim is true in float64.
+//! The other side of each cheat: whether a verifier who holds the files accepts the claim, and whether the claim is true in
+//! float64.
 
 #[path = "../claims/reference.rs"]
 mod reference;
@@ -69,7 +70,7 @@ pub fn improves(node: &Node, samples: &[&Parts]) -> bool {
     after < before && before - after >= share * before
 }
 
-/// Sum of squared errors in float64.
+/// Returns the sum of squared errors in float64.
 pub fn loss(node: &Node, tensors: &Tensors, samples: &[&Parts]) -> f64 {
     let samples = samples.iter().enumerate();
     samples
@@ -77,9 +78,9 @@ pub fn loss(node: &Node, tensors: &Tensors, samples: &[&Parts]) -> f64 {
         .sum()
 }
 
-/// That of one sample, with the noise and time of a position.
+/// Returns the sum for one sample, with the noise and time of a position.
 pub fn loss_at(node: &Node, tensors: &Tensors, parts: &Parts, position: usize) -> f64 {
-    // The noise as the table has it. The node's specification may round it differently.
+    // This is the noise as the table has it. The node's specification may round it differently.
     let exact = EvalSpec {
         action: 12,
         ..EvalSpec::new(node.spec.dims)

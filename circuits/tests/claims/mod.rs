@@ -25,12 +25,12 @@ impl Random {
         z ^ z >> 31
     }
 
-    /// Uniform in [-1, 1).
+    /// Returns a uniform number in [-1, 1).
     pub fn unit(&mut self) -> f32 {
         (self.bits() >> 40) as f32 / (1 << 23) as f32 - 1.0
     }
 
-    /// Roughly normal with standard deviation 1.
+    /// Returns a roughly normal number with standard deviation 1.
     pub fn normal(&mut self) -> f32 {
         (0..12).map(|_| self.unit()).sum::<f32>() / 2.0
     }
@@ -111,7 +111,7 @@ pub struct Parts {
 }
 
 impl Parts {
-    /// Random, with `prefix` tokens and the last `padded` frames past the end.
+    /// Makes a random sample with `prefix` tokens, whose last `padded` frames are past the end.
     pub fn random(spec: &EvalSpec, random: &mut Random, prefix: usize, padded: usize) -> Self {
         let dims = &spec.dims;
         let (chunk, width) = (dims.chunk as usize, dims.max_action_dim as usize);
@@ -159,7 +159,7 @@ const NETWORK: Digest = Digest([1; 32]);
 const NODE: NodeId = NodeId([2; 32]);
 
 impl Node {
-    /// With `samples` samples, asked for `eval_samples` of them, and an update that lowers the loss.
+    /// Makes a node with `samples` samples that is asked for `eval_samples` of them. Its update lowers the loss.
     pub fn new(spec: &EvalSpec, samples: usize, eval_samples: u32, seed: u64) -> Self {
         let mut random = Random(seed);
         let most = spec.dims.max_prefix as usize;

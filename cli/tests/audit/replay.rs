@@ -97,7 +97,7 @@ fn an_audit_with_a_state_file_reads_what_is_new_and_ends_the_same() {
     assert_eq!(replay(&dir), whole(&dir));
     let (_, log) = ends(0, &["audit", "replay", text(&dir), "--state", text(&state)]);
     assert!(log.contains("23 entries were verified before"), "{log}");
-    // An older copy and another history are reported, and the state file stays.
+    // The audit reports an older copy and another history, and the state file stays the same.
     let options = ["--state", text(&state)];
     let replay = |ledger: &Path| {
         ends(
@@ -121,7 +121,7 @@ fn an_audit_with_a_state_file_reads_what_is_new_and_ends_the_same() {
     drop(Made::found_with(&stranger, 0, [10; 32], String::new()).ledger);
     let said = replay(&stranger);
     assert!(said.contains("is of network"), "{said}");
-    // A state file of another kind of audit, or a damaged one, cannot be used: the audit starts again and says so.
+    // A state file of another kind of audit, or a damaged one, cannot be used. The audit starts again and says so.
     let (said, log) = ends(
         0,
         &[

@@ -98,7 +98,7 @@ fn a_report_for_browsers_holds_no_script_and_loads_nothing() {
     assert_eq!(data["history"]["rounds"].as_array().unwrap().len(), 2);
     assert_eq!(data["history"]["nodes"][0]["name"], NAMES[0]);
     assert_eq!(data["history"]["refusals"]["malformed proof"], 6);
-    // The verdict is that of the audit, and it quotes what the audit found.
+    // The page shows the verdict of the audit and quotes what the audit found.
     let lies = scratch.path().join("lies");
     let mut made = Made::found(&lies, 0);
     made.lie = Some("<script>because()</script>");
@@ -108,7 +108,7 @@ fn a_report_for_browsers_holds_no_script_and_loads_nothing() {
     let html = fs::read_to_string(&page).unwrap();
     assert!(html.contains("FAILED") && html.contains("class=\"fault\""));
     assert!(html.contains("&lt;script&gt;because") && !html.contains("<script"));
-    // Contributions, reasons, credits and losses.
+    // The page has four charts: contributions, reasons, credits and losses.
     assert_eq!(html.matches("<svg").count(), 4);
     assert_eq!(html.matches("<polyline").count(), 4);
 }

@@ -28,9 +28,9 @@ fn a_watch_tells_what_is_new_and_remembers_what_it_saw() {
     let said = look(0, &second, &state, &[]);
     assert_eq!(said.lines().count(), 8, "{said}");
     assert!(said.contains("round 1 closed"), "{said}");
-    // The folder itself, with the same state file.
+    // The watch reads the ledger's own folder with the same state file.
     assert_eq!(look(0, &dir, &state, &[]), "");
-    // Lost entries, another history and damage raise an alarm, and the state file stays.
+    // Lost entries, another history and damage raise an alarm, and the state file stays the same.
     let kept = fs::read(&state).unwrap();
     let said = look(1, &first, &state, &[]);
     assert!(
@@ -47,13 +47,13 @@ fn a_watch_tells_what_is_new_and_remembers_what_it_saw() {
     let said = look(1, &fork, &state, &[]);
     assert!(said.contains("ALARM") && said.contains("FORKED"), "{said}");
     assert_eq!(fs::read(&state).unwrap(), kept);
-    // A proof under the name of another one.
+    // Another file lies under the name of a proof.
     let blobs = export_as("false-proof").join("blobs/sha256");
     let proof = fs::read_dir(blobs).unwrap().next().unwrap().unwrap();
     fs::write(proof.path(), b"another proof").unwrap();
     let said = look(1, &place("false-proof"), &place("new"), &[]);
     assert!(said.contains("ALARM") && said.contains("SHA-256"), "{said}");
-    // A mirror that is kept notices without the state file.
+    // A mirror that is kept notices the rollback without the state file.
     let (mirror, other) = (place("mirror"), place("other"));
     look(0, &second, &other, &["--mirror", text(&mirror)]);
     fs::remove_file(&other).unwrap();
@@ -74,7 +74,7 @@ fn a_watch_tells_what_is_new_and_remembers_what_it_saw() {
     ];
     let (_, why) = ends(1, &arguments);
     assert!(why.contains("remove it to start again"), "{why}");
-    // When nobody answers there is no alarm, but the watch fails.
+    // If nobody answers, the watch raises no alarm, but it fails.
     fs::write(&state, kept).unwrap();
     let arguments = [
         "audit",

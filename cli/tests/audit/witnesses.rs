@@ -50,7 +50,7 @@ fn the_networks_own_rules_ask_for_witnesses() {
         cosigner.key()
     );
     drop(Made::found_with(&dir, 0, [9; 32], policy).ledger);
-    // Without cosignatures nothing is published from the folder.
+    // Without cosignatures, no command publishes anything from the folder.
     for arguments in [
         &["ledger", "export", text(&dir), text(&out)][..],
         &["ledger", "import", text(&dir), text(&place("copy"))],
@@ -62,7 +62,7 @@ fn the_networks_own_rules_ask_for_witnesses() {
             "{arguments:?}: {why}"
         );
     }
-    // The folder itself may be audited, and the report says what that leaves out.
+    // An audit of the folder itself is possible, and the report says that it did not look at cosignatures.
     let said = prints(&["audit", "replay", text(&dir)]);
     assert!(said.contains("cosignatures were not looked at"), "{said}");
     let signed = folder::read_checkpoint(&dir).unwrap().unwrap();
@@ -74,7 +74,7 @@ fn the_networks_own_rules_ask_for_witnesses() {
     assert!(!said.contains("cosignatures were not"), "{said}");
     prints(&["ledger", "import", text(&out), text(&place("copy"))]);
     look(0, &out, &place("state"), &[]);
-    // A published log that lost its cosignatures is refused, unless the user says otherwise.
+    // A published log without its cosignatures is refused, unless the user allows it.
     fs::write(out.join("checkpoint"), &signed).unwrap();
     for arguments in [
         &["audit", "replay", text(&out)][..],
@@ -101,7 +101,7 @@ fn the_networks_own_rules_ask_for_witnesses() {
         "--witness-policy",
         text(&place("any")),
     ]);
-    // The rules name the witnesses, so the operator may not.
+    // The rules name the witnesses, so the operator may not name others.
     let key = place("log.key");
     fs::write(&key, format!("{}\n", "07".repeat(32))).unwrap();
     let (_, why) = ends(

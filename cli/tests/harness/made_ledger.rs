@@ -17,10 +17,10 @@ pub struct Made {
     pub ledger: Ledger,
     /// The time of the last entry.
     pub time_ms: u64,
-    /// Weights depend on it.
+    /// The weights of the updates depend on this number.
     pub seed: u8,
-    /// With a text, all nodes but the last are accepted, and the refusal gives the text as its reason. Without one, all are refused for
-    /// the true reason.
+    /// If this holds a text, all nodes but the last are accepted, and the refusal of the last gives the text as its reason.
+    /// Otherwise all nodes are refused for the true reason.
     pub lie: Option<&'static str>,
 }
 
@@ -50,7 +50,7 @@ impl Made {
         Self::found_with(dir, seed, [9; 32], String::new())
     }
 
-    /// As [`Self::found`], with this nonce and these witnesses in the rules.
+    /// Founds the ledger like [`Self::found`], with this nonce and these witnesses in the rules.
     pub fn found_with(dir: &Path, seed: u8, nonce: [u8; 32], witness_policy: String) -> Self {
         let key = SigningKey::from_bytes(&[7; 32]);
         let genesis = Genesis {

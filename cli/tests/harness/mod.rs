@@ -1,5 +1,5 @@
 //! What the tests of the binary share: running it, and looking at files.
-#![allow(dead_code)] // Every test uses its own part of it.
+#![allow(dead_code)] // Every test uses only a part of it
 
 pub mod made_ledger;
 pub mod network;

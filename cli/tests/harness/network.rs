@@ -123,7 +123,7 @@ impl LocalNetwork {
         arguments.extend(more);
         let output = zk0(&arguments).output().unwrap();
         services.iter().for_each(|service| service.abort());
-        // All that still holds the database ends here.
+        // All tasks that still hold the database end here.
         drop(runtime);
         self.wait_until_closed();
         output
@@ -160,7 +160,7 @@ pub fn committed(entries: &[Entry]) -> Vec<Digest> {
     roots.collect()
 }
 
-/// Makes something else than a proof, at once.
+/// Makes something that is not a proof, at once.
 struct NoProver;
 
 #[tonic::async_trait]

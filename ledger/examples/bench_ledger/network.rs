@@ -16,13 +16,13 @@ use zk0_protocol::entries::member::NodeEnrolled;
 use zk0_protocol::entries::signed::{DatasetRegistration, Submission, UpdateCommitment};
 use zk0_protocol::{Body, Signed, State};
 
-/// Nodes of the network.
+/// How many nodes the network has.
 pub const NODES: u64 = 250;
 
 /// When the network begins, in Unix milliseconds.
 pub const TIME: u64 = founded::T0;
 
-/// A digest that no other number has.
+/// Returns a digest that belongs to this number only.
 fn digest(what: u64, number: u64) -> Digest {
     let mut bytes = [0; 32];
     bytes[..8].copy_from_slice(&what.to_be_bytes());
@@ -53,7 +53,7 @@ pub fn founded(dir: &Path) -> Result<Ledger> {
     Ok(ledger)
 }
 
-/// Enrolments of nodes with these numbers: entries that only the log signs.
+/// Returns the enrolments of the nodes with these numbers. Only the log signs these entries.
 pub fn enrolments(numbers: std::ops::Range<u64>) -> Vec<Body> {
     let enrol = |number| {
         Body::NodeEnrolled(NodeEnrolled {
@@ -64,7 +64,7 @@ pub fn enrolments(numbers: std::ops::Range<u64>) -> Vec<Body> {
     numbers.into_par_iter().map(enrol).collect()
 }
 
-/// Rounds that open and close with nobody in them, from the next on: two entries each, that only the log signs.
+/// Returns the entries of rounds that open and close without contributors. Each round has two entries, and only the log signs them.
 pub fn empty_rounds(state: &State, count: u64) -> Vec<Body> {
     let first = opened(state, TIME);
     let rounds = first.round..first.round + count;
@@ -84,7 +84,7 @@ pub fn empty_rounds(state: &State, count: u64) -> Vec<Body> {
         .collect()
 }
 
-/// Registrations of the nodes' datasets, once more for each of `times`: entries that a node signs.
+/// Returns the registrations of the nodes' datasets, `times` over. A node signs each of these entries.
 pub fn registrations(state: &State, times: u64) -> Vec<Body> {
     let network = *state.network();
     let register = |number: u64| {
@@ -119,7 +119,7 @@ pub fn grown(dir: &Path, entries: u64) -> Result<()> {
     let keys: Vec<SigningKey> = (0..NODES).map(key).collect();
     while ledger.size() < entries {
         let state = ledger.state();
-        // Long enough for the round before to be beyond dispute.
+        // Each round begins so late that the round before it can no longer be disputed.
         let now = TIME + state.next_round() * 2000;
         let opening = opened(state, now);
         let (network, round) = (*state.network(), opening.round);

@@ -21,7 +21,7 @@ pub struct Written {
     entries: usize,
 }
 
-/// What the ledger in `dir` wrote from entry `first` on, in groups of `group`.
+/// Reads what the ledger in `dir` wrote from entry `first` on, in groups of `group`.
 pub fn written(dir: &Path, first: u64, group: u64) -> Result<Vec<Written>> {
     let store = Store::open_read_only(&folder::database(dir))?;
     let size = store.size()?;
@@ -60,7 +60,7 @@ fn leaf(entry: &[u8]) -> [u8; 32] {
     leaf.finalize().into()
 }
 
-/// A signature, to be verified again and again.
+/// A signature that is verified again and again.
 struct Sample {
     message: [u8; 400],
     signature: [u8; 64],
@@ -78,7 +78,7 @@ impl Sample {
         }
     }
 
-    /// Verifies it so many times, by all cores.
+    /// Verifies the signature this many times, on all cores.
     fn verify(&self, times: u64) -> Result<()> {
         let valid = (0..times).into_par_iter().filter(|_| {
             let key = VerifyingKey::from_bytes(&self.public);

@@ -54,7 +54,7 @@ pub fn history() -> (State, Vec<Entry>) {
     (chain.state, entries)
 }
 
-/// What is only said while no round is open: disputes, a change of key, and the end of a proposal.
+/// Takes the steps that are possible only while no round is open: disputes, a change of key, and the end of a proposal.
 fn between_rounds(chain: &mut Chain, step: &mut impl FnMut(&mut Chain, Body)) {
     let network = *chain.state.network();
     let contribution = *chain.state.contributions().keys().next().unwrap();
@@ -95,8 +95,8 @@ fn between_rounds(chain: &mut Chain, step: &mut impl FnMut(&mut Chain, Body)) {
 /// The key that node 3 changes to.
 const NEXT: u8 = 9;
 
-/// An entry after the first so many of a history, its statements signed anew where their signer is one whose key we have: what
-/// a hostile aggregator, with members of its own, can put on its log. The first byte says after how many.
+/// The first byte says how many entries of the history come before. The rest is an entry that a hostile aggregator with members of
+/// its own can put on its log. Its statements are signed anew if the test has their signer's key.
 pub fn applied() -> Target {
     let (_, entries) = history();
     let mut states: Vec<Option<State>> = vec![None];
@@ -121,7 +121,7 @@ pub fn applied() -> Target {
     }
 }
 
-/// What other targets tell apart is one outcome here.
+/// Returns one outcome for messages that other targets tell apart.
 pub fn without_parts(message: String) -> String {
     let parts = ["genesis: evaluation", "genesis: rule", "signature"];
     let part = parts.iter().find(|part| message.starts_with(*part));

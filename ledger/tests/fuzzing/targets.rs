@@ -28,7 +28,7 @@ use crate::network::{digest, genesis, id, key, log_key, submission};
 mod history;
 use history::{applied, history, without_parts};
 
-/// What any input may make a reader allocate: borsh makes room for a mebibyte of a string before it finds that there is less.
+/// What any input may make a reader allocate. borsh makes room for a mebibyte of a string before it finds that there is less.
 pub const SLACK: usize = (1 << 20) + (128 << 10);
 
 /// A reader under test.
@@ -191,7 +191,7 @@ fn text(error: impl ToString) -> String {
     error.to_string()
 }
 
-/// Whoever's signature it is not: one outcome.
+/// Returns one outcome for all wrong signatures, whoever the signer is.
 fn without_names(error: SignatureError) -> String {
     match error {
         SignatureError::BadKey(_) => "no key".into(),
@@ -203,7 +203,7 @@ fn utf8(bytes: &[u8]) -> Result<&str, String> {
     from_utf8(bytes).map_err(text)
 }
 
-/// An auditor's memory: the file as it is, or, where the input does not begin like one, what follows a right digest.
+/// Reads an auditor's memory. If the input does not begin like a memory, it is the part that follows a correct digest.
 fn saved() -> Target {
     let dir = tempfile::tempdir().unwrap();
     let (ledger, path) = (dir.path().join("ledger"), dir.path().join("saved"));
@@ -237,7 +237,7 @@ fn saved() -> Target {
     }
 }
 
-/// What a witness answers.
+/// Reads what a witness answers.
 fn cosigned_answer() -> Target {
     let note = Parsed::read(&checkpoint()).unwrap().note;
     let cosigner = cosigner();
@@ -255,7 +255,7 @@ fn cosigned_answer() -> Target {
     }
 }
 
-/// How far the best line of the answer gets, because `find` does not say why it ignores a line.
+/// Says how far the best line of the answer gets, because `find` does not say why it ignores a line.
 fn why_none(answer: &[u8], key: &VerifierKey) -> String {
     let lines = answer.split_inclusive(|byte| *byte == b'\n');
     let lines: Vec<&[u8]> = lines.filter_map(|line| line.strip_suffix(b"\n")).collect();
@@ -275,7 +275,7 @@ fn why_none(answer: &[u8], key: &VerifierKey) -> String {
     }
 }
 
-/// The log's checkpoints after each entry, read as a mirror reads them.
+/// Reads the log's checkpoints after each entry as a mirror does.
 fn checkpoint_bundle() -> Target {
     let shelf = Shelf::of(&leaves());
     let tile = Tile::at(Kind::Checkpoints, 0, 7).unwrap();
@@ -303,7 +303,8 @@ fn checkpoint_bundle() -> Target {
     }
 }
 
-/// What is read of a log before anything is verified: its checkpoint, if the first byte is 0, or its first entry.
+/// Reads what a client reads before anything is verified. If the first byte is 0, this is the checkpoint. Otherwise it is the first
+/// entry.
 fn unverified() -> Target {
     let shelf = Shelf::of(&leaves());
     let tile = Tile::at(Kind::Entries, 0, 7).unwrap();
@@ -348,7 +349,7 @@ fn checkpoint() -> Vec<u8> {
     checkpoint.sign(ORIGIN, &log_key()).unwrap()
 }
 
-/// What a checkpoint's signatures sign.
+/// Returns the text that a checkpoint's signatures sign.
 fn note_text() -> &'static [u8] {
     let text = String::from_utf8(checkpoint()).unwrap();
     let (text, _) = text.split_once("\n\n").unwrap();

@@ -12,7 +12,7 @@ use zk0_protocol::{Body, Checkpoint, Entry, Genesis, Signed, State};
 
 pub const NODES: u8 = 8;
 
-/// The entries of one round: opened, committed, accepted, closed.
+/// How many entries one round has: opened, committed, accepted and closed.
 pub const ROUND: u64 = 2 + 2 * NODES as u64;
 
 pub struct Long {
@@ -21,7 +21,7 @@ pub struct Long {
     pub state: State,
     tree: Frontier,
     batch: WriteBatch,
-    /// Made updates so far, and what they are made from.
+    /// The updates made so far. The next update is made from this number and the seed.
     updates: u64,
     seed: u8,
     time_ms: u64,
@@ -57,9 +57,9 @@ impl Long {
         long
     }
 
-    /// One more round.
+    /// Appends one more round.
     pub fn round(&mut self) {
-        // Nothing of a round can be disputed in the next but one: the state stays small.
+        // Nothing of a round can be disputed two rounds later, so the state stays small.
         self.time_ms += 10 * SUBMIT_WINDOW;
         let opened = opened(&self.state, self.time_ms);
         self.append(Body::RoundOpened(opened));
@@ -76,7 +76,8 @@ impl Long {
         self.publish();
     }
 
-    /// A round in which somebody else signs the first commitment; returns its index. Nothing can follow it.
+    /// Appends a round in which somebody else signs the first commitment, and returns the index of that entry. Nothing can follow
+    /// it.
     pub fn forge_round(&mut self) -> u64 {
         let time_ms = self.state.time_ms();
         self.append(Body::RoundOpened(opened(&self.state, time_ms)));

@@ -10,16 +10,16 @@ use zk0_circuits::Digest;
 use zk0_ledger::{Blobs, Ledger, LedgerError};
 use zk0_protocol::{Body, Checkpoint, Receipt};
 
-/// Names the folder to the child process.
+/// The environment variable that names the folder to the child process.
 pub const FOLDER: &str = "ZK0_TEST_SCENARIO_IN";
 
-/// Entries that the whole scenario appends.
+/// How many entries the whole scenario appends.
 pub const ENTRIES: usize = 62;
 
-/// How the child ends when a write failed and it stopped as it should.
+/// The exit code of a child that stopped as it should after a failed write.
 pub const STOPPED: i32 = 3;
 
-/// To standard output, at once, and with `writev`: a call that a ledger does not make, so that it can be told apart.
+/// Writes the line to standard output at once. It uses `writev`, which a ledger does not use, so that the tests can tell it apart.
 fn say(line: String) {
     let stdout = std::io::stdout();
     let file = std::fs::File::from(stdout.as_fd().try_clone_to_owned().unwrap());
@@ -35,12 +35,12 @@ fn acknowledge(receipt: &Receipt) {
     say(format!("acknowledged {}", hex::encode(receipt)));
 }
 
-/// The whole scenario in the folder that the environment names; without one, nothing. Ends the process.
+/// Runs the whole scenario in the folder that the environment names, and ends the process. Without a folder, it does nothing.
 pub fn run_as_child() {
     let Some(dir) = std::env::var_os(FOLDER) else {
         return;
     };
-    // On a line of its own, after what the test harness says.
+    // The test harness prints before this, so the word is on a line of its own.
     say("\nbegun".into());
     match scenario(Path::new(&dir)) {
         Ok(()) => std::process::exit(0),
@@ -51,7 +51,7 @@ pub fn run_as_child() {
     }
 }
 
-/// After a failed write nothing may be written, and the ledger has to say so.
+/// After a failed write, the ledger must not write again, and it has to say so.
 fn attempt(
     ledger: &mut Ledger,
     append: impl Fn(&mut Ledger) -> Result<Vec<Receipt>, LedgerError>,
@@ -63,7 +63,7 @@ fn attempt(
             Ok(())
         }
         Err(error) => {
-            // Reading a receipt may fail as well, after the entries were recorded.
+            // Reading a receipt may also fail after the entries were recorded.
             if ledger.size() == before {
                 match append(ledger) {
                     Err(LedgerError::Poisoned) => {}
@@ -103,7 +103,7 @@ fn scenario(dir: &Path) -> Result<(), LedgerError> {
         ledger.append_all(T0 + 4, group)
     })?;
     drop(ledger);
-    // And what opening writes.
+    // Opening the ledger writes, too.
     let mut ledger = Ledger::open(dir, Some(&network), log_key())?;
     attempt(&mut ledger, |ledger| {
         ledger.append_all(T0 + 5, (10..60).map(enrolled).collect())
@@ -114,7 +114,7 @@ fn scenario(dir: &Path) -> Result<(), LedgerError> {
     Ok(())
 }
 
-/// The scenario in `dir`, as a child of this test binary and of `wrapper`, if there is one.
+/// Runs the scenario in `dir`, as a child of this test binary, and of `wrapper` if there is one.
 pub fn child(dir: &Path, wrapper: &[String]) -> Output {
     let this = std::env::current_exe().unwrap();
     let mut command = match wrapper {
@@ -133,7 +133,7 @@ pub fn child(dir: &Path, wrapper: &[String]) -> Output {
         .unwrap()
 }
 
-/// A folder in memory, where there is such a place: thousands of syncs take their time on a disk.
+/// Makes a folder in memory if possible, because thousands of syncs take long on a disk.
 pub fn scratch() -> tempfile::TempDir {
     let memory = Path::new("/dev/shm");
     match tempfile::tempdir_in(memory) {
@@ -145,13 +145,13 @@ pub fn scratch() -> tempfile::TempDir {
 /// What a child said.
 #[derive(Debug, Default)]
 pub struct Said {
-    /// Whether the program had come as far as the scenario.
+    /// Whether the program got as far as the scenario.
     pub begun: bool,
     pub receipts: Vec<Receipt>,
     pub blobs: Vec<Digest>,
 }
 
-/// Reads what was said; the last line may be torn.
+/// Reads what a child said. Its last line may be incomplete.
 pub fn said(stdout: &[u8]) -> Said {
     let mut said = Said::default();
     for line in String::from_utf8_lossy(stdout).split_inclusive('\n') {
@@ -176,7 +176,7 @@ pub fn check(dir: &Path, said: &Said, when: &str) -> u64 {
     let published = std::fs::read(dir.join("checkpoint")).ok();
     let mut ledger = match Ledger::open(dir, None, log_key()) {
         Ok(ledger) => ledger,
-        // Nothing was acknowledged: then there need not be a ledger, but one can be founded.
+        // Nothing was acknowledged. Then the folder need not hold a ledger, but one can be founded there.
         Err(error) if said.receipts.is_empty() && published.is_none() => {
             match Ledger::create(dir, genesis(), log_key(), T0) {
                 Ok((ledger, _)) => ledger,

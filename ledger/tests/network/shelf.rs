@@ -42,7 +42,7 @@ impl Shelf {
         Checkpoint { size, root }
     }
 
-    /// What is published of the first `size` leaves.
+    /// Returns what a log publishes of the first `size` leaves.
     pub fn at(&self, size: u64) -> Shown<'_> {
         Shown {
             store: &self.store,

@@ -82,7 +82,7 @@ fn go_verifies_what_we_sign() {
             said,
             format!("2 signatures, entry {index} of 13, root {root}\n")
         );
-        // What we refuse, Go refuses.
+        // Go refuses what our code refuses.
         for position in (0..text.len()).step_by(text.len() / 20) {
             let mut changed = text.clone();
             changed[position] ^= 1;
@@ -91,7 +91,7 @@ fn go_verifies_what_we_sign() {
             assert!(!ours);
             let theirs = go(&changed);
             let said = String::from_utf8_lossy(&theirs.stdout).into_owned();
-            // Go is content with one known signature of the two.
+            // Go accepts a checkpoint with one known signature of the two.
             assert!(
                 !theirs.status.success() || said.starts_with("1 signatures"),
                 "byte {position}: {said}"

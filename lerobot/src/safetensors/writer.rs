@@ -171,7 +171,7 @@ mod tests {
         assert_eq!(metadata["another"], "\"quoted\"\n");
     }
 
-    /// Files are named by their digests, on ledgers too: their bytes never change.
+    /// Files are named by their digests, on ledgers too, so their bytes never change.
     #[test]
     fn the_bytes_are_those_of_the_safetensors_crate() {
         let raw: Vec<u8> = [0.5f32, -3.0]

@@ -1,6 +1,6 @@
-//! What the test process allocates. The decoders' own memory (assembly, C++) is not among it.
+//! What the test process allocates. The memory of the decoders in assembly and C++ is not counted.
 
-#![allow(dead_code)] // each test file uses its part
+#![allow(dead_code)] // Each test file uses only a part of it
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::atomic::AtomicUsize;
@@ -47,7 +47,8 @@ pub fn largest() -> usize {
     LARGEST.load(Relaxed)
 }
 
-/// Most bytes allocated at once while `run` runs, beyond what was before. Only meaningful while nothing else runs.
+/// Returns the most bytes that were allocated at once while `run` ran, beyond those held before. The number is meaningful only if
+/// nothing else runs.
 pub fn peak<T>(run: impl FnOnce() -> T) -> (T, usize) {
     let before = HELD.load(Relaxed);
     MOST.store(before, Relaxed);

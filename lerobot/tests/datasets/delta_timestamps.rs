@@ -87,7 +87,7 @@ fn loader_with<'a>(dataset: &'a Dataset, deltas: &DeltaTimestamps) -> Result<Loa
     Ok(Loader::new(dataset, deltas.window(dataset.info())?))
 }
 
-/// Seconds of these numbers of frames at 30 frames a second.
+/// Returns these numbers of frames in seconds, at 30 frames a second.
 fn seconds(frames: &[i32]) -> Vec<f64> {
     frames.iter().map(|&n| f64::from(n) / 30.0).collect()
 }
@@ -105,7 +105,7 @@ fn every_feature_comes_from_the_frames_asked_for() {
         .with("action", seconds(&[-1, 0, 1, 30]))
         .with(TOP, seconds(&around));
     let mut loader = loader_with(&dataset, &deltas).unwrap();
-    // Episodes of 41 and 38 frames: the middle of one, both ends of the next.
+    // The episodes have 41 and 38 frames. The test reads the middle of the first, and both ends of the second.
     for (index, first, last) in [(20, 0, 40), (41, 41, 78), (43, 41, 78), (78, 41, 78)] {
         let frame = loader.frame(index).unwrap();
         let held = |offset: i32| {
@@ -131,7 +131,7 @@ fn every_feature_comes_from_the_frames_asked_for() {
                 .collect::<Vec<_>>()
         );
         assert_eq!(frame.action_is_pad, is_pad, "{index}");
-        // The first camera at two times, the second, not named, now.
+        // The first camera is read at two times. The second camera is not named, so it is read at the current time.
         let pictures = around.map(held);
         assert_eq!(frame.images.len(), 3);
         for ((found, is_pad), (like, like_pad)) in
@@ -146,7 +146,7 @@ fn every_feature_comes_from_the_frames_asked_for() {
             (frame.index, frame.task.as_str()),
             (index, now(&dataset, index).task.as_str())
         );
-        // Without pictures the same.
+        // Without pictures, the state and the actions are the same.
         let motion = loader.motion(index).unwrap();
         assert_eq!(
             (&motion.state, &motion.actions),
@@ -170,7 +170,7 @@ fn a_chunk_of_actions_is_the_offsets_from_now_on() {
     }
 }
 
-/// A window that slides over the recording gives the same pictures as one that is opened anew, also when it goes back.
+/// A window that slides over the recording gives the same pictures as one that is opened anew, even if it goes back.
 #[test]
 fn pictures_kept_from_the_last_frame_are_the_right_ones() {
     let dataset = open("so100_pickplace_v21");

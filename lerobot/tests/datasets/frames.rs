@@ -1,4 +1,4 @@
-//! The reader against LeRobot itself: every value that `LeRobotDataset.__getitem__` returned for the fixtures' recordings.
+//! Compares the reader with LeRobot itself: every value that `LeRobotDataset.__getitem__` returned for the fixtures' recordings.
 
 use std::collections::BTreeMap;
 
@@ -43,7 +43,7 @@ fn f32_bytes(values: &[f32]) -> Vec<u8> {
     values.iter().flat_map(|v| v.to_le_bytes()).collect()
 }
 
-/// The bytes that LeRobot's dump holds under `key`, recomputed from what was read.
+/// Computes the bytes that LeRobot's dump holds under `key` from what was read.
 fn expected(dataset: &Dataset, frame: &Frame, key: &str) -> Option<Vec<u8>> {
     let int = |n: usize| Some((n as i64).to_le_bytes().to_vec());
     match key {
@@ -91,7 +91,7 @@ fn every_dumped_value_is_read_bit_for_bit() {
         }
         let listed: Vec<usize> = serde_json::from_value(about["indices"].clone()).unwrap();
         assert_eq!(seen.keys().copied().collect::<Vec<_>>(), listed, "{name}");
-        // index.json lists one index's keys; the chunk of 50 is dumped for two of the indices, in two tensors.
+        // index.json lists the keys of one index. The chunk of 50 is dumped for two of the indices, in two tensors each.
         let keys = about["keys"].as_object().unwrap().len();
         let all = keys * listed.len() + 2 * 2;
         assert_eq!(seen.values().sum::<usize>(), all, "{name}");
@@ -115,7 +115,7 @@ fn reading_in_order_gives_what_random_access_gives() {
         let in_order: Vec<Frame> = frames(&dataset, 10).collect::<Result<_, _>>().unwrap();
         assert_eq!(in_order.len(), dataset.len());
         let mut loader = dataset.loader(10).unwrap();
-        // Backwards, and in steps that skip over key frames (every second frame is one).
+        // The test goes backwards, in steps that skip over key frames (every second frame is one).
         for at in (0..dataset.len()).rev().step_by(7) {
             assert!(loader.frame(at).unwrap() == in_order[at], "{name} {at}");
         }
@@ -165,13 +165,13 @@ fn planes_become_rgb_bit_for_bit() {
             width,
         })
         .unwrap();
-        // The dump is height, width, channel; ours channel, height, width.
+        // The dump's order is height, width, channel. Ours is channel, height, width.
         let theirs: Vec<u8> = (0..3)
             .flat_map(|c| rgb.data()[c..].iter().step_by(3).copied())
             .collect();
         assert!(ours == theirs, "{picture}");
 
-        // The same frame of the file, decoded.
+        // The decoder gives the same picture for this frame of the file.
         let (stem, number) = picture.rsplit_once('.').unwrap();
         let (name, camera) = stem.split_once('.').unwrap();
         let path = fixtures().join(format!(
@@ -271,8 +271,8 @@ fn statistics_of_the_episodes_pool_into_those_of_the_recording() {
         (old.info().format, new.info().format),
         (Format::V21, Format::V30)
     );
-    // The same recordings, once with statistics per episode, once with those of the whole; and the values themselves.
-    // LeRobot 0.4 sums up squares in passing, which is less exact.
+    // The same recordings have statistics per episode and statistics of the whole. The test also compares with the values
+    // themselves. LeRobot 0.4 adds up squares as it goes, which is less exact.
     alike(&old.stats().state, &new.stats().state, 1e-4);
     alike(&old.stats().action, &new.stats().action, 1e-4);
     alike(
@@ -308,11 +308,11 @@ fn v20_has_its_statistics_in_one_file() {
 #[test]
 fn feature_spec_tells_recordings_apart_and_not_more() {
     let spec = |name: &str, chunk| open(name).feature_spec_digest(chunk);
-    // Same arm, cameras and rate: interchangeable, whatever the task.
+    // Recordings with the same arm, cameras and rate are interchangeable, whatever the task is.
     assert_eq!(spec("so100_pickplace", 10), spec("so100_stacking", 10));
     assert_ne!(spec("so100_pickplace", 10), spec("so100_pickplace", 50));
     assert_ne!(spec("so100_pickplace", 10), spec("so101_pickplace", 10));
-    // The encoding is committed: a change of it has to be a new version of the tag.
+    // This encoding must not change. Another encoding needs a new version of the tag.
     assert_eq!(
         hex::encode(spec("so100_pickplace", 50)),
         "2293dbe27783b069920d68babffb20150cfc7cefb339226784ef3c53f436e0c3"
@@ -329,7 +329,7 @@ fn requests_outside_the_recording_are_errors() {
     assert!(dataset.loader(usize::MAX).is_err());
 }
 
-/// Prints the decoding speed; run with `--nocapture`.
+/// Prints the decoding speed. Run it with `--nocapture`.
 #[test]
 fn reading_in_order_keeps_up_with_training() {
     let dataset = open("so100_pickplace");

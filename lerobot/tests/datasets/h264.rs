@@ -1,4 +1,4 @@
-//! H.264: what comes out of an mp4 is what the codec's own stream holds, and what FFmpeg makes of it.
+//! The pictures that come out of an mp4 are those of the H.264 stream in it, and those that FFmpeg decodes.
 
 use std::fs;
 use std::path::Path;
@@ -14,7 +14,7 @@ use crate::recordings::{fixtures, frames, open, patch, Copy};
 const HEIGHT: usize = 96;
 const WIDTH: usize = 128;
 
-/// A bright disc that moves over a gradient, as RGB.
+/// Makes pictures of a bright disc that moves over a gradient, as RGB.
 fn film(frames: usize) -> Vec<Vec<u8>> {
     let picture = |n: usize| {
         let pixel = |channel: usize, row: usize, column: usize| {
@@ -45,7 +45,7 @@ fn psnr(a: &[u8], b: &[u8]) -> f64 {
     10.0 * (255.0f64.powi(2) * a.len() as f64 / squares.sum::<f64>().max(1e-9)).log10()
 }
 
-/// The pictures of the raw byte stream, decoded without any container.
+/// Decodes the pictures of the raw byte stream without any container.
 fn decoded_directly(stream: &Stream) -> Vec<Vec<u8>> {
     let mut decoder = Decoder::new().unwrap();
     let mut pictures = Vec::new();
@@ -105,15 +105,15 @@ fn pictures_in_an_mp4_are_those_of_the_stream() {
                 psnr(like, &film[n])
             );
         }
-        // Backwards and in leaps, which starts at key frames.
+        // The test reads backwards and in leaps, so decoding begins at key frames.
         for n in (0..40).rev().step_by(7).chain([5, 25, 26, 24, 0]) {
             assert!(video.rgb(n).unwrap() == direct[n], "{profile:?} {n}");
         }
     }
 }
 
-/// The pictures of a film by libx264 with B-frames, references both ways and long distances between key frames, as PyAV decodes
-/// them: `tests/fixtures/videos/make.py` makes them.
+/// Compares with pictures of libx264's films as PyAV decodes them. The films have B-frames, references in both directions and long
+/// distances between key frames. `tests/fixtures/videos/make.py` makes them.
 #[test]
 fn b_frames_and_edit_lists_are_read_as_ffmpeg_reads_them() {
     for name in [
@@ -134,7 +134,7 @@ fn b_frames_and_edit_lists_are_read_as_ffmpeg_reads_them() {
             .map(|n| (n, psnr(&video.rgb(n).unwrap(), like[n]) as u64))
             .filter(|(_, likeness)| *likeness < 100)
             .collect();
-        // OpenH264 differs from FFmpeg by a level here and there in one picture of these.
+        // In one of these pictures, OpenH264 differs from FFmpeg by one level here and there.
         match name {
             "h264_opengop" => assert!(
                 differ.len() <= 1 && differ.iter().all(|(_, psnr)| *psnr >= 60),
@@ -181,7 +181,7 @@ fn what_the_container_says_is_checked_against_the_stream() {
     let stream = encode(&film(12), HEIGHT, WIDTH, Profile::High, 6);
     let mp4 = stream.mp4(HEIGHT, WIDTH);
 
-    // Width and height of the sample description.
+    // The sample description has another width and height than the stream.
     let mut other = mp4.clone();
     patch(&mut other, b"avc1", 1, 24, &[0, 64]);
     assert!(failure(&other).contains("pictures are 96 x 64"));
@@ -199,7 +199,8 @@ fn what_the_container_says_is_checked_against_the_stream() {
         "{error}"
     );
 
-    // The configuration: its version, the size of lengths, the number of parameter sets, and nothing at all.
+    // These cases change the configuration: its version, the size of lengths and the number of parameter sets. After them, the
+    // configuration is missing.
     for (skip, value, cause) in [
         (0, &[2][..], "(avcC) of version 2"),
         (4, &[0xfe], "lengths of 3 bytes"),
@@ -220,7 +221,7 @@ fn what_the_container_says_is_checked_against_the_stream() {
     other[at..at + 4].copy_from_slice(b"free");
     assert!(failure(&other).contains("has no avcC box"));
 
-    // A picture that is not there, and one that is noise.
+    // In the first file, the length of a picture is wrong. In the second, a picture is noise.
     let mdat = mp4.windows(4).position(|w| w == b"mdat").unwrap() + 4;
     let mut other = mp4.clone();
     other[mdat..mdat + 4].copy_from_slice(&[0, 0, 0xff, 0xff]);
@@ -232,7 +233,7 @@ fn what_the_container_says_is_checked_against_the_stream() {
 
 #[test]
 fn frames_shown_out_of_order_are_found_by_their_times() {
-    // Pictures that do not depend on others can be shown in any order.
+    // Pictures that do not depend on one another can be shown in any order.
     let film = film(24);
     let stream = encode(&film, HEIGHT, WIDTH, Profile::High, 1);
     let direct = decoded_directly(&stream);
@@ -252,7 +253,7 @@ fn frames_shown_out_of_order_are_found_by_their_times() {
         );
     }
 
-    // Not in orders that no decoder would keep pictures for: one key frame, and the last picture shown first.
+    // No decoder keeps as many pictures as this order needs: all depend on one key frame, and the last one is shown first.
     let long = encode(&film, HEIGHT, WIDTH, Profile::High, 30);
     let backwards: Vec<u32> = (0..24).rev().collect();
     assert!(failure(&long.mp4_shown(HEIGHT, WIDTH, &backwards)).contains("shown long before"));

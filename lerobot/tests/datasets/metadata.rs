@@ -185,7 +185,7 @@ fn v21_files_that_are_not_there() {
 
 #[test]
 fn v21_lines_that_are_wrong() {
-    // File, what is there, what it becomes, what the reader says.
+    // Each case gives the file, the text in it, the text that replaces it, and the error of the reader.
     let cases = [
         (
             EPISODES,
@@ -298,7 +298,7 @@ fn v21_lines_that_are_wrong() {
         });
         copy.fails(EPISODE_STATS, cause);
     }
-    // A line without end is not read to its end.
+    // The reader does not read a line without an end to its end.
     let copy = Copy::of("so100_pickplace_v21");
     copy.edit(EPISODES, |mut bytes| {
         bytes.extend(vec![b' '; 2 << 20]);
@@ -338,7 +338,7 @@ fn cameras_may_be_described_channels_first() {
         .unwrap();
     assert_eq!((top.height, top.width), (96, 128));
 
-    // A shape that its names contradict.
+    // The names contradict the shape.
     copy.edit_text(
         INFO,
         "[\"channel\",\"height\",\"width\"]",

@@ -1,4 +1,4 @@
-//! Rows that are wrong, repeated or at other times than they should be.
+//! Rows that are wrong, repeated, or at the wrong times.
 
 use std::fs;
 use std::sync::Arc;
@@ -91,7 +91,7 @@ fn values_that_are_not_finite() {
     copy.fails(DATA, "row 50: observation.state holds NaN in dimension 3");
 }
 
-/// Everything but the pictures.
+/// Reads all frames without their pictures.
 fn motion(dataset: &Dataset) -> Vec<zk0_lerobot::dataset::Frame> {
     let loader = dataset.loader(10).unwrap();
     (0..dataset.len())
@@ -112,7 +112,7 @@ fn repaired(copy: &Copy, like: &str, file: &str, rows: usize, first: usize) {
 
 #[test]
 fn frames_stored_twice_are_read_once() {
-    // As LeRobot meets it: issue 1875. `faults.json` says that it never reads the second half.
+    // LeRobot meets such recordings (issue 1875). `faults.json` says that LeRobot never reads the second half.
     let dataset = open("so100_stacking_doubled");
     assert_eq!(motion(&dataset), motion(&open("so100_stacking")));
     let [repair @ Repair::RepeatedRows {
@@ -131,7 +131,7 @@ fn frames_stored_twice_are_read_once() {
         "{note}"
     );
     assert!(open("so100_stacking").repairs().is_empty());
-    // With pictures too.
+    // The frames are the same with pictures, too.
     let (ours, like) = (
         dataset.frame(248, 10).unwrap(),
         open("so100_stacking").frame(248, 10).unwrap(),
@@ -141,7 +141,7 @@ fn frames_stored_twice_are_read_once() {
 
 #[test]
 fn other_ways_of_repeating_rows_are_repaired_too() {
-    // Every row three times in a row.
+    // Every row comes three times in a row.
     let copy = Copy::new();
     copy.edit_table(DATA, |rows| {
         (0..rows.num_rows() * 3)
@@ -150,14 +150,14 @@ fn other_ways_of_repeating_rows_are_repaired_too() {
     });
     repaired(&copy, "so100_pickplace", DATA, 245 * 2, 1);
 
-    // The first episode once more in the middle of the third.
+    // The first episode comes a second time in the middle of the third.
     let copy = Copy::new();
     copy.edit_table(DATA, |rows| {
         vec![rows.slice(0, 100), rows.slice(0, 41), rows.slice(100, 145)]
     });
     repaired(&copy, "so100_pickplace", DATA, 41, 100);
 
-    // A file that begins with what the file before it holds.
+    // The second file begins with the rows of the file before it.
     let copy = Copy::of("so100_sorting");
     let first = fs::read(copy.path(DATA)).unwrap();
     let (before, second) = (
@@ -173,14 +173,14 @@ fn other_ways_of_repeating_rows_are_repaired_too() {
     copy.edit_table(second, |rows| vec![early[0].clone(), rows]);
     repaired(&copy, "so100_sorting", second, early[0].num_rows(), 0);
 
-    // v2.1, one episode's file.
+    // In v2.1, one episode's file holds its rows twice.
     let copy = Copy::of("so100_pickplace_v21");
     let file = "data/chunk-000/episode_000002.parquet";
     copy.edit_table(file, |rows| vec![rows.clone(), rows]);
     repaired(&copy, "so100_pickplace_v21", file, 44, 44);
 }
 
-/// The same rows with the schema that [`with_column`] gives.
+/// Rebuilds the rows with the schema that [`with_column`] gives.
 fn rebuilt(rows: &RecordBatch) -> RecordBatch {
     let index = rows.column_by_name("index").unwrap().clone();
     with_column(rows.clone(), "index", index)
@@ -251,7 +251,7 @@ fn episodes_described_twice_are_read_once() {
     );
     assert_eq!(motion(&dataset), motion(&open("so100_pickplace")));
 
-    // Otherwise alike, but filmed at another time.
+    // The second description of the episodes differs only in the time in the video.
     copy.edit_table(again, |rows| {
         let column = "videos/observation.images.top/from_timestamp";
         let later = Float64Array::from(vec![0.5; rows.num_rows()]);

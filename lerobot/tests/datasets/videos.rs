@@ -24,7 +24,7 @@ fn videos_that_are_cut_or_no_videos() {
     let copy = Copy::new();
     copy.edit(TOP, |mut bytes| {
         let at = bytes.windows(4).position(|w| w == b"av01").unwrap();
-        // The first is a brand in ftyp; the sample description is the next one.
+        // The first match is a brand in ftyp. The next one is the sample description.
         let at = at
             + 4
             + bytes[at + 4..]
@@ -47,7 +47,7 @@ fn videos_that_are_cut_or_no_videos() {
 #[test]
 fn mp4_tables_that_contradict_themselves() {
     let big = 0x7fff_ffff_u32.to_be_bytes();
-    // Box, bytes into it, what is written there, what the reader says.
+    // Each case gives the box, the offset in it, the bytes written there, and the error of the reader.
     let cases: [(&[u8; 4], usize, &[u8], &str); 11] = [
         (b"stss", 8, &big, "key frame 2147483647 does not exist"),
         (b"stss", 8, &[0; 4], "key frame 0 does not exist"),
@@ -96,7 +96,7 @@ fn mp4_tables_that_contradict_themselves() {
 
 #[test]
 fn a_bitstream_of_another_size_than_the_container_says() {
-    // The second "av01" is the sample description; width and height are 24 bytes into it.
+    // The second "av01" is the sample description. Width and height are 24 bytes into it.
     let claim = |height: u8, width: u8| {
         let copy = Copy::new();
         copy.edit(TOP, |mut bytes| {
@@ -107,7 +107,8 @@ fn a_bitstream_of_another_size_than_the_container_says() {
         copy.edit_text(INFO, &size(96, 128), &size(height, width));
         copy
     };
-    claim(48, 64).fails(TOP, "video frame 0 does not decode"); // refused before it is decoded
+    // The frame is refused before it is decoded.
+    claim(48, 64).fails(TOP, "video frame 0 does not decode");
     claim(128, 96).fails(
         TOP,
         "video frame 0 is 96 x 128 (height x width), expected 128 x 96",
@@ -116,7 +117,7 @@ fn a_bitstream_of_another_size_than_the_container_says() {
 
 #[test]
 fn a_video_that_does_not_decode_names_the_frame() {
-    // The container stays as it was; what it holds is noise.
+    // The container stays the same, but its content is noise.
     let copy = Copy::new();
     copy.edit(TOP, |mut bytes| {
         let mdat = bytes.windows(4).position(|w| w == b"mdat").unwrap() + 4;
@@ -140,5 +141,6 @@ fn a_video_with_too_few_frames_names_the_first_that_is_missing() {
     copy.edit(TOP, |_| fs::read(short).unwrap());
     copy.fails(TOP, "its 75 frames end at 2.466667 s");
     let error = copy.error().to_string();
-    assert!(error.starts_with("episode 1 frame 34, "), "{error}"); // frame 75, episode 0 has 41
+    // This is frame 75 of the video, as episode 0 has 41 frames.
+    assert!(error.starts_with("episode 1 frame 34, "), "{error}");
 }

@@ -1,4 +1,4 @@
-//! Inputs that fuzzing found: kept in one folder for each target, read again by a test that always runs.
+//! Inputs that fuzzing found. Each target has a folder of them, and a test that always runs reads them again.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -27,7 +27,7 @@ fn class(message: &str) -> String {
     words.join(" ")
 }
 
-/// Inputs of a target by file name.
+/// Returns the inputs of a target, in the order of their file names.
 fn corpus(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
     let Ok(entries) = fs::read_dir(folder) else {
         return Vec::new();
@@ -45,7 +45,7 @@ fn corpus(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
 pub fn read_again(of: &str) {
     let root = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/corpus");
     let root = Path::new(root).join(of);
-    // Panics of libraries are caught, and not worth a line each.
+    // The panics of libraries are caught, and need no line of output each.
     std::panic::set_hook(Box::new(|_| ()));
     let mut wrong = Vec::new();
     for name in NAMES {

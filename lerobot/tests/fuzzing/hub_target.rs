@@ -1,4 +1,4 @@
-//! What the Hub lists of a recording. Whatever it is, nothing is written outside of the cache.
+//! Reads random lists of a recording's files from a Hub. Whatever such a list says, nothing is written outside of the cache.
 
 use std::fs;
 use std::io::{BufRead, BufReader, Write};
@@ -26,7 +26,7 @@ pub fn hub_listing() -> Target {
     let served = listing.clone();
     std::thread::spawn(move || {
         for stream in listener.incoming() {
-            // A caller that has gone is no fault of the server.
+            // It is not the server's fault if the caller has closed the connection.
             let _ = answer(stream.unwrap(), &served.lock().unwrap());
         }
     });
@@ -48,7 +48,7 @@ pub fn hub_listing() -> Target {
                 );
             }
             fetched.map(drop).map_err(|error| match error {
-                // Without the file's name, which the input chooses.
+                // The outcome leaves the file's name out, because the input chooses that name.
                 HubError::Download { cause, .. } => match cause.split_once(" from /") {
                     Some((what, _)) => what.to_owned(),
                     None => cause,

@@ -9,7 +9,7 @@ mod guided;
 
 use crate::allocations::peak;
 
-// Of the test that this is part of.
+// Each test has its own `targets`.
 use crate::targets::{Target, SLACK};
 
 pub use corpus::read_again;

@@ -23,7 +23,7 @@ pub fn config() -> PolicyConfig {
     LeRobotConfig::parse(&policy, Some(&vlm)).unwrap().dims
 }
 
-/// A file of which tensors are read one by one.
+/// Reads the tensors of a file one by one.
 pub fn tensor_file() -> Target {
     let dir = tempfile::tempdir().unwrap();
     let entry = |name: &str, shape: &[usize]| Entry {
@@ -51,7 +51,7 @@ pub fn tensor_file() -> Target {
     }
 }
 
-/// The configuration of a policy, and with it the tensors that it asks for.
+/// Reads the configuration of a policy, and with it the tensors that it asks for.
 pub fn policy_json() -> Target {
     let vlm = fs::read_to_string(tiny("vlm_config.json")).unwrap();
     Target {
@@ -74,13 +74,13 @@ fn parse(policy: &str, vlm: &str) -> Result<(), String> {
     Ok(())
 }
 
-/// The message up to what it quotes of a file, which may have quotation marks of its own.
+/// Cuts the message before the text that it quotes from a file, because that text may hold quotation marks.
 fn unquoted(message: &str) -> String {
     let ends = [" is `", " by `"].iter().filter_map(|q| message.find(q));
     message[..ends.min().unwrap_or(message.len())].to_owned()
 }
 
-/// The processors of a folder, as far as the statistics of states are found through them.
+/// Reads the processors of a folder as far as they lead to the statistics of states.
 pub fn processor_json() -> Target {
     let dir = tempfile::tempdir().unwrap();
     let to = |name: &str| dir.path().join(name);
@@ -122,7 +122,7 @@ pub fn processor_json() -> Target {
                     let own = dir.path().join("policy_preprocessor.json: ");
                     match said.strip_prefix(own.to_str().unwrap()) {
                         Some(why) => Err(why.to_owned()),
-                        // The input chooses its name.
+                        // The input chooses the name of this file.
                         None => Err("another file".into()),
                     }
                 }

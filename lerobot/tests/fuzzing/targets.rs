@@ -1,4 +1,4 @@
-//! What is given random inputs, and what it starts from.
+//! The readers that get random inputs, and the inputs that fuzzing starts from.
 
 use std::fs;
 use std::io::Cursor;
@@ -77,7 +77,7 @@ pub fn target(name: &str) -> Target {
     }
 }
 
-/// A few frames of noise and gradients as H.264.
+/// Encodes a few frames of noise and gradients as H.264.
 fn video(profile: Profile) -> Vec<u8> {
     let picture = |n: usize| {
         (0..3 * HEIGHT * WIDTH)
@@ -94,7 +94,7 @@ fn av1() -> Vec<u8> {
     fs::read(recording("so100_pickplace_v21").join(file)).unwrap()
 }
 
-/// The first pictures of a video of this size.
+/// Reads the first pictures of a video of this size.
 fn pictures(seeds: Vec<Vec<u8>>, height: usize, width: usize) -> Target {
     let dir = tempfile::tempdir().unwrap();
     Target {
@@ -110,7 +110,7 @@ fn pictures(seeds: Vec<Vec<u8>>, height: usize, width: usize) -> Target {
     }
 }
 
-/// A recording that is sound but for one file.
+/// Makes a recording in which only one file is damaged.
 fn in_folder(name: &str, file: &'static str) -> Target {
     let copy = Copy::of(name);
     Target {

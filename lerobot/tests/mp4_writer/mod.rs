@@ -1,6 +1,6 @@
-//! Writes H.264 into an mp4 as FFmpeg does, as far as a reader can tell: the reader's counterpart, for tests.
+//! Writes H.264 into an mp4. For a reader, the file looks like one of FFmpeg's. This is the counterpart of the reader, for tests.
 
-#![allow(dead_code)] // each test file uses its part
+#![allow(dead_code)] // Each test file uses only a part of it
 
 use openh264::encoder::{
     BitRate, Encoder, EncoderConfig, FrameRate, IntraFramePeriod, Profile, RateControlMode,
@@ -77,13 +77,13 @@ pub fn encode(
 }
 
 impl Stream {
-    /// The mp4 at 30 frames a second, pictures shown as they are decoded.
+    /// Returns the mp4 at 30 frames a second, with the pictures shown in decoding order.
     pub fn mp4(&self, height: usize, width: usize) -> Vec<u8> {
         let shown: Vec<u32> = (0..self.pictures.len() as u32).collect();
         self.mp4_shown(height, width, &shown)
     }
 
-    /// The same with picture `i` of the decoding order shown as number `shown[i]`: offsets (`ctts`) and an edit list.
+    /// Returns the mp4 with picture `i` of the decoding order shown as number `shown[i]`. It has offsets (`ctts`) and an edit list.
     pub fn mp4_shown(&self, height: usize, width: usize, shown: &[u32]) -> Vec<u8> {
         const SCALE: u32 = 15360;
         const TICK: u32 = SCALE / 30;
@@ -92,7 +92,7 @@ impl Stream {
             .iter()
             .map(|p| p.units.iter().flat_map(|u| length_and(u, 4)).collect())
             .collect();
-        // No picture is shown before it is decoded: all are shown later by as much as the latest needs.
+        // No picture is shown before it is decoded. All pictures are therefore shown later, by as much as the latest one needs.
         let late = |(i, &n): (usize, &u32)| (i as u32).saturating_sub(n);
         let shift = shown.iter().enumerate().map(late).max().unwrap();
         let offsets = shown

@@ -1,4 +1,4 @@
-//! Names and shapes against the published model's, and configurations that must be refused.
+//! Names and shapes like those of the published model, and configurations that must be refused.
 
 use std::collections::BTreeMap;
 
@@ -110,7 +110,7 @@ fn the_published_vlm_is_known_by_its_name() {
     let by_name = LeRobotConfig::parse(&published_policy(), None).unwrap();
     let by_file = LeRobotConfig::parse(&published_policy(), Some(&published_vlm())).unwrap();
     assert_eq!(by_name, by_file);
-    // 32 language layers were built; all of them are kept where nothing limits them.
+    // The model was built with 32 language layers. Without a smaller limit, all of them are kept.
     for limit in [-1, 0, 32, 40] {
         let mut policy: serde_json::Value = serde_json::from_str(&published_policy()).unwrap();
         policy["num_vlm_layers"] = limit.into();
@@ -125,7 +125,7 @@ fn the_published_vlm_is_known_by_its_name() {
     );
 }
 
-/// As the Hub has it: what equals transformers' defaults is left out.
+/// On the Hub, the file leaves out values that are transformers' defaults.
 #[test]
 fn a_vlm_file_may_leave_out_transformers_defaults() {
     let mut vlm: serde_json::Value = serde_json::from_str(&published_vlm()).unwrap();
@@ -153,7 +153,7 @@ fn the_expert_mlp_width_can_be_given() {
     assert_eq!(config.expert.mlp_width, 32);
 }
 
-/// LeRobot writes the features of empty cameras into the file of a policy that was built, not before.
+/// LeRobot writes the features of empty cameras into the file when it builds a policy, not before.
 #[test]
 fn cameras_are_in_the_files_order_and_empty_ones_count_once() {
     let visual = |name: &str| (name.to_string(), r#"{"type":"VISUAL","shape":[3,8,8]}"#);
@@ -172,7 +172,7 @@ fn cameras_are_in_the_files_order_and_empty_ones_count_once() {
         )
     };
     let with = |names: &[&str]| {
-        // Spliced in as text: a JSON value would sort the names.
+        // The features are inserted as text, because a JSON value would sort their names.
         let policy = policy_json(&[
             ("empty_cameras", 2.into()),
             ("input_features", "HERE".into()),
@@ -207,7 +207,7 @@ fn layer_kinds_follow_lerobots_rule() {
     assert_eq!(kinds(&[("attention_mode", "self_attn".into())]), [Joint; 4]);
 }
 
-/// Policy files of the published epsilon do not name it: they, and digests of them, are what they were without that field.
+/// Policy files with the published epsilon do not name it, so these files and their digests are the same as without that field.
 #[test]
 fn the_norms_epsilon_is_the_vlms() {
     let parsed =
@@ -245,7 +245,7 @@ fn euler_steps_and_lerobots_defaults() {
     .unwrap();
     assert_eq!(config.num_steps, 7);
 
-    // A file of LeRobot 0.3.3 knows fewer keys; the shortest possible one, next to none.
+    // A file of LeRobot 0.3.3 has fewer keys, and the shortest possible file has very few.
     let mut policy = json("policy_config.json");
     let keys: Vec<String> = policy.as_object().unwrap().keys().cloned().collect();
     let needed = [

@@ -9,7 +9,7 @@ use zk0_lerobot::policy_folder::PolicyFolder;
 
 use crate::folder::*;
 
-/// Opens a folder after a change to it, and gives the refusal.
+/// Opens a folder after a change to it, and returns the error.
 fn refusal(change: impl Fn(&Path)) -> String {
     let source = folder(&raw(&fixture("weights.safetensors")));
     change(source.path());

@@ -77,7 +77,7 @@ pub fn mixed() -> RawFile {
     tensors
 }
 
-/// A folder as LeRobot 0.4 leaves it, with what else lies in one.
+/// A folder as LeRobot 0.4 leaves it, with the other files that such a folder may hold.
 pub fn folder(tensors: &RawFile) -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     let write = |name: &str, bytes: &[u8]| fs::write(folder.path().join(name), bytes).unwrap();

@@ -1,4 +1,4 @@
-//! What is read: exact values, wherever they are.
+//! The reader gives exact values, wherever they are stored.
 
 use std::fs;
 
@@ -38,7 +38,7 @@ fn values_are_read_exactly_from_all_three_types() {
         assert_eq!(tensor.data, expected, "{name}");
     }
 
-    // F32 is the same as what the reader of bytes in memory gives.
+    // F32 values are the same as those from the reader of bytes in memory.
     let source = folder(&raw(&fixture("weights.safetensors")));
     let opened = PolicyFolder::open(source.path()).unwrap();
     let layout = policy_layout(&opened.config().dims);

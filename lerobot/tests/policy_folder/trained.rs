@@ -12,7 +12,7 @@ use zk0_lerobot::safetensors::TensorSet;
 
 use crate::folder::*;
 
-/// Of no decimal digits, and the least of them lost in BF16.
+/// Statistics that need many decimal digits. BF16 would lose the last ones.
 fn recording() -> Stats {
     let mean = (0..6).map(|d| 1.0 / (3.0 + d as f32)).collect();
     let std = (0..6).map(|d| 1e-4 * (7.0 + d as f32)).collect();
@@ -22,7 +22,7 @@ fn recording() -> Stats {
     }
 }
 
-/// Weights as if trained for a step, and the folder that is written with them.
+/// Changes the weights as if they were trained for a step, and returns them with the folder that is written with them.
 fn write(source: &Path, precision: Precision) -> (TensorSet, tempfile::TempDir) {
     let opened = PolicyFolder::open(source).unwrap();
     let mut expert = expert(&opened);
@@ -54,7 +54,7 @@ fn f32s(raw: &Raw) -> Vec<f32> {
 #[test]
 fn processors_get_the_recordings_statistics() {
     let source = folder(&raw(&fixture("weights.safetensors")));
-    // As LeRobot leaves it: of every feature, and more than mean and standard deviation.
+    // LeRobot leaves statistics of every feature, and more kinds than mean and standard deviation.
     let mut state = raw(&read(source.path(), "pre.safetensors"));
     state.extend(stats(&[
         ("observation.state.min", &[-1.0; 6]),
@@ -82,7 +82,8 @@ fn processors_get_the_recordings_statistics() {
         is("observation.state.std", recording().state.std());
         is("action.mean", recording().action.mean());
         is("action.std", recording().action.std());
-        // Those of images stay, what else was known of states and actions was of another recording.
+        // The statistics of images stay. The other statistics of states and actions are gone, because they were of another
+        // recording.
         let others = |(name, _): &(&String, &Raw)| name.starts_with("observation.images");
         let kept: Vec<_> = written.iter().filter(others).collect();
         let had = raw(&read(source.path(), name));
@@ -135,7 +136,7 @@ fn a_processor_that_has_seen_no_recording_gets_a_state() {
     }
 }
 
-/// LeRobot 0.3: there are no processors.
+/// In LeRobot 0.3, there are no processors.
 #[test]
 fn without_processors_statistics_are_among_the_weights() {
     let bare = folder(&mixed());
@@ -197,7 +198,7 @@ fn what_is_not_normalised_has_no_statistics_to_replace() {
     let found = stats_of(out.path()).unwrap();
     assert_eq!(found.state, Normalizer::identity(6).unwrap());
     assert_eq!(found.action, recording().action);
-    // Where LeRobot trains, it normalises actions by the first pipeline.
+    // In training, LeRobot normalises actions with the first pipeline.
     let pre = raw(&read(out.path(), "pre.safetensors"));
     assert_eq!(f32s(&pre["action.mean"]), recording().action.mean());
     assert_eq!(f32s(&pre["observation.state.std"]), [0.5; 6]);

@@ -1,4 +1,4 @@
-//! What is written: nothing but the given weights differs from the source.
+//! A written folder differs from its source only in the given weights.
 
 use std::fs;
 
@@ -21,7 +21,7 @@ fn an_untouched_policy_is_written_back_bit_for_bit() {
         for (changed, name) in [(TensorSet::new(), "none"), (all, "all")] {
             let to = out.path().join(name);
             opened.write(&to, &changed, Precision::Kept).unwrap();
-            // The weights, the language model's head among them, and every file beside them.
+            // The test compares the weights, with the language model's head among them, and every file beside them.
             let mut names: Vec<_> = fs::read_dir(source.path())
                 .unwrap()
                 .map(|e| e.unwrap().file_name())
@@ -81,7 +81,7 @@ fn only_the_given_tensors_change_in_the_type_they_had() {
         };
         assert!(found[name] == expected, "{name}");
     }
-    // What was written is a policy folder again, with exactly these weights.
+    // The written folder is a policy folder again, with exactly these weights.
     let again = PolicyFolder::open(&single).unwrap();
     assert_eq!(super::folder::expert(&again), expert);
     assert_eq!(weights_in(&single), {
@@ -114,7 +114,7 @@ fn what_cannot_be_written_is_refused() {
         StoredPolicyError::NotFinite { index: 3, .. }
     ));
     assert!(!to.exists(), "nothing is left of what was refused at once");
-    // Finite in F32, not in BF16.
+    // The value is finite in F32, but not in BF16.
     let error = refused(&one(NORM, &|t| t.data[0] = f32::MAX));
     assert!(error.to_string().contains("too large for BF16"), "{error}");
     assert!(!to.join("model.safetensors").exists());

@@ -1,6 +1,6 @@
 //! The fixtures' recordings, and copies of them to damage.
 
-#![allow(dead_code)] // each test file uses its part
+#![allow(dead_code)] // Each test file uses only a part of it
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -45,7 +45,7 @@ pub fn frames(
 pub struct Copy(TempDir);
 
 impl Copy {
-    /// Of a good recording in v3.0.
+    /// Copies a good recording in v3.0.
     pub fn new() -> Self {
         Self::of("so100_pickplace")
     }
@@ -89,7 +89,7 @@ impl Copy {
         });
     }
 
-    /// Rewrites the table of a parquet file: all its rows in one batch become these batches.
+    /// Rewrites the table of a parquet file. `change` gets all rows in one batch, and returns the new batches.
     pub fn edit_table(&self, file: &str, change: impl FnOnce(RecordBatch) -> Vec<RecordBatch>) {
         let path = self.path(file);
         let reader = ParquetRecordBatchReaderBuilder::try_new(fs::File::open(&path).unwrap())
@@ -119,7 +119,7 @@ impl Copy {
         Dataset::open(self.0.path())
     }
 
-    /// The error of opening and reading everything.
+    /// Returns the error of opening and reading everything.
     pub fn error(&self) -> DatasetError {
         let dataset = match self.open() {
             Ok(dataset) => dataset,

@@ -1,4 +1,4 @@
-//! What is given random inputs, and what it starts from.
+//! The readers that get random inputs, and the inputs that fuzzing starts from.
 
 use std::fs;
 use std::path::Path;
@@ -42,7 +42,7 @@ fn base_losses() -> Target {
     let (network, dataset, base) = (Digest([1; 32]), Digest([2; 32]), Digest([7; 32]));
     let losses = BaseLosses::at(dir.path(), network, dataset);
     let file = dir.path().join("base-losses.json");
-    // A file that goes on, and one that is as far as it is asked.
+    // The first file has losses to add. The second already has all losses that are asked for.
     let seeds = [2, 5].map(|last| {
         losses.up_to(last, &base, || Ok(1.0 / 3.0)).unwrap();
         fs::read(&file).unwrap()
@@ -54,7 +54,7 @@ fn base_losses() -> Target {
             let read = losses.up_to(5, &base, || Ok(0.5));
             read.map(drop).map_err(|error| {
                 let said = without_path(&error.to_string(), dir.path());
-                // What the file says it is of, it may say in any words.
+                // The file may name any network, root or weights, so the outcome leaves these out.
                 let quoted = [
                     "it belongs to network",
                     "whose root is",

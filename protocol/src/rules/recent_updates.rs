@@ -78,7 +78,7 @@ mod tests {
         let (node, limit) = (NodeId([7; 32]), REMEMBERED_UPDATES as u64);
         let mut updates = Updates::default();
         (0..limit).for_each(|number| updates.remember(&update(number), node, number));
-        // It was committed again, and counts from then on.
+        // Somebody commits this update again, so it counts as recent from then on.
         updates.remember(&update(1), node, limit);
         let known = |updates: &Updates, number| {
             let WeightsDigest { blob, quantised } = update(number);

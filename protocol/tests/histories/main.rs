@@ -19,16 +19,16 @@ use zk0_protocol::entries::signed::Evidence;
 use zk0_protocol::rules::network_rules::Participation;
 use zk0_protocol::{Body, Entry, RuleViolation, Signed, State};
 
-/// What came of some steps.
+/// What happened in some steps.
 struct Played {
     /// The accepted entries, with their roots.
     history: Vec<(Entry, Digest)>,
     last: State,
     /// The keys of the accepted entries.
     keys: KnownKeys,
-    /// What the accepted entries were.
+    /// What each accepted entry was.
     accepted: Vec<&'static str>,
-    /// Names of the reasons for which others were refused.
+    /// The names of the reasons for which other entries were refused.
     refused: BTreeSet<String>,
 }
 
@@ -84,7 +84,7 @@ fn play(steps: &[Step]) -> Played {
     played
 }
 
-/// The name of a reason: that of its variant.
+/// Returns the name of a reason, which is the name of its variant.
 fn name(reason: &RuleViolation) -> String {
     let debug = match reason {
         RuleViolation::Refused(refusal) => format!("{refusal:?}"),
@@ -93,7 +93,7 @@ fn name(reason: &RuleViolation) -> String {
     debug.split([' ', '(']).next().unwrap_or_default().into()
 }
 
-/// All that an accepted entry can be. Each has to come up in random histories: they test nothing else.
+/// All that an accepted entry can be. Each must occur in random histories, because otherwise they do not test it.
 const ALL: [&str; 33] = [
     "enrolled",
     "registered",
@@ -130,7 +130,7 @@ const ALL: [&str; 33] = [
     "rotated in a round",
 ];
 
-/// What an accepted entry was, in the words of [`ALL`].
+/// Returns what an accepted entry was, in the words of [`ALL`].
 fn happened(body: &Body, before: &State, after: &State) -> Vec<&'static str> {
     match body {
         Body::Genesis(_) => vec!["a second genesis"],
@@ -236,7 +236,7 @@ fn replaying_from_any_snapshot_gives_the_same_state() {
     for (what, count) in accepted {
         assert!(count > 0, "never '{what}': the histories test little");
     }
-    // So many reasons are named: the rules were tried.
+    // Entries are refused for at least this many reasons, so the rules are tried.
     assert!(refused.len() >= 20, "only {refused:?}");
 }
 

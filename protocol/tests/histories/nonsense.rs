@@ -38,7 +38,7 @@ fn any_u64() -> impl Strategy<Value = u64> {
     prop_oneof![0..30u64, Just(T0), Just(u64::MAX), any::<u64>()]
 }
 
-/// The network's own id mostly: what is for another is refused at once.
+/// Usually returns the network's own id, because entries for another network are refused at once.
 fn any_network() -> impl Strategy<Value = Digest> {
     let own = genesis().network_id();
     prop_oneof![3 => Just(own), 1 => any_digest()]
@@ -220,7 +220,7 @@ fn any_dispute() -> impl Strategy<Value = Dispute> {
     )
 }
 
-/// What members say or have decided about themselves.
+/// Entries in which members govern themselves, or that record the result.
 fn any_governing() -> impl Strategy<Value = Body> {
     let takeover = any_rotation().prop_map(|rotation| KeyTakeover { rotation });
     prop_oneof![
@@ -303,7 +303,7 @@ fn any_body() -> impl Strategy<Value = Body> {
     ]
 }
 
-/// An entry for any time; of this version mostly.
+/// An entry with any time and usually with this version.
 pub fn nonsense() -> impl Strategy<Value = Entry> {
     let version = prop_oneof![1 => 0..3u16, 5 => Just(1)];
     (version, any_u64(), any_body()).prop_map(|(version, time_ms, body)| Entry {

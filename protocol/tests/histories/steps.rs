@@ -16,7 +16,7 @@ use zk0_protocol::rules::network_rules::{EnrolmentRule, Participation};
 use zk0_protocol::rules::state::{Node, Standing};
 use zk0_protocol::{Body, Entry, Refusal, Rules, Signed, State};
 
-/// Keys that join, keys that take their places, and the governors' keys.
+/// The keys that join, the keys that take their places, and the governors' keys.
 static KEYS: LazyLock<Vec<(NodeId, SigningKey)>> = LazyLock::new(|| {
     let keys = (0..SPARE.end).map(key).chain((0..3).map(governor_key));
     let named = |key: SigningKey| (NodeId(key.verifying_key().to_bytes()), key);
@@ -31,7 +31,7 @@ pub fn key_of(id: &NodeId) -> Option<&'static SigningKey> {
         .map(|(_, key)| key)
 }
 
-/// Numbers choose among those for whom the step makes sense.
+/// The numbers choose among the members for whom the step makes sense.
 #[derive(Clone, Debug)]
 pub enum Step {
     Enrol(u8),
@@ -48,7 +48,7 @@ pub enum Step {
     Dispute(u8, u8, bool),
     Resolve(u8, bool),
     Wait(u32),
-    /// What the step says with one byte changed, signed again.
+    /// The same entry with one byte changed, and signed again.
     Bend(Box<Step>, u16, u8),
     Nonsense(Box<Entry>),
 }
@@ -75,7 +75,7 @@ fn sensible() -> impl Strategy<Value = Step> {
         20 => any::<u8>().prop_map(Step::Settle),
         16 => (any::<u8>(), any::<u8>(), any::<bool>()).prop_map(|(by, which, document)| Step::Dispute(by, which, document)),
         12 => (any::<u8>(), prop::bool::weighted(0.2)).prop_map(|(which, upheld)| Step::Resolve(which, upheld)),
-        // Much happens at once, and then nothing for long.
+        // Many steps happen close together, and then nothing happens for a long time.
         6 => (0..1500u32).prop_map(Step::Wait),
         16 => (6_000..25_000u32).prop_map(Step::Wait),
         2 => (60_000..110_000u32).prop_map(Step::Wait),
@@ -91,7 +91,7 @@ pub fn step() -> impl Strategy<Value = Step> {
     ]
 }
 
-/// One of those for whom it makes sense, nearly always; else anybody.
+/// Usually returns one of those for whom the step makes sense, and rarely somebody else.
 fn pick(by: u8, sensible: impl IntoIterator<Item = NodeId>) -> NodeId {
     let sensible: Vec<_> = sensible.into_iter().collect();
     let by = usize::from(by);
@@ -109,7 +109,7 @@ fn nth(list: impl IntoIterator<Item = u64>, which: u8) -> u64 {
         .unwrap_or(which as u64)
 }
 
-/// One that joins: of a few, and seldom with a key that is for others.
+/// Returns the enrolment of one of a few nodes. Rarely, its key belongs to somebody else.
 fn joining(by: u8) -> NodeEnrolled {
     let node = match by {
         240.. => KEYS[usize::from(by) % KEYS.len()].0,
@@ -136,13 +136,14 @@ fn standing(state: &State, wanted: &[Standing]) -> Vec<NodeId> {
         .collect()
 }
 
-/// Signed by whom it names; with somebody else's signature where nobody has that key.
+/// Signs with the key of the signer that the statement names. If nobody has that key, signs with another one.
 fn sign<T: Statement>(statement: T) -> Signed<T> {
     let key = key_of(&statement.signer()).unwrap_or(&KEYS[0].1);
     Signed::new(statement, key)
 }
 
-/// How long a step waits. Long waits are for votes: most rounds go on before.
+/// How long a step waits. Long waits are for votes. While a round is open, most long waits become short, so that the round goes on
+/// first.
 pub fn wait(step: &Step, state: &State) -> u64 {
     match step {
         Step::Wait(ms) if *ms > 6_000 && ms % 4 > 0 && state.round().is_some() => 1,
@@ -151,7 +152,7 @@ pub fn wait(step: &Step, state: &State) -> u64 {
     }
 }
 
-/// The entry that a step stands for in the present state; `None` where it makes no sense to build one.
+/// Returns the entry that a step stands for in the present state, or `None` if it makes no sense to build one.
 pub fn attempt(step: &Step, state: &State, now: u64) -> Option<Entry> {
     let body = match step {
         Step::Wait(_) => return None,
@@ -172,7 +173,7 @@ fn member(step: &Step, state: &State) -> Option<Body> {
     Some(match step {
         Step::Register(by, set) => {
             let node = pick(*by, active);
-            // Each key has its own data; a node that has some registers the same again.
+            // Each key has its own data. A node that has data usually registers the same data again.
             let own = KEYS.iter().position(|(known, _)| *known == node)? as u8;
             let number = if *set >= 240 { *set } else { own };
             let mut registration = registration(&network, number % SPARE.end);
@@ -403,7 +404,7 @@ fn dispute(step: &Step, state: &State) -> Option<Body> {
     })
 }
 
-/// The same with one byte changed; where it was signed it is signed again, so that the rules have to notice.
+/// Returns the same entry with one byte changed. Signed parts are signed again, so that the rules have to notice the change.
 fn bent(body: Body, at: u16, with: u8) -> Body {
     let flip = |mut bytes: Vec<u8>| {
         let at = usize::from(at) % bytes.len();

@@ -8,7 +8,7 @@ use zk0_protocol::entries::signed::Evidence;
 use zk0_protocol::rules::state::Standing;
 
 impl Model<'_> {
-    /// How a proposal ends, if it may be settled now.
+    /// How a proposal ends if it may be settled now.
     pub fn outcome(&self, number: usize, now: u64) -> Option<Outcome> {
         let (made, _, change) = self.proposal(number)?;
         let over = now > self.history[made].0 + VOTING + TIME_LOCK;
@@ -27,7 +27,7 @@ impl Model<'_> {
             cast(Ballot::Against),
             self.electorate(number),
         );
-        // Four of ten have to vote, three of ten stop it.
+        // Four tenths of the electorate have to vote, and three tenths can stop the proposal.
         Some(if 10 * (yes + no + cast(Ballot::Abstain)) < 4 * all {
             Outcome::NoQuorum
         } else if yes <= no {
@@ -41,7 +41,7 @@ impl Model<'_> {
         })
     }
 
-    /// Whether a proposal makes sense, and can be done if it passes.
+    /// Whether a proposal makes sense, and can be executed if it passes.
     pub fn possible(&self, change: Change) -> bool {
         let stands =
             |key: u8, may: &[Standing]| self.standing(key).is_some_and(|one| may.contains(&one));
@@ -71,7 +71,7 @@ impl Model<'_> {
         !self.used(new) && !self.in_round(Event::Committed(old))
     }
 
-    /// Whether a node is invited to the round that began at `opened`; a place in a sample is kept under another key.
+    /// Whether a node is invited to the round that began at `opened`. A node keeps its place in a sample when its key changes.
     fn invited(&self, key: u8, opened: usize) -> bool {
         let then = self.until(opened);
         let count = match then.rules().1 {
@@ -80,7 +80,7 @@ impl Model<'_> {
             Invited::Sampled(count) => count as usize,
         };
         let round = then.all(|event| *event == Event::Opened).len() as u64;
-        // The roots that the tests make up.
+        // The tests make up these roots of the log.
         let root = [Self::index(opened) as u8; 32];
         let lot = |key: u8| {
             let parts = [
@@ -135,7 +135,7 @@ impl Model<'_> {
                 self.may_commit(*key, opened) && !committed(*key) && since <= COMMIT_WINDOW
             }),
             Event::Accepted(key) => undecided(*key) && since <= SUBMIT_WINDOW,
-            // That the proof is no good can be said late, too: then it is late that has to be said.
+            // An invalid proof may be refused after the deadline, too, but then the reason has to be that it is late.
             Event::Rejected(key) => undecided(*key),
             Event::Closed => round.is_some_and(|opened| {
                 let awaited = |key| self.may_commit(key, opened) && !committed(key);

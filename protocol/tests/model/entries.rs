@@ -18,14 +18,14 @@ fn signer(who: Who) -> (NodeId, SigningKey) {
     }
 }
 
-/// The entry that stands for an event in the present state; `None` where it cannot even be written down.
+/// Returns the entry that stands for an event in the present state, or `None` if it cannot even be built.
 pub fn body(event: &Event, state: &State, model: &Model, now: u64) -> Option<Body> {
     let network = *state.network();
     let id = |key: &u8| IDS[usize::from(*key)];
     let expected = |key: &u8| state.expected_claim(&id(key)).is_ok();
     Some(match event {
         Event::Enrolled(key) => enrolled(*key),
-        // A node's data stay the same under another key.
+        // A node's data stay the same when its key changes.
         Event::Registered(key) => {
             let mut registration = registration(&network, model.node(*key));
             registration.node = id(key);
@@ -43,7 +43,7 @@ pub fn body(event: &Event, state: &State, model: &Model, now: u64) -> Option<Bod
             }
         }
         Event::Opened => Body::RoundOpened(state.next_opening(now).ok()?),
-        // Every update is a new one.
+        // Every update differs from all others.
         Event::Committed(key) => {
             let mut update = weights(0);
             update.blob.0[..8].copy_from_slice(&state.entries().to_le_bytes());
@@ -82,7 +82,7 @@ pub fn body(event: &Event, state: &State, model: &Model, now: u64) -> Option<Bod
         }
         Event::Settled(number, outcome) => {
             let number = *number as u64;
-            // The model does not know the words.
+            // The model does not know the reason in words, so the state supplies it.
             let outcome = match (outcome, state.outcome(number, now)) {
                 (Outcome::Impossible(_), Ok(Outcome::Impossible(why))) => Outcome::Impossible(why),
                 (outcome, _) => outcome.clone(),

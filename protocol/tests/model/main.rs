@@ -27,7 +27,7 @@ fn founded() -> Genesis {
     founded
 }
 
-/// Plays steps on both; returns what came to pass.
+/// Plays the steps on both, and returns the events that happened.
 fn play(steps: &[Step]) -> Vec<(u64, Event)> {
     let mut state = Chain::founded(founded()).state;
     let (network, mut history, mut now) = (*state.network(), Vec::new(), T0);
@@ -38,7 +38,7 @@ fn play(steps: &[Step]) -> Vec<(u64, Event)> {
             history: &history,
         };
         let event = match step {
-            // Long waits are for votes: most rounds go on before.
+            // Long waits are for votes. While a round is open, most of them are skipped, so that the round goes on first.
             Step::Wait(ms) if *ms > 6_000 && ms % 4 > 0 && model.round().is_some() => continue,
             Step::Wait(ms) => {
                 now += u64::from(*ms);
@@ -59,7 +59,7 @@ fn play(steps: &[Step]) -> Vec<(u64, Event)> {
             );
             continue;
         };
-        // A refusal by the proof that comes late has to give another reason: not a question for the model.
+        // A late refusal has to give another reason than the proof. The model does not decide about reasons.
         let late = matches!(event, Event::Rejected(_))
             && state
                 .round()
@@ -87,7 +87,7 @@ fn play(steps: &[Step]) -> Vec<(u64, Event)> {
     history
 }
 
-/// What can be seen of both is the same.
+/// Asserts that everything visible in both is the same.
 fn same(state: &State, model: &Model) {
     let after = || format!("after {:?}", model.history);
     let electorate = state.electorate();
@@ -153,7 +153,7 @@ fn executed(event: &Event, before: &Model) -> Option<Change> {
     }
 }
 
-/// What has to come to pass in random histories, told by an event and the models before and after it.
+/// The events that have to happen in random histories. Each is recognised by the event and by the models before and after it.
 const NOTED: [(&str, Noted); 29] = [
     ("a contribution", |e, _, _| matches!(e, Event::Accepted(_))),
     ("a rejection", |e, _, _| matches!(e, Event::Rejected(_))),
@@ -241,7 +241,7 @@ const NOTED: [(&str, Noted); 29] = [
     }),
 ];
 
-/// Otherwise the two would agree about little.
+/// If some event never happened, the two would agree about little.
 #[test]
 fn everything_comes_to_pass() {
     use proptest::strategy::ValueTree;

@@ -10,12 +10,12 @@ use zk0_protocol::rules::state::Standing;
 /// Weights of the governors.
 pub const GOVERNORS: [u64; 3] = [5, 3, 2];
 
-/// Keys that nodes may have. A node is called after its first one.
+/// How many keys nodes may have. A node is known by its first key.
 pub const KEYS: u8 = 16;
 
 pub static IDS: LazyLock<Vec<NodeId>> = LazyLock::new(|| (0..KEYS).map(id).collect());
 
-/// A governor, or a node by its key.
+/// A governor, or a node with its key.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Who {
     Governor(u8),
@@ -30,7 +30,7 @@ pub enum Invited {
     Sampled(u32),
 }
 
-/// What changes by vote; much of it by other ways as well.
+/// What a vote can change. Much of it can also change in other ways.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Change {
     /// How many samples a claim is about, and who is invited.
@@ -43,7 +43,7 @@ pub enum Change {
     Judge(usize, bool),
 }
 
-/// What happened, in the model's words: nodes by key, proposals by number, all else by its place in the history.
+/// What happened. The model names nodes by key, proposals by number, and everything else by its place in the history.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Event {
     Enrolled(u8),
@@ -61,7 +61,7 @@ pub enum Event {
     Resolved(usize, bool),
 }
 
-/// The history, with times, of the network of this id.
+/// The history, with times, of the network with this id.
 #[derive(Clone, Copy)]
 pub struct Model<'a> {
     pub network: Digest,
@@ -69,12 +69,12 @@ pub struct Model<'a> {
 }
 
 impl<'a> Model<'a> {
-    /// The entry of an event; entry 0 is the genesis.
+    /// Returns the index of an event's entry. Entry 0 is the genesis.
     pub fn index(at: usize) -> u64 {
         at as u64 + 1
     }
 
-    /// How it was before the event at `at`.
+    /// Returns the model before the event at `at`.
     pub fn until(&self, at: usize) -> Self {
         Self {
             history: &self.history[..at],
@@ -82,7 +82,7 @@ impl<'a> Model<'a> {
         }
     }
 
-    /// Where such a thing happened.
+    /// Returns the places of all such events.
     pub fn all(&self, what: impl Fn(&Event) -> bool) -> Vec<usize> {
         let events = self.history.iter().enumerate();
         let found = events.filter(|(_, (_, event))| what(event));
@@ -93,7 +93,7 @@ impl<'a> Model<'a> {
         self.history.iter().any(|(_, event)| what(event))
     }
 
-    /// Where the open round began.
+    /// Returns the place where the open round began.
     pub fn round(&self) -> Option<usize> {
         let last = |event: Event| self.history.iter().rposition(|(_, other)| *other == event);
         last(Event::Opened)
@@ -107,7 +107,7 @@ impl<'a> Model<'a> {
         open.iter().any(|(_, other)| *other == event)
     }
 
-    /// Where a proposal was made, by whom, and for what.
+    /// Returns where a proposal was made, by whom, and for what.
     pub fn proposal(&self, number: usize) -> Option<(usize, Who, Change)> {
         let events = self.history.iter().enumerate();
         let mut made = events.filter_map(|(at, (_, event))| match event {
@@ -124,7 +124,7 @@ impl<'a> Model<'a> {
         (0..made).filter(|number| !settled(*number)).collect()
     }
 
-    /// What changed, whoever decided it: a node, the operator, verification or a vote.
+    /// Returns all changes, whoever decided them: a node, the operator, verification or a vote.
     pub fn changes(&self) -> Vec<Change> {
         let mut changes = Vec::new();
         for (_, event) in self.history {
@@ -156,12 +156,12 @@ impl<'a> Model<'a> {
             .unwrap_or((2, Invited::All))
     }
 
-    /// Whose key this is or was.
+    /// Returns the node whose key this is or was.
     pub fn node(&self, key: u8) -> u8 {
         first(&self.changes(), key)
     }
 
-    /// Whether a node has another key by now.
+    /// Whether the node with this key has another key by now.
     pub fn left(&self, key: u8) -> bool {
         let left = |change: &Change| matches!(change, Change::Replace(old, _) if *old == key);
         self.changes().iter().any(left)
@@ -210,7 +210,7 @@ impl<'a> Model<'a> {
         }
     }
 
-    /// Whether nobody judged a dispute in time: the next round's opening forgets it.
+    /// Whether nobody judged a dispute in time. The opening of the next round then drops the dispute.
     pub fn lapsed(&self, dispute: usize) -> bool {
         let (raised, event) = &self.history[dispute];
         let by_vote = matches!(event, Event::Disputed(_, _, Evidence::Document(_)));
@@ -246,7 +246,8 @@ impl<'a> Model<'a> {
         }
     }
 
-    /// A tenth less of the loss over 10 samples, 20 for the next node, and so on: each 100 credits, up to the limit.
+    /// Returns the credits of a node. Each contribution lowers the loss by a tenth over 10 samples for the first node, 20 for the
+    /// next, and so on. Each 10 samples earn 100 credits, up to the limit.
     fn credits_of(&self, node: u8) -> u64 {
         let changes = self.changes();
         let own =
@@ -263,7 +264,8 @@ impl<'a> Model<'a> {
         earned.count() as u64 * (100 * (u64::from(node) + 1)).min(500)
     }
 
-    /// Votes now: a governor's weight; an active node's for 100 credits each, three at most.
+    /// Returns the votes of a governor or a node now. A governor has its weight. An active node has one vote for each 100 credits,
+    /// and three at most.
     pub fn votes(&self, who: Who) -> u64 {
         match who {
             Who::Governor(number) => GOVERNORS[usize::from(number)],
@@ -279,7 +281,8 @@ impl<'a> Model<'a> {
         }
     }
 
-    /// What someone's vote counts for a proposal: as much as when it was made, less what was lost since by some decision.
+    /// Returns the weight of a vote on a proposal: the weight when the proposal was made, less what decisions have taken away
+    /// since.
     pub fn weight(&self, number: usize, who: Who) -> u64 {
         let (Who::Node(key), Some((made, ..))) = (who, self.proposal(number)) else {
             return self.votes(who);
@@ -298,14 +301,14 @@ impl<'a> Model<'a> {
         votes.min().unwrap_or(0)
     }
 
-    /// The weight of all who may vote on a proposal.
+    /// Returns the weight of all who may vote on a proposal.
     pub fn electorate(&self, number: usize) -> u64 {
         let nodes = (0..KEYS).filter(|key| self.node(*key) == *key);
         let votes: u64 = nodes.map(|node| self.weight(number, Who::Node(node))).sum();
         votes + GOVERNORS.iter().sum::<u64>()
     }
 
-    /// Whether verification decides about a dispute, and no vote.
+    /// Whether verification decides about a dispute, and not a vote.
     pub fn is_verified(&self, dispute: usize) -> bool {
         matches!(
             self.history[dispute].1,
@@ -327,7 +330,7 @@ impl<'a> Model<'a> {
     }
 }
 
-/// The first key of whoever has or had this one: no key is used again.
+/// Returns the first key of the node that has or had this one. No key is used again.
 fn first(changes: &[Change], key: u8) -> u8 {
     changes.iter().rev().fold(key, |key, change| match change {
         Change::Replace(old, new) if *new == key => *old,
@@ -335,7 +338,7 @@ fn first(changes: &[Change], key: u8) -> u8 {
     })
 }
 
-/// What was proposed for a node, as its key is after these changes.
+/// Returns what was proposed for a node, with the key that it has after these changes.
 pub fn followed(changes: &[Change], proposed: Change) -> Change {
     let present = |key: u8| {
         changes.iter().fold(key, |key, change| match change {

@@ -9,13 +9,14 @@ use zk0_protocol::entries::signed::Evidence;
 #[derive(Clone, Debug)]
 pub enum Step {
     Wait(u32),
-    /// Such an event: of those that the model allows, if it should, and in any case the one of this number.
+    /// Tries an event of this kind, the one with this number. If the flag is set, the number counts only events that the model
+    /// allows.
     Try(Event, bool, usize),
 }
 
-/// All events of a kind: whoever it is, and whatever of what there is it is about.
+/// Returns all events of a kind, with every actor and every object that there is.
 fn such(event: &Event, model: &Model, now: u64) -> Vec<Event> {
-    // Present and former keys, and one that is new mostly.
+    // These are present and former keys, and usually one new key.
     let mut known: Vec<u8> = (0..KEYS).collect();
     known.retain(|key| model.used(*key) || key + 1 == KEYS);
     let keys = |event: fn(u8) -> Event| known.iter().copied().map(event).collect();
@@ -73,7 +74,7 @@ fn such(event: &Event, model: &Model, now: u64) -> Vec<Event> {
     }
 }
 
-/// The event that a step stands for.
+/// Returns the event that a step stands for.
 pub fn meant(
     event: &Event,
     sensible: bool,
@@ -81,7 +82,7 @@ pub fn meant(
     model: &Model,
     now: u64,
 ) -> Option<Event> {
-    // Whom a proposal is about is chosen as well as who makes it.
+    // The number chooses what the proposal is about, and also who makes it.
     let event = match event {
         Event::Proposed(by, change) => {
             let mut changes = like(*change, model);
@@ -95,7 +96,7 @@ pub fn meant(
     nth(&all, which / 16).cloned()
 }
 
-/// All changes of a kind.
+/// Returns all changes of a kind.
 fn like(change: Change, model: &Model) -> Vec<Change> {
     let keys = 0..KEYS;
     match change {
@@ -142,7 +143,7 @@ fn change() -> impl Strategy<Value = Change> {
     ]
 }
 
-/// Kinds of events: who, and about what, is chosen when they are tried.
+/// Chooses only the kind of event. Who acts, and on what, is chosen when the event is tried.
 fn kind() -> impl Strategy<Value = Event> {
     let nobody = Who::Governor(0);
     let ballot = prop_oneof![

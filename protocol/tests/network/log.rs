@@ -28,7 +28,7 @@ impl MemoryLog {
         }
     }
 
-    /// A genesis and so many enrolments, each `step_ms` after the one before.
+    /// Returns a genesis and this many enrolments, each `step_ms` after the one before.
     pub fn of_enrolments(nodes: u8, step_ms: u64) -> Self {
         let bodies = std::iter::once(Body::Genesis(genesis())).chain((0..nodes).map(enrolled));
         let times = (T0..).step_by(step_ms.max(1) as usize);

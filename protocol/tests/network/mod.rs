@@ -120,7 +120,7 @@ pub fn enrolled(node: u8) -> Body {
     })
 }
 
-/// Node `node`'s dataset: `10·(node+1)` samples.
+/// Registers node `node`'s dataset, which has `10·(node+1)` samples.
 pub fn dataset(node: u8) -> DatasetCommitment {
     DatasetCommitment {
         root: digest(0x20 + node),
@@ -208,7 +208,7 @@ pub fn contributor(node: u8, samples: u64) -> Contributor {
     Contributor {
         node: id(node),
         samples,
-        // A loss that falls from 1000 to 900 is 1000 basis points.
+        // A fall of the loss from 1000 to 900 is an improvement of 1000 basis points.
         credits: (10 * samples).min(500),
     }
 }
@@ -240,7 +240,7 @@ impl Chain {
         self.try_apply(body).expect("an entry the rules allow");
     }
 
-    /// The violation that `body` meets; the state must not have changed.
+    /// Returns the violation that `body` causes, and checks that the state has not changed.
     pub fn refusal(&mut self, body: Body) -> RuleViolation {
         let before = self.state.clone();
         let violation = self
@@ -255,7 +255,7 @@ impl Chain {
         self.apply(Body::RoundOpened(opened));
     }
 
-    /// `nodes` nodes with datasets, round 0 open.
+    /// Makes a network of `nodes` nodes with datasets, with round 0 open.
     pub fn in_round(nodes: u8) -> Self {
         let mut chain = Self::new();
         for node in 0..nodes {
@@ -266,7 +266,7 @@ impl Chain {
         chain
     }
 
-    /// `nodes` nodes, round 0 open, all updates committed.
+    /// Makes a network of `nodes` nodes, with round 0 open and all updates committed.
     pub fn all_committed(nodes: u8) -> Self {
         let mut chain = Self::in_round(nodes);
         for node in 0..nodes {

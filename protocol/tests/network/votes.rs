@@ -1,4 +1,4 @@
-//! Proposals, votes and their ends.
+//! Proposals, votes on them, and their results.
 
 use super::*;
 use zk0_protocol::entries::entry::ProposalSettled;
@@ -46,7 +46,7 @@ impl Chain {
         self.time_ms += ms;
     }
 
-    /// Has `action` proposed, voted for by all governors, and executed.
+    /// Proposes `action`, lets all governors vote for it, and executes it.
     pub fn decide(&mut self, action: Action) {
         let number = self.state.next_proposal();
         self.apply(proposed(&self.state, 0, action));

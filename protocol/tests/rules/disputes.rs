@@ -10,7 +10,7 @@ use zk0_protocol::rules::network_rules::CreditRule;
 use zk0_protocol::rules::state::Standing;
 use zk0_protocol::{Body, Refusal, RuleViolation, Signed, State};
 
-/// Two contributions to round 0, which is over: entries 7 (node 0) and 8 (node 1).
+/// Makes two contributions to round 0, which is over: entry 7 (node 0) and entry 8 (node 1).
 fn contributed() -> Chain {
     let mut chain = Chain::all_committed(2);
     chain.apply(accepted(&chain.state, 0));
@@ -74,7 +74,8 @@ fn credits_are_improvement_times_samples_capped() {
         0
     );
 
-    // From 1000 to 900 over 10 and 20 samples; and over 100 of 120, as the rules cap them.
+    // The loss falls from 1000 to 900. Nodes 0 and 1 have 10 and 20 samples. Node 11 has 120, but the rules limit its credits to
+    // 500.
     let mut chain = Chain::all_committed(12);
     for node in [0, 1, 11] {
         chain.apply(accepted(&chain.state, node));
@@ -107,7 +108,7 @@ fn hidden_losses_earn_what_is_proven_the_minimum() {
 
 #[test]
 fn a_worse_loss_than_proven_earns_no_more_than_the_minimum() {
-    // Such a claim is never proven; should it be recorded all the same, nothing wraps.
+    // Such a claim is never proven. If it is recorded all the same, nothing overflows.
     let mut chain = Chain::all_committed(1);
     let mut claim = claim(&chain.state, 0);
     claim.losses = Losses::Disclosed {
@@ -124,7 +125,7 @@ fn a_false_contribution_loses_its_credits_and_its_node_is_suspended() {
     let mut chain = contributed();
     assert_eq!((credits(&chain, 0), credits(&chain, 1)), (100, 200));
     chain.apply(disputed(&chain.state, 0, 9, Evidence::Verification));
-    // It cannot be put off.
+    // The dispute is decided before the next round can open.
     let opening = Body::RoundOpened(opened(&chain.state, chain.time_ms + 1));
     assert_eq!(chain.refusal(opening), RuleViolation::DisputeUndecided(11));
     let (entry, open) = chain.state.undecided().unwrap();
@@ -136,7 +137,7 @@ fn a_false_contribution_loses_its_credits_and_its_node_is_suspended() {
         Standing::Suspended
     );
     assert!(chain.state.disputes().is_empty());
-    // It is not taken twice.
+    // Nobody can dispute this contribution a second time.
     let again = disputed(&chain.state, 0, 9, Evidence::Verification);
     assert!(said(chain.refusal(again)).contains("not an accepted contribution"));
     chain.open();
@@ -151,7 +152,7 @@ fn a_contribution_that_verifies_is_cleared() {
     assert_eq!(chain.state.node(&id(1)).unwrap().standing, Standing::Active);
     let again = disputed(&chain.state, 0, 9, Evidence::Verification);
     assert!(said(chain.refusal(again)).contains("verified again already"));
-    // What a document says is another question.
+    // A dispute about a document is still possible.
     chain.apply(disputed(&chain.state, 0, 9, Evidence::Document(digest(1))));
 }
 
@@ -207,7 +208,7 @@ fn disputes_are_raised_by_members_about_what_may_be_disputed() {
         chain.refusal(Body::Disputed(Signed::new(elsewhere, &key(0)))),
         RuleViolation::Refused(Refusal::WrongNetwork { .. })
     ));
-    // Governors have a say without a node. One dispute each, and one about each.
+    // Governors may raise disputes without being nodes. A contribution has at most one open dispute.
     let mut by_governor = dispute(&chain.state, 0, 8, verification);
     by_governor.disputer = governor(2);
     let by_governor = Signed::new(by_governor, &governor_key(2));
@@ -215,7 +216,7 @@ fn disputes_are_raised_by_members_about_what_may_be_disputed() {
     let about_the_same = disputed(&chain.state, 1, 8, Evidence::Document(digest(1)));
     assert!(said_no(&mut chain, about_the_same).contains("open already"));
     chain.apply(disputed(&chain.state, 0, 9, verification));
-    // Too late.
+    // The time for disputes about this contribution is over.
     let mut late = contributed();
     late.time_ms = late.state.contributions()[&9].disputable_until_ms;
     let body = disputed(&late.state, 0, 9, verification);

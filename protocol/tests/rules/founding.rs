@@ -105,7 +105,7 @@ fn nodes_enrol_once_under_a_real_key_and_a_plain_name() {
             name: name.into(),
         })
     };
-    // Zero is a point of small order: anyone can sign for it.
+    // Zero is a point of small order, under which anyone can sign.
     for body in [
         bad(NodeId([0; 32]), "weak"),
         bad(id(1), ""),

@@ -8,7 +8,7 @@ use zk0_protocol::entries::signed::{DatasetRegistration, Submission, UpdateCommi
 use zk0_protocol::rules::apply::{MAX_COMMITS, MAX_EPISODES};
 use zk0_protocol::{Body, Refusal, RuleViolation, Signed};
 
-/// A digest of its own for each number.
+/// Returns a digest that belongs to this number only.
 fn numbered(kind: u8, number: usize) -> Digest {
     let mut digest = digest(kind);
     digest.0[..8].copy_from_slice(&(number as u64).to_be_bytes());
@@ -49,7 +49,7 @@ fn a_round_is_full_before_its_closing_is_too_long_for_an_entry() {
         chain.apply(Body::DatasetCommitted(signed));
     }
     chain.open();
-    // Within the commit window, whatever the number of nodes.
+    // All commitments fall within the commit window, whatever the number of nodes.
     let opened_ms = chain.time_ms;
     let commitment = |number| {
         let statement = UpdateCommitment {
@@ -75,7 +75,7 @@ fn a_round_is_full_before_its_closing_is_too_long_for_an_entry() {
         limit: MAX_COMMITS as u64,
     };
     assert_eq!(refused, RuleViolation::Refused(full));
-    // All of them count, and the round closes at once, since nobody else may commit.
+    // All of them count. The round closes at once, since nobody else may commit.
     for number in 0..MAX_COMMITS {
         let expected = chain.state.expected_claim(&id_of(number)).unwrap();
         let claim = expected.with(zk0_circuits::Losses::Disclosed {

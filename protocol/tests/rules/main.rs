@@ -14,7 +14,7 @@ mod rounds;
 
 use zk0_protocol::{Refusal, RuleViolation};
 
-/// What is wrong, and how to make it so.
+/// What is wrong, and a function that makes it so.
 type Breaks<T> = (&'static str, fn(&mut T));
 
 fn refused(violation: RuleViolation) -> Refusal {

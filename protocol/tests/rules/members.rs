@@ -27,7 +27,7 @@ fn rotated(state: &State, node: u8, with: u8) -> Body {
     }
 }
 
-/// The identity element signs everything with this signature, unless signatures are verified strictly.
+/// With the identity element as key, this signature is valid for every text, unless signatures are verified strictly.
 #[test]
 fn nobody_moves_to_a_key_that_anyone_signs_for() {
     let mut chain = earned();
@@ -69,7 +69,7 @@ fn a_node_keeps_its_place_under_another_key() {
     assert_eq!(chain.state.node(&id(9)), Some(&before));
     assert_eq!(chain.state.node(&id(1)), None);
     let network = *chain.state.network();
-    // Data and updates are still its own, and nobody else's.
+    // The data and the updates still belong to this node, and to nobody else.
     let mut again = registration(&network, 1);
     again.node = id(9);
     chain.apply(Body::DatasetCommitted(Signed::new(again, &key(9))));
@@ -84,7 +84,7 @@ fn a_node_keeps_its_place_under_another_key() {
         RuleViolation::Refused(Refusal::CopiedUpdate { .. })
     ));
     chain.apply(Body::UpdateCommitted(Signed::new(commitment, &key(9))));
-    // The old key is nobody's any more.
+    // The old key no longer belongs to any node.
     let old = committed(&chain.state, 1, weights(0x40));
     assert_eq!(chain.refusal(old), Refusal::NotEnrolled(id(1)).into());
     assert_eq!(
@@ -225,7 +225,7 @@ fn nobody_gets_away_by_changing_keys() {
         chain.state.node(&id(9)).unwrap().standing,
         Standing::Suspended
     );
-    // One open dispute each, whatever the key.
+    // Each node may have one open dispute, even if its key changes.
     let mut chain = Chain::all_committed(3);
     let contributions = [0, 1].map(|node| {
         chain.apply(accepted(&chain.state, node));
@@ -251,7 +251,7 @@ fn nobody_gets_away_by_changing_keys() {
     );
 }
 
-/// Whose a former key is takes one look, however often it changed; and it changes so often and no oftener.
+/// One look-up finds whose a former key is, however often the key has changed. A node can change its key only so often.
 #[test]
 fn a_node_changes_its_key_a_hundred_times_at_most() {
     let mut chain = earned();
@@ -282,12 +282,12 @@ fn a_node_changes_its_key_a_hundred_times_at_most() {
     let node = id(100);
     let refused = chain.refusal(rotated(&chain.state, 100));
     assert_eq!(refused, RuleViolation::TooManyKeys { node, limit });
-    // What it registered under its first key is its own still.
+    // The dataset that the node registered under its first key still belongs to it.
     let network = *chain.state.network();
     let mut again = registration(&network, 1);
     again.node = node;
     chain.apply(Body::DatasetCommitted(Signed::new(again, &key(100))));
-    // A vote can still give it another.
+    // A vote can still give the node another key.
     let with = self::id(9);
     chain.decide(Action::ReplaceKey { node, with });
     assert_eq!(chain.state.node(&with).unwrap().credits, 200);
@@ -330,7 +330,7 @@ fn an_episode_is_one_nodes_own() {
         let found = said(chain.refusal(with(1, episodes)));
         assert!(found.contains(why), "{found}");
     }
-    // Its own again is fine, and an episode that was replaced is still its own.
+    // The node may register its own episode again. An episode that it has replaced still belongs to it.
     chain.apply(with(0, vec![digest(9)]));
     assert!(said(chain.refusal(with(1, mixed))).contains("already registered"));
     chain.apply(with(1, vec![digest(1)]));

@@ -40,7 +40,7 @@ fn the_witnesses_asked_for_change_with_the_rules_and_not_before() {
         seen.push(found.witnesses().len());
     };
     let votes = [
-        // Passed, rejected, and about something else.
+        // The first proposal passes, the second is rejected, and the third is about something else.
         (Action::ChangeRules(Box::new(asking(2))), Ballot::For),
         (Action::ChangeRules(Box::new(asking(3))), Ballot::Against),
         (Action::Enrol(enrolment(1)), Ballot::For),

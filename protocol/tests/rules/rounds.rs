@@ -172,7 +172,7 @@ fn an_update_counts_for_the_first_who_commits_it() {
             by: id(0)
         }
     );
-    // Other bytes, the same numbers.
+    // The other update has other bytes, but the same quantised numbers.
     let mut disguised = weights(0x11);
     disguised.quantised = weights(0x10).quantised;
     let disguised = committed(&chain.state, 1, disguised);
@@ -227,19 +227,19 @@ fn a_round_waits_for_whoever_may_still_contribute() {
     let early = |violation| matches!(violation, RuleViolation::ClosedEarly { .. });
     let mut chain = Chain::in_round(2);
     chain.apply(enrolled(2));
-    // Nobody has committed yet, then one has not.
+    // At first no node has committed. After that, one node has not committed yet.
     assert!(early(chain.refusal(close(&chain))));
     chain.apply(committed(&chain.state, 0, weights(0x10)));
     chain.apply(rejected(&chain.state, 0, invalid_proof()));
     assert!(early(chain.refusal(close(&chain))));
     assert!(!chain.state.may_close(chain.time_ms));
-    // Nobody may commit any more.
+    // The time to commit is over, so nobody may commit any more.
     let mut waited = Chain {
         state: chain.state.clone(),
         time_ms: chain.state.round().unwrap().opened.commit_deadline_ms,
     };
     waited.apply(close(&waited));
-    // All have committed, one is undecided.
+    // All nodes have committed, and one contribution is undecided.
     chain.apply(committed(&chain.state, 1, weights(0x11)));
     assert!(early(chain.refusal(close(&chain))));
     let mut waited = Chain {

@@ -14,7 +14,7 @@ fn cosigner(number: u8) -> Cosigner {
     Cosigner::new(&format!("witness.example/w{number}"), secret).unwrap()
 }
 
-/// `lines` after three witnesses A, B, C.
+/// Parses a policy of `lines` that follow three witnesses A, B and C.
 fn policy(lines: &str) -> Result<WitnessPolicy, PolicyError> {
     let witness = |name, number| format!("witness {name} {}\n", cosigner(number).key());
     let three = [witness("A", 0), witness("B", 1), witness("C", 2)].concat();
@@ -23,7 +23,7 @@ fn policy(lines: &str) -> Result<WitnessPolicy, PolicyError> {
 
 #[test]
 fn a_verifier_key_has_one_form() {
-    // The example of C2SP signed-note.
+    // The specification C2SP signed-note gives this example.
     let example = "example.com/foo+530d903a+AekyeRrm56hApGFkyQR4ZCbV54Id2LKaANYcrnKv3U2k";
     let key: VerifierKey = example.parse().unwrap();
     assert_eq!((key.name(), key.role()), ("example.com/foo", Role::Log));
@@ -34,7 +34,7 @@ fn a_verifier_key_has_one_form() {
         VerifierKey::of_role(Role::Log, &witness.to_string()),
         Err(KeyError::Type { found: 4, .. })
     ));
-    // One key in two roles has two ids.
+    // The same key has two ids in two roles.
     let log = VerifierKey::new(Role::Log, witness.name(), witness.public()).unwrap();
     assert_ne!(log.id(), witness.id());
     for position in 0..example.len() {
@@ -53,7 +53,7 @@ fn a_verifier_key_has_one_form() {
     ] {
         assert!(text.parse::<VerifierKey>().is_err(), "{text}");
     }
-    // A point of small order.
+    // All zeros encode a point of small order.
     assert!(matches!(
         VerifierKey::new(Role::Log, "log", &[0; 32]),
         Err(KeyError::Key(_))
@@ -63,7 +63,7 @@ fn a_verifier_key_has_one_form() {
 #[test]
 fn a_quorum_is_what_the_policy_says() {
     let cases: [(&str, &[u8]); 7] = [
-        // By bits: which of the eight sets of cosigners are enough.
+        // The bits of each number stand for a set of cosigners. The list holds those of the eight sets that are enough.
         ("quorum none\n", &[0, 1, 2, 3, 4, 5, 6, 7]),
         ("quorum B\n", &[2, 3, 6, 7]),
         ("group g any A B C\nquorum g\n", &[1, 2, 3, 4, 5, 6, 7]),
@@ -134,7 +134,7 @@ fn checkpoint() -> (Checkpoint, Vec<u8>) {
     (checkpoint, checkpoint.sign(ORIGIN, &log_key()).unwrap())
 }
 
-/// The note's text: all before the signatures.
+/// Returns the note's text, which is everything before the signatures.
 fn body(text: &[u8]) -> Vec<u8> {
     let at = text.windows(2).position(|pair| pair == b"\n\n").unwrap();
     text[..=at].to_vec()
@@ -159,7 +159,7 @@ fn a_checkpoint_needs_its_quorum() {
     ];
     assert_eq!(opened.cosigners, times);
     assert_eq!(open(&note(&[2, 1, 0])).unwrap().cosigners.len(), 3);
-    // Too few, the same twice, or somebody nobody knows.
+    // There are too few cosignatures, the same witness signs twice, or the witnesses are unknown.
     for few in [&[][..], &[1], &[1, 1], &[1, 9], &[7, 8, 9]] {
         let error = open(&note(few)).unwrap_err();
         assert!(
@@ -167,12 +167,12 @@ fn a_checkpoint_needs_its_quorum() {
             "{few:?}: {error}"
         );
     }
-    // Unknown signatures do no harm, an invalid one under a known key does.
+    // Unknown signatures do no harm. An invalid signature under a known key is an error.
     open(&note(&[0, 9, 2])).unwrap();
     let other = cosigner(0).cosign(b"another text\n", 1_700_000_000);
     let spoilt = [note(&[1, 2]), other].concat();
     assert!(matches!(open(&spoilt), Err(CheckpointError::Signature(_))));
-    // Nor do witnesses make up for the log.
+    // Cosignatures of witnesses cannot replace the log's signature.
     let by_another = checkpoint.sign(ORIGIN, &key(0)).unwrap();
     let lines = [0, 1, 2].map(|number| cosigner(number).cosign(&body(&text), 1));
     let unsigned = [by_another, lines.concat()].concat();
@@ -180,7 +180,7 @@ fn a_checkpoint_needs_its_quorum() {
         open(&unsigned),
         Err(CheckpointError::Signature(_))
     ));
-    // A cosignature is one of this very text, at this very time.
+    // A cosignature is valid only for this text and this time.
     let good = note(&[0, 2]);
     for position in 0..good.len() {
         let mut changed = good.clone();
@@ -200,7 +200,7 @@ fn a_checkpoint_needs_its_quorum() {
 
 #[test]
 fn a_log_key_is_no_witness_key_and_the_other_way_round() {
-    // With one secret in both roles, a signature of one role is not valid in the other.
+    // One secret has both roles. A signature of one role is not valid in the other.
     let (_, text) = checkpoint();
     let witness = Cosigner::new(ORIGIN, log_key()).unwrap();
     let policy = format!("witness W {}\nquorum W\n", witness.key());

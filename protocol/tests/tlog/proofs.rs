@@ -70,7 +70,7 @@ fn a_proof_of_something_else_is_refused() {
     assert!(read
         .verify_leaf(&log_vkey(), &WitnessPolicy::none(), b"another")
         .is_err());
-    // A policy that wants more than the log's own word.
+    // The policy asks for a witness, and the proof has only the log's own signature.
     let secret = ed25519_dalek::SigningKey::from_bytes(&[200; 32]);
     let witness = zk0_protocol::tlog::cosigner::Cosigner::new("w.example", secret).unwrap();
     let policy = format!("witness W {}\nquorum W\n", witness.key());

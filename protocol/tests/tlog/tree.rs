@@ -1,4 +1,4 @@
-//! Our tree against another implementation of RFC 6962.
+//! Compares our tree with another implementation of RFC 6962.
 
 use crate::network::log::*;
 use crate::network::*;
@@ -9,7 +9,7 @@ use sha2_11::Sha256;
 use zk0_circuits::Digest;
 use zk0_protocol::tlog::tree::Frontier;
 
-/// The other implementation's root over the first `size` leaves.
+/// Returns the other implementation's root over the first `size` leaves.
 fn oracle(leaves: &[Vec<u8>]) -> MemoryBackedTree<Sha256, Vec<u8>> {
     let mut tree = MemoryBackedTree::new();
     leaves.iter().cloned().for_each(|leaf| tree.push(leaf));

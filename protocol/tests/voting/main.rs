@@ -10,7 +10,7 @@ use network::genesis;
 use zk0_protocol::entries::proposal::Action;
 use zk0_protocol::Rules;
 
-/// Rules with another number of samples per claim.
+/// Returns rules with another number of samples per claim.
 fn other_rules() -> Rules {
     Rules {
         eval_samples: 7,

@@ -68,7 +68,7 @@ fn a_proposal_makes_sense_when_it_is_made() {
             },
             "already enrolled",
         ),
-        // Zero is a point of small order: anyone can sign for it.
+        // Zero is a point of small order, under which anyone can sign.
         (
             Action::Enrol(NodeEnrolled {
                 node: NodeId([0; 32]),
@@ -192,7 +192,7 @@ fn nodes_come_and_go_by_vote() {
         chain.state.node(&id(0)).unwrap().standing,
         Standing::Revoked
     );
-    // There is no way back, under this key or by enrolling again.
+    // A revoked node cannot be reinstated, enrolled again, or given another key.
     for action in [
         Action::Reinstate(id(0)),
         Action::Enrol(enrolment(0)),
@@ -246,7 +246,7 @@ fn who_may_contribute_is_a_rule() {
     listed.sort();
     assert_eq!(invited(&mut with(Participation::Listed(listed))), [2, 4]);
 
-    // A sample is another one in other rounds, of the size asked for, and the round waits for nobody else.
+    // The sample has the size that the rules ask for, and differs between rounds. The round waits for nobody else.
     let mut chain = with(Participation::Sampled { nodes: 2 });
     let mut samples = std::collections::BTreeSet::new();
     for round in 0..8 {
@@ -265,7 +265,7 @@ fn who_may_contribute_is_a_rule() {
         samples.insert(sample);
     }
     assert!(samples.len() > 3, "{samples:?}");
-    // More than there are is everyone.
+    // If the rules ask for more nodes than there are, the sample holds all of them.
     assert_eq!(
         invited(&mut with(Participation::Sampled { nodes: 100 })).len(),
         6

@@ -28,7 +28,8 @@ fn rules_change_after_vote_and_time_lock() {
     assert_eq!(chain.state.round().unwrap().opened.rules, other_rules());
 }
 
-/// Governors 0, 1 and 2 have weights 5, 3 and 2; 40 % have to take part, more than half has to be for it, 30 % stop it.
+/// Governors 0, 1 and 2 have weights 5, 3 and 2. At least 40 % have to take part, more than half has to be for the proposal, and 30
+/// % can stop it.
 #[test]
 fn the_end_of_a_vote_follows_from_the_weights() {
     use Ballot::{Abstain, Against, For, Veto};
@@ -116,7 +117,7 @@ fn votes_and_vetoes_have_their_time() {
         RuleViolation::VetoEarly { number: 0, .. }
     ));
     let ends = chain.state.proposals()[&0].voting_ends_ms;
-    // The last moment counts, the one after it does not.
+    // A vote in the last millisecond counts, and a vote after it does not.
     chain.time_ms = ends - 1;
     chain.apply(voted(&chain.state, 0, 0, Ballot::For));
     let late = voted(&chain.state, 1, 0, Ballot::For);
@@ -170,7 +171,7 @@ fn rules_do_not_change_while_a_round_is_open_and_change_before_the_next_one() {
     assert_eq!(chain.refusal(opening), RuleViolation::ProposalDue(0));
     assert_eq!(chain.state.due(chain.time_ms), Some(0));
     chain.apply(settled(0, Outcome::Executed));
-    // Nor can an opening name other rules than those in force.
+    // An opening cannot name other rules than those in force.
     let mut opening = opened(&chain.state, chain.time_ms + 1);
     opening.rules = genesis().rules;
     assert!(matches!(
@@ -208,7 +209,7 @@ fn votes_and_proposals_are_for_one_network_and_one_number() {
         chain.refusal(voted(&chain.state, 0, 1, Ballot::For)),
         RuleViolation::ProposalNotOpen(1)
     );
-    // The same proposal again, as it was signed, once it has failed.
+    // The proposal has failed. Somebody sends the same signed proposal again.
     let replayed = {
         let fresh = Chain::new();
         proposed(&fresh.state, 0, change())
@@ -258,7 +259,7 @@ fn who_signs_is_who_votes() {
 
 #[test]
 fn credits_vote_as_they_stood_when_it_was_proposed() {
-    // Node 1 earns 200 credits, which at ten a vote and five at most are five votes.
+    // Node 1 earns 200 credits. One vote costs ten credits, and five votes are the limit, so the node has five votes.
     let mut chain = Chain::all_committed(2);
     chain.apply(accepted(&chain.state, 1));
     chain.apply(accepted(&chain.state, 0));
@@ -290,7 +291,7 @@ fn credits_vote_as_they_stood_when_it_was_proposed() {
     chain.apply(second);
     let tally = chain.state.proposals()[&0].tally();
     assert_eq!((tally.for_it, tally.electorate), (10, 20));
-    // Who enrols or earns later has no say in it.
+    // A node that enrols or earns credits later has no vote on this proposal.
     chain.apply(enrolled(5));
     assert_eq!(chain.state.proposals()[&0].tally().electorate, 20);
 }
@@ -298,7 +299,7 @@ fn credits_vote_as_they_stood_when_it_was_proposed() {
 #[test]
 fn what_a_node_has_lost_votes_no_more() {
     use Ballot::{Against, For, Veto};
-    // Node 1 has five votes, the governors ten.
+    // Node 1 has five votes, and the governors have ten.
     let with_vote = |ballot| {
         let mut chain = Chain::all_committed(2);
         let accepted_by = chain.state.entries();
@@ -339,7 +340,7 @@ fn what_a_node_has_lost_votes_no_more() {
             ..Tally::default()
         };
         assert_eq!(tally(&chain), nothing, "{ballot:?}");
-        // And it has no say in it again.
+        // The node cannot vote on this proposal again.
         let vote = Vote {
             network: *chain.state.network(),
             proposal: 0,
@@ -349,7 +350,7 @@ fn what_a_node_has_lost_votes_no_more() {
         let again = Body::Voted(Signed::new(vote, &key(1)));
         assert_eq!(chain.refusal(again), RuleViolation::NoVote(id(1)));
     }
-    // A node that is suspended by an earlier proposal, too; others keep what they have.
+    // A node that an earlier proposal suspends loses its votes, too. The others keep theirs.
     let (mut chain, _) = with_vote(For);
     chain.apply(proposed(&chain.state, 1, Action::Suspend(id(1))));
     for governor in 0..3 {

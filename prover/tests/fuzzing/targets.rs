@@ -40,7 +40,7 @@ pub fn target(name: &str) -> Target {
     }
 }
 
-/// Messages that the verifier's target `eval_spec` tells apart are one outcome here.
+/// Returns one outcome for messages that the verifier's target `eval_spec` tells apart.
 fn without_parts(message: String) -> String {
     let parts =
         ["scale", "dimension"].map(|part| format!("the private input cannot be read: {part}"));
@@ -62,7 +62,7 @@ fn framed_input(input: GuestInput) -> Vec<u8> {
     [vec![mode], framed(&input.buffers)].concat()
 }
 
-/// Parts, each after its length.
+/// Joins the parts, each after its length.
 fn framed(parts: &[Vec<u8>]) -> Vec<u8> {
     let framed = parts
         .iter()
@@ -70,7 +70,7 @@ fn framed(parts: &[Vec<u8>]) -> Vec<u8> {
     framed.collect::<Vec<_>>().concat()
 }
 
-/// What [`framed`] joined; a length beyond the end means all that is left.
+/// Splits what [`framed`] joined. A length beyond the end means all that is left.
 fn unframed(mut bytes: &[u8]) -> Vec<Vec<u8>> {
     let mut parts = Vec::new();
     while let Some((length, rest)) = bytes.split_first_chunk::<4>() {
@@ -82,7 +82,7 @@ fn unframed(mut bytes: &[u8]) -> Vec<Vec<u8>> {
     parts
 }
 
-/// The messages that a guest input comes in.
+/// Reads the messages in which a guest input arrives.
 fn prove_request() -> Target {
     let runtime = tokio::runtime::Builder::new_current_thread()
         .build()

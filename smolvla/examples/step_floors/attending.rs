@@ -1,4 +1,4 @@
-//! Attention, rotary embeddings, and the keys and values that are joined for it.
+//! Measures attention, rotary embeddings, and the keys and values that are joined for attention.
 
 use candle_core::{Device, Tensor};
 use zk0_lerobot::config::{LayerKind, PolicyConfig};
@@ -68,7 +68,7 @@ pub fn attention(report: &mut Report, c: &PolicyConfig, batch: usize) -> Result<
     }
     rotations(report, c, batch)?;
 
-    // The keys and values that a layer of the expert or of the state's token attends to come from two places.
+    // The keys and values that a layer of the expert or of the state's token attends to come from two places, and are joined.
     for (name, layers, own) in [
         ("expert: joining keys or values", joint, chunk),
         ("state token: joining keys or values", layers, 1),

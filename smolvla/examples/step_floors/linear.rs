@@ -9,7 +9,7 @@ use zk0_smolvla::policy::model::kernels::linear::Linear;
 use crate::report::{run, tensor, variable, Least, Report};
 use crate::Failure;
 
-/// What a gradient goes to.
+/// Where a gradient goes.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum Gradient {
     Nothing,
@@ -27,7 +27,7 @@ struct Maps {
     gradient: Gradient,
 }
 
-/// As often as a step runs them.
+/// Returns the linear maps of a step, and how often the step runs each of them.
 fn of_a_step(c: &PolicyConfig, batch: usize) -> BTreeMap<Maps, usize> {
     let prefix = batch * c.max_prefix_tokens();
     let suffix = batch * c.chunk_size;
@@ -37,14 +37,14 @@ fn of_a_step(c: &PolicyConfig, batch: usize) -> BTreeMap<Maps, usize> {
         let vision = name.contains("vision_model");
         let key_or_value = name.contains("k_proj") || name.contains("v_proj");
         if vision && key_or_value {
-            // Part of the product that `q_proj` stands for.
+            // This matrix is part of the product that `q_proj` stands for.
             continue;
         }
         if vision && name.contains("q_proj") {
             shape[0] *= 3;
         }
         if name.starts_with(&last) && !key_or_value {
-            // Of the last language layer, keys and values are all that the expert reads.
+            // The expert reads only the keys and values of the last language layer.
             continue;
         }
         let (out, inner) = match shape.as_slice() {
@@ -67,7 +67,7 @@ fn of_a_step(c: &PolicyConfig, batch: usize) -> BTreeMap<Maps, usize> {
             let rows = batch * c.tokens_per_camera();
             (maps("connector", rows, Gradient::Nothing), c.cameras)
         } else if name.starts_with(VLM) {
-            // The state's token takes its way once more: a gradient goes back along it.
+            // The state's token goes this way once more, because a gradient goes back along it.
             let token = maps("state token", batch, Gradient::Input);
             *all.entry(token).or_default() += 1;
             (maps("text", prefix, Gradient::Nothing), 1)
@@ -100,7 +100,7 @@ pub fn linear_maps(report: &mut Report, c: &PolicyConfig, batch: usize) -> Resul
             report.kernel(&name, calls, least, || run(map.forward(&x)));
             continue;
         }
-        // A gradient's product reads one of the matrices and the result's gradient, and writes the size of the other.
+        // The product for a gradient reads one of the matrices and the result's gradient, and writes a matrix of the other's size.
         let (w, back) = match map.gradient {
             Gradient::InputAndWeight => (variable(w)?, least.times(2.0)),
             _ => (tensor(w)?, least),

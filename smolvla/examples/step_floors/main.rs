@@ -21,13 +21,13 @@ use zk0_smolvla::policy::memory::KeepFreed;
 use zk0_smolvla::policy::profile::Profile;
 use zk0_smolvla::train::optimizer::{AdamW, AdamWOptions};
 
-/// As in the `zk0` binary.
+/// The allocator is that of the `zk0` binary.
 #[global_allocator]
 static ALLOCATOR: zk0_smolvla::policy::memory::Allocator = zk0_smolvla::policy::memory::Allocator;
 
 type Failure = Box<dyn std::error::Error>;
 
-/// Clipping reads the gradient; then gradient, weight and both moments are read, and all but the gradient written.
+/// Clipping reads the gradient. The step then reads the gradient, the weight and both moments, and writes all but the gradient.
 fn optimizer(report: &mut Report, c: &PolicyConfig) -> Result<(), Failure> {
     let layout = trainable_layout(c, true);
     let trained = layout.values().map(|shape| shape.iter().product::<usize>());

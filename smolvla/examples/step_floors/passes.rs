@@ -1,4 +1,4 @@
-//! What passes over numbers once: pictures, norms, activations, sums.
+//! Measures the operations that pass over numbers once: pictures, norms, activations and sums.
 
 use zk0_lerobot::config::{PolicyConfig, CHANNELS};
 use zk0_smolvla::frames::image::vision_input;
@@ -9,14 +9,14 @@ use zk0_smolvla::policy::model::kernels::swiglu::swiglu;
 use crate::report::{run, tensor, variable, Least, Report};
 use crate::Failure;
 
-/// A webcam's pictures, height and width.
+/// The height and width of a webcam's pictures.
 const RECORDED: (usize, usize) = (480, 640);
 
 pub fn pictures(report: &mut Report, c: &PolicyConfig, batch: usize) -> Result<(), Failure> {
     let size = c.vision.image_size;
     let (recorded, resized) = (CHANNELS * RECORDED.0 * RECORDED.1, CHANNELS * size * size);
     let picture = vec![100u8; recorded];
-    // A picture has a byte a number.
+    // A picture has one byte for each number.
     let least = Least::moving(recorded / 4 + resized);
     report.kernel("pictures: resized", c.cameras * batch, least, || {
         std::hint::black_box(vision_input(&picture, RECORDED, size));
@@ -99,7 +99,7 @@ pub fn language_and_expert(
             variable(&[batch, tokens, width])?,
             variable(&[batch, tokens, width])?,
         );
-        // The state token's way has frozen gains.
+        // The gains on the way of the state token are frozen.
         let gain = match part {
             "expert" => variable(&[width])?,
             _ => tensor(&[width])?,

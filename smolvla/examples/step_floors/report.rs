@@ -46,7 +46,7 @@ impl Rates {
     }
 }
 
-/// The median time of some runs, after one that is not counted, in seconds.
+/// Returns the median time of some runs in seconds. One run before them is not counted.
 fn median(runs: usize, mut work: impl FnMut()) -> f64 {
     work();
     let mut seconds: Vec<f64> = (0..runs)
@@ -60,17 +60,17 @@ fn median(runs: usize, mut work: impl FnMut()) -> f64 {
     seconds[runs / 2]
 }
 
-/// What a kernel has to do at least.
+/// The least work that a kernel has to do.
 #[derive(Clone, Copy, Default)]
 pub struct Least {
     /// Floating-point operations.
     pub operations: f64,
-    /// Numbers of four bytes that are read or written.
+    /// How many numbers of four bytes are read or written.
     pub numbers: f64,
 }
 
 impl Least {
-    /// To move so many numbers, and next to nothing with them.
+    /// The work of moving this many numbers, with next to no computation.
     pub fn moving(numbers: usize) -> Self {
         Self {
             numbers: numbers as f64,
@@ -78,7 +78,7 @@ impl Least {
         }
     }
 
-    /// So many times as much.
+    /// The same work, this many times.
     pub fn times(self, factor: f64) -> Self {
         Self {
             operations: factor * self.operations,
@@ -87,7 +87,7 @@ impl Least {
     }
 }
 
-/// Prints a line a kernel.
+/// Prints one line for each kernel.
 pub struct Report {
     rates: Rates,
     total: f64,
@@ -134,7 +134,8 @@ impl Report {
         );
     }
 
-    /// Times `work`, and what takes gradients back through its result to all variables in it, which has to do `back`.
+    /// Times `work`, and then what takes gradients back through its result to all variables in it. That part has to do at least
+    /// `back`.
     pub fn trained(
         &mut self,
         name: &str,
@@ -167,14 +168,14 @@ pub fn run<E: std::fmt::Debug>(done: Result<Tensor, E>) {
     std::hint::black_box(done.expect("sizes agree"));
 }
 
-/// Some numbers.
+/// Makes a tensor of some numbers.
 pub fn tensor(shape: &[usize]) -> Result<Tensor, Failure> {
     let count = shape.iter().product::<usize>();
     let wave = (0..count).map(|i| (i as f32 * 0.618).sin()).collect();
     Ok(Tensor::from_vec(wave, shape, &Device::Cpu)?)
 }
 
-/// Some numbers that get a gradient.
+/// Makes a variable of some numbers, which gets a gradient.
 pub fn variable(shape: &[usize]) -> Result<Tensor, Failure> {
     Ok(Var::from_tensor(&tensor(shape)?)?.as_tensor().clone())
 }

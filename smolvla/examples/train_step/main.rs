@@ -36,13 +36,13 @@ use zk0_smolvla::policy::profile::Profile;
 use zk0_smolvla::train::optimizer::{AdamW, AdamWOptions};
 use zk0_smolvla::train::Samples;
 
-/// As in the `zk0` binary.
+/// The allocator is that of the `zk0` binary.
 #[global_allocator]
 static ALLOCATOR: zk0_smolvla::policy::memory::Allocator = zk0_smolvla::policy::memory::Allocator;
 
 type Failure = Box<dyn std::error::Error>;
 
-/// Height and width of the recorded pictures: a webcam's, or the tiny fixture's.
+/// The height and width of the recorded pictures: those of a webcam, or those of the tiny fixture.
 fn recorded(profile: Profile) -> (usize, usize) {
     if profile == Profile::Full {
         (480, 640)
@@ -130,7 +130,7 @@ impl Bench {
         })
     }
 
-    /// One step over `cache`; the loss before it.
+    /// Makes one step over `cache`, and returns the loss before it.
     fn step(&mut self, cache: &PrefixCache) -> Result<f32, Failure> {
         let draws: Vec<FlowDraw> = (0..self.batch)
             .map(|_| FlowDraw::random(&self.config, &mut self.rng))
@@ -149,13 +149,13 @@ impl Bench {
     }
 }
 
-/// Steps that were timed.
+/// The results of the steps that were timed.
 struct Measured {
-    /// Of each step, the first one too.
+    /// The seconds of each step, including the first one.
     seconds: Vec<f64>,
-    /// Before the last step.
+    /// The loss before the last step.
     loss: f32,
-    /// Trained parameters.
+    /// How many parameters were trained.
     trained: usize,
 }
 
@@ -217,7 +217,7 @@ fn main() -> Result<(), Failure> {
     measured.seconds.remove(0);
     measured.seconds.sort_by(f64::total_cmp);
     let median = measured.seconds.get(measured.seconds.len() / 2);
-    // Of this machine; that of a GPU is not measured.
+    // This is the memory of this machine. The memory of a GPU is not measured.
     let memory = peak_memory().filter(|_| place.device.is_cpu());
     println!(
         "{}",

@@ -21,10 +21,10 @@ use zk0_smolvla::PolicyError;
 
 use crate::{recorded, wave, Failure, Measured};
 
-/// Batches that the cache holds.
+/// How many batches the cache holds.
 const BATCHES: usize = 2;
 
-/// An instruction of full length, whatever it says.
+/// A tokenizer that makes an instruction of full length from any text.
 struct FullLength(PolicyConfig);
 
 impl Tokenizer for FullLength {
@@ -63,7 +63,7 @@ pub fn run<S: FromFrame + Entry>(
     samples: impl Fn(&OnDisk) -> Samples<'_>,
 ) -> Result<Measured, Failure> {
     let config = profile.config();
-    // Held while samples are prepared, as `zk0 train` does.
+    // These weights stay in memory while samples are prepared, as in `zk0 train`.
     let policy = init_policy(&config, 1)?;
     let (expert, part) = (policy.expert, state_part(policy.frozen));
     let folder = tempfile::tempdir()?;

@@ -327,7 +327,7 @@ mod tests {
             .collect()
     }
 
-    /// Address of the scale that holds a place: which one it is.
+    /// Returns the address of the scale that holds a place. The address tells the scales apart.
     fn scale(spec: &mut EvalSpec, place: Place) -> Option<*const u8> {
         place.scale(spec).map(|bits| bits as *const u8)
     }
@@ -368,7 +368,7 @@ mod tests {
                     );
                     assert_eq!(held, failing, "{site}: fails at {at}");
                 }
-                // The cache is at that scale too.
+                // The samples' cache has the same scale, so quantising a sample may fail first.
                 Err(FidelityError::Quantise(error)) => {
                     assert!(matches!(
                         site,

@@ -67,7 +67,8 @@ mod tests {
         }
     }
 
-    /// Says so in a build without CUDA, with it and without its libraries, and with them and no such GPU.
+    /// The error explains itself in a build without CUDA, in one with CUDA but without its libraries, and in one with both but
+    /// without such a GPU.
     #[test]
     fn a_gpu_that_is_not_there_is_an_error() {
         let error = device("cuda:987").unwrap_err().to_string();

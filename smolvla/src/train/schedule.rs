@@ -128,14 +128,14 @@ mod tests {
         let rates: Vec<f64> = (0..29)
             .map(|step| schedule.learning_rate(2.0, step, 29))
             .collect();
-        // Periods of 4, 8 and 16: 0..4, 4..12, 12..28.
+        // The periods have 4, 8 and 16 steps: 0..4, 4..12 and 12..28.
         for start in [0, 4, 12, 28] {
             assert_eq!(rates[start], 2.0, "step {start}");
         }
         for middle in [2, 8, 20] {
             assert!((rates[middle] - 2.0 * 0.55).abs() < 1e-12, "step {middle}");
         }
-        // torch.optim.lr_scheduler.CosineAnnealingWarmRestarts: (1 - 0.1) * (1 + cos(3 pi / 4)) / 2 + 0.1
+        // torch.optim.lr_scheduler.CosineAnnealingWarmRestarts gives (1 - 0.1) * (1 + cos(3 pi / 4)) / 2 + 0.1.
         let last = 2.0 * (0.9 * (1.0 + (0.75 * PI).cos()) / 2.0 + 0.1);
         assert!((rates[3] - last).abs() < 1e-12);
         assert!(rates.iter().all(|rate| (0.2..=2.0).contains(rate)));

@@ -1,4 +1,4 @@
-//! The prefix cache on a recording: the same samples as without it, made once.
+//! The prefix cache makes the samples of a recording once. They are the same as without the cache.
 
 use std::cell::Cell;
 use std::fs;
@@ -19,7 +19,7 @@ use zk0_smolvla::policy::tokenizer::WordHash;
 use zk0_smolvla::policy::weights::Policy;
 use zk0_smolvla::PolicyError;
 
-/// Room for everything.
+/// A size with room for everything.
 const PLENTY: u64 = 1 << 30;
 
 fn policy() -> Policy {
@@ -30,7 +30,7 @@ fn recording() -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../tests/fixtures/datasets/so100_sorting")
 }
 
-/// The first frames of a recording and their names.
+/// Returns the first frames of a recording with their keys.
 fn frames(policy: &Policy, dataset: &Dataset, count: usize) -> Vec<FrameRef> {
     let tokenizer = WordHash::new(&policy.config);
     let indices: Vec<usize> = (0..count).collect();
@@ -202,13 +202,13 @@ fn a_key_is_a_function_of_all_that_makes_the_sample() {
         "every frame has its own"
     );
 
-    // The folder's name does not matter.
+    // The name of the folder does not change the keys.
     let dir = tempfile::tempdir().unwrap();
     let moved = dir.path().join("moved");
     copy(&recording(), &moved);
     assert_eq!(keys(&policy, &moved), of_recording);
 
-    // Weights, dimensions and kind of sample do.
+    // Other weights, dimensions or kinds of samples give other keys.
     let mut other = policy.clone();
     let tensor = other.frozen.values_mut().next_back().unwrap();
     tensor.data[0] += 1.0;
@@ -223,7 +223,7 @@ fn a_key_is_a_function_of_all_that_makes_the_sample() {
     let place = FrozenPlace::default();
     let observed = KeySpace::new::<ObservedSample>(&policy, &place);
     assert_ne!(observed, KeySpace::new::<PreparedSample>(&policy, &place));
-    // So does the precision of the frozen half, of either kind.
+    // Another precision of the frozen half also gives other keys, for both kinds of samples.
     let rounded = FrozenPlace::on(Device::Cpu, Some(FrozenPrecision::Bf16));
     assert_ne!(observed, KeySpace::new::<ObservedSample>(&policy, &rounded));
     assert_ne!(
@@ -239,7 +239,7 @@ fn a_key_is_a_function_of_all_that_makes_the_sample() {
         &mut FileDigests::default(),
     );
     assert!(!of_recording.contains(&key.unwrap()[0]));
-    // Observed samples end before the state projection.
+    // Observed samples end before the state projection, so its weights do not matter.
     let mut trained = policy.clone();
     trained
         .frozen
@@ -248,7 +248,7 @@ fn a_key_is_a_function_of_all_that_makes_the_sample() {
         .data[0] += 1.0;
     assert_eq!(KeySpace::new::<ObservedSample>(&trained, &place), observed);
 
-    // So do statistics, instructions and pictures.
+    // Other statistics, instructions or pictures give other keys.
     let change = |file: &str, change: &dyn Fn(&mut Vec<u8>)| {
         let folder = tempfile::tempdir().unwrap();
         copy(&recording(), folder.path());

@@ -1,4 +1,4 @@
-//! From a recording on disk to an expert that has learnt from it.
+//! Prepares a recording on disk, and trains an expert that learns from it.
 
 use std::path::PathBuf;
 
@@ -26,7 +26,7 @@ fn a_recording_is_prepared_and_learnt_from() {
     assert_eq!(samples.len(), 249);
     assert_eq!(seen, (1..=249).map(|i| (i, 249)).collect::<Vec<_>>());
 
-    // Normalised: over the recording each action dimension has mean 0 and standard deviation 1.
+    // The actions are normalised. Over the recording, each dimension has mean 0 and standard deviation 1.
     for dim in 0..6 {
         let values: Vec<f32> = samples.iter().map(|s| s.actions[dim]).collect();
         let mean = values.iter().sum::<f32>() / 249.0;
@@ -36,7 +36,7 @@ fn a_recording_is_prepared_and_learnt_from() {
             "{mean} {variance}"
         );
     }
-    // Only the last frames of the six episodes have padding, five of them each.
+    // Only the last five frames of each of the six episodes have padding.
     let padded = samples.iter().filter(|s| s.is_pad.contains(&true)).count();
     assert_eq!(padded, 6 * 5);
 
@@ -56,7 +56,7 @@ fn a_recording_is_prepared_and_learnt_from() {
     assert!(after < 0.7 * before, "{before} -> {after}");
 }
 
-/// Two recordings as a policy meets them that is trained on both: under one normaliser, of all their frames.
+/// Two recordings for a policy that is trained on both have one normaliser, of all their frames.
 #[test]
 fn recordings_are_normalised_together() {
     let open = |name: &str| {

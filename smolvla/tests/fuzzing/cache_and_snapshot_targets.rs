@@ -1,4 +1,4 @@
-//! What is kept from start to start, on a disk that may damage it: the prefix cache, and a run of training.
+//! Files that one start leaves for the next, on a disk that may damage them: the prefix cache, and the snapshots of a training run.
 
 use std::fs;
 use std::path::Path;
@@ -34,7 +34,7 @@ fn sample() -> PreparedSample {
     }
 }
 
-/// An entry of the cache as it is, or, where the input does not begin like one, what follows a right header.
+/// Reads an entry of the cache. If the input does not begin like an entry, it is the part that follows a correct header.
 pub fn prefix_entry() -> Target {
     const HEADER: usize = 80;
     let key = Key([7; 32]);
@@ -71,7 +71,8 @@ pub fn prefix_entry() -> Target {
     }
 }
 
-/// The digests of files, of which one is asked for. They are believed: a pretended one tells that they were read.
+/// Reads the digests of files, and asks for one of them. The reader believes the digests, so a made-up digest shows that they were
+/// read.
 pub fn file_digests() -> Target {
     let dir = tempfile::tempdir().unwrap();
     let (file, memo) = (dir.path().join("video"), dir.path().join("files.json"));
@@ -82,7 +83,7 @@ pub fn file_digests() -> Target {
     let pretended = [9; 32];
     let seed = fs::read_to_string(&memo).unwrap();
     let seed = seed.replace(&hex::encode(computed), &hex::encode(pretended));
-    // The file's path and time are not the same in the next run: in inputs they are these words.
+    // The file's path and time differ in the next run, so the inputs hold these words in their place.
     let here = fs::canonicalize(&file).unwrap();
     let here = here.to_str().unwrap().to_owned();
     let modified = fs::metadata(&file).unwrap().modified().unwrap();
@@ -150,12 +151,12 @@ impl Run {
         fs::read(self.dir.path().join(name)).unwrap()
     }
 
-    /// What the next start makes of what is there now.
+    /// Lets the next start read what is there now.
     fn resume(&self) -> Result<(), String> {
         let mut trainer = self.trainer();
         match self.snapshots(&trainer).resume(&mut trainer) {
             Ok(Some(_)) => Ok(()),
-            // It goes on from the snapshot before it, and says why in its log.
+            // The run goes on from an earlier snapshot if there is one, and its log says why.
             Ok(None) => Err("damaged".into()),
             Err(SnapshotError::OtherRun { what, .. }) => Err(format!("another {what}")),
             Err(error) => Err(error.to_string().replace(path(self.dir.path()), "")),
@@ -178,7 +179,7 @@ pub fn training_state() -> Target {
     }
 }
 
-/// One of the two files of tensors, by the first byte, with its digest made right.
+/// Reads one of the two files of tensors, which the first byte chooses. Its digest is made correct.
 pub fn training_tensors() -> Target {
     let run = Run::stopped();
     let whole = FILES.map(|name| run.file(&format!("000001/{name}")));

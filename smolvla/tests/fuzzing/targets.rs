@@ -1,4 +1,4 @@
-//! What is given random inputs, and what it starts from.
+//! The readers that get random inputs, and the inputs that fuzzing starts from.
 
 use zk0_lerobot::tokenizer::TrainedTokenizer;
 use zk0_smolvla::policy::init::init_policy;
@@ -54,7 +54,7 @@ fn safetensors() -> Target {
     }
 }
 
-/// With words that are hashed, and with a tokenizer.
+/// Reads policy files. One seed hashes words, and the other has a tokenizer.
 fn policy_file() -> Target {
     let config = Profile::Micro.config();
     let policy = || init_policy(&config, 3).unwrap();

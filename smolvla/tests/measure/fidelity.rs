@@ -26,7 +26,7 @@ const PROMISE: f64 = 5e-3;
 const CALIBRATION: Digest = Digest([1; 32]);
 const COMPARISON: Digest = Digest([2; 32]);
 
-/// Samples to train and calibrate on, and others between them to compare on.
+/// Samples to train and calibrate on, and between them other samples to compare on.
 static SAMPLES: LazyLock<[Vec<PreparedSample>; 2]> = LazyLock::new(|| {
     let policy = policy();
     let tokenizer = WordHash::new(&policy.config);
@@ -66,7 +66,7 @@ fn trained() -> ExpertWeights {
         .weights
 }
 
-/// The policy's weights, those of some tensors multiplied.
+/// Returns the policy's weights, with those of some tensors multiplied.
 fn stretched(tensors: &[&str], factor: f32) -> ExpertWeights {
     let mut all = policy().expert.into_tensors();
     for tensor in tensors {
@@ -109,13 +109,14 @@ fn calibrated_ranges_have_the_promised_headroom_and_no_bit_more_than_that() {
     let seen = magnitudes(&weights);
     let spec = calibrate(dims(&config()).unwrap(), &seen).unwrap();
     let held = ranges(&spec, &seen);
-    // Ten places are no layer's. A self-attention layer has eighteen, the others one less: they do not rotate keys.
+    // Ten places belong to no layer. A self-attention layer has eighteen places. The other layers have one less, because they do
+    // not rotate keys.
     let layers = spec.dims.layers as usize;
     assert_eq!(held.len(), 10 + 2 * 18 + 2 * 17, "every place is there");
     for range in &held {
         assert!(range.headroom() >= 8.0, "{range:?}");
     }
-    // One more bit for any of the scales, and one of its places would lose the headroom.
+    // With one more bit for any of the scales, one of its places would lose the headroom.
     let tightest = |of: &dyn Fn(Place) -> bool| {
         let held = held.iter().filter(|range| of(range.place));
         held.map(|range| range.headroom()).fold(f64::MAX, f64::min)
@@ -181,7 +182,7 @@ fn weights_out_of_range_are_an_error_that_names_the_layer() {
             "{tensor}: {error}"
         );
     }
-    // Larger than any scale of a weight holds: refused before any evaluation.
+    // The weight is larger than any scale can hold, so it is refused before any evaluation.
     let tensor = format!("{LAYER}.1.mlp.up_proj.weight");
     let error = compare(&spec, &stretched(&[&tensor], 1e7)).unwrap_err();
     match error {
@@ -192,7 +193,7 @@ fn weights_out_of_range_are_an_error_that_names_the_layer() {
 
 #[test]
 fn ranges_follow_the_data() {
-    // Queries and keys too large for the default ranges, not for those that were chosen from them.
+    // The queries and keys are too large for the default ranges, but not for ranges that are chosen from them.
     let (queries, keys) = (
         format!("{LAYER}.2.self_attn.q_proj.weight"),
         format!("{LAYER}.1.self_attn.k_proj.weight"),

@@ -1,4 +1,4 @@
-//! The whole way, one sample at a time: 8-bit pictures, raw state and token ids to a chunk of actions.
+//! The policy acts on one sample at a time. It turns 8-bit pictures, the raw state and token ids into a chunk of actions.
 
 use candle_core::Device;
 use zk0_lerobot::dataset::{Normalizer, Stats};
@@ -122,7 +122,7 @@ pub fn action_chunks_from_observations() {
             task: "given as token ids",
         };
         if scene.cameras.is_empty() {
-            continue; // an actor wants to see something
+            continue; // An actor needs at least one picture
         }
         let noise = &noise[b * config.chunk_elements()..][..config.chunk_elements()];
         let found = actor.action_chunk(&scene, noise).unwrap();

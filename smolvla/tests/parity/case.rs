@@ -10,18 +10,18 @@ use zk0_smolvla::policy::model::Parameters;
 
 use crate::reference::{lerobot, policy, Values};
 
-/// Before the transformer.
+/// The tolerance for values before the transformer.
 pub const EARLY: f64 = 5e-5;
-/// Hidden states and velocities.
+/// The tolerance for hidden states and velocities.
 pub const HIDDEN: f64 = 1e-4;
-/// Element-wise losses.
+/// The tolerance for element-wise losses.
 pub const LOSSES: f64 = 5e-4;
-/// Mean losses.
+/// The tolerance for mean losses.
 pub const LOSS: f64 = 1e-5;
-/// Sampled actions.
+/// The tolerance for sampled actions.
 pub const SAMPLED: f64 = 2e-4;
 
-/// Of a batch of histories, `frame` numbers each, the last frame of every sample; LeRobot looks at no other.
+/// Returns the last frame of every sample from a batch of histories with `frame` numbers each. LeRobot looks at no other frame.
 pub fn last_frames(values: &[f32], frame: usize, batch: usize) -> Vec<f32> {
     let frames = values.len() / frame / batch;
     let last = values.chunks(frame).skip(frames - 1).step_by(frames);
@@ -66,7 +66,7 @@ impl Case {
         self.outputs.shape("prepared.state")[0]
     }
 
-    /// Cameras that LeRobot prepared, blank ones among them.
+    /// Returns how many cameras LeRobot prepared, including blank ones.
     pub fn cameras(&self) -> usize {
         (0..)
             .take_while(|i| self.outputs.contains(&format!("prepared.image.{i}")))

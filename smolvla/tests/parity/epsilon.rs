@@ -8,11 +8,11 @@ use crate::case::{LOSS, SAMPLED};
 use crate::reference::{check, distance, is_odd, lerobot, numbers};
 use crate::training::Training;
 
-/// LeRobot's values are those of the folder's `make.py`, run with `"rms_norm_eps": 3e-2`: weights and inputs are the same then.
+/// LeRobot's values come from the folder's `make.py`, run with `"rms_norm_eps": 3e-2`. Its weights and inputs are the same then.
 #[test]
 pub fn norms_of_another_epsilon() {
     if !is_odd() {
-        return; // where it is another folder, `other_folder` has this run
+        return; // The process that `other_folder` starts runs this test
     }
     let mut lerobot = lerobot();
     lerobot.dims.rms_norm_eps = 3e-2;

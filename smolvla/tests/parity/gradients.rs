@@ -40,7 +40,7 @@ pub fn gradients_of_the_valid_only_loss() {
     gradients_agree(&training, "grads_valid_only.safetensors", &loss);
 }
 
-/// What training with a cached prefix does: the state's token alone is made anew, and alone has a gradient.
+/// Training with a cached prefix computes only the state's token anew, so only that token has a gradient.
 #[test]
 pub fn gradients_by_way_of_the_state_token_alone() {
     if !training_preset().train_expert_only {

@@ -1,4 +1,4 @@
-//! All of these tests again, on the second committed reference.
+//! Runs all of these tests again, on the second committed reference.
 
 use std::process::Command;
 
@@ -7,7 +7,7 @@ use crate::reference::{fixtures, is_committed};
 #[test]
 fn the_same_holds_for_a_policy_of_other_dimensions() {
     if !is_committed() {
-        return; // this process is on another folder already
+        return; // This process already tests another folder
     }
     let tests = Command::new(std::env::current_exe().unwrap())
         .env("ZK0_PARITY_DIR", fixtures().join("smolvla_odd"))

@@ -15,7 +15,7 @@ use zk0_smolvla::policy::model::Parameters;
 use crate::case::{last_frames, Case, EARLY, HIDDEN};
 use crate::reference::{close, close_numbers, close_where, is_committed, policy};
 
-/// The batch's images, in the policy's order and at its size, and blank ones for cameras that are missing.
+/// Returns the batch's images, in the policy's order and at its size, with blank ones for missing cameras.
 #[test]
 fn images_are_prepared_in_the_policys_order() {
     let case = Case::read();
@@ -123,8 +123,8 @@ pub fn prefix_embeddings_and_cache() {
     };
     let cache = case.prefix.layers(&embedding, Some(&mut observe)).unwrap();
     assert_eq!(hidden.len(), config.text.layers + 1);
-    for layer in 0..config.text.layers {
-        compare(format!("train.vlm.layer.{layer}.input"), &hidden[layer]);
+    for (layer, input) in hidden[..config.text.layers].iter().enumerate() {
+        compare(format!("train.vlm.layer.{layer}.input"), input);
         compare(format!("cache.{layer}.key"), &cache.keys[layer]);
         compare(format!("cache.{layer}.value"), &cache.values[layer]);
     }
@@ -137,7 +137,7 @@ pub fn prefix_embeddings_and_cache() {
     compare("prefix_out".into(), &norm.forward(last).unwrap());
 }
 
-/// Positions and visibility of prefix and action tokens together, as in LeRobot's training pass.
+/// Compares the positions and the visibility of prefix and action tokens together, as in LeRobot's training pass.
 #[test]
 fn position_ids_and_attention_masks() {
     let case = Case::read();
@@ -161,7 +161,7 @@ fn position_ids_and_attention_masks() {
     assert_eq!(positions, out.numbers("position_ids"));
     assert_eq!(sees, out.flags("att_2d_masks"));
 
-    // A prefix token starts a group of its own where it is the state, an action token always does.
+    // A prefix token starts a group of its own if it is the state's token. An action token always does.
     let prefix = embedding.valid[0].len();
     let starts: Vec<bool> = (0..prefix).map(|token| token == embedding.state).collect();
     assert_eq!(starts.repeat(case.batch()), out.flags("prefix_att_masks"));

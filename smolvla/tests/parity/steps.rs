@@ -52,7 +52,7 @@ fn schedule(settings: &Value) -> Schedule {
     }
 }
 
-/// Steps of every run that the reference has. Compared is how far every entry moved.
+/// Makes the steps of every run that the reference has, and compares how far every entry moved.
 #[test]
 pub fn weights_after_optimiser_steps() {
     let settings = json("optimizer.json");
@@ -189,7 +189,8 @@ fn defaults_are_lerobots_preset() {
     assert_eq!(Schedule::LEROBOT, schedule);
     assert_eq!(ours.schedule, schedule);
     assert_eq!(ours.fedprox_mu, 0.0, "LeRobot has no such term");
-    // As many steps as the preset's cosine has: it is neither shortened nor left for its floor. (LeRobot plans 100,000.)
+    // The default number of steps is that of the preset's cosine, so the cosine is neither shortened nor followed by steps at its
+    // floor. (LeRobot plans 100,000.)
     let decay = number(&settings["scheduler"], "num_decay_steps");
     assert_eq!(ours.steps as f64, decay);
     assert_eq!(ours.batch_size, 8, "that of LeRobot's TrainPipelineConfig");

@@ -16,7 +16,7 @@ pub struct Training {
     pub case: Case,
 }
 
-/// Tensors that LeRobot would train but that no loss reaches: they stay as they are.
+/// Returns the tensors that LeRobot would train but that no loss reaches. They stay the same.
 pub fn idle() -> BTreeSet<String> {
     let names = json("facts.json")["trainable_without_gradient"].clone();
     serde_json::from_value(names).unwrap_or_default()
@@ -33,7 +33,7 @@ impl Training {
         let trainable: Layout = reference.names().map(shape).collect();
         let preset = training_preset();
         if preset.train_expert_only {
-            // Not so only where the vision-language model is trained too, which the library has no set for.
+            // If the vision-language model is trained too, the library has no matching set, so nothing is compared.
             let mut ours = trainable_layout(&lerobot.dims, preset.train_state_proj);
             ours.retain(|name, _| !idle().contains(name));
             assert_eq!(trainable, ours);
@@ -49,13 +49,13 @@ impl Training {
         }
     }
 
-    /// Element-wise losses, through the whole policy: the state projection may be trained.
+    /// Computes element-wise losses through the whole policy, because the state projection may be trained.
     pub fn losses(&self, noise: &str, time: &str) -> Tensor {
         let cache = self.case.prefix.cache(&self.case.prefix_input()).unwrap();
         self.losses_over(&cache, noise, time)
     }
 
-    /// Element-wise losses over a prefix.
+    /// Computes element-wise losses over a prefix.
     pub fn losses_over(&self, cache: &PrefixCache, noise: &str, time: &str) -> Tensor {
         let case = &self.case;
         let actions = case.outputs.tensor("prepared.action");

@@ -1,4 +1,4 @@
-//! What a GPU computes, here: the comparisons again, by candle's operations in place of the kernels, within the same tolerances.
+//! Repeats the comparisons with candle's operations in place of the kernels, as a GPU computes. The tolerances are the same.
 
 use zk0_smolvla::policy::model::kernels::without;
 

@@ -126,7 +126,7 @@ fn a_policy_that_names_its_cameras_takes_them_in_its_own_order() {
             .into();
     });
     let nameless = policy(|_| ());
-    // By name, `a` comes first: what the policy calls its first camera, `wrist`, is to be taken for it.
+    // By name, camera `a` comes first, so it stands for the policy's first camera, `wrist`.
     let found = prepare(
         &named,
         ["observation.images.wrist", "observation.images.top"],

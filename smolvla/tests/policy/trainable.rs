@@ -1,4 +1,5 @@
-//! The two sets of trainable tensors: which they are, and that the loss reaches each of them and nothing else.
+//! The two sets of trainable tensors. The tests show which tensors they hold, and that the loss reaches each of them and nothing
+//! else.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -18,7 +19,7 @@ use zk0_smolvla::PolicyError;
 
 use crate::reference::{numbers, published_parameters};
 
-/// LeRobot's default at the published size, and ours: the same without the state projection.
+/// At the published size, one set is LeRobot's default. Ours is the same without the state projection.
 #[test]
 fn the_published_sets_are_lerobots() {
     let facts = published_parameters();
@@ -57,7 +58,7 @@ fn wave(shape: &[usize]) -> Tensor {
         .unwrap()
 }
 
-/// Gradients of the mean loss of a batch of two, by name: those of variables and of constants.
+/// Returns the gradients of the mean loss of a batch of two, by name, for variables and for constants.
 fn gradients(config: &PolicyConfig, train_state_proj: bool) -> BTreeMap<String, Tensor> {
     let policy = init_policy(config, 5).unwrap();
     let mut all = policy.frozen;

@@ -20,7 +20,7 @@ fn expert() -> ExpertWeights {
     init_policy(&micro(), 1).unwrap().expert
 }
 
-/// The expert's file with `change` applied to its list of (name, type, shape, bytes).
+/// Returns the expert's file after `change` has altered its list of (name, type, shape, bytes).
 fn file_with(change: impl Fn(&mut Vec<(String, Dtype, Vec<usize>, Vec<u8>)>)) -> Vec<u8> {
     let bytes = expert().to_safetensors().unwrap();
     let file = SafeTensors::deserialize(&bytes).unwrap();
@@ -46,7 +46,7 @@ fn refusal(bytes: &[u8]) -> StoredPolicyError {
     stored(ExpertWeights::from_safetensors(&micro(), bytes).unwrap_err())
 }
 
-/// What is wrong with the stored tensors.
+/// Returns what is wrong with the stored tensors.
 fn stored(error: PolicyError) -> StoredPolicyError {
     match error {
         PolicyError::Stored(error) => error,

@@ -1,6 +1,6 @@
 //! Reads the LeRobot reference values, and compares with them.
 
-#![allow(dead_code)] // each test file uses its part
+#![allow(dead_code)] // Each test file uses only a part of it
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -229,7 +229,7 @@ pub fn numbers(tensor: &Tensor) -> Vec<f64> {
         .collect()
 }
 
-/// Largest absolute difference.
+/// Returns the largest absolute difference.
 pub fn distance(a: &[f64], b: &[f64]) -> f64 {
     assert_eq!(a.len(), b.len());
     assert!(!a.is_empty());
@@ -242,7 +242,7 @@ pub fn distance(a: &[f64], b: &[f64]) -> f64 {
         )
 }
 
-/// `|a - b| / |b|` in L2.
+/// Returns `|a - b| / |b|` in L2.
 pub fn relative_distance(a: &[f64], b: &[f64]) -> f64 {
     assert_eq!(a.len(), b.len());
     let square = |values: &mut dyn Iterator<Item = f64>| values.map(|x| x * x).sum::<f64>().sqrt();
@@ -268,7 +268,7 @@ pub fn close(reference: &Values, name: &str, tensor: &Tensor, tolerance: f64) {
     );
 }
 
-/// As [`close`], at the tokens that are valid: `mask` has one row of tokens per sample.
+/// Asserts and prints the distance like [`close`], but only at the valid tokens. `mask` has one row of tokens per sample.
 #[track_caller]
 pub fn close_where(
     reference: &Values,

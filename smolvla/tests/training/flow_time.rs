@@ -1,4 +1,4 @@
-//! The distribution of flow times: LeRobot's, 0.999 Beta(1.5, 1) + 0.001.
+//! Flow times have LeRobot's distribution, 0.999 Beta(1.5, 1) + 0.001.
 
 use rand::{RngCore, SeedableRng};
 use rand_chacha::ChaCha20Rng;
@@ -6,7 +6,8 @@ use zk0_smolvla::policy::profile::Profile;
 use zk0_smolvla::policy::random::{flow_time, uniform};
 use zk0_smolvla::train::order;
 
-/// LeRobot's time up to which a share of its draws is: Beta(1.5, 1) has distribution function x^1.5, shifted and scaled.
+/// Returns the share of LeRobot's draws up to a time. Beta(1.5, 1) has the distribution function x^1.5, which is shifted and scaled
+/// here.
 fn share_up_to(time: f64) -> f64 {
     ((time - 0.001) / 0.999).clamp(0.0, 1.0).powf(1.5)
 }
@@ -26,7 +27,7 @@ fn moments_and_distance_are_lerobots(times: Vec<f64>) {
     let count = times.len() as f64;
     let mean = times.iter().sum::<f64>() / count;
     let variance = times.iter().map(|t| (t - mean).powi(2)).sum::<f64>() / count;
-    // Beta(a, b) has mean a / (a + b) and variance ab / ((a + b)^2 (a + b + 1)). Bounds are four standard errors.
+    // Beta(a, b) has mean a / (a + b) and variance ab / ((a + b)^2 (a + b + 1)). The bounds are four standard errors.
     let expected = 1.5 / (2.5 * 2.5 * 3.5) * 0.999f64.powi(2);
     assert!(
         (mean - (0.999 * 0.6 + 0.001)).abs() < 4.0 * (expected / count).sqrt(),
@@ -36,7 +37,7 @@ fn moments_and_distance_are_lerobots(times: Vec<f64>) {
         (variance - expected).abs() < 4.0 * expected / count.sqrt(),
         "{variance}"
     );
-    // One in a hundred thousand samples of that distribution is farther from it.
+    // Only one in a hundred thousand samples of that distribution is farther from it.
     let found = distance(times);
     assert!(found < 2.47 / count.sqrt(), "{found}");
 }
@@ -48,7 +49,7 @@ fn flow_times_are_distributed_as_lerobots() {
     moments_and_distance_are_lerobots(times.collect());
 }
 
-/// Of ten thousand steps, as they are drawn for training.
+/// Checks the times of ten thousand steps, as they are drawn for training.
 #[test]
 fn times_of_training_are_flow_times() {
     let config = Profile::Micro.config();
@@ -56,7 +57,7 @@ fn times_of_training_are_flow_times() {
     moments_and_distance_are_lerobots(steps.map(|draw| f64::from(draw.time)).collect());
 }
 
-/// The ends, which no sample of draws tells from 0 and 1.
+/// Checks the two ends. A sample of draws cannot tell them from 0 and 1.
 #[test]
 fn flow_times_begin_at_a_thousandth_and_end_at_one() {
     struct Same(u64);

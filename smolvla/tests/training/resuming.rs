@@ -54,7 +54,7 @@ impl Noise {
         (0..len).map(|_| normal(&mut self.0)).collect()
     }
 
-    /// Action chunks of which the last frames are padding now and then.
+    /// Returns an action chunk. In some chunks the last frames are padding.
     fn actions(&mut self, i: usize) -> (Vec<f32>, Vec<bool>) {
         let c = config();
         let is_pad = (0..c.chunk_size).map(|t| t + i % 4 > c.chunk_size);
@@ -85,7 +85,7 @@ fn prepared() -> Vec<PreparedSample> {
         .collect()
 }
 
-/// The same without the last token, and states.
+/// Returns the same samples without the last token, and with states.
 fn observed() -> Vec<ObservedSample> {
     let (c, mut noise) = (config(), Noise::new());
     let without_state = |mut sample: PreparedSample| {
@@ -171,7 +171,7 @@ fn expert_and_state_projection_stopped_anywhere() {
     stopped_anywhere(Samples::Observed(&samples));
 }
 
-/// Snapshots at steps 2, 4 and 6, of which two are kept, and what can happen to them.
+/// A run with snapshots at steps 2, 4 and 6, of which two are kept. The tests damage them.
 struct Kept {
     policy: Policy,
     samples: Vec<PreparedSample>,
@@ -240,7 +240,7 @@ fn a_damaged_one_is_skipped_for_the_one_before() {
         |kept| fs::remove_file(kept.path("000006/moments.safetensors")).unwrap(),
         |kept| fs::remove_file(kept.path("000006/state.json")).unwrap(),
         |kept| fs::write(kept.path("000006/state.json"), "{\"version\":").unwrap(),
-        // A folder that says it is of a later step than it is.
+        // The folder's name says a later step than the snapshot in it.
         |kept| fs::rename(kept.path("000006"), kept.path("000009")).unwrap(),
     ];
     for (i, change) in change.into_iter().enumerate() {

@@ -15,13 +15,13 @@ use zk0_smolvla::PolicyError;
 
 use crate::scene::{config, options, policy, samples, Scene};
 
-/// Training the state projection too starts from the same numbers as training the expert alone.
+/// Training the state projection as well starts from the same numbers as training the expert alone.
 #[test]
 fn observed_samples_give_the_prefix_of_prepared_ones() {
     let policy = policy();
     let observed: Vec<ObservedSample> = (0..6).map(|k| Scene::at(k).observe().unwrap()).collect();
     let prepared: Vec<PreparedSample> = (0..6).map(|k| Scene::at(k).prepare().unwrap()).collect();
-    // Instructions of three words and of one: the batch has padding before the state.
+    // The instructions have three words or one word, so the batch has padding before the state.
     assert_ne!(
         observed[0].observed.prefix_tokens,
         observed[1].observed.prefix_tokens
@@ -75,7 +75,7 @@ fn relative_distance<'a>(pairs: impl Iterator<Item = (&'a f32, &'a f32)>) -> f64
 
 type Layers = fn(&PreparedSample) -> &Vec<Vec<f32>>;
 
-/// How far the last token's keys and values are from those of prepared samples, of all layers the farthest.
+/// Returns how far the last token's keys and values are from those of prepared samples, in the layer where they are farthest.
 fn last_tokens_apart(cache: &PrefixCache, prepared: &[PreparedSample]) -> f64 {
     let width = config().kv_width();
     let mut farthest = 0.0f64;
@@ -95,9 +95,9 @@ fn last_tokens_apart(cache: &PrefixCache, prepared: &[PreparedSample]) -> f64 {
     farthest
 }
 
-/// Where the frozen half is rounded, so is what the state's token runs through: training it starts from what the expert alone would
-/// be trained on. Not to the bit: products of one row and of many add up in other orders, and a sum may then be rounded to the
-/// neighbouring number.
+/// If the frozen half is rounded, the computation of the state's token is rounded as well. Training then starts from nearly the
+/// same numbers as for the expert alone. They are not equal to the bit, because products of one row and of many rows add up in
+/// different orders, and a sum may be rounded to the neighbouring number.
 #[test]
 fn the_states_token_is_made_in_the_precision_of_the_frozen_half() {
     let policy = policy();
@@ -154,7 +154,7 @@ fn the_states_token_is_made_in_the_precision_of_the_frozen_half() {
     }
 }
 
-/// A projection that is rounded once, and not at every step, would never be seen to change.
+/// The projection is rounded anew at every step. If it were rounded only once, no step would show a change of it.
 #[test]
 fn a_rounded_state_projection_is_the_one_that_is_trained() {
     let (policy, at) = (policy(), place(FrozenPrecision::Bf16));

@@ -9,7 +9,7 @@ use std::collections::{BTreeMap, BTreeSet};
 type Files = BTreeMap<String, String>;
 type Edges = BTreeMap<Path, BTreeSet<Path>>;
 
-/// The module that a file is.
+/// Returns the module that a file is.
 fn module(file: &str) -> Path {
     let mut names: Path = file
         .trim_end_matches(".rs")
@@ -48,7 +48,7 @@ fn edges(files: &Files) -> Edges {
         .collect()
 }
 
-/// The module that holds what a path names, behind at most so many imports.
+/// Returns the module that holds what a path names, through at most this many imports.
 fn file_of(path: &[String], sources: &BTreeMap<Path, Source>, imports: usize) -> Path {
     let length = (0..=path.len())
         .rev()
@@ -70,7 +70,7 @@ fn file_of(path: &[String], sources: &BTreeMap<Path, Source>, imports: usize) ->
 /// A circle of files, if there is one: each uses the next, and the last uses the first.
 fn circle(edges: &Edges) -> Option<Vec<String>> {
     let mut edges = edges.clone();
-    // What uses nothing that is left is in no circle.
+    // A file that uses no remaining file is in no circle.
     while let Some(free) = edges
         .iter()
         .find(|(_, used)| used.is_empty())

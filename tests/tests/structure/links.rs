@@ -3,7 +3,7 @@
 use crate::{read, root, tracked_files};
 use std::collections::BTreeSet;
 
-/// The parts of a page that are neither in a code block nor in backquotes.
+/// Returns the parts of a page that are neither in a code block nor in backquotes.
 fn prose(page: &str) -> String {
     let mut in_block = false;
     let lines = page.lines().filter(|line| {
@@ -46,7 +46,7 @@ fn anchors(page: &str) -> BTreeSet<String> {
         if in_block || heading.len() == line.len() || !heading.starts_with(' ') {
             continue;
         }
-        // Of a link its text shows.
+        // The heading shows only the text of a link.
         let mut shown = String::new();
         for part in heading.trim().split("](") {
             let after = if shown.is_empty() {
@@ -70,8 +70,8 @@ fn anchors(page: &str) -> BTreeSet<String> {
     anchors
 }
 
-/// The links of a page that lead nowhere. `file` reads a page by its path from the root: none, if there is no such file
-/// or folder.
+/// Returns the links of a page that lead nowhere. `file` reads a page by its path from the root, and returns none if there is no
+/// such file or folder.
 fn broken(path: &str, page: &str, file: impl Fn(&str) -> Option<String>) -> Vec<String> {
     let folder = path.rsplit_once('/').map_or("", |(folder, _)| folder);
     let leads_somewhere = |target: &str| {

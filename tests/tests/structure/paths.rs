@@ -24,7 +24,7 @@ pub fn source(here: &[String], text: &str, modules: &BTreeSet<Path>) -> Source {
     let mut named = BTreeSet::new();
     let mut inline = Vec::new();
     let mut at = 0;
-    // First what is imported, so that a path may begin with an imported name that stands below it.
+    // The imports are collected first, because a path may begin with an imported name that is imported below it.
     while at < tokens.len() {
         let module = inside(here, &inline);
         if tokens[at] == Word("use") && tokens.get(at + 1) != Some(&Sign('<')) {
@@ -126,7 +126,7 @@ fn use_tree<'a>(
                 return at + 1;
             }
             _ => {
-                // `a::{self}` imports `a`; `self` alone is this module.
+                // `a::{self}` imports `a`. A single `self` is this module.
                 if path.len() > 1 && matches!(path.last(), Some(&"self" | &"*")) {
                     path.pop();
                 }

@@ -66,7 +66,7 @@ fn comment_length(text: &str) -> usize {
     text.len()
 }
 
-/// The length of a literal in quotes, where one begins; a lifetime is none.
+/// Returns the length of a quoted literal, if one begins here. A lifetime is not a literal.
 fn quoted_length(text: &str) -> Option<usize> {
     let prefix = ["br", "cr", "b", "c", "r", ""].into_iter().find(|prefix| {
         text.strip_prefix(prefix)

@@ -1,4 +1,4 @@
-//! What is given random inputs, and what it starts from.
+//! The readers that get random inputs, and the inputs that fuzzing starts from.
 
 use std::io::Cursor;
 use std::path::Path;
@@ -19,8 +19,8 @@ use zk0_protocol::entries::signed::{Signed, Submission};
 use zk0_protocol::{Body, Entry, Refusal, State};
 use zk0_verifier::{check_projections, check_proof, Evaluation, ExpertTensors, ProgramKey};
 
-/// What any input may make a reader allocate: a whole proof is made of the changes to it, and serde makes room for a mebibyte
-/// of any list before it finds that there is less.
+/// What any input may make a reader allocate. A whole proof is made of the changes to it, and serde makes room for a mebibyte of
+/// any list before it finds that there is less.
 pub const SLACK: usize = 8 << 20;
 
 /// A reader under test.
@@ -47,7 +47,7 @@ pub fn target(name: &str) -> Target {
             run: Box::new(|bytes| {
                 let spec = EvalSpec::decode(bytes).map_err(text)?;
                 assert_eq!(spec.encode(), bytes, "a second encoding");
-                // What a genesis with this specification makes its readers do.
+                // Readers of a genesis with this specification do the following.
                 Evaluator::new(&spec).map(drop).map_err(text)?;
                 drop(Evaluation::new(spec, Mode::Checked));
                 Ok(())
@@ -103,8 +103,8 @@ fn accepted() -> (Claim, ProgramKey, Vec<u8>) {
         .expect("the fixture has an accepted contribution")
 }
 
-/// A proof's own bytes. The seed is what SP1's mock prover makes: small, whole, and of nothing. That it is refused as it has to
-/// be counts as read.
+/// Reads a proof's own bytes. The seed comes from SP1's mock prover. It is small and whole, and proves nothing. The expected
+/// refusal of it counts as read.
 fn proof() -> Target {
     let (claim, key, _) = accepted();
     let mock: SP1VerifyingKey = bincode::deserialize(&[0; 4096]).unwrap();
@@ -121,11 +121,11 @@ fn proof() -> Target {
     }
 }
 
-/// Changes to a real proof, which itself is too large to be mutated and kept. Nine bytes each: what is done, where, and with
-/// which number.
+/// Changes a real proof, which is too large to be mutated and kept itself. Each change has nine bytes: what is done, where, and
+/// with which number.
 fn changed_proof() -> Target {
     let (claim, key, good) = accepted();
-    // The verifier itself is built on the first call.
+    // The first call builds the verifier itself.
     check_proof(&good, &claim, &key).unwrap();
     let nothing = |at: u32| [&[0][..], &at.to_le_bytes(), &[0; 4]].concat();
     let spread = (0..8u32).flat_map(|n| nothing(n * good.len() as u32 / 8));
@@ -183,7 +183,7 @@ fn weights_file(tensors: &[TensorSpec]) -> Vec<u8> {
     serialize(views, None).unwrap()
 }
 
-/// A file of weights, read tensor by tensor for mode `checked`, as the base weights of a claim about it.
+/// Reads a file of weights tensor by tensor for mode `checked`, as the base weights of a claim about it.
 fn projected_weights() -> Target {
     let spec = EvalSpec::micro();
     let good = weights_file(&expert_tensors(&spec.dims));
@@ -203,7 +203,7 @@ fn projected_weights() -> Target {
     }
 }
 
-/// Whichever tensor it is about: one outcome.
+/// Returns one outcome for all tensors.
 fn without_names(refusal: Refusal) -> String {
     let refusal = refusal.to_string();
     let words = refusal.split(' ');
@@ -211,7 +211,7 @@ fn without_names(refusal: Refusal) -> String {
     words.join(" ")
 }
 
-/// What the guest would say of the weights in [`weights_file`], base and update alike.
+/// Returns what the guest would say of the weights in [`weights_file`], as base and as update.
 fn claimed(spec: &EvalSpec) -> WeightCheck {
     let seed = Digest([5; 32]);
     let evaluator = Evaluator::new(spec).unwrap();

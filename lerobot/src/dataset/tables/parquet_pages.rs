@@ -272,10 +272,12 @@ mod tests {
 
     #[test]
     fn a_page_header_is_read_to_its_end() {
-        // type 0, uncompressed 300, compressed 200, a checksum, a data page of 100 values with an encoding and statistics.
+        // This header has type 0, 300 bytes uncompressed, 200 compressed, a checksum, and a data page of 100 values with an
+        // encoding and statistics.
         let header = [
-            0x15, 0x00, 0x15, 0xd8, 0x04, 0x15, 0x90, 0x03, 0x15, 0x01, 0x1c, // fields 1 to 5
-            0x15, 0xc8, 0x01, 0x15, 0x00, 0x3c, 0x18, 0x02, b'a', b'b', 0x00, 0x00, 0x00,
+            // The first eleven bytes are fields 1 to 5.
+            0x15, 0x00, 0x15, 0xd8, 0x04, 0x15, 0x90, 0x03, 0x15, 0x01, 0x1c, 0x15, 0xc8, 0x01,
+            0x15, 0x00, 0x3c, 0x18, 0x02, b'a', b'b', 0x00, 0x00, 0x00,
         ];
         let page = PageHeader {
             uncompressed: 300,

@@ -245,7 +245,7 @@ mod tests {
     }
 
     proptest! {
-        /// Whatever is done to an entry, it is refused or is what it was; nothing panics.
+        /// A damaged entry is refused, and nothing panics.
         #[test]
         fn a_damaged_entry_is_noticed(at in 0usize..1000, bit in 0u8..8, cut: bool) {
             let mut bytes = encode(&KEY, &sample());

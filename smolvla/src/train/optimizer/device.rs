@@ -98,7 +98,7 @@ mod tests {
     use super::*;
     use candle_core::Device;
 
-    /// Both ways of making a step agree, with and without clipping and proximal term.
+    /// Both ways of making a step agree, with and without clipping and the proximal term.
     #[test]
     fn tensor_operations_and_the_fused_pass_agree() {
         let values = |seed: u32| -> Vec<f32> {

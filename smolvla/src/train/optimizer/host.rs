@@ -253,7 +253,7 @@ mod tests {
             .collect()
     }
 
-    /// Three steps on 100,003 values and 7, of a loss that is not flat.
+    /// Makes three steps on 100,003 values and on 7, with a loss that is not flat.
     fn three_steps(mu: f64) -> (Vec<u32>, Vec<f64>) {
         let variables: BTreeMap<String, Var> = [("large", 100_003), ("small", 7)]
             .into_iter()

@@ -347,11 +347,11 @@ mod tests {
             .golomb(case.depth - 8)
             .golomb(case.depth - 8)
             .fixed(1, 0)
-            .fixed(1, 1) // scaling lists, the first of them given
+            .fixed(1, 1) // The first scaling list is given
             .fixed(1, 1)
             .golomb(1) // 8 + 1
             .golomb(2) // 9 - 1
-            .golomb(16) // 8 - 8: ends the list
+            .golomb(16) // 8 - 8 is 0, which ends the list
             .fixed(7, 0)
             .golomb(0)
             .golomb(0)
@@ -447,7 +447,7 @@ mod tests {
     #[test]
     fn every_cut_is_noticed() {
         let whole = unit(&GOOD);
-        // The last byte holds the end of the matrix coefficients.
+        // The last byte holds only the end of the matrix coefficients.
         for len in 0..whole.len() - 2 {
             assert!(check(&whole[..len], 90, 128).is_err(), "{len}");
         }

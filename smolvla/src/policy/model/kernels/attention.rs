@@ -124,7 +124,7 @@ mod tests {
         let values = (0..count).map(|i| 3.0 * (i as f32 * 0.37).sin()).collect();
         let qkv = Tensor::from_vec(values, (batch, tokens, 3 * heads * dim), &Device::Cpu).unwrap();
         let ours = attend_to_all(&qkv, heads).unwrap();
-        // In double precision the general path is taken.
+        // Numbers in double precision take the general path.
         let double = |x: &Tensor| x.to_dtype(candle_core::DType::F64).unwrap();
         let theirs = attend_to_all(&double(&qkv), heads).unwrap();
         let difference = (double(&ours) - theirs).unwrap().abs().unwrap();

@@ -225,7 +225,7 @@ mod tests {
         assert!(largest < 1e-5, "{largest}");
     }
 
-    /// In double precision the general path is taken.
+    /// Converts to double precision, for which the general path is taken.
     fn double(x: &Var) -> Var {
         Var::from_tensor(&x.to_dtype(DType::F64).unwrap()).unwrap()
     }

@@ -30,7 +30,7 @@ mod tests {
         Tensor::from_vec(values, shape, &Device::Cpu).unwrap()
     }
 
-    /// Operands are rounded, sums are not, the product is.
+    /// Operands are rounded, sums are not, and the product is.
     #[test]
     fn bf16_is_rounded_where_a_gpu_rounds() {
         let (m, n, k) = (3, 5, 40);
