@@ -165,17 +165,6 @@ impl Ledger {
         self.first_receipt(appended.start)
     }
 
-    /// Appends several entries, all or none of them ([`Ledger::commit`]), and returns the receipt of each.
-    pub fn append_all(
-        &mut self,
-        time_ms: u64,
-        bodies: Vec<Body>,
-    ) -> Result<Vec<Receipt>, LedgerError> {
-        self.commit(time_ms, bodies)?
-            .map(|index| self.first_receipt(index))
-            .collect()
-    }
-
     /// Appends entries as one group, with one write to disk and one checkpoint at the end, and one more after each entry from whose tree
     /// something follows. If the rules refuse an entry, nothing is written, and [`LedgerError::InGroup`] names the entry. Returns the
     /// indexes of the entries. [`Ledger::first_receipt`] gives their receipts.

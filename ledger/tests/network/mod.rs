@@ -9,3 +9,19 @@ pub mod scenario;
 pub mod shelf;
 
 pub use pure::*;
+
+use zk0_ledger::{Ledger, LedgerError};
+use zk0_protocol::{Body, Receipt};
+
+/// Appends several entries as one group.
+pub trait AppendAll {
+    /// Appends all of the entries or none of them, and returns the receipt of each.
+    fn append_all(&mut self, time_ms: u64, bodies: Vec<Body>) -> Result<Vec<Receipt>, LedgerError>;
+}
+
+impl AppendAll for Ledger {
+    fn append_all(&mut self, time_ms: u64, bodies: Vec<Body>) -> Result<Vec<Receipt>, LedgerError> {
+        let appended = self.commit(time_ms, bodies)?;
+        appended.map(|index| self.first_receipt(index)).collect()
+    }
+}
