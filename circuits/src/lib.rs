@@ -22,12 +22,13 @@ pub mod freivalds;
 pub mod model;
 pub mod vm;
 
-pub use claim::{
-    dataset::DatasetCommitment,
-    losses::{Disclosure, Losses},
-    private_input::PrivateInput,
-    public_values::{Claim, GuestWeights, WeightCheck, CLAIM_VERSION},
-    terms::{Terms, WeightsDigest},
-};
-pub use model::{mode::Mode, sample::Sample, spec::EvalSpec, weights::QuantisedWeights};
+pub use claim::dataset::DatasetCommitment;
+pub use claim::losses::{Disclosure, Losses};
+pub use claim::private_input::PrivateInput;
+pub use claim::public_values::{Claim, GuestWeights, WeightCheck, CLAIM_VERSION};
+pub use claim::terms::{Terms, WeightsDigest};
+pub use model::mode::Mode;
+pub use model::sample::Sample;
+pub use model::spec::EvalSpec;
+pub use model::weights::QuantisedWeights;
 pub use vm::digest::{Digest, NodeId};

@@ -10,7 +10,7 @@ use ed25519_dalek::SigningKey;
 use rayon::prelude::*;
 use tlog_tiles::tlog::{record_hash, Hash};
 use zk0_circuits::Digest;
-use zk0_protocol::entries::authentic::AuthenticEntry;
+use zk0_protocol::entries::authentic::{AuthenticEntry, AuthenticSubmission};
 use zk0_protocol::entries::entry::{needs_checkpoint, Entry};
 use zk0_protocol::entries::known_keys::KnownKeys;
 use zk0_protocol::rules::state::State;
@@ -34,13 +34,14 @@ pub(crate) struct Group {
     pub checkpoint: Vec<u8>,
 }
 
-/// Makes a group of at least one entry that follows `tree`. If `state` refuses one of the entries, the whole group is refused.
+/// Makes a group of at least one entry that follows `tree`. The signature of the submission `known` is not verified again. If `state` refuses one of the entries, the whole group is refused.
 pub(crate) fn group(
     entries: &[Entry],
     tree: &Frontier,
     state: &mut Trial<'_>,
     keys: &KnownKeys,
     key: &SigningKey,
+    known: Option<&AuthenticSubmission>,
 ) -> Result<Group, LedgerError> {
     let refused = |at: usize, violation: RuleViolation| match entries.len() {
         1 => LedgerError::Rule(violation),
@@ -52,7 +53,7 @@ pub(crate) fn group(
         roots: Vec::with_capacity(entries.len()),
         checkpoint: Vec::new(),
     };
-    for (at, checked) in check_all(entries, keys).into_iter().enumerate() {
+    for (at, checked) in check_all(entries, keys, known).into_iter().enumerate() {
         let (bytes, leaf, entry) = checked.map_err(|violation| refused(at, violation))?;
         let trial = state.check(&entry);
         trial.map_err(|violation| refused(at, violation))?;
@@ -78,8 +79,18 @@ pub(crate) fn group(
 type Alone<'a> = (Vec<u8>, Hash, AuthenticEntry<'a>);
 
 /// Makes the checks that need only the entry itself, on all cores if there are several entries.
-fn check_all<'a>(entries: &'a [Entry], keys: &KnownKeys) -> Vec<Result<Alone<'a>, RuleViolation>> {
-    let check_alone = |entry: &'a Entry| check_alone(entry, keys);
+fn check_all<'a>(
+    entries: &'a [Entry],
+    keys: &KnownKeys,
+    known: Option<&AuthenticSubmission>,
+) -> Vec<Result<Alone<'a>, RuleViolation>> {
+    let check_alone = |entry: &'a Entry| {
+        let bytes = entry.encode()?;
+        let leaf = record_hash(&bytes);
+        let authentic = known.and_then(|submission| submission.decided_by(entry));
+        let authentic = authentic.map_or_else(|| entry.authenticate(keys), Ok)?;
+        Ok((bytes, leaf, authentic))
+    };
     match entries.len() {
         1 => entries.iter().map(check_alone).collect(),
         _ => entries
@@ -88,12 +99,6 @@ fn check_all<'a>(entries: &'a [Entry], keys: &KnownKeys) -> Vec<Result<Alone<'a>
             .map(check_alone)
             .collect(),
     }
-}
-
-fn check_alone<'a>(entry: &'a Entry, keys: &KnownKeys) -> Result<Alone<'a>, RuleViolation> {
-    let bytes = entry.encode()?;
-    let leaf = record_hash(&bytes);
-    Ok((bytes, leaf, entry.authenticate(keys)?))
 }
 
 /// The state that checks a group. For a single entry it is the ledger's own state. For several entries it is a copy, to which they are

@@ -27,6 +27,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 use tlog_tiles::tlog::{prove_record, prove_tree};
 use zk0_circuits::Digest;
+use zk0_protocol::entries::authentic::AuthenticSubmission;
 use zk0_protocol::entries::entry::{Body, Entry, ENTRY_VERSION};
 use zk0_protocol::entries::genesis::Genesis;
 use zk0_protocol::entries::known_keys::KnownKeys;
@@ -165,6 +166,17 @@ impl Ledger {
         self.first_receipt(appended.start)
     }
 
+    /// Appends a decision about `submission`, as [`Ledger::append`] does, and does not verify its signature again.
+    pub fn append_decision(
+        &mut self,
+        time_ms: u64,
+        decision: Body,
+        submission: &AuthenticSubmission,
+    ) -> Result<Receipt, LedgerError> {
+        let appended = self.commit_group(time_ms, vec![decision], Some(submission))?;
+        self.first_receipt(appended.start)
+    }
+
     /// Appends entries as one group, with one write to disk and one checkpoint at the end, and one more after each entry from whose tree
     /// something follows. If the rules refuse an entry, nothing is written, and [`LedgerError::InGroup`] names the entry. Returns the
     /// indexes of the entries. [`Ledger::first_receipt`] gives their receipts.
@@ -172,6 +184,15 @@ impl Ledger {
     /// The time that this takes is proportional to the size of the group. The first group, and the first one after a refused group, also
     /// copy the state.
     pub fn commit(&mut self, time_ms: u64, bodies: Vec<Body>) -> Result<Range<u64>, LedgerError> {
+        self.commit_group(time_ms, bodies, None)
+    }
+
+    fn commit_group(
+        &mut self,
+        time_ms: u64,
+        bodies: Vec<Body>,
+        known: Option<&AuthenticSubmission>,
+    ) -> Result<Range<u64>, LedgerError> {
         if self.poisoned {
             return Err(LedgerError::Poisoned);
         }
@@ -199,7 +220,9 @@ impl Ledger {
                     .unwrap_or_else(|| Box::new(self.state.clone())),
             ),
         };
-        let group = group(&entries, &self.tree, &mut trial, &self.keys, &self.key)?;
+        let group = group(
+            &entries, &self.tree, &mut trial, &self.keys, &self.key, known,
+        )?;
         let tried = match trial {
             Trial::Single(_) => None,
             Trial::Copy(state) => Some(state),

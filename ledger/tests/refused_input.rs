@@ -7,12 +7,13 @@ use rocksdb::DB;
 use zk0_ledger::replay::{replay, Verdict};
 use zk0_ledger::store::{Batch, Store};
 use zk0_ledger::{Ledger, LedgerError};
+use zk0_protocol::entries::authentic::AuthenticSubmission;
 use zk0_protocol::entries::codec::EntryError;
 use zk0_protocol::entries::entry::MAX_ENTRY_BYTES;
 use zk0_protocol::entries::member::NodeEnrolled;
 use zk0_protocol::entries::signed::DatasetRegistration;
 use zk0_protocol::tlog::tree::Frontier;
-use zk0_protocol::{Body, Checkpoint, RuleViolation, Signed};
+use zk0_protocol::{Body, Checkpoint, Refusal, RuleViolation, Signed};
 
 /// Makes an entry of exactly this many bytes: an enrolment with a long name.
 fn of_bytes(bytes: usize) -> Body {
@@ -133,4 +134,43 @@ fn signed_or_not_such_bytes_on_disk_are_refused_by_name() {
             Some(receipt.entry.clone())
         );
     }
+}
+
+#[test]
+fn only_the_submission_that_was_verified_is_not_verified_again() {
+    let dir = tempfile::tempdir().unwrap();
+    let (mut ledger, _) = Ledger::create(dir.path(), genesis(), log_key(), T0).unwrap();
+    let network = *ledger.state().network();
+    for node in 0..2 {
+        ledger.append(T0, enrolled(node)).unwrap();
+        ledger.append(T0, registered(&network, node)).unwrap();
+    }
+    let opened = opened(ledger.state(), T0);
+    ledger.append(T0, Body::RoundOpened(opened)).unwrap();
+    for node in 0..2 {
+        let body = committed(ledger.state(), node, weights(node + 1));
+        ledger.append(T0, body).unwrap();
+    }
+    let verified = submission(claim(ledger.state(), 0), 0);
+    let mut others = [verified.clone(), submission(claim(ledger.state(), 1), 1)];
+    let verified = AuthenticSubmission::of(verified).unwrap();
+    for other in &mut others {
+        other.signature[0] ^= 1;
+        assert!(AuthenticSubmission::of(other.clone()).is_err());
+        let refused =
+            ledger.append_decision(T0, Body::ContributionAccepted(other.clone()), &verified);
+        assert!(
+            matches!(
+                refused,
+                Err(LedgerError::Rule(RuleViolation::Refused(
+                    Refusal::Signature(_)
+                )))
+            ),
+            "{refused:?}"
+        );
+    }
+    let accepted = Body::ContributionAccepted((*verified).clone());
+    ledger.append_decision(T0, accepted, &verified).unwrap();
+    let report = replay(dir.path(), None, &mut ());
+    assert_eq!(report.verdict, Verdict::Verified);
 }

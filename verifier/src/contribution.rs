@@ -7,6 +7,7 @@ use crate::proof::{check_proof, ProgramKey};
 use crate::update::Evaluation;
 use crate::weights::{blob_digest, ExpertTensors};
 use zk0_circuits::{Claim, NodeId};
+use zk0_protocol::entries::authentic::AuthenticSubmission;
 use zk0_protocol::entries::signed::{Signed, Submission};
 use zk0_protocol::rules::state::State;
 use zk0_protocol::Refusal;
@@ -14,20 +15,20 @@ use zk0_protocol::Refusal;
 /// A submission that an enrolled node signed, with the proof that it signed. Only [`authenticate`] makes one:
 ///
 /// ```compile_fail
-/// use zk0_protocol::entries::signed::{Signed, Submission};
-/// fn forge(submission: Signed<Submission>, proof: Vec<u8>) -> zk0_verifier::AuthenticContribution {
+/// use zk0_protocol::entries::authentic::AuthenticSubmission;
+/// fn forge(submission: AuthenticSubmission, proof: Vec<u8>) -> zk0_verifier::AuthenticContribution {
 ///     zk0_verifier::AuthenticContribution { submission, proof }
 /// }
 /// ```
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct AuthenticContribution {
-    submission: Signed<Submission>,
+    submission: AuthenticSubmission,
     proof: Vec<u8>,
 }
 
 impl AuthenticContribution {
     /// The signed claim, and the digest of its proof.
-    pub fn submission(&self) -> &Signed<Submission> {
+    pub fn submission(&self) -> &AuthenticSubmission {
         &self.submission
     }
 
@@ -99,9 +100,9 @@ pub fn authenticate(
     state: &State,
 ) -> Result<AuthenticContribution, Refusal> {
     check_size("the proof", &proof, state.rules().max_proof_bytes)?;
-    let statement = submission
-        .verify()
+    let submission = AuthenticSubmission::of(submission)
         .map_err(|error| Refusal::Signature(error.to_string()))?;
+    let statement = &submission.statement;
     let node = statement.claim.terms.node;
     if state.node(&node).is_none() {
         return Err(Refusal::NotEnrolled(node));

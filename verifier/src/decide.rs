@@ -19,7 +19,7 @@ pub enum Decision {
 impl Decision {
     /// The body of the entry that records the decision.
     pub fn body(&self, contribution: &AuthenticContribution) -> Body {
-        let submission = contribution.submission().clone();
+        let submission = (**contribution.submission()).clone();
         match self {
             Self::Accepted(_) => Body::ContributionAccepted(submission),
             Self::Rejected(reason) => Body::ContributionRejected {
@@ -55,7 +55,9 @@ pub fn decide(
         time_ms,
         body: decision.body(contribution),
     };
-    match state.check(&entry) {
+    let authentic = contribution.submission().decided_by(&entry);
+    let checked = authentic.map_or_else(|| state.check(&entry), |e| state.check_authentic(&e));
+    match checked {
         Ok(()) => Ok(decision),
         Err(RuleViolation::Refused(refusal)) => Err(refusal),
         Err(violation) => Err(Refusal::InvalidProof(violation.to_string())),

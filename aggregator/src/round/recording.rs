@@ -180,7 +180,10 @@ impl Aggregator {
         })?;
         let decision = decide(self.state(), &contribution, &weights, now)?;
         self.ledger.blobs().put(contribution.proof())?;
-        let receipt = self.append_at(now, decision.body(&contribution))?;
+        let body = decision.body(&contribution);
+        let submission = contribution.submission();
+        let receipt = (self.ledger).append_decision(now, body.clone(), submission)?;
+        self.index.observe(receipt.index, &body);
         let rejected = match decision {
             Decision::Accepted(verified) => {
                 tracing::info!(%node, round, "contribution accepted");

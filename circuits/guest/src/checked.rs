@@ -1,10 +1,9 @@
 //! The SP1 program of mode `checked`: the prover hints the matrix products, and this program checks them with random coefficients.
 #![no_main]
 
-use zk0_circuits::{
-    claim::{hinted_input::HintedInput, statement},
-    vm::budget::operation,
-};
+use zk0_circuits::claim::hinted_input::HintedInput;
+use zk0_circuits::claim::statement;
+use zk0_circuits::vm::budget::operation;
 
 sp1_zkvm::entrypoint!(main);
 

@@ -1,10 +1,9 @@
 //! The SP1 program of mode `direct`: it computes everything that the claim says, matrix products included.
 #![no_main]
 
-use zk0_circuits::{
-    claim::{private_input::INPUT_BUFFERS, statement},
-    PrivateInput,
-};
+use zk0_circuits::claim::private_input::INPUT_BUFFERS;
+use zk0_circuits::claim::statement;
+use zk0_circuits::PrivateInput;
 
 sp1_zkvm::entrypoint!(main);
 

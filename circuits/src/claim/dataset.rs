@@ -5,10 +5,8 @@
 //! the data. Two equal samples give two equal leaves, so that whoever holds the list of leaves (the aggregator, an auditor)
 //! sees every duplicate.
 
-use crate::vm::{
-    digest::{tagged_sha256, Digest},
-    merkle,
-};
+use crate::vm::digest::{tagged_sha256, Digest};
+use crate::vm::merkle;
 use alloc::vec::Vec;
 use borsh::{BorshDeserialize, BorshSerialize};
 

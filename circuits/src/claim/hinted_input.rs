@@ -1,25 +1,22 @@
 //! The private input of a proof in mode `checked`, where hinted products take the place of the weight matrices.
 
-use crate::{
-    claim::{
-        private_input::{
-            head, read_head, read_samples, samples, Header, InputError, Opening, PrivateInput,
-        },
-        public_values::{GuestWeights, WeightCheck},
-        statement_error::StatementError,
-        terms::Model,
-    },
-    freivalds::{
-        hints::{coefficients, HintedWeights, Hints},
-        projection,
-    },
-    model::{draw::draw, eval::Evaluator, parameters::Parameters, weights::QuantisedWeights},
-    vm::{
-        budget::operation,
-        digest::{tagged_sha256, Digest},
-    },
+use crate::claim::private_input::{
+    head, read_head, read_samples, samples, Header, InputError, Opening, PrivateInput,
 };
-use alloc::{borrow::Cow, vec, vec::Vec};
+use crate::claim::public_values::{GuestWeights, WeightCheck};
+use crate::claim::statement_error::StatementError;
+use crate::claim::terms::Model;
+use crate::freivalds::hints::{coefficients, HintedWeights, Hints};
+use crate::freivalds::projection;
+use crate::model::draw::draw;
+use crate::model::eval::Evaluator;
+use crate::model::parameters::Parameters;
+use crate::model::weights::QuantisedWeights;
+use crate::vm::budget::operation;
+use crate::vm::digest::{tagged_sha256, Digest};
+use alloc::borrow::Cow;
+use alloc::vec;
+use alloc::vec::Vec;
 use core::convert::Infallible;
 
 /// What [`crate::claim::statement::check_hinted`] needs. As secret as [`PrivateInput`].

@@ -1,14 +1,12 @@
 //! The private input of a proof, and its encoding as flat byte buffers, which the guest reads cheaply.
 
-use crate::{
-    claim::{dataset::leaf, losses::Disclosure, terms::Terms},
-    model::{
-        sample::{Sample, SampleError},
-        spec::{EvalSpec, SpecError},
-        weights::{QuantisedWeights, WeightsError},
-    },
-    vm::digest::Digest,
-};
+use crate::claim::dataset::leaf;
+use crate::claim::losses::Disclosure;
+use crate::claim::terms::Terms;
+use crate::model::sample::{Sample, SampleError};
+use crate::model::spec::{EvalSpec, SpecError};
+use crate::model::weights::{QuantisedWeights, WeightsError};
+use crate::vm::digest::Digest;
 use alloc::vec::Vec;
 use borsh::{BorshDeserialize, BorshSerialize};
 

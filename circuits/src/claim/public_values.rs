@@ -1,12 +1,8 @@
 //! The claim: the public values of a proof, one versioned struct with one canonical (borsh) encoding.
 
-use crate::{
-    claim::{
-        losses::{Disclosure, Losses},
-        terms::{same, Terms, WrongTerm},
-    },
-    vm::digest::Digest,
-};
+use crate::claim::losses::{Disclosure, Losses};
+use crate::claim::terms::{same, Terms, WrongTerm};
+use crate::vm::digest::Digest;
 use borsh::{BorshDeserialize, BorshSerialize};
 
 /// Version of the encoding and meaning of [`Claim`].

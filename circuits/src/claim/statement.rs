@@ -3,28 +3,24 @@
 //! The guest program of mode `direct` runs [`check`], that of mode `checked` runs [`check_hinted`]. Where a check fails, these
 //! functions return an error, and the guest program panics, so that there is no proof.
 
-use crate::{
-    claim::{
-        challenge::sample_indices,
-        dataset::salt_commitment,
-        hinted_input::{seed, HintedInput},
-        losses::{Disclosure, Losses},
-        private_input::{Header, Opening, PrivateInput},
-        public_values::{Claim, WeightCheck, CLAIM_VERSION},
-        statement_error::StatementError,
-        terms::Model,
-    },
-    freivalds::hints::{coefficients, Products},
-    model::{
-        draw::{draw, Draw},
-        eval::{Evaluator, LossSum},
-        mode::Mode,
-        parameters::Parameters,
-        sample::Sample,
-        site::EvalError,
-    },
-    vm::{budget::operation, digest::Digest, merkle},
-};
+use crate::claim::challenge::sample_indices;
+use crate::claim::dataset::salt_commitment;
+use crate::claim::hinted_input::{seed, HintedInput};
+use crate::claim::losses::{Disclosure, Losses};
+use crate::claim::private_input::{Header, Opening, PrivateInput};
+use crate::claim::public_values::{Claim, WeightCheck, CLAIM_VERSION};
+use crate::claim::statement_error::StatementError;
+use crate::claim::terms::Model;
+use crate::freivalds::hints::{coefficients, Products};
+use crate::model::draw::{draw, Draw};
+use crate::model::eval::{Evaluator, LossSum};
+use crate::model::mode::Mode;
+use crate::model::parameters::Parameters;
+use crate::model::sample::Sample;
+use crate::model::site::EvalError;
+use crate::vm::budget::operation;
+use crate::vm::digest::Digest;
+use crate::vm::merkle;
 use alloc::vec::Vec;
 
 /// Mode `direct`: computes every product. Checks everything and returns the claim, or says which check failed.

@@ -1,10 +1,10 @@
 //! Why the guest proves no claim: one variant for each check of the statement.
 
-use crate::{
-    claim::{challenge::DrawError, terms::Model},
-    model::{site::EvalError, spec::SpecError},
-    vm::digest::Digest,
-};
+use crate::claim::challenge::DrawError;
+use crate::claim::terms::Model;
+use crate::model::site::EvalError;
+use crate::model::spec::SpecError;
+use crate::vm::digest::Digest;
 
 /// The check that failed.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]

@@ -1,9 +1,7 @@
 //! The terms of a claim: what the network's ledger fixes about it before anyone makes a proof.
 
-use crate::{
-    claim::dataset::DatasetCommitment,
-    vm::digest::{Digest, NodeId},
-};
+use crate::claim::dataset::DatasetCommitment;
+use crate::vm::digest::{Digest, NodeId};
 use alloc::string::{String, ToString};
 use borsh::{BorshDeserialize, BorshSerialize};
 use core::fmt::{self, Display};

@@ -6,20 +6,16 @@
 //! verifier, and `rest` is the bias and rounding. In attention the guest has both factors, and computes the projection itself.
 //! See `SOUNDNESS.md`.
 
-use crate::{
-    freivalds::{
-        coefficients::{combine_rows, rows_with_coefficients, rows_with_elements, Coefficients},
-        field::{limbs, Element, Limbs},
-    },
-    model::{
-        arithmetic::products::Rows,
-        linear::{Linear, SUM_BITS},
-        multiply::{Multiply, MIX_SHIFT},
-        parameters::Parameters,
-        site::{EvalError, Site},
-    },
-    vm::budget::operation,
+use crate::freivalds::coefficients::{
+    combine_rows, rows_with_coefficients, rows_with_elements, Coefficients,
 };
+use crate::freivalds::field::{limbs, Element, Limbs};
+use crate::model::arithmetic::products::Rows;
+use crate::model::linear::{Linear, SUM_BITS};
+use crate::model::multiply::{Multiply, MIX_SHIFT};
+use crate::model::parameters::Parameters;
+use crate::model::site::{EvalError, Site};
+use crate::vm::budget::operation;
 use alloc::vec;
 
 /// The rounding constant of a sum is 2 to the power of this.

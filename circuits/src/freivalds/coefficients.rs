@@ -4,14 +4,10 @@
 //! squeezed from Poseidon2, less 2^25. At most 32 of the field's 2^31 − 2^24 + 1 elements share their low 26 bits, so that no
 //! coefficient has a probability above 2^-103.9.
 
-use crate::{
-    freivalds::field::{Element, Limbs, LIMB_BITS},
-    model::arithmetic::products::Rows,
-    vm::{
-        digest::Digest,
-        poseidon2::{Domain, Squeeze},
-    },
-};
+use crate::freivalds::field::{Element, Limbs, LIMB_BITS};
+use crate::model::arithmetic::products::Rows;
+use crate::vm::digest::Digest;
+use crate::vm::poseidon2::{Domain, Squeeze};
 use alloc::vec::Vec;
 
 /// Bits of a coefficient's limb.

@@ -1,28 +1,22 @@
 //! Hinted products: what enters the guest of a set of weights in mode `checked`, and the evaluation with it.
 
-use crate::{
-    freivalds::{
-        checked::{rest, Checked},
-        coefficients::Coefficients,
-        field::{Element, Limbs},
-        projection,
-    },
-    model::{
-        draw::Draw,
-        eval::{Evaluator, LossSum},
-        multiply::Recorder,
-        parameters::Parameters,
-        sample::Sample,
-        site::EvalError,
-        weights::QuantisedWeights,
-    },
-    vm::{
-        budget::operation,
-        digest::Digest,
-        poseidon2::{hash_words, Domain},
-    },
-};
-use alloc::{borrow::Cow, vec, vec::Vec};
+use crate::freivalds::checked::{rest, Checked};
+use crate::freivalds::coefficients::Coefficients;
+use crate::freivalds::field::{Element, Limbs};
+use crate::freivalds::projection;
+use crate::model::draw::Draw;
+use crate::model::eval::{Evaluator, LossSum};
+use crate::model::multiply::Recorder;
+use crate::model::parameters::Parameters;
+use crate::model::sample::Sample;
+use crate::model::site::EvalError;
+use crate::model::weights::QuantisedWeights;
+use crate::vm::budget::operation;
+use crate::vm::digest::Digest;
+use crate::vm::poseidon2::{hash_words, Domain};
+use alloc::borrow::Cow;
+use alloc::vec;
+use alloc::vec::Vec;
 
 /// What enters the guest of a set of weights, and the hints of its products.
 #[derive(Clone, Debug, PartialEq, Eq)]

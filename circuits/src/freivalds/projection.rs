@@ -3,18 +3,15 @@
 //! The projection of a linear layer is `u = Σ 2^shift · Wᵀ·r` over its matrices W, each with its own stretch of the random
 //! coefficients r: one field element per input column.
 
-use crate::{
-    freivalds::{
-        coefficients::{compose, Coefficient, Coefficients},
-        field::{Element, Limbs},
-    },
-    model::{eval::Evaluator, linear::Linear, spec::Dims},
-    vm::{
-        digest::Digest,
-        poseidon2::{hash_words, Domain},
-    },
-};
-use alloc::{vec, vec::Vec};
+use crate::freivalds::coefficients::{compose, Coefficient, Coefficients};
+use crate::freivalds::field::{Element, Limbs};
+use crate::model::eval::Evaluator;
+use crate::model::linear::Linear;
+use crate::model::spec::Dims;
+use crate::vm::digest::Digest;
+use crate::vm::poseidon2::{hash_words, Domain};
+use alloc::vec;
+use alloc::vec::Vec;
 
 /// Returns how many coefficients the products of an evaluation take.
 pub fn coefficient_count(dims: &Dims, linears: &[Linear]) -> usize {

@@ -1,15 +1,9 @@
 //! What the challenge draws for each evaluated sample: its flow time and its noise.
 
-use crate::{
-    model::{
-        arithmetic::{
-            fixed::align,
-            tables::{flow_time, gaussian, GAUSS_BITS},
-        },
-        spec::EvalSpec,
-    },
-    vm::digest::{tagged_sha256, Digest},
-};
+use crate::model::arithmetic::fixed::align;
+use crate::model::arithmetic::tables::{flow_time, gaussian, GAUSS_BITS};
+use crate::model::spec::EvalSpec;
+use crate::vm::digest::{tagged_sha256, Digest};
 use alloc::vec::Vec;
 
 /// Flow time and noise of one evaluated sample.

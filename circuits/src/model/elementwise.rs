@@ -1,20 +1,14 @@
 //! What the evaluation does between products: norms, rotations, activations, softmax. Results are int16. Every narrowing is a
 //! shift that rounds half up. If its result does not fit, the evaluation fails and names the site.
 
-use crate::{
-    model::{
-        arithmetic::{
-            fixed::{integer_sqrt, round_shift, Range, Rescale},
-            products::dot,
-            tables,
-        },
-        linear::output,
-        multiply::ATTENTION_BITS,
-        parameters::Vector,
-        site::{EvalError, Site},
-    },
-    vm::budget::operation,
-};
+use crate::model::arithmetic::fixed::{integer_sqrt, round_shift, Range, Rescale};
+use crate::model::arithmetic::products::dot;
+use crate::model::arithmetic::tables;
+use crate::model::linear::output;
+use crate::model::multiply::ATTENTION_BITS;
+use crate::model::parameters::Vector;
+use crate::model::site::{EvalError, Site};
+use crate::vm::budget::operation;
 use alloc::vec::Vec;
 
 /// Appends `values` to `target` as int16.

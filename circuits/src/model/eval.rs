@@ -4,22 +4,20 @@
 //! It follows SmolVLA as LeRobot computes it (arXiv 2506.01844; lerobot 0.4.4). Activations and weights are int16. Sums are
 //! int64, and a linear layer keeps 32 bits of them ([`crate::model::linear`]), so that each output is rounded once.
 
-use crate::{
-    model::{
-        arithmetic::{products::Rows, tables},
-        draw::Draw,
-        elementwise::{add, noised, norm, outputs, rotate, silu, swiglu, Softmax},
-        layout::{Layout, HEAD_TENSORS, LAYER_TENSORS},
-        linear::{first_of_layer, linears, place, Linear},
-        multiply::{Direct, Multiply},
-        parameters::Parameters,
-        sample::Sample,
-        spec::{EvalSpec, LayerScales, SpecError},
-        weights::QuantisedWeights,
-    },
-    vm::budget::operation,
-};
-use alloc::{vec, vec::Vec};
+use crate::model::arithmetic::products::Rows;
+use crate::model::arithmetic::tables;
+use crate::model::draw::Draw;
+use crate::model::elementwise::{add, noised, norm, outputs, rotate, silu, swiglu, Softmax};
+use crate::model::layout::{Layout, HEAD_TENSORS, LAYER_TENSORS};
+use crate::model::linear::{first_of_layer, linears, place, Linear};
+use crate::model::multiply::{Direct, Multiply};
+use crate::model::parameters::Parameters;
+use crate::model::sample::Sample;
+use crate::model::spec::{EvalSpec, LayerScales, SpecError};
+use crate::model::weights::QuantisedWeights;
+use crate::vm::budget::operation;
+use alloc::vec;
+use alloc::vec::Vec;
 
 pub use crate::model::site::{EvalError, Site};
 

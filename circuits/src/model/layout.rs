@@ -1,7 +1,10 @@
 //! The tensors of the action expert: their names, their shapes, and where each lies in the quantised weights.
 
 use crate::model::spec::Dims;
-use alloc::{format, string::String, vec, vec::Vec};
+use alloc::format;
+use alloc::string::String;
+use alloc::vec;
+use alloc::vec::Vec;
 
 /// Most fraction bits a tensor may have.
 pub const MAX_WEIGHT_BITS: i16 = 24;

@@ -7,12 +7,11 @@
 //! where `shift` brings the products to the scale of the sum. The sum must fit int32, which is the same as the output
 //! fitting int16. The fraction bits of a tensor are limited so that `shift` is not negative. Sums are therefore exact.
 
-use crate::model::{
-    layout::{HEAD_TENSORS, LAYER_TENSORS, MAX_WEIGHT_BITS},
-    site::Site,
-    spec::EvalSpec,
-};
-use alloc::{vec, vec::Vec};
+use crate::model::layout::{HEAD_TENSORS, LAYER_TENSORS, MAX_WEIGHT_BITS};
+use crate::model::site::Site;
+use crate::model::spec::EvalSpec;
+use alloc::vec;
+use alloc::vec::Vec;
 
 /// Fraction bits of a sum beyond those of its output.
 pub const SUM_BITS: u32 = 16;

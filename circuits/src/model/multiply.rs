@@ -1,15 +1,14 @@
 //! Where the evaluation gets its matrix products from: [`Direct`] computes them, [`Recorder`] computes and keeps them, and
 //! [`crate::freivalds::checked::Checked`] checks hinted ones.
 
-use crate::model::{
-    arithmetic::products::{products, Rows},
-    layout::Layout,
-    linear::{Linear, HALF, SUM_BITS},
-    site::{EvalError, Site},
-    spec::EvalSpec,
-    weights::QuantisedWeights,
-};
-use alloc::{vec, vec::Vec};
+use crate::model::arithmetic::products::{products, Rows};
+use crate::model::layout::Layout;
+use crate::model::linear::{Linear, HALF, SUM_BITS};
+use crate::model::site::{EvalError, Site};
+use crate::model::spec::EvalSpec;
+use crate::model::weights::QuantisedWeights;
+use alloc::vec;
+use alloc::vec::Vec;
 use core::ops::Deref;
 
 /// A source of the evaluation's products. Sums are int32, and a sum that does not fit is an error.

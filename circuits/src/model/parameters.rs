@@ -1,18 +1,12 @@
 //! Norm gains and biases: the small tensors of the expert, which enter the guest in every mode.
 
-use crate::{
-    model::{
-        layout::Layout,
-        quantise::QuantiseError,
-        spec::EvalSpec,
-        weights::{check_bits, QuantisedWeights, Quantiser, WeightsError},
-    },
-    vm::{
-        digest::Digest,
-        poseidon2::{hash, Domain},
-        values::Values,
-    },
-};
+use crate::model::layout::Layout;
+use crate::model::quantise::QuantiseError;
+use crate::model::spec::EvalSpec;
+use crate::model::weights::{check_bits, QuantisedWeights, Quantiser, WeightsError};
+use crate::vm::digest::Digest;
+use crate::vm::poseidon2::{hash, Domain};
+use crate::vm::values::Values;
 use alloc::vec::Vec;
 
 /// Norm gains and biases as int16: first the fraction bits of each, then their values, in the order of

@@ -1,17 +1,12 @@
 //! One sample: a frame's frozen prefix as per-layer keys and values, its action chunk and pad mask, in fixed point.
 
-use crate::{
-    model::{
-        quantise::{quantise_into, QuantiseError},
-        spec::{Dims, EvalSpec},
-    },
-    vm::{
-        digest::Digest,
-        poseidon2::{hash, Domain},
-        values::Values,
-    },
-};
-use alloc::{format, string::String};
+use crate::model::quantise::{quantise_into, QuantiseError};
+use crate::model::spec::{Dims, EvalSpec};
+use crate::vm::digest::Digest;
+use crate::vm::poseidon2::{hash, Domain};
+use crate::vm::values::Values;
+use alloc::format;
+use alloc::string::String;
 
 /// A sample. One int16 buffer:
 ///

@@ -2,7 +2,8 @@
 //! nothing of it.
 
 use crate::vm::digest::{tagged_sha256, Digest};
-use alloc::{vec, vec::Vec};
+use alloc::vec;
+use alloc::vec::Vec;
 use borsh::{BorshDeserialize, BorshSerialize};
 
 /// Version of [`EvalSpec`]'s encoding and of the arithmetic it specifies.

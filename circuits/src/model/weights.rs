@@ -1,19 +1,13 @@
 //! The expert's weights as int16 tensors. Their power-of-two scales follow from the weights by a fixed rule.
 
-use crate::{
-    model::{
-        layout::{expert_tensors, Layout, TensorSpec},
-        linear::bit_limits,
-        mode::Mode,
-        quantise::{quantise_into, weight_bits, QuantiseError},
-        spec::EvalSpec,
-    },
-    vm::{
-        digest::{tagged_sha256, Digest},
-        poseidon2::{hash, Domain},
-        values::Values,
-    },
-};
+use crate::model::layout::{expert_tensors, Layout, TensorSpec};
+use crate::model::linear::bit_limits;
+use crate::model::mode::Mode;
+use crate::model::quantise::{quantise_into, weight_bits, QuantiseError};
+use crate::model::spec::EvalSpec;
+use crate::vm::digest::{tagged_sha256, Digest};
+use crate::vm::poseidon2::{hash, Domain};
+use crate::vm::values::Values;
 use alloc::vec::Vec;
 
 /// All weights of the expert as int16.

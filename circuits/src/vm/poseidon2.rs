@@ -12,7 +12,8 @@
 //! 2^30 < p, and a block can be read back from its elements. The last block is padded with zeros, which is unambiguous because
 //! the length is in the state. The digest is the rate after the last permutation, as eight little-endian u32.
 
-use crate::vm::{digest::Digest, values::Values};
+use crate::vm::digest::Digest;
+use crate::vm::values::Values;
 
 /// What is hashed. It keeps the digests of different things apart.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -3,7 +3,8 @@
 //! Weights and samples are hashed four values at a time and multiplied one at a time. As `u64` words they need no copy for
 //! either, because such an allocation is always aligned to 8 bytes.
 
-use alloc::{vec, vec::Vec};
+use alloc::vec;
+use alloc::vec::Vec;
 
 #[cfg(target_endian = "big")]
 compile_error!("values are kept as little-endian words: zk0 runs on little-endian machines only");

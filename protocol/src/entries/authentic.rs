@@ -5,11 +5,12 @@ use crate::entries::entry::{Body, Entry};
 use crate::entries::identity::NOT_A_KEY;
 use crate::entries::known_keys::KnownKeys;
 use crate::entries::refusal::Refusal;
-use crate::entries::signed::{Signed, Statement};
+use crate::entries::signed::{SignatureError, Signed, Statement, Submission};
 use crate::rules::violation::RuleViolation;
 use std::ops::Deref;
 
-/// An entry whose signatures are all valid, and whose new keys are all usable. Only [`Entry::authenticate`] makes one.
+/// An entry whose signatures are all valid, and whose new keys are all usable. Only [`Entry::authenticate`] and
+/// [`AuthenticSubmission::decided_by`] make one.
 #[derive(Clone, Copy, Debug)]
 pub struct AuthenticEntry<'a>(&'a Entry);
 
@@ -43,6 +44,40 @@ impl Entry {
             | Body::DisputeResolved(_) => {}
         }
         Ok(AuthenticEntry(self))
+    }
+}
+
+/// A submission whose signature is valid. Only [`AuthenticSubmission::of`] makes one, so whoever takes one need not verify again.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct AuthenticSubmission(Signed<Submission>);
+
+impl AuthenticSubmission {
+    /// Verifies the signature.
+    ///
+    /// # Errors
+    /// Those of [`Signed::verify`].
+    pub fn of(submission: Signed<Submission>) -> Result<Self, SignatureError> {
+        submission.verify()?;
+        Ok(Self(submission))
+    }
+
+    /// `entry`, if it records a decision about this submission, which is its only signature. `None` for every other entry.
+    pub fn decided_by<'a>(&self, entry: &'a Entry) -> Option<AuthenticEntry<'a>> {
+        match &entry.body {
+            Body::ContributionAccepted(submission)
+            | Body::ContributionRejected { submission, .. } => {
+                (*submission == self.0).then_some(AuthenticEntry(entry))
+            }
+            _ => None,
+        }
+    }
+}
+
+impl Deref for AuthenticSubmission {
+    type Target = Signed<Submission>;
+
+    fn deref(&self) -> &Signed<Submission> {
+        &self.0
     }
 }
 

@@ -39,17 +39,6 @@ pub fn round_shift(value: i64, shift: u32) -> i64 {
     (value + (1 << (shift - 1))) >> shift
 }
 
-/// `numerator / denominator` rounded to nearest, ties away from zero; `denominator` > 0.
-#[inline(always)]
-pub fn round_divide(numerator: i64, denominator: i64) -> i64 {
-    let half = denominator >> 1;
-    if numerator < 0 {
-        (numerator - half) / denominator
-    } else {
-        (numerator + half) / denominator
-    }
-}
-
 /// Largest integer whose square is at most `value`.
 pub fn integer_sqrt(value: u64) -> u64 {
     if value < 2 {

@@ -1,6 +1,7 @@
 //! The int16 matrix product with int64 sums. Mode `direct` spends nearly all of its time here.
 
-use alloc::{vec, vec::Vec};
+use alloc::vec;
+use alloc::vec::Vec;
 
 /// Rows of a matrix inside a slice: row `i` is `values[i * stride..][..columns]`.
 #[derive(Clone, Copy)]
