@@ -12,6 +12,7 @@ use zk0_files::atomic_file;
 use zk0_lerobot::dataset::Dataset;
 use zk0_node::progress::Progress;
 use zk0_node::samples::prepare;
+use zk0_protocol::counted::counted;
 use zk0_smolvla::frames::batch::SampleSource;
 use zk0_smolvla::frames::prefix_cache::{FrameMaker, FrameNames, KeySpace};
 use zk0_smolvla::frames::sample::{PreparedSample, Preparer};
@@ -258,8 +259,8 @@ fn table(rows: &[Row]) -> String {
         );
         let _ = writeln!(
             text,
-            "  mean absolute error of actions sampled in {} steps",
-            row.num_steps
+            "  mean absolute error of actions sampled in {}",
+            counted(row.num_steps as u64, "step", "steps")
         );
         for joint in &row.action_error {
             let _ = writeln!(

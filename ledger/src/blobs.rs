@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use zk0_circuits::Digest;
 use zk0_files::atomic_file::{folder_of, put_in_place, sync_folder};
+use zk0_protocol::blob::Blob;
 
 /// The blobs of one ledger folder: `blobs/sha256/<digest>`, unfinished ones in `blobs/unfinished/`.
 #[derive(Clone, Debug)]
@@ -50,8 +51,7 @@ impl Blobs {
         self.path(digest).is_file()
     }
 
-    /// Starts a blob of at most `limit` bytes.
-    pub fn writer(&self, limit: u64) -> Result<BlobWriter, BlobError> {
+    fn begin(&self) -> Result<UnfinishedBlob, BlobError> {
         static UNFINISHED: AtomicU64 = AtomicU64::new(0);
         let number = UNFINISHED.fetch_add(1, Ordering::Relaxed);
         for folder in [self.unfinished(), self.dir.join("sha256")] {
@@ -61,23 +61,28 @@ impl Blobs {
             .unfinished()
             .join(format!("{}-{number}", std::process::id()));
         let file = File::create(&path).map_err(io_error(&path))?;
+        let blobs = self.clone();
+        Ok(UnfinishedBlob { blobs, path, file })
+    }
+
+    /// Starts a blob of at most `limit` bytes.
+    pub fn writer(&self, limit: u64) -> Result<BlobWriter, BlobError> {
         Ok(BlobWriter {
-            blobs: self.clone(),
-            path,
-            file,
+            unfinished: self.begin()?,
             hasher: Sha256::new(),
             size: 0,
             limit,
         })
     }
 
-    /// Stores bytes under their digest. They are on disk when this returns.
-    pub fn put(&self, bytes: &[u8]) -> Result<Digest, BlobError> {
-        let digest = Digest(Sha256::digest(bytes).into());
-        if self.get(&digest, bytes.len() as u64).is_err() {
-            let mut writer = self.writer(bytes.len() as u64)?;
-            writer.write(bytes)?;
-            writer.finish(&digest)?;
+    /// Stores a blob, unless it is there already. It is on disk when this returns.
+    pub fn put<'a>(&self, blob: impl Into<Blob<'a>>) -> Result<Digest, BlobError> {
+        let blob = blob.into();
+        let digest = blob.digest();
+        if self.check(&digest).is_err() {
+            let mut unfinished = self.begin()?;
+            unfinished.write(blob.bytes())?;
+            unfinished.finish(&digest)?;
         }
         Ok(digest)
     }
@@ -137,9 +142,7 @@ impl Blobs {
 /// A blob that is being written. If it is dropped before [`BlobWriter::finish`], nothing of it remains.
 #[derive(Debug)]
 pub struct BlobWriter {
-    blobs: Blobs,
-    path: PathBuf,
-    file: File,
+    unfinished: UnfinishedBlob,
     hasher: Sha256,
     size: u64,
     limit: u64,
@@ -155,7 +158,7 @@ impl BlobWriter {
                 limit: self.limit,
             });
         }
-        self.file.write_all(bytes).map_err(io_error(&self.path))?;
+        self.unfinished.write(bytes)?;
         self.hasher.update(bytes);
         self.size = size;
         Ok(())
@@ -168,8 +171,27 @@ impl BlobWriter {
 
     /// Stores the blob if its digest is `expected`. It is on disk when this returns.
     pub fn finish(self, expected: &Digest) -> Result<(), BlobError> {
-        check(expected, self.hasher.clone().finalize().into())?;
-        let place = self.blobs.path(expected);
+        check(expected, self.hasher.finalize().into())?;
+        self.unfinished.finish(expected)
+    }
+}
+
+/// A file that is not a blob yet. If it is dropped before [`UnfinishedBlob::finish`], nothing of it remains.
+#[derive(Debug)]
+struct UnfinishedBlob {
+    blobs: Blobs,
+    path: PathBuf,
+    file: File,
+}
+
+impl UnfinishedBlob {
+    fn write(&mut self, bytes: &[u8]) -> Result<(), BlobError> {
+        self.file.write_all(bytes).map_err(io_error(&self.path))
+    }
+
+    /// Names it after its digest.
+    fn finish(&self, digest: &Digest) -> Result<(), BlobError> {
+        let place = self.blobs.path(digest);
         put_in_place(&self.file, &self.path, &place).map_err(io_error(&place))?;
         // With the first blob, the folders above it are new too. If their names were lost, the blob would be lost with them.
         for folder in [
@@ -182,7 +204,7 @@ impl BlobWriter {
     }
 }
 
-impl Drop for BlobWriter {
+impl Drop for UnfinishedBlob {
     fn drop(&mut self) {
         // After a successful finish the file has another path, and this removes nothing.
         let _ = fs::remove_file(&self.path);

@@ -2,51 +2,17 @@
 
 use std::path::{Path, PathBuf};
 
+use zk0_tensors::TensorError;
+
 /// Why the files of a policy cannot be read or written.
 #[derive(Debug, thiserror::Error)]
 pub enum StoredPolicyError {
     /// A configuration is not JSON of the expected form, or it asks for something that is not implemented.
     #[error("policy configuration: {0}")]
     Config(String),
-    /// A file of weights is cut short, or it is not a safetensors file.
-    #[error("weights: not a complete safetensors file ({0}); fetch or write it again")]
-    Safetensors(String),
-    /// A tensor that the policy needs is not in the file.
-    #[error("weights: tensor `{0}` is missing")]
-    MissingTensor(String),
-    /// A tensor in the file does not belong to this policy.
-    #[error("weights: unexpected tensor `{0}`; the file belongs to another model or profile")]
-    UnexpectedTensor(String),
-    /// A tensor has other dimensions than the configuration gives it.
-    #[error("weights: tensor `{name}` has shape {found:?}, the configuration needs {expected:?}")]
-    Shape {
-        /// LeRobot's name of the tensor.
-        name: String,
-        /// The shape that follows from the configuration.
-        expected: Vec<usize>,
-        /// The shape in the file.
-        found: Vec<usize>,
-    },
-    /// A tensor is stored in a number format that is not read.
-    #[error("weights: tensor `{name}` has type {found}, only {accepted} is accepted")]
-    Dtype {
-        /// LeRobot's name of the tensor.
-        name: String,
-        /// The type in the file.
-        found: String,
-        /// The types that are read.
-        accepted: &'static str,
-    },
-    /// A tensor holds NaN or an infinity.
-    #[error("weights: tensor `{name}` holds {value} at element {index}; do not use this file")]
-    NotFinite {
-        /// LeRobot's name of the tensor.
-        name: String,
-        /// Offset of the first such element, row-major.
-        index: usize,
-        /// Its value.
-        value: f32,
-    },
+    /// A file of weights, or a tensor in it, cannot be used.
+    #[error("weights: {0}; the file is damaged or belongs to another model or profile: fetch or write it again")]
+    Tensor(#[from] TensorError),
     /// A file or folder cannot be read or written, or its content is wrong.
     #[error("{}: {cause}", .path.display())]
     AtPath {

@@ -1,11 +1,8 @@
 //! Which tensors a policy has: LeRobot's names and the shapes that follow from the configuration.
 
-use std::collections::BTreeMap;
-
 use crate::config::{LayerKind, PolicyConfig, CHANNELS};
 
-/// Tensor names with their shapes, in name order.
-pub type Layout = BTreeMap<String, Vec<usize>>;
+pub use zk0_tensors::Layout;
 
 /// Where the expert's layers live.
 pub const EXPERT: &str = "model.vlm_with_expert.lm_expert";

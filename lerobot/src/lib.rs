@@ -9,7 +9,7 @@
 //!   weights, and its normalisation.
 //! - [`config`] has every dimension of a SmolVLA policy. [`layout`] has the names and shapes of the tensors that follow from them.
 //! - [`tokenizer`] reads a `tokenizer.json` and uses it as LeRobot does.
-//! - [`safetensors`] reads and writes tensors as plain `f32` numbers.
+//! - [`StoredTensors`] is a safetensors file on disk.
 
 pub mod config;
 pub mod dataset;
@@ -18,8 +18,9 @@ pub mod hub;
 pub mod layout;
 mod limits;
 pub mod policy_folder;
-pub mod safetensors;
+mod stored_tensors;
 pub mod tokenizer;
 
 pub use config::PolicyConfig;
 pub use error::StoredPolicyError;
+pub use stored_tensors::StoredTensors;

@@ -11,6 +11,7 @@ use sha2::{Digest as _, Sha256};
 use std::path::Path;
 use zk0_circuits::model::spec::EvalSpec;
 use zk0_circuits::{Claim, Digest, Terms, WeightsDigest};
+use zk0_protocol::counted::counted;
 use zk0_protocol::entries::entry::RoundOpened;
 use zk0_protocol::rules::bindings::ExpectedClaim;
 use zk0_prover::program::GuestInput;
@@ -206,7 +207,8 @@ impl Turn<'_> {
             seed: round,
             ..TrainOptions::default()
         };
-        tracing::info!("round {round}: training {} steps", training.steps);
+        let steps = counted(training.steps as u64, "step", "steps");
+        tracing::info!("round {round}: training {steps}");
         let mut progress = Progress::start("training", training.steps as u64);
         let trained = train(
             &self.entered.config,

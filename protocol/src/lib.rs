@@ -11,10 +11,12 @@
 //!   after its entries so far ([`rules::state`]); which entry may come next and what it changes ([`rules::apply`], a pure function);
 //!   which fields of a claim the ledger determines ([`rules::bindings`]).
 //! - [`tlog`]: RFC 6962 trees, C2SP checkpoints, cosignatures, tiles, receipts.
+//! - [`blob`]: bytes that are named by their SHA-256.
 //! - [`public_key`]: how ed25519 public keys are read; [`quote`]: how messages quote what a stranger wrote; [`counted`]: numbers of
 //!   things, for people.
 //! - `rpc`, with the feature `rpc`: the generated gRPC messages, and the conversions between them and the types above.
 
+pub mod blob;
 pub mod counted;
 pub mod entries;
 pub mod public_key;

@@ -1,6 +1,7 @@
 //! What can go wrong with a policy, its samples and its training.
 
 use zk0_lerobot::StoredPolicyError;
+use zk0_tensors::TensorError;
 
 /// Why a policy cannot be read, run or trained.
 #[derive(Debug, thiserror::Error)]
@@ -38,6 +39,12 @@ pub enum PolicyError {
     /// Tensor arithmetic failed.
     #[error("tensor arithmetic: {0}")]
     Candle(#[from] candle_core::Error),
+}
+
+impl From<TensorError> for PolicyError {
+    fn from(error: TensorError) -> Self {
+        Self::Stored(error.into())
+    }
 }
 
 /// Result of the policy's functions.

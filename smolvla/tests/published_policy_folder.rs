@@ -12,8 +12,8 @@ use half::bf16;
 use reference::{parameters_of, peak_gib};
 use zk0_lerobot::layout::{state_dict_layout, trainable_layout};
 use zk0_lerobot::policy_folder::{PolicyFolder, Precision};
-use zk0_lerobot::safetensors::TensorSet;
 use zk0_smolvla::Profile;
+use zk0_tensors::TensorSet;
 
 /// The policy is 1.5 GiB in F32. A second copy of it, or the file mapped beside it, would not fit.
 const MOST_GIB: f64 = 1.8;

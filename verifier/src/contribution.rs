@@ -5,8 +5,9 @@ use crate::contribution_blobs::WeightFiles;
 use crate::norm::check_norm;
 use crate::proof::{check_proof, ProgramKey};
 use crate::update::Evaluation;
-use crate::weights::{blob_digest, ExpertTensors};
+use crate::weights::ExpertTensors;
 use zk0_circuits::{Claim, NodeId};
+use zk0_protocol::blob::Blob;
 use zk0_protocol::entries::authentic::AuthenticSubmission;
 use zk0_protocol::entries::signed::{Signed, Submission};
 use zk0_protocol::rules::state::State;
@@ -15,15 +16,15 @@ use zk0_protocol::Refusal;
 /// A submission that an enrolled node signed, with the proof that it signed. Only [`authenticate`] makes one:
 ///
 /// ```compile_fail
-/// use zk0_protocol::entries::authentic::AuthenticSubmission;
-/// fn forge(submission: AuthenticSubmission, proof: Vec<u8>) -> zk0_verifier::AuthenticContribution {
+/// use zk0_protocol::{blob::Blob, entries::authentic::AuthenticSubmission};
+/// fn forge(submission: AuthenticSubmission, proof: Blob<'static>) -> zk0_verifier::AuthenticContribution {
 ///     zk0_verifier::AuthenticContribution { submission, proof }
 /// }
 /// ```
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct AuthenticContribution {
     submission: AuthenticSubmission,
-    proof: Vec<u8>,
+    proof: Blob<'static>,
 }
 
 impl AuthenticContribution {
@@ -37,8 +38,8 @@ impl AuthenticContribution {
         &self.submission.statement.claim
     }
 
-    /// The bytes of the proof. Nothing but their digest is checked.
-    pub fn proof(&self) -> &[u8] {
+    /// The proof. Nothing but its digest is checked.
+    pub fn proof(&self) -> &Blob<'static> {
         &self.proof
     }
 }
@@ -107,12 +108,12 @@ pub fn authenticate(
     if state.node(&node).is_none() {
         return Err(Refusal::NotEnrolled(node));
     }
-    let actual = blob_digest(&proof);
-    match actual == statement.proof {
+    let proof = Blob::of(proof);
+    match proof.digest() == statement.proof {
         true => Ok(AuthenticContribution { submission, proof }),
         false => Err(Refusal::ProofDigest {
             signed: statement.proof,
-            actual,
+            actual: proof.digest(),
         }),
     }
 }
@@ -158,7 +159,7 @@ pub fn verify_claim(
     state.check_claim(claim, time_ms)?;
     let key = ProgramKey::from_bytes(&state.genesis().program)
         .map_err(|error| Refusal::InvalidProof(error.to_string()))?;
-    check_proof(&contribution.proof, claim, &key)
+    check_proof(contribution.proof.bytes(), claim, &key)
 }
 
 fn check_size(what: &str, bytes: &[u8], limit: u64) -> Result<(), Refusal> {

@@ -34,4 +34,5 @@ pub use contribution_blobs::{Unreadable, UnverifiedContribution, WeightFiles};
 pub use projection::check_projections;
 pub use proof::{check_proof, ProgramKey};
 pub use update::Evaluation;
-pub use weights::{blob_digest, ExpertTensors, WeightsError};
+pub use weights::{ExpertTensors, WeightsError};
+pub use zk0_protocol::blob::blob_digest;

@@ -1,12 +1,12 @@
 //! The weight check: the bytes that a node uploaded are the weights that its proof is about.
 
 use crate::projection::check_projections;
-use crate::weights::{blob_digest, ExpertTensors};
-use std::io::Cursor;
+use crate::weights::ExpertTensors;
 use zk0_circuits::model::layout::{expert_tensors, TensorSpec};
 use zk0_circuits::model::spec::EvalSpec;
 use zk0_circuits::model::weights::QuantisedWeights;
 use zk0_circuits::{Claim, Mode, WeightsDigest};
+use zk0_protocol::blob::blob_digest;
 use zk0_protocol::entries::genesis::Genesis;
 use zk0_protocol::rules::state::State;
 use zk0_protocol::Refusal;
@@ -76,7 +76,7 @@ impl Evaluation {
                         actual,
                     });
                 }
-                check_projections(&self.spec, check, Cursor::new(base), Cursor::new(update))
+                check_projections(&self.spec, check, base, update)
             }
             (mode, check) => Err(Refusal::Binding {
                 field: "weight_check".into(),

@@ -3,7 +3,6 @@
 use safetensors::tensor::TensorView;
 use safetensors::Dtype;
 use std::collections::BTreeMap;
-use std::io::Cursor;
 use zk0_circuits::claim::challenge::sample_indices;
 use zk0_circuits::claim::dataset::{leaf, salt_commitment};
 use zk0_circuits::claim::hinted_input::HintedInput;
@@ -127,9 +126,7 @@ fn files_are_what_the_guest_used_or_not() {
     let spec = EvalSpec::micro();
     let (base, update) = (tensors(&spec, 1, 4.0), tensors(&spec, 1, 0.1));
     let check = claimed(&spec, &base, &update);
-    let verify = |base: &[u8], update: &[u8]| {
-        check_projections(&spec, &check, Cursor::new(base), Cursor::new(update))
-    };
+    let verify = |base: &[u8], update: &[u8]| check_projections(&spec, &check, base, update);
     let (base_file, update_file) = (file(&base), file(&update));
     assert_eq!(verify(&base_file, &update_file), Ok(()));
     let refused = |base: &[u8], update: &[u8]| match verify(base, update) {
@@ -153,12 +150,7 @@ fn files_are_what_the_guest_used_or_not() {
     // Another seed gives other coefficients.
     let mut other = check;
     other.seed.0[0] ^= 1;
-    let found = check_projections(
-        &spec,
-        &other,
-        Cursor::new(&base_file),
-        Cursor::new(&update_file),
-    );
+    let found = check_projections(&spec, &other, &base_file[..], &update_file[..]);
     assert!(matches!(found, Err(Refusal::OtherProducts { .. })));
 }
 
@@ -168,12 +160,7 @@ fn bad_files_are_refused_by_name() {
     let good = tensors(&spec, 1, 1.0);
     let check = claimed(&spec, &tensors(&spec, 1, 4.0), &tensors(&spec, 1, 0.1));
     let good_file = file(&good);
-    let said = |update: &[u8]| match check_projections(
-        &spec,
-        &check,
-        Cursor::new(&good_file[..]),
-        Cursor::new(update),
-    ) {
+    let said = |update: &[u8]| match check_projections(&spec, &check, &good_file[..], update) {
         Err(Refusal::MalformedUpdate(why)) => why,
         other => panic!("{other:?}"),
     };
@@ -186,7 +173,7 @@ fn bad_files_are_refused_by_name() {
     assert!(said(&file(&infinite)).contains("action_in_proj.weight[3] is inf"));
     let mut reshaped = good.clone();
     reshaped.get_mut(name).unwrap().0.reverse();
-    assert!(said(&file(&reshaped)).contains("is not F32 of shape"));
+    assert!(said(&file(&reshaped)).contains("expected ["));
     for cut in [0, 7, 100, good_file.len() / 2, good_file.len() - 1] {
         said(&good_file[..cut]);
     }

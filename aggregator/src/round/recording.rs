@@ -6,6 +6,7 @@ use crate::round::request::RequestError;
 use borsh::BorshDeserialize;
 use zk0_circuits::NodeId;
 use zk0_ledger::blobs::BlobWriter;
+use zk0_protocol::blob::Blob;
 use zk0_protocol::entries::entry::{Body, MAX_ENTRY_BYTES};
 use zk0_protocol::entries::signed::{
     DatasetRegistration, Signed, Submission, UpdateCommitment, UploadRequest,
@@ -15,7 +16,7 @@ use zk0_protocol::tlog::receipt::Receipt;
 use zk0_protocol::Refusal;
 use zk0_verifier::dataset::check_leaf_list;
 use zk0_verifier::decide::{decide, Decision};
-use zk0_verifier::{authenticate, blob_digest, WeightFiles};
+use zk0_verifier::{authenticate, WeightFiles};
 
 /// The answer to a submission.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -65,15 +66,16 @@ impl Aggregator {
             }
         }
         self.check(body.clone())?;
-        let found = blob_digest(leaves);
-        if found != digest {
+        let list = Blob::from(leaves);
+        if list.digest() != digest {
             return Err(Refusal::Dataset(format!(
-                "the list of leaves has SHA-256 {found}, the registration says {digest}"
+                "the list of leaves has SHA-256 {}, the registration says {digest}",
+                list.digest()
             ))
             .into());
         }
         check_leaf_list(&dataset, leaves)?;
-        self.ledger.blobs().put(leaves)?;
+        self.ledger.blobs().put(&list)?;
         tracing::info!(%node, samples = dataset.samples, "dataset registered");
         self.append(body)
     }

@@ -4,6 +4,7 @@ use super::RecordingName;
 use anyhow::{Context, Result};
 use serde::Serialize;
 use zk0_lerobot::dataset::{Dataset, Frame, Normalizer, VectorFeature, VideoReader};
+use zk0_protocol::counted::counted;
 
 /// Prints what `recording` holds.
 pub fn run(recording: &RecordingName, chunk: usize, json: bool) -> Result<()> {
@@ -152,7 +153,8 @@ impl Summary {
             line(if i == 0 { "cameras" } else { "" }, &value);
         }
         for (i, task) in self.tasks.iter().enumerate() {
-            let value = format!("{} frames: {}", task.frames, task.task);
+            let frames = counted(task.frames as u64, "frame", "frames");
+            let value = format!("{frames}: {}", task.task);
             line(if i == 0 { "tasks" } else { "" }, &value);
         }
         match &self.repairs[..] {

@@ -10,6 +10,7 @@ use anyhow::{bail, Result};
 use report::{print_ranges, table, Outcome, Row};
 use std::path::PathBuf;
 use zk0_circuits::{Digest, EvalSpec};
+use zk0_protocol::counted::counted;
 use zk0_smolvla::frames::sample::PreparedSample;
 use zk0_smolvla::measure::fidelity::measure;
 use zk0_smolvla::measure::fixed_point::dims;
@@ -182,7 +183,8 @@ fn fit(
 ) -> Result<ExpertWeights> {
     let (steps, batch) = (training.steps, training.batch_size);
     let frames = samples.len();
-    tracing::info!("{name}: training for {steps} steps of {batch}, on {frames} samples");
+    let all = counted(steps as u64, "step", "steps");
+    tracing::info!("{name}: training for {all} of {batch}, on {frames} samples");
     let trained = train(config, start, samples, training, &mut |made| {
         if made.step % steps.div_ceil(10) == 0 {
             tracing::info!(

@@ -8,7 +8,7 @@ use std::io::{self, ErrorKind};
 use std::path::{Path, PathBuf};
 use zk0_lerobot::dataset::Stats;
 use zk0_lerobot::policy_folder::Precision;
-use zk0_lerobot::safetensors::TensorSet;
+use zk0_tensors::TensorSet;
 
 /// Its name in the run's folder.
 const FOLDER: &str = "lerobot";

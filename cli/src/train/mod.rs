@@ -21,7 +21,6 @@ use std::time::Instant;
 use zk0_lerobot::dataset::{Dataset, Stats};
 use zk0_lerobot::layout::expert_layout;
 use zk0_lerobot::policy_folder::Inference;
-use zk0_lerobot::safetensors::TensorSet;
 use zk0_node::progress::Progress;
 use zk0_node::samples::{self, SampleKind};
 use zk0_smolvla::frames::prefix_cache::{
@@ -38,6 +37,7 @@ use zk0_smolvla::train::split::{self, Split};
 use zk0_smolvla::train::trainer::evaluate_samples;
 use zk0_smolvla::train::{Samples, TrainOptions, Trainer};
 use zk0_smolvla::{ExpertWeights, Policy, PolicyConfig, PolicyError};
+use zk0_tensors::TensorSet;
 
 /// Runs the command.
 pub fn run(options: &Options) -> Result<()> {

@@ -6,6 +6,7 @@ use serde::Serialize;
 use std::path::{Path, PathBuf};
 use zk0_files::atomic_file;
 use zk0_lerobot::policy_folder::Inference;
+use zk0_protocol::counted::counted;
 use zk0_smolvla::policy::frozen::{FrozenPlace, FrozenPrecision};
 use zk0_smolvla::train::adaptive::Trend;
 use zk0_smolvla::train::snapshots::RunIdentity;
@@ -133,8 +134,8 @@ impl Report {
     pub fn summary(&self, out: &Path) -> String {
         let model = out.join("model.safetensors");
         let mut text = format!(
-            "trained for {} steps: {}",
-            self.options.steps,
+            "trained for {}: {}",
+            counted(self.options.steps as u64, "step", "steps"),
             model.display()
         );
         if let Some(ended) = &self.ended {
@@ -143,10 +144,8 @@ impl Report {
             }
             if ended.steps > 0 {
                 let each = ended.seconds / ended.steps as f64;
-                text += &format!(
-                    "\n{each:.3} s for each of the {} steps made now",
-                    ended.steps
-                );
+                let steps = counted(ended.steps as u64, "step", "steps");
+                text += &format!("\n{each:.3} s a step, over {steps} made now");
             }
             if let Some(held_out) = ended.held_out {
                 text += &format!("\nthe loss on held-out episodes is {:.4}", held_out.loss);

@@ -6,7 +6,8 @@ use std::path::{Path, PathBuf};
 use crate::error::{Result, StoredPolicyError};
 use crate::layout::{policy_layout, state_dict_layout, LM_HEAD};
 use crate::policy_folder::lerobot_config::LeRobotConfig;
-use crate::safetensors::{readable_size, TensorData, TensorFile, TensorSet};
+use crate::stored_tensors::StoredTensors;
+use zk0_tensors::{check_readable, TensorData, TensorError, TensorSet};
 
 /// The policy's configuration.
 pub const CONFIG: &str = "config.json";
@@ -29,7 +30,7 @@ const JSON_LIMIT: u64 = 16 << 20;
 pub struct PolicyFolder {
     pub(super) folder: PathBuf,
     pub(super) config: LeRobotConfig,
-    pub(super) weights: TensorFile,
+    pub(super) weights: StoredTensors,
 }
 
 impl PolicyFolder {
@@ -54,7 +55,7 @@ impl PolicyFolder {
         let config = LeRobotConfig::parse(&policy_json, vlm_json.as_deref())
             .map_err(|e| e.within(&folder.join(CONFIG)))?;
         let opened = Self {
-            weights: TensorFile::open(folder.join(WEIGHTS))?,
+            weights: StoredTensors::open(folder.join(WEIGHTS))?,
             folder,
             config,
         };
@@ -73,7 +74,7 @@ impl PolicyFolder {
     }
 
     /// The file of the weights, as it is.
-    pub fn weights(&self) -> &TensorFile {
+    pub fn weights(&self) -> &StoredTensors {
         &self.weights
     }
 
@@ -117,25 +118,26 @@ impl PolicyFolder {
                 if name == LM_HEAD {
                     continue;
                 }
-                return Err(StoredPolicyError::MissingTensor(name.clone()).within(path));
+                return Err(
+                    StoredPolicyError::from(TensorError::Missing(name.clone())).within(path)
+                );
             };
             if &info.shape != shape {
-                let error = StoredPolicyError::Shape {
+                let error = TensorError::Shape {
                     name: name.clone(),
                     expected: shape.clone(),
                     found: info.shape.clone(),
                 };
-                return Err(error.within(path));
+                return Err(StoredPolicyError::from(error).within(path));
             }
-            if readable_size(info.dtype).is_none() {
-                return Err(self.weights.unreadable(name, info.dtype));
-            }
+            check_readable(name, info.dtype)
+                .map_err(|e| StoredPolicyError::from(e).within(path))?;
         }
         let known = |name: &String| {
             layout.contains_key(name) || STATISTICS.iter().any(|start| name.starts_with(start))
         };
         match self.weights.names().into_iter().find(|name| !known(name)) {
-            Some(name) => Err(StoredPolicyError::UnexpectedTensor(name).within(path)),
+            Some(name) => Err(StoredPolicyError::from(TensorError::Unexpected(name)).within(path)),
             None => Ok(()),
         }
     }

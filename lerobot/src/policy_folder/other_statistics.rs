@@ -11,7 +11,8 @@ use crate::error::{Result, StoredPolicyError};
 use crate::policy_folder::folder::{read_json, PolicyFolder, WEIGHTS};
 use crate::policy_folder::inference::Normalisation;
 use crate::policy_folder::statistics::{plain_name, Normalised, ACTION, STATE};
-use crate::safetensors::{TensorData, TensorFile, TensorSet};
+use crate::stored_tensors::StoredTensors;
+use zk0_tensors::{Dtype, TensorData, TensorError, TensorSet};
 
 /// What the copy has.
 #[derive(Default)]
@@ -108,7 +109,7 @@ impl PolicyFolder {
                     "`state_file` is `{name}`, the policy's weights; statistics are in a file of their own"
                 )));
             }
-            let source = TensorFile::open(self.folder.join(name))?;
+            let source = StoredTensors::open(self.folder.join(name))?;
             files.insert(name.into(), state_file(Some(&source), moments)?);
             return Ok(());
         }
@@ -136,7 +137,7 @@ fn named(name: &str, normalizer: &Normalizer) -> [(String, TensorData); 2] {
 
 /// The bytes of a processor's state with these moments. All that the source says of the same features goes, smallest and
 /// largest values too: they are of another recording. What it says of others, images for one, stays.
-fn state_file(source: Option<&TensorFile>, moments: &TensorSet) -> Result<Vec<u8>> {
+fn state_file(source: Option<&StoredTensors>, moments: &TensorSet) -> Result<Vec<u8>> {
     let feature = |name: &str| {
         name.rsplit_once('.')
             .map(|(feature, _)| feature.to_string())
@@ -151,25 +152,23 @@ fn state_file(source: Option<&TensorFile>, moments: &TensorSet) -> Result<Vec<u8
             if !replaced.contains(&feature(&name)) {
                 let (dtype, shape) = (info.dtype, info.shape.clone());
                 let mut bytes = Vec::new();
-                source.each_block(&name, &mut |block| {
-                    bytes.extend_from_slice(block);
-                    Ok::<_, StoredPolicyError>(())
-                })?;
+                for block in source.blocks(&name)? {
+                    bytes.extend(block?);
+                }
                 all.push((name, dtype, shape, bytes));
             }
         }
     }
     for (name, tensor) in moments {
         let bytes = tensor.data.iter().flat_map(|x| x.to_le_bytes()).collect();
-        let dtype = safetensors::Dtype::F32;
-        all.push((name.clone(), dtype, tensor.shape.clone(), bytes));
+        all.push((name.clone(), Dtype::F32, tensor.shape.clone(), bytes));
     }
-    let failed = |e: safetensors::SafeTensorError| StoredPolicyError::Safetensors(e.to_string());
+    let failed = |e: safetensors::SafeTensorError| TensorError::Header(e.to_string());
     let views = all.iter().map(|(name, dtype, shape, bytes)| {
         let view = TensorView::new(*dtype, shape.clone(), bytes).map_err(failed)?;
         Ok((name, view))
     });
     let views = views.collect::<Result<Vec<_>>>()?;
     let metadata = source.and_then(|source| source.metadata().clone());
-    safetensors::serialize(views, metadata).map_err(failed)
+    Ok(safetensors::serialize(views, metadata).map_err(failed)?)
 }

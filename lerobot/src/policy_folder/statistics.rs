@@ -8,7 +8,7 @@ use crate::dataset::{Normalizer, Stats};
 use crate::error::{Result, StoredPolicyError};
 use crate::policy_folder::folder::{read_json, PolicyFolder, CONFIG};
 use crate::policy_folder::inference::{Inference, Normalisation};
-use crate::safetensors::TensorFile;
+use crate::stored_tensors::StoredTensors;
 
 /// A pipeline of LeRobot's processors, as far as needed.
 #[derive(Deserialize)]
@@ -108,7 +108,7 @@ impl PolicyFolder {
             let Some(state_file) = step.and_then(|step| step.state_file) else {
                 return Ok(None);
             };
-            let file = TensorFile::open(self.folder.join(plain_name(&path, &state_file)?))?;
+            let file = StoredTensors::open(self.folder.join(plain_name(&path, &state_file)?))?;
             return match file.info(&format!("{name}.mean")) {
                 Some(_) => read(&file, name, dim).map(Some),
                 None => Ok(None),
@@ -122,18 +122,13 @@ impl PolicyFolder {
     }
 }
 
-fn read(file: &TensorFile, name: &str, dim: usize) -> Result<Normalizer> {
+fn read(file: &StoredTensors, name: &str, dim: usize) -> Result<Normalizer> {
     let values = |what: &str| -> Result<Vec<f32>> {
         let name = format!("{name}.{what}");
         let tensor = file.read(&name)?;
-        if tensor.shape != [dim] {
-            let error = StoredPolicyError::Shape {
-                name,
-                expected: vec![dim],
-                found: tensor.shape,
-            };
-            return Err(error.within(file.path()));
-        }
+        tensor
+            .check_shape(&name, &[dim])
+            .map_err(|e| StoredPolicyError::from(e).within(file.path()))?;
         Ok(tensor.data)
     };
     Normalizer::new(values("mean")?, values("std")?).ok_or_else(|| {

@@ -1,21 +1,20 @@
 //! Writing a policy folder: a copy of the one that was opened, with other weights.
 
 use std::cmp::Reverse;
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 use std::fs::{self, File};
 use std::io::{self, Write};
 use std::path::Path;
-
-use safetensors::tensor::{Dtype, TensorInfo};
-use serde::ser::{Serialize, SerializeMap, Serializer};
 
 use crate::dataset::Stats;
 use crate::error::{Result, StoredPolicyError};
 use crate::layout::policy_layout;
 use crate::policy_folder::folder::{PolicyFolder, WEIGHTS};
 use crate::policy_folder::other_statistics::OtherStats;
-use crate::safetensors::{check_finite, check_shape, encode, TensorData, TensorSet, BLOCK};
 use zk0_files::atomic_file::{self, Durability};
+use zk0_tensors::{
+    check_finite, encode, Dtype, Header, TensorData, TensorError, TensorInfo, TensorSet, BLOCK,
+};
 
 /// In which type changed tensors are written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -122,9 +121,9 @@ impl PolicyFolder {
         let layout = policy_layout(&self.config.dims);
         for (name, tensor) in changed {
             let Some(shape) = layout.get(name) else {
-                return Err(StoredPolicyError::UnexpectedTensor(name.clone()));
+                return Err(TensorError::Unexpected(name.clone()).into());
             };
-            check_shape(name, tensor, shape)?;
+            tensor.check_shape(name, shape)?;
             check_finite(name, &tensor.data)?;
             if self.weights.info(name).is_none() {
                 return Err(StoredPolicyError::file(
@@ -187,7 +186,7 @@ impl NewWeights<'_> {
 
     fn write_to(&self, out: &mut dyn Write) -> std::result::Result<(), Failure> {
         let source = &self.source.weights;
-        let header = Header::of(self);
+        let header = self.other_header();
         let bytes = match &header {
             // No byte of it differs. Even its order and spacing are kept.
             None => source.header().to_vec(),
@@ -196,9 +195,12 @@ impl NewWeights<'_> {
         out.write_all(&(bytes.len() as u64).to_le_bytes())?;
         out.write_all(&bytes)?;
 
-        let entries = match header {
+        let entries: Vec<(String, Option<Dtype>)> = match &header {
             None => source.names().into_iter().map(|n| (n, None)).collect(),
-            Some(header) => header.types(),
+            Some(header) => {
+                let typed = |(name, info): (&str, &TensorInfo)| (name.into(), Some(info.dtype));
+                header.tensors().map(typed).collect()
+            }
         };
         for (name, dtype) in entries {
             let info = source.info(&name);
@@ -214,9 +216,11 @@ impl NewWeights<'_> {
                         out.write_all(&bytes)?;
                     }
                 }
-                None => source.each_block(&name, &mut |block| {
-                    out.write_all(block).map_err(Failure::Writing)
-                })?,
+                None => {
+                    for block in source.blocks(&name)? {
+                        out.write_all(&block?)?;
+                    }
+                }
             }
         }
         Ok(())
@@ -225,83 +229,38 @@ impl NewWeights<'_> {
     fn replacement(&self, name: &str) -> Option<&TensorData> {
         self.stats.get(name).or_else(|| self.changed.get(name))
     }
-}
 
-/// A new header, for when types change.
-struct Header {
-    metadata: Option<BTreeMap<String, String>>,
-    tensors: Vec<(String, TensorInfo)>,
-}
-
-impl Header {
-    /// `None` when there are the tensors that there were, each of the type and shape it had.
-    fn of(new: &NewWeights) -> Option<Self> {
-        let source = &new.source.weights;
+    /// A new header, for when types change. `None` when there are the tensors that there were, each of the type and shape it had.
+    fn other_header(&self) -> Option<Header<'_>> {
+        let source = &self.source.weights;
         let mut same = true;
-        let mut tensors: Vec<(String, TensorInfo)> = Vec::new();
+        let mut tensors = Vec::new();
         for name in source.names() {
-            let Some(mut info) = source.info(&name).cloned() else {
+            let Some(info) = source.info(&name) else {
                 continue;
             };
-            if new.stats.contains_key(&name) {
+            if self.stats.contains_key(&name) {
                 continue;
             }
-            if new.precision == Precision::Single && new.changed.contains_key(&name) {
-                same &= info.dtype == Dtype::F32;
-                info.dtype = Dtype::F32;
+            let mut dtype = info.dtype;
+            if self.precision == Precision::Single && self.changed.contains_key(&name) {
+                same &= dtype == Dtype::F32;
+                dtype = Dtype::F32;
             }
-            tensors.push((name, info));
+            tensors.push((name, dtype, info.shape.clone()));
         }
-        for (name, tensor) in new.stats {
+        for (name, tensor) in self.stats {
             let found = source.info(name);
             same &= found.is_some_and(|i| i.dtype == Dtype::F32 && i.shape == tensor.shape);
-            let info = TensorInfo {
-                dtype: Dtype::F32,
-                shape: tensor.shape.clone(),
-                data_offsets: (0, 0),
-            };
-            tensors.push((name.clone(), info));
+            tensors.push((name.clone(), Dtype::F32, tensor.shape.clone()));
         }
         if same {
             return None;
         }
         // Wide types come first, as safetensors writes them, so that every tensor stays aligned.
-        tensors.sort_by(|(a, x), (b, y)| (Reverse(x.dtype), a).cmp(&(Reverse(y.dtype), b)));
-        let mut start = 0;
-        for (_, info) in &mut tensors {
-            let bits = info.shape.iter().product::<usize>() * info.dtype.bitsize();
-            info.data_offsets = (start, start + bits / 8);
-            start += bits / 8;
-        }
+        tensors.sort_by(|(a, x, _), (b, y, _)| (Reverse(x), a).cmp(&(Reverse(y), b)));
         let metadata = source.metadata().as_ref();
-        Some(Self {
-            metadata: metadata.map(|m| m.iter().map(|(k, v)| (k.clone(), v.clone())).collect()),
-            tensors,
-        })
-    }
-
-    fn to_bytes(&self) -> Result<Vec<u8>> {
-        let mut bytes =
-            serde_json::to_vec(self).map_err(|e| StoredPolicyError::Safetensors(e.to_string()))?;
-        bytes.resize(bytes.len().next_multiple_of(8), b' ');
-        Ok(bytes)
-    }
-
-    fn types(self) -> Vec<(String, Option<Dtype>)> {
-        let types = self.tensors.into_iter();
-        types.map(|(name, info)| (name, Some(info.dtype))).collect()
-    }
-}
-
-impl Serialize for Header {
-    fn serialize<S: Serializer>(&self, serializer: S) -> std::result::Result<S::Ok, S::Error> {
-        let mut map = serializer.serialize_map(None)?;
-        if let Some(metadata) = &self.metadata {
-            map.serialize_entry("__metadata__", metadata)?;
-        }
-        for (name, info) in &self.tensors {
-            map.serialize_entry(name, info)?;
-        }
-        map.end()
+        let metadata = metadata.map(|m| m.iter().map(|(k, v)| (&k[..], &v[..])).collect());
+        Some(Header::new(metadata, tensors))
     }
 }

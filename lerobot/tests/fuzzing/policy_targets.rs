@@ -6,8 +6,9 @@ use std::path::PathBuf;
 
 use zk0_lerobot::layout::policy_layout;
 use zk0_lerobot::policy_folder::{LeRobotConfig, PolicyFolder};
-use zk0_lerobot::safetensors::{write_to, Entry, TensorFile};
-use zk0_lerobot::PolicyConfig;
+
+use zk0_lerobot::{PolicyConfig, StoredTensors};
+use zk0_tensors::{write_to, Entry};
 
 use crate::recordings::fixtures;
 use crate::targets::Target;
@@ -42,7 +43,7 @@ pub fn tensor_file() -> Target {
         run: Box::new(move |bytes| {
             let path = dir.path().join("input");
             fs::write(&path, bytes).unwrap();
-            let read = TensorFile::open(&path).and_then(|file| {
+            let read = StoredTensors::open(&path).and_then(|file| {
                 let names = file.names();
                 names.iter().try_for_each(|name| file.read(name).map(drop))
             });

@@ -94,17 +94,14 @@ fn a_weights_file_cut_anywhere_or_with_a_lying_header_is_refused() {
     };
     for length in [0, 7, 8, 100, 8 + header, whole.len() / 2, whole.len() - 1] {
         let said = with(&whole[..length]);
-        assert!(
-            said.contains("not a complete safetensors file"),
-            "{length}: {said}"
-        );
+        assert!(said.contains("truncated"), "{length}: {said}");
     }
     let longer = [whole.as_slice(), &[0]].concat();
-    assert!(with(&longer).contains("not a complete"));
+    assert!(with(&longer).contains("followed by other bytes"));
     for claimed in [u64::MAX, 1 << 60, whole.len() as u64 - 7, 99_000_000] {
         let mut lying = whole.clone();
         lying[..8].copy_from_slice(&claimed.to_le_bytes());
-        assert!(with(&lying).contains(&format!("a header of {claimed} bytes")));
+        assert!(with(&lying).contains(&format!("has {claimed} bytes")));
     }
 }
 

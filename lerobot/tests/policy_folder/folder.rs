@@ -8,7 +8,7 @@ use half::{bf16, f16};
 use safetensors::tensor::{serialize, Dtype, SafeTensors, TensorView};
 use zk0_lerobot::layout::expert_layout;
 use zk0_lerobot::policy_folder::PolicyFolder;
-use zk0_lerobot::safetensors::TensorSet;
+use zk0_tensors::TensorSet;
 
 use crate::recordings::fixtures;
 

@@ -6,7 +6,7 @@ use half::f16;
 use safetensors::tensor::Dtype;
 use zk0_lerobot::layout::policy_layout;
 use zk0_lerobot::policy_folder::{PolicyFolder, Precision};
-use zk0_lerobot::safetensors::{read_exactly, TensorSet};
+use zk0_tensors::{TensorFile, TensorSet, HEADER_LIMIT};
 
 use crate::folder::*;
 
@@ -42,8 +42,10 @@ fn values_are_read_exactly_from_all_three_types() {
     let source = folder(&raw(&fixture("weights.safetensors")));
     let opened = PolicyFolder::open(source.path()).unwrap();
     let layout = policy_layout(&opened.config().dims);
-    let direct = read_exactly(&fixture("weights.safetensors"), &layout, &[LM_HEAD]);
-    assert_eq!(opened.tensors().unwrap(), direct.unwrap());
+    let bytes = fixture("weights.safetensors");
+    let file = TensorFile::open(&bytes[..], HEADER_LIMIT).unwrap();
+    let direct = file.read_exactly(&layout, &[LM_HEAD]).unwrap();
+    assert_eq!(opened.tensors().unwrap(), direct);
 }
 
 /// PyTorch stores tied weights once; the metadata leads from the other name to it.

@@ -8,7 +8,7 @@ use safetensors::tensor::Dtype;
 use serde_json::Value;
 use zk0_lerobot::dataset::{Normalizer, Stats};
 use zk0_lerobot::policy_folder::{PolicyFolder, Precision};
-use zk0_lerobot::safetensors::TensorSet;
+use zk0_tensors::TensorSet;
 
 use crate::folder::*;
 

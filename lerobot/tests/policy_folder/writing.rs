@@ -5,8 +5,8 @@ use std::fs;
 use half::bf16;
 use safetensors::tensor::{Dtype, SafeTensors};
 use zk0_lerobot::policy_folder::{PolicyFolder, Precision};
-use zk0_lerobot::safetensors::TensorSet;
 use zk0_lerobot::StoredPolicyError;
+use zk0_tensors::{TensorError, TensorSet};
 
 use crate::folder::*;
 
@@ -97,7 +97,7 @@ fn what_cannot_be_written_is_refused() {
     let opened = PolicyFolder::open(source.path()).unwrap();
     let out = tempfile::tempdir().unwrap();
     let norm = opened.tensor(NORM).unwrap();
-    let one = |name: &str, change: &dyn Fn(&mut zk0_lerobot::safetensors::TensorData)| {
+    let one = |name: &str, change: &dyn Fn(&mut zk0_tensors::TensorData)| {
         let mut tensor = norm.clone();
         change(&mut tensor);
         TensorSet::from([(name.to_string(), tensor)])
@@ -105,13 +105,18 @@ fn what_cannot_be_written_is_refused() {
     let to = out.path().join("new");
     let refused = |changed: &TensorSet| opened.write(&to, changed, Precision::Kept).unwrap_err();
     let error = refused(&one("stowaway", &|_| ()));
-    assert!(matches!(&error, StoredPolicyError::UnexpectedTensor(n) if n == "stowaway"));
+    assert!(
+        matches!(&error, StoredPolicyError::Tensor(TensorError::Unexpected(n)) if n == "stowaway")
+    );
     let error = refused(&one(NORM, &|t| t.shape = vec![53]));
-    assert!(matches!(error, StoredPolicyError::Shape { .. }));
+    assert!(matches!(
+        error,
+        StoredPolicyError::Tensor(TensorError::Shape { .. })
+    ));
     let error = refused(&one(NORM, &|t| t.data[3] = f32::NAN));
     assert!(matches!(
         error,
-        StoredPolicyError::NotFinite { index: 3, .. }
+        StoredPolicyError::Tensor(TensorError::NotFinite { index: 3, .. })
     ));
     assert!(!to.exists(), "nothing is left of what was refused at once");
     // The value is finite in F32, but not in BF16.

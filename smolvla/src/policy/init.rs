@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use sha2::{Digest, Sha256};
 use zk0_lerobot::config::PolicyConfig;
 use zk0_lerobot::layout::policy_layout;
-use zk0_lerobot::safetensors::{TensorData, TensorSet};
+use zk0_tensors::{TensorData, TensorSet};
 
 use crate::error::Result;
 use crate::policy::random::uniform;

@@ -16,15 +16,15 @@ use memmap2::Mmap;
 use zk0_files::atomic_file::{self, Durability};
 use zk0_lerobot::config::PolicyConfig;
 use zk0_lerobot::policy_folder::Inference;
-use zk0_lerobot::safetensors::{metadata_of, write_to, Entry, TensorFile};
 use zk0_lerobot::tokenizer::TrainedTokenizer;
-use zk0_lerobot::StoredPolicyError;
+use zk0_lerobot::{StoredPolicyError, StoredTensors};
+use zk0_tensors::{write_to, Entry, TensorFile, HEADER_LIMIT};
 
 use crate::error::Result;
 use crate::policy::tokenizer::PolicyTokenizer;
 use crate::policy::weights::Policy;
 
-pub use zk0_lerobot::safetensors::Written;
+pub use zk0_tensors::Written;
 
 /// Key of the file's metadata under which the dimensions are.
 pub const CONFIG_KEY: &str = "zk0.config";
@@ -80,8 +80,8 @@ fn write_used(
 /// As [`Policy::from_safetensors`]; when the dimensions are missing or not usable; when there is a tokenizer that cannot be
 /// used.
 pub fn read(bytes: &[u8]) -> Result<PolicyFile> {
-    let notes = metadata_of(bytes)?;
-    let note = |key| notes.get(key);
+    let file = TensorFile::open(bytes, HEADER_LIMIT)?;
+    let note = |key| file.metadata().as_ref().and_then(|notes| notes.get(key));
     let config = note(CONFIG_KEY).ok_or_else(|| {
         StoredPolicyError::Config(format!("the file's metadata has no `{CONFIG_KEY}`"))
     })?;
@@ -114,7 +114,7 @@ pub fn load(path: &Path) -> Result<PolicyFile> {
 /// # Errors
 /// [`StoredPolicyError::AtPath`].
 pub fn inference(path: &Path) -> Result<Inference> {
-    let file = TensorFile::open(path)?;
+    let file = StoredTensors::open(path)?;
     let note = |key| file.metadata().as_ref().and_then(|all| all.get(key));
     let Some(text) = note(INFERENCE_KEY) else {
         return Ok(Inference::default());

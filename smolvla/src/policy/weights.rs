@@ -8,10 +8,9 @@ use std::collections::BTreeMap;
 use zk0_lerobot::config::PolicyConfig;
 use zk0_lerobot::layout::{expert_layout, policy_layout, LM_HEAD};
 use zk0_lerobot::policy_folder::PolicyFolder;
-use zk0_lerobot::safetensors::{
-    check_layout, read_exactly, write_to, Entry, TensorData, TensorSet,
+use zk0_tensors::{
+    check_layout, write_to, Entry, TensorData, TensorError, TensorFile, TensorSet, HEADER_LIMIT,
 };
-use zk0_lerobot::StoredPolicyError;
 
 use crate::error::Result;
 
@@ -26,7 +25,8 @@ impl ExpertWeights {
     /// # Errors
     /// Says which tensor is missing, unexpected, of another shape or type, or not finite.
     pub fn from_safetensors(config: &PolicyConfig, bytes: &[u8]) -> Result<Self> {
-        Ok(Self(read_exactly(bytes, &expert_layout(config), &[])?))
+        let file = TensorFile::open(bytes, HEADER_LIMIT)?;
+        Ok(Self(file.read_exactly(&expert_layout(config), &[])?))
     }
 
     /// Takes tensors made elsewhere (an average of several updates, say), with the same checks.
@@ -70,7 +70,8 @@ impl Policy {
     /// As [`ExpertWeights::from_safetensors`].
     pub fn from_safetensors(config: &PolicyConfig, bytes: &[u8]) -> Result<Self> {
         config.validate()?;
-        let all = read_exactly(bytes, &policy_layout(config), &[LM_HEAD])?;
+        let file = TensorFile::open(bytes, HEADER_LIMIT)?;
+        let all = file.read_exactly(&policy_layout(config), &[LM_HEAD])?;
         Ok(Self::split(config, all))
     }
 
@@ -113,6 +114,6 @@ fn write<'a>(tensors: impl Iterator<Item = (&'a String, &'a TensorData)>) -> Res
         tensors.map(Entry::of).collect(),
         BTreeMap::new(),
     )
-    .map_err(|e| StoredPolicyError::Safetensors(e.to_string()))?;
+    .map_err(TensorError::from)?;
     Ok(bytes)
 }

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 
 use candle_core::{Device, Tensor, Var};
 use zk0_lerobot::config::PolicyConfig;
-use zk0_lerobot::safetensors::{TensorData, TensorSet};
+use zk0_tensors::{TensorData, TensorSet};
 
 use crate::error::{PolicyError, Result};
 use crate::frames::batch::{pick, Batch, ObservedBatch, SampleSource};

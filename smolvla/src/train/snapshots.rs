@@ -15,7 +15,7 @@ use candle_core::Tensor;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use zk0_files::atomic_file::{self, Durability};
-use zk0_lerobot::safetensors::{read_f32, write_to, Entry, Written};
+use zk0_tensors::{write_to, Entry, TensorFile, Written, HEADER_LIMIT};
 
 use crate::error::PolicyError;
 use crate::train::trainer::Trainer;
@@ -319,16 +319,19 @@ struct Saved {
 
 impl Saved {
     fn give_to(self, trainer: &mut Trainer) -> Result<(), PolicyError> {
-        let weights = read_f32(&self.weights)?;
-        let moments = read_f32(&self.moments)?;
+        let weights = TensorFile::open(&self.weights[..], HEADER_LIMIT)?;
+        let moments = TensorFile::open(&self.moments[..], HEADER_LIMIT)?;
+        let values = |file: &TensorFile<_>, name: &str, shape: &[usize]| {
+            Ok(file.read_f32(name, shape)?.finite(name)?.data)
+        };
         trainer.restored(self.step, |learner, optimizer| {
             for (name, variable) in learner.variables() {
-                let values = weights(name, variable.dims())?.data;
+                let values = values(&weights, name, variable.dims())?;
                 let tensor = Tensor::from_vec(values, variable.shape(), variable.device())?;
                 variable.set(&tensor)?;
             }
             optimizer.restore(self.optimizer_steps, &mut |name, shape| {
-                Ok(moments(name, shape)?.data)
+                values(&moments, name, shape)
             })
         })
     }

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use zk0_lerobot::config::PolicyConfig;
 use zk0_lerobot::layout::expert_layout;
-use zk0_lerobot::safetensors::TensorSet;
+use zk0_tensors::TensorSet;
 
 use crate::error::{PolicyError, Result};
 use crate::measure::evaluate::{squared_errors, FlowDraw, SampleErrors};

@@ -16,6 +16,7 @@ use zk0_smolvla::policy::model::Parameters;
 use zk0_smolvla::policy::profile::Profile;
 use zk0_smolvla::train::optimizer::{AdamW, AdamWOptions};
 use zk0_smolvla::PolicyError;
+use zk0_tensors::TensorError;
 
 use crate::reference::{numbers, published_parameters};
 
@@ -145,6 +146,8 @@ fn a_trainable_tensor_that_is_not_there_is_named() {
     let missing = Parameters::with_variables(frozen, &trainable, &Device::Cpu);
     assert!(matches!(
         missing.err(),
-        Some(PolicyError::Stored(StoredPolicyError::MissingTensor(_)))
+        Some(PolicyError::Stored(StoredPolicyError::Tensor(
+            TensorError::Missing(_)
+        )))
     ));
 }

@@ -6,14 +6,15 @@ use std::collections::{BTreeMap, BTreeSet};
 type Dependencies<'a> = BTreeMap<&'a str, BTreeSet<&'a str>>;
 
 /// Each crate, and what its row of the map names.
-const MAP: [(&str, &[&str]); 12] = [
+const MAP: [(&str, &[&str]); 13] = [
     ("zk0-files", &[]),
+    ("zk0-tensors", &[]),
     ("zk0-circuits", &[]),
-    ("zk0-lerobot", &["zk0-files"]),
+    ("zk0-lerobot", &["zk0-files", "zk0-tensors"]),
     ("zk0-smolvla", &["zk0-circuits", "zk0-lerobot"]),
     ("zk0-protocol", &["zk0-circuits"]),
     ("zk0-ledger", &["zk0-files", "zk0-protocol"]),
-    ("zk0-verifier", &["zk0-protocol"]),
+    ("zk0-verifier", &["zk0-protocol", "zk0-tensors"]),
     ("zk0-prover", &["zk0-circuits"]),
     ("zk0-node", &["zk0-smolvla", "zk0-protocol", "zk0-prover"]),
     ("zk0-aggregator", &["zk0-ledger", "zk0-verifier"]),

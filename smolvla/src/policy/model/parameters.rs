@@ -3,9 +3,7 @@
 use std::collections::BTreeMap;
 
 use candle_core::{DType, Device, Tensor, Var};
-use zk0_lerobot::layout::Layout;
-use zk0_lerobot::safetensors::TensorSet;
-use zk0_lerobot::StoredPolicyError;
+use zk0_tensors::{Layout, TensorError, TensorSet};
 
 use crate::error::Result;
 use crate::policy::frozen::FrozenPrecision;
@@ -53,7 +51,7 @@ impl Parameters {
         for name in trainable.keys() {
             let tensor = tensors
                 .get_mut(name)
-                .ok_or_else(|| StoredPolicyError::MissingTensor(name.clone()))?;
+                .ok_or_else(|| TensorError::Missing(name.clone()))?;
             let variable = Var::from_tensor(tensor)?;
             *tensor = variable.as_tensor().clone();
             variables.insert(name.clone(), variable);
@@ -82,7 +80,7 @@ impl Parameters {
         self.tensors
             .get(name)
             .cloned()
-            .ok_or_else(|| StoredPolicyError::MissingTensor(name.into()).into())
+            .ok_or_else(|| TensorError::Missing(name.into()).into())
     }
 
     /// The weight or bias of a linear map, as it is multiplied and added.

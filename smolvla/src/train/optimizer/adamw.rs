@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 
 use candle_core::backprop::GradStore;
 use candle_core::{Tensor, Var};
-use zk0_lerobot::StoredPolicyError;
+use zk0_tensors::TensorError;
 
 use crate::error::{PolicyError, Result};
 use crate::policy::model::kernels::serve;
@@ -141,7 +141,7 @@ impl AdamW {
     /// a shape, as [`Self::moments`] gave them.
     ///
     /// # Errors
-    /// Those of `read`, and [`StoredPolicyError::Shape`] when it gives a tensor of another size.
+    /// Those of `read`, and [`TensorError::Shape`] when it gives a tensor of another size.
     pub fn restore(
         &mut self,
         steps: u64,
@@ -153,7 +153,7 @@ impl AdamW {
                 let name = format!("{kind}.{name}");
                 let values = read(&name, shape)?;
                 if values.len() != variable.elem_count() {
-                    let wrong = StoredPolicyError::Shape {
+                    let wrong = TensorError::Shape {
                         name,
                         expected: shape.to_vec(),
                         found: vec![values.len()],

@@ -3,12 +3,21 @@
 use half::{bf16, f16};
 use safetensors::tensor::Dtype;
 
-/// Bytes of an element, for the types that are read.
-pub(crate) fn readable_size(dtype: Dtype) -> Option<usize> {
+use crate::error::{Result, TensorError};
+
+/// Checks that tensors of this type are read, and gives the bytes of an element.
+///
+/// # Errors
+/// [`TensorError::Dtype`], about the tensor `name`.
+pub fn check_readable(name: &str, dtype: Dtype) -> Result<usize> {
     match dtype {
-        Dtype::F32 => Some(4),
-        Dtype::F16 | Dtype::BF16 => Some(2),
-        _ => None,
+        Dtype::F32 => Ok(4),
+        Dtype::F16 | Dtype::BF16 => Ok(2),
+        _ => Err(TensorError::Dtype {
+            name: name.into(),
+            found: dtype.to_string(),
+            accepted: "F32, F16 or BF16",
+        }),
     }
 }
 
@@ -17,7 +26,7 @@ pub(crate) fn decode(dtype: Dtype, block: &[u8], out: &mut Vec<f32>) {
     match dtype {
         Dtype::F16 => out.extend(pairs.map(|b| f16::from_le_bytes(b).to_f32())),
         Dtype::BF16 => out.extend(pairs.map(|b| bf16::from_le_bytes(b).to_f32())),
-        // This is F32, the only other type that `readable_size` lets through.
+        // This is F32, the only other type that `check_readable` lets through.
         _ => out.extend(
             block
                 .chunks_exact(4)
@@ -27,8 +36,8 @@ pub(crate) fn decode(dtype: Dtype, block: &[u8], out: &mut Vec<f32>) {
 }
 
 /// Numbers as bytes of a type that can be read, rounded to nearest even; `None` where one gets too large for it.
-pub(crate) fn encode(dtype: Dtype, numbers: &[f32]) -> Option<Vec<u8>> {
-    let mut out = Vec::with_capacity(numbers.len() * readable_size(dtype)?);
+pub fn encode(dtype: Dtype, numbers: &[f32]) -> Option<Vec<u8>> {
+    let mut out = Vec::with_capacity(numbers.len() * dtype.bitsize() / 8);
     for x in numbers {
         match dtype {
             Dtype::F16 => {

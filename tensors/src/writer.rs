@@ -4,11 +4,11 @@ use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::io::{self, Write};
 
-use serde::Serialize;
+use safetensors::tensor::Dtype;
 use sha2::{Digest, Sha256};
 
-use super::file::HEADER_LIMIT;
-use super::tensors::TensorData;
+use crate::header::Header;
+use crate::tensor_data::TensorData;
 
 /// One tensor of a file.
 pub struct Entry<'a> {
@@ -31,18 +31,6 @@ impl<'a> Entry<'a> {
     }
 }
 
-/// An entry of the header; fields in the order in which the safetensors crate writes them.
-#[derive(Serialize)]
-#[serde(untagged)]
-enum About<'a> {
-    Notes(BTreeMap<&'a str, &'a str>),
-    Tensor {
-        dtype: &'static str,
-        shape: &'a [usize],
-        data_offsets: [usize; 2],
-    },
-}
-
 /// What was written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Written {
@@ -63,30 +51,9 @@ pub fn write_to(
     notes: BTreeMap<&str, &str>,
 ) -> io::Result<Written> {
     entries.sort_by(|a, b| a.name.cmp(&b.name));
-    let mut header = BTreeMap::new();
-    if !notes.is_empty() {
-        header.insert("__metadata__", About::Notes(notes));
-    }
-    let mut end = 0;
-    for entry in &entries {
-        let start = end;
-        end += 4 * entry.values.len();
-        let about = About::Tensor {
-            dtype: "F32",
-            shape: &entry.shape,
-            data_offsets: [start, end],
-        };
-        header.insert(entry.name.as_str(), about);
-    }
-    let mut header = serde_json::to_vec(&header)?;
-    header.resize(header.len().next_multiple_of(8), b' ');
-    if header.len() as u64 > HEADER_LIMIT {
-        let wrong = format!(
-            "the header has {} bytes, safetensors files have {HEADER_LIMIT} at most",
-            header.len()
-        );
-        return Err(io::Error::new(io::ErrorKind::InvalidInput, wrong));
-    }
+    let tensors = entries.iter();
+    let tensors = tensors.map(|entry| (entry.name.clone(), Dtype::F32, entry.shape.clone()));
+    let header = Header::new((!notes.is_empty()).then_some(notes), tensors).to_bytes()?;
 
     let mut out = Hashing {
         inner: out,
@@ -130,8 +97,8 @@ impl<W: Write> Write for Hashing<W> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::safetensors::{metadata_of, read_f32};
-    use safetensors::tensor::Dtype;
+    use crate::header::HEADER_LIMIT;
+    use crate::tensor_file::TensorFile;
 
     fn entry<'a>(name: &str, shape: &[usize], values: Vec<f32>) -> Entry<'a> {
         Entry {
@@ -154,10 +121,12 @@ mod tests {
         let written = write_to(&mut bytes, entries(), BTreeMap::new()).unwrap();
         assert_eq!(written.bytes, bytes.len() as u64);
         assert_eq!(written.digest[..], Sha256::digest(&bytes)[..]);
-        let read = read_f32(&bytes).unwrap();
-        assert_eq!(read("a", &[100_000]).unwrap().data, many);
-        assert_eq!(read("b", &[2, 2]).unwrap().data, [1.0, 2.0, 3.0, 4.0]);
-        let error = |name, shape: &[usize]| read(name, shape).unwrap_err().to_string();
+        let read = |bytes| TensorFile::open(bytes, HEADER_LIMIT).unwrap();
+        let file = read(&bytes[..]);
+        assert_eq!(file.read_f32("a", &[100_000]).unwrap().data, many);
+        let small = file.read_f32("b", &[2, 2]).unwrap();
+        assert_eq!(small.data, [1.0, 2.0, 3.0, 4.0]);
+        let error = |name, shape: &[usize]| file.read_f32(name, shape).unwrap_err().to_string();
         assert!(error("b", &[4]).contains("[2, 2]"));
         assert!(error("c", &[4]).contains("missing"));
 
@@ -166,7 +135,7 @@ mod tests {
         let written = write_to(&mut noted, entries(), notes).unwrap();
         assert_eq!(written.bytes, noted.len() as u64);
         assert_eq!(written.digest[..], Sha256::digest(&noted)[..]);
-        let metadata = metadata_of(&noted).unwrap();
+        let metadata = read(&noted[..]).metadata().clone().unwrap();
         assert_eq!(metadata["key"], "text");
         assert_eq!(metadata["another"], "\"quoted\"\n");
     }

@@ -1,0 +1,79 @@
+//! Tensors as plain numbers, and the checks that all of them pass.
+
+use std::collections::BTreeMap;
+
+use crate::error::{Result, TensorError};
+
+/// One tensor, row-major.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TensorData {
+    /// Dimensions.
+    pub shape: Vec<usize>,
+    /// As many elements as the dimensions' product.
+    pub data: Vec<f32>,
+}
+
+/// Tensors by name, in name order.
+pub type TensorSet = BTreeMap<String, TensorData>;
+
+/// Names of tensors with their shapes, in name order.
+pub type Layout = BTreeMap<String, Vec<usize>>;
+
+impl TensorData {
+    /// Checks that the tensor has this shape, and as many numbers as it asks for.
+    ///
+    /// # Errors
+    /// [`TensorError::Shape`].
+    pub fn check_shape(&self, name: &str, shape: &[usize]) -> Result<()> {
+        if self.shape != shape || self.data.len() != shape.iter().product::<usize>() {
+            return Err(TensorError::Shape {
+                name: name.into(),
+                expected: shape.to_vec(),
+                found: self.shape.clone(),
+            });
+        }
+        Ok(())
+    }
+
+    /// The tensor, if every number is finite.
+    ///
+    /// # Errors
+    /// [`TensorError::NotFinite`].
+    pub fn finite(self, name: &str) -> Result<Self> {
+        check_finite(name, &self.data)?;
+        Ok(self)
+    }
+}
+
+/// Checks that a set has exactly the tensors of `layout`, with its shapes, and that every number is finite.
+///
+/// # Errors
+/// Says which tensor is missing, unexpected, of another shape, or not finite.
+pub fn check_layout(tensors: &TensorSet, layout: &Layout) -> Result<()> {
+    if let Some(name) = tensors.keys().find(|n| !layout.contains_key(*n)) {
+        return Err(TensorError::Unexpected(name.clone()));
+    }
+    for (name, shape) in layout {
+        let tensor = tensors
+            .get(name)
+            .ok_or_else(|| TensorError::Missing(name.clone()))?;
+        tensor.check_shape(name, shape)?;
+        check_finite(name, &tensor.data)?;
+    }
+    Ok(())
+}
+
+/// Refuses NaN and infinities.
+///
+/// # Errors
+/// [`TensorError::NotFinite`], with the place of the first.
+pub fn check_finite(name: &str, numbers: &[f32]) -> Result<()> {
+    match numbers.iter().position(|x| !x.is_finite()) {
+        Some(index) => Err(TensorError::NotFinite {
+            name: name.into(),
+            index,
+            value: numbers[index].to_string(),
+        }),
+        None => Ok(()),
+    }
+}
