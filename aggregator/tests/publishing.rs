@@ -55,7 +55,9 @@ fn mirrored(source: &dyn Source, dir: &Path) -> Result<u64, MirrorError> {
 fn same_replay(ours: &Path, theirs: &Path) {
     let report = |dir| replay(dir, None, &mut Auditor::default());
     let (ours, theirs) = (report(ours), report(theirs));
-    assert_eq!(theirs.verdict, ours.verdict);
+    assert_eq!(ours.verdict, Verdict::Verified, "{:?}", ours.findings);
+    // What the aggregator still holds back is not in the copy, and so it is not checked.
+    assert_ne!(theirs.verdict, Verdict::Failed, "{:?}", theirs.findings);
     assert_eq!(theirs.root, ours.root);
     assert_eq!(theirs.state, ours.state);
     assert_eq!(

@@ -12,6 +12,10 @@ use zk0_protocol::counted::counted;
 )]
 #[serde(rename_all = "kebab-case")]
 pub enum What {
+    /// The guest program is the one of this release, or one that the auditor named.
+    Program,
+    /// The parameters of the evaluation are those of this release, or some that the auditor named.
+    Evaluation,
     /// The file of the whole initial policy is the one that the genesis names.
     Policy,
     /// The leaves of a dataset hash to the committed root, and no two are the same.
@@ -44,6 +48,10 @@ pub enum Why {
     NotAtHand,
     /// The check needs something that was not verified.
     RestsOnOthers,
+    /// The network's founder chose something that this release does not know.
+    OthersChoice,
+    /// This release has no verifier of the SP1 release that the proof is of.
+    NoVerifier,
 }
 
 /// How much was checked.
@@ -140,22 +148,31 @@ impl Account {
 }
 
 impl NotChecked {
-    /// The note in the report.
+    /// The finding in the report.
     pub fn finding(&self) -> Finding {
-        Finding::note(None, format!("not checked: {self}"))
+        Finding::not_checked(None, self.to_string())
     }
 }
 
 impl std::fmt::Display for NotChecked {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let (one, many) = match self.what {
+            What::Program => ("guest program", "guest programs"),
+            What::Evaluation => ("evaluation's parameters", "evaluations' parameters"),
             What::Policy => ("initial policy", "initial policies"),
             What::Datasets => ("dataset's list of samples", "datasets' lists of samples"),
             What::Bases => (
                 "file of weights that a round starts from",
                 "files of weights that rounds start from",
             ),
-            What::Proofs => ("proof in the open round", "proofs in the open round"),
+            What::Proofs if self.why == Why::NotAtHand => (
+                "accepted contribution's proof in the open round",
+                "accepted contributions' proofs in the open round",
+            ),
+            What::Proofs => (
+                "accepted contribution's proof",
+                "accepted contributions' proofs",
+            ),
             What::Updates => ("update's weights", "updates' weights"),
             What::Refusals => ("refusal's reason", "refusals' reasons"),
             What::Averages => ("average", "averages"),
@@ -165,7 +182,7 @@ impl std::fmt::Display for NotChecked {
         write!(f, "{}: ", counted(self.count, one, many))?;
         match self.why {
             Why::Light => f.write_str("this audit is light"),
-            Why::NotAtHand | Why::RestsOnOthers => {
+            Why::NotAtHand | Why::RestsOnOthers | Why::OthersChoice | Why::NoVerifier => {
                 let first = if self.count == 1 { "" } else { "the first, " };
                 write!(f, "{first}{} (entry {})", self.example, self.first_entry)
             }

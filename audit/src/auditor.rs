@@ -1,27 +1,28 @@
 //! What an auditor checks beyond the ledger's own rules: proofs, refusals, datasets and averages. The auditor uses the functions by
 //! which the aggregator decided, on the blobs that are at hand.
 //!
-//! Once a round has closed, it is a fault if the proof of an accepted contribution is missing. Until then the proof is private, and
-//! only the aggregator has it. An auditor need not hold weights and evidence: the audit reports what is not at hand as not checked,
-//! and so it does with what a light audit leaves out, one line for each kind.
+//! Once a round has closed, it is a fault if the proof or the update of an accepted contribution is missing. Until then both are
+//! private, and only the aggregator has them. The audit reports everything else that is not at hand as not checked, and so it does
+//! with what a light audit leaves out, one line for each kind. What was not checked is never called verified.
 //!
 //! Several threads verify proofs and weights while the replay goes on. At most twice as many contributions as there are threads
 //! are begun and not yet reported. The weights of the contributions that the open round accepted are held until it closes, for
 //! their average.
 
 use crate::account::{Account, Checked, NotChecked, What, Why};
-use crate::checks::{self, Check, Examined, Recorded};
+use crate::checks::{self, Check, Examined, Missing, Recorded};
 use crate::depth::Depth;
+use crate::named::Named;
 use crate::queue::{Panicked, Queue};
 
 use std::collections::BTreeMap;
 use std::num::NonZeroUsize;
 use std::thread;
-use zk0_circuits::{Digest, NodeId};
 use zk0_ledger::blobs::Blobs;
 use zk0_ledger::replay::{Finding, Recheck};
 use zk0_protocol::entries::entry::{Body, Entry};
 use zk0_protocol::entries::genesis::Genesis;
+use zk0_protocol::entries::proposal::{self, Action};
 use zk0_protocol::entries::signed::{Signed, Submission};
 use zk0_protocol::rules::named_blobs::BlobKind;
 use zk0_protocol::rules::state::State;
@@ -31,6 +32,7 @@ use zk0_verifier::{Evaluation, ProgramKey, VerifiedContribution};
 /// Verifies contributions and averages again during a replay: hand it to [`zk0_ledger::replay::replay`].
 pub struct Auditor {
     depth: Depth,
+    named: Named,
     /// What was checked, without the contributions that the open round accepted.
     account: Account,
     /// What was checked of the contributions that the open round accepted.
@@ -39,8 +41,8 @@ pub struct Auditor {
     accepted: Vec<Recorded>,
     /// The contributions among them that verify.
     contributions: Vec<VerifiedContribution>,
-    /// Those among them whose proof is not at hand: entry, node, proof.
-    unproven: Vec<(u64, NodeId, Digest)>,
+    /// What is not at hand of them.
+    missing: Vec<Missing>,
     /// Accepted contributions that may still be disputed, and of which this audit has not found that they verify: what verification
     /// says, or `None` where not all of it was checked.
     doubtful: BTreeMap<u64, Option<Refusal>>,
@@ -51,6 +53,7 @@ pub struct Auditor {
 /// What a state file keeps of an auditor.
 type Saved = (
     Depth,
+    Named,
     Account,
     Vec<Recorded>,
     BTreeMap<u64, Option<Refusal>>,
@@ -61,7 +64,7 @@ enum Outcome {
     /// The check of an entry.
     Check(u64, Check),
     /// The checks of an accepted contribution.
-    Accepted(u64, NodeId, Box<Examined>),
+    Accepted(u64, Box<Examined>),
 }
 
 impl Default for Auditor {
@@ -81,21 +84,27 @@ impl Auditor {
     pub fn with_threads(depth: Depth, threads: NonZeroUsize) -> Self {
         Self {
             depth,
+            named: Named::default(),
             account: Account::default(),
             open: Account::default(),
             accepted: Vec::new(),
             contributions: Vec::new(),
-            unproven: Vec::new(),
+            missing: Vec::new(),
             doubtful: BTreeMap::new(),
             queue: Queue::new(threads),
             found: Vec::new(),
         }
     }
 
-    /// Goes on from what an audit of the same depth has saved with [`Recheck::save`]. What the open round accepted is verified again,
+    /// The audit of an auditor who answers for these.
+    pub fn naming(self, named: Named) -> Self {
+        Self { named, ..self }
+    }
+
+    /// Goes on from what an audit of the same depth, by an auditor who named the same, has saved with [`Recheck::save`]. What the open round accepted is verified again,
     /// because the average needs its weights.
-    pub fn go_on(depth: Depth, saved: &[u8], blobs: &Blobs) -> Result<Self, String> {
-        let (was, account, accepted, doubtful): Saved = borsh::from_slice(saved)
+    pub fn go_on(depth: Depth, named: &Named, saved: &[u8], blobs: &Blobs) -> Result<Self, String> {
+        let (was, had_named, account, accepted, doubtful): Saved = borsh::from_slice(saved)
             .map_err(|error| format!("another version of zk0 wrote the state file ({error})"))?;
         if was != depth {
             let name = |depth| match depth {
@@ -108,7 +117,14 @@ impl Auditor {
                 name(depth)
             ));
         }
+        if had_named != *named {
+            return Err(
+                "the audit that wrote the state file had other --program or --evaluation options"
+                    .into(),
+            );
+        }
         let mut auditor = Self {
+            named: had_named,
             account,
             doubtful,
             ..Self::new(depth)
@@ -132,11 +148,9 @@ impl Auditor {
     fn whole_account(&self) -> Account {
         let mut account = self.account.clone();
         account.add(self.open.clone());
-        for (index, node, proof) in &self.unproven {
-            let what = format!(
-                "the proof {proof} of node {node}'s accepted contribution is not at hand; it has to be at hand once its round closes"
-            );
-            account.left_out(What::Proofs, Why::NotAtHand, *index, what);
+        for Missing { what, index, name } in &self.missing {
+            let name = format!("{name} is not at hand; it has to be at hand once its round closes");
+            account.left_out(*what, Why::NotAtHand, *index, name);
         }
         account
     }
@@ -146,9 +160,8 @@ impl Auditor {
         self.accepted.push(recorded.clone());
         let (depth, blobs) = (self.depth, blobs.clone());
         self.begin(move || {
-            let node = recorded.submission.statement.claim.terms.node;
             let examined = Box::new(recorded.accepted(depth, &blobs));
-            Outcome::Accepted(recorded.index, node, examined)
+            Outcome::Accepted(recorded.index, examined)
         });
     }
 
@@ -178,7 +191,7 @@ impl Auditor {
             Some(Ok(Outcome::Check(index, check))) => {
                 enter(&mut self.account, &mut self.found, index, check);
             }
-            Some(Ok(Outcome::Accepted(index, node, examined))) => {
+            Some(Ok(Outcome::Accepted(index, examined))) => {
                 for check in examined.checks {
                     enter(&mut self.open, &mut self.found, index, check);
                 }
@@ -187,8 +200,7 @@ impl Auditor {
                     None => self.doubtful.insert(index, examined.refused),
                 };
                 self.contributions.extend(examined.verified);
-                let missing = examined.missing_proof.map(|proof| (index, node, proof));
-                self.unproven.extend(missing);
+                self.missing.extend(examined.missing);
             }
         }
     }
@@ -199,7 +211,7 @@ impl Auditor {
         }
     }
 
-    /// Checks the end of a round: the average over what it accepted, and that every accepted contribution has a proof.
+    /// Checks the end of a round: the average over what it accepted, and that every accepted contribution has a proof and an update.
     fn closed(
         &mut self,
         before: &State,
@@ -207,10 +219,8 @@ impl Auditor {
         closed: &zk0_protocol::entries::entry::RoundClosed,
     ) {
         self.finish_all();
-        for (_, node, proof) in self.unproven.drain(..) {
-            let why = format!(
-                "the contribution of node {node} was accepted, but its proof {proof} is missing"
-            );
+        for Missing { name, .. } in self.missing.drain(..) {
+            let why = format!("{name} is missing, and the round has closed");
             self.found.push(Finding::fault(index, why));
         }
         let average = checks::average(before, closed, &self.contributions, self.depth);
@@ -223,17 +233,20 @@ impl Auditor {
     fn forget_round(&mut self) {
         self.accepted.clear();
         self.contributions.clear();
-        self.unproven.clear();
+        self.missing.clear();
     }
 }
 
 impl Recheck for Auditor {
     fn genesis(&mut self, genesis: &Genesis, blobs: &Blobs) -> Vec<Finding> {
-        let program = ProgramKey::from_bytes(&genesis.program).map_err(|error| error.to_string());
-        let evaluation = Evaluation::of_genesis(genesis).map_err(|error| error.to_string());
-        for unusable in [program.map(drop), evaluation.map(drop)] {
-            let fault = unusable.map_err(|why| Finding::fault(0, why));
-            self.found.extend(fault.err());
+        if let Err(unusable) = ProgramKey::from_bytes(&genesis.program) {
+            self.found.push(Finding::fault(0, unusable.to_string()));
+        }
+        for check in [
+            checks::program(genesis, &genesis.program, &self.named),
+            checks::evaluation(genesis, &self.named),
+        ] {
+            enter(&mut self.account, &mut self.found, 0, check);
         }
         let (policy, depth, blobs) = (genesis.policy, self.depth, blobs.clone());
         self.check(0, move || {
@@ -293,13 +306,21 @@ impl Recheck for Auditor {
                     enter(&mut self.account, &mut self.found, index, check);
                 }
             }
+            Body::ProposalSettled(settled) => {
+                let open = before.proposals().get(&settled.proposal);
+                if let (Some(Action::ReplaceProgram(program)), proposal::Outcome::Executed) =
+                    (open.map(|open| &open.action), &settled.outcome)
+                {
+                    let check = checks::program(before.genesis(), &program.key, &self.named);
+                    enter(&mut self.account, &mut self.found, index, check);
+                }
+            }
             Body::Genesis(_)
             | Body::NodeEnrolled(_)
             | Body::UpdateCommitted(_)
             | Body::KeyRotated { .. }
             | Body::Proposed(_)
             | Body::Voted(_)
-            | Body::ProposalSettled(_)
             | Body::Disputed(_) => {}
         }
         while let Some(outcome) = self.queue.take_ready() {
@@ -314,8 +335,14 @@ impl Recheck for Auditor {
     }
 
     fn save(&self) -> Vec<u8> {
-        borsh::to_vec(&(self.depth, &self.account, &self.accepted, &self.doubtful))
-            .expect("writing to a Vec cannot fail")
+        borsh::to_vec(&(
+            self.depth,
+            &self.named,
+            &self.account,
+            &self.accepted,
+            &self.doubtful,
+        ))
+        .expect("writing to a Vec cannot fail")
     }
 
     fn summary(&mut self) -> Vec<Finding> {

@@ -3,11 +3,14 @@
 
 use crate::account::{What, Why};
 use crate::depth::Depth;
+use crate::named::Named;
 use borsh::{BorshDeserialize, BorshSerialize};
 use std::fmt::Display;
-use zk0_circuits::{Digest, NodeId, WeightsDigest};
+use zk0_circuits::claim::program::verifying_key;
+use zk0_circuits::{Digest, EvalSpec, NodeId, WeightsDigest};
 use zk0_ledger::blobs::{BlobError, Blobs};
 use zk0_protocol::entries::entry::RoundClosed;
+use zk0_protocol::entries::genesis::Genesis;
 use zk0_protocol::entries::signed::{DatasetRegistration, Signed, Submission};
 use zk0_protocol::rules::named_blobs::BlobKind;
 use zk0_protocol::rules::network_rules::Rules;
@@ -38,6 +41,17 @@ pub struct Recorded {
     pub before: State,
 }
 
+/// A blob of an accepted contribution that is not at hand. The aggregator holds it back while the round is open.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Missing {
+    /// The check that needs it.
+    pub what: What,
+    /// The contribution's entry.
+    pub index: u64,
+    /// The blob in words.
+    pub name: String,
+}
+
 /// What an audit found about an accepted contribution.
 #[derive(Debug, Default)]
 pub struct Examined {
@@ -46,8 +60,8 @@ pub struct Examined {
     pub verified: Option<VerifiedContribution>,
     /// What verification says against it, if it does.
     pub refused: Option<Refusal>,
-    /// The proof, if it is not at hand.
-    pub missing_proof: Option<Digest>,
+    /// What is not at hand of the proof and the update.
+    pub missing: Option<Missing>,
 }
 
 impl Recorded {
@@ -60,44 +74,71 @@ impl Recorded {
             ))],
             ..Examined::default()
         };
+        let missing = |what, kind: &str, blob: Digest| {
+            Some(Missing {
+                what,
+                index: self.index,
+                name: format!("the {kind} {blob} of node {node}'s accepted contribution"),
+            })
+        };
         let proof = match self.proof(blobs) {
             Ok(Ok(proof)) => proof,
             Ok(Err(blob)) => {
                 return Examined {
-                    missing_proof: Some(blob),
+                    missing: missing(What::Proofs, "proof", blob),
                     ..Examined::default()
                 }
             }
             Err(error) => return failed(&error),
         };
         let weights = match depth {
-            Depth::Light => Err((Why::Light, format!("node {node}'s update"))),
+            Depth::Light => Ok(None),
             Depth::Full => match self.weights(blobs) {
-                Ok(weights) => weights.map_err(|blob| {
-                    let what =
-                        format!("node {node}'s update {blob} is not at hand; its proof verifies");
-                    (Why::NotAtHand, what)
-                }),
+                Ok(weights) => weights.map(Some),
                 Err(error) => return failed(&error),
             },
         };
-        match (self.verify(proof, weights.as_ref().ok()), weights) {
-            (Ok(verified), Ok(_)) => Examined {
-                checks: vec![Check::Passed(What::Proofs), Check::Passed(What::Updates)],
-                verified,
-                ..Examined::default()
-            },
-            (Ok(_), Err((why, what))) => Examined {
-                checks: vec![
-                    Check::Passed(What::Proofs),
-                    Check::LeftOut(What::Updates, why, what),
-                ],
-                ..Examined::default()
-            },
-            (Err(reason), _) => Examined {
-                refused: Some(reason.clone()),
-                ..failed(&reason)
-            },
+        let verified = match self.verify(proof, weights.as_ref().ok().and_then(Option::as_ref)) {
+            Ok(verified) => verified,
+            Err(reason @ Refusal::NoVerifier { .. }) => {
+                let mut checks = vec![self.no_verifier(What::Proofs, &reason)];
+                if depth == Depth::Full {
+                    let what = format!("node {node}'s update, because its proof is not checked");
+                    checks.push(Check::LeftOut(What::Updates, Why::RestsOnOthers, what));
+                }
+                return Examined {
+                    checks,
+                    missing: weights
+                        .err()
+                        .and_then(|blob| missing(What::Updates, "update", blob)),
+                    ..Examined::default()
+                };
+            }
+            Err(reason) => {
+                return Examined {
+                    refused: Some(reason.clone()),
+                    ..failed(&reason)
+                }
+            }
+        };
+        let mut checks = vec![Check::Passed(What::Proofs)];
+        let missing = match weights {
+            Ok(Some(_)) => {
+                checks.push(Check::Passed(What::Updates));
+                None
+            }
+            Ok(None) => {
+                let what = format!("node {node}'s update");
+                checks.push(Check::LeftOut(What::Updates, Why::Light, what));
+                None
+            }
+            Err(blob) => missing(What::Updates, "update", blob),
+        };
+        Examined {
+            checks,
+            verified,
+            missing,
+            ..Examined::default()
         }
     }
 
@@ -148,9 +189,16 @@ impl Recorded {
         };
         match self.verify(proof, weights.as_ref()) {
             Err(found) if found == *reason => Check::Passed(What::Refusals),
+            Err(found @ Refusal::NoVerifier { .. }) => self.no_verifier(What::Refusals, &found),
             Err(found) => failed(&format!("verification says: {found}")),
             Ok(_) => failed(&"verification finds nothing wrong with it"),
         }
+    }
+
+    /// A check of a proof that this release cannot verify.
+    fn no_verifier(&self, what: What, why: &Refusal) -> Check {
+        let node = self.node();
+        Check::LeftOut(what, Why::NoVerifier, format!("that of node {node}: {why}"))
     }
 
     fn node(&self) -> NodeId {
@@ -189,13 +237,13 @@ impl Recorded {
 /// What was read, or the blob that is not at hand; it is an error if something else is wrong.
 type AtHand<T> = Result<Result<T, Digest>, Unreadable<BlobError>>;
 
-/// Auditors need not hold blobs of this kind.
-fn at_hand<T>(needless: BlobKind, read: Result<T, Unreadable<BlobError>>) -> AtHand<T> {
+/// What is said of a blob of this kind that is not at hand is for the caller to decide.
+fn at_hand<T>(expected: BlobKind, read: Result<T, Unreadable<BlobError>>) -> AtHand<T> {
     match read {
         Err(Unreadable {
             kind,
             error: BlobError::Missing(blob),
-        }) if kind == needless => Ok(Err(blob)),
+        }) if kind == expected => Ok(Err(blob)),
         other => other.map(Ok),
     }
 }
@@ -227,6 +275,48 @@ pub fn disputed(
             Check::LeftOut(What::Disputes, Why::RestsOnOthers, what)
         }
     }
+}
+
+/// Checks that the network proves with the guest program of this release, or with one that the auditor named. `key` is that of the
+/// genesis, or of the program that a vote put in force.
+pub fn program(genesis: &Genesis, key: &[u8], named: &Named) -> Check {
+    let own = verifying_key(genesis.mode);
+    if key == own || named.programs.contains(key) {
+        return Check::Passed(What::Program);
+    }
+    let theirs = hex::encode(key);
+    Check::Failed(format!(
+        "the network's proofs are of the guest program {theirs}; that of this release, in mode {}, is {}, and what another program \
+         proves is unknown; if you know that program, repeat the audit with --program {theirs}",
+        genesis.mode,
+        hex::encode(own)
+    ))
+}
+
+/// Checks that the network evaluates with the parameters of this release, or with some that the auditor named.
+pub fn evaluation(genesis: &Genesis, named: &Named) -> Check {
+    let spec = match EvalSpec::decode(&genesis.evaluation) {
+        Ok(spec) => spec,
+        Err(error) => return Check::Failed(format!("the evaluation cannot be used: {error}")),
+    };
+    let (own, digest) = (EvalSpec::new(spec.dims), spec.digest());
+    if spec == own || named.evaluations.contains(&digest) {
+        return Check::Passed(What::Evaluation);
+    }
+    if (&spec.time_frequencies, &spec.rope_frequencies)
+        != (&own.time_frequencies, &own.rope_frequencies)
+    {
+        return Check::Failed(format!(
+            "the evaluation {digest} has other frequencies than SmolVLA; if you know it, repeat the audit with --evaluation {digest}"
+        ));
+    }
+    Check::LeftOut(
+        What::Evaluation,
+        Why::OthersChoice,
+        format!(
+            "the founder chose the ranges of the evaluation {digest}; if you have checked them, repeat the audit with --evaluation {digest}"
+        ),
+    )
 }
 
 /// Checks that a blob is the one that the ledger names.

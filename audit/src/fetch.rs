@@ -9,8 +9,11 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;
 use zk0_circuits::Digest;
+use zk0_ledger::blobs::BlobError;
+use zk0_ledger::error::LedgerError;
 use zk0_ledger::folder;
 use zk0_ledger::published::mirror::{mirror, MirrorError};
+use zk0_ledger::published::reader::PublishedError;
 use zk0_ledger::published::source::{Source, SourceError};
 use zk0_ledger::store::Store;
 use zk0_protocol::rules::named_blobs::{named_blobs, BlobKind};
@@ -122,6 +125,33 @@ pub fn fetch(
         }
     }
     Ok(())
+}
+
+/// Whether the log served something wrong, and not just nothing.
+pub fn is_wrong(error: &MirrorError) -> bool {
+    match error {
+        MirrorError::Published(error) => !matches!(
+            error,
+            PublishedError::Source(_) | PublishedError::Missing(..) | PublishedError::NoCheckpoint
+        ),
+        MirrorError::Ledger(error) => matches!(
+            error,
+            LedgerError::RolledBack { .. }
+                | LedgerError::Forked { .. }
+                | LedgerError::OtherNetwork { .. }
+                | LedgerError::BadEntry { .. }
+                | LedgerError::Rule(_)
+                | LedgerError::CheckpointFile { .. }
+                | LedgerError::Blob(BlobError::WrongDigest { .. } | BlobError::TooLarge { .. })
+        ),
+        MirrorError::Checkpoint { .. } | MirrorError::Witnesses(_) => true,
+    }
+}
+
+/// Whether `error` says that something is wrong with the log, and not just that it cannot be read.
+pub fn is_fault(error: &anyhow::Error) -> bool {
+    let mut causes = error.chain();
+    causes.any(|cause| cause.downcast_ref::<MirrorError>().is_some_and(is_wrong))
 }
 
 /// The proofs that the entries in `dir` name.

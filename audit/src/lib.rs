@@ -3,7 +3,7 @@
 //! A short tour:
 //! - [`auditor`]: what an audit checks beyond the ledger's own rules, entry by entry: proofs, refusals, datasets and averages
 //!   ([`checks`]). Several threads do the checks ([`queue`]), and an account says what was checked and what was not ([`account`]).
-//!   [`depth`] says how much an audit reads.
+//!   [`depth`] says how much an audit reads, and [`named`] what the auditor answers for.
 //! - [`blob_check`]: checks that the blobs of a ledger's folder have the digests that the ledger names.
 //! - [`log_source`]: finds logs by their address or folder. [`fetch`]: fetches what an audit reads.
 //! - [`run`]: one run of an audit. [`watch`]: one run after another, each over what is new.
@@ -20,6 +20,7 @@ pub mod fetch;
 pub mod fsck;
 pub mod known_checkpoint;
 pub mod log_source;
+pub mod named;
 pub mod queue;
 pub mod report;
 pub mod run;
@@ -28,3 +29,4 @@ pub mod watch;
 
 pub use auditor::Auditor;
 pub use depth::Depth;
+pub use named::Named;

@@ -2,6 +2,7 @@
 
 use crate::auditor::Auditor;
 use crate::depth::Depth;
+use crate::named::Named;
 use crate::report::verdict::Audited;
 use anyhow::Result;
 use std::num::NonZeroUsize;
@@ -15,6 +16,8 @@ use zk0_ledger::Blobs;
 pub struct Audit<'a> {
     /// Light or full.
     pub depth: Depth,
+    /// What the auditor answers for.
+    pub named: Named,
     /// The network that the ledger has to be of; `None` for any.
     pub network: Option<Digest>,
     /// How many threads; `None` for as many as there are cores.
@@ -36,10 +39,11 @@ impl Audit<'_> {
     }
 
     fn auditor(&self) -> Auditor {
-        match self.threads {
+        let auditor = match self.threads {
             Some(threads) => Auditor::with_threads(self.depth, threads),
             None => Auditor::new(self.depth),
-        }
+        };
+        auditor.naming(self.named.clone())
     }
 
     /// What was verified before, if the state file can be used.
@@ -57,7 +61,7 @@ impl Audit<'_> {
             Err(error @ SavedError::Unusable { .. }) => return start_again(error.to_string()),
             Err(error) => return Err(error.into()),
         };
-        match Auditor::go_on(self.depth, &saved.recheck, &Blobs::at(dir)) {
+        match Auditor::go_on(self.depth, &self.named, &saved.recheck, &Blobs::at(dir)) {
             Ok(auditor) => {
                 match saved.size {
                     1 => tracing::info!("1 entry was verified before"),

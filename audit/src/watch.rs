@@ -1,8 +1,9 @@
 //! Audits a log again and again. What was seen once has to stay: the watch raises an alarm when the log forks, is rolled back or breaks a
 //! rule.
 
-use crate::fetch::fetch;
+use crate::fetch::{fetch, is_wrong};
 use crate::log_source::{source, Trust};
+use crate::named::Named;
 use crate::report::history;
 use crate::report::verdict::{verdict, Audited};
 use crate::run::Audit;
@@ -11,18 +12,14 @@ use anyhow::{bail, Context, Result};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 use tempfile::TempDir;
-use zk0_ledger::blobs::BlobError;
-use zk0_ledger::error::LedgerError;
 use zk0_ledger::folder;
-use zk0_ledger::published::mirror::MirrorError;
-use zk0_ledger::published::reader::PublishedError;
-use zk0_ledger::replay::{Keep, Saved};
+use zk0_ledger::replay::{Keep, Saved, Verdict};
 use zk0_protocol::Entry;
 
 /// The result of one look at the log.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Look {
-    /// The log continues what was seen before, and everything new was verified.
+    /// The log continues what was seen before, and nothing new is wrong.
     Continues,
     /// The log cannot be trusted, for this reason.
     Alarm(String),
@@ -31,8 +28,10 @@ pub enum Look {
 /// What a watch reports while it looks.
 #[derive(Debug)]
 pub enum Seen<'a> {
-    /// The first look has verified the whole log.
+    /// The first look has checked the whole log.
     First {
+        /// Whether everything was checked.
+        verdict: Verdict,
         /// How many entries the log has.
         entries: u64,
         /// The network's id.
@@ -56,6 +55,8 @@ pub struct WatchOptions {
     pub trust: Trust,
     /// Light or full.
     pub depth: Depth,
+    /// What the auditor answers for.
+    pub named: Named,
     /// The file that remembers what was seen; `None` to forget it at the end.
     pub state: Option<PathBuf>,
     /// The directory that keeps what is fetched; `None` to remove it at the end.
@@ -137,7 +138,7 @@ impl Watch {
                 );
                 match fetched {
                     Ok(()) => {}
-                    Err(error) if is_alarming(&error) => return Ok(Look::Alarm(error.to_string())),
+                    Err(error) if is_wrong(&error) => return Ok(Look::Alarm(error.to_string())),
                     Err(error) => return Err(error.into()),
                 }
                 dir.clone()
@@ -146,6 +147,7 @@ impl Watch {
         let before = Saved::read(&self.state)?.map(|saved| saved.size);
         let audit = Audit {
             depth: self.options.depth,
+            named: self.options.named.clone(),
             network: *network,
             threads: None,
             state_file: Some(Keep {
@@ -172,6 +174,7 @@ fn report(
 ) -> Result<()> {
     let Some(before) = before else {
         seen(Seen::First {
+            verdict: audited.verdict,
             entries: audited.entries,
             network: audited.network.as_deref().unwrap_or("unknown"),
         });
@@ -186,25 +189,4 @@ fn report(
             seen(Seen::New { index, entry });
         }
     })
-}
-
-/// Whether the log served something wrong, and not just nothing.
-fn is_alarming(error: &MirrorError) -> bool {
-    match error {
-        MirrorError::Published(error) => !matches!(
-            error,
-            PublishedError::Source(_) | PublishedError::Missing(..) | PublishedError::NoCheckpoint
-        ),
-        MirrorError::Ledger(error) => matches!(
-            error,
-            LedgerError::RolledBack { .. }
-                | LedgerError::Forked { .. }
-                | LedgerError::OtherNetwork { .. }
-                | LedgerError::BadEntry { .. }
-                | LedgerError::Rule(_)
-                | LedgerError::CheckpointFile { .. }
-                | LedgerError::Blob(BlobError::WrongDigest { .. } | BlobError::TooLarge { .. })
-        ),
-        MirrorError::Checkpoint { .. } | MirrorError::Witnesses(_) => true,
-    }
 }

@@ -44,12 +44,12 @@ pub struct Bars {
     pub series: Vec<(String, Vec<f64>)>,
 }
 
-/// Draws `curves` (left) and `proven` losses (right) to `stem.png` and `stem.svg`.
-pub fn draw(stem: &Path, curves: &[Curve], proven: &[Proven]) -> Result<()> {
+/// Draws `curves`, `proven` losses and those of the `global` weights, from left to right, to `stem.png` and `stem.svg`.
+pub fn draw(stem: &Path, curves: &[Curve], proven: &[Proven], global: &Bars) -> Result<()> {
     let pair = |of: fn(&Proven) -> f64| proven.iter().map(of).collect();
     let bars = Bars {
         caption: "Proven: base and update".into(),
-        unit: String::new(),
+        unit: "mean squared error".into(),
         groups: proven
             .iter()
             .map(|p| format!("{}, round {}", p.name, p.round))
@@ -59,7 +59,11 @@ pub fn draw(stem: &Path, curves: &[Curve], proven: &[Proven]) -> Result<()> {
             ("update".into(), pair(|p| p.after)),
         ],
     };
-    save(stem, (1200, 500), &Picture::Federation(curves, &bars))
+    save(
+        stem,
+        (1600, 500),
+        &Picture::Federation(curves, [&bars, global]),
+    )
 }
 
 /// Draws the curves of one run to `stem.png` and `stem.svg`, and writes them to `stem.json`.
@@ -82,7 +86,7 @@ fn write_json(stem: &Path, data: &impl serde::Serialize) -> Result<()> {
 
 /// What is drawn, on any backend.
 enum Picture<'a> {
-    Federation(&'a [Curve], &'a Bars),
+    Federation(&'a [Curve], [&'a Bars; 2]),
     Training(&'a [Curve]),
     Rows(&'a [[Bars; 2]]),
 }
@@ -92,10 +96,12 @@ type Drawn<B> = Result<(), DrawingAreaErrorKind<<B as DrawingBackend>::ErrorType
 impl Picture<'_> {
     fn draw<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>) -> Drawn<B> {
         match self {
-            Self::Federation(curves, proven) => {
-                let (left, right) = area.split_horizontally((62).percent_width());
+            Self::Federation(curves, [proven, global]) => {
+                let (left, rest) = area.split_horizontally((42).percent_width());
+                let (middle, right) = rest.split_horizontally((50).percent_width());
                 training(&left, curves)?;
-                bars(&right, proven)
+                bars(&middle, proven)?;
+                bars(&right, global)
             }
             Self::Training(curves) => training(area, curves),
             Self::Rows(rows) => {
@@ -138,6 +144,22 @@ fn draw_on<B: DrawingBackend>(area: DrawingArea<B, Shift>, picture: &Picture) ->
     area.present().map_err(|e| failed(e.to_string()))
 }
 
+/// Eight colours that people with any kind of colour vision can tell apart (Okabe and Ito, Color Universal Design, 2008).
+struct PaletteForAll;
+
+impl Palette for PaletteForAll {
+    const COLORS: &'static [(u8, u8, u8)] = &[
+        (0, 114, 178),
+        (213, 94, 0),
+        (0, 158, 115),
+        (204, 121, 167),
+        (230, 159, 0),
+        (86, 180, 233),
+        (240, 228, 66),
+        (0, 0, 0),
+    ];
+}
+
 fn highest(values: impl Iterator<Item = f64>) -> f64 {
     values
         .filter(|v| v.is_finite())
@@ -150,22 +172,19 @@ fn training<B: DrawingBackend>(area: &DrawingArea<B, Shift>, curves: &[Curve]) -
     let points = || curves.iter().flat_map(|curve| &curve.points);
     let last = points().map(|p| p.0).fold(1.0, f64::max);
     let mut chart = ChartBuilder::on(area)
-        .caption(
-            "Local training: flow-matching loss (mean over a window)",
-            ("sans-serif", 20),
-        )
+        .caption("Local training: mean over a window", ("sans-serif", 20))
         .margin(12)
         .x_label_area_size(40)
         .y_label_area_size(55)
         .build_cartesian_2d(0.0..last, 0.0..highest(points().map(|p| p.1)))?;
     chart
         .configure_mesh()
-        .x_desc("step")
-        .y_desc("loss")
+        .x_desc("optimiser step")
+        .y_desc("flow-matching loss (mean squared error)")
         .light_line_style(WHITE)
         .draw()?;
     for (i, curve) in curves.iter().enumerate() {
-        let colour = Palette99::pick(i).to_rgba();
+        let colour = PaletteForAll::pick(i).to_rgba();
         chart
             .draw_series(LineSeries::new(
                 curve.points.iter().copied(),
@@ -211,7 +230,7 @@ fn bars<B: DrawingBackend>(area: &DrawingArea<B, Shift>, bars: &Bars) -> Drawn<B
     for (i, (name, values)) in bars.series.iter().enumerate() {
         let colour = match i {
             0 => BLACK.mix(0.35),
-            _ => Palette99::pick(i).mix(0.7),
+            _ => PaletteForAll::pick(i).mix(0.7),
         };
         let from = 0.15 + width * i as f64;
         chart

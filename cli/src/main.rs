@@ -1,5 +1,5 @@
 //! The one binary. Its exit codes are 0 for success, 1 for a failure (an audit that fails, a refusal, an error), and 2 for a wrong command
-//! line.
+//! line. `zk0 audit replay` also has 3 for an incomplete audit, and 4 for an error, which is no verdict.
 
 use clap::{Parser, Subcommand};
 use std::process::ExitCode;
@@ -73,45 +73,51 @@ enum Full {
 fn main() -> ExitCode {
     let cli = Cli::parse();
     logging::init(cli.log);
-    match run(cli.command) {
-        Ok(true) => ExitCode::SUCCESS,
-        Ok(false) => ExitCode::FAILURE,
+    match run(&cli.command) {
+        Ok(code) => code,
         Err(error) => {
             match cli.log {
                 // A program that reads the JSON lines must learn the reason, too.
                 logging::LogFormat::Json => tracing::error!("{error:#}"),
                 logging::LogFormat::Text => eprintln!("error: {error:#}"),
             }
-            ExitCode::FAILURE
+            match &cli.command {
+                Command::Audit(command) => command.error_code(&error),
+                _ => ExitCode::FAILURE,
+            }
         }
     }
 }
 
-/// Runs the command. `false` means that something is wrong, and that the command has printed what.
-fn run(command: Command) -> anyhow::Result<bool> {
-    match command {
+/// Runs the command. If something is wrong, the command has printed what.
+fn run(command: &Command) -> anyhow::Result<ExitCode> {
+    let holds = match command {
         #[cfg(feature = "full")]
-        Command::Full(command) => command.run(),
-        Command::Audit(command) => audit::run(&command),
-        Command::Ledger(command) => ledger::run(&command),
-    }
+        Command::Full(command) => command.run()?,
+        Command::Audit(command) => return audit::run(command),
+        Command::Ledger(command) => ledger::run(command)?,
+    };
+    Ok(match holds {
+        true => ExitCode::SUCCESS,
+        false => ExitCode::FAILURE,
+    })
 }
 
 #[cfg(feature = "full")]
 impl Full {
-    fn run(self) -> anyhow::Result<bool> {
+    fn run(&self) -> anyhow::Result<bool> {
         match self {
-            Self::Demo(options) => online(zk0::demo::run(&options))?,
-            Self::DemoLazyNode(options) => online(zk0::demo::lazy_node::run(&options))?,
-            Self::Node(command) => zk0::node::run(&command)?,
-            Self::Aggregator(command) => zk0::aggregator::run(&command)?,
-            Self::Governance(command) => zk0::governance::run(&command)?,
-            Self::Prover(command) => zk0::prover::run(&command)?,
-            Self::Train(options) => zk0::train::run(&options)?,
-            Self::Eval(options) => zk0::eval::run(&options)?,
-            Self::Dataset(command) => return zk0::dataset::run(&command),
-            Self::Fidelity(options) => zk0::fidelity::run(&options)?,
-            Self::Witness(command) => zk0::witness::run(&command)?,
+            Self::Demo(options) => online(zk0::demo::run(options))?,
+            Self::DemoLazyNode(options) => online(zk0::demo::lazy_node::run(options))?,
+            Self::Node(command) => zk0::node::run(command)?,
+            Self::Aggregator(command) => zk0::aggregator::run(command)?,
+            Self::Governance(command) => zk0::governance::run(command)?,
+            Self::Prover(command) => zk0::prover::run(command)?,
+            Self::Train(options) => zk0::train::run(options)?,
+            Self::Eval(options) => zk0::eval::run(options)?,
+            Self::Dataset(command) => return zk0::dataset::run(command),
+            Self::Fidelity(options) => zk0::fidelity::run(options)?,
+            Self::Witness(command) => zk0::witness::run(command)?,
         }
         Ok(true)
     }

@@ -73,6 +73,12 @@ fn a_federation_ends_with_a_proven_contribution_and_a_refused_one() {
         .map(|byte| format!("{byte:02x}"))
         .collect();
     assert_eq!(metrics["global"][0]["weights"], digest.as_str());
+    // The loss falls on the recording of the honest node. One node's recording says little of the one that nobody has seen.
+    let losses = metrics["global"][0]["losses"].as_array().unwrap();
+    let whose: Vec<_> = losses.iter().map(|loss| &loss["trained_by"]).collect();
+    assert_eq!(whose, [&Value::from("node-1"), &Value::Null]);
+    let loss = |key: &str| losses[0][key].as_f64().unwrap();
+    assert!(loss("after") < loss("before"), "{}", losses[0]);
     let png = fs::read(out.join("loss.png")).unwrap();
     assert!(
         png.starts_with(b"\x89PNG") && png.len() > 10_000,

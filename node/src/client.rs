@@ -12,6 +12,7 @@ use zk0_circuits::claim::challenge::challenge;
 use zk0_circuits::{Claim, Digest, NodeId, WeightsDigest};
 use zk0_protocol::entries::entry::{Body, Entry, RoundClosed, RoundOpened};
 use zk0_protocol::entries::genesis::Genesis;
+use zk0_protocol::entries::program::Program;
 use zk0_protocol::entries::signed::{
     DatasetRegistration, Proposal, Signed, Submission, UpdateCommitment, UploadRequest,
 };
@@ -85,6 +86,17 @@ pub struct GovernanceInfo {
     pub proposals: Vec<(Proposal, rpc::OpenProposal)>,
     /// The time on the aggregator's clock, in milliseconds.
     pub now_ms: u64,
+    /// The guest program in force.
+    pub program: Program,
+}
+
+/// A round that is open, and to which the node may contribute.
+#[derive(Clone, Debug)]
+pub struct OpenRound {
+    /// How it opened.
+    pub opened: RoundOpened,
+    /// The guest program that its proofs are of, as the aggregator says.
+    pub program: Program,
 }
 
 fn unexpected(expected: &str, found: impl Into<String>) -> NodeError {
@@ -212,22 +224,35 @@ impl Node {
 
     /// Waits until `round` is open, and returns its opening. If the round has closed meanwhile, or the rules do not let this node
     /// contribute to it, this waits for a later one.
-    pub async fn wait_for_round(&mut self, round: u64) -> Result<RoundOpened, NodeError> {
+    pub async fn wait_for_round(&mut self, round: u64) -> Result<OpenRound, NodeError> {
         loop {
-            let request = rpc::GetRoundRequest {
-                round: None,
-                node: self.id().0.to_vec(),
-            };
-            let info = patiently!(self.client.get_round(request))?.into_inner();
+            let info = self.last_round().await?;
             if let (Some(opened), None, true) = (info.opened, info.closed, info.invited) {
                 match self.entry(opened)?.1.body {
-                    Body::RoundOpened(opened) if opened.round >= round => return Ok(opened),
+                    Body::RoundOpened(opened) if opened.round >= round => {
+                        let program = program(&info.program)?;
+                        return Ok(OpenRound { opened, program });
+                    }
                     Body::RoundOpened(_) => {}
                     _ => return Err(unexpected("the opening of a round", "another entry")),
                 }
             }
             tokio::time::sleep(POLL).await;
         }
+    }
+
+    /// The guest program in force, as the aggregator says.
+    pub async fn program(&mut self) -> Result<Program, NodeError> {
+        program(&self.last_round().await?.program)
+    }
+
+    /// The last round that was opened.
+    async fn last_round(&mut self) -> Result<rpc::RoundInfo, NodeError> {
+        let request = rpc::GetRoundRequest {
+            round: None,
+            node: self.id().0.to_vec(),
+        };
+        Ok(patiently!(self.client.get_round(request))?.into_inner())
     }
 
     /// Waits until `round` is closed, and returns its close.
@@ -374,6 +399,7 @@ impl Node {
             next_proposal: info.next_proposal,
             proposals,
             now_ms: info.now_ms,
+            program: program(&info.program)?,
         })
     }
 
@@ -404,6 +430,11 @@ impl Node {
         let (checkpoint, entry) = receipt.verify(&self.genesis.log_key, self.genesis.origin())?;
         Ok((receipt, checkpoint, entry))
     }
+}
+
+fn program(bytes: &[u8]) -> Result<Program, NodeError> {
+    borsh::from_slice(bytes)
+        .map_err(|error| unexpected("a guest program", format!("something else ({error})")))
 }
 
 fn encode<T: borsh::BorshSerialize>(value: &T) -> Vec<u8> {

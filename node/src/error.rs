@@ -5,6 +5,7 @@ use std::io;
 use std::path::PathBuf;
 use zk0_circuits::claim::challenge::DrawError;
 use zk0_circuits::claim::statement_error::StatementError;
+use zk0_protocol::entries::program::Program;
 use zk0_prover::service::ClientError;
 use zk0_smolvla::frames::prefix_cache::CacheError;
 
@@ -29,9 +30,17 @@ pub enum ParticipantError {
     /// The network's evaluation specification cannot be read.
     #[error("the network's evaluation specification: {0}")]
     Spec(#[from] zk0_circuits::model::spec::SpecError),
-    /// The network was founded with another guest program than this version of zk0 has.
-    #[error("the network proves with another guest program than this version of zk0 has: join with the version of zk0 that the network was founded with")]
-    OtherProgram,
+    /// The network proves with another guest program than this release of zk0 has.
+    #[error(
+        "the network proves with the guest program {needed}, but this is zk0 {release}, and its program is {own}: join with the release of zk0 that has the network's program",
+        release = env!("CARGO_PKG_VERSION")
+    )]
+    OtherProgram {
+        /// The program of the network.
+        needed: Program,
+        /// The program of this release.
+        own: Program,
+    },
     /// The policy and the evaluation specification are not of the same dimensions.
     #[error("the network's policy and its evaluation specification have different dimensions, so nobody can take part: tell its operator")]
     Dimensions,

@@ -1,6 +1,6 @@
 //! Takes part in a network: prepares the recording, and then trains, commits, proves and submits in each round.
 
-use crate::client::{Decision, Node};
+use crate::client::{Decision, Node, OpenRound};
 use crate::client_error::NodeError;
 use crate::error::ParticipantError;
 use crate::recording::Recording;
@@ -11,9 +11,10 @@ use std::io::BufWriter;
 use std::path::PathBuf;
 use zk0_circuits::claim::program::verifying_key;
 use zk0_circuits::model::spec::EvalSpec;
-use zk0_circuits::Digest;
+use zk0_circuits::{Digest, Mode};
 use zk0_files::atomic_file::put_in_place;
 use zk0_protocol::counted::counted;
+use zk0_protocol::entries::program::{Program, OUR_SP1};
 use zk0_prover::service::ProvingClient;
 use zk0_smolvla::frames::prefix_cache::DiskCache;
 use zk0_smolvla::measure::fixed_point::dims;
@@ -40,10 +41,9 @@ impl Participant {
     /// The network proves with another program, the policy does not fit its evaluation specification, or the recording, the
     /// aggregator or the file system fails.
     async fn enter(&self, node: &mut Node) -> Result<Entered, ParticipantError> {
+        let program = node.program().await?;
+        check_program(node.genesis().mode, program)?;
         let genesis = node.genesis();
-        if genesis.program != verifying_key(genesis.mode) {
-            return Err(ParticipantError::OtherProgram);
-        }
         let spec = EvalSpec::decode(&genesis.evaluation)?;
         let blob = genesis.policy;
         let file = self.policy(node, &blob).await?;
@@ -78,7 +78,7 @@ impl Participant {
         self.rounds(node, rounds, play).await
     }
 
-    /// Takes part in `rounds` rounds, as `play` does it.
+    /// Takes part in `rounds` rounds, as `play` does it. It ends before a round whose proofs are of another program than this release's.
     pub async fn rounds(
         &self,
         node: &mut Node,
@@ -88,7 +88,9 @@ impl Participant {
         let entered = self.enter(node).await?;
         let mut next = 0;
         for _ in 0..rounds {
-            let opened = node.wait_for_round(next).await?;
+            let OpenRound { opened, program } = node.wait_for_round(next).await?;
+            // A vote may have changed the program since the last round.
+            check_program(node.genesis().mode, program)?;
             let round = opened.round;
             next = round + 1;
             let turn = Turn {
@@ -152,6 +154,18 @@ impl Participant {
             }
         };
         Recording::prepare(&self.dataset, file, spec, salt, self.cache.as_ref())
+    }
+}
+
+/// Checks that the network proves with the program that this release has. With another one, the node would train and prove in vain.
+fn check_program(mode: Mode, needed: Program) -> Result<(), ParticipantError> {
+    let own = Program {
+        key: verifying_key(mode).to_vec(),
+        sp1: OUR_SP1.into(),
+    };
+    match needed == own {
+        true => Ok(()),
+        false => Err(ParticipantError::OtherProgram { needed, own }),
     }
 }
 

@@ -7,7 +7,9 @@ use network::log::MemoryLog;
 use network::*;
 use std::fs;
 use std::path::PathBuf;
-use zk0_protocol::entries::signed::{Statement, UploadRequest};
+use zk0_protocol::entries::program::Program;
+use zk0_protocol::entries::proposal::Action;
+use zk0_protocol::entries::signed::{Proposal, Statement, UploadRequest};
 use zk0_protocol::tlog::checkpoint::Parsed;
 use zk0_protocol::tlog::cosigner::Cosigner;
 use zk0_protocol::tlog::witness::AddCheckpoint;
@@ -92,6 +94,24 @@ fn statements() {
             size: 12345,
         },
     );
+}
+
+#[test]
+fn actions() {
+    let program = Program::founding(&genesis().program);
+    for (name, action) in [
+        ("signed/replace-program", Action::ReplaceProgram(program)),
+        (
+            "signed/restore-weights",
+            Action::RestoreWeights { round: 258 },
+        ),
+    ] {
+        let proposal = Proposal {
+            proposer: id(0),
+            ..votes::proposal(&chain().state, 0, action)
+        };
+        check_signed(name, proposal);
+    }
 }
 
 #[test]

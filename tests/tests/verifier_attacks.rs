@@ -2,9 +2,12 @@
 
 use ed25519_dalek::SigningKey;
 use zk0_circuits::{Claim, Digest, Losses};
+use zk0_protocol::entries::program::{Program, FOUNDING_SP1, OUR_SP1};
 use zk0_protocol::entries::signed::Signed;
-use zk0_protocol::{Refusal, Rules, State};
+use zk0_protocol::{Genesis, Refusal, Rules, State};
 use zk0_tests::{accepted, ledger_copy, Accepted};
+use zk0_verifier::decide::decide;
+use zk0_verifier::releases::can_verify;
 use zk0_verifier::{
     authenticate, blob_digest, check_proof, ProgramKey, UnverifiedContribution,
     VerifiedContribution,
@@ -73,6 +76,100 @@ fn with_rules(state: &State, change: impl FnOnce(&mut Rules)) -> State {
             .unwrap();
     bytes.splice(at..at + encoded.len(), borsh::to_vec(&rules).unwrap());
     borsh::from_slice(&bytes).unwrap()
+}
+
+/// Returns the state with another program in force. The genesis stays as it is.
+fn with_program(state: &State, program: &Program) -> State {
+    let encoded = borsh::to_vec(state.program()).unwrap();
+    let mut bytes = borsh::to_vec(state).unwrap();
+    let mut windows = bytes.windows(encoded.len());
+    let at = windows.position(|window| window == encoded).unwrap();
+    bytes.splice(at..at + encoded.len(), borsh::to_vec(program).unwrap());
+    let changed: State = borsh::from_slice(&bytes).unwrap();
+    assert_eq!(
+        (changed.program(), changed.genesis()),
+        (program, state.genesis())
+    );
+    changed
+}
+
+#[test]
+fn a_proof_of_the_first_program_is_refused_once_another_one_is_in_force() {
+    let real = real();
+    let mut next = real.state.program().clone();
+    assert_eq!(next, Program::founding(&real.state.genesis().program));
+    next.key[0] ^= 1;
+    let state = with_program(&real.state, &next);
+    assert_eq!(
+        verify(&real.contribution, &state, real.time_ms),
+        Err(Refusal::OtherProgram)
+    );
+    // The same proof counts in a network that was founded with another program and has changed to this one. It does not before.
+    let founded_with = |key: &[u8]| {
+        let (own, other) = (real.state.genesis(), key.to_vec());
+        let genesis = Genesis {
+            program: other,
+            ..own.clone()
+        };
+        let own = borsh::to_vec(own).unwrap();
+        let bytes = borsh::to_vec(&real.state).unwrap();
+        let bytes = [
+            borsh::to_vec(&genesis).unwrap(),
+            bytes[own.len()..].to_vec(),
+        ]
+        .concat();
+        borsh::from_slice::<State>(&bytes).unwrap()
+    };
+    let after = founded_with(&next.key);
+    assert!(verify(&real.contribution, &after, real.time_ms).is_ok());
+    let before = with_program(&after, &next);
+    assert_eq!(
+        verify(&real.contribution, &before, real.time_ms),
+        Err(Refusal::OtherProgram)
+    );
+}
+
+#[test]
+fn without_the_verifier_of_its_release_a_proof_is_neither_right_nor_wrong() {
+    let real = real();
+    let later = Program {
+        sp1: "6.10.1".into(),
+        ..real.state.program().clone()
+    };
+    let state = with_program(&real.state, &later);
+    let expected = Refusal::NoVerifier {
+        sp1: "6.10.1".into(),
+    };
+    assert_eq!(
+        verify(&real.contribution, &state, real.time_ms),
+        Err(expected.clone())
+    );
+    // Another build could accept the proof, so the ledger records nothing, and the node can submit it again.
+    assert!(!expected.follows_from_blobs());
+    let UnverifiedContribution {
+        submission,
+        proof,
+        weights,
+    } = real.contribution.clone();
+    let authentic = authenticate(submission, proof, &state).unwrap();
+    assert_eq!(
+        decide(&state, &authentic, &weights, real.time_ms),
+        Err(expected)
+    );
+}
+
+/// The names of releases are not read from what cargo has built, so they have to be the same.
+#[test]
+fn the_releases_of_sp1_are_those_that_cargo_builds() {
+    let lock = include_str!("../../Cargo.lock");
+    for name in ["sp1-verifier", "sp1-sdk", "sp1-prover"] {
+        let line = format!("name = \"{name}\"\nversion = \"{OUR_SP1}\"\n");
+        assert!(lock.contains(&line), "{name} is not of release {OUR_SP1}");
+        assert_eq!(lock.matches(&format!("name = \"{name}\"\n")).count(), 1);
+    }
+    // Ledgers rest on this one, whatever cargo builds.
+    assert_eq!(FOUNDING_SP1, "6.10.0");
+    assert!(can_verify(&Program::founding(&[0; 32])));
 }
 
 #[test]

@@ -3,7 +3,7 @@
 
 use crate::contribution_blobs::WeightFiles;
 use crate::norm::check_norm;
-use crate::proof::{check_proof, ProgramKey};
+use crate::releases::check_proof_of;
 use crate::update::Evaluation;
 use crate::weights::ExpertTensors;
 use zk0_circuits::{Claim, NodeId};
@@ -157,9 +157,7 @@ pub fn verify_claim(
 ) -> Result<(), Refusal> {
     let claim = contribution.claim();
     state.check_claim(claim, time_ms)?;
-    let key = ProgramKey::from_bytes(&state.genesis().program)
-        .map_err(|error| Refusal::InvalidProof(error.to_string()))?;
-    check_proof(contribution.proof.bytes(), claim, &key)
+    check_proof_of(state.program(), contribution.proof.bytes(), claim)
 }
 
 fn check_size(what: &str, bytes: &[u8], limit: u64) -> Result<(), Refusal> {

@@ -7,6 +7,7 @@
 //!   it. Nothing else can make either.
 //! - [`contribution_blobs`]: the proof and the weights of a contribution, read from where the caller keeps blobs.
 //! - [`proof`]: the SP1 compressed proof, read from hostile bytes under limits, and verified by SP1's own verifier.
+//! - [`releases`]: which verifier decides about a program's proofs, by the release of SP1.
 //! - [`projection`]: the verifier's half of mode `checked`, computed from the files with the weights.
 //! - [`update`]: the weight check: the uploaded bytes, quantised again, are what was proven.
 //! - [`norm`]: how far an update is from the weights that it was trained from.
@@ -24,6 +25,7 @@ pub mod decide;
 pub mod norm;
 pub mod projection;
 pub mod proof;
+pub mod releases;
 pub mod update;
 pub mod weights;
 
@@ -32,7 +34,8 @@ pub use contribution::{
 };
 pub use contribution_blobs::{Unreadable, UnverifiedContribution, WeightFiles};
 pub use projection::check_projections;
-pub use proof::{check_proof, ProgramKey};
+pub use proof::check_proof;
 pub use update::Evaluation;
 pub use weights::{ExpertTensors, WeightsError};
 pub use zk0_protocol::blob::blob_digest;
+pub use zk0_protocol::entries::program::ProgramKey;

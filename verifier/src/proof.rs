@@ -12,45 +12,12 @@ use std::io;
 use std::panic::{catch_unwind, AssertUnwindSafe};
 use std::sync::LazyLock;
 use zk0_circuits::Claim;
+use zk0_protocol::entries::program::ProgramKey;
 use zk0_protocol::quote::short;
 use zk0_protocol::Refusal;
 
-/// The KoalaBear prime, 2^31 − 2^24 + 1.
-const MODULUS: u32 = 0x7f00_0001;
-
 /// Index of `SP1Proof::Compressed` in its encoding; 0 is core, 2 PLONK, 3 Groth16.
 const COMPRESSED: u32 = 1;
-
-/// Verifying key of a guest program: SP1's `hash_koalabear`, eight field elements, each as four bytes, little endian.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct ProgramKey([u8; 32]);
-
-/// Why bytes are not a verifying key.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum ProgramKeyError {
-    /// The key does not have eight elements.
-    #[error("a program's verifying key has 32 bytes, this one has {0}")]
-    Length(usize),
-    /// An element is not smaller than the field's modulus.
-    #[error("element {index} of the program's verifying key is {value}, which is not a KoalaBear element")]
-    NotCanonical { index: usize, value: u32 },
-}
-
-impl ProgramKey {
-    /// Reads a key as a genesis holds it.
-    pub fn from_bytes(bytes: &[u8]) -> Result<Self, ProgramKeyError> {
-        let key: [u8; 32] = bytes
-            .try_into()
-            .map_err(|_| ProgramKeyError::Length(bytes.len()))?;
-        for (index, element) in key.chunks_exact(4).enumerate() {
-            let value = u32::from_le_bytes([element[0], element[1], element[2], element[3]]);
-            if value >= MODULUS {
-                return Err(ProgramKeyError::NotCanonical { index, value });
-            }
-        }
-        Ok(Self(key))
-    }
-}
 
 /// Checks that `proof` proves `claim` under the program `key`. About 50 ms.
 pub fn check_proof(proof: &[u8], claim: &Claim, key: &ProgramKey) -> Result<(), Refusal> {
@@ -119,7 +86,7 @@ fn verify(proof: &SP1Proof, public_values: &[u8], key: &ProgramKey) -> Result<()
     let SP1Proof::Compressed(proof) = proof else {
         return Err(Refusal::MalformedProof(format!("it is a {proof} proof")));
     };
-    let key = bincode::deserialize(&key.0)
+    let key = bincode::deserialize(key.as_bytes())
         .map_err(|error| Refusal::InvalidProof(short(&error.to_string())))?;
     VERIFIER
         .verify_compressed_with_public_values(proof, public_values, &key)

@@ -21,7 +21,9 @@ use zk0_protocol::entries::member::NodeEnrolled;
 use zk0_protocol::rules::disclosed_blobs::BlobAccess;
 use zk0_protocol::rules::state::{Standing, State};
 use zk0_protocol::tlog::receipt::Receipt;
+use zk0_protocol::Refusal;
 use zk0_verifier::close::close;
+use zk0_verifier::releases::{can_verify, releases};
 use zk0_verifier::{Evaluation, ProgramKey, VerifiedContribution};
 
 /// How the operator runs the network.
@@ -46,6 +48,8 @@ pub enum Progress {
     Settled(u64),
     /// It decided the dispute that this entry raised.
     Resolved(u64),
+    /// Nothing: the next round cannot open, for this reason. What members send is still recorded.
+    Blocked(String),
     /// Nothing: all rounds are done.
     Finished,
 }
@@ -72,6 +76,7 @@ impl Aggregator {
     ) -> Result<Self, RequestError> {
         let mut ledger = Ledger::open(dir, network, key)?;
         check_genesis(ledger.state().genesis())?;
+        check_open_round(ledger.state())?;
         let steady = clock.clone();
         ledger.watch_clock(clock.now_ms(), move || steady.steady())?;
         let (index, contributions) = ledger_index::read(&ledger)?;
@@ -135,11 +140,30 @@ impl Aggregator {
         if ready.count() < self.config.min_nodes {
             return Ok(Progress::Waiting);
         }
+        if let Some(why) = self.blocked() {
+            return Ok(Progress::Blocked(why));
+        }
         let opening = state.next_opening(now)?;
         let round = opening.round;
         self.append_at(now, Body::RoundOpened(opening))?;
         tracing::info!(round, "round opened");
         Ok(Progress::Opened(round))
+    }
+
+    /// Why the next round cannot open here: nobody could verify its proofs, or nobody could train from its base weights.
+    fn blocked(&self) -> Option<String> {
+        let state = self.state();
+        let (round, base) = (state.next_round(), state.global().blob);
+        if !can_verify(state.program()) {
+            return Some(format!("round {round} cannot open: {}", no_verifier(state)));
+        }
+        match self.ledger.blobs().contains(&base) {
+            true => None,
+            false => Some(format!(
+                "round {round} cannot open: it starts from the weights {base}, and that blob is not in the ledger's folder; put the file back as {}",
+                self.ledger.blobs().path(&base).display()
+            )),
+        }
     }
 
     fn settle(&mut self, number: u64, now: u64) -> Result<Progress, RequestError> {
@@ -156,6 +180,11 @@ impl Aggregator {
     fn resolve(&mut self, dispute: u64, contribution: u64) -> Result<Progress, RequestError> {
         let upheld = verify_again(&self.ledger, contribution)?;
         match &upheld {
+            Some(unchecked @ Refusal::NoVerifier { .. }) => {
+                return Err(RequestError::Internal(format!(
+                    "the dispute of entry {dispute} cannot be decided by this release of zk0: {unchecked}"
+                )))
+            }
             Some(reason) => tracing::warn!(dispute, %reason, "dispute upheld"),
             None => tracing::info!(dispute, "dispute dismissed: the contribution verifies"),
         }
@@ -235,4 +264,26 @@ fn check_genesis(genesis: &Genesis) -> Result<(), RequestError> {
     (program.map(drop))
         .and(evaluation.map(drop))
         .map_err(|why| RequestError::Malformed(format!("genesis: {why}")))
+}
+
+/// Refuses to go on with an open round whose proofs this build cannot verify.
+fn check_open_round(state: &State) -> Result<(), RequestError> {
+    match state.round() {
+        Some(round) if !can_verify(state.program()) => Err(RequestError::Malformed(format!(
+            "round {} is open, and {}",
+            round.number(),
+            no_verifier(state)
+        ))),
+        _ => Ok(()),
+    }
+}
+
+/// What to do about a program whose proofs this build cannot verify.
+fn no_verifier(state: &State) -> String {
+    format!(
+        "its proofs are of the program {}, while this release of zk0 verifies proofs of SP1 {}: start the aggregator with a release of zk0 that verifies SP1 {}, or propose another program",
+        state.program(),
+        releases(),
+        state.program().sp1
+    )
 }

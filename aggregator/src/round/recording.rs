@@ -8,6 +8,7 @@ use zk0_circuits::NodeId;
 use zk0_ledger::blobs::BlobWriter;
 use zk0_protocol::blob::Blob;
 use zk0_protocol::entries::entry::{Body, MAX_ENTRY_BYTES};
+use zk0_protocol::entries::proposal::Action;
 use zk0_protocol::entries::signed::{
     DatasetRegistration, Signed, Submission, UpdateCommitment, UploadRequest,
 };
@@ -43,7 +44,28 @@ impl Aggregator {
         if let Some(index) = self.index.said(&body) {
             return Ok(self.ledger.first_receipt(index)?);
         }
+        self.check_at_hand(&body)?;
         self.append(body)
+    }
+
+    /// Refuses a proposal to go back to weights whose blob is lost: no round could start from them.
+    fn check_at_hand(&self, body: &Body) -> Result<(), RequestError> {
+        let round = match body {
+            Body::Proposed(signed) => match signed.statement.action {
+                Action::RestoreWeights { round } => round,
+                _ => return Ok(()),
+            },
+            _ => return Ok(()),
+        };
+        match self.state().results().of(round) {
+            Some(result) if !self.ledger.blobs().contains(&result.blob) => {
+                Err(RequestError::LostWeights {
+                    round,
+                    blob: result.blob,
+                })
+            }
+            _ => Ok(()),
+        }
     }
 
     /// Records a dataset commitment, and keeps its list of leaves as a blob.

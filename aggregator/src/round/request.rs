@@ -28,6 +28,12 @@ pub enum RequestError {
     /// No entry names the blob.
     #[error("the ledger names no blob {0}")]
     UnknownBlob(zk0_circuits::Digest),
+    /// No round can start from the weights that this round ended with.
+    #[error("round {round} ended with the weights {blob}, but the aggregator does not have that blob any more")]
+    LostWeights {
+        round: u64,
+        blob: zk0_circuits::Digest,
+    },
     /// The node asks for too much at once.
     #[error("{0}")]
     Busy(String),
@@ -113,7 +119,7 @@ impl RequestError {
     fn code(&self) -> Code {
         match self {
             Self::Malformed(_) => Code::InvalidArgument,
-            Self::Violation(_) => Code::FailedPrecondition,
+            Self::Violation(_) | Self::LostWeights { .. } => Code::FailedPrecondition,
             Self::HeldBack(_) => Code::PermissionDenied,
             Self::UnknownBlob(_) => Code::NotFound,
             Self::Busy(_) => Code::ResourceExhausted,
@@ -131,7 +137,8 @@ impl RequestError {
                 | Refusal::WrongRound { .. }
                 | Refusal::Late { .. }
                 | Refusal::NotCommitted(_)
-                | Refusal::MissingUpdate(_) => Code::FailedPrecondition,
+                | Refusal::MissingUpdate(_)
+                | Refusal::NoVerifier { .. } => Code::FailedPrecondition,
                 _ => Code::InvalidArgument,
             },
         }

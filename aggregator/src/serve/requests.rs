@@ -54,6 +54,7 @@ impl Federation for Service {
                 opened: opened.map(Into::into),
                 closed: closed.map(Into::into),
                 now_ms: aggregator.now_ms(),
+                program: encode(state.program())?,
             })
         });
         Ok(Response::new(info.await?))
@@ -80,8 +81,8 @@ impl Federation for Service {
                 }
             }
             Ok(GovernanceInfo {
-                rules: borsh::to_vec(state.rules())
-                    .map_err(|error| RequestError::Internal(error.to_string()))?,
+                rules: encode(state.rules())?,
+                program: encode(state.program())?,
                 next_proposal: state.next_proposal(),
                 proposals,
                 now_ms: aggregator.now_ms(),
@@ -218,6 +219,10 @@ impl Service {
             Some(UploadChunk { part: None }) => Err(malformed("a message of the upload is empty")),
         }
     }
+}
+
+fn encode<T: borsh::BorshSerialize>(value: &T) -> Result<Vec<u8>, RequestError> {
+    borsh::to_vec(value).map_err(|error| RequestError::Internal(error.to_string()))
 }
 
 fn digest(bytes: &[u8]) -> Result<Digest, Status> {

@@ -181,6 +181,7 @@ impl Service {
     /// Opens and closes rounds in time, and does whatever else is due. Returns only when that fails, or when the rules come to ask
     /// for another witness policy than `witnesses`.
     async fn rounds(&self, witnesses: &str) -> RequestError {
+        let mut said = None;
         loop {
             let witnesses = witnesses.to_owned();
             let step = self.with(move |aggregator| {
@@ -200,8 +201,15 @@ impl Service {
                     | Progress::Closed(_)
                     | Progress::Settled(_)
                     | Progress::Resolved(_),
-                ) => {}
-                Ok(Progress::Waiting | Progress::Finished) => {
+                ) => said = None,
+                Ok(idle @ (Progress::Waiting | Progress::Finished | Progress::Blocked(_))) => {
+                    // It stays blocked for long, so the log says it once.
+                    if let Progress::Blocked(why) = &idle {
+                        if said.as_ref() != Some(why) {
+                            tracing::error!("{why}");
+                            said = Some(why.clone());
+                        }
+                    }
                     let _ = timeout(TICK, self.changed.notified()).await;
                 }
             }

@@ -5,6 +5,8 @@
 mod manual_clock;
 mod network;
 mod node;
+pub mod operator;
+pub mod real_proof;
 
 pub use self::manual_clock::ManualClock;
 pub use self::network::Network;
@@ -18,6 +20,7 @@ use tonic::{Code, Status};
 use zk0_aggregator::round::founding::Founding;
 use zk0_aggregator::round::request::RequestError;
 use zk0_aggregator::{Aggregator, Config};
+use zk0_circuits::claim::program::verifying_key;
 use zk0_circuits::model::layout::{expert_tensors, TensorSpec};
 use zk0_circuits::model::spec::EvalSpec;
 use zk0_circuits::{Digest, Mode, WeightsDigest};
@@ -72,7 +75,7 @@ pub fn genesis() -> Genesis {
             },
             ..Rules::default()
         },
-        program: vec![0; 32],
+        program: verifying_key(Mode::Direct).to_vec(),
         mode: Mode::Direct,
         evaluation: spec.encode(),
         policy: blob_digest(POLICY),

@@ -126,7 +126,10 @@ impl Network {
         use zk0_aggregator::Progress;
         loop {
             let progress = self.service().with(Aggregator::step).await.unwrap();
-            if matches!(progress, Progress::Waiting | Progress::Finished) {
+            if matches!(
+                progress,
+                Progress::Waiting | Progress::Finished | Progress::Blocked(_)
+            ) {
                 return;
             }
         }

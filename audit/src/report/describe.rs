@@ -97,6 +97,12 @@ pub fn action(action: &Action) -> String {
             true => format!("uphold the dispute of entry {dispute}"),
             false => format!("dismiss the dispute of entry {dispute}"),
         },
+        Action::ReplaceProgram(program) => {
+            format!("prove with the guest program {program} from the next round on")
+        }
+        Action::RestoreWeights { round } => {
+            format!("start the next round from the weights that round {round} ended with")
+        }
     }
 }
 
@@ -154,7 +160,10 @@ fn about(body: &Body) -> (Option<u64>, Vec<NodeId>) {
         Body::Proposed(signed) => {
             let mut nodes = vec![signed.statement.proposer];
             match &signed.statement.action {
-                Action::ChangeRules(_) | Action::JudgeDispute { .. } => {}
+                Action::ChangeRules(_)
+                | Action::JudgeDispute { .. }
+                | Action::ReplaceProgram(_)
+                | Action::RestoreWeights { .. } => {}
                 Action::Enrol(enrolled) => nodes.push(enrolled.node),
                 Action::Suspend(node) | Action::Reinstate(node) | Action::Revoke(node) => {
                     nodes.push(*node);
@@ -277,6 +286,7 @@ pub fn refusal(reason: &Refusal) -> &'static str {
         Refusal::NotInvited { .. } => "not invited",
         Refusal::TooFar { .. } => "too far from the base",
         Refusal::RoundFull { .. } => "round full",
+        Refusal::NoVerifier { .. } => "no verifier",
     }
 }
 

@@ -1,17 +1,19 @@
 //! What happened in a network, in numbers, for tables, charts and JSON. It follows from the entries alone.
 
 use crate::report::describe;
+use crate::report::program_in_force::ProgramInForce;
 use anyhow::{bail, Context, Result};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::Path;
 use zk0_circuits::model::spec::EvalSpec;
-use zk0_circuits::{Claim, NodeId};
+use zk0_circuits::{Claim, Mode, NodeId};
 use zk0_ledger::folder;
 use zk0_ledger::store::Store;
 use zk0_protocol::entries::entry::Body;
 use zk0_protocol::entries::genesis::Genesis;
 use zk0_protocol::entries::member::NodeEnrolled;
+use zk0_protocol::entries::program::Program;
 use zk0_protocol::entries::proposal::{Action, Outcome};
 use zk0_protocol::tlog::tree::Frontier;
 use zk0_protocol::{Entry, Refusal, Rules};
@@ -25,6 +27,8 @@ pub struct History {
     pub last_ms: u64,
     /// How the network was founded.
     pub network: Option<Network>,
+    /// The guest program that it began with, and those that votes put in force, in order.
+    pub programs: Vec<ProgramInForce>,
     /// Each round.
     pub rounds: Vec<Round>,
     /// Each node, in the order of enrolment.
@@ -40,6 +44,8 @@ pub struct History {
     contributions: BTreeMap<u64, (usize, usize)>,
     #[serde(skip)]
     spec: Option<EvalSpec>,
+    #[serde(skip)]
+    mode: Option<Mode>,
     #[serde(skip)]
     places: BTreeMap<NodeId, usize>,
 }
@@ -57,6 +63,8 @@ pub struct Network {
     pub founded_ms: u64,
     /// How products are proven.
     pub mode: String,
+    /// The digest of the evaluation's parameters, and whether they are those of this release.
+    pub evaluation: String,
     /// SHA-256 of the whole initial policy.
     pub policy: String,
     /// The rules it began with.
@@ -304,11 +312,20 @@ impl History {
             Action::Enrol(enrolled) => self.enrolled(index, enrolled),
             Action::ReplaceKey { node, with } => self.replace_key(node, *with),
             Action::JudgeDispute { dispute, upheld } => self.judged(*dispute, *upheld),
-            Action::ChangeRules(_)
+            Action::ReplaceProgram(program) => self.program(index, program),
+            Action::RestoreWeights { .. }
+            | Action::ChangeRules(_)
             | Action::Suspend(_)
             | Action::Reinstate(_)
             | Action::Revoke(_) => {}
         }
+    }
+
+    /// A guest program is in force from the next round on.
+    fn program(&mut self, index: u64, program: &Program) {
+        let round = self.rounds.len() as u64;
+        let in_force = ProgramInForce::new(index, round, program, self.mode);
+        self.programs.push(in_force);
     }
 
     /// Ends a dispute. The node loses what a false contribution had earned.
@@ -337,6 +354,8 @@ impl History {
 
     fn founded(&mut self, genesis: &Genesis, founded_ms: u64) {
         self.spec = genesis.evaluation_spec().ok();
+        self.mode = Some(genesis.mode);
+        self.program(0, &Program::founding(&genesis.program));
         self.network = Some(Network {
             name: genesis.name.clone(),
             id: genesis.network_id().to_string(),
@@ -345,6 +364,7 @@ impl History {
                 .map_or_else(|error| error.to_string(), |key| key.to_string()),
             founded_ms,
             mode: genesis.mode.to_string(),
+            evaluation: evaluation(&genesis.evaluation),
             policy: genesis.policy.to_string(),
             rules: genesis.rules.clone(),
         });
@@ -427,6 +447,17 @@ pub fn read(dir: &Path, size: u64, root: &str, mut each: impl FnMut(u64, &Entry)
         bail!("the first {size} entries have changed since they were verified: their root was {root}, and it is {found} now");
     }
     Ok(())
+}
+
+/// The digest of an evaluation, and whose parameters they are.
+fn evaluation(encoded: &[u8]) -> String {
+    match EvalSpec::decode(encoded) {
+        Ok(spec) if spec == EvalSpec::new(spec.dims) => {
+            format!("{} (this release's)", spec.digest())
+        }
+        Ok(spec) => format!("{} (with ranges that the founder chose)", spec.digest()),
+        Err(error) => format!("unusable: {error}"),
+    }
 }
 
 /// The history of the first `size` entries in `dir`, with that root.

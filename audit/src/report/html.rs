@@ -8,7 +8,7 @@ use crate::report::history::{History, Network};
 use crate::report::page::Page;
 use crate::report::verdict::{counts, sentence, Audited};
 use serde::Serialize;
-use zk0_ledger::replay::{Finding, Severity};
+use zk0_ledger::replay::{Finding, Severity, Verdict};
 use zk0_protocol::counted::counted;
 
 /// Most rows in a table. The data beside the page has all.
@@ -29,6 +29,7 @@ h1 { font-size: 1.5rem; margin: 0 0 .2rem; overflow-wrap: anywhere; } h2 { font-
 h3 { font-size: 1rem; margin: 1rem 0 .2rem; }
 .verdict { padding: .8rem 1rem; border-left: .5rem solid; margin: 1rem 0; }
 .good { border-color: #009e73; background: #eaf6f2; } .bad { border-color: #d55e00; background: #fbefe8; }
+.partial { border-color: #e69f00; background: #fdf5e5; }
 .verdict b { font-size: 1.2rem; }
 table { border-collapse: collapse; width: 100%; font-variant-numeric: tabular-nums; }
 th, td { text-align: left; padding: .2rem .6rem .2rem 0; border-bottom: 1px solid #eee; vertical-align: top; overflow-wrap: anywhere; }
@@ -71,17 +72,15 @@ fn name(audited: &Audited) -> &str {
 
 impl Page {
     fn verdict(&mut self, audited: &Audited, history: &History) {
-        self.markup(match audited.holds() {
-            true => "<div class=\"verdict good\"><b>",
-            false => "<div class=\"verdict bad\"><b>",
+        self.markup(match audited.verdict {
+            Verdict::Verified => "<div class=\"verdict good\"><b>",
+            Verdict::Incomplete => "<div class=\"verdict partial\"><b>",
+            Verdict::Failed => "<div class=\"verdict bad\"><b>",
         });
         let (word, says) = sentence(audited);
         self.text(word);
         self.markup("</b><br>");
         self.text(says);
-        if audited.holds() && !audited.not_checked.is_empty() {
-            self.text(". The list below names what was not checked");
-        }
         self.markup(".<br>");
         self.text(format_args!(
             "The log has {}. The last one was recorded at {}.",
@@ -119,11 +118,8 @@ impl Page {
 
     fn findings(&mut self, findings: &[Finding]) {
         let faults: Vec<_> = of(findings, Severity::Fault);
-        let notes: Vec<_> = of(findings, Severity::Note)
-            .into_iter()
-            // The section above names these.
-            .filter(|note| !note.text.starts_with("not checked: "))
-            .collect();
+        // The section above names what was not checked.
+        let notes: Vec<_> = of(findings, Severity::Note);
         self.heading("Findings");
         if faults.is_empty() && notes.is_empty() {
             self.markup("<p>The audit found no faults, and it has no notes.</p>");
@@ -133,7 +129,7 @@ impl Page {
         for finding in faults.iter().chain(&notes).take(MOST_ROWS) {
             match finding.severity {
                 Severity::Fault => self.markup("<li class=\"fault\">"),
-                Severity::Note => self.markup("<li>"),
+                Severity::Note | Severity::NotChecked => self.markup("<li>"),
             }
             if let Some(index) = finding.index {
                 self.text(format_args!("entry {index}: "));
@@ -304,6 +300,10 @@ impl Page {
             ],
         );
         self.row(&columns, &[&"mode of the proofs", &network.mode]);
+        for program in &history.programs {
+            self.row(&columns, &[&"guest program", &program.to_string()]);
+        }
+        self.row(&columns, &[&"evaluation", &network.evaluation]);
         self.row(&columns, &[&"initial policy", &network.policy]);
         for (rule, value) in rules(network) {
             self.row(&columns, &[&rule, &value]);

@@ -5,5 +5,6 @@ pub mod describe;
 pub mod history;
 pub mod html;
 mod page;
+pub mod program_in_force;
 mod svg;
 pub mod verdict;

@@ -33,9 +33,9 @@ impl Audited {
         }
     }
 
-    /// Whether everything that was checked holds.
+    /// Whether everything that was checked holds. Something may not have been checked.
     pub fn holds(&self) -> bool {
-        self.report.verdict == Verdict::Verified
+        self.report.verdict != Verdict::Failed
     }
 }
 
@@ -65,6 +65,7 @@ pub fn verdict(audited: &Audited) -> String {
     for finding in &report.findings {
         let label = match finding.severity {
             Severity::Note => "note",
+            Severity::NotChecked => "not checked",
             Severity::Fault => "FAULT",
         };
         let place = finding
@@ -75,22 +76,23 @@ pub fn verdict(audited: &Audited) -> String {
     }
     let (label, says) = sentence(audited);
     line(label, says);
-    if audited.holds() && !report.findings.is_empty() {
-        line("", "the notes above name what this does not cover");
-    }
     text
 }
 
 /// The verdict in a word and a sentence.
 pub fn sentence(audited: &Audited) -> (&'static str, &'static str) {
     match (audited.report.verdict, audited.depth) {
-        (Verdict::Verified, Depth::Full) => (
+        (Verdict::Verified, _) => (
             "VERIFIED",
-            "this audit checked every entry, signature, proof, refusal and average again, and all of them hold",
+            "this audit checked every entry, signature, proof, update, refusal and average again, and all of them hold",
         ),
-        (Verdict::Verified, Depth::Light) => (
-            "VERIFIED",
-            "this audit checked every entry, signature and proof again, and all of them hold; it did not read weights, so it checked no averages",
+        (Verdict::Incomplete, Depth::Light) => (
+            "INCOMPLETE",
+            "light audit: weights not verified; everything that this audit checked holds",
+        ),
+        (Verdict::Incomplete, Depth::Full) => (
+            "INCOMPLETE",
+            "everything that this audit checked holds, but the lines above name what it could not check",
         ),
         (Verdict::Failed, _) => (
             "FAILED",

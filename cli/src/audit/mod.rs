@@ -1,5 +1,6 @@
 //! `zk0 audit`: check a ledger without trusting anybody. The auditor's light build has this and [`crate::ledger`].
 
+mod named_options;
 mod progress_bar;
 mod proof;
 mod replay;
@@ -7,12 +8,15 @@ mod show;
 mod watch;
 
 use anyhow::Result;
+use std::process::ExitCode;
+use zk0_audit::fetch::is_fault;
 
 /// What to do.
 #[derive(Debug, clap::Subcommand)]
 pub enum Command {
     /// Check a ledger from its first entry: signatures, the tree, checkpoints, rules, proofs, refusals, and the averaged weights. The exit
-    /// code is 0 if everything is right, and 1 if anything is not.
+    /// code is 0 if everything was checked and is right (VERIFIED), 1 if anything is wrong (FAILED), 3 if something was not checked
+    /// (INCOMPLETE), and 4 if there is no verdict, because the ledger cannot be read.
     Replay(replay::Options),
     /// Show what happened: the network, its rounds and nodes, or an entry. This checks no proofs; `zk0 audit replay` does.
     Show(show::Options),
@@ -26,13 +30,27 @@ pub enum Command {
     VerifyProof(proof::Verify),
 }
 
-/// Runs the command. Returns `false` if the ledger or the proof is not right.
-pub fn run(command: &Command) -> Result<bool> {
-    match command {
-        Command::Replay(options) => replay::run(options),
-        Command::Show(options) => show::run(options),
-        Command::Watch(options) => watch::run(options),
-        Command::Prove(options) => proof::prove(options).map(|()| true),
-        Command::VerifyProof(options) => proof::verify(options),
+/// Runs the command. All but `replay` end with 1 if the ledger or the proof is not right.
+pub fn run(command: &Command) -> Result<ExitCode> {
+    let holds = match command {
+        Command::Replay(options) => return replay::run(options),
+        Command::Show(options) => show::run(options)?,
+        Command::Watch(options) => watch::run(options)?,
+        Command::Prove(options) => proof::prove(options).map(|()| true)?,
+        Command::VerifyProof(options) => proof::verify(options)?,
+    };
+    Ok(match holds {
+        true => ExitCode::SUCCESS,
+        false => ExitCode::FAILURE,
+    })
+}
+
+impl Command {
+    /// The exit code of an error. If an audit cannot read the ledger, there is no verdict.
+    pub fn error_code(&self, error: &anyhow::Error) -> ExitCode {
+        match self {
+            Self::Replay(_) if !is_fault(error) => ExitCode::from(4),
+            _ => ExitCode::FAILURE,
+        }
     }
 }

@@ -1,10 +1,12 @@
 //! `zk0 audit replay`: an audit of the whole ledger, or of what an earlier audit has not seen.
 
+use super::named_options::NamedOptions;
 use super::progress_bar::Bar;
 use crate::ledger::TrustOptions;
 use anyhow::{Context, Result};
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
+use std::process::ExitCode;
 use std::time::Duration;
 use zk0_audit::fetch::locate;
 use zk0_audit::report::verdict::{verdict, Audited};
@@ -12,7 +14,7 @@ use zk0_audit::report::{history, html};
 use zk0_audit::run::Audit;
 use zk0_audit::Depth;
 use zk0_files::atomic_file;
-use zk0_ledger::replay::{Finding, Keep};
+use zk0_ledger::replay::{Finding, Keep, Verdict};
 
 /// `zk0 audit replay`.
 #[derive(Debug, clap::Args)]
@@ -21,7 +23,7 @@ pub struct Options {
     /// first.
     ledger: String,
     /// Read and fetch no weights. This checks entries, the tree, checkpoints, rules, refusals and proofs. It does not check updates,
-    /// averages, and the lists of datasets.
+    /// averages, and the lists of datasets, so the verdict is INCOMPLETE at best.
     #[arg(long)]
     light: bool,
     /// Keep the state of the audit in this file. The next audit with the same file reads only what is new, and it reports a log that
@@ -45,10 +47,12 @@ pub struct Options {
     json: bool,
     #[command(flatten)]
     trust: TrustOptions,
+    #[command(flatten)]
+    named: NamedOptions,
 }
 
-/// Runs the command. Returns `false` if the ledger is not right.
-pub fn run(options: &Options) -> Result<bool> {
+/// Runs the command. Each verdict has an exit code of its own.
+pub fn run(options: &Options) -> Result<ExitCode> {
     let depth = Depth::of(options.light);
     let mirror = options.mirror.as_deref();
     let trust = options.trust.read()?;
@@ -61,6 +65,7 @@ pub fn run(options: &Options) -> Result<bool> {
     let progress = |done, total| bar.at(done, total);
     let audit = Audit {
         depth,
+        named: options.named.read()?,
         network: trust.network,
         threads: options.threads,
         state_file,
@@ -82,7 +87,11 @@ pub fn run(options: &Options) -> Result<bool> {
         true => println!("{}", serde_json::to_string_pretty(&audited)?),
         false => print!("{}", verdict(&audited)),
     }
-    Ok(audited.holds())
+    Ok(ExitCode::from(match audited.verdict {
+        Verdict::Verified => 0,
+        Verdict::Failed => 1,
+        Verdict::Incomplete => 3,
+    }))
 }
 
 /// Writes the report for browsers, and its data beside it.

@@ -177,14 +177,21 @@ fn whole(history: &History) -> String {
     let mut text = String::new();
     if let Some(network) = &history.network {
         text.push_str(&format!(
-            "network  {} {}\nfounded  {}\nlog key  {}\nentries  {}, the last of {}\n\n",
+            "network     {} {}\nfounded     {}\nlog key     {}\nmode        {}\nevaluation  {}\nentries     {}, the last of {}\n\n",
             printable(&network.name),
             network.id,
             time(network.founded_ms),
             network.log_key,
+            network.mode,
+            network.evaluation,
             history.entries,
             time(history.last_ms)
         ));
+        text.push_str("guest programs, the last of which is in force\n");
+        for program in &history.programs {
+            text.push_str(&format!("{program}\n"));
+        }
+        text.push('\n');
     }
     text.push_str(&round_table(history, None));
     text.push('\n');

@@ -1,6 +1,7 @@
 //! `zk0 audit watch`: an audit that does not end. What was seen once has to stay. When a log shows two histories, loses entries or breaks a
 //! rule, the watch raises an alarm and ends.
 
+use super::named_options::NamedOptions;
 use super::progress_bar::Bar;
 use super::show;
 use crate::ledger::TrustOptions;
@@ -13,6 +14,7 @@ use std::time::Duration;
 use zk0_audit::report::describe::printable;
 use zk0_audit::watch::{Look, Seen, Watch, WatchOptions};
 use zk0_audit::Depth;
+use zk0_ledger::replay::Verdict;
 use zk0_protocol::counted::counted;
 
 /// `zk0 audit watch`.
@@ -41,6 +43,8 @@ pub struct Options {
     json: bool,
     #[command(flatten)]
     trust: TrustOptions,
+    #[command(flatten)]
+    named: NamedOptions,
 }
 
 /// How many checks in a row may fail because nobody answers or a file is missing.
@@ -52,6 +56,7 @@ pub fn run(options: &Options) -> Result<bool> {
         ledger: options.ledger.clone(),
         trust: options.trust.read()?,
         depth: Depth::of(options.light),
+        named: options.named.read()?,
         state: options.state.clone(),
         mirror: options.mirror.clone(),
     })?;
@@ -90,9 +95,21 @@ pub fn run(options: &Options) -> Result<bool> {
 impl Options {
     fn tell(&self, seen: Seen<'_>) {
         match seen {
-            Seen::First { entries, network } => {
+            Seen::First {
+                verdict,
+                entries,
+                network,
+            } => {
                 let entries = counted(entries, "entry", "entries");
-                self.say("verified", &format!("{entries} of network {network}"));
+                let (label, left_out) = match verdict {
+                    Verdict::Verified => ("verified", ""),
+                    Verdict::Incomplete => (
+                        "incomplete",
+                        "; `zk0 audit replay` names what was not checked",
+                    ),
+                    Verdict::Failed => ("failed", ""),
+                };
+                self.say(label, &format!("{entries} of network {network}{left_out}"));
             }
             Seen::New { index, entry } => {
                 match self.json {

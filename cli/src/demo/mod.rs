@@ -2,12 +2,14 @@
 //! within this machine. Each node has its own recording. All nodes are honest except the last one, which submits the base weights with
 //! somebody else's proof. At the end the ledger is audited, as an outsider would do it.
 
+mod global_losses;
 pub mod lazy_node;
 mod process;
 mod results;
 
 use crate::keys;
 use anyhow::{bail, Context, Result};
+use global_losses::Evaluated;
 use process::{Console, Process};
 use std::ffi::OsStr;
 use std::fs;
@@ -15,6 +17,10 @@ use std::path::PathBuf;
 use std::time::{Duration, SystemTime};
 use zk0_audit::verified_entries::network_id;
 use zk0_circuits::Mode;
+
+/// How an honest node trains in a round.
+const STEPS: &str = "300";
+const LEARNING_RATE: &str = "1e-3";
 
 /// What to run.
 #[derive(Debug, clap::Args)]
@@ -28,12 +34,13 @@ pub struct Options {
     /// How matrix products are proven: direct or checked. `zk0 aggregator init --help` explains them.
     #[arg(long, default_value = "direct")]
     mode: Mode,
-    /// A recording for a node (a LeRobotDataset folder). Repeat the option to give each node one.
+    /// A recording for a node (a LeRobotDataset folder). Repeat the option to give each node one. If there are more, the
+    /// global weights are also measured on the last one, which no node has seen.
     #[arg(long = "dataset", default_values = [
         "tests/fixtures/datasets/so100_pickplace",
         "tests/fixtures/datasets/so100_stacking",
-        "tests/fixtures/datasets/so100_sorting",
         "tests/fixtures/datasets/so101_pickplace",
+        "tests/fixtures/datasets/so100_sorting",
     ])]
     datasets: Vec<PathBuf>,
     /// A real proof of another claim. The node that cheats submits it as its own.
@@ -121,7 +128,7 @@ pub async fn run(options: &Options) -> Result<()> {
             true => ("demo-lazy-node", ("--stolen-proof", &options.stolen_proof)),
             false => ("node join", ("--prover", &prover_url)),
         };
-        let join: [(&str, &dyn AsRef<OsStr>); 7] = [
+        let mut join: Vec<(&str, &dyn AsRef<OsStr>)> = vec![
             own,
             ("--aggregator", &aggregator_url),
             ("--network", &id),
@@ -130,6 +137,13 @@ pub async fn run(options: &Options) -> Result<()> {
             ("--state", &dir),
             ("--rounds", &rounds),
         ];
+        if i + 1 < count {
+            // With more steps or larger ones, the nodes' weights drift too far apart to be averaged.
+            join.extend([
+                ("--steps", &STEPS as &dyn AsRef<OsStr>),
+                ("--learning-rate", &LEARNING_RATE),
+            ]);
+        }
         joined.push(start(name, command, &join)?);
     }
     let everybody = async {
@@ -147,14 +161,19 @@ pub async fn run(options: &Options) -> Result<()> {
     aggregator.stop().await;
 
     console.say("the ledger is audited, as an outsider would do it");
-    let held_out = options.datasets.get(count).filter(|path| path.exists());
-    results::finish(
-        &out,
-        &network,
-        &names,
-        held_out.map(PathBuf::as_path),
-        &console,
-    )
+    let honest = options.datasets.iter().zip(&names).take(count - 1);
+    let trained = honest.map(|(path, name)| Evaluated {
+        path: path.clone(),
+        trained_by: Some(name.clone()),
+    });
+    // No node has the last of the other recordings.
+    let unseen = options.datasets[count..].last();
+    let unseen = unseen.filter(|path| path.exists()).map(|path| Evaluated {
+        path: path.clone(),
+        trained_by: None,
+    });
+    let recordings: Vec<_> = trained.chain(unseen).collect();
+    results::finish(&out, &network, &names, &recordings, &console)
 }
 
 async fn url(process: &mut Process) -> Result<String> {

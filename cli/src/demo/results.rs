@@ -1,7 +1,8 @@
 //! The results of a demo: the audit's verdict, `metrics.json`, the chart, and `global.safetensors`.
 
+use super::global_losses::{global, Evaluated, Global, GlobalLoss, MAX_WEIGHTS};
 use super::process::Console;
-use crate::chart::{self, Curve, Proven};
+use crate::chart::{self, Bars, Curve, Proven};
 use anyhow::{bail, Context, Result};
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -13,22 +14,13 @@ use zk0_circuits::{Digest, NodeId};
 use zk0_files::atomic_file;
 use zk0_ledger::blobs::Blobs;
 use zk0_ledger::replay::Verdict;
-use zk0_lerobot::dataset::Dataset;
-use zk0_node::recording;
 use zk0_node::training_history::TrainingHistory;
 use zk0_protocol::counted::counted;
 use zk0_protocol::entries::entry::{Body, Entry};
-use zk0_protocol::entries::genesis::Genesis;
 use zk0_protocol::entries::signed::{Signed, Submission};
-use zk0_smolvla::measure::evaluate;
-use zk0_smolvla::policy::policy_file;
-use zk0_smolvla::{ExpertWeights, PolicyConfig};
 
 /// A point of a training curve is the mean of this many steps.
 const WINDOW: usize = 20;
-
-/// Largest file of weights that the demo reads.
-const MAX_WEIGHTS: u64 = 1 << 30;
 
 #[derive(Serialize)]
 struct Metrics {
@@ -53,29 +45,19 @@ struct Contribution {
     loss_after: Option<f64>,
 }
 
-#[derive(Serialize)]
-struct Global {
-    round: u64,
-    weights: String,
-    contributors: usize,
-    /// The mean float32 loss on a recording that nobody trained on. Noise and times are fixed.
-    unseen_loss_before: Option<f64>,
-    unseen_loss_after: Option<f64>,
-}
-
 /// Audits the ledger, writes the results, and prints the summary. It is an error if the audit fails, or if no contribution is accepted, or
 /// none is refused.
 pub fn finish(
     out: &Path,
     network: &Path,
     names: &[String],
-    unseen: Option<&Path>,
+    recordings: &[Evaluated],
     console: &Console,
 ) -> Result<()> {
     let (entries, report) = verified_entries(network)?;
     print!("\n{}\n", verdict(&report));
-    if report.verdict == Verdict::Failed {
-        bail!("the audit failed; the lines above say why");
+    if report.verdict != Verdict::Verified {
+        bail!("the audit did not verify everything; the lines above say why");
     }
     let Some(Body::Genesis(genesis)) = entries.first().map(|entry| &entry.body) else {
         bail!("the ledger has no genesis");
@@ -83,7 +65,7 @@ pub fn finish(
     let spec = EvalSpec::decode(&genesis.evaluation)?;
     let contributions = contributions(&entries, &spec);
     let training = training_curves(&out.join("nodes"), names)?;
-    let global = global(&entries, genesis, &Blobs::at(network), unseen)?;
+    let global = global(&entries, genesis, &Blobs::at(network), recordings)?;
     if let Some(last) = global.last() {
         let bytes = Blobs::at(network).get(&last.weights.parse::<Digest>()?, MAX_WEIGHTS)?;
         atomic_file::replace(&out.join("global.safetensors"), &bytes)
@@ -101,7 +83,7 @@ pub fn finish(
             })
         })
         .collect();
-    chart::draw(&out.join("loss"), &training, &proven)?;
+    chart::draw(&out.join("loss"), &training, &proven, &global_bars(&global))?;
     summary(&contributions, &global);
     let accepted = contributions
         .iter()
@@ -211,65 +193,23 @@ fn training_curves(nodes: &Path, names: &[String]) -> Result<Vec<Curve>> {
     Ok(curves)
 }
 
-fn global(
-    entries: &[Entry],
-    genesis: &Genesis,
-    blobs: &Blobs,
-    unseen: Option<&Path>,
-) -> Result<Vec<Global>> {
-    let unseen = unseen
-        .map(|path| Unseen::new(path, genesis, blobs))
-        .transpose()?;
-    let mut global = Vec::new();
-    let mut base = genesis.initial.blob;
-    for entry in entries {
-        let Body::RoundClosed(closed) = &entry.body else {
-            continue;
-        };
-        let loss = |weights: &Digest| {
-            unseen
-                .as_ref()
-                .map(|unseen| unseen.loss(blobs, weights))
-                .transpose()
-        };
-        global.push(Global {
-            round: closed.round,
-            weights: closed.global.blob.to_string(),
-            contributors: closed.contributors.len(),
-            unseen_loss_before: loss(&base)?,
-            unseen_loss_after: loss(&closed.global.blob)?,
-        });
-        base = closed.global.blob;
-    }
-    Ok(global)
-}
-
-/// A recording that nobody trained on, with fixed noise and times.
-struct Unseen {
-    config: PolicyConfig,
-    samples: Vec<zk0_smolvla::frames::sample::PreparedSample>,
-    draws: Vec<evaluate::FlowDraw>,
-}
-
-impl Unseen {
-    fn new(path: &Path, genesis: &Genesis, blobs: &Blobs) -> Result<Self> {
-        blobs.check(&genesis.policy)?;
-        let file = policy_file::load(&blobs.path(&genesis.policy))?;
-        let samples = recording::prepare_samples(&Dataset::open(path)?, &file, None)?;
-        let config = file.policy.config;
-        let draws = evaluate::fixed_draws(&config, samples.len(), 0);
-        Ok(Self {
-            config,
-            samples,
-            draws,
-        })
-    }
-
-    fn loss(&self, blobs: &Blobs, weights: &Digest) -> Result<f64> {
-        let config = &self.config;
-        let weights = ExpertWeights::from_safetensors(config, &blobs.get(weights, MAX_WEIGHTS)?)?;
-        let pairs: Vec<_> = self.samples.iter().zip(&self.draws).collect();
-        Ok(evaluate::evaluate(config, &weights, &pairs)?.loss())
+/// The losses of the global weights: a group for each recording, a bar for the first weights and for each round's result.
+fn global_bars(global: &[Global]) -> Bars {
+    let losses = |of: fn(&GlobalLoss) -> f64, one: &Global| one.losses.iter().map(of).collect();
+    let first = global.first();
+    let start = first.map(|one| ("start".into(), losses(|loss| loss.before, one)));
+    let after = |one: &Global| {
+        let name = format!("after round {}", one.round);
+        (name, losses(|loss| loss.after, one))
+    };
+    Bars {
+        caption: "Global weights".into(),
+        unit: "mean squared error".into(),
+        groups: first.map_or(Vec::new(), |one| {
+            let whose = one.losses.iter().map(GlobalLoss::whose);
+            whose.map(str::to_owned).collect()
+        }),
+        series: start.into_iter().chain(global.iter().map(after)).collect(),
     }
 }
 
@@ -289,13 +229,20 @@ fn summary(contributions: &[Contribution], global: &[Global]) {
         }
     }
     for one in global {
-        print!(
+        println!(
             "round {}  global   average of {}",
-            one.round, one.contributors
+            one.round,
+            counted(one.contributors as u64, "update", "updates")
         );
-        if let (Some(before), Some(after)) = (one.unseen_loss_before, one.unseen_loss_after) {
-            print!("  loss on an unseen recording {before:.4} -> {after:.4}");
+        for loss in &one.losses {
+            println!(
+                "round {}  {:<8} loss of the global weights on {}: {:.4} -> {:.4}",
+                one.round,
+                loss.whose(),
+                loss.recording,
+                loss.before,
+                loss.after
+            );
         }
-        println!();
     }
 }

@@ -1,10 +1,12 @@
 //! The changes that can be proposed.
 
 use crate::aggregator::{read_rules, Enrolment};
-use anyhow::Result;
+use anyhow::{Context, Result};
 use std::path::PathBuf;
-use zk0_circuits::NodeId;
+use zk0_circuits::claim::program::verifying_key;
+use zk0_circuits::{Mode, NodeId};
 use zk0_protocol::entries::member::NodeEnrolled;
+use zk0_protocol::entries::program::{Program, OUR_SP1};
 use zk0_protocol::entries::proposal::Action;
 
 /// What a proposal changes.
@@ -49,6 +51,19 @@ pub enum Change {
         /// Whether the contribution was false.
         verdict: Verdict,
     },
+    /// Let proofs be of another guest program from the next round on. Nodes and the aggregator need a release of zk0 that has it.
+    Program {
+        /// The program's verifying key, in hexadecimal. Without it, you propose the program of the release of zk0 that you run.
+        key: Option<String>,
+        /// The release of SP1 whose verifier decides about the proofs.
+        #[arg(long, default_value = OUR_SP1)]
+        sp1: String,
+    },
+    /// Let the next round start from the weights that an earlier round ended with.
+    RestoreWeights {
+        /// The number of that round.
+        round: u64,
+    },
 }
 
 /// The decision on a dispute.
@@ -61,8 +76,8 @@ pub enum Verdict {
 }
 
 impl Change {
-    /// The change as it goes on the ledger.
-    pub fn action(&self) -> Result<Action> {
+    /// The change as it goes on the ledger of a network that proves in mode `mode`.
+    pub fn action(&self, mode: Mode) -> Result<Action> {
         Ok(match self {
             Self::Rules { file } => Action::ChangeRules(Box::new(read_rules(file)?)),
             Self::Enrol {
@@ -82,6 +97,19 @@ impl Change {
                 dispute: *dispute,
                 upheld: *verdict == Verdict::Upheld,
             },
+            Self::Program { key, sp1 } => {
+                let program = Program {
+                    key: match key {
+                        Some(key) => hex::decode(key)
+                            .with_context(|| format!("the key {key:?} is not hexadecimal"))?,
+                        None => verifying_key(mode).to_vec(),
+                    },
+                    sp1: sp1.clone(),
+                };
+                program.check()?;
+                Action::ReplaceProgram(program)
+            }
+            Self::RestoreWeights { round } => Action::RestoreWeights { round: *round },
         })
     }
 }

@@ -23,7 +23,7 @@ pub enum Command {
         /// Write the key to this file. An existing file is kept.
         file: PathBuf,
     },
-    /// Print the rules in force and the open proposals. The aggregator proves that the proposals are on its ledger, but it only says
+    /// Print the rules and the guest program in force, and the open proposals. The aggregator proves that the proposals are on its ledger, but it only says
     /// how the votes stand; `zk0 audit replay` counts the votes again.
     Status {
         #[command(flatten)]
@@ -123,8 +123,8 @@ async fn answer(command: &Command) -> Result<()> {
             text,
             change,
         } => {
-            let action = change.action()?;
             let mut node = signer.connect().await?;
+            let action = change.action(node.genesis().mode)?;
             let proposed = node.propose(title.clone(), text.clone(), action).await?;
             println!("proposal {} is entry {}", proposed.number, proposed.entry);
         }

@@ -5,9 +5,10 @@ use zk0_audit::report::describe;
 use zk0_node::client::GovernanceInfo;
 use zk0_protocol::entries::proposal::Action;
 
-/// The rules in force and the open proposals, for people.
+/// The rules and the guest program in force, and the open proposals, for people.
 pub fn status(info: &GovernanceInfo) -> Result<String> {
     let mut text = serde_json::to_string_pretty(&info.rules)? + "\n\n";
+    text.push_str(&format!("guest program: {}\n\n", info.program));
     if info.proposals.is_empty() {
         text.push_str("no proposal is open\n");
     }

@@ -19,6 +19,12 @@ fn ends(code: i32, arguments: &[&str]) -> (String, String) {
     (printed(&output), logged(&output))
 }
 
+/// The JSON that a run prints which ends with this code.
+#[track_caller]
+fn json(code: i32, arguments: &[&str]) -> serde_json::Value {
+    serde_json::from_str(&ends(code, arguments).0).unwrap()
+}
+
 fn export(ledger: &Path, out: &Path) {
     prints(&["ledger", "export", text(ledger), text(out)]);
 }

@@ -1,13 +1,16 @@
 //! `zk0 audit replay`, in full and light, from the beginning and with a state file.
 
 use crate::harness::made_ledger::Made;
-use crate::harness::{copy, json, prints, text, LEDGER};
-use crate::{ends, export};
+use crate::harness::{copy, text, LEDGER};
+use crate::{ends, export, json};
 use ed25519_dalek::SigningKey;
 use std::collections::BTreeSet;
 use std::fs;
 use std::path::Path;
-use zk0_ledger::Ledger;
+use zk0_audit::verified_entries::verified_entries;
+use zk0_circuits::Digest;
+use zk0_ledger::{Blobs, Ledger};
+use zk0_protocol::Body;
 
 /// Names of the files in a folder.
 fn names(dir: &Path) -> BTreeSet<String> {
@@ -21,13 +24,13 @@ fn a_light_audit_fetches_no_weights_and_says_what_it_left_out() {
     let scratch = tempfile::tempdir().unwrap();
     let (out, kept) = (scratch.path().join("out"), scratch.path().join("kept"));
     export(Path::new(LEDGER), &out);
-    let full = json(&["audit", "replay", LEDGER, "--json"]);
+    let full = json(0, &["audit", "replay", LEDGER, "--json"]);
     assert_eq!(
         (&full["verdict"], &full["depth"]),
         (&"verified".into(), &"full".into())
     );
     assert!(full["checked"]["proofs"].as_u64() >= Some(1));
-    let light = json(&[
+    let light = [
         "audit",
         "replay",
         text(&out),
@@ -35,10 +38,11 @@ fn a_light_audit_fetches_no_weights_and_says_what_it_left_out() {
         "--json",
         "--mirror",
         text(&kept),
-    ]);
+    ];
+    let light = json(3, &light);
     assert_eq!(
         (&light["verdict"], &light["depth"]),
-        (&"verified".into(), &"light".into())
+        (&"incomplete".into(), &"light".into())
     );
     assert_eq!(light["checked"]["proofs"], full["checked"]["proofs"]);
     assert_eq!(light["checked"]["updates"], 0);
@@ -49,17 +53,56 @@ fn a_light_audit_fetches_no_weights_and_says_what_it_left_out() {
     assert_eq!(fetched.len() as u64, proofs, "{fetched:?}");
     assert!(fetched.len() < names(&out.join("blobs/sha256")).len());
     assert_eq!(
-        json(&["audit", "replay", LEDGER, "--light", "--json"]),
+        json(3, &["audit", "replay", LEDGER, "--light", "--json"]),
         light
     );
-    let said = prints(&["audit", "replay", LEDGER, "--light"]);
+    let (said, _) = ends(3, &["audit", "replay", LEDGER, "--light"]);
     assert!(
-        said.contains("it did not read weights, so it checked no averages"),
+        said.contains("INCOMPLETE   light audit: weights not verified"),
         "{said}"
     );
     assert!(said.contains("this audit is light"), "{said}");
-    let folder = ends(1, &["audit", "replay", LEDGER, "--mirror", text(&kept)]).1;
+    let folder = ends(4, &["audit", "replay", LEDGER, "--mirror", text(&kept)]).1;
     assert!(folder.contains("--mirror is for an export"), "{folder}");
+}
+
+#[test]
+fn each_verdict_has_an_exit_code_of_its_own() {
+    let scratch = tempfile::tempdir().unwrap();
+    let place = |name: &str| scratch.path().join(name);
+    let verdict = |code, ledger: &Path, words: &str| {
+        let (said, _) = ends(code, &["audit", "replay", text(ledger)]);
+        assert!(said.contains(words), "{said}");
+    };
+    verdict(0, Path::new(LEDGER), "VERIFIED");
+    let without = |name: &str, wanted: fn(&Body) -> Option<Digest>| {
+        copy(Path::new(LEDGER), &place(name));
+        let (entries, _) = verified_entries(Path::new(LEDGER)).unwrap();
+        let blob = entries.iter().find_map(|entry| wanted(&entry.body));
+        fs::remove_file(Blobs::at(&place(name)).path(&blob.unwrap())).unwrap();
+        place(name)
+    };
+    // An update that counted is withheld.
+    let update = without("update", |body| match body {
+        Body::ContributionAccepted(signed) => Some(signed.statement.claim.terms.update.blob),
+        _ => None,
+    });
+    verdict(1, &update, "is missing, and the round has closed");
+    let list = without("list", |body| match body {
+        Body::DatasetCommitted(signed) => Some(signed.statement.leaves),
+        _ => None,
+    });
+    verdict(3, &list, "not checked  1 dataset's list of samples");
+    let (_, error) = ends(4, &["audit", "replay", text(&place("nothing"))]);
+    assert!(error.contains("nothing"), "{error}");
+    // The program that the network proves with is not the one that this auditor names, but it is this release's.
+    let option = ["audit", "replay", LEDGER, "--program", "00"];
+    ends(0, &option);
+    let (_, error) = ends(4, &["audit", "replay", LEDGER, "--program", "key"]);
+    assert!(
+        error.contains("--program \"key\" is not hexadecimal"),
+        "{error}"
+    );
 }
 
 #[test]
@@ -70,16 +113,14 @@ fn an_audit_with_a_state_file_reads_what_is_new_and_ends_the_same() {
     made.round();
     drop(made.ledger);
     let replay = |ledger: &Path| {
-        json(&[
-            "audit",
-            "replay",
-            text(ledger),
-            "--json",
-            "--state",
-            text(&state),
-        ])
+        let options = ["--json", "--state", text(&state)];
+        // The lists of the datasets are not at hand.
+        json(
+            3,
+            &[&["audit", "replay", text(ledger)][..], &options].concat(),
+        )
     };
-    let whole = |ledger: &Path| json(&["audit", "replay", text(ledger), "--json"]);
+    let whole = |ledger: &Path| json(3, &["audit", "replay", text(ledger), "--json"]);
     let older = scratch.path().join("older");
     copy(&dir, &older);
     assert_eq!(replay(&dir), whole(&dir));
@@ -95,7 +136,7 @@ fn an_audit_with_a_state_file_reads_what_is_new_and_ends_the_same() {
     made.round();
     drop(made.ledger);
     assert_eq!(replay(&dir), whole(&dir));
-    let (_, log) = ends(0, &["audit", "replay", text(&dir), "--state", text(&state)]);
+    let (_, log) = ends(3, &["audit", "replay", text(&dir), "--state", text(&state)]);
     assert!(log.contains("23 entries were verified before"), "{log}");
     // The audit reports an older copy and another history, and the state file stays the same.
     let options = ["--state", text(&state)];
@@ -123,7 +164,7 @@ fn an_audit_with_a_state_file_reads_what_is_new_and_ends_the_same() {
     assert!(said.contains("is of network"), "{said}");
     // A state file of another kind of audit, or a damaged one, cannot be used. The audit starts again and says so.
     let (said, log) = ends(
-        0,
+        3,
         &[
             "audit",
             "replay",
@@ -137,12 +178,12 @@ fn an_audit_with_a_state_file_reads_what_is_new_and_ends_the_same() {
         log.contains("the state file is from a full audit, and this audit is light"),
         "{log}"
     );
-    assert!(said.contains("VERIFIED"), "{said}");
+    assert!(said.contains("INCOMPLETE"), "{said}");
     let mut bytes = fs::read(&state).unwrap();
     let middle = bytes.len() / 2;
     bytes[middle] ^= 1;
     fs::write(&state, bytes).unwrap();
-    let (said, log) = ends(0, &["audit", "replay", text(&dir), "--state", text(&state)]);
+    let (said, log) = ends(3, &["audit", "replay", text(&dir), "--state", text(&state)]);
     assert!(log.contains("it is damaged"), "{log}");
     assert!(said.contains("entries      23"), "{said}");
 }

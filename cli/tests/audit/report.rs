@@ -2,7 +2,7 @@
 
 use crate::ends;
 use crate::harness::made_ledger::{Made, NAMES};
-use crate::harness::{prints, text};
+use crate::harness::text;
 use std::fs;
 
 /// The elements of a report.
@@ -50,7 +50,8 @@ fn a_report_for_browsers_holds_no_script_and_loads_nothing() {
     made.round();
     made.round();
     drop(made.ledger);
-    prints(&["audit", "replay", text(&dir), "--html", text(&page)]);
+    // The lists of the datasets are not at hand.
+    ends(3, &["audit", "replay", text(&dir), "--html", text(&page)]);
     let html = fs::read_to_string(&page).unwrap();
     for hostile in ["<script", "<img", "onerror=alert(1)>", "javascript:"] {
         assert!(!html.to_lowercase().contains(hostile), "{hostile}");
@@ -59,7 +60,7 @@ fn a_report_for_browsers_holds_no_script_and_loads_nothing() {
         "&lt;script&gt;alert(1)&lt;/script&gt;",
         "&amp;lt;b&amp;gt; Zoë&#39;s arm",
         "audit&lt;test&gt;",
-        "VERIFIED",
+        "INCOMPLETE",
         "Not checked:",
         "malformed proof",
     ] {
@@ -94,7 +95,7 @@ fn a_report_for_browsers_holds_no_script_and_loads_nothing() {
     }
     let data = fs::read(page.with_extension("json")).unwrap();
     let data: serde_json::Value = serde_json::from_slice(&data).unwrap();
-    assert_eq!(data["audit"]["verdict"], "verified");
+    assert_eq!(data["audit"]["verdict"], "incomplete");
     assert_eq!(data["history"]["rounds"].as_array().unwrap().len(), 2);
     assert_eq!(data["history"]["nodes"][0]["name"], NAMES[0]);
     assert_eq!(data["history"]["refusals"]["malformed proof"], 6);

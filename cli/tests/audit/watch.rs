@@ -20,7 +20,7 @@ fn a_watch_tells_what_is_new_and_remembers_what_it_saw() {
     };
     let first = export_as("first");
     let said = look(0, &first, &state, &[]);
-    assert!(said.contains("verified     15 entries"), "{said}");
+    assert!(said.contains("incomplete   15 entries"), "{said}");
     assert_eq!(look(0, &first, &state, &[]), "", "nothing is new");
     made.round();
     drop(made.ledger);

@@ -2,6 +2,7 @@
 
 use ed25519_dalek::SigningKey;
 use std::path::Path;
+use zk0_circuits::claim::program::verifying_key;
 use zk0_circuits::model::spec::EvalSpec;
 use zk0_circuits::{DatasetCommitment, Digest, Losses, Mode, NodeId, WeightsDigest};
 use zk0_ledger::Ledger;
@@ -72,7 +73,7 @@ impl Made {
                 witness_policy,
                 ..Rules::default()
             },
-            program: vec![0; 32],
+            program: verifying_key(Mode::Direct).to_vec(),
             mode: Mode::Direct,
             evaluation: EvalSpec::micro().encode(),
             policy: Digest([3; 32]),

@@ -88,6 +88,20 @@ impl LocalNetwork {
     /// Runs `zk0 node join`, with an aggregator and a prover that end afterwards.
     #[track_caller]
     pub fn join(&self, rounds: u64, more: &[&str]) -> Output {
+        let rounds = rounds.to_string();
+        let (key, state) = (self.path("node.key"), self.path("state"));
+        self.served(|aggregator, prover, network| {
+            let mut arguments = vec!["node", "join"];
+            arguments.extend(["--aggregator", aggregator, "--prover", prover]);
+            arguments.extend(["--network", network, "--key", &key, "--dataset", RECORDING]);
+            arguments.extend(["--state", &state, "--rounds", &rounds]);
+            arguments.extend(more);
+            zk0(&arguments).output().unwrap()
+        })
+    }
+
+    /// Runs something with an aggregator and a prover, which end afterwards. It gets their addresses, and the network's id.
+    pub fn served<T>(&self, run: impl FnOnce(&str, &str, &str) -> T) -> T {
         let runtime = Runtime::new().unwrap();
         let key = keys::read(Path::new(&self.path("log.key"))).unwrap();
         let ledger = self.path("ledger");
@@ -115,13 +129,7 @@ impl LocalNetwork {
             ];
             (urls, services)
         });
-        let rounds = rounds.to_string();
-        let (key, state) = (self.path("node.key"), self.path("state"));
-        let mut arguments = vec!["node", "join", "--aggregator", &urls.0, "--prover", &urls.1];
-        arguments.extend(["--network", &network, "--key", &key, "--dataset", RECORDING]);
-        arguments.extend(["--state", &state, "--rounds", &rounds]);
-        arguments.extend(more);
-        let output = zk0(&arguments).output().unwrap();
+        let output = run(&urls.0, &urls.1, &network);
         services.iter().for_each(|service| service.abort());
         // All tasks that still hold the database end here.
         drop(runtime);

@@ -16,11 +16,15 @@ pub struct Finding {
 }
 
 /// How serious a finding is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, BorshSerialize, BorshDeserialize)]
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, BorshSerialize, BorshDeserialize,
+)]
 #[serde(rename_all = "kebab-case")]
 pub enum Severity {
-    /// Something could not be checked, or deserves a look.
+    /// Something deserves a look. The verdict does not change.
     Note,
+    /// Something was not checked: the verdict is [`Verdict::Incomplete`] at best.
+    NotChecked,
     /// Something is wrong: the verdict is [`Verdict::Failed`].
     Fault,
 }
@@ -29,8 +33,10 @@ pub enum Severity {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Verdict {
-    /// Nothing was found to be wrong.
+    /// Everything was checked, and nothing is wrong.
     Verified,
+    /// Nothing was found to be wrong, but something was not checked: see the findings.
+    Incomplete,
     /// Something is wrong: see the findings.
     Failed,
 }
@@ -65,6 +71,14 @@ impl Finding {
             index: index.into(),
             severity: Severity::Fault,
             text: text.into(),
+        }
+    }
+
+    /// A finding that makes the verdict [`Verdict::Incomplete`] at best.
+    pub fn not_checked(index: impl Into<Option<u64>>, text: impl Into<String>) -> Self {
+        Self {
+            severity: Severity::NotChecked,
+            ..Self::fault(index, text)
         }
     }
 

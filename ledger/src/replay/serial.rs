@@ -262,11 +262,13 @@ impl<'a> Serial<'a> {
         let mut findings = self.findings;
         findings.extend(self.recheck.summary());
         findings.extend(stopped);
-        let failed = |finding: &Finding| finding.severity == Severity::Fault;
+        let worst = findings.iter().map(|finding| finding.severity).max();
         Report {
-            verdict: match self.state.is_none() || findings.iter().any(failed) {
-                true => Verdict::Failed,
-                false => Verdict::Verified,
+            verdict: match worst {
+                _ if self.state.is_none() => Verdict::Failed,
+                Some(Severity::Fault) => Verdict::Failed,
+                Some(Severity::NotChecked) => Verdict::Incomplete,
+                Some(Severity::Note) | None => Verdict::Verified,
             },
             name: self
                 .state

@@ -8,6 +8,7 @@ pub mod identity;
 pub mod identity_text;
 pub mod known_keys;
 pub mod member;
+pub mod program;
 pub mod proposal;
 pub mod refusal;
 pub mod signed;

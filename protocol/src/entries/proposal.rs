@@ -1,6 +1,7 @@
 //! What a proposal changes, how people vote on it, and how it ends.
 
 use crate::entries::member::NodeEnrolled;
+use crate::entries::program::Program;
 use crate::rules::network_rules::Rules;
 use borsh::{BorshDeserialize, BorshSerialize};
 use zk0_circuits::NodeId;
@@ -31,6 +32,13 @@ pub enum Action {
         dispute: u64,
         /// Whether the contribution was false.
         upheld: bool,
+    },
+    /// From the next round on, proofs are of this guest program.
+    ReplaceProgram(Program),
+    /// The next round starts from the global weights that an earlier round ended with.
+    RestoreWeights {
+        /// The number of that round.
+        round: u64,
     },
 }
 

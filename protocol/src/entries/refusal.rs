@@ -96,4 +96,7 @@ pub enum Refusal {
     /// The entry that closes the round cannot name more nodes than have committed already.
     #[error("round {round} is full: {limit} nodes have committed updates")]
     RoundFull { round: u64, limit: u64 },
+    /// This build cannot say anything about the proof. Another build can, so this is never recorded.
+    #[error("the SP1 proof is not checked: this build of zk0 has no verifier of SP1 {sp1}")]
+    NoVerifier { sp1: String },
 }

@@ -2,12 +2,13 @@
 //! later, or by another thread, while the history goes on.
 
 use crate::rules::recent_updates::Updates;
+use crate::rules::round_results::RoundResults;
 use crate::rules::state::{Round, State};
 use std::collections::{BTreeMap, BTreeSet};
 use zk0_circuits::NodeId;
 
 impl State {
-    /// A copy with only what concerns the claims of `node`: its enrolment and commitment, the open round, and the rules. It lacks what
+    /// A copy with only what concerns the claims of `node`: its enrolment and commitment, the open round, the rules, and the guest program. It lacks what
     /// other nodes registered and committed, so it is good for verifying claims, but not for applying entries.
     pub fn for_claims_of(&self, node: &NodeId) -> Self {
         Self {
@@ -33,6 +34,8 @@ impl State {
             proposals: BTreeMap::new(),
             contributions: BTreeMap::new(),
             disputes: BTreeMap::new(),
+            program: self.program.clone(),
+            results: RoundResults::default(),
             round: self.round.as_ref().map(|round| Round {
                 opened: round.opened.clone(),
                 entry: round.entry,

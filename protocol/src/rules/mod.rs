@@ -11,5 +11,6 @@ pub mod network_rules;
 pub mod open_proposal;
 pub mod recent_updates;
 pub mod required_witnesses;
+pub mod round_results;
 pub mod state;
 pub mod violation;

@@ -2,10 +2,12 @@
 
 use crate::entries::entry::{Contributor, RoundOpened};
 use crate::entries::genesis::Genesis;
+use crate::entries::program::Program;
 use crate::entries::signed::Evidence;
 use crate::rules::network_rules::{Participation, Rules};
 use crate::rules::open_proposal::OpenProposal;
 use crate::rules::recent_updates::Updates;
+use crate::rules::round_results::RoundResults;
 use borsh::{BorshDeserialize, BorshSerialize};
 use std::collections::{BTreeMap, BTreeSet};
 use zk0_circuits::vm::digest::tagged_sha256;
@@ -41,6 +43,10 @@ pub struct State {
     pub(crate) contributions: BTreeMap<u64, Contribution>,
     /// The disputes that are not decided, by the entry that raised them.
     pub(crate) disputes: BTreeMap<u64, OpenDispute>,
+    /// The guest program in force.
+    pub(crate) program: Program,
+    /// What the last rounds ended with.
+    pub(crate) results: RoundResults,
 }
 
 /// An enrolled node.
@@ -164,6 +170,16 @@ impl State {
         &self.rules
     }
 
+    /// The guest program that the proofs of the open round, or else of the next one, are of. It does not change while a round is open.
+    pub fn program(&self) -> &Program {
+        &self.program
+    }
+
+    /// The weights that the last closed rounds ended with.
+    pub fn results(&self) -> &RoundResults {
+        &self.results
+    }
+
     /// Digest of the evaluation specification that rounds and claims name.
     pub fn evaluation(&self) -> &Digest {
         &self.evaluation
@@ -264,10 +280,10 @@ impl State {
         *self.retired.get(id).unwrap_or(id)
     }
 
-    /// The digest of the state: [`tagged_sha256`] of its borsh encoding under `zk0/state/v1`. Equal histories give equal digests.
+    /// The digest of the state: [`tagged_sha256`] of its borsh encoding under `zk0/state/v2`. Equal histories give equal digests.
     pub fn digest(&self) -> Digest {
         let bytes = borsh::to_vec(self).expect("writing to a Vec cannot fail");
-        tagged_sha256("zk0/state/v1", &[&bytes])
+        tagged_sha256("zk0/state/v2", &[&bytes])
     }
 }
 

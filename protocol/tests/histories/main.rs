@@ -94,7 +94,7 @@ fn name(reason: &RuleViolation) -> String {
 }
 
 /// All that an accepted entry can be. Each must occur in random histories, because otherwise they do not test it.
-const ALL: [&str; 33] = [
+const ALL: [&str; 35] = [
     "enrolled",
     "registered",
     "opened to all",
@@ -126,6 +126,8 @@ const ALL: [&str; 33] = [
     "key replaced",
     "judged false",
     "judged true",
+    "another program",
+    "weights restored",
     "a node's vote",
     "rotated in a round",
 ];
@@ -176,6 +178,8 @@ fn happened(body: &Body, before: &State, after: &State) -> Vec<&'static str> {
                 (Outcome::Executed, Action::ReplaceKey { .. }) => "key replaced",
                 (Outcome::Executed, Action::JudgeDispute { upheld: true, .. }) => "judged false",
                 (Outcome::Executed, Action::JudgeDispute { upheld: false, .. }) => "judged true",
+                (Outcome::Executed, Action::ReplaceProgram(_)) => "another program",
+                (Outcome::Executed, Action::RestoreWeights { .. }) => "weights restored",
             };
             vec!["settled", outcome]
         }

@@ -10,6 +10,7 @@ use zk0_protocol::entries::entry::{
     Contributor, DisputeResolved, ProposalSettled, RoundClosed, RoundOpened,
 };
 use zk0_protocol::entries::member::NodeEnrolled;
+use zk0_protocol::entries::program::Program;
 use zk0_protocol::entries::proposal::{Action, Ballot, Outcome};
 use zk0_protocol::entries::signed::{
     DatasetRegistration, Dispute, Evidence, KeyRotation, KeyTakeover, Proposal, Statement,
@@ -143,6 +144,12 @@ fn any_enrolment() -> impl Strategy<Value = NodeEnrolled> {
     (any_node(), any::<String>()).prop_map(|(node, name)| NodeEnrolled { node, name })
 }
 
+fn any_program() -> impl Strategy<Value = Program> {
+    let key = prop_oneof![Just(vec![1; 32]), prop::collection::vec(any::<u8>(), 0..40),];
+    let sp1 = prop_oneof!["[0-9.]{1,8}", any::<String>()];
+    (key, sp1).prop_map(|(key, sp1)| Program { key, sp1 })
+}
+
 fn any_action() -> impl Strategy<Value = Action> {
     prop_oneof![
         any_rules().prop_map(|rules| Action::ChangeRules(Box::new(rules))),
@@ -153,6 +160,8 @@ fn any_action() -> impl Strategy<Value = Action> {
         (any_node(), any_node()).prop_map(|(node, with)| Action::ReplaceKey { node, with }),
         (any_u64(), any::<bool>())
             .prop_map(|(dispute, upheld)| Action::JudgeDispute { dispute, upheld }),
+        any_program().prop_map(Action::ReplaceProgram),
+        any_u64().prop_map(|round| Action::RestoreWeights { round }),
     ]
 }
 

@@ -8,6 +8,7 @@ use std::sync::LazyLock;
 use zk0_circuits::{Disclosure, Losses, NodeId};
 use zk0_protocol::entries::entry::{DisputeResolved, ProposalSettled};
 use zk0_protocol::entries::member::NodeEnrolled;
+use zk0_protocol::entries::program::Program;
 use zk0_protocol::entries::proposal::{Action, Ballot, Outcome};
 use zk0_protocol::entries::signed::{
     Dispute, Evidence, KeyRotation, KeyTakeover, Proposal, Statement, Submission, Vote,
@@ -70,7 +71,7 @@ fn sensible() -> impl Strategy<Value = Step> {
         32 => two().prop_map(|(by, gain)| Step::Accept(by, gain)),
         4 => any::<u8>().prop_map(Step::Reject),
         12 => any::<u8>().prop_map(Step::Close),
-        16 => (any::<u8>(), 0..16u8, any::<u8>()).prop_map(|(by, what, whom)| Step::Propose(by, what, whom)),
+        16 => (any::<u8>(), 0..21u8, any::<u8>()).prop_map(|(by, what, whom)| Step::Propose(by, what, whom)),
         80 => (any::<u8>(), 0..6u8, ballot).prop_map(|(by, which, ballot)| Step::Vote(by, which, ballot)),
         20 => any::<u8>().prop_map(Step::Settle),
         16 => (any::<u8>(), any::<u8>(), any::<bool>()).prop_map(|(by, which, document)| Step::Dispute(by, which, document)),
@@ -320,6 +321,14 @@ fn action(what: u8, whom: u8, state: &State) -> Action {
         11 => Action::ReplaceKey {
             node: of(&[Standing::Active, Standing::Suspended]),
             with: spare(whom),
+        },
+        12..=13 => Action::ReplaceProgram(Program {
+            // Some keys are too short, and some names are not an SP1 release's.
+            key: vec![whom % 100; 32 - usize::from(whom % 8 == 7)],
+            sp1: ["6.10.0", "6.11.0-rc1", "7.0.0", ""][usize::from(whom % 4)].into(),
+        }),
+        14..=16 => Action::RestoreWeights {
+            round: u64::from(whom) % (state.next_round() + 1),
         },
         _ => {
             let by_vote = state

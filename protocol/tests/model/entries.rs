@@ -4,8 +4,9 @@ use super::network::votes::*;
 use super::network::*;
 use super::second::{Change, Event, Invited, Model, Who, IDS};
 use ed25519_dalek::SigningKey;
-use zk0_circuits::NodeId;
+use zk0_circuits::{NodeId, WeightsDigest};
 use zk0_protocol::entries::entry::{DisputeResolved, ProposalSettled};
+use zk0_protocol::entries::program::Program;
 use zk0_protocol::entries::proposal::{Action, Outcome};
 use zk0_protocol::entries::signed::{Dispute, KeyRotation, KeyTakeover, Proposal, Vote};
 use zk0_protocol::rules::network_rules::Participation;
@@ -58,7 +59,7 @@ pub fn body(event: &Event, state: &State, model: &Model, now: u64) -> Option<Bod
             state,
             match state.contributors().is_empty() {
                 true => *state.global(),
-                false => weights(0x50),
+                false => result(model.history.len()),
             },
         )),
         Event::Proposed(by, change) => {
@@ -129,7 +130,23 @@ fn action(change: &Change, state: &State) -> Action {
             dispute: Model::index(*dispute),
             upheld: *upheld,
         },
+        Change::Program(number) => Action::ReplaceProgram(program(*number)),
+        Change::Restore(round) => Action::RestoreWeights {
+            round: *round as u64,
+        },
     }
+}
+
+/// The guest program with this number. The network begins with number 1.
+pub fn program(number: u8) -> Program {
+    Program::founding(&[number; 32])
+}
+
+/// The weights that the round ended with that closed at this place in the history.
+pub fn result(closed: usize) -> WeightsDigest {
+    let mut weights = weights(0x50);
+    weights.blob.0[..8].copy_from_slice(&Model::index(closed).to_le_bytes());
+    weights
 }
 
 pub fn participation(invited: Invited) -> Participation {

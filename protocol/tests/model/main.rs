@@ -11,7 +11,7 @@ mod network;
 mod second;
 mod steps;
 
-use entries::{body, participation};
+use entries::{body, participation, program, result};
 use network::*;
 use proptest::prelude::*;
 use second::{Change, Event, Invited, Model, Who, IDS, KEYS};
@@ -109,6 +109,9 @@ fn same(state: &State, model: &Model) {
         "{}",
         after()
     );
+    assert_eq!(*state.program(), program(model.program()), "{}", after());
+    let global = model.global().map_or(weights(4), result);
+    assert_eq!(*state.global(), global, "{}", after());
     assert_eq!(
         state.round().is_some(),
         model.round().is_some(),
@@ -154,7 +157,7 @@ fn executed(event: &Event, before: &Model) -> Option<Change> {
 }
 
 /// The events that have to happen in random histories. Each is recognised by the event and by the models before and after it.
-const NOTED: [(&str, Noted); 29] = [
+const NOTED: [(&str, Noted); 31] = [
     ("a contribution", |e, _, _| matches!(e, Event::Accepted(_))),
     ("a rejection", |e, _, _| matches!(e, Event::Rejected(_))),
     ("a commitment in a list", |e, before, _| {
@@ -226,6 +229,13 @@ const NOTED: [(&str, Noted); 29] = [
     }),
     ("judged true by vote", |e, before, _| {
         matches!(executed(e, before), Some(Change::Judge(_, false)))
+    }),
+    ("another program", |e, before, after| {
+        matches!(executed(e, before), Some(Change::Program(_)))
+            && before.program() != after.program()
+    }),
+    ("other weights restored", |e, before, after| {
+        matches!(executed(e, before), Some(Change::Restore(_))) && before.global() != after.global()
     }),
     ("false when verified", |e, _, _| {
         matches!(e, Event::Resolved(_, true))

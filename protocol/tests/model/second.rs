@@ -41,6 +41,10 @@ pub enum Change {
     Revoke(u8),
     Replace(u8, u8),
     Judge(usize, bool),
+    /// The guest program with this number.
+    Program(u8),
+    /// The weights that this round ended with.
+    Restore(usize),
 }
 
 /// What happened. The model names nodes by key, proposals by number, and everything else by its place in the history.
@@ -154,6 +158,47 @@ impl<'a> Model<'a> {
             .rev()
             .find_map(rules)
             .unwrap_or((2, Invited::All))
+    }
+
+    /// Returns the number of the guest program in force. The network begins with number 1.
+    pub fn program(&self) -> u8 {
+        let program = |change: &Change| match change {
+            Change::Program(number) => Some(*number),
+            _ => None,
+        };
+        let changes = self.changes();
+        changes.iter().rev().find_map(program).unwrap_or(1)
+    }
+
+    /// Returns where the round closed whose weights are the global ones; `None` for the weights of the genesis.
+    pub fn global(&self) -> Option<usize> {
+        let from = self.history.iter().enumerate().rev();
+        let closings = self.closings();
+        let mut sources = from.filter_map(|(at, (_, event))| match event {
+            Event::Closed => Some(at),
+            Event::Settled(number, Outcome::Executed) => match self.proposal(*number) {
+                Some((_, _, Change::Restore(round))) => Some(closings[round]),
+                _ => None,
+            },
+            _ => None,
+        });
+        let source = sources.next()?;
+        // A round without contributions ends with the weights that it began with.
+        let opened = self.until(source).round();
+        let contributed = opened.is_some_and(|opened| {
+            self.history[opened..source]
+                .iter()
+                .any(|(_, event)| matches!(event, Event::Accepted(_)))
+        });
+        match opened {
+            Some(opened) if !contributed => self.until(opened).global(),
+            _ => Some(source),
+        }
+    }
+
+    /// Returns where each round closed.
+    pub fn closings(&self) -> Vec<usize> {
+        self.all(|event| *event == Event::Closed)
     }
 
     /// Returns the node whose key this is or was.

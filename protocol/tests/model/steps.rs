@@ -119,6 +119,9 @@ fn like(change: Change, model: &Model) -> Vec<Change> {
                 .map(|at| Change::Judge(at, upheld))
                 .collect()
         }
+        Change::Program(_) => vec![change],
+        // The last of these rounds is not closed.
+        Change::Restore(_) => (0..=model.closings().len()).map(Change::Restore).collect(),
     }
 }
 
@@ -140,6 +143,8 @@ fn change() -> impl Strategy<Value = Change> {
         1 => Just(Change::Enrol(0)),
         3 => (5..KEYS).prop_map(|new| Change::Replace(0, new)),
         5 => any::<bool>().prop_map(|upheld| Change::Judge(0, upheld)),
+        2 => (0..144u8).prop_map(Change::Program),
+        3 => Just(Change::Restore(0)),
     ]
 }
 

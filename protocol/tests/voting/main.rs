@@ -3,7 +3,9 @@
 #[path = "../network/mod.rs"]
 mod network;
 
+mod programs;
 mod proposals;
+mod restoring;
 mod votes;
 
 use network::genesis;

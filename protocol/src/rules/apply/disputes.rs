@@ -166,7 +166,8 @@ impl Refusal {
             | Self::MissingUpdate(_)
             | Self::NotActive { .. }
             | Self::NotInvited { .. }
-            | Self::RoundFull { .. } => false,
+            | Self::RoundFull { .. }
+            | Self::NoVerifier { .. } => false,
         }
     }
 }

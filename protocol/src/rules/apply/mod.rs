@@ -19,8 +19,10 @@ use crate::entries::authentic::AuthenticEntry;
 use crate::entries::codec::EntryError;
 use crate::entries::entry::{Body, Entry, ENTRY_VERSION};
 use crate::entries::known_keys::KnownKeys;
+use crate::entries::program::Program;
 use crate::entries::refusal::Refusal;
 use crate::rules::recent_updates::Updates;
+use crate::rules::round_results::RoundResults;
 use crate::rules::state::State;
 use crate::rules::violation::RuleViolation;
 use std::collections::BTreeMap;
@@ -55,6 +57,8 @@ impl State {
             proposals: BTreeMap::new(),
             contributions: BTreeMap::new(),
             disputes: BTreeMap::new(),
+            program: Program::founding(&genesis.program),
+            results: RoundResults::default(),
             genesis: genesis.clone(),
         })
     }

@@ -357,6 +357,7 @@ impl State {
 
     pub(super) fn close(&mut self, closed: &RoundClosed, now: u64) {
         self.global = closed.global;
+        self.results.remember(closed.round, closed.global);
         let window = self.rules.credits.dispute_window_ms;
         let Some(round) = self.round.take() else {
             return;

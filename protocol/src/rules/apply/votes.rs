@@ -7,7 +7,8 @@ use crate::entries::refusal::Refusal;
 use crate::entries::signed::{Evidence, Proposal, Vote};
 use crate::rules::governance::{MAX_OPEN_PROPOSALS, MAX_TEXT_BYTES, MAX_TITLE_BYTES};
 use crate::rules::open_proposal::OpenProposal;
-use crate::rules::state::{Standing, State};
+use crate::rules::round_results::REMEMBERED_RESULTS;
+use crate::rules::state::{Round, Standing, State};
 use crate::rules::violation::RuleViolation;
 use std::collections::{BTreeMap, BTreeSet};
 use zk0_circuits::NodeId;
@@ -233,7 +234,23 @@ impl State {
                 )),
                 None => Some(format!("entry {dispute} is no open dispute")),
             },
+            Action::ReplaceProgram(program) => program.check().err().map(|why| why.to_string()),
+            Action::RestoreWeights { round } => self.no_result(*round),
         }
+    }
+
+    /// Why the state does not know weights that a round ended with; `None` if it does. The text is data of the ledger, as above.
+    fn no_result(&self, round: u64) -> Option<String> {
+        if self.results.of(round).is_some() {
+            return None;
+        }
+        Some(if round >= self.next_round {
+            format!("there is no round {round} yet")
+        } else if self.round.as_ref().map(Round::number) == Some(round) {
+            format!("round {round} is still open, so it has not ended with any weights")
+        } else {
+            format!("round {round} is too long ago: the ledger remembers the weights of the last {REMEMBERED_RESULTS} rounds")
+        })
     }
 
     fn execute(&mut self, action: Action) {
@@ -245,6 +262,12 @@ impl State {
             Action::Revoke(node) => self.stand(&node, Standing::Revoked),
             Action::ReplaceKey { node, with } => self.replace_key(&node, &with),
             Action::JudgeDispute { dispute, upheld } => self.judge(dispute, upheld),
+            Action::ReplaceProgram(program) => self.program = program,
+            Action::RestoreWeights { round } => {
+                if let Some(global) = self.results.of(round) {
+                    self.global = *global;
+                }
+            }
         }
     }
 

@@ -1,0 +1,48 @@
+//! The guest programs of a network, in words.
+
+use serde::Serialize;
+use zk0_circuits::claim::program::verifying_key;
+use zk0_circuits::Mode;
+use zk0_protocol::entries::program::Program;
+
+/// A guest program, and since when proofs are of it.
+#[derive(Clone, Debug, Serialize)]
+pub struct ProgramInForce {
+    /// The entry that put it in force: the genesis, or the end of a proposal.
+    pub entry: u64,
+    /// The first round whose proofs are of it.
+    pub from_round: u64,
+    /// Its verifying key, in hexadecimal.
+    pub key: String,
+    /// The SP1 release whose verifier decides about its proofs.
+    pub sp1: String,
+    /// Whether it is the program of this release of zk0.
+    pub ours: bool,
+}
+
+impl ProgramInForce {
+    /// The program that entry `entry` put in force in a network that proves in mode `mode`.
+    pub fn new(entry: u64, from_round: u64, program: &Program, mode: Option<Mode>) -> Self {
+        Self {
+            entry,
+            from_round,
+            key: hex::encode(&program.key),
+            sp1: program.sp1.clone(),
+            ours: mode.is_some_and(|mode| program.key == verifying_key(mode)),
+        }
+    }
+}
+
+impl std::fmt::Display for ProgramInForce {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let whose = match self.ours {
+            true => "this release's",
+            false => "not this release's",
+        };
+        write!(
+            f,
+            "{} ({whose}), SP1 {}, from round {} on (entry {})",
+            self.key, self.sp1, self.from_round, self.entry
+        )
+    }
+}

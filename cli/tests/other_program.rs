@@ -1,0 +1,177 @@
+//! A node compares the network's guest program with its own before each round, because a vote may change the program between rounds.
+
+mod harness;
+
+use ed25519_dalek::SigningKey;
+use harness::network::LocalNetwork;
+use harness::{logged, printed, prints, zk0};
+use std::fs;
+use std::path::Path;
+use std::time::{SystemTime, UNIX_EPOCH};
+use zk0::keys;
+use zk0_circuits::claim::program::verifying_key;
+use zk0_circuits::NodeId;
+use zk0_ledger::log::Ledger;
+use zk0_protocol::entries::program::{Program, OUR_SP1};
+use zk0_protocol::entries::proposal::{Action, Ballot, Outcome};
+use zk0_protocol::entries::signed::{Proposal, Vote};
+use zk0_protocol::{Body, Signed};
+
+/// This much training makes the update better, so that the node submits a claim and the round closes at once.
+const TRAINING: [&str; 6] = [
+    "--steps",
+    "200",
+    "--batch-size",
+    "16",
+    "--learning-rate",
+    "5e-4",
+];
+
+/// Founds a network with one governor, whose votes take this long.
+fn governed(network: &LocalNetwork, voting_ms: u64) -> SigningKey {
+    let file = network.path("governor.key");
+    let governor = keys::generate(Path::new(&file)).unwrap();
+    let node = keys::generate(Path::new(&network.path("node.key"))).unwrap();
+    let named = format!("governor={governor}");
+    let rules = prints(&["aggregator", "rules", "--governor", &named]);
+    let mut rules: serde_json::Value = serde_json::from_str(&rules).unwrap();
+    for window in ["commit_window_ms", "submit_window_ms"] {
+        rules[window] = 60_000.into();
+    }
+    // With these, the claim holds for nearly every challenge. Otherwise a round would last its whole minute.
+    rules["eval_samples"] = 16.into();
+    rules["min_improvement_bps"] = 1.into();
+    for wait in ["voting_ms", "time_lock_ms"] {
+        rules["governance"][wait] = voting_ms.into();
+    }
+    let file = network.path("rules.json");
+    fs::write(&file, rules.to_string()).unwrap();
+    let node = format!("node={node}");
+    let founding = network.founding(&["--node", &node, "--rules", &file]);
+    harness::logs(&harness::words(&founding));
+    keys::read(Path::new(&network.path("governor.key"))).unwrap()
+}
+
+fn now_ms() -> u64 {
+    let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap();
+    now.as_millis() as u64
+}
+
+fn ledger(network: &LocalNetwork) -> Ledger {
+    let key = keys::read(Path::new(&network.path("log.key"))).unwrap();
+    Ledger::open(Path::new(&network.path("ledger")), None, key).unwrap()
+}
+
+/// Records a proposal and the governor's vote for it. An aggregator settles it once no round is open.
+fn vote_for(ledger: &mut Ledger, governor: &SigningKey, program: &Program) {
+    let (network, number) = (*ledger.state().network(), ledger.state().next_proposal());
+    let identity = NodeId(governor.verifying_key().to_bytes());
+    let proposal = Proposal {
+        network,
+        number,
+        proposer: identity,
+        title: "another program".into(),
+        text: String::new(),
+        action: Action::ReplaceProgram(program.clone()),
+    };
+    let vote = Vote {
+        network,
+        proposal: number,
+        voter: identity,
+        ballot: Ballot::For,
+    };
+    let now = ledger.time_ms(now_ms());
+    for body in [
+        Body::Proposed(Signed::new(proposal, governor)),
+        Body::Voted(Signed::new(vote, governor)),
+    ] {
+        ledger.append(now, body).unwrap();
+    }
+}
+
+#[test]
+fn a_node_stops_before_a_round_of_another_program() {
+    let network = LocalNetwork::new();
+    let governor = governed(&network, 1);
+    network.joins(1, &TRAINING);
+    assert!(Path::new(&network.path("state/round-0.safetensors")).exists());
+    // The vote is over while round 1 is open, which keeps its program. Round 2 is of the other one.
+    let next = Program::founding(&[2; 32]);
+    let mut open = ledger(&network);
+    let now = open.time_ms(now_ms());
+    if open.state().round().is_none() {
+        let opening = open.state().next_opening(now).unwrap();
+        open.append(now, Body::RoundOpened(opening)).unwrap();
+    }
+    let round = open.state().round().unwrap().number();
+    vote_for(&mut open, &governor, &next);
+    drop(open);
+    let own = verifying_key(network.genesis().mode);
+    let needs = |output: &std::process::Output, needed: &Program| {
+        let said = logged(output);
+        assert_eq!(output.status.code(), Some(1), "{said}");
+        for words in [
+            format!("the network proves with the guest program {needed}"),
+            format!("its program is {} of SP1 {OUR_SP1}", hex::encode(own)),
+            format!("this is zk0 {}", env!("CARGO_PKG_VERSION")),
+        ] {
+            assert!(said.contains(&words), "{words}: {said}");
+        }
+        said
+    };
+    let output = network.join(3, &TRAINING);
+    let said = needs(&output, &next);
+    assert!(
+        said.contains(&format!("round {round} has closed")),
+        "{said}"
+    );
+    let update = |round: u64| network.path(&format!("state/round-{round}.safetensors"));
+    assert!(Path::new(&update(round)).exists());
+    // The node has neither trained nor committed in the round of the other program.
+    assert!(!Path::new(&update(round + 1)).exists());
+    let executed = |entry: &zk0_protocol::Entry| matches!(&entry.body, Body::ProposalSettled(settled) if settled.outcome == Outcome::Executed);
+    assert!(network.entries().iter().any(executed));
+    assert_eq!(ledger(&network).state().program(), &next);
+    // Another start does not even prepare the recording.
+    let said = needs(&network.join(1, &TRAINING), &next);
+    assert!(!said.contains("preparing the recording"), "{said}");
+}
+
+/// Governors propose programs and weights with commands, and everybody sees them.
+#[test]
+fn a_program_is_proposed_and_shown() {
+    let network = LocalNetwork::new();
+    governed(&network, 600_000);
+    let key = network.path("governor.key");
+    let own = hex::encode(verifying_key(network.genesis().mode));
+    network.served(|aggregator, _, id| {
+        let signed = ["--aggregator", aggregator, "--network", id, "--key", &key];
+        let propose = |change: &[&str]| {
+            let titled = ["governance", "propose", "--title", "next"];
+            let arguments = [&titled, &signed[..], change].concat();
+            let output = zk0(&arguments).output().unwrap();
+            (output.status.success(), printed(&output) + &logged(&output))
+        };
+        for (change, said) in [
+            (&["program", "0102"][..], "this one has 2"),
+            (&["program", "g"], "not hexadecimal"),
+            (&["restore-weights", "5"], "there is no round 5 yet"),
+            (&["program", "--sp1", "six"], "proposal 0 is entry 2"),
+        ] {
+            let (proposed, words) = propose(change);
+            assert_eq!(proposed, said.starts_with("proposal"), "{words}");
+            assert!(words.contains(said), "{words}");
+        }
+        let status = ["governance", "status"];
+        let status = prints(&[&status, &signed[..4]].concat());
+        for words in [
+            format!("guest program: {own} of SP1 {OUR_SP1}"),
+            format!("prove with the guest program {own} of SP1 six from the next round on"),
+        ] {
+            assert!(status.contains(&words), "{words}: {status}");
+        }
+    });
+    let shown = prints(&["audit", "show", &network.path("ledger")]);
+    let words = format!("{own} (this release's), SP1 {OUR_SP1}, from round 0 on (entry 0)");
+    assert!(shown.contains(&words), "{shown}");
+}

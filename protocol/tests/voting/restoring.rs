@@ -1,0 +1,149 @@
+//! A vote goes back to the weights that an earlier round ended with.
+
+use crate::network::votes::*;
+use crate::network::*;
+use zk0_protocol::entries::proposal::{Action, Ballot, Outcome};
+use zk0_protocol::rules::round_results::REMEMBERED_RESULTS;
+use zk0_protocol::{Body, RuleViolation};
+
+fn restore(round: u64) -> Action {
+    Action::RestoreWeights { round }
+}
+
+impl Chain {
+    /// Opens a round in which node 0 contributes, and closes it with these weights.
+    fn round_to(&mut self, result: u8) {
+        self.open();
+        let update = weights(0x10 + result);
+        self.apply(committed(&self.state, 0, update));
+        self.apply(accepted(&self.state, 0));
+        self.close_with(weights(result));
+    }
+
+    fn close_with(&mut self, global: zk0_circuits::WeightsDigest) {
+        let closed = closed(&self.state, global);
+        self.apply(Body::RoundClosed(closed));
+    }
+}
+
+fn with_a_node() -> Chain {
+    let mut chain = Chain::new();
+    chain.apply(enrolled(0));
+    chain.apply(registered(&chain.state.network().clone(), 0));
+    chain
+}
+
+#[test]
+fn the_next_round_starts_from_the_restored_weights() {
+    let mut chain = with_a_node();
+    chain.round_to(1);
+    chain.round_to(2);
+    chain.decide(restore(0));
+    assert_eq!(chain.state.global(), &weights(1));
+    // An operator that goes on from the last weights all the same is refused.
+    let mut opening = opened(&chain.state, chain.time_ms + 1);
+    assert_eq!(opening.base, weights(1));
+    opening.base = weights(2);
+    assert!(matches!(
+        chain.refusal(Body::RoundOpened(opening)),
+        RuleViolation::RoundField {
+            field: "base.blob",
+            ..
+        }
+    ));
+    chain.open();
+    chain.wait(SUBMIT_WINDOW);
+    // Nobody contributed, so the round ends with the weights that it started from.
+    let other = closed(&chain.state, weights(2));
+    assert!(matches!(
+        chain.refusal(Body::RoundClosed(other)),
+        RuleViolation::RoundField {
+            field: "global",
+            ..
+        }
+    ));
+    chain.close_with(weights(1));
+    // The rounds in between keep their results: a vote can go forward again.
+    chain.decide(restore(1));
+    assert_eq!(chain.state.global(), &weights(2));
+    chain.decide(restore(2));
+    assert_eq!(chain.state.global(), &weights(1));
+}
+
+#[test]
+fn an_operator_cannot_start_from_earlier_weights_without_a_vote() {
+    let mut chain = with_a_node();
+    chain.round_to(1);
+    chain.round_to(2);
+    let mut opening = opened(&chain.state, chain.time_ms + 1);
+    opening.base = weights(1);
+    assert!(matches!(
+        chain.refusal(Body::RoundOpened(opening)),
+        RuleViolation::RoundField {
+            field: "base.blob",
+            ..
+        }
+    ));
+}
+
+#[test]
+fn only_closed_rounds_can_be_restored() {
+    let mut chain = with_a_node();
+    let says = |chain: &mut Chain, round: u64, said: &str| {
+        let proposal = proposed(&chain.state, 0, restore(round));
+        match chain.refusal(proposal) {
+            RuleViolation::BadProposal { why, .. } => assert_eq!(why, said),
+            other => panic!("{other}"),
+        }
+    };
+    says(&mut chain, 0, "there is no round 0 yet");
+    chain.round_to(1);
+    chain.open();
+    says(
+        &mut chain,
+        1,
+        "round 1 is still open, so it has not ended with any weights",
+    );
+    says(&mut chain, 2, "there is no round 2 yet");
+    says(
+        &mut chain,
+        u64::MAX,
+        "there is no round 18446744073709551615 yet",
+    );
+    // The round and the ledger go on, and an earlier round can be restored while one is open.
+    chain.apply(proposed(&chain.state, 0, restore(0)));
+    chain.wait(SUBMIT_WINDOW);
+    chain.close_with(weights(1));
+}
+
+#[test]
+fn rounds_are_forgotten_after_a_while_and_then_they_cannot_be_restored() {
+    let too_long_ago =
+        "round 0 is too long ago: the ledger remembers the weights of the last 4096 rounds";
+    let mut chain = Chain::new();
+    let empty_round = |chain: &mut Chain| {
+        chain.open();
+        let global = *chain.state.global();
+        chain.close_with(global);
+    };
+    for _ in 0..REMEMBERED_RESULTS {
+        empty_round(&mut chain);
+    }
+    chain.apply(proposed(&chain.state, 0, restore(0)));
+    chain.apply(voted(&chain.state, 0, 0, Ballot::For));
+    assert!(chain.state.results().of(0).is_some());
+    empty_round(&mut chain);
+    assert!(chain.state.results().of(0).is_none());
+    assert!(chain.state.results().of(1).is_some());
+    chain.wait(VOTING + TIME_LOCK);
+    assert!(matches!(
+        chain.refusal(settled(0, Outcome::Executed)),
+        RuleViolation::OtherOutcome { .. }
+    ));
+    chain.apply(settled(0, Outcome::Impossible(too_long_ago.into())));
+    match chain.refusal(proposed(&chain.state, 0, restore(0))) {
+        RuleViolation::BadProposal { why, .. } => assert_eq!(why, too_long_ago),
+        other => panic!("{other}"),
+    }
+    chain.open();
+}

@@ -1,0 +1,44 @@
+//! Which verifier decides about the proofs of a program. Each release of SP1 has its own, and a proof of one release says nothing under
+//! the verifier of another. So a build that does not have the right one does not guess: it says that it has not checked the proof.
+
+use crate::proof::check_proof;
+use zk0_circuits::Claim;
+use zk0_protocol::entries::program::{Program, ProgramKey, OUR_SP1};
+use zk0_protocol::Refusal;
+
+/// Checks that a proof proves a claim under the program with this key.
+type CheckProof = fn(&[u8], &Claim, &ProgramKey) -> Result<(), Refusal>;
+
+/// The releases of SP1 that this build verifies, each with its verifier.
+const VERIFIERS: [(&str, CheckProof); 1] = [(OUR_SP1, check_proof)];
+
+/// Whether this build can verify the proofs of `program`.
+pub fn can_verify(program: &Program) -> bool {
+    verifier(program).is_ok()
+}
+
+/// The releases of SP1 that this build verifies, for people.
+pub fn releases() -> String {
+    VERIFIERS.map(|(release, _)| release).join(", ")
+}
+
+/// Checks that `proof` proves `claim` under `program`, with the verifier of the program's release of SP1.
+///
+/// # Errors
+/// The proof does not prove the claim, or this build does not have that verifier ([`Refusal::NoVerifier`]).
+pub fn check_proof_of(program: &Program, proof: &[u8], claim: &Claim) -> Result<(), Refusal> {
+    let key = ProgramKey::from_bytes(&program.key)
+        .map_err(|error| Refusal::InvalidProof(error.to_string()))?;
+    verifier(program)?(proof, claim, &key)
+}
+
+fn verifier(program: &Program) -> Result<CheckProof, Refusal> {
+    let known = VERIFIERS
+        .iter()
+        .find(|(release, _)| *release == program.sp1);
+    known
+        .map(|(_, check)| *check)
+        .ok_or_else(|| Refusal::NoVerifier {
+            sp1: program.sp1.clone(),
+        })
+}
