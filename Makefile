@@ -8,7 +8,7 @@ export CARGO_TARGET_DIR ?= $(HOME)/.cache/zk0/target
 RUST := scripts/with-rust
 ZK0 := $(CARGO_TARGET_DIR)/release/zk0
 
-.PHONY: demo test quick lint coverage setup build guest fixtures cycles fidelity bench-weight-check bench-ledger bench-train cuda
+.PHONY: demo test quick lint coverage setup build guest fixtures cycles fidelity power bench-weight-check bench-ledger bench-train cuda
 
 demo: build
 	$(ZK0) demo --rounds $(ROUNDS) --nodes $(NODES)
@@ -64,6 +64,12 @@ cycles: build
 fidelity: build
 	$(ZK0) fidelity --lerobot tests/fixtures/smolvla_tiny --profile micro --profile full --ranges \
 		tests/fixtures/datasets/so100_pickplace tests/fixtures/datasets/so100_stacking tests/fixtures/datasets/so101_pickplace
+
+# Measures how often updates of different origin pass a claim, for several numbers of samples: by the comparison that claims make today,
+# and by a t-test. Prints JSON lines. Four minutes.
+power: setup
+	$(RUST) cargo build --release --workspace --locked --example power
+	$(CARGO_TARGET_DIR)/release/examples/power
 
 # Measures the verifier's half of mode `checked` at full size, for two sets of 98 M weights: seconds and memory.
 bench-weight-check: build

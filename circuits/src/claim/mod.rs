@@ -10,4 +10,6 @@ pub mod program;
 pub mod public_values;
 pub mod statement;
 pub mod statement_error;
+pub mod student;
+pub mod t_test;
 pub mod terms;

@@ -15,6 +15,14 @@ pub struct Draw {
     pub noise: Vec<i16>,
 }
 
+/// The word from which the flow time of `position` is drawn when `count` times are stratified: one from each of `count` equal parts
+/// of the distribution. `word` says where in its part. Times that cover the distribution evenly vary less in their mean, and stay
+/// unpredictable.
+pub fn stratified(position: u32, count: u32, word: u16) -> u16 {
+    let place = (u64::from(position) << 16) | u64::from(word);
+    (place / u64::from(count.max(1))).min(u64::from(u16::MAX)) as u16
+}
+
 /// Draws for the evaluated sample at `position` (0, 1, … in the order of [`crate::claim::challenge::sample_indices`]).
 ///
 /// The blocks `H("zk0/draw/v1", challenge, position, counter)` are read as little-endian u16. The first is the flow time, the
