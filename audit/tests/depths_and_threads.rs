@@ -10,7 +10,6 @@ use std::fs;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
-use tempfile::TempDir;
 use zk0_audit::account::{Checked, What, Why};
 use zk0_audit::{Auditor, Depth, Named};
 use zk0_ledger::blobs::Blobs;
@@ -22,28 +21,6 @@ use zk0_protocol::entries::signed::{Dispute, Evidence, Signed};
 use zk0_protocol::{Entry, Refusal};
 
 type Test = Result<(), Box<dyn std::error::Error>>;
-
-/// A ledger with a real proof in it.
-const REAL: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/fixtures/ledger");
-
-fn copy_of(ledger: &Path) -> TempDir {
-    fn copy(from: &Path, to: &Path) {
-        fs::create_dir_all(to).unwrap();
-        for found in fs::read_dir(from).unwrap() {
-            let (path, place) = {
-                let found = found.unwrap();
-                (found.path(), to.join(found.file_name()))
-            };
-            match path.is_dir() {
-                true => copy(&path, &place),
-                false => drop(fs::copy(&path, &place).unwrap()),
-            }
-        }
-    }
-    let dir = tempfile::tempdir().unwrap();
-    copy(ledger, dir.path());
-    dir
-}
 
 fn audit(dir: &Path, depth: Depth, threads: usize) -> (Report, Checked) {
     let mut auditor = Auditor::with_threads(depth, NonZeroUsize::new(threads).unwrap());

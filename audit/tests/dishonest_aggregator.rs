@@ -91,8 +91,7 @@ async fn an_audit_finds_what_a_dishonest_aggregator_records() -> Test {
                 Ok(())
             })
             .await?;
-        let copy = tempfile::tempdir()?;
-        copy_folder(network.dir.path(), copy.path())?;
+        let copy = copy_of(network.dir.path());
         let mut ledger = Ledger::open(copy.path(), None, log_key())?;
         ledger.append(START_MS, body(submission))?;
         drop(ledger);
@@ -103,19 +102,6 @@ async fn an_audit_finds_what_a_dishonest_aggregator_records() -> Test {
             .iter()
             .any(|finding| finding.text.contains(words));
         assert!(found, "{words}: {:?}", report.findings);
-    }
-    Ok(())
-}
-
-fn copy_folder(from: &std::path::Path, to: &std::path::Path) -> std::io::Result<()> {
-    std::fs::create_dir_all(to)?;
-    for entry in std::fs::read_dir(from)? {
-        let entry = entry?;
-        let target = to.join(entry.file_name());
-        match entry.path().is_dir() {
-            true => copy_folder(&entry.path(), &target)?,
-            false => std::fs::copy(entry.path(), target).map(drop)?,
-        }
     }
     Ok(())
 }

@@ -16,27 +16,6 @@ use zk0_ledger::Ledger;
 use zk0_protocol::entries::entry::Body;
 use zk0_protocol::Genesis;
 
-/// A ledger with a real proof in it.
-const REAL: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/fixtures/ledger");
-
-fn copy_of(from: &Path) -> TempDir {
-    fn copy(from: &Path, to: &Path) {
-        fs::create_dir_all(to).unwrap();
-        for found in fs::read_dir(from).unwrap() {
-            let (path, name) = found
-                .map(|found| (found.path(), found.file_name()))
-                .unwrap();
-            match path.is_dir() {
-                true => copy(&path, &to.join(name)),
-                false => drop(fs::copy(&path, to.join(name)).unwrap()),
-            }
-        }
-    }
-    let dir = tempfile::tempdir().unwrap();
-    copy(from, dir.path());
-    dir
-}
-
 fn audit(dir: &Path, named: Named) -> Report {
     replay(dir, None, &mut Auditor::new(Depth::Full).naming(named))
 }

@@ -13,9 +13,11 @@ pub use self::network::Network;
 pub use self::node::Node;
 
 use ed25519_dalek::SigningKey;
+use std::fs;
 use std::io::{self, Write};
 use std::path::Path;
 use std::sync::Arc;
+use tempfile::TempDir;
 use tonic::{Code, Status};
 use zk0_aggregator::round::founding::Founding;
 use zk0_aggregator::round::request::RequestError;
@@ -29,6 +31,8 @@ use zk0_protocol::rules::governance::{Governance, Governor};
 use zk0_protocol::rules::network_rules::{CreditRule, Rules};
 use zk0_verifier::{blob_digest, Evaluation, ExpertTensors};
 
+/// A ledger with a real proof in it.
+pub const REAL: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/fixtures/ledger");
 pub const START_MS: u64 = 1_700_000_000_000;
 /// The seed of the one governor's key.
 pub const GOVERNOR: u8 = 99;
@@ -101,6 +105,24 @@ pub fn founding(genesis: Genesis) -> Founding {
 pub fn write_policy(out: &mut dyn Write) -> io::Result<[u8; 32]> {
     out.write_all(POLICY)?;
     Ok(blob_digest(POLICY).0)
+}
+
+/// A copy of a folder, with all that is in it.
+pub fn copy_of(folder: &Path) -> TempDir {
+    fn copy(from: &Path, to: &Path) {
+        fs::create_dir_all(to).unwrap();
+        for found in fs::read_dir(from).unwrap() {
+            let found = found.unwrap();
+            let (path, place) = (found.path(), to.join(found.file_name()));
+            match path.is_dir() {
+                true => copy(&path, &place),
+                false => drop(fs::copy(&path, &place).unwrap()),
+            }
+        }
+    }
+    let dir = tempfile::tempdir().unwrap();
+    copy(folder, dir.path());
+    dir
 }
 
 /// Founds the network of `genesis` in `dir`, and opens it.

@@ -1,16 +1,15 @@
 //! A real proof, from the committed ledger.
 
+use super::REAL;
 use std::fs;
 use std::path::Path;
 use zk0_audit::verified_entries::verified_entries;
 use zk0_protocol::entries::entry::Body;
 use zk0_protocol::entries::program::Program;
 
-const LEDGER: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/fixtures/ledger");
-
 /// The program of the committed ledger, which is of this release, and the proof of its first accepted contribution.
 pub fn real_proof() -> (Program, Vec<u8>) {
-    let (entries, _) = verified_entries(Path::new(LEDGER)).unwrap();
+    let (entries, _) = verified_entries(Path::new(REAL)).unwrap();
     let Body::Genesis(genesis) = &entries[0].body else {
         panic!("no genesis");
     };
@@ -18,6 +17,6 @@ pub fn real_proof() -> (Program, Vec<u8>) {
         Body::ContributionAccepted(submission) => Some(submission.statement.proof),
         _ => None,
     });
-    let path = format!("{LEDGER}/blobs/sha256/{}", accepted.next().unwrap());
+    let path = format!("{REAL}/blobs/sha256/{}", accepted.next().unwrap());
     (Program::founding(&genesis.program), fs::read(path).unwrap())
 }

@@ -12,6 +12,7 @@
 //! No program makes this test yet: a claim compares the two sums ([`crate::claim::statement::improves`]). `make power` measures what
 //! the test is worth, and `docs/samples.md` says what came out.
 
+use crate::claim::challenge::MAX_EVAL_SAMPLES;
 use crate::claim::student::{quantile, Confidence};
 use borsh::{BorshDeserialize, BorshSerialize};
 use ethnum::U256;
@@ -38,14 +39,16 @@ pub struct Pair {
 }
 
 impl TTest {
-    /// Whether the update improves on the base as asked. Fewer than two samples never do, nor do more than 2^12.
+    /// Whether the update improves on the base as asked. Fewer than two samples never show it, nor do more than [`MAX_EVAL_SAMPLES`].
     pub fn passes(&self, pairs: &[Pair]) -> bool {
         let kept = ONE - (self.min_improvement_bps as i128).min(ONE);
-        let quantile =
-            match (pairs.len() <= 1 << 12).then(|| quantile(pairs.len() as u32, self.confidence)) {
-                Some(Some(quantile)) => quantile,
-                _ => return false,
-            };
+        if pairs.len() > MAX_EVAL_SAMPLES as usize {
+            return false;
+        }
+        let samples = pairs.len() as u32;
+        let Some(quantile) = quantile(samples, self.confidence) else {
+            return false;
+        };
         // |d| < 2^14 · 2^64, so that |sum| < 2^90, and the squares sum up to less than 2^168.
         let (mut sum, mut squares) = (0i128, U256::ZERO);
         for pair in pairs {
@@ -57,7 +60,6 @@ impl TTest {
         if sum <= 0 {
             return false;
         }
-        let samples = pairs.len() as u32;
         let square = U256::from(sum.unsigned_abs()) * U256::from(sum.unsigned_abs());
         // By the inequality of Cauchy and Schwarz this is never negative.
         let spread = U256::from(samples) * squares - square;

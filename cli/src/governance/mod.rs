@@ -23,8 +23,8 @@ pub enum Command {
         /// Write the key to this file. An existing file is kept.
         file: PathBuf,
     },
-    /// Print the rules and the guest program in force, and the open proposals. The aggregator proves that the proposals are on its ledger, but it only says
-    /// how the votes stand; `zk0 audit replay` counts the votes again.
+    /// Print the rules and the guest program in force, and the open proposals. The aggregator proves that the proposals are on its ledger,
+    /// but it only says how the votes stand; `zk0 audit replay` counts the votes again.
     Status {
         #[command(flatten)]
         network: Network,

@@ -24,7 +24,7 @@ pub struct Program {
     pub sp1: String,
 }
 
-/// Why a program is none that a network can use. The texts can become data of the ledger, so they must never change.
+/// Why a network cannot use a program. The texts can become data of the ledger, so they must never change.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ProgramError {
     /// No program has this key.
