@@ -3,12 +3,13 @@
 
 ROUNDS ?= 1
 NODES ?= 3
+CONFIDENCE ?= 99%
 # Outside the clone, so that checkouts share one build.
 export CARGO_TARGET_DIR ?= $(HOME)/.cache/zk0/target
 RUST := scripts/with-rust
 ZK0 := $(CARGO_TARGET_DIR)/release/zk0
 
-.PHONY: demo test quick lint coverage setup build guest fixtures cycles fidelity power bench-weight-check bench-ledger bench-train cuda
+.PHONY: demo test deletions quick lint coverage setup build guest fixtures cycles fidelity power bench-weight-check bench-ledger bench-recording bench-train cuda
 
 demo: build
 	$(ZK0) demo --rounds $(ROUNDS) --nodes $(NODES)
@@ -34,6 +35,12 @@ test:
 	$(RUST) cargo test --release --workspace --locked
 	$(RUST) cargo test --release --workspace --locked --test real_proof -- --ignored --nocapture
 
+# Removes each check of the protocol, the verifier, the ledger and the audit from a copy of the sources, and fails where no test fails
+# without it. `make test` does so for the protocol alone. An hour, because SP1 is built for the copy; half of that from then on.
+deletions:
+	@scripts/setup.sh guest
+	$(RUST) cargo test --release --workspace --locked --test deletions -- --include-ignored --nocapture --test-threads 1
+
 # Checks what a person wants to know between two edits: formatting, warnings, and the tests that need neither a proof nor a network.
 quick:
 	@scripts/setup.sh lint
@@ -57,7 +64,7 @@ cycles: build
 	$(RUST) circuits/build-guest.sh --budget $(CARGO_TARGET_DIR)/budget.elf
 	$(RUST) cargo build --release --workspace --locked --example cycle_budget
 	$(ZK0) prover cycles
-	$(CARGO_TARGET_DIR)/release/examples/cycle_budget $(CARGO_TARGET_DIR)/budget.elf 1 micro full
+	$(CARGO_TARGET_DIR)/release/examples/cycle_budget $(CARGO_TARGET_DIR)/budget.elf 2 micro full
 
 # Compares fixed-point with float32 losses, untrained and trained, up to the published size, and prints every range. Ten minutes
 # and 5 GB.
@@ -65,11 +72,11 @@ fidelity: build
 	$(ZK0) fidelity --lerobot tests/fixtures/smolvla_tiny --profile micro --profile full --ranges \
 		tests/fixtures/datasets/so100_pickplace tests/fixtures/datasets/so100_stacking tests/fixtures/datasets/so101_pickplace
 
-# Measures how often updates of different origin pass a claim, for several numbers of samples: by the comparison that claims make today,
-# and by a t-test. Prints JSON lines. Four minutes.
+# Measures how often updates of different origin pass a claim's test, for several numbers of samples, beside a plain comparison of losses.
+# Prints JSON lines, and draws docs/samples.svg. Five minutes. CONFIDENCE chooses another confidence than 99%.
 power: setup
 	$(RUST) cargo build --release --workspace --locked --example power
-	$(CARGO_TARGET_DIR)/release/examples/power
+	$(CARGO_TARGET_DIR)/release/examples/power $(CONFIDENCE) docs/samples.svg docs/samples.jsonl
 
 # Measures the verifier's half of mode `checked` at full size, for two sets of 98 M weights: seconds and memory.
 bench-weight-check: build
@@ -81,6 +88,12 @@ bench-weight-check: build
 bench-ledger: setup
 	$(RUST) cargo build --release --workspace --locked --example bench_ledger
 	$(CARGO_TARGET_DIR)/release/examples/bench_ledger
+
+# Measures the memory and the disk that a node needs for a recording of 50 episodes of 400 frames, at `micro` with all frames and at the
+# published size with a few. Prints JSON lines. Twenty minutes, and 6 GB of disk where temporary files go.
+bench-recording: setup
+	$(RUST) cargo build --release --workspace --locked --example bench_recording
+	$(CARGO_TARGET_DIR)/release/examples/bench_recording
 
 # Compares our training steps of SmolVLA with LeRobot's on PyTorch. Twenty minutes on a machine that does nothing else; see the
 # script.

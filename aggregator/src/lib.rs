@@ -2,11 +2,12 @@
 //!
 //! A short tour:
 //! - [`round`]: founding a network ([`round::founding`]), opening and closing rounds ([`round::aggregator`]), recording what nodes send ([`round::recording`]), uploads that
-//!   wait ([`round::staging`]), what a restarted aggregator reads from its ledger ([`round::ledger_index`]), disputes
+//!   wait ([`round::staging`]), the closing of commitments and the randomness ([`round::drawing`]), what a restarted aggregator reads from its ledger ([`round::ledger_index`]), disputes
 //!   ([`round::dispute`]), the clock, and why a request is turned down ([`round::request`]).
 //! - [`serve`]: the gRPC service and its limits ([`serve::service`]), and the answers to its requests ([`serve::requests`]).
 //! - [`publish`]: HTTP under limits ([`publish::http`]) for the log's files ([`publish::log_server`]) and for a witness
-//!   ([`publish::witness_server`]), and the client that asks witnesses for cosignatures ([`publish::cosigning`]).
+//!   ([`publish::witness_server`]), the client that asks witnesses for cosignatures ([`publish::cosigning`]), and the
+//!   one that asks servers for beacons ([`publish::beacon`]).
 //! - `connections` and `file_parts`: a bounded number of connections, and files sent in parts, for both servers.
 //!
 //! The decision on a submission and the end of a round are pure functions of [`zk0_verifier`].

@@ -9,7 +9,8 @@ use zk0_aggregator::serve::service::ServeError;
 use zk0_aggregator::{Aggregator, Config, Progress, Service};
 use zk0_circuits::Digest;
 use zk0_ledger::log::Ledger;
-use zk0_protocol::entries::entry::{Body, Contributor, RoundClosed};
+use zk0_protocol::challenge::drawing::Drawing;
+use zk0_protocol::entries::entry::{Body, Contributor, RandomnessDrawn, RoundClosed};
 use zk0_protocol::entries::member::NodeEnrolled;
 use zk0_protocol::entries::proposal::{Action, Ballot, Outcome};
 use zk0_protocol::entries::signed::{
@@ -211,10 +212,7 @@ fn with_a_false_contribution(
     )?;
     let network = genesis().network_id();
     aggregator.enrol(node.id(), "the only one".into())?;
-    aggregator.register(
-        &borsh::to_vec(&node.registration(&network))?,
-        &flat(&node.leaves()),
-    )?;
+    aggregator.register(&borsh::to_vec(&node.registration(&network))?, &node.list())?;
     assert_eq!(aggregator.step()?, Progress::Opened(0));
     drop(aggregator);
     let mut ledger = Ledger::open(dir.path(), None, log_key())?;
@@ -227,6 +225,17 @@ fn with_a_false_contribution(
         START_MS,
         Body::UpdateCommitted(Signed::new(commitment, &node.key)),
     )?;
+    let closing = ledger.state().next_commitments_closed(START_MS);
+    ledger.append(
+        START_MS,
+        Body::CommitmentsClosed(closing.ok_or("a node may commit")?),
+    )?;
+    let closing = ledger.state().round().and_then(|round| round.closing);
+    let drawn = RandomnessDrawn {
+        round: 0,
+        drawing: Drawing::LogVrf(ledger.vrf(&closing.ok_or("not closed")?.commitments)),
+    };
+    ledger.append(START_MS, Body::RandomnessDrawn(drawn))?;
     let claim = node.claim_of(ledger.state().expected_claim(&node.id())?);
     let submission = node.submission(claim, b"no proof");
     let accepted = ledger
@@ -241,6 +250,8 @@ fn with_a_false_contribution(
         round: 0,
         global: digest(&update),
         contributors,
+        unanswered: vec![],
+        evaluated: None,
     };
     ledger.append(START_MS, Body::RoundClosed(closed))?;
     drop(ledger);

@@ -9,10 +9,11 @@ use tokio_stream::wrappers::ReceiverStream;
 use tonic::Code;
 use zk0_aggregator::{Config, Limits};
 use zk0_circuits::Digest;
-use zk0_protocol::entries::signed::Signed;
+use zk0_protocol::entries::signed::{Episode, Signed};
 use zk0_protocol::rpc::federation as proto;
 use zk0_protocol::rpc::federation::upload_chunk::Part;
 use zk0_protocol::rules::apply::MAX_EPISODES;
+use zk0_verifier::blob_digest;
 
 type Test = Result<(), Box<dyn std::error::Error>>;
 
@@ -225,9 +226,13 @@ async fn the_longest_list_of_episodes_is_registered() -> Test {
         .map(|number| {
             let mut digest = [1; 32];
             digest[..4].copy_from_slice(&number.to_be_bytes());
-            Digest(digest)
+            Episode {
+                digest: Digest(digest),
+                frames: 400,
+            }
         })
         .collect();
+    registration.leaves = blob_digest(&list(&registration, &node.leaves()));
     let signed = Signed::new(registration, &node.key);
     node.register_as(&network, &signed, &node.leaves()).await?;
     Ok(())

@@ -173,7 +173,8 @@ async fn nodes_hear_which_program_a_round_is_of() -> Test {
     // The vote is over, but round 0 keeps its program.
     assert!(network.round(None).await.closed.is_none());
     assert_eq!(said().await, founding);
-    network.clock.advance(SUBMIT_MS);
+    network.drawn().await;
+    network.clock.advance(SUBMIT_MS + 1);
     network.settle().await;
     assert_eq!(state().await.round().map(|round| round.number()), Some(1));
     assert_eq!(said().await, next);
@@ -225,6 +226,8 @@ fn a_round_starts_from_restored_weights_once_their_blob_is_at_hand() -> Test {
     writer.write(&weights(3))?;
     writer.finish(&blob_digest(&weights(3)))?;
     aggregator.commit(&borsh::to_vec(&Signed::new(commitment, &node.key))?)?;
+    assert_eq!(aggregator.step()?, Progress::CommitmentsClosed(2));
+    assert_eq!(aggregator.step()?, Progress::Drawn(2));
     clock.advance(SUBMIT_MS + 1);
     assert_eq!(aggregator.step()?, Progress::Closed(2));
     assert_eq!(aggregator.state().global(), &digest(&weights(1)));

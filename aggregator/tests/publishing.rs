@@ -11,6 +11,7 @@ use tokio::net::{TcpListener, TcpStream};
 use tokio::task::{spawn_blocking, JoinHandle};
 use zk0_aggregator::publish::http::{self, Limits};
 use zk0_aggregator::publish::log_server::LogServer;
+use zk0_aggregator::Aggregator;
 use zk0_audit::Auditor;
 use zk0_circuits::Digest;
 use zk0_ledger::blobs::Blobs;
@@ -36,16 +37,23 @@ fn key() -> VerifierKey {
 /// blobs.
 async fn busy() -> (Network, Digest, Digest) {
     let (network, first, second) = open_round().await;
-    for (node, seed) in [(&first, 1), (&second, 2)] {
-        committed(&network, node, 0, seed).await;
+    both_committed(&network, &first, &second).await;
+    for node in [&first, &second] {
         let claim = node.claim(&network).await;
         node.submit(&network, claim, b"no proof").await.unwrap();
     }
     network.settle().await;
     let update = committed(&network, &first, 1, 3).await;
+    committed(&network, &second, 1, 4).await;
     let claim = first.claim(&network).await;
     first.submit(&network, claim, b"not either").await.unwrap();
     (network, blob_digest(&update), blob_digest(b"not either"))
+}
+
+/// Records one more entry.
+async fn grow(network: &Network) {
+    let enrol = |aggregator: &mut Aggregator| aggregator.enrol(Node::new(9).id(), "late".into());
+    network.service().with(enrol).await.unwrap();
 }
 
 fn mirrored(source: &dyn Source, dir: &Path) -> Result<u64, MirrorError> {
@@ -90,8 +98,7 @@ async fn an_export_outlives_the_ledger() {
     assert_eq!((again.tiles, again.blobs), (0, 0));
     assert_eq!(mirrored(&folder, copy.path()).unwrap(), 0);
     // The log grows, and the export and the mirror follow it.
-    let second = Node::new(2);
-    committed(&network, &second, 1, 4).await;
+    grow(&network).await;
     export(&Publication::open(dir, None).unwrap(), out.path()).unwrap();
     assert_eq!(mirrored(&folder, copy.path()).unwrap(), 1);
     same_replay(dir, copy.path());
@@ -301,7 +308,7 @@ async fn a_served_log_is_read_while_it_grows() {
     };
     assert!(fetch(url.clone(), to.clone()).await.unwrap() > 10);
     same_replay(&dir, &to);
-    committed(&network, &Node::new(2), 1, 4).await;
+    grow(&network).await;
     assert_eq!(fetch(url.clone(), to.clone()).await.unwrap(), 1);
     same_replay(&dir, &to);
     // The server says how long clients may keep each file.

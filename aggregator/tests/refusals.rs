@@ -9,7 +9,10 @@ use zk0_aggregator::Config;
 use zk0_circuits::Digest;
 use zk0_protocol::entries::entry::Body;
 use zk0_protocol::entries::signed::Signed;
+use zk0_protocol::evaluation_set::{list_bytes, DrawnLeaf};
+use zk0_protocol::rpc::federation::RegisterDatasetRequest;
 use zk0_protocol::Refusal;
+use zk0_verifier::blob_digest;
 
 type Test = Result<(), Box<dyn std::error::Error>>;
 
@@ -42,7 +45,8 @@ async fn an_unknown_node_is_turned_away_everywhere() -> Test {
         Code::PermissionDenied,
         "not enrolled",
     );
-    assert_eq!(network.entries().await.len(), before + 1);
+    // A commitment, the closing of the commitments, and the randomness.
+    assert_eq!(network.entries().await.len(), before + 3);
     assert_eq!(network.uploads(), 1);
     Ok(())
 }
@@ -50,7 +54,8 @@ async fn an_unknown_node_is_turned_away_everywhere() -> Test {
 #[tokio::test(flavor = "multi_thread")]
 async fn a_signature_by_another_key_is_no_signature() -> Test {
     let (network, first, second) = open_round().await;
-    let update = committed(&network, &first, 0, 1).await;
+    let update = both_committed(&network, &first, &second).await;
+    network.drawn().await;
     let before = network.entries().await.len();
     let forger = &second.key;
     let registration = Signed::new(
@@ -127,6 +132,7 @@ async fn statements_for_another_network_or_round_are_turned_away() -> Test {
         "round 1",
     );
     first.commit(&network, 0, &update).await?;
+    network.drawn().await;
     // Anyone can replay what the node signed for another network or round. Such a replay must not use up the node's one submission.
     let before = network.entries().await.len();
     let mut claim = first.claim(&network).await;
@@ -153,11 +159,30 @@ async fn a_commitment_after_its_deadline_is_late() -> Test {
     let update = weights(1);
     first.upload(&network, 0, &update).await?;
     network.clock.advance(COMMIT_MS + 1);
+    // It is late, or the commitments are closed already.
+    let status = first.commit(&network, 0, &update).await.unwrap_err();
+    assert_eq!(status.code(), Code::FailedPrecondition);
+    let said = ["1 ms after the deadline", "are closed", "round 0, but"];
+    let why = status.message();
+    assert!(said.iter().any(|said| why.contains(said)), "{why}");
+    Ok(())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_claim_before_the_randomness_is_turned_away() -> Test {
+    let (network, first, second) = open_round().await;
+    both_committed(&network, &first, &second).await;
+    let claim = first.claim(&network).await;
+    // The same claim in another network of the same nodes, in which the commitments are still open.
+    let (other, first, _) = open_round().await;
+    committed(&other, &first, 0, 1).await;
+    let before = other.entries().await.len();
     refused(
-        first.commit(&network, 0, &update).await,
+        first.submit(&other, claim, b"proof").await,
         Code::FailedPrecondition,
-        "1 ms after the deadline",
+        "the randomness of round 0 is not drawn yet",
     );
+    assert_eq!(other.entries().await.len(), before);
     Ok(())
 }
 
@@ -209,21 +234,25 @@ async fn a_second_commitment_is_refused_the_same_one_is_answered_again() -> Test
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn a_receipt_given_again_still_fixes_the_challenge() -> Test {
+async fn the_challenge_follows_from_what_the_receipts_show() -> Test {
     let (network, first, second) = open_round().await;
-    let update = committed(&network, &first, 0, 1).await;
-    committed(&network, &second, 0, 2).await;
-    let (index, checkpoint, entry) = network.opened(first.commit(&network, 0, &update).await?);
-    assert_eq!(checkpoint.size, index + 1);
-    assert!(
-        matches!(entry.body, Body::UpdateCommitted(signed) if signed.statement.node == first.id())
-    );
+    let update = both_committed(&network, &first, &second).await;
+    network.drawn().await;
+    let (_, _, entry) = network.opened(first.commit(&network, 0, &update).await?);
+    let Body::UpdateCommitted(signed) = entry.body else {
+        panic!("{entry:?}");
+    };
+    let round = network.round(Some(0)).await;
+    let (_, _, entry) = network.opened(round.randomness.ok_or("not drawn")?);
+    let Body::RandomnessDrawn(drawn) = entry.body else {
+        panic!("{entry:?}");
+    };
     let challenge = zk0_circuits::claim::challenge::challenge(
         &network.genesis.network_id(),
         0,
         &first.id(),
-        index,
-        &checkpoint.root,
+        &zk0_protocol::challenge::closing::commitment(&signed.statement),
+        &drawn.drawing.value().ok_or("no value")?,
     );
     assert_eq!(first.claim(&network).await.terms.challenge, challenge);
     Ok(())
@@ -304,8 +333,8 @@ async fn a_proof_that_is_none_is_recorded_and_kept() -> Test {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_claim_that_the_ledger_contradicts_is_recorded() -> Test {
-    let (network, first, _) = open_round().await;
-    committed(&network, &first, 0, 1).await;
+    let (network, first, second) = open_round().await;
+    both_committed(&network, &first, &second).await;
     let mut claim = first.claim(&network).await;
     claim.terms.eval_samples = 1;
     let reply = first.submit(&network, claim, b"proof").await?;
@@ -328,8 +357,8 @@ async fn a_claim_that_the_ledger_contradicts_is_recorded() -> Test {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_second_submission_is_refused_the_same_one_is_answered_again() -> Test {
-    let (network, first, _) = open_round().await;
-    committed(&network, &first, 0, 1).await;
+    let (network, first, second) = open_round().await;
+    both_committed(&network, &first, &second).await;
     let claim = first.claim(&network).await;
     let once = first.submit(&network, claim.clone(), b"no proof").await?;
     let before = network.entries().await.len();
@@ -344,8 +373,8 @@ async fn a_second_submission_is_refused_the_same_one_is_answered_again() -> Test
 #[tokio::test(flavor = "multi_thread")]
 async fn other_bytes_than_the_node_signed_leave_no_trace() -> Test {
     // Somebody between the node and the aggregator swaps the proof. This must not cost the node its submission.
-    let (network, first, _) = open_round().await;
-    committed(&network, &first, 0, 1).await;
+    let (network, first, second) = open_round().await;
+    both_committed(&network, &first, &second).await;
     let submission = first.submission(first.claim(&network).await, b"proof");
     let before = network.entries().await.len();
     let result = first.submit_as(&network, &submission, b"swapped").await;
@@ -368,10 +397,38 @@ async fn datasets_are_checked_before_they_are_recorded() -> Test {
         let mut registration = first.registration(&network.genesis.network_id()).statement;
         registration.dataset.root = zk0_circuits::vm::merkle::root(leaves);
         registration.dataset.samples = samples;
-        registration.leaves = zk0_verifier::blob_digest(&flat(leaves));
+        registration.leaves = blob_digest(&list(&registration, leaves));
         Signed::new(registration, &first.key)
     };
     let before = network.entries().await.len();
+    // The node lists the first frames of its recording, which the hash of the episodes does not draw.
+    let mut longer = first.registration(&network.genesis.network_id()).statement;
+    longer.episodes[0].frames = 1000;
+    let chosen: Vec<_> = (0..10)
+        .zip(first.leaves())
+        .map(|(frame, leaf)| DrawnLeaf { frame, leaf })
+        .collect();
+    let chosen = list_bytes(&chosen);
+    longer.leaves = blob_digest(&chosen);
+    let request = RegisterDatasetRequest {
+        registration: borsh::to_vec(&Signed::new(longer, &first.key))?,
+        leaves: chosen,
+    };
+    let result = network.client().await.register_dataset(request).await;
+    refused(
+        result.map(drop),
+        Code::InvalidArgument,
+        "nobody chooses the frames",
+    );
+    let mut more = first.registration(&network.genesis.network_id()).statement;
+    more.evaluation_frames = 11;
+    let more = Signed::new(more, &first.key);
+    let result = first.register_as(&network, &more, &first.leaves()).await;
+    refused(
+        result,
+        Code::InvalidArgument,
+        "draws 11 frames, but the rules ask for 10",
+    );
     let mut doubled = first.leaves();
     doubled[3] = doubled[7];
     let result = first
@@ -380,7 +437,7 @@ async fn datasets_are_checked_before_they_are_recorded() -> Test {
     refused(
         result,
         Code::InvalidArgument,
-        "samples 3 and 7 are the same",
+        "9 distinct samples, but the dataset commitment counts 10",
     );
     let few = &first.leaves()[..3];
     let result = first.register_as(&network, &sign(few, 3), few).await;

@@ -37,15 +37,15 @@ async fn a_round_opens_when_enough_nodes_have_datasets() -> Test {
         panic!("{entry:?}");
     };
     assert_eq!((opened.round, opened.base), (0, network.genesis.initial));
-    assert_eq!(opened.submit_deadline_ms, START_MS + SUBMIT_MS);
+    assert_eq!(opened.commit_deadline_ms, START_MS + COMMIT_MS);
     Ok(())
 }
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_round_closes_early_when_everyone_is_decided() -> Test {
     let (network, first, second) = open_round().await;
-    for (node, seed) in [(&first, 1), (&second, 2)] {
-        committed(&network, node, 0, seed).await;
+    both_committed(&network, &first, &second).await;
+    for node in [&first, &second] {
         let claim = node.claim(&network).await;
         node.submit(&network, claim, b"no proof").await?;
     }
@@ -70,12 +70,22 @@ async fn a_round_closes_early_when_everyone_is_decided() -> Test {
 async fn a_round_with_an_undecided_node_stays_open_until_its_deadline() -> Test {
     let (network, first, _) = open_round().await;
     committed(&network, &first, 0, 1).await;
+    network.clock.advance(COMMIT_MS);
+    network.settle().await;
+    assert_eq!(network.round(Some(0)).await.commitments_closed, None);
+    network.clock.advance(1);
+    network.settle().await;
+    let round = network.round(Some(0)).await;
+    assert!(round.commitments_closed.is_some() && round.randomness.is_some());
+    // The time for submissions begins with the randomness.
     network.clock.advance(SUBMIT_MS);
     network.settle().await;
     assert_eq!(network.round(Some(0)).await.closed, None);
     network.clock.advance(1);
     network.settle().await;
-    assert!(network.round(Some(0)).await.closed.is_some());
+    let closed = network.round(Some(0)).await.closed.ok_or("not closed")?;
+    let (_, _, entry) = network.opened(closed);
+    assert!(matches!(entry.body, Body::RoundClosed(closed) if closed.unanswered == [first.id()]));
     Ok(())
 }
 
@@ -98,7 +108,7 @@ async fn no_more_rounds_than_asked_for_are_opened() -> Test {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn an_update_and_its_proof_are_private_until_the_round_closes() -> Test {
-    let (network, first, _) = open_round().await;
+    let (network, first, second) = open_round().await;
     let update = weights(1);
     let blob = blob_digest(&update);
     first.upload(&network, 0, &update).await?;
@@ -113,6 +123,7 @@ async fn an_update_and_its_proof_are_private_until_the_round_closes() -> Test {
         Code::PermissionDenied,
         "private until its round closes",
     );
+    committed(&network, &second, 0, 2).await;
     let claim = first.claim(&network).await;
     first.submit(&network, claim, b"no proof").await?;
     let proof = blob_digest(b"no proof");
@@ -136,7 +147,7 @@ async fn policy_weights_and_leaves_are_public() -> Test {
         network.download(network.genesis.initial.blob).await?,
         weights(0)
     );
-    let leaves = flat(&first.leaves());
+    let leaves = first.list();
     assert_eq!(network.download(blob_digest(&leaves)).await?, leaves);
     refused(
         network.download(Digest([8; 32])).await,
@@ -160,6 +171,10 @@ async fn nothing_acknowledged_is_lost_when_the_aggregator_is_killed() -> Test {
     let update = committed(&network, &first, 0, 1).await;
     let committed = first.commit(&network, 0, &update).await?;
     second.upload(&network, 0, &weights(2)).await?;
+    network.restart().await;
+    // The second node commits to the update that it uploaded before.
+    assert_eq!(first.commit(&network, 0, &update).await?, committed);
+    second.commit(&network, 0, &weights(2)).await?;
     let claim = first.claim(&network).await;
     let decided = first.submit(&network, claim.clone(), b"no proof").await?;
     let entries = network.entries().await;
@@ -177,8 +192,7 @@ async fn nothing_acknowledged_is_lost_when_the_aggregator_is_killed() -> Test {
         Code::PermissionDenied,
         "private",
     );
-    // The round goes on. The second node commits to the update that it uploaded before, and its submission is decided.
-    second.commit(&network, 0, &weights(2)).await?;
+    // The round goes on, and the second node's submission is decided.
     let claim = second.claim(&network).await;
     second.submit(&network, claim, b"no proof").await?;
     network.settle().await;
@@ -200,7 +214,7 @@ fn a_submission_after_the_deadline_of_an_open_round_is_recorded_as_late() -> Tes
     aggregator.enrol(node.id(), "node".into())?;
     let network = genesis().network_id();
     let registration = borsh::to_vec(&node.registration(&network))?;
-    aggregator.register(&registration, &flat(&node.leaves()))?;
+    aggregator.register(&registration, &node.list())?;
     assert_eq!(aggregator.step()?, Progress::Opened(0));
     let update = weights(1);
     let request = Signed::new(node.upload_request(&network, 0, &update), &node.key);
@@ -210,6 +224,8 @@ fn a_submission_after_the_deadline_of_an_open_round_is_recorded_as_late() -> Tes
     writer.finish(&blob_digest(&update))?;
     let commitment = Signed::new(node.commitment(&network, 0, &update), &node.key);
     aggregator.commit(&borsh::to_vec(&commitment)?)?;
+    assert_eq!(aggregator.step()?, Progress::CommitmentsClosed(0));
+    assert_eq!(aggregator.step()?, Progress::Drawn(0));
     let claim = node.claim_of(aggregator.state().expected_claim(&node.id())?);
     let submission = borsh::to_vec(&node.submission(claim, b"no proof"))?;
     clock.advance(SUBMIT_MS + 5);

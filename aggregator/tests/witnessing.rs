@@ -273,7 +273,8 @@ async fn cosigned(policy: &WitnessPolicy, ledger: &Arc<Ledger>) -> Result<Vec<u8
                 proof.map_err(|error| error.to_string())
             })
         };
-        witnesses.cosign(ledger.checkpoint(), &prove)
+        let cosigned = witnesses.cosign(ledger.checkpoint(), &prove)?;
+        Ok(cosigned.note)
     })
     .await
     .unwrap()

@@ -30,6 +30,8 @@ pub enum What {
     Refusals,
     /// An average, computed again, is the recorded one.
     Averages,
+    /// A round's result, evaluated again on the public samples, has the recorded losses and outcome.
+    Results,
     /// The file of global weights is the one that the ledger names.
     Globals,
     /// A dispute that verification decides was decided rightly.
@@ -42,7 +44,7 @@ pub enum What {
 )]
 #[serde(rename_all = "kebab-case")]
 pub enum Why {
-    /// The audit is light: it reads no weights and no lists of samples.
+    /// The audit is light: it reads no weights and no lists of drawn frames.
     Light,
     /// A blob that the check reads is not at hand.
     NotAtHand,
@@ -67,6 +69,8 @@ pub struct Checked {
     pub refusals: u64,
     /// Global weights that have the same digest when they are computed again.
     pub averages: u64,
+    /// Results of rounds whose losses on the public samples are the recorded ones when they are computed again.
+    pub results: u64,
     /// Disputes that were decided as verification decides them here.
     pub disputes: u64,
     /// Checks that were left out.
@@ -126,6 +130,7 @@ impl Account {
             updates: count(What::Updates),
             refusals: count(What::Refusals),
             averages: count(What::Averages),
+            results: count(What::Results),
             disputes: count(What::Disputes),
             not_checked: self.left_out.values().map(|(count, ..)| count).sum(),
         }
@@ -160,7 +165,10 @@ impl std::fmt::Display for NotChecked {
             What::Program => ("guest program", "guest programs"),
             What::Evaluation => ("evaluation's parameters", "evaluations' parameters"),
             What::Policy => ("initial policy", "initial policies"),
-            What::Datasets => ("dataset's list of samples", "datasets' lists of samples"),
+            What::Datasets => (
+                "dataset's list of drawn frames",
+                "datasets' lists of drawn frames",
+            ),
             What::Bases => (
                 "file of weights that a round starts from",
                 "files of weights that rounds start from",
@@ -176,6 +184,10 @@ impl std::fmt::Display for NotChecked {
             What::Updates => ("update's weights", "updates' weights"),
             What::Refusals => ("refusal's reason", "refusals' reasons"),
             What::Averages => ("average", "averages"),
+            What::Results => (
+                "evaluation of a round's result",
+                "evaluations of rounds' results",
+            ),
             What::Globals => ("file of global weights", "files of global weights"),
             What::Disputes => ("decision of a dispute", "decisions of disputes"),
         };

@@ -10,6 +10,7 @@
 //! their average.
 
 use crate::account::{Account, Checked, NotChecked, What, Why};
+use crate::checks::closings;
 use crate::checks::{self, Check, Examined, Missing, Recorded};
 use crate::depth::Depth;
 use crate::named::Named;
@@ -20,7 +21,7 @@ use std::num::NonZeroUsize;
 use std::thread;
 use zk0_ledger::blobs::Blobs;
 use zk0_ledger::replay::{Finding, Recheck};
-use zk0_protocol::entries::entry::{Body, Entry};
+use zk0_protocol::entries::entry::{Body, Entry, RoundClosed};
 use zk0_protocol::entries::genesis::Genesis;
 use zk0_protocol::entries::proposal::{self, Action};
 use zk0_protocol::entries::signed::{Signed, Submission};
@@ -211,22 +212,24 @@ impl Auditor {
         }
     }
 
-    /// Checks the end of a round: the average over what it accepted, and that every accepted contribution has a proof and an update.
-    fn closed(
-        &mut self,
-        before: &State,
-        index: u64,
-        closed: &zk0_protocol::entries::entry::RoundClosed,
-    ) {
+    /// Checks the end of a round: the average over what it accepted, its evaluation, and that every accepted contribution has a proof and an update.
+    fn closed(&mut self, before: &State, index: u64, closed: &RoundClosed, blobs: &Blobs) {
         self.finish_all();
         for Missing { name, .. } in self.missing.drain(..) {
             let why = format!("{name} is missing, and the round has closed");
             self.found.push(Finding::fault(index, why));
         }
-        let average = checks::average(before, closed, &self.contributions, self.depth);
         let open = std::mem::take(&mut self.open);
         self.account.add(open);
+        let average = closings::average(before, closed, &self.contributions, self.depth);
+        let (average, combined) = match average {
+            Ok(combined) => (Check::Passed(What::Averages), Ok(combined)),
+            Err(check) => (check, Err(())),
+        };
         enter(&mut self.account, &mut self.found, index, average);
+        if let Some(result) = closings::result(before, closed, combined, self.depth, blobs) {
+            enter(&mut self.account, &mut self.found, index, result);
+        }
         self.forget_round();
     }
 
@@ -291,7 +294,7 @@ impl Recheck for Auditor {
                 });
             }
             Body::RoundClosed(closed) => {
-                self.closed(before, index, closed);
+                self.closed(before, index, closed, blobs);
                 let (global, blobs) = (closed.global.blob, blobs.clone());
                 self.check(index, move || {
                     checks::whole(What::Globals, "the global weights", &global, depth, &blobs)
@@ -315,7 +318,10 @@ impl Recheck for Auditor {
                     enter(&mut self.account, &mut self.found, index, check);
                 }
             }
-            Body::Genesis(_)
+            // The replay verifies closings and randomness: they are rules of the state machine.
+            Body::CommitmentsClosed(_)
+            | Body::RandomnessDrawn(_)
+            | Body::Genesis(_)
             | Body::NodeEnrolled(_)
             | Body::UpdateCommitted(_)
             | Body::KeyRotated { .. }

@@ -1,5 +1,7 @@
-//! The checks themselves. Each is a function of what the ledger says and of the blobs at hand, and uses the functions by which the
-//! aggregator decided.
+//! The checks themselves; [`closings`] has those of the end of a round. Each is a function of what the ledger says and of the blobs at
+//! hand, and uses the functions by which the aggregator decided.
+
+pub mod closings;
 
 use crate::account::{What, Why};
 use crate::depth::Depth;
@@ -9,14 +11,12 @@ use std::fmt::Display;
 use zk0_circuits::claim::program::verifying_key;
 use zk0_circuits::{Digest, EvalSpec, NodeId, WeightsDigest};
 use zk0_ledger::blobs::{BlobError, Blobs};
-use zk0_protocol::entries::entry::RoundClosed;
 use zk0_protocol::entries::genesis::Genesis;
 use zk0_protocol::entries::signed::{DatasetRegistration, Signed, Submission};
 use zk0_protocol::rules::named_blobs::BlobKind;
 use zk0_protocol::rules::network_rules::Rules;
 use zk0_protocol::rules::state::State;
 use zk0_protocol::Refusal;
-use zk0_verifier::close::close;
 use zk0_verifier::contribution_blobs::read_proof;
 use zk0_verifier::dataset::check_leaf_list;
 use zk0_verifier::decide::is_recorded;
@@ -164,6 +164,7 @@ impl Recorded {
                 | Refusal::OtherWeights { .. }
                 | Refusal::OtherProducts { .. }
                 | Refusal::TooFar { .. }
+                | Refusal::UnreadWeights { .. }
         );
         if about_update && depth == Depth::Light {
             let what = format!("node {node}'s update was refused");
@@ -331,7 +332,7 @@ pub fn whole(what: What, name: &str, blob: &Digest, depth: Depth, blobs: &Blobs)
     }
 }
 
-/// Checks that the registered leaves hash to the root, and that no two are the same.
+/// Checks that the list of a registration has exactly the drawn frames, and that their distinct leaves hash to the root.
 pub fn dataset(
     registration: &DatasetRegistration,
     rules: &Rules,
@@ -340,11 +341,11 @@ pub fn dataset(
 ) -> Check {
     let node = registration.node;
     if depth == Depth::Light {
-        let what = format!("the leaves of node {node}'s dataset");
+        let what = format!("the drawn frames of node {node}'s dataset");
         return Check::LeftOut(What::Datasets, Why::Light, what);
     }
     let leaves = BlobKind::Leaves {
-        samples: registration.dataset.samples,
+        drawn: registration.drawn(),
     };
     let bytes = match blobs.get(&registration.leaves, leaves.max_bytes(rules)) {
         Ok(bytes) => bytes,
@@ -356,11 +357,11 @@ pub fn dataset(
         }
         Err(error) => {
             return Check::Failed(format!(
-                "the list of leaves of node {node}'s dataset cannot be read: {error}"
+                "the list of drawn frames of node {node}'s dataset cannot be read: {error}"
             ))
         }
     };
-    match check_leaf_list(&registration.dataset, &bytes) {
+    match check_leaf_list(registration, &bytes) {
         Ok(()) => Check::Passed(What::Datasets),
         Err(error) => Check::Failed(format!("node {node}: {error}")),
     }
@@ -394,40 +395,6 @@ pub fn base(
     }
 }
 
-/// Checks that the average over the accepted contributions is the recorded one.
-pub fn average(
-    before: &State,
-    closed: &RoundClosed,
-    contributions: &[VerifiedContribution],
-    depth: Depth,
-) -> Check {
-    let what = || format!("the average of round {}", closed.round);
-    if depth == Depth::Light && !before.contributors().is_empty() {
-        return Check::LeftOut(What::Averages, Why::Light, what());
-    }
-    if contributions.len() != before.contributors().len() {
-        let why = format!("{}, because not all of its updates were verified", what());
-        return Check::LeftOut(What::Averages, Why::RestsOnOthers, why);
-    }
-    match close(before, contributions) {
-        Ok(closing) if closing.closed == *closed => Check::Passed(What::Averages),
-        Ok(closing) => Check::Failed(format!(
-            "round {} closed with weights {}, but its contributions give {}",
-            closed.round,
-            show(&closed.global),
-            show(&closing.closed.global)
-        )),
-        Err(error) => Check::Failed(format!(
-            "round {} cannot have closed: {error}",
-            closed.round
-        )),
-    }
-}
-
-fn not_at_hand(what: What, name: String) -> Check {
+pub(crate) fn not_at_hand(what: What, name: String) -> Check {
     Check::LeftOut(what, Why::NotAtHand, format!("{name} is not at hand"))
-}
-
-fn show(weights: &WeightsDigest) -> String {
-    format!("{} (quantised {})", weights.blob, weights.quantised)
 }

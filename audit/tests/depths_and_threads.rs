@@ -286,8 +286,8 @@ fn a_proof_that_goes_missing_before_its_round_closes_is_missed() {
 #[tokio::test(flavor = "multi_thread")]
 async fn what_is_not_checked_is_counted_by_kind() -> Test {
     let (network, first, second) = open_round().await;
-    for (node, seed) in [(&first, 1), (&second, 2)] {
-        committed(&network, node, 0, seed).await;
+    both_committed(&network, &first, &second).await;
+    for node in [&first, &second] {
         let claim = node.claim(&network).await;
         node.submit(&network, claim, b"no proof").await?;
     }
@@ -325,9 +325,8 @@ async fn what_is_not_checked_is_counted_by_kind() -> Test {
 #[tokio::test(flavor = "multi_thread")]
 async fn a_dispute_is_decided_as_verification_says() -> Test {
     let (network, first, second) = open_round().await;
-    committed(&network, &first, 0, 1).await;
+    both_committed(&network, &first, &second).await;
     let submission = first.submission(first.claim(&network).await, b"no proof");
-    committed(&network, &second, 0, 2).await;
     let late = second.submission(second.claim(&network).await, b"none either");
     let bytes = [b"no proof".as_slice(), b"none either"];
     let put = move |aggregator: &mut zk0_aggregator::Aggregator| {
@@ -365,6 +364,8 @@ async fn a_dispute_is_decided_as_verification_says() -> Test {
             round: 0,
             global: digest(&weights(9)),
             contributors: state.contributors(),
+            unanswered: state.unanswered(),
+            evaluated: None,
         };
         let dispute = Dispute {
             network: *state.network(),

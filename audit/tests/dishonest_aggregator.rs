@@ -10,6 +10,7 @@ use zk0_ledger::log::Ledger;
 use zk0_ledger::replay::{replay, Verdict};
 use zk0_protocol::entries::entry::Body;
 use zk0_protocol::entries::signed::{Signed, Submission};
+use zk0_protocol::evaluation_set::{list_bytes, DrawnLeaf};
 use zk0_protocol::Refusal;
 use zk0_verifier::blob_digest;
 
@@ -18,10 +19,9 @@ type Test = Result<(), Box<dyn std::error::Error>>;
 #[tokio::test(flavor = "multi_thread")]
 async fn the_history_replays_and_refusals_are_found_to_be_right() -> Test {
     let (network, first, second) = open_round().await;
-    committed(&network, &first, 0, 1).await;
+    both_committed(&network, &first, &second).await;
     let claim = first.claim(&network).await;
     first.submit(&network, claim, b"no proof").await?;
-    committed(&network, &second, 0, 2).await;
     let mut claim = second.claim(&network).await;
     claim.terms.challenge = Digest([1; 32]);
     second.submit(&network, claim, b"no proof").await?;
@@ -81,8 +81,8 @@ async fn an_audit_finds_what_a_dishonest_aggregator_records() -> Test {
         ),
     ];
     for (words, body) in cases {
-        let (network, first, _) = open_round().await;
-        committed(&network, &first, 0, 1).await;
+        let (network, first, second) = open_round().await;
+        both_committed(&network, &first, &second).await;
         let submission = first.submission(first.claim(&network).await, b"no proof");
         network
             .service()
@@ -104,4 +104,33 @@ async fn an_audit_finds_what_a_dishonest_aggregator_records() -> Test {
         assert!(found, "{words}: {:?}", report.findings);
     }
     Ok(())
+}
+
+/// A node chooses the frames that its claims are about, and the aggregator helps it.
+#[test]
+fn an_audit_finds_a_dataset_with_frames_that_were_not_drawn() {
+    let node = Node::new(1);
+    let dir = tempfile::tempdir().unwrap();
+    let mut operator = operator::Operator::founds(dir.path(), genesis(), &[&node]);
+    let mut registration = node.registration(operator.state().network()).statement;
+    registration.episodes[0].frames = 1000;
+    let drawn = list(&registration, &node.leaves());
+    let chosen: Vec<_> = (0..10)
+        .zip(node.leaves())
+        .map(|(frame, leaf)| DrawnLeaf { frame, leaf })
+        .collect();
+    let mut audited = |operator: &mut operator::Operator, list: Vec<u8>| {
+        operator.ledger.blobs().put(&list).unwrap();
+        registration.leaves = blob_digest(&list);
+        let signed = Signed::new(registration.clone(), &node.key);
+        operator.append(Body::DatasetCommitted(signed));
+        replay(dir.path(), None, &mut Auditor::default())
+    };
+    let report = audited(&mut operator, drawn);
+    assert_eq!(report.verdict, Verdict::Verified, "{:?}", report.findings);
+    let report = audited(&mut operator, list_bytes(&chosen));
+    assert_eq!(report.verdict, Verdict::Failed);
+    let found = report.findings.iter();
+    let found = found.filter(|finding| finding.text.contains("nobody chooses the frames"));
+    assert_eq!(found.count(), 1, "{:?}", report.findings);
 }

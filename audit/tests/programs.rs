@@ -156,7 +156,10 @@ fn nobody_puts_a_program_in_force_in_a_round_or_holds_it_back() {
         round: 0,
         global: *operator.state().global(),
         contributors: vec![],
+        unanswered: vec![],
+        evaluated: None,
     };
+    operator.close_commitments();
     operator.append(Body::RoundClosed(closed));
     let opening = operator.state().next_opening(operator.time_ms + 1);
     operator.forge(Body::RoundOpened(opening.unwrap()));
@@ -184,6 +187,9 @@ fn proofs_that_this_release_cannot_verify_are_not_checked_and_the_audit_says_so(
     let mut operator = Operator::founds(dir.path(), founded(&own), &[&first, &second]);
     operator.decide(replace(&later));
     operator.open();
+    operator.commit(&first, &weights(1));
+    operator.commit(&second, &weights(2));
+    operator.draw();
     let submission = operator.submission(&first, 1, &proof);
     let accepted = operator.append(Body::ContributionAccepted(submission));
     let submission = operator.submission(&second, 2, b"none");

@@ -11,7 +11,7 @@ use zk0_circuits::model::spec::Dims;
 use zk0_circuits::{Claim, Digest, EvalSpec, Losses, NodeId, Sample, WeightCheck};
 
 fn micro() -> (Honest, HintedInput<'static>) {
-    let honest = honest(&EvalSpec::micro(), 6, 2, 1);
+    let honest = honest(&EvalSpec::micro(), 6, 4, 1);
     let hinted = HintedInput::of(&honest.input).unwrap();
     (honest, hinted)
 }
@@ -56,7 +56,7 @@ fn agrees_with_direct_on_a_thousand_small_models() {
             action_dim: pick(1, max_action_dim),
             max_prefix: pick(2, 6),
         };
-        let input = honest(&EvalSpec::new(dims), 3, 1, seed).input;
+        let input = honest(&EvalSpec::new(dims), 3, 2, seed).input;
         // Sometimes the calmer copy of a random model is not better. Then both modes refuse the claim.
         let direct = check(&input);
         let hinted = HintedInput::of(&input).unwrap();
@@ -228,7 +228,7 @@ fn no_header_field_can_be_changed() {
         |w| w.header.terms.update.blob.0[0] ^= 1,
         |w| w.header.terms.update.quantised.0[0] ^= 1,
         |w| w.header.terms.challenge.0[0] ^= 1,
-        |w| w.header.terms.min_improvement_bps -= 1,
+        |w| w.header.terms.test.min_improvement_bps -= 1,
         |w| w.header.salt[0] ^= 1,
         |w| w.seed.0[31] ^= 1,
     ];

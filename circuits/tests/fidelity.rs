@@ -19,7 +19,7 @@ fn fidelity(spec: &EvalSpec, tensors: &Tensors, random: &mut Random, count: usiz
     for position in 0..count {
         let prefix = spec.dims.max_prefix as usize - position % 3;
         let parts = Parts::random(spec, random, prefix, position % 3);
-        let draw = draw(spec, &Digest([position as u8; 32]), position as u32);
+        let draw = draw(spec, &Digest([position as u8; 32]), 0, 1);
         let sum = evaluate(spec, &weights, &parts.quantise(spec), &draw).unwrap();
         let noise: Vec<f64> = draw.noise.iter().map(|&n| n as f64 / scale).collect();
         let (expected, elements) = reference::loss(
@@ -196,7 +196,7 @@ fn drawn_noise_and_times_follow_their_distributions() {
     let spec = EvalSpec::micro();
     let (mut squares, mut sum, mut count) = (0.0, 0.0, 0);
     for position in 0..500 {
-        let draw = draw(&spec, &Digest([9; 32]), position);
+        let draw = draw(&spec, &Digest([9; 32]), position, 40);
         assert_eq!(draw.noise.len(), 48);
         for noise in draw.noise {
             let noise = noise as f64 / (1u64 << spec.action) as f64;

@@ -75,8 +75,8 @@ proptest! {
         if let Ok(spec) = EvalSpec::decode(&bytes) {
             // An accepted specification can be evaluated, or the evaluation returns an error.
             if spec.dims == Dims::MICRO {
-                let honest = honest(&EvalSpec::micro(), 2, 1, 1).input;
-                let draw = draw(&spec, &Digest([0; 32]), 0);
+                let honest = honest(&EvalSpec::micro(), 3, 2, 1).input;
+                let draw = draw(&spec, &Digest([0; 32]), 0, 1);
                 let _ = evaluate(&spec, &honest.base, &honest.openings[0].sample, &draw);
             }
         }
@@ -221,7 +221,7 @@ fn buffers_of_other_dimensions_are_refused() {
     let larger = EvalSpec::new(larger);
     let weights = quantise(&larger, &tensors(&larger, &mut Random(1), 1.0));
     let sample = Parts::random(&spec, &mut Random(1), 4, 0).quantise(&spec);
-    let draw = draw(&spec, &Digest([0; 32]), 0);
+    let draw = draw(&spec, &Digest([0; 32]), 0, 1);
     let error = evaluate(&spec, &weights, &sample, &draw).unwrap_err();
     assert_eq!(error, EvalError::Dimensions("the weights"));
     assert!(matches!(

@@ -4,13 +4,14 @@ mod claims;
 
 use claims::{calmer, honest, name_weights, quantise, tensors, Honest, Random};
 use zk0_circuits::claim::challenge::{challenge, sample_indices};
-use zk0_circuits::claim::dataset::{check_leaves, leaf, salt_commitment, LeavesError};
+use zk0_circuits::claim::dataset::{check_leaves, salt_commitment, LeavesError};
 use zk0_circuits::claim::hinted_input::HintedInput;
 use zk0_circuits::claim::private_input::{InputError, Opening};
-use zk0_circuits::claim::statement::{check, check_hinted, improves};
+use zk0_circuits::claim::statement::{check, check_hinted};
 use zk0_circuits::claim::statement_error::StatementError;
+use zk0_circuits::claim::student::Confidence;
+use zk0_circuits::claim::t_test::TTest;
 use zk0_circuits::claim::terms::Model;
-use zk0_circuits::model::eval::evaluate;
 use zk0_circuits::model::site::{EvalError, Site};
 use zk0_circuits::vm::merkle;
 use zk0_circuits::{Digest, Disclosure, EvalSpec, Losses, Mode, NodeId, PrivateInput, Terms};
@@ -147,7 +148,7 @@ fn another_dataset_size_is_refused() {
             &header.terms.network,
             i,
             &header.terms.node,
-            4,
+            &Digest([4; 32]),
             &Digest([5; 32]),
         )
     });
@@ -215,7 +216,7 @@ fn the_base_itself_is_no_improvement() {
     honest.input.update = honest.input.base.clone();
     name_weights(&mut honest.input);
     for bps in [0, 100] {
-        honest.input.header.terms.min_improvement_bps = bps;
+        honest.input.header.terms.test.min_improvement_bps = bps;
         assert!(matches!(
             refused(&honest.input),
             StatementError::NoImprovement { .. }
@@ -229,33 +230,41 @@ fn too_small_an_improvement_is_refused() {
     let Losses::Disclosed { before, after, .. } = check(&honest.input).unwrap().losses else {
         panic!("losses are hidden")
     };
+    let mut at = |min_improvement_bps| {
+        honest.input.header.terms.test.min_improvement_bps = min_improvement_bps;
+        check(&honest.input)
+    };
+    // The largest improvement that the test shows is below the one on the drawn samples.
+    let shown = (0..10_000).take_while(|bps| at(*bps).is_ok()).last();
+    let shown = shown.expect("the test shows an improvement");
     let achieved = ((before - after) as u128 * 10_000 / before as u128) as u32;
-    honest.input.header.terms.min_improvement_bps = achieved;
-    assert!(check(&honest.input).is_ok());
-    honest.input.header.terms.min_improvement_bps = achieved + 1;
-    let min_improvement_bps = achieved + 1;
-    let expected = StatementError::NoImprovement {
+    assert!(100 < shown && shown < achieved, "{shown} {achieved}");
+    let refused = StatementError::NoImprovement {
         before,
         after,
-        min_improvement_bps,
+        samples: 4,
+        test: TTest {
+            min_improvement_bps: shown + 1,
+            confidence: Confidence::P95,
+        },
     };
-    assert_eq!(refused(&honest.input), expected);
-    honest.input.header.terms.min_improvement_bps = 10_001;
-    assert_eq!(
-        refused(&honest.input),
-        StatementError::MinImprovement(10_001)
-    );
+    assert_eq!(at(shown + 1), Err(refused));
+    // Nobody can lower a loss by more than all of it.
+    for bps in [10_000, 10_001, u32::MAX] {
+        assert!(at(bps).is_err(), "{bps}");
+    }
 }
 
 #[test]
-fn improvement_is_strict_and_exact() {
-    assert!(improves(10_000, 9_900, 100));
-    assert!(!improves(10_000, 9_901, 100));
-    assert!(improves(1, 0, 10_000));
-    assert!(!improves(5, 5, 0));
-    assert!(!improves(0, 0, 0));
-    assert!(improves(u64::MAX, u64::MAX - 1, 0));
-    assert!(!improves(u64::MAX, u64::MAX - 1, 1));
+fn more_confidence_takes_more_samples() {
+    let at = |samples, confidence| {
+        let mut honest = honest(&EvalSpec::micro(), 40, samples, 11);
+        honest.input.header.terms.test.confidence = confidence;
+        check(&honest.input)
+    };
+    assert!(at(4, Confidence::P95).is_ok());
+    assert!(at(4, Confidence::P999).is_err());
+    assert!(at(32, Confidence::P999).is_ok());
 }
 
 #[test]
@@ -269,23 +278,6 @@ fn samples_beyond_the_dataset_cannot_be_drawn() {
     sorted.sort_unstable();
     assert_eq!(sorted, [0, 1, 2, 3, 4], "drawn indices are not distinct");
     assert!(sample_indices(&Digest([3; 32]), 5, 6).is_err());
-}
-
-#[test]
-fn a_dataset_of_padding_alone_has_no_loss() {
-    let spec = EvalSpec::micro();
-    let mut honest = honest(&spec, 4, 1, 5);
-    let parts = claims::Parts::random(&spec, &mut Random(1), 5, 6);
-    let sample = parts.quantise(&spec);
-    let leaf = leaf(&honest.input.header.salt, &sample.digest());
-    let dataset = &mut honest.input.header.terms.dataset;
-    (dataset.root, dataset.samples) = (leaf, 1);
-    honest.input.openings = vec![Opening {
-        index: 0,
-        sample,
-        path: vec![],
-    }];
-    assert_eq!(refused(&honest.input), StatementError::NoElements);
 }
 
 #[test]
@@ -346,13 +338,24 @@ fn duplicates_in_a_leaf_list_are_found() {
 
 #[test]
 fn challenges_depend_on_everything_they_name() {
-    let base = challenge(&Digest([1; 32]), 2, &NodeId([3; 32]), 4, &Digest([5; 32]));
+    let of = |network, round, node, commitment, randomness| {
+        let [network, commitment, randomness] =
+            [network, commitment, randomness].map(|byte| Digest([byte; 32]));
+        challenge(
+            &network,
+            round,
+            &NodeId([node; 32]),
+            &commitment,
+            &randomness,
+        )
+    };
+    let base = of(1, 2, 3, 4, 5);
     let others = [
-        challenge(&Digest([0; 32]), 2, &NodeId([3; 32]), 4, &Digest([5; 32])),
-        challenge(&Digest([1; 32]), 0, &NodeId([3; 32]), 4, &Digest([5; 32])),
-        challenge(&Digest([1; 32]), 2, &NodeId([0; 32]), 4, &Digest([5; 32])),
-        challenge(&Digest([1; 32]), 2, &NodeId([3; 32]), 0, &Digest([5; 32])),
-        challenge(&Digest([1; 32]), 2, &NodeId([3; 32]), 4, &Digest([0; 32])),
+        of(0, 2, 3, 4, 5),
+        of(1, 0, 3, 4, 5),
+        of(1, 2, 0, 4, 5),
+        of(1, 2, 3, 0, 5),
+        of(1, 2, 3, 4, 0),
     ];
     assert!(others.iter().all(|other| *other != base));
 }
@@ -408,7 +411,7 @@ fn a_claim_is_compared_term_by_term() {
     assert_eq!(terms, honest.input.header.terms);
     assert_eq!(claim.check(&terms, Disclosure::Losses), Ok(()));
     type Change = fn(&mut Terms);
-    let changes: [(&str, Change); 15] = [
+    let changes: [(&str, Change); 16] = [
         ("network", |terms| terms.network.0[0] ^= 1),
         ("round", |terms| terms.round += 1),
         ("node", |terms| terms.node.0[0] ^= 1),
@@ -427,8 +430,11 @@ fn a_claim_is_compared_term_by_term() {
         ("update.quantised", |terms| terms.update.quantised.0[0] ^= 1),
         ("challenge", |terms| terms.challenge.0[0] ^= 1),
         ("eval_samples", |terms| terms.eval_samples += 1),
-        ("min_improvement_bps", |terms| {
-            terms.min_improvement_bps += 1
+        ("test.min_improvement_bps", |terms| {
+            terms.test.min_improvement_bps += 1
+        }),
+        ("test.confidence", |terms| {
+            terms.test.confidence = Confidence::P99
         }),
     ];
     for (term, change) in changes {
@@ -441,18 +447,4 @@ fn a_claim_is_compared_term_by_term() {
     let wrong = claim.check(&terms, Disclosure::Nothing).unwrap_err();
     let text = "the claim's disclosure is losses; expected is nothing";
     assert_eq!(wrong.to_string(), text);
-}
-
-#[test]
-fn later_padding_changes_nothing() {
-    // Attention is causal, so two samples that differ only in a padded frame have the same loss.
-    let spec = EvalSpec::micro();
-    let honest = micro();
-    let mut parts = claims::Parts::random(&spec, &mut Random(4), 9, 2);
-    let draw = zk0_circuits::model::draw::draw(&spec, &Digest([6; 32]), 0);
-    let first = evaluate(&spec, &honest.input.base, &parts.quantise(&spec), &draw).unwrap();
-    parts.actions[5 * 8] += 1.0;
-    let second = evaluate(&spec, &honest.input.base, &parts.quantise(&spec), &draw).unwrap();
-    assert_eq!(first, second);
-    assert_eq!(first.elements, 4 * 6);
 }

@@ -47,9 +47,9 @@ fn digest(digest: Digest) -> Vec<u8> {
 #[test]
 fn sha256_structures() {
     let (network, node) = (Digest([1; 32]), NodeId([2; 32]));
-    let at = challenge(&network, 3, &node, 4, &Digest([5; 32]));
+    let at = challenge(&network, 3, &node, &Digest([4; 32]), &Digest([5; 32]));
     let indices = sample_indices(&at, 1000, 8).unwrap();
-    let drawn = draw(&EvalSpec::micro(), &at, 1);
+    let drawn = draw(&EvalSpec::micro(), &at, 1, 4);
     compare(
         "sha256.hex",
         &[

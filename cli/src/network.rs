@@ -40,12 +40,16 @@ pub struct Membership {
     /// The recording: a LeRobotDataset folder, or hub:owner/name[@revision] on the Hugging Face Hub.
     #[arg(long, value_name = "RECORDING")]
     dataset: RecordingName,
-    /// Keep the policy, the salt, updates, training histories and receipts in this folder. Keep the folder secret.
+    /// Keep the policy, the salt, the evaluation set, updates, training histories and receipts in this folder. Keep the folder secret.
     #[arg(long, value_name = "DIR")]
     state: PathBuf,
     /// Take part in this many rounds.
     #[arg(long, default_value_t = 1)]
     pub rounds: u64,
+    /// Have updates evaluated on this many samples, within the bounds of the network's rules. By default, as few as the rules allow. The
+    /// more samples, the surer an honest update passes, and the longer its proof takes.
+    #[arg(long, value_name = "N")]
+    eval_samples: Option<u32>,
     #[command(flatten)]
     cache: CacheOptions,
 }
@@ -74,7 +78,8 @@ impl Membership {
         let participant = Participant {
             dataset: self.dataset.locate()?,
             state: state.clone(),
-            cache: self.cache.open_or(|| Ok(state.join("prefix-cache")))?,
+            cache: self.cache.open_in(state)?,
+            eval_samples: self.eval_samples,
         };
         Ok((participant, self.signer.connect().await?))
     }

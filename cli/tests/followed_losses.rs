@@ -7,9 +7,16 @@ use harness::network::LocalNetwork;
 use serde_json::{json, Value};
 use std::fs;
 use std::path::Path;
+use zk0_circuits::EvalSpec;
+use zk0_ledger::Blobs;
+use zk0_node::exchanged_weights::Base;
+use zk0_smolvla::frames::batch::InMemory;
+use zk0_smolvla::measure::fixed_point::dequantise_weights;
 use zk0_smolvla::policy::policy_file::PolicyFile;
 use zk0_smolvla::train::measured_loss::loss_of;
-use zk0_smolvla::train::{train, TrainOptions};
+use zk0_smolvla::train::{train, Samples, TrainOptions};
+use zk0_smolvla::PolicyConfig;
+use zk0_weights::Format;
 
 const STEPS: usize = 200;
 const BATCH: usize = 16;
@@ -36,7 +43,7 @@ fn trained(
     mu: f64,
     learning_rate: f64,
 ) -> Vec<u8> {
-    let recording = network.recording(file);
+    let samples = network.samples(file);
     let options = TrainOptions {
         steps: STEPS,
         batch_size: BATCH,
@@ -45,15 +52,24 @@ fn trained(
         seed: round,
         ..TrainOptions::default()
     };
-    let policy = &file.policy;
-    let trained = train(
-        &policy.config,
-        &policy.expert,
-        &recording.samples,
-        &options,
-        &mut |_| {},
-    );
-    trained.unwrap().weights.to_safetensors().unwrap()
+    let (config, format, base) = base(network, file);
+    let trained = train(config, &base.weights, &samples, &options, &mut |_| {});
+    let update = base
+        .update(&format, config, trained.unwrap().weights)
+        .unwrap();
+    let kept = dequantise_weights(config, format.spec(), &update).unwrap();
+    kept.to_safetensors().unwrap()
+}
+
+/// The network's initial weights, as its nodes read them.
+fn base<'f>(network: &LocalNetwork, file: &'f PolicyFile) -> (&'f PolicyConfig, Format, Base) {
+    let genesis = network.genesis();
+    let spec = EvalSpec::decode(&genesis.evaluation).unwrap();
+    let (config, format) = (&file.policy.config, Format::new(&spec).unwrap());
+    let blobs = Blobs::at(Path::new(&network.path("ledger")));
+    let bytes = blobs.get(&genesis.initial.blob, 1 << 20).unwrap();
+    let base = Base::read(&format, config, &bytes).unwrap();
+    (config, format, base)
 }
 
 fn update(network: &LocalNetwork, round: u64) -> Vec<u8> {
@@ -74,8 +90,10 @@ fn rates_follow_the_losses_from_start_to_start() {
     let said = network.joins(2, &follow);
     assert!(said.contains("too early for a trend"), "{said}");
     let file = network.policy();
-    let samples = network.recording(&file).samples;
-    let loss = loss_of(&file.policy.config, &file.policy.expert, &samples, 0).unwrap();
+    let samples = network.samples(&file);
+    let (config, _, start) = base(&network, &file);
+    let samples = InMemory::new(config, &samples).unwrap();
+    let loss = loss_of(config, &start.weights, Samples::Prepared(&samples), 0).unwrap();
     let kept = losses(&network);
     let rounds = kept["rounds"].as_array().unwrap();
     assert_eq!(rounds.len(), 2);

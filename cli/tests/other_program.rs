@@ -39,7 +39,7 @@ fn governed(network: &LocalNetwork, voting_ms: u64) -> SigningKey {
         rules[window] = 60_000.into();
     }
     // With these, the claim holds for nearly every challenge. Otherwise a round would last its whole minute.
-    rules["eval_samples"] = 16.into();
+    rules["confidence"] = "95%".into();
     rules["min_improvement_bps"] = 1.into();
     for wait in ["voting_ms", "time_lock_ms"] {
         rules["governance"][wait] = voting_ms.into();

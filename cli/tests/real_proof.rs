@@ -9,6 +9,10 @@ use sha2::{Digest, Sha256};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Output;
+use zk0_circuits::EvalSpec;
+use zk0_smolvla::measure::fixed_point::{dims, quantise_weights};
+use zk0_smolvla::{ExpertWeights, Profile};
+use zk0_weights::Format;
 
 fn audit(ledger: &Path) -> Output {
     zk0(&["audit", "replay", "--json", ledger.to_str().unwrap()])
@@ -44,6 +48,9 @@ fn a_federation_ends_with_a_proven_contribution_and_a_refused_one() {
         "checked",
         "--nodes",
         "2",
+        // So many that the claim passes under nearly every challenge.
+        "--steps",
+        "2000",
         "--out",
         out.path().to_str().unwrap(),
     ])
@@ -67,8 +74,14 @@ fn a_federation_ends_with_a_proven_contribution_and_a_refused_one() {
         "{reason}"
     );
 
+    // LeRobot reads these weights as float32. They are the numbers of the file that the ledger names.
     let global = fs::read(out.join("global.safetensors")).unwrap();
-    let digest: String = Sha256::digest(&global)
+    let config = Profile::Micro.config();
+    let global = ExpertWeights::from_safetensors(&config, &global).unwrap();
+    let spec = EvalSpec::new(dims(&config).unwrap());
+    let quantised = quantise_weights(&spec, &global).unwrap();
+    let file = Format::new(&spec).unwrap().write(&quantised);
+    let digest: String = Sha256::digest(&file)
         .iter()
         .map(|byte| format!("{byte:02x}"))
         .collect();

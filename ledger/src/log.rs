@@ -27,6 +27,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 use tlog_tiles::tlog::{prove_record, prove_tree};
 use zk0_circuits::Digest;
+use zk0_protocol::challenge::vrf::VrfProof;
 use zk0_protocol::entries::authentic::AuthenticSubmission;
 use zk0_protocol::entries::entry::{Body, Entry, ENTRY_VERSION};
 use zk0_protocol::entries::genesis::Genesis;
@@ -267,6 +268,11 @@ impl Ledger {
         Ok(())
     }
 
+    /// The log's verifiable random function for `input`, with its proof.
+    pub fn vrf(&self, input: &Digest) -> VrfProof {
+        VrfProof::of(&self.key, &input.0)
+    }
+
     /// The state after the last entry.
     pub fn state(&self) -> &State {
         &self.state
@@ -306,8 +312,7 @@ impl Ledger {
         self.receipt_at(self.tree.size(), index)
     }
 
-    /// The receipt that [`Ledger::append`] gave for entry `index`. Its checkpoint is the first that covers the entry. A challenge follows from
-    /// that one.
+    /// The receipt that [`Ledger::append`] gave for entry `index`. Its checkpoint is the first that covers the entry.
     pub fn first_receipt(&self, index: u64) -> Result<Receipt, LedgerError> {
         let missing = || LedgerError::NoEntry(index);
         let after = index.checked_add(1).ok_or_else(missing)?;

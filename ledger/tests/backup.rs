@@ -40,7 +40,7 @@ fn a_backup_of_a_running_ledger_is_the_whole_of_it_and_can_be_brought_up_to_date
     let (dir, saved, again) = (at("ledger"), at("backup"), at("again"));
     let mut ledger = running(&dir);
     let done = backup(&dir, &saved).unwrap();
-    assert_eq!((done.entries, done.new_entries), (17, 17));
+    assert_eq!((done.entries, done.new_entries), (19, 19));
     assert_eq!(done.new_blobs, 1, "the private one");
     assert_eq!(verified(&saved), verified(&dir));
     ledger
@@ -50,7 +50,7 @@ fn a_backup_of_a_running_ledger_is_the_whole_of_it_and_can_be_brought_up_to_date
     let done = backup(&dir, &saved).unwrap();
     assert_eq!(
         (done.entries, done.new_entries, done.new_blobs),
-        (38, 21, 0)
+        (40, 21, 0)
     );
     assert_eq!(backup(&dir, &saved).unwrap().new_entries, 0);
     let checkpoint = ledger.checkpoint().to_vec();
@@ -59,7 +59,7 @@ fn a_backup_of_a_running_ledger_is_the_whole_of_it_and_can_be_brought_up_to_date
     fs::remove_dir_all(&dir).unwrap();
 
     let done = restore(&saved, &again, None, std::slice::from_ref(&checkpoint)).unwrap();
-    assert_eq!((done.entries, done.new_blobs), (38, 1));
+    assert_eq!((done.entries, done.new_blobs), (40, 1));
     let mut ledger = Ledger::open(&again, Some(&done.network), log_key()).unwrap();
     assert_eq!(ledger.state(), &state);
     assert_eq!(ledger.checkpoint(), checkpoint);
@@ -87,8 +87,8 @@ fn a_backup_older_than_a_known_checkpoint_is_not_restored() {
     let after = ledger.checkpoint().to_vec();
     match restore(&saved, &again, None, &[before.clone(), after.clone()]) {
         Err(BackupError::Older {
-            held: 17,
-            signed: 18,
+            held: 19,
+            signed: 20,
             ..
         }) => {}
         other => panic!("{other:?}"),
@@ -119,7 +119,7 @@ fn a_backup_with_another_history_than_a_known_checkpoint_is_not_restored() {
     assert!(
         matches!(
             forked,
-            Err(BackupError::Ledger(LedgerError::Forked { size: 18, .. }))
+            Err(BackupError::Ledger(LedgerError::Forked { size: 20, .. }))
         ),
         "{forked:?}"
     );
@@ -140,7 +140,7 @@ fn a_backup_with_another_history_than_a_known_checkpoint_is_not_restored() {
         matches!(
             onto,
             Err(BackupError::Mirror(MirrorError::Published(
-                zk0_ledger::published::reader::PublishedError::Forked { size: 18, .. }
+                zk0_ledger::published::reader::PublishedError::Forked { size: 20, .. }
             )))
         ),
         "{onto:?}"
@@ -213,7 +213,7 @@ fn a_damaged_backup_is_not_restored_and_what_is_begun_is_gone_on_with() {
     assert!(!again.exists(), "not before all of it is there");
     fs::write(&blob, whole).unwrap();
     let done = restore(&saved, &again, None, &known).unwrap();
-    assert_eq!((done.entries, done.new_entries), (17, 0), "they were there");
+    assert_eq!((done.entries, done.new_entries), (19, 0), "they were there");
     verified(&again);
 
     // This entry differs from the one in the signed tree.

@@ -11,14 +11,14 @@ use proptest::prelude::*;
 use rocksdb::DB;
 use std::collections::BTreeSet;
 use std::path::Path;
-use zk0_circuits::claim::challenge::challenge;
 use zk0_circuits::NodeId;
 use zk0_ledger::published::mirror::{mirror, MirrorError};
 use zk0_ledger::published::tiles;
 use zk0_ledger::replay::{replay, Verdict};
 use zk0_ledger::store::Store;
 use zk0_ledger::{Ledger, LedgerError, Report};
-use zk0_protocol::entries::entry::{needs_checkpoint, DisputeResolved};
+use zk0_protocol::challenge::drawing::Drawing;
+use zk0_protocol::entries::entry::{needs_checkpoint, DisputeResolved, RandomnessDrawn};
 use zk0_protocol::entries::member::NodeEnrolled;
 use zk0_protocol::entries::proposal::{Action, Ballot};
 use zk0_protocol::entries::signed::{Dispute, Evidence, KeyRotation, KeyTakeover};
@@ -148,41 +148,37 @@ fn a_group_with_a_refused_entry_leaves_no_trace() {
     assert_eq!(ledger.state(), &state);
 }
 
-/// Makes a ledger with one group that has commitments in its midst.
-fn with_commitments(dir: &Path) -> Ledger {
+/// Makes a ledger with one group in whose midst commitments close.
+fn with_closing(dir: &Path) -> Ledger {
     let mut ledger = founded(dir);
     ledger.append_all(T0, joining(0..3)).unwrap();
     let opening = Body::RoundOpened(opened(ledger.state(), T0));
     ledger.append(T0, opening).unwrap();
-    let state = ledger.state().clone();
-    let commit = |node: u8| committed(&state, node, weights(0x10 + node));
-    let group = vec![
-        enrolled(7),
-        commit(0),
-        commit(1),
-        enrolled(8),
-        commit(2),
-        enrolled(9),
-    ];
+    let mut state = ledger.state().clone();
+    let mut group = vec![enrolled(7)];
+    for node in 0..3 {
+        let commit = committed(&state, node, weights(0x10 + node));
+        state.apply(&digest(0), &entry(T0, commit.clone())).unwrap();
+        group.push(commit);
+    }
+    let closing = Body::CommitmentsClosed(commitments_closed(&state));
+    group.extend([closing, enrolled(8), enrolled(9)]);
     ledger.append_all(T0, group).unwrap();
     ledger
 }
 
 #[test]
-fn each_commitment_in_a_group_has_the_checkpoint_that_its_challenge_follows_from() {
+fn a_closing_in_a_group_has_the_checkpoint_that_witnesses_cosign() {
     let dir = tempfile::tempdir().unwrap();
-    let ledger = with_commitments(dir.path());
+    let ledger = with_closing(dir.path());
     let state = ledger.state().clone();
-    for (node, index) in [(0, 9), (1, 10), (2, 12)] {
-        let receipt = ledger.first_receipt(index).unwrap();
-        let (checkpoint, _) = receipt.verify(&genesis().log_key, ORIGIN).unwrap();
-        assert_eq!(checkpoint.size, index + 1);
-        let commit = &state.round().unwrap().commits[&id(node)];
-        let expected = challenge(state.network(), 0, &id(node), index, &checkpoint.root);
-        assert_eq!((commit.entry, commit.challenge), (index, expected));
-    }
+    let closing = state.round().unwrap().closing.unwrap();
+    assert_eq!(closing.entry, 12);
+    let receipt = ledger.first_receipt(closing.entry).unwrap();
+    let (checkpoint, _) = receipt.verify(&genesis().log_key, ORIGIN).unwrap();
+    assert_eq!((checkpoint.size, checkpoint.root), (13, closing.root));
     drop(ledger);
-    assert_eq!(checkpoints(dir.path()), [1, 7, 8, 10, 11, 13, 14]);
+    assert_eq!(checkpoints(dir.path()), [1, 7, 8, 13, 15]);
     verified(dir.path());
     let ledger = Ledger::open(dir.path(), None, log_key()).unwrap();
     assert_eq!(ledger.state(), &state);
@@ -191,8 +187,8 @@ fn each_commitment_in_a_group_has_the_checkpoint_that_its_challenge_follows_from
 #[test]
 fn a_checkpoint_that_something_depends_on_may_not_be_missing() {
     let dir = tempfile::tempdir().unwrap();
-    drop(with_commitments(dir.path()));
-    for size in [10u64, 11, 13, 14] {
+    drop(with_closing(dir.path()));
+    for size in [13u64, 15] {
         let copied = tempfile::tempdir().unwrap();
         copy(dir.path(), copied.path());
         let db = DB::open_default(copied.path().join("log")).unwrap();
@@ -215,14 +211,14 @@ fn a_checkpoint_that_something_depends_on_may_not_be_missing() {
     db.delete([&b"c"[..], &7u64.to_be_bytes()].concat())
         .unwrap();
     drop(db);
-    assert_eq!(verified(dir.path()).checkpoints, 6);
+    assert_eq!(verified(dir.path()).checkpoints, 4);
     drop(Ledger::open(dir.path(), None, log_key()).unwrap());
 }
 
 #[test]
 fn any_checkpoint_of_another_tree_keeps_a_ledger_from_opening() {
     let dir = tempfile::tempdir().unwrap();
-    drop(with_commitments(dir.path()));
+    drop(with_closing(dir.path()));
     let forged = |size: u64, root: u8| {
         zk0_protocol::Checkpoint {
             size,
@@ -320,6 +316,10 @@ fn nothing_follows_from_a_root_that_is_not_signed() {
             let body = committed(&chain.state, node, weights(0x10 + node));
             step(chain, &mut kinds, body);
         }
+        let closing = Body::CommitmentsClosed(commitments_closed(&chain.state));
+        step(chain, &mut kinds, closing);
+        let drawing = Body::RandomnessDrawn(drawn(&chain.state));
+        step(chain, &mut kinds, drawing);
         let accepting = chain.state.entries();
         for (at, &node) in contributing.iter().enumerate() {
             let body = match at {
@@ -365,10 +365,10 @@ fn nothing_follows_from_a_root_that_is_not_signed() {
         let outcome = chain.state.outcome(0, chain.time_ms + 1).unwrap();
         step(chain, &mut kinds, settled(0, outcome));
     }
-    // All kinds of entries but the genesis are tried.
-    let last = borsh::to_vec(&Body::DisputeResolved(DisputeResolved {
-        dispute: 0,
-        upheld: None,
+    // All kinds of entries but the genesis are tried. Commitments close and randomness is drawn in each round.
+    let last = borsh::to_vec(&Body::RandomnessDrawn(RandomnessDrawn {
+        round: 0,
+        drawing: Drawing::Witnesses(Vec::new()),
     }));
     let last = last.unwrap()[0];
     assert_eq!(kinds, (1..=last).collect(), "a kind of entry is not tried");
@@ -423,7 +423,7 @@ fn published_with(dir: &Path, change: impl Fn(&mut Vec<Vec<u8>>)) -> Result<Repo
 #[test]
 fn a_mirror_of_groups_is_the_same_ledger_and_insists_on_the_same_checkpoints() {
     let dir = tempfile::tempdir().unwrap();
-    let mut ledger = with_commitments(dir.path());
+    let mut ledger = with_closing(dir.path());
     // The ledger goes beyond the first bundle, and one group lies across the end of that bundle.
     ledger.append_all(T0, strangers(0..300)).unwrap();
     ledger.append_all(T0, strangers(300..310)).unwrap();
@@ -431,7 +431,7 @@ fn a_mirror_of_groups_is_the_same_ledger_and_insists_on_the_same_checkpoints() {
     let original = verified(dir.path());
     assert_eq!(published_with(dir.path(), |_| {}).unwrap(), original);
     let without = |size: usize| published_with(dir.path(), |items| items[size - 1].clear());
-    for size in [10, 11, 13] {
+    for size in [13] {
         match without(size) {
             Err(MirrorError::Checkpoint { index, why }) => {
                 assert_eq!(index, size as u64 - 1);

@@ -63,10 +63,10 @@ fn an_entry_over_the_limit_is_refused_and_the_log_goes_on() {
     let network = *ledger.state().network();
     let endless = DatasetRegistration {
         episodes: (0..3000u32)
-            .map(|episode| {
+            .map(|number| {
                 let mut digest = [0; 32];
-                digest[..4].copy_from_slice(&episode.to_be_bytes());
-                zk0_circuits::Digest(digest)
+                digest[..4].copy_from_slice(&number.to_be_bytes());
+                episode(zk0_circuits::Digest(digest))
             })
             .collect(),
         ..registration(&network, 0)
@@ -151,6 +151,10 @@ fn only_the_submission_that_was_verified_is_not_verified_again() {
         let body = committed(ledger.state(), node, weights(node + 1));
         ledger.append(T0, body).unwrap();
     }
+    let closing = Body::CommitmentsClosed(commitments_closed(ledger.state()));
+    ledger.append(T0, closing).unwrap();
+    let drawing = Body::RandomnessDrawn(drawn(ledger.state()));
+    ledger.append(T0, drawing).unwrap();
     let verified = submission(claim(ledger.state(), 0), 0);
     let mut others = [verified.clone(), submission(claim(ledger.state(), 1), 1)];
     let verified = AuthenticSubmission::of(verified).unwrap();

@@ -2,7 +2,7 @@
 
 mod network;
 
-use network::long::{db_key, Long, ROUND};
+use network::long::{db_key, Long, NODES, ROUND};
 use network::rounds::copy;
 use network::*;
 use rocksdb::DB;
@@ -140,8 +140,9 @@ fn checkpoints_may_be_sparse_but_not_where_something_follows_from_them() {
     let report = replay(dir.path(), None, &mut ());
     assert_eq!(report.verdict, Verdict::Verified, "{:?}", report.findings);
     assert_eq!(report.checkpoints, verified.checkpoints - 1);
-    // The checkpoints after a commitment and after the last entry have to be there.
-    for (missing, index) in [(opened + 2, Some(opened + 1)), (last, None)] {
+    // The checkpoints after the closing of the commitments and after the last entry have to be there.
+    let closing = opened + 1 + u64::from(NODES);
+    for (missing, index) in [(closing + 1, Some(closing)), (last, None)] {
         let text = db.get(db_key(b'c', missing)).unwrap().unwrap();
         db.delete(db_key(b'c', missing)).unwrap();
         let report = replay(dir.path(), None, &mut ());
@@ -247,7 +248,7 @@ fn a_log_that_does_not_continue_what_was_verified_is_named() {
     };
     says(
         &short,
-        "ROLLED BACK: an earlier audit verified 431 entries, but now there are 71",
+        "ROLLED BACK: an earlier audit verified 477 entries, but now there are 77",
     );
     let (fork, other) = (scratch.path().join("fork"), scratch.path().join("other"));
     Long::found(&fork, 1).rounds(30);
@@ -261,11 +262,11 @@ fn a_log_that_does_not_continue_what_was_verified_is_named() {
     // The last checkpoint has to be valid even if there are no new entries.
     drop(long);
     let db = DB::open_default(one.join("log")).unwrap();
-    let text = db.get(db_key(b'c', 431)).unwrap().unwrap();
+    let text = db.get(db_key(b'c', 477)).unwrap().unwrap();
     let mut forged = text.clone();
     let at = forged.len() - 5;
     forged[at] ^= 1;
-    db.put(db_key(b'c', 431), &forged).unwrap();
+    db.put(db_key(b'c', 477), &forged).unwrap();
     fs::write(one.join("checkpoint"), &forged).unwrap();
     says(&one, "");
 }
@@ -334,7 +335,7 @@ fn replay_speed_and_memory() {
     let mut long = Long::found(dir.path(), 0);
     long.rounds(entries.div_ceil(ROUND));
     let size = long.size();
-    let signatures = 8 + (size - 17) / ROUND * (ROUND - 2);
+    let signatures = 8 + (size - 17) / ROUND * (ROUND - 4);
     drop(long);
     let state = zk0_ledger::replay(dir.path(), None, &mut ());
     for threads in [Some(1), None] {

@@ -1,15 +1,14 @@
-//! A node's connection to an aggregator. The node believes nothing that the aggregator says: it knows the network by its id, it demands
-//! a receipt for whatever is recorded, and it derives the challenge from the receipt's checkpoint.
+//! A node's connection to an aggregator. The node believes nothing that the aggregator says: it knows the network by its id, and it demands
+//! a receipt for whatever is recorded.
 
 use crate::client_error::NodeError;
-use crate::recording::Recording;
 use ed25519_dalek::SigningKey;
 use sha2::{Digest as _, Sha256};
 use std::io::Write;
 use std::time::Duration;
 use tonic::{transport, Code};
-use zk0_circuits::claim::challenge::challenge;
 use zk0_circuits::{Claim, Digest, NodeId, WeightsDigest};
+use zk0_protocol::challenge::closing;
 use zk0_protocol::entries::entry::{Body, Entry, RoundClosed, RoundOpened};
 use zk0_protocol::entries::genesis::Genesis;
 use zk0_protocol::entries::program::Program;
@@ -26,7 +25,7 @@ use zk0_protocol::{Refusal, Rules};
 const CHUNK_BYTES: usize = 64 << 10;
 
 /// Time between two requests while the node waits for a round.
-const POLL: Duration = Duration::from_millis(500);
+pub(crate) const POLL: Duration = Duration::from_millis(500);
 
 /// Largest message that is read. A receipt or a chunk is far smaller.
 const MAX_MESSAGE_BYTES: usize = 4 << 20;
@@ -99,7 +98,7 @@ pub struct OpenRound {
     pub program: Program,
 }
 
-fn unexpected(expected: &str, found: impl Into<String>) -> NodeError {
+pub(crate) fn unexpected(expected: &str, found: impl Into<String>) -> NodeError {
     NodeError::Unexpected {
         expected: expected.into(),
         found: found.into(),
@@ -203,23 +202,19 @@ impl Node {
         }
     }
 
-    /// Puts a dataset on the ledger. A node that was restarted gets the same receipt again.
-    pub async fn register(&mut self, recording: &Recording) -> Result<Receipt, NodeError> {
-        let leaves: Vec<u8> = recording.leaves.iter().flat_map(|leaf| leaf.0).collect();
-        let statement = DatasetRegistration {
-            network: self.network,
-            node: self.id(),
-            dataset: recording.commitment,
-            leaves: Digest(Sha256::digest(&leaves).into()),
-            episodes: recording.episodes.clone(),
-        };
-        let signed = Signed::new(statement, &self.key);
+    /// Puts a dataset on the ledger. `leaves` is the list of drawn frames that the registration names. A node that was restarted gets the same receipt again.
+    pub async fn register(
+        &mut self,
+        registration: DatasetRegistration,
+        leaves: Vec<u8>,
+    ) -> Result<Receipt, NodeError> {
+        let signed = Signed::new(registration, &self.key);
         let request = rpc::RegisterDatasetRequest {
             registration: encode(&signed),
             leaves,
         };
         let receipt = patiently!(self.client.register_dataset(request))?.into_inner();
-        Ok(self.recorded(receipt, Body::DatasetCommitted(signed))?.0)
+        self.recorded(receipt, Body::DatasetCommitted(signed))
     }
 
     /// Waits until `round` is open, and returns its opening. If the round has closed meanwhile, or the rules do not let this node
@@ -255,15 +250,19 @@ impl Node {
         Ok(patiently!(self.client.get_round(request))?.into_inner())
     }
 
+    /// One round, as far as it has come.
+    pub(crate) async fn round_info(&mut self, round: u64) -> Result<rpc::RoundInfo, NodeError> {
+        let request = rpc::GetRoundRequest {
+            round: Some(round),
+            node: Vec::new(),
+        };
+        Ok(patiently!(self.client.get_round(request))?.into_inner())
+    }
+
     /// Waits until `round` is closed, and returns its close.
     pub async fn wait_for_close(&mut self, round: u64) -> Result<RoundClosed, NodeError> {
         loop {
-            let request = rpc::GetRoundRequest {
-                round: Some(round),
-                node: Vec::new(),
-            };
-            let info = patiently!(self.client.get_round(request))?.into_inner();
-            if let Some(closed) = info.closed {
+            if let Some(closed) = self.round_info(round).await?.closed {
                 match self.entry(closed)?.1.body {
                     Body::RoundClosed(closed) if closed.round == round => return Ok(closed),
                     _ => return Err(unexpected("the close of the round", "another entry")),
@@ -295,13 +294,14 @@ impl Node {
         Ok(())
     }
 
-    /// Commits to an uploaded update, and derives the challenge from the checkpoint that covers the commitment. The receipt holds that
-    /// checkpoint.
+    /// Commits to an uploaded update that is to be evaluated on `eval_samples` samples. Returns the digest of the commitment, from which
+    /// the challenge will follow, and the receipt.
     pub async fn commit(
         &mut self,
         round: u64,
         dataset_root: &Digest,
         update: &WeightsDigest,
+        eval_samples: u32,
     ) -> Result<(Digest, Receipt), NodeError> {
         let statement = UpdateCommitment {
             network: self.network,
@@ -309,29 +309,16 @@ impl Node {
             node: self.id(),
             dataset_root: *dataset_root,
             update: *update,
+            eval_samples,
         };
+        let commitment = closing::commitment(&statement);
         let signed = Signed::new(statement, &self.key);
         let request = rpc::CommitRequest {
             commitment: encode(&signed),
         };
         let receipt = patiently!(self.client.commit(request))?.into_inner();
-        let (receipt, checkpoint) = self.recorded(receipt, Body::UpdateCommitted(signed))?;
-        // The checkpoint must be of the tree that ends with the commitment, so that nobody can choose among checkpoints.
-        if checkpoint.size != receipt.index + 1 {
-            let found = format!("one of size {}", checkpoint.size);
-            return Err(unexpected(
-                "the first checkpoint that covers the commitment",
-                found,
-            ));
-        }
-        let challenge = challenge(
-            &self.network,
-            round,
-            &self.id(),
-            receipt.index,
-            &checkpoint.root,
-        );
-        Ok((challenge, receipt))
+        let receipt = self.recorded(receipt, Body::UpdateCommitted(signed))?;
+        Ok((commitment, receipt))
     }
 
     /// Signs a claim and submits it with its proof.
@@ -375,7 +362,7 @@ impl Node {
             body: encode(&body),
         };
         let receipt = patiently!(self.client.record(request))?.into_inner();
-        Ok(self.recorded(receipt, body)?.0.index)
+        Ok(self.recorded(receipt, body)?.index)
     }
 
     /// The rules in force and the open proposals. The proposals come with receipts. The rest is only what the aggregator says; to be
@@ -404,14 +391,10 @@ impl Node {
     }
 
     /// Checks that the entry of the receipt is `body`.
-    fn recorded(
-        &self,
-        receipt: rpc::Receipt,
-        body: Body,
-    ) -> Result<(Receipt, Checkpoint), NodeError> {
-        let (receipt, checkpoint, entry) = self.opened(receipt)?;
+    fn recorded(&self, receipt: rpc::Receipt, body: Body) -> Result<Receipt, NodeError> {
+        let (receipt, _, entry) = self.opened(receipt)?;
         match entry.body == body {
-            true => Ok((receipt, checkpoint)),
+            true => Ok(receipt),
             false => Err(unexpected(
                 "a receipt of what this node signed",
                 "a receipt of another entry",
@@ -424,7 +407,11 @@ impl Node {
         Ok((checkpoint, entry))
     }
 
-    fn opened(&self, receipt: rpc::Receipt) -> Result<(Receipt, Checkpoint, Entry), NodeError> {
+    /// Verifies a receipt, and returns it with its checkpoint and its entry.
+    pub(crate) fn opened(
+        &self,
+        receipt: rpc::Receipt,
+    ) -> Result<(Receipt, Checkpoint, Entry), NodeError> {
         let receipt = Receipt::try_from(receipt)
             .map_err(|error| unexpected("a hash of 32 bytes", format!("{} bytes", error.0)))?;
         let (checkpoint, entry) = receipt.verify(&self.genesis.log_key, self.genesis.origin())?;

@@ -2,6 +2,7 @@
 
 use tonic::{transport, Status};
 use zk0_circuits::Digest;
+use zk0_protocol::challenge::drawing::DrawError;
 use zk0_protocol::entries::codec::EntryError;
 use zk0_protocol::tlog::checkpoint::CheckpointError;
 use zk0_protocol::tlog::receipt::ReceiptError;
@@ -39,6 +40,20 @@ pub enum NodeError {
         expected: String,
         /// What came.
         found: String,
+    },
+    /// The round closed without randomness, so there was no challenge.
+    #[error("round {round} closed without randomness, so nobody could make a claim in it")]
+    NoRandomness {
+        /// The round.
+        round: u64,
+    },
+    /// The randomness of the round does not come from the source that the rules name.
+    #[error("the randomness of round {round} is wrong, so the node makes no claim: {error}")]
+    Randomness {
+        /// The round.
+        round: u64,
+        /// What is wrong with it.
+        error: DrawError,
     },
     /// It sent another blob than the node asked for.
     #[error("blob {asked} has SHA-256 {actual} as the aggregator sent it")]

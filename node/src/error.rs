@@ -27,6 +27,9 @@ pub enum ParticipantError {
     /// A value lies outside the ranges that the round's evaluation can hold.
     #[error("a value does not fit into the network's fixed-point numbers: {0}")]
     Quantise(#[from] zk0_circuits::model::quantise::QuantiseError),
+    /// The round's base weights cannot be read.
+    #[error("the round's base weights: {0}")]
+    Weights(#[from] zk0_weights::WeightsError),
     /// The network's evaluation specification cannot be read.
     #[error("the network's evaluation specification: {0}")]
     Spec(#[from] zk0_circuits::model::spec::SpecError),
@@ -44,6 +47,17 @@ pub enum ParticipantError {
     /// The policy and the evaluation specification are not of the same dimensions.
     #[error("the network's policy and its evaluation specification have different dimensions, so nobody can take part: tell its operator")]
     Dimensions,
+    /// The frames of the evaluation set cannot be drawn.
+    #[error("the evaluation set: {0}")]
+    Frames(DrawError),
+    /// A committed sample is damaged on the disk, and the recording does not give it any more.
+    #[error("{damaged}; and frame {frame} of the recording gives another sample now: put the file or the recording back from a backup")]
+    OtherSample {
+        /// The frame in the recording.
+        frame: usize,
+        /// What is wrong with the file.
+        damaged: String,
+    },
     /// The samples of the challenge cannot be drawn.
     #[error("the challenge: {0}")]
     Draw(#[from] DrawError),

@@ -2,17 +2,21 @@
 //!
 //! A short tour:
 //! - [`participant`]: takes part in a network, round after round; [`error`]: what can end that; [`turn`]: one node's part in one round.
-//! - [`recording`]: the node's data, prepared and committed to; [`samples`]: frames of recordings as samples, through the prefix cache;
+//! - [`recording`]: the node's data, and the evaluation set that it commits to; [`samples`]: frames of recordings as samples, through the prefix cache;
 //!   [`progress`]: how long work reports how far it is.
-//! - [`client`]: the connection to the aggregator; [`client_error`]: why it fails; [`governance`]: proposals, votes, disputes and new
+//! - [`exchanged_weights`]: between the float32 weights that a node trains and the int16 weights that travel.
+//! - [`client`]: the connection to the aggregator; [`challenge`]: waits for the randomness and derives the challenge;
+//!   [`client_error`]: why it fails; [`governance`]: proposals, votes, disputes and new
 //!   keys.
 //! - [`state_files`]: the files that a node keeps; among them [`base_losses`] (the losses that its learning rate follows),
 //!   [`training_history`] and [`receipts`].
 
 pub mod base_losses;
+pub mod challenge;
 pub mod client;
 pub mod client_error;
 pub mod error;
+pub mod exchanged_weights;
 pub mod governance;
 pub mod participant;
 pub mod progress;

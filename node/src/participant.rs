@@ -1,8 +1,9 @@
-//! Takes part in a network: prepares the recording, and then trains, commits, proves and submits in each round.
+//! Takes part in a network: registers the recording, and then trains, commits, proves and submits in each round.
 
 use crate::client::{Decision, Node, OpenRound};
 use crate::client_error::NodeError;
 use crate::error::ParticipantError;
+use crate::recording::evaluation_set::{Commitment, EvaluationSet};
 use crate::recording::Recording;
 use crate::turn::{Entered, Training, Turn};
 use crate::{receipts, state_files};
@@ -11,59 +12,107 @@ use std::io::BufWriter;
 use std::path::PathBuf;
 use zk0_circuits::claim::program::verifying_key;
 use zk0_circuits::model::spec::EvalSpec;
-use zk0_circuits::{Digest, Mode};
+use zk0_circuits::Mode;
 use zk0_files::atomic_file::put_in_place;
 use zk0_protocol::counted::counted;
+use zk0_protocol::entries::entry::MAX_ENTRY_BYTES;
 use zk0_protocol::entries::program::{Program, OUR_SP1};
+use zk0_protocol::entries::round_result::ResultOutcome;
+use zk0_protocol::entries::signed::{DatasetRegistration, Episode};
 use zk0_prover::service::ProvingClient;
+use zk0_smolvla::frames::batch::SampleSource;
 use zk0_smolvla::frames::prefix_cache::DiskCache;
+use zk0_smolvla::frames::sample::PreparedSample;
 use zk0_smolvla::measure::fixed_point::dims;
-use zk0_smolvla::policy::policy_file::{self, PolicyFile};
 use zk0_smolvla::PolicyConfig;
+use zk0_weights::Format;
 
 /// Largest policy file that a node downloads. The published policy takes 1.8 GB.
 pub const MAX_POLICY_BYTES: u64 = 4 << 30;
+
+/// The file in which a node keeps what it has registered.
+const REGISTRATION: &str = "registration";
 
 /// Who takes part, and with what.
 pub struct Participant {
     /// The recording: a LeRobotDataset folder.
     pub dataset: PathBuf,
-    /// Where the node keeps the policy, its salt, its updates, its training histories and its receipts.
+    /// Where the node keeps the policy, its salt, its evaluation set, its updates, its training histories and its receipts.
     pub state: PathBuf,
     /// Where prepared samples are kept when the node ends.
     pub cache: Option<DiskCache>,
+    /// On how many samples each claim is evaluated; `None` for as few as the rules allow.
+    pub eval_samples: Option<u32>,
 }
 
 impl Participant {
-    /// Fetches the network's policy, prepares the recording, and puts its commitment on the ledger.
+    /// Fetches the network's policy, and opens the recording.
     ///
     /// # Errors
-    /// The network proves with another program, the policy does not fit its evaluation specification, or the recording, the
-    /// aggregator or the file system fails.
-    async fn enter(&self, node: &mut Node) -> Result<Entered, ParticipantError> {
+    /// The network proves with another program, or the recording, the aggregator or the file system fails.
+    async fn open(&self, node: &mut Node) -> Result<Recording<'_>, ParticipantError> {
         let program = node.program().await?;
         check_program(node.genesis().mode, program)?;
-        let genesis = node.genesis();
-        let spec = EvalSpec::decode(&genesis.evaluation)?;
-        let blob = genesis.policy;
-        let file = self.policy(node, &blob).await?;
-        let config = file.policy.config.clone();
-        check_dimensions(&config, &spec)?;
-        tracing::info!("preparing the recording {}", self.dataset.display());
-        let recording = self.recording(&file, &spec)?;
-        // The frozen half is not needed any more. At the published size this frees 1.4 GB of memory.
-        drop(file);
-        receipts::keep(&self.state, node.register(&recording).await?)?;
+        let policy = self.policy(node).await?;
+        tracing::info!("opening the recording {}", self.dataset.display());
+        Recording::open(&self.dataset, &policy, self.cache.as_ref())
+    }
+
+    /// Prepares the evaluation set, and puts the commitment to it on the ledger. `samples` are all frames of the recording.
+    ///
+    /// # Errors
+    /// The policy does not fit the network's evaluation specification, or the recording, the aggregator or the file system fails.
+    async fn enter<'a>(
+        &self,
+        node: &mut Node,
+        recording: &'a Recording<'_>,
+        samples: &'a dyn SampleSource<PreparedSample>,
+    ) -> Result<Entered<'a>, ParticipantError> {
+        let spec = EvalSpec::decode(&node.genesis().evaluation)?;
+        check_dimensions(recording.config(), &spec)?;
+        let by = Commitment {
+            network: *node.network(),
+            frames: self.evaluation_frames(node, &recording.episodes()).await?,
+            salt: self.salt()?,
+        };
+        let folder = self.state.join(format!("evaluation-set-{}", spec.digest()));
+        let evaluation = EvaluationSet::prepare(recording, samples, &spec, by, &folder)?;
+        samples.rest();
+        let (registration, list) = evaluation.registration(node.id());
+        let receipt = node.register(registration.clone(), list).await?;
+        receipts::keep(&self.state, receipt)?;
+        let kept = borsh::to_vec(&registration).expect("writing to a Vec cannot fail");
+        state_files::write(&self.state.join(REGISTRATION), &kept)?;
         tracing::info!(
-            "committed to {} samples, root {}",
-            recording.commitment.samples,
-            recording.commitment.root
+            "committed to {} samples of {} frames, root {}",
+            evaluation.commitment.samples,
+            recording.len(),
+            evaluation.commitment.root
         );
         Ok(Entered {
-            config,
-            spec,
-            recording,
+            config: recording.config(),
+            format: Format::new(&spec)?,
+            samples,
+            evaluation,
         })
+    }
+
+    /// How many frames to draw. A recording that is registered already keeps its number. For another one, the rules in force say it.
+    async fn evaluation_frames(
+        &self,
+        node: &mut Node,
+        episodes: &[Episode],
+    ) -> Result<u32, ParticipantError> {
+        let path = self.state.join(REGISTRATION);
+        if let Some(bytes) = state_files::read(&path, MAX_ENTRY_BYTES as u64)? {
+            let kept: DatasetRegistration = borsh::from_slice(&bytes)
+                .map_err(|error| state_files::broken(&path, error.to_string()))?;
+            let whose = (kept.network, kept.node);
+            if whose == (*node.network(), node.id()) && kept.episodes == episodes {
+                return Ok(kept.evaluation_frames);
+            }
+        }
+        Ok(node.governance().await?.rules.evaluation_frames)
     }
 
     /// Takes part in `rounds` rounds. If the update of a round cannot be proven, or is refused, the node goes on with the next round.
@@ -85,7 +134,10 @@ impl Participant {
         rounds: u64,
         mut play: impl AsyncFnMut(&Turn<'_>, &mut Node) -> Result<Decision, ParticipantError>,
     ) -> Result<(), ParticipantError> {
-        let entered = self.enter(node).await?;
+        let recording = self.open(node).await?;
+        let maker = recording.maker();
+        let samples = recording.samples(&maker);
+        let entered = self.enter(node, &recording, &samples).await?;
         let mut next = 0;
         for _ in 0..rounds {
             let OpenRound { opened, program } = node.wait_for_round(next).await?;
@@ -97,6 +149,7 @@ impl Participant {
                 state: &self.state,
                 entered: &entered,
                 opened: &opened,
+                eval_samples: self.eval_samples.unwrap_or(opened.rules.min_eval_samples),
             };
             match play(&turn, node).await.map(|decision| decision.refusal) {
                 Ok(None) => tracing::info!("round {round}: accepted"),
@@ -104,6 +157,9 @@ impl Participant {
                 Err(ParticipantError::Statement(error)) => tracing::warn!(
                     "round {round}: the update cannot be proven and is not submitted: {error}"
                 ),
+                Err(ParticipantError::Node(error @ NodeError::NoRandomness { .. })) => {
+                    tracing::warn!("{error}");
+                }
                 Err(error) => return Err(error),
             }
             let closed = node.wait_for_close(round).await?;
@@ -114,12 +170,27 @@ impl Participant {
                 "contributions were averaged",
             );
             tracing::info!("round {round} has closed, and {averaged}");
+            if let Some(evaluated) = &closed.evaluated {
+                let (before, after) = evaluated.means(entered.format.spec().action);
+                let loss =
+                    |loss: Option<f64>| loss.map_or("overflow".into(), |loss| format!("{loss:.4}"));
+                let losses = format!("{} -> {}", loss(before), loss(after));
+                match evaluated.outcome {
+                    ResultOutcome::Taken => tracing::info!(
+                        "round {round}: the average was taken; loss on the public samples: {losses}"
+                    ),
+                    outcome => tracing::warn!(
+                        "round {round}: {outcome}; loss on the public samples: {losses}; nobody earns credits"
+                    ),
+                }
+            }
         }
         Ok(())
     }
 
-    /// The network's policy. The first start downloads it, and it stays on disk. It may have 1.8 GB, so it is never in memory twice.
-    async fn policy(&self, node: &mut Node, blob: &Digest) -> Result<PolicyFile, ParticipantError> {
+    /// The file of the network's policy. The first start downloads it, and it stays on disk. It may have 1.8 GB.
+    async fn policy(&self, node: &mut Node) -> Result<PathBuf, ParticipantError> {
+        let blob = &node.genesis().policy.clone();
         let path = self.state.join(format!("policy-{blob}.safetensors"));
         if state_files::sha256(&path)? != Some(blob.0) {
             let unfinished = path.with_extension("unfinished");
@@ -132,28 +203,27 @@ impl Participant {
             drop(out);
             put_in_place(&file, &unfinished, &path).map_err(state_files::at(&path))?;
         }
-        Ok(policy_file::load(&path)?)
+        Ok(path)
     }
 
-    /// The prepared recording. Its salt stays the same when the node is started again.
-    fn recording(&self, file: &PolicyFile, spec: &EvalSpec) -> Result<Recording, ParticipantError> {
+    /// The salt of the commitment. It stays the same when the node is started again.
+    fn salt(&self) -> Result<[u8; 32], ParticipantError> {
         let path = self.state.join("salt");
-        let salt = match state_files::read(&path, 32)? {
+        match state_files::read(&path, 32)? {
             Some(bytes) => match <[u8; 32]>::try_from(&bytes[..]) {
-                Ok(salt) => salt,
+                Ok(salt) => Ok(salt),
                 Err(_) => {
                     let why = format!("{} bytes instead of 32", bytes.len());
-                    return Err(ParticipantError::BrokenFile { path, why });
+                    Err(ParticipantError::BrokenFile { path, why })
                 }
             },
             None => {
                 let mut salt = [0; 32];
                 getrandom::fill(&mut salt).map_err(ParticipantError::Random)?;
                 state_files::write(&path, &salt)?;
-                salt
+                Ok(salt)
             }
-        };
-        Recording::prepare(&self.dataset, file, spec, salt, self.cache.as_ref())
+        }
     }
 }
 

@@ -3,25 +3,28 @@
 use crate::base_losses::BaseLosses;
 use crate::client::{Decision, Node};
 use crate::error::ParticipantError;
+use crate::exchanged_weights::Base;
 use crate::progress::{self, Progress};
-use crate::recording::Recording;
+use crate::recording::evaluation_set::EvaluationSet;
 use crate::training_history::TrainingHistory;
 use crate::{receipts, state_files};
-use sha2::{Digest as _, Sha256};
 use std::path::Path;
-use zk0_circuits::model::spec::EvalSpec;
-use zk0_circuits::{Claim, Digest, Terms, WeightsDigest};
+use zk0_circuits::{Claim, Digest, QuantisedWeights, Terms, WeightsDigest};
+use zk0_protocol::blob::blob_digest;
 use zk0_protocol::counted::counted;
 use zk0_protocol::entries::entry::RoundOpened;
 use zk0_protocol::rules::bindings::ExpectedClaim;
 use zk0_prover::program::GuestInput;
 use zk0_prover::rpc;
 use zk0_prover::service::ProvingClient;
-use zk0_smolvla::measure::fixed_point::quantise_weights;
+use zk0_smolvla::frames::batch::SampleSource;
+use zk0_smolvla::frames::sample::PreparedSample;
+use zk0_smolvla::measure::fixed_point::dequantise_weights;
 use zk0_smolvla::train::adaptive::{adapted, Adaptation, Rates};
 use zk0_smolvla::train::measured_loss::loss_of;
-use zk0_smolvla::train::{train, TrainOptions};
+use zk0_smolvla::train::{train_on, Samples, TrainOptions};
 use zk0_smolvla::{ExpertWeights, PolicyConfig};
+use zk0_weights::Format;
 
 /// Local training in each round.
 #[derive(Clone, Copy, Debug)]
@@ -39,13 +42,15 @@ pub struct Training {
 }
 
 /// What a node has prepared before its first round.
-pub struct Entered {
+pub struct Entered<'a> {
     /// The policy's configuration.
-    pub config: PolicyConfig,
-    /// The network's evaluation specification.
-    pub spec: EvalSpec,
-    /// The recording, prepared and committed to.
-    pub recording: Recording,
+    pub config: &'a PolicyConfig,
+    /// How the network's weights look as files.
+    pub format: Format,
+    /// All frames of the recording, for training.
+    pub samples: &'a dyn SampleSource<PreparedSample>,
+    /// The samples that it has committed to, for proving.
+    pub evaluation: EvaluationSet,
 }
 
 /// One node's part in one round.
@@ -53,9 +58,11 @@ pub struct Turn<'a> {
     /// The node's state folder.
     pub state: &'a Path,
     /// What it has prepared.
-    pub entered: &'a Entered,
+    pub entered: &'a Entered<'a>,
     /// The round.
     pub opened: &'a RoundOpened,
+    /// On how many samples the update is to be evaluated.
+    pub eval_samples: u32,
 }
 
 impl Turn<'_> {
@@ -68,25 +75,20 @@ impl Turn<'_> {
     ) -> Result<Decision, ParticipantError> {
         let round = self.opened.round;
         let base = self.base(node).await?;
-        let update = self.train(
-            &base,
-            training,
-            self.rates(training, node.network(), &base)?,
-        )?;
-        let update_file = update.to_safetensors()?;
-        let (quantised_base, quantised) = (
-            quantise_weights(&self.entered.spec, &base)?,
-            quantise_weights(&self.entered.spec, &update)?,
-        );
-        let kept = format!("round-{round}.safetensors");
-        state_files::write(&self.state.join(kept), &update_file)?;
-        let digest = quantised.digest(node.genesis().mode);
-        let expected = self.commit(node, &update_file, digest).await?;
-        let input = self.entered.recording.private_input(
-            &self.entered.spec,
+        let (config, format) = (self.entered.config, &self.entered.format);
+        let rates = self.rates(training, node.network(), &base.weights)?;
+        let trained = self.train(&base.weights, training, rates)?;
+        let update = base.update(format, config, trained)?;
+        // The node keeps the weights that travel, and in the form that LeRobot reads.
+        let kept = self.state.join(format!("round-{round}.safetensors"));
+        let lerobots = dequantise_weights(config, format.spec(), &update)?;
+        state_files::write(&kept, &lerobots.to_safetensors()?)?;
+        let expected = self.commit(node, &update).await?;
+        let input = self.entered.evaluation.private_input(
+            self.entered.samples,
             &expected,
-            quantised_base,
-            quantised,
+            base.quantised,
+            update,
         )?;
         // This check takes a second. Without it, a claim that does not hold would cost minutes of proving.
         let (claim, input) = GuestInput::of(node.genesis().mode, &input)?;
@@ -97,40 +99,42 @@ impl Turn<'_> {
             proof.proving_ms / 1000,
             proof.proof.len()
         );
-        if let Some((before, after)) = claim.losses.means(&self.entered.spec) {
+        if let Some((before, after)) = claim.losses.means(format.spec()) {
             tracing::info!("round {round}: the node submits the claim that the loss fell from {before:.4} to {after:.4}");
         }
         self.submit(node, claim, proof.proof).await
     }
 
     /// Downloads the weights that the round starts from.
-    pub async fn base(&self, node: &mut Node) -> Result<ExpertWeights, ParticipantError> {
-        let limit = self.opened.rules.max_base_bytes();
+    pub async fn base(&self, node: &mut Node) -> Result<Base, ParticipantError> {
+        let limit = self.opened.rules.max_update_bytes;
         let file = node.download(&self.opened.base.blob, limit).await?;
-        Ok(ExpertWeights::from_safetensors(
-            &self.entered.config,
-            &file,
-        )?)
+        Base::read(&self.entered.format, self.entered.config, &file)
     }
 
-    /// Uploads an update, whose digest in fixed point is `quantised`, and commits to it. Returns what the ledger determines of the claim.
+    /// Uploads an update, commits to it, and waits for its challenge. Returns what the ledger determines of the claim.
     pub async fn commit(
         &self,
         node: &mut Node,
-        update: &[u8],
-        quantised: Digest,
+        update: &QuantisedWeights,
     ) -> Result<ExpectedClaim, ParticipantError> {
         let (round, rules) = (self.opened.round, &self.opened.rules);
-        let dataset = self.entered.recording.commitment;
+        let dataset = self.entered.evaluation.commitment;
+        let file = self.entered.format.write(update);
         let update_digest = WeightsDigest {
-            blob: Digest(Sha256::digest(update).into()),
-            quantised,
+            blob: blob_digest(&file),
+            quantised: update.digest(node.genesis().mode),
         };
-        node.upload(round, update).await?;
-        let (challenge, receipt) = node.commit(round, &dataset.root, &update_digest).await?;
+        node.upload(round, &file).await?;
+        let (commitment, receipt) = node
+            .commit(round, &dataset.root, &update_digest, self.eval_samples)
+            .await?;
         receipts::keep(self.state, receipt)?;
         let blob = update_digest.blob;
-        tracing::info!("round {round}: committed to update {blob}, challenge {challenge}");
+        tracing::info!("round {round}: committed to update {blob}; waiting for the randomness");
+        let (challenge, receipt) = node.wait_for_challenge(self.opened, &commitment).await?;
+        receipts::keep(self.state, receipt)?;
+        tracing::info!("round {round}: the challenge is {challenge}");
         Ok(ExpectedClaim {
             terms: Terms {
                 network: *node.network(),
@@ -141,8 +145,8 @@ impl Turn<'_> {
                 base: self.opened.base,
                 update: update_digest,
                 challenge,
-                eval_samples: rules.eval_samples,
-                min_improvement_bps: rules.min_improvement_bps,
+                eval_samples: self.eval_samples,
+                test: rules.test(),
             },
             disclosure: rules.disclosure,
         })
@@ -175,16 +179,13 @@ impl Turn<'_> {
         if !training.adaptation.is_wanted() {
             return Ok(start);
         }
-        let dataset = self.entered.recording.commitment.root;
+        let dataset = self.entered.evaluation.commitment.root;
         let kept = BaseLosses::at(self.state, *network, dataset);
-        // Samples, noise and times are the same in every round.
+        // Samples, noise and times are the same in every round. A recording may have too many frames to measure on all of them.
         let measure = || {
-            Ok(loss_of(
-                &self.entered.config,
-                base,
-                &self.entered.recording.samples,
-                0,
-            )?)
+            let drawn = self.entered.evaluation.drawn(self.entered.samples);
+            let loss = loss_of(self.entered.config, base, Samples::Prepared(&drawn), 0)?;
+            Ok(loss)
         };
         let losses = kept.up_to(round, &self.opened.base.blob, measure)?;
         let adapted = adapted(start, training.adaptation, &losses)?;
@@ -210,15 +211,17 @@ impl Turn<'_> {
         let steps = counted(training.steps as u64, "step", "steps");
         tracing::info!("round {round}: training {steps}");
         let mut progress = Progress::start("training", training.steps as u64);
-        let trained = train(
-            &self.entered.config,
+        let trained = train_on(
+            self.entered.config,
             base,
-            &self.entered.recording.samples,
+            Samples::Prepared(self.entered.samples),
             &options,
             &mut |step| {
                 progress.reached(step.step as u64);
             },
         )?;
+        // Nothing needs the frozen half of the policy until the next round. It takes gigabytes.
+        self.entered.samples.rest();
         let history = TrainingHistory {
             round,
             losses: trained.losses,

@@ -10,6 +10,8 @@
 //! - [`rules`]: the rules of a network ([`rules::network_rules`]) and how they change ([`rules::governance`]); the state of a network
 //!   after its entries so far ([`rules::state`]); which entry may come next and what it changes ([`rules::apply`], a pure function);
 //!   which fields of a claim the ledger determines ([`rules::bindings`]).
+//! - [`challenge`]: where the randomness of challenges comes from, and how it is verified.
+//! - [`evaluation_set`]: which frames of a recording a node commits to.
 //! - [`tlog`]: RFC 6962 trees, C2SP checkpoints, cosignatures, tiles, receipts.
 //! - [`blob`]: bytes that are named by their SHA-256.
 //! - [`public_key`]: how ed25519 public keys are read; [`quote`]: how messages quote what a stranger wrote; [`counted`]: numbers of
@@ -17,8 +19,10 @@
 //! - `rpc`, with the feature `rpc`: the generated gRPC messages, and the conversions between them and the types above.
 
 pub mod blob;
+pub mod challenge;
 pub mod counted;
 pub mod entries;
+pub mod evaluation_set;
 pub mod public_key;
 pub mod quote;
 #[cfg(feature = "rpc")]

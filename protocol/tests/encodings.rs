@@ -67,6 +67,14 @@ fn entries() {
         "entries/round-closed",
         Body::RoundClosed(closed(&state, weights(0x50))),
     );
+    check_entry(
+        "entries/commitments-closed",
+        Body::CommitmentsClosed(commitments_closed(&state)),
+    );
+    check_entry(
+        "entries/randomness-drawn",
+        Body::RandomnessDrawn(drawn(&state)),
+    );
 }
 
 #[test]

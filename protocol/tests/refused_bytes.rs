@@ -17,7 +17,8 @@ fn unknown_versions_kinds_and_bytes_that_are_no_text_are_each_named() {
         bytes[at] = byte;
         Entry::decode(&bytes).unwrap_err()
     };
-    assert_eq!(with(0, 2), EntryError::UnknownVersion(2));
+    let next = ENTRY_VERSION + 1;
+    assert_eq!(with(0, next as u8), EntryError::UnknownVersion(next));
     assert_eq!(with(1, 1), EntryError::UnknownVersion(256 + ENTRY_VERSION));
     let malformed = |error: EntryError, words: &str| match error {
         EntryError::Malformed(text) => assert!(text.contains(words), "{text}"),

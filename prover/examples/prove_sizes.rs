@@ -49,7 +49,7 @@ async fn main() -> Result<(), Box<dyn Error>> {
     let setup = begin.elapsed();
     for (model, dims, mode) in work {
         eprintln!("zk0, mode {mode}: {model}");
-        let private = synthetic::private_input(&EvalSpec::new(dims), 1, 1)?;
+        let private = synthetic::private_input(&EvalSpec::new(dims), 2, 1)?;
         let (_, input) = GuestInput::of(mode, &private)?;
         let run = executor.execute(elf(mode), &input.buffers).await?;
         // In mode `checked`, the verifier also projects both sets of weights.

@@ -39,7 +39,7 @@ async fn guest_and_host_give_the_same_claim() {
     let executor = Executor::new().await.unwrap();
     let micro = EvalSpec::micro();
     let cases = (1..=6)
-        .map(|seed| (&micro, 1 + seed as u32 % 4, seed))
+        .map(|seed| (&micro, 2 + seed as u32 % 4, seed))
         .collect::<Vec<_>>();
     let other = EvalSpec::new(OTHER);
     for (spec, samples, seed) in [&cases[..], &[(&other, 2, 7), (&other, 3, 8)]].concat() {
@@ -76,10 +76,10 @@ fn cheats() -> Vec<(&'static str, fn(&mut PrivateInput))> {
             std::mem::swap(&mut input.base, &mut input.update)
         }),
         ("more improvement than there is", |input| {
-            input.header.terms.min_improvement_bps = 9_999
+            input.header.terms.test.min_improvement_bps = 9_999
         }),
         ("improvement beyond everything", |input| {
-            input.header.terms.min_improvement_bps = u32::MAX
+            input.header.terms.test.min_improvement_bps = u32::MAX
         }),
         ("an easier sample", |input| {
             input.openings[0] = input.openings[1].clone()
@@ -188,7 +188,7 @@ async fn the_checked_guest_refuses_what_the_host_refuses_for_the_same_reason() {
 #[tokio::test]
 async fn the_guest_refuses_buffers_that_are_not_a_private_input() {
     let executor = Executor::new().await.unwrap();
-    let honest = synthetic::private_input(&EvalSpec::micro(), 1, 12)
+    let honest = synthetic::private_input(&EvalSpec::micro(), 2, 12)
         .unwrap()
         .to_buffers();
     for buffer in 0..honest.len() {

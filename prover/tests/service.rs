@@ -41,7 +41,7 @@ impl Backend for Fake {
         match input.buffers.first() {
             None => Err(GuestInputError::Unreadable(InputError::Header).into()),
             Some(first) if first == b"false" => {
-                Err(GuestInputError::Statement(StatementError::NoElements).into())
+                Err(GuestInputError::Statement(StatementError::Salt).into())
             }
             Some(first) => Ok(Execution {
                 public_values: first.clone(),
@@ -132,8 +132,7 @@ async fn a_false_claim_is_told_at_once_and_never_reaches_the_prover() {
     let service = service(4, 0).await;
     let (code, reason) = refusal(service.prove("false").await);
     assert_eq!(code, tonic::Code::FailedPrecondition);
-    let expected =
-        "the claim does not hold: every frame of the drawn samples is padding: there is no loss";
+    let expected = "the claim does not hold: the salt is not the one committed with the dataset";
     assert_eq!(reason, expected);
     assert_eq!(service.most_at_once.load(Ordering::SeqCst), 0);
 }

@@ -34,7 +34,7 @@ pub enum TensorError {
     Dtype {
         name: String,
         found: String,
-        accepted: &'static str,
+        accepted: String,
     },
     /// A tensor has another shape.
     #[error("tensor '{name}' has shape {found:?}, expected {expected:?}")]

@@ -16,7 +16,7 @@ pub fn check_readable(name: &str, dtype: Dtype) -> Result<usize> {
         _ => Err(TensorError::Dtype {
             name: name.into(),
             found: dtype.to_string(),
-            accepted: "F32, F16 or BF16",
+            accepted: "F32, F16 or BF16".into(),
         }),
     }
 }

@@ -107,22 +107,47 @@ impl<R: ReadAt> TensorFile<R> {
     /// # Errors
     /// [`TensorError::Missing`], [`TensorError::Dtype`], [`TensorError::Shape`], or [`TensorError::Io`].
     pub fn read_f32(&self, name: &str, shape: &[usize]) -> Result<TensorData> {
+        self.check(name, Dtype::F32, shape)?;
+        self.read(name)
+    }
+
+    /// The numbers of a tensor that must be I16 and of this shape, row-major.
+    ///
+    /// # Errors
+    /// [`TensorError::Missing`], [`TensorError::Dtype`], [`TensorError::Shape`], or [`TensorError::Io`].
+    pub fn read_i16(&self, name: &str, shape: &[usize]) -> Result<Vec<i16>> {
+        self.check(name, Dtype::I16, shape)?;
+        let (start, end) = self.find(name)?.data_offsets;
+        let mut values = Vec::with_capacity((end - start) / 2);
+        for block in self.blocks(name)? {
+            let pairs = block?;
+            let pairs = pairs.chunks_exact(2);
+            values.extend(pairs.map(|pair| i16::from_le_bytes([pair[0], pair[1]])));
+        }
+        Ok(values)
+    }
+
+    /// Checks that a tensor is there, of this type and shape.
+    ///
+    /// # Errors
+    /// [`TensorError::Missing`], [`TensorError::Dtype`], or [`TensorError::Shape`].
+    pub fn check(&self, name: &str, dtype: Dtype, shape: &[usize]) -> Result<()> {
         let info = self.find(name)?;
-        if info.dtype != Dtype::F32 {
+        if info.dtype != dtype {
             return Err(TensorError::Dtype {
                 name: name.into(),
                 found: info.dtype.to_string(),
-                accepted: "F32",
+                accepted: dtype.to_string(),
             });
         }
-        if info.shape != shape {
-            return Err(TensorError::Shape {
+        match info.shape == shape {
+            true => Ok(()),
+            false => Err(TensorError::Shape {
                 name: name.into(),
-                expected: shape.to_vec(),
                 found: info.shape.clone(),
-            });
+                expected: shape.to_vec(),
+            }),
         }
-        self.read(name)
     }
 
     /// The tensors of a file that must hold exactly those of `layout`, in F32 and finite. Those named in `ignored` may be there too.

@@ -1,10 +1,13 @@
 //! Tests of the whole system. The tests of one crate are in that crate; those of the binary are in `cli/tests`.
 //!
 //! - `structure`: the crates depend on one another as the map says, and an auditor's build stays light.
+//! - `targets`: what runs in browsers and in the guest compiles for these targets.
+//! - `deletions`: checks are removed from a copy of the sources, and tests have to fail.
 //! - `verifier_attacks`: a contribution with a real proof, in which one thing at a time is changed.
+//! - `averages`: the result of a real round, and another one in its place.
 //! - `ledger_tampering`: the replay of a real ledger, in which one byte at a time is changed.
 //!
-//! All but the first work on `fixtures/ledger`, a ledger that a demo left. `make fixtures` makes it again.
+//! The last three work on `fixtures/ledger`, a ledger that a demo left. `make fixtures` makes it again.
 
 use std::fs;
 use std::path::{Path, PathBuf};

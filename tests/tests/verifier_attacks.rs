@@ -1,6 +1,7 @@
 //! A contribution with a real SP1 proof is accepted. With one thing changed, it is refused for the reason that belongs to the change.
 
 use ed25519_dalek::SigningKey;
+use zk0_circuits::claim::student::Confidence;
 use zk0_circuits::{Claim, Digest, Losses};
 use zk0_protocol::entries::program::{Program, FOUNDING_SP1, OUR_SP1};
 use zk0_protocol::entries::signed::Signed;
@@ -319,12 +320,13 @@ fn other_weights_than_those_committed_are_refused() {
 }
 
 #[test]
-fn weights_that_quantise_to_something_else_are_refused() {
+fn other_weights_than_those_proven_are_refused() {
     let real = real();
     let claim = &real.contribution.submission.statement.claim;
     let mut update = real.contribution.weights.update.clone();
-    // This flips the second-highest exponent bit of the last value. The number changes and stays finite.
-    *update.last_mut().unwrap() ^= 0x20;
+    // The last value, a bias, changes by one step of its scale.
+    let last = update.len() - 2;
+    update[last] ^= 1;
     let mut digest = claim.terms.update;
     digest.blob = blob_digest(&update);
     let evaluation = zk0_verifier::Evaluation::of(&real.state).unwrap();
@@ -340,7 +342,7 @@ fn weights_that_quantise_to_something_else_are_refused() {
 fn every_field_the_ledger_fixes_is_bound() {
     let real = real();
     let flip = |digest: &mut Digest| digest.0[31] ^= 1;
-    let changes: [(&str, Box<dyn Fn(&mut Claim)>); 10] = [
+    let changes: [(&str, Box<dyn Fn(&mut Claim)>); 11] = [
         (
             "dataset.root",
             Box::new(|claim| flip(&mut claim.terms.dataset.root)),
@@ -375,8 +377,12 @@ fn every_field_the_ledger_fixes_is_bound() {
             Box::new(|claim| claim.terms.eval_samples -= 1),
         ),
         (
-            "min_improvement_bps",
-            Box::new(|claim| claim.terms.min_improvement_bps -= 1),
+            "test.min_improvement_bps",
+            Box::new(|claim| claim.terms.test.min_improvement_bps -= 1),
+        ),
+        (
+            "test.confidence",
+            Box::new(|claim| claim.terms.test.confidence = Confidence::P999),
         ),
     ];
     for (name, change) in changes {

@@ -1,32 +1,31 @@
 //! Measures how long the verifier's half of mode `checked` takes at full size, and how much memory it needs.
 //!
-//! `cargo run --release -p zk0-verifier --example weight_check` writes two sets of random full-size weights (393 MB each) to a
+//! `cargo run --release -p zk0-verifier --example weight_check` writes two sets of random full-size weights (197 MB each) to a
 //! temporary folder, projects both, and prints one JSON line. `peer` is the time that it may take: one second.
 
 use std::error::Error;
 use std::fs::{self, File};
-use std::io::{BufWriter, Write};
 use std::path::Path;
 use std::time::Instant;
-use zk0_circuits::model::layout::expert_tensors;
 use zk0_circuits::model::spec::Dims;
 use zk0_circuits::{Digest, EvalSpec, GuestWeights, WeightCheck};
 use zk0_protocol::Refusal;
 use zk0_verifier::check_projections;
+use zk0_weights::{Format, Tensor, WeightsError};
 
 fn main() -> Result<(), Box<dyn Error>> {
-    let spec = EvalSpec::new(Dims::FULL);
+    let format = Format::new(&EvalSpec::new(Dims::FULL))?;
     let folder = std::env::temp_dir().join(format!("zk0-weight-check-{}", std::process::id()));
     fs::create_dir_all(&folder)?;
-    let result = measure(&spec, &folder);
+    let result = measure(&format, &folder);
     fs::remove_dir_all(&folder)?;
     result
 }
 
-fn measure(spec: &EvalSpec, folder: &Path) -> Result<(), Box<dyn Error>> {
+fn measure(format: &Format, folder: &Path) -> Result<(), Box<dyn Error>> {
     let paths = [folder.join("base"), folder.join("update")];
     for (seed, path) in paths.iter().enumerate() {
-        write(spec, path, seed as u32)?;
+        write(format, path, seed as u32)?;
     }
     let nothing = GuestWeights {
         parameters: Digest::default(),
@@ -41,7 +40,7 @@ fn measure(spec: &EvalSpec, folder: &Path) -> Result<(), Box<dyn Error>> {
     for _ in 0..3 {
         let [base, update] = [File::open(&paths[0])?, File::open(&paths[1])?];
         let begin = Instant::now();
-        match check_projections(spec, &claimed, base, update) {
+        match check_projections(format, &claimed, base, update) {
             // Nobody claimed these weights, so the comparison fails. The comparison comes last, after all the work.
             Err(Refusal::OtherProducts { .. }) => {}
             other => return Err(format!("unexpected: {other:?}").into()),
@@ -61,32 +60,27 @@ fn measure(spec: &EvalSpec, folder: &Path) -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Makes a safetensors file of random weights with the magnitudes of a trained model.
-fn write(spec: &EvalSpec, path: &Path, seed: u32) -> Result<(), Box<dyn Error>> {
-    let tensors = expert_tensors(&spec.dims);
-    let mut at = 0;
-    let entries: Vec<String> = tensors
-        .iter()
-        .map(|tensor| {
-            let (from, to) = (at, at + 4 * tensor.len());
-            at = to;
-            let (name, shape) = (&tensor.name, &tensor.shape);
-            format!(r#""{name}":{{"dtype":"F32","shape":{shape:?},"data_offsets":[{from},{to}]}}"#)
-        })
-        .collect();
-    let mut header = format!("{{{}}}", entries.join(","));
-    header.push_str(&" ".repeat(header.len().next_multiple_of(8) - header.len()));
-    let mut file = BufWriter::new(File::create(path)?);
-    file.write_all(&(header.len() as u64).to_le_bytes())?;
-    file.write_all(header.as_bytes())?;
+/// Makes a file of random weights with the magnitudes of a trained model.
+fn write(format: &Format, path: &Path, seed: u32) -> Result<(), Box<dyn Error>> {
     let mut state = 0x9e37_79b9 ^ seed;
-    for _ in 0..at / 4 {
+    let mut next = || {
         state ^= state << 13;
         state ^= state >> 17;
         state ^= state << 5;
-        let value = state as f32 / u32::MAX as f32 * 0.2 - 0.1;
-        file.write_all(&value.to_le_bytes())?;
-    }
-    file.flush()?;
+        (state % 65_535) as i32 - 32_767
+    };
+    let weights = format.assemble(|index| {
+        let (_, most) = format.limits()[index];
+        let mut values: Vec<i16> = (0..format.tensors()[index].len())
+            .map(|_| next() as i16)
+            .collect();
+        // The largest magnitude fits no finer scale.
+        values[0] = i16::MAX;
+        Ok::<_, WeightsError>(Tensor {
+            values,
+            bits: most.min(18),
+        })
+    })?;
+    fs::write(path, format.write(&weights))?;
     Ok(())
 }

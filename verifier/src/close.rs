@@ -1,7 +1,9 @@
-//! The end of a round: the accepted contributions are combined as the rules say. Where none was accepted, the base weights stay.
+//! The end of a round: the accepted contributions are combined as the rules say, and what they combine to is evaluated on the public
+//! samples. Where none was accepted, or where the result is not taken, the base weights stay.
 
 use crate::combine::contributions::CombineError;
-use crate::combine::strategy::combine;
+use crate::combine::strategy::{combine, Global};
+use crate::result::{evaluate, ResultError, ResultFiles};
 use crate::{Evaluation, VerifiedContribution};
 use zk0_circuits::{Digest, NodeId};
 use zk0_protocol::entries::entry::{Contributor, RoundClosed};
@@ -43,10 +45,26 @@ pub enum CloseError {
     /// The contributions do not combine.
     #[error(transparent)]
     Combine(#[from] CombineError),
+    /// What they combine to cannot be evaluated.
+    #[error("the round's result cannot be evaluated: {0}")]
+    Result(#[from] ResultError),
 }
 
-/// Computes the end of the open round from the state and all contributions that were accepted in it, in any order.
-pub fn close(state: &State, contributions: &[VerifiedContribution]) -> Result<Closing, CloseError> {
+/// Computes the end of the open round from the state, all contributions that were accepted in it, in any order, and the files that the
+/// evaluation of their combination reads ([`ResultFiles::read`]).
+pub fn close(
+    state: &State,
+    contributions: &[VerifiedContribution],
+    files: Option<&ResultFiles>,
+) -> Result<Closing, CloseError> {
+    end(state, combined(state, contributions)?, files)
+}
+
+/// What the accepted contributions of the open round combine to; `None` if there are none.
+pub fn combined(
+    state: &State,
+    contributions: &[VerifiedContribution],
+) -> Result<Option<Global>, CloseError> {
     let round = state.round().ok_or(CloseError::NotOpen)?;
     let contributors = state.contributors();
     let mut given: Vec<_> = contributions
@@ -75,20 +93,44 @@ pub fn close(state: &State, contributions: &[VerifiedContribution]) -> Result<Cl
             });
         }
     }
-    let (global, file) = match contributions {
-        [] => (round.opened.base, None),
-        _ => {
-            let strategy = state.rules().strategy;
-            let global = combine(contributions, strategy, &Evaluation::of(state)?)?;
-            (global.digest, Some(global.file))
-        }
+    if contributions.is_empty() {
+        return Ok(None);
+    }
+    let strategy = state.rules().strategy;
+    let evaluation = Evaluation::of(state)?;
+    let global = combine(contributions, &contributors, strategy, &evaluation)?;
+    Ok(Some(global))
+}
+
+/// Computes the end of the open round, whose accepted contributions combine to `combined`.
+pub fn end(
+    state: &State,
+    combined: Option<Global>,
+    files: Option<&ResultFiles>,
+) -> Result<Closing, CloseError> {
+    let round = state.round().ok_or(CloseError::NotOpen)?;
+    let base = round.opened.base;
+    let mut closed = RoundClosed {
+        round: round.number(),
+        global: base,
+        contributors: state.contributors(),
+        unanswered: state.unanswered(),
+        evaluated: None,
     };
-    Ok(Closing {
-        closed: RoundClosed {
-            round: round.number(),
-            global,
-            contributors,
-        },
-        file,
-    })
+    let Some(result) = combined else {
+        return Ok(Closing { closed, file: None });
+    };
+    closed.evaluated = evaluate(state, &base, &result, files)?;
+    if closed.is_taken() {
+        closed.global = result.digest;
+        return Ok(Closing {
+            closed,
+            file: Some(result.file),
+        });
+    }
+    closed
+        .contributors
+        .iter_mut()
+        .for_each(|one| one.credits = 0);
+    Ok(Closing { closed, file: None })
 }

@@ -2,16 +2,15 @@
 //! [`VerifiedContribution`] of it. Each step takes what the step before it made, so that none is left out and none is done twice.
 
 use crate::contribution_blobs::WeightFiles;
-use crate::norm::check_norm;
 use crate::releases::check_proof_of;
-use crate::update::Evaluation;
-use crate::weights::ExpertTensors;
-use zk0_circuits::{Claim, NodeId};
+use crate::update::{CheckedUpdate, Evaluation};
+use zk0_circuits::{Claim, NodeId, QuantisedWeights};
 use zk0_protocol::blob::Blob;
 use zk0_protocol::entries::authentic::AuthenticSubmission;
 use zk0_protocol::entries::signed::{Signed, Submission};
 use zk0_protocol::rules::state::State;
 use zk0_protocol::Refusal;
+use zk0_weights::Unread;
 
 /// A submission that an enrolled node signed, with the proof that it signed. Only [`authenticate`] makes one:
 ///
@@ -48,23 +47,23 @@ impl AuthenticContribution {
 /// proven. Only [`verify`] makes one:
 ///
 /// ```
-/// use zk0_verifier::{ExpertTensors, VerifiedContribution};
-/// fn read(contribution: &VerifiedContribution) -> (u64, &ExpertTensors) {
-///     (contribution.samples(), contribution.weights())
+/// use zk0_circuits::QuantisedWeights;
+/// use zk0_verifier::VerifiedContribution;
+/// fn read(contribution: &VerifiedContribution) -> (u64, &QuantisedWeights) {
+///     (contribution.claim().terms.round, contribution.weights())
 /// }
 /// ```
 ///
 /// ```compile_fail
-/// use zk0_verifier::{ExpertTensors, VerifiedContribution};
-/// fn forge(claim: zk0_circuits::Claim, weights: ExpertTensors) -> VerifiedContribution {
-///     VerifiedContribution { claim, samples: 1, weights }
+/// use zk0_verifier::{CheckedUpdate, VerifiedContribution};
+/// fn forge(claim: zk0_circuits::Claim, update: CheckedUpdate) -> VerifiedContribution {
+///     VerifiedContribution { claim, update }
 /// }
 /// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct VerifiedContribution {
     claim: Claim,
-    samples: u64,
-    weights: ExpertTensors,
+    update: CheckedUpdate,
 }
 
 impl VerifiedContribution {
@@ -78,14 +77,14 @@ impl VerifiedContribution {
         self.claim.terms.node
     }
 
-    /// Its weight in FedAvg: the number of committed samples, capped by the rules.
-    pub fn samples(&self) -> u64 {
-        self.samples
+    /// The contributed weights.
+    pub fn weights(&self) -> &QuantisedWeights {
+        &self.update.weights
     }
 
-    /// The contributed weights.
-    pub fn weights(&self) -> &ExpertTensors {
-        &self.weights
+    /// What the round's base holds where the evaluation does not read.
+    pub fn unread(&self) -> &Unread {
+        &self.update.unread
     }
 }
 
@@ -119,33 +118,22 @@ pub fn authenticate(
 }
 
 /// Verifies a contribution recorded at `time_ms` on top of `state`, the cheapest check first: the size of the update, what the
-/// ledger fixes (network, round, commitment, one submission a round, every field of the claim, the deadline), the SP1 proof,
-/// the weights and, in mode `checked`, that the products are those with them, and last how far the weights are from the base.
+/// ledger fixes (network, round, commitment, one submission a round, every field of the claim, the deadline), the SP1 proof, and
+/// last the weights ([`Evaluation::check_weights`]).
 pub fn verify(
     contribution: &AuthenticContribution,
     weights: &WeightFiles,
     state: &State,
     time_ms: u64,
 ) -> Result<VerifiedContribution, Refusal> {
-    let WeightFiles { update, base } = weights;
-    check_size("the update", update, state.rules().max_update_bytes)?;
+    let rules = state.rules();
+    check_size("the update", &weights.update, rules.max_update_bytes)?;
     verify_claim(contribution, state, time_ms)?;
     let claim = contribution.claim();
     let evaluation = Evaluation::of(state)?;
-    let weights = evaluation.check_update(update, &claim.terms.update)?;
-    evaluation.check_products(claim, base, update)?;
-    match state.rules().max_update_norm_bps {
-        0 => {}
-        limit => check_norm(&evaluation.read(base)?, &weights, limit)?,
-    }
     Ok(VerifiedContribution {
-        samples: claim
-            .terms
-            .dataset
-            .samples
-            .min(state.rules().max_weight_samples),
+        update: evaluation.check_weights(claim, weights, rules)?,
         claim: claim.clone(),
-        weights,
     })
 }
 

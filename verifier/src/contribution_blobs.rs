@@ -77,7 +77,7 @@ pub fn read_proof<E: Display>(
     read(BlobKind::Proof, &submission.statement.proof, rules, get)
 }
 
-fn read<E: Display>(
+pub(crate) fn read<E: Display>(
     kind: BlobKind,
     digest: &Digest,
     rules: &Rules,
@@ -90,7 +90,8 @@ fn name(kind: &BlobKind) -> &'static str {
     match kind {
         BlobKind::Policy => "the initial policy",
         BlobKind::Weights => "the file of the base weights",
-        BlobKind::Leaves { .. } => "the list of leaves",
+        BlobKind::Leaves { .. } => "the list of drawn frames",
+        BlobKind::PublicSamples => "the file of public samples",
         BlobKind::Update => "the update",
         BlobKind::Proof => "the proof",
     }

@@ -9,12 +9,13 @@
 //! - [`proof`]: the SP1 compressed proof, read from hostile bytes under limits, and verified by SP1's own verifier.
 //! - [`releases`]: which verifier decides about a program's proofs, by the release of SP1.
 //! - [`projection`]: the verifier's half of mode `checked`, computed from the files with the weights.
-//! - [`update`]: the weight check: the uploaded bytes, quantised again, are what was proven.
+//! - [`update`]: the weight check: the uploaded file holds the numbers that were proven, and the base's where nothing is evaluated.
 //! - [`norm`]: how far an update is from the weights that it was trained from.
-//! - [`weights`]: safetensors files of the action expert, read strictly and written canonically.
-//! - [`dataset`]: the list of leaves behind a dataset commitment.
+//! - [`dataset`]: the list of drawn frames behind a dataset commitment.
 //! - [`decide`]: a submission is accepted, rejected with a reason, or turned away.
-//! - [`combine`]: combines contributions to new weights, bit-exact on every machine; [`close`]: the end of a round.
+//! - [`combine`]: combines contributions to new weights, bit-exact on every machine.
+//! - [`public_samples`], [`result`]: the result is evaluated on the network's public samples before it is taken.
+//! - [`close`]: the end of a round.
 
 pub mod close;
 pub mod combine;
@@ -25,9 +26,10 @@ pub mod decide;
 pub mod norm;
 pub mod projection;
 pub mod proof;
+pub mod public_samples;
 pub mod releases;
+pub mod result;
 pub mod update;
-pub mod weights;
 
 pub use contribution::{
     authenticate, verify, verify_claim, AuthenticContribution, VerifiedContribution,
@@ -35,7 +37,7 @@ pub use contribution::{
 pub use contribution_blobs::{Unreadable, UnverifiedContribution, WeightFiles};
 pub use projection::check_projections;
 pub use proof::check_proof;
-pub use update::Evaluation;
-pub use weights::{ExpertTensors, WeightsError};
+pub use result::ResultFiles;
+pub use update::{CheckedUpdate, Evaluation};
 pub use zk0_protocol::blob::blob_digest;
 pub use zk0_protocol::entries::program::ProgramKey;

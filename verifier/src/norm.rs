@@ -1,34 +1,80 @@
 //! How far an update is from the weights that its round started from. The rules can bound that, and so what one contribution can do.
 
-use crate::weights::ExpertTensors;
+use ethnum::U256;
+use zk0_circuits::QuantisedWeights;
 use zk0_protocol::rules::basis_points::BPS;
 use zk0_protocol::Refusal;
+use zk0_tensors::ReadAt;
+use zk0_weights::scale::exact;
+use zk0_weights::{Format, WeightsFile};
 
 /// Refuses an update whose difference from `base` has a Euclidean norm above `limit_bps` basis points of the base's.
 ///
-/// Squares are summed in double precision, tensor by tensor in ascending order of name, so the result is the same on every machine.
-pub fn check_norm(
-    base: &ExpertTensors,
-    update: &ExpertTensors,
+/// All of it is computed in integers, so that the result is the same on every machine. In units of 2^−24 a weight is below 2^39 in
+/// magnitude, so the sum of the squares of up to 2^47 differences fits 128 bits.
+pub fn check_norm<R: ReadAt>(
+    format: &Format,
+    base: &WeightsFile<'_, R>,
+    update: &QuantisedWeights,
     limit_bps: u32,
 ) -> Result<(), Refusal> {
-    let (mut difference, mut norm) = (0f64, 0f64);
-    for (name, _, values) in base.iter() {
-        let updated = update.get(name).unwrap_or_default();
-        for (value, updated) in values.iter().zip(updated) {
-            let (value, updated) = (f64::from(*value), f64::from(*updated));
-            difference += (updated - value) * (updated - value);
-            norm += value * value;
+    let (mut difference, mut norm) = (0u128, 0u128);
+    for index in 0..format.tensors().len() {
+        let before = base
+            .tensor(index)
+            .map_err(|error| Refusal::MalformedUpdate(error.to_string()))?;
+        let (after, bits) = format.tensor(update, index);
+        for (value, updated) in before.values.iter().zip(after) {
+            let (value, updated) = (exact(*value, before.bits), exact(*updated, bits));
+            difference += square(updated - value);
+            norm += square(value);
         }
     }
-    let share = f64::from(limit_bps) / f64::from(BPS);
-    if difference <= share * share * norm {
+    let limit = u64::from(limit_bps);
+    let per_bps = U256::from(u64::from(BPS) * u64::from(BPS));
+    // The squares of both norms, in the same unit.
+    let (difference, norm) = (U256::from(difference) * per_bps, U256::from(norm));
+    if difference <= norm * U256::from(limit * limit) {
         return Ok(());
     }
-    let bps = (difference / norm).sqrt() * f64::from(BPS);
     Err(Refusal::TooFar {
-        // A cast saturates. With a base of zeros the ratio is infinite.
-        bps: bps.ceil() as u64,
-        limit: limit_bps.into(),
+        bps: ratio(difference, norm),
+        limit,
     })
+}
+
+fn square(value: i64) -> u128 {
+    let magnitude = u128::from(value.unsigned_abs());
+    magnitude * magnitude
+}
+
+/// The least integer whose square is at least `difference / norm`. It is the largest `u64` where `norm` is 0.
+fn ratio(difference: U256, norm: U256) -> u64 {
+    let Some(quotient) = (difference + norm)
+        .checked_sub(U256::ONE)
+        .and_then(|sum| sum.checked_div(norm))
+    else {
+        return u64::MAX;
+    };
+    let quotient = u128::try_from(quotient).unwrap_or(u128::MAX);
+    let root = quotient.isqrt();
+    let root = root + u128::from(root * root < quotient);
+    u64::try_from(root).unwrap_or(u64::MAX)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_ratio_is_rounded_up() {
+        let of = |difference: u64, norm: u64| ratio(difference.into(), norm.into());
+        assert_eq!(of(9, 1), 3);
+        assert_eq!(of(10, 1), 4);
+        assert_eq!(of(18, 2), 3);
+        assert_eq!(of(19, 2), 4);
+        assert_eq!(of(1, 1000), 1);
+        assert_eq!(of(1, 0), u64::MAX);
+        assert_eq!(ratio(U256::MAX >> 1, U256::ONE), u64::MAX);
+    }
 }

@@ -1,22 +1,32 @@
-//! The weight check: the bytes that a node uploaded are the weights that its proof is about.
+//! The weight check: the file that a node uploaded holds the weights that its proof is about, and where the evaluation does not read,
+//! those of the round's base.
 
+use crate::contribution_blobs::WeightFiles;
+use crate::norm::check_norm;
 use crate::projection::check_projections;
-use crate::weights::ExpertTensors;
-use zk0_circuits::model::layout::{expert_tensors, TensorSpec};
-use zk0_circuits::model::spec::EvalSpec;
-use zk0_circuits::model::weights::QuantisedWeights;
-use zk0_circuits::{Claim, Mode, WeightsDigest};
+use zk0_circuits::model::spec::{EvalSpec, SpecError};
+use zk0_circuits::{Claim, Digest, Mode, QuantisedWeights, WeightsDigest};
 use zk0_protocol::blob::blob_digest;
 use zk0_protocol::entries::genesis::Genesis;
+use zk0_protocol::rules::network_rules::Rules;
 use zk0_protocol::rules::state::State;
 use zk0_protocol::Refusal;
+use zk0_weights::{Changed, Format, Unread};
 
-/// What a network evaluates. It determines the tensors that the network's weights have.
+/// What a network evaluates. It determines how the network's weights look as a file.
 #[derive(Clone, Debug)]
 pub struct Evaluation {
-    spec: EvalSpec,
     mode: Mode,
-    tensors: Vec<TensorSpec>,
+    format: Format,
+}
+
+/// An update that passed [`Evaluation::check_weights`].
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct CheckedUpdate {
+    /// The weights.
+    pub weights: QuantisedWeights,
+    /// What the round's base holds where the evaluation does not read.
+    pub unread: Unread,
 }
 
 impl Evaluation {
@@ -27,57 +37,85 @@ impl Evaluation {
 
     /// The evaluation that `genesis` fixes.
     pub fn of_genesis(genesis: &Genesis) -> Result<Self, Refusal> {
-        let spec = EvalSpec::decode(&genesis.evaluation)
-            .map_err(|error| Refusal::MalformedUpdate(format!("no rule to read it by: {error}")))?;
-        Ok(Self::new(spec, genesis.mode))
+        EvalSpec::decode(&genesis.evaluation)
+            .and_then(|spec| Self::new(&spec, genesis.mode))
+            .map_err(|error| Refusal::MalformedUpdate(format!("no rule to read it by: {error}")))
     }
 
     /// An evaluation whose products are proven in `mode`.
-    pub fn new(spec: EvalSpec, mode: Mode) -> Self {
-        let tensors = expert_tensors(&spec.dims);
-        Self {
-            spec,
-            mode,
-            tensors,
+    ///
+    /// # Errors
+    /// The specification is not valid.
+    pub fn new(spec: &EvalSpec, mode: Mode) -> Result<Self, SpecError> {
+        let format = Format::new(spec)?;
+        Ok(Self { mode, format })
+    }
+
+    /// The format of files of weights.
+    pub fn format(&self) -> &Format {
+        &self.format
+    }
+
+    /// Reads the weights of a file.
+    pub fn read(&self, file: &[u8]) -> Result<QuantisedWeights, Refusal> {
+        self.format.read(file).map_err(malformed)
+    }
+
+    /// The digest of weights whose file has the bytes `file`.
+    pub fn digest(&self, file: &[u8], weights: &QuantisedWeights) -> WeightsDigest {
+        WeightsDigest {
+            blob: blob_digest(file),
+            quantised: weights.digest(self.mode),
         }
     }
 
-    /// The specification.
-    pub fn spec(&self) -> &EvalSpec {
-        &self.spec
+    /// Checks the weights that `claim` is about: that the files are those of the claim, that the update's numbers are those that were
+    /// evaluated and in mode `checked` multiplied, that they are the base's where the evaluation does not read, and last that they
+    /// are no further from the base than `rules` allow.
+    pub fn check_weights(
+        &self,
+        claim: &Claim,
+        files: &WeightFiles,
+        rules: &Rules,
+    ) -> Result<CheckedUpdate, Refusal> {
+        let WeightFiles { update, base } = files;
+        let weights = self.check_update(update, &claim.terms.update)?;
+        check_blob(base, &claim.terms.base.blob)?;
+        let opened = self.format.open(&base[..]).map_err(malformed)?;
+        let unread = Unread::of(&self.format, &opened).map_err(malformed)?;
+        unread.check(&self.format, &weights).map_err(changed)?;
+        self.check_products(claim, base, update)?;
+        match rules.max_update_norm_bps {
+            0 => {}
+            limit => check_norm(&self.format, &opened, &weights, limit)?,
+        }
+        Ok(CheckedUpdate { weights, unread })
     }
 
-    /// Reads expert weights from a safetensors file.
-    pub fn read(&self, bytes: &[u8]) -> Result<ExpertTensors, Refusal> {
-        ExpertTensors::read(bytes, &self.tensors)
-            .map_err(|error| Refusal::MalformedUpdate(error.to_string()))
-    }
-
-    /// The digest of weights whose file has these `bytes`.
-    pub fn digest(&self, bytes: &[u8], weights: &ExpertTensors) -> Result<WeightsDigest, Refusal> {
-        let quantised = QuantisedWeights::quantise(&self.spec, |name| weights.get(name))
-            .map_err(|error| Refusal::MalformedUpdate(error.to_string()))?;
-        Ok(WeightsDigest {
-            blob: blob_digest(bytes),
-            quantised: quantised.digest(self.mode),
-        })
+    /// Checks that `file` holds the weights that `claimed` names: the digest of the file, and the digest of its numbers.
+    pub fn check_update(
+        &self,
+        file: &[u8],
+        claimed: &WeightsDigest,
+    ) -> Result<QuantisedWeights, Refusal> {
+        check_blob(file, &claimed.blob)?;
+        let weights = self.read(file)?;
+        let actual = weights.digest(self.mode);
+        match actual == claimed.quantised {
+            true => Ok(weights),
+            false => Err(Refusal::OtherWeights {
+                proven: claimed.quantised,
+                actual,
+            }),
+        }
     }
 
     /// Checks, in mode `checked`, that the products behind `claim` are those with the weights in the files `base` (the round's)
     /// and `update`.
-    pub fn check_products(&self, claim: &Claim, base: &[u8], update: &[u8]) -> Result<(), Refusal> {
+    fn check_products(&self, claim: &Claim, base: &[u8], update: &[u8]) -> Result<(), Refusal> {
         match (self.mode, &claim.weight_check) {
             (Mode::Direct, None) => Ok(()),
-            (Mode::Checked, Some(check)) => {
-                let actual = blob_digest(base);
-                if actual != claim.terms.base.blob {
-                    return Err(Refusal::UpdateDigest {
-                        expected: claim.terms.base.blob,
-                        actual,
-                    });
-                }
-                check_projections(&self.spec, check, base, update)
-            }
+            (Mode::Checked, Some(check)) => check_projections(&self.format, check, base, update),
             (mode, check) => Err(Refusal::Binding {
                 field: "weight_check".into(),
                 claimed: if check.is_some() { "some" } else { "none" }.into(),
@@ -85,28 +123,37 @@ impl Evaluation {
             }),
         }
     }
+}
 
-    /// Checks that `bytes` are the weights that `claimed` names: the digest of the file, and the digest of its quantised numbers.
-    pub fn check_update(
-        &self,
-        bytes: &[u8],
-        claimed: &WeightsDigest,
-    ) -> Result<ExpertTensors, Refusal> {
-        let actual = blob_digest(bytes);
-        if actual != claimed.blob {
-            return Err(Refusal::UpdateDigest {
-                expected: claimed.blob,
-                actual,
-            });
-        }
-        let weights = self.read(bytes)?;
-        let actual = self.digest(bytes, &weights)?;
-        if actual.quantised != claimed.quantised {
-            return Err(Refusal::OtherWeights {
-                proven: claimed.quantised,
-                actual: actual.quantised,
-            });
-        }
-        Ok(weights)
+/// Checks that a file is the one that the claim names.
+fn check_blob(file: &[u8], expected: &Digest) -> Result<(), Refusal> {
+    let actual = blob_digest(file);
+    match actual == *expected {
+        true => Ok(()),
+        false => Err(Refusal::UpdateDigest {
+            expected: *expected,
+            actual,
+        }),
+    }
+}
+
+fn malformed(error: impl ToString) -> Refusal {
+    Refusal::MalformedUpdate(error.to_string())
+}
+
+fn changed(changed: Changed) -> Refusal {
+    let Changed {
+        tensor,
+        index,
+        found,
+        expected,
+        bits,
+    } = changed;
+    Refusal::UnreadWeights {
+        tensor,
+        index,
+        found,
+        expected,
+        bits,
     }
 }

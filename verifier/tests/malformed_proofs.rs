@@ -4,6 +4,8 @@
 use proptest::prelude::*;
 use sp1_hypercube::{create_dummy_recursion_proof, SP1VerifyingKey};
 use sp1_verifier::{Groth16Bn254Proof, PlonkBn254Proof, SP1Proof};
+use zk0_circuits::claim::student::Confidence;
+use zk0_circuits::claim::t_test::TTest;
 use zk0_circuits::{
     Claim, DatasetCommitment, Digest, Losses, NodeId, Terms, WeightsDigest, CLAIM_VERSION,
 };
@@ -32,7 +34,10 @@ fn claim() -> Claim {
             update: weights,
             challenge: Digest([9; 32]),
             eval_samples: 4,
-            min_improvement_bps: 100,
+            test: TTest {
+                min_improvement_bps: 100,
+                confidence: Confidence::P95,
+            },
         },
         losses: Losses::Hidden,
         weight_check: None,

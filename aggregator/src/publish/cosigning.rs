@@ -7,6 +7,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 use zk0_circuits::Digest;
 use zk0_ledger::published::web::agent;
+use zk0_protocol::challenge::drawing::Cosignature;
 use zk0_protocol::quote::short;
 use zk0_protocol::tlog::checkpoint::{CheckpointError, Parsed};
 use zk0_protocol::tlog::cosigner;
@@ -44,6 +45,15 @@ pub enum CosigningError {
         wanted: String,
         refused: Vec<String>,
     },
+}
+
+/// A checkpoint that witnesses have cosigned.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Cosigned {
+    /// The checkpoint with its cosignatures, as a note.
+    pub note: Vec<u8>,
+    /// The cosignatures, in the order in which the policy names the witnesses.
+    pub cosignatures: Vec<Cosignature>,
 }
 
 struct Client {
@@ -91,9 +101,28 @@ impl Witnesses {
         2 * self.deadline + Duration::from_secs(1)
     }
 
-    /// Asks for cosignatures of a checkpoint that the log has signed. Returns the checkpoint with all cosignatures that came until
-    /// the quorum was met.
-    pub fn cosign(&self, checkpoint: &[u8], prove: &Prove) -> Result<Vec<u8>, CosigningError> {
+    /// Asks for cosignatures of a checkpoint that the log has signed, until the quorum is met.
+    pub fn cosign(&self, checkpoint: &[u8], prove: &Prove) -> Result<Cosigned, CosigningError> {
+        let quorum = |cosigned: &[bool]| self.policy.met_by(cosigned);
+        self.collect(checkpoint, prove, quorum, self.policy.to_string())
+    }
+
+    /// Asks for the cosignatures of all witnesses.
+    pub fn cosign_all(&self, checkpoint: &[u8], prove: &Prove) -> Result<Cosigned, CosigningError> {
+        let all = |cosigned: &[bool]| cosigned.iter().all(|cosigned| *cosigned);
+        let names = self.policy.witnesses().iter();
+        let names: Vec<_> = names.map(|witness| witness.name.clone()).collect();
+        let wanted = format!("all of ({})", names.join(", "));
+        self.collect(checkpoint, prove, all, wanted)
+    }
+
+    fn collect(
+        &self,
+        checkpoint: &[u8],
+        prove: &Prove,
+        enough: impl Fn(&[bool]) -> bool,
+        wanted: String,
+    ) -> Result<Cosigned, CosigningError> {
         let size = Parsed::read(checkpoint)?.checkpoint.size;
         let until = Instant::now() + self.deadline;
         let (sender, answers) = mpsc::channel();
@@ -113,33 +142,40 @@ impl Witnesses {
         drop(sender);
         let mut note = checkpoint.to_vec();
         let mut cosigned = vec![false; self.clients.len()];
+        let mut cosignatures = vec![None; self.clients.len()];
         let mut refused = Vec::new();
-        while !self.policy.met_by(&cosigned) {
+        while !enough(&cosigned) {
             let left = until.saturating_duration_since(Instant::now());
             let Ok((at, answer)) = answers.recv_timeout(left) else {
                 break;
             };
             match answer {
-                Ok(line) => {
+                Ok((line, cosignature)) => {
                     note.extend(line);
                     cosigned[at] = true;
+                    cosignatures[at] = Some(cosignature);
                 }
                 Err(why) => refused.push(format!("{} {why}", self.clients[at].witness.name)),
             }
         }
-        match self.policy.met_by(&cosigned) {
-            true => Ok(note),
-            false => Err(CosigningError::NoQuorum {
-                wanted: self.policy.to_string(),
-                refused,
+        match enough(&cosigned) {
+            true => Ok(Cosigned {
+                note,
+                cosignatures: cosignatures.into_iter().flatten().collect(),
             }),
+            false => Err(CosigningError::NoQuorum { wanted, refused }),
         }
     }
 }
 
 impl Client {
-    /// Asks for a cosignature; the signature line, or what went wrong.
-    fn ask(&self, checkpoint: &[u8], size: u64, prove: &Prove) -> Result<Vec<u8>, String> {
+    /// Asks for a cosignature. Returns its line in the note and the cosignature itself, or what went wrong.
+    fn ask(
+        &self,
+        checkpoint: &[u8],
+        size: u64,
+        prove: &Prove,
+    ) -> Result<(Vec<u8>, Cosignature), String> {
         let note = Parsed::read(checkpoint)
             .map_err(|error| error.to_string())?
             .note;
@@ -166,10 +202,13 @@ impl Client {
             let text = || String::from_utf8_lossy(&answer).trim().to_owned();
             match status {
                 200 => {
-                    let line = cosigner::find(&answer, &self.witness.key, &note)
+                    let signature = cosigner::find(&answer, &self.witness.key, &note)
                         .ok_or("answered without a valid cosignature of this checkpoint")?;
+                    let cosignature = signature.signature().try_into();
+                    let cosignature =
+                        cosignature.map_err(|_| "answered with a cosignature of another length")?;
                     self.known.store(size, Ordering::Release);
-                    return Ok(line.to_bytes());
+                    return Ok((signature.to_bytes(), cosignature));
                 }
                 // 409 with a number names the size that the witness knows. With a text it says that the witness has cosigned
                 // another tree of this size.

@@ -1,5 +1,7 @@
-//! What the aggregator publishes over HTTP, and the witnesses that it asks for cosignatures.
+//! What the aggregator publishes over HTTP, the witnesses that it asks for cosignatures, and the servers that it asks for
+//! beacons.
 
+pub mod beacon;
 pub mod chosen_witnesses;
 pub mod cosigning;
 pub mod http;

@@ -5,6 +5,7 @@
 //! of it. The disk holds nothing but the ledger, its blobs and the waiting uploads. Everything in memory is computed from them, so
 //! an aggregator that was killed goes on where it was.
 
+use crate::round::awaited_beacon::AwaitedBeacon;
 use crate::round::clock::Clock;
 use crate::round::dispute::verify_again;
 use crate::round::ledger_index::{self, LedgerIndex};
@@ -18,13 +19,17 @@ use zk0_ledger::log::Ledger;
 use zk0_protocol::entries::entry::{Body, DisputeResolved, Entry, ProposalSettled, ENTRY_VERSION};
 use zk0_protocol::entries::genesis::Genesis;
 use zk0_protocol::entries::member::NodeEnrolled;
+use zk0_protocol::entries::round_result::ResultOutcome;
 use zk0_protocol::rules::disclosed_blobs::BlobAccess;
+use zk0_protocol::rules::named_blobs::BlobKind;
+use zk0_protocol::rules::network_rules::Rules;
 use zk0_protocol::rules::state::{Standing, State};
 use zk0_protocol::tlog::receipt::Receipt;
 use zk0_protocol::Refusal;
 use zk0_verifier::close::close;
+use zk0_verifier::public_samples::PublicSampleFile;
 use zk0_verifier::releases::{can_verify, releases};
-use zk0_verifier::{Evaluation, ProgramKey, VerifiedContribution};
+use zk0_verifier::{Evaluation, ProgramKey, ResultFiles, VerifiedContribution};
 
 /// How the operator runs the network.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -42,16 +47,35 @@ pub enum Progress {
     Waiting,
     /// It opened this round.
     Opened(u64),
+    /// It closed the commitments of this round.
+    CommitmentsClosed(u64),
+    /// It drew the randomness of this round.
+    Drawn(u64),
+    /// Nothing: the open round waits for this beacon, which somebody has to fetch and give to [`Aggregator::draw`].
+    NeedsBeacon(AwaitedBeacon),
     /// It closed this round.
     Closed(u64),
     /// It settled this proposal.
     Settled(u64),
     /// It decided the dispute that this entry raised.
     Resolved(u64),
-    /// Nothing: the next round cannot open, for this reason. What members send is still recorded.
+    /// Nothing: the next round cannot open, or the open one cannot close, for this reason. What members send is still recorded.
     Blocked(String),
     /// Nothing: all rounds are done.
     Finished,
+}
+
+/// The receipts of the entries about one round. Each is absent until it is recorded.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct RoundReceipts {
+    /// The round opened.
+    pub opened: Option<Receipt>,
+    /// Its commitments closed.
+    pub commitments_closed: Option<Receipt>,
+    /// Its randomness was drawn.
+    pub randomness: Option<Receipt>,
+    /// It closed.
+    pub closed: Option<Receipt>,
 }
 
 /// The owner of a ledger.
@@ -110,15 +134,12 @@ impl Aggregator {
         self.append(Body::NodeEnrolled(NodeEnrolled { node, name }))
     }
 
-    /// Opens the next round or closes the open one, if it is time to.
+    /// Opens the next round, or takes the open one a step further, if it is time to.
     pub fn step(&mut self) -> Result<Progress, RequestError> {
         let now = self.now_ms();
         let state = self.state();
         if state.round().is_some() {
-            return match state.may_close(now) {
-                true => self.close().map(Progress::Closed),
-                false => Ok(Progress::Waiting),
-            };
+            return self.step_in_round(now);
         }
         if let Some(number) = state.due(now) {
             return self.settle(number, now);
@@ -157,13 +178,30 @@ impl Aggregator {
         if !can_verify(state.program()) {
             return Some(format!("round {round} cannot open: {}", no_verifier(state)));
         }
-        match self.ledger.blobs().contains(&base) {
-            true => None,
-            false => Some(format!(
+        if !self.ledger.blobs().contains(&base) {
+            return Some(format!(
                 "round {round} cannot open: it starts from the weights {base}, and that blob is not in the ledger's folder; put the file back as {}",
                 self.ledger.blobs().path(&base).display()
-            )),
+            ));
         }
+        // A vote can replace samples that cannot be used, but only between rounds.
+        let why = self.check_public_samples(state.rules()).err()?;
+        Some(format!("round {round} cannot open: {why}"))
+    }
+
+    /// Checks that the public samples that `rules` name are at hand, and can be used in this network.
+    pub(super) fn check_public_samples(&self, rules: &Rules) -> Result<(), String> {
+        let Some(rule) = rules.public_samples else {
+            return Ok(());
+        };
+        let blobs = self.ledger.blobs();
+        let limit = BlobKind::PublicSamples.max_bytes(rules);
+        let bytes = blobs.get(&rule.blob, limit).map_err(|error| {
+            format!("the public samples that the rules name cannot be read: {error}; `zk0 aggregator samples` puts such samples into the ledger's folder")
+        })?;
+        let evaluation = Evaluation::of(self.state()).map_err(|error| error.to_string())?;
+        let read = PublicSampleFile::read(evaluation.format().spec(), rule, &bytes);
+        read.map(drop).map_err(|error| error.to_string())
     }
 
     fn settle(&mut self, number: u64, now: u64) -> Result<Progress, RequestError> {
@@ -201,17 +239,33 @@ impl Aggregator {
             .transpose()?)
     }
 
-    fn close(&mut self) -> Result<u64, RequestError> {
-        let closing = close(self.state(), &self.contributions)?;
+    pub(super) fn close(&mut self) -> Result<Progress, RequestError> {
+        let get = |digest: &Digest, limit| self.ledger.blobs().get(digest, limit);
+        let files = match ResultFiles::read(self.state(), get) {
+            Ok(files) => files,
+            // The rules ask for the evaluation, so the round waits for the files.
+            Err(unreadable) => {
+                return Ok(Progress::Blocked(format!(
+                    "the open round cannot close, because its result cannot be evaluated: {unreadable}; put the file back among the blobs in {}",
+                    self.ledger.dir().display()
+                )))
+            }
+        };
+        let closing = close(self.state(), &self.contributions, files.as_ref())?;
         if let Some(file) = &closing.file {
             self.ledger.blobs().put(file)?;
         }
         let (round, contributors) = (closing.closed.round, closing.closed.contributors.len());
+        let outcome = closing.closed.evaluated.as_ref().map(|one| one.outcome);
         self.append(Body::RoundClosed(closing.closed))?;
         self.contributions.clear();
         self.staging.clear()?;
         tracing::info!(round, contributors, "round closed");
-        Ok(round)
+        match outcome {
+            Some(ResultOutcome::Taken) | None => {}
+            Some(outcome) => tracing::warn!(round, "{outcome}"),
+        }
+        Ok(Progress::Closed(round))
     }
 
     /// Whether and where a blob may be read.
@@ -223,18 +277,27 @@ impl Aggregator {
         }
     }
 
-    /// The receipts of a round's opening and, once it is over, of its closing, as far as they are among the first `published`
-    /// entries. `None` asks for the last round.
-    pub fn round(
-        &self,
-        round: Option<u64>,
-        published: u64,
-    ) -> Result<(Option<Receipt>, Option<Receipt>), RequestError> {
-        let Some((opened, closed)) = self.index.round(round, published) else {
-            return Ok((None, None));
+    /// The receipts of the entries about a round, as far as they are among the first `published` entries. `None` asks for the last
+    /// round.
+    pub fn round(&self, round: Option<u64>, published: u64) -> Result<RoundReceipts, RequestError> {
+        let receipt = |index: Option<u64>| {
+            let index = index.filter(|index| *index < published);
+            let receipt = index.map(|index| self.ledger.receipt_at(published, index));
+            receipt.transpose()
         };
-        let receipt = |index| self.ledger.receipt_at(published, index);
-        Ok((Some(receipt(opened)?), closed.map(receipt).transpose()?))
+        let Some(entries) = self.index.round(round, published) else {
+            return Ok(RoundReceipts::default());
+        };
+        Ok(RoundReceipts {
+            opened: receipt(Some(entries.opened))?,
+            // Its checkpoint ends with the entry, as a node needs it to verify cosignatures of the closing.
+            commitments_closed: (entries.commitments_closed)
+                .filter(|index| *index < published)
+                .map(|index| self.ledger.first_receipt(index))
+                .transpose()?,
+            randomness: receipt(entries.randomness)?,
+            closed: receipt(entries.closed)?,
+        })
     }
 
     pub(super) fn check(&self, body: Body) -> Result<(), RequestError> {

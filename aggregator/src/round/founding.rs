@@ -8,7 +8,9 @@ use zk0_circuits::{Digest, EvalSpec, Mode, WeightsDigest};
 use zk0_ledger::blobs::{BlobWriter, Blobs};
 use zk0_ledger::{folder, BlobError, Ledger, LedgerError};
 use zk0_protocol::entries::member::NodeEnrolled;
+use zk0_protocol::rules::closing::public_samples::PublicSamples;
 use zk0_protocol::{Body, Genesis, Rules};
+use zk0_verifier::public_samples::PublicSampleFile;
 
 /// What a network begins with.
 pub struct Founding {
@@ -28,6 +30,8 @@ pub struct Founding {
     pub initial: Vec<u8>,
     /// The digest of these weights in fixed point, under `mode`.
     pub quantised: Digest,
+    /// The file of the public samples that the rules name, if they name some.
+    pub public_samples: Option<Vec<u8>>,
 }
 
 /// Why a network was not founded.
@@ -46,6 +50,14 @@ pub enum FoundingError {
         limit: u64,
         /// What went wrong.
         error: io::Error,
+    },
+    /// The rules name public samples, and the file is not given, or not usable.
+    #[error("the rules name the public samples {blob}, on which the results of rounds are evaluated: {why}")]
+    PublicSamples {
+        /// The file by the rules.
+        blob: Digest,
+        /// What is wrong.
+        why: String,
     },
     /// A node cannot be enrolled.
     #[error("enrolling {name}: {error}")]
@@ -72,6 +84,7 @@ impl Founding {
         write_policy: impl FnOnce(&mut dyn Write) -> io::Result<[u8; 32]>,
     ) -> Result<Ledger, FoundingError> {
         check_free(dir)?;
+        self.check_public_samples()?;
         // The blobs come first, so that no ledger names weights that are not there.
         let blobs = Blobs::at(dir);
         let mut blob = Blob(blobs.writer(limit)?);
@@ -80,6 +93,9 @@ impl Founding {
         drop(out);
         let policy = Digest(written.map_err(|error| FoundingError::Policy { limit, error })?);
         blob.0.finish(&policy)?;
+        if let Some(samples) = &self.public_samples {
+            blobs.put(samples)?;
+        }
         let genesis = Genesis {
             name: self.name,
             log_key: key.verifying_key().to_bytes(),
@@ -96,6 +112,34 @@ impl Founding {
         };
         Ok(Ledger::create(dir, genesis, key, clock.now_ms())?.0)
     }
+
+    /// Checks that the public samples are those that the rules name. Without them, no round could close.
+    fn check_public_samples(&self) -> Result<(), FoundingError> {
+        let Some(rule) = self.rules.public_samples else {
+            return Ok(());
+        };
+        match &self.public_samples {
+            Some(bytes) => check_public_samples(&self.evaluation, &rule, bytes),
+            None => Err(FoundingError::PublicSamples {
+                blob: rule.blob,
+                why: "the file is not given".into(),
+            }),
+        }
+    }
+}
+
+/// Checks that a file holds the public samples that `rule` names, at the dimensions of `spec`.
+pub fn check_public_samples(
+    spec: &EvalSpec,
+    rule: &PublicSamples,
+    bytes: &[u8],
+) -> Result<(), FoundingError> {
+    let read = PublicSampleFile::read(spec, *rule, bytes);
+    read.map(drop)
+        .map_err(|error| FoundingError::PublicSamples {
+            blob: rule.blob,
+            why: error.to_string(),
+        })
 }
 
 /// Checks that `dir` holds no ledger yet.

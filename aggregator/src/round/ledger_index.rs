@@ -19,13 +19,26 @@ use zk0_verifier::VerifiedContribution;
 pub struct LedgerIndex {
     /// Which blobs may be read.
     pub disclosed: DisclosedBlobs,
-    /// The entries that opened and closed each round.
-    rounds: Vec<(u64, Option<u64>)>,
+    /// The entries about each round.
+    rounds: Vec<RoundEntries>,
     /// The entries that recorded proposals, by number.
     proposals: Vec<u64>,
     /// The entries that recorded what members said about the network itself, by the hash of the body: whoever says the same again
     /// gets the same receipt.
     said: BTreeMap<Digest, u64>,
+}
+
+/// The entries about one round.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct RoundEntries {
+    /// The one that opened it.
+    pub opened: u64,
+    /// The one that closed its commitments.
+    pub commitments_closed: Option<u64>,
+    /// The one that drew its randomness.
+    pub randomness: Option<u64>,
+    /// The one that closed it.
+    pub closed: Option<u64>,
 }
 
 fn key(body: &Body) -> Digest {
@@ -38,10 +51,18 @@ impl LedgerIndex {
     pub fn observe(&mut self, index: u64, body: &Body) {
         self.disclosed.observe(body);
         match body {
-            Body::RoundOpened(_) => self.rounds.push((index, None)),
-            Body::RoundClosed(_) => {
-                if let Some((_, closed)) = self.rounds.last_mut() {
-                    *closed = Some(index);
+            Body::RoundOpened(_) => self.rounds.push(RoundEntries {
+                opened: index,
+                ..RoundEntries::default()
+            }),
+            Body::CommitmentsClosed(_) | Body::RandomnessDrawn(_) | Body::RoundClosed(_) => {
+                if let Some(round) = self.rounds.last_mut() {
+                    let place = match body {
+                        Body::CommitmentsClosed(_) => &mut round.commitments_closed,
+                        Body::RandomnessDrawn(_) => &mut round.randomness,
+                        _ => &mut round.closed,
+                    };
+                    *place = Some(index);
                 }
             }
             Body::Proposed(_) => {
@@ -65,14 +86,14 @@ impl LedgerIndex {
         self.proposals.get(usize::try_from(number).ok()?).copied()
     }
 
-    /// The entries that opened and closed a round, or the last one, as far as they are among the first `published`.
-    pub fn round(&self, round: Option<u64>, published: u64) -> Option<(u64, Option<u64>)> {
-        let mut visible = self.rounds.iter().filter(|(opened, _)| *opened < published);
-        let (opened, closed) = match round {
+    /// The entries about a round, or about the last one, if it opened within the first `published` entries.
+    pub fn round(&self, round: Option<u64>, published: u64) -> Option<RoundEntries> {
+        let mut visible = self.rounds.iter().filter(|round| round.opened < published);
+        let found = match round {
             Some(round) => visible.nth(usize::try_from(round).ok()?)?,
             None => visible.next_back()?,
         };
-        Some((*opened, closed.filter(|closed| *closed < published)))
+        Some(*found)
     }
 }
 

@@ -2,8 +2,10 @@
 
 pub mod accepted;
 pub mod aggregator;
+pub mod awaited_beacon;
 pub mod clock;
 pub mod dispute;
+pub mod drawing;
 pub mod founding;
 pub mod ledger_index;
 pub mod recording;

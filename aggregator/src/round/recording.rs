@@ -44,17 +44,23 @@ impl Aggregator {
         if let Some(index) = self.index.said(&body) {
             return Ok(self.ledger.first_receipt(index)?);
         }
+        self.check(body.clone())?;
         self.check_at_hand(&body)?;
         self.append(body)
     }
 
-    /// Refuses a proposal to go back to weights whose blob is lost: no round could start from them.
+    /// Refuses a proposal to go back to weights whose blob is lost, because no round could start from them, and a proposal of public
+    /// samples that are not at hand or cannot be used, because no round could be closed with them.
     fn check_at_hand(&self, body: &Body) -> Result<(), RequestError> {
-        let round = match body {
-            Body::Proposed(signed) => match signed.statement.action {
-                Action::RestoreWeights { round } => round,
-                _ => return Ok(()),
-            },
+        let Body::Proposed(signed) = body else {
+            return Ok(());
+        };
+        let round = match &signed.statement.action {
+            Action::ChangeRules(rules) => {
+                let checked = self.check_public_samples(rules);
+                return checked.map_err(RequestError::PublicSamples);
+            }
+            Action::RestoreWeights { round } => *round,
             _ => return Ok(()),
         };
         match self.state().results().of(round) {
@@ -68,19 +74,15 @@ impl Aggregator {
         }
     }
 
-    /// Records a dataset commitment, and keeps its list of leaves as a blob.
+    /// Records a dataset commitment, and keeps its list of drawn frames as a blob.
     pub fn register(
         &mut self,
         registration: &[u8],
         leaves: &[u8],
     ) -> Result<Receipt, RequestError> {
         let signed: Signed<DatasetRegistration> = decode("dataset registration", registration)?;
-        let DatasetRegistration {
-            node,
-            dataset,
-            leaves: digest,
-            ..
-        } = *signed.verify()?;
+        let registration = signed.verify()?.clone();
+        let (node, digest) = (registration.node, registration.leaves);
         let body = Body::DatasetCommitted(signed);
         if let Some(known) = self.state().node(&node).and_then(|known| known.dataset) {
             if self.ledger.entry(known.entry)?.body == body {
@@ -91,14 +93,14 @@ impl Aggregator {
         let list = Blob::from(leaves);
         if list.digest() != digest {
             return Err(Refusal::Dataset(format!(
-                "the list of leaves has SHA-256 {}, the registration says {digest}",
+                "the list of drawn frames has SHA-256 {}, the registration says {digest}",
                 list.digest()
             ))
             .into());
         }
-        check_leaf_list(&dataset, leaves)?;
+        check_leaf_list(&registration, leaves)?;
         self.ledger.blobs().put(&list)?;
-        tracing::info!(%node, samples = dataset.samples, "dataset registered");
+        tracing::info!(%node, samples = registration.dataset.samples, "dataset registered");
         self.append(body)
     }
 
@@ -147,7 +149,7 @@ impl Aggregator {
         Ok((signed.statement, writer))
     }
 
-    /// Records a commitment to an uploaded update. The checkpoint of the receipt fixes the challenge.
+    /// Records a commitment to an uploaded update.
     pub fn commit(&mut self, commitment: &[u8]) -> Result<Receipt, RequestError> {
         let signed: Signed<UpdateCommitment> = decode("commitment", commitment)?;
         let UpdateCommitment {

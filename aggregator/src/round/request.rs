@@ -34,6 +34,9 @@ pub enum RequestError {
         round: u64,
         blob: zk0_circuits::Digest,
     },
+    /// No round could be closed with the public samples that are proposed.
+    #[error("{0}")]
+    PublicSamples(String),
     /// The node asks for too much at once.
     #[error("{0}")]
     Busy(String),
@@ -119,7 +122,9 @@ impl RequestError {
     fn code(&self) -> Code {
         match self {
             Self::Malformed(_) => Code::InvalidArgument,
-            Self::Violation(_) | Self::LostWeights { .. } => Code::FailedPrecondition,
+            Self::Violation(_) | Self::LostWeights { .. } | Self::PublicSamples(_) => {
+                Code::FailedPrecondition
+            }
             Self::HeldBack(_) => Code::PermissionDenied,
             Self::UnknownBlob(_) => Code::NotFound,
             Self::Busy(_) => Code::ResourceExhausted,
@@ -131,13 +136,16 @@ impl RequestError {
                 Refusal::Signature(_) => Code::Unauthenticated,
                 Refusal::NotEnrolled(_)
                 | Refusal::NotActive { .. }
-                | Refusal::NotInvited { .. } => Code::PermissionDenied,
+                | Refusal::NotInvited { .. }
+                | Refusal::Paused { .. } => Code::PermissionDenied,
                 Refusal::Duplicate { .. } | Refusal::CopiedUpdate { .. } => Code::AlreadyExists,
                 Refusal::WrongNetwork { .. }
                 | Refusal::WrongRound { .. }
                 | Refusal::Late { .. }
                 | Refusal::NotCommitted(_)
                 | Refusal::MissingUpdate(_)
+                | Refusal::CommitmentsClosed { .. }
+                | Refusal::NoRandomness { .. }
                 | Refusal::NoVerifier { .. } => Code::FailedPrecondition,
                 _ => Code::InvalidArgument,
             },

@@ -46,13 +46,15 @@ impl Federation for Service {
         let node = <[u8; 32]>::try_from(node).ok().map(NodeId);
         let service = self.clone();
         let info = self.with(move |aggregator| {
-            let (opened, closed) = aggregator.round(round, service.visible(aggregator)?)?;
+            let receipts = aggregator.round(round, service.visible(aggregator)?)?;
             let state = aggregator.state();
             let open = state.round().zip(node);
             Ok(RoundInfo {
                 invited: open.is_some_and(|(open, node)| state.may_contribute(open, &node)),
-                opened: opened.map(Into::into),
-                closed: closed.map(Into::into),
+                opened: receipts.opened.map(Into::into),
+                commitments_closed: receipts.commitments_closed.map(Into::into),
+                randomness: receipts.randomness.map(Into::into),
+                closed: receipts.closed.map(Into::into),
                 now_ms: aggregator.now_ms(),
                 program: encode(state.program())?,
             })

@@ -15,8 +15,10 @@
 //! cosigned and published.
 
 use crate::connections::BoundedListener;
-use crate::publish::cosigning::{Prove, Witnesses};
+use crate::publish::beacon::BeaconServers;
+use crate::publish::cosigning::{Cosigned, Prove, Witnesses};
 use crate::round::aggregator::{Aggregator, Progress};
+use crate::round::drawing::ToCosign;
 use crate::round::request::RequestError;
 use crate::serve::upload_places::UploadPlaces;
 use std::future::Future;
@@ -58,14 +60,20 @@ impl Default for Limits {
     }
 }
 
-/// The limit of one message is never smaller: this has room for the leaves of 131,072 samples.
+/// The limit of one message is never smaller. The largest list of drawn frames takes 164 kB.
 const MIN_MESSAGE_BYTES: u64 = 4 << 20;
 
-/// Room in a message for what surrounds a proof or a list of leaves.
+/// Room in a message for what surrounds a proof or a list of drawn frames.
 const MESSAGE_ROOM_BYTES: u64 = 64 << 10;
 
 /// How often the service looks whether a round is due when nothing happens.
 const TICK: Duration = Duration::from_millis(250);
+
+/// How long a public server of beacons may take to answer.
+const BEACON_PATIENCE: Duration = Duration::from_secs(10);
+
+/// How long the service waits before it asks the servers of beacons again.
+const BEACON_RETRY: Duration = Duration::from_secs(2);
 
 /// An aggregator that the requests and the round timer share.
 #[derive(Clone)]
@@ -74,6 +82,8 @@ pub struct Service {
     /// Something was recorded, and a round may be due.
     changed: Arc<Notify>,
     publishing: Option<Publishing>,
+    /// Where beacons are fetched.
+    pub(super) beacons: Arc<BeaconServers>,
     pub(super) uploading: UploadPlaces,
     pub(super) limits: Limits,
 }
@@ -91,8 +101,15 @@ impl Service {
             aggregator: Arc::new(Mutex::new(aggregator)),
             changed: Arc::new(Notify::new()),
             publishing: None,
+            beacons: Arc::new(BeaconServers::public(BEACON_PATIENCE)),
             uploading: UploadPlaces::default(),
         }
+    }
+
+    /// From now on, beacons are fetched from these servers.
+    pub fn with_beacons(mut self, servers: BeaconServers) -> Self {
+        self.beacons = Arc::new(servers);
+        self
     }
 
     /// From now on, a quorum of `witnesses` has to cosign a checkpoint before anything that it covers is published, and before a
@@ -196,8 +213,22 @@ impl Service {
             });
             match step.await {
                 Err(error) => return error,
+                Ok(Progress::NeedsBeacon(awaited)) => match self.fetch_beacon(awaited).await {
+                    Ok(None) => said = None,
+                    Ok(Some(why)) => {
+                        // It is asked for again and again, so the log says the same reason once.
+                        if said.as_ref() != Some(&why) {
+                            tracing::warn!("{why}; the servers are asked again every two seconds");
+                            said = Some(why);
+                        }
+                        sleep(BEACON_RETRY).await;
+                    }
+                    Err(error) => return error,
+                },
                 Ok(
                     Progress::Opened(_)
+                    | Progress::CommitmentsClosed(_)
+                    | Progress::Drawn(_)
                     | Progress::Closed(_)
                     | Progress::Settled(_)
                     | Progress::Resolved(_),
@@ -222,15 +253,16 @@ impl Service {
             return std::future::pending().await;
         };
         loop {
-            let newest = self.with(|aggregator| {
-                let ledger = aggregator.ledger();
-                Ok((ledger.size(), ledger.checkpoint().to_vec()))
-            });
-            let (size, checkpoint) = match newest.await {
-                Ok(newest) => newest,
+            let next = self.with(|aggregator| aggregator.to_cosign());
+            let ToCosign {
+                size,
+                checkpoint,
+                draws,
+            } = match next.await {
+                Ok(next) => next,
                 Err(error) => return error,
             };
-            if size <= *publishing.published.borrow() {
+            if size <= *publishing.published.borrow() && !draws {
                 let _ = timeout(TICK, publishing.wanted.notified()).await;
                 continue;
             }
@@ -242,9 +274,12 @@ impl Service {
                 }
                 Err(_) => Err("an earlier request panicked".into()),
             });
-            let cosigned = spawn_blocking(move || witnesses.cosign(&checkpoint, &prove)).await;
-            let note = match cosigned {
-                Ok(Ok(note)) => note,
+            let cosigned = spawn_blocking(move || match draws {
+                true => witnesses.cosign_all(&checkpoint, &prove),
+                false => witnesses.cosign(&checkpoint, &prove),
+            });
+            let Cosigned { note, cosignatures } = match cosigned.await {
+                Ok(Ok(cosigned)) => cosigned,
                 Ok(Err(error)) => {
                     tracing::warn!(size, "the checkpoint is not published: {error}");
                     sleep(TICK).await;
@@ -252,14 +287,21 @@ impl Service {
                 }
                 Err(error) => return RequestError::Internal(error.to_string()),
             };
+            let published = *publishing.published.borrow();
             let written = self.with(move |aggregator| {
-                Ok(folder::write_cosigned(aggregator.ledger().dir(), &note)?)
+                if size > published {
+                    folder::write_cosigned(aggregator.ledger().dir(), &note)?;
+                }
+                match draws {
+                    true => aggregator.draw_cosigned(cosignatures),
+                    false => Ok(()),
+                }
             });
             if let Err(error) = written.await {
                 return error;
             }
             tracing::info!(size, "checkpoint cosigned and published");
-            publishing.published.send_replace(size);
+            publishing.published.send_replace(size.max(published));
         }
     }
 

@@ -17,7 +17,7 @@ use zk0_protocol::entries::signed::{
 use zk0_protocol::{Body, Entry, Genesis, Refusal, State};
 use zk0_verifier::blob_digest;
 
-use crate::harness::{flat, found, genesis, weights, ManualClock, Node, GOVERNOR, START_MS};
+use crate::harness::{found, genesis, weights, ManualClock, Node, COMMIT_MS, GOVERNOR, START_MS};
 
 /// What any input may make a reader allocate. An uploaded update is read again, and an auditor verifies a whole proof.
 pub const SLACK: usize = 8 << 20;
@@ -55,6 +55,7 @@ const PROOF: &[u8] = b"no proof";
 /// An aggregator in round 0, to which node 1 has uploaded an update. Node 2 may contribute. Node 3 has no dataset.
 struct Network {
     dir: tempfile::TempDir,
+    clock: Arc<ManualClock>,
     aggregator: Aggregator,
     id: Digest,
     nodes: [Node; 3],
@@ -70,7 +71,7 @@ impl Network {
         };
         let (clock, genesis) = (Arc::new(ManualClock::at(START_MS)), genesis());
         let id = genesis.network_id();
-        let founded = found(dir.path(), genesis, clock, config);
+        let founded = found(dir.path(), genesis, clock.clone(), config);
         let mut aggregator = founded.unwrap();
         let nodes = [1, 2, 3].map(Node::new);
         for node in &nodes {
@@ -79,9 +80,7 @@ impl Network {
         }
         for node in &nodes[..2] {
             let registration = bytes(&node.registration(&id));
-            aggregator
-                .register(&registration, &flat(&node.leaves()))
-                .unwrap();
+            aggregator.register(&registration, &node.list()).unwrap();
         }
         assert_eq!(aggregator.step().unwrap(), Progress::Opened(0));
         let update = weights(1);
@@ -92,6 +91,7 @@ impl Network {
         writer.finish(&blob_digest(&update)).unwrap();
         Self {
             dir,
+            clock,
             aggregator,
             id,
             nodes,
@@ -172,7 +172,7 @@ fn registration() -> Target {
             statement.dataset.root = Digest([8; 32]);
         }
         let signed = Signed::new(statement, &node.key);
-        with_leaves(bytes(&signed), flat(&node.leaves()))
+        with_leaves(bytes(&signed), node.list())
     });
     Target {
         seeds: seeds.into(),
@@ -250,6 +250,11 @@ fn submission() -> Target {
     let commitment = node.commitment(&network.id, 0, &network.update);
     let commitment = bytes(&Signed::new(commitment, &node.key));
     network.aggregator.commit(&commitment).unwrap();
+    network.clock.advance(COMMIT_MS + 1);
+    for _ in ["the commitments close", "the randomness is drawn"] {
+        network.aggregator.step().unwrap();
+    }
+    let node = &network.nodes[0];
     let expected = network.aggregator.state().expected_claim(&node.id());
     let claim = node.claim_of(expected.unwrap());
     let submission = bytes(&node.submission(claim, PROOF));

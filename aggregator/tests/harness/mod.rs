@@ -7,6 +7,7 @@ mod network;
 mod node;
 pub mod operator;
 pub mod real_proof;
+pub mod samples;
 
 pub use self::manual_clock::ManualClock;
 pub use self::network::Network;
@@ -23,13 +24,17 @@ use zk0_aggregator::round::founding::Founding;
 use zk0_aggregator::round::request::RequestError;
 use zk0_aggregator::{Aggregator, Config};
 use zk0_circuits::claim::program::verifying_key;
-use zk0_circuits::model::layout::{expert_tensors, TensorSpec};
 use zk0_circuits::model::spec::EvalSpec;
 use zk0_circuits::{Digest, Mode, WeightsDigest};
 use zk0_protocol::entries::genesis::Genesis;
+use zk0_protocol::entries::signed::DatasetRegistration;
+use zk0_protocol::evaluation_set::{draw, list_bytes, DrawnLeaf};
+use zk0_protocol::rules::closing::credits::CreditRule;
 use zk0_protocol::rules::governance::{Governance, Governor};
-use zk0_protocol::rules::network_rules::{CreditRule, Rules};
-use zk0_verifier::{blob_digest, Evaluation, ExpertTensors};
+use zk0_protocol::rules::network_rules::Rules;
+use zk0_verifier::{blob_digest, Evaluation};
+use zk0_weights::scale::narrowed;
+use zk0_weights::{Format, WeightsError};
 
 /// A ledger with a real proof in it.
 pub const REAL: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/fixtures/ledger");
@@ -39,6 +44,7 @@ pub const GOVERNOR: u8 = 99;
 pub const VOTING_MS: u64 = 1_000;
 pub const COMMIT_MS: u64 = 60_000;
 pub const SUBMIT_MS: u64 = 120_000;
+pub const EVALUATION_FRAMES: u32 = 10;
 pub const MAX_UPDATE_BYTES: u64 = 200_000;
 pub const MAX_PROOF_BYTES: u64 = 100_000;
 pub const POLICY: &[u8] = b"the whole initial policy";
@@ -56,15 +62,15 @@ pub fn genesis() -> Genesis {
         nonce: [7; 32],
         rules: Rules {
             min_dataset_samples: 4,
-            eval_samples: 4,
+            min_eval_samples: 4,
             min_improvement_bps: 100,
-            max_weight_samples: 1000,
             commit_window_ms: COMMIT_MS,
             submit_window_ms: SUBMIT_MS,
+            evaluation_frames: EVALUATION_FRAMES,
             max_update_bytes: MAX_UPDATE_BYTES,
             max_proof_bytes: MAX_PROOF_BYTES,
             credits: CreditRule {
-                bps_samples_per_credit: 100,
+                bps_per_credit: 100,
                 max_per_contribution: 1000,
                 dispute_window_ms: 1000,
             },
@@ -98,6 +104,7 @@ pub fn founding(genesis: Genesis) -> Founding {
         evaluation: EvalSpec::decode(&genesis.evaluation).unwrap(),
         initial: weights(0),
         quantised: genesis.initial.quantised,
+        public_samples: None,
     }
 }
 
@@ -143,33 +150,22 @@ pub fn found(
 
 /// Expert weights that differ with `seed`.
 pub fn weights(seed: u32) -> Vec<u8> {
-    let tensors = expert_tensors(&EvalSpec::micro().dims);
-    let data: Vec<(String, Vec<usize>, Vec<u8>)> = tensors
-        .into_iter()
-        .enumerate()
-        .map(|(tensor, TensorSpec { name, shape })| {
-            let value = |at: usize| {
-                let mixed =
-                    (at as u32 * 2_654_435_761) ^ (tensor as u32 * 40_503) ^ (seed * 97_003);
-                (mixed % 2001) as f32 / 10_000.0 - 0.1
-            };
-            let len = shape.iter().product();
-            let bytes = (0..len).flat_map(|at| value(at).to_le_bytes()).collect();
-            (name, shape, bytes)
-        })
-        .collect();
-    let views = data.iter().map(|(name, shape, bytes)| {
-        let view =
-            safetensors::tensor::TensorView::new(safetensors::Dtype::F32, shape.clone(), bytes);
-        (name, view.unwrap())
+    let format = Format::new(&EvalSpec::micro()).unwrap();
+    let weights = format.assemble(|tensor| {
+        let value = |at: usize| {
+            let mixed = (at as u32 * 2_654_435_761) ^ (tensor as u32 * 40_503) ^ (seed * 97_003);
+            // About 0.1 at most, in units of 2^−24.
+            i128::from(mixed % 2001) * 1678 - 1_678_000
+        };
+        let values: Vec<_> = (0..format.tensors()[tensor].len()).map(value).collect();
+        Ok::<_, WeightsError>(narrowed(&values, 1, format.limits()[tensor]))
     });
-    safetensors::serialize(views, None).unwrap()
+    format.write(&weights.unwrap())
 }
 
 pub fn digest(file: &[u8]) -> WeightsDigest {
-    let evaluation = Evaluation::new(EvalSpec::micro(), Mode::Direct);
-    let weights: ExpertTensors = evaluation.read(file).unwrap();
-    evaluation.digest(file, &weights).unwrap()
+    let evaluation = Evaluation::new(&EvalSpec::micro(), Mode::Direct).unwrap();
+    evaluation.digest(file, &evaluation.read(file).unwrap())
 }
 
 /// Files in a folder, at any depth.
@@ -185,8 +181,18 @@ pub fn files(folder: &Path) -> usize {
         .sum()
 }
 
-pub fn flat(leaves: &[Digest]) -> Vec<u8> {
-    leaves.iter().flat_map(|leaf| leaf.0).collect()
+/// The list of a registration's drawn frames, with these leaves in order. If there are fewer leaves than frames, it ends early.
+pub fn list(registration: &DatasetRegistration, leaves: &[Digest]) -> Vec<u8> {
+    let DatasetRegistration {
+        network,
+        episodes,
+        evaluation_frames,
+        ..
+    } = registration;
+    let frames = draw(network, episodes, *evaluation_frames).unwrap();
+    let drawn = frames.into_iter().zip(leaves);
+    let drawn = drawn.map(|(frame, leaf)| DrawnLeaf { frame, leaf: *leaf });
+    list_bytes(&drawn.collect::<Vec<_>>())
 }
 
 /// A network of two nodes with datasets, in the open round 0.
@@ -209,6 +215,12 @@ pub async fn committed(network: &Network, node: &Node, round: u64, seed: u32) ->
     node.upload(network, round, &update).await.unwrap();
     node.commit(network, round, &update).await.unwrap();
     update
+}
+
+/// Both nodes commit in the open round: the first one to the update that this returns.
+pub async fn both_committed(network: &Network, first: &Node, second: &Node) -> Vec<u8> {
+    committed(network, second, 0, 2).await;
+    committed(network, first, 0, 1).await
 }
 
 /// Asserts that the request is refused with this code and these words.

@@ -1,6 +1,6 @@
 //! An aggregator that serves on loopback, and can be killed and started again.
 
-use super::{files, found, genesis, log_key, ManualClock, Node, START_MS};
+use super::{files, found, genesis, log_key, ManualClock, Node, COMMIT_MS, START_MS};
 use std::sync::Arc;
 use std::time::Duration;
 use tempfile::TempDir;
@@ -9,6 +9,7 @@ use tokio::sync::oneshot;
 use tokio::task::JoinHandle;
 use tonic::transport::Channel;
 use tonic::Status;
+use zk0_aggregator::publish::beacon::BeaconServers;
 use zk0_aggregator::publish::cosigning::Witnesses;
 use zk0_aggregator::{Aggregator, Config, Limits, Service};
 use zk0_circuits::Digest;
@@ -30,6 +31,8 @@ pub struct Network {
     limits: Limits,
     /// The policy of witnesses that the aggregator follows from its next start on.
     pub policy: Option<WitnessPolicy>,
+    /// Where the aggregator fetches beacons.
+    pub beacons: Option<BeaconServers>,
     pub address: String,
     running: Option<(oneshot::Sender<()>, JoinHandle<()>)>,
 }
@@ -41,9 +44,20 @@ impl Network {
     }
 
     pub async fn start_with(nodes: &[&Node], config: Config, limits: Limits) -> Self {
+        Self::start_as(nodes, config, limits, genesis(), None, None).await
+    }
+
+    /// Founds the network of `genesis` with these nodes, and serves it with these witnesses and these servers of beacons.
+    pub async fn start_as(
+        nodes: &[&Node],
+        config: Config,
+        limits: Limits,
+        genesis: Genesis,
+        policy: Option<WitnessPolicy>,
+        beacons: Option<BeaconServers>,
+    ) -> Self {
         let dir = tempfile::tempdir().unwrap();
         let clock = Arc::new(ManualClock::at(START_MS));
-        let genesis = genesis();
         let mut aggregator = found(dir.path(), genesis.clone(), clock.clone(), config).unwrap();
         for (number, node) in nodes.iter().enumerate() {
             aggregator
@@ -55,14 +69,28 @@ impl Network {
             clock,
             genesis,
             config,
-            service: Some(Service::with_limits(aggregator, limits)),
+            service: None,
             limits,
-            policy: None,
+            policy,
+            beacons,
             address: String::new(),
             running: None,
         };
+        network.service = Some(network.service_of(aggregator).await);
         network.serve().await;
         network
+    }
+
+    async fn service_of(&self, aggregator: Aggregator) -> Service {
+        let mut service = Service::with_limits(aggregator, self.limits);
+        if let Some(beacons) = &self.beacons {
+            service = service.with_beacons(beacons.clone());
+        }
+        if let Some(policy) = &self.policy {
+            let witnesses = Witnesses::new(policy.clone(), Duration::from_secs(1)).unwrap();
+            service = service.witnessed(witnesses).await.unwrap();
+        }
+        service
     }
 
     async fn serve(&mut self) {
@@ -98,12 +126,7 @@ impl Network {
                 Err(error) => panic!("{error}"),
             }
         };
-        let mut service = Service::with_limits(aggregator, self.limits);
-        if let Some(policy) = &self.policy {
-            let witnesses = Witnesses::new(policy.clone(), Duration::from_secs(1)).unwrap();
-            service = service.witnessed(witnesses).await.unwrap();
-        }
-        self.service = Some(service);
+        self.service = Some(self.service_of(aggregator).await);
         self.serve().await;
     }
 
@@ -128,10 +151,27 @@ impl Network {
             let progress = self.service().with(Aggregator::step).await.unwrap();
             if matches!(
                 progress,
-                Progress::Waiting | Progress::Finished | Progress::Blocked(_)
+                Progress::Waiting
+                    | Progress::Finished
+                    | Progress::Blocked(_)
+                    | Progress::NeedsBeacon(_)
             ) {
                 return;
             }
+        }
+    }
+
+    /// Lets the commitments of the open round close, and the randomness be drawn. The clock moves past their deadline if a node may
+    /// still commit.
+    pub async fn drawn(&self) {
+        self.settle().await;
+        let waits = |aggregator: &mut Aggregator| {
+            let round = aggregator.state().round();
+            Ok(round.is_some_and(|round| round.closing.is_none()))
+        };
+        if self.service().with(waits).await.unwrap() {
+            self.clock.advance(COMMIT_MS + 1);
+            self.settle().await;
         }
     }
 

@@ -1,12 +1,12 @@
 //! A node that says what a test tells it to say.
 
-use super::{digest, flat, Network};
+use super::{digest, list, Network, EVALUATION_FRAMES};
 use ed25519_dalek::SigningKey;
 use tonic::Status;
 use zk0_circuits::vm::merkle;
 use zk0_circuits::{Claim, DatasetCommitment, Digest, Losses, NodeId};
 use zk0_protocol::entries::signed::{
-    DatasetRegistration, Signed, Submission, UpdateCommitment, UploadRequest,
+    DatasetRegistration, Episode, Signed, Submission, UpdateCommitment, UploadRequest,
 };
 use zk0_protocol::rpc::federation as proto;
 use zk0_protocol::rpc::federation::upload_chunk::Part;
@@ -46,14 +46,25 @@ impl Node {
     }
 
     pub fn registration(&self, network: &Digest) -> Signed<DatasetRegistration> {
-        let registration = DatasetRegistration {
+        let mut registration = DatasetRegistration {
             network: *network,
             node: self.id(),
             dataset: self.dataset(),
-            leaves: blob_digest(&flat(&self.leaves())),
-            episodes: vec![Digest([self.seed; 32])],
+            evaluation_frames: EVALUATION_FRAMES,
+            leaves: Digest::default(),
+            episodes: vec![Episode {
+                digest: Digest([self.seed; 32]),
+                frames: EVALUATION_FRAMES,
+            }],
         };
+        registration.leaves = blob_digest(&list(&registration, &self.leaves()));
         Signed::new(registration, &self.key)
+    }
+
+    /// The list of drawn frames of [`Self::registration`], the same in all networks, because all its frames are drawn.
+    pub fn list(&self) -> Vec<u8> {
+        let registration = self.registration(&Digest::default());
+        list(&registration.statement, &self.leaves())
     }
 
     pub async fn register(&self, network: &Network) -> Result<proto::Receipt, Status> {
@@ -73,7 +84,7 @@ impl Node {
     ) -> Result<proto::Receipt, Status> {
         let request = proto::RegisterDatasetRequest {
             registration: borsh::to_vec(registration).unwrap(),
-            leaves: flat(leaves),
+            leaves: list(&registration.statement, leaves),
         };
         let reply = network.client().await.register_dataset(request).await?;
         Ok(reply.into_inner())
@@ -124,6 +135,7 @@ impl Node {
             node: self.id(),
             dataset_root: self.dataset().root,
             update: digest(update),
+            eval_samples: 4,
         }
     }
 
@@ -150,8 +162,9 @@ impl Node {
         Ok(network.client().await.commit(request).await?.into_inner())
     }
 
-    /// Returns the claim that the ledger expects, with losses that the claim would hold for.
+    /// Waits for the randomness, and returns the claim that the ledger expects, with losses that the claim would hold for.
     pub async fn claim(&self, network: &Network) -> Claim {
+        network.drawn().await;
         let node = self.id();
         let expected = network
             .service()

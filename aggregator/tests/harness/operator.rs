@@ -1,12 +1,15 @@
 //! An operator who holds the log's key and writes entries by hand. The rules of the ledger are all that stops them.
 
-use super::{digest, flat, log_key, weights, Node, GOVERNOR, POLICY, START_MS, VOTING_MS};
+use super::{digest, log_key, weights, Node, GOVERNOR, POLICY, START_MS, VOTING_MS};
 use std::fs;
 use std::path::Path;
 use zk0_ledger::folder;
 use zk0_ledger::log::Ledger;
 use zk0_ledger::store::{Batch, Store};
-use zk0_protocol::entries::entry::{Body, Entry, ProposalSettled, RoundClosed, ENTRY_VERSION};
+use zk0_protocol::challenge::drawing::Drawing;
+use zk0_protocol::entries::entry::{
+    Body, Entry, ProposalSettled, RandomnessDrawn, RoundClosed, ENTRY_VERSION,
+};
 use zk0_protocol::entries::genesis::Genesis;
 use zk0_protocol::entries::member::NodeEnrolled;
 use zk0_protocol::entries::proposal::{Action, Ballot, Outcome};
@@ -63,7 +66,7 @@ impl Operator {
                 node: node.id(),
                 name: format!("node {}", node.seed),
             }));
-            let leaves = flat(&node.leaves());
+            let leaves = node.list();
             operator.ledger.blobs().put(&leaves).unwrap();
             let registration = node.registration(operator.state().network());
             operator.append(Body::DatasetCommitted(registration));
@@ -99,17 +102,61 @@ impl Operator {
         self.append(Body::RoundOpened(opening));
     }
 
-    /// The claim of `node` about the update `seed` in the open round, which it commits to, with `proof`.
+    /// The claim of `node` about the update `seed` in the open round, with `proof`. If the node has not committed, it commits, and
+    /// the randomness is drawn.
     pub fn submission(&mut self, node: &Node, seed: u32, proof: &[u8]) -> Signed<Submission> {
-        let update = weights(seed);
-        for blob in [&update[..], proof] {
-            self.ledger.blobs().put(blob).unwrap();
+        self.submission_of(node, &weights(seed), proof)
+    }
+
+    /// The claim of `node` about this update in the open round, with `proof`. If the node has not committed, it commits, and the
+    /// randomness is drawn.
+    pub fn submission_of(
+        &mut self,
+        node: &Node,
+        update: &[u8],
+        proof: &[u8],
+    ) -> Signed<Submission> {
+        self.ledger.blobs().put(proof).unwrap();
+        let round = self.state().round().unwrap();
+        if !round.commits.contains_key(&node.id()) {
+            self.commit(node, update);
+            self.draw();
         }
-        let round = self.state().round().unwrap().number();
-        let commitment = node.commitment(self.state().network(), round, &update);
-        self.append(Body::UpdateCommitted(Signed::new(commitment, &node.key)));
         let claim = node.claim_of(self.state().expected_claim(&node.id()).unwrap());
         node.submission(claim, proof)
+    }
+
+    /// Commits to this update of `node`.
+    pub fn commit(&mut self, node: &Node, update: &[u8]) {
+        self.ledger.blobs().put(update).unwrap();
+        let round = self.state().round().unwrap().number();
+        let commitment = node.commitment(self.state().network(), round, update);
+        self.append(Body::UpdateCommitted(Signed::new(commitment, &node.key)));
+    }
+
+    /// Closes the commitments, after their deadline if a node may still commit.
+    pub fn close_commitments(&mut self) {
+        let deadline_ms = self.state().round().unwrap().opened.commit_deadline_ms;
+        if self
+            .state()
+            .next_commitments_closed(self.time_ms + 1)
+            .is_none()
+        {
+            self.time_ms = deadline_ms;
+        }
+        let closed = self.state().next_commitments_closed(self.time_ms + 1);
+        self.append(Body::CommitmentsClosed(closed.unwrap()));
+    }
+
+    /// Closes the commitments, and draws the randomness.
+    pub fn draw(&mut self) {
+        self.close_commitments();
+        let round = self.state().round().unwrap();
+        let drawn = RandomnessDrawn {
+            round: round.number(),
+            drawing: Drawing::LogVrf(self.ledger.vrf(&round.closing.unwrap().commitments)),
+        };
+        self.append(Body::RandomnessDrawn(drawn));
     }
 
     /// Closes the open round with the weights `seed`.
@@ -120,6 +167,8 @@ impl Operator {
             round: self.state().round().unwrap().number(),
             global: digest(&file),
             contributors: self.state().contributors(),
+            unanswered: self.state().unanswered(),
+            evaluated: None,
         };
         self.append(Body::RoundClosed(closed));
     }

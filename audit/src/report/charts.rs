@@ -2,6 +2,7 @@
 
 use crate::report::history::{History, Losses, Round};
 use crate::report::page::Page;
+use crate::report::public_losses::PublicLosses;
 use crate::report::svg::{lines, lying, stacked, Axis, Series, BAD, COLOURS, GOOD};
 
 /// Most bars or points in a chart. Where there are more rounds, each stands for several.
@@ -76,7 +77,48 @@ impl Page {
         } else {
             self.markup("<p class=\"small\">No accepted claim discloses its losses.</p>");
         }
+        self.public_losses(&groups, &rounds);
         self.markup("</div>");
+    }
+
+    /// The losses on the public samples. Where a place stands for several rounds, it shows the last of them that has a loss.
+    fn public_losses(&mut self, groups: &[&[Round]], rounds: &Axis<'_>) {
+        let last = |of: fn(&PublicLosses) -> Option<f64>| -> Vec<Option<f64>> {
+            let last = |group: &&[Round]| {
+                let mut rounds = group.iter().rev();
+                rounds.find_map(|round| round.public.as_ref().and_then(of))
+            };
+            groups.iter().map(last).collect()
+        };
+        let series = [
+            ("base", COLOURS[0], last(|public| public.base)),
+            (
+                "result, taken",
+                COLOURS[2],
+                last(|public| public.result.filter(|_| public.taken)),
+            ),
+            (
+                "not taken",
+                COLOURS[1],
+                last(|public| public.result.filter(|_| !public.taken)),
+            ),
+        ];
+        let series = series.map(|(name, colour, values)| Series {
+            name: name.into(),
+            colour,
+            values,
+        });
+        if series
+            .iter()
+            .any(|one| one.values.iter().any(Option::is_some))
+        {
+            let name =
+                "Loss of each round's base and of its result on the network's public samples";
+            self.figure(
+                name,
+                &lines(name, rounds, "loss (mean squared error)", &series, false),
+            );
+        }
     }
 
     fn reasons(&mut self, history: &History) {

@@ -1,10 +1,12 @@
 //! Entries in words. Only this file has to know every kind of entry.
 
 use zk0_circuits::{Losses, NodeId};
+use zk0_protocol::challenge::drawing::Drawing;
 use zk0_protocol::counted::counted;
-use zk0_protocol::entries::entry::Body;
+use zk0_protocol::entries::entry::{Body, RoundClosed};
 use zk0_protocol::entries::proposal::{Action, Ballot};
 use zk0_protocol::entries::signed::Evidence;
+use zk0_protocol::evaluation_set::total;
 use zk0_protocol::{Entry, Refusal};
 
 /// What the entry says, in a sentence. Names come from strangers: whoever shows the sentence has to escape it.
@@ -24,10 +26,9 @@ pub fn describe(entry: &Entry) -> String {
             counted(signed.statement.dataset.samples, "sample", "samples")
         ),
         Body::RoundOpened(opened) => format!(
-            "round {} opened, for commitments until {} and proofs until {}",
+            "round {} opened, for commitments until {}",
             opened.round,
-            time(opened.commit_deadline_ms),
-            time(opened.submit_deadline_ms)
+            time(opened.commit_deadline_ms)
         ),
         Body::UpdateCommitted(signed) => format!(
             "node {} committed to an update in round {}",
@@ -41,14 +42,15 @@ pub fn describe(entry: &Entry) -> String {
             "the contribution of node {} in round {} was refused: {reason}",
             submission.statement.claim.terms.node, submission.statement.claim.terms.round
         ),
-        Body::RoundClosed(closed) => format!(
-            "round {} closed with {}",
-            closed.round,
-            counted(
-                closed.contributors.len() as u64,
-                "contribution",
-                "contributions"
-            )
+        Body::RoundClosed(closed) => closed_with(closed),
+        Body::CommitmentsClosed(closed) => {
+            format!("the commitments of round {} closed", closed.round)
+        }
+        Body::RandomnessDrawn(drawn) => format!(
+            "the randomness of round {} was drawn from {}: {}",
+            drawn.round,
+            drawn.drawing,
+            randomness(&drawn.drawing)
         ),
         Body::KeyRotated { rotation, .. } => format!(
             "node {} changed its key to {}",
@@ -84,6 +86,12 @@ pub fn describe(entry: &Entry) -> String {
     }
 }
 
+/// The randomness that a drawing gives.
+pub fn randomness(drawing: &Drawing) -> String {
+    let value = drawing.value();
+    value.map_or("none".into(), |value| value.to_string())
+}
+
 /// What a proposal would do.
 pub fn action(action: &Action) -> String {
     match action {
@@ -104,6 +112,32 @@ pub fn action(action: &Action) -> String {
             format!("start the next round from the weights that round {round} ended with")
         }
     }
+}
+
+/// How a round closed: with how many contributions, with how many commitments left without a claim, and what became of its result.
+fn closed_with(closed: &RoundClosed) -> String {
+    let contributions = counted(
+        closed.contributors.len() as u64,
+        "contribution",
+        "contributions",
+    );
+    let unanswered = match closed.unanswered.len() as u64 {
+        0 => String::new(),
+        silent => format!(
+            " and {}",
+            counted(
+                silent,
+                "commitment without a claim",
+                "commitments without a claim"
+            )
+        ),
+    };
+    let outcome = closed.evaluated.as_ref().map(|one| one.outcome);
+    let outcome = outcome.map_or(String::new(), |outcome| format!(", and {outcome}"));
+    format!(
+        "round {} closed with {contributions}{unanswered}{outcome}",
+        closed.round
+    )
 }
 
 fn ballot(ballot: Ballot) -> &'static str {
@@ -132,6 +166,8 @@ pub fn kind(body: &Body) -> &'static str {
         Body::ProposalSettled(_) => "proposal settled",
         Body::Disputed(_) => "dispute",
         Body::DisputeResolved(_) => "dispute resolved",
+        Body::CommitmentsClosed(_) => "commitments closed",
+        Body::RandomnessDrawn(_) => "randomness",
     }
 }
 
@@ -173,6 +209,8 @@ fn about(body: &Body) -> (Option<u64>, Vec<NodeId>) {
             (None, nodes)
         }
         Body::RoundOpened(opened) => (Some(opened.round), vec![]),
+        Body::CommitmentsClosed(closed) => (Some(closed.round), vec![]),
+        Body::RandomnessDrawn(drawn) => (Some(drawn.round), vec![]),
         Body::UpdateCommitted(signed) => {
             (Some(signed.statement.round), vec![signed.statement.node])
         }
@@ -181,7 +219,8 @@ fn about(body: &Body) -> (Option<u64>, Vec<NodeId>) {
             (Some(terms.round), vec![terms.node])
         }
         Body::RoundClosed(closed) => {
-            let nodes = closed.contributors.iter().map(|one| one.node);
+            let contributors = closed.contributors.iter().map(|one| one.node);
+            let nodes = contributors.chain(closed.unanswered.iter().copied());
             (Some(closed.round), nodes.collect())
         }
     }
@@ -198,7 +237,20 @@ pub fn details(body: &Body) -> Vec<(&'static str, String)> {
         Body::NodeEnrolled(_) => Vec::new(),
         Body::DatasetCommitted(signed) => vec![
             ("root", signed.statement.dataset.root.to_string()),
-            ("leaves", signed.statement.leaves.to_string()),
+            (
+                "recording",
+                format!(
+                    "{} in {}, of which {} are drawn",
+                    counted(total(&signed.statement.episodes), "frame", "frames"),
+                    counted(
+                        signed.statement.episodes.len() as u64,
+                        "episode",
+                        "episodes"
+                    ),
+                    signed.statement.drawn()
+                ),
+            ),
+            ("drawn frames", signed.statement.leaves.to_string()),
         ],
         Body::RoundOpened(opened) => vec![
             ("base weights", opened.base.blob.to_string()),
@@ -224,19 +276,52 @@ pub fn details(body: &Body) -> Vec<(&'static str, String)> {
                 ("update", claim.terms.update.blob.to_string()),
                 ("challenge", claim.terms.challenge.to_string()),
                 ("samples", claim.terms.eval_samples.to_string()),
+                ("test", claim.terms.test.to_string()),
                 ("squared errors", losses),
             ]
         }
         Body::RoundClosed(closed) => {
             let mut details = vec![("global weights", closed.global.blob.to_string())];
+            if let Some(evaluated) = &closed.evaluated {
+                let losses = format!(
+                    "{} for the base and {} for the result, over {} elements",
+                    evaluated.base, evaluated.result, evaluated.elements
+                );
+                details.push(("result", evaluated.weights.blob.to_string()));
+                details.push(("public samples", losses));
+            }
             for one in &closed.contributors {
                 let share = format!(
-                    "{} counts for {} and earned {}",
+                    "{} counts for {} % of the contributor in the middle and earned {}",
                     one.node,
-                    counted(one.samples, "sample", "samples"),
+                    f64::from(one.share) / 100.0,
                     counted(one.credits, "credit", "credits")
                 );
                 details.push(("contributor", share));
+            }
+            for node in &closed.unanswered {
+                details.push((
+                    "unanswered",
+                    format!("{node} committed and submitted no claim"),
+                ));
+            }
+            details
+        }
+        Body::CommitmentsClosed(closed) => vec![("commitments", closed.commitments.to_string())],
+        Body::RandomnessDrawn(drawn) => {
+            let mut details = vec![
+                ("source", drawn.drawing.to_string()),
+                ("randomness", randomness(&drawn.drawing)),
+            ];
+            match &drawn.drawing {
+                Drawing::LogVrf(proof) => details.push(("proof", hex::encode(proof.0))),
+                Drawing::Drand { signature, .. } => {
+                    details.push(("signature", hex::encode(signature)));
+                }
+                Drawing::Witnesses(cosignatures) => {
+                    let all = cosignatures.iter();
+                    details.extend(all.map(|one| ("cosignature", hex::encode(one))));
+                }
             }
             details
         }
@@ -287,6 +372,11 @@ pub fn refusal(reason: &Refusal) -> &'static str {
         Refusal::TooFar { .. } => "too far from the base",
         Refusal::RoundFull { .. } => "round full",
         Refusal::NoVerifier { .. } => "no verifier",
+        Refusal::EvalSamples { .. } => "too few or too many evaluation samples",
+        Refusal::CommitmentsClosed { .. } => "commitments closed",
+        Refusal::NoRandomness { .. } => "no randomness yet",
+        Refusal::Paused { .. } => "paused",
+        Refusal::UnreadWeights { .. } => "weights that are not evaluated",
     }
 }
 

@@ -2,6 +2,7 @@
 
 use crate::report::describe;
 use crate::report::program_in_force::ProgramInForce;
+use crate::report::public_losses::PublicLosses;
 use anyhow::{bail, Context, Result};
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -90,12 +91,18 @@ pub struct Round {
     pub accepted: u64,
     /// Contributions refused.
     pub refused: u64,
+    /// Commitments without a claim, once it is closed.
+    pub unanswered: u64,
+    /// Where the randomness of its challenges came from, and what it was.
+    pub randomness: Option<String>,
     /// SHA-256 of the global weights it closed with.
     pub global: Option<String>,
     /// What each contributor earned in it.
     pub shares: Vec<Share>,
     /// Mean losses of the weights that the round began with and of the updates, over the accepted claims that disclose them.
     pub losses: Option<Losses>,
+    /// How its result did on the public samples, if the rules name some and somebody contributed.
+    pub public: Option<PublicLosses>,
 }
 
 /// What a contributor earned in a round.
@@ -103,8 +110,8 @@ pub struct Round {
 pub struct Share {
     /// Who: a place among [`History::nodes`].
     pub node: usize,
-    /// Its weight in the average.
-    pub samples: u64,
+    /// Its share, in basis points of the contributor in the middle.
+    pub share_bps: u32,
     /// What it earned.
     pub credits: u64,
 }
@@ -171,6 +178,8 @@ pub struct Node {
     pub accepted: u64,
     /// Contributions refused.
     pub refused: u64,
+    /// Commitments without a claim.
+    pub unanswered: u64,
     /// What it earned, in all.
     pub credits: u64,
 }
@@ -205,9 +214,12 @@ impl History {
                 committed: 0,
                 accepted: 0,
                 refused: 0,
+                unanswered: 0,
+                randomness: None,
                 global: None,
                 shares: Vec::new(),
                 losses: None,
+                public: None,
             }),
             Body::UpdateCommitted(signed) => {
                 if let Some(node) = self.node(&signed.statement.node) {
@@ -225,24 +237,40 @@ impl History {
             }
             Body::RoundClosed(closed) => {
                 for one in &closed.contributors {
-                    let (samples, credits) = (one.samples, one.credits);
+                    let (share_bps, credits) = (one.share, one.credits);
                     let Some(&place) = self.places.get(&one.node) else {
                         continue;
                     };
                     self.nodes[place].credits = self.nodes[place].credits.saturating_add(credits);
                     let share = Share {
                         node: place,
-                        samples,
+                        share_bps,
                         credits,
                     };
                     if let Some(round) = self.rounds.last_mut() {
                         round.shares.push(share);
                     }
                 }
+                for id in &closed.unanswered {
+                    if let Some(node) = self.node(id) {
+                        node.unanswered += 1;
+                    }
+                }
+                let bits = self.spec.as_ref().map(|spec| spec.action);
                 if let Some(round) = self.rounds.last_mut() {
+                    let evaluated = closed.evaluated.as_ref().zip(bits);
+                    round.public = evaluated.map(|(one, bits)| PublicLosses::of(one, bits));
+                    round.unanswered = closed.unanswered.len() as u64;
                     round.closed_entry = Some(index);
                     round.closed_ms = Some(entry.time_ms);
                     round.global = Some(closed.global.blob.to_string());
+                }
+            }
+            Body::CommitmentsClosed(_) => {}
+            Body::RandomnessDrawn(drawn) => {
+                if let Some(round) = self.rounds.last_mut() {
+                    let value = describe::randomness(&drawn.drawing);
+                    round.randomness = Some(format!("{}: {value}", drawn.drawing));
                 }
             }
             Body::KeyRotated { rotation, .. } => {
@@ -295,6 +323,7 @@ impl History {
             committed: 0,
             accepted: 0,
             refused: 0,
+            unanswered: 0,
             credits: 0,
         });
     }

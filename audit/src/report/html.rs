@@ -161,8 +161,12 @@ impl Page {
             "#committed",
             "#accepted",
             "#refused",
+            "#unanswered",
             "#loss before",
             "#loss after",
+            "#public loss, base",
+            "#public loss, result",
+            "result",
             "#entry",
         ];
         self.table(&columns);
@@ -177,8 +181,12 @@ impl Page {
                     &round.committed,
                     &round.accepted,
                     &round.refused,
+                    &round.unanswered,
                     &loss(round.losses.map(|losses| losses.before)),
                     &loss(round.losses.map(|losses| losses.after)),
+                    &loss(round.public.as_ref().and_then(|public| public.base)),
+                    &loss(round.public.as_ref().and_then(|public| public.result)),
+                    &round.public.as_ref().map_or("–", |public| public.verdict()),
                     &round.opened_entry,
                 ],
             );
@@ -196,6 +204,7 @@ impl Page {
             "#committed",
             "#accepted",
             "#refused",
+            "#unanswered",
             "#acceptance",
             "#credits",
         ];
@@ -213,6 +222,7 @@ impl Page {
                     &node.committed,
                     &node.accepted,
                     &node.refused,
+                    &node.unanswered,
                     &acceptance,
                     &node.credits,
                 ],

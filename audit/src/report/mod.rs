@@ -6,5 +6,6 @@ pub mod history;
 pub mod html;
 mod page;
 pub mod program_in_force;
+pub mod public_losses;
 mod svg;
 pub mod verdict;

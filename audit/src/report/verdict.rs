@@ -84,7 +84,7 @@ pub fn sentence(audited: &Audited) -> (&'static str, &'static str) {
     match (audited.report.verdict, audited.depth) {
         (Verdict::Verified, _) => (
             "VERIFIED",
-            "this audit checked every entry, signature, proof, update, refusal and average again, and all of them hold",
+            "this audit checked every entry, signature, proof, update, refusal, average and result again, and all of them hold",
         ),
         (Verdict::Incomplete, Depth::Light) => (
             "INCOMPLETE",
@@ -108,6 +108,11 @@ pub fn counts(checked: &Checked) -> String {
         counted(checked.updates, "update", "updates"),
         counted(checked.refusals, "refusal", "refusals"),
         counted(checked.averages, "average", "averages"),
+        counted(
+            checked.results,
+            "evaluated result of a round",
+            "evaluated results of rounds",
+        ),
         counted(checked.datasets, "dataset", "datasets"),
         counted(checked.disputes, "dispute", "disputes"),
     ]

@@ -7,23 +7,23 @@ use alloc::vec::Vec;
 /// Most samples one claim may evaluate.
 pub const MAX_EVAL_SAMPLES: u32 = 4096;
 
-/// Returns the challenge for the commit at `entry_index`, derived from the first signed checkpoint that covers it.
+/// Returns the challenge of a node that committed to its update with `commitment`, the digest of what it signed. `randomness` did not
+/// exist before the commitments of the round closed.
 pub fn challenge(
     network: &Digest,
     round: u64,
     node: &NodeId,
-    entry_index: u64,
-    checkpoint_root: &Digest,
+    commitment: &Digest,
+    randomness: &Digest,
 ) -> Digest {
-    let (round, entry_index) = (round.to_le_bytes(), entry_index.to_le_bytes());
     tagged_sha256(
-        "zk0/challenge/v1",
+        "zk0/challenge/v2",
         &[
             &network.0,
-            &round,
+            &round.to_le_bytes(),
             &node.0,
-            &entry_index,
-            &checkpoint_root.0,
+            &commitment.0,
+            &randomness.0,
         ],
     )
 }

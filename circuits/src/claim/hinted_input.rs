@@ -71,9 +71,16 @@ impl HintedInput<'static> {
                     evaluator.spec,
                     &input.header.terms.challenge,
                     position as u32,
+                    input.header.terms.eval_samples,
                 );
-                let recorded =
-                    Hints::record(&evaluator, weights, &parameters, &opening.sample, &draw);
+                let recorded = Hints::record(
+                    &evaluator,
+                    model,
+                    weights,
+                    &parameters,
+                    &opening.sample,
+                    &draw,
+                );
                 hints.push(recorded.map_err(|error| StatementError::Eval {
                     model,
                     index: opening.index,

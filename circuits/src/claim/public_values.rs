@@ -6,10 +6,10 @@ use crate::vm::digest::Digest;
 use borsh::{BorshDeserialize, BorshSerialize};
 
 /// Version of the encoding and meaning of [`Claim`].
-pub const CLAIM_VERSION: u16 = 2;
+pub const CLAIM_VERSION: u16 = 3;
 
-/// *On samples that the terms' `challenge` chose from the committed dataset, the mean flow-matching loss of the update is
-/// lower than that of the base weights by at least `min_improvement_bps`.*
+/// *On samples that the terms' `challenge` chose from the committed dataset, the flow-matching loss of the update is lower than that
+/// of the base weights by at least the minimum improvement, with the confidence that the terms' `test` asks for.*
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct Claim {
     /// [`CLAIM_VERSION`].

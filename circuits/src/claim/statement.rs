@@ -5,11 +5,13 @@
 
 use crate::claim::challenge::sample_indices;
 use crate::claim::dataset::salt_commitment;
+use crate::claim::errors::{pairs, Errors};
 use crate::claim::hinted_input::{seed, HintedInput};
 use crate::claim::losses::{Disclosure, Losses};
 use crate::claim::private_input::{Header, Opening, PrivateInput};
 use crate::claim::public_values::{Claim, WeightCheck, CLAIM_VERSION};
 use crate::claim::statement_error::StatementError;
+use crate::claim::t_test::Pair;
 use crate::claim::terms::Model;
 use crate::freivalds::hints::{coefficients, Products};
 use crate::model::draw::{draw, Draw};
@@ -33,7 +35,7 @@ pub fn check(input: &PrivateInput) -> Result<Claim, StatementError> {
     check_openings(header, &input.openings)?;
     let weights = [&input.base, &input.update];
     let parameters = weights.map(|weights| Parameters::of(&header.spec, weights));
-    let losses = losses(header, &input.openings, |model, _, sample, draw| {
+    let evaluated = evaluate(header, &input.openings, |model, _, sample, draw| {
         let mut direct = evaluator.direct(weights[model as usize])?;
         evaluator.loss(&parameters[model as usize], &mut direct, sample, draw)
     })?;
@@ -43,7 +45,7 @@ pub fn check(input: &PrivateInput) -> Result<Claim, StatementError> {
             return Err(StatementError::Weights(model));
         }
     }
-    claim(header, losses, None)
+    claim(header, &evaluated, None)
 }
 
 /// Mode `checked`: takes every product from hints and checks it with random coefficients. Checks everything and returns the
@@ -65,10 +67,10 @@ pub fn check_hinted(input: &HintedInput<'_>) -> Result<Claim, StatementError> {
     let coefficients = coefficients(&evaluator, &input.seed);
     let weights = [&input.base, &input.update];
     let products = weights.map(|weights| Products::new(&evaluator, weights, &coefficients));
-    let losses = losses(header, &input.openings, |model, position, sample, draw| {
+    let evaluated = evaluate(header, &input.openings, |model, position, sample, draw| {
         products[model as usize].loss(position, sample, draw)
     })?;
-    claim(header, losses, Some(input.weight_check()))
+    claim(header, &evaluated, Some(input.weight_check()))
 }
 
 /// Prepares the evaluation. The specification has to be the one that the terms name, because the round fixes it.
@@ -80,21 +82,23 @@ fn evaluator(header: &Header) -> Result<Evaluator<'_>, StatementError> {
     Ok(Evaluator::new(&header.spec)?)
 }
 
-/// Returns the claim, if the losses improve as the terms ask.
+/// Returns the claim, if the errors pass the test that the terms ask for.
 fn claim(
     header: &Header,
-    (before, after, elements): (u64, u64, u64),
+    evaluated: &Evaluated,
     weight_check: Option<WeightCheck>,
 ) -> Result<Claim, StatementError> {
-    let min_improvement_bps = header.terms.min_improvement_bps;
-    if min_improvement_bps > 10_000 {
-        return Err(StatementError::MinImprovement(min_improvement_bps));
-    }
-    if !improves(before, after, min_improvement_bps) {
+    let test = header.terms.test;
+    let pairs = pairs(&evaluated.errors);
+    // At most 2^55 per sample and 2^12 samples give 2^67. The disclosed sums saturate. The test does not use them.
+    let sum = |of: fn(&Pair) -> u64| pairs.iter().map(of).fold(0, u64::saturating_add);
+    let (before, after) = (sum(|pair| pair.base), sum(|pair| pair.update));
+    if !test.passes(&pairs) {
         return Err(StatementError::NoImprovement {
             before,
             after,
-            min_improvement_bps,
+            samples: pairs.len(),
+            test,
         });
     }
     Ok(Claim {
@@ -105,18 +109,11 @@ fn claim(
             Disclosure::Losses => Losses::Disclosed {
                 before,
                 after,
-                elements,
+                elements: evaluated.elements,
             },
         },
         weight_check,
     })
-}
-
-/// Returns whether a loss sum of `after` is lower than `before` by at least `min_improvement_bps` basis points. An equal sum is
-/// never an improvement.
-pub fn improves(before: u64, after: u64, min_improvement_bps: u32) -> bool {
-    let kept = 10_000u128.saturating_sub(min_improvement_bps as u128);
-    after < before && after as u128 * 10_000 <= before as u128 * kept
 }
 
 /// Checks that the opened samples are those that the challenge draws from the committed dataset. Returns their leaves.
@@ -150,34 +147,48 @@ fn check_openings(header: &Header, openings: &[Opening]) -> Result<Vec<Digest>, 
     Ok(leaves)
 }
 
-/// Returns the sums of squared errors under base and update, and the number of elements. `evaluate` returns the loss of a
-/// model on the sample opened at a position.
-fn losses(
+/// What was evaluated.
+struct Evaluated {
+    /// One entry for each opening.
+    errors: Vec<Errors>,
+    /// Number of elements that count, over all openings.
+    elements: u64,
+}
+
+/// Evaluates both models on every opening. `loss` returns the loss of a model on the sample opened at a position.
+fn evaluate(
     header: &Header,
     openings: &[Opening],
-    evaluate: impl Fn(Model, usize, &Sample, &Draw) -> Result<LossSum, EvalError>,
-) -> Result<(u64, u64, u64), StatementError> {
-    let (mut before, mut after, mut elements) = (0, 0, 0);
+    loss: impl Fn(Model, usize, &Sample, &Draw) -> Result<LossSum, EvalError>,
+) -> Result<Evaluated, StatementError> {
+    let terms = &header.terms;
+    let mut errors = Vec::with_capacity(openings.len());
+    let mut elements = 0;
     for (position, opening) in openings.iter().enumerate() {
-        let draw = draw(&header.spec, &header.terms.challenge, position as u32);
-        let evaluate = |model| {
-            evaluate(model, position, &opening.sample, &draw).map_err(|error| {
-                StatementError::Eval {
-                    model,
-                    index: opening.index,
-                    error,
-                }
-            })
+        let draw = draw(
+            &header.spec,
+            &terms.challenge,
+            position as u32,
+            terms.eval_samples,
+        );
+        let loss = |model| loss(model, position, &opening.sample, &draw);
+        let failed = |model, error| StatementError::Eval {
+            model,
+            index: opening.index,
+            error,
         };
-        // At most 2^36 per element, 2^18 elements and 2^12 samples would give 2^66. Sums saturate: equal sums are no
-        // improvement, so that saturating can only refuse a claim.
-        let base = evaluate(Model::Base)?;
-        before = u64::saturating_add(before, base.squared_error);
-        after = u64::saturating_add(after, evaluate(Model::Update)?.squared_error);
-        elements += base.elements;
+        let base = match loss(Model::Base) {
+            Ok(base) => Some(base.squared_error),
+            // In mode `checked`, all products before the overflow have been checked, so that it is a true one.
+            Err(EvalError::OutOfRange { .. }) => None,
+            Err(error) => return Err(failed(Model::Base, error)),
+        };
+        let update = loss(Model::Update).map_err(|error| failed(Model::Update, error))?;
+        elements += update.elements;
+        errors.push(Errors {
+            base,
+            update: update.squared_error,
+        });
     }
-    if elements == 0 {
-        return Err(StatementError::NoElements);
-    }
-    Ok((before, after, elements))
+    Ok(Evaluated { errors, elements })
 }

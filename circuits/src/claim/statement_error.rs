@@ -1,6 +1,7 @@
 //! Why the guest proves no claim: one variant for each check of the statement.
 
 use crate::claim::challenge::DrawError;
+use crate::claim::t_test::TTest;
 use crate::claim::terms::Model;
 use crate::model::site::EvalError;
 use crate::model::spec::SpecError;
@@ -20,9 +21,6 @@ pub enum StatementError {
         /// Digest of the specification in the header.
         given: Digest,
     },
-    /// The minimum improvement is more than the whole loss.
-    #[error("a minimum improvement of {0} basis points is above 10000")]
-    MinImprovement(u32),
     /// The samples cannot be drawn.
     #[error(transparent)]
     Draw(#[from] DrawError),
@@ -74,17 +72,16 @@ pub enum StatementError {
         /// What header and hints give.
         expected: Digest,
     },
-    /// No element counts, because all frames are padding.
-    #[error("every frame of the drawn samples is padding: there is no loss")]
-    NoElements,
-    /// The loss is not lower by the minimum.
-    #[error("the sum of squared errors went from {before} to {after}, which is not lower by {min_improvement_bps} basis points")]
+    /// The test does not show that the loss is lower.
+    #[error("the sum of squared errors went from {before} to {after} on {samples} samples, which does not show {test}: train longer, or evaluate more samples")]
     NoImprovement {
         /// Sum under the base weights.
         before: u64,
         /// Sum under the update.
         after: u64,
-        /// Least improvement asked for.
-        min_improvement_bps: u32,
+        /// Number of samples.
+        samples: usize,
+        /// The test that the improvement does not pass.
+        test: TTest,
     },
 }

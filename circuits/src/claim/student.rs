@@ -5,25 +5,47 @@
 
 use borsh::{BorshDeserialize, BorshSerialize};
 use core::fmt::{self, Display};
+use core::str::FromStr;
 
 /// How sure a one-sided test has to be.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, BorshSerialize, BorshDeserialize)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Confidence {
     /// 95 %.
+    #[cfg_attr(feature = "serde", serde(rename = "95%"))]
     P95,
     /// 99 %.
+    #[cfg_attr(feature = "serde", serde(rename = "99%"))]
     P99,
     /// 99.9 %.
+    #[cfg_attr(feature = "serde", serde(rename = "99.9%"))]
     P999,
+}
+
+/// There is no such confidence.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("a confidence is 95%, 99% or 99.9%")]
+pub struct UnknownConfidence;
+
+impl FromStr for Confidence {
+    type Err = UnknownConfidence;
+
+    fn from_str(text: &str) -> Result<Self, UnknownConfidence> {
+        match text {
+            "95%" => Ok(Self::P95),
+            "99%" => Ok(Self::P99),
+            "99.9%" => Ok(Self::P999),
+            _ => Err(UnknownConfidence),
+        }
+    }
 }
 
 impl Display for Confidence {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
-            Self::P95 => "95 %",
-            Self::P99 => "99 %",
-            Self::P999 => "99.9 %",
+            Self::P95 => "95%",
+            Self::P99 => "99%",
+            Self::P999 => "99.9%",
         })
     }
 }

@@ -9,12 +9,12 @@
 //! is Student's t-statistic with n − 1 degrees of freedom ("Student", The probable error of a mean, Biometrika 6, 1908). The test
 //! passes if it exceeds the quantile of the asked confidence. Both sides are squared, so that nothing is rounded.
 //!
-//! No program makes this test yet: a claim compares the two sums ([`crate::claim::statement::improves`]). `make power` measures what
-//! the test is worth, and `docs/samples.md` says what came out.
+//! `make power` measures what the test is worth, and `docs/samples.md` says what came out.
 
 use crate::claim::challenge::MAX_EVAL_SAMPLES;
 use crate::claim::student::{quantile, Confidence};
 use borsh::{BorshDeserialize, BorshSerialize};
+use core::fmt::{self, Display};
 use ethnum::U256;
 
 /// Basis points of one.
@@ -27,6 +27,19 @@ pub struct TTest {
     pub min_improvement_bps: u32,
     /// How sure it has to be.
     pub confidence: Confidence,
+}
+
+impl Display for TTest {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self {
+            min_improvement_bps,
+            confidence,
+        } = self;
+        write!(
+            f,
+            "an improvement by {min_improvement_bps} basis points at a confidence of {confidence}"
+        )
+    }
 }
 
 /// The squared errors of the two models on one sample.

@@ -1,6 +1,7 @@
 //! The terms of a claim: what the network's ledger fixes about it before anyone makes a proof.
 
 use crate::claim::dataset::DatasetCommitment;
+use crate::claim::t_test::TTest;
 use crate::vm::digest::{Digest, NodeId};
 use alloc::string::{String, ToString};
 use borsh::{BorshDeserialize, BorshSerialize};
@@ -26,10 +27,10 @@ pub struct Terms {
     pub update: WeightsDigest,
     /// Fixes the samples, the flow times and the noise. It is derived from the ledger after the update was committed.
     pub challenge: Digest,
-    /// Number of samples evaluated.
+    /// Number of samples evaluated, as the node chose it before the challenge.
     pub eval_samples: u32,
-    /// Least relative improvement claimed, in basis points (1/100 of a percent).
-    pub min_improvement_bps: u32,
+    /// The test that the improvement passes.
+    pub test: TTest,
 }
 
 /// The digests of a set of expert weights, as a file and as numbers.
@@ -87,7 +88,7 @@ impl Terms {
             update,
             challenge,
             eval_samples,
-            min_improvement_bps,
+            test,
         } = expected;
         same("network", &self.network, network)?;
         same("round", &self.round, round)?;
@@ -112,8 +113,17 @@ impl Terms {
         same("update.quantised", claimed, &update.quantised)?;
         same("challenge", &self.challenge, challenge)?;
         same("eval_samples", &self.eval_samples, eval_samples)?;
-        let claimed = &self.min_improvement_bps;
-        same("min_improvement_bps", claimed, min_improvement_bps)
+        let TTest {
+            min_improvement_bps,
+            confidence,
+        } = test;
+        let claimed = &self.test;
+        same(
+            "test.min_improvement_bps",
+            &claimed.min_improvement_bps,
+            min_improvement_bps,
+        )?;
+        same("test.confidence", &claimed.confidence, confidence)
     }
 }
 

@@ -1,5 +1,6 @@
 //! Hinted products: what enters the guest of a set of weights in mode `checked`, and the evaluation with it.
 
+use crate::claim::terms::Model;
 use crate::freivalds::checked::{rest, Checked};
 use crate::freivalds::coefficients::Coefficients;
 use crate::freivalds::field::{Element, Limbs};
@@ -34,16 +35,24 @@ pub struct HintedWeights<'a> {
 pub struct Hints<'a>(pub(crate) Cow<'a, [u64]>);
 
 impl Hints<'static> {
-    /// The prover's side: evaluates, and keeps the sums of all products.
+    /// The prover's side: evaluates, and keeps the sums of all products. If a value of the base overflows between two products, these
+    /// are the products before it: the guest finds the same overflow.
+    ///
+    /// # Errors
+    /// A value of the update overflows, or a product of either.
     pub fn record(
         evaluator: &Evaluator<'_>,
+        model: Model,
         weights: &QuantisedWeights,
         parameters: &Parameters,
         sample: &Sample,
         draw: &Draw,
     ) -> Result<Self, EvalError> {
         let mut recorder = Recorder::new(evaluator.direct(weights)?);
-        evaluator.loss(parameters, &mut recorder, sample, draw)?;
+        match evaluator.loss(parameters, &mut recorder, sample, draw) {
+            Err(EvalError::OutOfRange { .. }) if model == Model::Base && !recorder.missing => {}
+            evaluated => drop(evaluated?),
+        }
         Ok(Self::new(&recorder.hints))
     }
 }

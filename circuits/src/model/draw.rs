@@ -1,4 +1,8 @@
 //! What the challenge draws for each evaluated sample: its flow time and its noise.
+//!
+//! Flow times are stratified: the distribution is cut into as many equal parts as there are samples, and each sample's time comes from
+//! a part of its own. Times that cover the distribution evenly vary less in their mean, so that a test of the losses needs fewer
+//! samples. Where in its part a time lies stays unpredictable.
 
 use crate::model::arithmetic::fixed::align;
 use crate::model::arithmetic::tables::{flow_time, gaussian, GAUSS_BITS};
@@ -15,29 +19,32 @@ pub struct Draw {
     pub noise: Vec<i16>,
 }
 
-/// The word from which the flow time of `position` is drawn when `count` times are stratified: one from each of `count` equal parts
-/// of the distribution. `word` says where in its part. Times that cover the distribution evenly vary less in their mean, and stay
-/// unpredictable.
-pub fn stratified(position: u32, count: u32, word: u16) -> u16 {
+/// The word from which the flow time of `position` follows: `word` says where it lies in part `position` of `count` equal parts of all
+/// words.
+fn stratified(position: u32, count: u32, word: u16) -> u16 {
     let place = (u64::from(position) << 16) | u64::from(word);
     (place / u64::from(count.max(1))).min(u64::from(u16::MAX)) as u16
 }
 
-/// Draws for the evaluated sample at `position` (0, 1, … in the order of [`crate::claim::challenge::sample_indices`]).
+/// Draws for the evaluated sample at `position` (0, 1, … in the order of [`crate::claim::challenge::sample_indices`]) of `count`.
 ///
-/// The blocks `H("zk0/draw/v1", challenge, position, counter)` are read as little-endian u16. The first is the flow time, the
-/// others are noise.
-pub fn draw(spec: &EvalSpec, challenge: &Digest, position: u32) -> Draw {
+/// The blocks `H("zk0/draw/v2", challenge, position, counter)` are read as little-endian u16. The first says where the flow time lies
+/// in its part of the distribution, the others are noise.
+pub fn draw(spec: &EvalSpec, challenge: &Digest, position: u32, count: u32) -> Draw {
     let values = spec.dims.chunk as usize * spec.dims.max_action_dim as usize;
     let mut noise = Vec::with_capacity(values);
     let mut time = None;
     for counter in 0u64.. {
-        let (position, counter) = (position.to_le_bytes(), counter.to_le_bytes());
-        let block = tagged_sha256("zk0/draw/v1", &[&challenge.0, &position, &counter]);
+        let parts = [
+            &challenge.0[..],
+            &position.to_le_bytes(),
+            &counter.to_le_bytes(),
+        ];
+        let block = tagged_sha256("zk0/draw/v2", &parts);
         for word in block.0.chunks_exact(2) {
             let word = u16::from_le_bytes([word[0], word[1]]);
             match time {
-                None => time = Some(flow_time(word)),
+                None => time = Some(flow_time(stratified(position, count, word))),
                 Some(_) if noise.len() < values => {
                     let value = align(gaussian(word) as i64, GAUSS_BITS as i32, spec.action as i32);
                     noise.push(value as i16); // |value| < 2^14 and the scale has at most 12 bits

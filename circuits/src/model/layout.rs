@@ -80,7 +80,7 @@ pub fn expert_tensors(dims: &Dims) -> Vec<TensorSpec> {
 
 /// Where each tensor of [`expert_tensors`] lies. The guest needs no more than this, and computes no names.
 #[derive(Clone, Debug)]
-pub(crate) struct Layout {
+pub struct Layout {
     /// Where each tensor lies.
     pub tensors: Vec<Place>,
     /// Length of the whole buffer: one scale per tensor, then the values.
@@ -89,8 +89,10 @@ pub(crate) struct Layout {
 
 /// Where a tensor lies in the buffer.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Place {
+pub struct Place {
+    /// Its first value, counted from the beginning of the buffer.
     pub start: usize,
+    /// Its number of values.
     pub len: usize,
     /// Whether it is the matrix of a linear layer.
     pub is_matrix: bool,
@@ -101,6 +103,7 @@ pub(crate) const HEAD_TENSORS: usize = 6;
 pub(crate) const LAYER_TENSORS: usize = 9;
 
 impl Layout {
+    /// The places of the tensors of an expert with these dimensions.
     pub fn new(dims: &Dims) -> Self {
         let (width, mlp) = (dims.expert_width as usize, dims.expert_mlp as usize);
         let action = dims.max_action_dim as usize;

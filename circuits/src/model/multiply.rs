@@ -178,6 +178,8 @@ pub struct Recorder<'a> {
     direct: Direct<'a>,
     /// All sums so far.
     pub hints: Vec<i32>,
+    /// Whether a product could not be kept, because a sum of it does not fit.
+    pub missing: bool,
 }
 
 impl<'a> Recorder<'a> {
@@ -186,12 +188,15 @@ impl<'a> Recorder<'a> {
         Self {
             direct,
             hints: vec![],
+            missing: false,
         }
     }
 
     fn keep(&mut self, sums: Result<Vec<i32>, EvalError>) -> Result<Vec<i32>, EvalError> {
-        self.hints
-            .extend_from_slice(sums.as_deref().unwrap_or_default());
+        match &sums {
+            Ok(sums) => self.hints.extend_from_slice(sums),
+            Err(_) => self.missing = true,
+        }
         sums
     }
 }

@@ -43,6 +43,9 @@ pub enum QuantiseError {
         /// Largest magnitude that fits.
         limit: f32,
     },
+    /// A sample's pad mask is out of order.
+    #[error("the sample's pad mask is out of order: a sample has at least one real frame, and padding only after the last one")]
+    PadOrder,
     /// The specification is not valid.
     #[error(transparent)]
     Spec(#[from] SpecError),

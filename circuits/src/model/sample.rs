@@ -13,9 +13,12 @@ use alloc::string::String;
 /// | values | what |
 /// |---|---|
 /// | 1 | number of valid prefix tokens |
-/// | chunk | pad mask: 1 where the frame lies past the end of the episode |
-/// | chunk × max_action_dim | normalised actions, row per frame; zeros beyond `action_dim` |
+/// | chunk | pad mask: 0, and 1 from the end of the episode on |
+/// | chunk × max_action_dim | normalised actions, row per frame; zeros beyond `action_dim` and in padding |
 /// | per layer: prefix × kv_width, twice | the prefix's keys (after RoPE), then its values |
+///
+/// Where the evaluation reads nothing, a sample holds zeros. So two samples that are the same to the evaluation are the same bytes, and
+/// give the same leaf in a dataset.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Sample {
     pub(crate) values: Values,
@@ -62,6 +65,22 @@ pub enum SampleError {
         /// The value.
         value: i16,
     },
+    /// The first frame is padding, or another frame than the last ones.
+    #[error("the pad mask is out of order at frame {frame}: a sample has at least one real frame, and padding only after the last one")]
+    PadOrder {
+        /// Which frame.
+        frame: usize,
+    },
+    /// There is an action where the evaluation reads none.
+    #[error("action dimension {dimension} of frame {frame} is {value}; it must be 0, because it is not read")]
+    NotRead {
+        /// Which frame.
+        frame: usize,
+        /// Which action dimension.
+        dimension: usize,
+        /// The value.
+        value: i16,
+    },
 }
 
 impl Sample {
@@ -86,6 +105,9 @@ impl Sample {
         }
         if parts.is_pad.len() != chunk {
             return wrong("sample pad mask".into(), chunk, parts.is_pad.len());
+        }
+        if parts.is_pad[0] || !parts.is_pad.is_sorted() {
+            return Err(QuantiseError::PadOrder);
         }
         let actions = chunk * dims.max_action_dim as usize;
         if parts.actions.len() != actions {
@@ -118,6 +140,10 @@ impl Sample {
         }
         let (target, mut rest) = rest.split_at_mut(actions);
         quantise_into("sample actions", parts.actions, spec.action as u32, target)?;
+        let read = dims.action_dim as usize;
+        for (row, &pad) in target.chunks_exact_mut(actions / chunk).zip(parts.is_pad) {
+            row[if pad { 0 } else { read }..].fill(0);
+        }
         for (layer, ((keys, cached), scales)) in parts.cache.iter().zip(&spec.layers).enumerate() {
             for (what, source, bits) in [
                 ("keys", keys, scales.cache_key),
@@ -174,13 +200,37 @@ impl Sample {
         let (bytes, rest) = bytes.split_at_checked(expected).ok_or(wrong.clone())?;
         let values = Values::from_bytes(bytes, len).ok_or(wrong)?;
         let sample = Self { values, prefix };
-        for frame in 0..dims.chunk as usize {
-            let value = sample.values.as_slice()[1 + frame];
+        sample.check_padding(dims)?;
+        Ok((sample, rest))
+    }
+
+    /// Checks the pad mask, and that actions which are not read are zero.
+    fn check_padding(&self, dims: &Dims) -> Result<(), SampleError> {
+        let mask = &self.values.as_slice()[1..];
+        let width = dims.max_action_dim as usize;
+        let mut padding = false;
+        for (frame, actions) in self.actions(dims).chunks_exact(width).enumerate() {
+            let value = mask[frame];
             if value >> 1 != 0 {
                 return Err(SampleError::PadMask { frame, value });
             }
+            let pad = value != 0;
+            if (pad && frame == 0) || (padding && !pad) {
+                return Err(SampleError::PadOrder { frame });
+            }
+            padding = pad;
+            let read = if pad { 0 } else { dims.action_dim as usize };
+            for (dimension, &value) in actions.iter().enumerate().skip(read) {
+                if value != 0 {
+                    return Err(SampleError::NotRead {
+                        frame,
+                        dimension,
+                        value,
+                    });
+                }
+            }
         }
-        Ok((sample, rest))
+        Ok(())
     }
 
     /// Bytes of a sample with `prefix` valid tokens.

@@ -101,7 +101,7 @@ impl QuantisedWeights {
     }
 
     /// The values of tensor number `index`, row-major, and their fraction bits.
-    pub(crate) fn tensor(&self, layout: &Layout, index: usize) -> (&[i16], i16) {
+    pub fn tensor(&self, layout: &Layout, index: usize) -> (&[i16], i16) {
         let values = self.values.as_slice();
         let place = layout.tensors[index];
         (&values[place.start..][..place.len], values[index])

@@ -1,6 +1,6 @@
 //! Cheats that open other samples than those drawn, or commit to other data than they say.
 
-use super::verifier::{improves, loss, loss_at, prove};
+use super::verifier::{drawn, loss, loss_at, prove, share_of_quantile};
 use crate::claims::{nudged, Node, Parts, Random, SALT};
 use zk0_circuits::claim::challenge::sample_indices;
 use zk0_circuits::claim::dataset::{check_leaves, leaf, salt_commitment};
@@ -23,60 +23,67 @@ fn open(dataset: &[Sample], leaves: &[Digest], index: usize) -> Opening {
     }
 }
 
-/// Gives the node an update that lowers the loss on `some` (sample, position), and raises it on all samples drawn.
-fn help_only(node: &mut Node, some: &[(&Parts, usize)], drawn: &[&Parts]) {
-    let on_some = |node: &Node, tensors: &_| -> f64 {
+/// Gives the node an update that passes the test on `some` (sample, position), and raises the loss on the samples that are drawn.
+fn help_only(node: &mut Node, some: &[(&Parts, usize)], drawn: &[Parts]) {
+    let on_some = |node: &Node, tensors: &_| -> Vec<f64> {
         let losses = some.iter();
         losses
             .map(|&(parts, position)| loss_at(node, tensors, parts, position))
-            .sum()
+            .collect()
     };
-    for seed in 0..1000 {
-        node.update = nudged(&node.base, &mut Random(seed), 0.3);
-        let lower = on_some(node, &node.update) < 0.95 * on_some(node, &node.base);
-        let higher = loss(node, &node.update, drawn) > 1.02 * loss(node, &node.base, drawn);
-        if lower && higher {
-            assert!(!improves(node, drawn));
-            return;
+    for seed in 0..20_000 {
+        let amount = [0.1, 0.3, 0.6][seed as usize % 3];
+        node.update = nudged(&node.base, &mut Random(seed), amount);
+        if loss(node, &node.update, drawn) > 1.02 * loss(node, &node.base, drawn) {
+            let [before, after] = [&node.base, &node.update].map(|tensors| on_some(node, tensors));
+            // The guest's fixed-point losses differ a little from these.
+            if share_of_quantile(node, &before, &after) > 1.1 {
+                return;
+            }
         }
     }
     panic!("no update helps only these samples");
 }
 
-/// The update helps on the first sample drawn, and harms on all four.
+/// The update helps on the first two samples drawn, and harms on all four.
 pub fn fewer() -> Result<(), String> {
     let mut node = node(6, 4);
-    let data = node.data.clone();
-    let drawn = sample_indices(&node.challenge, 6, 4).unwrap();
-    let drawn: Vec<&Parts> = drawn.iter().map(|&index| &data[index as usize]).collect();
-    help_only(&mut node, &[(drawn[0], 0)], &drawn);
+    let drawn = drawn(&node);
+    help_only(&mut node, &[(&drawn[0], 0), (&drawn[1], 1)], &drawn);
     let mut input = node.honest().input;
-    input.openings.truncate(1);
+    input.openings.truncate(2);
     prove(input).map(drop)
 }
 
-/// The update helps on another sample than the one drawn.
+/// The update helps on other samples than those drawn.
 pub fn lucky() -> Result<(), String> {
-    let mut node = node(6, 1);
-    let drawn = sample_indices(&node.challenge, 6, 1).unwrap()[0] as usize;
-    let lucky = (drawn + 1) % 6;
-    let data = node.data.clone();
-    help_only(&mut node, &[(&data[lucky], 0)], &[&data[drawn]]);
+    let mut node = node(6, 2);
+    let indices = sample_indices(&node.challenge, 6, 2).unwrap();
+    let others: Vec<usize> = (0..6)
+        .filter(|index| !indices.contains(&(*index as u64)))
+        .collect();
+    let (data, drawn) = (node.data.clone(), drawn(&node));
+    let lucky = [(&data[others[0]], 0), (&data[others[1]], 1)];
+    help_only(&mut node, &lucky, &drawn);
     let honest = node.honest();
     let mut input = honest.input;
-    input.openings = vec![open(&honest.dataset, &honest.leaves, lucky)];
+    let opened = others[..2].iter();
+    input.openings = opened
+        .map(|index| open(&honest.dataset, &honest.leaves, *index))
+        .collect();
     prove(input).map(drop)
 }
 
-/// The update helps on a sample that is not in the dataset, put in the place of the one drawn.
+/// The update helps on samples that are not in the dataset, put in the place of those drawn.
 pub fn invented() -> Result<(), String> {
-    let mut node = node(6, 1);
-    let drawn = sample_indices(&node.challenge, 6, 1).unwrap()[0] as usize;
-    let invented = Parts::random(&node.spec, &mut Random(8), 9, 0);
-    let data = node.data.clone();
-    help_only(&mut node, &[(&invented, 0)], &[&data[drawn]]);
+    let mut node = node(6, 2);
+    let drawn = drawn(&node);
+    let invented = [8, 9].map(|seed| Parts::random(&node.spec, &mut Random(seed), 9, 0));
+    help_only(&mut node, &[(&invented[0], 0), (&invented[1], 1)], &drawn);
     let mut input = node.honest().input;
-    input.openings[0].sample = invented.quantise(&node.spec);
+    for (opening, invented) in input.openings.iter_mut().zip(&invented) {
+        opening.sample = invented.quantise(&node.spec);
+    }
     prove(input).map(drop)
 }
 
@@ -94,22 +101,23 @@ pub fn twice() -> Result<(), String> {
         .unwrap();
     let data = node.data.clone();
     let some = [(&data[0], 0), (&data[0], 1)];
-    help_only(&mut node, &some, &[&data[0], &data[1]]);
+    help_only(&mut node, &some, &data);
     let honest = node.honest();
     let mut input = honest.input;
     input.openings = vec![open(&honest.dataset, &honest.leaves, 0); 2];
     prove(input).map(drop)
 }
 
-/// The dataset counts two samples. Two more lie below the place of the second, so index 0 also leads to the first of them, by a
-/// path that is too long. The update helps on that sample.
+/// The dataset counts two samples. The place of the second holds the hash of two more, so that both indices lead to these, by paths
+/// that are too long. The update helps on them, and harms on the first sample.
 pub fn deeper() -> Result<(), String> {
-    let mut node = node(3, 1);
-    let first_of_two = |challenge: &Digest| sample_indices(challenge, 2, 1).unwrap() == [0];
-    let mut challenges = (0..).map(|round| Digest([round; 32]));
-    node.challenge = challenges.find(first_of_two).unwrap();
+    let mut node = node(3, 2);
+    let drawn = sample_indices(&node.challenge, 2, 2).unwrap();
     let data = node.data.clone();
-    help_only(&mut node, &[(&data[1], 0)], &[&data[0]]);
+    // Index 0 leads to sample 1, and index 1 to sample 2.
+    let opened: Vec<usize> = drawn.iter().map(|index| *index as usize + 1).collect();
+    let hidden = [(&data[opened[0]], 0), (&data[opened[1]], 1)];
+    help_only(&mut node, &hidden, &data[..1]);
     let honest = node.honest();
     let leaves = honest.leaves;
     let mut input = honest.input;
@@ -117,11 +125,12 @@ pub fn deeper() -> Result<(), String> {
     let below = merkle::node_hash(&leaves[1], &leaves[2]);
     dataset.root = merkle::node_hash(&leaves[0], &below);
     dataset.samples = 2;
-    input.openings = vec![Opening {
-        index: 0,
-        sample: honest.dataset[1].clone(),
-        path: vec![leaves[2], leaves[0]],
-    }];
+    let opening = |(index, sample): (&u64, &usize)| Opening {
+        index: *index,
+        sample: honest.dataset[*sample].clone(),
+        path: vec![leaves[3 - sample], leaves[0]],
+    };
+    input.openings = drawn.iter().zip(&opened).map(opening).collect();
     prove(input).map(drop)
 }
 
@@ -143,17 +152,36 @@ pub fn shallower() -> Result<(), String> {
     Ok(())
 }
 
-/// A dataset of six samples that are all the same, though its leaves differ: by their salts, or by what `copy` makes of them.
-fn copies(
+/// A dataset of two samples that counts as six, because each is there under three salts. The node waits for a challenge that draws
+/// two samples under one salt.
+pub fn salted_copies() -> Result<(), String> {
+    let mut node = node(6, 2);
+    for copy in 2..6 {
+        node.data[copy] = node.data[copy % 2].clone();
+    }
+    let mut refused = Err("no challenge draws two samples under one salt".to_string());
+    for challenge in 0..=255 {
+        node.challenge = Digest([challenge; 32]);
+        let mut drawn = sample_indices(&node.challenge, 6, 2).unwrap();
+        drawn.sort_unstable();
+        if drawn != [2, 3] {
+            continue;
+        }
+        let salts = [0, 0, 1, 1, 2, 2].map(|salt| [salt; 32]);
+        refused = claim_copies(&node, salts, |sample, _| Ok(sample.clone()));
+        if refused.is_ok() {
+            break;
+        }
+    }
+    refused
+}
+
+/// Claims of a dataset whose leaves differ, though its samples do not: by their salts, or by what `copy` makes of them.
+fn claim_copies(
+    node: &Node,
     salts: [[u8; 32]; 6],
     copy: impl Fn(&Sample, usize) -> Result<Sample, String>,
 ) -> Result<(), String> {
-    let node = node(3, 1);
-    let one = node.data[2].clone();
-    let node = Node {
-        data: vec![one; 6],
-        ..node
-    };
     let honest = node.honest();
     let mut input = honest.input;
     let dataset: Vec<Sample> = honest
@@ -169,33 +197,70 @@ fn copies(
         .collect();
     input.header.terms.dataset.root = merkle::root(&leaves);
     input.header.terms.dataset.salt_commitment = salt_commitment(&salts[0]);
-    let drawn = input.openings[0].index as usize;
-    assert_ne!(drawn, 0, "the sample drawn has the first salt");
-    input.openings = vec![open(&dataset, &leaves, drawn)];
-    input.header.salt = salts[drawn];
+    let drawn: Vec<usize> = input
+        .openings
+        .iter()
+        .map(|opening| opening.index as usize)
+        .collect();
+    input.openings = drawn
+        .iter()
+        .map(|index| open(&dataset, &leaves, *index))
+        .collect();
+    input.header.salt = salts[drawn[0]];
     let claim = prove(input)?;
     // A verifier who holds the list of leaves sees no duplicate.
     assert_eq!(check_leaves(&claim.terms.dataset, &leaves), Ok(()));
     Ok(())
 }
 
-/// Gives each copy a salt of its own.
-pub fn salted_copies() -> Result<(), String> {
-    let salts = [0, 1, 2, 3, 4, 5].map(|index| [index; 32]);
-    copies(salts, |sample, _| Ok(sample.clone()))
+/// A dataset of six samples that are all the same, apart from what `copy` changes.
+fn copies(copy: impl Fn(&Sample, usize) -> Result<Sample, String>) -> Result<(), String> {
+    let mut node = node(3, 1);
+    let one = node.data[2].clone();
+    (node.data, node.eval_samples) = (vec![one; 6], 4);
+    claim_copies(&node, [SALT; 6], copy)
 }
 
 /// Marks the last frame of each copy, which is padding, with another number.
 pub fn flagged_copies() -> Result<(), String> {
     let chunk = EvalSpec::micro().dims.chunk as usize;
-    copies([SALT; 6], |sample, index| {
-        with_value(sample, chunk, 1 + index as i16)
+    copies(|sample, index| with_value(sample, chunk, 1 + index as i16))
+}
+
+/// Marks another frame of each copy as padding, though real frames follow.
+pub fn masked_copies() -> Result<(), String> {
+    let dims = EvalSpec::micro().dims;
+    let (chunk, width) = (dims.chunk as usize, dims.max_action_dim as usize);
+    copies(|sample, index| {
+        let mut sample = sample.clone();
+        for frame in (0..3).filter(|frame| index >> frame & 1 != 0) {
+            let actions = 1 + chunk + frame * width;
+            for at in actions..actions + width {
+                sample = with_value(&sample, at, 0)?;
+            }
+            sample = with_value(&sample, 1 + frame, 1)?;
+        }
+        Ok(sample)
     })
+}
+
+/// Gives each copy another action in its last frame, which is padding.
+pub fn written_copies() -> Result<(), String> {
+    let dims = EvalSpec::micro().dims;
+    let (chunk, width) = (dims.chunk as usize, dims.max_action_dim as usize);
+    copies(|sample, index| with_value(sample, 1 + chunk + (chunk - 1) * width, index as i16))
+}
+
+/// Gives each copy another number in an action dimension that no arm has.
+pub fn widened_copies() -> Result<(), String> {
+    let dims = EvalSpec::micro().dims;
+    let beyond = 1 + dims.chunk as usize + dims.action_dim as usize;
+    copies(|sample, index| with_value(sample, beyond, index as i16))
 }
 
 /// Puts another number behind the last value of each copy. Nothing reads it.
 pub fn padded_copies() -> Result<(), String> {
-    copies([SALT; 6], |sample, index| {
+    copies(|sample, index| {
         let last = sample.as_bytes().len() / 2 - 1;
         with_value(sample, last, index as i16)
     })
@@ -207,13 +272,4 @@ fn with_value(sample: &Sample, at: usize, value: i16) -> Result<Sample, String> 
     bytes[2 * at..][..2].copy_from_slice(&value.to_le_bytes());
     let read = Sample::from_bytes(&EvalSpec::micro().dims, &bytes);
     read.map_err(|error| error.to_string())
-}
-
-/// All frames are padding, so no loss is lower than another.
-pub fn padding_alone() -> Result<(), String> {
-    let mut node = node(1, 1);
-    node.data[0].is_pad.fill(true);
-    node.min_improvement_bps = 0;
-    assert!(!improves(&node, &[&node.data[0]]));
-    prove(node.honest().input).map(drop)
 }

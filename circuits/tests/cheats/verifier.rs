@@ -6,7 +6,9 @@ mod reference;
 
 use crate::claims::{Node, Parts, Tensors};
 use zk0_circuits::claim::hinted_input::HintedInput;
+use zk0_circuits::claim::private_input::Opening;
 use zk0_circuits::claim::statement::{check, check_hinted};
+use zk0_circuits::claim::student::Confidence;
 use zk0_circuits::model::draw::draw;
 use zk0_circuits::model::parameters::Parameters;
 use zk0_circuits::{Claim, EvalSpec, Mode, PrivateInput, QuantisedWeights};
@@ -63,19 +65,50 @@ fn names_files(claim: &Claim, mode: Mode, files: [&QuantisedWeights; 2]) -> Resu
     Ok(())
 }
 
+/// The samples that the node's challenge draws, in the order drawn.
+pub fn drawn(node: &Node) -> Vec<Parts> {
+    let openings = node.honest().input.openings;
+    let index = |opening: Opening| opening.index as usize;
+    let drawn = openings.into_iter().map(index);
+    drawn.map(|index| node.data[index].clone()).collect()
+}
+
 /// The node's update improves on its base by what it claims, on the samples at these positions.
-pub fn improves(node: &Node, samples: &[&Parts]) -> bool {
-    let [before, after] = [&node.base, &node.update].map(|tensors| loss(node, tensors, samples));
-    let share = node.min_improvement_bps as f64 / 10_000.0;
-    after < before && before - after >= share * before
+pub fn improves(node: &Node, samples: &[Parts]) -> bool {
+    let losses = [&node.base, &node.update].map(|tensors| losses(node, tensors, samples));
+    share_of_quantile(node, &losses[0], &losses[1]) > 1.0
+}
+
+/// The node's test, in float64: Student's t-statistic of the differences, divided by the quantile at 95 %. Above 1, the test passes.
+pub fn share_of_quantile(node: &Node, before: &[f64], after: &[f64]) -> f64 {
+    assert_eq!(node.test.confidence, Confidence::P95);
+    // From any table.
+    let quantile = match before.len() {
+        2 => 6.314,
+        4 => 2.353,
+        8 => 1.895,
+        other => panic!("no quantile for {other} samples"),
+    };
+    let kept = 1.0 - node.test.min_improvement_bps as f64 / 10_000.0;
+    let differences = before.iter().zip(after).map(|(b, u)| kept * b - u);
+    let differences: Vec<f64> = differences.collect();
+    let n = differences.len() as f64;
+    let mean = differences.iter().sum::<f64>() / n;
+    let variance = differences.iter().map(|d| (d - mean).powi(2)).sum::<f64>() / (n - 1.0);
+    mean / (variance / n).sqrt() / quantile
 }
 
 /// Returns the sum of squared errors in float64.
-pub fn loss(node: &Node, tensors: &Tensors, samples: &[&Parts]) -> f64 {
+pub fn loss(node: &Node, tensors: &Tensors, samples: &[Parts]) -> f64 {
+    losses(node, tensors, samples).iter().sum()
+}
+
+/// Returns the squared errors on each sample in float64.
+pub fn losses(node: &Node, tensors: &Tensors, samples: &[Parts]) -> Vec<f64> {
     let samples = samples.iter().enumerate();
     samples
         .map(|(position, parts)| loss_at(node, tensors, parts, position))
-        .sum()
+        .collect()
 }
 
 /// Returns the sum for one sample, with the noise and time of a position.
@@ -85,7 +118,7 @@ pub fn loss_at(node: &Node, tensors: &Tensors, parts: &Parts, position: usize) -
         action: 12,
         ..EvalSpec::new(node.spec.dims)
     };
-    let draw = draw(&exact, &node.challenge, position as u32);
+    let draw = draw(&exact, &node.challenge, position as u32, node.eval_samples);
     let noise: Vec<f64> = draw.noise.iter().map(|&n| n as f64 / 4096.0).collect();
     let time = draw.time as f64 / 65536.0;
     let (loss, _) = reference::loss(&node.spec.dims, tensors, parts, &noise, time);

@@ -5,6 +5,8 @@ use std::collections::HashMap;
 use zk0_circuits::claim::challenge::{challenge, sample_indices};
 use zk0_circuits::claim::dataset::{leaf, salt_commitment};
 use zk0_circuits::claim::private_input::{Header, Opening};
+use zk0_circuits::claim::student::Confidence;
+use zk0_circuits::claim::t_test::TTest;
 use zk0_circuits::model::layout::expert_tensors;
 use zk0_circuits::model::sample::SampleParts;
 use zk0_circuits::vm::merkle;
@@ -149,7 +151,7 @@ pub struct Node {
     pub update: Tensors,
     pub challenge: Digest,
     pub eval_samples: u32,
-    pub min_improvement_bps: u32,
+    pub test: TTest,
 }
 
 /// Secret salt of a [`Node`]'s dataset.
@@ -166,15 +168,19 @@ impl Node {
         let data = (0..samples)
             .map(|index| Parts::random(spec, &mut random, most - index % 2, index % 3))
             .collect();
-        let base = tensors(spec, &mut random, 1.0);
+        // Louder than the noise, so that the calmer update is clearly better on a few samples.
+        let base = louder(&tensors(spec, &mut random, 1.0), 2.0);
         Self {
             spec: spec.clone(),
             data,
             update: calmer(&base),
             base,
-            challenge: challenge(&NETWORK, 3, &NODE, 4, &Digest([5; 32])),
+            challenge: challenge(&NETWORK, 3, &NODE, &Digest([4; 32]), &Digest([5; 32])),
             eval_samples,
-            min_improvement_bps: 100,
+            test: TTest {
+                min_improvement_bps: 100,
+                confidence: Confidence::P95,
+            },
         }
     }
 
@@ -219,7 +225,7 @@ impl Node {
                 update: weights(Digest([10; 32]), &update),
                 challenge: self.challenge,
                 eval_samples: self.eval_samples,
-                min_improvement_bps: self.min_improvement_bps,
+                test: self.test,
             },
             disclosure: Disclosure::Losses,
             salt: SALT,

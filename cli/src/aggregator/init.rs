@@ -1,5 +1,6 @@
 //! `zk0 aggregator init`: found a network on a policy.
 
+use super::public_samples::PublicSampleOptions;
 use super::rules::{read_rules, CommonRules, LEAST_UPDATE_LIMIT};
 use super::Enrolment;
 use crate::dataset::RecordingName;
@@ -12,7 +13,7 @@ use std::path::PathBuf;
 use zk0_aggregator::round::founding::{check_free, enrol, Founding};
 use zk0_aggregator::SystemClock;
 use zk0_circuits::claim::program::verifying_key;
-use zk0_circuits::model::spec::EvalSpec;
+use zk0_circuits::model::spec::{Dims, EvalSpec};
 use zk0_circuits::Mode;
 use zk0_node::participant::MAX_POLICY_BYTES;
 use zk0_protocol::Rules;
@@ -20,6 +21,7 @@ use zk0_prover::measure::{DirectCost, DirectMode};
 use zk0_smolvla::measure::fixed_point::{dims, quantise_weights};
 use zk0_smolvla::policy::policy_file::PolicyFile;
 use zk0_smolvla::{Policy, Profile};
+use zk0_weights::Format;
 
 /// `zk0 aggregator init`.
 #[derive(Debug, clap::Args)]
@@ -56,10 +58,12 @@ pub struct Init {
     calibrate: Vec<RecordingName>,
     /// Take all the network's rules from this JSON file, instead of the options below. `zk0 aggregator rules` prints a file to begin
     /// with.
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["min_dataset_samples", "eval_samples", "min_improvement_bps", "max_weight_samples", "hide_losses", "commit_minutes", "submit_minutes", "governors"])]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["min_dataset_samples", "evaluation_frames", "min_eval_samples", "max_eval_samples", "min_improvement_bps", "confidence", "hide_losses", "commit_minutes", "submit_minutes", "randomness", "governors"])]
     rules: Option<PathBuf>,
     #[command(flatten)]
     common: CommonRules,
+    #[command(flatten)]
+    public: PublicSampleOptions,
 }
 
 /// Memory for the samples that ranges are chosen from, in bytes.
@@ -72,24 +76,30 @@ pub fn found(options: &Init) -> Result<()> {
     check_free(&options.dir)?;
     let source = options.source();
     let file = source.load()?;
-    let initial = file.policy.expert.to_safetensors()?;
-    let rules = options.rules(initial.len() as u64)?;
+    let dims = dims(&file.policy.config)?;
+    // Every file of these weights has the same size, whatever the ranges are.
+    let mut rules = options.rules(Format::new(&EvalSpec::new(dims))?.file_bytes())?;
     if options.mode == Mode::Direct {
-        check_direct(&file.policy, rules.eval_samples)?;
+        check_direct(&file.policy, rules.min_eval_samples)?;
     }
-    let evaluation = options.evaluation(&file)?;
-    let quantised = quantise_weights(&evaluation, &file.policy.expert)
-        .context("the policy's weights in fixed point")?
-        .digest(options.mode);
+    let evaluation = options.evaluation(&file, dims)?;
+    let initial = quantise_weights(&evaluation, &file.policy.expert)
+        .context("the policy's weights in fixed point")?;
+    let public = options
+        .public
+        .samples(rules.public_samples, &file, &evaluation)?;
+    let (rule, public_samples) = public.unzip();
+    rules.public_samples = rule;
     let founding = Founding {
         name: options.name.clone(),
         nonce: keys::random()?,
         rules,
         program: verifying_key(options.mode).to_vec(),
         mode: options.mode,
+        initial: Format::new(&evaluation)?.write(&initial),
+        quantised: initial.digest(options.mode),
         evaluation,
-        initial,
-        quantised,
+        public_samples,
     };
     let write_policy = |out: &mut dyn Write| file.write(out).map(|written| written.digest);
     let mut ledger = founding.found(
@@ -144,18 +154,18 @@ impl Init {
         }
     }
 
-    /// The rules. They must allow updates of `expert_bytes`, because every update is as long as the initial expert.
-    fn rules(&self, expert_bytes: u64) -> Result<Rules> {
+    /// The rules. They must allow updates of `update_bytes`, because every update is as long as the initial weights.
+    fn rules(&self, update_bytes: u64) -> Result<Rules> {
         let Some(path) = &self.rules else {
             return self
                 .common
-                .rules(expert_bytes.next_multiple_of(LEAST_UPDATE_LIMIT));
+                .rules(update_bytes.next_multiple_of(LEAST_UPDATE_LIMIT));
         };
         let rules = read_rules(path)?;
-        if rules.max_update_bytes < expert_bytes {
+        if rules.max_update_bytes < update_bytes {
             bail!(
-                "rule max_update_bytes in {} is {}, too little for this policy: an update of it has {expert_bytes} bytes; write \
-                 {expert_bytes} there, or more",
+                "rule max_update_bytes in {} is {}, too little for this policy: an update of it has {update_bytes} bytes; write \
+                 {update_bytes} there, or more",
                 path.display(),
                 rules.max_update_bytes
             );
@@ -164,8 +174,7 @@ impl Init {
     }
 
     /// The evaluation, with the default ranges or with those that the recordings need.
-    fn evaluation(&self, file: &PolicyFile) -> Result<EvalSpec> {
-        let dims = dims(&file.policy.config)?;
+    fn evaluation(&self, file: &PolicyFile, dims: Dims) -> Result<EvalSpec> {
         if self.calibrate.is_empty() {
             return Ok(EvalSpec::new(dims));
         }
@@ -194,6 +203,6 @@ mod tests {
         assert_eq!(limit(1), 1 << 20);
         assert_eq!(limit(1 << 20), 1 << 20);
         assert_eq!(limit((1 << 20) + 1), 2 << 20);
-        assert_eq!(limit(393_000_000), 375 << 20);
+        assert_eq!(limit(197_000_000), 188 << 20);
     }
 }

@@ -2,6 +2,7 @@
 
 mod enrolment;
 mod init;
+mod public_samples;
 mod rules;
 mod serve;
 
@@ -11,6 +12,7 @@ pub use rules::read_rules;
 use crate::keys;
 use anyhow::Result;
 use init::Init;
+use public_samples::MakeSamples;
 use rules::{CommonRules, LEAST_UPDATE_LIMIT};
 use serve::Serve;
 use std::path::PathBuf;
@@ -42,6 +44,9 @@ pub enum Command {
         #[arg(long = "node", value_name = "NAME=IDENTITY", required = true)]
         nodes: Vec<Enrolment>,
     },
+    /// Make public samples for a network that exists, and keep them among the blobs of its ledger. Each round's result is evaluated on the
+    /// public samples that the rules name. This prints the rule that a vote can then put in force (`zk0 governance propose rules`).
+    Samples(MakeSamples),
     /// Run a network: open rounds, verify contributions, and average those that are accepted.
     Serve(Serve),
 }
@@ -61,6 +66,7 @@ pub fn run(command: &Command) -> Result<()> {
             let nodes = nodes.iter().map(Into::into).collect();
             enrol(&mut ledger, nodes, &SystemClock)?;
         }
+        Command::Samples(options) => public_samples::make(options)?,
         Command::Serve(options) => serve::serve(options)?,
     }
     Ok(())

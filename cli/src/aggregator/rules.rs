@@ -3,8 +3,11 @@
 use super::enrolment::Enrolment;
 use anyhow::{Context, Result};
 use std::path::Path;
+use zk0_circuits::claim::student::Confidence;
 use zk0_circuits::Disclosure;
 use zk0_files::bounded_file;
+use zk0_protocol::challenge::drand::DrandChain;
+use zk0_protocol::challenge::source::RandomnessSource;
 use zk0_protocol::rules::governance::{Governance, Governor};
 use zk0_protocol::rules::network_rules::Rules;
 
@@ -19,33 +22,63 @@ const MINUTE_MS: u64 = 60_000;
 /// The rules that most networks set.
 #[derive(Debug, clap::Args)]
 pub struct CommonRules {
-    /// The fewest samples that a dataset may have.
+    /// The fewest samples that the evaluation set of a dataset may have.
     #[arg(long, default_value_t = Rules::default().min_dataset_samples)]
     min_dataset_samples: u64,
-    /// The number of samples that a claim evaluates.
-    #[arg(long, default_value_t = Rules::default().eval_samples)]
-    eval_samples: u32,
+    /// The number of frames of a recording that are drawn into its evaluation set.
+    #[arg(long, default_value_t = Rules::default().evaluation_frames)]
+    evaluation_frames: u32,
+    /// The fewest samples that a claim may evaluate. A node chooses the number when it commits to its update.
+    #[arg(long, default_value_t = Rules::default().min_eval_samples)]
+    min_eval_samples: u32,
+    /// The most samples that a claim may evaluate.
+    #[arg(long, default_value_t = Rules::default().max_eval_samples)]
+    max_eval_samples: u32,
     /// The least improvement of the loss, in basis points (100 are 1 %).
     #[arg(long, default_value_t = Rules::default().min_improvement_bps)]
     min_improvement_bps: u32,
-    /// The most samples that count when a contribution is averaged.
-    #[arg(long, default_value_t = Rules::default().max_weight_samples)]
-    max_weight_samples: u64,
+    /// How sure a claim has to be that the loss improved by that much: 95%, 99% or 99.9%.
+    #[arg(long, default_value = "99%")]
+    confidence: Confidence,
     /// Do not reveal the losses in proofs.
     #[arg(long)]
     hide_losses: bool,
     /// Minutes after a round's opening until which nodes may commit to updates.
     #[arg(long, default_value_t = Rules::default().commit_window_ms / MINUTE_MS)]
     commit_minutes: u64,
-    /// Minutes after a round's opening until which nodes may submit claims.
+    /// Minutes after the randomness of a round is drawn until which nodes may submit claims.
     #[arg(long, default_value_t = Rules::default().submit_window_ms / MINUTE_MS)]
     submit_minutes: u64,
+    /// Where the randomness of the challenges comes from. docs/claim.md says what each source resists.
+    #[arg(long, value_enum, default_value = "log-vrf")]
+    randomness: Randomness,
     /// Let this governor vote on changes of the rules. `zk0 governance keygen` prints the identity; the name is for people. Repeat the
     /// option for more governors. Each has one vote. A vote counts if half of the governors take part, and more than half of the votes
     /// decide. Voting takes three days. For one more day, a third of the governors can stop the change. Without governors, the rules
     /// never change.
     #[arg(long = "governor", value_name = "NAME=IDENTITY")]
     governors: Vec<Enrolment>,
+}
+
+/// A source of randomness. A file of rules can also name another drand network.
+#[derive(Clone, Copy, Debug, clap::ValueEnum)]
+pub enum Randomness {
+    /// A verifiable random function of the log's key: for networks that trust their aggregator not to conspire with a node.
+    LogVrf,
+    /// The public beacon "quicknet" of drand: the aggregator needs access to the internet.
+    DrandQuicknet,
+    /// The cosignatures of all witnesses that the rules name.
+    Witnesses,
+}
+
+impl Randomness {
+    fn source(self) -> RandomnessSource {
+        match self {
+            Self::LogVrf => RandomnessSource::LogVrf,
+            Self::DrandQuicknet => RandomnessSource::Drand(Box::new(DrandChain::quicknet())),
+            Self::Witnesses => RandomnessSource::Witnesses,
+        }
+    }
 }
 
 impl CommonRules {
@@ -82,9 +115,11 @@ impl CommonRules {
         };
         Ok(Rules {
             min_dataset_samples: self.min_dataset_samples,
-            eval_samples: self.eval_samples,
+            min_eval_samples: self.min_eval_samples,
+            max_eval_samples: self.max_eval_samples,
             min_improvement_bps: self.min_improvement_bps,
-            max_weight_samples: self.max_weight_samples,
+            confidence: self.confidence,
+            evaluation_frames: self.evaluation_frames,
             disclosure: if self.hide_losses {
                 Disclosure::Nothing
             } else {
@@ -93,6 +128,7 @@ impl CommonRules {
             commit_window_ms: minutes(self.commit_minutes)?,
             submit_window_ms: minutes(self.submit_minutes)?,
             max_update_bytes,
+            randomness: self.randomness.source(),
             governance: self.governance(),
             ..Rules::default()
         })

@@ -9,6 +9,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::task::JoinHandle;
+use zk0_aggregator::publish::beacon::BeaconServers;
 use zk0_aggregator::publish::chosen_witnesses::chosen_witnesses;
 use zk0_aggregator::publish::cosigning::Witnesses;
 use zk0_aggregator::publish::http;
@@ -39,6 +40,13 @@ pub struct Serve {
     /// Wait this many seconds for a witness to answer.
     #[arg(long, value_name = "SECONDS", default_value_t = 5)]
     witness_seconds: u64,
+    /// Fetch drand's beacons from the server at this address, if the rules name a beacon. Repeat the option for more servers; the next one
+    /// is asked where one fails [default: the public servers of drand's "quicknet"]
+    #[arg(long = "beacon", value_name = "URL")]
+    beacons: Vec<String>,
+    /// Wait this many seconds for a server of beacons to answer.
+    #[arg(long, value_name = "SECONDS", default_value_t = 10)]
+    beacon_seconds: u64,
     /// Also serve the log's files over HTTP, on this address (C2SP tlog-tiles).
     #[arg(long, value_name = "ADDRESS")]
     log_listen: Option<SocketAddr>,
@@ -57,7 +65,12 @@ pub fn serve(options: &Serve) -> Result<()> {
     online(async {
         let (listener, address) = listening(options.listen).await?;
         let network = *aggregator.state().network();
-        let mut service = Service::new(aggregator);
+        let patience = Duration::from_secs(options.beacon_seconds);
+        let beacons = match options.beacons.is_empty() {
+            true => BeaconServers::public(patience),
+            false => BeaconServers::new(options.beacons.clone(), patience),
+        };
+        let mut service = Service::new(aggregator).with_beacons(beacons);
         if policy.wants_witnesses() {
             let patience = Duration::from_secs(options.witness_seconds);
             service = service.witnessed(Witnesses::new(policy, patience)?).await?;

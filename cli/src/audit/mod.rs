@@ -3,6 +3,8 @@
 mod named_options;
 mod progress_bar;
 mod proof;
+#[cfg(feature = "full")]
+mod recording;
 mod replay;
 mod show;
 mod watch;
@@ -28,6 +30,11 @@ pub enum Command {
     Prove(proof::Prove),
     /// Check such a file. The exit code is 0 if the entry is in the log, and 1 if the file does not prove it.
     VerifyProof(proof::Verify),
+    /// Compare a registered dataset with the recording that it is of. This needs the recording and the node's salt. It draws the frames,
+    /// makes their samples with the network's policy, and compares their leaves with those that the node registered. The exit code is 0
+    /// if they are the same, and 1 if not.
+    #[cfg(feature = "full")]
+    Recording(Box<recording::Options>),
 }
 
 /// Runs the command. All but `replay` end with 1 if the ledger or the proof is not right.
@@ -38,6 +45,8 @@ pub fn run(command: &Command) -> Result<ExitCode> {
         Command::Watch(options) => watch::run(options)?,
         Command::Prove(options) => proof::prove(options).map(|()| true)?,
         Command::VerifyProof(options) => proof::verify(options)?,
+        #[cfg(feature = "full")]
+        Command::Recording(options) => recording::run(options)?,
     };
     Ok(match holds {
         true => ExitCode::SUCCESS,

@@ -177,13 +177,14 @@ fn whole(history: &History) -> String {
     let mut text = String::new();
     if let Some(network) = &history.network {
         text.push_str(&format!(
-            "network     {} {}\nfounded     {}\nlog key     {}\nmode        {}\nevaluation  {}\nentries     {}, the last of {}\n\n",
+            "network     {} {}\nfounded     {}\nlog key     {}\nmode        {}\nevaluation  {}\nrandomness  {}\nentries     {}, the last of {}\n\n",
             printable(&network.name),
             network.id,
             time(network.founded_ms),
             network.log_key,
             network.mode,
             network.evaluation,
+            network.rules.randomness,
             history.entries,
             time(history.last_ms)
         ));
@@ -208,29 +209,37 @@ fn whole(history: &History) -> String {
 
 fn round_table(history: &History, only: Option<u64>) -> String {
     let mut text = format!(
-        "{:>8}  {:<20}  {:<20}  {:>9}  {:>8}  {:>7}  {:>11}  {:>11}\n",
+        "{:>8}  {:<20}  {:<20}  {:>9}  {:>8}  {:>7}  {:>10}  {:>11}  {:>11}  {:>11}  {:>11}  {}\n",
         "round",
         "opened",
         "closed",
         "committed",
         "accepted",
         "refused",
+        "unanswered",
         "loss before",
-        "loss after"
+        "loss after",
+        "public base",
+        "public loss",
+        "result"
     );
     let rounds = history.rounds.iter();
     for round in rounds.filter(|round| only.is_none_or(|only| round.round == only)) {
         let loss = |loss: Option<f64>| loss.map_or("-".into(), |loss| format!("{loss:.5}"));
         text.push_str(&format!(
-            "{:>8}  {:<20}  {:<20}  {:>9}  {:>8}  {:>7}  {:>11}  {:>11}\n",
+            "{:>8}  {:<20}  {:<20}  {:>9}  {:>8}  {:>7}  {:>10}  {:>11}  {:>11}  {:>11}  {:>11}  {}\n",
             round.round,
             time(round.opened_ms),
             round.closed_ms.map_or("open".into(), time),
             round.committed,
             round.accepted,
             round.refused,
+            round.unanswered,
             loss(round.losses.map(|losses| losses.before)),
             loss(round.losses.map(|losses| losses.after)),
+            loss(round.public.as_ref().and_then(|public| public.base)),
+            loss(round.public.as_ref().and_then(|public| public.result)),
+            round.public.as_ref().map_or("-", |public| public.verdict()),
         ));
     }
     text
@@ -238,8 +247,16 @@ fn round_table(history: &History, only: Option<u64>) -> String {
 
 fn node_table(history: &History, places: &[usize]) -> String {
     let mut text = format!(
-        "{:<16}  {:<32}  {:>8}  {:>9}  {:>8}  {:>7}  {:>10}  {:>10}\n",
-        "node", "name", "samples", "committed", "accepted", "refused", "acceptance", "credits"
+        "{:<16}  {:<32}  {:>8}  {:>9}  {:>8}  {:>7}  {:>10}  {:>10}  {:>10}\n",
+        "node",
+        "name",
+        "samples",
+        "committed",
+        "accepted",
+        "refused",
+        "unanswered",
+        "acceptance",
+        "credits"
     );
     for node in places.iter().map(|place| &history.nodes[*place]) {
         let name: String = printable(&node.name).chars().take(32).collect();
@@ -247,12 +264,13 @@ fn node_table(history: &History, places: &[usize]) -> String {
             .acceptance()
             .map_or("-".into(), |share| format!("{:.0} %", share * 100.0));
         text.push_str(&format!(
-            "{:<16}  {name:<32}  {:>8}  {:>9}  {:>8}  {:>7}  {acceptance:>10}  {:>10}\n",
+            "{:<16}  {name:<32}  {:>8}  {:>9}  {:>8}  {:>7}  {:>10}  {acceptance:>10}  {:>10}\n",
             &node.id[..16],
             node.samples,
             node.committed,
             node.accepted,
             node.refused,
+            node.unanswered,
             node.credits,
         ));
     }

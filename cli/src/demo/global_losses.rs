@@ -3,9 +3,11 @@
 use anyhow::Result;
 use serde::Serialize;
 use std::path::PathBuf;
-use zk0_circuits::Digest;
+use zk0_audit::report::public_losses::PublicLosses;
+use zk0_circuits::{Digest, EvalSpec};
 use zk0_ledger::blobs::Blobs;
 use zk0_lerobot::dataset::Dataset;
+use zk0_node::exchanged_weights::Base;
 use zk0_node::recording;
 use zk0_protocol::entries::entry::{Body, Entry};
 use zk0_protocol::entries::genesis::Genesis;
@@ -13,9 +15,10 @@ use zk0_smolvla::frames::sample::PreparedSample;
 use zk0_smolvla::measure::evaluate;
 use zk0_smolvla::policy::policy_file;
 use zk0_smolvla::{ExpertWeights, PolicyConfig};
+use zk0_weights::Format;
 
 /// Largest file of weights that the demo reads.
-pub const MAX_WEIGHTS: u64 = 1 << 30;
+const MAX_WEIGHTS: u64 = 1 << 30;
 
 /// A recording to evaluate on.
 pub struct Evaluated {
@@ -36,6 +39,8 @@ pub struct Global {
     pub contributors: usize,
     /// The losses on each recording.
     pub losses: Vec<GlobalLoss>,
+    /// What the ledger records of the result on the network's public samples, in fixed point.
+    pub recorded: Option<PublicLosses>,
 }
 
 /// Mean float32 losses of the round's base and of its result, with the same noise and times in all rounds.
@@ -58,21 +63,50 @@ impl GlobalLoss {
     }
 }
 
+/// The global weights of a ledger, as LeRobot reads them.
+pub struct GlobalWeights<'a> {
+    blobs: &'a Blobs,
+    format: Format,
+    config: PolicyConfig,
+}
+
+impl<'a> GlobalWeights<'a> {
+    /// Those of the network that `genesis` founded, from its blobs.
+    pub fn of(genesis: &Genesis, blobs: &'a Blobs) -> Result<Self> {
+        blobs.check(&genesis.policy)?;
+        Ok(Self {
+            blobs,
+            format: Format::new(&EvalSpec::decode(&genesis.evaluation)?)?,
+            config: policy_file::load(&blobs.path(&genesis.policy))?
+                .policy
+                .config,
+        })
+    }
+
+    /// Reads the weights whose file has this digest.
+    pub fn read(&self, weights: &Digest) -> Result<ExpertWeights> {
+        let file = self.blobs.get(weights, MAX_WEIGHTS)?;
+        Ok(Base::read(&self.format, &self.config, &file)?.weights)
+    }
+}
+
 /// The results of all closed rounds.
 pub fn global(
     entries: &[Entry],
     genesis: &Genesis,
-    blobs: &Blobs,
+    weights: &GlobalWeights<'_>,
     recordings: &[Evaluated],
 ) -> Result<Vec<Global>> {
     let recordings = recordings
         .iter()
-        .map(|one| Prepared::new(one, genesis, blobs))
+        .map(|one| Prepared::new(one, genesis, weights.blobs))
         .collect::<Result<Vec<_>>>()?;
-    let losses = |weights: &Digest| {
-        let each = recordings.iter().map(|one| one.loss(blobs, weights));
+    let losses = |digest: &Digest| {
+        let weights = weights.read(digest)?;
+        let each = recordings.iter().map(|one| one.loss(&weights));
         each.collect::<Result<Vec<f64>>>()
     };
+    let bits = EvalSpec::decode(&genesis.evaluation)?.action;
     let mut before = losses(&genesis.initial.blob)?;
     let mut global = Vec::new();
     for entry in entries {
@@ -92,6 +126,10 @@ pub fn global(
             weights: closed.global.blob.to_string(),
             contributors: closed.contributors.len(),
             losses: losses.collect(),
+            recorded: closed
+                .evaluated
+                .as_ref()
+                .map(|evaluated| PublicLosses::of(evaluated, bits)),
         });
         before = after;
     }
@@ -125,10 +163,8 @@ impl Prepared {
         })
     }
 
-    fn loss(&self, blobs: &Blobs, weights: &Digest) -> Result<f64> {
-        let config = &self.config;
-        let weights = ExpertWeights::from_safetensors(config, &blobs.get(weights, MAX_WEIGHTS)?)?;
+    fn loss(&self, weights: &ExpertWeights) -> Result<f64> {
         let pairs: Vec<_> = self.samples.iter().zip(&self.draws).collect();
-        Ok(evaluate::evaluate(config, &weights, &pairs)?.loss())
+        Ok(evaluate::evaluate(&self.config, weights, &pairs)?.loss())
     }
 }

@@ -10,7 +10,6 @@ use zk0_files::bounded_file;
 use zk0_node::client::{Decision, Node};
 use zk0_node::error::ParticipantError;
 use zk0_node::turn::Turn;
-use zk0_smolvla::measure::fixed_point::quantise_weights;
 
 /// Largest proof that is read. A compressed proof has 1.3 MB.
 const MAX_PROOF_BYTES: u64 = 16 << 20;
@@ -41,11 +40,8 @@ async fn play(
     node: &mut Node,
     proof: &[u8],
 ) -> Result<Decision, ParticipantError> {
-    let update = turn.base(node).await?;
-    let quantised = quantise_weights(&turn.entered.spec, &update)?.digest(node.genesis().mode);
-    let expected = turn
-        .commit(node, &update.to_safetensors()?, quantised)
-        .await?;
+    let base = turn.base(node).await?;
+    let expected = turn.commit(node, &base.quantised).await?;
     // It claims that the loss is half of what it was.
     let losses = match expected.disclosure {
         Disclosure::Nothing => Losses::Hidden,

@@ -1,6 +1,6 @@
 //! The results of a demo: the audit's verdict, `metrics.json`, the chart, and `global.safetensors`.
 
-use super::global_losses::{global, Evaluated, Global, GlobalLoss, MAX_WEIGHTS};
+use super::global_losses::{global, Evaluated, Global, GlobalLoss, GlobalWeights};
 use super::process::Console;
 use crate::chart::{self, Bars, Curve, Proven};
 use anyhow::{bail, Context, Result};
@@ -65,10 +65,12 @@ pub fn finish(
     let spec = EvalSpec::decode(&genesis.evaluation)?;
     let contributions = contributions(&entries, &spec);
     let training = training_curves(&out.join("nodes"), names)?;
-    let global = global(&entries, genesis, &Blobs::at(network), recordings)?;
+    let blobs = Blobs::at(network);
+    let weights = GlobalWeights::of(genesis, &blobs)?;
+    let global = global(&entries, genesis, &weights, recordings)?;
     if let Some(last) = global.last() {
-        let bytes = Blobs::at(network).get(&last.weights.parse::<Digest>()?, MAX_WEIGHTS)?;
-        atomic_file::replace(&out.join("global.safetensors"), &bytes)
+        let last = weights.read(&last.weights.parse::<Digest>()?)?;
+        atomic_file::replace(&out.join("global.safetensors"), &last.to_safetensors()?)
             .context("writing global.safetensors")?;
     }
     let proven: Vec<Proven> = contributions
@@ -234,6 +236,17 @@ fn summary(contributions: &[Contribution], global: &[Global]) {
             one.round,
             counted(one.contributors as u64, "update", "updates")
         );
+        if let Some(recorded) = &one.recorded {
+            let loss =
+                |loss: Option<f64>| loss.map_or("overflow".into(), |loss| format!("{loss:.4}"));
+            println!(
+                "round {}  result   recorded loss on the public samples: {} -> {}, {}",
+                one.round,
+                loss(recorded.base),
+                loss(recorded.result),
+                recorded.verdict()
+            );
+        }
         for loss in &one.losses {
             println!(
                 "round {}  {:<8} loss of the global weights on {}: {:.4} -> {:.4}",

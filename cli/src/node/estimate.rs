@@ -21,8 +21,8 @@ pub struct Estimate {
     /// How matrix products are proven, as the network's genesis says: direct or checked.
     #[arg(long, default_value = "checked")]
     mode: Mode,
-    /// The number of samples that a claim evaluates, as the network's rules say.
-    #[arg(long, default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=MAX_EVAL_SAMPLES as i64))]
+    /// The number of samples that a claim evaluates, within the bounds of the network's rules.
+    #[arg(long, default_value_t = 16, value_parser = clap::value_parser!(u32).range(2..=MAX_EVAL_SAMPLES as i64))]
     samples: u32,
     /// Check that this recording fits the policy and the number of samples (a LeRobotDataset folder, or hub:owner/name[@revision]).
     #[arg(long, value_name = "RECORDING")]

@@ -92,7 +92,7 @@ fn each_verdict_has_an_exit_code_of_its_own() {
         Body::DatasetCommitted(signed) => Some(signed.statement.leaves),
         _ => None,
     });
-    verdict(3, &list, "not checked  1 dataset's list of samples");
+    verdict(3, &list, "not checked  1 dataset's list of drawn frames");
     let (_, error) = ends(4, &["audit", "replay", text(&place("nothing"))]);
     assert!(error.contains("nothing"), "{error}");
     // The program that the network proves with is not the one that this auditor names, but it is this release's.
@@ -137,7 +137,7 @@ fn an_audit_with_a_state_file_reads_what_is_new_and_ends_the_same() {
     drop(made.ledger);
     assert_eq!(replay(&dir), whole(&dir));
     let (_, log) = ends(3, &["audit", "replay", text(&dir), "--state", text(&state)]);
-    assert!(log.contains("23 entries were verified before"), "{log}");
+    assert!(log.contains("27 entries were verified before"), "{log}");
     // The audit reports an older copy and another history, and the state file stays the same.
     let options = ["--state", text(&state)];
     let replay = |ledger: &Path| {
@@ -185,5 +185,5 @@ fn an_audit_with_a_state_file_reads_what_is_new_and_ends_the_same() {
     fs::write(&state, bytes).unwrap();
     let (said, log) = ends(3, &["audit", "replay", text(&dir), "--state", text(&state)]);
     assert!(log.contains("it is damaged"), "{log}");
-    assert!(said.contains("entries      23"), "{said}");
+    assert!(said.contains("entries      27"), "{said}");
 }

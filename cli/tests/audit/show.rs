@@ -25,6 +25,8 @@ fn what_happened_is_shown_in_words_and_tables() {
             NAMES[0],
             "malformed proof",
             "quiet",
+            "randomness  the VRF of the log's key",
+            "unanswered",
         ] {
             assert!(all.contains(words), "{words}: {all}");
         }
@@ -34,7 +36,9 @@ fn what_happened_is_shown_in_words_and_tables() {
         assert!(gone.contains("there is no entry 1000"), "{gone}");
         let round = json(&["audit", "show", ledger, "--round", "0", "--json"]);
         assert_eq!(round["round"]["refused"], 3);
-        assert_eq!(round["entries"].as_array().unwrap().len(), 8);
+        assert_eq!(round["entries"].as_array().unwrap().len(), 10);
+        let randomness = round["round"]["randomness"].as_str().unwrap();
+        assert!(randomness.starts_with("the VRF of the log's key: "));
         let gone = ends(1, &["audit", "show", ledger, "--round", "1"]).1;
         assert!(gone.contains("there is no round 1"), "{gone}");
         let id = Made::id(9).to_string();
@@ -46,7 +50,7 @@ fn what_happened_is_shown_in_words_and_tables() {
         let nobody = ends(1, &["audit", "show", ledger, "--node", "nobody"]).1;
         assert!(nobody.contains("no node is called"), "{nobody}");
         let entries = json(&["audit", "show", ledger, "--entries", "--json"]);
-        assert_eq!(entries["entries"].as_array().unwrap().len(), 16);
+        assert_eq!(entries["entries"].as_array().unwrap().len(), 18);
         assert_eq!(entries["entries"][0]["kind"], "genesis");
     }
 }

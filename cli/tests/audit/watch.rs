@@ -20,13 +20,13 @@ fn a_watch_tells_what_is_new_and_remembers_what_it_saw() {
     };
     let first = export_as("first");
     let said = look(0, &first, &state, &[]);
-    assert!(said.contains("incomplete   15 entries"), "{said}");
+    assert!(said.contains("incomplete   17 entries"), "{said}");
     assert_eq!(look(0, &first, &state, &[]), "", "nothing is new");
     made.round();
     drop(made.ledger);
     let second = export_as("second");
     let said = look(0, &second, &state, &[]);
-    assert_eq!(said.lines().count(), 8, "{said}");
+    assert_eq!(said.lines().count(), 10, "{said}");
     assert!(said.contains("round 1 closed"), "{said}");
     // The watch reads the ledger's own folder with the same state file.
     assert_eq!(look(0, &dir, &state, &[]), "");

@@ -6,10 +6,12 @@ use zk0_circuits::claim::program::verifying_key;
 use zk0_circuits::model::spec::EvalSpec;
 use zk0_circuits::{DatasetCommitment, Digest, Losses, Mode, NodeId, WeightsDigest};
 use zk0_ledger::Ledger;
-use zk0_protocol::entries::entry::RoundClosed;
+use zk0_protocol::challenge::drawing::Drawing;
+use zk0_protocol::challenge::unanswered::UnansweredRule;
+use zk0_protocol::entries::entry::{RandomnessDrawn, RoundClosed};
 use zk0_protocol::entries::member::NodeEnrolled;
-use zk0_protocol::entries::signed::{DatasetRegistration, Submission, UpdateCommitment};
-use zk0_protocol::rules::network_rules::CreditRule;
+use zk0_protocol::entries::signed::{DatasetRegistration, Episode, Submission, UpdateCommitment};
+use zk0_protocol::rules::closing::credits::CreditRule;
 use zk0_protocol::{Body, Genesis, Refusal, Rules, Signed};
 
 /// A ledger whose entries follow the rules, and whose proofs are not real.
@@ -60,17 +62,22 @@ impl Made {
             nonce,
             rules: Rules {
                 min_dataset_samples: 4,
-                eval_samples: 2,
+                min_eval_samples: 2,
                 min_improvement_bps: 50,
-                max_weight_samples: 100,
                 commit_window_ms: 1_000,
                 submit_window_ms: 5_000,
                 credits: CreditRule {
-                    bps_samples_per_credit: 100,
+                    bps_per_credit: 100,
                     max_per_contribution: 1000,
                     dispute_window_ms: 1000,
                 },
                 witness_policy,
+                // The nodes of a made ledger may be refused as often as a test likes.
+                unanswered: UnansweredRule {
+                    max: 1,
+                    of_last: 1,
+                    pause_rounds: 1,
+                },
                 ..Rules::default()
             },
             program: verifying_key(Mode::Direct).to_vec(),
@@ -102,7 +109,11 @@ impl Made {
                     salt_commitment: Digest([0x40 + node; 32]),
                 },
                 leaves: Digest([0x60 + node; 32]),
-                episodes: vec![Digest([node; 32])],
+                evaluation_frames: Rules::default().evaluation_frames,
+                episodes: vec![Episode {
+                    digest: Digest([node; 32]),
+                    frames: 100,
+                }],
             };
             made.append(Body::DatasetCommitted(Signed::new(
                 registration,
@@ -132,12 +143,21 @@ impl Made {
                 node: Self::id(node),
                 dataset_root: Digest([0x20 + node; 32]),
                 update: weights(0x10 + node, self.seed),
+                eval_samples: 2,
             };
             self.append(Body::UpdateCommitted(Signed::new(
                 commitment,
                 &Self::node(node),
             )));
         }
+        let closed = self
+            .ledger
+            .state()
+            .next_commitments_closed(self.time_ms + 1);
+        self.append(Body::CommitmentsClosed(closed.unwrap()));
+        let closing = self.ledger.state().round().unwrap().closing.unwrap();
+        let drawing = Drawing::LogVrf(self.ledger.vrf(&closing.commitments));
+        self.append(Body::RandomnessDrawn(RandomnessDrawn { round, drawing }));
         for node in 0..NAMES.len() as u8 {
             let expected = self.ledger.state().expected_claim(&Self::id(node)).unwrap();
             let claim = expected.with(Losses::Disclosed {
@@ -169,6 +189,8 @@ impl Made {
                 false => weights(round as u8, 0x33),
             },
             contributors,
+            unanswered: Vec::new(),
+            evaluated: None,
         }));
     }
 }

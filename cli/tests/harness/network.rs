@@ -14,12 +14,15 @@ use zk0_aggregator::{Aggregator, Config, Service, SystemClock};
 use zk0_audit::verified_entries::verified_entries;
 use zk0_circuits::{Digest, EvalSpec};
 use zk0_ledger::log::Ledger;
-use zk0_node::recording::Recording;
+use zk0_lerobot::dataset::Dataset;
+use zk0_node::recording::evaluation_set::{Commitment, EvaluationSet};
+use zk0_node::recording::{prepare_samples, Recording};
 use zk0_protocol::entries::entry::{Body, Entry};
 use zk0_protocol::entries::genesis::Genesis;
 use zk0_prover::program::{Execution, GuestInput};
 use zk0_prover::prove::Proof;
 use zk0_prover::service::{Backend, JobError, ProvingService};
+use zk0_smolvla::frames::sample::PreparedSample;
 use zk0_smolvla::policy::policy_file::{self, PolicyFile};
 
 /// A folder for a ledger, a node and their keys.
@@ -77,12 +80,32 @@ impl LocalNetwork {
         policy_file::load(&blobs.join(blob)).unwrap()
     }
 
-    /// The node's recording, prepared for `file` under the node's salt.
-    pub fn recording(&self, file: &PolicyFile) -> Recording {
-        let spec = EvalSpec::decode(&self.genesis().evaluation).unwrap();
-        let salt = fs::read(self.path("state/salt")).unwrap();
-        let salt = salt.try_into().unwrap();
-        Recording::prepare(&root().join(RECORDING), file, &spec, salt, None).unwrap()
+    /// All frames of the node's recording, as the policy of `file` makes them into samples.
+    pub fn samples(&self, file: &PolicyFile) -> Vec<PreparedSample> {
+        let dataset = Dataset::open(root().join(RECORDING)).unwrap();
+        prepare_samples(&dataset, file, None).unwrap()
+    }
+
+    /// The root of the node's dataset, prepared for `file` under the node's salt.
+    pub fn dataset_root(&self, file: &PolicyFile) -> Digest {
+        let genesis = self.genesis();
+        let dir = tempfile::tempdir().unwrap();
+        let policy = dir.path().join("policy.safetensors");
+        policy_file::save(&file.policy, &file.tokenizer, None, &policy).unwrap();
+        let recording = Recording::open(&root().join(RECORDING), &policy, None).unwrap();
+        let maker = recording.maker();
+        let by = Commitment {
+            network: genesis.network_id(),
+            frames: genesis.rules.evaluation_frames,
+            salt: fs::read(self.path("state/salt"))
+                .unwrap()
+                .try_into()
+                .unwrap(),
+        };
+        let spec = EvalSpec::decode(&genesis.evaluation).unwrap();
+        let samples = recording.samples(&maker);
+        let set = EvaluationSet::prepare(&recording, &samples, &spec, by, dir.path()).unwrap();
+        set.commitment.root
     }
 
     /// Runs `zk0 node join`, with an aggregator and a prover that end afterwards.

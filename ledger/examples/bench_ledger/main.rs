@@ -49,7 +49,7 @@ fn main() -> Result<()> {
         }
     }
     options.append("append_rounds", |ledger| {
-        Ok(empty_rounds(ledger.state(), 150_000))
+        Ok(empty_rounds(ledger.state(), 100_000))
     })?;
     options.append("append_enrolments", |_| Ok(enrolments(0..300_000)))?;
     options.append("append_signed_by_nodes", |ledger| {
@@ -122,7 +122,7 @@ fn receipts(dir: &Path) -> Result<()> {
     let appended = |receipts: bool| -> Result<f64> {
         let scratch = tempfile::tempdir_in(dir)?;
         let mut ledger = founded(scratch.path())?;
-        let bodies = empty_rounds(ledger.state(), 50_000);
+        let bodies = empty_rounds(ledger.state(), 33_000);
         let (count, started) = (bodies.len() as f64, Instant::now());
         for group in bodies.chunks(GROUP) {
             ledger

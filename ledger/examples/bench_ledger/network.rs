@@ -6,14 +6,15 @@ mod founded;
 
 use anyhow::{Context, Result};
 use ed25519_dalek::SigningKey;
-use founded::{closed, genesis, invalid_proof, log_key, opened};
+use founded::{closed, commitments_closed, drawn, genesis, invalid_proof, log_key, opened};
 use rayon::prelude::*;
 use std::path::Path;
 use zk0_circuits::{Claim, DatasetCommitment, Digest, Losses, NodeId, WeightsDigest};
 use zk0_ledger::Ledger;
-use zk0_protocol::entries::entry::{RoundClosed, RoundOpened};
+use zk0_protocol::challenge::closing::commitments;
+use zk0_protocol::entries::entry::{CommitmentsClosed, RoundClosed, RoundOpened};
 use zk0_protocol::entries::member::NodeEnrolled;
-use zk0_protocol::entries::signed::{DatasetRegistration, Submission, UpdateCommitment};
+use zk0_protocol::entries::signed::{DatasetRegistration, Episode, Submission, UpdateCommitment};
 use zk0_protocol::{Body, Signed, State};
 
 /// How many nodes the network has.
@@ -49,6 +50,8 @@ fn weights(number: u64) -> WeightsDigest {
 pub fn founded(dir: &Path) -> Result<Ledger> {
     let mut genesis = genesis();
     genesis.rules.credits.dispute_window_ms = 1000;
+    // Some nodes are refused in each round.
+    genesis.rules.unanswered.max = genesis.rules.unanswered.of_last;
     let (ledger, _) = Ledger::create(dir, genesis, log_key(), TIME)?;
     Ok(ledger)
 }
@@ -64,7 +67,7 @@ pub fn enrolments(numbers: std::ops::Range<u64>) -> Vec<Body> {
     numbers.into_par_iter().map(enrol).collect()
 }
 
-/// Returns the entries of rounds that open and close without contributors. Each round has two entries, and only the log signs them.
+/// Returns the entries of rounds that open and close without contributors. Each round has three entries, and only the log signs them.
 pub fn empty_rounds(state: &State, count: u64) -> Vec<Body> {
     let first = opened(state, TIME);
     let rounds = first.round..first.round + count;
@@ -74,12 +77,23 @@ pub fn empty_rounds(state: &State, count: u64) -> Vec<Body> {
                 round,
                 ..first.clone()
             };
+            let nobody = std::iter::empty();
+            let commitments = CommitmentsClosed {
+                round,
+                commitments: commitments(state.network(), round, nobody),
+            };
             let closed = RoundClosed {
                 round,
                 global: first.base,
                 contributors: Vec::new(),
+                unanswered: Vec::new(),
+                evaluated: None,
             };
-            [Body::RoundOpened(opened), Body::RoundClosed(closed)]
+            [
+                Body::RoundOpened(opened),
+                Body::CommitmentsClosed(commitments),
+                Body::RoundClosed(closed),
+            ]
         })
         .collect()
 }
@@ -94,7 +108,11 @@ pub fn registrations(state: &State, times: u64) -> Vec<Body> {
             node: id(&key),
             dataset: dataset(number % NODES),
             leaves: digest(7, number),
-            episodes: vec![digest(9, number % NODES)],
+            evaluation_frames: state.rules().evaluation_frames,
+            episodes: vec![Episode {
+                digest: digest(9, number % NODES),
+                frames: 400,
+            }],
         };
         Body::DatasetCommitted(Signed::new(registration, &key))
     };
@@ -111,7 +129,7 @@ fn dataset(node: u64) -> DatasetCommitment {
 }
 
 /// Makes a ledger of `entries` entries: of a thousand, about 500 commitments, 450 acceptances and 50 refusals, each of them
-/// signed by a node, and two rounds that open and close.
+/// signed by a node, and two rounds.
 pub fn grown(dir: &Path, entries: u64) -> Result<()> {
     let mut ledger = founded(dir)?;
     ledger.commit(TIME, enrolments(0..NODES))?;
@@ -131,12 +149,17 @@ pub fn grown(dir: &Path, entries: u64) -> Result<()> {
                 node: id(key),
                 dataset_root: dataset(node).root,
                 update: weights(1 + round * NODES + node),
+                eval_samples: state.rules().min_eval_samples,
             };
             Body::UpdateCommitted(Signed::new(commitment, key))
         };
         let mut bodies = vec![Body::RoundOpened(opening)];
         bodies.par_extend(keys.par_iter().enumerate().map(commit));
         ledger.commit(now, bodies)?;
+        let closing = commitments_closed(ledger.state());
+        ledger.append(now, Body::CommitmentsClosed(closing))?;
+        let drawing = drawn(ledger.state());
+        ledger.append(now, Body::RandomnessDrawn(drawing))?;
 
         let state = ledger.state();
         let decide = |(node, key): (usize, &SigningKey)| {

@@ -8,8 +8,9 @@ use zk0_protocol::{Body, Entry, Signed, State};
 use super::{text, Target};
 use crate::network::votes::{proposed, settled, voted};
 use crate::network::{
-    accepted, closed, committed, digest, enrolled, entry, genesis, governor_key, id, invalid_proof,
-    key, opened, registered, rejected, weights, Chain, T0, TIME_LOCK, VOTING,
+    accepted, closed, commitments_closed, committed, digest, drawn, enrolled, entry, genesis,
+    governor_key, id, invalid_proof, key, opened, registered, rejected, weights, Chain, T0,
+    TIME_LOCK, VOTING,
 };
 
 /// A state with something in each of its parts, and the entries that lead to it.
@@ -35,6 +36,10 @@ pub fn history() -> (State, Vec<Entry>) {
             let body = committed(&chain.state, node, weights(0x10 + 4 * round + node));
             step(&mut chain, body);
         }
+        let body = Body::CommitmentsClosed(commitments_closed(&chain.state));
+        step(&mut chain, body);
+        let body = Body::RandomnessDrawn(drawn(&chain.state));
+        step(&mut chain, body);
         if round == 1 {
             break;
         }

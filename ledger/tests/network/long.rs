@@ -12,8 +12,8 @@ use zk0_protocol::{Body, Checkpoint, Entry, Genesis, Signed, State};
 
 pub const NODES: u8 = 8;
 
-/// How many entries one round has: opened, committed, accepted and closed.
-pub const ROUND: u64 = 2 + 2 * NODES as u64;
+/// How many entries one round has: opened, committed, commitments closed, randomness drawn, accepted and closed.
+pub const ROUND: u64 = 4 + 2 * NODES as u64;
 
 pub struct Long {
     db: DB,
@@ -66,8 +66,10 @@ impl Long {
         for node in 0..NODES {
             let update = self.update();
             self.append(committed(&self.state, node, update));
-            self.checkpoint();
         }
+        self.append(Body::CommitmentsClosed(commitments_closed(&self.state)));
+        self.checkpoint();
+        self.append(Body::RandomnessDrawn(drawn(&self.state)));
         for node in 0..NODES {
             self.append(accepted(&self.state, node));
         }

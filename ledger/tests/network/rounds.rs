@@ -31,6 +31,16 @@ pub fn ledger_with_a_round(dir: &Path) -> Ledger {
             node,
         );
     }
+    append(
+        &mut ledger,
+        |state, _, _| Body::CommitmentsClosed(commitments_closed(state)),
+        0,
+    );
+    append(
+        &mut ledger,
+        |state, _, _| Body::RandomnessDrawn(drawn(state)),
+        0,
+    );
     append(&mut ledger, |state, _, node| accepted(state, node), 0);
     for node in 1..3 {
         append(

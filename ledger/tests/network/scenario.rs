@@ -14,7 +14,7 @@ use zk0_protocol::{Body, Checkpoint, Receipt};
 pub const FOLDER: &str = "ZK0_TEST_SCENARIO_IN";
 
 /// How many entries the whole scenario appends.
-pub const ENTRIES: usize = 62;
+pub const ENTRIES: usize = 64;
 
 /// The exit code of a child that stopped as it should after a failed write.
 pub const STOPPED: i32 = 3;
@@ -101,6 +101,12 @@ fn scenario(dir: &Path) -> Result<(), LedgerError> {
         let commit = |node| committed(ledger.state(), node, weights(0x10 + node));
         let group = vec![enrolled(5), commit(0), enrolled(6), commit(1), enrolled(7)];
         ledger.append_all(T0 + 4, group)
+    })?;
+    attempt(&mut ledger, |ledger| {
+        let closing = Body::CommitmentsClosed(commitments_closed(ledger.state()));
+        let closing = ledger.append(T0 + 4, closing)?;
+        let drawing = Body::RandomnessDrawn(drawn(ledger.state()));
+        Ok(vec![closing, ledger.append(T0 + 4, drawing)?])
     })?;
     drop(ledger);
     // Opening the ledger writes, too.

@@ -15,6 +15,8 @@ pub struct Update {
     pub weights: Vec<ExpertWeights>,
 }
 
+/// How the names of updates begin that are noise.
+pub const NOISE: &str = "weight noise";
 /// Standard deviations of weight noise, relative to the root mean square of a tensor.
 const NOISES: [f32; 6] = [0.0005, 0.002, 0.01, 0.03, 0.1, 0.3];
 /// Updates of one origin that differ only in chance.
@@ -42,7 +44,7 @@ pub fn updates(
     for sigma in NOISES {
         let noisy = (0..COPIES).map(|seed| noisy(config, base, sigma, seed));
         all.push(Update {
-            origin: format!("weight noise, {sigma} of a tensor's size"),
+            origin: format!("{NOISE}, {sigma} of a tensor's size"),
             weights: noisy.collect::<Result<_>>()?,
         });
     }

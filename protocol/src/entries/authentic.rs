@@ -41,7 +41,9 @@ impl Entry {
             | Body::RoundOpened(_)
             | Body::RoundClosed(_)
             | Body::ProposalSettled(_)
-            | Body::DisputeResolved(_) => {}
+            | Body::DisputeResolved(_)
+            | Body::CommitmentsClosed(_)
+            | Body::RandomnessDrawn(_) => {}
         }
         Ok(AuthenticEntry(self))
     }

@@ -1,9 +1,11 @@
 //! What the log holds. The canonical encoding of an entry is borsh; its RFC 6962 leaf is the hash of those bytes.
 
+use crate::challenge::drawing::Drawing;
 use crate::entries::genesis::Genesis;
 use crate::entries::member::NodeEnrolled;
 use crate::entries::proposal::Outcome;
 use crate::entries::refusal::Refusal;
+use crate::entries::round_result::{EvaluatedResult, ResultOutcome};
 use crate::entries::signed::{
     DatasetRegistration, Dispute, KeyRotation, KeyTakeover, Proposal, Signed, Submission,
     UpdateCommitment, Vote,
@@ -13,7 +15,7 @@ use borsh::{BorshDeserialize, BorshSerialize};
 use zk0_circuits::{Digest, NodeId, WeightsDigest};
 
 /// Version of the encoding and meaning of [`Entry`].
-pub const ENTRY_VERSION: u16 = 1;
+pub const ENTRY_VERSION: u16 = 2;
 
 /// Most bytes of an encoded entry. An entry has to fit in an entry bundle, which has 16-bit lengths (C2SP tlog-tiles). Proofs and
 /// weights are not in entries: they are blobs beside the log.
@@ -41,7 +43,7 @@ pub enum Body {
     DatasetCommitted(Signed<DatasetRegistration>),
     /// A round opened.
     RoundOpened(RoundOpened),
-    /// A node committed to its update. The tree that ends with this entry determines the node's challenge.
+    /// A node committed to its update.
     UpdateCommitted(Signed<UpdateCommitment>),
     /// A contribution was verified and counts.
     ContributionAccepted(Signed<Submission>),
@@ -71,6 +73,28 @@ pub enum Body {
     Disputed(Signed<Dispute>),
     /// A dispute was decided by verifying the contribution again.
     DisputeResolved(DisputeResolved),
+    /// The commitments of a round closed. Only after that does the randomness of the challenges come to be.
+    CommitmentsClosed(CommitmentsClosed),
+    /// The randomness of a round's challenges was drawn.
+    RandomnessDrawn(RandomnessDrawn),
+}
+
+/// The commitments of a round closed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
+pub struct CommitmentsClosed {
+    /// The round.
+    pub round: u64,
+    /// Digest of all commitments (`challenge::closing::commitments`).
+    pub commitments: Digest,
+}
+
+/// The randomness of a round's challenges was drawn.
+#[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
+pub struct RandomnessDrawn {
+    /// The round.
+    pub round: u64,
+    /// The randomness, with whatever shows that it comes from the source that the rules name.
+    pub drawing: Drawing,
 }
 
 /// The end of a proposal.
@@ -102,8 +126,6 @@ pub struct RoundOpened {
     pub evaluation: Digest,
     /// Last moment for a commitment, Unix milliseconds.
     pub commit_deadline_ms: u64,
-    /// Last moment for a submission, Unix milliseconds.
-    pub submit_deadline_ms: u64,
     /// The rules in force. They do not change while the round is open.
     pub rules: Rules,
 }
@@ -113,10 +135,23 @@ pub struct RoundOpened {
 pub struct RoundClosed {
     /// The round.
     pub round: u64,
-    /// The new global weights; the base weights when nobody contributed.
+    /// The new global weights; the base weights when nobody contributed, or when the result was not taken.
     pub global: WeightsDigest,
     /// Who counted for how much, ordered by node.
     pub contributors: Vec<Contributor>,
+    /// Who committed and submitted no claim although the randomness was drawn, ordered by node.
+    pub unanswered: Vec<NodeId>,
+    /// How the result did on the public samples; `None` when nobody contributed, or when the rules name no public samples.
+    pub evaluated: Option<EvaluatedResult>,
+}
+
+impl RoundClosed {
+    /// Whether the result of the contributions became the new global weights.
+    pub fn is_taken(&self) -> bool {
+        let outcome = self.evaluated.as_ref().map(|evaluated| evaluated.outcome);
+        !self.contributors.is_empty()
+            && outcome.is_none_or(|outcome| outcome == ResultOutcome::Taken)
+    }
 }
 
 /// One contribution's share in the average, and what it earned.
@@ -124,17 +159,19 @@ pub struct RoundClosed {
 pub struct Contributor {
     /// The node.
     pub node: NodeId,
-    /// Its committed samples, up to the maximum in the rules.
-    pub samples: u64,
-    /// The credits that it earned.
+    /// Its share in the average, in basis points of the contributor in the middle
+    /// ([`crate::rules::closing::shares::Shares::of`]).
+    pub share: u32,
+    /// The credits that it earned: none where the result was not taken.
     pub credits: u64,
 }
 
 /// Whether the tree that ends with this entry needs a signed checkpoint, even in the middle of a group. It does where something follows
-/// from the root: the challenge of an update, or the sample of nodes that may contribute to a round.
+/// from the root: the checkpoint that witnesses cosign to draw a round's randomness, or the sample of nodes that may contribute to a
+/// round.
 pub fn needs_checkpoint(body: &Body) -> bool {
     match body {
-        Body::UpdateCommitted(_) => true,
+        Body::CommitmentsClosed(_) => true,
         Body::RoundOpened(opened) => {
             matches!(opened.rules.participation, Participation::Sampled { .. })
         }

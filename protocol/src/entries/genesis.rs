@@ -35,10 +35,10 @@ pub struct Genesis {
 }
 
 impl Genesis {
-    /// The network id: [`tagged_sha256`] of the genesis' borsh encoding under `zk0/genesis/v1`.
+    /// The network id: [`tagged_sha256`] of the genesis' borsh encoding under `zk0/genesis/v2`.
     pub fn network_id(&self) -> Digest {
         let bytes = borsh::to_vec(self).expect("writing to a Vec cannot fail");
-        tagged_sha256("zk0/genesis/v1", &[&bytes])
+        tagged_sha256("zk0/genesis/v2", &[&bytes])
     }
 
     /// The origin line and key name of the log's checkpoints (C2SP tlog-checkpoint): the network's name.

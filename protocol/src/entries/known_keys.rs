@@ -74,7 +74,9 @@ fn used_after(entry: &Entry) -> Option<NodeId> {
         | Body::RoundOpened(_)
         | Body::RoundClosed(_)
         | Body::ProposalSettled(_)
-        | Body::DisputeResolved(_) => None,
+        | Body::DisputeResolved(_)
+        | Body::CommitmentsClosed(_)
+        | Body::RandomnessDrawn(_) => None,
     }
 }
 

@@ -11,4 +11,5 @@ pub mod member;
 pub mod program;
 pub mod proposal;
 pub mod refusal;
+pub mod round_result;
 pub mod signed;

@@ -73,8 +73,8 @@ pub enum Refusal {
     /// The update's bytes are not weights of the action expert.
     #[error("update: {0}")]
     MalformedUpdate(String),
-    /// Quantised again, the update gives other weights than the proof is about.
-    #[error("the update quantises to {actual}, but the proof is about {proven}")]
+    /// The update holds other weights than the proof is about.
+    #[error("the update's weights have the digest {actual}, but the proof is about {proven}")]
     OtherWeights { proven: Digest, actual: Digest },
     /// The proven products are not products with these weights (mode `checked`).
     #[error(
@@ -99,4 +99,26 @@ pub enum Refusal {
     /// This build cannot say anything about the proof. Another build can, so this is never recorded.
     #[error("the SP1 proof is not checked: this build of zk0 has no verifier of SP1 {sp1}")]
     NoVerifier { sp1: String },
+    /// The node wants its update evaluated on more samples, or on fewer, than the rules allow.
+    #[error("the commitment asks for an evaluation on {asked} samples, but {least} to {most} are allowed")]
+    EvalSamples { asked: u32, least: u32, most: u64 },
+    /// The commitments of the round are closed.
+    #[error("the commitments of round {round} are closed")]
+    CommitmentsClosed { round: u64 },
+    /// Nobody can make a claim yet, because there are no challenges. It is never recorded.
+    #[error("the randomness of round {round} is not drawn yet: wait for it, and then prove the claim for the challenge")]
+    NoRandomness { round: u64 },
+    /// Too many of the node's commitments ended without a contribution that counts.
+    #[error("node {node} may commit again from round {until} on: too many of its last commitments ended without an accepted contribution")]
+    Paused { node: NodeId, until: u64 },
+    /// A weight that the evaluation does not read, so that no proof is about it, differs from the base's. Both are given as int16 at
+    /// the scale of the update's tensor; the base's may be too large for one.
+    #[error("element {index} of tensor '{tensor}' is not evaluated, so it has to stay as in the base: at {bits} fraction bits that is {expected}, but the update has {found}")]
+    UnreadWeights {
+        tensor: String,
+        index: u64,
+        found: i16,
+        expected: i64,
+        bits: i16,
+    },
 }

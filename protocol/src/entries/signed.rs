@@ -82,11 +82,22 @@ pub struct DatasetRegistration {
     pub node: NodeId,
     /// The commitment.
     pub dataset: DatasetCommitment,
-    /// SHA-256 of the list of leaf hashes (32 bytes each, in order). The list is a blob, and anybody can recompute the root from it and
-    /// check that no leaf occurs twice.
+    /// How many frames the evaluation set draws: the number that the rules ask for when the dataset is registered.
+    pub evaluation_frames: u32,
+    /// SHA-256 of the list of drawn frames with their leaf hashes ([`crate::evaluation_set`]). The list is a blob. With it, anybody can
+    /// check that exactly the drawn frames are there, recompute the root, and see which samples are equal.
     pub leaves: Digest,
-    /// Digests of its episodes, in ascending order and each once. No episode may be registered by another node.
-    pub episodes: Vec<Digest>,
+    /// Its episodes, in ascending order of their digests and each once. No episode may be registered by another node.
+    pub episodes: Vec<Episode>,
+}
+
+/// An episode of a recording.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
+pub struct Episode {
+    /// Digest of its states and actions.
+    pub digest: Digest,
+    /// How many frames it has.
+    pub frames: u32,
 }
 
 /// A node commits to its update before it learns on which samples the update will be evaluated.
@@ -102,6 +113,8 @@ pub struct UpdateCommitment {
     pub dataset_root: Digest,
     /// The update.
     pub update: WeightsDigest,
+    /// On how many samples of the dataset it is to be evaluated. The rules bound the number.
+    pub eval_samples: u32,
 }
 
 /// A node's claim, and the digest of the proof of it.
@@ -210,7 +223,7 @@ macro_rules! statement {
     };
 }
 statement!(DatasetRegistration, "zk0:dataset-registration:v1", node);
-statement!(UpdateCommitment, "zk0:update-commitment:v1", node);
+statement!(UpdateCommitment, "zk0:update-commitment:v2", node);
 statement!(Submission, "zk0:submission:v1", claim.terms.node);
 statement!(UploadRequest, "zk0:upload-request:v1", node);
 statement!(Proposal, "zk0:proposal:v1", proposer);

@@ -1,8 +1,9 @@
 //! The fields of a claim that the ledger determines, so that they can be checked before anybody looks at the proof.
 
 use crate::entries::refusal::Refusal;
-use crate::rules::state::{Commit, Round, State};
+use crate::rules::state::{Commit, Randomness, Round, State};
 use std::fmt::Display;
+use zk0_circuits::claim::challenge::challenge;
 use zk0_circuits::{Claim, Digest, Disclosure, Losses, NodeId, Terms, CLAIM_VERSION};
 
 /// The part of a claim that the ledger determines.
@@ -30,6 +31,7 @@ impl State {
     /// What the ledger determines of the claim that `node` may make in the open round.
     pub fn expected_claim(&self, node: &NodeId) -> Result<ExpectedClaim, Refusal> {
         let (round, commit) = self.commit(node)?;
+        let randomness = drawn(round)?;
         let rules = self.rules();
         Ok(ExpectedClaim {
             terms: Terms {
@@ -40,9 +42,15 @@ impl State {
                 evaluation: round.opened.evaluation,
                 base: round.opened.base,
                 update: commit.update,
-                challenge: commit.challenge,
-                eval_samples: rules.eval_samples,
-                min_improvement_bps: rules.min_improvement_bps,
+                challenge: challenge(
+                    &self.network,
+                    round.number(),
+                    node,
+                    &commit.commitment,
+                    &randomness.value,
+                ),
+                eval_samples: commit.eval_samples,
+                test: rules.test(),
             },
             disclosure: rules.disclosure,
         })
@@ -71,7 +79,10 @@ impl State {
     pub fn check_claim(&self, claim: &Claim, time_ms: u64) -> Result<(), Refusal> {
         self.check_bindings(claim)?;
         match &self.round {
-            Some(round) => in_time("the claim", round, time_ms, round.opened.submit_deadline_ms),
+            Some(round) => {
+                let deadline_ms = drawn(round)?.submit_deadline_ms;
+                in_time("the claim", round, time_ms, deadline_ms)
+            }
             None => Ok(()),
         }
     }
@@ -108,6 +119,14 @@ impl State {
             .and_then(|round| Some((round, round.commits.get(node)?)))
             .ok_or(Refusal::NotCommitted(*node))
     }
+}
+
+/// The randomness of a round, without which nobody can make a claim.
+pub(crate) fn drawn(round: &Round) -> Result<&Randomness, Refusal> {
+    let missing = Refusal::NoRandomness {
+        round: round.number(),
+    };
+    round.randomness.as_ref().ok_or(missing)
 }
 
 pub(crate) fn already_submitted(claim: &Claim) -> Refusal {

@@ -40,6 +40,8 @@ impl State {
                 opened: round.opened.clone(),
                 entry: round.entry,
                 sample: own_place(round, node),
+                closing: round.closing,
+                randomness: round.randomness,
                 commits: round
                     .commits
                     .iter()

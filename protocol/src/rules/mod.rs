@@ -4,6 +4,7 @@ pub mod apply;
 pub mod basis_points;
 pub mod bindings;
 pub mod claim_state;
+pub mod closing;
 pub mod disclosed_blobs;
 pub mod governance;
 pub mod named_blobs;

@@ -1,6 +1,9 @@
 //! The blobs that entries name: what each blob holds, how large it may be, and whether it is private at first.
 
 use crate::entries::entry::Body;
+use crate::entries::proposal::Action;
+use crate::evaluation_set::DRAWN_LEAF_BYTES;
+use crate::rules::closing::public_samples::MAX_PUBLIC_SAMPLES_BYTES;
 use crate::rules::network_rules::Rules;
 use zk0_circuits::Digest;
 
@@ -23,10 +26,12 @@ pub enum BlobKind {
     Policy,
     /// Weights that a round starts from.
     Weights,
-    /// The leaves of a dataset's tree.
+    /// The samples on which the results of rounds are evaluated.
+    PublicSamples,
+    /// The drawn frames of a dataset, with their leaves.
     Leaves {
-        /// How many.
-        samples: u64,
+        /// How many frames.
+        drawn: u64,
     },
     /// A node's update.
     Update,
@@ -39,9 +44,9 @@ impl BlobKind {
     pub fn max_bytes(&self, rules: &Rules) -> u64 {
         match self {
             Self::Policy => MAX_INITIAL_POLICY_BYTES,
-            Self::Weights => rules.max_base_bytes(),
-            Self::Leaves { samples } => samples.saturating_mul(32),
-            Self::Update => rules.max_update_bytes,
+            Self::PublicSamples => MAX_PUBLIC_SAMPLES_BYTES,
+            Self::Leaves { drawn } => drawn.saturating_mul(DRAWN_LEAF_BYTES as u64),
+            Self::Weights | Self::Update => rules.max_update_bytes,
             Self::Proof => rules.max_proof_bytes,
         }
     }
@@ -55,14 +60,26 @@ impl BlobKind {
 /// The blobs that an entry is the first to name.
 pub fn named_blobs(body: &Body) -> Vec<NamedBlob> {
     let blob = |kind, digest| NamedBlob { digest, kind };
+    let public_samples = |rules: &Rules| {
+        let samples = rules.public_samples;
+        samples.map(|samples| blob(BlobKind::PublicSamples, samples.blob))
+    };
     match body {
-        Body::Genesis(genesis) => vec![
+        Body::Genesis(genesis) => [
             blob(BlobKind::Policy, genesis.policy),
             blob(BlobKind::Weights, genesis.initial.blob),
-        ],
+        ]
+        .into_iter()
+        .chain(public_samples(&genesis.rules))
+        .collect(),
+        // Whoever votes can look at the samples first.
+        Body::Proposed(signed) => match &signed.statement.action {
+            Action::ChangeRules(rules) => public_samples(rules).into_iter().collect(),
+            _ => Vec::new(),
+        },
         Body::DatasetCommitted(signed) => {
-            let samples = signed.statement.dataset.samples;
-            vec![blob(BlobKind::Leaves { samples }, signed.statement.leaves)]
+            let drawn = signed.statement.drawn();
+            vec![blob(BlobKind::Leaves { drawn }, signed.statement.leaves)]
         }
         Body::UpdateCommitted(signed) => {
             vec![blob(BlobKind::Update, signed.statement.update.blob)]
@@ -74,10 +91,11 @@ pub fn named_blobs(body: &Body) -> Vec<NamedBlob> {
         Body::NodeEnrolled(_)
         | Body::RoundOpened(_)
         | Body::KeyRotated { .. }
-        | Body::Proposed(_)
         | Body::Voted(_)
         | Body::ProposalSettled(_)
         | Body::Disputed(_)
-        | Body::DisputeResolved(_) => Vec::new(),
+        | Body::DisputeResolved(_)
+        | Body::CommitmentsClosed(_)
+        | Body::RandomnessDrawn(_) => Vec::new(),
     }
 }

@@ -1,12 +1,19 @@
 //! The rules of a network. The genesis states the first ones, and only a vote changes them ([`crate::rules::governance`]).
 
+use crate::challenge::source::RandomnessSource;
+use crate::challenge::unanswered::UnansweredRule;
 use crate::entries::identity_text;
 use crate::rules::basis_points::BPS;
+use crate::rules::closing::credits::CreditRule;
+use crate::rules::closing::public_samples::PublicSamples;
+use crate::rules::closing::shares::Shares;
 use crate::rules::governance::Governance;
 use crate::tlog::witness_policy::WitnessPolicy;
 use borsh::{BorshDeserialize, BorshSerialize};
 use serde::{Deserialize, Serialize};
 use zk0_circuits::claim::challenge::MAX_EVAL_SAMPLES;
+use zk0_circuits::claim::student::Confidence;
+use zk0_circuits::claim::t_test::TTest;
 use zk0_circuits::{Disclosure, NodeId};
 
 /// Most identities in a list of participants, so that the rules fit in an entry.
@@ -15,28 +22,40 @@ pub const MAX_LISTED: usize = 1000;
 /// Longest policy for witnesses, in bytes.
 pub const MAX_WITNESS_POLICY_BYTES: usize = 8 << 10;
 
+/// Fewest samples of a claim. From one sample nobody can tell how far the losses spread.
+pub const MIN_EVAL_SAMPLES: u32 = 2;
+
 /// The rules that nodes, aggregator and auditors follow.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Rules {
-    /// Fewest samples that a registered dataset may have.
+    /// Fewest samples that the evaluation set of a registered dataset may have.
     pub min_dataset_samples: u64,
-    /// How many samples a claim evaluates.
-    pub eval_samples: u32,
+    /// On how many samples a claim evaluates at least; 2 or more. A node chooses the number when it commits to its update.
+    pub min_eval_samples: u32,
+    /// On how many samples a claim evaluates at most.
+    pub max_eval_samples: u32,
     /// The smallest relative improvement of the loss that counts, in basis points; at least 1.
     pub min_improvement_bps: u32,
-    /// The weight of a contribution in the average is its number of samples, up to this maximum.
-    pub max_weight_samples: u64,
+    /// How sure the test of an improvement has to be.
+    pub confidence: Confidence,
+    /// How much each contribution counts.
+    pub shares: Shares,
+    /// The samples on which a round's result is evaluated before it is taken; without them every result is taken.
+    pub public_samples: Option<PublicSamples>,
     /// How much a proof discloses of the losses.
     pub disclosure: Disclosure,
     /// How long after a round's opening nodes can commit to updates, in milliseconds.
     pub commit_window_ms: u64,
-    /// How long after a round's opening nodes can submit claims, in milliseconds.
+    /// How long after the randomness was drawn nodes can submit claims, in milliseconds.
     pub submit_window_ms: u64,
-    /// Largest update, in bytes.
+    /// Largest file of weights, in bytes: of an update, and of the weights that a round starts from, which are as long.
     pub max_update_bytes: u64,
     /// Largest proof, in bytes.
     pub max_proof_bytes: u64,
+    /// How many frames of a recording are drawn into its evaluation set. A dataset that is registered already keeps its number when
+    /// this changes.
+    pub evaluation_frames: u32,
     /// Largest Euclidean norm of an update's difference from its base, in basis points of the base's norm; 0 for no bound.
     pub max_update_norm_bps: u32,
     /// How a round's updates become the new global weights.
@@ -52,6 +71,13 @@ pub struct Rules {
     pub witness_policy: String,
     /// How these rules change.
     pub governance: Governance,
+    /// Where the randomness of the challenges comes from.
+    pub randomness: RandomnessSource,
+    /// How long after the closing of the commitments the randomness can be drawn, in milliseconds. A round without randomness closes
+    /// then, and keeps its base.
+    pub randomness_window_ms: u64,
+    /// How often a node may commit without a claim that counts.
+    pub unanswered: UnansweredRule,
 }
 
 /// How a round's updates become the new global weights. Each strategy gives the same bits on every machine.
@@ -60,7 +86,7 @@ pub struct Rules {
 )]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub enum Strategy {
-    /// The mean, weighted by committed samples (McMahan et al. 2017, arXiv:1602.05629).
+    /// The mean, weighted by shares ([`Shares`]; McMahan et al. 2017, arXiv:1602.05629).
     FedAvg,
     /// The median of each parameter, with equal weights (Yin et al. 2018, arXiv:1803.01498).
     Median,
@@ -99,74 +125,64 @@ pub enum EnrolmentRule {
     Vote,
 }
 
-/// How many credits a contribution earns: the proven improvement in basis points, times the committed samples (up to the maximum that
-/// the average uses), divided by [`CreditRule::bps_samples_per_credit`] and rounded down; at most
-/// [`CreditRule::max_per_contribution`]. If losses are not disclosed, the proven improvement is the minimum. The network's members
-/// decide what a credit is worth. On the ledger, credits only give votes.
-#[derive(
-    Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize, Serialize, Deserialize,
-)]
-#[serde(deny_unknown_fields)]
-pub struct CreditRule {
-    /// How many basis points times samples earn one credit; at least 1.
-    pub bps_samples_per_credit: u64,
-    /// Most credits for one contribution; with 0, nobody earns any.
-    pub max_per_contribution: u64,
-    /// How long after its round's closing a contribution may be disputed, in milliseconds.
-    pub dispute_window_ms: u64,
-}
-
 impl Default for Rules {
-    /// Rules to begin with: rounds of an hour, four samples a claim, a minimum improvement of 1 %, FedAvg over the nodes that the
-    /// operator enrols, a week for disputes, and nobody who could change the rules.
+    /// Rules to begin with: rounds of little more than an hour, 16 to 256 samples a claim, a minimum improvement of 1 % at a confidence of
+    /// 99 %, FedAvg over the nodes that the operator enrols, a week for disputes, randomness from the log's key, and nobody who could
+    /// change the rules. `docs/samples.md` says why these numbers of samples.
     fn default() -> Self {
         const MINUTE_MS: u64 = 60_000;
         Self {
             min_dataset_samples: 64,
-            eval_samples: 4,
+            min_eval_samples: 16,
+            max_eval_samples: 256,
             min_improvement_bps: 100,
-            max_weight_samples: 10_000,
+            confidence: Confidence::P99,
+            shares: Shares::Equal,
+            public_samples: None,
             disclosure: Disclosure::Losses,
             commit_window_ms: 10 * MINUTE_MS,
             submit_window_ms: 60 * MINUTE_MS,
             max_update_bytes: 1 << 20,
             max_proof_bytes: 2 << 20,
+            evaluation_frames: 512,
             max_update_norm_bps: 0,
             strategy: Strategy::FedAvg,
             participation: Participation::All,
             enrolment: EnrolmentRule::Operator,
             credits: CreditRule {
-                bps_samples_per_credit: 1000,
+                bps_per_credit: 100,
                 max_per_contribution: 10_000,
                 dispute_window_ms: 7 * 24 * 60 * MINUTE_MS,
             },
             witness_policy: String::new(),
             governance: Governance::none(),
+            randomness: RandomnessSource::LogVrf,
+            randomness_window_ms: 30 * MINUTE_MS,
+            unanswered: UnansweredRule::default(),
         }
     }
 }
 
 impl Rules {
-    /// Largest file of global weights, in bytes. It is a little more than the largest update, because combined weights may have longer
-    /// names of tensors.
-    pub fn max_base_bytes(&self) -> u64 {
-        self.max_update_bytes.saturating_mul(2)
+    /// The test that an improvement has to pass.
+    pub fn test(&self) -> TTest {
+        TTest {
+            min_improvement_bps: self.min_improvement_bps,
+            confidence: self.confidence,
+        }
     }
 
     /// Checks every rule. The error names the rule that a network cannot use, and says why.
     pub fn check(&self) -> Result<(), String> {
         let at_least_one = [
             ("min_dataset_samples", self.min_dataset_samples),
-            ("eval_samples", self.eval_samples.into()),
             ("min_improvement_bps", self.min_improvement_bps.into()),
-            ("max_weight_samples", self.max_weight_samples),
             ("commit_window_ms", self.commit_window_ms),
+            ("submit_window_ms", self.submit_window_ms),
+            ("randomness_window_ms", self.randomness_window_ms),
             ("max_update_bytes", self.max_update_bytes),
             ("max_proof_bytes", self.max_proof_bytes),
-            (
-                "credits.bps_samples_per_credit",
-                self.credits.bps_samples_per_credit,
-            ),
+            ("credits.bps_per_credit", self.credits.bps_per_credit),
         ];
         if let Some((rule, _)) = at_least_one.iter().find(|(_, value)| *value == 0) {
             return Err(format!("rule {rule} is 0; it has to be at least 1"));
@@ -177,23 +193,37 @@ impl Rules {
                 self.min_improvement_bps
             ));
         }
-        if self.eval_samples > MAX_EVAL_SAMPLES
-            || u64::from(self.eval_samples) > self.min_dataset_samples
+        if self.min_eval_samples < MIN_EVAL_SAMPLES
+            || u64::from(self.min_eval_samples) > self.min_dataset_samples
         {
             return Err(format!(
-                "rule eval_samples is {}; it can be at most {MAX_EVAL_SAMPLES} and at most min_dataset_samples, {}",
-                self.eval_samples, self.min_dataset_samples
+                "rule min_eval_samples is {}; it has to be at least {MIN_EVAL_SAMPLES}, and at most min_dataset_samples, {}",
+                self.min_eval_samples, self.min_dataset_samples
             ));
         }
-        if self.submit_window_ms < self.commit_window_ms {
+        if self.evaluation_frames > MAX_EVAL_SAMPLES
+            || u64::from(self.evaluation_frames) < self.min_dataset_samples
+        {
             return Err(format!(
-                "rule submit_window_ms is {}, which is shorter than commit_window_ms, {}",
-                self.submit_window_ms, self.commit_window_ms
+                "rule evaluation_frames is {}; it can be at most {MAX_EVAL_SAMPLES}, and it has to be at least min_dataset_samples, {}",
+                self.evaluation_frames, self.min_dataset_samples
             ));
         }
+        if self.max_eval_samples > MAX_EVAL_SAMPLES || self.max_eval_samples < self.min_eval_samples
+        {
+            return Err(format!(
+                "rule max_eval_samples is {}; it has to be at least min_eval_samples, {}, and at most {MAX_EVAL_SAMPLES}",
+                self.max_eval_samples, self.min_eval_samples
+            ));
+        }
+        self.shares.check()?;
+        self.public_samples
+            .map_or(Ok(()), |samples| samples.check())?;
         self.strategy.check()?;
         self.participation.check()?;
-        self.witnesses()?;
+        let has_witnesses = self.witnesses()?.wants_witnesses();
+        self.randomness.check(has_witnesses)?;
+        self.unanswered.check()?;
         self.governance.check()
     }
 
@@ -243,16 +273,5 @@ impl Participation {
             }
             _ => Ok(()),
         }
-    }
-}
-
-impl CreditRule {
-    /// Credits for an improvement by `improvement_bps` on `samples` samples.
-    pub fn earned(&self, improvement_bps: u64, samples: u64) -> u64 {
-        let product = u128::from(improvement_bps) * u128::from(samples);
-        let credits = product / u128::from(self.bps_samples_per_credit.max(1));
-        u64::try_from(credits)
-            .unwrap_or(u64::MAX)
-            .min(self.max_per_contribution)
     }
 }

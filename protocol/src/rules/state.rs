@@ -1,5 +1,7 @@
 //! The state of a network after its entries so far. It is a plain value, computed from the entries and nothing else.
 
+use crate::challenge::closing::Closing;
+use crate::challenge::unanswered::CommitRecord;
 use crate::entries::entry::{Contributor, RoundOpened};
 use crate::entries::genesis::Genesis;
 use crate::entries::program::Program;
@@ -60,6 +62,8 @@ pub struct Node {
     pub standing: Standing,
     /// Its credits: those that it has earned, less those that it has lost.
     pub credits: u64,
+    /// What became of its last commitments.
+    pub record: CommitRecord,
 }
 
 /// Whether a node may contribute.
@@ -106,7 +110,7 @@ pub struct OpenDispute {
 pub struct Dataset {
     /// What it commits to.
     pub commitment: DatasetCommitment,
-    /// SHA-256 of the blob of leaf hashes.
+    /// SHA-256 of the list of drawn frames.
     pub leaves: Digest,
     /// Index of the entry that registered it.
     pub entry: u64,
@@ -123,6 +127,21 @@ pub struct Round {
     pub sample: Option<BTreeSet<NodeId>>,
     /// The commitments, by node.
     pub commits: BTreeMap<NodeId, Commit>,
+    /// How the commitments closed, once they are closed.
+    pub closing: Option<Closing>,
+    /// The randomness of the challenges, once it is drawn.
+    pub randomness: Option<Randomness>,
+}
+
+/// The randomness of the open round.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
+pub struct Randomness {
+    /// The randomness.
+    pub value: Digest,
+    /// Index of the entry that drew it.
+    pub entry: u64,
+    /// Last moment for a submission, Unix milliseconds.
+    pub submit_deadline_ms: u64,
 }
 
 /// A node's committed update.
@@ -132,10 +151,12 @@ pub struct Commit {
     pub update: WeightsDigest,
     /// The dataset it will be evaluated on.
     pub dataset: DatasetCommitment,
+    /// On how many samples it will be evaluated.
+    pub eval_samples: u32,
     /// Index of the entry that recorded it.
     pub entry: u64,
-    /// The challenge, which follows from the tree that ends with that entry.
-    pub challenge: Digest,
+    /// Digest of what the node signed, from which its challenge follows.
+    pub commitment: Digest,
     /// Whether the contribution was accepted or rejected, once that is decided.
     pub decision: Option<Decision>,
 }
@@ -147,8 +168,8 @@ pub enum Decision {
     Accepted {
         /// Index of the entry that says so.
         entry: u64,
-        /// What it earns when the round closes.
-        credits: u64,
+        /// The improvement that it proves, in basis points.
+        improvement_bps: u64,
     },
     /// It was rejected.
     Rejected,
@@ -240,31 +261,47 @@ impl State {
         &self.disputes
     }
 
-    /// The contributors to the open round and their weights, ordered by node, as `RoundClosed` has to list them.
+    /// The contributors to the open round, their shares and what they earn, ordered by node, as `RoundClosed` has to list them. Both
+    /// depend on all contributors, so they are final once every commitment is decided.
     pub fn contributors(&self) -> Vec<Contributor> {
-        let cap = self.rules.max_weight_samples;
         let accepted = |(node, commit): (&NodeId, &Commit)| match commit.decision {
-            Some(Decision::Accepted { credits, .. }) => Some(Contributor {
-                node: *node,
-                samples: commit.dataset.samples.min(cap),
-                credits,
-            }),
+            Some(Decision::Accepted {
+                improvement_bps, ..
+            }) => Some((*node, commit.dataset.samples, improvement_bps)),
             _ => None,
         };
         let commits = self.round.iter().flat_map(|round| &round.commits);
-        commits.filter_map(accepted).collect()
+        let accepted: Vec<_> = commits.filter_map(accepted).collect();
+        let samples: Vec<_> = accepted.iter().map(|(_, samples, _)| *samples).collect();
+        let shares = self.rules.shares.of(&samples);
+        let contributor = |((node, _, improvement_bps), share)| Contributor {
+            node,
+            share,
+            credits: self.rules.credits.earned(improvement_bps, share),
+        };
+        accepted.into_iter().zip(shares).map(contributor).collect()
     }
 
-    /// Whether `node` may contribute to `round`, by the rules in force and the node's standing.
+    /// Who has committed in the open round and has submitted nothing although the randomness is drawn, ordered by node, as
+    /// `RoundClosed` has to list them.
+    pub fn unanswered(&self) -> Vec<NodeId> {
+        let drawn = self.round.iter().filter(|round| round.randomness.is_some());
+        let commits = drawn.flat_map(|round| &round.commits);
+        let waiting = commits.filter(|(_, commit)| commit.decision.is_none());
+        waiting.map(|(node, _)| *node).collect()
+    }
+
+    /// Whether `node` may contribute to `round`, by the rules in force, the node's standing and its last commitments.
     pub fn may_contribute(&self, round: &Round, id: &NodeId) -> bool {
-        self.ready(id, round.entry) && round.invites(id, &self.rules)
+        self.ready(id, round.number(), round.entry) && round.invites(id, &self.rules)
     }
 
-    /// Whether a node is active and had a large enough dataset before entry `entry`.
-    pub(crate) fn ready(&self, id: &NodeId, entry: u64) -> bool {
+    /// Whether a node may commit in `round`, is active, and had a large enough dataset before entry `entry`.
+    pub(crate) fn ready(&self, id: &NodeId, round: u64, entry: u64) -> bool {
         let least = self.rules.min_dataset_samples;
         self.nodes.get(id).is_some_and(|node| {
             node.standing == Standing::Active
+                && node.record.paused_until(round).is_none()
                 && node
                     .dataset
                     .is_some_and(|data| data.entry < entry && data.commitment.samples >= least)
@@ -280,10 +317,10 @@ impl State {
         *self.retired.get(id).unwrap_or(id)
     }
 
-    /// The digest of the state: [`tagged_sha256`] of its borsh encoding under `zk0/state/v2`. Equal histories give equal digests.
+    /// The digest of the state: [`tagged_sha256`] of its borsh encoding under `zk0/state/v3`. Equal histories give equal digests.
     pub fn digest(&self) -> Digest {
         let bytes = borsh::to_vec(self).expect("writing to a Vec cannot fail");
-        tagged_sha256("zk0/state/v2", &[&bytes])
+        tagged_sha256("zk0/state/v3", &[&bytes])
     }
 }
 

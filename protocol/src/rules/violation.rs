@@ -1,5 +1,6 @@
 //! The reasons for which the state refuses an entry.
 
+use crate::challenge::drawing::DrawError;
 use crate::entries::codec::EntryError;
 use crate::entries::refusal::Refusal;
 use crate::rules::state::Standing;
@@ -50,12 +51,31 @@ pub enum RuleViolation {
     #[error("round {0} is not open")]
     RoundNotOpen(u64),
     /// The round would close while a node can still contribute.
-    #[error("round {round} cannot close {early_ms} ms before its deadline: {waiting_for}")]
-    ClosedEarly {
+    #[error("round {round} cannot close yet: {waiting_for}")]
+    ClosedEarly { round: u64, waiting_for: String },
+    /// The commitments would close while a node can still commit.
+    #[error("the commitments of round {round} cannot close {early_ms} ms before their deadline: node {node} may still commit")]
+    CommitmentsOpen {
         round: u64,
         early_ms: u64,
-        waiting_for: String,
+        node: NodeId,
     },
+    /// The commitments of the round are closed already, or its randomness is drawn already.
+    #[error("{what} of round {round} {done} already")]
+    Again {
+        round: u64,
+        what: &'static str,
+        done: &'static str,
+    },
+    /// The commitments have to close before the randomness is drawn.
+    #[error("the randomness of round {0} cannot be drawn before its commitments are closed")]
+    NotClosed(u64),
+    /// The randomness comes too late. The round closes without it.
+    #[error("the randomness of round {round} comes {late_ms} ms too late")]
+    RandomnessLate { round: u64, late_ms: u64 },
+    /// The randomness is not what its source determines.
+    #[error("the randomness of round {round}: {error}")]
+    BadRandomness { round: u64, error: DrawError },
     /// The recorded reason for a refusal is not the true one.
     #[error("the recorded reason for the refusal is '{given}', but {found}")]
     WrongReason { given: String, found: String },

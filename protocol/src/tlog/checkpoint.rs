@@ -53,13 +53,18 @@ pub enum CheckpointError {
 }
 
 impl Checkpoint {
+    /// The text that the log signs and witnesses cosign.
+    pub fn text(&self, origin: &str) -> Result<Vec<u8>, CheckpointError> {
+        let body = Body::new(origin, self.size, Hash(self.root.0), "")
+            .map_err(|error| CheckpointError::Malformed(error.to_string()))?;
+        Ok(body.to_bytes())
+    }
+
     /// Signs the checkpoint. The result is the text that is published.
     pub fn sign(&self, origin: &str, key: &SigningKey) -> Result<Vec<u8>, CheckpointError> {
         let malformed = |error: String| CheckpointError::Malformed(error);
-        let body = Body::new(origin, self.size, Hash(self.root.0), "")
-            .map_err(|error| malformed(error.to_string()))?;
         let mut note =
-            Note::new(&body.to_bytes(), &[]).map_err(|error| malformed(error.to_string()))?;
+            Note::new(&self.text(origin)?, &[]).map_err(|error| malformed(error.to_string()))?;
         let signer = LogSigner {
             key: log_key(origin, key.verifying_key().as_bytes())?,
             secret: key,

@@ -94,17 +94,22 @@ fn name(reason: &RuleViolation) -> String {
 }
 
 /// All that an accepted entry can be. Each must occur in random histories, because otherwise they do not test it.
-const ALL: [&str; 35] = [
+const ALL: [&str; 40] = [
     "enrolled",
     "registered",
     "opened to all",
     "opened to a list",
     "opened to a sample",
     "committed",
+    "commitments closed",
+    "drawn",
+    "closed with unanswered commitments",
     "accepted",
     "rejected",
     "closed",
     "closed without contributors",
+    "result taken",
+    "result not taken",
     "rotated",
     "proposed",
     "voted",
@@ -150,10 +155,19 @@ fn happened(body: &Body, before: &State, after: &State) -> Vec<&'static str> {
         Body::UpdateCommitted(_) => vec!["committed"],
         Body::ContributionAccepted(_) => vec!["accepted"],
         Body::ContributionRejected { .. } => vec!["rejected"],
-        Body::RoundClosed(closed) => match closed.contributors.is_empty() {
-            true => vec!["closed without contributors"],
-            false => vec!["closed"],
-        },
+        Body::RoundClosed(closed) => {
+            let mut what = match &closed.evaluated {
+                Some(_) if closed.is_taken() => vec!["closed", "result taken"],
+                Some(_) => vec!["closed", "result not taken"],
+                None if closed.contributors.is_empty() => vec!["closed without contributors"],
+                None => vec!["closed"],
+            };
+            let silent = !closed.unanswered.is_empty();
+            what.extend(silent.then_some("closed with unanswered commitments"));
+            what
+        }
+        Body::CommitmentsClosed(_) => vec!["commitments closed"],
+        Body::RandomnessDrawn(_) => vec!["drawn"],
         Body::KeyRotated { .. } => match before.round() {
             Some(_) => vec!["rotated", "rotated in a round"],
             None => vec!["rotated"],
@@ -286,7 +300,7 @@ proptest! {
     #[test]
     fn decoding_any_bytes_is_an_entry_or_an_error(
         bytes in prop::collection::vec(any::<u8>(), 0..600),
-        body in 0..16u8,
+        body in 0..18u8,
     ) {
         let mut entry = vec![1, 0];
         entry.extend([0; 8]);

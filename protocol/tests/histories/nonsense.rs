@@ -3,11 +3,16 @@
 use super::network::*;
 use super::steps::key_of;
 use proptest::prelude::*;
+use zk0_circuits::claim::student::Confidence;
+use zk0_circuits::claim::t_test::TTest;
 use zk0_circuits::{
     Claim, Digest, GuestWeights, Losses, NodeId, Terms, WeightCheck, WeightsDigest,
 };
+use zk0_protocol::challenge::drawing::Drawing;
+use zk0_protocol::challenge::vrf::VrfProof;
 use zk0_protocol::entries::entry::{
-    Contributor, DisputeResolved, ProposalSettled, RoundClosed, RoundOpened,
+    CommitmentsClosed, Contributor, DisputeResolved, ProposalSettled, RandomnessDrawn, RoundClosed,
+    RoundOpened,
 };
 use zk0_protocol::entries::member::NodeEnrolled;
 use zk0_protocol::entries::program::Program;
@@ -16,6 +21,7 @@ use zk0_protocol::entries::signed::{
     DatasetRegistration, Dispute, Evidence, KeyRotation, KeyTakeover, Proposal, Statement,
     Submission, UpdateCommitment, Vote,
 };
+use zk0_protocol::rules::closing::shares::WHOLE_SHARE;
 use zk0_protocol::rules::network_rules::{Participation, Strategy as Average};
 use zk0_protocol::{Body, Entry, Genesis, Refusal, Rules, Signed};
 
@@ -85,7 +91,10 @@ prop_compose! {
                     update: updates.1,
                     challenge: digests.1,
                     eval_samples: numbers.1,
-                    min_improvement_bps: numbers.2,
+                    test: TTest {
+                        min_improvement_bps: numbers.2,
+                        confidence: Confidence::P99,
+                    },
                 },
                 losses: match hidden {
                     true => Losses::Hidden,
@@ -127,7 +136,7 @@ prop_compose! {
         let mut rules = genesis().rules;
         (rules.min_dataset_samples, rules.commit_window_ms, rules.submit_window_ms) = (numbers.0, numbers.1, numbers.2);
         (rules.credits.dispute_window_ms, rules.governance.voting_ms) = (numbers.3, numbers.4);
-        (rules.eval_samples, rules.governance.quorum_bps) = (shares.0, shares.1);
+        (rules.min_eval_samples, rules.governance.quorum_bps) = (shares.0, shares.1);
         (rules.governance.threshold_bps, rules.governance.veto_bps) = (shares.2, shares.3);
         rules.strategy = Average::TrimmedMean { trim_bps };
         rules.participation = match invited {
@@ -229,6 +238,19 @@ fn any_dispute() -> impl Strategy<Value = Dispute> {
     )
 }
 
+fn any_drawing() -> impl Strategy<Value = Drawing> {
+    prop_oneof![
+        any::<u8>().prop_map(|byte| Drawing::LogVrf(VrfProof([byte; 80]))),
+        any_digest().prop_map(|input| Drawing::LogVrf(VrfProof::of(&log_key(), &input.0))),
+        prop::collection::vec(any::<u8>().prop_map(|byte| [byte; 72]), 0..4)
+            .prop_map(Drawing::Witnesses),
+        (any_u64(), any::<u8>()).prop_map(|(round, byte)| Drawing::Drand {
+            round,
+            signature: [byte; 48],
+        }),
+    ]
+}
+
 /// Entries in which members govern themselves, or that record the result.
 fn any_governing() -> impl Strategy<Value = Body> {
     let takeover = any_rotation().prop_map(|rotation| KeyTakeover { rotation });
@@ -257,18 +279,27 @@ fn any_body() -> impl Strategy<Value = Body> {
                 node,
                 dataset,
                 leaves: digest(0),
-                episodes: vec![digest(set)],
+                evaluation_frames: EVALUATION_FRAMES,
+                episodes: vec![episode(digest(set))],
             }
         });
-    let commitment = (any_network(), any_u64(), any_node(), any_weights()).prop_map(
-        |(network, round, node, update)| UpdateCommitment {
-            network,
-            round,
-            node,
-            dataset_root: digest(1),
-            update,
-        },
-    );
+    let commitment = (
+        any_network(),
+        any_u64(),
+        any_node(),
+        any_weights(),
+        any::<u32>(),
+    )
+        .prop_map(
+            |(network, round, node, update, eval_samples)| UpdateCommitment {
+                network,
+                round,
+                node,
+                dataset_root: digest(1),
+                update,
+                eval_samples,
+            },
+        );
     let contributors = prop::collection::vec((any_node(), any_u64()), 0..4);
     prop_oneof![
         1 => any_u64().prop_map(|window| {
@@ -278,14 +309,13 @@ fn any_body() -> impl Strategy<Value = Body> {
         }),
         1 => any_enrolment().prop_map(Body::NodeEnrolled),
         1 => signed(registration).prop_map(Body::DatasetCommitted),
-        1 => (any_u64(), any_weights(), any_u64(), any_u64()).prop_map(
-            |(round, base, commit, submit)| {
+        1 => (any_u64(), any_weights(), any_u64()).prop_map(
+            |(round, base, commit)| {
                 Body::RoundOpened(RoundOpened {
                     round,
                     base,
                     evaluation: digest(0),
                     commit_deadline_ms: commit,
-                    submit_deadline_ms: submit,
                     rules: genesis().rules,
                 })
             }
@@ -294,18 +324,25 @@ fn any_body() -> impl Strategy<Value = Body> {
         1 => signed(any_submission()).prop_map(Body::ContributionAccepted),
         1 => (signed(any_submission()), any_reason())
             .prop_map(|(submission, reason)| Body::ContributionRejected { submission, reason }),
+        1 => (any_u64(), any_digest()).prop_map(|(round, commitments)| {
+            Body::CommitmentsClosed(CommitmentsClosed { round, commitments })
+        }),
+        1 => (any_u64(), any_drawing())
+            .prop_map(|(round, drawing)| Body::RandomnessDrawn(RandomnessDrawn { round, drawing })),
         1 => (any_u64(), any_weights(), contributors).prop_map(|(round, global, contributors)| {
             Body::RoundClosed(RoundClosed {
+                unanswered: contributors.iter().map(|(node, _)| *node).collect(),
                 round,
                 global,
                 contributors: contributors
                     .into_iter()
-                    .map(|(node, samples)| Contributor {
+                    .map(|(node, credits)| Contributor {
                         node,
-                        samples,
-                        credits: samples,
+                        share: WHOLE_SHARE,
+                        credits,
                     })
                     .collect(),
+                evaluated: None,
             })
         }),
         6 => any_governing(),

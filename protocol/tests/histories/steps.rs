@@ -13,6 +13,7 @@ use zk0_protocol::entries::proposal::{Action, Ballot, Outcome};
 use zk0_protocol::entries::signed::{
     Dispute, Evidence, KeyRotation, KeyTakeover, Proposal, Statement, Submission, Vote,
 };
+use zk0_protocol::rules::closing::shares::Shares;
 use zk0_protocol::rules::network_rules::{EnrolmentRule, Participation};
 use zk0_protocol::rules::state::{Node, Standing};
 use zk0_protocol::{Body, Entry, Refusal, Rules, Signed, State};
@@ -40,6 +41,8 @@ pub enum Step {
     Rotate(u8, u8),
     Open,
     Commit(u8, u8),
+    CloseCommitments,
+    Draw,
     Accept(u8, u8),
     Reject(u8),
     Close(u8),
@@ -68,6 +71,8 @@ fn sensible() -> impl Strategy<Value = Step> {
         4 => two().prop_map(|(by, with)| Step::Rotate(by, with)),
         20 => Just(Step::Open),
         40 => two().prop_map(|(by, update)| Step::Commit(by, update)),
+        24 => Just(Step::CloseCommitments),
+        24 => Just(Step::Draw),
         32 => two().prop_map(|(by, gain)| Step::Accept(by, gain)),
         4 => any::<u8>().prop_map(Step::Reject),
         12 => any::<u8>().prop_map(Step::Close),
@@ -242,6 +247,14 @@ fn round(step: &Step, state: &State, now: u64) -> Option<Body> {
             }
             Body::UpdateCommitted(sign(commitment))
         }
+        Step::CloseCommitments => {
+            state.round()?;
+            Body::CommitmentsClosed(commitments_closed(state))
+        }
+        Step::Draw => {
+            state.round()?;
+            Body::RandomnessDrawn(drawn(state))
+        }
         Step::Accept(by, gain) => Body::ContributionAccepted(sign(submission(*by, *gain)?)),
         Step::Reject(by) => {
             let submission = submission(*by, 0)?;
@@ -254,13 +267,17 @@ fn round(step: &Step, state: &State, now: u64) -> Option<Body> {
                 reason,
             }
         }
-        Step::Close(global) => Body::RoundClosed(closed(
-            state,
-            match state.contributors().is_empty() {
-                true => *state.global(),
-                false => weights(*global),
-            },
-        )),
+        Step::Close(global) => {
+            let (evaluated, contributed) = (
+                state.rules().public_samples.is_some(),
+                !state.contributors().is_empty(),
+            );
+            Body::RoundClosed(match contributed {
+                true if evaluated && global % 2 == 0 => kept(state, weights(*global)),
+                true => closed(state, weights(*global)),
+                false => closed(state, *state.global()),
+            })
+        }
         _ => return None,
     })
 }
@@ -346,8 +363,8 @@ fn action(what: u8, whom: u8, state: &State) -> Action {
 fn other_rules(how: u8, state: &State) -> Rules {
     let mut rules = state.rules().clone();
     let small = how / 16;
-    match how % 6 {
-        0 => rules.eval_samples = small.into(),
+    match how % 7 {
+        0 => rules.min_eval_samples = small.into(),
         1..=2 => {
             rules.participation = match small {
                 0..=3 => Participation::All,
@@ -358,6 +375,15 @@ fn other_rules(how: u8, state: &State) -> Rules {
             }
         }
         3 => rules.governance.credits_per_vote = small.into(),
+        6 => {
+            rules.public_samples = (!small.is_multiple_of(4)).then_some(PUBLIC_SAMPLES);
+            rules.shares = match small {
+                0..=7 => Shares::Equal,
+                _ => Shares::Samples {
+                    max_of_median_bps: 2_000 * u32::from(small),
+                },
+            };
+        }
         4 => {
             rules.min_dataset_samples = 2 + 2 * u64::from(small);
             rules.disclosure = match small % 2 {

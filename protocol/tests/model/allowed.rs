@@ -1,6 +1,8 @@
 //! Which events the second model allows next.
 
-use super::network::{COMMIT_WINDOW, DISPUTE_WINDOW, SUBMIT_WINDOW, TIME_LOCK, VOTING};
+use super::network::{
+    COMMIT_WINDOW, DISPUTE_WINDOW, RANDOMNESS_WINDOW, SUBMIT_WINDOW, TIME_LOCK, VOTING,
+};
 use super::second::{followed, Change, Event, Invited, Model, Who, IDS, KEYS};
 use zk0_circuits::vm::digest::tagged_sha256;
 use zk0_protocol::entries::proposal::{Ballot, Outcome};
@@ -48,7 +50,7 @@ impl Model<'_> {
         let not_revoked = [Standing::Active, Standing::Suspended];
         match change {
             Change::Rules(samples, invited) => {
-                (1..=10).contains(&samples)
+                (2..=10).contains(&samples)
                     && match invited {
                         Invited::All => true,
                         Invited::Listed(one, other) => one != other,
@@ -94,7 +96,10 @@ impl Model<'_> {
             ];
             (tagged_sha256("zk0/participants/v1", &parts), key)
         };
-        let ready = (0..KEYS).filter(|key| then.active(*key) && then.has_data(then.node(*key)));
+        let ready = (0..KEYS).filter(|key| {
+            let paused = then.paused(then.node(*key), round as usize);
+            then.active(*key) && then.has_data(then.node(*key)) && !paused
+        });
         let mut drawn: Vec<_> = ready.map(lot).collect();
         drawn.sort();
         drawn
@@ -104,7 +109,12 @@ impl Model<'_> {
     }
 
     fn may_commit(&self, key: u8, opened: usize) -> bool {
-        self.active(key) && self.until(opened).has_data(self.node(key)) && self.invited(key, opened)
+        let then = self.until(opened);
+        let round = then.all(|event| *event == Event::Opened).len();
+        self.active(key)
+            && then.has_data(self.node(key))
+            && self.invited(key, opened)
+            && !self.paused(self.node(key), round)
     }
 
     pub fn allows(&self, event: &Event, now: u64) -> bool {
@@ -115,6 +125,12 @@ impl Model<'_> {
             let decided =
                 [Event::Accepted(key), Event::Rejected(key)].map(|event| self.in_round(event));
             committed(key) && decided == [false; 2]
+        };
+        let shut = self.time_in_round(&Event::Shut);
+        let drawn = self.time_in_round(&Event::Drawn);
+        let awaited = || {
+            let may = |opened| (0..KEYS).any(|key| self.may_commit(key, opened) && !committed(key));
+            since <= COMMIT_WINDOW && round.is_some_and(may)
         };
         match event {
             Event::Enrolled(key) => !self.used(*key),
@@ -135,16 +151,23 @@ impl Model<'_> {
                     && !self.open_disputes().into_iter().any(waits)
             }
             Event::Committed(key) => round.is_some_and(|opened| {
-                self.may_commit(*key, opened) && !committed(*key) && since <= COMMIT_WINDOW
+                let open = shut.is_none() && since <= COMMIT_WINDOW;
+                self.may_commit(*key, opened) && !committed(*key) && open
             }),
-            Event::Accepted(key) => undecided(*key) && since <= SUBMIT_WINDOW,
+            Event::Shut => round.is_some() && shut.is_none() && !awaited(),
+            Event::Drawn => {
+                drawn.is_none() && shut.is_some_and(|shut| now - shut <= RANDOMNESS_WINDOW)
+            }
+            Event::Accepted(key) => {
+                undecided(*key) && drawn.is_some_and(|drawn| now - drawn <= SUBMIT_WINDOW)
+            }
             // An invalid proof may be refused after the deadline, too, but then the reason has to be that it is late.
-            Event::Rejected(key) => undecided(*key),
-            Event::Closed => round.is_some_and(|opened| {
-                let awaited = |key| self.may_commit(key, opened) && !committed(key);
-                let may_come = since <= COMMIT_WINDOW && (0..KEYS).any(awaited);
-                since > SUBMIT_WINDOW || !((0..KEYS).any(undecided) || may_come)
-            }),
+            Event::Rejected(key) => undecided(*key) && drawn.is_some(),
+            Event::Closed => match (shut, drawn) {
+                (None, _) => false,
+                (Some(_), Some(drawn)) => now - drawn > SUBMIT_WINDOW || !(0..KEYS).any(undecided),
+                (Some(shut), None) => now - shut > RANDOMNESS_WINDOW || !(0..KEYS).any(committed),
+            },
             Event::Proposed(by, change) => {
                 let own = |number| {
                     self.proposal(number)

@@ -53,6 +53,14 @@ pub fn body(event: &Event, state: &State, model: &Model, now: u64) -> Option<Bod
             commitment.node = id(key);
             Body::UpdateCommitted(Signed::new(commitment, &super::network::key(*key)))
         }
+        Event::Shut => {
+            state.round()?;
+            Body::CommitmentsClosed(commitments_closed(state))
+        }
+        Event::Drawn => {
+            state.round()?;
+            Body::RandomnessDrawn(drawn(state))
+        }
         Event::Accepted(key) => expected(key).then(|| accepted(state, *key))?,
         Event::Rejected(key) => expected(key).then(|| rejected(state, *key, invalid_proof()))?,
         Event::Closed => Body::RoundClosed(closed(
@@ -114,7 +122,7 @@ fn action(change: &Change, state: &State) -> Action {
     let id = |key: &u8| IDS[usize::from(*key)];
     match change {
         Change::Rules(samples, invited) => Action::ChangeRules(Box::new(Rules {
-            eval_samples: *samples,
+            min_eval_samples: *samples,
             participation: participation(*invited),
             ..state.rules().clone()
         })),

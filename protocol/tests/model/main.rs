@@ -17,6 +17,7 @@ use proptest::prelude::*;
 use second::{Change, Event, Invited, Model, Who, IDS, KEYS};
 use steps::{meant, step, Step};
 use zk0_circuits::NodeId;
+use zk0_protocol::challenge::unanswered::UnansweredRule;
 use zk0_protocol::entries::proposal::Outcome;
 use zk0_protocol::{Genesis, State};
 
@@ -24,6 +25,11 @@ fn founded() -> Genesis {
     let mut founded = genesis();
     let governance = &mut founded.rules.governance;
     (governance.credits_per_vote, governance.max_node_votes) = (100, 3);
+    founded.rules.unanswered = UnansweredRule {
+        max: 1,
+        of_last: 3,
+        pause_rounds: 1,
+    };
     founded
 }
 
@@ -63,7 +69,8 @@ fn play(steps: &[Step]) -> Vec<(u64, Event)> {
         let late = matches!(event, Event::Rejected(_))
             && state
                 .round()
-                .is_some_and(|round| now > round.opened.submit_deadline_ms);
+                .and_then(|round| round.randomness)
+                .is_some_and(|randomness| now > randomness.submit_deadline_ms);
         let entry = entry(now, body);
         let root = digest(state.entries() as u8);
         match state.apply(&root, &entry) {
@@ -102,7 +109,7 @@ fn same(state: &State, model: &Model) {
         assert_eq!(votes(id), model.votes(Who::Node(key)), "{key} {}", after());
     }
     let (samples, invited) = model.rules();
-    assert_eq!(state.rules().eval_samples, samples, "{}", after());
+    assert_eq!(state.rules().min_eval_samples, samples, "{}", after());
     assert_eq!(
         state.rules().participation,
         participation(invited),
@@ -157,7 +164,7 @@ fn executed(event: &Event, before: &Model) -> Option<Change> {
 }
 
 /// The events that have to happen in random histories. Each is recognised by the event and by the models before and after it.
-const NOTED: [(&str, Noted); 31] = [
+const NOTED: [(&str, Noted); 33] = [
     ("a contribution", |e, _, _| matches!(e, Event::Accepted(_))),
     ("a rejection", |e, _, _| matches!(e, Event::Rejected(_))),
     ("a commitment in a list", |e, before, _| {
@@ -171,6 +178,11 @@ const NOTED: [(&str, Noted); 31] = [
         |e, before, _| matches!(e, Event::Committed(key) if before.node(*key) != *key),
     ),
     ("a round closed", |e, _, _| *e == Event::Closed),
+    ("the randomness drawn", |e, _, _| *e == Event::Drawn),
+    ("a node paused", |e, _, after| {
+        let next = after.closings().len();
+        *e == Event::Closed && (0..KEYS).any(|node| after.paused(node, next))
+    }),
     ("a key changed", |e, _, _| matches!(e, Event::Rotated(..))),
     ("a key changed in a round", |e, before, _| {
         matches!(e, Event::Rotated(..)) && before.round().is_some()
@@ -259,7 +271,7 @@ fn everything_comes_to_pass() {
     let mut runner = TestRunner::deterministic();
     let steps = prop::collection::vec(step(), 600..601);
     let mut seen = NOTED.map(|_| 0);
-    for _ in 0..20 {
+    for _ in 0..60 {
         let history = play(&steps.new_tree(&mut runner).unwrap().current());
         let all = Model {
             network: founded().network_id(),

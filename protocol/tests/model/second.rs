@@ -33,7 +33,7 @@ pub enum Invited {
 /// What a vote can change. Much of it can also change in other ways.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Change {
-    /// How many samples a claim is about, and who is invited.
+    /// On how many samples a claim is made at least, and who is invited.
     Rules(u32, Invited),
     Enrol(u8),
     Suspend(u8),
@@ -55,6 +55,9 @@ pub enum Event {
     Rotated(u8, u8),
     Opened,
     Committed(u8),
+    /// The commitments closed.
+    Shut,
+    Drawn,
     Accepted(u8),
     Rejected(u8),
     Closed,
@@ -111,6 +114,40 @@ impl<'a> Model<'a> {
         open.iter().any(|(_, other)| *other == event)
     }
 
+    /// Returns when this happened in the open round.
+    pub fn time_in_round(&self, event: &Event) -> Option<u64> {
+        let events = &self.history[self.round()?..];
+        let found = events.iter().find(|(_, other)| other == event);
+        found.map(|(time, _)| *time)
+    }
+
+    /// Whether a node may not commit in this round: twice among its last three commitments it did not contribute. After that it
+    /// leaves out one round, and begins anew.
+    pub fn paused(&self, node: u8, round: usize) -> bool {
+        let changes = self.changes();
+        let openings = self.all(|event| *event == Event::Opened);
+        let (mut failed, mut resumes) = (Vec::new(), 0);
+        for (number, (opened, closed)) in openings.into_iter().zip(self.closings()).enumerate() {
+            let events = &self.history[opened..closed];
+            let has = |wanted: fn(u8) -> Event| {
+                let own = |key: &u8| first(&changes, *key) == node;
+                let mut keys = (0..KEYS).filter(own);
+                keys.any(|key| events.iter().any(|(_, event)| *event == wanted(key)))
+            };
+            let drawn = events.iter().any(|(_, event)| *event == Event::Drawn);
+            if !drawn || !has(Event::Committed) {
+                continue;
+            }
+            failed.push(!has(Event::Accepted));
+            let last = &failed[failed.len().saturating_sub(3)..];
+            if last.iter().filter(|failed| **failed).count() > 1 {
+                failed.clear();
+                resumes = number + 2;
+            }
+        }
+        round < resumes
+    }
+
     /// Returns where a proposal was made, by whom, and for what.
     pub fn proposal(&self, number: usize) -> Option<(usize, Who, Change)> {
         let events = self.history.iter().enumerate();
@@ -147,7 +184,7 @@ impl<'a> Model<'a> {
         changes
     }
 
-    /// How many samples a claim is about, and who is invited.
+    /// On how many samples a claim is made at least, and who is invited.
     pub fn rules(&self) -> (u32, Invited) {
         let rules = |change: &Change| match change {
             Change::Rules(samples, invited) => Some((*samples, *invited)),
@@ -291,8 +328,7 @@ impl<'a> Model<'a> {
         }
     }
 
-    /// Returns the credits of a node. Each contribution lowers the loss by a tenth over 10 samples for the first node, 20 for the
-    /// next, and so on. Each 10 samples earn 100 credits, up to the limit.
+    /// Returns the credits of a node. Each contribution lowers the loss by a tenth, which earns 100 credits, whatever the dataset's size.
     fn credits_of(&self, node: u8) -> u64 {
         let changes = self.changes();
         let own =
@@ -306,7 +342,7 @@ impl<'a> Model<'a> {
             .all(own)
             .into_iter()
             .filter(|at| counts(at) && !self.false_after_all(*at));
-        earned.count() as u64 * (100 * (u64::from(node) + 1)).min(500)
+        earned.count() as u64 * 100
     }
 
     /// Returns the votes of a governor or a node now. A governor has its weight. An active node has one vote for each 100 credits,

@@ -8,17 +8,26 @@ use ed25519_dalek::SigningKey;
 use zk0_circuits::{
     Claim, DatasetCommitment, Digest, Disclosure, Losses, Mode, NodeId, WeightsDigest,
 };
-use zk0_protocol::entries::entry::{Contributor, RoundClosed, RoundOpened, ENTRY_VERSION};
+use zk0_protocol::challenge::drawing::Drawing;
+use zk0_protocol::challenge::vrf::VrfProof;
+use zk0_protocol::entries::entry::{
+    CommitmentsClosed, Contributor, RandomnessDrawn, RoundClosed, RoundOpened, ENTRY_VERSION,
+};
 use zk0_protocol::entries::member::NodeEnrolled;
-use zk0_protocol::entries::signed::{DatasetRegistration, Submission, UpdateCommitment};
+use zk0_protocol::entries::round_result::{EvaluatedResult, PublicLoss, ResultOutcome};
+use zk0_protocol::entries::signed::{DatasetRegistration, Episode, Submission, UpdateCommitment};
+use zk0_protocol::rules::closing::credits::CreditRule;
+use zk0_protocol::rules::closing::public_samples::PublicSamples;
+use zk0_protocol::rules::closing::shares::WHOLE_SHARE;
 use zk0_protocol::rules::governance::{Governance, Governor};
-use zk0_protocol::rules::network_rules::CreditRule;
 use zk0_protocol::{Body, Entry, Genesis, Refusal, RuleViolation, Rules, Signed, State};
 
 pub const T0: u64 = 1_700_000_000_000;
 pub const COMMIT_WINDOW: u64 = 1_000;
 pub const SUBMIT_WINDOW: u64 = 5_000;
+pub const RANDOMNESS_WINDOW: u64 = 2_000;
 pub const DISPUTE_WINDOW: u64 = 100_000;
+pub const EVALUATION_FRAMES: u32 = 300;
 pub const VOTING: u64 = 20_000;
 pub const TIME_LOCK: u64 = 10_000;
 
@@ -75,13 +84,14 @@ pub fn genesis() -> Genesis {
         nonce: [9; 32],
         rules: Rules {
             min_dataset_samples: 10,
-            eval_samples: 2,
+            min_eval_samples: 2,
             min_improvement_bps: 50,
-            max_weight_samples: 100,
             commit_window_ms: COMMIT_WINDOW,
             submit_window_ms: SUBMIT_WINDOW,
+            evaluation_frames: EVALUATION_FRAMES,
+            randomness_window_ms: RANDOMNESS_WINDOW,
             credits: CreditRule {
-                bps_samples_per_credit: 100,
+                bps_per_credit: 10,
                 max_per_contribution: 500,
                 dispute_window_ms: DISPUTE_WINDOW,
             },
@@ -135,9 +145,16 @@ pub fn registration(network: &Digest, node: u8) -> DatasetRegistration {
         network: *network,
         node: id(node),
         dataset: dataset(node),
+        evaluation_frames: EVALUATION_FRAMES,
         leaves: digest(0x60 + node),
-        episodes: vec![digest(0x80 + node), digest(0xc0 + node)],
+        episodes: vec![episode(digest(0x80 + node)), episode(digest(0xc0 + node))],
     }
+}
+
+/// An episode of 200 frames.
+pub fn episode(digest: Digest) -> Episode {
+    let frames = 200;
+    Episode { digest, frames }
 }
 
 pub fn registered(network: &Digest, node: u8) -> Body {
@@ -151,6 +168,7 @@ pub fn commitment(state: &State, node: u8, update: WeightsDigest) -> UpdateCommi
         node: id(node),
         dataset_root: dataset(node).root,
         update,
+        eval_samples: state.rules().min_eval_samples,
     }
 }
 
@@ -196,20 +214,83 @@ pub fn opened(state: &State, time_ms: u64) -> RoundOpened {
     state.next_opening(time_ms).expect("deadlines fit")
 }
 
+/// The closing of the open round with `global` as its result. If the rules ask for an evaluation, the result does a little better than
+/// the base.
 pub fn closed(state: &State, global: WeightsDigest) -> RoundClosed {
+    let contributors = state.contributors();
+    let samples = state.rules().public_samples;
+    let samples = samples.filter(|_| !contributors.is_empty());
     RoundClosed {
         round: state.next_round().saturating_sub(1),
         global,
-        contributors: state.contributors(),
+        contributors,
+        unanswered: state.unanswered(),
+        evaluated: samples.map(|_| EvaluatedResult {
+            weights: global,
+            elements: 96,
+            base: PublicLoss::SquaredError(1_000_000),
+            result: PublicLoss::SquaredError(999_999),
+            outcome: ResultOutcome::Taken,
+        }),
     }
 }
 
-pub fn contributor(node: u8, samples: u64) -> Contributor {
+/// The entry that closes the commitments of the open round, whether or not they may close now.
+pub fn commitments_closed(state: &State) -> CommitmentsClosed {
+    let round = state.round().expect("an open round");
+    let by_node = round.commits.iter();
+    CommitmentsClosed {
+        round: round.number(),
+        commitments: zk0_protocol::challenge::closing::commitments(
+            state.network(),
+            round.number(),
+            by_node.map(|(node, commit)| (node, &commit.commitment)),
+        ),
+    }
+}
+
+/// The randomness of the open round, from the log's key.
+pub fn drawn(state: &State) -> RandomnessDrawn {
+    let round = state.round().expect("an open round");
+    let commitments = round.closing.map(|closing| closing.commitments);
+    let input = commitments.unwrap_or_default();
+    RandomnessDrawn {
+        round: round.number(),
+        drawing: Drawing::LogVrf(VrfProof::of(&log_key(), &input.0)),
+    }
+}
+
+/// The closing of the open round, whose result is evaluated and not taken.
+pub fn kept(state: &State, result: WeightsDigest) -> RoundClosed {
+    let mut closed = closed(state, result);
+    closed.global = state.round().expect("an open round").opened.base;
+    closed
+        .contributors
+        .iter_mut()
+        .for_each(|one| one.credits = 0);
+    if let Some(evaluated) = &mut closed.evaluated {
+        evaluated.result = PublicLoss::Overflow {
+            sample: 3,
+            what: "final norm: 40000 does not fit at the round's scale".into(),
+        };
+        evaluated.outcome = ResultOutcome::Overflow;
+    }
+    closed
+}
+
+/// Public samples that the rules can name.
+pub const PUBLIC_SAMPLES: PublicSamples = PublicSamples {
+    blob: Digest([0x77; 32]),
+    samples: 8,
+    max_loss_increase_bps: 500,
+};
+
+pub fn contributor(node: u8) -> Contributor {
     Contributor {
         node: id(node),
-        samples,
+        share: WHOLE_SHARE,
         // A fall of the loss from 1000 to 900 is an improvement of 1000 basis points.
-        credits: (10 * samples).min(500),
+        credits: 100,
     }
 }
 
@@ -255,6 +336,37 @@ impl Chain {
         self.apply(Body::RoundOpened(opened));
     }
 
+    /// Closes the commitments, after their deadline if a node may still commit.
+    pub fn close_commitments(&mut self) {
+        let now = self.time_ms + 1;
+        if self.state.next_commitments_closed(now).is_none() {
+            let round = self.state.round().expect("an open round");
+            self.time_ms = round.opened.commit_deadline_ms;
+        }
+        self.apply(Body::CommitmentsClosed(commitments_closed(&self.state)));
+    }
+
+    /// Closes the commitments and draws the randomness.
+    pub fn draw(&mut self) {
+        self.close_commitments();
+        self.apply(Body::RandomnessDrawn(drawn(&self.state)));
+    }
+
+    /// Closes the round, after its deadlines if it has to wait for a node.
+    pub fn close(&mut self, global: WeightsDigest) {
+        let round = self.state.round().expect("an open round");
+        match (round.closing, round.commits.is_empty()) {
+            (None, true) => self.close_commitments(),
+            (None, false) => self.draw(),
+            _ => {}
+        }
+        let randomness = self.state.round().and_then(|round| round.randomness);
+        if let (false, Some(randomness)) = (self.state.may_close(self.time_ms + 1), randomness) {
+            self.time_ms = randomness.submit_deadline_ms;
+        }
+        self.apply(Body::RoundClosed(closed(&self.state, global)));
+    }
+
     /// Makes a network of `nodes` nodes with datasets, with round 0 open.
     pub fn in_round(nodes: u8) -> Self {
         let mut chain = Self::new();
@@ -266,12 +378,13 @@ impl Chain {
         chain
     }
 
-    /// Makes a network of `nodes` nodes, with round 0 open and all updates committed.
+    /// Makes a network of `nodes` nodes, with round 0 open, all updates committed, and the randomness drawn.
     pub fn all_committed(nodes: u8) -> Self {
         let mut chain = Self::in_round(nodes);
         for node in 0..nodes {
             chain.apply(committed(&chain.state, node, weights(0x10 + node)));
         }
+        chain.draw();
         chain
     }
 }

@@ -2,12 +2,13 @@
 
 use super::{refused, Breaks};
 use crate::network::*;
+use zk0_circuits::claim::student::Confidence;
 use zk0_circuits::{Claim, Disclosure, Losses};
 use zk0_protocol::{Body, Refusal, RuleViolation};
 
 #[test]
 fn a_claim_says_what_the_ledger_fixed() {
-    let wrong: [Breaks<Claim>; 17] = [
+    let wrong: [Breaks<Claim>; 18] = [
         ("version", |c| c.version -= 1),
         ("dataset.root", |c| c.terms.dataset.root = digest(0)),
         ("dataset.samples", |c| c.terms.dataset.samples += 1),
@@ -25,8 +26,15 @@ fn a_claim_says_what_the_ledger_fixed() {
         ("challenge", |c| c.terms.challenge = digest(0)),
         ("eval_samples", |c| c.terms.eval_samples -= 1),
         ("eval_samples", |c| c.terms.eval_samples += 1),
-        ("min_improvement_bps", |c| c.terms.min_improvement_bps -= 1),
-        ("min_improvement_bps", |c| c.terms.min_improvement_bps += 1),
+        ("test.min_improvement_bps", |c| {
+            c.terms.test.min_improvement_bps -= 1
+        }),
+        ("test.min_improvement_bps", |c| {
+            c.terms.test.min_improvement_bps += 1
+        }),
+        ("test.confidence", |c| {
+            c.terms.test.confidence = Confidence::P95
+        }),
         ("disclosure", |c| c.losses = Losses::Hidden),
         ("dataset.samples", |c| c.terms.dataset.samples = u64::MAX),
     ];
@@ -54,6 +62,7 @@ fn losses_stay_hidden_where_the_rules_say_so() {
     chain.apply(registered(&network, 0));
     chain.open();
     chain.apply(committed(&chain.state, 0, weights(0x10)));
+    chain.draw();
     let mut claim = claim(&chain.state, 0);
     claim.losses = Losses::Disclosed {
         before: 2,
@@ -71,6 +80,7 @@ fn losses_stay_hidden_where_the_rules_say_so() {
 fn a_claim_is_for_this_network_this_round_and_an_enrolled_node_that_committed() {
     let mut chain = Chain::in_round(2);
     chain.apply(committed(&chain.state, 0, weights(0x10)));
+    chain.draw();
     let right = claim(&chain.state, 0);
     let mut refusal = |breaks: fn(&mut Claim), by: u8| {
         let mut claim = right.clone();
@@ -130,7 +140,8 @@ fn a_late_claim_is_refused_as_such() {
         chain.refusal(rejected(&chain.state, 0, late(1))),
         RuleViolation::WrongReason { .. }
     ));
-    let deadline = chain.state.round().unwrap().opened.submit_deadline_ms;
+    let deadline = chain.state.round().unwrap().randomness.unwrap();
+    let deadline = deadline.submit_deadline_ms;
     chain.time_ms = deadline - 1;
     chain.apply(accepted(&chain.state, 1));
     assert_eq!(refused(chain.refusal(accepted(&chain.state, 0))), late(1));
@@ -185,10 +196,10 @@ fn nobody_is_refused_by_a_strangers_hand_or_an_old_claim() {
         refused(chain.refusal(forged)),
         Refusal::Signature(_)
     ));
-    chain.time_ms += SUBMIT_WINDOW;
-    chain.apply(Body::RoundClosed(closed(&chain.state, weights(4))));
+    chain.close(weights(4));
     chain.open();
     chain.apply(committed(&chain.state, 0, weights(0x12)));
+    chain.draw();
     for reason in [
         invalid_proof(),
         Refusal::WrongRound {

@@ -6,11 +6,10 @@ use zk0_circuits::{Digest, Losses};
 use zk0_protocol::entries::entry::DisputeResolved;
 use zk0_protocol::entries::proposal::Action;
 use zk0_protocol::entries::signed::{Dispute, Evidence};
-use zk0_protocol::rules::network_rules::CreditRule;
 use zk0_protocol::rules::state::Standing;
 use zk0_protocol::{Body, Refusal, RuleViolation, Signed, State};
 
-/// Makes two contributions to round 0, which is over: entry 7 (node 0) and entry 8 (node 1).
+/// Makes two contributions to round 0, which is over: entry 10 (node 0) and entry 11 (node 1).
 fn contributed() -> Chain {
     let mut chain = Chain::all_committed(2);
     chain.apply(accepted(&chain.state, 0));
@@ -18,7 +17,7 @@ fn contributed() -> Chain {
     chain.apply(Body::RoundClosed(closed(&chain.state, weights(0x50))));
     assert_eq!(
         chain.state.contributions().keys().collect::<Vec<_>>(),
-        [&8, &9]
+        [&10, &11]
     );
     chain
 }
@@ -55,41 +54,6 @@ fn credits(chain: &Chain, node: u8) -> u64 {
 }
 
 #[test]
-fn credits_are_improvement_times_samples_capped() {
-    let rule = CreditRule {
-        bps_samples_per_credit: 100,
-        max_per_contribution: 500,
-        dispute_window_ms: 0,
-    };
-    assert_eq!(rule.earned(1000, 10), 100);
-    assert_eq!(rule.earned(99, 1), 0);
-    assert_eq!(rule.earned(1000, 51), 500);
-    assert_eq!(rule.earned(u64::MAX, u64::MAX), 500);
-    assert_eq!(
-        CreditRule {
-            max_per_contribution: 0,
-            ..rule
-        }
-        .earned(1000, 10),
-        0
-    );
-
-    // The loss falls from 1000 to 900. Nodes 0 and 1 have 10 and 20 samples. Node 11 has 120, but the rules limit its credits to
-    // 500.
-    let mut chain = Chain::all_committed(12);
-    for node in [0, 1, 11] {
-        chain.apply(accepted(&chain.state, node));
-    }
-    chain.wait(SUBMIT_WINDOW);
-    chain.apply(Body::RoundClosed(closed(&chain.state, weights(0x50))));
-    assert_eq!(
-        [0, 1, 11].map(|node| credits(&chain, node)),
-        [100, 200, 500]
-    );
-    assert_eq!(credits(&chain, 2), 0);
-}
-
-#[test]
 fn hidden_losses_earn_what_is_proven_the_minimum() {
     let mut founded = genesis();
     founded.rules.disclosure = zk0_circuits::Disclosure::Nothing;
@@ -98,11 +62,12 @@ fn hidden_losses_earn_what_is_proven_the_minimum() {
     chain.apply(registered(&chain.state.network().clone(), 0));
     chain.open();
     chain.apply(committed(&chain.state, 0, weights(0x10)));
+    chain.draw();
     chain.apply(accepted(&chain.state, 0));
     assert_eq!(
         chain.state.contributors()[0].credits,
         5,
-        "50 basis points on 10 samples"
+        "50 basis points, ten for a credit"
     );
 }
 
@@ -123,14 +88,14 @@ fn a_worse_loss_than_proven_earns_no_more_than_the_minimum() {
 #[test]
 fn a_false_contribution_loses_its_credits_and_its_node_is_suspended() {
     let mut chain = contributed();
-    assert_eq!((credits(&chain, 0), credits(&chain, 1)), (100, 200));
-    chain.apply(disputed(&chain.state, 0, 9, Evidence::Verification));
+    assert_eq!((credits(&chain, 0), credits(&chain, 1)), (100, 100));
+    chain.apply(disputed(&chain.state, 0, 11, Evidence::Verification));
     // The dispute is decided before the next round can open.
     let opening = Body::RoundOpened(opened(&chain.state, chain.time_ms + 1));
-    assert_eq!(chain.refusal(opening), RuleViolation::DisputeUndecided(11));
+    assert_eq!(chain.refusal(opening), RuleViolation::DisputeUndecided(13));
     let (entry, open) = chain.state.undecided().unwrap();
-    assert_eq!((entry, open.contribution), (11, 9));
-    chain.apply(resolved(11, Some(invalid_proof())));
+    assert_eq!((entry, open.contribution), (13, 11));
+    chain.apply(resolved(13, Some(invalid_proof())));
     assert_eq!((credits(&chain, 0), credits(&chain, 1)), (100, 0));
     assert_eq!(
         chain.state.node(&id(1)).unwrap().standing,
@@ -138,7 +103,7 @@ fn a_false_contribution_loses_its_credits_and_its_node_is_suspended() {
     );
     assert!(chain.state.disputes().is_empty());
     // Nobody can dispute this contribution a second time.
-    let again = disputed(&chain.state, 0, 9, Evidence::Verification);
+    let again = disputed(&chain.state, 0, 11, Evidence::Verification);
     assert!(said(chain.refusal(again)).contains("not an accepted contribution"));
     chain.open();
 }
@@ -146,26 +111,25 @@ fn a_false_contribution_loses_its_credits_and_its_node_is_suspended() {
 #[test]
 fn a_contribution_that_verifies_is_cleared() {
     let mut chain = contributed();
-    chain.apply(disputed(&chain.state, 0, 9, Evidence::Verification));
-    chain.apply(resolved(11, None));
-    assert_eq!(credits(&chain, 1), 200);
+    chain.apply(disputed(&chain.state, 0, 11, Evidence::Verification));
+    chain.apply(resolved(13, None));
+    assert_eq!(credits(&chain, 1), 100);
     assert_eq!(chain.state.node(&id(1)).unwrap().standing, Standing::Active);
-    let again = disputed(&chain.state, 0, 9, Evidence::Verification);
+    let again = disputed(&chain.state, 0, 11, Evidence::Verification);
     assert!(said(chain.refusal(again)).contains("verified again already"));
     // A dispute about a document is still possible.
-    chain.apply(disputed(&chain.state, 0, 9, Evidence::Document(digest(1))));
+    chain.apply(disputed(&chain.state, 0, 11, Evidence::Document(digest(1))));
 }
 
 #[test]
 fn what_a_document_says_is_decided_by_vote() {
     let mut chain = contributed();
-    chain.apply(disputed(&chain.state, 0, 9, Evidence::Document(digest(1))));
-    assert!(said(chain.refusal(resolved(11, Some(invalid_proof())))).contains("a vote decides"));
+    chain.apply(disputed(&chain.state, 0, 11, Evidence::Document(digest(1))));
+    assert!(said(chain.refusal(resolved(13, Some(invalid_proof())))).contains("a vote decides"));
     chain.open();
-    chain.wait(SUBMIT_WINDOW);
-    chain.apply(Body::RoundClosed(closed(&chain.state, weights(0x50))));
+    chain.close(weights(0x50));
     chain.decide(Action::JudgeDispute {
-        dispute: 11,
+        dispute: 13,
         upheld: true,
     });
     assert_eq!((credits(&chain, 0), credits(&chain, 1)), (100, 0));
@@ -175,9 +139,9 @@ fn what_a_document_says_is_decided_by_vote() {
     );
 
     let mut chain = contributed();
-    chain.apply(disputed(&chain.state, 0, 9, Evidence::Verification));
+    chain.apply(disputed(&chain.state, 0, 11, Evidence::Verification));
     let judge = Action::JudgeDispute {
-        dispute: 11,
+        dispute: 13,
         upheld: true,
     };
     assert!(matches!(
@@ -191,50 +155,50 @@ fn disputes_are_raised_by_members_about_what_may_be_disputed() {
     let mut chain = contributed();
     let verification = Evidence::Verification;
     let said_no = |chain: &mut Chain, body| said(chain.refusal(body));
-    for nothing in [0, 7, 10, 99] {
+    for nothing in [0, 7, 9, 12, 99] {
         let body = disputed(&chain.state, 0, nothing, verification);
         assert!(said_no(&mut chain, body).contains("not an accepted contribution"));
     }
-    let stranger = disputed(&chain.state, 7, 9, verification);
+    let stranger = disputed(&chain.state, 7, 11, verification);
     assert_eq!(chain.refusal(stranger), Refusal::NotEnrolled(id(7)).into());
-    let forged = Signed::new(dispute(&chain.state, 0, 9, verification), &key(1));
+    let forged = Signed::new(dispute(&chain.state, 0, 11, verification), &key(1));
     assert!(matches!(
         chain.refusal(Body::Disputed(forged)),
         RuleViolation::Refused(Refusal::Signature(_))
     ));
-    let mut elsewhere = dispute(&chain.state, 0, 9, verification);
+    let mut elsewhere = dispute(&chain.state, 0, 11, verification);
     elsewhere.network = Digest([1; 32]);
     assert!(matches!(
         chain.refusal(Body::Disputed(Signed::new(elsewhere, &key(0)))),
         RuleViolation::Refused(Refusal::WrongNetwork { .. })
     ));
     // Governors may raise disputes without being nodes. A contribution has at most one open dispute.
-    let mut by_governor = dispute(&chain.state, 0, 8, verification);
+    let mut by_governor = dispute(&chain.state, 0, 10, verification);
     by_governor.disputer = governor(2);
     let by_governor = Signed::new(by_governor, &governor_key(2));
     chain.apply(Body::Disputed(by_governor));
-    let about_the_same = disputed(&chain.state, 1, 8, Evidence::Document(digest(1)));
+    let about_the_same = disputed(&chain.state, 1, 10, Evidence::Document(digest(1)));
     assert!(said_no(&mut chain, about_the_same).contains("open already"));
-    chain.apply(disputed(&chain.state, 0, 9, verification));
+    chain.apply(disputed(&chain.state, 0, 11, verification));
     // The time for disputes about this contribution is over.
     let mut late = contributed();
-    late.time_ms = late.state.contributions()[&9].disputable_until_ms;
-    let body = disputed(&late.state, 0, 9, verification);
+    late.time_ms = late.state.contributions()[&11].disputable_until_ms;
+    let body = disputed(&late.state, 0, 11, verification);
     assert!(said_no(&mut late, body).contains("could be disputed until 1 ms ago"));
 }
 
 #[test]
 fn one_dispute_each() {
     let mut chain = contributed();
-    chain.apply(disputed(&chain.state, 0, 9, Evidence::Verification));
-    let second = disputed(&chain.state, 0, 8, Evidence::Verification);
+    chain.apply(disputed(&chain.state, 0, 11, Evidence::Verification));
+    let second = disputed(&chain.state, 0, 10, Evidence::Verification);
     assert!(said(chain.refusal(second)).contains("has a dispute open already"));
 }
 
 #[test]
 fn verification_says_what_only_blobs_can_tell_and_between_rounds() {
     let mut chain = contributed();
-    chain.apply(disputed(&chain.state, 0, 9, Evidence::Verification));
+    chain.apply(disputed(&chain.state, 0, 11, Evidence::Verification));
     for reason in [
         Refusal::NotEnrolled(id(1)),
         Refusal::Late {
@@ -244,14 +208,14 @@ fn verification_says_what_only_blobs_can_tell_and_between_rounds() {
         },
         Refusal::Dataset("bad".into()),
     ] {
-        assert!(said(chain.refusal(resolved(11, Some(reason)))).contains("cannot be the result"));
+        assert!(said(chain.refusal(resolved(13, Some(reason)))).contains("cannot be the result"));
     }
-    assert!(said(chain.refusal(resolved(9, None))).contains("not an open dispute"));
+    assert!(said(chain.refusal(resolved(11, None))).contains("not an open dispute"));
     let mut chain = contributed();
     chain.open();
-    chain.apply(disputed(&chain.state, 0, 9, Evidence::Verification));
+    chain.apply(disputed(&chain.state, 0, 11, Evidence::Verification));
     assert_eq!(
-        chain.refusal(resolved(12, None)),
+        chain.refusal(resolved(14, None)),
         RuleViolation::RoundStillOpen(1)
     );
 }
@@ -259,7 +223,7 @@ fn verification_says_what_only_blobs_can_tell_and_between_rounds() {
 #[test]
 fn the_state_forgets_what_can_no_longer_be_disputed() {
     let mut chain = contributed();
-    chain.apply(disputed(&chain.state, 0, 9, Evidence::Document(digest(1))));
+    chain.apply(disputed(&chain.state, 0, 11, Evidence::Document(digest(1))));
     chain.wait(DISPUTE_WINDOW + 10);
     chain.open();
     assert!(chain.state.contributions().is_empty());
@@ -267,5 +231,5 @@ fn the_state_forgets_what_can_no_longer_be_disputed() {
         chain.state.disputes().is_empty(),
         "nobody judged it in time"
     );
-    assert_eq!(credits(&chain, 1), 200);
+    assert_eq!(credits(&chain, 1), 100);
 }

@@ -3,8 +3,12 @@
 use super::Breaks;
 use crate::network::*;
 use zk0_circuits::NodeId;
+use zk0_protocol::challenge::drand::DrandChain;
+use zk0_protocol::challenge::source::RandomnessSource;
 use zk0_protocol::entries::codec::EntryError;
+use zk0_protocol::entries::entry::ENTRY_VERSION;
 use zk0_protocol::entries::member::NodeEnrolled;
+use zk0_protocol::rules::closing::shares::Shares;
 use zk0_protocol::{Body, RuleViolation, State};
 
 #[test]
@@ -21,14 +25,12 @@ fn genesis_comes_first_and_only_first() {
 
 #[test]
 fn a_genesis_has_to_make_sense() {
-    let broken: [Breaks<zk0_protocol::Genesis>; 15] = [
+    let broken: [Breaks<zk0_protocol::Genesis>; 25] = [
         ("evaluation", |g| g.evaluation[0] ^= 1),
         ("evaluation", |g| g.evaluation.push(0)),
-        ("eval_samples", |g| g.rules.eval_samples = 11),
-        ("eval_samples", |g| {
-            g.rules.eval_samples = 5000;
-            g.rules.min_dataset_samples = 5000;
-        }),
+        ("min_eval_samples", |g| g.rules.min_eval_samples = 11),
+        ("max_eval_samples", |g| g.rules.max_eval_samples = 1),
+        ("max_eval_samples", |g| g.rules.max_eval_samples = 5000),
         ("name", |g| g.name = "two words".into()),
         ("name", |g| g.name = "".into()),
         ("name", |g| g.name = "a+b".into()),
@@ -38,12 +40,39 @@ fn a_genesis_has_to_make_sense() {
         ("min_improvement_bps", |g| {
             g.rules.min_improvement_bps = 10_001
         }),
-        ("eval_samples", |g| g.rules.eval_samples = 0),
+        ("min_eval_samples", |g| g.rules.min_eval_samples = 1),
         ("min_dataset_samples", |g| g.rules.min_dataset_samples = 0),
-        ("max_weight_samples", |g| g.rules.max_weight_samples = 0),
-        ("submit_window_ms", |g| {
-            g.rules.submit_window_ms = COMMIT_WINDOW - 1
+        ("evaluation_frames", |g| g.rules.evaluation_frames = 0),
+        ("evaluation_frames", |g| g.rules.evaluation_frames = 9),
+        ("evaluation_frames", |g| g.rules.evaluation_frames = 4097),
+        ("shares", |g| {
+            let max_of_median_bps = 9_999;
+            g.rules.shares = Shares::Samples { max_of_median_bps };
         }),
+        ("shares", |g| {
+            let max_of_median_bps = 1_000_001;
+            g.rules.shares = Shares::Samples { max_of_median_bps };
+        }),
+        ("submit_window_ms", |g| g.rules.submit_window_ms = 0),
+        ("randomness_window_ms", |g| g.rules.randomness_window_ms = 0),
+        ("witness_policy names no witnesses", |g| {
+            g.rules.randomness = RandomnessSource::Witnesses
+        }),
+        ("is not a point of G2", |g| {
+            let chain = DrandChain {
+                public_key: [7; 96],
+                ..DrandChain::quicknet()
+            };
+            g.rules.randomness = RandomnessSource::Drand(Box::new(chain))
+        }),
+        ("period_s is 0", |g| {
+            let chain = DrandChain {
+                period_s: 0,
+                ..DrandChain::quicknet()
+            };
+            g.rules.randomness = RandomnessSource::Drand(Box::new(chain))
+        }),
+        ("unanswered.max", |g| g.rules.unanswered.max = 99),
     ];
     for (what, breaks) in broken {
         let mut genesis = genesis();
@@ -69,11 +98,11 @@ fn the_network_id_is_that_of_the_whole_genesis() {
 #[test]
 fn versions_are_known() {
     let mut unknown = entry(T0, Body::Genesis(genesis()));
-    unknown.version = 2;
-    let expected = RuleViolation::Entry(EntryError::UnknownVersion(2));
+    unknown.version = ENTRY_VERSION + 1;
+    let expected = RuleViolation::Entry(EntryError::UnknownVersion(ENTRY_VERSION + 1));
     assert_eq!(State::found(&unknown), Err(expected.clone()));
     let mut unknown = entry(T0, enrolled(0));
-    unknown.version = 2;
+    unknown.version = ENTRY_VERSION + 1;
     let mut state = Chain::new().state;
     assert_eq!(state.apply(&digest(0), &unknown), Err(expected));
 }

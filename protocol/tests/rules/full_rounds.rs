@@ -31,7 +31,8 @@ fn registration_of(network: &Digest, number: usize) -> DatasetRegistration {
         node: id_of(number),
         dataset,
         leaves: numbered(3, number),
-        episodes: vec![numbered(4, number)],
+        evaluation_frames: EVALUATION_FRAMES,
+        episodes: vec![episode(numbered(4, number))],
     }
 }
 
@@ -61,6 +62,7 @@ fn a_round_is_full_before_its_closing_is_too_long_for_an_entry() {
                 blob: numbered(5, number),
                 quantised: numbered(6, number),
             },
+            eval_samples: 2,
         };
         Body::UpdateCommitted(Signed::new(statement, &key_of(number)))
     };
@@ -75,6 +77,8 @@ fn a_round_is_full_before_its_closing_is_too_long_for_an_entry() {
         limit: MAX_COMMITS as u64,
     };
     assert_eq!(refused, RuleViolation::Refused(full));
+    chain.draw();
+    let drawn_ms = chain.time_ms;
     // All of them count. The round closes at once, since nobody else may commit.
     for number in 0..MAX_COMMITS {
         let expected = chain.state.expected_claim(&id_of(number)).unwrap();
@@ -86,12 +90,12 @@ fn a_round_is_full_before_its_closing_is_too_long_for_an_entry() {
         let proof = digest(0xaa);
         let submission = Signed::new(Submission { claim, proof }, &key_of(number));
         chain.apply(Body::ContributionAccepted(submission));
-        chain.time_ms = opened_ms;
+        chain.time_ms = drawn_ms;
     }
     let closing = closed(&chain.state, weights(0x50));
     assert_eq!(closing.contributors.len(), MAX_COMMITS);
     let closing = Body::RoundClosed(closing);
-    entry(opened_ms, closing.clone()).encode().unwrap();
+    entry(drawn_ms, closing.clone()).encode().unwrap();
     chain.apply(closing);
 }
 
@@ -99,7 +103,9 @@ fn a_round_is_full_before_its_closing_is_too_long_for_an_entry() {
 fn the_longest_registration_is_an_entry() {
     let chain = Chain::new();
     let mut registration = registration_of(chain.state.network(), 0);
-    registration.episodes = (0..MAX_EPISODES).map(|at| numbered(4, at)).collect();
+    registration.episodes = (0..MAX_EPISODES)
+        .map(|at| episode(numbered(4, at)))
+        .collect();
     let signed = Signed::new(registration, &key_of(0));
     entry(T0, Body::DatasetCommitted(signed)).encode().unwrap();
 }

@@ -1,16 +1,23 @@
 //! Every rule of the state machine has a test that fails without it.
 
+#[path = "../network/beacon.rs"]
+mod beacon;
 #[path = "../network/mod.rs"]
 mod network;
 
+mod challenges;
 mod claims;
 mod datasets;
 mod disputes;
+mod evaluation_sets;
 mod founding;
 mod full_rounds;
 mod members;
 mod required_witnesses;
+mod results;
 mod rounds;
+mod shares;
+mod unanswered;
 
 use zk0_protocol::{Refusal, RuleViolation};
 

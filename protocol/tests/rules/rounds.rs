@@ -2,6 +2,8 @@
 
 use super::{refused, Breaks};
 use crate::network::*;
+use zk0_protocol::entries::entry::RoundClosed;
+use zk0_protocol::entries::signed::UpdateCommitment;
 use zk0_protocol::{Body, Refusal, RuleViolation, Signed, State};
 
 #[test]
@@ -10,7 +12,7 @@ fn a_round_runs_from_opening_to_closing() {
     chain.apply(accepted(&chain.state, 1));
     chain.apply(rejected(&chain.state, 0, invalid_proof()));
     let closing = closed(&chain.state, weights(0x50));
-    assert_eq!(closing.contributors, [contributor(1, 20)]);
+    assert_eq!(closing.contributors, [contributor(1)]);
     chain.apply(Body::RoundClosed(closing));
     assert_eq!(chain.state.global(), &weights(0x50));
     assert_eq!(chain.state.round(), None);
@@ -20,25 +22,14 @@ fn a_round_runs_from_opening_to_closing() {
 }
 
 #[test]
-fn contributors_are_in_node_order_and_capped() {
+fn contributors_are_in_node_order() {
     let mut chain = Chain::all_committed(12);
     for node in (0..12).rev() {
         chain.apply(accepted(&chain.state, node));
     }
     let contributors = chain.state.contributors();
     assert!(contributors.windows(2).all(|two| two[0].node < two[1].node));
-    let of = |node| {
-        contributors
-            .iter()
-            .find(|one| one.node == id(node))
-            .unwrap()
-            .samples
-    };
-    assert_eq!(
-        (of(3), of(9), of(11)),
-        (40, 100, 100),
-        "the rules cap at 100"
-    );
+    assert_eq!(contributors.len(), 12);
 }
 
 #[test]
@@ -46,13 +37,12 @@ fn rounds_open_one_after_the_other_from_the_global_weights() {
     let mut chain = Chain::new();
     let at = chain.time_ms;
     let right = opened(&chain.state, at + 1);
-    let wrong: [Breaks<zk0_protocol::entries::entry::RoundOpened>; 6] = [
+    let wrong: [Breaks<zk0_protocol::entries::entry::RoundOpened>; 5] = [
         ("round", |o| o.round = 1),
         ("base.blob", |o| o.base.blob = digest(0)),
         ("base.quantised", |o| o.base.quantised = digest(0)),
         ("evaluation", |o| o.evaluation = digest(0)),
         ("commit_deadline_ms", |o| o.commit_deadline_ms += 1),
-        ("submit_deadline_ms", |o| o.submit_deadline_ms += 1),
     ];
     for (what, breaks) in wrong {
         let mut opened = right.clone();
@@ -80,6 +70,52 @@ fn deadlines_stay_within_time() {
         chain.refusal(Body::RoundOpened(right)),
         RuleViolation::EndOfTime(0)
     );
+}
+
+#[test]
+fn a_node_chooses_how_many_samples_are_evaluated_within_bounds() {
+    let mut genesis = genesis();
+    (
+        genesis.rules.min_eval_samples,
+        genesis.rules.max_eval_samples,
+    ) = (4, 15);
+    let mut chain = Chain::founded(genesis);
+    let network = *chain.state.network();
+    for node in 0..2 {
+        chain.apply(enrolled(node));
+        chain.apply(registered(&network, node));
+    }
+    chain.open();
+    let asks = |state: &State, node: u8, eval_samples| {
+        let commitment = UpdateCommitment {
+            eval_samples,
+            ..commitment(state, node, weights(0x10 + node))
+        };
+        Body::UpdateCommitted(Signed::new(commitment, &key(node)))
+    };
+    // The first node has 10 samples, the second 20.
+    for (node, asked, most) in [
+        (0, 0, 10),
+        (0, 3, 10),
+        (0, 11, 10),
+        (1, 3, 15),
+        (1, 16, 15),
+        (1, u32::MAX, 15),
+    ] {
+        let least = 4;
+        assert_eq!(
+            refused(chain.refusal(asks(&chain.state, node, asked))),
+            Refusal::EvalSamples { asked, least, most }
+        );
+    }
+    chain.apply(asks(&chain.state, 0, 10));
+    chain.apply(asks(&chain.state, 1, 15));
+    chain.draw();
+    for (node, chosen) in [(0, 10), (1, 15)] {
+        let expected = chain.state.expected_claim(&id(node)).unwrap();
+        assert_eq!(expected.terms.eval_samples, chosen);
+        assert_eq!(expected.terms.test, chain.state.rules().test());
+    }
 }
 
 #[test]
@@ -186,8 +222,7 @@ fn an_update_counts_for_the_first_who_commits_it() {
 fn a_copy_is_still_a_copy_in_the_next_round() {
     let mut chain = Chain::in_round(2);
     chain.apply(committed(&chain.state, 0, weights(0x10)));
-    chain.time_ms += SUBMIT_WINDOW;
-    chain.apply(Body::RoundClosed(closed(&chain.state, weights(4))));
+    chain.close(weights(4));
     chain.open();
     let copy = committed(&chain.state, 1, weights(0x10));
     assert!(matches!(
@@ -198,54 +233,28 @@ fn a_copy_is_still_a_copy_in_the_next_round() {
 }
 
 #[test]
-fn the_challenge_depends_on_everything_that_fixes_it() {
-    let mut chain = Chain::in_round(2);
-    let body = committed(&chain.state, 0, weights(0x10));
-    let challenge = |state: &State, node| state.expected_claim(&id(node)).unwrap().terms.challenge;
-    let with_root = |byte| {
-        let mut state = chain.state.clone();
-        let at = entry(chain.time_ms, body.clone());
-        state.apply(&digest(byte), &at).unwrap();
-        challenge(&state, 0)
-    };
-    assert_eq!(with_root(1), with_root(1));
-    assert_ne!(with_root(1), with_root(2));
-    chain.apply(body);
-    chain.apply(committed(&chain.state, 1, weights(0x11)));
-    assert_ne!(challenge(&chain.state, 0), challenge(&chain.state, 1));
-    let commit = &chain.state.round().unwrap().commits[&id(1)];
-    let root = digest(commit.entry as u8);
-    let network = chain.state.network();
-    let expected =
-        zk0_circuits::claim::challenge::challenge(network, 0, &id(1), commit.entry, &root);
-    assert_eq!(commit.challenge, expected);
-}
-
-#[test]
 fn a_round_waits_for_whoever_may_still_contribute() {
     let close = |chain: &Chain| Body::RoundClosed(closed(&chain.state, weights(4)));
     let early = |violation| matches!(violation, RuleViolation::ClosedEarly { .. });
     let mut chain = Chain::in_round(2);
-    chain.apply(enrolled(2));
-    // At first no node has committed. After that, one node has not committed yet.
+    // The commitments are open, then they are closed, and then nobody has made a claim.
     assert!(early(chain.refusal(close(&chain))));
     chain.apply(committed(&chain.state, 0, weights(0x10)));
-    chain.apply(rejected(&chain.state, 0, invalid_proof()));
-    assert!(early(chain.refusal(close(&chain))));
-    assert!(!chain.state.may_close(chain.time_ms));
-    // The time to commit is over, so nobody may commit any more.
-    let mut waited = Chain {
-        state: chain.state.clone(),
-        time_ms: chain.state.round().unwrap().opened.commit_deadline_ms,
-    };
-    waited.apply(close(&waited));
-    // All nodes have committed, and one contribution is undecided.
     chain.apply(committed(&chain.state, 1, weights(0x11)));
     assert!(early(chain.refusal(close(&chain))));
+    chain.close_commitments();
+    assert!(early(chain.refusal(close(&chain))));
+    chain.apply(Body::RandomnessDrawn(drawn(&chain.state)));
+    chain.apply(rejected(&chain.state, 0, invalid_proof()));
+    // One contribution is undecided, and its deadline is not over.
+    assert!(early(chain.refusal(close(&chain))));
+    assert!(!chain.state.may_close(chain.time_ms));
+    let randomness = chain.state.round().unwrap().randomness.unwrap();
     let mut waited = Chain {
         state: chain.state.clone(),
-        time_ms: chain.state.round().unwrap().opened.submit_deadline_ms,
+        time_ms: randomness.submit_deadline_ms - 1,
     };
+    assert!(early(waited.refusal(close(&waited))));
     waited.apply(close(&waited));
     chain.apply(rejected(&chain.state, 1, invalid_proof()));
     assert!(chain.state.may_close(chain.time_ms));
@@ -255,7 +264,7 @@ fn a_round_waits_for_whoever_may_still_contribute() {
 #[test]
 fn a_closing_says_who_contributed_and_keeps_the_base_if_nobody_did() {
     let mut chain = Chain::all_committed(2);
-    let not_open = Body::RoundClosed(zk0_protocol::entries::entry::RoundClosed {
+    let not_open = Body::RoundClosed(RoundClosed {
         round: 1,
         ..closed(&chain.state, weights(4))
     });
@@ -276,11 +285,12 @@ fn a_closing_says_who_contributed_and_keeps_the_base_if_nobody_did() {
 
     chain.apply(accepted(&chain.state, 1));
     let right = closed(&chain.state, weights(0x50));
-    let wrong: [fn(&mut zk0_protocol::entries::entry::RoundClosed); 4] = [
+    let wrong: [fn(&mut RoundClosed); 5] = [
         |c| c.contributors.clear(),
-        |c| c.contributors[0].samples += 1,
+        |c| c.contributors[0].share += 1,
+        |c| c.contributors[0].credits += 1,
         |c| c.contributors[0].node = id(0),
-        |c| c.contributors.push(contributor(0, 10)),
+        |c| c.contributors.push(contributor(0)),
     ];
     for breaks in wrong {
         let mut closed = right.clone();

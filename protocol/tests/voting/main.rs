@@ -15,7 +15,7 @@ use zk0_protocol::Rules;
 /// Returns rules with another number of samples per claim.
 fn other_rules() -> Rules {
     Rules {
-        eval_samples: 7,
+        min_eval_samples: 7,
         ..genesis().rules
     }
 }

@@ -32,8 +32,7 @@ fn a_program_changes_between_rounds_and_not_in_one() {
         RuleViolation::RoundStillOpen(0)
     ));
     assert_eq!(chain.state.program(), &first);
-    let last = closed(&chain.state, *chain.state.global());
-    chain.apply(Body::RoundClosed(last));
+    chain.close(*chain.state.global());
     // No round opens with the old program.
     let opening = opened(&chain.state, chain.time_ms + 1);
     assert!(matches!(

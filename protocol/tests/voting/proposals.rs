@@ -23,7 +23,7 @@ fn a_proposal_makes_sense_when_it_is_made() {
         Action::ChangeRules(Box::new(rules))
     };
     let senseless = [
-        (broken(|r| r.eval_samples = 0), "eval_samples"),
+        (broken(|r| r.min_eval_samples = 0), "min_eval_samples"),
         (
             broken(|r| r.strategy = Strategy::TrimmedMean { trim_bps: 5000 }),
             "strategy",
@@ -40,10 +40,7 @@ fn a_proposal_makes_sense_when_it_is_made() {
             broken(|r| r.participation = Participation::Listed(vec![id(0), id(0)])),
             "ascending",
         ),
-        (
-            broken(|r| r.credits.bps_samples_per_credit = 0),
-            "bps_samples_per_credit",
-        ),
+        (broken(|r| r.credits.bps_per_credit = 0), "bps_per_credit"),
         (
             broken(|r| r.governance.threshold_bps = 4999),
             "threshold_bps",
@@ -183,8 +180,9 @@ fn nodes_come_and_go_by_vote() {
     };
     let commit = committed(&chain.state, 0, weights(0x10));
     assert_eq!(chain.refusal(commit), suspended.clone().into());
-    assert!(chain.state.may_close(chain.time_ms), "nobody is waited for");
-    chain.apply(Body::RoundClosed(closed(&chain.state, weights(4))));
+    let closing = chain.state.next_commitments_closed(chain.time_ms + 1);
+    assert!(closing.is_some(), "nobody is waited for");
+    chain.close(weights(4));
     assert_eq!(chain.refusal(registered(&network, 0)), suspended.into());
     chain.decide(Action::Reinstate(id(0)));
     chain.decide(Action::Revoke(id(0)));
@@ -258,10 +256,14 @@ fn who_may_contribute_is_a_rule() {
                 *node,
                 weights(0x10 + 6 * round + node),
             ));
-            chain.apply(rejected(&chain.state, *node, invalid_proof()));
+        }
+        chain.draw();
+        for node in &sample {
+            let nodes_claim = claim(&chain.state, *node);
+            chain.apply(Body::ContributionAccepted(submission(nodes_claim, *node)));
         }
         assert!(chain.state.may_close(chain.time_ms));
-        chain.apply(Body::RoundClosed(closed(&chain.state, weights(4))));
+        chain.close(weights(4));
         samples.insert(sample);
     }
     assert!(samples.len() > 3, "{samples:?}");
@@ -275,8 +277,7 @@ fn who_may_contribute_is_a_rule() {
 #[test]
 fn a_larger_minimum_leaves_small_datasets_out() {
     let mut chain = Chain::in_round(2);
-    chain.wait(SUBMIT_WINDOW);
-    chain.apply(Body::RoundClosed(closed(&chain.state, weights(4))));
+    chain.close(weights(4));
     let rules = Rules {
         min_dataset_samples: 20,
         ..genesis().rules
@@ -288,11 +289,8 @@ fn a_larger_minimum_leaves_small_datasets_out() {
         RuleViolation::Refused(Refusal::Dataset(why)) if why.contains("10 samples")
     ));
     chain.apply(committed(&chain.state, 1, weights(0x11)));
-    chain.apply(rejected(&chain.state, 1, invalid_proof()));
-    assert!(
-        chain.state.may_close(chain.time_ms),
-        "nobody waits for node 0"
-    );
+    let closing = chain.state.next_commitments_closed(chain.time_ms + 1);
+    assert!(closing.is_some(), "nobody waits for node 0");
 }
 
 #[test]

@@ -16,13 +16,9 @@ impl Chain {
         self.open();
         let update = weights(0x10 + result);
         self.apply(committed(&self.state, 0, update));
+        self.draw();
         self.apply(accepted(&self.state, 0));
-        self.close_with(weights(result));
-    }
-
-    fn close_with(&mut self, global: zk0_circuits::WeightsDigest) {
-        let closed = closed(&self.state, global);
-        self.apply(Body::RoundClosed(closed));
+        self.close(weights(result));
     }
 }
 
@@ -52,7 +48,7 @@ fn the_next_round_starts_from_the_restored_weights() {
         }
     ));
     chain.open();
-    chain.wait(SUBMIT_WINDOW);
+    chain.close_commitments();
     // Nobody contributed, so the round ends with the weights that it started from.
     let other = closed(&chain.state, weights(2));
     assert!(matches!(
@@ -62,7 +58,7 @@ fn the_next_round_starts_from_the_restored_weights() {
             ..
         }
     ));
-    chain.close_with(weights(1));
+    chain.close(weights(1));
     // The rounds in between keep their results: a vote can go forward again.
     chain.decide(restore(1));
     assert_eq!(chain.state.global(), &weights(2));
@@ -112,8 +108,7 @@ fn only_closed_rounds_can_be_restored() {
     );
     // The round and the ledger go on, and an earlier round can be restored while one is open.
     chain.apply(proposed(&chain.state, 0, restore(0)));
-    chain.wait(SUBMIT_WINDOW);
-    chain.close_with(weights(1));
+    chain.close(weights(1));
 }
 
 #[test]
@@ -124,7 +119,7 @@ fn rounds_are_forgotten_after_a_while_and_then_they_cannot_be_restored() {
     let empty_round = |chain: &mut Chain| {
         chain.open();
         let global = *chain.state.global();
-        chain.close_with(global);
+        chain.close(global);
     };
     for _ in 0..REMEMBERED_RESULTS {
         empty_round(&mut chain);

@@ -166,7 +166,7 @@ fn rules_do_not_change_while_a_round_is_open_and_change_before_the_next_one() {
         chain.refusal(settled(0, Outcome::Executed)),
         RuleViolation::RoundStillOpen(0)
     );
-    chain.apply(Body::RoundClosed(closed(&chain.state, weights(4))));
+    chain.close(weights(4));
     let opening = Body::RoundOpened(opened(&chain.state, chain.time_ms + 1));
     assert_eq!(chain.refusal(opening), RuleViolation::ProposalDue(0));
     assert_eq!(chain.state.due(chain.time_ms), Some(0));
@@ -259,7 +259,7 @@ fn who_signs_is_who_votes() {
 
 #[test]
 fn credits_vote_as_they_stood_when_it_was_proposed() {
-    // Node 1 earns 200 credits. One vote costs ten credits, and five votes are the limit, so the node has five votes.
+    // Node 1 earns 100 credits. One vote costs ten credits, and five votes are the limit, so the node has five votes.
     let mut chain = Chain::all_committed(2);
     chain.apply(accepted(&chain.state, 1));
     chain.apply(accepted(&chain.state, 0));
@@ -268,7 +268,7 @@ fn credits_vote_as_they_stood_when_it_was_proposed() {
         "not yet earned"
     );
     chain.apply(Body::RoundClosed(closed(&chain.state, weights(0x50))));
-    assert_eq!(chain.state.node(&id(1)).unwrap().credits, 200);
+    assert_eq!(chain.state.node(&id(1)).unwrap().credits, 100);
     assert_eq!(chain.state.electorate()[&id(1)], 5);
     chain.apply(Body::Proposed(Signed::new(
         Proposal {

@@ -37,7 +37,7 @@ pub fn cases() -> Vec<Case> {
     [
         ("micro", Mode::Direct, 4),
         ("micro", Mode::Checked, 4),
-        ("full", Mode::Checked, 1),
+        ("full", Mode::Checked, 2),
         ("full", Mode::Checked, 4),
     ]
     .map(|(profile, mode, samples)| Case {

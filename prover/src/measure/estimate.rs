@@ -36,8 +36,8 @@ pub struct Estimate {
 }
 
 impl Estimate {
-    /// Counts the cycles of a claim over `samples` samples, at most [`zk0_circuits::claim::challenge::MAX_EVAL_SAMPLES`], and derives
-    /// memory and time from them. Takes seconds for small models; at the published size it takes minutes and 3 GB of memory.
+    /// Counts the cycles of a claim over `samples` samples, at least 2 and at most
+    /// [`zk0_circuits::claim::challenge::MAX_EVAL_SAMPLES`], and derives memory and time from them. Takes seconds for small models; at the published size it takes minutes and 3 GB of memory.
     pub async fn of(
         executor: &Executor,
         spec: &EvalSpec,
@@ -45,12 +45,12 @@ impl Estimate {
         samples: u32,
         machine: Resources,
     ) -> Result<Self, ExecuteError> {
-        let (input, first) = synthetic::execute(executor, spec, mode, 1).await?;
+        let (input, first) = synthetic::execute(executor, spec, mode, 2).await?;
         let (mut cycles, mut gas, mut private_input_bytes) =
             (first.cycles, first.gas, input.bytes());
-        if samples > 1 {
-            let (input, second) = synthetic::execute(executor, spec, mode, 2).await?;
-            let further = |one: u64, two: u64| two.saturating_sub(one) * (samples as u64 - 1);
+        if samples > 2 {
+            let (input, second) = synthetic::execute(executor, spec, mode, 3).await?;
+            let further = |two: u64, three: u64| three.saturating_sub(two) * (samples as u64 - 2);
             cycles += further(first.cycles, second.cycles);
             gas += further(first.gas, second.gas);
             private_input_bytes += further(private_input_bytes, input.bytes());

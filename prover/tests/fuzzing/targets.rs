@@ -50,7 +50,7 @@ fn without_parts(message: String) -> String {
 
 /// Inputs of true claims, one for each program.
 fn inputs() -> [GuestInput; 2] {
-    let input = private_input(&EvalSpec::micro(), 1, 1).unwrap();
+    let input = private_input(&EvalSpec::micro(), 2, 1).unwrap();
     [Mode::Direct, Mode::Checked].map(|mode| GuestInput::of(mode, &input).unwrap().1)
 }
 

@@ -24,6 +24,9 @@ pub trait SampleSource<S: Clone> {
     /// # Errors
     /// It cannot be had, and why.
     fn sample(&self, index: usize) -> Result<Cow<'_, S>>;
+
+    /// Frees what only making samples needs, until it is needed again.
+    fn rest(&self) {}
 }
 
 /// Samples that are in memory.

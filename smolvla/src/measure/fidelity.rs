@@ -69,7 +69,7 @@ pub fn draws(spec: &EvalSpec, challenge: &Digest, count: usize) -> Vec<FlowDraw>
     let unit = 1.0 / f32::from(1u16 << spec.action.min(15));
     (0..count as u32)
         .map(|position| {
-            let draw = draw(spec, challenge, position);
+            let draw = draw(spec, challenge, position, count as u32);
             FlowDraw {
                 time: f32::from(draw.time) / 65536.0,
                 noise: draw.noise.iter().map(|n| f32::from(*n) * unit).collect(),
@@ -106,7 +106,7 @@ pub fn measure(
     let mut fixed = Vec::with_capacity(count);
     for (position, (sample, _)) in pairs.iter().enumerate() {
         let sample = quantise_sample(spec, sample)?;
-        let draw = draw(spec, challenge, position as u32);
+        let draw = draw(spec, challenge, position as u32, count as u32);
         let sum = evaluator.loss(&parameters, &mut products, &sample, &draw)?;
         fixed.push(Evaluation {
             squared_error: sum.squared_error as f64 * unit,

@@ -1,5 +1,6 @@
 //! The policy in fixed point: its dimensions, weights and samples as [`zk0_circuits`] evaluates them.
 
+use zk0_circuits::model::layout::{expert_tensors, Layout};
 use zk0_circuits::model::quantise::QuantiseError;
 use zk0_circuits::model::sample::{Sample, SampleParts};
 use zk0_circuits::model::spec::Dims;
@@ -7,6 +8,7 @@ use zk0_circuits::model::weights::QuantisedWeights;
 use zk0_circuits::EvalSpec;
 use zk0_lerobot::config::{PolicyConfig, RMS_NORM_EPS};
 use zk0_lerobot::StoredPolicyError;
+use zk0_tensors::TensorData;
 
 use crate::error::Result;
 use crate::frames::sample::PreparedSample;
@@ -94,10 +96,64 @@ pub fn quantise_weights(
     })
 }
 
+/// The float32 form of expert weights, as LeRobot and training read them. It is exact: an int16 times a power of two is a float32.
+/// `weights` are of the specification `spec`.
+///
+/// # Errors
+/// The specification is not of the policy's dimensions.
+pub fn dequantise_weights(
+    config: &PolicyConfig,
+    spec: &EvalSpec,
+    weights: &QuantisedWeights,
+) -> Result<ExpertWeights> {
+    let layout = Layout::new(&spec.dims);
+    let tensors = expert_tensors(&spec.dims).into_iter().enumerate();
+    let tensors = tensors.map(|(index, tensor)| {
+        let (values, bits) = weights.tensor(&layout, index);
+        let step = 1.0 / (1u32 << bits) as f32;
+        let data = TensorData {
+            shape: tensor.shape,
+            data: values
+                .iter()
+                .map(|value| f32::from(*value) * step)
+                .collect(),
+        };
+        (tensor.name, data)
+    });
+    ExpertWeights::from_tensors(config, tensors.collect())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::policy::init::init_policy;
     use crate::policy::profile::Profile;
+    use zk0_circuits::model::layout::TensorSpec;
+
+    /// A node trains from what it makes of the base, and an update that is not trained is the base again.
+    #[test]
+    fn float32_weights_made_of_quantised_ones_quantise_to_the_same() {
+        let config = Profile::Micro.config();
+        let spec = EvalSpec::new(dims(&config).unwrap());
+        let start = init_policy(&config, 3).unwrap().expert;
+        let quantised = quantise_weights(&spec, &start).unwrap();
+        let weights = dequantise_weights(&config, &spec, &quantised).unwrap();
+        assert_eq!(quantise_weights(&spec, &weights).unwrap(), quantised);
+        let layout = Layout::new(&spec.dims);
+        for (index, TensorSpec { name, .. }) in expert_tensors(&spec.dims).iter().enumerate() {
+            let (_, bits) = quantised.tensor(&layout, index);
+            let half_a_step = 0.5 / (1u32 << bits) as f32;
+            let (before, after) = (&start.tensors()[name].data, &weights.tensors()[name].data);
+            for (after, before) in after.iter().zip(before) {
+                assert!(
+                    (after - before).abs() <= half_a_step,
+                    "{name}: {before} became {after}"
+                );
+            }
+        }
+        let other = Profile::Tiny.config();
+        assert!(dequantise_weights(&other, &spec, &quantised).is_err());
+    }
 
     #[test]
     fn profiles_have_the_dimensions_that_are_measured() {

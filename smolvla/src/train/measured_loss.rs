@@ -3,8 +3,6 @@
 use zk0_lerobot::config::PolicyConfig;
 
 use crate::error::{PolicyError, Result};
-use crate::frames::batch::InMemory;
-use crate::frames::sample::PreparedSample;
 use crate::measure::evaluate::fixed_draws;
 use crate::policy::frozen::FrozenPlace;
 use crate::policy::weights::ExpertWeights;
@@ -33,17 +31,16 @@ pub fn measured_loss(models: &EvaluationModels, samples: Samples, seed: u64) -> 
     }
 }
 
-/// As [`measured_loss`], of weights on samples in memory, on the CPU.
+/// As [`measured_loss`], of weights, on the CPU.
 ///
 /// # Errors
 /// As [`measured_loss`].
 pub fn loss_of(
     config: &PolicyConfig,
     weights: &ExpertWeights,
-    samples: &[PreparedSample],
+    samples: Samples,
     seed: u64,
 ) -> Result<f64> {
     let models = EvaluationModels::new(config, weights, None, &FrozenPlace::default())?;
-    let samples = InMemory::new(config, samples)?;
-    measured_loss(&models, Samples::Prepared(&samples), seed)
+    measured_loss(&models, samples, seed)
 }

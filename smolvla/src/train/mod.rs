@@ -5,7 +5,7 @@
 //!   run is at every step fully described by its variables, its moments and that number.
 //! - [`learner`]: the trainable variables and the loss of a batch, for either [`TrainScope`].
 //! - [`optimizer`] is AdamW.
-//! - [`trainer`]: makes steps. [`train()`] makes all of them.
+//! - [`trainer`]: makes steps. [`train_on`] makes all of them.
 //! - [`snapshots`]: a run on disk. A run that is stopped at any moment resumes from its newest snapshot and ends with the same bytes.
 //! - [`measured_loss`]: the loss that learning rates follow. [`adaptive`] has the rules by which a federation's losses change its
 //!   rates.
@@ -27,5 +27,5 @@ pub mod trainer;
 
 pub use learner::Samples;
 pub use options::{TrainOptions, TrainScope};
-pub use run::{train, Trained};
+pub use run::{train, train_on, Trained};
 pub use trainer::{Step, Trainer};

@@ -19,8 +19,7 @@ pub struct Trained {
     pub losses: Vec<f32>,
 }
 
-/// Trains the expert from `start` on `samples`, by `loss_valid_only` with t = 0.999 Beta(1.5, 1) + 0.001, from the first step
-/// to the last. `progress` is called after every step.
+/// Trains the expert from `start` on samples in memory, as [`train_on`] does. All of them are checked first.
 ///
 /// # Errors
 /// [`PolicyError::Options`](crate::PolicyError::Options) and [`PolicyError::Sample`](crate::PolicyError::Sample) before the
@@ -34,7 +33,28 @@ pub fn train(
 ) -> Result<Trained> {
     options.check()?;
     let samples = InMemory::new(config, samples)?;
-    let mut trainer = Trainer::new(config, start, Samples::Prepared(&samples), options.clone())?;
+    train_on(
+        config,
+        start,
+        Samples::Prepared(&samples),
+        options,
+        progress,
+    )
+}
+
+/// Trains the expert from `start` on `samples`, by `loss_valid_only` with t = 0.999 Beta(1.5, 1) + 0.001, from the first step
+/// to the last. `progress` is called after every step. Only the samples of one step are in memory.
+///
+/// # Errors
+/// Those of [`Trainer::new`] and [`Trainer::step`].
+pub fn train_on(
+    config: &PolicyConfig,
+    start: &ExpertWeights,
+    samples: Samples,
+    options: &TrainOptions,
+    progress: &mut dyn FnMut(Step),
+) -> Result<Trained> {
+    let mut trainer = Trainer::new(config, start, samples, options.clone())?;
     let mut losses = Vec::with_capacity(options.steps.min(1 << 20));
     while !trainer.is_done() {
         let step = trainer.step()?;

@@ -171,6 +171,30 @@ fn a_small_budget_costs_time_and_changes_nothing() {
     assert!(cache.bytes() <= budget);
 }
 
+/// Without a cache nothing is kept, neither in memory nor on disk.
+#[test]
+fn without_a_cache_each_sample_is_made_whenever_it_is_needed() {
+    let (policy, count) = (policy(), 6);
+    let tokenizer = WordHash::new(&policy.config);
+    let datasets = [Dataset::open(recording()).unwrap()];
+    let expected = direct(&policy, &datasets[0], count);
+    let loaded = Cell::new(0);
+    let maker = FrameMaker::new(&datasets, policy.config.chunk_size, || {
+        loaded.set(loaded.get() + 1);
+        Preparer::new(&policy, &tokenizer)
+    });
+    let frames = frames(&policy, &datasets[0], count);
+    let source = FrameSource::<PreparedSample>::new(None, &maker, frames);
+    let filled = source.fill(|_, _| ()).unwrap();
+    assert_eq!((filled.found, filled.made, filled.beyond), (0, 0, count));
+    for time in 1..3 {
+        assert_eq!(all(&source), expected);
+        assert_eq!(loaded.get(), time);
+        // The frozen half of the policy is read again after a rest.
+        source.rest();
+    }
+}
+
 fn copy(from: &Path, to: &Path) {
     fs::create_dir_all(to).unwrap();
     for entry in fs::read_dir(from).unwrap() {

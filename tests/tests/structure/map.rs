@@ -6,17 +6,18 @@ use std::collections::{BTreeMap, BTreeSet};
 type Dependencies<'a> = BTreeMap<&'a str, BTreeSet<&'a str>>;
 
 /// Each crate, and what its row of the map names.
-const MAP: [(&str, &[&str]); 13] = [
+const MAP: [(&str, &[&str]); 14] = [
     ("zk0-files", &[]),
     ("zk0-tensors", &[]),
     ("zk0-circuits", &[]),
     ("zk0-lerobot", &["zk0-files", "zk0-tensors"]),
     ("zk0-smolvla", &["zk0-circuits", "zk0-lerobot"]),
     ("zk0-protocol", &["zk0-circuits"]),
+    ("zk0-weights", &["zk0-protocol", "zk0-tensors"]),
     ("zk0-ledger", &["zk0-files", "zk0-protocol"]),
-    ("zk0-verifier", &["zk0-protocol", "zk0-tensors"]),
+    ("zk0-verifier", &["zk0-weights"]),
     ("zk0-prover", &["zk0-circuits"]),
-    ("zk0-node", &["zk0-smolvla", "zk0-protocol", "zk0-prover"]),
+    ("zk0-node", &["zk0-smolvla", "zk0-weights", "zk0-prover"]),
     ("zk0-aggregator", &["zk0-ledger", "zk0-verifier"]),
     ("zk0-audit", &["zk0-ledger", "zk0-verifier"]),
     ("zk0", &["zk0-node", "zk0-aggregator", "zk0-audit"]),

@@ -1,36 +1,30 @@
-//! Federated averaging (McMahan et al., 2017, arXiv:1602.05629), bit-exact on every machine and for every order of input.
+//! Federated averaging (McMahan et al., 2017, arXiv:1602.05629).
 //!
-//! For each parameter: products of weight and value are summed in IEEE 754 double precision, in ascending order of node
-//! identity, divided once by the sum of the weights, and rounded once to float32 (to nearest, ties to even). Nothing is
-//! fused or reordered. A float32 times a weight below 2^29 is exact in a double, so one contribution alone averages to
-//! itself.
+//! For each weight, the products of a contribution's weight and its value are summed, and divided once by the sum of the
+//! contributions' weights. All of it is computed in integers, so that the sum is exact and the order of the contributions does not matter.
 
-use crate::combine::contributions::{aligned, CombineError};
-use crate::ExpertTensors;
-use zk0_circuits::NodeId;
+use crate::combine::contributions::{CombineError, Fractions, Part};
+use zk0_weights::scale::exact;
 
-/// The weighted average of `(node, weight, tensors)`; the order they are given in does not matter.
-pub fn average(weighted: &[(NodeId, u64, &ExpertTensors)]) -> Result<ExpertTensors, CombineError> {
-    let weighted = aligned(weighted)?;
-    let total = weighted
-        .iter()
-        .fold(0.0, |sum, (_, samples, _)| sum + *samples as f64);
-    let [(_, _, first), ..] = weighted[..] else {
-        return Err(CombineError::Empty);
-    };
-    if total == 0.0 {
+/// The weighted mean of one tensor.
+///
+/// In units of 2^−24 a value is below 2^39 in magnitude, so that a sum of up to 2^23 products with weights below 2^64 fits 128 bits.
+/// A round has far fewer contributions.
+pub fn average(parts: &[Part<'_>]) -> Result<Fractions, CombineError> {
+    let divisor = parts.iter().map(|part| i128::from(part.weight)).sum();
+    if divisor == 0 {
         return Err(CombineError::Empty);
     }
-    let average = first.map(|name, values| {
-        // The sum starts with −0.0, because it changes no number that is added to it, not even a negative zero.
-        let mut sums = vec![-0.0f64; values.len()];
-        for (_, samples, tensors) in &weighted {
-            let samples = *samples as f64;
-            for (sum, value) in sums.iter_mut().zip(tensors.get(name).unwrap_or_default()) {
-                *sum += samples * f64::from(*value);
-            }
+    let len = parts.first().map_or(0, |part| part.values.len());
+    let mut numerators = vec![0i128; len];
+    for part in parts {
+        let factor = i128::from(part.weight) * i128::from(exact(1, part.bits));
+        for (sum, value) in numerators.iter_mut().zip(part.values) {
+            *sum += factor * i128::from(*value);
         }
-        sums.into_iter().map(|sum| (sum / total) as f32).collect()
-    })?;
-    Ok(average)
+    }
+    Ok(Fractions {
+        numerators,
+        divisor,
+    })
 }

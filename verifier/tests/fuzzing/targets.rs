@@ -1,22 +1,22 @@
 //! The readers that get random inputs, and the inputs that fuzzing starts from.
 
+use std::collections::HashMap;
 use std::path::Path;
 
-use safetensors::tensor::{serialize, Dtype, TensorView};
 use sp1_hypercube::{create_dummy_recursion_proof, SP1VerifyingKey};
 use sp1_verifier::SP1Proof;
 use zk0_circuits::freivalds::hints::coefficients;
 use zk0_circuits::freivalds::projection;
 use zk0_circuits::model::eval::Evaluator;
-use zk0_circuits::model::layout::{expert_tensors, TensorSpec};
+use zk0_circuits::model::layout::expert_tensors;
 use zk0_circuits::model::parameters::Parameters;
 use zk0_circuits::model::spec::Dims;
-use zk0_circuits::model::weights::Quantiser;
-use zk0_circuits::{Claim, Digest, EvalSpec, GuestWeights, Mode, WeightCheck};
+use zk0_circuits::{Claim, Digest, EvalSpec, GuestWeights, Mode, QuantisedWeights, WeightCheck};
 use zk0_ledger::{replay, Blobs, Finding, Recheck};
 use zk0_protocol::entries::signed::{Signed, Submission};
 use zk0_protocol::{Body, Entry, Refusal, State};
-use zk0_verifier::{check_projections, check_proof, Evaluation, ExpertTensors, ProgramKey};
+use zk0_verifier::{check_projections, check_proof, Evaluation, ProgramKey};
+use zk0_weights::Format;
 
 /// What any input may make a reader allocate. A whole proof is made of the changes to it, and serde makes room for a mebibyte of
 /// any list before it finds that there is less.
@@ -48,8 +48,9 @@ pub fn target(name: &str) -> Target {
                 assert_eq!(spec.encode(), bytes, "a second encoding");
                 // Readers of a genesis with this specification do the following.
                 Evaluator::new(&spec).map(drop).map_err(text)?;
-                drop(Evaluation::new(spec, Mode::Checked));
-                Ok(())
+                Evaluation::new(&spec, Mode::Checked)
+                    .map(drop)
+                    .map_err(text)
             }),
         },
         "program_key" => Target {
@@ -61,14 +62,17 @@ pub fn target(name: &str) -> Target {
         },
         "proof" => proof(),
         "changed_proof" => changed_proof(),
-        "expert_tensors" => Target {
-            seeds: vec![weights_file(&few_tensors())],
-            run: Box::new(|bytes| {
-                ExpertTensors::read(bytes, &few_tensors())
-                    .map(drop)
-                    .map_err(text)
-            }),
-        },
+        "expert_tensors" => {
+            let format = Format::new(&EvalSpec::micro()).unwrap();
+            Target {
+                seeds: vec![format.write(&weights(format.spec()))],
+                run: Box::new(move |bytes| {
+                    let weights = format.read(bytes).map_err(text)?;
+                    assert_eq!(format.write(&weights), bytes, "a second file");
+                    Ok(())
+                }),
+            }
+        }
         "projected_weights" => projected_weights(),
         other => panic!("no target {other}; there are {NAMES:?}"),
     }
@@ -153,45 +157,28 @@ fn changed_proof() -> Target {
     }
 }
 
-fn few_tensors() -> Vec<TensorSpec> {
-    let spec = |name: &str, shape: &[usize]| TensorSpec {
-        name: name.into(),
-        shape: shape.into(),
-    };
-    vec![spec("b.weight", &[2, 3]), spec("a.bias", &[2])]
-}
-
-fn values(tensors: &[TensorSpec]) -> Vec<Vec<f32>> {
+fn weights(spec: &EvalSpec) -> QuantisedWeights {
     let value = |at: usize| (at * 37 % 101) as f32 / 250.0 - 0.2;
-    tensors
-        .iter()
-        .map(|tensor| (0..tensor.len()).map(value).collect())
-        .collect()
-}
-
-fn weights_file(tensors: &[TensorSpec]) -> Vec<u8> {
-    let bytes = values(tensors).into_iter().map(|values| {
-        let bytes = values.iter().flat_map(|value| value.to_le_bytes());
-        bytes.collect::<Vec<u8>>()
-    });
-    let bytes: Vec<Vec<u8>> = bytes.collect();
-    let views = tensors.iter().zip(&bytes).map(|(tensor, bytes)| {
-        let view = TensorView::new(Dtype::F32, tensor.shape.clone(), bytes).unwrap();
-        (tensor.name.clone(), view)
-    });
-    serialize(views, None).unwrap()
+    let tensors: HashMap<String, Vec<f32>> = expert_tensors(&spec.dims)
+        .into_iter()
+        .map(|tensor| {
+            let len = tensor.len();
+            (tensor.name, (0..len).map(value).collect())
+        })
+        .collect();
+    QuantisedWeights::quantise(spec, |name| tensors.get(name).map(Vec::as_slice)).unwrap()
 }
 
 /// Reads a file of weights tensor by tensor for mode `checked`, as the base weights of a claim about it.
 fn projected_weights() -> Target {
-    let spec = EvalSpec::micro();
-    let good = weights_file(&expert_tensors(&spec.dims));
-    let claimed = claimed(&spec);
-    let update = good.clone();
+    let format = Format::new(&EvalSpec::micro()).unwrap();
+    let good = weights(format.spec());
+    let claimed = claimed(&format, &good);
+    let update = format.write(&good);
     Target {
-        seeds: vec![good],
+        seeds: vec![update.clone()],
         run: Box::new(move |bytes| {
-            check_projections(&spec, &claimed, bytes, &update[..]).map_err(without_names)
+            check_projections(&format, &claimed, bytes, &update[..]).map_err(without_names)
         }),
     }
 }
@@ -204,26 +191,16 @@ fn without_names(refusal: Refusal) -> String {
     words.join(" ")
 }
 
-/// Returns what the guest would say of the weights in [`weights_file`], as base and as update.
-fn claimed(spec: &EvalSpec) -> WeightCheck {
+/// Returns what the guest would say of these weights, as base and as update.
+fn claimed(format: &Format, weights: &QuantisedWeights) -> WeightCheck {
     let seed = Digest([5; 32]);
-    let evaluator = Evaluator::new(spec).unwrap();
-    let quantiser = Quantiser::new(spec);
-    let values = values(quantiser.tensors());
-    let get = |name: &str| {
-        let mut tensors = quantiser.tensors().iter().zip(&values);
-        let found = tensors.find(|(tensor, _)| tensor.name == name);
-        found.map(|(_, values)| values.as_slice())
-    };
-    let parameters = Parameters::quantise(&quantiser, spec, get).unwrap();
+    let evaluator = Evaluator::new(format.spec()).unwrap();
     let coefficients = coefficients(&evaluator, &seed);
     let projections = projection::project(&evaluator, &coefficients, |index| {
-        let mut target = vec![0; values[index].len()];
-        let bits = quantiser.quantise(index, &values[index], &mut target);
-        bits.map(|bits| (target, bits))
+        Ok::<_, Refusal>(format.tensor(weights, index))
     });
     let guest = GuestWeights {
-        parameters: parameters.digest(),
+        parameters: Parameters::of(format.spec(), weights).digest(),
         projections: projection::digest(&projections.unwrap()),
     };
     WeightCheck {

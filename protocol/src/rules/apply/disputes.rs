@@ -149,7 +149,8 @@ impl Refusal {
             | Self::MalformedUpdate(_)
             | Self::OtherWeights { .. }
             | Self::OtherProducts { .. }
-            | Self::TooFar { .. } => true,
+            | Self::TooFar { .. }
+            | Self::UnreadWeights { .. } => true,
             Self::TooLarge { .. }
             | Self::Signature(_)
             | Self::NotEnrolled(_)
@@ -161,13 +162,17 @@ impl Refusal {
             | Self::NotCommitted(_)
             | Self::Binding { .. }
             | Self::Dataset(_)
+            | Self::CommitmentsClosed { .. }
+            | Self::NoRandomness { .. }
+            | Self::Paused { .. }
             | Self::ProofDigest { .. }
             | Self::UpdateDigest { .. }
             | Self::MissingUpdate(_)
             | Self::NotActive { .. }
             | Self::NotInvited { .. }
             | Self::RoundFull { .. }
-            | Self::NoVerifier { .. } => false,
+            | Self::NoVerifier { .. }
+            | Self::EvalSamples { .. } => false,
         }
     }
 }

@@ -1,5 +1,6 @@
 //! Nodes, their keys and their datasets.
 
+use crate::challenge::unanswered::CommitRecord;
 use crate::entries::identity::check_member_name;
 use crate::entries::member::NodeEnrolled;
 use crate::entries::refusal::Refusal;
@@ -9,7 +10,7 @@ use crate::rules::state::{Dataset, Node, Standing, State};
 use crate::rules::violation::RuleViolation;
 use zk0_circuits::NodeId;
 
-/// Most episodes in a dataset, so that their digests fit in an entry.
+/// Most episodes in a dataset, so that they fit in an entry.
 pub const MAX_EPISODES: usize = 1500;
 
 /// How often a node may change its key by itself. The limit keeps the search for the owner of a former key short.
@@ -49,6 +50,7 @@ impl State {
                 dataset: None,
                 standing: Standing::Active,
                 credits: 0,
+                record: CommitRecord::default(),
             },
         );
     }
@@ -187,19 +189,23 @@ impl State {
                 episodes.len()
             )));
         }
-        if !episodes.is_sorted_by(|one, next| one < next) {
+        if !episodes.is_sorted_by(|one, next| one.digest < next.digest) {
             return Err(bad(
                 "it names episodes twice or not in ascending order".into()
             ));
         }
         let taken = episodes
             .iter()
-            .find_map(|episode| Some((episode, owned(self.episodes.get(episode))?)));
+            .find_map(|episode| Some((episode, owned(self.episodes.get(&episode.digest))?)));
         if let Some((episode, owner)) = taken {
             return Err(bad(format!(
-                "episode {episode} is already registered by node {owner}"
+                "episode {} is already registered by node {owner}",
+                episode.digest
             )));
         }
+        registration
+            .check_evaluation_set(self.rules.evaluation_frames)
+            .map_err(|error| bad(error.to_string()))?;
         match (&enrolled.dataset, &self.round) {
             (Some(_), Some(round)) => Err(RuleViolation::DatasetInUse {
                 node,
@@ -212,7 +218,8 @@ impl State {
     pub(super) fn register(&mut self, registration: &DatasetRegistration, index: u64) {
         let node = registration.node;
         self.datasets.insert(registration.dataset.root, node);
-        let episodes = registration.episodes.iter().map(|episode| (*episode, node));
+        let episodes = &registration.episodes;
+        let episodes = episodes.iter().map(|episode| (episode.digest, node));
         self.episodes.extend(episodes);
         if let Some(node) = self.nodes.get_mut(&node) {
             node.dataset = Some(Dataset {

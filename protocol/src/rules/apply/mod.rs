@@ -4,17 +4,22 @@
 //! - this file: founding, versions, time, and which file is responsible for which entry;
 //! - [`members`]: nodes, their keys, their datasets;
 //! - [`rounds`]: openings, commitments, decisions, closings;
+//! - [`randomness`]: the closing of a round's commitments, and the randomness of its challenges;
+//! - [`results`]: whether a round's result was rightly taken, or rightly not;
 //! - [`votes`]: proposals and what they change;
 //! - [`disputes`]: disputes about accepted contributions.
 
 mod disputes;
 mod members;
+mod randomness;
+mod results;
 mod rounds;
 mod votes;
 
 pub use members::{MAX_EPISODES, MAX_ROTATIONS};
 pub use rounds::MAX_COMMITS;
 
+use crate::challenge::closing::Closing;
 use crate::entries::authentic::AuthenticEntry;
 use crate::entries::codec::EntryError;
 use crate::entries::entry::{Body, Entry, ENTRY_VERSION};
@@ -117,6 +122,8 @@ impl State {
             Body::ProposalSettled(settled) => self.check_settled(settled, now),
             Body::Disputed(signed) => self.check_dispute(&signed.statement, now),
             Body::DisputeResolved(resolved) => self.check_resolved(resolved),
+            Body::CommitmentsClosed(closed) => self.check_commitments_closed(closed, now),
+            Body::RandomnessDrawn(drawn) => self.check_drawn(drawn, now),
         }
     }
 
@@ -128,7 +135,7 @@ impl State {
             Body::NodeEnrolled(enrolled) => self.enrol(enrolled),
             Body::DatasetCommitted(signed) => self.register(&signed.statement, index),
             Body::RoundOpened(opened) => self.open(opened, index, root, now),
-            Body::UpdateCommitted(signed) => self.commit_update(&signed.statement, index, root),
+            Body::UpdateCommitted(signed) => self.commit_update(&signed.statement, index),
             Body::ContributionAccepted(signed) => self.accept(&signed.statement.claim, index),
             Body::ContributionRejected { submission, .. } => {
                 self.reject(&submission.statement.claim.terms.node);
@@ -144,6 +151,15 @@ impl State {
             Body::DisputeResolved(resolved) => {
                 self.judge(resolved.dispute, resolved.upheld.is_some());
             }
+            Body::CommitmentsClosed(closed) => {
+                self.close_commitments(Closing {
+                    entry: index,
+                    time_ms: now,
+                    root: *root,
+                    commitments: closed.commitments,
+                });
+            }
+            Body::RandomnessDrawn(drawn) => self.draw(drawn, index, now),
         }
         self.entries = index.saturating_add(1);
         self.time_ms = now;

@@ -1,19 +1,19 @@
 //! Rounds: openings, commitments, decisions, closings.
 
+use crate::challenge::closing::commitment;
 use crate::entries::entry::{Contributor, RoundClosed, RoundOpened};
 use crate::entries::refusal::Refusal;
 use crate::entries::signed::{Evidence, UpdateCommitment};
-use crate::rules::basis_points::BPS;
-use crate::rules::bindings::{already_submitted, in_time, same};
+use crate::rules::bindings::{already_submitted, drawn, in_time, same};
+use crate::rules::closing::credits::improvement_bps;
 use crate::rules::network_rules::Participation;
 use crate::rules::state::{Commit, Contribution, Decision, OpenDispute, Round, State};
 use crate::rules::violation::RuleViolation;
 use std::collections::{BTreeMap, BTreeSet};
-use zk0_circuits::claim::challenge::challenge;
 use zk0_circuits::vm::digest::tagged_sha256;
-use zk0_circuits::{Claim, Digest, Losses, NodeId};
+use zk0_circuits::{Claim, Digest, NodeId};
 
-/// Most nodes that may commit in one round. The entry that closes the round names each of them, in 48 bytes.
+/// Most nodes that may commit in one round. The entry that closes the round names each of them, in 44 bytes.
 pub const MAX_COMMITS: usize = 1300;
 
 impl State {
@@ -37,7 +37,6 @@ impl State {
                 ("base.quantised", round.base.quantised.to_string()),
                 ("evaluation", round.evaluation.to_string()),
                 ("commit_deadline_ms", round.commit_deadline_ms.to_string()),
-                ("submit_deadline_ms", round.submit_deadline_ms.to_string()),
                 ("rules", format!("{:?}", round.rules)),
             ]
         };
@@ -55,17 +54,14 @@ impl State {
 
     /// The opening of the next round at `time_ms`. The rules allow no other.
     pub fn next_opening(&self, time_ms: u64) -> Result<RoundOpened, RuleViolation> {
-        let after = |window: u64| {
-            time_ms
-                .checked_add(window)
-                .ok_or(RuleViolation::EndOfTime(self.next_round))
-        };
+        let commit_deadline_ms = time_ms
+            .checked_add(self.rules.commit_window_ms)
+            .ok_or(RuleViolation::EndOfTime(self.next_round))?;
         Ok(RoundOpened {
             round: self.next_round,
             base: self.global,
             evaluation: self.evaluation,
-            commit_deadline_ms: after(self.rules().commit_window_ms)?,
-            submit_deadline_ms: after(self.rules().submit_window_ms)?,
+            commit_deadline_ms,
             rules: self.rules.clone(),
         })
     }
@@ -84,6 +80,11 @@ impl State {
                 done: "committed an update".into(),
             });
         }
+        if round.closing.is_some() {
+            return Err(Refusal::CommitmentsClosed {
+                round: round.number(),
+            });
+        }
         in_time(
             "the commitment",
             round,
@@ -95,6 +96,10 @@ impl State {
                 node,
                 round: round.number(),
             });
+        }
+        let record = self.nodes.get(&node).map(|node| node.record);
+        if let Some(until) = record.and_then(|record| record.paused_until(round.number())) {
+            return Err(Refusal::Paused { node, until });
         }
         if round.commits.len() >= MAX_COMMITS {
             return Err(Refusal::RoundFull {
@@ -124,6 +129,14 @@ impl State {
             commitment.dataset_root,
             dataset.commitment.root,
         )?;
+        let (asked, least) = (commitment.eval_samples, self.rules.min_eval_samples);
+        let most = dataset
+            .commitment
+            .samples
+            .min(self.rules.max_eval_samples.into());
+        if asked < least || u64::from(asked) > most {
+            return Err(Refusal::EvalSamples { asked, least, most });
+        }
         let update = &commitment.update;
         for digest in [update.blob, update.quantised] {
             match self.updates.committer(&digest) {
@@ -159,6 +172,7 @@ impl State {
             Some(Some(_)) => return Err(already_submitted(claim).into()),
             Some(None) => {}
         }
+        drawn(round)?;
         let found = self.check_claim(claim, time_ms);
         let holds = match (reason, &found) {
             (
@@ -196,12 +210,12 @@ impl State {
         closed: &RoundClosed,
         time_ms: u64,
     ) -> Result<(), RuleViolation> {
-        let round = match &self.round {
-            Some(round) if round.number() == closed.round => round,
-            _ => return Err(RuleViolation::RoundNotOpen(closed.round)),
-        };
+        let round = self.open_round(closed.round)?;
         self.check_may_close(round, time_ms)?;
-        let contributors = self.contributors();
+        let mut contributors = self.contributors();
+        if !closed.is_taken() {
+            contributors.iter_mut().for_each(|one| one.credits = 0);
+        }
         let wrong = |field, found: String, expected: String| RuleViolation::RoundField {
             round: closed.round,
             field,
@@ -212,7 +226,7 @@ impl State {
             let show = |list: &[Contributor]| {
                 let list: Vec<_> = list
                     .iter()
-                    .map(|one| format!("{}: {} for {}", one.node, one.samples, one.credits))
+                    .map(|one| format!("{}: {} for {}", one.node, one.share, one.credits))
                     .collect();
                 format!("[{}]", list.join(", "))
             };
@@ -222,21 +236,23 @@ impl State {
                 show(&contributors),
             ));
         }
-        if contributors.is_empty() && closed.global != round.opened.base {
+        let unanswered = self.unanswered();
+        if closed.unanswered != unanswered {
+            let show = |list: &[NodeId]| {
+                let list: Vec<_> = list.iter().map(NodeId::to_string).collect();
+                format!("[{}]", list.join(", "))
+            };
             return Err(wrong(
-                "global",
-                format!("{:?}", closed.global),
-                format!(
-                    "the base, since nobody contributed: {:?}",
-                    round.opened.base
-                ),
+                "unanswered",
+                show(&closed.unanswered),
+                show(&unanswered),
             ));
         }
-        Ok(())
+        self.check_result(round, closed)
     }
 
-    /// Whether the open round may close at `time_ms`. It may after the submission deadline, and earlier once no node can contribute any
-    /// more.
+    /// Whether the open round may close at `time_ms`. It may once every commitment is decided, and without that after the submission
+    /// deadline. If there was no randomness in time, it may close, too.
     pub fn may_close(&self, time_ms: u64) -> bool {
         self.round
             .as_ref()
@@ -244,30 +260,30 @@ impl State {
     }
 
     fn check_may_close(&self, round: &Round, time_ms: u64) -> Result<(), RuleViolation> {
-        if time_ms > round.opened.submit_deadline_ms {
-            return Ok(());
-        }
-        let undecided = round
-            .commits
-            .iter()
-            .find(|(_, commit)| commit.decision.is_none())
-            .map(|(node, _)| format!("node {node} has committed and is not decided"));
-        let uncommitted = || {
-            let mut nodes = self
-                .nodes
-                .keys()
-                .filter(|_| time_ms <= round.opened.commit_deadline_ms)
-                .filter(|_| round.commits.len() < MAX_COMMITS);
-            let node = nodes.find(|node| {
-                self.may_contribute(round, node) && !round.commits.contains_key(node)
-            })?;
-            Some(format!("node {node} may still commit"))
+        let waiting_for = match (&round.closing, &round.randomness) {
+            (None, _) => Some("its commitments are not closed".into()),
+            (Some(_), _) if round.commits.is_empty() => None,
+            (Some(closing), None) => {
+                let deadline_ms = self.randomness_deadline_ms(closing);
+                (time_ms <= deadline_ms).then(|| {
+                    let left_ms = deadline_ms - time_ms;
+                    format!("its randomness may still be drawn for {left_ms} ms")
+                })
+            }
+            (Some(_), Some(randomness)) => {
+                let mut commits = round.commits.iter();
+                let undecided = commits.find(|(_, commit)| commit.decision.is_none());
+                let in_time = time_ms <= randomness.submit_deadline_ms;
+                undecided.filter(|_| in_time).map(|(node, _)| {
+                    let left_ms = randomness.submit_deadline_ms - time_ms;
+                    format!("node {node} has committed and may still submit for {left_ms} ms")
+                })
+            }
         };
-        match undecided.or_else(uncommitted) {
+        match waiting_for {
             None => Ok(()),
             Some(waiting_for) => Err(RuleViolation::ClosedEarly {
                 round: round.number(),
-                early_ms: round.opened.submit_deadline_ms - time_ms,
                 waiting_for,
             }),
         }
@@ -285,6 +301,8 @@ impl State {
             entry: index,
             sample,
             commits: BTreeMap::new(),
+            closing: None,
+            randomness: None,
         });
     }
 
@@ -297,7 +315,8 @@ impl State {
                 &[&self.network.0, &round, &root.0, &node.0],
             )
         };
-        let ready = self.nodes.keys().filter(|node| self.ready(node, index));
+        let ready = |node: &&NodeId| self.ready(node, round, index);
+        let ready = self.nodes.keys().filter(ready);
         let drawn: BTreeSet<_> = ready.map(|node| (hash(node), *node)).collect();
         let drawn = drawn.into_iter().map(|(_, node)| node);
         drawn
@@ -305,24 +324,19 @@ impl State {
             .collect()
     }
 
-    pub(super) fn commit_update(
-        &mut self,
-        commitment: &UpdateCommitment,
-        index: u64,
-        root: &Digest,
-    ) {
-        let node = commitment.node;
-        self.updates.remember(&commitment.update, node, index);
+    pub(super) fn commit_update(&mut self, signed: &UpdateCommitment, index: u64) {
+        let node = signed.node;
+        self.updates.remember(&signed.update, node, index);
         let dataset = self.nodes.get(&node).and_then(|node| node.dataset);
         if let (Some(round), Some(dataset)) = (&mut self.round, dataset) {
-            let challenge = challenge(&self.network, round.number(), &node, index, root);
             round.commits.insert(
                 node,
                 Commit {
-                    update: commitment.update,
+                    update: signed.update,
                     dataset: dataset.commitment,
+                    eval_samples: signed.eval_samples,
                     entry: index,
-                    challenge,
+                    commitment: commitment(signed),
                     decision: None,
                 },
             );
@@ -330,15 +344,11 @@ impl State {
     }
 
     pub(super) fn accept(&mut self, claim: &Claim, index: u64) {
-        let samples = claim
-            .terms
-            .dataset
-            .samples
-            .min(self.rules.max_weight_samples);
-        let improvement = improvement_bps(claim);
-        let credits = self.rules.credits.earned(improvement, samples);
-        let entry = index;
-        self.decide(&claim.terms.node, Decision::Accepted { entry, credits });
+        let decision = Decision::Accepted {
+            entry: index,
+            improvement_bps: improvement_bps(claim),
+        };
+        self.decide(&claim.terms.node, decision);
     }
 
     pub(super) fn reject(&mut self, node: &NodeId) {
@@ -362,19 +372,29 @@ impl State {
         let Some(round) = self.round.take() else {
             return;
         };
-        for (node, commit) in &round.commits {
-            let Some(Decision::Accepted { entry, credits }) = commit.decision else {
+        if round.randomness.is_some() {
+            for (node, commit) in &round.commits {
+                let accepted = matches!(commit.decision, Some(Decision::Accepted { .. }));
+                if let Some(node) = self.nodes.get_mut(node) {
+                    let rule = &self.rules.unanswered;
+                    node.record.observe(rule, round.number(), accepted);
+                }
+            }
+        }
+        for contributor in &closed.contributors {
+            let decision = round.commits.get(&contributor.node).map(|one| one.decision);
+            let Some(Some(Decision::Accepted { entry, .. })) = decision else {
                 continue;
             };
-            if let Some(node) = self.nodes.get_mut(node) {
-                node.credits = node.credits.saturating_add(credits);
+            if let Some(node) = self.nodes.get_mut(&contributor.node) {
+                node.credits = node.credits.saturating_add(contributor.credits);
             }
             self.contributions.insert(
                 entry,
                 Contribution {
-                    node: *node,
+                    node: contributor.node,
                     round: round.number(),
-                    credits,
+                    credits: contributor.credits,
                     disputable_until_ms: now.saturating_add(window),
                     verified_again: false,
                 },
@@ -393,19 +413,5 @@ impl State {
             contribution.disputable_until_ms >= now
                 || disputes.values().any(|open| open.contribution == *entry)
         });
-    }
-}
-
-/// The improvement that a claim proves, in basis points, rounded down. It follows from the losses if they are disclosed, and it is never
-/// less than the minimum, which every claim proves.
-fn improvement_bps(claim: &Claim) -> u64 {
-    let least = u64::from(claim.terms.min_improvement_bps);
-    match claim.losses {
-        Losses::Disclosed { before, after, .. } if before > 0 => {
-            let gain = u128::from(before.saturating_sub(after)) * u128::from(BPS);
-            let bps = gain / u128::from(before);
-            u64::try_from(bps).unwrap_or(u64::MAX).max(least)
-        }
-        _ => least,
     }
 }

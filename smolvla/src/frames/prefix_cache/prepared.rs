@@ -148,4 +148,10 @@ impl<S: FromFrame + Entry> SampleSource<S> for PreparedFrames<'_, '_, S> {
             }
         }
     }
+
+    fn rest(&self) {
+        if let Self::Cached(source) = self {
+            source.rest();
+        }
+    }
 }

@@ -93,18 +93,25 @@ pub struct Filled {
     pub beyond: usize,
 }
 
-/// Some frames as samples, through the cache.
+/// Some frames as samples: through the cache, or each made whenever it is needed.
 pub struct FrameSource<'c, 'a, S> {
-    cache: &'c DiskCache,
+    cache: Option<&'c DiskCache>,
     maker: &'c FrameMaker<'a>,
     frames: Vec<FrameRef>,
     kind: PhantomData<S>,
 }
 
 impl<'c, 'a, S: FromFrame + Entry> FrameSource<'c, 'a, S> {
-    /// Of these frames, whose entries stay in the cache from now on.
-    pub fn new(cache: &'c DiskCache, maker: &'c FrameMaker<'a>, frames: Vec<FrameRef>) -> Self {
-        cache.pin(frames.iter().map(|frame| frame.key));
+    /// Of these frames, whose entries stay in the cache from now on, if there is one.
+    pub fn new(
+        cache: impl Into<Option<&'c DiskCache>>,
+        maker: &'c FrameMaker<'a>,
+        frames: Vec<FrameRef>,
+    ) -> Self {
+        let cache = cache.into();
+        if let Some(cache) = cache {
+            cache.pin(frames.iter().map(|frame| frame.key));
+        }
         Self {
             cache,
             maker,
@@ -124,14 +131,15 @@ impl<'c, 'a, S: FromFrame + Entry> FrameSource<'c, 'a, S> {
     ) -> std::result::Result<Filled, CacheError> {
         let mut filled = Filled::default();
         for (done, frame) in self.frames.iter().enumerate() {
-            if self.cache.contains(&frame.key) {
-                filled.found += 1;
-            } else if filled.beyond > 0 {
-                filled.beyond += 1;
-            } else if self.cache.put(&frame.key, &self.maker.make::<S>(frame)?)? {
-                filled.made += 1;
-            } else {
-                filled.beyond += 1;
+            match self.cache {
+                Some(cache) if cache.contains(&frame.key) => filled.found += 1,
+                Some(cache) if filled.beyond == 0 => {
+                    match cache.put(&frame.key, &self.maker.make::<S>(frame)?)? {
+                        true => filled.made += 1,
+                        false => filled.beyond += 1,
+                    }
+                }
+                _ => filled.beyond += 1,
             }
             progress(done + 1, self.frames.len());
         }
@@ -142,11 +150,14 @@ impl<'c, 'a, S: FromFrame + Entry> FrameSource<'c, 'a, S> {
     }
 
     fn get(&self, frame: &FrameRef) -> std::result::Result<S, CacheError> {
-        if let Some(sample) = self.cache.get(&frame.key)? {
+        let Some(cache) = self.cache else {
+            return Ok(self.maker.make(frame)?);
+        };
+        if let Some(sample) = cache.get(&frame.key)? {
             return Ok(sample);
         }
         let sample = self.maker.make(frame)?;
-        self.cache.put(&frame.key, &sample)?;
+        cache.put(&frame.key, &sample)?;
         Ok(sample)
     }
 }
@@ -166,5 +177,9 @@ impl<S: FromFrame + Entry> SampleSource<S> for FrameSource<'_, '_, S> {
             ))
         })?;
         Ok(Cow::Owned(sample))
+    }
+
+    fn rest(&self) {
+        self.maker.rest();
     }
 }

@@ -1,0 +1,180 @@
+//! Fetching a beacon of drand over HTTP (`/{chain}/public/{round}`). Several servers have the same beacons, so one that does not answer
+//! is no loss. Nothing that a server says is believed: a beacon counts if its signature verifies with the public key in the rules.
+
+use serde::Deserialize;
+use std::time::Duration;
+use zk0_ledger::published::web::agent;
+use zk0_protocol::challenge::drand::{BeaconSignature, DrandChain};
+use zk0_protocol::quote::short;
+
+/// Servers of drand's network "quicknet" that anybody may ask.
+const PUBLIC_SERVERS: [&str; 3] = [
+    "https://api.drand.sh",
+    "https://api2.drand.sh",
+    "https://drand.cloudflare.com",
+];
+
+/// Largest answer of a server that is read, in bytes.
+const MAX_ANSWER_BYTES: u64 = 4 << 10;
+
+/// The servers that are asked, one after the other.
+#[derive(Clone, Debug)]
+pub struct BeaconServers {
+    urls: Vec<String>,
+    agent: ureq::Agent,
+}
+
+/// Why a server's answer does not help.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum ServerError {
+    /// Nobody answers, or not in time.
+    #[error("it cannot be reached: {0}")]
+    Down(String),
+    /// The server does not have the beacon yet.
+    #[error("it does not have round {0} yet, although the time of that round has come: it is late, or this machine's clock is fast")]
+    Late(u64),
+    /// The server does not know the chain.
+    #[error("it does not serve the chain {0} that the rules name")]
+    NoChain(String),
+    /// The server answers with the beacons of another chain under the name of this one.
+    #[error(
+        "it serves another chain: its public key is {found}, but the rules name the key {expected}"
+    )]
+    OtherChain { found: String, expected: String },
+    /// The server fails.
+    #[error("it answers with status {0}")]
+    Status(u16),
+    /// The answer is not a beacon.
+    #[error("its answer is not a beacon: {0}")]
+    Malformed(String),
+    /// The beacon is of another round.
+    #[error("it answers with the beacon of round {found}; round {asked} was asked for")]
+    OtherRound { found: u64, asked: u64 },
+    /// The signature of the beacon is wrong.
+    #[error("the signature of its beacon of round {0} is wrong")]
+    Signature(u64),
+}
+
+/// No server has the beacon.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("no server has given the beacon of drand round {round}. {}", said(.errors))]
+pub struct NoBeacon {
+    /// The beacon's round.
+    pub round: u64,
+    /// What is wrong with each server.
+    pub errors: Vec<(String, ServerError)>,
+}
+
+fn said(errors: &[(String, ServerError)]) -> String {
+    let each = errors.iter().map(|(url, error)| format!("{url}: {error}"));
+    each.collect::<Vec<_>>().join("; ")
+}
+
+#[derive(Deserialize)]
+struct Beacon {
+    round: u64,
+    signature: String,
+}
+
+#[derive(Deserialize)]
+struct Info {
+    public_key: String,
+}
+
+impl BeaconServers {
+    /// The servers at these addresses. Each has `patience` to answer.
+    pub fn new(urls: Vec<String>, patience: Duration) -> Self {
+        let trimmed = urls.iter().map(|url| url.trim_end_matches('/').to_owned());
+        Self {
+            urls: trimmed.collect(),
+            agent: agent(patience),
+        }
+    }
+
+    /// The public servers of drand's "quicknet".
+    pub fn public(patience: Duration) -> Self {
+        Self::new(PUBLIC_SERVERS.map(str::to_owned).to_vec(), patience)
+    }
+
+    /// The signature of a round of `chain`, from the first server that has it.
+    pub fn fetch(&self, chain: &DrandChain, round: u64) -> Result<BeaconSignature, NoBeacon> {
+        let mut errors = Vec::new();
+        for url in &self.urls {
+            match self.ask(url, chain, round) {
+                Ok(signature) => return Ok(signature),
+                Err(error) => errors.push((url.clone(), error)),
+            }
+        }
+        Err(NoBeacon { round, errors })
+    }
+
+    fn ask(
+        &self,
+        url: &str,
+        chain: &DrandChain,
+        round: u64,
+    ) -> Result<BeaconSignature, ServerError> {
+        let name = hex::encode(chain.hash);
+        let (status, body) = self.get(&format!("{url}/{name}/public/{round}"))?;
+        match status {
+            200 => {}
+            // Servers say so of a round that is not there yet, and of a chain that they do not know.
+            404 | 425 => {
+                self.check_chain(url, chain)?;
+                return Err(ServerError::Late(round));
+            }
+            status => return Err(ServerError::Status(status)),
+        }
+        let beacon: Beacon = read(&body)?;
+        if beacon.round != round {
+            return Err(ServerError::OtherRound {
+                found: beacon.round,
+                asked: round,
+            });
+        }
+        let mut signature: BeaconSignature = [0; 48];
+        hex::decode_to_slice(&beacon.signature, &mut signature).map_err(|error| {
+            let quoted = short(&beacon.signature);
+            ServerError::Malformed(format!("the signature '{quoted}': {error}"))
+        })?;
+        if chain.signed(round, &signature) {
+            return Ok(signature);
+        }
+        self.check_chain(url, chain)?;
+        Err(ServerError::Signature(round))
+    }
+
+    /// Checks that the server means the chain that the rules name.
+    fn check_chain(&self, url: &str, chain: &DrandChain) -> Result<(), ServerError> {
+        let name = hex::encode(chain.hash);
+        let (status, body) = self.get(&format!("{url}/{name}/info"))?;
+        match status {
+            200 => {}
+            404 => return Err(ServerError::NoChain(name)),
+            status => return Err(ServerError::Status(status)),
+        }
+        let (found, expected) = (
+            read::<Info>(&body)?.public_key,
+            hex::encode(chain.public_key),
+        );
+        match found == expected {
+            true => Ok(()),
+            false => Err(ServerError::OtherChain {
+                found: short(&found),
+                expected,
+            }),
+        }
+    }
+
+    fn get(&self, url: &str) -> Result<(u16, Vec<u8>), ServerError> {
+        let down = |error: ureq::Error| ServerError::Down(error.to_string());
+        let mut response = self.agent.get(url).call().map_err(down)?;
+        let body = response.body_mut().with_config().limit(MAX_ANSWER_BYTES);
+        let body = body.read_to_vec().map_err(down)?;
+        Ok((response.status().as_u16(), body))
+    }
+}
+
+fn read<'a, T: Deserialize<'a>>(body: &'a [u8]) -> Result<T, ServerError> {
+    serde_json::from_slice(body).map_err(|error| ServerError::Malformed(error.to_string()))
+}

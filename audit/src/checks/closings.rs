@@ -1,0 +1,110 @@
+//! The checks of the end of a round: the average over its accepted contributions, and the evaluation of the result.
+
+use crate::account::{What, Why};
+use crate::checks::{not_at_hand, Check};
+use crate::depth::Depth;
+use zk0_circuits::{Digest, WeightsDigest};
+use zk0_ledger::blobs::{BlobError, Blobs};
+use zk0_protocol::entries::entry::RoundClosed;
+use zk0_protocol::entries::round_result::EvaluatedResult;
+use zk0_protocol::rules::named_blobs::BlobKind;
+use zk0_protocol::rules::state::State;
+use zk0_verifier::close::{combined, end, CloseError};
+use zk0_verifier::combine::strategy::Global;
+use zk0_verifier::{ResultFiles, Unreadable, VerifiedContribution};
+
+/// Checks that the accepted contributions combine to the recorded result.
+pub fn average(
+    before: &State,
+    closed: &RoundClosed,
+    contributions: &[VerifiedContribution],
+    depth: Depth,
+) -> Result<Option<Global>, Check> {
+    let what = || format!("the average of round {}", closed.round);
+    if depth == Depth::Light && !before.contributors().is_empty() {
+        return Err(Check::LeftOut(What::Averages, Why::Light, what()));
+    }
+    if contributions.len() != before.contributors().len() {
+        let why = format!("{}, because not all of its updates were verified", what());
+        return Err(Check::LeftOut(What::Averages, Why::RestsOnOthers, why));
+    }
+    let evaluated = closed.evaluated.as_ref();
+    let recorded = evaluated.map_or(closed.global, |evaluated| evaluated.weights);
+    match combined(before, contributions) {
+        Ok(Some(global)) if global.digest != recorded => Err(Check::Failed(format!(
+            "round {} closed with the result {}, but its contributions give {}",
+            closed.round,
+            show(&recorded),
+            show(&global.digest)
+        ))),
+        Ok(global) => Ok(global),
+        Err(error) => Err(cannot_close(closed, &error)),
+    }
+}
+
+/// Checks that the recorded result of a round, which `combined` is, has the recorded losses on the public samples, and that it was
+/// rightly taken, or rightly not. `None` where the rules ask for no evaluation.
+pub fn result(
+    before: &State,
+    closed: &RoundClosed,
+    combined: Result<Option<Global>, ()>,
+    depth: Depth,
+    blobs: &Blobs,
+) -> Option<Check> {
+    let recorded = closed.evaluated.as_ref()?;
+    let what = format!("the evaluation of round {}'s result", closed.round);
+    if depth == Depth::Light {
+        return Some(Check::LeftOut(What::Results, Why::Light, what));
+    }
+    let Ok(combined) = combined else {
+        let why = format!("{what}, because the average was not verified");
+        return Some(Check::LeftOut(What::Results, Why::RestsOnOthers, why));
+    };
+    let get = |digest: &Digest, limit| blobs.get(digest, limit);
+    let files = match ResultFiles::read(before, get) {
+        Ok(files) => files,
+        Err(Unreadable {
+            kind,
+            error: BlobError::Missing(blob),
+        }) => {
+            let name = match kind {
+                BlobKind::PublicSamples => "the file of public samples",
+                _ => "the base weights",
+            };
+            let why = format!("{what}: {name} {blob}");
+            return Some(not_at_hand(What::Results, why));
+        }
+        Err(error) => return Some(Check::Failed(format!("{what}: {error}"))),
+    };
+    Some(match end(before, combined, files.as_ref()) {
+        Ok(closing) if closing.closed == *closed => Check::Passed(What::Results),
+        Ok(closing) => {
+            let found = closing.closed.evaluated.as_ref().map(evaluation_in_words);
+            Check::Failed(format!(
+                "round {} closed with {}, but its result has {}",
+                closed.round,
+                evaluation_in_words(recorded),
+                found.unwrap_or_else(|| "no evaluation".into())
+            ))
+        }
+        Err(error) => cannot_close(closed, &error),
+    })
+}
+
+fn evaluation_in_words(evaluated: &EvaluatedResult) -> String {
+    format!(
+        "{} for the base and {} for the result over {} elements ({})",
+        evaluated.base, evaluated.result, evaluated.elements, evaluated.outcome
+    )
+}
+
+fn cannot_close(closed: &RoundClosed, error: &CloseError) -> Check {
+    Check::Failed(format!(
+        "round {} cannot have closed: {error}",
+        closed.round
+    ))
+}
+
+fn show(weights: &WeightsDigest) -> String {
+    format!("{} (quantised {})", weights.blob, weights.quantised)
+}

@@ -1,0 +1,151 @@
+//! The samples on which a network evaluates the result of each round before it takes it: made from recordings with the network's policy.
+
+use crate::dataset::RecordingName;
+use crate::policy::calibration::samples;
+use anyhow::{bail, Context, Result};
+use std::path::{Path, PathBuf};
+use zk0_aggregator::round::founding::check_public_samples;
+use zk0_circuits::EvalSpec;
+use zk0_files::bounded_file;
+use zk0_ledger::blobs::Blobs;
+use zk0_ledger::folder;
+use zk0_ledger::store::Store;
+use zk0_protocol::blob::blob_digest;
+use zk0_protocol::entries::entry::{Body, Entry};
+use zk0_protocol::rules::closing::public_samples::{PublicSamples, MAX_PUBLIC_SAMPLES_BYTES};
+use zk0_smolvla::measure::fixed_point::quantise_sample;
+use zk0_smolvla::policy::policy_file::{self, PolicyFile};
+
+/// How many frames of recordings are evaluated, and how much worse a result may be there.
+#[derive(Debug, clap::Args)]
+pub struct Extent {
+    /// Use this many frames, evenly spread over the recordings. Each round evaluates them twice.
+    #[arg(long, value_name = "COUNT", default_value_t = 32, value_parser = clap::value_parser!(u32).range(1..=1024))]
+    public_frames: u32,
+    /// Do not take the result of a round if its loss on these frames is larger than that of the round's base by more than this many basis
+    /// points (100 are 1 %).
+    #[arg(long, value_name = "BPS", default_value_t = 500)]
+    max_loss_increase_bps: u32,
+}
+
+/// The public samples of a network that is founded.
+#[derive(Debug, clap::Args)]
+pub struct PublicSampleOptions {
+    /// Evaluate the result of each round on frames of this recording before it is taken (a LeRobotDataset folder, or
+    /// hub:owner/name[@revision]). A task that no node trains on is best. Everybody can read these frames, as numbers of the frozen half
+    /// of the policy. Repeat the option for more recordings. Without it, every result is taken.
+    #[arg(long = "public-recording", value_name = "RECORDING")]
+    recordings: Vec<RecordingName>,
+    /// The file of public samples that the rules of --rules name.
+    #[arg(
+        long,
+        value_name = "FILE",
+        requires = "rules",
+        conflicts_with = "recordings"
+    )]
+    public_samples: Option<PathBuf>,
+    #[command(flatten)]
+    extent: Extent,
+}
+
+/// `zk0 aggregator samples`.
+#[derive(Debug, clap::Args)]
+pub struct MakeSamples {
+    /// The ledger's folder.
+    dir: PathBuf,
+    /// Use frames of this recording (a LeRobotDataset folder, or hub:owner/name[@revision]). Repeat the option for more recordings.
+    #[arg(long = "public-recording", value_name = "RECORDING", required = true)]
+    recordings: Vec<RecordingName>,
+    #[command(flatten)]
+    extent: Extent,
+}
+
+impl PublicSampleOptions {
+    /// What the rules say of the public samples, and their file. `named` is what a file of rules says.
+    pub fn samples(
+        &self,
+        named: Option<PublicSamples>,
+        policy: &PolicyFile,
+        spec: &EvalSpec,
+    ) -> Result<Option<(PublicSamples, Vec<u8>)>> {
+        match (named, &self.public_samples, &self.recordings[..]) {
+            (None, None, []) => Ok(None),
+            (None, None, recordings) => self.extent.make(recordings, policy, spec).map(Some),
+            (Some(rule), Some(path), _) => {
+                let file = bounded_file::read(path, MAX_PUBLIC_SAMPLES_BYTES)
+                    .with_context(|| format!("reading public samples from {}", path.display()))?;
+                Ok(Some((rule, file)))
+            }
+            (Some(rule), None, _) => bail!(
+                "the rules name the public samples {}: add --public-samples FILE with that file, or leave public_samples out of the rules \
+                 and add --public-recording",
+                rule.blob
+            ),
+            (None, Some(_), _) => {
+                bail!("the rules name no public samples: --public-samples is for rules that do")
+            }
+        }
+    }
+}
+
+impl Extent {
+    /// Makes the samples, and the rule that names them.
+    fn make(
+        &self,
+        recordings: &[RecordingName],
+        policy: &PolicyFile,
+        spec: &EvalSpec,
+    ) -> Result<(PublicSamples, Vec<u8>)> {
+        tracing::info!("preparing the public samples");
+        let frames = (self.public_frames as usize / recordings.len()).max(1);
+        let (mut file, mut count) = (Vec::new(), 0);
+        for prepared in samples(policy, recordings, frames)? {
+            let sample = quantise_sample(spec, &prepared)
+                .with_context(|| format!("public sample {count} in fixed point"))?;
+            file.extend_from_slice(sample.as_bytes());
+            count += 1;
+        }
+        if file.len() as u64 > MAX_PUBLIC_SAMPLES_BYTES {
+            bail!(
+                "{count} public samples of this policy have {} bytes, and at most {MAX_PUBLIC_SAMPLES_BYTES} are possible: use fewer frames",
+                file.len()
+            );
+        }
+        let rule = PublicSamples {
+            blob: blob_digest(&file),
+            samples: count,
+            max_loss_increase_bps: self.max_loss_increase_bps,
+        };
+        rule.check().map_err(anyhow::Error::msg)?;
+        check_public_samples(spec, &rule, &file)?;
+        tracing::info!(
+            "{count} public samples, {} bytes: {}",
+            file.len(),
+            rule.blob
+        );
+        Ok((rule, file))
+    }
+}
+
+/// Makes samples for a network that exists, puts them among the blobs of its ledger, and prints the rule to propose.
+pub fn make(options: &MakeSamples) -> Result<()> {
+    let (policy, spec) = founded(&options.dir)?;
+    let (rule, file) = options.extent.make(&options.recordings, &policy, &spec)?;
+    Blobs::at(&options.dir).put(&file)?;
+    let rules = serde_json::json!({ "public_samples": rule });
+    println!("{}", serde_json::to_string_pretty(&rules)?);
+    Ok(())
+}
+
+/// The policy and the evaluation of the network whose ledger is in `dir`.
+fn founded(dir: &Path) -> Result<(PolicyFile, EvalSpec)> {
+    let store = Store::open_read_only(&folder::database(dir))?;
+    let entry = store.entry(0)?.context("the ledger has no genesis")?;
+    let Body::Genesis(genesis) = Entry::decode(&entry)?.body else {
+        bail!("the ledger's first entry is not a genesis");
+    };
+    let blobs = Blobs::at(dir);
+    blobs.check(&genesis.policy)?;
+    let policy = policy_file::load(&blobs.path(&genesis.policy))?;
+    Ok((policy, EvalSpec::decode(&genesis.evaluation)?))
+}

@@ -1,0 +1,164 @@
+//! `zk0 audit recording`: compares a registered dataset with the recording that it is of. For an auditor to whom the node has given both
+//! the recording and its salt.
+
+use crate::dataset::RecordingName;
+use crate::ledger::TrustOptions;
+use crate::policy::{cache_failed, CacheOptions};
+use anyhow::{bail, Context, Result};
+use std::path::{Path, PathBuf};
+use zk0_audit::fetch::{locate, Wanted};
+use zk0_audit::report::history;
+use zk0_circuits::claim::dataset::check_leaves;
+use zk0_circuits::EvalSpec;
+use zk0_files::bounded_file;
+use zk0_ledger::blobs::Blobs;
+use zk0_ledger::replay::Severity;
+use zk0_node::error::ParticipantError;
+use zk0_node::recording::recompute::{recompute, Recomputed};
+use zk0_node::recording::Recording;
+use zk0_protocol::entries::entry::Body;
+use zk0_protocol::entries::genesis::Genesis;
+use zk0_protocol::entries::signed::DatasetRegistration;
+use zk0_protocol::evaluation_set::{distinct, DRAWN_LEAF_BYTES};
+
+/// `zk0 audit recording`.
+#[derive(Debug, clap::Args)]
+pub struct Options {
+    /// The ledger's folder or a copy of it, an export, or the address of a served log.
+    ledger: String,
+    /// The number of the entry that registered the dataset. `zk0 audit show LEDGER --node NAME` lists a node's entries.
+    #[arg(long, value_name = "INDEX")]
+    entry: u64,
+    /// The recording: a LeRobotDataset folder, or hub:owner/name[@revision] on the Hugging Face Hub.
+    #[arg(long, value_name = "RECORDING")]
+    recording: RecordingName,
+    /// The node's salt: the file `salt` of its state folder. Keep it secret: whoever has it can find out whether a sample that they guess
+    /// is in the dataset.
+    #[arg(long, value_name = "FILE")]
+    salt: PathBuf,
+    /// Keep what is fetched from an address or an export in this folder.
+    #[arg(long, value_name = "DIR")]
+    mirror: Option<PathBuf>,
+    #[command(flatten)]
+    cache: CacheOptions,
+    #[command(flatten)]
+    trust: TrustOptions,
+}
+
+/// Runs the command. Returns `false` if the registered samples are not those of the recording.
+pub fn run(options: &Options) -> Result<bool> {
+    let trust = options.trust.read()?;
+    let mirror = options.mirror.as_deref();
+    let located = locate(&options.ledger, mirror, &trust, Wanted::Everything)?;
+    let dir = &located.dir;
+    let report = zk0_ledger::replay(dir, trust.network.as_ref(), &mut ());
+    let mut faults = report.findings.iter();
+    if let Some(fault) = faults.find(|finding| finding.severity == Severity::Fault) {
+        bail!("the ledger is not right: {}", fault.text);
+    }
+    let root = report.root.clone().unwrap_or_default();
+    let (genesis, registration) = registered(dir, report.entries, &root, options.entry)?;
+    let blobs = Blobs::at(dir);
+    let most = registration.drawn() * DRAWN_LEAF_BYTES as u64;
+    let list = blobs
+        .get(&registration.leaves, most)
+        .context("reading the list of drawn frames")?;
+    let list = registration.read_list(&list)?;
+    check_leaves(&registration.dataset, &distinct(&list))?;
+    blobs
+        .check(&genesis.policy)
+        .context("checking the network's policy")?;
+    let salt = salt(&options.salt)?;
+    let cache = options.cache.open()?;
+    let spec = EvalSpec::decode(&genesis.evaluation)?;
+    let policy = blobs.path(&genesis.policy);
+    let recording = options.recording.locate()?;
+    let found = (|| {
+        let recording = Recording::open(&recording, &policy, cache.as_ref())?;
+        let maker = recording.maker();
+        let samples = recording.samples(&maker);
+        recompute(&recording, &samples, &spec, &registration, &list, &salt)
+    })();
+    let found = found.map_err(|error| match error {
+        ParticipantError::Cache(error) => cache_failed(error),
+        error => error.into(),
+    })?;
+    println!("{}", verdict(&found, options, &registration));
+    Ok(matches!(found, Recomputed::Same { .. }))
+}
+
+/// The genesis, and the registration of entry `index`.
+fn registered(
+    dir: &Path,
+    entries: u64,
+    root: &str,
+    index: u64,
+) -> Result<(Genesis, DatasetRegistration)> {
+    let (mut genesis, mut wanted) = (None, None);
+    history::read(dir, entries, root, |at, entry| match &entry.body {
+        Body::Genesis(found) => genesis = Some(found.clone()),
+        Body::DatasetCommitted(signed) if at == index => wanted = Some(signed.statement.clone()),
+        _ => {}
+    })?;
+    let genesis = genesis.context("the ledger has no genesis")?;
+    match wanted {
+        Some(registration) => Ok((genesis, registration)),
+        None if index >= entries => bail!("there is no entry {index}: the ledger has {entries}"),
+        None => bail!("entry {index} does not register a dataset: `zk0 audit show LEDGER --entries` says what it is"),
+    }
+}
+
+fn salt(path: &Path) -> Result<[u8; 32]> {
+    let bytes = bounded_file::read(path, 32)
+        .with_context(|| format!("reading the salt {}", path.display()))?;
+    let count = bytes.len();
+    match <[u8; 32]>::try_from(bytes) {
+        Ok(salt) => Ok(salt),
+        Err(_) => bail!(
+            "{} has {count} bytes, but a salt has 32: it is the file `salt` of the node's state folder",
+            path.display()
+        ),
+    }
+}
+
+/// The result in words.
+fn verdict(found: &Recomputed, options: &Options, registration: &DatasetRegistration) -> String {
+    let (entry, node, recording) = (options.entry, registration.node, &options.recording);
+    let failed = |why: String| {
+        format!("FAILED      the dataset of node {node} (entry {entry}) is not that of {recording}: {why}")
+    };
+    match found {
+        Recomputed::Same { frames } => format!(
+            "VERIFIED    all {frames} drawn frames of {recording} give the samples that node {node} registered (entry {entry})"
+        ),
+        Recomputed::OtherSalt => failed(format!(
+            "the node did not commit with the salt in {}",
+            options.salt.display()
+        )),
+        Recomputed::OtherFeatures { found } => failed(format!(
+            "the registration says that its features have the digest {}, but they have {found}",
+            registration.dataset.feature_spec
+        )),
+        Recomputed::OtherEpisodes { missing, extra } => failed(format!(
+            "{} registered episodes are not in the recording with this number of frames{}, and {} of its episodes are not registered{}",
+            missing.len(),
+            first(missing),
+            extra.len(),
+            first(extra),
+        )),
+        Recomputed::OtherSamples { frames, differ, of } => {
+            let frames: Vec<_> = frames.iter().map(u64::to_string).collect();
+            failed(format!(
+                "{differ} of {of} drawn frames give other samples, among them {}; if the node computed them on another kind of CPU, \
+                 repeat the audit on that kind, because samples are compared bit for bit",
+                frames.join(", ")
+            ))
+        }
+    }
+}
+
+/// ` (the first is …)`, if there is one.
+fn first<T: ToString>(digests: &[T]) -> String {
+    let first = digests.first().map(T::to_string);
+    first.map_or_else(String::new, |digest| format!(" (the first is {digest})"))
+}

@@ -1,0 +1,134 @@
+//! `zk0 audit recording`: an auditor who has a node's recording and salt compares them with what the node registered. A node that is
+//! started again makes no sample again.
+
+mod harness;
+
+use harness::network::LocalNetwork;
+use harness::{copy, ends, logged, printed, root, zk0, RECORDING};
+use std::fs;
+use std::path::{Path, PathBuf};
+use zk0_protocol::entries::entry::Body;
+
+/// The number of the entry that registered the dataset.
+fn registration(network: &LocalNetwork) -> usize {
+    let entries = network.entries();
+    let mut found = entries.iter().enumerate();
+    let found = found.find(|(_, entry)| matches!(entry.body, Body::DatasetCommitted(_)));
+    found.unwrap().0
+}
+
+/// What the command prints, and says as an error, when it ends with `code`.
+fn compared(
+    network: &LocalNetwork,
+    code: i32,
+    entry: usize,
+    recording: &str,
+    salt: &str,
+) -> String {
+    let (ledger, entry) = (network.path("ledger"), entry.to_string());
+    let arguments = [
+        "audit",
+        "recording",
+        &ledger,
+        "--entry",
+        &entry,
+        "--recording",
+        recording,
+        "--salt",
+        salt,
+        "--no-cache",
+    ];
+    let output = ends(code, zk0(&arguments));
+    printed(&output) + &logged(&output)
+}
+
+#[test]
+fn an_auditor_with_the_recording_finds_the_registered_samples() {
+    let network = LocalNetwork::new();
+    // Fewer frames are drawn than the recording has.
+    network.found(&["--min-dataset-samples", "20", "--evaluation-frames", "30"]);
+    network.joins(0, &[]);
+    let (entry, salt) = (registration(&network), network.path("state/salt"));
+    let said = compared(&network, 0, entry, RECORDING, &salt);
+    assert!(
+        said.contains("VERIFIED") && said.contains("all 30 drawn frames"),
+        "{said}"
+    );
+
+    let other = "tests/fixtures/datasets/so100_stacking";
+    let said = compared(&network, 1, entry, other, &salt);
+    assert!(
+        said.contains("FAILED") && said.contains("6 registered episodes are not in the recording"),
+        "{said}"
+    );
+    // The node has shown the auditor other pictures than it committed to. The motion is the same, and so are the episodes.
+    let changed = PathBuf::from(network.path("changed"));
+    copy(&root().join(RECORDING), &changed);
+    let video = |camera: &str| format!("videos/observation.images.{camera}/chunk-000/file-000.mp4");
+    fs::copy(
+        root().join(RECORDING).join(video("top")),
+        changed.join(video("wrist")),
+    )
+    .unwrap();
+    let said = compared(&network, 1, entry, changed.to_str().unwrap(), &salt);
+    assert!(
+        said.contains("30 of 30 drawn frames give other samples"),
+        "{said}"
+    );
+    assert!(said.contains("another kind of CPU"), "{said}");
+
+    let forged = network.path("forged");
+    fs::write(&forged, [7; 32]).unwrap();
+    let said = compared(&network, 1, entry, RECORDING, &forged);
+    assert!(said.contains("did not commit with the salt"), "{said}");
+    fs::write(&forged, [7; 31]).unwrap();
+    let said = compared(&network, 1, entry, RECORDING, &forged);
+    assert!(said.contains("has 31 bytes, but a salt has 32"), "{said}");
+    let said = compared(&network, 1, 0, RECORDING, &salt);
+    assert!(
+        said.contains("entry 0 does not register a dataset"),
+        "{said}"
+    );
+    let said = compared(&network, 1, 99, RECORDING, &salt);
+    assert!(said.contains("there is no entry 99"), "{said}");
+}
+
+#[test]
+fn a_restarted_node_keeps_its_evaluation_set() {
+    let network = LocalNetwork::new();
+    network.found(&["--min-dataset-samples", "20", "--evaluation-frames", "30"]);
+    network.joins(0, &[]);
+    let samples = || {
+        let state = fs::read_dir(network.path("state")).unwrap();
+        let folder = state.map(|file| file.unwrap().path()).find(|path| {
+            let name = path.file_name().unwrap().to_string_lossy();
+            name.starts_with("evaluation-set-")
+        });
+        let mut samples: Vec<_> = fs::read_dir(folder.unwrap())
+            .unwrap()
+            .map(|file| file.unwrap().path())
+            .map(|path| (fs::metadata(&path).unwrap().modified().unwrap(), path))
+            .collect();
+        samples.sort();
+        samples
+    };
+    let first = samples();
+    assert_eq!(first.len(), 30);
+    let before = network.entries().len();
+    network.joins(0, &[]);
+    assert_eq!(samples(), first, "samples were made again");
+    assert_eq!(network.entries().len(), before, "it was registered again");
+
+    // What the node has registered decides how many frames it draws, not what the rules say by now.
+    let kept = network.path("state/registration");
+    fs::write(&kept, b"something else").unwrap();
+    let said = logged(&network.join(0, &[]));
+    assert!(
+        said.contains("registration is not what this node wrote there"),
+        "{said}"
+    );
+    fs::remove_file(&kept).unwrap();
+    network.joins(0, &[]);
+    assert!(Path::new(&kept).exists());
+    assert_eq!(network.entries().len(), before);
+}

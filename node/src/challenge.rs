@@ -1,0 +1,130 @@
+//! Waits for the randomness of a round, verifies it, and derives the node's challenge. The node believes nothing that the aggregator
+//! says: it has receipts for the closing of the commitments and for the randomness, and verifies that the randomness comes from the
+//! source that the rules name.
+
+use crate::client::{unexpected, Node, POLL};
+use crate::client_error::NodeError;
+use std::time::{SystemTime, UNIX_EPOCH};
+use zk0_circuits::claim::challenge::challenge;
+use zk0_circuits::Digest;
+use zk0_protocol::challenge::closing::Closing;
+use zk0_protocol::challenge::drawing::DrawContext;
+use zk0_protocol::challenge::source::RandomnessSource;
+use zk0_protocol::entries::entry::{Body, RoundOpened};
+use zk0_protocol::rpc::federation as rpc;
+use zk0_protocol::tlog::receipt::Receipt;
+
+impl Node {
+    /// Waits for the randomness of a round in which the node has committed with this commitment, and returns the node's challenge, with
+    /// the receipt of the randomness.
+    ///
+    /// # Errors
+    /// The round closes without randomness, or what the aggregator shows is not what the rules determine.
+    pub async fn wait_for_challenge(
+        &mut self,
+        opened: &RoundOpened,
+        commitment: &Digest,
+    ) -> Result<(Digest, Receipt), NodeError> {
+        let round = opened.round;
+        let mut waited = false;
+        let mut closing = None;
+        loop {
+            let info = self.round_info(round).await?;
+            if let (None, Some(receipt)) = (closing, info.commitments_closed) {
+                let found = self.closing(round, receipt)?;
+                if waited {
+                    warn_if_beacon_is_known(opened, &found);
+                }
+                closing = Some(found);
+            }
+            match (&closing, info.randomness, info.closed) {
+                (Some(closing), Some(receipt), _) => {
+                    let (randomness, receipt) = self.randomness(opened, closing, receipt)?;
+                    let (network, node) = (*self.network(), self.id());
+                    let challenge = challenge(&network, round, &node, commitment, &randomness);
+                    return Ok((challenge, receipt));
+                }
+                (_, None, Some(_)) => return Err(NodeError::NoRandomness { round }),
+                _ => {}
+            }
+            waited = true;
+            tokio::time::sleep(POLL).await;
+        }
+    }
+
+    fn closing(&self, round: u64, receipt: rpc::Receipt) -> Result<Closing, NodeError> {
+        let (receipt, checkpoint, entry) = self.opened(receipt)?;
+        let closed = match entry.body {
+            Body::CommitmentsClosed(closed) if closed.round == round => closed,
+            _ => {
+                return Err(unexpected(
+                    "the closing of the round's commitments",
+                    "another entry",
+                ))
+            }
+        };
+        // The cosignatures that the randomness may follow from are of the checkpoint that ends with this entry.
+        if checkpoint.size != receipt.index + 1 {
+            let found = format!("one of size {}", checkpoint.size);
+            return Err(unexpected(
+                "the checkpoint that ends with the closing of the commitments",
+                found,
+            ));
+        }
+        Ok(Closing {
+            entry: receipt.index,
+            time_ms: entry.time_ms,
+            root: checkpoint.root,
+            commitments: closed.commitments,
+        })
+    }
+
+    fn randomness(
+        &self,
+        opened: &RoundOpened,
+        closing: &Closing,
+        receipt: rpc::Receipt,
+    ) -> Result<(Digest, Receipt), NodeError> {
+        let round = opened.round;
+        let (receipt, _, entry) = self.opened(receipt)?;
+        let drawn = match entry.body {
+            Body::RandomnessDrawn(drawn) if drawn.round == round => drawn,
+            _ => return Err(unexpected("the randomness of the round", "another entry")),
+        };
+        let context = DrawContext {
+            rules: &opened.rules,
+            origin: self.genesis().origin(),
+            log_key: &self.genesis().log_key,
+            closing,
+            recorded_ms: entry.time_ms,
+        };
+        let verified = drawn.drawing.verify(&context);
+        verified.map_err(|error| NodeError::Randomness { round, error })?;
+        let value = drawn.drawing.value();
+        let value = value.ok_or_else(|| unexpected("randomness", "something else"))?;
+        tracing::info!(
+            "round {round}: its randomness {value} comes from {}",
+            drawn.drawing
+        );
+        Ok((value, receipt))
+    }
+}
+
+/// Warns if the aggregator has shown the closing only after the beacon that it determines was known. An aggregator that records a
+/// closing later than the closing's time says can choose among beacons.
+fn warn_if_beacon_is_known(opened: &RoundOpened, closing: &Closing) {
+    let RandomnessSource::Drand(chain) = &opened.rules.randomness else {
+        return;
+    };
+    let now_ms = SystemTime::now().duration_since(UNIX_EPOCH);
+    let now_ms = now_ms.map_or(0, |since| since.as_millis() as u64);
+    let beacon = chain.round_after(closing.time_ms);
+    if now_ms > chain.time_ms(beacon) {
+        tracing::warn!(
+            "round {}: the aggregator showed the closing of the commitments {} ms after drand signed the beacon that it determines. \
+             If this machine's clock is right and the connection was not interrupted, the aggregator may have chosen the beacon",
+            opened.round,
+            now_ms - chain.time_ms(beacon)
+        );
+    }
+}

@@ -1,0 +1,239 @@
+//! The samples that a node's claims are about: those of the frames that a hash of the recording's episodes draws, in fixed point.
+//!
+//! They stay on disk. One is made at a time, and one is read at a time.
+
+use crate::error::ParticipantError;
+use crate::progress::Progress;
+use crate::recording::sample_files::SampleFiles;
+use crate::recording::Recording;
+use std::borrow::Cow;
+use std::path::Path;
+use zk0_circuits::claim::challenge::sample_indices;
+use zk0_circuits::claim::dataset::{leaf, salt_commitment};
+use zk0_circuits::claim::private_input::{Header, Opening};
+use zk0_circuits::model::sample::Sample;
+use zk0_circuits::model::weights::QuantisedWeights;
+use zk0_circuits::vm::merkle;
+use zk0_circuits::{DatasetCommitment, Digest, EvalSpec, NodeId, PrivateInput};
+use zk0_protocol::entries::signed::{DatasetRegistration, Episode};
+use zk0_protocol::evaluation_set::{distinct, draw, list_bytes, DrawnLeaf};
+use zk0_protocol::rules::bindings::ExpectedClaim;
+use zk0_smolvla::frames::batch::SampleSource;
+use zk0_smolvla::frames::prefix_cache::Key;
+use zk0_smolvla::frames::sample::PreparedSample;
+use zk0_smolvla::measure::fixed_point::quantise_sample;
+use zk0_smolvla::PolicyError;
+
+/// Who commits, in which network, and to how many frames.
+#[derive(Clone, Copy, Debug)]
+pub struct Commitment {
+    /// The network.
+    pub network: Digest,
+    /// How many frames are drawn.
+    pub frames: u32,
+    /// The node's secret salt.
+    pub salt: [u8; 32],
+}
+
+/// A node's evaluation set.
+pub struct EvaluationSet {
+    /// What the network learns about it.
+    pub commitment: DatasetCommitment,
+    /// The specification of the evaluation, at whose scales the samples are.
+    pub spec: EvalSpec,
+    by: Commitment,
+    episodes: Vec<Episode>,
+    list: Vec<DrawnLeaf>,
+    leaves: Vec<Digest>,
+    /// In the order of the leaves.
+    samples: Vec<Kept>,
+    /// The drawn frames, counted in the recording, in ascending order.
+    frames: Vec<usize>,
+    files: SampleFiles,
+}
+
+/// Where a sample comes from, and what it is.
+struct Kept {
+    /// Its frame in the recording.
+    frame: usize,
+    key: Key,
+    digest: Digest,
+}
+
+impl EvaluationSet {
+    /// Draws the frames, and makes the samples that are not in `folder` yet: one at a time, from `samples`, which are all frames of the
+    /// recording.
+    ///
+    /// # Errors
+    /// The frames cannot be drawn, or a sample cannot be made, does not fit the specification, or cannot be written.
+    pub fn prepare(
+        recording: &Recording,
+        samples: &dyn SampleSource<PreparedSample>,
+        spec: &EvalSpec,
+        by: Commitment,
+        folder: &Path,
+    ) -> Result<Self, ParticipantError> {
+        let episodes = recording.episodes();
+        let drawn = draw(&by.network, &episodes, by.frames).map_err(ParticipantError::Frames)?;
+        let files = SampleFiles::open(folder)?;
+        let mut progress = Progress::start("preparing the evaluation set", drawn.len() as u64);
+        let (mut list, mut all) = (Vec::new(), Vec::<Kept>::new());
+        for frame in drawn {
+            let place = recording.frame(frame).ok_or_else(|| missing(frame))?;
+            let key = recording.key(place);
+            let digest = match files.find(&key) {
+                Some(digest) => digest,
+                None => files.put(
+                    &key,
+                    &quantise_sample(spec, samples.sample(place)?.as_ref())?,
+                )?,
+            };
+            list.push(DrawnLeaf {
+                frame,
+                leaf: leaf(&by.salt, &digest),
+            });
+            all.push(Kept {
+                frame: place,
+                key,
+                digest,
+            });
+            progress.reached(list.len() as u64);
+        }
+        let leaves = distinct(&list);
+        let mut frames: Vec<usize> = all.iter().map(|kept| kept.frame).collect();
+        frames.sort_unstable();
+        let mut next = leaves.iter().peekable();
+        let firsts = list
+            .iter()
+            .zip(all)
+            .filter_map(|(drawn, kept)| next.next_if(|leaf| **leaf == drawn.leaf).map(|_| kept));
+        let samples: Vec<Kept> = firsts.collect();
+        let commitment = DatasetCommitment {
+            root: merkle::root(&leaves),
+            samples: leaves.len() as u64,
+            feature_spec: recording.feature_spec(),
+            salt_commitment: salt_commitment(&by.salt),
+        };
+        Ok(Self {
+            commitment,
+            spec: spec.clone(),
+            by,
+            episodes,
+            list,
+            leaves,
+            samples,
+            frames,
+            files,
+        })
+    }
+
+    /// The registration of the dataset by `node`, and the list of drawn frames that it names.
+    pub fn registration(&self, node: NodeId) -> (DatasetRegistration, Vec<u8>) {
+        let list = list_bytes(&self.list);
+        let registration = DatasetRegistration {
+            network: self.by.network,
+            node,
+            dataset: self.commitment,
+            evaluation_frames: self.by.frames,
+            leaves: zk0_circuits::vm::digest::sha256(&[&list]),
+            episodes: self.episodes.clone(),
+        };
+        (registration, list)
+    }
+
+    /// The drawn frames of the recording as samples for measuring a loss, of all frames as samples.
+    pub fn drawn<'a>(&'a self, all: &'a dyn SampleSource<PreparedSample>) -> Drawn<'a> {
+        Drawn {
+            frames: &self.frames,
+            all,
+        }
+    }
+
+    /// All that is needed to prove `expected`: the challenged samples with their paths, and both sets of weights. The samples are read
+    /// from the disk. One that is damaged is made again, from `all` frames of the recording.
+    ///
+    /// # Errors
+    /// The challenge asks for more samples than there are. A sample is damaged, and cannot be made again.
+    pub fn private_input(
+        &self,
+        all: &dyn SampleSource<PreparedSample>,
+        expected: &ExpectedClaim,
+        base: QuantisedWeights,
+        update: QuantisedWeights,
+    ) -> Result<PrivateInput, ParticipantError> {
+        let indices = sample_indices(
+            &expected.terms.challenge,
+            self.commitment.samples,
+            expected.terms.eval_samples,
+        )?;
+        let mut openings = Vec::with_capacity(indices.len());
+        for index in indices {
+            let at = usize::try_from(index).map_err(|_| missing(index))?;
+            let kept = self.samples.get(at).ok_or_else(|| missing(index))?;
+            openings.push(Opening {
+                index,
+                sample: self.read(all, kept)?,
+                path: merkle::path(&self.leaves, at).ok_or_else(|| missing(index))?,
+            });
+        }
+        let header = Header {
+            spec: self.spec.clone(),
+            terms: expected.terms,
+            disclosure: expected.disclosure,
+            salt: self.by.salt,
+        };
+        Ok(PrivateInput {
+            header,
+            base,
+            update,
+            openings,
+        })
+    }
+
+    fn read(
+        &self,
+        all: &dyn SampleSource<PreparedSample>,
+        kept: &Kept,
+    ) -> Result<Sample, ParticipantError> {
+        let damaged = match self.files.read(&self.spec.dims, &kept.key, &kept.digest) {
+            Err(damaged @ ParticipantError::BrokenFile { .. }) => damaged,
+            other => return other,
+        };
+        // The node has committed to its update. Without the sample it could not keep its promise.
+        tracing::warn!("{damaged}; the node makes the sample again");
+        let sample = quantise_sample(&self.spec, all.sample(kept.frame)?.as_ref())?;
+        match sample.digest() == kept.digest {
+            true => {
+                self.files.put(&kept.key, &sample)?;
+                Ok(sample)
+            }
+            false => Err(ParticipantError::OtherSample {
+                frame: kept.frame,
+                damaged: damaged.to_string(),
+            }),
+        }
+    }
+}
+
+/// The frames of an evaluation set, as samples for measuring a loss.
+pub struct Drawn<'a> {
+    frames: &'a [usize],
+    all: &'a dyn SampleSource<PreparedSample>,
+}
+
+impl SampleSource<PreparedSample> for Drawn<'_> {
+    fn len(&self) -> usize {
+        self.frames.len()
+    }
+
+    fn sample(&self, index: usize) -> Result<Cow<'_, PreparedSample>, PolicyError> {
+        match self.frames.get(index) {
+            Some(frame) => self.all.sample(*frame),
+            None => Err(missing(index as u64)),
+        }
+    }
+}
+
+fn missing(number: u64) -> PolicyError {
+    PolicyError::Sample(format!("the evaluation set has no sample {number}"))
+}

@@ -1,0 +1,199 @@
+//! A node's own recording. It trains on all frames, and commits to the samples of those that are drawn.
+//!
+//! - [`Recording`]: the recording, open, and its frames as samples. Each sample is made when it is needed, or read from the cache.
+//! - [`evaluation_set`]: the drawn samples in fixed point, and the commitment to them; [`sample_files`]: these samples on disk.
+//! - [`recompute`]: what an auditor does who has the recording.
+
+pub mod evaluation_set;
+pub mod recompute;
+pub mod sample_files;
+
+use crate::error::ParticipantError;
+use crate::samples::prepare;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::slice;
+use zk0_circuits::Digest;
+use zk0_lerobot::dataset::Dataset;
+use zk0_protocol::entries::signed::Episode;
+use zk0_smolvla::frames::prefix_cache::{
+    DiskCache, FrameMaker, FrameNames, FrameRef, FrameSource, Key, KeySpace,
+};
+use zk0_smolvla::frames::sample::{PreparedSample, Preparer};
+use zk0_smolvla::policy::frozen::FrozenPlace;
+use zk0_smolvla::policy::policy_file::{self, PolicyFile};
+use zk0_smolvla::policy::tokenizer::PolicyTokenizer;
+use zk0_smolvla::{PolicyConfig, PolicyError};
+
+/// A recording that is open, with the policy that makes samples of its frames.
+pub struct Recording<'c> {
+    dataset: Dataset,
+    policy: PathBuf,
+    config: PolicyConfig,
+    tokenizer: PolicyTokenizer,
+    cache: Option<&'c DiskCache>,
+    frames: Vec<FrameRef>,
+    episodes: Vec<Placed>,
+}
+
+/// An episode, and where it is.
+struct Placed {
+    episode: Episode,
+    /// Its first frame, as registrations count frames.
+    first: u64,
+    /// Its first frame in the recording.
+    start: usize,
+}
+
+impl<'c> Recording<'c> {
+    /// Opens the LeRobotDataset in `path`, whose frames the policy in the file `policy` makes into samples. The policy's tokenizer reads
+    /// the instructions. Samples that are in `cache` are not computed again; they are the same bits.
+    ///
+    /// # Errors
+    /// The recording, the policy or the cache cannot be read.
+    pub fn open(
+        path: &Path,
+        policy: &Path,
+        cache: Option<&'c DiskCache>,
+    ) -> Result<Self, ParticipantError> {
+        let dataset = Dataset::open(path)?;
+        let file = policy_file::load(policy)?;
+        let frames = named_frames(&dataset, &file, cache)?;
+        let episodes = placed(&dataset)?;
+        // The weights are read again when the first sample has to be made. They take gigabytes.
+        let PolicyFile {
+            policy: weights,
+            tokenizer,
+        } = file;
+        Ok(Self {
+            dataset,
+            policy: policy.into(),
+            config: weights.config,
+            tokenizer,
+            cache,
+            frames,
+            episodes,
+        })
+    }
+
+    /// The dimensions of the policy.
+    pub fn config(&self) -> &PolicyConfig {
+        &self.config
+    }
+
+    /// The number of its frames.
+    pub fn len(&self) -> usize {
+        self.frames.len()
+    }
+
+    /// Whether there are no frames. A recording without frames cannot be opened, so this is `false`.
+    pub fn is_empty(&self) -> bool {
+        self.frames.is_empty()
+    }
+
+    /// Its episodes as a registration names them: in ascending order of their digests, and each once.
+    pub fn episodes(&self) -> Vec<Episode> {
+        self.episodes.iter().map(|placed| placed.episode).collect()
+    }
+
+    /// Digest of its features.
+    pub fn feature_spec(&self) -> Digest {
+        Digest(self.dataset.feature_spec_digest(self.config.chunk_size))
+    }
+
+    /// The frame of the recording that registrations call `frame`; `None` if there is no such frame.
+    pub fn frame(&self, frame: u64) -> Option<usize> {
+        let at = self
+            .episodes
+            .partition_point(|placed| placed.first <= frame)
+            .checked_sub(1)?;
+        let Placed {
+            episode,
+            first,
+            start,
+        } = &self.episodes[at];
+        let within = frame - first;
+        (within < u64::from(episode.frames)).then(|| start + within as usize)
+    }
+
+    /// The name of a frame's sample, which says everything that decides the sample.
+    fn key(&self, frame: usize) -> Key {
+        self.frames[frame].key
+    }
+
+    /// What makes samples of frames. It reads the frozen half of the policy when the first sample has to be made.
+    pub fn maker(&self) -> FrameMaker<'_> {
+        let load = move || {
+            let file = policy_file::load(&self.policy)?;
+            Preparer::at(&FrozenPlace::default(), file.policy, &self.tokenizer)
+        };
+        FrameMaker::new(slice::from_ref(&self.dataset), self.config.chunk_size, load)
+    }
+
+    /// All frames as samples, one at a time: from the cache as far as they are in it, or else made, and kept there as far as its
+    /// budget goes.
+    pub fn samples<'m, 's>(
+        &'s self,
+        maker: &'m FrameMaker<'s>,
+    ) -> FrameSource<'m, 's, PreparedSample>
+    where
+        'c: 'm,
+    {
+        FrameSource::new(self.cache, maker, self.frames.clone())
+    }
+}
+
+fn placed(dataset: &Dataset) -> Result<Vec<Placed>, ParticipantError> {
+    let mut unique = BTreeMap::new();
+    for (digest, episode) in dataset.episode_digests().zip(dataset.episodes()) {
+        let count = episode.frames.len();
+        let frames = u32::try_from(count).map_err(|_| {
+            let number = episode.index;
+            PolicyError::Sample(format!(
+                "episode {number} has {count} frames, more than an episode can have"
+            ))
+        })?;
+        // A repeated episode counts once.
+        unique
+            .entry(Digest(digest))
+            .or_insert((frames, episode.frames.start));
+    }
+    let mut first = 0;
+    let placed = unique.into_iter().map(|(digest, (frames, start))| {
+        let placed = Placed {
+            episode: Episode { digest, frames },
+            first,
+            start,
+        };
+        first += u64::from(frames);
+        placed
+    });
+    Ok(placed.collect())
+}
+
+/// All frames of a recording, with their names in caches.
+fn named_frames(
+    dataset: &Dataset,
+    file: &PolicyFile,
+    cache: Option<&DiskCache>,
+) -> Result<Vec<FrameRef>, ParticipantError> {
+    let PolicyFile { policy, tokenizer } = file;
+    let space = KeySpace::new::<PreparedSample>(policy, &FrozenPlace::default());
+    let all: Vec<usize> = (0..dataset.len()).collect();
+    let mut names = FrameNames::new(space, &policy.config, tokenizer, cache);
+    Ok(names.frames(0, dataset, &all)?)
+}
+
+/// All frames of the recording as samples in memory, for small recordings. Samples that are in `cache` are not computed again.
+pub fn prepare_samples(
+    dataset: &Dataset,
+    file: &PolicyFile,
+    cache: Option<&DiskCache>,
+) -> Result<Vec<PreparedSample>, ParticipantError> {
+    let PolicyFile { policy, tokenizer } = file;
+    let frames = named_frames(dataset, file, cache)?;
+    let maker = FrameMaker::new(slice::from_ref(dataset), policy.config.chunk_size, || {
+        Preparer::new(policy, tokenizer)
+    });
+    Ok(prepare(cache, &maker, frames)?.into_samples()?)
+}

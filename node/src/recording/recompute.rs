@@ -1,0 +1,104 @@
+//! What an auditor does who has a node's recording and its salt: draws the frames, makes their samples, and compares the leaves.
+
+use crate::error::ParticipantError;
+use crate::progress::Progress;
+use crate::recording::Recording;
+use zk0_circuits::claim::dataset::{leaf, salt_commitment};
+use zk0_circuits::{Digest, EvalSpec};
+use zk0_protocol::entries::signed::{DatasetRegistration, Episode};
+use zk0_protocol::evaluation_set::DrawnLeaf;
+use zk0_smolvla::frames::batch::SampleSource;
+use zk0_smolvla::frames::sample::PreparedSample;
+use zk0_smolvla::measure::fixed_point::quantise_sample;
+
+/// Most differing frames that are named.
+const NAMED: usize = 8;
+
+/// What an auditor found.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Recomputed {
+    /// All samples of the registration are those of the recording.
+    Same {
+        /// How many frames were drawn and compared.
+        frames: u64,
+    },
+    /// The salt is not the one that the registration commits to.
+    OtherSalt,
+    /// The recording has other features than the registration says.
+    OtherFeatures {
+        /// Those of the recording.
+        found: Digest,
+    },
+    /// The recording has other episodes than the registration names.
+    OtherEpisodes {
+        /// Registered, but not in the recording with this number of frames.
+        missing: Vec<Digest>,
+        /// In the recording, but not registered with this number of frames.
+        extra: Vec<Digest>,
+    },
+    /// Frames of the recording give other samples.
+    OtherSamples {
+        /// The first of the differing frames, as the registration counts them.
+        frames: Vec<u64>,
+        /// How many differ.
+        differ: u64,
+        /// How many were compared.
+        of: u64,
+    },
+}
+
+/// Compares a registration, whose checked list of drawn frames is `list`, with the recording. `samples` are all frames of the recording. One
+/// sample is in memory at a time.
+///
+/// # Errors
+/// The recording or the policy cannot be read, or a sample does not fit the specification.
+pub fn recompute(
+    recording: &Recording,
+    samples: &dyn SampleSource<PreparedSample>,
+    spec: &EvalSpec,
+    registration: &DatasetRegistration,
+    list: &[DrawnLeaf],
+    salt: &[u8; 32],
+) -> Result<Recomputed, ParticipantError> {
+    if salt_commitment(salt) != registration.dataset.salt_commitment {
+        return Ok(Recomputed::OtherSalt);
+    }
+    let found = recording.feature_spec();
+    if found != registration.dataset.feature_spec {
+        return Ok(Recomputed::OtherFeatures { found });
+    }
+    let own = recording.episodes();
+    if own != registration.episodes {
+        let other = |all: &[Episode], among: &[Episode]| {
+            let others = all.iter().filter(|episode| !among.contains(episode));
+            others.map(|episode| episode.digest).collect()
+        };
+        return Ok(Recomputed::OtherEpisodes {
+            missing: other(&registration.episodes, &own),
+            extra: other(&own, &registration.episodes),
+        });
+    }
+    let of = list.len() as u64;
+    let mut progress = Progress::start("comparing samples", of);
+    let (mut frames, mut differ) = (Vec::new(), 0);
+    for (done, listed) in (1..).zip(list) {
+        let same = match recording.frame(listed.frame) {
+            Some(place) => {
+                let sample = quantise_sample(spec, samples.sample(place)?.as_ref())?;
+                leaf(salt, &sample.digest()) == listed.leaf
+            }
+            None => false,
+        };
+        if !same {
+            differ += 1;
+            if frames.len() < NAMED {
+                frames.push(listed.frame);
+            }
+        }
+        progress.reached(done);
+    }
+    Ok(match differ {
+        0 => Recomputed::Same { frames: of },
+        _ => Recomputed::OtherSamples { frames, differ, of },
+    })
+}

@@ -1,0 +1,171 @@
+//! The samples of an evaluation set on disk: one file each.
+//!
+//! `FRAME-SAMPLE.sample`, where FRAME is the name of the frame in prefix caches, and SAMPLE is the digest of the content. So a node that
+//! starts again knows all samples by their names, and reads only those that a claim needs. Whoever reads a file checks its digest.
+
+use crate::error::ParticipantError;
+use crate::state_files::{self, broken};
+use std::collections::HashMap;
+use std::ffi::OsStr;
+use std::fs;
+use std::path::{Path, PathBuf};
+use zk0_circuits::model::sample::Sample;
+use zk0_circuits::model::spec::Dims;
+use zk0_circuits::Digest;
+use zk0_files::atomic_file::UNFINISHED;
+use zk0_smolvla::frames::prefix_cache::Key;
+
+/// A folder of samples.
+pub struct SampleFiles {
+    folder: PathBuf,
+    /// What was there when it was opened.
+    known: HashMap<Key, Digest>,
+}
+
+impl SampleFiles {
+    /// Opens `folder`, which is made if it is not there. What a killed process has left unfinished is removed.
+    ///
+    /// # Errors
+    /// The folder cannot be made, or not be read.
+    pub fn open(folder: &Path) -> Result<Self, ParticipantError> {
+        fs::create_dir_all(folder).map_err(state_files::at(folder))?;
+        let mut known = HashMap::new();
+        for file in fs::read_dir(folder).map_err(state_files::at(folder))? {
+            let name = file.map_err(state_files::at(folder))?.file_name();
+            let path = folder.join(&name);
+            if name.to_string_lossy().ends_with(UNFINISHED) {
+                fs::remove_file(&path).map_err(state_files::at(&path))?;
+            } else if let Some((key, digest)) = parsed(&name) {
+                known.insert(key, digest);
+            }
+        }
+        Ok(Self {
+            folder: folder.into(),
+            known,
+        })
+    }
+
+    /// The digest of a frame's sample, if its file was there when the folder was opened.
+    pub fn find(&self, key: &Key) -> Option<Digest> {
+        self.known.get(key).copied()
+    }
+
+    /// Writes a sample. It is on disk when this returns. Returns its digest.
+    ///
+    /// # Errors
+    /// It cannot be written.
+    pub fn put(&self, key: &Key, sample: &Sample) -> Result<Digest, ParticipantError> {
+        let digest = sample.digest();
+        state_files::write(&self.path(key, &digest), sample.as_bytes())?;
+        Ok(digest)
+    }
+
+    /// Reads a sample, and checks its digest.
+    ///
+    /// # Errors
+    /// The file cannot be read. [`ParticipantError::BrokenFile`]: it is not there, or holds another sample.
+    pub fn read(
+        &self,
+        dims: &Dims,
+        key: &Key,
+        digest: &Digest,
+    ) -> Result<Sample, ParticipantError> {
+        let path = self.path(key, digest);
+        let most = Sample::byte_len(dims, dims.max_prefix as usize) as u64;
+        let bytes = state_files::read(&path, most)?
+            .ok_or_else(|| broken(&path, "it is not there any more".into()))?;
+        let sample =
+            Sample::from_bytes(dims, &bytes).map_err(|error| broken(&path, error.to_string()))?;
+        match sample.digest() {
+            found if found == *digest => Ok(sample),
+            found => Err(broken(&path, format!("its digest is {found}"))),
+        }
+    }
+
+    fn path(&self, key: &Key, digest: &Digest) -> PathBuf {
+        self.folder.join(format!("{key}-{digest}.sample"))
+    }
+}
+
+fn parsed(name: &OsStr) -> Option<(Key, Digest)> {
+    let (key, digest) = name.to_str()?.strip_suffix(".sample")?.split_once('-')?;
+    // Both are 32 bytes in hexadecimal.
+    let key: Digest = key.parse().ok()?;
+    Some((Key(key.0), digest.parse().ok()?))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use zk0_circuits::model::sample::SampleParts;
+    use zk0_circuits::EvalSpec;
+
+    const KEY: Key = Key([7; 32]);
+
+    fn sample(value: f32) -> Sample {
+        let dims = Dims::MICRO;
+        let cache = vec![value; 3 * dims.kv_width()];
+        let layers = vec![(&cache[..], &cache[..]); dims.layers as usize];
+        let actions = vec![0.5; (dims.chunk * dims.max_action_dim) as usize];
+        let parts = SampleParts {
+            cache: &layers,
+            actions: &actions,
+            is_pad: &vec![false; dims.chunk as usize],
+        };
+        Sample::quantise(&EvalSpec::micro(), parts).unwrap()
+    }
+
+    #[test]
+    fn a_sample_comes_back_and_its_name_tells_its_digest() {
+        let dir = tempfile::tempdir().unwrap();
+        let files = SampleFiles::open(dir.path()).unwrap();
+        assert_eq!(files.find(&KEY), None);
+        let digest = files.put(&KEY, &sample(0.25)).unwrap();
+        assert_eq!(digest, sample(0.25).digest());
+        fs::write(dir.path().join("half.sample.1-0.unfinished"), b"half").unwrap();
+        fs::write(dir.path().join("notes.txt"), b"of the operator").unwrap();
+
+        let again = SampleFiles::open(dir.path()).unwrap();
+        assert_eq!(again.find(&KEY), Some(digest));
+        assert_eq!(again.find(&Key([8; 32])), None);
+        assert_eq!(
+            again.read(&Dims::MICRO, &KEY, &digest).unwrap(),
+            sample(0.25)
+        );
+        assert_eq!(
+            fs::read_dir(dir.path()).unwrap().count(),
+            2,
+            "what was unfinished is removed, and the operator's file stays"
+        );
+    }
+
+    #[test]
+    fn a_damaged_or_lost_file_is_an_error_that_names_it() {
+        let dir = tempfile::tempdir().unwrap();
+        let files = SampleFiles::open(dir.path()).unwrap();
+        let digest = files.put(&KEY, &sample(0.25)).unwrap();
+        let path = files.path(&KEY, &digest);
+        let good = fs::read(&path).unwrap();
+        let mut flipped = good.clone();
+        let in_the_cache = flipped.len() - 16;
+        flipped[in_the_cache] ^= 1;
+        let longer = [&good[..], &vec![0; 1 << 20]].concat();
+        let other = sample(0.5).as_bytes().to_vec();
+        for (bytes, why) in [
+            (&flipped, "its digest is"),
+            (&other, "its digest is"),
+            (&good[..40].to_vec(), "takes"),
+            (&Vec::new(), "prefix tokens"),
+            (&longer, "more than"),
+        ] {
+            fs::write(&path, bytes).unwrap();
+            let error = files.read(&Dims::MICRO, &KEY, &digest).unwrap_err();
+            let said = error.to_string();
+            assert!(said.contains(why) && said.contains("-"), "{said}");
+            assert!(said.contains(".sample is not what this node wrote there"));
+        }
+        fs::remove_file(&path).unwrap();
+        let error = files.read(&Dims::MICRO, &KEY, &digest).unwrap_err();
+        assert!(error.to_string().contains("not there any more"), "{error}");
+    }
+}

@@ -1,0 +1,109 @@
+//! An auditor who has the recording and the salt finds out whether the registered samples are those of the recording.
+
+use crate::made_recording::{make, Episode};
+use crate::setting::{pickplace, Setting, SALT};
+use std::path::Path;
+use zk0_circuits::Digest;
+use zk0_node::recording::recompute::{recompute, Recomputed};
+use zk0_node::recording::Recording;
+use zk0_protocol::entries::signed::DatasetRegistration;
+use zk0_protocol::evaluation_set::DrawnLeaf;
+
+struct Audited {
+    setting: Setting,
+    registration: DatasetRegistration,
+    list: Vec<DrawnLeaf>,
+}
+
+impl Audited {
+    fn new() -> Self {
+        let setting = Setting::new();
+        let (registration, list) = setting.registered(&pickplace(), None, 40);
+        let list = registration.read_list(&list).unwrap();
+        Self {
+            setting,
+            registration,
+            list,
+        }
+    }
+
+    fn with(&self, recording: &Path, salt: [u8; 32]) -> Recomputed {
+        let recording = Recording::open(recording, &self.setting.policy(), None).unwrap();
+        let maker = recording.maker();
+        let samples = recording.samples(&maker);
+        let spec = &self.setting.spec;
+        let (registration, list) = (&self.registration, &self.list);
+        recompute(&recording, &samples, spec, registration, list, &salt).unwrap()
+    }
+}
+
+#[test]
+fn the_recording_gives_the_registered_samples() {
+    let audited = Audited::new();
+    let same = Recomputed::Same { frames: 40 };
+    assert_eq!(audited.with(&pickplace(), SALT), same);
+    assert_eq!(audited.with(&pickplace(), [4; 32]), Recomputed::OtherSalt);
+}
+
+/// The node has committed to values that it likes better than those of its recording.
+#[test]
+fn an_invented_sample_is_found() {
+    let mut audited = Audited::new();
+    audited.list[17].leaf = Digest([9; 32]);
+    let found = Recomputed::OtherSamples {
+        frames: vec![audited.list[17].frame],
+        differ: 1,
+        of: 40,
+    };
+    assert_eq!(audited.with(&pickplace(), SALT), found);
+    // The recording's pictures were exchanged after the node had recorded them.
+    let mut audited = Audited::new();
+    for drawn in &mut audited.list {
+        drawn.leaf = Digest([9; 32]);
+    }
+    match audited.with(&pickplace(), SALT) {
+        Recomputed::OtherSamples {
+            frames,
+            differ: 40,
+            of: 40,
+        } => assert_eq!(frames.len(), 8),
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn another_recording_is_named_by_its_episodes_or_features() {
+    let mut audited = Audited::new();
+    let dir = tempfile::tempdir().unwrap();
+    let episode = Episode {
+        seed: 1,
+        frames: 20,
+        still: false,
+    };
+    make(dir.path(), &[episode]);
+    match audited.with(dir.path(), SALT) {
+        Recomputed::OtherEpisodes { missing, extra } => {
+            let registered = audited.registration.episodes.iter();
+            assert_eq!(
+                missing,
+                registered.map(|one| one.digest).collect::<Vec<_>>()
+            );
+            assert_eq!(extra.len(), 1);
+        }
+        other => panic!("{other:?}"),
+    }
+    // A registration with another number of frames in an episode would draw others.
+    audited.registration.episodes[2].frames += 1;
+    let wrong = vec![audited.registration.episodes[2].digest];
+    match audited.with(&pickplace(), SALT) {
+        Recomputed::OtherEpisodes { missing, extra } => {
+            assert_eq!((missing, extra), (wrong.clone(), wrong));
+        }
+        other => panic!("{other:?}"),
+    }
+    let other = pickplace().with_file_name("so101_pickplace");
+    assert!(matches!(
+        audited.with(&other, SALT),
+        Recomputed::OtherFeatures { .. }
+    ));
+}

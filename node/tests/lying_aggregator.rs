@@ -1,0 +1,260 @@
+//! A node believes nothing that an aggregator says of a round's randomness. The aggregator of these tests holds the log's key, and shows
+//! the node whatever a test makes up.
+
+#[path = "../../protocol/tests/network/mod.rs"]
+mod network;
+
+use network::log::MemoryLog;
+use network::*;
+use std::pin::Pin;
+use tokio::net::TcpListener;
+use tokio_stream::wrappers::TcpListenerStream;
+use tokio_stream::Stream;
+use tonic::transport::Server;
+use tonic::{Request, Response, Status, Streaming};
+use zk0_node::client::Node;
+use zk0_node::client_error::NodeError;
+use zk0_protocol::challenge::closing;
+use zk0_protocol::challenge::drand::DrandChain;
+use zk0_protocol::challenge::drawing::{DrawError, Drawing};
+use zk0_protocol::challenge::source::RandomnessSource;
+use zk0_protocol::challenge::vrf::VrfProof;
+use zk0_protocol::entries::entry::{RandomnessDrawn, RoundOpened};
+use zk0_protocol::rpc::federation as rpc;
+use zk0_protocol::rpc::federation::federation_server::{Federation, FederationServer};
+use zk0_protocol::{Body, Receipt};
+
+/// A ledger in memory, with one round in it.
+struct Told {
+    chain: Chain,
+    leaves: Vec<Vec<u8>>,
+    opened: RoundOpened,
+    /// The entry that closed the commitments.
+    closing: u64,
+}
+
+impl Told {
+    /// A network in which node 0 has committed and the commitments are closed.
+    fn new() -> Self {
+        let mut chain = Chain::new();
+        let genesis = entry(T0, Body::Genesis(genesis())).encode().unwrap();
+        let mut leaves = vec![genesis];
+        let mut apply = |chain: &mut Chain, body: Body| {
+            chain.apply(body.clone());
+            leaves.push(entry(chain.time_ms, body).encode().unwrap());
+        };
+        apply(&mut chain, enrolled(0));
+        let network = *chain.state.network();
+        apply(&mut chain, registered(&network, 0));
+        let opened = opened(&chain.state, chain.time_ms + 1);
+        apply(&mut chain, Body::RoundOpened(opened.clone()));
+        let commitment = committed(&chain.state, 0, weights(0x10));
+        apply(&mut chain, commitment);
+        let closing = chain.state.entries();
+        let closed = commitments_closed(&chain.state);
+        apply(&mut chain, Body::CommitmentsClosed(closed));
+        Self {
+            chain,
+            leaves,
+            opened,
+            closing,
+        }
+    }
+
+    /// Records what the rules may forbid.
+    fn record(&mut self, body: Body) -> u64 {
+        self.chain.time_ms += 1;
+        let entry = entry(self.chain.time_ms, body);
+        self.leaves.push(entry.encode().unwrap());
+        self.leaves.len() as u64 - 1
+    }
+
+    /// The receipt of an entry in the tree of the first `size` entries.
+    fn receipt(&self, index: u64, size: u64) -> Option<rpc::Receipt> {
+        let receipt: Receipt = MemoryLog::of(&self.leaves[..size as usize]).receipt(index);
+        Some(receipt.into())
+    }
+
+    fn round(&self, randomness: Option<u64>) -> rpc::RoundInfo {
+        let all = self.leaves.len() as u64;
+        rpc::RoundInfo {
+            commitments_closed: self.receipt(self.closing, self.closing + 1),
+            randomness: randomness.and_then(|index| self.receipt(index, all)),
+            ..rpc::RoundInfo::default()
+        }
+    }
+
+    /// The challenge that node 0 derives from what it is shown, or why it derives none.
+    async fn shown(
+        &self,
+        round: rpc::RoundInfo,
+        opened: &RoundOpened,
+    ) -> Result<zk0_circuits::Digest, NodeError> {
+        let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+        let url = format!("http://{}", listener.local_addr().unwrap());
+        let whole = MemoryLog::of(&self.leaves);
+        let checkpoint = whole.receipt(0).checkpoint;
+        let lying = Lying {
+            genesis: self.leaves[0].clone(),
+            checkpoint: String::from_utf8(checkpoint).unwrap(),
+            round,
+        };
+        let serving = Server::builder()
+            .add_service(FederationServer::new(lying))
+            .serve_with_incoming(TcpListenerStream::new(listener));
+        let server = tokio::spawn(serving);
+        let network = *self.chain.state.network();
+        let mut node = Node::connect(url, network, key(0)).await.unwrap();
+        let statement = commitment(&self.chain.state, 0, weights(0x10));
+        let commitment = closing::commitment(&statement);
+        let challenge = node.wait_for_challenge(opened, &commitment).await;
+        server.abort();
+        challenge.map(|(challenge, _)| challenge)
+    }
+}
+
+struct Lying {
+    genesis: Vec<u8>,
+    checkpoint: String,
+    round: rpc::RoundInfo,
+}
+
+type Answer<T> = Result<Response<T>, Status>;
+
+/// What the tests never ask for.
+fn not_asked<T>() -> Answer<T> {
+    Err(Status::unimplemented("no test asks for this"))
+}
+
+#[tonic::async_trait]
+impl Federation for Lying {
+    async fn get_network(&self, _: Request<rpc::GetNetworkRequest>) -> Answer<rpc::NetworkInfo> {
+        Ok(Response::new(rpc::NetworkInfo {
+            genesis: self.genesis.clone(),
+            checkpoint: self.checkpoint.clone(),
+        }))
+    }
+
+    async fn get_round(&self, _: Request<rpc::GetRoundRequest>) -> Answer<rpc::RoundInfo> {
+        Ok(Response::new(self.round.clone()))
+    }
+
+    type DownloadStream = Pin<Box<dyn Stream<Item = Result<rpc::Chunk, Status>> + Send>>;
+
+    async fn download(&self, _: Request<rpc::DownloadRequest>) -> Answer<Self::DownloadStream> {
+        not_asked()
+    }
+
+    async fn register_dataset(
+        &self,
+        _: Request<rpc::RegisterDatasetRequest>,
+    ) -> Answer<rpc::Receipt> {
+        not_asked()
+    }
+
+    async fn upload(&self, _: Request<Streaming<rpc::UploadChunk>>) -> Answer<rpc::UploadReply> {
+        not_asked()
+    }
+
+    async fn commit(&self, _: Request<rpc::CommitRequest>) -> Answer<rpc::Receipt> {
+        not_asked()
+    }
+
+    async fn submit(&self, _: Request<rpc::SubmitRequest>) -> Answer<rpc::SubmitReply> {
+        not_asked()
+    }
+
+    async fn record(&self, _: Request<rpc::RecordRequest>) -> Answer<rpc::Receipt> {
+        not_asked()
+    }
+
+    async fn get_governance(
+        &self,
+        _: Request<rpc::GetGovernanceRequest>,
+    ) -> Answer<rpc::GovernanceInfo> {
+        not_asked()
+    }
+}
+
+fn wrong(result: Result<zk0_circuits::Digest, NodeError>) -> DrawError {
+    match result {
+        Err(NodeError::Randomness { error, .. }) => error,
+        other => panic!("{other:?}"),
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn the_challenge_is_the_one_that_the_ledger_expects() {
+    let mut told = Told::new();
+    let drawing = Body::RandomnessDrawn(drawn(&told.chain.state));
+    told.chain.apply(drawing.clone());
+    told.chain.time_ms -= 1;
+    let index = told.record(drawing);
+    let challenge = told.shown(told.round(Some(index)), &told.opened).await;
+    let expected = told.chain.state.expected_claim(&id(0)).unwrap();
+    assert_eq!(challenge.unwrap(), expected.terms.challenge);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn randomness_that_somebody_chose_is_no_randomness() {
+    let commitments = commitments_closed(&Told::new().chain.state).commitments;
+    for proof in [
+        VrfProof::of(&key(0), &commitments.0),
+        VrfProof::of(&log_key(), &digest(1).0),
+    ] {
+        let mut told = Told::new();
+        let drawing = Drawing::LogVrf(proof);
+        let index = told.record(Body::RandomnessDrawn(RandomnessDrawn { round: 0, drawing }));
+        let error = wrong(told.shown(told.round(Some(index)), &told.opened).await);
+        assert_eq!(error, DrawError::Vrf(commitments));
+    }
+    // The rules ask for a beacon, and the aggregator takes its own key.
+    let mut told = Told::new();
+    let index = told.record(Body::RandomnessDrawn(drawn(&told.chain.state)));
+    let mut opened = told.opened.clone();
+    opened.rules.randomness = RandomnessSource::Drand(Box::new(DrandChain::quicknet()));
+    let error = wrong(told.shown(told.round(Some(index)), &opened).await);
+    assert!(matches!(error, DrawError::OtherSource { .. }));
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn other_entries_are_not_taken_for_the_closing_or_the_randomness() {
+    let mut told = Told::new();
+    let index = told.record(Body::RandomnessDrawn(drawn(&told.chain.state)));
+    let all = told.leaves.len() as u64;
+    let right = told.round(Some(index));
+    let other_closing = rpc::RoundInfo {
+        commitments_closed: told.receipt(1, 2),
+        ..right.clone()
+    };
+    // The closing with a checkpoint of a later tree, of which witnesses would sign something else.
+    let later = rpc::RoundInfo {
+        commitments_closed: told.receipt(told.closing, all),
+        ..right.clone()
+    };
+    let other_randomness = rpc::RoundInfo {
+        randomness: told.receipt(2, all),
+        ..right
+    };
+    for round in [other_closing, later, other_randomness] {
+        let refused = told.shown(round, &told.opened).await;
+        assert!(
+            matches!(refused, Err(NodeError::Unexpected { .. })),
+            "{refused:?}"
+        );
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_round_that_closed_without_randomness_is_over_for_the_node() {
+    let told = Told::new();
+    let round = rpc::RoundInfo {
+        closed: told.receipt(told.closing, told.closing + 1),
+        ..told.round(None)
+    };
+    let over = told.shown(round, &told.opened).await;
+    assert!(
+        matches!(over, Err(NodeError::NoRandomness { round: 0 })),
+        "{over:?}"
+    );
+}

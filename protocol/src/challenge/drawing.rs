@@ -1,0 +1,199 @@
+//! What the ledger records of a round's randomness, and how it is verified: by the state machine in every replay, and by each node
+//! before it makes a claim.
+
+use crate::challenge::closing::Closing;
+use crate::challenge::drand::BeaconSignature;
+use crate::challenge::source::RandomnessSource;
+use crate::challenge::vrf::VrfProof;
+use crate::rules::network_rules::Rules;
+use crate::tlog::checkpoint::{Checkpoint, CheckpointError};
+use borsh::{BorshDeserialize, BorshSerialize};
+use std::fmt;
+use zk0_circuits::vm::digest::{sha256, tagged_sha256};
+use zk0_circuits::Digest;
+
+/// A cosignature as notes hold it: the time in POSIX seconds (8 bytes, big-endian) and an ed25519 signature.
+pub type Cosignature = [u8; 72];
+
+/// The randomness, with whatever shows that it comes from its source.
+#[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
+pub enum Drawing {
+    /// The proof of the log's verifiable random function for the round's commitments.
+    LogVrf(VrfProof),
+    /// The cosignatures of the checkpoint that ends with the closing: one of each witness, in the order in which the rules name the
+    /// witnesses.
+    Witnesses(Vec<Cosignature>),
+    /// A beacon.
+    Drand {
+        /// The beacon's round.
+        round: u64,
+        /// The signature of the round.
+        signature: BeaconSignature,
+    },
+}
+
+/// Why the randomness of a round is not what an entry says.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum DrawError {
+    /// It comes from another source than the rules name.
+    #[error("it comes from {found}, but the rules ask for {expected}")]
+    OtherSource {
+        found: &'static str,
+        expected: String,
+    },
+    /// The proof of the log's function does not verify.
+    #[error("the proof is not the proof of the log's key for the commitments {0}")]
+    Vrf(Digest),
+    /// The beacon is of an earlier or later round than the closing determines.
+    #[error(
+        "the beacon is of drand round {found}, but the closing of the commitments determines round {expected}"
+    )]
+    OtherRound { found: u64, expected: u64 },
+    /// The signature of the beacon does not verify.
+    #[error("the signature of drand round {round} does not verify with the public key in the rules, that of chain {chain}")]
+    BeaconSignature { round: u64, chain: String },
+    /// The entry that holds a beacon has a time before the beacon.
+    #[error("the entry's time is {early_ms} ms before drand signs round {round}")]
+    BeforeBeacon { round: u64, early_ms: u64 },
+    /// The rules name no witnesses, or the log's name cannot be in a checkpoint.
+    #[error("the closing cannot be cosigned: {0}")]
+    NoCheckpoint(String),
+    /// There are more or fewer cosignatures than the rules name witnesses.
+    #[error("there are {found} cosignatures, but the rules name {expected} witnesses, and all of them have to cosign the closing")]
+    OtherCount { found: usize, expected: usize },
+    /// A cosignature does not verify.
+    #[error("the cosignature of witness {witness} is not one of the checkpoint of {size} entries with root {root}")]
+    BadCosignature {
+        witness: String,
+        size: u64,
+        root: Digest,
+    },
+}
+
+impl From<CheckpointError> for DrawError {
+    fn from(error: CheckpointError) -> Self {
+        Self::NoCheckpoint(error.to_string())
+    }
+}
+
+/// What a drawing is verified against.
+#[derive(Clone, Copy, Debug)]
+pub struct DrawContext<'a> {
+    /// The rules in force, which name the source.
+    pub rules: &'a Rules,
+    /// The log's name.
+    pub origin: &'a str,
+    /// The log's key.
+    pub log_key: &'a [u8; 32],
+    /// How the commitments closed.
+    pub closing: &'a Closing,
+    /// When the drawing is recorded, in Unix milliseconds.
+    pub recorded_ms: u64,
+}
+
+impl Drawing {
+    /// The randomness, if this is well-formed. Only [`Drawing::verify`] says whether it is what the rules determine.
+    pub fn value(&self) -> Option<Digest> {
+        match self {
+            Self::LogVrf(proof) => {
+                let output = proof.output()?;
+                Some(tagged_sha256("zk0/randomness-of-vrf/v1", &[&output]))
+            }
+            Self::Witnesses(cosignatures) => {
+                let parts: Vec<&[u8]> = cosignatures.iter().map(|bytes| &bytes[..]).collect();
+                Some(tagged_sha256("zk0/randomness-of-witnesses/v1", &parts))
+            }
+            // drand publishes this as the round's randomness.
+            Self::Drand { signature, .. } => Some(sha256(&[signature])),
+        }
+    }
+
+    /// Checks that this is what the source in the rules determines for this closing.
+    pub fn verify(&self, context: &DrawContext<'_>) -> Result<(), DrawError> {
+        let closing = context.closing;
+        match (self, &context.rules.randomness) {
+            (Self::LogVrf(proof), RandomnessSource::LogVrf) => {
+                let output = proof.verify(context.log_key, &closing.commitments.0);
+                output.map(drop).ok_or(DrawError::Vrf(closing.commitments))
+            }
+            (Self::Drand { round, signature }, RandomnessSource::Drand(chain)) => {
+                let expected = chain.round_after(closing.time_ms);
+                if *round != expected {
+                    return Err(DrawError::OtherRound {
+                        found: *round,
+                        expected,
+                    });
+                }
+                let early_ms = chain.time_ms(expected).saturating_sub(context.recorded_ms);
+                if early_ms > 0 {
+                    return Err(DrawError::BeforeBeacon {
+                        round: expected,
+                        early_ms,
+                    });
+                }
+                match chain.signed(expected, signature) {
+                    true => Ok(()),
+                    false => Err(DrawError::BeaconSignature {
+                        round: expected,
+                        chain: hex::encode(chain.hash),
+                    }),
+                }
+            }
+            (Self::Witnesses(cosignatures), RandomnessSource::Witnesses) => {
+                check_cosigned(cosignatures, context)
+            }
+            (drawing, source) => Err(DrawError::OtherSource {
+                found: drawing.source(),
+                expected: source.to_string(),
+            }),
+        }
+    }
+
+    fn source(&self) -> &'static str {
+        match self {
+            Self::LogVrf(_) => "a VRF",
+            Self::Witnesses(_) => "cosignatures",
+            Self::Drand { .. } => "a drand beacon",
+        }
+    }
+}
+
+impl fmt::Display for Drawing {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::LogVrf(_) => f.write_str("the VRF of the log's key"),
+            Self::Witnesses(all) => write!(f, "the cosignatures of {} witnesses", all.len()),
+            Self::Drand { round, .. } => write!(f, "drand round {round}"),
+        }
+    }
+}
+
+/// Checks that every witness of the rules has cosigned the checkpoint that ends with the closing.
+fn check_cosigned(
+    cosignatures: &[Cosignature],
+    context: &DrawContext<'_>,
+) -> Result<(), DrawError> {
+    let policy = context.rules.witnesses().map_err(DrawError::NoCheckpoint)?;
+    let witnesses = policy.witnesses();
+    if cosignatures.len() != witnesses.len() || witnesses.is_empty() {
+        return Err(DrawError::OtherCount {
+            found: cosignatures.len(),
+            expected: witnesses.len(),
+        });
+    }
+    let checkpoint = Checkpoint {
+        size: context.closing.entry.saturating_add(1),
+        root: context.closing.root,
+    };
+    let text = checkpoint.text(context.origin)?;
+    for (witness, cosignature) in witnesses.iter().zip(cosignatures) {
+        if witness.key.cosigned_at(&text, cosignature).is_none() {
+            return Err(DrawError::BadCosignature {
+                witness: witness.name.clone(),
+                size: checkpoint.size,
+                root: checkpoint.root,
+            });
+        }
+    }
+    Ok(())
+}

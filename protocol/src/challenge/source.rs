@@ -1,0 +1,45 @@
+//! The sources of randomness that the rules of a network can name. docs/claim.md says what each one resists, and what not.
+
+use crate::challenge::drand::DrandChain;
+use borsh::{BorshDeserialize, BorshSerialize};
+use serde::{Deserialize, Serialize};
+use std::fmt;
+
+/// Where the randomness of a network's challenges comes from.
+#[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub enum RandomnessSource {
+    /// A verifiable random function of the log's key, for the commitments of the round. No node can compute it. The aggregator can
+    /// compute it for any commitments, so this is for networks that trust their aggregator not to conspire with a node.
+    LogVrf,
+    /// The cosignatures of the checkpoint that ends with the closing of the commitments, by all witnesses that the rules name.
+    Witnesses,
+    /// A public beacon.
+    Drand(Box<DrandChain>),
+}
+
+impl RandomnessSource {
+    /// Checks the source. `has_witnesses` says whether the rules name witnesses.
+    pub fn check(&self, has_witnesses: bool) -> Result<(), String> {
+        let bad = |why: String| format!("rule randomness: {why}");
+        match self {
+            Self::LogVrf => Ok(()),
+            Self::Witnesses if has_witnesses => Ok(()),
+            Self::Witnesses => Err(bad(
+                "it takes the witnesses' cosignatures, but rule witness_policy names no witnesses"
+                    .into(),
+            )),
+            Self::Drand(chain) => chain.check().map_err(bad),
+        }
+    }
+}
+
+impl fmt::Display for RandomnessSource {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::LogVrf => f.write_str("the VRF of the log's key"),
+            Self::Witnesses => f.write_str("the witnesses' cosignatures"),
+            Self::Drand(chain) => write!(f, "drand chain {}", hex::encode(chain.hash)),
+        }
+    }
+}

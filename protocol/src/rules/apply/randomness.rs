@@ -1,0 +1,156 @@
+//! The closing of a round's commitments, and the randomness of its challenges.
+//!
+//! A challenge must not depend on anything that a node or the aggregator can still vary once it knows the rest. So commitments close
+//! first, by a rule, and the randomness is drawn after that, from the source that the rules name. What the source depends on is fixed
+//! by the closing.
+
+use crate::challenge::closing::{commitments, Closing};
+use crate::challenge::drawing::DrawContext;
+use crate::entries::entry::{CommitmentsClosed, RandomnessDrawn};
+use crate::rules::apply::rounds::MAX_COMMITS;
+use crate::rules::state::{Randomness, Round, State};
+use crate::rules::violation::RuleViolation;
+use zk0_circuits::{Digest, NodeId};
+
+impl State {
+    /// The entry that closes the commitments of the open round, if they may close at `time_ms`: when their deadline is over, and
+    /// earlier once every node that may commit has committed.
+    pub fn next_commitments_closed(&self, time_ms: u64) -> Option<CommitmentsClosed> {
+        let round = self.round.as_ref()?;
+        let closed = CommitmentsClosed {
+            round: round.number(),
+            commitments: self.commitments(round),
+        };
+        self.check_commitments_closed(&closed, time_ms).ok()?;
+        Some(closed)
+    }
+
+    /// The closing of the open round's commitments, if its randomness can and has to be drawn at `time_ms`.
+    pub fn to_draw(&self, time_ms: u64) -> Option<&Closing> {
+        let round = self.round.as_ref()?;
+        let closing = round.closing.as_ref()?;
+        let in_time = time_ms <= self.randomness_deadline_ms(closing);
+        let wanted = round.randomness.is_none() && !round.commits.is_empty();
+        (in_time && wanted).then_some(closing)
+    }
+
+    /// Last moment for drawing the randomness, in Unix milliseconds.
+    pub(super) fn randomness_deadline_ms(&self, closing: &Closing) -> u64 {
+        closing
+            .time_ms
+            .saturating_add(self.rules.randomness_window_ms)
+    }
+
+    pub(super) fn check_commitments_closed(
+        &self,
+        closed: &CommitmentsClosed,
+        time_ms: u64,
+    ) -> Result<(), RuleViolation> {
+        let round = self.open_round(closed.round)?;
+        if round.closing.is_some() {
+            return Err(RuleViolation::Again {
+                round: round.number(),
+                what: "the commitments",
+                done: "are closed",
+            });
+        }
+        if let Some(node) = self.awaited(round, time_ms) {
+            return Err(RuleViolation::CommitmentsOpen {
+                round: round.number(),
+                early_ms: round.opened.commit_deadline_ms - time_ms,
+                node,
+            });
+        }
+        match self.commitments(round) {
+            expected if expected == closed.commitments => Ok(()),
+            expected => Err(RuleViolation::RoundField {
+                round: round.number(),
+                field: "commitments",
+                found: closed.commitments.to_string(),
+                expected: expected.to_string(),
+            }),
+        }
+    }
+
+    pub(super) fn close_commitments(&mut self, closing: Closing) {
+        if let Some(round) = &mut self.round {
+            round.closing = Some(closing);
+        }
+    }
+
+    pub(super) fn check_drawn(
+        &self,
+        drawn: &RandomnessDrawn,
+        time_ms: u64,
+    ) -> Result<(), RuleViolation> {
+        let round = self.open_round(drawn.round)?;
+        let number = round.number();
+        let Some(closing) = &round.closing else {
+            return Err(RuleViolation::NotClosed(number));
+        };
+        if round.randomness.is_some() {
+            return Err(RuleViolation::Again {
+                round: number,
+                what: "the randomness",
+                done: "is drawn",
+            });
+        }
+        let late_ms = time_ms.saturating_sub(self.randomness_deadline_ms(closing));
+        if late_ms > 0 {
+            return Err(RuleViolation::RandomnessLate {
+                round: number,
+                late_ms,
+            });
+        }
+        let context = DrawContext {
+            rules: &self.rules,
+            origin: self.genesis.origin(),
+            log_key: &self.genesis.log_key,
+            closing,
+            recorded_ms: time_ms,
+        };
+        let verified = drawn.drawing.verify(&context);
+        verified.map_err(|error| RuleViolation::BadRandomness {
+            round: number,
+            error,
+        })
+    }
+
+    pub(super) fn draw(&mut self, drawn: &RandomnessDrawn, index: u64, now: u64) {
+        let window = self.rules.submit_window_ms;
+        if let Some(round) = &mut self.round {
+            round.randomness = drawn.drawing.value().map(|value| Randomness {
+                value,
+                entry: index,
+                submit_deadline_ms: now.saturating_add(window),
+            });
+        }
+    }
+
+    pub(super) fn open_round(&self, number: u64) -> Result<&Round, RuleViolation> {
+        let open = self.round.as_ref();
+        open.filter(|round| round.number() == number)
+            .ok_or(RuleViolation::RoundNotOpen(number))
+    }
+
+    /// A node that may still commit.
+    fn awaited(&self, round: &Round, time_ms: u64) -> Option<NodeId> {
+        let over = time_ms > round.opened.commit_deadline_ms;
+        if over || round.commits.len() >= MAX_COMMITS {
+            return None;
+        }
+        let mut nodes = self.nodes.keys();
+        let awaited = nodes
+            .find(|node| self.may_contribute(round, node) && !round.commits.contains_key(node))?;
+        Some(*awaited)
+    }
+
+    fn commitments(&self, round: &Round) -> Digest {
+        let by_node = round.commits.iter();
+        commitments(
+            &self.network,
+            round.number(),
+            by_node.map(|(node, commit)| (node, &commit.commitment)),
+        )
+    }
+}

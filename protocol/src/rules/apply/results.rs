@@ -1,0 +1,89 @@
+//! What a closing says of the round's result: it was evaluated where the rules ask for that, and it is the new global weights where it
+//! was taken. The losses themselves follow from blobs, and auditors compute them again.
+
+use crate::entries::entry::RoundClosed;
+use crate::entries::round_result::{EvaluatedResult, ResultOutcome};
+use crate::rules::closing::public_samples::PublicSamples;
+use crate::rules::state::{Round, State};
+use crate::rules::violation::RuleViolation;
+
+impl State {
+    /// Checks what `closed` says of the result of the open `round`.
+    pub(super) fn check_result(
+        &self,
+        round: &Round,
+        closed: &RoundClosed,
+    ) -> Result<(), RuleViolation> {
+        let contributed = !closed.contributors.is_empty();
+        let samples = self.rules.public_samples.filter(|_| contributed);
+        match (samples, &closed.evaluated) {
+            (None, None) if !contributed => kept(round, closed, "nobody contributed"),
+            (None, None) => Ok(()),
+            (Some(samples), Some(evaluated)) => check_evaluated(round, closed, &samples, evaluated),
+            (None, Some(_)) => Err(wrong(
+                closed,
+                "evaluated",
+                "an evaluation",
+                "none, since nobody contributed, or the rules name no public samples",
+            )),
+            (Some(samples), None) => Err(wrong(
+                closed,
+                "evaluated",
+                "none",
+                &format!("an evaluation on the public samples {}", samples.blob),
+            )),
+        }
+    }
+}
+
+fn check_evaluated(
+    round: &Round,
+    closed: &RoundClosed,
+    samples: &PublicSamples,
+    evaluated: &EvaluatedResult,
+) -> Result<(), RuleViolation> {
+    let outcome = samples.outcome(&evaluated.base, &evaluated.result);
+    if evaluated.outcome != outcome {
+        let why = format!(
+            "{outcome:?}, since the base has {} and the result has {}",
+            evaluated.base, evaluated.result
+        );
+        let found = format!("{:?}", evaluated.outcome);
+        return Err(wrong(closed, "evaluated.outcome", &found, &why));
+    }
+    if outcome != ResultOutcome::Taken {
+        return kept(round, closed, "the result was not taken");
+    }
+    match closed.global == evaluated.weights {
+        true => Ok(()),
+        false => Err(wrong(
+            closed,
+            "global",
+            &format!("{:?}", closed.global),
+            &format!("the result, which was taken: {:?}", evaluated.weights),
+        )),
+    }
+}
+
+/// Checks that the round keeps its base.
+fn kept(round: &Round, closed: &RoundClosed, why: &str) -> Result<(), RuleViolation> {
+    let base = round.opened.base;
+    match closed.global == base {
+        true => Ok(()),
+        false => Err(wrong(
+            closed,
+            "global",
+            &format!("{:?}", closed.global),
+            &format!("the base, since {why}: {base:?}"),
+        )),
+    }
+}
+
+fn wrong(closed: &RoundClosed, field: &'static str, found: &str, expected: &str) -> RuleViolation {
+    RuleViolation::RoundField {
+        round: closed.round,
+        field,
+        found: found.into(),
+        expected: expected.into(),
+    }
+}

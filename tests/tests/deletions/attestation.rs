@@ -1,0 +1,176 @@
+//! Checks of the verifier: what counts as a proven contribution, and what a round's result is.
+
+use crate::Removal;
+
+pub const REMOVALS: &[Removal] = &[
+    Removal {
+        check: "weights that nobody evaluates are the base's",
+        file: "verifier/src/update.rs",
+        replacements: &[
+            ("        unread.check(&self.format, &weights).map_err(changed)?;\n", ""),
+        ],
+        package: "zk0-verifier",
+        target: "unread_weights",
+        test: "large_weights_where_nothing_is_evaluated_are_refused",
+    },
+    Removal {
+        check: "a result takes from the base what nobody evaluates",
+        file: "verifier/src/combine/strategy.rs",
+        replacements: &[
+            ("        unread.restore(index, &mut numerators, divisor);\n", "        let _ = (&unread, &mut numerators);\n"),
+        ],
+        package: "zk0-verifier",
+        target: "unread_weights",
+        test: "a_result_keeps_the_base_s_numbers",
+    },
+    Removal {
+        check: "an update is compared with the base that the claim names",
+        file: "verifier/src/update.rs",
+        replacements: &[
+            ("        check_blob(base, &claim.terms.base.blob)?;\n", ""),
+        ],
+        package: "zk0-verifier",
+        target: "unread_weights",
+        test: "another_base_than_the_claim_names_is_refused",
+    },
+    Removal {
+        check: "an update is the file that was committed",
+        file: "verifier/src/update.rs",
+        replacements: &[
+            ("        check_blob(file, &claimed.blob)?;\n", ""),
+        ],
+        package: "zk0-verifier",
+        target: "verifier_attacks",
+        test: "other_weights_than_those_committed_are_refused",
+    },
+    Removal {
+        check: "an update holds the numbers that were proven",
+        file: "verifier/src/update.rs",
+        replacements: &[
+            ("match actual == claimed.quantised {", "match true {"),
+        ],
+        package: "zk0-verifier",
+        target: "verifier_attacks",
+        test: "other_weights_than_those_proven_are_refused",
+    },
+    Removal {
+        check: "the products are those of the weights in the files",
+        file: "verifier/src/projection.rs",
+        replacements: &[
+            ("if claimed != actual {", "if false {"),
+        ],
+        package: "zk0-verifier",
+        target: "projections",
+        test: "files_are_what_the_guest_used_or_not",
+    },
+    Removal {
+        check: "an update is not too far from its base",
+        file: "verifier/src/norm.rs",
+        replacements: &[
+            ("if difference <= norm * U256::from(limit * limit) {", "if true {"),
+        ],
+        package: "zk0-verifier",
+        target: "verifier_attacks",
+        test: "an_update_too_far_from_its_base_is_refused",
+    },
+    Removal {
+        check: "a proof is of the program in force",
+        file: "verifier/src/contribution.rs",
+        replacements: &[
+            ("    check_proof_of(state.program(), contribution.proof.bytes(), claim)\n", "    let _ = check_proof_of;\n    Ok(())\n"),
+        ],
+        package: "zk0-verifier",
+        target: "verifier_attacks",
+        test: "a_proof_of_the_first_program_is_refused_once_another_one_is_in_force",
+    },
+    Removal {
+        check: "a proof is verified with the release of SP1 that made it",
+        file: "verifier/src/releases.rs",
+        replacements: &[
+            (".find(|(release, _)| *release == program.sp1)", ".next()"),
+        ],
+        package: "zk0-verifier",
+        target: "verifier_attacks",
+        test: "without_the_verifier_of_its_release_a_proof_is_neither_right_nor_wrong",
+    },
+    Removal {
+        check: "a proof has one encoding",
+        file: "verifier/src/proof.rs",
+        replacements: &[
+            ("Ok(()) if rest.0.is_empty() => Ok(proof),", "_ if rest.0.len() < usize::MAX => Ok(proof),"),
+        ],
+        package: "zk0-verifier",
+        target: "malformed_proofs",
+        test: "a_second_encoding_of_the_same_proof_is_refused",
+    },
+    Removal {
+        check: "a claim is what the ledger fixed",
+        file: "verifier/src/contribution.rs",
+        replacements: &[
+            ("    state.check_claim(claim, time_ms)?;\n", "    let _ = time_ms;\n"),
+        ],
+        package: "zk0-verifier",
+        target: "verifier_attacks",
+        test: "a_second_submission_is_refused",
+    },
+    Removal {
+        check: "a proof is the one that the node signed",
+        file: "verifier/src/contribution.rs",
+        replacements: &[
+            ("match proof.digest() == statement.proof {", "match true {"),
+        ],
+        package: "zk0-verifier",
+        target: "verifier_attacks",
+        test: "a_flipped_byte_in_the_proof_is_refused",
+    },
+    Removal {
+        check: "public samples are those of the rules",
+        file: "verifier/src/public_samples.rs",
+        replacements: &[
+            ("if actual != rule.blob {", "if false {"),
+        ],
+        package: "zk0-verifier",
+        target: "public_samples",
+        test: "a_file_that_is_not_the_networks_is_refused",
+    },
+    Removal {
+        check: "public samples are as many as the rules count",
+        file: "verifier/src/public_samples.rs",
+        replacements: &[
+            ("if !rest.is_empty() {", "if false {"),
+        ],
+        package: "zk0-verifier",
+        target: "public_samples",
+        test: "a_file_that_is_not_the_networks_is_refused",
+    },
+    Removal {
+        check: "an overflow on a public sample is found",
+        file: "verifier/src/public_samples.rs",
+        replacements: &[
+            ("Err(overflow @ EvalError::OutOfRange { .. }) => {", "Err(overflow @ EvalError::OutOfRange { .. }) if sum == 1 => {"),
+        ],
+        package: "zk0-verifier",
+        target: "public_samples",
+        test: "an_overflow_names_the_sample_and_the_place",
+    },
+    Removal {
+        check: "what is averaged is what was accepted",
+        file: "verifier/src/close.rs",
+        replacements: &[
+            ("if given != accepted {", "if false {"),
+        ],
+        package: "zk0-verifier",
+        target: "averages",
+        test: "only_what_the_ledger_accepted_is_averaged",
+    },
+    Removal {
+        check: "a dataset's leaves are those of its root",
+        file: "verifier/src/dataset.rs",
+        replacements: &[
+            ("    check_leaves(&registration.dataset, &distinct(&list))\n        .map_err(|error| Refusal::Dataset(error.to_string()))\n", "    let _ = (check_leaves, distinct(&list));\n    Ok(())\n"),
+        ],
+        package: "zk0-verifier",
+        target: "refusals",
+        test: "datasets_are_checked_before_they_are_recorded",
+    },
+];

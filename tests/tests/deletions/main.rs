@@ -1,0 +1,58 @@
+//! Shows for the checks of protocol, weights, verifier, ledger and audit that a test fails without them.
+//!
+//! The test copies the sources, removes one check at a time from the copy, and runs the test that tries the attack. That test has to fail.
+//! `circuits/tests/deletion.rs` does the same for the checks of the guest, with cheats in place of tests.
+//!
+//! `make test` removes the checks of the state machine and of the files of weights, which need no build of SP1. `make deletions` removes
+//! the others, too.
+
+mod attestation;
+mod audited;
+mod copy;
+mod ledger_rules;
+
+use copy::{Copy, Outcome};
+
+/// A check, and the test that tries the attack which it stops.
+pub struct Removal {
+    pub check: &'static str,
+    /// The source, from the repository's folder.
+    pub file: &'static str,
+    /// Code that is in the source once, and what takes its place.
+    pub replacements: &'static [(&'static str, &'static str)],
+    pub package: &'static str,
+    /// The file of tests, as cargo names it.
+    pub target: &'static str,
+    /// The test, without its module.
+    pub test: &'static str,
+}
+
+fn removed(removals: &[Removal]) {
+    let copy = Copy::of_workspace();
+    let mut wrong = vec![];
+    for (number, removal) in removals.iter().enumerate() {
+        let outcome = copy.without(removal);
+        println!(
+            "{}/{} {}: {outcome}",
+            number + 1,
+            removals.len(),
+            removal.check
+        );
+        if !matches!(outcome, Outcome::Red) {
+            wrong.push(format!("{}: {outcome}", removal.check));
+        }
+    }
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+#[test]
+fn the_ledgers_rules_and_files_have_a_test_for_each_check() {
+    removed(ledger_rules::REMOVALS);
+}
+
+#[test]
+#[ignore = "builds SP1 for the copy: make deletions"]
+fn verifier_ledger_and_audit_have_a_test_for_each_check() {
+    removed(attestation::REMOVALS);
+    removed(audited::REMOVALS);
+}

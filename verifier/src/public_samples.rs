@@ -1,0 +1,152 @@
+//! The public samples: their file, read strictly, and the loss of weights on them.
+//!
+//! The file holds [`Sample`]s one after another and nothing else. One sample at a time is in memory besides the file.
+
+use zk0_circuits::model::draw::draw;
+use zk0_circuits::model::eval::{EvalError, Evaluator};
+use zk0_circuits::model::parameters::Parameters;
+use zk0_circuits::model::sample::{Sample, SampleError};
+use zk0_circuits::model::spec::Dims;
+use zk0_circuits::model::weights::QuantisedWeights;
+use zk0_circuits::{Digest, EvalSpec};
+use zk0_protocol::blob::blob_digest;
+use zk0_protocol::entries::round_result::PublicLoss;
+use zk0_protocol::rules::closing::public_samples::PublicSamples;
+
+/// Why a file does not hold a network's public samples.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum PublicSamplesError {
+    /// The file is another one.
+    #[error("the rules name the public samples {expected}, but this file has SHA-256 {actual}")]
+    OtherFile {
+        /// The file that the rules name.
+        expected: Digest,
+        /// The file at hand.
+        actual: Digest,
+    },
+    /// A sample cannot be read.
+    #[error("public sample {number}: {error}; were the samples made for the network's policy?")]
+    Sample {
+        /// Which, from 0.
+        number: u32,
+        /// What is wrong with it.
+        error: SampleError,
+    },
+    /// The file ends too early.
+    #[error("the file of public samples ends after sample {found}; the rules count {expected}")]
+    TooFew {
+        /// Samples that are there.
+        found: u32,
+        /// Samples by the rules.
+        expected: u32,
+    },
+    /// The file goes on after the last sample.
+    #[error("the file of public samples has {bytes} bytes after the {expected} samples that the rules count")]
+    TooMany {
+        /// Bytes after the last sample.
+        bytes: usize,
+        /// Samples by the rules.
+        expected: u32,
+    },
+    /// The evaluation fails for another reason than an overflow.
+    #[error("the public samples cannot be evaluated: {0}")]
+    Evaluation(EvalError),
+}
+
+/// A file of public samples that was read once from beginning to end, and is the one that the rules name.
+#[derive(Clone, Debug)]
+pub struct PublicSampleFile<'a> {
+    rule: PublicSamples,
+    bytes: &'a [u8],
+    elements: u64,
+}
+
+impl<'a> PublicSampleFile<'a> {
+    /// Reads the file that `rule` names, of samples at the dimensions of `spec`.
+    ///
+    /// # Errors
+    /// It is another file, it holds another number of samples, or a sample is of other dimensions.
+    pub fn read(
+        spec: &EvalSpec,
+        rule: PublicSamples,
+        bytes: &'a [u8],
+    ) -> Result<Self, PublicSamplesError> {
+        let actual = blob_digest(bytes);
+        if actual != rule.blob {
+            return Err(PublicSamplesError::OtherFile {
+                expected: rule.blob,
+                actual,
+            });
+        }
+        let dims = &spec.dims;
+        let (mut rest, mut elements) = (bytes, 0);
+        for number in 0..rule.samples {
+            if rest.is_empty() {
+                return Err(PublicSamplesError::TooFew {
+                    found: number,
+                    expected: rule.samples,
+                });
+            }
+            let (sample, later) = next(dims, number, rest)?;
+            let counts = (0..dims.chunk as usize).filter(|frame| !sample.is_pad(*frame));
+            elements += counts.count() as u64 * u64::from(dims.action_dim);
+            rest = later;
+        }
+        if !rest.is_empty() {
+            return Err(PublicSamplesError::TooMany {
+                bytes: rest.len(),
+                expected: rule.samples,
+            });
+        }
+        Ok(Self {
+            rule,
+            bytes,
+            elements,
+        })
+    }
+
+    /// How many elements a loss is summed over: unpadded frames times real action dimensions, over all samples.
+    pub fn elements(&self) -> u64 {
+        self.elements
+    }
+
+    /// The loss of `weights` on these samples, in the network with this id. Flow times and noise are the same for all weights.
+    pub fn loss(
+        &self,
+        evaluator: &Evaluator<'_>,
+        weights: &QuantisedWeights,
+        network: &Digest,
+    ) -> Result<PublicLoss, PublicSamplesError> {
+        let spec = evaluator.spec;
+        let failed = PublicSamplesError::Evaluation;
+        let parameters = Parameters::of(spec, weights);
+        let seed = self.rule.seed(network);
+        let (mut rest, mut sum) = (self.bytes, 0u64);
+        for number in 0..self.rule.samples {
+            let (sample, later) = next(&spec.dims, number, rest)?;
+            rest = later;
+            let mut multiply = evaluator.direct(weights).map_err(failed)?;
+            let draw = draw(spec, &seed, number, self.rule.samples);
+            match evaluator.loss(&parameters, &mut multiply, &sample, &draw) {
+                Ok(loss) => sum = sum.saturating_add(loss.squared_error),
+                Err(overflow @ EvalError::OutOfRange { .. }) => {
+                    return Ok(PublicLoss::Overflow {
+                        sample: number,
+                        what: overflow.to_string(),
+                    })
+                }
+                Err(other) => return Err(failed(other)),
+            }
+        }
+        Ok(PublicLoss::SquaredError(sum))
+    }
+}
+
+/// Sample `number`, from the front of `bytes`, and what follows it.
+fn next<'b>(
+    dims: &Dims,
+    number: u32,
+    bytes: &'b [u8],
+) -> Result<(Sample, &'b [u8]), PublicSamplesError> {
+    Sample::split_from(dims, bytes).map_err(|error| PublicSamplesError::Sample { number, error })
+}

@@ -1,0 +1,202 @@
+//! The files of one network's weights.
+//!
+//! A file is a safetensors file whose tensors are all I16: first [`SCALES`], the fraction bits of each tensor, and then the tensors of
+//! [`expert_tensors`], with LeRobot's names and shapes and in that order. The header has no metadata and is the same in all files of
+//! a network. What follows it is the buffer that the evaluation reads ([`QuantisedWeights::as_bytes`], without the padding).
+
+use crate::error::WeightsError;
+use crate::scale::{self, Tensor};
+use crate::stretch::{stretches, Stretch};
+use std::borrow::Cow;
+use zk0_circuits::model::layout::{expert_tensors, Layout, TensorSpec};
+use zk0_circuits::model::linear::bit_limits;
+use zk0_circuits::model::spec::SpecError;
+use zk0_circuits::vm::values::Values;
+use zk0_circuits::{EvalSpec, QuantisedWeights};
+use zk0_tensors::{Dtype, Header, ReadAt, TensorFile};
+
+/// The tensor that holds the fraction bits of the others, in the order of the file.
+pub const SCALES: &str = "fraction_bits";
+
+/// Largest header that is read, in bytes. That of the published size has 19 KB.
+const MAX_HEADER_BYTES: u64 = 1 << 20;
+
+/// How the weights of one network look as a file.
+#[derive(Clone, Debug)]
+pub struct Format {
+    spec: EvalSpec,
+    tensors: Vec<TensorSpec>,
+    layout: Layout,
+    /// The least and the most fraction bits of each tensor.
+    limits: Vec<(i16, i16)>,
+    header: Vec<u8>,
+    unread: Vec<Stretch>,
+}
+
+impl Format {
+    /// The format of the weights that `spec` evaluates.
+    ///
+    /// # Errors
+    /// The specification is not valid.
+    pub fn new(spec: &EvalSpec) -> Result<Self, SpecError> {
+        spec.validate()?;
+        let tensors = expert_tensors(&spec.dims);
+        let scales = (SCALES.to_owned(), Dtype::I16, vec![tensors.len()]);
+        let rest = tensors
+            .iter()
+            .map(|tensor| (tensor.name.clone(), Dtype::I16, tensor.shape.clone()));
+        let header = Header::new(None, std::iter::once(scales).chain(rest));
+        Ok(Self {
+            layout: Layout::new(&spec.dims),
+            limits: bit_limits(spec, tensors.len()),
+            // A specification has too few tensors for a header beyond the format's limit.
+            header: header.to_bytes().unwrap_or_default(),
+            unread: stretches(spec, &tensors),
+            spec: spec.clone(),
+            tensors,
+        })
+    }
+
+    /// The specification.
+    pub fn spec(&self) -> &EvalSpec {
+        &self.spec
+    }
+
+    /// The tensors, in the order of the file.
+    pub fn tensors(&self) -> &[TensorSpec] {
+        &self.tensors
+    }
+
+    /// The least and the most fraction bits of each tensor.
+    pub fn limits(&self) -> &[(i16, i16)] {
+        &self.limits
+    }
+
+    /// Where the weights lie that the evaluation does not read.
+    pub fn unread(&self) -> &[Stretch] {
+        &self.unread
+    }
+
+    /// The size of every file of this format, in bytes.
+    pub fn file_bytes(&self) -> u64 {
+        (8 + self.header.len() + 2 * self.layout.len) as u64
+    }
+
+    /// The values of tensor number `index`, row-major, and their fraction bits. `weights` are of this format's specification.
+    pub fn tensor<'w>(&self, weights: &'w QuantisedWeights, index: usize) -> (&'w [i16], i16) {
+        weights.tensor(&self.layout, index)
+    }
+
+    /// Whether `weights` have as many numbers as weights of this format.
+    pub fn fits(&self, weights: &QuantisedWeights) -> bool {
+        weights.as_bytes().len() == Values::byte_len(self.layout.len)
+    }
+
+    /// Opens a file. Its header and its scales are checked against its size and against this format; the values are not read yet.
+    ///
+    /// # Errors
+    /// Says what is wrong, and with which tensor.
+    pub fn open<R: ReadAt>(&self, source: R) -> Result<WeightsFile<'_, R>, WeightsError> {
+        let file = TensorFile::open(source, MAX_HEADER_BYTES)?;
+        if file.header() != self.header {
+            return Err(self.difference(&file));
+        }
+        let scales = file.read_i16(SCALES, &[self.tensors.len()])?;
+        for ((tensor, limits), bits) in self.tensors.iter().zip(&self.limits).zip(&scales) {
+            scale::check_limits(&tensor.name, *bits, *limits)?;
+        }
+        Ok(WeightsFile {
+            format: self,
+            file,
+            scales,
+        })
+    }
+
+    /// Reads all weights of a file.
+    ///
+    /// # Errors
+    /// As [`Self::open`]; or a tensor does not have the one scale that its values have.
+    pub fn read(&self, file: &[u8]) -> Result<QuantisedWeights, WeightsError> {
+        self.open(file)?;
+        // The header is this format's, and the file has the length that it says.
+        let mut buffer = Cow::Borrowed(&file[8 + self.header.len()..]);
+        if buffer.len() != Values::byte_len(self.layout.len) {
+            buffer.to_mut().resize(Values::byte_len(self.layout.len), 0);
+        }
+        let weights = QuantisedWeights::from_bytes(&self.spec, &buffer)?;
+        for index in 0..self.tensors.len() {
+            let (values, bits) = self.tensor(&weights, index);
+            self.check_scale(index, values, bits)?;
+        }
+        Ok(weights)
+    }
+
+    /// The file of `weights`, which are of this format's specification. Equal weights give equal bytes on every machine.
+    pub fn write(&self, weights: &QuantisedWeights) -> Vec<u8> {
+        let numbers = &weights.as_bytes()[..2 * self.layout.len];
+        let length = (self.header.len() as u64).to_le_bytes();
+        [&length[..], &self.header, numbers].concat()
+    }
+
+    /// Puts weights together from their tensors, which `tensor` returns by number.
+    ///
+    /// # Errors
+    /// Those of `tensor`; or a scale is not one that this format allows.
+    pub fn assemble<E: From<WeightsError>>(
+        &self,
+        mut tensor: impl FnMut(usize) -> Result<Tensor, E>,
+    ) -> Result<QuantisedWeights, E> {
+        let mut buffer = vec![0; Values::byte_len(self.layout.len)];
+        for (index, place) in self.layout.tensors.iter().enumerate() {
+            let Tensor { values, bits } = tensor(index)?;
+            buffer[2 * index..][..2].copy_from_slice(&bits.to_le_bytes());
+            let target = buffer[2 * place.start..][..2 * place.len].chunks_exact_mut(2);
+            for (target, value) in target.zip(values) {
+                target.copy_from_slice(&value.to_le_bytes());
+            }
+        }
+        let weights = QuantisedWeights::from_bytes(&self.spec, &buffer);
+        Ok(weights.map_err(WeightsError::from)?)
+    }
+
+    fn check_scale(&self, index: usize, values: &[i16], bits: i16) -> Result<(), WeightsError> {
+        scale::check(&self.tensors[index].name, values, bits, self.limits[index])
+    }
+
+    /// What is wrong with the header of a file that has another one than this format.
+    fn difference<R: ReadAt>(&self, file: &TensorFile<R>) -> WeightsError {
+        let (mut expected, count) = (self.tensors.iter(), [self.tensors.len()]);
+        let different = expected
+            .find_map(|tensor| file.check(&tensor.name, Dtype::I16, &tensor.shape).err())
+            .or_else(|| file.check(SCALES, Dtype::I16, &count).err());
+        if let Some(different) = different {
+            return different.into();
+        }
+        let known = |name: &String| *name == SCALES || self.tensors.iter().any(|t| t.name == *name);
+        match file.names().into_iter().find(|name| !known(name)) {
+            Some(name) => WeightsError::Extra(zk0_protocol::quote::short(&name)),
+            None => WeightsError::OtherHeader,
+        }
+    }
+}
+
+/// An open file of weights, whose tensors are read one at a time.
+#[derive(Debug)]
+pub struct WeightsFile<'f, R> {
+    format: &'f Format,
+    file: TensorFile<R>,
+    scales: Vec<i16>,
+}
+
+impl<R: ReadAt> WeightsFile<'_, R> {
+    /// Reads tensor number `index`.
+    ///
+    /// # Errors
+    /// The file cannot be read, or the tensor does not have the one scale that its values have.
+    pub fn tensor(&self, index: usize) -> Result<Tensor, WeightsError> {
+        let TensorSpec { name, shape } = &self.format.tensors[index];
+        let (values, bits) = (self.file.read_i16(name, shape)?, self.scales[index]);
+        self.format.check_scale(index, &values, bits)?;
+        Ok(Tensor { values, bits })
+    }
+}
