@@ -9,7 +9,7 @@
 //!   number. The disk that 512 samples take is computed from those that were made.
 //!
 //! It prints one JSON line for each figure on standard output, and its progress on standard error. `peer` is what all samples of the
-//! recording would take in memory, as float32 and in fixed point: it is computed from the size of one. `ratio` is `ours / peer`.
+//! recording would take in memory, as float32 and in fixed point: it is computed from the size of one. `ratio` is `peer / ours`.
 
 #[path = "../../tests/made_recording/mod.rs"]
 mod made_recording;
@@ -217,7 +217,7 @@ fn measure(work: &Work, dir: &Path) -> Result<()> {
             "bench": format!("{bench}_{name}"),
             "ours": ours as f64 / GIB,
             "peer": everything as f64 / GIB,
-            "ratio": ours as f64 / everything as f64,
+            "ratio": everything as f64 / ours as f64,
             "unit": "GiB",
             "frames": recording.len(),
             "drawn": work.drawn,

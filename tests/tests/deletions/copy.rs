@@ -109,13 +109,16 @@ impl Copy {
     }
 }
 
-/// Copies the files of a folder, without build outputs and version control.
+/// Copies the files of a folder, without build outputs, results of demos, and version control.
 fn copy_folder(from: &Path, to: &Path) {
     let entries = fs::read_dir(from).unwrap_or_else(|error| panic!("{}: {error}", from.display()));
     for entry in entries {
         let path = entry.expect("an entry of the folder").path();
         let name = path.file_name().expect("an entry has a name");
-        if name == "target" || name == ".git" {
+        if ["target", "outputs", ".git"]
+            .iter()
+            .any(|left_out| name == *left_out)
+        {
             continue;
         }
         let to = to.join(name);
