@@ -20,12 +20,13 @@ fn audit(ledger: &Path) -> Output {
         .unwrap()
 }
 
-/// Checks that the receipts of a node show, without the ledger, that its dataset, update and submission are recorded.
+/// Checks that the receipts of a node show, without the ledger, that its dataset, its commitment, the randomness of its challenge and the
+/// decision on its submission are recorded.
 fn receipts_convince(node: &Path, ledger: &Path) {
     let key = zk0(&["ledger", "vkey", ledger.to_str().unwrap()]).output();
     let key = String::from_utf8(key.unwrap().stdout).unwrap();
     let receipts: Vec<_> = fs::read_dir(node.join("receipts")).unwrap().collect();
-    assert_eq!(receipts.len(), 3);
+    assert_eq!(receipts.len(), 4);
     for receipt in receipts {
         let file = receipt.unwrap().path();
         let file = file.to_str().unwrap();
