@@ -6,10 +6,12 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// The copy. It lies in the target folder, and has a target folder of its own, so that later runs build only what has changed.
+/// The copy. What it depends on is built as for all tests, and therefore not built again. Its binaries have a folder of their own, so that
+/// no weakened `zk0` takes the place of the user's.
 pub struct Copy {
     folder: PathBuf,
-    target: PathBuf,
+    build: PathBuf,
+    binaries: PathBuf,
 }
 
 /// What became of the test when the check was gone.
@@ -41,13 +43,12 @@ impl Copy {
         let folder = ours.join("deletions");
         let _ = fs::remove_dir_all(&folder); // An earlier run may have left this folder
         copy_folder(root, &folder);
-        let manifest = folder.join("Cargo.toml");
-        write(&manifest, read(&manifest).replace(PROFILE, QUICK_PROFILE));
-        let beside = ours.parent().and_then(Path::to_str);
-        let beside = beside.expect("the target folder has a name");
+        build_quickly(&folder);
+        let build = ours.parent().expect("tests have a folder in the target folder");
         Self {
+            build: build.into(),
+            binaries: ours.join("deletions-target"),
             folder,
-            target: format!("{beside}-deletions").into(),
         }
     }
 
@@ -86,7 +87,8 @@ impl Copy {
         }
         let output = cargo
             .args(["--test", removal.target, removal.test])
-            .env("CARGO_TARGET_DIR", &self.target)
+            .env("CARGO_BUILD_BUILD_DIR", &self.build)
+            .env("CARGO_TARGET_DIR", &self.binaries)
             .current_dir(&self.folder)
             .output()
             .expect("cargo runs");
@@ -142,7 +144,19 @@ fn write(path: &Path, content: impl AsRef<[u8]>) {
     fs::write(path, content).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
 }
 
-/// Our crates build quickly, and what they depend on is built once, as for all tests.
-const PROFILE: &str = "[profile.release]\ndebug = false\nincremental = false\n";
-const QUICK_PROFILE: &str = "[profile.release]\ndebug = false\nincremental = true\nopt-level = 0\n
-[profile.release.package.\"*\"]\nopt-level = 3\n";
+/// Has the crates of the copy built quickly rather than well. What they depend on is built as it is for the tests.
+fn build_quickly(folder: &Path) {
+    let manifest = folder.join("Cargo.toml");
+    let mut text = read(&manifest).replace("\nincremental = false\n", "\nincremental = true\n");
+    for entry in fs::read_dir(folder).expect("the folder was just made") {
+        let member = entry.expect("an entry of the folder").path().join("Cargo.toml");
+        let Ok(member) = fs::read_to_string(member) else {
+            continue;
+        };
+        let name = member.lines().find(|line| line.starts_with("name = "));
+        let name = name.expect("a line 'name = …' in a crate's Cargo.toml");
+        let name = name.trim_start_matches("name = ");
+        text += &format!("\n[profile.release.package.{name}]\nopt-level = 0\n");
+    }
+    write(&manifest, text);
+}
