@@ -28,6 +28,12 @@ install() {
     "${sudo[@]}" env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "${missing[@]}" >/dev/null
 }
 
+if [ "$(uname -m)" = x86_64 ] && [ -z "${RUSTFLAGS:-}" ] && ! grep -qw avx2 /proc/cpuinfo; then
+    echo "setup: this processor has no AVX2, for which zk0 is built (see .cargo/config.toml). Set RUSTFLAGS and try again:" >&2
+    echo "    export RUSTFLAGS='-C target-cpu=x86-64'" >&2
+    exit 1
+fi
+
 if ! command -v apt-get >/dev/null; then
     echo "setup: this is neither Debian nor Ubuntu; install by hand: ${packages[*]}, and Rust (see rust-version in Cargo.toml)" >&2
     exit 0
