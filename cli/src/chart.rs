@@ -195,6 +195,7 @@ fn training<B: DrawingBackend>(area: &DrawingArea<B, Shift>, curves: &[Curve]) -
     }
     chart
         .configure_series_labels()
+        .position(SeriesLabelPosition::UpperRight)
         .background_style(WHITE.mix(0.8))
         .border_style(BLACK.mix(0.3))
         .draw()
@@ -202,11 +203,9 @@ fn training<B: DrawingBackend>(area: &DrawingArea<B, Shift>, curves: &[Curve]) -
 
 fn bars<B: DrawingBackend>(area: &DrawingArea<B, Shift>, bars: &Bars) -> Drawn<B> {
     let count = bars.groups.len();
-    let top = highest(
-        bars.series
-            .iter()
-            .flat_map(|(_, values)| values.iter().copied()),
-    );
+    let values = bars.series.iter().flat_map(|(_, values)| values);
+    // The names of the series have room above the bars.
+    let top = highest(values.copied()) * (1.0 + 0.08 * bars.series.len() as f64);
     let mut chart = ChartBuilder::on(area)
         .caption(&bars.caption, ("sans-serif", 20))
         .margin(12)
@@ -243,6 +242,7 @@ fn bars<B: DrawingBackend>(area: &DrawingArea<B, Shift>, bars: &Bars) -> Drawn<B
     }
     chart
         .configure_series_labels()
+        .position(SeriesLabelPosition::UpperRight)
         .background_style(WHITE.mix(0.8))
         .border_style(BLACK.mix(0.3))
         .draw()

@@ -7,13 +7,12 @@
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
-/// Proving time of an empty program, in seconds, on two cores: the start of a compressed proof and its recursion. With the rate below,
-/// the estimate was within 35 % of the measured time for claims of 0.5 to 7.4 M cycles.
-const FIXED_SECONDS: f64 = 400.0;
+/// Proving time of an empty program, in seconds, on two cores: the start of a compressed proof and its recursion.
+const FIXED_SECONDS: f64 = 300.0;
 /// Cycles proven in a second, beyond that, on two cores.
-const CYCLES_PER_SECOND: f64 = 9_000.0;
+const CYCLES_PER_SECOND: f64 = 12_000.0;
 /// Time to start SP1, in seconds, on two cores.
-const START_SECONDS: f64 = 130.0;
+const START_SECONDS: f64 = 70.0;
 /// The cores the constants were measured on.
 const CORES: f64 = 2.0;
 
@@ -158,14 +157,14 @@ mod tests {
             outlook(&schedule, first),
             Outlook {
                 ahead: 0,
-                remaining: (90 + 600) * SECOND
+                remaining: (30 + 450) * SECOND
             }
         );
         assert_eq!(
             outlook(&schedule, second),
             Outlook {
                 ahead: 1,
-                remaining: (90 + 1200) * SECOND
+                remaining: (30 + 900) * SECOND
             }
         );
         schedule.finish(start, later);
@@ -174,7 +173,7 @@ mod tests {
             outlook(&schedule, second),
             Outlook {
                 ahead: 0,
-                remaining: 600 * SECOND
+                remaining: 450 * SECOND
             }
         );
     }

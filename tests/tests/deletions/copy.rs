@@ -44,7 +44,9 @@ impl Copy {
         let _ = fs::remove_dir_all(&folder); // An earlier run may have left this folder
         copy_folder(root, &folder);
         build_quickly(&folder);
-        let build = ours.parent().expect("tests have a folder in the target folder");
+        let build = ours
+            .parent()
+            .expect("tests have a folder in the target folder");
         Self {
             build: build.into(),
             binaries: ours.join("deletions-target"),
@@ -149,7 +151,10 @@ fn build_quickly(folder: &Path) {
     let manifest = folder.join("Cargo.toml");
     let mut text = read(&manifest).replace("\nincremental = false\n", "\nincremental = true\n");
     for entry in fs::read_dir(folder).expect("the folder was just made") {
-        let member = entry.expect("an entry of the folder").path().join("Cargo.toml");
+        let member = entry
+            .expect("an entry of the folder")
+            .path()
+            .join("Cargo.toml");
         let Ok(member) = fs::read_to_string(member) else {
             continue;
         };
