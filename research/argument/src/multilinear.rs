@@ -1,0 +1,61 @@
+//! Multilinear polynomials. One in n variables is given by its values on {0, 1}^n: a list of 2^n, where variable 0 is the lowest bit of the
+//! index. A point lists the variables from 0 on.
+
+use crate::field::{Extension, Goldilocks};
+use alloc::vec::Vec;
+
+/// `eq(point, b)` for all b in {0, 1}^n: what the values are multiplied with to get the value at `point`.
+pub fn eq_table(point: &[Extension]) -> Vec<Extension> {
+    let mut table = Vec::with_capacity(1 << point.len());
+    table.push(Extension::ONE);
+    for &coordinate in point {
+        // The new variable becomes the highest bit.
+        for index in 0..table.len() {
+            let one = table[index] * coordinate;
+            table.push(one);
+            table[index] -= one;
+        }
+    }
+    table
+}
+
+/// `eq(a, b) = Π (a·b + (1 − a)(1 − b))`.
+pub fn eq(a: &[Extension], b: &[Extension]) -> Extension {
+    let factors = a.iter().zip(b).map(|(&a, &b)| {
+        let both = a * b;
+        Extension::ONE - a - b + both + both
+    });
+    factors.fold(Extension::ONE, |product, factor| product * factor)
+}
+
+/// `eq` with the bits of `index` in place of a point.
+pub fn eq_bits(index: usize, point: &[Extension]) -> Extension {
+    let coordinates = point.iter().enumerate();
+    coordinates.fold(Extension::ONE, |product, (bit, &coordinate)| {
+        let one = product * coordinate;
+        match index >> bit & 1 {
+            1 => one,
+            _ => product - one,
+        }
+    })
+}
+
+/// The value at `point` of the polynomial with these values.
+pub fn evaluate(values: &[Goldilocks], point: &[Extension]) -> Extension {
+    // A table for the lower half of the variables, and one for the upper half.
+    let (low, high) = point.split_at(point.len() / 2);
+    let (low_table, high_table) = (eq_table(low), eq_table(high));
+    let rows = values.chunks_exact(low_table.len()).zip(&high_table);
+    rows.map(|(row, &weight)| weight * Extension::dot(&low_table, row))
+        .sum()
+}
+
+/// Binds variable 0 of the polynomial with these values to `challenge`, in place.
+pub fn bind(values: &mut Vec<Extension>, challenge: Extension) {
+    let half = values.len() / 2;
+    for index in 0..half {
+        let (zero, one) = (values[2 * index], values[2 * index + 1]);
+        values[index] = zero + challenge * (one - zero);
+    }
+    values.truncate(half);
+}

@@ -1,0 +1,79 @@
+//! Sumcheck (Lund, Fortnow, Karloff and Nisan 1992): a claim about the sum of a polynomial over {0, 1}^n becomes a claim about its value at a
+//! random point.
+//!
+//! In each round the prover says a polynomial `g` in one variable: the sum over all other variables that are still free. It says all
+//! coefficients but the linear one, which follows from `g(0) + g(1) = claim`.
+
+use crate::field::Extension;
+use crate::transcript::{Challenges, Refused, Verifier};
+use alloc::vec::Vec;
+
+/// Reduces the claim that the sum over {0, 1}^`variables` of a polynomial of degree `degree` in each variable is `claim`. Returns a point, and
+/// the value that the polynomial has to have there.
+#[inline(always)]
+pub fn verify(
+    verifier: &mut Verifier<'_>,
+    variables: usize,
+    degree: usize,
+    mut claim: Extension,
+) -> Result<(Vec<Extension>, Extension), Refused> {
+    let mut point = Vec::with_capacity(variables);
+    for _ in 0..variables {
+        let coefficients = verifier.receive_extension(degree)?;
+        let challenge = verifier.challenge();
+        claim = value_after_round(claim, coefficients, challenge);
+        point.push(challenge);
+    }
+    Ok((point, claim))
+}
+
+/// `g(challenge)` for the round polynomial whose coefficients but the linear one are given, from the constant up, and for which
+/// `g(0) + g(1) = claim`.
+#[inline(always)]
+fn value_after_round(
+    claim: Extension,
+    coefficients: &[Extension],
+    challenge: Extension,
+) -> Extension {
+    let Some((&constant, higher)) = coefficients.split_first() else {
+        return claim;
+    };
+    let linear = claim - constant - constant - higher.iter().copied().sum();
+    let above = higher
+        .iter()
+        .rev()
+        .fold(Extension::ZERO, |sum, &coefficient| {
+            (sum + coefficient) * challenge
+        });
+    constant + (linear + above) * challenge
+}
+
+/// The prover's side.
+#[cfg(feature = "prove")]
+pub mod prove {
+    use super::*;
+    use crate::multilinear::bind;
+    use crate::transcript::Prover;
+
+    /// Proves the sum of `a · b` over all values of two multilinear polynomials. Returns the point, and the values of the two there.
+    pub fn product(
+        prover: &mut Prover,
+        mut a: Vec<Extension>,
+        mut b: Vec<Extension>,
+    ) -> (Vec<Extension>, [Extension; 2]) {
+        let mut point = Vec::with_capacity(a.len().ilog2() as usize);
+        while a.len() > 1 {
+            let (mut constant, mut square) = (Extension::ZERO, Extension::ZERO);
+            for (a, b) in a.as_chunks::<2>().0.iter().zip(b.as_chunks::<2>().0) {
+                constant += a[0] * b[0];
+                square += (a[1] - a[0]) * (b[1] - b[0]);
+            }
+            prover.send_extension(&[constant, square]);
+            let challenge = prover.challenge();
+            bind(&mut a, challenge);
+            bind(&mut b, challenge);
+            point.push(challenge);
+        }
+        (point, [a[0], b[0]])
+    }
+}
