@@ -9,6 +9,7 @@
 //! - [`multilinear`], [`sumcheck`]: polynomials given by their values on {0, 1}^n, and the proof of a sum over them.
 //! - [`fractions`]: a sum of fractions that is zero, as look-ups need it.
 //! - [`commitment`]: a commitment to many polynomials, opened at one point.
+//! - [`relation`]: what an argument is about. [`protocol`]: the argument, as both sides do it; [`verify`] and `prove` are the two sides.
 #![cfg_attr(not(any(feature = "prove", test)), no_std)]
 extern crate alloc;
 
@@ -17,6 +18,11 @@ pub mod field;
 pub mod fractions;
 pub mod hash;
 pub mod multilinear;
+pub mod protocol;
+#[cfg(feature = "prove")]
+pub mod prove;
+pub mod relation;
 pub mod sumcheck;
 pub mod transcript;
 pub mod tree;
+pub mod verify;

@@ -6,6 +6,7 @@
 
 use crate::field::Extension;
 use crate::transcript::{Challenges, Refused, Verifier};
+use alloc::vec;
 use alloc::vec::Vec;
 
 /// Reduces the claim that the sum over {0, 1}^`variables` of a polynomial of degree `degree` in each variable is `claim`. Returns a point, and
@@ -25,6 +26,32 @@ pub fn verify(
         point.push(challenge);
     }
     Ok((point, claim))
+}
+
+/// Reduces claims about sums over tensors of several sizes: each has a number of variables, and claims a sum over {0, 1}^variables of a
+/// polynomial of degree up to `degree`. The variables are bound from the highest to the lowest, and a smaller sum joins when the
+/// variables that are left are its own. So the first coordinates of the point are those of each sum. Returns the point, and what the values of
+/// all polynomials there have to add up to.
+pub fn verify_joined(
+    verifier: &mut Verifier<'_>,
+    sums: &[(usize, Extension)],
+    degree: usize,
+) -> Result<(Vec<Extension>, Extension), Refused> {
+    let variables = sums.iter().map(|(variables, _)| *variables).max();
+    let variables = variables.unwrap_or_default();
+    let joining = |left: usize| -> Extension {
+        let joining = sums.iter().filter(|(variables, _)| *variables == left);
+        joining.map(|(_, claim)| *claim).sum()
+    };
+    let mut claim = Extension::ZERO;
+    let mut point = vec![Extension::ZERO; variables];
+    for variable in (0..variables).rev() {
+        claim += joining(variable + 1);
+        let coefficients = verifier.receive_extension(degree)?;
+        point[variable] = verifier.challenge();
+        claim = value_after_round(claim, coefficients, point[variable]);
+    }
+    Ok((point, claim + joining(0)))
 }
 
 /// `g(challenge)` for the round polynomial whose coefficients but the linear one are given, from the constant up, and for which

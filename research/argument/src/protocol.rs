@@ -1,0 +1,509 @@
+//! The argument that a segment obeys its [`Relations`]: what prover and verifier do in the same order.
+//!
+//! 1. All look-ups are one sum of fractions ([`crate::fractions`]; logarithmic derivatives, Haböck 2022, eprint 2022/1530). It leaves a claim
+//!    at a random point of its leaves, and so claims about the columns of each look-up. Equalities are claimed at the same point.
+//! 2. Claims about monomials become claims about their factors, by one sumcheck for all.
+//! 3. Claims about products become claims about their factors, by one sumcheck for all.
+//! 4. What is left are claims about tensors. [`share`] makes one claim about a source of all that are about it.
+//!
+//! A value that the prover claims is said when it is first needed. [`Party`] is what differs between the two sides.
+
+use crate::field::{Extension, Goldilocks};
+use crate::fractions::LeafClaim;
+use crate::multilinear::eq_bits;
+use crate::relation::{
+    Atom, Axis, Count, Factor, Index, Linear, Lookup, Part, PartId, Parts, Relations, Source,
+    COLUMNS, MAX_FACTORS,
+};
+use crate::transcript::{Challenges, Refused};
+use alloc::collections::BTreeMap;
+use alloc::vec;
+use alloc::vec::Vec;
+
+/// The weights of the indices of some axes.
+pub type Weights = Vec<(Axis, PartId)>;
+
+/// What a claim is about: `Σ_b w(b)·T(b)`, where T is the part of a source that begins at `offset` and has the axes of `parts`.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Weighted {
+    /// Where the values are.
+    pub source: Source,
+    /// Number of the first value.
+    pub offset: usize,
+    /// The weights on each axis, from the lowest.
+    pub parts: Vec<PartId>,
+}
+
+/// A claim about values that were committed to.
+#[derive(Clone, Debug)]
+pub struct Claim {
+    /// What it is about.
+    pub about: Weighted,
+    /// What the sum is.
+    pub value: Extension,
+}
+
+/// What a sum is about that a sumcheck reduces.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Sum {
+    /// Monomials with this number, with weights.
+    Monomials(usize, Weights),
+    /// The product with this number, with weights.
+    Product(usize, Weights),
+}
+
+/// One of the two sides.
+pub trait Party: Challenges {
+    /// The value of what a claim is about: the prover computes and says it.
+    fn value(&mut self, parts: &Parts, about: &Weighted) -> Result<Extension, Refused>;
+    /// The value of a sum: likewise.
+    fn sum(
+        &mut self,
+        relations: &Relations,
+        parts: &Parts,
+        sum: &Sum,
+    ) -> Result<Extension, Refused>;
+    /// The sum of all fractions is zero. `fold` folds the columns of an entry into one value, after it was taken from `shift`.
+    fn fractions(
+        &mut self,
+        relations: &Relations,
+        layout: &Layout,
+        fold: &Fold,
+    ) -> Result<LeafClaim, Refused>;
+    /// The sumcheck of `Σ coefficient · sum`, where the coefficients are powers of `gamma`. Returns its point, and the value there.
+    fn reduce(
+        &mut self,
+        relations: &Relations,
+        parts: &Parts,
+        sums: &[(Sum, Extension)],
+        gamma: Extension,
+        degree: usize,
+    ) -> Result<(Vec<Extension>, Extension), Refused>;
+    /// The sumcheck of `Σ coefficient · claim` over 2^`bits` values of one source, which all claims are about. Returns its point, and the
+    /// value there.
+    fn reduce_claims(
+        &mut self,
+        parts: &Parts,
+        bits: usize,
+        claims: &[Claim],
+        gamma: Extension,
+    ) -> Result<(Vec<Extension>, Extension), Refused>;
+}
+
+/// How an entry becomes a denominator: `shift − Σ powers·columns`.
+#[derive(Clone, Copy, Debug)]
+pub struct Fold {
+    /// α.
+    pub shift: Extension,
+    /// 1, β, β², …
+    pub powers: [Extension; COLUMNS],
+}
+
+/// Where the look-ups lie among the leaves of a sum of fractions.
+pub struct Layout {
+    /// The first leaf of each look-up: a multiple of its size.
+    pub offsets: Vec<usize>,
+    /// Binary logarithm of the number of leaves.
+    pub variables: usize,
+}
+
+impl Layout {
+    /// Larger look-ups come first, so that each offset is a multiple of the size.
+    pub fn new(relations: &Relations) -> Self {
+        let size = |lookup: &Lookup| relations.size(&lookup.axes);
+        let mut order: Vec<usize> = (0..relations.lookups.len()).collect();
+        order.sort_by_key(|&number| core::cmp::Reverse(size(&relations.lookups[number])));
+        let mut offsets = vec![0; order.len()];
+        let mut end = 0usize;
+        for number in order {
+            offsets[number] = end;
+            end += 1 << size(&relations.lookups[number]);
+        }
+        Self {
+            offsets,
+            variables: end.next_power_of_two().trailing_zeros().max(1) as usize,
+        }
+    }
+}
+
+/// A point of a sumcheck, whose first coordinates are those of a smaller tensor's axes.
+struct Point<'a> {
+    coordinates: &'a [Extension],
+    known: BTreeMap<(usize, usize), PartId>,
+}
+
+impl<'a> Point<'a> {
+    fn new(coordinates: &'a [Extension]) -> Self {
+        Self {
+            coordinates,
+            known: BTreeMap::new(),
+        }
+    }
+
+    /// The parts of the axes, which lie one after the other from the first coordinate on.
+    fn weights(&mut self, relations: &Relations, parts: &mut Parts, axes: &[Axis]) -> Weights {
+        let mut start = 0;
+        let mut weights = Weights::with_capacity(axes.len());
+        for &axis in axes {
+            let end = start + relations.bits(axis);
+            let coordinates = self.coordinates;
+            let id = self
+                .known
+                .entry((start, end))
+                .or_insert_with(|| parts.add(Part::Point(coordinates[start..end].to_vec())));
+            weights.push((axis, *id));
+            start = end;
+        }
+        weights
+    }
+}
+
+/// The argument, in progress.
+struct Argument<'a, P> {
+    party: &'a mut P,
+    relations: &'a Relations,
+    parts: &'a mut Parts,
+    claims: Vec<Claim>,
+    monomials: Vec<(Sum, Extension)>,
+    products: Vec<(Sum, Extension)>,
+    /// Values of virtual tensors that were claimed.
+    virtuals: BTreeMap<(usize, Weights), Extension>,
+}
+
+/// Argues that the relations hold if the claims do that are returned. `parts` holds their weights.
+pub fn argue<P: Party>(
+    party: &mut P,
+    relations: &Relations,
+    parts: &mut Parts,
+) -> Result<Vec<Claim>, Refused> {
+    let mut argument = Argument {
+        party,
+        relations,
+        parts,
+        claims: vec![],
+        monomials: vec![],
+        products: vec![],
+        virtuals: BTreeMap::new(),
+    };
+    argument.lookups()?;
+    argument.monomials()?;
+    argument.products()?;
+    Ok(argument.claims)
+}
+
+impl<P: Party> Argument<'_, P> {
+    fn lookups(&mut self) -> Result<(), Refused> {
+        let relations = self.relations;
+        let beta = self.party.challenge();
+        let fold = Fold {
+            shift: self.party.challenge(),
+            powers: [Extension::ONE, beta, beta * beta],
+        };
+        let layout = Layout::new(relations);
+        let leaf = self.party.fractions(relations, &layout, &fold)?;
+        let mut point = Point::new(&leaf.point);
+        let (mut numerator, mut denominator) = (Extension::ZERO, Extension::ONE);
+        for (lookup, &offset) in relations.lookups.iter().zip(&layout.offsets) {
+            let size = relations.size(&lookup.axes);
+            let place = eq_bits(offset >> size, &leaf.point[size..]);
+            let weights = point.weights(relations, self.parts, &lookup.axes);
+            let count = match lookup.count {
+                Count::Each => Extension::ONE,
+                Count::Masked(public) => self.public(public, &weights),
+                Count::Offered(number) => -self.virtual_at(number, &weights)?,
+            };
+            numerator += place * count;
+            let mut entry = fold.shift;
+            for (&power, column) in fold.powers.iter().zip(&lookup.entry) {
+                entry -= power * self.linear(column, &weights)?;
+            }
+            // Leaves of no look-up are 0/1.
+            denominator += place * (entry - Extension::ONE);
+        }
+        if numerator != leaf.numerator || denominator != leaf.denominator {
+            return Err(Refused::Equation("the leaves of a sum of look-ups"));
+        }
+        for equality in &relations.equalities {
+            let weights = point.weights(relations, self.parts, &equality.axes);
+            if self.linear(&equality.linear, &weights)? != Extension::ZERO {
+                return Err(Refused::Equation(equality.name));
+            }
+        }
+        Ok(())
+    }
+
+    /// `Σ_b weights(b) · linear(b)`.
+    fn linear(&mut self, linear: &Linear, weights: &Weights) -> Result<Extension, Refused> {
+        let mut sum = Extension::ZERO;
+        for term in linear {
+            let scaled;
+            let weights = match term.coefficients {
+                None => weights,
+                Some(number) => {
+                    scaled = self.scaled(weights, number);
+                    &scaled
+                }
+            };
+            let value = match term.atom {
+                Atom::One => self.total(weights, |_| true),
+                Atom::Virtual(number) => self.virtual_at(number, weights)?,
+                Atom::Product(number) => self.product_at(number, weights)?,
+                Atom::Monomials(number) => self.monomials_at(number, weights)?,
+                Atom::Public(number) => self.public(number, weights),
+            };
+            sum += value.scale(Goldilocks::from_i64(term.factor));
+        }
+        Ok(sum)
+    }
+
+    fn scaled(&mut self, weights: &Weights, number: usize) -> Weights {
+        let (axis, factors) = &self.relations.coefficients[number];
+        let mut scaled = weights.clone();
+        for (_, part) in scaled.iter_mut().filter(|(of, _)| of == axis) {
+            *part = self.parts.scaled(*part, number, factors);
+        }
+        scaled
+    }
+
+    /// The product of the sums of the weights on some axes.
+    fn total(&self, weights: &Weights, which: impl Fn(Axis) -> bool) -> Extension {
+        let totals = weights.iter().filter(|(axis, _)| which(*axis));
+        totals.fold(Extension::ONE, |product, &(_, part)| {
+            match self.parts.get(part) {
+                Part::Point(_) => product,
+                _ => product * self.parts.total(part),
+            }
+        })
+    }
+
+    /// A public tensor at weights that are points.
+    fn public(&self, number: usize, weights: &Weights) -> Extension {
+        let public = &self.relations.publics[number];
+        let mut point = Vec::new();
+        for axis in public.axes() {
+            if let Part::Point(coordinates) = self.parts.get(part(weights, *axis)) {
+                point.extend_from_slice(coordinates);
+            }
+        }
+        public.at(&point)
+    }
+
+    fn virtual_at(&mut self, number: usize, weights: &Weights) -> Result<Extension, Refused> {
+        let key = (number, weights.clone());
+        if let Some(&value) = self.virtuals.get(&key) {
+            return Ok(value);
+        }
+        let relations = self.relations;
+        let mut sum = Extension::ZERO;
+        for view in &relations.virtuals[number].views {
+            let tensor = &relations.tensors[view.tensor];
+            let mut parts = Vec::with_capacity(view.indices.len());
+            let mut read = Vec::with_capacity(view.indices.len());
+            let mut offset = tensor.offset;
+            let mut stride = 0;
+            // A fixed index cuts the tensor: what is left has to lie in one piece.
+            for (index, &bits) in view.indices.iter().zip(&tensor.axes) {
+                match *index {
+                    Index::Of(axis) => {
+                        parts.push(part(weights, axis));
+                        read.push(axis);
+                    }
+                    Index::Mapped(axis, map) => {
+                        let id = part(weights, axis);
+                        parts.push(
+                            self.parts
+                                .mapped(id, map, &relations.maps[map], bits as usize),
+                        );
+                        read.push(axis);
+                    }
+                    Index::Fixed(index) => offset += index << stride,
+                }
+                stride += bits as usize;
+            }
+            let mut factor = self.total(weights, |axis| {
+                !read.contains(&axis) && !view.only.iter().any(|(only, _)| *only == axis)
+            });
+            for &(axis, index) in &view.only {
+                factor *= self.parts.get(part(weights, axis)).weight(index);
+            }
+            let about = Weighted {
+                source: tensor.source,
+                offset,
+                parts,
+            };
+            let value = self.party.value(self.parts, &about)?;
+            self.claims.push(Claim { about, value });
+            sum += factor * value.scale(Goldilocks::from_i64(view.factor));
+        }
+        self.virtuals.insert(key, sum);
+        Ok(sum)
+    }
+
+    fn product_at(&mut self, number: usize, weights: &Weights) -> Result<Extension, Refused> {
+        let product = &self.relations.products[number];
+        let axes = [&product.left_axes, &product.right_axes, &product.shared];
+        let mut own = Weights::new();
+        for &axis in axes.into_iter().flatten() {
+            own.push((axis, part(weights, axis)));
+        }
+        let repeated = self.total(weights, |axis| own.iter().all(|(of, _)| *of != axis));
+        let sum = Sum::Product(number, own);
+        let known = self.products.iter().find(|(of, _)| *of == sum);
+        let value = match known {
+            Some((_, value)) => *value,
+            None => {
+                let value = self.party.sum(self.relations, self.parts, &sum)?;
+                self.products.push((sum, value));
+                value
+            }
+        };
+        Ok(repeated * value)
+    }
+
+    fn monomials_at(&mut self, number: usize, weights: &Weights) -> Result<Extension, Refused> {
+        let monomials = &self.relations.monomials[number];
+        let kept = &monomials.axes[..monomials.axes.len() - monomials.summed];
+        let own = kept.iter().map(|&axis| (axis, part(weights, axis)));
+        let own: Weights = own.collect();
+        let repeated = self.total(weights, |axis| !kept.contains(&axis));
+        let sum = Sum::Monomials(number, own);
+        let known = self.monomials.iter().find(|(of, _)| *of == sum);
+        let value = match known {
+            Some((_, value)) => *value,
+            None => {
+                let value = self.party.sum(self.relations, self.parts, &sum)?;
+                self.monomials.push((sum, value));
+                value
+            }
+        };
+        Ok(repeated * value)
+    }
+
+    fn monomials(&mut self) -> Result<(), Refused> {
+        let relations = self.relations;
+        let sums = core::mem::take(&mut self.monomials);
+        let gamma = self.party.challenge();
+        let (point, value) =
+            self.party
+                .reduce(relations, self.parts, &sums, gamma, MAX_FACTORS + 1)?;
+        let mut point = Point::new(&point);
+        let mut expected = Extension::ZERO;
+        let mut power = Extension::ONE;
+        for (sum, _) in &sums {
+            let Sum::Monomials(number, weights) = sum else {
+                continue;
+            };
+            let monomials = &relations.monomials[*number];
+            let at = point.weights(relations, self.parts, &monomials.axes);
+            let mut total = Extension::ZERO;
+            for (coefficient, factors) in &monomials.terms {
+                let mut product = Extension::ONE;
+                for factor in factors {
+                    product *= match *factor {
+                        Factor::Virtual(number) => self.virtual_at(number, &at)?,
+                        Factor::Product(number) => self.product_at(number, &at)?,
+                        Factor::Public(number) => self.public(number, &at),
+                    };
+                }
+                total += product.scale(Goldilocks::from_i64(*coefficient));
+            }
+            for (axis, id) in weights {
+                if let Part::Point(coordinates) = self.parts.get(part(&at, *axis)) {
+                    total *= self.parts.get(*id).at(coordinates);
+                }
+            }
+            expected += power * total;
+            power *= gamma;
+        }
+        match expected == value {
+            true => Ok(()),
+            false => Err(Refused::Equation("the sumcheck of the monomials")),
+        }
+    }
+
+    fn products(&mut self) -> Result<(), Refused> {
+        let relations = self.relations;
+        let sums = core::mem::take(&mut self.products);
+        let gamma = self.party.challenge();
+        let (point, value) = self.party.reduce(relations, self.parts, &sums, gamma, 2)?;
+        let mut point = Point::new(&point);
+        let mut expected = Extension::ZERO;
+        let mut power = Extension::ONE;
+        for (sum, _) in &sums {
+            let Sum::Product(number, weights) = sum else {
+                continue;
+            };
+            let product = &relations.products[*number];
+            let domain: Vec<Axis> = [&product.shared[..], &product.summed].concat();
+            let at = point.weights(relations, self.parts, &domain);
+            // The right factor has the point on shared axes, and the left one the claim's weights too.
+            let mut right = at.clone();
+            let mut left = at;
+            for (axis, id) in left.iter_mut().take(product.shared.len()) {
+                *id = self.parts.times(*id, part(weights, *axis));
+            }
+            let given = |axes: &[Axis]| -> Weights {
+                axes.iter()
+                    .map(|&axis| (axis, part(weights, axis)))
+                    .collect()
+            };
+            left.extend(given(&product.left_axes));
+            right.extend(given(&product.right_axes));
+            let left = self.virtual_at(product.left, &left)?;
+            let right = self.virtual_at(product.right, &right)?;
+            expected += power * left * right;
+            power *= gamma;
+        }
+        match expected == value {
+            true => Ok(()),
+            false => Err(Refused::Equation("the sumcheck of the products")),
+        }
+    }
+}
+
+/// The part of an axis. The statement says that there is one.
+fn part(weights: &Weights, axis: Axis) -> PartId {
+    let found = weights.iter().find(|(of, _)| *of == axis);
+    match found {
+        Some((_, part)) => *part,
+        None => unreachable!("relations are validated"),
+    }
+}
+
+/// Makes one claim of all `claims`, which are about one source of 2^`bits` values: what its multilinear polynomial is at a point.
+pub fn share<P: Party>(
+    party: &mut P,
+    parts: &mut Parts,
+    source: Source,
+    bits: usize,
+    claims: &[Claim],
+) -> Result<(Vec<Extension>, Extension), Refused> {
+    let gamma = party.challenge();
+    let (point, value) = party.reduce_claims(parts, bits, claims, gamma)?;
+    let whole = Weighted {
+        source,
+        offset: 0,
+        parts: vec![parts.add(Part::Point(point.clone()))],
+    };
+    let claimed = party.value(parts, &whole)?;
+    let mut known = BTreeMap::new();
+    let mut weight = Extension::ZERO;
+    let mut power = Extension::ONE;
+    for Claim { about, .. } in claims {
+        let mut start = 0;
+        let mut product = power;
+        for &id in &about.parts {
+            let end = start + parts.get(id).bits();
+            let coordinates = &point[start..end];
+            let at = known.entry((id, start));
+            product *= *at.or_insert_with(|| parts.get(id).at(coordinates));
+            start = end;
+        }
+        weight += product * eq_bits(about.offset >> start, &point[start..]);
+        power *= gamma;
+    }
+    match weight * claimed == value {
+        true => Ok((point, claimed)),
+        false => Err(Refused::Equation("the sumcheck of the claims")),
+    }
+}

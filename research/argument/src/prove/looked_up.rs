@@ -1,0 +1,101 @@
+//! Look-ups: how often each row of a table is looked up, and the fractions that show it.
+
+use super::Tables;
+use crate::field::{Extension, Goldilocks};
+use crate::protocol::{Fold, Layout};
+use crate::relation::{Axis, Count, Lookup, Relations, COLUMNS};
+use rayon::prelude::*;
+use std::collections::HashMap;
+
+/// Something is looked up that no table offers.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("look-up {lookup} finds no row {entry:?} at index {index}")]
+pub struct NotInTable {
+    /// Number of the look-up.
+    pub lookup: usize,
+    /// Index of the entry.
+    pub index: usize,
+    /// Its columns.
+    pub entry: [i64; COLUMNS],
+}
+
+/// The columns of all entries of a look-up.
+fn columns(tables: &Tables<'_>, lookup: &Lookup) -> [Vec<i64>; COLUMNS] {
+    core::array::from_fn(|column| tables.linear(&lookup.entry[column], &lookup.axes))
+}
+
+/// Whether each entry counts.
+fn mask(tables: &Tables<'_>, number: usize, axes: &[Axis]) -> Vec<i64> {
+    tables.public(number, axes)
+}
+
+/// For each table, in the order of the look-ups that offer one: how often each of its rows is looked up. Of equal rows the last one has it.
+pub fn count(tables: &Tables<'_>) -> Result<Vec<(usize, Vec<i64>)>, NotInTable> {
+    let relations: &Relations = tables.relations;
+    let mut rows: HashMap<[i64; COLUMNS], (usize, usize)> = HashMap::new();
+    let mut counts = vec![];
+    for (number, lookup) in relations.lookups.iter().enumerate() {
+        if let Count::Offered(_) = lookup.count {
+            let [a, b, c] = columns(tables, lookup);
+            for index in 0..a.len() {
+                rows.insert([a[index], b[index], c[index]], (counts.len(), index));
+            }
+            counts.push((number, vec![0; a.len()]));
+        }
+    }
+    for (number, lookup) in relations.lookups.iter().enumerate() {
+        let mask = match lookup.count {
+            Count::Offered(_) => continue,
+            Count::Each => None,
+            Count::Masked(public) => Some(mask(tables, public, &lookup.axes)),
+        };
+        let [a, b, c] = columns(tables, lookup);
+        for index in 0..a.len() {
+            if mask.as_ref().is_some_and(|mask| mask[index] == 0) {
+                continue;
+            }
+            let entry = [a[index], b[index], c[index]];
+            let missing = NotInTable {
+                lookup: number,
+                index,
+                entry,
+            };
+            let &(table, row) = rows.get(&entry).ok_or(missing)?;
+            counts[table].1[row] += 1;
+        }
+    }
+    Ok(counts)
+}
+
+/// The numerators and denominators of all leaves.
+pub fn leaves(
+    tables: &Tables<'_>,
+    layout: &Layout,
+    fold: &Fold,
+) -> (Vec<Extension>, Vec<Extension>) {
+    let mut numerators = vec![Extension::ZERO; 1 << layout.variables];
+    let mut denominators = vec![Extension::ONE; 1 << layout.variables];
+    for (lookup, &offset) in tables.relations.lookups.iter().zip(&layout.offsets) {
+        let [a, b, c] = columns(tables, lookup);
+        let element = |value: i64| Goldilocks::from_i64(value);
+        let targets = denominators[offset..][..a.len()].par_iter_mut();
+        targets.enumerate().for_each(|(index, target)| {
+            let values = [a[index], b[index], c[index]].map(element);
+            *target = fold.shift - Extension::dot(&fold.powers, &values);
+        });
+        let counts = match lookup.count {
+            Count::Each => vec![1; a.len()],
+            Count::Masked(public) => mask(tables, public, &lookup.axes),
+            Count::Offered(number) => tables.of_virtual(number, &lookup.axes),
+        };
+        let sign = match lookup.count {
+            Count::Offered(_) => -1,
+            _ => 1,
+        };
+        let targets = numerators[offset..][..a.len()].par_iter_mut();
+        targets
+            .zip(counts)
+            .for_each(|(target, count)| *target = element(sign * count).into());
+    }
+    (numerators, denominators)
+}

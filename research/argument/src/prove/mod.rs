@@ -1,0 +1,286 @@
+//! The prover's side of an argument.
+//!
+//! It has the values of all sources as integers. Sums over them stay within an i64, which the statement has to see to.
+
+mod joined;
+mod looked_up;
+mod tables;
+
+pub use looked_up::{count, NotInTable};
+pub use tables::Tables;
+
+use crate::field::{Extension, Goldilocks};
+use crate::fractions::{self, LeafClaim};
+use crate::protocol::{Claim, Fold, Layout, Party, Sum, Weighted, Weights};
+use crate::relation::{Axis, Factor, PartId, Parts, Relations};
+use crate::transcript::{Challenges, Prover, Refused};
+use joined::Joined;
+use rayon::prelude::*;
+
+/// Values of a source.
+#[derive(Clone, Copy)]
+pub enum Values<'a> {
+    /// Weights, as a policy has them.
+    Narrow(&'a [i16]),
+    /// Anything else.
+    Wide(&'a [i64]),
+}
+
+impl Values<'_> {
+    /// Value number `index`; zero after the last one.
+    #[inline(always)]
+    pub fn get(&self, index: usize) -> i64 {
+        match self {
+            Self::Narrow(values) => values.get(index).map_or(0, |&value| value as i64),
+            Self::Wide(values) => values.get(index).copied().unwrap_or_default(),
+        }
+    }
+
+    fn range(&self, start: usize, len: usize) -> Vec<i64> {
+        (start..start + len)
+            .into_par_iter()
+            .map(|index| self.get(index))
+            .collect()
+    }
+}
+
+/// A prover, and what it knows.
+pub struct Proving<'a> {
+    /// What was said.
+    pub prover: Prover,
+    /// The values of each source, by number.
+    pub sources: Vec<Values<'a>>,
+    /// Factors of products whose sums were said, until their sumcheck.
+    factors: Vec<(Sum, [Vec<Extension>; 2])>,
+}
+
+impl<'a> Proving<'a> {
+    /// Goes on with what was said, with the values of the sources.
+    pub fn new(prover: Prover, sources: Vec<Values<'a>>) -> Self {
+        Self {
+            prover,
+            sources,
+            factors: vec![],
+        }
+    }
+
+    fn tables<'r>(&'r self, relations: &'r Relations) -> Tables<'r> {
+        Tables {
+            relations,
+            sources: &self.sources,
+        }
+    }
+
+    fn say(&mut self, value: Extension) -> Extension {
+        self.prover.send_extension(&[value]);
+        value
+    }
+}
+
+impl Challenges for Proving<'_> {
+    fn challenge(&mut self) -> Extension {
+        self.prover.challenge()
+    }
+
+    fn positions(&mut self, count: usize, bits: u32) -> Vec<usize> {
+        self.prover.positions(count, bits)
+    }
+}
+
+impl Party for Proving<'_> {
+    fn value(&mut self, parts: &Parts, about: &Weighted) -> Result<Extension, Refused> {
+        let bits: usize = about.parts.iter().map(|&id| parts.get(id).bits()).sum();
+        let values = self.sources[about.source.0 as usize].range(about.offset, 1 << bits);
+        let value = contract(&values, parts, &about.parts)[0];
+        Ok(self.say(value))
+    }
+
+    fn sum(
+        &mut self,
+        relations: &Relations,
+        parts: &Parts,
+        sum: &Sum,
+    ) -> Result<Extension, Refused> {
+        let value = match sum {
+            Sum::Product(number, weights) => {
+                let factors = product_factors(&self.tables(relations), parts, *number, weights);
+                let [left, right] = &factors;
+                let terms = left.par_iter().zip(right).map(|(&a, &b)| a * b);
+                let value = terms.reduce(|| Extension::ZERO, |a, b| a + b);
+                self.factors.push((sum.clone(), factors));
+                value
+            }
+            Sum::Monomials(number, weights) => {
+                let values = self.tables(relations).monomials(*number);
+                let ids: Vec<PartId> = weights.iter().map(|(_, id)| *id).collect();
+                contract(&values, parts, &ids)[0]
+            }
+        };
+        Ok(self.say(value))
+    }
+
+    fn fractions(
+        &mut self,
+        relations: &Relations,
+        layout: &Layout,
+        fold: &Fold,
+    ) -> Result<LeafClaim, Refused> {
+        let (numerators, denominators) = looked_up::leaves(&self.tables(relations), layout, fold);
+        Ok(fractions::prove::sum(
+            &mut self.prover,
+            numerators,
+            denominators,
+        ))
+    }
+
+    fn reduce(
+        &mut self,
+        relations: &Relations,
+        parts: &Parts,
+        sums: &[(Sum, Extension)],
+        gamma: Extension,
+        degree: usize,
+    ) -> Result<(Vec<Extension>, Extension), Refused> {
+        let mut joined = vec![];
+        let mut power = Extension::ONE;
+        for (sum, _) in sums {
+            let next = match sum {
+                Sum::Monomials(number, weights) => {
+                    monomials(&self.tables(relations), parts, *number, weights, power)
+                }
+                Sum::Product(number, weights) => {
+                    let known = self.factors.iter().position(|(of, _)| of == sum);
+                    let factors = match known {
+                        Some(place) => self.factors.swap_remove(place).1,
+                        None => product_factors(&self.tables(relations), parts, *number, weights),
+                    };
+                    Joined::new(factors.into(), vec![(power, vec![0, 1])])
+                }
+            };
+            joined.push(next);
+            power *= gamma;
+        }
+        Ok(joined::prove(&mut self.prover, joined, degree))
+    }
+
+    fn reduce_claims(
+        &mut self,
+        parts: &Parts,
+        bits: usize,
+        claims: &[Claim],
+        gamma: Extension,
+    ) -> Result<(Vec<Extension>, Extension), Refused> {
+        let mut weights = vec![Extension::ZERO; 1 << bits];
+        let mut source = vec![Extension::ZERO; 1 << bits];
+        let mut power = Extension::ONE;
+        for Claim { about, .. } in claims {
+            let mut own = vec![power];
+            for &id in &about.parts {
+                own = outer(&own, &parts.get(id).weights());
+            }
+            let target = weights[about.offset..].par_iter_mut().zip(&own);
+            target.for_each(|(sum, &weight)| *sum += weight);
+            power *= gamma;
+        }
+        if let Some(claim) = claims.first() {
+            let values = self.sources[claim.about.source.0 as usize];
+            let target = source.par_iter_mut().enumerate();
+            target
+                .for_each(|(index, value)| *value = Goldilocks::from_i64(values.get(index)).into());
+        }
+        let joined = Joined::new(vec![weights, source], vec![(Extension::ONE, vec![0, 1])]);
+        Ok(joined::prove(&mut self.prover, vec![joined], 2))
+    }
+}
+
+/// All products of a weight of a lower axis and one of a higher axis.
+fn outer(low: &[Extension], high: &[Extension]) -> Vec<Extension> {
+    let rows = high.par_iter();
+    rows.flat_map_iter(|&b| low.iter().map(move |&a| a * b))
+        .collect()
+}
+
+/// The sums over the lowest axes of values times weights, one part for each of these axes.
+fn contract(values: &[i64], parts: &Parts, ids: &[PartId]) -> Vec<Extension> {
+    let elements: Vec<Goldilocks> = values
+        .par_iter()
+        .map(|&v| Goldilocks::from_i64(v))
+        .collect();
+    let Some((&first, rest)) = ids.split_first() else {
+        return elements.into_iter().map(Extension::from).collect();
+    };
+    let weights = parts.get(first).weights();
+    let rows = elements.par_chunks_exact(weights.len());
+    let mut sums: Vec<Extension> = rows.map(|row| Extension::dot(&weights, row)).collect();
+    for &id in rest {
+        let weights = parts.get(id).weights();
+        let rows = sums.par_chunks_exact(weights.len());
+        let dot = |row: &[Extension]| row.iter().zip(&weights).map(|(&a, &b)| a * b).sum();
+        sums = rows.map(dot).collect();
+    }
+    sums
+}
+
+/// The two factors of a product's sum with weights, over the axes that both have. The left one has the weights of these axes.
+fn product_factors(
+    tables: &Tables<'_>,
+    parts: &Parts,
+    number: usize,
+    weights: &Weights,
+) -> [Vec<Extension>; 2] {
+    let product = &tables.relations.products[number];
+    let ids = |axes: &[Axis]| -> Vec<PartId> {
+        let given = |axis: &Axis| weights.iter().find(|(of, _)| of == axis);
+        axes.iter().filter_map(given).map(|(_, id)| *id).collect()
+    };
+    let factor = |virtual_number: usize, own: &[Axis]| {
+        let axes = [own, &product.shared, &product.summed].concat();
+        contract(&tables.of_virtual(virtual_number, &axes), parts, &ids(own))
+    };
+    let mut left = factor(product.left, &product.left_axes);
+    let mut shared = vec![Extension::ONE];
+    for id in ids(&product.shared) {
+        shared = outer(&shared, &parts.get(id).weights());
+    }
+    left.par_chunks_exact_mut(shared.len()).for_each(|row| {
+        for (value, &weight) in row.iter_mut().zip(&shared) {
+            *value *= weight;
+        }
+    });
+    [left, factor(product.right, &product.right_axes)]
+}
+
+/// The sum of monomials with weights, times `power`.
+fn monomials(
+    tables: &Tables<'_>,
+    parts: &Parts,
+    number: usize,
+    weights: &Weights,
+    power: Extension,
+) -> Joined {
+    let monomials = &tables.relations.monomials[number];
+    let mut own = vec![power];
+    for (_, id) in weights {
+        own = outer(&own, &parts.get(*id).weights());
+    }
+    let size = 1 << tables.relations.size(&monomials.axes);
+    let mut all = vec![own.iter().copied().cycle().take(size).collect()];
+    let mut known: Vec<Factor> = vec![];
+    let mut terms = vec![];
+    for (coefficient, factors) in &monomials.terms {
+        let mut places = vec![0];
+        for factor in factors {
+            let place = known.iter().position(|of| of == factor);
+            let place = place.unwrap_or_else(|| {
+                let values = tables.factor(*factor, &monomials.axes);
+                let values = values.par_iter().map(|&v| Goldilocks::from_i64(v).into());
+                all.push(values.collect());
+                known.push(*factor);
+                known.len() - 1
+            });
+            places.push(place + 1);
+        }
+        terms.push((Goldilocks::from_i64(*coefficient).into(), places));
+    }
+    Joined::new(all, terms)
+}

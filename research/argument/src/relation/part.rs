@@ -1,0 +1,159 @@
+//! Weights of the indices of one axis, and the place where an argument keeps all of them.
+//!
+//! A claim about a tensor is `Σ_b w(b)·T(b) = v`, where `w` is a product with one factor for each axis: its [`Part`]. Many claims
+//! share parts, so a part is kept once and named by a number, and what is computed from it is kept too.
+
+use crate::field::{Extension, Goldilocks};
+use crate::multilinear::{eq, eq_bits, eq_table};
+use alloc::collections::BTreeMap;
+use alloc::vec;
+use alloc::vec::Vec;
+
+/// What the indices of an axis of 2^bits are multiplied with.
+#[derive(Clone, Debug)]
+pub enum Part {
+    /// `eq(point, index)`.
+    Point(Vec<Extension>),
+    /// A weight for each index.
+    Vector(Vec<Extension>),
+    /// 1, on an axis with so many bits.
+    Ones(u32),
+}
+
+impl Part {
+    /// Binary logarithm of the number of indices.
+    pub fn bits(&self) -> usize {
+        match self {
+            Self::Point(point) => point.len(),
+            Self::Vector(weights) => weights.len().trailing_zeros() as usize,
+            Self::Ones(bits) => *bits as usize,
+        }
+    }
+
+    /// The multilinear polynomial of the weights, at `point`.
+    pub fn at(&self, point: &[Extension]) -> Extension {
+        match self {
+            Self::Point(own) => eq(own, point),
+            Self::Vector(weights) => {
+                let table = eq_table(point);
+                let terms = table.iter().zip(weights);
+                terms.map(|(&a, &b)| a * b).sum()
+            }
+            Self::Ones(_) => Extension::ONE,
+        }
+    }
+
+    /// The weight of one index.
+    pub fn weight(&self, index: usize) -> Extension {
+        match self {
+            Self::Point(point) => eq_bits(index, point),
+            Self::Vector(weights) => weights.get(index).copied().unwrap_or_default(),
+            Self::Ones(_) => Extension::ONE,
+        }
+    }
+
+    /// All weights.
+    pub fn weights(&self) -> Vec<Extension> {
+        match self {
+            Self::Point(point) => eq_table(point),
+            Self::Vector(weights) => weights.clone(),
+            Self::Ones(bits) => vec![Extension::ONE; 1 << bits],
+        }
+    }
+
+    /// The sum of all weights.
+    fn total(&self) -> Extension {
+        match self {
+            Self::Point(_) => Extension::ONE,
+            Self::Vector(weights) => weights.iter().copied().sum(),
+            Self::Ones(bits) => Goldilocks::from_u32(1 << bits).into(),
+        }
+    }
+}
+
+/// The number of a part.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct PartId(u32);
+
+/// What follows from a part, for [`Parts`] to keep.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+enum Derived {
+    /// Multiplied with a vector of coefficients.
+    Scaled(usize),
+    /// Moved to another axis.
+    Mapped(usize),
+    /// Multiplied with another part.
+    Times(PartId),
+}
+
+/// All parts of an argument.
+#[derive(Default)]
+pub struct Parts {
+    parts: Vec<Part>,
+    derived: BTreeMap<(PartId, Derived), PartId>,
+}
+
+impl Parts {
+    /// Keeps a part.
+    pub fn add(&mut self, part: Part) -> PartId {
+        self.parts.push(part);
+        PartId(self.parts.len() as u32 - 1)
+    }
+
+    /// The part with this number.
+    pub fn get(&self, id: PartId) -> &Part {
+        &self.parts[id.0 as usize]
+    }
+
+    /// The sum of a part's weights.
+    pub fn total(&self, id: PartId) -> Extension {
+        self.get(id).total()
+    }
+
+    /// The part whose weights are those of `id` times those of a public vector, which is number `number` of the statement.
+    pub fn scaled(&mut self, id: PartId, number: usize, factors: &[Goldilocks]) -> PartId {
+        self.derive(id, Derived::Scaled(number), |part| {
+            let weights = part.weights().into_iter().zip(factors);
+            Part::Vector(weights.map(|(w, &factor)| w.scale(factor)).collect())
+        })
+    }
+
+    /// The part of an axis with `bits` bits. Index `i` of the part `id` adds its weight to index `map[i]`, if there is one. The map is
+    /// number `number` of the statement.
+    pub fn mapped(
+        &mut self,
+        id: PartId,
+        number: usize,
+        map: &[Option<u16>],
+        bits: usize,
+    ) -> PartId {
+        self.derive(id, Derived::Mapped(number), |part| {
+            let mut weights = vec![Extension::ZERO; 1 << bits];
+            for (weight, place) in part.weights().into_iter().zip(map) {
+                if let Some(place) = place {
+                    weights[*place as usize] += weight;
+                }
+            }
+            Part::Vector(weights)
+        })
+    }
+
+    /// The part whose weights are products of those of two parts of one axis.
+    pub fn times(&mut self, id: PartId, other: PartId) -> PartId {
+        let others = self.get(other).weights();
+        self.derive(id, Derived::Times(other), |part| {
+            let weights = part.weights().into_iter().zip(others);
+            Part::Vector(weights.map(|(a, b)| a * b).collect())
+        })
+    }
+
+    fn derive(&mut self, id: PartId, how: Derived, make: impl FnOnce(&Part) -> Part) -> PartId {
+        if let Some(&known) = self.derived.get(&(id, how)) {
+            return known;
+        }
+        let part = make(self.get(id));
+        let new = self.add(part);
+        self.derived.insert((id, how), new);
+        new
+    }
+}
