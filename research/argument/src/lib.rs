@@ -22,6 +22,7 @@ pub mod protocol;
 #[cfg(feature = "prove")]
 pub mod prove;
 pub mod relation;
+pub mod share;
 pub mod sumcheck;
 pub mod transcript;
 pub mod tree;

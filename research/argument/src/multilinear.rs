@@ -19,6 +19,13 @@ pub fn eq_table(point: &[Extension]) -> Vec<Extension> {
     table
 }
 
+/// All products of a weight in `low` and one in `high`; the index in `low` changes fastest.
+pub fn outer(low: &[Extension], high: &[Extension]) -> Vec<Extension> {
+    let rows = high.iter();
+    rows.flat_map(|&b| low.iter().map(move |&a| a * b))
+        .collect()
+}
+
 /// `eq(a, b) = Π (a·b + (1 − a)(1 − b))`.
 pub fn eq(a: &[Extension], b: &[Extension]) -> Extension {
     let factors = a.iter().zip(b).map(|(&a, &b)| {

@@ -4,7 +4,7 @@
 //!    at a random point of its leaves, and so claims about the columns of each look-up. Equalities are claimed at the same point.
 //! 2. Claims about monomials become claims about their factors, by one sumcheck for all.
 //! 3. Claims about products become claims about their factors, by one sumcheck for all.
-//! 4. What is left are claims about tensors. [`share`] makes one claim about a source of all that are about it.
+//! 4. What is left are claims about tensors. [`crate::share`] makes one claim about a source of all that are about it.
 //!
 //! A value that the prover claims is said when it is first needed. [`Party`] is what differs between the two sides.
 
@@ -23,15 +23,15 @@ use alloc::vec::Vec;
 /// The weights of the indices of some axes.
 pub type Weights = Vec<(Axis, PartId)>;
 
-/// What a claim is about: `Σ_b w(b)·T(b)`, where T is the part of a source that begins at `offset` and has the axes of `parts`.
+/// What a claim is about: `Σ_b w(b)·T(b)`, where T has the values of a source whose numbers are `offset` plus shifted indices.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Weighted {
     /// Where the values are.
     pub source: Source,
     /// Number of the first value.
     pub offset: usize,
-    /// The weights on each axis, from the lowest.
-    pub parts: Vec<PartId>,
+    /// For each axis where its index stands in the number of a value, and the weights.
+    pub parts: Vec<(u8, PartId)>,
 }
 
 /// A claim about values that were committed to.
@@ -79,12 +79,12 @@ pub trait Party: Challenges {
         gamma: Extension,
         degree: usize,
     ) -> Result<(Vec<Extension>, Extension), Refused>;
-    /// The sumcheck of `Σ coefficient · claim` over 2^`bits` values of one source, which all claims are about. Returns its point, and the
-    /// value there.
+    /// The sumcheck of `Σ coefficient · claim` over the values of all `sources`, which have so many variables and which all claims are about.
+    /// Returns its point, and the value there.
     fn reduce_claims(
         &mut self,
         parts: &Parts,
-        bits: usize,
+        sources: &[(Source, usize)],
         claims: &[Claim],
         gamma: Extension,
     ) -> Result<(Vec<Extension>, Extension), Refused>;
@@ -95,7 +95,7 @@ pub trait Party: Challenges {
 pub struct Fold {
     /// α.
     pub shift: Extension,
-    /// 1, β, β², …
+    /// 1, β, β², β³
     pub powers: [Extension; COLUMNS],
 }
 
@@ -168,6 +168,8 @@ struct Argument<'a, P> {
     products: Vec<(Sum, Extension)>,
     /// Values of virtual tensors that were claimed.
     virtuals: BTreeMap<(usize, Weights), Extension>,
+    /// Values of public tensors that were computed.
+    publics: BTreeMap<(usize, Vec<PartId>), Extension>,
 }
 
 /// Argues that the relations hold if the claims do that are returned. `parts` holds their weights.
@@ -184,6 +186,7 @@ pub fn argue<P: Party>(
         monomials: vec![],
         products: vec![],
         virtuals: BTreeMap::new(),
+        publics: BTreeMap::new(),
     };
     argument.lookups()?;
     argument.monomials()?;
@@ -197,7 +200,7 @@ impl<P: Party> Argument<'_, P> {
         let beta = self.party.challenge();
         let fold = Fold {
             shift: self.party.challenge(),
-            powers: [Extension::ONE, beta, beta * beta],
+            powers: [Extension::ONE, beta, beta * beta, beta * beta * beta],
         };
         let layout = Layout::new(relations);
         let leaf = self.party.fractions(relations, &layout, &fold)?;
@@ -250,6 +253,15 @@ impl<P: Party> Argument<'_, P> {
                 Atom::Product(number) => self.product_at(number, weights)?,
                 Atom::Monomials(number) => self.monomials_at(number, weights)?,
                 Atom::Public(number) => self.public(number, weights),
+                Atom::Summed(number) => {
+                    let summed = &self.relations.sums[number];
+                    let mut all = weights.clone();
+                    for &axis in &summed.axes {
+                        let bits = self.relations.bits(axis) as u32;
+                        all.push((axis, self.parts.ones(bits)));
+                    }
+                    self.virtual_at(summed.of, &all)?
+                }
             };
             sum += value.scale(Goldilocks::from_i64(term.factor));
         }
@@ -276,16 +288,22 @@ impl<P: Party> Argument<'_, P> {
         })
     }
 
-    /// A public tensor at weights that are points.
-    fn public(&self, number: usize, weights: &Weights) -> Extension {
+    /// A public tensor with weights, which repeats along the other axes.
+    fn public(&mut self, number: usize, weights: &Weights) -> Extension {
         let public = &self.relations.publics[number];
-        let mut point = Vec::new();
-        for axis in public.axes() {
-            if let Part::Point(coordinates) = self.parts.get(part(weights, *axis)) {
-                point.extend_from_slice(coordinates);
+        let axes = public.axes();
+        let ids: Vec<PartId> = axes.iter().map(|&axis| part(weights, axis)).collect();
+        let key = (number, ids);
+        let value = match self.publics.get(&key) {
+            Some(&value) => value,
+            None => {
+                let parts: Vec<&Part> = key.1.iter().map(|&id| self.parts.get(id)).collect();
+                let value = public.at(&parts);
+                self.publics.insert(key, value);
+                value
             }
-        }
-        public.at(&point)
+        };
+        value * self.total(weights, |axis| !axes.contains(&axis))
     }
 
     fn virtual_at(&mut self, number: usize, weights: &Weights) -> Result<Extension, Refused> {
@@ -300,25 +318,24 @@ impl<P: Party> Argument<'_, P> {
             let mut parts = Vec::with_capacity(view.indices.len());
             let mut read = Vec::with_capacity(view.indices.len());
             let mut offset = tensor.offset;
-            let mut stride = 0;
-            // A fixed index cuts the tensor: what is left has to lie in one piece.
-            for (index, &bits) in view.indices.iter().zip(&tensor.axes) {
-                match *index {
+            for (index, place) in view.indices.iter().zip(&tensor.places) {
+                let id = match *index {
                     Index::Of(axis) => {
-                        parts.push(part(weights, axis));
                         read.push(axis);
+                        part(weights, axis)
                     }
                     Index::Mapped(axis, map) => {
-                        let id = part(weights, axis);
-                        parts.push(
-                            self.parts
-                                .mapped(id, map, &relations.maps[map], bits as usize),
-                        );
                         read.push(axis);
+                        let id = part(weights, axis);
+                        let map = (map, &relations.maps[map][..]);
+                        self.parts.mapped(id, map, place.bits as usize)
                     }
-                    Index::Fixed(index) => offset += index << stride,
-                }
-                stride += bits as usize;
+                    Index::Fixed(index) => {
+                        offset += index << place.shift;
+                        continue;
+                    }
+                };
+                parts.push((place.shift, id));
             }
             let mut factor = self.total(weights, |axis| {
                 !read.contains(&axis) && !view.only.iter().any(|(only, _)| *only == axis)
@@ -467,43 +484,5 @@ fn part(weights: &Weights, axis: Axis) -> PartId {
     match found {
         Some((_, part)) => *part,
         None => unreachable!("relations are validated"),
-    }
-}
-
-/// Makes one claim of all `claims`, which are about one source of 2^`bits` values: what its multilinear polynomial is at a point.
-pub fn share<P: Party>(
-    party: &mut P,
-    parts: &mut Parts,
-    source: Source,
-    bits: usize,
-    claims: &[Claim],
-) -> Result<(Vec<Extension>, Extension), Refused> {
-    let gamma = party.challenge();
-    let (point, value) = party.reduce_claims(parts, bits, claims, gamma)?;
-    let whole = Weighted {
-        source,
-        offset: 0,
-        parts: vec![parts.add(Part::Point(point.clone()))],
-    };
-    let claimed = party.value(parts, &whole)?;
-    let mut known = BTreeMap::new();
-    let mut weight = Extension::ZERO;
-    let mut power = Extension::ONE;
-    for Claim { about, .. } in claims {
-        let mut start = 0;
-        let mut product = power;
-        for &id in &about.parts {
-            let end = start + parts.get(id).bits();
-            let coordinates = &point[start..end];
-            let at = known.entry((id, start));
-            product *= *at.or_insert_with(|| parts.get(id).at(coordinates));
-            start = end;
-        }
-        weight += product * eq_bits(about.offset >> start, &point[start..]);
-        power *= gamma;
-    }
-    match weight * claimed == value {
-        true => Ok((point, claimed)),
-        false => Err(Refused::Equation("the sumcheck of the claims")),
     }
 }

@@ -3,7 +3,7 @@
 use crate::field::Extension;
 use crate::fractions::{self, LeafClaim};
 use crate::protocol::{Claim, Fold, Layout, Party, Sum, Weighted};
-use crate::relation::{Parts, Relations};
+use crate::relation::{Parts, Relations, Source};
 use crate::sumcheck;
 use crate::transcript::{Refused, Verifier};
 use alloc::vec::Vec;
@@ -67,11 +67,19 @@ impl Party for Verifier<'_> {
     fn reduce_claims(
         &mut self,
         _: &Parts,
-        bits: usize,
+        sources: &[(Source, usize)],
         claims: &[Claim],
         gamma: Extension,
     ) -> Result<(Vec<Extension>, Extension), Refused> {
-        let claims = powers(claims.iter().map(|claim| claim.value), gamma);
-        sumcheck::verify_joined(self, &[(bits, claims.into_iter().sum())], 2)
+        let scaled = powers(claims.iter().map(|claim| claim.value), gamma);
+        let of = |source: Source| -> Extension {
+            let own = claims.iter().zip(&scaled);
+            own.filter(|(claim, _)| claim.about.source == source)
+                .map(|(_, &value)| value)
+                .sum()
+        };
+        let sums = sources.iter().map(|&(source, bits)| (bits, of(source)));
+        let sums: Vec<(usize, Extension)> = sums.collect();
+        sumcheck::verify_joined(self, &sums, 2)
     }
 }

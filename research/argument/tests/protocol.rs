@@ -2,11 +2,12 @@
 
 use zk0_argument::field::{Extension, Goldilocks};
 use zk0_argument::hash::Digest;
-use zk0_argument::multilinear::evaluate;
-use zk0_argument::protocol::{argue, share, Claim};
+use zk0_argument::multilinear::{eq_table, evaluate};
+use zk0_argument::protocol::argue;
 use zk0_argument::prove::{count, NotInTable, Proving, Tables, Values};
-use zk0_argument::relation::public::{Public, RangeColumn, Ranges, Written};
+use zk0_argument::relation::public::{Affine, Public, RangeColumn, Ranges, Written};
 use zk0_argument::relation::*;
+use zk0_argument::share::share;
 use zk0_argument::transcript::{Challenges, Prover, Refused, Verifier};
 
 const STATEMENT: Digest = Digest([1, 2, 3, 4]);
@@ -14,6 +15,7 @@ const MAIN: Source = Source(0);
 const WEIGHTS: Source = Source(1);
 /// Binary logarithm of the values of each source.
 const BITS: [usize; 2] = [12, 7];
+const SOURCES: [(Source, usize); 2] = [(MAIN, BITS[0]), (WEIGHTS, BITS[1])];
 
 const ROW: Axis = Axis(0);
 const LAYER: Axis = Axis(1);
@@ -48,11 +50,7 @@ fn with(number: usize, term: Term) -> Term {
 }
 
 fn tensor(source: Source, offset: usize, axes: &[u8]) -> Tensor {
-    Tensor {
-        source,
-        offset,
-        axes: axes.to_vec(),
-    }
+    Tensor::packed("a tensor", source, offset, axes)
 }
 
 fn view(tensor: usize, indices: &[Index]) -> Virtual {
@@ -66,11 +64,12 @@ fn view(tensor: usize, indices: &[Index]) -> Virtual {
     }
 }
 
-fn range(axes: &[Axis], value: Linear, bits: i64, count: Count) -> Lookup {
+fn range(name: &'static str, axes: &[Axis], value: Linear, bits: i64, count: Count) -> Lookup {
     Lookup {
+        name,
         axes: axes.to_vec(),
         count,
-        entry: [value, vec![term(bits, Atom::One)], vec![]],
+        entry: [value, vec![term(bits, Atom::One)], vec![], vec![]],
     }
 }
 
@@ -172,6 +171,10 @@ fn relations() -> Relations {
             )],
         ),
     ];
+    r.sums = vec![Summed {
+        of: 5,
+        axes: vec![OUT],
+    }];
     let written = Written {
         axes: vec![ROW],
         bits: vec![2],
@@ -185,6 +188,10 @@ fn relations() -> Relations {
         Box::new(ranges(RangeColumn::Value)) as Box<dyn Public>,
         Box::new(ranges(RangeColumn::Bits)),
         Box::new(written),
+        Box::new(Affine {
+            axis: [RANGE],
+            start: -3,
+        }),
     ];
     let remainder = vec![
         with(0, term(1, Atom::Product(0))),
@@ -198,21 +205,24 @@ fn relations() -> Relations {
     ];
     let below = vec![term(1, Atom::Virtual(6)), term(-1, Atom::Virtual(2))];
     r.lookups = vec![
-        range(&axes, remainder, 4, Count::Masked(2)),
+        range("the rest of y", &axes, remainder, 4, Count::Masked(2)),
         range(
+            "y",
             &axes,
             vec![term(1, Atom::Virtual(2)), term(128, Atom::One)],
             8,
             Count::Each,
         ),
-        range(&axes, squared, 5, Count::Each),
-        range(&axes, below, 8, Count::Each),
+        range("the rest of a square", &axes, squared, 5, Count::Each),
+        range("below the largest", &axes, below, 8, Count::Each),
         Lookup {
+            name: "ranges",
             axes: vec![RANGE],
             count: Count::Offered(8),
             entry: [
                 vec![term(1, Atom::Public(0))],
                 vec![term(1, Atom::Public(1))],
+                vec![],
                 vec![],
             ],
         },
@@ -231,7 +241,7 @@ fn relations() -> Relations {
         equality(
             "one is chosen",
             &[ROW, LAYER],
-            vec![term(1, Atom::Monomials(2)), term(-1, Atom::One)],
+            vec![term(1, Atom::Summed(0)), term(-1, Atom::One)],
         ),
         equality(
             "it is chosen or not",
@@ -306,16 +316,9 @@ fn prove(values: &[Vec<i64>; 2]) -> Vec<u64> {
     let mut parts = Parts::default();
     // What an equation refuses stays in the proof, for the verifier to refuse.
     if let Ok(claims) = argue(&mut proving, &relations(), &mut parts) {
-        for (source, bits) in [(MAIN, BITS[0]), (WEIGHTS, BITS[1])] {
-            share(&mut proving, &mut parts, source, bits, &of(&claims, source)).unwrap();
-        }
+        share(&mut proving, &mut parts, &SOURCES, &claims).unwrap();
     }
     proving.prover.finish()
-}
-
-fn of(claims: &[Claim], source: Source) -> Vec<Claim> {
-    let own = claims.iter().filter(|claim| claim.about.source == source);
-    own.cloned().collect()
 }
 
 /// Verifies, with what the sources are at the last points.
@@ -323,17 +326,10 @@ fn verify(proof: &[u64], values: &[Vec<i64>; 2]) -> Result<(), Refused> {
     let mut verifier = Verifier::new(&STATEMENT, proof);
     let mut parts = Parts::default();
     let claims = argue(&mut verifier, &relations(), &mut parts)?;
-    for (source, bits) in [(MAIN, BITS[0]), (WEIGHTS, BITS[1])] {
-        let (point, value) = share(
-            &mut verifier,
-            &mut parts,
-            source,
-            bits,
-            &of(&claims, source),
-        )?;
-        let elements = values[source.0 as usize].iter();
-        let elements: Vec<Goldilocks> = elements.map(|&v| Goldilocks::from_i64(v)).collect();
-        if evaluate(&elements, &point) != value {
+    let (point, shared) = share(&mut verifier, &mut parts, &SOURCES, &claims)?;
+    for ((values, bits), value) in values.iter().zip(BITS).zip(shared) {
+        let elements: Vec<Goldilocks> = values.iter().map(|&v| Goldilocks::from_i64(v)).collect();
+        if evaluate(&elements, &point[..bits]) != value {
             return Err(Refused::Equation("the value of a source"));
         }
     }
@@ -396,7 +392,7 @@ fn what_is_in_no_table_is_named() {
     let mut values = values(3);
     values[0][Y + 5] += 1;
     let missing = fill_counts(&mut values).unwrap_err();
-    assert_eq!((missing.lookup, missing.index), (0, 5));
+    assert_eq!((missing.lookup, missing.index), ("the rest of y", 5));
 }
 
 /// Public tensors are at a point what their values say.
@@ -409,7 +405,9 @@ fn publics_are_their_values() {
         let bits = relations.bits(axis);
         let values: Vec<Goldilocks> = (0..1 << bits).map(|i| public.value(&[i])).collect();
         let point = prover.challenges(bits);
-        assert_eq!(public.at(&point), evaluate(&values, &point));
-        assert_ne!(public.at(&point), Extension::ZERO);
+        let at = public.at(&[&Part::Point(point.clone())]);
+        assert_eq!(at, evaluate(&values, &point));
+        assert_eq!(at, public.at(&[&Part::Vector(eq_table(&point))]));
+        assert_ne!(at, Extension::ZERO);
     }
 }

@@ -9,10 +9,10 @@ use std::collections::HashMap;
 
 /// Something is looked up that no table offers.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("look-up {lookup} finds no row {entry:?} at index {index}")]
+#[error("{lookup} at index {index}: {entry:?} is in no table")]
 pub struct NotInTable {
-    /// Number of the look-up.
-    pub lookup: usize,
+    /// Name of the look-up.
+    pub lookup: &'static str,
     /// Index of the entry.
     pub index: usize,
     /// Its columns.
@@ -22,6 +22,10 @@ pub struct NotInTable {
 /// The columns of all entries of a look-up.
 fn columns(tables: &Tables<'_>, lookup: &Lookup) -> [Vec<i64>; COLUMNS] {
     core::array::from_fn(|column| tables.linear(&lookup.entry[column], &lookup.axes))
+}
+
+fn row(columns: &[Vec<i64>; COLUMNS], index: usize) -> [i64; COLUMNS] {
+    core::array::from_fn(|column| columns[column][index])
 }
 
 /// Whether each entry counts.
@@ -36,27 +40,27 @@ pub fn count(tables: &Tables<'_>) -> Result<Vec<(usize, Vec<i64>)>, NotInTable> 
     let mut counts = vec![];
     for (number, lookup) in relations.lookups.iter().enumerate() {
         if let Count::Offered(_) = lookup.count {
-            let [a, b, c] = columns(tables, lookup);
-            for index in 0..a.len() {
-                rows.insert([a[index], b[index], c[index]], (counts.len(), index));
+            let columns = columns(tables, lookup);
+            for index in 0..columns[0].len() {
+                rows.insert(row(&columns, index), (counts.len(), index));
             }
-            counts.push((number, vec![0; a.len()]));
+            counts.push((number, vec![0; columns[0].len()]));
         }
     }
-    for (number, lookup) in relations.lookups.iter().enumerate() {
+    for lookup in &relations.lookups {
         let mask = match lookup.count {
             Count::Offered(_) => continue,
             Count::Each => None,
             Count::Masked(public) => Some(mask(tables, public, &lookup.axes)),
         };
-        let [a, b, c] = columns(tables, lookup);
-        for index in 0..a.len() {
+        let columns = columns(tables, lookup);
+        for index in 0..columns[0].len() {
             if mask.as_ref().is_some_and(|mask| mask[index] == 0) {
                 continue;
             }
-            let entry = [a[index], b[index], c[index]];
+            let entry = row(&columns, index);
             let missing = NotInTable {
-                lookup: number,
+                lookup: lookup.name,
                 index,
                 entry,
             };
@@ -76,15 +80,15 @@ pub fn leaves(
     let mut numerators = vec![Extension::ZERO; 1 << layout.variables];
     let mut denominators = vec![Extension::ONE; 1 << layout.variables];
     for (lookup, &offset) in tables.relations.lookups.iter().zip(&layout.offsets) {
-        let [a, b, c] = columns(tables, lookup);
+        let columns = columns(tables, lookup);
         let element = |value: i64| Goldilocks::from_i64(value);
-        let targets = denominators[offset..][..a.len()].par_iter_mut();
+        let targets = denominators[offset..][..columns[0].len()].par_iter_mut();
         targets.enumerate().for_each(|(index, target)| {
-            let values = [a[index], b[index], c[index]].map(element);
+            let values = row(&columns, index).map(element);
             *target = fold.shift - Extension::dot(&fold.powers, &values);
         });
         let counts = match lookup.count {
-            Count::Each => vec![1; a.len()],
+            Count::Each => vec![1; columns[0].len()],
             Count::Masked(public) => mask(tables, public, &lookup.axes),
             Count::Offered(number) => tables.of_virtual(number, &lookup.axes),
         };
@@ -92,7 +96,7 @@ pub fn leaves(
             Count::Offered(_) => -1,
             _ => 1,
         };
-        let targets = numerators[offset..][..a.len()].par_iter_mut();
+        let targets = numerators[offset..][..columns[0].len()].par_iter_mut();
         targets
             .zip(counts)
             .for_each(|(target, count)| *target = element(sign * count).into());

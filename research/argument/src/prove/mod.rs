@@ -12,7 +12,8 @@ pub use tables::Tables;
 use crate::field::{Extension, Goldilocks};
 use crate::fractions::{self, LeafClaim};
 use crate::protocol::{Claim, Fold, Layout, Party, Sum, Weighted, Weights};
-use crate::relation::{Axis, Factor, PartId, Parts, Relations};
+use crate::multilinear::outer;
+use crate::relation::{Axis, Factor, PartId, Parts, Relations, Source};
 use crate::transcript::{Challenges, Prover, Refused};
 use joined::Joined;
 use rayon::prelude::*;
@@ -34,13 +35,6 @@ impl Values<'_> {
             Self::Narrow(values) => values.get(index).map_or(0, |&value| value as i64),
             Self::Wide(values) => values.get(index).copied().unwrap_or_default(),
         }
-    }
-
-    fn range(&self, start: usize, len: usize) -> Vec<i64> {
-        (start..start + len)
-            .into_par_iter()
-            .map(|index| self.get(index))
-            .collect()
     }
 }
 
@@ -89,9 +83,13 @@ impl Challenges for Proving<'_> {
 
 impl Party for Proving<'_> {
     fn value(&mut self, parts: &Parts, about: &Weighted) -> Result<Extension, Refused> {
-        let bits: usize = about.parts.iter().map(|&id| parts.get(id).bits()).sum();
-        let values = self.sources[about.source.0 as usize].range(about.offset, 1 << bits);
-        let value = contract(&values, parts, &about.parts)[0];
+        let places = about.parts.iter();
+        let places = places.map(|&(shift, id)| (shift, parts.get(id).bits()));
+        let numbers = numbers(about.offset, &places.collect::<Vec<_>>());
+        let source = self.sources[about.source.0 as usize];
+        let values: Vec<i64> = numbers.into_par_iter().map(|n| source.get(n)).collect();
+        let ids: Vec<PartId> = about.parts.iter().map(|(_, id)| *id).collect();
+        let value = contract(&values, parts, &ids)[0];
         Ok(self.say(value))
     }
 
@@ -166,38 +164,61 @@ impl Party for Proving<'_> {
     fn reduce_claims(
         &mut self,
         parts: &Parts,
-        bits: usize,
+        sources: &[(Source, usize)],
         claims: &[Claim],
         gamma: Extension,
     ) -> Result<(Vec<Extension>, Extension), Refused> {
-        let mut weights = vec![Extension::ZERO; 1 << bits];
-        let mut source = vec![Extension::ZERO; 1 << bits];
-        let mut power = Extension::ONE;
-        for Claim { about, .. } in claims {
-            let mut own = vec![power];
-            for &id in &about.parts {
-                own = outer(&own, &parts.get(id).weights());
+        let mut joined = vec![];
+        for &(source, bits) in sources {
+            let mut weights = vec![Extension::ZERO; 1 << bits];
+            let mut power = Extension::ONE;
+            for Claim { about, .. } in claims {
+                if about.source == source {
+                    add_weights(parts, about, power, &mut weights);
+                }
+                power *= gamma;
             }
-            let target = weights[about.offset..].par_iter_mut().zip(&own);
-            target.for_each(|(sum, &weight)| *sum += weight);
-            power *= gamma;
+            let values = self.sources[source.0 as usize];
+            let value = |index| Goldilocks::from_i64(values.get(index)).into();
+            let values = (0..1usize << bits).into_par_iter().map(value).collect();
+            let product = vec![(Extension::ONE, vec![0, 1])];
+            joined.push(Joined::new(vec![weights, values], product));
         }
-        if let Some(claim) = claims.first() {
-            let values = self.sources[claim.about.source.0 as usize];
-            let target = source.par_iter_mut().enumerate();
-            target
-                .for_each(|(index, value)| *value = Goldilocks::from_i64(values.get(index)).into());
-        }
-        let joined = Joined::new(vec![weights, source], vec![(Extension::ONE, vec![0, 1])]);
-        Ok(joined::prove(&mut self.prover, vec![joined], 2))
+        Ok(joined::prove(&mut self.prover, joined, 2))
     }
 }
 
-/// All products of a weight of a lower axis and one of a higher axis.
-fn outer(low: &[Extension], high: &[Extension]) -> Vec<Extension> {
-    let rows = high.par_iter();
-    rows.flat_map_iter(|&b| low.iter().map(move |&a| a * b))
-        .collect()
+/// The numbers of the values of a tensor, from the first axis on.
+fn numbers(offset: usize, places: &[(u8, usize)]) -> Vec<usize> {
+    let mut numbers = vec![offset];
+    for &(shift, bits) in places {
+        let below = numbers.len();
+        numbers.reserve(below << bits);
+        for index in 1..1 << bits {
+            numbers.extend_from_within(..below);
+            let last = numbers.len() - below;
+            for number in &mut numbers[last..] {
+                *number += index << shift;
+            }
+        }
+    }
+    numbers
+}
+
+/// Adds the weights of a claim, times `power`, to those of all values of its source.
+fn add_weights(parts: &Parts, about: &Weighted, power: Extension, weights: &mut [Extension]) {
+    let places = about.parts.iter();
+    let places = places.map(|&(shift, id)| (shift, parts.get(id).bits()));
+    let mut own = vec![power];
+    for &(_, id) in &about.parts {
+        own = outer(&own, &parts.get(id).weights());
+    }
+    for (number, weight) in numbers(about.offset, &places.collect::<Vec<_>>())
+        .into_iter()
+        .zip(own)
+    {
+        weights[number] += weight;
+    }
 }
 
 /// The sums over the lowest axes of values times weights, one part for each of these axes.

@@ -32,15 +32,14 @@ impl Tables<'_> {
             .map(|&axis| vec![Some(0); 1 << self.relations.bits(axis)])
             .collect();
         let of = |axis: Axis| axes.iter().position(|&own| own == axis);
-        let mut stride = 0;
         let mut start = tensor.offset;
-        for (index, &bits) in view.indices.iter().zip(&tensor.axes) {
+        for (index, place) in view.indices.iter().zip(&tensor.places) {
+            let shift = place.shift;
             let (axis, map) = match *index {
                 Index::Of(axis) => (axis, None),
                 Index::Mapped(axis, map) => (axis, Some(&self.relations.maps[map])),
                 Index::Fixed(fixed) => {
-                    start += fixed << stride;
-                    stride += bits;
+                    start += fixed << shift;
                     continue;
                 }
             };
@@ -50,10 +49,9 @@ impl Tables<'_> {
                         None => Some(number),
                         Some(map) => map[number].map(usize::from),
                     };
-                    *step = place.and_then(|place| step.map(|step| step + (place << stride)));
+                    *step = place.and_then(|place| step.map(|step| step + (place << shift)));
                 }
             }
-            stride += bits;
         }
         for &(axis, only) in &view.only {
             let Some(own) = of(axis) else { continue };
@@ -213,6 +211,13 @@ impl Tables<'_> {
                     let monomials = &self.relations.monomials[number];
                     let kept = &monomials.axes[..monomials.axes.len() - monomials.summed];
                     self.repeat(&self.monomials(number), kept, axes)
+                }
+                Atom::Summed(number) => {
+                    let summed = &self.relations.sums[number];
+                    let all = [&summed.axes, axes].concat();
+                    let each = self.of_virtual(summed.of, &all);
+                    let rows = each.par_chunks_exact(1 << self.relations.size(&summed.axes));
+                    rows.map(|row| row.iter().sum()).collect()
                 }
             };
             let coefficients = term.coefficients.map(|number| {

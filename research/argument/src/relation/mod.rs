@@ -26,15 +26,44 @@ pub struct Axis(pub u8);
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Source(pub u8);
 
-/// A part of a source. Its size is a power of two, and its offset a multiple of that.
+/// Where the index on an axis of a tensor stands in the number of a value.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Place {
+    /// The index is shifted left by so many bits.
+    pub shift: u8,
+    /// Bits of the index.
+    pub bits: u8,
+}
+
+/// A part of a source: the values whose numbers are `offset` plus the shifted indices. The offset is zero where an index stands.
 #[derive(Clone, Debug)]
 pub struct Tensor {
+    /// Names it in errors.
+    pub name: &'static str,
     /// Where its values are.
     pub source: Source,
     /// Number of its first value there.
     pub offset: usize,
-    /// Bits of its axes, from the one whose index changes fastest.
-    pub axes: Vec<u8>,
+    /// Where the index on each of its axes stands.
+    pub places: Vec<Place>,
+}
+
+impl Tensor {
+    /// A tensor whose values lie in one piece, with axes of so many bits, from the one whose index changes fastest.
+    pub fn packed(name: &'static str, source: Source, offset: usize, axes: &[u8]) -> Self {
+        let mut shift = 0;
+        let places = axes.iter().map(|&bits| {
+            let place = Place { shift, bits };
+            shift += bits;
+            place
+        });
+        Self {
+            name,
+            source,
+            offset,
+            places: places.collect(),
+        }
+    }
 }
 
 /// Where the index on an axis of a tensor comes from.
@@ -110,6 +139,15 @@ pub struct Monomials {
 /// Most factors of a monomial.
 pub const MAX_FACTORS: usize = 3;
 
+/// Sums of the values of a virtual tensor over some of its axes.
+#[derive(Clone, Debug)]
+pub struct Summed {
+    /// Number in [`Relations::virtuals`].
+    pub of: usize,
+    /// The axes that are summed over.
+    pub axes: Vec<Axis>,
+}
+
 /// What a term of a [`Linear`] multiplies.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Atom {
@@ -121,6 +159,8 @@ pub enum Atom {
     Product(usize),
     /// A value of monomials.
     Monomials(usize),
+    /// A sum of values.
+    Summed(usize),
     /// A value that both sides compute.
     Public(usize),
 }
@@ -140,7 +180,7 @@ pub struct Term {
 pub type Linear = Vec<Term>;
 
 /// Columns of a table.
-pub const COLUMNS: usize = 3;
+pub const COLUMNS: usize = 4;
 
 /// Whether entries are looked up or offered.
 #[derive(Clone, Copy, Debug)]
@@ -153,9 +193,11 @@ pub enum Count {
     Offered(usize),
 }
 
-/// Entries of [`COLUMNS`] values: what is looked up, or a table.
+/// Entries of [`COLUMNS`] values: what is looked up, or a table. All tables share one sum, so a column has to tell them apart.
 #[derive(Clone, Debug)]
 pub struct Lookup {
+    /// Names it in errors.
+    pub name: &'static str,
     /// Its axes, from the lowest.
     pub axes: Vec<Axis>,
     /// Which entries count.
@@ -192,6 +234,8 @@ pub struct Relations {
     pub products: Vec<Product>,
     /// Tensors of products.
     pub monomials: Vec<Monomials>,
+    /// Sums over axes.
+    pub sums: Vec<Summed>,
     /// Tensors that both sides compute.
     pub publics: Vec<Box<dyn Public>>,
     /// What is looked up, and the tables.

@@ -91,6 +91,7 @@ enum Derived {
 pub struct Parts {
     parts: Vec<Part>,
     derived: BTreeMap<(PartId, Derived), PartId>,
+    ones: BTreeMap<u32, PartId>,
 }
 
 impl Parts {
@@ -118,13 +119,22 @@ impl Parts {
         })
     }
 
-    /// The part of an axis with `bits` bits. Index `i` of the part `id` adds its weight to index `map[i]`, if there is one. The map is
-    /// number `number` of the statement.
+    /// 1 for each index of an axis of 2^`bits`.
+    pub fn ones(&mut self, bits: u32) -> PartId {
+        if let Some(&known) = self.ones.get(&bits) {
+            return known;
+        }
+        let id = self.add(Part::Ones(bits));
+        self.ones.insert(bits, id);
+        id
+    }
+
+    /// The part of an axis with `bits` bits. Index `i` of the part `id` adds its weight to index `map[i]`, if there is one. The map comes
+    /// with its number in the statement.
     pub fn mapped(
         &mut self,
         id: PartId,
-        number: usize,
-        map: &[Option<u16>],
+        (number, map): (usize, &[Option<u16>]),
         bits: usize,
     ) -> PartId {
         self.derive(id, Derived::Mapped(number), |part| {

@@ -1,8 +1,8 @@
 //! Tensors that both sides compute, and that the verifier evaluates at a point.
 
-use super::Axis;
+use super::{Axis, Part};
 use crate::field::{Extension, Goldilocks};
-use crate::multilinear::eq_table;
+use crate::multilinear::outer;
 use alloc::vec::Vec;
 
 /// A tensor that both sides compute.
@@ -11,8 +11,8 @@ pub trait Public: Sync {
     fn axes(&self) -> &[Axis];
     /// Its value at these indices, one on each axis.
     fn value(&self, indices: &[usize]) -> Goldilocks;
-    /// The multilinear polynomial with these values, at a point with the coordinates of one axis after those of the other.
-    fn at(&self, point: &[Extension]) -> Extension;
+    /// `Σ_b w(b)·T(b)`, where the weights are a part for each axis.
+    fn at(&self, parts: &[&Part]) -> Extension;
 }
 
 /// A tensor that is written out.
@@ -38,8 +38,50 @@ impl Public for Written {
         self.values[place]
     }
 
-    fn at(&self, point: &[Extension]) -> Extension {
-        Extension::dot(&eq_table(point), &self.values)
+    fn at(&self, parts: &[&Part]) -> Extension {
+        let mut weights = alloc::vec![Extension::ONE];
+        for part in parts {
+            weights = outer(&weights, &part.weights());
+        }
+        Extension::dot(&weights, &self.values)
+    }
+}
+
+/// What [`Public::at`] is, value by value, for a tensor with one axis.
+fn weighted_sum(public: &impl Public, parts: &[&Part]) -> Extension {
+    let weights = parts.first().map(|part| part.weights());
+    let weights = weights.into_iter().flatten().enumerate();
+    weights
+        .map(|(index, weight)| weight.scale(public.value(&[index])))
+        .sum()
+}
+
+/// `start + index` on one axis.
+pub struct Affine {
+    /// The axis.
+    pub axis: [Axis; 1],
+    /// The value at index 0.
+    pub start: i64,
+}
+
+impl Public for Affine {
+    fn axes(&self) -> &[Axis] {
+        &self.axis
+    }
+
+    fn value(&self, indices: &[usize]) -> Goldilocks {
+        Goldilocks::from_i64(self.start + indices[0] as i64)
+    }
+
+    fn at(&self, parts: &[&Part]) -> Extension {
+        match parts {
+            [Part::Point(point)] => {
+                let bits = point.iter().enumerate();
+                let index = bits.map(|(bit, x)| x.scale(Goldilocks::from_i64(1 << bit)));
+                index.sum::<Extension>() + Goldilocks::from_i64(self.start).into()
+            }
+            _ => weighted_sum(self, parts),
+        }
     }
 }
 
@@ -83,7 +125,11 @@ impl Public for Ranges {
         }
     }
 
-    fn at(&self, point: &[Extension]) -> Extension {
+    fn at(&self, parts: &[&Part]) -> Extension {
+        let point = match parts {
+            [Part::Point(point)] => &point[..],
+            _ => return weighted_sum(self, parts),
+        };
         // Σ over the leading bit, with the product of 1 − x over all bits above it.
         let (mut above, mut leading) = (Extension::ONE, Extension::ZERO);
         for (bit, &x) in point.iter().enumerate().rev() {
