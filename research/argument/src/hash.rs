@@ -29,6 +29,8 @@ pub enum Domain {
     Leaf = 16,
     /// The transcript of an argument.
     Transcript = 17,
+    /// A statement.
+    Statement = 18,
 }
 
 /// A sponge: what it absorbs overwrites the first half of its state.
@@ -126,12 +128,18 @@ fn upper(first: u64, second: u64) -> u64 {
     (first >> (2 * LIMB)) | (second >> (2 * LIMB)) << 32
 }
 
+/// The digest of a list of elements.
+#[inline(always)]
+pub fn digest_of(domain: Domain, elements: &[Goldilocks]) -> Digest {
+    let mut sponge = Sponge::new(domain, elements.len());
+    sponge.absorb(elements);
+    sponge.digest()
+}
+
 /// The digest of a row.
 #[inline(always)]
 pub fn leaf(row: &[Goldilocks]) -> Digest {
-    let mut sponge = Sponge::new(Domain::Leaf, row.len());
-    sponge.absorb(row);
-    sponge.digest()
+    digest_of(Domain::Leaf, row)
 }
 
 /// The digest of two digests: the first half of the permutation of both.

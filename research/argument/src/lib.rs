@@ -14,6 +14,7 @@
 extern crate alloc;
 
 pub mod commitment;
+pub mod expert;
 pub mod field;
 pub mod fractions;
 pub mod hash;

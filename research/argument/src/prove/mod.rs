@@ -2,6 +2,7 @@
 //!
 //! It has the values of all sources as integers. Sums over them stay within an i64, which the statement has to see to.
 
+pub mod filling;
 mod joined;
 mod looked_up;
 mod tables;
@@ -83,13 +84,7 @@ impl Challenges for Proving<'_> {
 
 impl Party for Proving<'_> {
     fn value(&mut self, parts: &Parts, about: &Weighted) -> Result<Extension, Refused> {
-        let places = about.parts.iter();
-        let places = places.map(|&(shift, id)| (shift, parts.get(id).bits()));
-        let numbers = numbers(about.offset, &places.collect::<Vec<_>>());
-        let source = self.sources[about.source.0 as usize];
-        let values: Vec<i64> = numbers.into_par_iter().map(|n| source.get(n)).collect();
-        let ids: Vec<PartId> = about.parts.iter().map(|(_, id)| *id).collect();
-        let value = contract(&values, parts, &ids)[0];
+        let value = value(self.sources[about.source.0 as usize], parts, about);
         Ok(self.say(value))
     }
 
@@ -186,6 +181,16 @@ impl Party for Proving<'_> {
         }
         Ok(joined::prove(&mut self.prover, joined, 2))
     }
+}
+
+/// What a claim about these values is about.
+pub fn value(values: Values<'_>, parts: &Parts, about: &Weighted) -> Extension {
+    let places = about.parts.iter();
+    let places = places.map(|&(shift, id)| (shift, parts.get(id).bits()));
+    let numbers = numbers(about.offset, &places.collect::<Vec<_>>());
+    let values: Vec<i64> = numbers.into_par_iter().map(|n| values.get(n)).collect();
+    let ids: Vec<PartId> = about.parts.iter().map(|(_, id)| *id).collect();
+    contract(&values, parts, &ids)[0]
 }
 
 /// The numbers of the values of a tensor, from the first axis on.

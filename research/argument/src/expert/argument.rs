@@ -1,0 +1,162 @@
+//! The whole argument about an expert's losses: what both sides do, and the claims about weights and tables that it leaves.
+//!
+//! The verifier in the guest sees neither weights nor tables. It publishes the claims about them, and whoever has them computes them again
+//! ([`Published::holds`]).
+
+use super::builder::{DATA, MAIN};
+use super::layers::Expert;
+use super::sizes::S;
+use super::statement::Statement;
+use crate::commitment::{self, Parameters, Rate, Segment};
+use crate::field::Extension;
+use crate::multilinear::eq_table;
+use crate::protocol::{argue, Claim};
+use crate::relation::Parts;
+use crate::share::share;
+use crate::transcript::{Refused, Verifier};
+use alloc::vec::Vec;
+
+/// Most variables of the columns of a commitment.
+const TALLEST: u32 = 20;
+
+/// How sources become columns: each segment has columns of one height, and a column is what lies in one piece.
+pub struct Shape {
+    /// Of all segments.
+    pub parameters: Parameters,
+    /// Columns of a segment of [`MAIN`] and of [`DATA`].
+    pub widths: [usize; 2],
+    /// Segments of each.
+    pub segments: usize,
+}
+
+impl Shape {
+    /// For an expert. `None` if it is too small for a commitment.
+    pub fn new(expert: &Expert) -> Option<Self> {
+        let bits = [MAIN, DATA].map(|source| expert.source_bits[source.0 as usize] as u32);
+        let height = bits[0].min(bits[1]).min(TALLEST);
+        Some(Self {
+            parameters: Parameters::new(height, Rate::Quarter)?,
+            widths: bits.map(|bits| 1 << (bits - height)),
+            segments: expert.builder.sizes.count(S),
+        })
+    }
+}
+
+/// Claims about weights and tables, with the weights that they name.
+pub struct Published {
+    /// The parts that claims name.
+    pub parts: Parts,
+    /// The claims.
+    pub claims: Vec<Claim>,
+}
+
+/// Splits claims into those about what was committed to, and others.
+fn split(claims: Vec<Claim>) -> (Vec<Claim>, Vec<Claim>) {
+    let committed = |claim: &Claim| [MAIN, DATA].contains(&claim.about.source);
+    claims.into_iter().partition(committed)
+}
+
+/// Both sources with their variables.
+fn sources(expert: &Expert) -> [(crate::relation::Source, usize); 2] {
+    let samples = expert.builder.sizes.of(S);
+    [MAIN, DATA].map(|source| (source, (expert.source_bits[source.0 as usize] + samples) as usize))
+}
+
+/// Checks an argument. Returns what is left to check.
+pub fn verify(statement: &Statement, proof: &[u64]) -> Result<Published, Refused> {
+    let expert = Expert::new(statement);
+    let shape = Shape::new(&expert).ok_or(Refused::Equation("the size of a commitment"))?;
+    let mut verifier = Verifier::new(&statement.digest(), proof);
+    let mut segments = Vec::with_capacity(2 * shape.segments);
+    for width in shape.widths {
+        for _ in 0..shape.segments {
+            segments.push(Segment::receive(&mut verifier, width)?);
+        }
+    }
+    let mut parts = Parts::default();
+    let claims = argue(&mut verifier, &expert.builder.relations, &mut parts)?;
+    let (committed, published) = split(claims);
+    let sources = sources(&expert);
+    let (point, values) = share(&mut verifier, &mut parts, &sources, &committed)?;
+    let height = shape.parameters.variables();
+    let opened = commitment::verify(&mut verifier, &shape.parameters, &segments, &point[..height])?;
+    let mut columns = opened;
+    for ((width, (_, bits)), value) in shape.widths.into_iter().zip(sources).zip(values) {
+        let (own, rest) = columns.split_at(width * shape.segments);
+        columns = rest;
+        let weights = eq_table(&point[height..bits]);
+        let sum: Extension = weights.iter().zip(own).map(|(&w, &v)| w * v).sum();
+        if sum != value {
+            return Err(Refused::Equation("the columns of a commitment"));
+        }
+    }
+    verifier.finish()?;
+    Ok(Published {
+        parts,
+        claims: published,
+    })
+}
+
+/// The prover's side.
+#[cfg(feature = "prove")]
+pub mod prove {
+    use super::*;
+    use crate::commitment::prove::{open, Committed};
+    use crate::expert::witness::Witness;
+    use crate::field::Goldilocks;
+    use crate::prove::{Proving, Values};
+    use crate::transcript::Prover;
+    use rayon::prelude::*;
+
+    /// Argues. What is false is argued as if it were true, so that tests can see it refused.
+    pub fn prove(statement: &Statement, expert: &Expert, witness: &Witness) -> Option<Vec<u64>> {
+        let shape = Shape::new(expert)?;
+        let mut prover = Prover::new(&statement.digest());
+        let mut committed = vec![];
+        for (values, width) in [&witness.main, &witness.data].into_iter().zip(shape.widths) {
+            let height = 1usize << shape.parameters.variables();
+            for segment in values.chunks_exact(width * height) {
+                let row = |row: usize| (0..width).map(move |column| segment[column * height + row]);
+                let rows = (0..height).into_par_iter().flat_map_iter(row);
+                let rows = rows.map(Goldilocks::from_i64).collect();
+                committed.push(Committed::new(&mut prover, &shape.parameters, rows, width));
+            }
+        }
+        let values = vec![
+            Values::Wide(&witness.main),
+            Values::Wide(&witness.data),
+            Values::Narrow(&witness.weights),
+            Values::Wide(&witness.tables),
+        ];
+        let mut proving = Proving::new(prover, values);
+        let mut parts = Parts::default();
+        let argued = argue(&mut proving, &expert.builder.relations, &mut parts);
+        if let Ok(claims) = argued {
+            let (claims, _) = split(claims);
+            if let Ok((point, _)) = share(&mut proving, &mut parts, &sources(expert), &claims) {
+                let segments: Vec<&Committed> = committed.iter().collect();
+                let point = &point[..shape.parameters.variables()];
+                open(&mut proving.prover, &shape.parameters, &segments, point);
+            }
+        }
+        Some(proving.prover.finish())
+    }
+
+    impl Published {
+        /// Checks all claims against the values of weights and tables.
+        pub fn holds(&self, weights: &[i16], tables: &[i64]) -> Result<(), Refused> {
+            use crate::expert::builder::{TABLES, WEIGHTS};
+            for claim in &self.claims {
+                let values = match claim.about.source {
+                    WEIGHTS => Values::Narrow(weights),
+                    TABLES => Values::Wide(tables),
+                    _ => return Err(Refused::Equation("the source of a claim")),
+                };
+                if crate::prove::value(values, &self.parts, &claim.about) != claim.value {
+                    return Err(Refused::Equation("a claim about weights or tables"));
+                }
+            }
+            Ok(())
+        }
+    }
+}
