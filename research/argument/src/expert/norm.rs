@@ -144,11 +144,12 @@ impl Norm<'_> {
         ];
         below(builder, &to_root, 32);
 
-        // |x·gain·reciprocal| is at most 2^62, and so is 2^shift times the result
+        // |x·gain·reciprocal| is at most 2^62, half of the shift's power 2^61, and 2^shift times the result at most 2^63: together less than the
+        // modulus.
         let scaled = monomials(builder, &all, 0, &[self.input, self.gain, reciprocal.view]);
         let half = self.shift.map(|shift| power_of_two(shift - 1));
         let value = vec![one(scaled), builder.scaled(&half, 1, Atom::One)];
-        let within = self.shift.map(|shift| (63 - shift).min(16));
+        let within = self.shift.map(|shift| (64 - shift).min(16));
         let result = builder.commit(name, &all);
         builder.floor_into(result, &all, count, (value, None), &self.shift, &within);
         result

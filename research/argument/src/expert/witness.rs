@@ -7,7 +7,7 @@ use super::sizes::{Sizes, L, M, N, T};
 use super::statement::{Evaluated, Statement};
 use super::trace::{trace, Kept};
 use crate::prove::filling::Filling;
-use crate::prove::NotInTable;
+use crate::prove::{NotInTable, Values};
 use crate::relation::{Place, Relations};
 use zk0_circuits::model::arithmetic::fixed::Rescale;
 use zk0_circuits::model::arithmetic::tables::exp2_negative;
@@ -106,6 +106,16 @@ pub fn evaluate(
 }
 
 impl Witness {
+    /// The values of all sources, by number.
+    pub fn sources(&self) -> [Values<'_>; 4] {
+        [
+            Values::Wide(&self.main),
+            Values::Wide(&self.data),
+            Values::Narrow(&self.weights),
+            Values::Wide(&self.tables),
+        ]
+    }
+
     /// Computes all values. They obey the relations, if the evaluation did not fail.
     pub fn new(
         statement: &Statement,

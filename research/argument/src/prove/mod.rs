@@ -7,7 +7,7 @@ mod joined;
 mod looked_up;
 mod tables;
 
-pub use looked_up::{count, NotInTable};
+pub use looked_up::{check, count, NotInTable, Violation};
 pub use tables::Tables;
 
 use crate::field::{Extension, Goldilocks};
