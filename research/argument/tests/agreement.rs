@@ -7,7 +7,7 @@ use models::Models;
 use rayon::prelude::*;
 use zk0_argument::expert::layers::Expert;
 use zk0_argument::expert::witness::{evaluate, Unprovable, Witness};
-use zk0_argument::prove::{check, Tables};
+use zk0_argument::prove::{check, Computed, Tables};
 use zk0_circuits::model::spec::Dims;
 use zk0_circuits::EvalSpec;
 
@@ -88,6 +88,7 @@ fn agrees(seed: u64) -> bool {
     let tables = Tables {
         relations: &expert.builder.relations,
         sources: &witness.sources(),
+        computed: &Computed::default(),
     };
     if let Err(violation) = check(&tables) {
         panic!("seed {seed}: {violation} ({spec:?})");

@@ -10,7 +10,7 @@ use zk0_argument::expert::layers::Expert;
 use zk0_argument::expert::sizes::P;
 use zk0_argument::expert::statement::Statement;
 use zk0_argument::expert::witness::{evaluate, Witness};
-use zk0_argument::prove::{check, Tables, Violation};
+use zk0_argument::prove::{check, Computed, Tables, Violation};
 use zk0_argument::relation::Relations;
 use zk0_argument::transcript::Refused;
 use zk0_circuits::EvalSpec;
@@ -43,6 +43,7 @@ impl Made {
         check(&Tables {
             relations: self.relations(),
             sources: &self.witness.sources(),
+            computed: &Computed::default(),
         })
     }
 

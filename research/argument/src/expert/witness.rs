@@ -7,7 +7,7 @@ use super::sizes::{Sizes, L, M, N, T};
 use super::statement::{Evaluated, Statement};
 use super::trace::{trace, Kept};
 use crate::prove::filling::Filling;
-use crate::prove::{NotInTable, Values};
+use crate::prove::{Computed, NotInTable, Values};
 use crate::relation::{Place, Relations};
 use zk0_circuits::model::arithmetic::fixed::Rescale;
 use zk0_circuits::model::arithmetic::tables::exp2_negative;
@@ -145,6 +145,7 @@ impl Witness {
             data: &data,
             weights: &weights,
             tables: &tables,
+            computed: Computed::default(),
         };
         let hidden = &relations.tensors[expert.given.hidden.tensor];
         for (number, kept) in kept.iter().enumerate() {

@@ -69,8 +69,14 @@ impl Extension {
     /// `Σ weights · values`, of as many as the shorter list has.
     #[inline(always)]
     pub fn dot(weights: &[Self], values: &[Goldilocks]) -> Self {
+        Self::dot_of(weights, values.iter().copied())
+    }
+
+    /// `Σ weights · values`, of as many as there are of both.
+    #[inline(always)]
+    pub fn dot_of(weights: &[Self], values: impl Iterator<Item = Goldilocks>) -> Self {
         let mut sums = [Products::default(); 2];
-        for (weight, &value) in weights.iter().zip(values) {
+        for (weight, value) in weights.iter().zip(values) {
             sums[0].add(weight.0[0], value);
             sums[1].add(weight.0[1], value);
         }

@@ -1,6 +1,6 @@
 //! The values of committed tensors, computed step by step from the relations that they have to obey.
 
-use super::{count, numbers, NotInTable, Tables, Values};
+use super::{count, numbers, Computed, NotInTable, Tables, Values};
 use crate::expert::builder::{Along, Committed};
 use crate::relation::{Axis, Count, Linear, Relations};
 
@@ -16,6 +16,8 @@ pub struct Filling<'a> {
     pub weights: &'a [i16],
     /// Columns of tables.
     pub tables: &'a [i64],
+    /// Sums of products. A step computes them when the values that they are made from are filled in, and no later step changes these.
+    pub computed: Computed,
 }
 
 impl Filling<'_> {
@@ -33,6 +35,7 @@ impl Filling<'_> {
         f(&Tables {
             relations: self.relations,
             sources: &self.sources(),
+            computed: &self.computed,
         })
     }
 

@@ -8,7 +8,7 @@ mod looked_up;
 mod tables;
 
 pub use looked_up::{check, count, NotInTable, Violation};
-pub use tables::Tables;
+pub use tables::{Computed, Tables};
 
 use crate::field::{Extension, Goldilocks};
 use crate::fractions::{self, LeafClaim};
@@ -45,6 +45,7 @@ pub struct Proving<'a> {
     pub prover: Prover,
     /// The values of each source, by number.
     pub sources: Vec<Values<'a>>,
+    computed: Computed,
     /// Factors of products whose sums were said, until their sumcheck.
     factors: Vec<(Sum, [Vec<Extension>; 2])>,
 }
@@ -55,6 +56,7 @@ impl<'a> Proving<'a> {
         Self {
             prover,
             sources,
+            computed: Computed::default(),
             factors: vec![],
         }
     }
@@ -63,6 +65,7 @@ impl<'a> Proving<'a> {
         Tables {
             relations,
             sources: &self.sources,
+            computed: &self.computed,
         }
     }
 
@@ -228,16 +231,14 @@ fn add_weights(parts: &Parts, about: &Weighted, power: Extension, weights: &mut 
 
 /// The sums over the lowest axes of values times weights, one part for each of these axes.
 fn contract(values: &[i64], parts: &Parts, ids: &[PartId]) -> Vec<Extension> {
-    let elements: Vec<Goldilocks> = values
-        .par_iter()
-        .map(|&v| Goldilocks::from_i64(v))
-        .collect();
     let Some((&first, rest)) = ids.split_first() else {
-        return elements.into_iter().map(Extension::from).collect();
+        let elements = values.par_iter().map(|&v| Goldilocks::from_i64(v).into());
+        return elements.collect();
     };
     let weights = parts.get(first).weights();
-    let rows = elements.par_chunks_exact(weights.len());
-    let mut sums: Vec<Extension> = rows.map(|row| Extension::dot(&weights, row)).collect();
+    let rows = values.par_chunks_exact(weights.len());
+    let sum = |row: &[i64]| Extension::dot_of(&weights, row.iter().map(|&v| Goldilocks::from_i64(v)));
+    let mut sums: Vec<Extension> = rows.map(sum).collect();
     for &id in rest {
         let weights = parts.get(id).weights();
         let rows = sums.par_chunks_exact(weights.len());
