@@ -129,3 +129,109 @@ fn interpolate(values: &[Extension]) -> Vec<Extension> {
     }
     coefficients
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::hash::{leaf, Digest};
+
+    /// Elements that look random, of the base field if `small`.
+    fn table(seed: &mut u64, bits: usize, small: bool) -> Vec<Extension> {
+        let mut next = || {
+            *seed = seed
+                .wrapping_mul(6364136223846793005)
+                .wrapping_add(1442695040888963407);
+            Goldilocks::from_i64((*seed >> 1) as i64)
+        };
+        let element = |_| match small {
+            true => next().into(),
+            false => Extension([next(), next()]),
+        };
+        (0..1 << bits).map(element).collect()
+    }
+
+    /// Weights times monomials of up to four tables, and a product.
+    fn sums(bits: usize) -> Vec<Joined> {
+        let mut seed = bits as u64;
+        let mut of = |bits, small: &[bool]| -> Vec<Vec<Extension>> {
+            let tables = small.iter().map(|&small| table(&mut seed, bits, small));
+            tables.collect()
+        };
+        let first = of(bits, &[false, true, true, true, false]);
+        let second = of(bits - 2, &[false, true]);
+        let third = of(0, &[false, true]);
+        let scalar = |value| Goldilocks::from_i64(value).into();
+        vec![
+            Joined::new(
+                first,
+                vec![
+                    (scalar(1), vec![0, 1, 2]),
+                    (scalar(-3), vec![0, 3]),
+                    (scalar(7), vec![0, 4, 1, 1]),
+                    (scalar(2), vec![0]),
+                ],
+            ),
+            Joined::new(
+                second,
+                vec![(Extension([3, 4].map(Goldilocks::from_u32)), vec![0, 1])],
+            ),
+            Joined::new(third, vec![(scalar(5), vec![0, 1])]),
+        ]
+    }
+
+    fn digest(bits: usize, degree: usize) -> [u64; 4] {
+        let mut prover = Prover::new(&Digest([5, 6, 7, 8]));
+        let (point, value) = prove(&mut prover, sums(bits), degree);
+        assert_eq!(point.len(), bits);
+        let last = prover.challenge();
+        prover.send_extension(&[value, last]);
+        leaf(Goldilocks::of_words(&prover.finish()).unwrap()).0
+    }
+
+    const JOINED: [[u64; 4]; 4] = [
+        [
+            1648571154988022337,
+            2512154379050480092,
+            3053601966711917695,
+            3232230806215858385,
+        ],
+        [
+            3410508607532779984,
+            8833178129893348119,
+            90785061518577106,
+            7148836781396442883,
+        ],
+        [
+            6013473263117273068,
+            7007584536137716071,
+            4687585276038188936,
+            3091134479252176314,
+        ],
+        [
+            4123125290798137010,
+            3035780781268952233,
+            6491065309929897762,
+            8765946513968700135,
+        ],
+    ];
+
+    /// Proofs stay what they are: the digests are of proofs by the first, plain prover.
+    #[test]
+    fn proofs_are_unchanged() {
+        let digests = [2, 3, 9, 14].map(|bits| digest(bits, 4));
+        assert_eq!(digests, JOINED);
+    }
+
+    /// Prints how long a sum of monomials takes: `cargo test --release how_long -- --ignored --nocapture`.
+    #[test]
+    #[ignore = "it measures"]
+    fn how_long() {
+        for bits in [20, 22] {
+            let sums = sums(bits);
+            let mut prover = Prover::new(&Digest([5, 6, 7, 8]));
+            let begin = std::time::Instant::now();
+            prove(&mut prover, sums, 4);
+            println!("2^{bits}: {:.2?}", begin.elapsed());
+        }
+    }
+}

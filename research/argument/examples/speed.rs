@@ -1,0 +1,121 @@
+//! Measures the prover: `speed commit 24`, `speed fractions 24` or `speed shared 20`, where the number is the binary logarithm of the size.
+//! It prints the seconds of each step, the most memory that was used up to then, and the digest of the proof.
+
+use std::error::Error;
+use std::time::Instant;
+use std::{env, fs};
+use zk0_argument::commitment::prove::{open, Committed};
+use zk0_argument::commitment::{Parameters, Rate};
+use zk0_argument::field::{Extension, Goldilocks};
+use zk0_argument::fractions;
+use zk0_argument::hash::{leaf, Digest};
+use zk0_argument::protocol::{share, Claim, Weighted};
+use zk0_argument::prove::{Proving, Values};
+use zk0_argument::relation::{Part, Parts, Source};
+use zk0_argument::transcript::{Challenges, Prover};
+
+/// Columns of the committed matrix.
+const WIDTH: usize = 64;
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let mut arguments = env::args().skip(1);
+    let what = arguments.next().ok_or("commit, fractions or shared")?;
+    let size: u32 = arguments
+        .next()
+        .ok_or("binary logarithm of the size")?
+        .parse()?;
+    let prover = Prover::new(&Digest([1, 2, 3, 4]));
+    let proof = match what.as_str() {
+        "commit" => commit(prover, size)?,
+        "fractions" => sum(prover, size),
+        "shared" => shared(prover, size)?,
+        _ => return Err("commit, fractions or shared".into()),
+    };
+    let words = Goldilocks::of_words(&proof).map_err(|place| format!("word {place}"))?;
+    println!("{} words, {:?}", proof.len(), leaf(words));
+    Ok(())
+}
+
+/// Prints how long a step took, and the most memory up to now.
+fn measured<T>(what: &str, step: impl FnOnce() -> T) -> T {
+    let begin = Instant::now();
+    let result = step();
+    let seconds = begin.elapsed().as_secs_f64();
+    let status = fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let peak = status.lines().find_map(|line| line.strip_prefix("VmHWM:"));
+    let kilobytes = peak.and_then(|line| line.split_whitespace().next()?.parse::<f64>().ok());
+    let gibibytes = kilobytes.unwrap_or_default() / f64::from(1 << 20);
+    println!("{what}: {seconds:.2} s, peak {gibibytes:.2} GiB");
+    result
+}
+
+fn small(index: usize) -> i64 {
+    (index as i64).wrapping_mul(0x9E37_79B9_7F4A_7C15_u64 as i64) >> 48
+}
+
+fn commit(mut prover: Prover, size: u32) -> Result<Vec<u64>, Box<dyn Error>> {
+    let parameters = Parameters::new(size - WIDTH.ilog2(), Rate::Quarter).ok_or("size")?;
+    let rows: Vec<Goldilocks> = measured("values", || {
+        (0..1 << size)
+            .map(|i| Goldilocks::from_i64(small(i)))
+            .collect()
+    });
+    let committed = measured("commit", || {
+        Committed::new(&mut prover, &parameters, rows, WIDTH)
+    });
+    let point = prover.challenges(parameters.variables());
+    measured("open", || {
+        open(&mut prover, &parameters, &[&committed], &point)
+    });
+    Ok(prover.finish())
+}
+
+/// As look-ups have them: most numerators are 1, some are counts, and the last eighth is 0/1.
+fn sum(mut prover: Prover, size: u32) -> Vec<u64> {
+    let shift = prover.challenge();
+    let used = (1usize << size) / 8 * 7;
+    let (numerators, denominators) = measured("values", || {
+        let numerator = |i: usize| match i % 4 {
+            _ if i >= used => 0,
+            3 => -small(i),
+            _ => 1,
+        };
+        let denominator = |i: usize| match i < used {
+            true => shift - Goldilocks::from_i64(small(i)).into(),
+            false => Extension::ONE,
+        };
+        let numerators: Vec<Extension> = (0..1 << size)
+            .map(|i| Goldilocks::from_i64(numerator(i)).into())
+            .collect();
+        let denominators: Vec<Extension> = (0..1 << size).map(denominator).collect();
+        (numerators, denominators)
+    });
+    measured("fractions", || {
+        fractions::prove::sum(&mut prover, numerators, denominators)
+    });
+    prover.finish()
+}
+
+/// A sumcheck of weights times values, which three claims about one source become.
+fn shared(prover: Prover, size: u32) -> Result<Vec<u64>, Box<dyn Error>> {
+    let values: Vec<i64> = (0..1 << size).map(small).collect();
+    let mut proving = Proving::new(prover, vec![Values::Wide(&values)]);
+    let mut parts = Parts::default();
+    let claims = [0, 1, 3].map(|quarter| {
+        let bits = size as usize - 2;
+        let point = Part::Point(proving.challenges(bits));
+        Claim {
+            about: Weighted {
+                source: Source(0),
+                offset: quarter << bits,
+                parts: vec![parts.add(point)],
+            },
+            value: Extension::ZERO,
+        }
+    });
+    measured("shared", || {
+        // The claims are wrong, so that the proof is too: it takes as long as a right one.
+        let _ = share(&mut proving, &mut parts, Source(0), size as usize, &claims);
+    });
+    Ok(proving.prover.finish())
+}
