@@ -42,6 +42,7 @@ pub fn open<'a>(
 #[cfg(feature = "prove")]
 pub mod prove {
     use super::*;
+    use crate::hash::packed;
     use crate::transcript::Prover;
     use rayon::prelude::*;
 
@@ -53,13 +54,26 @@ pub mod prove {
     impl Tree {
         /// The tree over rows of `width` values, with a cap of 2^`cap` digests. The number of rows is a power of two, and at least that.
         pub fn new(rows: &[Goldilocks], width: usize, cap: u32) -> Self {
-            let leaves: Vec<Digest> = rows.par_chunks_exact(width).map(leaf).collect();
+            let mut leaves = vec![Digest::default(); rows.len() / width];
+            let blocks = leaves.par_chunks_mut(packed::LANES);
+            let rows = rows.par_chunks(packed::LANES * width);
+            blocks.zip(rows).for_each(|(digests, rows)| {
+                let element = |row: usize, column: usize| rows[row * width + column].value();
+                packed::leaves(width, element, digests);
+            });
+            Self::of_leaves(leaves, cap)
+        }
+
+        /// The tree over rows with these digests.
+        pub fn of_leaves(leaves: Vec<Digest>, cap: u32) -> Self {
             let mut levels = vec![leaves];
             while let Some(last) = levels.last().filter(|last| last.len() > 1 << cap) {
-                let next = last
-                    .par_chunks_exact(2)
-                    .map(|pair| node(&pair[0], &pair[1]))
-                    .collect();
+                let mut next = vec![Digest::default(); last.len() / 2];
+                let pairs = last.par_chunks(2 * packed::LANES);
+                let blocks = next.par_chunks_mut(packed::LANES);
+                blocks
+                    .zip(pairs)
+                    .for_each(|(digests, pairs)| packed::nodes(pairs, digests));
                 levels.push(next);
             }
             Self { levels }
