@@ -1,5 +1,5 @@
 //! Measures the prover: `speed commit 24`, `speed fractions 24` or `speed shared 20`, where the number is the binary logarithm of the size.
-//! It prints the seconds of each step, the most memory that was used up to then, and the digest of the proof.
+//! It prints the seconds of each step and those of all cores together, the most memory that was used up to then, and the digest of the proof.
 
 use std::error::Error;
 use std::time::Instant;
@@ -38,15 +38,27 @@ fn main() -> Result<(), Box<dyn Error>> {
 
 /// Prints how long a step took, and the most memory up to now.
 fn measured<T>(what: &str, step: impl FnOnce() -> T) -> T {
-    let begin = Instant::now();
+    let (begin, used) = (Instant::now(), processor());
     let result = step();
-    let seconds = begin.elapsed().as_secs_f64();
+    let (seconds, used) = (begin.elapsed().as_secs_f64(), processor() - used);
     let status = fs::read_to_string("/proc/self/status").unwrap_or_default();
     let peak = status.lines().find_map(|line| line.strip_prefix("VmHWM:"));
     let kilobytes = peak.and_then(|line| line.split_whitespace().next()?.parse::<f64>().ok());
     let gibibytes = kilobytes.unwrap_or_default() / f64::from(1 << 20);
-    println!("{what}: {seconds:.2} s, peak {gibibytes:.2} GiB");
+    println!("{what}: {seconds:.2} s, {used:.2} s of processors, peak {gibibytes:.2} GiB");
     result
+}
+
+/// Seconds that all threads have computed.
+fn processor() -> f64 {
+    let status = fs::read_to_string("/proc/self/stat").unwrap_or_default();
+    // Fields 14 and 15, in hundredths; field 2 may hold spaces and ends in a parenthesis.
+    let fields = status.rsplit(") ").next().unwrap_or_default();
+    let ticks = fields.split(' ').skip(11).take(2);
+    ticks
+        .filter_map(|field| field.parse::<f64>().ok())
+        .sum::<f64>()
+        / 100.
 }
 
 fn small(index: usize) -> i64 {

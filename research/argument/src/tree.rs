@@ -52,29 +52,22 @@ pub mod prove {
     }
 
     impl Tree {
-        /// The tree over rows of `width` values, with a cap of 2^`cap` digests. The number of rows is a power of two, and at least that.
-        pub fn new(rows: &[Goldilocks], width: usize, cap: u32) -> Self {
-            let mut leaves = vec![Digest::default(); rows.len() / width];
-            let blocks = leaves.par_chunks_mut(packed::LANES);
-            let rows = rows.par_chunks(packed::LANES * width);
-            blocks.zip(rows).for_each(|(digests, rows)| {
-                let element = |row: usize, column: usize| rows[row * width + column].value();
-                packed::leaves(width, element, digests);
-            });
-            Self::of_leaves(leaves, cap)
+        /// The tree over 2^n rows of `width` values, with a cap of 2^`cap` digests or as many as there are rows. `element` gives the
+        /// canonical value for a row and a column.
+        pub fn new(
+            rows: usize,
+            width: usize,
+            cap: u32,
+            element: impl Fn(usize, usize) -> u64 + Sync,
+        ) -> Self {
+            Self::of_leaves(leaves(rows, width, element), cap)
         }
 
         /// The tree over rows with these digests.
         pub fn of_leaves(leaves: Vec<Digest>, cap: u32) -> Self {
             let mut levels = vec![leaves];
             while let Some(last) = levels.last().filter(|last| last.len() > 1 << cap) {
-                let mut next = vec![Digest::default(); last.len() / 2];
-                let pairs = last.par_chunks(2 * packed::LANES);
-                let blocks = next.par_chunks_mut(packed::LANES);
-                blocks
-                    .zip(pairs)
-                    .for_each(|(digests, pairs)| packed::nodes(pairs, digests));
-                levels.push(next);
+                levels.push(parents(last));
             }
             Self { levels }
         }
@@ -89,10 +82,39 @@ pub mod prove {
         /// Adds a row and its path to the proof.
         pub fn open(&self, prover: &mut Prover, row: &[Goldilocks], index: usize) {
             prover.hint(row);
+            self.path(prover, index);
+        }
+
+        /// Adds a path to the proof.
+        pub fn path(&self, prover: &mut Prover, index: usize) {
             let below_the_cap = &self.levels[..self.levels.len() - 1];
             for (level, digests) in below_the_cap.iter().enumerate() {
                 prover.hint_digest(&digests[index >> level ^ 1]);
             }
         }
+    }
+
+    /// The digests of rows of `width` values.
+    pub fn leaves(
+        rows: usize,
+        width: usize,
+        element: impl Fn(usize, usize) -> u64 + Sync,
+    ) -> Vec<Digest> {
+        let mut digests = vec![Digest::default(); rows];
+        let blocks = digests.par_chunks_mut(packed::LANES).enumerate();
+        blocks.for_each(|(block, digests)| {
+            let first = block * packed::LANES;
+            packed::leaves(width, |row, column| element(first + row, column), digests);
+        });
+        digests
+    }
+
+    /// The next level of a tree.
+    pub fn parents(digests: &[Digest]) -> Vec<Digest> {
+        let mut parents = vec![Digest::default(); digests.len() / 2];
+        let pairs = digests.par_chunks(2 * packed::LANES);
+        let blocks = parents.par_chunks_mut(packed::LANES).zip(pairs);
+        blocks.for_each(|(parents, pairs)| packed::nodes(pairs, parents));
+        parents
     }
 }
