@@ -32,6 +32,13 @@ unsafe impl TransparentWrapper<u64> for Goldilocks {}
 pub(crate) const fn reduce(value: u128) -> Goldilocks {
     let (low, high) = (value as u64, (value >> 64) as u64);
     let (top, middle) = (high >> 32, high & EPSILON);
+    if cfg!(feature = "prove") {
+        // The same without branches, which a processor cannot predict; in the guest, branches are cheaper.
+        let (rest, borrow) = low.overflowing_sub(top);
+        let rest = rest.wrapping_sub(EPSILON & (borrow as u64).wrapping_neg());
+        let (sum, carry) = rest.overflowing_add((middle << 32) - middle);
+        return Goldilocks::canonical(sum.wrapping_add(EPSILON & (carry as u64).wrapping_neg()));
+    }
     let (mut rest, borrow) = low.overflowing_sub(top);
     if borrow {
         rest -= EPSILON; // After a borrow it is at least 2^64 − 2^32
@@ -146,6 +153,9 @@ impl Add for Goldilocks {
     type Output = Self;
     #[inline(always)]
     fn add(self, other: Self) -> Self {
+        if cfg!(feature = "prove") {
+            return self - Self(P - other.0); // without branches
+        }
         let (sum, carry) = self.0.overflowing_add(other.0);
         // With a carry, the sum of two values below p stays below 2^64 − 2^33 + 2.
         Self::canonical(if carry { sum + EPSILON } else { sum })
@@ -157,6 +167,9 @@ impl Sub for Goldilocks {
     #[inline(always)]
     fn sub(self, other: Self) -> Self {
         let (difference, borrow) = self.0.overflowing_sub(other.0);
+        if cfg!(feature = "prove") {
+            return Self(difference.wrapping_add(P & (borrow as u64).wrapping_neg()));
+        }
         Self(if borrow {
             difference.wrapping_add(P)
         } else {
