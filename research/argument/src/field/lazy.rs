@@ -2,6 +2,7 @@
 
 use super::extension::Extension;
 use super::goldilocks::{reduce, Goldilocks, P};
+use core::hint::select_unpredictable;
 
 /// x² of the extension.
 const SQUARE: u128 = 7;
@@ -135,7 +136,7 @@ fn product(a: Goldilocks, b: Goldilocks) -> u128 {
 fn wrapping_sum(a: u128, b: u128) -> u128 {
     let (sum, carry) = a.overflowing_add(b);
     // After a carry the sum is below (p − 1)², so that this does not carry again.
-    sum.wrapping_add(WRAPPED & (carry as u128).wrapping_neg())
+    select_unpredictable(carry, sum.wrapping_add(WRAPPED), sum)
 }
 
 #[cfg(test)]

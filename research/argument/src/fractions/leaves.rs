@@ -128,32 +128,61 @@ impl<N: Numerator> Leaves for Stored<N> {
     }
 }
 
-/// Fractions that are read at once.
-const BLOCK: usize = 1 << 11;
+/// Fractions of a piece.
+const PIECE: usize = 1 << 11;
 
-/// The fractions of the next layer: sums of two each.
-pub fn parents(leaves: &impl Leaves) -> Stored<Extension> {
-    let count = leaves.len().div_ceil(2);
-    let mut numerators = vec![Extension::ZERO; count];
-    let mut denominators = vec![Extension::ONE; count];
-    let blocks = numerators.par_chunks_mut(BLOCK / 2);
-    let blocks = blocks.zip(denominators.par_chunks_mut(BLOCK / 2));
-    blocks.enumerate().for_each_init(
-        Block::default,
-        |block, (number, (numerators, denominators))| {
-            let (p, q) = block.read(leaves, number * BLOCK, 2 * numerators.len());
+/// Computed fractions, in pieces. Pieces are small enough for the allocator to use their memory again at once: a fresh page from the system
+/// costs more than what is computed in it.
+pub struct Pieces(Vec<(Vec<Extension>, Vec<Extension>)>);
+
+impl Pieces {
+    /// The fractions of the next layer: sums of two each.
+    pub fn parents(leaves: &impl Leaves) -> Self {
+        let count = leaves.len().div_ceil(2).max(1);
+        let pieces = (0..count.div_ceil(PIECE)).into_par_iter();
+        let pieces = pieces.map_init(Block::default, |block, number| {
+            let first = number * PIECE;
+            let (p, q) = block.read(leaves, 2 * first, 2 * PIECE.min(count - first));
             let pairs = p.as_chunks::<2>().0.iter().zip(q.as_chunks::<2>().0);
-            let sums = numerators.iter_mut().zip(denominators).zip(pairs);
-            for ((numerator, denominator), (p, q)) in sums {
+            let sum = |(p, q): (&[_; 2], &[Extension; 2])| {
                 let mut sum = Sum::default();
-                p[0].add_to(&mut sum, q[1]);
-                p[1].add_to(&mut sum, q[0]);
-                *numerator = sum.reduce();
-                *denominator = q[0] * q[1];
-            }
-        },
-    );
-    Stored::new(numerators, denominators)
+                Numerator::add_to(p[0], &mut sum, q[1]);
+                Numerator::add_to(p[1], &mut sum, q[0]);
+                (sum.reduce(), q[0] * q[1])
+            };
+            pairs.map(sum).unzip()
+        });
+        Self(pieces.collect())
+    }
+}
+
+impl Leaves for Pieces {
+    type Numerator = Extension;
+
+    fn len(&self) -> usize {
+        let last = self.0.last().map_or(0, |(p, _)| p.len());
+        self.0.len().saturating_sub(1) * PIECE + last
+    }
+
+    fn read(
+        &self,
+        mut first: usize,
+        mut numerators: &mut [Extension],
+        mut denominators: &mut [Extension],
+    ) {
+        while !numerators.is_empty() {
+            let (p, q) = &self.0[first / PIECE];
+            let start = first % PIECE;
+            let count = numerators.len().min(PIECE - start);
+            let (now, later) = numerators.split_at_mut(count);
+            now.copy_from_slice(&p[start..start + count]);
+            numerators = later;
+            let (now, later) = denominators.split_at_mut(count);
+            now.copy_from_slice(&q[start..start + count]);
+            denominators = later;
+            first += count;
+        }
+    }
 }
 
 /// Room for fractions that are read.

@@ -10,7 +10,7 @@ use crate::multilinear::eq_table;
 use crate::transcript::{Challenges, Prover};
 use rayon::prelude::*;
 
-use super::leaves::{parents, Block};
+use super::leaves::{Block, Pieces};
 pub use super::leaves::{Leaves, Numerator, Stored};
 
 /// Proves that Σ numerators/denominators = 0, over 2^n ≥ 2 fractions.
@@ -37,9 +37,12 @@ pub fn sum(
 /// Proves that 2^`variables` ≥ 2 fractions add up to zero.
 pub fn sum_of(prover: &mut Prover, variables: usize, leaves: impl Leaves) -> LeafClaim {
     // The layers of 2, 4, … fractions, the last of which is the one above the leaves.
-    let mut layers: Vec<Stored<Extension>> = Vec::with_capacity(variables);
+    let mut layers: Vec<Pieces> = Vec::with_capacity(variables);
     for _ in 1..variables {
-        let next = layers.last().map_or_else(|| parents(&leaves), parents);
+        let next = match layers.last() {
+            Some(layer) => Pieces::parents(layer),
+            None => Pieces::parents(&leaves),
+        };
         layers.push(next);
     }
     let mut children = match layers.pop() {
@@ -135,6 +138,9 @@ impl Place<Extension> {
         }
     }
 }
+
+/// The places of all pairs in use, in pieces of as many as one table of weights is for.
+type Places = Vec<Vec<Place<Extension>>>;
 
 /// A sum with weights over pairs of places: the constant and the leading coefficient of the round polynomial.
 #[derive(Clone, Copy, Default)]
@@ -242,45 +248,58 @@ impl Layer {
         leaves: &L,
         challenge: &Factor,
         point: &[Extension],
-    ) -> (Vec<Place<Extension>>, [Extension; 2]) {
+    ) -> (Places, [Extension; 2]) {
         let pairs = leaves.len().div_ceil(8);
         let weights = Weights::new(point, pairs);
-        let size = 2 * weights.low.len();
-        let mut places = vec![self.place(); 2 * pairs];
-        let blocks = places.par_chunks_mut(size).enumerate();
-        let sums = blocks.map_init(Block::default, |block, (number, places)| {
-            let (p, q) = block.read(leaves, number * 4 * size, 4 * places.len());
-            let fractions = p.as_chunks::<4>().0.iter().zip(q.as_chunks::<4>().0);
-            for (place, (p, q)) in places.iter_mut().zip(fractions) {
-                *place = self.bound(p, q, challenge);
-            }
-            round(places, &weights.low).times(weights.high[number])
+        let size = weights.low.len();
+        let blocks = (0..weights.blocks(pairs)).into_par_iter();
+        let blocks = blocks.map_init(Block::default, |block, number| {
+            let first = number * size;
+            let (p, q) = block.read(leaves, 8 * first, 8 * size.min(pairs - first));
+            let fractions = p.as_chunks().0.iter().zip(q.as_chunks().0);
+            let places = fractions.map(|(p, q)| self.bound(p, q, challenge));
+            let places: Vec<Place<Extension>> = places.collect();
+            let sums = round(&places, &weights.low).times(weights.high[number]);
+            (places, sums)
         });
-        let sums = self.padded(sums.reduce(Default::default, add), &weights);
-        (places, sums)
+        let (places, sums): (Places, Vec<_>) = blocks.unzip();
+        (
+            places,
+            self.padded(sums.into_iter().fold(Default::default(), add), &weights),
+        )
     }
 
-    /// The next pass: likewise.
-    fn next(
-        &self,
-        mut places: Vec<Place<Extension>>,
-        challenge: &Factor,
-        point: &[Extension],
-    ) -> (Vec<Place<Extension>>, [Extension; 2]) {
-        let pairs = places.len().div_ceil(4);
-        places.resize(4 * pairs, self.place());
+    /// Binds the next variable, and computes the round polynomial after it.
+    fn next(&self, places: &mut Places, challenge: &Factor, point: &[Extension]) -> [Extension; 2] {
+        let pad = |places: &mut Vec<Place<Extension>>, multiple: usize| {
+            places.resize(places.len().next_multiple_of(multiple), self.place());
+        };
+        let used: usize = places.iter().map(Vec::len).sum();
+        let pairs = used.div_ceil(4);
         let weights = Weights::new(point, pairs);
-        let size = 2 * weights.low.len();
-        let mut bound = vec![self.place(); 2 * pairs];
-        let blocks = bound.par_chunks_mut(size).zip(places.par_chunks(2 * size));
-        let sums = blocks.zip(&weights.high).map(|((bound, places), &weight)| {
-            for (bound, [zero, one]) in bound.iter_mut().zip(places.as_chunks().0) {
-                *bound = Place::between(challenge, zero, one);
+        let blocks = places.par_chunks_mut(2).zip(&weights.high);
+        let sums = blocks.map(|(pieces, &weight)| {
+            let [bound, rest @ ..] = pieces else {
+                return Default::default();
+            };
+            pad(bound, 2);
+            for at in 0..bound.len() / 2 {
+                bound[at] = Place::between(challenge, &bound[2 * at], &bound[2 * at + 1]);
             }
+            bound.truncate(bound.len() / 2);
+            for piece in rest.iter_mut().map(core::mem::take) {
+                let pairs = piece.chunks(2);
+                bound.extend(pairs.map(|pair| {
+                    let one = pair.get(1).copied().unwrap_or(self.place());
+                    Place::between(challenge, &pair[0], &one)
+                }));
+            }
+            pad(bound, 2);
             round(bound, &weights.low).times(weight)
         });
         let sums = self.padded(sums.reduce(Default::default, add), &weights);
-        (bound, sums)
+        places.retain(|piece| !piece.is_empty());
+        sums
     }
 
     /// What four fractions become when the first variable is bound.
@@ -359,11 +378,12 @@ fn prove_layer<L: Leaves>(
             drop(leaves);
             for round in 1..claimed_at.len() - 1 {
                 challenge = say(claimed_at[round], sums);
-                (places, sums) = layer.next(places, &challenge, &claimed_at[round + 2..]);
+                sums = layer.next(&mut places, &challenge, &claimed_at[round + 2..]);
             }
             challenge = say(claimed_at[claimed_at.len() - 1], sums);
-            let at = |place: usize| places.get(place).copied().unwrap_or(layer.place());
-            Place::between(&challenge, &at(0), &at(1))
+            let mut places = places.into_iter().flatten();
+            let [zero, one] = [0, 1].map(|_| places.next().unwrap_or(layer.place()));
+            Place::between(&challenge, &zero, &one)
         }
     };
     let Place { p0, q0, q1, mixed } = last;
