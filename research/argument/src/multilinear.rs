@@ -2,7 +2,7 @@
 //! index. A point lists the variables from 0 on.
 
 #[cfg(feature = "prove")]
-use crate::field::goldilocks::Products;
+use crate::field::{goldilocks::Products, lazy::Factor};
 use crate::field::{Extension, Goldilocks};
 use alloc::vec::Vec;
 #[cfg(feature = "prove")]
@@ -85,8 +85,9 @@ pub fn evaluate_columns(rows: &[Goldilocks], width: usize, point: &[Extension]) 
 /// Binds variable 0 of the polynomial with these values to `challenge`.
 #[cfg(feature = "prove")]
 pub fn bind(values: &mut Vec<Extension>, challenge: Extension) {
+    let factor = Factor::new(challenge);
     let pairs = values.as_chunks::<2>().0.par_iter().with_min_len(1 << 12);
     *values = pairs
-        .map(|&[zero, one]| zero + challenge * (one - zero))
+        .map(|&[zero, one]| factor.between(zero, one))
         .collect();
 }
