@@ -1,4 +1,5 @@
-//! Measures the prover: `speed commit 24`, `speed fractions 24` or `speed shared 20`, where the number is the binary logarithm of the size.
+//! Measures the prover: `speed commit 24`, `speed fractions 24`, `speed computed 24` (the same fractions, computed whenever they are read) or
+//! `speed shared 20`, where the number is the binary logarithm of the size.
 //! It prints the seconds of each step and those of all cores together, the most memory that was used up to then, and the digest of the proof.
 
 use std::error::Error;
@@ -7,7 +8,7 @@ use std::{env, fs};
 use zk0_argument::commitment::prove::{open, Committed};
 use zk0_argument::commitment::{Parameters, Rate};
 use zk0_argument::field::{Extension, Goldilocks};
-use zk0_argument::fractions;
+use zk0_argument::fractions::{self, prove::Leaves};
 use zk0_argument::hash::{leaf, Digest};
 use zk0_argument::protocol::{share, Claim, Weighted};
 use zk0_argument::prove::{Proving, Values};
@@ -19,7 +20,9 @@ const WIDTH: usize = 64;
 
 fn main() -> Result<(), Box<dyn Error>> {
     let mut arguments = env::args().skip(1);
-    let what = arguments.next().ok_or("commit, fractions or shared")?;
+    let what = arguments
+        .next()
+        .ok_or("commit, fractions, computed or shared")?;
     let size: u32 = arguments
         .next()
         .ok_or("binary logarithm of the size")?
@@ -28,8 +31,9 @@ fn main() -> Result<(), Box<dyn Error>> {
     let proof = match what.as_str() {
         "commit" => commit(prover, size)?,
         "fractions" => sum(prover, size),
+        "computed" => computed(prover, size),
         "shared" => shared(prover, size)?,
-        _ => return Err("commit, fractions or shared".into()),
+        _ => return Err("commit, fractions, computed or shared".into()),
     };
     let words = Goldilocks::of_words(&proof).map_err(|place| format!("word {place}"))?;
     println!("{} words, {:?}", proof.len(), leaf(words));
@@ -82,28 +86,69 @@ fn commit(mut prover: Prover, size: u32) -> Result<Vec<u64>, Box<dyn Error>> {
     Ok(prover.finish())
 }
 
-/// As look-ups have them: most numerators are 1, some are counts, and the last eighth is 0/1.
-fn sum(mut prover: Prover, size: u32) -> Vec<u64> {
-    let shift = prover.challenge();
-    let used = (1usize << size) / 8 * 7;
-    let (numerators, denominators) = measured("values", || {
-        let numerator = |i: usize| match i % 4 {
-            _ if i >= used => 0,
-            3 => -small(i),
+/// Fractions as look-ups have them: most numerators are 1, some are counts, and the last eighth is 0/1.
+struct Fractions {
+    shift: Extension,
+    used: usize,
+}
+
+impl Fractions {
+    fn new(prover: &mut Prover, size: u32) -> Self {
+        Self {
+            shift: prover.challenge(),
+            used: (1usize << size) / 8 * 7,
+        }
+    }
+
+    fn numerator(&self, index: usize) -> Goldilocks {
+        Goldilocks::from_i64(match index % 4 {
+            3 => -small(index),
             _ => 1,
-        };
-        let denominator = |i: usize| match i < used {
-            true => shift - Goldilocks::from_i64(small(i)).into(),
-            false => Extension::ONE,
-        };
-        let numerators: Vec<Extension> = (0..1 << size)
-            .map(|i| Goldilocks::from_i64(numerator(i)).into())
-            .collect();
-        let denominators: Vec<Extension> = (0..1 << size).map(denominator).collect();
+        })
+    }
+
+    fn denominator(&self, index: usize) -> Extension {
+        self.shift - Goldilocks::from_i64(small(index)).into()
+    }
+}
+
+impl Leaves for Fractions {
+    type Numerator = Goldilocks;
+
+    fn len(&self) -> usize {
+        self.used
+    }
+
+    fn read(&self, first: usize, numerators: &mut [Goldilocks], denominators: &mut [Extension]) {
+        let fractions = numerators.iter_mut().zip(denominators).enumerate();
+        for (index, (numerator, denominator)) in fractions {
+            *numerator = self.numerator(first + index);
+            *denominator = self.denominator(first + index);
+        }
+    }
+}
+
+fn sum(mut prover: Prover, size: u32) -> Vec<u64> {
+    let fractions = Fractions::new(&mut prover, size);
+    let (numerators, denominators) = measured("values", || {
+        let used = 0..fractions.used;
+        let numerators = used.clone().map(|i| fractions.numerator(i).into());
+        let mut numerators: Vec<Extension> = numerators.collect();
+        let mut denominators: Vec<Extension> = used.map(|i| fractions.denominator(i)).collect();
+        numerators.resize(1 << size, Extension::ZERO);
+        denominators.resize(1 << size, Extension::ONE);
         (numerators, denominators)
     });
     measured("fractions", || {
         fractions::prove::sum(&mut prover, numerators, denominators)
+    });
+    prover.finish()
+}
+
+fn computed(mut prover: Prover, size: u32) -> Vec<u64> {
+    let fractions = Fractions::new(&mut prover, size);
+    measured("fractions", || {
+        fractions::prove::sum_of(&mut prover, size as usize, fractions)
     });
     prover.finish()
 }
