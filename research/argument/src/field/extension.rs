@@ -119,13 +119,18 @@ impl Mul for Extension {
     type Output = Self;
     #[inline(always)]
     fn mul(self, other: Self) -> Self {
-        let ([a0, a1], [b0, b1]) = (self.0, other.0);
-        let (mut even, mut odd) = (Products::default(), Products::default());
-        even.add(a0, b0);
-        even.add(a1 * SQUARE, b1);
-        odd.add(a0, b1);
-        odd.add(a1, b0);
-        Self([even.reduce(), odd.reduce()])
+        #[cfg(feature = "prove")]
+        return super::lazy::multiply(self, other);
+        #[cfg(not(feature = "prove"))]
+        {
+            let ([a0, a1], [b0, b1]) = (self.0, other.0);
+            let (mut even, mut odd) = (Products::default(), Products::default());
+            even.add(a0, b0);
+            even.add(a1 * SQUARE, b1);
+            odd.add(a0, b1);
+            odd.add(a1, b0);
+            Self([even.reduce(), odd.reduce()])
+        }
     }
 }
 

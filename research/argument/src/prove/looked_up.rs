@@ -2,6 +2,7 @@
 
 use super::Tables;
 use crate::field::{Extension, Goldilocks};
+use crate::fractions::prove::Stored;
 use crate::protocol::{Fold, Layout};
 use crate::relation::{Axis, Count, Lookup, Relations, COLUMNS};
 use rayon::prelude::*;
@@ -119,24 +120,33 @@ pub fn count(tables: &Tables<'_>) -> Result<Vec<(usize, Vec<i64>)>, NotInTable> 
     Ok(counts)
 }
 
-/// The numerators and denominators of all leaves.
-pub fn leaves(
-    tables: &Tables<'_>,
-    layout: &Layout,
-    fold: &Fold,
-) -> (Vec<Extension>, Vec<Extension>) {
-    let mut numerators = vec![Extension::ZERO; 1 << layout.variables];
-    let mut denominators = vec![Extension::ONE; 1 << layout.variables];
-    for (lookup, &offset) in tables.relations.lookups.iter().zip(&layout.offsets) {
-        let columns = columns(tables, lookup);
-        let element = |value: i64| Goldilocks::from_i64(value);
-        let targets = denominators[offset..][..columns[0].len()].par_iter_mut();
-        targets.enumerate().for_each(|(index, target)| {
-            let values = row(&columns, index).map(element);
-            *target = fold.shift - Extension::dot(&fold.powers, &values);
-        });
+/// The fractions of all look-ups.
+pub fn leaves(tables: &Tables<'_>, layout: &Layout, fold: &Fold) -> Stored<Goldilocks> {
+    let size = |lookup: &Lookup| 1usize << tables.relations.size(&lookup.axes);
+    let lookups = tables.relations.lookups.iter().zip(&layout.offsets);
+    let ends = lookups.clone().map(|(lookup, offset)| offset + size(lookup));
+    let used = ends.max().unwrap_or_default();
+    let mut numerators = vec![Goldilocks::ZERO; used];
+    let mut denominators = vec![Extension::ONE; used];
+    let element = |value: i64| Goldilocks::from_i64(value);
+    for (lookup, &offset) in lookups {
+        let places = offset..offset + size(lookup);
+        let targets = &mut denominators[places.clone()];
+        targets.fill(fold.shift);
+        for (&power, column) in fold.powers.iter().zip(&lookup.entry) {
+            if column.is_empty() {
+                continue;
+            }
+            let values = tables.linear(column, &lookup.axes);
+            let pairs = targets.par_iter_mut().zip(values);
+            pairs.for_each(|(target, value)| *target -= power.scale(element(value)));
+        }
+        let targets = &mut numerators[places];
         let counts = match lookup.count {
-            Count::Each => vec![1; columns[0].len()],
+            Count::Each => {
+                targets.fill(Goldilocks::ONE);
+                continue;
+            }
             Count::Masked(public) => mask(tables, public, &lookup.axes),
             Count::Offered(number) => tables.of_virtual(number, &lookup.axes),
         };
@@ -144,10 +154,8 @@ pub fn leaves(
             Count::Offered(_) => -1,
             _ => 1,
         };
-        let targets = numerators[offset..][..columns[0].len()].par_iter_mut();
-        targets
-            .zip(counts)
-            .for_each(|(target, count)| *target = element(sign * count).into());
+        let pairs = targets.par_iter_mut().zip(counts);
+        pairs.for_each(|(target, count)| *target = element(sign * count));
     }
-    (numerators, denominators)
+    Stored::new(numerators, denominators)
 }

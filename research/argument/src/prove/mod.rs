@@ -16,7 +16,7 @@ use crate::protocol::{Claim, Fold, Layout, Party, Sum, Weighted, Weights};
 use crate::multilinear::outer;
 use crate::relation::{Axis, Factor, PartId, Parts, Relations, Source};
 use crate::transcript::{Challenges, Prover, Refused};
-use joined::Joined;
+use joined::{Joined, Table};
 use rayon::prelude::*;
 
 /// Values of a source.
@@ -121,11 +121,11 @@ impl Party for Proving<'_> {
         layout: &Layout,
         fold: &Fold,
     ) -> Result<LeafClaim, Refused> {
-        let (numerators, denominators) = looked_up::leaves(&self.tables(relations), layout, fold);
-        Ok(fractions::prove::sum(
+        let leaves = looked_up::leaves(&self.tables(relations), layout, fold);
+        Ok(fractions::prove::sum_of(
             &mut self.prover,
-            numerators,
-            denominators,
+            layout.variables,
+            leaves,
         ))
     }
 
@@ -177,10 +177,10 @@ impl Party for Proving<'_> {
                 power *= gamma;
             }
             let values = self.sources[source.0 as usize];
-            let value = |index| Goldilocks::from_i64(values.get(index)).into();
-            let values = (0..1usize << bits).into_par_iter().map(value).collect();
+            let value = |index| Goldilocks::from_i64(values.get(index));
+            let values: Vec<_> = (0..1usize << bits).into_par_iter().map(value).collect();
             let product = vec![(Extension::ONE, vec![0, 1])];
-            joined.push(Joined::new(vec![weights, values], product));
+            joined.push(Joined::of_tables(vec![weights.into(), values.into()], product));
         }
         Ok(joined::prove(&mut self.prover, joined, 2))
     }
@@ -221,11 +221,20 @@ fn add_weights(parts: &Parts, about: &Weighted, power: Extension, weights: &mut 
     for &(_, id) in &about.parts {
         own = outer(&own, &parts.get(id).weights());
     }
-    for (number, weight) in numbers(about.offset, &places.collect::<Vec<_>>())
-        .into_iter()
-        .zip(own)
-    {
-        weights[number] += weight;
+    let places = places.collect::<Vec<_>>();
+    let packed = places.iter().try_fold(0, |end, &(shift, bits)| {
+        (shift as usize == end || bits == 0).then_some(end + bits)
+    });
+    match packed {
+        Some(_) => {
+            let targets = weights[about.offset..].par_iter_mut().zip(own);
+            targets.for_each(|(sum, weight)| *sum += weight);
+        }
+        None => {
+            for (number, weight) in numbers(about.offset, &places).into_iter().zip(own) {
+                weights[number] += weight;
+            }
+        }
     }
 }
 
@@ -291,7 +300,8 @@ fn monomials(
         own = outer(&own, &parts.get(*id).weights());
     }
     let size = 1 << tables.relations.size(&monomials.axes);
-    let mut all = vec![own.iter().copied().cycle().take(size).collect()];
+    let weights: Vec<Extension> = own.iter().copied().cycle().take(size).collect();
+    let mut all = vec![Table::from(weights)];
     let mut known: Vec<Factor> = vec![];
     let mut terms = vec![];
     for (coefficient, factors) in &monomials.terms {
@@ -300,8 +310,8 @@ fn monomials(
             let place = known.iter().position(|of| of == factor);
             let place = place.unwrap_or_else(|| {
                 let values = tables.factor(*factor, &monomials.axes);
-                let values = values.par_iter().map(|&v| Goldilocks::from_i64(v).into());
-                all.push(values.collect());
+                let values = values.par_iter().map(|&v| Goldilocks::from_i64(v));
+                all.push(values.collect::<Vec<Goldilocks>>().into());
                 known.push(*factor);
                 known.len() - 1
             });
@@ -309,5 +319,5 @@ fn monomials(
         }
         terms.push((Goldilocks::from_i64(*coefficient).into(), places));
     }
-    Joined::new(all, terms)
+    Joined::of_tables(all, terms)
 }
