@@ -15,6 +15,7 @@ pub mod builder;
 pub mod layers;
 pub mod linear;
 pub mod norm;
+mod outcome;
 mod projections;
 pub mod publics;
 pub mod sizes;

@@ -4,7 +4,9 @@
 //! `reciprocal = ⌊2^(39 + bits)/root⌋`, and the result is `x · gain · reciprocal`, shifted with rounding. S is at most 2^44 and the mean below
 //! 2^62 + 2^46, so that no equation below reaches the modulus.
 
-use super::builder::{one, power_of_two, times, Along, Builder, Committed};
+use super::builder::{one, power_of_two, times, Builder};
+use crate::relation::along::Along;
+use crate::relation::Committed;
 use super::sizes::{F, S};
 use crate::relation::{Atom, Axis, Count, Factor, Monomials};
 use alloc::vec;

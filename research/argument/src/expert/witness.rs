@@ -1,6 +1,7 @@
 //! The prover's values: those of samples and weights, the residual stream as [`super::trace`] gives it, and all others from the relations.
 
-use super::builder::{Committed, DATA, MAIN, TABLES, WEIGHTS};
+use super::builder::{DATA, MAIN, TABLES, WEIGHTS};
+use crate::relation::Committed;
 use super::layers::Expert;
 use super::linear::gated;
 use super::sizes::{Sizes, L, M, N, T};

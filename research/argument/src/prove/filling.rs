@@ -1,7 +1,8 @@
 //! The values of committed tensors, computed step by step from the relations that they have to obey.
 
 use super::{count, numbers, Computed, NotInTable, Tables, Values};
-use crate::expert::builder::{Along, Committed};
+use crate::relation::along::Along;
+use crate::relation::Committed;
 use crate::relation::{Axis, Count, Linear, Relations};
 
 /// Values of all sources. Those that are committed to are filled in.
