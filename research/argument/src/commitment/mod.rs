@@ -22,7 +22,7 @@ mod query;
 use crate::field::Extension;
 use crate::hash::Digest;
 use crate::multilinear::eq_table;
-use crate::transcript::{work, Challenges, Refused, Verifier};
+use crate::transcript::{require, work, Challenges, Refused, Verifier};
 use crate::tree;
 use alloc::vec::Vec;
 use query::{cap_bits, Queries, Step};
@@ -164,9 +164,7 @@ pub fn verify<'a>(
         .zip(message)
         .map(|(&weight, &value)| weight * value)
         .sum();
-    if expected != claim {
-        return Err(Refused::Equation("the sumcheck of an opening"));
-    }
+    require(expected == claim, Refused::Equation("the sumcheck of an opening"))?;
 
     work::check_work(verifier, WORK, "positions")?;
     let positions = verifier.positions(parameters.rate.queries(), parameters.length());

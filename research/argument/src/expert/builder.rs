@@ -7,6 +7,7 @@ use crate::field::Goldilocks;
 use crate::relation::{
     Atom, Axis, Count, Index, Linear, Lookup, Place, Relations, Source, Term, Tensor, View, Virtual,
 };
+#[cfg(feature = "prove")]
 use alloc::boxed::Box;
 use alloc::vec;
 use alloc::vec::Vec;
