@@ -20,7 +20,7 @@ use alloc::vec;
 use alloc::vec::Vec;
 
 /// Most variables of the columns of a commitment.
-const TALLEST: u32 = 20;
+const TALLEST: u32 = 22;
 
 /// How sources become columns: each segment has columns of one height, and a column is what lies in one piece.
 pub struct Shape {
