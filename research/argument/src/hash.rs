@@ -5,6 +5,9 @@
 //! the precompile wants them: first one word for each element, which holds its lower limbs, then one word for every two elements, which
 //! holds their upper limbs. Eight elements are twelve words, and a permutation takes four.
 
+#[cfg(feature = "prove")]
+pub mod packed;
+
 use crate::field::Goldilocks;
 use bytemuck::TransparentWrapper;
 use crate::permutation::{permute, State};

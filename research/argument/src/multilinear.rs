@@ -1,8 +1,12 @@
 //! Multilinear polynomials. One in n variables is given by its values on {0, 1}^n: a list of 2^n, where variable 0 is the lowest bit of the
 //! index. A point lists the variables from 0 on.
 
+#[cfg(feature = "prove")]
+use crate::field::{goldilocks::Products, lazy::Factor};
 use crate::field::{Extension, Goldilocks};
 use alloc::vec::Vec;
+#[cfg(feature = "prove")]
+use rayon::prelude::*;
 
 /// `eq(point, b)` for all b in {0, 1}^n: what the values are multiplied with to get the value at `point`.
 pub fn eq_table(point: &[Extension]) -> Vec<Extension> {
@@ -57,12 +61,40 @@ pub fn evaluate(values: &[Goldilocks], point: &[Extension]) -> Extension {
         .sum()
 }
 
-/// Binds variable 0 of the polynomial with these values to `challenge`, in place.
+/// The values at `point` of polynomials whose values lie by rows: first the value of each of them at 0, then at 1, and so on.
+#[cfg(feature = "prove")]
+pub fn evaluate_columns(rows: &[Goldilocks], width: usize, point: &[Extension]) -> Vec<Extension> {
+    let (low, high) = point.split_at(point.len() / 2);
+    let (low_table, high_table) = (eq_table(low), eq_table(high));
+    let blocks = rows.par_chunks_exact(width * low_table.len());
+    let sums = blocks.zip(&high_table).map(|(block, &weight)| {
+        let mut sums = vec![[Products::default(); 2]; width];
+        for (row, weight) in block.chunks_exact(width).zip(&low_table) {
+            for ([even, odd], &value) in sums.iter_mut().zip(row) {
+                even.add(weight.0[0], value);
+                odd.add(weight.0[1], value);
+            }
+        }
+        let sums = sums
+            .into_iter()
+            .map(|sum| Extension(sum.map(Products::reduce)));
+        sums.map(|sum| weight * sum).collect::<Vec<Extension>>()
+    });
+    let add = |mut a: Vec<Extension>, b: Vec<Extension>| {
+        for (a, b) in a.iter_mut().zip(b) {
+            *a += b;
+        }
+        a
+    };
+    sums.reduce(|| vec![Extension::ZERO; width], add)
+}
+
+/// Binds variable 0 of the polynomial with these values to `challenge`.
+#[cfg(feature = "prove")]
 pub fn bind(values: &mut Vec<Extension>, challenge: Extension) {
-    let half = values.len() / 2;
-    for index in 0..half {
-        let (zero, one) = (values[2 * index], values[2 * index + 1]);
-        values[index] = zero + challenge * (one - zero);
-    }
-    values.truncate(half);
+    let factor = Factor::new(challenge);
+    let pairs = values.as_chunks::<2>().0.par_iter().with_min_len(1 << 12);
+    *values = pairs
+        .map(|&[zero, one]| factor.between(zero, one))
+        .collect();
 }

@@ -79,8 +79,13 @@ fn value_after_round(
 #[cfg(feature = "prove")]
 pub mod prove {
     use super::*;
+    use crate::field::lazy::Sum;
     use crate::multilinear::bind;
     use crate::transcript::Prover;
+    use rayon::prelude::*;
+
+    /// Values that one core works on at a time.
+    const PIECE: usize = 1 << 12;
 
     /// Proves the sum of `a · b` over all values of two multilinear polynomials. Returns the point, and the values of the two there.
     pub fn product(
@@ -90,11 +95,17 @@ pub mod prove {
     ) -> (Vec<Extension>, [Extension; 2]) {
         let mut point = Vec::with_capacity(a.len().ilog2() as usize);
         while a.len() > 1 {
-            let (mut constant, mut square) = (Extension::ZERO, Extension::ZERO);
-            for (a, b) in a.as_chunks::<2>().0.iter().zip(b.as_chunks::<2>().0) {
-                constant += a[0] * b[0];
-                square += (a[1] - a[0]) * (b[1] - b[0]);
-            }
+            let pieces = a.par_chunks(PIECE).zip(b.par_chunks(PIECE));
+            let sums = pieces.map(|(a, b)| {
+                let (mut constant, mut square) = (Sum::default(), Sum::default());
+                for (a, b) in a.as_chunks::<2>().0.iter().zip(b.as_chunks::<2>().0) {
+                    constant.add(a[0], b[0]);
+                    square.add(a[1] - a[0], b[1] - b[0]);
+                }
+                [constant, square].map(Sum::reduce)
+            });
+            let add = |a: [Extension; 2], b: [Extension; 2]| [a[0] + b[0], a[1] + b[1]];
+            let [constant, square] = sums.reduce(Default::default, add);
             prover.send_extension(&[constant, square]);
             let challenge = prover.challenge();
             bind(&mut a, challenge);

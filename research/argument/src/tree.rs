@@ -40,6 +40,7 @@ pub fn open<'a>(
 #[cfg(feature = "prove")]
 pub mod prove {
     use super::*;
+    use crate::hash::packed;
     use crate::transcript::Prover;
     use rayon::prelude::*;
 
@@ -49,16 +50,22 @@ pub mod prove {
     }
 
     impl Tree {
-        /// The tree over rows of `width` values, with a cap of 2^`cap` digests. The number of rows is a power of two, and at least that.
-        pub fn new(rows: &[Goldilocks], width: usize, cap: u32) -> Self {
-            let leaves: Vec<Digest> = rows.par_chunks_exact(width).map(leaf).collect();
+        /// The tree over 2^n rows of `width` values, with a cap of 2^`cap` digests or as many as there are rows. `element` gives the
+        /// canonical value for a row and a column.
+        pub fn new(
+            rows: usize,
+            width: usize,
+            cap: u32,
+            element: impl Fn(usize, usize) -> u64 + Sync,
+        ) -> Self {
+            Self::of_leaves(leaves(rows, width, element), cap)
+        }
+
+        /// The tree over rows with these digests.
+        pub fn of_leaves(leaves: Vec<Digest>, cap: u32) -> Self {
             let mut levels = vec![leaves];
             while let Some(last) = levels.last().filter(|last| last.len() > 1 << cap) {
-                let next = last
-                    .par_chunks_exact(2)
-                    .map(|pair| node(&pair[0], &pair[1]))
-                    .collect();
-                levels.push(next);
+                levels.push(parents(last));
             }
             Self { levels }
         }
@@ -73,10 +80,39 @@ pub mod prove {
         /// Adds a row and its path to the proof.
         pub fn open(&self, prover: &mut Prover, row: &[Goldilocks], index: usize) {
             prover.hint(row);
+            self.path(prover, index);
+        }
+
+        /// Adds a path to the proof.
+        pub fn path(&self, prover: &mut Prover, index: usize) {
             let below_the_cap = &self.levels[..self.levels.len() - 1];
             for (level, digests) in below_the_cap.iter().enumerate() {
                 prover.hint_digest(&digests[index >> level ^ 1]);
             }
         }
+    }
+
+    /// The digests of rows of `width` values.
+    pub fn leaves(
+        rows: usize,
+        width: usize,
+        element: impl Fn(usize, usize) -> u64 + Sync,
+    ) -> Vec<Digest> {
+        let mut digests = vec![Digest::default(); rows];
+        let blocks = digests.par_chunks_mut(packed::LANES).enumerate();
+        blocks.for_each(|(block, digests)| {
+            let first = block * packed::LANES;
+            packed::leaves(width, |row, column| element(first + row, column), digests);
+        });
+        digests
+    }
+
+    /// The next level of a tree.
+    pub fn parents(digests: &[Digest]) -> Vec<Digest> {
+        let mut parents = vec![Digest::default(); digests.len() / 2];
+        let pairs = digests.par_chunks(2 * packed::LANES);
+        let blocks = parents.par_chunks_mut(packed::LANES).zip(pairs);
+        blocks.for_each(|(parents, pairs)| packed::nodes(pairs, parents));
+        parents
     }
 }

@@ -4,7 +4,7 @@ use zk0_argument::field::{Extension, Goldilocks};
 use zk0_argument::hash::Digest;
 use zk0_argument::multilinear::{eq_table, evaluate};
 use zk0_argument::protocol::argue;
-use zk0_argument::prove::{count, NotInTable, Proving, Tables, Values};
+use zk0_argument::prove::{count, Computed, NotInTable, Proving, Tables, Values};
 use zk0_argument::relation::public::{Affine, Public, RangeColumn, Ranges, Written};
 use zk0_argument::relation::*;
 use zk0_argument::share::share;
@@ -304,6 +304,7 @@ fn fill_counts(values: &mut [Vec<i64>; 2]) -> Result<(), NotInTable> {
     let tables = Tables {
         relations: &relations,
         sources: &sources,
+        computed: &Computed::default(),
     };
     let counts = count(&tables)?;
     values[0][COUNTS..COUNTS + (1 << 9)].copy_from_slice(&counts[0].1);

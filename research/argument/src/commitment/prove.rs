@@ -1,25 +1,32 @@
 //! The prover's side of a commitment.
+//!
+//! Codewords are not kept: they are several times as long as the values. They are computed one coset after the other, hashed, and computed
+//! once more when the positions are known. Memory is that of the values and of one coset.
 
 use super::query::cap_bits;
 use super::{combination, work, Parameters, CAP, FOLDS, SIBLINGS, WORK};
 use crate::field::{Extension, Goldilocks};
-use crate::multilinear::{bind, eq_table, evaluate};
+use crate::hash::Digest;
+use crate::multilinear::{bind, eq_table, evaluate_columns};
 use crate::transcript::{Challenges, Prover};
-use crate::tree::prove::Tree;
+use crate::tree::prove::{leaves, parents, Tree};
 use bytemuck::TransparentWrapper;
 use p3_dft::{Radix2DitParallel, TwoAdicSubgroupDft};
 use p3_field::integers::QuotientMap;
 use p3_field::PrimeField64;
+use p3_matrix::bitrev::BitReversibleMatrix;
 use p3_matrix::dense::RowMajorMatrix;
-use p3_matrix::Matrix;
 use rayon::prelude::*;
 
-/// A segment that was committed to: its values and their codewords.
+/// Values below which a loop is not worth sharing among cores.
+const SHARED: usize = 1 << 12;
+
+/// A segment that was committed to.
 pub struct Committed {
     /// The values by rows.
     rows: Vec<Goldilocks>,
     width: usize,
-    codewords: Vec<Goldilocks>,
+    /// The tree, without the lowest levels: rows of the codewords that one row of each coset has are one leaf of it.
     tree: Tree,
 }
 
@@ -32,24 +39,63 @@ impl Committed {
         rows: Vec<Goldilocks>,
         width: usize,
     ) -> Self {
-        let codewords = encode(&rows, width, parameters.rate.bits());
-        let tree = Tree::new(&codewords, width, CAP);
-        tree.send_cap(prover);
-        Self {
-            rows,
-            width,
-            codewords,
-            tree,
+        let encoder = Encoder::new(parameters.rate.bits());
+        let height = rows.len() / width;
+        let cosets: Vec<Vec<Digest>> = (0..encoder.cosets())
+            .map(|coset| {
+                let values = encoder.coset(&rows, width, coset);
+                leaves(height, width, |row, column| {
+                    values[row * width + column].as_canonical_u64()
+                })
+            })
+            .collect();
+        let bits = height.ilog2();
+        let all = (0..height * cosets.len()).into_par_iter();
+        let mut digests: Vec<Digest> = all
+            .map(|position| {
+                let (coset, row) = encoder.place(position, bits);
+                cosets[coset][row]
+            })
+            .collect();
+        drop(cosets);
+        for _ in 0..parameters.rate.bits() {
+            digests = parents(&digests);
         }
+        let tree = Tree::of_leaves(digests, CAP);
+        tree.send_cap(prover);
+        Self { rows, width, tree }
     }
 
-    fn column(&self, column: usize) -> Vec<Goldilocks> {
-        self.rows
-            .iter()
-            .skip(column)
-            .step_by(self.width)
-            .copied()
-            .collect()
+    /// For each position, the rows of the codewords that are in the same leaf of the tree.
+    fn groups(&self, parameters: &Parameters, positions: &[usize]) -> Vec<Vec<Goldilocks>> {
+        let encoder = Encoder::new(parameters.rate.bits());
+        let mut groups = vec![vec![]; positions.len()];
+        for coset in 0..encoder.cosets() {
+            let values = encoder.coset(&self.rows, self.width, coset);
+            for (group, position) in groups.iter_mut().zip(positions) {
+                let (_, row) = encoder.place(*position, parameters.height);
+                let row = &values[row * self.width..][..self.width];
+                group.extend(row.iter().map(ours));
+            }
+        }
+        groups
+    }
+
+    /// Adds the row at a position and its path to the proof.
+    fn open(
+        &self,
+        prover: &mut Prover,
+        parameters: &Parameters,
+        position: usize,
+        group: &[Goldilocks],
+    ) {
+        let rate = parameters.rate.bits();
+        let element = |row: usize, column: usize| group[row * self.width + column].value();
+        let lowest = Tree::new(1 << rate, self.width, 0, element);
+        let place = position % (1 << rate);
+        let row = &group[place * self.width..][..self.width];
+        lowest.open(prover, row, place);
+        self.tree.path(prover, position >> rate);
     }
 }
 
@@ -60,11 +106,10 @@ pub fn open(
     segments: &[&Committed],
     point: &[Extension],
 ) -> Vec<Extension> {
-    let value = |segment: &Committed, column| evaluate(&segment.column(column), point);
-    let columns = segments
+    let values: Vec<Extension> = segments
         .iter()
-        .flat_map(|segment| (0..segment.width).map(move |column| value(segment, column)));
-    let values: Vec<Extension> = columns.collect();
+        .flat_map(|segment| evaluate_columns(&segment.rows, segment.width, point))
+        .collect();
     prover.send_extension(&values);
 
     let weights = combination(prover, values.len());
@@ -81,42 +126,55 @@ pub fn open(
     }
 
     let mut codeword = encode_extension(&message, parameters.rate.bits());
-    let mut trees = Vec::with_capacity(parameters.steps());
+    let mut committed = Vec::with_capacity(parameters.steps());
     let mut length = parameters.length();
     let mut bound = 0;
     for _ in 0..parameters.steps() {
         length -= FOLDS as u32;
-        let leaves = leaves(&codeword);
-        let tree = Tree::new(&leaves, 2 * SIBLINGS, cap_bits(length));
+        // A leaf holds the values that fold into one, which are equally far apart.
+        let count = 1 << length;
+        let element = |leaf: usize, coefficient: usize| {
+            codeword[leaf + coefficient / 2 * count].0[coefficient % 2].value()
+        };
+        let tree = Tree::new(count, 2 * SIBLINGS, cap_bits(length), element);
         tree.send_cap(prover);
-        trees.push((tree, leaves));
-        for _ in 0..FOLDS {
+        let mut challenges = [Extension::ZERO; FOLDS];
+        for challenge in &mut challenges {
             let weights = eq_table(&point[bound + 1..]);
             let pairs = message.as_chunks::<2>().0.iter().zip(&weights);
             let slope = pairs
                 .map(|(&[zero, one], &weight)| weight * (one - zero))
                 .sum();
             prover.send_extension(&[slope]);
-            let challenge = prover.challenge();
-            bind(&mut message, challenge);
-            codeword = fold(&codeword, challenge);
+            *challenge = prover.challenge();
+            bind(&mut message, *challenge);
             bound += 1;
         }
+        let mut next = fold(&codeword, challenges[0]);
+        for &challenge in &challenges[1..] {
+            next = fold(&next, challenge);
+        }
+        committed.push((tree, core::mem::replace(&mut codeword, next)));
     }
     prover.send_extension(&message);
 
     work::do_work(prover, WORK);
-    for mut position in prover.positions(parameters.rate.queries(), parameters.length()) {
-        for segment in segments {
-            let row = &segment.codewords[position * segment.width..][..segment.width];
-            segment.tree.open(prover, row, position);
+    let positions = prover.positions(parameters.rate.queries(), parameters.length());
+    let groups: Vec<Vec<Vec<Goldilocks>>> = segments
+        .iter()
+        .map(|segment| segment.groups(parameters, &positions))
+        .collect();
+    for (number, &position) in positions.iter().enumerate() {
+        for (segment, groups) in segments.iter().zip(&groups) {
+            segment.open(prover, parameters, position, &groups[number]);
         }
-        let mut length = parameters.length();
-        for (tree, leaves) in &trees {
-            length -= FOLDS as u32;
-            position &= (1 << length) - 1;
-            let leaf = &leaves[2 * SIBLINGS * position..][..2 * SIBLINGS];
-            tree.open(prover, leaf, position);
+        let mut leaf = position;
+        for (tree, codeword) in &committed {
+            let count = codeword.len() / SIBLINGS;
+            leaf %= count;
+            let siblings: [Extension; SIBLINGS] =
+                core::array::from_fn(|sibling| codeword[leaf + sibling * count]);
+            tree.open(prover, Extension::coefficients(&siblings), leaf);
         }
     }
     values
@@ -124,43 +182,86 @@ pub fn open(
 
 type Theirs = p3_goldilocks::Goldilocks;
 
-/// The codewords of the columns of a matrix, by rows.
-fn encode(rows: &[Goldilocks], width: usize, rate: u32) -> Vec<Goldilocks> {
-    let words = Goldilocks::peel_slice(rows).par_iter();
-    let mut padded: Vec<Theirs> = words.map(|&word| Theirs::from_int(word)).collect();
-    padded.resize(rows.len() << rate, Theirs::default());
-    let codewords = Radix2DitParallel::default().dft_batch(RowMajorMatrix::new(padded, width));
-    let codewords = codewords.to_row_major_matrix().values.into_par_iter();
-    codewords
-        .map(|value| Goldilocks::canonical(value.as_canonical_u64()))
-        .collect()
+fn ours(value: &Theirs) -> Goldilocks {
+    Goldilocks::canonical(value.as_canonical_u64())
+}
+
+/// Computes the codewords of a matrix' columns. The points of a codeword are cosets of those of a code without redundancy: position
+/// 2^rate·j + k of a codeword is position j of coset k.
+struct Encoder {
+    dft: Radix2DitParallel<Theirs>,
+    rate: u32,
+}
+
+impl Encoder {
+    fn new(rate: u32) -> Self {
+        Self {
+            dft: Radix2DitParallel::default(),
+            rate,
+        }
+    }
+
+    fn cosets(&self) -> usize {
+        1 << self.rate
+    }
+
+    /// The codewords on one coset, by rows. [`Self::place`] says where each row is.
+    fn coset(&self, rows: &[Goldilocks], width: usize, coset: usize) -> Vec<Theirs> {
+        let words = Goldilocks::peel_slice(rows).par_iter();
+        let values: Vec<Theirs> = words.map(|&word| Theirs::from_int(word)).collect();
+        let bits = (rows.len() / width).ilog2() + self.rate;
+        let shift = Goldilocks::root_of_unity(bits).pow(coset as u64);
+        let matrix = RowMajorMatrix::new(values, width);
+        let codewords = self
+            .dft
+            .coset_dft_batch(matrix, Theirs::from_int(shift.value()));
+        // The rows lie in the order of their reversed bits. To reverse it twice changes nothing.
+        codewords.bit_reverse_rows().values
+    }
+
+    /// The coset that a position is in, and the row of it, of 2^`bits` rows.
+    fn place(&self, position: usize, bits: u32) -> (usize, usize) {
+        let row = position >> self.rate;
+        (
+            position % self.cosets(),
+            row.reverse_bits() >> (usize::BITS - bits),
+        )
+    }
 }
 
 /// The codeword of one message of the extension.
 fn encode_extension(message: &[Extension], rate: u32) -> Vec<Extension> {
+    let encoder = Encoder::new(rate);
     let coefficients = Extension::coefficients(message);
-    Extension::of_coefficients(&encode(coefficients, 2, rate)).to_vec()
-}
-
-/// The leaves of a codeword's tree: each holds the values that fold into one, which are equally far apart.
-fn leaves(codeword: &[Extension]) -> Vec<Goldilocks> {
-    let count = codeword.len() / SIBLINGS;
-    let siblings =
-        |leaf: usize| (0..SIBLINGS).flat_map(move |sibling| codeword[leaf + sibling * count].0);
-    (0..count).flat_map(siblings).collect()
+    let cosets: Vec<Vec<Theirs>> = (0..encoder.cosets())
+        .map(|coset| encoder.coset(coefficients, 2, coset))
+        .collect();
+    let bits = message.len().ilog2();
+    let value = |position: usize| {
+        let (coset, row) = encoder.place(position, bits);
+        Extension([2 * row, 2 * row + 1].map(|place| ours(&cosets[coset][place])))
+    };
+    (0..message.len() << rate)
+        .into_par_iter()
+        .map(value)
+        .collect()
 }
 
 /// The codeword of the polynomial with its first variable bound: half as long.
 fn fold(codeword: &[Extension], challenge: Extension) -> Vec<Extension> {
-    let half = codeword.len() / 2;
+    let (low, high) = codeword.split_at(codeword.len() / 2);
     let step = Goldilocks::root_of_unity(codeword.len().ilog2()).inverse();
-    let mut inverse = Goldilocks::ONE;
-    let mut folded = Vec::with_capacity(half);
-    for (&u, &v) in codeword[..half].iter().zip(&codeword[half..]) {
-        let sum = u + v;
-        let twice = sum + challenge * ((u - v).scale(inverse) - sum);
-        folded.push(twice.halved());
-        inverse *= step;
-    }
+    let mut folded = vec![Extension::ZERO; low.len()];
+    let chunks = folded.par_chunks_mut(SHARED).enumerate();
+    let chunks = chunks.zip(low.par_chunks(SHARED).zip(high.par_chunks(SHARED)));
+    chunks.for_each(|((chunk, folded), (low, high))| {
+        let mut inverse = step.pow((chunk * SHARED) as u64);
+        for ((folded, &u), &v) in folded.iter_mut().zip(low).zip(high) {
+            let sum = u + v;
+            let twice = sum + challenge * ((u - v).scale(inverse) - sum);
+            *folded = twice.halved();
+            inverse *= step;
+        }
+    });
     folded
 }

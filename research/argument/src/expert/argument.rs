@@ -162,13 +162,7 @@ pub mod prove {
                 committed.push(Committed::new(&mut prover, &shape.parameters, rows, width));
             }
         }
-        let values = vec![
-            Values::Wide(&witness.main),
-            Values::Wide(&witness.data),
-            Values::Narrow(&witness.weights),
-            Values::Wide(&witness.tables),
-        ];
-        let mut proving = Proving::new(prover, values);
+        let mut proving = Proving::new(prover, witness.sources().to_vec());
         let mut parts = Parts::default();
         let argued = argue(&mut proving, &expert.builder.relations, &mut parts);
         if let Ok(claims) = argued {

@@ -4,7 +4,9 @@
 //! `2^(−d)` from a table, `d = ⌊((m − s)·factor + 2^(shift−1)) / 2^shift⌋`. Here `g = ⌊(m − s)·factor / 2^(shift−1)⌋` is committed to. Then
 //! `d = ⌊(g + 1)/2⌋`, and g ≥ 0 shows that no score is above m. That m is one of the scores is shown by a look-up among them.
 
-use super::builder::{one, power_of_two, times, Along, Builder, Committed, Tag};
+use super::builder::{one, power_of_two, times, Builder, Tag};
+use crate::relation::along::Along;
+use crate::relation::Committed;
 use super::publics::number;
 use super::sizes::{D, H, N, P, S, T};
 use crate::relation::{Atom, Count, Factor, Monomials, Product, Summed};

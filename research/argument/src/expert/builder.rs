@@ -4,8 +4,10 @@ use super::sizes::{Sizes, R, S};
 #[cfg(feature = "prove")]
 use crate::prove::filling::Filling;
 use crate::field::Goldilocks;
+use crate::relation::along::Along;
 use crate::relation::{
-    Atom, Axis, Count, Index, Linear, Lookup, Place, Relations, Source, Term, Tensor, View, Virtual,
+    Atom, Axis, Committed, Count, Index, Linear, Lookup, Place, Relations, Source, Tensor, Term,
+    View, Virtual,
 };
 #[cfg(feature = "prove")]
 use alloc::boxed::Box;
@@ -43,51 +45,6 @@ impl Tag {
             Self::Score => 2,
             Self::Gate(bits) => 3 + bits as i64,
         }
-    }
-}
-
-/// A number that may differ along an axis.
-#[derive(Clone, Debug)]
-pub enum Along {
-    /// The same everywhere.
-    Everywhere(i64),
-    /// One for each index.
-    Axis(Axis, Vec<i64>),
-}
-
-impl Along {
-    /// The numbers `f` makes of these.
-    pub fn map(&self, f: impl Fn(i64) -> i64) -> Self {
-        match self {
-            Self::Everywhere(number) => Self::Everywhere(f(*number)),
-            Self::Axis(axis, numbers) => {
-                Self::Axis(*axis, numbers.iter().map(|&number| f(number)).collect())
-            }
-        }
-    }
-
-    /// The largest number.
-    pub fn most(&self) -> i64 {
-        match self {
-            Self::Everywhere(number) => *number,
-            Self::Axis(_, numbers) => numbers.iter().copied().max().unwrap_or_default(),
-        }
-    }
-}
-
-/// A tensor that is committed to, and its own view.
-#[derive(Clone, Copy, Debug)]
-pub struct Committed {
-    /// Number in [`Relations::tensors`].
-    pub tensor: usize,
-    /// Number in [`Relations::virtuals`].
-    pub view: usize,
-}
-
-impl Committed {
-    /// Its values.
-    pub fn atom(self) -> Atom {
-        Atom::Virtual(self.view)
     }
 }
 

@@ -1,7 +1,9 @@
 //! Linear layers: sums of products with the weights, shifted to the scale of their outputs
 //! ([`zk0_circuits::model::linear`]).
 
-use super::builder::{one, power_of_two, times, Along, Builder, Committed};
+use super::builder::{one, power_of_two, times, Builder};
+use crate::relation::along::Along;
+use crate::relation::Committed;
 use super::publics::number;
 use super::statement::Statement;
 use super::weights::{Flat, Matrices, Matrix};

@@ -16,6 +16,7 @@ pub mod encoding;
 pub mod layers;
 pub mod linear;
 pub mod norm;
+mod outcome;
 mod projections;
 pub mod publics;
 pub mod sizes;

@@ -4,7 +4,9 @@
 //! `reciprocal = ⌊2^(39 + bits)/root⌋`, and the result is `x · gain · reciprocal`, shifted with rounding. S is at most 2^44 and the mean below
 //! 2^62 + 2^46, so that no equation below reaches the modulus.
 
-use super::builder::{one, power_of_two, times, Along, Builder, Committed};
+use super::builder::{one, power_of_two, times, Builder};
+use crate::relation::along::Along;
+use crate::relation::Committed;
 use super::sizes::{F, S};
 use crate::relation::{Atom, Axis, Count, Factor, Monomials};
 use alloc::vec;
@@ -144,11 +146,12 @@ impl Norm<'_> {
         ];
         below(builder, &to_root, 32);
 
-        // |x·gain·reciprocal| is at most 2^62, and so is 2^shift times the result
+        // |x·gain·reciprocal| is at most 2^62, half of the shift's power 2^61, and 2^shift times the result at most 2^63: together less than the
+        // modulus.
         let scaled = monomials(builder, &all, 0, &[self.input, self.gain, reciprocal.view]);
         let half = self.shift.map(|shift| power_of_two(shift - 1));
         let value = vec![one(scaled), builder.scaled(&half, 1, Atom::One)];
-        let within = self.shift.map(|shift| (63 - shift).min(16));
+        let within = self.shift.map(|shift| (64 - shift).min(16));
         let result = builder.commit(name, &all);
         builder.floor_into(result, &all, count, (value, None), &self.shift, &within);
         result

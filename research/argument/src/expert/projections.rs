@@ -1,7 +1,9 @@
 //! Queries, keys and values of all layers: projections, and the rotations of queries and keys.
 
 use super::attention::Attention;
-use super::builder::{times, Along, Builder, Committed};
+use super::builder::{times, Builder};
+use crate::relation::along::Along;
+use crate::relation::Committed;
 use super::layers::Building;
 use super::linear::{Factor, Layer, Which};
 use super::publics::number;

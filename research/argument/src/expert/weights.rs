@@ -1,6 +1,7 @@
 //! Where the weights of both models lie among the values that claims are about: each matrix is padded with zeros to powers of two.
 
-use super::builder::{Builder, Committed, WEIGHTS};
+use super::builder::{Builder, WEIGHTS};
+use crate::relation::Committed;
 use crate::relation::{Axis, Place, Tensor};
 use alloc::vec::Vec;
 use zk0_circuits::model::layout::Layout;

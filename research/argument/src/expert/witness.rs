@@ -1,13 +1,14 @@
 //! The prover's values: those of samples and weights, the residual stream as [`super::trace`] gives it, and all others from the relations.
 
-use super::builder::{Committed, DATA, MAIN, TABLES, WEIGHTS};
+use super::builder::{DATA, MAIN, TABLES, WEIGHTS};
+use crate::relation::Committed;
 use super::layers::Expert;
 use super::linear::gated;
 use super::sizes::{Sizes, L, M, N, T};
 use super::statement::{Evaluated, Statement};
 use super::trace::{trace, Kept};
 use crate::prove::filling::Filling;
-use crate::prove::NotInTable;
+use crate::prove::{Computed, NotInTable, Values};
 use crate::relation::{Place, Relations};
 use zk0_circuits::model::arithmetic::fixed::Rescale;
 use zk0_circuits::model::arithmetic::tables::exp2_negative;
@@ -106,6 +107,16 @@ pub fn evaluate(
 }
 
 impl Witness {
+    /// The values of all sources, by number.
+    pub fn sources(&self) -> [Values<'_>; 4] {
+        [
+            Values::Wide(&self.main),
+            Values::Wide(&self.data),
+            Values::Narrow(&self.weights),
+            Values::Wide(&self.tables),
+        ]
+    }
+
     /// Computes all values. They obey the relations, if the evaluation did not fail.
     pub fn new(
         statement: &Statement,
@@ -135,6 +146,7 @@ impl Witness {
             data: &data,
             weights: &weights,
             tables: &tables,
+            computed: Computed::default(),
         };
         let hidden = &relations.tensors[expert.given.hidden.tensor];
         for (number, kept) in kept.iter().enumerate() {

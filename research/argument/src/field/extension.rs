@@ -69,8 +69,14 @@ impl Extension {
     /// `Σ weights · values`, of as many as the shorter list has.
     #[inline(always)]
     pub fn dot(weights: &[Self], values: &[Goldilocks]) -> Self {
+        Self::dot_of(weights, values.iter().copied())
+    }
+
+    /// `Σ weights · values`, of as many as there are of both.
+    #[inline(always)]
+    pub fn dot_of(weights: &[Self], values: impl Iterator<Item = Goldilocks>) -> Self {
         let mut sums = [Products::default(); 2];
-        for (weight, &value) in weights.iter().zip(values) {
+        for (weight, value) in weights.iter().zip(values) {
             sums[0].add(weight.0[0], value);
             sums[1].add(weight.0[1], value);
         }
@@ -113,13 +119,18 @@ impl Mul for Extension {
     type Output = Self;
     #[inline(always)]
     fn mul(self, other: Self) -> Self {
-        let ([a0, a1], [b0, b1]) = (self.0, other.0);
-        let (mut even, mut odd) = (Products::default(), Products::default());
-        even.add(a0, b0);
-        even.add(a1 * SQUARE, b1);
-        odd.add(a0, b1);
-        odd.add(a1, b0);
-        Self([even.reduce(), odd.reduce()])
+        #[cfg(feature = "prove")]
+        return super::lazy::multiply(self, other);
+        #[cfg(not(feature = "prove"))]
+        {
+            let ([a0, a1], [b0, b1]) = (self.0, other.0);
+            let (mut even, mut odd) = (Products::default(), Products::default());
+            even.add(a0, b0);
+            even.add(a1 * SQUARE, b1);
+            odd.add(a0, b1);
+            odd.add(a1, b0);
+            Self([even.reduce(), odd.reduce()])
+        }
     }
 }
 

@@ -5,6 +5,8 @@
 
 use bytemuck::TransparentWrapper;
 use core::fmt;
+#[cfg(feature = "prove")]
+use core::hint::select_unpredictable;
 use core::iter::Sum;
 use core::ops::{Add, AddAssign, Mul, MulAssign, Neg, Sub, SubAssign};
 
@@ -28,6 +30,7 @@ unsafe impl TransparentWrapper<u64> for Goldilocks {}
 /// `value` mod p, of 2^128 values.
 ///
 /// 2^64 = 2^32 − 1 and 2^96 = −1 in the field.
+#[cfg(not(feature = "prove"))]
 #[inline(always)]
 pub(crate) const fn reduce(value: u128) -> Goldilocks {
     let (low, high) = (value as u64, (value >> 64) as u64);
@@ -41,6 +44,18 @@ pub(crate) const fn reduce(value: u128) -> Goldilocks {
         sum += EPSILON; // After a carry it is below 2^64 − 2^33 + 1
     }
     Goldilocks::canonical(sum)
+}
+
+/// The same natively: without a branch on the carry, which comes half the time, so that a processor cannot predict it.
+#[cfg(feature = "prove")]
+#[inline(always)]
+pub(crate) fn reduce(value: u128) -> Goldilocks {
+    let (low, high) = (value as u64, (value >> 64) as u64);
+    let (top, middle) = (high >> 32, high & EPSILON);
+    let (rest, borrow) = low.overflowing_sub(top);
+    let rest = if borrow { rest - EPSILON } else { rest };
+    let (sum, carry) = rest.overflowing_add(middle * EPSILON);
+    Goldilocks::canonical(select_unpredictable(carry, sum.wrapping_add(EPSILON), sum))
 }
 
 impl Goldilocks {
@@ -146,9 +161,14 @@ impl Add for Goldilocks {
     type Output = Self;
     #[inline(always)]
     fn add(self, other: Self) -> Self {
-        let (sum, carry) = self.0.overflowing_add(other.0);
-        // With a carry, the sum of two values below p stays below 2^64 − 2^33 + 2.
-        Self::canonical(if carry { sum + EPSILON } else { sum })
+        #[cfg(feature = "prove")]
+        return self - Self(P - other.0);
+        #[cfg(not(feature = "prove"))]
+        {
+            let (sum, carry) = self.0.overflowing_add(other.0);
+            // With a carry, the sum of two values below p stays below 2^64 − 2^33 + 2.
+            Self::canonical(if carry { sum + EPSILON } else { sum })
+        }
     }
 }
 
@@ -157,6 +177,14 @@ impl Sub for Goldilocks {
     #[inline(always)]
     fn sub(self, other: Self) -> Self {
         let (difference, borrow) = self.0.overflowing_sub(other.0);
+        // Natively without a branch, as in `reduce`.
+        #[cfg(feature = "prove")]
+        return Self(select_unpredictable(
+            borrow,
+            difference.wrapping_add(P),
+            difference,
+        ));
+        #[cfg(not(feature = "prove"))]
         Self(if borrow {
             difference.wrapping_add(P)
         } else {

@@ -6,6 +6,8 @@
 
 pub mod extension;
 pub mod goldilocks;
+#[cfg(feature = "prove")]
+pub mod lazy;
 
 pub use extension::Extension;
 pub use goldilocks::Goldilocks;

@@ -1,7 +1,8 @@
 //! The values of committed tensors, computed step by step from the relations that they have to obey.
 
-use super::{count, numbers, NotInTable, Tables, Values};
-use crate::expert::builder::{Along, Committed};
+use super::{count, numbers, Computed, NotInTable, Tables, Values};
+use crate::relation::along::Along;
+use crate::relation::Committed;
 use crate::relation::{Axis, Count, Linear, Relations};
 
 /// Values of all sources. Those that are committed to are filled in.
@@ -16,6 +17,8 @@ pub struct Filling<'a> {
     pub weights: &'a [i16],
     /// Columns of tables.
     pub tables: &'a [i64],
+    /// Sums of products. A step computes them when the values that they are made from are filled in, and no later step changes these.
+    pub computed: Computed,
 }
 
 impl Filling<'_> {
@@ -33,6 +36,7 @@ impl Filling<'_> {
         f(&Tables {
             relations: self.relations,
             sources: &self.sources(),
+            computed: &self.computed,
         })
     }
 

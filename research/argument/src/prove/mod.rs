@@ -7,8 +7,8 @@ mod joined;
 mod looked_up;
 mod tables;
 
-pub use looked_up::{count, NotInTable};
-pub use tables::Tables;
+pub use looked_up::{check, count, NotInTable, Violation};
+pub use tables::{Computed, Tables};
 
 use crate::field::{Extension, Goldilocks};
 use crate::fractions::{self, LeafClaim};
@@ -16,7 +16,7 @@ use crate::protocol::{Claim, Fold, Layout, Party, Sum, Weighted, Weights};
 use crate::multilinear::outer;
 use crate::relation::{Axis, Factor, PartId, Parts, Relations, Source};
 use crate::transcript::{Challenges, Prover, Refused};
-use joined::Joined;
+use joined::{Joined, Table};
 use rayon::prelude::*;
 
 /// Values of a source.
@@ -45,6 +45,7 @@ pub struct Proving<'a> {
     pub prover: Prover,
     /// The values of each source, by number.
     pub sources: Vec<Values<'a>>,
+    computed: Computed,
     /// Factors of products whose sums were said, until their sumcheck.
     factors: Vec<(Sum, [Vec<Extension>; 2])>,
 }
@@ -55,6 +56,7 @@ impl<'a> Proving<'a> {
         Self {
             prover,
             sources,
+            computed: Computed::default(),
             factors: vec![],
         }
     }
@@ -63,6 +65,7 @@ impl<'a> Proving<'a> {
         Tables {
             relations,
             sources: &self.sources,
+            computed: &self.computed,
         }
     }
 
@@ -118,11 +121,11 @@ impl Party for Proving<'_> {
         layout: &Layout,
         fold: &Fold,
     ) -> Result<LeafClaim, Refused> {
-        let (numerators, denominators) = looked_up::leaves(&self.tables(relations), layout, fold);
-        Ok(fractions::prove::sum(
+        let leaves = looked_up::leaves(&self.tables(relations), layout, fold);
+        Ok(fractions::prove::sum_of(
             &mut self.prover,
-            numerators,
-            denominators,
+            layout.variables,
+            leaves,
         ))
     }
 
@@ -174,10 +177,10 @@ impl Party for Proving<'_> {
                 power *= gamma;
             }
             let values = self.sources[source.0 as usize];
-            let value = |index| Goldilocks::from_i64(values.get(index)).into();
-            let values = (0..1usize << bits).into_par_iter().map(value).collect();
+            let value = |index| Goldilocks::from_i64(values.get(index));
+            let values: Vec<_> = (0..1usize << bits).into_par_iter().map(value).collect();
             let product = vec![(Extension::ONE, vec![0, 1])];
-            joined.push(Joined::new(vec![weights, values], product));
+            joined.push(Joined::of_tables(vec![weights.into(), values.into()], product));
         }
         Ok(joined::prove(&mut self.prover, joined, 2))
     }
@@ -218,26 +221,33 @@ fn add_weights(parts: &Parts, about: &Weighted, power: Extension, weights: &mut 
     for &(_, id) in &about.parts {
         own = outer(&own, &parts.get(id).weights());
     }
-    for (number, weight) in numbers(about.offset, &places.collect::<Vec<_>>())
-        .into_iter()
-        .zip(own)
-    {
-        weights[number] += weight;
+    let places = places.collect::<Vec<_>>();
+    let packed = places.iter().try_fold(0, |end, &(shift, bits)| {
+        (shift as usize == end || bits == 0).then_some(end + bits)
+    });
+    match packed {
+        Some(_) => {
+            let targets = weights[about.offset..].par_iter_mut().zip(own);
+            targets.for_each(|(sum, weight)| *sum += weight);
+        }
+        None => {
+            for (number, weight) in numbers(about.offset, &places).into_iter().zip(own) {
+                weights[number] += weight;
+            }
+        }
     }
 }
 
 /// The sums over the lowest axes of values times weights, one part for each of these axes.
 fn contract(values: &[i64], parts: &Parts, ids: &[PartId]) -> Vec<Extension> {
-    let elements: Vec<Goldilocks> = values
-        .par_iter()
-        .map(|&v| Goldilocks::from_i64(v))
-        .collect();
     let Some((&first, rest)) = ids.split_first() else {
-        return elements.into_iter().map(Extension::from).collect();
+        let elements = values.par_iter().map(|&v| Goldilocks::from_i64(v).into());
+        return elements.collect();
     };
     let weights = parts.get(first).weights();
-    let rows = elements.par_chunks_exact(weights.len());
-    let mut sums: Vec<Extension> = rows.map(|row| Extension::dot(&weights, row)).collect();
+    let rows = values.par_chunks_exact(weights.len());
+    let sum = |row: &[i64]| Extension::dot_of(&weights, row.iter().map(|&v| Goldilocks::from_i64(v)));
+    let mut sums: Vec<Extension> = rows.map(sum).collect();
     for &id in rest {
         let weights = parts.get(id).weights();
         let rows = sums.par_chunks_exact(weights.len());
@@ -290,7 +300,8 @@ fn monomials(
         own = outer(&own, &parts.get(*id).weights());
     }
     let size = 1 << tables.relations.size(&monomials.axes);
-    let mut all = vec![own.iter().copied().cycle().take(size).collect()];
+    let weights: Vec<Extension> = own.iter().copied().cycle().take(size).collect();
+    let mut all = vec![Table::from(weights)];
     let mut known: Vec<Factor> = vec![];
     let mut terms = vec![];
     for (coefficient, factors) in &monomials.terms {
@@ -299,8 +310,8 @@ fn monomials(
             let place = known.iter().position(|of| of == factor);
             let place = place.unwrap_or_else(|| {
                 let values = tables.factor(*factor, &monomials.axes);
-                let values = values.par_iter().map(|&v| Goldilocks::from_i64(v).into());
-                all.push(values.collect());
+                let values = values.par_iter().map(|&v| Goldilocks::from_i64(v));
+                all.push(values.collect::<Vec<Goldilocks>>().into());
                 known.push(*factor);
                 known.len() - 1
             });
@@ -308,5 +319,5 @@ fn monomials(
         }
         terms.push((Goldilocks::from_i64(*coefficient).into(), places));
     }
-    Joined::new(all, terms)
+    Joined::of_tables(all, terms)
 }

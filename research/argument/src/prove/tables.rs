@@ -3,6 +3,27 @@
 use super::Values;
 use crate::relation::{Atom, Axis, Factor, Index, Linear, Relations, View};
 use rayon::prelude::*;
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// Sums of products that were computed before, by the numbers of products and of monomials. They take long, and several relations need
+/// each. They are right as long as the values do not change that they are made from.
+#[derive(Default)]
+pub struct Computed(Mutex<BTreeMap<Factor, Arc<Vec<i64>>>>);
+
+impl Computed {
+    fn get(&self, which: Factor, compute: impl FnOnce() -> Vec<i64>) -> Arc<Vec<i64>> {
+        let known = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(known) = known.get(&which) {
+            return known.clone();
+        }
+        drop(known);
+        let values = Arc::new(compute());
+        let mut known = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        known.insert(which, values.clone());
+        values
+    }
+}
 
 /// Computes values from those of the sources.
 #[derive(Clone, Copy)]
@@ -11,6 +32,8 @@ pub struct Tables<'a> {
     pub relations: &'a Relations,
     /// The values of each source.
     pub sources: &'a [Values<'a>],
+    /// What was computed before.
+    pub computed: &'a Computed,
 }
 
 impl Tables<'_> {
@@ -92,7 +115,12 @@ impl Tables<'_> {
     }
 
     /// The values of a product on its own axes.
-    fn product(&self, number: usize) -> Vec<i64> {
+    fn product(&self, number: usize) -> Arc<Vec<i64>> {
+        self.computed
+            .get(Factor::Product(number), || self.multiply(number))
+    }
+
+    fn multiply(&self, number: usize) -> Vec<i64> {
         let product = &self.relations.products[number];
         let table = |factor: usize, own: &[Axis]| {
             self.of_virtual(factor, &[&product.summed, own, &product.shared].concat())
@@ -102,15 +130,12 @@ impl Tables<'_> {
         let summed = 1 << self.relations.size(&product.summed);
         let lefts = 1 << self.relations.size(&product.left_axes);
         let rights = 1 << self.relations.size(&product.right_axes);
-        let blocks = left
-            .par_chunks_exact(summed * lefts)
-            .zip(right.par_chunks_exact(summed * rights));
-        let columns = blocks.flat_map(|(left, right)| {
-            right
-                .par_chunks_exact(summed)
-                .flat_map_iter(move |b| left.chunks_exact(summed).map(move |a| dot(a, b)))
-        });
-        columns.collect()
+        match (narrow(&left), narrow(&right)) {
+            (Some(left), Some(right)) => {
+                products(&left, &right, [summed, lefts, rights], dot_narrow)
+            }
+            _ => products(&left, &right, [summed, lefts, rights], dot),
+        }
     }
 
     /// The values of monomials on those of their axes that are not summed over.
@@ -234,6 +259,33 @@ impl Tables<'_> {
         }
         sums
     }
+}
+
+/// The values as int16, if all are.
+fn narrow(values: &[i64]) -> Option<Vec<i16>> {
+    let narrowed = values.par_iter().map(|&value| i16::try_from(value).ok());
+    narrowed.collect()
+}
+
+/// Of each block the products of all rows of the left factor with all rows of the right one.
+fn products<T: Sync>(
+    left: &[T],
+    right: &[T],
+    [summed, lefts, rights]: [usize; 3],
+    dot: fn(&[T], &[T]) -> i64,
+) -> Vec<i64> {
+    let rows = right.par_chunks_exact(summed).enumerate();
+    let sums = rows.flat_map_iter(|(row, b)| {
+        let block = &left[row / rights * summed * lefts..][..summed * lefts];
+        block.chunks_exact(summed).map(move |a| dot(a, b))
+    });
+    sums.collect()
+}
+
+/// `Σ a·b`.
+fn dot_narrow(a: &[i16], b: &[i16]) -> i64 {
+    // A product fits an i32. A sum of two may not.
+    a.iter().zip(b).map(|(&a, &b)| (a as i32 * b as i32) as i64).sum()
 }
 
 /// `Σ a·b`.

@@ -8,6 +8,7 @@
 //! - a [`Monomials`] is a tensor of sums of products of values at the same index;
 //! - a [`Lookup`] says that each entry of a tensor is a row of a table; an [`Equality`] says that each value of a tensor is zero.
 
+pub mod along;
 mod part;
 pub mod public;
 
@@ -63,6 +64,22 @@ impl Tensor {
             offset,
             places: places.collect(),
         }
+    }
+}
+
+/// A tensor that is committed to, and its own view.
+#[derive(Clone, Copy, Debug)]
+pub struct Committed {
+    /// Number in [`Relations::tensors`].
+    pub tensor: usize,
+    /// Number in [`Relations::virtuals`].
+    pub view: usize,
+}
+
+impl Committed {
+    /// Its values.
+    pub fn atom(self) -> Atom {
+        Atom::Virtual(self.view)
     }
 }
 

@@ -25,7 +25,8 @@ impl Models {
         let challenge = Digest([seed as u8; 32]);
         let sample = |index: usize| {
             let prefix = most - index % 2 * (most / 3);
-            let parts = Parts::random(spec, &mut random, prefix, index % 3);
+            let padded = (index % 3).min(spec.dims.chunk as usize - 1);
+            let parts = Parts::random(spec, &mut random, prefix, padded);
             let draw = draw(spec, &challenge, index as u32, samples as u32);
             (parts.quantise(spec), draw)
         };

@@ -1,0 +1,396 @@
+//! The prover's side of a sum of fractions.
+//!
+//! The memory it needs is that of the leaves and twice that of the first layer above. A layer is freed as soon as the first variable of its
+//! sumcheck is bound. The other rounds bind a variable and compute what is said next in one pass.
+
+use super::{Children, LeafClaim};
+use crate::field::lazy::{Factor, Sum};
+use crate::field::{Extension, Goldilocks};
+use crate::multilinear::eq_table;
+use crate::transcript::{Challenges, Prover};
+use rayon::prelude::*;
+
+use super::leaves::{Block, Pieces};
+pub use super::leaves::{Leaves, Numerator, Stored};
+
+/// Proves that Σ numerators/denominators = 0, over 2^n ≥ 2 fractions.
+pub fn sum(
+    prover: &mut Prover,
+    mut numerators: Vec<Extension>,
+    mut denominators: Vec<Extension>,
+) -> LeafClaim {
+    let variables = numerators.len().ilog2() as usize;
+    let fractions = numerators.iter().zip(&denominators);
+    let padding = fractions
+        .rev()
+        .take_while(|(&p, &q)| p == Extension::ZERO && q == Extension::ONE);
+    let used = numerators.len() - padding.count();
+    numerators.truncate(used);
+    denominators.truncate(used);
+    if numerators.par_iter().any(|p| p.0[1] != Goldilocks::ZERO) {
+        return sum_of(prover, variables, Stored::new(numerators, denominators));
+    }
+    let numerators: Vec<Goldilocks> = numerators.into_par_iter().map(|p| p.0[0]).collect();
+    sum_of(prover, variables, Stored::new(numerators, denominators))
+}
+
+/// Proves that 2^`variables` ≥ 2 fractions add up to zero.
+pub fn sum_of(prover: &mut Prover, variables: usize, leaves: impl Leaves) -> LeafClaim {
+    // The layers of 2, 4, … fractions, the last of which is the one above the leaves.
+    let mut layers: Vec<Pieces> = Vec::with_capacity(variables);
+    for _ in 1..variables {
+        let next = match layers.last() {
+            Some(layer) => Pieces::parents(layer),
+            None => Pieces::parents(&leaves),
+        };
+        layers.push(next);
+    }
+    let mut children = match layers.pop() {
+        Some(top) => top_of(&top),
+        None => top_of(&leaves),
+    };
+    send(prover, &children);
+    let mut leaves = Some(leaves);
+    let mut point: Vec<Extension> = Vec::new();
+    loop {
+        let step = prover.challenge();
+        let (numerator, denominator) = children.between(step);
+        point.insert(0, step);
+        (point, children) = match (layers.pop(), leaves.take_if(|_| point.len() < variables)) {
+            (Some(layer), kept) => {
+                leaves = kept;
+                prove_layer(prover, layer, &point, (numerator, denominator))
+            }
+            (None, Some(leaves)) => prove_layer(prover, leaves, &point, (numerator, denominator)),
+            (None, None) => {
+                return LeafClaim {
+                    point,
+                    numerator,
+                    denominator,
+                }
+            }
+        };
+    }
+}
+
+fn send(prover: &mut Prover, children: &Children) {
+    let Children { p, q } = children;
+    prover.send_extension(&[p[0], p[1], q[0], q[1]]);
+}
+
+fn top_of(leaves: &impl Leaves) -> Children {
+    let mut block = Block::default();
+    let (p, q) = block.read(leaves, 0, 2);
+    Children {
+        p: [p[0].extension(), p[1].extension()],
+        q: [q[0], q[1]],
+    }
+}
+
+/// What a sumcheck is about at one place: the summand is p0·q1 + q0·mixed, where `mixed` is p1 + λ·q1.
+#[derive(Clone, Copy)]
+struct Place<N> {
+    p0: N,
+    q0: Extension,
+    q1: Extension,
+    mixed: Extension,
+}
+
+impl<N: Numerator> Place<N> {
+    /// From the fractions 2x and 2x + 1.
+    #[inline(always)]
+    fn of(p: &[N], q: &[Extension], lambda: &Factor) -> Self {
+        Self {
+            p0: p[0],
+            q0: q[0],
+            q1: q[1],
+            mixed: lambda.times_plus(q[1], p[1].extension()),
+        }
+    }
+
+    #[inline(always)]
+    fn summand(self) -> Extension {
+        let mut sum = Sum::default();
+        self.p0.add_to(&mut sum, self.q1);
+        sum.add(self.q0, self.mixed);
+        sum.reduce()
+    }
+
+    #[inline(always)]
+    fn minus(self, other: Self) -> Self {
+        Self {
+            p0: self.p0.minus(other.p0),
+            q0: self.q0 - other.q0,
+            q1: self.q1 - other.q1,
+            mixed: self.mixed - other.mixed,
+        }
+    }
+}
+
+impl Place<Extension> {
+    #[inline(always)]
+    fn between(factor: &Factor, zero: &Self, one: &Self) -> Self {
+        Self {
+            p0: factor.between(zero.p0, one.p0),
+            q0: factor.between(zero.q0, one.q0),
+            q1: factor.between(zero.q1, one.q1),
+            mixed: factor.between(zero.mixed, one.mixed),
+        }
+    }
+}
+
+/// The places of all pairs in use, in pieces of as many as one table of weights is for.
+type Places = Vec<Vec<Place<Extension>>>;
+
+/// A sum with weights over pairs of places: the constant and the leading coefficient of the round polynomial.
+#[derive(Clone, Copy, Default)]
+struct Round {
+    constant: Sum,
+    square: Sum,
+}
+
+impl Round {
+    #[inline(always)]
+    fn add<N: Numerator>(&mut self, weight: Extension, zero: Place<N>, one: Place<N>) {
+        self.constant.add(weight, zero.summand());
+        self.square.add(weight, one.minus(zero).summand());
+    }
+
+    fn times(self, weight: Extension) -> [Extension; 2] {
+        [self.constant, self.square].map(|sum| weight * sum.reduce())
+    }
+}
+
+/// Variables whose weights are in one table.
+const LOW: usize = 9;
+
+/// eq of a point and the numbers of pairs: the product of two tables.
+struct Weights {
+    low: Vec<Extension>,
+    high: Vec<Extension>,
+    /// The sum of the weights of pairs that are not in use.
+    unused: Extension,
+}
+
+impl Weights {
+    fn new(point: &[Extension], used: usize) -> Self {
+        let (low, high) = point.split_at(point.len().min(LOW));
+        Self {
+            low: eq_table(low),
+            high: eq_table(high),
+            unused: Extension::ONE - eq_below(point, used),
+        }
+    }
+
+    fn blocks(&self, pairs: usize) -> usize {
+        pairs.div_ceil(self.low.len())
+    }
+}
+
+/// Σ eq(point, x) for x below `count`.
+fn eq_below(point: &[Extension], count: usize) -> Extension {
+    let mut sum = Extension::ZERO;
+    let mut prefix = Extension::ONE;
+    let mut rest = count;
+    for (variable, &coordinate) in point.iter().enumerate().rev() {
+        let one = prefix * coordinate;
+        match rest >> variable {
+            0 => prefix -= one,
+            1 => {
+                sum += prefix - one;
+                prefix = one;
+                rest -= 1 << variable;
+            }
+            _ => return Extension::ONE,
+        }
+    }
+    match rest {
+        0 => sum,
+        _ => sum + prefix,
+    }
+}
+
+fn add(a: [Extension; 2], b: [Extension; 2]) -> [Extension; 2] {
+    [a[0] + b[0], a[1] + b[1]]
+}
+
+/// A layer's sumcheck in progress.
+struct Layer {
+    lambda: Factor,
+    /// The summand where both fractions are 0/1.
+    padding: Extension,
+}
+
+impl Layer {
+    /// The first round polynomial.
+    fn first<L: Leaves>(&self, leaves: &L, point: &[Extension]) -> [Extension; 2] {
+        let pairs = leaves.len().div_ceil(4);
+        let weights = Weights::new(point, pairs);
+        let size = weights.low.len();
+        let blocks = (0..weights.blocks(pairs)).into_par_iter();
+        let sums = blocks.map_init(Block::default, |block, number| {
+            let first = number * size;
+            let (p, q) = block.read(leaves, 4 * first, 4 * size.min(pairs - first));
+            let fractions = p.as_chunks::<4>().0.iter().zip(q.as_chunks::<4>().0);
+            let mut round = Round::default();
+            for ((p, q), &weight) in fractions.zip(&weights.low) {
+                let place = |at: usize| Place::of(&p[at..at + 2], &q[at..at + 2], &self.lambda);
+                round.add(weight, place(0), place(2));
+            }
+            round.times(weights.high[number])
+        });
+        self.padded(sums.reduce(Default::default, add), &weights)
+    }
+
+    /// Binds the first variable, and computes the next round polynomial.
+    fn second<L: Leaves>(
+        &self,
+        leaves: &L,
+        challenge: &Factor,
+        point: &[Extension],
+    ) -> (Places, [Extension; 2]) {
+        let pairs = leaves.len().div_ceil(8);
+        let weights = Weights::new(point, pairs);
+        let size = weights.low.len();
+        let blocks = (0..weights.blocks(pairs)).into_par_iter();
+        let blocks = blocks.map_init(Block::default, |block, number| {
+            let first = number * size;
+            let (p, q) = block.read(leaves, 8 * first, 8 * size.min(pairs - first));
+            let fractions = p.as_chunks().0.iter().zip(q.as_chunks().0);
+            let places = fractions.map(|(p, q)| self.bound(p, q, challenge));
+            let places: Vec<Place<Extension>> = places.collect();
+            let sums = round(&places, &weights.low).times(weights.high[number]);
+            (places, sums)
+        });
+        let (places, sums): (Places, Vec<_>) = blocks.unzip();
+        (
+            places,
+            self.padded(sums.into_iter().fold(Default::default(), add), &weights),
+        )
+    }
+
+    /// Binds the next variable, and computes the round polynomial after it.
+    fn next(&self, places: &mut Places, challenge: &Factor, point: &[Extension]) -> [Extension; 2] {
+        let pad = |places: &mut Vec<Place<Extension>>, multiple: usize| {
+            places.resize(places.len().next_multiple_of(multiple), self.place());
+        };
+        let used: usize = places.iter().map(Vec::len).sum();
+        let pairs = used.div_ceil(4);
+        let weights = Weights::new(point, pairs);
+        let blocks = places.par_chunks_mut(2).zip(&weights.high);
+        let sums = blocks.map(|(pieces, &weight)| {
+            let [bound, rest @ ..] = pieces else {
+                return Default::default();
+            };
+            pad(bound, 2);
+            for at in 0..bound.len() / 2 {
+                bound[at] = Place::between(challenge, &bound[2 * at], &bound[2 * at + 1]);
+            }
+            bound.truncate(bound.len() / 2);
+            for piece in rest.iter_mut().map(core::mem::take) {
+                let pairs = piece.chunks(2);
+                bound.extend(pairs.map(|pair| {
+                    let one = pair.get(1).copied().unwrap_or(self.place());
+                    Place::between(challenge, &pair[0], &one)
+                }));
+            }
+            pad(bound, 2);
+            round(bound, &weights.low).times(weight)
+        });
+        let sums = self.padded(sums.reduce(Default::default, add), &weights);
+        places.retain(|piece| !piece.is_empty());
+        sums
+    }
+
+    /// What four fractions become when the first variable is bound.
+    #[inline(always)]
+    fn bound<N: Numerator>(
+        &self,
+        p: &[N; 4],
+        q: &[Extension; 4],
+        challenge: &Factor,
+    ) -> Place<Extension> {
+        let numerators = [0, 1].map(|at| N::between(challenge, p[at], p[at + 2]));
+        let denominators = [0, 1].map(|at| challenge.between(q[at], q[at + 2]));
+        Place::of(&numerators, &denominators, &self.lambda)
+    }
+
+    /// A place where both fractions are 0/1.
+    fn place(&self) -> Place<Extension> {
+        Place {
+            p0: Extension::ZERO,
+            q0: Extension::ONE,
+            q1: Extension::ONE,
+            mixed: self.padding,
+        }
+    }
+
+    fn padded(&self, [constant, square]: [Extension; 2], weights: &Weights) -> [Extension; 2] {
+        [constant + self.padding * weights.unused, square]
+    }
+}
+
+fn round(places: &[Place<Extension>], weights: &[Extension]) -> Round {
+    let mut round = Round::default();
+    for (&[zero, one], &weight) in places.as_chunks().0.iter().zip(weights) {
+        round.add(weight, zero, one);
+    }
+    round
+}
+
+/// One layer's sumcheck, of the claim about numerator and denominator at a point. Returns its point, and the four values there, which are
+/// said.
+fn prove_layer<L: Leaves>(
+    prover: &mut Prover,
+    leaves: L,
+    claimed_at: &[Extension],
+    (numerator, denominator): (Extension, Extension),
+) -> (Vec<Extension>, Children) {
+    let lambda = prover.challenge();
+    let mut claim = numerator + lambda * denominator;
+    let layer = Layer {
+        lambda: Factor::new(lambda),
+        padding: lambda,
+    };
+    let mut point = Vec::with_capacity(claimed_at.len() + 1);
+    let mut say = |coordinate: Extension, [constant, square]: [Extension; 2]| {
+        // The claim is constant + coordinate·slope. That the coordinate is 0 has a probability of 2^-128.
+        let slope = (claim - constant) * coordinate.inverse();
+        prover.send_extension(&[slope, square]);
+        let challenge = prover.challenge();
+        claim = constant + challenge * (slope - square + challenge * square);
+        point.push(challenge);
+        Factor::new(challenge)
+    };
+    let mut challenge = say(claimed_at[0], layer.first(&leaves, &claimed_at[1..]));
+    let last = match claimed_at.len() {
+        1 => {
+            let mut block = Block::default();
+            let (p, q) = block.read(&leaves, 0, 4);
+            layer.bound(
+                &[p[0], p[1], p[2], p[3]],
+                &[q[0], q[1], q[2], q[3]],
+                &challenge,
+            )
+        }
+        _ => {
+            let (mut places, mut sums) = layer.second(&leaves, &challenge, &claimed_at[2..]);
+            drop(leaves);
+            for round in 1..claimed_at.len() - 1 {
+                challenge = say(claimed_at[round], sums);
+                sums = layer.next(&mut places, &challenge, &claimed_at[round + 2..]);
+            }
+            challenge = say(claimed_at[claimed_at.len() - 1], sums);
+            let mut places = places.into_iter().flatten();
+            let [zero, one] = [0, 1].map(|_| places.next().unwrap_or(layer.place()));
+            Place::between(&challenge, &zero, &one)
+        }
+    };
+    let Place { p0, q0, q1, mixed } = last;
+    let children = Children {
+        p: [p0, mixed - lambda * q1],
+        q: [q0, q1],
+    };
+    send(prover, &children);
+    (point, children)
+}

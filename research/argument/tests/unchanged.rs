@@ -1,0 +1,220 @@
+//! Proofs stay what they are, word by word: a faster prover says the same. The digests are of proofs by the first, plain prover.
+
+use zk0_argument::commitment::prove::{open, Committed};
+use zk0_argument::commitment::{Parameters, Rate};
+use zk0_argument::field::{Extension, Goldilocks};
+use zk0_argument::fractions;
+use zk0_argument::hash::{leaf, Digest};
+use zk0_argument::sumcheck;
+use zk0_argument::transcript::{Challenges, Prover};
+
+const STATEMENT: Digest = Digest([5, 6, 7, 8]);
+
+/// Elements that look random.
+struct Elements(u64);
+
+impl Elements {
+    fn next(&mut self) -> Goldilocks {
+        self.0 = self
+            .0
+            .wrapping_mul(6364136223846793005)
+            .wrapping_add(1442695040888963407);
+        Goldilocks::from_i64((self.0 >> 1) as i64)
+    }
+
+    fn base(&mut self, count: usize) -> Vec<Goldilocks> {
+        (0..count).map(|_| self.next()).collect()
+    }
+
+    fn extension(&mut self, count: usize) -> Vec<Extension> {
+        (0..count)
+            .map(|_| Extension([self.next(), self.next()]))
+            .collect()
+    }
+}
+
+/// The digest of a proof, and of a last challenge, which everything said has an influence on.
+fn digest(mut prover: Prover) -> [u64; 4] {
+    let last = prover.challenge();
+    let mut words = prover.finish();
+    words.extend(last.0.map(Goldilocks::value));
+    leaf(Goldilocks::of_words(&words).unwrap()).0
+}
+
+fn opening(height: u32, rate: Rate, widths: &[usize]) -> [u64; 4] {
+    let mut prover = Prover::new(&STATEMENT);
+    let parameters = Parameters::new(height, rate).unwrap();
+    let mut elements = Elements(height as u64);
+    let mut segments = vec![];
+    for &width in widths {
+        let rows = elements.base(width << height);
+        segments.push(Committed::new(&mut prover, &parameters, rows, width));
+    }
+    let point = prover.challenges(parameters.variables());
+    let segments: Vec<_> = segments.iter().collect();
+    open(&mut prover, &parameters, &segments, &point);
+    digest(prover)
+}
+
+/// A sum of fractions whose numerators are in the base field if `small`, and where the last ones are 0/1 if `padded`.
+fn fractions(variables: usize, small: bool, padded: bool) -> [u64; 4] {
+    let mut prover = Prover::new(&STATEMENT);
+    let mut elements = Elements(variables as u64);
+    let mut numerators = elements.extension(1 << variables);
+    let mut denominators = elements.extension(1 << variables);
+    if small {
+        for numerator in &mut numerators {
+            numerator.0[1] = Goldilocks::ZERO;
+        }
+    }
+    if padded {
+        for index in (1 << variables) * 5 / 7..1 << variables {
+            numerators[index] = Extension::ZERO;
+            denominators[index] = Extension::ONE;
+        }
+    }
+    fractions::prove::sum(&mut prover, numerators, denominators);
+    digest(prover)
+}
+
+#[test]
+fn openings() {
+    let digests = [
+        opening(8, Rate::Half, &[3, 1, 5]),
+        opening(9, Rate::Quarter, &[64]),
+        opening(10, Rate::Eighth, &[17, 8]),
+        opening(11, Rate::Sixteenth, &[2, 7]),
+        opening(13, Rate::Quarter, &[20, 1, 16]),
+    ];
+    assert_eq!(digests, OPENINGS);
+}
+
+#[test]
+fn sums_of_fractions() {
+    let digests = [
+        fractions(1, false, false),
+        fractions(2, true, false),
+        fractions(5, false, false),
+        fractions(11, true, true),
+        fractions(15, false, true),
+        fractions(16, true, true),
+        fractions(16, true, false),
+    ];
+    assert_eq!(digests, FRACTIONS);
+}
+
+#[test]
+fn products() {
+    let digests = [1, 2, 7, 14].map(|variables| {
+        let mut prover = Prover::new(&STATEMENT);
+        let mut elements = Elements(variables);
+        let a = elements.extension(1 << variables);
+        let b = elements.extension(1 << variables);
+        sumcheck::prove::product(&mut prover, a, b);
+        digest(prover)
+    });
+    assert_eq!(digests, PRODUCTS);
+}
+
+const OPENINGS: [[u64; 4]; 5] = [
+    [
+        7129996219669715819,
+        6812498808080755658,
+        2868314968543482673,
+        30036275620369845,
+    ],
+    [
+        1632443870522364423,
+        4470783364413706607,
+        7581595147861280738,
+        8280360467238438100,
+    ],
+    [
+        6088240083060973083,
+        4764188380020845933,
+        4215651624429697271,
+        5477080916824592603,
+    ],
+    [
+        1731096210921353397,
+        3564413637196995827,
+        7352650412559307704,
+        3869597618927155956,
+    ],
+    [
+        7689602176192350857,
+        6149172465244169798,
+        8671207606982201069,
+        5122468102600669718,
+    ],
+];
+const FRACTIONS: [[u64; 4]; 7] = [
+    [
+        6398519541580189984,
+        8444577898407366979,
+        929595795242669630,
+        4673564974484893560,
+    ],
+    [
+        1591328918084121454,
+        8041790513759560597,
+        7920507095495953892,
+        5776985825884433662,
+    ],
+    [
+        2855461493077781883,
+        4881084742287777955,
+        5270240342438744401,
+        4338282887312243546,
+    ],
+    [
+        7438015934232845775,
+        3017165490283733075,
+        3523553593847130364,
+        8951833184504515330,
+    ],
+    [
+        4960493228765572403,
+        2786677471944118506,
+        3580597481169871218,
+        8945150918975549480,
+    ],
+    [
+        1999692239723725667,
+        2109709274201663032,
+        5846871274441699156,
+        7620206632599616176,
+    ],
+    [
+        3956980841004176707,
+        5641515122865289594,
+        7652331957072672056,
+        2042238378606715070,
+    ],
+];
+const PRODUCTS: [[u64; 4]; 4] = [
+    [
+        5295152184661337641,
+        1182641129574924739,
+        7645481086822510129,
+        4966947399577800072,
+    ],
+    [
+        8049211812265683327,
+        4675432318855168444,
+        1767515459995972298,
+        3417417976667554121,
+    ],
+    [
+        4278550528422817744,
+        3381299547997348108,
+        1269207423817326951,
+        4330544812391752644,
+    ],
+    [
+        4394903245295836410,
+        934467442382989109,
+        1954014210109961166,
+        7975604603776463422,
+    ],
+];
