@@ -11,7 +11,7 @@ mod leaves;
 pub mod prove;
 
 use crate::field::Extension;
-use crate::transcript::{Challenges, Refused, Verifier};
+use crate::transcript::{require, Challenges, Refused, Verifier};
 use alloc::vec::Vec;
 
 /// A point of the leaves, and the values of their numerators and denominators there. It is left to show.
@@ -58,9 +58,8 @@ impl Children {
 pub fn verify(verifier: &mut Verifier<'_>, variables: usize) -> Result<LeafClaim, Refused> {
     let mut children = Children::receive(verifier)?;
     let (numerator, denominator) = children.sum();
-    if numerator != Extension::ZERO || denominator == Extension::ZERO {
-        return Err(Refused::Equation("a sum of look-ups"));
-    }
+    let holds = numerator == Extension::ZERO && denominator != Extension::ZERO;
+    require(holds, Refused::Equation("a sum of look-ups"))?;
     let mut point: Vec<Extension> = Vec::new();
     loop {
         let step = verifier.challenge();
@@ -87,8 +86,7 @@ pub fn verify(verifier: &mut Verifier<'_>, variables: usize) -> Result<LeafClaim
         point = next;
         children = Children::receive(verifier)?;
         let (numerator, denominator) = children.sum();
-        if numerator + lambda * denominator != claim {
-            return Err(Refused::Equation("a layer of a sum of look-ups"));
-        }
+        let holds = numerator + lambda * denominator == claim;
+        require(holds, Refused::Equation("a layer of a sum of look-ups"))?;
     }
 }

@@ -1,5 +1,5 @@
 //! Hashing of field elements with Poseidon2 over KoalaBear, SP1's permutation, which is a precompile in the guest
-//! ([`zk0_circuits::vm::poseidon2`]).
+//! ([`crate::permutation`]).
 //!
 //! An element is cut into three limbs of 22, 22 and 20 bits, each of which is a canonical KoalaBear value. The limbs lie two to a word, as
 //! the precompile wants them: first one word for each element, which holds its lower limbs, then one word for every two elements, which
@@ -9,7 +9,8 @@
 pub mod packed;
 
 use crate::field::Goldilocks;
-use zk0_circuits::vm::poseidon2::{permute, State};
+use bytemuck::TransparentWrapper;
+use crate::permutation::{permute, State};
 
 /// Bits of each of an element's two lower limbs.
 const LIMB: u32 = 22;
@@ -34,6 +35,8 @@ pub enum Domain {
     Transcript = 17,
     /// A statement.
     Statement = 18,
+    /// What an argument leaves to check.
+    Published = 19,
 }
 
 /// A sponge: what it absorbs overwrites the first half of its state.
@@ -137,6 +140,11 @@ pub fn digest_of(domain: Domain, elements: &[Goldilocks]) -> Digest {
     let mut sponge = Sponge::new(domain, elements.len());
     sponge.absorb(elements);
     sponge.digest()
+}
+
+/// The digest of a list of words. They need not be canonical values: the limbs of a word give it back, whatever it is.
+pub fn digest_of_words(domain: Domain, words: &[u64]) -> Digest {
+    digest_of(domain, Goldilocks::wrap_slice(words))
 }
 
 /// The digest of a row.

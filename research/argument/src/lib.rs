@@ -4,7 +4,7 @@
 //! From the bottom up. Each folder or file uses only those above it in this list.
 //!
 //! - [`field`]: integers modulo the Goldilocks prime, and the extension that challenges come from.
-//! - [`hash`]: Poseidon2, SP1's precompile. [`tree`]: Merkle trees over rows.
+//! - [`permutation`], [`hash`]: Poseidon2, SP1's precompile. [`tree`]: Merkle trees over rows.
 //! - [`transcript`]: what the prover says, and the challenges that follow from it.
 //! - [`multilinear`], [`sumcheck`]: polynomials given by their values on {0, 1}^n, and the proof of a sum over them.
 //! - [`fractions`]: a sum of fractions that is zero, as look-ups need it.
@@ -19,6 +19,7 @@ pub mod field;
 pub mod fractions;
 pub mod hash;
 pub mod multilinear;
+pub mod permutation;
 pub mod protocol;
 #[cfg(feature = "prove")]
 pub mod prove;
@@ -28,3 +29,5 @@ pub mod sumcheck;
 pub mod transcript;
 pub mod tree;
 pub mod verify;
+
+pub use zk0_circuits::vm::budget::operation;

@@ -11,11 +11,12 @@
 use crate::field::{Extension, Goldilocks};
 use crate::fractions::LeafClaim;
 use crate::multilinear::eq_bits;
+use crate::operation;
 use crate::relation::{
     Atom, Axis, Count, Factor, Index, Linear, Lookup, Part, PartId, Parts, Relations, Source,
     COLUMNS, MAX_FACTORS,
 };
-use crate::transcript::{Challenges, Refused};
+use crate::transcript::{require, Challenges, Refused};
 use alloc::collections::BTreeMap;
 use alloc::vec;
 use alloc::vec::Vec;
@@ -189,8 +190,12 @@ pub fn argue<P: Party>(
         publics: BTreeMap::new(),
     };
     argument.lookups()?;
+    let reducing = operation("monomials");
     argument.monomials()?;
+    reducing.end();
+    let reducing = operation("products");
     argument.products()?;
+    reducing.end();
     Ok(argument.claims)
 }
 
@@ -203,7 +208,10 @@ impl<P: Party> Argument<'_, P> {
             powers: [Extension::ONE, beta, beta * beta, beta * beta * beta],
         };
         let layout = Layout::new(relations);
+        let adding = operation("sum of fractions");
         let leaf = self.party.fractions(relations, &layout, &fold)?;
+        adding.end();
+        let _claiming = operation("claims of look-ups");
         let mut point = Point::new(&leaf.point);
         let (mut numerator, mut denominator) = (Extension::ZERO, Extension::ONE);
         for (lookup, &offset) in relations.lookups.iter().zip(&layout.offsets) {
@@ -223,14 +231,12 @@ impl<P: Party> Argument<'_, P> {
             // Leaves of no look-up are 0/1.
             denominator += place * (entry - Extension::ONE);
         }
-        if numerator != leaf.numerator || denominator != leaf.denominator {
-            return Err(Refused::Equation("the leaves of a sum of look-ups"));
-        }
+        let holds = numerator == leaf.numerator && denominator == leaf.denominator;
+        require(holds, Refused::Equation("the leaves of a sum of look-ups"))?;
         for equality in &relations.equalities {
             let weights = point.weights(relations, self.parts, &equality.axes);
-            if self.linear(&equality.linear, &weights)? != Extension::ZERO {
-                return Err(Refused::Equation(equality.name));
-            }
+            let value = self.linear(&equality.linear, &weights)?;
+            require(value == Extension::ZERO, Refused::Equation(equality.name))?;
         }
         Ok(())
     }
@@ -298,7 +304,9 @@ impl<P: Party> Argument<'_, P> {
             Some(&value) => value,
             None => {
                 let parts: Vec<&Part> = key.1.iter().map(|&id| self.parts.get(id)).collect();
+                let evaluating = operation("public tensors");
                 let value = public.at(&parts);
+                evaluating.end();
                 self.publics.insert(key, value);
                 value
             }
@@ -432,10 +440,7 @@ impl<P: Party> Argument<'_, P> {
             expected += power * total;
             power *= gamma;
         }
-        match expected == value {
-            true => Ok(()),
-            false => Err(Refused::Equation("the sumcheck of the monomials")),
-        }
+        require(expected == value, Refused::Equation("the sumcheck of the monomials"))
     }
 
     fn products(&mut self) -> Result<(), Refused> {
@@ -471,10 +476,7 @@ impl<P: Party> Argument<'_, P> {
             expected += power * left * right;
             power *= gamma;
         }
-        match expected == value {
-            true => Ok(()),
-            false => Err(Refused::Equation("the sumcheck of the products")),
-        }
+        require(expected == value, Refused::Equation("the sumcheck of the products"))
     }
 }
 

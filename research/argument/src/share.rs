@@ -4,7 +4,7 @@ use crate::field::Extension;
 use crate::multilinear::eq_bits;
 use crate::protocol::{Claim, Party, Weighted};
 use crate::relation::{Part, PartId, Parts, Source};
-use crate::transcript::Refused;
+use crate::transcript::{require, Refused};
 use alloc::collections::BTreeMap;
 use alloc::vec;
 use alloc::vec::Vec;
@@ -46,10 +46,8 @@ pub fn share<P: Party>(
         power *= gamma;
     }
     let expected: Extension = weights.iter().zip(&values).map(|(&w, &v)| w * v).sum();
-    match expected == value {
-        true => Ok((point, values)),
-        false => Err(Refused::Equation("the sumcheck of the claims")),
-    }
+    require(expected == value, Refused::Equation("the sumcheck of the claims"))?;
+    Ok((point, values))
 }
 
 /// What the weights of claims are at a point.

@@ -3,7 +3,7 @@
 
 use crate::field::Goldilocks;
 use crate::hash::{leaf, node, Digest};
-use crate::transcript::{Refused, Verifier};
+use crate::transcript::{require, Refused, Verifier};
 use alloc::vec::Vec;
 
 /// Reads the cap of a tree that has 2^`bits` digests there.
@@ -32,10 +32,8 @@ pub fn open<'a>(
             _ => node(&sibling, &digest),
         };
     }
-    match cap.get(index >> levels) == Some(&digest) {
-        true => Ok(row),
-        false => Err(Refused::Opening),
-    }
+    require(cap.get(index >> levels) == Some(&digest), Refused::Opening)?;
+    Ok(row)
 }
 
 /// The prover's side.

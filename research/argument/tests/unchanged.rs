@@ -3,7 +3,7 @@
 use zk0_argument::commitment::prove::{open, Committed};
 use zk0_argument::commitment::{Parameters, Rate};
 use zk0_argument::field::{Extension, Goldilocks};
-use zk0_argument::fractions;
+use zk0_argument::fractions::{self, prove::Stored};
 use zk0_argument::hash::{leaf, Digest};
 use zk0_argument::sumcheck;
 use zk0_argument::transcript::{Challenges, Prover};
@@ -101,6 +101,32 @@ fn sums_of_fractions() {
         fractions(16, true, false),
     ];
     assert_eq!(digests, FRACTIONS);
+}
+
+/// Fractions that are left out at the end are 0/1, however many they are.
+#[test]
+fn what_is_left_out_is_0_over_1() {
+    let cases =
+        (1..=4).flat_map(|variables| (0..=1 << variables).map(move |used| (variables, used)));
+    let tall = [0, 1, 2, 3, 1023, 1024, 1025, 2048, 4097, 5000, 8191].map(|used| (13, used));
+    for (variables, used) in cases.chain(tall) {
+        let mut elements = Elements(used as u64);
+        let mut numerators = elements.base(used);
+        let mut denominators = elements.extension(used);
+        let prove = |numerators, denominators| {
+            let mut prover = Prover::new(&STATEMENT);
+            let leaves = Stored::new(numerators, denominators);
+            let claim = fractions::prove::sum_of(&mut prover, variables, leaves);
+            (claim, prover.finish())
+        };
+        let short = prove(numerators.clone(), denominators.clone());
+        numerators.resize(1 << variables, Goldilocks::ZERO);
+        denominators.resize(1 << variables, Extension::ONE);
+        assert!(
+            prove(numerators, denominators) == short,
+            "{variables} {used}"
+        );
+    }
 }
 
 #[test]

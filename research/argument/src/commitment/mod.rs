@@ -16,13 +16,15 @@
 //! theorem 1.4): a word that is further than half the distance from all codewords is refused by each query with probability (1 − ρ)/2.
 
 #[cfg(feature = "prove")]
+pub mod columns;
+#[cfg(feature = "prove")]
 pub mod prove;
 mod query;
 
 use crate::field::Extension;
 use crate::hash::Digest;
 use crate::multilinear::eq_table;
-use crate::transcript::{work, Challenges, Refused, Verifier};
+use crate::transcript::{require, work, Challenges, Refused, Verifier};
 use crate::tree;
 use alloc::vec::Vec;
 use query::{cap_bits, Queries, Step};
@@ -164,9 +166,7 @@ pub fn verify<'a>(
         .zip(message)
         .map(|(&weight, &value)| weight * value)
         .sum();
-    if expected != claim {
-        return Err(Refused::Equation("the sumcheck of an opening"));
-    }
+    require(expected == claim, Refused::Equation("the sumcheck of an opening"))?;
 
     work::check_work(verifier, WORK, "positions")?;
     let positions = verifier.positions(parameters.rate.queries(), parameters.length());

@@ -3,7 +3,7 @@
 use super::{CAP, FOLDS, SIBLINGS};
 use crate::field::{Extension, Goldilocks};
 use crate::hash::Digest;
-use crate::transcript::{Refused, Verifier};
+use crate::transcript::{require, Refused, Verifier};
 use crate::tree;
 use alloc::vec::Vec;
 
@@ -59,9 +59,8 @@ impl<'a> Queries<'a> {
             position &= (1 << length) - 1;
             let leaf = tree::open(verifier, &step.cap, length, position, 2 * SIBLINGS)?;
             let siblings = Extension::of_coefficients(leaf);
-            if siblings.get(sibling) != Some(&value) {
-                return Err(Refused::Equation("a fold of an opening"));
-            }
+            let holds = siblings.get(sibling) == Some(&value);
+            require(holds, Refused::Equation("a fold of an opening"))?;
             // From the point at the sibling to that of the first one.
             inverse *= self.inverse_roots[(SIBLINGS - sibling) % SIBLINGS];
             value = self.fold(siblings, &step.challenges, inverse);
@@ -74,10 +73,7 @@ impl<'a> Queries<'a> {
         let last = coefficients.fold(Extension::ZERO, |sum, &coefficient| {
             sum.scale(point) + coefficient
         });
-        match last == value {
-            true => Ok(()),
-            false => Err(Refused::Equation("the last message of an opening")),
-        }
+        require(last == value, Refused::Equation("the last message of an opening"))
     }
 
     /// Folds a leaf. `inverse` is that of its first value's point. With `u` at `x` and `v` at `−x`, one fold is

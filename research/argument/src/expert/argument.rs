@@ -8,16 +8,19 @@ use super::layers::Expert;
 use super::sizes::S;
 use super::statement::Statement;
 use crate::commitment::{self, Parameters, Rate, Segment};
-use crate::field::Extension;
+use crate::field::{Extension, Goldilocks};
+use crate::hash::{digest_of_words, Digest, Domain};
 use crate::multilinear::eq_table;
-use crate::protocol::{argue, Claim};
-use crate::relation::Parts;
+use crate::operation;
+use crate::protocol::{argue, Claim, Weighted};
+use crate::relation::{Part, PartId, Parts};
 use crate::share::share;
-use crate::transcript::{Refused, Verifier};
+use crate::transcript::{require, Refused, Verifier};
+use alloc::vec;
 use alloc::vec::Vec;
 
 /// Most variables of the columns of a commitment.
-const TALLEST: u32 = 20;
+const TALLEST: u32 = 22;
 
 /// How sources become columns: each segment has columns of one height, and a column is what lies in one piece.
 pub struct Shape {
@@ -50,6 +53,40 @@ pub struct Published {
     pub claims: Vec<Claim>,
 }
 
+impl Published {
+    /// A digest of the claims, in words: how many claims there are; for each its source and number of parts, its offset, its parts and its
+    /// value; then the weights of all parts that claims name, in the order in which they name them first.
+    pub fn digest(&self) -> Digest {
+        let mut words = vec![self.claims.len() as u64];
+        let mut used: Vec<PartId> = vec![];
+        for claim in &self.claims {
+            let Weighted { source, offset, parts } = &claim.about;
+            words.push(source.0 as u64 | (parts.len() as u64) << 8);
+            words.push(*offset as u64);
+            for &(shift, id) in parts {
+                let known = used.iter().position(|&own| own == id);
+                let number = known.unwrap_or_else(|| {
+                    used.push(id);
+                    used.len() - 1
+                });
+                words.push(shift as u64 | (number as u64) << 8);
+            }
+            words.extend(claim.value.0.map(Goldilocks::value));
+        }
+        for id in used {
+            let (kind, weights) = match self.parts.get(id) {
+                Part::Point(point) => (0, &point[..]),
+                Part::Vector(weights) => (1, &weights[..]),
+                Part::Ones(bits) => (2 + *bits as u64, &[][..]),
+            };
+            words.extend([kind, weights.len() as u64]);
+            let coefficients = Extension::coefficients(weights);
+            words.extend(coefficients.iter().map(|value| value.value()));
+        }
+        digest_of_words(Domain::Published, &words)
+    }
+}
+
 /// Splits claims into those about what was committed to, and others.
 fn split(claims: Vec<Claim>) -> (Vec<Claim>, Vec<Claim>) {
     let committed = |claim: &Claim| [MAIN, DATA].contains(&claim.about.source);
@@ -64,7 +101,9 @@ fn sources(expert: &Expert) -> [(crate::relation::Source, usize); 2] {
 
 /// Checks an argument. Returns what is left to check.
 pub fn verify(statement: &Statement, proof: &[u64]) -> Result<Published, Refused> {
+    let building = operation("relations");
     let expert = Expert::new(statement);
+    building.end();
     let shape = Shape::new(&expert).ok_or(Refused::Equation("the size of a commitment"))?;
     let mut verifier = Verifier::new(&statement.digest(), proof);
     let mut segments = Vec::with_capacity(2 * shape.segments);
@@ -75,9 +114,12 @@ pub fn verify(statement: &Statement, proof: &[u64]) -> Result<Published, Refused
     }
     let mut parts = Parts::default();
     let claims = argue(&mut verifier, &expert.builder.relations, &mut parts)?;
+    let sharing = operation("sharing");
     let (committed, published) = split(claims);
     let sources = sources(&expert);
     let (point, values) = share(&mut verifier, &mut parts, &sources, &committed)?;
+    sharing.end();
+    let opening = operation("opening");
     let height = shape.parameters.variables();
     let opened = commitment::verify(&mut verifier, &shape.parameters, &segments, &point[..height])?;
     let mut columns = opened;
@@ -86,10 +128,9 @@ pub fn verify(statement: &Statement, proof: &[u64]) -> Result<Published, Refused
         columns = rest;
         let weights = eq_table(&point[height..bits]);
         let sum: Extension = weights.iter().zip(own).map(|(&w, &v)| w * v).sum();
-        if sum != value {
-            return Err(Refused::Equation("the columns of a commitment"));
-        }
+        require(sum == value, Refused::Equation("the columns of a commitment"))?;
     }
+    opening.end();
     verifier.finish()?;
     Ok(Published {
         parts,
@@ -103,7 +144,6 @@ pub mod prove {
     use super::*;
     use crate::commitment::prove::{open, Committed};
     use crate::expert::witness::Witness;
-    use crate::field::Goldilocks;
     use crate::prove::{Proving, Values};
     use crate::transcript::Prover;
     use rayon::prelude::*;

@@ -9,6 +9,7 @@ use crate::relation::{
     Atom, Axis, Committed, Count, Index, Linear, Lookup, Place, Relations, Source, Tensor, Term,
     View, Virtual,
 };
+#[cfg(feature = "prove")]
 use alloc::boxed::Box;
 use alloc::vec;
 use alloc::vec::Vec;

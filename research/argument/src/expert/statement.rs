@@ -1,7 +1,6 @@
 //! What an argument shows: the losses of two models on samples, by the evaluation of [`zk0_circuits::model::eval`].
 
-use crate::field::Goldilocks;
-use crate::hash::{digest_of, Digest, Domain};
+use crate::hash::{digest_of_words, Digest, Domain};
 use alloc::vec::Vec;
 use zk0_circuits::model::draw::Draw;
 use zk0_circuits::EvalSpec;
@@ -35,33 +34,6 @@ pub struct Statement {
 impl Statement {
     /// A digest of all of it, with which a transcript begins.
     pub fn digest(&self) -> Digest {
-        let mut words: Vec<u64> = Vec::new();
-        let mut digest = |digest: &zk0_circuits::Digest| {
-            let chunks = digest.0.chunks_exact(4);
-            words.extend(chunks.map(|c| u32::from_le_bytes([c[0], c[1], c[2], c[3]]) as u64));
-        };
-        digest(&self.spec.digest());
-        self.weights.iter().for_each(&mut digest);
-        for scales in &self.scales {
-            words.push(scales.len() as u64);
-            words.extend(scales.iter().map(|&bits| bits as u16 as u64));
-        }
-        words.push(self.samples.len() as u64);
-        for sample in &self.samples {
-            words.extend([
-                sample.prefix as u64,
-                sample.frames as u64,
-                sample.draw.time as u64,
-            ]);
-            // Losses are below 2^52: each of up to 2^18 squared errors is below 2^36.
-            words.extend(sample.losses);
-            words.push(sample.draw.noise.len() as u64);
-            words.extend(sample.draw.noise.iter().map(|&value| value as u16 as u64));
-        }
-        let elements: Vec<Goldilocks> = words
-            .iter()
-            .map(|&word| Goldilocks::from_canonical(word).unwrap_or_default())
-            .collect();
-        digest_of(Domain::Statement, &elements)
+        digest_of_words(Domain::Statement, &self.encode())
     }
 }
