@@ -121,6 +121,7 @@ pub fn open(
         .flat_map(|segment| evaluate(&segment.columns, point))
         .collect();
     prover.send_extension(&values);
+    work::do_work(prover, WORK);
 
     let weights = combination(prover, values.len());
     let mut message = vec![Extension::ZERO; 1 << parameters.height];
