@@ -16,8 +16,6 @@
 //! theorem 1.4): a word that is further than half the distance from all codewords is refused by each query with probability (1 − ρ)/2.
 
 #[cfg(feature = "prove")]
-pub mod columns;
-#[cfg(feature = "prove")]
 pub mod prove;
 mod query;
 

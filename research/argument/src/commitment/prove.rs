@@ -3,7 +3,8 @@
 //! Codewords are not kept: they are several times as long as the values. They are computed one coset after the other, hashed, and computed
 //! once more when the positions are known. Memory is that of the values and of one coset.
 
-use super::columns::{add_combination, evaluate, of_rows, to_rows, Column};
+pub mod columns;
+
 use super::query::cap_bits;
 use super::{combination, work, Parameters, CAP, FOLDS, SIBLINGS, WORK};
 use crate::field::{Extension, Goldilocks};
@@ -12,6 +13,7 @@ use crate::multilinear::{bind, eq_table};
 use crate::transcript::{Challenges, Prover};
 use crate::tree::prove::{leaves, parents, Tree};
 use bytemuck::TransparentWrapper;
+use columns::{add_combination, evaluate, of_rows, to_rows, Column};
 use p3_dft::{Radix2DitParallel, TwoAdicSubgroupDft};
 use p3_field::PrimeField64;
 use p3_goldilocks::Goldilocks as Theirs;

@@ -3,6 +3,7 @@
 use crate::field::goldilocks::{Products, P};
 use crate::field::{Extension, Goldilocks};
 use crate::multilinear::eq_table;
+use p3_field::PrimeCharacteristicRing;
 use p3_goldilocks::Goldilocks as Theirs;
 use rayon::prelude::*;
 
@@ -114,7 +115,7 @@ pub fn of_rows(rows: &[Goldilocks], width: usize) -> Vec<Column> {
 pub fn to_rows(columns: &[Column]) -> Vec<Theirs> {
     let width = columns.len();
     let height = columns.first().map_or(0, Column::len);
-    let mut rows = vec![Theirs::default(); width * height];
+    let mut rows = Theirs::zero_vec(width * height);
     let blocks = rows.par_chunks_mut(width * ROWS).enumerate();
     blocks.for_each(|(block, rows)| {
         for (number, column) in columns.iter().enumerate() {
