@@ -303,7 +303,11 @@ impl<P: Party> Argument<'_, P> {
         let value = match self.publics.get(&key) {
             Some(&value) => value,
             None => {
-                let parts: Vec<&Part> = key.1.iter().map(|&id| self.parts.get(id)).collect();
+                let ids: Vec<PartId> = match public.likes_points() {
+                    true => key.1.clone(),
+                    false => key.1.iter().map(|&id| self.parts.table(id)).collect(),
+                };
+                let parts: Vec<&Part> = ids.iter().map(|&id| self.parts.get(id)).collect();
                 let evaluating = operation("public tensors");
                 let value = public.at(&parts);
                 evaluating.end();

@@ -251,7 +251,7 @@ fn contract(values: &[i64], parts: &Parts, ids: &[PartId]) -> Vec<Extension> {
     for &id in rest {
         let weights = parts.get(id).weights();
         let rows = sums.par_chunks_exact(weights.len());
-        let dot = |row: &[Extension]| row.iter().zip(&weights).map(|(&a, &b)| a * b).sum();
+        let dot = |row: &[Extension]| row.iter().zip(&weights[..]).map(|(&a, &b)| a * b).sum();
         sums = rows.map(dot).collect();
     }
     sums
