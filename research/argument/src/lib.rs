@@ -18,6 +18,7 @@ pub mod expert;
 pub mod field;
 pub mod fractions;
 pub mod hash;
+pub mod layout;
 pub mod multilinear;
 pub mod permutation;
 pub mod protocol;

@@ -10,10 +10,10 @@
 
 use crate::field::{Extension, Goldilocks};
 use crate::fractions::LeafClaim;
-use crate::multilinear::eq_bits;
+pub use crate::layout::Layout;
 use crate::operation;
 use crate::relation::{
-    Atom, Axis, Count, Factor, Index, Linear, Lookup, Part, PartId, Parts, Relations, Source,
+    Atom, Axis, Count, Factor, Index, Linear, Part, PartId, Parts, Relations, Source,
     COLUMNS, MAX_FACTORS,
 };
 use crate::transcript::{require, Challenges, Refused};
@@ -98,33 +98,6 @@ pub struct Fold {
     pub shift: Extension,
     /// 1, β, β², β³
     pub powers: [Extension; COLUMNS],
-}
-
-/// Where the look-ups lie among the leaves of a sum of fractions.
-pub struct Layout {
-    /// The first leaf of each look-up: a multiple of its size.
-    pub offsets: Vec<usize>,
-    /// Binary logarithm of the number of leaves.
-    pub variables: usize,
-}
-
-impl Layout {
-    /// Larger look-ups come first, so that each offset is a multiple of the size.
-    pub fn new(relations: &Relations) -> Self {
-        let size = |lookup: &Lookup| relations.size(&lookup.axes);
-        let mut order: Vec<usize> = (0..relations.lookups.len()).collect();
-        order.sort_by_key(|&number| core::cmp::Reverse(size(&relations.lookups[number])));
-        let mut offsets = vec![0; order.len()];
-        let mut end = 0usize;
-        for number in order {
-            offsets[number] = end;
-            end += 1 << size(&relations.lookups[number]);
-        }
-        Self {
-            offsets,
-            variables: end.next_power_of_two().trailing_zeros().max(1) as usize,
-        }
-    }
 }
 
 /// A point of a sumcheck, whose first coordinates are those of a smaller tensor's axes.
@@ -214,9 +187,8 @@ impl<P: Party> Argument<'_, P> {
         let _claiming = operation("claims of look-ups");
         let mut point = Point::new(&leaf.point);
         let (mut numerator, mut denominator) = (Extension::ZERO, Extension::ONE);
-        for (lookup, &offset) in relations.lookups.iter().zip(&layout.offsets) {
-            let size = relations.size(&lookup.axes);
-            let place = eq_bits(offset >> size, &leaf.point[size..]);
+        let places = layout.places(&leaf.point);
+        for (lookup, place) in relations.lookups.iter().zip(places) {
             let weights = point.weights(relations, self.parts, &lookup.axes);
             let count = match lookup.count {
                 Count::Each => Extension::ONE,

@@ -98,9 +98,11 @@ impl Goldilocks {
     /// The elements whose canonical values `words` are, or the place of the first word that is not below p.
     #[inline(always)]
     pub fn of_words(words: &[u64]) -> Result<&[Self], usize> {
-        match words.iter().position(|&word| word >= P) {
-            None => Ok(Self::wrap_slice(words)),
-            Some(place) => Err(place),
+        // The place is looked for in the rare case that there is one.
+        let wrong = words.iter().fold(false, |wrong, &word| wrong | (word >= P));
+        match wrong {
+            false => Ok(Self::wrap_slice(words)),
+            true => Err(words.iter().position(|&word| word >= P).unwrap_or_default()),
         }
     }
 
@@ -236,7 +238,7 @@ impl Sum for Goldilocks {
     }
 }
 
-/// A sum of products that is reduced once. It holds any number of products below 2^64.
+/// A sum of products that is reduced once. It holds up to 2^32 products.
 #[derive(Clone, Copy, Default)]
 pub struct Products {
     sum: u128,
@@ -256,6 +258,6 @@ impl Products {
     /// The sum as an element. 2^128 = −2^32 in the field.
     #[inline(always)]
     pub fn reduce(self) -> Goldilocks {
-        reduce(self.sum) - reduce((self.carries as u128) << 32)
+        reduce(self.sum) - Goldilocks::canonical(self.carries << 32)
     }
 }

@@ -76,6 +76,13 @@ impl Part {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct PartId(u32);
 
+impl PartId {
+    /// The number, counted from 0.
+    pub fn number(self) -> usize {
+        self.0 as usize
+    }
+}
+
 /// What follows from a part, for [`Parts`] to keep.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Derived {
@@ -104,6 +111,11 @@ impl Parts {
         self.parts.push(part);
         self.derived.push(Vec::new());
         PartId(self.parts.len() as u32 - 1)
+    }
+
+    /// The number of parts.
+    pub fn count(&self) -> usize {
+        self.parts.len()
     }
 
     /// The part with this number.
