@@ -27,6 +27,16 @@ pub struct Goldilocks(u64);
 // SAFETY: an element is a u64 and nothing else, whatever the value.
 unsafe impl TransparentWrapper<u64> for Goldilocks {}
 
+/// `condition`, for which the guest takes a branch: a jump costs it one cycle, where a result that is masked out costs four.
+#[inline(always)]
+const fn branch(condition: bool) -> bool {
+    #[cfg(target_os = "zkvm")]
+    if condition {
+        core::hint::cold_path();
+    }
+    condition
+}
+
 /// `value` mod p, of 2^128 values.
 ///
 /// 2^64 = 2^32 − 1 and 2^96 = −1 in the field.
@@ -36,11 +46,11 @@ pub(crate) const fn reduce(value: u128) -> Goldilocks {
     let (low, high) = (value as u64, (value >> 64) as u64);
     let (top, middle) = (high >> 32, high & EPSILON);
     let (mut rest, borrow) = low.overflowing_sub(top);
-    if borrow {
+    if branch(borrow) {
         rest -= EPSILON; // After a borrow it is at least 2^64 − 2^32
     }
     let (mut sum, carry) = rest.overflowing_add(middle * EPSILON);
-    if carry {
+    if branch(carry) {
         sum += EPSILON; // After a carry it is below 2^64 − 2^33 + 1
     }
     Goldilocks::canonical(sum)
@@ -67,7 +77,7 @@ impl Goldilocks {
     /// Brings `value` below p.
     #[inline(always)]
     pub(crate) const fn canonical(value: u64) -> Self {
-        Self(if value >= P { value - P } else { value })
+        Self(if branch(value >= P) { value - P } else { value })
     }
 
     /// The element that `value` stands for. It has to be below 2^63 in magnitude, as every i64 is.
@@ -169,7 +179,7 @@ impl Add for Goldilocks {
         {
             let (sum, carry) = self.0.overflowing_add(other.0);
             // With a carry, the sum of two values below p stays below 2^64 − 2^33 + 2.
-            Self::canonical(if carry { sum + EPSILON } else { sum })
+            Self::canonical(if branch(carry) { sum + EPSILON } else { sum })
         }
     }
 }
@@ -187,7 +197,7 @@ impl Sub for Goldilocks {
             difference,
         ));
         #[cfg(not(feature = "prove"))]
-        Self(if borrow {
+        Self(if branch(borrow) {
             difference.wrapping_add(P)
         } else {
             difference
