@@ -2,7 +2,7 @@
 //! index. A point lists the variables from 0 on.
 
 #[cfg(feature = "prove")]
-use crate::field::{goldilocks::Products, lazy::Factor};
+use crate::field::lazy::Factor;
 use crate::field::{Extension, Goldilocks};
 use alloc::vec::Vec;
 #[cfg(feature = "prove")]
@@ -97,34 +97,6 @@ pub fn evaluate(values: &[Goldilocks], point: &[Extension]) -> Extension {
     let rows = values.chunks_exact(low_table.len()).zip(&high_table);
     rows.map(|(row, &weight)| weight * Extension::dot(&low_table, row))
         .sum()
-}
-
-/// The values at `point` of polynomials whose values lie by rows: first the value of each of them at 0, then at 1, and so on.
-#[cfg(feature = "prove")]
-pub fn evaluate_columns(rows: &[Goldilocks], width: usize, point: &[Extension]) -> Vec<Extension> {
-    let (low, high) = point.split_at(point.len() / 2);
-    let (low_table, high_table) = (eq_table(low), eq_table(high));
-    let blocks = rows.par_chunks_exact(width * low_table.len());
-    let sums = blocks.zip(&high_table).map(|(block, &weight)| {
-        let mut sums = vec![[Products::default(); 2]; width];
-        for (row, weight) in block.chunks_exact(width).zip(&low_table) {
-            for ([even, odd], &value) in sums.iter_mut().zip(row) {
-                even.add(weight.0[0], value);
-                odd.add(weight.0[1], value);
-            }
-        }
-        let sums = sums
-            .into_iter()
-            .map(|sum| Extension(sum.map(Products::reduce)));
-        sums.map(|sum| weight * sum).collect::<Vec<Extension>>()
-    });
-    let add = |mut a: Vec<Extension>, b: Vec<Extension>| {
-        for (a, b) in a.iter_mut().zip(b) {
-            *a += b;
-        }
-        a
-    };
-    sums.reduce(|| vec![Extension::ZERO; width], add)
 }
 
 /// Binds variable 0 of the polynomial with these values to `challenge`.

@@ -1,6 +1,6 @@
 //! The argument that a segment obeys its [`Relations`]: what prover and verifier do in the same order.
 //!
-//! 1. All look-ups are one sum of fractions ([`crate::fractions`]; logarithmic derivatives, Haböck 2022, eprint 2022/1530). It leaves a claim
+//! 1. After a proof of work, all look-ups are one sum of fractions ([`crate::fractions`]; logarithmic derivatives, Haböck 2022, eprint 2022/1530). It leaves a claim
 //!    at a random point of its leaves, and so claims about the columns of each look-up. Equalities are claimed at the same point.
 //! 2. Claims about monomials become claims about their factors, by one sumcheck for all.
 //! 3. Claims about products become claims about their factors, by one sumcheck for all.
@@ -20,6 +20,10 @@ use crate::transcript::{require, Challenges, Refused};
 use alloc::collections::BTreeMap;
 use alloc::vec;
 use alloc::vec::Vec;
+
+/// Bits of the proof of work before entries are folded. An entry that is in no table passes with as many times 2^-128 as there are
+/// fractions, up to 2^32: work takes that below 2^-110.
+const WORK: u32 = 16;
 
 /// The weights of the indices of some axes.
 pub type Weights = Vec<(Axis, PartId)>;
@@ -64,6 +68,8 @@ pub trait Party: Challenges {
         parts: &Parts,
         sum: &Sum,
     ) -> Result<Extension, Refused>;
+    /// A proof of work: the prover does it, and the verifier checks it.
+    fn work(&mut self, bits: u32, what: &'static str) -> Result<(), Refused>;
     /// The sum of all fractions is zero. `fold` folds the columns of an entry into one value, after it was taken from `shift`.
     fn fractions(
         &mut self,
@@ -175,6 +181,7 @@ pub fn argue<P: Party>(
 impl<P: Party> Argument<'_, P> {
     fn lookups(&mut self) -> Result<(), Refused> {
         let relations = self.relations;
+        self.party.work(WORK, "look-ups")?;
         let beta = self.party.challenge();
         let fold = Fold {
             shift: self.party.challenge(),

@@ -304,14 +304,21 @@ pub mod work {
     use crate::field::Goldilocks;
 
     /// Finds and says a number after which the next draw begins with `bits` zeros.
+    #[cfg(feature = "prove")]
     pub fn do_work(prover: &mut Prover, difficulty: u32) {
-        let attempt = |nonce: &Goldilocks| {
-            let mut said = prover.said.fork();
-            said.elements(&[*nonce]);
+        use rayon::prelude::*;
+        /// Numbers that all cores try before the next ones. The first that will do is taken, so that proofs do not depend on the cores.
+        const TRIED: u32 = 1 << 12;
+        let said = &prover.said;
+        let attempt = |nonce: &u32| {
+            let mut said = said.fork();
+            said.elements(&[Goldilocks::from_u32(*nonce)]);
             begins_with_zeros(said.draw()[0], difficulty)
         };
-        let nonce = (0..u32::MAX).map(Goldilocks::from_u32).find(attempt);
-        prover.send(&[nonce.unwrap_or_default()]); // one in 2^bits will do, and bits are at most 24
+        let mut blocks = (0..u32::MAX / TRIED).map(|block| block * TRIED..(block + 1) * TRIED);
+        let found = blocks.find_map(|block| block.into_par_iter().find_first(attempt));
+        let nonce = Goldilocks::from_u32(found.unwrap_or_default());
+        prover.send(&[nonce]); // one in 2^bits will do, and bits are at most 24
         prover.said.draw();
     }
 

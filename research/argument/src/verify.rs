@@ -5,7 +5,7 @@ use crate::fractions::{self, LeafClaim};
 use crate::protocol::{Claim, Fold, Layout, Party, Sum, Weighted};
 use crate::relation::{Parts, Relations, Source};
 use crate::sumcheck;
-use crate::transcript::{Refused, Verifier};
+use crate::transcript::{work, Refused, Verifier};
 use alloc::vec::Vec;
 
 impl Sum {
@@ -39,6 +39,10 @@ impl Party for Verifier<'_> {
 
     fn sum(&mut self, _: &Relations, _: &Parts, _: &Sum) -> Result<Extension, Refused> {
         Ok(self.receive_extension(1)?[0])
+    }
+
+    fn work(&mut self, bits: u32, what: &'static str) -> Result<(), Refused> {
+        work::check_work(self, bits, what)
     }
 
     fn fractions(

@@ -3,7 +3,7 @@
 use zk0_argument::commitment::prove::{open, Committed};
 use zk0_argument::commitment::{Parameters, Rate};
 use zk0_argument::field::{Extension, Goldilocks};
-use zk0_argument::fractions;
+use zk0_argument::fractions::{self, prove::Stored};
 use zk0_argument::hash::{leaf, Digest};
 use zk0_argument::sumcheck;
 use zk0_argument::transcript::{Challenges, Prover};
@@ -103,6 +103,32 @@ fn sums_of_fractions() {
     assert_eq!(digests, FRACTIONS);
 }
 
+/// Fractions that are left out at the end are 0/1, however many they are.
+#[test]
+fn what_is_left_out_is_0_over_1() {
+    let cases =
+        (1..=4).flat_map(|variables| (0..=1 << variables).map(move |used| (variables, used)));
+    let tall = [0, 1, 2, 3, 1023, 1024, 1025, 2048, 4097, 5000, 8191].map(|used| (13, used));
+    for (variables, used) in cases.chain(tall) {
+        let mut elements = Elements(used as u64);
+        let mut numerators = elements.base(used);
+        let mut denominators = elements.extension(used);
+        let prove = |numerators, denominators| {
+            let mut prover = Prover::new(&STATEMENT);
+            let leaves = Stored::new(numerators, denominators);
+            let claim = fractions::prove::sum_of(&mut prover, variables, leaves);
+            (claim, prover.finish())
+        };
+        let short = prove(numerators.clone(), denominators.clone());
+        numerators.resize(1 << variables, Goldilocks::ZERO);
+        denominators.resize(1 << variables, Extension::ONE);
+        assert!(
+            prove(numerators, denominators) == short,
+            "{variables} {used}"
+        );
+    }
+}
+
 #[test]
 fn products() {
     let digests = [1, 2, 7, 14].map(|variables| {
@@ -118,34 +144,34 @@ fn products() {
 
 const OPENINGS: [[u64; 4]; 5] = [
     [
-        7129996219669715819,
-        6812498808080755658,
-        2868314968543482673,
-        30036275620369845,
+        856651534611921460,
+        1153577101761618405,
+        2384225687242501515,
+        4141583264983187215,
     ],
     [
-        1632443870522364423,
-        4470783364413706607,
-        7581595147861280738,
-        8280360467238438100,
+        8662479502858048423,
+        8147304927951491482,
+        4952526939643423154,
+        6256987294524491580,
     ],
     [
-        6088240083060973083,
-        4764188380020845933,
-        4215651624429697271,
-        5477080916824592603,
+        2145316997125762191,
+        7718643281181093699,
+        5835598724854424285,
+        1177313875331468149,
     ],
     [
-        1731096210921353397,
-        3564413637196995827,
-        7352650412559307704,
-        3869597618927155956,
+        866783367122871400,
+        1512839580634270365,
+        264173195598125902,
+        4514393431567630685,
     ],
     [
-        7689602176192350857,
-        6149172465244169798,
-        8671207606982201069,
-        5122468102600669718,
+        6457774322787332991,
+        3702283870085233876,
+        4828907933369286405,
+        7910175449846239550,
     ],
 ];
 const FRACTIONS: [[u64; 4]; 7] = [

@@ -6,7 +6,7 @@
 //! all codewords is leaf `i` of a Merkle tree. All segments have the same height, and each may have another width.
 //!
 //! **Opening**, at a point that the caller has:
-//! 1. The prover says the value of each column there. A random combination of all columns is opened in their place.
+//! 1. The prover says the value of each column there. After a proof of work, a random combination of all columns is opened in their place.
 //! 2. The combination's codeword is committed to, and folded with the challenges of a sumcheck, as FRI folds. After every
 //!    [`FOLDS`] rounds the codeword that is left is committed to again. The last message is said in full.
 //! 3. After a proof of work, positions are drawn. At each of them the rows of all segments are opened, and the folding is followed to the
@@ -30,7 +30,7 @@ use query::{cap_bits, Queries, Step};
 /// Variables that are bound between two commitments to codewords. Leaves hold 2^FOLDS values.
 pub const FOLDS: usize = 2;
 const SIBLINGS: usize = 1 << FOLDS;
-/// Bits of the proof of work before positions are drawn.
+/// Bits of the proofs of work before columns are combined and before positions are drawn.
 const WORK: u32 = 16;
 /// The last message has up to 2^LAST values, and at least a quarter of that.
 const LAST: u32 = 4;
@@ -134,6 +134,7 @@ pub fn verify<'a>(
 ) -> Result<&'a [Extension], Refused> {
     let columns = segments.iter().map(|segment| segment.width).sum();
     let values = verifier.receive_extension(columns)?;
+    work::check_work(verifier, WORK, "the combination of columns")?;
     let weights = combination(verifier, columns);
     let mut claim: Extension = weights
         .iter()

@@ -3,17 +3,20 @@
 //! Codewords are not kept: they are several times as long as the values. They are computed one coset after the other, hashed, and computed
 //! once more when the positions are known. Memory is that of the values and of one coset.
 
+pub mod columns;
+
 use super::query::cap_bits;
 use super::{combination, work, Parameters, CAP, FOLDS, SIBLINGS, WORK};
 use crate::field::{Extension, Goldilocks};
 use crate::hash::Digest;
-use crate::multilinear::{bind, eq_table, evaluate_columns};
+use crate::multilinear::{bind, eq_table};
 use crate::transcript::{Challenges, Prover};
 use crate::tree::prove::{leaves, parents, Tree};
 use bytemuck::TransparentWrapper;
+use columns::{add_combination, evaluate, of_rows, to_rows, Column};
 use p3_dft::{Radix2DitParallel, TwoAdicSubgroupDft};
-use p3_field::integers::QuotientMap;
 use p3_field::PrimeField64;
+use p3_goldilocks::Goldilocks as Theirs;
 use p3_matrix::bitrev::BitReversibleMatrix;
 use p3_matrix::dense::RowMajorMatrix;
 use rayon::prelude::*;
@@ -23,9 +26,7 @@ const SHARED: usize = 1 << 12;
 
 /// A segment that was committed to.
 pub struct Committed {
-    /// The values by rows.
-    rows: Vec<Goldilocks>,
-    width: usize,
+    columns: Vec<Column>,
     /// The tree, without the lowest levels: rows of the codewords that one row of each coset has are one leaf of it.
     tree: Tree,
 }
@@ -39,21 +40,27 @@ impl Committed {
         rows: Vec<Goldilocks>,
         width: usize,
     ) -> Self {
+        let columns = of_rows(&rows, width);
+        drop(rows);
+        Self::of_columns(prover, parameters, columns)
+    }
+
+    /// Likewise, to polynomials whose values are given one after the other.
+    pub fn of_columns(prover: &mut Prover, parameters: &Parameters, columns: Vec<Column>) -> Self {
         let encoder = Encoder::new(parameters.rate.bits());
-        let height = rows.len() / width;
+        let (width, height) = (columns.len(), 1 << parameters.height);
         let cosets: Vec<Vec<Digest>> = (0..encoder.cosets())
             .map(|coset| {
-                let values = encoder.coset(&rows, width, coset);
+                let values = encoder.coset(to_rows(&columns), width, coset);
                 leaves(height, width, |row, column| {
                     values[row * width + column].as_canonical_u64()
                 })
             })
             .collect();
-        let bits = height.ilog2();
         let all = (0..height * cosets.len()).into_par_iter();
         let mut digests: Vec<Digest> = all
             .map(|position| {
-                let (coset, row) = encoder.place(position, bits);
+                let (coset, row) = encoder.place(position, parameters.height);
                 cosets[coset][row]
             })
             .collect();
@@ -63,19 +70,23 @@ impl Committed {
         }
         let tree = Tree::of_leaves(digests, CAP);
         tree.send_cap(prover);
-        Self { rows, width, tree }
+        Self { columns, tree }
+    }
+
+    fn width(&self) -> usize {
+        self.columns.len()
     }
 
     /// For each position, the rows of the codewords that are in the same leaf of the tree.
     fn groups(&self, parameters: &Parameters, positions: &[usize]) -> Vec<Vec<Goldilocks>> {
         let encoder = Encoder::new(parameters.rate.bits());
+        let width = self.width();
         let mut groups = vec![vec![]; positions.len()];
         for coset in 0..encoder.cosets() {
-            let values = encoder.coset(&self.rows, self.width, coset);
+            let values = encoder.coset(to_rows(&self.columns), width, coset);
             for (group, position) in groups.iter_mut().zip(positions) {
                 let (_, row) = encoder.place(*position, parameters.height);
-                let row = &values[row * self.width..][..self.width];
-                group.extend(row.iter().map(ours));
+                group.extend(values[row * width..][..width].iter().map(ours));
             }
         }
         groups
@@ -90,10 +101,11 @@ impl Committed {
         group: &[Goldilocks],
     ) {
         let rate = parameters.rate.bits();
-        let element = |row: usize, column: usize| group[row * self.width + column].value();
-        let lowest = Tree::new(1 << rate, self.width, 0, element);
+        let width = self.width();
+        let element = |row: usize, column: usize| group[row * width + column].value();
+        let lowest = Tree::new(1 << rate, width, 0, element);
         let place = position % (1 << rate);
-        let row = &group[place * self.width..][..self.width];
+        let row = &group[place * width..][..width];
         lowest.open(prover, row, place);
         self.tree.path(prover, position >> rate);
     }
@@ -108,21 +120,18 @@ pub fn open(
 ) -> Vec<Extension> {
     let values: Vec<Extension> = segments
         .iter()
-        .flat_map(|segment| evaluate_columns(&segment.rows, segment.width, point))
+        .flat_map(|segment| evaluate(&segment.columns, point))
         .collect();
     prover.send_extension(&values);
+    work::do_work(prover, WORK);
 
     let weights = combination(prover, values.len());
     let mut message = vec![Extension::ZERO; 1 << parameters.height];
     let mut first = 0;
     for segment in segments {
-        let weights = &weights[first..first + segment.width];
-        let rows = segment.rows.par_chunks_exact(segment.width);
-        message
-            .par_iter_mut()
-            .zip(rows)
-            .for_each(|(sum, row)| *sum += Extension::dot(weights, row));
-        first += segment.width;
+        let weights = &weights[first..first + segment.width()];
+        add_combination(&segment.columns, weights, &mut message);
+        first += segment.width();
     }
 
     let mut codeword = encode_extension(&message, parameters.rate.bits());
@@ -180,8 +189,6 @@ pub fn open(
     values
 }
 
-type Theirs = p3_goldilocks::Goldilocks;
-
 fn ours(value: &Theirs) -> Goldilocks {
     Goldilocks::canonical(value.as_canonical_u64())
 }
@@ -205,16 +212,12 @@ impl Encoder {
         1 << self.rate
     }
 
-    /// The codewords on one coset, by rows. [`Self::place`] says where each row is.
-    fn coset(&self, rows: &[Goldilocks], width: usize, coset: usize) -> Vec<Theirs> {
-        let words = Goldilocks::peel_slice(rows).par_iter();
-        let values: Vec<Theirs> = words.map(|&word| Theirs::from_int(word)).collect();
+    /// The codewords of a matrix on one coset, by rows. [`Self::place`] says where each row is.
+    fn coset(&self, rows: Vec<Theirs>, width: usize, coset: usize) -> Vec<Theirs> {
         let bits = (rows.len() / width).ilog2() + self.rate;
         let shift = Goldilocks::root_of_unity(bits).pow(coset as u64);
-        let matrix = RowMajorMatrix::new(values, width);
-        let codewords = self
-            .dft
-            .coset_dft_batch(matrix, Theirs::from_int(shift.value()));
+        let matrix = RowMajorMatrix::new(rows, width);
+        let codewords = self.dft.coset_dft_batch(matrix, Theirs::new(shift.value()));
         // The rows lie in the order of their reversed bits. To reverse it twice changes nothing.
         codewords.bit_reverse_rows().values
     }
@@ -232,9 +235,10 @@ impl Encoder {
 /// The codeword of one message of the extension.
 fn encode_extension(message: &[Extension], rate: u32) -> Vec<Extension> {
     let encoder = Encoder::new(rate);
-    let coefficients = Extension::coefficients(message);
+    let words = Goldilocks::peel_slice(Extension::coefficients(message));
+    let coefficients = || words.iter().map(|&word| Theirs::new(word)).collect();
     let cosets: Vec<Vec<Theirs>> = (0..encoder.cosets())
-        .map(|coset| encoder.coset(coefficients, 2, coset))
+        .map(|coset| encoder.coset(coefficients(), 2, coset))
         .collect();
     let bits = message.len().ilog2();
     let value = |position: usize| {

@@ -39,7 +39,8 @@ impl Shape {
         let height = bits[0].min(bits[1]).min(TALLEST);
         Some(Self {
             parameters: Parameters::new(height, Rate::Quarter)?,
-            widths: bits.map(|bits| 1 << (bits - height)),
+            // Columns after the last value are zero, and nobody commits to them.
+            widths: [MAIN, DATA].map(|source| expert.used[source.0 as usize].div_ceil(1 << height)),
             segments: expert.builder.sizes.count(S),
         })
     }
@@ -136,7 +137,10 @@ pub fn verify_with_digest(
         let (own, rest) = columns.split_at(width * shape.segments);
         columns = rest;
         let weights = eq_table(&point[height..bits]);
-        let sum: Extension = weights.iter().zip(own).map(|(&w, &v)| w * v).sum();
+        let each = weights.len() / shape.segments;
+        let segments = weights.chunks_exact(each).zip(own.chunks_exact(width));
+        let columns = segments.flat_map(|(weights, own)| weights.iter().zip(own));
+        let sum: Extension = columns.map(|(&w, &v)| w * v).sum();
         require(sum == value, Refused::Equation("the columns of a commitment"))?;
     }
     opening.end();
@@ -151,6 +155,7 @@ pub fn verify_with_digest(
 #[cfg(feature = "prove")]
 pub mod prove {
     use super::*;
+    use crate::commitment::prove::columns::Column;
     use crate::commitment::prove::{open, Committed};
     use crate::expert::witness::Witness;
     use crate::prove::{Proving, Values};
@@ -164,11 +169,13 @@ pub mod prove {
         let mut committed = vec![];
         for (values, width) in [&witness.main, &witness.data].into_iter().zip(shape.widths) {
             let height = 1usize << shape.parameters.variables();
-            for segment in values.chunks_exact(width * height) {
-                let row = |row: usize| (0..width).map(move |column| segment[column * height + row]);
-                let rows = (0..height).into_par_iter().flat_map_iter(row);
-                let rows = rows.map(Goldilocks::from_i64).collect();
-                committed.push(Committed::new(&mut prover, &shape.parameters, rows, width));
+            for segment in values.chunks_exact(values.len() / shape.segments) {
+                let column = |values: &[i64]| {
+                    let elements = values.par_iter().map(|&value| Goldilocks::from_i64(value));
+                    Column::from(elements.collect::<Vec<_>>())
+                };
+                let columns = segment.chunks_exact(height).take(width).map(column).collect();
+                committed.push(Committed::of_columns(&mut prover, &shape.parameters, columns));
             }
         }
         let mut proving = Proving::new(prover, witness.sources().to_vec());

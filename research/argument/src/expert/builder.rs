@@ -66,6 +66,11 @@ pub struct Builder {
     pub steps: Vec<Step>,
 }
 
+/// Bits of the number of a value, of so many.
+pub fn bits_of(values: usize) -> u8 {
+    values.next_power_of_two().trailing_zeros() as u8
+}
+
 /// `atom`, once.
 pub fn one(atom: Atom) -> Term {
     times(1, atom)
@@ -326,8 +331,8 @@ impl Builder {
         self.offer("ranges", &[R], columns, Tag::Range);
     }
 
-    /// Gives each tensor its place in its source. Returns the bits of each source, but those of samples.
-    pub fn place(&mut self) -> [u8; 4] {
+    /// Gives each tensor its place in its source. Returns for each source how many values it has, but for the other samples'.
+    pub fn place(&mut self) -> [usize; 4] {
         let sizes = &self.sizes;
         let size = |axes: &[Axis]| -> u8 {
             let own = axes.iter().filter(|axis| **axis != S);
@@ -343,7 +348,7 @@ impl Builder {
             tensor.offset = *end;
             *end += 1 << all[number];
         }
-        let bits = ends.map(|end| end.next_power_of_two().trailing_zeros() as u8);
+        let bits = ends.map(bits_of);
         for (tensor, axes) in &self.waiting {
             let tensor = &mut self.relations.tensors[*tensor];
             let mut shift = 0;
@@ -358,6 +363,6 @@ impl Builder {
                 place.bits = axis_bits;
             }
         }
-        bits
+        ends
     }
 }

@@ -1,6 +1,6 @@
 //! The whole evaluation, from the noised action to the loss.
 
-use super::builder::{one, power_of_two, times, Builder, DATA};
+use super::builder::{bits_of, one, power_of_two, times, Builder, DATA};
 use crate::relation::along::Along;
 use crate::relation::Committed;
 use super::linear::{add_residual, gate, Factor, Layer, Source, Which};
@@ -52,7 +52,9 @@ pub struct Expert {
     pub powers: Committed,
     /// The columns of the tables of gates, by fraction bits.
     pub gates: Vec<(u8, Committed)>,
-    /// Bits of each source, but those of samples.
+    /// Values of each source, for one sample.
+    pub used: [usize; 4],
+    /// Bits of the number of such a value.
     pub source_bits: [u8; 4],
 }
 
@@ -104,7 +106,7 @@ impl Building<'_> {
         let velocity = self.velocity(hidden);
         self.loss(velocity, actions);
         let (powers, gates) = self.tables();
-        let source_bits = self.builder.place();
+        let used = self.builder.place();
         Expert {
             builder: self.builder,
             weights: self.weights,
@@ -117,7 +119,8 @@ impl Building<'_> {
             },
             powers,
             gates,
-            source_bits,
+            used,
+            source_bits: used.map(bits_of),
         }
     }
 

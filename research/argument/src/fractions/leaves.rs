@@ -41,6 +41,18 @@ pub trait Leaves: Sync {
     }
 }
 
+impl<L: Leaves> Leaves for &L {
+    type Numerator = L::Numerator;
+
+    fn len(&self) -> usize {
+        (*self).len()
+    }
+
+    fn read(&self, first: usize, numerators: &mut [L::Numerator], denominators: &mut [Extension]) {
+        (*self).read(first, numerators, denominators);
+    }
+}
+
 /// A numerator: of the base field, where all multiplications are cheaper, or of the extension.
 pub trait Numerator: Copy + Default + Send + Sync {
     /// The element.
@@ -128,6 +140,47 @@ impl<N: Numerator> Leaves for Stored<N> {
     }
 }
 
+/// The sum of two fractions.
+#[inline(always)]
+fn sum<N: Numerator>(p: &[N; 2], q: &[Extension; 2]) -> (Extension, Extension) {
+    let mut sum = Sum::default();
+    p[0].add_to(&mut sum, q[1]);
+    p[1].add_to(&mut sum, q[0]);
+    (sum.reduce(), q[0] * q[1])
+}
+
+/// The fractions of the next layer, sums of two each, which are computed whenever they are read: to write them to fresh memory and to read
+/// them back takes as long.
+pub struct Parents<'a, L>(pub &'a L);
+
+/// Fractions that are added at once.
+const ADDED: usize = 1 << 8;
+
+impl<L: Leaves> Leaves for Parents<'_, L> {
+    type Numerator = Extension;
+
+    fn len(&self) -> usize {
+        self.0.len().div_ceil(2)
+    }
+
+    fn read(&self, first: usize, numerators: &mut [Extension], denominators: &mut [Extension]) {
+        let mut p = [L::Numerator::default(); ADDED];
+        let mut q = [Extension::ONE; ADDED];
+        let blocks = numerators.chunks_mut(ADDED / 2);
+        let blocks = blocks.zip(denominators.chunks_mut(ADDED / 2)).enumerate();
+        for (block, (numerators, denominators)) in blocks {
+            let count = 2 * numerators.len();
+            let (p, q) = (&mut p[..count], &mut q[..count]);
+            self.0.read_padded(2 * first + block * ADDED, p, q);
+            let pairs = p.as_chunks().0.iter().zip(q.as_chunks().0);
+            let targets = numerators.iter_mut().zip(denominators);
+            for (target, (p, q)) in targets.zip(pairs) {
+                (*target.0, *target.1) = sum(p, q);
+            }
+        }
+    }
+}
+
 /// Fractions of a piece.
 const PIECE: usize = 1 << 11;
 
@@ -143,14 +196,8 @@ impl Pieces {
         let pieces = pieces.map_init(Block::default, |block, number| {
             let first = number * PIECE;
             let (p, q) = block.read(leaves, 2 * first, 2 * PIECE.min(count - first));
-            let pairs = p.as_chunks::<2>().0.iter().zip(q.as_chunks::<2>().0);
-            let sum = |(p, q): (&[_; 2], &[Extension; 2])| {
-                let mut sum = Sum::default();
-                Numerator::add_to(p[0], &mut sum, q[1]);
-                Numerator::add_to(p[1], &mut sum, q[0]);
-                (sum.reduce(), q[0] * q[1])
-            };
-            pairs.map(sum).unzip()
+            let pairs = p.as_chunks().0.iter().zip(q.as_chunks().0);
+            pairs.map(|(p, q)| sum(p, q)).unzip()
         });
         Self(pieces.collect())
     }

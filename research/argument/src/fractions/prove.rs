@@ -1,7 +1,7 @@
 //! The prover's side of a sum of fractions.
 //!
-//! The memory it needs is that of the leaves and twice that of the first layer above. A layer is freed as soon as the first variable of its
-//! sumcheck is bound. The other rounds bind a variable and compute what is said next in one pass.
+//! Beside the leaves, it needs as much memory as the first layer above them would: 32 bytes for two leaves. A layer is freed as soon as the
+//! first variable of its sumcheck is bound. The other rounds bind a variable and compute what is said next in one pass.
 
 use super::{Children, LeafClaim};
 use crate::field::lazy::{Factor, Sum};
@@ -10,7 +10,7 @@ use crate::multilinear::eq_table;
 use crate::transcript::{Challenges, Prover};
 use rayon::prelude::*;
 
-use super::leaves::{Block, Pieces};
+use super::leaves::{Block, Parents, Pieces};
 pub use super::leaves::{Leaves, Numerator, Stored};
 
 /// Proves that Σ numerators/denominators = 0, over 2^n ≥ 2 fractions.
@@ -36,39 +36,39 @@ pub fn sum(
 
 /// Proves that 2^`variables` ≥ 2 fractions add up to zero.
 pub fn sum_of(prover: &mut Prover, variables: usize, leaves: impl Leaves) -> LeafClaim {
-    // The layers of 2, 4, … fractions, the last of which is the one above the leaves.
+    // The layers of 2, 4, … fractions. The one above the leaves is as large as all others together: it is not kept.
     let mut layers: Vec<Pieces> = Vec::with_capacity(variables);
-    for _ in 1..variables {
+    let above = Parents(&leaves);
+    for _ in 2..variables {
         let next = match layers.last() {
             Some(layer) => Pieces::parents(layer),
-            None => Pieces::parents(&leaves),
+            None => Pieces::parents(&above),
         };
         layers.push(next);
     }
-    let mut children = match layers.pop() {
-        Some(top) => top_of(&top),
-        None => top_of(&leaves),
+    let mut children = match (layers.pop(), variables) {
+        (Some(top), _) => top_of(&top),
+        (None, 2) => top_of(&above),
+        (None, _) => top_of(&leaves),
     };
     send(prover, &children);
-    let mut leaves = Some(leaves);
     let mut point: Vec<Extension> = Vec::new();
     loop {
         let step = prover.challenge();
         let (numerator, denominator) = children.between(step);
+        let claim = (numerator, denominator);
         point.insert(0, step);
-        (point, children) = match (layers.pop(), leaves.take_if(|_| point.len() < variables)) {
-            (Some(layer), kept) => {
-                leaves = kept;
-                prove_layer(prover, layer, &point, (numerator, denominator))
-            }
-            (None, Some(leaves)) => prove_layer(prover, leaves, &point, (numerator, denominator)),
-            (None, None) => {
+        (point, children) = match (layers.pop(), variables - point.len()) {
+            (Some(layer), _) => prove_layer(prover, layer, &point, claim),
+            (None, 0) => {
                 return LeafClaim {
                     point,
                     numerator,
                     denominator,
                 }
             }
+            (None, 1) => prove_layer(prover, &leaves, &point, claim),
+            (None, _) => prove_layer(prover, &above, &point, claim),
         };
     }
 }

@@ -15,7 +15,7 @@ use crate::fractions::{self, LeafClaim};
 use crate::protocol::{Claim, Fold, Layout, Party, Sum, Weighted, Weights};
 use crate::multilinear::outer;
 use crate::relation::{Axis, Factor, PartId, Parts, Relations, Source};
-use crate::transcript::{Challenges, Prover, Refused};
+use crate::transcript::{work, Challenges, Prover, Refused};
 use joined::{Joined, Table};
 use rayon::prelude::*;
 
@@ -113,6 +113,11 @@ impl Party for Proving<'_> {
             }
         };
         Ok(self.say(value))
+    }
+
+    fn work(&mut self, bits: u32, _: &'static str) -> Result<(), Refused> {
+        work::do_work(&mut self.prover, bits);
+        Ok(())
     }
 
     fn fractions(

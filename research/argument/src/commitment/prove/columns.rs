@@ -1,0 +1,179 @@
+//! The values of a segment, as the prover keeps them: each column in as few bytes a value as its largest integer needs.
+
+use crate::field::goldilocks::{Products, P};
+use crate::field::{Extension, Goldilocks};
+use crate::multilinear::eq_table;
+use p3_field::PrimeCharacteristicRing;
+use p3_goldilocks::Goldilocks as Theirs;
+use rayon::prelude::*;
+
+/// The values of one polynomial.
+#[derive(Clone, Debug)]
+pub enum Column {
+    /// Most values are int16.
+    Narrow(Vec<i16>),
+    /// Integers of 32 bits.
+    Medium(Vec<i32>),
+    /// Anything else.
+    Wide(Vec<Goldilocks>),
+}
+
+/// Columns that are cut from rows at once, so that each line of a cache is read once.
+const LINE: usize = 8;
+/// Rows that are put together at once, so that they stay in a cache meanwhile.
+const ROWS: usize = 32;
+
+impl From<Vec<Goldilocks>> for Column {
+    fn from(values: Vec<Goldilocks>) -> Self {
+        let signed = || values.iter().map(|value| integer(*value));
+        // The bits that differ from the sign, in any of the values.
+        let bits = signed().fold(0, |bits, value| bits | (value ^ value >> 63));
+        match bits {
+            _ if bits <= i16::MAX as i64 => {
+                Self::Narrow(signed().map(|value| value as i16).collect())
+            }
+            _ if bits <= i32::MAX as i64 => {
+                Self::Medium(signed().map(|value| value as i32).collect())
+            }
+            _ => Self::Wide(values),
+        }
+    }
+}
+
+/// The integer of least magnitude that an element stands for.
+fn integer(element: Goldilocks) -> i64 {
+    let value = element.value();
+    match value > P / 2 {
+        true => value.wrapping_sub(P) as i64,
+        false => value as i64,
+    }
+}
+
+impl Column {
+    fn len(&self) -> usize {
+        match self {
+            Self::Narrow(values) => values.len(),
+            Self::Medium(values) => values.len(),
+            Self::Wide(values) => values.len(),
+        }
+    }
+
+    /// Calls `with` for each of `count` values from number `first` on.
+    #[inline(always)]
+    fn for_each(&self, first: usize, count: usize, mut with: impl FnMut(usize, Goldilocks)) {
+        let range = first..first + count;
+        match self {
+            Self::Narrow(values) => {
+                for (index, &value) in values[range].iter().enumerate() {
+                    with(index, Goldilocks::from_i64(value.into()));
+                }
+            }
+            Self::Medium(values) => {
+                for (index, &value) in values[range].iter().enumerate() {
+                    with(index, Goldilocks::from_i64(value.into()));
+                }
+            }
+            Self::Wide(values) => {
+                for (index, &value) in values[range].iter().enumerate() {
+                    with(index, value);
+                }
+            }
+        }
+    }
+
+    /// The value at a point, for the tables of eq over the lower and the upper part of it.
+    fn at(&self, low: &[Extension], high: &[Extension]) -> Extension {
+        let blocks = high.par_iter().enumerate().map(|(block, &weight)| {
+            let mut sums = [Products::default(); 2];
+            self.for_each(block * low.len(), low.len(), |index, value| {
+                sums[0].add(low[index].0[0], value);
+                sums[1].add(low[index].0[1], value);
+            });
+            weight * Extension(sums.map(Products::reduce))
+        });
+        blocks.reduce(|| Extension::ZERO, |a, b| a + b)
+    }
+}
+
+/// Cuts rows of `width` values into columns.
+pub fn of_rows(rows: &[Goldilocks], width: usize) -> Vec<Column> {
+    let starts: Vec<usize> = (0..width).step_by(LINE).collect();
+    let groups = starts.into_par_iter().map(|first| {
+        let count = LINE.min(width - first);
+        let mut columns = vec![Vec::with_capacity(rows.len() / width); count];
+        for row in rows.chunks_exact(width) {
+            for (column, &value) in columns.iter_mut().zip(&row[first..]) {
+                column.push(value);
+            }
+        }
+        columns.into_iter().map(Column::from).collect::<Vec<_>>()
+    });
+    groups.flatten_iter().collect()
+}
+
+/// The rows, for encoding.
+pub fn to_rows(columns: &[Column]) -> Vec<Theirs> {
+    let width = columns.len();
+    let height = columns.first().map_or(0, Column::len);
+    let mut rows = Theirs::zero_vec(width * height);
+    let blocks = rows.par_chunks_mut(width * ROWS).enumerate();
+    blocks.for_each(|(block, rows)| {
+        for (number, column) in columns.iter().enumerate() {
+            column.for_each(block * ROWS, rows.len() / width, |row, value| {
+                rows[row * width + number] = Theirs::new(value.value());
+            });
+        }
+    });
+    rows
+}
+
+/// The values of all columns at a point.
+pub fn evaluate(columns: &[Column], point: &[Extension]) -> Vec<Extension> {
+    let (low, high) = point.split_at(point.len() / 2);
+    let (low, high) = (eq_table(low), eq_table(high));
+    columns
+        .iter()
+        .map(|column| column.at(&low, &high))
+        .collect()
+}
+
+/// Adds `Σ weights · columns`.
+pub fn add_combination(columns: &[Column], weights: &[Extension], sums: &mut [Extension]) {
+    let blocks = sums.par_chunks_mut(ROWS).enumerate();
+    blocks.for_each(|(block, sums)| {
+        let mut products = [[Products::default(); 2]; ROWS];
+        for (column, weight) in columns.iter().zip(weights) {
+            column.for_each(block * ROWS, sums.len(), |row, value| {
+                products[row][0].add(weight.0[0], value);
+                products[row][1].add(weight.0[1], value);
+            });
+        }
+        for (sum, products) in sums.iter_mut().zip(products) {
+            *sum += Extension(products.map(Products::reduce));
+        }
+    });
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn values_are_kept() {
+        for (largest, smallest) in [
+            (i16::MAX as i64, i16::MIN as i64),
+            (i16::MAX as i64 + 1, 0),
+            (0, i16::MIN as i64 - 1),
+            (i32::MAX as i64, i32::MIN as i64),
+            (i32::MAX as i64 + 1, 0),
+            (0, i32::MIN as i64 - 1),
+            (i64::MAX >> 1, -(i64::MAX >> 1)),
+        ] {
+            let values = [0, largest, 1, smallest, -1].map(Goldilocks::from_i64);
+            let column = Column::from(values.to_vec());
+            let mut kept = vec![];
+            column.for_each(0, values.len(), |_, value| kept.push(value));
+            assert_eq!(kept, values);
+        }
+    }
+}
