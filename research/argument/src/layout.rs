@@ -7,13 +7,24 @@ use crate::relation::{Lookup, Relations};
 use alloc::vec;
 use alloc::vec::Vec;
 
-/// Numbers of sizes, from the largest size to the smallest. Sizes are few and small: going over all for each is quicker than sorting.
+/// Numbers of sizes, from the largest size to the smallest. They are counted rather than sorted: there are few sizes.
 pub fn from_largest(sizes: &[u8]) -> Vec<usize> {
-    let most = sizes.iter().copied().max().unwrap_or_default();
-    let mut order = Vec::with_capacity(sizes.len());
-    for size in (0..=most).rev() {
-        let numbers = sizes.iter().enumerate().filter(|(_, own)| **own == size);
-        order.extend(numbers.map(|(number, _)| number));
+    let mut places = [0; 1 << u8::BITS];
+    for &size in sizes {
+        places[size as usize] += 1;
+    }
+    // The place of the next number with each size
+    let mut end = 0;
+    for place in places.iter_mut().rev() {
+        let count = *place;
+        *place = end;
+        end += count;
+    }
+    let mut order = vec![0; sizes.len()];
+    for (number, &size) in sizes.iter().enumerate() {
+        let place = &mut places[size as usize];
+        order[*place] = number;
+        *place += 1;
     }
     order
 }

@@ -30,5 +30,6 @@ pub mod sumcheck;
 pub mod transcript;
 pub mod tree;
 pub mod verify;
+pub mod weights;
 
 pub use zk0_circuits::vm::budget::operation;

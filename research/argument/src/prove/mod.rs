@@ -301,7 +301,7 @@ fn monomials(
 ) -> Joined {
     let monomials = &tables.relations.monomials[number];
     let mut own = vec![power];
-    for (_, id) in weights {
+    for (_, id) in weights.iter() {
         own = outer(&own, &parts.get(*id).weights());
     }
     let size = 1 << tables.relations.size(&monomials.axes);

@@ -73,7 +73,7 @@ impl Part {
 }
 
 /// The number of a part.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub struct PartId(u32);
 
 impl PartId {
