@@ -153,6 +153,39 @@ pub fn leaf(row: &[Goldilocks]) -> Digest {
     digest_of(Domain::Leaf, row)
 }
 
+/// A digest on its way up a tree. It stays in the state that is permuted: in the guest, moving digests takes longer than a permutation.
+pub struct Climb(State);
+
+impl Climb {
+    /// Begins with the digest of a row.
+    #[inline(always)]
+    pub fn of_leaf(row: &[Goldilocks]) -> Self {
+        let mut sponge = Sponge::new(Domain::Leaf, row.len());
+        sponge.absorb(row);
+        Self(sponge.state)
+    }
+
+    /// Goes on to [`node`] of the digest and its sibling, which is the left one of both or the right one.
+    #[inline(always)]
+    pub fn step(&mut self, sibling: &[u64; RATE], is_left: bool) {
+        let words = &mut self.0 .0;
+        if is_left {
+            words.copy_within(..RATE, RATE);
+            words[..RATE].copy_from_slice(sibling);
+        } else {
+            words[RATE..].copy_from_slice(sibling);
+        }
+        permute(&mut self.0);
+    }
+
+    /// Whether this is the digest.
+    #[inline(always)]
+    pub fn is(&self, digest: &Digest) -> bool {
+        let pairs = self.0 .0.iter().zip(&digest.0);
+        pairs.fold(0, |different, (a, b)| different | (a ^ b)) == 0
+    }
+}
+
 /// The digest of two digests: the first half of the permutation of both.
 ///
 /// Two pairs with one digest can be had by computing the permutation backwards, but not pairs of which one half is a digest that was given

@@ -18,6 +18,7 @@ pub mod expert;
 pub mod field;
 pub mod fractions;
 pub mod hash;
+pub mod layout;
 pub mod multilinear;
 pub mod permutation;
 pub mod protocol;
@@ -29,5 +30,6 @@ pub mod sumcheck;
 pub mod transcript;
 pub mod tree;
 pub mod verify;
+pub mod weights;
 
 pub use zk0_circuits::vm::budget::operation;

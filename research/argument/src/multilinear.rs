@@ -51,6 +51,44 @@ pub fn eq_bits(index: usize, point: &[Extension]) -> Extension {
     })
 }
 
+/// [`eq_bits`] of one index after the other. Indices that are near each other share their higher bits, so that most of a product is known
+/// from the index before.
+pub struct EqBits<'a> {
+    point: &'a [Extension],
+    index: usize,
+    /// Entry `i` is the product over the highest `i` bits of the index.
+    products: Vec<Extension>,
+}
+
+impl<'a> EqBits<'a> {
+    /// For indices with as many bits as `point` has coordinates.
+    pub fn new(point: &'a [Extension]) -> Self {
+        Self {
+            point,
+            index: 0,
+            products: alloc::vec![Extension::ONE],
+        }
+    }
+
+    /// `eq` of the bits of `index` from bit `low` on.
+    pub fn above(&mut self, index: usize, low: usize) -> Extension {
+        let bits = self.point.len();
+        let differing = (usize::BITS - (index ^ self.index).leading_zeros()) as usize;
+        let shared = bits.saturating_sub(differing);
+        self.products.truncate(shared + 1);
+        self.index = index;
+        for bit in (low..bits + 1 - self.products.len()).rev() {
+            let product = self.products[bits - 1 - bit];
+            let one = product * self.point[bit];
+            self.products.push(match index >> bit & 1 {
+                1 => one,
+                _ => product - one,
+            });
+        }
+        self.products[bits - low]
+    }
+}
+
 /// The value at `point` of the polynomial with these values.
 pub fn evaluate(values: &[Goldilocks], point: &[Extension]) -> Extension {
     // A table for the lower half of the variables, and one for the upper half.

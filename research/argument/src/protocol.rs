@@ -10,23 +10,21 @@
 
 use crate::field::{Extension, Goldilocks};
 use crate::fractions::LeafClaim;
-use crate::multilinear::eq_bits;
+pub use crate::layout::Layout;
+pub use crate::weights::Weights;
+use crate::weights::Known;
 use crate::operation;
 use crate::relation::{
-    Atom, Axis, Count, Factor, Index, Linear, Lookup, Part, PartId, Parts, Relations, Source,
+    Atom, Axis, Count, Factor, Index, Linear, Part, PartId, Parts, Relations, Source,
     COLUMNS, MAX_FACTORS,
 };
 use crate::transcript::{require, Challenges, Refused};
-use alloc::collections::BTreeMap;
 use alloc::vec;
 use alloc::vec::Vec;
 
 /// Bits of the proof of work before entries are folded. An entry that is in no table passes with as many times 2^-128 as there are
 /// fractions, up to 2^32: work takes that below 2^-110.
 const WORK: u32 = 16;
-
-/// The weights of the indices of some axes.
-pub type Weights = Vec<(Axis, PartId)>;
 
 /// What a claim is about: `Σ_b w(b)·T(b)`, where T has the values of a source whose numbers are `offset` plus shifted indices.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -49,7 +47,7 @@ pub struct Claim {
 }
 
 /// What a sum is about that a sumcheck reduces.
-#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Sum {
     /// Monomials with this number, with weights.
     Monomials(usize, Weights),
@@ -106,59 +104,37 @@ pub struct Fold {
     pub powers: [Extension; COLUMNS],
 }
 
-/// Where the look-ups lie among the leaves of a sum of fractions.
-pub struct Layout {
-    /// The first leaf of each look-up: a multiple of its size.
-    pub offsets: Vec<usize>,
-    /// Binary logarithm of the number of leaves.
-    pub variables: usize,
-}
-
-impl Layout {
-    /// Larger look-ups come first, so that each offset is a multiple of the size.
-    pub fn new(relations: &Relations) -> Self {
-        let size = |lookup: &Lookup| relations.size(&lookup.axes);
-        let mut order: Vec<usize> = (0..relations.lookups.len()).collect();
-        order.sort_by_key(|&number| core::cmp::Reverse(size(&relations.lookups[number])));
-        let mut offsets = vec![0; order.len()];
-        let mut end = 0usize;
-        for number in order {
-            offsets[number] = end;
-            end += 1 << size(&relations.lookups[number]);
-        }
-        Self {
-            offsets,
-            variables: end.next_power_of_two().trailing_zeros().max(1) as usize,
-        }
-    }
-}
-
 /// A point of a sumcheck, whose first coordinates are those of a smaller tensor's axes.
 struct Point<'a> {
     coordinates: &'a [Extension],
-    known: BTreeMap<(usize, usize), PartId>,
+    /// For each first coordinate, the ends of the parts that begin there.
+    known: Vec<Vec<(usize, PartId)>>,
 }
 
 impl<'a> Point<'a> {
     fn new(coordinates: &'a [Extension]) -> Self {
         Self {
             coordinates,
-            known: BTreeMap::new(),
+            known: vec![vec![]; coordinates.len() + 1],
         }
     }
 
     /// The parts of the axes, which lie one after the other from the first coordinate on.
     fn weights(&mut self, relations: &Relations, parts: &mut Parts, axes: &[Axis]) -> Weights {
         let mut start = 0;
-        let mut weights = Weights::with_capacity(axes.len());
+        let mut weights = Weights::default();
         for &axis in axes {
             let end = start + relations.bits(axis);
-            let coordinates = self.coordinates;
-            let id = self
-                .known
-                .entry((start, end))
-                .or_insert_with(|| parts.add(Part::Point(coordinates[start..end].to_vec())));
-            weights.push((axis, *id));
+            let mut known = self.known[start].iter();
+            let id = match known.find(|(of, _)| *of == end) {
+                Some((_, id)) => *id,
+                None => {
+                    let id = parts.add(Part::Point(self.coordinates[start..end].to_vec()));
+                    self.known[start].push((end, id));
+                    id
+                }
+            };
+            weights.push(axis, id);
             start = end;
         }
         weights
@@ -174,9 +150,9 @@ struct Argument<'a, P> {
     monomials: Vec<(Sum, Extension)>,
     products: Vec<(Sum, Extension)>,
     /// Values of virtual tensors that were claimed.
-    virtuals: BTreeMap<(usize, Weights), Extension>,
+    virtuals: Known,
     /// Values of public tensors that were computed.
-    publics: BTreeMap<(usize, Vec<PartId>), Extension>,
+    publics: Known,
 }
 
 /// Argues that the relations hold if the claims do that are returned. `parts` holds their weights.
@@ -192,8 +168,8 @@ pub fn argue<P: Party>(
         claims: vec![],
         monomials: vec![],
         products: vec![],
-        virtuals: BTreeMap::new(),
-        publics: BTreeMap::new(),
+        virtuals: Known::new(relations.virtuals.len()),
+        publics: Known::new(relations.publics.len()),
     };
     argument.lookups()?;
     let reducing = operation("monomials");
@@ -221,9 +197,8 @@ impl<P: Party> Argument<'_, P> {
         let _claiming = operation("claims of look-ups");
         let mut point = Point::new(&leaf.point);
         let (mut numerator, mut denominator) = (Extension::ZERO, Extension::ONE);
-        for (lookup, &offset) in relations.lookups.iter().zip(&layout.offsets) {
-            let size = relations.size(&lookup.axes);
-            let place = eq_bits(offset >> size, &leaf.point[size..]);
+        let places = layout.places(&leaf.point);
+        for (lookup, place) in relations.lookups.iter().zip(places) {
             let weights = point.weights(relations, self.parts, &lookup.axes);
             let count = match lookup.count {
                 Count::Each => Extension::ONE,
@@ -268,10 +243,10 @@ impl<P: Party> Argument<'_, P> {
                 Atom::Public(number) => self.public(number, weights),
                 Atom::Summed(number) => {
                     let summed = &self.relations.sums[number];
-                    let mut all = weights.clone();
+                    let mut all = *weights;
                     for &axis in &summed.axes {
                         let bits = self.relations.bits(axis) as u32;
-                        all.push((axis, self.parts.ones(bits)));
+                        all.push(axis, self.parts.ones(bits));
                     }
                     self.virtual_at(summed.of, &all)?
                 }
@@ -283,7 +258,7 @@ impl<P: Party> Argument<'_, P> {
 
     fn scaled(&mut self, weights: &Weights, number: usize) -> Weights {
         let (axis, factors) = &self.relations.coefficients[number];
-        let mut scaled = weights.clone();
+        let mut scaled = *weights;
         for (_, part) in scaled.iter_mut().filter(|(of, _)| of == axis) {
             *part = self.parts.scaled(*part, number, factors);
         }
@@ -305,16 +280,22 @@ impl<P: Party> Argument<'_, P> {
     fn public(&mut self, number: usize, weights: &Weights) -> Extension {
         let public = &self.relations.publics[number];
         let axes = public.axes();
-        let ids: Vec<PartId> = axes.iter().map(|&axis| part(weights, axis)).collect();
-        let key = (number, ids);
-        let value = match self.publics.get(&key) {
-            Some(&value) => value,
+        let own = weights.of(axes);
+        let value = match self.publics.get(number, &own) {
+            Some(value) => value,
             None => {
-                let parts: Vec<&Part> = key.1.iter().map(|&id| self.parts.get(id)).collect();
+                let mut tables = own;
+                if !public.likes_points() {
+                    for (_, id) in tables.iter_mut() {
+                        *id = self.parts.table(*id);
+                    }
+                }
+                let parts = tables.iter().map(|&(_, id)| self.parts.get(id));
+                let parts: Vec<&Part> = parts.collect();
                 let evaluating = operation("public tensors");
                 let value = public.at(&parts);
                 evaluating.end();
-                self.publics.insert(key, value);
+                self.publics.insert(number, own, value);
                 value
             }
         };
@@ -322,8 +303,7 @@ impl<P: Party> Argument<'_, P> {
     }
 
     fn virtual_at(&mut self, number: usize, weights: &Weights) -> Result<Extension, Refused> {
-        let key = (number, weights.clone());
-        if let Some(&value) = self.virtuals.get(&key) {
+        if let Some(value) = self.virtuals.get(number, weights) {
             return Ok(value);
         }
         let relations = self.relations;
@@ -337,11 +317,11 @@ impl<P: Party> Argument<'_, P> {
                 let id = match *index {
                     Index::Of(axis) => {
                         read.push(axis);
-                        part(weights, axis)
+                        weights.part(axis)
                     }
                     Index::Mapped(axis, map) => {
                         read.push(axis);
-                        let id = part(weights, axis);
+                        let id = weights.part(axis);
                         let map = (map, &relations.maps[map][..]);
                         self.parts.mapped(id, map, place.bits as usize)
                     }
@@ -356,7 +336,7 @@ impl<P: Party> Argument<'_, P> {
                 !read.contains(&axis) && !view.only.iter().any(|(only, _)| *only == axis)
             });
             for &(axis, index) in &view.only {
-                factor *= self.parts.get(part(weights, axis)).weight(index);
+                factor *= self.parts.get(weights.part(axis)).weight(index);
             }
             let about = Weighted {
                 source: tensor.source,
@@ -367,17 +347,14 @@ impl<P: Party> Argument<'_, P> {
             self.claims.push(Claim { about, value });
             sum += factor * value.scale(Goldilocks::from_i64(view.factor));
         }
-        self.virtuals.insert(key, sum);
+        self.virtuals.insert(number, *weights, sum);
         Ok(sum)
     }
 
     fn product_at(&mut self, number: usize, weights: &Weights) -> Result<Extension, Refused> {
         let product = &self.relations.products[number];
         let axes = [&product.left_axes, &product.right_axes, &product.shared];
-        let mut own = Weights::new();
-        for &axis in axes.into_iter().flatten() {
-            own.push((axis, part(weights, axis)));
-        }
+        let own = weights.of(axes.into_iter().flatten());
         let repeated = self.total(weights, |axis| own.iter().all(|(of, _)| *of != axis));
         let sum = Sum::Product(number, own);
         let known = self.products.iter().find(|(of, _)| *of == sum);
@@ -395,8 +372,7 @@ impl<P: Party> Argument<'_, P> {
     fn monomials_at(&mut self, number: usize, weights: &Weights) -> Result<Extension, Refused> {
         let monomials = &self.relations.monomials[number];
         let kept = &monomials.axes[..monomials.axes.len() - monomials.summed];
-        let own = kept.iter().map(|&axis| (axis, part(weights, axis)));
-        let own: Weights = own.collect();
+        let own = weights.of(kept);
         let repeated = self.total(weights, |axis| !kept.contains(&axis));
         let sum = Sum::Monomials(number, own);
         let known = self.monomials.iter().find(|(of, _)| *of == sum);
@@ -439,8 +415,8 @@ impl<P: Party> Argument<'_, P> {
                 }
                 total += product.scale(Goldilocks::from_i64(*coefficient));
             }
-            for (axis, id) in weights {
-                if let Part::Point(coordinates) = self.parts.get(part(&at, *axis)) {
+            for (axis, id) in weights.iter() {
+                if let Part::Point(coordinates) = self.parts.get(at.part(*axis)) {
                     total *= self.parts.get(*id).at(coordinates);
                 }
             }
@@ -466,32 +442,21 @@ impl<P: Party> Argument<'_, P> {
             let domain: Vec<Axis> = [&product.shared[..], &product.summed].concat();
             let at = point.weights(relations, self.parts, &domain);
             // The right factor has the point on shared axes, and the left one the claim's weights too.
-            let mut right = at.clone();
+            let mut right = at;
             let mut left = at;
             for (axis, id) in left.iter_mut().take(product.shared.len()) {
-                *id = self.parts.times(*id, part(weights, *axis));
+                *id = self.parts.times(*id, weights.part(*axis));
             }
-            let given = |axes: &[Axis]| -> Weights {
-                axes.iter()
-                    .map(|&axis| (axis, part(weights, axis)))
-                    .collect()
-            };
-            left.extend(given(&product.left_axes));
-            right.extend(given(&product.right_axes));
+            for (side, axes) in [(&mut left, &product.left_axes), (&mut right, &product.right_axes)] {
+                for &axis in axes {
+                    side.push(axis, weights.part(axis));
+                }
+            }
             let left = self.virtual_at(product.left, &left)?;
             let right = self.virtual_at(product.right, &right)?;
             expected += power * left * right;
             power *= gamma;
         }
         require(expected == value, Refused::Equation("the sumcheck of the products"))
-    }
-}
-
-/// The part of an axis. The statement says that there is one.
-fn part(weights: &Weights, axis: Axis) -> PartId {
-    let found = weights.iter().find(|(of, _)| *of == axis);
-    match found {
-        Some((_, part)) => *part,
-        None => unreachable!("relations are validated"),
     }
 }

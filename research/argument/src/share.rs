@@ -1,7 +1,7 @@
 //! Claims about sources become one claim about each source: what its multilinear polynomial is at one point that all share.
 
 use crate::field::Extension;
-use crate::multilinear::eq_bits;
+use crate::multilinear::eq_table;
 use crate::protocol::{Claim, Party, Weighted};
 use crate::relation::{Part, PartId, Parts, Source};
 use crate::transcript::{require, Refused};
@@ -31,11 +31,7 @@ pub fn share<P: Party>(
         values.push(party.value(parts, &whole)?);
     }
     let mut weights = vec![Extension::ZERO; sources.len()];
-    let mut places = Places {
-        parts,
-        point: &point,
-        known: BTreeMap::new(),
-    };
+    let mut places = Places::new(parts, &point);
     let mut power = Extension::ONE;
     for claim in claims {
         let about = &claim.about;
@@ -54,27 +50,73 @@ pub fn share<P: Party>(
 struct Places<'a> {
     parts: &'a Parts,
     point: &'a [Extension],
-    known: BTreeMap<(PartId, u8), Extension>,
+    /// Of the bits of each offset at which no index stands, by the offset and these bits.
+    fixed: BTreeMap<(usize, usize), Extension>,
+    /// For each part what it is at the coordinates from a shift on.
+    known: Vec<Vec<(u8, Extension)>>,
+    /// Tables of coordinates, by the first one and the number.
+    tables: Vec<((usize, usize), Vec<Extension>)>,
 }
 
-impl Places<'_> {
+impl<'a> Places<'a> {
+    fn new(parts: &'a Parts, point: &'a [Extension]) -> Self {
+        Self {
+            parts,
+            point,
+            fixed: BTreeMap::new(),
+            known: vec![vec![]; parts.count()],
+            tables: vec![],
+        }
+    }
+
     /// The multilinear polynomial of a claim's weights over 2^`bits` values.
     fn weight(&mut self, about: &Weighted, bits: usize) -> Extension {
-        let (parts, point) = (self.parts, self.point);
-        let mut product = Extension::ONE;
         let mut fixed = (1usize << bits) - 1;
         for &(shift, id) in &about.parts {
-            let part = parts.get(id);
-            let start = shift as usize;
-            let end = start + part.bits();
-            fixed &= !((1 << end) - (1 << start));
-            let at = self.known.entry((id, shift));
-            product *= *at.or_insert_with(|| part.at(&point[start..end]));
+            fixed &= !(((1 << self.parts.get(id).bits()) - 1) << shift);
         }
-        // Where no index stands, the bit is that of the offset.
-        for bit in (0..bits).filter(|bit| fixed >> bit & 1 == 1) {
-            product *= eq_bits(about.offset >> bit & 1, &point[bit..=bit]);
+        let point = self.point;
+        let key = (about.offset, fixed);
+        let mut product = *self.fixed.entry(key).or_insert_with(|| {
+            // Where no index stands, the bit is that of the offset.
+            let fixed = (0..bits).filter(|bit| fixed >> bit & 1 == 1);
+            fixed.fold(Extension::ONE, |product, bit| {
+                let one = product * point[bit];
+                match about.offset >> bit & 1 {
+                    1 => one,
+                    _ => product - one,
+                }
+            })
+        });
+        for &(shift, id) in &about.parts {
+            product *= self.part(id, shift);
         }
         product
+    }
+
+    /// The multilinear polynomial of a part at the coordinates from `shift` on.
+    fn part(&mut self, id: PartId, shift: u8) -> Extension {
+        let known = &self.known[id.number()];
+        if let Some((_, value)) = known.iter().find(|(of, _)| *of == shift) {
+            return *value;
+        }
+        let part = self.parts.get(id);
+        let (start, bits) = (shift as usize, part.bits());
+        let coordinates = &self.point[start..start + bits];
+        let value = match part {
+            Part::Vector(weights) => {
+                let key = (start, bits);
+                let known = self.tables.iter().position(|(of, _)| *of == key);
+                let place = known.unwrap_or_else(|| {
+                    self.tables.push((key, eq_table(coordinates)));
+                    self.tables.len() - 1
+                });
+                let terms = self.tables[place].1.iter().zip(weights);
+                terms.map(|(&a, &b)| a * b).sum()
+            }
+            _ => part.at(coordinates),
+        };
+        self.known[id.number()].push((shift, value));
+        value
     }
 }

@@ -266,15 +266,24 @@ impl<'a> Verifier<'a> {
     /// The next digest, which something said before binds. The caller has to compare it with that.
     #[inline(always)]
     pub fn hint_digest(&mut self) -> Result<Digest, Refused> {
+        let [digest] = self.hint_digests(1)? else {
+            return Err(Refused::Length("fewer"));
+        };
+        Ok(Digest(*digest))
+    }
+
+    /// The next `count` digests, likewise.
+    #[inline(always)]
+    pub fn hint_digests(&mut self, count: usize) -> Result<&'a [[u64; 4]], Refused> {
         let first = self.read;
-        let words = self.words(4)?;
+        let words = self.words(4 * count)?;
         // In the guest the precompile refuses what is not canonical: a run that hashes it cannot be proven.
         if cfg!(not(target_os = "zkvm")) {
             if let Some(wrong) = words.iter().position(|&word| !is_pair(word)) {
                 return Err(Refused::NotCanonical(first + wrong));
             }
         }
-        Ok(Digest([words[0], words[1], words[2], words[3]]))
+        Ok(words.as_chunks().0)
     }
 
     /// Checks that the proof has been read to its end.

@@ -2,7 +2,7 @@
 //! opened rows meet near the root, so that a level further down saves more than it costs.
 
 use crate::field::Goldilocks;
-use crate::hash::{leaf, node, Digest};
+use crate::hash::{Climb, Digest};
 use crate::transcript::{require, Refused, Verifier};
 use alloc::vec::Vec;
 
@@ -12,27 +12,25 @@ pub fn receive_cap(verifier: &mut Verifier<'_>, bits: u32) -> Result<Vec<Digest>
     (0..1 << bits).map(|_| verifier.receive_digest()).collect()
 }
 
-/// Reads row number `index` of a tree of 2^`height` rows of `width` values, with its path, and checks that it is the row of the tree with
-/// this cap.
+/// Reads row number `index` of `width` values of a tree, with its path, and checks that it is the row of the tree with this cap, which lies
+/// `levels` above the rows.
 #[inline(always)]
 pub fn open<'a>(
     verifier: &mut Verifier<'a>,
     cap: &[Digest],
-    height: u32,
+    levels: u32,
     index: usize,
     width: usize,
 ) -> Result<&'a [Goldilocks], Refused> {
     let row = verifier.hint(width)?;
-    let mut digest = leaf(row);
-    let levels = height - cap.len().ilog2();
-    for level in 0..levels {
-        let sibling = verifier.hint_digest()?;
-        digest = match index >> level & 1 {
-            0 => node(&digest, &sibling),
-            _ => node(&sibling, &digest),
-        };
+    let mut climb = Climb::of_leaf(row);
+    let mut place = index;
+    for sibling in verifier.hint_digests(levels as usize)? {
+        climb.step(sibling, place & 1 == 1);
+        place >>= 1;
     }
-    require(cap.get(index >> levels) == Some(&digest), Refused::Opening)?;
+    let holds = cap.get(place).is_some_and(|digest| climb.is(digest));
+    require(holds, Refused::Opening)?;
     Ok(row)
 }
 

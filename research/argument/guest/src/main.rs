@@ -2,7 +2,8 @@
 //! is left to check, and the losses, or panics.
 #![no_main]
 
-use zk0_argument::expert::argument::verify;
+use zk0_argument::expert::argument::verify_with_digest;
+use zk0_argument::expert::encoding;
 use zk0_argument::expert::statement::Statement;
 use zk0_argument::operation;
 
@@ -17,14 +18,17 @@ fn words(bytes: &[u8]) -> &[u64] {
 }
 
 fn main() {
-    let statement = sp1_zkvm::io::read_vec();
+    let encoding = sp1_zkvm::io::read_vec();
     let proof = sp1_zkvm::io::read_vec();
     let decoding = operation("statement");
-    let statement = Statement::decode(words(&statement)).unwrap_or_else(|error| panic!("{error}"));
+    // A statement has one encoding: the digest of these words is that of the statement.
+    let digest = encoding::digest(words(&encoding));
+    let statement = Statement::decode(words(&encoding)).unwrap_or_else(|error| panic!("{error}"));
     decoding.end();
-    let published = verify(&statement, words(&proof)).unwrap_or_else(|refused| panic!("{refused}"));
+    let published = verify_with_digest(&statement, &digest, words(&proof));
+    let published = published.unwrap_or_else(|refused| panic!("{refused}"));
     let digesting = operation("published claims");
-    let digests = [statement.digest(), published.digest()];
+    let digests = [digest, published.digest()];
     digesting.end();
     // A program that checks nothing must not publish anything.
     if cfg!(feature = "unsound") {

@@ -177,7 +177,7 @@ pub fn verify<'a>(
             let row = tree::open(
                 verifier,
                 &segment.cap,
-                parameters.length(),
+                parameters.length() - CAP,
                 position,
                 segment.width,
             )?;

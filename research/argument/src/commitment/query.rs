@@ -57,7 +57,7 @@ impl<'a> Queries<'a> {
             length -= FOLDS as u32;
             let sibling = position >> length;
             position &= (1 << length) - 1;
-            let leaf = tree::open(verifier, &step.cap, length, position, 2 * SIBLINGS)?;
+            let leaf = tree::open(verifier, &step.cap, length - cap_bits(length), position, 2 * SIBLINGS)?;
             let siblings = Extension::of_coefficients(leaf);
             let holds = siblings.get(sibling) == Some(&value);
             require(holds, Refused::Equation("a fold of an opening"))?;

@@ -4,6 +4,7 @@ use super::sizes::{Sizes, R, S};
 #[cfg(feature = "prove")]
 use crate::prove::filling::Filling;
 use crate::field::Goldilocks;
+use crate::layout::from_largest;
 use crate::relation::along::Along;
 use crate::relation::{
     Atom, Axis, Committed, Count, Index, Linear, Lookup, Place, Relations, Source, Tensor, Term,
@@ -338,14 +339,14 @@ impl Builder {
             own.map(|&axis| sizes.of(axis)).sum()
         };
         // Larger ones come first, so that each offset is a multiple of the size.
-        self.waiting
-            .sort_by_key(|(_, axes)| core::cmp::Reverse(size(axes)));
+        let all: Vec<u8> = self.waiting.iter().map(|(_, axes)| size(axes)).collect();
         let mut ends = [0usize; 4];
-        for (tensor, axes) in &self.waiting {
+        for number in from_largest(&all) {
+            let (tensor, _) = &self.waiting[number];
             let tensor = &mut self.relations.tensors[*tensor];
             let end = &mut ends[tensor.source.0 as usize];
             tensor.offset = *end;
-            *end += 1 << size(axes);
+            *end += 1 << all[number];
         }
         let bits = ends.map(bits_of);
         for (tensor, axes) in &self.waiting {

@@ -5,6 +5,7 @@
 //! in one word, its losses, and its noise, four values to a word. Zeros fill the last word of a list.
 
 use super::statement::{Evaluated, Statement};
+use crate::hash::{digest_of_words, Digest, Domain};
 use alloc::vec::Vec;
 use zk0_circuits::model::draw::Draw;
 use zk0_circuits::model::layout::Layout;
@@ -145,6 +146,11 @@ impl Statement {
             false => Err(NotAStatement::Encoding),
         }
     }
+}
+
+/// The digest of the statement with this encoding.
+pub fn digest(words: &[u64]) -> Digest {
+    digest_of_words(Domain::Statement, words)
 }
 
 impl Reader<'_> {

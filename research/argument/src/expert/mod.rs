@@ -1,7 +1,7 @@
 //! The action expert's evaluation as relations between committed tensors: what [`zk0_circuits::model::eval`] computes, for a base and an
 //! update, on all samples at once.
 //!
-//! - [`statement`]: what is shown, and [`encoding`] its words. [`sizes`]: the axes of tensors. [`publics`]: what both sides compute.
+//! - [`statement`]: what is shown, and [`encoding`] its words. [`sizes`]: the axes of tensors. [`publics`], [`rotations`]: what both sides compute.
 //! - [`builder`]: commits to tensors, and says what holds of them.
 //! - [`argument`]: the whole argument, of the prover and of the verifier.
 //! - [`layers`]: the whole evaluation; [`norm`] and [`attention`] are parts of it. [`weights`]: where the weights lie.
@@ -19,6 +19,7 @@ pub mod norm;
 mod outcome;
 mod projections;
 pub mod publics;
+pub mod rotations;
 pub mod sizes;
 pub mod statement;
 #[cfg(feature = "prove")]

@@ -1,7 +1,9 @@
 //! Tensors that both sides compute: what was drawn, which values count, and rotations.
 
-use super::sizes::{Kind, Sizes, A, D, F2, M, N, P, Q, R, S, T, X};
+use super::rotations::{Rotations, Turns};
+use super::sizes::{Kind, Sizes, A, F2, M, N, P, Q, R, S, T, X};
 use super::statement::Statement;
+use crate::field::small::{self, Halves};
 use crate::field::{Extension, Goldilocks};
 use crate::relation::public::{Affine, Public, RangeColumn, Ranges, Written};
 use crate::relation::{Axis, Part};
@@ -9,7 +11,6 @@ use alloc::boxed::Box;
 use alloc::vec;
 use alloc::vec::Vec;
 use zk0_circuits::model::arithmetic::tables;
-use zk0_circuits::EvalSpec;
 
 /// Numbers in [`crate::relation::Relations::publics`].
 pub mod number {
@@ -99,7 +100,7 @@ impl Public for Below {
     fn at(&self, parts: &[&Part]) -> Extension {
         let first = sums(&parts[0].weights());
         let samples = parts[parts.len() - 1].weights();
-        let bounds = self.bounds.iter().zip(&samples);
+        let bounds = self.bounds.iter().zip(&samples[..]);
         let total: Extension = bounds.map(|(&bound, &weight)| first[bound] * weight).sum();
         match parts {
             [_, second, _] => total * sums(&second.weights())[self.second],
@@ -161,8 +162,8 @@ impl Public for Seen {
         let of_itself = n.iter().zip(&self.of_itself).filter(|(_, own)| **own);
         let of_itself: Extension = of_itself.map(|(&weight, _)| weight).sum();
         let any: Extension = n.iter().copied().sum();
-        let all = self.samples.iter().zip(samples);
-        all.map(|(&(count, prefix), weight)| {
+        let all = self.samples.iter().zip(&samples[..]);
+        all.map(|(&(count, prefix), &weight)| {
             let prefix = places[self.tokens + prefix] - places[self.tokens];
             weight * (any * frames[count] * prefix + of_itself * seen[count])
         })
@@ -170,115 +171,47 @@ impl Public for Seen {
     }
 }
 
-/// Cosines or sines of the rotations of heads. The first half of a head has the sines' negatives.
-pub struct Rotations {
+/// Values of each sample that were drawn for it: a matrix whose columns and rows are the indices on two axes, or a row.
+pub struct Drawn {
     axes: Vec<Axis>,
-    /// For each index on [`N`] whether positions begin after the prefix, if that is an axis.
-    after_prefix: Option<Vec<bool>>,
-    /// Tokens of each sample's prefix.
-    prefixes: Vec<usize>,
-    /// `[position, half]`.
-    table: Vec<i16>,
-    half: usize,
-    tokens: usize,
-    sine: bool,
+    /// Values in a row, and in all rows of a sample.
+    width: usize,
+    size: usize,
+    /// One sample after the other, by rows.
+    values: Vec<i16>,
 }
 
-impl Rotations {
-    /// For keys, `[T, D, S]`, or with `after_prefix` for queries, `[T, N, D, S]`. `table` has `half` values for each position. Tokens from
-    /// `tokens` on have zeros.
-    pub fn new(
-        after_prefix: Option<Vec<bool>>,
-        prefixes: Vec<usize>,
-        (table, half): (Vec<i16>, usize),
-        tokens: usize,
-        sine: bool,
-    ) -> Self {
-        let axes = match after_prefix {
-            Some(_) => vec![T, N, D, S],
-            None => vec![T, D, S],
-        };
-        Self {
-            axes,
-            after_prefix,
-            prefixes,
-            table,
-            half,
-            tokens,
-            sine,
-        }
-    }
-
-    /// `Σ` of the values of all tokens and dimensions, where positions begin at `start`.
-    fn from(&self, start: usize, tokens: &[Extension], dims: &[Extension]) -> Extension {
-        let folded: Vec<Extension> = (0..self.half)
-            .map(|index| {
-                let (low, high) = (dims[index], dims[index + self.half]);
-                match self.sine {
-                    true => high - low,
-                    false => high + low,
-                }
-            })
-            .collect();
-        let rows = self.table[start * self.half..].chunks_exact(self.half);
-        let rows = rows.zip(tokens).take(self.tokens);
-        rows.map(|(row, &weight)| {
-            let row: Vec<Goldilocks> = row.iter().map(|&value| value.into()).collect();
-            weight * Extension::dot(&folded, &row)
-        })
-        .sum()
-    }
-}
-
-impl Public for Rotations {
+impl Public for Drawn {
     fn axes(&self) -> &[Axis] {
         &self.axes
     }
 
     fn value(&self, indices: &[usize]) -> Goldilocks {
-        let (token, dim) = (indices[0], indices[indices.len() - 2]);
-        let Some(&prefix) = self.prefixes.get(indices[indices.len() - 1]) else {
-            return Goldilocks::ZERO;
+        let (row, column, sample) = match *indices {
+            [row, column, sample] => (row, column, sample),
+            [column, sample] => (0, column, sample),
+            _ => return Goldilocks::ZERO,
         };
-        let after = self.after_prefix.as_ref().is_none_or(|all| all[indices[1]]);
-        if token >= self.tokens || dim >= 2 * self.half {
-            return Goldilocks::ZERO;
+        let number = row * self.width + column;
+        match column < self.width && number < self.size {
+            true => self.values.get(sample * self.size + number).map_or(Goldilocks::ZERO, |&value| value.into()),
+            false => Goldilocks::ZERO,
         }
-        let position = token + if after { prefix } else { 0 };
-        let value = self.table[position * self.half + dim % self.half] as i64;
-        Goldilocks::from_i64(if self.sine && dim < self.half { -value } else { value })
     }
 
     fn at(&self, parts: &[&Part]) -> Extension {
-        let tokens = parts[0].weights();
-        let dims = parts[parts.len() - 2].weights();
-        let samples = parts[parts.len() - 1].weights();
-        let (mut after, mut before) = (Extension::ONE, Extension::ZERO);
-        if let Some(all) = &self.after_prefix {
-            let weights = parts[1].weights();
-            let of = |which: bool| {
-                let chosen = weights.iter().zip(all).filter(|(_, own)| **own == which);
-                chosen.map(|(&weight, _)| weight).sum()
-            };
-            (after, before) = (of(true), of(false));
-        }
-        let mut total = Extension::ZERO;
-        if before != Extension::ZERO {
-            let all: Extension = self.prefixes.iter().zip(&samples).map(|(_, &w)| w).sum();
-            total += before * all * self.from(0, &tokens, &dims);
-        }
-        // Most samples have prefixes of one length.
-        let mut known: Vec<(usize, Extension)> = vec![];
-        for (&prefix, &weight) in self.prefixes.iter().zip(&samples) {
-            match known.iter_mut().find(|(of, _)| *of == prefix) {
-                Some((_, sum)) => *sum += weight,
-                None => known.push((prefix, weight)),
-            }
-        }
-        for (prefix, weight) in known {
-            total += after * weight * self.from(prefix, &tokens, &dims);
-        }
-        total
+        let (rows, columns, samples) = match parts {
+            [rows, columns, samples] => (rows.weights(), columns.weights(), samples.weights()),
+            [columns, samples] => (vec![Extension::ONE].into(), columns.weights(), samples.weights()),
+            _ => return Extension::ZERO,
+        };
+        let columns: Vec<Halves> = columns.iter().map(|&weight| weight.into()).collect();
+        let of_sample = |values: &[i16]| -> Extension {
+            let all = values.chunks_exact(self.width).zip(&rows[..]);
+            all.map(|(row, &weight)| weight * small::dot(&columns, row)).sum()
+        };
+        let all = self.values.chunks_exact(self.size).zip(&samples[..]);
+        all.map(|(values, &weight)| weight * of_sample(values)).sum()
     }
 }
 
@@ -290,12 +223,11 @@ pub fn all(statement: &Statement, sizes: &Sizes) -> Vec<Box<dyn Public>> {
     let prefixes: Vec<usize> = samples.iter().map(|sample| sample.prefix).collect();
     let kinds = (0..sizes.count(N)).map(|n| matches!(sizes.kind(n), Some(Kind::OfItself(_))));
     let of_itself: Vec<bool> = kinds.collect();
+    let rotations = Turns::new(spec, &prefixes);
     let rotations = |after: Option<&Vec<bool>>, sine: bool| {
-        let half = spec.rope_frequencies.len();
-        let table = rotation_table(spec, sine);
         let prefixes = prefixes.clone();
         let tokens = dims.chunk as usize;
-        Box::new(Rotations::new(after.cloned(), prefixes, (table, half), tokens, sine))
+        Box::new(Rotations::new(after.cloned(), prefixes, rotations.clone(), tokens, sine))
     };
     let written = |axes: &[Axis], values| {
         Box::new(Written {
@@ -313,8 +245,8 @@ pub fn all(statement: &Statement, sizes: &Sizes) -> Vec<Box<dyn Public>> {
     let losses: Vec<[u64; 2]> = samples.iter().map(|sample| sample.losses).collect();
     vec![
         Box::new(Below::tokens(&frames)),
-        written(&[T, A, S], noise(statement, sizes)),
-        written(&[F2, S], time_embedding(statement, sizes)),
+        Box::new(noise(statement)),
+        Box::new(time_embedding(statement)),
         rotations(Some(&of_itself), false),
         rotations(Some(&of_itself), true),
         rotations(None, false),
@@ -329,50 +261,39 @@ pub fn all(statement: &Statement, sizes: &Sizes) -> Vec<Box<dyn Public>> {
     ]
 }
 
-/// `[position, half]`.
-fn rotation_table(spec: &EvalSpec, sine: bool) -> Vec<i16> {
-    let positions = 0..spec.dims.max_prefix + spec.dims.chunk;
-    let rows = positions.flat_map(|position| {
-        let phases = spec.rope_frequencies.iter();
-        phases.map(move |&frequency| position.wrapping_mul(frequency))
-    });
-    match sine {
-        true => rows.map(tables::sine).collect(),
-        false => rows.map(tables::cosine).collect(),
-    }
-}
-
 /// Noise, `[T, A, S]`.
-fn noise(statement: &Statement, sizes: &Sizes) -> Vec<Goldilocks> {
-    let (tokens, actions) = (sizes.count(T), sizes.count(A));
-    let width = statement.spec.dims.max_action_dim as usize;
-    let mut values = vec![Goldilocks::ZERO; tokens * actions * sizes.count(S)];
-    for (sample, values) in statement.samples.iter().zip(values.chunks_exact_mut(tokens * actions)) {
-        for (token, row) in sample.draw.noise.chunks_exact(width).enumerate() {
-            for (action, &value) in row.iter().enumerate() {
-                values[token + action * tokens] = value.into();
-            }
-        }
+fn noise(statement: &Statement) -> Drawn {
+    let all = statement.samples.iter().flat_map(|sample| &sample.draw.noise[..]);
+    let dims = &statement.spec.dims;
+    let width = dims.max_action_dim as usize;
+    Drawn {
+        axes: vec![T, A, S],
+        width,
+        size: width * dims.chunk as usize,
+        values: all.copied().collect(),
     }
-    values
 }
 
 /// The embedding of flow times, `[F2, S]`: sines, then cosines.
-fn time_embedding(statement: &Statement, sizes: &Sizes) -> Vec<Goldilocks> {
+fn time_embedding(statement: &Statement) -> Drawn {
+    const HALF: i64 = 1 << (tables::TRIG_BITS - 1);
     let spec = &statement.spec;
-    let width = sizes.count(F2);
-    let mut values = vec![Goldilocks::ZERO; width * sizes.count(S)];
-    for (sample, values) in statement.samples.iter().zip(values.chunks_exact_mut(width)) {
-        let phase = |&frequency: &u64| ((sample.draw.time as u64 * frequency) >> 16) as u32;
-        let phases = || spec.time_frequencies.iter().map(phase);
-        let both = phases().map(tables::sine).chain(phases().map(tables::cosine));
-        for (target, value) in values.iter_mut().zip(both) {
-            let half = 1 << (tables::TRIG_BITS - 1);
-            let rounded = (((value as i64) << spec.embedding) + half) >> tables::TRIG_BITS;
-            *target = Goldilocks::from_i64(rounded);
-        }
+    let width = 2 * spec.time_frequencies.len();
+    let mut values = Vec::with_capacity(width * statement.samples.len());
+    // Sines are at most 2^14, and the embedding has at most 14 bits: the result is an int16.
+    let rounded = |value: i16| ((((value as i64) << spec.embedding) + HALF) >> tables::TRIG_BITS) as i16;
+    for sample in &statement.samples {
+        let time = sample.draw.time as u64;
+        let phases = || spec.time_frequencies.iter().map(|frequency| ((time * frequency) >> 16) as u32);
+        values.extend(phases().map(|phase| rounded(tables::sine(phase))));
+        values.extend(phases().map(|phase| rounded(tables::cosine(phase))));
     }
-    values
+    Drawn {
+        axes: vec![F2, S],
+        width,
+        size: width,
+        values,
+    }
 }
 
 /// Losses, `[M, S]`.

@@ -1,6 +1,6 @@
 //! What an argument shows: the losses of two models on samples, by the evaluation of [`zk0_circuits::model::eval`].
 
-use crate::hash::{digest_of_words, Digest, Domain};
+use crate::hash::Digest;
 use alloc::vec::Vec;
 use zk0_circuits::model::draw::Draw;
 use zk0_circuits::EvalSpec;
@@ -34,6 +34,6 @@ pub struct Statement {
 impl Statement {
     /// A digest of all of it, with which a transcript begins.
     pub fn digest(&self) -> Digest {
-        digest_of_words(Domain::Statement, &self.encode())
+        super::encoding::digest(&self.encode())
     }
 }

@@ -1,6 +1,8 @@
 //! The extension of degree 2 of [`Goldilocks`], with x² = 7: challenges come from its 2^128 elements, so that a cheat that has to hit one
 //! of a few of them has no chance.
 
+#[cfg(not(feature = "prove"))]
+use crate::field::goldilocks::{reduce, P};
 use crate::field::goldilocks::{Goldilocks, Products};
 use bytemuck::TransparentWrapper;
 use core::iter::Sum;
@@ -124,12 +126,14 @@ impl Mul for Extension {
         #[cfg(not(feature = "prove"))]
         {
             let ([a0, a1], [b0, b1]) = (self.0, other.0);
-            let (mut even, mut odd) = (Products::default(), Products::default());
-            even.add(a0, b0);
-            even.add(a1 * SQUARE, b1);
-            odd.add(a0, b1);
-            odd.add(a1, b0);
-            Self([even.reduce(), odd.reduce()])
+            // A product and seven times an element stay below 2^128.
+            let square = (a1 * b1).value() as u128 * SQUARE.value() as u128;
+            let even = a0.value() as u128 * b0.value() as u128 + square;
+            let [one, other] = [(a0, b1), (a1, b0)].map(|(a, b)| a.value() as u128 * b.value() as u128);
+            let (odd, carry) = one.overflowing_add(other);
+            // 2^128 = −2^32 in the field. After a carry the sum is below (p − 1)², so that this does not carry again.
+            let odd = if carry { odd + (P as u128 - (1 << 32)) } else { odd };
+            Self([reduce(even), reduce(odd)])
         }
     }
 }

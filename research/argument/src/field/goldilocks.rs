@@ -27,6 +27,16 @@ pub struct Goldilocks(u64);
 // SAFETY: an element is a u64 and nothing else, whatever the value.
 unsafe impl TransparentWrapper<u64> for Goldilocks {}
 
+/// `condition`, for which the guest takes a branch: a jump costs it one cycle, where a result that is masked out costs four.
+#[inline(always)]
+const fn branch(condition: bool) -> bool {
+    #[cfg(target_os = "zkvm")]
+    if condition {
+        core::hint::cold_path();
+    }
+    condition
+}
+
 /// `value` mod p, of 2^128 values.
 ///
 /// 2^64 = 2^32 − 1 and 2^96 = −1 in the field.
@@ -36,11 +46,11 @@ pub(crate) const fn reduce(value: u128) -> Goldilocks {
     let (low, high) = (value as u64, (value >> 64) as u64);
     let (top, middle) = (high >> 32, high & EPSILON);
     let (mut rest, borrow) = low.overflowing_sub(top);
-    if borrow {
+    if branch(borrow) {
         rest -= EPSILON; // After a borrow it is at least 2^64 − 2^32
     }
     let (mut sum, carry) = rest.overflowing_add(middle * EPSILON);
-    if carry {
+    if branch(carry) {
         sum += EPSILON; // After a carry it is below 2^64 − 2^33 + 1
     }
     Goldilocks::canonical(sum)
@@ -67,7 +77,7 @@ impl Goldilocks {
     /// Brings `value` below p.
     #[inline(always)]
     pub(crate) const fn canonical(value: u64) -> Self {
-        Self(if value >= P { value - P } else { value })
+        Self(if branch(value >= P) { value - P } else { value })
     }
 
     /// The element that `value` stands for. It has to be below 2^63 in magnitude, as every i64 is.
@@ -98,9 +108,11 @@ impl Goldilocks {
     /// The elements whose canonical values `words` are, or the place of the first word that is not below p.
     #[inline(always)]
     pub fn of_words(words: &[u64]) -> Result<&[Self], usize> {
-        match words.iter().position(|&word| word >= P) {
-            None => Ok(Self::wrap_slice(words)),
-            Some(place) => Err(place),
+        // The place is looked for in the rare case that there is one.
+        let wrong = words.iter().fold(false, |wrong, &word| wrong | (word >= P));
+        match wrong {
+            false => Ok(Self::wrap_slice(words)),
+            true => Err(words.iter().position(|&word| word >= P).unwrap_or_default()),
         }
     }
 
@@ -167,7 +179,7 @@ impl Add for Goldilocks {
         {
             let (sum, carry) = self.0.overflowing_add(other.0);
             // With a carry, the sum of two values below p stays below 2^64 − 2^33 + 2.
-            Self::canonical(if carry { sum + EPSILON } else { sum })
+            Self::canonical(if branch(carry) { sum + EPSILON } else { sum })
         }
     }
 }
@@ -185,7 +197,7 @@ impl Sub for Goldilocks {
             difference,
         ));
         #[cfg(not(feature = "prove"))]
-        Self(if borrow {
+        Self(if branch(borrow) {
             difference.wrapping_add(P)
         } else {
             difference
@@ -236,7 +248,7 @@ impl Sum for Goldilocks {
     }
 }
 
-/// A sum of products that is reduced once. It holds any number of products below 2^64.
+/// A sum of products that is reduced once. It holds up to 2^32 products.
 #[derive(Clone, Copy, Default)]
 pub struct Products {
     sum: u128,
@@ -256,6 +268,6 @@ impl Products {
     /// The sum as an element. 2^128 = −2^32 in the field.
     #[inline(always)]
     pub fn reduce(self) -> Goldilocks {
-        reduce(self.sum) - reduce((self.carries as u128) << 32)
+        reduce(self.sum) - Goldilocks::canonical(self.carries << 32)
     }
 }

@@ -6,6 +6,7 @@
 
 pub mod extension;
 pub mod goldilocks;
+pub mod small;
 #[cfg(feature = "prove")]
 pub mod lazy;
 

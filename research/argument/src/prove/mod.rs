@@ -256,7 +256,7 @@ fn contract(values: &[i64], parts: &Parts, ids: &[PartId]) -> Vec<Extension> {
     for &id in rest {
         let weights = parts.get(id).weights();
         let rows = sums.par_chunks_exact(weights.len());
-        let dot = |row: &[Extension]| row.iter().zip(&weights).map(|(&a, &b)| a * b).sum();
+        let dot = |row: &[Extension]| row.iter().zip(&weights[..]).map(|(&a, &b)| a * b).sum();
         sums = rows.map(dot).collect();
     }
     sums
@@ -301,7 +301,7 @@ fn monomials(
 ) -> Joined {
     let monomials = &tables.relations.monomials[number];
     let mut own = vec![power];
-    for (_, id) in weights {
+    for (_, id) in weights.iter() {
         own = outer(&own, &parts.get(*id).weights());
     }
     let size = 1 << tables.relations.size(&monomials.axes);

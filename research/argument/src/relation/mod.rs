@@ -20,7 +20,7 @@ use alloc::vec::Vec;
 use public::Public;
 
 /// An axis: its number in [`Relations::axes`].
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Axis(pub u8);
 
 /// What a tensor's values are taken from.

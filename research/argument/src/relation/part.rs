@@ -5,6 +5,7 @@
 
 use crate::field::{Extension, Goldilocks};
 use crate::multilinear::{eq, eq_bits, eq_table};
+use alloc::borrow::Cow;
 use alloc::collections::BTreeMap;
 use alloc::vec;
 use alloc::vec::Vec;
@@ -53,11 +54,11 @@ impl Part {
     }
 
     /// All weights.
-    pub fn weights(&self) -> Vec<Extension> {
+    pub fn weights(&self) -> Cow<'_, [Extension]> {
         match self {
-            Self::Point(point) => eq_table(point),
-            Self::Vector(weights) => weights.clone(),
-            Self::Ones(bits) => vec![Extension::ONE; 1 << bits],
+            Self::Point(point) => eq_table(point).into(),
+            Self::Vector(weights) => weights.into(),
+            Self::Ones(bits) => vec![Extension::ONE; 1 << bits].into(),
         }
     }
 
@@ -72,12 +73,21 @@ impl Part {
 }
 
 /// The number of a part.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub struct PartId(u32);
 
+impl PartId {
+    /// The number, counted from 0.
+    pub fn number(self) -> usize {
+        self.0 as usize
+    }
+}
+
 /// What follows from a part, for [`Parts`] to keep.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Derived {
+    /// All weights, written out.
+    Table,
     /// Multiplied with a vector of coefficients.
     Scaled(usize),
     /// Moved to another axis.
@@ -90,7 +100,8 @@ enum Derived {
 #[derive(Default)]
 pub struct Parts {
     parts: Vec<Part>,
-    derived: BTreeMap<(PartId, Derived), PartId>,
+    /// What was derived from each part.
+    derived: Vec<Vec<(Derived, PartId)>>,
     ones: BTreeMap<u32, PartId>,
 }
 
@@ -98,7 +109,13 @@ impl Parts {
     /// Keeps a part.
     pub fn add(&mut self, part: Part) -> PartId {
         self.parts.push(part);
+        self.derived.push(Vec::new());
         PartId(self.parts.len() as u32 - 1)
+    }
+
+    /// The number of parts.
+    pub fn count(&self) -> usize {
+        self.parts.len()
     }
 
     /// The part with this number.
@@ -111,11 +128,21 @@ impl Parts {
         self.get(id).total()
     }
 
+    /// The part with these weights, written out: a table of eq is computed once.
+    pub fn table(&mut self, id: PartId) -> PartId {
+        match self.get(id) {
+            Part::Vector(_) => id,
+            _ => self.derive(id, Derived::Table, |parts| parts.get(id).weights().into_owned()),
+        }
+    }
+
     /// The part whose weights are those of `id` times those of a public vector, which is number `number` of the statement.
     pub fn scaled(&mut self, id: PartId, number: usize, factors: &[Goldilocks]) -> PartId {
-        self.derive(id, Derived::Scaled(number), |part| {
-            let weights = part.weights().into_iter().zip(factors);
-            Part::Vector(weights.map(|(w, &factor)| w.scale(factor)).collect())
+        self.derive(id, Derived::Scaled(number), |parts| {
+            let table = parts.table(id);
+            let weights = parts.get(table).weights();
+            let scaled = weights.iter().zip(factors);
+            scaled.map(|(w, &factor)| w.scale(factor)).collect()
         })
     }
 
@@ -137,33 +164,40 @@ impl Parts {
         (number, map): (usize, &[Option<u16>]),
         bits: usize,
     ) -> PartId {
-        self.derive(id, Derived::Mapped(number), |part| {
+        self.derive(id, Derived::Mapped(number), |parts| {
+            let table = parts.table(id);
             let mut weights = vec![Extension::ZERO; 1 << bits];
-            for (weight, place) in part.weights().into_iter().zip(map) {
+            for (&weight, place) in parts.get(table).weights().iter().zip(map) {
                 if let Some(place) = place {
                     weights[*place as usize] += weight;
                 }
             }
-            Part::Vector(weights)
+            weights
         })
     }
 
     /// The part whose weights are products of those of two parts of one axis.
     pub fn times(&mut self, id: PartId, other: PartId) -> PartId {
-        let others = self.get(other).weights();
-        self.derive(id, Derived::Times(other), |part| {
-            let weights = part.weights().into_iter().zip(others);
-            Part::Vector(weights.map(|(a, b)| a * b).collect())
+        self.derive(id, Derived::Times(other), |parts| {
+            let tables = [parts.table(id), parts.table(other)];
+            let [own, others] = tables.map(|table| parts.get(table).weights());
+            own.iter().zip(&others[..]).map(|(&a, &b)| a * b).collect()
         })
     }
 
-    fn derive(&mut self, id: PartId, how: Derived, make: impl FnOnce(&Part) -> Part) -> PartId {
-        if let Some(&known) = self.derived.get(&(id, how)) {
-            return known;
+    fn derive(
+        &mut self,
+        id: PartId,
+        how: Derived,
+        make: impl FnOnce(&mut Self) -> Vec<Extension>,
+    ) -> PartId {
+        let mut known = self.derived[id.0 as usize].iter();
+        if let Some((_, known)) = known.find(|(own, _)| *own == how) {
+            return *known;
         }
-        let part = make(self.get(id));
-        let new = self.add(part);
-        self.derived.insert((id, how), new);
+        let weights = make(self);
+        let new = self.add(Part::Vector(weights));
+        self.derived[id.0 as usize].push((how, new));
         new
     }
 }

@@ -13,6 +13,10 @@ pub trait Public: Sync {
     fn value(&self, indices: &[usize]) -> Goldilocks;
     /// `Σ_b w(b)·T(b)`, where the weights are a part for each axis.
     fn at(&self, parts: &[&Part]) -> Extension;
+    /// Whether [`Self::at`] is quick for points. Others are given all weights, which the verifier has written out for other uses too.
+    fn likes_points(&self) -> bool {
+        false
+    }
 }
 
 /// A tensor that is written out.
@@ -49,8 +53,10 @@ impl Public for Written {
 
 /// What [`Public::at`] is, value by value, for a tensor with one axis.
 fn weighted_sum(public: &impl Public, parts: &[&Part]) -> Extension {
-    let weights = parts.first().map(|part| part.weights());
-    let weights = weights.into_iter().flatten().enumerate();
+    let Some(weights) = parts.first().map(|part| part.weights()) else {
+        return Extension::ZERO;
+    };
+    let weights = weights.iter().enumerate();
     weights
         .map(|(index, weight)| weight.scale(public.value(&[index])))
         .sum()
@@ -65,6 +71,10 @@ pub struct Affine {
 }
 
 impl Public for Affine {
+    fn likes_points(&self) -> bool {
+        true
+    }
+
     fn axes(&self) -> &[Axis] {
         &self.axis
     }
@@ -112,6 +122,10 @@ impl Ranges {
 }
 
 impl Public for Ranges {
+    fn likes_points(&self) -> bool {
+        true
+    }
+
     fn axes(&self) -> &[Axis] {
         &self.axis
     }

@@ -1,0 +1,86 @@
+//! The weights of the indices of some axes, and values that are known for some weights.
+
+use crate::field::Extension;
+use crate::relation::{Axis, PartId};
+use alloc::vec;
+use alloc::vec::Vec;
+use core::ops::{Deref, DerefMut};
+
+/// Most axes that a claim is about.
+const MOST: usize = 8;
+
+/// The weights of the indices of some axes. They are copied often, so that they lie in one piece and not in a vector.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Weights {
+    count: usize,
+    all: [(Axis, PartId); MOST],
+}
+
+impl Weights {
+    /// Adds an axis.
+    pub fn push(&mut self, axis: Axis, part: PartId) {
+        self.all[self.count] = (axis, part);
+        self.count += 1;
+    }
+
+    /// The part of an axis. The statement says that there is one.
+    pub fn part(&self, axis: Axis) -> PartId {
+        let found = self.iter().find(|(of, _)| *of == axis);
+        match found {
+            Some((_, part)) => *part,
+            None => unreachable!("relations are validated"),
+        }
+    }
+
+    /// The weights of these axes.
+    pub fn of<'a>(&self, axes: impl IntoIterator<Item = &'a Axis>) -> Self {
+        let mut own = Self::default();
+        for &axis in axes {
+            own.push(axis, self.part(axis));
+        }
+        own
+    }
+}
+
+impl Deref for Weights {
+    type Target = [(Axis, PartId)];
+
+    fn deref(&self) -> &Self::Target {
+        &self.all[..self.count]
+    }
+}
+
+impl DerefMut for Weights {
+    fn deref_mut(&mut self) -> &mut Self::Target {
+        &mut self.all[..self.count]
+    }
+}
+
+impl PartialEq for Weights {
+    fn eq(&self, other: &Self) -> bool {
+        self.count == other.count && self.iter().zip(other.iter()).all(|(a, b)| a == b)
+    }
+}
+
+impl Eq for Weights {}
+
+/// Values of tensors, each with some weights. There are few weights for each tensor.
+pub struct Known(Vec<Vec<(Weights, Extension)>>);
+
+impl Known {
+    /// For so many tensors.
+    pub fn new(count: usize) -> Self {
+        Self(vec![vec![]; count])
+    }
+
+    /// The value of a tensor.
+    pub fn get(&self, number: usize, weights: &Weights) -> Option<Extension> {
+        let known = self.0[number].iter().find(|(of, _)| of == weights);
+        known.map(|(_, value)| *value)
+    }
+
+    /// Keeps a value.
+    pub fn insert(&mut self, number: usize, weights: Weights, value: Extension) {
+        self.0[number].push((weights, value));
+    }
+}
