@@ -1,5 +1,5 @@
-//! Proves the losses of two random models natively, and verifies them: `full SIZE [SAMPLES]`, where SIZE is micro, middle or full.
-//! It prints the seconds of each step, and the most memory that was used up to then.
+//! Proves the losses of two random models natively, and verifies them: `full SIZE [SAMPLES [FOLDER]]`, where SIZE is micro, middle or full.
+//! It writes the inputs of the guest program into the folder, if there is one. It prints the seconds of each step, and the most memory that was used up to then.
 
 use std::error::Error;
 use std::fs;
@@ -118,6 +118,13 @@ fn main() -> Result<(), Box<dyn Error>> {
     let published = measured("verifier", || verify(&statement, &proof))?;
     println!("{} claims are left", published.claims.len());
     measured("claims", || published.holds(&witness.weights, &witness.tables))?;
+    if let Some(folder) = arguments.next() {
+        fs::create_dir_all(&folder)?;
+        for (name, words) in [("0.bin", &statement.encode()), ("1.bin", &proof)] {
+            let bytes: Vec<u8> = words.iter().flat_map(|word| word.to_le_bytes()).collect();
+            fs::write(std::path::Path::new(&folder).join(name), bytes)?;
+        }
+    }
     println!("all of it: {:.2?}", begin.elapsed());
     Ok(())
 }
