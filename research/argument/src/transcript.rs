@@ -64,6 +64,7 @@ impl Said {
     }
 
     /// A copy, with which to try what would be drawn.
+    #[cfg(feature = "prove")]
     fn fork(&self) -> Self {
         Self {
             sponge: self.sponge.clone(),
@@ -300,8 +301,9 @@ fn is_pair(word: u64) -> bool {
 
 /// Proofs of work: they make it costly to try challenges over and over until one suits a cheat.
 pub mod work {
-    use super::{bits, require, Prover, Refused, Verifier};
-    use crate::field::Goldilocks;
+    use super::{bits, require, Refused, Verifier};
+    #[cfg(feature = "prove")]
+    use super::{Goldilocks, Prover};
 
     /// Finds and says a number after which the next draw begins with `bits` zeros.
     #[cfg(feature = "prove")]
