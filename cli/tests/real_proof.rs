@@ -107,8 +107,11 @@ fn a_federation_ends_with_a_proven_contribution_and_a_refused_one() {
     assert_eq!(metrics["global"][0]["weights"], digest.as_str());
     // The loss falls on the recording of the honest node.
     let losses = metrics["global"][0]["losses"].as_array().unwrap();
-    let whose: Vec<_> = losses.iter().map(|loss| &loss["trained_by"]).collect();
-    assert_eq!(whose, [&Value::from("node-1"), &Value::Null]);
+    let whose = losses.iter().map(|loss| (&loss["node"], &loss["trains"]));
+    let whose: Vec<_> = whose.collect();
+    let (node, lazy, nobody) = (Value::from("node-1"), Value::from("node-2"), Value::Null);
+    let (yes, no) = (Value::from(true), Value::from(false));
+    assert_eq!(whose, [(&node, &yes), (&lazy, &no), (&nobody, &no)]);
     let loss = |key: &str| losses[0][key].as_f64().unwrap();
     assert!(loss("after") < loss("before"), "{}", losses[0]);
     let recorded = &metrics["global"][0]["recorded"];

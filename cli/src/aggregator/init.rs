@@ -90,6 +90,12 @@ pub fn found(options: &Init) -> Result<()> {
         .samples(rules.public_samples, &file, &evaluation)?;
     let (rule, public_samples) = public.unzip();
     rules.public_samples = rule;
+    if rules.public_samples.is_none() {
+        tracing::warn!(
+            "the rules name no public samples, so that nobody evaluates a round's result before it becomes the new global weights: \
+             add --public-recording with a recording that no node has"
+        );
+    }
     let founding = Founding {
         name: options.name.clone(),
         nonce: keys::random()?,

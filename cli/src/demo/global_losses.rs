@@ -1,4 +1,4 @@
-//! The losses of a network's global weights, on the recordings of its nodes and on one that nobody trained on.
+//! The losses of a network's global weights, on the recordings of its nodes and on one that no node has.
 
 use anyhow::Result;
 use serde::Serialize;
@@ -24,8 +24,10 @@ const MAX_WEIGHTS: u64 = 1 << 30;
 pub struct Evaluated {
     /// The recording.
     pub path: PathBuf,
-    /// The honest node that trains on it; `None` if nobody does.
-    pub trained_by: Option<String>,
+    /// The node that it is the recording of; `None` if it is no node's.
+    pub node: Option<String>,
+    /// Whether the node trains on it, as honest nodes do.
+    pub trains: bool,
 }
 
 /// A round's result.
@@ -48,8 +50,10 @@ pub struct Global {
 pub struct GlobalLoss {
     /// The name of the recording's folder.
     pub recording: String,
-    /// The honest node that trains on it; `None` if nobody does.
-    pub trained_by: Option<String>,
+    /// The node that it is the recording of; `None` if it is no node's.
+    pub node: Option<String>,
+    /// Whether the node trains on it, as honest nodes do.
+    pub trains: bool,
     /// Under the base.
     pub before: f64,
     /// Under the result.
@@ -58,8 +62,12 @@ pub struct GlobalLoss {
 
 impl GlobalLoss {
     /// Whose recording it is, in a word or two.
-    pub fn whose(&self) -> &str {
-        self.trained_by.as_deref().unwrap_or("unseen")
+    pub fn whose(&self) -> String {
+        match &self.node {
+            Some(node) if self.trains => node.clone(),
+            Some(node) => format!("{node} (lazy)"),
+            None => "unseen".into(),
+        }
     }
 }
 
@@ -117,7 +125,8 @@ pub fn global(
         let pairs = recordings.iter().zip(before.iter().zip(&after));
         let losses = pairs.map(|(one, (before, after))| GlobalLoss {
             recording: one.name.clone(),
-            trained_by: one.trained_by.clone(),
+            node: one.node.clone(),
+            trains: one.trains,
             before: *before,
             after: *after,
         });
@@ -139,7 +148,8 @@ pub fn global(
 /// A recording, with fixed noise and times.
 struct Prepared {
     name: String,
-    trained_by: Option<String>,
+    node: Option<String>,
+    trains: bool,
     config: PolicyConfig,
     samples: Vec<PreparedSample>,
     draws: Vec<evaluate::FlowDraw>,
@@ -156,7 +166,8 @@ impl Prepared {
         let name = path.file_name().unwrap_or(path.as_os_str());
         Ok(Self {
             name: name.to_string_lossy().into_owned(),
-            trained_by: recording.trained_by.clone(),
+            node: recording.node.clone(),
+            trains: recording.trains,
             config,
             samples,
             draws,

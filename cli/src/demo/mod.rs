@@ -43,8 +43,8 @@ pub struct Options {
     #[arg(long = "dataset", default_values = [
         "tests/fixtures/datasets/so100_pickplace",
         "tests/fixtures/datasets/so100_stacking",
-        "tests/fixtures/datasets/so101_pickplace",
-        "tests/fixtures/datasets/so100_sorting",
+        "tests/fixtures/datasets/so100_sorting_two",
+        "tests/fixtures/datasets/so100_sorting_four",
     ])]
     datasets: Vec<PathBuf>,
     /// A real proof of another claim. The node that cheats submits it as its own.
@@ -174,16 +174,18 @@ pub async fn run(options: &Options) -> Result<()> {
     aggregator.stop().await;
 
     console.say("the ledger is audited, as an outsider would do it");
-    let honest = options.datasets.iter().zip(&names).take(count - 1);
-    let trained = honest.map(|(path, name)| Evaluated {
+    let own = options.datasets.iter().zip(&names).enumerate();
+    let own = own.map(|(number, (path, name))| Evaluated {
         path: path.clone(),
-        trained_by: Some(name.clone()),
+        node: Some(name.clone()),
+        trains: number + 1 < count,
     });
     let unseen = unseen.map(|path| Evaluated {
         path: path.clone(),
-        trained_by: None,
+        node: None,
+        trains: false,
     });
-    let recordings: Vec<_> = trained.chain(unseen).collect();
+    let recordings: Vec<_> = own.chain(unseen).collect();
     results::finish(&out, &network, &names, &recordings, &console)
 }
 
