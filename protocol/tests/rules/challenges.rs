@@ -358,7 +358,8 @@ fn a_node_that_grinds_signatures_and_times_gains_nothing() {
             let body = Body::UpdateCommitted(signed.clone());
             let committing = entry(chain.time_ms + late_ms, body);
             let leaf = merkle::leaf_hash(&committing.encode().unwrap());
-            let root = merkle::root(&[&before[..], &[leaf]].concat());
+            let mut leaves = [&before[..], &[leaf]].concat();
+            let root = merkle::root(&leaves);
             let index = chain.state.entries();
             old.push(challenge_of_the_entry(&network, &id(0), index, &root));
             let mut tried = Chain {
@@ -368,7 +369,12 @@ fn a_node_that_grinds_signatures_and_times_gains_nothing() {
             tried.state.apply(&root, &committing).unwrap();
             let unknown = tried.state.expected_claim(&id(0));
             assert_eq!(unknown, Err(Refusal::NoRandomness { round: 0 }));
-            tried.close_commitments();
+            // The closing too has the root of the whole tree, which every try changes.
+            let body = Body::CommitmentsClosed(commitments_closed(&tried.state));
+            tried.time_ms += 1;
+            let closing = entry(tried.time_ms, body);
+            leaves.push(merkle::leaf_hash(&closing.encode().unwrap()));
+            tried.state.apply(&merkle::root(&leaves), &closing).unwrap();
             closings.insert(tried.state.round().unwrap().closing.unwrap().commitments);
             tried.apply(Body::RandomnessDrawn(drawn(&tried.state)));
             new.insert(challenge_of(&tried.state, 0));

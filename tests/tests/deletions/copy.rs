@@ -1,6 +1,7 @@
 //! A copy of the workspace, from which checks are removed one at a time.
 
 use crate::Removal;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -70,16 +71,47 @@ impl Copy {
             source = source.replace(code, left);
         }
         write(&place, source);
-        let outcome = self.run(removal);
+        let ran = self.run(removal.package, removal.target, &[removal.test]);
         write(&place, whole);
-        outcome
+        match ran.outcomes(removal.test).contains(&false) {
+            true => Outcome::Red,
+            false if ran.succeeded => Outcome::NotRed,
+            false => Outcome::NotTried(ran.printed + &ran.errors),
+        }
     }
 
-    fn run(&self, removal: &Removal) -> Outcome {
+    /// Runs the tests of `removals` on the copy as it is, and returns what is wrong with them: a test that fails here anyway, or that is
+    /// not there, shows nothing when a check is gone. Tests of one file run together.
+    pub fn unchanged(&self, removals: &[&Removal]) -> Vec<String> {
+        let mut files = BTreeMap::<_, BTreeSet<_>>::new();
+        for removal in removals {
+            let file = (removal.package, removal.target);
+            files.entry(file).or_default().insert(removal.test);
+        }
+        let mut wrong = vec![];
+        for ((package, target), tests) in files {
+            let tests: Vec<_> = tests.into_iter().collect();
+            let ran = self.run(package, target, &tests);
+            let passes = |test: &&str| matches!(ran.outcomes(test)[..], [true, ..]);
+            let fail = tests.iter().filter(|test| !passes(test));
+            let fail: Vec<_> = fail.copied().collect();
+            if !fail.is_empty() {
+                let fail = fail.join(", ");
+                wrong.push(format!(
+                    "these tests of {package}, {target}, do not pass on the unchanged copy: {fail}\n{}{}",
+                    ran.printed, ran.errors
+                ));
+            }
+        }
+        wrong
+    }
+
+    /// Runs tests of one file, by their names.
+    fn run(&self, package: &str, target: &str, tests: &[&str]) -> Ran {
         let mut cargo = Command::new(env!("CARGO"));
         cargo.args(["test", "--release", "--locked", "--offline"]);
-        match removal.package {
-            light @ ("zk0-protocol" | "zk0-weights") => {
+        match package {
+            light @ ("zk0-circuits" | "zk0-protocol" | "zk0-weights") => {
                 cargo.args(["--package", light]);
             }
             // What links SP1 is built with the features of the whole workspace, so that SP1 is built once.
@@ -88,28 +120,41 @@ impl Copy {
             }
         }
         let output = cargo
-            .args(["--test", removal.target, removal.test])
+            .args(["--test", target, "--"])
+            .args(tests)
             .env("CARGO_BUILD_BUILD_DIR", &self.build)
             .env("CARGO_TARGET_DIR", &self.binaries)
             .current_dir(&self.folder)
             .output()
             .expect("cargo runs");
-        let printed = String::from_utf8_lossy(&output.stdout);
-        let of_the_test = printed.lines().filter(|line| {
-            let name = line
-                .strip_prefix("test ")
-                .and_then(|rest| rest.split(' ').next());
-            name.and_then(|name| name.rsplit("::").next()) == Some(removal.test)
-        });
-        let mut outcomes = of_the_test.map(|line| line.ends_with("FAILED"));
-        match outcomes.any(|failed| failed) {
-            true => Outcome::Red,
-            false if output.status.success() => Outcome::NotRed,
-            false => {
-                let errors = String::from_utf8_lossy(&output.stderr);
-                Outcome::NotTried(format!("{printed}{errors}"))
-            }
+        Ran {
+            succeeded: output.status.success(),
+            printed: String::from_utf8_lossy(&output.stdout).into_owned(),
+            errors: String::from_utf8_lossy(&output.stderr).into_owned(),
         }
+    }
+}
+
+/// What a run of tests printed.
+struct Ran {
+    succeeded: bool,
+    printed: String,
+    errors: String,
+}
+
+impl Ran {
+    /// Whether the test with this name passed, once for each module that has such a test; failures come first.
+    fn outcomes(&self, test: &str) -> Vec<bool> {
+        let of_the_test = self.printed.lines().filter_map(|line| {
+            let rest = line.strip_prefix("test ")?;
+            let (name, outcome) = rest.split_once(" ... ")?;
+            let name = name.trim_end_matches(" - should panic");
+            let is_it = name.rsplit("::").next() == Some(test);
+            (is_it && outcome != "ignored").then_some(outcome == "ok")
+        });
+        let mut outcomes: Vec<_> = of_the_test.collect();
+        outcomes.sort();
+        outcomes
     }
 }
 
