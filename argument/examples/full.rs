@@ -5,7 +5,7 @@ use std::error::Error;
 use std::fs;
 use std::time::Instant;
 use zk0_argument::expert::argument::{prove::prove, verify};
-use zk0_argument::expert::layers::Expert;
+use zk0_argument::expert::evaluation::layers::Expert;
 use zk0_argument::expert::witness::{evaluate, Witness};
 use zk0_circuits::model::draw::draw;
 use zk0_circuits::model::layout::expert_tensors;

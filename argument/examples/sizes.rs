@@ -1,7 +1,7 @@
 //! Prints how large an argument is at SmolVLA's full size: `sizes [SAMPLES]`.
 
 use std::error::Error;
-use zk0_argument::expert::layers::Expert;
+use zk0_argument::expert::evaluation::layers::Expert;
 use zk0_argument::expert::sizes::Sizes;
 use zk0_argument::expert::statement::{Evaluated, Statement};
 use zk0_argument::protocol::Layout;

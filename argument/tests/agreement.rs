@@ -5,7 +5,7 @@ mod models;
 use models::claims::Random;
 use models::Models;
 use rayon::prelude::*;
-use zk0_argument::expert::layers::Expert;
+use zk0_argument::expert::evaluation::layers::Expert;
 use zk0_argument::expert::witness::{evaluate, Unprovable, Witness};
 use zk0_argument::prove::{check, Computed, Tables};
 use zk0_circuits::model::spec::Dims;

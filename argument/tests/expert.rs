@@ -6,7 +6,7 @@ use models::claims::Random;
 use models::Models;
 use zk0_argument::expert::argument::{prove::prove, verify, Published};
 use zk0_argument::expert::builder::{MAIN, WEIGHTS};
-use zk0_argument::expert::layers::Expert;
+use zk0_argument::expert::evaluation::layers::Expert;
 use zk0_argument::expert::sizes::P;
 use zk0_argument::expert::statement::Statement;
 use zk0_argument::expert::witness::{evaluate, Witness};
@@ -126,7 +126,7 @@ fn a_changed_word_is_refused() {
     let mut random = Random(6);
     for _ in 0..150 {
         // Half of the words that are tried are before the openings, which are most of the proof.
-        let among = proof.len() >> (random.bits() & 1) * 4;
+        let among = proof.len() >> ((random.bits() & 1) * 4);
         let word = random.bits() as usize % among;
         let mut changed = proof.clone();
         changed[word] ^= 1;

@@ -5,11 +5,12 @@
 
 pub mod columns;
 
-use super::query::cap_bits;
-use super::{combination, work, Parameters, CAP, FOLDS, SIBLINGS, WORK};
+use super::combination;
+use super::parameters::{cap_bits, Parameters, CAP, FOLDS, SIBLINGS, WORK};
 use crate::field::{Extension, Goldilocks};
 use crate::hash::Digest;
 use crate::multilinear::{bind, eq_table};
+use crate::transcript::work;
 use crate::transcript::{Challenges, Prover};
 use crate::tree::prove::{leaves, parents, Tree};
 use bytemuck::TransparentWrapper;

@@ -1,6 +1,6 @@
 //! One query of an opening: what is folded is followed from a row to the last message.
 
-use super::{CAP, FOLDS, SIBLINGS};
+use super::parameters::{cap_bits, FOLDS, SIBLINGS};
 use crate::field::{Extension, Goldilocks};
 use crate::hash::Digest;
 use crate::transcript::{require, Refused, Verifier};
@@ -135,9 +135,4 @@ fn power(squares: &[Goldilocks], exponent: usize) -> Goldilocks {
         .enumerate()
         .filter(|(bit, _)| exponent >> bit & 1 == 1);
     chosen.fold(Goldilocks::ONE, |product, (_, &square)| product * square)
-}
-
-/// Binary logarithm of the digests in the cap of a folded codeword's tree of 2^`leaves` leaves.
-pub fn cap_bits(leaves: u32) -> u32 {
-    CAP.min(leaves)
 }

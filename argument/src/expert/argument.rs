@@ -4,7 +4,7 @@
 //! ([`Published::holds`]).
 
 use super::builder::{DATA, MAIN};
-use super::layers::Expert;
+use super::evaluation::layers::Expert;
 use super::sizes::S;
 use super::statement::Statement;
 use crate::commitment::{self, Parameters, Rate, Segment};

@@ -108,7 +108,7 @@ impl Statement {
         words
     }
 
-    /// Reads an encoding, and checks all that [`super::layers::Expert`] relies on.
+    /// Reads an encoding, and checks all that [`super::evaluation::layers::Expert`] relies on.
     pub fn decode(words: &[u64]) -> Result<Self, NotAStatement> {
         let mut reader = Reader(words);
         let length = usize::try_from(reader.word()?).map_err(|_| NotAStatement::Encoding)?;

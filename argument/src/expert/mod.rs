@@ -4,20 +4,15 @@
 //! - [`statement`]: what is shown, and [`encoding`] its words. [`sizes`]: the axes of tensors. [`publics`], [`rotations`]: what both sides compute.
 //! - [`builder`]: commits to tensors, and says what holds of them.
 //! - [`argument`]: the whole argument, of the prover and of the verifier.
-//! - [`layers`]: the whole evaluation; [`norm`] and [`attention`] are parts of it. [`weights`]: where the weights lie.
+//! - [`evaluation`]: what holds of each step of it. [`weights`]: where the weights lie.
 //!
 //! **What is not checked yet.** Values of a sample that the evaluation does not read may be anything. A base that overflows has no proof.
 //! Scores may exceed 32 bits, where mode `direct` refuses them.
 
 pub mod argument;
-pub mod attention;
 pub mod builder;
 pub mod encoding;
-pub mod layers;
-pub mod linear;
-pub mod norm;
-mod outcome;
-mod projections;
+pub mod evaluation;
 pub mod publics;
 pub mod rotations;
 pub mod sizes;

@@ -81,14 +81,13 @@ impl Sizes {
         let layers = dims.layers as usize;
         let (mut of_itself, mut cross) = (0, 0);
         let kind = |layer: usize| {
-            let next = if dims.is_self_attention(layer) {
+            if dims.is_self_attention(layer) {
                 of_itself += 1;
                 Kind::OfItself(of_itself - 1)
             } else {
                 cross += 1;
                 Kind::Cross(cross - 1)
-            };
-            next
+            }
         };
         let kinds: Vec<Kind> = (0..layers).map(kind).collect();
         let of = |value: u32| bits(value as usize);

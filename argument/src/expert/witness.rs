@@ -1,8 +1,8 @@
 //! The prover's values: those of samples and weights, the residual stream as [`super::trace`] gives it, and all others from the relations.
 
 use super::builder::{DATA, MAIN, TABLES, WEIGHTS};
-use super::layers::Expert;
-use super::linear::gated;
+use super::evaluation::layers::Expert;
+use super::evaluation::linear::gated;
 use super::sizes::{Sizes, L, M, N, T};
 use super::statement::{Evaluated, Statement};
 use super::trace::{trace, Kept};

@@ -1,6 +1,8 @@
 //! The values of committed tensors, computed step by step from the relations that they have to obey.
 
-use super::{count, numbers, Computed, NotInTable, Tables, Values};
+use super::looked_up::{count, NotInTable};
+use super::tables::{Computed, Tables};
+use super::values::{numbers, Values};
 use crate::relation::along::Along;
 use crate::relation::Committed;
 use crate::relation::{Axis, Count, Linear, Relations};

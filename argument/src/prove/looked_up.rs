@@ -1,6 +1,6 @@
 //! Look-ups: how often each row of a table is looked up, and the fractions that show it.
 
-use super::Tables;
+use super::tables::Tables;
 use crate::field::{Extension, Goldilocks};
 use crate::fractions::prove::Stored;
 use crate::protocol::{Fold, Layout};

@@ -1,6 +1,6 @@
 //! All values of tensors that nobody commits to.
 
-use super::Values;
+use super::values::Values;
 use crate::relation::{Atom, Axis, Factor, Index, Linear, Relations, View};
 use rayon::prelude::*;
 use std::collections::BTreeMap;

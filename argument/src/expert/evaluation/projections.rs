@@ -1,12 +1,12 @@
 //! Queries, keys and values of all layers: projections, and the rotations of queries and keys.
 
 use super::attention::Attention;
-use super::builder::{times, Builder};
 use super::layers::Building;
 use super::linear::{Factor, Layer, Which};
-use super::publics::number;
-use super::sizes::*;
-use super::weights::Flat;
+use crate::expert::builder::{times, Builder};
+use crate::expert::publics::number;
+use crate::expert::sizes::*;
+use crate::expert::weights::Flat;
 use crate::relation::along::Along;
 use crate::relation::Committed;
 use crate::relation::Factor as MonomialFactor;

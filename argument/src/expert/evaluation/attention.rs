@@ -4,9 +4,9 @@
 //! `2^(−d)` from a table, `d = ⌊((m − s)·factor + 2^(shift−1)) / 2^shift⌋`. Here `g = ⌊(m − s)·factor / 2^(shift−1)⌋` is committed to. Then
 //! `d = ⌊(g + 1)/2⌋`, and g ≥ 0 shows that no score is above m. That m is one of the scores is shown by a look-up among them.
 
-use super::builder::{one, power_of_two, times, Builder, Tag};
-use super::publics::number;
-use super::sizes::{D, H, N, P, S, T};
+use crate::expert::builder::{one, power_of_two, times, Builder, Tag};
+use crate::expert::publics::number;
+use crate::expert::sizes::{D, H, N, P, S, T};
 use crate::relation::along::Along;
 use crate::relation::Committed;
 use crate::relation::{Atom, Count, Factor, Monomials, Product, Summed};
@@ -43,7 +43,7 @@ pub struct Attention {
 
 impl Attention {
     /// Adds the attention. Returns what it gives, `[T, N, H, D, S]`.
-    pub fn add(self, builder: &mut Builder) -> Committed {
+    pub fn relate(self, builder: &mut Builder) -> Committed {
         let each = [T, N, H, P, S];
         let rows = [T, N, H, S];
         builder.relations.products.push(Product {
@@ -204,7 +204,7 @@ mod fill {
                 let Some(most) = most else { continue };
                 *largest = most;
                 for at in visible {
-                    let distance = (*largest - scores[at]) * factor >> shifts[at];
+                    let distance = ((*largest - scores[at]) * factor) >> shifts[at];
                     all[0][at] = distance;
                     all[1][at] = exp2_negative((distance as u64 + 1) >> 1) as i64;
                 }

@@ -1,11 +1,11 @@
 //! The whole evaluation, from the noised action to the loss.
 
-use super::builder::{bits_of, one, power_of_two, times, Builder, DATA};
 use super::linear::{add_residual, gate, Factor, Layer, Source, Which};
 use super::norm::Norm;
-use super::publics::number;
-use super::sizes::*;
-use super::weights::{Flat, Matrices, Matrix};
+use crate::expert::builder::{bits_of, one, power_of_two, times, Builder, DATA};
+use crate::expert::publics::number;
+use crate::expert::sizes::*;
+use crate::expert::weights::{Flat, Matrices, Matrix};
 use crate::relation::along::Along;
 use crate::relation::Committed;
 use crate::relation::Factor as MonomialFactor;
@@ -17,7 +17,7 @@ use zk0_circuits::model::layout::Layout;
 use zk0_circuits::model::linear::{first_of_layer, place, Linear};
 use zk0_circuits::model::spec::LayerScales;
 
-use super::statement::Statement;
+use crate::expert::statement::Statement;
 use Index::{Mapped, Of};
 
 const TOKENS: Count = Count::Masked(number::TOKENS);
@@ -73,7 +73,7 @@ impl Expert {
         let linears = zk0_circuits::model::linear::linears(spec);
         let layout = Layout::new(&spec.dims);
         let mut builder = Builder::new(sizes);
-        builder.relations.publics = super::publics::all(statement, &builder.sizes);
+        builder.relations.publics = crate::expert::publics::all(statement, &builder.sizes);
         let building = Building {
             builder,
             source: Source {
@@ -299,7 +299,7 @@ impl Building<'_> {
             bits,
             count: TOKENS,
         };
-        norm.add(&mut self.builder)
+        norm.relate(&mut self.builder)
     }
 
     fn layers(
@@ -340,7 +340,7 @@ impl Building<'_> {
 
         let mut attention = self.projections(normed, keys, values, query.clone());
         attention.score_bits = self.per_layer(|scales| scales.query + scales.key);
-        let attended = attention.add(&mut self.builder);
+        let attended = attention.relate(&mut self.builder);
         let out = self.add(Layer {
             name: "attention out",
             axes: &stream,

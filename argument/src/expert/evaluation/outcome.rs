@@ -1,12 +1,12 @@
 //! What comes of the residual stream: the velocity and the loss. And the tables that all of the evaluation looks things up in.
 
-use super::builder::{one, times, Tag, TABLES};
 use super::layers::{norm_shift, Building, HEAD_TENSORS, LAYER_TENSORS};
 use super::linear::{Factor, Layer};
 use super::norm::Norm;
-use super::publics::number;
-use super::sizes::*;
-use super::weights::Flat;
+use crate::expert::builder::{one, times, Tag, TABLES};
+use crate::expert::publics::number;
+use crate::expert::sizes::*;
+use crate::expert::weights::Flat;
 use crate::relation::along::Along;
 use crate::relation::Factor as MonomialFactor;
 use crate::relation::{Atom, Committed, Count, Equality, Index, Monomials};
@@ -44,7 +44,7 @@ impl Building<'_> {
             bits,
             count: TOKENS,
         };
-        let normed = norm.add(&mut self.builder);
+        let normed = norm.relate(&mut self.builder);
         let linear = first_of_layer(layers);
         let rows = self.linear(linear).outputs[0].rows;
         self.add(Layer {

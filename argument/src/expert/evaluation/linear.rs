@@ -1,10 +1,10 @@
 //! Linear layers: sums of products with the weights, shifted to the scale of their outputs
 //! ([`zk0_circuits::model::linear`]).
 
-use super::builder::{one, power_of_two, times, Builder};
-use super::publics::number;
-use super::statement::Statement;
-use super::weights::{Flat, Matrices, Matrix};
+use crate::expert::builder::{one, power_of_two, times, Builder};
+use crate::expert::publics::number;
+use crate::expert::statement::Statement;
+use crate::expert::weights::{Flat, Matrices, Matrix};
 use crate::relation::along::Along;
 use crate::relation::Committed;
 use crate::relation::{Atom, Axis, Count, Product};
@@ -207,7 +207,7 @@ pub fn gate(
             filling.set(result, &axes, &values);
         });
     }
-    let tag = bits.map(|bits| super::builder::Tag::Gate(bits as u8).number());
+    let tag = bits.map(|bits| crate::expert::builder::Tag::Gate(bits as u8).number());
     let tag = vec![builder.scaled(&tag, 1, Atom::One)];
     let columns = [vec![one(gate.atom())], vec![one(result.atom())], vec![]];
     builder.look_up(name, axes, Count::Masked(number::TOKENS), columns, tag);

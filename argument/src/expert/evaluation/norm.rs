@@ -4,8 +4,8 @@
 //! `reciprocal = ⌊2^(39 + bits)/root⌋`, and the result is `x · gain · reciprocal`, shifted with rounding. S is at most 2^44 and the mean below
 //! 2^62 + 2^46, so that no equation below reaches the modulus.
 
-use super::builder::{one, power_of_two, times, Builder};
-use super::sizes::{F, S};
+use crate::expert::builder::{one, power_of_two, times, Builder};
+use crate::expert::sizes::{F, S};
 use crate::relation::along::Along;
 use crate::relation::Committed;
 use crate::relation::{Atom, Axis, Count, Factor, Monomials};
@@ -38,7 +38,7 @@ pub struct Norm<'a> {
 
 impl Norm<'_> {
     /// Adds the norm. Returns the results, on the rows' axes with that of the values before the samples'.
-    pub fn add(self, builder: &mut Builder) -> Committed {
+    pub fn relate(self, builder: &mut Builder) -> Committed {
         let (name, count) = (self.name, self.count);
         let rows = [self.rows, &[S]].concat();
         let all = [self.rows, &[F, S]].concat();
