@@ -1,13 +1,9 @@
 //! Arithmetic for the prover's inner loops: results are brought below the modulus as late as possible, and without branches.
 
+use super::coefficients::{product, wrapping_sum, SQUARE, WRAPPED};
 use super::extension::Extension;
 use super::goldilocks::{reduce, Goldilocks, P};
 use core::hint::select_unpredictable;
-
-/// x² of the extension.
-const SQUARE: u128 = 7;
-/// 2^128 mod p, which is −2^32.
-const WRAPPED: u128 = P as u128 - (1 << 32);
 
 /// A sum of products of 64 bits each, of which there are up to 2^32.
 #[derive(Clone, Copy, Default)]
@@ -113,30 +109,6 @@ impl Factor {
             reduce(product(f1, difference)),
         ])
     }
-}
-
-/// `a · b`.
-#[inline(always)]
-pub(super) fn multiply(a: Extension, b: Extension) -> Extension {
-    let ([a0, a1], [b0, b1]) = (a.0, b.0);
-    let square = reduce(product(a1, b1)).value() as u128 * SQUARE;
-    Extension([
-        reduce(product(a0, b0) + square), // stays below 2^128
-        reduce(wrapping_sum(product(a0, b1), product(a1, b0))),
-    ])
-}
-
-#[inline(always)]
-fn product(a: Goldilocks, b: Goldilocks) -> u128 {
-    a.value() as u128 * b.value() as u128
-}
-
-/// A value that is `a + b` in the field, where `b` is a product of two elements.
-#[inline(always)]
-fn wrapping_sum(a: u128, b: u128) -> u128 {
-    let (sum, carry) = a.overflowing_add(b);
-    // After a carry the sum is below (p − 1)², so that this does not carry again.
-    select_unpredictable(carry, sum.wrapping_add(WRAPPED), sum)
 }
 
 #[cfg(test)]

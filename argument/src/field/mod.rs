@@ -4,6 +4,8 @@
 //! The prime is above 2^63: sums of products of int16 values never reach it. An equation in the field between such sums is therefore the
 //! equation between the integers.
 
+#[cfg(feature = "prove")]
+mod coefficients;
 pub mod extension;
 pub mod goldilocks;
 #[cfg(feature = "prove")]
