@@ -6,7 +6,7 @@ use core::hint::select_unpredictable;
 /// x² of the extension.
 pub const SQUARE: u128 = 7;
 /// 2^128 mod p, which is −2^32.
-pub const WRAPPED: u128 = P as u128 - (1 << 32);
+const WRAPPED: u128 = P as u128 - (1 << 32);
 
 /// The coefficients of the product of two elements with these coefficients.
 #[inline(always)]

@@ -1,9 +1,8 @@
 //! Arithmetic for the prover's inner loops: results are brought below the modulus as late as possible, and without branches.
 
-use super::coefficients::{product, wrapping_sum, SQUARE, WRAPPED};
+use super::coefficients::{product, wrapping_sum, SQUARE};
 use super::extension::Extension;
-use super::goldilocks::{reduce, Goldilocks, P};
-use core::hint::select_unpredictable;
+use super::goldilocks::{reduce, Goldilocks};
 
 /// A sum of products of 64 bits each, of which there are up to 2^32.
 #[derive(Clone, Copy, Default)]

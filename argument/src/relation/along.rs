@@ -1,6 +1,6 @@
 //! Numbers that differ along an axis, as scales do from layer to layer.
 
-use super::Axis;
+use super::axis::Axis;
 use alloc::vec::Vec;
 
 /// A number that may differ along an axis.

@@ -9,19 +9,17 @@
 //! - a [`Lookup`] says that each entry of a tensor is a row of a table; an [`Equality`] says that each value of a tensor is zero.
 
 pub mod along;
+mod axis;
 mod part;
 pub mod public;
 
+pub use axis::Axis;
 pub use part::{Part, PartId, Parts};
 
 use crate::field::Goldilocks;
 use alloc::boxed::Box;
 use alloc::vec::Vec;
 use public::Public;
-
-/// An axis: its number in [`Relations::axes`].
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Axis(pub u8);
 
 /// What a tensor's values are taken from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]

@@ -1,6 +1,7 @@
 //! Tensors that both sides compute, and that the verifier evaluates at a point.
 
-use super::{Axis, Part};
+use super::axis::Axis;
+use super::part::Part;
 use crate::field::{Extension, Goldilocks};
 use crate::multilinear::outer;
 use alloc::vec::Vec;
