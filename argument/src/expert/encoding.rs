@@ -80,6 +80,11 @@ impl<'a> Reader<'a> {
 }
 
 impl Statement {
+    /// A digest of all of it, with which a transcript begins.
+    pub fn digest(&self) -> Digest {
+        digest(&self.encode())
+    }
+
     /// The encoding.
     pub fn encode(&self) -> Vec<u64> {
         let spec = self.spec.encode();

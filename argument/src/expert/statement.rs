@@ -1,6 +1,5 @@
 //! What an argument shows: the losses of two models on samples, by the evaluation of [`zk0_circuits::model::eval`].
 
-use crate::hash::Digest;
 use alloc::vec::Vec;
 use zk0_circuits::model::draw::Draw;
 use zk0_circuits::EvalSpec;
@@ -29,11 +28,4 @@ pub struct Statement {
     pub scales: [Vec<i16>; 2],
     /// The samples.
     pub samples: Vec<Evaluated>,
-}
-
-impl Statement {
-    /// A digest of all of it, with which a transcript begins.
-    pub fn digest(&self) -> Digest {
-        super::encoding::digest(&self.encode())
-    }
 }

@@ -113,6 +113,7 @@ impl Factor {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::field::goldilocks::P;
 
     #[test]
     fn results_are_those_of_plain_arithmetic() {
