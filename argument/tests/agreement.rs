@@ -7,7 +7,7 @@ use models::Models;
 use rayon::prelude::*;
 use zk0_argument::expert::evaluation::layers::Expert;
 use zk0_argument::expert::witness::{evaluate, Unprovable, Witness};
-use zk0_argument::prove::{check, Computed, Tables};
+use zk0_argument::prove::{check_equalities, Computed, Tables};
 use zk0_circuits::model::spec::Dims;
 use zk0_circuits::EvalSpec;
 
@@ -91,7 +91,8 @@ fn agrees(seed: u64) -> bool {
         sources: &witness.sources(),
         computed: &Computed::default(),
     };
-    if let Err(violation) = check(&tables) {
+    // The witness was only made if every look-up found its row.
+    if let Err(violation) = check_equalities(&tables) {
         panic!("seed {seed}: {violation} ({spec:?})");
     }
     true

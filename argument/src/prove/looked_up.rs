@@ -58,6 +58,11 @@ pub fn check(tables: &Tables<'_>) -> Result<(), Violation> {
             }
         }
     }
+    check_equalities(tables)
+}
+
+/// Checks the equalities alone.
+pub fn check_equalities(tables: &Tables<'_>) -> Result<(), Violation> {
     for equality in &tables.relations.equalities {
         let values = tables.linear(&equality.linear, &equality.axes);
         if let Some(index) = values.iter().position(|&value| value != 0) {

@@ -9,7 +9,7 @@ mod party;
 mod tables;
 mod values;
 
-pub use looked_up::{check, count, NotInTable, Violation};
+pub use looked_up::{check, check_equalities, count, NotInTable, Violation};
 pub use party::Proving;
 pub use tables::{Computed, Tables};
 pub use values::{value, Values};
