@@ -4,8 +4,6 @@
 #
 #   research/argument/build-guest.sh            the program
 #   research/argument/build-guest.sh --budget   so that it reports the cycles of each operation, with the names of its functions
-#   research/argument/build-guest.sh --unsound  the same, and it accepts anything and publishes nothing: for counting the cycles of
-#                                               statements that are too large to prove here
 #
 # Environment: CARGO_TARGET_DIR, where to build (default: target beside this script).
 set -euo pipefail
@@ -22,7 +20,6 @@ options=()
 case ${1:-} in
 '') ;;
 --budget) options=(--features budget) ;;
---unsound) options=(--features budget,unsound) ;;
 *)
     echo "build-guest: unknown argument '$1' (see the head of this script)" >&2
     exit 1

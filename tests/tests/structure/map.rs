@@ -6,10 +6,11 @@ use std::collections::{BTreeMap, BTreeSet};
 type Dependencies<'a> = BTreeMap<&'a str, BTreeSet<&'a str>>;
 
 /// Each crate, and what its row of the map names.
-const MAP: [(&str, &[&str]); 14] = [
+const MAP: [(&str, &[&str]); 15] = [
     ("zk0-files", &[]),
     ("zk0-tensors", &[]),
     ("zk0-circuits", &[]),
+    ("zk0-argument", &["zk0-circuits"]),
     ("zk0-lerobot", &["zk0-files", "zk0-tensors"]),
     ("zk0-smolvla", &["zk0-circuits", "zk0-lerobot"]),
     ("zk0-protocol", &["zk0-circuits"]),

@@ -30,10 +30,6 @@ fn main() {
     let digesting = operation("published claims");
     let digests = [digest, published.digest()];
     digesting.end();
-    // A program that checks nothing must not publish anything.
-    if cfg!(feature = "unsound") {
-        return;
-    }
     for word in digests.iter().flat_map(|digest| digest.0) {
         sp1_zkvm::io::commit_slice(&word.to_le_bytes());
     }

@@ -1,0 +1,150 @@
+//! Proves the losses of two random models natively, and verifies them: `full SIZE [SAMPLES [FOLDER]]`, where SIZE is micro, middle or full.
+//! It writes the inputs of the guest program into the folder, if there is one. It prints the seconds of each step, and the most memory that was used up to then.
+
+use std::error::Error;
+use std::fs;
+use std::time::Instant;
+use zk0_argument::expert::argument::{prove::prove, verify};
+use zk0_argument::expert::evaluation::layers::Expert;
+use zk0_argument::expert::witness::{evaluate, Witness};
+use zk0_circuits::model::draw::draw;
+use zk0_circuits::model::layout::expert_tensors;
+use zk0_circuits::model::sample::SampleParts;
+use zk0_circuits::model::spec::Dims;
+use zk0_circuits::{Digest, EvalSpec, QuantisedWeights, Sample};
+
+/// Numbers that look random.
+struct Random(u64);
+
+impl Random {
+    /// Uniform between −1 and 1.
+    fn unit(&mut self) -> f32 {
+        self.0 = self
+            .0
+            .wrapping_mul(6364136223846793005)
+            .wrapping_add(1442695040888963407);
+        (self.0 >> 40) as f32 / (1 << 23) as f32 - 1.0
+    }
+
+    fn list(&mut self, count: usize, scale: f32) -> Vec<f32> {
+        (0..count).map(|_| scale * self.unit()).collect()
+    }
+}
+
+fn weights(spec: &EvalSpec, seed: u64, velocity: f32) -> Result<QuantisedWeights, Box<dyn Error>> {
+    let mut random = Random(seed);
+    let tensors = expert_tensors(&spec.dims).into_iter().map(|tensor| {
+        let count = tensor.shape.iter().product();
+        let mut values = match tensor.shape[..] {
+            [_, columns] => random.list(count, 1.7 / (columns as f32).sqrt()),
+            _ => random.list(count, 0.1),
+        };
+        if tensor.name.ends_with("norm.weight") {
+            values.iter_mut().for_each(|value| *value += 1.0);
+        }
+        if tensor.name.starts_with("model.action_out_proj") {
+            values.iter_mut().for_each(|value| *value *= velocity);
+        }
+        (tensor.name, values)
+    });
+    let tensors: std::collections::HashMap<String, Vec<f32>> = tensors.collect();
+    Ok(QuantisedWeights::quantise(spec, |name| {
+        tensors.get(name).map(Vec::as_slice)
+    })?)
+}
+
+fn sample(spec: &EvalSpec, random: &mut Random) -> Result<Sample, Box<dyn Error>> {
+    let dims = &spec.dims;
+    let (chunk, width) = (dims.chunk as usize, dims.max_action_dim as usize);
+    let each = dims.max_prefix as usize * dims.kv_width();
+    let cache = (0..dims.layers).map(|_| (random.list(each, 2.0), random.list(each, 2.0)));
+    let cache: Vec<_> = cache.collect();
+    let cache: Vec<_> = cache.iter().map(|(k, v)| (&k[..], &v[..])).collect();
+    let mut actions = random.list(chunk * width, 2.0);
+    for frame in actions.chunks_exact_mut(width) {
+        frame[dims.action_dim as usize..].fill(0.0);
+    }
+    let parts = SampleParts {
+        cache: &cache,
+        actions: &actions,
+        is_pad: &vec![false; chunk],
+    };
+    Ok(Sample::quantise(spec, parts)?)
+}
+
+/// Prints how long a step took, and the most memory up to now.
+fn measured<T>(what: &str, step: impl FnOnce() -> T) -> T {
+    let begin = Instant::now();
+    let result = step();
+    let status = fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let peak = status.lines().find_map(|line| line.strip_prefix("VmHWM:"));
+    println!(
+        "{what}: {:.2?}, peak {}",
+        begin.elapsed(),
+        peak.unwrap_or_default().trim()
+    );
+    result
+}
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let mut arguments = std::env::args().skip(1);
+    let dims = match arguments.next().as_deref() {
+        Some("micro") => Dims::MICRO,
+        Some("middle") => Dims {
+            expert_width: 192,
+            expert_mlp: 512,
+            heads: 4,
+            kv_heads: 2,
+            head_dim: 32,
+            layers: 4,
+            max_prefix: 49,
+            chunk: 14,
+            ..Dims::FULL
+        },
+        Some("full") => Dims::FULL,
+        _ => return Err("micro, middle or full".into()),
+    };
+    let count = arguments.next().map_or(Ok(1), |n| n.parse::<u32>())?;
+    let spec = EvalSpec::new(dims);
+    let begin = Instant::now();
+    let models = measured("weights", || {
+        Ok::<_, Box<dyn Error>>([weights(&spec, 1, 2.0)?, weights(&spec, 1, 0.5)?])
+    })?;
+    let models = [&models[0], &models[1]];
+    let mut random = Random(2);
+    let samples = (0..count).map(|number| {
+        let drawn = draw(&spec, &Digest([3; 32]), number, count);
+        Ok((sample(&spec, &mut random)?, drawn))
+    });
+    let samples = samples.collect::<Result<Vec<_>, Box<dyn Error>>>()?;
+    let (statement, kept) = measured("evaluation", || evaluate(&spec, models, &samples))?;
+    println!(
+        "losses {:?}",
+        statement
+            .samples
+            .iter()
+            .map(|s| s.losses)
+            .collect::<Vec<_>>()
+    );
+    let expert = Expert::new(&statement);
+    println!("bits of sources {:?}", expert.source_bits);
+    let witness = measured("witness", || {
+        Witness::new(&statement, &expert, models, &samples, &kept)
+    })?;
+    let proof = measured("proof", || prove(&statement, &expert, &witness)).ok_or("too small")?;
+    println!("{} bytes", 8 * proof.len());
+    let published = measured("verifier", || verify(&statement, &proof))?;
+    println!("{} claims are left", published.claims.len());
+    measured("claims", || {
+        published.holds(&witness.weights, &witness.tables)
+    })?;
+    if let Some(folder) = arguments.next() {
+        fs::create_dir_all(&folder)?;
+        for (name, words) in [("0.bin", &statement.encode()), ("1.bin", &proof)] {
+            let bytes: Vec<u8> = words.iter().flat_map(|word| word.to_le_bytes()).collect();
+            fs::write(std::path::Path::new(&folder).join(name), bytes)?;
+        }
+    }
+    println!("all of it: {:.2?}", begin.elapsed());
+    Ok(())
+}

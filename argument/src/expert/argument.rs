@@ -1,0 +1,237 @@
+//! The whole argument about an expert's losses: what both sides do, and the claims about weights and tables that it leaves.
+//!
+//! The verifier in the guest sees neither weights nor tables. It publishes the claims about them, and whoever has them computes them again
+//! ([`Published::holds`]).
+
+use super::builder::{DATA, MAIN};
+use super::evaluation::layers::Expert;
+use super::sizes::S;
+use super::statement::Statement;
+use crate::commitment::{self, Parameters, Rate, Segment};
+use crate::field::{Extension, Goldilocks};
+use crate::hash::{digest_of_words, Digest, Domain};
+use crate::multilinear::eq_table;
+use crate::operation;
+use crate::protocol::{argue, Claim, Weighted};
+use crate::relation::{Part, PartId, Parts};
+use crate::share::share;
+use crate::transcript::{require, Refused, Verifier};
+use alloc::vec;
+use alloc::vec::Vec;
+
+/// Most variables of the columns of a commitment.
+const TALLEST: u32 = 22;
+
+/// How sources become columns: each segment has columns of one height, and a column is what lies in one piece.
+pub struct Shape {
+    /// Of all segments.
+    pub parameters: Parameters,
+    /// Columns of a segment of [`MAIN`] and of [`DATA`].
+    pub widths: [usize; 2],
+    /// Segments of each.
+    pub segments: usize,
+}
+
+impl Shape {
+    /// For an expert. `None` if it is too small for a commitment.
+    pub fn new(expert: &Expert) -> Option<Self> {
+        let bits = [MAIN, DATA].map(|source| expert.source_bits[source.0 as usize] as u32);
+        let height = bits[0].min(bits[1]).min(TALLEST);
+        Some(Self {
+            parameters: Parameters::new(height, Rate::Quarter)?,
+            // Columns after the last value are zero, and nobody commits to them.
+            widths: [MAIN, DATA].map(|source| expert.used[source.0 as usize].div_ceil(1 << height)),
+            segments: expert.builder.sizes.count(S),
+        })
+    }
+}
+
+/// Claims about weights and tables, with the weights that they name.
+pub struct Published {
+    /// The parts that claims name.
+    pub parts: Parts,
+    /// The claims.
+    pub claims: Vec<Claim>,
+}
+
+impl Published {
+    /// A digest of the claims, in words: how many claims there are; for each its source and number of parts, its offset, its parts and its
+    /// value; then the weights of all parts that claims name, in the order in which they name them first.
+    pub fn digest(&self) -> Digest {
+        let mut words = vec![self.claims.len() as u64];
+        let mut used: Vec<PartId> = vec![];
+        for claim in &self.claims {
+            let Weighted {
+                source,
+                offset,
+                parts,
+            } = &claim.about;
+            words.push(source.0 as u64 | (parts.len() as u64) << 8);
+            words.push(*offset as u64);
+            for &(shift, id) in parts {
+                let known = used.iter().position(|&own| own == id);
+                let number = known.unwrap_or_else(|| {
+                    used.push(id);
+                    used.len() - 1
+                });
+                words.push(shift as u64 | (number as u64) << 8);
+            }
+            words.extend(claim.value.0.map(Goldilocks::value));
+        }
+        for id in used {
+            let (kind, weights) = match self.parts.get(id) {
+                Part::Point(point) => (0, &point[..]),
+                Part::Vector(weights) => (1, &weights[..]),
+                Part::Ones(bits) => (2 + *bits as u64, &[][..]),
+            };
+            words.extend([kind, weights.len() as u64]);
+            let coefficients = Extension::coefficients(weights);
+            words.extend(coefficients.iter().map(|value| value.value()));
+        }
+        digest_of_words(Domain::Published, &words)
+    }
+}
+
+/// Splits claims into those about what was committed to, and others.
+fn split(claims: Vec<Claim>) -> (Vec<Claim>, Vec<Claim>) {
+    let committed = |claim: &Claim| [MAIN, DATA].contains(&claim.about.source);
+    claims.into_iter().partition(committed)
+}
+
+/// Both sources with their variables.
+fn sources(expert: &Expert) -> [(crate::relation::Source, usize); 2] {
+    let samples = expert.builder.sizes.of(S);
+    [MAIN, DATA].map(|source| {
+        (
+            source,
+            (expert.source_bits[source.0 as usize] + samples) as usize,
+        )
+    })
+}
+
+/// Checks an argument. Returns what is left to check.
+pub fn verify(statement: &Statement, proof: &[u64]) -> Result<Published, Refused> {
+    verify_with_digest(statement, &statement.digest(), proof)
+}
+
+/// [`verify`], where the digest of the statement is known: the guest hashes the encoding that it reads.
+pub fn verify_with_digest(
+    statement: &Statement,
+    digest: &Digest,
+    proof: &[u64],
+) -> Result<Published, Refused> {
+    let building = operation("relations");
+    let expert = Expert::new(statement);
+    building.end();
+    let shape = Shape::new(&expert).ok_or(Refused::Equation("the size of a commitment"))?;
+    let mut verifier = Verifier::new(digest, proof);
+    let mut segments = Vec::with_capacity(2 * shape.segments);
+    for width in shape.widths {
+        for _ in 0..shape.segments {
+            segments.push(Segment::receive(&mut verifier, width)?);
+        }
+    }
+    let mut parts = Parts::default();
+    let claims = argue(&mut verifier, &expert.builder.relations, &mut parts)?;
+    let sharing = operation("sharing");
+    let (committed, published) = split(claims);
+    let sources = sources(&expert);
+    let (point, values) = share(&mut verifier, &mut parts, &sources, &committed)?;
+    sharing.end();
+    let opening = operation("opening");
+    let height = shape.parameters.variables();
+    let opened = commitment::verify(
+        &mut verifier,
+        &shape.parameters,
+        &segments,
+        &point[..height],
+    )?;
+    let mut columns = opened;
+    for ((width, (_, bits)), value) in shape.widths.into_iter().zip(sources).zip(values) {
+        let (own, rest) = columns.split_at(width * shape.segments);
+        columns = rest;
+        let weights = eq_table(&point[height..bits]);
+        let each = weights.len() / shape.segments;
+        let segments = weights.chunks_exact(each).zip(own.chunks_exact(width));
+        let columns = segments.flat_map(|(weights, own)| weights.iter().zip(own));
+        let sum: Extension = columns.map(|(&w, &v)| w * v).sum();
+        require(
+            sum == value,
+            Refused::Equation("the columns of a commitment"),
+        )?;
+    }
+    opening.end();
+    verifier.finish()?;
+    Ok(Published {
+        parts,
+        claims: published,
+    })
+}
+
+/// The prover's side.
+#[cfg(feature = "prove")]
+pub mod prove {
+    use super::*;
+    use crate::commitment::prove::columns::Column;
+    use crate::commitment::prove::{open, Committed};
+    use crate::expert::witness::Witness;
+    use crate::prove::{Proving, Values};
+    use crate::transcript::Prover;
+    use rayon::prelude::*;
+
+    /// Argues. What is false is argued as if it were true, so that tests can see it refused.
+    pub fn prove(statement: &Statement, expert: &Expert, witness: &Witness) -> Option<Vec<u64>> {
+        let shape = Shape::new(expert)?;
+        let mut prover = Prover::new(&statement.digest());
+        let mut committed = vec![];
+        for (values, width) in [&witness.main, &witness.data].into_iter().zip(shape.widths) {
+            let height = 1usize << shape.parameters.variables();
+            for segment in values.chunks_exact(values.len() / shape.segments) {
+                let column = |values: &[i64]| {
+                    let elements = values.par_iter().map(|&value| Goldilocks::from_i64(value));
+                    Column::from(elements.collect::<Vec<_>>())
+                };
+                let columns = segment
+                    .chunks_exact(height)
+                    .take(width)
+                    .map(column)
+                    .collect();
+                committed.push(Committed::of_columns(
+                    &mut prover,
+                    &shape.parameters,
+                    columns,
+                ));
+            }
+        }
+        let mut proving = Proving::new(prover, witness.sources().to_vec());
+        let mut parts = Parts::default();
+        let argued = argue(&mut proving, &expert.builder.relations, &mut parts);
+        if let Ok(claims) = argued {
+            let (claims, _) = split(claims);
+            if let Ok((point, _)) = share(&mut proving, &mut parts, &sources(expert), &claims) {
+                let segments: Vec<&Committed> = committed.iter().collect();
+                let point = &point[..shape.parameters.variables()];
+                open(&mut proving.prover, &shape.parameters, &segments, point);
+            }
+        }
+        Some(proving.prover.finish())
+    }
+
+    impl Published {
+        /// Checks all claims against the values of weights and tables.
+        pub fn holds(&self, weights: &[i16], tables: &[i64]) -> Result<(), Refused> {
+            use crate::expert::builder::{TABLES, WEIGHTS};
+            for claim in &self.claims {
+                let values = match claim.about.source {
+                    WEIGHTS => Values::Narrow(weights),
+                    TABLES => Values::Wide(tables),
+                    _ => return Err(Refused::Equation("the source of a claim")),
+                };
+                if crate::prove::value(values, &self.parts, &claim.about) != claim.value {
+                    return Err(Refused::Equation("a claim about weights or tables"));
+                }
+            }
+            Ok(())
+        }
+    }
+}

@@ -1,0 +1,232 @@
+//! Softmax attention, as [`zk0_circuits::model::eval`] computes it.
+//!
+//! With m the largest score that a token sees, s a score, and a factor and shift that follow from the scales, the evaluation takes
+//! `2^(−d)` from a table, `d = ⌊((m − s)·factor + 2^(shift−1)) / 2^shift⌋`. Here `g = ⌊(m − s)·factor / 2^(shift−1)⌋` is committed to. Then
+//! `d = ⌊(g + 1)/2⌋`, and g ≥ 0 shows that no score is above m. That m is one of the scores is shown by a look-up among them.
+
+use crate::expert::builder::{one, power_of_two, times, Builder, Tag};
+use crate::expert::publics::number;
+use crate::expert::sizes::{D, H, N, P, S, T};
+use crate::relation::along::Along;
+use crate::relation::Committed;
+use crate::relation::{Atom, Count, Factor, Monomials, Product, Summed};
+use alloc::vec;
+use alloc::vec::Vec;
+use zk0_circuits::model::arithmetic::fixed::integer_sqrt;
+use zk0_circuits::model::multiply::{ATTENTION_BITS, MIX_SHIFT};
+
+/// Fraction bits of the factor.
+const FACTOR_BITS: i64 = 20;
+/// `log2(e)^2 · 2^(2·FACTOR_BITS)`, rounded.
+const LOG2_E_SQUARED: u64 = 2_288_489_396_308;
+/// Fraction bits of a table's argument.
+const EXPONENT_BITS: i64 = 10;
+/// Fraction bits of the reciprocal of the sum of powers.
+const RECIPROCAL_BITS: i64 = 48;
+
+const TOKENS: Count = Count::Masked(number::TOKENS);
+const SEEN: Count = Count::Masked(number::SEEN);
+
+/// Softmax attention of all layers.
+pub struct Attention {
+    /// Queries, `[T, N, H, D, S]`.
+    pub queries: usize,
+    /// What is attended to: keys, `[N, H, P, D, S]`.
+    pub keys: usize,
+    /// Their values, likewise.
+    pub values: usize,
+    /// Fraction bits of scores.
+    pub score_bits: Along,
+    /// Width of a head.
+    pub head_dim: u32,
+}
+
+impl Attention {
+    /// Adds the attention. Returns what it gives, `[T, N, H, D, S]`.
+    pub fn relate(self, builder: &mut Builder) -> Committed {
+        let each = [T, N, H, P, S];
+        let rows = [T, N, H, S];
+        builder.relations.products.push(Product {
+            left: self.queries,
+            right: self.keys,
+            left_axes: vec![T],
+            right_axes: vec![P],
+            shared: vec![N, H, S],
+            summed: vec![D],
+        });
+        let score = Atom::Product(builder.relations.products.len() - 1);
+        let factor = integer_sqrt(LOG2_E_SQUARED / self.head_dim as u64) as i64;
+        // One less than the shift to the table's argument.
+        let shift = self
+            .score_bits
+            .map(|bits| bits + FACTOR_BITS - EXPONENT_BITS - 1);
+
+        let largest = builder.commit("largest score", &rows);
+        let chosen = builder.commit("how often a score is the largest", &each);
+        let distance = builder.commit("distance to the largest score", &each);
+        let power = builder.commit("power of a distance", &each);
+        #[cfg(feature = "prove")]
+        fill::scores(builder, score, [largest, distance, power], factor, &shift);
+        let row_number = |builder: &mut Builder| {
+            let mut stride = 1;
+            let mut terms = vec![];
+            for axis in rows {
+                let count = builder.sizes.count(axis);
+                let numbers = Along::Axis(axis, (0..count as i64).map(|n| n * stride).collect());
+                terms.push(builder.scaled(&numbers, 1, Atom::One));
+                stride *= count as i64;
+            }
+            terms
+        };
+        let seen = || vec![one(Atom::Public(number::SEEN))];
+        let tag = |tag: Tag| vec![times(tag.number(), Atom::One)];
+        let own = row_number(builder);
+        let entry = [vec![one(score)], own.clone(), seen()];
+        builder.look_up(
+            "scores",
+            &each,
+            Count::Offered(chosen.view),
+            entry,
+            tag(Tag::Score),
+        );
+        let entry = [vec![one(largest.atom())], own, vec![one(Atom::One)]];
+        builder.look_up("largest score", &rows, TOKENS, entry, tag(Tag::Score));
+
+        let rest = vec![
+            times(factor, largest.atom()),
+            times(-factor, score),
+            builder.scaled(&shift.map(power_of_two), -1, distance.atom()),
+        ];
+        builder.wide_range("distance to the largest score", &each, SEEN, rest, &shift);
+        let entry = [vec![one(distance.atom())], vec![one(power.atom())], seen()];
+        builder.look_up(
+            "power of a distance",
+            &each,
+            Count::Each,
+            entry,
+            tag(Tag::Power),
+        );
+
+        // The reciprocal of the sum of all powers, which is at least 2^15, that of the largest score
+        builder.relations.sums.push(Summed {
+            of: power.view,
+            axes: vec![P],
+        });
+        let total = builder.commit("sum of powers", &rows);
+        let reciprocal = builder.commit("reciprocal of a sum of powers", &rows);
+        let sum = Atom::Summed(builder.relations.sums.len() - 1);
+        #[cfg(feature = "prove")]
+        fill::reciprocal(builder, sum, total, reciprocal);
+        builder
+            .relations
+            .equalities
+            .push(crate::relation::Equality {
+                name: "sum of powers",
+                axes: rows.to_vec(),
+                linear: vec![one(sum), times(-1, total.atom())],
+            });
+        let monomial = |builder: &mut Builder, axes: &[_], factors: [usize; 2]| {
+            builder.relations.monomials.push(Monomials {
+                axes: axes.to_vec(),
+                summed: 0,
+                terms: vec![(1, factors.map(Factor::Virtual).to_vec())],
+            });
+            Atom::Monomials(builder.relations.monomials.len() - 1)
+        };
+        let product = monomial(builder, &rows, [reciprocal.view, total.view]);
+        let bits = Along::Everywhere(15 + builder.sizes.of(P) as i64);
+        let name = "reciprocal of a sum of powers";
+        let value = vec![one(reciprocal.atom())];
+        builder.wide_range(name, &rows, TOKENS, value, &Along::Everywhere(34));
+        let rest = vec![times(1 << RECIPROCAL_BITS, Atom::One), times(-1, product)];
+        builder.wide_range(name, &rows, TOKENS, rest, &bits);
+        let to_total = vec![
+            one(total.atom()),
+            times(-1, Atom::One),
+            times(-1 << RECIPROCAL_BITS, Atom::One),
+            one(product),
+        ];
+        builder.wide_range(name, &rows, TOKENS, to_total, &bits);
+
+        // Where a score is not seen, its power is 0, and so is its weight.
+        let product = monomial(builder, &each, [power.view, reciprocal.view]);
+        let shift = RECIPROCAL_BITS - ATTENTION_BITS as i64;
+        let value = vec![one(product), times(1 << (shift - 1), Atom::One)];
+        let shift = Along::Everywhere(shift);
+        let weight = builder.floor("attention weight", &each, Count::Each, value, &shift);
+
+        builder.relations.products.push(Product {
+            left: weight.view,
+            right: self.values,
+            left_axes: vec![T],
+            right_axes: vec![D],
+            shared: vec![N, H, S],
+            summed: vec![P],
+        });
+        let mixed = Atom::Product(builder.relations.products.len() - 1);
+        let value = vec![times(1 << MIX_SHIFT, mixed), times(1 << 15, Atom::One)];
+        let axes: Vec<_> = [T, N, H, D, S].to_vec();
+        let shift = Along::Everywhere(16);
+        builder.floor("attention", &axes, TOKENS, value, &shift)
+    }
+}
+
+/// How the prover gets the values.
+#[cfg(feature = "prove")]
+mod fill {
+    use super::*;
+    use zk0_circuits::model::arithmetic::tables::exp2_negative;
+
+    /// The largest score of each row that is seen, the distances to it, and their powers.
+    pub fn scores(
+        builder: &mut Builder,
+        score: Atom,
+        [largest, distance, power]: [Committed; 3],
+        factor: i64,
+        shift: &Along,
+    ) {
+        let shift = shift.clone();
+        let (each, rows) = ([T, N, H, P, S], [T, N, H, S]);
+        builder.step(move |filling| {
+            let scores = filling.linear(&vec![one(score)], &each);
+            let seen = filling.linear(&vec![one(Atom::Public(number::SEEN))], &each);
+            let shifts = filling.along(&shift, &each);
+            let size = |axis| filling.relations.bits(axis);
+            // Numbers of values: the index on P stands between the other axes.
+            let (low, places) = (size(T) + size(N) + size(H), 1 << size(P));
+            let mut largests = vec![0; 1 << filling.relations.size(&rows)];
+            let mut all = [(); 2].map(|()| vec![0; scores.len()]);
+            for (row, largest) in largests.iter_mut().enumerate() {
+                let (inner, sample) = (row & ((1 << low) - 1), row >> low);
+                let at = |place: usize| inner | (sample * places + place) << low;
+                let visible = (0..places).map(at).filter(|&at| seen[at] == 1);
+                let most = visible.clone().map(|at| scores[at]).max();
+                let Some(most) = most else { continue };
+                *largest = most;
+                for at in visible {
+                    let distance = ((*largest - scores[at]) * factor) >> shifts[at];
+                    all[0][at] = distance;
+                    all[1][at] = exp2_negative((distance as u64 + 1) >> 1) as i64;
+                }
+            }
+            filling.set(largest, &rows, &largests);
+            for (tensor, values) in [distance, power].into_iter().zip(&all) {
+                filling.set(tensor, &each, values);
+            }
+        });
+    }
+
+    /// The sums of powers, and their reciprocals.
+    pub fn reciprocal(builder: &mut Builder, sum: Atom, total: Committed, reciprocal: Committed) {
+        let rows = [T, N, H, S];
+        builder.step(move |filling| {
+            let sums = filling.linear(&vec![one(sum)], &rows);
+            let reciprocals: Vec<i64> = sums
+                .iter()
+                .map(|&sum| (1 << RECIPROCAL_BITS) / sum.max(1))
+                .collect();
+            filling.set(total, &rows, &sums);
+            filling.set(reciprocal, &rows, &reciprocals);
+        });
+    }
+}

@@ -1,0 +1,24 @@
+//! The action expert's evaluation as relations between committed tensors: what [`zk0_circuits::model::eval`] computes, for a base and an
+//! update, on all samples at once.
+//!
+//! - [`statement`]: what is shown, and [`encoding`] its words. [`sizes`]: the axes of tensors. [`publics`], [`rotations`]: what both sides compute.
+//! - [`builder`]: commits to tensors, and says what holds of them.
+//! - [`argument`]: the whole argument, of the prover and of the verifier.
+//! - [`evaluation`]: what holds of each step of it. [`weights`]: where the weights lie.
+//!
+//! **What is not checked yet.** Values of a sample that the evaluation does not read may be anything. A base that overflows has no proof.
+//! Scores may exceed 32 bits, where mode `direct` refuses them.
+
+pub mod argument;
+pub mod builder;
+pub mod encoding;
+pub mod evaluation;
+pub mod publics;
+pub mod rotations;
+pub mod sizes;
+pub mod statement;
+#[cfg(feature = "prove")]
+pub mod trace;
+pub mod weights;
+#[cfg(feature = "prove")]
+pub mod witness;

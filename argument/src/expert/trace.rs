@@ -1,0 +1,79 @@
+//! The evaluation as [`zk0_circuits::model::eval`] does it, with the sums of all products kept.
+
+use zk0_circuits::model::arithmetic::products::Rows;
+use zk0_circuits::model::draw::Draw;
+use zk0_circuits::model::eval::{EvalError, Evaluator, LossSum, Site};
+use zk0_circuits::model::linear::Linear;
+use zk0_circuits::model::multiply::{Direct, Multiply};
+use zk0_circuits::model::parameters::Parameters;
+use zk0_circuits::{QuantisedWeights, Sample};
+
+/// The sums of a product.
+#[derive(Clone, Debug)]
+pub enum Kept {
+    /// Of a linear layer: one matrix after the other, a row of outputs for each row of the input.
+    Linear(usize, Vec<i32>),
+    /// Of the queries and keys of a key and value head of a layer: a row for each query.
+    Scores(Vec<i32>),
+    /// Of attention weights and values, likewise.
+    Mixed(Vec<i32>),
+}
+
+/// Computes products, and keeps their sums.
+struct Keeping<'a> {
+    direct: Direct<'a>,
+    kept: Vec<Kept>,
+}
+
+impl Multiply for Keeping<'_> {
+    type Sums = Vec<i32>;
+
+    fn linear(
+        &mut self,
+        index: usize,
+        linear: &Linear,
+        input: &[i16],
+    ) -> Result<Vec<i32>, EvalError> {
+        let sums = self.direct.linear(index, linear, input)?;
+        self.kept.push(Kept::Linear(index, sums.clone()));
+        Ok(sums)
+    }
+
+    fn scores(
+        &mut self,
+        site: Site,
+        queries: Rows<'_>,
+        keys: Rows<'_>,
+    ) -> Result<Vec<i32>, EvalError> {
+        let sums = self.direct.scores(site, queries, keys)?;
+        self.kept.push(Kept::Scores(sums.clone()));
+        Ok(sums)
+    }
+
+    fn mix(
+        &mut self,
+        site: Site,
+        weights: Rows<'_>,
+        values: Rows<'_>,
+    ) -> Result<Vec<i32>, EvalError> {
+        let sums = self.direct.mix(site, weights, values)?;
+        self.kept.push(Kept::Mixed(sums.clone()));
+        Ok(sums)
+    }
+}
+
+/// The loss of a sample, and all sums on the way to it, in the order of the evaluation.
+pub fn trace(
+    evaluator: &Evaluator<'_>,
+    weights: &QuantisedWeights,
+    sample: &Sample,
+    draw: &Draw,
+) -> Result<(LossSum, Vec<Kept>), EvalError> {
+    let mut keeping = Keeping {
+        direct: evaluator.direct(weights)?,
+        kept: vec![],
+    };
+    let parameters = Parameters::of(evaluator.spec, weights);
+    let loss = evaluator.loss(&parameters, &mut keeping, sample, draw)?;
+    Ok((loss, keeping.kept))
+}

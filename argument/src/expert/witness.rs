@@ -1,0 +1,311 @@
+//! The prover's values: those of samples and weights, the residual stream as [`super::trace`] gives it, and all others from the relations.
+
+use super::builder::{DATA, MAIN, TABLES, WEIGHTS};
+use super::evaluation::layers::Expert;
+use super::evaluation::linear::gated;
+use super::sizes::{Sizes, L, M, N, T};
+use super::statement::{Evaluated, Statement};
+use super::trace::{trace, Kept};
+use crate::prove::filling::Filling;
+use crate::prove::{Computed, NotInTable, Values};
+use crate::relation::Committed;
+use crate::relation::{Place, Relations};
+use zk0_circuits::model::arithmetic::fixed::Rescale;
+use zk0_circuits::model::arithmetic::tables::exp2_negative;
+use zk0_circuits::model::draw::Draw;
+use zk0_circuits::model::eval::{EvalError, Evaluator};
+use zk0_circuits::model::layout::Layout;
+use zk0_circuits::model::linear::{first_of_layer, output, place};
+use zk0_circuits::{EvalSpec, Mode, QuantisedWeights, Sample};
+
+/// The base and the update.
+pub type Models<'a> = [&'a QuantisedWeights; 2];
+
+/// Why there is nothing to prove.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum Unprovable {
+    /// The evaluation fails.
+    #[error("the {model} on sample {sample}: {error}")]
+    Evaluation {
+        /// Which model.
+        model: &'static str,
+        /// Which sample, from 0.
+        sample: usize,
+        /// Why.
+        error: EvalError,
+    },
+    /// A value is beyond what the argument's tables hold.
+    #[error(transparent)]
+    NotInTable(#[from] NotInTable),
+    /// The relations give another value than the evaluation.
+    #[error(
+        "{tensor}: value {index} is {found} by the relations, and {expected} by the evaluation"
+    )]
+    Differs {
+        /// The tensor.
+        tensor: &'static str,
+        /// The number of the value in its source.
+        index: usize,
+        /// By the evaluation.
+        expected: i64,
+        /// By the relations.
+        found: i64,
+    },
+}
+
+/// All values.
+pub struct Witness {
+    /// What is committed to, a segment for each sample.
+    pub main: Vec<i64>,
+    /// The samples, likewise.
+    pub data: Vec<i64>,
+    /// The weights, padded.
+    pub weights: Vec<i16>,
+    /// Columns of tables.
+    pub tables: Vec<i64>,
+}
+
+/// What is stated about two models and samples, and the sums of each evaluation: those of the base and the update for each sample.
+pub fn evaluate(
+    spec: &EvalSpec,
+    models: Models<'_>,
+    samples: &[(Sample, Draw)],
+) -> Result<(Statement, Vec<[Vec<Kept>; 2]>), Unprovable> {
+    let mut evaluated = vec![];
+    let mut kept = vec![];
+    for (number, (sample, draw)) in samples.iter().enumerate() {
+        let run = |model: usize| {
+            let evaluator = Evaluator::new(spec).map_err(EvalError::from);
+            let result = evaluator.and_then(|e| trace(&e, models[model], sample, draw));
+            result.map_err(|error| Unprovable::Evaluation {
+                model: ["base", "update"][model],
+                sample: number,
+                error,
+            })
+        };
+        let ((base, base_kept), (update, update_kept)) = (run(0)?, run(1)?);
+        let chunk = spec.dims.chunk as usize;
+        let frames = (0..chunk).rev().find(|&frame| !sample.is_pad(frame));
+        evaluated.push(Evaluated {
+            prefix: sample.prefix(),
+            frames: frames.map_or(0, |last| last + 1),
+            draw: draw.clone(),
+            losses: [base.squared_error, update.squared_error],
+        });
+        kept.push([base_kept, update_kept]);
+    }
+    let layout = Layout::new(&spec.dims);
+    let scales = |weights: &QuantisedWeights| {
+        let tensors = 0..layout.tensors.len();
+        tensors
+            .map(|index| weights.tensor(&layout, index).1)
+            .collect()
+    };
+    let statement = Statement {
+        spec: spec.clone(),
+        weights: models.map(|weights| weights.digest(Mode::Checked)),
+        scales: models.map(scales),
+        samples: evaluated,
+    };
+    Ok((statement, kept))
+}
+
+impl Witness {
+    /// The values of all sources, by number.
+    pub fn sources(&self) -> [Values<'_>; 4] {
+        [
+            Values::Wide(&self.main),
+            Values::Wide(&self.data),
+            Values::Narrow(&self.weights),
+            Values::Wide(&self.tables),
+        ]
+    }
+
+    /// Computes all values. They obey the relations, if the evaluation did not fail.
+    pub fn new(
+        statement: &Statement,
+        expert: &Expert,
+        models: Models<'_>,
+        samples: &[(Sample, Draw)],
+        kept: &[[Vec<Kept>; 2]],
+    ) -> Result<Self, Unprovable> {
+        let relations = &expert.builder.relations;
+        let sizes = &expert.builder.sizes;
+        let length =
+            |source: crate::relation::Source| 1usize << expert.source_bits[source.0 as usize];
+        let segments = sizes.count(super::sizes::S);
+        let mut data = vec![0; length(DATA) * segments];
+        for (number, (sample, _)) in samples.iter().enumerate() {
+            fill_sample(&statement.spec, expert, sample, number, &mut data);
+        }
+        let layout = Layout::new(&statement.spec.dims);
+        let mut weights = vec![0; length(WEIGHTS)];
+        for matrices in &expert.weights {
+            let tensor = &relations.tensors[matrices.tensor];
+            matrices.each(tensor, &layout, models, |number, value| {
+                weights[number] = value
+            });
+        }
+        let tables = tables(expert, length(TABLES));
+        let mut filling = Filling {
+            relations,
+            main: vec![0; length(MAIN) * segments],
+            data: &data,
+            weights: &weights,
+            tables: &tables,
+            computed: Computed::default(),
+        };
+        let hidden = &relations.tensors[expert.given.hidden.tensor];
+        for (number, kept) in kept.iter().enumerate() {
+            for (model, kept) in kept.iter().enumerate() {
+                let place = (number, model);
+                fill_hidden(statement, sizes, kept, place, hidden, &mut filling.main);
+            }
+        }
+        let given = filling.main.clone();
+        for step in &expert.builder.steps {
+            step(&mut filling);
+        }
+        differs(relations, expert.given.hidden, &given, &filling.main)?;
+        filling.count()?;
+        let main = filling.main;
+        Ok(Self {
+            main,
+            data,
+            weights,
+            tables,
+        })
+    }
+}
+
+/// Fails with the first value of a tensor that the relations give and that was given otherwise.
+fn differs(
+    relations: &Relations,
+    tensor: Committed,
+    given: &[i64],
+    filled: &[i64],
+) -> Result<(), Unprovable> {
+    let values = given.iter().zip(filled).enumerate();
+    let tensor = &relations.tensors[tensor.tensor];
+    let own: usize = tensor
+        .places
+        .iter()
+        .map(|p| ((1 << p.bits) - 1) << p.shift)
+        .sum();
+    for (index, (&expected, &found)) in values {
+        if index & !own == tensor.offset && expected != found {
+            return Err(Unprovable::Differs {
+                tensor: tensor.name,
+                index,
+                expected,
+                found,
+            });
+        }
+    }
+    Ok(())
+}
+
+fn number(offset: usize, places: &[Place], indices: &[usize]) -> usize {
+    let pairs = places.iter().zip(indices);
+    pairs.fold(offset, |number, (place, index)| {
+        number + (index << place.shift)
+    })
+}
+
+fn fill_sample(
+    spec: &EvalSpec,
+    expert: &Expert,
+    sample: &Sample,
+    segment: usize,
+    data: &mut [i64],
+) {
+    let dims = &spec.dims;
+    let tensors = &expert.builder.relations.tensors;
+    let bytes = sample.as_bytes().chunks_exact(2);
+    let mut values = bytes.map(|pair| i16::from_le_bytes([pair[0], pair[1]]) as i64);
+    // The sample's header: the length of its prefix, and the pad mask.
+    let mut values = values.by_ref().skip(1 + dims.chunk as usize);
+    let actions = &tensors[expert.given.actions.tensor];
+    for token in 0..dims.chunk as usize {
+        for action in 0..dims.max_action_dim as usize {
+            let number = number(actions.offset, &actions.places, &[token, action, segment]);
+            data[number] = values.next().unwrap_or_default();
+        }
+    }
+    for layer in 0..dims.layers as usize {
+        for tensor in [expert.given.keys, expert.given.values] {
+            let tensor = &tensors[tensor.tensor];
+            for token in 0..sample.prefix() {
+                for head in 0..dims.kv_heads as usize {
+                    for dim in 0..dims.head_dim as usize {
+                        let indices = [token, layer, head, dim, segment];
+                        let number = number(tensor.offset, &tensor.places, &indices);
+                        data[number] = values.next().unwrap_or_default();
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// The columns of tables.
+pub fn tables(expert: &Expert, length: usize) -> Vec<i64> {
+    let mut tables = vec![0; length];
+    let tensors = &expert.builder.relations.tensors;
+    let size = |tensor: &crate::relation::Tensor| 1usize << tensor.places[0].bits;
+    let powers = &tensors[expert.powers.tensor];
+    for row in 0..size(powers) {
+        tables[powers.offset + row] = exp2_negative((row as u64 + 1) >> 1) as i64;
+    }
+    for &(bits, column) in &expert.gates {
+        let column = &tensors[column.tensor];
+        for row in 0..size(column) {
+            tables[column.offset + row] = gated(row as i64 - (1 << 15), bits);
+        }
+    }
+    tables
+}
+
+/// The residual stream after each layer.
+fn fill_hidden(
+    statement: &Statement,
+    sizes: &Sizes,
+    kept: &[Kept],
+    (segment, model): (usize, usize),
+    tensor: &crate::relation::Tensor,
+    main: &mut [i64],
+) {
+    debug_assert_eq!((sizes.of(M), sizes.of(N)), (1, sizes.of(L) + 1));
+    debug_assert_eq!(sizes.of(T), tensor.places[0].bits);
+    let spec = &statement.spec;
+    let width = spec.dims.expert_width as usize;
+    let outputs = |index: usize| -> Vec<i64> {
+        let own = kept.iter().find_map(|kept| match kept {
+            Kept::Linear(of, sums) if *of == index => Some(sums),
+            _ => None,
+        });
+        own.into_iter().flatten().map(|&sum| output(sum)).collect()
+    };
+    let add = |sums: Vec<i64>, residual: &[i64], from: u8, to: u8| -> Vec<i64> {
+        let rescale = Rescale::new(from as i32, to as i32);
+        let pairs = sums.iter().zip(residual);
+        pairs
+            .map(|(&sum, &residual)| sum + rescale.apply(residual))
+            .collect()
+    };
+    let mut hidden = outputs(2);
+    let mut bits = spec.hidden;
+    for (layer, scales) in spec.layers.iter().enumerate() {
+        let first = first_of_layer(layer);
+        let attended = add(outputs(first + place::OUT), &hidden, bits, scales.attended);
+        let down = outputs(first + place::DOWN);
+        hidden = add(down, &attended, scales.attended, scales.hidden);
+        bits = scales.hidden;
+        for (token, row) in hidden.chunks_exact(width).enumerate() {
+            for (index, &value) in row.iter().enumerate() {
+                let indices = [token, sizes.n(model, layer), index, segment];
+                main[number(tensor.offset, &tensor.places, &indices)] = value;
+            }
+        }
+    }
+}

@@ -1,0 +1,201 @@
+//! Hashing of field elements with Poseidon2 over KoalaBear, SP1's permutation, which is a precompile in the guest
+//! ([`crate::permutation`]).
+//!
+//! An element is cut into three limbs of 22, 22 and 20 bits, each of which is a canonical KoalaBear value. The limbs lie two to a word, as
+//! the precompile wants them: first one word for each element, which holds its lower limbs, then one word for every two elements, which
+//! holds their upper limbs. Eight elements are twelve words, and a permutation takes four.
+
+#[cfg(feature = "prove")]
+pub mod packed;
+
+use crate::field::Goldilocks;
+use crate::permutation::{permute, State};
+use bytemuck::TransparentWrapper;
+
+/// Bits of each of an element's two lower limbs.
+const LIMB: u32 = 22;
+const LOW: u64 = (1 << LIMB) - 1;
+/// Words of the state that a permutation takes in: half of them.
+const RATE: usize = 4;
+/// Elements that fill whole permutations.
+const GROUP: usize = 8;
+
+/// The first half of a permutation's result: eight KoalaBear values, two to a word.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[repr(transparent)]
+pub struct Digest(pub [u64; RATE]);
+
+/// What is hashed. It keeps the digests of different things apart; [`zk0_circuits::vm::poseidon2::Domain`] has those below.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
+pub enum Domain {
+    /// A leaf of a tree: one row of a commitment.
+    Leaf = 16,
+    /// The transcript of an argument.
+    Transcript = 17,
+    /// A statement.
+    Statement = 18,
+    /// What an argument leaves to check.
+    Published = 19,
+}
+
+/// A sponge: what it absorbs overwrites the first half of its state.
+pub struct Sponge {
+    state: State,
+}
+
+impl Clone for Sponge {
+    fn clone(&self) -> Self {
+        Self {
+            state: State(self.state.0),
+        }
+    }
+}
+
+impl Sponge {
+    /// An empty state, but for the domain and a number that goes with it.
+    #[inline(always)]
+    pub fn new(domain: Domain, number: usize) -> Self {
+        let mut state = State::default();
+        state.0[RATE] = domain as u64 | (number as u64) << 32;
+        Self { state }
+    }
+
+    /// Absorbs elements. How many there are is for the caller to fix: zeros are absorbed where the last permutation has room.
+    #[inline(always)]
+    pub fn absorb(&mut self, elements: &[Goldilocks]) {
+        let (groups, rest) = elements.as_chunks::<GROUP>();
+        for group in groups {
+            let e = group.map(Goldilocks::value);
+            self.permute_with([lower(e[0]), lower(e[1]), lower(e[2]), lower(e[3])]);
+            self.permute_with([lower(e[4]), lower(e[5]), lower(e[6]), lower(e[7])]);
+            let uppers = [
+                upper(e[0], e[1]),
+                upper(e[2], e[3]),
+                upper(e[4], e[5]),
+                upper(e[6], e[7]),
+            ];
+            self.permute_with(uppers);
+        }
+        if rest.is_empty() {
+            return;
+        }
+        let mut words = [0; GROUP + GROUP / 2];
+        for (word, element) in words.iter_mut().zip(rest) {
+            *word = lower(element.value());
+        }
+        let pairs = words[rest.len()..].iter_mut().zip(rest.chunks(2));
+        for (word, pair) in pairs {
+            *word = upper(
+                pair[0].value(),
+                pair.get(1).map_or(0, |second| second.value()),
+            );
+        }
+        let used = rest.len() + rest.len().div_ceil(2);
+        let (blocks, _) = words.as_chunks::<RATE>();
+        for &block in &blocks[..used.div_ceil(RATE)] {
+            self.permute_with(block);
+        }
+    }
+
+    /// Absorbs a digest, in one permutation.
+    #[inline(always)]
+    pub fn absorb_digest(&mut self, digest: &Digest) {
+        self.permute_with(digest.0);
+    }
+
+    #[inline(always)]
+    fn permute_with(&mut self, block: [u64; RATE]) {
+        self.state.0[..RATE].copy_from_slice(&block);
+        self.permute();
+    }
+
+    /// Goes on to the next four words of the result.
+    #[inline(always)]
+    pub fn permute(&mut self) {
+        permute(&mut self.state);
+    }
+
+    /// The first half of the state.
+    #[inline(always)]
+    pub fn digest(&self) -> Digest {
+        let [a, b, c, d, ..] = self.state.0;
+        Digest([a, b, c, d])
+    }
+}
+
+#[inline(always)]
+fn lower(element: u64) -> u64 {
+    (element & LOW) | (element << (32 - LIMB) & LOW << 32)
+}
+
+#[inline(always)]
+fn upper(first: u64, second: u64) -> u64 {
+    (first >> (2 * LIMB)) | (second >> (2 * LIMB)) << 32
+}
+
+/// The digest of a list of elements.
+#[inline(always)]
+pub fn digest_of(domain: Domain, elements: &[Goldilocks]) -> Digest {
+    let mut sponge = Sponge::new(domain, elements.len());
+    sponge.absorb(elements);
+    sponge.digest()
+}
+
+/// The digest of a list of words. They need not be canonical values: the limbs of a word give it back, whatever it is.
+pub fn digest_of_words(domain: Domain, words: &[u64]) -> Digest {
+    digest_of(domain, Goldilocks::wrap_slice(words))
+}
+
+/// The digest of a row.
+#[inline(always)]
+pub fn leaf(row: &[Goldilocks]) -> Digest {
+    digest_of(Domain::Leaf, row)
+}
+
+/// A digest on its way up a tree. It stays in the state that is permuted: in the guest, moving digests takes longer than a permutation.
+pub struct Climb(State);
+
+impl Climb {
+    /// Begins with the digest of a row.
+    #[inline(always)]
+    pub fn of_leaf(row: &[Goldilocks]) -> Self {
+        let mut sponge = Sponge::new(Domain::Leaf, row.len());
+        sponge.absorb(row);
+        Self(sponge.state)
+    }
+
+    /// Goes on to [`node`] of the digest and its sibling, which is the left one of both or the right one.
+    #[inline(always)]
+    pub fn step(&mut self, sibling: &[u64; RATE], is_left: bool) {
+        let words = &mut self.0 .0;
+        if is_left {
+            words.copy_within(..RATE, RATE);
+            words[..RATE].copy_from_slice(sibling);
+        } else {
+            words[RATE..].copy_from_slice(sibling);
+        }
+        permute(&mut self.0);
+    }
+
+    /// Whether this is the digest.
+    #[inline(always)]
+    pub fn is(&self, digest: &Digest) -> bool {
+        let pairs = self.0 .0.iter().zip(&digest.0);
+        pairs.fold(0, |different, (a, b)| different | (a ^ b)) == 0
+    }
+}
+
+/// The digest of two digests: the first half of the permutation of both.
+///
+/// Two pairs with one digest can be had by computing the permutation backwards, but not pairs of which one half is a digest that was given
+/// before, which is what a path in a tree asks for.
+#[inline(always)]
+pub fn node(left: &Digest, right: &Digest) -> Digest {
+    let mut state = State::default();
+    state.0[..RATE].copy_from_slice(&left.0);
+    state.0[RATE..].copy_from_slice(&right.0);
+    permute(&mut state);
+    let [a, b, c, d, ..] = state.0;
+    Digest([a, b, c, d])
+}

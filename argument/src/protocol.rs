@@ -1,0 +1,471 @@
+//! The argument that a segment obeys its [`Relations`]: what prover and verifier do in the same order.
+//!
+//! 1. After a proof of work, all look-ups are one sum of fractions ([`crate::fractions`]; logarithmic derivatives, Haböck 2022, eprint 2022/1530). It leaves a claim
+//!    at a random point of its leaves, and so claims about the columns of each look-up. Equalities are claimed at the same point.
+//! 2. Claims about monomials become claims about their factors, by one sumcheck for all.
+//! 3. Claims about products become claims about their factors, by one sumcheck for all.
+//! 4. What is left are claims about tensors. [`crate::share`] makes one claim about a source of all that are about it.
+//!
+//! A value that the prover claims is said when it is first needed. [`Party`] is what differs between the two sides.
+
+use crate::field::{Extension, Goldilocks};
+use crate::fractions::LeafClaim;
+pub use crate::layout::Layout;
+use crate::operation;
+use crate::relation::{
+    Atom, Axis, Count, Factor, Index, Linear, Part, PartId, Parts, Relations, Source, COLUMNS,
+    MAX_FACTORS,
+};
+use crate::transcript::{require, Challenges, Refused};
+use crate::weights::Known;
+pub use crate::weights::Weights;
+use alloc::vec;
+use alloc::vec::Vec;
+
+/// Bits of the proof of work before entries are folded. An entry that is in no table passes with as many times 2^-128 as there are
+/// fractions, up to 2^32: work takes that below 2^-110.
+const WORK: u32 = 16;
+
+/// What a claim is about: `Σ_b w(b)·T(b)`, where T has the values of a source whose numbers are `offset` plus shifted indices.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Weighted {
+    /// Where the values are.
+    pub source: Source,
+    /// Number of the first value.
+    pub offset: usize,
+    /// For each axis where its index stands in the number of a value, and the weights.
+    pub parts: Vec<(u8, PartId)>,
+}
+
+/// A claim about values that were committed to.
+#[derive(Clone, Debug)]
+pub struct Claim {
+    /// What it is about.
+    pub about: Weighted,
+    /// What the sum is.
+    pub value: Extension,
+}
+
+/// What a sum is about that a sumcheck reduces.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Sum {
+    /// Monomials with this number, with weights.
+    Monomials(usize, Weights),
+    /// The product with this number, with weights.
+    Product(usize, Weights),
+}
+
+/// One of the two sides.
+pub trait Party: Challenges {
+    /// The value of what a claim is about: the prover computes and says it.
+    fn value(&mut self, parts: &Parts, about: &Weighted) -> Result<Extension, Refused>;
+    /// The value of a sum: likewise.
+    fn sum(
+        &mut self,
+        relations: &Relations,
+        parts: &Parts,
+        sum: &Sum,
+    ) -> Result<Extension, Refused>;
+    /// A proof of work: the prover does it, and the verifier checks it.
+    fn work(&mut self, bits: u32, what: &'static str) -> Result<(), Refused>;
+    /// The sum of all fractions is zero. `fold` folds the columns of an entry into one value, after it was taken from `shift`.
+    fn fractions(
+        &mut self,
+        relations: &Relations,
+        layout: &Layout,
+        fold: &Fold,
+    ) -> Result<LeafClaim, Refused>;
+    /// The sumcheck of `Σ coefficient · sum`, where the coefficients are powers of `gamma`. Returns its point, and the value there.
+    fn reduce(
+        &mut self,
+        relations: &Relations,
+        parts: &Parts,
+        sums: &[(Sum, Extension)],
+        gamma: Extension,
+        degree: usize,
+    ) -> Result<(Vec<Extension>, Extension), Refused>;
+    /// The sumcheck of `Σ coefficient · claim` over the values of all `sources`, which have so many variables and which all claims are about.
+    /// Returns its point, and the value there.
+    fn reduce_claims(
+        &mut self,
+        parts: &Parts,
+        sources: &[(Source, usize)],
+        claims: &[Claim],
+        gamma: Extension,
+    ) -> Result<(Vec<Extension>, Extension), Refused>;
+}
+
+/// How an entry becomes a denominator: `shift − Σ powers·columns`.
+#[derive(Clone, Copy, Debug)]
+pub struct Fold {
+    /// α.
+    pub shift: Extension,
+    /// 1, β, β², β³
+    pub powers: [Extension; COLUMNS],
+}
+
+/// A point of a sumcheck, whose first coordinates are those of a smaller tensor's axes.
+struct Point<'a> {
+    coordinates: &'a [Extension],
+    /// For each first coordinate, the ends of the parts that begin there.
+    known: Vec<Vec<(usize, PartId)>>,
+}
+
+impl<'a> Point<'a> {
+    fn new(coordinates: &'a [Extension]) -> Self {
+        Self {
+            coordinates,
+            known: vec![vec![]; coordinates.len() + 1],
+        }
+    }
+
+    /// The parts of the axes, which lie one after the other from the first coordinate on.
+    fn weights(&mut self, relations: &Relations, parts: &mut Parts, axes: &[Axis]) -> Weights {
+        let mut start = 0;
+        let mut weights = Weights::default();
+        for &axis in axes {
+            let end = start + relations.bits(axis);
+            let mut known = self.known[start].iter();
+            let id = match known.find(|(of, _)| *of == end) {
+                Some((_, id)) => *id,
+                None => {
+                    let id = parts.add(Part::Point(self.coordinates[start..end].to_vec()));
+                    self.known[start].push((end, id));
+                    id
+                }
+            };
+            weights.push(axis, id);
+            start = end;
+        }
+        weights
+    }
+}
+
+/// The argument, in progress.
+struct Argument<'a, P> {
+    party: &'a mut P,
+    relations: &'a Relations,
+    parts: &'a mut Parts,
+    claims: Vec<Claim>,
+    monomials: Vec<(Sum, Extension)>,
+    products: Vec<(Sum, Extension)>,
+    /// Values of virtual tensors that were claimed.
+    virtuals: Known,
+    /// Values of public tensors that were computed.
+    publics: Known,
+}
+
+/// Argues that the relations hold if the claims do that are returned. `parts` holds their weights.
+pub fn argue<P: Party>(
+    party: &mut P,
+    relations: &Relations,
+    parts: &mut Parts,
+) -> Result<Vec<Claim>, Refused> {
+    let mut argument = Argument {
+        party,
+        relations,
+        parts,
+        claims: vec![],
+        monomials: vec![],
+        products: vec![],
+        virtuals: Known::new(relations.virtuals.len()),
+        publics: Known::new(relations.publics.len()),
+    };
+    argument.lookups()?;
+    let reducing = operation("monomials");
+    argument.monomials()?;
+    reducing.end();
+    let reducing = operation("products");
+    argument.products()?;
+    reducing.end();
+    Ok(argument.claims)
+}
+
+impl<P: Party> Argument<'_, P> {
+    fn lookups(&mut self) -> Result<(), Refused> {
+        let relations = self.relations;
+        self.party.work(WORK, "look-ups")?;
+        let beta = self.party.challenge();
+        let fold = Fold {
+            shift: self.party.challenge(),
+            powers: [Extension::ONE, beta, beta * beta, beta * beta * beta],
+        };
+        let layout = Layout::new(relations);
+        let adding = operation("sum of fractions");
+        let leaf = self.party.fractions(relations, &layout, &fold)?;
+        adding.end();
+        let _claiming = operation("claims of look-ups");
+        let mut point = Point::new(&leaf.point);
+        let (mut numerator, mut denominator) = (Extension::ZERO, Extension::ONE);
+        let places = layout.places(&leaf.point);
+        for (lookup, place) in relations.lookups.iter().zip(places) {
+            let weights = point.weights(relations, self.parts, &lookup.axes);
+            let count = match lookup.count {
+                Count::Each => Extension::ONE,
+                Count::Masked(public) => self.public(public, &weights),
+                Count::Offered(number) => -self.virtual_at(number, &weights)?,
+            };
+            numerator += place * count;
+            let mut entry = fold.shift;
+            for (&power, column) in fold.powers.iter().zip(&lookup.entry) {
+                entry -= power * self.linear(column, &weights)?;
+            }
+            // Leaves of no look-up are 0/1.
+            denominator += place * (entry - Extension::ONE);
+        }
+        let holds = numerator == leaf.numerator && denominator == leaf.denominator;
+        require(holds, Refused::Equation("the leaves of a sum of look-ups"))?;
+        for equality in &relations.equalities {
+            let weights = point.weights(relations, self.parts, &equality.axes);
+            let value = self.linear(&equality.linear, &weights)?;
+            require(value == Extension::ZERO, Refused::Equation(equality.name))?;
+        }
+        Ok(())
+    }
+
+    /// `Σ_b weights(b) · linear(b)`.
+    fn linear(&mut self, linear: &Linear, weights: &Weights) -> Result<Extension, Refused> {
+        let mut sum = Extension::ZERO;
+        for term in linear {
+            let scaled;
+            let weights = match term.coefficients {
+                None => weights,
+                Some(number) => {
+                    scaled = self.scaled(weights, number);
+                    &scaled
+                }
+            };
+            let value = match term.atom {
+                Atom::One => self.total(weights, |_| true),
+                Atom::Virtual(number) => self.virtual_at(number, weights)?,
+                Atom::Product(number) => self.product_at(number, weights)?,
+                Atom::Monomials(number) => self.monomials_at(number, weights)?,
+                Atom::Public(number) => self.public(number, weights),
+                Atom::Summed(number) => {
+                    let summed = &self.relations.sums[number];
+                    let mut all = *weights;
+                    for &axis in &summed.axes {
+                        let bits = self.relations.bits(axis) as u32;
+                        all.push(axis, self.parts.ones(bits));
+                    }
+                    self.virtual_at(summed.of, &all)?
+                }
+            };
+            sum += value.scale(Goldilocks::from_i64(term.factor));
+        }
+        Ok(sum)
+    }
+
+    fn scaled(&mut self, weights: &Weights, number: usize) -> Weights {
+        let (axis, factors) = &self.relations.coefficients[number];
+        let mut scaled = *weights;
+        for (_, part) in scaled.iter_mut().filter(|(of, _)| of == axis) {
+            *part = self.parts.scaled(*part, number, factors);
+        }
+        scaled
+    }
+
+    /// The product of the sums of the weights on some axes.
+    fn total(&self, weights: &Weights, which: impl Fn(Axis) -> bool) -> Extension {
+        let totals = weights.iter().filter(|(axis, _)| which(*axis));
+        totals.fold(Extension::ONE, |product, &(_, part)| {
+            match self.parts.get(part) {
+                Part::Point(_) => product,
+                _ => product * self.parts.total(part),
+            }
+        })
+    }
+
+    /// A public tensor with weights, which repeats along the other axes.
+    fn public(&mut self, number: usize, weights: &Weights) -> Extension {
+        let public = &self.relations.publics[number];
+        let axes = public.axes();
+        let own = weights.of(axes);
+        let value = match self.publics.get(number, &own) {
+            Some(value) => value,
+            None => {
+                let mut tables = own;
+                if !public.likes_points() {
+                    for (_, id) in tables.iter_mut() {
+                        *id = self.parts.table(*id);
+                    }
+                }
+                let parts = tables.iter().map(|&(_, id)| self.parts.get(id));
+                let parts: Vec<&Part> = parts.collect();
+                let evaluating = operation("public tensors");
+                let value = public.at(&parts);
+                evaluating.end();
+                self.publics.insert(number, own, value);
+                value
+            }
+        };
+        value * self.total(weights, |axis| !axes.contains(&axis))
+    }
+
+    fn virtual_at(&mut self, number: usize, weights: &Weights) -> Result<Extension, Refused> {
+        if let Some(value) = self.virtuals.get(number, weights) {
+            return Ok(value);
+        }
+        let relations = self.relations;
+        let mut sum = Extension::ZERO;
+        for view in &relations.virtuals[number].views {
+            let tensor = &relations.tensors[view.tensor];
+            let mut parts = Vec::with_capacity(view.indices.len());
+            let mut read = Vec::with_capacity(view.indices.len());
+            let mut offset = tensor.offset;
+            for (index, place) in view.indices.iter().zip(&tensor.places) {
+                let id = match *index {
+                    Index::Of(axis) => {
+                        read.push(axis);
+                        weights.part(axis)
+                    }
+                    Index::Mapped(axis, map) => {
+                        read.push(axis);
+                        let id = weights.part(axis);
+                        let map = (map, &relations.maps[map][..]);
+                        self.parts.mapped(id, map, place.bits as usize)
+                    }
+                    Index::Fixed(index) => {
+                        offset += index << place.shift;
+                        continue;
+                    }
+                };
+                parts.push((place.shift, id));
+            }
+            let mut factor = self.total(weights, |axis| {
+                !read.contains(&axis) && !view.only.iter().any(|(only, _)| *only == axis)
+            });
+            for &(axis, index) in &view.only {
+                factor *= self.parts.get(weights.part(axis)).weight(index);
+            }
+            let about = Weighted {
+                source: tensor.source,
+                offset,
+                parts,
+            };
+            let value = self.party.value(self.parts, &about)?;
+            self.claims.push(Claim { about, value });
+            sum += factor * value.scale(Goldilocks::from_i64(view.factor));
+        }
+        self.virtuals.insert(number, *weights, sum);
+        Ok(sum)
+    }
+
+    fn product_at(&mut self, number: usize, weights: &Weights) -> Result<Extension, Refused> {
+        let product = &self.relations.products[number];
+        let axes = [&product.left_axes, &product.right_axes, &product.shared];
+        let own = weights.of(axes.into_iter().flatten());
+        let repeated = self.total(weights, |axis| own.iter().all(|(of, _)| *of != axis));
+        let sum = Sum::Product(number, own);
+        let known = self.products.iter().find(|(of, _)| *of == sum);
+        let value = match known {
+            Some((_, value)) => *value,
+            None => {
+                let value = self.party.sum(self.relations, self.parts, &sum)?;
+                self.products.push((sum, value));
+                value
+            }
+        };
+        Ok(repeated * value)
+    }
+
+    fn monomials_at(&mut self, number: usize, weights: &Weights) -> Result<Extension, Refused> {
+        let monomials = &self.relations.monomials[number];
+        let kept = &monomials.axes[..monomials.axes.len() - monomials.summed];
+        let own = weights.of(kept);
+        let repeated = self.total(weights, |axis| !kept.contains(&axis));
+        let sum = Sum::Monomials(number, own);
+        let known = self.monomials.iter().find(|(of, _)| *of == sum);
+        let value = match known {
+            Some((_, value)) => *value,
+            None => {
+                let value = self.party.sum(self.relations, self.parts, &sum)?;
+                self.monomials.push((sum, value));
+                value
+            }
+        };
+        Ok(repeated * value)
+    }
+
+    fn monomials(&mut self) -> Result<(), Refused> {
+        let relations = self.relations;
+        let sums = core::mem::take(&mut self.monomials);
+        let gamma = self.party.challenge();
+        let (point, value) =
+            self.party
+                .reduce(relations, self.parts, &sums, gamma, MAX_FACTORS + 1)?;
+        let mut point = Point::new(&point);
+        let mut expected = Extension::ZERO;
+        let mut power = Extension::ONE;
+        for (sum, _) in &sums {
+            let Sum::Monomials(number, weights) = sum else {
+                continue;
+            };
+            let monomials = &relations.monomials[*number];
+            let at = point.weights(relations, self.parts, &monomials.axes);
+            let mut total = Extension::ZERO;
+            for (coefficient, factors) in &monomials.terms {
+                let mut product = Extension::ONE;
+                for factor in factors {
+                    product *= match *factor {
+                        Factor::Virtual(number) => self.virtual_at(number, &at)?,
+                        Factor::Product(number) => self.product_at(number, &at)?,
+                        Factor::Public(number) => self.public(number, &at),
+                    };
+                }
+                total += product.scale(Goldilocks::from_i64(*coefficient));
+            }
+            for (axis, id) in weights.iter() {
+                if let Part::Point(coordinates) = self.parts.get(at.part(*axis)) {
+                    total *= self.parts.get(*id).at(coordinates);
+                }
+            }
+            expected += power * total;
+            power *= gamma;
+        }
+        require(
+            expected == value,
+            Refused::Equation("the sumcheck of the monomials"),
+        )
+    }
+
+    fn products(&mut self) -> Result<(), Refused> {
+        let relations = self.relations;
+        let sums = core::mem::take(&mut self.products);
+        let gamma = self.party.challenge();
+        let (point, value) = self.party.reduce(relations, self.parts, &sums, gamma, 2)?;
+        let mut point = Point::new(&point);
+        let mut expected = Extension::ZERO;
+        let mut power = Extension::ONE;
+        for (sum, _) in &sums {
+            let Sum::Product(number, weights) = sum else {
+                continue;
+            };
+            let product = &relations.products[*number];
+            let domain: Vec<Axis> = [&product.shared[..], &product.summed].concat();
+            let at = point.weights(relations, self.parts, &domain);
+            // The right factor has the point on shared axes, and the left one the claim's weights too.
+            let mut right = at;
+            let mut left = at;
+            for (axis, id) in left.iter_mut().take(product.shared.len()) {
+                *id = self.parts.times(*id, weights.part(*axis));
+            }
+            for (side, axes) in [
+                (&mut left, &product.left_axes),
+                (&mut right, &product.right_axes),
+            ] {
+                for &axis in axes {
+                    side.push(axis, weights.part(axis));
+                }
+            }
+            let left = self.virtual_at(product.left, &left)?;
+            let right = self.virtual_at(product.right, &right)?;
+            expected += power * left * right;
+            power *= gamma;
+        }
+        require(
+            expected == value,
+            Refused::Equation("the sumcheck of the products"),
+        )
+    }
+}

@@ -1,0 +1,109 @@
+//! The values of committed tensors, computed step by step from the relations that they have to obey.
+
+use super::looked_up::{count, NotInTable};
+use super::tables::{Computed, Tables};
+use super::values::{numbers, Values};
+use crate::relation::along::Along;
+use crate::relation::Committed;
+use crate::relation::{Axis, Count, Linear, Relations};
+
+/// Values of all sources. Those that are committed to are filled in.
+pub struct Filling<'a> {
+    /// What the values have to obey.
+    pub relations: &'a Relations,
+    /// What is committed to.
+    pub main: Vec<i64>,
+    /// The samples.
+    pub data: &'a [i64],
+    /// The weights.
+    pub weights: &'a [i16],
+    /// Columns of tables.
+    pub tables: &'a [i64],
+    /// Sums of products. A step computes them when the values that they are made from are filled in, and no later step changes these.
+    pub computed: Computed,
+}
+
+impl Filling<'_> {
+    /// The values of all sources, by number.
+    pub fn sources(&self) -> [Values<'_>; 4] {
+        [
+            Values::Wide(&self.main),
+            Values::Wide(self.data),
+            Values::Narrow(self.weights),
+            Values::Wide(self.tables),
+        ]
+    }
+
+    fn with<R>(&self, f: impl FnOnce(&Tables<'_>) -> R) -> R {
+        f(&Tables {
+            relations: self.relations,
+            sources: &self.sources(),
+            computed: &self.computed,
+        })
+    }
+
+    /// The values of a sum of terms.
+    pub fn linear(&self, linear: &Linear, axes: &[Axis]) -> Vec<i64> {
+        self.with(|tables| tables.linear(linear, axes))
+    }
+
+    /// A number that may differ along an axis, for each value of a tensor with these axes.
+    pub fn along(&self, numbers: &Along, axes: &[Axis]) -> Vec<i64> {
+        let count = 1 << self.relations.size(axes);
+        match numbers {
+            Along::Everywhere(number) => vec![*number; count],
+            Along::Axis(axis, numbers) => {
+                let below = axes.iter().take_while(|of| *of != axis).copied();
+                let below = self.relations.size(&below.collect::<Vec<_>>());
+                let mask = numbers.len() - 1;
+                (0..count)
+                    .map(|index| numbers[index >> below & mask])
+                    .collect()
+            }
+        }
+    }
+
+    /// Shifts each value to the right.
+    pub fn shift_right(&self, values: &mut [i64], axes: &[Axis], shift: &Along) {
+        let shifts = self.along(shift, axes);
+        for (value, shift) in values.iter_mut().zip(shifts) {
+            *value >>= shift;
+        }
+    }
+
+    /// Sets those values to zero that do not count.
+    pub fn keep_counted(&self, count: Count, axes: &[Axis], values: &mut [i64]) {
+        if let Count::Masked(public) = count {
+            let mask = self.with(|tables| tables.public(public, axes));
+            for (value, mask) in values.iter_mut().zip(mask) {
+                *value *= mask;
+            }
+        }
+    }
+
+    /// Fills a tensor.
+    pub fn set(&mut self, tensor: Committed, axes: &[Axis], values: &[i64]) {
+        let tensor = &self.relations.tensors[tensor.tensor];
+        debug_assert_eq!(axes.len(), tensor.places.len());
+        let places = tensor.places.iter();
+        let places: Vec<_> = places
+            .map(|place| (place.shift, place.bits as usize))
+            .collect();
+        for (number, &value) in numbers(tensor.offset, &places).into_iter().zip(values) {
+            self.main[number] = value;
+        }
+    }
+
+    /// Fills in how often each row of a table is looked up.
+    pub fn count(&mut self) -> Result<(), NotInTable> {
+        let counts = self.with(count)?;
+        for (number, counts) in counts {
+            let lookup = &self.relations.lookups[number];
+            if let Count::Offered(view) = lookup.count {
+                let tensor = self.relations.virtuals[view].views[0].tensor;
+                self.set(Committed { tensor, view }, &lookup.axes, &counts);
+            }
+        }
+        Ok(())
+    }
+}

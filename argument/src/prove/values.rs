@@ -1,0 +1,73 @@
+//! The values of sources, and sums of them with weights.
+
+use crate::field::{Extension, Goldilocks};
+use crate::protocol::Weighted;
+use crate::relation::{PartId, Parts};
+use rayon::prelude::*;
+
+/// Values of a source.
+#[derive(Clone, Copy)]
+pub enum Values<'a> {
+    /// Weights, as a policy has them.
+    Narrow(&'a [i16]),
+    /// Anything else.
+    Wide(&'a [i64]),
+}
+
+impl Values<'_> {
+    /// Value number `index`; zero after the last one.
+    #[inline(always)]
+    pub fn get(&self, index: usize) -> i64 {
+        match self {
+            Self::Narrow(values) => values.get(index).map_or(0, |&value| value as i64),
+            Self::Wide(values) => values.get(index).copied().unwrap_or_default(),
+        }
+    }
+}
+
+/// What a claim about these values is about.
+pub fn value(values: Values<'_>, parts: &Parts, about: &Weighted) -> Extension {
+    let places = about.parts.iter();
+    let places = places.map(|&(shift, id)| (shift, parts.get(id).bits()));
+    let numbers = numbers(about.offset, &places.collect::<Vec<_>>());
+    let values: Vec<i64> = numbers.into_par_iter().map(|n| values.get(n)).collect();
+    let ids: Vec<PartId> = about.parts.iter().map(|(_, id)| *id).collect();
+    contract(&values, parts, &ids)[0]
+}
+
+/// The numbers of the values of a tensor, from the first axis on.
+pub fn numbers(offset: usize, places: &[(u8, usize)]) -> Vec<usize> {
+    let mut numbers = vec![offset];
+    for &(shift, bits) in places {
+        let below = numbers.len();
+        numbers.reserve(below << bits);
+        for index in 1..1 << bits {
+            numbers.extend_from_within(..below);
+            let last = numbers.len() - below;
+            for number in &mut numbers[last..] {
+                *number += index << shift;
+            }
+        }
+    }
+    numbers
+}
+
+/// The sums over the lowest axes of values times weights, one part for each of these axes.
+pub fn contract(values: &[i64], parts: &Parts, ids: &[PartId]) -> Vec<Extension> {
+    let Some((&first, rest)) = ids.split_first() else {
+        let elements = values.par_iter().map(|&v| Goldilocks::from_i64(v).into());
+        return elements.collect();
+    };
+    let weights = parts.get(first).weights();
+    let rows = values.par_chunks_exact(weights.len());
+    let sum =
+        |row: &[i64]| Extension::dot_of(&weights, row.iter().map(|&v| Goldilocks::from_i64(v)));
+    let mut sums: Vec<Extension> = rows.map(sum).collect();
+    for &id in rest {
+        let weights = parts.get(id).weights();
+        let rows = sums.par_chunks_exact(weights.len());
+        let dot = |row: &[Extension]| row.iter().zip(&weights[..]).map(|(&a, &b)| a * b).sum();
+        sums = rows.map(dot).collect();
+    }
+    sums
+}

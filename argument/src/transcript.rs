@@ -1,0 +1,336 @@
+//! The transcript: prover and verifier absorb all that the prover says, and draw the same challenges from it (Fiat and Shamir 1986, over
+//! the sponge of [`crate::hash`]).
+//!
+//! A proof is a list of words, in the order in which the prover says them. An element of the field is one word, its canonical value; an
+//! element of the extension is two; a digest is four. What is said is fixed by the statement, so nothing says how long a part is.
+
+use crate::field::goldilocks::reduce;
+use crate::field::{Extension, Goldilocks};
+use crate::hash::{Digest, Domain, Sponge};
+use alloc::vec::Vec;
+
+/// Bits of a KoalaBear value that are as good as random, if the value is: its modulus is 127 · 2^24 + 1.
+const RANDOM_BITS: u32 = 24;
+
+/// Why an argument is refused.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum Refused {
+    /// The proof has too few or too many words.
+    #[error("the argument has {0} words than its statement asks for")]
+    Length(&'static str),
+    /// A word is not the canonical value of an element or of a digest.
+    #[error("word {0} of the argument is not a canonical value")]
+    NotCanonical(usize),
+    /// The proof of work is not one.
+    #[error("the argument's proof of work for {0} does not have enough bits")]
+    Work(&'static str),
+    /// Two values that an equation makes equal are not.
+    #[error("{0} does not hold")]
+    Equation(&'static str),
+    /// An opened row is not in the tree.
+    #[error("an opened row is not the one that was committed to")]
+    Opening,
+}
+
+/// An error unless `holds`: every check of the verifier that a cheat would fail.
+#[inline(always)]
+pub fn require(holds: bool, otherwise: Refused) -> Result<(), Refused> {
+    match holds {
+        true => Ok(()),
+        false => Err(otherwise),
+    }
+}
+
+/// What prover and verifier share: all that was said, and challenges from it.
+struct Said {
+    sponge: Sponge,
+    /// The sponge's digest was not drawn from yet.
+    fresh: bool,
+}
+
+impl Said {
+    fn new(statement: &Digest) -> Self {
+        let mut sponge = Sponge::new(Domain::Transcript, 0);
+        sponge.absorb_digest(statement);
+        Self {
+            sponge,
+            fresh: true,
+        }
+    }
+
+    /// A copy, with which to try what would be drawn.
+    #[cfg(feature = "prove")]
+    fn fork(&self) -> Self {
+        Self {
+            sponge: self.sponge.clone(),
+            fresh: self.fresh,
+        }
+    }
+
+    #[inline(always)]
+    fn elements(&mut self, elements: &[Goldilocks]) {
+        self.sponge.absorb(elements);
+        self.fresh = true;
+    }
+
+    #[inline(always)]
+    fn digest(&mut self, digest: &Digest) {
+        self.sponge.absorb_digest(digest);
+        self.fresh = true;
+    }
+
+    /// The next eight values, as words of two.
+    #[inline(always)]
+    fn draw(&mut self) -> [u64; 4] {
+        if !self.fresh {
+            self.sponge.permute();
+        }
+        self.fresh = false;
+        self.sponge.digest().0
+    }
+
+    #[inline(always)]
+    fn challenge(&mut self) -> Extension {
+        // Four times 24 bits modulo p: no element is likelier than another by more than 2^-32 of its probability.
+        let words = self.draw().map(bits);
+        let coefficient =
+            |low: u64, high: u64| reduce(low as u128 | (high as u128) << (2 * RANDOM_BITS));
+        Extension([
+            coefficient(words[0], words[1]),
+            coefficient(words[2], words[3]),
+        ])
+    }
+}
+
+/// The 48 random bits of two values in a word.
+#[inline(always)]
+fn bits(word: u64) -> u64 {
+    const MASK: u64 = (1 << RANDOM_BITS) - 1;
+    (word & MASK) | (word >> 32 & MASK) << RANDOM_BITS
+}
+
+fn positions(said: &mut Said, count: usize, bits_of_each: u32) -> Vec<usize> {
+    debug_assert!(bits_of_each <= 2 * RANDOM_BITS);
+    let mask = (1u64 << bits_of_each) - 1;
+    let mut positions = Vec::with_capacity(count.next_multiple_of(4));
+    while positions.len() < count {
+        positions.extend(said.draw().map(|word| (bits(word) & mask) as usize));
+    }
+    positions.truncate(count);
+    positions
+}
+
+/// The prover's side: what it says is absorbed and kept.
+pub struct Prover {
+    said: Said,
+    proof: Vec<u64>,
+}
+
+/// The verifier's side: it reads what the prover said.
+pub struct Verifier<'a> {
+    said: Said,
+    proof: &'a [u64],
+    read: usize,
+}
+
+/// Draws challenges.
+pub trait Challenges {
+    /// A random element of the extension.
+    fn challenge(&mut self) -> Extension;
+
+    /// `count` random elements.
+    fn challenges(&mut self, count: usize) -> Vec<Extension> {
+        (0..count).map(|_| self.challenge()).collect()
+    }
+
+    /// `count` random numbers below 2^`bits`, for `bits` up to 48.
+    fn positions(&mut self, count: usize, bits: u32) -> Vec<usize>;
+}
+
+impl Challenges for Prover {
+    fn challenge(&mut self) -> Extension {
+        self.said.challenge()
+    }
+
+    fn positions(&mut self, count: usize, bits: u32) -> Vec<usize> {
+        positions(&mut self.said, count, bits)
+    }
+}
+
+impl Challenges for Verifier<'_> {
+    #[inline(always)]
+    fn challenge(&mut self) -> Extension {
+        self.said.challenge()
+    }
+
+    fn positions(&mut self, count: usize, bits: u32) -> Vec<usize> {
+        positions(&mut self.said, count, bits)
+    }
+}
+
+impl Prover {
+    /// Begins an argument for the statement with this digest.
+    pub fn new(statement: &Digest) -> Self {
+        Self {
+            said: Said::new(statement),
+            proof: Vec::new(),
+        }
+    }
+
+    /// Says elements.
+    pub fn send(&mut self, elements: &[Goldilocks]) {
+        self.said.elements(elements);
+        self.hint(elements);
+    }
+
+    /// Says elements of the extension.
+    pub fn send_extension(&mut self, elements: &[Extension]) {
+        self.send(Extension::coefficients(elements));
+    }
+
+    /// Says a digest.
+    pub fn send_digest(&mut self, digest: &Digest) {
+        self.said.digest(digest);
+        self.hint_digest(digest);
+    }
+
+    /// Adds elements to the proof that something said before binds. They are not absorbed.
+    pub fn hint(&mut self, elements: &[Goldilocks]) {
+        self.proof
+            .extend(elements.iter().map(|element| element.value()));
+    }
+
+    /// Adds a digest that something said before binds.
+    pub fn hint_digest(&mut self, digest: &Digest) {
+        self.proof.extend_from_slice(&digest.0);
+    }
+
+    /// The proof.
+    pub fn finish(self) -> Vec<u64> {
+        self.proof
+    }
+}
+
+impl<'a> Verifier<'a> {
+    /// Reads `proof` as an argument for the statement with this digest.
+    pub fn new(statement: &Digest, proof: &'a [u64]) -> Self {
+        Self {
+            said: Said::new(statement),
+            proof,
+            read: 0,
+        }
+    }
+
+    #[inline(always)]
+    fn words(&mut self, count: usize) -> Result<&'a [u64], Refused> {
+        let rest = &self.proof[self.read..];
+        let words = rest.get(..count).ok_or(Refused::Length("fewer"))?;
+        self.read += count;
+        Ok(words)
+    }
+
+    /// The prover's next `count` elements.
+    #[inline(always)]
+    pub fn receive(&mut self, count: usize) -> Result<&'a [Goldilocks], Refused> {
+        let elements = self.hint(count)?;
+        self.said.elements(elements);
+        Ok(elements)
+    }
+
+    /// The prover's next `count` elements of the extension.
+    #[inline(always)]
+    pub fn receive_extension(&mut self, count: usize) -> Result<&'a [Extension], Refused> {
+        self.receive(2 * count).map(Extension::of_coefficients)
+    }
+
+    /// The prover's next digest.
+    #[inline(always)]
+    pub fn receive_digest(&mut self) -> Result<Digest, Refused> {
+        let digest = self.hint_digest()?;
+        self.said.digest(&digest);
+        Ok(digest)
+    }
+
+    /// The next `count` elements, which something said before binds. The caller has to compare them with it.
+    #[inline(always)]
+    pub fn hint(&mut self, count: usize) -> Result<&'a [Goldilocks], Refused> {
+        let first = self.read;
+        let words = self.words(count)?;
+        Goldilocks::of_words(words).map_err(|wrong| Refused::NotCanonical(first + wrong))
+    }
+
+    /// The next digest, which something said before binds. The caller has to compare it with that.
+    #[inline(always)]
+    pub fn hint_digest(&mut self) -> Result<Digest, Refused> {
+        let [digest] = self.hint_digests(1)? else {
+            return Err(Refused::Length("fewer"));
+        };
+        Ok(Digest(*digest))
+    }
+
+    /// The next `count` digests, likewise.
+    #[inline(always)]
+    pub fn hint_digests(&mut self, count: usize) -> Result<&'a [[u64; 4]], Refused> {
+        let first = self.read;
+        let words = self.words(4 * count)?;
+        // In the guest the precompile refuses what is not canonical: a run that hashes it cannot be proven.
+        if cfg!(not(target_os = "zkvm")) {
+            if let Some(wrong) = words.iter().position(|&word| !is_pair(word)) {
+                return Err(Refused::NotCanonical(first + wrong));
+            }
+        }
+        Ok(words.as_chunks().0)
+    }
+
+    /// Checks that the proof has been read to its end.
+    pub fn finish(self) -> Result<(), Refused> {
+        require(self.read == self.proof.len(), Refused::Length("more"))
+    }
+}
+
+/// Whether a word holds two canonical KoalaBear values.
+fn is_pair(word: u64) -> bool {
+    const KOALA_BEAR: u64 = 0x7f00_0001;
+    word & 0xffff_ffff < KOALA_BEAR && word >> 32 < KOALA_BEAR
+}
+
+/// Proofs of work: they make it costly to try challenges over and over until one suits a cheat.
+pub mod work {
+    use super::{bits, require, Refused, Verifier};
+    #[cfg(feature = "prove")]
+    use super::{Goldilocks, Prover};
+
+    /// Finds and says a number after which the next draw begins with `bits` zeros.
+    #[cfg(feature = "prove")]
+    pub fn do_work(prover: &mut Prover, difficulty: u32) {
+        use rayon::prelude::*;
+        /// Numbers that all cores try before the next ones. The first that will do is taken, so that proofs do not depend on the cores.
+        const TRIED: u32 = 1 << 12;
+        let said = &prover.said;
+        let attempt = |nonce: &u32| {
+            let mut said = said.fork();
+            said.elements(&[Goldilocks::from_u32(*nonce)]);
+            begins_with_zeros(said.draw()[0], difficulty)
+        };
+        let mut blocks = (0..u32::MAX / TRIED).map(|block| block * TRIED..(block + 1) * TRIED);
+        let found = blocks.find_map(|block| block.into_par_iter().find_first(attempt));
+        let nonce = Goldilocks::from_u32(found.unwrap_or_default());
+        prover.send(&[nonce]); // one in 2^bits will do, and bits are at most 24
+        prover.said.draw();
+    }
+
+    /// Checks the proof of work that the prover says next.
+    pub fn check_work(
+        verifier: &mut Verifier,
+        difficulty: u32,
+        what: &'static str,
+    ) -> Result<(), Refused> {
+        verifier.receive(1)?;
+        let holds = begins_with_zeros(verifier.said.draw()[0], difficulty);
+        require(holds, Refused::Work(what))
+    }
+
+    fn begins_with_zeros(word: u64, difficulty: u32) -> bool {
+        bits(word) & ((1 << difficulty) - 1) == 0
+    }
+}

@@ -1,0 +1,109 @@
+//! The relations agree with the evaluation on random small models of all shapes.
+
+mod models;
+
+use models::claims::Random;
+use models::Models;
+use rayon::prelude::*;
+use zk0_argument::expert::evaluation::layers::Expert;
+use zk0_argument::expert::witness::{evaluate, Unprovable, Witness};
+use zk0_argument::prove::{check_equalities, Computed, Tables};
+use zk0_circuits::model::spec::Dims;
+use zk0_circuits::EvalSpec;
+
+/// Models that are tried.
+const MODELS: u64 = 1000;
+
+/// A random number from `least` to `most`.
+fn between(random: &mut Random, least: u64, most: u64) -> u32 {
+    (least + random.bits() % (most - least + 1)) as u32
+}
+
+/// Random dimensions: heads of any even width, layers of either kind, with and without room in each axis.
+fn dims(random: &mut Random) -> Dims {
+    let kv_heads = between(random, 1, 3);
+    let max_action_dim = between(random, 1, 5);
+    Dims {
+        expert_width: 2 * between(random, 1, 6),
+        expert_mlp: between(random, 1, 9),
+        heads: kv_heads * between(random, 1, 3),
+        kv_heads,
+        head_dim: 2 * between(random, 1, 4),
+        layers: between(random, 1, 4),
+        self_attn_every: between(random, 1, 3),
+        chunk: between(random, 1, 5),
+        max_action_dim,
+        action_dim: between(random, 1, max_action_dim as u64),
+        max_prefix: between(random, 1, 7),
+    }
+}
+
+/// Random scales around the default ones, which are 10.
+fn scales(spec: &mut EvalSpec, random: &mut Random) {
+    let mut vary =
+        |bits: &mut u8, most: u8| *bits = (*bits + (random.bits() % 4) as u8).min(most) - 2;
+    for layer in &mut spec.layers {
+        for bits in [
+            &mut layer.cache_key,
+            &mut layer.cache_value,
+            &mut layer.normed,
+            &mut layer.query,
+            &mut layer.attended,
+            &mut layer.mlp_normed,
+            &mut layer.up,
+            &mut layer.gated,
+            &mut layer.hidden,
+        ] {
+            vary(bits, 13);
+        }
+        vary(&mut layer.gate, 12);
+        (layer.key, layer.value) = (layer.cache_key, layer.cache_value);
+    }
+    for bits in [
+        &mut spec.action,
+        &mut spec.embedding,
+        &mut spec.time_activation,
+        &mut spec.hidden,
+        &mut spec.final_normed,
+    ] {
+        vary(bits, 12);
+    }
+    vary(&mut spec.time_hidden, 12);
+}
+
+/// Whether a model's evaluation gives a loss. If it does, every relation holds on what follows from it.
+fn agrees(seed: u64) -> bool {
+    let mut random = Random(seed);
+    let mut spec = EvalSpec::new(dims(&mut random));
+    scales(&mut spec, &mut random);
+    let models = Models::new(&spec, 1 + seed as usize % 3, seed);
+    let weights = [&models.base, &models.update];
+    let (statement, kept) = match evaluate(&spec, weights, &models.samples) {
+        Ok(evaluated) => evaluated,
+        Err(Unprovable::Evaluation { .. }) => return false,
+        Err(error) => panic!("seed {seed}: {error}"),
+    };
+    let expert = Expert::new(&statement);
+    let witness = Witness::new(&statement, &expert, weights, &models.samples, &kept);
+    let witness = witness.unwrap_or_else(|error| panic!("seed {seed}: {error} ({spec:?})"));
+    let tables = Tables {
+        relations: &expert.builder.relations,
+        sources: &witness.sources(),
+        computed: &Computed::default(),
+    };
+    // The witness was only made if every look-up found its row.
+    if let Err(violation) = check_equalities(&tables) {
+        panic!("seed {seed}: {violation} ({spec:?})");
+    }
+    true
+}
+
+#[test]
+fn a_thousand_random_models_agree() {
+    let agreed = (0..MODELS)
+        .into_par_iter()
+        .filter(|&seed| agrees(seed))
+        .count();
+    println!("{agreed} of {MODELS} agree; the evaluation of the others overflows");
+    assert!(agreed as u64 >= MODELS * 9 / 10);
+}

@@ -1,0 +1,40 @@
+//! Random models and samples.
+#![allow(dead_code)]
+
+#[path = "../../../circuits/tests/claims/mod.rs"]
+pub mod claims;
+
+use claims::{calmer, louder, quantise, tensors, Parts, Random};
+use zk0_circuits::model::draw::{draw, Draw};
+use zk0_circuits::{Digest, EvalSpec, QuantisedWeights, Sample};
+
+/// Two models, and samples with what was drawn for them.
+pub struct Models {
+    pub spec: EvalSpec,
+    pub base: QuantisedWeights,
+    pub update: QuantisedWeights,
+    pub samples: Vec<(Sample, Draw)>,
+}
+
+impl Models {
+    /// Random ones. Prefixes and padding differ between samples.
+    pub fn new(spec: &EvalSpec, samples: usize, seed: u64) -> Self {
+        let mut random = Random(seed);
+        let base = louder(&tensors(spec, &mut random, 1.0), 2.0);
+        let most = spec.dims.max_prefix as usize;
+        let challenge = Digest([seed as u8; 32]);
+        let sample = |index: usize| {
+            let prefix = most - index % 2 * (most / 3);
+            let padded = (index % 3).min(spec.dims.chunk as usize - 1);
+            let parts = Parts::random(spec, &mut random, prefix, padded);
+            let draw = draw(spec, &challenge, index as u32, samples as u32);
+            (parts.quantise(spec), draw)
+        };
+        Self {
+            spec: spec.clone(),
+            samples: (0..samples).map(sample).collect(),
+            update: quantise(spec, &calmer(&base)),
+            base: quantise(spec, &base),
+        }
+    }
+}
