@@ -31,7 +31,7 @@ pub struct Proven {
     pub after: f64,
 }
 
-/// Groups of bars.
+/// Groups of bars. What the groups are is the name of their axis, see [`Panel`].
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct Bars {
     /// The text above them.
@@ -44,7 +44,16 @@ pub struct Bars {
     pub series: Vec<(String, Vec<f64>)>,
 }
 
-/// Draws `curves`, `proven` losses and those of the `global` weights, from left to right, to `stem.png` and `stem.svg`.
+/// Bars, and the name of the axis below them.
+#[derive(Clone, Debug)]
+pub struct Panel {
+    /// What the groups are.
+    pub x: &'static str,
+    /// The bars.
+    pub bars: Bars,
+}
+
+/// Draws `curves`, `proven` losses and those of the `global` weights on each recording, from left to right, to `stem.png` and `stem.svg`.
 pub fn draw(stem: &Path, curves: &[Curve], proven: &[Proven], global: &Bars) -> Result<()> {
     let pair = |of: fn(&Proven) -> f64| proven.iter().map(of).collect();
     let bars = Bars {
@@ -62,7 +71,7 @@ pub fn draw(stem: &Path, curves: &[Curve], proven: &[Proven], global: &Bars) -> 
     save(
         stem,
         (1600, 500),
-        &Picture::Federation(curves, [&bars, global]),
+        &Picture::Federation(curves, [("node and round", &bars), ("recording", global)]),
     )
 }
 
@@ -73,7 +82,7 @@ pub fn draw_training(stem: &Path, curves: &[Curve]) -> Result<()> {
 }
 
 /// Draws rows of two groups of bars each to `stem.png` and `stem.svg`, the rows below one another.
-pub fn draw_bars(stem: &Path, rows: &[[Bars; 2]]) -> Result<()> {
+pub fn draw_bars(stem: &Path, rows: &[[Panel; 2]]) -> Result<()> {
     let height = 360 * rows.len().clamp(1, 50) as u32;
     save(stem, (1200, height), &Picture::Rows(rows))
 }
@@ -86,9 +95,10 @@ fn write_json(stem: &Path, data: &impl serde::Serialize) -> Result<()> {
 
 /// What is drawn, on any backend.
 enum Picture<'a> {
-    Federation(&'a [Curve], [&'a Bars; 2]),
+    /// The bars with the names of their axes.
+    Federation(&'a [Curve], [(&'a str, &'a Bars); 2]),
     Training(&'a [Curve]),
-    Rows(&'a [[Bars; 2]]),
+    Rows(&'a [[Panel; 2]]),
 }
 
 type Drawn<B> = Result<(), DrawingAreaErrorKind<<B as DrawingBackend>::ErrorType>>;
@@ -100,16 +110,16 @@ impl Picture<'_> {
                 let (left, rest) = area.split_horizontally((42).percent_width());
                 let (middle, right) = rest.split_horizontally((50).percent_width());
                 training(&left, curves)?;
-                bars(&middle, proven)?;
-                bars(&right, global)
+                bars(&middle, proven.0, proven.1)?;
+                bars(&right, global.0, global.1)
             }
             Self::Training(curves) => training(area, curves),
             Self::Rows(rows) => {
                 let areas = area.split_evenly((rows.len().max(1), 1));
                 areas.iter().zip(*rows).try_for_each(|(area, row)| {
                     let (left, right) = area.split_horizontally((38).percent_width());
-                    bars(&left, &row[0])?;
-                    bars(&right, &row[1])
+                    bars(&left, row[0].x, &row[0].bars)?;
+                    bars(&right, row[1].x, &row[1].bars)
                 })
             }
         }
@@ -201,7 +211,8 @@ fn training<B: DrawingBackend>(area: &DrawingArea<B, Shift>, curves: &[Curve]) -
         .draw()
 }
 
-fn bars<B: DrawingBackend>(area: &DrawingArea<B, Shift>, bars: &Bars) -> Drawn<B> {
+/// Draws bars. `x` says what their groups are.
+fn bars<B: DrawingBackend>(area: &DrawingArea<B, Shift>, x: &str, bars: &Bars) -> Drawn<B> {
     let count = bars.groups.len();
     let values = bars.series.iter().flat_map(|(_, values)| values);
     // The names of the series have room above the bars.
@@ -221,6 +232,7 @@ fn bars<B: DrawingBackend>(area: &DrawingArea<B, Shift>, bars: &Bars) -> Drawn<B
             let of = bars.groups.get(*x as usize).filter(|_| middle);
             of.cloned().unwrap_or_default()
         })
+        .x_desc(x)
         .y_desc(&bars.unit)
         .light_line_style(WHITE)
         .draw()?;
@@ -246,4 +258,71 @@ fn bars<B: DrawingBackend>(area: &DrawingArea<B, Shift>, bars: &Bars) -> Drawn<B
         .background_style(WHITE.mix(0.8))
         .border_style(BLACK.mix(0.3))
         .draw()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn some_bars(caption: &str) -> Bars {
+        Bars {
+            caption: caption.into(),
+            unit: format!("unit of {caption}"),
+            groups: vec!["first".into(), "second".into()],
+            series: vec![("series".into(), vec![1.0, 2.0])],
+        }
+    }
+
+    /// The texts of an SVG, each of which the backend writes on a line of its own.
+    fn texts(svg: &Path) -> Vec<String> {
+        let text = std::fs::read_to_string(svg).unwrap();
+        let lines = text.lines().map(str::trim);
+        let texts = lines.filter(|line| !line.is_empty() && !line.starts_with('<'));
+        texts.map(str::to_owned).collect()
+    }
+
+    fn assert_has(texts: &[String], names: &[&str]) {
+        for name in names {
+            assert!(texts.iter().any(|text| text == name), "{name}: {texts:?}");
+        }
+    }
+
+    #[test]
+    fn each_panel_of_a_demos_chart_names_both_axes() {
+        let dir = tempfile::tempdir().unwrap();
+        let curve = Curve {
+            name: "node".into(),
+            points: vec![(0.0, 2.0), (25.0, 1.0)],
+        };
+        let proven = Proven {
+            name: "node".into(),
+            round: 0,
+            before: 2.0,
+            after: 1.0,
+        };
+        let stem = dir.path().join("loss");
+        draw(&stem, &[curve], &[proven], &some_bars("global")).unwrap();
+        let training = ["optimiser step", "flow-matching loss (mean squared error)"];
+        let proven = ["node and round", "mean squared error", "node, round 0"];
+        let global = ["recording", "unit of global", "first", "second"];
+        let texts = texts(&stem.with_extension("svg"));
+        assert_has(&texts, &[&training[..], &proven, &global].concat());
+    }
+
+    #[test]
+    fn bars_of_an_evaluation_name_both_axes() {
+        let dir = tempfile::tempdir().unwrap();
+        let panel = |x: &'static str| Panel {
+            x,
+            bars: some_bars(x),
+        };
+        let stem = dir.path().join("eval");
+        draw_bars(&stem, &[[panel("kind of loss"), panel("joint")]]).unwrap();
+        let texts = texts(&stem.with_extension("svg"));
+        let units = ["unit of kind of loss", "unit of joint"];
+        assert_has(&texts, &[&["kind of loss", "joint"][..], &units].concat());
+        // A caption is a text of its own, so that each name is there twice.
+        let joints = texts.iter().filter(|text| *text == "joint");
+        assert_eq!(joints.count(), 2);
+    }
 }

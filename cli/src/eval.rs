@@ -1,6 +1,6 @@
 //! `zk0 eval`: losses and action errors of policies on recordings.
 
-use crate::chart::{self, Bars};
+use crate::chart::{self, Bars, Panel};
 use crate::dataset::RecordingName;
 use crate::policy::{cache_failed, CacheOptions, DeviceOptions, PolicySource};
 use anyhow::{bail, Context, Result};
@@ -274,7 +274,7 @@ fn table(rows: &[Row]) -> String {
 }
 
 /// The charts of each recording: its losses, and the errors of its joints, with a bar for each policy.
-fn panels(rows: &[Row], datasets: usize) -> Vec<[Bars; 2]> {
+fn panels(rows: &[Row], datasets: usize) -> Vec<[Panel; 2]> {
     let of_dataset = |number: usize| rows.iter().skip(number).step_by(datasets);
     let name = |path: &str| {
         let path = PathBuf::from(path);
@@ -291,21 +291,29 @@ fn panels(rows: &[Row], datasets: usize) -> Vec<[Bars; 2]> {
                 rows.map(|row| (row.policy.clone(), values(row))).collect()
             };
             let joints = first.action_error.iter().map(|joint| joint.joint.clone());
+            let losses = Bars {
+                caption: format!("{}: loss", name(&first.dataset)),
+                unit: "loss (mean squared error)".into(),
+                groups: vec!["valid only".into(), "with padding".into()],
+                series: series(|row| vec![row.loss_valid_only, row.loss]),
+            };
+            let errors = Bars {
+                caption: "mean absolute error of actions".into(),
+                unit: "recording's units".into(),
+                groups: joints.collect(),
+                series: series(|row| {
+                    let errors = row.action_error.iter();
+                    errors.map(|joint| joint.mean_absolute_error).collect()
+                }),
+            };
             [
-                Bars {
-                    caption: format!("{}: loss", name(&first.dataset)),
-                    unit: "loss".into(),
-                    groups: vec!["valid only".into(), "with padding".into()],
-                    series: series(|row| vec![row.loss_valid_only, row.loss]),
+                Panel {
+                    x: "frames of the action chunk",
+                    bars: losses,
                 },
-                Bars {
-                    caption: "mean absolute error of actions".into(),
-                    unit: "recording's units".into(),
-                    groups: joints.collect(),
-                    series: series(|row| {
-                        let errors = row.action_error.iter();
-                        errors.map(|joint| joint.mean_absolute_error).collect()
-                    }),
+                Panel {
+                    x: "joint",
+                    bars: errors,
                 },
             ]
         })

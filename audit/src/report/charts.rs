@@ -130,7 +130,10 @@ impl Page {
             bars.push(((*reason).to_owned(), *count as f64, BAD));
         }
         let name = "Contributions by decision and reason";
-        self.figure(name, &lying(name, "contributions", &bars));
+        self.figure(
+            name,
+            &lying(name, "decision or reason", "contributions", &bars),
+        );
     }
 }
 

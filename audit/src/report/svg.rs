@@ -143,14 +143,16 @@ pub fn lines(title: &str, x: &Axis<'_>, y: &str, series: &[Series<'_>], from_zer
     chart.finish()
 }
 
-/// Lying bars, each with its name, value and colour. `unit` names what is counted.
-pub fn lying(title: &str, unit: &str, bars: &[(String, f64, &str)]) -> Svg {
+/// Lying bars, each with its name, value and colour. `names` says what the names are, and `unit` what is counted.
+pub fn lying(title: &str, names: &str, unit: &str, bars: &[(String, f64, &str)]) -> Svg {
     const ROW: f64 = 24.0;
     const NAMES: f64 = 210.0;
     let most = bars.iter().map(|(_, value, _)| *value).fold(1.0, f64::max);
     let height = TOP + ROW * bars.len() as f64 + 22.0;
     let mut body = format!(
-        "<text x=\"{NAMES}\" y=\"{:.1}\">{}</text>",
+        "<text x=\"{:.0}\" y=\"13\" text-anchor=\"end\">{}</text><text x=\"{NAMES}\" y=\"{:.1}\">{}</text>",
+        NAMES - 8.0,
+        escape(names),
         height - 6.0,
         escape(unit)
     );
@@ -362,6 +364,30 @@ mod tests {
     }
 
     #[test]
+    fn every_chart_names_both_axes() {
+        let axis = Axis {
+            name: "the x axis",
+            places: vec!["one".into()],
+        };
+        let series = [Series {
+            name: "series".into(),
+            colour: GOOD,
+            values: vec![Some(2.0)],
+        }];
+        let bars = [("one".to_owned(), 2.0, GOOD)];
+        for svg in [
+            stacked("title", &axis, "the y axis", &series),
+            lines("title", &axis, "the y axis", &series, false),
+            lying("title", "the x axis", "the y axis", &bars),
+        ] {
+            for name in ["the x axis", "the y axis"] {
+                let text = format!(">{name}</text>");
+                assert!(svg.as_str().contains(&text), "{name}: {}", svg.as_str());
+            }
+        }
+    }
+
+    #[test]
     fn a_chart_of_nothing_or_of_anything_is_well_formed() {
         let hostile = "<script>alert('1')</script>\u{0}\"&";
         let series = |values: Vec<Option<f64>>| {
@@ -386,7 +412,7 @@ mod tests {
             for svg in [
                 stacked(hostile, &x, hostile, &series(values.clone())),
                 lines(hostile, &x, hostile, &series(values.clone()), false),
-                lying(hostile, hostile, &[(hostile.into(), 3.0, BAD)]),
+                lying(hostile, hostile, hostile, &[(hostile.into(), 3.0, BAD)]),
             ] {
                 let text = svg.as_str();
                 assert!(!text.contains("<script") && !text.contains('\u{0}'));
