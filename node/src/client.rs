@@ -220,15 +220,23 @@ impl Node {
     /// Waits until `round` is open, and returns its opening. If the round has closed meanwhile, or the rules do not let this node
     /// contribute to it, this waits for a later one.
     pub async fn wait_for_round(&mut self, round: u64) -> Result<OpenRound, NodeError> {
+        let mut left_out = None;
         loop {
             let info = self.last_round().await?;
-            if let (Some(opened), None, true) = (info.opened, info.closed, info.invited) {
+            if let (Some(opened), None) = (info.opened, info.closed) {
                 match self.entry(opened)?.1.body {
-                    Body::RoundOpened(opened) if opened.round >= round => {
+                    Body::RoundOpened(opened) if opened.round >= round && info.invited => {
                         let program = program(&info.program)?;
                         return Ok(OpenRound { opened, program });
                     }
-                    Body::RoundOpened(_) => {}
+                    Body::RoundOpened(opened) => {
+                        let number = opened.round;
+                        if number >= round && left_out.replace(number) != Some(number) {
+                            tracing::warn!(
+                                "round {number} is open, but this node may not contribute to it, and waits for a later one: it is not invited or not active, its dataset came too late or is too small, or it pauses because its last commitments ended without an accepted contribution"
+                            );
+                        }
+                    }
                     _ => return Err(unexpected("the opening of a round", "another entry")),
                 }
             }

@@ -47,6 +47,24 @@ pub enum ParticipantError {
     /// The policy and the evaluation specification are not of the same dimensions.
     #[error("the network's policy and its evaluation specification have different dimensions, so nobody can take part: tell its operator")]
     Dimensions,
+    /// The node is to be evaluated on more samples, or on fewer, than a round allows or than its evaluation set has.
+    #[error(
+        "{asked} samples are too {} for round {round}: the rules ask for {least} to {allowed} samples a claim, and this node's evaluation set has {held}; start the node with --eval-samples between {least} and {}, or without --eval-samples for {least}",
+        match asked < least { true => "few", false => "many" },
+        held.min(&u64::from(*allowed))
+    )]
+    EvalSamples {
+        /// The round.
+        round: u64,
+        /// What the node is to do.
+        asked: u32,
+        /// Fewest by the rules.
+        least: u32,
+        /// Most by the rules.
+        allowed: u32,
+        /// Samples in the node's evaluation set.
+        held: u64,
+    },
     /// The frames of the evaluation set cannot be drawn.
     #[error("the evaluation set: {0}")]
     Frames(DrawError),

@@ -15,7 +15,7 @@ use zk0_circuits::model::spec::EvalSpec;
 use zk0_circuits::Mode;
 use zk0_files::atomic_file::put_in_place;
 use zk0_protocol::counted::counted;
-use zk0_protocol::entries::entry::MAX_ENTRY_BYTES;
+use zk0_protocol::entries::entry::{RoundOpened, MAX_ENTRY_BYTES};
 use zk0_protocol::entries::program::{Program, OUR_SP1};
 use zk0_protocol::entries::round_result::ResultOutcome;
 use zk0_protocol::entries::signed::{DatasetRegistration, Episode};
@@ -145,11 +145,12 @@ impl Participant {
             check_program(node.genesis().mode, program)?;
             let round = opened.round;
             next = round + 1;
+            let held = entered.evaluation.commitment.samples;
             let turn = Turn {
                 state: &self.state,
                 entered: &entered,
                 opened: &opened,
-                eval_samples: self.eval_samples.unwrap_or(opened.rules.min_eval_samples),
+                eval_samples: eval_samples(self.eval_samples, &opened, held)?,
             };
             match play(&turn, node).await.map(|decision| decision.refusal) {
                 Ok(None) => tracing::info!("round {round}: accepted"),
@@ -236,6 +237,27 @@ fn check_program(mode: Mode, needed: Program) -> Result<(), ParticipantError> {
     match needed == own {
         true => Ok(()),
         false => Err(ParticipantError::OtherProgram { needed, own }),
+    }
+}
+
+/// On how many samples a claim of this round is evaluated: as many as the operator asks for, or as few as the rules allow. The node has
+/// `held` samples. A wrong number would be refused only after the training.
+fn eval_samples(
+    asked: Option<u32>,
+    opened: &RoundOpened,
+    held: u64,
+) -> Result<u32, ParticipantError> {
+    let (least, allowed) = (opened.rules.min_eval_samples, opened.rules.max_eval_samples);
+    let asked = asked.unwrap_or(least);
+    match (least..=allowed).contains(&asked) && u64::from(asked) <= held {
+        true => Ok(asked),
+        false => Err(ParticipantError::EvalSamples {
+            round: opened.round,
+            asked,
+            least,
+            allowed,
+            held,
+        }),
     }
 }
 

@@ -7,7 +7,10 @@ mod network;
 use network::log::MemoryLog;
 use network::*;
 use std::pin::Pin;
+use std::time::Duration;
 use tokio::net::TcpListener;
+use tokio::task::JoinHandle;
+use tokio::time::timeout;
 use tokio_stream::wrappers::TcpListenerStream;
 use tokio_stream::Stream;
 use tonic::transport::Server;
@@ -84,12 +87,8 @@ impl Told {
         }
     }
 
-    /// The challenge that node 0 derives from what it is shown, or why it derives none.
-    async fn shown(
-        &self,
-        round: rpc::RoundInfo,
-        opened: &RoundOpened,
-    ) -> Result<zk0_circuits::Digest, NodeError> {
+    /// Node 0, connected to an aggregator that shows it this round, and the aggregator.
+    async fn connected(&self, round: rpc::RoundInfo) -> (Node, JoinHandle<()>) {
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
         let url = format!("http://{}", listener.local_addr().unwrap());
         let whole = MemoryLog::of(&self.leaves);
@@ -102,9 +101,19 @@ impl Told {
         let serving = Server::builder()
             .add_service(FederationServer::new(lying))
             .serve_with_incoming(TcpListenerStream::new(listener));
-        let server = tokio::spawn(serving);
+        let server = tokio::spawn(async move { serving.await.unwrap() });
         let network = *self.chain.state.network();
-        let mut node = Node::connect(url, network, key(0)).await.unwrap();
+        let node = Node::connect(url, network, key(0)).await.unwrap();
+        (node, server)
+    }
+
+    /// The challenge that node 0 derives from what it is shown, or why it derives none.
+    async fn shown(
+        &self,
+        round: rpc::RoundInfo,
+        opened: &RoundOpened,
+    ) -> Result<zk0_circuits::Digest, NodeError> {
+        let (mut node, server) = self.connected(round).await;
         let statement = commitment(&self.chain.state, 0, weights(0x10));
         let commitment = closing::commitment(&statement);
         let challenge = node.wait_for_challenge(opened, &commitment).await;
@@ -257,4 +266,25 @@ async fn a_round_that_closed_without_randomness_is_over_for_the_node() {
         matches!(over, Err(NodeError::NoRandomness { round: 0 })),
         "{over:?}"
     );
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_node_that_the_rules_leave_out_waits_before_it_trains() {
+    let told = Told::new();
+    for (invited, round, begins) in [(false, 0, false), (true, 1, false), (true, 0, true)] {
+        // Entry 3 opened the round.
+        let info = rpc::RoundInfo {
+            opened: told.receipt(3, 4),
+            program: borsh::to_vec(told.chain.state.program()).unwrap(),
+            invited,
+            ..rpc::RoundInfo::default()
+        };
+        let (mut node, server) = told.connected(info).await;
+        let waited = timeout(Duration::from_secs(2), node.wait_for_round(round)).await;
+        server.abort();
+        match begins {
+            true => assert_eq!(waited.unwrap().unwrap().opened, told.opened),
+            false => assert!(waited.is_err(), "invited: {invited}, from round {round} on"),
+        }
+    }
 }

@@ -1,0 +1,29 @@
+//! `zk0 node join --eval-samples`: a node learns that its number of samples does not fit before it trains, not after it.
+
+mod harness;
+
+use harness::logged;
+use harness::network::LocalNetwork;
+use std::path::Path;
+
+#[test]
+fn a_number_of_samples_that_does_not_fit_ends_the_node_before_it_trains() {
+    let network = LocalNetwork::new();
+    network.found(&["--min-eval-samples", "16", "--max-eval-samples", "2000"]);
+    // The recording has fewer samples than 2000.
+    for (asked, wrong) in [("15", "few"), ("2001", "many"), ("2000", "many")] {
+        let output = network.join(1, &["--steps", "1", "--eval-samples", asked]);
+        let said = logged(&output);
+        assert_eq!(output.status.code(), Some(1), "{said}");
+        let expected = format!(
+            "{asked} samples are too {wrong} for round 0: the rules ask for 16 to 2000 samples a claim, and this node's evaluation set has "
+        );
+        assert!(said.contains(&expected), "{said}");
+        assert!(
+            said.contains("start the node with --eval-samples between 16 and "),
+            "{said}"
+        );
+        assert!(!said.contains("training 1 step"), "{said}");
+        assert!(!Path::new(&network.path("state/round-0.safetensors")).exists());
+    }
+}
