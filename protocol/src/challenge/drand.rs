@@ -81,6 +81,12 @@ impl DrandChain {
         }
     }
 
+    /// How long after a closing its beacon can come, in milliseconds: the margin, and one period until the next round.
+    pub fn latest_after_closing_ms(&self) -> u64 {
+        let period_ms = self.period_s.saturating_mul(1000);
+        self.margin_ms.saturating_add(period_ms)
+    }
+
     /// When a round is signed, in Unix milliseconds.
     pub fn time_ms(&self, round: u64) -> u64 {
         let after_s = round.saturating_sub(1).saturating_mul(self.period_s);

@@ -19,8 +19,9 @@ pub enum RandomnessSource {
 }
 
 impl RandomnessSource {
-    /// Checks the source. `has_witnesses` says whether the rules name witnesses.
-    pub fn check(&self, has_witnesses: bool) -> Result<(), String> {
+    /// Checks the source. `has_witnesses` says whether the rules name witnesses, and `window_ms` how long a round waits for its
+    /// randomness.
+    pub fn check(&self, has_witnesses: bool, window_ms: u64) -> Result<(), String> {
         let bad = |why: String| format!("rule randomness: {why}");
         match self {
             Self::LogVrf => Ok(()),
@@ -29,7 +30,17 @@ impl RandomnessSource {
                 "it takes the witnesses' cosignatures, but rule witness_policy names no witnesses"
                     .into(),
             )),
-            Self::Drand(chain) => chain.check().map_err(bad),
+            Self::Drand(chain) => {
+                chain.check().map_err(bad)?;
+                let latest_ms = chain.latest_after_closing_ms();
+                match window_ms > latest_ms {
+                    true => Ok(()),
+                    false => Err(format!(
+                        "rule randomness_window_ms is {window_ms}, but a beacon can come {latest_ms} ms after the closing (margin_ms of {} and a period of {} s), so that rounds would end without randomness: set randomness_window_ms to more than that, or margin_ms to less",
+                        chain.margin_ms, chain.period_s
+                    )),
+                }
+            }
         }
     }
 }

@@ -222,7 +222,8 @@ impl Rules {
         self.strategy.check()?;
         self.participation.check()?;
         let has_witnesses = self.witnesses()?.wants_witnesses();
-        self.randomness.check(has_witnesses)?;
+        self.randomness
+            .check(has_witnesses, self.randomness_window_ms)?;
         self.unanswered.check()?;
         self.governance.check()
     }

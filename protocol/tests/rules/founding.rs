@@ -25,7 +25,7 @@ fn genesis_comes_first_and_only_first() {
 
 #[test]
 fn a_genesis_has_to_make_sense() {
-    let broken: [Breaks<zk0_protocol::Genesis>; 25] = [
+    let broken: [Breaks<zk0_protocol::Genesis>; 27] = [
         ("evaluation", |g| g.evaluation[0] ^= 1),
         ("evaluation", |g| g.evaluation.push(0)),
         ("min_eval_samples", |g| g.rules.min_eval_samples = 11),
@@ -72,6 +72,18 @@ fn a_genesis_has_to_make_sense() {
             };
             g.rules.randomness = RandomnessSource::Drand(Box::new(chain))
         }),
+        ("randomness_window_ms is 63000", |g| {
+            g.rules.randomness = RandomnessSource::Drand(Box::new(DrandChain::quicknet()));
+            g.rules.randomness_window_ms = 63_000;
+        }),
+        ("margin_ms of 18446744073709551615", |g| {
+            let chain = DrandChain {
+                margin_ms: u64::MAX,
+                ..DrandChain::quicknet()
+            };
+            g.rules.randomness = RandomnessSource::Drand(Box::new(chain));
+            g.rules.randomness_window_ms = u64::MAX;
+        }),
         ("unanswered.max", |g| g.rules.unanswered.max = 99),
     ];
     for (what, breaks) in broken {
@@ -82,6 +94,18 @@ fn a_genesis_has_to_make_sense() {
             other => panic!("{what}: {other:?}"),
         }
     }
+}
+
+#[test]
+fn a_window_that_the_latest_beacon_fits_in_is_accepted() {
+    let mut rules = genesis().rules;
+    rules.randomness = RandomnessSource::Drand(Box::new(DrandChain::quicknet()));
+    rules.randomness_window_ms = 63_001;
+    assert_eq!(rules.check(), Ok(()));
+    // Only a beacon's round has to fit in it.
+    rules.randomness = RandomnessSource::LogVrf;
+    rules.randomness_window_ms = 1;
+    assert_eq!(rules.check(), Ok(()));
 }
 
 #[test]
