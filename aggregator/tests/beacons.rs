@@ -31,6 +31,7 @@ type Test = Result<(), Box<dyn std::error::Error>>;
 const KEY: u64 = 77;
 const MARGIN_MS: u64 = 2_000;
 const PATIENCE: Duration = Duration::from_secs(2);
+const RETRY: Duration = Duration::from_millis(100);
 
 fn chain() -> DrandChain {
     Beacon::new(KEY).chain(START_MS / 1000 - 1_000, MARGIN_MS)
@@ -57,7 +58,40 @@ enum Does {
     Silent,
 }
 
-type Doing = Arc<Mutex<Does>>;
+/// What a server does from now on, and how often it was asked for a beacon since it does that.
+#[derive(Clone)]
+struct Doing(Arc<Mutex<(Does, u32)>>);
+
+impl Doing {
+    fn new(does: Does) -> Self {
+        Self(Arc::new(Mutex::new((does, 0))))
+    }
+
+    fn set(&self, does: Does) {
+        *self.0.lock().unwrap() = (does, 0);
+    }
+
+    fn does(&self) -> Does {
+        self.0.lock().unwrap().0
+    }
+
+    fn asked_for_beacon(&self) -> Does {
+        let mut now = self.0.lock().unwrap();
+        now.1 += 1;
+        now.0
+    }
+
+    /// Waits until the server was asked twice for a beacon. The second question shows that the first answer did not end the service.
+    async fn asked_twice(&self) -> bool {
+        for _ in 0..200 {
+            if self.0.lock().unwrap().1 >= 2 {
+                return true;
+            }
+            tokio::time::sleep(Duration::from_millis(50)).await;
+        }
+        false
+    }
+}
 
 fn signing_key(does: Does) -> u64 {
     match does {
@@ -71,7 +105,7 @@ async fn public(
     Path((name, round)): Path<(String, u64)>,
 ) -> (StatusCode, String) {
     assert_eq!(name, hex::encode(chain().hash));
-    let does = *doing.lock().unwrap();
+    let does = doing.asked_for_beacon();
     let round = match does {
         Does::Fails => return (StatusCode::INTERNAL_SERVER_ERROR, String::new()),
         Does::Late | Does::NoChain => return (StatusCode::NOT_FOUND, String::new()),
@@ -92,7 +126,7 @@ async fn public(
 }
 
 async fn info(State(doing): State<Doing>, Path(_): Path<String>) -> (StatusCode, String) {
-    let key = match *doing.lock().unwrap() {
+    let key = match doing.does() {
         Does::NoChain => return (StatusCode::NOT_FOUND, String::new()),
         Does::OtherChain => Beacon::new(KEY + 1).chain(0, 0).public_key,
         _ => chain().public_key,
@@ -106,7 +140,7 @@ async fn info(State(doing): State<Doing>, Path(_): Path<String>) -> (StatusCode,
 
 /// A server of beacons on loopback, and what it does.
 async fn server(does: Does) -> (String, Doing) {
-    let doing = Arc::new(Mutex::new(does));
+    let doing = Doing::new(does);
     let router = Router::new()
         .route("/{chain}/public/{round}", get(public))
         .route("/{chain}/info", get(info))
@@ -140,7 +174,7 @@ async fn each_thing_that_is_wrong_with_a_server_is_named() {
     let expected = Beacon::new(KEY).sign(500);
     assert_eq!(fetched(&[&url], 500).await, Ok(expected));
     let error = async |does| {
-        *doing.lock().unwrap() = does;
+        doing.set(does);
         error_of(&url).await
     };
     let name = hex::encode(chain().hash);
@@ -170,7 +204,7 @@ async fn each_thing_that_is_wrong_with_a_server_is_named() {
     // One server that works is enough.
     let (working, _) = server(Does::Right).await;
     for does in [Does::Fails, Does::WrongSignature, Does::OtherChain] {
-        *doing.lock().unwrap() = does;
+        doing.set(does);
         let urls = [&*url, "http://127.0.0.1:9", &*working];
         assert_eq!(fetched(&urls, 500).await, Ok(expected));
     }
@@ -195,7 +229,7 @@ async fn waiting(does: Does) -> (Network, Node, Doing) {
         rounds: Some(1),
         min_nodes: 2,
     };
-    let beacons = Some(BeaconServers::new(vec![url], PATIENCE));
+    let beacons = Some(BeaconServers::new(vec![url], PATIENCE).retrying_after(RETRY));
     let nodes = [&first, &second];
     let limits = Limits::default();
     let network = Network::start_as(&nodes, config, limits, founded, None, beacons).await;
@@ -231,8 +265,8 @@ async fn a_round_waits_for_its_beacon_and_goes_on_with_it() -> Test {
     let awaited = step(&network).await;
     assert!(matches!(awaited, Progress::NeedsBeacon(_)), "{awaited:?}");
     for does in [Does::Late, Does::WrongSignature, Does::OtherChain] {
-        *doing.lock().unwrap() = does;
-        tokio::time::sleep(Duration::from_millis(100)).await;
+        doing.set(does);
+        assert!(doing.asked_twice().await, "{does:?}");
         // The ledger takes what others send meanwhile.
         let enrol = move |aggregator: &mut Aggregator| {
             let node = Node::new(20 + does as u8);
@@ -241,7 +275,7 @@ async fn a_round_waits_for_its_beacon_and_goes_on_with_it() -> Test {
         network.service().with(enrol).await?;
         assert_eq!(network.round(Some(0)).await.randomness, None);
     }
-    *doing.lock().unwrap() = Does::Right;
+    doing.set(Does::Right);
     assert!(drawn_soon(&network).await);
     let claim = first.claim(&network).await;
     first.submit(&network, claim, b"no proof").await?;

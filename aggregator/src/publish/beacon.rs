@@ -7,6 +7,9 @@ use zk0_ledger::published::web::agent;
 use zk0_protocol::challenge::drand::{BeaconSignature, DrandChain};
 use zk0_protocol::quote::short;
 
+/// How long nobody asks again when no server had the beacon.
+const RETRY: Duration = Duration::from_secs(2);
+
 /// Servers of drand's network "quicknet" that anybody may ask.
 const PUBLIC_SERVERS: [&str; 3] = [
     "https://api.drand.sh",
@@ -22,6 +25,7 @@ const MAX_ANSWER_BYTES: u64 = 4 << 10;
 pub struct BeaconServers {
     urls: Vec<String>,
     agent: ureq::Agent,
+    retry: Duration,
 }
 
 /// Why a server's answer does not help.
@@ -88,7 +92,19 @@ impl BeaconServers {
         Self {
             urls: trimmed.collect(),
             agent: agent(patience),
+            retry: RETRY,
         }
+    }
+
+    /// From now on, the servers are asked again after this time if none had the beacon. Without this, it is two seconds.
+    pub fn retrying_after(mut self, retry: Duration) -> Self {
+        self.retry = retry;
+        self
+    }
+
+    /// How long to wait before the servers are asked again.
+    pub fn retry(&self) -> Duration {
+        self.retry
     }
 
     /// The public servers of drand's "quicknet".

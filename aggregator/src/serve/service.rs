@@ -72,9 +72,6 @@ const TICK: Duration = Duration::from_millis(250);
 /// How long a public server of beacons may take to answer.
 const BEACON_PATIENCE: Duration = Duration::from_secs(10);
 
-/// How long the service waits before it asks the servers of beacons again.
-const BEACON_RETRY: Duration = Duration::from_secs(2);
-
 /// An aggregator that the requests and the round timer share.
 #[derive(Clone)]
 pub struct Service {
@@ -218,10 +215,11 @@ impl Service {
                     Ok(Some(why)) => {
                         // It is asked for again and again, so the log says the same reason once.
                         if said.as_ref() != Some(&why) {
-                            tracing::warn!("{why}; the servers are asked again every two seconds");
+                            let every = self.beacons.retry();
+                            tracing::warn!("{why}; the servers are asked again every {every:?}");
                             said = Some(why);
                         }
-                        sleep(BEACON_RETRY).await;
+                        sleep(self.beacons.retry()).await;
                     }
                     Err(error) => return error,
                 },
