@@ -208,8 +208,7 @@ fn global_bars(global: &[Global]) -> Bars {
         caption: "Global weights".into(),
         unit: "mean squared error".into(),
         groups: first.map_or(Vec::new(), |one| {
-            let whose = one.losses.iter().map(GlobalLoss::whose);
-            whose.map(str::to_owned).collect()
+            one.losses.iter().map(GlobalLoss::whose).collect()
         }),
         series: start.into_iter().chain(global.iter().map(after)).collect(),
     }
