@@ -30,7 +30,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     }
     // Only builds with the feature `cuda` know another device.
     #[allow(irrefutable_let_patterns)]
-    let Device::Cpu(options) = Device::find(DeviceKind::Cpu)? else {
+    let Device::Cpu(options) = Device::find(DeviceKind::Cpu)?
+    else {
         return Err("this example proves on a CPU".into());
     };
     let _lock = ProverLock::acquire(&ProverLock::default_path(), Duration::ZERO)?;
