@@ -1,4 +1,4 @@
-//! The evaluation as [`zk0_circuits::model::eval`] does it, with the sums of all products kept.
+//! The evaluation as [`zk0_circuits::model::eval`] does it, with the sums of all linear layers kept.
 
 use zk0_circuits::model::arithmetic::products::Rows;
 use zk0_circuits::model::draw::Draw;
@@ -8,18 +8,10 @@ use zk0_circuits::model::multiply::{Direct, Multiply};
 use zk0_circuits::model::parameters::Parameters;
 use zk0_circuits::{QuantisedWeights, Sample};
 
-/// The sums of a product.
-#[derive(Clone, Debug)]
-pub enum Kept {
-    /// Of a linear layer: one matrix after the other, a row of outputs for each row of the input.
-    Linear(usize, Vec<i32>),
-    /// Of the queries and keys of a key and value head of a layer: a row for each query.
-    Scores(Vec<i32>),
-    /// Of attention weights and values, likewise.
-    Mixed(Vec<i32>),
-}
+/// The sums of a linear layer, by its number: one matrix after the other, a row of outputs for each row of the input.
+pub type Kept = (usize, Vec<i32>);
 
-/// Computes products, and keeps their sums.
+/// Computes products, and keeps the sums of linear layers.
 struct Keeping<'a> {
     direct: Direct<'a>,
     kept: Vec<Kept>,
@@ -35,7 +27,7 @@ impl Multiply for Keeping<'_> {
         input: &[i16],
     ) -> Result<Vec<i32>, EvalError> {
         let sums = self.direct.linear(index, linear, input)?;
-        self.kept.push(Kept::Linear(index, sums.clone()));
+        self.kept.push((index, sums.clone()));
         Ok(sums)
     }
 
@@ -45,9 +37,7 @@ impl Multiply for Keeping<'_> {
         queries: Rows<'_>,
         keys: Rows<'_>,
     ) -> Result<Vec<i32>, EvalError> {
-        let sums = self.direct.scores(site, queries, keys)?;
-        self.kept.push(Kept::Scores(sums.clone()));
-        Ok(sums)
+        self.direct.scores(site, queries, keys)
     }
 
     fn mix(
@@ -56,13 +46,11 @@ impl Multiply for Keeping<'_> {
         weights: Rows<'_>,
         values: Rows<'_>,
     ) -> Result<Vec<i32>, EvalError> {
-        let sums = self.direct.mix(site, weights, values)?;
-        self.kept.push(Kept::Mixed(sums.clone()));
-        Ok(sums)
+        self.direct.mix(site, weights, values)
     }
 }
 
-/// The loss of a sample, and all sums on the way to it, in the order of the evaluation.
+/// The loss of a sample, and the sums of all linear layers on the way to it, in the order of the evaluation.
 pub fn trace(
     evaluator: &Evaluator<'_>,
     weights: &QuantisedWeights,

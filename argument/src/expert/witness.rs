@@ -280,11 +280,10 @@ fn fill_hidden(
     let spec = &statement.spec;
     let width = spec.dims.expert_width as usize;
     let outputs = |index: usize| -> Vec<i64> {
-        let own = kept.iter().find_map(|kept| match kept {
-            Kept::Linear(of, sums) if *of == index => Some(sums),
-            _ => None,
-        });
-        own.into_iter().flatten().map(|&sum| output(sum)).collect()
+        let own = kept.iter().filter(|(of, _)| *of == index);
+        own.flat_map(|(_, sums)| sums)
+            .map(|&sum| output(sum))
+            .collect()
     };
     let add = |sums: Vec<i64>, residual: &[i64], from: u8, to: u8| -> Vec<i64> {
         let rescale = Rescale::new(from as i32, to as i32);
