@@ -107,6 +107,6 @@ guest:
 	$(RUST) cargo build --release --workspace --locked --example record_guest
 	$(CARGO_TARGET_DIR)/release/examples/record_guest
 
-# Runs a demo, and puts its ledger and proof into tests/fixtures. Do this whenever the guest programs change.
+# Runs a demo, and puts its ledger and a proof into tests/fixtures, and its picture into docs. Do this whenever the guest programs change.
 fixtures: build
 	scripts/renew-fixtures.sh $(ZK0)

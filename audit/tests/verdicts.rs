@@ -3,6 +3,7 @@
 #[path = "../../aggregator/tests/harness/mod.rs"]
 mod harness;
 
+use harness::operator::Operator;
 use harness::*;
 use std::fs;
 use std::path::Path;
@@ -132,4 +133,30 @@ fn what_one_audit_names_does_not_go_over_to_the_next() {
     let error = Auditor::go_on(Depth::Full, &Named::default(), &saved, &blobs).err();
     assert!(error.unwrap().contains("--program"));
     assert!(Auditor::go_on(Depth::Full, &named, &saved, &blobs).is_ok());
+}
+
+/// The genesis names the file of the initial weights, and says of it that it holds other numbers. What the guest reads would be other
+/// weights than those which the nodes train and the auditors see.
+#[test]
+fn base_weights_that_hold_other_numbers_are_a_fault() {
+    for flipped in [0, 1] {
+        let dir = tempfile::tempdir().unwrap();
+        let mut genesis = genesis();
+        genesis.initial.quantised.0[7] ^= flipped;
+        let mut operator = Operator::founds(dir.path(), genesis, &[&Node::new(1)]);
+        let opening = operator.ledger.size();
+        operator.open();
+        drop(operator);
+        let report = audit(dir.path(), Named::default());
+        let mut findings = report.findings.iter();
+        let found = findings.any(|finding| {
+            finding.index == Some(opening) && finding.text.contains("the base weights: ")
+        });
+        assert_eq!(found, flipped == 1, "{:?}", report.findings);
+        let expected = match flipped {
+            0 => Verdict::Verified,
+            _ => Verdict::Failed,
+        };
+        assert_eq!(report.verdict, expected, "{:?}", report.findings);
+    }
 }

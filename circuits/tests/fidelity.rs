@@ -196,7 +196,7 @@ fn drawn_noise_and_times_follow_their_distributions() {
     let spec = EvalSpec::micro();
     let (mut squares, mut sum, mut count) = (0.0, 0.0, 0);
     for position in 0..500 {
-        let draw = draw(&spec, &Digest([9; 32]), position, 40);
+        let draw = draw(&spec, &Digest([9; 32]), position, 500);
         assert_eq!(draw.noise.len(), 48);
         for noise in draw.noise {
             let noise = noise as f64 / (1u64 << spec.action) as f64;

@@ -5,9 +5,10 @@
 //! - `deletions`: checks are removed from a copy of the sources, and tests have to fail.
 //! - `verifier_attacks`: a contribution with a real proof, in which one thing at a time is changed.
 //! - `averages`: the result of a real round, and another one in its place.
+//! - `denials`: an operator denies that a contribution with a real proof verifies.
 //! - `ledger_tampering`: the replay of a real ledger, in which one byte at a time is changed.
 //!
-//! The last three work on `fixtures/ledger`, a ledger that a demo left. `make fixtures` makes it again.
+//! The last four work on `fixtures/ledger`, a ledger that a demo left. `make fixtures` makes it again.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -47,37 +48,46 @@ pub fn copy(from: &Path, to: &Path) {
     }
 }
 
-/// The first accepted contribution of a ledger: what was submitted, when, and in which state of the ledger.
+/// An accepted contribution of a ledger: what was submitted, when, and in which state of the ledger.
 pub struct Accepted {
     /// The submission, the proof, the update and the base weights.
     pub contribution: UnverifiedContribution,
     /// The state before it was recorded.
     pub state: State,
+    /// The index of its entry.
+    pub index: u64,
     /// The time of its entry.
     pub time_ms: u64,
 }
 
 /// Finds the first accepted contribution of the ledger in `dir`.
 pub fn accepted(dir: &Path) -> Accepted {
+    let mut all = all_accepted(dir).into_iter();
+    all.next()
+        .expect("the ledger has an accepted contribution")
+}
+
+/// Finds all accepted contributions of the ledger in `dir`, in its order.
+pub fn all_accepted(dir: &Path) -> Vec<Accepted> {
     let (entries, _) = zk0_audit::verified_entries::verified_entries(dir).expect("a ledger");
     let blobs = Blobs::at(dir);
-    let mut leaves = Vec::new();
+    let (mut leaves, mut accepted) = (Vec::new(), Vec::new());
     let mut state: Option<State> = None;
-    for entry in entries {
+    for (index, entry) in (0..).zip(entries) {
         if let (Body::ContributionAccepted(submission), Some(state)) = (&entry.body, &state) {
-            let contribution = contribution(submission, state.rules(), &blobs);
-            return Accepted {
-                contribution,
+            accepted.push(Accepted {
+                contribution: contribution(submission, state.rules(), &blobs),
                 state: state.clone(),
+                index,
                 time_ms: entry.time_ms,
-            };
+            });
         }
         leaves.push(merkle::leaf_hash(
             &entry.encode().expect("an entry of the log"),
         ));
         fold(&mut state, &merkle::root(&leaves), &entry);
     }
-    panic!("the ledger has no accepted contribution");
+    accepted
 }
 
 fn contribution(

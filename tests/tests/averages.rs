@@ -7,40 +7,39 @@ use zk0_audit::Depth;
 use zk0_circuits::Digest;
 use zk0_protocol::entries::entry::{Body, RoundClosed};
 use zk0_protocol::State;
-use zk0_tests::{accepted, ledger_copy};
+use zk0_tests::{all_accepted, ledger_copy};
 use zk0_verifier::close::{combined, CloseError};
 use zk0_verifier::{authenticate, verify, UnverifiedContribution, VerifiedContribution};
 
 /// The state before the first round of the real ledger closed, what the round accepted, and how it closed.
-fn round() -> (State, VerifiedContribution, RoundClosed) {
+fn round() -> (State, Vec<VerifiedContribution>, RoundClosed) {
     let dir = ledger_copy();
-    let real = accepted(dir.path());
-    let UnverifiedContribution {
-        submission,
-        proof,
-        weights,
-    } = real.contribution;
-    let authentic = authenticate(submission, proof, &real.state).unwrap();
-    let verified = verify(&authentic, &weights, &real.state, real.time_ms).unwrap();
+    let real = all_accepted(dir.path());
+    let mut state = real[0].state.clone();
+    let first = real[0].index as usize;
+    let contributions = real.into_iter().map(|accepted| {
+        let UnverifiedContribution {
+            submission,
+            proof,
+            weights,
+        } = accepted.contribution;
+        let authentic = authenticate(submission, proof, &accepted.state).unwrap();
+        verify(&authentic, &weights, &accepted.state, accepted.time_ms).unwrap()
+    });
+    let contributions = contributions.collect();
     let (entries, _) = verified_entries(dir.path()).unwrap();
-    let (mut state, mut begun) = (real.state, false);
-    for entry in entries {
-        match &entry.body {
-            Body::ContributionAccepted(_) => begun = true,
-            Body::RoundClosed(closed) => return (state, verified, closed.clone()),
-            _ => {}
+    for entry in &entries[first..] {
+        if let Body::RoundClosed(closed) = &entry.body {
+            return (state, contributions, closed.clone());
         }
-        if begun {
-            state.apply(&Digest::default(), &entry).unwrap();
-        }
+        state.apply(&Digest::default(), entry).unwrap();
     }
     panic!("the round did not close");
 }
 
 #[test]
 fn another_result_than_the_average_is_a_fault() {
-    let (state, verified, closed) = round();
-    let contributions = [verified];
+    let (state, contributions, closed) = round();
     assert!(average(&state, &closed, &contributions, Depth::Full).is_ok());
     let mut other = closed;
     match &mut other.evaluated {
@@ -55,10 +54,13 @@ fn another_result_than_the_average_is_a_fault() {
 
 #[test]
 fn only_what_the_ledger_accepted_is_averaged() {
-    let (state, verified, _) = round();
+    let (state, contributions, _) = round();
+    assert!(contributions.len() > 1, "the fixture's round averages");
     let given = |contributions: &[VerifiedContribution]| combined(&state, contributions);
-    assert!(given(std::slice::from_ref(&verified)).is_ok());
-    for others in [vec![], vec![verified.clone(), verified]] {
+    assert!(given(&contributions).is_ok());
+    let (one, others) = contributions.split_first().unwrap();
+    let twice = vec![vec![one.clone(); 2], others[1..].to_vec()].concat();
+    for others in [vec![], others.to_vec(), twice] {
         let refused = given(&others).unwrap_err();
         assert!(
             matches!(refused, CloseError::OtherContributions { .. }),

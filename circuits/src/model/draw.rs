@@ -5,7 +5,7 @@
 //! samples. Where in its part a time lies stays unpredictable.
 
 use crate::model::arithmetic::fixed::align;
-use crate::model::arithmetic::tables::{flow_time, gaussian, GAUSS_BITS};
+use crate::model::arithmetic::tables::{flow_time, gaussian, FLOW_TIME_BITS, GAUSS_BITS};
 use crate::model::spec::EvalSpec;
 use crate::vm::digest::{tagged_sha256, Digest};
 use alloc::vec::Vec;
@@ -19,16 +19,16 @@ pub struct Draw {
     pub noise: Vec<i16>,
 }
 
-/// The word from which the flow time of `position` follows: `word` says where it lies in part `position` of `count` equal parts of all
-/// words.
+/// The flow time of `position`: `word` says where it lies in part `position` of `count` equal parts of the distribution.
 fn stratified(position: u32, count: u32, word: u16) -> u16 {
     let place = (u64::from(position) << 16) | u64::from(word);
-    (place / u64::from(count.max(1))).min(u64::from(u16::MAX)) as u16
+    let share = place / u64::from(count.max(1)); // of 2^16: the probability of a smaller time
+    flow_time((share >> (16 - FLOW_TIME_BITS)) as u16)
 }
 
 /// Draws for the evaluated sample at `position` (0, 1, … in the order of [`crate::claim::challenge::sample_indices`]) of `count`.
 ///
-/// The blocks `H("zk0/draw/v2", challenge, position, counter)` are read as little-endian u16. The first says where the flow time lies
+/// The blocks `H("zk0/draw/v3", challenge, position, counter)` are read as little-endian u16. The first says where the flow time lies
 /// in its part of the distribution, the others are noise.
 pub fn draw(spec: &EvalSpec, challenge: &Digest, position: u32, count: u32) -> Draw {
     let values = spec.dims.chunk as usize * spec.dims.max_action_dim as usize;
@@ -40,11 +40,11 @@ pub fn draw(spec: &EvalSpec, challenge: &Digest, position: u32, count: u32) -> D
             &position.to_le_bytes(),
             &counter.to_le_bytes(),
         ];
-        let block = tagged_sha256("zk0/draw/v2", &parts);
+        let block = tagged_sha256("zk0/draw/v3", &parts);
         for word in block.0.chunks_exact(2) {
             let word = u16::from_le_bytes([word[0], word[1]]);
             match time {
-                None => time = Some(flow_time(stratified(position, count, word))),
+                None => time = Some(stratified(position, count, word)),
                 Some(_) if noise.len() < values => {
                     let value = align(gaussian(word) as i64, GAUSS_BITS as i32, spec.action as i32);
                     noise.push(value as i16); // |value| < 2^14 and the scale has at most 12 bits

@@ -7,7 +7,7 @@ use alloc::vec::Vec;
 use borsh::{BorshDeserialize, BorshSerialize};
 
 /// Version of [`EvalSpec`]'s encoding and of the arithmetic it specifies.
-pub const EVAL_VERSION: u16 = 2;
+pub const EVAL_VERSION: u16 = 3;
 
 /// Dimensions of the action expert and of a sample.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]

@@ -132,7 +132,7 @@ pub fn wrapped_velocity() -> Result<(), String> {
 /// Queries and keys are so large that their products wrap to the other sign. The update then attends to other tokens, which in
 /// some such updates gives a lower loss.
 pub fn wrapped_scores() -> Result<(), String> {
-    let mut node = Node::new(&EvalSpec::micro(), 8, 4, 11);
+    let mut node = Node::new(&EvalSpec::micro(), 8, 4, 19);
     for parts in &mut node.data {
         let (keys, values) = &mut parts.cache[0];
         keys.fill(31.0);

@@ -218,7 +218,7 @@ pub fn base_sums_last() -> Result<(), String> {
 
 /// Evaluates an update that improves. Once the coefficients are known, contributes another update that has the same projections.
 pub fn update_last() -> Result<(), String> {
-    let mut node = Node::new(&EvalSpec::micro(), 12, 8, 11);
+    let mut node = Node::new(&EvalSpec::micro(), 12, 8, 15);
     let samples = &drawn(&node)[..];
     let before = loss(&node, &node.base, samples);
     let good = (0..5000)

@@ -8,7 +8,7 @@ use zk0_circuits::EvalSpec;
 /// Claims of updates that are no improvement, until one is accepted under `spec`. `prepare` changes a node's data and weights.
 fn tries(spec: &EvalSpec, prepare: impl Fn(&mut Node)) -> Result<(), String> {
     spec.validate().map_err(|error| error.to_string())?;
-    let mut node = Node::new(spec, 12, 4, 11);
+    let mut node = Node::new(spec, 12, 4, 16);
     prepare(&mut node);
     let drawn = drawn(&node);
     let before = loss(&node, &node.base, &drawn);

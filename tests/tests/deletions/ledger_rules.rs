@@ -198,6 +198,12 @@ pub const REMOVALS: &[Removal] = &[
         ),
     ),
     rule(
+        "the latest beacon fits into the window of the rules",
+        "protocol/src/challenge/source.rs",
+        &[("match window_ms > latest_ms {", "match true {")],
+        "a_genesis_has_to_make_sense",
+    ),
+    rule(
         "every witness cosigns the closing",
         DRAWING,
         &[(

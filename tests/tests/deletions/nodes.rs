@@ -1,4 +1,4 @@
-//! Checks of the node: it believes nothing that an aggregator says of a round's randomness.
+//! Checks of the node: it believes nothing that an aggregator says of a round's randomness, and does not train in vain.
 
 use crate::Removal;
 
@@ -21,5 +21,24 @@ pub const REMOVALS: &[Removal] = &[
         package: "zk0-node",
         target: "lying_aggregator",
         test: "other_entries_are_not_taken_for_the_closing_or_the_randomness",
+    },
+    Removal {
+        check: "a node's number of samples is within the bounds of the rules",
+        file: "node/src/participant.rs",
+        replacements: &[(
+            "match (least..=allowed).contains(&asked) && u64::from(asked) <= held {",
+            "match u64::from(asked) <= held {",
+        )],
+        package: "zk0",
+        target: "eval_samples",
+        test: "a_number_of_samples_that_does_not_fit_ends_the_node_before_it_trains",
+    },
+    Removal {
+        check: "a node has as many samples as it asks for",
+        file: "node/src/participant.rs",
+        replacements: &[(" && u64::from(asked) <= held {", " {")],
+        package: "zk0",
+        target: "eval_samples",
+        test: "a_number_of_samples_that_does_not_fit_ends_the_node_before_it_trains",
     },
 ];

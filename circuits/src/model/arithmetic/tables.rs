@@ -37,6 +37,8 @@ pub const LOGIT_BITS: u32 = 10;
 pub const SIGMOID_BITS: u32 = 15;
 /// Fraction bits of [`gaussian`].
 pub const GAUSS_BITS: u32 = 12;
+/// Bits of the share of the distribution that [`flow_time`] takes.
+pub const FLOW_TIME_BITS: u32 = 12;
 
 /// Sine of an angle in units of 2^-32 turns; in [−2^14, 2^14]. It is linear between table entries, with an error of at most
 /// 2^-14.
@@ -92,7 +94,7 @@ pub fn gaussian(uniform: u16) -> i16 {
     }
 }
 
-/// A flow time in units of 2^-16 from 12 uniform bits (the low ones).
-pub fn flow_time(uniform: u16) -> u16 {
-    FLOW_TIME[(uniform & 0xfff) as usize]
+/// The flow time, in units of 2^-16, of a share of the distribution in units of 2^-[`FLOW_TIME_BITS`] (the low bits).
+pub fn flow_time(share: u16) -> u16 {
+    FLOW_TIME[(share & 0xfff) as usize]
 }

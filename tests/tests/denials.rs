@@ -1,0 +1,48 @@
+//! An operator denies that a contribution with a real proof verifies: it refuses the contribution, or upholds a dispute of it. The audit
+//! finds both.
+
+use zk0_audit::checks::{disputed, Check, Recorded};
+use zk0_audit::Depth;
+use zk0_ledger::blobs::Blobs;
+use zk0_protocol::Refusal;
+use zk0_tests::{accepted, ledger_copy};
+
+#[test]
+fn a_good_contribution_that_was_refused_is_a_fault() {
+    let dir = ledger_copy();
+    let real = accepted(dir.path());
+    let recorded = Recorded {
+        index: real.index,
+        time_ms: real.time_ms,
+        submission: real.contribution.submission,
+        before: real.state,
+    };
+    let blobs = Blobs::at(dir.path());
+    for reason in [
+        Refusal::InvalidProof("because".into()),
+        Refusal::MalformedUpdate("because".into()),
+    ] {
+        match recorded.rejected(&reason, Depth::Full, &blobs) {
+            Check::Failed(why) => assert!(why.ends_with("nothing wrong with it"), "{why}"),
+            found => panic!("not found: {found:?}"),
+        }
+    }
+    // Nobody may refuse a contribution for what others can cause.
+    let others = Refusal::NoVerifier {
+        sp1: "9.9.9".into(),
+    };
+    match recorded.rejected(&others, Depth::Full, &blobs) {
+        Check::Failed(why) => assert!(why.contains("not to blame"), "{why}"),
+        found => panic!("not found: {found:?}"),
+    }
+}
+
+#[test]
+fn a_dispute_of_a_good_contribution_that_was_upheld_is_a_fault() {
+    let upheld = Refusal::InvalidProof("because".into());
+    match disputed(7, None, Some(&upheld)) {
+        Check::Failed(why) => assert!(why.contains("the contribution verifies"), "{why}"),
+        found => panic!("not found: {found:?}"),
+    }
+    assert!(matches!(disputed(7, None, None), Check::Passed(_)));
+}
