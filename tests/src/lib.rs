@@ -63,8 +63,7 @@ pub struct Accepted {
 /// Finds the first accepted contribution of the ledger in `dir`.
 pub fn accepted(dir: &Path) -> Accepted {
     let mut all = all_accepted(dir).into_iter();
-    all.next()
-        .expect("the ledger has an accepted contribution")
+    all.next().expect("the ledger has an accepted contribution")
 }
 
 /// Finds all accepted contributions of the ledger in `dir`, in its order.
