@@ -37,6 +37,8 @@ pub enum Domain {
     Statement = 18,
     /// What an argument leaves to check.
     Published = 19,
+    /// A sample that was committed to.
+    Sample = 20,
 }
 
 /// A sponge: what it absorbs overwrites the first half of its state.

@@ -68,9 +68,14 @@ pub mod prove {
             Self { levels }
         }
 
+        /// The cap.
+        pub fn cap(&self) -> &[Digest] {
+            self.levels.last().map_or(&[], |last| last)
+        }
+
         /// Says the cap.
         pub fn send_cap(&self, prover: &mut Prover) {
-            for digest in self.levels.iter().last().into_iter().flatten() {
+            for digest in self.cap() {
                 prover.send_digest(digest);
             }
         }

@@ -7,13 +7,14 @@ use models::Models;
 use zk0_argument::expert::argument::{prove::prove, verify, Published};
 use zk0_argument::expert::builder::{MAIN, WEIGHTS};
 use zk0_argument::expert::evaluation::layers::Expert;
+use zk0_argument::expert::sample;
 use zk0_argument::expert::sizes::P;
 use zk0_argument::expert::statement::Statement;
 use zk0_argument::expert::witness::{evaluate, Witness};
 use zk0_argument::prove::{check, Computed, Tables, Violation};
 use zk0_argument::relation::Relations;
 use zk0_argument::transcript::Refused;
-use zk0_circuits::EvalSpec;
+use zk0_circuits::{EvalSpec, Sample};
 
 /// A statement, and all values behind it.
 struct Made {
@@ -88,6 +89,69 @@ fn a_changed_value_breaks_a_relation() {
         made.witness.main[number] = before;
     }
     assert_eq!(made.check(), Ok(()));
+}
+
+/// Where the evaluation reads nothing, a sample holds zeros: beyond its frames and its prefix.
+#[test]
+fn a_sample_holds_nothing_that_is_not_read() {
+    let mut made = Made::new(&Models::new(&EvalSpec::micro(), 3, 8));
+    let tensors = made.relations().tensors.clone();
+    let dims = made.statement.spec.dims;
+    let [actions, keys, values] = {
+        let sample = &made.expert.sample;
+        [sample.actions, sample.keys, sample.values].map(|tensor| &tensors[tensor.tensor])
+    };
+    let short = &made.statement.samples[1];
+    assert!(short.frames < dims.chunk as usize && short.prefix < dims.max_prefix as usize);
+    let unread = [
+        actions.number(&[short.frames, 0, 1]),
+        keys.number(&[short.prefix, 0, 0, 0, 1]),
+        values.number(&[short.prefix, 0, 0, 0, 1]),
+        // There is no fourth sample, but a segment for one.
+        keys.number(&[0, 0, 0, 0, 3]),
+    ];
+    // Layer 0 is one of self-attention: it projects nothing of the prefix. The cheat counts right that it looks up 1 in place of 0, both 2^15 more, among the values of 16 bits.
+    let ranges = tensors
+        .iter()
+        .find(|tensor| tensor.name == "ranges")
+        .unwrap();
+    let [zero, one] = [0, 1].map(|value| ranges.number(&[(1 << 16) + (1 << 15) + value, 0]));
+    for number in unread {
+        assert_eq!(made.witness.data[number], 0);
+        made.witness.data[number] = 1;
+        made.witness.main[zero] -= 1;
+        made.witness.main[one] += 1;
+        let violation = made.check().unwrap_err().to_string();
+        assert!(violation.contains("where nothing is read"), "{violation}");
+        let refused = made.verify(&made.statement, &made.proof()).err();
+        let expected = Refused::Equation("what a sample holds where nothing is read");
+        assert_eq!(refused, Some(expected), "value {number} of the samples");
+        made.witness.data[number] = 0;
+        made.witness.main[zero] += 1;
+        made.witness.main[one] -= 1;
+    }
+    // An action dimension beyond those of the robot has noise alone, with which the evaluation calculates.
+    let unused = actions.number(&[0, dims.action_dim as usize, 1]);
+    made.witness.data[unused] = 1;
+    assert!(made.check().is_err());
+    made.witness.data[unused] = 0;
+    assert_eq!(made.check(), Ok(()));
+}
+
+/// A node commits to a sample before there are weights. The proof is about that sample.
+#[test]
+fn a_proof_names_the_samples_as_they_were_committed_to() {
+    let models = Models::new(&EvalSpec::micro(), 3, 9);
+    let made = Made::new(&models);
+    let published = made.verify(&made.statement, &made.proof()).unwrap();
+    let digest = |sample: &Sample| sample::prove::digest(&models.spec, sample).unwrap();
+    let expected: Vec<_> = models
+        .samples
+        .iter()
+        .map(|(sample, _)| digest(sample))
+        .collect();
+    assert_eq!(published.samples, expected);
+    assert!(expected[0] != expected[1] && expected[1] != expected[2] && expected[0] != expected[2]);
 }
 
 /// Something changes in a statement.

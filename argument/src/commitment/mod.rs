@@ -39,6 +39,11 @@ pub struct Segment {
 }
 
 impl Segment {
+    /// The digests of the highest nodes of its tree.
+    pub fn cap(&self) -> &[Digest] {
+        &self.cap
+    }
+
     /// Reads a commitment to polynomials, `width` of them.
     pub fn receive(verifier: &mut Verifier<'_>, width: usize) -> Result<Self, Refused> {
         let cap = tree::receive_cap(verifier, CAP)?;

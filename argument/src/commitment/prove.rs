@@ -48,6 +48,18 @@ impl Committed {
 
     /// Likewise, to polynomials whose values are given one after the other.
     pub fn of_columns(prover: &mut Prover, parameters: &Parameters, columns: Vec<Column>) -> Self {
+        let committed = Self::to(parameters, columns);
+        committed.tree.send_cap(prover);
+        committed
+    }
+
+    /// The digests of the highest nodes of its tree.
+    pub fn cap(&self) -> &[Digest] {
+        self.tree.cap()
+    }
+
+    /// The commitment to polynomials, which nobody has said yet.
+    pub fn to(parameters: &Parameters, columns: Vec<Column>) -> Self {
         let encoder = Encoder::new(parameters.rate.bits());
         let (width, height) = (columns.len(), 1 << parameters.height);
         let cosets: Vec<Vec<Digest>> = (0..encoder.cosets())
@@ -70,7 +82,6 @@ impl Committed {
             digests = parents(&digests);
         }
         let tree = Tree::of_leaves(digests, CAP);
-        tree.send_cap(prover);
         Self { columns, tree }
     }
 

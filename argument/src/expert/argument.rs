@@ -5,9 +5,10 @@
 
 use super::builder::{DATA, MAIN};
 use super::evaluation::layers::Expert;
+use super::sample::{height, sample_digest, RATE};
 use super::sizes::S;
 use super::statement::Statement;
-use crate::commitment::{self, Parameters, Rate, Segment};
+use crate::commitment::{self, Parameters, Segment};
 use crate::field::{Extension, Goldilocks};
 use crate::hash::{digest_of_words, Digest, Domain};
 use crate::multilinear::eq_table;
@@ -18,9 +19,6 @@ use crate::share::share;
 use crate::transcript::{require, Refused, Verifier};
 use alloc::vec;
 use alloc::vec::Vec;
-
-/// Most variables of the columns of a commitment.
-const TALLEST: u32 = 22;
 
 /// How sources become columns: each segment has columns of one height, and a column is what lies in one piece.
 pub struct Shape {
@@ -35,10 +33,12 @@ pub struct Shape {
 impl Shape {
     /// For an expert. `None` if it is too small for a commitment.
     pub fn new(expert: &Expert) -> Option<Self> {
-        let bits = [MAIN, DATA].map(|source| expert.source_bits[source.0 as usize] as u32);
-        let height = bits[0].min(bits[1]).min(TALLEST);
+        let [main, data] = [MAIN, DATA].map(|source| expert.source_bits[source.0 as usize] as u32);
+        // It does not depend on the weights, so that a sample is committed to once, before anybody trains.
+        let height = height(data);
+        (height <= main).then_some(())?;
         Some(Self {
-            parameters: Parameters::new(height, Rate::Quarter)?,
+            parameters: Parameters::new(height, RATE)?,
             // Columns after the last value are zero, and nobody commits to them.
             widths: [MAIN, DATA].map(|source| expert.used[source.0 as usize].div_ceil(1 << height)),
             segments: expert.builder.sizes.count(S),
@@ -46,8 +46,10 @@ impl Shape {
     }
 }
 
-/// Claims about weights and tables, with the weights that they name.
+/// What an argument leaves to check: claims about weights and tables, with the weights that they name, and which samples they are about.
 pub struct Published {
+    /// The digest of each sample. Whoever checks the argument compares it with what the node committed to.
+    pub samples: Vec<Digest>,
     /// The parts that claims name.
     pub parts: Parts,
     /// The claims.
@@ -131,6 +133,10 @@ pub fn verify_with_digest(
             segments.push(Segment::receive(&mut verifier, width)?);
         }
     }
+    // The segments of samples follow those of values. There may be more than samples.
+    let data = statement.samples.iter().zip(&segments[shape.segments..]);
+    let samples = data.map(|(s, segment)| sample_digest(s.prefix, s.frames, segment.cap()));
+    let samples = samples.collect();
     let mut parts = Parts::default();
     let claims = argue(&mut verifier, &expert.builder.relations, &mut parts)?;
     let sharing = operation("sharing");
@@ -163,6 +169,7 @@ pub fn verify_with_digest(
     opening.end();
     verifier.finish()?;
     Ok(Published {
+        samples,
         parts,
         claims: published,
     })

@@ -2,12 +2,12 @@
 //! update, on all samples at once.
 //!
 //! - [`statement`]: what is shown, and [`encoding`] its words. [`sizes`]: the axes of tensors. [`publics`], [`rotations`]: what both sides compute.
+//! - [`sample`]: the commitment to a sample.
 //! - [`builder`]: commits to tensors, and says what holds of them.
 //! - [`argument`]: the whole argument, of the prover and of the verifier.
 //! - [`evaluation`]: what holds of each step of it. [`weights`]: where the weights lie.
 //!
-//! **What is not checked yet.** Values of a sample that the evaluation does not read may be anything. A base that overflows has no proof.
-//! Scores may exceed 32 bits, where mode `direct` refuses them.
+//! **What is not checked yet.** A base that overflows has no proof. Scores may exceed 32 bits, where mode `direct` refuses them.
 
 pub mod argument;
 pub mod builder;
@@ -15,6 +15,7 @@ pub mod encoding;
 pub mod evaluation;
 pub mod publics;
 pub mod rotations;
+pub mod sample;
 pub mod sizes;
 pub mod statement;
 #[cfg(feature = "prove")]

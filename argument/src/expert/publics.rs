@@ -1,6 +1,7 @@
 //! Tensors that both sides compute: what was drawn, which values count, and rotations.
 
 use super::rotations::{Rotations, Turns};
+use super::sample::CACHE_AXES;
 use super::sizes::{Kind, Sizes, A, F2, M, N, P, Q, R, S, T, X};
 use super::statement::Statement;
 use crate::field::small::{self, Halves};
@@ -42,6 +43,8 @@ pub mod number {
     pub const GATE: usize = 12;
     /// Rows of the table of powers.
     pub const DISTANCE: usize = 13;
+    /// 1 for each value of the prefix's keys or values that is read, `[PC, L, V, D, S]`.
+    pub const READ: usize = 14;
 }
 
 /// Sums of weights: entry `i` is the sum of the first `i`.
@@ -106,6 +109,46 @@ impl Public for Below {
             [_, second, _] => total * sums(&second.weights())[self.second],
             _ => total,
         }
+    }
+}
+
+/// Which keys and values of the prefix are read: those of its tokens, layers, heads and dimensions.
+pub struct Read {
+    axes: [Axis; 5],
+    /// Tokens of each sample's prefix.
+    prefixes: Vec<usize>,
+    /// Layers, heads and the width of a head.
+    bounds: [usize; 3],
+}
+
+impl Public for Read {
+    fn axes(&self) -> &[Axis] {
+        &self.axes
+    }
+
+    fn value(&self, indices: &[usize]) -> Goldilocks {
+        let &[token, layer, head, dim, sample] = indices else {
+            return Goldilocks::ZERO;
+        };
+        let prefix = self.prefixes.get(sample).copied().unwrap_or_default();
+        let within = [layer, head, dim].into_iter().zip(self.bounds);
+        let read = token < prefix && within.into_iter().all(|(index, bound)| index < bound);
+        Goldilocks::from_u32(read as u32)
+    }
+
+    fn at(&self, parts: &[&Part]) -> Extension {
+        let [tokens, within @ .., samples] = parts else {
+            return Extension::ZERO;
+        };
+        let (tokens, samples) = (sums(&tokens.weights()), samples.weights());
+        let prefixes = self.prefixes.iter().zip(&samples[..]);
+        let read: Extension = prefixes
+            .map(|(&prefix, &weight)| weight * tokens[prefix])
+            .sum();
+        let within = within.iter().zip(self.bounds);
+        within.fold(read, |product, (part, bound)| {
+            product * sums(&part.weights())[bound]
+        })
     }
 }
 
@@ -273,6 +316,11 @@ pub fn all(statement: &Statement, sizes: &Sizes) -> Vec<Box<dyn Public>> {
         ranges(RangeColumn::Bits),
         rows(Q, -(1 << 15)),
         rows(X, 0),
+        Box::new(Read {
+            axes: CACHE_AXES,
+            bounds: [dims.layers, dims.kv_heads, dims.head_dim].map(|bound| bound as usize),
+            prefixes,
+        }),
     ]
 }
 

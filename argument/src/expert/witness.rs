@@ -3,13 +3,14 @@
 use super::builder::{DATA, MAIN, TABLES, WEIGHTS};
 use super::evaluation::layers::Expert;
 use super::evaluation::linear::gated;
+use super::sample::prove::frames;
 use super::sizes::{Sizes, L, M, N, T};
 use super::statement::{Evaluated, Statement};
 use super::trace::{trace, Kept};
 use crate::prove::filling::Filling;
 use crate::prove::{Computed, NotInTable, Values};
 use crate::relation::Committed;
-use crate::relation::{Place, Relations};
+use crate::relation::Relations;
 use zk0_circuits::model::arithmetic::fixed::Rescale;
 use zk0_circuits::model::arithmetic::tables::exp2_negative;
 use zk0_circuits::model::draw::Draw;
@@ -84,11 +85,9 @@ pub fn evaluate(
             })
         };
         let ((base, base_kept), (update, update_kept)) = (run(0)?, run(1)?);
-        let chunk = spec.dims.chunk as usize;
-        let frames = (0..chunk).rev().find(|&frame| !sample.is_pad(frame));
         evaluated.push(Evaluated {
             prefix: sample.prefix(),
-            frames: frames.map_or(0, |last| last + 1),
+            frames: frames(spec, sample),
             draw: draw.clone(),
             losses: [base.squared_error, update.squared_error],
         });
@@ -136,7 +135,13 @@ impl Witness {
         let segments = sizes.count(super::sizes::S);
         let mut data = vec![0; length(DATA) * segments];
         for (number, (sample, _)) in samples.iter().enumerate() {
-            fill_sample(&statement.spec, expert, sample, number, &mut data);
+            expert.sample.fill(
+                &statement.spec,
+                &relations.tensors,
+                sample,
+                number,
+                &mut data,
+            );
         }
         let layout = Layout::new(&statement.spec.dims);
         let mut weights = vec![0; length(WEIGHTS)];
@@ -205,49 +210,6 @@ fn differs(
     Ok(())
 }
 
-fn number(offset: usize, places: &[Place], indices: &[usize]) -> usize {
-    let pairs = places.iter().zip(indices);
-    pairs.fold(offset, |number, (place, index)| {
-        number + (index << place.shift)
-    })
-}
-
-fn fill_sample(
-    spec: &EvalSpec,
-    expert: &Expert,
-    sample: &Sample,
-    segment: usize,
-    data: &mut [i64],
-) {
-    let dims = &spec.dims;
-    let tensors = &expert.builder.relations.tensors;
-    let bytes = sample.as_bytes().chunks_exact(2);
-    let mut values = bytes.map(|pair| i16::from_le_bytes([pair[0], pair[1]]) as i64);
-    // The sample's header: the length of its prefix, and the pad mask.
-    let mut values = values.by_ref().skip(1 + dims.chunk as usize);
-    let actions = &tensors[expert.given.actions.tensor];
-    for token in 0..dims.chunk as usize {
-        for action in 0..dims.max_action_dim as usize {
-            let number = number(actions.offset, &actions.places, &[token, action, segment]);
-            data[number] = values.next().unwrap_or_default();
-        }
-    }
-    for layer in 0..dims.layers as usize {
-        for tensor in [expert.given.keys, expert.given.values] {
-            let tensor = &tensors[tensor.tensor];
-            for token in 0..sample.prefix() {
-                for head in 0..dims.kv_heads as usize {
-                    for dim in 0..dims.head_dim as usize {
-                        let indices = [token, layer, head, dim, segment];
-                        let number = number(tensor.offset, &tensor.places, &indices);
-                        data[number] = values.next().unwrap_or_default();
-                    }
-                }
-            }
-        }
-    }
-}
-
 /// The columns of tables.
 pub fn tables(expert: &Expert, length: usize) -> Vec<i64> {
     let mut tables = vec![0; length];
@@ -303,7 +265,7 @@ fn fill_hidden(
         for (token, row) in hidden.chunks_exact(width).enumerate() {
             for (index, &value) in row.iter().enumerate() {
                 let indices = [token, sizes.n(model, layer), index, segment];
-                main[number(tensor.offset, &tensor.places, &indices)] = value;
+                main[tensor.number(&indices)] = value;
             }
         }
     }

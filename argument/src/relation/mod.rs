@@ -48,6 +48,16 @@ pub struct Tensor {
 }
 
 impl Tensor {
+    /// The number of the value with these indices.
+    pub fn number(&self, indices: &[usize]) -> usize {
+        let shifted = self
+            .places
+            .iter()
+            .zip(indices)
+            .map(|(place, index)| index << place.shift);
+        self.offset + shifted.sum::<usize>()
+    }
+
     /// A tensor whose values lie in one piece, with axes of so many bits, from the one whose index changes fastest.
     pub fn packed(name: &'static str, source: Source, offset: usize, axes: &[u8]) -> Self {
         let mut shift = 0;

@@ -2,8 +2,9 @@
 
 use super::linear::{add_residual, gate, Factor, Layer, Source, Which};
 use super::norm::Norm;
-use crate::expert::builder::{bits_of, one, power_of_two, times, Builder, DATA};
+use crate::expert::builder::{bits_of, one, power_of_two, times, Builder};
 use crate::expert::publics::number;
+use crate::expert::sample::{SampleTensors, ACTION_AXES, CACHE_AXES};
 use crate::expert::sizes::*;
 use crate::expert::weights::{Flat, Matrices, Matrix};
 use crate::relation::along::Along;
@@ -28,12 +29,6 @@ pub(super) const LAYER_TENSORS: usize = 9;
 /// Tensors that the prover fills from elsewhere than other tensors.
 #[derive(Clone, Copy, Debug)]
 pub struct Given {
-    /// Actions, `[T, A, S]`.
-    pub actions: Committed,
-    /// The prefix's keys, `[PC, L, V, D, S]`.
-    pub keys: Committed,
-    /// The prefix's values, likewise.
-    pub values: Committed,
     /// The residual stream after each layer, `[T, N, F, S]`, which the relations define by itself.
     pub hidden: Committed,
     /// The velocity, `[T, M, A, S]`.
@@ -46,6 +41,8 @@ pub struct Expert {
     pub builder: Builder,
     /// Where the weights lie.
     pub weights: Vec<Matrices>,
+    /// The tensors of a sample.
+    pub sample: SampleTensors,
     /// What the steps begin with.
     pub given: Given,
     /// The column of the table of powers.
@@ -89,15 +86,22 @@ impl Expert {
 
 impl Building<'_> {
     fn build(mut self) -> Expert {
-        let actions = self.builder.tensor("actions", DATA, &[T, A, S]);
-        let cache = [PC, L, V, D, S];
-        let keys = self.builder.tensor("keys of the prefix", DATA, &cache);
-        let values = self.builder.tensor("values of the prefix", DATA, &cache);
-        for (tensor, axes) in [(actions, &[T, A, S][..]), (keys, &cache), (values, &cache)] {
+        let sample = SampleTensors::new(&mut self.builder);
+        let SampleTensors {
+            actions,
+            keys,
+            values,
+        } = sample;
+        for (tensor, axes, read) in [
+            (actions, &ACTION_AXES[..], number::COUNTED),
+            (keys, &CACHE_AXES, number::READ),
+            (values, &CACHE_AXES, number::READ),
+        ] {
             let name = self.builder.relations.tensors[tensor.tensor].name;
             let above = vec![one(tensor.atom()), times(1 << 15, Atom::One)];
             let bits = Along::Everywhere(16);
             self.builder.range(name, axes, Count::Each, above, &bits);
+            self.zero_unless(tensor, axes, read);
         }
         let embedded = self.embed(actions);
         // The residual stream after all layers is committed to before its relation can be stated.
@@ -110,18 +114,33 @@ impl Building<'_> {
         Expert {
             builder: self.builder,
             weights: self.weights,
-            given: Given {
-                actions,
-                keys,
-                values,
-                hidden,
-                velocity,
-            },
+            sample,
+            given: Given { hidden, velocity },
             powers,
             gates,
             used,
             source_bits: used.map(bits_of),
         }
+    }
+
+    /// Where the public tensor `read` is 0, a sample holds zero: otherwise one sample could be committed to in many ways.
+    fn zero_unless(&mut self, tensor: Committed, axes: &[Axis], read: usize) {
+        let r = &mut self.builder.relations;
+        let factors = vec![
+            MonomialFactor::Public(read),
+            MonomialFactor::Virtual(tensor.view),
+        ];
+        r.monomials.push(Monomials {
+            axes: axes.to_vec(),
+            summed: 0,
+            terms: vec![(1, factors)],
+        });
+        let kept = Atom::Monomials(r.monomials.len() - 1);
+        r.equalities.push(Equality {
+            name: "what a sample holds where nothing is read",
+            axes: axes.to_vec(),
+            linear: vec![one(tensor.atom()), times(-1, kept)],
+        });
     }
 
     pub fn scales(&self, n: usize) -> &LayerScales {
