@@ -59,7 +59,7 @@ fn only_what_the_ledger_accepted_is_averaged() {
     let given = |contributions: &[VerifiedContribution]| combined(&state, contributions);
     assert!(given(&contributions).is_ok());
     let (one, others) = contributions.split_first().unwrap();
-    let twice = vec![vec![one.clone(); 2], others[1..].to_vec()].concat();
+    let twice = [vec![one.clone(); 2], others[1..].to_vec()].concat();
     for others in [vec![], others.to_vec(), twice] {
         let refused = given(&others).unwrap_err();
         assert!(
