@@ -17,8 +17,9 @@ pub struct Update {
 
 /// How the names of updates begin that are noise.
 pub const NOISE: &str = "weight noise";
-/// Standard deviations of weight noise, relative to the root mean square of a tensor.
-const NOISES: [f32; 8] = [0.0005, 0.002, 0.01, 0.03, 0.1, 0.3, 0.6, 1.0];
+/// Standard deviations of weight noise, relative to the root mean square of a tensor. Updates with noise of 1 overflow: no proof of them is
+/// possible.
+const NOISES: [f32; 7] = [0.0005, 0.002, 0.01, 0.03, 0.1, 0.3, 0.6];
 /// Updates of one origin that differ only in chance.
 const COPIES: u64 = 8;
 
