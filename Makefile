@@ -90,7 +90,7 @@ bench-ledger: setup
 	$(CARGO_TARGET_DIR)/release/examples/bench_ledger
 
 # Measures the memory and the disk that a node needs for a recording of 50 episodes of 400 frames, at `micro` with all frames and at the
-# published size with a few. Prints JSON lines. Seven minutes, and 6 GB of disk where temporary files go.
+# published size with a few. Prints JSON lines. Ten minutes, and 6 GB of disk where temporary files go.
 bench-recording: setup
 	$(RUST) cargo build --release --workspace --locked --example bench_recording
 	$(CARGO_TARGET_DIR)/release/examples/bench_recording
