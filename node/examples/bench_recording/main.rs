@@ -5,8 +5,8 @@
 //! over. Each profile is measured in a process of its own, because the peak of a process's memory never falls.
 //! - `micro`: 512 frames are drawn, and training takes each of the 20,000 frames once. All frames are made.
 //! - `full`, the published size, with random weights: **only 20 frames are drawn, and training makes one step**, because the frozen prefix
-//!   takes seconds a frame on two cores. The claim evaluates 16 samples, and the step takes 32, as by default. One frame is made at a time, so the peak of memory does not depend on their
-//!   number. The disk that 512 samples take is computed from those that were made.
+//!   takes seconds a frame on two cores. The claim evaluates 16 samples, and the step takes 32, as by default. One frame is made at a
+//!   time, so the peak of memory does not depend on their number. The disk that 512 samples take is computed from those that were made.
 //!
 //! It prints one JSON line for each figure on standard output, and its progress on standard error. `peer` is what all samples of the
 //! recording would take in memory, as float32 and in fixed point: it is computed from the size of one. `ratio` is `peer / ours`.
