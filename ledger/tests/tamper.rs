@@ -100,6 +100,13 @@ fn any_changed_entry_hash_or_checkpoint_in_the_database_fails() {
     db.put(key_6, text_7).unwrap();
     let finding = fails(dir.path(), "another checkpoint of the log");
     assert_eq!(finding.index, Some(5), "{finding:?}");
+    // The log signed another root of this size too.
+    let root = zk0_circuits::Digest([6; 32]);
+    let other = zk0_protocol::Checkpoint { size: 6, root };
+    let text = other.sign(&genesis().name, &log_key()).unwrap();
+    db.put(key_6, text).unwrap();
+    let finding = fails(dir.path(), "another root of the log");
+    assert_eq!(finding.index, Some(5), "{finding:?}");
     db.put(key_6, text_6).unwrap();
     for key in [
         &b"x"[..],
