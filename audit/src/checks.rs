@@ -163,8 +163,6 @@ impl Recorded {
             Refusal::MalformedUpdate(_)
                 | Refusal::OtherWeights { .. }
                 | Refusal::OtherProducts { .. }
-                | Refusal::OtherWeightCheck { .. }
-                | Refusal::OtherModels(_)
                 | Refusal::TooFar { .. }
                 | Refusal::UnreadWeights { .. }
         );

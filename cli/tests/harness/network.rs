@@ -96,7 +96,6 @@ impl LocalNetwork {
         let maker = recording.maker();
         let by = Commitment {
             network: genesis.network_id(),
-            mode: genesis.mode,
             frames: genesis.rules.evaluation_frames,
             salt: fs::read(self.path("state/salt"))
                 .unwrap()

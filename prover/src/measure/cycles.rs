@@ -11,7 +11,7 @@ use zk0_circuits::{EvalSpec, Mode};
 pub struct Case {
     /// Name of the dimensions.
     pub profile: &'static str,
-    /// How the evaluation is proven.
+    /// How matrix products are proven.
     pub mode: Mode,
     /// Samples evaluated.
     pub samples: u32,
@@ -22,7 +22,7 @@ pub struct Case {
 pub struct Cost {
     /// Name of the dimensions.
     pub profile: String,
-    /// How the evaluation is proven.
+    /// How matrix products are proven.
     pub mode: String,
     /// Samples evaluated.
     pub samples: u32,
@@ -37,7 +37,6 @@ pub fn cases() -> Vec<Case> {
     [
         ("micro", Mode::Direct, 4),
         ("micro", Mode::Checked, 4),
-        ("micro", Mode::Succinct, 4),
         ("full", Mode::Checked, 2),
         ("full", Mode::Checked, 4),
     ]

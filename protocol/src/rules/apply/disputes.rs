@@ -149,8 +149,6 @@ impl Refusal {
             | Self::MalformedUpdate(_)
             | Self::OtherWeights { .. }
             | Self::OtherProducts { .. }
-            | Self::OtherWeightCheck { .. }
-            | Self::OtherModels(_)
             | Self::TooFar { .. }
             | Self::UnreadWeights { .. } => true,
             Self::TooLarge { .. }
