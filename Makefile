@@ -61,10 +61,11 @@ coverage:
 # proves nothing. Minutes and 3 GB.
 cycles: build
 	@scripts/setup.sh guest
-	$(RUST) circuits/build-guest.sh --budget $(CARGO_TARGET_DIR)/budget.elf
+	$(RUST) circuits/build-guest.sh --budget $(CARGO_TARGET_DIR)/budget
 	$(RUST) cargo build --release --workspace --locked --example cycle_budget
 	$(ZK0) prover cycles
-	$(CARGO_TARGET_DIR)/release/examples/cycle_budget $(CARGO_TARGET_DIR)/budget.elf 2 micro full
+	$(CARGO_TARGET_DIR)/release/examples/cycle_budget $(CARGO_TARGET_DIR)/budget checked 2 micro full
+	$(CARGO_TARGET_DIR)/release/examples/cycle_budget $(CARGO_TARGET_DIR)/budget succinct 2 micro
 
 # Compares fixed-point with float32 losses, untrained and trained, up to the published size, and prints every range. Ten minutes
 # and 5 GB.

@@ -5,8 +5,8 @@
 #                                      toolchain) is then out of date until the example record_guest of zk0-prover has
 #                                      renewed it, as `make guest` does.
 #   circuits/build-guest.sh --check    build, and compare with the committed ELFs
-#   circuits/build-guest.sh --budget FILE   build the program of mode `checked` so that it reports the cycles of each operation
-#                                      (not for proofs), and write its ELF to FILE
+#   circuits/build-guest.sh --budget FOLDER   build the programs so that they report the cycles of each operation (not for proofs), and
+#                                      write their ELFs to FOLDER
 #   circuits/build-guest.sh --toolchain  print the toolchain that would be used, as the record names it
 #
 # Two toolchains will do, and the first one found is used unless ZK0_GUEST_TOOLCHAIN names one:
@@ -25,7 +25,7 @@ circuits=$(cd "$(dirname "$0")" && pwd -P)
 guest=$circuits/guest
 target=riscv64im-succinct-zkvm-elf
 target_dir=${ZK0_GUEST_TARGET_DIR:-$guest/target}
-programs=(direct checked)
+programs=(direct checked succinct)
 
 fail() { echo "build-guest: $2" >&2; exit "$1"; }
 
@@ -69,7 +69,7 @@ features=()
 case ${1:-} in
 '' | --check) ;;
 --budget)
-    [ -n "${2:-}" ] || fail 1 "--budget wants the file to write"
+    [ -n "${2:-}" ] || fail 1 "--budget wants the folder to write to"
     features=(--features budget)
     ;;
 *) fail 1 "unknown argument '$1' (see the head of this script)" ;;
@@ -90,6 +90,7 @@ flags=(
     -Z location-detail=none
     "--remap-path-prefix=$target_dir=/target"
     "--remap-path-prefix=$circuits=/zk0/circuits"
+    "--remap-path-prefix=${circuits%/*}/argument=/zk0/argument"
     "--remap-path-prefix=$("$rustc" --print sysroot)=/rust"
 )
 for registry in "${CARGO_HOME:-$HOME/.cargo}"/registry/src/*; do flags+=("--remap-path-prefix=$registry=/crates"); done
@@ -110,7 +111,8 @@ unset RUSTUP_TOOLCHAIN RUSTC CARGO
 # --- the result ----------------------------------------------------------------------------------------------------------
 
 if [ "${1:-}" = --budget ]; then
-    install -m 644 "$target_dir/$target/release/checked" "$2"
+    mkdir -p "$2"
+    for program in "${programs[@]}"; do install -m 644 "$target_dir/$target/release/$program" "$2/$program.elf"; done
     exit 0
 fi
 status=0

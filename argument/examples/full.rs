@@ -1,5 +1,5 @@
-//! Proves the losses of two random models natively, and verifies them: `full SIZE [SAMPLES [FOLDER]]`, where SIZE is micro, middle or full.
-//! It writes the inputs of the guest program into the folder, if there is one. It prints the seconds of each step, and the most memory that was used up to then.
+//! Proves the losses of two random models natively, and verifies them: `full SIZE [SAMPLES]`, where SIZE is micro, middle or full.
+//! It prints the seconds of each step, and the most memory that was used up to then.
 
 use std::error::Error;
 use std::fs;
@@ -7,8 +7,9 @@ use std::time::Instant;
 use zk0_argument::expert::argument::{prove::prove, verify};
 use zk0_argument::expert::evaluation::layers::Expert;
 use zk0_argument::expert::witness::{evaluate, Witness};
+use zk0_argument::transcript::Refused;
 use zk0_circuits::model::draw::draw;
-use zk0_circuits::model::layout::expert_tensors;
+use zk0_circuits::model::layout::{expert_tensors, Layout};
 use zk0_circuits::model::sample::SampleParts;
 use zk0_circuits::model::spec::Dims;
 use zk0_circuits::{Digest, EvalSpec, QuantisedWeights, Sample};
@@ -117,7 +118,9 @@ fn main() -> Result<(), Box<dyn Error>> {
         Ok((sample(&spec, &mut random)?, drawn))
     });
     let samples = samples.collect::<Result<Vec<_>, Box<dyn Error>>>()?;
-    let (statement, kept) = measured("evaluation", || evaluate(&spec, models, &samples))?;
+    let (statement, kept) = measured("evaluation", || {
+        evaluate(Digest([4; 32]), &spec, models, &samples)
+    })?;
     println!(
         "losses {:?}",
         statement
@@ -133,18 +136,22 @@ fn main() -> Result<(), Box<dyn Error>> {
     })?;
     let proof = measured("proof", || prove(&statement, &expert, &witness)).ok_or("too small")?;
     println!("{} bytes", 8 * proof.len());
-    let published = measured("verifier", || verify(&statement, &proof))?;
-    println!("{} claims are left", published.claims.len());
+    let verified = measured("verifier", || verify(&statement, &proof))?;
+    let published = verified.published;
+    println!(
+        "{} claims are left, {} bytes",
+        published.claims.len(),
+        8 * published.words().len()
+    );
     measured("claims", || {
-        published.holds(&witness.weights, &witness.tables)
+        let layout = Layout::new(&spec.dims);
+        let sums = |model: usize| {
+            let tensor = |number| Ok::<_, Refused>(models[model].tensor(&layout, number).0);
+            published.sums(&expert, model, layout.tensors.len(), tensor)
+        };
+        let (base, update) = rayon::join(|| sums(0), || sums(1));
+        published.check(&expert, [&base?, &update?])
     })?;
-    if let Some(folder) = arguments.next() {
-        fs::create_dir_all(&folder)?;
-        for (name, words) in [("0.bin", &statement.encode()), ("1.bin", &proof)] {
-            let bytes: Vec<u8> = words.iter().flat_map(|word| word.to_le_bytes()).collect();
-            fs::write(std::path::Path::new(&folder).join(name), bytes)?;
-        }
-    }
     println!("all of it: {:.2?}", begin.elapsed());
     Ok(())
 }

@@ -26,7 +26,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         }
     };
     let statement = Statement {
-        weights: [Digest([0; 32]); 2],
+        context: Digest([0; 32]),
         scales: [vec![14; tensors], vec![14; tensors]],
         samples: (0..samples).map(evaluated).collect(),
         spec: spec.clone(),

@@ -25,6 +25,17 @@ const GROUP: usize = 8;
 #[repr(transparent)]
 pub struct Digest(pub [u64; RATE]);
 
+impl From<Digest> for zk0_circuits::Digest {
+    /// The bytes of the words, little-endian.
+    fn from(digest: Digest) -> Self {
+        let mut bytes = [0; 32];
+        for (bytes, word) in bytes.as_chunks_mut::<8>().0.iter_mut().zip(digest.0) {
+            *bytes = word.to_le_bytes();
+        }
+        Self(bytes)
+    }
+}
+
 /// What is hashed. It keeps the digests of different things apart; [`zk0_circuits::vm::poseidon2::Domain`] has those below.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]

@@ -10,9 +10,11 @@
 //! - [`fractions`]: a sum of fractions that is zero, as look-ups need it.
 //! - [`commitment`]: a commitment to many polynomials, opened at one point.
 //! - [`relation`]: what an argument is about. [`protocol`]: the argument, as both sides do it; [`verify`] and `prove` are the two sides.
+//! - [`expert`]: the evaluation of both models, as relations. [`claim`]: mode `succinct`, in which an argument becomes a claim.
 #![cfg_attr(not(any(feature = "prove", test)), no_std)]
 extern crate alloc;
 
+pub mod claim;
 pub mod commitment;
 pub mod expert;
 pub mod field;

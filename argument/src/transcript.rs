@@ -21,6 +21,9 @@ pub enum Refused {
     /// A word is not the canonical value of an element or of a digest.
     #[error("word {0} of the argument is not a canonical value")]
     NotCanonical(usize),
+    /// A number of the statement is out of bounds.
+    #[error("{0} in the statement is out of bounds")]
+    Bounds(&'static str),
     /// The proof of work is not one.
     #[error("the argument's proof of work for {0} does not have enough bits")]
     Work(&'static str),

@@ -9,7 +9,7 @@ use zk0_argument::expert::evaluation::layers::Expert;
 use zk0_argument::expert::witness::{evaluate, Unprovable, Witness};
 use zk0_argument::prove::{check_equalities, Computed, Tables};
 use zk0_circuits::model::spec::Dims;
-use zk0_circuits::EvalSpec;
+use zk0_circuits::{Digest, EvalSpec};
 
 /// Models that are tried.
 const MODELS: u64 = 1000;
@@ -78,7 +78,7 @@ fn agrees(seed: u64) -> bool {
     scales(&mut spec, &mut random);
     let models = Models::new(&spec, 1 + seed as usize % 3, seed);
     let weights = [&models.base, &models.update];
-    let (statement, kept) = match evaluate(&spec, weights, &models.samples) {
+    let (statement, kept) = match evaluate(Digest([7; 32]), &spec, weights, &models.samples) {
         Ok(evaluated) => evaluated,
         Err(Unprovable::Evaluation { .. }) => return false,
         Err(error) => panic!("seed {seed}: {error}"),

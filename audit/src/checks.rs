@@ -163,6 +163,8 @@ impl Recorded {
             Refusal::MalformedUpdate(_)
                 | Refusal::OtherWeights { .. }
                 | Refusal::OtherProducts { .. }
+                | Refusal::OtherWeightCheck { .. }
+                | Refusal::OtherModels(_)
                 | Refusal::TooFar { .. }
                 | Refusal::UnreadWeights { .. }
         );

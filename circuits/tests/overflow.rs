@@ -19,14 +19,14 @@ const UP: &str = "model.vlm_with_expert.lm_expert.layers.1.mlp.up_proj.weight";
 fn claims(change: impl Fn(&mut Node)) -> [Result<Claim, StatementError>; 2] {
     let mut node = Node::new(&EvalSpec::micro(), 20, 4, 11);
     change(&mut node);
-    Mode::ALL.map(|mode| {
+    [Mode::Direct, Mode::Checked].map(|mode| {
         let Honest { mut input, .. } = node.honest();
         let terms = &mut input.header.terms;
         terms.base.quantised = quantise(&node.spec, &node.base).digest(mode);
         terms.update.quantised = quantise(&node.spec, &node.update).digest(mode);
         match mode {
             Mode::Direct => check(&input),
-            Mode::Checked => check_hinted(&HintedInput::of(&input)?),
+            _ => check_hinted(&HintedInput::of(&input)?),
         }
     })
 }

@@ -3,9 +3,10 @@
 use crate::client_error::NodeError;
 use std::io;
 use std::path::PathBuf;
+use zk0_argument::claim::TooSmall;
 use zk0_circuits::claim::challenge::DrawError;
-use zk0_circuits::claim::statement_error::StatementError;
 use zk0_protocol::entries::program::Program;
+use zk0_prover::program::NotProvable;
 use zk0_prover::service::ClientError;
 use zk0_smolvla::frames::prefix_cache::CacheError;
 
@@ -79,9 +80,12 @@ pub enum ParticipantError {
     /// The samples of the challenge cannot be drawn.
     #[error("the challenge: {0}")]
     Draw(#[from] DrawError),
-    /// The claim does not hold: on the samples drawn, the update is not better by as much as the rules ask.
+    /// The claim does not hold: on the samples drawn, the update is not better by as much as the rules ask. Or the network's mode cannot prove it.
     #[error("the update cannot be proven: {0}")]
-    Statement(#[from] StatementError),
+    NotProvable(#[from] NotProvable),
+    /// The network's mode does not fit its evaluation.
+    #[error("the network's evaluation: {0}; tell its operator")]
+    TooSmall(#[from] TooSmall),
     /// A request to the aggregator fails.
     #[error(transparent)]
     Node(#[from] NodeError),

@@ -72,10 +72,12 @@ impl Participant {
         check_dimensions(recording.config(), &spec)?;
         let by = Commitment {
             network: *node.network(),
+            mode: node.genesis().mode,
             frames: self.evaluation_frames(node, &recording.episodes()).await?,
             salt: self.salt()?,
         };
-        let folder = self.state.join(format!("evaluation-set-{}", spec.digest()));
+        let name = format!("evaluation-set-{}-{}", by.mode, spec.digest());
+        let folder = self.state.join(name);
         let evaluation = EvaluationSet::prepare(recording, samples, &spec, by, &folder)?;
         samples.rest();
         let (registration, list) = evaluation.registration(node.id());
@@ -155,7 +157,7 @@ impl Participant {
             match play(&turn, node).await.map(|decision| decision.refusal) {
                 Ok(None) => tracing::info!("round {round}: accepted"),
                 Ok(Some(reason)) => tracing::warn!("round {round}: refused: {reason}"),
-                Err(ParticipantError::Statement(error)) => tracing::warn!(
+                Err(ParticipantError::NotProvable(error)) => tracing::warn!(
                     "round {round}: the update cannot be proven and is not submitted: {error}"
                 ),
                 Err(ParticipantError::Node(error @ NodeError::NoRandomness { .. })) => {

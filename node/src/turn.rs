@@ -13,8 +13,9 @@ use zk0_circuits::{Claim, Digest, QuantisedWeights, Terms, WeightsDigest};
 use zk0_protocol::blob::blob_digest;
 use zk0_protocol::counted::counted;
 use zk0_protocol::entries::entry::RoundOpened;
+use zk0_protocol::entries::proof_blob::ProofBlob;
 use zk0_protocol::rules::bindings::ExpectedClaim;
-use zk0_prover::program::GuestInput;
+use zk0_prover::program::Prepared;
 use zk0_prover::rpc;
 use zk0_prover::service::ProvingClient;
 use zk0_smolvla::frames::batch::SampleSource;
@@ -91,7 +92,11 @@ impl Turn<'_> {
             update,
         )?;
         // This check takes a second. Without it, a claim that does not hold would cost minutes of proving.
-        let (claim, input) = GuestInput::of(node.genesis().mode, &input)?;
+        let Prepared {
+            claim,
+            weight_check,
+            input,
+        } = Prepared::of(node.genesis().mode, &input)?;
         let proof = prover.prove(input, proving_progress).await?;
         tracing::info!(
             "round {round}: the claim is proven: {} cycles in {} s; the proof has {} bytes",
@@ -102,7 +107,11 @@ impl Turn<'_> {
         if let Some((before, after)) = claim.losses.means(format.spec()) {
             tracing::info!("round {round}: the node submits the claim that the loss fell from {before:.4} to {after:.4}");
         }
-        self.submit(node, claim, proof.proof).await
+        let proof = ProofBlob {
+            weight_check: &weight_check,
+            sp1: &proof.proof,
+        };
+        self.submit(node, claim, proof.join()).await
     }
 
     /// Downloads the weights that the round starts from.

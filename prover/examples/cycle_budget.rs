@@ -1,8 +1,8 @@
 //! How many of a claim's guest cycles each operation takes. `make cycles` runs this.
 //!
-//! `cargo run --release --workspace --example cycle_budget PROGRAM.elf SAMPLES PROFILE…`
+//! `cargo run --release --workspace --example cycle_budget FOLDER MODE SAMPLES PROFILE…`
 //!
-//! The program is the ELF that `circuits/build-guest.sh --budget` writes. It says when an operation starts and ends
+//! The folder holds the ELFs that `circuits/build-guest.sh --budget` writes. A program says when an operation starts and ends
 //! (`zk0_circuits::vm::budget`), in lines on its standard output. SP1's own executor counts these only in a build for profiling, so this
 //! example is a plain RV64IM interpreter with the system calls that the program makes. It counts one cycle for each instruction, as SP1
 //! does, and makes no proof.
@@ -10,20 +10,23 @@
 use serde_json::json;
 use std::collections::BTreeMap;
 use std::error::Error;
+use std::path::Path;
 use std::{env, fs};
 use zk0_circuits::vm::poseidon2::{permute, State};
 use zk0_circuits::{EvalSpec, Mode};
-use zk0_prover::program::{synthetic, GuestInput};
+use zk0_prover::program::{synthetic, Prepared};
 
 fn main() -> Result<(), Box<dyn Error>> {
-    const USAGE: &str = "usage: cycle_budget PROGRAM.elf SAMPLES PROFILE…";
+    const USAGE: &str = "usage: cycle_budget FOLDER MODE SAMPLES PROFILE…";
     let mut arguments = env::args().skip(1);
-    let elf = fs::read(arguments.next().ok_or(USAGE)?)?;
+    let folder = arguments.next().ok_or(USAGE)?;
+    let mode: Mode = arguments.next().ok_or(USAGE)?.parse()?;
+    let elf = fs::read(Path::new(&folder).join(format!("{mode}.elf")))?;
     let samples = arguments.next().ok_or(USAGE)?.parse()?;
     for profile in arguments {
         let spec = EvalSpec::new(synthetic::dims(&profile)?);
-        let private = synthetic::private_input(&spec, samples, 1)?;
-        let (_, input) = GuestInput::of(Mode::Checked, &private)?;
+        let private = synthetic::private_input(&spec, mode, samples, 1)?;
+        let input = Prepared::of(mode, &private)?.input;
         let mut machine = Machine::load(&elf, input.buffers).ok_or("not an ELF of the guest")?;
         machine.run()?;
         let named = machine.operations.values().sum::<u64>();
@@ -31,7 +34,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             .operations
             .insert("all else".into(), machine.cycles - named);
         let line = json!({
-            "profile": profile, "mode": Mode::Checked.to_string(), "samples": samples,
+            "profile": profile, "mode": mode.to_string(), "samples": samples,
             "cycles": machine.cycles, "operations": machine.operations,
         });
         println!("{line}");
@@ -54,7 +57,10 @@ struct Machine {
     /// How many instructions have run so far.
     cycles: u64,
     operations: BTreeMap<String, u64>,
-    operation: Option<(String, u64)>,
+    /// The operations that have started and not ended.
+    running: Vec<String>,
+    /// Up to where cycles are charged.
+    charged: u64,
 }
 
 impl Machine {
@@ -78,7 +84,8 @@ impl Machine {
             input: input.into_iter(),
             cycles: 0,
             operations: BTreeMap::new(),
-            operation: None,
+            running: vec![],
+            charged: 0,
         };
         let (headers, size, count) = (number(32, 8)?, number(54, 2)?, number(56, 2)?);
         for index in 0..count {
@@ -300,16 +307,24 @@ impl Machine {
         Ok(())
     }
 
+    /// Charges the cycles since the last report to the operation that runs. One that runs within another is not counted for that one.
+    fn charge(&mut self) {
+        if let Some(name) = self.running.last() {
+            *self.operations.entry(name.clone()).or_default() += self.cycles - self.charged;
+        }
+        self.charged = self.cycles;
+    }
+
     /// Handles the output of the program. A report of an operation starts or stops the clock of that operation.
     fn write(&mut self, file: u64, start: u64, count: u64) -> Result<(), String> {
         let bytes = (start..start + count).map(|at| self.load_bytes(at, 1).map(|byte| byte as u8));
         let text = String::from_utf8_lossy(&bytes.collect::<Result<Vec<_>, _>>()?).into_owned();
         if let Some(name) = text.strip_prefix("cycle-tracker-report-start: ") {
-            self.operation = Some((name.trim().into(), self.cycles));
+            self.charge();
+            self.running.push(name.trim().into());
         } else if text.starts_with("cycle-tracker-report-end: ") {
-            if let Some((name, started)) = self.operation.take() {
-                *self.operations.entry(name).or_default() += self.cycles - started;
-            }
+            self.charge();
+            self.running.pop();
         } else if file == 2 {
             eprint!("{text}");
         }

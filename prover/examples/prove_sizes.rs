@@ -17,7 +17,7 @@ use zk0_circuits::model::layout::expert_tensors;
 use zk0_circuits::model::spec::Dims;
 use zk0_circuits::{EvalSpec, Mode};
 use zk0_prover::machine::{peak_memory, Device, DeviceKind, ProverLock};
-use zk0_prover::program::{elf, synthetic, Executor, GuestInput};
+use zk0_prover::program::{elf, synthetic, Executor, Prepared};
 use zk0_prover::prove::Sp1Prover;
 
 const USAGE: &str = "usage: prove_sizes SIZES.json OUTPUT.jsonl MODEL…";
@@ -49,12 +49,12 @@ async fn main() -> Result<(), Box<dyn Error>> {
     let setup = begin.elapsed();
     for (model, dims, mode) in work {
         eprintln!("zk0, mode {mode}: {model}");
-        let private = synthetic::private_input(&EvalSpec::new(dims), 2, 1)?;
-        let (_, input) = GuestInput::of(mode, &private)?;
+        let private = synthetic::private_input(&EvalSpec::new(dims), mode, 2, 1)?;
+        let input = Prepared::of(mode, &private)?.input;
         let run = executor.execute(elf(mode), &input.buffers).await?;
         // In mode `checked`, the verifier also projects both sets of weights.
         let mut hinted = match mode {
-            Mode::Direct => None,
+            Mode::Direct | Mode::Succinct => None,
             Mode::Checked => Some(HintedInput::of(&private)?),
         };
         fs::write("/proc/self/clear_refs", "5")?; // The peak of memory is counted from here on.

@@ -1,7 +1,7 @@
 //! Proves a claim made from a seed. It serves to try a machine's prover, and to make the proof that the verifier's tests use:
 //! `cargo run --release --workspace --example prove_synthetic -- DEVICE MODEL MODE SAMPLES [FOLDER]`
 //!
-//! DEVICE is cpu or cuda (`make cuda` builds this example, too), MODEL micro or full, MODE direct or checked. Writes
+//! DEVICE is cpu or cuda (`make cuda` builds this example, too), MODEL micro or full, MODE direct, checked or succinct. Writes
 //! `proof.bin`, `claim.bin` (the public values) and `input.bin` (borsh) to FOLDER when one is given, and prints what it
 //! took. A claim of model full takes a minute and 3 GB to make before it is proven.
 

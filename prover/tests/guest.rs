@@ -6,6 +6,7 @@ use std::fs;
 use std::io::{self, Write};
 use std::path::PathBuf;
 use std::process::Command;
+use zk0_argument::claim::{self, ClaimInput};
 use zk0_circuits::claim::hinted_input::HintedInput;
 use zk0_circuits::claim::program::verifying_key;
 use zk0_circuits::claim::statement::{check, check_hinted};
@@ -43,7 +44,7 @@ async fn guest_and_host_give_the_same_claim() {
         .collect::<Vec<_>>();
     let other = EvalSpec::new(OTHER);
     for (spec, samples, seed) in [&cases[..], &[(&other, 2, 7), (&other, 3, 8)]].concat() {
-        let input = synthetic::private_input(spec, samples, seed).unwrap();
+        let input = synthetic::private_input(spec, Mode::Direct, samples, seed).unwrap();
         let run = executor
             .execute(elf(Mode::Direct), &input.to_buffers())
             .await
@@ -58,6 +59,17 @@ async fn guest_and_host_give_the_same_claim() {
             .unwrap();
         let claim = borsh::to_vec(&check_hinted(&hinted).unwrap()).unwrap();
         assert_eq!(run.public_values, claim, "seed {seed}, checked");
+
+        let committed = synthetic::private_input(spec, Mode::Succinct, samples, seed).unwrap();
+        let made = claim::make(&committed).unwrap();
+        let run = executor
+            .execute(elf(Mode::Succinct), &made.to_buffers())
+            .await
+            .unwrap();
+        let (shown, _) = claim::check(&made).unwrap();
+        assert_eq!(shown.losses, check(&input).unwrap().losses, "seed {seed}");
+        let claim = borsh::to_vec(&shown).unwrap();
+        assert_eq!(run.public_values, claim, "seed {seed}, succinct");
     }
 }
 
@@ -118,7 +130,7 @@ fn cheats() -> Vec<(&'static str, fn(&mut PrivateInput))> {
 #[tokio::test]
 async fn the_guest_refuses_what_the_host_refuses_for_the_same_reason() {
     let executor = Executor::new().await.unwrap();
-    let honest = synthetic::private_input(&EvalSpec::micro(), 2, 11).unwrap();
+    let honest = synthetic::private_input(&EvalSpec::micro(), Mode::Direct, 2, 11).unwrap();
     for (name, cheat) in cheats() {
         let mut input = honest.clone();
         cheat(&mut input);
@@ -160,7 +172,7 @@ async fn the_checked_guest_refuses_what_the_host_refuses_for_the_same_reason() {
         }),
     ];
     let executor = Executor::new().await.unwrap();
-    let input = synthetic::private_input(&EvalSpec::micro(), 2, 13).unwrap();
+    let input = synthetic::private_input(&EvalSpec::micro(), Mode::Direct, 2, 13).unwrap();
     let honest = HintedInput::of(&input).unwrap();
     for (name, cheat) in cheats {
         // The test tries the changed input as it is, and again with the seed drawn anew from its hints.
@@ -186,9 +198,45 @@ async fn the_checked_guest_refuses_what_the_host_refuses_for_the_same_reason() {
 }
 
 #[tokio::test]
+async fn the_succinct_guest_refuses_what_the_host_refuses_for_the_same_reason() {
+    type Cheat = fn(&mut ClaimInput);
+    let cheats: [(&str, Cheat); 7] = [
+        ("a loss", |input| input.openings[0].losses[1] -= 1),
+        ("the first word", |input| input.argument.to_mut()[0] ^= 1),
+        ("the last word", |input| {
+            let words = input.argument.to_mut();
+            *words.last_mut().unwrap() ^= 1;
+        }),
+        ("too few words", |input| {
+            let words = input.argument.to_mut();
+            words.truncate(words.len() / 2);
+        }),
+        ("a scale", |input| input.scales[1][0] -= 1),
+        ("another challenge", |input| {
+            input.header.terms.challenge.0[3] ^= 1
+        }),
+        ("another path", |input| input.openings[1].path[0].0[0] ^= 1),
+    ];
+    let executor = Executor::new().await.unwrap();
+    let input = synthetic::private_input(&EvalSpec::micro(), Mode::Succinct, 2, 13).unwrap();
+    let honest = claim::make(&input).unwrap();
+    for (name, cheat) in cheats {
+        let mut made = honest.clone();
+        cheat(&mut made);
+        let buffers = made.to_buffers();
+        let read = ClaimInput::from_buffers(&buffers).expect(name);
+        let expected = claim::check(&read).map(drop).expect_err(name).to_string();
+        match executor.execute(elf(Mode::Succinct), &buffers).await {
+            Err(ExecuteError::Refused(reason)) => assert_eq!(reason, expected, "{name}"),
+            other => panic!("{name}: the guest gives {other:?}"),
+        }
+    }
+}
+
+#[tokio::test]
 async fn the_guest_refuses_buffers_that_are_not_a_private_input() {
     let executor = Executor::new().await.unwrap();
-    let honest = synthetic::private_input(&EvalSpec::micro(), 2, 12)
+    let honest = synthetic::private_input(&EvalSpec::micro(), Mode::Direct, 2, 12)
         .unwrap()
         .to_buffers();
     for buffer in 0..honest.len() {

@@ -7,6 +7,7 @@ use crate::update::{CheckedUpdate, Evaluation};
 use zk0_circuits::{Claim, NodeId, QuantisedWeights};
 use zk0_protocol::blob::Blob;
 use zk0_protocol::entries::authentic::AuthenticSubmission;
+use zk0_protocol::entries::proof_blob::ProofBlob;
 use zk0_protocol::entries::signed::{Signed, Submission};
 use zk0_protocol::rules::state::State;
 use zk0_protocol::Refusal;
@@ -37,9 +38,14 @@ impl AuthenticContribution {
         &self.submission.statement.claim
     }
 
-    /// The proof. Nothing but its digest is checked.
+    /// The blob with the proof. Nothing but its digest is checked.
     pub fn proof(&self) -> &Blob<'static> {
         &self.proof
+    }
+
+    fn parts(&self) -> Result<ProofBlob<'_>, Refusal> {
+        let parts = ProofBlob::split(self.claim(), self.proof.bytes());
+        parts.map_err(|error| Refusal::MalformedProof(error.to_string()))
     }
 }
 
@@ -131,8 +137,9 @@ pub fn verify(
     verify_claim(contribution, state, time_ms)?;
     let claim = contribution.claim();
     let evaluation = Evaluation::of(state)?;
+    let weight_check = contribution.parts()?.weight_check;
     Ok(VerifiedContribution {
-        update: evaluation.check_weights(claim, weights, rules)?,
+        update: evaluation.check_weights(claim, weight_check, weights, rules)?,
         claim: claim.clone(),
     })
 }
@@ -145,7 +152,7 @@ pub fn verify_claim(
 ) -> Result<(), Refusal> {
     let claim = contribution.claim();
     state.check_claim(claim, time_ms)?;
-    check_proof_of(state.program(), contribution.proof.bytes(), claim)
+    check_proof_of(state.program(), contribution.parts()?.sp1, claim)
 }
 
 fn check_size(what: &str, bytes: &[u8], limit: u64) -> Result<(), Refusal> {

@@ -9,6 +9,7 @@
 //! - [`proof`]: the SP1 compressed proof, read from hostile bytes under limits, and verified by SP1's own verifier.
 //! - [`releases`]: which verifier decides about a program's proofs, by the release of SP1.
 //! - [`projection`]: the verifier's half of mode `checked`, computed from the files with the weights.
+//! - [`weight_claims`]: the verifier's half of mode `succinct`, likewise.
 //! - [`update`]: the weight check: the uploaded file holds the numbers that were proven, and the base's where nothing is evaluated.
 //! - [`norm`]: how far an update is from the weights that it was trained from.
 //! - [`dataset`]: the list of drawn frames behind a dataset commitment.
@@ -30,6 +31,7 @@ pub mod public_samples;
 pub mod releases;
 pub mod result;
 pub mod update;
+pub mod weight_claims;
 
 pub use contribution::{
     authenticate, verify, verify_claim, AuthenticContribution, VerifiedContribution,
@@ -39,5 +41,6 @@ pub use projection::check_projections;
 pub use proof::check_proof;
 pub use result::ResultFiles;
 pub use update::{CheckedUpdate, Evaluation};
+pub use weight_claims::check_weight_claims;
 pub use zk0_protocol::blob::blob_digest;
 pub use zk0_protocol::entries::program::ProgramKey;

@@ -4,8 +4,9 @@
 use crate::contribution_blobs::WeightFiles;
 use crate::norm::check_norm;
 use crate::projection::check_projections;
+use crate::weight_claims::check_weight_claims;
 use zk0_circuits::model::spec::{EvalSpec, SpecError};
-use zk0_circuits::{Claim, Digest, Mode, QuantisedWeights, WeightsDigest};
+use zk0_circuits::{Claim, Digest, Mode, QuantisedWeights, WeightCheck, WeightsDigest};
 use zk0_protocol::blob::blob_digest;
 use zk0_protocol::entries::genesis::Genesis;
 use zk0_protocol::rules::network_rules::Rules;
@@ -70,11 +71,12 @@ impl Evaluation {
     }
 
     /// Checks the weights that `claim` is about: that the files are those of the claim, that the update's numbers are those that were
-    /// evaluated and in mode `checked` multiplied, that they are the base's where the evaluation does not read, and last that they
-    /// are no further from the base than `rules` allow.
+    /// evaluated, that they are the base's where the evaluation does not read, that what the proof left to check of the weights holds
+    /// (`weight_check`, which travels with it), and last that they are no further from the base than `rules` allow.
     pub fn check_weights(
         &self,
         claim: &Claim,
+        weight_check: &[u8],
         files: &WeightFiles,
         rules: &Rules,
     ) -> Result<CheckedUpdate, Refusal> {
@@ -84,7 +86,7 @@ impl Evaluation {
         let opened = self.format.open(&base[..]).map_err(malformed)?;
         let unread = Unread::of(&self.format, &opened).map_err(malformed)?;
         unread.check(&self.format, &weights).map_err(changed)?;
-        self.check_products(claim, base, update)?;
+        self.check_what_is_left(claim, weight_check, base, update)?;
         match rules.max_update_norm_bps {
             0 => {}
             limit => check_norm(&self.format, &opened, &weights, limit)?,
@@ -110,12 +112,29 @@ impl Evaluation {
         }
     }
 
-    /// Checks, in mode `checked`, that the products behind `claim` are those with the weights in the files `base` (the round's)
-    /// and `update`.
-    fn check_products(&self, claim: &Claim, base: &[u8], update: &[u8]) -> Result<(), Refusal> {
-        match (self.mode, &claim.weight_check) {
+    /// Checks what the proof of `claim` left to check of the weights in the files `base` (the round's) and `update`.
+    fn check_what_is_left(
+        &self,
+        claim: &Claim,
+        weight_check: &[u8],
+        base: &[u8],
+        update: &[u8],
+    ) -> Result<(), Refusal> {
+        let format = &self.format;
+        match (self.mode, claim.weight_check) {
             (Mode::Direct, None) => Ok(()),
-            (Mode::Checked, Some(check)) => check_projections(&self.format, check, base, update),
+            (Mode::Checked, Some(claimed)) => {
+                let other = Refusal::OtherWeightCheck { claimed };
+                let check = borsh::from_slice::<WeightCheck>(weight_check);
+                let check = check.map_err(|_| other.clone())?;
+                match check.digest() == claimed {
+                    true => check_projections(format, &check, base, update),
+                    false => Err(other),
+                }
+            }
+            (Mode::Succinct, Some(claimed)) => {
+                check_weight_claims(format, &claimed, weight_check, base, update)
+            }
             (mode, check) => Err(Refusal::Binding {
                 field: "weight_check".into(),
                 claimed: if check.is_some() { "some" } else { "none" }.into(),

@@ -39,7 +39,7 @@ fn checked(base: &Tensors, update: &Tensors) -> Result<CheckedUpdate, Refusal> {
         update: file(&spec, update),
     };
     let evaluation = Evaluation::new(&spec, Mode::Direct).unwrap();
-    evaluation.check_weights(&claim(&files), &files, &Rules::default())
+    evaluation.check_weights(&claim(&files), &[], &files, &Rules::default())
 }
 
 fn honest() -> (Tensors, Tensors) {
@@ -138,7 +138,7 @@ fn another_base_than_the_claim_names_is_refused() {
     let claim = claim(&files);
     let evaluation = Evaluation::new(&spec, Mode::Direct).unwrap();
     files.base = file(&spec, &tensors(&spec, 9, 4.0));
-    let refused = evaluation.check_weights(&claim, &files, &Rules::default());
+    let refused = evaluation.check_weights(&claim, &[], &files, &Rules::default());
     assert!(
         matches!(refused, Err(Refusal::UpdateDigest { .. })),
         "{refused:?}"

@@ -189,6 +189,11 @@ pub struct WeightsFile<'f, R> {
 }
 
 impl<R: ReadAt> WeightsFile<'_, R> {
+    /// The fraction bits of all tensors, as the file states them. [`Self::tensor`] checks that they are those of the values.
+    pub fn scales(&self) -> &[i16] {
+        &self.scales
+    }
+
     /// Reads tensor number `index`.
     ///
     /// # Errors

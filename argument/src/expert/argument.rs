@@ -1,23 +1,23 @@
 //! The whole argument about an expert's losses: what both sides do, and the claims about weights and tables that it leaves.
 //!
 //! The verifier in the guest sees neither weights nor tables. It publishes the claims about them, and whoever has them computes them again
-//! ([`Published::holds`]).
+//! ([`Published::check`]).
 
 use super::builder::{DATA, MAIN};
 use super::evaluation::layers::Expert;
+use super::published::Published;
 use super::sample::{height, sample_digest, RATE};
 use super::sizes::S;
 use super::statement::Statement;
 use crate::commitment::{self, Parameters, Segment};
-use crate::field::{Extension, Goldilocks};
-use crate::hash::{digest_of_words, Digest, Domain};
+use crate::field::Extension;
+use crate::hash::Digest;
 use crate::multilinear::eq_table;
 use crate::operation;
-use crate::protocol::{argue, Claim, Weighted};
-use crate::relation::{Part, PartId, Parts};
+use crate::protocol::{argue, Claim};
+use crate::relation::Parts;
 use crate::share::share;
 use crate::transcript::{require, Refused, Verifier};
-use alloc::vec;
 use alloc::vec::Vec;
 
 /// How sources become columns: each segment has columns of one height, and a column is what lies in one piece.
@@ -46,52 +46,12 @@ impl Shape {
     }
 }
 
-/// What an argument leaves to check: claims about weights and tables, with the weights that they name, and which samples they are about.
-pub struct Published {
+/// What a verifier learns.
+pub struct Verified {
     /// The digest of each sample. Whoever checks the argument compares it with what the node committed to.
     pub samples: Vec<Digest>,
-    /// The parts that claims name.
-    pub parts: Parts,
-    /// The claims.
-    pub claims: Vec<Claim>,
-}
-
-impl Published {
-    /// A digest of the claims, in words: how many claims there are; for each its source and number of parts, its offset, its parts and its
-    /// value; then the weights of all parts that claims name, in the order in which they name them first.
-    pub fn digest(&self) -> Digest {
-        let mut words = vec![self.claims.len() as u64];
-        let mut used: Vec<PartId> = vec![];
-        for claim in &self.claims {
-            let Weighted {
-                source,
-                offset,
-                parts,
-            } = &claim.about;
-            words.push(source.0 as u64 | (parts.len() as u64) << 8);
-            words.push(*offset as u64);
-            for &(shift, id) in parts {
-                let known = used.iter().position(|&own| own == id);
-                let number = known.unwrap_or_else(|| {
-                    used.push(id);
-                    used.len() - 1
-                });
-                words.push(shift as u64 | (number as u64) << 8);
-            }
-            words.extend(claim.value.0.map(Goldilocks::value));
-        }
-        for id in used {
-            let (kind, weights) = match self.parts.get(id) {
-                Part::Point(point) => (0, &point[..]),
-                Part::Vector(weights) => (1, &weights[..]),
-                Part::Ones(bits) => (2 + *bits as u64, &[][..]),
-            };
-            words.extend([kind, weights.len() as u64]);
-            let coefficients = Extension::coefficients(weights);
-            words.extend(coefficients.iter().map(|value| value.value()));
-        }
-        digest_of_words(Domain::Published, &words)
-    }
+    /// What is left to check.
+    pub published: Published,
 }
 
 /// Splits claims into those about what was committed to, and others.
@@ -111,22 +71,14 @@ fn sources(expert: &Expert) -> [(crate::relation::Source, usize); 2] {
     })
 }
 
-/// Checks an argument. Returns what is left to check.
-pub fn verify(statement: &Statement, proof: &[u64]) -> Result<Published, Refused> {
-    verify_with_digest(statement, &statement.digest(), proof)
-}
-
-/// [`verify`], where the digest of the statement is known: the guest hashes the encoding that it reads.
-pub fn verify_with_digest(
-    statement: &Statement,
-    digest: &Digest,
-    proof: &[u64],
-) -> Result<Published, Refused> {
+/// Checks an argument.
+pub fn verify(statement: &Statement, proof: &[u64]) -> Result<Verified, Refused> {
+    statement.check_bounds()?;
     let building = operation("relations");
     let expert = Expert::new(statement);
     building.end();
     let shape = Shape::new(&expert).ok_or(Refused::Equation("the size of a commitment"))?;
-    let mut verifier = Verifier::new(digest, proof);
+    let mut verifier = Verifier::new(&statement.digest(), proof);
     let mut segments = Vec::with_capacity(2 * shape.segments);
     for width in shape.widths {
         for _ in 0..shape.segments {
@@ -140,7 +92,7 @@ pub fn verify_with_digest(
     let mut parts = Parts::default();
     let claims = argue(&mut verifier, &expert.builder.relations, &mut parts)?;
     let sharing = operation("sharing");
-    let (committed, published) = split(claims);
+    let (committed, claims) = split(claims);
     let sources = sources(&expert);
     let (point, values) = share(&mut verifier, &mut parts, &sources, &committed)?;
     sharing.end();
@@ -168,10 +120,9 @@ pub fn verify_with_digest(
     }
     opening.end();
     verifier.finish()?;
-    Ok(Published {
+    Ok(Verified {
         samples,
-        parts,
-        claims: published,
+        published: Published { parts, claims },
     })
 }
 
@@ -182,7 +133,8 @@ pub mod prove {
     use crate::commitment::prove::columns::Column;
     use crate::commitment::prove::{open, Committed};
     use crate::expert::witness::Witness;
-    use crate::prove::{Proving, Values};
+    use crate::field::Goldilocks;
+    use crate::prove::Proving;
     use crate::transcript::Prover;
     use rayon::prelude::*;
 
@@ -222,23 +174,5 @@ pub mod prove {
             }
         }
         Some(proving.prover.finish())
-    }
-
-    impl Published {
-        /// Checks all claims against the values of weights and tables.
-        pub fn holds(&self, weights: &[i16], tables: &[i64]) -> Result<(), Refused> {
-            use crate::expert::builder::{TABLES, WEIGHTS};
-            for claim in &self.claims {
-                let values = match claim.about.source {
-                    WEIGHTS => Values::Narrow(weights),
-                    TABLES => Values::Wide(tables),
-                    _ => return Err(Refused::Equation("the source of a claim")),
-                };
-                if crate::prove::value(values, &self.parts, &claim.about) != claim.value {
-                    return Err(Refused::Equation("a claim about weights or tables"));
-                }
-            }
-            Ok(())
-        }
     }
 }

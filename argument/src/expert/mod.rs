@@ -1,19 +1,19 @@
 //! The action expert's evaluation as relations between committed tensors: what [`zk0_circuits::model::eval`] computes, for a base and an
 //! update, on all samples at once.
 //!
-//! - [`statement`]: what is shown, and [`encoding`] its words. [`sizes`]: the axes of tensors. [`publics`], [`rotations`]: what both sides compute.
+//! - [`statement`]: what is shown. [`sizes`]: the axes of tensors. [`publics`], [`rotations`]: what both sides compute.
 //! - [`sample`]: the commitment to a sample.
 //! - [`builder`]: commits to tensors, and says what holds of them.
-//! - [`argument`]: the whole argument, of the prover and of the verifier.
+//! - [`argument`]: the whole argument, of the prover and of the verifier. [`published`]: what it leaves to check.
 //! - [`evaluation`]: what holds of each step of it. [`weights`]: where the weights lie.
 //!
 //! **What is not checked yet.** A base that overflows has no proof. Scores may exceed 32 bits, where mode `direct` refuses them.
 
 pub mod argument;
 pub mod builder;
-pub mod encoding;
 pub mod evaluation;
 pub mod publics;
+pub mod published;
 pub mod rotations;
 pub mod sample;
 pub mod sizes;

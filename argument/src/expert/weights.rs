@@ -1,9 +1,13 @@
 //! Where the weights of both models lie among the values that claims are about: each matrix is padded with zeros to powers of two.
 
 use super::builder::{Builder, WEIGHTS};
+use crate::field::goldilocks::P;
+use crate::field::{Extension, Goldilocks};
+use crate::protocol::Weighted;
 use crate::relation::Committed;
-use crate::relation::{Axis, Place, Tensor};
+use crate::relation::{Axis, Part, Parts, Place, Tensor};
 use alloc::vec::Vec;
+use zk0_circuits::freivalds::projection::combine;
 use zk0_circuits::model::layout::Layout;
 use zk0_circuits::QuantisedWeights;
 
@@ -34,6 +38,20 @@ impl Flat {
     pub fn none() -> Self {
         let axes = Vec::new();
         Self { axes, used: 1 }
+    }
+
+    /// The weight of each index, where the parts are those of its axes.
+    fn weights(&self, parts: &[&Part]) -> Vec<Extension> {
+        let tables: Vec<_> = parts.iter().map(|part| part.weights()).collect();
+        let weight = |mut index: usize| {
+            let digits = self.axes.iter().zip(&tables).map(|((_, size), weights)| {
+                let weight = weights[index % size];
+                index /= size;
+                weight
+            });
+            digits.fold(Extension::ONE, |product, weight| product * weight)
+        };
+        (0..self.used).map(weight).collect()
     }
 
     /// What `index` adds to the number of a value.
@@ -73,7 +91,86 @@ pub struct Matrices {
     pub all: Vec<Option<Matrix>>,
 }
 
+/// A claim about matrices, with the weight of each value as a product: of its row's, its column's, and its matrix'.
+pub struct Claimed {
+    rows: Vec<[i32; 4]>,
+    columns: Vec<Extension>,
+    matrices: Vec<Extension>,
+}
+
+/// The largest value that stands for a positive number where halves are taken. Up to here the upper half is below 2^31, and from here on the
+/// number less the modulus is at least −2^63.
+const POSITIVE: u64 = (1 << 63) - (1 << 32);
+
+/// Signed halves of both coefficients, of 32 bits each.
+fn halves(element: Extension) -> [i32; 4] {
+    let [a, b] = element.0.map(|coefficient| {
+        let value = coefficient.value();
+        let signed = match value > POSITIVE {
+            true => value.wrapping_sub(P) as i64,
+            false => value as i64,
+        };
+        let low = signed as i32;
+        [low, ((signed - low as i64) >> 32) as i32]
+    });
+    [a[0], a[1], b[0], b[1]]
+}
+
+/// The element whose halves these are sums of.
+fn whole(sums: [i64; 4]) -> Extension {
+    let element = |low: i64, high: i64| {
+        Goldilocks::from_i64(low) + Goldilocks::from_i64(high) * Goldilocks::from_i64(1 << 32)
+    };
+    Extension([element(sums[0], sums[1]), element(sums[2], sums[3])])
+}
+
 impl Matrices {
+    /// What a claim about this tensor says of its values. `None` if the claim is about other values than the tensor's.
+    pub fn claimed(&self, tensor: &Tensor, parts: &Parts, about: &Weighted) -> Option<Claimed> {
+        let places = tensor.places.iter().zip(&about.parts);
+        let fits = about.parts.len() == tensor.places.len()
+            && about.offset == tensor.offset
+            && places.into_iter().all(|(place, &(shift, id))| {
+                place.shift == shift && place.bits as usize == parts.get(id).bits()
+            });
+        if !fits {
+            return None;
+        }
+        let own: Vec<&Part> = about.parts.iter().map(|(_, id)| parts.get(*id)).collect();
+        let (columns, rest) = own.split_at(self.columns.axes.len());
+        let (rows, last) = rest.split_at(self.rows.axes.len());
+        let rows = self.rows.weights(rows).into_iter().map(halves);
+        Some(Claimed {
+            rows: rows.collect(),
+            columns: self.columns.weights(columns),
+            matrices: last[0].weights().into_owned(),
+        })
+    }
+
+    /// The numbers of the matrices that are made of a tensor of a model.
+    pub fn made_of(&self, model: usize, tensor: usize) -> impl Iterator<Item = usize> + '_ {
+        let all = self.all.iter().enumerate();
+        all.filter_map(move |(index, matrix)| {
+            let matrix = matrix.as_ref()?;
+            (matrix.model == model && matrix.tensor == tensor).then_some(index)
+        })
+    }
+
+    /// The sum of the values of the matrix with this number times what a claim weighs them with. `values` are those of its whole tensor.
+    pub fn sum(&self, number: usize, claimed: &Claimed, values: &[i16]) -> Extension {
+        let Some(matrix) = self.all[number] else {
+            return Extension::ZERO;
+        };
+        let sums = combine(values, matrix.stride, &claimed.rows);
+        let columns = claimed.columns.iter().enumerate();
+        let sum: Extension = columns
+            .map(|(column, &weight)| {
+                weight * whole(sums.each_ref().map(|half| half[matrix.first + column]))
+            })
+            .sum();
+        claimed.matrices[number] * sum
+    }
+
     /// Adds a tensor of weights.
     pub fn add(
         builder: &mut Builder,
@@ -114,6 +211,38 @@ impl Matrices {
                 for (column, &value) in values.iter().enumerate() {
                     f(start + self.columns.number(column, column_places), value);
                 }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_element_is_the_whole_of_its_halves() {
+        let edges = [
+            0,
+            1,
+            1 << 31,
+            1 << 32,
+            POSITIVE,
+            P / 2,
+            1 << 63,
+            P - (1 << 31),
+            P - 1,
+        ];
+        let around = edges
+            .iter()
+            .flat_map(|&edge| [edge.max(1) - 1, edge, (edge + 1) % P]);
+        let values: Vec<u64> = around.collect();
+        for &a in &values {
+            for &b in &values {
+                let words = [a, b];
+                let coefficients = Goldilocks::of_words(&words).unwrap();
+                let element = Extension::of_coefficients(coefficients)[0];
+                assert_eq!(whole(halves(element).map(i64::from)), element, "{a} {b}");
             }
         }
     }

@@ -2,7 +2,7 @@
 
 use super::builder::{DATA, MAIN, TABLES, WEIGHTS};
 use super::evaluation::layers::Expert;
-use super::evaluation::linear::gated;
+use super::published::tables;
 use super::sample::prove::frames;
 use super::sizes::{Sizes, L, M, N, T};
 use super::statement::{Evaluated, Statement};
@@ -11,13 +11,13 @@ use crate::prove::filling::Filling;
 use crate::prove::{Computed, NotInTable, Values};
 use crate::relation::Committed;
 use crate::relation::Relations;
+use zk0_circuits::claim::terms::Model;
 use zk0_circuits::model::arithmetic::fixed::Rescale;
-use zk0_circuits::model::arithmetic::tables::exp2_negative;
 use zk0_circuits::model::draw::Draw;
 use zk0_circuits::model::eval::{EvalError, Evaluator};
 use zk0_circuits::model::layout::Layout;
 use zk0_circuits::model::linear::{first_of_layer, output, place};
-use zk0_circuits::{EvalSpec, Mode, QuantisedWeights, Sample};
+use zk0_circuits::{Digest, EvalSpec, QuantisedWeights, Sample};
 
 /// The base and the update.
 pub type Models<'a> = [&'a QuantisedWeights; 2];
@@ -29,7 +29,7 @@ pub enum Unprovable {
     #[error("the {model} on sample {sample}: {error}")]
     Evaluation {
         /// Which model.
-        model: &'static str,
+        model: Model,
         /// Which sample, from 0.
         sample: usize,
         /// Why.
@@ -66,8 +66,9 @@ pub struct Witness {
     pub tables: Vec<i64>,
 }
 
-/// What is stated about two models and samples, and the sums of each evaluation: those of the base and the update for each sample.
+/// What is stated about two models and samples in a context ([`Statement::context`]), and the sums of each evaluation: those of the base and the update for each sample.
 pub fn evaluate(
+    context: Digest,
     spec: &EvalSpec,
     models: Models<'_>,
     samples: &[(Sample, Draw)],
@@ -79,7 +80,7 @@ pub fn evaluate(
             let evaluator = Evaluator::new(spec).map_err(EvalError::from);
             let result = evaluator.and_then(|e| trace(&e, models[model], sample, draw));
             result.map_err(|error| Unprovable::Evaluation {
-                model: ["base", "update"][model],
+                model: [Model::Base, Model::Update][model],
                 sample: number,
                 error,
             })
@@ -101,8 +102,8 @@ pub fn evaluate(
             .collect()
     };
     let statement = Statement {
+        context,
         spec: spec.clone(),
-        weights: models.map(|weights| weights.digest(Mode::Checked)),
         scales: models.map(scales),
         samples: evaluated,
     };
@@ -151,7 +152,7 @@ impl Witness {
                 weights[number] = value
             });
         }
-        let tables = tables(expert, length(TABLES));
+        let tables = columns(expert, length(TABLES));
         let mut filling = Filling {
             relations,
             main: vec![0; length(MAIN) * segments],
@@ -211,21 +212,15 @@ fn differs(
 }
 
 /// The columns of tables.
-pub fn tables(expert: &Expert, length: usize) -> Vec<i64> {
-    let mut tables = vec![0; length];
-    let tensors = &expert.builder.relations.tensors;
-    let size = |tensor: &crate::relation::Tensor| 1usize << tensor.places[0].bits;
-    let powers = &tensors[expert.powers.tensor];
-    for row in 0..size(powers) {
-        tables[powers.offset + row] = exp2_negative((row as u64 + 1) >> 1) as i64;
-    }
-    for &(bits, column) in &expert.gates {
-        let column = &tensors[column.tensor];
-        for row in 0..size(column) {
-            tables[column.offset + row] = gated(row as i64 - (1 << 15), bits);
+fn columns(expert: &Expert, length: usize) -> Vec<i64> {
+    let mut columns = vec![0; length];
+    for (tensor, value) in tables(expert) {
+        let rows = 1usize << tensor.places[0].bits;
+        for (row, column) in columns[tensor.offset..][..rows].iter_mut().enumerate() {
+            *column = value(row);
         }
     }
-    tables
+    columns
 }
 
 /// The residual stream after each layer.

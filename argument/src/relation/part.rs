@@ -77,6 +77,11 @@ impl Part {
 pub struct PartId(u32);
 
 impl PartId {
+    /// The part with this number.
+    pub fn of_number(number: u32) -> Self {
+        Self(number)
+    }
+
     /// The number, counted from 0.
     pub fn number(self) -> usize {
         self.0 as usize

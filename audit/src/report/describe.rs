@@ -366,6 +366,8 @@ pub fn refusal(reason: &Refusal) -> &'static str {
         Refusal::MalformedUpdate(_) => "malformed update",
         Refusal::OtherWeights { .. } => "other weights than proven",
         Refusal::OtherProducts { .. } => "other products than proven",
+        Refusal::OtherWeightCheck { .. } => "other weight check than proven",
+        Refusal::OtherModels(_) => "other weights than the argument is about",
         Refusal::MissingUpdate(_) => "update missing",
         Refusal::NotActive { .. } => "not active",
         Refusal::NotInvited { .. } => "not invited",

@@ -2,11 +2,11 @@
 
 use crate::claim::losses::{Disclosure, Losses};
 use crate::claim::terms::{same, Terms, WrongTerm};
-use crate::vm::digest::Digest;
+use crate::vm::digest::{tagged_sha256, Digest};
 use borsh::{BorshDeserialize, BorshSerialize};
 
 /// Version of the encoding and meaning of [`Claim`].
-pub const CLAIM_VERSION: u16 = 3;
+pub const CLAIM_VERSION: u16 = 4;
 
 /// *On samples that the terms' `challenge` chose from the committed dataset, the flow-matching loss of the update is lower than that
 /// of the base weights by at least the minimum improvement, with the confidence that the terms' `test` asks for.*
@@ -18,8 +18,9 @@ pub struct Claim {
     pub terms: Terms,
     /// What the network's disclosure rule allows of the losses.
     pub losses: Losses,
-    /// What the verifier has to check of the weights in mode `checked`; `None` in mode `direct`.
-    pub weight_check: Option<WeightCheck>,
+    /// Digest of what the proof leaves to check of the weights, which travels with the proof. In mode `checked` it is [`WeightCheck::digest`], and
+    /// in mode `succinct` that of claims about the weights at random points. In mode `direct` there is none.
+    pub weight_check: Option<Digest>,
 }
 
 impl Claim {
@@ -31,7 +32,20 @@ impl Claim {
     }
 }
 
-/// What the guest assumed about the weight matrices. It took their projections from the prover. The verifier expands the
+impl WeightCheck {
+    /// [`Claim::weight_check`] in mode `checked`.
+    pub fn digest(&self) -> Digest {
+        let Self { seed, base, update } = self;
+        let both = [base, update].map(|weights| [weights.parameters.0, weights.projections.0]);
+        let [base, update] = &both;
+        tagged_sha256(
+            "zk0/weight-check/v2",
+            &[&seed.0, &base[0], &base[1], &update[0], &update[1]],
+        )
+    }
+}
+
+/// What the guest assumed about the weight matrices in mode `checked`. It took their projections from the prover. The verifier expands the
 /// coefficients from `seed`, projects the matrices of both files with them ([`crate::freivalds::projection`]), and compares.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct WeightCheck {

@@ -1,7 +1,8 @@
 //! The statement that a proof proves: every check between the private input and the claim.
 //!
-//! The guest program of mode `direct` runs [`check`], that of mode `checked` runs [`check_hinted`]. Where a check fails, these
-//! functions return an error, and the guest program panics, so that there is no proof.
+//! The guest program of mode `direct` runs [`check`], that of mode `checked` runs [`check_hinted`]. That of mode `succinct` runs
+//! `zk0_argument::claim::check`, of which [`check_evaluation`], [`check_openings`] and [`conclude`] are parts. Where a check fails, these functions
+//! return an error, and the guest program panics, so that there is no proof.
 
 use crate::claim::challenge::sample_indices;
 use crate::claim::dataset::salt_commitment;
@@ -9,7 +10,7 @@ use crate::claim::errors::{pairs, Errors};
 use crate::claim::hinted_input::{seed, HintedInput};
 use crate::claim::losses::{Disclosure, Losses};
 use crate::claim::private_input::{Header, Opening, PrivateInput};
-use crate::claim::public_values::{Claim, WeightCheck, CLAIM_VERSION};
+use crate::claim::public_values::{Claim, CLAIM_VERSION};
 use crate::claim::statement_error::StatementError;
 use crate::claim::t_test::Pair;
 use crate::claim::terms::Model;
@@ -32,7 +33,7 @@ use alloc::vec::Vec;
 pub fn check(input: &PrivateInput) -> Result<Claim, StatementError> {
     let header = &input.header;
     let evaluator = evaluator(header)?;
-    check_openings(header, &input.openings)?;
+    check_openings(header, &leaves(header, &input.openings))?;
     let weights = [&input.base, &input.update];
     let parameters = weights.map(|weights| Parameters::of(&header.spec, weights));
     let evaluated = evaluate(header, &input.openings, |model, _, sample, draw| {
@@ -45,7 +46,7 @@ pub fn check(input: &PrivateInput) -> Result<Claim, StatementError> {
             return Err(StatementError::Weights(model));
         }
     }
-    claim(header, &evaluated, None)
+    conclude(header, &evaluated, None)
 }
 
 /// Mode `checked`: takes every product from hints and checks it with random coefficients. Checks everything and returns the
@@ -56,7 +57,9 @@ pub fn check(input: &PrivateInput) -> Result<Claim, StatementError> {
 pub fn check_hinted(input: &HintedInput<'_>) -> Result<Claim, StatementError> {
     let header = &input.header;
     let evaluator = evaluator(header)?;
-    let leaves = check_openings(header, &input.openings)?;
+    let opened = leaves(header, &input.openings);
+    check_openings(header, &opened)?;
+    let leaves: Vec<Digest> = opened.iter().map(|opened| opened.leaf).collect();
     let expected = seed(input, &leaves);
     if input.seed != expected {
         return Err(StatementError::Seed {
@@ -70,23 +73,29 @@ pub fn check_hinted(input: &HintedInput<'_>) -> Result<Claim, StatementError> {
     let evaluated = evaluate(header, &input.openings, |model, position, sample, draw| {
         products[model as usize].loss(position, sample, draw)
     })?;
-    claim(header, &evaluated, Some(input.weight_check()))
+    conclude(header, &evaluated, Some(input.weight_check().digest()))
 }
 
-/// Prepares the evaluation. The specification has to be the one that the terms name, because the round fixes it.
+/// Prepares the evaluation.
 fn evaluator(header: &Header) -> Result<Evaluator<'_>, StatementError> {
-    let (claimed, given) = (header.terms.evaluation, header.spec.digest());
-    if claimed != given {
-        return Err(StatementError::Evaluation { claimed, given });
-    }
+    check_evaluation(header)?;
     Ok(Evaluator::new(&header.spec)?)
 }
 
-/// Returns the claim, if the errors pass the test that the terms ask for.
-fn claim(
+/// Checks that the specification is the one that the terms name, because the round fixes it.
+pub fn check_evaluation(header: &Header) -> Result<(), StatementError> {
+    let (claimed, given) = (header.terms.evaluation, header.spec.digest());
+    match claimed == given {
+        true => Ok(()),
+        false => Err(StatementError::Evaluation { claimed, given }),
+    }
+}
+
+/// Returns the claim, if the errors pass the test that the terms ask for. `weight_check` is [`Claim::weight_check`].
+pub fn conclude(
     header: &Header,
     evaluated: &Evaluated,
-    weight_check: Option<WeightCheck>,
+    weight_check: Option<Digest>,
 ) -> Result<Claim, StatementError> {
     let test = header.terms.test;
     let pairs = pairs(&evaluated.errors);
@@ -116,8 +125,30 @@ fn claim(
     })
 }
 
-/// Checks that the opened samples are those that the challenge draws from the committed dataset. Returns their leaves.
-fn check_openings(header: &Header, openings: &[Opening]) -> Result<Vec<Digest>, StatementError> {
+/// An opened sample, as the check of its place in the dataset sees it.
+#[derive(Clone, Copy, Debug)]
+pub struct Opened<'a> {
+    /// Index in the dataset.
+    pub index: u64,
+    /// Its leaf.
+    pub leaf: Digest,
+    /// RFC 6962 inclusion path of the leaf.
+    pub path: &'a [Digest],
+}
+
+/// The openings with their leaves.
+fn leaves<'a>(header: &Header, openings: &'a [Opening]) -> Vec<Opened<'a>> {
+    let _operation = operation("hashing");
+    let opened = openings.iter().map(|opening| Opened {
+        index: opening.index,
+        leaf: opening.leaf(header),
+        path: &opening.path,
+    });
+    opened.collect()
+}
+
+/// Checks that the opened samples are those that the challenge draws from the committed dataset.
+pub fn check_openings(header: &Header, openings: &[Opened<'_>]) -> Result<(), StatementError> {
     let _operation = operation("hashing");
     let dataset = &header.terms.dataset;
     let (claimed, opened) = (header.terms.eval_samples, openings.len());
@@ -128,31 +159,29 @@ fn check_openings(header: &Header, openings: &[Opening]) -> Result<Vec<Digest>, 
         return Err(StatementError::Salt);
     }
     let drawn = sample_indices(&header.terms.challenge, dataset.samples, claimed)?;
-    let mut leaves = Vec::with_capacity(opened);
     for (position, (opening, drawn)) in openings.iter().zip(drawn).enumerate() {
-        let found = opening.index;
-        if found != drawn {
+        let Opened { index, leaf, path } = opening;
+        if *index != drawn {
             return Err(StatementError::Index {
                 position,
-                found,
+                found: *index,
                 drawn,
             });
         }
-        let leaf = opening.leaf(header);
-        if !merkle::verify(&dataset.root, dataset.samples, drawn, &leaf, &opening.path) {
+        if !merkle::verify(&dataset.root, dataset.samples, drawn, leaf, path) {
             return Err(StatementError::NotCommitted { index: drawn });
         }
-        leaves.push(leaf);
     }
-    Ok(leaves)
+    Ok(())
 }
 
 /// What was evaluated.
-struct Evaluated {
+#[derive(Clone, Debug)]
+pub struct Evaluated {
     /// One entry for each opening.
-    errors: Vec<Errors>,
+    pub errors: Vec<Errors>,
     /// Number of elements that count, over all openings.
-    elements: u64,
+    pub elements: u64,
 }
 
 /// Evaluates both models on every opening. `loss` returns the loss of a model on the sample opened at a position.

@@ -53,8 +53,9 @@ pub fn project<M: AsRef<[i16]>, E>(
     Ok(all)
 }
 
-/// Per limb and column, `Σ limb_j · values[j·columns + column]`. |value| ≤ 2^15 and |limb| ≤ 2^25: 2^22 rows fit an int64.
-fn combine(values: &[i16], columns: usize, coefficients: &[Coefficient]) -> [Vec<i64>; 4] {
+/// Per limb and column, `Σ limb_j · values[j·columns + column]`. It has to fit an int64: |value| ≤ 2^15, and with |limb| ≤ 2^25 it does for
+/// 2^22 rows, with |limb| ≤ 2^31 for 2^16.
+pub fn combine(values: &[i16], columns: usize, coefficients: &[Coefficient]) -> [Vec<i64>; 4] {
     #[cfg(all(feature = "std", target_arch = "x86_64"))]
     {
         #[target_feature(enable = "avx2")]

@@ -1,20 +1,23 @@
-//! The two ways to prove the evaluation's matrix products.
+//! The ways to prove an evaluation.
 
 use borsh::{BorshDeserialize, BorshSerialize};
 use core::fmt;
 
-/// How matrix products are proven.
+/// How an evaluation is proven.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub enum Mode {
     /// The weights enter the guest, and the guest computes the products.
     Direct,
     /// The prover hints the products, the guest checks them, and the verifier projects the weights.
     Checked,
+    /// The prover makes an argument natively that both evaluations are right, and the guest verifies it. Neither samples nor weights enter the
+    /// guest, and the verifier looks at the weights at random points.
+    Succinct,
 }
 
 impl Mode {
     /// All modes.
-    pub const ALL: [Self; 2] = [Self::Direct, Self::Checked];
+    pub const ALL: [Self; 3] = [Self::Direct, Self::Checked, Self::Succinct];
 }
 
 impl fmt::Display for Mode {
@@ -22,6 +25,7 @@ impl fmt::Display for Mode {
         f.write_str(match self {
             Self::Direct => "direct",
             Self::Checked => "checked",
+            Self::Succinct => "succinct",
         })
     }
 }
@@ -29,7 +33,7 @@ impl fmt::Display for Mode {
 /// A text does not name a [`Mode`].
 #[cfg(feature = "std")]
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("unknown mode '{0}'; the modes are direct and checked")]
+#[error("unknown mode '{0}'; the modes are direct, checked and succinct")]
 pub struct UnknownMode(String);
 
 #[cfg(feature = "std")]
@@ -40,6 +44,7 @@ impl core::str::FromStr for Mode {
         match text {
             "direct" => Ok(Self::Direct),
             "checked" => Ok(Self::Checked),
+            "succinct" => Ok(Self::Succinct),
             _ => Err(UnknownMode(text.into())),
         }
     }

@@ -108,11 +108,11 @@ impl QuantisedWeights {
     }
 
     /// Digest over scales and values: [`crate::WeightsDigest::quantised`]. It is Poseidon2 in mode `direct`, where the guest
-    /// computes it. It is SHA-256 in mode `checked`, where only verifiers compute it, because that takes a tenth of the time.
+    /// computes it. It is SHA-256 in the other modes, where only verifiers compute it, because that takes a tenth of the time.
     pub fn digest(&self, mode: Mode) -> Digest {
         match mode {
             Mode::Direct => hash(Domain::Weights, &self.values),
-            Mode::Checked => tagged_sha256("zk0/quantised/v1", &[self.as_bytes()]),
+            Mode::Checked | Mode::Succinct => tagged_sha256("zk0/quantised/v1", &[self.as_bytes()]),
         }
     }
 }

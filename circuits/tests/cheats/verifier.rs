@@ -32,7 +32,11 @@ pub fn checked(
     let read = HintedInput::from_buffers(&buffers).map_err(|error| error.to_string())?;
     let claim = check_hinted(&read).map_err(|error| error.to_string())?;
     names_files(&claim, Mode::Checked, files)?;
-    let weight_check = claim.weight_check.ok_or("the claim has no weight check")?;
+    // The node sends its weight check with the proof, and the claim holds it to it.
+    let weight_check = input.weight_check();
+    if claim.weight_check != Some(weight_check.digest()) {
+        return Err("the claim has another weight check".into());
+    }
     let [base, update] = files.map(|file| Parameters::of(&input.header.spec, file));
     let mut ours = input.clone();
     (ours.base.parameters, ours.update.parameters) = (base, update);

@@ -77,7 +77,14 @@ pub fn run(options: &Options) -> Result<bool> {
         let recording = Recording::open(&recording, &policy, cache.as_ref())?;
         let maker = recording.maker();
         let samples = recording.samples(&maker);
-        recompute(&recording, &samples, &spec, &registration, &list, &salt)
+        recompute(
+            &recording,
+            &samples,
+            (genesis.mode, &spec),
+            &registration,
+            &list,
+            &salt,
+        )
     })();
     let found = found.map_err(|error| match error {
         ParticipantError::Cache(error) => cache_failed(error),

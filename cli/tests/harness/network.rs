@@ -96,6 +96,7 @@ impl LocalNetwork {
         let maker = recording.maker();
         let by = Commitment {
             network: genesis.network_id(),
+            mode: genesis.mode,
             frames: genesis.rules.evaluation_frames,
             salt: fs::read(self.path("state/salt"))
                 .unwrap()

@@ -23,7 +23,7 @@ use std::time::Instant;
 use zk0_circuits::claim::challenge::sample_indices;
 use zk0_circuits::claim::student::Confidence;
 use zk0_circuits::claim::t_test::TTest;
-use zk0_circuits::{Digest, Disclosure, EvalSpec, NodeId, Terms, WeightsDigest};
+use zk0_circuits::{Digest, Disclosure, EvalSpec, Mode, NodeId, Terms, WeightsDigest};
 use zk0_node::recording::evaluation_set::{Commitment, EvaluationSet};
 use zk0_node::recording::Recording;
 use zk0_protocol::rules::bindings::ExpectedClaim;
@@ -170,6 +170,7 @@ fn measure(work: &Work, dir: &Path) -> Result<()> {
     let spec = EvalSpec::new(dims(recording.config())?);
     let by = Commitment {
         network: NETWORK,
+        mode: Mode::Direct,
         frames: work.drawn,
         salt: [3; 32],
     };

@@ -8,13 +8,14 @@ use crate::recording::sample_files::SampleFiles;
 use crate::recording::Recording;
 use std::borrow::Cow;
 use std::path::Path;
+use zk0_argument::claim::committed;
 use zk0_circuits::claim::challenge::sample_indices;
 use zk0_circuits::claim::dataset::{leaf, salt_commitment};
 use zk0_circuits::claim::private_input::{Header, Opening};
 use zk0_circuits::model::sample::Sample;
 use zk0_circuits::model::weights::QuantisedWeights;
 use zk0_circuits::vm::merkle;
-use zk0_circuits::{DatasetCommitment, Digest, EvalSpec, NodeId, PrivateInput};
+use zk0_circuits::{DatasetCommitment, Digest, EvalSpec, Mode, NodeId, PrivateInput};
 use zk0_protocol::entries::signed::{DatasetRegistration, Episode};
 use zk0_protocol::evaluation_set::{distinct, draw, list_bytes, DrawnLeaf};
 use zk0_protocol::rules::bindings::ExpectedClaim;
@@ -29,6 +30,8 @@ use zk0_smolvla::PolicyError;
 pub struct Commitment {
     /// The network.
     pub network: Digest,
+    /// How its claims are proven. It determines what is committed to of a sample.
+    pub mode: Mode,
     /// How many frames are drawn.
     pub frames: u32,
     /// The node's secret salt.
@@ -75,7 +78,7 @@ impl EvaluationSet {
     ) -> Result<Self, ParticipantError> {
         let episodes = recording.episodes();
         let drawn = draw(&by.network, &episodes, by.frames).map_err(ParticipantError::Frames)?;
-        let files = SampleFiles::open(folder)?;
+        let files = SampleFiles::open(folder, by.mode, spec)?;
         let mut progress = Progress::start("preparing the evaluation set", drawn.len() as u64);
         let (mut list, mut all) = (Vec::new(), Vec::<Kept>::new());
         for frame in drawn {
@@ -195,14 +198,14 @@ impl EvaluationSet {
         all: &dyn SampleSource<PreparedSample>,
         kept: &Kept,
     ) -> Result<Sample, ParticipantError> {
-        let damaged = match self.files.read(&self.spec.dims, &kept.key, &kept.digest) {
+        let damaged = match self.files.read(&kept.key, &kept.digest) {
             Err(damaged @ ParticipantError::BrokenFile { .. }) => damaged,
             other => return other,
         };
         // The node has committed to its update. Without the sample it could not keep its promise.
         tracing::warn!("{damaged}; the node makes the sample again");
         let sample = quantise_sample(&self.spec, all.sample(kept.frame)?.as_ref())?;
-        match sample.digest() == kept.digest {
+        match committed(self.by.mode, &self.spec, &sample)? == kept.digest {
             true => {
                 self.files.put(&kept.key, &sample)?;
                 Ok(sample)

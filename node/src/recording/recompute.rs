@@ -3,8 +3,9 @@
 use crate::error::ParticipantError;
 use crate::progress::Progress;
 use crate::recording::Recording;
+use zk0_argument::claim::committed;
 use zk0_circuits::claim::dataset::{leaf, salt_commitment};
-use zk0_circuits::{Digest, EvalSpec};
+use zk0_circuits::{Digest, EvalSpec, Mode};
 use zk0_protocol::entries::signed::{DatasetRegistration, Episode};
 use zk0_protocol::evaluation_set::DrawnLeaf;
 use zk0_smolvla::frames::batch::SampleSource;
@@ -47,7 +48,7 @@ pub enum Recomputed {
     },
 }
 
-/// Compares a registration, whose checked list of drawn frames is `list`, with the recording. `samples` are all frames of the recording. One
+/// Compares a registration, whose checked list of drawn frames is `list`, with the recording. The network proves in `mode`. `samples` are all frames of the recording. One
 /// sample is in memory at a time.
 ///
 /// # Errors
@@ -55,7 +56,7 @@ pub enum Recomputed {
 pub fn recompute(
     recording: &Recording,
     samples: &dyn SampleSource<PreparedSample>,
-    spec: &EvalSpec,
+    (mode, spec): (Mode, &EvalSpec),
     registration: &DatasetRegistration,
     list: &[DrawnLeaf],
     salt: &[u8; 32],
@@ -85,7 +86,7 @@ pub fn recompute(
         let same = match recording.frame(listed.frame) {
             Some(place) => {
                 let sample = quantise_sample(spec, samples.sample(place)?.as_ref())?;
-                leaf(salt, &sample.digest()) == listed.leaf
+                leaf(salt, &committed(mode, spec, &sample)?) == listed.leaf
             }
             None => false,
         };

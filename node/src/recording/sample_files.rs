@@ -1,6 +1,6 @@
 //! The samples of an evaluation set on disk: one file each.
 //!
-//! `FRAME-SAMPLE.sample`, where FRAME is the name of the frame in prefix caches, and SAMPLE is the digest of the content. So a node that
+//! `FRAME-SAMPLE.sample`, where FRAME is the name of the frame in prefix caches, and SAMPLE is the digest that the node commits to. So a node that
 //! starts again knows all samples by their names, and reads only those that a claim needs. Whoever reads a file checks its digest.
 
 use crate::error::ParticipantError;
@@ -9,25 +9,28 @@ use std::collections::HashMap;
 use std::ffi::OsStr;
 use std::fs;
 use std::path::{Path, PathBuf};
+use zk0_argument::claim::committed;
 use zk0_circuits::model::sample::Sample;
-use zk0_circuits::model::spec::Dims;
-use zk0_circuits::Digest;
+use zk0_circuits::{Digest, EvalSpec, Mode};
 use zk0_files::atomic_file::UNFINISHED;
 use zk0_smolvla::frames::prefix_cache::Key;
 
 /// A folder of samples.
 pub struct SampleFiles {
     folder: PathBuf,
+    mode: Mode,
+    spec: EvalSpec,
     /// What was there when it was opened.
     known: HashMap<Key, Digest>,
 }
 
 impl SampleFiles {
-    /// Opens `folder`, which is made if it is not there. What a killed process has left unfinished is removed.
+    /// Opens `folder`, which is made if it is not there. Its samples are of this evaluation, and committed to as `mode` asks. What a killed process
+    /// has left unfinished is removed.
     ///
     /// # Errors
     /// The folder cannot be made, or not be read.
-    pub fn open(folder: &Path) -> Result<Self, ParticipantError> {
+    pub fn open(folder: &Path, mode: Mode, spec: &EvalSpec) -> Result<Self, ParticipantError> {
         fs::create_dir_all(folder).map_err(state_files::at(folder))?;
         let mut known = HashMap::new();
         for file in fs::read_dir(folder).map_err(state_files::at(folder))? {
@@ -41,6 +44,8 @@ impl SampleFiles {
         }
         Ok(Self {
             folder: folder.into(),
+            mode,
+            spec: spec.clone(),
             known,
         })
     }
@@ -55,7 +60,7 @@ impl SampleFiles {
     /// # Errors
     /// It cannot be written.
     pub fn put(&self, key: &Key, sample: &Sample) -> Result<Digest, ParticipantError> {
-        let digest = sample.digest();
+        let digest = committed(self.mode, &self.spec, sample)?;
         state_files::write(&self.path(key, &digest), sample.as_bytes())?;
         Ok(digest)
     }
@@ -64,19 +69,15 @@ impl SampleFiles {
     ///
     /// # Errors
     /// The file cannot be read. [`ParticipantError::BrokenFile`]: it is not there, or holds another sample.
-    pub fn read(
-        &self,
-        dims: &Dims,
-        key: &Key,
-        digest: &Digest,
-    ) -> Result<Sample, ParticipantError> {
+    pub fn read(&self, key: &Key, digest: &Digest) -> Result<Sample, ParticipantError> {
+        let dims = &self.spec.dims;
         let path = self.path(key, digest);
         let most = Sample::byte_len(dims, dims.max_prefix as usize) as u64;
         let bytes = state_files::read(&path, most)?
             .ok_or_else(|| broken(&path, "it is not there any more".into()))?;
         let sample =
             Sample::from_bytes(dims, &bytes).map_err(|error| broken(&path, error.to_string()))?;
-        match sample.digest() {
+        match committed(self.mode, &self.spec, &sample)? {
             found if found == *digest => Ok(sample),
             found => Err(broken(&path, format!("its digest is {found}"))),
         }
@@ -98,9 +99,13 @@ fn parsed(name: &OsStr) -> Option<(Key, Digest)> {
 mod tests {
     use super::*;
     use zk0_circuits::model::sample::SampleParts;
-    use zk0_circuits::EvalSpec;
+    use zk0_circuits::model::spec::Dims;
 
     const KEY: Key = Key([7; 32]);
+
+    fn open(folder: &Path) -> SampleFiles {
+        SampleFiles::open(folder, Mode::Direct, &EvalSpec::micro()).unwrap()
+    }
 
     fn sample(value: f32) -> Sample {
         let dims = Dims::MICRO;
@@ -118,20 +123,17 @@ mod tests {
     #[test]
     fn a_sample_comes_back_and_its_name_tells_its_digest() {
         let dir = tempfile::tempdir().unwrap();
-        let files = SampleFiles::open(dir.path()).unwrap();
+        let files = open(dir.path());
         assert_eq!(files.find(&KEY), None);
         let digest = files.put(&KEY, &sample(0.25)).unwrap();
         assert_eq!(digest, sample(0.25).digest());
         fs::write(dir.path().join("half.sample.1-0.unfinished"), b"half").unwrap();
         fs::write(dir.path().join("notes.txt"), b"of the operator").unwrap();
 
-        let again = SampleFiles::open(dir.path()).unwrap();
+        let again = open(dir.path());
         assert_eq!(again.find(&KEY), Some(digest));
         assert_eq!(again.find(&Key([8; 32])), None);
-        assert_eq!(
-            again.read(&Dims::MICRO, &KEY, &digest).unwrap(),
-            sample(0.25)
-        );
+        assert_eq!(again.read(&KEY, &digest).unwrap(), sample(0.25));
         assert_eq!(
             fs::read_dir(dir.path()).unwrap().count(),
             2,
@@ -142,7 +144,7 @@ mod tests {
     #[test]
     fn a_damaged_or_lost_file_is_an_error_that_names_it() {
         let dir = tempfile::tempdir().unwrap();
-        let files = SampleFiles::open(dir.path()).unwrap();
+        let files = open(dir.path());
         let digest = files.put(&KEY, &sample(0.25)).unwrap();
         let path = files.path(&KEY, &digest);
         let good = fs::read(&path).unwrap();
@@ -159,13 +161,13 @@ mod tests {
             (&longer, "more than"),
         ] {
             fs::write(&path, bytes).unwrap();
-            let error = files.read(&Dims::MICRO, &KEY, &digest).unwrap_err();
+            let error = files.read(&KEY, &digest).unwrap_err();
             let said = error.to_string();
             assert!(said.contains(why) && said.contains("-"), "{said}");
             assert!(said.contains(".sample is not what this node wrote there"));
         }
         fs::remove_file(&path).unwrap();
-        let error = files.read(&Dims::MICRO, &KEY, &digest).unwrap_err();
+        let error = files.read(&KEY, &digest).unwrap_err();
         assert!(error.to_string().contains("not there any more"), "{error}");
     }
 }

@@ -1,7 +1,7 @@
 //! An auditor who has the recording and the salt finds out whether the registered samples are those of the recording.
 
 use crate::made_recording::{make, Episode};
-use crate::setting::{pickplace, Setting, SALT};
+use crate::setting::{pickplace, Setting, MODE, SALT};
 use std::path::Path;
 use zk0_circuits::Digest;
 use zk0_node::recording::recompute::{recompute, Recomputed};
@@ -31,9 +31,9 @@ impl Audited {
         let recording = Recording::open(recording, &self.setting.policy(), None).unwrap();
         let maker = recording.maker();
         let samples = recording.samples(&maker);
-        let spec = &self.setting.spec;
+        let evaluated = (MODE, &self.setting.spec);
         let (registration, list) = (&self.registration, &self.list);
-        recompute(&recording, &samples, spec, registration, list, &salt).unwrap()
+        recompute(&recording, &samples, evaluated, registration, list, &salt).unwrap()
     }
 }
 

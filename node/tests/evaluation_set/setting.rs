@@ -8,7 +8,9 @@ use zk0_circuits::claim::student::Confidence;
 use zk0_circuits::claim::t_test::TTest;
 use zk0_circuits::model::weights::QuantisedWeights;
 use zk0_circuits::vm::merkle;
-use zk0_circuits::{Digest, Disclosure, EvalSpec, NodeId, PrivateInput, Terms, WeightsDigest};
+use zk0_circuits::{
+    Digest, Disclosure, EvalSpec, Mode, NodeId, PrivateInput, Terms, WeightsDigest,
+};
 use zk0_node::recording::evaluation_set::{Commitment, EvaluationSet};
 use zk0_node::recording::Recording;
 use zk0_protocol::entries::signed::DatasetRegistration;
@@ -22,6 +24,8 @@ use zk0_smolvla::policy::policy_file::{self, PolicyFile};
 use zk0_smolvla::Profile;
 
 pub const SALT: [u8; 32] = [3; 32];
+/// How the network proves.
+pub const MODE: Mode = Mode::Direct;
 
 /// A recording of 245 frames.
 pub fn pickplace() -> PathBuf {
@@ -69,6 +73,7 @@ impl Setting {
     ) -> EvaluationSet {
         let by = Commitment {
             network: self.network,
+            mode: MODE,
             frames,
             salt: SALT,
         };

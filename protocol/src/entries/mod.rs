@@ -9,6 +9,7 @@ pub mod identity_text;
 pub mod known_keys;
 pub mod member;
 pub mod program;
+pub mod proof_blob;
 pub mod proposal;
 pub mod refusal;
 pub mod round_result;

@@ -121,4 +121,10 @@ pub enum Refusal {
         expected: i64,
         bits: i16,
     },
+    /// What travels with the proof to be checked of the weights is not what the proof left to check.
+    #[error("what the proof leaves to check of the weights has the digest {claimed}, but what came with the proof is something else")]
+    OtherWeightCheck { claimed: Digest },
+    /// What the proof says about the weights does not hold for those in the files (mode `succinct`).
+    #[error("the proof is about other base weights, or another update: {0}")]
+    OtherModels(String),
 }

@@ -5,9 +5,7 @@ use super::steps::key_of;
 use proptest::prelude::*;
 use zk0_circuits::claim::student::Confidence;
 use zk0_circuits::claim::t_test::TTest;
-use zk0_circuits::{
-    Claim, Digest, GuestWeights, Losses, NodeId, Terms, WeightCheck, WeightsDigest,
-};
+use zk0_circuits::{Claim, Digest, Losses, NodeId, Terms, WeightsDigest};
 use zk0_protocol::challenge::drawing::Drawing;
 use zk0_protocol::challenge::vrf::VrfProof;
 use zk0_protocol::entries::entry::{
@@ -74,10 +72,6 @@ prop_compose! {
         updates in (any_weights(), any_weights()),
         hidden in any::<bool>(),
     ) -> Submission {
-        let guest = GuestWeights {
-            parameters: digests.1,
-            projections: digests.3,
-        };
         Submission {
             claim: Claim {
                 version: numbers.3,
@@ -100,11 +94,7 @@ prop_compose! {
                     true => Losses::Hidden,
                     false => Losses::Disclosed { before: numbers.0, after: 1, elements: 1 },
                 },
-                weight_check: hidden.then_some(WeightCheck {
-                    seed: digests.2,
-                    base: guest,
-                    update: guest,
-                }),
+                weight_check: hidden.then_some(digests.2),
             },
             proof: digests.3,
         }

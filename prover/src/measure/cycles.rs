@@ -11,7 +11,7 @@ use zk0_circuits::{EvalSpec, Mode};
 pub struct Case {
     /// Name of the dimensions.
     pub profile: &'static str,
-    /// How matrix products are proven.
+    /// How the evaluation is proven.
     pub mode: Mode,
     /// Samples evaluated.
     pub samples: u32,
@@ -22,7 +22,7 @@ pub struct Case {
 pub struct Cost {
     /// Name of the dimensions.
     pub profile: String,
-    /// How matrix products are proven.
+    /// How the evaluation is proven.
     pub mode: String,
     /// Samples evaluated.
     pub samples: u32,
@@ -37,6 +37,7 @@ pub fn cases() -> Vec<Case> {
     [
         ("micro", Mode::Direct, 4),
         ("micro", Mode::Checked, 4),
+        ("micro", Mode::Succinct, 4),
         ("full", Mode::Checked, 2),
         ("full", Mode::Checked, 4),
     ]

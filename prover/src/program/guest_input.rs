@@ -1,18 +1,54 @@
 //! What a guest program reads, and the claim that follows from it.
 
+use zk0_argument::claim::{self, ClaimInput, NotMade, NotShown};
 use zk0_circuits::claim::hinted_input::HintedInput;
 use zk0_circuits::claim::private_input::InputError;
 use zk0_circuits::claim::statement::{check, check_hinted};
 use zk0_circuits::claim::statement_error::StatementError;
 use zk0_circuits::{Claim, Mode, PrivateInput};
 
-/// A private input as the program of a mode reads it. It holds samples and the dataset's salt, so it must stay private.
+/// An input as the program of a mode reads it. In modes `direct` and `checked` it holds samples, and in all modes the dataset's salt, so it must
+/// stay private.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct GuestInput {
     /// The program that reads it.
     pub mode: Mode,
     /// One buffer for each read.
     pub buffers: Vec<Vec<u8>>,
+}
+
+/// A claim that is ready to be proven.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Prepared {
+    /// The claim.
+    pub claim: Claim,
+    /// What [`Claim::weight_check`] is the digest of. It travels with the proof. Nothing in mode `direct`.
+    pub weight_check: Vec<u8>,
+    /// What the guest program reads.
+    pub input: GuestInput,
+}
+
+/// Why a claim cannot be proven.
+#[derive(Debug, PartialEq, thiserror::Error)]
+pub enum NotProvable {
+    /// It does not hold.
+    #[error(transparent)]
+    Statement(#[from] StatementError),
+    /// There is no argument for it, in mode `succinct`.
+    #[error(transparent)]
+    Argument(NotMade),
+    /// The argument that was made does not verify.
+    #[error("the argument was made, but it does not verify: {0}")]
+    Unsound(NotShown),
+}
+
+impl From<NotMade> for NotProvable {
+    fn from(error: NotMade) -> Self {
+        match error {
+            NotMade::Statement(error) => Self::Statement(error),
+            error => Self::Argument(error),
+        }
+    }
 }
 
 /// Why an input proves no claim.
@@ -24,22 +60,47 @@ pub enum GuestInputError {
     /// The statement is false.
     #[error("the claim does not hold: {0}")]
     Statement(#[from] StatementError),
+    /// The same, in mode `succinct`.
+    #[error("the claim does not hold: {0}")]
+    NotShown(#[from] NotShown),
+}
+
+impl Prepared {
+    /// The claim that `input` proves, and what the program reads. In mode `checked`, this computes the matrix products that the program only
+    /// checks. In mode `succinct`, it makes the argument that the program verifies.
+    ///
+    /// # Errors
+    /// The claim does not hold, or cannot be proven in this mode.
+    pub fn of(mode: Mode, input: &PrivateInput) -> Result<Self, NotProvable> {
+        let (claim, weight_check, buffers) = match mode {
+            Mode::Direct => (check(input)?, vec![], input.to_buffers().to_vec()),
+            Mode::Checked => {
+                let hinted = HintedInput::of(input)?;
+                // Writing to memory does not fail.
+                let weight_check = borsh::to_vec(&hinted.weight_check()).unwrap_or_default();
+                (check_hinted(&hinted)?, weight_check, hinted.to_buffers())
+            }
+            Mode::Succinct => {
+                let made = claim::make(input)?;
+                let (claim, left) = claim::check(&made).map_err(|error| match error {
+                    NotShown::Statement(error) => NotProvable::Statement(error),
+                    error => NotProvable::Unsound(error),
+                })?;
+                let words = left.words();
+                let weight_check = words.iter().flat_map(|word| word.to_le_bytes());
+                (claim, weight_check.collect(), made.to_buffers().to_vec())
+            }
+        };
+        let input = GuestInput { mode, buffers };
+        Ok(Self {
+            claim,
+            weight_check,
+            input,
+        })
+    }
 }
 
 impl GuestInput {
-    /// The claim that `input` proves, and the buffers that the program reads. In mode `checked`, this computes the matrix products
-    /// that the program only checks.
-    pub fn of(mode: Mode, input: &PrivateInput) -> Result<(Claim, Self), StatementError> {
-        let (claim, buffers) = match mode {
-            Mode::Direct => (check(input)?, input.to_buffers().to_vec()),
-            Mode::Checked => {
-                let hinted = HintedInput::of(input)?;
-                (check_hinted(&hinted)?, hinted.to_buffers())
-            }
-        };
-        Ok((claim, Self { mode, buffers }))
-    }
-
     /// The bytes of all buffers.
     pub fn bytes(&self) -> u64 {
         self.buffers.iter().map(|buffer| buffer.len() as u64).sum()
@@ -50,6 +111,7 @@ impl GuestInput {
         Ok(match self.mode {
             Mode::Direct => check(&PrivateInput::from_buffers(&self.buffers)?)?,
             Mode::Checked => check_hinted(&HintedInput::from_buffers(&self.buffers)?)?,
+            Mode::Succinct => claim::check(&ClaimInput::from_buffers(&self.buffers)?)?.0,
         })
     }
 }

@@ -8,4 +8,4 @@ pub mod synthetic;
 pub use elf::elf;
 pub(crate) use execute::stdin;
 pub use execute::{ExecuteError, Execution, Executor, VerifyingKey};
-pub use guest_input::{GuestInput, GuestInputError};
+pub use guest_input::{GuestInput, GuestInputError, NotProvable, Prepared};

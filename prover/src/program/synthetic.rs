@@ -5,8 +5,9 @@
 
 use super::elf::elf;
 use super::execute::{ExecuteError, Execution, Executor};
-use super::guest_input::GuestInput;
+use super::guest_input::{GuestInput, Prepared};
 use borsh::to_vec;
+use zk0_argument::claim::{committed, TooSmall};
 use zk0_circuits::claim::challenge::sample_indices;
 use zk0_circuits::claim::dataset::{leaf, salt_commitment};
 use zk0_circuits::claim::private_input::{Header, Opening};
@@ -27,11 +28,47 @@ use zk0_circuits::{
 /// How often weights are drawn until the test passes. With two samples it passes about every third time.
 const TRIES: usize = 64;
 
-/// A private input whose statement holds, over `samples` samples of a dataset three times as large.
+/// A private input whose statement holds in `mode`, over `samples` samples of a dataset three times as large.
 ///
 /// # Errors
 /// `spec` cannot be used, random values do not fit its scales, or `samples` is 0 or 1: no test passes on so few.
-pub fn private_input(spec: &EvalSpec, samples: u32, seed: u64) -> Result<PrivateInput, String> {
+pub fn private_input(
+    spec: &EvalSpec,
+    mode: Mode,
+    samples: u32,
+    seed: u64,
+) -> Result<PrivateInput, String> {
+    let (mut input, dataset) = improving(spec, samples, seed)?;
+    commit(&mut input, mode, &dataset)?;
+    Ok(input)
+}
+
+/// Names weights and samples as nodes of a network do whose claims are proven in `mode`.
+fn commit(input: &mut PrivateInput, mode: Mode, dataset: &[Sample]) -> Result<(), String> {
+    let header = &mut input.header;
+    let leaves: Vec<Digest> = dataset
+        .iter()
+        .map(|sample| {
+            let committed = committed(mode, &header.spec, sample);
+            Ok(leaf(&header.salt, &committed?))
+        })
+        .collect::<Result<_, TooSmall>>()
+        .map_err(|error| error.to_string())?;
+    header.terms.dataset.root = merkle::root(&leaves);
+    for opening in &mut input.openings {
+        opening.path = merkle::path(&leaves, opening.index as usize).unwrap_or_default();
+    }
+    header.terms.base.quantised = input.base.digest(mode);
+    header.terms.update.quantised = input.update.digest(mode);
+    Ok(())
+}
+
+/// A private input in mode `direct`, whose statement holds, and its dataset.
+fn improving(
+    spec: &EvalSpec,
+    samples: u32,
+    seed: u64,
+) -> Result<(PrivateInput, Vec<Sample>), String> {
     let mut random = Random(seed);
     spec.validate().map_err(|error| error.to_string())?;
     let dataset: Vec<Sample> = (0..3 * samples)
@@ -89,14 +126,14 @@ pub fn private_input(spec: &EvalSpec, samples: u32, seed: u64) -> Result<Private
     for _ in 0..TRIES {
         name_weights(&mut input, [random.digest(), random.digest()]);
         checked = match check(&input) {
-            Ok(_) => return Ok(input),
+            Ok(_) => return Ok((input, dataset)),
             Err(error @ StatementError::NoImprovement { .. }) => Err(error.to_string()),
             Err(error) => return Err(error.to_string()),
         };
         input.base = weights(spec, &mut random, 2.0)?;
         input.update = weights(spec, &mut random, 0.25)?;
     }
-    checked.map(|()| input)
+    checked.map(|()| (input, dataset))
 }
 
 /// The dimensions that go by this name.
@@ -122,9 +159,11 @@ pub async fn execute(
     mode: Mode,
     samples: u32,
 ) -> Result<(GuestInput, Execution), ExecuteError> {
-    let private = private_input(spec, samples, 1).map_err(ExecuteError::Failed)?;
-    let (_, input) =
-        GuestInput::of(mode, &private).map_err(|error| ExecuteError::Failed(error.to_string()))?;
+    let private = private_input(spec, mode, samples, 1).map_err(ExecuteError::Failed)?;
+    let prepared = Prepared::of(mode, &private);
+    let input = prepared
+        .map_err(|error| ExecuteError::Failed(error.to_string()))?
+        .input;
     drop(private);
     let run = executor.execute(elf(mode), &input.buffers).await?;
     Ok((input, run))

@@ -51,12 +51,12 @@ pub struct Sp1Prover {
 struct Sp1 {
     engine: Box<dyn Engine>,
     /// Per mode, as [`Mode::ALL`] lists them.
-    programs: [SP1ProvingKey; 2],
+    programs: [SP1ProvingKey; 3],
     _lock: Arc<ProverLock>,
 }
 
 impl Sp1Prover {
-    /// Starts SP1 on `device` for the programs of both modes. Their verifying keys must be the recorded ones. Takes one to
+    /// Starts SP1 on `device` for the programs of all modes. Their verifying keys must be the recorded ones. Takes one to
     /// two minutes on two cores.
     pub async fn start(device: Device, lock: Arc<ProverLock>) -> Result<Self, ProveError> {
         let failed = |reason| ProveError::Sp1 {
@@ -75,8 +75,8 @@ impl Sp1Prover {
                 }
                 Ok(program)
             };
-            let [direct, checked] = Mode::ALL.map(set_up);
-            let programs = [direct?, checked?];
+            let [direct, checked, succinct] = Mode::ALL.map(set_up);
+            let programs = [direct?, checked?, succinct?];
             Ok::<_, ProveError>(Sp1 {
                 engine,
                 programs,

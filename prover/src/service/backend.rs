@@ -20,7 +20,9 @@ impl From<JobError> for Status {
         let text = error.to_string();
         match error {
             JobError::Input(GuestInputError::Unreadable(_)) => Self::invalid_argument(text),
-            JobError::Input(GuestInputError::Statement(_)) => Self::failed_precondition(text),
+            JobError::Input(GuestInputError::Statement(_) | GuestInputError::NotShown(_)) => {
+                Self::failed_precondition(text)
+            }
             JobError::Failed(_) => Self::internal(text),
         }
     }

@@ -15,7 +15,7 @@ pub const MAX_MESSAGE_BYTES: usize = 2 * CHUNK_BYTES;
 pub const MAX_EVENT_BYTES: usize = 8 << 20;
 /// Most buffers: two for each sample, and a few more.
 const MAX_BUFFERS: usize = 1 << 14;
-/// Largest input. A claim at the published size takes 85 MB for each sample.
+/// Largest input. A claim at the published size takes 85 MB for each sample in mode `checked`, and less than a megabyte in mode `succinct`.
 pub const MAX_INPUT_BYTES: u64 = 1 << 30;
 
 /// What a request says first: its mode, and the sizes of its buffers.
@@ -29,6 +29,7 @@ pub fn parts(input: GuestInput) -> impl Iterator<Item = ProvePart> + Send {
     let mode = match input.mode {
         Mode::Direct => prove_request::Mode::Direct,
         Mode::Checked => prove_request::Mode::Checked,
+        Mode::Succinct => prove_request::Mode::Succinct,
     };
     let request = Part::Request(ProveRequest {
         mode: mode.into(),
@@ -56,6 +57,7 @@ impl Announced {
         let mode = match request.mode() {
             prove_request::Mode::Direct => Mode::Direct,
             prove_request::Mode::Checked => Mode::Checked,
+            prove_request::Mode::Succinct => Mode::Succinct,
             prove_request::Mode::Unspecified => {
                 return Err(Status::invalid_argument("the request names no known mode"));
             }

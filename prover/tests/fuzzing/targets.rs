@@ -3,7 +3,7 @@
 use prost::Message as _;
 use zk0_circuits::{EvalSpec, Mode};
 use zk0_prover::program::synthetic::private_input;
-use zk0_prover::program::GuestInput;
+use zk0_prover::program::{GuestInput, Prepared};
 use zk0_prover::rpc::ProvePart;
 use zk0_prover::service::upload::{parts, Announced};
 
@@ -26,7 +26,8 @@ pub fn target(name: &str) -> Target {
                 let (mode, buffers) = bytes.split_first().ok_or("no bytes at all")?;
                 let mode = match mode {
                     0 => Mode::Direct,
-                    _ => Mode::Checked,
+                    1 => Mode::Checked,
+                    _ => Mode::Succinct,
                 };
                 let buffers = unframed(buffers);
                 let claim = GuestInput { mode, buffers }.claim();
@@ -49,15 +50,18 @@ fn without_parts(message: String) -> String {
 }
 
 /// Inputs of true claims, one for each program.
-fn inputs() -> [GuestInput; 2] {
-    let input = private_input(&EvalSpec::micro(), 2, 1).unwrap();
-    [Mode::Direct, Mode::Checked].map(|mode| GuestInput::of(mode, &input).unwrap().1)
+fn inputs() -> [GuestInput; 3] {
+    Mode::ALL.map(|mode| {
+        let input = private_input(&EvalSpec::micro(), mode, 2, 1).unwrap();
+        Prepared::of(mode, &input).unwrap().input
+    })
 }
 
 fn framed_input(input: GuestInput) -> Vec<u8> {
     let mode = match input.mode {
         Mode::Direct => 0,
         Mode::Checked => 1,
+        Mode::Succinct => 2,
     };
     [vec![mode], framed(&input.buffers)].concat()
 }
@@ -91,7 +95,7 @@ fn prove_request() -> Target {
         mode,
         buffers: vec![b"head".to_vec(), vec![], vec![7; 300]],
     };
-    let seeds = [Mode::Direct, Mode::Checked].map(|mode| {
+    let seeds = Mode::ALL.map(|mode| {
         let parts: Vec<Vec<u8>> = parts(small(mode)).map(|p| p.encode_to_vec()).collect();
         framed(&parts)
     });

@@ -149,6 +149,8 @@ impl Refusal {
             | Self::MalformedUpdate(_)
             | Self::OtherWeights { .. }
             | Self::OtherProducts { .. }
+            | Self::OtherWeightCheck { .. }
+            | Self::OtherModels(_)
             | Self::TooFar { .. }
             | Self::UnreadWeights { .. } => true,
             Self::TooLarge { .. }

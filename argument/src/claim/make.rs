@@ -1,0 +1,78 @@
+//! The node's side of mode `succinct`: it evaluates both models on the opened samples, and makes the argument about the losses.
+
+use super::check::{conclude, context};
+use super::input::{ClaimInput, SampleOpening};
+use crate::expert::argument::prove::prove;
+use crate::expert::evaluation::layers::Expert;
+use crate::expert::witness::{evaluate, Unprovable, Witness};
+use zk0_circuits::claim::private_input::PrivateInput;
+use zk0_circuits::claim::statement_error::StatementError;
+use zk0_circuits::model::draw::draw;
+
+/// Why there is no argument.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum NotMade {
+    /// The claim does not hold.
+    #[error(transparent)]
+    Statement(#[from] StatementError),
+    /// The argument cannot express the evaluation.
+    #[error("mode succinct cannot prove this evaluation: {0}")]
+    Unprovable(Unprovable),
+    /// The evaluation is too small.
+    #[error(transparent)]
+    TooSmall(#[from] super::TooSmall),
+}
+
+/// Makes the input of the guest program. An update that does not pass the test is refused before the argument is made.
+pub fn make(input: &PrivateInput) -> Result<ClaimInput<'static>, NotMade> {
+    let header = &input.header;
+    let samples = input
+        .openings
+        .iter()
+        .enumerate()
+        .map(|(position, opening)| {
+            let count = header.terms.eval_samples;
+            let drawn = draw(
+                &header.spec,
+                &header.terms.challenge,
+                position as u32,
+                count,
+            );
+            (opening.sample.clone(), drawn)
+        });
+    let samples: Vec<_> = samples.collect();
+    let models = [&input.base, &input.update];
+    let failed = |error| match error {
+        Unprovable::Evaluation {
+            model,
+            sample,
+            error,
+        } => StatementError::Eval {
+            model,
+            index: input.openings[sample].index,
+            error,
+        }
+        .into(),
+        error => NotMade::Unprovable(error),
+    };
+    let (statement, kept) =
+        evaluate(context(header), &header.spec, models, &samples).map_err(failed)?;
+    conclude(&statement, header, None)?;
+    let expert = Expert::new(&statement);
+    let witness = Witness::new(&statement, &expert, models, &samples, &kept).map_err(failed)?;
+    let argument = prove(&statement, &expert, &witness).ok_or(super::TooSmall)?;
+    let openings = input.openings.iter().zip(&statement.samples);
+    let openings = openings.map(|(opening, evaluated)| SampleOpening {
+        index: opening.index,
+        path: opening.path.clone(),
+        prefix: evaluated.prefix as u32,
+        frames: evaluated.frames as u32,
+        losses: evaluated.losses,
+    });
+    Ok(ClaimInput {
+        header: header.clone(),
+        openings: openings.collect(),
+        argument: argument.into(),
+        scales: statement.scales,
+    })
+}

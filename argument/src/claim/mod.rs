@@ -1,0 +1,20 @@
+//! Mode `succinct`: an argument about the losses of two models becomes a claim of a contribution.
+//!
+//! - [`input`]: what the guest program reads. It holds neither samples nor weights.
+//! - [`check`]: what the guest program does: it verifies the argument, opens the samples in the dataset, and tests the improvement.
+//! - `make`: the node's side. It evaluates both models, and makes the argument natively.
+//! - `committed`: what a node commits to of a sample, in each mode.
+
+mod check;
+#[cfg(feature = "prove")]
+mod committed;
+mod input;
+#[cfg(feature = "prove")]
+mod make;
+
+pub use check::{check, NotShown};
+#[cfg(feature = "prove")]
+pub use committed::{committed, TooSmall};
+pub use input::{ClaimInput, SampleOpening, CLAIM_BUFFERS};
+#[cfg(feature = "prove")]
+pub use make::{make, NotMade};

@@ -1,0 +1,80 @@
+//! The verifier's half of mode `succinct`: a proof leaves claims about both sets of weights at random points, and whoever has the files computes
+//! the values there.
+//!
+//! One tensor is in memory at a time. Two threads read the two files side by side. A browser has no threads: there the files are read one
+//! after the other.
+
+use std::thread;
+use zk0_argument::expert::evaluation::layers::Expert;
+use zk0_argument::expert::published::{digest, Published};
+use zk0_argument::expert::statement::Statement;
+use zk0_argument::transcript::Refused;
+use zk0_circuits::Digest;
+use zk0_protocol::Refusal;
+use zk0_tensors::ReadAt;
+use zk0_weights::{Format, WeightsFile};
+
+/// Why the values of a file's weights are not known.
+struct Failed(Refusal);
+
+impl From<Refused> for Failed {
+    fn from(refused: Refused) -> Self {
+        Self(Refusal::OtherModels(refused.to_string()))
+    }
+}
+
+/// Checks that the claims that a proof left hold for the weights in the files `base` and `update`. `claimed` is their digest by the proof, and
+/// `claims` are their words.
+pub fn check_weight_claims<R: ReadAt + Send>(
+    format: &Format,
+    claimed: &Digest,
+    claims: &[u8],
+    base: R,
+    update: R,
+) -> Result<(), Refusal> {
+    let other = || Refusal::OtherWeightCheck { claimed: *claimed };
+    let (words, rest) = claims.as_chunks::<8>();
+    let words: Vec<u64> = words.iter().map(|word| u64::from_le_bytes(*word)).collect();
+    let published = Published::from_words(&words).ok_or_else(other)?;
+    if !rest.is_empty() {
+        return Err(other());
+    }
+    let files = (open(format, base)?, open(format, update)?);
+    let scales = [&files.0, &files.1].map(|file| file.scales().to_vec());
+    if digest(&scales, &words) != *claimed {
+        return Err(other());
+    }
+    let statement = Statement::of_weights(format.spec(), scales);
+    let other_models = |refused| Failed::from(refused).0;
+    statement.check_bounds().map_err(other_models)?;
+    let expert = Expert::new(&statement);
+    let sums = |model: usize, file: WeightsFile<'_, R>| {
+        let tensor = |number| {
+            let tensor = file.tensor(number);
+            tensor.map(|tensor| tensor.values).map_err(malformed)
+        };
+        published.sums(&expert, model, format.tensors().len(), tensor)
+    };
+    let (base, update) = match cfg!(target_family = "wasm") {
+        true => (sums(0, files.0), sums(1, files.1)),
+        false => thread::scope(|threads| {
+            let base = threads.spawn(|| sums(0, files.0));
+            let update = sums(1, files.1);
+            let panicked = |_| Err(malformed("the thread that reads the base weights panicked"));
+            (base.join().unwrap_or_else(panicked), update)
+        }),
+    };
+    let sums = [base, update].map(|sums| sums.map_err(|Failed(refusal)| refusal));
+    let [base, update] = sums;
+    published
+        .check(&expert, [&base?, &update?])
+        .map_err(other_models)
+}
+
+fn malformed(error: impl ToString) -> Failed {
+    Failed(Refusal::MalformedUpdate(error.to_string()))
+}
+
+fn open<R: ReadAt>(format: &Format, file: R) -> Result<WeightsFile<'_, R>, Refusal> {
+    format.open(file).map_err(|error| malformed(error).0)
+}
