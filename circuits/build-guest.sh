@@ -101,12 +101,20 @@ for name in $(compgen -e | grep -E '^(CARGO_(ENCODED_RUSTFLAGS|BUILD_|PROFILE_|T
 done
 unset RUSTUP_TOOLCHAIN RUSTC CARGO
 
-(
-    cd "$guest"
-    CARGO_ENCODED_RUSTFLAGS=$(IFS=$'\x1f'; echo "${flags[*]}") RUSTC=$rustc RUSTC_BOOTSTRAP=1 CARGO_INCREMENTAL=0 \
-        RUSTC_WRAPPER=$guest/rustc-wrapper \
-        "$cargo" build --release --locked --target-dir "$target_dir" "${target_options[@]}" "${features[@]}"
-) >&2 || fail 1 "the build failed (see above)"
+# build PROGRAM [CARGO OPTION…]
+build() {
+    local program=$1
+    shift
+    (
+        cd "$guest"
+        CARGO_ENCODED_RUSTFLAGS=$(IFS=$'\x1f'; echo "${flags[*]}") RUSTC=$rustc RUSTC_BOOTSTRAP=1 CARGO_INCREMENTAL=0 \
+            RUSTC_WRAPPER=$guest/rustc-wrapper \
+            "$cargo" build --release --locked --target-dir "$target_dir" "${target_options[@]}" --bin "$program" "$@"
+    ) >&2 || fail 1 "the build of $program failed (see above)"
+}
+build direct "${features[@]}"
+build checked "${features[@]}"
+build succinct "${features[@]}" --features bump
 
 # --- the result ----------------------------------------------------------------------------------------------------------
 

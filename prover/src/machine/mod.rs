@@ -4,6 +4,7 @@ mod device;
 mod device_error;
 #[cfg(feature = "cuda")]
 mod gpu;
+pub mod leftovers;
 mod lock;
 mod options;
 

@@ -24,7 +24,7 @@ pub enum OptionsError {
     /// The proof would not fit.
     #[error(
         "a compressed proof needs {:.1} GiB of free memory and {:.1} GiB are free: close other programs, or prove on another \
-         machine; provers that were killed leave memory in /dev/shm/sp1_*: remove these files while no prover runs",
+         machine",
         gib(.needed), gib(.free)
     )]
     TooLittleMemory {

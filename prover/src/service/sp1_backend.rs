@@ -1,9 +1,10 @@
 //! SP1 on this machine as the backend of the proving service.
 
 use super::backend::{Backend, JobError};
-use crate::machine::{Device, DeviceError, DeviceKind, LockError, ProverLock};
+use crate::machine::{leftovers, Device, DeviceError, DeviceKind, LockError, ProverLock};
 use crate::program::{elf, ExecuteError, Execution, Executor, GuestInput};
 use crate::prove::{Proof, Sp1Prover};
+use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::OnceCell;
@@ -32,10 +33,11 @@ pub enum Sp1BackendError {
 }
 
 impl Sp1Backend {
-    /// Finds the device and takes this machine's prover lock. SP1 itself starts when the service starts.
+    /// Takes this machine's prover lock, removes what killed provers left in memory, and finds the device. SP1 itself starts when the service starts.
     pub async fn new(device: DeviceKind) -> Result<Self, Sp1BackendError> {
-        let device = Device::find(device)?;
         let lock = ProverLock::acquire(&ProverLock::default_path(), Duration::ZERO)?;
+        leftovers::remove(Path::new("/dev/shm"));
+        let device = Device::find(device)?;
         Ok(Self {
             executor: Executor::new().await?,
             device,

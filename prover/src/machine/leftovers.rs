@@ -1,0 +1,139 @@
+//! Shared memory that killed provers left behind.
+//!
+//! SP1's executor keeps a program's memory in files of `/dev/shm`. Where the process is killed, nobody removes them, and they take
+//! gigabytes until the machine starts again. The next prover would be refused for want of memory.
+
+use std::fs;
+use std::io;
+use std::os::unix::fs::MetadataExt;
+use std::path::Path;
+use std::time::{Duration, SystemTime};
+
+/// How old a file has to be: between creating a file and mapping it, a process looks as if it did not use the file.
+const OLD: Duration = Duration::from_secs(60);
+
+/// Removes SP1's files in `folder` that belong to this user, that no process has mapped, and that have not changed for a minute. The caller
+/// holds the lock of provers. Where the system does not say who uses a file, the file stays.
+pub fn remove(folder: &Path) {
+    let Ok(leftovers) = find(folder, SystemTime::now()) else {
+        return;
+    };
+    let mut bytes = 0;
+    let mut files = 0;
+    for (name, size) in leftovers {
+        match fs::remove_file(folder.join(&name)) {
+            Ok(()) => {
+                bytes += size;
+                files += 1;
+            }
+            Err(error) => tracing::warn!("cannot remove {name} in {}: {error}", folder.display()),
+        }
+    }
+    if files > 0 {
+        let mib = bytes >> 20;
+        tracing::info!(
+            "removed {files} files of killed provers from {}, which held {mib} MiB of memory",
+            folder.display()
+        );
+    }
+}
+
+/// The names of such files, and how many bytes of memory each holds.
+fn find(folder: &Path, now: SystemTime) -> io::Result<Vec<(String, u64)>> {
+    let mine = fs::metadata("/proc/self")?.uid();
+    let mut found = vec![];
+    for entry in fs::read_dir(folder)? {
+        let entry = entry?;
+        let metadata = entry.metadata()?;
+        let name = entry.file_name();
+        let Some(name) = name.to_str() else { continue };
+        let old = now
+            .duration_since(metadata.modified()?)
+            .is_ok_and(|age| age > OLD);
+        let of_sp1 = name
+            .strip_prefix("sem.")
+            .unwrap_or(name)
+            .starts_with("sp1_");
+        if of_sp1 && old && metadata.is_file() && metadata.uid() == mine {
+            found.push((name.to_owned(), metadata.blocks() * 512));
+        }
+    }
+    if !found.is_empty() {
+        let used = mapped(mine)?;
+        found.retain(|(name, _)| {
+            !used.contains(&format!("/{name}\n")) && !used.contains(&format!("/{name} "))
+        });
+    }
+    Ok(found)
+}
+
+/// What the processes of a user have mapped, as the system prints it.
+fn mapped(user: u32) -> io::Result<String> {
+    let mut all = String::new();
+    for entry in fs::read_dir("/proc")? {
+        let entry = entry?;
+        let process = entry.file_name();
+        let is_process = process
+            .to_str()
+            .is_some_and(|name| name.parse::<u32>().is_ok());
+        // A process may end while this runs.
+        if !is_process
+            || entry
+                .metadata()
+                .map_or(true, |metadata| metadata.uid() != user)
+        {
+            continue;
+        }
+        match fs::read_to_string(entry.path().join("maps")) {
+            Ok(maps) => all.push_str(&maps),
+            Err(error) if error.kind() == io::ErrorKind::PermissionDenied => return Err(error),
+            Err(_) => {}
+        }
+    }
+    Ok(all)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_old_files_of_sp1_that_nobody_uses_are_left_over() {
+        let folder = tempfile::tempdir().unwrap();
+        for name in ["sp1_a_m", "sem.sp1_a_t_empty", "sp2_a", "other"] {
+            fs::write(folder.path().join(name), [1; 5000]).unwrap();
+        }
+        assert_eq!(
+            find(folder.path(), SystemTime::now()).unwrap(),
+            [],
+            "they are new"
+        );
+        let later = SystemTime::now() + 2 * OLD;
+        let mut found = find(folder.path(), later).unwrap();
+        found.sort();
+        let names: Vec<&str> = found.iter().map(|(name, _)| &name[..]).collect();
+        assert_eq!(names, ["sem.sp1_a_t_empty", "sp1_a_m"]);
+        assert!(found[1].1 >= 5000, "{found:?}");
+    }
+
+    /// A program that runs is a file that is mapped.
+    #[test]
+    fn a_file_that_is_mapped_stays() {
+        let folder = tempfile::tempdir().unwrap();
+        let sleep = folder.path().join("sp1_sleep");
+        let own = ["/usr/bin/sleep", "/bin/sleep"]
+            .into_iter()
+            .find(|path| Path::new(path).exists());
+        fs::copy(own.unwrap(), &sleep).unwrap();
+        let mut running = std::process::Command::new(&sleep)
+            .arg("60")
+            .spawn()
+            .unwrap();
+        let later = SystemTime::now() + 2 * OLD;
+        let found = find(folder.path(), later).unwrap();
+        running.kill().unwrap();
+        running.wait().unwrap();
+        assert_eq!(found, []);
+        assert_eq!(find(folder.path(), later).unwrap().len(), 1);
+    }
+}
