@@ -233,7 +233,7 @@ fn mode_direct_is_for_small_policies() {
     let refused = fails(&words(&tiny(&many)));
     assert!(
         refused.contains("100 samples a claim takes more than 1")
-            && refused.contains("add --mode checked"),
+            && refused.contains("add --mode succinct, or --mode checked"),
         "{refused}"
     );
     assert!(!Path::new(&network.path("ledger")).exists());

@@ -1,4 +1,4 @@
-//! zk0's side of `scripts/compare-ezkl`: proves a claim over one sample for every model of a list, in both modes, one JSON
+//! zk0's side of `scripts/compare-ezkl`: proves a claim over two samples for every model of a list, in each mode, one JSON
 //! line each: `cargo run --release --workspace --example prove_sizes SIZES.json OUTPUT.jsonl MODEL…`
 //!
 //! A model that has a line in OUTPUT.jsonl already is not proven again.

@@ -22,7 +22,7 @@ pub struct Founding {
     pub rules: Rules,
     /// The verifying key of the program that claims are proven with.
     pub program: Vec<u8>,
-    /// How matrix products are proven.
+    /// How the evaluation is proven.
     pub mode: Mode,
     /// How claims are evaluated.
     pub evaluation: EvalSpec,

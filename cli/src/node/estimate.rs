@@ -18,7 +18,8 @@ pub struct Estimate {
     /// The size of the policy: micro, tiny or full (the published size); or a network's policy file.
     #[arg(long, default_value = "micro")]
     model: String,
-    /// How matrix products are proven, as the network's genesis says: direct or checked.
+    /// How the evaluation is proven, as the network's genesis says: direct, checked or succinct. At the published
+    /// size, succinct needs memory for all values of three samples; one sample takes 9 GB.
     #[arg(long, default_value = "checked")]
     mode: Mode,
     /// The number of samples that a claim evaluates, within the bounds of the network's rules.

@@ -3,10 +3,10 @@
 /// Guest cycles of a multiply-add in mode `direct`, at best.
 const CYCLES: u64 = 4;
 
-/// With this many weights or more, mode `direct` takes more than twice the cycles of `checked` (docs/prove.md, "How long does it take?").
+/// With this many weights or more, mode `direct` takes more than twice the cycles of `checked` (docs/prove.md, "Which mode is cheaper?").
 const DEAR_WEIGHTS: u64 = 30_000;
 
-/// If the multiply-adds alone take this many cycles, a proof takes more than a day on two cores. Mode `checked` takes a small part of that.
+/// If the multiply-adds alone take this many cycles, a proof takes more than a day on two cores. The other modes take a small part of that.
 const ENDLESS_CYCLES: u64 = 1_000_000_000;
 
 /// What mode `direct` costs.
