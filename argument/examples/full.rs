@@ -6,7 +6,7 @@ use std::fs;
 use std::time::Instant;
 use zk0_argument::expert::argument::{prove::prove, verify};
 use zk0_argument::expert::evaluation::layers::Expert;
-use zk0_argument::expert::witness::{evaluate, Witness};
+use zk0_argument::expert::witness::{evaluate, Common, Witness};
 use zk0_argument::transcript::Refused;
 use zk0_circuits::model::draw::draw;
 use zk0_circuits::model::layout::{expert_tensors, Layout};
@@ -131,10 +131,19 @@ fn main() -> Result<(), Box<dyn Error>> {
     );
     let expert = Expert::new(&statement);
     println!("bits of sources {:?}", expert.source_bits);
-    let witness = measured("witness", || {
-        Witness::new(&statement, &expert, models, &samples, &kept)
-    })?;
-    let proof = measured("proof", || prove(&statement, &expert, &witness)).ok_or("too small")?;
+    let common = Common::new(&statement, models);
+    let witness = |number: usize| {
+        measured("values of a sample", || {
+            Witness::new(
+                &statement,
+                &common,
+                number,
+                &samples[number].0,
+                &kept[number],
+            )
+        })
+    };
+    let proof = measured("proof", || prove(&statement, &common, witness))?.ok_or("too small")?;
     println!("{} bytes", 8 * proof.len());
     let verified = measured("verifier", || verify(&statement, &proof))?;
     let published = verified.published;

@@ -29,7 +29,7 @@ pub fn from_largest(sizes: &[u8]) -> Vec<usize> {
     order
 }
 
-/// Where the look-ups lie among the leaves of a sum of fractions.
+/// Where the look-ups of one instance lie among the leaves of a sum of fractions.
 pub struct Layout {
     /// The first leaf of each look-up: a multiple of its size.
     pub offsets: Vec<usize>,
@@ -44,7 +44,7 @@ pub struct Layout {
 impl Layout {
     /// Larger look-ups come first, so that each offset is a multiple of the size.
     pub fn new(relations: &Relations) -> Self {
-        let size = |lookup: &Lookup| relations.size(&lookup.axes) as u8;
+        let size = |lookup: &Lookup| relations.size_of_one(&lookup.axes) as u8;
         let sizes: Vec<u8> = relations.lookups.iter().map(size).collect();
         let order = from_largest(&sizes);
         let mut offsets = vec![0; order.len()];

@@ -99,6 +99,13 @@ pub fn evaluate(values: &[Goldilocks], point: &[Extension]) -> Extension {
         .sum()
 }
 
+/// The value at `point` of the polynomial with these values.
+#[cfg(feature = "prove")]
+pub fn evaluate_extension(values: &[Extension], point: &[Extension]) -> Extension {
+    let weights = eq_table(point);
+    weights.iter().zip(values).map(|(&w, &v)| w * v).sum()
+}
+
 /// Binds variable 0 of the polynomial with these values to `challenge`.
 #[cfg(feature = "prove")]
 pub fn bind(values: &mut Vec<Extension>, challenge: Extension) {

@@ -1,7 +1,8 @@
 //! The argument that a segment obeys its [`Relations`]: what prover and verifier do in the same order.
 //!
-//! 1. After a proof of work, all look-ups are one sum of fractions ([`crate::fractions`]; logarithmic derivatives, Haböck 2022, eprint 2022/1530). It leaves a claim
-//!    at a random point of its leaves, and so claims about the columns of each look-up. Equalities are claimed at the same point.
+//! 1. After a proof of work, all look-ups of an instance are one sum of fractions ([`crate::fractions`]; logarithmic derivatives, Haböck 2022,
+//!    eprint 2022/1530). It leaves a claim at a random point of its leaves. [`crate::gather`] takes the claims of all instances to one point, where
+//!    they are added with random weights. Claims about the columns of each look-up follow. Equalities are claimed at the same point.
 //! 2. Claims about monomials become claims about their factors, by one sumcheck for all.
 //! 3. Claims about products become claims about their factors, by one sumcheck for all.
 //! 4. What is left are claims about tensors. [`crate::share`] makes one claim about a source of all that are about it.
@@ -10,15 +11,17 @@
 
 use crate::field::{Extension, Goldilocks};
 use crate::fractions::LeafClaim;
+use crate::gather::{gather, Gathered};
 pub use crate::layout::Layout;
 use crate::operation;
 use crate::relation::{
     Atom, Axis, Count, Factor, Index, Linear, Part, PartId, Parts, Relations, Source, COLUMNS,
     MAX_FACTORS,
 };
+use crate::sumcheck::JoinedPoint;
 use crate::transcript::{require, Challenges, Refused};
-use crate::weights::Known;
 pub use crate::weights::Weights;
+use crate::weights::{Known, Point};
 use alloc::vec;
 use alloc::vec::Vec;
 
@@ -35,6 +38,8 @@ pub struct Weighted {
     pub offset: usize,
     /// For each axis where its index stands in the number of a value, and the weights.
     pub parts: Vec<(u8, PartId)>,
+    /// The weights of instances, where each has values of its own.
+    pub instances: Option<PartId>,
 }
 
 /// A claim about values that were committed to.
@@ -68,13 +73,23 @@ pub trait Party: Challenges {
     ) -> Result<Extension, Refused>;
     /// A proof of work: the prover does it, and the verifier checks it.
     fn work(&mut self, bits: u32, what: &'static str) -> Result<(), Refused>;
-    /// The sum of all fractions is zero. `fold` folds the columns of an entry into one value, after it was taken from `shift`.
+    /// The sum of all fractions of an instance is zero. `fold` folds the columns of an entry into one value, after it was taken from `shift`.
     fn fractions(
         &mut self,
-        relations: &Relations,
+        instance: usize,
         layout: &Layout,
         fold: &Fold,
     ) -> Result<LeafClaim, Refused>;
+    /// The sumcheck of `Σ coefficient · claim`, where the coefficients are powers of `gamma`, over the numerators and denominators of all
+    /// instances. Returns its point, the value there, and what numerator and denominator of each instance are.
+    #[allow(clippy::type_complexity)]
+    fn gather(
+        &mut self,
+        layout: &Layout,
+        fold: &Fold,
+        claims: &[LeafClaim],
+        gamma: Extension,
+    ) -> Result<(Vec<Extension>, Extension, Vec<[Extension; 2]>), Refused>;
     /// The sumcheck of `Σ coefficient · sum`, where the coefficients are powers of `gamma`. Returns its point, and the value there.
     fn reduce(
         &mut self,
@@ -83,16 +98,33 @@ pub trait Party: Challenges {
         sums: &[(Sum, Extension)],
         gamma: Extension,
         degree: usize,
-    ) -> Result<(Vec<Extension>, Extension), Refused>;
-    /// The sumcheck of `Σ coefficient · claim` over the values of all `sources`, which have so many variables and which all claims are about.
-    /// Returns its point, and the value there.
+    ) -> Result<(JoinedPoint, Extension), Refused>;
+    /// The sumcheck of `Σ coefficient · claim` over the values of all `sources`, which have so many variables for each instance and which all
+    /// claims are about. Returns its point, and the value there.
     fn reduce_claims(
         &mut self,
         parts: &Parts,
-        sources: &[(Source, usize)],
+        sources: &Sources<'_>,
         claims: &[Claim],
         gamma: Extension,
-    ) -> Result<(Vec<Extension>, Extension), Refused>;
+    ) -> Result<(JoinedPoint, Extension), Refused>;
+}
+
+/// Sources whose values are committed to for each instance.
+#[derive(Clone, Copy, Debug)]
+pub struct Sources<'a> {
+    /// Each with the binary logarithm of the number of its values.
+    pub all: &'a [(Source, usize)],
+    /// Variables of instances.
+    pub instances: usize,
+}
+
+impl Sources<'_> {
+    /// Variables of the largest one.
+    pub fn variables(&self) -> usize {
+        let bits = self.all.iter().map(|(_, bits)| *bits);
+        bits.max().unwrap_or_default()
+    }
 }
 
 /// How an entry becomes a denominator: `shift − Σ powers·columns`.
@@ -102,43 +134,6 @@ pub struct Fold {
     pub shift: Extension,
     /// 1, β, β², β³
     pub powers: [Extension; COLUMNS],
-}
-
-/// A point of a sumcheck, whose first coordinates are those of a smaller tensor's axes.
-struct Point<'a> {
-    coordinates: &'a [Extension],
-    /// For each first coordinate, the ends of the parts that begin there.
-    known: Vec<Vec<(usize, PartId)>>,
-}
-
-impl<'a> Point<'a> {
-    fn new(coordinates: &'a [Extension]) -> Self {
-        Self {
-            coordinates,
-            known: vec![vec![]; coordinates.len() + 1],
-        }
-    }
-
-    /// The parts of the axes, which lie one after the other from the first coordinate on.
-    fn weights(&mut self, relations: &Relations, parts: &mut Parts, axes: &[Axis]) -> Weights {
-        let mut start = 0;
-        let mut weights = Weights::default();
-        for &axis in axes {
-            let end = start + relations.bits(axis);
-            let mut known = self.known[start].iter();
-            let id = match known.find(|(of, _)| *of == end) {
-                Some((_, id)) => *id,
-                None => {
-                    let id = parts.add(Part::Point(self.coordinates[start..end].to_vec()));
-                    self.known[start].push((end, id));
-                    id
-                }
-            };
-            weights.push(axis, id);
-            start = end;
-        }
-        weights
-    }
 }
 
 /// The argument, in progress.
@@ -192,26 +187,33 @@ impl<P: Party> Argument<'_, P> {
         };
         let layout = Layout::new(relations);
         let adding = operation("sum of fractions");
-        let leaf = self.party.fractions(relations, &layout, &fold)?;
+        let leaves = (0..relations.count_of_instances())
+            .map(|instance| self.party.fractions(instance, &layout, &fold));
+        let leaves = leaves.collect::<Result<Vec<_>, _>>()?;
+        let Gathered { leaf, mut weights } = gather(self.party, &layout, &fold, leaves)?;
         adding.end();
         let _claiming = operation("claims of look-ups");
-        let mut point = Point::new(&leaf.point);
-        let (mut numerator, mut denominator) = (Extension::ZERO, Extension::ONE);
+        // Indices without an instance count nowhere.
+        weights.resize(1 << relations.bits_of_instances(), Extension::ZERO);
+        let instances = self.parts.add(Part::Vector(weights));
+        let mut point = Point::new(&leaf.point, instances);
+        let all = self.parts.total(instances);
+        let (mut numerator, mut denominator) = (Extension::ZERO, all);
         let places = layout.places(&leaf.point);
         for (lookup, place) in relations.lookups.iter().zip(places) {
             let weights = point.weights(relations, self.parts, &lookup.axes);
             let count = match lookup.count {
-                Count::Each => Extension::ONE,
+                Count::Each => all,
                 Count::Masked(public) => self.public(public, &weights),
                 Count::Offered(number) => -self.virtual_at(number, &weights)?,
             };
             numerator += place * count;
-            let mut entry = fold.shift;
+            let mut entry = fold.shift * all;
             for (&power, column) in fold.powers.iter().zip(&lookup.entry) {
                 entry -= power * self.linear(column, &weights)?;
             }
             // Leaves of no look-up are 0/1.
-            denominator += place * (entry - Extension::ONE);
+            denominator += place * (entry - all);
         }
         let holds = numerator == leaf.numerator && denominator == leaf.denominator;
         require(holds, Refused::Equation("the leaves of a sum of look-ups"))?;
@@ -313,10 +315,15 @@ impl<P: Party> Argument<'_, P> {
             let mut parts = Vec::with_capacity(view.indices.len());
             let mut read = Vec::with_capacity(view.indices.len());
             let mut offset = tensor.offset;
+            let mut instances = None;
             for (index, place) in view.indices.iter().zip(&tensor.places) {
                 let id = match *index {
                     Index::Of(axis) => {
                         read.push(axis);
+                        if relations.are_instances(axis) {
+                            instances = Some(weights.part(axis));
+                            continue;
+                        }
                         weights.part(axis)
                     }
                     Index::Mapped(axis, map) => {
@@ -342,6 +349,7 @@ impl<P: Party> Argument<'_, P> {
                 source: tensor.source,
                 offset,
                 parts,
+                instances,
             };
             let value = self.party.value(self.parts, &about)?;
             self.claims.push(Claim { about, value });
@@ -391,10 +399,11 @@ impl<P: Party> Argument<'_, P> {
         let relations = self.relations;
         let sums = core::mem::take(&mut self.monomials);
         let gamma = self.party.challenge();
-        let (point, value) =
+        let (joined, value) =
             self.party
                 .reduce(relations, self.parts, &sums, gamma, MAX_FACTORS + 1)?;
-        let mut point = Point::new(&point);
+        let instances = self.parts.add(Part::Point(joined.instances.clone()));
+        let mut point = Point::new(&joined.own, instances);
         let mut expected = Extension::ZERO;
         let mut power = Extension::ONE;
         for (sum, _) in &sums {
@@ -420,7 +429,8 @@ impl<P: Party> Argument<'_, P> {
                     total *= self.parts.get(*id).at(coordinates);
                 }
             }
-            expected += power * total;
+            let (variables, over_instances) = sum.size(relations);
+            expected += power * total * joined.absent(variables, over_instances);
             power *= gamma;
         }
         require(
@@ -433,8 +443,9 @@ impl<P: Party> Argument<'_, P> {
         let relations = self.relations;
         let sums = core::mem::take(&mut self.products);
         let gamma = self.party.challenge();
-        let (point, value) = self.party.reduce(relations, self.parts, &sums, gamma, 2)?;
-        let mut point = Point::new(&point);
+        let (joined, value) = self.party.reduce(relations, self.parts, &sums, gamma, 2)?;
+        let instances = self.parts.add(Part::Point(joined.instances.clone()));
+        let mut point = Point::new(&joined.own, instances);
         let mut expected = Extension::ZERO;
         let mut power = Extension::ONE;
         for (sum, _) in &sums {
@@ -460,7 +471,8 @@ impl<P: Party> Argument<'_, P> {
             }
             let left = self.virtual_at(product.left, &left)?;
             let right = self.virtual_at(product.right, &right)?;
-            expected += power * left * right;
+            let (variables, over_instances) = sum.size(relations);
+            expected += power * left * right * joined.absent(variables, over_instances);
             power *= gamma;
         }
         require(

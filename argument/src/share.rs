@@ -2,70 +2,80 @@
 
 use crate::field::Extension;
 use crate::multilinear::eq_table;
-use crate::protocol::{Claim, Party, Weighted};
-use crate::relation::{Part, PartId, Parts, Source};
+use crate::protocol::{Claim, Party, Sources, Weighted};
+use crate::relation::{Part, PartId, Parts};
+use crate::sumcheck::JoinedPoint;
 use crate::transcript::{require, Refused};
 use alloc::collections::BTreeMap;
 use alloc::vec;
 use alloc::vec::Vec;
 
 /// A point, and what the polynomials of all sources are there. A source with fewer variables than the point has is at its first coordinates.
-pub type Shared = (Vec<Extension>, Vec<Extension>);
+pub type Shared = (JoinedPoint, Vec<Extension>);
 
-/// Makes one claim about each of `sources` of all `claims`. Each source comes with its number of variables.
+/// Makes one claim about each of `sources` of all `claims`.
 pub fn share<P: Party>(
     party: &mut P,
     parts: &mut Parts,
-    sources: &[(Source, usize)],
+    sources: &Sources<'_>,
     claims: &[Claim],
 ) -> Result<Shared, Refused> {
     let gamma = party.challenge();
-    let (point, value) = party.reduce_claims(parts, sources, claims, gamma)?;
-    let mut values = Vec::with_capacity(sources.len());
-    for &(source, bits) in sources {
+    let (joined, value) = party.reduce_claims(parts, sources, claims, gamma)?;
+    let instances = parts.add(Part::Point(joined.instances.clone()));
+    let mut values = Vec::with_capacity(sources.all.len());
+    for &(source, bits) in sources.all {
         let whole = Weighted {
             source,
             offset: 0,
-            parts: vec![(0, parts.add(Part::Point(point[..bits].to_vec())))],
+            parts: vec![(0, parts.add(Part::Point(joined.own[..bits].to_vec())))],
+            instances: Some(instances),
         };
         values.push(party.value(parts, &whole)?);
     }
-    let mut weights = vec![Extension::ZERO; sources.len()];
-    let mut places = Places::new(parts, &point);
+    let mut weights = vec![Extension::ZERO; sources.all.len()];
+    let mut places = Places::new(parts, &joined);
     let mut power = Extension::ONE;
     for claim in claims {
         let about = &claim.about;
-        let Some(number) = sources.iter().position(|(of, _)| *of == about.source) else {
+        let mut all = sources.all.iter();
+        let Some(number) = all.position(|(of, _)| *of == about.source) else {
             return Err(Refused::Equation("the source of a claim"));
         };
-        weights[number] += power * places.weight(about, sources[number].1);
+        weights[number] += power * places.weight(about, sources.all[number].1);
         power *= gamma;
     }
-    let expected: Extension = weights.iter().zip(&values).map(|(&w, &v)| w * v).sum();
+    let mut expected = Extension::ZERO;
+    for ((weight, &value), &(_, bits)) in weights.into_iter().zip(&values).zip(sources.all) {
+        expected += weight * value * joined.absent(bits, true);
+    }
     require(
         expected == value,
         Refused::Equation("the sumcheck of the claims"),
     )?;
-    Ok((point, values))
+    Ok((joined, values))
 }
 
 /// What the weights of claims are at a point.
 struct Places<'a> {
     parts: &'a Parts,
-    point: &'a [Extension],
+    joined: &'a JoinedPoint,
     /// Of the bits of each offset at which no index stands, by the offset and these bits.
     fixed: BTreeMap<(usize, usize), Extension>,
     /// For each part what it is at the coordinates from a shift on.
     known: Vec<Vec<(u8, Extension)>>,
     /// Tables of coordinates, by the first one and the number.
     tables: Vec<((usize, usize), Vec<Extension>)>,
+    /// What the weights of instances are there.
+    instances: Vec<(PartId, Extension)>,
 }
 
 impl<'a> Places<'a> {
-    fn new(parts: &'a Parts, point: &'a [Extension]) -> Self {
+    fn new(parts: &'a Parts, joined: &'a JoinedPoint) -> Self {
         Self {
             parts,
-            point,
+            joined,
+            instances: vec![],
             fixed: BTreeMap::new(),
             known: vec![vec![]; parts.count()],
             tables: vec![],
@@ -78,7 +88,7 @@ impl<'a> Places<'a> {
         for &(shift, id) in &about.parts {
             fixed &= !(((1 << self.parts.get(id).bits()) - 1) << shift);
         }
-        let point = self.point;
+        let point = &self.joined.own[..];
         let key = (about.offset, fixed);
         let mut product = *self.fixed.entry(key).or_insert_with(|| {
             // Where no index stands, the bit is that of the offset.
@@ -94,7 +104,20 @@ impl<'a> Places<'a> {
         for &(shift, id) in &about.parts {
             product *= self.part(id, shift);
         }
-        product
+        match about.instances {
+            Some(id) => product * self.instances(id),
+            None => product,
+        }
+    }
+
+    /// The multilinear polynomial of weights of instances.
+    fn instances(&mut self, id: PartId) -> Extension {
+        if let Some((_, value)) = self.instances.iter().find(|(of, _)| *of == id) {
+            return *value;
+        }
+        let value = self.parts.get(id).at(&self.joined.instances);
+        self.instances.push((id, value));
+        value
     }
 
     /// The multilinear polynomial of a part at the coordinates from `shift` on.
@@ -105,7 +128,7 @@ impl<'a> Places<'a> {
         }
         let part = self.parts.get(id);
         let (start, bits) = (shift as usize, part.bits());
-        let coordinates = &self.point[start..start + bits];
+        let coordinates = &self.joined.own[start..start + bits];
         let value = match part {
             Part::Vector(weights) => {
                 let key = (start, bits);

@@ -28,30 +28,62 @@ pub fn verify(
     Ok((point, claim))
 }
 
-/// Reduces claims about sums over tensors of several sizes: each has a number of variables, and claims a sum over {0, 1}^variables of a
-/// polynomial of degree up to `degree`. The variables are bound from the highest to the lowest, and a smaller sum joins when the
-/// variables that are left are its own. So the first coordinates of the point are those of each sum. Returns the point, and what the values of
-/// all polynomials there have to add up to.
+/// A point of sums over tensors of several sizes.
+#[derive(Clone, Debug, Default)]
+pub struct JoinedPoint {
+    /// The variables within an instance. The first coordinates are those of a smaller sum.
+    pub own: Vec<Extension>,
+    /// The variables of instances.
+    pub instances: Vec<Extension>,
+    /// Entry `i` is the product of `1 − coordinate` from coordinate `i` of `own` on.
+    absent: Vec<Extension>,
+    /// Likewise of all coordinates of `instances`.
+    no_instances: Extension,
+}
+
+impl JoinedPoint {
+    /// From all coordinates, those of instances last.
+    pub fn new(mut own: Vec<Extension>, instances: usize) -> Self {
+        let instances = own.split_off(own.len() - instances);
+        let mut absent = vec![Extension::ONE; own.len() + 1];
+        for (index, &coordinate) in own.iter().enumerate().rev() {
+            absent[index] = absent[index + 1] * (Extension::ONE - coordinate);
+        }
+        let product = |product, &coordinate| product * (Extension::ONE - coordinate);
+        let no_instances = instances.iter().fold(Extension::ONE, product);
+        Self {
+            own,
+            instances,
+            absent,
+            no_instances,
+        }
+    }
+
+    /// What the value of a sum is multiplied with that has so many variables within an instance: the product of `1 − coordinate` of all
+    /// variables that it does not have.
+    pub fn absent(&self, variables: usize, over_instances: bool) -> Extension {
+        let absent = self.absent[variables];
+        match over_instances {
+            true => absent,
+            false => absent * self.no_instances,
+        }
+    }
+}
+
+/// Reduces the claim about a sum of sums over tensors of several sizes, of polynomials of degree up to `degree`. Where a sum does not have a
+/// variable, its polynomial is multiplied with `1 − variable`, so that it counts once. The largest sum has `variables` within an instance, and
+/// there are `instances` variables of instances. They are bound from the highest to the lowest, those of instances first. Returns the point,
+/// and what the values there add up to.
 pub fn verify_joined(
     verifier: &mut Verifier<'_>,
-    sums: &[(usize, Extension)],
+    variables: usize,
+    instances: usize,
     degree: usize,
-) -> Result<(Vec<Extension>, Extension), Refused> {
-    let variables = sums.iter().map(|(variables, _)| *variables).max();
-    let variables = variables.unwrap_or_default();
-    let joining = |left: usize| -> Extension {
-        let joining = sums.iter().filter(|(variables, _)| *variables == left);
-        joining.map(|(_, claim)| *claim).sum()
-    };
-    let mut claim = Extension::ZERO;
-    let mut point = vec![Extension::ZERO; variables];
-    for variable in (0..variables).rev() {
-        claim += joining(variable + 1);
-        let coefficients = verifier.receive_extension(degree)?;
-        point[variable] = verifier.challenge();
-        claim = value_after_round(claim, coefficients, point[variable]);
-    }
-    Ok((point, claim + joining(0)))
+    claim: Extension,
+) -> Result<(JoinedPoint, Extension), Refused> {
+    let (mut point, value) = verify(verifier, variables + instances, degree, claim)?;
+    point.reverse();
+    Ok((JoinedPoint::new(point, instances), value))
 }
 
 /// `g(challenge)` for the round polynomial whose coefficients but the linear one are given, from the constant up, and for which
@@ -93,8 +125,21 @@ pub mod prove {
         mut a: Vec<Extension>,
         mut b: Vec<Extension>,
     ) -> (Vec<Extension>, [Extension; 2]) {
-        let mut point = Vec::with_capacity(a.len().ilog2() as usize);
-        while a.len() > 1 {
+        let variables = a.len().ilog2() as usize;
+        let point = products(prover, &mut a, &mut b, variables);
+        (point, [a[0], b[0]])
+    }
+
+    /// Proves the sum of all `a · b` of pairs of polynomials in so many variables, which lie one after the other. Returns the point. What is left
+    /// of `a` and `b` are the values there.
+    pub fn products(
+        prover: &mut Prover,
+        a: &mut Vec<Extension>,
+        b: &mut Vec<Extension>,
+        variables: usize,
+    ) -> Vec<Extension> {
+        let mut point = Vec::with_capacity(variables);
+        for _ in 0..variables {
             let pieces = a.par_chunks(PIECE).zip(b.par_chunks(PIECE));
             let sums = pieces.map(|(a, b)| {
                 let (mut constant, mut square) = (Sum::default(), Sum::default());
@@ -108,10 +153,10 @@ pub mod prove {
             let [constant, square] = sums.reduce(Default::default, add);
             prover.send_extension(&[constant, square]);
             let challenge = prover.challenge();
-            bind(&mut a, challenge);
-            bind(&mut b, challenge);
+            bind(a, challenge);
+            bind(b, challenge);
             point.push(challenge);
         }
-        (point, [a[0], b[0]])
+        point
     }
 }

@@ -2,34 +2,60 @@
 
 use crate::field::Extension;
 use crate::fractions::{self, LeafClaim};
-use crate::protocol::{Claim, Fold, Layout, Party, Sum, Weighted};
-use crate::relation::{Parts, Relations, Source};
-use crate::sumcheck;
+use crate::gather::combined;
+use crate::protocol::{Claim, Fold, Layout, Party, Sources, Sum, Weighted};
+use crate::relation::{Parts, Relations};
+use crate::sumcheck::{self, JoinedPoint};
 use crate::transcript::{work, Refused, Verifier};
 use alloc::vec::Vec;
 
 impl Sum {
-    /// Binary logarithm of the number of terms.
-    pub fn variables(&self, relations: &Relations) -> usize {
-        match self {
-            Self::Monomials(number, _) => relations.size(&relations.monomials[*number].axes),
+    /// Variables within an instance of what is summed, and whether it is summed over all instances.
+    pub fn size(&self, relations: &Relations) -> (usize, bool) {
+        let lists = match self {
+            Self::Monomials(number, _) => [&relations.monomials[*number].axes[..], &[]],
             Self::Product(number, _) => {
                 let product = &relations.products[*number];
-                relations.size(&product.shared) + relations.size(&product.summed)
+                [&product.shared[..], &product.summed]
+            }
+        };
+        let variables = lists.iter().map(|axes| relations.size_of_one(axes)).sum();
+        let mut axes = lists.into_iter().flatten();
+        (variables, axes.any(|&axis| relations.are_instances(axis)))
+    }
+
+    /// The most variables of any of these sums within an instance, and those of instances if any sum is over them.
+    pub fn sizes(sums: &[(Self, Extension)], relations: &Relations) -> (usize, usize) {
+        let (mut variables, mut instances) = (0, 0);
+        for (sum, _) in sums {
+            let (own, over_instances) = sum.size(relations);
+            variables = variables.max(own);
+            if over_instances {
+                instances = relations.bits_of_instances();
             }
         }
+        (variables, instances)
     }
 }
 
-/// `values` times 1, `gamma`, `gamma²`, …
-pub fn powers(values: impl Iterator<Item = Extension>, gamma: Extension) -> Vec<Extension> {
+/// 1, `base`, `base²`, …: so many.
+#[cfg(feature = "prove")]
+pub fn powers(base: Extension, count: usize) -> Vec<Extension> {
+    let next = |power: &Extension| Some(*power * base);
+    core::iter::successors(Some(Extension::ONE), next)
+        .take(count)
+        .collect()
+}
+
+/// The sum of `values` times 1, `gamma`, `gamma²`, …
+fn combine(values: impl Iterator<Item = Extension>, gamma: Extension) -> Extension {
     let mut power = Extension::ONE;
     let scaled = values.map(|value| {
         let scaled = power * value;
         power *= gamma;
         scaled
     });
-    scaled.collect()
+    scaled.sum()
 }
 
 impl Party for Verifier<'_> {
@@ -45,13 +71,21 @@ impl Party for Verifier<'_> {
         work::check_work(self, bits, what)
     }
 
-    fn fractions(
+    fn fractions(&mut self, _: usize, layout: &Layout, _: &Fold) -> Result<LeafClaim, Refused> {
+        fractions::verify(self, layout.variables)
+    }
+
+    fn gather(
         &mut self,
-        _: &Relations,
         layout: &Layout,
         _: &Fold,
-    ) -> Result<LeafClaim, Refused> {
-        fractions::verify(self, layout.variables)
+        claims: &[LeafClaim],
+        gamma: Extension,
+    ) -> Result<(Vec<Extension>, Extension, Vec<[Extension; 2]>), Refused> {
+        let claim = combined(claims, gamma);
+        let (point, value) = sumcheck::verify(self, layout.variables, 2, claim)?;
+        let values = self.receive_extension(2 * claims.len())?;
+        Ok((point, value, values.as_chunks().0.to_vec()))
     }
 
     fn reduce(
@@ -61,29 +95,20 @@ impl Party for Verifier<'_> {
         sums: &[(Sum, Extension)],
         gamma: Extension,
         degree: usize,
-    ) -> Result<(Vec<Extension>, Extension), Refused> {
-        let claims = powers(sums.iter().map(|(_, value)| *value), gamma);
-        let sizes = sums.iter().map(|(sum, _)| sum.variables(relations));
-        let sums: Vec<(usize, Extension)> = sizes.zip(claims).collect();
-        sumcheck::verify_joined(self, &sums, degree)
+    ) -> Result<(JoinedPoint, Extension), Refused> {
+        let claim = combine(sums.iter().map(|(_, value)| *value), gamma);
+        let (variables, instances) = Sum::sizes(sums, relations);
+        sumcheck::verify_joined(self, variables, instances, degree, claim)
     }
 
     fn reduce_claims(
         &mut self,
         _: &Parts,
-        sources: &[(Source, usize)],
+        sources: &Sources<'_>,
         claims: &[Claim],
         gamma: Extension,
-    ) -> Result<(Vec<Extension>, Extension), Refused> {
-        let scaled = powers(claims.iter().map(|claim| claim.value), gamma);
-        let of = |source: Source| -> Extension {
-            let own = claims.iter().zip(&scaled);
-            own.filter(|(claim, _)| claim.about.source == source)
-                .map(|(_, &value)| value)
-                .sum()
-        };
-        let sums = sources.iter().map(|&(source, bits)| (bits, of(source)));
-        let sums: Vec<(usize, Extension)> = sums.collect();
-        sumcheck::verify_joined(self, &sums, 2)
+    ) -> Result<(JoinedPoint, Extension), Refused> {
+        let claim = combine(claims.iter().map(|claim| claim.value), gamma);
+        sumcheck::verify_joined(self, sources.variables(), sources.instances, 2, claim)
     }
 }

@@ -1,7 +1,7 @@
 //! The weights of the indices of some axes, and values that are known for some weights.
 
 use crate::field::Extension;
-use crate::relation::{Axis, PartId};
+use crate::relation::{Axis, Part, PartId, Parts, Relations};
 use alloc::vec;
 use alloc::vec::Vec;
 use core::ops::{Deref, DerefMut};
@@ -63,6 +63,51 @@ impl PartialEq for Weights {
 }
 
 impl Eq for Weights {}
+
+/// A point of a sumcheck, whose first coordinates are those of a smaller tensor's axes.
+pub struct Point<'a> {
+    coordinates: &'a [Extension],
+    /// The weights of instances.
+    instances: PartId,
+    /// For each first coordinate, the ends of the parts that begin there.
+    known: Vec<Vec<(usize, PartId)>>,
+}
+
+impl<'a> Point<'a> {
+    /// A point within an instance, and the weights of instances.
+    pub fn new(coordinates: &'a [Extension], instances: PartId) -> Self {
+        Self {
+            coordinates,
+            instances,
+            known: vec![vec![]; coordinates.len() + 1],
+        }
+    }
+
+    /// The parts of the axes, which lie one after the other from the first coordinate on.
+    pub fn weights(&mut self, relations: &Relations, parts: &mut Parts, axes: &[Axis]) -> Weights {
+        let mut start = 0;
+        let mut weights = Weights::default();
+        for &axis in axes {
+            if relations.are_instances(axis) {
+                weights.push(axis, self.instances);
+                continue;
+            }
+            let end = start + relations.bits(axis);
+            let mut known = self.known[start].iter();
+            let id = match known.find(|(of, _)| *of == end) {
+                Some((_, id)) => *id,
+                None => {
+                    let id = parts.add(Part::Point(self.coordinates[start..end].to_vec()));
+                    self.known[start].push((end, id));
+                    id
+                }
+            };
+            weights.push(axis, id);
+            start = end;
+        }
+        weights
+    }
+}
 
 /// Values of tensors, each with some weights. There are few weights for each tensor.
 pub struct Known(Vec<Vec<(Weights, Extension)>>);

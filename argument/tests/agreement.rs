@@ -5,8 +5,7 @@ mod models;
 use models::claims::Random;
 use models::Models;
 use rayon::prelude::*;
-use zk0_argument::expert::evaluation::layers::Expert;
-use zk0_argument::expert::witness::{evaluate, Unprovable, Witness};
+use zk0_argument::expert::witness::{evaluate, Common, Unprovable, Witness};
 use zk0_argument::prove::{check_equalities, Computed, Tables};
 use zk0_circuits::model::spec::Dims;
 use zk0_circuits::{Digest, EvalSpec};
@@ -83,17 +82,19 @@ fn agrees(seed: u64) -> bool {
         Err(Unprovable::Evaluation { .. }) => return false,
         Err(error) => panic!("seed {seed}: {error}"),
     };
-    let expert = Expert::new(&statement);
-    let witness = Witness::new(&statement, &expert, weights, &models.samples, &kept);
-    let witness = witness.unwrap_or_else(|error| panic!("seed {seed}: {error} ({spec:?})"));
-    let tables = Tables {
-        relations: &expert.builder.relations,
-        sources: &witness.sources(),
-        computed: &Computed::default(),
-    };
-    // The witness was only made if every look-up found its row.
-    if let Err(violation) = check_equalities(&tables) {
-        panic!("seed {seed}: {violation} ({spec:?})");
+    let common = Common::new(&statement, weights);
+    for (number, (sample, _)) in models.samples.iter().enumerate() {
+        let witness = Witness::new(&statement, &common, number, sample, &kept[number]);
+        let witness = witness.unwrap_or_else(|error| panic!("seed {seed}: {error} ({spec:?})"));
+        let tables = Tables {
+            relations: &witness.expert.builder.relations,
+            sources: &witness.sources(&common),
+            computed: &Computed::default(),
+        };
+        // The witness was only made if every look-up found its row.
+        if let Err(violation) = check_equalities(&tables) {
+            panic!("seed {seed}: {violation} ({spec:?})");
+        }
     }
     true
 }

@@ -4,6 +4,7 @@ mod models;
 
 use models::claims::Random;
 use models::Models;
+use std::convert::Infallible;
 use zk0_argument::expert::argument::{prove::prove, verify, Verified};
 use zk0_argument::expert::builder::MAIN;
 use zk0_argument::expert::evaluation::layers::Expert;
@@ -11,7 +12,7 @@ use zk0_argument::expert::published::{digest as digest_of_words, Published};
 use zk0_argument::expert::sample;
 use zk0_argument::expert::sizes::P;
 use zk0_argument::expert::statement::Statement;
-use zk0_argument::expert::witness::{evaluate, Witness};
+use zk0_argument::expert::witness::{evaluate, Common, Witness};
 use zk0_argument::field::Goldilocks;
 use zk0_argument::prove::{check, Computed, Tables, Violation};
 use zk0_argument::relation::Relations;
@@ -27,7 +28,8 @@ struct Made {
     models: [QuantisedWeights; 2],
     statement: Statement,
     expert: Expert,
-    witness: Witness,
+    common: Common,
+    witnesses: Vec<Witness>,
 }
 
 impl Made {
@@ -35,12 +37,18 @@ impl Made {
         let weights = [&models.base, &models.update];
         let (statement, kept) = evaluate(CONTEXT, &models.spec, weights, &models.samples).unwrap();
         let expert = Expert::new(&statement);
-        let witness = Witness::new(&statement, &expert, weights, &models.samples, &kept).unwrap();
+        let common = Common::new(&statement, weights);
+        let samples = models.samples.iter().zip(&kept).enumerate();
+        let witness = |(number, ((sample, _), kept)): (usize, (&(Sample, _), _))| {
+            Witness::new(&statement, &common, number, sample, kept).unwrap()
+        };
+        let witnesses = samples.map(witness).collect();
         Self {
             models: weights.map(Clone::clone),
             statement,
             expert,
-            witness,
+            common,
+            witnesses,
         }
     }
 
@@ -49,15 +57,19 @@ impl Made {
     }
 
     fn check(&self) -> Result<(), Violation> {
-        check(&Tables {
-            relations: self.relations(),
-            sources: &self.witness.sources(),
-            computed: &Computed::default(),
+        self.witnesses.iter().try_for_each(|witness| {
+            check(&Tables {
+                relations: &witness.expert.builder.relations,
+                sources: &witness.sources(&self.common),
+                computed: &Computed::default(),
+            })
         })
     }
 
     fn proof(&self) -> Vec<u64> {
-        prove(&self.statement, &self.expert, &self.witness).unwrap()
+        let witness = |number: usize| Ok::<_, Infallible>(self.witnesses[number].clone());
+        let Ok(proof) = prove(&self.statement, &self.common, witness);
+        proof.unwrap()
     }
 
     /// Verifies, and checks what is left with the weights.
@@ -91,7 +103,7 @@ fn an_evaluation_is_accepted() {
 fn a_changed_value_breaks_a_relation() {
     let mut made = Made::new(&Models::new(&EvalSpec::micro(), 2, 4));
     let mut random = Random(4);
-    let tensors = made.relations().tensors.clone();
+    let tensors = made.witnesses[0].expert.builder.relations.tensors.clone();
     for tensor in tensors.iter().filter(|tensor| tensor.source == MAIN) {
         // Token 0 counts in every sample, and every token sees the one in the middle of all that is attended to.
         let index = tensor.places.iter().skip(1);
@@ -100,10 +112,10 @@ fn a_changed_value_breaks_a_relation() {
             let first = place.bits != made.expert.builder.sizes.of(P) && random.bits() & 1 == 0;
             number + (if first { 0 } else { middle } << place.shift)
         });
-        let before = made.witness.main[number];
-        made.witness.main[number] += 1;
+        let witness = random.bits() as usize % 2;
+        made.witnesses[witness].main[number] += 1;
         assert!(made.check().is_err(), "value {number} of {}", tensor.name);
-        made.witness.main[number] = before;
+        made.witnesses[witness].main[number] -= 1;
     }
     assert_eq!(made.check(), Ok(()));
 }
@@ -121,11 +133,9 @@ fn a_sample_holds_nothing_that_is_not_read() {
     let short = &made.statement.samples[1];
     assert!(short.frames < dims.chunk as usize && short.prefix < dims.max_prefix as usize);
     let unread = [
-        actions.number(&[short.frames, 0, 1]),
-        keys.number(&[short.prefix, 0, 0, 0, 1]),
-        values.number(&[short.prefix, 0, 0, 0, 1]),
-        // There is no fourth sample, but a segment for one.
-        keys.number(&[0, 0, 0, 0, 3]),
+        actions.number(&[short.frames, 0, 0]),
+        keys.number(&[short.prefix, 0, 0, 0, 0]),
+        values.number(&[short.prefix, 0, 0, 0, 0]),
     ];
     // Layer 0 is one of self-attention: it projects nothing of the prefix. The cheat counts right that it looks up 1 in place of 0, both 2^15 more, among the values of 16 bits.
     let ranges = tensors
@@ -134,24 +144,26 @@ fn a_sample_holds_nothing_that_is_not_read() {
         .unwrap();
     let [zero, one] = [0, 1].map(|value| ranges.number(&[(1 << 16) + (1 << 15) + value, 0]));
     for number in unread {
-        assert_eq!(made.witness.data[number], 0);
-        made.witness.data[number] = 1;
-        made.witness.main[zero] -= 1;
-        made.witness.main[one] += 1;
+        let own = &mut made.witnesses[1];
+        assert_eq!(own.data[number], 0);
+        own.data[number] = 1;
+        own.main[zero] -= 1;
+        own.main[one] += 1;
         let violation = made.check().unwrap_err().to_string();
         assert!(violation.contains("where nothing is read"), "{violation}");
         let refused = made.verify(&made.statement, &made.proof()).err();
         let expected = Refused::Equation("what a sample holds where nothing is read");
         assert_eq!(refused, Some(expected), "value {number} of the samples");
-        made.witness.data[number] = 0;
-        made.witness.main[zero] += 1;
-        made.witness.main[one] -= 1;
+        let own = &mut made.witnesses[1];
+        own.data[number] = 0;
+        own.main[zero] += 1;
+        own.main[one] -= 1;
     }
     // An action dimension beyond those of the robot has noise alone, with which the evaluation calculates.
-    let unused = actions.number(&[0, dims.action_dim as usize, 1]);
-    made.witness.data[unused] = 1;
+    let unused = actions.number(&[0, dims.action_dim as usize, 0]);
+    made.witnesses[1].data[unused] = 1;
     assert!(made.check().is_err());
-    made.witness.data[unused] = 0;
+    made.witnesses[1].data[unused] = 0;
     assert_eq!(made.check(), Ok(()));
 }
 
@@ -310,9 +322,9 @@ fn what_is_false_is_refused() {
             .iter()
             .find(|tensor| tensor.name == name);
         let number = tensor.unwrap().offset;
-        made.witness.main[number] += 1;
+        made.witnesses[0].main[number] += 1;
         assert!(verify(&made.statement, &made.proof()).is_err(), "{name}");
-        made.witness.main[number] -= 1;
+        made.witnesses[0].main[number] -= 1;
     }
     assert!(verify(&made.statement, &made.proof()).is_ok());
 }

@@ -3,8 +3,8 @@
 use zk0_argument::field::{Extension, Goldilocks};
 use zk0_argument::hash::Digest;
 use zk0_argument::multilinear::{eq_table, evaluate};
-use zk0_argument::protocol::argue;
-use zk0_argument::prove::{count, Computed, NotInTable, Proving, Tables, Values};
+use zk0_argument::protocol::{argue, Sources};
+use zk0_argument::prove::{count, Computed, Instance, NotInTable, Proving, Tables, Values};
 use zk0_argument::relation::public::{Affine, Public, RangeColumn, Ranges, Written};
 use zk0_argument::relation::*;
 use zk0_argument::share::share;
@@ -15,7 +15,10 @@ const MAIN: Source = Source(0);
 const WEIGHTS: Source = Source(1);
 /// Binary logarithm of the values of each source.
 const BITS: [usize; 2] = [12, 7];
-const SOURCES: [(Source, usize); 2] = [(MAIN, BITS[0]), (WEIGHTS, BITS[1])];
+const SOURCES: Sources = Sources {
+    all: &[(MAIN, BITS[0]), (WEIGHTS, BITS[1])],
+    instances: 0,
+};
 
 const ROW: Axis = Axis(0);
 const LAYER: Axis = Axis(1);
@@ -312,11 +315,15 @@ fn fill_counts(values: &mut [Vec<i64>; 2]) -> Result<(), NotInTable> {
 }
 
 fn prove(values: &[Vec<i64>; 2]) -> Vec<u64> {
-    let sources = vec![Values::Wide(&values[0]), Values::Wide(&values[1])];
-    let mut proving = Proving::new(Prover::new(&STATEMENT), sources);
+    let relations = relations();
+    let instance = Instance {
+        relations: &relations,
+        sources: vec![Values::Wide(&values[0]), Values::Wide(&values[1])],
+    };
+    let mut proving = Proving::new(Prover::new(&STATEMENT), vec![instance], 1);
     let mut parts = Parts::default();
     // What an equation refuses stays in the proof, for the verifier to refuse.
-    if let Ok(claims) = argue(&mut proving, &relations(), &mut parts) {
+    if let Ok(claims) = argue(&mut proving, &relations, &mut parts) {
         share(&mut proving, &mut parts, &SOURCES, &claims).unwrap();
     }
     proving.prover.finish()
@@ -330,7 +337,7 @@ fn verify(proof: &[u64], values: &[Vec<i64>; 2]) -> Result<(), Refused> {
     let (point, shared) = share(&mut verifier, &mut parts, &SOURCES, &claims)?;
     for ((values, bits), value) in values.iter().zip(BITS).zip(shared) {
         let elements: Vec<Goldilocks> = values.iter().map(|&v| Goldilocks::from_i64(v)).collect();
-        if evaluate(&elements, &point[..bits]) != value {
+        if evaluate(&elements, &point.own[..bits]) != value {
             return Err(Refused::Equation("the value of a source"));
         }
     }

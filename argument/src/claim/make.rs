@@ -3,8 +3,7 @@
 use super::check::{conclude, context};
 use super::input::{ClaimInput, SampleOpening};
 use crate::expert::argument::prove::prove;
-use crate::expert::evaluation::layers::Expert;
-use crate::expert::witness::{evaluate, Unprovable, Witness};
+use crate::expert::witness::{evaluate, Common, Unprovable, Witness};
 use zk0_circuits::claim::private_input::PrivateInput;
 use zk0_circuits::claim::statement_error::StatementError;
 use zk0_circuits::model::draw::draw;
@@ -58,9 +57,13 @@ pub fn make(input: &PrivateInput) -> Result<ClaimInput<'static>, NotMade> {
     let (statement, kept) =
         evaluate(context(header), &header.spec, models, &samples).map_err(failed)?;
     conclude(&statement, header, None)?;
-    let expert = Expert::new(&statement);
-    let witness = Witness::new(&statement, &expert, models, &samples, &kept).map_err(failed)?;
-    let argument = prove(&statement, &expert, &witness).ok_or(super::TooSmall)?;
+    let common = Common::new(&statement, models);
+    let witness = |number: usize| {
+        let (sample, _) = &samples[number];
+        Witness::new(&statement, &common, number, sample, &kept[number])
+    };
+    let argument = prove(&statement, &common, witness).map_err(failed)?;
+    let argument = argument.ok_or(super::TooSmall)?;
     let openings = input.openings.iter().zip(&statement.samples);
     let openings = openings.map(|(opening, evaluated)| SampleOpening {
         index: opening.index,

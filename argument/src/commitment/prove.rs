@@ -49,8 +49,18 @@ impl Committed {
     /// Likewise, to polynomials whose values are given one after the other.
     pub fn of_columns(prover: &mut Prover, parameters: &Parameters, columns: Vec<Column>) -> Self {
         let committed = Self::to(parameters, columns);
-        committed.tree.send_cap(prover);
+        committed.say(prover);
         committed
+    }
+
+    /// Says the commitment.
+    pub fn say(&self, prover: &mut Prover) {
+        self.tree.send_cap(prover);
+    }
+
+    /// What was committed to.
+    pub fn columns(&self) -> &[Column] {
+        &self.columns
     }
 
     /// The digests of the highest nodes of its tree.

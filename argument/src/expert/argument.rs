@@ -7,15 +7,14 @@ use super::builder::{DATA, MAIN};
 use super::evaluation::layers::Expert;
 use super::published::Published;
 use super::sample::{height, sample_digest, RATE};
-use super::sizes::S;
 use super::statement::Statement;
 use crate::commitment::{self, Parameters, Segment};
 use crate::field::Extension;
 use crate::hash::Digest;
 use crate::multilinear::eq_table;
 use crate::operation;
-use crate::protocol::{argue, Claim};
-use crate::relation::Parts;
+use crate::protocol::{argue, Claim, Sources};
+use crate::relation::{Parts, Source};
 use crate::share::share;
 use crate::transcript::{require, Refused, Verifier};
 use alloc::vec::Vec;
@@ -26,7 +25,7 @@ pub struct Shape {
     pub parameters: Parameters,
     /// Columns of a segment of [`MAIN`] and of [`DATA`].
     pub widths: [usize; 2],
-    /// Segments of each.
+    /// Segments of each: one for each sample.
     pub segments: usize,
 }
 
@@ -41,7 +40,7 @@ impl Shape {
             parameters: Parameters::new(height, RATE)?,
             // Columns after the last value are zero, and nobody commits to them.
             widths: [MAIN, DATA].map(|source| expert.used[source.0 as usize].div_ceil(1 << height)),
-            segments: expert.builder.sizes.count(S),
+            segments: expert.builder.relations.count_of_instances(),
         })
     }
 }
@@ -61,14 +60,8 @@ fn split(claims: Vec<Claim>) -> (Vec<Claim>, Vec<Claim>) {
 }
 
 /// Both sources with their variables.
-fn sources(expert: &Expert) -> [(crate::relation::Source, usize); 2] {
-    let samples = expert.builder.sizes.of(S);
-    [MAIN, DATA].map(|source| {
-        (
-            source,
-            (expert.source_bits[source.0 as usize] + samples) as usize,
-        )
-    })
+fn committed(expert: &Expert) -> [(Source, usize); 2] {
+    [MAIN, DATA].map(|source| (source, expert.source_bits[source.0 as usize] as usize))
 }
 
 /// Checks an argument.
@@ -85,16 +78,20 @@ pub fn verify(statement: &Statement, proof: &[u64]) -> Result<Verified, Refused>
             segments.push(Segment::receive(&mut verifier, width)?);
         }
     }
-    // The segments of samples follow those of values. There may be more than samples.
+    // The segments of samples follow those of values.
     let data = statement.samples.iter().zip(&segments[shape.segments..]);
     let samples = data.map(|(s, segment)| sample_digest(s.prefix, s.frames, segment.cap()));
     let samples = samples.collect();
     let mut parts = Parts::default();
     let claims = argue(&mut verifier, &expert.builder.relations, &mut parts)?;
     let sharing = operation("sharing");
-    let (committed, claims) = split(claims);
-    let sources = sources(&expert);
-    let (point, values) = share(&mut verifier, &mut parts, &sources, &committed)?;
+    let (own, claims) = split(claims);
+    let all = committed(&expert);
+    let sources = Sources {
+        all: &all,
+        instances: expert.builder.relations.bits_of_instances(),
+    };
+    let (point, values) = share(&mut verifier, &mut parts, &sources, &own)?;
     sharing.end();
     let opening = operation("opening");
     let height = shape.parameters.variables();
@@ -102,17 +99,20 @@ pub fn verify(statement: &Statement, proof: &[u64]) -> Result<Verified, Refused>
         &mut verifier,
         &shape.parameters,
         &segments,
-        &point[..height],
+        &point.own[..height],
     )?;
     let mut columns = opened;
-    for ((width, (_, bits)), value) in shape.widths.into_iter().zip(sources).zip(values) {
+    let weights_of_samples = eq_table(&point.instances);
+    for ((width, (_, bits)), value) in shape.widths.into_iter().zip(all).zip(values) {
         let (own, rest) = columns.split_at(width * shape.segments);
         columns = rest;
-        let weights = eq_table(&point[height..bits]);
-        let each = weights.len() / shape.segments;
-        let segments = weights.chunks_exact(each).zip(own.chunks_exact(width));
-        let columns = segments.flat_map(|(weights, own)| weights.iter().zip(own));
-        let sum: Extension = columns.map(|(&w, &v)| w * v).sum();
+        let weights = eq_table(&point.own[height..bits]);
+        let segments = weights_of_samples.iter().zip(own.chunks_exact(width));
+        let of_segment = |own: &[Extension]| -> Extension {
+            let columns = weights.iter().zip(own);
+            columns.map(|(&w, &v)| w * v).sum()
+        };
+        let sum: Extension = segments.map(|(&w, own)| w * of_segment(own)).sum();
         require(
             sum == value,
             Refused::Equation("the columns of a commitment"),
@@ -132,47 +132,70 @@ pub mod prove {
     use super::*;
     use crate::commitment::prove::columns::Column;
     use crate::commitment::prove::{open, Committed};
-    use crate::expert::witness::Witness;
-    use crate::field::Goldilocks;
-    use crate::prove::Proving;
+    use crate::expert::witness::{Common, Witness};
+    use crate::prove::{Instance, Proving, Values};
     use crate::transcript::Prover;
-    use rayon::prelude::*;
 
-    /// Argues. What is false is argued as if it were true, so that tests can see it refused.
-    pub fn prove(statement: &Statement, expert: &Expert, witness: &Witness) -> Option<Vec<u64>> {
-        let shape = Shape::new(expert)?;
+    /// Argues. `witness` gives the values of each sample, one after the other, and no more than one is in memory at a time. What is false
+    /// is argued as if it were true, so that tests can see it refused. `None` if the evaluation is too small.
+    ///
+    /// # Errors
+    /// `witness` fails.
+    pub fn prove<E>(
+        statement: &Statement,
+        common: &Common,
+        mut witness: impl FnMut(usize) -> Result<Witness, E>,
+    ) -> Result<Option<Vec<u64>>, E> {
+        let expert = Expert::new(statement);
+        let Some(shape) = Shape::new(&expert) else {
+            return Ok(None);
+        };
+        let parameters = &shape.parameters;
+        let bits = parameters.variables() as u32;
+        let commit = |values: Vec<i64>, width: usize| {
+            let columns = Column::cut(&values, 1 << bits, width);
+            drop(values);
+            Committed::to(parameters, columns)
+        };
         let mut prover = Prover::new(&statement.digest());
-        let mut committed = vec![];
-        for (values, width) in [&witness.main, &witness.data].into_iter().zip(shape.widths) {
-            let height = 1usize << shape.parameters.variables();
-            for segment in values.chunks_exact(values.len() / shape.segments) {
-                let column = |values: &[i64]| {
-                    let elements = values.par_iter().map(|&value| Goldilocks::from_i64(value));
-                    Column::from(elements.collect::<Vec<_>>())
-                };
-                let columns = segment
-                    .chunks_exact(height)
-                    .take(width)
-                    .map(column)
-                    .collect();
-                committed.push(Committed::of_columns(
-                    &mut prover,
-                    &shape.parameters,
-                    columns,
-                ));
-            }
+        let (mut experts, mut main, mut data) = (vec![], vec![], vec![]);
+        for sample in 0..shape.segments {
+            let own = witness(sample)?;
+            experts.push(own.expert);
+            main.push(commit(own.main, shape.widths[0]));
+            data.push(commit(own.data, shape.widths[1]));
         }
-        let mut proving = Proving::new(prover, witness.sources().to_vec());
+        let segments: Vec<&Committed> = main.iter().chain(&data).collect();
+        segments.iter().for_each(|segment| segment.say(&mut prover));
+
+        fn of(segments: &[Committed], sample: usize) -> &[Column] {
+            segments.get(sample).map_or(&[], Committed::columns)
+        }
+        let values = |columns| Values::Columns(columns, bits);
+        let nothing = Expert::new(&statement.of(None));
+        let instances = (0..shape.segments.next_power_of_two()).map(|sample| {
+            let expert = experts.get(sample).map_or(&nothing, |expert| &**expert);
+            Instance {
+                relations: &expert.builder.relations,
+                sources: common
+                    .sources(values(of(&main, sample)), values(of(&data, sample)))
+                    .to_vec(),
+            }
+        });
+        let mut proving = Proving::new(prover, instances.collect(), shape.segments);
         let mut parts = Parts::default();
-        let argued = argue(&mut proving, &expert.builder.relations, &mut parts);
-        if let Ok(claims) = argued {
+        let relations = &expert.builder.relations;
+        if let Ok(claims) = argue(&mut proving, relations, &mut parts) {
             let (claims, _) = split(claims);
-            if let Ok((point, _)) = share(&mut proving, &mut parts, &sources(expert), &claims) {
-                let segments: Vec<&Committed> = committed.iter().collect();
-                let point = &point[..shape.parameters.variables()];
-                open(&mut proving.prover, &shape.parameters, &segments, point);
+            let sources = Sources {
+                all: &committed(&expert),
+                instances: relations.bits_of_instances(),
+            };
+            if let Ok((point, _)) = share(&mut proving, &mut parts, &sources, &claims) {
+                let point = &point.own[..parameters.variables()];
+                open(&mut proving.prover, parameters, &segments, point);
             }
         }
-        Some(proving.prover.finish())
+        Ok(Some(proving.prover.finish()))
     }
 }

@@ -43,6 +43,7 @@ impl Published {
                 source,
                 offset,
                 parts,
+                ..
             } = &claim.about;
             words.push(source.0 as u64 | (parts.len() as u64) << 8);
             words.push(*offset as u64);
@@ -242,6 +243,7 @@ impl<'a> Reader<'a> {
             source,
             offset,
             parts,
+            instances: None,
         };
         Some(Claim { about, value })
     }

@@ -63,7 +63,6 @@ pub mod prove {
     use crate::commitment::Parameters;
     use crate::expert::builder::bits_of;
     use crate::expert::sizes::Sizes;
-    use crate::field::Goldilocks;
     use crate::relation::Tensor;
     use zk0_circuits::{EvalSpec, Sample};
 
@@ -74,15 +73,11 @@ pub mod prove {
         let used = builder.place()[DATA.0 as usize];
         let bits = bits_of(used);
         let mut data = alloc::vec![0; 1 << bits];
-        tensors.fill(spec, &builder.relations.tensors, sample, 0, &mut data);
+        tensors.fill(spec, &builder.relations.tensors, sample, &mut data);
         let parameters = Parameters::new(height(bits as u32), RATE)?;
-        let column = |values: &[i64]| {
-            let elements = values.iter().map(|&value| Goldilocks::from_i64(value));
-            Column::from(elements.collect::<Vec<_>>())
-        };
         let tall = 1 << parameters.variables();
-        let columns = data.chunks(tall).take(used.div_ceil(tall)).map(column);
-        let commitment = Commitment::to(&parameters, columns.collect());
+        let columns = Column::cut(&data, tall, used.div_ceil(tall));
+        let commitment = Commitment::to(&parameters, columns);
         Some(sample_digest(
             sample.prefix(),
             frames(spec, sample),
@@ -98,15 +93,8 @@ pub mod prove {
     }
 
     impl SampleTensors {
-        /// Puts the values of sample number `segment` where `tensors` says.
-        pub fn fill(
-            &self,
-            spec: &EvalSpec,
-            tensors: &[Tensor],
-            sample: &Sample,
-            segment: usize,
-            data: &mut [i64],
-        ) {
+        /// Puts the values of a sample where `tensors` says.
+        pub fn fill(&self, spec: &EvalSpec, tensors: &[Tensor], sample: &Sample, data: &mut [i64]) {
             let dims = &spec.dims;
             let bytes = sample.as_bytes().chunks_exact(2);
             let values = bytes.map(|pair| i16::from_le_bytes([pair[0], pair[1]]) as i64);
@@ -117,7 +105,7 @@ pub mod prove {
             };
             for token in 0..dims.chunk as usize {
                 for action in 0..dims.max_action_dim as usize {
-                    put(self.actions, &[token, action, segment]);
+                    put(self.actions, &[token, action, 0]);
                 }
             }
             for layer in 0..dims.layers as usize {
@@ -125,7 +113,7 @@ pub mod prove {
                     for token in 0..sample.prefix() {
                         for head in 0..dims.kv_heads as usize {
                             for dim in 0..dims.head_dim as usize {
-                                put(tensor, &[token, layer, head, dim, segment]);
+                                put(tensor, &[token, layer, head, dim, 0]);
                             }
                         }
                     }

@@ -69,6 +69,16 @@ impl Statement {
         }
     }
 
+    /// The statement about one of the samples, or about none. Its relations are those of the whole statement, but for what each sample says.
+    #[cfg(feature = "prove")]
+    pub fn of(&self, sample: Option<usize>) -> Self {
+        let samples = sample.and_then(|sample| self.samples.get(sample));
+        Self {
+            samples: samples.into_iter().cloned().collect(),
+            ..self.clone()
+        }
+    }
+
     /// A digest of all that the context does not determine, and of the context. In this order: the context; the number of scales, and those of both
     /// models, four to a word; the number of samples, and for each its prefix and frames in one word, and its losses.
     pub fn digest(&self) -> Digest {

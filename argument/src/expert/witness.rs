@@ -9,8 +9,8 @@ use super::statement::{Evaluated, Statement};
 use super::trace::{trace, Kept};
 use crate::prove::filling::Filling;
 use crate::prove::{Computed, NotInTable, Values};
-use crate::relation::Committed;
-use crate::relation::Relations;
+use crate::relation::{Committed, Relations, Source};
+use std::sync::Arc;
 use zk0_circuits::claim::terms::Model;
 use zk0_circuits::model::arithmetic::fixed::Rescale;
 use zk0_circuits::model::draw::Draw;
@@ -54,16 +54,23 @@ pub enum Unprovable {
     },
 }
 
-/// All values.
-pub struct Witness {
-    /// What is committed to, a segment for each sample.
-    pub main: Vec<i64>,
-    /// The samples, likewise.
-    pub data: Vec<i64>,
+/// The values that all samples share.
+pub struct Common {
     /// The weights, padded.
-    pub weights: Vec<i16>,
+    weights: Vec<i16>,
     /// Columns of tables.
-    pub tables: Vec<i64>,
+    tables: Vec<i64>,
+}
+
+/// The values of one sample.
+#[derive(Clone)]
+pub struct Witness {
+    /// The relations of a statement about this sample alone.
+    pub expert: Arc<Expert>,
+    /// What is committed to.
+    pub main: Vec<i64>,
+    /// The sample.
+    pub data: Vec<i64>,
 }
 
 /// What is stated about two models and samples in a context ([`Statement::context`]), and the sums of each evaluation: those of the base and the update for each sample.
@@ -110,63 +117,69 @@ pub fn evaluate(
     Ok((statement, kept))
 }
 
-impl Witness {
-    /// The values of all sources, by number.
-    pub fn sources(&self) -> [Values<'_>; 4] {
-        [
-            Values::Wide(&self.main),
-            Values::Wide(&self.data),
-            Values::Narrow(&self.weights),
-            Values::Wide(&self.tables),
-        ]
-    }
-
-    /// Computes all values. They obey the relations, if the evaluation did not fail.
-    pub fn new(
-        statement: &Statement,
-        expert: &Expert,
-        models: Models<'_>,
-        samples: &[(Sample, Draw)],
-        kept: &[[Vec<Kept>; 2]],
-    ) -> Result<Self, Unprovable> {
-        let relations = &expert.builder.relations;
-        let sizes = &expert.builder.sizes;
-        let length =
-            |source: crate::relation::Source| 1usize << expert.source_bits[source.0 as usize];
-        let segments = sizes.count(super::sizes::S);
-        let mut data = vec![0; length(DATA) * segments];
-        for (number, (sample, _)) in samples.iter().enumerate() {
-            expert.sample.fill(
-                &statement.spec,
-                &relations.tensors,
-                sample,
-                number,
-                &mut data,
-            );
-        }
+impl Common {
+    /// The values of both models, and of all tables.
+    pub fn new(statement: &Statement, models: Models<'_>) -> Self {
+        let expert = Expert::new(&statement.of(None));
+        let tensors = &expert.builder.relations.tensors;
         let layout = Layout::new(&statement.spec.dims);
-        let mut weights = vec![0; length(WEIGHTS)];
+        let mut weights = vec![0; length(&expert, WEIGHTS)];
         for matrices in &expert.weights {
-            let tensor = &relations.tensors[matrices.tensor];
+            let tensor = &tensors[matrices.tensor];
             matrices.each(tensor, &layout, models, |number, value| {
                 weights[number] = value
             });
         }
-        let tables = columns(expert, length(TABLES));
+        let tables = columns(&expert, length(&expert, TABLES));
+        Self { weights, tables }
+    }
+
+    /// The values of all sources, by number.
+    pub fn sources<'a>(&'a self, main: Values<'a>, data: Values<'a>) -> [Values<'a>; 4] {
+        let (weights, tables) = (&self.weights, &self.tables);
+        [main, data, Values::Narrow(weights), Values::Wide(tables)]
+    }
+}
+
+/// How many values a source has.
+fn length(expert: &Expert, source: Source) -> usize {
+    1 << expert.source_bits[source.0 as usize]
+}
+
+impl Witness {
+    /// The values of all sources, by number.
+    pub fn sources<'a>(&'a self, common: &'a Common) -> [Values<'a>; 4] {
+        common.sources(Values::Wide(&self.main), Values::Wide(&self.data))
+    }
+
+    /// Computes all values of sample number `number`. They obey the relations, if the evaluation did not fail.
+    pub fn new(
+        statement: &Statement,
+        common: &Common,
+        number: usize,
+        sample: &Sample,
+        kept: &[Vec<Kept>; 2],
+    ) -> Result<Self, Unprovable> {
+        let statement = statement.of(Some(number));
+        let expert = Expert::new(&statement);
+        let relations = &expert.builder.relations;
+        let sizes = &expert.builder.sizes;
+        let mut data = vec![0; length(&expert, DATA)];
+        let tensors = &relations.tensors;
+        expert
+            .sample
+            .fill(&statement.spec, tensors, sample, &mut data);
         let mut filling = Filling {
             relations,
-            main: vec![0; length(MAIN) * segments],
+            main: vec![0; length(&expert, MAIN)],
             data: &data,
-            weights: &weights,
-            tables: &tables,
+            weights: &common.weights,
+            tables: &common.tables,
             computed: Computed::default(),
         };
-        let hidden = &relations.tensors[expert.given.hidden.tensor];
-        for (number, kept) in kept.iter().enumerate() {
-            for (model, kept) in kept.iter().enumerate() {
-                let place = (number, model);
-                fill_hidden(statement, sizes, kept, place, hidden, &mut filling.main);
-            }
+        let hidden = &tensors[expert.given.hidden.tensor];
+        for (model, kept) in kept.iter().enumerate() {
+            fill_hidden(&statement, sizes, kept, model, hidden, &mut filling.main);
         }
         let given = filling.main.clone();
         for step in &expert.builder.steps {
@@ -176,10 +189,9 @@ impl Witness {
         filling.count()?;
         let main = filling.main;
         Ok(Self {
+            expert: Arc::new(expert),
             main,
             data,
-            weights,
-            tables,
         })
     }
 }
@@ -228,7 +240,7 @@ fn fill_hidden(
     statement: &Statement,
     sizes: &Sizes,
     kept: &[Kept],
-    (segment, model): (usize, usize),
+    model: usize,
     tensor: &crate::relation::Tensor,
     main: &mut [i64],
 ) {
@@ -259,7 +271,7 @@ fn fill_hidden(
         bits = scales.hidden;
         for (token, row) in hidden.chunks_exact(width).enumerate() {
             for (index, &value) in row.iter().enumerate() {
-                let indices = [token, sizes.n(model, layer), index, segment];
+                let indices = [token, sizes.n(model, layer), index, 0];
                 main[tensor.number(&indices)] = value;
             }
         }

@@ -3,6 +3,8 @@
 //! Beside the leaves, it needs as much memory as the first layer above them would: 32 bytes for two leaves. A layer is freed as soon as the
 //! first variable of its sumcheck is bound. The other rounds bind a variable and compute what is said next in one pass.
 
+pub mod halves;
+
 use super::{Children, LeafClaim};
 use crate::field::lazy::{Factor, Sum};
 use crate::field::{Extension, Goldilocks};

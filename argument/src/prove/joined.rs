@@ -24,6 +24,8 @@ pub struct Joined {
     pending: Option<Extension>,
     /// What the values of the next round polynomial at 0 and 1 add up to, once a round polynomial was computed.
     claim: Option<Extension>,
+    /// What the sum is multiplied with.
+    factor: Extension,
 }
 
 impl Joined {
@@ -39,7 +41,14 @@ impl Joined {
             monomials: Monomials::new(monomials),
             pending: None,
             claim: None,
+            factor: Extension::ONE,
         }
+    }
+
+    /// The sum, multiplied.
+    pub fn times(mut self, factor: Extension) -> Self {
+        self.factor *= factor;
+        self
     }
 
     /// The length of the tables once all challenges are bound.
@@ -93,11 +102,12 @@ impl Joined {
                 .iter_mut()
                 .for_each(|table| table.bind_last(challenge));
         }
-        self.monomials.value(|table| self.tables[table].first())
+        self.factor * self.monomials.value(|table| self.tables[table].first())
     }
 }
 
-/// Proves the sum of all `sums`. Returns the point, and what their values there add up to.
+/// Proves the sum of all `sums`, as [`crate::sumcheck::verify_joined`] says. Returns the challenges, those of the highest variables first, and
+/// what the values there add up to.
 pub fn prove(
     prover: &mut Prover,
     mut sums: Vec<Joined>,
@@ -105,33 +115,55 @@ pub fn prove(
 ) -> (Vec<Extension>, Extension) {
     let longest = sums.iter().map(Joined::len).max().unwrap_or(1);
     let variables = longest.max(1).ilog2() as usize;
-    let mut point = vec![Extension::ZERO; variables];
+    let mut point = Vec::with_capacity(variables);
+    // The first polynomial of a sum that does not have all variables says what the sum is.
+    let waiting = sums.iter_mut().map(|sum| match sum.len() {
+        1 => vec![sum.monomials.value(|table| sum.tables[table].first())],
+        length if length < longest => interpolate(&sum.round()),
+        _ => vec![],
+    });
+    let mut waiting: Vec<Vec<Extension>> = waiting.collect();
     for variable in (0..variables).rev() {
         let mut coefficients = vec![Extension::ZERO; degree + 1];
         let mut own = vec![];
-        for sum in sums.iter_mut().filter(|sum| sum.len() == 2 << variable) {
-            let polynomial = interpolate(&sum.round());
+        for (sum, first) in sums.iter_mut().zip(&mut waiting) {
+            let polynomial = match sum.len() == 2 << variable {
+                true if !first.is_empty() => core::mem::take(first),
+                true => interpolate(&sum.round()),
+                false => {
+                    // Twice the constant and all others once are the values at 0 and 1.
+                    let total: Extension = match &first[..] {
+                        [one] => *one,
+                        all => all[0] + all.iter().copied().sum(),
+                    };
+                    vec![total, -total]
+                }
+            };
             for (total, &coefficient) in coefficients.iter_mut().zip(&polynomial) {
-                *total += coefficient;
+                *total += sum.factor * coefficient;
             }
-            own.push((sum, polynomial));
+            own.push(polynomial);
         }
         coefficients.remove(1); // The linear one follows from the claim
         prover.send_extension(&coefficients);
         let challenge = prover.challenge();
-        for (sum, polynomial) in own {
-            let coefficients = polynomial.iter().rev();
-            let value = coefficients.fold(Extension::ZERO, |sum, &c| sum * challenge + c);
-            sum.claim = Some(value);
-            sum.pending = Some(challenge);
+        for (sum, polynomial) in sums.iter_mut().zip(own) {
+            if sum.len() == 2 << variable {
+                let coefficients = polynomial.iter().rev();
+                let value = coefficients.fold(Extension::ZERO, |sum, &c| sum * challenge + c);
+                sum.claim = Some(value);
+                sum.pending = Some(challenge);
+            } else {
+                sum.factor *= Extension::ONE - challenge;
+            }
         }
-        point[variable] = challenge;
+        point.push(challenge);
     }
     (point, sums.into_iter().map(Joined::value).sum())
 }
 
 /// The coefficients of the polynomial with these values at 0, 1, 2, …
-fn interpolate(values: &[Extension]) -> Vec<Extension> {
+pub(super) fn interpolate(values: &[Extension]) -> Vec<Extension> {
     // Newton's divided differences, and then the product with (x − k) from the last k down.
     let mut differences = values.to_vec();
     for order in 1..values.len() {
@@ -157,7 +189,10 @@ fn interpolate(values: &[Extension]) -> Vec<Extension> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::hash::{leaf, Digest};
+    use crate::hash::Digest;
+    use crate::multilinear::evaluate_extension;
+    use crate::sumcheck::verify_joined;
+    use crate::transcript::Verifier;
 
     /// Elements that look random, of the base field if `small`.
     fn table(seed: &mut u64, bits: usize, small: bool) -> Vec<Extension> {
@@ -203,47 +238,56 @@ mod tests {
         ]
     }
 
-    fn digest(bits: usize, degree: usize) -> [u64; 4] {
-        let mut prover = Prover::new(&Digest([5, 6, 7, 8]));
-        let (point, value) = prove(&mut prover, sums(bits), degree);
-        assert_eq!(point.len(), bits);
-        let last = prover.challenge();
-        prover.send_extension(&[value, last]);
-        leaf(Goldilocks::of_words(&prover.finish()).unwrap()).0
+    /// The sum over all indices of what `value` gives for the values of all tables there.
+    fn total(sum: &Joined) -> Extension {
+        let at = |index: usize| {
+            let value = |table: &Table| match table {
+                Table::Base(values) | Table::Bound(values, _) => values[index].into(),
+                Table::Extension(values) => values[index],
+            };
+            sum.monomials.value(|table| value(&sum.tables[table]))
+        };
+        (0..sum.len()).map(at).sum()
     }
 
-    const JOINED: [[u64; 4]; 4] = [
-        [
-            1648571154988022337,
-            2512154379050480092,
-            3053601966711917695,
-            3232230806215858385,
-        ],
-        [
-            3410508607532779984,
-            8833178129893348119,
-            90785061518577106,
-            7148836781396442883,
-        ],
-        [
-            6013473263117273068,
-            7007584536137716071,
-            4687585276038188936,
-            3091134479252176314,
-        ],
-        [
-            4123125290798137010,
-            3035780781268952233,
-            6491065309929897762,
-            8765946513968700135,
-        ],
-    ];
-
-    /// Proofs stay what they are: the digests are of proofs by the first, plain prover.
+    /// A verifier accepts, and the values at its point add up to what it says. A sum that lacks variables counts once.
     #[test]
-    fn proofs_are_unchanged() {
-        let digests = [2, 3, 9, 14].map(|bits| digest(bits, 4));
-        assert_eq!(digests, JOINED);
+    fn the_verifier_comes_to_the_same_point() {
+        let scale = Extension([9, 11].map(Goldilocks::from_u32));
+        let statement = Digest([5, 6, 7, 8]);
+        for bits in [2, 3, 9, 14] {
+            let mut sums = sums(bits);
+            sums[1].factor = scale;
+            let claim = total(&sums[0]) + scale * total(&sums[1]) + total(&sums[2]);
+            let mut prover = Prover::new(&statement);
+            let (said, value) = prove(&mut prover, sums, 4);
+            let proof = prover.finish();
+            let mut verifier = Verifier::new(&statement, &proof);
+            let (point, expected) = verify_joined(&mut verifier, bits, 0, 4, claim).unwrap();
+            verifier.finish().unwrap();
+            assert_eq!(value, expected);
+            let said: Vec<Extension> = said.into_iter().rev().collect();
+            assert_eq!(point.own, said);
+            let mut values = Extension::ZERO;
+            for (number, mut sum) in self::sums(bits).into_iter().enumerate() {
+                let variables = sum.len().ilog2() as usize;
+                let tables = core::mem::take(&mut sum.tables).into_iter();
+                let at = |table| {
+                    let values: Vec<Extension> = match table {
+                        Table::Base(values) | Table::Bound(values, _) => {
+                            values.into_iter().map(Extension::from).collect()
+                        }
+                        Table::Extension(values) => values,
+                    };
+                    evaluate_extension(&values, &said[..variables])
+                };
+                let tables: Vec<Extension> = tables.map(at).collect();
+                let factor = if number == 1 { scale } else { Extension::ONE };
+                let own = factor * sum.monomials.value(|table| tables[table]);
+                values += own * point.absent(variables, true);
+            }
+            assert_eq!(values, expected);
+        }
     }
 
     /// Prints how long a sum of monomials takes: `cargo test --release how_long -- --ignored --nocapture`.

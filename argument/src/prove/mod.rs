@@ -3,13 +3,15 @@
 //! It has the values of all sources as integers. Sums over them stay within an i64, which the statement has to see to.
 
 pub mod filling;
+mod grid;
 mod joined;
 mod looked_up;
 mod party;
+mod summed;
 mod tables;
 mod values;
 
 pub use looked_up::{check, check_equalities, count, NotInTable, Violation};
-pub use party::Proving;
+pub use party::{Instance, Proving};
 pub use tables::{Computed, Tables};
 pub use values::{value, Values};

@@ -1,44 +1,67 @@
-//! The prover as one of the two sides.
+//! The prover as one of the two sides. It works on one instance after the other, so that what it has in memory of all instances is little.
 
-use super::joined::{self, Joined, Table};
+use super::grid::Grid;
+use super::joined::{self, Joined};
 use super::looked_up;
+use super::summed::{self, ProductFactors};
 use super::tables::{Computed, Tables};
-use super::values::{contract, numbers, value, Values};
+use super::values::{contract, numbers, packed, value, Values};
 use crate::field::{Extension, Goldilocks};
-use crate::fractions::{self, LeafClaim};
-use crate::multilinear::outer;
-use crate::protocol::{Claim, Fold, Layout, Party, Sum, Weighted, Weights};
-use crate::relation::{Axis, Factor, PartId, Parts, Relations, Source};
+use crate::fractions::{self, prove::halves, LeafClaim};
+use crate::multilinear::{eq_table, evaluate_extension, outer};
+use crate::protocol::{Claim, Fold, Layout, Party, Sources, Sum, Weighted};
+use crate::relation::{Parts, Relations};
+use crate::sumcheck::prove::products;
+use crate::sumcheck::JoinedPoint;
 use crate::transcript::{work, Challenges, Prover, Refused};
+use crate::verify::powers;
 use rayon::prelude::*;
+
+/// One instance of a statement: its relations, in which the axis of instances has one index, and the values of each source, by number.
+pub struct Instance<'a> {
+    /// The relations.
+    pub relations: &'a Relations,
+    /// The values.
+    pub sources: Vec<Values<'a>>,
+}
+
+impl Instance<'_> {
+    /// Computes values. What takes long is kept in `computed`.
+    pub fn tables<'r>(&'r self, computed: &'r Computed) -> Tables<'r> {
+        Tables {
+            relations: self.relations,
+            sources: &self.sources,
+            computed,
+        }
+    }
+}
 
 /// A prover, and what it knows.
 pub struct Proving<'a> {
     /// What was said.
     pub prover: Prover,
-    /// The values of each source, by number.
-    pub sources: Vec<Values<'a>>,
-    computed: Computed,
+    /// All instances. What has no instance follows, for the indices up to a power of two: its values are zero.
+    instances: Vec<Instance<'a>>,
+    /// How many are instances.
+    count: usize,
+    /// The values of each instance that claims are about whose value was said.
+    said: Vec<(Weighted, Vec<Extension>)>,
     /// Factors of products whose sums were said, until their sumcheck.
-    factors: Vec<(Sum, [Vec<Extension>; 2])>,
+    factors: Vec<(Sum, ProductFactors)>,
+    /// Sums over the higher half of the variables of all leaves, by instance.
+    halves: Vec<[Vec<Extension>; 2]>,
 }
 
 impl<'a> Proving<'a> {
-    /// Goes on with what was said, with the values of the sources.
-    pub fn new(prover: Prover, sources: Vec<Values<'a>>) -> Self {
+    /// Goes on with what was said, with so many instances. Others follow them, whose values are zero, up to a power of two.
+    pub fn new(prover: Prover, instances: Vec<Instance<'a>>, count: usize) -> Self {
         Self {
             prover,
-            sources,
-            computed: Computed::default(),
+            instances,
+            count,
+            said: vec![],
             factors: vec![],
-        }
-    }
-
-    fn tables<'r>(&'r self, relations: &'r Relations) -> Tables<'r> {
-        Tables {
-            relations,
-            sources: &self.sources,
-            computed: &self.computed,
+            halves: vec![],
         }
     }
 
@@ -60,8 +83,19 @@ impl Challenges for Proving<'_> {
 
 impl Party for Proving<'_> {
     fn value(&mut self, parts: &Parts, about: &Weighted) -> Result<Extension, Refused> {
-        let value = value(self.sources[about.source.0 as usize], parts, about);
-        Ok(self.say(value))
+        let of =
+            |instance: &Instance| value(instance.sources[about.source.0 as usize], parts, about);
+        let said = match about.instances {
+            None => of(&self.instances[0]),
+            Some(id) => {
+                let values: Vec<Extension> = self.instances[..self.count].iter().map(of).collect();
+                let weights = parts.get(id).weights();
+                let sum = weights.iter().zip(&values).map(|(&w, &v)| w * v).sum();
+                self.said.push((about.clone(), values));
+                sum
+            }
+        };
+        Ok(self.say(said))
     }
 
     fn sum(
@@ -70,19 +104,26 @@ impl Party for Proving<'_> {
         parts: &Parts,
         sum: &Sum,
     ) -> Result<Extension, Refused> {
+        let instances = &self.instances[..];
         let value = match sum {
             Sum::Product(number, weights) => {
-                let factors = product_factors(&self.tables(relations), parts, *number, weights);
-                let [left, right] = &factors;
-                let terms = left.par_iter().zip(right).map(|(&a, &b)| a * b);
-                let value = terms.reduce(|| Extension::ZERO, |a, b| a + b);
+                let factors = ProductFactors::new(relations, instances, parts, *number, weights);
+                let value = factors.total();
                 self.factors.push((sum.clone(), factors));
                 value
             }
             Sum::Monomials(number, weights) => {
-                let values = self.tables(relations).monomials(*number);
-                let ids: Vec<PartId> = weights.iter().map(|(_, id)| *id).collect();
-                contract(&values, parts, &ids)[0]
+                let (ids, own) = summed::own_weights(relations, parts, weights);
+                let of = |(instance, weight): (&Instance, &Extension)| {
+                    let computed = Computed::default();
+                    let values = instance.tables(&computed).monomials(*number);
+                    *weight * contract(&values, parts, &ids)[0]
+                };
+                instances[..own.len().min(self.count)]
+                    .iter()
+                    .zip(&own)
+                    .map(of)
+                    .sum()
             }
         };
         Ok(self.say(value))
@@ -95,16 +136,67 @@ impl Party for Proving<'_> {
 
     fn fractions(
         &mut self,
-        relations: &Relations,
+        instance: usize,
         layout: &Layout,
         fold: &Fold,
     ) -> Result<LeafClaim, Refused> {
-        let leaves = looked_up::leaves(&self.tables(relations), layout, fold);
-        Ok(fractions::prove::sum_of(
-            &mut self.prover,
-            layout.variables,
-            leaves,
-        ))
+        let computed = Computed::default();
+        let leaves = looked_up::leaves(&self.instances[instance].tables(&computed), layout, fold);
+        drop(computed);
+        let claim = fractions::prove::sum_of(&mut self.prover, layout.variables, &leaves);
+        if self.count > 1 {
+            let low = layout.variables / 2;
+            let halves = halves::over_high(&leaves, low, &claim.point[low..]);
+            self.halves.push(halves);
+        }
+        Ok(claim)
+    }
+
+    fn gather(
+        &mut self,
+        layout: &Layout,
+        fold: &Fold,
+        claims: &[LeafClaim],
+        gamma: Extension,
+    ) -> Result<(Vec<Extension>, Extension, Vec<[Extension; 2]>), Refused> {
+        let low = layout.variables / 2;
+        let combine = |[n, d]: &[Vec<Extension>; 2], power: Extension| -> Vec<Extension> {
+            let pairs = n.iter().zip(d);
+            pairs.map(|(&n, &d)| power * (n + gamma * d)).collect()
+        };
+        let scales = powers(gamma * gamma, claims.len());
+        let (mut a, mut b) = (vec![], vec![]);
+        for ((claim, halves), &power) in claims.iter().zip(&self.halves).zip(&scales) {
+            a.extend(eq_table(&claim.point[..low]));
+            b.extend(combine(halves, power));
+        }
+        self.halves.clear();
+        let mut point = products(&mut self.prover, &mut a, &mut b, low);
+        let mut halves = vec![];
+        let places = a;
+        let (mut a, mut b) = (vec![], vec![]);
+        for (number, (claim, &place)) in claims.iter().zip(&places).enumerate() {
+            let computed = Computed::default();
+            let tables = self.instances[number].tables(&computed);
+            let leaves = looked_up::leaves(&tables, layout, fold);
+            let own = halves::over_low(&leaves, &point, layout.variables);
+            a.extend(
+                eq_table(&claim.point[low..])
+                    .iter()
+                    .map(|&weight| weight * place),
+            );
+            b.extend(combine(&own, scales[number]));
+            halves.push(own);
+        }
+        let high = products(&mut self.prover, &mut a, &mut b, layout.variables - low);
+        let value = a.iter().zip(&b).map(|(&a, &b)| a * b).sum();
+        let values = halves
+            .iter()
+            .map(|[n, d]| [n, d].map(|half| evaluate_extension(half, &high)));
+        let values: Vec<[Extension; 2]> = values.collect();
+        self.prover.send_extension(values.as_flattened());
+        point.extend(high);
+        Ok((point, value, values))
     }
 
     fn reduce(
@@ -114,56 +206,130 @@ impl Party for Proving<'_> {
         sums: &[(Sum, Extension)],
         gamma: Extension,
         degree: usize,
-    ) -> Result<(Vec<Extension>, Extension), Refused> {
+    ) -> Result<(JoinedPoint, Extension), Refused> {
+        let (_, variables) = Sum::sizes(sums, relations);
+        let instances = &self.instances[..];
+        let scales = powers(gamma, sums.len());
+        let mut grid = Grid::zero(variables, degree);
+        // Where there is one instance, there is nothing to sum over.
+        for ((sum, value), &power) in sums.iter().zip(&scales).filter(|_| variables > 0) {
+            if !sum.size(relations).1 {
+                grid.add_constant(power * *value);
+                continue;
+            }
+            match sum {
+                Sum::Monomials(number, weights) => {
+                    let (own, over) =
+                        summed::grid(relations, instances, parts, (*number, weights), variables);
+                    let over: Vec<Extension> = over.iter().map(|&weight| power * weight).collect();
+                    grid.add_product(&own, &over);
+                }
+                Sum::Product(..) => {
+                    let factors = self.factors.iter().find(|(of, _)| of == sum);
+                    let own = factors.map(|(_, factors)| factors.grid(variables));
+                    let once = vec![power; 1 << variables];
+                    own.iter().for_each(|own| grid.add_product(own, &once));
+                }
+            }
+        }
+        let (mut point, _) = grid.prove(&mut self.prover);
+        let own: Vec<Extension> = point.iter().rev().copied().collect();
+        let at = eq_table(&own);
+        let absent = JoinedPoint::new(own, variables).absent(0, false);
         let mut joined = vec![];
-        let mut power = Extension::ONE;
-        for (sum, _) in sums {
+        for ((sum, _), &power) in sums.iter().zip(&scales) {
+            let over_instances = sum.size(relations).1;
             let next = match sum {
                 Sum::Monomials(number, weights) => {
-                    monomials(&self.tables(relations), parts, *number, weights, power)
-                }
-                Sum::Product(number, weights) => {
-                    let known = self.factors.iter().position(|(of, _)| of == sum);
-                    let factors = match known {
-                        Some(place) => self.factors.swap_remove(place).1,
-                        None => product_factors(&self.tables(relations), parts, *number, weights),
+                    let at = if over_instances {
+                        &at[..]
+                    } else {
+                        &[Extension::ONE]
                     };
-                    Joined::new(factors.into(), vec![(power, vec![0, 1])])
+                    summed::monomials(relations, instances, parts, (*number, weights), at)
+                }
+                Sum::Product(..) => {
+                    let place = self.factors.iter().position(|(of, _)| of == sum);
+                    let Some(place) = place else {
+                        return Err(Refused::Equation("a product without factors"));
+                    };
+                    let factors = self.factors.swap_remove(place).1.at(&at);
+                    Joined::new(factors.into(), vec![(Extension::ONE, vec![0, 1])])
                 }
             };
-            joined.push(next);
-            power *= gamma;
+            let absent = if over_instances {
+                Extension::ONE
+            } else {
+                absent
+            };
+            joined.push(next.times(power * absent));
         }
-        Ok(joined::prove(&mut self.prover, joined, degree))
+        let (own, value) = joined::prove(&mut self.prover, joined, degree);
+        point.extend(own);
+        point.reverse();
+        Ok((JoinedPoint::new(point, variables), value))
     }
 
     fn reduce_claims(
         &mut self,
         parts: &Parts,
-        sources: &[(Source, usize)],
+        sources: &Sources<'_>,
         claims: &[Claim],
         gamma: Extension,
-    ) -> Result<(Vec<Extension>, Extension), Refused> {
+    ) -> Result<(JoinedPoint, Extension), Refused> {
+        let variables = sources.instances;
+        let scales = powers(gamma, claims.len());
+        let mut grid = Grid::zero(variables, 2);
+        for (claim, &power) in claims.iter().zip(&scales).filter(|_| variables > 0) {
+            let said = self.said.iter().find(|(of, _)| *of == claim.about);
+            let (Some((_, values)), Some(id)) = (said, claim.about.instances) else {
+                return Err(Refused::Equation("a claim about no instance"));
+            };
+            let weights = parts.get(id).weights();
+            let weights: Vec<Extension> = weights.iter().map(|&weight| power * weight).collect();
+            grid.add_product(&Grid::multilinear(variables, values), &weights);
+        }
+        let (mut point, _) = grid.prove(&mut self.prover);
+        let over: Vec<Extension> = point.iter().rev().copied().collect();
+        let at = eq_table(&over);
         let mut joined = vec![];
-        for &(source, bits) in sources {
+        for &(source, bits) in sources.all {
             let mut weights = vec![Extension::ZERO; 1 << bits];
-            let mut power = Extension::ONE;
-            for Claim { about, .. } in claims {
+            for (Claim { about, .. }, &power) in claims.iter().zip(&scales) {
                 if about.source == source {
+                    let over = about.instances.map(|id| parts.get(id).at(&over));
+                    let power = power * over.unwrap_or(Extension::ONE);
                     add_weights(parts, about, power, &mut weights);
                 }
-                power *= gamma;
             }
-            let values = self.sources[source.0 as usize];
-            let value = |index| Goldilocks::from_i64(values.get(index));
-            let values: Vec<_> = (0..1usize << bits).into_par_iter().map(value).collect();
             let product = vec![(Extension::ONE, vec![0, 1])];
-            joined.push(Joined::of_tables(
-                vec![weights.into(), values.into()],
-                product,
-            ));
+            let values = self.combined(source.0 as usize, bits, &at);
+            joined.push(Joined::of_tables(vec![weights.into(), values], product));
         }
-        Ok(joined::prove(&mut self.prover, joined, 2))
+        let (own, value) = joined::prove(&mut self.prover, joined, 2);
+        point.extend(own);
+        point.reverse();
+        Ok((JoinedPoint::new(point, variables), value))
+    }
+}
+
+impl Proving<'_> {
+    /// The sum over all instances of the values of a source, with weights.
+    fn combined(&self, source: usize, bits: usize, weights: &[Extension]) -> joined::Table {
+        let element = |values: Values<'_>, index| Goldilocks::from_i64(values.get(index));
+        if let [_] = weights {
+            let values = self.instances[0].sources[source];
+            let all = (0..1usize << bits).into_par_iter();
+            let all: Vec<Goldilocks> = all.map(|index| element(values, index)).collect();
+            return all.into();
+        }
+        let mut sums = vec![Extension::ZERO; 1 << bits];
+        for (instance, &weight) in self.instances[..self.count].iter().zip(weights) {
+            let values = instance.sources[source];
+            let sums = sums.par_iter_mut().enumerate();
+            sums.for_each(|(index, sum)| *sum += weight.scale(element(values, index)));
+        }
+        sums.into()
     }
 }
 
@@ -176,10 +342,7 @@ fn add_weights(parts: &Parts, about: &Weighted, power: Extension, weights: &mut 
         own = outer(&own, &parts.get(id).weights());
     }
     let places = places.collect::<Vec<_>>();
-    let packed = places.iter().try_fold(0, |end, &(shift, bits)| {
-        (shift as usize == end || bits == 0).then_some(end + bits)
-    });
-    match packed {
+    match packed(&places) {
         Some(_) => {
             let targets = weights[about.offset..].par_iter_mut().zip(own);
             targets.for_each(|(sum, weight)| *sum += weight);
@@ -190,69 +353,4 @@ fn add_weights(parts: &Parts, about: &Weighted, power: Extension, weights: &mut 
             }
         }
     }
-}
-
-/// The two factors of a product's sum with weights, over the axes that both have. The left one has the weights of these axes.
-fn product_factors(
-    tables: &Tables<'_>,
-    parts: &Parts,
-    number: usize,
-    weights: &Weights,
-) -> [Vec<Extension>; 2] {
-    let product = &tables.relations.products[number];
-    let ids = |axes: &[Axis]| -> Vec<PartId> {
-        let given = |axis: &Axis| weights.iter().find(|(of, _)| of == axis);
-        axes.iter().filter_map(given).map(|(_, id)| *id).collect()
-    };
-    let factor = |virtual_number: usize, own: &[Axis]| {
-        let axes = [own, &product.shared, &product.summed].concat();
-        contract(&tables.of_virtual(virtual_number, &axes), parts, &ids(own))
-    };
-    let mut left = factor(product.left, &product.left_axes);
-    let mut shared = vec![Extension::ONE];
-    for id in ids(&product.shared) {
-        shared = outer(&shared, &parts.get(id).weights());
-    }
-    left.par_chunks_exact_mut(shared.len()).for_each(|row| {
-        for (value, &weight) in row.iter_mut().zip(&shared) {
-            *value *= weight;
-        }
-    });
-    [left, factor(product.right, &product.right_axes)]
-}
-
-/// The sum of monomials with weights, times `power`.
-fn monomials(
-    tables: &Tables<'_>,
-    parts: &Parts,
-    number: usize,
-    weights: &Weights,
-    power: Extension,
-) -> Joined {
-    let monomials = &tables.relations.monomials[number];
-    let mut own = vec![power];
-    for (_, id) in weights.iter() {
-        own = outer(&own, &parts.get(*id).weights());
-    }
-    let size = 1 << tables.relations.size(&monomials.axes);
-    let weights: Vec<Extension> = own.iter().copied().cycle().take(size).collect();
-    let mut all = vec![Table::from(weights)];
-    let mut known: Vec<Factor> = vec![];
-    let mut terms = vec![];
-    for (coefficient, factors) in &monomials.terms {
-        let mut places = vec![0];
-        for factor in factors {
-            let place = known.iter().position(|of| of == factor);
-            let place = place.unwrap_or_else(|| {
-                let values = tables.factor(*factor, &monomials.axes);
-                let values = values.par_iter().map(|&v| Goldilocks::from_i64(v));
-                all.push(values.collect::<Vec<Goldilocks>>().into());
-                known.push(*factor);
-                known.len() - 1
-            });
-            places.push(place + 1);
-        }
-        terms.push((Goldilocks::from_i64(*coefficient).into(), places));
-    }
-    Joined::of_tables(all, terms)
 }

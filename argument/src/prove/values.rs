@@ -1,5 +1,6 @@
 //! The values of sources, and sums of them with weights.
 
+use crate::commitment::prove::columns::Column;
 use crate::field::{Extension, Goldilocks};
 use crate::protocol::Weighted;
 use crate::relation::{PartId, Parts};
@@ -12,6 +13,8 @@ pub enum Values<'a> {
     Narrow(&'a [i16]),
     /// Anything else.
     Wide(&'a [i64]),
+    /// What was committed to: columns, of 2^n values each.
+    Columns(&'a [Column], u32),
 }
 
 impl Values<'_> {
@@ -21,6 +24,10 @@ impl Values<'_> {
         match self {
             Self::Narrow(values) => values.get(index).map_or(0, |&value| value as i64),
             Self::Wide(values) => values.get(index).copied().unwrap_or_default(),
+            Self::Columns(columns, bits) => {
+                let column = columns.get(index >> bits);
+                column.map_or(0, |column| column.get(index & ((1 << bits) - 1)))
+            }
         }
     }
 }
@@ -29,10 +36,26 @@ impl Values<'_> {
 pub fn value(values: Values<'_>, parts: &Parts, about: &Weighted) -> Extension {
     let places = about.parts.iter();
     let places = places.map(|&(shift, id)| (shift, parts.get(id).bits()));
-    let numbers = numbers(about.offset, &places.collect::<Vec<_>>());
-    let values: Vec<i64> = numbers.into_par_iter().map(|n| values.get(n)).collect();
+    let places: Vec<_> = places.collect();
+    let values: Vec<i64> = match packed(&places) {
+        Some(bits) => {
+            let numbers = about.offset..about.offset + (1 << bits);
+            numbers.into_par_iter().map(|n| values.get(n)).collect()
+        }
+        None => {
+            let numbers = numbers(about.offset, &places);
+            numbers.into_par_iter().map(|n| values.get(n)).collect()
+        }
+    };
     let ids: Vec<PartId> = about.parts.iter().map(|(_, id)| *id).collect();
     contract(&values, parts, &ids)[0]
+}
+
+/// The bits of all places together, if the values lie in one piece.
+pub fn packed(places: &[(u8, usize)]) -> Option<usize> {
+    places.iter().try_fold(0, |end, &(shift, bits)| {
+        (shift as usize == end || bits == 0).then_some(end + bits)
+    })
 }
 
 /// The numbers of the values of a tensor, from the first axis on.

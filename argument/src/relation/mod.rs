@@ -242,11 +242,23 @@ pub struct Equality {
     pub linear: Linear,
 }
 
-/// The whole statement about one segment.
+/// The same statement about several instances. Each has sources of its own for what is committed to, so that a prover needs one of them in
+/// memory at a time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Instances {
+    /// The axis whose indices are the instances. Whatever is looked up or zero has it.
+    pub axis: Axis,
+    /// How many there are. Indices from there on have no instance, and count nowhere.
+    pub count: usize,
+}
+
+/// The whole statement.
 #[derive(Default)]
 pub struct Relations {
     /// Bits of each axis.
     pub axes: Vec<u8>,
+    /// Whether the statement is about several instances.
+    pub instances: Option<Instances>,
     /// What was committed to.
     pub tensors: Vec<Tensor>,
     /// Maps from indices to indices.
@@ -273,6 +285,29 @@ impl Relations {
     /// Bits of an axis.
     pub fn bits(&self, axis: Axis) -> usize {
         self.axes[axis.0 as usize] as usize
+    }
+
+    /// Bits of all of `axes` together, but that of instances.
+    pub fn size_of_one(&self, axes: &[Axis]) -> usize {
+        let own = axes.iter().filter(|axis| !self.are_instances(**axis));
+        own.map(|&axis| self.bits(axis)).sum()
+    }
+
+    /// Whether this is the axis of instances.
+    pub fn are_instances(&self, axis: Axis) -> bool {
+        self.instances
+            .is_some_and(|instances| instances.axis == axis)
+    }
+
+    /// How many instances there are.
+    pub fn count_of_instances(&self) -> usize {
+        self.instances.map_or(1, |instances| instances.count)
+    }
+
+    /// Bits of the axis of instances.
+    pub fn bits_of_instances(&self) -> usize {
+        self.instances
+            .map_or(0, |instances| self.bits(instances.axis))
     }
 
     /// Bits of all of `axes` together.

@@ -50,6 +50,26 @@ fn integer(element: Goldilocks) -> i64 {
 }
 
 impl Column {
+    /// Columns of `height` integers each, which lie one after the other: the first `count`.
+    pub fn cut(values: &[i64], height: usize, count: usize) -> Vec<Self> {
+        let columns = values.par_chunks_exact(height).take(count);
+        let column = |values: &[i64]| {
+            let elements = values.iter().map(|&value| Goldilocks::from_i64(value));
+            Self::from(elements.collect::<Vec<_>>())
+        };
+        columns.map(column).collect()
+    }
+
+    /// The value with this number, as an integer.
+    #[inline(always)]
+    pub fn get(&self, index: usize) -> i64 {
+        match self {
+            Self::Narrow(values) => values[index].into(),
+            Self::Medium(values) => values[index].into(),
+            Self::Wide(values) => integer(values[index]),
+        }
+    }
+
     fn len(&self) -> usize {
         match self {
             Self::Narrow(values) => values.len(),

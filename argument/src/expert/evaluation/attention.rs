@@ -70,7 +70,8 @@ impl Attention {
         let row_number = |builder: &mut Builder| {
             let mut stride = 1;
             let mut terms = vec![];
-            for axis in rows {
+            // Each instance has look-ups of its own, so that rows of others need no other numbers.
+            for axis in [T, N, H] {
                 let count = builder.sizes.count(axis);
                 let numbers = Along::Axis(axis, (0..count as i64).map(|n| n * stride).collect());
                 terms.push(builder.scaled(&numbers, 1, Atom::One));

@@ -10,7 +10,7 @@ use crate::expert::weights::{Flat, Matrices, Matrix};
 use crate::relation::along::Along;
 use crate::relation::Committed;
 use crate::relation::Factor as MonomialFactor;
-use crate::relation::{Atom, Axis, Count, Equality, Index, Monomials};
+use crate::relation::{Atom, Axis, Count, Equality, Index, Instances, Monomials};
 use alloc::vec;
 use alloc::vec::Vec;
 use zk0_circuits::model::arithmetic::tables::SIGMOID_BITS;
@@ -70,6 +70,10 @@ impl Expert {
         let linears = zk0_circuits::model::linear::linears(spec);
         let layout = Layout::new(&spec.dims);
         let mut builder = Builder::new(sizes);
+        builder.relations.instances = Some(Instances {
+            axis: S,
+            count: statement.samples.len(),
+        });
         builder.relations.publics = crate::expert::publics::all(statement, &builder.sizes);
         let building = Building {
             builder,
