@@ -1,0 +1,117 @@
+//! A prover that lies once, and argues on honestly from its lie.
+//!
+//! It knows two worlds. In the *truth* are the values that it commits to and the weights that the statement is about. The *tale* is another
+//! world, in which the statement holds. It says what is so in the tale up to a certain step, and what is so in truth from then on. So exactly
+//! one check can notice: the one that ties both together. Where a test shows that the check refuses the lie, `tests/deletions/argument.rs`
+//! of the package `zk0-tests` removes the check from a copy of the sources, and there the lie is accepted.
+//!
+//! - [`party`]: the argument, with the step at which the worlds change. [`fractions`]: its sum of fractions. [`opening`]: its commitments.
+//!
+//! The last two are written anew, as simply as possible, so that any of their steps can lie. A test compares them with the real ones.
+#![allow(dead_code)]
+
+#[path = "../models/mod.rs"]
+pub mod models;
+
+pub mod fractions;
+pub mod opening;
+pub mod party;
+
+use models::Models;
+use party::Lie;
+use zk0_argument::expert::argument::{verify, Verified};
+use zk0_argument::expert::evaluation::layers::Expert;
+use zk0_argument::expert::published::Published;
+use zk0_argument::expert::statement::Statement;
+use zk0_argument::expert::witness::{evaluate, Witness};
+use zk0_argument::transcript::Refused;
+use zk0_circuits::model::layout::Layout;
+use zk0_circuits::{Digest, EvalSpec, QuantisedWeights};
+
+/// What the statements are about.
+const CONTEXT: Digest = Digest([7; 32]);
+
+/// Models and samples, what is stated about them, and all values behind it.
+pub struct World {
+    pub models: Models,
+    pub statement: Statement,
+    pub expert: Expert,
+    pub witness: Witness,
+}
+
+impl World {
+    /// What these models make of these samples.
+    pub fn of(models: Models) -> Self {
+        let weights = [&models.base, &models.update];
+        let (statement, kept) = evaluate(CONTEXT, &models.spec, weights, &models.samples).unwrap();
+        let expert = Expert::new(&statement);
+        let witness = Witness::new(&statement, &expert, weights, &models.samples, &kept).unwrap();
+        Self {
+            models,
+            statement,
+            expert,
+            witness,
+        }
+    }
+
+    /// Random models on random samples.
+    pub fn random(samples: usize, seed: u64) -> Self {
+        Self::of(Models::new(&EvalSpec::micro(), samples, seed))
+    }
+
+    /// The relations of what is stated now.
+    pub fn state(&mut self) {
+        self.expert = Expert::new(&self.statement);
+    }
+
+    /// An argument for what this world states, by a prover that tells of this world until its lie, and of `truth` from then on.
+    pub fn prove(&self, truth: &Witness, lie: Lie) -> Vec<u64> {
+        party::prove(&self.statement, &self.expert, [&self.witness, truth], lie)
+    }
+
+    /// What whoever holds these weights says of an argument for what this world states.
+    pub fn verify(
+        &self,
+        weights: [&QuantisedWeights; 2],
+        proof: &[u64],
+    ) -> Result<Verified, Refused> {
+        let verified = verify(&self.statement, proof)?;
+        self.check(weights, &verified.published)?;
+        Ok(verified)
+    }
+
+    /// Checks what an argument leaves to check.
+    pub fn check(
+        &self,
+        weights: [&QuantisedWeights; 2],
+        published: &Published,
+    ) -> Result<(), Refused> {
+        let layout = Layout::new(&self.statement.spec.dims);
+        let sums = |model: usize| {
+            let tensor = |number| Ok::<_, Refused>(weights[model].tensor(&layout, number).0);
+            published.sums(&self.expert, model, layout.tensors.len(), tensor)
+        };
+        published.check(&self.expert, [&sums(0)?, &sums(1)?])
+    }
+
+    /// What the verifier says of this world's own weights and of an argument with this lie: nothing, where it is accepted.
+    pub fn told(&self, truth: &Witness, lie: Lie) -> Result<(), Refused> {
+        let weights = [&self.models.base, &self.models.update];
+        self.verify(weights, &self.prove(truth, lie)).map(drop)
+    }
+}
+
+/// The refusal that names an equation.
+pub fn refused(equation: &'static str) -> Result<(), Refused> {
+    Err(Refused::Equation(equation))
+}
+
+/// The same values once more.
+pub fn copy(witness: &Witness) -> Witness {
+    Witness {
+        main: witness.main.clone(),
+        data: witness.data.clone(),
+        weights: witness.weights.clone(),
+        tables: witness.tables.clone(),
+    }
+}
