@@ -111,7 +111,7 @@ impl Copy {
         let mut cargo = Command::new(env!("CARGO"));
         cargo.args(["test", "--release", "--locked", "--offline"]);
         match package {
-            light @ ("zk0-circuits" | "zk0-protocol" | "zk0-weights") => {
+            light @ ("zk0-argument" | "zk0-circuits" | "zk0-protocol" | "zk0-weights") => {
                 cargo.args(["--package", light]);
             }
             // What links SP1 is built with the features of the whole workspace, so that SP1 is built once.
