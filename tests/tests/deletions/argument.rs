@@ -273,7 +273,7 @@ pub const REMOVALS: &[Removal] = &[
         WEIGHTS,
         &[("            && about.offset == tensor.offset\n", "")],
         LEFT,
-        "a_claim_about_no_weights_is_refused",
+        "a_claim_about_weights_that_are_elsewhere_is_refused",
     ),
     check(
         "argument: a claim about a table is where a table is",
