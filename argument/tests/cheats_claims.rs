@@ -4,12 +4,15 @@ mod models;
 
 use models::claims::{honest, Parts, Random};
 use models::{committed_to, Models};
-use zk0_argument::claim::{check, make, ClaimInput, NotShown};
+use zk0_argument::claim::{check, context, make, ClaimInput, NotShown, SampleOpening};
+use zk0_argument::expert::argument::prove::prove;
+use zk0_argument::expert::evaluation::layers::Expert;
 use zk0_argument::expert::statement::{Statement, MOST_SAMPLES};
-use zk0_argument::expert::witness::evaluate;
+use zk0_argument::expert::witness::{evaluate, Witness};
 use zk0_argument::transcript::Refused;
 use zk0_circuits::claim::private_input::InputError;
 use zk0_circuits::claim::statement_error::StatementError;
+use zk0_circuits::model::draw::draw;
 use zk0_circuits::vm::merkle;
 use zk0_circuits::{Digest, EvalSpec, Sample};
 
@@ -52,6 +55,48 @@ fn a_token_beyond_the_prefix_is_not_read() {
         }
     }
     assert_eq!(told(&committed, &parts.quantise(&spec)), not_committed());
+}
+
+/// `make` refuses an update that does not improve. This node argues without it: honestly, about its base in place of an update.
+#[test]
+fn an_update_that_does_not_improve_is_refused() {
+    let mut node = honest(&EvalSpec::micro(), 20, 3, 76);
+    node.input.update = node.input.base.clone();
+    let input = committed_to(node).input;
+    let header = &input.header;
+    let openings = input.openings.iter().enumerate();
+    let samples = openings.map(|(position, opening)| {
+        let (challenge, count) = (&header.terms.challenge, header.terms.eval_samples);
+        let draw = draw(&header.spec, challenge, position as u32, count);
+        (opening.sample.clone(), draw)
+    });
+    let samples: Vec<_> = samples.collect();
+    let models = [&input.base, &input.update];
+    let (statement, kept) = evaluate(context(header), &header.spec, models, &samples).unwrap();
+    let expert = Expert::new(&statement);
+    let witness = Witness::new(&statement, &expert, models, &samples, &kept).unwrap();
+    let openings = input.openings.iter().zip(&statement.samples);
+    let openings = openings.map(|(opening, evaluated)| SampleOpening {
+        index: opening.index,
+        path: opening.path.clone(),
+        prefix: evaluated.prefix as u32,
+        frames: evaluated.frames as u32,
+        losses: evaluated.losses,
+    });
+    let claimed = ClaimInput {
+        header: header.clone(),
+        scales: statement.scales.clone(),
+        openings: openings.collect(),
+        argument: prove(&statement, &expert, &witness).unwrap().into(),
+    };
+    let told = check(&claimed).map(drop);
+    let no_improvement = |error: &NotShown| {
+        matches!(
+            error,
+            NotShown::Statement(StatementError::NoImprovement { .. })
+        )
+    };
+    assert!(told.as_ref().is_err_and(no_improvement), "{told:?}");
 }
 
 #[test]

@@ -68,6 +68,12 @@ fn a_claim_about_weights_that_are_elsewhere_is_refused() {
 }
 
 #[test]
+fn a_claim_about_every_second_weight_is_refused() {
+    let told = told(WEIGHTS, |claim| claim.about.parts[0].0 += 1);
+    assert_eq!(told, refused("the place of a claim about weights"));
+}
+
+#[test]
 fn a_claim_about_no_table_is_refused() {
     let told = told(TABLES, |claim| {
         claim.about.offset += 1 << 40;

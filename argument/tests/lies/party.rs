@@ -28,6 +28,8 @@ pub enum Lie {
     Idle(&'static str),
     /// Zero is written as p in what is committed to.
     Zeros,
+    /// One row of the first sample's codewords is another one.
+    Beside,
     /// The sum of all fractions.
     Root,
     /// The numerators, so that the fractions are those of the tale.
@@ -214,6 +216,9 @@ pub fn prove(
     let [told, mut true_ones] = [tale, truth].map(|witness| segments(&shape, witness));
     if lie == Lie::Zeros {
         true_ones.iter_mut().for_each(Segment::with_p_for_zero);
+    }
+    if lie == Lie::Beside {
+        true_ones[shape.segments].change_a_row();
     }
     let trees: Vec<Tree> = true_ones.iter().map(|s| s.commit(&mut prover)).collect();
     let values = [&tale.sources()[..], &truth.sources()[..]];
