@@ -1,4 +1,5 @@
-//! Cheats about the claim: what is committed to of a sample is also how much of it is read, and a statement is about all that it says.
+//! Cheats about the claim: the samples are those of the dataset, how much of them is read included; the test of the improvement; and the
+//! statement, which a transcript begins with.
 
 mod models;
 
@@ -16,7 +17,7 @@ use zk0_circuits::model::draw::draw;
 use zk0_circuits::vm::merkle;
 use zk0_circuits::{Digest, EvalSpec, Sample};
 
-/// A node has one sample in its dataset, and argues about another one that is not read alike but holds the same values.
+/// A node has one sample in its dataset, and argues about another one, with the path of the first.
 fn told(committed: &Sample, evaluated: &Sample) -> Result<(), NotShown> {
     let mut node = honest(&EvalSpec::micro(), 20, 3, 71);
     let index = node.input.openings[0].index as usize;
@@ -30,6 +31,14 @@ fn told(committed: &Sample, evaluated: &Sample) -> Result<(), NotShown> {
 fn not_committed() -> Result<(), NotShown> {
     let index = honest(&EvalSpec::micro(), 20, 3, 71).input.openings[0].index;
     Err(StatementError::NotCommitted { index }.into())
+}
+
+#[test]
+fn a_sample_with_other_values_is_not_the_committed_one() {
+    let spec = EvalSpec::micro();
+    let [committed, evaluated] =
+        [77, 78].map(|seed| Parts::random(&spec, &mut Random(seed), 3, 0).quantise(&spec));
+    assert_eq!(told(&committed, &evaluated), not_committed());
 }
 
 #[test]

@@ -269,13 +269,6 @@ pub const REMOVALS: &[Removal] = &[
         "a_claim_about_no_weights_is_refused",
     ),
     check(
-        "argument: a claim about weights is at its tensor",
-        WEIGHTS,
-        &[("            && about.offset == tensor.offset\n", "")],
-        LEFT,
-        "a_claim_about_weights_that_are_elsewhere_is_refused",
-    ),
-    check(
         "argument: a claim about weights is about all of them",
         WEIGHTS,
         &[("place.shift == shift && ", "")],
@@ -457,8 +450,8 @@ pub const REMOVALS: &[Removal] = &[
         "argument: a sample's digest holds its values",
         SAMPLE,
         &[("numbers.into_iter().chain(cap).collect();", "numbers.into_iter().chain(cap.take(0)).collect();")],
-        "claim",
-        "an_argument_about_other_samples_is_refused",
+        CLAIMS,
+        "a_sample_with_other_values_is_not_the_committed_one",
     ),
     check(
         "argument: the losses pass the test of the improvement",
