@@ -1,6 +1,6 @@
 //! Checks of the argument of mode `succinct`: all that its verifier runs in the guest, and the check of what it leaves of weights and tables.
 //!
-//! Each test has a prover that lies once, and argues on honestly from its lie (`argument/tests/lies/`). Without the check, the lie is accepted.
+//! Each test has a prover that lies once, and argues on honestly from its lie (`argument/tests/cheats/lies/`). Without the check, the lie is accepted.
 //!
 //! Not listed are what refuses no cheat:
 //! - A round of a sumcheck has nothing to compare. The claim determines the coefficient that is left out, so that a false claim leads to a
@@ -41,12 +41,8 @@ const WEIGHTS: &str = "argument/src/expert/weights.rs";
 const CHECK: &str = "argument/src/claim/check.rs";
 const INPUT: &str = "argument/src/claim/input.rs";
 
-const LOOKUPS: &str = "cheats_lookups";
-const SUMS: &str = "cheats_sums";
-const OPENINGS: &str = "cheats_openings";
-const ENCODING: &str = "cheats_encoding";
-const LEFT: &str = "cheats_published";
-const CLAIMS: &str = "cheats_claims";
+/// The file of tests with the cheats.
+const CHEATS: &str = "cheats";
 
 pub const REMOVALS: &[Removal] = &[
     // What is said.
@@ -57,7 +53,7 @@ pub const REMOVALS: &[Removal] = &[
             "require(self.read == self.proof.len(), Refused::Length(\"more\"))",
             "Ok(())",
         )],
-        ENCODING,
+        CHEATS,
         "words_after_the_end_are_refused",
     ),
     check(
@@ -67,7 +63,7 @@ pub const REMOVALS: &[Removal] = &[
             "rest.get(..count).ok_or(Refused::Length(\"fewer\"))?",
             "&rest[..count]",
         )],
-        ENCODING,
+        CHEATS,
         "an_argument_that_ends_early_is_refused",
     ),
     check(
@@ -77,14 +73,14 @@ pub const REMOVALS: &[Removal] = &[
             "Goldilocks::of_words(words).map_err(|wrong| Refused::NotCanonical(first + wrong))",
             "let _ = first;\n        Ok(bytemuck::TransparentWrapper::wrap_slice(words))",
         )],
-        ENCODING,
+        CHEATS,
         "a_second_digest_of_one_sample_is_refused",
     ),
     check(
         "argument: a digest has one encoding",
         TRANSCRIPT,
         &[("if cfg!(not(target_os = \"zkvm\")) {", "if false {")],
-        ENCODING,
+        CHEATS,
         "a_second_encoding_of_a_digest_is_refused",
     ),
     // Proofs of work.
@@ -92,7 +88,7 @@ pub const REMOVALS: &[Removal] = &[
         "argument: work has as many zeros as are asked for",
         TRANSCRIPT,
         &[("require(holds, Refused::Work(what))", "let _ = (holds, what);\n        Ok(())")],
-        LOOKUPS,
+        CHEATS,
         "look_ups_without_work_are_refused",
     ),
     check(
@@ -102,7 +98,7 @@ pub const REMOVALS: &[Removal] = &[
             "self.party.work(WORK, \"look-ups\")?;",
             "let _ = self.party.work(WORK, \"look-ups\");",
         )],
-        LOOKUPS,
+        CHEATS,
         "look_ups_without_work_are_refused",
     ),
     check(
@@ -112,7 +108,7 @@ pub const REMOVALS: &[Removal] = &[
             "work::check_work(verifier, WORK, \"the combination of columns\")?;",
             "let _ = work::check_work(verifier, WORK, \"the combination of columns\");",
         )],
-        OPENINGS,
+        CHEATS,
         "columns_combined_without_work_are_refused",
     ),
     check(
@@ -122,7 +118,7 @@ pub const REMOVALS: &[Removal] = &[
             "work::check_work(verifier, WORK, \"positions\")?;",
             "let _ = work::check_work(verifier, WORK, \"positions\");",
         )],
-        OPENINGS,
+        CHEATS,
         "positions_without_work_are_refused",
     ),
     // Look-ups.
@@ -130,7 +126,7 @@ pub const REMOVALS: &[Removal] = &[
         "argument: the fractions of look-ups add up to zero",
         FRACTIONS,
         &[("numerator == Extension::ZERO && ", "")],
-        LOOKUPS,
+        CHEATS,
         "what_is_in_no_table_is_refused",
     ),
     // It stops no cheat in an argument. The shift is drawn after all entries are fixed, so that a denominator is zero for hardly any
@@ -149,21 +145,21 @@ pub const REMOVALS: &[Removal] = &[
             "require(holds, Refused::Equation(\"a layer of a sum of look-ups\"))?;",
             "let _ = holds;",
         )],
-        LOOKUPS,
+        CHEATS,
         "a_root_that_is_not_the_sum_of_its_layer_is_refused",
     ),
     check(
         "argument: numerators are those of the look-ups",
         PROTOCOL,
         &[("numerator == leaf.numerator && ", "")],
-        LOOKUPS,
+        CHEATS,
         "other_numerators_are_refused",
     ),
     check(
         "argument: denominators are those of the look-ups",
         PROTOCOL,
         &[(" && denominator == leaf.denominator", "")],
-        LOOKUPS,
+        CHEATS,
         "other_denominators_are_refused",
     ),
     // Sums.
@@ -174,7 +170,7 @@ pub const REMOVALS: &[Removal] = &[
             "require(value == Extension::ZERO, Refused::Equation(equality.name))?;",
             "let _ = value;",
         )],
-        SUMS,
+        CHEATS,
         "a_lower_loss_is_refused",
     ),
     check(
@@ -184,7 +180,7 @@ pub const REMOVALS: &[Removal] = &[
             "expected == value,\n            Refused::Equation(\"the sumcheck of the monomials\"),",
             "true || expected == value,\n            Refused::Equation(\"the sumcheck of the monomials\"),",
         )],
-        SUMS,
+        CHEATS,
         "a_sum_of_errors_that_is_lower_is_refused",
     ),
     check(
@@ -194,14 +190,14 @@ pub const REMOVALS: &[Removal] = &[
             "expected == value,\n            Refused::Equation(\"the sumcheck of the products\"),",
             "true || expected == value,\n            Refused::Equation(\"the sumcheck of the products\"),",
         )],
-        SUMS,
+        CHEATS,
         "sums_of_products_with_other_weights_are_refused",
     ),
     check(
         "argument: the sumcheck of the claims",
         "argument/src/share.rs",
         &[("expected == value,", "true || expected == value,")],
-        OPENINGS,
+        CHEATS,
         "claims_about_other_samples_are_refused",
     ),
     // Commitments.
@@ -209,14 +205,14 @@ pub const REMOVALS: &[Removal] = &[
         "argument: the values of columns make up that of a source",
         ARGUMENT,
         &[("sum == value,", "true || sum == value,")],
-        OPENINGS,
+        CHEATS,
         "the_value_of_other_samples_is_refused",
     ),
     check(
         "argument: the sumcheck of an opening",
         COMMITMENT,
         &[("expected == claim,", "true || expected == claim,")],
-        OPENINGS,
+        CHEATS,
         "values_of_other_columns_are_refused",
     ),
     check(
@@ -226,21 +222,21 @@ pub const REMOVALS: &[Removal] = &[
             "require(holds, Refused::Equation(\"a fold of an opening\"))?;",
             "let _ = holds;",
         )],
-        OPENINGS,
+        CHEATS,
         "a_combination_of_other_columns_is_refused",
     ),
     check(
         "argument: a row is the one that was committed to",
         "argument/src/tree.rs",
         &[("require(holds, Refused::Opening)?;", "let _ = holds;")],
-        OPENINGS,
+        CHEATS,
         "rows_of_other_columns_are_refused",
     ),
     check(
         "argument: the last message is what is folded",
         QUERY,
         &[("last == value,", "true || last == value,")],
-        OPENINGS,
+        CHEATS,
         "a_last_message_that_is_not_what_is_folded_is_refused",
     ),
     // What is left to check of weights and tables.
@@ -248,14 +244,14 @@ pub const REMOVALS: &[Removal] = &[
         "argument: claims about weights hold",
         PUBLISHED,
         &[("require(value == claim.value, Refused::Equation(what))?;", "let _ = (value, what);")],
-        SUMS,
+        CHEATS,
         "an_argument_about_other_weights_is_refused",
     ),
     check(
         "argument: claims about tables hold",
         PUBLISHED,
         &[("require(value == claim.value, Refused::Equation(what))?;", "let _ = (value, what);")],
-        LEFT,
+        CHEATS,
         "an_argument_about_another_table_is_refused",
     ),
     check(
@@ -265,14 +261,14 @@ pub const REMOVALS: &[Removal] = &[
             "None => Err(Refused::Equation(\"the place of a claim about weights\")),",
             "None => Ok(None),",
         )],
-        LEFT,
+        CHEATS,
         "a_claim_about_no_weights_is_refused",
     ),
     check(
         "argument: a claim about weights is about all of them",
         WEIGHTS,
         &[("place.shift == shift && ", "")],
-        LEFT,
+        CHEATS,
         "a_claim_about_every_second_weight_is_refused",
     ),
     check(
@@ -282,28 +278,28 @@ pub const REMOVALS: &[Removal] = &[
             "let (_, value) = found.ok_or(wrong)?;",
             "let Some((_, value)) = found else {\n            return Ok(Extension::ZERO);\n        };",
         )],
-        LEFT,
+        CHEATS,
         "a_claim_about_no_table_is_refused",
     ),
     check(
         "argument: a claim about a table is about the source of tables",
         PUBLISHED,
         &[("require(about.source == TABLES, wrong)?;", "")],
-        LEFT,
+        CHEATS,
         "a_claim_about_another_source_is_refused",
     ),
     check(
         "argument: a claim about a table is about all of its rows",
         PUBLISHED,
         &[("let [(0, id)] = about.parts[..] else {", "let [(_, id)] = about.parts[..] else {")],
-        LEFT,
+        CHEATS,
         "a_claim_about_every_second_row_is_refused",
     ),
     check(
         "argument: each claim about weights has its values",
         PUBLISHED,
         &[("counts == [self.claims.len(); 2],", "true || counts == [self.claims.len(); 2],")],
-        LEFT,
+        CHEATS,
         "values_that_are_missing_are_refused",
     ),
     check(
@@ -313,7 +309,7 @@ pub const REMOVALS: &[Removal] = &[
             "reader.0.is_empty().then_some(Self { parts, claims })",
             "Some(Self { parts, claims })",
         )],
-        LEFT,
+        CHEATS,
         "words_after_the_claims_are_refused",
     ),
     check(
@@ -331,28 +327,28 @@ pub const REMOVALS: &[Removal] = &[
             "context.map(|bytes| u64::from_le_bytes(*bytes)).collect();",
             "context.map(|bytes| u64::from_le_bytes(*bytes)).take(0).collect();",
         )],
-        CLAIMS,
+        CHEATS,
         "a_transcript_begins_with_all_of_the_statement",
     ),
     check(
         "argument: a transcript begins with the scales",
         STATEMENT,
         &[("words.extend(packed(scales));", "")],
-        CLAIMS,
+        CHEATS,
         "a_transcript_begins_with_all_of_the_statement",
     ),
     check(
         "argument: a transcript begins with the sizes of samples",
         STATEMENT,
         &[("words.push((sample.prefix as u64) << 32 | sample.frames as u64);", "")],
-        CLAIMS,
+        CHEATS,
         "a_transcript_begins_with_all_of_the_statement",
     ),
     check(
         "argument: a transcript begins with the losses",
         STATEMENT,
         &[("words.extend(sample.losses);", "")],
-        CLAIMS,
+        CHEATS,
         "a_transcript_begins_with_all_of_the_statement",
     ),
     // Its bounds. They keep sums below the modulus and shifts within a word; a cheat would have to solve equations beyond them. So these
@@ -376,7 +372,7 @@ pub const REMOVALS: &[Removal] = &[
         "argument: the number of samples",
         STATEMENT,
         &[("require(count, Refused::Bounds(\"the number of samples\"))?;", "let _ = count;")],
-        CLAIMS,
+        CHEATS,
         "statements_out_of_bounds_are_refused",
     ),
     check(
@@ -404,7 +400,7 @@ pub const REMOVALS: &[Removal] = &[
         "argument: the noise of a sample",
         STATEMENT,
         &[("require(drawn, Refused::Bounds(\"the noise of a sample\"))?;", "let _ = drawn;")],
-        CLAIMS,
+        CHEATS,
         "statements_out_of_bounds_are_refused",
     ),
     // From the argument to the claim.
@@ -436,28 +432,28 @@ pub const REMOVALS: &[Removal] = &[
         "argument: a sample's digest holds its frames",
         SAMPLE,
         &[("[prefix as u64, frames as u64]", "[prefix as u64, (frames as u64).min(0)]")],
-        CLAIMS,
+        CHEATS,
         "a_frame_of_padding_does_not_count",
     ),
     check(
         "argument: a sample's digest holds its prefix",
         SAMPLE,
         &[("[prefix as u64, frames as u64]", "[(prefix as u64).min(0), frames as u64]")],
-        CLAIMS,
+        CHEATS,
         "a_token_beyond_the_prefix_is_not_read",
     ),
     check(
         "argument: a sample's digest holds its values",
         SAMPLE,
         &[("numbers.into_iter().chain(cap).collect();", "numbers.into_iter().chain(cap.take(0)).collect();")],
-        CLAIMS,
+        CHEATS,
         "a_sample_with_other_values_is_not_the_committed_one",
     ),
     check(
         "argument: the losses pass the test of the improvement",
         "circuits/src/claim/statement.rs",
         &[("if !test.passes(&pairs) {", "if false {")],
-        CLAIMS,
+        CHEATS,
         "an_update_that_does_not_improve_is_refused",
     ),
     check(
@@ -471,7 +467,7 @@ pub const REMOVALS: &[Removal] = &[
         "argument: the specification is valid",
         INPUT,
         &[("        header.spec.validate()?;\n", "")],
-        CLAIMS,
+        CHEATS,
         "a_specification_that_is_not_valid_is_refused",
     ),
     check(

@@ -60,9 +60,8 @@ pub fn sum(prover: &mut Prover, leaves: Fractions, liar: bool) -> LeafClaim {
     while layers[layers.len() - 1].0.len() > 2 {
         layers.push(parents(&layers[layers.len() - 1]));
     }
-    let mut children = match &layers.pop().unwrap() {
-        (p, q) => [p[0], p[1], q[0], q[1]],
-    };
+    let (p, q) = layers.pop().unwrap();
+    let mut children = [p[0], p[1], q[0], q[1]];
     if liar {
         children[1] = -children[0] * children[3] * children[2].inverse();
     }

@@ -1,9 +1,7 @@
 //! Cheats about look-ups: the update's velocity is claimed to be a perfect one, so that its loss is zero.
 
-mod lies;
-
-use lies::party::Lie;
-use lies::{copy, refused, World};
+use crate::lies::party::Lie;
+use crate::lies::{copy, refused, World};
 use zk0_argument::expert::publics::number::{COUNTED, NOISE};
 use zk0_argument::expert::sizes::{A, M, S, T};
 use zk0_argument::expert::witness::Witness;

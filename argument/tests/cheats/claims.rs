@@ -1,10 +1,8 @@
 //! Cheats about the claim: the samples are those of the dataset, how much of them is read included; the test of the improvement; and the
 //! statement, which a transcript begins with.
 
-mod models;
-
-use models::claims::{honest, Parts, Random};
-use models::{committed_to, Models};
+use crate::models::claims::{honest, Parts, Random};
+use crate::models::{committed_to, Models};
 use zk0_argument::claim::{check, context, make, ClaimInput, NotShown, SampleOpening};
 use zk0_argument::expert::argument::prove::prove;
 use zk0_argument::expert::evaluation::layers::Expert;

@@ -1,9 +1,7 @@
 //! Cheats about what an argument leaves to check: claims about tables, and claims that are not where the weights are.
 
-mod lies;
-
-use lies::party::Lie;
-use lies::{copy, refused, World};
+use crate::lies::party::Lie;
+use crate::lies::{copy, refused, World};
 use zk0_argument::expert::argument::verify;
 use zk0_argument::expert::builder::{TABLES, WEIGHTS};
 use zk0_argument::expert::published::Published;

@@ -1,10 +1,8 @@
 //! Cheats about what was committed to: the losses are those of other samples than the ones that the node's dataset holds.
 
-mod lies;
-
-use lies::models::Models;
-use lies::party::Lie;
-use lies::{copy, refused, World};
+use crate::lies::party::Lie;
+use crate::lies::{copy, refused, World};
+use crate::models::Models;
 use zk0_argument::expert::sample::prove::digest;
 use zk0_argument::transcript::Refused;
 use zk0_circuits::EvalSpec;

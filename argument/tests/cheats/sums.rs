@@ -1,10 +1,8 @@
 //! Cheats about sums, and about the weights and tables that the argument leaves to check.
 
-mod lies;
-
-use lies::models::Models;
-use lies::party::Lie;
-use lies::{copy, refused, World};
+use crate::lies::party::Lie;
+use crate::lies::{copy, refused, World};
+use crate::models::Models;
 use zk0_circuits::model::layout::Layout;
 use zk0_circuits::{EvalSpec, QuantisedWeights};
 

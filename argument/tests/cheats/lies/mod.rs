@@ -8,16 +8,11 @@
 //! - [`party`]: the argument, with the step at which the worlds change. [`fractions`]: its sum of fractions. [`opening`]: its commitments.
 //!
 //! The last two are written anew, as simply as possible, so that any of their steps can lie. A test compares them with the real ones.
-#![allow(dead_code)]
-
-#[path = "../models/mod.rs"]
-pub mod models;
-
 pub mod fractions;
 pub mod opening;
 pub mod party;
 
-use models::Models;
+use crate::models::Models;
 use party::Lie;
 use zk0_argument::expert::argument::{verify, Verified};
 use zk0_argument::expert::evaluation::layers::Expert;

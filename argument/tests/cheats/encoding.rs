@@ -1,12 +1,10 @@
 //! Cheats about words: what is said has one encoding, and nothing is left over.
 
-mod lies;
-
-use lies::models::claims::Parts;
-use lies::models::Models;
-use lies::opening::{QUERIES, RATE};
-use lies::party::Lie;
-use lies::World;
+use crate::lies::opening::{QUERIES, RATE};
+use crate::lies::party::Lie;
+use crate::lies::World;
+use crate::models::claims::Parts;
+use crate::models::Models;
 use zk0_argument::commitment::parameters::{cap_bits, CAP, FOLDS, LAST, SIBLINGS};
 use zk0_argument::expert::argument::Shape;
 use zk0_argument::expert::sample::prove::digest;
@@ -41,7 +39,7 @@ fn an_argument_that_ends_early_is_refused() {
 fn a_second_digest_of_one_sample_is_refused() {
     let spec = EvalSpec::micro();
     let mut models = Models::new(&spec, 1, 53);
-    let mut parts = Parts::random(&spec, &mut lies::models::claims::Random(53), 2, 0);
+    let mut parts = Parts::random(&spec, &mut crate::models::claims::Random(53), 2, 0);
     parts.actions.fill(0.0);
     for (keys, values) in &mut parts.cache {
         keys.fill(0.0);
