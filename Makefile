@@ -35,8 +35,9 @@ test:
 	$(RUST) cargo test --release --workspace --locked
 	$(RUST) cargo test --release --workspace --locked --test real_proof -- --ignored --nocapture
 
-# Removes each check of the protocol, the verifier, the ledger and the audit from a copy of the sources, and fails where no test fails
-# without it. `make test` does so for the protocol alone. An hour, because SP1 is built for the copy; half of that from then on.
+# Removes each check of the protocol, the argument, the verifier, the ledger and the audit from a copy of the sources, and fails where no
+# test fails without it. `make test` does so for the protocol alone. An hour and a quarter, because SP1 is built for the copy; half an hour
+# less from then on.
 deletions:
 	@scripts/setup.sh guest
 	$(RUST) cargo test --release --workspace --locked --test deletions -- --include-ignored --nocapture --test-threads 1

@@ -10,9 +10,9 @@ use zk0_argument::commitment::{Parameters, Rate};
 use zk0_argument::field::{Extension, Goldilocks};
 use zk0_argument::fractions::{self, prove::Leaves};
 use zk0_argument::hash::{leaf, Digest};
-use zk0_argument::protocol::{Claim, Weighted};
-use zk0_argument::prove::{Proving, Values};
-use zk0_argument::relation::{Part, Parts, Source};
+use zk0_argument::protocol::{Claim, Sources, Weighted};
+use zk0_argument::prove::{Instance, Proving, Values};
+use zk0_argument::relation::{Part, Parts, Relations, Source};
 use zk0_argument::share::share;
 use zk0_argument::transcript::{Challenges, Prover};
 
@@ -157,7 +157,11 @@ fn computed(mut prover: Prover, size: u32) -> Vec<u64> {
 /// A sumcheck of weights times values, which three claims about one source become.
 fn shared(prover: Prover, size: u32) -> Result<Vec<u64>, Box<dyn Error>> {
     let values: Vec<i64> = (0..1 << size).map(small).collect();
-    let mut proving = Proving::new(prover, vec![Values::Wide(&values)]);
+    let instance = Instance {
+        relations: &Relations::default(),
+        sources: vec![Values::Wide(&values)],
+    };
+    let mut proving = Proving::new(prover, vec![instance], 1);
     let mut parts = Parts::default();
     let claims = [0, 1, 3].map(|quarter| {
         let bits = size as usize - 2;
@@ -167,6 +171,7 @@ fn shared(prover: Prover, size: u32) -> Result<Vec<u64>, Box<dyn Error>> {
                 source: Source(0),
                 offset: quarter << bits,
                 parts: vec![(0, parts.add(point))],
+                instances: None,
             },
             value: Extension::ZERO,
         }
@@ -176,7 +181,10 @@ fn shared(prover: Prover, size: u32) -> Result<Vec<u64>, Box<dyn Error>> {
         let _ = share(
             &mut proving,
             &mut parts,
-            &[(Source(0), size as usize)],
+            &Sources {
+                all: &[(Source(0), size as usize)],
+                instances: 0,
+            },
             &claims,
         );
     });

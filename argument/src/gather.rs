@@ -35,7 +35,8 @@ pub fn gather<P: Party>(
         }
     }
     let gamma = party.challenge();
-    let (point, value, values) = party.gather(layout, fold, &claims, gamma)?;
+    let (point, value) = party.gather(layout, fold, &claims, gamma)?;
+    let values = party.gathered(claims.len())?;
     let mut expected = Extension::ZERO;
     let mut power = Extension::ONE;
     for (claim, &[numerator, denominator]) in claims.iter().zip(&values) {

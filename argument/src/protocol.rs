@@ -81,15 +81,16 @@ pub trait Party: Challenges {
         fold: &Fold,
     ) -> Result<LeafClaim, Refused>;
     /// The sumcheck of `Σ coefficient · claim`, where the coefficients are powers of `gamma`, over the numerators and denominators of all
-    /// instances. Returns its point, the value there, and what numerator and denominator of each instance are.
-    #[allow(clippy::type_complexity)]
+    /// instances. Returns its point, and the value there.
     fn gather(
         &mut self,
         layout: &Layout,
         fold: &Fold,
         claims: &[LeafClaim],
         gamma: Extension,
-    ) -> Result<(Vec<Extension>, Extension, Vec<[Extension; 2]>), Refused>;
+    ) -> Result<(Vec<Extension>, Extension), Refused>;
+    /// The values at that point of the numerators and denominators of so many instances.
+    fn gathered(&mut self, count: usize) -> Result<Vec<[Extension; 2]>, Refused>;
     /// The sumcheck of `Σ coefficient · sum`, where the coefficients are powers of `gamma`. Returns its point, and the value there.
     fn reduce(
         &mut self,

@@ -81,11 +81,13 @@ impl Party for Verifier<'_> {
         _: &Fold,
         claims: &[LeafClaim],
         gamma: Extension,
-    ) -> Result<(Vec<Extension>, Extension, Vec<[Extension; 2]>), Refused> {
-        let claim = combined(claims, gamma);
-        let (point, value) = sumcheck::verify(self, layout.variables, 2, claim)?;
-        let values = self.receive_extension(2 * claims.len())?;
-        Ok((point, value, values.as_chunks().0.to_vec()))
+    ) -> Result<(Vec<Extension>, Extension), Refused> {
+        sumcheck::verify(self, layout.variables, 2, combined(claims, gamma))
+    }
+
+    fn gathered(&mut self, count: usize) -> Result<Vec<[Extension; 2]>, Refused> {
+        let values = self.receive_extension(2 * count)?;
+        Ok(values.as_chunks().0.to_vec())
     }
 
     fn reduce(

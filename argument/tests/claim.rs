@@ -2,10 +2,10 @@
 
 mod models;
 
-use models::claims::{honest, Honest, Node, SALT};
+use models::claims::{honest, Honest, Node};
+use models::committed_to;
 use zk0_argument::claim::{check, committed, make, ClaimInput, NotMade, NotShown};
 use zk0_argument::transcript::Refused;
-use zk0_circuits::claim::dataset::leaf;
 use zk0_circuits::claim::private_input::InputError;
 use zk0_circuits::claim::statement;
 use zk0_circuits::claim::statement_error::StatementError;
@@ -16,25 +16,6 @@ use zk0_circuits::{Claim, Digest, Disclosure, EvalSpec, Losses, Mode};
 /// A node of a network that proves in mode `succinct`.
 fn node() -> Honest {
     committed_to(honest(&EvalSpec::micro(), 20, 3, 11))
-}
-
-/// The same node, with commitments as mode `succinct` asks for them.
-fn committed_to(mut honest: Honest) -> Honest {
-    let spec = &honest.input.header.spec;
-    let leaves = honest.dataset.iter().map(|sample| {
-        let digest = committed(Mode::Succinct, spec, sample).unwrap();
-        leaf(&SALT, &digest)
-    });
-    honest.leaves = leaves.collect();
-    let input = &mut honest.input;
-    for opening in &mut input.openings {
-        opening.path = merkle::path(&honest.leaves, opening.index as usize).unwrap();
-    }
-    let terms = &mut input.header.terms;
-    terms.dataset.root = merkle::root(&honest.leaves);
-    terms.base.quantised = input.base.digest(Mode::Succinct);
-    terms.update.quantised = input.update.digest(Mode::Succinct);
-    honest
 }
 
 fn claim(input: &ClaimInput) -> Result<Claim, NotShown> {

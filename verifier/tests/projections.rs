@@ -2,17 +2,18 @@
 
 mod made;
 
-use made::{file, format, sample, tensors, terms, Tensors};
+use made::{file, format, rounded, sample, tensors, terms, unread_of, Tensors};
 use zk0_circuits::claim::challenge::sample_indices;
 use zk0_circuits::claim::dataset::{leaf, salt_commitment};
 use zk0_circuits::claim::hinted_input::HintedInput;
 use zk0_circuits::claim::private_input::{Header, Opening};
+use zk0_circuits::claim::public_values::CLAIM_VERSION;
 use zk0_circuits::vm::merkle;
 use zk0_circuits::{
-    DatasetCommitment, Digest, Disclosure, EvalSpec, Mode, PrivateInput, WeightCheck,
+    Claim, DatasetCommitment, Digest, Disclosure, EvalSpec, Losses, Mode, PrivateInput, WeightCheck,
 };
-use zk0_protocol::Refusal;
-use zk0_verifier::check_projections;
+use zk0_protocol::{Refusal, Rules};
+use zk0_verifier::{check_projections, Evaluation, WeightFiles};
 
 /// The weight check of an honest claim about these weights.
 fn claimed(spec: &EvalSpec, base: &Tensors, update: &Tensors) -> WeightCheck {
@@ -79,6 +80,41 @@ fn files_are_what_the_guest_used_or_not() {
     other.seed.0[0] ^= 1;
     let found = check_projections(&format, &other, &base_file[..], &update_file[..]);
     assert!(matches!(found, Err(Refusal::OtherProducts { .. })));
+}
+
+/// The products are those of the files, but they are not what the proof was about.
+#[test]
+fn other_products_than_the_proof_left_are_refused() {
+    let spec = EvalSpec::micro();
+    let base = rounded(&spec, &tensors(&spec, 1, 4.0));
+    let update = |seed| unread_of(&base, tensors(&spec, seed, 0.1));
+    let own = claimed(&spec, &base, &update(1));
+    let proven = claimed(&spec, &base, &update(2)).digest();
+    let files = WeightFiles {
+        base: file(&spec, &base),
+        update: file(&spec, &update(1)),
+    };
+    let dataset = DatasetCommitment {
+        root: Digest([3; 32]),
+        samples: 1,
+        feature_spec: Digest([3; 32]),
+        salt_commitment: Digest([3; 32]),
+    };
+    let claim = |weight_check| Claim {
+        version: CLAIM_VERSION,
+        terms: terms(&spec, Mode::Checked, dataset, &files.base, &files.update),
+        losses: Losses::Hidden,
+        weight_check: Some(weight_check),
+    };
+    let evaluation = Evaluation::new(&spec, Mode::Checked).unwrap();
+    let bytes = borsh::to_vec(&own).unwrap();
+    let checked = |claim: &Claim| {
+        let checked = evaluation.check_weights(claim, &bytes, &files, &Rules::default());
+        checked.map(drop)
+    };
+    assert_eq!(checked(&claim(own.digest())), Ok(()));
+    let refused = Refusal::OtherWeightCheck { claimed: proven };
+    assert_eq!(checked(&claim(proven)), Err(refused));
 }
 
 #[test]

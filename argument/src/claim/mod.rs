@@ -12,7 +12,7 @@ mod input;
 #[cfg(feature = "prove")]
 mod make;
 
-pub use check::{check, NotShown};
+pub use check::{check, context, NotShown};
 #[cfg(feature = "prove")]
 pub use committed::{committed, TooSmall};
 pub use input::{ClaimInput, SampleOpening, CLAIM_BUFFERS};

@@ -55,11 +55,12 @@ pub enum Unprovable {
 }
 
 /// The values that all samples share.
+#[derive(Clone)]
 pub struct Common {
     /// The weights, padded.
-    weights: Vec<i16>,
+    pub weights: Vec<i16>,
     /// Columns of tables.
-    tables: Vec<i64>,
+    pub tables: Vec<i64>,
 }
 
 /// The values of one sample.

@@ -50,6 +50,8 @@ pub struct Proving<'a> {
     factors: Vec<(Sum, ProductFactors)>,
     /// Sums over the higher half of the variables of all leaves, by instance.
     halves: Vec<[Vec<Extension>; 2]>,
+    /// The values of numerators and denominators at the point of all instances.
+    gathered: Vec<[Extension; 2]>,
 }
 
 impl<'a> Proving<'a> {
@@ -62,6 +64,7 @@ impl<'a> Proving<'a> {
             said: vec![],
             factors: vec![],
             halves: vec![],
+            gathered: vec![],
         }
     }
 
@@ -158,7 +161,7 @@ impl Party for Proving<'_> {
         fold: &Fold,
         claims: &[LeafClaim],
         gamma: Extension,
-    ) -> Result<(Vec<Extension>, Extension, Vec<[Extension; 2]>), Refused> {
+    ) -> Result<(Vec<Extension>, Extension), Refused> {
         let low = layout.variables / 2;
         let combine = |[n, d]: &[Vec<Extension>; 2], power: Extension| -> Vec<Extension> {
             let pairs = n.iter().zip(d);
@@ -193,10 +196,15 @@ impl Party for Proving<'_> {
         let values = halves
             .iter()
             .map(|[n, d]| [n, d].map(|half| evaluate_extension(half, &high)));
-        let values: Vec<[Extension; 2]> = values.collect();
-        self.prover.send_extension(values.as_flattened());
+        self.gathered = values.collect();
         point.extend(high);
-        Ok((point, value, values))
+        Ok((point, value))
+    }
+
+    fn gathered(&mut self, _: usize) -> Result<Vec<[Extension; 2]>, Refused> {
+        let values = core::mem::take(&mut self.gathered);
+        self.prover.send_extension(values.as_flattened());
+        Ok(values)
     }
 
     fn reduce(
@@ -210,37 +218,47 @@ impl Party for Proving<'_> {
         let (_, variables) = Sum::sizes(sums, relations);
         let instances = &self.instances[..];
         let scales = powers(gamma, sums.len());
+        let known = &mut self.factors;
+        let factors = sums.iter().map(|(sum, _)| match sum {
+            Sum::Monomials(..) => None,
+            Sum::Product(number, weights) => {
+                let place = known.iter().position(|(of, _)| of == sum);
+                let known = place.map(|place| known.swap_remove(place).1);
+                let new = || ProductFactors::new(relations, instances, parts, *number, weights);
+                Some(known.unwrap_or_else(new))
+            }
+        });
+        let factors: Vec<Option<ProductFactors>> = factors.collect();
         let mut grid = Grid::zero(variables, degree);
         // Where there is one instance, there is nothing to sum over.
-        for ((sum, value), &power) in sums.iter().zip(&scales).filter(|_| variables > 0) {
+        let all = sums.iter().zip(&factors).zip(&scales);
+        for (((sum, value), factors), &power) in all.filter(|_| variables > 0) {
             if !sum.size(relations).1 {
                 grid.add_constant(power * *value);
                 continue;
             }
-            match sum {
-                Sum::Monomials(number, weights) => {
-                    let (own, over) =
-                        summed::grid(relations, instances, parts, (*number, weights), variables);
-                    let over: Vec<Extension> = over.iter().map(|&weight| power * weight).collect();
-                    grid.add_product(&own, &over);
+            let (own, over) = match (sum, factors) {
+                (Sum::Monomials(number, weights), _) => {
+                    summed::grid(relations, instances, parts, (*number, weights), variables)
                 }
-                Sum::Product(..) => {
-                    let factors = self.factors.iter().find(|(of, _)| of == sum);
-                    let own = factors.map(|(_, factors)| factors.grid(variables));
-                    let once = vec![power; 1 << variables];
-                    own.iter().for_each(|own| grid.add_product(own, &once));
-                }
-            }
+                (_, Some(factors)) => (
+                    factors.grid(variables),
+                    vec![Extension::ONE; 1 << variables],
+                ),
+                _ => continue,
+            };
+            let over: Vec<Extension> = over.iter().map(|&weight| power * weight).collect();
+            grid.add_product(&own, &over);
         }
         let (mut point, _) = grid.prove(&mut self.prover);
         let own: Vec<Extension> = point.iter().rev().copied().collect();
         let at = eq_table(&own);
         let absent = JoinedPoint::new(own, variables).absent(0, false);
         let mut joined = vec![];
-        for ((sum, _), &power) in sums.iter().zip(&scales) {
+        for (((sum, _), factors), &power) in sums.iter().zip(factors).zip(&scales) {
             let over_instances = sum.size(relations).1;
-            let next = match sum {
-                Sum::Monomials(number, weights) => {
+            let next = match (sum, factors) {
+                (Sum::Monomials(number, weights), _) => {
                     let at = if over_instances {
                         &at[..]
                     } else {
@@ -248,14 +266,10 @@ impl Party for Proving<'_> {
                     };
                     summed::monomials(relations, instances, parts, (*number, weights), at)
                 }
-                Sum::Product(..) => {
-                    let place = self.factors.iter().position(|(of, _)| of == sum);
-                    let Some(place) = place else {
-                        return Err(Refused::Equation("a product without factors"));
-                    };
-                    let factors = self.factors.swap_remove(place).1.at(&at);
-                    Joined::new(factors.into(), vec![(Extension::ONE, vec![0, 1])])
+                (_, Some(factors)) => {
+                    Joined::new(factors.at(&at).into(), vec![(Extension::ONE, vec![0, 1])])
                 }
+                _ => continue,
             };
             let absent = if over_instances {
                 Extension::ONE

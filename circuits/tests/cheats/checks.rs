@@ -99,8 +99,8 @@ pub const DELETIONS: &[Deletion] = &[
         "drawn index, in the opening and in the path",
         "claim/statement.rs",
         &[
-            ("found != drawn", "false"),
-            ("dataset.samples, drawn,", "dataset.samples, found,"),
+            ("*index != drawn", "false"),
+            ("dataset.samples, drawn,", "dataset.samples, *index,"),
         ],
         "opens a lucky sample instead",
         "the challenge draws sample",
@@ -108,7 +108,7 @@ pub const DELETIONS: &[Deletion] = &[
     check(
         "drawn index, in the opening alone",
         "claim/statement.rs",
-        &[("found != drawn", "false")],
+        &[("*index != drawn", "false")],
         "opens a lucky sample instead",
         "the challenge draws sample",
     )
@@ -116,7 +116,7 @@ pub const DELETIONS: &[Deletion] = &[
     check(
         "drawn index, in the path alone",
         "claim/statement.rs",
-        &[("dataset.samples, drawn,", "dataset.samples, found,")],
+        &[("dataset.samples, drawn,", "dataset.samples, *index,")],
         "opens a lucky sample instead",
         "the challenge draws sample",
     )
@@ -346,7 +346,7 @@ pub const DELETIONS: &[Deletion] = &[
     check(
         "specification: the one that the terms name",
         "claim/statement.rs",
-        &[("claimed != given", "false")],
+        &[("match claimed == given {", "match true {")],
         "evaluates by another specification",
         "the terms name the evaluation specification with digest",
     ),

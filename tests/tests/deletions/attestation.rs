@@ -64,6 +64,76 @@ pub const REMOVALS: &[Removal] = &[
         test: "files_are_what_the_guest_used_or_not",
     },
     Removal {
+        check: "what a proof left of the weights is checked",
+        file: "verifier/src/update.rs",
+        replacements: &[
+            ("        self.check_what_is_left(claim, weight_check, base, update)?;\n", "        let _ = (Self::check_what_is_left, weight_check);\n"),
+        ],
+        package: "zk0-verifier",
+        target: "weight_claims",
+        test: "an_update_is_checked_with_what_its_proof_left",
+    },
+    Removal {
+        check: "a claim names a weight check where its mode has one",
+        file: "verifier/src/update.rs",
+        replacements: &[
+            ("(Mode::Direct, None) => Ok(()),", "(_, None) => Ok(()),"),
+        ],
+        package: "zk0-verifier",
+        target: "weight_claims",
+        test: "a_claim_that_names_no_weight_check_is_refused",
+    },
+    Removal {
+        check: "the products are those that the proof left",
+        file: "verifier/src/update.rs",
+        replacements: &[
+            ("match check.digest() == claimed {", "match true {"),
+        ],
+        package: "zk0-verifier",
+        target: "projections",
+        test: "other_products_than_the_proof_left_are_refused",
+    },
+    Removal {
+        check: "the claims about weights are those that the proof left",
+        file: "verifier/src/weight_claims.rs",
+        replacements: &[
+            ("if digest(&scales, &words) != *claimed {", "if false {"),
+        ],
+        package: "zk0-verifier",
+        target: "weight_claims",
+        test: "other_claims_than_the_proof_left_are_refused",
+    },
+    Removal {
+        check: "the claims about weights hold for the files",
+        file: "verifier/src/weight_claims.rs",
+        replacements: &[
+            ("        .check(&expert, [&base?, &update?])\n        .map_err(other_models)\n", "        .check(&expert, [&base?, &update?])\n        .map_err(other_models)\n        .or(Ok(()))\n"),
+        ],
+        package: "zk0-verifier",
+        target: "weight_claims",
+        test: "claims_about_other_weights_do_not_hold",
+    },
+    Removal {
+        check: "the claims about weights are whole words",
+        file: "verifier/src/weight_claims.rs",
+        replacements: &[
+            ("if !rest.is_empty() {", "if false {"),
+        ],
+        package: "zk0-verifier",
+        target: "weight_claims",
+        test: "bytes_after_the_claims_are_refused",
+    },
+    Removal {
+        check: "a blob with a proof has the bytes that it says",
+        file: "protocol/src/entries/proof_blob.rs",
+        replacements: &[
+            ("rest.split_at_checked(length).ok_or_else(too_short)?", "rest.split_at(length.min(rest.len()))"),
+        ],
+        package: "zk0-protocol",
+        target: "proof_blobs",
+        test: "a_blob_that_is_shorter_than_it_says_is_refused",
+    },
+    Removal {
         check: "an update is not too far from its base",
         file: "verifier/src/norm.rs",
         replacements: &[
@@ -77,7 +147,7 @@ pub const REMOVALS: &[Removal] = &[
         check: "a proof is of the program in force",
         file: "verifier/src/contribution.rs",
         replacements: &[
-            ("    check_proof_of(state.program(), contribution.proof.bytes(), claim)\n", "    let _ = check_proof_of;\n    Ok(())\n"),
+            ("    check_proof_of(state.program(), contribution.parts()?.sp1, claim)\n", "    let _ = check_proof_of;\n    Ok(())\n"),
         ],
         package: "zk0-verifier",
         target: "verifier_attacks",

@@ -111,7 +111,7 @@ impl Copy {
         let mut cargo = Command::new(env!("CARGO"));
         cargo.args(["test", "--release", "--locked", "--offline"]);
         match package {
-            light @ ("zk0-circuits" | "zk0-protocol" | "zk0-weights") => {
+            light @ ("zk0-argument" | "zk0-circuits" | "zk0-protocol" | "zk0-weights") => {
                 cargo.args(["--package", light]);
             }
             // What links SP1 is built with the features of the whole workspace, so that SP1 is built once.
@@ -191,7 +191,8 @@ fn write(path: &Path, content: impl AsRef<[u8]>) {
     fs::write(path, content).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
 }
 
-/// Has the crates of the copy built quickly rather than well. What they depend on is built as it is for the tests.
+/// Has the crates of the copy built quickly rather than well, but for the argument, whose provers calculate long. What they depend on is built
+/// as it is for the tests.
 fn build_quickly(folder: &Path) {
     let manifest = folder.join("Cargo.toml");
     let mut text = read(&manifest).replace("\nincremental = false\n", "\nincremental = true\n");
@@ -206,7 +207,8 @@ fn build_quickly(folder: &Path) {
         let name = member.lines().find(|line| line.starts_with("name = "));
         let name = name.expect("a line 'name = …' in a crate's Cargo.toml");
         let name = name.trim_start_matches("name = ");
-        text += &format!("\n[profile.release.package.{name}]\nopt-level = 0\n");
+        let level = if name == "\"zk0-argument\"" { 1 } else { 0 };
+        text += &format!("\n[profile.release.package.{name}]\nopt-level = {level}\n");
     }
     write(&manifest, text);
 }

@@ -1,4 +1,4 @@
-//! Shows for the checks of protocol, weights, verifier, ledger, audit and node that a test fails without them.
+//! Shows for the checks of protocol, weights, argument, verifier, ledger, audit and node that a test fails without them.
 //!
 //! The test copies the sources, and runs the tests that try the attacks: all of them have to pass. Then it removes one check at a time from
 //! the copy, and runs the test that tries the attack which the check stops. Now that test has to fail.
@@ -7,6 +7,7 @@
 //! `make test` removes the checks of the state machine and of the files of weights, which need no build of SP1. `make deletions` removes
 //! the others, too. `ZK0_REMOVE="a beacon;a vote" make deletions` removes only the checks with "a beacon" or "a vote" in their names.
 
+mod argument;
 mod attestation;
 mod audited;
 mod copy;
@@ -58,6 +59,12 @@ fn removed(lists: &[&[Removal]]) {
 #[test]
 fn the_ledgers_rules_and_files_have_a_test_for_each_check() {
     removed(&[ledger_rules::REMOVALS]);
+}
+
+#[test]
+#[ignore = "removes fifty checks: make deletions"]
+fn the_argument_has_a_cheat_for_each_check() {
+    removed(&[argument::REMOVALS]);
 }
 
 #[test]

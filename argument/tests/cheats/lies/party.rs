@@ -1,0 +1,331 @@
+//! The argument of a prover that lies.
+
+use super::fractions::{leaves, sum, Fractions};
+use super::opening::{do_work, open, Segment, Worlds};
+use super::Known;
+use zk0_argument::expert::argument::Shape;
+use zk0_argument::expert::builder::{DATA, MAIN};
+use zk0_argument::expert::evaluation::layers::Expert;
+use zk0_argument::expert::publics::number::LOSSES;
+use zk0_argument::expert::statement::Statement;
+use zk0_argument::field::{Extension, Goldilocks};
+use zk0_argument::fractions::LeafClaim;
+use zk0_argument::multilinear::evaluate_extension;
+use zk0_argument::protocol::{argue, Claim, Fold, Layout, Party, Sources, Sum, Weighted};
+use zk0_argument::prove::{Computed, Instance, Proving, Tables, Values};
+use zk0_argument::relation::{Atom, Part, Parts, Relations};
+use zk0_argument::share::share;
+use zk0_argument::sumcheck::JoinedPoint;
+use zk0_argument::transcript::{Challenges, Prover, Refused};
+use zk0_argument::tree::prove::Tree;
+
+/// What the prover lies about. Up to [`Lie::Loss`] it argues about the truth but for the lie. From [`Lie::Claims`] on it argues about the
+/// tale, until the step that the lie names.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Lie {
+    /// Nothing. The argument is about the truth.
+    Nothing,
+    /// That a proof of work was done.
+    Idle(&'static str),
+    /// Zero is written as p in what is committed to.
+    Zeros,
+    /// One row of the first sample's codewords is another one.
+    Beside,
+    /// The sum of all fractions.
+    Root,
+    /// The numerators, so that the fractions are those of the tale.
+    Numerators,
+    /// Numerators and denominators.
+    Leaves,
+    /// Numerators and denominators of all samples, up to the point that all go to.
+    Gathered,
+    /// The loss: it is said to be what is stated.
+    Loss,
+    /// The sums of products, and the fractions, which follow from them.
+    Products,
+    /// All claims about what was committed to, up to the sumcheck that is about all of them.
+    Claims,
+    /// The values at the point that this sumcheck leads to.
+    Shared,
+    /// The values of columns.
+    OpenedValues,
+    /// The random combination of columns.
+    Combination,
+    /// The rows that are opened.
+    Rows,
+    /// The values of columns, for which the last message makes up.
+    LastMessage,
+}
+
+/// A prover of two worlds. The transcript is with the truth.
+struct Liar<'a> {
+    tale: Proving<'a>,
+    truth: Proving<'a>,
+    known: [&'a Known; 2],
+    /// What all sums of fractions go to a point with.
+    fold: Option<Fold>,
+    point: Vec<Extension>,
+    lie: Lie,
+    /// All claims have been made one.
+    shared: bool,
+}
+
+impl<'a> Liar<'a> {
+    /// Argues about the tale, or else about the truth.
+    fn tell<R>(&mut self, tale: bool, argue: impl FnOnce(&mut Proving<'a>) -> R) -> R {
+        if !tale {
+            return argue(&mut self.truth);
+        }
+        core::mem::swap(&mut self.tale.prover, &mut self.truth.prover);
+        let result = argue(&mut self.tale);
+        core::mem::swap(&mut self.tale.prover, &mut self.truth.prover);
+        result
+    }
+
+    /// The fractions of an instance in the tale, which is world 0, or in truth.
+    fn leaves(&self, world: usize, instance: usize, layout: &Layout, fold: &Fold) -> Fractions {
+        let known = self.known[world];
+        let sample = &known.samples[instance];
+        let tables = Tables {
+            relations: &sample.expert.builder.relations,
+            sources: &sample.sources(&known.common),
+            computed: &Computed::default(),
+        };
+        leaves(&tables, layout, fold)
+    }
+}
+
+impl Challenges for Liar<'_> {
+    fn challenge(&mut self) -> Extension {
+        self.truth.challenge()
+    }
+
+    fn positions(&mut self, count: usize, bits: u32) -> Vec<usize> {
+        self.truth.positions(count, bits)
+    }
+}
+
+impl Party for Liar<'_> {
+    fn value(&mut self, parts: &Parts, about: &Weighted) -> Result<Extension, Refused> {
+        let until = if self.shared {
+            Lie::Shared
+        } else {
+            Lie::Claims
+        };
+        self.tell(self.lie >= until, |proving| proving.value(parts, about))
+    }
+
+    fn sum(
+        &mut self,
+        relations: &Relations,
+        parts: &Parts,
+        sum: &Sum,
+    ) -> Result<Extension, Refused> {
+        match sum {
+            Sum::Monomials(number, weights)
+                if self.lie == Lie::Loss && is_loss(relations, *number) =>
+            {
+                let parts: Vec<&Part> = weights.iter().map(|(_, id)| parts.get(*id)).collect();
+                let stated = relations.publics[LOSSES].at(&parts);
+                self.truth.prover.send_extension(&[stated]);
+                Ok(stated)
+            }
+            Sum::Product(..) if self.lie == Lie::Products => {
+                self.tell(true, |proving| proving.sum(relations, parts, sum))
+            }
+            _ => self.tell(self.lie >= Lie::Claims, |proving| {
+                proving.sum(relations, parts, sum)
+            }),
+        }
+    }
+
+    fn work(&mut self, bits: u32, what: &'static str) -> Result<(), Refused> {
+        do_work(&mut self.truth.prover, bits, what, self.lie);
+        Ok(())
+    }
+
+    fn fractions(
+        &mut self,
+        instance: usize,
+        layout: &Layout,
+        fold: &Fold,
+    ) -> Result<LeafClaim, Refused> {
+        if self.known[0].samples.len() > 1 {
+            let tale = self.lie >= Lie::Gathered;
+            return self.tell(tale, |proving| proving.fractions(instance, layout, fold));
+        }
+        let [tale, truth] = [0, 1].map(|world| self.leaves(world, instance, layout, fold));
+        let told = match self.lie {
+            Lie::Numerators => {
+                let terms = tale.0.iter().zip(&tale.1).zip(&truth.1);
+                let numerators = terms.map(|((&p, &q), &truth)| p * q.inverse() * truth);
+                (numerators.collect(), truth.1)
+            }
+            // Sums of products are part of the entries.
+            lie if lie == Lie::Leaves || lie >= Lie::Products => tale,
+            _ => truth,
+        };
+        let liar = self.lie == Lie::Root;
+        Ok(sum(&mut self.truth.prover, told, liar))
+    }
+
+    fn gather(
+        &mut self,
+        layout: &Layout,
+        fold: &Fold,
+        claims: &[LeafClaim],
+        gamma: Extension,
+    ) -> Result<(Vec<Extension>, Extension), Refused> {
+        let tale = self.lie >= Lie::Gathered;
+        let gathered = self.tell(tale, |proving| proving.gather(layout, fold, claims, gamma))?;
+        self.fold = Some(*fold);
+        self.point = gathered.0.clone();
+        Ok(gathered)
+    }
+
+    fn gathered(&mut self, count: usize) -> Result<Vec<[Extension; 2]>, Refused> {
+        let (Lie::Gathered, Some(fold)) = (self.lie, self.fold) else {
+            let tale = self.lie >= Lie::Gathered;
+            return self.tell(tale, |proving| proving.gathered(count));
+        };
+        let values = (0..count).map(|instance| {
+            let layout = Layout::new(&self.known[1].samples[instance].expert.builder.relations);
+            let (numerators, denominators) = self.leaves(1, instance, &layout, &fold);
+            [numerators, denominators].map(|values| evaluate_extension(&values, &self.point))
+        });
+        let values: Vec<[Extension; 2]> = values.collect();
+        self.truth.prover.send_extension(values.as_flattened());
+        Ok(values)
+    }
+
+    fn reduce(
+        &mut self,
+        relations: &Relations,
+        parts: &Parts,
+        sums: &[(Sum, Extension)],
+        gamma: Extension,
+        degree: usize,
+    ) -> Result<(JoinedPoint, Extension), Refused> {
+        self.tell(self.lie >= Lie::Claims, |proving| {
+            proving.reduce(relations, parts, sums, gamma, degree)
+        })
+    }
+
+    fn reduce_claims(
+        &mut self,
+        parts: &Parts,
+        sources: &Sources<'_>,
+        claims: &[Claim],
+        gamma: Extension,
+    ) -> Result<(JoinedPoint, Extension), Refused> {
+        self.shared = true;
+        self.tell(self.lie >= Lie::Shared, |proving| {
+            proving.reduce_claims(parts, sources, claims, gamma)
+        })
+    }
+}
+
+/// Whether monomials are the sums of squared errors.
+fn is_loss(relations: &Relations, number: usize) -> bool {
+    let mut equalities = relations.equalities.iter();
+    let loss = equalities.find(|equality| equality.name == "the loss");
+    let mut terms = loss.unwrap().linear.iter();
+    terms.any(|term| matches!(term.atom, Atom::Monomials(of) if of == number))
+}
+
+/// The segments of what is committed to.
+fn segments(shape: &Shape, known: &Known) -> Vec<Segment> {
+    let height = 1 << shape.parameters.variables();
+    let segment = |values: &[i64], width: usize| {
+        let columns = values.chunks_exact(height).take(width);
+        let elements = columns.map(|c| c.iter().map(|&v| Goldilocks::from_i64(v)).collect());
+        Segment::new(elements.collect())
+    };
+    let [main, data] = shape.widths;
+    let all = known.samples.iter();
+    let main = all.clone().map(|sample| segment(&sample.main, main));
+    main.chain(all.map(|sample| segment(&sample.data, data)))
+        .collect()
+}
+
+/// All instances of a world.
+fn instances<'a>(known: &'a Known, nothing: &'a Expert) -> Vec<Instance<'a>> {
+    let count = known.samples.len();
+    let all = (0..count.next_power_of_two()).map(|number| {
+        let sample = known.samples.get(number);
+        let (relations, sources) = match sample {
+            Some(sample) => (
+                &sample.expert.builder.relations,
+                sample.sources(&known.common),
+            ),
+            None => {
+                let zero = || Values::Wide(&[]);
+                (
+                    &nothing.builder.relations,
+                    known.common.sources(zero(), zero()),
+                )
+            }
+        };
+        Instance {
+            relations,
+            sources: sources.to_vec(),
+        }
+    });
+    all.collect()
+}
+
+/// Argues for a statement. The worlds are the tale and the truth.
+pub fn prove(
+    statement: &Statement,
+    expert: &Expert,
+    [tale, truth]: [&Known; 2],
+    lie: Lie,
+) -> Vec<u64> {
+    let shape = Shape::new(expert).unwrap();
+    let mut prover = Prover::new(&statement.digest());
+    let [told, mut true_ones] = [tale, truth].map(|known| segments(&shape, known));
+    if lie == Lie::Zeros {
+        true_ones.iter_mut().for_each(Segment::with_p_for_zero);
+    }
+    if lie == Lie::Beside {
+        true_ones[shape.segments].change_a_row();
+    }
+    let trees: Vec<Tree> = true_ones.iter().map(|s| s.commit(&mut prover)).collect();
+    let nothing = Expert::new(&statement.of(None));
+    let count = shape.segments;
+    let [told_of, true_of] = [tale, truth].map(|known| instances(known, &nothing));
+    let mut liar = Liar {
+        tale: Proving::new(Prover::new(&statement.digest()), told_of, count),
+        truth: Proving::new(prover, true_of, count),
+        known: [tale, truth],
+        fold: None,
+        point: vec![],
+        lie,
+        shared: false,
+    };
+    let sources = Sources {
+        all: &[MAIN, DATA].map(|source| (source, expert.source_bits[source.0 as usize] as usize)),
+        instances: expert.builder.relations.bits_of_instances(),
+    };
+    let mut parts = Parts::default();
+    // Where a check of both sides fails, the verifier gets no further either.
+    if let Ok(mut claims) = argue(&mut liar, &expert.builder.relations, &mut parts) {
+        claims.retain(|claim| [MAIN, DATA].contains(&claim.about.source));
+        if let Ok((point, _)) = share(&mut liar, &mut parts, &sources, &claims) {
+            let worlds = Worlds {
+                trees: &trees,
+                truth: &true_ones,
+                tale: &told,
+            };
+            let point = &point.own[..shape.parameters.variables()];
+            open(
+                &mut liar.truth.prover,
+                &shape.parameters,
+                &worlds,
+                point,
+                lie,
+            );
+        }
+    }
+    liar.truth.prover.finish()
+}

@@ -1,0 +1,53 @@
+//! Cheats about the digest of a sample: one sample has one digest, so that a dataset holds it once.
+//!
+//! Two of these cheats succeed today. Their tests are ignored until a check stops them. A node that wrote its own prover could have one sample
+//! in its dataset many times, with a leaf for each copy. It could do nearly the same without a cheat, with copies that differ in one bit.
+
+use crate::lies::party::Lie;
+use crate::lies::Known;
+use crate::lies::World;
+use crate::models::Models;
+use zk0_argument::expert::builder::DATA;
+use zk0_argument::expert::sample::prove::digest;
+use zk0_circuits::EvalSpec;
+
+/// Whether the argument is accepted, and the first sample has another digest than the one that the sample's node has computed.
+fn has_another_digest(truth: &Known, lie: Lie) -> bool {
+    let spec = EvalSpec::micro();
+    let world = World::of(Models::new(&spec, 1, 81));
+    let proof = world.prove(truth, lie);
+    let told = world.verify([&world.models.base, &world.models.update], &proof);
+    let (sample, _) = &world.models.samples[0];
+    told.is_ok_and(|verified| verified.samples[0] != digest(&spec, sample).unwrap())
+}
+
+/// The values of that argument.
+fn witness() -> (World, Known) {
+    let world = World::of(Models::new(&EvalSpec::micro(), 1, 81));
+    let witness = world.known.clone();
+    (world, witness)
+}
+
+#[test]
+fn an_honest_sample_has_the_digest_that_its_node_computes() {
+    assert!(!has_another_digest(&witness().1, Lie::Nothing));
+}
+
+/// A column is longer than the values of a sample. What lies behind them is in no relation.
+#[test]
+#[ignore = "no relation says that it is zero: the cheat succeeds"]
+fn what_lies_behind_a_sample_is_zero() {
+    let (world, mut witness) = witness();
+    let used = world.expert.used[DATA.0 as usize];
+    assert!(used < witness.samples[0].data.len());
+    witness.samples[0].data[used] = 1;
+    assert!(!has_another_digest(&witness, Lie::Nothing));
+}
+
+/// A commitment is opened at some positions. A row at another one can be anything. An argument cannot show more: it shows what is committed
+/// to up to such rows. That two samples differ shows in their opened columns, which are values at one random point.
+#[test]
+#[ignore = "a commitment determines values, and not its own digest: the cheat succeeds"]
+fn a_row_that_nobody_opens_is_that_of_the_codewords() {
+    assert!(!has_another_digest(&witness().1, Lie::Beside));
+}
