@@ -4,12 +4,13 @@
 ROUNDS ?= 1
 NODES ?= 3
 CONFIDENCE ?= 99%
+FULL_SAMPLES ?= 4
 # Outside the clone, so that checkouts share one build.
 export CARGO_TARGET_DIR ?= $(HOME)/.cache/zk0/target
 RUST := scripts/with-rust
 ZK0 := $(CARGO_TARGET_DIR)/release/zk0
 
-.PHONY: demo test deletions quick lint coverage setup build guest fixtures cycles fidelity power bench-weight-check bench-ledger bench-recording bench-train cuda
+.PHONY: demo test deletions quick lint coverage setup build guest fixtures cycles prove-full fidelity power bench-weight-check bench-ledger bench-recording bench-train cuda
 
 demo: build
 	$(ZK0) demo --rounds $(ROUNDS) --nodes $(NODES)
@@ -67,6 +68,12 @@ cycles: build
 	$(ZK0) prover cycles
 	$(CARGO_TARGET_DIR)/release/examples/cycle_budget $(CARGO_TARGET_DIR)/budget checked 2 micro full
 	$(CARGO_TARGET_DIR)/release/examples/cycle_budget $(CARGO_TARGET_DIR)/budget succinct 2 micro
+
+# Proves a claim of 98 M weights in mode `succinct`, from a seed, with a compressed SP1 proof. FULL_SAMPLES chooses the number of samples.
+# Run it alone: it needs 20 GiB of memory, and on two cores three minutes a sample and then 40 minutes. If it is interrupted, run it again.
+prove-full: build
+	$(RUST) cargo build --release --workspace --locked --example prove_synthetic
+	$(CARGO_TARGET_DIR)/release/examples/prove_synthetic cpu full succinct $(FULL_SAMPLES) $(CARGO_TARGET_DIR)/prove-full-$(FULL_SAMPLES)
 
 # Compares fixed-point with float32 losses, untrained and trained, up to the published size, and prints every range. Ten minutes
 # and 5 GB.

@@ -4,7 +4,7 @@ use std::error::Error;
 use zk0_argument::expert::evaluation::layers::Expert;
 use zk0_argument::expert::sizes::Sizes;
 use zk0_argument::expert::statement::{Evaluated, Statement};
-use zk0_argument::protocol::Layout;
+use zk0_argument::layout::Layout;
 use zk0_circuits::model::draw::draw;
 use zk0_circuits::model::layout::expert_tensors;
 use zk0_circuits::model::spec::Dims;

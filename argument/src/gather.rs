@@ -8,7 +8,7 @@ use crate::field::Extension;
 use crate::fractions::LeafClaim;
 use crate::layout::Layout;
 use crate::multilinear::eq;
-use crate::protocol::{Fold, Party};
+use crate::party::{Fold, Party};
 use crate::transcript::{require, Refused};
 use alloc::vec;
 use alloc::vec::Vec;

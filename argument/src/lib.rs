@@ -9,8 +9,8 @@
 //! - [`multilinear`], [`sumcheck`]: polynomials given by their values on {0, 1}^n, and the proof of a sum over them.
 //! - [`fractions`]: a sum of fractions that is zero, as look-ups need it.
 //! - [`commitment`]: a commitment to many polynomials, opened at one point.
-//! - [`relation`]: what an argument is about. [`protocol`]: the argument, as both sides do it, with [`gather`] and [`share`]; [`verify`] and
-//!   `prove` are the two sides.
+//! - [`relation`]: what an argument is about. [`protocol`]: the argument, as both sides do it, with [`gather`] and [`share`];
+//!   [`party`] is what differs, and [`verify`] and `prove` are the two sides.
 //! - [`expert`]: the evaluation of both models, as relations. [`claim`]: mode `succinct`, in which an argument becomes a claim.
 #![cfg_attr(not(any(feature = "prove", test)), no_std)]
 extern crate alloc;
@@ -24,6 +24,7 @@ pub mod gather;
 pub mod hash;
 pub mod layout;
 pub mod multilinear;
+pub mod party;
 pub mod permutation;
 pub mod protocol;
 #[cfg(feature = "prove")]

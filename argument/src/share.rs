@@ -2,7 +2,7 @@
 
 use crate::field::Extension;
 use crate::multilinear::eq_table;
-use crate::protocol::{Claim, Party, Sources, Weighted};
+use crate::party::{Claim, Party, Sources, Weighted};
 use crate::relation::{Part, PartId, Parts};
 use crate::sumcheck::JoinedPoint;
 use crate::transcript::{require, Refused};

@@ -3,7 +3,8 @@
 use crate::field::Extension;
 use crate::fractions::{self, LeafClaim};
 use crate::gather::combined;
-use crate::protocol::{Claim, Fold, Layout, Party, Sources, Sum, Weighted};
+use crate::layout::Layout;
+use crate::party::{Claim, Fold, Party, Sources, Sum, Weighted};
 use crate::relation::{Parts, Relations};
 use crate::sumcheck::{self, JoinedPoint};
 use crate::transcript::{work, Refused, Verifier};

@@ -3,7 +3,8 @@
 use zk0_argument::field::{Extension, Goldilocks};
 use zk0_argument::hash::Digest;
 use zk0_argument::multilinear::{eq_table, evaluate};
-use zk0_argument::protocol::{argue, Sources};
+use zk0_argument::party::Sources;
+use zk0_argument::protocol::argue;
 use zk0_argument::prove::{count, Computed, Instance, NotInTable, Proving, Tables, Values};
 use zk0_argument::relation::public::{Affine, Public, RangeColumn, Ranges, Written};
 use zk0_argument::relation::*;

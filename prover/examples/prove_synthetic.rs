@@ -1,63 +1,136 @@
-//! Proves a claim made from a seed. It serves to try a machine's prover, and to make the proof that the verifier's tests use:
+//! Proves a claim made from a seed. It serves to try a machine's prover, and `make prove-full` runs it:
 //! `cargo run --release --workspace --example prove_synthetic -- DEVICE MODEL MODE SAMPLES [FOLDER]`
 //!
-//! DEVICE is cpu or cuda (`make cuda` builds this example, too), MODEL micro or full, MODE direct, checked or succinct. Writes
-//! `proof.bin`, `claim.bin` (the public values) and `input.bin` (borsh) to FOLDER when one is given, and prints what it
-//! took. A claim of model full takes a minute and 3 GB to make before it is proven.
+//! DEVICE is cpu or cuda (`make cuda` builds this example, too), MODEL micro or full, MODE direct, checked or succinct. Prints what it
+//! took as a JSON line, and writes to FOLDER: `input.bin` (borsh of what the guest program reads), `weight_check.bin`, `proof.bin` and
+//! `claim.bin` (the public values). Each is written when it is complete. Whoever is interrupted runs the same command again, and what is there
+//! is not made again. Remove the folder after a change of the sources.
+//!
+//! Making the input is a process of its own, so that all of its memory is free again before SP1 starts. In mode `succinct` it makes the
+//! argument.
 
 use serde_json::json;
 use std::error::Error;
-use std::path::PathBuf;
+use std::path::Path;
+use std::process::Command;
 use std::time::Instant;
 use std::{env, fs};
-use zk0_circuits::{EvalSpec, Mode};
-use zk0_prover::machine::{peak_memory, Device, DeviceKind, ProverLock};
-use zk0_prover::program::{synthetic, Executor};
+use zk0_circuits::{Claim, EvalSpec, Mode};
+use zk0_prover::machine::{leftovers, peak_memory, Device, DeviceKind, ProverLock};
+use zk0_prover::program::{elf, synthetic, Executor, GuestInput, Prepared};
 use zk0_prover::prove::Sp1Prover;
+
+const USAGE: &str = "usage: prove_synthetic DEVICE MODEL MODE SAMPLES [FOLDER]";
+/// The last argument of the process that makes the input.
+const PREPARE: &str = "--prepare";
 
 #[tokio::main]
 async fn main() -> Result<(), Box<dyn Error>> {
-    const USAGE: &str = "usage: prove_synthetic DEVICE MODEL MODE SAMPLES [FOLDER]";
-    let mut arguments = env::args().skip(1);
-    let kind: DeviceKind = arguments.next().ok_or(USAGE)?.parse()?;
-    let model = arguments.next().ok_or(USAGE)?;
-    let spec = EvalSpec::new(synthetic::dims(&model)?);
-    let mode: Mode = arguments.next().ok_or(USAGE)?.parse()?;
-    let samples = arguments.next().ok_or(USAGE)?.parse()?;
-    let folder = arguments.next().map(PathBuf::from);
-    // This comes first, so that nobody waits a minute for a device that is not there.
-    let device = Device::find(kind)?;
-    let lock = ProverLock::acquire(&ProverLock::default_path(), Default::default())?;
-    let executor = Executor::new().await?;
-    let (input, run) = synthetic::execute(&executor, &spec, mode, samples).await?;
-    let begin = Instant::now();
-    let prover = Sp1Prover::start(device.clone(), lock.into()).await?;
-    let start = begin.elapsed();
-    eprintln!("started in {start:.0?} on {device:?}");
-    let begin = Instant::now();
-    let proof = prover.prove_compressed(&input).await?;
-    let proving = begin.elapsed();
-    if let Some(folder) = folder {
-        fs::create_dir_all(&folder)?;
-        fs::write(folder.join("proof.bin"), &proof.bytes)?;
-        fs::write(folder.join("claim.bin"), &proof.public_values)?;
-        fs::write(folder.join("input.bin"), borsh::to_vec(&input.buffers)?)?;
+    let arguments: Vec<String> = env::args().skip(1).collect();
+    let [kind, model, mode, samples, rest @ ..] = &arguments[..] else {
+        return Err(USAGE.into());
+    };
+    let kind: DeviceKind = kind.parse()?;
+    let spec = EvalSpec::new(synthetic::dims(model)?);
+    let mode: Mode = mode.parse()?;
+    let samples: u32 = samples.parse()?;
+    if let [folder, last] = rest {
+        if last == PREPARE {
+            return prepare(&spec, mode, samples, Path::new(folder));
+        }
     }
+    let temporary = tempfile::tempdir()?;
+    let folder = rest
+        .first()
+        .map_or(temporary.path(), |folder| Path::new(folder));
+    fs::create_dir_all(folder)?;
+    // This comes first, so that nobody waits for a device that is not there.
+    let lock = ProverLock::acquire(&ProverLock::default_path(), Default::default())?;
+    leftovers::remove(Path::new("/dev/shm"));
+    let device = Device::find(kind)?;
+
+    let path = |name: &str| folder.join(name);
+    if !path("input.bin").exists() {
+        eprintln!("making the input");
+        let made = Command::new(env::current_exe()?)
+            .args(&arguments[..4])
+            .arg(folder)
+            .arg(PREPARE)
+            .status()?;
+        if !made.success() {
+            return Err("there is no input to prove".into());
+        }
+    }
+    let buffers: Vec<Vec<u8>> = borsh::from_slice(&fs::read(path("input.bin"))?)?;
+    let input = GuestInput { mode, buffers };
+    let claim = input.claim()?;
+    let run = Executor::new()
+        .await?
+        .execute(elf(mode), &input.buffers)
+        .await?;
+    eprintln!("executed: {} cycles, gas {}", run.cycles, run.gas);
+    if run.public_values != borsh::to_vec(&claim)? {
+        return Err("the guest program commits to another claim than the input gives here".into());
+    }
+    let (mut start, mut proving) = (None, None);
+    if !path("proof.bin").exists() {
+        let begin = Instant::now();
+        let prover = Sp1Prover::start(device.clone(), lock.into()).await?;
+        start = Some(begin.elapsed().as_secs_f64());
+        eprintln!(
+            "started in {:.0?} on {device:?}; now it proves",
+            begin.elapsed()
+        );
+        let begin = Instant::now();
+        let proof = prover.prove_compressed(&input).await?;
+        proving = Some(begin.elapsed().as_secs_f64());
+        write(&path("claim.bin"), &proof.public_values)?;
+        write(&path("proof.bin"), &proof.bytes)?;
+    }
+    let proven: Claim = borsh::from_slice(&fs::read(path("claim.bin"))?)?;
     let report = json!({
         "device": kind.to_string(),
         "model": model,
         "mode": mode.to_string(),
         "samples": samples,
+        "input_bytes": input.bytes(),
         "cycles": run.cycles,
         "gas": run.gas,
-        "start_seconds": start.as_secs_f64(),
-        "proving_seconds": proving.as_secs_f64(),
-        "cycles_per_second": run.cycles as f64 / proving.as_secs_f64(),
-        "proof_bytes": proof.bytes.len(),
-        "claim_is_that_of_the_execution": proof.public_values == run.public_values,
+        "start_seconds": start,
+        "proving_seconds": proving,
+        "cycles_per_second": proving.map(|seconds| run.cycles as f64 / seconds),
+        "proof_bytes": fs::metadata(path("proof.bin"))?.len(),
+        "claim_is_that_of_the_execution": proven == claim,
         "peak_memory_bytes": peak_memory(),
         "gpu_memory_bytes": device.gpu_memory_used(),
     });
     println!("{report}");
     Ok(())
+}
+
+/// Makes the input and what belongs to it.
+fn prepare(spec: &EvalSpec, mode: Mode, samples: u32, folder: &Path) -> Result<(), Box<dyn Error>> {
+    let begin = Instant::now();
+    let private = synthetic::private_input(spec, mode, samples, 1)?;
+    eprintln!("a claim that holds: {:.0?}", begin.elapsed());
+    let begin = Instant::now();
+    let prepared = Prepared::of(mode, &private)?;
+    let line = json!({
+        "what": "private input to guest input", "mode": mode.to_string(), "samples": samples,
+        "seconds": begin.elapsed().as_secs_f64(), "peak_memory_bytes": peak_memory(),
+    });
+    println!("{line}");
+    write(&folder.join("weight_check.bin"), &prepared.weight_check)?;
+    write(
+        &folder.join("input.bin"),
+        &borsh::to_vec(&prepared.input.buffers)?,
+    )?;
+    Ok(())
+}
+
+/// Writes a file, which is there when it is complete.
+fn write(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
+    let partial = path.with_extension("partial");
+    fs::write(&partial, bytes)?;
+    fs::rename(partial, path)
 }

@@ -7,7 +7,7 @@ use zk0_argument::expert::evaluation::layers::Expert;
 use zk0_argument::expert::published::Published;
 use zk0_argument::expert::statement::Statement;
 use zk0_argument::field::{Extension, Goldilocks};
-use zk0_argument::protocol::{Claim as ArgumentClaim, Weighted};
+use zk0_argument::party::{Claim as ArgumentClaim, Weighted};
 use zk0_argument::relation::{Part, Parts};
 use zk0_argument::transcript::Refused;
 use zk0_circuits::claim::public_values::CLAIM_VERSION;

@@ -8,7 +8,7 @@ use super::statement::packed;
 use super::weights::{Claimed, Matrices};
 use crate::field::{Extension, Goldilocks};
 use crate::hash::{digest_of_words, Domain};
-use crate::protocol::{Claim, Weighted};
+use crate::party::{Claim, Weighted};
 use crate::relation::{Part, PartId, Parts, Source, Tensor};
 use crate::transcript::{require, Refused};
 use alloc::vec;

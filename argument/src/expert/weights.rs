@@ -3,7 +3,7 @@
 use super::builder::{Builder, WEIGHTS};
 use crate::field::goldilocks::P;
 use crate::field::{Extension, Goldilocks};
-use crate::protocol::Weighted;
+use crate::party::Weighted;
 use crate::relation::Committed;
 use crate::relation::{Axis, Part, Parts, Place, Tensor};
 use alloc::vec::Vec;

@@ -10,7 +10,7 @@ use super::trace::{trace, Kept};
 use crate::prove::filling::Filling;
 use crate::prove::{Computed, NotInTable, Values};
 use crate::relation::{Committed, Relations, Source};
-use std::sync::Arc;
+use std::rc::Rc;
 use zk0_circuits::claim::terms::Model;
 use zk0_circuits::model::arithmetic::fixed::Rescale;
 use zk0_circuits::model::draw::Draw;
@@ -67,7 +67,7 @@ pub struct Common {
 #[derive(Clone)]
 pub struct Witness {
     /// The relations of a statement about this sample alone.
-    pub expert: Arc<Expert>,
+    pub expert: Rc<Expert>,
     /// What is committed to.
     pub main: Vec<i64>,
     /// The sample.
@@ -190,7 +190,7 @@ impl Witness {
         filling.count()?;
         let main = filling.main;
         Ok(Self {
-            expert: Arc::new(expert),
+            expert: Rc::new(expert),
             main,
             data,
         })

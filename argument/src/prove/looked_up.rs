@@ -3,7 +3,8 @@
 use super::tables::Tables;
 use crate::field::{Extension, Goldilocks};
 use crate::fractions::prove::Stored;
-use crate::protocol::{Fold, Layout};
+use crate::layout::Layout;
+use crate::party::Fold;
 use crate::relation::{Axis, Count, Lookup, Relations, COLUMNS};
 use rayon::prelude::*;
 use rustc_hash::FxHashMap;

@@ -4,6 +4,7 @@
 
 pub mod filling;
 mod grid;
+mod instance;
 mod joined;
 mod looked_up;
 mod party;
@@ -11,7 +12,8 @@ mod summed;
 mod tables;
 mod values;
 
+pub use instance::Instance;
 pub use looked_up::{check, check_equalities, count, NotInTable, Violation};
-pub use party::{Instance, Proving};
+pub use party::Proving;
 pub use tables::{Computed, Tables};
 pub use values::{value, Values};

@@ -1,40 +1,23 @@
 //! The prover as one of the two sides. It works on one instance after the other, so that what it has in memory of all instances is little.
 
 use super::grid::Grid;
+use super::instance::Instance;
 use super::joined::{self, Joined};
 use super::looked_up;
 use super::summed::{self, ProductFactors};
-use super::tables::{Computed, Tables};
+use super::tables::Computed;
 use super::values::{contract, numbers, packed, value, Values};
 use crate::field::{Extension, Goldilocks};
 use crate::fractions::{self, prove::halves, LeafClaim};
+use crate::layout::Layout;
 use crate::multilinear::{eq_table, evaluate_extension, outer};
-use crate::protocol::{Claim, Fold, Layout, Party, Sources, Sum, Weighted};
+use crate::party::{Claim, Fold, Party, Sources, Sum, Weighted};
 use crate::relation::{Parts, Relations};
 use crate::sumcheck::prove::products;
 use crate::sumcheck::JoinedPoint;
 use crate::transcript::{work, Challenges, Prover, Refused};
 use crate::verify::powers;
 use rayon::prelude::*;
-
-/// One instance of a statement: its relations, in which the axis of instances has one index, and the values of each source, by number.
-pub struct Instance<'a> {
-    /// The relations.
-    pub relations: &'a Relations,
-    /// The values.
-    pub sources: Vec<Values<'a>>,
-}
-
-impl Instance<'_> {
-    /// Computes values. What takes long is kept in `computed`.
-    pub fn tables<'r>(&'r self, computed: &'r Computed) -> Tables<'r> {
-        Tables {
-            relations: self.relations,
-            sources: &self.sources,
-            computed,
-        }
-    }
-}
 
 /// A prover, and what it knows.
 pub struct Proving<'a> {

@@ -1,14 +1,14 @@
 //! The tables that a sumcheck is about, of one instance after the other.
 
 use super::grid::Grid;
+use super::instance::Instance;
 use super::joined::{Joined, Table};
-use super::party::Instance;
 use super::tables::{Computed, Tables};
 use super::values::contract;
 use crate::field::{Extension, Goldilocks};
 use crate::multilinear::outer;
-use crate::protocol::Weights;
 use crate::relation::{Axis, Factor, Index, Monomials, PartId, Parts, Relations};
+use crate::weights::Weights;
 use rayon::prelude::*;
 
 /// The parts of all axes but that of instances, and the weights of instances: 1 where there is no such axis.

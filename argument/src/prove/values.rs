@@ -2,7 +2,7 @@
 
 use crate::commitment::prove::columns::Column;
 use crate::field::{Extension, Goldilocks};
-use crate::protocol::Weighted;
+use crate::party::Weighted;
 use crate::relation::{PartId, Parts};
 use rayon::prelude::*;
 

@@ -6,7 +6,7 @@ use zk0_argument::expert::argument::verify;
 use zk0_argument::expert::builder::{TABLES, WEIGHTS};
 use zk0_argument::expert::published::Published;
 use zk0_argument::field::Extension;
-use zk0_argument::protocol::Claim;
+use zk0_argument::party::Claim;
 use zk0_argument::relation::Source;
 use zk0_argument::transcript::Refused;
 

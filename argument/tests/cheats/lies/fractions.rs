@@ -2,8 +2,9 @@
 
 use zk0_argument::field::{Extension, Goldilocks};
 use zk0_argument::fractions::LeafClaim;
+use zk0_argument::layout::Layout;
 use zk0_argument::multilinear::{bind, eq_table};
-use zk0_argument::protocol::{Fold, Layout};
+use zk0_argument::party::Fold;
 use zk0_argument::prove::Tables;
 use zk0_argument::relation::Count;
 use zk0_argument::transcript::{Challenges, Prover};

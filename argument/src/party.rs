@@ -1,0 +1,118 @@
+//! What differs between the two sides of an argument, and what both speak of: claims, and sums that a sumcheck reduces.
+
+use crate::field::Extension;
+use crate::fractions::LeafClaim;
+use crate::layout::Layout;
+use crate::relation::{PartId, Parts, Relations, Source, COLUMNS};
+use crate::sumcheck::JoinedPoint;
+use crate::transcript::{Challenges, Refused};
+use crate::weights::Weights;
+use alloc::vec::Vec;
+
+/// What a claim is about: `Σ_b w(b)·T(b)`, where T has the values of a source whose numbers are `offset` plus shifted indices.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Weighted {
+    /// Where the values are.
+    pub source: Source,
+    /// Number of the first value.
+    pub offset: usize,
+    /// For each axis where its index stands in the number of a value, and the weights.
+    pub parts: Vec<(u8, PartId)>,
+    /// The weights of instances, where each has values of its own.
+    pub instances: Option<PartId>,
+}
+
+/// A claim about values that were committed to.
+#[derive(Clone, Debug)]
+pub struct Claim {
+    /// What it is about.
+    pub about: Weighted,
+    /// What the sum is.
+    pub value: Extension,
+}
+
+/// What a sum is about that a sumcheck reduces.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Sum {
+    /// Monomials with this number, with weights.
+    Monomials(usize, Weights),
+    /// The product with this number, with weights.
+    Product(usize, Weights),
+}
+
+/// One of the two sides.
+pub trait Party: Challenges {
+    /// The value of what a claim is about: the prover computes and says it.
+    fn value(&mut self, parts: &Parts, about: &Weighted) -> Result<Extension, Refused>;
+    /// The value of a sum: likewise.
+    fn sum(
+        &mut self,
+        relations: &Relations,
+        parts: &Parts,
+        sum: &Sum,
+    ) -> Result<Extension, Refused>;
+    /// A proof of work: the prover does it, and the verifier checks it.
+    fn work(&mut self, bits: u32, what: &'static str) -> Result<(), Refused>;
+    /// The sum of all fractions of an instance is zero. `fold` folds the columns of an entry into one value, after it was taken from `shift`.
+    fn fractions(
+        &mut self,
+        instance: usize,
+        layout: &Layout,
+        fold: &Fold,
+    ) -> Result<LeafClaim, Refused>;
+    /// The sumcheck of `Σ coefficient · claim`, where the coefficients are powers of `gamma`, over the numerators and denominators of all
+    /// instances. Returns its point, and the value there.
+    fn gather(
+        &mut self,
+        layout: &Layout,
+        fold: &Fold,
+        claims: &[LeafClaim],
+        gamma: Extension,
+    ) -> Result<(Vec<Extension>, Extension), Refused>;
+    /// The values at that point of the numerators and denominators of so many instances.
+    fn gathered(&mut self, count: usize) -> Result<Vec<[Extension; 2]>, Refused>;
+    /// The sumcheck of `Σ coefficient · sum`, where the coefficients are powers of `gamma`. Returns its point, and the value there.
+    fn reduce(
+        &mut self,
+        relations: &Relations,
+        parts: &Parts,
+        sums: &[(Sum, Extension)],
+        gamma: Extension,
+        degree: usize,
+    ) -> Result<(JoinedPoint, Extension), Refused>;
+    /// The sumcheck of `Σ coefficient · claim` over the values of all `sources`, which have so many variables for each instance and which all
+    /// claims are about. Returns its point, and the value there.
+    fn reduce_claims(
+        &mut self,
+        parts: &Parts,
+        sources: &Sources<'_>,
+        claims: &[Claim],
+        gamma: Extension,
+    ) -> Result<(JoinedPoint, Extension), Refused>;
+}
+
+/// Sources whose values are committed to for each instance.
+#[derive(Clone, Copy, Debug)]
+pub struct Sources<'a> {
+    /// Each with the binary logarithm of the number of its values.
+    pub all: &'a [(Source, usize)],
+    /// Variables of instances.
+    pub instances: usize,
+}
+
+impl Sources<'_> {
+    /// Variables of the largest one.
+    pub fn variables(&self) -> usize {
+        let bits = self.all.iter().map(|(_, bits)| *bits);
+        bits.max().unwrap_or_default()
+    }
+}
+
+/// How an entry becomes a denominator: `shift − Σ powers·columns`.
+#[derive(Clone, Copy, Debug)]
+pub struct Fold {
+    /// α.
+    pub shift: Extension,
+    /// 1, β, β², β³
+    pub powers: [Extension; COLUMNS],
+}
