@@ -48,6 +48,7 @@ fn left(base: &Tensors, update: &Tensors, seed: u32) -> (Vec<u8>, Digest) {
             source: tensor.source,
             offset: tensor.offset,
             parts: parts.collect(),
+            instances: None,
         };
         published.claims.push(ArgumentClaim {
             about,
