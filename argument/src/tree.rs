@@ -83,15 +83,17 @@ pub mod prove {
         /// Adds a row and its path to the proof.
         pub fn open(&self, prover: &mut Prover, row: &[Goldilocks], index: usize) {
             prover.hint(row);
-            self.path(prover, index);
+            for digest in self.path(index) {
+                prover.hint_digest(&digest);
+            }
         }
 
-        /// Adds a path to the proof.
-        pub fn path(&self, prover: &mut Prover, index: usize) {
-            let below_the_cap = &self.levels[..self.levels.len() - 1];
-            for (level, digests) in below_the_cap.iter().enumerate() {
-                prover.hint_digest(&digests[index >> level ^ 1]);
-            }
+        /// The digests beside the path from a row to the cap.
+        pub fn path(&self, index: usize) -> Vec<Digest> {
+            let below_the_cap = self.levels[..self.levels.len() - 1].iter().enumerate();
+            below_the_cap
+                .map(|(level, digests)| digests[index >> level ^ 1])
+                .collect()
         }
     }
 

@@ -1,7 +1,8 @@
 //! The prover's side of a commitment.
 //!
 //! Codewords are not kept: they are several times as long as the values. They are computed one coset after the other, hashed, and computed
-//! once more when the positions are known. Memory is that of the values and of one coset.
+//! once more when the positions are known. Of the tree only the levels near the cap are kept. Memory is that of the values, of one coset, and of
+//! the digests of all rows while a segment is committed to.
 
 pub mod columns;
 
@@ -22,14 +23,18 @@ use p3_matrix::bitrev::BitReversibleMatrix;
 use p3_matrix::dense::RowMajorMatrix;
 use rayon::prelude::*;
 
+/// Binary logarithm of the digests of the lowest level that is kept.
+const KEPT: u32 = 14;
 /// Values below which a loop is not worth sharing among cores.
 const SHARED: usize = 1 << 12;
 
 /// A segment that was committed to.
 pub struct Committed {
     columns: Vec<Column>,
-    /// The tree, without the lowest levels: rows of the codewords that one row of each coset has are one leaf of it.
+    /// The tree, without the lowest levels.
     tree: Tree,
+    /// How many levels are missing. Rows of 2^`missing` positions are below one digest of the tree's lowest level.
+    missing: u32,
 }
 
 impl Committed {
@@ -88,49 +93,64 @@ impl Committed {
             })
             .collect();
         drop(cosets);
-        for _ in 0..parameters.rate.bits() {
+        let missing = parameters.length().saturating_sub(KEPT);
+        for _ in 0..missing {
             digests = parents(&digests);
         }
         let tree = Tree::of_leaves(digests, CAP);
-        Self { columns, tree }
+        Self {
+            columns,
+            tree,
+            missing,
+        }
     }
 
     fn width(&self) -> usize {
         self.columns.len()
     }
 
-    /// For each position, the rows of the codewords that are in the same leaf of the tree.
-    fn groups(&self, parameters: &Parameters, positions: &[usize]) -> Vec<Vec<Goldilocks>> {
+    /// For each position, the row of all codewords there, and its path to the cap.
+    fn open(&self, parameters: &Parameters, positions: &[usize]) -> Vec<OpenedRow> {
         let encoder = Encoder::new(parameters.rate.bits());
         let width = self.width();
-        let mut groups = vec![vec![]; positions.len()];
+        let rows = 1usize << self.missing;
+        // Of each position, the rows that are below the same digest of the tree's lowest level.
+        let mut groups = vec![vec![Goldilocks::ZERO; rows * width]; positions.len()];
         for coset in 0..encoder.cosets() {
             let values = encoder.coset(to_rows(&self.columns), width, coset);
             for (group, position) in groups.iter_mut().zip(positions) {
-                let (_, row) = encoder.place(*position, parameters.height);
-                group.extend(values[row * width..][..width].iter().map(ours));
+                let first = position & !(rows - 1);
+                for (position, target) in (first..).zip(group.chunks_exact_mut(width)) {
+                    let (of, row) = encoder.place(position, parameters.height);
+                    if of == coset {
+                        let row = values[row * width..][..width].iter().map(ours);
+                        target
+                            .iter_mut()
+                            .zip(row)
+                            .for_each(|(to, value)| *to = value);
+                    }
+                }
             }
         }
-        groups
+        let opened = groups.into_iter().zip(positions).map(|(group, position)| {
+            let element = |row: usize, column: usize| group[row * width + column].value();
+            let lowest = Tree::new(rows, width, 0, element);
+            let place = position % rows;
+            let mut path = lowest.path(place);
+            path.extend(self.tree.path(position >> self.missing));
+            OpenedRow {
+                row: group[place * width..][..width].to_vec(),
+                path,
+            }
+        });
+        opened.collect()
     }
+}
 
-    /// Adds the row at a position and its path to the proof.
-    fn open(
-        &self,
-        prover: &mut Prover,
-        parameters: &Parameters,
-        position: usize,
-        group: &[Goldilocks],
-    ) {
-        let rate = parameters.rate.bits();
-        let width = self.width();
-        let element = |row: usize, column: usize| group[row * width + column].value();
-        let lowest = Tree::new(1 << rate, width, 0, element);
-        let place = position % (1 << rate);
-        let row = &group[place * width..][..width];
-        lowest.open(prover, row, place);
-        self.tree.path(prover, position >> rate);
-    }
+/// A row that is opened.
+struct OpenedRow {
+    row: Vec<Goldilocks>,
+    path: Vec<Digest>,
 }
 
 /// Opens all columns of `segments` at `point`. Returns their values there.
@@ -191,13 +211,14 @@ pub fn open(
 
     work::do_work(prover, WORK);
     let positions = prover.positions(parameters.rate.queries(), parameters.length());
-    let groups: Vec<Vec<Vec<Goldilocks>>> = segments
-        .iter()
-        .map(|segment| segment.groups(parameters, &positions))
-        .collect();
+    let opened = segments.iter();
+    let opened = opened.map(|segment| segment.open(parameters, &positions));
+    let opened: Vec<Vec<OpenedRow>> = opened.collect();
     for (number, &position) in positions.iter().enumerate() {
-        for (segment, groups) in segments.iter().zip(&groups) {
-            segment.open(prover, parameters, position, &groups[number]);
+        for rows in &opened {
+            let OpenedRow { row, path } = &rows[number];
+            prover.hint(row);
+            path.iter().for_each(|digest| prover.hint_digest(digest));
         }
         let mut leaf = position;
         for (tree, codeword) in &committed {
