@@ -13,7 +13,7 @@ use std::time::{Duration, SystemTime};
 const OLD: Duration = Duration::from_secs(60);
 
 /// Removes SP1's files in `folder` that belong to this user, that no process has mapped, and that have not changed for a minute. The caller
-/// holds the lock of provers. Where the system does not say who uses a file, the file stays.
+/// holds the lock of provers. Where the system does not tell what processes have mapped, the files stay.
 pub fn remove(folder: &Path) {
     let Ok(leftovers) = find(folder, SystemTime::now()) else {
         return;
@@ -84,10 +84,9 @@ fn mapped(user: u32) -> io::Result<String> {
         {
             continue;
         }
-        match fs::read_to_string(entry.path().join("maps")) {
-            Ok(maps) => all.push_str(&maps),
-            Err(error) if error.kind() == io::ErrorKind::PermissionDenied => return Err(error),
-            Err(_) => {}
+        // Some processes of the system hide what they have mapped. Provers do not.
+        if let Ok(maps) = fs::read_to_string(entry.path().join("maps")) {
+            all.push_str(&maps);
         }
     }
     Ok(all)
