@@ -1,24 +1,21 @@
-//! The values of a segment, as the prover keeps them: each column in as few bytes a value as its largest integer needs, in memory or in a file.
+//! The values of a segment, as the prover keeps them: each column in as few bytes a value as its largest integer needs.
 
-use super::stored::Stored;
 use crate::field::goldilocks::{Products, P};
 use crate::field::{Extension, Goldilocks};
 use crate::multilinear::eq_table;
 use p3_field::PrimeCharacteristicRing;
 use p3_goldilocks::Goldilocks as Theirs;
 use rayon::prelude::*;
-use std::io;
-use std::path::Path;
 
 /// The values of one polynomial.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub enum Column {
     /// Most values are int16.
-    Narrow(Stored<i16>),
+    Narrow(Vec<i16>),
     /// Integers of 32 bits.
-    Medium(Stored<i32>),
+    Medium(Vec<i32>),
     /// Anything else.
-    Wide(Stored<i64>),
+    Wide(Vec<Goldilocks>),
 }
 
 /// Columns that are cut from rows at once, so that each line of a cache is read once.
@@ -28,8 +25,18 @@ const ROWS: usize = 32;
 
 impl From<Vec<Goldilocks>> for Column {
     fn from(values: Vec<Goldilocks>) -> Self {
-        let integers: Vec<i64> = values.iter().map(|value| integer(*value)).collect();
-        Self::of_integers(&integers)
+        let signed = || values.iter().map(|value| integer(*value));
+        // The bits that differ from the sign, in any of the values.
+        let bits = signed().fold(0, |bits, value| bits | (value ^ value >> 63));
+        match bits {
+            _ if bits <= i16::MAX as i64 => {
+                Self::Narrow(signed().map(|value| value as i16).collect())
+            }
+            _ if bits <= i32::MAX as i64 => {
+                Self::Medium(signed().map(|value| value as i32).collect())
+            }
+            _ => Self::Wide(values),
+        }
     }
 }
 
@@ -46,34 +53,11 @@ impl Column {
     /// Columns of `height` integers each, which lie one after the other: the first `count`.
     pub fn cut(values: &[i64], height: usize, count: usize) -> Vec<Self> {
         let columns = values.par_chunks_exact(height).take(count);
-        columns.map(Self::of_integers).collect()
-    }
-
-    /// Integers of least magnitude that stand for elements.
-    fn of_integers(values: &[i64]) -> Self {
-        // The bits that differ from the sign, in any of the values.
-        let bits = values
-            .iter()
-            .fold(0, |bits, value| bits | (value ^ value >> 63));
-        let signed = values.iter();
-        match bits {
-            _ if bits <= i16::MAX as i64 => {
-                Self::Narrow(signed.map(|&value| value as i16).collect::<Vec<_>>().into())
-            }
-            _ if bits <= i32::MAX as i64 => {
-                Self::Medium(signed.map(|&value| value as i32).collect::<Vec<_>>().into())
-            }
-            _ => Self::Wide(values.to_vec().into()),
-        }
-    }
-
-    /// Moves the values to a file in a folder.
-    pub fn into_file(self, folder: &Path) -> io::Result<Self> {
-        Ok(match self {
-            Self::Narrow(values) => Self::Narrow(values.into_file(folder)?),
-            Self::Medium(values) => Self::Medium(values.into_file(folder)?),
-            Self::Wide(values) => Self::Wide(values.into_file(folder)?),
-        })
+        let column = |values: &[i64]| {
+            let elements = values.iter().map(|&value| Goldilocks::from_i64(value));
+            Self::from(elements.collect::<Vec<_>>())
+        };
+        columns.map(column).collect()
     }
 
     /// The value with this number, as an integer.
@@ -82,7 +66,7 @@ impl Column {
         match self {
             Self::Narrow(values) => values[index].into(),
             Self::Medium(values) => values[index].into(),
-            Self::Wide(values) => values[index],
+            Self::Wide(values) => integer(values[index]),
         }
     }
 
@@ -111,7 +95,7 @@ impl Column {
             }
             Self::Wide(values) => {
                 for (index, &value) in values[range].iter().enumerate() {
-                    with(index, Goldilocks::from_i64(value));
+                    with(index, value);
                 }
             }
         }
