@@ -37,8 +37,8 @@ test:
 	$(RUST) cargo test --release --workspace --locked --test real_proof -- --ignored --nocapture
 
 # Removes each check of the protocol, the argument, the verifier, the ledger and the audit from a copy of the sources, and fails where no
-# test fails without it. `make test` does so for the protocol alone. An hour and a quarter, because SP1 is built for the copy; half an hour
-# less from then on.
+# test fails without it. `make test` does so for the protocol alone. SP1 is built for the copy, which takes half an hour. From then on, the
+# argument takes a quarter of an hour, and all others 11 minutes.
 deletions:
 	@scripts/setup.sh guest
 	$(RUST) cargo test --release --workspace --locked --test deletions -- --include-ignored --nocapture --test-threads 1
@@ -70,7 +70,8 @@ cycles: build
 	$(CARGO_TARGET_DIR)/release/examples/cycle_budget $(CARGO_TARGET_DIR)/budget succinct 2 micro
 
 # Proves a claim of 98 M weights in mode `succinct`, from a seed, with a compressed SP1 proof. FULL_SAMPLES chooses the number of samples.
-# Run it alone: it needs 20 GiB of memory, and on two cores three minutes a sample and then 40 minutes. If it is interrupted, run it again.
+# Run it alone, because it needs 20 GiB of memory. On two cores, the argument about four samples took ten minutes with other work beside it. The
+# SP1 proof after it has not been made yet. If it is interrupted, run it again: what is done is kept.
 prove-full: build
 	$(RUST) cargo build --release --workspace --locked --example prove_synthetic
 	$(CARGO_TARGET_DIR)/release/examples/prove_synthetic cpu full succinct $(FULL_SAMPLES) $(CARGO_TARGET_DIR)/prove-full-$(FULL_SAMPLES)
