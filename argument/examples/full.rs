@@ -132,6 +132,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let expert = Expert::new(&statement);
     println!("bits of sources {:?}", expert.source_bits);
     let common = Common::new(&statement, models);
+    let folder = tempfile::tempdir()?;
     let witness = |number: usize| {
         measured("values of a sample", || {
             Witness::new(
@@ -143,7 +144,10 @@ fn main() -> Result<(), Box<dyn Error>> {
             )
         })
     };
-    let proof = measured("proof", || prove(&statement, &common, witness))?.ok_or("too small")?;
+    let proof = measured("proof", || {
+        prove(&statement, &common, Some(folder.path()), witness)
+    })?
+    .ok_or("too small")?;
     println!("{} bytes", 8 * proof.len());
     let verified = measured("verifier", || verify(&statement, &proof))?;
     let published = verified.published;

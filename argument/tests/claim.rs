@@ -25,7 +25,7 @@ fn claim(input: &ClaimInput) -> Result<Claim, NotShown> {
 #[test]
 fn a_claim_says_what_mode_direct_says() {
     let direct = honest(&EvalSpec::micro(), 20, 3, 11);
-    let made = make(&node().input).unwrap();
+    let made = make(&node().input, None).unwrap();
     let buffers = made.to_buffers();
     let read = ClaimInput::from_buffers(&buffers).unwrap();
     assert_eq!(read, made);
@@ -42,7 +42,7 @@ fn a_claim_says_what_mode_direct_says() {
 fn hidden_losses_stay_hidden() {
     let mut node = node();
     node.input.header.disclosure = Disclosure::Nothing;
-    let made = make(&node.input).unwrap();
+    let made = make(&node.input, None).unwrap();
     assert_eq!(claim(&made).unwrap().losses, Losses::Hidden);
 }
 
@@ -50,7 +50,7 @@ fn hidden_losses_stay_hidden() {
 #[test]
 fn the_input_holds_neither_samples_nor_weights() {
     let node = node();
-    let bytes = make(&node.input).unwrap().to_buffers().concat();
+    let bytes = make(&node.input, None).unwrap().to_buffers().concat();
     let windows: std::collections::HashSet<&[u8]> = bytes.windows(32).collect();
     let private = node.dataset.iter().map(|sample| sample.as_bytes());
     // The scales of weights, which come first, are no secret.
@@ -76,18 +76,18 @@ fn what_does_not_improve_is_refused() {
     let terms = &mut swapped.header.terms;
     core::mem::swap(&mut terms.base, &mut terms.update);
     assert!(matches!(
-        make(&swapped),
+        make(&swapped, None),
         Err(NotMade::Statement(StatementError::NoImprovement { .. }))
     ));
     // The node argues what is true under easier terms, and then claims it under the round's.
     node.input.header.terms.test.min_improvement_bps = 0;
-    let mut made = make(&node.input).unwrap();
+    let mut made = make(&node.input, None).unwrap();
     made.header.terms.test.min_improvement_bps = 9999;
     let refused = claim(&made).unwrap_err();
     assert!(matches!(refused, NotShown::Argument(_)), "{refused}");
     node.input.header.terms.test.min_improvement_bps = 9999;
     assert!(matches!(
-        make(&node.input),
+        make(&node.input, None),
         Err(NotMade::Statement(StatementError::NoImprovement { .. }))
     ));
 }
@@ -98,7 +98,7 @@ type Cheat = fn(&mut ClaimInput);
 /// The transcript begins with the whole header, so that an argument is about one challenge, one dataset and two sets of weights alone.
 #[test]
 fn an_argument_is_about_one_header() {
-    let made = make(&node().input).unwrap();
+    let made = make(&node().input, None).unwrap();
     claim(&made).unwrap();
     let cheats: [(&str, Cheat); 15] = [
         ("network", |i| i.header.terms.network.0[0] ^= 1),
@@ -137,7 +137,7 @@ fn an_argument_is_about_one_header() {
 /// Each of these is refused by name.
 #[test]
 fn what_is_not_in_the_argument_is_checked_by_itself() {
-    let made = make(&node().input).unwrap();
+    let made = make(&node().input, None).unwrap();
     let drawn = made.openings[0].index;
     let cheats: [(Cheat, NotShown); 8] = [
         (
@@ -197,12 +197,12 @@ fn an_argument_about_other_samples_is_refused() {
     other.openings[0].sample = node.dataset[easy as usize].clone();
     other.openings[0].path = merkle::path(&node.leaves, easy as usize).unwrap();
     let index = other.openings[0].index;
-    let made = make(&other).unwrap();
+    let made = make(&other, None).unwrap();
     let not_committed = StatementError::NotCommitted { index };
     assert_eq!(claim(&made), Err(not_committed.into()));
     let mut named = other.clone();
     named.openings[0].index = easy;
-    let made = make(&named).unwrap();
+    let made = make(&named, None).unwrap();
     assert!(matches!(
         claim(&made),
         Err(NotShown::Statement(StatementError::Index { .. }))
@@ -210,12 +210,12 @@ fn an_argument_about_other_samples_is_refused() {
     // The salt of the commitments is the dataset's.
     let mut salted = node.input.clone();
     salted.header.salt[5] ^= 1;
-    let made = make(&salted).unwrap();
+    let made = make(&salted, None).unwrap();
     assert_eq!(claim(&made), Err(StatementError::Salt.into()));
     // Another specification than the round's.
     let mut specified = node.input.clone();
     specified.header.terms.evaluation = Digest([1; 32]);
-    let made = make(&specified).unwrap();
+    let made = make(&specified, None).unwrap();
     assert!(matches!(
         claim(&made),
         Err(NotShown::Statement(StatementError::Evaluation { .. }))
@@ -224,7 +224,7 @@ fn an_argument_about_other_samples_is_refused() {
 
 #[test]
 fn buffers_that_are_no_input_are_refused() {
-    let buffers = make(&node().input).unwrap().to_buffers();
+    let buffers = make(&node().input, None).unwrap().to_buffers();
     let said = |buffers: &[Vec<u8>]| ClaimInput::from_buffers(buffers).map(drop).unwrap_err();
     assert_eq!(
         said(&buffers[..1]),

@@ -4,7 +4,7 @@ mod models;
 
 use models::claims::Random;
 use models::Models;
-use std::convert::Infallible;
+use std::io;
 use zk0_argument::expert::argument::{prove::prove, verify, Verified};
 use zk0_argument::expert::builder::MAIN;
 use zk0_argument::expert::evaluation::layers::Expert;
@@ -67,9 +67,10 @@ impl Made {
     }
 
     fn proof(&self) -> Vec<u64> {
-        let witness = |number: usize| Ok::<_, Infallible>(self.witnesses[number].clone());
-        let Ok(proof) = prove(&self.statement, &self.common, witness);
-        proof.unwrap()
+        let witness = |number: usize| Ok::<_, io::Error>(self.witnesses[number].clone());
+        let folder = std::env::temp_dir();
+        let proof = prove(&self.statement, &self.common, Some(&folder), witness);
+        proof.unwrap().unwrap()
     }
 
     /// Verifies, and checks what is left with the weights.

@@ -96,7 +96,7 @@ impl Turn<'_> {
             claim,
             weight_check,
             input,
-        } = Prepared::of(node.genesis().mode, &input)?;
+        } = Prepared::of(node.genesis().mode, &input, Some(self.state))?;
         let proof = prover.prove(input, proving_progress).await?;
         tracing::info!(
             "round {round}: the claim is proven: {} cycles in {} s; the proof has {} bytes",

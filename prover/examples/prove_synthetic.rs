@@ -114,7 +114,7 @@ fn prepare(spec: &EvalSpec, mode: Mode, samples: u32, folder: &Path) -> Result<(
     let private = synthetic::private_input(spec, mode, samples, 1)?;
     eprintln!("a claim that holds: {:.0?}", begin.elapsed());
     let begin = Instant::now();
-    let prepared = Prepared::of(mode, &private)?;
+    let prepared = Prepared::of(mode, &private, Some(folder))?;
     let line = json!({
         "what": "private input to guest input", "mode": mode.to_string(), "samples": samples,
         "seconds": begin.elapsed().as_secs_f64(), "peak_memory_bytes": peak_memory(),

@@ -4,6 +4,7 @@ use super::check::{conclude, context};
 use super::input::{ClaimInput, SampleOpening};
 use crate::expert::argument::prove::prove;
 use crate::expert::witness::{evaluate, Common, Unprovable, Witness};
+use std::path::Path;
 use zk0_circuits::claim::private_input::PrivateInput;
 use zk0_circuits::claim::statement_error::StatementError;
 use zk0_circuits::model::draw::draw;
@@ -22,8 +23,9 @@ pub enum NotMade {
     TooSmall(#[from] super::TooSmall),
 }
 
-/// Makes the input of the guest program. An update that does not pass the test is refused before the argument is made.
-pub fn make(input: &PrivateInput) -> Result<ClaimInput<'static>, NotMade> {
+/// Makes the input of the guest program. An update that does not pass the test is refused before the argument is made. With a folder, what is
+/// committed to is in files there that have no names, of up to a gigabyte a sample: then memory does not grow with the number of samples.
+pub fn make(input: &PrivateInput, folder: Option<&Path>) -> Result<ClaimInput<'static>, NotMade> {
     let header = &input.header;
     let samples = input
         .openings
@@ -62,7 +64,7 @@ pub fn make(input: &PrivateInput) -> Result<ClaimInput<'static>, NotMade> {
         let (sample, _) = &samples[number];
         Witness::new(&statement, &common, number, sample, &kept[number])
     };
-    let argument = prove(&statement, &common, witness).map_err(failed)?;
+    let argument = prove(&statement, &common, folder, witness).map_err(failed)?;
     let argument = argument.ok_or(super::TooSmall)?;
     let openings = input.openings.iter().zip(&statement.samples);
     let openings = openings.map(|(opening, evaluated)| SampleOpening {

@@ -5,6 +5,7 @@
 //! the digests of all rows while a segment is committed to.
 
 pub mod columns;
+mod stored;
 
 use super::combination;
 use super::parameters::{cap_bits, Parameters, CAP, FOLDS, SIBLINGS, WORK};
@@ -22,6 +23,8 @@ use p3_goldilocks::Goldilocks as Theirs;
 use p3_matrix::bitrev::BitReversibleMatrix;
 use p3_matrix::dense::RowMajorMatrix;
 use rayon::prelude::*;
+use std::io;
+use std::path::Path;
 
 /// Binary logarithm of the digests of the lowest level that is kept.
 const KEPT: u32 = 14;
@@ -61,6 +64,14 @@ impl Committed {
     /// Says the commitment.
     pub fn say(&self, prover: &mut Prover) {
         self.tree.send_cap(prover);
+    }
+
+    /// Moves the values to files in a folder.
+    pub fn into_files(mut self, folder: &Path) -> io::Result<Self> {
+        let columns = self.columns.into_iter();
+        let moved = columns.map(|column| column.into_file(folder));
+        self.columns = moved.collect::<io::Result<_>>()?;
+        Ok(self)
     }
 
     /// What was committed to.

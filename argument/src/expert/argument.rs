@@ -136,15 +136,19 @@ pub mod prove {
     use crate::expert::witness::{Common, Witness};
     use crate::prove::{Instance, Proving, Values};
     use crate::transcript::Prover;
+    use std::io;
+    use std::path::Path;
 
-    /// Argues. `witness` gives the values of each sample, one after the other, and no more than one is in memory at a time. What is false
-    /// is argued as if it were true, so that tests can see it refused. `None` if the evaluation is too small.
+    /// Argues. `witness` gives the values of each sample, one after the other, and no more than one is in memory at a time: with a folder, what is
+    /// committed to is in files there, of up to a gigabyte a sample. What is false is argued as if it were true, so that tests can see it refused.
+    /// `None` if the evaluation is too small.
     ///
     /// # Errors
-    /// `witness` fails.
-    pub fn prove<E>(
+    /// `witness` fails, or a file cannot be written.
+    pub fn prove<E: From<io::Error>>(
         statement: &Statement,
         common: &Common,
+        folder: Option<&Path>,
         mut witness: impl FnMut(usize) -> Result<Witness, E>,
     ) -> Result<Option<Vec<u64>>, E> {
         let expert = Expert::new(statement);
@@ -156,15 +160,19 @@ pub mod prove {
         let commit = |values: Vec<i64>, width: usize| {
             let columns = Column::cut(&values, 1 << bits, width);
             drop(values);
-            Committed::to(parameters, columns)
+            let committed = Committed::to(parameters, columns);
+            match folder {
+                Some(folder) => committed.into_files(folder),
+                None => Ok(committed),
+            }
         };
         let mut prover = Prover::new(&statement.digest());
         let (mut experts, mut main, mut data) = (vec![], vec![], vec![]);
         for sample in 0..shape.segments {
             let own = witness(sample)?;
             experts.push(own.expert);
-            main.push(commit(own.main, shape.widths[0]));
-            data.push(commit(own.data, shape.widths[1]));
+            main.push(commit(own.main, shape.widths[0])?);
+            data.push(commit(own.data, shape.widths[1])?);
         }
         let segments: Vec<&Committed> = main.iter().chain(&data).collect();
         segments.iter().for_each(|segment| segment.say(&mut prover));

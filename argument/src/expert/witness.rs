@@ -10,6 +10,7 @@ use super::trace::{trace, Kept};
 use crate::prove::filling::Filling;
 use crate::prove::{Computed, NotInTable, Values};
 use crate::relation::{Committed, Relations, Source};
+use std::io;
 use std::rc::Rc;
 use zk0_circuits::claim::terms::Model;
 use zk0_circuits::model::arithmetic::fixed::Rescale;
@@ -38,6 +39,9 @@ pub enum Unprovable {
     /// A value is beyond what the argument's tables hold.
     #[error(transparent)]
     NotInTable(#[from] NotInTable),
+    /// What is committed to does not go into a file: the disk is full, or the folder is not there.
+    #[error("the committed values cannot be written to a file: {0}")]
+    File(String),
     /// The relations give another value than the evaluation.
     #[error(
         "{tensor}: value {index} is {found} by the relations, and {expected} by the evaluation"
@@ -52,6 +56,12 @@ pub enum Unprovable {
         /// By the relations.
         found: i64,
     },
+}
+
+impl From<io::Error> for Unprovable {
+    fn from(error: io::Error) -> Self {
+        Self::File(error.to_string())
+    }
 }
 
 /// The values that all samples share.

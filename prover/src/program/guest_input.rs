@@ -1,5 +1,6 @@
 //! What a guest program reads, and the claim that follows from it.
 
+use std::path::Path;
 use zk0_argument::claim::{self, ClaimInput, NotMade, NotShown};
 use zk0_circuits::claim::hinted_input::HintedInput;
 use zk0_circuits::claim::private_input::InputError;
@@ -67,11 +68,15 @@ pub enum GuestInputError {
 
 impl Prepared {
     /// The claim that `input` proves, and what the program reads. In mode `checked`, this computes the matrix products that the program only
-    /// checks. In mode `succinct`, it makes the argument that the program verifies.
+    /// checks. In mode `succinct`, it makes the argument that the program verifies; with a folder, values of samples are in files there meanwhile.
     ///
     /// # Errors
     /// The claim does not hold, or cannot be proven in this mode.
-    pub fn of(mode: Mode, input: &PrivateInput) -> Result<Self, NotProvable> {
+    pub fn of(
+        mode: Mode,
+        input: &PrivateInput,
+        folder: Option<&Path>,
+    ) -> Result<Self, NotProvable> {
         let (claim, weight_check, buffers) = match mode {
             Mode::Direct => (check(input)?, vec![], input.to_buffers().to_vec()),
             Mode::Checked => {
@@ -81,7 +86,7 @@ impl Prepared {
                 (check_hinted(&hinted)?, weight_check, hinted.to_buffers())
             }
             Mode::Succinct => {
-                let made = claim::make(input)?;
+                let made = claim::make(input, folder)?;
                 let (claim, left) = claim::check(&made).map_err(|error| match error {
                     NotShown::Statement(error) => NotProvable::Statement(error),
                     error => NotProvable::Unsound(error),

@@ -1,21 +1,24 @@
-//! The values of a segment, as the prover keeps them: each column in as few bytes a value as its largest integer needs.
+//! The values of a segment, as the prover keeps them: each column in as few bytes a value as its largest integer needs, in memory or in a file.
 
+use super::stored::Stored;
 use crate::field::goldilocks::{Products, P};
 use crate::field::{Extension, Goldilocks};
 use crate::multilinear::eq_table;
 use p3_field::PrimeCharacteristicRing;
 use p3_goldilocks::Goldilocks as Theirs;
 use rayon::prelude::*;
+use std::io;
+use std::path::Path;
 
 /// The values of one polynomial.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 pub enum Column {
     /// Most values are int16.
-    Narrow(Vec<i16>),
+    Narrow(Stored<i16>),
     /// Integers of 32 bits.
-    Medium(Vec<i32>),
+    Medium(Stored<i32>),
     /// Anything else.
-    Wide(Vec<Goldilocks>),
+    Wide(Stored<i64>),
 }
 
 /// Columns that are cut from rows at once, so that each line of a cache is read once.
@@ -25,18 +28,8 @@ const ROWS: usize = 32;
 
 impl From<Vec<Goldilocks>> for Column {
     fn from(values: Vec<Goldilocks>) -> Self {
-        let signed = || values.iter().map(|value| integer(*value));
-        // The bits that differ from the sign, in any of the values.
-        let bits = signed().fold(0, |bits, value| bits | (value ^ value >> 63));
-        match bits {
-            _ if bits <= i16::MAX as i64 => {
-                Self::Narrow(signed().map(|value| value as i16).collect())
-            }
-            _ if bits <= i32::MAX as i64 => {
-                Self::Medium(signed().map(|value| value as i32).collect())
-            }
-            _ => Self::Wide(values),
-        }
+        let integers: Vec<i64> = values.iter().map(|value| integer(*value)).collect();
+        Self::of_integers(&integers)
     }
 }
 
@@ -53,11 +46,34 @@ impl Column {
     /// Columns of `height` integers each, which lie one after the other: the first `count`.
     pub fn cut(values: &[i64], height: usize, count: usize) -> Vec<Self> {
         let columns = values.par_chunks_exact(height).take(count);
-        let column = |values: &[i64]| {
-            let elements = values.iter().map(|&value| Goldilocks::from_i64(value));
-            Self::from(elements.collect::<Vec<_>>())
-        };
-        columns.map(column).collect()
+        columns.map(Self::of_integers).collect()
+    }
+
+    /// Integers of least magnitude that stand for elements.
+    fn of_integers(values: &[i64]) -> Self {
+        // The bits that differ from the sign, in any of the values.
+        let bits = values
+            .iter()
+            .fold(0, |bits, value| bits | (value ^ value >> 63));
+        let signed = values.iter();
+        match bits {
+            _ if bits <= i16::MAX as i64 => {
+                Self::Narrow(signed.map(|&value| value as i16).collect::<Vec<_>>().into())
+            }
+            _ if bits <= i32::MAX as i64 => {
+                Self::Medium(signed.map(|&value| value as i32).collect::<Vec<_>>().into())
+            }
+            _ => Self::Wide(values.to_vec().into()),
+        }
+    }
+
+    /// Moves the values to a file in a folder.
+    pub fn into_file(self, folder: &Path) -> io::Result<Self> {
+        Ok(match self {
+            Self::Narrow(values) => Self::Narrow(values.into_file(folder)?),
+            Self::Medium(values) => Self::Medium(values.into_file(folder)?),
+            Self::Wide(values) => Self::Wide(values.into_file(folder)?),
+        })
     }
 
     /// The value with this number, as an integer.
@@ -66,7 +82,7 @@ impl Column {
         match self {
             Self::Narrow(values) => values[index].into(),
             Self::Medium(values) => values[index].into(),
-            Self::Wide(values) => integer(values[index]),
+            Self::Wide(values) => values[index],
         }
     }
 
@@ -95,7 +111,7 @@ impl Column {
             }
             Self::Wide(values) => {
                 for (index, &value) in values[range].iter().enumerate() {
-                    with(index, value);
+                    with(index, Goldilocks::from_i64(value));
                 }
             }
         }

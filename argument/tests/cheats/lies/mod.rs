@@ -14,7 +14,7 @@ pub mod party;
 
 use crate::models::Models;
 use party::Lie;
-use std::convert::Infallible;
+use std::io;
 use zk0_argument::expert::argument::prove::prove;
 use zk0_argument::expert::argument::{verify, Verified};
 use zk0_argument::expert::evaluation::layers::Expert;
@@ -140,7 +140,8 @@ pub fn known(
 
 /// The real prover's argument.
 pub fn honest(statement: &Statement, known: &Known) -> Vec<u64> {
-    let witness = |number: usize| Ok::<_, Infallible>(known.samples[number].clone());
-    let Ok(proof) = prove(statement, &known.common, witness);
-    proof.unwrap()
+    let witness = |number: usize| Ok::<_, io::Error>(known.samples[number].clone());
+    prove(statement, &known.common, None, witness)
+        .unwrap()
+        .unwrap()
 }
