@@ -25,7 +25,7 @@ circuits=$(cd "$(dirname "$0")" && pwd -P)
 guest=$circuits/guest
 target=riscv64im-succinct-zkvm-elf
 target_dir=${ZK0_GUEST_TARGET_DIR:-$guest/target}
-programs=(direct checked succinct)
+programs=(direct succinct)
 
 fail() { echo "build-guest: $2" >&2; exit "$1"; }
 
@@ -113,7 +113,6 @@ build() {
     ) >&2 || fail 1 "the build of $program failed (see above)"
 }
 build direct "${features[@]}"
-build checked "${features[@]}"
 build succinct "${features[@]}" --features bump
 
 # --- the result ----------------------------------------------------------------------------------------------------------

@@ -162,7 +162,6 @@ impl Recorded {
             reason,
             Refusal::MalformedUpdate(_)
                 | Refusal::OtherWeights { .. }
-                | Refusal::OtherProducts { .. }
                 | Refusal::OtherWeightCheck { .. }
                 | Refusal::OtherModels(_)
                 | Refusal::TooFar { .. }

@@ -4,28 +4,25 @@
 //!
 //! - [`claim`]: what a proof says. [`Claim`] is the public values of a proof: the [`Terms`] that the ledger fixes, and the
 //!   losses. [`PrivateInput`] is what only the prover sees. [`claim::statement`] checks the private input and returns the
-//!   claim; the two guest programs run [`claim::statement::check`] or [`claim::statement::check_hinted`], and nothing else.
+//!   claim; the guest program of mode `direct` runs [`claim::statement::check`], and nothing else.
 //!   [`claim::dataset`] says what a node commits to before a round, and [`claim::challenge`] draws from it.
 //!   [`claim::program`] holds the verifying keys of the guest programs.
-//! - [`freivalds`]: mode `checked`. The prover hints the matrix products, and the guest checks them with random coefficients.
-//!   `SOUNDNESS.md` argues why this is sound.
 //! - [`model`]: the evaluation. [`model::spec`] fixes dimensions and scales, [`model::quantise`] makes int16 of f32, and
-//!   [`model::eval`] computes the loss of [`QuantisedWeights`] on a [`Sample`]. [`model::multiply`] says where the matrix
-//!   products come from: in mode `direct` the guest computes them.
+//!   [`model::eval`] computes the loss of [`QuantisedWeights`] on a [`Sample`]. [`model::multiply`] computes the
+//!   matrix products. Mode `succinct` proves the same evaluation by an argument, in the crate `zk0-argument`.
 //! - [`vm`]: what differs between the native machine and the guest: SHA-256 and Poseidon2 are SP1 precompiles in the guest.
 //!   Beside them: Merkle trees, int16 values in words, and the cycle budget.
 #![cfg_attr(not(any(feature = "std", test)), no_std)]
 extern crate alloc;
 
 pub mod claim;
-pub mod freivalds;
 pub mod model;
 pub mod vm;
 
 pub use claim::dataset::DatasetCommitment;
 pub use claim::losses::{Disclosure, Losses};
 pub use claim::private_input::PrivateInput;
-pub use claim::public_values::{Claim, GuestWeights, WeightCheck, CLAIM_VERSION};
+pub use claim::public_values::{Claim, CLAIM_VERSION};
 pub use claim::terms::{Terms, WeightsDigest};
 pub use model::mode::Mode;
 pub use model::sample::Sample;

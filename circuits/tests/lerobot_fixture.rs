@@ -9,7 +9,6 @@ use std::path::PathBuf;
 use zk0_circuits::model::draw::Draw;
 use zk0_circuits::model::eval::{evaluate, Evaluator};
 use zk0_circuits::model::layout::expert_tensors;
-use zk0_circuits::model::parameters::Parameters;
 use zk0_circuits::model::sample::{Sample, SampleParts};
 use zk0_circuits::model::spec::{Dims, EvalSpec};
 use zk0_circuits::model::weights::QuantisedWeights;
@@ -116,10 +115,9 @@ fn velocity_and_loss_agree_with_lerobot() {
                 .collect(),
         };
         let evaluator = Evaluator::new(&spec).unwrap();
-        let parameters = Parameters::of(&spec, &quantised);
         let mut products = evaluator.direct(&quantised).unwrap();
         let velocity = evaluator
-            .velocity(&parameters, &mut products, &fixed_sample, &draw)
+            .velocity(&mut products, &fixed_sample, &draw)
             .unwrap();
         let mut worst = 0f32;
         for (frame, values) in velocity.chunks_exact(6).enumerate() {

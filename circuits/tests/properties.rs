@@ -273,10 +273,12 @@ fn buffers_of_other_dimensions_are_refused() {
 #[test]
 fn specifications_out_of_bounds_are_refused() {
     type Change = fn(&mut EvalSpec);
-    let changes: [Change; 15] = [
+    let changes: [Change; 17] = [
         |spec| spec.version = 1,
         |spec| spec.dims.expert_width = 13,
         |spec| spec.dims.head_dim = 0,
+        |spec| (spec.dims.heads, spec.dims.head_dim) = (130, 128),
+        |spec| spec.dims.expert_width = 8194,
         |spec| spec.dims.kv_heads = 0,
         |spec| spec.dims.self_attn_every = 0,
         |spec| spec.dims.layers = 3,
@@ -308,4 +310,30 @@ fn an_inner_node_is_not_a_leaf() {
     let inner = merkle::node_hash(&leaves[0], &leaves[1]);
     assert!(merkle::verify(&root, 4, 0, &inner, &path[1..]));
     assert!(!merkle::verify(&root, 8, 0, &inner, &path[1..]));
+}
+
+/// A product is at most 2^30, and the largest shift of a sum is by 18 bits ([`zk0_circuits::model::linear`]).
+#[test]
+fn no_sum_of_a_valid_specification_leaves_int64() {
+    let widest = [
+        (8192, 2, 128, 128),
+        (2, 16384, 128, 128),
+        (8192, 16384, 64, 256),
+    ];
+    for (expert_width, expert_mlp, heads, head_dim) in widest {
+        let dims = Dims {
+            expert_width,
+            expert_mlp,
+            heads,
+            kv_heads: heads,
+            head_dim,
+            ..Dims::MICRO
+        };
+        let spec = EvalSpec::new(dims);
+        spec.validate().unwrap();
+        let columns = linears(&spec).iter().map(|linear| linear.columns).max();
+        let largest = (columns.unwrap() as i128) << (30 + 18);
+        let bias = 1i128 << (15 + 16 + 15);
+        assert!(largest + bias + i128::from(HALF) <= i128::from(i64::MAX));
+    }
 }

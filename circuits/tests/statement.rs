@@ -5,9 +5,8 @@ mod claims;
 use claims::{calmer, honest, name_weights, quantise, tensors, Honest, Random};
 use zk0_circuits::claim::challenge::{challenge, sample_indices};
 use zk0_circuits::claim::dataset::{check_leaves, salt_commitment, LeavesError};
-use zk0_circuits::claim::hinted_input::HintedInput;
 use zk0_circuits::claim::private_input::{InputError, Opening};
-use zk0_circuits::claim::statement::{check, check_hinted};
+use zk0_circuits::claim::statement::check;
 use zk0_circuits::claim::statement_error::StatementError;
 use zk0_circuits::claim::student::Confidence;
 use zk0_circuits::claim::t_test::TTest;
@@ -399,8 +398,6 @@ fn another_specification_than_the_terms_name_is_refused() {
     let given = honest.input.header.spec.digest();
     let expected = StatementError::Evaluation { claimed, given };
     assert_eq!(refused(&honest.input), expected);
-    let hinted = HintedInput::of(&honest.input).unwrap();
-    assert_eq!(check_hinted(&hinted), Err(expected));
 }
 
 #[test]

@@ -58,7 +58,7 @@ fn by_hand(folder: &str) -> PolicyFile {
 fn a_network_of_a_lerobot_checkpoint_reads_instructions_with_its_tokenizer() {
     let network = LocalNetwork::new();
     let folder = lerobot_folder(&network);
-    let said = network.found(&["--policy", &folder, "--mode", "checked"]);
+    let said = network.found(&["--policy", &folder, "--mode", "succinct"]);
     assert!(said.contains("with its own tokenizer"), "{said}");
 
     let by_hand = by_hand(&folder);
@@ -134,7 +134,7 @@ fn calibration_reads_instructions_with_the_policy_s_tokenizer() {
         "--policy",
         &folder,
         "--mode",
-        "checked",
+        "succinct",
         "--calibrate",
         RECORDING,
     ];
@@ -195,7 +195,7 @@ fn an_update_has_room_in_the_rules_or_nothing_is_founded() {
         fs::write(&file, rules.to_string()).unwrap();
         network.founding(&[&["--rules", &file], more].concat())
     };
-    let tiny = ["--profile", "tiny", "--mode", "checked"];
+    let tiny = ["--profile", "tiny", "--mode", "succinct"];
     let said = fails(&words(&found(300_000, &tiny)));
     assert!(
         said.contains("rule max_update_bytes in ") && said.contains("is 300000, too little"),
@@ -233,14 +233,14 @@ fn mode_direct_is_for_small_policies() {
     let refused = fails(&words(&tiny(&many)));
     assert!(
         refused.contains("100 samples a claim takes more than 1")
-            && refused.contains("add --mode succinct, or --mode checked"),
+            && refused.contains("add --mode succinct"),
         "{refused}"
     );
     assert!(!Path::new(&network.path("ledger")).exists());
     let warned = logs(&words(&tiny(&[])));
-    assert!(warned.contains("--mode checked takes less"), "{warned}");
+    assert!(warned.contains("--mode succinct takes fewer"), "{warned}");
     let network = LocalNetwork::new();
-    let checked = [&many[..], &["--profile", "tiny", "--mode", "checked"]].concat();
+    let checked = [&many[..], &["--profile", "tiny", "--mode", "succinct"]].concat();
     let said = logs(&words(&network.founding(&checked)));
     assert!(!said.contains("direct"), "{said}");
 }
@@ -257,7 +257,7 @@ fn a_policy_that_cannot_be_used_founds_nothing() {
     let nowhere = refused(&["--policy", "no/such/policy"]);
     assert!(nowhere.contains("no/such/policy"), "{nowhere}");
     fs::write(Path::new(&folder).join("tokenizer.json"), "{}").unwrap();
-    let broken = refused(&["--policy", &folder, "--mode", "checked"]);
+    let broken = refused(&["--policy", &folder, "--mode", "succinct"]);
     assert!(
         broken.contains("tokenizer.json: is not a tokenizer.json"),
         "{broken}"
@@ -290,7 +290,7 @@ fn a_trained_policy_keeps_its_tokenizer() {
     let file = policy_file::load(Path::new(&model)).unwrap();
     let text = "Pick up the red cube";
     assert_eq!(file.tokenizer.tokens(text).unwrap(), [11, 12, 13, 14, 15]);
-    network.found(&["--policy", &model, "--mode", "checked"]);
+    network.found(&["--policy", &model, "--mode", "succinct"]);
     let founded = network.policy();
     assert_eq!(founded.policy, file.policy);
     assert_eq!(founded.tokenizer.definition(), file.tokenizer.definition());

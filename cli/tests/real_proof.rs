@@ -58,7 +58,7 @@ fn a_federation_ends_with_a_proven_contribution_and_a_refused_one() {
     let demo = zk0(&[
         "demo",
         "--mode",
-        "checked",
+        "direct",
         "--nodes",
         "2",
         // So many that the claim passes under nearly every challenge.

@@ -11,7 +11,6 @@ use std::fs::{self, OpenOptions};
 use std::io::Write;
 use std::path::Path;
 use std::time::{Duration, Instant};
-use zk0_circuits::claim::hinted_input::HintedInput;
 use zk0_circuits::claim::program::verifying_key;
 use zk0_circuits::model::layout::expert_tensors;
 use zk0_circuits::model::spec::Dims;
@@ -52,11 +51,6 @@ async fn main() -> Result<(), Box<dyn Error>> {
         let private = synthetic::private_input(&EvalSpec::new(dims), mode, 2, 1)?;
         let input = Prepared::of(mode, &private, None)?.input;
         let run = executor.execute(elf(mode), &input.buffers).await?;
-        // In mode `checked`, the verifier also projects both sets of weights.
-        let mut hinted = match mode {
-            Mode::Direct | Mode::Succinct => None,
-            Mode::Checked => Some(HintedInput::of(&private)?),
-        };
         fs::write("/proc/self/clear_refs", "5")?; // The peak of memory is counted from here on.
         let begin = Instant::now();
         let proof = prover.prove_compressed(&input).await?;
@@ -67,10 +61,6 @@ async fn main() -> Result<(), Box<dyn Error>> {
             &proof.public_values,
             verifying_key(mode),
         )?;
-        if let Some(hinted) = &mut hinted {
-            let seed = hinted.seed;
-            hinted.project(seed, [&private.base, &private.update])?;
-        }
         let verify = begin.elapsed();
         let weights: usize = expert_tensors(&dims).iter().map(|t| t.len()).sum();
         let line = json!({

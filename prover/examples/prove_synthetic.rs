@@ -1,7 +1,7 @@
 //! Proves a claim made from a seed. It serves to try a machine's prover, and `make prove-full` runs it:
 //! `cargo run --release --workspace --example prove_synthetic -- DEVICE MODEL MODE SAMPLES [FOLDER]`
 //!
-//! DEVICE is cpu or cuda (`make cuda` builds this example, too), MODEL micro or full, MODE direct, checked or succinct. Prints what it
+//! DEVICE is cpu or cuda (`make cuda` builds this example, too), MODEL micro or full, MODE direct or succinct. Prints what it
 //! took as a JSON line, and writes to FOLDER: `input.bin` (borsh of what the guest program reads), `weight_check.bin`, `proof.bin` and
 //! `claim.bin` (the public values). Each is written when it is complete. Whoever is interrupted runs the same command again, and what is there
 //! is not made again. Remove the folder after a change of the sources.

@@ -15,7 +15,7 @@ use zk0_prover::program::Executor;
 async fn main() -> Result<(), Box<dyn Error>> {
     let circuits = Path::new(env!("CARGO_MANIFEST_DIR")).join("../circuits");
     let executor = Executor::new().await?;
-    for program in ["direct", "checked", "succinct"] {
+    for program in ["direct", "succinct"] {
         record(&circuits, program, &executor).await?;
     }
     Ok(())

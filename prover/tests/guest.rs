@@ -7,9 +7,8 @@ use std::io::{self, Write};
 use std::path::PathBuf;
 use std::process::Command;
 use zk0_argument::claim::{self, ClaimInput};
-use zk0_circuits::claim::hinted_input::HintedInput;
 use zk0_circuits::claim::program::verifying_key;
-use zk0_circuits::claim::statement::{check, check_hinted};
+use zk0_circuits::claim::statement::check;
 use zk0_circuits::model::spec::Dims;
 use zk0_circuits::{EvalSpec, Mode, PrivateInput};
 use zk0_prover::measure::cycles::{self, Cost};
@@ -51,14 +50,6 @@ async fn guest_and_host_give_the_same_claim() {
             .unwrap();
         let claim = borsh::to_vec(&check(&input).unwrap()).unwrap();
         assert_eq!(run.public_values, claim, "seed {seed}, direct");
-
-        let hinted = HintedInput::of(&input).unwrap();
-        let run = executor
-            .execute(elf(Mode::Checked), &hinted.to_buffers())
-            .await
-            .unwrap();
-        let claim = borsh::to_vec(&check_hinted(&hinted).unwrap()).unwrap();
-        assert_eq!(run.public_values, claim, "seed {seed}, checked");
 
         let committed = synthetic::private_input(spec, Mode::Succinct, samples, seed).unwrap();
         let made = claim::make(&committed, None).unwrap();
@@ -142,57 +133,6 @@ async fn the_guest_refuses_what_the_host_refuses_for_the_same_reason() {
         match executor.execute(elf(Mode::Direct), &buffers).await {
             Err(ExecuteError::Refused(reason)) => assert_eq!(reason, expected, "{name}"),
             other => panic!("{name}: the guest gives {other:?}"),
-        }
-    }
-}
-
-#[tokio::test]
-async fn the_checked_guest_refuses_what_the_host_refuses_for_the_same_reason() {
-    type Cheat = fn(&mut HintedInput);
-    let cheats: [(&str, Cheat); 6] = [
-        ("a score", |input| {
-            input.update.hints[0].sums_mut()[900] += 1
-        }),
-        ("the first sum", |input| {
-            input.base.hints[1].sums_mut()[0] -= 1
-        }),
-        ("the last sum", |input| {
-            let sums = input.base.hints[0].sums_mut();
-            sums[sums.len() - 2] ^= 1 << 20;
-        }),
-        ("a projection", |input| {
-            input.update.projections.to_mut()[100] += 1
-        }),
-        ("too few projections", |input| {
-            let projections = input.update.projections.to_mut();
-            projections.truncate(projections.len() - 3);
-        }),
-        ("another challenge", |input| {
-            input.header.terms.challenge.0[3] ^= 1
-        }),
-    ];
-    let executor = Executor::new().await.unwrap();
-    let input = synthetic::private_input(&EvalSpec::micro(), Mode::Direct, 2, 13).unwrap();
-    let honest = HintedInput::of(&input).unwrap();
-    for (name, cheat) in cheats {
-        // The test tries the changed input as it is, and again with the seed drawn anew from its hints.
-        for sealed in [false, true] {
-            let mut hinted = honest.clone();
-            cheat(&mut hinted);
-            if sealed {
-                let projections = hinted.update.projections.clone();
-                hinted.seal([&input.base, &input.update]).unwrap();
-                if name.contains("projection") {
-                    hinted.update.projections = projections;
-                }
-            }
-            let buffers = hinted.to_buffers();
-            let read = HintedInput::from_buffers(&buffers).expect(name);
-            let expected = check_hinted(&read).expect_err(name).to_string();
-            match executor.execute(elf(Mode::Checked), &buffers).await {
-                Err(ExecuteError::Refused(reason)) => assert_eq!(reason, expected, "{name}"),
-                other => panic!("{name}: the guest gives {other:?}"),
-            }
         }
     }
 }

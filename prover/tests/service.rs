@@ -19,7 +19,7 @@ use zk0_prover::service::{Backend, ClientError, JobError, ProvingClient, Proving
 
 fn input(buffers: Vec<Vec<u8>>) -> GuestInput {
     GuestInput {
-        mode: Mode::Checked,
+        mode: Mode::Succinct,
         buffers,
     }
 }

@@ -8,8 +8,7 @@
 //! - [`contribution_blobs`]: the proof and the weights of a contribution, read from where the caller keeps blobs.
 //! - [`proof`]: the SP1 compressed proof, read from hostile bytes under limits, and verified by SP1's own verifier.
 //! - [`releases`]: which verifier decides about a program's proofs, by the release of SP1.
-//! - [`projection`]: the verifier's half of mode `checked`, computed from the files with the weights.
-//! - [`weight_claims`]: the verifier's half of mode `succinct`, likewise.
+//! - [`weight_claims`]: the verifier's half of mode `succinct`, computed from the files with the weights.
 //! - [`update`]: the weight check: the uploaded file holds the numbers that were proven, and the base's where nothing is evaluated.
 //! - [`norm`]: how far an update is from the weights that it was trained from.
 //! - [`dataset`]: the list of drawn frames behind a dataset commitment.
@@ -25,7 +24,6 @@ pub mod contribution_blobs;
 pub mod dataset;
 pub mod decide;
 pub mod norm;
-pub mod projection;
 pub mod proof;
 pub mod public_samples;
 pub mod releases;
@@ -37,7 +35,6 @@ pub use contribution::{
     authenticate, verify, verify_claim, AuthenticContribution, VerifiedContribution,
 };
 pub use contribution_blobs::{Unreadable, UnverifiedContribution, WeightFiles};
-pub use projection::check_projections;
 pub use proof::check_proof;
 pub use result::ResultFiles;
 pub use update::{CheckedUpdate, Evaluation};

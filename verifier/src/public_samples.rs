@@ -4,7 +4,6 @@
 
 use zk0_circuits::model::draw::draw;
 use zk0_circuits::model::eval::{EvalError, Evaluator};
-use zk0_circuits::model::parameters::Parameters;
 use zk0_circuits::model::sample::{Sample, SampleError};
 use zk0_circuits::model::spec::Dims;
 use zk0_circuits::model::weights::QuantisedWeights;
@@ -119,7 +118,6 @@ impl<'a> PublicSampleFile<'a> {
     ) -> Result<PublicLoss, PublicSamplesError> {
         let spec = evaluator.spec;
         let failed = PublicSamplesError::Evaluation;
-        let parameters = Parameters::of(spec, weights);
         let seed = self.rule.seed(network);
         let (mut rest, mut sum) = (self.bytes, 0u64);
         for number in 0..self.rule.samples {
@@ -127,7 +125,7 @@ impl<'a> PublicSampleFile<'a> {
             rest = later;
             let mut multiply = evaluator.direct(weights).map_err(failed)?;
             let draw = draw(spec, &seed, number, self.rule.samples);
-            match evaluator.loss(&parameters, &mut multiply, &sample, &draw) {
+            match evaluator.loss(&mut multiply, &sample, &draw) {
                 Ok(loss) => sum = sum.saturating_add(loss.squared_error),
                 Err(overflow @ EvalError::OutOfRange { .. }) => {
                     return Ok(PublicLoss::Overflow {

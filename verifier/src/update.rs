@@ -3,10 +3,9 @@
 
 use crate::contribution_blobs::WeightFiles;
 use crate::norm::check_norm;
-use crate::projection::check_projections;
 use crate::weight_claims::check_weight_claims;
 use zk0_circuits::model::spec::{EvalSpec, SpecError};
-use zk0_circuits::{Claim, Digest, Mode, QuantisedWeights, WeightCheck, WeightsDigest};
+use zk0_circuits::{Claim, Digest, Mode, QuantisedWeights, WeightsDigest};
 use zk0_protocol::blob::blob_digest;
 use zk0_protocol::entries::genesis::Genesis;
 use zk0_protocol::rules::network_rules::Rules;
@@ -123,15 +122,6 @@ impl Evaluation {
         let format = &self.format;
         match (self.mode, claim.weight_check) {
             (Mode::Direct, None) => Ok(()),
-            (Mode::Checked, Some(claimed)) => {
-                let other = Refusal::OtherWeightCheck { claimed };
-                let check = borsh::from_slice::<WeightCheck>(weight_check);
-                let check = check.map_err(|_| other.clone())?;
-                match check.digest() == claimed {
-                    true => check_projections(format, &check, base, update),
-                    false => Err(other),
-                }
-            }
             (Mode::Succinct, Some(claimed)) => {
                 check_weight_claims(format, &claimed, weight_check, base, update)
             }

@@ -5,6 +5,7 @@
 mod allocations;
 #[path = "../../lerobot/tests/fuzzing/mod.rs"]
 mod fuzzing;
+mod left;
 #[path = "fuzzing/targets.rs"]
 mod targets;
 

@@ -1,70 +1,19 @@
-//! The verifier's half of modes `succinct` and `checked`: what a proof leaves to check of the weights is what it was, and holds for the files.
+//! The verifier's half of mode `succinct`: what a proof leaves to check of the weights is what it was, and holds for the files.
 
+mod left;
 mod made;
 
 use made::{file, format, rounded, tensors, terms, unread_of, Tensors};
-use zk0_argument::expert::evaluation::layers::Expert;
-use zk0_argument::expert::published::Published;
-use zk0_argument::expert::statement::Statement;
-use zk0_argument::field::{Extension, Goldilocks};
-use zk0_argument::party::{Claim as ArgumentClaim, Weighted};
-use zk0_argument::relation::{Part, Parts};
-use zk0_argument::transcript::Refused;
 use zk0_circuits::claim::public_values::CLAIM_VERSION;
-use zk0_circuits::model::layout::Layout;
 use zk0_circuits::{Claim, DatasetCommitment, Digest, EvalSpec, Losses, Mode};
 use zk0_protocol::{Refusal, Rules};
 use zk0_verifier::{check_weight_claims, Evaluation, WeightFiles};
 
-/// What an argument about these weights could leave: a claim about each kind of matrix, at a point that depends on `seed`. Returns the words,
-/// and their digest.
+/// What an argument about these weights could leave ([`left::left`]).
 fn left(base: &Tensors, update: &Tensors, seed: u32) -> (Vec<u8>, Digest) {
     let spec = EvalSpec::micro();
-    let layout = Layout::new(&spec.dims);
     let weights = [base, update].map(|tensors| made::quantise(&spec, tensors));
-    let scales = weights.each_ref().map(|weights| {
-        let tensors = 0..layout.tensors.len();
-        tensors
-            .map(|tensor| weights.tensor(&layout, tensor).1)
-            .collect()
-    });
-    let expert = Expert::new(&Statement::of_weights(&spec, scales.clone()));
-    let mut published = Published {
-        parts: Parts::default(),
-        claims: vec![],
-    };
-    let mut coordinate = seed;
-    for matrices in &expert.weights {
-        let tensor = &expert.builder.relations.tensors[matrices.tensor];
-        let parts = tensor.places.iter().map(|place| {
-            let point = (0..place.bits).map(|_| {
-                coordinate += 1;
-                Extension([Goldilocks::from_u32(coordinate), Goldilocks::ONE])
-            });
-            let part = published.parts.add(Part::Point(point.collect()));
-            (place.shift, part)
-        });
-        let about = Weighted {
-            source: tensor.source,
-            offset: tensor.offset,
-            parts: parts.collect(),
-            instances: None,
-        };
-        published.claims.push(ArgumentClaim {
-            about,
-            value: Extension::ZERO,
-        });
-    }
-    for (model, weights) in weights.iter().enumerate() {
-        let tensor = |number| Ok::<_, Refused>(weights.tensor(&layout, number).0);
-        let sums = published.sums(&expert, model, layout.tensors.len(), tensor);
-        for (claim, sum) in published.claims.iter_mut().zip(sums.unwrap()) {
-            claim.value += sum;
-        }
-    }
-    let words = published.words();
-    let bytes = words.iter().flat_map(|word| word.to_le_bytes()).collect();
-    (bytes, published.digest(&scales))
+    left::left(weights.each_ref(), seed)
 }
 
 fn honest() -> (Tensors, Tensors) {

@@ -5,7 +5,7 @@
 //! - [`sample`]: the commitment to a sample.
 //! - [`builder`]: commits to tensors, and says what holds of them.
 //! - [`argument`]: the whole argument, of the prover and of the verifier. [`published`]: what it leaves to check.
-//! - [`evaluation`]: what holds of each step of it. [`weights`]: where the weights lie.
+//! - [`evaluation`]: what holds of each step of it. [`weights`]: where the weights lie, and sums of them.
 //!
 //! **What is not checked yet.** A base that overflows has no proof. Scores may exceed 32 bits, where mode `direct` refuses them.
 
@@ -20,6 +20,7 @@ pub mod sizes;
 pub mod statement;
 #[cfg(feature = "prove")]
 pub mod trace;
+mod weighted_rows;
 pub mod weights;
 #[cfg(feature = "prove")]
 pub mod witness;

@@ -5,7 +5,6 @@ use zk0_circuits::model::draw::Draw;
 use zk0_circuits::model::eval::{EvalError, Evaluator, LossSum, Site};
 use zk0_circuits::model::linear::Linear;
 use zk0_circuits::model::multiply::{Direct, Multiply};
-use zk0_circuits::model::parameters::Parameters;
 use zk0_circuits::{QuantisedWeights, Sample};
 
 /// The sums of a linear layer, by its number: one matrix after the other, a row of outputs for each row of the input.
@@ -18,7 +17,9 @@ struct Keeping<'a> {
 }
 
 impl Multiply for Keeping<'_> {
-    type Sums = Vec<i32>;
+    fn gain(&self, index: usize) -> (&[i16], i16) {
+        self.direct.gain(index)
+    }
 
     fn linear(
         &mut self,
@@ -61,7 +62,6 @@ pub fn trace(
         direct: evaluator.direct(weights)?,
         kept: vec![],
     };
-    let parameters = Parameters::of(evaluator.spec, weights);
-    let loss = evaluator.loss(&parameters, &mut keeping, sample, draw)?;
+    let loss = evaluator.loss(&mut keeping, sample, draw)?;
     Ok((loss, keeping.kept))
 }

@@ -1,13 +1,13 @@
 //! Where the weights of both models lie among the values that claims are about: each matrix is padded with zeros to powers of two.
 
 use super::builder::{Builder, WEIGHTS};
+use super::weighted_rows::combine;
 use crate::field::goldilocks::P;
 use crate::field::{Extension, Goldilocks};
 use crate::party::Weighted;
 use crate::relation::Committed;
 use crate::relation::{Axis, Part, Parts, Place, Tensor};
 use alloc::vec::Vec;
-use zk0_circuits::freivalds::projection::combine;
 use zk0_circuits::model::layout::Layout;
 use zk0_circuits::QuantisedWeights;
 

@@ -365,7 +365,6 @@ pub fn refusal(reason: &Refusal) -> &'static str {
         Refusal::UpdateDigest { .. } => "other update bytes",
         Refusal::MalformedUpdate(_) => "malformed update",
         Refusal::OtherWeights { .. } => "other weights than proven",
-        Refusal::OtherProducts { .. } => "other products than proven",
         Refusal::OtherWeightCheck { .. } => "other weight check than proven",
         Refusal::OtherModels(_) => "other weights than the argument is about",
         Refusal::MissingUpdate(_) => "update missing",

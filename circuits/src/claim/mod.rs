@@ -3,7 +3,6 @@
 pub mod challenge;
 pub mod dataset;
 pub mod errors;
-pub mod hinted_input;
 pub mod losses;
 pub mod private_input;
 #[cfg(feature = "std")]

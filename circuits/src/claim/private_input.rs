@@ -101,7 +101,7 @@ impl PrivateInput {
     /// one after another (each raw little-endian int16, padded to 8 bytes).
     pub fn to_buffers(&self) -> [Vec<u8>; INPUT_BUFFERS] {
         [
-            head(&self.header, &(), &self.openings),
+            head(&self.header, &self.openings),
             self.base.as_bytes().to_vec(),
             self.update.as_bytes().to_vec(),
             samples(&self.openings),
@@ -117,7 +117,7 @@ impl PrivateInput {
                 expected: INPUT_BUFFERS,
             });
         };
-        let (header, (), places) = read_head(head.as_ref())?;
+        let (header, places) = read_head(head.as_ref())?;
         let weights = |which, bytes: &B| {
             QuantisedWeights::from_bytes(&header.spec, bytes.as_ref())
                 .map_err(|error| InputError::Weights { which, error })
@@ -134,32 +134,25 @@ impl PrivateInput {
 /// Index and path of an opening.
 type OpeningPlace = (u64, Vec<Digest>);
 
-/// Encodes the header, what comes `between`, and for each opening its index and path.
-pub(crate) fn head<T: BorshSerialize>(
-    header: &Header,
-    between: &T,
-    openings: &[Opening],
-) -> Vec<u8> {
+/// Encodes the header, and for each opening its index and path.
+fn head(header: &Header, openings: &[Opening]) -> Vec<u8> {
     let places: Vec<(u64, &Vec<Digest>)> = openings
         .iter()
         .map(|opening| (opening.index, &opening.path))
         .collect();
     // Writing to memory does not fail.
-    borsh::to_vec(&(header, between, places)).unwrap_or_default()
+    borsh::to_vec(&(header, places)).unwrap_or_default()
 }
 
 /// Reads [`head`] and validates the specification.
-pub(crate) fn read_head<T: BorshDeserialize>(
-    bytes: &[u8],
-) -> Result<(Header, T, Vec<OpeningPlace>), InputError> {
-    let read: (Header, T, Vec<OpeningPlace>) =
-        borsh::from_slice(bytes).map_err(|_| InputError::Header)?;
+fn read_head(bytes: &[u8]) -> Result<(Header, Vec<OpeningPlace>), InputError> {
+    let read: (Header, Vec<OpeningPlace>) = borsh::from_slice(bytes).map_err(|_| InputError::Header)?;
     read.0.spec.validate()?;
     Ok(read)
 }
 
 /// The samples, one after another.
-pub(crate) fn samples(openings: &[Opening]) -> Vec<u8> {
+fn samples(openings: &[Opening]) -> Vec<u8> {
     let samples: Vec<&[u8]> = openings
         .iter()
         .map(|opening| opening.sample.as_bytes())
@@ -168,7 +161,7 @@ pub(crate) fn samples(openings: &[Opening]) -> Vec<u8> {
 }
 
 /// Reads [`samples`].
-pub(crate) fn read_samples(
+fn read_samples(
     spec: &EvalSpec,
     places: Vec<OpeningPlace>,
     samples: &[u8],

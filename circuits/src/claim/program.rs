@@ -9,7 +9,6 @@ use crate::model::mode::Mode;
 pub fn verifying_key(mode: Mode) -> &'static [u8; 32] {
     match mode {
         Mode::Direct => include_bytes!("../../elf/direct.vk"),
-        Mode::Checked => include_bytes!("../../elf/checked.vk"),
         Mode::Succinct => include_bytes!("../../elf/succinct.vk"),
     }
 }

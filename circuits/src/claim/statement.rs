@@ -1,24 +1,21 @@
 //! The statement that a proof proves: every check between the private input and the claim.
 //!
-//! The guest program of mode `direct` runs [`check`], that of mode `checked` runs [`check_hinted`]. That of mode `succinct` runs
-//! `zk0_argument::claim::check`, of which [`check_evaluation`], [`check_openings`] and [`conclude`] are parts. Where a check fails, these functions
+//! The guest program of mode `direct` runs [`check`]. That of mode `succinct` runs `zk0_argument::claim::check`, of which
+//! [`check_evaluation`], [`check_openings`] and [`conclude`] are parts. Where a check fails, these functions
 //! return an error, and the guest program panics, so that there is no proof.
 
 use crate::claim::challenge::sample_indices;
 use crate::claim::dataset::salt_commitment;
 use crate::claim::errors::{pairs, Errors};
-use crate::claim::hinted_input::{seed, HintedInput};
 use crate::claim::losses::{Disclosure, Losses};
 use crate::claim::private_input::{Header, Opening, PrivateInput};
 use crate::claim::public_values::{Claim, CLAIM_VERSION};
 use crate::claim::statement_error::StatementError;
 use crate::claim::t_test::Pair;
 use crate::claim::terms::Model;
-use crate::freivalds::hints::{coefficients, Products};
 use crate::model::draw::{draw, Draw};
 use crate::model::eval::{Evaluator, LossSum};
 use crate::model::mode::Mode;
-use crate::model::parameters::Parameters;
 use crate::model::sample::Sample;
 use crate::model::site::EvalError;
 use crate::vm::budget::operation;
@@ -35,10 +32,9 @@ pub fn check(input: &PrivateInput) -> Result<Claim, StatementError> {
     let evaluator = evaluator(header)?;
     check_openings(header, &leaves(header, &input.openings))?;
     let weights = [&input.base, &input.update];
-    let parameters = weights.map(|weights| Parameters::of(&header.spec, weights));
-    let evaluated = evaluate(header, &input.openings, |model, _, sample, draw| {
+    let evaluated = evaluate(header, &input.openings, |model, sample, draw| {
         let mut direct = evaluator.direct(weights[model as usize])?;
-        evaluator.loss(&parameters[model as usize], &mut direct, sample, draw)
+        evaluator.loss(&mut direct, sample, draw)
     })?;
     let terms = &header.terms;
     for (model, digest) in [(Model::Base, terms.base), (Model::Update, terms.update)] {
@@ -47,33 +43,6 @@ pub fn check(input: &PrivateInput) -> Result<Claim, StatementError> {
         }
     }
     conclude(header, &evaluated, None)
-}
-
-/// Mode `checked`: takes every product from hints and checks it with random coefficients. Checks everything and returns the
-/// claim, or says which check failed.
-///
-/// Weight matrices do not enter the guest. The claim says with which projections ([`WeightCheck`]) the products hold. The
-/// verifier holds the weights' files, and recomputes the projections and both kinds of digests.
-pub fn check_hinted(input: &HintedInput<'_>) -> Result<Claim, StatementError> {
-    let header = &input.header;
-    let evaluator = evaluator(header)?;
-    let opened = leaves(header, &input.openings);
-    check_openings(header, &opened)?;
-    let leaves: Vec<Digest> = opened.iter().map(|opened| opened.leaf).collect();
-    let expected = seed(input, &leaves);
-    if input.seed != expected {
-        return Err(StatementError::Seed {
-            found: input.seed,
-            expected,
-        });
-    }
-    let coefficients = coefficients(&evaluator, &input.seed);
-    let weights = [&input.base, &input.update];
-    let products = weights.map(|weights| Products::new(&evaluator, weights, &coefficients));
-    let evaluated = evaluate(header, &input.openings, |model, position, sample, draw| {
-        products[model as usize].loss(position, sample, draw)
-    })?;
-    conclude(header, &evaluated, Some(input.weight_check().digest()))
 }
 
 /// Prepares the evaluation.
@@ -184,11 +153,11 @@ pub struct Evaluated {
     pub elements: u64,
 }
 
-/// Evaluates both models on every opening. `loss` returns the loss of a model on the sample opened at a position.
+/// Evaluates both models on every opening. `loss` returns the loss of a model on a sample.
 fn evaluate(
     header: &Header,
     openings: &[Opening],
-    loss: impl Fn(Model, usize, &Sample, &Draw) -> Result<LossSum, EvalError>,
+    loss: impl Fn(Model, &Sample, &Draw) -> Result<LossSum, EvalError>,
 ) -> Result<Evaluated, StatementError> {
     let terms = &header.terms;
     let mut errors = Vec::with_capacity(openings.len());
@@ -200,7 +169,7 @@ fn evaluate(
             position as u32,
             terms.eval_samples,
         );
-        let loss = |model| loss(model, position, &opening.sample, &draw);
+        let loss = |model| loss(model, &opening.sample, &draw);
         let failed = |model, error| StatementError::Eval {
             model,
             index: opening.index,
@@ -208,7 +177,6 @@ fn evaluate(
         };
         let base = match loss(Model::Base) {
             Ok(base) => Some(base.squared_error),
-            // In mode `checked`, all products before the overflow have been checked, so that it is a true one.
             Err(EvalError::OutOfRange { .. }) => None,
             Err(error) => return Err(failed(Model::Base, error)),
         };

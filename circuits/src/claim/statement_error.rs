@@ -64,14 +64,6 @@ pub enum StatementError {
     /// The evaluated weights are not those that the terms name.
     #[error("the digest of the {0} weights is not the one in the terms")]
     Weights(Model),
-    /// The seed does not follow from the header and the hints.
-    #[error("the coefficients were drawn from seed {found}, but header and hints give {expected}")]
-    Seed {
-        /// The seed in the private input.
-        found: Digest,
-        /// What header and hints give.
-        expected: Digest,
-    },
     /// The test does not show that the loss is lower.
     #[error("the sum of squared errors went from {before} to {after} on {samples} samples, which does not show {test}: train longer, or evaluate more samples")]
     NoImprovement {

@@ -6,7 +6,6 @@ use crate::model::arithmetic::products::dot;
 use crate::model::arithmetic::tables;
 use crate::model::linear::output;
 use crate::model::multiply::ATTENTION_BITS;
-use crate::model::parameters::Vector;
 use crate::model::site::{EvalError, Site};
 use crate::vm::budget::operation;
 use alloc::vec::Vec;
@@ -63,18 +62,18 @@ pub fn norm(
     site: Site,
     input: &[i16],
     bits: u8,
-    gain: Vector<'_>,
+    (gain, gain_bits): (&[i16], i16),
     out: u8,
 ) -> Result<Vec<i16>, EvalError> {
     let _operation = operation("norms");
     /// 1e-5 with 32 fraction bits.
     const EPS: u64 = 42_950;
-    let width = gain.values.len() as u64;
+    let width = gain.len() as u64;
     let eps = EPS << (2 * bits as u32);
-    // The reciprocal has 23 fraction bits, and x·gain·reciprocal bits + gain.bits + 23.
-    let shift = gain.bits as u32 + bits as u32 + 23 - out as u32;
+    // The reciprocal has 23 fraction bits, and x·gain·reciprocal bits + gain_bits + 23.
+    let shift = gain_bits as u32 + bits as u32 + 23 - out as u32;
     let mut output = Vec::with_capacity(input.len());
-    for row in input.chunks_exact(gain.values.len()) {
+    for row in input.chunks_exact(gain.len()) {
         let squares = dot(row, row) as u64;
         let (whole, rest) = (squares / width, squares % width);
         // Mean square with 2·bits + 32 fraction bits, at most 2^62; its root has bits + 16, and is at least 2^(bits+7).
@@ -84,7 +83,7 @@ pub fn norm(
         let reciprocal = ((1u64 << (39 + bits as u32)) / root) as i64;
         let values = row
             .iter()
-            .zip(gain.values)
+            .zip(gain)
             .map(|(&x, &gain)| round_shift(x as i64 * gain as i64 * reciprocal, shift));
         narrow(site, values, &mut output)?;
     }

@@ -1,5 +1,5 @@
 //! Fixed-point evaluation of the action expert: the flow-matching loss of one sample. It gives the same bits on every machine and
-//! in the guest, and in both modes ([`crate::model::multiply`]).
+//! in the guest, and in both modes.
 //!
 //! It follows SmolVLA as LeRobot computes it (arXiv 2506.01844; lerobot 0.4.4). Activations and weights are int16. Sums are
 //! int64, and a linear layer keeps 32 bits of them ([`crate::model::linear`]), so that each output is rounded once.
@@ -11,7 +11,6 @@ use crate::model::elementwise::{add, noised, norm, outputs, rotate, silu, swiglu
 use crate::model::layout::{Layout, HEAD_TENSORS, LAYER_TENSORS};
 use crate::model::linear::{first_of_layer, linears, place, Linear};
 use crate::model::multiply::{Direct, Multiply};
-use crate::model::parameters::Parameters;
 use crate::model::sample::Sample;
 use crate::model::spec::{EvalSpec, LayerScales, SpecError};
 use crate::model::weights::QuantisedWeights;
@@ -40,8 +39,7 @@ pub fn evaluate(
 ) -> Result<LossSum, EvalError> {
     let evaluator = Evaluator::new(spec)?;
     let mut direct = Direct::new(spec, &evaluator.layout, weights)?;
-    let parameters = Parameters::of(spec, weights);
-    evaluator.loss(&parameters, &mut direct, sample, draw)
+    evaluator.loss(&mut direct, sample, draw)
 }
 
 /// A valid evaluation specification, and what follows from it.
@@ -55,6 +53,9 @@ pub struct Evaluator<'a> {
     /// Cosine and sine per position and frequency.
     rotations: Vec<(i16, i16)>,
 }
+
+/// The gain of a layer's second norm, counted from the layer's first tensor, which is the first norm's gain.
+const MLP_GAIN: usize = 5;
 
 impl<'a> Evaluator<'a> {
     /// Validates the specification and prepares the evaluation: rotations for all positions, linear layers.
@@ -82,15 +83,14 @@ impl<'a> Evaluator<'a> {
         Direct::new(self.spec, &self.layout, weights)
     }
 
-    /// Does what [`evaluate`] does, with products from `multiply`, and with `parameters` as gains and biases.
+    /// Does what [`evaluate`] does, with the weights and products of `multiply`.
     pub fn loss(
         &self,
-        parameters: &Parameters,
         multiply: &mut impl Multiply,
         sample: &Sample,
         draw: &Draw,
     ) -> Result<LossSum, EvalError> {
-        let velocity = self.velocity(parameters, multiply, sample, draw)?;
+        let velocity = self.velocity(multiply, sample, draw)?;
         let dims = &self.spec.dims;
         let (real, width) = (dims.action_dim as usize, dims.max_action_dim as usize);
         let actions = sample.actions(dims);
@@ -115,7 +115,6 @@ impl<'a> Evaluator<'a> {
     /// bits, up to the last frame that is not padding. Attention is causal, so that later frames change nothing.
     pub fn velocity(
         &self,
-        parameters: &Parameters,
         multiply: &mut impl Multiply,
         sample: &Sample,
         draw: &Draw,
@@ -137,22 +136,22 @@ impl<'a> Evaluator<'a> {
         let mut hidden = self.embed(multiply, sample, draw, frames)?;
         let mut bits = spec.hidden;
         for (layer, scales) in spec.layers.iter().enumerate() {
-            hidden = self.layer(parameters, multiply, sample, layer, &hidden, bits)?;
+            hidden = self.layer(multiply, sample, layer, &hidden, bits)?;
             bits = scales.hidden;
         }
         let layers = spec.layers.len();
-        let gain = parameters.vector(HEAD_TENSORS + layers * LAYER_TENSORS);
+        let gain = multiply.gain(HEAD_TENSORS + layers * LAYER_TENSORS);
         let normed = norm(Site::FinalNorm, &hidden, bits, gain, spec.final_normed)?;
         let sums = self.linear(multiply, first_of_layer(layers), &normed)?;
         Ok(outputs(&sums).collect())
     }
 
-    fn linear<M: Multiply>(
+    fn linear(
         &self,
-        multiply: &mut M,
+        multiply: &mut impl Multiply,
         index: usize,
         input: &[i16],
-    ) -> Result<M::Sums, EvalError> {
+    ) -> Result<Vec<i32>, EvalError> {
         multiply.linear(index, &self.linears[index], input)
     }
 
@@ -203,7 +202,6 @@ impl<'a> Evaluator<'a> {
     /// layer's scales.
     fn layer(
         &self,
-        parameters: &Parameters,
         multiply: &mut impl Multiply,
         sample: &Sample,
         layer: usize,
@@ -212,11 +210,11 @@ impl<'a> Evaluator<'a> {
     ) -> Result<Vec<i16>, EvalError> {
         let dims = &self.spec.dims;
         let scales = &self.spec.layers[layer];
-        let gain = |index| parameters.vector(HEAD_TENSORS + layer * LAYER_TENSORS + index);
+        let gains = HEAD_TENSORS + layer * LAYER_TENSORS;
         let first = first_of_layer(layer);
 
         let site = Site::InputNorm(layer);
-        let normed = norm(site, hidden, bits, gain(0), scales.normed)?;
+        let normed = norm(site, hidden, bits, multiply.gain(gains), scales.normed)?;
         let projected = self.linear(multiply, first + place::QUERY, &normed)?;
         let frames = hidden.len() / dims.expert_width as usize;
         let (queries, own) = projected.split_at(frames * dims.query_width());
@@ -255,7 +253,7 @@ impl<'a> Evaluator<'a> {
             Site::MlpNorm(layer),
             &attended,
             scales.attended,
-            gain(5),
+            multiply.gain(gains + MLP_GAIN),
             scales.mlp_normed,
         )?;
         let sums = self.linear(multiply, first + place::GATE_UP, &normed)?;

@@ -8,7 +8,6 @@ pub mod layout;
 pub mod linear;
 pub mod mode;
 pub mod multiply;
-pub mod parameters;
 pub mod quantise;
 pub mod sample;
 pub mod site;

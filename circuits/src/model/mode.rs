@@ -6,10 +6,8 @@ use core::fmt;
 /// How an evaluation is proven.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub enum Mode {
-    /// The weights enter the guest, and the guest computes the products.
+    /// Samples and weights enter the guest, and the guest evaluates both models.
     Direct,
-    /// The prover hints the products, the guest checks them, and the verifier projects the weights.
-    Checked,
     /// The prover makes an argument natively that both evaluations are right, and the guest verifies it. Neither samples nor weights enter the
     /// guest, and the verifier looks at the weights at random points.
     Succinct,
@@ -17,14 +15,13 @@ pub enum Mode {
 
 impl Mode {
     /// All modes.
-    pub const ALL: [Self; 3] = [Self::Direct, Self::Checked, Self::Succinct];
+    pub const ALL: [Self; 2] = [Self::Direct, Self::Succinct];
 }
 
 impl fmt::Display for Mode {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::Direct => "direct",
-            Self::Checked => "checked",
             Self::Succinct => "succinct",
         })
     }
@@ -33,7 +30,7 @@ impl fmt::Display for Mode {
 /// A text does not name a [`Mode`].
 #[cfg(feature = "std")]
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("unknown mode '{0}'; the modes are direct, checked and succinct")]
+#[error("unknown mode '{0}'; the modes are direct and succinct")]
 pub struct UnknownMode(String);
 
 #[cfg(feature = "std")]
@@ -43,7 +40,6 @@ impl core::str::FromStr for Mode {
     fn from_str(text: &str) -> Result<Self, UnknownMode> {
         match text {
             "direct" => Ok(Self::Direct),
-            "checked" => Ok(Self::Checked),
             "succinct" => Ok(Self::Succinct),
             _ => Err(UnknownMode(text.into())),
         }

@@ -1,5 +1,5 @@
-//! Where the evaluation gets its matrix products from: [`Direct`] computes them, [`Recorder`] computes and keeps them, and
-//! [`crate::freivalds::checked::Checked`] checks hinted ones.
+//! The matrix products of the evaluation. [`Direct`] computes them. Whoever wants to see the sums on the way wraps it, as mode `succinct` does
+//! to find the values of its argument.
 
 use crate::model::arithmetic::products::{products, Rows};
 use crate::model::layout::Layout;
@@ -9,12 +9,11 @@ use crate::model::spec::EvalSpec;
 use crate::model::weights::QuantisedWeights;
 use alloc::vec;
 use alloc::vec::Vec;
-use core::ops::Deref;
 
-/// A source of the evaluation's products. Sums are int32, and a sum that does not fit is an error.
+/// A set of weights, and the products with them. Sums are int32, and a sum that does not fit is an error.
 pub trait Multiply {
-    /// Sums of one product.
-    type Sums: Deref<Target = [i32]>;
+    /// The norm's gain that is number `index` of the expert's tensors: its values and their fraction bits.
+    fn gain(&self, index: usize) -> (&[i16], i16);
 
     /// Returns the sums of linear layer number `index` ([`crate::model::linear::linears`]) over the rows of `input`:
     /// for each matrix, one row of outputs per row of input.
@@ -23,7 +22,7 @@ pub trait Multiply {
         index: usize,
         linear: &Linear,
         input: &[i16],
-    ) -> Result<Self::Sums, EvalError>;
+    ) -> Result<Vec<i32>, EvalError>;
 
     /// `queries · keysᵀ`, one row per query.
     fn scores(
@@ -31,7 +30,7 @@ pub trait Multiply {
         site: Site,
         queries: Rows<'_>,
         keys: Rows<'_>,
-    ) -> Result<Self::Sums, EvalError>;
+    ) -> Result<Vec<i32>, EvalError>;
 
     /// `weights · values · 2^`[`MIX_SHIFT`]` + 2^15`, one row per row of `weights`: their outputs have the fraction
     /// bits of `values`.
@@ -40,7 +39,7 @@ pub trait Multiply {
         site: Site,
         weights: Rows<'_>,
         values: Rows<'_>,
-    ) -> Result<Self::Sums, EvalError>;
+    ) -> Result<Vec<i32>, EvalError>;
 }
 
 /// Fraction bits of attention weights: 1 is 2^14.
@@ -74,7 +73,9 @@ impl<'a> Direct<'a> {
 }
 
 impl Multiply for Direct<'_> {
-    type Sums = Vec<i32>;
+    fn gain(&self, index: usize) -> (&[i16], i16) {
+        self.weights.tensor(self.layout, index)
+    }
 
     fn linear(&mut self, _: usize, linear: &Linear, input: &[i16]) -> Result<Vec<i32>, EvalError> {
         let input = Rows::new(input, linear.columns);
@@ -170,67 +171,5 @@ impl Fit {
                 value: sum >> bits,
             }),
         }
-    }
-}
-
-/// Computes every product and keeps the sums, in order: the hints of mode `checked`.
-pub struct Recorder<'a> {
-    direct: Direct<'a>,
-    /// All sums so far.
-    pub hints: Vec<i32>,
-    /// Whether a product could not be kept, because a sum of it does not fit.
-    pub missing: bool,
-}
-
-impl<'a> Recorder<'a> {
-    /// Records what `direct` computes.
-    pub fn new(direct: Direct<'a>) -> Self {
-        Self {
-            direct,
-            hints: vec![],
-            missing: false,
-        }
-    }
-
-    fn keep(&mut self, sums: Result<Vec<i32>, EvalError>) -> Result<Vec<i32>, EvalError> {
-        match &sums {
-            Ok(sums) => self.hints.extend_from_slice(sums),
-            Err(_) => self.missing = true,
-        }
-        sums
-    }
-}
-
-impl Multiply for Recorder<'_> {
-    type Sums = Vec<i32>;
-
-    fn linear(
-        &mut self,
-        index: usize,
-        linear: &Linear,
-        input: &[i16],
-    ) -> Result<Vec<i32>, EvalError> {
-        let sums = self.direct.linear(index, linear, input);
-        self.keep(sums)
-    }
-
-    fn scores(
-        &mut self,
-        site: Site,
-        queries: Rows<'_>,
-        keys: Rows<'_>,
-    ) -> Result<Vec<i32>, EvalError> {
-        let sums = self.direct.scores(site, queries, keys);
-        self.keep(sums)
-    }
-
-    fn mix(
-        &mut self,
-        site: Site,
-        weights: Rows<'_>,
-        values: Rows<'_>,
-    ) -> Result<Vec<i32>, EvalError> {
-        let sums = self.direct.mix(site, weights, values);
-        self.keep(sums)
     }
 }

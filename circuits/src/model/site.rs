@@ -95,12 +95,6 @@ pub enum EvalError {
         /// The value.
         value: i64,
     },
-    /// A hinted product is wrong.
-    #[error("{0}: the hinted product is wrong")]
-    Product(Site),
-    /// Too few hinted products, or too many.
-    #[error("the number of hinted sums is wrong: {0} are left where the evaluation needs another number")]
-    Hints(usize),
     /// Weights, sample or draw were made for other dimensions.
     #[error("{0} does not have the dimensions of the specification")]
     Dimensions(&'static str),

@@ -299,13 +299,16 @@ impl EvalSpec {
     }
 }
 
+/// Most values in a row that a matrix multiplies: with more, a shifted sum could leave int64 (see [`crate::model::linear`]). The time MLP takes rows of
+/// twice the expert's width.
+const MAX_COLUMNS: usize = MAX_DIM as usize;
 const MAX_DIM: u32 = 1 << 14;
 const MAX_LAYERS: u32 = 256;
 
 impl Dims {
     fn validate(&self) -> Result<(), SpecError> {
         for (name, value, most) in [
-            ("expert_width", self.expert_width, MAX_DIM),
+            ("expert_width", self.expert_width, MAX_DIM / 2),
             ("expert_mlp", self.expert_mlp, MAX_DIM),
             ("heads", self.heads, 256),
             ("kv_heads", self.kv_heads, 256),
@@ -337,6 +340,10 @@ impl Dims {
             (
                 self.action_dim > self.max_action_dim,
                 "action_dim is above max_action_dim",
+            ),
+            (
+                self.query_width() > MAX_COLUMNS,
+                "heads times head_dim is above 16384",
             ),
         ] {
             if wrong {

@@ -91,7 +91,7 @@ impl QuantisedWeights {
             found: bytes.len(),
         })?;
         let scales = &values.as_slice()[..layout.tensors.len()];
-        check_bits(spec, scales.iter().map(|&bits| Some(bits)))?;
+        check_bits(spec, scales)?;
         Ok(Self { values })
     }
 
@@ -108,11 +108,11 @@ impl QuantisedWeights {
     }
 
     /// Digest over scales and values: [`crate::WeightsDigest::quantised`]. It is Poseidon2 in mode `direct`, where the guest
-    /// computes it. It is SHA-256 in the other modes, where only verifiers compute it, because that takes a tenth of the time.
+    /// computes it. It is SHA-256 in mode `succinct`, where only verifiers compute it, because that takes a tenth of the time.
     pub fn digest(&self, mode: Mode) -> Digest {
         match mode {
             Mode::Direct => hash(Domain::Weights, &self.values),
-            Mode::Checked | Mode::Succinct => tagged_sha256("zk0/quantised/v1", &[self.as_bytes()]),
+            Mode::Succinct => tagged_sha256("zk0/quantised/v1", &[self.as_bytes()]),
         }
     }
 }
@@ -150,23 +150,17 @@ impl Quantiser {
     }
 }
 
-/// Checks fraction bits; `None` stands for a tensor that is not there.
-pub(crate) fn check_bits(
-    spec: &EvalSpec,
-    tensors: impl ExactSizeIterator<Item = Option<i16>>,
-) -> Result<(), WeightsError> {
-    let limits = bit_limits(spec, tensors.len());
-    for (index, (bits, (least, most))) in tensors.zip(limits).enumerate() {
-        match bits {
-            Some(bits) if !(least..=most).contains(&bits) => {
-                return Err(WeightsError::Scale {
-                    index,
-                    bits,
-                    least,
-                    most,
-                })
-            }
-            _ => {}
+/// Checks the fraction bits of all tensors.
+fn check_bits(spec: &EvalSpec, scales: &[i16]) -> Result<(), WeightsError> {
+    let limits = bit_limits(spec, scales.len());
+    for (index, (&bits, (least, most))) in scales.iter().zip(limits).enumerate() {
+        if !(least..=most).contains(&bits) {
+            return Err(WeightsError::Scale {
+                index,
+                bits,
+                least,
+                most,
+            });
         }
     }
     Ok(())

@@ -23,14 +23,6 @@ pub enum Domain {
     Weights = 1,
     /// A sample: [`crate::model::sample::Sample`].
     Sample = 2,
-    /// Norm gains and biases: [`crate::model::parameters::Parameters`].
-    Parameters = 3,
-    /// Hinted sums of one evaluation, two int16 each.
-    Hints = 4,
-    /// Projections of the weight matrices: [`crate::freivalds::projection`].
-    Projections = 5,
-    /// The coefficients of the product checks: [`crate::freivalds::coefficients`].
-    Coefficients = 6,
 }
 
 const LOW_30: u64 = 0x3fff_ffff_3fff_ffff;
@@ -38,39 +30,12 @@ const LOW_2: u64 = 0x0000_0003_0000_0003;
 
 /// The digest of `values` in `domain`.
 pub fn hash(domain: Domain, values: &Values) -> Digest {
-    hash_words(domain, values.words(), values.len() as u64)
-}
-
-/// The digest of `length` values in `domain`, given four to a word as [`Values::words`] does.
-pub fn hash_words(domain: Domain, words: &[u64], length: u64) -> Digest {
-    let state = absorb_words(domain, words, length);
+    let state = absorb_words(domain, values.words(), values.len() as u64);
     let mut digest = [0; 32];
     for (bytes, pair) in digest.chunks_exact_mut(8).zip(&state.0) {
         bytes.copy_from_slice(&pair.to_le_bytes());
     }
     Digest(digest)
-}
-
-/// An endless stream of elements from a seed: the rate after absorbing the seed, and after every further permutation.
-pub struct Squeeze(State);
-
-impl Squeeze {
-    /// Absorbs the seed as 16 values.
-    pub fn new(domain: Domain, seed: &Digest) -> Self {
-        let mut words = [0; 4];
-        for (word, bytes) in words.iter_mut().zip(seed.0.as_chunks::<8>().0) {
-            *word = u64::from_le_bytes(*bytes);
-        }
-        Self(absorb_words(domain, &words, 16))
-    }
-
-    /// The next eight elements.
-    #[allow(clippy::should_implement_trait)] // it never ends
-    pub fn next(&mut self) -> [u32; 8] {
-        let elements = core::array::from_fn(|i| (self.0 .0[i / 2] >> (i % 2 * 32)) as u32);
-        permute(&mut self.0);
-        elements
-    }
 }
 
 fn absorb_words(domain: Domain, words: &[u64], length: u64) -> State {

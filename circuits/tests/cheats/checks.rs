@@ -190,69 +190,7 @@ pub const DELETIONS: &[Deletion] = &[
         "pads copies of a sample",
         "with zeros as padding",
     ),
-    // These checks are about products in mode `checked`.
-    check(
-        "rows of a linear layer",
-        "freivalds/checked.rs",
-        &[(
-            "Some(output) if !expected.eq(combined)",
-            "Some(output) if false",
-        )],
-        "makes a velocity up",
-        "velocity (action_out_proj): the hinted product is wrong",
-    ),
-    check(
-        "rows of attention scores",
-        "freivalds/checked.rs",
-        &[(
-            "rows_with_elements(queries, &projection) != combined",
-            "false",
-        )],
-        "makes attention scores up",
-        "attention scores: the hinted product is wrong",
-    ),
-    check(
-        "rows of attention outputs",
-        "freivalds/checked.rs",
-        &[("if !expected.eq(combined) {", "if false {")],
-        "makes attention outputs up",
-        "attention output: the hinted product is wrong",
-    ),
-    check(
-        "seed",
-        "claim/statement.rs",
-        &[("input.seed != expected", "false")],
-        "picks the update's sums last",
-        "coefficients were drawn from seed",
-    ),
-    check(
-        "transcript: hints of the update",
-        "claim/hinted_input.rs",
-        &[(
-            "[base.digest(), update.digest()]",
-            "[base.digest(), Digest::default()]",
-        )],
-        "picks the update's sums last",
-        "coefficients were drawn from seed",
-    ),
-    check(
-        "transcript: hints of the base",
-        "claim/hinted_input.rs",
-        &[(
-            "[base.digest(), update.digest()]",
-            "[Digest::default(), update.digest()]",
-        )],
-        "picks the base's sums last",
-        "coefficients were drawn from seed",
-    ),
-    check(
-        "transcript: header",
-        "claim/hinted_input.rs",
-        &[("= vec![&header];", "= vec![];")],
-        "picks the update last",
-        "coefficients were drawn from seed",
-    ),
-    // These checks are about the weights in mode `direct`.
+    // These checks are about the weights.
     check(
         "digest of the update",
         "claim/statement.rs",
@@ -276,21 +214,21 @@ pub const DELETIONS: &[Deletion] = &[
         "final norm: ",
     ),
     check(
-        "sums of a linear layer fit, in mode `direct`",
+        "sums of a linear layer fit",
         "model/multiply.rs",
         &[("fit.check(output.site, SUM_BITS)?;", "")],
         "wraps a velocity",
         "velocity (action_out_proj): ",
     ),
     check(
-        "attention scores fit, in mode `direct`",
+        "attention scores fit",
         "model/multiply.rs",
         &[("fit.check(site, 0)?;", "")],
         "wraps attention scores",
         "attention scores: ",
     ),
     check(
-        "attention outputs fit, in mode `direct`",
+        "attention outputs fit",
         "model/multiply.rs",
         &[("fit.check(site, SUM_BITS)?;", "")],
         "wraps attention outputs",

@@ -1,7 +1,7 @@
 //! Cheats that use the right samples: other weights, no improvement, values that wrap.
 
 use super::verifier::{direct, drawn, improves, loss, prove};
-use crate::claims::{calmer, louder, name_weights, nudged, quantise, Node, Random, Tensors};
+use crate::claims::{calmer, louder, nudged, quantise, Node, Random, Tensors};
 use zk0_circuits::{Digest, EvalSpec, PrivateInput};
 
 const LAYERS: &str = "model.vlm_with_expert.lm_expert.layers";
@@ -11,21 +11,13 @@ fn node() -> Node {
     Node::new(&EvalSpec::micro(), 12, 8, 11)
 }
 
-/// Claims in mode `direct` that the update improves, which it does not.
-fn prove_direct(node: &Node) -> Result<(), String> {
-    assert!(!improves(node, &drawn(node)));
-    let mut input = node.honest().input;
-    name_weights(&mut input);
-    direct(&input, [&input.base, &input.update]).map(drop)
-}
-
-/// The same in mode `checked`.
-fn prove_checked(node: &Node) -> Result<(), String> {
+/// Claims that the update improves, which it does not.
+fn prove_node(node: &Node) -> Result<(), String> {
     assert!(!improves(node, &drawn(node)));
     prove(node.honest().input).map(drop)
 }
 
-/// Evaluates the weights that `evaluate` puts into the input in place of those it names, in mode `direct`.
+/// Evaluates the weights that `evaluate` puts into the input in place of those it names.
 fn evaluate_others(node: &Node, evaluate: impl Fn(&mut PrivateInput)) -> Result<(), String> {
     assert!(!improves(node, &drawn(node)));
     let named = node.honest().input;
@@ -54,7 +46,7 @@ pub fn other_base() -> Result<(), String> {
 pub fn worse() -> Result<(), String> {
     let mut node = node();
     node.update = louder(&node.base, 2.0);
-    prove_checked(&node)
+    prove_node(&node)
 }
 
 /// The terms ask for any improvement at all.
@@ -62,14 +54,14 @@ pub fn same() -> Result<(), String> {
     let mut node = node();
     node.update = node.base.clone();
     node.test.min_improvement_bps = 0;
-    prove_checked(&node)
+    prove_node(&node)
 }
 
 /// There is some improvement, but nine tenths are claimed.
 pub fn less() -> Result<(), String> {
     let mut node = node();
     node.test.min_improvement_bps = 9000;
-    prove_checked(&node)
+    prove_node(&node)
 }
 
 /// The update looks better on the samples drawn, by chance. On all samples and under other challenges it is worse.
@@ -95,7 +87,7 @@ pub fn by_chance() -> Result<(), String> {
             && !improves(&node, &samples)
             && in_truth(&node, &node.update) > in_truth(&node, &node.base)
         {
-            return prove_checked(&node);
+            return prove_node(&node);
         }
     }
     panic!("no update is better by chance");
@@ -118,7 +110,7 @@ pub fn wrapped_norm() -> Result<(), String> {
         200.0,
     );
     scale(&mut node.update, "model.action_out_proj.weight", 0.01);
-    prove_checked(&node)
+    prove_node(&node)
 }
 
 /// The velocity is calmer, but too high by 32, which is the full range of an int16.
@@ -126,7 +118,7 @@ pub fn wrapped_velocity() -> Result<(), String> {
     let mut node = node();
     let bias = node.update.get_mut("model.action_out_proj.bias").unwrap();
     bias.iter_mut().for_each(|bias| *bias += 32.0);
-    prove_direct(&node)
+    prove_node(&node)
 }
 
 /// Queries and keys are so large that their products wrap to the other sign. The update then attends to other tokens, which in
@@ -188,7 +180,7 @@ pub fn wrapped_outputs() -> Result<(), String> {
     })
 }
 
-/// Claims, in mode `direct`, of updates that are no improvement, until one is accepted, or refused because of `site`.
+/// Claims of updates that are no improvement, until one is accepted, or refused because of `site`.
 fn tries(
     node: &mut Node,
     site: &str,
@@ -200,7 +192,7 @@ fn tries(
         if loss(node, &node.update, &drawn) < loss(node, &node.base, &drawn) {
             continue;
         }
-        match prove_direct(node) {
+        match prove_node(node) {
             Err(why) if !why.contains(site) => {}
             outcome => return outcome,
         }

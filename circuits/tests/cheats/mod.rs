@@ -4,8 +4,6 @@
 //! one, in `program.rs` a copy with one check deleted.
 
 mod losses;
-mod products;
-mod relation;
 mod samples;
 mod specification;
 mod verifier;
@@ -31,12 +29,6 @@ pub const CHEATS: &[(&str, Cheat)] = &[
         "writes into unused dimensions of copies",
         samples::widened_copies,
     ),
-    ("makes a velocity up", products::velocity),
-    ("makes attention scores up", products::scores),
-    ("makes attention outputs up", products::outputs),
-    ("picks the update's sums last", products::update_sums_last),
-    ("picks the base's sums last", products::base_sums_last),
-    ("picks the update last", products::update_last),
     ("evaluates another update", losses::other_update),
     ("evaluates another base", losses::other_base),
     ("contributes what is worse", losses::worse),

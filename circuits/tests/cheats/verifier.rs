@@ -4,66 +4,31 @@
 #[path = "../claims/reference.rs"]
 mod reference;
 
-use crate::claims::{Node, Parts, Tensors};
-use zk0_circuits::claim::hinted_input::HintedInput;
+use crate::claims::{name_weights, Node, Parts, Tensors};
 use zk0_circuits::claim::private_input::Opening;
-use zk0_circuits::claim::statement::{check, check_hinted};
+use zk0_circuits::claim::statement::check;
 use zk0_circuits::claim::student::Confidence;
 use zk0_circuits::model::draw::draw;
-use zk0_circuits::model::parameters::Parameters;
 use zk0_circuits::{Claim, EvalSpec, Mode, PrivateInput, QuantisedWeights};
 
-/// Runs the guest program of mode `direct`, and the verifier's checks of the claim against the files.
+/// Runs the guest program, and the verifier's checks of the claim against the files.
 pub fn direct(input: &PrivateInput, files: [&QuantisedWeights; 2]) -> Result<Claim, String> {
     let read =
         PrivateInput::from_buffers(&input.to_buffers()).map_err(|error| error.to_string())?;
     let claim = check(&read).map_err(|error| error.to_string())?;
-    names_files(&claim, Mode::Direct, files)?;
+    names_files(&claim, files)?;
     Ok(claim)
 }
 
-/// Runs the guest program of mode `checked`, and the verifier's checks of the claim against the files: their digests, and
-/// the parts of them that were in the guest.
-pub fn checked(
-    input: &HintedInput<'static>,
-    files: [&QuantisedWeights; 2],
-) -> Result<Claim, String> {
-    let buffers = input.to_buffers();
-    let read = HintedInput::from_buffers(&buffers).map_err(|error| error.to_string())?;
-    let claim = check_hinted(&read).map_err(|error| error.to_string())?;
-    names_files(&claim, Mode::Checked, files)?;
-    // The node sends its weight check with the proof, and the claim holds it to it.
-    let weight_check = input.weight_check();
-    if claim.weight_check != Some(weight_check.digest()) {
-        return Err("the claim has another weight check".into());
-    }
-    let [base, update] = files.map(|file| Parameters::of(&input.header.spec, file));
-    let mut ours = input.clone();
-    (ours.base.parameters, ours.update.parameters) = (base, update);
-    let projected = ours.project(weight_check.seed, files);
-    projected.map_err(|error| error.to_string())?;
-    if ours.weight_check() != weight_check {
-        return Err("the verifier finds other weights in the files".into());
-    }
-    Ok(claim)
-}
-
-/// Claims what `input` says in mode `checked`, with hints as they should be. Its weights are those of the files.
+/// Claims what `input` says. Its weights are those of the files.
 pub fn prove(mut input: PrivateInput) -> Result<Claim, String> {
     name_weights(&mut input);
-    let hinted = HintedInput::of(&input).map_err(|error| error.to_string())?;
-    checked(&hinted, [&input.base, &input.update])
+    direct(&input, [&input.base, &input.update])
 }
 
-/// Names the input's weights in its terms, as mode `checked` does.
-pub fn name_weights(input: &mut PrivateInput) {
-    input.header.terms.base.quantised = input.base.digest(Mode::Checked);
-    input.header.terms.update.quantised = input.update.digest(Mode::Checked);
-}
-
-fn names_files(claim: &Claim, mode: Mode, files: [&QuantisedWeights; 2]) -> Result<(), String> {
+fn names_files(claim: &Claim, files: [&QuantisedWeights; 2]) -> Result<(), String> {
     let named = [claim.terms.base.quantised, claim.terms.update.quantised];
-    if named != files.map(|file| file.digest(mode)) {
+    if named != files.map(|file| file.digest(Mode::Direct)) {
         return Err("the claim names other weights than the files'".into());
     }
     Ok(())

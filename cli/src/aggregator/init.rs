@@ -37,8 +37,8 @@ pub struct Init {
     /// Enrol this node. `zk0 node keygen` prints its identity; the name is for people. Repeat the option for more nodes.
     #[arg(long = "node", value_name = "NAME=IDENTITY")]
     nodes: Vec<Enrolment>,
-    /// How the evaluation is proven. direct: the proven program evaluates, which is best for small policies. checked: it checks matrix
-    /// products with random numbers. succinct: it verifies an argument that the node makes before, which is for the published size.
+    /// How the evaluation is proven. direct: the proven program evaluates, which is best for small policies. succinct: it verifies an
+    /// argument that the node makes before, which is best for all larger ones, up to the published size.
     #[arg(long, default_value = "direct")]
     mode: Mode,
     /// Begin with this policy: a policy file, or a LeRobot policy folder. The folder's tokenizer.json goes into the network's policy
@@ -144,9 +144,9 @@ fn check_direct(policy: &Policy, samples: u32) -> Result<()> {
     );
     match direct.cost() {
         DirectCost::Endless => {
-            bail!("{said}, which is more than a day of proving on two cores; add --mode succinct, or --mode checked")
+            bail!("{said}, which is more than a day of proving on two cores; add --mode succinct")
         }
-        DirectCost::Dear => tracing::warn!("{said}; --mode checked takes less than half of them"),
+        DirectCost::Dear => tracing::warn!("{said}; --mode succinct takes fewer"),
         DirectCost::Fair => {}
     }
     Ok(())

@@ -35,7 +35,7 @@ pub struct Options {
     /// Run this many nodes, each with its own recording. The last one cheats.
     #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u64).range(2..=16))]
     nodes: u64,
-    /// How the evaluation is proven: direct, checked or succinct. `zk0 aggregator init --help` explains them.
+    /// How the evaluation is proven: direct or succinct. `zk0 aggregator init --help` explains them.
     #[arg(long, default_value = "direct")]
     mode: Mode,
     /// A recording for a node (a LeRobotDataset folder). Repeat the option to give each node one. If there are more, the

@@ -18,9 +18,9 @@ pub struct Estimate {
     /// The size of the policy: micro, tiny or full (the published size); or a network's policy file.
     #[arg(long, default_value = "micro")]
     model: String,
-    /// How the evaluation is proven, as the network's genesis says: direct, checked or succinct. At the published
+    /// How the evaluation is proven, as the network's genesis says: direct or succinct. At the published
     /// size, succinct needs memory for all values of three samples; one sample takes 9 GB.
-    #[arg(long, default_value = "checked")]
+    #[arg(long, default_value = "direct")]
     mode: Mode,
     /// The number of samples that a claim evaluates, within the bounds of the network's rules.
     #[arg(long, default_value_t = 16, value_parser = clap::value_parser!(u32).range(2..=MAX_EVAL_SAMPLES as i64))]

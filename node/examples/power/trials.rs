@@ -6,7 +6,6 @@ use zk0_circuits::claim::challenge::sample_indices;
 use zk0_circuits::claim::t_test::{Pair, TTest};
 use zk0_circuits::model::draw::draw;
 use zk0_circuits::model::eval::Evaluator;
-use zk0_circuits::model::parameters::Parameters;
 use zk0_circuits::model::sample::Sample;
 use zk0_circuits::vm::digest::tagged_sha256;
 use zk0_circuits::{Digest, EvalSpec, QuantisedWeights};
@@ -18,7 +17,6 @@ pub type Result<T> = std::result::Result<T, Box<dyn Error + Send + Sync>>;
 /// Base and update, in fixed point.
 pub struct Models {
     quantised: [QuantisedWeights; 2],
-    parameters: [Parameters; 2],
 }
 
 impl Models {
@@ -27,10 +25,8 @@ impl Models {
             quantise_weights(spec, base)?,
             quantise_weights(spec, update)?,
         ];
-        let parameters = quantised.each_ref().map(|one| Parameters::of(spec, one));
         Ok(Self {
             quantised,
-            parameters,
         })
     }
 
@@ -52,10 +48,9 @@ impl Models {
             let draw = draw(evaluator.spec, challenge, position as u32, count);
             let mut error = [0; 2];
             for (which, direct) in direct.iter_mut().enumerate() {
-                let parameters = &self.parameters[which];
                 let sample = &samples[index as usize];
                 error[which] = evaluator
-                    .loss(parameters, direct, sample, &draw)?
+                    .loss(direct, sample, &draw)?
                     .squared_error;
             }
             let [base, update] = error;

@@ -76,11 +76,6 @@ pub enum Refusal {
     /// The update holds other weights than the proof is about.
     #[error("the update's weights have the digest {actual}, but the proof is about {proven}")]
     OtherWeights { proven: Digest, actual: Digest },
-    /// The proven products are not products with these weights (mode `checked`).
-    #[error(
-        "the proof's products are not those with the {which} weights: their projections differ"
-    )]
-    OtherProducts { which: String },
     /// The node never uploaded the update.
     #[error("update {0} was not uploaded")]
     MissingUpdate(Digest),

@@ -36,10 +36,8 @@ pub struct Cost {
 pub fn cases() -> Vec<Case> {
     [
         ("micro", Mode::Direct, 4),
-        ("micro", Mode::Checked, 4),
         ("micro", Mode::Succinct, 4),
-        ("full", Mode::Checked, 2),
-        ("full", Mode::Checked, 4),
+        ("full", Mode::Succinct, 4),
     ]
     .map(|(profile, mode, samples)| Case {
         profile,

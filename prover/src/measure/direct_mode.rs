@@ -3,18 +3,19 @@
 /// Guest cycles of a multiply-add in mode `direct`, at best.
 const CYCLES: u64 = 4;
 
-/// With this many weights or more, mode `direct` takes more than twice the cycles of `checked` (docs/prove.md, "Which mode is cheaper?").
-const DEAR_WEIGHTS: u64 = 30_000;
+/// Guest cycles of a claim in mode `succinct`, which hardly depend on the policy's size: so many, and so many more for each sample. This is a little more than
+/// what `make cycles` prints.
+const SUCCINCT_CYCLES: (u64, u64) = (6_000_000, 1_000_000);
 
-/// If the multiply-adds alone take this many cycles, a proof takes more than a day on two cores. The other modes take a small part of that.
+/// If the multiply-adds alone take this many cycles, a proof takes more than a day on two cores.
 const ENDLESS_CYCLES: u64 = 1_000_000_000;
 
 /// What mode `direct` costs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DirectCost {
-    /// No more than mode `checked`, or little more.
+    /// No more than mode `succinct`.
     Fair,
-    /// More than twice the cycles of mode `checked`.
+    /// More cycles than mode `succinct`.
     Dear,
     /// More than a day for one claim.
     Endless,
@@ -41,9 +42,10 @@ impl DirectMode {
 
     /// Whether that is a fair cost.
     pub fn cost(&self) -> DirectCost {
+        let (all, each) = SUCCINCT_CYCLES;
         if self.cycles() >= ENDLESS_CYCLES {
             DirectCost::Endless
-        } else if self.weights >= DEAR_WEIGHTS {
+        } else if self.cycles() > all + each * u64::from(self.samples) {
             DirectCost::Dear
         } else {
             DirectCost::Fair
@@ -57,8 +59,7 @@ mod tests {
 
     #[test]
     fn the_cost_grows_with_weights_and_samples() {
-        let cost = |weights, samples| {
-            let chunk = 50;
+        let cost = |weights, samples, chunk| {
             DirectMode {
                 weights,
                 samples,
@@ -66,9 +67,12 @@ mod tests {
             }
             .cost()
         };
-        assert_eq!(cost(29_999, 4), DirectCost::Fair);
-        assert_eq!(cost(30_000, 4), DirectCost::Dear);
-        assert_eq!(cost(98_000_000, 1), DirectCost::Endless);
-        assert_eq!(cost(u64::MAX, u32::MAX), DirectCost::Endless);
+        // The demo's policy.
+        assert_eq!(cost(4_120, 6, 6), DirectCost::Fair);
+        // Four samples take 10 million cycles in mode `succinct`.
+        assert_eq!(cost(6_250, 4, 50), DirectCost::Fair);
+        assert_eq!(cost(6_251, 4, 50), DirectCost::Dear);
+        assert_eq!(cost(98_000_000, 1, 50), DirectCost::Endless);
+        assert_eq!(cost(u64::MAX, u32::MAX, 50), DirectCost::Endless);
     }
 }

@@ -13,7 +13,7 @@ use zk0_circuits::{EvalSpec, Mode};
 /// The cost of one claim.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Estimate {
-    /// `direct`, `checked` or `succinct`.
+    /// `direct` or `succinct`.
     pub mode: String,
     /// Samples that the claim evaluates, each under both sets of weights.
     pub samples: u32,

@@ -7,7 +7,6 @@ use zk0_circuits::Mode;
 pub fn elf(mode: Mode) -> &'static [u8] {
     match mode {
         Mode::Direct => include_bytes!("../../../circuits/elf/direct.elf"),
-        Mode::Checked => include_bytes!("../../../circuits/elf/checked.elf"),
         Mode::Succinct => include_bytes!("../../../circuits/elf/succinct.elf"),
     }
 }

@@ -2,14 +2,13 @@
 
 use std::path::Path;
 use zk0_argument::claim::{self, ClaimInput, NotMade, NotShown};
-use zk0_circuits::claim::hinted_input::HintedInput;
 use zk0_circuits::claim::private_input::InputError;
-use zk0_circuits::claim::statement::{check, check_hinted};
+use zk0_circuits::claim::statement::check;
 use zk0_circuits::claim::statement_error::StatementError;
 use zk0_circuits::{Claim, Mode, PrivateInput};
 
-/// An input as the program of a mode reads it. In modes `direct` and `checked` it holds samples, and in all modes the dataset's salt, so it must
-/// stay private.
+/// An input as the program of a mode reads it. In mode `direct` it holds samples and weights, and in both modes the dataset's salt, so it
+/// must stay private.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct GuestInput {
     /// The program that reads it.
@@ -67,8 +66,7 @@ pub enum GuestInputError {
 }
 
 impl Prepared {
-    /// The claim that `input` proves, and what the program reads. In mode `checked`, this computes the matrix products that the program only
-    /// checks. In mode `succinct`, it makes the argument that the program verifies; with a folder, values of samples are in files there meanwhile.
+    /// The claim that `input` proves, and what the program reads. In mode `succinct`, this makes the argument that the program verifies; with a folder, values of samples are in files there meanwhile.
     ///
     /// # Errors
     /// The claim does not hold, or cannot be proven in this mode.
@@ -79,12 +77,6 @@ impl Prepared {
     ) -> Result<Self, NotProvable> {
         let (claim, weight_check, buffers) = match mode {
             Mode::Direct => (check(input)?, vec![], input.to_buffers().to_vec()),
-            Mode::Checked => {
-                let hinted = HintedInput::of(input)?;
-                // Writing to memory does not fail.
-                let weight_check = borsh::to_vec(&hinted.weight_check()).unwrap_or_default();
-                (check_hinted(&hinted)?, weight_check, hinted.to_buffers())
-            }
             Mode::Succinct => {
                 let made = claim::make(input, folder)?;
                 let (claim, left) = claim::check(&made).map_err(|error| match error {
@@ -115,7 +107,6 @@ impl GuestInput {
     pub fn claim(&self) -> Result<Claim, GuestInputError> {
         Ok(match self.mode {
             Mode::Direct => check(&PrivateInput::from_buffers(&self.buffers)?)?,
-            Mode::Checked => check_hinted(&HintedInput::from_buffers(&self.buffers)?)?,
             Mode::Succinct => claim::check(&ClaimInput::from_buffers(&self.buffers)?)?.0,
         })
     }

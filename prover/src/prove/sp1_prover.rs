@@ -51,7 +51,7 @@ pub struct Sp1Prover {
 struct Sp1 {
     engine: Box<dyn Engine>,
     /// Per mode, as [`Mode::ALL`] lists them.
-    programs: [SP1ProvingKey; 3],
+    programs: [SP1ProvingKey; 2],
     _lock: Arc<ProverLock>,
 }
 
@@ -75,8 +75,8 @@ impl Sp1Prover {
                 }
                 Ok(program)
             };
-            let [direct, checked, succinct] = Mode::ALL.map(set_up);
-            let programs = [direct?, checked?, succinct?];
+            let [direct, succinct] = Mode::ALL.map(set_up);
+            let programs = [direct?, succinct?];
             Ok::<_, ProveError>(Sp1 {
                 engine,
                 programs,

@@ -9,13 +9,13 @@ use zk0_circuits::Mode;
 
 /// Bytes in one message.
 const CHUNK_BYTES: usize = 1 << 20;
-/// Largest message: sizes of [`MAX_BUFFERS`] buffers, or a chunk.
+/// Largest message: a chunk, and what encodes it.
 pub const MAX_MESSAGE_BYTES: usize = 2 * CHUNK_BYTES;
 /// Largest event that the service sends: a proof (1.3 MB) with its public values.
 pub const MAX_EVENT_BYTES: usize = 8 << 20;
-/// Most buffers: two for each sample, and a few more.
-const MAX_BUFFERS: usize = 1 << 14;
-/// Largest input. A claim at the published size takes 85 MB for each sample in mode `checked`, and less than a megabyte in mode `succinct`.
+/// Most buffers: no program reads more than four.
+const MAX_BUFFERS: usize = 16;
+/// Largest input. A claim at the published size takes one to three megabytes in mode `succinct`. In mode `direct` the weights and samples have to fit.
 pub const MAX_INPUT_BYTES: u64 = 1 << 30;
 
 /// What a request says first: its mode, and the sizes of its buffers.
@@ -28,7 +28,6 @@ pub struct Announced {
 pub fn parts(input: GuestInput) -> impl Iterator<Item = ProvePart> + Send {
     let mode = match input.mode {
         Mode::Direct => prove_request::Mode::Direct,
-        Mode::Checked => prove_request::Mode::Checked,
         Mode::Succinct => prove_request::Mode::Succinct,
     };
     let request = Part::Request(ProveRequest {
@@ -56,7 +55,6 @@ impl Announced {
         };
         let mode = match request.mode() {
             prove_request::Mode::Direct => Mode::Direct,
-            prove_request::Mode::Checked => Mode::Checked,
             prove_request::Mode::Succinct => Mode::Succinct,
             prove_request::Mode::Unspecified => {
                 return Err(Status::invalid_argument("the request names no known mode"));

@@ -26,7 +26,6 @@ pub fn target(name: &str) -> Target {
                 let (mode, buffers) = bytes.split_first().ok_or("no bytes at all")?;
                 let mode = match mode {
                     0 => Mode::Direct,
-                    1 => Mode::Checked,
                     _ => Mode::Succinct,
                 };
                 let buffers = unframed(buffers);
@@ -50,7 +49,7 @@ fn without_parts(message: String) -> String {
 }
 
 /// Inputs of true claims, one for each program.
-fn inputs() -> [GuestInput; 3] {
+fn inputs() -> [GuestInput; 2] {
     Mode::ALL.map(|mode| {
         let input = private_input(&EvalSpec::micro(), mode, 2, 1).unwrap();
         Prepared::of(mode, &input, None).unwrap().input
@@ -60,8 +59,7 @@ fn inputs() -> [GuestInput; 3] {
 fn framed_input(input: GuestInput) -> Vec<u8> {
     let mode = match input.mode {
         Mode::Direct => 0,
-        Mode::Checked => 1,
-        Mode::Succinct => 2,
+        Mode::Succinct => 1,
     };
     [vec![mode], framed(&input.buffers)].concat()
 }

@@ -3,7 +3,6 @@
 
 use zk0_circuits::model::draw::draw;
 use zk0_circuits::model::eval::Evaluator;
-use zk0_circuits::model::parameters::Parameters;
 use zk0_circuits::model::quantise::QuantiseError;
 use zk0_circuits::model::site::EvalError;
 use zk0_circuits::model::spec::SpecError;
@@ -100,14 +99,13 @@ pub fn measure(
     let (magnitudes, float32) = Magnitudes::observe(config, weights, &pairs)?;
 
     let quantised = quantise_weights(spec, weights)?;
-    let parameters = Parameters::of(spec, &quantised);
     let mut products = evaluator.direct(&quantised)?;
     let unit = 2f64.powi(-2 * i32::from(spec.action));
     let mut fixed = Vec::with_capacity(count);
     for (position, (sample, _)) in pairs.iter().enumerate() {
         let sample = quantise_sample(spec, sample)?;
         let draw = draw(spec, challenge, position as u32, count as u32);
-        let sum = evaluator.loss(&parameters, &mut products, &sample, &draw)?;
+        let sum = evaluator.loss(&mut products, &sample, &draw)?;
         fixed.push(Evaluation {
             squared_error: sum.squared_error as f64 * unit,
             elements: sum.elements as usize,

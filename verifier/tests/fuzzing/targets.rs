@@ -1,21 +1,20 @@
 //! The readers that get random inputs, and the inputs that fuzzing starts from.
 
+use crate::left::left;
 use std::collections::HashMap;
 use std::path::Path;
 
 use sp1_hypercube::{create_dummy_recursion_proof, SP1VerifyingKey};
 use sp1_verifier::SP1Proof;
-use zk0_circuits::freivalds::hints::coefficients;
-use zk0_circuits::freivalds::projection;
+use zk0_argument::expert::published::digest;
 use zk0_circuits::model::eval::Evaluator;
 use zk0_circuits::model::layout::expert_tensors;
-use zk0_circuits::model::parameters::Parameters;
 use zk0_circuits::model::spec::Dims;
-use zk0_circuits::{Claim, Digest, EvalSpec, GuestWeights, Mode, QuantisedWeights, WeightCheck};
+use zk0_circuits::{Claim, EvalSpec, Mode, QuantisedWeights};
 use zk0_ledger::{replay, Blobs, Finding, Recheck};
 use zk0_protocol::entries::signed::{Signed, Submission};
 use zk0_protocol::{Body, Entry, Refusal, State};
-use zk0_verifier::{check_projections, check_proof, Evaluation, ProgramKey};
+use zk0_verifier::{check_proof, check_weight_claims, Evaluation, ProgramKey};
 use zk0_weights::Format;
 
 /// What any input may make a reader allocate. A whole proof is made of the changes to it, and serde makes room for a mebibyte of
@@ -34,7 +33,7 @@ pub const NAMES: [&str; 6] = [
     "proof",
     "changed_proof",
     "expert_tensors",
-    "projected_weights",
+    "weight_claims",
 ];
 
 pub fn target(name: &str) -> Target {
@@ -48,7 +47,7 @@ pub fn target(name: &str) -> Target {
                 assert_eq!(spec.encode(), bytes, "a second encoding");
                 // Readers of a genesis with this specification do the following.
                 Evaluator::new(&spec).map(drop).map_err(text)?;
-                Evaluation::new(&spec, Mode::Checked)
+                Evaluation::new(&spec, Mode::Succinct)
                     .map(drop)
                     .map_err(text)
             }),
@@ -73,7 +72,7 @@ pub fn target(name: &str) -> Target {
                 }),
             }
         }
-        "projected_weights" => projected_weights(),
+        "weight_claims" => weight_claims(),
         other => panic!("no target {other}; there are {NAMES:?}"),
     }
 }
@@ -169,43 +168,30 @@ fn weights(spec: &EvalSpec) -> QuantisedWeights {
     QuantisedWeights::quantise(spec, |name| tensors.get(name).map(Vec::as_slice)).unwrap()
 }
 
-/// Reads a file of weights tensor by tensor for mode `checked`, as the base weights of a claim about it.
-fn projected_weights() -> Target {
+/// Reads what a proof left to check of the weights. The digest by the proof is taken from the bytes themselves, so that everything behind the
+/// comparison of digests is reached, too.
+fn weight_claims() -> Target {
     let format = Format::new(&EvalSpec::micro()).unwrap();
     let good = weights(format.spec());
-    let claimed = claimed(&format, &good);
-    let update = format.write(&good);
+    let (seed, _) = left([&good, &good], 1);
+    let file = format.write(&good);
+    let scales = [(); 2].map(|()| format.open(&file[..]).unwrap().scales().to_vec());
     Target {
-        seeds: vec![update.clone()],
+        seeds: vec![seed],
         run: Box::new(move |bytes| {
-            check_projections(&format, &claimed, bytes, &update[..]).map_err(without_names)
+            let words = bytes.as_chunks::<8>().0.iter();
+            let words: Vec<u64> = words.map(|word| u64::from_le_bytes(*word)).collect();
+            let claimed = digest(&scales, &words);
+            check_weight_claims(&format, &claimed, bytes, &file[..], &file[..])
+                .map_err(without_digests)
         }),
     }
 }
 
-/// Returns one outcome for all tensors.
-fn without_names(refusal: Refusal) -> String {
-    let refusal = refusal.to_string();
-    let words = refusal.split(' ');
-    let words: Vec<&str> = words.filter(|word| !word.starts_with("model.")).collect();
-    words.join(" ")
-}
-
-/// Returns what the guest would say of these weights, as base and as update.
-fn claimed(format: &Format, weights: &QuantisedWeights) -> WeightCheck {
-    let seed = Digest([5; 32]);
-    let evaluator = Evaluator::new(format.spec()).unwrap();
-    let coefficients = coefficients(&evaluator, &seed);
-    let projections = projection::project(&evaluator, &coefficients, |index| {
-        Ok::<_, Refusal>(format.tensor(weights, index))
-    });
-    let guest = GuestWeights {
-        parameters: Parameters::of(format.spec(), weights).digest(),
-        projections: projection::digest(&projections.unwrap()),
-    };
-    WeightCheck {
-        seed,
-        base: guest,
-        update: guest,
+/// Returns one outcome for all digests.
+fn without_digests(refusal: Refusal) -> String {
+    match refusal {
+        Refusal::OtherWeightCheck { .. } => "other weight check".into(),
+        refusal => refusal.to_string(),
     }
 }

@@ -55,21 +55,6 @@ impl<'a, T: Copy> Rows<'a, T> {
         (0..self.count).map(move |row| &self.values[row * self.stride..][..self.columns])
     }
 
-    /// Of every row, the `N` values from `first` on; `first + N` is at most the number of columns.
-    #[inline(always)]
-    pub fn some_columns<const N: usize>(self, first: usize) -> impl Iterator<Item = &'a [T; N]> {
-        let from_first = self.values.get(first..).unwrap_or_default();
-        let rows = from_first.chunks(self.stride.max(1)).take(self.count);
-        rows.filter_map(|row| row.first_chunk())
-    }
-
-    /// `N` rows from `first` on, if there are as many.
-    #[inline(always)]
-    pub fn some<const N: usize>(&self, first: usize) -> Option<[&'a [T]; N]> {
-        let row = |index| &self.values[(first + index) * self.stride..][..self.columns];
-        (first + N <= self.count).then(|| core::array::from_fn(row))
-    }
-
     /// The columns, one after another.
     pub fn transposed(self) -> Vec<T>
     where

@@ -148,7 +148,6 @@ impl Refusal {
             | Self::InvalidProof(_)
             | Self::MalformedUpdate(_)
             | Self::OtherWeights { .. }
-            | Self::OtherProducts { .. }
             | Self::OtherWeightCheck { .. }
             | Self::OtherModels(_)
             | Self::TooFar { .. }
