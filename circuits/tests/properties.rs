@@ -9,6 +9,7 @@ use zk0_circuits::model::arithmetic::tables::flow_time;
 use zk0_circuits::model::draw::draw;
 use zk0_circuits::model::eval::{evaluate, Evaluator};
 use zk0_circuits::model::layout::expert_tensors;
+use zk0_circuits::model::linear::{linears, HALF};
 use zk0_circuits::model::quantise::QuantiseError;
 use zk0_circuits::model::sample::SampleParts;
 use zk0_circuits::model::site::EvalError;
