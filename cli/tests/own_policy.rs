@@ -8,7 +8,7 @@ use harness::{ends, fails, logs, root, words, zk0, RECORDING};
 use serde_json::{json, Value};
 use std::fs;
 use std::path::Path;
-use zk0_circuits::{Digest, EvalSpec};
+use zk0_circuits::{Digest, EvalSpec, Mode};
 use zk0_lerobot::policy_folder::PolicyFolder;
 use zk0_lerobot::tokenizer::{Tokenizer, TrainedTokenizer};
 use zk0_smolvla::measure::fixed_point::dims;
@@ -229,20 +229,30 @@ fn nothing_is_added_to_a_folder_that_holds_a_ledger() {
 fn mode_direct_is_for_small_policies() {
     let network = LocalNetwork::new();
     let tiny = |more: &[&str]| network.founding(&[&["--profile", "tiny"], more].concat());
+    let direct = ["--mode", "direct"];
     let many = ["--min-eval-samples", "100", "--min-dataset-samples", "100"];
-    let refused = fails(&words(&tiny(&many)));
+    let refused = fails(&words(&tiny(&[&direct[..], &many].concat())));
     assert!(
         refused.contains("100 samples a claim takes more than 1")
             && refused.contains("add --mode succinct"),
         "{refused}"
     );
     assert!(!Path::new(&network.path("ledger")).exists());
-    let warned = logs(&words(&tiny(&[])));
+    let warned = logs(&words(&tiny(&direct)));
     assert!(warned.contains("--mode succinct takes fewer"), "{warned}");
+}
+
+#[test]
+fn the_best_mode_is_chosen_by_the_size_of_the_policy() {
+    for (profile, mode) in [("micro", Mode::Direct), ("tiny", Mode::Succinct)] {
+        let network = LocalNetwork::new();
+        let said = logs(&words(&network.founding(&["--profile", profile])));
+        assert!(said.contains(&format!("proven in mode {mode}")), "{said}");
+        assert_eq!(network.genesis().mode, mode);
+    }
     let network = LocalNetwork::new();
-    let checked = [&many[..], &["--profile", "tiny", "--mode", "succinct"]].concat();
-    let said = logs(&words(&network.founding(&checked)));
-    assert!(!said.contains("direct"), "{said}");
+    network.found(&["--mode", "succinct"]);
+    assert_eq!(network.genesis().mode, Mode::Succinct);
 }
 
 #[test]

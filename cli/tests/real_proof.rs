@@ -1,5 +1,5 @@
-//! The whole demo with a real proof made in the run: two nodes as processes, one honest, one lazy. In mode `checked`: the
-//! proof of the committed ledger, which other tests audit, is of mode `direct`. Run alone; `make test` does it last.
+//! The whole demo with a real proof made in the run: two nodes as processes, one honest, one lazy. The proof is of mode `direct`; the lazy node
+//! submits a proof of mode `succinct`. Run alone; `make test` does it last.
 
 mod harness;
 
@@ -35,12 +35,9 @@ fn receipts_convince(node: &Path, ledger: &Path) {
     }
 }
 
-/// A committed recording.
-fn recording(name: &str) -> String {
-    format!(
-        "{}/../tests/fixtures/datasets/{name}",
-        env!("CARGO_MANIFEST_DIR")
-    )
+/// Something that is committed.
+fn fixture(name: &str) -> String {
+    format!("{}/../tests/fixtures/{name}", env!("CARGO_MANIFEST_DIR"))
 }
 
 fn only_folder(dir: &Path) -> PathBuf {
@@ -54,11 +51,12 @@ fn a_federation_ends_with_a_proven_contribution_and_a_refused_one() {
     // The network evaluates results on the last recording. It is the honest node's, in LeRobot's other format, so the result is taken: so
     // many steps on one short recording make the loss on any other recording worse.
     let recordings = ["so100_pickplace", "so100_stacking", "so100_pickplace_v21"];
-    let [honest, lazy, public] = recordings.map(recording);
+    let [honest, lazy, public] = recordings.map(|name| fixture(&format!("datasets/{name}")));
+    let stolen = fixture("full_size/proof.bin");
     let demo = zk0(&[
         "demo",
-        "--mode",
-        "direct",
+        "--stolen-proof",
+        &stolen,
         "--nodes",
         "2",
         // So many that the claim passes under nearly every challenge.
@@ -86,7 +84,7 @@ fn a_federation_ends_with_a_proven_contribution_and_a_refused_one() {
         .partition(|one| one["accepted"] == true);
     assert_eq!((accepted.len(), refused.len()), (1, 1));
     assert!(accepted[0]["loss_after"].as_f64() < accepted[0]["loss_before"].as_f64());
-    // The stolen proof is real, but of the program of mode `direct`. (The committed ledger has a proof of the same program.)
+    // The stolen proof is real, but of the program of mode `succinct`.
     let reason = refused[0]["reason"].as_str().unwrap();
     assert!(
         reason.contains("of another program than this network's"),

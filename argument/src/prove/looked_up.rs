@@ -109,18 +109,32 @@ pub fn count(tables: &Tables<'_>) -> Result<Vec<(usize, Vec<i64>)>, NotInTable> 
             Count::Masked(public) => Some(mask(tables, public, &lookup.axes)),
         };
         let columns = columns(tables, lookup);
-        for index in 0..columns[0].len() {
-            if mask.as_ref().is_some_and(|mask| mask[index] == 0) {
-                continue;
+        // Each core counts a part of the entries.
+        let entries = columns[0].len();
+        let part = entries.div_ceil(rayon::current_num_threads());
+        let parts = (0..entries).into_par_iter().step_by(part.max(1));
+        let counted = parts.map(|first| {
+            let mut own: Vec<Vec<i64>> = counts.iter().map(|(_, of)| vec![0; of.len()]).collect();
+            for index in first..entries.min(first + part) {
+                if mask.as_ref().is_some_and(|mask| mask[index] == 0) {
+                    continue;
+                }
+                let entry = row(&columns, index);
+                let &(table, row) = rows.get(&entry).ok_or(NotInTable {
+                    lookup: lookup.name,
+                    index,
+                    entry,
+                })?;
+                own[table][row] += 1;
             }
-            let entry = row(&columns, index);
-            let missing = NotInTable {
-                lookup: lookup.name,
-                index,
-                entry,
-            };
-            let &(table, row) = rows.get(&entry).ok_or(missing)?;
-            counts[table].1[row] += 1;
+            Ok(own)
+        });
+        // The parts are in order, so that the error is about the first entry that no table offers.
+        for own in counted.collect::<Vec<Result<_, NotInTable>>>() {
+            for ((_, counts), own) in counts.iter_mut().zip(own?) {
+                let pairs = counts.iter_mut().zip(own);
+                pairs.for_each(|(count, own)| *count += own);
+            }
         }
     }
     Ok(counts)

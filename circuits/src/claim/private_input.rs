@@ -146,7 +146,8 @@ fn head(header: &Header, openings: &[Opening]) -> Vec<u8> {
 
 /// Reads [`head`] and validates the specification.
 fn read_head(bytes: &[u8]) -> Result<(Header, Vec<OpeningPlace>), InputError> {
-    let read: (Header, Vec<OpeningPlace>) = borsh::from_slice(bytes).map_err(|_| InputError::Header)?;
+    let read: (Header, Vec<OpeningPlace>) =
+        borsh::from_slice(bytes).map_err(|_| InputError::Header)?;
     read.0.spec.validate()?;
     Ok(read)
 }

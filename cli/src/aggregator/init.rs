@@ -38,9 +38,10 @@ pub struct Init {
     #[arg(long = "node", value_name = "NAME=IDENTITY")]
     nodes: Vec<Enrolment>,
     /// How the evaluation is proven. direct: the proven program evaluates, which is best for small policies. succinct: it verifies an
-    /// argument that the node makes before, which is best for all larger ones, up to the published size.
-    #[arg(long, default_value = "direct")]
-    mode: Mode,
+    /// argument that the node makes before, which is best for all larger ones, up to the published size. Without this option, zk0 takes the
+    /// mode that costs fewer cycles, and says which.
+    #[arg(long)]
+    mode: Option<Mode>,
     /// Begin with this policy: a policy file, or a LeRobot policy folder. The folder's tokenizer.json goes into the network's policy
     /// file, and all nodes read instructions with it.
     #[arg(long, value_name = "PATH")]
@@ -79,9 +80,7 @@ pub fn found(options: &Init) -> Result<()> {
     let dims = dims(&file.policy.config)?;
     // Every file of these weights has the same size, whatever the ranges are.
     let mut rules = options.rules(Format::new(&EvalSpec::new(dims))?.file_bytes())?;
-    if options.mode == Mode::Direct {
-        check_direct(&file.policy, rules.min_eval_samples)?;
-    }
+    let mode = options.mode(&file.policy, rules.min_eval_samples)?;
     let evaluation = options.evaluation(&file, dims)?;
     let initial = quantise_weights(&evaluation, &file.policy.expert)
         .context("the policy's weights in fixed point")?;
@@ -100,10 +99,10 @@ pub fn found(options: &Init) -> Result<()> {
         name: options.name.clone(),
         nonce: keys::random()?,
         rules,
-        program: verifying_key(options.mode).to_vec(),
-        mode: options.mode,
+        program: verifying_key(mode).to_vec(),
+        mode,
         initial: Format::new(&evaluation)?.write(&initial),
-        quantised: initial.digest(options.mode),
+        quantised: initial.digest(mode),
         evaluation,
         public_samples,
     };
@@ -129,35 +128,41 @@ pub fn found(options: &Init) -> Result<()> {
     Ok(enrol(&mut ledger, nodes, &SystemClock)?)
 }
 
-/// Says where mode `direct` costs more than it has to, and refuses it where proving a claim would take more than a day.
-fn check_direct(policy: &Policy, samples: u32) -> Result<()> {
-    let weights: usize = policy.expert.tensors().values().map(|t| t.data.len()).sum();
-    let direct = DirectMode {
-        weights: weights as u64,
-        samples,
-        chunk: policy.config.chunk_size as u64,
-    };
-    let said = format!(
-        "in mode direct the guest multiplies by every weight: with {weights} weights and {samples} samples a claim takes more than {} \
-         million cycles",
-        direct.cycles() / 1_000_000
-    );
-    match direct.cost() {
-        DirectCost::Endless => {
-            bail!("{said}, which is more than a day of proving on two cores; add --mode succinct")
-        }
-        DirectCost::Dear => tracing::warn!("{said}; --mode succinct takes fewer"),
-        DirectCost::Fair => {}
-    }
-    Ok(())
-}
-
 impl Init {
     fn source(&self) -> PolicySource {
         match &self.policy {
             Some(path) => PolicySource::Path(path.clone()),
             None => PolicySource::Random(self.profile, self.seed),
         }
+    }
+
+    /// The mode. Mode `direct` is refused where proving a claim would take more than a day.
+    fn mode(&self, policy: &Policy, samples: u32) -> Result<Mode> {
+        let weights: usize = policy.expert.tensors().values().map(|t| t.data.len()).sum();
+        let direct = DirectMode {
+            weights: weights as u64,
+            samples,
+            chunk: policy.config.chunk_size as u64,
+        };
+        let best = direct.best();
+        let said = format!(
+            "in mode direct the guest multiplies by every weight: with {weights} weights and {samples} samples a claim takes more than {} \
+             million cycles",
+            direct.cycles() / 1_000_000
+        );
+        match (self.mode, direct.cost()) {
+            (None, _) => tracing::info!(
+                "claims are proven in mode {best}, which takes fewer cycles than the other for a policy of {weights} expert weights"
+            ),
+            (Some(Mode::Direct), DirectCost::Endless) => {
+                bail!("{said}, which is more than a day of proving on two cores; add --mode succinct")
+            }
+            (Some(Mode::Direct), DirectCost::Dear) => {
+                tracing::warn!("{said}; --mode succinct takes fewer")
+            }
+            _ => {}
+        }
+        Ok(self.mode.unwrap_or(best))
     }
 
     /// The rules. They must allow updates of `update_bytes`, because every update is as long as the initial weights.

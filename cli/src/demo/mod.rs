@@ -35,9 +35,10 @@ pub struct Options {
     /// Run this many nodes, each with its own recording. The last one cheats.
     #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u64).range(2..=16))]
     nodes: u64,
-    /// How the evaluation is proven: direct or succinct. `zk0 aggregator init --help` explains them.
-    #[arg(long, default_value = "direct")]
-    mode: Mode,
+    /// How the evaluation is proven: direct or succinct. `zk0 aggregator init --help` explains them. Without this option, the demo takes the
+    /// mode that is best for its policy, and says which.
+    #[arg(long)]
+    mode: Option<Mode>,
     /// A recording for a node (a LeRobotDataset folder). Repeat the option to give each node one. If there are more, the
     /// network evaluates the result of each round on the last one, which no node has seen.
     #[arg(long = "dataset", default_values = [
@@ -104,17 +105,17 @@ pub async fn run(options: &Options) -> Result<()> {
     keys::generate(&log_key)?;
     // One prover serves all nodes one after another, so the window has time for each of them.
     let submit_minutes = (10 + 15 * count).to_string();
-    let mode = options.mode.to_string();
+    let mode = options.mode.map(|mode| mode.to_string());
     let mut init: Vec<(&str, &dyn AsRef<OsStr>)> = vec![
         ("", &network),
         ("--name", &"zk0-demo"),
         ("--key", &log_key),
         ("--submit-minutes", &submit_minutes),
-        ("--mode", &mode),
         ("--min-eval-samples", &EVAL_SAMPLES),
         ("--confidence", &CONFIDENCE),
     ];
     init.extend(enrol.iter().map(|node| ("--node", node as _)));
+    init.extend(mode.iter().map(|mode| ("--mode", mode as _)));
     // No node has the last of the other recordings. The network evaluates the result of each round on it.
     let unseen = options.datasets[count..].last();
     let unseen = unseen.filter(|path| path.exists());

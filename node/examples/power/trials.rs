@@ -25,9 +25,7 @@ impl Models {
             quantise_weights(spec, base)?,
             quantise_weights(spec, update)?,
         ];
-        Ok(Self {
-            quantised,
-        })
+        Ok(Self { quantised })
     }
 
     /// The squared errors on `samples` under one challenge.
@@ -49,9 +47,7 @@ impl Models {
             let mut error = [0; 2];
             for (which, direct) in direct.iter_mut().enumerate() {
                 let sample = &samples[index as usize];
-                error[which] = evaluator
-                    .loss(direct, sample, &draw)?
-                    .squared_error;
+                error[which] = evaluator.loss(direct, sample, &draw)?.squared_error;
             }
             let [base, update] = error;
             pairs.push(Pair { base, update });

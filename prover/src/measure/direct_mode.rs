@@ -1,4 +1,6 @@
-//! Whether claims of a policy can be proven in mode `direct`, in which the guest multiplies by every weight.
+//! Which mode is the best for a policy: `direct`, in which the guest multiplies by every weight, or `succinct`.
+
+use zk0_circuits::Mode;
 
 /// Guest cycles of a multiply-add in mode `direct`, at best.
 const CYCLES: u64 = 4;
@@ -38,6 +40,14 @@ impl DirectMode {
         [2, u64::from(self.samples), self.chunk, self.weights]
             .into_iter()
             .fold(CYCLES, u64::saturating_mul)
+    }
+
+    /// The mode in which a claim takes the fewest cycles.
+    pub fn best(&self) -> Mode {
+        match self.cost() {
+            DirectCost::Fair => Mode::Direct,
+            DirectCost::Dear | DirectCost::Endless => Mode::Succinct,
+        }
     }
 
     /// Whether that is a fair cost.

@@ -28,6 +28,12 @@ use zk0_circuits::{
 /// How often weights are drawn until the test passes. With two samples it passes about every third time.
 const TRIES: usize = 64;
 
+/// How large the velocities of base and update are.
+const LOUDNESS: [f32; 2] = [2.0, 0.25];
+
+/// Random numbers that the salt and the header take.
+const HEADER_WORDS: u64 = 5;
+
 /// A private input whose statement holds in `mode`, over `samples` samples of a dataset three times as large.
 ///
 /// # Errors
@@ -69,13 +75,13 @@ fn improving(
     samples: u32,
     seed: u64,
 ) -> Result<(PrivateInput, Vec<Sample>), String> {
-    let mut random = Random(seed);
     spec.validate().map_err(|error| error.to_string())?;
+    let mut random = Random(seed);
     let dataset: Vec<Sample> = (0..3 * samples)
         .map(|index| sample(spec, &mut random, index))
         .collect::<Result<_, _>>()?;
-    let base = weights(spec, &mut random, 2.0)?;
-    let update = weights(spec, &mut random, 0.25)?;
+    let base = weights(spec, &mut random, LOUDNESS[0])?;
+    let update = weights(spec, &mut random, LOUDNESS[1])?;
 
     let salt = random.digest().0;
     let leaves: Vec<Digest> = dataset
@@ -130,8 +136,8 @@ fn improving(
             Err(error @ StatementError::NoImprovement { .. }) => Err(error.to_string()),
             Err(error) => return Err(error.to_string()),
         };
-        input.base = weights(spec, &mut random, 2.0)?;
-        input.update = weights(spec, &mut random, 0.25)?;
+        input.base = weights(spec, &mut random, LOUDNESS[0])?;
+        input.update = weights(spec, &mut random, LOUDNESS[1])?;
     }
     checked.map(|()| (input, dataset))
 }
@@ -167,6 +173,26 @@ pub async fn execute(
     drop(private);
     let run = executor.execute(elf(mode), &input.buffers).await?;
     Ok((input, run))
+}
+
+/// The weights (base, update) that [`private_input`] tries with the same arguments, one pair after the other. It returns with one of them. Samples are not made,
+/// so this takes seconds at the published size.
+pub fn weights_tried(
+    spec: &EvalSpec,
+    samples: u32,
+    seed: u64,
+) -> impl Iterator<Item = Result<[QuantisedWeights; 2], String>> + '_ {
+    let mut random = Random(seed);
+    random.skip(3 * u64::from(samples) * sample_words(&spec.dims));
+    (0..TRIES).map(move |tries| {
+        if tries > 0 {
+            // Between two tries, the files are named. The header is made after the first weights.
+            random.skip(if tries == 1 { HEADER_WORDS + 2 } else { 2 });
+        }
+        let base = weights(spec, &mut random, LOUDNESS[0])?;
+        let update = weights(spec, &mut random, LOUDNESS[1])?;
+        Ok([base, update])
+    })
 }
 
 /// Names the weights in the header.
@@ -231,12 +257,31 @@ fn sample(spec: &EvalSpec, random: &mut Random, index: u32) -> Result<Sample, St
     Sample::quantise(spec, parts).map_err(|error| error.to_string())
 }
 
+/// Random numbers that a sample takes.
+fn sample_words(dims: &Dims) -> u64 {
+    let [layers, prefix, chunk, width] = [
+        dims.layers,
+        dims.max_prefix,
+        dims.chunk,
+        dims.max_action_dim,
+    ]
+    .map(u64::from);
+    2 * layers * prefix * dims.kv_width() as u64 + chunk * width
+}
+
 /// SplitMix64 (Steele, Lea and Flood 2014).
 struct Random(u64);
 
+/// What the generator adds for each word.
+const STEP: u64 = 0x9e37_79b9_7f4a_7c15;
+
 impl Random {
+    fn skip(&mut self, words: u64) {
+        self.0 = self.0.wrapping_add(STEP.wrapping_mul(words));
+    }
+
     fn word(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        self.0 = self.0.wrapping_add(STEP);
         let mut z = self.0;
         z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
         z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
@@ -253,5 +298,27 @@ impl Random {
             "zk0/synthetic",
             &[&to_vec(&self.word()).unwrap_or_default()],
         )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_weights_of_an_input_are_among_those_tried() {
+        let spec = EvalSpec::micro();
+        // These seeds take different numbers of tries.
+        let tries = [1, 2, 3, 4, 5, 6].map(|seed| {
+            let input = private_input(&spec, Mode::Direct, 2, seed).unwrap();
+            let mut tried = weights_tried(&spec, 2, seed).map(Result::unwrap);
+            let found =
+                tried.position(|[base, update]| base == input.base && update == input.update);
+            found.expect("the weights of the input")
+        });
+        assert!(
+            tries.contains(&0) && tries.iter().any(|&tries| tries > 1),
+            "{tries:?}"
+        );
     }
 }
