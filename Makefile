@@ -10,7 +10,7 @@ export CARGO_TARGET_DIR ?= $(HOME)/.cache/zk0/target
 RUST := scripts/with-rust
 ZK0 := $(CARGO_TARGET_DIR)/release/zk0
 
-.PHONY: demo test deletions quick lint coverage setup build guest fixtures cycles prove-full fidelity power bench-weight-check bench-ledger bench-recording bench-train cuda
+.PHONY: demo test deletions quick lint coverage setup build guest fixtures cycles prove-full fidelity power bench-ledger bench-recording bench-train cuda
 
 demo: build
 	$(ZK0) demo --rounds $(ROUNDS) --nodes $(NODES)
@@ -60,13 +60,13 @@ coverage:
 	scripts/coverage
 
 # Prints the guest's cycles and gas for a claim of each profile and mode, and what each operation takes. It executes the guest, and
-# proves nothing. Minutes and 3 GB.
+# makes no SP1 proof. For the claim of full size it first makes an argument about four samples, which takes ten minutes and 10 GB.
 cycles: build
 	@scripts/setup.sh guest
 	$(RUST) circuits/build-guest.sh --budget $(CARGO_TARGET_DIR)/budget
 	$(RUST) cargo build --release --workspace --locked --example cycle_budget
 	$(ZK0) prover cycles
-	$(CARGO_TARGET_DIR)/release/examples/cycle_budget $(CARGO_TARGET_DIR)/budget checked 2 micro full
+	$(CARGO_TARGET_DIR)/release/examples/cycle_budget $(CARGO_TARGET_DIR)/budget direct 2 micro
 	$(CARGO_TARGET_DIR)/release/examples/cycle_budget $(CARGO_TARGET_DIR)/budget succinct 2 micro
 
 # Proves a claim of 98 M weights in mode `succinct`, from a seed, with a compressed SP1 proof. FULL_SAMPLES chooses the number of samples.
@@ -87,11 +87,6 @@ fidelity: build
 power: setup
 	$(RUST) cargo build --release --workspace --locked --example power
 	$(CARGO_TARGET_DIR)/release/examples/power $(CONFIDENCE) docs/samples.svg docs/samples.jsonl
-
-# Measures the verifier's half of mode `checked` at full size, for two sets of 98 M weights: seconds and memory.
-bench-weight-check: build
-	$(RUST) cargo build --release --workspace --locked --example weight_check
-	$(CARGO_TARGET_DIR)/release/examples/weight_check
 
 # Measures appends and replay of the ledger beside RocksDB, SHA-256 and ed25519 alone, and the SP1 proofs that are verified in a
 # second. Prints JSON lines. Six minutes, and 4 GB of disk where temporary files go.

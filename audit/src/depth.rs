@@ -9,7 +9,7 @@ use borsh::{BorshDeserialize, BorshSerialize};
 #[serde(rename_all = "kebab-case")]
 pub enum Depth {
     /// Entries and proofs, but no weights and no lists of drawn frames. A light audit does not check that updates are what was proven (in
-    /// mode `checked`, a proof depends on that), and it checks neither averages nor datasets.
+    /// mode `succinct`, a proof depends on that), and it checks neither averages nor datasets.
     Light,
     /// Everything that is at hand.
     #[default]

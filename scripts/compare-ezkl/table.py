@@ -4,8 +4,8 @@ import json
 import sys
 from pathlib import Path
 
-SIDES = [("zk0", "direct"), ("zk0", "checked"), ("ezkl", None)]
-NAMES = {("zk0", "direct"): "zk0 `direct`", ("zk0", "checked"): "zk0 `checked`", ("ezkl", None): "EZKL"}
+SIDES = [("zk0", "direct"), ("zk0", "succinct"), ("ezkl", None)]
+NAMES = {("zk0", "direct"): "zk0 `direct`", ("zk0", "succinct"): "zk0 `succinct`", ("ezkl", None): "EZKL"}
 
 
 def row(name, line):

@@ -42,7 +42,7 @@ impl Evaluation {
             .map_err(|error| Refusal::MalformedUpdate(format!("no rule to read it by: {error}")))
     }
 
-    /// An evaluation whose products are proven in `mode`.
+    /// An evaluation that is proven in `mode`.
     ///
     /// # Errors
     /// The specification is not valid.

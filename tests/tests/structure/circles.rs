@@ -92,12 +92,12 @@ fn circle(edges: &Edges) -> Option<Vec<String>> {
     }
 }
 
-/// The crates of the tree by the folder of their sources. A prototype under `research` is no part of zk0.
+/// The crates of the tree by the folder of their sources.
 fn crates() -> BTreeMap<String, Files> {
     let tracked = tracked_files();
     let ours: Vec<_> = tracked
         .iter()
-        .filter(|path| path.ends_with(".rs") && !path.starts_with("research/"))
+        .filter(|path| path.ends_with(".rs"))
         .collect();
     let mut crates = BTreeMap::new();
     for root in &ours {

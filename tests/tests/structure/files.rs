@@ -35,7 +35,7 @@ fn too_long(path: &str, text: &str, limit: usize) -> Option<String> {
     (lines > limit).then(|| format!("{path} has {lines} lines; at most {limit} are allowed"))
 }
 
-/// Folders of sources or tests that hold too many files. A prototype under `research` is no part of zk0.
+/// Folders of sources or tests that hold too many files.
 fn crowded(paths: &[String]) -> Vec<String> {
     let mut folders = BTreeMap::<_, (usize, bool)>::new();
     for path in paths {
@@ -48,7 +48,7 @@ fn crowded(paths: &[String]) -> Vec<String> {
         .into_iter()
         .filter(|(folder, (files, has_source))| {
             let data = folder.split('/').any(|name| DATA.contains(&name));
-            *files > FILES_OF_A_FOLDER && *has_source && !data && !folder.starts_with("research")
+            *files > FILES_OF_A_FOLDER && *has_source && !data
         })
         .map(|(folder, (files, _))| {
             format!("{folder} holds {files} files; at most {FILES_OF_A_FOLDER} are allowed")
