@@ -10,7 +10,7 @@ export CARGO_TARGET_DIR ?= $(HOME)/.cache/zk0/target
 RUST := scripts/with-rust
 ZK0 := $(CARGO_TARGET_DIR)/release/zk0
 
-.PHONY: demo test deletions quick lint coverage setup build guest fixtures cycles prove-full fidelity power bench-ledger bench-recording bench-train cuda
+.PHONY: demo test deletions quick lint coverage setup build guest fixtures cycles prove-full bench-succinct fidelity power bench-ledger bench-recording bench-train cuda
 
 demo: build
 	$(ZK0) demo --rounds $(ROUNDS) --nodes $(NODES)
@@ -75,6 +75,12 @@ cycles: build
 prove-full: build
 	$(RUST) cargo build --release --workspace --locked --example prove_synthetic
 	$(CARGO_TARGET_DIR)/release/examples/prove_synthetic cpu full succinct $(FULL_SAMPLES) $(CARGO_TARGET_DIR)/prove-full-$(FULL_SAMPLES)
+
+# Measures what mode `succinct` costs at the published size, beside the SP1 proof: the native argument, the verifier's checks, guest cycles. Prints
+# JSON lines. Ten minutes, 10 GB of memory, and 3 GB of disk where temporary files go.
+bench-succinct: build
+	$(RUST) cargo build --release --workspace --locked --example bench_succinct
+	$(CARGO_TARGET_DIR)/release/examples/bench_succinct full 2
 
 # Compares fixed-point with float32 losses, untrained and trained, up to the published size, and prints every range. Ten minutes
 # and 5 GB.

@@ -8,7 +8,9 @@ use zk0_circuits::model::layout::expert_tensors;
 use zk0_circuits::model::spec::Dims;
 use zk0_circuits::{Claim, EvalSpec, Losses, Mode, QuantisedWeights};
 use zk0_protocol::Refusal;
+use zk0_prover::measure::cycles::Cost;
 use zk0_prover::program::synthetic::weights_tried;
+use zk0_prover::program::{elf, Executor};
 use zk0_verifier::{check_proof, check_weight_claims, ProgramKey};
 use zk0_weights::Format;
 
@@ -53,6 +55,28 @@ fn the_proof_of_a_claim_at_the_published_size_verifies() {
     let middle = changed.len() / 2;
     changed[middle] ^= 1;
     assert!(check_proof(&changed, &claim, &key).is_err());
+}
+
+/// The argument about the four samples is committed too, so that a guest program that takes more cycles for it is noticed within a second.
+#[tokio::test]
+async fn the_guest_takes_as_many_cycles_as_recorded() {
+    let buffers: Vec<Vec<u8>> = borsh::from_slice(&read("input.bin")).unwrap();
+    let executor = Executor::new().await.unwrap();
+    let run = executor.execute(elf(Mode::Succinct), &buffers).await.unwrap();
+    assert_eq!(run.public_values, read("claim.bin"));
+    let recorded = include_str!("../../circuits/CYCLES.json").lines();
+    let mut recorded = recorded.map(|line| serde_json::from_str::<Cost>(line).unwrap());
+    let recorded = recorded.find(|cost| cost.profile == "full" && cost.samples == SAMPLES);
+    let recorded = recorded.expect("a line for the full size");
+    for (what, before, now) in [
+        ("cycles", recorded.cycles, run.cycles),
+        ("gas", recorded.gas, run.gas),
+    ] {
+        assert!(
+            now * 100 <= before * 102,
+            "{what} grew from {before} to {now}: more than 2 %"
+        );
+    }
 }
 
 /// The weights in the claim are those that follow from the seed, and what the proof left to check of them holds.

@@ -1,16 +1,27 @@
-//! The evaluation as [`zk0_circuits::model::eval`] does it, with the sums of all linear layers kept.
+//! The evaluation as [`zk0_circuits::model::eval`] does it, with the sums kept that the residual stream is made of.
 
 use zk0_circuits::model::arithmetic::products::Rows;
 use zk0_circuits::model::draw::Draw;
 use zk0_circuits::model::eval::{EvalError, Evaluator, LossSum, Site};
-use zk0_circuits::model::linear::Linear;
+use zk0_circuits::model::linear::{first_of_layer, place, Linear};
 use zk0_circuits::model::multiply::{Direct, Multiply};
 use zk0_circuits::{QuantisedWeights, Sample};
 
 /// The sums of a linear layer, by its number: one matrix after the other, a row of outputs for each row of the input.
 pub type Kept = (usize, Vec<i32>);
 
-/// Computes products, and keeps the sums of linear layers.
+/// The linear layer whose outputs enter layer 0.
+pub const EMBEDDED: usize = 2;
+
+/// Whether the outputs of a linear layer are added to the residual stream, or are its beginning.
+fn is_on_stream(index: usize) -> bool {
+    match index.checked_sub(first_of_layer(0)) {
+        None => index == EMBEDDED,
+        Some(inner) => matches!(inner % place::COUNT, place::OUT | place::DOWN),
+    }
+}
+
+/// Computes products, and keeps the sums of the residual stream.
 struct Keeping<'a> {
     direct: Direct<'a>,
     kept: Vec<Kept>,
@@ -28,7 +39,9 @@ impl Multiply for Keeping<'_> {
         input: &[i16],
     ) -> Result<Vec<i32>, EvalError> {
         let sums = self.direct.linear(index, linear, input)?;
-        self.kept.push((index, sums.clone()));
+        if is_on_stream(index) {
+            self.kept.push((index, sums.clone()));
+        }
         Ok(sums)
     }
 
@@ -51,7 +64,7 @@ impl Multiply for Keeping<'_> {
     }
 }
 
-/// The loss of a sample, and the sums of all linear layers on the way to it, in the order of the evaluation.
+/// The loss of a sample, and the sums that the residual stream is made of, in the order of the evaluation.
 pub fn trace(
     evaluator: &Evaluator<'_>,
     weights: &QuantisedWeights,

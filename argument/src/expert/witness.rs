@@ -6,7 +6,7 @@ use super::published::tables;
 use super::sample::prove::frames;
 use super::sizes::{Sizes, L, M, N, T};
 use super::statement::{Evaluated, Statement};
-use super::trace::{trace, Kept};
+use super::trace::{trace, Kept, EMBEDDED};
 use crate::prove::filling::Filling;
 use crate::prove::{Computed, NotInTable, Values};
 use crate::relation::{Committed, Relations, Source};
@@ -84,7 +84,7 @@ pub struct Witness {
     pub data: Vec<i64>,
 }
 
-/// What is stated about two models and samples in a context ([`Statement::context`]), and the sums of each evaluation: those of the base and the update for each sample.
+/// What is stated about two models and samples in a context ([`Statement::context`]), and what is kept of each evaluation: that of the base and of the update for each sample.
 pub fn evaluate(
     context: Digest,
     spec: &EvalSpec,
@@ -272,7 +272,7 @@ fn fill_hidden(
             .map(|(&sum, &residual)| sum + rescale.apply(residual))
             .collect()
     };
-    let mut hidden = outputs(2);
+    let mut hidden = outputs(EMBEDDED);
     let mut bits = spec.hidden;
     for (layer, scales) in spec.layers.iter().enumerate() {
         let first = first_of_layer(layer);

@@ -1,5 +1,5 @@
 //! Fixed-point evaluation of the action expert: the flow-matching loss of one sample. It gives the same bits on every machine and
-//! in the guest, and in both modes.
+//! in the guest. Mode `direct` runs it there, and mode `succinct` proves what it gives.
 //!
 //! It follows SmolVLA as LeRobot computes it (arXiv 2506.01844; lerobot 0.4.4). Activations and weights are int16. Sums are
 //! int64, and a linear layer keeps 32 bits of them ([`crate::model::linear`]), so that each output is rounded once.

@@ -1,7 +1,7 @@
 //! What a claim will cost on this machine: cycles, memory and time. An operator sees it before spending anything.
 //!
-//! The cycles are counted: the guest program is executed on random weights and samples of the claim's dimensions, for one sample and
-//! for two. Each further sample costs what the second one did. Real samples cost at most that much, because their prefix is not
+//! The cycles are counted: the guest program is executed on random weights and samples of the claim's dimensions, for two samples and
+//! for three. Each further sample costs what the third one did. Real samples cost at most that much, because their prefix is not
 //! longer, and the work depends on values only for a few cycles in ten thousand.
 
 use crate::machine::{ProverOptions, Resources};
@@ -37,7 +37,8 @@ pub struct Estimate {
 
 impl Estimate {
     /// Counts the cycles of a claim over `samples` samples, at least 2 and at most
-    /// [`zk0_circuits::claim::challenge::MAX_EVAL_SAMPLES`], and derives memory and time from them. Takes seconds for small models; at the published size it takes minutes and 3 GB of memory.
+    /// [`zk0_circuits::claim::challenge::MAX_EVAL_SAMPLES`], and derives memory and time from them. Takes seconds for small
+    /// models. In mode `succinct` it makes the arguments, which takes ten minutes and 10 GB of memory at the published size.
     pub async fn of(
         executor: &Executor,
         spec: &EvalSpec,

@@ -1,0 +1,121 @@
+//! What mode `succinct` costs beside the proof itself: `cargo run --release --workspace --example bench_succinct MODEL SAMPLES`
+//!
+//! MODEL is micro or full. It makes a claim from a seed, makes the argument natively, executes the guest program, and does the verifier's share,
+//! with both files of weights on disk. Each line names a figure and what it is compared with in the same run:
+//!
+//! | bench | ours | peer |
+//! | --- | --- | --- |
+//! | `succinct-argument` | seconds of the argument, for a sample under both models | seconds of evaluating it, natively |
+//! | `succinct-verify` | seconds of verifying the argument natively | the same, for all samples |
+//! | `succinct-weights` | seconds of the verifier's check of both files of weights | seconds of hashing them with SHA-256 |
+//! | `succinct-cycles` | guest cycles | the least that mode `direct` takes: four for each multiply-add; nobody runs that |
+
+use serde_json::json;
+use std::error::Error;
+use std::fs::{self, File};
+use std::time::Instant;
+use zk0_circuits::claim::statement::check;
+use zk0_circuits::vm::digest::sha256;
+use zk0_circuits::{EvalSpec, Mode};
+use zk0_prover::machine::peak_memory;
+use zk0_prover::measure::DirectMode;
+use zk0_prover::program::{elf, synthetic, Executor, Prepared};
+use zk0_verifier::check_weight_claims;
+use zk0_weights::Format;
+
+const USAGE: &str = "usage: bench_succinct MODEL SAMPLES";
+
+/// The result of a step, its seconds, and the most memory that the process had meanwhile, in bytes.
+fn measured<T>(step: impl FnOnce() -> T) -> Result<(T, f64, u64), Box<dyn Error>> {
+    fs::write("/proc/self/clear_refs", "5")?;
+    let begin = Instant::now();
+    let result = step();
+    Ok((
+        result,
+        begin.elapsed().as_secs_f64(),
+        peak_memory().unwrap_or(0),
+    ))
+}
+
+fn print(bench: &str, unit: &str, (ours, peer): (f64, f64), more: serde_json::Value) {
+    let mut line = json!({"bench": bench, "ours": ours, "peer": peer, "ratio": peer / ours, "unit": unit});
+    if let (Some(line), serde_json::Value::Object(more)) = (line.as_object_mut(), more) {
+        line.extend(more);
+    }
+    println!("{line}");
+}
+
+#[tokio::main]
+async fn main() -> Result<(), Box<dyn Error>> {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let [model, samples] = &arguments[..] else {
+        return Err(USAGE.into());
+    };
+    let spec = EvalSpec::new(synthetic::dims(model)?);
+    let samples: u32 = samples.parse()?;
+    let folder = tempfile::tempdir()?;
+
+    eprintln!("making a claim that holds");
+    let direct = synthetic::private_input(&spec, Mode::Direct, samples, 1)?;
+    let (evaluated, evaluating, _) = measured(|| check(&direct))?;
+    evaluated?;
+    drop(direct);
+    let private = synthetic::private_input(&spec, Mode::Succinct, samples, 1)?;
+
+    eprintln!("making the argument");
+    let made = measured(|| Prepared::of(Mode::Succinct, &private, Some(folder.path())))?;
+    let (prepared, seconds, memory) = made;
+    let prepared = prepared?;
+    let of_each = (
+        seconds / f64::from(samples),
+        evaluating / f64::from(samples),
+    );
+    let size = json!({"model": model, "samples": samples, "peak_memory_bytes": memory, "input_bytes": prepared.input.bytes()});
+    print("succinct-argument", "s", of_each, size);
+
+    let (claim, seconds, memory) = measured(|| prepared.input.claim())?;
+    let claim = claim?;
+    print(
+        "succinct-verify",
+        "s",
+        (seconds, evaluating),
+        json!({"peak_memory_bytes": memory}),
+    );
+
+    let format = Format::new(&spec)?;
+    let paths = ["base", "update"].map(|name| folder.path().join(name));
+    for (path, weights) in paths.iter().zip([&private.base, &private.update]) {
+        fs::write(path, format.write(weights))?;
+    }
+    drop(private);
+    let hash = || paths.each_ref().map(|path| fs::read(path).map(|file| sha256(&[&file])));
+    let (hashed, hashing, _) = measured(hash)?;
+    for file in hashed {
+        file?;
+    }
+    let files = [File::open(&paths[0])?, File::open(&paths[1])?];
+    let [base, update] = files;
+    let named = claim.weight_check.ok_or("the claim names no weight check")?;
+    let (checked, seconds, memory) =
+        measured(|| check_weight_claims(&format, &named, &prepared.weight_check, base, update))?;
+    checked?;
+    let size = json!({"peak_memory_bytes": memory, "bytes_beside_the_proof": prepared.weight_check.len()});
+    print("succinct-weights", "s", (seconds, hashing), size);
+
+    let executor = Executor::new().await?;
+    let run = executor.execute(elf(Mode::Succinct), &prepared.input.buffers);
+    let run = run.await?;
+    let weights = format.tensors().iter().map(|tensor| tensor.len() as u64);
+    let least = DirectMode {
+        weights: weights.sum(),
+        samples,
+        chunk: u64::from(spec.dims.chunk),
+    };
+    print(
+        "succinct-cycles",
+        "cycles",
+        (run.cycles as f64, least.cycles() as f64),
+        json!({"gas": run.gas}),
+    );
+    Ok(())
+}
