@@ -70,8 +70,8 @@ cycles: build
 	$(CARGO_TARGET_DIR)/release/examples/cycle_budget $(CARGO_TARGET_DIR)/budget succinct 2 micro
 
 # Proves a claim of 98 M weights in mode `succinct`, from a seed, with a compressed SP1 proof. FULL_SAMPLES chooses the number of samples.
-# Run it alone, because it needs 20 GiB of memory. On two cores, the argument about four samples took ten minutes with other work beside it. The
-# SP1 proof after it has not been made yet. If it is interrupted, run it again: what is done is kept.
+# Run it alone, because it needs 20 GiB of memory. On two cores, four samples took seven minutes for the argument, and 45 minutes for the SP1 proof
+# with other work beside it. If it is interrupted, run it again: what is done is kept.
 prove-full: build
 	$(RUST) cargo build --release --workspace --locked --example prove_synthetic
 	$(CARGO_TARGET_DIR)/release/examples/prove_synthetic cpu full succinct $(FULL_SAMPLES) $(CARGO_TARGET_DIR)/prove-full-$(FULL_SAMPLES)

@@ -38,7 +38,8 @@ fn measured<T>(step: impl FnOnce() -> T) -> Result<(T, f64, u64), Box<dyn Error>
 }
 
 fn print(bench: &str, unit: &str, (ours, peer): (f64, f64), more: serde_json::Value) {
-    let mut line = json!({"bench": bench, "ours": ours, "peer": peer, "ratio": peer / ours, "unit": unit});
+    let mut line =
+        json!({"bench": bench, "ours": ours, "peer": peer, "ratio": peer / ours, "unit": unit});
     if let (Some(line), serde_json::Value::Object(more)) = (line.as_object_mut(), more) {
         line.extend(more);
     }
@@ -88,18 +89,25 @@ async fn main() -> Result<(), Box<dyn Error>> {
         fs::write(path, format.write(weights))?;
     }
     drop(private);
-    let hash = || paths.each_ref().map(|path| fs::read(path).map(|file| sha256(&[&file])));
+    let hash = || {
+        paths
+            .each_ref()
+            .map(|path| fs::read(path).map(|file| sha256(&[&file])))
+    };
     let (hashed, hashing, _) = measured(hash)?;
     for file in hashed {
         file?;
     }
     let files = [File::open(&paths[0])?, File::open(&paths[1])?];
     let [base, update] = files;
-    let named = claim.weight_check.ok_or("the claim names no weight check")?;
+    let named = claim
+        .weight_check
+        .ok_or("the claim names no weight check")?;
     let (checked, seconds, memory) =
         measured(|| check_weight_claims(&format, &named, &prepared.weight_check, base, update))?;
     checked?;
-    let size = json!({"peak_memory_bytes": memory, "bytes_beside_the_proof": prepared.weight_check.len()});
+    let size =
+        json!({"peak_memory_bytes": memory, "bytes_beside_the_proof": prepared.weight_check.len()});
     print("succinct-weights", "s", (seconds, hashing), size);
 
     let executor = Executor::new().await?;

@@ -62,7 +62,10 @@ fn the_proof_of_a_claim_at_the_published_size_verifies() {
 async fn the_guest_takes_as_many_cycles_as_recorded() {
     let buffers: Vec<Vec<u8>> = borsh::from_slice(&read("input.bin")).unwrap();
     let executor = Executor::new().await.unwrap();
-    let run = executor.execute(elf(Mode::Succinct), &buffers).await.unwrap();
+    let run = executor
+        .execute(elf(Mode::Succinct), &buffers)
+        .await
+        .unwrap();
     assert_eq!(run.public_values, read("claim.bin"));
     let recorded = include_str!("../../circuits/CYCLES.json").lines();
     let mut recorded = recorded.map(|line| serde_json::from_str::<Cost>(line).unwrap());
