@@ -1,12 +1,13 @@
 //! A contribution with a real SP1 proof is accepted. With one thing changed, it is refused for the reason that belongs to the change.
 
 use ed25519_dalek::SigningKey;
+use std::fs;
 use zk0_circuits::claim::student::Confidence;
 use zk0_circuits::{Claim, Digest, Losses};
 use zk0_protocol::entries::program::{Program, FOUNDING_SP1, OUR_SP1};
 use zk0_protocol::entries::signed::Signed;
 use zk0_protocol::{Genesis, Refusal, Rules, State};
-use zk0_tests::{accepted, ledger_copy, Accepted};
+use zk0_tests::{accepted, all_accepted, fixture, ledger_copy, Accepted};
 use zk0_verifier::decide::decide;
 use zk0_verifier::releases::can_verify;
 use zk0_verifier::{
@@ -61,6 +62,24 @@ fn the_real_contribution_is_accepted() {
         verified.claim(),
         &real.contribution.submission.statement.claim
     );
+}
+
+/// The tests of a prover network hand out this proof, and cannot read ledgers. `ZK0_WRITE_VECTORS=1` writes the claim anew.
+#[test]
+fn the_claim_of_the_committed_proof_lies_beside_it() {
+    let proof = blob_digest(&fs::read(fixture("proof.bin")).unwrap());
+    let accepted = all_accepted(ledger_copy().path());
+    let mut submissions = accepted.iter().map(|one| &one.contribution.submission);
+    let submission = submissions.find(|one| one.statement.proof == proof);
+    let claim = &submission
+        .expect("the ledger has the proof")
+        .statement
+        .claim;
+    let claim = borsh::to_vec(claim).unwrap();
+    if std::env::var_os("ZK0_WRITE_VECTORS").is_some() {
+        fs::write(fixture("claim.bin"), &claim).unwrap();
+    }
+    assert_eq!(fs::read(fixture("claim.bin")).unwrap(), claim);
 }
 
 /// Returns the state with other rules. The state encodes the rules twice: in the genesis, and as the rules in force.

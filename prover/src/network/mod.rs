@@ -4,8 +4,6 @@
 mod account;
 #[cfg(feature = "network")]
 mod bid;
-#[cfg(all(test, feature = "network"))]
-mod loopback;
 #[cfg(feature = "network")]
 mod network_prover;
 mod options;

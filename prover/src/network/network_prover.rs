@@ -4,7 +4,7 @@
 use super::account::{Account, AccountError};
 use super::bid::Bid;
 use super::options::{NetworkOptions, Strategy};
-use crate::program::{elf, stdin, ExecuteError, Execution, Executor, GuestInput, Shareable};
+use crate::program::{elf, stdin, ExecuteError, Execution, Executor, Shareable};
 use crate::prove::{check_program, verified, OtherProgram, Proof};
 use sp1_sdk::network::proto::types::{ExecutionStatus, FulfillmentStatus, ProofMode};
 use sp1_sdk::network::signer::NetworkSigner;
@@ -85,17 +85,8 @@ pub struct NetworkProver {
 }
 
 impl NetworkProver {
-    /// Connects to the network and registers the program of mode `succinct` there. The program is public.
+    /// Connects to the network and registers the program of a mode there. The program is public.
     pub async fn start(
-        account: &Account,
-        options: NetworkOptions,
-        executor: &Executor,
-    ) -> Result<Self, NetworkError> {
-        Self::start_for(account, options, executor, Mode::Succinct).await
-    }
-
-    /// The same for the program of any mode, because the tests have a proof of another one.
-    pub(super) async fn start_for(
         account: &Account,
         options: NetworkOptions,
         executor: &Executor,
@@ -134,17 +125,7 @@ impl NetworkProver {
         given_up: impl Future<Output = impl Display>,
         taken: impl Fn(bool),
     ) -> Result<Proof, NetworkError> {
-        self.prove_input(input.input(), cost, given_up, taken).await
-    }
-
-    pub(super) async fn prove_input(
-        &self,
-        input: &GuestInput,
-        cost: &Execution,
-        given_up: impl Future<Output = impl Display>,
-        taken: impl Fn(bool),
-    ) -> Result<Proof, NetworkError> {
-        let stdin = stdin(&input.buffers);
+        let stdin = stdin(&input.input().buffers);
         let end = async {
             tokio::select! {
                 reason = given_up => NetworkError::GivenUp(reason.to_string()),
@@ -331,7 +312,10 @@ async fn register(
     let registered = client.register_program(program.verifying_key(), program.elf());
     match timeout(patience, registered).await {
         Ok(name) => name.map_err(|error| refused(doing, format!("{error:#}"))),
-        Err(_) => Err(NetworkError::TimedOut(patience.as_secs())),
+        Err(_) => {
+            let seconds = patience.as_secs();
+            Err(refused(doing, format!("no answer within {seconds} s")))
+        }
     }
 }
 

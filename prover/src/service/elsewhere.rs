@@ -6,6 +6,7 @@ use crate::network::{Account, NetworkOptions, NetworkProver};
 use crate::program::{Execution, Executor, GuestInput, Shareable};
 use crate::prove::Proof;
 use tokio::sync::OnceCell;
+use zk0_circuits::Mode;
 
 /// An account on a network. It connects when it is first needed.
 pub(super) struct Elsewhere {
@@ -30,7 +31,9 @@ impl Elsewhere {
     /// The network, connected.
     pub async fn prover(&self, executor: &Executor) -> Result<&NetworkProver, JobError> {
         self.prover
-            .get_or_try_init(|| NetworkProver::start(&self.account, self.options, executor))
+            .get_or_try_init(|| {
+                NetworkProver::start(&self.account, self.options, executor, Mode::Succinct)
+            })
             .await
             .map_err(JobError::failed)
     }

@@ -58,8 +58,8 @@ impl Sp1Backend {
     }
 
     /// The backend for an account on a network.
-    #[cfg(all(test, feature = "network"))]
-    pub(crate) async fn of_account(
+    #[cfg(feature = "network")]
+    pub async fn of_account(
         account: Account,
         options: NetworkOptions,
     ) -> Result<Self, Sp1BackendError> {

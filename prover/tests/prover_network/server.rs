@@ -1,7 +1,6 @@
 //! A prover network that listens on this machine: gRPC and the store of artifacts, with the messages of SP1's own protocol. It makes no
 //! proofs, but may have one to hand out.
 
-use crate::network::{Account, NetworkOptions, Strategy};
 use axum::body::to_bytes;
 use axum::extract::{Path, Request};
 use axum::http::StatusCode;
@@ -20,6 +19,7 @@ use tonic::service::Routes;
 use tonic::transport::Server;
 use tonic::{Response, Status};
 use tonic_prost::ProstCodec;
+use zk0_prover::network::{Account, NetworkOptions, Strategy};
 
 /// What becomes of requests.
 #[derive(Clone)]

@@ -1,10 +1,6 @@
 //! What comes of a request: a proof that was verified, or an error that says what went wrong.
 
-use super::server::{account, options, Answer, Network};
-use crate::network::network_prover::{NetworkError, NetworkProver};
-use crate::network::{Account, NetworkOptions, Strategy};
-use crate::program::{Execution, Executor, GuestInput};
-use crate::prove::Proof;
+use crate::server::{account, options, Answer, Network};
 use sp1_sdk::network::proto::artifact::ArtifactType;
 use sp1_sdk::network::proto::types::FulfillmentStatus;
 use sp1_sdk::{ProofFromNetwork, SP1Proof, SP1PublicValues};
@@ -14,47 +10,16 @@ use std::future::pending;
 use std::path::Path;
 use tokio::net::TcpListener;
 use zk0_circuits::Mode;
-use zk0_protocol::blob::blob_digest;
-use zk0_protocol::entries::entry::Body;
-use zk0_protocol::entries::proof_blob::ProofBlob;
+use zk0_prover::network::{Account, NetworkError, NetworkOptions, NetworkProver, Strategy};
+use zk0_prover::program::{Execution, Executor, GuestInput, Shareable};
+use zk0_prover::prove::Proof;
 
-/// A real proof of a demo, its public values, and the mode that it is of. `make fixtures` makes it again.
-fn real_proof() -> (SP1Proof, Vec<u8>, Mode) {
+/// A real proof of a demo in mode `direct`, and its public values. `make fixtures` makes both again.
+fn real_proof() -> (SP1Proof, Vec<u8>) {
     let fixtures = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/fixtures");
-    let ledger = tempfile::tempdir().unwrap();
-    copy(&fixtures.join("ledger"), ledger.path());
-    let (entries, _) = zk0_audit::verified_entries::verified_entries(ledger.path()).unwrap();
-    let mode = entries.iter().find_map(|entry| match &entry.body {
-        Body::Genesis(genesis) => Some(genesis.mode),
-        _ => None,
-    });
-    let blob = fs::read(fixtures.join("proof.bin")).unwrap();
-    let claim = entries.iter().find_map(|entry| match &entry.body {
-        Body::ContributionAccepted(signed) if signed.statement.proof == blob_digest(&blob) => {
-            Some(signed.statement.claim.clone())
-        }
-        _ => None,
-    });
-    let claim = claim.expect("the ledger has the claim of the proof");
-    let sp1 = ProofBlob::split(&claim, &blob).unwrap().sp1;
-    let public_values = borsh::to_vec(&claim).unwrap();
-    (
-        bincode::deserialize(sp1).unwrap(),
-        public_values,
-        mode.unwrap(),
-    )
-}
-
-fn copy(from: &Path, to: &Path) {
-    fs::create_dir_all(to).unwrap();
-    for entry in fs::read_dir(from).unwrap() {
-        let entry = entry.unwrap();
-        let (path, place) = (entry.path(), to.join(entry.file_name()));
-        match path.is_dir() {
-            true => copy(&path, &place),
-            false => drop(fs::copy(&path, &place).unwrap()),
-        }
-    }
+    let read = |name| fs::read(fixtures.join(name)).unwrap();
+    let proof = bincode::deserialize(&read("proof.bin")).unwrap();
+    (proof, read("claim.bin"))
 }
 
 /// What is downloaded as a proof.
@@ -69,7 +34,7 @@ fn artifact(proof: &SP1Proof, public_values: &[u8]) -> Vec<u8> {
 
 async fn connected(network: &Network, options: NetworkOptions, mode: Mode) -> NetworkProver {
     let executor = Executor::new().await.unwrap();
-    NetworkProver::start_for(&network.account(), options, &executor, mode)
+    NetworkProver::start(&network.account(), options, &executor, mode)
         .await
         .unwrap()
 }
@@ -85,16 +50,17 @@ async fn ask(prover: &NetworkProver) -> Result<Proof, NetworkError> {
         cycles: 1_000_000,
         gas: 1_100_000,
     };
+    let input = Shareable::of(&input).unwrap();
     prover
-        .prove_input(&input, &cost, pending::<Infallible>(), |_| {})
+        .prove(input, &cost, pending::<Infallible>(), |_| {})
         .await
 }
 
 #[tokio::test]
 async fn a_proof_is_handed_on_only_if_it_verifies() {
-    let (proof, public_values, mode) = real_proof();
+    let (proof, public_values) = real_proof();
     let network = Network::start(Answer::Proof(artifact(&proof, &public_values))).await;
-    let prover = connected(&network, options(Strategy::Auction, 60), mode).await;
+    let prover = connected(&network, options(Strategy::Auction, 60), Mode::Direct).await;
     let proven = ask(&prover).await.unwrap();
     assert_eq!(proven.public_values, public_values);
     assert_eq!(proven.bytes, bincode::serialize(&proof).unwrap());
@@ -190,8 +156,13 @@ async fn an_address_where_nobody_listens_and_a_key_beyond_the_curve_are_told_at_
     let address = format!("http://{}", listener.local_addr().unwrap());
     drop(listener);
     let start = async |account: Account| {
-        let prover =
-            NetworkProver::start(&account, options(Strategy::Auction, 60), &executor).await;
+        let prover = NetworkProver::start(
+            &account,
+            options(Strategy::Auction, 60),
+            &executor,
+            Mode::Succinct,
+        )
+        .await;
         prover.err().expect("there is no network").to_string()
     };
     let error = start(account(&address)).await;

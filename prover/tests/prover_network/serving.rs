@@ -1,11 +1,6 @@
 //! The proving service before a network: what its clients see, and what happens when they go away.
 
-use super::server::{options, Answer, Network};
-use crate::network::Strategy;
-use crate::program::{synthetic, GuestInput, Prepared};
-use crate::rpc::progress::Phase;
-use crate::rpc::Progress;
-use crate::service::{ClientError, ProvingClient, ProvingService, Sp1Backend};
+use crate::server::{options, Answer, Network};
 use sp1_sdk::network::proto::artifact::ArtifactType;
 use sp1_sdk::network::proto::types::FulfillmentStatus;
 use std::time::Duration;
@@ -13,6 +8,11 @@ use tokio::net::TcpListener;
 use tokio::sync::oneshot;
 use tokio::task::JoinHandle;
 use zk0_circuits::{EvalSpec, Mode};
+use zk0_prover::network::Strategy;
+use zk0_prover::program::{synthetic, GuestInput, Prepared};
+use zk0_prover::rpc::progress::Phase;
+use zk0_prover::rpc::Progress;
+use zk0_prover::service::{ClientError, ProvingClient, ProvingService, Sp1Backend};
 
 const HOUR: u64 = 3600;
 
