@@ -65,7 +65,7 @@ impl Sp1Prover {
             let set_up = |mode| {
                 let program = engine.setup(elf(mode)).map_err(failed)?;
                 check_program(&program, mode)?;
-                Ok(program)
+                Ok::<_, ProveError>(program)
             };
             let [direct, checked, succinct] = Mode::ALL.map(set_up);
             let programs = [direct?, checked?, succinct?];
