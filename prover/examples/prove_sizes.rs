@@ -50,7 +50,7 @@ async fn main() -> Result<(), Box<dyn Error>> {
     for (model, dims, mode) in work {
         eprintln!("zk0, mode {mode}: {model}");
         let private = synthetic::private_input(&EvalSpec::new(dims), mode, 2, 1)?;
-        let input = Prepared::of(mode, &private, None)?.input;
+        let input = Prepared::of(mode, &private, None, &mut |_| {})?.input;
         let run = executor.execute(elf(mode), &input.buffers).await?;
         // In mode `checked`, the verifier also projects both sets of weights.
         let mut hinted = match mode {

@@ -1,9 +1,9 @@
-//! The evaluation as [`zk0_circuits::model::eval`] does it, with the sums of all linear layers kept.
+//! The evaluation as [`zk0_circuits::model::eval`] does it, with the sums of those linear layers kept from which the residual stream follows.
 
 use zk0_circuits::model::arithmetic::products::Rows;
 use zk0_circuits::model::draw::Draw;
 use zk0_circuits::model::eval::{EvalError, Evaluator, LossSum, Site};
-use zk0_circuits::model::linear::Linear;
+use zk0_circuits::model::linear::{first_of_layer, place, Linear};
 use zk0_circuits::model::multiply::{Direct, Multiply};
 use zk0_circuits::model::parameters::Parameters;
 use zk0_circuits::{QuantisedWeights, Sample};
@@ -11,7 +11,15 @@ use zk0_circuits::{QuantisedWeights, Sample};
 /// The sums of a linear layer, by its number: one matrix after the other, a row of outputs for each row of the input.
 pub type Kept = (usize, Vec<i32>);
 
-/// Computes products, and keeps the sums of linear layers.
+/// Whether the residual stream follows from the sums of a linear layer. Those of the others would take more than four times as much memory for each sample.
+fn is_kept(index: usize) -> bool {
+    match index.checked_sub(first_of_layer(0)) {
+        None => true,
+        Some(index) => [place::OUT, place::DOWN].contains(&(index % place::COUNT)),
+    }
+}
+
+/// Computes products, and keeps sums.
 struct Keeping<'a> {
     direct: Direct<'a>,
     kept: Vec<Kept>,
@@ -27,7 +35,9 @@ impl Multiply for Keeping<'_> {
         input: &[i16],
     ) -> Result<Vec<i32>, EvalError> {
         let sums = self.direct.linear(index, linear, input)?;
-        self.kept.push((index, sums.clone()));
+        if is_kept(index) {
+            self.kept.push((index, sums.clone()));
+        }
         Ok(sums)
     }
 
@@ -50,7 +60,7 @@ impl Multiply for Keeping<'_> {
     }
 }
 
-/// The loss of a sample, and the sums of all linear layers on the way to it, in the order of the evaluation.
+/// The loss of a sample, and the sums on the way to it that are kept, in the order of the evaluation.
 pub fn trace(
     evaluator: &Evaluator<'_>,
     weights: &QuantisedWeights,
