@@ -168,11 +168,13 @@ impl Init {
     /// The rules. They must allow updates of `update_bytes`, because every update is as long as the initial weights.
     fn rules(&self, update_bytes: u64) -> Result<Rules> {
         let Some(path) = &self.rules else {
-            return self
+            let rules = self
                 .common
-                .rules(update_bytes.next_multiple_of(LEAST_UPDATE_LIMIT));
+                .rules(update_bytes.next_multiple_of(LEAST_UPDATE_LIMIT))?;
+            rules.check_in(self.mode).map_err(anyhow::Error::msg)?;
+            return Ok(rules);
         };
-        let rules = read_rules(path)?;
+        let rules = read_rules(path, self.mode)?;
         if rules.max_update_bytes < update_bytes {
             bail!(
                 "rule max_update_bytes in {} is {}, too little for this policy: an update of it has {update_bytes} bytes; write \

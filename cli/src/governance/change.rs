@@ -79,7 +79,7 @@ impl Change {
     /// The change as it goes on the ledger of a network that proves in mode `mode`.
     pub fn action(&self, mode: Mode) -> Result<Action> {
         Ok(match self {
-            Self::Rules { file } => Action::ChangeRules(Box::new(read_rules(file)?)),
+            Self::Rules { file } => Action::ChangeRules(Box::new(read_rules(file, mode)?)),
             Self::Enrol {
                 node: Enrolment { name, node },
             } => Action::Enrol(NodeEnrolled {
