@@ -81,6 +81,7 @@ pub fn found(options: &Init) -> Result<()> {
     // Every file of these weights has the same size, whatever the ranges are.
     let mut rules = options.rules(Format::new(&EvalSpec::new(dims))?.file_bytes())?;
     let mode = options.mode(&file.policy, rules.min_eval_samples)?;
+    rules.check_in(mode).map_err(anyhow::Error::msg)?;
     let evaluation = options.evaluation(&file, dims)?;
     let initial = quantise_weights(&evaluation, &file.policy.expert)
         .context("the policy's weights in fixed point")?;
@@ -168,13 +169,11 @@ impl Init {
     /// The rules. They must allow updates of `update_bytes`, because every update is as long as the initial weights.
     fn rules(&self, update_bytes: u64) -> Result<Rules> {
         let Some(path) = &self.rules else {
-            let rules = self
+            return self
                 .common
-                .rules(update_bytes.next_multiple_of(LEAST_UPDATE_LIMIT))?;
-            rules.check_in(self.mode).map_err(anyhow::Error::msg)?;
-            return Ok(rules);
+                .rules(update_bytes.next_multiple_of(LEAST_UPDATE_LIMIT));
         };
-        let rules = read_rules(path, self.mode)?;
+        let rules = read_rules(path)?;
         if rules.max_update_bytes < update_bytes {
             bail!(
                 "rule max_update_bytes in {} is {}, too little for this policy: an update of it has {update_bytes} bytes; write \

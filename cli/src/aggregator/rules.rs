@@ -4,7 +4,7 @@ use super::enrolment::Enrolment;
 use anyhow::{Context, Result};
 use std::path::Path;
 use zk0_circuits::claim::student::Confidence;
-use zk0_circuits::{Disclosure, Mode};
+use zk0_circuits::Disclosure;
 use zk0_files::bounded_file;
 use zk0_protocol::challenge::drand::DrandChain;
 use zk0_protocol::challenge::source::RandomnessSource;
@@ -135,16 +135,16 @@ impl CommonRules {
     }
 }
 
-/// Reads rules from a JSON file, for a network that proves in this mode.
+/// Reads rules from a JSON file.
 ///
 /// # Errors
 /// The file cannot be read, or no network can work by these rules.
-pub fn read_rules(file: &Path, mode: Mode) -> Result<Rules> {
+pub fn read_rules(file: &Path) -> Result<Rules> {
     let context = || format!("reading rules from {}", file.display());
     let text = bounded_file::read(file, MAX_RULES_BYTES).with_context(context)?;
     let rules: Rules = serde_json::from_slice(&text).with_context(context)?;
     rules
-        .check_in(mode)
+        .check()
         .map_err(anyhow::Error::msg)
         .with_context(context)?;
     Ok(rules)
