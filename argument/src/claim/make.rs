@@ -26,7 +26,7 @@ pub enum NotMade {
 }
 
 /// Makes the input of the guest program. An update that does not pass the test is refused before the argument is made. With a folder, what is
-/// committed to is in files there that have no names, of up to a gigabyte a sample: then memory does not grow with the number of samples.
+/// committed to is in files there that have no names, of half a gigabyte a sample at the published size: then memory does not grow with the number of samples.
 ///
 /// `progress` is told which share of the work is done, from 0 to 1.
 pub fn make(

@@ -144,7 +144,7 @@ pub mod prove {
     const COMPUTING: f64 = 0.5;
 
     /// Argues. `witness` gives the values of each sample, one after the other, and no more than one is in memory at a time: with a folder, what is
-    /// committed to is in files there, of up to a gigabyte a sample. What is false is argued as if it were true, so that tests can see it refused.
+    /// committed to is in files there, of half a gigabyte a sample at the published size. What is false is argued as if it were true, so that tests can see it refused.
     /// `None` if the evaluation is too small.
     ///
     /// # Errors
