@@ -10,7 +10,7 @@ export CARGO_TARGET_DIR ?= $(HOME)/.cache/zk0/target
 RUST := scripts/with-rust
 ZK0 := $(CARGO_TARGET_DIR)/release/zk0
 
-.PHONY: demo test deletions quick lint coverage setup build guest fixtures cycles prove-full bench-succinct fidelity power bench-ledger bench-recording bench-train cuda
+.PHONY: demo test deletions quick lint coverage setup build guest fixtures cycles prove-full bench-succinct fidelity power bench-ledger bench-recording bench-train cuda network
 
 demo: build
 	$(ZK0) demo --rounds $(ROUNDS) --nodes $(NODES)
@@ -28,6 +28,13 @@ cuda: export CARGO_TARGET_DIR := $(CARGO_TARGET_DIR)-cuda
 cuda:
 	@scripts/setup.sh cuda
 	$(RUST) scripts/with-cuda cargo build --release --workspace --locked --features zk0/cuda --bin zk0 --example prove_synthetic
+
+# Builds `zk0` with `--device network` for proving, and runs the tests of that against a prover network on this machine. This takes a target
+# folder of its own, because the feature changes how much of SP1's dependencies is built. It needs no account, and costs nothing.
+network: export CARGO_TARGET_DIR := $(CARGO_TARGET_DIR)-network
+network: setup
+	$(RUST) cargo build --release --workspace --locked --features zk0/network --bin zk0
+	$(RUST) cargo test --release --workspace --locked --features zk0/network --test prover_network
 
 # Runs every check and test. The real proof comes last and alone, because it needs the memory for itself.
 test:

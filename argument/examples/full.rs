@@ -1,12 +1,16 @@
-//! Proves the losses of two random models natively, and verifies them: `full SIZE [SAMPLES]`, where SIZE is micro, middle or full.
+//! Proves the losses of two random models natively, and verifies them: `full SIZE [SAMPLES]`, where SIZE is micro, middle, quarter (a
+//! quarter of the layers) or full.
 //! It prints the seconds of each step, and the most memory that was used up to then.
 
+use std::cell::Cell;
 use std::error::Error;
 use std::fs;
 use std::time::Instant;
+use zk0_argument::claim::Cost;
 use zk0_argument::expert::argument::{prove::prove, verify};
 use zk0_argument::expert::evaluation::layers::Expert;
 use zk0_argument::expert::witness::{evaluate, Common, Witness};
+use zk0_argument::progress::Phase;
 use zk0_argument::transcript::Refused;
 use zk0_circuits::model::draw::draw;
 use zk0_circuits::model::layout::{expert_tensors, Layout};
@@ -77,14 +81,27 @@ fn sample(spec: &EvalSpec, random: &mut Random) -> Result<Sample, Box<dyn Error>
 fn measured<T>(what: &str, step: impl FnOnce() -> T) -> T {
     let begin = Instant::now();
     let result = step();
+    println!("{what}: {:.2?}, peak {}", begin.elapsed(), peak());
+    result
+}
+
+/// The gigabytes that are mapped of files without a name: what is committed to.
+fn in_files() -> f64 {
+    let maps = fs::read_to_string("/proc/self/maps").unwrap_or_default();
+    let bytes = maps.lines().filter_map(|line| {
+        let range = line.strip_suffix("(deleted)")?.split(' ').next()?;
+        let (from, to) = range.split_once('-')?;
+        let address = |text| u64::from_str_radix(text, 16).ok();
+        address(to)?.checked_sub(address(from)?)
+    });
+    bytes.sum::<u64>() as f64 / 1e9
+}
+
+/// The most memory up to now.
+fn peak() -> String {
     let status = fs::read_to_string("/proc/self/status").unwrap_or_default();
     let peak = status.lines().find_map(|line| line.strip_prefix("VmHWM:"));
-    println!(
-        "{what}: {:.2?}, peak {}",
-        begin.elapsed(),
-        peak.unwrap_or_default().trim()
-    );
-    result
+    peak.unwrap_or_default().trim().to_owned()
 }
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -102,12 +119,27 @@ fn main() -> Result<(), Box<dyn Error>> {
             chunk: 14,
             ..Dims::FULL
         },
+        Some("quarter") => Dims {
+            layers: 4,
+            ..Dims::FULL
+        },
         Some("full") => Dims::FULL,
-        _ => return Err("micro, middle or full".into()),
+        _ => return Err("micro, middle, quarter or full".into()),
     };
     let count = arguments.next().map_or(Ok(1), |n| n.parse::<u32>())?;
     let spec = EvalSpec::new(dims);
     let begin = Instant::now();
+    let last = Cell::new(begin);
+    // What the shares of the phases follow from.
+    let tell = |phase: Phase, share: f64| {
+        let seconds = last.replace(Instant::now()).elapsed().as_secs_f64();
+        let all = phase.of_all(share);
+        println!(
+            "  {phase:?} {share:.3}, all {all:.3}: {seconds:.3} s, peak {}, {:.3} GB in files",
+            peak(),
+            in_files()
+        );
+    };
     let models = measured("weights", || {
         Ok::<_, Box<dyn Error>>([weights(&spec, 1, 2.0)?, weights(&spec, 1, 0.5)?])
     })?;
@@ -118,8 +150,9 @@ fn main() -> Result<(), Box<dyn Error>> {
         Ok((sample(&spec, &mut random)?, drawn))
     });
     let samples = samples.collect::<Result<Vec<_>, Box<dyn Error>>>()?;
+    last.set(Instant::now());
     let (statement, kept) = measured("evaluation", || {
-        evaluate(Digest([4; 32]), &spec, models, &samples)
+        evaluate(Digest([4; 32]), &spec, models, &samples, &tell)
     })?;
     println!(
         "losses {:?}",
@@ -131,6 +164,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     );
     let expert = Expert::new(&statement);
     println!("bits of sources {:?}", expert.source_bits);
+    println!("expected {:?}", Cost::of(&spec, count)?);
     let common = Common::new(&statement, models);
     let folder = tempfile::tempdir()?;
     let witness = |number: usize| {
@@ -145,7 +179,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         })
     };
     let proof = measured("proof", || {
-        prove(&statement, &common, Some(folder.path()), witness)
+        prove(&statement, &common, Some(folder.path()), &tell, witness)
     })?
     .ok_or("too small")?;
     println!("{} bytes", 8 * proof.len());

@@ -11,6 +11,7 @@ use zk0_argument::field::{Extension, Goldilocks};
 use zk0_argument::fractions::{self, prove::Leaves};
 use zk0_argument::hash::{leaf, Digest};
 use zk0_argument::party::{Claim, Sources, Weighted};
+use zk0_argument::progress::silently;
 use zk0_argument::prove::{Instance, Proving, Values};
 use zk0_argument::relation::{Part, Parts, Relations, Source};
 use zk0_argument::share::share;
@@ -82,7 +83,7 @@ fn commit(mut prover: Prover, size: u32) -> Result<Vec<u64>, Box<dyn Error>> {
     });
     let point = prover.challenges(parameters.variables());
     measured("open", || {
-        open(&mut prover, &parameters, &[&committed], &point)
+        open(&mut prover, &parameters, &[&committed], &point, &silently)
     });
     Ok(prover.finish())
 }
@@ -161,7 +162,7 @@ fn shared(prover: Prover, size: u32) -> Result<Vec<u64>, Box<dyn Error>> {
         relations: &Relations::default(),
         sources: vec![Values::Wide(&values)],
     };
-    let mut proving = Proving::new(prover, vec![instance], 1);
+    let mut proving = Proving::new(prover, vec![instance], 1, &silently);
     let mut parts = Parts::default();
     let claims = [0, 1, 3].map(|quarter| {
         let bits = size as usize - 2;

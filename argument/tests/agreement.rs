@@ -6,6 +6,7 @@ use models::claims::Random;
 use models::Models;
 use rayon::prelude::*;
 use zk0_argument::expert::witness::{evaluate, Common, Unprovable, Witness};
+use zk0_argument::progress::silently;
 use zk0_argument::prove::{check_equalities, Computed, Tables};
 use zk0_circuits::model::spec::Dims;
 use zk0_circuits::{Digest, EvalSpec};
@@ -77,11 +78,12 @@ fn agrees(seed: u64) -> bool {
     scales(&mut spec, &mut random);
     let models = Models::new(&spec, 1 + seed as usize % 3, seed);
     let weights = [&models.base, &models.update];
-    let (statement, kept) = match evaluate(Digest([7; 32]), &spec, weights, &models.samples) {
-        Ok(evaluated) => evaluated,
-        Err(Unprovable::Evaluation { .. }) => return false,
-        Err(error) => panic!("seed {seed}: {error}"),
-    };
+    let (statement, kept) =
+        match evaluate(Digest([7; 32]), &spec, weights, &models.samples, &silently) {
+            Ok(evaluated) => evaluated,
+            Err(Unprovable::Evaluation { .. }) => return false,
+            Err(error) => panic!("seed {seed}: {error}"),
+        };
     let common = Common::new(&statement, weights);
     for (number, (sample, _)) in models.samples.iter().enumerate() {
         let witness = Witness::new(&statement, &common, number, sample, &kept[number]);

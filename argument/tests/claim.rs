@@ -5,6 +5,7 @@ mod models;
 use models::claims::{honest, Honest, Node};
 use models::committed_to;
 use zk0_argument::claim::{check, committed, make, ClaimInput, NotMade, NotShown};
+use zk0_argument::progress::Phase;
 use zk0_argument::transcript::Refused;
 use zk0_circuits::claim::private_input::InputError;
 use zk0_circuits::claim::statement;
@@ -25,7 +26,7 @@ fn claim(input: &ClaimInput) -> Result<Claim, NotShown> {
 #[test]
 fn a_claim_says_what_mode_direct_says() {
     let direct = honest(&EvalSpec::micro(), 20, 3, 11);
-    let made = make(&node().input, None).unwrap();
+    let made = make(&node().input, None, &mut |_| {}).unwrap();
     let buffers = made.to_buffers();
     let read = ClaimInput::from_buffers(&buffers).unwrap();
     assert_eq!(read, made);
@@ -38,11 +39,31 @@ fn a_claim_says_what_mode_direct_says() {
     assert_eq!(claim.weight_check, Some(left.digest(&made.scales)));
 }
 
+/// Whoever waits for an argument is told after each piece of it, in all phases, and at the end that all is done.
+#[test]
+fn a_prover_tells_how_far_it_is() {
+    let mut told = vec![];
+    make(&node().input, None, &mut |share| told.push(share)).unwrap();
+    assert!(told.is_sorted() && told.last() == Some(&1.0), "{told:?}");
+    let within = |phase: Phase| {
+        let (from, to) = (phase.of_all(0.0), phase.of_all(1.0));
+        let within = told.iter().filter(|&&share| from < share && share <= to);
+        within.count()
+    };
+    for phase in Phase::ALL {
+        assert!(within(phase) > 0, "{phase:?}: {told:?}");
+    }
+    // The longest phases have pieces for each of the three samples.
+    assert_eq!(within(Phase::Committing), 6, "{told:?}");
+    assert_eq!(within(Phase::Adding), 6, "{told:?}");
+    assert_eq!(within(Phase::Opening), 6, "{told:?}");
+}
+
 #[test]
 fn hidden_losses_stay_hidden() {
     let mut node = node();
     node.input.header.disclosure = Disclosure::Nothing;
-    let made = make(&node.input, None).unwrap();
+    let made = make(&node.input, None, &mut |_| {}).unwrap();
     assert_eq!(claim(&made).unwrap().losses, Losses::Hidden);
 }
 
@@ -50,7 +71,10 @@ fn hidden_losses_stay_hidden() {
 #[test]
 fn the_input_holds_neither_samples_nor_weights() {
     let node = node();
-    let bytes = make(&node.input, None).unwrap().to_buffers().concat();
+    let bytes = make(&node.input, None, &mut |_| {})
+        .unwrap()
+        .to_buffers()
+        .concat();
     let windows: std::collections::HashSet<&[u8]> = bytes.windows(32).collect();
     let private = node.dataset.iter().map(|sample| sample.as_bytes());
     // The scales of weights, which come first, are no secret.
@@ -76,18 +100,18 @@ fn what_does_not_improve_is_refused() {
     let terms = &mut swapped.header.terms;
     core::mem::swap(&mut terms.base, &mut terms.update);
     assert!(matches!(
-        make(&swapped, None),
+        make(&swapped, None, &mut |_| {}),
         Err(NotMade::Statement(StatementError::NoImprovement { .. }))
     ));
     // The node argues what is true under easier terms, and then claims it under the round's.
     node.input.header.terms.test.min_improvement_bps = 0;
-    let mut made = make(&node.input, None).unwrap();
+    let mut made = make(&node.input, None, &mut |_| {}).unwrap();
     made.header.terms.test.min_improvement_bps = 9999;
     let refused = claim(&made).unwrap_err();
     assert!(matches!(refused, NotShown::Argument(_)), "{refused}");
     node.input.header.terms.test.min_improvement_bps = 9999;
     assert!(matches!(
-        make(&node.input, None),
+        make(&node.input, None, &mut |_| {}),
         Err(NotMade::Statement(StatementError::NoImprovement { .. }))
     ));
 }
@@ -98,7 +122,7 @@ type Cheat = fn(&mut ClaimInput);
 /// The transcript begins with the whole header, so that an argument is about one challenge, one dataset and two sets of weights alone.
 #[test]
 fn an_argument_is_about_one_header() {
-    let made = make(&node().input, None).unwrap();
+    let made = make(&node().input, None, &mut |_| {}).unwrap();
     claim(&made).unwrap();
     let cheats: [(&str, Cheat); 15] = [
         ("network", |i| i.header.terms.network.0[0] ^= 1),
@@ -137,7 +161,7 @@ fn an_argument_is_about_one_header() {
 /// Each of these is refused by name.
 #[test]
 fn what_is_not_in_the_argument_is_checked_by_itself() {
-    let made = make(&node().input, None).unwrap();
+    let made = make(&node().input, None, &mut |_| {}).unwrap();
     let drawn = made.openings[0].index;
     let cheats: [(Cheat, NotShown); 8] = [
         (
@@ -197,12 +221,12 @@ fn an_argument_about_other_samples_is_refused() {
     other.openings[0].sample = node.dataset[easy as usize].clone();
     other.openings[0].path = merkle::path(&node.leaves, easy as usize).unwrap();
     let index = other.openings[0].index;
-    let made = make(&other, None).unwrap();
+    let made = make(&other, None, &mut |_| {}).unwrap();
     let not_committed = StatementError::NotCommitted { index };
     assert_eq!(claim(&made), Err(not_committed.into()));
     let mut named = other.clone();
     named.openings[0].index = easy;
-    let made = make(&named, None).unwrap();
+    let made = make(&named, None, &mut |_| {}).unwrap();
     assert!(matches!(
         claim(&made),
         Err(NotShown::Statement(StatementError::Index { .. }))
@@ -210,12 +234,12 @@ fn an_argument_about_other_samples_is_refused() {
     // The salt of the commitments is the dataset's.
     let mut salted = node.input.clone();
     salted.header.salt[5] ^= 1;
-    let made = make(&salted, None).unwrap();
+    let made = make(&salted, None, &mut |_| {}).unwrap();
     assert_eq!(claim(&made), Err(StatementError::Salt.into()));
     // Another specification than the round's.
     let mut specified = node.input.clone();
     specified.header.terms.evaluation = Digest([1; 32]);
-    let made = make(&specified, None).unwrap();
+    let made = make(&specified, None, &mut |_| {}).unwrap();
     assert!(matches!(
         claim(&made),
         Err(NotShown::Statement(StatementError::Evaluation { .. }))
@@ -224,7 +248,7 @@ fn an_argument_about_other_samples_is_refused() {
 
 #[test]
 fn buffers_that_are_no_input_are_refused() {
-    let buffers = make(&node().input, None).unwrap().to_buffers();
+    let buffers = make(&node().input, None, &mut |_| {}).unwrap().to_buffers();
     let said = |buffers: &[Vec<u8>]| ClaimInput::from_buffers(buffers).map(drop).unwrap_err();
     assert_eq!(
         said(&buffers[..1]),

@@ -6,6 +6,7 @@ use zk0_argument::commitment::{verify, Parameters, Rate, Segment};
 use zk0_argument::field::{Extension, Goldilocks};
 use zk0_argument::hash::Digest;
 use zk0_argument::multilinear::evaluate;
+use zk0_argument::progress::silently;
 use zk0_argument::transcript::{Challenges, Prover, Refused, Verifier};
 
 const STATEMENT: Digest = Digest([1, 2, 3, 4]);
@@ -44,6 +45,7 @@ fn proof(parameters: &Parameters, widths: &[usize]) -> (Vec<u64>, Vec<Extension>
         parameters,
         &segments.iter().collect::<Vec<_>>(),
         &point,
+        &silently,
     );
     let expected: Vec<_> = columns
         .iter()

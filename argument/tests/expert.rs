@@ -14,6 +14,7 @@ use zk0_argument::expert::sizes::P;
 use zk0_argument::expert::statement::Statement;
 use zk0_argument::expert::witness::{evaluate, Common, Witness};
 use zk0_argument::field::Goldilocks;
+use zk0_argument::progress::silently;
 use zk0_argument::prove::{check, Computed, Tables, Violation};
 use zk0_argument::relation::Relations;
 use zk0_argument::transcript::Refused;
@@ -35,7 +36,8 @@ struct Made {
 impl Made {
     fn new(models: &Models) -> Self {
         let weights = [&models.base, &models.update];
-        let (statement, kept) = evaluate(CONTEXT, &models.spec, weights, &models.samples).unwrap();
+        let (statement, kept) =
+            evaluate(CONTEXT, &models.spec, weights, &models.samples, &silently).unwrap();
         let expert = Expert::new(&statement);
         let common = Common::new(&statement, weights);
         let samples = models.samples.iter().zip(&kept).enumerate();
@@ -69,7 +71,13 @@ impl Made {
     fn proof(&self) -> Vec<u64> {
         let witness = |number: usize| Ok::<_, io::Error>(self.witnesses[number].clone());
         let folder = std::env::temp_dir();
-        let proof = prove(&self.statement, &self.common, Some(&folder), witness);
+        let proof = prove(
+            &self.statement,
+            &self.common,
+            Some(&folder),
+            &silently,
+            witness,
+        );
         proof.unwrap().unwrap()
     }
 

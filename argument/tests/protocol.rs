@@ -4,6 +4,7 @@ use zk0_argument::field::{Extension, Goldilocks};
 use zk0_argument::hash::Digest;
 use zk0_argument::multilinear::{eq_table, evaluate};
 use zk0_argument::party::Sources;
+use zk0_argument::progress::silently;
 use zk0_argument::protocol::argue;
 use zk0_argument::prove::{count, Computed, Instance, NotInTable, Proving, Tables, Values};
 use zk0_argument::relation::public::{Affine, Public, RangeColumn, Ranges, Written};
@@ -321,7 +322,7 @@ fn prove(values: &[Vec<i64>; 2]) -> Vec<u64> {
         relations: &relations,
         sources: vec![Values::Wide(&values[0]), Values::Wide(&values[1])],
     };
-    let mut proving = Proving::new(Prover::new(&STATEMENT), vec![instance], 1);
+    let mut proving = Proving::new(Prover::new(&STATEMENT), vec![instance], 1, &silently);
     let mut parts = Parts::default();
     // What an equation refuses stays in the proof, for the verifier to refuse.
     if let Ok(claims) = argue(&mut proving, &relations, &mut parts) {

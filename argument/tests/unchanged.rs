@@ -5,6 +5,7 @@ use zk0_argument::commitment::{Parameters, Rate};
 use zk0_argument::field::{Extension, Goldilocks};
 use zk0_argument::fractions::{self, prove::Stored};
 use zk0_argument::hash::{leaf, Digest};
+use zk0_argument::progress::silently;
 use zk0_argument::sumcheck;
 use zk0_argument::transcript::{Challenges, Prover};
 
@@ -52,7 +53,7 @@ fn opening(height: u32, rate: Rate, widths: &[usize]) -> [u64; 4] {
     }
     let point = prover.challenges(parameters.variables());
     let segments: Vec<_> = segments.iter().collect();
-    open(&mut prover, &parameters, &segments, &point);
+    open(&mut prover, &parameters, &segments, &point, &silently);
     digest(prover)
 }
 

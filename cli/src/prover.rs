@@ -3,15 +3,17 @@
 use crate::serve::{interrupted, listening, online};
 use anyhow::{Context, Result};
 use std::net::SocketAddr;
+use std::time::Duration;
 use zk0_prover::machine::DeviceKind;
 use zk0_prover::measure::cycles;
+use zk0_prover::network::{NetworkOptions, Strategy};
 use zk0_prover::program::Executor;
 use zk0_prover::service::{ProvingService, Sp1Backend};
 
 /// What to do.
 #[derive(Debug, clap::Subcommand)]
 pub enum Command {
-    /// Make proofs for the nodes of this machine, one at a time. This needs 20 GiB of free memory.
+    /// Make proofs for the nodes of this machine, one at a time. On a CPU this needs 20 GiB of free memory.
     Serve {
         /// Listen on this address; port 0 takes a free port. Requests carry a private input, which holds samples of a recording, and the
         /// traffic is not encrypted. So listen only on this machine.
@@ -20,12 +22,28 @@ pub enum Command {
         /// Let this many claims wait.
         #[arg(long, default_value_t = 16)]
         queue: usize,
-        /// Prove on this device: cpu, or cuda for an NVIDIA GPU. Only builds by `make cuda` know cuda.
+        /// Prove on this device: cpu, cuda for an NVIDIA GPU (only builds by `make cuda`), or network for Succinct's prover network or an
+        /// SP1 cluster (only builds by `make network`, and only claims of mode succinct). The network wants the private key of an account
+        /// in NETWORK_PRIVATE_KEY, and costs money. NETWORK_RPC_URL is its address, if it is not Succinct's.
         #[arg(long, default_value_t)]
         device: DeviceKind,
+        #[command(flatten)]
+        network: NetworkArguments,
     },
     /// Print what claims cost, one JSON line for each profile and mode. The programs are executed, and no proof is made.
     Cycles,
+}
+
+/// How the network is asked. It is read with `--device network` alone.
+#[derive(Clone, Copy, Debug, clap::Args)]
+pub struct NetworkArguments {
+    /// Find a prover on the network by: auction, reserved (an agreement with a prover of Succinct's network) or hosted (Succinct's own
+    /// provers, or a cluster of your own).
+    #[arg(long, default_value_t)]
+    network_strategy: Strategy,
+    /// Give up a proof on the network after this many minutes.
+    #[arg(long, value_name = "MINUTES", default_value_t = 60, value_parser = clap::value_parser!(u64).range(1..=1440))]
+    network_minutes: u64,
 }
 
 /// Runs the command.
@@ -35,7 +53,8 @@ pub fn run(command: &Command) -> Result<()> {
             listen,
             queue,
             device,
-        } => online(serve(*listen, *queue, *device)),
+            network,
+        } => online(serve(*listen, *queue, *device, network)),
         Command::Cycles => online(cycles()),
     }
 }
@@ -49,12 +68,20 @@ async fn cycles() -> Result<()> {
     Ok(())
 }
 
-async fn serve(listen: SocketAddr, queue: usize, device: DeviceKind) -> Result<()> {
+async fn serve(
+    listen: SocketAddr,
+    queue: usize,
+    device: DeviceKind,
+    network: &NetworkArguments,
+) -> Result<()> {
     let (listener, address) = listening(listen).await?;
-    let backend = Sp1Backend::new(device).await?;
-    // Until the first proof is made, the service expects that a GPU takes as long as a CPU.
-    let cores = std::thread::available_parallelism().map_or(1, |cores| cores.get());
-    let service = ProvingService::start(backend, queue, cores);
+    let network = NetworkOptions {
+        strategy: network.network_strategy,
+        timeout: Duration::from_secs(60 * network.network_minutes),
+    };
+    let backend = Sp1Backend::new(device, network).await?;
+    let pace = backend.pace();
+    let service = ProvingService::start(backend, queue, pace);
     tracing::info!(listening = %address, "the proving service listens on {address}, and SP1 is starting on the device {device}");
     service
         .serve(listener, interrupted())

@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use zk0_argument::claim::TooSmall;
 use zk0_circuits::claim::challenge::DrawError;
 use zk0_protocol::entries::program::Program;
+use zk0_prover::machine::NoRoom;
 use zk0_prover::program::NotProvable;
 use zk0_prover::service::ClientError;
 use zk0_smolvla::frames::prefix_cache::CacheError;
@@ -83,6 +84,9 @@ pub enum ParticipantError {
     /// The claim does not hold: on the samples drawn, the update is not better by as much as the rules ask. Or the network's mode cannot prove it.
     #[error("the update cannot be proven: {0}")]
     NotProvable(#[from] NotProvable),
+    /// This machine has no room for what the network's mode asks of it.
+    #[error(transparent)]
+    NoRoom(#[from] NoRoom),
     /// The network's mode does not fit its evaluation.
     #[error("the network's evaluation: {0}; tell its operator")]
     TooSmall(#[from] TooSmall),

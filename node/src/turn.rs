@@ -4,12 +4,14 @@ use crate::base_losses::BaseLosses;
 use crate::client::{Decision, Node};
 use crate::error::ParticipantError;
 use crate::exchanged_weights::Base;
+use crate::prepared_claim::{check_room, prepare};
 use crate::progress::{self, Progress};
 use crate::recording::evaluation_set::EvaluationSet;
 use crate::training_history::TrainingHistory;
+use crate::unfinished::{self, Part, UnfinishedUpdate};
 use crate::{receipts, state_files};
 use std::path::Path;
-use zk0_circuits::{Claim, Digest, QuantisedWeights, Terms, WeightsDigest};
+use zk0_circuits::{Claim, Digest, Mode, QuantisedWeights, Terms, WeightsDigest};
 use zk0_protocol::blob::blob_digest;
 use zk0_protocol::counted::counted;
 use zk0_protocol::entries::entry::RoundOpened;
@@ -75,28 +77,59 @@ impl Turn<'_> {
         prover: &mut ProvingClient,
     ) -> Result<Decision, ParticipantError> {
         let round = self.opened.round;
+        let (mode, spec) = (node.genesis().mode, self.entered.format.spec());
+        check_room(mode, spec, self.eval_samples, self.state)?;
         let base = self.base(node).await?;
-        let (config, format) = (self.entered.config, &self.entered.format);
-        let rates = self.rates(training, node.network(), &base.weights)?;
-        let trained = self.train(&base.weights, training, rates)?;
-        let update = base.update(format, config, trained)?;
-        // The node keeps the weights that travel, and in the form that LeRobot reads.
-        let kept = self.state.join(format!("round-{round}.safetensors"));
-        let lerobots = dequantise_weights(config, format.spec(), &update)?;
-        state_files::write(&kept, &lerobots.to_safetensors()?)?;
-        let expected = self.commit(node, &update).await?;
-        let input = self.entered.evaluation.private_input(
-            self.entered.samples,
-            &expected,
-            base.quantised,
-            update,
-        )?;
-        // This check takes a second. Without it, a claim that does not hold would cost minutes of proving.
+        let format = &self.entered.format;
+        let part = Part {
+            network: *node.network(),
+            round,
+            base: self.opened.base.blob,
+            dataset: self.entered.evaluation.commitment.root,
+        };
+        let limit = self.opened.rules.max_update_bytes;
+        let (update, eval_samples) = match UnfinishedUpdate::read(self.state, &part, limit)? {
+            Some(kept) => {
+                tracing::info!("round {round}: the node was interrupted, and goes on with the update that it has trained");
+                (format.read(&kept.file)?, kept.eval_samples)
+            }
+            None => {
+                let update = self.trained(training, node.network(), &base)?;
+                let kept = UnfinishedUpdate {
+                    of: part,
+                    eval_samples: self.eval_samples,
+                    file: format.write(&update),
+                };
+                kept.keep(self.state)?;
+                (update, self.eval_samples)
+            }
+        };
+        let turn = Turn {
+            eval_samples,
+            ..*self
+        };
+        let expected = turn.commit(node, &update).await?;
         let Prepared {
             claim,
             weight_check,
             input,
-        } = Prepared::of(node.genesis().mode, &input, Some(self.state))?;
+        } = match unfinished::read_claim(self.state, &expected.terms)? {
+            Some(kept) => kept,
+            None => {
+                let input = self.entered.evaluation.private_input(
+                    self.entered.samples,
+                    &expected,
+                    base.quantised,
+                    update,
+                )?;
+                // A claim that does not hold is refused here, and costs no proof.
+                let prepared = prepare(mode, input, self.state.to_owned()).await?;
+                if mode == Mode::Succinct {
+                    unfinished::keep_claim(self.state, &prepared)?;
+                }
+                prepared
+            }
+        };
         let proof = prover.prove(input, proving_progress).await?;
         tracing::info!(
             "round {round}: the claim is proven: {} cycles in {} s; the proof has {} bytes",
@@ -111,7 +144,26 @@ impl Turn<'_> {
             weight_check: &weight_check,
             sp1: &proof.proof,
         };
-        self.submit(node, claim, proof.join()).await
+        let decision = self.submit(node, claim, proof.join()).await?;
+        unfinished::remove(self.state)?;
+        Ok(decision)
+    }
+
+    /// Trains an update. The node also keeps its weights as they travel, in the form that LeRobot reads.
+    fn trained(
+        &self,
+        training: &Training,
+        network: &Digest,
+        base: &Base,
+    ) -> Result<QuantisedWeights, ParticipantError> {
+        let (config, format) = (self.entered.config, &self.entered.format);
+        let rates = self.rates(training, network, &base.weights)?;
+        let trained = self.train(&base.weights, training, rates)?;
+        let update = base.update(format, config, trained)?;
+        let name = format!("round-{}.safetensors", self.opened.round);
+        let lerobots = dequantise_weights(config, format.spec(), &update)?;
+        state_files::write(&self.state.join(name), &lerobots.to_safetensors()?)?;
+        Ok(update)
     }
 
     /// Downloads the weights that the round starts from.

@@ -289,7 +289,7 @@ fn prepare(dims: &Value, mode: Mode, folder: &Path) -> Result<(), Failure> {
     };
     restart_peak_memory()?;
     let begin = Instant::now();
-    let prepared = match Prepared::of(mode, &private, Some(folder)) {
+    let prepared = match Prepared::of(mode, &private, Some(folder), &mut |_| {}) {
         Err(NotProvable::Argument(NotMade::TooSmall(TooSmall))) => {
             say_too_small();
             return Ok(());

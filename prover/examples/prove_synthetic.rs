@@ -114,7 +114,16 @@ fn prepare(spec: &EvalSpec, mode: Mode, samples: u32, folder: &Path) -> Result<(
     let private = synthetic::private_input(spec, mode, samples, 1)?;
     eprintln!("a claim that holds: {:.0?}", begin.elapsed());
     let begin = Instant::now();
-    let prepared = Prepared::of(mode, &private, Some(folder))?;
+    let mut shown = 0;
+    let mut progress = |share: f64| {
+        let percent = (100.0 * share) as u32;
+        if percent > shown {
+            shown = percent;
+            let left = begin.elapsed().mul_f64((1.0 - share) / share);
+            eprintln!("making the argument: {percent} %, about {left:.0?} left");
+        }
+    };
+    let prepared = Prepared::of(mode, &private, Some(folder), &mut progress)?;
     let line = json!({
         "what": "private input to guest input", "mode": mode.to_string(), "samples": samples,
         "seconds": begin.elapsed().as_secs_f64(), "peak_memory_bytes": peak_memory(),

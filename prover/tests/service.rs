@@ -15,7 +15,9 @@ use zk0_prover::rpc::prove_part::Part;
 use zk0_prover::rpc::prover_client::ProverClient;
 use zk0_prover::rpc::{prove_request, Progress, ProvePart, ProveRequest};
 use zk0_prover::service::upload::{self, Announced, MAX_INPUT_BYTES};
-use zk0_prover::service::{Backend, ClientError, JobError, ProvingClient, ProvingService};
+use zk0_prover::service::{
+    Backend, ClientError, JobError, Pace, ProvingClient, ProvingService, Waiting,
+};
 
 fn input(buffers: Vec<Vec<u8>>) -> GuestInput {
     GuestInput {
@@ -51,7 +53,12 @@ impl Backend for Fake {
         }
     }
 
-    async fn prove(&self, input: &GuestInput) -> Result<Proof, JobError> {
+    async fn prove(
+        &self,
+        input: &GuestInput,
+        _: &Execution,
+        _: &Waiting,
+    ) -> Result<Proof, JobError> {
         let input = &input.buffers;
         let now = self.at_once.fetch_add(1, Ordering::SeqCst) + 1;
         self.most_at_once.fetch_max(now, Ordering::SeqCst);
@@ -87,7 +94,7 @@ async fn service(queue: usize, permits: usize) -> Service {
     };
     let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
     let address = format!("http://{}", listener.local_addr().unwrap());
-    let service = ProvingService::start(backend, queue, 2);
+    let service = ProvingService::start(backend, queue, Pace::of_cores(2));
     tokio::spawn(service.serve(listener, std::future::pending()));
     Service {
         address,

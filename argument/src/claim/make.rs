@@ -4,6 +4,8 @@ use super::check::{conclude, context};
 use super::input::{ClaimInput, SampleOpening};
 use crate::expert::argument::prove::prove;
 use crate::expert::witness::{evaluate, Common, Unprovable, Witness};
+use crate::progress::Phase;
+use std::cell::RefCell;
 use std::path::Path;
 use zk0_circuits::claim::private_input::PrivateInput;
 use zk0_circuits::claim::statement_error::StatementError;
@@ -24,9 +26,17 @@ pub enum NotMade {
 }
 
 /// Makes the input of the guest program. An update that does not pass the test is refused before the argument is made. With a folder, what is
-/// committed to is in files there that have no names, of up to a gigabyte a sample: then memory does not grow with the number of samples.
-pub fn make(input: &PrivateInput, folder: Option<&Path>) -> Result<ClaimInput<'static>, NotMade> {
+/// committed to is in files there that have no names, of half a gigabyte a sample at the published size: then memory does not grow with the number of samples.
+///
+/// `progress` is told which share of the work is done, from 0 to 1.
+pub fn make(
+    input: &PrivateInput,
+    folder: Option<&Path>,
+    progress: &mut dyn FnMut(f64),
+) -> Result<ClaimInput<'static>, NotMade> {
     let header = &input.header;
+    let progress = RefCell::new(progress);
+    let tell = |phase: Phase, share: f64| (progress.borrow_mut())(phase.of_all(share));
     let samples = input
         .openings
         .iter()
@@ -57,14 +67,14 @@ pub fn make(input: &PrivateInput, folder: Option<&Path>) -> Result<ClaimInput<'s
         error => NotMade::Unprovable(error),
     };
     let (statement, kept) =
-        evaluate(context(header), &header.spec, models, &samples).map_err(failed)?;
+        evaluate(context(header), &header.spec, models, &samples, &tell).map_err(failed)?;
     conclude(&statement, header, None)?;
     let common = Common::new(&statement, models);
     let witness = |number: usize| {
         let (sample, _) = &samples[number];
         Witness::new(&statement, &common, number, sample, &kept[number])
     };
-    let argument = prove(&statement, &common, folder, witness).map_err(failed)?;
+    let argument = prove(&statement, &common, folder, &tell, witness).map_err(failed)?;
     let argument = argument.ok_or(super::TooSmall)?;
     let openings = input.openings.iter().zip(&statement.samples);
     let openings = openings.map(|(opening, evaluated)| SampleOpening {

@@ -3,11 +3,14 @@
 //! - [`input`]: what the guest program reads. It holds neither samples nor weights.
 //! - [`check`]: what the guest program does: it verifies the argument, opens the samples in the dataset, and tests the improvement.
 //! - `make`: the node's side. It evaluates both models, and makes the argument natively.
+//! - `cost`: what that takes of time, memory and disk.
 //! - `committed`: what a node commits to of a sample, in each mode.
 
 mod check;
 #[cfg(feature = "prove")]
 mod committed;
+#[cfg(feature = "prove")]
+mod cost;
 mod input;
 #[cfg(feature = "prove")]
 mod make;
@@ -15,6 +18,8 @@ mod make;
 pub use check::{check, context, NotShown};
 #[cfg(feature = "prove")]
 pub use committed::{committed, TooSmall};
+#[cfg(feature = "prove")]
+pub use cost::Cost;
 pub use input::{ClaimInput, SampleOpening, CLAIM_BUFFERS};
 #[cfg(feature = "prove")]
 pub use make::{make, NotMade};

@@ -12,6 +12,7 @@ use super::parameters::{cap_bits, Parameters, CAP, FOLDS, SIBLINGS, WORK};
 use crate::field::{Extension, Goldilocks};
 use crate::hash::Digest;
 use crate::multilinear::{bind, eq_table};
+use crate::progress::{Phase, Tell};
 use crate::transcript::work;
 use crate::transcript::{Challenges, Prover};
 use crate::tree::prove::{leaves, parents, Tree};
@@ -170,11 +171,14 @@ pub fn open(
     parameters: &Parameters,
     segments: &[&Committed],
     point: &[Extension],
+    tell: Tell<'_>,
 ) -> Vec<Extension> {
-    let values: Vec<Extension> = segments
-        .iter()
-        .flat_map(|segment| evaluate(&segment.columns, point))
-        .collect();
+    // Nearly all of the time goes into encoding the columns again.
+    let width: usize = segments.iter().map(|segment| segment.width()).sum();
+    let mut values = Vec::with_capacity(width);
+    for segment in segments {
+        values.extend(evaluate(&segment.columns, point));
+    }
     prover.send_extension(&values);
     work::do_work(prover, WORK);
 
@@ -222,9 +226,13 @@ pub fn open(
 
     work::do_work(prover, WORK);
     let positions = prover.positions(parameters.rate.queries(), parameters.length());
-    let opened = segments.iter();
-    let opened = opened.map(|segment| segment.open(parameters, &positions));
-    let opened: Vec<Vec<OpenedRow>> = opened.collect();
+    let mut opened: Vec<Vec<OpenedRow>> = Vec::with_capacity(segments.len());
+    let mut encoded = 0;
+    for segment in segments {
+        opened.push(segment.open(parameters, &positions));
+        encoded += segment.width();
+        tell(Phase::Opening, encoded as f64 / width as f64);
+    }
     for (number, &position) in positions.iter().enumerate() {
         for rows in &opened {
             let OpenedRow { row, path } = &rows[number];

@@ -134,13 +134,17 @@ pub mod prove {
     use crate::commitment::prove::columns::Column;
     use crate::commitment::prove::{open, Committed};
     use crate::expert::witness::{Common, Witness};
+    use crate::progress::{Phase, Tell};
     use crate::prove::{Instance, Proving, Values};
     use crate::transcript::Prover;
     use std::io;
     use std::path::Path;
 
+    /// The share of the time of committing that goes into computing what is committed to.
+    const COMPUTING: f64 = 0.5;
+
     /// Argues. `witness` gives the values of each sample, one after the other, and no more than one is in memory at a time: with a folder, what is
-    /// committed to is in files there, of up to a gigabyte a sample. What is false is argued as if it were true, so that tests can see it refused.
+    /// committed to is in files there, of half a gigabyte a sample at the published size. What is false is argued as if it were true, so that tests can see it refused.
     /// `None` if the evaluation is too small.
     ///
     /// # Errors
@@ -149,6 +153,7 @@ pub mod prove {
         statement: &Statement,
         common: &Common,
         folder: Option<&Path>,
+        tell: Tell<'_>,
         mut witness: impl FnMut(usize) -> Result<Witness, E>,
     ) -> Result<Option<Vec<u64>>, E> {
         let expert = Expert::new(statement);
@@ -169,10 +174,16 @@ pub mod prove {
         let mut prover = Prover::new(&statement.digest());
         let (mut experts, mut main, mut data) = (vec![], vec![], vec![]);
         for sample in 0..shape.segments {
+            let done = |part: f64| {
+                let samples = sample as f64 + part;
+                tell(Phase::Committing, samples / shape.segments as f64);
+            };
             let own = witness(sample)?;
+            done(COMPUTING);
             experts.push(own.expert);
             main.push(commit(own.main, shape.widths[0])?);
             data.push(commit(own.data, shape.widths[1])?);
+            done(1.0);
         }
         let segments: Vec<&Committed> = main.iter().chain(&data).collect();
         segments.iter().for_each(|segment| segment.say(&mut prover));
@@ -191,7 +202,7 @@ pub mod prove {
                     .to_vec(),
             }
         });
-        let mut proving = Proving::new(prover, instances.collect(), shape.segments);
+        let mut proving = Proving::new(prover, instances.collect(), shape.segments, tell);
         let mut parts = Parts::default();
         let relations = &expert.builder.relations;
         if let Ok(claims) = argue(&mut proving, relations, &mut parts) {
@@ -202,7 +213,7 @@ pub mod prove {
             };
             if let Ok((point, _)) = share(&mut proving, &mut parts, &sources, &claims) {
                 let point = &point.own[..parameters.variables()];
-                open(&mut proving.prover, parameters, &segments, point);
+                open(&mut proving.prover, parameters, &segments, point, tell);
             }
         }
         Ok(Some(proving.prover.finish()))

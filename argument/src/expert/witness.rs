@@ -7,6 +7,7 @@ use super::sample::prove::frames;
 use super::sizes::{Sizes, L, M, N, T};
 use super::statement::{Evaluated, Statement};
 use super::trace::{trace, Kept, EMBEDDED};
+use crate::progress::{Phase, Tell};
 use crate::prove::filling::Filling;
 use crate::prove::{Computed, NotInTable, Values};
 use crate::relation::{Committed, Relations, Source};
@@ -90,6 +91,7 @@ pub fn evaluate(
     spec: &EvalSpec,
     models: Models<'_>,
     samples: &[(Sample, Draw)],
+    tell: Tell<'_>,
 ) -> Result<(Statement, Vec<[Vec<Kept>; 2]>), Unprovable> {
     let mut evaluated = vec![];
     let mut kept = vec![];
@@ -111,6 +113,7 @@ pub fn evaluate(
             losses: [base.squared_error, update.squared_error],
         });
         kept.push([base_kept, update_kept]);
+        tell(Phase::Evaluating, kept.len() as f64 / samples.len() as f64);
     }
     let layout = Layout::new(&spec.dims);
     let scales = |weights: &QuantisedWeights| {

@@ -12,6 +12,7 @@ use crate::fractions::{self, prove::halves, LeafClaim};
 use crate::layout::Layout;
 use crate::multilinear::{eq_table, evaluate_extension, outer};
 use crate::party::{Claim, Fold, Party, Sources, Sum, Weighted};
+use crate::progress::{Phase, Tell};
 use crate::relation::{Parts, Relations};
 use crate::sumcheck::prove::products;
 use crate::sumcheck::JoinedPoint;
@@ -35,11 +36,16 @@ pub struct Proving<'a> {
     halves: Vec<[Vec<Extension>; 2]>,
     /// The values of numerators and denominators at the point of all instances.
     gathered: Vec<[Extension; 2]>,
+    /// Is told how far it is.
+    tell: Tell<'a>,
 }
+
+/// The share of the time of adding fractions that goes into adding them; the rest goes into gathering the claims that this leaves.
+const ADDING: f64 = 0.7;
 
 impl<'a> Proving<'a> {
     /// Goes on with what was said, with so many instances. Others follow them, whose values are zero, up to a power of two.
-    pub fn new(prover: Prover, instances: Vec<Instance<'a>>, count: usize) -> Self {
+    pub fn new(prover: Prover, instances: Vec<Instance<'a>>, count: usize, tell: Tell<'a>) -> Self {
         Self {
             prover,
             instances,
@@ -48,6 +54,7 @@ impl<'a> Proving<'a> {
             factors: vec![],
             halves: vec![],
             gathered: vec![],
+            tell,
         }
     }
 
@@ -135,6 +142,9 @@ impl Party for Proving<'_> {
             let halves = halves::over_high(&leaves, low, &claim.point[low..]);
             self.halves.push(halves);
         }
+        let added = (instance + 1) as f64 / self.count as f64;
+        let of_all = if self.count > 1 { ADDING } else { 1.0 };
+        (self.tell)(Phase::Adding, of_all * added);
         Ok(claim)
     }
 
@@ -173,6 +183,8 @@ impl Party for Proving<'_> {
             );
             b.extend(combine(&own, scales[number]));
             halves.push(own);
+            let gathered = (number + 1) as f64 / claims.len() as f64;
+            (self.tell)(Phase::Adding, ADDING + (1.0 - ADDING) * gathered);
         }
         let high = products(&mut self.prover, &mut a, &mut b, layout.variables - low);
         let value = a.iter().zip(&b).map(|(&a, &b)| a * b).sum();
@@ -198,6 +210,12 @@ impl Party for Proving<'_> {
         gamma: Extension,
         degree: usize,
     ) -> Result<(JoinedPoint, Extension), Refused> {
+        // Monomials come first, then products.
+        let products = matches!(sums.first(), Some((Sum::Product(..), _)));
+        let before = if products { 0.5 } else { 0.0 };
+        if !products {
+            (self.tell)(Phase::Claiming, 1.0);
+        }
         let (_, variables) = Sum::sizes(sums, relations);
         let instances = &self.instances[..];
         let scales = powers(gamma, sums.len());
@@ -260,8 +278,11 @@ impl Party for Proving<'_> {
                 absent
             };
             joined.push(next.times(power * absent));
+            let part = joined.len() as f64 / sums.len() as f64;
+            (self.tell)(Phase::Reducing, before + 0.4 * part);
         }
         let (own, value) = joined::prove(&mut self.prover, joined, degree);
+        (self.tell)(Phase::Reducing, before + 0.5);
         point.extend(own);
         point.reverse();
         Ok((JoinedPoint::new(point, variables), value))
@@ -304,6 +325,7 @@ impl Party for Proving<'_> {
             joined.push(Joined::of_tables(vec![weights.into(), values], product));
         }
         let (own, value) = joined::prove(&mut self.prover, joined, 2);
+        (self.tell)(Phase::Sharing, 1.0);
         point.extend(own);
         point.reverse();
         Ok((JoinedPoint::new(point, variables), value))

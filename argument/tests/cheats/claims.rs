@@ -7,6 +7,7 @@ use crate::models::{committed_to, Models};
 use zk0_argument::claim::{check, context, make, ClaimInput, NotShown, SampleOpening};
 use zk0_argument::expert::statement::{Statement, MOST_SAMPLES};
 use zk0_argument::expert::witness::evaluate;
+use zk0_argument::progress::silently;
 use zk0_argument::transcript::Refused;
 use zk0_circuits::claim::private_input::InputError;
 use zk0_circuits::claim::statement_error::StatementError;
@@ -22,7 +23,7 @@ fn told(committed: &Sample, evaluated: &Sample) -> Result<(), NotShown> {
     let mut node = committed_to(node);
     node.input.openings[0].sample = evaluated.clone();
     node.input.openings[0].path = merkle::path(&node.leaves, index).unwrap();
-    check(&make(&node.input, None).unwrap()).map(drop)
+    check(&make(&node.input, None, &mut |_| {}).unwrap()).map(drop)
 }
 
 fn not_committed() -> Result<(), NotShown> {
@@ -78,7 +79,8 @@ fn an_update_that_does_not_improve_is_refused() {
     });
     let samples: Vec<_> = samples.collect();
     let models = [&input.base, &input.update];
-    let (statement, kept) = evaluate(context(header), &header.spec, models, &samples).unwrap();
+    let (statement, kept) =
+        evaluate(context(header), &header.spec, models, &samples, &silently).unwrap();
     let known = known(&statement, models, &samples, &kept);
     let openings = input.openings.iter().zip(&statement.samples);
     let openings = openings.map(|(opening, evaluated)| SampleOpening {
@@ -107,7 +109,7 @@ fn an_update_that_does_not_improve_is_refused() {
 #[test]
 fn a_specification_that_is_not_valid_is_refused() {
     let node = committed_to(honest(&EvalSpec::micro(), 20, 3, 74));
-    let mut made = make(&node.input, None).unwrap();
+    let mut made = make(&node.input, None, &mut |_| {}).unwrap();
     made.header.spec.dims.heads = 0;
     let read = ClaimInput::from_buffers(&made.to_buffers()).map(drop);
     assert!(matches!(read, Err(InputError::Spec(_))), "{read:?}");
@@ -117,7 +119,13 @@ fn a_specification_that_is_not_valid_is_refused() {
 fn statement() -> Statement {
     let models = Models::new(&EvalSpec::micro(), 2, 75);
     let weights = [&models.base, &models.update];
-    let evaluated = evaluate(Digest([1; 32]), &models.spec, weights, &models.samples);
+    let evaluated = evaluate(
+        Digest([1; 32]),
+        &models.spec,
+        weights,
+        &models.samples,
+        &silently,
+    );
     evaluated.unwrap().0
 }
 

@@ -81,6 +81,7 @@ pub fn found(options: &Init) -> Result<()> {
     // Every file of these weights has the same size, whatever the ranges are.
     let mut rules = options.rules(Format::new(&EvalSpec::new(dims))?.file_bytes())?;
     let mode = options.mode(&file.policy, rules.min_eval_samples)?;
+    rules.check_in(mode).map_err(anyhow::Error::msg)?;
     let evaluation = options.evaluation(&file, dims)?;
     let initial = quantise_weights(&evaluation, &file.policy.expert)
         .context("the policy's weights in fixed point")?;

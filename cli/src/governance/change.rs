@@ -79,7 +79,13 @@ impl Change {
     /// The change as it goes on the ledger of a network that proves in mode `mode`.
     pub fn action(&self, mode: Mode) -> Result<Action> {
         Ok(match self {
-            Self::Rules { file } => Action::ChangeRules(Box::new(read_rules(file)?)),
+            Self::Rules { file } => {
+                let rules = read_rules(file)?;
+                let context = || format!("reading rules from {}", file.display());
+                let checked = rules.check_in(mode).map_err(anyhow::Error::msg);
+                checked.with_context(context)?;
+                Action::ChangeRules(Box::new(rules))
+            }
             Self::Enrol {
                 node: Enrolment { name, node },
             } => Action::Enrol(NodeEnrolled {

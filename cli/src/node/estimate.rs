@@ -5,6 +5,7 @@ use anyhow::{bail, Result};
 use std::path::Path;
 use zk0_circuits::claim::challenge::MAX_EVAL_SAMPLES;
 use zk0_circuits::{EvalSpec, Mode};
+use zk0_protocol::rules::network_rules::max_eval_samples;
 use zk0_prover::machine::Resources;
 use zk0_prover::measure;
 use zk0_prover::program::Executor;
@@ -18,8 +19,8 @@ pub struct Estimate {
     /// The size of the policy: micro, tiny or full (the published size); or a network's policy file.
     #[arg(long, default_value = "micro")]
     model: String,
-    /// How the evaluation is proven, as the network's genesis says: direct or succinct. At the published
-    /// size, succinct needs memory for all values of three samples; one sample takes 9 GB.
+    /// How the evaluation is proven, as the network's genesis says: direct or succinct. In mode succinct this makes arguments about
+    /// two and three samples, which takes minutes and gigabytes at the published size.
     #[arg(long, default_value = "direct")]
     mode: Mode,
     /// The number of samples that a claim evaluates, within the bounds of the network's rules.
@@ -35,6 +36,7 @@ pub struct Estimate {
 
 /// Runs the command.
 pub async fn run(options: &Estimate) -> Result<()> {
+    check_samples(options.mode, options.samples)?;
     let config = match Profile::from_name(&options.model) {
         Ok(profile) => profile.config(),
         Err(unknown) => match policy_file::load(Path::new(&options.model)) {
@@ -86,10 +88,21 @@ fn table(model: &str, estimate: &measure::Estimate) -> String {
         true => "enough",
         false => "NOT ENOUGH, so make the proof on another machine",
     };
+    let argument = estimate.argument.map_or(String::new(), |argument| {
+        format!(
+            "\x20 argument         {time} on {cores} cores before the proof, {memory:.1} GB of memory, and {files:.1} GB of disk in the node's \
+             state folder\n",
+            time = duration(argument.seconds),
+            cores = estimate.cores,
+            memory = argument.memory_bytes as f64 / 1e9,
+            files = argument.file_bytes as f64 / 1e9,
+        )
+    });
     format!(
         "a claim over {samples} samples of model {model}, mode {mode}\n\
          \x20 guest cycles     {cycles:.1} million ({gas:.1} million gas)\n\
          \x20 private input    {input:.1} MB, which go to the proving service\n\
+         {argument}\
          \x20 memory           a proof takes {needed:.0} GiB, and {free:.1} GiB are free here: {memory}\n\
          \x20 proof            {proof} on {cores} cores, and {start} once to start the service\n\
          The time follows from the cycles and from measurements on two cores (docs/prove.md, \"How long does it take?\").\n\
@@ -105,6 +118,15 @@ fn table(model: &str, estimate: &measure::Estimate) -> String {
         cores = estimate.cores,
         start = duration(estimate.start_seconds),
     )
+}
+
+/// Whether a claim can evaluate so many samples in this mode.
+fn check_samples(mode: Mode, samples: u32) -> Result<()> {
+    let most = max_eval_samples(mode);
+    if samples > most {
+        bail!("in mode {mode} a claim has at most {most} samples, and --samples is {samples}");
+    }
+    Ok(())
 }
 
 /// `45 s`, `10 min`, `7.3 h`, `2.1 days`.

@@ -21,7 +21,7 @@ use zk0_protocol::entries::entry::{Body, Entry};
 use zk0_protocol::entries::genesis::Genesis;
 use zk0_prover::program::{Execution, GuestInput};
 use zk0_prover::prove::Proof;
-use zk0_prover::service::{Backend, JobError, ProvingService};
+use zk0_prover::service::{Backend, JobError, Pace, ProvingService, Waiting};
 use zk0_smolvla::frames::sample::PreparedSample;
 use zk0_smolvla::policy::policy_file::{self, PolicyFile};
 
@@ -141,7 +141,7 @@ impl LocalNetwork {
             let (first, second) = (listener().await, listener().await);
             let url = |listener: &TcpListener| format!("http://{}", listener.local_addr().unwrap());
             let urls = (url(&first), url(&second));
-            let prover = ProvingService::start(NoProver, 4, 2);
+            let prover = ProvingService::start(NoProver, 4, Pace::of_cores(2));
             let services = [
                 tokio::spawn(async move {
                     let service = Service::new(aggregator);
@@ -209,7 +209,7 @@ impl Backend for NoProver {
         })
     }
 
-    async fn prove(&self, _: &GuestInput) -> Result<Proof, JobError> {
+    async fn prove(&self, _: &GuestInput, _: &Execution, _: &Waiting) -> Result<Proof, JobError> {
         Ok(Proof {
             bytes: b"no proof".to_vec(),
             public_values: Vec::new(),

@@ -71,6 +71,6 @@ impl Genesis {
         }
         public_key(&self.log_key).ok_or("log_key is not an ed25519 public key")?;
         self.evaluation_spec()?;
-        self.rules.check()
+        self.rules.check_in(self.mode)
     }
 }

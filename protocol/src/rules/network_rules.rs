@@ -11,10 +11,11 @@ use crate::rules::governance::Governance;
 use crate::tlog::witness_policy::WitnessPolicy;
 use borsh::{BorshDeserialize, BorshSerialize};
 use serde::{Deserialize, Serialize};
+use zk0_argument::expert::statement::MOST_SAMPLES;
 use zk0_circuits::claim::challenge::MAX_EVAL_SAMPLES;
 use zk0_circuits::claim::student::Confidence;
 use zk0_circuits::claim::t_test::TTest;
-use zk0_circuits::{Disclosure, NodeId};
+use zk0_circuits::{Disclosure, Mode, NodeId};
 
 /// Most identities in a list of participants, so that the rules fit in an entry.
 pub const MAX_LISTED: usize = 1000;
@@ -24,6 +25,14 @@ pub const MAX_WITNESS_POLICY_BYTES: usize = 8 << 10;
 
 /// Fewest samples of a claim. From one sample nobody can tell how far the losses spread.
 pub const MIN_EVAL_SAMPLES: u32 = 2;
+
+/// Most samples of a claim in this mode.
+pub fn max_eval_samples(mode: Mode) -> u32 {
+    match mode {
+        Mode::Succinct => MOST_SAMPLES as u32,
+        _ => MAX_EVAL_SAMPLES,
+    }
+}
 
 /// The rules that nodes, aggregator and auditors follow.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize, Serialize, Deserialize)]
@@ -172,7 +181,20 @@ impl Rules {
         }
     }
 
-    /// Checks every rule. The error names the rule that a network cannot use, and says why.
+    /// Checks every rule of a network that proves in this mode, as [`Self::check`] does, and those that no node could satisfy in it.
+    pub fn check_in(&self, mode: Mode) -> Result<(), String> {
+        self.check()?;
+        let most = max_eval_samples(mode);
+        match self.max_eval_samples > most {
+            true => Err(format!(
+                "rule max_eval_samples is {}, but in mode {mode} no node can make a claim of more than {most} samples: set it to at most {most}",
+                self.max_eval_samples
+            )),
+            false => Ok(()),
+        }
+    }
+
+    /// Checks every rule, whatever the mode is. The error names the rule that a network cannot use, and says why.
     pub fn check(&self) -> Result<(), String> {
         let at_least_one = [
             ("min_dataset_samples", self.min_dataset_samples),

@@ -2,7 +2,7 @@
 
 use super::Breaks;
 use crate::network::*;
-use zk0_circuits::NodeId;
+use zk0_circuits::{Mode, NodeId};
 use zk0_protocol::challenge::drand::DrandChain;
 use zk0_protocol::challenge::source::RandomnessSource;
 use zk0_protocol::entries::codec::EntryError;
@@ -93,6 +93,26 @@ fn a_genesis_has_to_make_sense() {
             Err(RuleViolation::BadGenesis(why)) => assert!(why.contains(what), "{why}"),
             other => panic!("{what}: {other:?}"),
         }
+    }
+}
+
+/// An argument of mode `succinct` is about 256 samples at most.
+#[test]
+fn rules_that_no_node_of_the_mode_can_satisfy_found_nothing() {
+    let found = |mode, max_eval_samples| {
+        let mut genesis = genesis();
+        genesis.mode = mode;
+        genesis.rules.max_eval_samples = max_eval_samples;
+        State::found(&entry(T0, Body::Genesis(genesis))).map(drop)
+    };
+    for (mode, most) in [(Mode::Direct, 4096), (Mode::Succinct, 256)] {
+        assert_eq!(found(mode, most), Ok(()));
+        let Err(RuleViolation::BadGenesis(why)) = found(mode, most + 1) else {
+            panic!("{mode}: {} samples", most + 1);
+        };
+        let named = format!("rule max_eval_samples is {}", most + 1);
+        assert!(why.contains(&named), "{why}");
+        assert!(why.contains(&format!("at most {most}")), "{why}");
     }
 }
 

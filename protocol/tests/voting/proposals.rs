@@ -3,7 +3,7 @@
 use super::change;
 use crate::network::votes::*;
 use crate::network::*;
-use zk0_circuits::NodeId;
+use zk0_circuits::{Mode, NodeId};
 use zk0_protocol::entries::entry::ProposalSettled;
 use zk0_protocol::entries::member::NodeEnrolled;
 use zk0_protocol::entries::proposal::{Action, Ballot, Outcome};
@@ -112,6 +112,31 @@ fn a_proposal_makes_sense_when_it_is_made() {
             RuleViolation::BadProposal { .. }
         ));
     }
+}
+
+/// In mode `succinct` nobody could make a claim of more than 256 samples.
+#[test]
+fn rules_that_no_node_of_the_mode_can_satisfy_are_not_proposed() {
+    let mut founded = genesis();
+    founded.mode = Mode::Succinct;
+    let mut chain = Chain::founded(founded);
+    let with = |samples| {
+        let rules = Rules {
+            min_dataset_samples: 300,
+            min_eval_samples: samples,
+            max_eval_samples: samples,
+            ..genesis().rules
+        };
+        Action::ChangeRules(Box::new(rules))
+    };
+    match chain.refusal(proposed(&chain.state, 0, with(257))) {
+        RuleViolation::BadProposal { why, .. } => {
+            assert!(why.contains("rule max_eval_samples is 257"), "{why}");
+        }
+        other => panic!("{other}"),
+    }
+    chain.decide(with(256));
+    assert_eq!(chain.state.rules().min_eval_samples, 256);
 }
 
 #[test]

@@ -1,4 +1,5 @@
-//! What SP1 proves on: this machine's CPU or its GPU. The device is found here; [`crate::prove`] starts SP1 on it.
+//! What SP1 proves on: this machine's CPU or its GPU, or machines of others. A device of this machine is found here; [`crate::prove`] starts
+//! SP1 on it. [`crate::network`] is for the machines of others.
 
 use super::device_error::DeviceError;
 #[cfg(feature = "cuda")]
@@ -15,11 +16,13 @@ pub enum DeviceKind {
     Cpu,
     /// An NVIDIA GPU. Only builds with the feature `cuda` can prove on it.
     Cuda,
+    /// Succinct's prover network, or an SP1 cluster. Only builds with the feature `network` can ask them.
+    Network,
 }
 
 /// The text does not name a device.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("'{0}' is not a device that can prove: write cpu or cuda")]
+#[error("'{0}' is not a device that can prove: write cpu, cuda or network")]
 pub struct UnknownDevice(String);
 
 impl FromStr for DeviceKind {
@@ -29,6 +32,7 @@ impl FromStr for DeviceKind {
         match text {
             "cpu" => Ok(Self::Cpu),
             "cuda" => Ok(Self::Cuda),
+            "network" => Ok(Self::Network),
             _ => Err(UnknownDevice(text.into())),
         }
     }
@@ -39,6 +43,7 @@ impl fmt::Display for DeviceKind {
         f.write_str(match self {
             Self::Cpu => "cpu",
             Self::Cuda => "cuda",
+            Self::Network => "network",
         })
     }
 }
@@ -63,6 +68,7 @@ impl Device {
             DeviceKind::Cuda => Ok(Self::Cuda(Gpu::find(host)?)),
             #[cfg(not(feature = "cuda"))]
             DeviceKind::Cuda => Err(DeviceError::NotBuilt),
+            DeviceKind::Network => Err(DeviceError::Elsewhere),
         }
     }
 
@@ -83,7 +89,7 @@ mod tests {
 
     #[test]
     fn a_device_is_known_by_its_name() {
-        for kind in [DeviceKind::Cpu, DeviceKind::Cuda] {
+        for kind in [DeviceKind::Cpu, DeviceKind::Cuda, DeviceKind::Network] {
             assert_eq!(kind.to_string().parse(), Ok(kind));
         }
         let error = "gpu".parse::<DeviceKind>().unwrap_err();

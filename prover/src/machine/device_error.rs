@@ -13,6 +13,15 @@ pub enum DeviceError {
         "this build proves on the CPU only; `make cuda` makes one that proves on an NVIDIA GPU"
     )]
     NotBuilt,
+    /// The network is no device of a machine.
+    #[error("the prover network is not a device of this machine: only `zk0 prover serve` has claims proven there")]
+    Elsewhere,
+    /// The program was built without the code that asks the network.
+    #[error(
+        "this build proves on this machine only; `make network` makes one that has claims proven by Succinct's prover network or by \
+         an SP1 cluster"
+    )]
+    NetworkNotBuilt,
     /// There is no GPU, or its driver is too old.
     #[error(
         "no GPU can be used: {0}; `nvidia-smi` must show a GPU, and a CUDA version not older than the one this program was \

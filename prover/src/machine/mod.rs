@@ -7,6 +7,7 @@ mod gpu;
 pub mod leftovers;
 mod lock;
 mod options;
+mod room;
 
 pub use device::{Device, DeviceKind, UnknownDevice};
 pub use device_error::DeviceError;
@@ -14,3 +15,4 @@ pub use device_error::DeviceError;
 pub use gpu::Gpu;
 pub use lock::{LockError, ProverLock};
 pub use options::{peak_memory, OptionsError, ProverOptions, Resources};
+pub use room::{check_disk, check_memory, free_disk, NoRoom};

@@ -4,10 +4,12 @@
 //! for three. Each further sample costs what the third one did. Real samples cost at most that much, because their prefix is not
 //! longer, and the work depends on values only for a few cycles in ten thousand.
 
-use crate::machine::{ProverOptions, Resources};
+use crate::machine::{check_disk, check_memory, free_disk, ProverOptions, Resources};
 use crate::program::{synthetic, ExecuteError, Executor};
 use crate::service::schedule::{expected_on, Work};
 use serde::Serialize;
+use std::env::temp_dir;
+use zk0_argument::claim::Cost;
 use zk0_circuits::{EvalSpec, Mode};
 
 /// The cost of one claim.
@@ -33,6 +35,47 @@ pub struct Estimate {
     pub start_seconds: f64,
     /// Seconds of one proof on this machine's CPU.
     pub proving_seconds: f64,
+    /// What comes before the proof, in mode `succinct`.
+    pub argument: Option<Argument>,
+}
+
+/// The cost of the argument that a node makes in mode `succinct`, before SP1 starts.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Argument {
+    /// Seconds on this machine.
+    pub seconds: f64,
+    /// The most memory that it uses at once, in bytes.
+    pub memory_bytes: u64,
+    /// The files that are in the node's state folder meanwhile, in bytes.
+    pub file_bytes: u64,
+}
+
+/// The cores on which the seconds of [`Cost`] were measured.
+const CORES: f64 = 2.0;
+
+/// Most samples of a claim that is executed.
+const EXECUTED: u32 = 3;
+
+impl Argument {
+    /// Of a claim over `samples` samples. Checks that this machine has room for the arguments that are made for an estimate.
+    fn of(spec: &EvalSpec, samples: u32, machine: Resources) -> Result<Self, ExecuteError> {
+        let failed = |error: &dyn std::fmt::Display| {
+            ExecuteError::Failed(format!(
+                "zk0 counts the cycles of arguments about 2 and {EXECUTED} samples, and cannot make them here: {error}"
+            ))
+        };
+        let cost = |samples| Cost::of(spec, samples).map_err(|error| failed(&error));
+        let executed = cost(EXECUTED)?;
+        check_memory(&executed, machine).map_err(|error| failed(&error))?;
+        let free = free_disk(&temp_dir()).map_err(|error| failed(&error))?;
+        check_disk(&executed, &temp_dir(), free).map_err(|error| failed(&error))?;
+        let cost = cost(samples)?;
+        Ok(Self {
+            seconds: cost.seconds * CORES / machine.cores.max(1) as f64,
+            memory_bytes: cost.memory,
+            file_bytes: cost.files,
+        })
+    }
 }
 
 impl Estimate {
@@ -46,11 +89,15 @@ impl Estimate {
         samples: u32,
         machine: Resources,
     ) -> Result<Self, ExecuteError> {
+        let argument = match mode {
+            Mode::Succinct => Some(Argument::of(spec, samples, machine)?),
+            _ => None,
+        };
         let (input, first) = synthetic::execute(executor, spec, mode, 2).await?;
         let (mut cycles, mut gas, mut private_input_bytes) =
             (first.cycles, first.gas, input.bytes());
         if samples > 2 {
-            let (input, second) = synthetic::execute(executor, spec, mode, 3).await?;
+            let (input, second) = synthetic::execute(executor, spec, mode, EXECUTED).await?;
             let further = |two: u64, three: u64| three.saturating_sub(two) * (samples as u64 - 2);
             cycles += further(first.cycles, second.cycles);
             gas += further(first.gas, second.gas);
@@ -67,6 +114,7 @@ impl Estimate {
             cores: machine.cores,
             start_seconds: expected_on(machine.cores, Work::Start),
             proving_seconds: expected_on(machine.cores, Work::Proof { cycles }),
+            argument,
         })
     }
 

@@ -2,7 +2,9 @@
 //! have to prove.
 
 use sp1_sdk::blocking::{LightProver, Prover};
-use sp1_sdk::{Elf, ExecutionReport, HashableKey, ProvingKey, SP1Stdin, SP1VerifyingKey};
+use sp1_sdk::{
+    Elf, ExecutionReport, HashableKey, ProvingKey, SP1ProvingKey, SP1Stdin, SP1VerifyingKey,
+};
 use tokio::sync::watch;
 
 /// What one run of a guest program gave.
@@ -86,12 +88,14 @@ impl Executor {
 
     /// Derives the verifying key of `elf`; takes some seconds.
     pub async fn verifying_key(&self, elf: &'static [u8]) -> Result<VerifyingKey, ExecuteError> {
+        let program = self.set_up(elf).await?;
+        VerifyingKey::of(program.verifying_key()).map_err(failed)
+    }
+
+    /// Derives the keys of `elf`; takes some seconds.
+    pub(crate) async fn set_up(&self, elf: &'static [u8]) -> Result<SP1ProvingKey, ExecuteError> {
         let client = self.client.clone();
-        blocking(move || {
-            let program = client.setup(Elf::Static(elf)).map_err(failed)?;
-            VerifyingKey::of(program.verifying_key()).map_err(failed)
-        })
-        .await
+        blocking(move || client.setup(Elf::Static(elf)).map_err(failed)).await
     }
 }
 

@@ -1,5 +1,6 @@
 //! What a guest program reads, and the claim that follows from it.
 
+use borsh::{BorshDeserialize, BorshSerialize};
 use std::path::Path;
 use zk0_argument::claim::{self, ClaimInput, NotMade, NotShown};
 use zk0_circuits::claim::private_input::InputError;
@@ -9,7 +10,7 @@ use zk0_circuits::{Claim, Mode, PrivateInput};
 
 /// An input as the program of a mode reads it. In mode `direct` it holds samples and weights, and in both modes the dataset's salt, so it
 /// must stay private.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct GuestInput {
     /// The program that reads it.
     pub mode: Mode,
@@ -18,7 +19,7 @@ pub struct GuestInput {
 }
 
 /// A claim that is ready to be proven.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct Prepared {
     /// The claim.
     pub claim: Claim,
@@ -66,7 +67,9 @@ pub enum GuestInputError {
 }
 
 impl Prepared {
-    /// The claim that `input` proves, and what the program reads. In mode `succinct`, this makes the argument that the program verifies; with a folder, values of samples are in files there meanwhile.
+    /// The claim that `input` proves, and what the program reads. In mode `succinct`, this makes the argument that the program verifies; with a
+    /// folder, values of samples are in files there meanwhile, and `progress` is told which share of the work is done, from 0 to 1. At the published
+    /// size this takes minutes for each sample.
     ///
     /// # Errors
     /// The claim does not hold, or cannot be proven in this mode.
@@ -74,11 +77,12 @@ impl Prepared {
         mode: Mode,
         input: &PrivateInput,
         folder: Option<&Path>,
+        progress: &mut dyn FnMut(f64),
     ) -> Result<Self, NotProvable> {
         let (claim, weight_check, buffers) = match mode {
             Mode::Direct => (check(input)?, vec![], input.to_buffers().to_vec()),
             Mode::Succinct => {
-                let made = claim::make(input, folder)?;
+                let made = claim::make(input, folder, progress)?;
                 let (claim, left) = claim::check(&made).map_err(|error| match error {
                     NotShown::Statement(error) => NotProvable::Statement(error),
                     error => NotProvable::Unsound(error),

@@ -3,9 +3,11 @@
 mod elf;
 mod execute;
 mod guest_input;
+mod shareable;
 pub mod synthetic;
 
 pub use elf::elf;
 pub(crate) use execute::stdin;
 pub use execute::{ExecuteError, Execution, Executor, VerifyingKey};
 pub use guest_input::{GuestInput, GuestInputError, NotProvable, Prepared};
+pub use shareable::{HoldsRecording, Shareable};

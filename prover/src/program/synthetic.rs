@@ -166,7 +166,7 @@ pub async fn execute(
     samples: u32,
 ) -> Result<(GuestInput, Execution), ExecuteError> {
     let private = private_input(spec, mode, samples, 1).map_err(ExecuteError::Failed)?;
-    let prepared = Prepared::of(mode, &private, Some(&std::env::temp_dir()));
+    let prepared = Prepared::of(mode, &private, Some(&std::env::temp_dir()), &mut |_| {});
     let input = prepared
         .map_err(|error| ExecuteError::Failed(error.to_string()))?
         .input;

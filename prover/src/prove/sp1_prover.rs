@@ -5,15 +5,15 @@
 //! runtime stays free to answer.
 
 use super::engine::{self, Engine};
+use super::program_key::{check_program, OtherProgram};
 use super::proof::Proof;
+use super::verified::verified;
 use crate::machine::{Device, LockError, ProverLock};
-use crate::program::{elf, stdin, GuestInput, VerifyingKey};
-use sp1_sdk::{ProvingKey, SP1Proof, SP1ProvingKey};
-use sp1_verifier::compressed::SP1CompressedVerifierRaw;
+use crate::program::{elf, stdin, GuestInput};
+use sp1_sdk::SP1ProvingKey;
 use std::sync::Arc;
 use tokio::sync::Mutex;
 use tokio::task::spawn_blocking;
-use zk0_circuits::claim::program::verifying_key;
 use zk0_circuits::Mode;
 
 /// Why there is no proof.
@@ -23,11 +23,8 @@ pub enum ProveError {
     #[error(transparent)]
     Lock(#[from] LockError),
     /// The ELF is not the program that verifiers expect.
-    #[error("the guest ELF has another verifying key ({found}) than the one recorded with it: run `make guest`, which builds and records both")]
-    OtherProgram {
-        /// Its `bytes32`.
-        found: String,
-    },
+    #[error(transparent)]
+    OtherProgram(#[from] OtherProgram),
     /// SP1 failed. Its log says more.
     #[error("SP1 could not {doing}: {reason}")]
     Sp1 {
@@ -67,13 +64,8 @@ impl Sp1Prover {
             let engine = engine::start(device).map_err(failed)?;
             let set_up = |mode| {
                 let program = engine.setup(elf(mode)).map_err(failed)?;
-                let key = VerifyingKey::of(program.verifying_key())
-                    .map_err(|error| failed(error.to_string()))?;
-                if key.koalabear != verifying_key(mode) {
-                    let found = key.bytes32;
-                    return Err(ProveError::OtherProgram { found });
-                }
-                Ok(program)
+                check_program(&program, mode)?;
+                Ok::<_, ProveError>(program)
             };
             let [direct, succinct] = Mode::ALL.map(set_up);
             let programs = [direct?, succinct?];
@@ -111,20 +103,7 @@ impl Sp1 {
             .engine
             .prove(&self.programs[mode as usize], stdin)
             .map_err(proving)?;
-        if !matches!(proven.proof, SP1Proof::Compressed(_)) {
-            return Err(ProveError::Unsound("it is not a compressed proof".into()));
-        }
-        let proof = Proof {
-            bytes: bincode::serialize(&proven.proof).map_err(|error| proving(error.to_string()))?,
-            public_values: proven.public_values.to_vec(),
-        };
-        SP1CompressedVerifierRaw::verify_with_public_values(
-            &proof.bytes,
-            &proof.public_values,
-            verifying_key(mode),
-        )
-        .map_err(|error| ProveError::Unsound(error.to_string()))?;
-        Ok(proof)
+        verified(mode, &proven.proof, proven.public_values.to_vec()).map_err(ProveError::Unsound)
     }
 }
 

@@ -1,6 +1,7 @@
 //! What checks and proves claims behind the service. Tests play it, so that they need no SP1.
 
-use crate::program::{Execution, GuestInput, GuestInputError};
+use super::waiting::Waiting;
+use crate::program::{Execution, GuestInput, GuestInputError, HoldsRecording};
 use crate::prove::Proof;
 use tonic::Status;
 
@@ -10,9 +11,18 @@ pub enum JobError {
     /// The private input proves no claim.
     #[error(transparent)]
     Input(#[from] GuestInputError),
+    /// The private input must not leave this machine, and the prover is elsewhere.
+    #[error(transparent)]
+    Private(#[from] HoldsRecording),
     /// The prover failed.
     #[error("proving failed: {0}")]
     Failed(String),
+}
+
+impl JobError {
+    pub(super) fn failed(error: impl ToString) -> Self {
+        Self::Failed(error.to_string())
+    }
 }
 
 impl From<JobError> for Status {
@@ -20,9 +30,8 @@ impl From<JobError> for Status {
         let text = error.to_string();
         match error {
             JobError::Input(GuestInputError::Unreadable(_)) => Self::invalid_argument(text),
-            JobError::Input(GuestInputError::Statement(_) | GuestInputError::NotShown(_)) => {
-                Self::failed_precondition(text)
-            }
+            JobError::Input(GuestInputError::Statement(_) | GuestInputError::NotShown(_))
+            | JobError::Private(_) => Self::failed_precondition(text),
             JobError::Failed(_) => Self::internal(text),
         }
     }
@@ -35,6 +44,11 @@ pub trait Backend: Send + Sync + 'static {
     async fn start(&self) -> Result<(), JobError>;
     /// Checks the statement and counts its cycles, in seconds.
     async fn check(&self, input: &GuestInput) -> Result<Execution, JobError>;
-    /// Proves it. The service calls this for one input at a time.
-    async fn prove(&self, input: &GuestInput) -> Result<Proof, JobError>;
+    /// Proves it. The service calls this for one input at a time. `execution` is what [`Self::check`] gave for it.
+    async fn prove(
+        &self,
+        input: &GuestInput,
+        execution: &Execution,
+        waiting: &Waiting,
+    ) -> Result<Proof, JobError>;
 }

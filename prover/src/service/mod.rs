@@ -6,12 +6,19 @@
 
 mod backend;
 mod client;
+#[cfg(feature = "network")]
+mod elsewhere;
+mod here;
 pub(crate) mod schedule;
 mod server;
 mod sp1_backend;
 pub mod upload;
+mod waiting;
 
 pub use backend::{Backend, JobError};
 pub use client::{ClientError, ProvingClient};
+pub use here::HereError;
+pub use schedule::Pace;
 pub use server::ProvingService;
 pub use sp1_backend::{Sp1Backend, Sp1BackendError};
+pub use waiting::{GivenUp, Waiting};

@@ -47,19 +47,43 @@ struct Job {
     began: Option<Instant>,
 }
 
+/// How fast proofs are made.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Pace {
+    /// In the time that the constants give, multiplied by this.
+    Scaled(f64),
+    /// Nobody knows yet. After this time a proof is there, or it has failed.
+    AtMost(Duration),
+}
+
+impl Pace {
+    /// That of a machine with `cores` hardware threads of which nothing else is known.
+    pub fn of_cores(cores: usize) -> Self {
+        Self::Scaled(CORES / cores.max(1) as f64)
+    }
+
+    /// How long the work takes.
+    fn expects(self, work: Work) -> Duration {
+        match (self, work) {
+            (Self::Scaled(scale), work) => Duration::from_secs_f64(expected(work) * scale),
+            (Self::AtMost(most), Work::Proof { .. }) => most,
+            (Self::AtMost(_), Work::Start) => Duration::ZERO,
+        }
+    }
+}
+
 /// The queue, with the times it will take. The caller hands in the clock.
 pub struct Schedule {
-    /// This machine's time, divided by the time that the constants give.
-    scale: f64,
+    pace: Pace,
     next: u64,
     jobs: VecDeque<Job>,
 }
 
 impl Schedule {
-    /// An empty queue on a machine with `cores` hardware threads.
-    pub fn new(cores: usize) -> Self {
+    /// An empty queue.
+    pub fn new(pace: Pace) -> Self {
         Self {
-            scale: CORES / cores.max(1) as f64,
+            pace,
             next: 0,
             jobs: VecDeque::new(),
         }
@@ -96,7 +120,7 @@ impl Schedule {
             Some((work, began)) => {
                 let took = now.saturating_duration_since(began);
                 if let Work::Proof { .. } = work {
-                    self.scale = took.as_secs_f64() / expected(work);
+                    self.pace = Pace::Scaled(took.as_secs_f64() / expected(work));
                 }
                 took
             }
@@ -110,7 +134,7 @@ impl Schedule {
     pub fn outlook(&self, place: Place, now: Instant) -> Outlook {
         let mut outlook = Outlook::default();
         for job in &self.jobs {
-            let whole = Duration::from_secs_f64(expected(job.work) * self.scale);
+            let whole = self.pace.expects(job.work);
             let spent = job
                 .began
                 .map_or(Duration::ZERO, |began| now.saturating_duration_since(began));
@@ -126,7 +150,7 @@ impl Schedule {
 
 /// Seconds that `work` takes on a machine with `cores` hardware threads of which nothing else is known.
 pub fn expected_on(cores: usize, work: Work) -> f64 {
-    expected(work) * CORES / cores.max(1) as f64
+    Pace::of_cores(cores).expects(work).as_secs_f64()
 }
 
 /// Seconds on the machine on which the constants were measured.
@@ -145,7 +169,7 @@ mod tests {
 
     #[test]
     fn those_who_wait_are_told_of_all_that_comes_first() {
-        let mut schedule = Schedule::new(2);
+        let mut schedule = Schedule::new(Pace::of_cores(2));
         let now = Instant::now();
         let start = schedule.join(Work::Start);
         schedule.begin(start, now);
@@ -180,7 +204,7 @@ mod tests {
 
     #[test]
     fn the_first_proof_teaches_the_speed_of_the_machine() {
-        let mut schedule = Schedule::new(2);
+        let mut schedule = Schedule::new(Pace::of_cores(2));
         let now = Instant::now();
         let work = Work::Proof { cycles: 1_800_000 };
         let first = schedule.join(work);
@@ -192,8 +216,25 @@ mod tests {
     }
 
     #[test]
+    fn a_pace_that_nobody_knows_is_told_as_the_latest_time_until_there_is_a_proof() {
+        let hour = 3600 * SECOND;
+        let mut schedule = Schedule::new(Pace::AtMost(hour));
+        let now = Instant::now();
+        schedule.join(Work::Start);
+        let work = Work::Proof { cycles: 1_800_000 };
+        let first = schedule.join(work);
+        let second = schedule.join(work);
+        assert_eq!(schedule.outlook(first, now).remaining, hour);
+        assert_eq!(schedule.outlook(second, now).remaining, 2 * hour);
+        schedule.begin(first, now);
+        schedule.finish(first, now + 90 * SECOND);
+        schedule.begin(second, now);
+        assert_eq!(schedule.outlook(second, now + 30 * SECOND).ahead, 0);
+    }
+
+    #[test]
     fn a_proof_that_takes_longer_than_expected_is_about_to_end() {
-        let mut schedule = Schedule::new(2);
+        let mut schedule = Schedule::new(Pace::of_cores(2));
         let now = Instant::now();
         let place = schedule.join(Work::Proof { cycles: 0 });
         schedule.begin(place, now);

@@ -1,8 +1,9 @@
 //! The proving service itself: it receives requests, checks them, queues them, and has them proven one at a time.
 
 use super::backend::{Backend, JobError};
-use super::schedule::{Place, Schedule, Work};
+use super::schedule::{Pace, Place, Schedule, Work};
 use super::upload::{self, Announced};
+use super::waiting::Waiting;
 use crate::program::GuestInput;
 use crate::rpc::progress::Phase;
 use crate::rpc::{self, prover_server};
@@ -10,7 +11,7 @@ use std::future::Future;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 use tokio::net::TcpListener;
-use tokio::sync::{mpsc, OwnedSemaphorePermit, Semaphore};
+use tokio::sync::{mpsc, watch, OwnedSemaphorePermit, Semaphore};
 use tokio_stream::wrappers::{ReceiverStream, TcpListenerStream};
 use tonic::{transport, Request, Response, Status, Streaming};
 
@@ -37,18 +38,21 @@ struct Shared<B> {
     /// One proof at a time, in order of arrival.
     proving: Arc<Semaphore>,
     schedule: Mutex<Schedule>,
+    /// Whether the process has been told to end.
+    stopping: watch::Sender<bool>,
 }
 
 impl<B: Backend> ProvingService<B> {
-    /// Starts `backend` in the background and serves at most `queue` requests at a time, on `cores` hardware threads.
-    pub fn start(backend: B, queue: usize, cores: usize) -> Self {
+    /// Starts `backend` in the background and serves at most `queue` requests at a time. The first estimates are at `pace`.
+    pub fn start(backend: B, queue: usize, pace: Pace) -> Self {
         let shared = Arc::new(Shared {
             backend,
             slots: Arc::new(Semaphore::new(queue)),
             memory: Arc::new(Semaphore::new(MEMORY_MIB as usize)),
             checking: Semaphore::new(1),
             proving: Arc::new(Semaphore::new(1)),
-            schedule: Mutex::new(Schedule::new(cores)),
+            schedule: Mutex::new(Schedule::new(pace)),
+            stopping: watch::Sender::new(false),
         });
         // Starting takes the first place in the queue. A request that comes meanwhile waits for it, and is told how long.
         let turn = shared.proving.clone().try_acquire_owned();
@@ -57,7 +61,12 @@ impl<B: Backend> ProvingService<B> {
         let starting = shared.clone();
         tokio::spawn(async move {
             let _turn = turn;
-            match starting.backend.start().await {
+            let mut stopping = starting.stopping.subscribe();
+            let started = tokio::select! {
+                started = starting.backend.start() => started,
+                _ = stopping.wait_for(|stopping| *stopping) => return,
+            };
+            match started {
                 Ok(()) => {
                     let took = starting.schedule().finish(place, Instant::now());
                     tracing::info!(seconds = took.as_secs(), "the prover is ready");
@@ -71,12 +80,18 @@ impl<B: Backend> ProvingService<B> {
         Self { shared }
     }
 
-    /// Serves requests on `listener` until `shutdown` is ready.
+    /// Serves requests on `listener` until `shutdown` is ready. Then the backend hears that nobody waits any more, and the service ends
+    /// with the last request.
     pub async fn serve(
         self,
         listener: TcpListener,
         shutdown: impl Future<Output = ()>,
     ) -> Result<(), transport::Error> {
+        let shared = self.shared.clone();
+        let shutdown = async {
+            shutdown.await;
+            shared.stopping.send_replace(true);
+        };
         let service = prover_server::ProverServer::new(self)
             .max_decoding_message_size(upload::MAX_MESSAGE_BYTES)
             .max_encoding_message_size(upload::MAX_EVENT_BYTES);
@@ -84,7 +99,10 @@ impl<B: Backend> ProvingService<B> {
             .concurrency_limit_per_connection(REQUESTS_PER_CONNECTION)
             .add_service(service)
             .serve_with_incoming_shutdown(TcpListenerStream::new(listener), shutdown)
-            .await
+            .await?;
+        // Work whose client has gone may still hold the turn, because it is being withdrawn elsewhere.
+        let _ = shared.proving.acquire().await;
+        Ok(())
     }
 }
 
@@ -166,7 +184,7 @@ impl<B: Backend> Job<B> {
             let _turn = shared.checking.acquire().await;
             shared.backend.check(&self.input).await
         };
-        let execution = match self.during(Phase::Checking, None, checked).await? {
+        let execution = match self.during(|| Phase::Checking, None, checked).await? {
             Ok(execution) => execution,
             Err(error) => return Ok(Err(error)),
         };
@@ -181,16 +199,19 @@ impl<B: Backend> Job<B> {
         };
         let place = shared.schedule().join(work);
         let turn = shared.proving.clone().acquire_owned();
-        let turn = self.during(Phase::Queued, Some(place), turn).await;
+        let turn = self.during(|| Phase::Queued, Some(place), turn).await;
         let turn = turn.inspect_err(|Gone| shared.schedule().leave(place))?;
 
-        // A task of its own holds the turn. SP1 cannot be interrupted, so a proof whose client goes away is still made to the end
-        // before the next one begins.
+        // A task of its own holds the turn. SP1 cannot be interrupted, so on this machine a proof whose client goes away is still made to the
+        // end before the next one begins. A request at a network is withdrawn.
         shared.schedule().begin(place, Instant::now());
-        let (prover, input) = (shared.clone(), self.input.clone());
+        let (prover, input, expected) = (shared.clone(), self.input.clone(), execution.clone());
+        let waiting = Waiting::new(self.events.clone(), shared.stopping.subscribe());
+        let waiting = Arc::new(waiting);
+        let seen = waiting.clone();
         let proving = tokio::spawn(async move {
             let _turn = turn;
-            let result = prover.backend.prove(&input).await;
+            let result = prover.backend.prove(&input, &expected, &waiting).await;
             let mut schedule = prover.schedule();
             match result {
                 Ok(proof) => Ok((proof, schedule.finish(place, Instant::now()))),
@@ -200,7 +221,7 @@ impl<B: Backend> Job<B> {
                 }
             }
         });
-        let proven = self.during(Phase::Proving, Some(place), proving).await?;
+        let proven = self.during(|| seen.phase(), Some(place), proving).await?;
         Ok(match proven {
             Ok(Ok((proof, _))) if proof.public_values != execution.public_values => Err(
                 JobError::Failed("the proof's public values are not those of the claim".into()),
@@ -226,7 +247,7 @@ impl<B: Backend> Job<B> {
     /// Reports progress until `work` is done or the client has gone.
     async fn during<T>(
         &self,
-        phase: Phase,
+        phase: impl Fn() -> Phase,
         place: Option<Place>,
         work: impl Future<Output = T>,
     ) -> Result<T, Gone> {
@@ -239,7 +260,7 @@ impl<B: Backend> Job<B> {
                 result = &mut work => return Ok(result),
                 _ = tick.tick() => {
                     // A client that is too slow misses some events. It must not hold up the work.
-                    let _ = self.events.try_send(Ok(self.progress(phase, place)));
+                    let _ = self.events.try_send(Ok(self.progress(phase(), place)));
                 }
             }
         }

@@ -1,73 +1,123 @@
-//! SP1 on this machine as the backend of the proving service.
+//! SP1 as the backend of the proving service: on this machine, or on a prover network.
 
 use super::backend::{Backend, JobError};
-use crate::machine::{leftovers, Device, DeviceError, DeviceKind, LockError, ProverLock};
+#[cfg(feature = "network")]
+use super::elsewhere::Elsewhere;
+use super::here::{Here, HereError};
+use super::schedule::Pace;
+use super::waiting::Waiting;
+use crate::machine::{DeviceError, DeviceKind};
+#[cfg(feature = "network")]
+use crate::network::Account;
+use crate::network::{AccountError, NetworkOptions};
+#[cfg(feature = "network")]
+use crate::program::Shareable;
 use crate::program::{elf, ExecuteError, Execution, Executor, GuestInput};
-use crate::prove::{Proof, Sp1Prover};
-use std::path::Path;
-use std::sync::Arc;
-use std::time::Duration;
-use tokio::sync::OnceCell;
+use crate::prove::Proof;
 use zk0_circuits::Claim;
 
-/// Executes with SP1's executor, and proves with the one prover of this machine.
+/// Executes on this machine with SP1's executor, and proves here or elsewhere.
 pub struct Sp1Backend {
     executor: Executor,
-    device: Device,
-    lock: Arc<ProverLock>,
-    prover: OnceCell<Sp1Prover>,
+    place: Place,
 }
 
-/// Why this machine cannot prove now.
+/// Where proofs are made.
+enum Place {
+    Here(Here),
+    #[cfg(feature = "network")]
+    Elsewhere(Elsewhere),
+}
+
+/// Why there can be no proofs now.
 #[derive(Debug, thiserror::Error)]
 pub enum Sp1BackendError {
-    /// The machine lacks the device, or memory.
+    /// This machine cannot prove.
+    #[error(transparent)]
+    Here(#[from] HereError),
+    /// This build cannot ask a network.
     #[error(transparent)]
     Device(#[from] DeviceError),
-    /// Another prover runs.
+    /// There is no account for the network.
     #[error(transparent)]
-    Lock(#[from] LockError),
+    Account(#[from] AccountError),
     /// SP1's executor did not start.
     #[error(transparent)]
     Executor(#[from] ExecuteError),
 }
 
 impl Sp1Backend {
-    /// Takes this machine's prover lock, removes what killed provers left in memory, and finds the device. SP1 itself starts when the service starts.
-    pub async fn new(device: DeviceKind) -> Result<Self, Sp1BackendError> {
-        let lock = ProverLock::acquire(&ProverLock::default_path(), Duration::ZERO)?;
-        leftovers::remove(Path::new("/dev/shm"));
-        let device = Device::find(device)?;
-        Ok(Self {
-            executor: Executor::new().await?,
-            device,
-            lock: Arc::new(lock),
-            prover: OnceCell::new(),
-        })
+    /// Finds this machine's device, or reads the account on the network from the environment. SP1 itself, or the connection, starts when the
+    /// service starts.
+    pub async fn new(device: DeviceKind, network: NetworkOptions) -> Result<Self, Sp1BackendError> {
+        let place = match device {
+            DeviceKind::Network => elsewhere(network)?,
+            device => Place::Here(Here::find(device)?),
+        };
+        Self::at(place).await
     }
 
-    async fn prover(&self) -> Result<&Sp1Prover, JobError> {
-        self.prover
-            .get_or_try_init(|| Sp1Prover::start(self.device.clone(), self.lock.clone()))
-            .await
-            .map_err(failed)
+    /// The backend for an account on a network.
+    #[cfg(feature = "network")]
+    pub async fn of_account(
+        account: Account,
+        options: NetworkOptions,
+    ) -> Result<Self, Sp1BackendError> {
+        Self::at(Place::Elsewhere(Elsewhere::new(account, options))).await
     }
+
+    async fn at(place: Place) -> Result<Self, Sp1BackendError> {
+        let executor = Executor::new().await?;
+        Ok(Self { executor, place })
+    }
+
+    /// How fast proofs are likely to be made, before the first one is there. A GPU is taken for a CPU.
+    pub fn pace(&self) -> Pace {
+        match &self.place {
+            Place::Here(_) => {
+                let cores = std::thread::available_parallelism().map_or(1, |cores| cores.get());
+                Pace::of_cores(cores)
+            }
+            #[cfg(feature = "network")]
+            Place::Elsewhere(network) => Pace::AtMost(network.options().timeout),
+        }
+    }
+}
+
+#[cfg(feature = "network")]
+fn elsewhere(options: NetworkOptions) -> Result<Place, Sp1BackendError> {
+    let account = Account::from_environment()?;
+    Ok(Place::Elsewhere(Elsewhere::new(account, options)))
+}
+
+#[cfg(not(feature = "network"))]
+fn elsewhere(_: NetworkOptions) -> Result<Place, Sp1BackendError> {
+    Err(DeviceError::NetworkNotBuilt.into())
 }
 
 #[tonic::async_trait]
 impl Backend for Sp1Backend {
     async fn start(&self) -> Result<(), JobError> {
-        self.prover().await.map(|_| ())
+        match &self.place {
+            Place::Here(here) => here.prover().await.map(|_| ()),
+            #[cfg(feature = "network")]
+            Place::Elsewhere(network) => network.prover(&self.executor).await.map(|_| ()),
+        }
     }
 
     async fn check(&self, input: &GuestInput) -> Result<Execution, JobError> {
+        // Whoever may not send the input to the network hears so before anything else is done with it.
+        #[cfg(feature = "network")]
+        if let Place::Elsewhere(_) = self.place {
+            Shareable::of(input)?;
+        }
         // The native check comes first: it takes a moment, and gives the reason in full.
         let claim = input.claim()?;
         let execution = self
             .executor
             .execute(elf(input.mode), &input.buffers)
             .await
-            .map_err(failed)?;
+            .map_err(JobError::failed)?;
         match borsh::from_slice::<Claim>(&execution.public_values) {
             Ok(proven) if proven == claim => Ok(execution),
             _ => Err(JobError::Failed(
@@ -76,15 +126,46 @@ impl Backend for Sp1Backend {
         }
     }
 
-    async fn prove(&self, input: &GuestInput) -> Result<Proof, JobError> {
-        self.prover()
-            .await?
-            .prove_compressed(input)
-            .await
-            .map_err(failed)
+    // A prover of this machine needs neither the cost nor the client.
+    #[cfg_attr(not(feature = "network"), allow(unused_variables))]
+    async fn prove(
+        &self,
+        input: &GuestInput,
+        execution: &Execution,
+        waiting: &Waiting,
+    ) -> Result<Proof, JobError> {
+        match &self.place {
+            Place::Here(here) => {
+                let prover = here.prover().await?;
+                prover
+                    .prove_compressed(input)
+                    .await
+                    .map_err(JobError::failed)
+            }
+            #[cfg(feature = "network")]
+            Place::Elsewhere(network) => {
+                network
+                    .prove(&self.executor, input, execution, waiting)
+                    .await
+            }
+        }
     }
 }
 
-fn failed(error: impl ToString) -> JobError {
-    JobError::Failed(error.to_string())
+#[cfg(all(test, not(feature = "network")))]
+mod tests {
+    use super::*;
+    use crate::network::Strategy;
+    use std::time::Duration;
+
+    #[tokio::test]
+    async fn a_build_without_the_feature_says_how_to_get_one_with_it() {
+        let options = NetworkOptions {
+            strategy: Strategy::Auction,
+            timeout: Duration::from_secs(1),
+        };
+        let error = Sp1Backend::new(DeviceKind::Network, options).await.err();
+        let error = error.expect("there is no network").to_string();
+        assert!(error.contains("make network"), "{error}");
+    }
 }

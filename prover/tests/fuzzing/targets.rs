@@ -52,7 +52,7 @@ fn without_parts(message: String) -> String {
 fn inputs() -> [GuestInput; 2] {
     Mode::ALL.map(|mode| {
         let input = private_input(&EvalSpec::micro(), mode, 2, 1).unwrap();
-        Prepared::of(mode, &input, None).unwrap().input
+        Prepared::of(mode, &input, None, &mut |_| {}).unwrap().input
     })
 }
 

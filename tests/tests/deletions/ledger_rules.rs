@@ -198,6 +198,12 @@ pub const REMOVALS: &[Removal] = &[
         ),
     ),
     rule(
+        "claims have no more samples than the network's mode can prove",
+        "protocol/src/rules/network_rules.rs",
+        &[("match self.max_eval_samples > most {", "match false {")],
+        "rules_that_no_node_of_the_mode_can_satisfy_found_nothing",
+    ),
+    rule(
         "the latest beacon fits into the window of the rules",
         "protocol/src/challenge/source.rs",
         &[("match window_ms > latest_ms {", "match true {")],
@@ -423,6 +429,18 @@ pub const REMOVALS: &[Removal] = &[
         ),
     ),
     // Programs.
+    of_target(
+        "voting",
+        rule(
+            "a vote changes no rules to those that the network's mode cannot prove",
+            VOTES,
+            &[(
+                "rules.check_in(self.genesis.mode).err()",
+                "rules.check().err()",
+            )],
+            "rules_that_no_node_of_the_mode_can_satisfy_are_not_proposed",
+        ),
+    ),
     of_target(
         "voting",
         rule(

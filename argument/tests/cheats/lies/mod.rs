@@ -22,6 +22,7 @@ use zk0_argument::expert::published::Published;
 use zk0_argument::expert::statement::Statement;
 use zk0_argument::expert::trace::Kept;
 use zk0_argument::expert::witness::{evaluate, Common, Witness};
+use zk0_argument::progress::silently;
 use zk0_argument::prove::Values;
 use zk0_argument::transcript::Refused;
 use zk0_circuits::model::draw::Draw;
@@ -59,7 +60,8 @@ impl World {
     /// What these models make of these samples.
     pub fn of(models: Models) -> Self {
         let weights = [&models.base, &models.update];
-        let (statement, kept) = evaluate(CONTEXT, &models.spec, weights, &models.samples).unwrap();
+        let (statement, kept) =
+            evaluate(CONTEXT, &models.spec, weights, &models.samples, &silently).unwrap();
         let expert = Expert::new(&statement);
         let known = known(&statement, weights, &models.samples, &kept);
         Self {
@@ -141,7 +143,7 @@ pub fn known(
 /// The real prover's argument.
 pub fn honest(statement: &Statement, known: &Known) -> Vec<u64> {
     let witness = |number: usize| Ok::<_, io::Error>(known.samples[number].clone());
-    prove(statement, &known.common, None, witness)
+    prove(statement, &known.common, None, &silently, witness)
         .unwrap()
         .unwrap()
 }

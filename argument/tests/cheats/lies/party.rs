@@ -13,6 +13,7 @@ use zk0_argument::fractions::LeafClaim;
 use zk0_argument::layout::Layout;
 use zk0_argument::multilinear::evaluate_extension;
 use zk0_argument::party::{Claim, Fold, Party, Sources, Sum, Weighted};
+use zk0_argument::progress::silently;
 use zk0_argument::protocol::argue;
 use zk0_argument::prove::{Computed, Instance, Proving, Tables, Values};
 use zk0_argument::relation::{Atom, Part, Parts, Relations};
@@ -297,8 +298,8 @@ pub fn prove(
     let count = shape.segments;
     let [told_of, true_of] = [tale, truth].map(|known| instances(known, &nothing));
     let mut liar = Liar {
-        tale: Proving::new(Prover::new(&statement.digest()), told_of, count),
-        truth: Proving::new(prover, true_of, count),
+        tale: Proving::new(Prover::new(&statement.digest()), told_of, count, &silently),
+        truth: Proving::new(prover, true_of, count, &silently),
         known: [tale, truth],
         fold: None,
         point: vec![],

@@ -215,7 +215,7 @@ impl State {
             Some(RuleViolation::BadNode { node: *key, why }.to_string())
         };
         match action {
-            Action::ChangeRules(rules) => rules.check().err(),
+            Action::ChangeRules(rules) => rules.check_in(self.genesis.mode).err(),
             Action::Enrol(enrolled) => {
                 no_key(&enrolled.node).or_else(|| refused(self.check_enrolment(enrolled)))
             }

@@ -1,0 +1,97 @@
+//! What an argument costs the node's machine. It follows from the dimensions of the evaluation and the number of samples.
+
+use super::TooSmall;
+use crate::expert::argument::Shape;
+use crate::expert::builder::{DATA, TABLES, WEIGHTS};
+use crate::expert::evaluation::layers::Expert;
+use crate::expert::statement::Statement;
+use zk0_circuits::model::layout::Layout;
+use zk0_circuits::model::linear::bit_limits;
+use zk0_circuits::EvalSpec;
+
+/// What an argument costs.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Cost {
+    /// Seconds on two cores.
+    pub seconds: f64,
+    /// The most memory that is used at once, in bytes.
+    pub memory: u64,
+    /// The files of what is committed to, in bytes.
+    pub files: u64,
+}
+
+// `cargo run --release -p zk0-argument --example full -- SIZE SAMPLES` prints what is expected beside what it took.
+
+/// Bytes for each look-up of a sample: fractions, and the layers above them.
+const BYTES_OF_A_LOOKUP: u64 = 55;
+/// Bytes for each weight of both models, of which a node has the base in float32, too.
+const BYTES_OF_A_WEIGHT: u64 = 4;
+/// Bytes for each value of a table: its rows are counted.
+const BYTES_OF_A_TABLE: u64 = 200;
+/// Bytes for each value of each sample: its evaluation leaves something until the values are computed.
+const BYTES_OF_A_SAMPLE: u64 = 8;
+/// Bytes of a value in a file. Most have two, and some have eight.
+const BYTES_IN_A_FILE: u64 = 4;
+/// Look-ups that are proven in a second on two cores. `make prove-full` prints the seconds for four samples at the published size.
+const LOOKUPS_PER_SECOND: f64 = 1.4e6;
+
+impl Cost {
+    /// Of an argument about `samples` samples.
+    ///
+    /// # Errors
+    /// The evaluation is too small for an argument.
+    pub fn of(spec: &EvalSpec, samples: u32) -> Result<Self, TooSmall> {
+        let tensors = Layout::new(&spec.dims).tensors.len();
+        let scales: Vec<i16> = bit_limits(spec, tensors)
+            .into_iter()
+            .map(|(least, most)| least.midpoint(most))
+            .collect();
+        let expert = Expert::new(&Statement::of_weights(spec, [scales.clone(), scales]));
+        let shape = Shape::new(&expert).ok_or(TooSmall)?;
+        let relations = &expert.builder.relations;
+        let lookups = relations.lookups.iter();
+        let lookups: u64 = lookups.map(|of| 1u64 << relations.size(&of.axes)).sum();
+        let [data, weights, tables] =
+            [DATA, WEIGHTS, TABLES].map(|source| expert.used[source.0 as usize] as u64);
+        let columns: usize = shape.widths.iter().sum();
+        let committed = (columns as u64) << shape.parameters.variables();
+        let samples = u64::from(samples);
+        Ok(Self {
+            seconds: (samples * lookups) as f64 / LOOKUPS_PER_SECOND,
+            memory: lookups * BYTES_OF_A_LOOKUP
+                + weights * BYTES_OF_A_WEIGHT
+                + tables * BYTES_OF_A_TABLE
+                + samples * data * BYTES_OF_A_SAMPLE,
+            files: samples * committed * BYTES_IN_A_FILE,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use zk0_circuits::model::spec::Dims;
+
+    /// Measured at the published size on four samples: 435 s, 9.6 GB (`make prove-full`).
+    #[test]
+    fn memory_hardly_grows_with_samples_and_the_rest_grows_like_them() {
+        let cost = |samples| Cost::of(&EvalSpec::new(Dims::FULL), samples).unwrap();
+        let (four, many) = (cost(4), cost(256));
+        assert!((400.0..500.0).contains(&four.seconds), "{four:?}");
+        let memory = 9_600_000_000..11_000_000_000;
+        assert!(memory.contains(&four.memory), "{four:?}");
+        assert!(many.memory < 2 * four.memory, "{many:?}");
+        assert_eq!(many.files, 64 * four.files);
+        assert_eq!(many.seconds, 64.0 * four.seconds);
+    }
+
+    #[test]
+    fn what_is_too_small_for_an_argument_has_no_cost() {
+        let tiny = Dims {
+            max_prefix: 1,
+            chunk: 1,
+            ..Dims::MICRO
+        };
+        assert_eq!(Cost::of(&EvalSpec::new(tiny), 2), Err(TooSmall));
+    }
+}

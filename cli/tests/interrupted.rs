@@ -1,0 +1,122 @@
+//! A node of mode `succinct` is interrupted while it makes the argument about its losses. It reports how far it is, ends at once, leaves no
+//! files of committed values behind, and goes on where it was when it starts again in the same round.
+
+mod harness;
+
+use harness::network::LocalNetwork;
+use harness::{logged, zk0, RECORDING};
+use serde_json::Value;
+use std::fs;
+use std::io::{BufRead, BufReader};
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+use zk0_protocol::Body;
+
+/// This much training makes the update better, so that there is something to argue.
+const TRAINING: [&str; 6] = [
+    "--steps",
+    "200",
+    "--batch-size",
+    "16",
+    "--learning-rate",
+    "5e-4",
+];
+
+/// Founds a network in which the argument takes seconds.
+fn founded() -> LocalNetwork {
+    let network = LocalNetwork::new();
+    let claims = ["--min-eval-samples", "16", "--min-improvement-bps", "1"];
+    let test = ["--confidence", "95%", "--mode", "succinct"];
+    network.found(&[&claims[..], &test].concat());
+    network
+}
+
+/// Reads the log of a node until a progress event of this phase comes. Returns the phases before it, and what the event says.
+fn until(node: &mut Child, phase: &str) -> (Vec<String>, Value) {
+    let mut before = vec![];
+    for line in BufReader::new(node.stderr.take().unwrap()).lines() {
+        let event: Value = serde_json::from_str(&line.unwrap()).unwrap();
+        match event["phase"].as_str() {
+            Some(of) if of == phase => return (before, event),
+            Some(of) => before.push(of.to_owned()),
+            None => {}
+        }
+    }
+    panic!("the node ended before it was {phase}; before that it was {before:?}");
+}
+
+fn files(folder: &Path) -> Vec<String> {
+    let files = fs::read_dir(folder).unwrap();
+    let mut names: Vec<String> = files
+        .map(|file| file.unwrap().file_name().into_string().unwrap())
+        .collect();
+    names.sort();
+    names
+}
+
+#[test]
+fn an_interrupted_node_leaves_nothing_behind_and_goes_on_with_its_update() {
+    let network = founded();
+    let (key, state) = (network.path("node.key"), network.path("state"));
+    let ended = network.served(|aggregator, prover, id| {
+        let mut join = vec!["--log", "json", "node", "join", "--aggregator", aggregator];
+        join.extend(["--prover", prover, "--network", id, "--key", &key]);
+        join.extend(["--dataset", RECORDING, "--state", &state]);
+        join.extend(TRAINING);
+        let mut node = zk0(&join).stderr(Stdio::piped()).spawn().unwrap();
+        let (before, event) = until(&mut node, "making the argument");
+        assert!(before.contains(&"training".to_owned()), "{before:?}");
+        let (done, total) = (event["done"].as_u64(), event["total"].as_u64());
+        assert!(done > Some(0) && done < total, "{event}");
+        assert!(event["eta_ms"].as_u64() > Some(0), "{event}");
+        let begin = Instant::now();
+        let pid = node.id().to_string();
+        let interrupt = Command::new("kill").args(["-INT", &pid]).status();
+        assert!(interrupt.unwrap().success());
+        assert!(!node.wait().unwrap().success());
+        assert!(begin.elapsed() < Duration::from_secs(2));
+        // What is there has a name that the node knows again.
+        let left = files(Path::new(&state));
+        let known = |name: &str| {
+            let begins = [
+                "policy-",
+                "round-0",
+                "evaluation-set-",
+                "training-",
+                "base-",
+            ];
+            [
+                "salt",
+                "registration",
+                "receipts",
+                "cache",
+                "prefix-cache",
+                "unfinished-update",
+            ]
+            .contains(&name)
+                || begins.iter().any(|begin| name.starts_with(begin))
+        };
+        assert!(left.iter().all(|name| known(name)), "{left:?}");
+        zk0(&join).output().unwrap()
+    });
+    let said = logged(&ended);
+    assert!(ended.status.success(), "{said}");
+    assert!(
+        said.contains("goes on with the update that it has trained"),
+        "{said}"
+    );
+    assert!(!said.contains("training 200 steps"), "{said}");
+    // The aggregator got a claim about the update of the first start. The prover of this test makes no proofs.
+    let entries = network.entries();
+    let count = |of: fn(&Body) -> bool| entries.iter().filter(|entry| of(&entry.body)).count();
+    assert_eq!(count(|body| matches!(body, Body::UpdateCommitted(_))), 1);
+    assert_eq!(
+        count(|body| matches!(body, Body::ContributionRejected { .. })),
+        1,
+        "{said}"
+    );
+    let left = files(Path::new(&state));
+    let unfinished = |name: &&String| name.starts_with("unfinished");
+    assert_eq!(left.iter().find(unfinished), None);
+}

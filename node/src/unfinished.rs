@@ -1,0 +1,97 @@
+//! What a node keeps of a round that it has not finished. A node that was interrupted goes on with it when it starts again in the same round:
+//! it cannot commit to another update there.
+
+use crate::error::ParticipantError;
+use crate::state_files::{self, at, broken};
+use borsh::{BorshDeserialize, BorshSerialize};
+use std::io;
+use std::path::{Path, PathBuf};
+use zk0_circuits::{Digest, Terms};
+use zk0_prover::program::Prepared;
+
+/// Room for the other fields of a file beside an update.
+const FIELDS_BYTES: u64 = 1 << 10;
+/// Largest file of a claim that is read. The argument about 256 samples at the published size has a few megabytes.
+const MAX_CLAIM_BYTES: u64 = 256 << 20;
+
+/// An update that the node has committed to, or is about to commit to.
+#[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
+pub struct UnfinishedUpdate {
+    /// Where it belongs.
+    pub of: Part,
+    /// On how many samples it is to be evaluated.
+    pub eval_samples: u32,
+    /// The update, as it travels.
+    pub file: Vec<u8>,
+}
+
+/// A node's part in one round.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
+pub struct Part {
+    /// The network.
+    pub network: Digest,
+    /// The round.
+    pub round: u64,
+    /// The file of its base weights.
+    pub base: Digest,
+    /// The root of the node's dataset.
+    pub dataset: Digest,
+}
+
+impl UnfinishedUpdate {
+    fn path(state: &Path) -> PathBuf {
+        state.join("unfinished-update")
+    }
+
+    /// The update of this part that was kept, if there is one. Its file has at most `limit` bytes.
+    pub fn read(state: &Path, of: &Part, limit: u64) -> Result<Option<Self>, ParticipantError> {
+        let kept: Option<Self> = read(&Self::path(state), limit.saturating_add(FIELDS_BYTES))?;
+        Ok(kept.filter(|kept| kept.of == *of))
+    }
+
+    /// Keeps the update. It is on disk when this returns.
+    pub fn keep(&self, state: &Path) -> Result<(), ParticipantError> {
+        keep(&Self::path(state), self)
+    }
+}
+
+/// The claim of these terms that was kept, if there is one, and if its argument is whole.
+pub fn read_claim(state: &Path, terms: &Terms) -> Result<Option<Prepared>, ParticipantError> {
+    let kept: Option<Prepared> = read(&claim_path(state), MAX_CLAIM_BYTES)?;
+    Ok(kept.filter(|kept| {
+        kept.claim.terms == *terms && kept.input.claim().is_ok_and(|claim| claim == kept.claim)
+    }))
+}
+
+/// Keeps a claim. It is on disk when this returns.
+pub fn keep_claim(state: &Path, claim: &Prepared) -> Result<(), ParticipantError> {
+    keep(&claim_path(state), claim)
+}
+
+/// Removes what was kept: the round is decided.
+pub fn remove(state: &Path) -> Result<(), ParticipantError> {
+    for path in [UnfinishedUpdate::path(state), claim_path(state)] {
+        match std::fs::remove_file(&path) {
+            Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(at(&path)(error)),
+            _ => {}
+        }
+    }
+    Ok(())
+}
+
+fn claim_path(state: &Path) -> PathBuf {
+    state.join("unfinished-claim")
+}
+
+fn read<T: BorshDeserialize>(path: &Path, limit: u64) -> Result<Option<T>, ParticipantError> {
+    let Some(bytes) = state_files::read(path, limit)? else {
+        return Ok(None);
+    };
+    let kept = borsh::from_slice(&bytes).map_err(|error| broken(path, error.to_string()))?;
+    Ok(Some(kept))
+}
+
+fn keep(path: &Path, value: &impl BorshSerialize) -> Result<(), ParticipantError> {
+    let bytes = borsh::to_vec(value).map_err(at(path))?;
+    state_files::write(path, &bytes)
+}

@@ -1,0 +1,68 @@
+//! How the network is asked.
+
+use std::fmt;
+use std::str::FromStr;
+use std::time::Duration;
+
+/// Who proves, and how a prover is found. The names are SP1's.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Strategy {
+    /// Provers of Succinct's network bid for each proof.
+    #[default]
+    Auction,
+    /// A prover of Succinct's network with whom the account has an agreement.
+    Reserved,
+    /// Succinct's own provers, or an SP1 cluster of one's own behind its network gateway.
+    Hosted,
+}
+
+/// The text does not name a strategy.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("'{0}' is not a strategy of a prover network: write auction, reserved or hosted")]
+pub struct UnknownStrategy(String);
+
+impl FromStr for Strategy {
+    type Err = UnknownStrategy;
+
+    fn from_str(text: &str) -> Result<Self, UnknownStrategy> {
+        match text {
+            "auction" => Ok(Self::Auction),
+            "reserved" => Ok(Self::Reserved),
+            "hosted" => Ok(Self::Hosted),
+            _ => Err(UnknownStrategy(text.into())),
+        }
+    }
+}
+
+impl fmt::Display for Strategy {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Auction => "auction",
+            Self::Reserved => "reserved",
+            Self::Hosted => "hosted",
+        })
+    }
+}
+
+/// How the network is asked.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct NetworkOptions {
+    /// Who proves.
+    pub strategy: Strategy,
+    /// A proof that takes longer is given up.
+    pub timeout: Duration,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_strategy_is_known_by_its_name() {
+        for strategy in [Strategy::Auction, Strategy::Reserved, Strategy::Hosted] {
+            assert_eq!(strategy.to_string().parse(), Ok(strategy));
+        }
+        let error = "cheap".parse::<Strategy>().unwrap_err();
+        assert!(error.to_string().contains("'cheap'"), "{error}");
+    }
+}

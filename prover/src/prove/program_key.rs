@@ -1,0 +1,25 @@
+//! A program is only proven if verifiers know it.
+
+use crate::program::VerifyingKey;
+use sp1_sdk::{ProvingKey, SP1ProvingKey};
+use zk0_circuits::claim::program::verifying_key;
+use zk0_circuits::Mode;
+
+/// The ELF is not the program that verifiers expect.
+#[derive(Debug, thiserror::Error)]
+#[error("the guest ELF has another verifying key ({found}) than the one recorded with it: run `make guest`, which builds and records both")]
+pub struct OtherProgram {
+    /// Its `bytes32`.
+    pub found: String,
+}
+
+/// Compares the key of a program with the recorded one of its mode.
+pub(crate) fn check_program(program: &SP1ProvingKey, mode: Mode) -> Result<(), OtherProgram> {
+    match VerifyingKey::of(program.verifying_key()) {
+        Ok(key) if key.koalabear == verifying_key(mode) => Ok(()),
+        Ok(key) => Err(OtherProgram { found: key.bytes32 }),
+        Err(error) => Err(OtherProgram {
+            found: error.to_string(),
+        }),
+    }
+}

@@ -1,0 +1,57 @@
+//! Proofs of the service that a prover network makes. They need no memory here, and so no lock.
+
+use super::backend::JobError;
+use super::waiting::Waiting;
+use crate::network::{Account, NetworkOptions, NetworkProver};
+use crate::program::{Execution, Executor, GuestInput, Shareable};
+use crate::prove::Proof;
+use tokio::sync::OnceCell;
+use zk0_circuits::Mode;
+
+/// An account on a network. It connects when it is first needed.
+pub(super) struct Elsewhere {
+    account: Account,
+    options: NetworkOptions,
+    prover: OnceCell<NetworkProver>,
+}
+
+impl Elsewhere {
+    pub fn new(account: Account, options: NetworkOptions) -> Self {
+        Self {
+            account,
+            options,
+            prover: OnceCell::new(),
+        }
+    }
+
+    pub fn options(&self) -> NetworkOptions {
+        self.options
+    }
+
+    /// The network, connected.
+    pub async fn prover(&self, executor: &Executor) -> Result<&NetworkProver, JobError> {
+        self.prover
+            .get_or_try_init(|| {
+                NetworkProver::start(&self.account, self.options, executor, Mode::Succinct)
+            })
+            .await
+            .map_err(JobError::failed)
+    }
+
+    /// Has a claim proven, if its input may leave this machine.
+    pub async fn prove(
+        &self,
+        executor: &Executor,
+        input: &GuestInput,
+        execution: &Execution,
+        waiting: &Waiting,
+    ) -> Result<Proof, JobError> {
+        let input = Shareable::of(input)?;
+        let prover = self.prover(executor).await?;
+        let taken = |taken| waiting.taken(taken);
+        prover
+            .prove(input, execution, waiting.given_up(), taken)
+            .await
+            .map_err(JobError::failed)
+    }
+}

@@ -1,0 +1,61 @@
+//! The client that waits for a proof, as a backend sees it.
+
+use crate::rpc::progress::Phase;
+use crate::rpc::ProveEvent;
+use std::sync::atomic::{AtomicBool, Ordering};
+use tokio::sync::{mpsc, watch};
+use tonic::Status;
+
+/// Why nobody waits for a proof any more.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum GivenUp {
+    /// The connection is closed.
+    #[error("the client has gone")]
+    ClientGone,
+    /// The process has been told to end.
+    #[error("the proving service is stopping")]
+    Stopping,
+}
+
+/// The client that waits for a proof. A backend that can stop its work looks here whether it should.
+pub struct Waiting {
+    events: mpsc::Sender<Result<ProveEvent, Status>>,
+    stopping: watch::Receiver<bool>,
+    taken: AtomicBool,
+}
+
+impl Waiting {
+    pub(super) fn new(
+        events: mpsc::Sender<Result<ProveEvent, Status>>,
+        stopping: watch::Receiver<bool>,
+    ) -> Self {
+        Self {
+            events,
+            stopping,
+            taken: AtomicBool::new(true),
+        }
+    }
+
+    /// Ready as soon as nobody waits any more.
+    pub async fn given_up(&self) -> GivenUp {
+        let mut stopping = self.stopping.clone();
+        tokio::select! {
+            () = self.events.closed() => GivenUp::ClientGone,
+            // An error says that the service itself is gone.
+            _ = stopping.wait_for(|stopping| *stopping) => GivenUp::Stopping,
+        }
+    }
+
+    /// Tells the client whether a prover is at work on its claim, or the claim still waits for one. Until a backend calls this, it is at work.
+    pub fn taken(&self, taken: bool) {
+        self.taken.store(taken, Ordering::Relaxed);
+    }
+
+    /// What the client is told.
+    pub(super) fn phase(&self) -> Phase {
+        match self.taken.load(Ordering::Relaxed) {
+            true => Phase::Proving,
+            false => Phase::Queued,
+        }
+    }
+}
