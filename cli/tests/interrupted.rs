@@ -32,12 +32,13 @@ fn founded() -> LocalNetwork {
     network
 }
 
-/// Reads the log of a node until a progress event of this phase comes. Returns the phases before it, and what the event says.
+/// Reads the log of a node until a part of this phase is done. Returns the phases before it, and what the event says.
 fn until(node: &mut Child, phase: &str) -> (Vec<String>, Value) {
     let mut before = vec![];
     for line in BufReader::new(node.stderr.take().unwrap()).lines() {
         let event: Value = serde_json::from_str(&line.unwrap()).unwrap();
         match event["phase"].as_str() {
+            Some(of) if of == phase && event["done"] == 0 => {}
             Some(of) if of == phase => return (before, event),
             Some(of) => before.push(of.to_owned()),
             None => {}
