@@ -98,7 +98,7 @@ async fn a_claim_waits_until_a_prover_takes_it_and_is_withdrawn_when_its_client_
     let client = tokio::spawn(async move {
         let (mut took, mut heard) = (Some(took), vec![]);
         let progress = move |event: Progress| {
-            heard.push(event.clone());
+            heard.push(event);
             let asked = taking.heard(|heard| heard.requests.len());
             if event.phase() == Phase::Queued && asked == 1 {
                 taking.answers(Answer::StaysAt(FulfillmentStatus::Assigned as i32));
