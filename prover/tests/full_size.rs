@@ -99,7 +99,7 @@ fn the_weights_that_were_proven_are_those_of_the_seed() {
     let (left, claimed) = (read("weight_check.bin"), claim.weight_check.unwrap());
     let told = |update: &[u8]| check_weight_claims(&format, &claimed, &left, &base[..], update);
     assert_eq!(told(&update), Ok(()));
-    // One weight of 98 million differs by the least that it can.
+    // One weight differs by the least that it can.
     let middle = update.len() / 2;
     update[middle - middle % 2] ^= 1;
     assert!(matches!(told(&update), Err(Refusal::OtherModels(_))));
