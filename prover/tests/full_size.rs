@@ -35,7 +35,7 @@ fn the_proof_of_a_claim_at_the_published_size_verifies() {
 
     let spec = EvalSpec::new(Dims::FULL);
     let weights: usize = expert_tensors(&spec.dims).iter().map(|t| t.len()).sum();
-    assert_eq!(weights, 98_182_032);
+    assert_eq!(weights, 99_849_312);
     assert_eq!(claim.terms.evaluation, spec.digest());
     assert_eq!(claim.terms.eval_samples, SAMPLES);
     let Losses::Disclosed { before, after, .. } = claim.losses else {
