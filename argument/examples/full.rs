@@ -10,7 +10,7 @@ use zk0_argument::claim::Cost;
 use zk0_argument::expert::argument::{prove::prove, verify};
 use zk0_argument::expert::evaluation::layers::Expert;
 use zk0_argument::expert::witness::{evaluate, Common, Witness};
-use zk0_argument::progress::Phase;
+use zk0_argument::prove::progress::Phase;
 use zk0_argument::transcript::Refused;
 use zk0_circuits::model::draw::draw;
 use zk0_circuits::model::layout::{expert_tensors, Layout};

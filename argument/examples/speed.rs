@@ -11,7 +11,7 @@ use zk0_argument::field::{Extension, Goldilocks};
 use zk0_argument::fractions::{self, prove::Leaves};
 use zk0_argument::hash::{leaf, Digest};
 use zk0_argument::party::{Claim, Sources, Weighted};
-use zk0_argument::progress::silently;
+use zk0_argument::prove::progress::silently;
 use zk0_argument::prove::{Instance, Proving, Values};
 use zk0_argument::relation::{Part, Parts, Relations, Source};
 use zk0_argument::share::share;

@@ -4,7 +4,6 @@
 //! From the bottom up. Each folder or file uses only those above it in this list.
 //!
 //! - [`field`]: integers modulo the Goldilocks prime, and the extension that challenges come from.
-//! - `progress`: how far a prover is.
 //! - [`permutation`], [`hash`]: Poseidon2, SP1's precompile. [`tree`]: Merkle trees over rows.
 //! - [`transcript`]: what the prover says, and the challenges that follow from it.
 //! - [`multilinear`], [`sumcheck`]: polynomials given by their values on {0, 1}^n, and the proof of a sum over them.
@@ -27,8 +26,6 @@ pub mod layout;
 pub mod multilinear;
 pub mod party;
 pub mod permutation;
-#[cfg(feature = "prove")]
-pub mod progress;
 pub mod protocol;
 #[cfg(feature = "prove")]
 pub mod prove;

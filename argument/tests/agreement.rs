@@ -6,7 +6,7 @@ use models::claims::Random;
 use models::Models;
 use rayon::prelude::*;
 use zk0_argument::expert::witness::{evaluate, Common, Unprovable, Witness};
-use zk0_argument::progress::silently;
+use zk0_argument::prove::progress::silently;
 use zk0_argument::prove::{check_equalities, Computed, Tables};
 use zk0_circuits::model::spec::Dims;
 use zk0_circuits::{Digest, EvalSpec};

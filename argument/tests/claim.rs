@@ -5,7 +5,7 @@ mod models;
 use models::claims::{honest, Honest, Node};
 use models::committed_to;
 use zk0_argument::claim::{check, committed, make, ClaimInput, NotMade, NotShown};
-use zk0_argument::progress::Phase;
+use zk0_argument::prove::progress::Phase;
 use zk0_argument::transcript::Refused;
 use zk0_circuits::claim::private_input::InputError;
 use zk0_circuits::claim::statement;

@@ -6,7 +6,7 @@ use zk0_argument::commitment::{verify, Parameters, Rate, Segment};
 use zk0_argument::field::{Extension, Goldilocks};
 use zk0_argument::hash::Digest;
 use zk0_argument::multilinear::evaluate;
-use zk0_argument::progress::silently;
+use zk0_argument::prove::progress::silently;
 use zk0_argument::transcript::{Challenges, Prover, Refused, Verifier};
 
 const STATEMENT: Digest = Digest([1, 2, 3, 4]);

@@ -14,7 +14,7 @@ use zk0_argument::expert::sizes::P;
 use zk0_argument::expert::statement::Statement;
 use zk0_argument::expert::witness::{evaluate, Common, Witness};
 use zk0_argument::field::Goldilocks;
-use zk0_argument::progress::silently;
+use zk0_argument::prove::progress::silently;
 use zk0_argument::prove::{check, Computed, Tables, Violation};
 use zk0_argument::relation::Relations;
 use zk0_argument::transcript::Refused;

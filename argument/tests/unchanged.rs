@@ -5,7 +5,7 @@ use zk0_argument::commitment::{Parameters, Rate};
 use zk0_argument::field::{Extension, Goldilocks};
 use zk0_argument::fractions::{self, prove::Stored};
 use zk0_argument::hash::{leaf, Digest};
-use zk0_argument::progress::silently;
+use zk0_argument::prove::progress::silently;
 use zk0_argument::sumcheck;
 use zk0_argument::transcript::{Challenges, Prover};
 

@@ -1,14 +1,15 @@
 //! One node's part in one round: it trains, commits to the update, proves the claim, and submits it.
 
+pub mod prepared_claim;
+pub mod unfinished;
+
 use crate::base_losses::BaseLosses;
 use crate::client::{Decision, Node};
 use crate::error::ParticipantError;
 use crate::exchanged_weights::Base;
-use crate::prepared_claim::{check_room, prepare};
 use crate::progress::{self, Progress};
 use crate::recording::evaluation_set::EvaluationSet;
 use crate::training_history::TrainingHistory;
-use crate::unfinished::{self, Part, UnfinishedUpdate};
 use crate::{receipts, state_files};
 use std::path::Path;
 use zk0_circuits::{Claim, Digest, Mode, QuantisedWeights, Terms, WeightsDigest};
@@ -28,6 +29,9 @@ use zk0_smolvla::train::measured_loss::loss_of;
 use zk0_smolvla::train::{train_on, Samples, TrainOptions};
 use zk0_smolvla::{ExpertWeights, PolicyConfig};
 use zk0_weights::Format;
+
+use prepared_claim::{check_room, prepare};
+use unfinished::{Part, UnfinishedUpdate};
 
 /// Local training in each round.
 #[derive(Clone, Copy, Debug)]

@@ -4,7 +4,7 @@ use super::check::{conclude, context};
 use super::input::{ClaimInput, SampleOpening};
 use crate::expert::argument::prove::prove;
 use crate::expert::witness::{evaluate, Common, Unprovable, Witness};
-use crate::progress::Phase;
+use crate::prove::progress::Phase;
 use std::cell::RefCell;
 use std::path::Path;
 use zk0_circuits::claim::private_input::PrivateInput;

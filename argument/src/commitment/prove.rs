@@ -12,7 +12,7 @@ use super::parameters::{cap_bits, Parameters, CAP, FOLDS, SIBLINGS, WORK};
 use crate::field::{Extension, Goldilocks};
 use crate::hash::Digest;
 use crate::multilinear::{bind, eq_table};
-use crate::progress::{Phase, Tell};
+use crate::prove::progress::{Phase, Tell};
 use crate::transcript::work;
 use crate::transcript::{Challenges, Prover};
 use crate::tree::prove::{leaves, parents, Tree};

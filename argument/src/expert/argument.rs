@@ -134,7 +134,7 @@ pub mod prove {
     use crate::commitment::prove::columns::Column;
     use crate::commitment::prove::{open, Committed};
     use crate::expert::witness::{Common, Witness};
-    use crate::progress::{Phase, Tell};
+    use crate::prove::progress::{Phase, Tell};
     use crate::prove::{Instance, Proving, Values};
     use crate::transcript::Prover;
     use std::io;

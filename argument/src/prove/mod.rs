@@ -8,6 +8,7 @@ mod instance;
 mod joined;
 mod looked_up;
 mod party;
+pub mod progress;
 mod summed;
 mod tables;
 mod values;

@@ -12,7 +12,7 @@ use crate::fractions::{self, prove::halves, LeafClaim};
 use crate::layout::Layout;
 use crate::multilinear::{eq_table, evaluate_extension, outer};
 use crate::party::{Claim, Fold, Party, Sources, Sum, Weighted};
-use crate::progress::{Phase, Tell};
+use crate::prove::progress::{Phase, Tell};
 use crate::relation::{Parts, Relations};
 use crate::sumcheck::prove::products;
 use crate::sumcheck::JoinedPoint;

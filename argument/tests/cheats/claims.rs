@@ -7,7 +7,7 @@ use crate::models::{committed_to, Models};
 use zk0_argument::claim::{check, context, make, ClaimInput, NotShown, SampleOpening};
 use zk0_argument::expert::statement::{Statement, MOST_SAMPLES};
 use zk0_argument::expert::witness::evaluate;
-use zk0_argument::progress::silently;
+use zk0_argument::prove::progress::silently;
 use zk0_argument::transcript::Refused;
 use zk0_circuits::claim::private_input::InputError;
 use zk0_circuits::claim::statement_error::StatementError;

@@ -13,7 +13,7 @@ const MAP: [(&str, &[&str]); 15] = [
     ("zk0-argument", &["zk0-circuits"]),
     ("zk0-lerobot", &["zk0-files", "zk0-tensors"]),
     ("zk0-smolvla", &["zk0-circuits", "zk0-lerobot"]),
-    ("zk0-protocol", &["zk0-circuits"]),
+    ("zk0-protocol", &["zk0-argument"]),
     ("zk0-weights", &["zk0-protocol", "zk0-tensors"]),
     ("zk0-ledger", &["zk0-files", "zk0-protocol"]),
     ("zk0-verifier", &["zk0-argument", "zk0-weights"]),

@@ -22,7 +22,7 @@ use zk0_argument::expert::published::Published;
 use zk0_argument::expert::statement::Statement;
 use zk0_argument::expert::trace::Kept;
 use zk0_argument::expert::witness::{evaluate, Common, Witness};
-use zk0_argument::progress::silently;
+use zk0_argument::prove::progress::silently;
 use zk0_argument::prove::Values;
 use zk0_argument::transcript::Refused;
 use zk0_circuits::model::draw::Draw;
