@@ -273,8 +273,8 @@ fn a_disputed_contribution_is_verified_again() -> Test {
         evidence: Evidence::Verification,
     };
     let body = Body::Disputed(Signed::new(dispute, &governor.key));
-    let entry = aggregator.record(&borsh::to_vec(&body)?)?.index;
-    assert_eq!(aggregator.step()?, Progress::Resolved(entry));
+    let entry = aggregator.say(&borsh::to_vec(&body)?)?.index;
+    assert_eq!(aggregator.go_on()?, Progress::Resolved(entry));
     let last = aggregator.ledger().entry(aggregator.ledger().size() - 1)?;
     let Body::DisputeResolved(resolved) = last.body else {
         panic!("{last:?}");
@@ -300,7 +300,7 @@ fn a_dispute_by_what_a_document_says_waits_for_a_vote() -> Test {
         evidence: Evidence::Document(Digest([1; 32])),
     };
     let body = Body::Disputed(Signed::new(dispute, &governor.key));
-    aggregator.record(&borsh::to_vec(&body)?)?;
+    aggregator.say(&borsh::to_vec(&body)?)?;
     assert_eq!(aggregator.state().disputes().len(), 1);
     assert_eq!(aggregator.state().undecided(), None);
     Ok(())

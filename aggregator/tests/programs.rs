@@ -43,9 +43,9 @@ fn open(dir: &Path, clock: &Arc<ManualClock>) -> Aggregator {
 fn decide(aggregator: &mut Aggregator, clock: &ManualClock, action: Action) -> Test {
     let number = aggregator.state().next_proposal();
     let proposal = proposed(aggregator.state(), action);
-    aggregator.record(&borsh::to_vec(&proposal)?)?;
+    aggregator.say(&borsh::to_vec(&proposal)?)?;
     let vote = voted(aggregator.state(), Ballot::For);
-    aggregator.record(&borsh::to_vec(&vote)?)?;
+    aggregator.say(&borsh::to_vec(&vote)?)?;
     clock.advance(VOTING_MS + 1);
     assert_eq!(aggregator.step()?, Progress::Settled(number));
     Ok(())
@@ -196,7 +196,7 @@ fn a_round_starts_from_restored_weights_once_their_blob_is_at_hand() -> Test {
     fs::remove_file(&place)?;
     let proposal = borsh::to_vec(&proposed(aggregator.state(), restore()))?;
     let size = aggregator.ledger().size();
-    let error = aggregator.record(&proposal).unwrap_err().to_string();
+    let error = aggregator.say(&proposal).unwrap_err().to_string();
     assert!(
         error.contains("does not have that blob any more"),
         "{error}"
@@ -222,7 +222,7 @@ fn a_round_starts_from_restored_weights_once_their_blob_is_at_hand() -> Test {
     let commitment = node.commitment(aggregator.state().network(), 2, &weights(3));
     let request = node.upload_request(aggregator.state().network(), 2, &weights(3));
     let request = borsh::to_vec(&Signed::new(request, &node.key))?;
-    let mut writer = aggregator.begin_upload(&request)?.1.ok_or("known")?;
+    let mut writer = aggregator.upload(&request)?.ok_or("known")?;
     writer.write(&weights(3))?;
     writer.finish(&blob_digest(&weights(3)))?;
     aggregator.commit(&borsh::to_vec(&Signed::new(commitment, &node.key))?)?;

@@ -218,7 +218,7 @@ fn a_submission_after_the_deadline_of_an_open_round_is_recorded_as_late() -> Tes
     assert_eq!(aggregator.step()?, Progress::Opened(0));
     let update = weights(1);
     let request = Signed::new(node.upload_request(&network, 0, &update), &node.key);
-    let (_, writer) = aggregator.begin_upload(&borsh::to_vec(&request)?)?;
+    let writer = aggregator.upload(&borsh::to_vec(&request)?)?;
     let mut writer = writer.ok_or("there already")?;
     writer.write(&update)?;
     writer.finish(&blob_digest(&update))?;

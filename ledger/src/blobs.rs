@@ -87,6 +87,27 @@ impl Blobs {
         Ok(digest)
     }
 
+    /// Takes over a blob of another folder without copying it, unless it is here already: afterwards both folders name one file. Where the
+    /// file system cannot do that, the blob is copied. Its digest is verified, and it is on disk when this returns.
+    pub fn link(&self, other: &Self, digest: &Digest) -> Result<(), BlobError> {
+        if self.check(digest).is_ok() {
+            return Ok(());
+        }
+        other.check(digest)?;
+        let (from, mut unfinished) = (other.path(digest), self.begin()?);
+        // The name has to be free for a link.
+        fs::remove_file(&unfinished.path).map_err(io_error(&unfinished.path))?;
+        match fs::hard_link(&from, &unfinished.path) {
+            Ok(()) => unfinished.file = File::open(&from).map_err(io_error(&from))?,
+            Err(_) => {
+                unfinished.file = File::create(&unfinished.path).map_err(io_error(&from))?;
+                let mut file = File::open(&from).map_err(io_error(&from))?;
+                io::copy(&mut file, &mut unfinished.file).map_err(io_error(&from))?;
+            }
+        }
+        unfinished.finish(digest)
+    }
+
     /// Reads a blob of at most `limit` bytes and verifies its digest.
     pub fn get(&self, digest: &Digest, limit: u64) -> Result<Vec<u8>, BlobError> {
         let path = self.path(digest);

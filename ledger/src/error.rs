@@ -16,15 +16,6 @@ pub enum LedgerError {
     /// The rules refuse the entry. Nothing was written.
     #[error(transparent)]
     Rule(#[from] RuleViolation),
-    /// The rules refuse an entry of a group. Nothing of the group was written.
-    #[error(
-        "entry {at} (from 0) of a group of {of}: {violation}; no entry of the group was recorded"
-    )]
-    InGroup {
-        at: usize,
-        of: usize,
-        violation: RuleViolation,
-    },
     /// The clock seems to be wrong. Nothing was written.
     #[error(transparent)]
     Clock(#[from] ClockError),

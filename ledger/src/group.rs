@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use tlog_tiles::tlog::{record_hash, Hash};
 use zk0_circuits::Digest;
 use zk0_protocol::entries::authentic::{AuthenticEntry, AuthenticSubmission};
-use zk0_protocol::entries::entry::{needs_checkpoint, Entry};
+use zk0_protocol::entries::entry::{needs_checkpoint, Body, Entry};
 use zk0_protocol::entries::known_keys::KnownKeys;
 use zk0_protocol::rules::state::State;
 use zk0_protocol::rules::violation::RuleViolation;
@@ -22,57 +22,94 @@ use zk0_protocol::tlog::tree::Frontier;
 /// long as all the rest of the tree.
 const UNUSED_ROOT: Digest = Digest([0; 32]);
 
-/// A group of entries that the rules allow, ready to be written.
+/// An entry that somebody wants to be recorded.
+#[derive(Clone, Debug)]
+pub struct Wanted {
+    /// The time that it gets, in Unix milliseconds, or the time of the entry before it if that is later.
+    pub time_ms: u64,
+    /// What it says.
+    pub body: Body,
+    /// The submission that it is a decision about, if its signature is verified already. It is not verified again.
+    pub known: Option<AuthenticSubmission>,
+}
+
+impl Wanted {
+    /// An entry of this time, whose signatures nobody has verified yet.
+    pub fn at(time_ms: u64, body: Body) -> Self {
+        Self {
+            time_ms,
+            body,
+            known: None,
+        }
+    }
+}
+
+/// A group of entries, ready to be written. Entries that the rules refuse are not in it.
 pub(crate) struct Group {
     /// Everything that is written to the database.
     pub batch: Batch,
     /// The tree after the group.
     pub tree: Frontier,
-    /// The root after each entry: the true one after entries from whose tree something follows and after the last entry.
-    pub roots: Vec<Digest>,
+    /// For each entry the root after it, or why the rules refuse it. The root is the true one after entries from whose tree something
+    /// follows.
+    pub outcomes: Vec<Result<Digest, RuleViolation>>,
     /// The signed checkpoint at the end of the group.
     pub checkpoint: Vec<u8>,
 }
 
-/// Makes a group of at least one entry that follows `tree`. The signature of the submission `known` is not verified again. If `state` refuses one of the entries, the whole group is refused.
+/// Makes a group of at least one entry that follows `tree`. The signatures of the submissions in `known` are not verified again: there is
+/// one place in it for each entry. Each entry has to be allowed by `state` and the entries before it that are allowed.
 pub(crate) fn group(
     entries: &[Entry],
+    known: &[Option<AuthenticSubmission>],
     tree: &Frontier,
     state: &mut Trial<'_>,
     keys: &KnownKeys,
     key: &SigningKey,
-    known: Option<&AuthenticSubmission>,
 ) -> Result<Group, LedgerError> {
-    let refused = |at: usize, violation: RuleViolation| match entries.len() {
-        1 => LedgerError::Rule(violation),
-        of => LedgerError::InGroup { at, of, violation },
-    };
     let mut group = Group {
         batch: Batch::default(),
         tree: tree.clone(),
-        roots: Vec::with_capacity(entries.len()),
+        outcomes: Vec::with_capacity(entries.len()),
         checkpoint: Vec::new(),
     };
-    for (at, checked) in check_all(entries, keys, known).into_iter().enumerate() {
-        let (bytes, leaf, entry) = checked.map_err(|violation| refused(at, violation))?;
-        let trial = state.check(&entry);
-        trial.map_err(|violation| refused(at, violation))?;
+    let mut covered = tree.size();
+    for checked in check_all(entries, known, keys) {
+        let allowed = checked.and_then(|alone| state.check(&alone.2).map(|()| alone));
+        let (bytes, leaf, entry) = match allowed {
+            Ok(alone) => alone,
+            Err(violation) => {
+                group.outcomes.push(Err(violation));
+                continue;
+            }
+        };
         let index = group.tree.size();
         let hashes = group.tree.push_leaf(leaf)?;
-        let size = group.tree.size();
         group.batch.entry(index, &bytes, &hashes);
         let mut root = UNUSED_ROOT;
-        if needs_checkpoint(&entry.body) || at + 1 == entries.len() {
-            root = group.tree.root()?;
-            group.checkpoint = Checkpoint { size, root }
-                .sign(state.genesis_origin(), key)
-                .map_err(|error| LedgerError::Checkpoint { size, error })?;
-            group.batch.checkpoint(size, &group.checkpoint);
+        if needs_checkpoint(&entry.body) {
+            root = group.sign(state.genesis_origin(), key)?;
+            covered = group.tree.size();
         }
         state.enact(&root, &entry);
-        group.roots.push(root);
+        group.outcomes.push(Ok(root));
+    }
+    if covered < group.tree.size() {
+        group.sign(state.genesis_origin(), key)?;
     }
     Ok(group)
+}
+
+impl Group {
+    /// Signs a checkpoint of the tree so far, and returns its root.
+    fn sign(&mut self, origin: &str, key: &SigningKey) -> Result<Digest, LedgerError> {
+        let (size, root) = (self.tree.size(), self.tree.root()?);
+        self.checkpoint = Checkpoint { size, root }
+            .sign(origin, key)
+            .map_err(|error| LedgerError::Checkpoint { size, error })?;
+        self.batch.checkpoint(size, &self.checkpoint);
+        Ok(root)
+    }
 }
 
 /// An entry's bytes, its leaf, and the entry with its signatures verified.
@@ -81,20 +118,21 @@ type Alone<'a> = (Vec<u8>, Hash, AuthenticEntry<'a>);
 /// Makes the checks that need only the entry itself, on all cores if there are several entries.
 fn check_all<'a>(
     entries: &'a [Entry],
+    known: &[Option<AuthenticSubmission>],
     keys: &KnownKeys,
-    known: Option<&AuthenticSubmission>,
 ) -> Vec<Result<Alone<'a>, RuleViolation>> {
-    let check_alone = |entry: &'a Entry| {
+    let check_alone = |(entry, known): (&'a Entry, &Option<AuthenticSubmission>)| {
         let bytes = entry.encode()?;
         let leaf = record_hash(&bytes);
-        let authentic = known.and_then(|submission| submission.decided_by(entry));
+        let authentic = known.as_ref().and_then(|known| known.decided_by(entry));
         let authentic = authentic.map_or_else(|| entry.authenticate(keys), Ok)?;
         Ok((bytes, leaf, authentic))
     };
     match entries.len() {
-        1 => entries.iter().map(check_alone).collect(),
+        1 => entries.iter().zip(known).map(check_alone).collect(),
         _ => entries
             .par_iter()
+            .zip(known)
             .with_min_len(16)
             .map(check_alone)
             .collect(),

@@ -17,22 +17,21 @@ use crate::blobs::Blobs;
 use crate::clock::ClockWatch;
 use crate::error::{io_error, LedgerError};
 use crate::folder;
-use crate::group::{group, Trial};
+use crate::group::{group, Trial, Wanted};
 use crate::history::History;
 use crate::store::{Batch, Store};
 use ed25519_dalek::SigningKey;
 use std::fs;
-use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 use tlog_tiles::tlog::{prove_record, prove_tree};
 use zk0_circuits::Digest;
 use zk0_protocol::challenge::vrf::VrfProof;
-use zk0_protocol::entries::authentic::AuthenticSubmission;
 use zk0_protocol::entries::entry::{Body, Entry, ENTRY_VERSION};
 use zk0_protocol::entries::genesis::Genesis;
 use zk0_protocol::entries::known_keys::KnownKeys;
 use zk0_protocol::rules::state::State;
+use zk0_protocol::rules::violation::RuleViolation;
 use zk0_protocol::tlog::checkpoint::Checkpoint;
 use zk0_protocol::tlog::receipt::Receipt;
 use zk0_protocol::tlog::tree::Frontier;
@@ -163,55 +162,44 @@ impl Ledger {
     /// Appends an entry if the rules allow it. When this returns, entry and checkpoint are on disk, and the receipt may be handed out. The
     /// entry's time is `time_ms`, or the time of the entry before it if the clock went back.
     pub fn append(&mut self, time_ms: u64, body: Body) -> Result<Receipt, LedgerError> {
-        let appended = self.commit(time_ms, vec![body])?;
-        self.first_receipt(appended.start)
-    }
-
-    /// Appends a decision about `submission`, as [`Ledger::append`] does, and does not verify its signature again.
-    pub fn append_decision(
-        &mut self,
-        time_ms: u64,
-        decision: Body,
-        submission: &AuthenticSubmission,
-    ) -> Result<Receipt, LedgerError> {
-        let appended = self.commit_group(time_ms, vec![decision], Some(submission))?;
-        self.first_receipt(appended.start)
+        match self.commit(vec![Wanted::at(time_ms, body)])?.pop() {
+            Some(outcome) => self.first_receipt(outcome?),
+            None => Err(LedgerError::NoEntry(self.size())),
+        }
     }
 
     /// Appends entries as one group, with one write to disk and one checkpoint at the end, and one more after each entry from whose tree
-    /// something follows. If the rules refuse an entry, nothing is written, and [`LedgerError::InGroup`] names the entry. Returns the
-    /// indexes of the entries. [`Ledger::first_receipt`] gives their receipts.
+    /// something follows. An entry that the rules refuse, after those before it, is left out. When this returns, all others are on disk.
+    /// Returns for each entry its index, or why it is refused. [`Ledger::first_receipt`] gives the receipts.
     ///
-    /// The time that this takes is proportional to the size of the group. The first group, and the first one after a refused group, also
-    /// copy the state.
-    pub fn commit(&mut self, time_ms: u64, bodies: Vec<Body>) -> Result<Range<u64>, LedgerError> {
-        self.commit_group(time_ms, bodies, None)
-    }
-
-    fn commit_group(
+    /// The time that this takes is proportional to the size of the group. The first group of several entries also copies the state.
+    ///
+    /// # Errors
+    /// Nothing is recorded: the clock is wrong, or the disk failed.
+    pub fn commit(
         &mut self,
-        time_ms: u64,
-        bodies: Vec<Body>,
-        known: Option<&AuthenticSubmission>,
-    ) -> Result<Range<u64>, LedgerError> {
+        wanted: Vec<Wanted>,
+    ) -> Result<Vec<Result<u64, RuleViolation>>, LedgerError> {
         if self.poisoned {
             return Err(LedgerError::Poisoned);
         }
-        if let Some(clock) = &self.clock {
-            clock.check(time_ms)?;
+        let latest_ms = wanted.iter().map(|one| one.time_ms).max();
+        if let (Some(clock), Some(latest_ms)) = (&self.clock, latest_ms) {
+            clock.check(latest_ms)?;
         }
-        let time_ms = self.time_ms(time_ms);
-        let entries: Vec<Entry> = bodies
-            .into_iter()
-            .map(|body| Entry {
+        let mut time_ms = self.state.time_ms();
+        let (mut entries, mut known) = (Vec::new(), Vec::new());
+        for one in wanted {
+            time_ms = time_ms.max(one.time_ms);
+            entries.push(Entry {
                 version: ENTRY_VERSION,
                 time_ms,
-                body,
-            })
-            .collect();
-        let first = self.tree.size();
+                body: one.body,
+            });
+            known.push(one.known);
+        }
         if entries.is_empty() {
-            return Ok(first..first);
+            return Ok(Vec::new());
         }
         let mut trial = match entries.len() {
             1 => Trial::Single(&self.state),
@@ -222,23 +210,31 @@ impl Ledger {
             ),
         };
         let group = group(
-            &entries, &self.tree, &mut trial, &self.keys, &self.key, known,
+            &entries, &known, &self.tree, &mut trial, &self.keys, &self.key,
         )?;
         let tried = match trial {
             Trial::Single(_) => None,
             Trial::Copy(state) => Some(state),
         };
-        self.write(group.batch, group.checkpoint)?;
-        self.tree = group.tree;
-        for (root, entry) in group.roots.iter().zip(&entries) {
-            self.state.enact(root, entry);
-            self.keys.learn(entry);
-            if let Some(behind) = &mut self.trial {
-                behind.enact(root, entry);
-            }
+        let mut index = self.tree.size();
+        if group.tree.size() > index {
+            self.write(group.batch, group.checkpoint)?;
+            self.tree = group.tree;
+        }
+        let mut outcomes = Vec::with_capacity(entries.len());
+        for (outcome, entry) in group.outcomes.into_iter().zip(&entries) {
+            outcomes.push(outcome.map(|root| {
+                self.state.enact(&root, entry);
+                self.keys.learn(entry);
+                if let Some(behind) = &mut self.trial {
+                    behind.enact(&root, entry);
+                }
+                index += 1;
+                index - 1
+            }));
         }
         self.trial = tried.or(self.trial.take());
-        Ok(first..self.tree.size())
+        Ok(outcomes)
     }
 
     /// From now on, the ledger refuses entries if the clock has moved further than time has passed ([`crate::clock`]). The clock shows

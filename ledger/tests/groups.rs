@@ -12,6 +12,7 @@ use rocksdb::DB;
 use std::collections::BTreeSet;
 use std::path::Path;
 use zk0_circuits::NodeId;
+use zk0_ledger::group::Wanted;
 use zk0_ledger::published::mirror::{mirror, MirrorError};
 use zk0_ledger::published::tiles;
 use zk0_ledger::replay::{replay, Verdict};
@@ -98,15 +99,7 @@ fn a_group_has_one_checkpoint_and_a_receipt_for_each_entry() {
 }
 
 #[test]
-fn a_group_with_a_refused_entry_leaves_no_trace() {
-    let dir = tempfile::tempdir().unwrap();
-    let mut ledger = founded(dir.path());
-    ledger.append_all(T0, joining(0..2)).unwrap();
-    let before = (
-        ledger.size(),
-        ledger.checkpoint().to_vec(),
-        ledger.state().clone(),
-    );
+fn a_refused_entry_of_a_group_leaves_no_trace_and_the_others_are_recorded() {
     let network = genesis().network_id();
     let forged = match registered(&network, 5) {
         Body::DatasetCommitted(mut signed) => {
@@ -115,37 +108,64 @@ fn a_group_with_a_refused_entry_leaves_no_trace() {
         }
         _ => unreachable!(),
     };
+    let expected = {
+        let dir = tempfile::tempdir().unwrap();
+        let mut ledger = founded(dir.path());
+        ledger.append_all(T0, joining(0..2)).unwrap();
+        ledger.append_all(T0, joining(5..6)).unwrap();
+        ledger.append_all(T0, joining(6..8)).unwrap();
+        (ledger.checkpoint().to_vec(), ledger.state().clone())
+    };
     // The refused entry repeats an earlier entry of the group, or a recorded entry, or has a wrong signature, or is a second
     // genesis.
-    for (at, last) in [
+    for (at, refused) in [
         (2, enrolled(5)),
-        (2, enrolled(1)),
-        (2, forged),
+        (1, enrolled(1)),
+        (1, forged),
         (0, Body::Genesis(genesis())),
     ] {
+        let dir = tempfile::tempdir().unwrap();
+        let mut ledger = founded(dir.path());
+        ledger.append_all(T0, joining(0..2)).unwrap();
         let mut bodies = joining(5..6);
-        bodies.insert(at, last);
-        match ledger.append_all(T0, bodies) {
-            Err(LedgerError::InGroup {
-                at: found, of: 3, ..
-            }) => assert_eq!(found, at),
-            other => panic!("{other:?}"),
+        bodies.insert(at, refused.clone());
+        let wanted = bodies.into_iter().map(|body| Wanted::at(T0, body));
+        let outcomes = ledger.commit(wanted.collect()).unwrap();
+        let refusals: Vec<_> = outcomes.iter().map(Result::is_err).collect();
+        let expected_refusals: Vec<_> = (0..3).map(|place| place == at).collect();
+        assert_eq!(refusals, expected_refusals);
+        let recorded: Vec<_> = outcomes.into_iter().flatten().collect();
+        assert_eq!(recorded, [5, 6]);
+        // A group of which nothing is left writes nothing.
+        let before = ledger.checkpoint().to_vec();
+        for times in [1, 2] {
+            let wanted = vec![Wanted::at(T0, refused.clone()); times];
+            let outcomes = ledger.commit(wanted).unwrap();
+            assert!(outcomes.iter().all(Result::is_err), "{outcomes:?}");
         }
-        let now = (
-            ledger.size(),
-            ledger.checkpoint().to_vec(),
-            ledger.state().clone(),
-        );
-        assert_eq!(before, now);
+        assert_eq!(ledger.checkpoint(), before);
+        ledger.append_all(T0, joining(6..8)).unwrap();
+        let now = (ledger.checkpoint().to_vec(), ledger.state().clone());
+        assert_eq!(now, expected);
+        drop(ledger);
+        verified(dir.path());
+        let ledger = Ledger::open(dir.path(), None, log_key()).unwrap();
+        assert_eq!(ledger.state(), &expected.1);
     }
-    // The refused groups left nothing behind.
-    let receipts = ledger.append_all(T0, joining(5..7)).unwrap();
-    assert_eq!(receipts[0].index, 5);
-    let state = ledger.state().clone();
+}
+
+#[test]
+fn entries_of_a_group_have_their_own_times_which_never_go_back() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut ledger = founded(dir.path());
+    let times = [T0 + 5, T0 + 3, T0 + 9];
+    let wanted = times.iter().zip(strangers(0..3));
+    let wanted = wanted.map(|(time_ms, body)| Wanted::at(*time_ms, body));
+    ledger.commit(wanted.collect()).unwrap();
+    let recorded: Vec<_> = (1..4).map(|at| ledger.entry(at).unwrap().time_ms).collect();
+    assert_eq!(recorded, [T0 + 5, T0 + 5, T0 + 9]);
     drop(ledger);
     verified(dir.path());
-    let ledger = Ledger::open(dir.path(), None, log_key()).unwrap();
-    assert_eq!(ledger.state(), &state);
 }
 
 /// Makes a ledger with one group in whose midst commitments close.
@@ -384,11 +404,7 @@ fn a_late_commitment_in_a_group_is_refused_for_its_own_reason() {
     let commit = committed(ledger.state(), 0, weights(0x10));
     let late = ledger.append_all(T0 + COMMIT_WINDOW + 1, vec![enrolled(9), commit]);
     match late {
-        Err(LedgerError::InGroup {
-            at: 1,
-            violation: RuleViolation::Refused(Refusal::Late { .. }),
-            ..
-        }) => {}
+        Err(LedgerError::Rule(RuleViolation::Refused(Refusal::Late { .. }))) => {}
         other => panic!("{other:?}"),
     }
 }

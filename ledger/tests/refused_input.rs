@@ -39,13 +39,11 @@ fn an_entry_over_the_limit_is_refused_and_the_log_goes_on() {
             }
             other => panic!("{other:?}"),
         }
-        let among = ledger.append_all(T0, vec![enrolled(0), of_bytes(bytes)]);
+        let among = ledger.append_all(T0, vec![of_bytes(bytes), of_bytes(bytes)]);
         match among {
-            Err(LedgerError::InGroup {
-                at: 1,
-                of: 2,
-                violation: RuleViolation::Entry(EntryError::TooLarge(found)),
-            }) => assert_eq!(found, bytes),
+            Err(LedgerError::Rule(RuleViolation::Entry(EntryError::TooLarge(found)))) => {
+                assert_eq!(found, bytes)
+            }
             other => panic!("{other:?}"),
         }
     }

@@ -2,8 +2,9 @@
 //! says: it has receipts for the closing of the commitments and for the randomness, and verifies that the randomness comes from the
 //! source that the rules name.
 
-use crate::client::{unexpected, Node, POLL};
+use crate::client::{unexpected, Node};
 use crate::client_error::NodeError;
+use crate::watching::Watch;
 use std::time::{SystemTime, UNIX_EPOCH};
 use zk0_circuits::claim::challenge::challenge;
 use zk0_circuits::Digest;
@@ -28,8 +29,9 @@ impl Node {
         let round = opened.round;
         let mut waited = false;
         let mut closing = None;
+        let mut watch = Watch::of(Some(round), Vec::new());
         loop {
-            let info = self.round_info(round).await?;
+            let info = self.next_stage(&mut watch).await?;
             if let (None, Some(receipt)) = (closing, info.commitments_closed) {
                 let found = self.closing(round, receipt)?;
                 if waited {
@@ -48,7 +50,6 @@ impl Node {
                 _ => {}
             }
             waited = true;
-            tokio::time::sleep(POLL).await;
         }
     }
 

@@ -2,6 +2,7 @@
 //! a receipt for whatever is recorded.
 
 use crate::client_error::NodeError;
+use crate::watching::Watch;
 use ed25519_dalek::SigningKey;
 use sha2::{Digest as _, Sha256};
 use std::io::Write;
@@ -24,16 +25,13 @@ use zk0_protocol::{Refusal, Rules};
 /// Bytes in one message of an upload.
 const CHUNK_BYTES: usize = 64 << 10;
 
-/// Time between two requests while the node waits for a round.
-pub(crate) const POLL: Duration = Duration::from_millis(500);
-
 /// Largest message that is read. A receipt or a chunk is far smaller.
 const MAX_MESSAGE_BYTES: usize = 4 << 20;
 
 /// How often a node asks an aggregator that does not answer. The aggregator may be restarting.
-const ATTEMPTS: u32 = 150;
+pub(crate) const ATTEMPTS: u32 = 150;
 /// Time between two of these attempts.
-const APART: Duration = Duration::from_secs(2);
+pub(crate) const APART: Duration = Duration::from_secs(2);
 
 /// Makes a request, and repeats it while the aggregator does not answer. That is safe, because a node that asks for the same thing twice
 /// gets the same receipt.
@@ -59,7 +57,7 @@ macro_rules! patiently {
 
 /// A node of one network, connected to its aggregator.
 pub struct Node {
-    client: FederationClient<transport::Channel>,
+    pub(crate) client: FederationClient<transport::Channel>,
     key: SigningKey,
     network: Digest,
     genesis: Genesis,
@@ -221,8 +219,9 @@ impl Node {
     /// contribute to it, this waits for a later one.
     pub async fn wait_for_round(&mut self, round: u64) -> Result<OpenRound, NodeError> {
         let mut left_out = None;
+        let mut watch = Watch::of(None, self.id().0.to_vec());
         loop {
-            let info = self.last_round().await?;
+            let info = self.next_stage(&mut watch).await?;
             if let (Some(opened), None) = (info.opened, info.closed) {
                 match self.entry(opened)?.1.body {
                     Body::RoundOpened(opened) if opened.round >= round && info.invited => {
@@ -240,43 +239,29 @@ impl Node {
                     _ => return Err(unexpected("the opening of a round", "another entry")),
                 }
             }
-            tokio::time::sleep(POLL).await;
         }
     }
 
     /// The guest program in force, as the aggregator says.
     pub async fn program(&mut self) -> Result<Program, NodeError> {
-        program(&self.last_round().await?.program)
-    }
-
-    /// The last round that was opened.
-    async fn last_round(&mut self) -> Result<rpc::RoundInfo, NodeError> {
         let request = rpc::GetRoundRequest {
             round: None,
-            node: self.id().0.to_vec(),
-        };
-        Ok(patiently!(self.client.get_round(request))?.into_inner())
-    }
-
-    /// One round, as far as it has come.
-    pub(crate) async fn round_info(&mut self, round: u64) -> Result<rpc::RoundInfo, NodeError> {
-        let request = rpc::GetRoundRequest {
-            round: Some(round),
             node: Vec::new(),
         };
-        Ok(patiently!(self.client.get_round(request))?.into_inner())
+        let info = patiently!(self.client.get_round(request))?.into_inner();
+        program(&info.program)
     }
 
     /// Waits until `round` is closed, and returns its close.
     pub async fn wait_for_close(&mut self, round: u64) -> Result<RoundClosed, NodeError> {
+        let mut watch = Watch::of(Some(round), Vec::new());
         loop {
-            if let Some(closed) = self.round_info(round).await?.closed {
+            if let Some(closed) = self.next_stage(&mut watch).await?.closed {
                 match self.entry(closed)?.1.body {
                     Body::RoundClosed(closed) if closed.round == round => return Ok(closed),
                     _ => return Err(unexpected("the close of the round", "another entry")),
                 }
             }
-            tokio::time::sleep(POLL).await;
         }
     }
 

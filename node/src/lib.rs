@@ -7,7 +7,7 @@
 //!   [`progress`]: how long work reports how far it is.
 //! - [`exchanged_weights`]: between the float32 weights that a node trains and the int16 weights that travel.
 //! - [`client`]: the connection to the aggregator; [`challenge`]: waits for the randomness and derives the challenge;
-//!   [`client_error`]: why it fails; [`governance`]: proposals, votes, disputes and new
+//!   `watching`: is told when a round has come further; [`client_error`]: why it fails; [`governance`]: proposals, votes, disputes and new
 //!   keys.
 //! - [`state_files`]: the files that a node keeps; among them [`turn::unfinished`] (what an interrupted node goes on with), [`base_losses`] (the losses that its learning rate follows),
 //!   [`training_history`] and [`receipts`].
@@ -27,3 +27,4 @@ pub mod samples;
 pub mod state_files;
 pub mod training_history;
 pub mod turn;
+mod watching;

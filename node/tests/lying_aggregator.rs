@@ -12,7 +12,7 @@ use tokio::net::TcpListener;
 use tokio::task::JoinHandle;
 use tokio::time::timeout;
 use tokio_stream::wrappers::TcpListenerStream;
-use tokio_stream::Stream;
+use tokio_stream::{Stream, StreamExt};
 use tonic::transport::Server;
 use tonic::{Request, Response, Status, Streaming};
 use zk0_node::client::Node;
@@ -145,7 +145,17 @@ impl Federation for Lying {
     }
 
     async fn get_round(&self, _: Request<rpc::GetRoundRequest>) -> Answer<rpc::RoundInfo> {
-        Ok(Response::new(self.round.clone()))
+        not_asked()
+    }
+
+    type WatchRoundStream = Pin<Box<dyn Stream<Item = Result<rpc::RoundInfo, Status>> + Send>>;
+
+    async fn watch_round(
+        &self,
+        _: Request<rpc::GetRoundRequest>,
+    ) -> Answer<Self::WatchRoundStream> {
+        let told = tokio_stream::once(Ok(self.round.clone()));
+        Ok(Response::new(Box::pin(told.chain(tokio_stream::pending()))))
     }
 
     type DownloadStream = Pin<Box<dyn Stream<Item = Result<rpc::Chunk, Status>> + Send>>;

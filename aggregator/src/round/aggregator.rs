@@ -5,10 +5,12 @@
 //! of it. The disk holds nothing but the ledger, its blobs and the waiting uploads. Everything in memory is computed from them, so
 //! an aggregator that was killed goes on where it was.
 
+use crate::round::arrivals::Arrivals;
 use crate::round::awaited_beacon::AwaitedBeacon;
 use crate::round::clock::Clock;
-use crate::round::dispute::verify_again;
-use crate::round::ledger_index::{self, LedgerIndex};
+use crate::round::dispute::Disputed;
+use crate::round::ledger_index::{self, LedgerIndex, RoundEntries};
+use crate::round::public_samples::check_public_samples;
 use crate::round::request::RequestError;
 use crate::round::staging::Staging;
 use ed25519_dalek::SigningKey;
@@ -21,13 +23,10 @@ use zk0_protocol::entries::genesis::Genesis;
 use zk0_protocol::entries::member::NodeEnrolled;
 use zk0_protocol::entries::round_result::ResultOutcome;
 use zk0_protocol::rules::disclosed_blobs::BlobAccess;
-use zk0_protocol::rules::named_blobs::BlobKind;
-use zk0_protocol::rules::network_rules::Rules;
 use zk0_protocol::rules::state::{Standing, State};
 use zk0_protocol::tlog::receipt::Receipt;
 use zk0_protocol::Refusal;
 use zk0_verifier::close::close;
-use zk0_verifier::public_samples::PublicSampleFile;
 use zk0_verifier::releases::{can_verify, releases};
 use zk0_verifier::{Evaluation, ProgramKey, ResultFiles, VerifiedContribution};
 
@@ -57,8 +56,13 @@ pub enum Progress {
     Closed(u64),
     /// It settled this proposal.
     Settled(u64),
+    /// Nothing: this dispute waits for a verdict, which somebody has to compute with [`Disputed::verify_again`], away from the aggregator, and
+    /// give to [`Aggregator::resolve`].
+    NeedsVerdict(Disputed),
     /// It decided the dispute that this entry raised.
     Resolved(u64),
+    /// Nothing: a dispute cannot be decided now, for this reason. No round opens meanwhile.
+    Undecided(String),
     /// Nothing: the next round cannot open, or the open one cannot close, for this reason. What members send is still recorded.
     Blocked(String),
     /// Nothing: all rounds are done.
@@ -83,6 +87,7 @@ pub struct Aggregator {
     pub(super) ledger: Ledger,
     pub(super) staging: Staging,
     clock: Arc<dyn Clock>,
+    arrivals: Arc<Arrivals>,
     config: Config,
     pub(super) index: LedgerIndex,
     /// What the open round accepted.
@@ -107,6 +112,7 @@ impl Aggregator {
         Ok(Self {
             staging: Staging::at(ledger.dir()),
             ledger,
+            arrivals: Arc::new(Arrivals::new(clock.clone())),
             clock,
             config,
             index,
@@ -124,6 +130,23 @@ impl Aggregator {
         &self.ledger
     }
 
+    /// The requests that are in progress.
+    pub fn arrivals(&self) -> &Arc<Arrivals> {
+        &self.arrivals
+    }
+
+    /// The deadline of the open round that has passed by `now_ms`, and that nothing on the ledger reflects yet. What arrived after it waits
+    /// for what arrived before it.
+    pub fn passed_deadline(&self, now_ms: u64) -> Option<u64> {
+        let round = self.state().round()?;
+        let deadline_ms = match (&round.closing, &round.randomness) {
+            (None, _) => round.opened.commit_deadline_ms,
+            (Some(_), Some(randomness)) => randomness.submit_deadline_ms,
+            (Some(_), None) => return None,
+        };
+        (now_ms > deadline_ms).then_some(deadline_ms)
+    }
+
     /// The time that an entry recorded now gets.
     pub fn now_ms(&self) -> u64 {
         self.ledger.time_ms(self.clock.now_ms())
@@ -138,6 +161,11 @@ impl Aggregator {
     pub fn step(&mut self) -> Result<Progress, RequestError> {
         let now = self.now_ms();
         let state = self.state();
+        if let Some(deadline_ms) = self.passed_deadline(now) {
+            if self.arrivals.any_by(deadline_ms) {
+                return Ok(Progress::Waiting);
+            }
+        }
         if state.round().is_some() {
             return self.step_in_round(now);
         }
@@ -145,7 +173,12 @@ impl Aggregator {
             return self.settle(number, now);
         }
         if let Some((entry, dispute)) = state.undecided() {
-            return self.resolve(entry, dispute.contribution);
+            return Ok(Progress::NeedsVerdict(Disputed {
+                dispute: entry,
+                contribution: dispute.contribution,
+                dir: self.ledger.dir().into(),
+                network: *state.network(),
+            }));
         }
         if self
             .config
@@ -185,23 +218,9 @@ impl Aggregator {
             ));
         }
         // A vote can replace samples that cannot be used, but only between rounds.
-        let why = self.check_public_samples(state.rules()).err()?;
-        Some(format!("round {round} cannot open: {why}"))
-    }
-
-    /// Checks that the public samples that `rules` name are at hand, and can be used in this network.
-    pub(super) fn check_public_samples(&self, rules: &Rules) -> Result<(), String> {
-        let Some(rule) = rules.public_samples else {
-            return Ok(());
-        };
         let blobs = self.ledger.blobs();
-        let limit = BlobKind::PublicSamples.max_bytes(rules);
-        let bytes = blobs.get(&rule.blob, limit).map_err(|error| {
-            format!("the public samples that the rules name cannot be read: {error}; `zk0 aggregator samples` puts such samples into the ledger's folder")
-        })?;
-        let evaluation = Evaluation::of(self.state()).map_err(|error| error.to_string())?;
-        let read = PublicSampleFile::read(evaluation.format().spec(), rule, &bytes);
-        read.map(drop).map_err(|error| error.to_string())
+        let why = check_public_samples(state.genesis(), state.rules(), blobs).err()?;
+        Some(format!("round {round} cannot open: {why}"))
     }
 
     fn settle(&mut self, number: u64, now: u64) -> Result<Progress, RequestError> {
@@ -215,11 +234,12 @@ impl Aggregator {
         Ok(Progress::Settled(number))
     }
 
-    fn resolve(&mut self, dispute: u64, contribution: u64) -> Result<Progress, RequestError> {
-        let upheld = verify_again(&self.ledger, contribution)?;
+    /// Records the verdict on a dispute: what [`Disputed::verify_again`] says against the contribution.
+    ///
+    pub fn resolve(&mut self, dispute: u64, upheld: Option<Refusal>) -> Result<Progress, RequestError> {
         match &upheld {
             Some(unchecked @ Refusal::NoVerifier { .. }) => {
-                return Err(RequestError::Internal(format!(
+                return Ok(Progress::Undecided(format!(
                     "the dispute of entry {dispute} cannot be decided by this release of zk0: {unchecked}"
                 )))
             }
@@ -277,6 +297,19 @@ impl Aggregator {
         }
     }
 
+    /// How far the last round has come within the first `published` entries.
+    pub fn stage(&self, published: u64) -> Option<RoundEntries> {
+        let mut round = self.index.round(None, published)?;
+        for entry in [
+            &mut round.commitments_closed,
+            &mut round.randomness,
+            &mut round.closed,
+        ] {
+            *entry = entry.filter(|index| *index < published);
+        }
+        Some(round)
+    }
+
     /// The receipts of the entries about a round, as far as they are among the first `published` entries. `None` asks for the last
     /// round.
     pub fn round(&self, round: Option<u64>, published: u64) -> Result<RoundReceipts, RequestError> {
@@ -300,8 +333,9 @@ impl Aggregator {
         })
     }
 
-    pub(super) fn check(&self, body: Body) -> Result<(), RequestError> {
-        let time_ms = self.now_ms();
+    /// Checks that the rules allow an entry that arrived at `arrived_ms`.
+    pub(super) fn check(&self, arrived_ms: u64, body: Body) -> Result<(), RequestError> {
+        let time_ms = self.ledger.time_ms(arrived_ms);
         Ok(self.state().check(&Entry {
             version: ENTRY_VERSION,
             time_ms,

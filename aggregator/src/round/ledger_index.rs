@@ -5,7 +5,7 @@ use crate::round::accepted::Accepted;
 use crate::round::request::RequestError;
 use std::collections::BTreeMap;
 use zk0_circuits::vm::digest::tagged_sha256;
-use zk0_circuits::Digest;
+use zk0_circuits::{Digest, NodeId};
 use zk0_ledger::blobs::Blobs;
 use zk0_ledger::log::Ledger;
 use zk0_ledger::replay::{replay, Finding, Recheck, Verdict};
@@ -26,6 +26,8 @@ pub struct LedgerIndex {
     /// The entries that recorded what members said about the network itself, by the hash of the body: whoever says the same again
     /// gets the same receipt.
     said: BTreeMap<Digest, u64>,
+    /// The entries that decided on the submissions of the last round, by node.
+    decisions: BTreeMap<NodeId, u64>,
 }
 
 /// The entries about one round.
@@ -51,10 +53,18 @@ impl LedgerIndex {
     pub fn observe(&mut self, index: u64, body: &Body) {
         self.disclosed.observe(body);
         match body {
-            Body::RoundOpened(_) => self.rounds.push(RoundEntries {
-                opened: index,
-                ..RoundEntries::default()
-            }),
+            Body::RoundOpened(_) => {
+                self.rounds.push(RoundEntries {
+                    opened: index,
+                    ..RoundEntries::default()
+                });
+                self.decisions.clear();
+            }
+            Body::ContributionAccepted(submission)
+            | Body::ContributionRejected { submission, .. } => {
+                let node = submission.statement.claim.terms.node;
+                self.decisions.insert(node, index);
+            }
             Body::CommitmentsClosed(_) | Body::RandomnessDrawn(_) | Body::RoundClosed(_) => {
                 if let Some(round) = self.rounds.last_mut() {
                     let place = match body {
@@ -79,6 +89,11 @@ impl LedgerIndex {
     /// The entry that recorded exactly this.
     pub fn said(&self, body: &Body) -> Option<u64> {
         self.said.get(&key(body)).copied()
+    }
+
+    /// The entry that decided on the submission of this node in the last round that opened.
+    pub fn decision(&self, node: &NodeId) -> Option<u64> {
+        self.decisions.get(node).copied()
     }
 
     /// The entry that recorded a proposal.

@@ -1,67 +1,161 @@
-//! Recording what nodes and members send. What is recorded already is not recorded again: whoever sends it again gets the same
-//! receipt.
+//! Recording what nodes and members send, in three steps. The first one compares a request with the ledger. The second one reads and writes
+//! files, and needs no aggregator, so that the rounds go on meanwhile. The third one records ([`crate::round::group`]), and compares once more.
+//!
+//! What is recorded already is not recorded again: whoever sends it again gets the same receipt. [`crate::round::submission`] has the
+//! same steps for submissions.
 
 use crate::round::aggregator::Aggregator;
+use crate::round::public_samples::check_public_samples;
 use crate::round::request::RequestError;
 use borsh::BorshDeserialize;
 use zk0_circuits::NodeId;
-use zk0_ledger::blobs::BlobWriter;
+use zk0_ledger::blobs::{BlobError, BlobWriter, Blobs};
 use zk0_protocol::blob::Blob;
 use zk0_protocol::entries::entry::{Body, MAX_ENTRY_BYTES};
+use zk0_protocol::entries::genesis::Genesis;
 use zk0_protocol::entries::proposal::Action;
 use zk0_protocol::entries::signed::{
-    DatasetRegistration, Signed, Submission, UpdateCommitment, UploadRequest,
+    DatasetRegistration, Signed, Statement, UpdateCommitment, UploadRequest,
 };
 use zk0_protocol::rules::named_blobs::BlobKind;
+use zk0_protocol::rules::network_rules::Rules;
 use zk0_protocol::tlog::receipt::Receipt;
 use zk0_protocol::Refusal;
 use zk0_verifier::dataset::check_leaf_list;
-use zk0_verifier::decide::{decide, Decision};
-use zk0_verifier::{authenticate, WeightFiles};
 
-/// The answer to a submission.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Decided {
-    /// Why the contribution does not count; `None` if it counts.
-    pub rejected: Option<Refusal>,
-    /// The receipt of the entry that records the decision.
-    pub receipt: Receipt,
+/// What the first step finds.
+pub enum Begun<T, R = Receipt> {
+    /// It is recorded already: this is the answer.
+    Recorded(R),
+    /// It is new, and the rules allow it so far. This is what the second step needs.
+    New(T),
+}
+
+/// What a member says about the network itself: a proposal, a vote, a dispute or a change of key, as it was signed.
+pub struct Said {
+    body: Body,
+    signer: NodeId,
+}
+
+/// Something said that the rules allow, and the samples that it proposes.
+pub struct AllowedSaying {
+    body: Body,
+    genesis: Genesis,
+    blobs: Blobs,
+}
+
+/// A dataset commitment that the rules allow.
+pub struct AllowedRegistration {
+    signed: Signed<DatasetRegistration>,
+    blobs: Blobs,
+}
+
+/// A commitment that the rules allow, to an update that its node has uploaded.
+pub struct AllowedCommitment {
+    signed: Signed<UpdateCommitment>,
+    staged: Blobs,
+    blobs: Blobs,
+}
+
+impl Said {
+    /// Reads the bytes of an entry's body.
+    ///
+    /// # Errors
+    /// It is not something that a member may say.
+    pub fn read(bytes: &[u8]) -> Result<Self, RequestError> {
+        let body: Body = decode("entry to record", bytes)?;
+        let signer = match &body {
+            Body::Proposed(signed) => signed.statement.signer(),
+            Body::Voted(signed) => signed.statement.signer(),
+            Body::Disputed(signed) => signed.statement.signer(),
+            Body::KeyRotated { rotation, .. } => rotation.statement.signer(),
+            _ => {
+                return Err(RequestError::Malformed(
+                    "the entry to record is neither a proposal nor a vote, a dispute or a change of key".into(),
+                ))
+            }
+        };
+        Ok(Self { body, signer })
+    }
+
+    /// Who says it. The signature is not verified yet.
+    pub fn signer(&self) -> NodeId {
+        self.signer
+    }
+}
+
+impl AllowedSaying {
+    /// Refuses a proposal of public samples that are not at hand or cannot be used, because no round could be closed with them.
+    pub fn check(self) -> Result<Body, RequestError> {
+        if let Body::Proposed(signed) = &self.body {
+            if let Action::ChangeRules(rules) = &signed.statement.action {
+                let checked = check_public_samples(&self.genesis, rules, &self.blobs);
+                checked.map_err(RequestError::PublicSamples)?;
+            }
+        }
+        Ok(self.body)
+    }
+}
+
+impl AllowedRegistration {
+    /// Keeps the list of drawn frames as a blob, if it is the one that the registration names.
+    pub fn keep(self, leaves: &[u8]) -> Result<Body, RequestError> {
+        let registration = &self.signed.statement;
+        let list = Blob::from(leaves);
+        if list.digest() != registration.leaves {
+            return Err(Refusal::Dataset(format!(
+                "the list of drawn frames has SHA-256 {}, the registration says {}",
+                list.digest(),
+                registration.leaves
+            ))
+            .into());
+        }
+        check_leaf_list(registration, leaves)?;
+        self.blobs.put(&list)?;
+        Ok(Body::DatasetCommitted(self.signed))
+    }
+}
+
+impl AllowedCommitment {
+    /// Puts the uploaded update among the ledger's blobs.
+    pub fn keep(self) -> Result<Body, RequestError> {
+        let update = self.signed.statement.update.blob;
+        match self.blobs.link(&self.staged, &update) {
+            Err(BlobError::Missing(_)) => Err(Refusal::MissingUpdate(update).into()),
+            kept => {
+                kept?;
+                Ok(Body::UpdateCommitted(self.signed))
+            }
+        }
+    }
 }
 
 impl Aggregator {
-    /// Records a proposal, a vote, a dispute or a change of key, as it was signed.
-    pub fn record(&mut self, body: &[u8]) -> Result<Receipt, RequestError> {
-        let body: Body = decode("entry to record", body)?;
-        let said_by_members = matches!(
-            body,
-            Body::Proposed(_) | Body::Voted(_) | Body::Disputed(_) | Body::KeyRotated { .. }
-        );
-        if !said_by_members {
-            return Err(RequestError::Malformed(
-                "the entry to record is neither a proposal nor a vote, a dispute or a change of key".into(),
-            ));
+    /// Begins to record what a member says.
+    pub fn begin_saying(
+        &self,
+        said: &Said,
+        arrived_ms: u64,
+    ) -> Result<Begun<AllowedSaying>, RequestError> {
+        if let Some(index) = self.index.said(&said.body) {
+            return Ok(Begun::Recorded(self.ledger.first_receipt(index)?));
         }
-        if let Some(index) = self.index.said(&body) {
-            return Ok(self.ledger.first_receipt(index)?);
-        }
-        self.check(body.clone())?;
-        self.check_at_hand(&body)?;
-        self.append(body)
+        self.check(arrived_ms, said.body.clone())?;
+        self.check_at_hand(&said.body)?;
+        Ok(Begun::New(AllowedSaying {
+            body: said.body.clone(),
+            genesis: self.state().genesis().clone(),
+            blobs: self.ledger.blobs().clone(),
+        }))
     }
 
-    /// Refuses a proposal to go back to weights whose blob is lost, because no round could start from them, and a proposal of public
-    /// samples that are not at hand or cannot be used, because no round could be closed with them.
+    /// Refuses a proposal to go back to weights whose blob is lost, because no round could start from them.
     fn check_at_hand(&self, body: &Body) -> Result<(), RequestError> {
         let Body::Proposed(signed) = body else {
             return Ok(());
         };
-        let round = match &signed.statement.action {
-            Action::ChangeRules(rules) => {
-                let checked = self.check_public_samples(rules);
-                return checked.map_err(RequestError::PublicSamples);
-            }
-            Action::RestoreWeights { round } => *round,
-            _ => return Ok(()),
+        let Action::RestoreWeights { round } = signed.statement.action else {
+            return Ok(());
         };
         match self.state().results().of(round) {
             Some(result) if !self.ledger.blobs().contains(&result.blob) => {
@@ -74,44 +168,32 @@ impl Aggregator {
         }
     }
 
-    /// Records a dataset commitment, and keeps its list of drawn frames as a blob.
-    pub fn register(
-        &mut self,
-        registration: &[u8],
-        leaves: &[u8],
-    ) -> Result<Receipt, RequestError> {
-        let signed: Signed<DatasetRegistration> = decode("dataset registration", registration)?;
-        let registration = signed.verify()?.clone();
-        let (node, digest) = (registration.node, registration.leaves);
-        let body = Body::DatasetCommitted(signed);
-        if let Some(known) = self.state().node(&node).and_then(|known| known.dataset) {
+    /// Begins to record a dataset commitment.
+    pub fn begin_registration(
+        &self,
+        signed: &Signed<DatasetRegistration>,
+        arrived_ms: u64,
+    ) -> Result<Begun<AllowedRegistration>, RequestError> {
+        let known = self.state().node(&signed.statement.node);
+        let body = Body::DatasetCommitted(signed.clone());
+        if let Some(known) = known.and_then(|known| known.dataset) {
             if self.ledger.entry(known.entry)?.body == body {
-                return Ok(self.ledger.first_receipt(known.entry)?);
+                return Ok(Begun::Recorded(self.ledger.first_receipt(known.entry)?));
             }
         }
-        self.check(body.clone())?;
-        let list = Blob::from(leaves);
-        if list.digest() != digest {
-            return Err(Refusal::Dataset(format!(
-                "the list of drawn frames has SHA-256 {}, the registration says {digest}",
-                list.digest()
-            ))
-            .into());
-        }
-        check_leaf_list(&registration, leaves)?;
-        self.ledger.blobs().put(&list)?;
-        tracing::info!(%node, samples = registration.dataset.samples, "dataset registered");
-        self.append(body)
+        self.check(arrived_ms, body)?;
+        Ok(Begun::New(AllowedRegistration {
+            signed: signed.clone(),
+            blobs: self.ledger.blobs().clone(),
+        }))
     }
 
     /// Begins an upload. The caller writes the blob, and calls [`BlobWriter::finish`] with the request's digest. The writer is
     /// `None` if the node has uploaded the blob before.
     pub fn begin_upload(
         &self,
-        request: &[u8],
-    ) -> Result<(UploadRequest, Option<BlobWriter>), RequestError> {
-        let signed: Signed<UploadRequest> = decode("upload request", request)?;
-        let request = signed.verify()?;
+        request: &UploadRequest,
+    ) -> Result<Option<BlobWriter>, RequestError> {
         let state = self.state();
         let limit = BlobKind::Update.max_bytes(state.rules());
         let refusal = if request.network != *state.network() {
@@ -139,136 +221,49 @@ impl Aggregator {
             return Err(refusal.into());
         }
         let waiting = self.staging.of(request.round, &request.node);
-        let writer = match waiting.contains(&request.blob) {
-            true => None,
-            false => Some(
-                self.staging
-                    .begin(request.round, &request.node, request.size)?,
-            ),
-        };
-        Ok((signed.statement, writer))
-    }
-
-    /// Records a commitment to an uploaded update.
-    pub fn commit(&mut self, commitment: &[u8]) -> Result<Receipt, RequestError> {
-        let signed: Signed<UpdateCommitment> = decode("commitment", commitment)?;
-        let UpdateCommitment {
-            node,
-            round,
-            update,
-            ..
-        } = *signed.verify()?;
-        if let Some(index) = self.recorded(
-            round,
-            &node,
-            |body| matches!(body, Body::UpdateCommitted(recorded) if *recorded == signed),
-        )? {
-            return Ok(self.ledger.first_receipt(index)?);
-        }
-        let body = Body::UpdateCommitted(signed);
-        self.check(body.clone())?;
-        let waiting = self.staging.of(round, &node);
-        if !waiting.contains(&update.blob) {
-            return Err(Refusal::MissingUpdate(update.blob).into());
-        }
-        let bytes = waiting.get(
-            &update.blob,
-            BlobKind::Update.max_bytes(self.state().rules()),
-        )?;
-        self.ledger.blobs().put(&bytes)?;
-        tracing::info!(%node, round, update = %update.blob, "update committed");
-        self.append(body)
-    }
-
-    /// Decides on a submission and records the decision.
-    pub fn submit(&mut self, submission: &[u8], proof: Vec<u8>) -> Result<Decided, RequestError> {
-        let now = self.now_ms();
-        let submission: Signed<Submission> = decode("submission", submission)?;
-        let contribution = authenticate(submission, proof, self.state())?;
-        let claim = contribution.claim();
-        let (node, round) = (claim.terms.node, claim.terms.round);
-        if let Some(decided) = self.decided(contribution.submission())? {
-            return Ok(decided);
-        }
-        let commit = self
-            .state()
-            .round()
-            .and_then(|round| round.commits.get(&node));
-        let opened = self.state().round().map(|round| round.opened.base.blob);
-        let Some((update, base)) = commit.map(|commit| commit.update.blob).zip(opened) else {
-            // If something is wrong with the claim itself, the node hears that first.
-            self.state().check_claim(claim, now)?;
-            return Err(Refusal::NotCommitted(node).into());
-        };
-        // The digests on the ledger count, because a claim may name other blobs.
-        let weights = WeightFiles::read(&update, &base, self.state().rules(), |digest, limit| {
-            self.ledger.blobs().get(digest, limit)
-        })?;
-        let decision = decide(self.state(), &contribution, &weights, now)?;
-        self.ledger.blobs().put(contribution.proof())?;
-        let body = decision.body(&contribution);
-        let submission = contribution.submission();
-        let receipt = (self.ledger).append_decision(now, body.clone(), submission)?;
-        self.index.observe(receipt.index, &body);
-        let rejected = match decision {
-            Decision::Accepted(verified) => {
-                tracing::info!(%node, round, "contribution accepted");
-                self.contributions.push(*verified);
-                None
+        match waiting.contains(&request.blob) {
+            true => Ok(None),
+            false => {
+                let writer = self
+                    .staging
+                    .begin(request.round, &request.node, request.size)?;
+                Ok(Some(writer))
             }
-            Decision::Rejected(reason) => {
-                tracing::warn!(%node, round, %reason, "contribution rejected");
-                Some(reason)
-            }
-        };
-        Ok(Decided { rejected, receipt })
+        }
     }
 
-    fn decided(&self, submission: &Signed<Submission>) -> Result<Option<Decided>, RequestError> {
-        let claim = &submission.statement.claim;
-        let mut rejected = None;
-        let index = self.recorded(claim.terms.round, &claim.terms.node, |body| match body {
-            Body::ContributionAccepted(recorded) => recorded == submission,
-            Body::ContributionRejected {
-                submission: recorded,
-                reason,
-            } => {
-                rejected = Some(reason.clone());
-                recorded == submission
-            }
-            _ => false,
-        })?;
-        Ok(match index {
-            Some(index) => Some(Decided {
-                receipt: self.ledger.first_receipt(index)?,
-                rejected,
-            }),
-            None => None,
-        })
-    }
-
-    /// The index of an entry about a node that has committed in the open round.
-    fn recorded(
+    /// Begins to record a commitment to an uploaded update.
+    pub fn begin_commitment(
         &self,
-        round: u64,
-        node: &NodeId,
-        mut is_it: impl FnMut(&Body) -> bool,
-    ) -> Result<Option<u64>, RequestError> {
+        signed: &Signed<UpdateCommitment>,
+        arrived_ms: u64,
+    ) -> Result<Begun<AllowedCommitment>, RequestError> {
+        let UpdateCommitment { node, round, .. } = signed.statement;
+        let body = Body::UpdateCommitted(signed.clone());
         let open = self.state().round().filter(|open| open.number() == round);
-        let Some(commit) = open.and_then(|open| open.commits.get(node)) else {
-            return Ok(None);
-        };
-        for index in commit.entry..self.ledger.size() {
-            if is_it(&self.ledger.entry(index)?.body) {
-                return Ok(Some(index));
+        if let Some(commit) = open.and_then(|open| open.commits.get(&node)) {
+            if self.ledger.entry(commit.entry)?.body == body {
+                return Ok(Begun::Recorded(self.ledger.first_receipt(commit.entry)?));
             }
         }
-        Ok(None)
+        self.check(arrived_ms, body)?;
+        Ok(Begun::New(AllowedCommitment {
+            signed: signed.clone(),
+            staged: self.staging.of(round, &node),
+            blobs: self.ledger.blobs().clone(),
+        }))
     }
 }
 
+/// Decodes a signed statement, and verifies its signature.
+pub fn read_signed<T: Statement>(what: &str, bytes: &[u8]) -> Result<Signed<T>, RequestError> {
+    let signed: Signed<T> = decode(what, bytes)?;
+    signed.verify()?;
+    Ok(signed)
+}
+
 /// Decodes a statement as it was signed: exactly these bytes, and not too many of them.
-fn decode<T: BorshDeserialize>(what: &str, bytes: &[u8]) -> Result<T, RequestError> {
+pub fn decode<T: BorshDeserialize>(what: &str, bytes: &[u8]) -> Result<T, RequestError> {
     if bytes.len() > MAX_ENTRY_BYTES {
         return Err(RequestError::Malformed(format!(
             "the {what} has {} bytes: at most {MAX_ENTRY_BYTES} are read, as many as an entry has",

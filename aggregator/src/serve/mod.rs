@@ -1,6 +1,10 @@
 //! The gRPC service in front of the rounds.
 
 pub mod beacon_fetching;
+mod node_turns;
+mod recorder;
 pub mod requests;
 pub mod service;
+mod submitting;
 mod upload_places;
+mod watching;

@@ -1,15 +1,26 @@
 //! The requests of `proto/federation.proto`, answered by the rounds behind a [`Service`].
 
 use crate::file_parts::file_parts;
-use crate::round::aggregator::Aggregator;
+use crate::round::arrivals::Arrival;
+use crate::round::group::ToRecord;
+use crate::round::recording::{
+    read_signed, AllowedCommitment, AllowedRegistration, AllowedSaying, Begun, Said,
+};
 use crate::round::request::RequestError;
 use crate::serve::service::{blocking, Service};
+use std::future::Future;
 use std::pin::Pin;
+use std::sync::Arc;
 use std::time::Duration;
 use tokio::time::timeout;
+use tokio_stream::wrappers::ReceiverStream;
 use tokio_stream::{Stream, StreamExt};
 use tonic::{Request, Response, Status, Streaming};
 use zk0_circuits::{Digest, NodeId};
+use zk0_protocol::entries::entry::Body;
+use zk0_protocol::entries::signed::{
+    DatasetRegistration, Signed, UpdateCommitment, UploadRequest,
+};
 use zk0_protocol::rpc::federation::federation_server::Federation;
 use zk0_protocol::rpc::federation::upload_chunk::Part;
 use zk0_protocol::rpc::federation::{
@@ -43,29 +54,43 @@ impl Federation for Service {
         request: Request<GetRoundRequest>,
     ) -> Result<Response<RoundInfo>, Status> {
         let GetRoundRequest { round, node } = request.into_inner();
-        let node = <[u8; 32]>::try_from(node).ok().map(NodeId);
-        let service = self.clone();
-        let info = self.with(move |aggregator| {
-            let receipts = aggregator.round(round, service.visible(aggregator)?)?;
-            let state = aggregator.state();
-            let open = state.round().zip(node);
-            Ok(RoundInfo {
-                invited: open.is_some_and(|(open, node)| state.may_contribute(open, &node)),
-                opened: receipts.opened.map(Into::into),
-                commitments_closed: receipts.commitments_closed.map(Into::into),
-                randomness: receipts.randomness.map(Into::into),
-                closed: receipts.closed.map(Into::into),
-                now_ms: aggregator.now_ms(),
-                program: encode(state.program())?,
-            })
-        });
+        let (service, node) = (self.clone(), node_id(&node));
+        let info = self.with(move |aggregator| service.round_info(aggregator, round, node));
         Ok(Response::new(info.await?))
     }
 
+    type WatchRoundStream = ReceiverStream<Result<RoundInfo, Status>>;
+
+    async fn watch_round(
+        &self,
+        request: Request<GetRoundRequest>,
+    ) -> Result<Response<Self::WatchRoundStream>, Status> {
+        let GetRoundRequest { round, node } = request.into_inner();
+        Ok(Response::new(self.watched_round(round, node_id(&node))))
+    }
+
     async fn record(&self, request: Request<RecordRequest>) -> Result<Response<Receipt>, Status> {
-        let body = request.into_inner().body;
-        self.recorded(move |aggregator| aggregator.record(&body))
-            .await
+        let arrival = self.arrivals.stamp();
+        let (service, body) = (self.clone(), request.into_inner().body);
+        to_its_end(async move {
+            let said = Arc::new(Said::read(&body)?);
+            let begin = || {
+                let (said, arrived_ms) = (said.clone(), arrival.at_ms());
+                service.with(move |aggregator| aggregator.begin_saying(&said, arrived_ms))
+            };
+            let begun = begin().await?;
+            let recorded = service.recorded(&arrival, begun, AllowedSaying::check).await;
+            // If it came twice at once, the second one gets the receipt of the first one.
+            let receipt = match recorded {
+                Err(refused) => match begin().await {
+                    Ok(Begun::Recorded(receipt)) => receipt,
+                    _ => return Err(refused),
+                },
+                recorded => recorded?,
+            };
+            service.answered(arrival, receipt).await
+        })
+        .await
     }
 
     async fn get_governance(
@@ -115,12 +140,27 @@ impl Federation for Service {
         &self,
         request: Request<RegisterDatasetRequest>,
     ) -> Result<Response<Receipt>, Status> {
-        let RegisterDatasetRequest {
-            registration,
-            leaves,
-        } = request.into_inner();
-        self.recorded(move |aggregator| aggregator.register(&registration, &leaves))
-            .await
+        let arrival = self.arrivals.stamp();
+        let (service, request) = (self.clone(), request.into_inner());
+        to_its_end(async move {
+            let RegisterDatasetRequest {
+                registration,
+                leaves,
+            } = request;
+            let signed: Signed<DatasetRegistration> =
+                blocking(move || read_signed("dataset registration", &registration)).await?;
+            let (node, samples) = (signed.statement.node, signed.statement.dataset.samples);
+            let _turn = service.turns.take(node).await;
+            let arrived_ms = arrival.at_ms();
+            let begun = service
+                .with(move |aggregator| aggregator.begin_registration(&signed, arrived_ms))
+                .await?;
+            let keep = move |allowed: AllowedRegistration| allowed.keep(&leaves);
+            let receipt = service.recorded(&arrival, begun, keep).await?;
+            tracing::info!(%node, samples, "dataset registered");
+            service.answered(arrival, receipt).await
+        })
+        .await
     }
 
     async fn upload(
@@ -134,41 +174,79 @@ impl Federation for Service {
     }
 
     async fn commit(&self, request: Request<CommitRequest>) -> Result<Response<Receipt>, Status> {
-        let commitment = request.into_inner().commitment;
-        self.recorded(move |aggregator| aggregator.commit(&commitment))
-            .await
+        let arrival = self.arrivals.stamp();
+        let (service, commitment) = (self.clone(), request.into_inner().commitment);
+        to_its_end(async move {
+            let signed: Signed<UpdateCommitment> =
+                blocking(move || read_signed("commitment", &commitment)).await?;
+            let UpdateCommitment {
+                node,
+                round,
+                update,
+                ..
+            } = signed.statement;
+            let _turn = service.turns.take(node).await;
+            let arrived_ms = arrival.at_ms();
+            let begun = service
+                .with(move |aggregator| aggregator.begin_commitment(&signed, arrived_ms))
+                .await?;
+            let receipt = service
+                .recorded(&arrival, begun, AllowedCommitment::keep)
+                .await?;
+            tracing::info!(%node, round, update = %update.blob, "update committed");
+            service.answered(arrival, receipt).await
+        })
+        .await
     }
 
     async fn submit(
         &self,
         request: Request<SubmitRequest>,
     ) -> Result<Response<SubmitReply>, Status> {
+        let arrival = self.arrivals.stamp();
         let SubmitRequest { submission, proof } = request.into_inner();
-        let decided = self
-            .with(move |aggregator| aggregator.submit(&submission, proof))
-            .await?;
-        self.published(decided.receipt.index + 1).await?;
-        Ok(Response::new(SubmitReply {
-            accepted: decided.rejected.is_none(),
-            reason: decided
-                .rejected
-                .as_ref()
-                .map(Refusal::to_string)
-                .unwrap_or_default(),
-            receipt: Some(decided.receipt.into()),
-        }))
+        let service = self.clone();
+        to_its_end(async move {
+            let decided = service.submitted(arrival, submission, proof).await?;
+            let reason = decided.rejected.as_ref().map(Refusal::to_string);
+            Ok(SubmitReply {
+                accepted: reason.is_none(),
+                reason: reason.unwrap_or_default(),
+                receipt: Some(decided.receipt.into()),
+            })
+        })
+        .await
     }
 }
 
 impl Service {
-    /// Records a statement, and answers with its receipt once the receipt is published.
-    async fn recorded(
+    /// Takes the second and the third step of recording a statement, if it is new.
+    async fn recorded<T: Send + 'static>(
         &self,
-        record: impl FnOnce(&mut Aggregator) -> Result<receipt::Receipt, RequestError> + Send + 'static,
-    ) -> Result<Response<Receipt>, Status> {
-        let receipt = self.with(record).await?;
+        arrival: &Arrival,
+        begun: Begun<T>,
+        keep: impl FnOnce(T) -> Result<Body, RequestError> + Send + 'static,
+    ) -> Result<receipt::Receipt, RequestError> {
+        match begun {
+            Begun::Recorded(receipt) => Ok(receipt),
+            Begun::New(new) => {
+                let body = blocking(move || keep(new)).await?;
+                let statement = ToRecord::Statement(Box::new(body));
+                self.record_in_turn(arrival, statement).await
+            }
+        }
+    }
+
+    /// The answer to a request, once its receipt is published.
+    async fn answered(
+        &self,
+        arrival: Arrival,
+        receipt: receipt::Receipt,
+    ) -> Result<Receipt, RequestError> {
+        // Others may wait for what arrived before them. They need not wait for witnesses.
+        drop(arrival);
         self.published(receipt.index + 1).await?;
-        Ok(Response::new(receipt.into()))
+        Ok(receipt.into())
     }
 
     /// Receives an upload to its end.
@@ -178,8 +256,11 @@ impl Service {
                 "the first message of an upload holds its signed request",
             ));
         };
-        let (upload, writer) = self
-            .with(move |aggregator| aggregator.begin_upload(&first))
+        let signed: Signed<UploadRequest> =
+            blocking(move || read_signed("upload request", &first)).await?;
+        let upload = signed.statement;
+        let writer = self
+            .with(move |aggregator| aggregator.begin_upload(&upload))
             .await?;
         let Some(mut writer) = writer else {
             return Ok(());
@@ -223,7 +304,21 @@ impl Service {
     }
 }
 
-fn encode<T: borsh::BorshSerialize>(value: &T) -> Result<Vec<u8>, RequestError> {
+/// Does `work` to its end, even if whoever asked for it goes away.
+async fn to_its_end<T: Send + 'static>(
+    work: impl Future<Output = Result<T, RequestError>> + Send + 'static,
+) -> Result<Response<T>, Status> {
+    match tokio::spawn(work).await {
+        Ok(done) => Ok(Response::new(done?)),
+        Err(error) => Err(RequestError::Internal(error.to_string()).into()),
+    }
+}
+
+fn node_id(bytes: &[u8]) -> Option<NodeId> {
+    bytes.try_into().ok().map(NodeId)
+}
+
+pub(super) fn encode<T: borsh::BorshSerialize>(value: &T) -> Result<Vec<u8>, RequestError> {
     borsh::to_vec(value).map_err(|error| RequestError::Internal(error.to_string()))
 }
 

@@ -18,14 +18,21 @@ use crate::connections::BoundedListener;
 use crate::publish::beacon::BeaconServers;
 use crate::publish::cosigning::{Cosigned, Prove, Witnesses};
 use crate::round::aggregator::{Aggregator, Progress};
+use crate::round::arrivals::Arrivals;
 use crate::round::drawing::ToCosign;
 use crate::round::request::RequestError;
+use crate::serve::node_turns::NodeTurns;
+use crate::serve::recorder::Recorder;
 use crate::serve::upload_places::UploadPlaces;
+use crate::serve::watching::Stage;
 use std::future::Future;
-use std::sync::{Arc, Mutex};
+use std::num::NonZero;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::Arc;
+use std::thread::available_parallelism;
 use std::time::Duration;
 use tokio::net::TcpListener;
-use tokio::sync::{watch, Notify};
+use tokio::sync::{watch, Mutex, Notify, Semaphore};
 use tokio::task::spawn_blocking;
 use tokio::time::{sleep, timeout};
 use tonic::transport::Server;
@@ -69,13 +76,27 @@ const MESSAGE_ROOM_BYTES: u64 = 64 << 10;
 /// How often the service looks whether a round is due when nothing happens.
 const TICK: Duration = Duration::from_millis(250);
 
+/// How often a dispute that could not be decided is tried again. Each time the ledger is replayed.
+const VERDICT_RETRY: Duration = Duration::from_secs(10);
+
 /// How long a public server of beacons may take to answer.
 const BEACON_PATIENCE: Duration = Duration::from_secs(10);
 
 /// An aggregator that the requests and the round timer share.
 #[derive(Clone)]
 pub struct Service {
+    /// Whoever has it does nothing long: proofs, weights and large files are read and verified without it.
     aggregator: Arc<Mutex<Aggregator>>,
+    /// Whether some work on the aggregator has panicked. Then nobody knows what it is like.
+    panicked: Arc<AtomicBool>,
+    /// The requests that are in progress.
+    pub(super) arrivals: Arc<Arrivals>,
+    pub(super) recorder: Recorder,
+    pub(super) turns: NodeTurns,
+    /// Places for verifying proofs and weights.
+    pub(super) verifying: Arc<Semaphore>,
+    /// How far the last round has come.
+    pub(super) stage: Arc<watch::Sender<Stage>>,
     /// Something was recorded, and a round may be due.
     changed: Arc<Notify>,
     publishing: Option<Publishing>,
@@ -95,7 +116,15 @@ impl Service {
     pub fn with_limits(aggregator: Aggregator, limits: Limits) -> Self {
         Self {
             limits,
+            arrivals: aggregator.arrivals().clone(),
             aggregator: Arc::new(Mutex::new(aggregator)),
+            panicked: Arc::default(),
+            recorder: Recorder::default(),
+            turns: NodeTurns::default(),
+            verifying: Arc::new(Semaphore::new(
+                available_parallelism().map_or(1, NonZero::get),
+            )),
+            stage: Arc::new(watch::Sender::new(None)),
             changed: Arc::new(Notify::new()),
             publishing: None,
             beacons: Arc::new(BeaconServers::public(BEACON_PATIENCE)),
@@ -198,16 +227,20 @@ impl Service {
         let mut said = None;
         loop {
             let witnesses = witnesses.to_owned();
-            let step = self.with(move |aggregator| {
-                let progress = aggregator.step()?;
-                match aggregator.state().rules().witness_policy == witnesses {
-                    true => Ok(progress),
-                    false => Err(RequestError::Internal(
-                        "the rules have a new witness policy: start the aggregator again with it"
-                            .into(),
-                    )),
-                }
-            });
+            let step = async {
+                let progress = self.step().await?;
+                self.note_stage().await?;
+                self.with(
+                    move |aggregator| match aggregator.state().rules().witness_policy == witnesses {
+                        true => Ok(progress),
+                        false => Err(RequestError::Internal(
+                            "the rules have a new witness policy: start the aggregator again with it"
+                                .into(),
+                        )),
+                    },
+                )
+                .await
+            };
             match step.await {
                 Err(error) => return error,
                 Ok(Progress::NeedsBeacon(awaited)) => match self.fetch_beacon(awaited).await {
@@ -231,6 +264,15 @@ impl Service {
                     | Progress::Settled(_)
                     | Progress::Resolved(_),
                 ) => said = None,
+                Ok(Progress::Undecided(why)) => {
+                    if said.as_ref() != Some(&why) {
+                        tracing::error!("{why}; this is tried again every {VERDICT_RETRY:?}");
+                        said = Some(why);
+                    }
+                    sleep(VERDICT_RETRY).await;
+                }
+                // `Self::step` has computed the verdict.
+                Ok(Progress::NeedsVerdict(_)) => {}
                 Ok(idle @ (Progress::Waiting | Progress::Finished | Progress::Blocked(_))) => {
                     // It stays blocked for long, so the log says it once.
                     if let Progress::Blocked(why) = &idle {
@@ -242,6 +284,24 @@ impl Service {
                     let _ = timeout(TICK, self.changed.notified()).await;
                 }
             }
+        }
+    }
+
+    /// Takes the rounds one step further, as [`Aggregator::step`] does. What takes long is done away from the aggregator.
+    pub async fn step(&self) -> Result<Progress, RequestError> {
+        let disputed = match self.with(Aggregator::step).await? {
+            Progress::NeedsVerdict(disputed) => disputed,
+            done => return Ok(done),
+        };
+        let dispute = disputed.dispute;
+        match blocking(move || disputed.verify_again()).await {
+            Ok(verdict) => {
+                self.with(move |aggregator| aggregator.resolve(dispute, verdict))
+                    .await
+            }
+            Err(error) => Ok(Progress::Undecided(format!(
+                "the dispute of entry {dispute} cannot be decided: {error}"
+            ))),
         }
     }
 
@@ -265,12 +325,10 @@ impl Service {
                 continue;
             }
             let (witnesses, aggregator) = (publishing.witnesses.clone(), self.aggregator.clone());
-            let prove: Prove = Arc::new(move |old, new| match aggregator.lock() {
-                Ok(aggregator) => {
-                    let proof = aggregator.ledger().consistency_between(old, new);
-                    proof.map_err(|error| error.to_string())
-                }
-                Err(_) => Err("an earlier request panicked".into()),
+            let prove: Prove = Arc::new(move |old, new| {
+                let aggregator = aggregator.blocking_lock();
+                let proof = aggregator.ledger().consistency_between(old, new);
+                proof.map_err(|error| error.to_string())
             });
             let cosigned = spawn_blocking(move || match draws {
                 true => witnesses.cosign_all(&checkpoint, &prove),
@@ -300,6 +358,9 @@ impl Service {
             }
             tracing::info!(size, "checkpoint cosigned and published");
             publishing.published.send_replace(size.max(published));
+            if let Err(error) = self.note_stage().await {
+                return error;
+            }
         }
     }
 
@@ -337,16 +398,23 @@ impl Service {
         }
     }
 
-    /// Runs `work` on the aggregator, away from the threads that serve the network: it writes to disk, and to verify a proof takes
-    /// a while.
+    /// Runs `work` on the aggregator, away from the threads that serve the network, because it may read and write the disk.
     pub async fn with<T: Send + 'static>(
         &self,
         work: impl FnOnce(&mut Aggregator) -> Result<T, RequestError> + Send + 'static,
     ) -> Result<T, RequestError> {
-        let aggregator = self.aggregator.clone();
-        blocking(move || match aggregator.lock() {
-            Ok(mut aggregator) => work(&mut aggregator),
-            Err(_) => Err(RequestError::Internal("an earlier request panicked".into())),
+        let mut aggregator = self.aggregator.clone().lock_owned().await;
+        let failed = || RequestError::Internal("an earlier request panicked".into());
+        if self.panicked.load(Ordering::Acquire) {
+            return Err(failed());
+        }
+        let panicked = self.panicked.clone();
+        blocking(move || {
+            // This is put back before anybody else has the aggregator.
+            panicked.store(true, Ordering::Release);
+            let done = work(&mut aggregator);
+            panicked.store(false, Ordering::Release);
+            done
         })
         .await
     }

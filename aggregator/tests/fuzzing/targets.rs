@@ -17,7 +17,9 @@ use zk0_protocol::entries::signed::{
 use zk0_protocol::{Body, Entry, Genesis, Refusal, State};
 use zk0_verifier::blob_digest;
 
-use crate::harness::{found, genesis, weights, ManualClock, Node, COMMIT_MS, GOVERNOR, START_MS};
+use crate::harness::{
+    found, genesis, weights, AtOnce, ManualClock, Node, COMMIT_MS, GOVERNOR, START_MS,
+};
 
 /// What any input may make a reader allocate. An uploaded update is read again, and an auditor verifies a whole proof.
 pub const SLACK: usize = 8 << 20;
@@ -85,7 +87,7 @@ impl Network {
         assert_eq!(aggregator.step().unwrap(), Progress::Opened(0));
         let update = weights(1);
         let request = Signed::new(nodes[0].upload_request(&id, 0, &update), &nodes[0].key);
-        let (_, writer) = aggregator.begin_upload(&bytes(&request)).unwrap();
+        let writer = aggregator.upload(&bytes(&request)).unwrap();
         let mut writer = writer.unwrap();
         writer.write(&update).unwrap();
         writer.finish(&blob_digest(&update)).unwrap();
@@ -147,13 +149,13 @@ fn record() -> Target {
         bytes(&Body::Voted(Signed::new(vote, &governor.key))),
     ];
     for seed in &seeds {
-        aggregator.record(seed).unwrap();
+        aggregator.say(seed).unwrap();
     }
     Target {
         seeds,
         run: Box::new(move |input| {
             let _ = &dir;
-            aggregator.record(input).map(drop).map_err(text)
+            aggregator.say(input).map(drop).map_err(text)
         }),
     }
 }
@@ -215,7 +217,7 @@ fn upload() -> Target {
         run: Box::new(move |input| {
             let network = &mut network;
             let input = sign_anew::<UploadRequest>(input, &network.nodes[1]);
-            let begun = network.aggregator.begin_upload(&input);
+            let begun = network.aggregator.upload(&input);
             begun.map(drop).map_err(text)
         }),
     }

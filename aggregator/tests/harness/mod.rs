@@ -2,6 +2,7 @@
 //! are told to say.
 #![allow(dead_code)] // Every test file uses only a part of it
 
+mod at_once;
 mod manual_clock;
 mod network;
 mod node;
@@ -9,6 +10,7 @@ pub mod operator;
 pub mod real_proof;
 pub mod samples;
 
+pub use self::at_once::AtOnce;
 pub use self::manual_clock::ManualClock;
 pub use self::network::Network;
 pub use self::node::Node;

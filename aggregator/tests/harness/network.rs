@@ -148,12 +148,13 @@ impl Network {
     pub async fn settle(&self) {
         use zk0_aggregator::Progress;
         loop {
-            let progress = self.service().with(Aggregator::step).await.unwrap();
+            let progress = self.service().step().await.unwrap();
             if matches!(
                 progress,
                 Progress::Waiting
                     | Progress::Finished
                     | Progress::Blocked(_)
+                    | Progress::Undecided(_)
                     | Progress::NeedsBeacon(_)
             ) {
                 return;

@@ -53,7 +53,7 @@ fn main() -> Result<()> {
     })?;
     options.append("append_enrolments", |_| Ok(enrolments(0..300_000)))?;
     options.append("append_signed_by_nodes", |ledger| {
-        ledger.commit(network::TIME, enrolments(0..network::NODES))?;
+        network::record(ledger, network::TIME, enrolments(0..network::NODES))?;
         Ok(registrations(ledger.state(), 400))
     })?;
     options.wanted("append_with_receipts", || receipts(&options.dir))?;
@@ -104,7 +104,7 @@ fn appends(dir: &Path, bench: &str, make: impl Fn(&mut Ledger) -> Result<Vec<Bod
     }
     let started = Instant::now();
     for group in groups {
-        ledger.commit(network::TIME, group)?;
+        network::record(&mut ledger, network::TIME, group)?;
     }
     let ours = count / started.elapsed().as_secs_f64();
     drop(ledger);
@@ -125,8 +125,8 @@ fn receipts(dir: &Path) -> Result<()> {
         let bodies = empty_rounds(ledger.state(), 33_000);
         let (count, started) = (bodies.len() as f64, Instant::now());
         for group in bodies.chunks(GROUP) {
-            ledger
-                .commit(network::TIME, group.to_vec())?
+            network::record(&mut ledger, network::TIME, group.to_vec())?
+                .into_iter()
                 .filter(|_| receipts)
                 .try_for_each(|entry| ledger.first_receipt(entry).map(drop))?;
         }

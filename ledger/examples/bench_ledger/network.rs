@@ -10,6 +10,7 @@ use founded::{closed, commitments_closed, drawn, genesis, invalid_proof, log_key
 use rayon::prelude::*;
 use std::path::Path;
 use zk0_circuits::{Claim, DatasetCommitment, Digest, Losses, NodeId, WeightsDigest};
+use zk0_ledger::group::Wanted;
 use zk0_ledger::Ledger;
 use zk0_protocol::challenge::closing::commitments;
 use zk0_protocol::entries::entry::{CommitmentsClosed, RoundClosed, RoundOpened};
@@ -128,12 +129,20 @@ fn dataset(node: u64) -> DatasetCommitment {
     }
 }
 
+/// Records entries as one group, and returns their indexes. The rules have to allow all of them.
+pub fn record(ledger: &mut Ledger, time_ms: u64, bodies: Vec<Body>) -> Result<Vec<u64>> {
+    let wanted = bodies.into_iter().map(|body| Wanted::at(time_ms, body));
+    let outcomes = ledger.commit(wanted.collect())?;
+    Ok(outcomes.into_iter().collect::<Result<_, _>>()?)
+}
+
 /// Makes a ledger of `entries` entries: of a thousand, about 500 commitments, 450 acceptances and 50 refusals, each of them
 /// signed by a node, and two rounds.
 pub fn grown(dir: &Path, entries: u64) -> Result<()> {
     let mut ledger = founded(dir)?;
-    ledger.commit(TIME, enrolments(0..NODES))?;
-    ledger.commit(TIME, registrations(ledger.state(), 1))?;
+    record(&mut ledger, TIME, enrolments(0..NODES))?;
+    let registrations = registrations(ledger.state(), 1);
+    record(&mut ledger, TIME, registrations)?;
     let keys: Vec<SigningKey> = (0..NODES).map(key).collect();
     while ledger.size() < entries {
         let state = ledger.state();
@@ -155,7 +164,7 @@ pub fn grown(dir: &Path, entries: u64) -> Result<()> {
         };
         let mut bodies = vec![Body::RoundOpened(opening)];
         bodies.par_extend(keys.par_iter().enumerate().map(commit));
-        ledger.commit(now, bodies)?;
+        record(&mut ledger, now, bodies)?;
         let closing = commitments_closed(ledger.state());
         ledger.append(now, Body::CommitmentsClosed(closing))?;
         let drawing = drawn(ledger.state());
@@ -177,7 +186,7 @@ pub fn grown(dir: &Path, entries: u64) -> Result<()> {
             })
         };
         let decided: Result<Vec<Body>> = keys.par_iter().enumerate().map(decide).collect();
-        ledger.commit(now, decided?)?;
+        record(&mut ledger, now, decided?)?;
         let closed = closed(ledger.state(), weights(round));
         ledger.append(now, Body::RoundClosed(closed))?;
         if round % 200 == 199 {

@@ -1,0 +1,100 @@
+//! When requests arrived. A request is in time if its last byte arrived in time, however long the aggregator then takes to verify it.
+//!
+//! The ledger judges by the times of entries, and those never go back. So once a deadline has passed, nothing that arrived after it is
+//! recorded, and no round closes, until everything that arrived before it is done. That wait is bounded: nothing more can arrive before a
+//! deadline that has passed, and a request is stamped only when it is here as a whole.
+
+use crate::round::clock::Clock;
+use std::collections::BTreeSet;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use tokio::sync::Notify;
+
+/// The requests that are in progress, with the times at which they arrived.
+pub struct Arrivals {
+    clock: Arc<dyn Clock>,
+    pending: Mutex<Pending>,
+    /// Notified when a request is done.
+    done: Notify,
+}
+
+/// Times of arrival in Unix milliseconds, each with a number that makes it unique.
+#[derive(Default)]
+struct Pending {
+    requests: BTreeSet<(u64, u64)>,
+    next: u64,
+}
+
+/// A request that is in progress until this is dropped.
+pub struct Arrival {
+    at_ms: u64,
+    number: u64,
+    all: Arc<Arrivals>,
+}
+
+impl Arrivals {
+    /// No requests yet.
+    pub fn new(clock: Arc<dyn Clock>) -> Self {
+        Self {
+            clock,
+            pending: Mutex::default(),
+            done: Notify::new(),
+        }
+    }
+
+    /// A request has arrived, now.
+    pub fn stamp(self: &Arc<Self>) -> Arrival {
+        let mut pending = self.pending();
+        // The clock is read while the set is locked: whoever has seen a later time finds this request in the set.
+        let at_ms = self.clock.now_ms();
+        let number = pending.next;
+        pending.next += 1;
+        pending.requests.insert((at_ms, number));
+        drop(pending);
+        Arrival {
+            at_ms,
+            number,
+            all: self.clone(),
+        }
+    }
+
+    /// Whether a request is in progress that arrived at `deadline_ms` or before.
+    pub fn any_by(&self, deadline_ms: u64) -> bool {
+        let first = self.pending().requests.first().copied();
+        first.is_some_and(|(at_ms, _)| at_ms <= deadline_ms)
+    }
+
+    /// Waits until no request is in progress that arrived at `deadline_ms` or before.
+    pub async fn done_by(&self, deadline_ms: u64) {
+        loop {
+            // Enabled before the check, so that no notification is missed between the two.
+            let mut done = std::pin::pin!(self.done.notified());
+            done.as_mut().enable();
+            if !self.any_by(deadline_ms) {
+                return;
+            }
+            done.await;
+        }
+    }
+
+    /// A panic elsewhere does not spoil the set: it is never half changed.
+    fn pending(&self) -> MutexGuard<'_, Pending> {
+        self.pending.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Arrival {
+    /// When the request arrived, in Unix milliseconds.
+    pub fn at_ms(&self) -> u64 {
+        self.at_ms
+    }
+}
+
+impl Drop for Arrival {
+    fn drop(&mut self) {
+        self.all
+            .pending()
+            .requests
+            .remove(&(self.at_ms, self.number));
+        self.all.done.notify_waiters();
+    }
+}

@@ -1,0 +1,78 @@
+//! Recording requests together: one write to disk and one signed checkpoint for all that wait ([`Ledger::commit`]).
+//!
+//! [`Ledger::commit`]: zk0_ledger::log::Ledger::commit
+
+use crate::round::aggregator::Aggregator;
+use crate::round::request::RequestError;
+use crate::round::submission::Judged;
+use zk0_ledger::group::Wanted;
+use zk0_protocol::entries::entry::Body;
+use zk0_protocol::tlog::receipt::Receipt;
+use zk0_verifier::decide::Decision;
+
+/// What is to be recorded for a request.
+pub enum ToRecord {
+    /// A statement.
+    Statement(Box<Body>),
+    /// The decision on a submission.
+    Decision(Box<Judged>),
+}
+
+impl Aggregator {
+    /// Records all of this, each with the time at which it arrived. Returns the receipt of each, or why it is not recorded.
+    pub fn record(&mut self, all: Vec<(u64, ToRecord)>) -> Vec<Result<Receipt, RequestError>> {
+        let wanted = all.iter().map(|(time_ms, one)| Wanted {
+            time_ms: *time_ms,
+            body: one.body(),
+            known: one.known(),
+        });
+        let outcomes = match self.ledger.commit(wanted.collect()) {
+            Ok(outcomes) => outcomes,
+            Err(error) => {
+                let why = error.to_string();
+                let failed = |_| Err(RequestError::Internal(why.clone()));
+                return all.iter().map(failed).collect();
+            }
+        };
+        let recorded = |(outcome, (_, one)): (Result<u64, _>, (u64, ToRecord))| {
+            let index = outcome.map_err(RequestError::from)?;
+            self.index.observe(index, &one.body());
+            if let ToRecord::Decision(judged) = one {
+                self.take(*judged);
+            }
+            Ok(self.ledger.first_receipt(index)?)
+        };
+        outcomes.into_iter().zip(all).map(recorded).collect()
+    }
+
+    /// Takes a recorded decision into account.
+    fn take(&mut self, judged: Judged) {
+        let terms = judged.submission().statement.claim.terms;
+        let (node, round) = (terms.node, terms.round);
+        match judged.decision() {
+            Decision::Accepted(verified) => {
+                tracing::info!(%node, round, "contribution accepted");
+                self.contributions.push(*verified);
+            }
+            Decision::Rejected(reason) => {
+                tracing::warn!(%node, round, %reason, "contribution rejected");
+            }
+        }
+    }
+}
+
+impl ToRecord {
+    fn body(&self) -> Body {
+        match self {
+            Self::Statement(body) => (**body).clone(),
+            Self::Decision(judged) => judged.body(),
+        }
+    }
+
+    fn known(&self) -> Option<zk0_protocol::entries::authentic::AuthenticSubmission> {
+        match self {
+            Self::Statement(_) => None,
+            Self::Decision(judged) => Some(judged.submission().clone()),
+        }
+    }
+}

@@ -1,0 +1,166 @@
+//! Deciding on a submission, cheapest check first. Only the first and the last step need the aggregator:
+//!
+//! 1. [`Aggregator::begin_submission`] compares the claim with the ledger. Whoever sends again what an earlier round decided is turned away
+//!    here, before anybody hashes a proof or verifies a signature.
+//! 2. [`Undecided::authenticate`] checks that the node signed this claim and this proof.
+//! 3. [`Undecided::judge`] reads the weights, and verifies the SP1 proof and the weights.
+//! 4. [`crate::round::group`] records the decision.
+
+use crate::round::aggregator::Aggregator;
+use crate::round::recording::Begun;
+use crate::round::request::RequestError;
+use zk0_circuits::{Digest, NodeId};
+use zk0_ledger::blobs::Blobs;
+use zk0_protocol::entries::authentic::AuthenticSubmission;
+use zk0_protocol::entries::entry::Body;
+use zk0_protocol::entries::signed::{Signed, Submission};
+use zk0_protocol::rules::state::State;
+use zk0_protocol::tlog::receipt::Receipt;
+use zk0_protocol::Refusal;
+use zk0_verifier::decide::{decide, is_recorded, Decision};
+use zk0_verifier::{authenticate, AuthenticContribution, WeightFiles};
+
+/// The answer to a submission.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Decided {
+    /// Why the contribution does not count; `None` if it counts.
+    pub rejected: Option<Refusal>,
+    /// The receipt of the entry that records the decision.
+    pub receipt: Receipt,
+}
+
+/// What a submission is judged by.
+pub struct Undecided {
+    /// The ledger, as far as it concerns the node's claims.
+    before: State,
+    /// The update that the node has committed to, and the weights that the round starts from. The digests on the ledger count, because a
+    /// claim may name other blobs.
+    weights: [Digest; 2],
+    blobs: Blobs,
+    time_ms: u64,
+}
+
+/// A decision that is to be recorded.
+pub struct Judged {
+    contribution: AuthenticContribution,
+    decision: Decision,
+}
+
+impl Aggregator {
+    /// Compares a submission that arrived at `arrived_ms` with the ledger.
+    ///
+    /// # Errors
+    /// The claim is for another network or round, or the node is not enrolled, has not committed or has submitted something else. The
+    /// ledger does not record that, because anybody may send what a node once signed.
+    pub fn begin_submission(
+        &self,
+        submission: &Signed<Submission>,
+        arrived_ms: u64,
+    ) -> Result<Begun<Undecided, Decided>, RequestError> {
+        let claim = &submission.statement.claim;
+        let node = claim.terms.node;
+        if let Some(decided) = self.decided(&node, submission)? {
+            return Ok(Begun::Recorded(decided));
+        }
+        let state = self.state();
+        let time_ms = self.ledger.time_ms(arrived_ms);
+        match state.check_claim(claim, time_ms) {
+            Err(reason) if !is_recorded(&reason) => return Err(reason.into()),
+            // What the node itself has caused is recorded, once it is clear that it was this node.
+            _ => {}
+        }
+        let round = state.round().ok_or(Refusal::NotCommitted(node))?;
+        let commit = round.commits.get(&node).ok_or(Refusal::NotCommitted(node))?;
+        Ok(Begun::New(Undecided {
+            weights: [commit.update.blob, round.opened.base.blob],
+            before: state.for_claims_of(&node),
+            blobs: self.ledger.blobs().clone(),
+            time_ms,
+        }))
+    }
+
+    /// The decision on exactly this submission, if it is the newest one about the node.
+    fn decided(
+        &self,
+        node: &NodeId,
+        submission: &Signed<Submission>,
+    ) -> Result<Option<Decided>, RequestError> {
+        let Some(index) = self.index.decision(node) else {
+            return Ok(None);
+        };
+        let (recorded, rejected) = match self.ledger.entry(index)?.body {
+            Body::ContributionAccepted(recorded) => (recorded, None),
+            Body::ContributionRejected { submission, reason } => (submission, Some(reason)),
+            _ => return Ok(None),
+        };
+        match recorded == *submission {
+            true => Ok(Some(Decided {
+                receipt: self.ledger.first_receipt(index)?,
+                rejected,
+            })),
+            false => Ok(None),
+        }
+    }
+}
+
+impl Undecided {
+    /// Checks that an enrolled node signed this claim and this proof.
+    pub fn authenticate(
+        &self,
+        submission: Signed<Submission>,
+        proof: Vec<u8>,
+    ) -> Result<AuthenticContribution, RequestError> {
+        Ok(authenticate(submission, proof, &self.before)?)
+    }
+
+    /// Decides on the contribution, and keeps its proof. The weights are read only if nothing is wrong with the claim by the ledger.
+    pub fn judge(self, contribution: AuthenticContribution) -> Result<Judged, RequestError> {
+        let decision = match self.before.check_claim(contribution.claim(), self.time_ms) {
+            Ok(()) => self.verify(&contribution)?,
+            Err(reason) if is_recorded(&reason) => Decision::Rejected(reason),
+            Err(reason) => return Err(reason.into()),
+        };
+        self.blobs.put(contribution.proof())?;
+        Ok(Judged {
+            contribution,
+            decision,
+        })
+    }
+
+    fn verify(&self, contribution: &AuthenticContribution) -> Result<Decision, RequestError> {
+        let [update, base] = &self.weights;
+        let get = |digest: &Digest, limit| self.blobs.get(digest, limit);
+        let weights = WeightFiles::read(update, base, self.before.rules(), get)?;
+        Ok(decide(
+            &self.before,
+            contribution,
+            &weights,
+            self.time_ms,
+        )?)
+    }
+}
+
+impl Judged {
+    /// Why the contribution does not count; `None` if it counts.
+    pub fn rejected(&self) -> Option<&Refusal> {
+        match &self.decision {
+            Decision::Accepted(_) => None,
+            Decision::Rejected(reason) => Some(reason),
+        }
+    }
+
+    /// The body of the entry that records the decision.
+    pub(super) fn body(&self) -> Body {
+        self.decision.body(&self.contribution)
+    }
+
+    /// The submission, whose signature is verified.
+    pub(super) fn submission(&self) -> &AuthenticSubmission {
+        self.contribution.submission()
+    }
+
+    /// The decision.
+    pub(super) fn decision(self) -> Decision {
+        self.decision
+    }
+}

@@ -1,0 +1,96 @@
+//! Requests that wait to be recorded. Whoever has the aggregator next records all of them together, so that they share one write to disk.
+
+use crate::round::aggregator::Aggregator;
+use crate::round::arrivals::Arrival;
+use crate::round::group::ToRecord;
+use crate::round::request::RequestError;
+use crate::serve::service::Service;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use tokio::sync::oneshot::{self, error::TryRecvError};
+use zk0_protocol::tlog::receipt::Receipt;
+
+/// The most requests that are recorded at once. A request waits for those before it, and a group of this size takes milliseconds.
+const GROUP: usize = 1024;
+
+/// The requests that wait, in the order in which they came.
+#[derive(Clone, Default)]
+pub(super) struct Recorder(Arc<Mutex<Vec<Waiting>>>);
+
+struct Waiting {
+    arrived_ms: u64,
+    what: ToRecord,
+    answer: oneshot::Sender<Result<Receipt, RequestError>>,
+}
+
+impl Recorder {
+    fn waiting(&self) -> MutexGuard<'_, Vec<Waiting>> {
+        // A panic elsewhere does not spoil the list: it is never half changed.
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn push(&self, waiting: Waiting) {
+        self.waiting().push(waiting);
+    }
+
+    /// Records what waits, but for requests that arrived after a deadline while one from before it is still in progress.
+    fn record(&self, aggregator: &mut Aggregator) {
+        let mut all: Vec<_> = std::mem::take(&mut *self.waiting());
+        // The ledger's time never goes back, so the earliest comes first.
+        all.sort_by_key(|one| one.arrived_ms);
+        let arrivals = aggregator.arrivals().clone();
+        let may = |one: &Waiting| match aggregator.passed_deadline(one.arrived_ms) {
+            Some(deadline_ms) => !arrivals.any_by(deadline_ms),
+            None => true,
+        };
+        let ready = all.iter().take(GROUP).take_while(|one| may(one)).count();
+        let later = all.split_off(ready);
+        self.waiting().splice(0..0, later);
+        let (mut wanted, mut answers) = (Vec::new(), Vec::new());
+        for one in all {
+            wanted.push((one.arrived_ms, one.what));
+            answers.push(one.answer);
+        }
+        for (answer, receipt) in answers.into_iter().zip(aggregator.record(wanted)) {
+            // Whoever has gone away asks again, and gets the same receipt.
+            let _ = answer.send(receipt);
+        }
+    }
+}
+
+impl Service {
+    /// Records what a request wants, and returns its receipt. It waits for requests that arrived before a deadline, if this one arrived
+    /// after it.
+    pub(super) async fn record_in_turn(
+        &self,
+        arrival: &Arrival,
+        what: ToRecord,
+    ) -> Result<Receipt, RequestError> {
+        let (answer, mut answered) = oneshot::channel();
+        let arrived_ms = arrival.at_ms();
+        self.recorder.push(Waiting {
+            arrived_ms,
+            what,
+            answer,
+        });
+        loop {
+            let recorder = self.recorder.clone();
+            let passed = self
+                .with(move |aggregator| {
+                    recorder.record(aggregator);
+                    Ok(aggregator.passed_deadline(arrived_ms))
+                })
+                .await?;
+            match answered.try_recv() {
+                Ok(receipt) => return receipt,
+                Err(TryRecvError::Empty) => {}
+                Err(TryRecvError::Closed) => {
+                    let why = "a request was not recorded, because recording another one panicked";
+                    return Err(RequestError::Internal(why.into()));
+                }
+            }
+            if let Some(deadline_ms) = passed {
+                self.arrivals.done_by(deadline_ms).await;
+            }
+        }
+    }
+}

@@ -1,0 +1,80 @@
+//! A submission on its way through the service: [`crate::round::submission`] has the steps. Proofs and weights are verified on all cores, and
+//! nobody else waits for that.
+
+use crate::round::arrivals::Arrival;
+use crate::round::group::ToRecord;
+use crate::round::recording::{decode, Begun};
+use crate::round::request::RequestError;
+use crate::round::submission::Decided;
+use crate::serve::service::{blocking, Service};
+use tokio::sync::OwnedSemaphorePermit;
+use zk0_protocol::entries::signed::{Signed, Submission};
+
+impl Service {
+    /// Decides on a submission and records the decision.
+    pub(super) async fn submitted(
+        &self,
+        arrival: Arrival,
+        submission: Vec<u8>,
+        proof: Vec<u8>,
+    ) -> Result<Decided, RequestError> {
+        let decided = self.decided(&arrival, &submission, proof).await?;
+        // Others may wait for what arrived before them. They need not wait for witnesses.
+        drop(arrival);
+        self.published(decided.receipt.index + 1).await?;
+        Ok(decided)
+    }
+
+    async fn decided(
+        &self,
+        arrival: &Arrival,
+        submission: &[u8],
+        proof: Vec<u8>,
+    ) -> Result<Decided, RequestError> {
+        let signed: Signed<Submission> = decode("submission", submission)?;
+        let arrived_ms = arrival.at_ms();
+        let begin = || {
+            let signed = signed.clone();
+            self.with(move |aggregator| aggregator.begin_submission(&signed, arrived_ms))
+        };
+        let undecided = match begin().await? {
+            Begun::Recorded(decided) => return Ok(decided),
+            Begun::New(undecided) => undecided,
+        };
+        let contribution = {
+            let signed = signed.clone();
+            self.verified(move || undecided.authenticate(signed, proof))
+                .await?
+        };
+        // It is the node itself that asks, and perhaps not for the first time.
+        let _turn = self.turns.take(signed.statement.claim.terms.node).await;
+        let undecided = match begin().await? {
+            Begun::Recorded(decided) => return Ok(decided),
+            Begun::New(undecided) => undecided,
+        };
+        let judged = self.verified(move || undecided.judge(contribution)).await?;
+        let rejected = judged.rejected().cloned();
+        let decision = ToRecord::Decision(Box::new(judged));
+        let receipt = self.record_in_turn(arrival, decision).await?;
+        Ok(Decided { rejected, receipt })
+    }
+
+    /// Runs `work` when one of as many places as there are cores is free.
+    async fn verified<T: Send + 'static>(
+        &self,
+        work: impl FnOnce() -> Result<T, RequestError> + Send + 'static,
+    ) -> Result<T, RequestError> {
+        let place: OwnedSemaphorePermit = self
+            .verifying
+            .clone()
+            .acquire_owned()
+            .await
+            .map_err(|error| RequestError::Internal(error.to_string()))?;
+        blocking(move || {
+            let result = work();
+            drop(place);
+            result
+        })
+        .await
+    }
+}

@@ -1,0 +1,117 @@
+//! Nodes that follow a round. A node is told when the round has come further, so that it need not ask again and again.
+
+use crate::round::aggregator::Aggregator;
+use crate::round::ledger_index::RoundEntries;
+use crate::round::request::RequestError;
+use crate::serve::requests::encode;
+use crate::serve::service::Service;
+use std::time::Duration;
+use tokio::sync::mpsc;
+use tokio::time::{sleep, timeout};
+use tokio_stream::wrappers::ReceiverStream;
+use tonic::Status;
+use zk0_circuits::NodeId;
+use zk0_protocol::rpc::federation::RoundInfo;
+
+/// How long a node is told of changes before it has to ask again. So nobody who is gone is served for longer.
+const WATCH: Duration = Duration::from_secs(300);
+
+/// How far the last round has come, as far as that is published. It is `None` before the first round.
+pub(super) type Stage = Option<RoundEntries>;
+
+impl Service {
+    /// Tells those who follow a round if it has come further.
+    pub(super) async fn note_stage(&self) -> Result<(), RequestError> {
+        let service = self.clone();
+        let stage = self.with(move |aggregator| match service.visible(aggregator) {
+            Ok(published) => Ok(aggregator.stage(published)),
+            Err(_) => Ok(None),
+        });
+        let stage = stage.await?;
+        self.stage.send_if_modified(|told| {
+            let changed = *told != stage;
+            *told = stage;
+            changed
+        });
+        Ok(())
+    }
+
+    /// A round, or the last one, as far as it has come.
+    pub(super) fn round_info(
+        &self,
+        aggregator: &Aggregator,
+        round: Option<u64>,
+        node: Option<NodeId>,
+    ) -> Result<RoundInfo, RequestError> {
+        let receipts = aggregator.round(round, self.visible(aggregator)?)?;
+        let state = aggregator.state();
+        let open = state.round().zip(node);
+        Ok(RoundInfo {
+            invited: open.is_some_and(|(open, node)| state.may_contribute(open, &node)),
+            opened: receipts.opened.map(Into::into),
+            commitments_closed: receipts.commitments_closed.map(Into::into),
+            randomness: receipts.randomness.map(Into::into),
+            closed: receipts.closed.map(Into::into),
+            now_ms: aggregator.now_ms(),
+            program: encode(state.program())?,
+        })
+    }
+
+    /// A round, or the last one, now and whenever it has come further, for [`WATCH`] at most.
+    pub(super) fn watched_round(
+        &self,
+        round: Option<u64>,
+        node: Option<NodeId>,
+    ) -> ReceiverStream<Result<RoundInfo, Status>> {
+        let (sender, told) = mpsc::channel(1);
+        let service = self.clone();
+        tokio::spawn(async move {
+            let following = service.follow(round, node, &sender);
+            tokio::select! {
+                () = following => {}
+                () = sleep(WATCH) => {}
+                () = sender.closed() => {}
+            }
+        });
+        ReceiverStream::new(told)
+    }
+
+    async fn follow(
+        &self,
+        round: Option<u64>,
+        node: Option<NodeId>,
+        sender: &mpsc::Sender<Result<RoundInfo, Status>>,
+    ) {
+        let mut stage = self.stage.subscribe();
+        let mut told = None;
+        loop {
+            stage.borrow_and_update();
+            let service = self.clone();
+            let info = self.with(move |aggregator| service.round_info(aggregator, round, node));
+            let info = match info.await {
+                // There is nothing to show yet.
+                Err(RequestError::NotPublished(_)) => None,
+                info => Some(info),
+            };
+            if let Some(info) = info {
+                let failed = info.is_err();
+                // The clock always moves on, and is no news by itself.
+                let news = info.as_ref().ok().map(|info| RoundInfo {
+                    now_ms: 0,
+                    ..info.clone()
+                });
+                if failed || news != told {
+                    told = news;
+                    let sent = sender.send(info.map_err(Into::into));
+                    let sent = timeout(self.limits.silence, sent).await;
+                    if failed || !sent.is_ok_and(|sent| sent.is_ok()) {
+                        return;
+                    }
+                }
+            }
+            if stage.changed().await.is_err() {
+                return;
+            }
+        }
+    }
+}
