@@ -184,10 +184,7 @@ fn fill(dir: &Path, more_room: impl FnOnce()) {
         assert!(said.receipts.len() < 20_000, "the disk does not fill up");
     };
     println!("{} entries, then: {error}", ledger.size());
-    assert!(
-        !matches!(error, LedgerError::Rule(_)),
-        "{error}"
-    );
+    assert!(!matches!(error, LedgerError::Rule(_)), "{error}");
     let again = ledger.append(T0, enrolled(1)).map(drop);
     assert!(matches!(again, Err(LedgerError::Poisoned)), "{again:?}");
     assert!(ledger.size() > 100, "this tests little");

@@ -236,7 +236,11 @@ impl Aggregator {
 
     /// Records the verdict on a dispute: what [`Disputed::verify_again`] says against the contribution.
     ///
-    pub fn resolve(&mut self, dispute: u64, upheld: Option<Refusal>) -> Result<Progress, RequestError> {
+    pub fn resolve(
+        &mut self,
+        dispute: u64,
+        upheld: Option<Refusal>,
+    ) -> Result<Progress, RequestError> {
         match &upheld {
             Some(unchecked @ Refusal::NoVerifier { .. }) => {
                 return Ok(Progress::Undecided(format!(

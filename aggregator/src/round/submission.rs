@@ -70,7 +70,10 @@ impl Aggregator {
             _ => {}
         }
         let round = state.round().ok_or(Refusal::NotCommitted(node))?;
-        let commit = round.commits.get(&node).ok_or(Refusal::NotCommitted(node))?;
+        let commit = round
+            .commits
+            .get(&node)
+            .ok_or(Refusal::NotCommitted(node))?;
         Ok(Begun::New(Undecided {
             weights: [commit.update.blob, round.opened.base.blob],
             before: state.for_claims_of(&node),
@@ -131,12 +134,7 @@ impl Undecided {
         let [update, base] = &self.weights;
         let get = |digest: &Digest, limit| self.blobs.get(digest, limit);
         let weights = WeightFiles::read(update, base, self.before.rules(), get)?;
-        Ok(decide(
-            &self.before,
-            contribution,
-            &weights,
-            self.time_ms,
-        )?)
+        Ok(decide(&self.before, contribution, &weights, self.time_ms)?)
     }
 }
 

@@ -18,9 +18,7 @@ use tokio_stream::{Stream, StreamExt};
 use tonic::{Request, Response, Status, Streaming};
 use zk0_circuits::{Digest, NodeId};
 use zk0_protocol::entries::entry::Body;
-use zk0_protocol::entries::signed::{
-    DatasetRegistration, Signed, UpdateCommitment, UploadRequest,
-};
+use zk0_protocol::entries::signed::{DatasetRegistration, Signed, UpdateCommitment, UploadRequest};
 use zk0_protocol::rpc::federation::federation_server::Federation;
 use zk0_protocol::rpc::federation::upload_chunk::Part;
 use zk0_protocol::rpc::federation::{
@@ -79,7 +77,9 @@ impl Federation for Service {
                 service.with(move |aggregator| aggregator.begin_saying(&said, arrived_ms))
             };
             let begun = begin().await?;
-            let recorded = service.recorded(&arrival, begun, AllowedSaying::check).await;
+            let recorded = service
+                .recorded(&arrival, begun, AllowedSaying::check)
+                .await;
             // If it came twice at once, the second one gets the receipt of the first one.
             let receipt = match recorded {
                 Err(refused) => match begin().await {

@@ -14,4 +14,5 @@ pub mod recent_updates;
 pub mod required_witnesses;
 pub mod round_results;
 pub mod state;
+pub mod upper_bounds;
 pub mod violation;

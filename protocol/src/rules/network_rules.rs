@@ -8,6 +8,7 @@ use crate::rules::closing::credits::CreditRule;
 use crate::rules::closing::public_samples::PublicSamples;
 use crate::rules::closing::shares::Shares;
 use crate::rules::governance::Governance;
+use crate::rules::upper_bounds;
 use crate::tlog::witness_policy::WitnessPolicy;
 use borsh::{BorshDeserialize, BorshSerialize};
 use serde::{Deserialize, Serialize};
@@ -209,6 +210,7 @@ impl Rules {
         if let Some((rule, _)) = at_least_one.iter().find(|(_, value)| *value == 0) {
             return Err(format!("rule {rule} is 0; it has to be at least 1"));
         }
+        upper_bounds::check(self)?;
         if self.min_improvement_bps > BPS {
             return Err(format!(
                 "rule min_improvement_bps is {}, but a loss cannot fall by more than {BPS}",

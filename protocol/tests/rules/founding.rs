@@ -9,7 +9,10 @@ use zk0_protocol::entries::codec::EntryError;
 use zk0_protocol::entries::entry::ENTRY_VERSION;
 use zk0_protocol::entries::member::NodeEnrolled;
 use zk0_protocol::rules::closing::shares::Shares;
-use zk0_protocol::{Body, RuleViolation, State};
+use zk0_protocol::rules::upper_bounds::{
+    MAX_CREDITS, MAX_GOVERNANCE_WINDOW_MS, MAX_PROOF_BYTES, MAX_ROUND_WINDOW_MS, MAX_UPDATE_BYTES,
+};
+use zk0_protocol::{Body, RuleViolation, Rules, State};
 
 #[test]
 fn genesis_comes_first_and_only_first() {
@@ -82,7 +85,7 @@ fn a_genesis_has_to_make_sense() {
                 ..DrandChain::quicknet()
             };
             g.rules.randomness = RandomnessSource::Drand(Box::new(chain));
-            g.rules.randomness_window_ms = u64::MAX;
+            g.rules.randomness_window_ms = MAX_ROUND_WINDOW_MS;
         }),
         ("unanswered.max", |g| g.rules.unanswered.max = 99),
     ];
@@ -92,6 +95,60 @@ fn a_genesis_has_to_make_sense() {
         match State::found(&entry(T0, Body::Genesis(genesis))) {
             Err(RuleViolation::BadGenesis(why)) => assert!(why.contains(what), "{why}"),
             other => panic!("{what}: {other:?}"),
+        }
+    }
+}
+
+#[test]
+fn rules_that_would_stop_a_network_for_ever_found_nothing() {
+    type Change = fn(&mut Rules, u64);
+    let bounds: [(&str, u64, Change); 9] = [
+        ("commit_window_ms", MAX_ROUND_WINDOW_MS, |rules, value| {
+            rules.commit_window_ms = value
+        }),
+        ("submit_window_ms", MAX_ROUND_WINDOW_MS, |rules, value| {
+            rules.submit_window_ms = value
+        }),
+        (
+            "randomness_window_ms",
+            MAX_ROUND_WINDOW_MS,
+            |rules, value| rules.randomness_window_ms = value,
+        ),
+        ("max_update_bytes", MAX_UPDATE_BYTES, |rules, value| {
+            rules.max_update_bytes = value
+        }),
+        ("max_proof_bytes", MAX_PROOF_BYTES, |rules, value| {
+            rules.max_proof_bytes = value
+        }),
+        (
+            "credits.max_per_contribution",
+            MAX_CREDITS,
+            |rules, value| rules.credits.max_per_contribution = value,
+        ),
+        (
+            "credits.dispute_window_ms",
+            MAX_GOVERNANCE_WINDOW_MS,
+            |rules, value| rules.credits.dispute_window_ms = value,
+        ),
+        (
+            "governance.voting_ms",
+            MAX_GOVERNANCE_WINDOW_MS,
+            |rules, value| rules.governance.voting_ms = value,
+        ),
+        (
+            "governance.time_lock_ms",
+            MAX_GOVERNANCE_WINDOW_MS,
+            |rules, value| rules.governance.time_lock_ms = value,
+        ),
+    ];
+    for (rule, most, change) in bounds {
+        let mut rules = genesis().rules;
+        change(&mut rules, most);
+        assert_eq!(rules.check(), Ok(()), "{rule}");
+        for above in [most + 1, u64::MAX] {
+            change(&mut rules, above);
+            let why = format!("rule {rule} is {above}; it can be at most {most}");
+            assert_eq!(rules.check(), Err(why));
         }
     }
 }

@@ -429,6 +429,12 @@ pub const REMOVALS: &[Removal] = &[
         ),
     ),
     // Programs.
+    rule(
+        "rules about times and sizes have upper bounds",
+        "protocol/src/rules/network_rules.rs",
+        &[("        upper_bounds::check(self)?;\n", "")],
+        "rules_that_would_stop_a_network_for_ever_found_nothing",
+    ),
     of_target(
         "voting",
         rule(

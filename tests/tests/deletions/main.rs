@@ -13,6 +13,7 @@ mod audited;
 mod copy;
 mod ledger_rules;
 mod nodes;
+mod service;
 
 use copy::{Copy, Outcome};
 
@@ -70,5 +71,10 @@ fn the_argument_has_a_cheat_for_each_check() {
 #[test]
 #[ignore = "builds SP1 for the copy: make deletions"]
 fn verifier_ledger_and_audit_have_a_test_for_each_check() {
-    removed(&[attestation::REMOVALS, audited::REMOVALS, nodes::REMOVALS]);
+    removed(&[
+        attestation::REMOVALS,
+        audited::REMOVALS,
+        nodes::REMOVALS,
+        service::REMOVALS,
+    ]);
 }

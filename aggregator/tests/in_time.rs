@@ -1,0 +1,253 @@
+//! A request is judged by when it arrived, and nobody waits while the aggregator verifies something.
+
+mod harness;
+
+use harness::*;
+use std::path::PathBuf;
+use std::process::Command;
+use std::time::Duration;
+use tokio::time::timeout;
+use tonic::{Code, Streaming};
+use zk0_circuits::Claim;
+use zk0_protocol::entries::entry::Body;
+use zk0_protocol::rpc::federation as proto;
+use zk0_protocol::Refusal;
+use zk0_verifier::blob_digest;
+
+type Test = Result<(), Box<dyn std::error::Error>>;
+
+const SOON: Duration = Duration::from_secs(10);
+const A_MOMENT: Duration = Duration::from_millis(300);
+
+/// A network in which the first node has committed to an update, and its claim. Reading the update takes until the test lets go of it.
+async fn with_a_slow_update() -> (Network, Node, Claim, SlowFile) {
+    let (network, first, _) = open_round().await;
+    let update = committed(&network, &first, 0, 1).await;
+    let claim = first.claim(&network).await;
+    let blobs = network.dir.path().join("blobs/sha256");
+    let slow = SlowFile::instead_of(blobs.join(blob_digest(&update).to_string()));
+    (network, first, claim, slow)
+}
+
+/// A named pipe in place of a file: whoever reads it waits.
+struct SlowFile {
+    path: PathBuf,
+    content: Vec<u8>,
+}
+
+impl SlowFile {
+    fn instead_of(path: PathBuf) -> Self {
+        let content = std::fs::read(&path).unwrap();
+        std::fs::remove_file(&path).unwrap();
+        let made = Command::new("mkfifo").arg(&path).status().unwrap();
+        assert!(made.success());
+        Self { path, content }
+    }
+
+    /// Waits until somebody reads the pipe, and lets them read it to its end.
+    async fn let_go(self) {
+        tokio::task::spawn_blocking(move || std::fs::write(self.path, self.content))
+            .await
+            .unwrap()
+            .unwrap();
+    }
+}
+
+/// Waits until a request is in progress.
+async fn arrived(network: &Network) {
+    let arrivals = network
+        .service()
+        .with(|aggregator| Ok(aggregator.arrivals().clone()))
+        .await
+        .unwrap();
+    timeout(SOON, async {
+        while !arrivals.any_by(u64::MAX) {
+            tokio::time::sleep(Duration::from_millis(5)).await;
+        }
+    })
+    .await
+    .unwrap();
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn the_service_answers_while_it_verifies_a_submission() -> Test {
+    let (network, first, claim, slow) = with_a_slow_update().await;
+    let network = std::sync::Arc::new(network);
+    let submitting = {
+        let network = network.clone();
+        tokio::spawn(async move { first.submit(&network, claim, b"no proof").await })
+    };
+    arrived(&network).await;
+    tokio::time::sleep(A_MOMENT).await;
+    assert!(!submitting.is_finished());
+    timeout(SOON, network.round(None)).await?;
+    timeout(SOON, network.entries()).await?;
+    slow.let_go().await;
+    let reply = timeout(SOON, submitting).await???;
+    assert!(
+        reply.reason.contains("not an SP1 compressed proof"),
+        "{}",
+        reply.reason
+    );
+    Ok(())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_submission_that_arrived_in_time_is_not_late_however_long_it_takes() -> Test {
+    let (network, first, claim, slow) = with_a_slow_update().await;
+    let network = std::sync::Arc::new(network);
+    network.clock.advance(SUBMIT_MS);
+    let submitting = {
+        let network = network.clone();
+        tokio::spawn(async move { first.submit(&network, claim, b"no proof").await })
+    };
+    arrived(&network).await;
+    network.clock.advance(60_000);
+    // The round waits for it.
+    network.settle().await;
+    assert_eq!(network.round(Some(0)).await.closed, None);
+    slow.let_go().await;
+    let reply = timeout(SOON, submitting).await???;
+    assert!(
+        reply.reason.contains("not an SP1 compressed proof"),
+        "{}",
+        reply.reason
+    );
+    network.settle().await;
+    assert!(network.round(Some(0)).await.closed.is_some());
+    Ok(())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn what_arrives_late_waits_for_what_arrived_in_time() -> Test {
+    let (network, first, second) = open_round().await;
+    both_committed(&network, &first, &second).await;
+    let (early, late) = (first.claim(&network).await, second.claim(&network).await);
+    let blobs = network.dir.path().join("blobs/sha256");
+    let slow = SlowFile::instead_of(blobs.join(blob_digest(&weights(1)).to_string()));
+    let network = std::sync::Arc::new(network);
+    let submitting = |node: Node, claim: Claim| {
+        let network = network.clone();
+        tokio::spawn(async move { node.submit(&network, claim, b"no proof").await })
+    };
+    let early = submitting(first, early);
+    arrived(&network).await;
+    network.clock.advance(SUBMIT_MS + 5);
+    let late = submitting(second, late);
+    tokio::time::sleep(A_MOMENT).await;
+    assert!(!late.is_finished());
+    slow.let_go().await;
+    let early = timeout(SOON, early).await???;
+    let late = timeout(SOON, late).await???;
+    assert!(
+        early.reason.contains("not an SP1 compressed proof"),
+        "{}",
+        early.reason
+    );
+    let (_, _, entry) = network.opened(late.receipt.ok_or("no receipt")?);
+    let Body::ContributionRejected { reason, .. } = entry.body else {
+        panic!("{entry:?}");
+    };
+    assert!(
+        matches!(reason, Refusal::Late { late_ms: 5, .. }),
+        "{reason}"
+    );
+    Ok(())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_submission_of_an_earlier_round_is_turned_away_before_its_signature_is_verified() -> Test
+{
+    let (network, first, _) = open_round().await;
+    committed(&network, &first, 0, 1).await;
+    let claim = first.claim(&network).await;
+    let mut submission = first.submission(claim, b"no proof");
+    network.clock.advance(SUBMIT_MS + 1);
+    network.settle().await;
+    submission.signature[0] ^= 1;
+    refused(
+        first
+            .submit_as(&network, &submission, b"another proof")
+            .await,
+        Code::FailedPrecondition,
+        "round 0",
+    );
+    Ok(())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_submission_that_comes_several_times_at_once_is_decided_once() -> Test {
+    let (network, first, second) = open_round().await;
+    both_committed(&network, &first, &second).await;
+    let claim = first.claim(&network).await;
+    let before = network.entries().await.len();
+    let submission = first.submission(claim, b"no proof");
+    let all = (0..8).map(|_| first.submit_as(&network, &submission, b"no proof"));
+    let mut receipts = Vec::new();
+    for reply in futures_all(all.collect()).await {
+        receipts.push(reply?.receipt.ok_or("no receipt")?);
+    }
+    assert!(receipts.iter().all(|receipt| *receipt == receipts[0]));
+    assert_eq!(network.entries().await.len(), before + 1);
+    Ok(())
+}
+
+/// The outputs of futures that run together.
+async fn futures_all<F: std::future::Future>(all: Vec<F>) -> Vec<F::Output> {
+    let mut all: Vec<_> = all.into_iter().map(|one| (Box::pin(one), None)).collect();
+    std::future::poll_fn(|context| {
+        for (future, output) in &mut all {
+            if output.is_none() {
+                if let std::task::Poll::Ready(done) = future.as_mut().poll(context) {
+                    *output = Some(done);
+                }
+            }
+        }
+        match all.iter().all(|(_, output)| output.is_some()) {
+            true => std::task::Poll::Ready(()),
+            false => std::task::Poll::Pending,
+        }
+    })
+    .await;
+    all.into_iter().filter_map(|(_, output)| output).collect()
+}
+
+async fn told(stream: &mut Streaming<proto::RoundInfo>) -> proto::RoundInfo {
+    timeout(SOON, stream.message())
+        .await
+        .expect("the node is told in time")
+        .unwrap()
+        .expect("the stream goes on")
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_node_is_told_when_its_round_has_come_further() -> Test {
+    let (network, first, second) = open_round().await;
+    let request = proto::GetRoundRequest {
+        round: Some(0),
+        node: first.id().0.to_vec(),
+    };
+    let mut stream = network
+        .client()
+        .await
+        .watch_round(request)
+        .await?
+        .into_inner();
+    let round = told(&mut stream).await;
+    assert!(round.invited && round.opened.is_some() && round.commitments_closed.is_none());
+    // Entries that take the round no further are no news.
+    both_committed(&network, &first, &second).await;
+    network.settle().await;
+    let mut round = told(&mut stream).await;
+    if round.randomness.is_none() {
+        round = told(&mut stream).await;
+    }
+    assert!(round.commitments_closed.is_some() && round.randomness.is_some());
+    network.clock.advance(SUBMIT_MS + 1);
+    network.settle().await;
+    let round = told(&mut stream).await;
+    assert!(round.closed.is_some());
+    let silent = timeout(A_MOMENT, stream.message()).await;
+    assert!(silent.is_err(), "{silent:?}");
+    Ok(())
+}
