@@ -4,6 +4,7 @@ mod network;
 
 use network::*;
 use rocksdb::DB;
+use zk0_ledger::group::Wanted;
 use zk0_ledger::replay::{replay, Verdict};
 use zk0_ledger::store::{Batch, Store};
 use zk0_ledger::{Ledger, LedgerError};
@@ -156,23 +157,26 @@ fn only_the_submission_that_was_verified_is_not_verified_again() {
     let verified = submission(claim(ledger.state(), 0), 0);
     let mut others = [verified.clone(), submission(claim(ledger.state(), 1), 1)];
     let verified = AuthenticSubmission::of(verified).unwrap();
+    let decided = |body: Body| Wanted {
+        known: Some(verified.clone()),
+        ..Wanted::at(T0, body)
+    };
     for other in &mut others {
         other.signature[0] ^= 1;
         assert!(AuthenticSubmission::of(other.clone()).is_err());
-        let refused =
-            ledger.append_decision(T0, Body::ContributionAccepted(other.clone()), &verified);
+        let forged = decided(Body::ContributionAccepted(other.clone()));
+        let refused = ledger.commit(vec![forged]).unwrap();
         assert!(
             matches!(
-                refused,
-                Err(LedgerError::Rule(RuleViolation::Refused(
-                    Refusal::Signature(_)
-                )))
+                refused[..],
+                [Err(RuleViolation::Refused(Refusal::Signature(_)))]
             ),
             "{refused:?}"
         );
     }
     let accepted = Body::ContributionAccepted((*verified).clone());
-    ledger.append_decision(T0, accepted, &verified).unwrap();
+    let recorded = ledger.commit(vec![decided(accepted)]).unwrap();
+    assert!(recorded[0].is_ok(), "{recorded:?}");
     let report = replay(dir.path(), None, &mut ());
     assert_eq!(report.verdict, Verdict::Verified);
 }

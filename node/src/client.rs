@@ -14,7 +14,7 @@ use zk0_protocol::entries::entry::{Body, Entry, RoundClosed, RoundOpened};
 use zk0_protocol::entries::genesis::Genesis;
 use zk0_protocol::entries::program::Program;
 use zk0_protocol::entries::signed::{
-    DatasetRegistration, Proposal, Signed, Submission, UpdateCommitment, UploadRequest,
+    DatasetRegistration, Enrolment, Proposal, Signed, Submission, UpdateCommitment, UploadRequest,
 };
 use zk0_protocol::rpc::federation as rpc;
 use zk0_protocol::rpc::federation::federation_client::FederationClient;
@@ -355,6 +355,19 @@ impl Node {
             body: encode(&body),
         };
         let receipt = patiently!(self.client.record(request))?.into_inner();
+        Ok(self.recorded(receipt, body)?.index)
+    }
+
+    /// Has the aggregator enrol a node, which `body` records. Returns the entry's index.
+    pub(crate) async fn record_enrolment(
+        &mut self,
+        signed: &Signed<Enrolment>,
+        body: Body,
+    ) -> Result<u64, NodeError> {
+        let request = rpc::EnrolRequest {
+            enrolment: encode(signed),
+        };
+        let receipt = patiently!(self.client.enrol(request))?.into_inner();
         Ok(self.recorded(receipt, body)?.index)
     }
 

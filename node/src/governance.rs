@@ -1,13 +1,14 @@
-//! What governors and nodes sign besides contributions: proposals, votes, disputes, and the change of a key.
+//! What governors, nodes and the operator sign besides contributions: enrolments, proposals, votes, disputes, and the change of a key.
 
 use crate::client::Node;
 use crate::client_error::NodeError;
 use ed25519_dalek::SigningKey;
 use zk0_circuits::NodeId;
 use zk0_protocol::entries::entry::Body;
+use zk0_protocol::entries::member::NodeEnrolled;
 use zk0_protocol::entries::proposal::{Action, Ballot};
 use zk0_protocol::entries::signed::{
-    Dispute, Evidence, KeyRotation, KeyTakeover, Proposal, Signed, Vote,
+    Dispute, Enrolment, Evidence, KeyRotation, KeyTakeover, Proposal, Signed, Vote,
 };
 
 /// A proposal that is on the ledger.
@@ -20,6 +21,19 @@ pub struct Proposed {
 }
 
 impl Node {
+    /// Enrols a node. This connection's key has to be the log's key, which the network's operator has. Returns the index of the entry.
+    pub async fn enrol(&mut self, node: NodeId, name: String) -> Result<u64, NodeError> {
+        let enrolment = Enrolment {
+            network: *self.network(),
+            operator: self.id(),
+            node,
+            name: name.clone(),
+        };
+        let signed = Signed::new(enrolment, self.key());
+        let body = Body::NodeEnrolled(NodeEnrolled { node, name });
+        self.record_enrolment(&signed, body).await
+    }
+
     /// Proposes a change, with a title and a text for people.
     pub async fn propose(
         &mut self,

@@ -187,6 +187,10 @@ impl Federation for Lying {
         not_asked()
     }
 
+    async fn enrol(&self, _: Request<rpc::EnrolRequest>) -> Answer<rpc::Receipt> {
+        not_asked()
+    }
+
     async fn get_governance(
         &self,
         _: Request<rpc::GetGovernanceRequest>,

@@ -9,7 +9,7 @@ use std::fs;
 use std::path::PathBuf;
 use zk0_protocol::entries::program::Program;
 use zk0_protocol::entries::proposal::Action;
-use zk0_protocol::entries::signed::{Proposal, Statement, UploadRequest};
+use zk0_protocol::entries::signed::{Enrolment, Proposal, Statement, UploadRequest};
 use zk0_protocol::tlog::checkpoint::Parsed;
 use zk0_protocol::tlog::cosigner::Cosigner;
 use zk0_protocol::tlog::witness::AddCheckpoint;
@@ -80,6 +80,15 @@ fn entries() {
 #[test]
 fn statements() {
     let state = chain().state;
+    check_signed(
+        "signed/enrolment",
+        Enrolment {
+            network: digest(1),
+            operator: id(0),
+            node: id(1),
+            name: "node 1".into(),
+        },
+    );
     check_signed(
         "signed/dataset-registration",
         registration(state.network(), 0),

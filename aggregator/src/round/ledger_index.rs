@@ -23,8 +23,8 @@ pub struct LedgerIndex {
     rounds: Vec<RoundEntries>,
     /// The entries that recorded proposals, by number.
     proposals: Vec<u64>,
-    /// The entries that recorded what members said about the network itself, by the hash of the body: whoever says the same again
-    /// gets the same receipt.
+    /// The entries that recorded what members and the operator said about the network itself, by the hash of the body: whoever says the
+    /// same again gets the same receipt.
     said: BTreeMap<Digest, u64>,
     /// The entries that decided on the submissions of the last round, by node.
     decisions: BTreeMap<NodeId, u64>,
@@ -79,7 +79,10 @@ impl LedgerIndex {
                 self.proposals.push(index);
                 self.said.insert(key(body), index);
             }
-            Body::Voted(_) | Body::Disputed(_) | Body::KeyRotated { .. } => {
+            Body::NodeEnrolled(_)
+            | Body::Voted(_)
+            | Body::Disputed(_)
+            | Body::KeyRotated { .. } => {
                 self.said.insert(key(body), index);
             }
             _ => {}

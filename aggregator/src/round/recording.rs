@@ -13,12 +13,12 @@ use zk0_ledger::blobs::{BlobError, BlobWriter, Blobs};
 use zk0_protocol::blob::Blob;
 use zk0_protocol::entries::entry::{Body, MAX_ENTRY_BYTES};
 use zk0_protocol::entries::genesis::Genesis;
+use zk0_protocol::entries::member::NodeEnrolled;
 use zk0_protocol::entries::proposal::Action;
 use zk0_protocol::entries::signed::{
-    DatasetRegistration, Signed, Statement, UpdateCommitment, UploadRequest,
+    DatasetRegistration, Enrolment, Signed, Statement, UpdateCommitment, UploadRequest,
 };
 use zk0_protocol::rules::named_blobs::BlobKind;
-use zk0_protocol::rules::network_rules::Rules;
 use zk0_protocol::tlog::receipt::Receipt;
 use zk0_protocol::Refusal;
 use zk0_verifier::dataset::check_leaf_list;
@@ -186,6 +186,43 @@ impl Aggregator {
             signed: signed.clone(),
             blobs: self.ledger.blobs().clone(),
         }))
+    }
+
+    /// Begins to enrol a node.
+    ///
+    /// # Errors
+    /// Somebody else than the network's operator has signed it, or the rules do not let the operator enrol this node.
+    pub fn begin_enrolment(
+        &self,
+        signed: &Signed<Enrolment>,
+        arrived_ms: u64,
+    ) -> Result<Begun<Body>, RequestError> {
+        let Enrolment {
+            network,
+            operator,
+            node,
+            name,
+        } = &signed.statement;
+        let genesis = self.state().genesis();
+        if network != self.state().network() {
+            return Err(Refusal::WrongNetwork {
+                claimed: *network,
+                ours: *self.state().network(),
+            }
+            .into());
+        }
+        if operator.0 != genesis.log_key {
+            return Err(RequestError::NotOperator(*operator));
+        }
+        let body = Body::NodeEnrolled(NodeEnrolled {
+            node: *node,
+            name: name.clone(),
+        });
+        if let Some(index) = self.index.said(&body) {
+            return Ok(Begun::Recorded(self.ledger.first_receipt(index)?));
+        }
+        self.check(arrived_ms, body.clone())?;
+        Ok(Begun::New(body))
     }
 
     /// Begins an upload. The caller writes the blob, and calls [`BlobWriter::finish`] with the request's digest. The writer is

@@ -28,6 +28,9 @@ pub enum RequestError {
     /// No entry names the blob.
     #[error("the ledger names no blob {0}")]
     UnknownBlob(zk0_circuits::Digest),
+    /// Only the network's operator may do this.
+    #[error("only the network's operator enrols nodes, with the log's key; this enrolment is signed by {0}")]
+    NotOperator(zk0_circuits::NodeId),
     /// No round can start from the weights that this round ended with.
     #[error("round {round} ended with the weights {blob}, but the aggregator does not have that blob any more")]
     LostWeights {
@@ -125,7 +128,7 @@ impl RequestError {
             Self::Violation(_) | Self::LostWeights { .. } | Self::PublicSamples(_) => {
                 Code::FailedPrecondition
             }
-            Self::HeldBack(_) => Code::PermissionDenied,
+            Self::HeldBack(_) | Self::NotOperator(_) => Code::PermissionDenied,
             Self::UnknownBlob(_) => Code::NotFound,
             Self::Busy(_) => Code::ResourceExhausted,
             Self::TimedOut(_) => Code::DeadlineExceeded,

@@ -18,11 +18,13 @@ use tokio_stream::{Stream, StreamExt};
 use tonic::{Request, Response, Status, Streaming};
 use zk0_circuits::{Digest, NodeId};
 use zk0_protocol::entries::entry::Body;
-use zk0_protocol::entries::signed::{DatasetRegistration, Signed, UpdateCommitment, UploadRequest};
+use zk0_protocol::entries::signed::{
+    DatasetRegistration, Enrolment, Signed, UpdateCommitment, UploadRequest,
+};
 use zk0_protocol::rpc::federation::federation_server::Federation;
 use zk0_protocol::rpc::federation::upload_chunk::Part;
 use zk0_protocol::rpc::federation::{
-    Chunk, CommitRequest, DownloadRequest, GetGovernanceRequest, GetNetworkRequest,
+    Chunk, CommitRequest, DownloadRequest, EnrolRequest, GetGovernanceRequest, GetNetworkRequest,
     GetRoundRequest, GovernanceInfo, NetworkInfo, OpenProposal, Receipt, RecordRequest,
     RegisterDatasetRequest, RoundInfo, SubmitReply, SubmitRequest, UploadChunk, UploadReply,
 };
@@ -88,6 +90,26 @@ impl Federation for Service {
                 },
                 recorded => recorded?,
             };
+            service.answered(arrival, receipt).await
+        })
+        .await
+    }
+
+    async fn enrol(&self, request: Request<EnrolRequest>) -> Result<Response<Receipt>, Status> {
+        let arrival = self.arrivals.stamp();
+        let (service, enrolment) = (self.clone(), request.into_inner().enrolment);
+        to_its_end(async move {
+            let signed: Signed<Enrolment> =
+                blocking(move || read_signed("enrolment", &enrolment)).await?;
+            let Enrolment { node, operator, .. } = signed.statement;
+            let name = signed.statement.name.clone();
+            let _turn = service.turns.take(operator).await;
+            let arrived_ms = arrival.at_ms();
+            let begun = service
+                .with(move |aggregator| aggregator.begin_enrolment(&signed, arrived_ms))
+                .await?;
+            let receipt = service.recorded(&arrival, begun, Ok).await?;
+            tracing::info!(%node, name, "node enrolled");
             service.answered(arrival, receipt).await
         })
         .await
@@ -259,8 +281,9 @@ impl Service {
         let signed: Signed<UploadRequest> =
             blocking(move || read_signed("upload request", &first)).await?;
         let upload = signed.statement;
+        let request = upload.clone();
         let writer = self
-            .with(move |aggregator| aggregator.begin_upload(&upload))
+            .with(move |aggregator| aggregator.begin_upload(&request))
             .await?;
         let Some(mut writer) = writer else {
             return Ok(());

@@ -7,18 +7,19 @@ use borsh::BorshDeserialize;
 use zk0_aggregator::round::request::RequestError;
 use zk0_aggregator::{Aggregator, Config, Progress};
 use zk0_audit::{Auditor, Depth, Named};
-use zk0_circuits::Digest;
+use zk0_circuits::{Digest, NodeId};
 use zk0_ledger::replay::{replay, Finding, Recheck};
 use zk0_ledger::Blobs;
 use zk0_protocol::entries::proposal::{Action, Ballot};
 use zk0_protocol::entries::signed::{
-    DatasetRegistration, Proposal, Signed, Statement, UpdateCommitment, UploadRequest, Vote,
+    DatasetRegistration, Enrolment, Proposal, Signed, Statement, UpdateCommitment, UploadRequest,
+    Vote,
 };
 use zk0_protocol::{Body, Entry, Genesis, Refusal, State};
 use zk0_verifier::blob_digest;
 
 use crate::harness::{
-    found, genesis, weights, AtOnce, ManualClock, Node, COMMIT_MS, GOVERNOR, START_MS,
+    found, genesis, log_key, weights, AtOnce, ManualClock, Node, COMMIT_MS, GOVERNOR, START_MS,
 };
 
 /// What any input may make a reader allocate. An uploaded update is read again, and an auditor verifies a whole proof.
@@ -30,8 +31,9 @@ pub struct Target {
     pub run: Box<dyn FnMut(&[u8]) -> Result<(), String>>,
 }
 
-pub const NAMES: [&str; 6] = [
+pub const NAMES: [&str; 7] = [
     "record",
+    "enrolment",
     "registration",
     "upload",
     "commitment",
@@ -42,6 +44,7 @@ pub const NAMES: [&str; 6] = [
 pub fn target(name: &str) -> Target {
     match name {
         "record" => record(),
+        "enrolment" => enrolment(),
         "registration" => registration(),
         "upload" => upload(),
         "commitment" => commitment(),
@@ -156,6 +159,34 @@ fn record() -> Target {
         run: Box::new(move |input| {
             let _ = &dir;
             aggregator.say(input).map(drop).map_err(text)
+        }),
+    }
+}
+
+/// Enrolments. The operator has signed the first one already, and somebody else the second one.
+fn enrolment() -> Target {
+    let Network {
+        dir,
+        mut aggregator,
+        id,
+        nodes,
+        ..
+    } = Network::new();
+    let seeds = [log_key(), nodes[0].key.clone()].map(|key| {
+        let enrolment = Enrolment {
+            network: id,
+            operator: NodeId(key.verifying_key().to_bytes()),
+            node: Node::new(4).id(),
+            name: "node-4".into(),
+        };
+        bytes(&Signed::new(enrolment, &key))
+    });
+    aggregator.let_in(&seeds[0]).unwrap();
+    Target {
+        seeds: seeds.into(),
+        run: Box::new(move |input| {
+            let _ = &dir;
+            aggregator.let_in(input).map(drop).map_err(text)
         }),
     }
 }

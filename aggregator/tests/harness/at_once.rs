@@ -12,6 +12,7 @@ use zk0_protocol::{Body, Receipt};
 /// Requests as their bytes, one after the other.
 pub trait AtOnce {
     fn say(&mut self, body: &[u8]) -> Result<Receipt, RequestError>;
+    fn let_in(&mut self, enrolment: &[u8]) -> Result<Receipt, RequestError>;
     fn register(&mut self, registration: &[u8], leaves: &[u8]) -> Result<Receipt, RequestError>;
     fn upload(&self, request: &[u8]) -> Result<Option<BlobWriter>, RequestError>;
     fn commit(&mut self, commitment: &[u8]) -> Result<Receipt, RequestError>;
@@ -26,6 +27,14 @@ impl AtOnce for Aggregator {
         match self.begin_saying(&Said::read(body)?, now)? {
             Begun::Recorded(receipt) => Ok(receipt),
             Begun::New(allowed) => recorded(self, allowed.check()?),
+        }
+    }
+
+    fn let_in(&mut self, enrolment: &[u8]) -> Result<Receipt, RequestError> {
+        let signed = read_signed("enrolment", enrolment)?;
+        match self.begin_enrolment(&signed, self.now_ms())? {
+            Begun::Recorded(receipt) => Ok(receipt),
+            Begun::New(body) => recorded(self, body),
         }
     }
 

@@ -1,9 +1,69 @@
-//! A node to enrol, as the command line names it.
+//! `zk0 aggregator enrol`: nodes that the operator lets into the network.
 
-use anyhow::{bail, Result};
+use crate::keys;
+use crate::network::Network;
+use crate::serve::online;
+use anyhow::{bail, Context, Result};
+use ed25519_dalek::SigningKey;
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
+use zk0_aggregator::round::founding;
+use zk0_aggregator::{Clock, SystemClock};
 use zk0_circuits::NodeId;
+use zk0_ledger::{Ledger, LedgerError};
 use zk0_protocol::entries::member::NodeEnrolled;
+
+/// `zk0 aggregator enrol`.
+#[derive(Debug, clap::Args)]
+pub struct Enrol {
+    /// The ledger's folder, if the aggregator is not running.
+    #[arg(conflicts_with = "Network", required_unless_present = "Network")]
+    dir: Option<PathBuf>,
+    #[command(flatten)]
+    network: Option<Network>,
+    /// The file of the log's signing key.
+    #[arg(long)]
+    key: PathBuf,
+    /// NAME=IDENTITY. `zk0 node keygen` prints the identity; the name is for people.
+    #[arg(long = "node", value_name = "NAME=IDENTITY", required = true)]
+    nodes: Vec<Enrolment>,
+}
+
+/// Runs the command.
+pub fn enrol(options: &Enrol) -> Result<()> {
+    let key = keys::read(&options.key)?;
+    match (&options.dir, &options.network) {
+        (Some(dir), _) => in_folder(dir, key, &options.nodes),
+        (None, Some(network)) => online(through(network, key, &options.nodes)),
+        (None, None) => bail!("name the ledger's folder, or the aggregator with --aggregator"),
+    }
+}
+
+fn in_folder(dir: &Path, key: SigningKey, nodes: &[Enrolment]) -> Result<()> {
+    let mut ledger = match Ledger::open(dir, None, key) {
+        Err(error @ LedgerError::Locked(_)) => {
+            return Err(error).context(
+                "an aggregator that runs enrols nodes itself: use --aggregator ADDRESS --network ID in place of the folder",
+            )
+        }
+        opened => opened?,
+    };
+    ledger.watch_clock(SystemClock.now_ms(), || SystemClock.steady())?;
+    let nodes = nodes.iter().map(Into::into).collect();
+    Ok(founding::enrol(&mut ledger, nodes, &SystemClock)?)
+}
+
+async fn through(network: &Network, key: SigningKey, nodes: &[Enrolment]) -> Result<()> {
+    let mut aggregator = network.connect(key).await?;
+    for Enrolment { name, node } in nodes {
+        let entry = aggregator
+            .enrol(*node, name.clone())
+            .await
+            .with_context(|| format!("enrolling {name} ({node})"))?;
+        tracing::info!("enrolled {name} ({node}) in entry {entry}");
+    }
+    Ok(())
+}
 
 /// A node to enrol, `NAME=IDENTITY`.
 #[derive(Clone, Debug)]

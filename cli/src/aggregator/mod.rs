@@ -6,6 +6,7 @@ mod public_samples;
 mod rules;
 mod serve;
 
+use enrolment::Enrol;
 pub use enrolment::Enrolment;
 pub use rules::read_rules;
 
@@ -16,9 +17,6 @@ use public_samples::MakeSamples;
 use rules::{CommonRules, LEAST_UPDATE_LIMIT};
 use serve::Serve;
 use std::path::PathBuf;
-use zk0_aggregator::round::founding::enrol;
-use zk0_aggregator::{Clock, SystemClock};
-use zk0_ledger::Ledger;
 
 /// What to do.
 #[derive(Debug, clap::Subcommand)]
@@ -33,17 +31,8 @@ pub enum Command {
     Rules(CommonRules),
     /// Found a network: its rules, its first policy, and its first nodes.
     Init(Init),
-    /// Enrol nodes in a network whose aggregator is not running.
-    Enrol {
-        /// The ledger's folder.
-        dir: PathBuf,
-        /// The file of the log's signing key.
-        #[arg(long)]
-        key: PathBuf,
-        /// NAME=IDENTITY. `zk0 node keygen` prints the identity; the name is for people.
-        #[arg(long = "node", value_name = "NAME=IDENTITY", required = true)]
-        nodes: Vec<Enrolment>,
-    },
+    /// Enrol nodes in a network: through its running aggregator (`--aggregator`), or in the ledger's folder if the aggregator is not running.
+    Enrol(Enrol),
     /// Make public samples for a network that exists, and keep them among the blobs of its ledger. Each round's result is evaluated on the
     /// public samples that the rules name. This prints the rule that a vote can then put in force (`zk0 governance propose rules`).
     Samples(MakeSamples),
@@ -60,12 +49,7 @@ pub fn run(command: &Command) -> Result<()> {
             println!("{}", serde_json::to_string_pretty(&rules)?);
         }
         Command::Init(options) => init::found(options)?,
-        Command::Enrol { dir, key, nodes } => {
-            let mut ledger = Ledger::open(dir, None, keys::read(key)?)?;
-            ledger.watch_clock(SystemClock.now_ms(), || SystemClock.steady())?;
-            let nodes = nodes.iter().map(Into::into).collect();
-            enrol(&mut ledger, nodes, &SystemClock)?;
-        }
+        Command::Enrol(options) => enrolment::enrol(options)?,
         Command::Samples(options) => public_samples::make(options)?,
         Command::Serve(options) => serve::serve(options)?,
     }

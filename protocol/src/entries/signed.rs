@@ -141,6 +141,22 @@ pub struct UploadRequest {
     pub size: u64,
 }
 
+/// The network's operator enrols a node while the aggregator runs. The ledger records the enrolment as [`NodeEnrolled`], and the log's
+/// signature of the checkpoint that covers it.
+///
+/// [`NodeEnrolled`]: crate::entries::member::NodeEnrolled
+#[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
+pub struct Enrolment {
+    /// The network.
+    pub network: Digest,
+    /// Who enrols: the log's key.
+    pub operator: NodeId,
+    /// The node.
+    pub node: NodeId,
+    /// A name for people.
+    pub name: String,
+}
+
 /// Somebody who may vote proposes a change.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct Proposal {
@@ -226,6 +242,7 @@ statement!(DatasetRegistration, "zk0:dataset-registration:v1", node);
 statement!(UpdateCommitment, "zk0:update-commitment:v2", node);
 statement!(Submission, "zk0:submission:v1", claim.terms.node);
 statement!(UploadRequest, "zk0:upload-request:v1", node);
+statement!(Enrolment, "zk0:enrolment:v1", operator);
 statement!(Proposal, "zk0:proposal:v1", proposer);
 statement!(Vote, "zk0:vote:v1", voter);
 statement!(KeyRotation, "zk0:key-rotation:v1", node);

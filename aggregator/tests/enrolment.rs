@@ -1,0 +1,100 @@
+//! The operator enrols nodes while the aggregator runs, and nobody else does.
+
+mod harness;
+
+use harness::*;
+use tonic::Code;
+use zk0_aggregator::{Config, Limits};
+use zk0_circuits::{Digest, NodeId};
+use zk0_protocol::entries::entry::Body;
+use zk0_protocol::entries::signed::{Enrolment, Signed};
+use zk0_protocol::rpc::federation as proto;
+use zk0_protocol::rules::network_rules::EnrolmentRule;
+
+type Test = Result<(), Box<dyn std::error::Error>>;
+
+fn enrolment(network: &Digest, node: &Node) -> Enrolment {
+    Enrolment {
+        network: *network,
+        operator: NodeId(log_key().verifying_key().to_bytes()),
+        node: node.id(),
+        name: format!("node {}", node.seed),
+    }
+}
+
+async fn enrol(
+    network: &Network,
+    signed: &Signed<Enrolment>,
+) -> Result<proto::Receipt, tonic::Status> {
+    let request = proto::EnrolRequest {
+        enrolment: borsh::to_vec(signed).unwrap(),
+    };
+    Ok(network.client().await.enrol(request).await?.into_inner())
+}
+
+fn config() -> Config {
+    Config {
+        rounds: Some(1),
+        min_nodes: 2,
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_node_that_is_enrolled_while_the_aggregator_runs_takes_part() -> Test {
+    let (first, second) = (Node::new(1), Node::new(2));
+    let network = Network::start(&[&first], config()).await;
+    first.register(&network).await?;
+    let result = second.register(&network).await;
+    refused(result, Code::PermissionDenied, "not enrolled");
+    let id = network.genesis.network_id();
+    let signed = Signed::new(enrolment(&id, &second), &log_key());
+    let receipt = enrol(&network, &signed).await?;
+    let (_, _, entry) = network.opened(receipt.clone());
+    assert!(matches!(entry.body, Body::NodeEnrolled(enrolled) if enrolled.node == second.id()));
+    // Whoever has lost the answer asks again, and nothing is recorded twice.
+    assert_eq!(enrol(&network, &signed).await?, receipt);
+    second.register(&network).await?;
+    network.settle().await;
+    assert!(network.round(None).await.opened.is_some());
+    Ok(())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn nobody_but_the_operator_enrols() -> Test {
+    let (first, second) = (Node::new(1), Node::new(2));
+    let network = Network::start(&[&first], config()).await;
+    let id = network.genesis.network_id();
+    let before = network.entries().await.len();
+    // Somebody signs in the operator's name.
+    let forged = Signed::new(enrolment(&id, &second), &second.key);
+    let result = enrol(&network, &forged).await;
+    refused(result, Code::Unauthenticated, "signature");
+    // Somebody signs in their own name.
+    let mut own = enrolment(&id, &second);
+    own.operator = second.id();
+    let result = enrol(&network, &Signed::new(own, &second.key)).await;
+    refused(
+        result,
+        Code::PermissionDenied,
+        "only the network's operator",
+    );
+    // The operator has signed it for another network.
+    let elsewhere = enrolment(&Digest([9; 32]), &second);
+    let result = enrol(&network, &Signed::new(elsewhere, &log_key())).await;
+    refused(result, Code::FailedPrecondition, "network");
+    assert_eq!(network.entries().await.len(), before);
+    Ok(())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn where_a_vote_enrols_the_operator_does_not() -> Test {
+    let mut genesis = genesis();
+    genesis.rules.enrolment = EnrolmentRule::Vote;
+    let limits = Limits::default();
+    let network = Network::start_as(&[], config(), limits, genesis, None, None).await;
+    let id = network.genesis.network_id();
+    let signed = Signed::new(enrolment(&id, &Node::new(1)), &log_key());
+    let result = enrol(&network, &signed).await;
+    refused(result, Code::FailedPrecondition, "vote");
+    Ok(())
+}
