@@ -1,6 +1,8 @@
 //! The gRPC service in front of the rounds.
 
 pub mod beacon_fetching;
+mod grpc;
 pub mod requests;
 pub mod service;
+mod signed_by;
 mod upload_places;

@@ -4,6 +4,7 @@ use crate::file_parts::file_parts;
 use crate::round::aggregator::Aggregator;
 use crate::round::request::RequestError;
 use crate::serve::service::{blocking, Service};
+use crate::serve::signed_by::signed_by;
 use std::pin::Pin;
 use std::time::Duration;
 use tokio::time::timeout;
@@ -128,7 +129,7 @@ impl Federation for Service {
         request: Request<Streaming<UploadChunk>>,
     ) -> Result<Response<UploadReply>, Status> {
         match timeout(self.limits.upload, self.receive(request.into_inner())).await {
-            Ok(received) => received.map(|()| Response::new(UploadReply {})),
+            Ok(received) => received.map(|node| signed_by(Some(node), UploadReply {})),
             Err(_) => Err(too_long("the upload took", self.limits.upload)),
         }
     }
@@ -148,7 +149,8 @@ impl Federation for Service {
             .with(move |aggregator| aggregator.submit(&submission, proof))
             .await?;
         self.published(decided.receipt.index + 1).await?;
-        Ok(Response::new(SubmitReply {
+        let author = self.entries.author(&decided.receipt);
+        let reply = SubmitReply {
             accepted: decided.rejected.is_none(),
             reason: decided
                 .rejected
@@ -156,7 +158,8 @@ impl Federation for Service {
                 .map(Refusal::to_string)
                 .unwrap_or_default(),
             receipt: Some(decided.receipt.into()),
-        }))
+        };
+        Ok(signed_by(author, reply))
     }
 }
 
@@ -168,11 +171,11 @@ impl Service {
     ) -> Result<Response<Receipt>, Status> {
         let receipt = self.with(record).await?;
         self.published(receipt.index + 1).await?;
-        Ok(Response::new(receipt.into()))
+        Ok(signed_by(self.entries.author(&receipt), receipt.into()))
     }
 
-    /// Receives an upload to its end.
-    async fn receive(&self, mut stream: Streaming<UploadChunk>) -> Result<(), Status> {
+    /// Receives an upload to its end. Returns the node that signed its request.
+    async fn receive(&self, mut stream: Streaming<UploadChunk>) -> Result<NodeId, Status> {
         let Some(Part::Request(first)) = self.next(&mut stream).await? else {
             return Err(malformed(
                 "the first message of an upload holds its signed request",
@@ -182,7 +185,7 @@ impl Service {
             .with(move |aggregator| aggregator.begin_upload(&first))
             .await?;
         let Some(mut writer) = writer else {
-            return Ok(());
+            return Ok(upload.node);
         };
         let _place = self.uploading.take(upload.node)?;
         while let Some(part) = self.next(&mut stream).await? {
@@ -206,7 +209,7 @@ impl Service {
         }
         blocking(move || writer.finish(&upload.blob).map_err(RequestError::upload)).await?;
         tracing::info!(node = %upload.node, update = %upload.blob, size = upload.size, "update uploaded");
-        Ok(())
+        Ok(upload.node)
     }
 
     /// The next part of an upload. It is an error if none comes for too long.
