@@ -8,16 +8,19 @@
 //! - [`publish`]: HTTP under limits ([`publish::http`]) for the log's files ([`publish::log_server`]) and for a witness
 //!   ([`publish::witness_server`]), the client that asks witnesses for cosignatures ([`publish::cosigning`]), and the
 //!   one that asks servers for beacons ([`publish::beacon`]).
-//! - `connections` and `file_parts`: a bounded number of connections, and files sent in parts, for both servers.
+//! - [`connections`]: a bounded number of connections for both servers, and who gets them; [`tls`]: the certificate that they show;
+//!   `file_parts`: files sent in parts.
 //!
 //! The decision on a submission and the end of a round are pure functions of [`zk0_verifier`].
 
-mod connections;
+pub mod connections;
 mod file_parts;
 pub mod publish;
 pub mod round;
 pub mod serve;
+pub mod tls;
 
+pub use crate::connections::limits::ConnectionLimits;
 pub use crate::round::aggregator::{Aggregator, Config, Progress};
 pub use crate::round::clock::{Clock, SystemClock};
 pub use crate::serve::service::{Limits, Service};

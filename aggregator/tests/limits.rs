@@ -304,22 +304,3 @@ async fn an_upload_that_trickles_is_cut() -> Test {
     assert_eq!(network.uploads(), 0);
     Ok(())
 }
-
-#[tokio::test(flavor = "multi_thread")]
-async fn connections_beyond_the_limit_wait_for_a_place() -> Test {
-    let limits = Limits {
-        connections: 2,
-        ..Limits::default()
-    };
-    let (network, _) = impatient(limits).await;
-    let (mut first, second) = (network.client().await, network.client().await);
-    first.get_network(proto::GetNetworkRequest {}).await?;
-    let mut third = network.client().await;
-    let waiting = third.get_network(proto::GetNetworkRequest {});
-    let early = tokio::time::timeout(Duration::from_millis(500), waiting).await;
-    assert!(early.is_err());
-    drop(second);
-    let answer = third.get_network(proto::GetNetworkRequest {});
-    tokio::time::timeout(Duration::from_secs(10), answer).await??;
-    Ok(())
-}

@@ -12,6 +12,7 @@ use tokio::task::{spawn_blocking, JoinHandle};
 use zk0_aggregator::publish::http::{self, Limits};
 use zk0_aggregator::publish::log_server::LogServer;
 use zk0_aggregator::Aggregator;
+use zk0_aggregator::ConnectionLimits;
 use zk0_audit::Auditor;
 use zk0_circuits::Digest;
 use zk0_ledger::blobs::Blobs;
@@ -392,7 +393,10 @@ async fn a_server_of_files_has_limits() {
     let dir = tempfile::tempdir().unwrap();
     drop(Ledger::create(dir.path(), genesis(), log_key(), START_MS).unwrap());
     let limits = Limits {
-        connections: 2,
+        connections: ConnectionLimits {
+            most: 2,
+            ..ConnectionLimits::default()
+        },
         silence: Duration::from_millis(300),
         lifetime: Duration::from_millis(1500),
         body: 10,
@@ -411,7 +415,7 @@ async fn a_server_of_files_has_limits() {
     assert!(raw(&address, body).await.starts_with("HTTP/1.1 413"));
     let silent = "POST /checkpoint HTTP/1.1\r\nhost: x\r\ncontent-length: 5\r\n\r\n";
     assert!(raw(&address, silent).await.starts_with("HTTP/1.1 408"));
-    // Two clients take both places and send nothing. A third client waits, and is served when the server closes their connections.
+    // Two clients take both places and send nothing. One of them makes room for a third.
     let _first = TcpStream::connect(&address).await.unwrap();
     let _second = TcpStream::connect(&address).await.unwrap();
     let answer = tokio::time::timeout(Duration::from_secs(10), get(&address, "checkpoint")).await;

@@ -8,15 +8,19 @@ use ed25519_dalek::SigningKey;
 use std::fs;
 use std::path::PathBuf;
 use zk0_circuits::Digest;
+use zk0_node::aggregator_address::AggregatorAddress;
 use zk0_node::client::Node;
 use zk0_node::participant::Participant;
 
 /// The network that is meant.
 #[derive(Debug, clap::Args)]
 pub struct Network {
-    /// The aggregator's address, such as http://127.0.0.1:7071.
+    /// The aggregator's address, such as https://aggregator.example:7071. With http:// nothing is encrypted.
     #[arg(long, value_name = "ADDRESS")]
     aggregator: String,
+    /// Believe only an aggregator whose certificate is signed by one in this PEM file [default: the authorities that the system trusts]
+    #[arg(long, value_name = "FILE")]
+    ca: Option<PathBuf>,
     /// The network's id, as its operator published it. No other network is accepted.
     #[arg(long, value_name = "ID")]
     network: Digest,
@@ -57,9 +61,8 @@ pub struct Membership {
 impl Network {
     /// Connects to the network.
     pub async fn connect(&self, key: SigningKey) -> Result<Node> {
-        Node::connect(self.aggregator.clone(), self.network, key)
-            .await
-            .with_context(|| format!("connecting to {}", self.aggregator))
+        let address = AggregatorAddress::from(self.aggregator.clone()).with_ca(self.ca.clone());
+        Ok(Node::connect(address, self.network, key).await?)
     }
 }
 

@@ -3,6 +3,7 @@
 use anyhow::{Context, Result};
 use std::future::Future;
 use std::net::SocketAddr;
+use std::time::Duration;
 use tokio::net::TcpListener;
 use tokio::runtime::Runtime;
 use zk0_aggregator::publish::http::{self, Limits, Router};
@@ -11,6 +12,14 @@ use zk0_aggregator::publish::http::{self, Limits, Router};
 pub fn online<T>(work: impl Future<Output = Result<T>>) -> Result<T> {
     let runtime = Runtime::new().context("starting the runtime")?;
     runtime.block_on(work)
+}
+
+/// Runs a server until it ends. What it began and cannot be told to end has as long as `patience` to end; then the process ends without it.
+pub fn online_until<T>(patience: Duration, work: impl Future<Output = Result<T>>) -> Result<T> {
+    let runtime = Runtime::new().context("starting the runtime")?;
+    let done = runtime.block_on(work);
+    runtime.shutdown_timeout(patience);
+    done
 }
 
 /// Listens on this address, or on a free port of it. Returns the listener with its address.

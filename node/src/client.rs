@@ -1,6 +1,7 @@
 //! A node's connection to an aggregator. The node believes nothing that the aggregator says: it knows the network by its id, and it demands
 //! a receipt for whatever is recorded.
 
+use crate::aggregator_address::AggregatorAddress;
 use crate::client_error::NodeError;
 use crate::watching::Watch;
 use ed25519_dalek::SigningKey;
@@ -22,8 +23,8 @@ use zk0_protocol::tlog::checkpoint::Checkpoint;
 use zk0_protocol::tlog::receipt::Receipt;
 use zk0_protocol::{Refusal, Rules};
 
-/// Bytes in one message of an upload.
-const CHUNK_BYTES: usize = 64 << 10;
+/// Bytes in one message of an upload. The aggregator reserves memory for messages over 32 KiB.
+const CHUNK_BYTES: usize = 16 << 10;
 
 /// Largest message that is read. A receipt or a chunk is far smaller.
 const MAX_MESSAGE_BYTES: usize = 4 << 20;
@@ -104,17 +105,19 @@ pub(crate) fn unexpected(expected: &str, found: impl Into<String>) -> NodeError 
 }
 
 impl Node {
-    /// Connects to the aggregator at `url`, which has to serve `network`.
-    pub async fn connect(url: String, network: Digest, key: SigningKey) -> Result<Self, NodeError> {
-        let channel = transport::Endpoint::try_from(url)?
-            .connect_timeout(Duration::from_secs(10))
-            .connect()
-            .await?;
+    /// Connects to the aggregator at `address`, which has to serve `network`.
+    pub async fn connect(
+        address: impl Into<AggregatorAddress>,
+        network: Digest,
+        key: SigningKey,
+    ) -> Result<Self, NodeError> {
+        let address = address.into();
+        let channel = address.connect().await?;
         let mut client =
             FederationClient::new(channel).max_decoding_message_size(MAX_MESSAGE_BYTES);
-        let info = client
-            .get_network(rpc::GetNetworkRequest {})
-            .await?
+        let info = client.get_network(rpc::GetNetworkRequest {}).await;
+        let info = info
+            .map_err(|status| address.first_failure(status))?
             .into_inner();
         let entry = Entry::decode(&info.genesis)?;
         let Body::Genesis(genesis) = entry.body else {

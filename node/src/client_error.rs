@@ -1,6 +1,7 @@
 //! Why a request to the aggregator fails.
 
-use tonic::{transport, Status};
+use std::path::PathBuf;
+use tonic::Status;
 use zk0_circuits::Digest;
 use zk0_protocol::challenge::drawing::DrawError;
 use zk0_protocol::entries::codec::EntryError;
@@ -10,9 +11,33 @@ use zk0_protocol::tlog::receipt::ReceiptError;
 /// What goes wrong between a node and its aggregator.
 #[derive(Debug, thiserror::Error)]
 pub enum NodeError {
-    /// The text is not an address, or nobody answers there.
-    #[error("the aggregator cannot be reached: {0}")]
-    Connect(#[from] transport::Error),
+    /// The text is not an address, nobody answers there, or whoever answers does not show the right certificate.
+    #[error("the aggregator at {url} cannot be reached: {why}")]
+    Connect {
+        /// The address.
+        url: String,
+        /// What is wrong.
+        why: String,
+    },
+    /// The file with the certificates that sign the aggregator's cannot be used.
+    #[error("{} cannot be used to check the aggregator's certificate: {error}", .path.display())]
+    Ca {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        error: std::io::Error,
+    },
+    /// There are certificates to check, but the connection would not be encrypted.
+    #[error("{} says whose certificates count, but {url} has none: use https://", .ca.display())]
+    NotEncrypted {
+        /// The address.
+        url: String,
+        /// The file with the certificates.
+        ca: PathBuf,
+    },
+    /// The system trusts nobody.
+    #[error("this system has no certificates of authorities: install the package ca-certificates, or name a file with --ca")]
+    NoRoots,
     /// The aggregator refuses, and gives the reason.
     #[error("{}", .0.message())]
     Refused(Box<Status>),

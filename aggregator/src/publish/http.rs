@@ -2,36 +2,39 @@
 //!
 //! | what | limit |
 //! |---|---|
-//! | connections at once | [`Limits::connections`]; one request at a time on each |
+//! | connections at once, in all and from one address | [`Limits::connections`]; one request at a time on each |
 //! | the head of a request | 16 KiB, within [`Limits::silence`] |
 //! | its body | [`Limits::body`] bytes, within [`Limits::silence`] |
 //! | a connection in all | [`Limits::lifetime`] |
 //!
-//! Traffic is not encrypted: put a TLS proxy before it.
+//! [`serve`] does not encrypt. [`serve_encrypted`] does.
 
-use crate::connections::BoundedListener;
+use crate::connections::answer_body::keeping;
+use crate::connections::caller::Caller;
+use crate::connections::limits::ConnectionLimits;
+use crate::connections::serving::Serving;
+use crate::tls::server_certificate::{Acceptor, ServerCertificate};
 use axum::body::{to_bytes, Body};
 use axum::extract::Request;
 use axum::http::header::{CACHE_CONTROL, CONTENT_TYPE};
 use axum::http::StatusCode;
 use axum::middleware::{from_fn, Next};
 use axum::response::{IntoResponse, Response};
-use hyper::server::conn::http1;
-use hyper_util::rt::{TokioIo, TokioTimer};
-use hyper_util::service::TowerToHyperService;
+use hyper_util::rt::{TokioExecutor, TokioTimer};
+use hyper_util::server::conn::auto::Builder;
 use std::future::Future;
+use std::sync::Arc;
 use std::time::Duration;
 use tokio::net::TcpListener;
-use tokio::task::JoinSet;
-use tokio::time::{sleep, timeout};
+use tokio::time::timeout;
 
 pub use axum::Router;
 
 /// What a server puts up with.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Limits {
-    /// Connections at once. Whoever connects beyond that waits to be accepted.
-    pub connections: usize,
+    /// Connections at once, and how long they may be silent.
+    pub connections: ConnectionLimits,
     /// How long a client may take to send a request, or to take the next part of a file.
     pub silence: Duration,
     /// How long a connection may last.
@@ -40,10 +43,16 @@ pub struct Limits {
     pub body: usize,
 }
 
+/// As many connections as a server of files has, if nothing else is said.
+const MOST_CONNECTIONS: usize = 256;
+
 impl Default for Limits {
     fn default() -> Self {
         Self {
-            connections: 32,
+            connections: ConnectionLimits {
+                most: MOST_CONNECTIONS,
+                ..ConnectionLimits::default()
+            },
             silence: Duration::from_secs(20),
             lifetime: Duration::from_secs(600),
             body: 0,
@@ -84,44 +93,59 @@ pub async fn serve(
     limits: Limits,
     stop: impl Future<Output = ()>,
 ) {
-    let router = router.layer(from_fn(move |request, next| {
-        with_whole_body(request, next, limits)
-    }));
-    let service = TowerToHyperService::new(router);
-    let listener = BoundedListener::new(listener, limits.connections);
-    let mut connections = JoinSet::new();
-    tokio::pin!(stop);
-    loop {
-        while connections.try_join_next().is_some() {}
-        let accepted = tokio::select! {
-            () = &mut stop => break,
-            accepted = listener.accept() => accepted,
-        };
-        let Ok(connection) = accepted else {
-            // Most likely the process has no file descriptor left. Connections that end give some back.
-            sleep(Duration::from_millis(100)).await;
-            continue;
-        };
-        let connection = http1::Builder::new()
-            .timer(TokioTimer::new())
-            .header_read_timeout(limits.silence)
-            .max_buf_size(16 << 10)
-            .serve_connection(TokioIo::new(connection), service.clone());
-        // It is no event when a client goes away or takes too long.
-        connections.spawn(timeout(limits.lifetime, connection));
-    }
-    connections.shutdown().await;
+    serve_with(listener, router, limits, None, stop).await;
+}
+
+/// Serves on `listener` over TLS until `stop` is ready.
+pub async fn serve_encrypted(
+    listener: TcpListener,
+    router: Router,
+    limits: Limits,
+    certificate: &Arc<ServerCertificate>,
+    stop: impl Future<Output = ()>,
+) {
+    let tls = Some(certificate.acceptor("http/1.1"));
+    serve_with(listener, router, limits, tls, stop).await;
+}
+
+async fn serve_with(
+    listener: TcpListener,
+    router: Router,
+    limits: Limits,
+    tls: Option<Acceptor>,
+    stop: impl Future<Output = ()>,
+) {
+    let mut protocol = Builder::new(TokioExecutor::new()).http1_only();
+    protocol
+        .http1()
+        .timer(TokioTimer::new())
+        .header_read_timeout(limits.silence)
+        .max_buf_size(16 << 10);
+    let serving = Serving {
+        limits: limits.connections,
+        protocol,
+        first_bytes: 1,
+        lifetime: Some(limits.lifetime),
+        requests: 1,
+        tls,
+        router: router.layer(from_fn(move |request, next| {
+            with_whole_body(request, next, limits)
+        })),
+    };
+    serving.serve(listener, stop).await;
 }
 
 /// Hands a request on once its body is here.
 async fn with_whole_body(request: Request, next: Next, limits: Limits) -> Response {
     let (head, body) = request.into_parts();
-    match timeout(limits.silence, to_bytes(body, limits.body)).await {
+    let progress = head.extensions.get().map(Caller::begin);
+    let response = match timeout(limits.silence, to_bytes(body, limits.body)).await {
         Err(_) => text(408, "the request's body took too long\n"),
         Ok(Err(_)) => text(
             413,
             format!("the request's body has more than {} bytes\n", limits.body),
         ),
         Ok(Ok(body)) => next.run(Request::from_parts(head, body.into())).await,
-    }
+    };
+    keeping(response, progress)
 }

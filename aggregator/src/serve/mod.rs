@@ -1,10 +1,12 @@
 //! The gRPC service in front of the rounds.
 
 pub mod beacon_fetching;
+mod grpc;
 mod node_turns;
 mod recorder;
 pub mod requests;
 pub mod service;
+mod signed_by;
 mod submitting;
 mod upload_places;
 mod watching;

@@ -8,6 +8,7 @@ use crate::round::recording::{
 };
 use crate::round::request::RequestError;
 use crate::serve::service::{blocking, Service};
+use crate::serve::signed_by::signed_by;
 use std::future::Future;
 use std::pin::Pin;
 use std::sync::Arc;
@@ -190,7 +191,7 @@ impl Federation for Service {
         request: Request<Streaming<UploadChunk>>,
     ) -> Result<Response<UploadReply>, Status> {
         match timeout(self.limits.upload, self.receive(request.into_inner())).await {
-            Ok(received) => received.map(|()| Response::new(UploadReply {})),
+            Ok(received) => received.map(|node| signed_by(Some(node), UploadReply {})),
             Err(_) => Err(too_long("the upload took", self.limits.upload)),
         }
     }
@@ -231,11 +232,13 @@ impl Federation for Service {
         to_its_end(async move {
             let decided = service.submitted(arrival, submission, proof).await?;
             let reason = decided.rejected.as_ref().map(Refusal::to_string);
-            Ok(SubmitReply {
+            let author = service.entries.author(&decided.receipt);
+            let reply = SubmitReply {
                 accepted: reason.is_none(),
                 reason: reason.unwrap_or_default(),
                 receipt: Some(decided.receipt.into()),
-            })
+            };
+            Ok(signed_by(author, reply))
         })
         .await
     }
@@ -264,15 +267,15 @@ impl Service {
         &self,
         arrival: Arrival,
         receipt: receipt::Receipt,
-    ) -> Result<Receipt, RequestError> {
+    ) -> Result<Response<Receipt>, RequestError> {
         // Others may wait for what arrived before them. They need not wait for witnesses.
         drop(arrival);
         self.published(receipt.index + 1).await?;
-        Ok(receipt.into())
+        Ok(signed_by(self.entries.author(&receipt), receipt.into()))
     }
 
-    /// Receives an upload to its end.
-    async fn receive(&self, mut stream: Streaming<UploadChunk>) -> Result<(), Status> {
+    /// Receives an upload to its end. Returns the node that signed its request.
+    async fn receive(&self, mut stream: Streaming<UploadChunk>) -> Result<NodeId, Status> {
         let Some(Part::Request(first)) = self.next(&mut stream).await? else {
             return Err(malformed(
                 "the first message of an upload holds its signed request",
@@ -286,7 +289,7 @@ impl Service {
             .with(move |aggregator| aggregator.begin_upload(&request))
             .await?;
         let Some(mut writer) = writer else {
-            return Ok(());
+            return Ok(upload.node);
         };
         let _place = self.uploading.take(upload.node)?;
         while let Some(part) = self.next(&mut stream).await? {
@@ -310,7 +313,7 @@ impl Service {
         }
         blocking(move || writer.finish(&upload.blob).map_err(RequestError::upload)).await?;
         tracing::info!(node = %upload.node, update = %upload.blob, size = upload.size, "update uploaded");
-        Ok(())
+        Ok(upload.node)
     }
 
     /// The next part of an upload. It is an error if none comes for too long.
@@ -329,10 +332,10 @@ impl Service {
 
 /// Does `work` to its end, even if whoever asked for it goes away.
 async fn to_its_end<T: Send + 'static>(
-    work: impl Future<Output = Result<T, RequestError>> + Send + 'static,
+    work: impl Future<Output = Result<Response<T>, RequestError>> + Send + 'static,
 ) -> Result<Response<T>, Status> {
     match tokio::spawn(work).await {
-        Ok(done) => Ok(Response::new(done?)),
+        Ok(done) => Ok(done?),
         Err(error) => Err(RequestError::Internal(error.to_string()).into()),
     }
 }

@@ -7,24 +7,27 @@
 //! | uploads | one at a time and [`crate::round::staging::MAX_UPLOADS`] per node and round |
 //! | how long a peer may be silent in the middle of a stream | [`Limits::silence`] |
 //! | how long an upload may take in all | [`Limits::upload`] |
+//! | how long a message may take | [`Limits::message`] |
 //! | connections, and requests at once on each | [`Limits::connections`], [`CONCURRENT`] |
+//! | memory for messages over 32 KiB | [`Limits::message_memory`] |
 //!
-//! So at most `connections · CONCURRENT` messages are in memory at once.
-//!
-//! [`crate::serve::requests`] answers the requests. This file serves them, opens and closes the rounds in time, and has checkpoints
+//! [`crate::serve::grpc`] puts the limits of connections and messages into force. [`crate::serve::requests`] answers the requests. This file serves them, opens and closes the rounds in time, and has checkpoints
 //! cosigned and published.
 
-use crate::connections::BoundedListener;
+use crate::connections::limits::ConnectionLimits;
 use crate::publish::beacon::BeaconServers;
 use crate::publish::cosigning::{Cosigned, Prove, Witnesses};
 use crate::round::aggregator::{Aggregator, Progress};
 use crate::round::arrivals::Arrivals;
 use crate::round::drawing::ToCosign;
 use crate::round::request::RequestError;
+use crate::serve::grpc::Grpc;
 use crate::serve::node_turns::NodeTurns;
 use crate::serve::recorder::Recorder;
+use crate::serve::signed_by::Entries;
 use crate::serve::upload_places::UploadPlaces;
 use crate::serve::watching::Stage;
+use crate::tls::server_certificate::ServerCertificate;
 use std::future::Future;
 use std::num::NonZero;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -35,7 +38,6 @@ use tokio::net::TcpListener;
 use tokio::sync::{watch, Mutex, Notify, Semaphore};
 use tokio::task::spawn_blocking;
 use tokio::time::{sleep, timeout};
-use tonic::transport::Server;
 use zk0_ledger::error::LedgerError;
 use zk0_ledger::folder;
 use zk0_protocol::rpc::federation::federation_server::FederationServer;
@@ -43,26 +45,29 @@ use zk0_protocol::rpc::federation::federation_server::FederationServer;
 /// How many requests of one connection may be in progress.
 pub const CONCURRENT: usize = 4;
 
-/// How often the server asks a connection whether anybody is still there.
-const KEEPALIVE: Duration = Duration::from_secs(60);
-
 /// What a service puts up with.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Limits {
-    /// Connections at once.
-    pub connections: usize,
+    /// Connections at once, and how long they may be silent.
+    pub connections: ConnectionLimits,
     /// How long a peer may be silent in the middle of a stream.
     pub silence: Duration,
     /// How long an upload may take in all.
     pub upload: Duration,
+    /// How long one message may take.
+    pub message: Duration,
+    /// Bytes of large messages that are received or answered at once. One half is for nodes, the other for strangers.
+    pub message_memory: u64,
 }
 
 impl Default for Limits {
     fn default() -> Self {
         Self {
-            connections: 64,
+            connections: ConnectionLimits::default(),
             silence: Duration::from_secs(30),
             upload: Duration::from_secs(600),
+            message: Duration::from_secs(60),
+            message_memory: 512 << 20,
         }
     }
 }
@@ -103,6 +108,8 @@ pub struct Service {
     /// Where beacons are fetched.
     pub(super) beacons: Arc<BeaconServers>,
     pub(super) uploading: UploadPlaces,
+    pub(super) entries: Entries,
+    certificate: Option<Arc<ServerCertificate>>,
     pub(super) limits: Limits,
 }
 
@@ -129,7 +136,15 @@ impl Service {
             publishing: None,
             beacons: Arc::new(BeaconServers::public(BEACON_PATIENCE)),
             uploading: UploadPlaces::default(),
+            entries: Entries::default(),
+            certificate: None,
         }
+    }
+
+    /// From now on, connections are encrypted with this certificate.
+    pub fn encrypted(mut self, certificate: Arc<ServerCertificate>) -> Self {
+        self.certificate = Some(certificate);
+        self
     }
 
     /// From now on, beacons are fetched from these servers.
@@ -166,42 +181,43 @@ impl Service {
         Ok(self)
     }
 
-    /// Serves on `listener` and runs the rounds until `stop` is ready. Ends early when the aggregator cannot go on.
+    /// Serves on `listener` and runs the rounds until `stop` is ready, and then until the open requests are answered, but no longer than the
+    /// limits say. Ends early when the aggregator cannot go on.
     pub async fn serve(
         self,
         listener: TcpListener,
         stop: impl Future<Output = ()> + Send,
     ) -> Result<(), ServeError> {
-        let (max_proof_bytes, asked_for) = self
+        let (max_proof_bytes, asked_for, size) = self
             .with(|aggregator| {
-                let rules = aggregator.state().rules();
-                Ok((rules.max_proof_bytes, rules.witness_policy.clone()))
+                let (rules, size) = (aggregator.state().rules(), aggregator.ledger().size());
+                Ok((rules.max_proof_bytes, rules.witness_policy.clone(), size))
             })
             .await
             .map_err(ServeError::Round)?;
         self.check_witnesses(&asked_for)?;
+        self.entries.begin_at(size);
         let limit = max_proof_bytes
             .max(MIN_MESSAGE_BYTES)
-            .saturating_add(MESSAGE_ROOM_BYTES) as usize;
-        let server = Server::builder()
-            .concurrency_limit_per_connection(CONCURRENT)
-            .max_concurrent_streams(Some(CONCURRENT as u32))
-            .http2_keepalive_interval(Some(KEEPALIVE))
-            .http2_keepalive_timeout(Some(KEEPALIVE))
-            .add_service(FederationServer::new(self.clone()).max_decoding_message_size(limit));
+            .saturating_add(MESSAGE_ROOM_BYTES);
+        let federation =
+            FederationServer::new(self.clone()).max_decoding_message_size(limit as usize);
         let (rounds, publish) = (self.rounds(&asked_for), self.publish());
         tokio::pin!(rounds, publish);
         let mut failed = None;
-        let incoming = BoundedListener::new(listener, self.limits.connections).incoming();
-        server
-            .serve_with_incoming_shutdown(incoming, async {
-                tokio::select! {
-                    _ = stop => {}
-                    error = &mut rounds => failed = Some(error),
-                    error = &mut publish => failed = Some(error),
-                }
-            })
-            .await?;
+        let stop = async {
+            tokio::select! {
+                _ = stop => {}
+                error = &mut rounds => failed = Some(error),
+                error = &mut publish => failed = Some(error),
+            }
+        };
+        let grpc = Grpc {
+            limits: self.limits,
+            largest_message: limit,
+            certificate: self.certificate.clone(),
+        };
+        grpc.serve(listener, federation, stop).await;
         match failed {
             Some(error) => Err(ServeError::Round(error)),
             None => Ok(()),
@@ -442,9 +458,6 @@ struct Publishing {
 /// Why a service has ended.
 #[derive(Debug, thiserror::Error)]
 pub enum ServeError {
-    /// The network failed.
-    #[error("cannot serve: {0}")]
-    Transport(#[from] tonic::transport::Error),
     /// The service does not have the witness policy that the rules ask for.
     #[error("the rules ask for the witness policy {asked_for:?}, but the service was started with {}: start it with the rules' policy", given(.used))]
     OtherWitnesses {

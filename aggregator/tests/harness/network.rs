@@ -113,6 +113,18 @@ impl Network {
         task.abort(); // The aggregator gets no time to end its work
         let _ = task.await;
         drop(stop);
+        self.start_again().await;
+    }
+
+    /// Tells the aggregator to end, and waits until it has.
+    pub async fn stop(&mut self) {
+        let (stop, task) = self.running.take().unwrap();
+        stop.send(()).unwrap();
+        task.await.unwrap();
+    }
+
+    /// Starts an aggregator that has ended on what is on disk.
+    pub async fn start_again(&mut self) {
         // The database is locked until every clone of the old service is gone. Requests that were in progress hold such clones.
         let mut tries = 0;
         self.service = None;

@@ -2,6 +2,7 @@
 
 mod enrolment;
 mod init;
+mod network_edge;
 mod public_samples;
 mod rules;
 mod serve;
@@ -17,6 +18,7 @@ use public_samples::MakeSamples;
 use rules::{CommonRules, LEAST_UPDATE_LIMIT};
 use serve::Serve;
 use std::path::PathBuf;
+use zk0_aggregator::tls::local_authority::{LocalAuthority, CA, CA_KEY, CERTIFICATE, KEY};
 
 /// What to do.
 #[derive(Debug, clap::Subcommand)]
@@ -36,6 +38,15 @@ pub enum Command {
     /// Make public samples for a network that exists, and keep them among the blobs of its ledger. Each round's result is evaluated on the
     /// public samples that the rules name. This prints the rule that a vote can then put in force (`zk0 governance propose rules`).
     Samples(MakeSamples),
+    /// Make a certificate authority for tests and local networks, and a certificate that it signs for a server (`serve --tls-certificate`).
+    /// Nodes name the authority with `--ca`. For a server on the internet, take a certificate from a public authority instead.
+    Certificate {
+        /// Write ca.pem, ca.key, server.pem and server.key into this folder. Existing files are kept.
+        dir: PathBuf,
+        /// The host name or IP address by which nodes reach the server. Repeat the option for more.
+        #[arg(long = "name", value_name = "HOST", required = true)]
+        names: Vec<String>,
+    },
     /// Run a network: open rounds, verify contributions, and average those that are accepted.
     Serve(Serve),
 }
@@ -51,6 +62,20 @@ pub fn run(command: &Command) -> Result<()> {
         Command::Init(options) => init::found(options)?,
         Command::Enrol(options) => enrolment::enrol(options)?,
         Command::Samples(options) => public_samples::make(options)?,
+        Command::Certificate { dir, names } => {
+            LocalAuthority::new(names)?.write(dir)?;
+            let path = |name: &str| dir.join(name).display().to_string();
+            println!(
+                "serve with --tls-certificate {} --tls-key {}",
+                path(CERTIFICATE),
+                path(KEY)
+            );
+            println!("connect with --ca {}", path(CA));
+            println!(
+                "keep {} secret: whoever has it can pretend to be the server",
+                path(CA_KEY)
+            );
+        }
         Command::Serve(options) => serve::serve(options)?,
     }
     Ok(())

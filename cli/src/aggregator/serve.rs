@@ -1,7 +1,8 @@
 //! `zk0 aggregator serve`: run the rounds of a network.
 
+use super::network_edge::NetworkEdge;
 use crate::keys;
-use crate::serve::{interrupted, listening, online};
+use crate::serve::{interrupted, listening, online_until};
 use anyhow::{Context, Result};
 use std::future;
 use std::net::SocketAddr;
@@ -14,6 +15,7 @@ use zk0_aggregator::publish::chosen_witnesses::chosen_witnesses;
 use zk0_aggregator::publish::cosigning::Witnesses;
 use zk0_aggregator::publish::http;
 use zk0_aggregator::publish::log_server::LogServer;
+use zk0_aggregator::tls::server_certificate::ServerCertificate;
 use zk0_aggregator::{Aggregator, Config, Service, SystemClock};
 
 /// `zk0 aggregator serve`.
@@ -24,7 +26,7 @@ pub struct Serve {
     /// The file of the log's signing key.
     #[arg(long)]
     key: PathBuf,
-    /// Listen on this address; port 0 takes a free port. The traffic is not encrypted, so put a TLS proxy before it.
+    /// Listen on this address; port 0 takes a free port. Traffic is encrypted only with --tls-certificate.
     #[arg(long, default_value = "127.0.0.1:7071")]
     listen: SocketAddr,
     /// Open this many rounds, and then no more [default: no limit]
@@ -47,10 +49,18 @@ pub struct Serve {
     /// Wait this many seconds for a server of beacons to answer.
     #[arg(long, value_name = "SECONDS", default_value_t = 10)]
     beacon_seconds: u64,
-    /// Also serve the log's files over HTTP, on this address (C2SP tlog-tiles).
+    /// Also serve the log's files over HTTP, on this address (C2SP tlog-tiles). With --tls-certificate it is HTTPS.
     #[arg(long, value_name = "ADDRESS")]
     log_listen: Option<SocketAddr>,
+    #[command(flatten)]
+    edge: NetworkEdge,
 }
+
+/// How long work that cannot be told to end may take after the connections have ended. Whatever was acknowledged is on disk.
+const ENDING: Duration = Duration::from_secs(2);
+
+/// How often the files of the certificate are looked at.
+const CERTIFICATE_CHECK: Duration = Duration::from_secs(5);
 
 /// Runs the command.
 pub fn serve(options: &Serve) -> Result<()> {
@@ -62,7 +72,9 @@ pub fn serve(options: &Serve) -> Result<()> {
     let aggregator = Aggregator::open(&options.dir, None, key, Arc::new(SystemClock), config)?;
     let rules = aggregator.state().rules();
     let policy = chosen_witnesses(&options.dir, rules, options.witness_policy.as_deref())?;
-    online(async {
+    let certificate = options.edge.certificate()?;
+    let (limits, log_limits) = options.edge.limits(options.log_listen.is_some());
+    online_until(ENDING, async {
         let (listener, address) = listening(options.listen).await?;
         let network = *aggregator.state().network();
         let patience = Duration::from_secs(options.beacon_seconds);
@@ -70,13 +82,19 @@ pub fn serve(options: &Serve) -> Result<()> {
             true => BeaconServers::public(patience),
             false => BeaconServers::new(options.beacons.clone(), patience),
         };
-        let mut service = Service::new(aggregator).with_beacons(beacons);
+        let mut service = Service::with_limits(aggregator, limits).with_beacons(beacons);
+        if let Some(certificate) = &certificate {
+            service = service.encrypted(certificate.clone());
+            tokio::spawn(certificate.clone().watch(CERTIFICATE_CHECK));
+        } else if !address.ip().is_loopback() {
+            tracing::warn!("nothing that the aggregator sends or receives is encrypted: use --tls-certificate, or put a TLS proxy before it");
+        }
         if policy.wants_witnesses() {
             let patience = Duration::from_secs(options.witness_seconds);
             service = service.witnessed(Witnesses::new(policy, patience)?).await?;
         }
         tracing::info!(listening = %address, "the aggregator of network {network} listens on {address}");
-        let log = serve_log(options).await?;
+        let log = serve_log(options, certificate, log_limits).await?;
         let served = service.serve(listener, interrupted()).await;
         if let Some(log) = log {
             log.abort();
@@ -86,18 +104,29 @@ pub fn serve(options: &Serve) -> Result<()> {
 }
 
 /// Starts to serve the log's files, if the operator wants that.
-async fn serve_log(options: &Serve) -> Result<Option<JoinHandle<()>>> {
+async fn serve_log(
+    options: &Serve,
+    certificate: Option<Arc<ServerCertificate>>,
+    limits: http::Limits,
+) -> Result<Option<JoinHandle<()>>> {
     let Some(listen) = options.log_listen else {
         return Ok(None);
     };
     let (listener, address) = listening(listen).await?;
-    tracing::info!("the log is served on http://{address}");
-    let limits = http::Limits::default();
     let router = LogServer::new(&options.dir).router(limits);
-    Ok(Some(tokio::spawn(http::serve(
-        listener,
-        router,
-        limits,
-        future::pending(),
-    ))))
+    let forever = future::pending();
+    let scheme = if certificate.is_some() {
+        "https"
+    } else {
+        "http"
+    };
+    tracing::info!("the log is served on {scheme}://{address}");
+    Ok(Some(tokio::spawn(async move {
+        match certificate {
+            Some(certificate) => {
+                http::serve_encrypted(listener, router, limits, &certificate, forever).await
+            }
+            None => http::serve(listener, router, limits, forever).await,
+        }
+    })))
 }

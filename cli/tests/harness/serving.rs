@@ -2,7 +2,7 @@
 
 use super::zk0;
 use std::io::{BufRead, BufReader};
-use std::process::{Child, Stdio};
+use std::process::{Child, Command, ExitStatus, Stdio};
 
 /// A serving process.
 pub struct Serving {
@@ -19,8 +19,8 @@ impl Serving {
             .stderr(Stdio::piped())
             .spawn()
             .unwrap();
-        let log = BufReader::new(process.stderr.take().unwrap());
-        let address = log
+        let mut log = BufReader::new(process.stderr.take().unwrap());
+        let address = (&mut log)
             .lines()
             .map_while(Result::ok)
             .find_map(|line| {
@@ -28,8 +28,18 @@ impl Serving {
                 Some(line["listening"].as_str()?.to_owned())
             })
             .expect("it says where it listens");
+        // It goes on to write its log.
+        std::thread::spawn(move || std::io::copy(&mut log, &mut std::io::sink()));
         let address = format!("http://{address}");
         Self { process, address }
+    }
+
+    /// Tells the process to end, and waits until it has.
+    pub fn terminate(&mut self) -> ExitStatus {
+        let pid = self.process.id().to_string();
+        let told = Command::new("kill").args(["-TERM", &pid]).status();
+        assert!(told.unwrap().success());
+        self.process.wait().unwrap()
     }
 }
 

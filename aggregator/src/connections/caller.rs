@@ -1,0 +1,59 @@
+//! The connection that a request came on, as the request sees it.
+
+use crate::connections::places::{Places, Seat};
+use std::sync::Arc;
+use tokio::sync::Semaphore;
+use zk0_circuits::NodeId;
+
+/// A handle on a connection. Each request has it among its extensions. It outlives the connection.
+#[derive(Clone)]
+pub(crate) struct Caller {
+    number: u64,
+    places: Arc<Places>,
+    /// For the requests of this connection that are in progress.
+    pub(super) turns: Arc<Semaphore>,
+    /// For the large messages of strangers at this address.
+    pub(super) large: Arc<Semaphore>,
+}
+
+/// An answer with this extension says who signed the request. Whoever answers gives it only if the signature is valid, the signer is a
+/// member, and nobody else can have sent the request: the connection is the signer's from then on.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Author(pub NodeId);
+
+/// A request in progress, until it is dropped.
+pub(crate) struct InProgress(Caller);
+
+impl Caller {
+    /// The handle on the connection with this place, which may have `requests` in progress.
+    pub fn new(seat: &Seat, requests: usize) -> Self {
+        Self {
+            number: seat.number,
+            places: seat.places.clone(),
+            turns: Arc::new(Semaphore::new(requests)),
+            large: seat.large.clone(),
+        }
+    }
+
+    /// Counts a request as in progress.
+    pub fn begin(&self) -> InProgress {
+        self.places.begin(self.number);
+        InProgress(self.clone())
+    }
+
+    /// The connection is this node's from now on.
+    pub fn is(&self, node: NodeId) {
+        self.places.keep(self.number, node);
+    }
+
+    /// Whether no node has shown on this connection who it is.
+    pub fn is_stranger(&self) -> bool {
+        self.places.node(self.number).is_none()
+    }
+}
+
+impl Drop for InProgress {
+    fn drop(&mut self) {
+        self.0.places.end(self.0.number);
+    }
+}

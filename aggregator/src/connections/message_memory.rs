@@ -1,0 +1,69 @@
+//! The memory for large messages. A message takes its bytes before it is read, and gives them back when its request is answered.
+//!
+//! | whose message | where its bytes come from |
+//! |---|---|
+//! | anybody's, of at most [`SMALL_BYTES`] | nowhere: the number of requests in progress bounds them |
+//! | a node's | the half for nodes |
+//! | a stranger's | the half for strangers, one message at a time for each address |
+
+use crate::connections::caller::Caller;
+use std::sync::Arc;
+use tokio::sync::{OwnedSemaphorePermit, Semaphore};
+
+/// A message of at most so many bytes is small.
+pub(crate) const SMALL_BYTES: u64 = 32 << 10;
+
+/// One permit of the semaphores.
+const UNIT_BYTES: u64 = 1 << 10;
+
+/// The memory for large messages that are being received and answered.
+#[derive(Clone)]
+pub(crate) struct MessageMemory {
+    largest: u64,
+    strangers: Arc<Semaphore>,
+    nodes: Arc<Semaphore>,
+}
+
+/// The memory of a message, until it is dropped.
+pub(crate) struct Reserved {
+    _bytes: OwnedSemaphorePermit,
+    _turn: Option<OwnedSemaphorePermit>,
+}
+
+impl MessageMemory {
+    /// Reserves at most `bytes` for messages of at most `largest` bytes. There is always room for one message of a node and one of a
+    /// stranger.
+    pub fn new(bytes: u64, largest: u64) -> Self {
+        let half = || {
+            let units = (bytes / 2).max(largest).div_ceil(UNIT_BYTES);
+            let units = usize::try_from(units).unwrap_or(usize::MAX);
+            Arc::new(Semaphore::new(units.min(Semaphore::MAX_PERMITS)))
+        };
+        Self {
+            largest,
+            strangers: half(),
+            nodes: half(),
+        }
+    }
+
+    /// The largest message that anybody decodes.
+    pub fn largest(&self) -> u64 {
+        self.largest
+    }
+
+    /// Waits until there is room for a large message of this caller. `None` if there never is.
+    pub async fn reserve(self, caller: Caller, bytes: u64) -> Option<Reserved> {
+        let units = u32::try_from(bytes.div_ceil(UNIT_BYTES)).ok()?;
+        let (memory, turn) = match caller.is_stranger() {
+            true => (
+                self.strangers,
+                Some(caller.large.acquire_owned().await.ok()?),
+            ),
+            false => (self.nodes, None),
+        };
+        Some(Reserved {
+            _bytes: memory.acquire_many_owned(units).await.ok()?,
+            _turn: turn,
+        })
+    }
+}

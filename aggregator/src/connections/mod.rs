@@ -1,0 +1,21 @@
+//! Connections that nobody can exhaust, for the gRPC service and for the HTTP servers.
+//!
+//! - [`limits`]: how many connections there may be, and how long they may last without a request.
+//! - [`places`]: who holds a place. A connection is a stranger's until a node has shown on it who it is. A stranger's place goes to
+//!   whoever comes while all are taken; a node keeps its place.
+//! - [`caller`]: the connection that a request came on, as its handler sees it; a handler names the [`caller::Author`] of a request.
+//! - [`serving`]: accepts connections, closes those that are late or idle, and drains them at the end; [`stream`]: the bytes of one.
+//! - [`requests`]: a bounded number of requests, whose messages arrive in time and fit into the [`message_memory`];
+//!   [`message_body`]: the messages of one request; [`answer_body`]: the answer, until it is sent.
+//! - [`open_files`]: as many connections as the process may have open files for.
+
+pub(crate) mod answer_body;
+pub(crate) mod caller;
+pub mod limits;
+mod message_body;
+pub(crate) mod message_memory;
+pub mod open_files;
+mod places;
+pub(crate) mod requests;
+pub(crate) mod serving;
+mod stream;

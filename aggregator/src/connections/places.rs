@@ -1,0 +1,322 @@
+//! Who holds a place among a server's connections. While all places are taken, the stranger's connection that has been idle longest makes
+//! room for a new one. Connections with requests in progress come last. A node's place is never taken away.
+
+use crate::connections::limits::{ConnectionLimits, PLACES_PER_NODE};
+use std::collections::BTreeMap;
+use std::net::{IpAddr, Ipv6Addr};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use tokio::sync::{Notify, Semaphore};
+use tokio::time::Instant;
+use zk0_circuits::NodeId;
+
+/// Why a connection gets no place.
+#[derive(Debug, thiserror::Error, PartialEq, Eq)]
+pub(crate) enum NoPlace {
+    /// Nodes hold all places of the address.
+    #[error("{address} has {most} connections, and nodes hold all of them: allow more with --max-connections-per-address")]
+    OfAddress { address: IpAddr, most: usize },
+    /// No connection makes room.
+    #[error(
+        "all {most} connections are taken, and nodes hold them: allow more with --max-connections"
+    )]
+    AtAll { most: usize },
+}
+
+/// The places of one server.
+pub(crate) struct Places {
+    limits: ConnectionLimits,
+    held: Mutex<Held>,
+}
+
+#[derive(Default)]
+struct Held {
+    next: u64,
+    places: BTreeMap<u64, Place>,
+}
+
+/// What is known of a connection.
+struct Place {
+    /// The address that counts: an IPv6 network stands for all its addresses.
+    from: IpAddr,
+    /// Whose place it is, if a node keeps it.
+    node: Option<NodeId>,
+    requests: usize,
+    /// When the connection came, or a request last began or ended.
+    active: Instant,
+    evicted: Arc<Notify>,
+    /// For the large messages of strangers at this address. All connections of an address share it.
+    large: Arc<Semaphore>,
+}
+
+/// A connection's place, until it is dropped.
+pub(crate) struct Seat {
+    pub(super) number: u64,
+    pub(super) places: Arc<Places>,
+    pub(super) large: Arc<Semaphore>,
+    evicted: Arc<Notify>,
+}
+
+impl Places {
+    pub fn new(limits: ConnectionLimits) -> Arc<Self> {
+        Arc::new(Self {
+            limits,
+            held: Mutex::default(),
+        })
+    }
+
+    /// Takes a place for a connection from `address`. Another connection may have to make room.
+    pub fn enter(self: &Arc<Self>, address: IpAddr) -> Result<Seat, NoPlace> {
+        let from = counted(address);
+        let mut held = self.held();
+        let neighbours = held.places.values().filter(|place| place.from == from);
+        let large = neighbours.clone().next().map(|place| place.large.clone());
+        let most = self.limits.per_address;
+        if neighbours.count() >= most && !held.evict(|place| place.from == from) {
+            return Err(NoPlace::OfAddress { address, most });
+        }
+        let most = self.limits.most;
+        if held.places.len() >= most && !held.evict(|_| true) {
+            return Err(NoPlace::AtAll { most });
+        }
+        let place = Place {
+            from,
+            node: None,
+            requests: 0,
+            active: Instant::now(),
+            evicted: Arc::new(Notify::new()),
+            large: large.unwrap_or_else(|| Arc::new(Semaphore::new(1))),
+        };
+        let number = held.next;
+        held.next += 1;
+        let seat = Seat {
+            number,
+            places: self.clone(),
+            large: place.large.clone(),
+            evicted: place.evicted.clone(),
+        };
+        held.places.insert(number, place);
+        Ok(seat)
+    }
+
+    /// The connection `number` is this node's from now on, unless nodes hold as many places as they can. Returns whether it is.
+    pub fn keep(&self, number: u64, node: NodeId) -> bool {
+        let mut held = self.held();
+        let of_nodes = held.places.values().filter(|place| place.node.is_some());
+        let full = of_nodes.count() >= self.limits.most_of_nodes();
+        match held.places.get(&number) {
+            None => return false,
+            Some(place) if place.node == Some(node) => return true,
+            Some(place) if place.node.is_none() && full => return false,
+            Some(_) => {}
+        }
+        let own = |place: &Place| place.node == Some(node);
+        if held.places.values().filter(|place| own(place)).count() >= PLACES_PER_NODE {
+            if let Some(idle) = held.idlest(own) {
+                held.places
+                    .entry(idle)
+                    .and_modify(|place| place.node = None);
+            }
+        }
+        let place = held.places.entry(number);
+        place.and_modify(|place| place.node = Some(node));
+        true
+    }
+
+    /// Whose place the connection `number` has.
+    pub fn node(&self, number: u64) -> Option<NodeId> {
+        self.held().places.get(&number)?.node
+    }
+
+    /// A request of the connection `number` begins.
+    pub fn begin(&self, number: u64) {
+        self.change(number, |place| place.requests += 1);
+    }
+
+    /// A request of the connection `number` has ended.
+    pub fn end(&self, number: u64) {
+        self.change(number, |place| {
+            place.requests = place.requests.saturating_sub(1)
+        });
+    }
+
+    fn change(&self, number: u64, change: impl FnOnce(&mut Place)) {
+        if let Some(place) = self.held().places.get_mut(&number) {
+            change(place);
+            place.active = Instant::now();
+        }
+    }
+
+    /// When the connection `number` has been idle for too long; `None` while it has a request in progress.
+    pub fn idle_until(&self, number: u64) -> Option<Instant> {
+        let held = self.held();
+        let place = held.places.get(&number)?;
+        let idle = match place.node {
+            Some(_) => self.limits.node_idle,
+            None => self.limits.stranger_idle,
+        };
+        (place.requests == 0).then(|| place.active + idle)
+    }
+
+    /// A panic elsewhere does not spoil the places: they are never half changed.
+    fn held(&self) -> MutexGuard<'_, Held> {
+        self.held.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Held {
+    /// Of these connections, the one that has been idle longest.
+    fn idlest(&self, among: impl Fn(&Place) -> bool) -> Option<u64> {
+        let places = self.places.iter().filter(|(_, place)| among(place));
+        let idlest = places.min_by_key(|(_, place)| (place.requests > 0, place.active));
+        idlest.map(|(number, _)| *number)
+    }
+
+    /// Takes the place of the stranger among these connections that has been idle longest. Returns whether there was one.
+    fn evict(&mut self, among: impl Fn(&Place) -> bool) -> bool {
+        let evicted = self.idlest(|place| place.node.is_none() && among(place));
+        match evicted.and_then(|number| self.places.remove(&number)) {
+            Some(place) => {
+                place.evicted.notify_one();
+                true
+            }
+            None => false,
+        }
+    }
+}
+
+impl Seat {
+    /// Ready when somebody else has got this place.
+    pub async fn evicted(&self) {
+        self.evicted.notified().await;
+    }
+}
+
+impl Drop for Seat {
+    fn drop(&mut self) {
+        self.places.held().places.remove(&self.number);
+    }
+}
+
+/// The address that counts. Whoever has one IPv6 address usually has a network of 64 bits.
+fn counted(address: IpAddr) -> IpAddr {
+    match address.to_canonical() {
+        IpAddr::V6(address) => {
+            let network = u128::from(address) >> 64 << 64;
+            Ipv6Addr::from(network).into()
+        }
+        v4 => v4,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::time::Duration;
+    use tokio::time::sleep;
+
+    const NODE: NodeId = NodeId([1; 32]);
+
+    fn places(most: usize, per_address: usize) -> Arc<Places> {
+        Places::new(ConnectionLimits {
+            most,
+            per_address,
+            ..ConnectionLimits::default()
+        })
+    }
+
+    fn from(last: u8) -> IpAddr {
+        IpAddr::from([192, 0, 2, last])
+    }
+
+    /// Takes a place a little later than whatever came before.
+    async fn enter(places: &Arc<Places>, address: u8) -> Seat {
+        sleep(Duration::from_millis(2)).await;
+        places.enter(from(address)).unwrap()
+    }
+
+    fn is_in(seat: &Seat) -> bool {
+        seat.places.held().places.contains_key(&seat.number)
+    }
+
+    #[tokio::test]
+    async fn the_stranger_that_has_been_idle_longest_makes_room() {
+        let places = places(3, 16);
+        let (first, second, third) = (
+            enter(&places, 1).await,
+            enter(&places, 2).await,
+            enter(&places, 3).await,
+        );
+        // The first has asked something since.
+        sleep(Duration::from_millis(2)).await;
+        places.begin(first.number);
+        places.end(first.number);
+        let _fourth = enter(&places, 4).await;
+        assert_eq!([&first, &second, &third].map(is_in), [true, false, true]);
+        second.evicted().await;
+        // A request in progress keeps its connection, if others are idle.
+        places.begin(third.number);
+        let _fifth = enter(&places, 5).await;
+        assert_eq!([&first, &third].map(is_in), [false, true]);
+    }
+
+    #[tokio::test]
+    async fn a_node_keeps_its_place_and_strangers_keep_some() {
+        let places = places(3, 16);
+        let seats = [
+            enter(&places, 1).await,
+            enter(&places, 2).await,
+            enter(&places, 3).await,
+        ];
+        let kept = |at: usize| places.keep(seats[at].number, NodeId([at as u8; 32]));
+        // One of three places stays open to strangers.
+        assert_eq!([kept(0), kept(1), kept(2)], [true, true, false]);
+        let stranger = enter(&places, 4).await;
+        let other = enter(&places, 5).await;
+        assert_eq!([0, 1, 2].map(|at| is_in(&seats[at])), [true, true, false]);
+        assert_eq!([&stranger, &other].map(is_in), [false, true]);
+    }
+
+    #[tokio::test]
+    async fn a_node_keeps_two_places() {
+        let places = places(16, 16);
+        let seats = [
+            enter(&places, 1).await,
+            enter(&places, 1).await,
+            enter(&places, 1).await,
+        ];
+        for seat in &seats {
+            assert!(places.keep(seat.number, NODE));
+        }
+        let nodes = seats.each_ref().map(|seat| places.node(seat.number));
+        assert_eq!(nodes, [None, Some(NODE), Some(NODE)]);
+    }
+
+    #[tokio::test]
+    async fn an_address_makes_room_among_its_own_connections() {
+        let places = places(16, 2);
+        let elsewhere = enter(&places, 9).await;
+        let first = enter(&places, 1).await;
+        let second = enter(&places, 1).await;
+        let third = enter(&places, 1).await;
+        assert_eq!(
+            [&elsewhere, &first, &second].map(is_in),
+            [true, false, true]
+        );
+        for (seat, node) in [(&second, 1), (&third, 2)] {
+            assert!(places.keep(seat.number, NodeId([node; 32])));
+        }
+        let refused = places.enter(from(1)).err();
+        let address = from(1);
+        assert_eq!(refused, Some(NoPlace::OfAddress { address, most: 2 }));
+        drop(third);
+        assert!(places.enter(from(1)).is_ok());
+    }
+
+    #[test]
+    fn an_ipv6_network_counts_as_one_address() {
+        let ip = |text: &str| counted(text.parse().unwrap());
+        assert_eq!(ip("2001:db8::1"), ip("2001:db8::ffff:2"));
+        assert_ne!(ip("2001:db8::1"), ip("2001:db8:0:1::1"));
+        assert_eq!(ip("::ffff:192.0.2.1"), from(1));
+    }
+}

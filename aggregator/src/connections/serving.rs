@@ -1,0 +1,167 @@
+//! Accepts connections and serves them. Each has a place, speaks in time, and is closed when it has been idle for too long. At the end
+//! they have a bounded time to answer what was asked.
+
+use crate::connections::caller::Caller;
+use crate::connections::limits::ConnectionLimits;
+use crate::connections::places::{Places, Seat};
+use crate::connections::stream::CountedStream;
+use crate::tls::server_certificate::Acceptor;
+use axum::body::Body;
+use axum::Router;
+use hyper::body::Incoming;
+use hyper::service::{service_fn, Service};
+use hyper::Request;
+use hyper_util::rt::{TokioExecutor, TokioIo};
+use hyper_util::server::conn::auto::Builder;
+use hyper_util::service::TowerToHyperService;
+use std::future::Future;
+use std::pin::pin;
+use std::sync::atomic::Ordering;
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::net::{TcpListener, TcpStream};
+use tokio::sync::watch;
+use tokio::task::JoinSet;
+use tokio::time::{sleep, sleep_until, timeout, timeout_at, Instant};
+
+/// How long a connection that was told to close may take.
+const CLOSING: Duration = Duration::from_secs(1);
+
+/// How often the log says that connections are refused.
+const SAY_AGAIN: Duration = Duration::from_secs(60);
+
+/// How connections are served.
+pub(crate) struct Serving {
+    pub limits: ConnectionLimits,
+    /// What the connections speak.
+    pub protocol: Builder<TokioExecutor>,
+    /// So many bytes come before the first request: if they do not come in time, the connection is closed.
+    pub first_bytes: usize,
+    /// How long a connection may last in all.
+    pub lifetime: Option<Duration>,
+    /// How many requests of a connection may be in progress.
+    pub requests: usize,
+    /// If there is one, connections are encrypted.
+    pub tls: Option<Acceptor>,
+    /// Answers the requests.
+    pub router: Router,
+}
+
+impl Serving {
+    /// Serves on `listener` until `stop` is ready, and then until the open requests are answered, but no longer than the limits say.
+    pub async fn serve(self, listener: TcpListener, stop: impl Future<Output = ()>) {
+        let (drain, places) = (self.limits.drain, Places::new(self.limits));
+        let (stopping, stopped) = watch::channel(false);
+        let (serving, mut connections) = (Arc::new(self), JoinSet::new());
+        let (mut stop, mut said) = (pin!(stop), None);
+        loop {
+            while connections.try_join_next().is_some() {}
+            let accepted = tokio::select! {
+                () = &mut stop => break,
+                accepted = listener.accept() => accepted,
+            };
+            let refused = match accepted {
+                Ok((stream, peer)) => match places.enter(peer.ip()) {
+                    Ok(seat) => {
+                        let (serving, stopped) = (serving.clone(), stopped.clone());
+                        connections.spawn(serving.seated(stream, seat, stopped));
+                        continue;
+                    }
+                    Err(why) => why.to_string(),
+                },
+                Err(error) => {
+                    // Most likely the process has no file descriptor left. Connections that end give some back.
+                    sleep(Duration::from_millis(100)).await;
+                    error.to_string()
+                }
+            };
+            if said.is_none_or(|at: Instant| at.elapsed() >= SAY_AGAIN) {
+                tracing::warn!("a connection is refused: {refused}");
+                said = Some(Instant::now());
+            }
+        }
+        drop(listener);
+        stopping.send_replace(true);
+        let drained = async { while connections.join_next().await.is_some() {} };
+        if timeout(drain, drained).await.is_err() {
+            let open = connections.len();
+            tracing::warn!("{open} connections are cut: their requests took more than {drain:?}");
+        }
+        connections.shutdown().await;
+    }
+
+    /// Serves a connection until it ends, or has to make room for another.
+    async fn seated(
+        self: Arc<Self>,
+        stream: TcpStream,
+        seat: Seat,
+        stopped: watch::Receiver<bool>,
+    ) {
+        tokio::select! {
+            () = seat.evicted() => {}
+            () = self.connection(stream, &seat, stopped) => {}
+        }
+    }
+
+    async fn connection(&self, stream: TcpStream, seat: &Seat, mut stopped: watch::Receiver<bool>) {
+        let handshake = Instant::now() + self.limits.handshake;
+        let end = self.lifetime.map(|lifetime| Instant::now() + lifetime);
+        let _ = stream.set_nodelay(true);
+        let stream = match &self.tls {
+            None => CountedStream::new(Box::new(stream)),
+            Some(tls) => tokio::select! {
+                encrypted = timeout_at(handshake, tls.accept(stream)) => match encrypted {
+                    Ok(Ok(encrypted)) => CountedStream::new(Box::new(encrypted)),
+                    // It is no event when a client goes away, takes too long, or does not speak TLS.
+                    _ => return,
+                },
+                () = told(&mut stopped) => return,
+            },
+        };
+        let come = stream.come();
+        let caller = Caller::new(seat, self.requests);
+        let router = TowerToHyperService::new(self.router.clone());
+        let service = service_fn(move |mut request: Request<Incoming>| {
+            request.extensions_mut().insert(caller.clone());
+            router.call(request.map(Body::new))
+        });
+        let connection = self
+            .protocol
+            .serve_connection(TokioIo::new(stream), service);
+        let mut connection = pin!(connection);
+        let spoke = || come.load(Ordering::Relaxed) >= self.first_bytes;
+        loop {
+            let now = Instant::now();
+            // While a request is in progress, nothing is due; it is looked at again when it could be idle.
+            let idle = seat.places.idle_until(seat.number);
+            let idle = idle.unwrap_or(now + self.limits.stranger_idle);
+            let due = match spoke() {
+                true => idle,
+                false => handshake.min(idle),
+            };
+            let due = end.map_or(due, |end| end.min(due));
+            if due <= now {
+                break;
+            }
+            tokio::select! {
+                _ = &mut connection => return,
+                () = sleep_until(due) => {}
+                () = told(&mut stopped) => {
+                    connection.as_mut().graceful_shutdown();
+                    // The server cuts it when this takes too long.
+                    let _ = connection.await;
+                    return;
+                }
+            }
+        }
+        if spoke() {
+            connection.as_mut().graceful_shutdown();
+            let _ = timeout(CLOSING, connection).await;
+        }
+    }
+}
+
+/// Ready when the server ends.
+async fn told(stopped: &mut watch::Receiver<bool>) {
+    let _ = stopped.wait_for(|stopped| *stopped).await;
+}

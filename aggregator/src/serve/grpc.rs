@@ -1,0 +1,89 @@
+//! HTTP/2 for the gRPC service, under limits.
+
+use crate::connections::message_memory::MessageMemory;
+use crate::connections::requests::Requests;
+use crate::connections::serving::Serving;
+use crate::serve::service::{Limits, CONCURRENT};
+use crate::tls::server_certificate::ServerCertificate;
+use axum::middleware::from_fn;
+use hyper_util::rt::{TokioExecutor, TokioTimer};
+use hyper_util::server::conn::auto::Builder;
+use std::convert::Infallible;
+use std::future::Future;
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::net::TcpListener;
+use tonic::body::Body;
+use tonic::codegen::http::{Request, Response};
+use tonic::codegen::Service;
+use tonic::server::NamedService;
+use tonic::service::Routes;
+
+/// How often the server asks a connection whether anybody is still there, and how long it waits for an answer.
+const KEEPALIVE: Duration = Duration::from_secs(60);
+
+/// What HTTP/2 sends first.
+const PREFACE_BYTES: usize = 24;
+
+/// Bytes that a connection may send before the service has taken those that came before.
+const WINDOW_BYTES: u32 = 256 << 10;
+
+/// Bytes of an answer that wait for a slow reader.
+const SEND_BYTES: usize = 64 << 10;
+
+/// A server of gRPC.
+pub(super) struct Grpc {
+    pub limits: Limits,
+    /// The largest message that the service decodes.
+    pub largest_message: u64,
+    /// If there is one, connections are encrypted.
+    pub certificate: Option<Arc<ServerCertificate>>,
+}
+
+impl Grpc {
+    /// Serves on `listener` until `stop` is ready and the open requests are answered, or have had their time.
+    pub async fn serve<S>(self, listener: TcpListener, service: S, stop: impl Future<Output = ()>)
+    where
+        S: Service<Request<Body>, Response = Response<Body>, Error = Infallible>
+            + NamedService
+            + Clone
+            + Send
+            + Sync
+            + 'static,
+        S::Future: Send + 'static,
+    {
+        let mut protocol = Builder::new(TokioExecutor::new()).http2_only();
+        protocol
+            .http2()
+            .timer(TokioTimer::new())
+            .max_concurrent_streams(CONCURRENT as u32)
+            .initial_connection_window_size(WINDOW_BYTES)
+            .initial_stream_window_size(WINDOW_BYTES)
+            .max_send_buf_size(SEND_BYTES)
+            .keep_alive_interval(KEEPALIVE)
+            .keep_alive_timeout(KEEPALIVE);
+        let Limits {
+            connections,
+            message,
+            message_memory,
+            ..
+        } = self.limits;
+        let memory = MessageMemory::new(message_memory, self.largest_message);
+        let requests = Requests::new(&connections, CONCURRENT, memory, message);
+        let router = Routes::new(service).prepare().into_axum_router();
+        let serving = Serving {
+            limits: connections,
+            protocol,
+            first_bytes: PREFACE_BYTES,
+            lifetime: None,
+            requests: CONCURRENT,
+            tls: self
+                .certificate
+                .map(|certificate| certificate.acceptor("h2")),
+            router: router.layer(from_fn(move |request, next| {
+                requests.clone().answer(request, next)
+            })),
+        };
+        serving.serve(listener, stop).await;
+    }
+}

@@ -1,0 +1,191 @@
+//! The certificate that a server shows, from PEM files. It is read again while the server runs, so that a renewed certificate needs no
+//! restart.
+
+use rustls::crypto::{ring, CryptoProvider};
+use rustls::pki_types::pem::PemObject;
+use rustls::pki_types::{CertificateDer, PrivateKeyDer};
+use rustls::server::{ClientHello, ResolvesServerCert};
+use rustls::sign::CertifiedKey;
+use rustls::ServerConfig;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, PoisonError, RwLock};
+use std::time::Duration;
+use tokio::io::AsyncWriteExt;
+use tokio::net::TcpStream;
+use tokio::task::spawn_blocking;
+use tokio::time::sleep;
+use tokio_rustls::server::TlsStream;
+use tokio_rustls::TlsAcceptor;
+use zk0_files::bounded_file;
+
+/// Largest file with certificates or a key that is read.
+const MAX_FILE_BYTES: u64 = 1 << 20;
+
+/// The first byte of a TLS connection: a record of a handshake.
+const HANDSHAKE: u8 = 22;
+
+/// What somebody gets who speaks HTTP without TLS.
+const NOT_TLS: &[u8] = b"HTTP/1.1 400 Bad Request\r\nconnection: close\r\n\
+    content-type: text/plain; charset=utf-8\r\n\r\nthis port speaks TLS: use https://\n";
+
+/// Why a certificate cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum CertificateError {
+    /// A file cannot be read.
+    #[error("reading {}: {error}", .path.display())]
+    Read { path: PathBuf, error: io::Error },
+    /// The file has no certificate.
+    #[error("{} holds no certificate: it has to be a PEM file that begins with the server's certificate", .0.display())]
+    NoCertificate(PathBuf),
+    /// The file has no key.
+    #[error("{} holds no private key: it has to be a PEM file with the key of the certificate", .0.display())]
+    NoKey(PathBuf),
+    /// They do not belong together, or the kind of key is not known.
+    #[error("the certificate in {} cannot be used with the key in {}: {error}", .certificate.display(), .key.display())]
+    Unusable {
+        certificate: PathBuf,
+        key: PathBuf,
+        error: rustls::Error,
+    },
+}
+
+/// A server's certificate with its key.
+#[derive(Debug)]
+pub struct ServerCertificate {
+    certificate: PathBuf,
+    key: PathBuf,
+    shown: RwLock<Shown>,
+}
+
+#[derive(Debug)]
+struct Shown {
+    /// What the files held when they were last read.
+    read: [Vec<u8>; 2],
+    certified: Arc<CertifiedKey>,
+}
+
+/// Encrypts the connections of a server.
+#[derive(Clone)]
+pub struct Acceptor(TlsAcceptor);
+
+impl ServerCertificate {
+    /// Reads the certificate, followed by those that sign it, and its key.
+    pub fn load(certificate: &Path, key: &Path) -> Result<Arc<Self>, CertificateError> {
+        let read = read(certificate, key)?;
+        let certified = parse(certificate, key, &read)?;
+        Ok(Arc::new(Self {
+            certificate: certificate.into(),
+            key: key.into(),
+            shown: RwLock::new(Shown { read, certified }),
+        }))
+    }
+
+    /// Reads the files again. Returns whether there is a new certificate. A broken file is an error once, and the old certificate stays.
+    fn reload(&self) -> Result<bool, CertificateError> {
+        let read = read(&self.certificate, &self.key)?;
+        let mut shown = self.shown.write().unwrap_or_else(PoisonError::into_inner);
+        if shown.read == read {
+            return Ok(false);
+        }
+        let parsed = parse(&self.certificate, &self.key, &read);
+        shown.read = read;
+        shown.certified = parsed?;
+        Ok(true)
+    }
+
+    /// Reads the files again and again. Connections from then on see a new certificate.
+    pub async fn watch(self: Arc<Self>, every: Duration) {
+        let mut said = String::new();
+        loop {
+            sleep(every).await;
+            let certificate = self.clone();
+            let reloaded = match spawn_blocking(move || certificate.reload()).await {
+                Ok(reloaded) => reloaded,
+                Err(_) => return,
+            };
+            match reloaded {
+                Ok(false) => {}
+                Ok(true) => {
+                    let path = self.certificate.display();
+                    tracing::info!("new connections are shown the new certificate in {path}");
+                    said.clear();
+                }
+                Err(error) => {
+                    let why = error.to_string();
+                    if said != why {
+                        tracing::error!("{why}; the old certificate stays");
+                        said = why;
+                    }
+                }
+            }
+        }
+    }
+
+    /// Encrypts connections with this certificate, for clients that speak `protocol` (its name in ALPN: `h2` or `http/1.1`).
+    pub fn acceptor(self: &Arc<Self>, protocol: &str) -> Acceptor {
+        let mut config = ServerConfig::builder_with_provider(provider())
+            .with_safe_default_protocol_versions()
+            .expect("the provider has the ciphers of TLS 1.2 and 1.3")
+            .with_no_client_auth()
+            .with_cert_resolver(self.clone());
+        config.alpn_protocols = vec![protocol.as_bytes().to_vec()];
+        Acceptor(Arc::new(config).into())
+    }
+}
+
+impl ResolvesServerCert for ServerCertificate {
+    fn resolve(&self, _: ClientHello<'_>) -> Option<Arc<CertifiedKey>> {
+        let shown = self.shown.read().unwrap_or_else(PoisonError::into_inner);
+        Some(shown.certified.clone())
+    }
+}
+
+impl Acceptor {
+    /// The TLS handshake. Whoever does not speak TLS is told so.
+    pub(crate) async fn accept(&self, mut stream: TcpStream) -> io::Result<TlsStream<TcpStream>> {
+        let mut first = [0];
+        if stream.peek(&mut first).await? == 1 && first != [HANDSHAKE] {
+            stream.write_all(NOT_TLS).await?;
+            stream.shutdown().await?;
+            return Err(io::Error::other("the client does not speak TLS"));
+        }
+        self.0.accept(stream).await
+    }
+}
+
+fn provider() -> Arc<CryptoProvider> {
+    Arc::new(ring::default_provider())
+}
+
+fn read(certificate: &Path, key: &Path) -> Result<[Vec<u8>; 2], CertificateError> {
+    let read = |path: &Path| {
+        bounded_file::read(path, MAX_FILE_BYTES).map_err(|error| CertificateError::Read {
+            path: path.into(),
+            error,
+        })
+    };
+    Ok([read(certificate)?, read(key)?])
+}
+
+fn parse(
+    certificate: &Path,
+    key: &Path,
+    [chain, secret]: &[Vec<u8>; 2],
+) -> Result<Arc<CertifiedKey>, CertificateError> {
+    let chain: Vec<_> = CertificateDer::pem_slice_iter(chain)
+        .collect::<Result<_, _>>()
+        .map_err(|_| CertificateError::NoCertificate(certificate.into()))?;
+    if chain.is_empty() {
+        return Err(CertificateError::NoCertificate(certificate.into()));
+    }
+    let secret = PrivateKeyDer::from_pem_slice(secret);
+    let secret = secret.map_err(|_| CertificateError::NoKey(key.into()))?;
+    let certified = CertifiedKey::from_der(chain, secret, &ring::default_provider());
+    let certified = certified.map_err(|error| CertificateError::Unusable {
+        certificate: certificate.into(),
+        key: key.into(),
+        error,
+    })?;
+    Ok(Arc::new(certified))
+}

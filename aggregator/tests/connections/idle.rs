@@ -1,0 +1,147 @@
+//! Connections on which no request is in progress.
+
+use crate::relay::Counted;
+use crate::sockets::{closes, speaking};
+use crate::{harness::*, network, registration, with, Test};
+use axum::body::Body;
+use std::future::poll_fn;
+use std::time::Duration;
+use tokio::sync::mpsc;
+use tokio::time::sleep;
+use tokio_stream::wrappers::ReceiverStream;
+use tonic::codegen::http::{Request, Uri};
+use tonic::codegen::Service;
+use tonic::transport::Endpoint;
+use tonic::Code;
+use zk0_aggregator::{ConnectionLimits, Limits};
+use zk0_protocol::entries::signed::Signed;
+use zk0_protocol::rpc::federation as proto;
+use zk0_protocol::rpc::federation::upload_chunk::Part;
+
+fn impatient() -> ConnectionLimits {
+    ConnectionLimits {
+        stranger_idle: Duration::from_millis(400),
+        ..ConnectionLimits::default()
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn an_idle_stranger_is_closed_and_connects_again_by_itself() -> Test {
+    let (network, _) = with(impatient()).await;
+    let mut silent = speaking([1, 1], &network.address).await;
+    let mut stranger = Counted::connect(&network.address).await;
+    for connections in 1..=3 {
+        stranger
+            .client
+            .get_network(proto::GetNetworkRequest {})
+            .await?;
+        assert_eq!(stranger.connections(), connections);
+        sleep(Duration::from_millis(800)).await;
+    }
+    assert!(closes(&mut silent, Duration::from_millis(100)).await);
+    Ok(())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn an_idle_node_keeps_its_connection() -> Test {
+    let (network, [node, _]) = with(impatient()).await;
+    let mut member = Counted::connect(&network.address).await;
+    let request = registration(&network, &node);
+    member.client.register_dataset(request).await?;
+    sleep(Duration::from_millis(1000)).await;
+    member
+        .client
+        .get_network(proto::GetNetworkRequest {})
+        .await?;
+    assert_eq!(member.connections(), 1);
+    Ok(())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_node_is_closed_when_it_is_idle_for_too_long() -> Test {
+    let limits = ConnectionLimits {
+        node_idle: Duration::from_millis(600),
+        ..impatient()
+    };
+    let (network, [node, _]) = with(limits).await;
+    let mut member = Counted::connect(&network.address).await;
+    let request = registration(&network, &node);
+    member.client.register_dataset(request).await?;
+    sleep(Duration::from_millis(1200)).await;
+    member
+        .client
+        .get_network(proto::GetNetworkRequest {})
+        .await?;
+    assert_eq!(member.connections(), 2);
+    Ok(())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_request_in_progress_keeps_its_connection() -> Test {
+    let (network, [node, _]) = with(impatient()).await;
+    node.register(&network).await?;
+    network.settle().await;
+    let update = weights(1);
+    let request = node.upload_request(&network.genesis.network_id(), 0, &update);
+    let request = borsh::to_vec(&Signed::new(request, &node.key))?;
+    let part = |part| proto::UploadChunk { part: Some(part) };
+    let (sender, receiver) = mpsc::channel(4);
+    sender.send(part(Part::Request(request))).await?;
+    sender
+        .send(part(Part::Data(update[..100].to_vec())))
+        .await?;
+    let mut uploader = Counted::connect(&network.address).await;
+    let mut client = uploader.client.clone();
+    let uploading = tokio::spawn(async move { client.upload(ReceiverStream::new(receiver)).await });
+    sleep(Duration::from_millis(1000)).await;
+    sender
+        .send(part(Part::Data(update[100..].to_vec())))
+        .await?;
+    drop(sender);
+    uploading.await??;
+    // The upload has shown whose connection it is.
+    sleep(Duration::from_millis(1000)).await;
+    uploader
+        .client
+        .get_network(proto::GetNetworkRequest {})
+        .await?;
+    assert_eq!(uploader.connections(), 1);
+    Ok(())
+}
+
+/// A request whose message comes byte by byte does not last.
+#[tokio::test(flavor = "multi_thread")]
+async fn a_message_that_trickles_is_cut() -> Test {
+    let (network, _) = network(Limits {
+        message: Duration::from_millis(400),
+        ..Limits::default()
+    })
+    .await;
+    let mut channel = Endpoint::try_from(network.address.clone())?
+        .connect()
+        .await?;
+    let (sender, receiver) = mpsc::channel::<Result<Vec<u8>, std::io::Error>>(1);
+    let trickling = tokio::spawn(async move {
+        // A message of 100 bytes.
+        let message = [0, 0, 0, 0, 100].into_iter().chain([0; 100]);
+        for byte in message {
+            if sender.send(Ok(vec![byte])).await.is_err() {
+                break;
+            }
+            sleep(Duration::from_millis(50)).await;
+        }
+    });
+    let uri: Uri = format!("{}/zk0.v1.Federation/Commit", network.address).parse()?;
+    let request = Request::post(uri)
+        .header("content-type", "application/grpc")
+        .header("te", "trailers")
+        .body(tonic::body::Body::new(Body::from_stream(
+            ReceiverStream::new(receiver),
+        )))?;
+    poll_fn(|context| channel.poll_ready(context)).await?;
+    let response = channel.call(request).await?;
+    let status = tonic::Status::from_header_map(response.headers()).unwrap();
+    assert_eq!(status.code(), Code::DeadlineExceeded, "{status}");
+    trickling.await?;
+    Ok(())
+}

@@ -1,0 +1,46 @@
+//! Connections cannot be exhausted: silent, slow and greedy ones make room, and a node keeps its place.
+
+#[path = "../harness/mod.rs"]
+mod harness;
+
+mod draining;
+mod evicting;
+mod idle;
+mod memory;
+mod relay;
+mod silent;
+mod sockets;
+
+use harness::{Network, Node};
+use zk0_aggregator::{Config, ConnectionLimits, Limits};
+use zk0_protocol::rpc::federation as proto;
+
+type Test = Result<(), Box<dyn std::error::Error>>;
+
+/// A network of two nodes, of whom none has registered, with these limits.
+async fn network(limits: Limits) -> (Network, [Node; 2]) {
+    let nodes = [Node::new(1), Node::new(2)];
+    let config = Config {
+        rounds: Some(1),
+        min_nodes: 1,
+    };
+    let network = Network::start_with(&[&nodes[0], &nodes[1]], config, limits).await;
+    (network, nodes)
+}
+
+/// A network with these limits of connections.
+async fn with(connections: ConnectionLimits) -> (Network, [Node; 2]) {
+    network(Limits {
+        connections,
+        ..Limits::default()
+    })
+    .await
+}
+
+fn registration(network: &Network, node: &Node) -> proto::RegisterDatasetRequest {
+    let registration = node.registration(&network.genesis.network_id());
+    proto::RegisterDatasetRequest {
+        registration: borsh::to_vec(&registration).unwrap(),
+        leaves: node.list(),
+    }
+}

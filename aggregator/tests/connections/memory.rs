@@ -1,0 +1,107 @@
+//! The memory for large messages is bounded, and strangers cannot take what is for nodes.
+
+use crate::relay::Counted;
+use crate::sockets::from;
+use crate::{network, registration, Test};
+use std::time::{Duration, Instant};
+use tokio::io::AsyncWriteExt;
+use tokio::net::TcpStream;
+use tokio::time::sleep;
+use tonic::Code;
+use zk0_aggregator::{Aggregator, Limits};
+use zk0_protocol::rpc::federation as proto;
+
+/// Begins a request on `stream` with a message of 4 MiB, of which nothing more comes. The headers are in HPACK's literal form.
+async fn begin_large_message(stream: &mut TcpStream) {
+    let mut headers = Vec::new();
+    for (name, value) in [
+        (":method", "POST"),
+        (":scheme", "http"),
+        (":path", "/zk0.v1.Federation/Commit"),
+        (":authority", "x"),
+        ("content-type", "application/grpc"),
+        ("te", "trailers"),
+    ] {
+        headers.push(0);
+        for text in [name, value] {
+            headers.push(text.len() as u8);
+            headers.extend_from_slice(text.as_bytes());
+        }
+    }
+    let frame = |kind: u8, flags: u8, payload: &[u8]| {
+        let length = (payload.len() as u32).to_be_bytes();
+        [&length[1..], &[kind, flags, 0, 0, 0, 1], payload].concat()
+    };
+    let prefix = [&[0][..], &(4u32 << 20).to_be_bytes()].concat();
+    let begun = [
+        crate::sockets::PREFACE.to_vec(),
+        frame(1, 4, &headers),
+        frame(0, 0, &prefix),
+    ];
+    stream.write_all(&begun.concat()).await.unwrap();
+}
+
+/// A large message that the aggregator refuses after it has read it.
+fn large() -> proto::CommitRequest {
+    proto::CommitRequest {
+        commitment: vec![0; 1 << 20],
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn strangers_wait_for_memory_and_nodes_do_not() -> Test {
+    let (network, [node, _]) = network(Limits {
+        // So there is room for one message of a stranger and for one of a node.
+        message_memory: 0,
+        message: Duration::from_secs(2),
+        ..Limits::default()
+    })
+    .await;
+    let mut member = Counted::connect(&network.address).await;
+    let request = registration(&network, &node);
+    member.client.register_dataset(request).await?;
+    let begun = Instant::now();
+    let mut slow = from([1, 1], &network.address).await;
+    begin_large_message(&mut slow).await;
+    sleep(Duration::from_millis(200)).await;
+    // Small requests, and large ones of nodes, are answered meanwhile.
+    let mut stranger = network.client().await;
+    stranger.get_network(proto::GetNetworkRequest {}).await?;
+    let refused = member.client.commit(large()).await.unwrap_err();
+    assert_eq!(refused.code(), Code::InvalidArgument, "{refused}");
+    assert!(begun.elapsed() < Duration::from_secs(1));
+    // A stranger's large message waits until the slow one is cut.
+    let refused = stranger.commit(large()).await.unwrap_err();
+    assert_eq!(refused.code(), Code::InvalidArgument, "{refused}");
+    assert!(begun.elapsed() > Duration::from_millis(1500));
+    Ok(())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn who_waits_for_memory_for_too_long_is_told_to_come_again() -> Test {
+    let (network, _) = network(Limits {
+        message_memory: 0,
+        message: Duration::from_millis(500),
+        ..Limits::default()
+    })
+    .await;
+    // The aggregator is busy, so a large message keeps its memory although it has arrived.
+    let service = network.service().clone();
+    let busy = tokio::spawn(async move {
+        let work = |_: &mut Aggregator| {
+            std::thread::sleep(Duration::from_secs(2));
+            Ok(())
+        };
+        service.with(work).await
+    });
+    let mut first = network.client().await;
+    let waiting = tokio::spawn(async move { first.commit(large()).await });
+    sleep(Duration::from_millis(200)).await;
+    let status = network.client().await.commit(large()).await.unwrap_err();
+    assert_eq!(status.code(), Code::Unavailable, "{status}");
+    assert!(status.message().contains("again later"), "{status}");
+    let status = waiting.await?.unwrap_err();
+    assert_eq!(status.code(), Code::InvalidArgument, "{status}");
+    busy.await??;
+    Ok(())
+}

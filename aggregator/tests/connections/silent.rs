@@ -1,0 +1,84 @@
+//! Connections that send nothing, too little, or something else than HTTP/2.
+
+use crate::sockets::{closed, closes, from, speaking, PREFACE};
+use crate::{harness::*, network, with, Test};
+use std::time::Duration;
+use tokio::io::AsyncWriteExt;
+use tokio::time::{sleep, timeout};
+use zk0_aggregator::{ConnectionLimits, Limits};
+
+#[tokio::test(flavor = "multi_thread")]
+async fn thousands_of_idle_and_half_open_connections_do_not_stop_a_node() -> Test {
+    let (network, [node, _]) = with(ConnectionLimits {
+        most: 300,
+        ..ConnectionLimits::default()
+    })
+    .await;
+    let mut idle = Vec::new();
+    for host in 0..200 {
+        for _ in 0..10 {
+            idle.push(speaking([1, host + 1], &network.address).await);
+        }
+        // Half open: the connection is there, and nothing comes on it.
+        idle.push(from([2, host + 1], &network.address).await);
+    }
+    timeout(Duration::from_secs(20), async {
+        node.register(&network).await?;
+        network.settle().await;
+        let update = weights(1);
+        node.upload(&network, 0, &update).await?;
+        node.commit(&network, 0, &update).await
+    })
+    .await??;
+    assert_eq!(idle.len(), 2200);
+    Ok(())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_connection_that_sends_nothing_is_closed_early() -> Test {
+    let limits = ConnectionLimits {
+        handshake: Duration::from_millis(300),
+        ..ConnectionLimits::default()
+    };
+    let (network, _) = with(limits).await;
+    let mut silent = from([1, 1], &network.address).await;
+    let mut speaks = speaking([1, 1], &network.address).await;
+    assert!(closes(&mut silent, Duration::from_secs(2)).await);
+    assert!(!closed(&mut speaks).await);
+    Ok(())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_connection_that_begins_byte_by_byte_is_closed_early() -> Test {
+    let limits = ConnectionLimits {
+        handshake: Duration::from_millis(300),
+        ..ConnectionLimits::default()
+    };
+    let (network, _) = with(limits).await;
+    let mut slow = from([1, 1], &network.address).await;
+    let mut sent = 0;
+    for byte in PREFACE {
+        if slow.write_all(&[*byte]).await.is_err() {
+            break;
+        }
+        sent += 1;
+        sleep(Duration::from_millis(100)).await;
+    }
+    assert!(sent < PREFACE.len(), "all {sent} bytes were taken");
+    Ok(())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn garbage_ends_a_connection_at_once() -> Test {
+    let (network, _) = network(Limits::default()).await;
+    for garbage in [
+        &b"GET / HTTP/1.1\r\nhost: x\r\n\r\n"[..],
+        &[0xff; 100],
+        &[PREFACE, &[0xff; 100]].concat(),
+    ] {
+        let mut stream = from([1, 1], &network.address).await;
+        stream.write_all(garbage).await?;
+        assert!(closes(&mut stream, Duration::from_secs(2)).await);
+    }
+    Ok(())
+}

@@ -1,0 +1,74 @@
+//! Options of `zk0 aggregator serve` that say who may connect, and how.
+
+use anyhow::Result;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Duration;
+use zk0_aggregator::connections::open_files;
+use zk0_aggregator::publish::http;
+use zk0_aggregator::tls::server_certificate::ServerCertificate;
+use zk0_aggregator::{ConnectionLimits, Limits};
+
+/// The edge to the network.
+#[derive(Debug, clap::Args)]
+pub struct NetworkEdge {
+    /// Encrypt with the certificate in this PEM file, which holds the server's certificate and then those that sign it. It is also for the
+    /// log's files. If the file changes, new connections are shown the new certificate.
+    #[arg(long, value_name = "FILE", requires = "tls_key")]
+    tls_certificate: Option<PathBuf>,
+    /// The PEM file with the key of the certificate.
+    #[arg(long, value_name = "FILE", requires = "tls_certificate")]
+    tls_key: Option<PathBuf>,
+    /// Have at most this many connections. An eighth of them is always open to those who have not shown yet that they are a node.
+    #[arg(long, value_name = "N", default_value_t = ConnectionLimits::default().most as u32, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    max_connections: u32,
+    /// Have at most this many connections from one IPv4 address or one IPv6 network of 64 bits. Behind a proxy, all connections come from
+    /// the proxy's address.
+    #[arg(long, value_name = "N", default_value_t = ConnectionLimits::default().per_address as u32, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    max_connections_per_address: u32,
+    /// Close the connection of a node that has made no request for so long.
+    #[arg(long, value_name = "SECONDS", default_value_t = ConnectionLimits::default().node_idle.as_secs())]
+    node_idle_seconds: u64,
+    /// Close any other connection on which there was no request for so long.
+    #[arg(long, value_name = "SECONDS", default_value_t = ConnectionLimits::default().stranger_idle.as_secs())]
+    stranger_idle_seconds: u64,
+    /// Use at most this much memory for messages over 32 KiB that are received and answered. Half of it is for nodes.
+    #[arg(long, value_name = "MIB", default_value_t = Limits::default().message_memory >> 20, value_parser = clap::value_parser!(u64).range(1..=1 << 20))]
+    message_memory_mib: u64,
+    /// At the end, take at most so long to answer the requests that are in progress.
+    #[arg(long, value_name = "SECONDS", default_value_t = ConnectionLimits::default().drain.as_secs())]
+    drain_seconds: u64,
+}
+
+impl NetworkEdge {
+    /// The certificate, if connections are to be encrypted.
+    pub fn certificate(&self) -> Result<Option<Arc<ServerCertificate>>> {
+        match (&self.tls_certificate, &self.tls_key) {
+            (Some(certificate), Some(key)) => Ok(Some(ServerCertificate::load(certificate, key)?)),
+            _ => Ok(None),
+        }
+    }
+
+    /// The limits of the aggregator, and of the server of the log's files. The system has to allow as many open files.
+    pub fn limits(&self, serves_log: bool) -> (Limits, http::Limits) {
+        let mut log = http::Limits::default();
+        let mut connections = ConnectionLimits {
+            most: self.max_connections as usize,
+            per_address: self.max_connections_per_address as usize,
+            stranger_idle: Duration::from_secs(self.stranger_idle_seconds),
+            node_idle: Duration::from_secs(self.node_idle_seconds),
+            drain: Duration::from_secs(self.drain_seconds),
+            ..ConnectionLimits::default()
+        };
+        log.connections.per_address = connections.per_address;
+        log.connections.drain = connections.drain;
+        let most = if serves_log { log.connections.most } else { 0 };
+        open_files::fit(&mut connections, most);
+        let limits = Limits {
+            connections,
+            message_memory: self.message_memory_mib << 20,
+            ..Limits::default()
+        };
+        (limits, log)
+    }
+}
