@@ -1,7 +1,8 @@
 //! What mode `succinct` costs beside the proof itself: `cargo run --release --workspace --example bench_succinct MODEL SAMPLES`
 //!
 //! MODEL is micro or full. It makes a claim from a seed, makes the argument natively, executes the guest program, and does the verifier's share,
-//! with both files of weights on disk. Each line names a figure and what it is compared with in the same run:
+//! with both files of weights on disk. The check of the weights is a process of its own, so that its memory is that of the check alone. Each
+//! line names a figure and what it is compared with in the same run:
 //!
 //! | bench | ours | peer |
 //! | --- | --- | --- |
@@ -11,11 +12,14 @@
 //! | `succinct-cycles` | guest cycles | the least that mode `direct` takes: four for each multiply-add; nobody runs that |
 
 use serde_json::json;
+use sha2::{Digest as _, Sha256};
+use std::env;
 use std::error::Error;
 use std::fs::{self, File};
+use std::path::Path;
+use std::process::Command;
 use std::time::Instant;
 use zk0_circuits::claim::statement::check;
-use zk0_circuits::vm::digest::sha256;
 use zk0_circuits::{EvalSpec, Mode};
 use zk0_prover::machine::peak_memory;
 use zk0_prover::measure::DirectMode;
@@ -24,6 +28,8 @@ use zk0_verifier::check_weight_claims;
 use zk0_weights::Format;
 
 const USAGE: &str = "usage: bench_succinct MODEL SAMPLES";
+/// The first argument of the process that checks the weights. The second one is the folder, and the third one is the model.
+const CHECK_WEIGHTS: &str = "--check-weights";
 
 /// The result of a step, its seconds, and the most memory that the process had meanwhile, in bytes.
 fn measured<T>(step: impl FnOnce() -> T) -> Result<(T, f64, u64), Box<dyn Error>> {
@@ -49,6 +55,11 @@ fn print(bench: &str, unit: &str, (ours, peer): (f64, f64), more: serde_json::Va
 #[tokio::main]
 async fn main() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
+    if let [mode, folder, model] = &arguments[..] {
+        if mode == CHECK_WEIGHTS {
+            return check_weights(Path::new(folder), model);
+        }
+    }
     let [model, samples] = &arguments[..] else {
         return Err(USAGE.into());
     };
@@ -85,31 +96,23 @@ async fn main() -> Result<(), Box<dyn Error>> {
     );
 
     let format = Format::new(&spec)?;
-    let paths = ["base", "update"].map(|name| folder.path().join(name));
-    for (path, weights) in paths.iter().zip([&private.base, &private.update]) {
-        fs::write(path, format.write(weights))?;
+    for (name, weights) in [("base", &private.base), ("update", &private.update)] {
+        fs::write(folder.path().join(name), format.write(weights))?;
     }
     drop(private);
-    let hash = || {
-        paths
-            .each_ref()
-            .map(|path| fs::read(path).map(|file| sha256(&[&file])))
-    };
-    let (hashed, hashing, _) = measured(hash)?;
-    for file in hashed {
-        file?;
-    }
-    let files = [File::open(&paths[0])?, File::open(&paths[1])?];
-    let [base, update] = files;
     let named = claim
         .weight_check
         .ok_or("the claim names no weight check")?;
-    let (checked, seconds, memory) =
-        measured(|| check_weight_claims(&format, &named, &prepared.weight_check, base, update))?;
-    checked?;
-    let size =
-        json!({"peak_memory_bytes": memory, "bytes_beside_the_proof": prepared.weight_check.len()});
-    print("succinct-weights", "s", (seconds, hashing), size);
+    let check = (named, prepared.weight_check);
+    fs::write(folder.path().join("check"), borsh::to_vec(&check)?)?;
+    let checked = Command::new(env::current_exe()?)
+        .arg(CHECK_WEIGHTS)
+        .arg(folder.path())
+        .arg(model)
+        .status()?;
+    if !checked.success() {
+        return Err("the check of the weights failed".into());
+    }
 
     let executor = Executor::new().await?;
     let run = executor.execute(elf(Mode::Succinct), &prepared.input.buffers);
@@ -126,5 +129,30 @@ async fn main() -> Result<(), Box<dyn Error>> {
         (run.cycles as f64, least.cycles() as f64),
         json!({"gas": run.gas}),
     );
+    Ok(())
+}
+
+/// Checks what the argument leaves of the weights in the files in `folder`, and hashes these files for comparison.
+fn check_weights(folder: &Path, model: &str) -> Result<(), Box<dyn Error>> {
+    let format = Format::new(&EvalSpec::new(synthetic::dims(model)?))?;
+    let check: (_, Vec<u8>) = borsh::from_slice(&fs::read(folder.join("check"))?)?;
+    let (named, weight_check) = check;
+    let open = |name| File::open(folder.join(name));
+    let (base, update) = (open("base")?, open("update")?);
+    let (checked, seconds, memory) =
+        measured(|| check_weight_claims(&format, &named, &weight_check, base, update))?;
+    checked?;
+    let hash = || {
+        ["base", "update"].map(|name| {
+            let mut hasher = Sha256::new();
+            std::io::copy(&mut open(name)?, &mut hasher)
+        })
+    };
+    let (hashed, hashing, _) = measured(hash)?;
+    for file in hashed {
+        file?;
+    }
+    let more = json!({"peak_memory_bytes": memory, "bytes_beside_the_proof": weight_check.len()});
+    print("succinct-weights", "s", (seconds, hashing), more);
     Ok(())
 }
