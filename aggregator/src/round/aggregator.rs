@@ -12,6 +12,7 @@ use crate::round::ledger_index::{self, LedgerIndex};
 use crate::round::request::RequestError;
 use crate::round::staging::Staging;
 use ed25519_dalek::SigningKey;
+use std::fmt::Display;
 use std::path::Path;
 use std::sync::Arc;
 use zk0_circuits::{Digest, NodeId};
@@ -26,10 +27,12 @@ use zk0_protocol::rules::network_rules::Rules;
 use zk0_protocol::rules::state::{Standing, State};
 use zk0_protocol::tlog::receipt::Receipt;
 use zk0_protocol::Refusal;
-use zk0_verifier::close::close;
+use zk0_verifier::close::{close, CloseError};
+use zk0_verifier::combine::bases;
+use zk0_verifier::combine::contributions::CombineError;
 use zk0_verifier::public_samples::PublicSampleFile;
 use zk0_verifier::releases::{can_verify, releases};
-use zk0_verifier::{Evaluation, ProgramKey, ResultFiles, VerifiedContribution};
+use zk0_verifier::{BaseFiles, Evaluation, ProgramKey, ResultFiles, VerifiedContribution};
 
 /// How the operator runs the network.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -85,7 +88,7 @@ pub struct Aggregator {
     clock: Arc<dyn Clock>,
     config: Config,
     pub(super) index: LedgerIndex,
-    /// What the open round accepted.
+    /// What the open round accepted. Their weights are in the blobs.
     pub(super) contributions: Vec<VerifiedContribution>,
 }
 
@@ -178,10 +181,18 @@ impl Aggregator {
         if !can_verify(state.program()) {
             return Some(format!("round {round} cannot open: {}", no_verifier(state)));
         }
-        if !self.ledger.blobs().contains(&base) {
+        let blobs = self.ledger.blobs();
+        if !blobs.contains(&base) {
             return Some(format!(
                 "round {round} cannot open: it starts from the weights {base}, and that blob is not in the ledger's folder; put the file back as {}",
-                self.ledger.blobs().path(&base).display()
+                blobs.path(&base).display()
+            ));
+        }
+        if let Some(lost) = bases::earlier(state).filter(|earlier| !blobs.contains(&earlier.blob)) {
+            return Some(format!(
+                "round {round} cannot open: its strategy reads the weights {} that the round before started from, and that blob is not in the ledger's folder; put the file back as {}",
+                lost.blob,
+                blobs.path(&lost.blob).display()
             ));
         }
         // A vote can replace samples that cannot be used, but only between rounds.
@@ -240,18 +251,31 @@ impl Aggregator {
     }
 
     pub(super) fn close(&mut self) -> Result<Progress, RequestError> {
-        let get = |digest: &Digest, limit| self.ledger.blobs().get(digest, limit);
-        let files = match ResultFiles::read(self.state(), get) {
-            Ok(files) => files,
-            // The rules ask for the evaluation, so the round waits for the files.
-            Err(unreadable) => {
-                return Ok(Progress::Blocked(format!(
-                    "the open round cannot close, because its result cannot be evaluated: {unreadable}; put the file back among the blobs in {}",
-                    self.ledger.dir().display()
-                )))
-            }
+        let (state, blobs) = (self.state(), self.ledger.blobs());
+        let get = |digest: &Digest, limit| blobs.get(digest, limit);
+        let blocked = |what: &str, why: &dyn Display| {
+            Ok(Progress::Blocked(format!(
+                "the open round cannot close, because {what}: {why}; put the file back among the blobs in {}",
+                self.ledger.dir().display()
+            )))
         };
-        let closing = close(self.state(), &self.contributions, files.as_ref())?;
+        // The rules ask for the strategy and for the evaluation, so the round waits for their files.
+        let bases = match BaseFiles::read(state, get) {
+            Ok(bases) => bases,
+            Err(unreadable) => return blocked("its updates cannot be combined", &unreadable),
+        };
+        let files = match ResultFiles::read(state, get) {
+            Ok(files) => files,
+            Err(unreadable) => return blocked("its result cannot be evaluated", &unreadable),
+        };
+        let read_at =
+            |digest: &Digest, place, buffer: &mut [u8]| blobs.read_at(digest, place, buffer);
+        let closing = match close(state, &self.contributions, &bases, read_at, files.as_ref()) {
+            Err(CloseError::Combine(
+                lost @ (CombineError::Unreadable { .. } | CombineError::Changed { .. }),
+            )) => return blocked("its updates cannot be combined", &lost),
+            closing => closing?,
+        };
         if let Some(file) = &closing.file {
             self.ledger.blobs().put(file)?;
         }
