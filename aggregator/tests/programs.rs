@@ -229,7 +229,7 @@ fn a_round_starts_from_restored_weights_once_their_blob_is_at_hand() -> Test {
     assert_eq!(aggregator.step()?, Progress::CommitmentsClosed(2));
     assert_eq!(aggregator.step()?, Progress::Drawn(2));
     clock.advance(SUBMIT_MS + 1);
-    assert_eq!(aggregator.step()?, Progress::Closed(2));
+    assert_eq!(aggregator.go_on()?, Progress::Closed(2));
     assert_eq!(aggregator.state().global(), &digest(&weights(1)));
     Ok(())
 }

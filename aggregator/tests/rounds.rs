@@ -238,7 +238,7 @@ fn a_submission_after_the_deadline_of_an_open_round_is_recorded_as_late() -> Tes
             ..
         })
     ));
-    assert_eq!(aggregator.step()?, Progress::Closed(0));
+    assert_eq!(aggregator.go_on()?, Progress::Closed(0));
     assert_eq!(aggregator.step()?, Progress::Finished);
     let report = replay(dir.path(), None, &mut Auditor::default());
     assert_eq!(report.verdict, Verdict::Verified, "{:?}", report.findings);

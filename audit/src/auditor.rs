@@ -6,8 +6,8 @@
 //! with what a light audit leaves out, one line for each kind. What was not checked is never called verified.
 //!
 //! Several threads verify proofs and weights while the replay goes on. At most twice as many contributions as there are threads
-//! are begun and not yet reported. The weights of the contributions that the open round accepted are held until it closes, for
-//! their average.
+//! are begun and not yet reported. For the average of a round, the weights of its contributions are read from their files again, which
+//! their verification has sealed ([`zk0_verifier::combine::sealed`]).
 
 use crate::account::{Account, Checked, NotChecked, What, Why};
 use crate::checks::closings;
@@ -103,7 +103,7 @@ impl Auditor {
     }
 
     /// Goes on from what an audit of the same depth, by an auditor who named the same, has saved with [`Recheck::save`]. What the open round accepted is verified again,
-    /// because the average needs its weights.
+    /// because the average takes only what was verified.
     pub fn go_on(depth: Depth, named: &Named, saved: &[u8], blobs: &Blobs) -> Result<Self, String> {
         let (was, had_named, account, accepted, doubtful): Saved = borsh::from_slice(saved)
             .map_err(|error| format!("another version of zk0 wrote the state file ({error})"))?;
@@ -221,7 +221,7 @@ impl Auditor {
         }
         let open = std::mem::take(&mut self.open);
         self.account.add(open);
-        let average = closings::average(before, closed, &self.contributions, self.depth);
+        let average = closings::average(before, closed, &self.contributions, self.depth, blobs);
         let (average, combined) = match average {
             Ok(combined) => (Check::Passed(What::Averages), Ok(combined)),
             Err(check) => (check, Err(())),

@@ -22,6 +22,9 @@ use zk0_protocol::entries::entry::{Body, RoundClosed};
 use zk0_protocol::entries::round_result::{PublicLoss, ResultOutcome};
 use zk0_protocol::rules::network_rules::Strategy;
 use zk0_verifier::close::{end, CloseError, Closing};
+use zk0_verifier::combine::bases::Bases;
+use zk0_verifier::combine::contributions::Given;
+use zk0_verifier::combine::source::InMemory;
 use zk0_verifier::combine::strategy::{combined, Global};
 use zk0_verifier::result::ResultError;
 use zk0_verifier::ResultFiles;
@@ -83,14 +86,22 @@ impl Accepted {
         }
         let format = format();
         let read = updates.map(|update| format.read(update).unwrap());
+        let read = read.each_ref().map(|weights| InMemory {
+            format: &format,
+            weights,
+        });
         let given: Vec<_> = nodes
             .iter()
             .zip(&read)
-            .map(|(node, update)| (node.id(), 10_000, update))
+            .map(|(node, weights)| Given {
+                node: node.id(),
+                weight: 10_000,
+                weights,
+            })
             .collect();
         let unread = Unread::of(&format, &format.open(base).unwrap()).unwrap();
-        let average = combined(&format, &given, Strategy::FedAvg, &unread).unwrap();
-        let file = format.write(&average);
+        let bases = Bases::default();
+        let file = combined(&format, &given, Strategy::FedAvg, &bases, &unread).unwrap();
         let combined = Global {
             digest: digest(&file),
             file,

@@ -4,6 +4,7 @@
 use sha2::{Digest as _, Sha256};
 use std::fs::{self, File};
 use std::io::{self, Read, Write};
+use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use zk0_circuits::Digest;
@@ -49,6 +50,17 @@ impl Blobs {
     /// Whether a blob exists. Its bytes are not checked.
     pub fn contains(&self, digest: &Digest) -> bool {
         self.path(digest).is_file()
+    }
+
+    fn open(&self, digest: &Digest) -> Result<(PathBuf, File), BlobError> {
+        let path = self.path(digest);
+        match File::open(&path) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => {
+                Err(BlobError::Missing(*digest))
+            }
+            Err(error) => Err(io_error(&path)(error)),
+            Ok(file) => Ok((path, file)),
+        }
     }
 
     fn begin(&self) -> Result<UnfinishedBlob, BlobError> {
@@ -110,13 +122,7 @@ impl Blobs {
 
     /// Reads a blob of at most `limit` bytes and verifies its digest.
     pub fn get(&self, digest: &Digest, limit: u64) -> Result<Vec<u8>, BlobError> {
-        let path = self.path(digest);
-        let file = match File::open(&path) {
-            Err(error) if error.kind() == io::ErrorKind::NotFound => {
-                return Err(BlobError::Missing(*digest))
-            }
-            other => other.map_err(io_error(&path))?,
-        };
+        let (path, file) = self.open(digest)?;
         let size = file.metadata().map_err(io_error(&path))?.len();
         let mut bytes = Vec::new();
         if size <= limit {
@@ -132,15 +138,16 @@ impl Blobs {
         Ok(bytes)
     }
 
+    /// Fills `buffer` with the bytes of a blob from `place` on. They are **not** checked: this is for readers that recognise the bytes
+    /// themselves.
+    pub fn read_at(&self, digest: &Digest, place: u64, buffer: &mut [u8]) -> Result<(), BlobError> {
+        let (path, file) = self.open(digest)?;
+        file.read_exact_at(buffer, place).map_err(io_error(&path))
+    }
+
     /// Verifies the digest of a blob of any size, without holding the blob in memory.
     pub fn check(&self, digest: &Digest) -> Result<(), BlobError> {
-        let path = self.path(digest);
-        let mut file = match File::open(&path) {
-            Err(error) if error.kind() == io::ErrorKind::NotFound => {
-                return Err(BlobError::Missing(*digest))
-            }
-            other => other.map_err(io_error(&path))?,
-        };
+        let (path, mut file) = self.open(digest)?;
         let mut hasher = Sha256::new();
         io::copy(&mut file, &mut hasher).map_err(io_error(&path))?;
         check(digest, hasher.finalize().into())

@@ -1,18 +1,25 @@
 //! The result of a real round is the average of what the ledger accepted, and of nothing else.
 
+use std::fs;
+use tempfile::TempDir;
+use zk0_audit::account::{What, Why};
 use zk0_audit::checks::closings::average;
 use zk0_audit::checks::Check;
 use zk0_audit::verified_entries::verified_entries;
 use zk0_audit::Depth;
-use zk0_circuits::Digest;
+use zk0_circuits::{Digest, WeightsDigest};
+use zk0_ledger::blobs::Blobs;
 use zk0_protocol::entries::entry::{Body, RoundClosed};
-use zk0_protocol::State;
+use zk0_protocol::rules::network_rules::Strategy;
+use zk0_protocol::{Refusal, State};
 use zk0_tests::{all_accepted, ledger_copy};
 use zk0_verifier::close::{combined, CloseError};
-use zk0_verifier::{authenticate, verify, UnverifiedContribution, VerifiedContribution};
+use zk0_verifier::combine::bases::BaseError;
+use zk0_verifier::combine::contributions::CombineError;
+use zk0_verifier::{authenticate, verify, BaseFiles, UnverifiedContribution, VerifiedContribution};
 
 /// The state before the first round of the real ledger closed, what the round accepted, and how it closed.
-fn round() -> (State, Vec<VerifiedContribution>, RoundClosed) {
+fn round() -> (TempDir, State, Vec<VerifiedContribution>, RoundClosed) {
     let dir = ledger_copy();
     let real = all_accepted(dir.path());
     let mut state = real[0].state.clone();
@@ -30,7 +37,7 @@ fn round() -> (State, Vec<VerifiedContribution>, RoundClosed) {
     let (entries, _) = verified_entries(dir.path()).unwrap();
     for entry in &entries[first..] {
         if let Body::RoundClosed(closed) = &entry.body {
-            return (state, contributions, closed.clone());
+            return (dir, state, contributions, closed.clone());
         }
         state.apply(&Digest::default(), entry).unwrap();
     }
@@ -39,14 +46,15 @@ fn round() -> (State, Vec<VerifiedContribution>, RoundClosed) {
 
 #[test]
 fn another_result_than_the_average_is_a_fault() {
-    let (state, contributions, closed) = round();
-    assert!(average(&state, &closed, &contributions, Depth::Full).is_ok());
+    let (dir, state, contributions, closed) = round();
+    let blobs = Blobs::at(dir.path());
+    assert!(average(&state, &closed, &contributions, Depth::Full, &blobs).is_ok());
     let mut other = closed;
     match &mut other.evaluated {
         Some(evaluated) => evaluated.weights.quantised.0[0] ^= 1,
         None => other.global.quantised.0[0] ^= 1,
     }
-    match average(&state, &other, &contributions, Depth::Full) {
+    match average(&state, &other, &contributions, Depth::Full, &blobs) {
         Err(Check::Failed(why)) => assert!(why.contains("but its contributions give"), "{why}"),
         found => panic!("not found: {found:?}"),
     }
@@ -54,9 +62,13 @@ fn another_result_than_the_average_is_a_fault() {
 
 #[test]
 fn only_what_the_ledger_accepted_is_averaged() {
-    let (state, contributions, _) = round();
+    let (dir, state, contributions, _) = round();
     assert!(contributions.len() > 1, "the fixture's round averages");
-    let given = |contributions: &[VerifiedContribution]| combined(&state, contributions);
+    let given = |contributions: &[VerifiedContribution]| {
+        let blobs = Blobs::at(dir.path());
+        let read_at = |digest: &_, place, buffer: &mut [u8]| blobs.read_at(digest, place, buffer);
+        combined(&state, contributions, &BaseFiles::default(), read_at)
+    };
     assert!(given(&contributions).is_ok());
     let (one, others) = contributions.split_first().unwrap();
     let twice = [vec![one.clone(); 2], others[1..].to_vec()].concat();
@@ -66,5 +78,115 @@ fn only_what_the_ledger_accepted_is_averaged() {
             matches!(refused, CloseError::OtherContributions { .. }),
             "{refused}"
         );
+    }
+}
+
+/// The files are read again when the round closes. What a disk gives back then need not be what was verified.
+#[test]
+fn an_update_that_changed_on_disk_after_its_verification_is_not_averaged() {
+    let (dir, state, contributions, closed) = round();
+    let blobs = Blobs::at(dir.path());
+    let update = contributions[0].claim().terms.update.blob;
+    let (path, whole) = (blobs.path(&update), fs::read(blobs.path(&update)).unwrap());
+    let combined = || {
+        let read_at = |digest: &_, place, buffer: &mut [u8]| blobs.read_at(digest, place, buffer);
+        combined(&state, &contributions, &BaseFiles::default(), read_at)
+    };
+    assert!(combined().is_ok());
+    let mut changed = whole.clone();
+    *changed.last_mut().unwrap() ^= 1;
+    fs::write(&path, &changed).unwrap();
+    match combined() {
+        Err(CloseError::Combine(CombineError::Changed { blob, tensor })) => {
+            assert_eq!((blob, &tensor[..]), (update, "model.action_out_proj.bias"));
+        }
+        found => panic!("{found:?}"),
+    }
+    match average(&state, &closed, &contributions, Depth::Full, &blobs) {
+        Err(Check::Failed(why)) => assert!(why.contains("has changed since"), "{why}"),
+        found => panic!("{found:?}"),
+    }
+    fs::write(&path, &whole[..whole.len() - 1]).unwrap();
+    let short = combined().unwrap_err();
+    assert!(short.to_string().contains("cannot be read"), "{short}");
+    fs::write(&path, &whole).unwrap();
+    assert!(combined().is_ok());
+}
+
+/// The state with another strategy, in a round that follows on one that started from `earlier`.
+fn with_strategy(state: &State, strategy: Strategy, earlier: WeightsDigest) -> State {
+    let mut bytes = borsh::to_vec(state).unwrap();
+    // The last field says what the round before started from, and nothing does so before the first round.
+    assert_eq!((state.earlier_base(), bytes.pop()), (None, Some(0)));
+    bytes.extend(borsh::to_vec(&Some(earlier)).unwrap());
+    let rules = state.rules();
+    let (before, mut after) = (borsh::to_vec(rules).unwrap(), rules.clone());
+    after.strategy = strategy;
+    let after = borsh::to_vec(&after).unwrap();
+    // The rules in force stand behind those of the genesis and before those of the round.
+    let mut places = (0..bytes.len()).filter(|at| bytes[*at..].starts_with(&before));
+    let place = places.nth(1).unwrap();
+    bytes.splice(place..place + before.len(), after);
+    borsh::from_slice(&bytes).unwrap()
+}
+
+#[test]
+fn momentum_reads_the_base_of_the_round_before() {
+    let (dir, state, contributions, mut closed) = round();
+    let blobs = Blobs::at(dir.path());
+    let strategy = Strategy::FedAvgM {
+        server_rate_bps: 8000,
+        momentum_bps: 5000,
+    };
+    // Any weights of the network will do.
+    let earlier = contributions[1].claim().terms.update;
+    let state = with_strategy(&state, strategy, earlier);
+    let files = || BaseFiles::read(&state, |digest, limit| blobs.get(digest, limit));
+    let read_at = |digest: &_, place, buffer: &mut [u8]| blobs.read_at(digest, place, buffer);
+    let bases = files().unwrap();
+    let result = combined(&state, &contributions, &bases, read_at)
+        .unwrap()
+        .unwrap();
+    match &mut closed.evaluated {
+        Some(evaluated) => evaluated.weights = result.digest,
+        None => closed.global = result.digest,
+    }
+    let audited = || average(&state, &closed, &contributions, Depth::Full, &blobs);
+    assert_eq!(audited().unwrap(), Some(result));
+    // It is not left out where nobody gave the file.
+    let without = BaseFiles {
+        earlier: None,
+        ..bases.clone()
+    };
+    let refused = combined(&state, &contributions, &without, read_at);
+    let not_given = BaseError::NotGiven(earlier.blob);
+    assert_eq!(refused, Err(CloseError::Base(not_given)));
+    // Other weights than the ledger names are refused, although they are weights of the network.
+    let other = BaseFiles {
+        earlier: bases.base.clone(),
+        ..bases
+    };
+    match combined(&state, &contributions, &other, read_at) {
+        Err(CloseError::Base(BaseError::Other(Refusal::UpdateDigest { expected, .. }))) => {
+            assert_eq!(expected, earlier.blob);
+        }
+        found => panic!("{found:?}"),
+    }
+
+    // The audit needs the file: without it the average is not checked, and with another one in its place something is wrong.
+    let base = state.round().unwrap().opened.base.blob;
+    for blob in [base, earlier.blob] {
+        let path = blobs.path(&blob);
+        let whole = fs::read(&path).unwrap();
+        fs::remove_file(&path).unwrap();
+        match audited() {
+            Err(Check::LeftOut(What::Averages, Why::NotAtHand, why)) => {
+                assert!(why.contains(&blob.to_string()), "{why}");
+            }
+            found => panic!("{found:?}"),
+        }
+        fs::write(&path, b"something else").unwrap();
+        assert!(matches!(audited(), Err(Check::Failed(_))));
+        fs::write(&path, whole).unwrap();
     }
 }

@@ -1,10 +1,13 @@
 //! The end of a round: the accepted contributions are combined as the rules say, and what they combine to is evaluated on the public
 //! samples. Where none was accepted, or where the result is not taken, the base weights stay.
 
-use crate::combine::contributions::CombineError;
-use crate::combine::strategy::{combine, Global};
+use crate::combine::bases::{BaseError, BaseFiles};
+use crate::combine::contributions::{CombineError, Given};
+use crate::combine::sealed::SealedFile;
+use crate::combine::strategy::{self, Global};
 use crate::result::{evaluate, ResultError, ResultFiles};
 use crate::{Evaluation, VerifiedContribution};
+use std::fmt::Display;
 use zk0_circuits::{Digest, NodeId};
 use zk0_protocol::entries::entry::{Contributor, RoundClosed};
 use zk0_protocol::rules::state::State;
@@ -42,6 +45,9 @@ pub enum CloseError {
     /// The genesis does not say how weights are evaluated.
     #[error("evaluation: {0}")]
     Evaluation(#[from] Refusal),
+    /// The base weights that the strategy reads cannot be used.
+    #[error(transparent)]
+    Base(#[from] BaseError),
     /// The contributions do not combine.
     #[error(transparent)]
     Combine(#[from] CombineError),
@@ -50,20 +56,26 @@ pub enum CloseError {
     Result(#[from] ResultError),
 }
 
-/// Computes the end of the open round from the state, all contributions that were accepted in it, in any order, and the files that the
-/// evaluation of their combination reads ([`ResultFiles::read`]).
-pub fn close(
+/// Computes the end of the open round from the state, all contributions that were accepted in it, in any order, and the files that
+/// this reads: those of the strategy ([`BaseFiles::read`]), of the contributions, from which `read_at` fills a buffer from a place on,
+/// and of the evaluation of their combination ([`ResultFiles::read`]).
+pub fn close<E: Display>(
     state: &State,
     contributions: &[VerifiedContribution],
+    bases: &BaseFiles,
+    read_at: impl Fn(&Digest, u64, &mut [u8]) -> Result<(), E> + Sync,
     files: Option<&ResultFiles>,
 ) -> Result<Closing, CloseError> {
-    end(state, combined(state, contributions)?, files)
+    let combined = combined(state, contributions, bases, read_at)?;
+    end(state, combined, files)
 }
 
 /// What the accepted contributions of the open round combine to; `None` if there are none.
-pub fn combined(
+pub fn combined<E: Display>(
     state: &State,
     contributions: &[VerifiedContribution],
+    bases: &BaseFiles,
+    read_at: impl Fn(&Digest, u64, &mut [u8]) -> Result<(), E> + Sync,
 ) -> Result<Option<Global>, CloseError> {
     let round = state.round().ok_or(CloseError::NotOpen)?;
     let contributors = state.contributors();
@@ -93,13 +105,30 @@ pub fn combined(
             });
         }
     }
-    if contributions.is_empty() {
+    let Some(first) = contributions.first() else {
         return Ok(None);
-    }
-    let strategy = state.rules().strategy;
+    };
     let evaluation = Evaluation::of(state)?;
-    let global = combine(contributions, &contributors, strategy, &evaluation)?;
-    Ok(Some(global))
+    let format = evaluation.format();
+    let bases = bases.weights(state, &evaluation)?;
+    let files = contributions.iter().map(|one| {
+        let blob = one.claim().terms.update.blob;
+        SealedFile::new(format, one.sealed(), blob, &read_at)
+    });
+    let files: Vec<_> = files.collect();
+    let given = contributions.iter().zip(&files).map(|(one, weights)| {
+        let contributor = contributors.iter().find(|other| other.node == one.node());
+        Given {
+            node: one.node(),
+            weight: contributor.map_or(0, |contributor| contributor.share.into()),
+            weights,
+        }
+    });
+    let given: Vec<_> = given.collect();
+    let strategy = state.rules().strategy;
+    let file = strategy::combined(format, &given, strategy, &bases, first.unread())?;
+    let digest = evaluation.digest_of(&file)?;
+    Ok(Some(Global { file, digest }))
 }
 
 /// Computes the end of the open round, whose accepted contributions combine to `combined`.

@@ -1,10 +1,11 @@
 //! From what a node sent to what counts: [`authenticate`] makes an [`AuthenticContribution`], and [`verify`] makes a
 //! [`VerifiedContribution`] of it. Each step takes what the step before it made, so that none is left out and none is done twice.
 
+use crate::combine::sealed::Sealed;
 use crate::contribution_blobs::WeightFiles;
 use crate::releases::check_proof_of;
-use crate::update::{CheckedUpdate, Evaluation};
-use zk0_circuits::{Claim, NodeId, QuantisedWeights};
+use crate::update::Evaluation;
+use zk0_circuits::{Claim, NodeId};
 use zk0_protocol::blob::Blob;
 use zk0_protocol::entries::authentic::AuthenticSubmission;
 use zk0_protocol::entries::proof_blob::ProofBlob;
@@ -50,26 +51,30 @@ impl AuthenticContribution {
 }
 
 /// A contribution that counts: signed by an enrolled node, bound to the ledger, proven, and its weights are those that were
-/// proven. Only [`verify`] makes one:
+/// proven. It does not hold the weights, but what it takes to recognise them in their file ([`crate::combine::sealed`]). Only
+/// [`verify`] makes one:
 ///
 /// ```
-/// use zk0_circuits::QuantisedWeights;
+/// use zk0_verifier::combine::sealed::Sealed;
 /// use zk0_verifier::VerifiedContribution;
-/// fn read(contribution: &VerifiedContribution) -> (u64, &QuantisedWeights) {
-///     (contribution.claim().terms.round, contribution.weights())
+/// fn read(contribution: &VerifiedContribution) -> (u64, &Sealed) {
+///     (contribution.claim().terms.round, contribution.sealed())
 /// }
 /// ```
 ///
 /// ```compile_fail
-/// use zk0_verifier::{CheckedUpdate, VerifiedContribution};
-/// fn forge(claim: zk0_circuits::Claim, update: CheckedUpdate) -> VerifiedContribution {
-///     VerifiedContribution { claim, update }
+/// use zk0_verifier::combine::sealed::Sealed;
+/// use zk0_verifier::VerifiedContribution;
+/// use zk0_weights::Unread;
+/// fn forge(claim: zk0_circuits::Claim, sealed: Sealed, unread: Unread) -> VerifiedContribution {
+///     VerifiedContribution { claim, sealed, unread }
 /// }
 /// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct VerifiedContribution {
     claim: Claim,
-    update: CheckedUpdate,
+    sealed: Sealed,
+    unread: Unread,
 }
 
 impl VerifiedContribution {
@@ -83,14 +88,14 @@ impl VerifiedContribution {
         self.claim.terms.node
     }
 
-    /// The contributed weights.
-    pub fn weights(&self) -> &QuantisedWeights {
-        &self.update.weights
+    /// The contributed weights, sealed.
+    pub fn sealed(&self) -> &Sealed {
+        &self.sealed
     }
 
     /// What the round's base holds where the evaluation does not read.
     pub fn unread(&self) -> &Unread {
-        &self.update.unread
+        &self.unread
     }
 }
 
@@ -138,8 +143,10 @@ pub fn verify(
     let claim = contribution.claim();
     let evaluation = Evaluation::of(state)?;
     let weight_check = contribution.parts()?.weight_check;
+    let update = evaluation.check_weights(claim, weight_check, weights, rules)?;
     Ok(VerifiedContribution {
-        update: evaluation.check_weights(claim, weight_check, weights, rules)?,
+        sealed: Sealed::of(evaluation.format(), &update.weights),
+        unread: update.unread,
         claim: claim.clone(),
     })
 }

@@ -13,7 +13,7 @@
 //! - [`norm`]: how far an update is from the weights that it was trained from.
 //! - [`dataset`]: the list of drawn frames behind a dataset commitment.
 //! - [`decide`]: a submission is accepted, rejected with a reason, or turned away.
-//! - [`combine`]: combines contributions to new weights, bit-exact on every machine.
+//! - [`combine`]: combines contributions to new weights, from their files, bit-exact on every machine.
 //! - [`public_samples`], [`result`]: the result is evaluated on the network's public samples before it is taken.
 //! - [`close`]: the end of a round.
 
@@ -31,6 +31,7 @@ pub mod result;
 pub mod update;
 pub mod weight_claims;
 
+pub use combine::bases::BaseFiles;
 pub use contribution::{
     authenticate, verify, verify_claim, AuthenticContribution, VerifiedContribution,
 };

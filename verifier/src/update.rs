@@ -69,6 +69,14 @@ impl Evaluation {
         }
     }
 
+    /// The digest of the weights of a file. Its two halves are computed at once.
+    pub fn digest_of(&self, file: &[u8]) -> Result<WeightsDigest, Refusal> {
+        let quantised = || Ok(self.read(file)?.digest(self.mode));
+        let (blob, quantised) = rayon::join(|| blob_digest(file), quantised);
+        let quantised = quantised?;
+        Ok(WeightsDigest { blob, quantised })
+    }
+
     /// Checks the weights that `claim` is about: that the files are those of the claim, that the update's numbers are those that were
     /// evaluated, that they are the base's where the evaluation does not read, that what the proof left to check of the weights holds
     /// (`weight_check`, which travels with it), and last that they are no further from the base than `rules` allow.

@@ -1,12 +1,13 @@
 //! Only what the ledger knows counts: a contribution of an enrolled node, and in the average the update that was accepted of it.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use zk0_circuits::{Digest, NodeId, WeightsDigest};
 use zk0_ledger::{replay, Blobs, Finding, Recheck};
 use zk0_protocol::rules::state::Commit;
 use zk0_protocol::{Body, Entry, Refusal, State};
 use zk0_verifier::close::{combined, CloseError};
-use zk0_verifier::{authenticate, verify, UnverifiedContribution};
+use zk0_verifier::combine::strategy::Global;
+use zk0_verifier::{authenticate, verify, BaseFiles, UnverifiedContribution, VerifiedContribution};
 
 /// What happened in a real ledger.
 #[derive(Default)]
@@ -39,10 +40,13 @@ impl Recheck for Real {
     }
 }
 
+fn dir() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/fixtures/ledger")
+}
+
 fn real() -> (State, Accepted) {
-    let dir = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/fixtures/ledger");
     let mut real = Real::default();
-    replay(&dir, None, &mut real);
+    replay(&dir(), None, &mut real);
     (real.founded.unwrap(), real.accepted.unwrap())
 }
 
@@ -74,7 +78,7 @@ fn another_update_than_the_accepted_one_is_not_averaged() {
     let (node, given) = (verified.node(), verified.claim().terms.update);
     let mut after = real.before;
     after.apply(&Digest::default(), &real.entry).unwrap();
-    assert!(combined(&after, std::slice::from_ref(&verified)).is_ok());
+    assert!(of_one(&after, &verified).is_ok());
 
     let changes: [fn(&mut WeightsDigest); 2] = [
         |update| update.blob.0[0] ^= 1,
@@ -85,7 +89,7 @@ fn another_update_than_the_accepted_one_is_not_averaged() {
         change(&mut accepted);
         let other = committed(&after, &node, |commit| commit.update = accepted);
         assert_eq!(
-            combined(&other, std::slice::from_ref(&verified)),
+            of_one(&other, &verified),
             Err(CloseError::OtherUpdate {
                 node,
                 accepted: accepted.blob,
@@ -93,6 +97,18 @@ fn another_update_than_the_accepted_one_is_not_averaged() {
             })
         );
     }
+}
+
+/// What this contribution alone combines to.
+fn of_one(state: &State, one: &VerifiedContribution) -> Result<Option<Global>, CloseError> {
+    let blobs = Blobs::at(&dir());
+    let read_at = |digest: &_, place, buffer: &mut [u8]| blobs.read_at(digest, place, buffer);
+    combined(
+        state,
+        std::slice::from_ref(one),
+        &BaseFiles::default(),
+        read_at,
+    )
 }
 
 /// The state with another commitment of a node. Nobody but the node could sign it.

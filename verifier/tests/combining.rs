@@ -2,39 +2,61 @@
 
 mod made;
 
+use made::{OneTensor, STRATEGIES};
 use proptest::prelude::*;
 use zk0_circuits::{EvalSpec, NodeId, QuantisedWeights};
 use zk0_protocol::rules::network_rules::Strategy;
 use zk0_verifier::blob_digest;
-use zk0_verifier::combine::contributions::{CombineError, Fractions, Part};
+use zk0_verifier::combine::bases::Bases;
+use zk0_verifier::combine::blocks::Combination;
+use zk0_verifier::combine::contributions::{CombineError, Given};
 use zk0_verifier::combine::fedavg::average;
 use zk0_verifier::combine::robust::{median, trimmed_mean};
+use zk0_verifier::combine::source::InMemory;
 use zk0_verifier::combine::strategy::combined;
+use zk0_weights::rounding::Unit;
 use zk0_weights::scale::{check, exact, narrowed};
 use zk0_weights::{Format, Tensor, Unread};
 
 /// Wide enough for all that is tested here, and the widest that a specification can have.
 const LIMITS: (i16, i16) = (0, 24);
 
-fn part(weight: u64, tensor: &Tensor) -> Part<'_> {
-    Part {
-        weight,
-        values: &tensor.values,
-        bits: tensor.bits,
-    }
+/// Contributions of one tensor each.
+fn given<'a>(tensors: &'a [OneTensor], weights: &[u64]) -> Vec<Given<'a>> {
+    let pairs = tensors.iter().zip(weights).zip(0..);
+    let given = pairs.map(|((tensor, weight), number)| Given {
+        node: node(number),
+        weight: *weight,
+        weights: tensor,
+    });
+    given.collect()
 }
 
 /// The tensor of these numbers, at its own scale.
-fn tensor(numbers: &[f64]) -> Tensor {
+fn tensor(numbers: &[f64]) -> OneTensor {
     let numerators: Vec<_> = numbers
         .iter()
         .map(|number| (number * f64::from(1 << 24)) as i128)
         .collect();
-    narrowed(&numerators, 1, LIMITS)
+    OneTensor(narrowed(&numerators, 1, LIMITS))
 }
 
-fn numbers(fractions: Fractions) -> Vec<f64> {
-    let Tensor { values, bits } = narrowed(&fractions.numerators, fractions.divisor, LIMITS);
+/// The exact numbers of the one tensor, and what they stand for.
+fn exactly(combination: &impl Combination, len: usize) -> (Vec<i128>, Unit) {
+    let (plan, numbers) = made::exact_numbers(combination, len);
+    let largest = numbers.iter().map(|one| one.unsigned_abs()).max();
+    assert!(largest <= Some(plan.bound), "beyond what was planned");
+    (numbers, plan.unit)
+}
+
+/// The rounded tensor.
+fn rounded(combination: &impl Combination, len: usize, limits: (i16, i16)) -> Tensor {
+    let (numbers, unit) = exactly(combination, len);
+    made::rounded_to(&numbers, unit, limits)
+}
+
+fn numbers(combination: &impl Combination, len: usize) -> Vec<f64> {
+    let Tensor { values, bits } = rounded(combination, len, LIMITS);
     assert_eq!(check("mean", &values, bits, LIMITS), Ok(()));
     let unit = f64::from(1 << bits);
     values
@@ -45,10 +67,10 @@ fn numbers(fractions: Fractions) -> Vec<f64> {
 
 #[test]
 fn weights_count_by_samples() {
-    let (low, high) = (tensor(&[0.0, 1.0]), tensor(&[4.0, -1.0]));
-    assert_ne!(low.bits, high.bits);
-    let mean = average(&[part(3, &low), part(1, &high)]).unwrap();
-    assert_eq!(numbers(mean), [1.0, 0.5]);
+    let tensors = [tensor(&[0.0, 1.0]), tensor(&[4.0, -1.0])];
+    assert_ne!(tensors[0].0.bits, tensors[1].0.bits);
+    let mean = average(&given(&tensors, &[3, 1])).unwrap();
+    assert_eq!(numbers(&mean, 2), [1.0, 0.5]);
 }
 
 #[test]
@@ -58,27 +80,26 @@ fn one_contribution_averages_to_itself() {
         (vec![16384, 3], 23),
         (vec![0, -1], 24),
     ] {
-        let alone = Tensor { values, bits };
-        let Fractions {
-            numerators,
-            divisor,
-        } = average(&[part(u64::MAX, &alone)]).unwrap();
-        assert_eq!(narrowed(&numerators, divisor, LIMITS), alone);
+        let alone = [OneTensor(Tensor { values, bits })];
+        let len = alone[0].0.values.len();
+        let mean = average(&given(&alone, &[u64::MAX])).unwrap();
+        assert_eq!(rounded(&mean, len, LIMITS), alone[0].0);
     }
 }
 
 #[test]
 fn a_mean_is_rounded_once_and_ties_go_to_even() {
     // These are steps of the finest scale, so that a mean between two steps has to be rounded.
-    let step = |value: i16| Tensor {
-        values: vec![value],
-        bits: 24,
+    let step = |value: &i16| {
+        OneTensor(Tensor {
+            values: vec![*value],
+            bits: 24,
+        })
     };
     let mean = |values: &[i16]| {
-        let tensors: Vec<_> = values.iter().map(|value| step(*value)).collect();
-        let parts: Vec<_> = tensors.iter().map(|tensor| part(1, tensor)).collect();
-        let mean = average(&parts).unwrap();
-        narrowed(&mean.numerators, mean.divisor, LIMITS).values[0]
+        let tensors: Vec<_> = values.iter().map(step).collect();
+        let mean = average(&given(&tensors, &[1; 9])).unwrap();
+        rounded(&mean, 1, LIMITS).values[0]
     };
     assert_eq!(mean(&[1, 1, 2]), 1);
     assert_eq!(mean(&[1, 2, 2]), 2);
@@ -92,19 +113,24 @@ fn a_mean_is_rounded_once_and_ties_go_to_even() {
 #[test]
 fn a_mean_of_values_within_the_limits_is_within_them() {
     let limits = (3, 9);
-    let largest = |sign: i16| Tensor {
-        values: vec![sign * 32767, 32767],
-        bits: 3,
+    let largest = |sign: i16| {
+        OneTensor(Tensor {
+            values: vec![sign * 32767, 32767],
+            bits: 3,
+        })
     };
-    let (up, down) = (largest(1), largest(-1));
-    for parts in [
-        vec![part(1, &up)],
-        vec![part(u64::MAX, &up), part(u64::MAX, &up), part(1, &up)],
-        vec![part(u64::MAX, &up), part(1, &down)],
+    for (signs, weights) in [
+        (&[1][..], &[1][..]),
+        (&[1, 1, 1], &[u64::MAX, u64::MAX, 1]),
+        (&[1, -1], &[u64::MAX, 1]),
     ] {
-        for mean in [average(&parts), median(&parts), trimmed_mean(&parts, 100)] {
-            let mean = mean.unwrap();
-            let tensor = narrowed(&mean.numerators, mean.divisor, limits);
+        let tensors: Vec<_> = signs.iter().map(|sign| largest(*sign)).collect();
+        let given = given(&tensors, weights);
+        for tensor in [
+            rounded(&average(&given).unwrap(), 2, limits),
+            rounded(&median(&given), 2, limits),
+            rounded(&trimmed_mean(&given, 100), 2, limits),
+        ] {
             assert_eq!(check("mean", &tensor.values, tensor.bits, limits), Ok(()));
             assert_eq!((tensor.bits, tensor.values[1]), (3, 32767));
         }
@@ -113,27 +139,22 @@ fn a_mean_of_values_within_the_limits_is_within_them() {
 
 #[test]
 fn a_median_is_what_most_say() {
-    let given = [1.0, 2.0, 30000.0, -5.0, 3.0].map(|value| tensor(&[value, -value]));
+    let tensors = [1.0, 2.0, 30000.0, -5.0, 3.0].map(|value| tensor(&[value, -value]));
     let of = |count: usize| {
-        let parts: Vec<_> = given[..count]
-            .iter()
-            .zip(1..)
-            .map(|(tensor, number)| part(1 << number, tensor))
-            .collect();
-        numbers(median(&parts).unwrap())
+        let given = given(&tensors[..count], &[2, 4, 8, 16, 32]);
+        numbers(&median(&given), 2)
     };
     assert_eq!(of(1), [1.0, -1.0]);
     assert_eq!(of(2), [1.5, -1.5]);
     assert_eq!(of(3), [2.0, -2.0]);
     assert_eq!(of(5), [2.0, -2.0], "neither 30000 nor the weights move it");
-    assert_eq!(median(&[]).unwrap_err(), CombineError::Empty);
 }
 
 #[test]
 fn a_trimmed_mean_leaves_out_either_end() {
-    let given = [4.0, -100.0, 2.0, 100.0, 3.0].map(|value| tensor(&[value]));
-    let parts: Vec<_> = given.iter().map(|tensor| part(1, tensor)).collect();
-    let of = |bps| numbers(trimmed_mean(&parts, bps).unwrap())[0];
+    let tensors = [4.0, -100.0, 2.0, 100.0, 3.0].map(|value| tensor(&[value]));
+    let given = given(&tensors, &[1; 5]);
+    let of = |bps| numbers(&trimmed_mean(&given, bps), 1)[0];
     assert_eq!(of(2000), 3.0, "(2 + 3 + 4) / 3");
     let all = of(1999);
     assert!(
@@ -147,19 +168,17 @@ fn node(number: u8) -> NodeId {
     NodeId([number; 32])
 }
 
-fn micro() -> (EvalSpec, Format, Unread) {
+fn micro() -> (EvalSpec, Format, Unread, Bases) {
     let spec = EvalSpec::micro();
     let format = made::format(&spec);
     let base = made::file(&spec, &made::tensors(&spec, 0, 1.0));
     let unread = Unread::of(&format, &format.open(&base[..]).unwrap()).unwrap();
-    (spec, format, unread)
+    let bases = Bases {
+        base: Some(format.read(&base).unwrap()),
+        earlier: Some(made::quantise(&spec, &made::tensors(&spec, 9, 0.7))),
+    };
+    (spec, format, unread, bases)
 }
-
-const STRATEGIES: [Strategy; 3] = [
-    Strategy::FedAvg,
-    Strategy::Median,
-    Strategy::TrimmedMean { trim_bps: 2500 },
-];
 
 /// Five updates with their nodes and weights.
 fn five(spec: &EvalSpec) -> Vec<(NodeId, u64, QuantisedWeights)> {
@@ -172,61 +191,103 @@ fn five(spec: &EvalSpec) -> Vec<(NodeId, u64, QuantisedWeights)> {
         .collect()
 }
 
+fn in_memory<'a>(
+    format: &'a Format,
+    all: &'a [(NodeId, u64, QuantisedWeights)],
+) -> Vec<InMemory<'a>> {
+    let weights = all.iter().map(|(_, _, weights)| weights);
+    weights
+        .map(|weights| InMemory { format, weights })
+        .collect()
+}
+
+fn one<'a>(of: &(NodeId, u64, QuantisedWeights), weights: &'a InMemory<'a>) -> Given<'a> {
+    Given {
+        node: of.0,
+        weight: of.1,
+        weights,
+    }
+}
+
 #[test]
 fn what_cannot_be_combined_is_named() {
-    let (spec, format, unread) = micro();
+    let (spec, format, unread, bases) = micro();
     let all = five(&spec);
-    let one = |number: usize, weight: u64| (all[number].0, weight, &all[number].2);
+    let weights = in_memory(&format, &all);
+    let one = |number: usize| one(&all[number], &weights[number]);
+    let mut dims = spec.dims;
+    dims.expert_mlp += 2;
+    let other_spec = EvalSpec::new(dims);
+    let other_format = made::format(&other_spec);
+    let other = made::quantise(&other_spec, &made::tensors(&other_spec, 1, 1.0));
+    let other = InMemory {
+        format: &other_format,
+        weights: &other,
+    };
     for strategy in STRATEGIES {
-        let refused = |given: &[_]| combined(&format, given, strategy, &unread).unwrap_err();
+        let refused =
+            |given: &[_]| combined(&format, given, strategy, &bases, &unread).unwrap_err();
         assert_eq!(refused(&[]), CombineError::Empty);
-        let twice = [one(1, 1), one(2, 1), one(1, 1)];
-        assert_eq!(refused(&twice), CombineError::Twice(node(1)));
-        let mut dims = spec.dims;
-        dims.expert_mlp += 2;
-        let other = EvalSpec::new(dims);
-        let other = made::quantise(&other, &made::tensors(&other, 1, 1.0));
-        let unlike = [one(1, 1), (node(7), 1, &other)];
-        assert_eq!(refused(&unlike), CombineError::Unlike(node(7)));
+        assert_eq!(
+            refused(&[one(1), one(2), one(1)]),
+            CombineError::Twice(node(1))
+        );
+        let unlike = Given {
+            node: node(7),
+            weight: 1,
+            weights: &other,
+        };
+        assert_eq!(refused(&[one(1), unlike]), CombineError::Unlike(node(7)));
     }
-    let weightless = [one(1, 0)];
-    let refused = combined(&format, &weightless, Strategy::FedAvg, &unread);
-    assert_eq!(refused.unwrap_err(), CombineError::Empty);
+    let weightless = [Given {
+        weight: 0,
+        ..one(1)
+    }];
+    let refused = |strategy, bases: &Bases| {
+        combined(&format, &weightless, strategy, bases, &unread).unwrap_err()
+    };
+    let [.., clipping, momentum] = STRATEGIES;
+    for strategy in [Strategy::FedAvg, clipping, momentum] {
+        assert_eq!(refused(strategy, &bases), CombineError::Empty);
+    }
+    for strategy in [clipping, momentum] {
+        let refused = refused(strategy, &Bases::default());
+        assert_eq!(refused, CombineError::NoBase);
+    }
 }
 
 #[test]
 fn the_order_of_contributions_does_not_matter() {
-    let (spec, format, unread) = micro();
+    let (spec, format, unread, bases) = micro();
     let all = five(&spec);
-    let mut given: Vec<_> = all
-        .iter()
-        .map(|(node, weight, one)| (*node, *weight, one))
-        .collect();
+    let weights = in_memory(&format, &all);
+    let given = all.iter().zip(&weights);
+    let mut given: Vec<_> = given.map(|(of, weights)| one(of, weights)).collect();
     for strategy in STRATEGIES {
-        let straight = combined(&format, &given, strategy, &unread).unwrap();
+        let straight = combined(&format, &given, strategy, &bases, &unread).unwrap();
         for turn in 0..5 {
             given.rotate_left(1);
             given.swap(0, turn);
-            let turned = combined(&format, &given, strategy, &unread).unwrap();
+            let turned = combined(&format, &given, strategy, &bases, &unread).unwrap();
             assert!(turned == straight);
         }
         // It is a file that the next round can begin with.
-        assert_eq!(format.read(&format.write(&straight)), Ok(straight));
+        let read = format.read(&straight).unwrap();
+        assert!(format.write(&read) == straight);
     }
 }
 
 #[test]
 fn results_have_the_bits_they_always_had() {
     // This is a test vector that was computed once. It changes with any change of the arithmetic, and so would all ledgers.
-    let (spec, format, unread) = micro();
+    let (spec, format, unread, bases) = micro();
     let all = five(&spec);
-    let given: Vec<_> = all
-        .iter()
-        .map(|(node, weight, one)| (*node, *weight, one))
-        .collect();
+    let weights = in_memory(&format, &all);
+    let given = all.iter().zip(&weights);
+    let given: Vec<_> = given.map(|(of, weights)| one(of, weights)).collect();
     let digests = STRATEGIES.map(|strategy| {
-        let result = combined(&format, &given, strategy, &unread).unwrap();
-        format!("{}\n", blob_digest(&format.write(&result)))
+        let result = combined(&format, &given, strategy, &bases, &unread).unwrap();
+        format!("{}\n", blob_digest(&result))
     });
     assert_eq!(digests.concat(), include_str!("vectors/combined.sha256"));
 }
@@ -239,19 +300,24 @@ proptest! {
         trim_bps in 0..5000u32,
     ) {
         let tensors: Vec<_> = parts.iter().map(|(_, value, bits)| {
-            narrowed(&[exact((*value).max(-i16::MAX), *bits).into()], 1, LIMITS)
+            OneTensor(narrowed(&[exact((*value).max(-i16::MAX), *bits).into()], 1, LIMITS))
         }).collect();
-        let parts: Vec<_> = tensors.iter().zip(&parts).map(|(tensor, (weight, _, _))| part((*weight).max(1), tensor)).collect();
-        let values = tensors.iter().map(|one| i128::from(exact(one.values[0], one.bits)));
+        let weights: Vec<_> = parts.iter().map(|(weight, _, _)| (*weight).max(1)).collect();
+        let given = given(&tensors, &weights);
+        let values = tensors.iter().map(|one| i128::from(exact(one.0.values[0], one.0.bits)));
         let (least, most) = (values.clone().min().unwrap(), values.max().unwrap());
-        for mean in [average(&parts), median(&parts), trimmed_mean(&parts, trim_bps)] {
-            let Fractions { numerators, divisor } = mean.unwrap();
-            prop_assert!(least * divisor <= numerators[0] && numerators[0] <= most * divisor);
-            let tensor = narrowed(&numerators, divisor, LIMITS);
+        for (numbers, unit) in [
+            exactly(&average(&given).unwrap(), 1),
+            exactly(&median(&given), 1),
+            exactly(&trimmed_mean(&given, trim_bps), 1),
+        ] {
+            let (divisor, number) = (unit.divisor, numbers[0] << (24 - unit.bits));
+            prop_assert!(least * divisor <= number && number <= most * divisor);
+            let tensor = made::rounded_to(&numbers, unit, LIMITS);
             prop_assert_eq!(check("mean", &tensor.values, tensor.bits, LIMITS), Ok(()));
             let found = i128::from(exact(tensor.values[0], tensor.bits)) * divisor;
             let step = i128::from(exact(1, tensor.bits)) * divisor;
-            prop_assert!(2 * (found - numerators[0]).abs() <= step);
+            prop_assert!(2 * (found - number).abs() <= step);
         }
     }
 }

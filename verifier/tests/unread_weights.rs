@@ -2,14 +2,18 @@
 
 mod made;
 
-use made::{draw, file, quantise, rounded, sample, tensors, terms, unread_of, Tensors, UNREAD};
+use made::{
+    draw, file, quantise, rounded, sample, tensors, terms, unread_of, Tensors, STRATEGIES, UNREAD,
+};
 use zk0_circuits::claim::public_values::CLAIM_VERSION;
 use zk0_circuits::model::eval::evaluate;
 use zk0_circuits::{
     Claim, DatasetCommitment, Digest, EvalSpec, Losses, Mode, NodeId, QuantisedWeights,
 };
-use zk0_protocol::rules::network_rules::Strategy;
 use zk0_protocol::{Refusal, Rules};
+use zk0_verifier::combine::bases::Bases;
+use zk0_verifier::combine::contributions::Given;
+use zk0_verifier::combine::source::InMemory;
 use zk0_verifier::combine::strategy::combined;
 use zk0_verifier::{CheckedUpdate, Evaluation, WeightFiles};
 use zk0_weights::Unread;
@@ -162,19 +166,29 @@ fn a_result_keeps_the_base_s_numbers() {
         }
         quantise(&spec, &update)
     };
-    // The two large ones cancel out.
-    let updates: Vec<QuantisedWeights> = vec![grown(1.0, 30.0), grown(-1.0, 30.0), grown(1.0, 1.0)];
+    // The two large ones cancel out, and Krum takes the first one.
+    let updates: Vec<QuantisedWeights> = vec![grown(1.0, 1.0), grown(1.0, 30.0), grown(-1.0, 30.0)];
+    let updates = updates.iter().map(|weights| InMemory {
+        format: &format,
+        weights,
+    });
+    let updates: Vec<_> = updates.collect();
     let given: Vec<_> = (0..)
         .zip(&updates)
-        .map(|(node, one)| (NodeId([node; 32]), 7, one))
+        .map(|(node, weights)| Given {
+            node: NodeId([node; 32]),
+            weight: 7,
+            weights,
+        })
         .collect();
     let start = quantise(&spec, &base);
-    for strategy in [
-        Strategy::FedAvg,
-        Strategy::Median,
-        Strategy::TrimmedMean { trim_bps: 3400 },
-    ] {
-        let result = combined(&format, &given, strategy, &unread).unwrap();
+    let bases = Bases {
+        base: Some(start.clone()),
+        earlier: Some(start.clone()),
+    };
+    for strategy in STRATEGIES {
+        let result = combined(&format, &given, strategy, &bases, &unread).unwrap();
+        let result = format.read(&result).unwrap();
         assert_eq!(unread.check(&format, &result), Ok(()));
         for stretch in format.unread() {
             let (before, scale) = format.tensor(&start, stretch.tensor);

@@ -82,6 +82,12 @@ impl Format {
         (8 + self.header.len() + 2 * self.layout.len) as u64
     }
 
+    /// Where tensor number `index` lies in a file: its first byte, and its number of values.
+    pub fn place(&self, index: usize) -> (u64, usize) {
+        let place = self.layout.tensors[index];
+        ((8 + self.header.len() + 2 * place.start) as u64, place.len)
+    }
+
     /// The values of tensor number `index`, row-major, and their fraction bits. `weights` are of this format's specification.
     pub fn tensor<'w>(&self, weights: &'w QuantisedWeights, index: usize) -> (&'w [i16], i16) {
         weights.tensor(&self.layout, index)
@@ -136,6 +142,37 @@ impl Format {
         let numbers = &weights.as_bytes()[..2 * self.layout.len];
         let length = (self.header.len() as u64).to_le_bytes();
         [&length[..], &self.header, numbers].concat()
+    }
+
+    /// Makes a file whose tensors `fill` writes. It gets their places, in order, for little-endian int16, and returns their fraction
+    /// bits, as [`scale`] says.
+    ///
+    /// # Errors
+    /// Those of `fill`; or a scale is not one that this format allows.
+    pub fn build<E: From<WeightsError>>(
+        &self,
+        fill: impl FnOnce(Vec<&mut [u8]>) -> Result<Vec<i16>, E>,
+    ) -> Result<Vec<u8>, E> {
+        let mut file = vec![0; self.file_bytes() as usize];
+        let (front, mut rest) = file.split_at_mut(8 + self.header.len() + 2 * self.tensors.len());
+        let mut places = Vec::with_capacity(self.tensors.len());
+        for place in &self.layout.tensors {
+            let (tensor, later) = rest.split_at_mut(2 * place.len);
+            places.push(tensor);
+            rest = later;
+        }
+        let scales = fill(places)?;
+        for ((tensor, limits), bits) in self.tensors.iter().zip(&self.limits).zip(&scales) {
+            scale::check_limits(&tensor.name, *bits, *limits)?;
+        }
+        let (length, front) = front.split_at_mut(8);
+        length.copy_from_slice(&(self.header.len() as u64).to_le_bytes());
+        let (header, front) = front.split_at_mut(self.header.len());
+        header.copy_from_slice(&self.header);
+        for (target, bits) in front.chunks_exact_mut(2).zip(scales) {
+            target.copy_from_slice(&bits.to_le_bytes());
+        }
+        Ok(file)
     }
 
     /// Puts weights together from their tensors, which `tensor` returns by number.

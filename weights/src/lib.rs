@@ -5,13 +5,14 @@
 //!
 //! A short tour:
 //! - [`format`]: the files of one network's weights, read strictly and written canonically; [`error`]: why a file is refused.
-//! - [`scale`]: the one scale that a tensor has, and how exact numbers are rounded to it.
+//! - [`scale`]: the one scale that a tensor has; [`rounding`]: how exact fractions are rounded to it.
 //! - [`stretch`]: where the evaluation does not read; [`unread`]: what the base holds there. An update has to leave it as it was.
 //!
 //! This crate knows no disk and no floats, and it compiles for browsers.
 
 pub mod error;
 pub mod format;
+pub mod rounding;
 pub mod scale;
 pub mod stretch;
 pub mod unread;

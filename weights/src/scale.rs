@@ -9,10 +9,10 @@
 //! below 2^39 in magnitude.
 
 use crate::error::WeightsError;
+use crate::rounding::{rounded, Unit, MAX_MAGNITUDE};
 use zk0_circuits::model::layout::MAX_WEIGHT_BITS;
 
-/// Largest magnitude of a quantised value.
-const MAX_MAGNITUDE: u16 = i16::MAX as u16;
+pub use crate::rounding::exact;
 
 /// A tensor with its scale.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -67,11 +67,6 @@ pub fn check_limits(name: &str, bits: i16, (least, most): (i16, i16)) -> Result<
     }
 }
 
-/// A value with `bits` fraction bits, at most 24, as an exact number in units of 2^−24.
-pub fn exact(value: i16, bits: i16) -> i64 {
-    i64::from(value) << (MAX_WEIGHT_BITS - bits).max(0)
-}
-
 /// A value with `from` fraction bits at a scale of `to` fraction bits, rounded to the nearest, ties to even. The result may be too
 /// large for an int16.
 pub fn rescaled(value: i16, from: i16, to: i16) -> i64 {
@@ -81,65 +76,30 @@ pub fn rescaled(value: i16, from: i16, to: i16) -> i64 {
 
 /// Rounds the fractions `numerators / divisor`, in units of 2^−24, to the one scale that they have within `limits`; ties to even.
 ///
-/// The limits must be wide enough for the largest magnitude. They are for every mean of values that keep to them: a mean is no
-/// larger than the largest of its values.
+/// The limits must be wide enough for the largest magnitude: what is larger becomes ±32767. They are for every mean of values that
+/// keep to them, because a mean is no larger than the largest of its values.
 ///
 /// The numerators must be below 2^126 in magnitude, and the divisor is at least 1 and below 2^100.
 pub fn narrowed(numerators: &[i128], divisor: i128, limits: (i16, i16)) -> Tensor {
-    let (least, most) = limits;
-    let unit = |bits: i16| divisor << (MAX_WEIGHT_BITS - bits).max(0);
+    let unit = Unit {
+        bits: MAX_WEIGHT_BITS,
+        divisor,
+    };
     let largest = numerators.iter().map(|one| one.unsigned_abs()).max();
-    let largest = largest.unwrap_or(0) as i128;
-    let fits = |bits: &i16| rounded(largest, unit(*bits)) <= i128::from(MAX_MAGNITUDE);
-    let bits = (least..=most).rev().find(fits).unwrap_or(least);
-    let unit = unit(bits);
+    let largest = largest.unwrap_or(0);
+    let bits = unit.scale(largest, limits);
+    let mut bytes = vec![0; 2 * numerators.len()];
+    unit.to(bits).write(numerators, largest, &mut bytes);
+    let pairs = bytes.as_chunks::<2>().0.iter();
     Tensor {
-        // The largest magnitude fits, so that all do.
-        values: numerators
-            .iter()
-            .map(|one| rounded(*one, unit) as i16)
-            .collect(),
+        values: pairs.map(|pair| i16::from_le_bytes(*pair)).collect(),
         bits,
     }
-}
-
-/// Divides by a positive number, and rounds to the nearest integer, ties to even.
-fn rounded(numerator: i128, divisor: i128) -> i128 {
-    let (below, rest) = (numerator.div_euclid(divisor), numerator.rem_euclid(divisor));
-    let up = match (2 * rest).cmp(&divisor) {
-        std::cmp::Ordering::Less => 0,
-        std::cmp::Ordering::Equal => below & 1,
-        std::cmp::Ordering::Greater => 1,
-    };
-    below + up
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn halves_are_rounded_to_even() {
-        for (numerator, divisor, expected) in [
-            (1, 2, 0),
-            (3, 2, 2),
-            (5, 2, 2),
-            (-1, 2, 0),
-            (-3, 2, -2),
-            (-5, 2, -2),
-            (7, 4, 2),
-            (-7, 4, -2),
-            (5, 3, 2),
-            (4, 3, 1),
-            (-4, 3, -1),
-        ] {
-            assert_eq!(
-                rounded(numerator, divisor),
-                expected,
-                "{numerator}/{divisor}"
-            );
-        }
-    }
 
     #[test]
     fn a_value_at_another_scale_is_the_same_number_or_the_nearest() {

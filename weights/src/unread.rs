@@ -86,7 +86,12 @@ impl Unread {
         Ok(())
     }
 
-    /// Puts the base's numbers into tensor number `tensor`, whose values are the fractions `numerators / divisor`.
+    /// Whether tensor number `tensor` has such weights.
+    pub fn concerns(&self, tensor: usize) -> bool {
+        self.0.iter().any(|kept| kept.stretch.tensor == tensor)
+    }
+
+    /// Puts the base's numbers into tensor number `tensor`, whose values are the fractions `numerators / divisor` in units of 2^−24.
     pub fn restore(&self, tensor: usize, numerators: &mut [i128], divisor: i128) {
         for kept in self.0.iter().filter(|kept| kept.stretch.tensor == tensor) {
             let targets = numerators[kept.stretch.from..].iter_mut();

@@ -21,14 +21,13 @@ use zk0_ledger::log::Ledger;
 use zk0_protocol::entries::entry::{Body, DisputeResolved, Entry, ProposalSettled, ENTRY_VERSION};
 use zk0_protocol::entries::genesis::Genesis;
 use zk0_protocol::entries::member::NodeEnrolled;
-use zk0_protocol::entries::round_result::ResultOutcome;
 use zk0_protocol::rules::disclosed_blobs::BlobAccess;
 use zk0_protocol::rules::state::{Standing, State};
 use zk0_protocol::tlog::receipt::Receipt;
 use zk0_protocol::Refusal;
-use zk0_verifier::close::close;
+use zk0_verifier::combine::bases;
 use zk0_verifier::releases::{can_verify, releases};
-use zk0_verifier::{Evaluation, ProgramKey, ResultFiles, VerifiedContribution};
+use zk0_verifier::{Evaluation, ProgramKey, VerifiedContribution};
 
 /// How the operator runs the network.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -52,6 +51,11 @@ pub enum Progress {
     Drawn(u64),
     /// Nothing: the open round waits for this beacon, which somebody has to fetch and give to [`Aggregator::draw`].
     NeedsBeacon(AwaitedBeacon),
+    /// Nothing: this round may close, and somebody has to compute its end with [`ToClose::compute`], away from the aggregator, and give it to
+    /// [`Aggregator::close`].
+    ///
+    /// [`ToClose::compute`]: crate::round::closing::ToClose::compute
+    NeedsClosing(u64),
     /// It closed this round.
     Closed(u64),
     /// It settled this proposal.
@@ -61,9 +65,8 @@ pub enum Progress {
     NeedsVerdict(Disputed),
     /// It decided the dispute that this entry raised.
     Resolved(u64),
-    /// Nothing: a dispute cannot be decided now, for this reason. No round opens meanwhile.
-    Undecided(String),
-    /// Nothing: the next round cannot open, or the open one cannot close, for this reason. What members send is still recorded.
+    /// Nothing: the next round cannot open, or the open one cannot close, or a dispute cannot be decided, for this reason. What members send
+    /// is still recorded.
     Blocked(String),
     /// Nothing: all rounds are done.
     Finished,
@@ -90,7 +93,7 @@ pub struct Aggregator {
     arrivals: Arc<Arrivals>,
     config: Config,
     pub(super) index: LedgerIndex,
-    /// What the open round accepted.
+    /// What the open round accepted. Their weights are in the blobs.
     pub(super) contributions: Vec<VerifiedContribution>,
 }
 
@@ -211,14 +214,21 @@ impl Aggregator {
         if !can_verify(state.program()) {
             return Some(format!("round {round} cannot open: {}", no_verifier(state)));
         }
-        if !self.ledger.blobs().contains(&base) {
+        let blobs = self.ledger.blobs();
+        if !blobs.contains(&base) {
             return Some(format!(
                 "round {round} cannot open: it starts from the weights {base}, and that blob is not in the ledger's folder; put the file back as {}",
-                self.ledger.blobs().path(&base).display()
+                blobs.path(&base).display()
+            ));
+        }
+        if let Some(lost) = bases::earlier(state).filter(|earlier| !blobs.contains(&earlier.blob)) {
+            return Some(format!(
+                "round {round} cannot open: its strategy reads the weights {} that the round before started from, and that blob is not in the ledger's folder; put the file back as {}",
+                lost.blob,
+                blobs.path(&lost.blob).display()
             ));
         }
         // A vote can replace samples that cannot be used, but only between rounds.
-        let blobs = self.ledger.blobs();
         let why = check_public_samples(state.genesis(), state.rules(), blobs).err()?;
         Some(format!("round {round} cannot open: {why}"))
     }
@@ -243,7 +253,7 @@ impl Aggregator {
     ) -> Result<Progress, RequestError> {
         match &upheld {
             Some(unchecked @ Refusal::NoVerifier { .. }) => {
-                return Ok(Progress::Undecided(format!(
+                return Ok(Progress::Blocked(format!(
                     "the dispute of entry {dispute} cannot be decided by this release of zk0: {unchecked}"
                 )))
             }
@@ -261,35 +271,6 @@ impl Aggregator {
         Ok(index
             .map(|index| self.ledger.receipt_at(published, index))
             .transpose()?)
-    }
-
-    pub(super) fn close(&mut self) -> Result<Progress, RequestError> {
-        let get = |digest: &Digest, limit| self.ledger.blobs().get(digest, limit);
-        let files = match ResultFiles::read(self.state(), get) {
-            Ok(files) => files,
-            // The rules ask for the evaluation, so the round waits for the files.
-            Err(unreadable) => {
-                return Ok(Progress::Blocked(format!(
-                    "the open round cannot close, because its result cannot be evaluated: {unreadable}; put the file back among the blobs in {}",
-                    self.ledger.dir().display()
-                )))
-            }
-        };
-        let closing = close(self.state(), &self.contributions, files.as_ref())?;
-        if let Some(file) = &closing.file {
-            self.ledger.blobs().put(file)?;
-        }
-        let (round, contributors) = (closing.closed.round, closing.closed.contributors.len());
-        let outcome = closing.closed.evaluated.as_ref().map(|one| one.outcome);
-        self.append(Body::RoundClosed(closing.closed))?;
-        self.contributions.clear();
-        self.staging.clear()?;
-        tracing::info!(round, contributors, "round closed");
-        match outcome {
-            Some(ResultOutcome::Taken) | None => {}
-            Some(outcome) => tracing::warn!(round, "{outcome}"),
-        }
-        Ok(Progress::Closed(round))
     }
 
     /// Whether and where a blob may be read.

@@ -26,8 +26,8 @@ impl Aggregator {
     /// Takes the open round one step further, if it is time to.
     pub(super) fn step_in_round(&mut self, now: u64) -> Result<Progress, RequestError> {
         let state = self.state();
-        if state.may_close(now) {
-            return self.close();
+        if let Some(round) = state.round().filter(|_| state.may_close(now)) {
+            return Ok(Progress::NeedsClosing(round.number()));
         }
         if let Some(closed) = state.next_commitments_closed(now) {
             let round = closed.round;

@@ -5,6 +5,7 @@ pub mod aggregator;
 pub mod arrivals;
 pub mod awaited_beacon;
 pub mod clock;
+pub mod closing;
 pub mod dispute;
 pub mod drawing;
 pub mod founding;

@@ -81,8 +81,8 @@ const MESSAGE_ROOM_BYTES: u64 = 64 << 10;
 /// How often the service looks whether a round is due when nothing happens.
 const TICK: Duration = Duration::from_millis(250);
 
-/// How often a dispute that could not be decided is tried again. Each time the ledger is replayed.
-const VERDICT_RETRY: Duration = Duration::from_secs(10);
+/// How often something is tried again that the disk does not allow now. Each time large files are read, or the whole ledger.
+const BLOCKED_RETRY: Duration = Duration::from_secs(5);
 
 /// How long a public server of beacons may take to answer.
 const BEACON_PATIENCE: Duration = Duration::from_secs(10);
@@ -280,44 +280,46 @@ impl Service {
                     | Progress::Settled(_)
                     | Progress::Resolved(_),
                 ) => said = None,
-                Ok(Progress::Undecided(why)) => {
+                Ok(Progress::Blocked(why)) => {
+                    // It stays blocked for long, so the log says it once.
                     if said.as_ref() != Some(&why) {
-                        tracing::error!("{why}; this is tried again every {VERDICT_RETRY:?}");
+                        tracing::error!("{why}; this is tried again every {BLOCKED_RETRY:?}");
                         said = Some(why);
                     }
-                    sleep(VERDICT_RETRY).await;
+                    sleep(BLOCKED_RETRY).await;
                 }
-                // `Self::step` has computed the verdict.
-                Ok(Progress::NeedsVerdict(_)) => {}
-                Ok(idle @ (Progress::Waiting | Progress::Finished | Progress::Blocked(_))) => {
-                    // It stays blocked for long, so the log says it once.
-                    if let Progress::Blocked(why) = &idle {
-                        if said.as_ref() != Some(why) {
-                            tracing::error!("{why}");
-                            said = Some(why.clone());
-                        }
-                    }
+                Ok(Progress::Waiting | Progress::Finished) => {
                     let _ = timeout(TICK, self.changed.notified()).await;
                 }
+                // What the last step computed is out of date, and the next step computes it again.
+                Ok(Progress::NeedsVerdict(_) | Progress::NeedsClosing(_)) => {}
             }
         }
     }
 
     /// Takes the rounds one step further, as [`Aggregator::step`] does. What takes long is done away from the aggregator.
     pub async fn step(&self) -> Result<Progress, RequestError> {
-        let disputed = match self.with(Aggregator::step).await? {
-            Progress::NeedsVerdict(disputed) => disputed,
-            done => return Ok(done),
-        };
-        let dispute = disputed.dispute;
-        match blocking(move || disputed.verify_again()).await {
-            Ok(verdict) => {
-                self.with(move |aggregator| aggregator.resolve(dispute, verdict))
-                    .await
+        match self.with(Aggregator::step).await? {
+            Progress::NeedsVerdict(disputed) => {
+                let dispute = disputed.dispute;
+                match blocking(move || disputed.verify_again()).await {
+                    Ok(verdict) => {
+                        self.with(move |aggregator| aggregator.resolve(dispute, verdict))
+                            .await
+                    }
+                    Err(error) => Ok(Progress::Blocked(format!(
+                        "the dispute of entry {dispute} cannot be decided: {error}"
+                    ))),
+                }
             }
-            Err(error) => Ok(Progress::Undecided(format!(
-                "the dispute of entry {dispute} cannot be decided: {error}"
-            ))),
+            Progress::NeedsClosing(_) => {
+                let ended = self.with(|aggregator| Ok(aggregator.to_close())).await?;
+                match blocking(move || ended.compute()).await? {
+                    Ok(computed) => self.with(|aggregator| aggregator.close(computed)).await,
+                    Err(why) => Ok(Progress::Blocked(why)),
+                }
+            }
+            done => Ok(done),
         }
     }
 

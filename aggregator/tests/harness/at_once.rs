@@ -17,7 +17,7 @@ pub trait AtOnce {
     fn upload(&self, request: &[u8]) -> Result<Option<BlobWriter>, RequestError>;
     fn commit(&mut self, commitment: &[u8]) -> Result<Receipt, RequestError>;
     fn submit(&mut self, submission: &[u8], proof: Vec<u8>) -> Result<Decided, RequestError>;
-    /// A step of the rounds, with the verdict on a dispute if one is needed.
+    /// A step of the rounds, with what it needs to be computed.
     fn go_on(&mut self) -> Result<Progress, RequestError>;
 }
 
@@ -78,6 +78,10 @@ impl AtOnce for Aggregator {
                 let verdict = disputed.verify_again()?;
                 self.resolve(disputed.dispute, verdict)
             }
+            Progress::NeedsClosing(_) => match self.to_close().compute()? {
+                Ok(computed) => self.close(computed),
+                Err(why) => Ok(Progress::Blocked(why)),
+            },
             done => Ok(done),
         }
     }

@@ -166,7 +166,6 @@ impl Network {
                 Progress::Waiting
                     | Progress::Finished
                     | Progress::Blocked(_)
-                    | Progress::Undecided(_)
                     | Progress::NeedsBeacon(_)
             ) {
                 return;

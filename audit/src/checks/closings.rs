@@ -11,7 +11,7 @@ use zk0_protocol::rules::named_blobs::BlobKind;
 use zk0_protocol::rules::state::State;
 use zk0_verifier::close::{combined, end, CloseError};
 use zk0_verifier::combine::strategy::Global;
-use zk0_verifier::{ResultFiles, Unreadable, VerifiedContribution};
+use zk0_verifier::{BaseFiles, ResultFiles, Unreadable, VerifiedContribution};
 
 /// Checks that the accepted contributions combine to the recorded result.
 pub fn average(
@@ -19,6 +19,7 @@ pub fn average(
     closed: &RoundClosed,
     contributions: &[VerifiedContribution],
     depth: Depth,
+    blobs: &Blobs,
 ) -> Result<Option<Global>, Check> {
     let what = || format!("the average of round {}", closed.round);
     if depth == Depth::Light && !before.contributors().is_empty() {
@@ -30,7 +31,23 @@ pub fn average(
     }
     let evaluated = closed.evaluated.as_ref();
     let recorded = evaluated.map_or(closed.global, |evaluated| evaluated.weights);
-    match combined(before, contributions) {
+    let get = |digest: &Digest, limit| blobs.get(digest, limit);
+    let bases = match BaseFiles::read(before, get) {
+        Ok(bases) => bases,
+        Err(Unreadable {
+            error: BlobError::Missing(blob),
+            ..
+        }) => {
+            let why = format!(
+                "{}: the base weights {blob} that the strategy reads",
+                what()
+            );
+            return Err(not_at_hand(What::Averages, why));
+        }
+        Err(error) => return Err(Check::Failed(format!("{}: {error}", what()))),
+    };
+    let read_at = |digest: &Digest, place, buffer: &mut [u8]| blobs.read_at(digest, place, buffer);
+    match combined(before, contributions, &bases, read_at) {
         Ok(Some(global)) if global.digest != recorded => Err(Check::Failed(format!(
             "round {} closed with the result {}, but its contributions give {}",
             closed.round,

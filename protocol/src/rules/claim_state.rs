@@ -36,6 +36,7 @@ impl State {
             disputes: BTreeMap::new(),
             program: self.program.clone(),
             results: RoundResults::default(),
+            earlier_base: self.earlier_base,
             round: self.round.as_ref().map(|round| Round {
                 opened: round.opened.clone(),
                 entry: round.entry,

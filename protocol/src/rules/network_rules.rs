@@ -105,7 +105,37 @@ pub enum Strategy {
         /// The share of the contributors that is left out at either end, in basis points, rounded down; less than 5,000.
         trim_bps: u32,
     },
+    /// The one contribution that is nearest to the others around it (Blanchard et al. 2017, arXiv:1703.02757).
+    Krum {
+        /// The share of the contributors that may be malicious, in basis points, rounded down; 1 to 4,999.
+        byzantine_bps: u32,
+    },
+    /// The mean of the contributions that Krum finds best, with equal weights (ibid.).
+    MultiKrum {
+        /// As for [`Strategy::Krum`].
+        byzantine_bps: u32,
+        /// The share of the contributors that is kept, in basis points, rounded down, and at least one contributor; 1 to 10,000.
+        keep_bps: u32,
+    },
+    /// The mean, weighted by shares, of contributions whose difference from the base is scaled down where it is too long.
+    NormClipping {
+        /// The longest difference, in basis points of the base's Euclidean norm; 1 to 1,000,000.
+        max_norm_bps: u32,
+    },
+    /// The mean, weighted by shares, as a step of gradient descent with momentum (Hsu et al. 2019, arXiv:1909.06335).
+    FedAvgM {
+        /// How far the base moves towards the mean, in basis points of the way; 1 to 100,000.
+        server_rate_bps: u32,
+        /// How much of the last round's movement is added, in basis points; less than 10,000.
+        momentum_bps: u32,
+    },
 }
+
+/// Longest difference that [`Strategy::NormClipping`] can allow: a hundred times the base's norm.
+const MAX_CLIPPING_BPS: u32 = 100 * BPS;
+
+/// Fastest server rate of [`Strategy::FedAvgM`]: ten times the way to the mean.
+const MAX_SERVER_RATE_BPS: u32 = 10 * BPS;
 
 /// Who may contribute to a round.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize, Serialize, Deserialize)]
@@ -273,12 +303,39 @@ impl Rules {
 
 impl Strategy {
     fn check(&self) -> Result<(), String> {
-        match self {
-            Self::TrimmedMean { trim_bps } if *trim_bps >= BPS / 2 => Err(format!(
+        let within =
+            |name: &str, value: u32, least: u32, most: u32| match (least..=most).contains(&value) {
+                true => Ok(()),
+                false => Err(format!(
+                    "rule strategy has {name} {value}; it has to be {least} to {most}"
+                )),
+            };
+        let byzantine = |value| within("byzantine_bps", value, 1, BPS / 2 - 1);
+        match *self {
+            Self::FedAvg | Self::Median => Ok(()),
+            Self::TrimmedMean { trim_bps } if trim_bps >= BPS / 2 => Err(format!(
                 "rule strategy leaves out {trim_bps} basis points at either end, so nothing would be left; it has to be less than {}",
                 BPS / 2
             )),
-            _ => Ok(()),
+            Self::TrimmedMean { .. } => Ok(()),
+            Self::Krum { byzantine_bps } => byzantine(byzantine_bps),
+            Self::MultiKrum {
+                byzantine_bps,
+                keep_bps,
+            } => {
+                byzantine(byzantine_bps)?;
+                within("keep_bps", keep_bps, 1, BPS)
+            }
+            Self::NormClipping { max_norm_bps } => {
+                within("max_norm_bps", max_norm_bps, 1, MAX_CLIPPING_BPS)
+            }
+            Self::FedAvgM {
+                server_rate_bps,
+                momentum_bps,
+            } => {
+                within("server_rate_bps", server_rate_bps, 1, MAX_SERVER_RATE_BPS)?;
+                within("momentum_bps", momentum_bps, 0, BPS - 1)
+            }
         }
     }
 }

@@ -49,6 +49,8 @@ pub struct State {
     pub(crate) program: Program,
     /// What the last rounds ended with.
     pub(crate) results: RoundResults,
+    /// What the last closed round started from; `None` before the first one, and after a vote that restored weights.
+    pub(crate) earlier_base: Option<WeightsDigest>,
 }
 
 /// An enrolled node.
@@ -201,6 +203,13 @@ impl State {
         &self.results
     }
 
+    /// The weights that the round before the open one, or else before the next one, started from. The difference to the base is what
+    /// that round changed. It is `None` for the first round, and for a round whose base a vote restored: the way to those weights was
+    /// no training.
+    pub fn earlier_base(&self) -> Option<&WeightsDigest> {
+        self.earlier_base.as_ref()
+    }
+
     /// Digest of the evaluation specification that rounds and claims name.
     pub fn evaluation(&self) -> &Digest {
         &self.evaluation
@@ -317,10 +326,10 @@ impl State {
         *self.retired.get(id).unwrap_or(id)
     }
 
-    /// The digest of the state: [`tagged_sha256`] of its borsh encoding under `zk0/state/v3`. Equal histories give equal digests.
+    /// The digest of the state: [`tagged_sha256`] of its borsh encoding under `zk0/state/v4`. Equal histories give equal digests.
     pub fn digest(&self) -> Digest {
         let bytes = borsh::to_vec(self).expect("writing to a Vec cannot fail");
-        tagged_sha256("zk0/state/v3", &[&bytes])
+        tagged_sha256("zk0/state/v4", &[&bytes])
     }
 }
 

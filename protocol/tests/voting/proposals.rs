@@ -13,6 +13,67 @@ use zk0_protocol::rules::network_rules::{Participation, Strategy};
 use zk0_protocol::rules::state::Standing;
 use zk0_protocol::{Body, Genesis, Refusal, RuleViolation, Rules, Signed};
 
+fn multi_krum(byzantine_bps: u32, keep_bps: u32) -> Strategy {
+    Strategy::MultiKrum {
+        byzantine_bps,
+        keep_bps,
+    }
+}
+
+fn momentum(server_rate_bps: u32, momentum_bps: u32) -> Strategy {
+    Strategy::FedAvgM {
+        server_rate_bps,
+        momentum_bps,
+    }
+}
+
+/// The limits of the strategies' parameters are themselves allowed, and the names in a file of rules are these.
+#[test]
+fn every_strategy_can_be_written_in_a_file_of_rules() {
+    for (strategy, text) in [
+        (Strategy::FedAvg, r#""fed-avg""#),
+        (Strategy::Median, r#""median""#),
+        (
+            Strategy::TrimmedMean { trim_bps: 4999 },
+            r#"{"trimmed-mean":{"trim_bps":4999}}"#,
+        ),
+        (
+            Strategy::Krum {
+                byzantine_bps: 4999,
+            },
+            r#"{"krum":{"byzantine_bps":4999}}"#,
+        ),
+        (
+            multi_krum(1, 10_000),
+            r#"{"multi-krum":{"byzantine_bps":1,"keep_bps":10000}}"#,
+        ),
+        (
+            multi_krum(4999, 1),
+            r#"{"multi-krum":{"byzantine_bps":4999,"keep_bps":1}}"#,
+        ),
+        (
+            Strategy::NormClipping {
+                max_norm_bps: 1_000_000,
+            },
+            r#"{"norm-clipping":{"max_norm_bps":1000000}}"#,
+        ),
+        (
+            momentum(100_000, 9999),
+            r#"{"fed-avg-m":{"server_rate_bps":100000,"momentum_bps":9999}}"#,
+        ),
+        (
+            momentum(1, 0),
+            r#"{"fed-avg-m":{"server_rate_bps":1,"momentum_bps":0}}"#,
+        ),
+    ] {
+        assert_eq!(serde_json::to_string(&strategy).unwrap(), text);
+        assert_eq!(serde_json::from_str::<Strategy>(text).unwrap(), strategy);
+        let mut rules = genesis().rules;
+        rules.strategy = strategy;
+        assert_eq!(rules.check(), Ok(()), "{text}");
+    }
+}
+
 #[test]
 fn a_proposal_makes_sense_when_it_is_made() {
     let mut chain = Chain::new();
@@ -27,6 +88,40 @@ fn a_proposal_makes_sense_when_it_is_made() {
         (
             broken(|r| r.strategy = Strategy::TrimmedMean { trim_bps: 5000 }),
             "strategy",
+        ),
+        (
+            broken(|r| r.strategy = Strategy::Krum { byzantine_bps: 0 }),
+            "byzantine_bps 0",
+        ),
+        (
+            broken(|r| r.strategy = multi_krum(5000, 1)),
+            "byzantine_bps 5000",
+        ),
+        (broken(|r| r.strategy = multi_krum(1, 0)), "keep_bps 0"),
+        (
+            broken(|r| r.strategy = multi_krum(1, 10_001)),
+            "keep_bps 10001",
+        ),
+        (
+            broken(|r| r.strategy = Strategy::NormClipping { max_norm_bps: 0 }),
+            "max_norm_bps 0",
+        ),
+        (
+            broken(|r| {
+                r.strategy = Strategy::NormClipping {
+                    max_norm_bps: 1_000_001,
+                }
+            }),
+            "max_norm_bps 1000001",
+        ),
+        (broken(|r| r.strategy = momentum(0, 0)), "server_rate_bps 0"),
+        (
+            broken(|r| r.strategy = momentum(100_001, 0)),
+            "server_rate_bps 100001",
+        ),
+        (
+            broken(|r| r.strategy = momentum(1, 10_000)),
+            "momentum_bps 10000",
         ),
         (
             broken(|r| r.participation = Participation::Sampled { nodes: 0 }),

@@ -82,6 +82,31 @@ fn an_operator_cannot_start_from_earlier_weights_without_a_vote() {
     ));
 }
 
+/// A strategy with momentum goes on in the direction of the last round. The way to restored weights is no such direction.
+#[test]
+fn the_way_to_restored_weights_is_no_movement_of_a_round() {
+    let mut chain = with_a_node();
+    let initial = *chain.state.global();
+    assert_eq!(chain.state.earlier_base(), None);
+    chain.round_to(1);
+    assert_eq!(chain.state.earlier_base(), Some(&initial));
+    chain.round_to(2);
+    assert_eq!(chain.state.earlier_base(), Some(&weights(1)));
+    chain.decide(restore(0));
+    assert_eq!(chain.state.earlier_base(), None);
+    chain.open();
+    assert_eq!(chain.state.earlier_base(), None);
+    chain.close_commitments();
+    chain.close(weights(1));
+    assert_eq!(
+        chain.state.earlier_base(),
+        Some(&weights(1)),
+        "a round that kept its base"
+    );
+    chain.round_to(3);
+    assert_eq!(chain.state.earlier_base(), Some(&weights(1)));
+}
+
 #[test]
 fn only_closed_rounds_can_be_restored() {
     let mut chain = with_a_node();

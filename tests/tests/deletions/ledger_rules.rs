@@ -419,6 +419,15 @@ pub const REMOVALS: &[Removal] = &[
     of_target(
         "voting",
         rule(
+            "the way to restored weights is no movement of a round",
+            VOTES,
+            &[("                    self.earlier_base = None;\n", "")],
+            "the_way_to_restored_weights_is_no_movement_of_a_round",
+        ),
+    ),
+    of_target(
+        "voting",
+        rule(
             "only the weights of a closed round are restored",
             VOTES,
             &[(

@@ -1,6 +1,7 @@
 //! The contributions to a combination, in their canonical order.
 
-use zk0_circuits::{NodeId, QuantisedWeights};
+use crate::combine::source::Source;
+use zk0_circuits::{Digest, NodeId};
 use zk0_weights::{Format, WeightsError};
 
 /// Why contributions do not combine.
@@ -15,43 +16,50 @@ pub enum CombineError {
     /// A contribution is of another network's dimensions.
     #[error("node {0}'s weights have another size than those of this network")]
     Unlike(NodeId),
-    /// The result is not among the weights that a network can have. The mean of such weights cannot give that.
+    /// The strategy reads base weights that were not given.
+    #[error("the strategy reads the base weights of the round, and they were not given")]
+    NoBase,
+    /// A file cannot be read.
+    #[error("the update {blob} cannot be read: {error}")]
+    Unreadable {
+        /// The file.
+        blob: Digest,
+        /// Why.
+        error: String,
+    },
+    /// A file holds other numbers than when it was verified.
+    #[error("the file of the update {blob} has changed since it was verified: tensor '{tensor}' holds other numbers")]
+    Changed {
+        /// The file.
+        blob: Digest,
+        /// Where.
+        tensor: String,
+    },
+    /// The result is not among the weights that a network can have. No strategy can give that.
     #[error(transparent)]
     Weights(#[from] WeightsError),
 }
 
-/// A contribution to a combination: node, weight in the average, and what it contributes.
-pub type Given<'a> = (NodeId, u64, &'a QuantisedWeights);
-
-/// One tensor of a contribution.
-#[derive(Clone, Copy, Debug)]
-pub struct Part<'a> {
-    /// The contribution's weight in the average.
+/// A contribution to a combination.
+#[derive(Clone, Copy)]
+pub struct Given<'a> {
+    /// Who contributes.
+    pub node: NodeId,
+    /// The contribution's weight in an average by shares.
     pub weight: u64,
-    /// The tensor's values, row-major.
-    pub values: &'a [i16],
-    /// Their fraction bits.
-    pub bits: i16,
-}
-
-/// Exact numbers: fractions with one divisor, in units of 2^−24.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Fractions {
-    /// One for each value of a tensor.
-    pub numerators: Vec<i128>,
-    /// At least 1.
-    pub divisor: i128,
+    /// The weights.
+    pub weights: &'a dyn Source,
 }
 
 /// The contributions in ascending order of node, each node once, all of this format.
 pub fn aligned<'a>(format: &Format, given: &[Given<'a>]) -> Result<Vec<Given<'a>>, CombineError> {
     let mut given = given.to_vec();
-    given.sort_by_key(|(node, _, _)| *node);
-    if let Some(pair) = given.windows(2).find(|pair| pair[0].0 == pair[1].0) {
-        return Err(CombineError::Twice(pair[0].0));
+    given.sort_by_key(|one| one.node);
+    if let Some(pair) = given.windows(2).find(|pair| pair[0].node == pair[1].node) {
+        return Err(CombineError::Twice(pair[0].node));
     }
-    match given.iter().find(|(_, _, weights)| !format.fits(weights)) {
-        Some((node, _, _)) => Err(CombineError::Unlike(*node)),
+    match given.iter().find(|one| !one.weights.fits(format)) {
+        Some(one) => Err(CombineError::Unlike(one.node)),
         None if given.is_empty() => Err(CombineError::Empty),
         None => Ok(given),
     }

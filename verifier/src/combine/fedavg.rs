@@ -3,28 +3,22 @@
 //! For each weight, the products of a contribution's weight and its value are summed, and divided once by the sum of the
 //! contributions' weights. All of it is computed in integers, so that the sum is exact and the order of the contributions does not matter.
 
-use crate::combine::contributions::{CombineError, Fractions, Part};
-use zk0_weights::scale::exact;
+use crate::combine::contributions::{CombineError, Given};
+use crate::combine::linear::{Linear, Term};
 
-/// The weighted mean of one tensor.
-///
-/// In units of 2^−24 a value is below 2^39 in magnitude, so that a sum of up to 2^23 products with weights below 2^64 fits 128 bits.
-/// A round has far fewer contributions.
-pub fn average(parts: &[Part<'_>]) -> Result<Fractions, CombineError> {
-    let divisor = parts.iter().map(|part| i128::from(part.weight)).sum();
-    if divisor == 0 {
-        return Err(CombineError::Empty);
+/// The weighted mean.
+pub fn average<'a>(given: &[Given<'a>]) -> Result<Linear<'a>, CombineError> {
+    let terms = given.iter().map(|one| Term {
+        coefficient: one.weight.into(),
+        weights: one.weights,
+    });
+    Ok(Linear::new(terms, whole(given)?))
+}
+
+/// The sum of the contributions' weights, which is at least 1.
+pub(crate) fn whole(given: &[Given<'_>]) -> Result<i128, CombineError> {
+    match given.iter().map(|one| i128::from(one.weight)).sum() {
+        0 => Err(CombineError::Empty),
+        whole => Ok(whole),
     }
-    let len = parts.first().map_or(0, |part| part.values.len());
-    let mut numerators = vec![0i128; len];
-    for part in parts {
-        let factor = i128::from(part.weight) * i128::from(exact(1, part.bits));
-        for (sum, value) in numerators.iter_mut().zip(part.values) {
-            *sum += factor * i128::from(*value);
-        }
-    }
-    Ok(Fractions {
-        numerators,
-        divisor,
-    })
 }

@@ -4,42 +4,85 @@
 //! Every contributor counts alike: weights by samples would let whoever claims most samples be the median. Values are compared and
 //! summed as exact integers, so that the order of the contributions does not matter.
 
-use crate::combine::contributions::{CombineError, Fractions, Part};
+use crate::combine::blocks::{Combination, Integer, Plan};
+use crate::combine::contributions::{CombineError, Given};
+use crate::combine::source::{Block, Rows, Source};
+use std::ops::Range;
 use zk0_protocol::rules::basis_points::BPS;
-use zk0_weights::scale::exact;
+use zk0_weights::rounding::Unit;
 
-/// The median of one tensor's parameters; the mean of the two in the middle where their number is even.
-pub fn median(parts: &[Part<'_>]) -> Result<Fractions, CombineError> {
-    middle_mean(parts, |count| (count - 1) / 2)
+/// The mean of what is left of each parameter's values when some of the largest and of the smallest are left out.
+pub struct MiddleMean<'a> {
+    weights: Vec<&'a dyn Source>,
+    kept: Range<usize>,
 }
 
-/// The mean of one tensor's parameters without the largest and the smallest values: `trim_bps` of the contributors, in basis points
-/// and rounded down, at either end.
-pub fn trimmed_mean(parts: &[Part<'_>], trim_bps: u32) -> Result<Fractions, CombineError> {
+/// The median of each parameter; the mean of the two in the middle where their number is even.
+pub fn median<'a>(given: &[Given<'a>]) -> MiddleMean<'a> {
+    MiddleMean::new(given, given.len().saturating_sub(1) / 2)
+}
+
+/// The mean of each parameter without the largest and the smallest values: `trim_bps` of the contributors, in basis points and rounded
+/// down, at either end.
+pub fn trimmed_mean<'a>(given: &[Given<'a>], trim_bps: u32) -> MiddleMean<'a> {
     let share = trim_bps.min(BPS / 2 - 1) as usize;
-    middle_mean(parts, |count| count * share / BPS as usize)
+    MiddleMean::new(given, given.len() * share / BPS as usize)
 }
 
-/// The mean of what is left of each parameter's values when `left_out(count)` are left out at either end.
-fn middle_mean(
-    parts: &[Part<'_>],
-    left_out: impl Fn(usize) -> usize,
-) -> Result<Fractions, CombineError> {
-    let Some(first) = parts.first() else {
-        return Err(CombineError::Empty);
-    };
-    let out = left_out(parts.len());
-    let kept = out..parts.len() - out;
-    let mut column = vec![0i64; parts.len()];
-    let mut middle = |at: usize| {
-        for (value, part) in column.iter_mut().zip(parts) {
-            *value = exact(part.values[at], part.bits);
+impl<'a> MiddleMean<'a> {
+    fn new(given: &[Given<'a>], left_out: usize) -> Self {
+        Self {
+            weights: given.iter().map(|one| one.weights).collect(),
+            kept: left_out..given.len() - left_out,
         }
-        column.sort_unstable();
-        column[kept.clone()].iter().copied().map(i128::from).sum()
-    };
-    Ok(Fractions {
-        numerators: (0..first.values.len()).map(&mut middle).collect(),
-        divisor: kept.len() as i128,
-    })
+    }
+
+    fn finest(&self, tensor: usize) -> i16 {
+        let bits = self.weights.iter().map(|weights| weights.bits(tensor));
+        bits.max().unwrap_or(0)
+    }
+}
+
+impl Combination for MiddleMean<'_> {
+    fn plan(&self, tensor: usize) -> Plan {
+        let bits = self.finest(tensor);
+        let coarsest = self
+            .weights
+            .iter()
+            .map(|weights| weights.bits(tensor))
+            .min();
+        let largest = 1u128 << (15 + (bits - coarsest.unwrap_or(bits)).max(0));
+        Plan {
+            unit: Unit {
+                bits,
+                divisor: self.kept.len() as i128,
+            },
+            bound: largest * self.kept.len() as u128,
+        }
+    }
+
+    fn combine<T: Integer>(
+        &self,
+        block: &Block,
+        numbers: &mut [T],
+        rows: &mut Rows,
+    ) -> Result<(), CombineError> {
+        let rows = rows.read(&self.weights, block)?;
+        let finest = self.finest(block.tensor);
+        let weights = self
+            .weights
+            .iter()
+            .map(|weights| weights.bits(block.tensor));
+        let shifts: Vec<_> = weights.map(|bits| (finest - bits).max(0)).collect();
+        let mut column = vec![0i64; shifts.len()];
+        for (at, number) in numbers.iter_mut().enumerate() {
+            for ((place, row), shift) in column.iter_mut().zip(&rows).zip(&shifts) {
+                *place = i64::from(row[at]) << shift;
+            }
+            column.sort_unstable();
+            let sum: i64 = column[self.kept.clone()].iter().sum();
+            *number = T::of(sum.into());
+        }
+        Ok(())
+    }
 }

@@ -1,18 +1,21 @@
-//! From a round's contributions to new global weights, as the rules say: [`crate::combine::fedavg`], or one of [`crate::combine::robust`].
+//! From a round's contributions to new global weights, as the rules say: by [`crate::combine::fedavg`], [`crate::combine::robust`],
+//! [`crate::combine::krum`], [`crate::combine::clipping`] or [`crate::combine::momentum`].
 //!
-//! **Where it rounds**: each tensor's exact means are rounded once, to the nearest int16 at the one scale that the means have
+//! **Where it rounds**: each tensor's exact numbers are rounded once, to the nearest int16 at the one scale that they have
 //! ([`zk0_weights::scale`]); ties go to even. A mean is no larger than the largest of its values, so it always fits within the
 //! scale's limits. Where the evaluation does not read, the result has the numbers of the round's base ([`zk0_weights::unread`]).
 
-use crate::combine::contributions::{aligned, CombineError, Fractions, Given, Part};
+use crate::combine::bases::Bases;
+use crate::combine::blocks::file;
+use crate::combine::clipping::clipped_mean;
+use crate::combine::contributions::{aligned, CombineError, Given};
 use crate::combine::fedavg::average;
+use crate::combine::krum::{krum, multi_krum};
+use crate::combine::momentum::with_momentum;
 use crate::combine::robust::{median, trimmed_mean};
-use crate::contribution::VerifiedContribution;
-use crate::update::Evaluation;
+use crate::combine::source::{InMemory, Source};
 use zk0_circuits::{QuantisedWeights, WeightsDigest};
-use zk0_protocol::entries::entry::Contributor;
 use zk0_protocol::rules::network_rules::Strategy;
-use zk0_weights::scale::narrowed;
 use zk0_weights::{Format, Unread};
 
 /// New global weights: as a file and as the digest that goes on the ledger.
@@ -24,59 +27,53 @@ pub struct Global {
     pub digest: WeightsDigest,
 }
 
-/// Combines verified contributions to one round, all of which started from the same base. They count by the shares of `contributors`.
-pub fn combine(
-    contributions: &[VerifiedContribution],
-    contributors: &[Contributor],
-    strategy: Strategy,
-    evaluation: &Evaluation,
-) -> Result<Global, CombineError> {
-    let given: Vec<_> = contributions
-        .iter()
-        .map(|one| {
-            let mut all = contributors.iter();
-            let share = all.find(|other| other.node == one.node());
-            let share = share.map_or(0, |contributor| contributor.share);
-            (one.node(), u64::from(share), one.weights())
-        })
-        .collect();
-    let unread = contributions.first().ok_or(CombineError::Empty)?.unread();
-    let weights = combined(evaluation.format(), &given, strategy, unread)?;
-    let file = evaluation.format().write(&weights);
-    let digest = evaluation.digest(&file, &weights);
-    Ok(Global { file, digest })
-}
-
-/// Combines weights, one tensor at a time. The order they are given in does not matter. `unread` is what their base holds where the
-/// evaluation does not read.
+/// Combines weights to the file of new ones. The order they are given in does not matter. `unread` is what their base holds where the
+/// evaluation does not read, and `bases` are the base weights that the strategy reads.
 pub fn combined(
     format: &Format,
     given: &[Given<'_>],
     strategy: Strategy,
+    bases: &Bases,
     unread: &Unread,
-) -> Result<QuantisedWeights, CombineError> {
-    let given = aligned(format, given)?;
-    format.assemble(|index| {
-        let parts: Vec<_> = given
-            .iter()
-            .map(|(_, weight, weights)| {
-                let (values, bits) = format.tensor(weights, index);
-                Part {
-                    weight: *weight,
-                    values,
-                    bits,
-                }
-            })
-            .collect();
-        let Fractions {
-            mut numerators,
-            divisor,
-        } = match strategy {
-            Strategy::FedAvg => average(&parts),
-            Strategy::Median => median(&parts),
-            Strategy::TrimmedMean { trim_bps } => trimmed_mean(&parts, trim_bps),
-        }?;
-        unread.restore(index, &mut numerators, divisor);
-        Ok(narrowed(&numerators, divisor, format.limits()[index]))
-    })
+) -> Result<Vec<u8>, CombineError> {
+    let given = &aligned(format, given)?[..];
+    let base = in_memory(format, &bases.base);
+    let earlier = in_memory(format, &bases.earlier);
+    let base = base.as_ref().ok_or(CombineError::NoBase);
+    match strategy {
+        Strategy::FedAvg => file(format, &average(given)?, unread),
+        Strategy::Median => file(format, &median(given), unread),
+        Strategy::TrimmedMean { trim_bps } => file(format, &trimmed_mean(given, trim_bps), unread),
+        Strategy::Krum { byzantine_bps } => {
+            file(format, &krum(format, given, byzantine_bps)?, unread)
+        }
+        Strategy::MultiKrum {
+            byzantine_bps,
+            keep_bps,
+        } => {
+            let best = multi_krum(format, given, byzantine_bps, keep_bps)?;
+            file(format, &best, unread)
+        }
+        Strategy::NormClipping { max_norm_bps } => {
+            let mean = clipped_mean(format, given, base?, max_norm_bps)?;
+            file(format, &mean, unread)
+        }
+        Strategy::FedAvgM {
+            server_rate_bps,
+            momentum_bps,
+        } => {
+            let earlier = earlier.as_ref().map(|earlier| earlier as &dyn Source);
+            let moved = with_momentum(given, base?, earlier, server_rate_bps, momentum_bps)?;
+            file(format, &moved, unread)
+        }
+    }
+}
+
+/// Base weights, if they are there and of this format.
+fn in_memory<'a>(
+    format: &'a Format,
+    weights: &'a Option<QuantisedWeights>,
+) -> Option<InMemory<'a>> {
+    let weights = weights.as_ref().filter(|weights| format.fits(weights))?;
+    Some(InMemory { format, weights })
 }

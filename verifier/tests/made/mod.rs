@@ -11,8 +11,13 @@ use zk0_circuits::{
     DatasetCommitment, Digest, EvalSpec, Mode, NodeId, QuantisedWeights, Sample, Terms,
     WeightsDigest,
 };
+use zk0_protocol::rules::network_rules::Strategy;
+use zk0_verifier::combine::blocks::{Combination, Plan};
+use zk0_verifier::combine::contributions::CombineError;
+use zk0_verifier::combine::source::{Block, Rows, Source};
 use zk0_verifier::Evaluation;
-use zk0_weights::Format;
+use zk0_weights::rounding::Unit;
+use zk0_weights::{Format, Tensor};
 
 /// Float32 weights by name.
 pub type Tensors = BTreeMap<String, Vec<f32>>;
@@ -127,5 +132,71 @@ pub fn terms(
             min_improvement_bps: 1,
             confidence: Confidence::P95,
         },
+    }
+}
+
+/// Each strategy; the last two read base weights.
+pub const STRATEGIES: [Strategy; 7] = [
+    Strategy::FedAvg,
+    Strategy::Median,
+    Strategy::TrimmedMean { trim_bps: 2500 },
+    Strategy::Krum {
+        byzantine_bps: 2000,
+    },
+    Strategy::MultiKrum {
+        byzantine_bps: 2000,
+        keep_bps: 6000,
+    },
+    Strategy::NormClipping { max_norm_bps: 9000 },
+    Strategy::FedAvgM {
+        server_rate_bps: 7000,
+        momentum_bps: 9000,
+    },
+];
+
+/// Weights of one tensor with one block.
+pub struct OneTensor(pub Tensor);
+
+impl Source for OneTensor {
+    fn fits(&self, _: &Format) -> bool {
+        true
+    }
+
+    fn bits(&self, _: usize) -> i16 {
+        self.0.bits
+    }
+
+    fn read<'b>(&'b self, _: &Block, _: &'b mut Vec<i16>) -> Result<&'b [i16], CombineError> {
+        Ok(&self.0.values)
+    }
+}
+
+/// The numbers of the one block of the one tensor, of `len` values.
+pub fn exact_numbers(combination: &impl Combination, len: usize) -> (Plan, Vec<i128>) {
+    let block = Block {
+        tensor: 0,
+        number: 0,
+        len,
+    };
+    let mut numbers = vec![0; len];
+    let mut rows = Rows::default();
+    combination
+        .combine(&block, &mut numbers, &mut rows)
+        .unwrap();
+    (combination.plan(0), numbers)
+}
+
+/// Exact numbers, rounded within these limits.
+pub fn rounded_to(numbers: &[i128], unit: Unit, limits: (i16, i16)) -> Tensor {
+    let largest = numbers.iter().map(|one| one.unsigned_abs()).max().unwrap();
+    let bits = unit.scale(largest, limits);
+    let mut bytes = vec![0; 2 * numbers.len()];
+    unit.to(bits).write(numbers, largest, &mut bytes);
+    let pairs = bytes.chunks_exact(2);
+    Tensor {
+        values: pairs
+            .map(|pair| i16::from_le_bytes([pair[0], pair[1]]))
+            .collect(),
+        bits,
     }
 }

@@ -64,6 +64,7 @@ impl State {
             disputes: BTreeMap::new(),
             program: Program::founding(&genesis.program),
             results: RoundResults::default(),
+            earlier_base: None,
             genesis: genesis.clone(),
         })
     }

@@ -372,6 +372,7 @@ impl State {
         let Some(round) = self.round.take() else {
             return;
         };
+        self.earlier_base = Some(round.opened.base);
         if round.randomness.is_some() {
             for (node, commit) in &round.commits {
                 let accepted = matches!(commit.decision, Some(Decision::Accepted { .. }));

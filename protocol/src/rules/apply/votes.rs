@@ -266,6 +266,7 @@ impl State {
             Action::RestoreWeights { round } => {
                 if let Some(global) = self.results.of(round) {
                     self.global = *global;
+                    self.earlier_base = None;
                 }
             }
         }

@@ -15,8 +15,8 @@ pub const WHOLE_SHARE: u32 = BPS;
 /// Largest limit of a share: a hundred times that of the contributor in the middle.
 const MAX_SHARE: u32 = 100 * WHOLE_SHARE;
 
-/// How much each contribution counts in the average, and in what it earns. [`crate::rules::network_rules::Strategy::FedAvg`] averages
-/// by shares. The other strategies count all contributions alike.
+/// How much each contribution counts in the average, and in what it earns. [`crate::rules::network_rules::Strategy`] says
+/// which strategies average by shares. The others count all contributions alike.
 #[derive(
     Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize, Serialize, Deserialize,
 )]

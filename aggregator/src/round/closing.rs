@@ -1,0 +1,114 @@
+//! The end of a round. The contributions are combined and the result is evaluated away from the aggregator, because that takes long. The
+//! aggregator then records the end, if the round is still the same.
+
+use crate::round::aggregator::{Aggregator, Progress};
+use crate::round::request::RequestError;
+use std::fmt::Display;
+use std::path::PathBuf;
+use zk0_circuits::Digest;
+use zk0_ledger::blobs::Blobs;
+use zk0_protocol::entries::entry::{Body, Contributor};
+use zk0_protocol::entries::round_result::ResultOutcome;
+use zk0_protocol::rules::state::State;
+use zk0_verifier::close::{close, CloseError, Closing};
+use zk0_verifier::combine::contributions::CombineError;
+use zk0_verifier::{BaseFiles, ResultFiles, VerifiedContribution};
+
+/// A round that may close: what its end follows from.
+pub struct ToClose {
+    state: State,
+    contributions: Vec<VerifiedContribution>,
+    blobs: Blobs,
+    /// The ledger's folder.
+    dir: PathBuf,
+}
+
+/// The end of a round, to be recorded.
+pub struct ComputedClosing {
+    closing: Closing,
+    /// Who has contributed, as the end was computed from it.
+    contributors: Vec<Contributor>,
+}
+
+impl ToClose {
+    /// Computes the end of the round, and keeps the file of its new weights. If a file is missing or has changed on disk, the round cannot
+    /// close now, and this returns why.
+    pub fn compute(self) -> Result<Result<ComputedClosing, String>, RequestError> {
+        let Self {
+            state,
+            contributions,
+            blobs,
+            dir,
+        } = self;
+        let get = |digest: &Digest, limit| blobs.get(digest, limit);
+        let blocked = |what: &str, why: &dyn Display| {
+            Ok(Err(format!(
+                "the open round cannot close, because {what}: {why}; put the file back among the blobs in {}",
+                dir.display()
+            )))
+        };
+        // The rules ask for the strategy and for the evaluation, so the round waits for their files.
+        let bases = match BaseFiles::read(&state, get) {
+            Ok(bases) => bases,
+            Err(unreadable) => return blocked("its updates cannot be combined", &unreadable),
+        };
+        let files = match ResultFiles::read(&state, get) {
+            Ok(files) => files,
+            Err(unreadable) => return blocked("its result cannot be evaluated", &unreadable),
+        };
+        let read_at =
+            |digest: &Digest, place, buffer: &mut [u8]| blobs.read_at(digest, place, buffer);
+        let closing = match close(&state, &contributions, &bases, read_at, files.as_ref()) {
+            Err(CloseError::Combine(
+                lost @ (CombineError::Unreadable { .. } | CombineError::Changed { .. }),
+            )) => return blocked("its updates cannot be combined", &lost),
+            closing => closing?,
+        };
+        if let Some(file) = &closing.file {
+            blobs.put(file)?;
+        }
+        Ok(Ok(ComputedClosing {
+            closing,
+            contributors: state.contributors(),
+        }))
+    }
+}
+
+impl Aggregator {
+    /// What the end of the open round follows from.
+    pub fn to_close(&self) -> ToClose {
+        ToClose {
+            state: self.state().clone(),
+            contributions: self.contributions.clone(),
+            blobs: self.ledger.blobs().clone(),
+            dir: self.ledger.dir().into(),
+        }
+    }
+
+    /// Records the end of the open round. If its contributors are not those that the end was computed from, because a node has changed its
+    /// key, nothing is recorded, and the end has to be computed again.
+    pub fn close(&mut self, computed: ComputedClosing) -> Result<Progress, RequestError> {
+        let ComputedClosing {
+            closing,
+            contributors,
+        } = computed;
+        let mut closed = closing.closed;
+        let round = closed.round;
+        let open = self.state().round().map(|open| open.number());
+        if open != Some(round) || self.state().contributors() != contributors {
+            return Ok(Progress::NeedsClosing(round));
+        }
+        // What came too late was answered, too.
+        closed.unanswered = self.state().unanswered();
+        let outcome = closed.evaluated.as_ref().map(|one| one.outcome);
+        self.append(Body::RoundClosed(closed))?;
+        self.contributions.clear();
+        self.staging.clear()?;
+        tracing::info!(round, contributors = contributors.len(), "round closed");
+        match outcome {
+            Some(ResultOutcome::Taken) | None => {}
+            Some(outcome) => tracing::warn!(round, "{outcome}"),
+        }
+        Ok(Progress::Closed(round))
+    }
+}

@@ -1,0 +1,48 @@
+//! Squared Euclidean distances between weights, in exact integers.
+//!
+//! They are counted in units of 2^−48: the square of the finest unit that weights have. A difference of two values is then below 2^40 in
+//! magnitude, so that the sum of the squares of up to 2^47 of them fits 128 bits.
+
+use zk0_circuits::model::layout::MAX_WEIGHT_BITS;
+use zk0_weights::rounding::exact;
+
+/// Scales so close that differences of a block fit the short way.
+const CLOSE: i16 = 6;
+
+/// Some values, and their fraction bits.
+#[derive(Clone, Copy, Debug)]
+pub struct Values<'a> {
+    /// The values, at most as many as a block has.
+    pub values: &'a [i16],
+    /// Their fraction bits.
+    pub bits: i16,
+}
+
+/// The squared distance of two blocks.
+pub fn squared(one: Values<'_>, other: Values<'_>) -> u128 {
+    let pairs = one.values.iter().zip(other.values);
+    if (one.bits - other.bits).abs() > CLOSE {
+        let squares = pairs.map(|(a, b)| {
+            let difference = exact(*a, one.bits) - exact(*b, other.bits);
+            let magnitude = u128::from(difference.unsigned_abs());
+            magnitude * magnitude
+        });
+        return squares.sum();
+    }
+    // At the finer of the two scales, a difference is below 2^22 in magnitude, and the sum of the squares of a block's is below 2^60.
+    let finer = one.bits.max(other.bits);
+    let (of_one, of_other) = (1 << (finer - one.bits), 1 << (finer - other.bits));
+    let squares = pairs.map(|(a, b)| {
+        let difference: i32 = i32::from(*a) * of_one - i32::from(*b) * of_other;
+        i64::from(difference) * i64::from(difference)
+    });
+    let sum: i64 = squares.sum();
+    u128::from(sum.unsigned_abs()) << (2 * (MAX_WEIGHT_BITS - finer).max(0))
+}
+
+/// The squared distance of a block from zero.
+pub fn squared_norm(one: Values<'_>) -> u128 {
+    let squares = one.values.iter();
+    let sum: i64 = squares.map(|a| i64::from(*a) * i64::from(*a)).sum();
+    u128::from(sum.unsigned_abs()) << (2 * (MAX_WEIGHT_BITS - one.bits).max(0))
+}

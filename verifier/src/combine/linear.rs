@@ -1,0 +1,91 @@
+//! Sums of weights with integer coefficients, over one divisor. FedAvg, Krum, norm clipping and momentum are such sums.
+
+use crate::combine::blocks::{Combination, Integer, Plan};
+use crate::combine::contributions::CombineError;
+use crate::combine::source::{Block, Rows, Source};
+use zk0_weights::rounding::Unit;
+
+/// Weights, times a number.
+#[derive(Clone, Copy)]
+pub struct Term<'a> {
+    /// The number, below 2^86 in magnitude.
+    pub coefficient: i128,
+    /// The weights.
+    pub weights: &'a dyn Source,
+}
+
+/// The sum of some weights, each times a number, divided by one number.
+pub struct Linear<'a> {
+    terms: Vec<Term<'a>>,
+    divisor: i128,
+}
+
+impl<'a> Linear<'a> {
+    /// The sum of `terms`, divided by `divisor`, which is positive and below 2^100.
+    ///
+    /// What all coefficients and the divisor have in common is taken out of them. This changes no result, and smaller integers are
+    /// faster: equal shares count 1 each instead of 10,000.
+    pub fn new(terms: impl IntoIterator<Item = Term<'a>>, divisor: i128) -> Self {
+        let terms = terms.into_iter().filter(|term| term.coefficient != 0);
+        let mut terms: Vec<_> = terms.collect();
+        let coefficients = terms.iter().map(|term| term.coefficient.unsigned_abs());
+        let common = coefficients.fold(divisor.unsigned_abs(), common_divisor) as i128;
+        for term in &mut terms {
+            term.coefficient /= common;
+        }
+        Self {
+            terms,
+            divisor: divisor / common,
+        }
+    }
+
+    /// The finest scale that a tensor has in any of the weights: at this scale all their values are integers.
+    fn finest(&self, tensor: usize) -> i16 {
+        let bits = self.terms.iter().map(|term| term.weights.bits(tensor));
+        bits.max().unwrap_or(0)
+    }
+}
+
+/// The greatest common divisor, by Euclid.
+fn common_divisor(mut one: u128, mut other: u128) -> u128 {
+    while other != 0 {
+        (one, other) = (other, one % other);
+    }
+    one
+}
+
+impl Term<'_> {
+    /// What a value of this tensor counts in integers with `bits` fraction bits.
+    fn factor(&self, tensor: usize, bits: i16) -> i128 {
+        self.coefficient << (bits - self.weights.bits(tensor)).max(0)
+    }
+}
+
+impl Combination for Linear<'_> {
+    fn plan(&self, tensor: usize) -> Plan {
+        let bits = self.finest(tensor);
+        let factors = self.terms.iter().map(|term| term.factor(tensor, bits));
+        let factors: u128 = factors.map(i128::unsigned_abs).sum();
+        Plan {
+            unit: Unit {
+                bits,
+                divisor: self.divisor,
+            },
+            bound: factors.saturating_mul(1 << 15),
+        }
+    }
+
+    fn combine<T: Integer>(
+        &self,
+        block: &Block,
+        numbers: &mut [T],
+        rows: &mut Rows,
+    ) -> Result<(), CombineError> {
+        let bits = self.finest(block.tensor);
+        for term in &self.terms {
+            let values = term.weights.read(block, rows.one())?;
+            T::add_products(numbers, term.factor(block.tensor, bits), values);
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,47 @@
+//! FedAvgM: federated averaging with momentum (Hsu et al., 2019, arXiv:1909.06335).
+//!
+//! With the base x of this round, the mean m of its updates, the server rate η and the momentum β, the method computes
+//! `v ← β·v + (m − x)` and `x ← x + η·v`. The last round's v is its movement divided by η, and both of its ends are on the ledger: it
+//! started from x′ and ended with x. So this round's result is
+//!
+//! `x + η·(m − x) + β·(x − x′)`
+//!
+//! and nobody has to keep a v. The ledger's rounding is part of the movement. There is no movement for the first round, and for a round
+//! whose base a vote restored (`State::earlier_base`). A round that kept its base has not moved. Where the result is too large for
+//! the scales of a network, a value becomes the largest one that there is.
+
+use crate::combine::contributions::{CombineError, Given};
+use crate::combine::fedavg::whole;
+use crate::combine::linear::{Linear, Term};
+use crate::combine::source::Source;
+use zk0_protocol::rules::basis_points::BPS;
+
+/// The result of a round that started from `base`. `earlier` is what the last round started from, if that counts.
+pub fn with_momentum<'a>(
+    given: &[Given<'a>],
+    base: &'a dyn Source,
+    earlier: Option<&'a dyn Source>,
+    server_rate_bps: u32,
+    momentum_bps: u32,
+) -> Result<Linear<'a>, CombineError> {
+    let whole = whole(given)?;
+    let [one, rate, momentum] = [BPS, server_rate_bps, momentum_bps].map(i128::from);
+    let mean = given.iter().map(|update| Term {
+        coefficient: rate * i128::from(update.weight),
+        weights: update.weights,
+    });
+    let (of_base, of_earlier) = match earlier {
+        Some(_) => (one - rate + momentum, -momentum),
+        None => (one - rate, 0),
+    };
+    let of_base = Term {
+        coefficient: whole * of_base,
+        weights: base,
+    };
+    let of_earlier = earlier.map(|weights| Term {
+        coefficient: whole * of_earlier,
+        weights,
+    });
+    let terms = mean.chain([of_base]).chain(of_earlier);
+    Ok(Linear::new(terms, whole * one))
+}

@@ -1,0 +1,102 @@
+//! Verified weights that are not kept in memory: a digest of each block, with which the file is recognised when it is read again.
+//!
+//! Between a contribution's verification and the end of its round its file lies on a disk. Nothing says that the disk gives back the
+//! bytes that were verified: a disk fails, and whoever can write to it can change a file. A wrong average would then be signed. So
+//! verification seals the numbers while it has them in memory: it takes the BLAKE3 digest of each block. When a combination reads a
+//! block, into memory of its own, it computes the digest of what it has read, and then sums the same bytes. It takes no number that was
+//! not verified, whatever happens to the file and whenever. That costs a third of an average's time. The file's SHA-256 would cost more
+//! than the average itself, and could be compared only after all of the file was summed.
+
+use crate::combine::contributions::CombineError;
+use crate::combine::source::{Block, Source};
+use std::fmt::Display;
+use zk0_circuits::{Digest, QuantisedWeights};
+use zk0_weights::Format;
+
+/// The scales of some weights, and the digests of their blocks.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Sealed {
+    scales: Vec<i16>,
+    /// For each tensor, the digests of its blocks.
+    digests: Vec<Vec<[u8; 32]>>,
+}
+
+impl Sealed {
+    /// Seals `weights`, which are of this format.
+    pub fn of(format: &Format, weights: &QuantisedWeights) -> Self {
+        let seal = |index| {
+            let (values, bits) = format.tensor(weights, index);
+            let blocks = Block::of(index, values.len());
+            let digests = blocks.map(|block| digest(&values[block.range()]));
+            (bits, digests.collect())
+        };
+        let (scales, digests) = (0..format.tensors().len()).map(seal).unzip();
+        Self { scales, digests }
+    }
+}
+
+fn digest(values: &[i16]) -> [u8; 32] {
+    blake3::hash(bytemuck::cast_slice(values)).into()
+}
+
+/// A file whose weights were sealed.
+pub struct SealedFile<'a, F> {
+    format: &'a Format,
+    sealed: &'a Sealed,
+    blob: Digest,
+    read_at: &'a F,
+}
+
+impl<'a, F, E> SealedFile<'a, F>
+where
+    F: Fn(&Digest, u64, &mut [u8]) -> Result<(), E> + Sync,
+    E: Display,
+{
+    /// The file `blob` of weights of this format. `read_at` fills a buffer with the bytes of a file from a place on.
+    pub fn new(format: &'a Format, sealed: &'a Sealed, blob: Digest, read_at: &'a F) -> Self {
+        Self {
+            format,
+            sealed,
+            blob,
+            read_at,
+        }
+    }
+}
+
+impl<F, E> Source for SealedFile<'_, F>
+where
+    F: Fn(&Digest, u64, &mut [u8]) -> Result<(), E> + Sync,
+    E: Display,
+{
+    fn fits(&self, format: &Format) -> bool {
+        self.format.spec() == format.spec()
+    }
+
+    fn bits(&self, tensor: usize) -> i16 {
+        self.sealed.scales[tensor]
+    }
+
+    fn read<'b>(
+        &'b self,
+        block: &Block,
+        buffer: &'b mut Vec<i16>,
+    ) -> Result<&'b [i16], CombineError> {
+        buffer.resize(block.len, 0);
+        let (start, _) = self.format.place(block.tensor);
+        let place = start + 2 * block.range().start as u64;
+        // Files and memory are both little-endian: zk0 runs on little-endian machines only.
+        (self.read_at)(&self.blob, place, bytemuck::cast_slice_mut(buffer)).map_err(|error| {
+            CombineError::Unreadable {
+                blob: self.blob,
+                error: error.to_string(),
+            }
+        })?;
+        match digest(buffer) == self.sealed.digests[block.tensor][block.number] {
+            true => Ok(buffer),
+            false => Err(CombineError::Changed {
+                blob: self.blob,
+                tensor: self.format.tensors()[block.tensor].name.clone(),
+            }),
+        }
+    }
+}

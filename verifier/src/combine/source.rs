@@ -1,0 +1,119 @@
+//! Where a combination reads weights, a block at a time.
+
+use crate::combine::contributions::CombineError;
+use std::ops::Range;
+use zk0_circuits::QuantisedWeights;
+use zk0_weights::Format;
+
+/// Values in a block. A block of each contribution has 128 KiB, so that it lies in a core's cache while it is summed.
+pub const BLOCK: usize = 1 << 16;
+
+/// A block of a tensor.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Block {
+    /// The tensor's number.
+    pub tensor: usize,
+    /// Which of the tensor's blocks, from 0.
+    pub number: usize,
+    /// How many values it has.
+    pub len: usize,
+}
+
+impl Block {
+    /// The blocks of a tensor with `len` values.
+    pub fn of(tensor: usize, len: usize) -> impl Iterator<Item = Self> {
+        (0..len.div_ceil(BLOCK)).map(move |number| Self {
+            tensor,
+            number,
+            len: BLOCK.min(len - number * BLOCK),
+        })
+    }
+
+    /// All blocks of the weights of a network.
+    pub fn all(format: &Format) -> Vec<Self> {
+        let tensors = format.tensors().iter().enumerate();
+        let blocks = tensors.flat_map(|(index, tensor)| Self::of(index, tensor.len()));
+        blocks.collect()
+    }
+
+    /// Its values among those of the tensor.
+    pub fn range(&self) -> Range<usize> {
+        let from = self.number * BLOCK;
+        from..from + self.len
+    }
+}
+
+/// Weights that are read a block at a time, by several threads.
+pub trait Source: Sync {
+    /// Whether these are weights of this format.
+    fn fits(&self, format: &Format) -> bool;
+
+    /// The fraction bits of tensor number `tensor`.
+    fn bits(&self, tensor: usize) -> i16;
+
+    /// The values of `block`. Where they are not in memory, they are read into `buffer`.
+    ///
+    /// # Errors
+    /// They cannot be read, or they are not those that were verified.
+    fn read<'b>(
+        &'b self,
+        block: &Block,
+        buffer: &'b mut Vec<i16>,
+    ) -> Result<&'b [i16], CombineError>;
+}
+
+/// Weights in memory.
+#[derive(Clone, Copy, Debug)]
+pub struct InMemory<'a> {
+    /// Their format.
+    pub format: &'a Format,
+    /// The weights.
+    pub weights: &'a QuantisedWeights,
+}
+
+impl Source for InMemory<'_> {
+    fn fits(&self, format: &Format) -> bool {
+        format.fits(self.weights)
+    }
+
+    fn bits(&self, tensor: usize) -> i16 {
+        self.format.tensor(self.weights, tensor).1
+    }
+
+    fn read<'b>(&'b self, block: &Block, _: &'b mut Vec<i16>) -> Result<&'b [i16], CombineError> {
+        let (tensor, _) = self.format.tensor(self.weights, block.tensor);
+        Ok(&tensor[block.range()])
+    }
+}
+
+/// Memory for what a thread reads: a block of some weights.
+#[derive(Debug, Default)]
+pub struct Rows {
+    buffers: Vec<Vec<i16>>,
+}
+
+impl Rows {
+    /// The memory for one block.
+    pub fn one(&mut self) -> &mut Vec<i16> {
+        if self.buffers.is_empty() {
+            self.buffers.push(Vec::new());
+        }
+        &mut self.buffers[0]
+    }
+
+    /// Reads `block` of each of these.
+    ///
+    /// # Errors
+    /// One of them cannot be read.
+    pub fn read<'b>(
+        &'b mut self,
+        weights: &'b [&dyn Source],
+        block: &Block,
+    ) -> Result<Vec<&'b [i16]>, CombineError> {
+        self.buffers.resize_with(weights.len(), Vec::new);
+        let pairs = weights.iter().zip(&mut self.buffers);
+        pairs
+            .map(|(weights, buffer)| weights.read(block, buffer))
+            .collect()
+    }
+}
