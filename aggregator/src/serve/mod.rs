@@ -2,6 +2,8 @@
 
 pub mod beacon_fetching;
 mod grpc;
+mod health;
+pub mod limits;
 mod node_turns;
 mod recorder;
 pub mod requests;
