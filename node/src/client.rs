@@ -439,7 +439,7 @@ impl Node {
 }
 
 /// Whether the aggregator did not answer, or the connection to it was lost. What an aggregator answers has no source.
-fn is_lost(status: &Status) -> bool {
+pub(crate) fn is_lost(status: &Status) -> bool {
     let broken = matches!(
         status.code(),
         Code::Unknown | Code::Internal | Code::Cancelled

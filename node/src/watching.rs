@@ -1,8 +1,8 @@
 //! Following a round: the aggregator tells the node when a round has come further, and the node asks again when the connection is lost.
 
-use crate::client::{Node, APART, ATTEMPTS};
+use crate::client::{is_lost, Node, APART, ATTEMPTS};
 use crate::client_error::NodeError;
-use tonic::{Code, Status, Streaming};
+use tonic::Streaming;
 use zk0_protocol::rpc::federation as rpc;
 
 /// A round that the node follows, or whichever is the last one.
@@ -62,16 +62,4 @@ impl Node {
             tokio::time::sleep(APART).await;
         }
     }
-}
-
-/// Whether the connection is lost, so that asking again may help. Otherwise the aggregator has answered.
-fn is_lost(status: &Status) -> bool {
-    matches!(
-        status.code(),
-        Code::Unavailable
-            | Code::Unknown
-            | Code::Cancelled
-            | Code::Internal
-            | Code::DeadlineExceeded
-    )
 }
