@@ -1,11 +1,16 @@
-//! Generates the gRPC code of the federation, with the feature `rpc`.
+//! Generates the gRPC code of the federation and of health checks, with the feature `rpc`.
 
 fn main() -> std::io::Result<()> {
     #[cfg(feature = "rpc")]
     {
-        println!("cargo::rerun-if-changed=../proto/federation.proto");
+        let protos = ["../proto/federation.proto", "../proto/health.proto"];
+        for proto in protos {
+            println!("cargo::rerun-if-changed={proto}");
+        }
+        let out = std::env::var("OUT_DIR").map_err(std::io::Error::other)?;
         tonic_prost_build::configure()
-            .compile_protos(&["../proto/federation.proto"], &["../proto"])?;
+            .file_descriptor_set_path(std::path::Path::new(&out).join("services.bin"))
+            .compile_protos(&protos, &["../proto"])?;
     }
     Ok(())
 }

@@ -23,4 +23,5 @@ pub mod tls;
 pub use crate::connections::limits::ConnectionLimits;
 pub use crate::round::aggregator::{Aggregator, Config, Progress};
 pub use crate::round::clock::{Clock, SystemClock};
-pub use crate::serve::service::{Limits, Service};
+pub use crate::serve::limits::Limits;
+pub use crate::serve::service::Service;

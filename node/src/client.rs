@@ -5,9 +5,10 @@ use crate::aggregator_address::AggregatorAddress;
 use crate::client_error::NodeError;
 use ed25519_dalek::SigningKey;
 use sha2::{Digest as _, Sha256};
+use std::error::Error as _;
 use std::io::Write;
 use std::time::Duration;
-use tonic::{transport, Code};
+use tonic::{transport, Code, Status};
 use zk0_circuits::{Claim, Digest, NodeId, WeightsDigest};
 use zk0_protocol::challenge::closing;
 use zk0_protocol::entries::entry::{Body, Entry, RoundClosed, RoundOpened};
@@ -43,7 +44,7 @@ macro_rules! patiently {
         let mut attempt = 1;
         loop {
             match $self.client.$method($request.clone()).await {
-                Err(status) if status.code() == Code::Unavailable && attempt < ATTEMPTS => {
+                Err(status) if is_lost(&status) && attempt < ATTEMPTS => {
                     if attempt == 1 {
                         tracing::warn!(
                             "the aggregator does not answer; the node asks again every two seconds"
@@ -180,13 +181,10 @@ impl Node {
         limit: u64,
         out: &mut (impl Write + Send),
     ) -> Result<(), NodeError> {
-        let mut chunks = self
-            .client
-            .download(rpc::DownloadRequest {
-                blob: blob.0.to_vec(),
-            })
-            .await?
-            .into_inner();
+        let request = rpc::DownloadRequest {
+            blob: blob.0.to_vec(),
+        };
+        let mut chunks = patiently!(self.client.download(request))?.into_inner();
         let (mut hash, mut left) = (Sha256::new(), limit);
         while let Some(chunk) = chunks.message().await? {
             left = left
@@ -293,16 +291,28 @@ impl Node {
             blob: Digest(Sha256::digest(update).into()),
             size: update.len() as u64,
         };
-        let first = Part::Request(encode(&Signed::new(request, &self.key)));
-        let rest = update
-            .chunks(CHUNK_BYTES)
-            .map(|chunk| Part::Data(chunk.to_vec()));
-        let parts: Vec<_> = std::iter::once(first)
-            .chain(rest)
-            .map(|part| rpc::UploadChunk { part: Some(part) })
-            .collect();
-        self.client.upload(tokio_stream::iter(parts)).await?;
-        Ok(())
+        let signed = encode(&Signed::new(request, &self.key));
+        let mut attempt = 1;
+        loop {
+            let first = Part::Request(signed.clone());
+            let rest = update.chunks(CHUNK_BYTES);
+            let rest = rest.map(|chunk| Part::Data(chunk.to_vec()));
+            let parts: Vec<_> = std::iter::once(first)
+                .chain(rest)
+                .map(|part| rpc::UploadChunk { part: Some(part) })
+                .collect();
+            match self.client.upload(tokio_stream::iter(parts)).await {
+                Err(status) if is_lost(&status) && attempt < ATTEMPTS => {
+                    tracing::warn!(
+                        "the upload was interrupted ({status}); the node begins it again"
+                    );
+                    attempt += 1;
+                    tokio::time::sleep(APART).await;
+                }
+                Err(status) => return Err(status.into()),
+                Ok(_) => return Ok(()),
+            }
+        }
     }
 
     /// Commits to an uploaded update that is to be evaluated on `eval_samples` samples. Returns the digest of the commitment, from which
@@ -428,6 +438,15 @@ impl Node {
         let (checkpoint, entry) = receipt.verify(&self.genesis.log_key, self.genesis.origin())?;
         Ok((receipt, checkpoint, entry))
     }
+}
+
+/// Whether the aggregator did not answer, or the connection to it was lost. What an aggregator answers has no source.
+fn is_lost(status: &Status) -> bool {
+    let broken = matches!(
+        status.code(),
+        Code::Unknown | Code::Internal | Code::Cancelled
+    );
+    status.code() == Code::Unavailable || (broken && status.source().is_some())
 }
 
 fn program(bytes: &[u8]) -> Result<Program, NodeError> {

@@ -42,3 +42,14 @@ impl ConnectionLimits {
         self.most - self.most.div_ceil(8).min(self.most)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use zk0_protocol::rules::apply::MAX_COMMITS;
+
+    #[test]
+    fn every_node_of_the_largest_round_keeps_its_places() {
+        assert!(MAX_COMMITS * PLACES_PER_NODE <= ConnectionLimits::default().most_of_nodes());
+    }
+}

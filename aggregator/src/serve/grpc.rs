@@ -1,23 +1,23 @@
-//! HTTP/2 for the gRPC service, under limits.
+//! HTTP/2 for the gRPC service, under limits. The server also answers whether it is in order, and which services it has (gRPC's health checks
+//! and reflection).
 
 use crate::connections::message_memory::MessageMemory;
 use crate::connections::requests::Requests;
 use crate::connections::serving::Serving;
-use crate::serve::service::{Limits, CONCURRENT};
+use crate::serve::health::InOrder;
+use crate::serve::limits::{Limits, CONCURRENT};
 use crate::tls::server_certificate::ServerCertificate;
 use axum::middleware::from_fn;
 use hyper_util::rt::{TokioExecutor, TokioTimer};
 use hyper_util::server::conn::auto::Builder;
-use std::convert::Infallible;
 use std::future::Future;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::net::TcpListener;
-use tonic::body::Body;
-use tonic::codegen::http::{Request, Response};
-use tonic::codegen::Service;
-use tonic::server::NamedService;
 use tonic::service::Routes;
+use tonic_reflection::server as reflection;
+use zk0_protocol::rpc::health::health_server::HealthServer;
+use zk0_protocol::rpc::SERVICES;
 
 /// How often the server asks a connection whether anybody is still there, and how long it waits for an answer.
 const KEEPALIVE: Duration = Duration::from_secs(60);
@@ -41,17 +41,13 @@ pub(super) struct Grpc {
 }
 
 impl Grpc {
-    /// Serves on `listener` until `stop` is ready and the open requests are answered, or have had their time.
-    pub async fn serve<S>(self, listener: TcpListener, service: S, stop: impl Future<Output = ()>)
-    where
-        S: Service<Request<Body>, Response = Response<Body>, Error = Infallible>
-            + NamedService
-            + Clone
-            + Send
-            + Sync
-            + 'static,
-        S::Future: Send + 'static,
-    {
+    /// Serves `routes` on `listener` until `stop` is ready and the open requests are answered, or have had their time.
+    pub async fn serve(
+        self,
+        listener: TcpListener,
+        routes: Routes,
+        stop: impl Future<Output = ()>,
+    ) {
         let mut protocol = Builder::new(TokioExecutor::new()).http2_only();
         protocol
             .http2()
@@ -70,7 +66,14 @@ impl Grpc {
         } = self.limits;
         let memory = MessageMemory::new(message_memory, self.largest_message);
         let requests = Requests::new(&connections, CONCURRENT, memory, message);
-        let router = Routes::new(service).prepare().into_axum_router();
+        let mut routes = routes.add_service(HealthServer::new(InOrder));
+        let reflection =
+            reflection::Builder::configure().register_encoded_file_descriptor_set(SERVICES);
+        match reflection.build_v1() {
+            Ok(reflection) => routes = routes.add_service(reflection),
+            Err(error) => tracing::error!("the server cannot say what its services are: {error}"),
+        }
+        let router = routes.prepare().into_axum_router();
         let serving = Serving {
             limits: connections,
             protocol,

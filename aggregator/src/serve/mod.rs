@@ -2,6 +2,8 @@
 
 pub mod beacon_fetching;
 mod grpc;
+mod health;
+pub mod limits;
 pub mod requests;
 pub mod service;
 mod signed_by;

@@ -8,19 +8,19 @@
 //! | how long a peer may be silent in the middle of a stream | [`Limits::silence`] |
 //! | how long an upload may take in all | [`Limits::upload`] |
 //! | how long a message may take | [`Limits::message`] |
-//! | connections, and requests at once on each | [`Limits::connections`], [`CONCURRENT`] |
+//! | connections, and requests at once on each | [`Limits::connections`], [`crate::serve::limits::CONCURRENT`] |
 //! | memory for messages over 32 KiB | [`Limits::message_memory`] |
 //!
 //! [`crate::serve::grpc`] puts the limits of connections and messages into force. [`crate::serve::requests`] answers the requests. This file serves them, opens and closes the rounds in time, and has checkpoints
 //! cosigned and published.
 
-use crate::connections::limits::ConnectionLimits;
 use crate::publish::beacon::BeaconServers;
 use crate::publish::cosigning::{Cosigned, Prove, Witnesses};
 use crate::round::aggregator::{Aggregator, Progress};
 use crate::round::drawing::ToCosign;
 use crate::round::request::RequestError;
 use crate::serve::grpc::Grpc;
+use crate::serve::limits::Limits;
 use crate::serve::signed_by::Entries;
 use crate::serve::upload_places::UploadPlaces;
 use crate::tls::server_certificate::ServerCertificate;
@@ -31,39 +31,10 @@ use tokio::net::TcpListener;
 use tokio::sync::{watch, Notify};
 use tokio::task::spawn_blocking;
 use tokio::time::{sleep, timeout};
+use tonic::service::Routes;
 use zk0_ledger::error::LedgerError;
 use zk0_ledger::folder;
 use zk0_protocol::rpc::federation::federation_server::FederationServer;
-
-/// How many requests of one connection may be in progress.
-pub const CONCURRENT: usize = 4;
-
-/// What a service puts up with.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Limits {
-    /// Connections at once, and how long they may be silent.
-    pub connections: ConnectionLimits,
-    /// How long a peer may be silent in the middle of a stream.
-    pub silence: Duration,
-    /// How long an upload may take in all.
-    pub upload: Duration,
-    /// How long one message may take.
-    pub message: Duration,
-    /// Bytes of large messages that are received or answered at once. One half is for nodes, the other for strangers.
-    pub message_memory: u64,
-}
-
-impl Default for Limits {
-    fn default() -> Self {
-        Self {
-            connections: ConnectionLimits::default(),
-            silence: Duration::from_secs(30),
-            upload: Duration::from_secs(600),
-            message: Duration::from_secs(60),
-            message_memory: 512 << 20,
-        }
-    }
-}
 
 /// The limit of one message is never smaller. The largest list of drawn frames takes 164 kB.
 const MIN_MESSAGE_BYTES: u64 = 4 << 20;
@@ -188,7 +159,7 @@ impl Service {
             largest_message: limit,
             certificate: self.certificate.clone(),
         };
-        grpc.serve(listener, federation, stop).await;
+        grpc.serve(listener, Routes::new(federation), stop).await;
         match failed {
             Some(error) => Err(ServeError::Round(error)),
             None => Ok(()),

@@ -1,9 +1,11 @@
-//! Connections cannot be exhausted: silent, slow and greedy ones make room, and a node keeps its place.
+//! The servers on the network. Connections cannot be exhausted: silent, slow and greedy ones make room, and a node keeps its place.
 
 #[path = "../harness/mod.rs"]
 mod harness;
 
+mod asked;
 mod draining;
+mod encrypted_log;
 mod evicting;
 mod idle;
 mod memory;

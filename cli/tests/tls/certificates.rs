@@ -3,6 +3,7 @@
 use crate::encrypted::{Certificates, Encrypted};
 use rcgen::date_time_ymd;
 use std::fs;
+use std::path::Path;
 use std::time::{Duration, Instant};
 use tokio::io::AsyncReadExt;
 use tokio::net::TcpStream;
@@ -94,7 +95,7 @@ async fn a_file_of_authorities_has_to_hold_some() {
 #[test]
 fn a_certificate_and_a_key_have_to_belong_together() {
     let (certificates, other) = (Certificates::new(), Certificates::new());
-    let load = |certificate, key| {
+    let load = |certificate: &Path, key: &Path| {
         let error = ServerCertificate::load(certificate, key).unwrap_err();
         error.to_string()
     };

@@ -22,6 +22,7 @@ pub struct Encrypted {
     network: Digest,
     /// Host and port.
     pub address: String,
+    service: Service,
     running: JoinHandle<()>,
 }
 
@@ -55,18 +56,32 @@ impl Encrypted {
         if let Some(certificate) = certificate {
             service = service.encrypted(certificate);
         }
+        let running = service.clone();
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
         let address = listener.local_addr().unwrap().to_string();
         let running = tokio::spawn(async move {
-            let served = service.serve(listener, std::future::pending()).await;
+            let served = running.serve(listener, std::future::pending()).await;
             served.unwrap();
         });
         Self {
             local,
             network,
             address,
+            service,
             running,
         }
+    }
+
+    /// Lets the aggregator answer nobody for so long.
+    pub fn busy_for(&self, time: Duration) -> JoinHandle<()> {
+        let service = self.service.clone();
+        tokio::spawn(async move {
+            let work = move |_: &mut Aggregator| {
+                std::thread::sleep(time);
+                Ok(())
+            };
+            service.with(work).await.unwrap();
+        })
     }
 
     /// Connects to the aggregator by `scheme` as a node that believes the authorities in `ca`.

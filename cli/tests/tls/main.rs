@@ -1,4 +1,5 @@
-//! The network is encrypted, and nobody is believed who does not show the right certificate.
+//! Connections between nodes and an aggregator: they are encrypted, nobody is believed who does not show the right certificate, and a node
+//! connects again when its connection is lost.
 
 #[path = "../harness/mod.rs"]
 mod harness;
@@ -6,4 +7,5 @@ mod harness;
 mod binary;
 mod certificates;
 mod encrypted;
+mod lost_connection;
 mod renewal;

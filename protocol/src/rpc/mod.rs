@@ -1,4 +1,4 @@
-//! The gRPC messages of `proto/federation.proto`, generated once for clients and servers, and their conversions.
+//! The gRPC messages of `proto/federation.proto` and `proto/health.proto`, generated once for clients and servers, and their conversions.
 
 pub mod conversions;
 
@@ -7,3 +7,12 @@ pub mod conversions;
 pub mod federation {
     tonic::include_proto!("zk0.v1");
 }
+
+/// The generated messages of health checks.
+#[allow(missing_docs, clippy::all)]
+pub mod health {
+    tonic::include_proto!("grpc.health.v1");
+}
+
+/// What both services consist of, encoded, for clients that ask the server for it.
+pub const SERVICES: &[u8] = tonic::include_file_descriptor_set!("services");

@@ -1,0 +1,34 @@
+//! What the gRPC service puts up with.
+
+use crate::connections::limits::ConnectionLimits;
+use std::time::Duration;
+
+/// How many requests of one connection may be in progress.
+pub const CONCURRENT: usize = 4;
+
+/// What a service puts up with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Limits {
+    /// Connections at once, and how long they may be silent.
+    pub connections: ConnectionLimits,
+    /// How long a peer may be silent in the middle of a stream.
+    pub silence: Duration,
+    /// How long an upload may take in all.
+    pub upload: Duration,
+    /// How long one message may take.
+    pub message: Duration,
+    /// Bytes of large messages that are received or answered at once. One half is for nodes, the other for strangers.
+    pub message_memory: u64,
+}
+
+impl Default for Limits {
+    fn default() -> Self {
+        Self {
+            connections: ConnectionLimits::default(),
+            silence: Duration::from_secs(30),
+            upload: Duration::from_secs(600),
+            message: Duration::from_secs(60),
+            message_memory: 512 << 20,
+        }
+    }
+}
