@@ -1,7 +1,9 @@
 //! A node's connection to an aggregator. The node believes nothing that the aggregator says: it knows the network by its id, and it demands
 //! a receipt for whatever is recorded.
 
-use crate::aggregator_address::AggregatorAddress;
+pub mod address;
+
+use crate::client::address::AggregatorAddress;
 use crate::client_error::NodeError;
 use ed25519_dalek::SigningKey;
 use sha2::{Digest as _, Sha256};
