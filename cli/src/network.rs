@@ -8,7 +8,7 @@ use ed25519_dalek::SigningKey;
 use std::fs;
 use std::path::PathBuf;
 use zk0_circuits::Digest;
-use zk0_node::aggregator_address::AggregatorAddress;
+use zk0_node::client::address::AggregatorAddress;
 use zk0_node::client::Node;
 use zk0_node::participant::Participant;
 

@@ -2,9 +2,9 @@
 //! says: it has receipts for the closing of the commitments and for the randomness, and verifies that the randomness comes from the
 //! source that the rules name.
 
+use crate::client::watching::Watch;
 use crate::client::{unexpected, Node};
 use crate::client_error::NodeError;
-use crate::watching::Watch;
 use std::time::{SystemTime, UNIX_EPOCH};
 use zk0_circuits::claim::challenge::challenge;
 use zk0_circuits::Digest;

@@ -1,9 +1,12 @@
 //! A node's connection to an aggregator. The node believes nothing that the aggregator says: it knows the network by its id, and it demands
 //! a receipt for whatever is recorded.
 
-use crate::aggregator_address::AggregatorAddress;
+pub mod address;
+pub(crate) mod watching;
+
+use crate::client::address::AggregatorAddress;
+use crate::client::watching::Watch;
 use crate::client_error::NodeError;
-use crate::watching::Watch;
 use ed25519_dalek::SigningKey;
 use sha2::{Digest as _, Sha256};
 use std::error::Error as _;

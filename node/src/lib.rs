@@ -6,13 +6,13 @@
 //! - [`recording`]: the node's data, and the evaluation set that it commits to; [`samples`]: frames of recordings as samples, through the prefix cache;
 //!   [`progress`]: how long work reports how far it is.
 //! - [`exchanged_weights`]: between the float32 weights that a node trains and the int16 weights that travel.
-//! - [`client`]: the connection to the aggregator; [`aggregator_address`]: where it is, and whose certificates count; [`challenge`]: waits for the randomness and derives the challenge;
-//!   `watching`: is told when a round has come further; [`client_error`]: why it fails; [`governance`]: proposals, votes, disputes and new
+//! - [`client`]: the connection to the aggregator; [`client::address`]: where it is, and whose certificates count; `client::watching`: the node is
+//!   told when a round has come further; [`challenge`]: waits for the randomness and derives the challenge;
+//!   [`client_error`]: why it fails; [`governance`]: proposals, votes, disputes and new
 //!   keys.
 //! - [`state_files`]: the files that a node keeps; among them [`turn::unfinished`] (what an interrupted node goes on with), [`base_losses`] (the losses that its learning rate follows),
 //!   [`training_history`] and [`receipts`].
 
-pub mod aggregator_address;
 pub mod base_losses;
 pub mod challenge;
 pub mod client;
@@ -28,4 +28,3 @@ pub mod samples;
 pub mod state_files;
 pub mod training_history;
 pub mod turn;
-mod watching;

@@ -9,7 +9,6 @@ use crate::round::recording::{
 use crate::round::request::RequestError;
 use crate::serve::service::{blocking, Service};
 use crate::serve::signed_by::signed_by;
-use std::future::Future;
 use std::pin::Pin;
 use std::sync::Arc;
 use std::time::Duration;
@@ -73,7 +72,7 @@ impl Federation for Service {
     async fn record(&self, request: Request<RecordRequest>) -> Result<Response<Receipt>, Status> {
         let arrival = self.arrivals.stamp();
         let (service, body) = (self.clone(), request.into_inner().body);
-        to_its_end(async move {
+        let answer = async move {
             let said = Arc::new(Said::read(&body)?);
             let begin = || {
                 let (said, arrived_ms) = (said.clone(), arrival.at_ms());
@@ -92,14 +91,14 @@ impl Federation for Service {
                 recorded => recorded?,
             };
             service.answered(arrival, receipt).await
-        })
-        .await
+        };
+        answer.await.map_err(Status::from)
     }
 
     async fn enrol(&self, request: Request<EnrolRequest>) -> Result<Response<Receipt>, Status> {
         let arrival = self.arrivals.stamp();
         let (service, enrolment) = (self.clone(), request.into_inner().enrolment);
-        to_its_end(async move {
+        let answer = async move {
             let signed: Signed<Enrolment> =
                 blocking(move || read_signed("enrolment", &enrolment)).await?;
             let Enrolment { node, operator, .. } = signed.statement;
@@ -112,8 +111,8 @@ impl Federation for Service {
             let receipt = service.recorded(&arrival, begun, Ok).await?;
             tracing::info!(%node, name, "node enrolled");
             service.answered(arrival, receipt).await
-        })
-        .await
+        };
+        answer.await.map_err(Status::from)
     }
 
     async fn get_governance(
@@ -165,7 +164,7 @@ impl Federation for Service {
     ) -> Result<Response<Receipt>, Status> {
         let arrival = self.arrivals.stamp();
         let (service, request) = (self.clone(), request.into_inner());
-        to_its_end(async move {
+        let answer = async move {
             let RegisterDatasetRequest {
                 registration,
                 leaves,
@@ -182,8 +181,8 @@ impl Federation for Service {
             let receipt = service.recorded(&arrival, begun, keep).await?;
             tracing::info!(%node, samples, "dataset registered");
             service.answered(arrival, receipt).await
-        })
-        .await
+        };
+        answer.await.map_err(Status::from)
     }
 
     async fn upload(
@@ -199,7 +198,7 @@ impl Federation for Service {
     async fn commit(&self, request: Request<CommitRequest>) -> Result<Response<Receipt>, Status> {
         let arrival = self.arrivals.stamp();
         let (service, commitment) = (self.clone(), request.into_inner().commitment);
-        to_its_end(async move {
+        let answer = async move {
             let signed: Signed<UpdateCommitment> =
                 blocking(move || read_signed("commitment", &commitment)).await?;
             let UpdateCommitment {
@@ -218,8 +217,8 @@ impl Federation for Service {
                 .await?;
             tracing::info!(%node, round, update = %update.blob, "update committed");
             service.answered(arrival, receipt).await
-        })
-        .await
+        };
+        answer.await.map_err(Status::from)
     }
 
     async fn submit(
@@ -229,7 +228,7 @@ impl Federation for Service {
         let arrival = self.arrivals.stamp();
         let SubmitRequest { submission, proof } = request.into_inner();
         let service = self.clone();
-        to_its_end(async move {
+        let answer = async move {
             let decided = service.submitted(arrival, submission, proof).await?;
             let reason = decided.rejected.as_ref().map(Refusal::to_string);
             let author = service.entries.author(&decided.receipt);
@@ -239,8 +238,8 @@ impl Federation for Service {
                 receipt: Some(decided.receipt.into()),
             };
             Ok(signed_by(author, reply))
-        })
-        .await
+        };
+        answer.await.map_err(Status::from)
     }
 }
 
@@ -327,16 +326,6 @@ impl Service {
             Some(UploadChunk { part: Some(part) }) => Ok(Some(part)),
             Some(UploadChunk { part: None }) => Err(malformed("a message of the upload is empty")),
         }
-    }
-}
-
-/// Does `work` to its end, even if whoever asked for it goes away.
-async fn to_its_end<T: Send + 'static>(
-    work: impl Future<Output = Result<Response<T>, RequestError>> + Send + 'static,
-) -> Result<Response<T>, Status> {
-    match tokio::spawn(work).await {
-        Ok(done) => Ok(done?),
-        Err(error) => Err(RequestError::Internal(error.to_string()).into()),
     }
 }
 

@@ -12,7 +12,7 @@ use zk0_aggregator::tls::local_authority::{LocalAuthority, CA, CERTIFICATE, KEY}
 use zk0_aggregator::tls::server_certificate::ServerCertificate;
 use zk0_aggregator::{Aggregator, Config, ConnectionLimits, Limits, Service, SystemClock};
 use zk0_circuits::Digest;
-use zk0_node::aggregator_address::AggregatorAddress;
+use zk0_node::client::address::AggregatorAddress;
 use zk0_node::client::Node;
 use zk0_node::client_error::NodeError;
 
