@@ -7,7 +7,8 @@ use std::time::Duration;
 pub struct ConnectionLimits {
     /// Connections at once.
     pub most: usize,
-    /// Connections at once from one address: one IPv4 address, or one IPv6 network of 64 bits.
+    /// Connections at once from one address: one IPv4 address, or one IPv6 network of 64 bits. This machine itself (127.0.0.1 and ::1) has no
+    /// such limit.
     pub per_address: usize,
     /// How long the TLS handshake and the first bytes of HTTP may take together.
     pub handshake: Duration,

@@ -4,7 +4,7 @@
 //! |---|---|
 //! | anybody's, of at most [`SMALL_BYTES`] | nowhere: the number of requests in progress bounds them |
 //! | a node's | the half for nodes |
-//! | a stranger's | the half for strangers, one message at a time for each address |
+//! | a stranger's | the half for strangers, one message at a time for each address but this machine's own |
 
 use crate::connections::caller::Caller;
 use std::sync::Arc;

@@ -3,7 +3,7 @@
 
 use crate::connections::limits::{ConnectionLimits, PLACES_PER_NODE};
 use std::collections::BTreeMap;
-use std::net::{IpAddr, Ipv6Addr};
+use std::net::{IpAddr, Ipv4Addr, Ipv6Addr};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tokio::sync::{Notify, Semaphore};
 use tokio::time::Instant;
@@ -70,8 +70,8 @@ impl Places {
         let mut held = self.held();
         let neighbours = held.places.values().filter(|place| place.from == from);
         let large = neighbours.clone().next().map(|place| place.large.clone());
-        let most = self.limits.per_address;
-        if neighbours.count() >= most && !held.evict(|place| place.from == from) {
+        let (most, here) = (self.limits.per_address, is_here(address));
+        if !here && neighbours.count() >= most && !held.evict(|place| place.from == from) {
             return Err(NoPlace::OfAddress { address, most });
         }
         let most = self.limits.most;
@@ -84,7 +84,10 @@ impl Places {
             requests: 0,
             active: Instant::now(),
             evicted: Arc::new(Notify::new()),
-            large: large.unwrap_or_else(|| Arc::new(Semaphore::new(1))),
+            large: large.unwrap_or_else(|| {
+                let at_once = if here { Semaphore::MAX_PERMITS } else { 1 };
+                Arc::new(Semaphore::new(at_once))
+            }),
         };
         let number = held.next;
         held.next += 1;
@@ -208,6 +211,12 @@ fn counted(address: IpAddr) -> IpAddr {
     }
 }
 
+/// Whether a connection comes from this machine itself. It may be a proxy, behind which everybody comes from this one address.
+fn is_here(address: IpAddr) -> bool {
+    let address = address.to_canonical();
+    address == Ipv4Addr::LOCALHOST || address == Ipv6Addr::LOCALHOST
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -310,6 +319,16 @@ mod tests {
         assert_eq!(refused, Some(NoPlace::OfAddress { address, most: 2 }));
         drop(third);
         assert!(places.enter(from(1)).is_ok());
+    }
+
+    #[tokio::test]
+    async fn this_machine_may_have_any_number_of_connections() {
+        let places = places(16, 2);
+        for here in ["127.0.0.1", "::1"] {
+            let address = here.parse().unwrap();
+            let seats: Vec<_> = (0..5).map(|_| places.enter(address).unwrap()).collect();
+            assert!(seats.iter().all(is_in), "{here}");
+        }
     }
 
     #[test]

@@ -113,7 +113,8 @@ impl Serving {
                 encrypted = timeout_at(handshake, tls.accept(stream)) => match encrypted {
                     Ok(Ok(encrypted)) => CountedStream::new(Box::new(encrypted)),
                     // It is no event when a client goes away, takes too long, or does not speak TLS.
-                    _ => return,
+                    Ok(Err(error)) => return tracing::debug!("a TLS handshake failed: {error}"),
+                    Err(_) => return,
                 },
                 () = told(&mut stopped) => return,
             },

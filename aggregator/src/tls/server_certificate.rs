@@ -11,7 +11,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, PoisonError, RwLock};
 use std::time::Duration;
-use tokio::io::AsyncWriteExt;
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::TcpStream;
 use tokio::task::spawn_blocking;
 use tokio::time::sleep;
@@ -146,6 +146,8 @@ impl Acceptor {
     pub(crate) async fn accept(&self, mut stream: TcpStream) -> io::Result<TlsStream<TcpStream>> {
         let mut first = [0];
         if stream.peek(&mut first).await? == 1 && first != [HANDSHAKE] {
+            // What has come is taken, because the system discards an answer if something unread is left at the end.
+            let _ = stream.read(&mut [0; 4096]).await?;
             stream.write_all(NOT_TLS).await?;
             stream.shutdown().await?;
             return Err(io::Error::other("the client does not speak TLS"));

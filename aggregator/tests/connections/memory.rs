@@ -3,13 +3,16 @@
 use crate::relay::Counted;
 use crate::sockets::from;
 use crate::{network, registration, Test};
+use std::net::IpAddr;
 use std::time::{Duration, Instant};
 use tokio::io::AsyncWriteExt;
 use tokio::net::TcpStream;
 use tokio::time::sleep;
+use tonic::transport::Endpoint;
 use tonic::Code;
 use zk0_aggregator::{Aggregator, Limits};
 use zk0_protocol::rpc::federation as proto;
+use zk0_protocol::rpc::federation::federation_client::FederationClient;
 
 /// Begins a request on `stream` with a message of 4 MiB, of which nothing more comes. The headers are in HPACK's literal form.
 async fn begin_large_message(stream: &mut TcpStream) {
@@ -44,7 +47,7 @@ async fn begin_large_message(stream: &mut TcpStream) {
 /// A large message that the aggregator refuses after it has read it.
 fn large() -> proto::CommitRequest {
     proto::CommitRequest {
-        commitment: vec![0; 1 << 20],
+        commitment: vec![0; 3 << 20],
     }
 }
 
@@ -103,5 +106,31 @@ async fn who_waits_for_memory_for_too_long_is_told_to_come_again() -> Test {
     let status = waiting.await?.unwrap_err();
     assert_eq!(status.code(), Code::InvalidArgument, "{status}");
     busy.await??;
+    Ok(())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn an_address_sends_one_large_message_at_a_time() -> Test {
+    let (network, _) = network(Limits {
+        message: Duration::from_millis(1500),
+        ..Limits::default()
+    })
+    .await;
+    let begun = Instant::now();
+    let mut slow = from([1, 1], &network.address).await;
+    begin_large_message(&mut slow).await;
+    sleep(Duration::from_millis(200)).await;
+    let mut took = Vec::new();
+    for host in [2, 1] {
+        let endpoint = Endpoint::try_from(network.address.clone())?;
+        let local = IpAddr::from([127, 0, 1, host]);
+        let channel = endpoint.local_address(Some(local)).connect().await?;
+        let mut client = FederationClient::new(channel);
+        let refused = client.commit(large()).await.unwrap_err();
+        assert_eq!(refused.code(), Code::InvalidArgument, "{refused}");
+        took.push(begun.elapsed());
+    }
+    let first = Duration::from_millis(1000);
+    assert!(took[0] < first && took[1] > first, "{took:?}");
     Ok(())
 }

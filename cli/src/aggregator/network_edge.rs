@@ -22,8 +22,8 @@ pub struct NetworkEdge {
     /// Have at most this many connections. An eighth of them is always open to those who have not shown yet that they are a node.
     #[arg(long, value_name = "N", default_value_t = ConnectionLimits::default().most as u32, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     max_connections: u32,
-    /// Have at most this many connections from one IPv4 address or one IPv6 network of 64 bits. Behind a proxy, all connections come from
-    /// the proxy's address.
+    /// Have at most this many connections from one IPv4 address or one IPv6 network of 64 bits. Behind a proxy on another machine, all
+    /// connections come from the proxy's address. From this machine (127.0.0.1 and ::1) there may be any number.
     #[arg(long, value_name = "N", default_value_t = ConnectionLimits::default().per_address as u32, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     max_connections_per_address: u32,
     /// Close the connection of a node that has made no request for so long.
