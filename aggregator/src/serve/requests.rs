@@ -71,48 +71,40 @@ impl Federation for Service {
 
     async fn record(&self, request: Request<RecordRequest>) -> Result<Response<Receipt>, Status> {
         let arrival = self.arrivals.stamp();
-        let (service, body) = (self.clone(), request.into_inner().body);
-        let answer = async move {
-            let said = Arc::new(Said::read(&body)?);
-            let begin = || {
-                let (said, arrived_ms) = (said.clone(), arrival.at_ms());
-                service.with(move |aggregator| aggregator.begin_saying(&said, arrived_ms))
-            };
-            let begun = begin().await?;
-            let recorded = service
-                .recorded(&arrival, begun, AllowedSaying::check)
-                .await;
-            // If it came twice at once, the second one gets the receipt of the first one.
-            let receipt = match recorded {
-                Err(refused) => match begin().await {
-                    Ok(Begun::Recorded(receipt)) => receipt,
-                    _ => return Err(refused),
-                },
-                recorded => recorded?,
-            };
-            service.answered(arrival, receipt).await
+        let body = request.into_inner().body;
+        let said = Arc::new(Said::read(&body)?);
+        let begin = || {
+            let (said, arrived_ms) = (said.clone(), arrival.at_ms());
+            self.with(move |aggregator| aggregator.begin_saying(&said, arrived_ms))
         };
-        answer.await.map_err(Status::from)
+        let begun = begin().await?;
+        let recorded = self.recorded(&arrival, begun, AllowedSaying::check).await;
+        // If it came twice at once, the second one gets the receipt of the first one.
+        let receipt = match recorded {
+            Err(refused) => match begin().await {
+                Ok(Begun::Recorded(receipt)) => receipt,
+                _ => return Err(refused.into()),
+            },
+            recorded => recorded?,
+        };
+        Ok(self.answered(arrival, receipt).await?)
     }
 
     async fn enrol(&self, request: Request<EnrolRequest>) -> Result<Response<Receipt>, Status> {
         let arrival = self.arrivals.stamp();
-        let (service, enrolment) = (self.clone(), request.into_inner().enrolment);
-        let answer = async move {
-            let signed: Signed<Enrolment> =
-                blocking(move || read_signed("enrolment", &enrolment)).await?;
-            let Enrolment { node, operator, .. } = signed.statement;
-            let name = signed.statement.name.clone();
-            let _turn = service.turns.take(operator).await;
-            let arrived_ms = arrival.at_ms();
-            let begun = service
-                .with(move |aggregator| aggregator.begin_enrolment(&signed, arrived_ms))
-                .await?;
-            let receipt = service.recorded(&arrival, begun, Ok).await?;
-            tracing::info!(%node, name, "node enrolled");
-            service.answered(arrival, receipt).await
-        };
-        answer.await.map_err(Status::from)
+        let enrolment = request.into_inner().enrolment;
+        let signed: Signed<Enrolment> =
+            blocking(move || read_signed("enrolment", &enrolment)).await?;
+        let Enrolment { node, operator, .. } = signed.statement;
+        let name = signed.statement.name.clone();
+        let _turn = self.turns.take(operator).await;
+        let arrived_ms = arrival.at_ms();
+        let begun = self
+            .with(move |aggregator| aggregator.begin_enrolment(&signed, arrived_ms))
+            .await?;
+        let receipt = self.recorded(&arrival, begun, Ok).await?;
+        tracing::info!(%node, name, "node enrolled");
+        Ok(self.answered(arrival, receipt).await?)
     }
 
     async fn get_governance(
@@ -163,26 +155,22 @@ impl Federation for Service {
         request: Request<RegisterDatasetRequest>,
     ) -> Result<Response<Receipt>, Status> {
         let arrival = self.arrivals.stamp();
-        let (service, request) = (self.clone(), request.into_inner());
-        let answer = async move {
-            let RegisterDatasetRequest {
-                registration,
-                leaves,
-            } = request;
-            let signed: Signed<DatasetRegistration> =
-                blocking(move || read_signed("dataset registration", &registration)).await?;
-            let (node, samples) = (signed.statement.node, signed.statement.dataset.samples);
-            let _turn = service.turns.take(node).await;
-            let arrived_ms = arrival.at_ms();
-            let begun = service
-                .with(move |aggregator| aggregator.begin_registration(&signed, arrived_ms))
-                .await?;
-            let keep = move |allowed: AllowedRegistration| allowed.keep(&leaves);
-            let receipt = service.recorded(&arrival, begun, keep).await?;
-            tracing::info!(%node, samples, "dataset registered");
-            service.answered(arrival, receipt).await
-        };
-        answer.await.map_err(Status::from)
+        let RegisterDatasetRequest {
+            registration,
+            leaves,
+        } = request.into_inner();
+        let signed: Signed<DatasetRegistration> =
+            blocking(move || read_signed("dataset registration", &registration)).await?;
+        let (node, samples) = (signed.statement.node, signed.statement.dataset.samples);
+        let _turn = self.turns.take(node).await;
+        let arrived_ms = arrival.at_ms();
+        let begun = self
+            .with(move |aggregator| aggregator.begin_registration(&signed, arrived_ms))
+            .await?;
+        let keep = move |allowed: AllowedRegistration| allowed.keep(&leaves);
+        let receipt = self.recorded(&arrival, begun, keep).await?;
+        tracing::info!(%node, samples, "dataset registered");
+        Ok(self.answered(arrival, receipt).await?)
     }
 
     async fn upload(
@@ -197,28 +185,25 @@ impl Federation for Service {
 
     async fn commit(&self, request: Request<CommitRequest>) -> Result<Response<Receipt>, Status> {
         let arrival = self.arrivals.stamp();
-        let (service, commitment) = (self.clone(), request.into_inner().commitment);
-        let answer = async move {
-            let signed: Signed<UpdateCommitment> =
-                blocking(move || read_signed("commitment", &commitment)).await?;
-            let UpdateCommitment {
-                node,
-                round,
-                update,
-                ..
-            } = signed.statement;
-            let _turn = service.turns.take(node).await;
-            let arrived_ms = arrival.at_ms();
-            let begun = service
-                .with(move |aggregator| aggregator.begin_commitment(&signed, arrived_ms))
-                .await?;
-            let receipt = service
-                .recorded(&arrival, begun, AllowedCommitment::keep)
-                .await?;
-            tracing::info!(%node, round, update = %update.blob, "update committed");
-            service.answered(arrival, receipt).await
-        };
-        answer.await.map_err(Status::from)
+        let commitment = request.into_inner().commitment;
+        let signed: Signed<UpdateCommitment> =
+            blocking(move || read_signed("commitment", &commitment)).await?;
+        let UpdateCommitment {
+            node,
+            round,
+            update,
+            ..
+        } = signed.statement;
+        let _turn = self.turns.take(node).await;
+        let arrived_ms = arrival.at_ms();
+        let begun = self
+            .with(move |aggregator| aggregator.begin_commitment(&signed, arrived_ms))
+            .await?;
+        let receipt = self
+            .recorded(&arrival, begun, AllowedCommitment::keep)
+            .await?;
+        tracing::info!(%node, round, update = %update.blob, "update committed");
+        Ok(self.answered(arrival, receipt).await?)
     }
 
     async fn submit(
@@ -227,19 +212,15 @@ impl Federation for Service {
     ) -> Result<Response<SubmitReply>, Status> {
         let arrival = self.arrivals.stamp();
         let SubmitRequest { submission, proof } = request.into_inner();
-        let service = self.clone();
-        let answer = async move {
-            let decided = service.submitted(arrival, submission, proof).await?;
-            let reason = decided.rejected.as_ref().map(Refusal::to_string);
-            let author = service.entries.author(&decided.receipt);
-            let reply = SubmitReply {
-                accepted: reason.is_none(),
-                reason: reason.unwrap_or_default(),
-                receipt: Some(decided.receipt.into()),
-            };
-            Ok(signed_by(author, reply))
+        let decided = self.submitted(arrival, submission, proof).await?;
+        let reason = decided.rejected.as_ref().map(Refusal::to_string);
+        let author = self.entries.author(&decided.receipt);
+        let reply = SubmitReply {
+            accepted: reason.is_none(),
+            reason: reason.unwrap_or_default(),
+            receipt: Some(decided.receipt.into()),
         };
-        answer.await.map_err(Status::from)
+        Ok(signed_by(author, reply))
     }
 }
 
