@@ -2,7 +2,7 @@
 //!
 //! A short tour:
 //! - [`round`]: founding a network ([`round::founding`]), opening and closing rounds ([`round::aggregator`]), recording what nodes send ([`round::recording`]), uploads that
-//!   wait ([`round::staging`]), the closing of commitments and the randomness ([`round::drawing`]), what a restarted aggregator reads from its ledger ([`round::ledger_index`]), disputes
+//!   wait ([`round::recording::staging`]), the closing of commitments and the randomness ([`round::drawing`]), what a restarted aggregator reads from its ledger ([`round::ledger_index`]), disputes
 //!   ([`round::dispute`]), the clock, and why a request is turned down ([`round::request`]).
 //! - [`serve`]: the gRPC service and its limits ([`serve::service`]), and the answers to its requests ([`serve::requests`]).
 //! - [`publish`]: HTTP under limits ([`publish::http`]) for the log's files ([`publish::log_server`]) and for a witness

@@ -2,10 +2,9 @@
 //! a receipt for whatever is recorded.
 
 pub mod address;
-pub(crate) mod watching;
+pub mod watching;
 
 use crate::client::address::AggregatorAddress;
-use crate::client::watching::Watch;
 use crate::client_error::NodeError;
 use ed25519_dalek::SigningKey;
 use sha2::{Digest as _, Sha256};
@@ -15,7 +14,7 @@ use std::time::Duration;
 use tonic::{transport, Code, Status};
 use zk0_circuits::{Claim, Digest, NodeId, WeightsDigest};
 use zk0_protocol::challenge::closing;
-use zk0_protocol::entries::entry::{Body, Entry, RoundClosed, RoundOpened};
+use zk0_protocol::entries::entry::{Body, Entry};
 use zk0_protocol::entries::genesis::Genesis;
 use zk0_protocol::entries::program::Program;
 use zk0_protocol::entries::signed::{
@@ -89,15 +88,6 @@ pub struct GovernanceInfo {
     /// The time on the aggregator's clock, in milliseconds.
     pub now_ms: u64,
     /// The guest program in force.
-    pub program: Program,
-}
-
-/// A round that is open, and to which the node may contribute.
-#[derive(Clone, Debug)]
-pub struct OpenRound {
-    /// How it opened.
-    pub opened: RoundOpened,
-    /// The guest program that its proofs are of, as the aggregator says.
     pub program: Program,
 }
 
@@ -219,33 +209,6 @@ impl Node {
         self.recorded(receipt, Body::DatasetCommitted(signed))
     }
 
-    /// Waits until `round` is open, and returns its opening. If the round has closed meanwhile, or the rules do not let this node
-    /// contribute to it, this waits for a later one.
-    pub async fn wait_for_round(&mut self, round: u64) -> Result<OpenRound, NodeError> {
-        let mut left_out = None;
-        let mut watch = Watch::of(None, self.id().0.to_vec());
-        loop {
-            let info = self.next_stage(&mut watch).await?;
-            if let (Some(opened), None) = (info.opened, info.closed) {
-                match self.entry(opened)?.1.body {
-                    Body::RoundOpened(opened) if opened.round >= round && info.invited => {
-                        let program = program(&info.program)?;
-                        return Ok(OpenRound { opened, program });
-                    }
-                    Body::RoundOpened(opened) => {
-                        let number = opened.round;
-                        if number >= round && left_out.replace(number) != Some(number) {
-                            tracing::warn!(
-                                "round {number} is open, but this node may not contribute to it, and waits for a later one: it is not invited or not active, its dataset came too late or is too small, or it pauses because its last commitments ended without an accepted contribution"
-                            );
-                        }
-                    }
-                    _ => return Err(unexpected("the opening of a round", "another entry")),
-                }
-            }
-        }
-    }
-
     /// The guest program in force, as the aggregator says.
     pub async fn program(&mut self) -> Result<Program, NodeError> {
         let request = rpc::GetRoundRequest {
@@ -254,19 +217,6 @@ impl Node {
         };
         let info = patiently!(self.client.get_round(request))?.into_inner();
         program(&info.program)
-    }
-
-    /// Waits until `round` is closed, and returns its close.
-    pub async fn wait_for_close(&mut self, round: u64) -> Result<RoundClosed, NodeError> {
-        let mut watch = Watch::of(Some(round), Vec::new());
-        loop {
-            if let Some(closed) = self.next_stage(&mut watch).await?.closed {
-                match self.entry(closed)?.1.body {
-                    Body::RoundClosed(closed) if closed.round == round => return Ok(closed),
-                    _ => return Err(unexpected("the close of the round", "another entry")),
-                }
-            }
-        }
     }
 
     /// Uploads an update. It stays private until the round closes.
@@ -424,7 +374,7 @@ impl Node {
         }
     }
 
-    fn entry(&self, receipt: rpc::Receipt) -> Result<(Checkpoint, Entry), NodeError> {
+    pub(crate) fn entry(&self, receipt: rpc::Receipt) -> Result<(Checkpoint, Entry), NodeError> {
         let (_, checkpoint, entry) = self.opened(receipt)?;
         Ok((checkpoint, entry))
     }
@@ -450,7 +400,7 @@ pub(crate) fn is_lost(status: &Status) -> bool {
     status.code() == Code::Unavailable || (broken && status.source().is_some())
 }
 
-fn program(bytes: &[u8]) -> Result<Program, NodeError> {
+pub(crate) fn program(bytes: &[u8]) -> Result<Program, NodeError> {
     borsh::from_slice(bytes)
         .map_err(|error| unexpected("a guest program", format!("something else ({error})")))
 }

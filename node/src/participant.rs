@@ -1,6 +1,7 @@
 //! Takes part in a network: registers the recording, and then trains, commits, proves and submits in each round.
 
-use crate::client::{Decision, Node, OpenRound};
+use crate::client::watching::OpenRound;
+use crate::client::{Decision, Node};
 use crate::client_error::NodeError;
 use crate::error::ParticipantError;
 use crate::recording::evaluation_set::{Commitment, EvaluationSet};

@@ -5,14 +5,14 @@
 //! of it. The disk holds nothing but the ledger, its blobs and the waiting uploads. Everything in memory is computed from them, so
 //! an aggregator that was killed goes on where it was.
 
-use crate::round::arrivals::Arrivals;
 use crate::round::awaited_beacon::AwaitedBeacon;
 use crate::round::clock::Clock;
 use crate::round::dispute::Disputed;
 use crate::round::ledger_index::{self, LedgerIndex, RoundEntries};
 use crate::round::public_samples::check_public_samples;
+use crate::round::recording::arrivals::Arrivals;
+use crate::round::recording::staging::Staging;
 use crate::round::request::RequestError;
-use crate::round::staging::Staging;
 use ed25519_dalek::SigningKey;
 use std::path::Path;
 use std::sync::Arc;

@@ -2,17 +2,13 @@
 
 pub mod accepted;
 pub mod aggregator;
-pub mod arrivals;
 pub mod awaited_beacon;
 pub mod clock;
 pub mod closing;
 pub mod dispute;
 pub mod drawing;
 pub mod founding;
-pub mod group;
 pub mod ledger_index;
 pub mod public_samples;
 pub mod recording;
 pub mod request;
-pub mod staging;
-pub mod submission;

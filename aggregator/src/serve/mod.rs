@@ -3,6 +3,7 @@
 pub mod beacon_fetching;
 mod grpc;
 mod health;
+mod in_turn;
 pub mod limits;
 mod node_turns;
 mod recorder;

@@ -1,12 +1,10 @@
 //! Requests that wait to be recorded. Whoever has the aggregator next records all of them together, so that they share one write to disk.
 
 use crate::round::aggregator::Aggregator;
-use crate::round::arrivals::Arrival;
-use crate::round::group::ToRecord;
+use crate::round::recording::group::ToRecord;
 use crate::round::request::RequestError;
-use crate::serve::service::Service;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use tokio::sync::oneshot::{self, error::TryRecvError};
+use tokio::sync::oneshot::{self, Receiver};
 use zk0_protocol::tlog::receipt::Receipt;
 
 /// The most requests that are recorded at once. A request waits for those before it, and a group of this size takes milliseconds.
@@ -16,10 +14,13 @@ const GROUP: usize = 1024;
 #[derive(Clone, Default)]
 pub(super) struct Recorder(Arc<Mutex<Vec<Waiting>>>);
 
+/// The receipt, or why nothing is recorded.
+type Answer = Result<Receipt, RequestError>;
+
 struct Waiting {
     arrived_ms: u64,
     what: ToRecord,
-    answer: oneshot::Sender<Result<Receipt, RequestError>>,
+    answer: oneshot::Sender<Answer>,
 }
 
 impl Recorder {
@@ -28,12 +29,19 @@ impl Recorder {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn push(&self, waiting: Waiting) {
-        self.waiting().push(waiting);
+    /// Lets a request wait that arrived at `arrived_ms`. Its receipt comes when it is recorded.
+    pub fn push(&self, arrived_ms: u64, what: ToRecord) -> Receiver<Answer> {
+        let (answer, answered) = oneshot::channel();
+        self.waiting().push(Waiting {
+            arrived_ms,
+            what,
+            answer,
+        });
+        answered
     }
 
     /// Records what waits, but for requests that arrived after a deadline while one from before it is still in progress.
-    fn record(&self, aggregator: &mut Aggregator) {
+    pub fn record(&self, aggregator: &mut Aggregator) {
         let mut all: Vec<_> = std::mem::take(&mut *self.waiting());
         // The ledger's time never goes back, so the earliest comes first.
         all.sort_by_key(|one| one.arrived_ms);
@@ -53,44 +61,6 @@ impl Recorder {
         for (answer, receipt) in answers.into_iter().zip(aggregator.record(wanted)) {
             // Whoever has gone away asks again, and gets the same receipt.
             let _ = answer.send(receipt);
-        }
-    }
-}
-
-impl Service {
-    /// Records what a request wants, and returns its receipt. It waits for requests that arrived before a deadline, if this one arrived
-    /// after it.
-    pub(super) async fn record_in_turn(
-        &self,
-        arrival: &Arrival,
-        what: ToRecord,
-    ) -> Result<Receipt, RequestError> {
-        let (answer, mut answered) = oneshot::channel();
-        let arrived_ms = arrival.at_ms();
-        self.recorder.push(Waiting {
-            arrived_ms,
-            what,
-            answer,
-        });
-        loop {
-            let recorder = self.recorder.clone();
-            let passed = self
-                .with(move |aggregator| {
-                    recorder.record(aggregator);
-                    Ok(aggregator.passed_deadline(arrived_ms))
-                })
-                .await?;
-            match answered.try_recv() {
-                Ok(receipt) => return receipt,
-                Err(TryRecvError::Empty) => {}
-                Err(TryRecvError::Closed) => {
-                    let why = "a request was not recorded, because recording another one panicked";
-                    return Err(RequestError::Internal(why.into()));
-                }
-            }
-            if let Some(deadline_ms) = passed {
-                self.arrivals.done_by(deadline_ms).await;
-            }
         }
     }
 }

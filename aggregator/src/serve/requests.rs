@@ -1,9 +1,9 @@
 //! The requests of `proto/federation.proto`, answered by the rounds behind a [`Service`].
 
 use crate::file_parts::file_parts;
-use crate::round::arrivals::Arrival;
-use crate::round::group::ToRecord;
-use crate::round::recording::{
+use crate::round::recording::arrivals::Arrival;
+use crate::round::recording::group::ToRecord;
+use crate::round::recording::statements::{
     read_signed, AllowedCommitment, AllowedRegistration, AllowedSaying, Begun, Said,
 };
 use crate::round::request::RequestError;

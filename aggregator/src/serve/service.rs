@@ -4,7 +4,7 @@
 //! |---|---|
 //! | one message | the rules' largest proof, or 4 MiB for lists of leaves, and 64 KiB |
 //! | one upload | what its signed request says, at most the rules' largest update; streamed to disk, never in memory |
-//! | uploads | one at a time and [`crate::round::staging::MAX_UPLOADS`] per node and round |
+//! | uploads | one at a time and [`crate::round::recording::staging::MAX_UPLOADS`] per node and round |
 //! | how long a peer may be silent in the middle of a stream | [`Limits::silence`] |
 //! | how long an upload may take in all | [`Limits::upload`] |
 //! | how long a message may take | [`Limits::message`] |
@@ -17,8 +17,9 @@
 use crate::publish::beacon::BeaconServers;
 use crate::publish::cosigning::{Cosigned, Prove, Witnesses};
 use crate::round::aggregator::{Aggregator, Progress};
-use crate::round::arrivals::Arrivals;
 use crate::round::drawing::ToCosign;
+use crate::round::ledger_index::RoundEntries;
+use crate::round::recording::arrivals::Arrivals;
 use crate::round::request::RequestError;
 use crate::serve::grpc::Grpc;
 use crate::serve::limits::Limits;
@@ -26,7 +27,6 @@ use crate::serve::node_turns::NodeTurns;
 use crate::serve::recorder::Recorder;
 use crate::serve::signed_by::Entries;
 use crate::serve::upload_places::UploadPlaces;
-use crate::serve::watching::Stage;
 use crate::tls::server_certificate::ServerCertificate;
 use std::future::Future;
 use std::num::NonZero;
@@ -65,14 +65,16 @@ pub struct Service {
     aggregator: Arc<Mutex<Aggregator>>,
     /// Whether some work on the aggregator has panicked. Then nobody knows what it is like.
     panicked: Arc<AtomicBool>,
+    /// Whoever takes a step of the rounds holds this, so that nothing is computed twice.
+    stepping: Arc<Mutex<()>>,
     /// The requests that are in progress.
     pub(super) arrivals: Arc<Arrivals>,
     pub(super) recorder: Recorder,
     pub(super) turns: NodeTurns,
     /// Places for verifying proofs and weights.
     pub(super) verifying: Arc<Semaphore>,
-    /// How far the last round has come.
-    pub(super) stage: Arc<watch::Sender<Stage>>,
+    /// How far the last round has come, as far as that is published. It is `None` before the first round.
+    pub(super) stage: Arc<watch::Sender<Option<RoundEntries>>>,
     /// Something was recorded, and a round may be due.
     changed: Arc<Notify>,
     publishing: Option<Publishing>,
@@ -97,6 +99,7 @@ impl Service {
             arrivals: aggregator.arrivals().clone(),
             aggregator: Arc::new(Mutex::new(aggregator)),
             panicked: Arc::default(),
+            stepping: Arc::default(),
             recorder: Recorder::default(),
             turns: NodeTurns::default(),
             verifying: Arc::new(Semaphore::new(
@@ -270,6 +273,7 @@ impl Service {
 
     /// Takes the rounds one step further, as [`Aggregator::step`] does. What takes long is done away from the aggregator.
     pub async fn step(&self) -> Result<Progress, RequestError> {
+        let _alone = self.stepping.lock().await;
         match self.with(Aggregator::step).await? {
             Progress::NeedsVerdict(disputed) => {
                 let dispute = disputed.dispute;

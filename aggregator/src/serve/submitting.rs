@@ -1,11 +1,11 @@
-//! A submission on its way through the service: [`crate::round::submission`] has the steps. Proofs and weights are verified on all cores, and
+//! A submission on its way through the service: [`crate::round::recording::submission`] has the steps. Proofs and weights are verified on all cores, and
 //! nobody else waits for that.
 
-use crate::round::arrivals::Arrival;
-use crate::round::group::ToRecord;
-use crate::round::recording::{decode, Begun};
+use crate::round::recording::arrivals::Arrival;
+use crate::round::recording::group::ToRecord;
+use crate::round::recording::statements::{decode, Begun};
+use crate::round::recording::submission::Decided;
 use crate::round::request::RequestError;
-use crate::round::submission::Decided;
 use crate::serve::service::{blocking, Service};
 use tokio::sync::OwnedSemaphorePermit;
 use zk0_protocol::entries::signed::{Signed, Submission};

@@ -1,7 +1,6 @@
 //! Nodes that follow a round. A node is told when the round has come further, so that it need not ask again and again.
 
 use crate::round::aggregator::Aggregator;
-use crate::round::ledger_index::RoundEntries;
 use crate::round::request::RequestError;
 use crate::serve::requests::encode;
 use crate::serve::service::Service;
@@ -15,9 +14,6 @@ use zk0_protocol::rpc::federation::RoundInfo;
 
 /// How long a node is told of changes before it has to ask again. So nobody who is gone is served for longer.
 const WATCH: Duration = Duration::from_secs(300);
-
-/// How far the last round has come, as far as that is published. It is `None` before the first round.
-pub(super) type Stage = Option<RoundEntries>;
 
 impl Service {
     /// Tells those who follow a round if it has come further.

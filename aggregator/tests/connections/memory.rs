@@ -82,7 +82,7 @@ async fn strangers_wait_for_memory_and_nodes_do_not() -> Test {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn who_waits_for_memory_for_too_long_is_told_to_come_again() -> Test {
-    let (network, _) = network(Limits {
+    let (network, [node, _]) = network(Limits {
         message_memory: 0,
         message: Duration::from_millis(500),
         ..Limits::default()
@@ -98,7 +98,9 @@ async fn who_waits_for_memory_for_too_long_is_told_to_come_again() -> Test {
         service.with(work).await
     });
     let mut first = network.client().await;
-    let waiting = tokio::spawn(async move { first.commit(large()).await });
+    let mut request = registration(&network, &node);
+    request.leaves = vec![0; 3 << 20];
+    let waiting = tokio::spawn(async move { first.register_dataset(request).await });
     sleep(Duration::from_millis(200)).await;
     let status = network.client().await.commit(large()).await.unwrap_err();
     assert_eq!(status.code(), Code::Unavailable, "{status}");

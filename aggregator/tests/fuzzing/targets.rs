@@ -163,25 +163,27 @@ fn record() -> Target {
     }
 }
 
-/// Enrolments. The operator has signed the first one already, and somebody else the second one.
+/// Enrolments of two nodes, which are recorded already.
 fn enrolment() -> Target {
     let Network {
         dir,
         mut aggregator,
         id,
-        nodes,
         ..
     } = Network::new();
-    let seeds = [log_key(), nodes[0].key.clone()].map(|key| {
+    let key = log_key();
+    let seeds = [4, 5].map(|seed| {
         let enrolment = Enrolment {
             network: id,
             operator: NodeId(key.verifying_key().to_bytes()),
-            node: Node::new(4).id(),
-            name: "node-4".into(),
+            node: Node::new(seed).id(),
+            name: format!("node-{seed}"),
         };
         bytes(&Signed::new(enrolment, &key))
     });
-    aggregator.let_in(&seeds[0]).unwrap();
+    for seed in &seeds {
+        aggregator.let_in(seed).unwrap();
+    }
     Target {
         seeds: seeds.into(),
         run: Box::new(move |input| {

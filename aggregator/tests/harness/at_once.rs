@@ -1,9 +1,9 @@
 //! An aggregator without a service in front of it: each request takes all of its steps at once.
 
-use zk0_aggregator::round::group::ToRecord;
-use zk0_aggregator::round::recording::{decode, read_signed, Begun, Said};
+use zk0_aggregator::round::recording::group::ToRecord;
+use zk0_aggregator::round::recording::statements::{decode, read_signed, Begun, Said};
+use zk0_aggregator::round::recording::submission::Decided;
 use zk0_aggregator::round::request::RequestError;
-use zk0_aggregator::round::submission::Decided;
 use zk0_aggregator::{Aggregator, Progress};
 use zk0_ledger::BlobWriter;
 use zk0_protocol::entries::signed::{Signed, Submission, UploadRequest};

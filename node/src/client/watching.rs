@@ -1,8 +1,10 @@
 //! Following a round: the aggregator tells the node when a round has come further, and the node asks again when the connection is lost.
 
-use crate::client::{is_lost, Node, APART, ATTEMPTS};
+use crate::client::{is_lost, program, unexpected, Node, APART, ATTEMPTS};
 use crate::client_error::NodeError;
 use tonic::Streaming;
+use zk0_protocol::entries::entry::{Body, RoundClosed, RoundOpened};
+use zk0_protocol::entries::program::Program;
 use zk0_protocol::rpc::federation as rpc;
 
 /// A round that the node follows, or whichever is the last one.
@@ -23,7 +25,56 @@ impl Watch {
     }
 }
 
+/// A round that is open, and to which the node may contribute.
+#[derive(Clone, Debug)]
+pub struct OpenRound {
+    /// How it opened.
+    pub opened: RoundOpened,
+    /// The guest program that its proofs are of, as the aggregator says.
+    pub program: Program,
+}
+
 impl Node {
+    /// Waits until `round` is open, and returns its opening. If the round has closed meanwhile, or the rules do not let this node
+    /// contribute to it, this waits for a later one.
+    pub async fn wait_for_round(&mut self, round: u64) -> Result<OpenRound, NodeError> {
+        let mut left_out = None;
+        let mut watch = Watch::of(None, self.id().0.to_vec());
+        loop {
+            let info = self.next_stage(&mut watch).await?;
+            if let (Some(opened), None) = (info.opened, info.closed) {
+                match self.entry(opened)?.1.body {
+                    Body::RoundOpened(opened) if opened.round >= round && info.invited => {
+                        let program = program(&info.program)?;
+                        return Ok(OpenRound { opened, program });
+                    }
+                    Body::RoundOpened(opened) => {
+                        let number = opened.round;
+                        if number >= round && left_out.replace(number) != Some(number) {
+                            tracing::warn!(
+                                "round {number} is open, but this node may not contribute to it, and waits for a later one: it is not invited or not active, its dataset came too late or is too small, or it pauses because its last commitments ended without an accepted contribution"
+                            );
+                        }
+                    }
+                    _ => return Err(unexpected("the opening of a round", "another entry")),
+                }
+            }
+        }
+    }
+
+    /// Waits until `round` is closed, and returns its close.
+    pub async fn wait_for_close(&mut self, round: u64) -> Result<RoundClosed, NodeError> {
+        let mut watch = Watch::of(Some(round), Vec::new());
+        loop {
+            if let Some(closed) = self.next_stage(&mut watch).await?.closed {
+                match self.entry(closed)?.1.body {
+                    Body::RoundClosed(closed) if closed.round == round => return Ok(closed),
+                    _ => return Err(unexpected("the close of the round", "another entry")),
+                }
+            }
+        }
+    }
+
     /// Waits until the round of `watch` has come further, and returns how far. The first call returns at once.
     pub(crate) async fn next_stage(
         &mut self,

@@ -8,7 +8,6 @@ use crate::rules::closing::credits::CreditRule;
 use crate::rules::closing::public_samples::PublicSamples;
 use crate::rules::closing::shares::Shares;
 use crate::rules::governance::Governance;
-use crate::rules::upper_bounds;
 use crate::tlog::witness_policy::WitnessPolicy;
 use borsh::{BorshDeserialize, BorshSerialize};
 use serde::{Deserialize, Serialize};
@@ -240,7 +239,7 @@ impl Rules {
         if let Some((rule, _)) = at_least_one.iter().find(|(_, value)| *value == 0) {
             return Err(format!("rule {rule} is 0; it has to be at least 1"));
         }
-        upper_bounds::check(self)?;
+        self.check_upper_bounds()?;
         if self.min_improvement_bps > BPS {
             return Err(format!(
                 "rule min_improvement_bps is {}, but a loss cannot fall by more than {BPS}",
@@ -280,6 +279,38 @@ impl Rules {
             .check(has_witnesses, self.randomness_window_ms)?;
         self.unanswered.check()?;
         self.governance.check()
+    }
+
+    /// Checks that no rule about a time or a size is above its bound.
+    fn check_upper_bounds(&self) -> Result<(), String> {
+        use crate::rules::upper_bounds::*;
+        let (credits, governance) = (&self.credits, &self.governance);
+        let (round, decision) = (MAX_ROUND_WINDOW_MS, MAX_GOVERNANCE_WINDOW_MS);
+        let bounds = [
+            ("commit_window_ms", self.commit_window_ms, round),
+            ("submit_window_ms", self.submit_window_ms, round),
+            ("randomness_window_ms", self.randomness_window_ms, round),
+            ("max_update_bytes", self.max_update_bytes, MAX_UPDATE_BYTES),
+            ("max_proof_bytes", self.max_proof_bytes, MAX_PROOF_BYTES),
+            (
+                "credits.max_per_contribution",
+                credits.max_per_contribution,
+                MAX_CREDITS,
+            ),
+            (
+                "credits.dispute_window_ms",
+                credits.dispute_window_ms,
+                decision,
+            ),
+            ("governance.voting_ms", governance.voting_ms, decision),
+            ("governance.time_lock_ms", governance.time_lock_ms, decision),
+        ];
+        match bounds.iter().find(|(_, value, most)| value > most) {
+            Some((rule, value, most)) => {
+                Err(format!("rule {rule} is {value}; it can be at most {most}"))
+            }
+            None => Ok(()),
+        }
     }
 
     /// The witnesses and the quorum that these rules require.

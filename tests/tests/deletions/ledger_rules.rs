@@ -2,7 +2,7 @@
 
 use crate::Removal;
 
-const fn rule(
+pub const fn rule(
     check: &'static str,
     file: &'static str,
     replacements: &'static [(&'static str, &'static str)],
@@ -438,12 +438,6 @@ pub const REMOVALS: &[Removal] = &[
         ),
     ),
     // Programs.
-    rule(
-        "rules about times and sizes have upper bounds",
-        "protocol/src/rules/network_rules.rs",
-        &[("        upper_bounds::check(self)?;\n", "")],
-        "rules_that_would_stop_a_network_for_ever_found_nothing",
-    ),
     of_target(
         "voting",
         rule(

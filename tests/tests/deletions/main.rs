@@ -10,6 +10,7 @@
 mod argument;
 mod attestation;
 mod audited;
+mod bounds;
 mod copy;
 mod ledger_rules;
 mod nodes;
@@ -59,7 +60,7 @@ fn removed(lists: &[&[Removal]]) {
 
 #[test]
 fn the_ledgers_rules_and_files_have_a_test_for_each_check() {
-    removed(&[ledger_rules::REMOVALS]);
+    removed(&[ledger_rules::REMOVALS, bounds::REMOVALS]);
 }
 
 #[test]

@@ -36,7 +36,7 @@ pub const REMOVALS: &[Removal] = &[
     ),
     in_time(
         "a submission of an earlier round costs next to nothing",
-        "aggregator/src/round/submission.rs",
+        "aggregator/src/round/recording/submission.rs",
         &[(
             "Err(reason) if !is_recorded(&reason) => return Err(reason.into()),\n            // What",
             "Err(_) if false => unreachable!(),\n            // What",

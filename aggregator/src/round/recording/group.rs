@@ -3,8 +3,8 @@
 //! [`Ledger::commit`]: zk0_ledger::log::Ledger::commit
 
 use crate::round::aggregator::Aggregator;
+use crate::round::recording::submission::Judged;
 use crate::round::request::RequestError;
-use crate::round::submission::Judged;
 use zk0_ledger::group::Wanted;
 use zk0_protocol::entries::entry::Body;
 use zk0_protocol::tlog::receipt::Receipt;

@@ -1,7 +1,7 @@
 //! Recording what nodes and members send, in three steps. The first one compares a request with the ledger. The second one reads and writes
-//! files, and needs no aggregator, so that the rounds go on meanwhile. The third one records ([`crate::round::group`]), and compares once more.
+//! files, and needs no aggregator, so that the rounds go on meanwhile. The third one records ([`crate::round::recording::group`]), and compares once more.
 //!
-//! What is recorded already is not recorded again: whoever sends it again gets the same receipt. [`crate::round::submission`] has the
+//! What is recorded already is not recorded again: whoever sends it again gets the same receipt. [`crate::round::recording::submission`] has the
 //! same steps for submissions.
 
 use crate::round::aggregator::Aggregator;

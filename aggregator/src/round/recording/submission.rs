@@ -4,10 +4,10 @@
 //!    here, before anybody hashes a proof or verifies a signature.
 //! 2. [`Undecided::authenticate`] checks that the node signed this claim and this proof.
 //! 3. [`Undecided::judge`] reads the weights, and verifies the SP1 proof and the weights.
-//! 4. [`crate::round::group`] records the decision.
+//! 4. [`crate::round::recording::group`] records the decision.
 
 use crate::round::aggregator::Aggregator;
-use crate::round::recording::Begun;
+use crate::round::recording::statements::Begun;
 use crate::round::request::RequestError;
 use zk0_circuits::{Digest, NodeId};
 use zk0_ledger::blobs::Blobs;

@@ -1,0 +1,7 @@
+//! Recording what nodes, members and the operator send.
+
+pub mod arrivals;
+pub mod group;
+pub mod staging;
+pub mod statements;
+pub mod submission;

@@ -1,0 +1,41 @@
+//! Recording a request when it is its turn: together with others that wait, and after those that arrived before a deadline.
+
+use crate::round::recording::arrivals::Arrival;
+use crate::round::recording::group::ToRecord;
+use crate::round::request::RequestError;
+use crate::serve::service::Service;
+use tokio::sync::oneshot::error::TryRecvError;
+use zk0_protocol::tlog::receipt::Receipt;
+
+impl Service {
+    /// Records what a request wants, and returns its receipt. It waits for requests that arrived before a deadline, if this one arrived
+    /// after it.
+    pub(super) async fn record_in_turn(
+        &self,
+        arrival: &Arrival,
+        what: ToRecord,
+    ) -> Result<Receipt, RequestError> {
+        let arrived_ms = arrival.at_ms();
+        let mut answered = self.recorder.push(arrived_ms, what);
+        loop {
+            let recorder = self.recorder.clone();
+            let passed = self
+                .with(move |aggregator| {
+                    recorder.record(aggregator);
+                    Ok(aggregator.passed_deadline(arrived_ms))
+                })
+                .await?;
+            match answered.try_recv() {
+                Ok(receipt) => return receipt,
+                Err(TryRecvError::Empty) => {}
+                Err(TryRecvError::Closed) => {
+                    let why = "a request was not recorded, because recording another one panicked";
+                    return Err(RequestError::Internal(why.into()));
+                }
+            }
+            if let Some(deadline_ms) = passed {
+                self.arrivals.done_by(deadline_ms).await;
+            }
+        }
+    }
+}
