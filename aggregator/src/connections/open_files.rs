@@ -17,7 +17,7 @@ pub fn fit(limits: &mut ConnectionLimits, log: usize) {
         }
     };
     if allowed < wanted {
-        // Half of the files at least are for the ledger.
+        // A quarter of the files at least is for connections.
         let room = allowed.saturating_sub(OTHER_FILES + log as u64);
         let room = usize::try_from(room.max(allowed / 4).max(1)).unwrap_or(usize::MAX);
         let most = limits.most.min(room);

@@ -11,8 +11,8 @@
 //! | connections, and requests at once on each | [`Limits::connections`], [`crate::serve::limits::CONCURRENT`] |
 //! | memory for messages over 32 KiB | [`Limits::message_memory`] |
 //!
-//! [`crate::serve::grpc`] puts the limits of connections and messages into force. [`crate::serve::requests`] answers the requests. This file serves them, opens and closes the rounds in time, and has checkpoints
-//! cosigned and published.
+//! `grpc` puts the limits of connections and messages into force. [`crate::serve::requests`] answers the requests. This file serves them,
+//! opens and closes the rounds in time, and has checkpoints cosigned and published.
 
 use crate::publish::beacon::BeaconServers;
 use crate::publish::cosigning::{Cosigned, Prove, Witnesses};

@@ -40,7 +40,8 @@ impl AggregatorAddress {
     }
 
     fn is_encrypted(&self) -> bool {
-        self.url.starts_with("https://")
+        let scheme = self.url.split("://").next();
+        scheme.is_some_and(|scheme| scheme.eq_ignore_ascii_case("https"))
     }
 
     /// Connects.
