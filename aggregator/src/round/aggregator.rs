@@ -29,7 +29,7 @@ use zk0_protocol::tlog::receipt::Receipt;
 use zk0_protocol::Refusal;
 use zk0_verifier::close::{close, CloseError};
 use zk0_verifier::combine::bases;
-use zk0_verifier::combine::contributions::CombineError;
+use zk0_verifier::combine::error::CombineError;
 use zk0_verifier::public_samples::PublicSampleFile;
 use zk0_verifier::releases::{can_verify, releases};
 use zk0_verifier::{BaseFiles, Evaluation, ProgramKey, ResultFiles, VerifiedContribution};
