@@ -102,6 +102,7 @@ impl Accepted {
         let unread = Unread::of(&format, &format.open(base).unwrap()).unwrap();
         let bases = Bases::default();
         let file = combined(&format, &given, Strategy::FedAvg, &bases, &unread).unwrap();
+        let file = file.into_bytes();
         let combined = Global {
             digest: digest(&file),
             file,

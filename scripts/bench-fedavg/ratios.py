@@ -20,5 +20,7 @@ name = f"FedAvg of {updates:.0f} x {weights / 1e6:.1f} M weights"
 figure(f"{name}, wall time", of("ours", "seconds"), of("flower", "seconds"), of("flower", "seconds") / of("ours", "seconds"), "s")
 gib = lambda side: of(side, "peak_memory_bytes") / 2**30
 figure(f"{name}, peak memory", gib("ours"), gib("flower"), gib("flower") / gib("ours"), "GiB")
-average, machine = of("averaging", "bytes_per_second") / 1e9, of("machine", "bytes_per_second") / 1e9
-figure(f"{name}, averaging beside reading memory", average, machine, average / machine, "GB/s")
+machine = of("machine", "bytes_per_second") / 1e9
+for side in ("averaging", "averaging and rounding"):
+    average = of(side, "bytes_per_second") / 1e9
+    figure(f"{name}, {side} beside reading memory", average, machine, average / machine, "GB/s")

@@ -15,7 +15,7 @@ use zk0_protocol::{Refusal, State};
 use zk0_tests::{all_accepted, ledger_copy};
 use zk0_verifier::close::{combined, CloseError};
 use zk0_verifier::combine::bases::BaseError;
-use zk0_verifier::combine::contributions::CombineError;
+use zk0_verifier::combine::error::CombineError;
 use zk0_verifier::{authenticate, verify, BaseFiles, UnverifiedContribution, VerifiedContribution};
 
 /// The state before the first round of the real ledger closed, what the round accepted, and how it closed.

@@ -2,7 +2,8 @@
 //! samples. Where none was accepted, or where the result is not taken, the base weights stay.
 
 use crate::combine::bases::{BaseError, BaseFiles};
-use crate::combine::contributions::{CombineError, Given};
+use crate::combine::contributions::Given;
+use crate::combine::error::CombineError;
 use crate::combine::sealed::SealedFile;
 use crate::combine::strategy::{self, Global};
 use crate::result::{evaluate, ResultError, ResultFiles};
@@ -127,7 +128,8 @@ pub fn combined<E: Display>(
     let given: Vec<_> = given.collect();
     let strategy = state.rules().strategy;
     let file = strategy::combined(format, &given, strategy, &bases, first.unread())?;
-    let digest = evaluation.digest_of(&file)?;
+    let digest = evaluation.digest_of(&file).map_err(CombineError::from)?;
+    let file = file.into_bytes();
     Ok(Some(Global { file, digest }))
 }
 

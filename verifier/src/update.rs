@@ -11,7 +11,7 @@ use zk0_protocol::entries::genesis::Genesis;
 use zk0_protocol::rules::network_rules::Rules;
 use zk0_protocol::rules::state::State;
 use zk0_protocol::Refusal;
-use zk0_weights::{Changed, Format, Unread};
+use zk0_weights::{BuiltFile, Changed, Format, Unread, WeightsError};
 
 /// What a network evaluates. It determines how the network's weights look as a file.
 #[derive(Clone, Debug)]
@@ -69,12 +69,11 @@ impl Evaluation {
         }
     }
 
-    /// The digest of the weights of a file. Its two halves are computed at once.
-    pub fn digest_of(&self, file: &[u8]) -> Result<WeightsDigest, Refusal> {
-        let quantised = || Ok(self.read(file)?.digest(self.mode));
-        let (blob, quantised) = rayon::join(|| blob_digest(file), quantised);
-        let quantised = quantised?;
-        Ok(WeightsDigest { blob, quantised })
+    /// The digest of the weights of a file that was just made. Its two halves are computed at once.
+    pub fn digest_of(&self, file: &BuiltFile) -> Result<WeightsDigest, WeightsError> {
+        let quantised = || Ok(file.weights(self.format.spec())?.digest(self.mode));
+        let (blob, quantised) = rayon::join(|| blob_digest(file.bytes()), quantised);
+        quantised.map(|quantised| WeightsDigest { blob, quantised })
     }
 
     /// Checks the weights that `claim` is about: that the files are those of the claim, that the update's numbers are those that were

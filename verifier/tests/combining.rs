@@ -9,7 +9,8 @@ use zk0_protocol::rules::network_rules::Strategy;
 use zk0_verifier::blob_digest;
 use zk0_verifier::combine::bases::Bases;
 use zk0_verifier::combine::blocks::Combination;
-use zk0_verifier::combine::contributions::{CombineError, Given};
+use zk0_verifier::combine::contributions::Given;
+use zk0_verifier::combine::error::CombineError;
 use zk0_verifier::combine::fedavg::average;
 use zk0_verifier::combine::robust::{median, trimmed_mean};
 use zk0_verifier::combine::source::InMemory;
@@ -272,8 +273,10 @@ fn the_order_of_contributions_does_not_matter() {
             assert!(turned == straight);
         }
         // It is a file that the next round can begin with.
-        let read = format.read(&straight).unwrap();
-        assert!(format.write(&read) == straight);
+        let read = format.read(straight.bytes()).unwrap();
+        assert!(format.write(&read) == straight.bytes());
+        assert_eq!(straight.weights(&spec), Ok(read));
+        assert!(straight.clone().into_bytes() == straight.bytes());
     }
 }
 
@@ -287,7 +290,7 @@ fn results_have_the_bits_they_always_had() {
     let given: Vec<_> = given.map(|(of, weights)| one(of, weights)).collect();
     let digests = STRATEGIES.map(|strategy| {
         let result = combined(&format, &given, strategy, &bases, &unread).unwrap();
-        format!("{}\n", blob_digest(&result))
+        format!("{}\n", blob_digest(result.bytes()))
     });
     assert_eq!(digests.concat(), include_str!("vectors/combined.sha256"));
 }

@@ -11,7 +11,8 @@ use zk0_circuits::{Digest, EvalSpec, NodeId, QuantisedWeights};
 use zk0_protocol::rules::network_rules::Strategy;
 use zk0_verifier::blob_digest;
 use zk0_verifier::combine::bases::Bases;
-use zk0_verifier::combine::contributions::{CombineError, Given};
+use zk0_verifier::combine::contributions::Given;
+use zk0_verifier::combine::error::CombineError;
 use zk0_verifier::combine::sealed::{Sealed, SealedFile};
 use zk0_verifier::combine::source::{InMemory, Source, BLOCK};
 use zk0_verifier::combine::strategy::combined;
@@ -80,7 +81,9 @@ impl Setting {
             .map(|weights| InMemory { format, weights });
         let weights: Vec<_> = weights.collect();
         let given = given(weights.iter().map(|one| one as &dyn Source));
-        combined(format, &given, strategy, &self.bases, &self.unread).unwrap()
+        combined(format, &given, strategy, &self.bases, &self.unread)
+            .unwrap()
+            .into_bytes()
     }
 
     /// From files that are read by `read_at`.
@@ -94,7 +97,8 @@ impl Setting {
             pairs.map(|((blob, _), sealed)| SealedFile::new(&self.format, sealed, *blob, read_at));
         let files: Vec<_> = files.collect();
         let given = given(files.iter().map(|one| one as &dyn Source));
-        combined(&self.format, &given, strategy, &self.bases, &self.unread)
+        let file = combined(&self.format, &given, strategy, &self.bases, &self.unread)?;
+        Ok(file.into_bytes())
     }
 
     fn read_at(&self, blob: &Digest, place: u64, buffer: &mut [u8]) -> Result<(), String> {

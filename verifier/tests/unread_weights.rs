@@ -188,7 +188,7 @@ fn a_result_keeps_the_base_s_numbers() {
     };
     for strategy in STRATEGIES {
         let result = combined(&format, &given, strategy, &bases, &unread).unwrap();
-        let result = format.read(&result).unwrap();
+        let result = format.read(result.bytes()).unwrap();
         assert_eq!(unread.check(&format, &result), Ok(()));
         for stretch in format.unread() {
             let (before, scale) = format.tensor(&start, stretch.tensor);

@@ -152,9 +152,15 @@ impl Format {
     pub fn build<E: From<WeightsError>>(
         &self,
         fill: impl FnOnce(Vec<&mut [u8]>) -> Result<Vec<i16>, E>,
-    ) -> Result<Vec<u8>, E> {
-        let mut file = vec![0; self.file_bytes() as usize];
-        let (front, mut rest) = file.split_at_mut(8 + self.header.len() + 2 * self.tensors.len());
+    ) -> Result<BuiltFile, E> {
+        let mut file = BuiltFile {
+            numbers: 8 + self.header.len(),
+            length: self.file_bytes() as usize,
+            bytes: vec![0; 8 + self.header.len() + Values::byte_len(self.layout.len)],
+        };
+        let (front, mut rest) = file
+            .bytes
+            .split_at_mut(file.numbers + 2 * self.tensors.len());
         let mut places = Vec::with_capacity(self.tensors.len());
         for place in &self.layout.tensors {
             let (tensor, later) = rest.split_at_mut(2 * place.len);
@@ -214,6 +220,38 @@ impl Format {
             Some(name) => WeightsError::Extra(zk0_protocol::quote::short(&name)),
             None => WeightsError::OtherHeader,
         }
+    }
+}
+
+/// A file that [`Format::build`] has made.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct BuiltFile {
+    /// The file, and the padding that the numbers have in memory.
+    bytes: Vec<u8>,
+    /// Where the numbers begin.
+    numbers: usize,
+    length: usize,
+}
+
+impl BuiltFile {
+    /// The bytes of the file.
+    pub fn bytes(&self) -> &[u8] {
+        &self.bytes[..self.length]
+    }
+
+    /// The file.
+    pub fn into_bytes(mut self) -> Vec<u8> {
+        self.bytes.truncate(self.length);
+        self.bytes
+    }
+
+    /// The weights in it, in the format of this specification. Their scales are right, because they are those that were built.
+    ///
+    /// # Errors
+    /// The specification is another one than that of the format.
+    pub fn weights(&self, spec: &EvalSpec) -> Result<QuantisedWeights, WeightsError> {
+        let numbers = &self.bytes[self.numbers..];
+        Ok(QuantisedWeights::from_bytes(spec, numbers)?)
     }
 }
 

@@ -18,6 +18,6 @@ pub mod stretch;
 pub mod unread;
 
 pub use error::WeightsError;
-pub use format::{Format, WeightsFile};
+pub use format::{BuiltFile, Format, WeightsFile};
 pub use scale::Tensor;
 pub use unread::{Changed, Unread};

@@ -214,7 +214,7 @@ mod tests {
                 let number = number.max(-i32::MAX) >> shift.min(31);
                 // Halves of the divisor are ties.
                 match tie {
-                    true => (i64::from(number) * rounding.divisor as i64 / 2).clamp(-(1 << 30), 1 << 30) as i32,
+                    true => (i128::from(number) * rounding.divisor / 2).clamp(-(1 << 30), 1 << 30) as i32,
                     false => number,
                 }
             }).collect();

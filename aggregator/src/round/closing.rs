@@ -11,7 +11,7 @@ use zk0_protocol::entries::entry::{Body, Contributor};
 use zk0_protocol::entries::round_result::ResultOutcome;
 use zk0_protocol::rules::state::State;
 use zk0_verifier::close::{close, CloseError, Closing};
-use zk0_verifier::combine::contributions::CombineError;
+use zk0_verifier::combine::error::CombineError;
 use zk0_verifier::{BaseFiles, ResultFiles, VerifiedContribution};
 
 /// A round that may close: what its end follows from.

@@ -17,7 +17,7 @@ pub const REMOVALS: &[Removal] = &[
         check: "a result takes from the base what nobody evaluates",
         file: "verifier/src/combine/blocks.rs",
         replacements: &[
-            ("            unread.restore(self.index, &mut numbers, finest.divisor);\n", ""),
+            ("        unread.restore(self.index, numbers, finest.divisor);\n", ""),
         ],
         package: "zk0-verifier",
         target: "unread_weights",

@@ -79,7 +79,7 @@ fn average(evaluation: &Evaluation, folder: &Path) {
         .digest_of(&file)
         .expect("it is a file of weights");
     let digested = started.elapsed();
-    fs::write(folder.join("result.safetensors"), &file).expect("writing");
+    fs::write(folder.join("result.safetensors"), file.bytes()).expect("writing");
     let seconds = started.elapsed();
     println!(
         "{}",

@@ -1,15 +1,18 @@
 //! Updates that are made up, and their average.
 
+use rayon::prelude::*;
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 use zk0_circuits::{Digest, NodeId};
 use zk0_protocol::rules::network_rules::Strategy;
 use zk0_verifier::combine::bases::Bases;
+use zk0_verifier::combine::blocks::{Combination, Integer};
 use zk0_verifier::combine::contributions::Given;
-use zk0_verifier::combine::source::Source;
+use zk0_verifier::combine::fedavg::average;
+use zk0_verifier::combine::source::{Block, Rows, Source};
 use zk0_verifier::combine::strategy::combined;
 use zk0_verifier::{blob_digest, Evaluation};
-use zk0_weights::{Format, Tensor, Unread, WeightsError};
+use zk0_weights::{BuiltFile, Format, Tensor, Unread, WeightsError};
 
 /// Writes `updates` files of random weights. A tensor has one of two scales, another one in every second update.
 pub fn make(evaluation: &Evaluation, updates: usize, folder: &Path) {
@@ -80,8 +83,26 @@ impl<'a> Average<'a> {
         }
     }
 
+    /// All exact sums, by all cores, a block after the other in the same memory. Gives the largest.
+    pub fn sums(&self) -> u128 {
+        let average = average(&self.given).expect("an average");
+        let blocks = Block::all(self.format);
+        let largest = blocks.par_iter().map_init(
+            || (Rows::default(), Vec::new()),
+            |(rows, numbers), block| {
+                numbers.clear();
+                numbers.resize(block.len, 0i32);
+                average
+                    .combine(block, numbers, rows)
+                    .expect("they are in memory");
+                i32::largest(numbers)
+            },
+        );
+        largest.max().unwrap_or(0)
+    }
+
     /// The file of the result.
-    pub fn file(&self) -> Vec<u8> {
+    pub fn file(&self) -> BuiltFile {
         let bases = Bases::default();
         combined(
             self.format,

@@ -4,15 +4,16 @@
 //! The numbers wait for the scale as integers of 32, 64 or 128 bits: the fewest in which no sum can overflow, which the scales and the
 //! weights of the contributions tell beforehand.
 
-use crate::combine::contributions::CombineError;
+use crate::combine::error::CombineError;
 use crate::combine::source::{Block, Rows, BLOCK};
+use bytemuck::Pod;
 use rayon::prelude::*;
 use zk0_circuits::model::layout::MAX_WEIGHT_BITS;
 use zk0_weights::rounding::{Rounded, Unit};
-use zk0_weights::{Format, Unread};
+use zk0_weights::{BuiltFile, Format, Unread};
 
-/// Values that wait for their scale at once. As 128-bit integers they take 64 MiB. The largest tensor of the published size has less.
-const WAITING: usize = 4 << 20;
+/// Values that wait for their scale at once. As 128-bit integers they take 32 MiB. The largest tensor of the published size has less.
+const WAITING: usize = 2 << 20;
 
 /// The exact numbers of one tensor, before they are computed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -41,15 +42,12 @@ pub trait Combination: Sync {
 }
 
 /// Integers of one of three sizes.
-pub trait Integer: Rounded + Default + Send + Sync {
+pub trait Integer: Rounded + Pod + Send + Sync + Default {
     /// The integer, which fits.
     fn of(number: i128) -> Self;
 
-    /// The integer.
-    fn wide(self) -> i128;
-
-    /// Adds the products of `factor` and `values`.
-    fn add_products(numbers: &mut [Self], factor: i128, values: &[i16]);
+    /// Adds the products of each factor and the values of its row. All rows are as long as `numbers`.
+    fn add_products(numbers: &mut [Self], factors: &[i128], rows: &[&[i16]]);
 
     /// The largest magnitude.
     fn largest(numbers: &[Self]) -> u128;
@@ -62,14 +60,22 @@ macro_rules! integer {
                 number as $type
             }
 
-            fn wide(self) -> i128 {
-                self as i128
-            }
-
-            fn add_products(numbers: &mut [Self], factor: i128, values: &[i16]) {
-                let factor = factor as $type;
-                for (number, value) in numbers.iter_mut().zip(values) {
-                    *number += factor * <$type>::from(*value);
+            fn add_products(numbers: &mut [Self], factors: &[i128], rows: &[&[i16]]) {
+                // Four rows at once, because that touches the numbers a quarter as often.
+                if let ([f, g, h, i], [a, b, c, d]) = (factors, rows) {
+                    let [f, g, h, i] = [f, g, h, i].map(|factor| *factor as $type);
+                    let rows = a.iter().zip(*b).zip(*c).zip(*d);
+                    for (number, (((a, b), c), d)) in numbers.iter_mut().zip(rows) {
+                        let [a, b, c, d] = [a, b, c, d].map(|value| <$type>::from(*value));
+                        *number += (f * a + g * b) + (h * c + i * d);
+                    }
+                    return;
+                }
+                for (factor, row) in factors.iter().zip(rows) {
+                    let factor = *factor as $type;
+                    for (number, value) in numbers.iter_mut().zip(*row) {
+                        *number += factor * <$type>::from(*value);
+                    }
                 }
             }
 
@@ -89,21 +95,31 @@ pub fn file(
     format: &Format,
     combination: &impl Combination,
     unread: &Unread,
-) -> Result<Vec<u8>, CombineError> {
+) -> Result<BuiltFile, CombineError> {
     format.build(|mut places| {
+        let longest = format.tensors().iter().map(|tensor| tensor.len()).max();
+        // Every group uses the same memory, because fresh memory costs time.
+        let mut memory = vec![0i128; longest.unwrap_or(0).max(WAITING)];
         let mut scales = Vec::with_capacity(places.len());
-        let (mut rest, mut first) = (&mut places[..], 0);
+        let mut rest = &mut places[..];
         while !rest.is_empty() {
-            let (group, later) = rest.split_at_mut(group(rest));
-            let tensors = group.par_iter_mut().enumerate().map(|(index, place)| {
-                let tensor = Tensor {
-                    index: first + index,
-                    limits: format.limits()[first + index],
-                };
-                tensor.write(combination, unread, place)
-            });
-            scales.extend(tensors.collect::<Result<Vec<_>, _>>()?);
-            first += group.len();
+            let count = group(rest);
+            let (places, later) = rest.split_at_mut(count);
+            let mut free = &mut memory[..];
+            let mut tensors = Vec::with_capacity(count);
+            for (index, out) in (scales.len()..).zip(places) {
+                let (memory, others) = free.split_at_mut(out.len() / 2);
+                tensors.push(Tensor {
+                    index,
+                    limits: format.limits()[index],
+                    memory,
+                    out,
+                });
+                free = others;
+            }
+            let written = tensors.into_par_iter();
+            let written = written.map(|tensor| tensor.write(combination, unread));
+            scales.extend(written.collect::<Result<Vec<_>, _>>()?);
             rest = later;
         }
         Ok(scales)
@@ -121,74 +137,91 @@ fn group(places: &[&mut [u8]]) -> usize {
 }
 
 /// A tensor of the result.
-struct Tensor {
+struct Tensor<'a> {
     index: usize,
     limits: (i16, i16),
+    /// For its exact numbers.
+    memory: &'a mut [i128],
+    /// For its values.
+    out: &'a mut [u8],
 }
 
-impl Tensor {
+impl Tensor<'_> {
     /// Writes the values, and gives their fraction bits.
-    fn write(
-        &self,
-        combination: &impl Combination,
-        unread: &Unread,
-        out: &mut [u8],
-    ) -> Result<i16, CombineError> {
+    fn write(self, combination: &impl Combination, unread: &Unread) -> Result<i16, CombineError> {
         let Plan { unit, bound } = combination.plan(self.index);
         if unread.concerns(self.index) {
-            let (mut numbers, _) = self.numbers::<i128>(combination, out.len() / 2)?;
-            let finest = Unit {
-                bits: MAX_WEIGHT_BITS,
-                ..unit
-            };
-            for number in &mut numbers {
-                *number <<= (finest.bits - unit.bits).max(0);
-            }
-            unread.restore(self.index, &mut numbers, finest.divisor);
-            let largest = Integer::largest(&numbers);
-            return Ok(self.round(finest, &numbers, largest, out));
-        }
-        if bound < 1 << 31 {
-            self.combined::<i32>(combination, unit, out)
+            self.with_unread(combination, unit, unread)
+        } else if bound < 1 << 31 {
+            self.combined::<i32>(combination, unit)
         } else if bound < 1 << 63 {
-            self.combined::<i64>(combination, unit, out)
+            self.combined::<i64>(combination, unit)
         } else {
-            self.combined::<i128>(combination, unit, out)
+            self.combined::<i128>(combination, unit)
         }
     }
 
     fn combined<T: Integer>(
-        &self,
+        self,
         combination: &impl Combination,
         unit: Unit,
-        out: &mut [u8],
     ) -> Result<i16, CombineError> {
-        let (numbers, largest) = self.numbers::<T>(combination, out.len() / 2)?;
-        Ok(self.round(unit, &numbers, largest, out))
+        let numbers = bytemuck::cast_slice_mut::<i128, T>(self.memory);
+        let numbers = &mut numbers[..self.out.len() / 2];
+        let largest = combine(self.index, combination, numbers)?;
+        Ok(round(unit, self.limits, numbers, largest, self.out))
     }
 
-    /// The exact numbers, and their largest magnitude.
-    fn numbers<T: Integer>(
-        &self,
+    fn with_unread(
+        self,
         combination: &impl Combination,
-        len: usize,
-    ) -> Result<(Vec<T>, u128), CombineError> {
-        let mut numbers = vec![T::default(); len];
-        let blocks: Vec<_> = Block::of(self.index, len).collect();
-        let largest = (numbers.par_chunks_mut(BLOCK).zip(&blocks))
-            .map_init(Rows::default, |rows, (numbers, block)| {
-                combination.combine(block, numbers, rows)?;
-                Ok::<_, CombineError>(T::largest(numbers))
-            })
-            .try_reduce(|| 0, |one, other| Ok(one.max(other)))?;
-        Ok((numbers, largest))
+        unit: Unit,
+        unread: &Unread,
+    ) -> Result<i16, CombineError> {
+        let numbers = self.memory;
+        combine(self.index, combination, numbers)?;
+        let finest = Unit {
+            bits: MAX_WEIGHT_BITS,
+            ..unit
+        };
+        for number in &mut *numbers {
+            *number <<= (finest.bits - unit.bits).max(0);
+        }
+        unread.restore(self.index, numbers, finest.divisor);
+        let largest = Integer::largest(numbers);
+        Ok(round(finest, self.limits, numbers, largest, self.out))
     }
+}
 
-    fn round<T: Integer>(&self, unit: Unit, numbers: &[T], largest: u128, out: &mut [u8]) -> i16 {
-        let bits = unit.scale(largest, self.limits);
-        let rounding = unit.to(bits);
-        (numbers.par_chunks(BLOCK).zip(out.par_chunks_mut(2 * BLOCK)))
-            .for_each(|(numbers, out)| rounding.write(numbers, largest, out));
-        bits
-    }
+/// Computes the exact numbers of a tensor, and gives their largest magnitude.
+fn combine<T: Integer>(
+    tensor: usize,
+    combination: &impl Combination,
+    numbers: &mut [T],
+) -> Result<u128, CombineError> {
+    let blocks: Vec<_> = Block::of(tensor, numbers.len()).collect();
+    let largest = (numbers.par_chunks_mut(BLOCK).zip(&blocks)).map_init(
+        Rows::default,
+        |rows, (numbers, block)| {
+            numbers.fill(T::default());
+            combination.combine(block, numbers, rows)?;
+            Ok(T::largest(numbers))
+        },
+    );
+    largest.try_reduce(|| 0, |one, other| Ok(one.max(other)))
+}
+
+/// Rounds the numbers of a tensor, and gives the fraction bits that they have then.
+fn round<T: Integer>(
+    unit: Unit,
+    limits: (i16, i16),
+    numbers: &[T],
+    largest: u128,
+    out: &mut [u8],
+) -> i16 {
+    let bits = unit.scale(largest, limits);
+    let rounding = unit.to(bits);
+    (numbers.par_chunks(BLOCK).zip(out.par_chunks_mut(2 * BLOCK)))
+        .for_each(|(numbers, out)| rounding.write(numbers, largest, out));
+    bits
 }

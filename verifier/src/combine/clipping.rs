@@ -5,8 +5,9 @@
 //! too long counts `s = ⌊2^32 · √(L² · B / (10^8 · D))⌋ / 2^32` of its difference. All of it is computed in integers. The factor is
 //! rounded down, so that no difference is longer than the limit, and a difference that is not too long counts whole.
 
-use crate::combine::contributions::{CombineError, Given};
+use crate::combine::contributions::Given;
 use crate::combine::distance::{squared, squared_norm, Values};
+use crate::combine::error::CombineError;
 use crate::combine::fedavg::whole;
 use crate::combine::linear::{Linear, Term};
 use crate::combine::source::{Block, Rows, Source};

@@ -3,7 +3,8 @@
 //! For each weight, the products of a contribution's weight and its value are summed, and divided once by the sum of the
 //! contributions' weights. All of it is computed in integers, so that the sum is exact and the order of the contributions does not matter.
 
-use crate::combine::contributions::{CombineError, Given};
+use crate::combine::contributions::Given;
+use crate::combine::error::CombineError;
 use crate::combine::linear::{Linear, Term};
 
 /// The weighted mean.

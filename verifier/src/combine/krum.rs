@@ -8,8 +8,9 @@
 //! Distances are exact integers, and of equal scores that of the smaller node id comes first. So the order in which contributions are
 //! given changes nothing. All contributors count alike. Every pair is compared, so the time grows with the square of their number.
 
-use crate::combine::contributions::{CombineError, Given};
+use crate::combine::contributions::Given;
 use crate::combine::distance::{squared, Values};
+use crate::combine::error::CombineError;
 use crate::combine::linear::{Linear, Term};
 use crate::combine::source::{Block, Rows, Source};
 use rayon::prelude::*;

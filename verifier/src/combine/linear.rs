@@ -1,9 +1,12 @@
 //! Sums of weights with integer coefficients, over one divisor. FedAvg, Krum, norm clipping and momentum are such sums.
 
 use crate::combine::blocks::{Combination, Integer, Plan};
-use crate::combine::contributions::CombineError;
+use crate::combine::error::CombineError;
 use crate::combine::source::{Block, Rows, Source};
 use zk0_weights::rounding::Unit;
+
+/// Terms that are read and summed together. Their blocks and the sums fit into a core's cache.
+const AT_ONCE: usize = 4;
 
 /// Weights, times a number.
 #[derive(Clone, Copy)]
@@ -82,9 +85,11 @@ impl Combination for Linear<'_> {
         rows: &mut Rows,
     ) -> Result<(), CombineError> {
         let bits = self.finest(block.tensor);
-        for term in &self.terms {
-            let values = term.weights.read(block, rows.one())?;
-            T::add_products(numbers, term.factor(block.tensor, bits), values);
+        for terms in self.terms.chunks(AT_ONCE) {
+            let weights = terms.iter().map(|term| term.weights);
+            let factors = terms.iter().map(|term| term.factor(block.tensor, bits));
+            let (weights, factors): (Vec<_>, Vec<_>) = weights.zip(factors).unzip();
+            T::add_products(numbers, &factors, &rows.read(&weights, block)?);
         }
         Ok(())
     }

@@ -14,6 +14,7 @@ pub mod blocks;
 pub mod clipping;
 pub mod contributions;
 pub mod distance;
+pub mod error;
 pub mod fedavg;
 pub mod krum;
 pub mod linear;

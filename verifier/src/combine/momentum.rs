@@ -10,7 +10,8 @@
 //! whose base a vote restored (`State::earlier_base`). A round that kept its base has not moved. Where the result is too large for
 //! the scales of a network, a value becomes the largest one that there is.
 
-use crate::combine::contributions::{CombineError, Given};
+use crate::combine::contributions::Given;
+use crate::combine::error::CombineError;
 use crate::combine::fedavg::whole;
 use crate::combine::linear::{Linear, Term};
 use crate::combine::source::Source;

@@ -5,7 +5,8 @@
 //! summed as exact integers, so that the order of the contributions does not matter.
 
 use crate::combine::blocks::{Combination, Integer, Plan};
-use crate::combine::contributions::{CombineError, Given};
+use crate::combine::contributions::Given;
+use crate::combine::error::CombineError;
 use crate::combine::source::{Block, Rows, Source};
 use std::ops::Range;
 use zk0_protocol::rules::basis_points::BPS;

@@ -7,7 +7,7 @@
 //! not verified, whatever happens to the file and whenever. That costs a third of an average's time. The file's SHA-256 would cost more
 //! than the average itself, and could be compared only after all of the file was summed.
 
-use crate::combine::contributions::CombineError;
+use crate::combine::error::CombineError;
 use crate::combine::source::{Block, Source};
 use std::fmt::Display;
 use zk0_circuits::{Digest, QuantisedWeights};

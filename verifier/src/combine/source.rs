@@ -1,6 +1,6 @@
 //! Where a combination reads weights, a block at a time.
 
-use crate::combine::contributions::CombineError;
+use crate::combine::error::CombineError;
 use std::ops::Range;
 use zk0_circuits::QuantisedWeights;
 use zk0_weights::Format;
@@ -93,14 +93,6 @@ pub struct Rows {
 }
 
 impl Rows {
-    /// The memory for one block.
-    pub fn one(&mut self) -> &mut Vec<i16> {
-        if self.buffers.is_empty() {
-            self.buffers.push(Vec::new());
-        }
-        &mut self.buffers[0]
-    }
-
     /// Reads `block` of each of these.
     ///
     /// # Errors

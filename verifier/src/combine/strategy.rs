@@ -8,7 +8,8 @@
 use crate::combine::bases::Bases;
 use crate::combine::blocks::file;
 use crate::combine::clipping::clipped_mean;
-use crate::combine::contributions::{aligned, CombineError, Given};
+use crate::combine::contributions::{aligned, Given};
+use crate::combine::error::CombineError;
 use crate::combine::fedavg::average;
 use crate::combine::krum::{krum, multi_krum};
 use crate::combine::momentum::with_momentum;
@@ -16,7 +17,7 @@ use crate::combine::robust::{median, trimmed_mean};
 use crate::combine::source::{InMemory, Source};
 use zk0_circuits::{QuantisedWeights, WeightsDigest};
 use zk0_protocol::rules::network_rules::Strategy;
-use zk0_weights::{Format, Unread};
+use zk0_weights::{BuiltFile, Format, Unread};
 
 /// New global weights: as a file and as the digest that goes on the ledger.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -35,7 +36,7 @@ pub fn combined(
     strategy: Strategy,
     bases: &Bases,
     unread: &Unread,
-) -> Result<Vec<u8>, CombineError> {
+) -> Result<BuiltFile, CombineError> {
     let given = &aligned(format, given)?[..];
     let base = in_memory(format, &bases.base);
     let earlier = in_memory(format, &bases.earlier);

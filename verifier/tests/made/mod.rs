@@ -13,7 +13,7 @@ use zk0_circuits::{
 };
 use zk0_protocol::rules::network_rules::Strategy;
 use zk0_verifier::combine::blocks::{Combination, Plan};
-use zk0_verifier::combine::contributions::CombineError;
+use zk0_verifier::combine::error::CombineError;
 use zk0_verifier::combine::source::{Block, Rows, Source};
 use zk0_verifier::Evaluation;
 use zk0_weights::rounding::Unit;
