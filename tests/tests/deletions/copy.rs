@@ -59,17 +59,10 @@ impl Copy {
     pub fn without(&self, removal: &Removal) -> Outcome {
         let place = self.folder.join(removal.file);
         let whole = read(&place);
-        let mut source = whole.clone();
-        for (code, left) in removal.replacements {
-            let found = source.matches(code).count();
-            if found != 1 {
-                return Outcome::NotTried(format!(
-                    "`{code}` has to be in {} once, and it is there {found} times",
-                    removal.file
-                ));
-            }
-            source = source.replace(code, left);
-        }
+        let source = match removal.applied_to(&whole) {
+            Ok(source) => source,
+            Err(why) => return Outcome::NotTried(why),
+        };
         write(&place, source);
         let ran = self.run(removal.package, removal.target, &[removal.test]);
         write(&place, whole);

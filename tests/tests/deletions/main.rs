@@ -17,8 +17,10 @@ mod nodes;
 mod service;
 
 use copy::{Copy, Outcome};
+use std::path::Path;
 
 /// A check, and the test that tries the attack which it stops.
+#[derive(Clone)]
 pub struct Removal {
     pub check: &'static str,
     /// The source, from the repository's folder.
@@ -30,6 +32,25 @@ pub struct Removal {
     pub target: &'static str,
     /// The test, without its module.
     pub test: &'static str,
+}
+
+impl Removal {
+    /// The source without the check.
+    fn applied_to(&self, source: &str) -> Result<String, String> {
+        let mut left = source.to_owned();
+        for (code, instead) in self.replacements {
+            match left.matches(code).count() {
+                1 => left = left.replace(code, instead),
+                found => {
+                    return Err(format!(
+                        "{}: `{code}` has to be in {} once, and it is there {found} times",
+                        self.check, self.file
+                    ))
+                }
+            }
+        }
+        Ok(left)
+    }
 }
 
 /// Removes the checks of these lists, one at a time. `ZK0_REMOVE` chooses those whose name contains one of its texts.
@@ -55,6 +76,30 @@ fn removed(lists: &[&[Removal]]) {
             wrong.push(format!("{}: {outcome}", removal.check));
         }
     }
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+#[test]
+fn every_check_can_be_removed_from_the_sources() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let lists = [
+        ledger_rules::REMOVALS,
+        bounds::REMOVALS,
+        argument::REMOVALS,
+        attestation::REMOVALS,
+        audited::REMOVALS,
+        nodes::REMOVALS,
+        service::REMOVALS,
+    ];
+    let wrong: Vec<_> = lists
+        .concat()
+        .iter()
+        .filter_map(|removal| {
+            let source = std::fs::read_to_string(root.join(removal.file));
+            let source = source.map_err(|error| format!("{}: {error}", removal.file));
+            source.and_then(|source| removal.applied_to(&source)).err()
+        })
+        .collect();
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
