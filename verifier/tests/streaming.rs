@@ -87,7 +87,7 @@ impl Setting {
     }
 
     /// From files that are read by `read_at`.
-    fn from_files(
+    fn of_read_files(
         &self,
         strategy: Strategy,
         read_at: &(impl Fn(&Digest, u64, &mut [u8]) -> Result<(), String> + Sync),
@@ -126,7 +126,7 @@ fn files_combine_to_what_weights_in_memory_combine_to_by_any_number_of_threads()
             let found = pool
                 .build()
                 .unwrap()
-                .install(|| setting.from_files(strategy, &read_at));
+                .install(|| setting.of_read_files(strategy, &read_at));
             assert!(
                 found.unwrap() == expected,
                 "{strategy:?}, {threads} threads"
@@ -154,7 +154,7 @@ fn a_number_that_changed_after_the_verification_is_never_averaged() {
                 }
                 Ok(())
             };
-            match setting.from_files(strategy, &read_at) {
+            match setting.of_read_files(strategy, &read_at) {
                 Err(CombineError::Changed { blob: found, .. }) => assert_eq!(&found, blob),
                 found => panic!("{strategy:?}: {:?}", found.map(|file| file.len())),
             }
@@ -166,7 +166,7 @@ fn a_number_that_changed_after_the_verification_is_never_averaged() {
         let read = if read == blob { &other } else { read };
         setting.read_at(read, place, buffer)
     };
-    let found = setting.from_files(Strategy::FedAvg, &read_at);
+    let found = setting.of_read_files(Strategy::FedAvg, &read_at);
     assert!(matches!(found, Err(CombineError::Changed { .. })));
 }
 
@@ -179,7 +179,9 @@ fn a_file_that_cannot_be_read_is_named() {
         true if place + buffer.len() as u64 == length => Err("the disk is broken".to_owned()),
         _ => setting.read_at(read, place, buffer),
     };
-    let error = setting.from_files(Strategy::FedAvg, &read_at).unwrap_err();
+    let error = setting
+        .of_read_files(Strategy::FedAvg, &read_at)
+        .unwrap_err();
     let expected = CombineError::Unreadable {
         blob: *blob,
         error: "the disk is broken".into(),
