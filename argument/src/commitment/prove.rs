@@ -117,6 +117,11 @@ impl Committed {
         }
     }
 
+    /// Drops values that are in files from the process's memory, until somebody uses them again.
+    fn release(&self) {
+        self.columns.iter().for_each(Column::release);
+    }
+
     fn width(&self) -> usize {
         self.columns.len()
     }
@@ -178,6 +183,7 @@ pub fn open(
     let mut values = Vec::with_capacity(width);
     for segment in segments {
         values.extend(evaluate(&segment.columns, point));
+        segment.release();
     }
     prover.send_extension(&values);
     work::do_work(prover, WORK);
@@ -188,6 +194,7 @@ pub fn open(
     for segment in segments {
         let weights = &weights[first..first + segment.width()];
         add_combination(&segment.columns, weights, &mut message);
+        segment.release();
         first += segment.width();
     }
 
@@ -230,6 +237,7 @@ pub fn open(
     let mut encoded = 0;
     for segment in segments {
         opened.push(segment.open(parameters, &positions));
+        segment.release();
         encoded += segment.width();
         tell(Phase::Opening, encoded as f64 / width as f64);
     }

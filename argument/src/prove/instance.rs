@@ -13,12 +13,15 @@ pub struct Instance<'a> {
 }
 
 impl Instance<'_> {
-    /// Computes values. What takes long is kept in `computed`.
-    pub fn tables<'r>(&'r self, computed: &'r Computed) -> Tables<'r> {
-        Tables {
+    /// Computes with its values. Those that are in files are dropped from the process's memory afterwards, so that the values of one instance
+    /// are in memory at a time.
+    pub fn with<T>(&self, compute: impl FnOnce(&Tables<'_>) -> T) -> T {
+        let result = compute(&Tables {
             relations: self.relations,
             sources: &self.sources,
-            computed,
-        }
+            computed: &Computed::default(),
+        });
+        self.sources.iter().for_each(Values::release);
+        result
     }
 }

@@ -5,7 +5,6 @@ use super::instance::Instance;
 use super::joined::{self, Joined};
 use super::looked_up;
 use super::summed::{self, ProductFactors};
-use super::tables::Computed;
 use super::values::{contract, numbers, packed, value, Values};
 use crate::field::{Extension, Goldilocks};
 use crate::fractions::{self, prove::halves, LeafClaim};
@@ -76,8 +75,10 @@ impl Challenges for Proving<'_> {
 
 impl Party for Proving<'_> {
     fn value(&mut self, parts: &Parts, about: &Weighted) -> Result<Extension, Refused> {
-        let of =
-            |instance: &Instance| value(instance.sources[about.source.0 as usize], parts, about);
+        let source = about.source.0 as usize;
+        let of = |instance: &Instance| {
+            instance.with(|tables| value(tables.sources[source], parts, about))
+        };
         let said = match about.instances {
             None => of(&self.instances[0]),
             Some(id) => {
@@ -108,8 +109,7 @@ impl Party for Proving<'_> {
             Sum::Monomials(number, weights) => {
                 let (ids, own) = summed::own_weights(relations, parts, weights);
                 let of = |(instance, weight): (&Instance, &Extension)| {
-                    let computed = Computed::default();
-                    let values = instance.tables(&computed).monomials(*number);
+                    let values = instance.with(|tables| tables.monomials(*number));
                     *weight * contract(&values, parts, &ids)[0]
                 };
                 instances[..own.len().min(self.count)]
@@ -133,9 +133,7 @@ impl Party for Proving<'_> {
         layout: &Layout,
         fold: &Fold,
     ) -> Result<LeafClaim, Refused> {
-        let computed = Computed::default();
-        let leaves = looked_up::leaves(&self.instances[instance].tables(&computed), layout, fold);
-        drop(computed);
+        let leaves = self.instances[instance].with(|own| looked_up::leaves(own, layout, fold));
         let claim = fractions::prove::sum_of(&mut self.prover, layout.variables, &leaves);
         if self.count > 1 {
             let low = layout.variables / 2;
@@ -172,9 +170,7 @@ impl Party for Proving<'_> {
         let places = a;
         let (mut a, mut b) = (vec![], vec![]);
         for (number, (claim, &place)) in claims.iter().zip(&places).enumerate() {
-            let computed = Computed::default();
-            let tables = self.instances[number].tables(&computed);
-            let leaves = looked_up::leaves(&tables, layout, fold);
+            let leaves = self.instances[number].with(|own| looked_up::leaves(own, layout, fold));
             let own = halves::over_low(&leaves, &point, layout.variables);
             a.extend(
                 eq_table(&claim.point[low..])
@@ -337,16 +333,20 @@ impl Proving<'_> {
     fn combined(&self, source: usize, bits: usize, weights: &[Extension]) -> joined::Table {
         let element = |values: Values<'_>, index| Goldilocks::from_i64(values.get(index));
         if let [_] = weights {
-            let values = self.instances[0].sources[source];
-            let all = (0..1usize << bits).into_par_iter();
-            let all: Vec<Goldilocks> = all.map(|index| element(values, index)).collect();
+            let all = self.instances[0].with(|tables| {
+                let all = (0..1usize << bits).into_par_iter();
+                let all = all.map(|index| element(tables.sources[source], index));
+                all.collect::<Vec<Goldilocks>>()
+            });
             return all.into();
         }
         let mut sums = vec![Extension::ZERO; 1 << bits];
         for (instance, &weight) in self.instances[..self.count].iter().zip(weights) {
-            let values = instance.sources[source];
-            let sums = sums.par_iter_mut().enumerate();
-            sums.for_each(|(index, sum)| *sum += weight.scale(element(values, index)));
+            instance.with(|tables| {
+                let values = tables.sources[source];
+                let sums = sums.par_iter_mut().enumerate();
+                sums.for_each(|(index, sum)| *sum += weight.scale(element(values, index)));
+            });
         }
         sums.into()
     }

@@ -3,7 +3,7 @@
 use super::grid::Grid;
 use super::instance::Instance;
 use super::joined::{Joined, Table};
-use super::tables::{Computed, Tables};
+use super::tables::Tables;
 use super::values::contract;
 use crate::field::{Extension, Goldilocks};
 use crate::multilinear::outer;
@@ -48,8 +48,7 @@ impl ProductFactors {
         let (_, over) = own_weights(relations, parts, weights);
         let factor = |instance: &Instance, of: usize, own: &[Axis]| {
             let axes = [own, &product.shared, &product.summed].concat();
-            let computed = Computed::default();
-            let values = instance.tables(&computed).of_virtual(of, &axes);
+            let values = instance.with(|tables| tables.of_virtual(of, &axes));
             contract(&values, parts, &ids(own))
         };
         let mut shared = vec![Extension::ONE];
@@ -171,8 +170,7 @@ pub fn grid(
     let (factors, terms) = factors_of(monomials);
     let tables = |factor: &Factor| -> Vec<Vec<Goldilocks>> {
         let of = |instance: &Instance| {
-            let computed = Computed::default();
-            elements(&instance.tables(&computed), *factor, &monomials.axes)
+            instance.with(|tables| elements(tables, *factor, &monomials.axes))
         };
         instances.iter().map(of).collect()
     };
@@ -203,8 +201,7 @@ pub fn monomials(
     let (factors, terms) = factors_of(monomials);
     for factor in factors {
         let of = |instance: &Instance| {
-            let computed = Computed::default();
-            elements(&instance.tables(&computed), factor, &monomials.axes)
+            instance.with(|tables| elements(tables, factor, &monomials.axes))
         };
         if at.len() == 1 || !differs(relations, factor) {
             all.push(of(&instances[0]).into());

@@ -18,6 +18,13 @@ pub enum Values<'a> {
 }
 
 impl Values<'_> {
+    /// Drops values that are in files from the process's memory, until somebody uses them again.
+    pub fn release(&self) {
+        if let Self::Columns(columns, _) = self {
+            columns.iter().for_each(Column::release);
+        }
+    }
+
     /// Value number `index`; zero after the last one.
     #[inline(always)]
     pub fn get(&self, index: usize) -> i64 {

@@ -76,6 +76,15 @@ impl Column {
         })
     }
 
+    /// Drops values that are in a file from the process's memory, until somebody uses them again.
+    pub fn release(&self) {
+        match self {
+            Self::Narrow(values) => values.release(),
+            Self::Medium(values) => values.release(),
+            Self::Wide(values) => values.release(),
+        }
+    }
+
     /// The value with this number, as an integer.
     #[inline(always)]
     pub fn get(&self, index: usize) -> i64 {
