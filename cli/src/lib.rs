@@ -5,11 +5,13 @@
 //! - `governance`: proposals, votes, disputes.
 //! - `train`, `eval`, `fidelity`, `dataset`: policies and recordings, without a network; `policy`: the options that they share.
 //! - `demo`: a whole network as processes on this machine.
+//! - [`settings`]: how services are configured, by flags, variables and files.
 //! - [`logging`], `chart`, `keys`, `network`, `serve`: what the commands share.
 
 pub mod audit;
 pub mod ledger;
 pub mod logging;
+pub mod settings;
 
 #[cfg(feature = "full")]
 pub mod aggregator;

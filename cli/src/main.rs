@@ -5,7 +5,7 @@ use clap::{Parser, Subcommand};
 use std::process::ExitCode;
 #[cfg(feature = "full")]
 use zk0::serve::online;
-use zk0::{audit, ledger, logging};
+use zk0::{audit, ledger, logging, settings};
 
 #[cfg(feature = "full")]
 #[global_allocator]
@@ -16,7 +16,14 @@ static ALLOCATOR: zk0_smolvla::policy::memory::Allocator = zk0_smolvla::policy::
 #[command(name = "zk0", version, max_term_width = 100)]
 struct Cli {
     /// The format of the log, which goes to standard error.
-    #[arg(long, global = true, value_enum, default_value_t)]
+    #[arg(
+        long,
+        global = true,
+        value_enum,
+        default_value_t,
+        env = "ZK0_LOG",
+        hide_env_values = true
+    )]
     log: logging::LogFormat,
     #[command(subcommand)]
     command: Command,
@@ -71,7 +78,7 @@ enum Full {
 }
 
 fn main() -> ExitCode {
-    let cli = Cli::parse();
+    let cli: Cli = settings::parse();
     logging::init(cli.log);
     match run(&cli.command) {
         Ok(code) => code,
