@@ -60,6 +60,8 @@ enum Full {
     /// Propose changes, vote on them, dispute contributions, or change a node's key.
     #[command(subcommand)]
     Governance(Box<zk0::governance::Command>),
+    /// Show how an aggregator is doing: its rounds, nodes, queue and disk.
+    Status(zk0::status::Options),
     /// Make proofs for the nodes of this machine.
     #[command(subcommand)]
     Prover(zk0::prover::Command),
@@ -119,6 +121,7 @@ impl Full {
             Self::Node(command) => zk0::node::run(command)?,
             Self::Aggregator(command) => zk0::aggregator::run(command)?,
             Self::Governance(command) => zk0::governance::run(command)?,
+            Self::Status(options) => online(zk0::status::run(options))?,
             Self::Prover(command) => zk0::prover::run(command)?,
             Self::Train(options) => zk0::train::run(options)?,
             Self::Eval(options) => zk0::eval::run(options)?,

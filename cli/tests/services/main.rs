@@ -4,4 +4,5 @@
 mod harness;
 
 mod examples;
+mod observed;
 mod settings;
