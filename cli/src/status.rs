@@ -41,13 +41,21 @@ pub async fn run(options: &Options) -> Result<()> {
     }
     // It has a connection of its own, so that it can wait.
     let mut follower = options.network.connect(key).await?;
-    let mut watch = RoundWatch::default();
+    let (mut watch, mut silent) = (RoundWatch::default(), false);
     loop {
         tokio::select! {
             changed = follower.changed(&mut watch) => changed?,
             () = sleep(REFRESH) => {}
         }
-        options.show(&mut node).await?;
+        match options.show(&mut node).await {
+            Ok(()) => silent = false,
+            // It may be starting again.
+            Err(error) if !silent => {
+                tracing::warn!("{error:#}; the aggregator is asked again every {REFRESH:?}");
+                silent = true;
+            }
+            Err(_) => {}
+        }
     }
 }
 

@@ -57,7 +57,7 @@ impl Default for Metrics {
 
 impl Metrics {
     /// All metrics as text.
-    pub(super) fn text(&self) -> Result<String, fmt::Error> {
+    pub fn text(&self) -> Result<String, fmt::Error> {
         let mut text = String::new();
         encode(&mut text, &self.registry)?;
         Ok(text)

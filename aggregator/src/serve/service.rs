@@ -238,6 +238,7 @@ impl Service {
                 self.note_stage().await?;
                 self.with(
                     move |aggregator| match aggregator.state().rules().witness_policy == witnesses {
+                        _ if aggregator.ledger().has_failed() => Err(LedgerError::Poisoned.into()),
                         true => Ok(progress),
                         false => Err(RequestError::Internal(
                             "the rules have a new witness policy: start the aggregator again with it"

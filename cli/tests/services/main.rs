@@ -1,4 +1,5 @@
-//! What operators of services have: settings in files and variables, metrics, a status, and units for systemd.
+//! What operators of services have: settings in files and variables, metrics, a status, units for systemd, and what is printed when
+//! something fails.
 
 #[path = "../harness/mod.rs"]
 mod harness;
@@ -6,4 +7,5 @@ mod harness;
 mod examples;
 mod observed;
 mod packaging;
+mod runbook;
 mod settings;
