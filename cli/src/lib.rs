@@ -2,14 +2,17 @@
 //!
 //! - [`audit`] and [`ledger`]: all that an auditor's light build has.
 //! - `aggregator`, `node`, `prover`, `witness`: the services (feature `full`).
+//! - `status`: how an aggregator is doing.
 //! - `governance`: proposals, votes, disputes.
 //! - `train`, `eval`, `fidelity`, `dataset`: policies and recordings, without a network; `policy`: the options that they share.
 //! - `demo`: a whole network as processes on this machine.
+//! - [`settings`]: how services are configured, by flags, variables and files.
 //! - [`logging`], `chart`, `keys`, `network`, `serve`: what the commands share.
 
 pub mod audit;
 pub mod ledger;
 pub mod logging;
+pub mod settings;
 
 #[cfg(feature = "full")]
 pub mod aggregator;
@@ -37,6 +40,8 @@ mod policy;
 pub mod prover;
 #[cfg(feature = "full")]
 pub mod serve;
+#[cfg(feature = "full")]
+pub mod status;
 #[cfg(feature = "full")]
 pub mod train;
 #[cfg(feature = "full")]

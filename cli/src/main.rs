@@ -5,7 +5,7 @@ use clap::{Parser, Subcommand};
 use std::process::ExitCode;
 #[cfg(feature = "full")]
 use zk0::serve::online;
-use zk0::{audit, ledger, logging};
+use zk0::{audit, ledger, logging, settings};
 
 #[cfg(feature = "full")]
 #[global_allocator]
@@ -16,7 +16,14 @@ static ALLOCATOR: zk0_smolvla::policy::memory::Allocator = zk0_smolvla::policy::
 #[command(name = "zk0", version, max_term_width = 100)]
 struct Cli {
     /// The format of the log, which goes to standard error.
-    #[arg(long, global = true, value_enum, default_value_t)]
+    #[arg(
+        long,
+        global = true,
+        value_enum,
+        default_value_t,
+        env = "ZK0_LOG",
+        hide_env_values = true
+    )]
     log: logging::LogFormat,
     #[command(subcommand)]
     command: Command,
@@ -53,6 +60,8 @@ enum Full {
     /// Propose changes, vote on them, dispute contributions, or change a node's key.
     #[command(subcommand)]
     Governance(Box<zk0::governance::Command>),
+    /// Show how an aggregator is doing: its rounds, nodes, queue and disk.
+    Status(zk0::status::Options),
     /// Make proofs for the nodes of this machine.
     #[command(subcommand)]
     Prover(zk0::prover::Command),
@@ -71,7 +80,7 @@ enum Full {
 }
 
 fn main() -> ExitCode {
-    let cli = Cli::parse();
+    let cli: Cli = settings::parse();
     logging::init(cli.log);
     match run(&cli.command) {
         Ok(code) => code,
@@ -112,6 +121,7 @@ impl Full {
             Self::Node(command) => zk0::node::run(command)?,
             Self::Aggregator(command) => zk0::aggregator::run(command)?,
             Self::Governance(command) => zk0::governance::run(command)?,
+            Self::Status(options) => online(zk0::status::run(options))?,
             Self::Prover(command) => zk0::prover::run(command)?,
             Self::Train(options) => zk0::train::run(options)?,
             Self::Eval(options) => zk0::eval::run(options)?,

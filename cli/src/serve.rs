@@ -1,7 +1,8 @@
 //! What the commands on the network share: a runtime, listening, serving over HTTP, and ending when they are told to.
 
-use anyhow::{Context, Result};
+use anyhow::{bail, Context, Result};
 use std::future::Future;
+use std::io::ErrorKind;
 use std::net::SocketAddr;
 use std::time::Duration;
 use tokio::net::TcpListener;
@@ -24,9 +25,12 @@ pub fn online_until<T>(patience: Duration, work: impl Future<Output = Result<T>>
 
 /// Listens on this address, or on a free port of it. Returns the listener with its address.
 pub async fn listening(listen: SocketAddr) -> Result<(TcpListener, SocketAddr)> {
-    let listener = TcpListener::bind(listen)
-        .await
-        .with_context(|| format!("listening on {listen}"))?;
+    let listener = match TcpListener::bind(listen).await {
+        Err(error) if error.kind() == ErrorKind::AddrInUse => {
+            bail!("another process listens on {listen} already: stop it, or choose another address")
+        }
+        bound => bound.with_context(|| format!("listening on {listen}"))?,
+    };
     let address = listener.local_addr()?;
     Ok((listener, address))
 }

@@ -74,7 +74,7 @@ pub enum LedgerError {
     #[error("entry {index}: {why}")]
     BadEntry { index: u64, why: String },
     /// A write has failed. What is on disk is unknown until the ledger is opened again.
-    #[error("an earlier write failed: open the ledger again")]
+    #[error("an earlier write to the ledger failed, so nothing more is written: see to the disk, and start again")]
     Poisoned,
     /// The log has no such entry.
     #[error("there is no entry {0}")]

@@ -264,6 +264,11 @@ impl Ledger {
         Ok(())
     }
 
+    /// Whether a write has failed. Then nothing more is written until the ledger is opened again.
+    pub fn has_failed(&self) -> bool {
+        self.poisoned
+    }
+
     /// The log's verifiable random function for `input`, with its proof.
     pub fn vrf(&self, input: &Digest) -> VrfProof {
         VrfProof::of(&self.key, &input.0)

@@ -2,6 +2,7 @@
 //! a receipt for whatever is recorded.
 
 pub mod address;
+pub mod status;
 pub mod watching;
 
 use crate::client::address::AggregatorAddress;

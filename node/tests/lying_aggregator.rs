@@ -158,6 +158,10 @@ impl Federation for Lying {
         Ok(Response::new(Box::pin(told.chain(tokio_stream::pending()))))
     }
 
+    async fn get_status(&self, _: Request<rpc::GetStatusRequest>) -> Answer<rpc::StatusInfo> {
+        not_asked()
+    }
+
     type DownloadStream = Pin<Box<dyn Stream<Item = Result<rpc::Chunk, Status>> + Send>>;
 
     async fn download(&self, _: Request<rpc::DownloadRequest>) -> Answer<Self::DownloadStream> {

@@ -7,6 +7,7 @@
 //! | a stranger's | the half for strangers, one message at a time for each address but this machine's own |
 
 use crate::connections::caller::Caller;
+use prometheus_client::metrics::gauge::Gauge;
 use std::sync::Arc;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
@@ -22,12 +23,32 @@ pub(crate) struct MessageMemory {
     largest: u64,
     strangers: Arc<Semaphore>,
     nodes: Arc<Semaphore>,
+    /// Counts the bytes that are reserved.
+    in_flight: Gauge,
 }
 
 /// The memory of a message, until it is dropped.
 pub(crate) struct Reserved {
     _bytes: OwnedSemaphorePermit,
     _turn: Option<OwnedSemaphorePermit>,
+    _counted: CountedBytes,
+}
+
+/// Bytes that count as reserved, until this is dropped.
+struct CountedBytes(Gauge, i64);
+
+impl CountedBytes {
+    fn new(in_flight: Gauge, units: u32) -> Self {
+        let bytes = i64::from(units) * UNIT_BYTES as i64;
+        in_flight.inc_by(bytes);
+        Self(in_flight, bytes)
+    }
+}
+
+impl Drop for CountedBytes {
+    fn drop(&mut self) {
+        self.0.dec_by(self.1);
+    }
 }
 
 impl MessageMemory {
@@ -43,7 +64,14 @@ impl MessageMemory {
             largest,
             strangers: half(),
             nodes: half(),
+            in_flight: Gauge::default(),
         }
+    }
+
+    /// From now on, this counts the bytes that are reserved.
+    pub fn counted_by(mut self, in_flight: Gauge) -> Self {
+        self.in_flight = in_flight;
+        self
     }
 
     /// The largest message that anybody decodes.
@@ -64,6 +92,7 @@ impl MessageMemory {
         Some(Reserved {
             _bytes: memory.acquire_many_owned(units).await.ok()?,
             _turn: turn,
+            _counted: CountedBytes::new(self.in_flight, units),
         })
     }
 }

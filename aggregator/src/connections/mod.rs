@@ -15,7 +15,7 @@ pub mod limits;
 mod message_body;
 pub(crate) mod message_memory;
 pub mod open_files;
-mod places;
+pub(crate) mod places;
 pub(crate) mod requests;
 pub(crate) mod serving;
 mod stream;

@@ -2,7 +2,7 @@
 //! room for a new one. Connections with requests in progress come last. A node's place is never taken away.
 
 use crate::connections::limits::{ConnectionLimits, PLACES_PER_NODE};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tokio::sync::{Notify, Semaphore};
@@ -20,6 +20,17 @@ pub(crate) enum NoPlace {
         "all {most} connections are taken, and nodes hold them: allow more with --max-connections"
     )]
     AtAll { most: usize },
+}
+
+/// How many connections there are.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Counts {
+    /// Connections of nodes.
+    pub of_nodes: u64,
+    /// The nodes that they are of.
+    pub nodes: u64,
+    /// Connections of strangers.
+    pub of_strangers: u64,
 }
 
 /// The places of one server.
@@ -128,6 +139,19 @@ impl Places {
     /// Whose place the connection `number` has.
     pub fn node(&self, number: u64) -> Option<NodeId> {
         self.held().places.get(&number)?.node
+    }
+
+    /// How many connections there are now.
+    pub fn counts(&self) -> Counts {
+        let held = self.held();
+        let of_nodes = held.places.values().filter_map(|place| place.node);
+        let nodes: BTreeSet<_> = of_nodes.clone().collect();
+        let of_nodes = of_nodes.count();
+        Counts {
+            of_nodes: of_nodes as u64,
+            nodes: nodes.len() as u64,
+            of_strangers: (held.places.len() - of_nodes) as u64,
+        }
     }
 
     /// A request of the connection `number` begins.

@@ -3,8 +3,9 @@
 
 use crate::connections::caller::Caller;
 use crate::connections::limits::ConnectionLimits;
-use crate::connections::places::{Places, Seat};
+use crate::connections::places::{NoPlace, Places, Seat};
 use crate::connections::stream::CountedStream;
+use crate::observe::connections::{ConnectionMetrics, Lost};
 use crate::tls::server_certificate::Acceptor;
 use axum::body::Body;
 use axum::Router;
@@ -45,12 +46,15 @@ pub(crate) struct Serving {
     pub tls: Option<Acceptor>,
     /// Answers the requests.
     pub router: Router,
+    /// Counts the connections.
+    pub metrics: ConnectionMetrics,
 }
 
 impl Serving {
     /// Serves on `listener` until `stop` is ready, and then until the open requests are answered, but no longer than the limits say.
     pub async fn serve(self, listener: TcpListener, stop: impl Future<Output = ()>) {
         let (drain, places) = (self.limits.drain, Places::new(self.limits));
+        self.metrics.watch(&places);
         let (stopping, stopped) = watch::channel(false);
         let (serving, mut connections) = (Arc::new(self), JoinSet::new());
         let (mut stop, mut said) = (pin!(stop), None);
@@ -67,10 +71,17 @@ impl Serving {
                         connections.spawn(serving.seated(stream, seat, stopped));
                         continue;
                     }
-                    Err(why) => why.to_string(),
+                    Err(why) => {
+                        serving.metrics.lost(match why {
+                            NoPlace::OfAddress { .. } => Lost::OfAddress,
+                            NoPlace::AtAll { .. } => Lost::AtAll,
+                        });
+                        why.to_string()
+                    }
                 },
                 Err(error) => {
                     // Most likely the process has no file descriptor left. Connections that end give some back.
+                    serving.metrics.lost(Lost::OpenFiles);
                     sleep(Duration::from_millis(100)).await;
                     error.to_string()
                 }
@@ -98,7 +109,7 @@ impl Serving {
         stopped: watch::Receiver<bool>,
     ) {
         tokio::select! {
-            () = seat.evicted() => {}
+            () = seat.evicted() => self.metrics.lost(Lost::MadeRoom),
             () = self.connection(stream, &seat, stopped) => {}
         }
     }
@@ -113,8 +124,11 @@ impl Serving {
                 encrypted = timeout_at(handshake, tls.accept(stream)) => match encrypted {
                     Ok(Ok(encrypted)) => CountedStream::new(Box::new(encrypted)),
                     // It is no event when a client goes away, takes too long, or does not speak TLS.
-                    Ok(Err(error)) => return tracing::debug!("a TLS handshake failed: {error}"),
-                    Err(_) => return,
+                    Ok(Err(error)) => {
+                        self.metrics.lost(Lost::Handshake);
+                        return tracing::debug!("a TLS handshake failed: {error}");
+                    }
+                    Err(_) => return self.metrics.lost(Lost::Handshake),
                 },
                 () = told(&mut stopped) => return,
             },

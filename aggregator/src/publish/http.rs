@@ -13,6 +13,7 @@ use crate::connections::answer_body::keeping;
 use crate::connections::caller::Caller;
 use crate::connections::limits::ConnectionLimits;
 use crate::connections::serving::Serving;
+use crate::observe::connections::ConnectionMetrics;
 use crate::tls::server_certificate::{Acceptor, ServerCertificate};
 use axum::body::{to_bytes, Body};
 use axum::extract::Request;
@@ -128,6 +129,7 @@ async fn serve_with(
         lifetime: Some(limits.lifetime),
         requests: 1,
         tls,
+        metrics: ConnectionMetrics::default(),
         router: router.layer(from_fn(move |request, next| {
             with_whole_body(request, next, limits)
         })),

@@ -128,6 +128,11 @@ impl Aggregator {
         self.ledger.state()
     }
 
+    /// How the operator runs the network.
+    pub fn config(&self) -> &Config {
+        &self.config
+    }
+
     /// The ledger.
     pub fn ledger(&self) -> &Ledger {
         &self.ledger

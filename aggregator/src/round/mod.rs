@@ -8,6 +8,7 @@ pub mod closing;
 pub mod dispute;
 pub mod drawing;
 pub mod founding;
+mod last_round;
 pub mod ledger_index;
 pub mod public_samples;
 pub mod recording;

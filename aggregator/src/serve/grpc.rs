@@ -4,6 +4,7 @@
 use crate::connections::message_memory::MessageMemory;
 use crate::connections::requests::Requests;
 use crate::connections::serving::Serving;
+use crate::observe::metrics::Metrics;
 use crate::serve::health::InOrder;
 use crate::serve::limits::{Limits, CONCURRENT};
 use crate::tls::server_certificate::ServerCertificate;
@@ -38,6 +39,7 @@ pub(super) struct Grpc {
     pub largest_message: u64,
     /// If there is one, connections are encrypted.
     pub certificate: Option<Arc<ServerCertificate>>,
+    pub metrics: Metrics,
 }
 
 impl Grpc {
@@ -64,7 +66,8 @@ impl Grpc {
             message_memory,
             ..
         } = self.limits;
-        let memory = MessageMemory::new(message_memory, self.largest_message);
+        let memory = MessageMemory::new(message_memory, self.largest_message)
+            .counted_by(self.metrics.message_bytes);
         let requests = Requests::new(&connections, CONCURRENT, memory, message);
         let mut routes = routes.add_service(HealthServer::new(InOrder));
         let reflection =
@@ -74,6 +77,7 @@ impl Grpc {
             Err(error) => tracing::error!("the server cannot say what its services are: {error}"),
         }
         let router = routes.prepare().into_axum_router();
+        let answered = self.metrics.requests;
         let serving = Serving {
             limits: connections,
             protocol,
@@ -83,9 +87,14 @@ impl Grpc {
             tls: self
                 .certificate
                 .map(|certificate| certificate.acceptor("h2")),
-            router: router.layer(from_fn(move |request, next| {
-                requests.clone().answer(request, next)
-            })),
+            metrics: self.metrics.connections,
+            router: router
+                .layer(from_fn(move |request, next| {
+                    requests.clone().answer(request, next)
+                }))
+                .layer(from_fn(move |request, next| {
+                    answered.clone().answer(request, next)
+                })),
         };
         serving.serve(listener, stop).await;
     }

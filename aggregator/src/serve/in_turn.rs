@@ -4,6 +4,7 @@ use crate::round::recording::arrivals::Arrival;
 use crate::round::recording::group::ToRecord;
 use crate::round::request::RequestError;
 use crate::serve::service::Service;
+use std::time::Instant;
 use tokio::sync::oneshot::error::TryRecvError;
 use zk0_protocol::tlog::receipt::Receipt;
 
@@ -18,10 +19,14 @@ impl Service {
         let arrived_ms = arrival.at_ms();
         let mut answered = self.recorder.push(arrived_ms, what);
         loop {
-            let recorder = self.recorder.clone();
+            let (recorder, metrics) = (self.recorder.clone(), self.metrics().clone());
             let passed = self
                 .with(move |aggregator| {
+                    let (size, begun) = (aggregator.ledger().size(), Instant::now());
                     recorder.record(aggregator);
+                    if aggregator.ledger().size() > size {
+                        metrics.appended(begun);
+                    }
                     Ok(aggregator.passed_deadline(arrived_ms))
                 })
                 .await?;

@@ -25,8 +25,9 @@ use zk0_protocol::rpc::federation::federation_server::Federation;
 use zk0_protocol::rpc::federation::upload_chunk::Part;
 use zk0_protocol::rpc::federation::{
     Chunk, CommitRequest, DownloadRequest, EnrolRequest, GetGovernanceRequest, GetNetworkRequest,
-    GetRoundRequest, GovernanceInfo, NetworkInfo, OpenProposal, Receipt, RecordRequest,
-    RegisterDatasetRequest, RoundInfo, SubmitReply, SubmitRequest, UploadChunk, UploadReply,
+    GetRoundRequest, GetStatusRequest, GovernanceInfo, NetworkInfo, OpenProposal, Receipt,
+    RecordRequest, RegisterDatasetRequest, RoundInfo, StatusInfo, SubmitReply, SubmitRequest,
+    UploadChunk, UploadReply,
 };
 use zk0_protocol::tlog::receipt;
 use zk0_protocol::Refusal;
@@ -130,6 +131,13 @@ impl Federation for Service {
             })
         });
         Ok(Response::new(info.await?))
+    }
+
+    async fn get_status(
+        &self,
+        _: Request<GetStatusRequest>,
+    ) -> Result<Response<StatusInfo>, Status> {
+        Ok(Response::new(self.status().await?))
     }
 
     type DownloadStream = Pin<Box<dyn Stream<Item = Result<Chunk, Status>> + Send>>;

@@ -14,6 +14,7 @@
 //! `grpc` puts the limits of connections and messages into force. [`crate::serve::requests`] answers the requests. This file serves them,
 //! opens and closes the rounds in time, and has checkpoints cosigned and published.
 
+use crate::observe::metrics::Metrics;
 use crate::publish::beacon::BeaconServers;
 use crate::publish::cosigning::{Cosigned, Prove, Witnesses};
 use crate::round::aggregator::{Aggregator, Progress};
@@ -33,7 +34,7 @@ use std::num::NonZero;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::Arc;
 use std::thread::available_parallelism;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 use tokio::net::TcpListener;
 use tokio::sync::{watch, Mutex, Notify, Semaphore};
 use tokio::task::spawn_blocking;
@@ -84,6 +85,8 @@ pub struct Service {
     pub(super) entries: Entries,
     certificate: Option<Arc<ServerCertificate>>,
     pub(super) limits: Limits,
+    metrics: Metrics,
+    started: Instant,
 }
 
 impl Service {
@@ -112,7 +115,19 @@ impl Service {
             uploading: UploadPlaces::default(),
             entries: Entries::default(),
             certificate: None,
+            metrics: Metrics::default(),
+            started: Instant::now(),
         }
+    }
+
+    /// What the service counts.
+    pub fn metrics(&self) -> &Metrics {
+        &self.metrics
+    }
+
+    /// When the service started.
+    pub(crate) fn started(&self) -> Instant {
+        self.started
     }
 
     /// From now on, connections are encrypted with this certificate.
@@ -190,6 +205,7 @@ impl Service {
             limits: self.limits,
             largest_message: limit,
             certificate: self.certificate.clone(),
+            metrics: self.metrics.clone(),
         };
         grpc.serve(listener, Routes::new(federation), stop).await;
         match failed {
@@ -222,6 +238,7 @@ impl Service {
                 self.note_stage().await?;
                 self.with(
                     move |aggregator| match aggregator.state().rules().witness_policy == witnesses {
+                        _ if aggregator.ledger().has_failed() => Err(LedgerError::Poisoned.into()),
                         true => Ok(progress),
                         false => Err(RequestError::Internal(
                             "the rules have a new witness policy: start the aggregator again with it"
@@ -378,7 +395,7 @@ impl Service {
     }
 
     /// How many entries of the ledger are published.
-    pub(super) fn visible(&self, aggregator: &Aggregator) -> Result<u64, RequestError> {
+    pub(crate) fn visible(&self, aggregator: &Aggregator) -> Result<u64, RequestError> {
         let size = match &self.publishing {
             None => aggregator.ledger().size(),
             Some(publishing) => *publishing.published.borrow(),

@@ -64,15 +64,17 @@ impl Service {
         &self,
         work: impl FnOnce() -> Result<T, RequestError> + Send + 'static,
     ) -> Result<T, RequestError> {
+        let waiting = self.metrics().verification.wait();
         let place: OwnedSemaphorePermit = self
             .verifying
             .clone()
             .acquire_owned()
             .await
             .map_err(|error| RequestError::Internal(error.to_string()))?;
+        let running = waiting.begins();
         blocking(move || {
             let result = work();
-            drop(place);
+            drop((running, place));
             result
         })
         .await

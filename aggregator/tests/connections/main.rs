@@ -9,6 +9,7 @@ mod encrypted_log;
 mod evicting;
 mod idle;
 mod memory;
+mod metrics;
 mod relay;
 mod silent;
 mod sockets;

@@ -41,11 +41,11 @@ pub fn enrol(options: &Enrol) -> Result<()> {
 
 fn in_folder(dir: &Path, key: SigningKey, nodes: &[Enrolment]) -> Result<()> {
     let mut ledger = match Ledger::open(dir, None, key) {
-        Err(error @ LedgerError::Locked(_)) => {
-            return Err(error).context(
-                "an aggregator that runs enrols nodes itself: use --aggregator ADDRESS --network ID in place of the folder",
-            )
-        }
+        Err(LedgerError::Locked(_)) => bail!(
+            "the ledger in {} is in use, most likely by its running aggregator: enrol through that, with --aggregator ADDRESS --network ID in \
+             place of the folder",
+            dir.display()
+        ),
         opened => opened?,
     };
     ledger.watch_clock(SystemClock.now_ms(), || SystemClock.steady())?;

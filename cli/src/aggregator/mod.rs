@@ -2,6 +2,7 @@
 
 mod enrolment;
 mod init;
+mod metrics;
 mod network_edge;
 mod public_samples;
 mod rules;

@@ -1,5 +1,6 @@
 //! `zk0 aggregator serve`: run the rounds of a network.
 
+use super::metrics::MetricsOptions;
 use super::network_edge::NetworkEdge;
 use crate::keys;
 use crate::serve::{interrupted, listening, online_until};
@@ -53,6 +54,8 @@ pub struct Serve {
     #[arg(long, value_name = "ADDRESS")]
     log_listen: Option<SocketAddr>,
     #[command(flatten)]
+    metrics: MetricsOptions,
+    #[command(flatten)]
     edge: NetworkEdge,
 }
 
@@ -95,9 +98,10 @@ pub fn serve(options: &Serve) -> Result<()> {
         }
         tracing::info!(listening = %address, "the aggregator of network {network} listens on {address}");
         let log = serve_log(options, certificate, log_limits).await?;
+        let metrics = options.metrics.serve(&service).await?;
         let served = service.serve(listener, interrupted()).await;
-        if let Some(log) = log {
-            log.abort();
+        for server in [log, metrics].into_iter().flatten() {
+            server.abort();
         }
         served.context("the aggregator")
     })

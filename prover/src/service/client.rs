@@ -4,6 +4,7 @@ use super::upload;
 use crate::program::GuestInput;
 use crate::rpc;
 use crate::rpc::prover_client::ProverClient;
+use std::error::Error;
 use std::time::Duration;
 use tonic::{transport, Status};
 
@@ -17,8 +18,15 @@ pub struct ProvingClient {
 #[derive(Debug, thiserror::Error)]
 pub enum ClientError {
     /// The text is not an address, or nobody answers there.
-    #[error("cannot reach the proving service: {0}")]
-    Connect(#[from] transport::Error),
+    #[error(
+        "the proving service at {address} cannot be reached: {why}; `zk0 prover serve` runs it"
+    )]
+    Connect {
+        /// Where it is said to be.
+        address: String,
+        /// Why it cannot be reached.
+        why: String,
+    },
     /// The service refuses. Code and reason are those of `proto/prover.proto`.
     #[error("{}", .0.message())]
     Refused(Box<Status>),
@@ -27,13 +35,27 @@ pub enum ClientError {
     NoProof,
 }
 
+/// The last cause. Those before it only say that there is one.
+fn cause(error: &dyn Error) -> String {
+    match error.source() {
+        Some(source) => cause(source),
+        None => error.to_string(),
+    }
+}
+
 impl ProvingClient {
     /// Connects to a service, such as `http://127.0.0.1:7072`.
     pub async fn connect(address: String) -> Result<Self, ClientError> {
-        let channel = transport::Endpoint::try_from(address)?
+        let unreachable = |error: transport::Error| ClientError::Connect {
+            address: address.clone(),
+            why: cause(&error),
+        };
+        let channel = transport::Endpoint::try_from(address.clone())
+            .map_err(unreachable)?
             .connect_timeout(Duration::from_secs(10))
             .connect()
-            .await?;
+            .await
+            .map_err(unreachable)?;
         let client = ProverClient::new(channel)
             .max_encoding_message_size(upload::MAX_MESSAGE_BYTES)
             .max_decoding_message_size(upload::MAX_EVENT_BYTES);

@@ -1,0 +1,188 @@
+//! Requests and their answers, counted and timed: by method, and by the status with which the answer ended. A caller that leaves before the end
+//! counts as `Cancelled`.
+
+use axum::body::{Body, Bytes};
+use axum::extract::Request;
+use axum::http::HeaderMap;
+use axum::middleware::Next;
+use axum::response::Response;
+use http_body::{Frame, SizeHint};
+use prometheus_client::metrics::counter::Counter;
+use prometheus_client::metrics::family::Family;
+use prometheus_client::metrics::gauge::Gauge;
+use prometheus_client::metrics::histogram::{exponential_buckets, Histogram};
+use prometheus_client::registry::Registry;
+use prost::Message;
+use prost_types::FileDescriptorSet;
+use std::collections::BTreeSet;
+use std::pin::Pin;
+use std::sync::Arc;
+use std::task::{ready, Context, Poll};
+use std::time::Instant;
+use tonic::Code;
+use zk0_protocol::rpc::SERVICES;
+
+/// What counts requests to a path that no service has. Otherwise strangers could fill the memory with names.
+const OTHER: &str = "other";
+
+type OfMethod = [(&'static str, Arc<str>); 1];
+
+/// The requests of the gRPC service.
+#[derive(Clone)]
+pub(crate) struct RequestMetrics {
+    methods: Arc<BTreeSet<Arc<str>>>,
+    ended: Family<[(&'static str, Arc<str>); 2], Counter>,
+    seconds: Family<OfMethod, Histogram, fn() -> Histogram>,
+    in_progress: Family<OfMethod, Gauge>,
+}
+
+/// From a millisecond to four minutes.
+fn times() -> Histogram {
+    Histogram::new(exponential_buckets(0.001, 4.0, 10))
+}
+
+impl RequestMetrics {
+    pub fn registered(registry: &mut Registry) -> Self {
+        let metrics = Self {
+            methods: Arc::new(methods()),
+            ended: Family::default(),
+            seconds: Family::new_with_constructor(times),
+            in_progress: Family::default(),
+        };
+        registry.register(
+            "requests",
+            "Requests that have ended, by method and by gRPC status",
+            metrics.ended.clone(),
+        );
+        registry.register(
+            "request_seconds",
+            "Time from a request to the end of its answer",
+            metrics.seconds.clone(),
+        );
+        registry.register(
+            "requests_in_progress",
+            "Requests that are being answered",
+            metrics.in_progress.clone(),
+        );
+        metrics
+    }
+
+    /// Has a request answered by `next`, and counts it.
+    pub async fn answer(self, request: Request, next: Next) -> Response {
+        let counted = Counted::begin(self, request.uri().path());
+        let response = next.run(request).await;
+        match status(response.headers()) {
+            // The answer has no messages.
+            Some(code) => {
+                counted.end(code);
+                response
+            }
+            None => response.map(|body| {
+                Body::new(CountedBody {
+                    body,
+                    counted: Some(counted),
+                })
+            }),
+        }
+    }
+}
+
+/// The names of the methods of all services, as paths have them.
+fn methods() -> BTreeSet<Arc<str>> {
+    let described = FileDescriptorSet::decode(SERVICES).unwrap_or_default();
+    let files = described.file.iter();
+    let methods = files.flat_map(|file| {
+        file.service.iter().flat_map(|service| {
+            let name = |method: &str| format!("{}.{}/{method}", file.package(), service.name());
+            service
+                .method
+                .iter()
+                .map(move |method| name(method.name()).into())
+        })
+    });
+    methods.collect()
+}
+
+fn status(headers: &HeaderMap) -> Option<Code> {
+    let code = headers.get("grpc-status")?;
+    Some(Code::from_bytes(code.as_bytes()))
+}
+
+/// A request that is being answered. If it is dropped before its end, its caller has left.
+struct Counted {
+    metrics: RequestMetrics,
+    method: Arc<str>,
+    begun: Instant,
+    code: Code,
+}
+
+impl Counted {
+    fn begin(metrics: RequestMetrics, path: &str) -> Self {
+        let known = metrics.methods.get(path.trim_start_matches('/'));
+        let method: Arc<str> = match known {
+            Some(method) => method.rsplit('/').next().unwrap_or(OTHER).into(),
+            None => OTHER.into(),
+        };
+        let of_method = [("method", method.clone())];
+        metrics.in_progress.get_or_create(&of_method).inc();
+        Self {
+            metrics,
+            method,
+            begun: Instant::now(),
+            code: Code::Cancelled,
+        }
+    }
+
+    fn end(mut self, code: Code) {
+        self.code = code;
+    }
+}
+
+impl Drop for Counted {
+    fn drop(&mut self) {
+        let (metrics, method) = (&self.metrics, &self.method);
+        let of_method = [("method", method.clone())];
+        metrics.in_progress.get_or_create(&of_method).dec();
+        let seconds = self.begun.elapsed().as_secs_f64();
+        metrics.seconds.get_or_create(&of_method).observe(seconds);
+        let status = format!("{:?}", self.code).into();
+        let ended = [("method", method.clone()), ("status", status)];
+        metrics.ended.get_or_create(&ended).inc();
+    }
+}
+
+/// The body of an answer. Its status comes last.
+struct CountedBody {
+    body: Body,
+    counted: Option<Counted>,
+}
+
+impl http_body::Body for CountedBody {
+    type Data = Bytes;
+    type Error = axum::Error;
+
+    fn poll_frame(
+        mut self: Pin<&mut Self>,
+        context: &mut Context<'_>,
+    ) -> Poll<Option<Result<Frame<Bytes>, axum::Error>>> {
+        let frame = ready!(Pin::new(&mut self.body).poll_frame(context));
+        let trailers = match &frame {
+            Some(Ok(frame)) => frame.trailers_ref(),
+            _ => None,
+        };
+        if let Some(code) = trailers.and_then(status) {
+            if let Some(counted) = self.counted.take() {
+                counted.end(code);
+            }
+        }
+        Poll::Ready(frame)
+    }
+
+    fn is_end_stream(&self) -> bool {
+        self.body.is_end_stream()
+    }
+
+    fn size_hint(&self) -> SizeHint {
+        self.body.size_hint()
+    }
+}

@@ -1,0 +1,154 @@
+//! What the service counts, in Prometheus' format. `docs/services.md` lists all of it.
+
+use crate::observe::answers::RequestMetrics;
+use crate::observe::connections::ConnectionMetrics;
+use crate::observe::sample::Sampled;
+use prometheus_client::encoding::text::encode;
+use prometheus_client::metrics::gauge::Gauge;
+use prometheus_client::metrics::histogram::{exponential_buckets, Histogram};
+use prometheus_client::registry::Registry;
+use std::fmt;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+/// All metrics of one service. Clones count together.
+#[derive(Clone)]
+pub struct Metrics {
+    registry: Arc<Registry>,
+    pub(crate) requests: RequestMetrics,
+    pub(crate) connections: ConnectionMetrics,
+    /// Bytes of large messages that are being received or answered.
+    pub(crate) message_bytes: Gauge,
+    pub(crate) verification: Verification,
+    appending: Histogram,
+    pub(super) sampled: Sampled,
+}
+
+impl Default for Metrics {
+    fn default() -> Self {
+        let mut registry = Registry::with_prefix("zk0");
+        let requests = RequestMetrics::registered(&mut registry);
+        let connections = ConnectionMetrics::registered(&mut registry);
+        let message_bytes = Gauge::default();
+        registry.register(
+            "message_bytes_in_flight",
+            "Memory that is reserved for messages over 32 KiB, in bytes",
+            message_bytes.clone(),
+        );
+        let verification = Verification::registered(&mut registry);
+        let appending = Histogram::new(exponential_buckets(0.0005, 4.0, 9));
+        registry.register(
+            "append_seconds",
+            "Time to append what waits to the ledger, to the end of its write to disk",
+            appending.clone(),
+        );
+        let sampled = Sampled::registered(&mut registry);
+        Self {
+            registry: Arc::new(registry),
+            requests,
+            connections,
+            message_bytes,
+            verification,
+            appending,
+            sampled,
+        }
+    }
+}
+
+impl Metrics {
+    /// All metrics as text.
+    pub fn text(&self) -> Result<String, fmt::Error> {
+        let mut text = String::new();
+        encode(&mut text, &self.registry)?;
+        Ok(text)
+    }
+
+    /// Something was appended to the ledger since `begun`.
+    pub(crate) fn appended(&self, begun: Instant) {
+        self.appending.observe(begun.elapsed().as_secs_f64());
+    }
+}
+
+/// Proofs and weights that are verified.
+#[derive(Clone)]
+pub(crate) struct Verification {
+    waiting: Gauge,
+    running: Gauge,
+    seconds: Histogram,
+    /// How many are done, and the time that they took together: the histogram tells that to Prometheus alone.
+    done: Arc<Mutex<(u32, Duration)>>,
+}
+
+/// Something waits for its verification, until this is dropped.
+pub(crate) struct Waiting(Verification);
+
+/// Something is being verified, until this is dropped.
+pub(crate) struct Running(Verification, Instant);
+
+impl Verification {
+    fn registered(registry: &mut Registry) -> Self {
+        let metrics = Self {
+            waiting: Gauge::default(),
+            running: Gauge::default(),
+            seconds: Histogram::new(exponential_buckets(0.001, 4.0, 9)),
+            done: Arc::default(),
+        };
+        registry.register(
+            "verifications_waiting",
+            "Verifications of signatures, proofs and weights that wait for a core",
+            metrics.waiting.clone(),
+        );
+        registry.register(
+            "verifications_running",
+            "Verifications of signatures, proofs and weights that are running",
+            metrics.running.clone(),
+        );
+        registry.register(
+            "verification_seconds",
+            "Time of one step of a verification: first the signature and the proof's blob, then the proof and the weights",
+            metrics.seconds.clone(),
+        );
+        metrics
+    }
+
+    pub fn wait(&self) -> Waiting {
+        self.waiting.inc();
+        Waiting(self.clone())
+    }
+
+    /// How many wait, and how many run.
+    pub fn now(&self) -> (u64, u64) {
+        let count = |gauge: &Gauge| u64::try_from(gauge.get()).unwrap_or(0);
+        (count(&self.waiting), count(&self.running))
+    }
+
+    /// How long one has taken on average; zero before the first.
+    pub fn mean(&self) -> Duration {
+        let (count, time) = *self.done.lock().unwrap_or_else(PoisonError::into_inner);
+        time.checked_div(count).unwrap_or_default()
+    }
+}
+
+impl Waiting {
+    pub fn begins(self) -> Running {
+        self.0.running.inc();
+        Running(self.0.clone(), Instant::now())
+    }
+}
+
+impl Drop for Waiting {
+    fn drop(&mut self) {
+        self.0.waiting.dec();
+    }
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        let Self(metrics, begun) = self;
+        let took = begun.elapsed();
+        metrics.running.dec();
+        metrics.seconds.observe(took.as_secs_f64());
+        let mut done = metrics.done.lock().unwrap_or_else(PoisonError::into_inner);
+        *done = (done.0.saturating_add(1), done.1.saturating_add(took));
+    }
+}

@@ -1,0 +1,98 @@
+//! The answer to `GetStatus`. Everybody may ask, so it holds nothing that is not on the ledger or would follow from it, but for how busy the
+//! aggregator is: counts of verifications, and how full the disk is, in per cent.
+
+use crate::observe::machine::Disk;
+use crate::round::aggregator::Aggregator;
+use crate::round::request::RequestError;
+use crate::serve::service::Service;
+use std::time::Duration;
+use zk0_protocol::rpc::federation::status_info::Phase;
+use zk0_protocol::rpc::federation::StatusInfo;
+use zk0_protocol::rules::state::{Decision, Round, Standing, State};
+
+impl Service {
+    /// How the aggregator is doing.
+    pub(crate) async fn status(&self) -> Result<StatusInfo, RequestError> {
+        let service = self.clone();
+        let status = self.with(move |aggregator| {
+            Ok(StatusInfo {
+                // Before the first cosignatures nothing is published, and that is worth showing.
+                published: service.visible(aggregator).unwrap_or(0),
+                ..of(aggregator)
+            })
+        });
+        let (waiting, running) = self.metrics().verification.now();
+        Ok(StatusInfo {
+            verifying: running,
+            waiting_to_verify: waiting,
+            verification_ms: millis(self.metrics().verification.mean()),
+            uptime_ms: millis(self.started().elapsed()),
+            ..status.await?
+        })
+    }
+}
+
+fn millis(time: Duration) -> u64 {
+    u64::try_from(time.as_millis()).unwrap_or(u64::MAX)
+}
+
+fn of(aggregator: &Aggregator) -> StatusInfo {
+    let (state, config) = (aggregator.state(), aggregator.config());
+    let nodes = state.nodes().values();
+    let ready = nodes
+        .clone()
+        .filter(|node| node.dataset.is_some() && node.standing == Standing::Active);
+    let open = state.round();
+    let decided = |wanted: fn(&Decision) -> bool| {
+        let commits = open.into_iter().flat_map(|round| round.commits.values());
+        let decisions = commits.filter_map(|commit| commit.decision.as_ref());
+        decisions.filter(|decision| wanted(decision)).count() as u64
+    };
+    let phase = open.map_or(Phase::BetweenRounds, phase);
+    let disk = Disk::of(aggregator.ledger().dir());
+    StatusInfo {
+        now_ms: aggregator.now_ms(),
+        round: open.map_or(state.next_round(), Round::number),
+        phase: phase.into(),
+        deadline_ms: open.map_or(0, deadline_ms),
+        ends_by_ms: open.map_or(0, |round| ends_by_ms(state, round)),
+        committed: open.map_or(0, |round| round.commits.len() as u64),
+        accepted: decided(|decision| matches!(decision, Decision::Accepted { .. })),
+        refused: decided(|decision| matches!(decision, Decision::Rejected)),
+        enrolled: nodes.len() as u64,
+        ready: ready.count() as u64,
+        needed: config.min_nodes as u64,
+        rounds: config.rounds,
+        last_round_ms: aggregator.last_round_ms(),
+        entries: aggregator.ledger().size(),
+        last_entry_ms: state.time_ms(),
+        disk_free_percent: disk.ok().map(Disk::free_percent),
+        ..StatusInfo::default()
+    }
+}
+
+fn phase(round: &Round) -> Phase {
+    match (&round.closing, &round.randomness) {
+        (None, _) => Phase::Commitments,
+        (Some(_), None) => Phase::Randomness,
+        (Some(_), Some(_)) => Phase::Submissions,
+    }
+}
+
+/// When the phase of the round ends; 0 if nobody knows.
+fn deadline_ms(round: &Round) -> u64 {
+    match (&round.closing, &round.randomness) {
+        (None, _) => round.opened.commit_deadline_ms,
+        (Some(_), None) => 0,
+        (Some(_), Some(randomness)) => randomness.submit_deadline_ms,
+    }
+}
+
+/// When the round ends if every phase takes as long as it may, and the randomness comes at once; 0 if nobody knows.
+fn ends_by_ms(state: &State, round: &Round) -> u64 {
+    let deadline_ms = deadline_ms(round);
+    match phase(round) {
+        Phase::Commitments => deadline_ms.saturating_add(state.rules().submit_window_ms),
+        _ => deadline_ms,
+    }
+}

@@ -1,0 +1,280 @@
+//! Settings of the commands that run until they are told to end. Each setting is a flag, an environment variable and a key of the file that
+//! `--config` names. A flag counts before a variable, a variable before the file, and the file before the default.
+//!
+//! Nothing is listed twice: the variables are added to the flags that a command declares, and what the file says is put among the arguments,
+//! unless a flag or a variable says it already. So one parser checks all values, wherever they come from.
+
+mod file;
+
+use clap::error::{ContextKind, ContextValue, ErrorKind};
+use clap::{Arg, ArgAction, ArgMatches, Command, CommandFactory, FromArgMatches};
+use file::{FileSetting, SettingsFile};
+use std::env;
+use std::ffi::OsString;
+use std::path::PathBuf;
+
+/// The commands that have settings. The first word is part of the names of their variables.
+const SERVICES: [[&str; 2]; 6] = [
+    ["aggregator", "serve"],
+    ["node", "join"],
+    ["prover", "serve"],
+    ["witness", "serve"],
+    ["ledger", "serve"],
+    ["audit", "watch"],
+];
+
+/// The flag that names the file.
+const CONFIG: &str = "config";
+
+/// What `--help` says at its end.
+const ORDER: &str = "\
+Each setting is a flag, an environment variable and a key of the file that --config names (TOML). A flag counts before the variable, the \
+variable before the file, and the file before the default. In the file, a setting has the name of its flag without the dashes, or of its \
+argument in small letters.";
+
+/// Parses the process's arguments. If they are wrong, this prints why, and ends the process with exit code 2.
+pub fn parse<T: CommandFactory + FromArgMatches>() -> T {
+    parse_from(env::args_os().collect()).unwrap_or_else(|error| error.exit())
+}
+
+/// Parses these arguments, of which the first is the name of the program.
+///
+/// # Errors
+/// The arguments, a variable or the file is wrong, or help is asked for.
+pub fn parse_from<T: CommandFactory + FromArgMatches>(
+    arguments: Vec<OsString>,
+) -> Result<T, clap::Error> {
+    let mut command = with_settings(T::command());
+    let probed = probe(&command).try_get_matches_from(&arguments);
+    command.build();
+    let from_file = match &probed {
+        Ok(matches) => from_file(&mut command, matches, &arguments)?,
+        // The parser below says what is wrong.
+        Err(_) => FromFile::default(),
+    };
+    let mut all = arguments;
+    all.splice(from_file.at..from_file.at, from_file.arguments());
+    let parsed = command.try_get_matches_from_mut(all);
+    let matches = parsed.map_err(|error| from_file.locate(&mut command, error))?;
+    T::from_arg_matches(&matches).map_err(|error| error.format(&mut command))
+}
+
+/// Adds the variables and `--config` to the services.
+fn with_settings(mut command: Command) -> Command {
+    for [group, name] in SERVICES {
+        let services = command.find_subcommand(group);
+        // An auditor's light build has fewer.
+        if services.is_some_and(|services| services.find_subcommand(name).is_some()) {
+            command = command.mut_subcommand(group, |services| {
+                services.mut_subcommand(name, |service| settable(service, group))
+            });
+        }
+    }
+    command
+}
+
+fn settable(service: Command, group: &str) -> Command {
+    let file = Arg::new(CONFIG)
+        .long(CONFIG)
+        .value_name("FILE")
+        .value_parser(clap::value_parser!(PathBuf))
+        .help("Read settings from this TOML file");
+    let service = service.arg(file).after_help(ORDER);
+    service.mut_args(|arg| {
+        let name = format!("ZK0_{group}_{}", arg.get_id()).to_uppercase();
+        // clap wants names that live as long as the process. There are some dozen.
+        let arg = arg.env(&*name.leak()).hide_env_values(true);
+        match arg.get_action() {
+            ArgAction::Append => arg.value_delimiter(','),
+            _ => arg,
+        }
+    })
+}
+
+/// A parser that only finds out which service is meant, and which of its settings are given. It accepts any value, and lacks none.
+fn probe(command: &Command) -> Command {
+    let lenient = |arg: Arg| match arg.get_action() {
+        ArgAction::Set | ArgAction::Append => arg
+            .value_parser(clap::value_parser!(OsString))
+            .required(false),
+        _ => arg,
+    };
+    let mut probe = command.clone().ignore_errors(true).mut_args(lenient);
+    for [group, name] in SERVICES {
+        if probe.find_subcommand(group).is_some() {
+            probe = probe.mut_subcommand(group, |services| {
+                match services.find_subcommand(name).is_some() {
+                    true => services.mut_subcommand(name, |service| service.mut_args(lenient)),
+                    false => services,
+                }
+            });
+        }
+    }
+    probe
+}
+
+/// What a file adds to the arguments.
+#[derive(Default)]
+struct FromFile {
+    /// Before the argument of this number.
+    at: usize,
+    file: SettingsFile,
+    /// The settings that count, with their flags as clap names them in errors.
+    counting: Vec<Counting>,
+}
+
+struct Counting {
+    line: usize,
+    shown: String,
+    arguments: Vec<OsString>,
+}
+
+/// Reads the file that the arguments or the environment name, if there is one.
+fn from_file(
+    command: &mut Command,
+    matches: &ArgMatches,
+    arguments: &[OsString],
+) -> Result<FromFile, clap::Error> {
+    let Some([group, name]) = service_of(matches) else {
+        return Ok(FromFile::default());
+    };
+    let given = matches
+        .subcommand_matches(group)
+        .and_then(|matches| matches.subcommand_matches(name));
+    let path = given.and_then(|given| given.get_one::<OsString>(CONFIG));
+    let (Some(given), Some(path)) = (given, path) else {
+        return Ok(FromFile::default());
+    };
+    let service = command
+        .find_subcommand_mut(group)
+        .and_then(|services| services.find_subcommand_mut(name));
+    let Some(service) = service else {
+        return Ok(FromFile::default());
+    };
+    let wrong = |service: &mut Command, why: String| {
+        let error = service.error(ErrorKind::InvalidValue, why);
+        Err(error.format(service))
+    };
+    let (file, settings) = match SettingsFile::read(path.as_ref()) {
+        Ok(read) => read,
+        Err(why) => return wrong(service, why),
+    };
+    let mut counting = Vec::new();
+    for setting in settings {
+        let arg = service
+            .get_arguments()
+            .find(|arg| is_setting(arg) && key(arg) == setting.key);
+        let Some(arg) = arg else {
+            let known: Vec<_> = service
+                .get_arguments()
+                .filter(|arg| is_setting(arg))
+                .collect();
+            let known: Vec<_> = known.into_iter().map(key).collect();
+            let why = format!(
+                "`zk0 {group} {name}` has no such setting; it has {}",
+                known.join(", ")
+            );
+            let why = file.says(&setting, &why);
+            return wrong(service, why);
+        };
+        let arguments = match arguments_of(arg, &setting) {
+            Ok(arguments) => arguments,
+            Err(why) => {
+                let why = file.says(&setting, why);
+                return wrong(service, why);
+            }
+        };
+        if !is_given(arg, given) {
+            counting.push(Counting {
+                line: setting.line,
+                shown: arg.to_string(),
+                arguments,
+            });
+        }
+    }
+    Ok(FromFile {
+        at: after_name(arguments, [group, name]),
+        file,
+        counting,
+    })
+}
+
+/// The service that the arguments name.
+fn service_of(matches: &ArgMatches) -> Option<[&'static str; 2]> {
+    let (group, services) = matches.subcommand()?;
+    let named = [group, services.subcommand_name()?];
+    SERVICES.into_iter().find(|service| *service == named)
+}
+
+/// Whether a file may hold it.
+fn is_setting(arg: &Arg) -> bool {
+    let settable = [ArgAction::Set, ArgAction::Append, ArgAction::SetTrue];
+    arg.get_id() != CONFIG && settable.iter().any(|action| same(action, arg.get_action()))
+}
+
+fn same(one: &ArgAction, other: &ArgAction) -> bool {
+    std::mem::discriminant(one) == std::mem::discriminant(other)
+}
+
+/// What a setting is called in the file.
+fn key(arg: &Arg) -> &str {
+    arg.get_long().unwrap_or(arg.get_id().as_str())
+}
+
+/// Whether a flag or a variable says it.
+fn is_given(arg: &Arg, matches: &ArgMatches) -> bool {
+    let source = matches.value_source(arg.get_id().as_str());
+    let by_flag = source == Some(clap::parser::ValueSource::CommandLine);
+    by_flag
+        || arg
+            .get_env()
+            .is_some_and(|name| env::var_os(name).is_some())
+}
+
+/// The arguments that say the same as the file.
+fn arguments_of(arg: &Arg, setting: &FileSetting) -> Result<Vec<OsString>, &'static str> {
+    let said = |value: String| match arg.get_long() {
+        Some(long) => format!("--{long}={value}").into(),
+        None => value.into(),
+    };
+    match arg.get_action() {
+        ArgAction::SetTrue => Ok(match setting.flag()? {
+            true => vec![format!("--{}", key(arg)).into()],
+            false => Vec::new(),
+        }),
+        ArgAction::Append => Ok(setting.list()?.into_iter().map(said).collect()),
+        _ => Ok(vec![said(setting.value()?)]),
+    }
+}
+
+/// Where the arguments after the names of the service begin. Nothing but the format of the log comes before them.
+fn after_name(arguments: &[OsString], names: [&str; 2]) -> usize {
+    let mut at = 1;
+    for name in names {
+        let rest = arguments.iter().skip(at);
+        at += rest.take_while(|argument| *argument != name).count() + 1;
+    }
+    at.min(arguments.len())
+}
+
+impl FromFile {
+    fn arguments(&self) -> Vec<OsString> {
+        let all = self.counting.iter();
+        all.flat_map(|setting| setting.arguments.clone()).collect()
+    }
+
+    /// Says which line of the file is wrong, if the error is about one.
+    fn locate(&self, command: &mut Command, error: clap::Error) -> clap::Error {
+        let Some(ContextValue::String(about)) = error.get(ContextKind::InvalidArg) else {
+            return error;
+        };
+        let Some(setting) = self.counting.iter().find(|one| one.shown == *about) else {
+            return error;
+        };
+        let text = error.render().to_string();
+        let why = text.split("\n\n").next().unwrap_or_default();
+        let why = why.strip_prefix("error: ").unwrap_or(why);
+        let why = format!("{}, line {}: {why}", self.file.name(), setting.line);
+        command.error(error.kind(), why)
+    }
+}

@@ -1,0 +1,270 @@
+//! `zk0 status`: how an aggregator is doing.
+
+use crate::keys;
+use crate::network::Network;
+use anyhow::Result;
+use ed25519_dalek::SigningKey;
+use serde::Serialize;
+use std::io::{self, IsTerminal, Write};
+use std::time::Duration;
+use tokio::time::sleep;
+use zk0_circuits::Digest;
+use zk0_node::client::status::RoundWatch;
+use zk0_node::client::Node;
+use zk0_protocol::rpc::federation::status_info::Phase;
+use zk0_protocol::rpc::federation::StatusInfo;
+
+/// `zk0 status`.
+#[derive(Debug, clap::Args)]
+pub struct Options {
+    #[command(flatten)]
+    network: Network,
+    /// Show the status again whenever the round comes further, and every two seconds, until you press Ctrl-C.
+    #[arg(long)]
+    watch: bool,
+    /// Print one JSON object; with --watch, one a line.
+    #[arg(long)]
+    json: bool,
+}
+
+/// How often the status is asked for while it is watched.
+const REFRESH: Duration = Duration::from_secs(2);
+
+/// Runs the command.
+pub async fn run(options: &Options) -> Result<()> {
+    // Nothing is signed, so any key will do.
+    let key = SigningKey::from_bytes(&keys::random()?);
+    let mut node = options.network.connect(key.clone()).await?;
+    options.show(&mut node).await?;
+    if !options.watch {
+        return Ok(());
+    }
+    // It has a connection of its own, so that it can wait.
+    let mut follower = options.network.connect(key).await?;
+    let (mut watch, mut silent) = (RoundWatch::default(), false);
+    loop {
+        tokio::select! {
+            changed = follower.changed(&mut watch) => changed?,
+            () = sleep(REFRESH) => {}
+        }
+        match options.show(&mut node).await {
+            Ok(()) => silent = false,
+            // It may be starting again.
+            Err(error) if !silent => {
+                tracing::warn!("{error:#}; the aggregator is asked again every {REFRESH:?}");
+                silent = true;
+            }
+            Err(_) => {}
+        }
+    }
+}
+
+impl Options {
+    async fn show(&self, node: &mut Node) -> Result<()> {
+        let status = Shown {
+            network: *node.network(),
+            name: node.genesis().name.clone(),
+            checkpoint: node.checkpoint().await?.size,
+            now: node.status().await?,
+        };
+        let mut out = io::stdout().lock();
+        match self.json {
+            true => writeln!(out, "{}", serde_json::to_string(&status.facts())?)?,
+            false => {
+                // On a terminal, the new status takes the place of the old one.
+                if self.watch && out.is_terminal() {
+                    write!(out, "\x1b[H\x1b[2J")?;
+                }
+                write!(out, "{}", status.text())?;
+            }
+        }
+        Ok(out.flush()?)
+    }
+}
+
+/// What is shown.
+struct Shown {
+    network: Digest,
+    name: String,
+    /// Entries that the newest checkpoint covers.
+    checkpoint: u64,
+    now: StatusInfo,
+}
+
+/// The status as JSON. Times are milliseconds; moments are Unix times on the aggregator's clock.
+#[derive(Serialize)]
+struct Facts {
+    network: String,
+    name: String,
+    now_ms: u64,
+    uptime_ms: u64,
+    round: u64,
+    phase: &'static str,
+    deadline_ms: Option<u64>,
+    ends_by_ms: Option<u64>,
+    committed: u64,
+    accepted: u64,
+    refused: u64,
+    enrolled: u64,
+    ready: u64,
+    needed: u64,
+    rounds: Option<u64>,
+    last_round_ms: Option<u64>,
+    left_ms: Option<u64>,
+    entries: u64,
+    published: u64,
+    last_entry_ms: u64,
+    checkpoint: u64,
+    verifying: u64,
+    waiting_to_verify: u64,
+    verification_ms: u64,
+    disk_free_percent: Option<u32>,
+}
+
+impl Shown {
+    fn facts(&self) -> Facts {
+        let now = &self.now;
+        let known = |moment: u64| Some(moment).filter(|moment| *moment > 0);
+        Facts {
+            network: self.network.to_string(),
+            name: self.name.clone(),
+            now_ms: now.now_ms,
+            uptime_ms: now.uptime_ms,
+            round: now.round,
+            phase: phase(now),
+            deadline_ms: known(now.deadline_ms),
+            ends_by_ms: known(now.ends_by_ms),
+            committed: now.committed,
+            accepted: now.accepted,
+            refused: now.refused,
+            enrolled: now.enrolled,
+            ready: now.ready,
+            needed: now.needed,
+            rounds: now.rounds,
+            last_round_ms: now.last_round_ms,
+            left_ms: left_ms(now),
+            entries: now.entries,
+            published: now.published,
+            last_entry_ms: now.last_entry_ms,
+            checkpoint: self.checkpoint,
+            verifying: now.verifying,
+            waiting_to_verify: now.waiting_to_verify,
+            verification_ms: now.verification_ms,
+            disk_free_percent: now.disk_free_percent,
+        }
+    }
+
+    /// The status for people.
+    fn text(&self) -> String {
+        let now = &self.now;
+        let mut lines = vec![
+            // The aggregator chose the name.
+            format!(
+                "network      {} ({})",
+                self.network,
+                self.name.escape_debug()
+            ),
+            format!("aggregator   up for {}", duration(now.uptime_ms)),
+            format!("round {:<6} {}", now.round, phase_text(now)),
+        ];
+        if now.phase() != Phase::BetweenRounds {
+            lines.push(format!(
+                "             {} committed, {} accepted, {} refused",
+                now.committed, now.accepted, now.refused
+            ));
+            if now.ends_by_ms > 0 {
+                lines.push(format!(
+                    "             it ends in at most {}",
+                    until(now, now.ends_by_ms)
+                ));
+            }
+        }
+        if let Some(rounds) = now.rounds {
+            let done = now.round.min(rounds);
+            let left = left_ms(now).map_or(String::new(), |left| {
+                format!(
+                    "; about {} left, if each takes as long as the last one",
+                    duration(left)
+                )
+            });
+            lines.push(format!("rounds       {done} of {rounds} are over{left}"));
+        }
+        lines.push(format!(
+            "nodes        {} enrolled, {} ready; a round needs {}",
+            now.enrolled, now.ready, now.needed
+        ));
+        let wait = now.waiting_to_verify.saturating_mul(now.verification_ms) / now.verifying.max(1);
+        lines.push(format!(
+            "queue        {} verifications run, {} wait (about {})",
+            now.verifying,
+            now.waiting_to_verify,
+            duration(wait)
+        ));
+        lines.push(format!(
+            "ledger       {} entries, the last one {} ago; the newest checkpoint covers {}",
+            now.entries,
+            duration(now.now_ms.saturating_sub(now.last_entry_ms)),
+            self.checkpoint
+        ));
+        lines.push(match now.disk_free_percent {
+            Some(percent) => format!("disk         {percent} % free"),
+            None => "disk         the system does not say how full it is".into(),
+        });
+        lines.join("\n") + "\n"
+    }
+}
+
+fn phase(now: &StatusInfo) -> &'static str {
+    match now.phase() {
+        Phase::Unspecified => "unknown",
+        Phase::BetweenRounds => "between-rounds",
+        Phase::Commitments => "commitments",
+        Phase::Randomness => "randomness",
+        Phase::Submissions => "submissions",
+    }
+}
+
+fn phase_text(now: &StatusInfo) -> String {
+    let open = now.deadline_ms > now.now_ms;
+    match now.phase() {
+        Phase::Unspecified => "is in a phase that this release of zk0 does not know".into(),
+        Phase::BetweenRounds if now.ready < now.needed => "waits for nodes".into(),
+        Phase::BetweenRounds => "is not open yet".into(),
+        Phase::Randomness => "waits for its randomness".into(),
+        Phase::Commitments if open => {
+            format!(
+                "takes commitments for another {}",
+                until(now, now.deadline_ms)
+            )
+        }
+        Phase::Submissions if open => {
+            format!(
+                "takes submissions for another {}",
+                until(now, now.deadline_ms)
+            )
+        }
+        Phase::Commitments => "closes its commitments".into(),
+        Phase::Submissions => "is closing: what arrived in time is decided".into(),
+    }
+}
+
+/// How long the rounds that are left take, if each takes as long as the last one; `None` where that is not known.
+fn left_ms(now: &StatusInfo) -> Option<u64> {
+    let left = now.rounds?.saturating_sub(now.round);
+    Some(left.saturating_mul(now.last_round_ms?))
+}
+
+fn until(now: &StatusInfo, moment: u64) -> String {
+    duration(moment.saturating_sub(now.now_ms))
+}
+
+/// `45 s`, `12 min 3 s`, `7 h 20 min`, `2 d 3 h`.
+fn duration(ms: u64) -> String {
+    let (s, min, h) = (ms / 1000, ms / 60_000, ms / 3_600_000);
+    match h {
+        0 if min == 0 => format!("{s} s"),
+        0 => format!("{min} min {} s", s % 60),
+        1..48 => format!("{h} h {} min", min % 60),
+        _ => format!("{} d {} h", h / 24, h % 24),
+    }
+}

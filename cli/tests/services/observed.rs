@@ -1,0 +1,275 @@
+//! What an operator sees of a running aggregator: its metrics and its status.
+
+use crate::harness::network::LocalNetwork;
+use crate::harness::{ends, json, logged, prints, root, zk0};
+use serde_json::Value;
+use std::fs;
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::TcpStream;
+use std::process::{Child, Stdio};
+use std::thread;
+use std::time::{Duration, Instant};
+
+/// A running aggregator with metrics.
+struct Observed {
+    network: LocalNetwork,
+    process: Child,
+    address: String,
+    metrics: String,
+}
+
+impl Drop for Observed {
+    fn drop(&mut self) {
+        let _ = self.process.kill();
+        let _ = self.process.wait();
+    }
+}
+
+impl Observed {
+    /// Founds a network of one node, and serves it.
+    fn serve(more: &[&str]) -> Self {
+        let network = LocalNetwork::new();
+        network.found(&[]);
+        let (ledger, key) = (network.path("ledger"), network.path("log.key"));
+        let mut command = zk0(&[
+            "--log",
+            "json",
+            "aggregator",
+            "serve",
+            &ledger,
+            "--key",
+            &key,
+        ]);
+        command.args(["--listen", "127.0.0.1:0", "--metrics", "127.0.0.1:0"]);
+        let mut process = command.args(more).stderr(Stdio::piped()).spawn().unwrap();
+        let mut log = BufReader::new(process.stderr.take().unwrap());
+        let (mut address, mut metrics) = (None, None);
+        while address.is_none() || metrics.is_none() {
+            let mut line = String::new();
+            assert!(
+                log.read_line(&mut line).unwrap() > 0,
+                "the aggregator has ended"
+            );
+            let line: Value = serde_json::from_str(&line).unwrap();
+            let named = |name: &str| Some(line[name].as_str()?.to_owned());
+            address = address.or_else(|| named("listening"));
+            metrics = metrics.or_else(|| named("metrics"));
+        }
+        thread::spawn(move || std::io::copy(&mut log, &mut std::io::sink()));
+        Self {
+            network,
+            process,
+            address: format!("http://{}", address.unwrap()),
+            metrics: metrics.unwrap(),
+        }
+    }
+
+    fn get(&self, path: &str) -> String {
+        let mut stream = TcpStream::connect(&self.metrics).unwrap();
+        let head = format!("GET {path} HTTP/1.1\r\nhost: zk0\r\nconnection: close\r\n\r\n");
+        stream.write_all(head.as_bytes()).unwrap();
+        let mut answer = String::new();
+        stream.read_to_string(&mut answer).unwrap();
+        answer
+    }
+
+    /// The value of a metric with these labels; 0 if there is none yet.
+    fn metric(&self, name: &str) -> f64 {
+        let text = self.get("/metrics");
+        let mut values = text.lines().filter_map(|line| {
+            let (key, value) = line.rsplit_once(' ')?;
+            (key == name).then(|| value.parse().unwrap())
+        });
+        values.next().unwrap_or(0.0)
+    }
+
+    /// Waits until the metric has this value.
+    #[track_caller]
+    fn becomes(&self, name: &str, wanted: f64) {
+        let begun = Instant::now();
+        while self.metric(name) != wanted {
+            let text = self.get("/metrics");
+            assert!(
+                begun.elapsed() < Duration::from_secs(10),
+                "{name} is not {wanted}: {text}"
+            );
+            thread::sleep(Duration::from_millis(50));
+        }
+    }
+
+    fn of_network(&self) -> [String; 4] {
+        let id = self.network.genesis().network_id().to_string();
+        [
+            "--aggregator".into(),
+            self.address.clone(),
+            "--network".into(),
+            id,
+        ]
+    }
+
+    fn asking<'a>(&'a self, words: &[&'a str], of: &'a [String; 4]) -> Vec<&'a str> {
+        let of = of.iter().map(String::as_str);
+        words.iter().copied().chain(of).collect()
+    }
+}
+
+#[test]
+fn metrics_move_with_what_the_aggregator_does() {
+    let observed = Observed::serve(&[]);
+    let of = observed.of_network();
+    let head = observed.get("/metrics");
+    assert!(head.starts_with("HTTP/1.1 200"), "{head}");
+    assert!(head.contains("application/openmetrics-text"), "{head}");
+    assert!(head.ends_with("# EOF\n"), "{head}");
+    assert!(observed.get("/other").starts_with("HTTP/1.1 404"));
+
+    let asked = r#"zk0_requests_total{method="GetGovernance",status="Ok"}"#;
+    let seconds = r#"zk0_request_seconds_count{method="GetGovernance"}"#;
+    assert_eq!(
+        [observed.metric(asked), observed.metric(seconds)],
+        [0.0, 0.0]
+    );
+    prints(&observed.asking(&["governance", "status"], &of));
+    observed.becomes(asked, 1.0);
+    observed.becomes(seconds, 1.0);
+
+    // An enrolment is an entry of the ledger, which is appended in measured time.
+    let entries = r#"zk0_ledger_entries{are="recorded"}"#;
+    let before = observed.metric(entries);
+    assert_eq!(observed.metric(r#"zk0_nodes{are="enrolled"}"#), 1.0);
+    let (key, new) = (
+        observed.network.path("log.key"),
+        observed.network.path("new.key"),
+    );
+    let identity = prints(&["node", "keygen", &new]);
+    let node = format!("new={}", identity.trim());
+    let enrol = ["aggregator", "enrol", "--key", &key, "--node", &node];
+    prints(&observed.asking(&enrol, &of));
+    assert_eq!(observed.metric(entries), before + 1.0);
+    assert_eq!(observed.metric(r#"zk0_nodes{are="enrolled"}"#), 2.0);
+    assert_eq!(observed.metric("zk0_append_seconds_count"), 1.0);
+
+    // Somebody who is connected and asks nothing is a stranger. Whoever follows a round is a request in progress.
+    let strangers = r#"zk0_connections{of="strangers"}"#;
+    observed.becomes(strangers, 0.0);
+    let silent = TcpStream::connect(observed.address.trim_start_matches("http://")).unwrap();
+    observed.becomes(strangers, 1.0);
+    drop(silent);
+    observed.becomes(strangers, 0.0);
+    let watch = observed.asking(&["status", "--watch", "--json"], &of);
+    let mut watching = zk0(&watch).stdout(Stdio::piped()).spawn().unwrap();
+    let following = r#"zk0_requests_in_progress{method="WatchRound"}"#;
+    observed.becomes(following, 1.0);
+    watching.kill().unwrap();
+    watching.wait().unwrap();
+    observed.becomes(following, 0.0);
+    observed.becomes(
+        r#"zk0_requests_total{method="WatchRound",status="Cancelled"}"#,
+        1.0,
+    );
+
+    let page = fs::read_to_string(root().join("docs/services.md")).unwrap();
+    let shown = observed.get("/metrics");
+    let named = |line: &'_ str| Some(line.strip_prefix("# TYPE ")?.split(' ').next()?.to_owned());
+    let names: Vec<String> = shown.lines().filter_map(named).collect();
+    assert!(names.len() > 12, "{names:?}");
+    for name in names {
+        let written = [
+            format!("`{name}`"),
+            format!("`{name}{{"),
+            format!("`{name}_total{{"),
+        ];
+        let found = written.iter().any(|name| page.contains(name));
+        assert!(found, "docs/services.md does not have {name}");
+    }
+
+    for some in [
+        "zk0_memory_bytes",
+        "zk0_open_files",
+        r#"zk0_disk_bytes{are="free"}"#,
+    ] {
+        assert!(observed.metric(some) > 1.0, "{some}");
+    }
+    assert_eq!(
+        observed.metric(r#"zk0_round_phase{phase="between-rounds"}"#),
+        1.0
+    );
+}
+
+#[test]
+fn connections_that_a_limit_refuses_are_counted() {
+    let observed = Observed::serve(&["--max-connections", "2"]);
+    let connect = || TcpStream::connect(observed.address.trim_start_matches("http://")).unwrap();
+    let _all = [connect(), connect(), connect()];
+    observed.becomes(r#"zk0_connections_lost_total{limit="made-room"}"#, 1.0);
+    observed.becomes(r#"zk0_connections{of="strangers"}"#, 2.0);
+}
+
+#[test]
+fn the_status_shows_rounds_nodes_the_ledger_and_the_disk() {
+    let observed = Observed::serve(&["--rounds", "3", "--min-nodes", "2"]);
+    let of = observed.of_network();
+    let status = json(&observed.asking(&["status", "--json"], &of));
+    let entries = observed.network.entries().len();
+    for (key, value) in [
+        ("phase", Value::from("between-rounds")),
+        ("round", 0.into()),
+        ("rounds", 3.into()),
+        ("enrolled", 1.into()),
+        ("ready", 0.into()),
+        ("needed", 2.into()),
+        ("entries", entries.into()),
+        ("published", entries.into()),
+        ("checkpoint", entries.into()),
+        ("deadline_ms", Value::Null),
+    ] {
+        assert_eq!(status[key], value, "{key} of {status}");
+    }
+    assert!(
+        status["disk_free_percent"].as_u64() <= Some(100),
+        "{status}"
+    );
+    let text = prints(&observed.asking(&["status"], &of));
+    for said in [
+        "waits for nodes",
+        "1 enrolled, 0 ready; a round needs 2",
+        "0 of 3 are over",
+        "% free",
+    ] {
+        assert!(text.contains(said), "{said:?} is not in {text}");
+    }
+}
+
+#[test]
+fn a_watched_status_is_shown_again() {
+    let observed = Observed::serve(&[]);
+    let of = observed.of_network();
+    let watch = observed.asking(&["status", "--watch", "--json"], &of);
+    let mut watching = zk0(&watch).stdout(Stdio::piped()).spawn().unwrap();
+    let lines = BufReader::new(watching.stdout.take().unwrap()).lines();
+    let up: Vec<_> = lines
+        .take(3)
+        .map(|line| {
+            let status: Value = serde_json::from_str(&line.unwrap()).unwrap();
+            status["uptime_ms"].as_u64().unwrap()
+        })
+        .collect();
+    watching.kill().unwrap();
+    watching.wait().unwrap();
+    assert!(up[0] < up[2], "{up:?}");
+}
+
+#[test]
+fn the_status_of_another_network_is_refused() {
+    let observed = Observed::serve(&[]);
+    let other = "00".repeat(32);
+    let ask = [
+        "status",
+        "--aggregator",
+        &observed.address,
+        "--network",
+        &other,
+    ];
+    let refused = logged(&ends(1, zk0(&ask)));
+    assert!(refused.contains("network"), "{refused}");
+}

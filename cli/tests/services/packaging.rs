@@ -1,0 +1,185 @@
+//! The systemd units, the container file and the script that installs them.
+
+use crate::harness::{root, text};
+use std::fs;
+use std::path::Path;
+use std::process::{Command, Output};
+
+const SERVICES: [&str; 3] = ["aggregator", "node", "prover"];
+
+/// What a program prints in both its streams.
+fn said(output: &Output) -> String {
+    let both = [&output.stdout[..], &output.stderr[..]].concat();
+    String::from_utf8_lossy(&both).into_owned()
+}
+
+fn unit(service: &str) -> String {
+    let path = format!("packaging/systemd/zk0-{service}.service");
+    fs::read_to_string(root().join(path)).unwrap()
+}
+
+/// The value of a line `KEY=VALUE` of a unit.
+#[track_caller]
+fn value<'a>(unit: &'a str, key: &str) -> &'a str {
+    let mut values = unit
+        .lines()
+        .filter_map(|line| line.strip_prefix(key)?.strip_prefix('='));
+    values
+        .next()
+        .unwrap_or_else(|| panic!("there is no {key} in {unit}"))
+}
+
+/// Installs the binary below a folder.
+fn installed(below: &Path) -> Output {
+    Command::new(root().join("packaging/install.sh"))
+        .args([env!("CARGO_BIN_EXE_zk0"), text(below)])
+        .output()
+        .unwrap()
+}
+
+#[test]
+fn the_script_installs_the_binary_its_settings_and_its_units() {
+    let dir = tempfile::tempdir().unwrap();
+    let below = dir.path();
+    let output = installed(below);
+    assert!(output.status.success(), "{}", said(&output));
+    let binary = Command::new(below.join("usr/local/bin/zk0"))
+        .arg("--version")
+        .output();
+    assert!(said(&binary.unwrap()).starts_with("zk0 "));
+    for service in SERVICES {
+        // What the unit starts is where the script puts it.
+        let unit =
+            fs::read_to_string(below.join(format!("etc/systemd/system/zk0-{service}.service")));
+        let unit = unit.unwrap();
+        let words: Vec<_> = value(&unit, "ExecStart").split(' ').collect();
+        let [program, _, _, "--config", settings] = words[..] else {
+            panic!("{words:?}");
+        };
+        for path in [program, settings] {
+            assert!(below.join(path.trim_start_matches('/')).is_file(), "{path}");
+        }
+        // Its folders are those of the settings.
+        let folder = format!("/var/lib/{}", value(&unit, "StateDirectory"));
+        let settings = fs::read_to_string(below.join(settings.trim_start_matches('/'))).unwrap();
+        let folders = settings
+            .lines()
+            .filter(|line| !line.starts_with('#') && line.contains("/var/lib/"));
+        for line in folders {
+            assert!(line.contains(&folder), "{line}");
+        }
+    }
+    // Settings of the operator are kept.
+    let settings = below.join("etc/zk0/aggregator.toml");
+    fs::write(&settings, "mine").unwrap();
+    assert!(installed(below).status.success());
+    assert_eq!(fs::read_to_string(&settings).unwrap(), "mine");
+}
+
+#[test]
+fn what_is_no_program_is_not_installed() {
+    let dir = tempfile::tempdir().unwrap();
+    let script = root().join("packaging/install.sh");
+    let output = Command::new(&script)
+        .args(["Cargo.toml", text(dir.path())])
+        .output()
+        .unwrap();
+    assert_eq!(output.status.code(), Some(1));
+    assert!(
+        said(&output).contains("Cargo.toml is not a program"),
+        "{}",
+        said(&output)
+    );
+    assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 0);
+    assert_eq!(
+        Command::new(&script).output().unwrap().status.code(),
+        Some(2)
+    );
+}
+
+/// Whether systemd's checker is there.
+fn has_analyze() -> bool {
+    let there = Command::new("systemd-analyze")
+        .arg("--version")
+        .output()
+        .is_ok();
+    if !there {
+        eprintln!("skipped: systemd-analyze is not installed, so the units are not verified");
+    }
+    there
+}
+
+#[test]
+fn systemd_accepts_the_units_and_finds_them_well_confined() {
+    if !has_analyze() {
+        return;
+    }
+    let dir = tempfile::tempdir().unwrap();
+    for service in SERVICES {
+        // The checker wants the program to be there.
+        let unit = unit(service).replace("/usr/local/bin/zk0", env!("CARGO_BIN_EXE_zk0"));
+        let path = dir.path().join(format!("zk0-{service}.service"));
+        fs::write(&path, unit).unwrap();
+        let analyze = |arguments: &[&str]| {
+            let mut command = Command::new("systemd-analyze");
+            command.args(arguments).arg(&path).output().unwrap()
+        };
+        let verified = analyze(&["verify", "--man=no", "--recursive-errors=no"]);
+        assert!(verified.status.success(), "{}", said(&verified));
+        assert_eq!(said(&verified), "", "{service}");
+        // 10 is a unit without any confinement, and 0 one that can do nothing. The threshold is in tenths.
+        let confined = analyze(&["security", "--offline=yes", "--threshold=25"]);
+        assert!(confined.status.success(), "{}", said(&confined));
+    }
+}
+
+#[test]
+fn a_unit_waits_until_the_service_has_ended() {
+    let unit = unit("aggregator");
+    let wait: u64 = value(&unit, "TimeoutStopSec").parse().unwrap();
+    let example = fs::read_to_string(root().join("packaging/config/aggregator.toml")).unwrap();
+    let drain: u64 = value(&example, "#drain-seconds ").trim().parse().unwrap();
+    assert!(wait >= drain + 3, "{wait} {drain}");
+    for service in SERVICES {
+        let unit = self::unit(service);
+        assert_eq!(value(&unit, "Restart"), "on-failure");
+        assert_eq!(value(&unit, "ProtectSystem"), "strict");
+        assert_eq!(
+            value(&unit, "EnvironmentFile"),
+            format!("-/etc/zk0/{service}.env")
+        );
+        let users = fs::read_to_string(root().join("packaging/systemd/zk0-users.conf")).unwrap();
+        assert!(
+            users.contains(&format!("u {} ", value(&unit, "User"))),
+            "{users}"
+        );
+    }
+}
+
+/// A builder of images needs a network and an hour, so the steps of the file are checked without one: what it copies and runs is there, and the
+/// script that it runs is tested above.
+#[test]
+fn the_container_file_takes_the_steps_of_the_script_and_drops_its_rights() {
+    let file = fs::read_to_string(root().join("packaging/Containerfile")).unwrap();
+    let steps: Vec<_> = file
+        .lines()
+        .filter(|line| !line.is_empty() && !line.starts_with('#'))
+        .collect();
+    let at = |wanted: &str| {
+        let found = steps.iter().position(|step| step.contains(wanted));
+        found.unwrap_or_else(|| panic!("no step has {wanted:?}: {steps:?}"))
+    };
+    let stages: Vec<_> = steps
+        .iter()
+        .filter(|step| step.starts_with("FROM "))
+        .collect();
+    assert_eq!(stages.len(), 2, "{stages:?}");
+    let installs = at("RUN --mount=type=bind,from=build,source=/,target=/build");
+    assert!(steps[installs].ends_with("/build/zk0/packaging/install.sh /build/target/release/zk0"));
+    assert!(at("RUN make build") < installs && installs < at("USER zk0"));
+    assert!(steps[at("USER zk0")..]
+        .iter()
+        .all(|step| !step.starts_with("RUN ")));
+    assert!(at(r#"ENTRYPOINT ["/usr/local/bin/zk0"]"#) > installs);
+    assert!(steps[at("CMD [")].contains("/etc/zk0/aggregator.toml"));
+}

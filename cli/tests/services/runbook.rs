@@ -1,0 +1,222 @@
+//! The failures of `docs/runbook.md`, provoked: what is printed is what the page says.
+
+use crate::harness::network::LocalNetwork;
+use crate::harness::serving::Serving;
+use crate::harness::{copy, fails, prints, root, words, zk0, RECORDING};
+use serde_json::Value;
+use std::fs;
+use std::io::{BufRead, BufReader};
+use std::path::Path;
+use std::process::Stdio;
+use std::time::Duration;
+
+/// Checks that the output has the words, and that the page has them, too.
+#[track_caller]
+fn as_in_the_runbook(output: &str, symptom: &str) {
+    assert!(output.contains(symptom), "{symptom:?} is not in {output}");
+    let page = fs::read_to_string(root().join("docs/runbook.md")).unwrap();
+    assert!(
+        page.contains(symptom),
+        "{symptom:?} is not in docs/runbook.md"
+    );
+}
+
+fn founded() -> LocalNetwork {
+    let network = LocalNetwork::new();
+    network.found(&[]);
+    network
+}
+
+fn serve(network: &LocalNetwork, listen: &str) -> Vec<String> {
+    let (ledger, key) = (network.path("ledger"), network.path("log.key"));
+    [
+        "aggregator",
+        "serve",
+        &ledger,
+        "--key",
+        &key,
+        "--listen",
+        listen,
+    ]
+    .map(str::to_owned)
+    .into()
+}
+
+#[test]
+fn a_port_that_is_in_use() {
+    let (network, other) = (founded(), founded());
+    let serving = Serving::start(&words(&serve(&network, "127.0.0.1:0")));
+    let address = serving.address.trim_start_matches("http://");
+    let said = fails(&words(&serve(&other, address)));
+    as_in_the_runbook(&said, "already: stop it, or choose another address");
+    assert!(said.contains(address), "{said}");
+}
+
+#[test]
+fn a_ledger_that_another_process_has() {
+    let network = founded();
+    let _serving = Serving::start(&words(&serve(&network, "127.0.0.1:0")));
+    let said = fails(&words(&serve(&network, "127.0.0.1:0")));
+    as_in_the_runbook(
+        &said,
+        "is in use by another process: stop that process first",
+    );
+    let (ledger, key) = (network.path("ledger"), network.path("log.key"));
+    let node = format!("bob={}", "11".repeat(32));
+    let said = fails(&[
+        "aggregator",
+        "enrol",
+        &ledger,
+        "--key",
+        &key,
+        "--node",
+        &node,
+    ]);
+    as_in_the_runbook(
+        &said,
+        "is in use, most likely by its running aggregator: enrol through that",
+    );
+    // It says one way, and not two.
+    assert!(!said.contains("stop that process"), "{said}");
+}
+
+#[test]
+fn a_node_that_is_not_enrolled_and_a_prover_that_nobody_reaches() {
+    let network = founded();
+    let serving = Serving::start(&words(&serve(&network, "127.0.0.1:0")));
+    let id = network.genesis().network_id().to_string();
+    let (key, stranger) = (network.path("node.key"), network.path("stranger.key"));
+    prints(&["node", "keygen", &stranger]);
+    let join = |key: &str, prover: &str| {
+        let state = network.path("state");
+        let mut arguments = vec![
+            "node",
+            "join",
+            "--aggregator",
+            &serving.address,
+            "--network",
+            &id,
+        ];
+        arguments.extend([
+            "--key",
+            key,
+            "--dataset",
+            RECORDING,
+            "--state",
+            &state,
+            "--prover",
+            prover,
+        ]);
+        fails(&arguments)
+    };
+    let nobody = "http://127.0.0.1:9";
+    let said = join(&key, nobody);
+    as_in_the_runbook(
+        &said,
+        "cannot be reached: Connection refused (os error 111); `zk0 prover serve` runs it",
+    );
+    assert!(said.contains(nobody), "{said}");
+    // A server answers at the address of the prover, so the node comes as far as the aggregator.
+    let said = join(&stranger, &serving.address);
+    as_in_the_runbook(&said, "is not enrolled in this network");
+}
+
+#[test]
+fn a_disk_that_takes_no_more() {
+    let network = founded();
+    let arguments = serve(&network, "127.0.0.1:0");
+    let mut serving = Serving::start(&words(&arguments));
+    let id = network.genesis().network_id().to_string();
+    // The checkpoint cannot be written where a folder is.
+    let (checkpoint, kept) = (network.path("ledger/checkpoint"), network.path("kept"));
+    fs::rename(&checkpoint, &kept).unwrap();
+    fs::create_dir_all(Path::new(&checkpoint).join("in-the-way")).unwrap();
+    let (key, node) = (network.path("log.key"), format!("bob={}", "11".repeat(32)));
+    let mut enrol = vec!["aggregator", "enrol", "--aggregator", &serving.address];
+    enrol.extend(["--network", &id, "--key", &key, "--node", &node]);
+    as_in_the_runbook(&fails(&enrol), "the aggregator failed; its log says why");
+    // It can record nothing any more, so it ends, and whoever watches it notices.
+    assert_eq!(
+        serving
+            .ended_within(Duration::from_secs(10))
+            .unwrap()
+            .code(),
+        Some(1)
+    );
+
+    fs::remove_dir_all(&checkpoint).unwrap();
+    fs::rename(&kept, &checkpoint).unwrap();
+    let again = Serving::start(&words(&arguments));
+    let status = ["status", "--aggregator", &again.address, "--network", &id];
+    assert!(prints(&status).contains("round 0"));
+}
+
+#[test]
+fn a_backup_that_is_older_than_the_last_checkpoint() {
+    let network = founded();
+    let [ledger, key, backup] = ["ledger", "log.key", "backup"].map(|name| network.path(name));
+    prints(&["ledger", "backup", &ledger, &backup]);
+    let old = network.path("old");
+    copy(Path::new(&ledger), Path::new(&old));
+    let node = format!("bob={}", "11".repeat(32));
+    prints(&[
+        "aggregator",
+        "enrol",
+        &ledger,
+        "--key",
+        &key,
+        "--node",
+        &node,
+    ]);
+    let newest = network.path("newest");
+    fs::copy(Path::new(&ledger).join("checkpoint"), &newest).unwrap();
+    let restored = network.path("restored");
+    let said = fails(&[
+        "ledger",
+        "restore",
+        &backup,
+        &restored,
+        "--checkpoint",
+        &newest,
+    ]);
+    as_in_the_runbook(&said, "to go on from this backup would fork the log");
+    // Somebody copies the old database back by hand.
+    let database = Path::new(&ledger).join("log");
+    fs::remove_dir_all(&database).unwrap();
+    copy(&Path::new(&old).join("log"), &database);
+    let said = fails(&words(&serve(&network, "127.0.0.1:0")));
+    as_in_the_runbook(&said, "the database was rolled back or damaged. Restore the newest copy; until then nothing is signed");
+}
+
+#[test]
+fn an_aggregator_that_is_killed() {
+    let network = founded();
+    let mut arguments = serve(&network, "127.0.0.1:0");
+    let mut serving = Serving::start(&words(&arguments));
+    let id = network.genesis().network_id().to_string();
+    let mut watch = vec!["status", "--watch", "--json", "--network", &id];
+    let before = serving.address.clone();
+    watch.extend(["--aggregator", &before]);
+    let mut watching = zk0(&watch).stdout(Stdio::piped()).spawn().unwrap();
+    let mut shown = BufReader::new(watching.stdout.take().unwrap()).lines();
+    let mut up = || {
+        let status: Value = serde_json::from_str(&shown.next().unwrap().unwrap()).unwrap();
+        status["uptime_ms"].as_u64().unwrap()
+    };
+    while up() < 3000 {}
+    serving.kill();
+    let said = fails(&["status", "--aggregator", &before, "--network", &id]);
+    as_in_the_runbook(
+        &said,
+        "cannot be reached: Connection refused (os error 111)",
+    );
+    // The same command goes on with the same ledger.
+    *arguments.last_mut().unwrap() = serving.address.trim_start_matches("http://").into();
+    let again = Serving::start(&words(&arguments));
+    let status = ["status", "--aggregator", &again.address, "--network", &id];
+    assert!(prints(&status).contains("the newest checkpoint covers 2"));
+    // Whoever watches sees the one that has just started.
+    while up() > 3000 {}
+    watching.kill().unwrap();
+    watching.wait().unwrap();
+}

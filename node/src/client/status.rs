@@ -1,0 +1,41 @@
+//! How an aggregator is doing, as it says itself. Only the checkpoint is signed; the rest is for people, and nothing is decided by it.
+
+use crate::client::watching::Watch;
+use crate::client::Node;
+use crate::client_error::NodeError;
+use zk0_protocol::rpc::federation as rpc;
+use zk0_protocol::tlog::checkpoint::Checkpoint;
+
+/// Follows the last round.
+pub struct RoundWatch(Watch);
+
+impl Default for RoundWatch {
+    fn default() -> Self {
+        Self(Watch::of(None, Vec::new()))
+    }
+}
+
+impl Node {
+    /// How the aggregator is doing.
+    pub async fn status(&mut self) -> Result<rpc::StatusInfo, NodeError> {
+        let status = self.client.get_status(rpc::GetStatusRequest {}).await;
+        Ok(status?.into_inner())
+    }
+
+    /// The newest published checkpoint. The log's key has signed it.
+    pub async fn checkpoint(&mut self) -> Result<Checkpoint, NodeError> {
+        let info = self.client.get_network(rpc::GetNetworkRequest {}).await;
+        let note = info?.into_inner().checkpoint;
+        let genesis = self.genesis();
+        Ok(Checkpoint::open(
+            note.as_bytes(),
+            genesis.origin(),
+            &genesis.log_key,
+        )?)
+    }
+
+    /// Waits until the last round has come further. The first call returns at once.
+    pub async fn changed(&mut self, watch: &mut RoundWatch) -> Result<(), NodeError> {
+        self.next_stage(&mut watch.0).await.map(drop)
+    }
+}
