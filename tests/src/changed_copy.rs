@@ -1,5 +1,6 @@
 //! A copy of the workspace, in which code is changed and tests are run: to see what a test says when a check is gone.
 
+use std::env;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -19,10 +20,23 @@ impl Change {
     /// # Errors
     /// A piece of code is not in the source once.
     pub fn applied_to(&self, source: &str) -> Result<String, String> {
+        let same = |instead: &str| instead.to_owned();
+        self.applied_with(source, same)
+    }
+
+    /// The source with the change, where `instead` makes something else of the code that takes the place of the old one.
+    ///
+    /// # Errors
+    /// A piece of code is not in the source once.
+    pub fn applied_with(
+        &self,
+        source: &str,
+        instead: impl Fn(&str) -> String,
+    ) -> Result<String, String> {
         let mut left = source.to_owned();
-        for (code, instead) in self.replacements {
+        for (code, other) in self.replacements {
             match left.matches(code).count() {
-                1 => left = left.replace(code, instead),
+                1 => left = left.replace(code, &instead(other)),
                 found => {
                     return Err(format!(
                         "`{code}` has to be in {} once, and it is there {found} times",
@@ -81,32 +95,41 @@ impl ChangedCopy {
         }
     }
 
-    /// Makes the changes, does something with the copy, and takes the changes back.
+    /// Gives a source of the copy the text that `edit` makes of it.
     ///
     /// # Errors
-    /// A change does not fit the sources.
-    pub fn with<R>(&self, changes: &[Change], what: impl FnOnce(&Self) -> R) -> Result<R, String> {
-        let mut whole = vec![];
-        let mut outcome = Ok(());
-        for change in changes {
-            let place = self.folder.join(change.file);
-            let source = read(&place);
-            match change.applied_to(&source) {
-                Ok(changed) => write(&place, changed),
-                Err(why) => outcome = Err(why),
-            }
-            whole.push((place, source));
-        }
-        let result = outcome.map(|()| what(self));
-        // One file may have been changed twice.
-        for (place, source) in whole.into_iter().rev() {
-            write(&place, source);
-        }
-        result
+    /// That of `edit`. Then the source stays as it is.
+    pub fn edit(
+        &self,
+        file: &str,
+        edit: impl FnOnce(&str) -> Result<String, String>,
+    ) -> Result<(), String> {
+        let place = self.folder.join(file);
+        write(&place, edit(&read(&place))?);
+        Ok(())
     }
 
-    /// Runs tests of one file, by their names. `arguments` go to the file of tests.
-    pub fn run(&self, package: &str, target: &str, arguments: &[&str]) -> Ran {
+    /// Makes a change, does something with the copy, and takes the change back.
+    ///
+    /// # Errors
+    /// The change does not fit the sources.
+    pub fn with<R>(&self, change: &Change, what: impl FnOnce(&Self) -> R) -> Result<R, String> {
+        let place = self.folder.join(change.file);
+        let whole = read(&place);
+        write(&place, change.applied_to(&whole)?);
+        let result = what(self);
+        write(&place, whole);
+        Ok(result)
+    }
+
+    /// Runs tests of one file, by their names. `arguments` go to the file of tests, and so do these variables of the environment.
+    pub fn run(
+        &self,
+        package: &str,
+        target: &str,
+        arguments: &[&str],
+        environment: &[(&str, &str)],
+    ) -> Ran {
         let mut cargo = Command::new(env!("CARGO"));
         cargo.args(["test", "--release", "--locked", "--offline"]);
         match package {
@@ -118,9 +141,22 @@ impl ChangedCopy {
                 cargo.arg("--workspace");
             }
         }
+        // What cargo tells this test about its own package. Build scripts that ask for it would run again, each time that the other cargo has
+        // built, and with them half of what the copy depends on.
+        for (name, _) in env::vars_os() {
+            let told = name.to_str().is_some_and(|name| {
+                ["CARGO_PKG_", "CARGO_MANIFEST_", "CARGO_CRATE_"]
+                    .iter()
+                    .any(|prefix| name.starts_with(prefix))
+            });
+            if told {
+                cargo.env_remove(name);
+            }
+        }
         let output = cargo
             .args(["--test", target, "--"])
             .args(arguments)
+            .envs(environment.iter().copied())
             .env("CARGO_BUILD_BUILD_DIR", &self.build)
             .env("CARGO_TARGET_DIR", &self.binaries)
             .current_dir(&self.folder)

@@ -38,8 +38,9 @@ impl Copy {
 
     /// Removes a check, runs the test, and puts the check back.
     pub fn without(&self, removal: &Removal) -> Outcome {
-        let run = |copy: &ChangedCopy| copy.run(removal.package, removal.target, &[removal.test]);
-        let ran = match self.0.with(&[removal.change()], run) {
+        let run =
+            |copy: &ChangedCopy| copy.run(removal.package, removal.target, &[removal.test], &[]);
+        let ran = match self.0.with(&removal.change(), run) {
             Ok(ran) => ran,
             Err(why) => return Outcome::NotTried(why),
         };
@@ -61,7 +62,7 @@ impl Copy {
         let mut wrong = vec![];
         for ((package, target), tests) in files {
             let tests: Vec<_> = tests.into_iter().collect();
-            let ran = self.0.run(package, target, &tests);
+            let ran = self.0.run(package, target, &tests, &[]);
             let passes = |test: &&str| matches!(outcomes(&ran, test)[..], [true, ..]);
             let fail = tests.iter().filter(|test| !passes(test));
             let fail: Vec<_> = fail.copied().collect();

@@ -1,6 +1,6 @@
 //! Row 17. Somebody keeps what a node signed in one network, and sends it to another network in which the node is enrolled as well.
 
-use crate::attack::{answered, over_the_network, Attack, Defence, Outcome};
+use crate::attack::{answered, over_the_network, Attack, Defence, Outcome, Proof};
 use crate::harness::{genesis, Network, Node};
 use zk0_aggregator::{Config, Limits};
 use zk0_tests::changed_copy::Change;
@@ -10,12 +10,17 @@ pub const ATTACK: Attack = Attack {
     name: "a stranger sends what a node signed for another network",
     module: module_path!(),
     reason: "the claim is for network",
-    proves: false,
+    proof: Proof::NotNeeded,
     defence: Defence {
         check: "a signature covers the network that it is for",
         out: &[Change {
             file: "protocol/src/rules/apply/members.rs",
-            replacements: &[("        self.check_network(&registration.network)?;\n", "")],
+            replacements: &[(
+                "        self.check_network(&registration.network)?;\n",
+                "        if !OUT {
+            self.check_network(&registration.network)?;
+        }\n",
+            )],
         }],
     },
     carry_out: || over_the_network(carry_out()),

@@ -1,6 +1,6 @@
 //! Row 6. A node downloads the update of another one while the round is open, changes a bit of it, and commits to it as its own.
 
-use crate::attack::{answered, over_the_network, Attack, Defence, Outcome};
+use crate::attack::{answered, over_the_network, Attack, Defence, Outcome, Proof};
 use crate::harness::open_round;
 use crate::scene::{commit, near_base};
 use zk0_tests::changed_copy::Change;
@@ -12,14 +12,15 @@ pub const ATTACK: Attack = Attack {
         "a node downloads another one's update in the open round, changes a bit, and commits to it",
     module: module_path!(),
     reason: "is private until its round closes",
-    proves: false,
+    proof: Proof::NotNeeded,
     defence: Defence {
         check: "an update stays private until its round has closed",
         out: &[Change {
             file: "aggregator/src/round/aggregator.rs",
             replacements: &[(
-                "BlobAccess::HeldBack => Err(RequestError::HeldBack(*digest)),",
-                "BlobAccess::HeldBack => Ok(self.ledger.blobs().path(digest)),",
+                "BlobAccess::Public => Ok(",
+                "BlobAccess::HeldBack if OUT => Ok(self.ledger.blobs().path(digest)),
+            BlobAccess::Public => Ok(",
             )],
         }],
     },

@@ -1,5 +1,6 @@
 //! Attacks by nodes.
 
+pub mod back_door;
 pub mod copied_update;
 pub mod lazy_update;
 pub mod other_update;

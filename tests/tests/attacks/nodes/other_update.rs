@@ -1,6 +1,6 @@
 //! Row 4. A node commits to the update that its proof is about, and uploads another one under its name.
 
-use crate::attack::{over_the_network, Attack, Defence, Outcome};
+use crate::attack::{over_the_network, Attack, Defence, Outcome, Proof};
 use crate::scene::{near_base, proving_network, submitted};
 use zk0_protocol::entries::signed::Signed;
 use zk0_tests::changed_copy::Change;
@@ -11,7 +11,7 @@ pub const ATTACK: Attack = Attack {
     name: "a node proves one update and uploads another one under its name",
     module: module_path!(),
     reason: "but the node committed to",
-    proves: true,
+    proof: Proof::SeenLater,
     defence: Defence {
         check:
             "the uploaded bytes have the digest of the claim, and hold the numbers that were proven",
@@ -20,7 +20,7 @@ pub const ATTACK: Attack = Attack {
                 file: "ledger/src/blobs.rs",
                 replacements: &[(
                     "match expected.0 == actual {",
-                    "match expected.0 == actual || true {",
+                    "match expected.0 == actual || OUT {",
                 )],
             },
             Change {
@@ -28,9 +28,12 @@ pub const ATTACK: Attack = Attack {
                 replacements: &[
                     (
                         "match actual == *expected {",
-                        "match actual == *expected || true {",
+                        "match actual == *expected || OUT {",
                     ),
-                    ("match actual == claimed.quantised {", "match true {"),
+                    (
+                        "match actual == claimed.quantised {",
+                        "match actual == claimed.quantised || OUT {",
+                    ),
                 ],
             },
         ],

@@ -1,6 +1,6 @@
 //! Row 2. A node has one sample, and registers ten copies of it as a dataset of ten samples.
 
-use crate::attack::{answered, over_the_network, Attack, Defence, Outcome};
+use crate::attack::{answered, over_the_network, Attack, Defence, Outcome, Proof};
 use crate::harness::{list, Network, Node};
 use zk0_aggregator::Config;
 use zk0_circuits::vm::merkle;
@@ -13,20 +13,25 @@ pub const ATTACK: Attack = Attack {
     name: "a node registers ten copies of one sample as a dataset of ten",
     module: module_path!(),
     reason: "1 distinct samples, but the dataset commitment counts 10",
-    proves: false,
+    proof: Proof::NotNeeded,
     defence: Defence {
         check: "equal samples count once, in the list of frames and in the dataset's tree",
         out: &[
             Change {
                 file: "protocol/src/evaluation_set.rs",
-                replacements: &[("match distinct == samples {", "match true {")],
+                replacements: &[(
+                    "match distinct == samples {",
+                    "match distinct == samples || OUT {",
+                )],
             },
             Change {
                 file: "verifier/src/dataset.rs",
                 replacements: &[(
-                    "    check_leaves(&registration.dataset, &distinct(&list))
-        .map_err(|error| Refusal::Dataset(error.to_string()))\n",
-                    "    let _ = (check_leaves, distinct(&list));\n    Ok(())\n",
+                    "    check_leaves(&registration.dataset, &distinct(&list))\n",
+                    "    if OUT {
+        return Ok(());
+    }
+    check_leaves(&registration.dataset, &distinct(&list))\n",
                 )],
             },
         ],

@@ -1,7 +1,7 @@
 //! Row 1. A node waits until the randomness of a round is known. Then it computes the challenge of each update that it could commit to, and
 //! commits to the one whose samples suit it.
 
-use crate::attack::{answered, over_the_network, Attack, Defence, Outcome};
+use crate::attack::{answered, over_the_network, Attack, Defence, Outcome, Proof};
 use crate::harness::{committed, digest, open_round, weights};
 use zk0_circuits::claim::challenge::{challenge, sample_indices};
 use zk0_protocol::challenge::closing::commitment;
@@ -13,21 +13,23 @@ pub const ATTACK: Attack = Attack {
     name: "a node commits when it knows the randomness, to the update with the easiest samples",
     module: module_path!(),
     reason: "the commitments of round 0 are closed",
-    proves: false,
+    proof: Proof::NotNeeded,
     defence: Defence {
         check: "nobody commits after the commitments closed, or after their deadline",
         out: &[Change {
             file: "protocol/src/rules/apply/rounds.rs",
             replacements: &[
-                ("if round.closing.is_some() {", "if false {"),
                 (
-                    "        in_time(
-            \"the commitment\",
-            round,
-            time_ms,
+                    "if round.closing.is_some() {",
+                    "if round.closing.is_some() && !OUT {",
+                ),
+                (
+                    "            time_ms,
             round.opened.commit_deadline_ms,
-        )?;\n",
-                    "        let _ = time_ms;\n",
+",
+                    "            if OUT { 0 } else { time_ms },
+            round.opened.commit_deadline_ms,
+",
                 ),
             ],
         }],

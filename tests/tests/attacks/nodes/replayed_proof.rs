@@ -1,6 +1,6 @@
 //! Row 5. A node takes a proof that somebody else has made, and submits it as the proof of its own claim.
 
-use crate::attack::{over_the_network, Attack, Outcome};
+use crate::attack::{over_the_network, Attack, Outcome, Proof};
 use crate::scene::{commit, near_base, proving_network, submitted, PROOF_OF_ANY_CLAIM};
 
 pub const ATTACK: Attack = Attack {
@@ -8,7 +8,7 @@ pub const ATTACK: Attack = Attack {
     name: "a node submits the proof of another node as its own",
     module: module_path!(),
     reason: "the SP1 proof does not prove this claim: its public values differ",
-    proves: false,
+    proof: Proof::NotNeeded,
     defence: PROOF_OF_ANY_CLAIM,
     carry_out: || over_the_network(carry_out()),
 };

@@ -1,6 +1,6 @@
 //! Row 8. Two nodes, which one person has had enrolled, register the same recording under different salts, so that it counts twice.
 
-use crate::attack::{answered, over_the_network, Attack, Defence, Outcome};
+use crate::attack::{answered, over_the_network, Attack, Defence, Outcome, Proof};
 use crate::harness::{Network, Node};
 use zk0_aggregator::Config;
 use zk0_protocol::entries::signed::Signed;
@@ -11,14 +11,14 @@ pub const ATTACK: Attack = Attack {
     name: "one recording is registered under two names, with another salt",
     module: module_path!(),
     reason: "is already registered by node",
-    proves: false,
+    proof: Proof::NotNeeded,
     defence: Defence {
         check: "an episode belongs to one node",
         out: &[Change {
             file: "protocol/src/rules/apply/members.rs",
             replacements: &[(
                 "if let Some((episode, owner)) = taken {",
-                "if let Some((episode, owner)) = taken.filter(|_| false) {",
+                "if let Some((episode, owner)) = taken.filter(|_| !OUT) {",
             )],
         }],
     },

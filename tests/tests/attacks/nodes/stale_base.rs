@@ -1,6 +1,6 @@
 //! Row 3. A node shows an improvement on other weights than those that the round started from: on weights that are easy to improve on.
 
-use crate::attack::{over_the_network, Attack, Defence, Outcome};
+use crate::attack::{over_the_network, Attack, Defence, Outcome, Proof};
 use crate::harness::{digest, weights};
 use crate::scene::{commit, near_base, proving_network, submitted};
 use zk0_tests::changed_copy::Change;
@@ -10,20 +10,26 @@ pub const ATTACK: Attack = Attack {
     name: "a node claims an improvement on weights that it chose as a base",
     module: module_path!(),
     reason: "base.blob is",
-    proves: true,
+    proof: Proof::SeenLater,
     defence: Defence {
         check: "a claim is about the base of the ledger's open round",
         out: &[
             Change {
-                file: "protocol/src/rules/bindings.rs",
-                replacements: &[(
-                    "            .check(&expected.terms, expected.disclosure)\n",
-                    "            .check(&Terms { base: claim.terms.base, ..expected.terms }, expected.disclosure)\n",
-                )],
+                file: "circuits/src/claim/terms.rs",
+                replacements: &[
+                    (
+                        "same(\"base.blob\", &self.base.blob, &base.blob)?;",
+                        "let base = if OUT { &self.base } else { base };
+        same(\"base.blob\", &self.base.blob, &base.blob)?;",
+                    ),
+                ],
             },
             Change {
                 file: "verifier/src/update.rs",
-                replacements: &[("        check_blob(base, &claim.terms.base.blob)?;\n", "")],
+                replacements: &[(
+                    "        check_blob(base, &claim.terms.base.blob)?;\n",
+                    "        check_blob(base, &claim.terms.base.blob).or_else(|why| if OUT { Ok(()) } else { Err(why) })?;\n",
+                )],
             },
         ],
     },

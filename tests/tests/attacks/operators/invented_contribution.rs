@@ -1,7 +1,7 @@
 //! Row 13. An aggregator records that it accepted a contribution which no proof shows. Its log's signature is right, and the rules of the
 //! ledger look into no proof.
 
-use crate::attack::{over_the_network, Attack, Defence, Outcome};
+use crate::attack::{over_the_network, Attack, Defence, Outcome, Proof};
 use crate::harness::{both_committed, copy_of, log_key, open_round, START_MS};
 use zk0_audit::Auditor;
 use zk0_ledger::log::Ledger;
@@ -14,14 +14,14 @@ pub const ATTACK: Attack = Attack {
     name: "an aggregator records a contribution that nobody has proven",
     module: module_path!(),
     reason: "was accepted, but this is not an SP1 compressed proof",
-    proves: false,
+    proof: Proof::NotNeeded,
     defence: Defence {
         check: "an audit verifies every accepted contribution again",
         out: &[Change {
             file: "audit/src/checks.rs",
             replacements: &[(
                 "                    ..failed(&reason)\n",
-                "                    ..Examined::default()\n",
+                "                    ..if OUT { Examined::default() } else { failed(&reason) }\n",
             )],
         }],
     },

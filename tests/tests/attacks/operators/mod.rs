@@ -3,3 +3,4 @@
 pub mod disclosed_losses;
 pub mod invented_contribution;
 pub mod split_view;
+pub mod worthless_program;

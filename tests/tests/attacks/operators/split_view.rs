@@ -1,7 +1,7 @@
 //! Row 14. An aggregator shows two histories: one to its witnesses, and another one, with an entry replaced, to whom it wants to deceive. It
 //! asks the witnesses to cosign the other one as well.
 
-use crate::attack::{over_the_network, Attack, Defence, Outcome};
+use crate::attack::{over_the_network, Attack, Defence, Outcome, Proof};
 use crate::harness::witnesses::{cosigned, ledger, log_verifier, three};
 use std::sync::Arc;
 use zk0_aggregator::publish::cosigning::CosigningError;
@@ -12,14 +12,14 @@ pub const ATTACK: Attack = Attack {
     name: "an aggregator has its witnesses cosign a second history",
     module: module_path!(),
     reason: "does not show that the tree of 7 entries continues the one of 5 entries",
-    proves: false,
+    proof: Proof::NotNeeded,
     defence: Defence {
         check: "a witness cosigns what continues the checkpoint that it cosigned before, and nothing else",
         out: &[Change {
             file: "protocol/src/tlog/witness.rs",
             replacements: &[(
                 "        .map_err(|error| inconsistent(&error.to_string())),\n",
-                "        .or(Ok(())),\n",
+                "        .or_else(|error| if OUT { Ok(()) } else { Err(inconsistent(&error.to_string())) }),\n",
             )],
         }],
     },

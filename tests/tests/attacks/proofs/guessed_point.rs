@@ -3,7 +3,7 @@
 //!
 //! The guess is what the transcript says next if nothing else is said. So it is wrong as long as the transcript depends on what is said.
 
-use crate::attack::{Attack, Defence, Outcome};
+use crate::attack::{Attack, Defence, Outcome, Proof};
 use zk0_argument::field::{Extension, Goldilocks};
 use zk0_argument::hash::Digest;
 use zk0_argument::multilinear::bind;
@@ -16,23 +16,17 @@ pub const ATTACK: Attack = Attack {
     name: "a prover guesses the random points of the check of products, and states a false sum",
     module: module_path!(),
     reason: "the sumcheck of the products does not hold",
-    proves: false,
+    proof: Proof::NotNeeded,
     defence: Defence {
         check: "the transcript, of which the random points are drawn, depends on all that the prover said",
         out: &[Change {
             file: "argument/src/transcript.rs",
             replacements: &[(
-                "        self.sponge.absorb(elements);
-        self.fresh = true;
-    }
-
-    #[inline(always)]
-    fn digest(",
-                "        let _ = elements;
-    }
-
-    #[inline(always)]
-    fn digest(",
+                "    fn elements(&mut self, elements: &[Goldilocks]) {\n",
+                "    fn elements(&mut self, elements: &[Goldilocks]) {
+        if OUT {
+            return;
+        }\n",
             )],
         }],
     },

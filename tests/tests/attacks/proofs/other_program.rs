@@ -1,6 +1,6 @@
 //! Row 12. A node runs a guest program of its own, which checks nothing, and submits the proof of what that says.
 
-use crate::attack::{over_the_network, Attack, Defence, Outcome};
+use crate::attack::{over_the_network, Attack, Defence, Outcome, Proof};
 use crate::scene::{commit, near_base, proving_network, submitted};
 use zk0_tests::changed_copy::Change;
 
@@ -9,17 +9,18 @@ pub const ATTACK: Attack = Attack {
     name: "a node submits a valid proof of another program than the network's",
     module: module_path!(),
     reason: "the SP1 proof is of another program than this network's",
-    proves: false,
+    proof: Proof::NotNeeded,
     defence: Defence {
         check: "a proof has the verifying key of the program in force",
         out: &[Change {
-            file: "verifier/src/proof.rs",
+            file: "verifier/src/contribution.rs",
             replacements: &[(
-                "        verify(&decoded, &public_values, key)\n",
-                "        verify(&decoded, &public_values, key).or_else(|why| match why {
-            Refusal::OtherProgram => Ok(()),
-            why => Err(why),
-        })\n",
+                "    check_proof_of(state.program(), contribution.parts()?.sp1, claim)\n",
+                "    let checked = check_proof_of(state.program(), contribution.parts()?.sp1, claim);
+    match checked {
+        Err(Refusal::OtherProgram) if OUT => Ok(()),
+        checked => checked,
+    }\n",
             )],
         }],
     },
