@@ -7,6 +7,7 @@ use crate::{edge, nodes, operators, proofs};
 /// The attacks, row by row.
 pub const ATTACKS: &[Attack] = &[
     nodes::picked_challenge::ATTACK,
+    operators::picked_randomness::ATTACK,
     nodes::padded_dataset::ATTACK,
     nodes::stale_base::ATTACK,
     nodes::other_update::ATTACK,

@@ -3,9 +3,8 @@
 
 use crate::attack::{over_the_network, Attack, Defence, Outcome, Proof};
 use crate::harness::{both_committed, copy_of, log_key, open_round, START_MS};
-use zk0_audit::Auditor;
+use crate::operators::audited;
 use zk0_ledger::log::Ledger;
-use zk0_ledger::replay::{replay, Verdict};
 use zk0_protocol::entries::entry::Body;
 use zk0_tests::changed_copy::Change;
 
@@ -44,16 +43,10 @@ async fn carry_out() -> Outcome {
         .append(START_MS, Body::ContributionAccepted(submission))
         .unwrap();
     drop(ledger);
-    let report = replay(copy.path(), None, &mut Auditor::default());
-    match report.verdict {
-        Verdict::Verified => {
-            Outcome::Succeeded("the audit says VERIFIED of a contribution without a proof".into())
-        }
-        _ => {
-            let found: Vec<_> = report.findings.into_iter().map(|one| one.text).collect();
-            Outcome::Refused(found.join("; "))
-        }
-    }
+    audited(
+        copy.path(),
+        "the audit says VERIFIED of a contribution without a proof",
+    )
 }
 
 #[test]

@@ -3,8 +3,7 @@
 use crate::attack::{Attack, Defence, Outcome, Proof};
 use crate::harness::operator::Operator;
 use crate::harness::{genesis, Node};
-use zk0_audit::Auditor;
-use zk0_ledger::replay::{replay, Verdict};
+use crate::operators::audited;
 use zk0_tests::changed_copy::Change;
 
 pub const ATTACK: Attack = Attack {
@@ -31,16 +30,10 @@ fn carry_out() -> Outcome {
     genesis.program = vec![2; 32];
     let dir = tempfile::tempdir().unwrap();
     drop(Operator::founds(dir.path(), genesis, &[&Node::new(1)]));
-    let report = replay(dir.path(), None, &mut Auditor::default());
-    match report.verdict {
-        Verdict::Verified => {
-            Outcome::Succeeded("the audit says VERIFIED of a network that proves nothing".into())
-        }
-        _ => {
-            let found: Vec<_> = report.findings.into_iter().map(|one| one.text).collect();
-            Outcome::Refused(found.join("; "))
-        }
-    }
+    audited(
+        dir.path(),
+        "the audit says VERIFIED of a network that proves nothing",
+    )
 }
 
 #[test]
