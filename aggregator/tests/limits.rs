@@ -261,26 +261,6 @@ fn begun(network: &Network, node: &Node, update: &[u8]) -> Vec<proto::UploadChun
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn an_upload_that_falls_silent_loses_its_place() -> Test {
-    let limits = Limits {
-        silence: Duration::from_millis(300),
-        ..Limits::default()
-    };
-    let (network, node) = impatient(limits).await;
-    let update = weights(1);
-    let (sender, receiver) = mpsc::channel(4);
-    for part in begun(&network, &node, &update) {
-        sender.send(part).await?;
-    }
-    let mut client = network.client().await;
-    let result = client.upload(ReceiverStream::new(receiver)).await;
-    refused(result, Code::DeadlineExceeded, "no data came for");
-    assert_eq!(network.uploads(), 0);
-    node.upload(&network, 0, &update).await?;
-    Ok(())
-}
-
-#[tokio::test(flavor = "multi_thread")]
 async fn an_upload_that_trickles_is_cut() -> Test {
     let limits = Limits {
         upload: Duration::from_millis(500),

@@ -4,101 +4,22 @@
 mod harness;
 
 use ed25519_dalek::SigningKey;
+use harness::witnesses::{cosigned, enrol, ledger, log_verifier, three};
 use harness::*;
 use std::fs;
 use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
-use tempfile::TempDir;
 use tokio::net::TcpListener;
-use tokio::task::JoinHandle;
 use tonic::Code;
-use zk0_aggregator::publish::cosigning::{CosigningError, Prove, Witnesses};
-use zk0_aggregator::publish::http;
-use zk0_aggregator::publish::witness_server::WitnessServer;
+use zk0_aggregator::publish::cosigning::CosigningError;
 use zk0_aggregator::Config;
-use zk0_ledger::log::Ledger;
 use zk0_ledger::published::publication::{Publication, PublicationError};
 use zk0_ledger::published::reader::PublishedLog;
-use zk0_ledger::witness_store::{hash, WitnessStore};
+use zk0_ledger::witness_store::hash;
 use zk0_protocol::entries::entry::Body;
-use zk0_protocol::entries::member::NodeEnrolled;
 use zk0_protocol::tlog::cosigner::Cosigner;
-use zk0_protocol::tlog::verifier_key::{Role, VerifierKey};
 use zk0_protocol::WitnessPolicy;
-
-fn log() -> VerifierKey {
-    VerifierKey::new(Role::Log, &genesis().name, &genesis().log_key).unwrap()
-}
-
-/// A witness on loopback. A test can stop it and start it again at the same address.
-struct Running {
-    number: u8,
-    dir: TempDir,
-    address: String,
-    task: Option<JoinHandle<()>>,
-}
-
-impl Running {
-    async fn start(number: u8) -> Self {
-        let mut witness = Self {
-            number,
-            dir: tempfile::tempdir().unwrap(),
-            address: "127.0.0.1:0".into(),
-            task: None,
-        };
-        witness.on().await;
-        witness
-    }
-
-    fn cosigner(&self) -> Cosigner {
-        let secret = SigningKey::from_bytes(&[200 + self.number; 32]);
-        Cosigner::new(&format!("witness.example/w{}", self.number), secret).unwrap()
-    }
-
-    async fn on(&mut self) {
-        let mut tries = 0;
-        let store = loop {
-            match WitnessStore::open(self.dir.path(), self.cosigner(), vec![log()]) {
-                Ok(store) => break store,
-                // The stopped witness releases its folder when its last request has ended.
-                Err(_) if tries < 100 => tries += 1,
-                Err(error) => panic!("{error}"),
-            }
-            tokio::time::sleep(Duration::from_millis(20)).await;
-        };
-        let listener = TcpListener::bind(&self.address).await.unwrap();
-        self.address = listener.local_addr().unwrap().to_string();
-        let clock = Arc::new(ManualClock::at(START_MS));
-        let router = WitnessServer::new(store, clock).router();
-        let limits = WitnessServer::limits();
-        let serving = http::serve(listener, router, limits, std::future::pending());
-        self.task = Some(tokio::spawn(serving));
-    }
-
-    async fn off(&mut self) {
-        let task = self.task.take().unwrap();
-        task.abort();
-        let _ = task.await;
-    }
-
-    fn line(&self) -> String {
-        let key = self.cosigner().key().to_string();
-        format!("witness W{} {key} http://{}\n", self.number, self.address)
-    }
-}
-
-/// Starts three witnesses, and returns them with a policy that asks for two of them.
-async fn three() -> ([Running; 3], WitnessPolicy) {
-    let witnesses = [
-        Running::start(0).await,
-        Running::start(1).await,
-        Running::start(2).await,
-    ];
-    let lines: String = witnesses.iter().map(Running::line).collect();
-    let policy = format!("{lines}group two 2 W0 W1 W2\nquorum two\n");
-    (witnesses, WitnessPolicy::parse(&policy).unwrap())
-}
 
 fn published(dir: &Path) -> u64 {
     Publication::open(dir, None).unwrap().checkpoint().size
@@ -122,9 +43,9 @@ async fn receipts_wait_for_the_quorum_and_entries_do_not() {
     witnesses[0].off().await;
     registered(&network, &second, &dir).await;
     let view = Publication::open(&dir, None).unwrap();
-    let log_at = PublishedLog::open(&view, &log(), &policy).unwrap();
+    let log_at = PublishedLog::open(&view, &log_verifier(), &policy).unwrap();
     let proof = log_at.prove(2).unwrap();
-    let (witnessed, _) = proof.verify(&log(), &policy).unwrap();
+    let (witnessed, _) = proof.verify(&log_verifier(), &policy).unwrap();
     assert_eq!(witnessed.cosigners.len(), 2);
     // With two witnesses stopped, the entry is on disk, but the receipt and the checkpoint are not published.
     witnesses[1].off().await;
@@ -244,42 +165,6 @@ async fn nothing_is_published_before_the_first_quorum() {
     refused(info, Code::Unavailable, "nothing is published");
 }
 
-fn enrol(ledger: &mut Ledger, node: u8) {
-    let enrolled = NodeEnrolled {
-        node: Node::new(node).id(),
-        name: "a node".into(),
-    };
-    ledger
-        .append(START_MS, Body::NodeEnrolled(enrolled))
-        .unwrap();
-}
-
-/// Makes a ledger that holds the genesis and the enrolments of these nodes.
-fn ledger(dir: &Path, nodes: &[u8]) -> Ledger {
-    let (mut ledger, _) = Ledger::create(dir, genesis(), log_key(), START_MS).unwrap();
-    nodes.iter().for_each(|node| enrol(&mut ledger, *node));
-    ledger
-}
-
-/// Asks the policy's witnesses for cosignatures of a ledger's newest checkpoint.
-async fn cosigned(policy: &WitnessPolicy, ledger: &Arc<Ledger>) -> Result<Vec<u8>, CosigningError> {
-    let (policy, ledger) = (policy.clone(), ledger.clone());
-    tokio::task::spawn_blocking(move || {
-        let witnesses = Witnesses::new(policy, Duration::from_secs(2))?;
-        let prove: Prove = {
-            let ledger = ledger.clone();
-            Arc::new(move |old, new| {
-                let proof = ledger.consistency_between(old, new);
-                proof.map_err(|error| error.to_string())
-            })
-        };
-        let cosigned = witnesses.cosign(ledger.checkpoint(), &prove)?;
-        Ok(cosigned.note)
-    })
-    .await
-    .unwrap()
-}
-
 fn why(error: CosigningError) -> String {
     match error {
         CosigningError::NoQuorum { refused, .. } => refused.join("; "),
@@ -293,7 +178,7 @@ async fn a_forked_or_rolled_back_log_gets_no_quorum() {
     let dirs: Vec<_> = (0..4).map(|_| tempfile::tempdir().unwrap()).collect();
     let honest = Arc::new(ledger(dirs[0].path(), &[1, 2, 3, 4]));
     let note = cosigned(&policy, &honest).await.unwrap();
-    policy.open(&note, &log()).unwrap();
+    policy.open(&note, &log_verifier()).unwrap();
     // One fork has the same size and another entry. Another fork has more entries on top of that. The second pass tries both after
     // all witnesses were restarted.
     let forked = Arc::new(ledger(dirs[1].path(), &[1, 2, 9, 4]));
@@ -318,7 +203,10 @@ async fn a_forked_or_rolled_back_log_gets_no_quorum() {
     };
     enrol(&mut honest, 5);
     let note = cosigned(&policy, &Arc::new(honest)).await.unwrap();
-    assert_eq!(policy.open(&note, &log()).unwrap().checkpoint.size, 6);
+    assert_eq!(
+        policy.open(&note, &log_verifier()).unwrap().checkpoint.size,
+        6
+    );
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -406,7 +294,10 @@ async fn a_witness_speaks_the_protocol() {
         let mut last = get(format!("{}/checkpoint", hash(&genesis().name)));
         assert_eq!(last.status(), 200);
         let note = last.body_mut().read_to_vec().unwrap();
-        assert_eq!(alone.open(&note, &log()).unwrap().checkpoint.size, 4);
+        assert_eq!(
+            alone.open(&note, &log_verifier()).unwrap().checkpoint.size,
+            4
+        );
         assert_eq!(get(format!("{}/checkpoint", hash("another"))).status(), 404);
         assert_eq!(get("add-checkpoint".into()).status(), 405);
         assert_eq!(get("lock".into()).status(), 404);

@@ -3,12 +3,15 @@
 //! - `structure`: the crates depend on one another as the map says, and an auditor's build stays light.
 //! - `targets`: what runs in browsers and in the guest compiles for these targets.
 //! - `deletions`: checks are removed from a copy of the sources, and tests have to fail.
+//! - `attacks`: one attack for each row of the table of attacks, which is refused, and succeeds where its defence is taken out.
 //! - `verifier_attacks`: a contribution with a real proof, in which one thing at a time is changed.
 //! - `averages`: the result of a real round, and another one in its place.
 //! - `denials`: an operator denies that a contribution with a real proof verifies.
 //! - `ledger_tampering`: the replay of a real ledger, in which one byte at a time is changed.
 //!
 //! The last four work on `fixtures/ledger`, a ledger that a demo left. `make fixtures` makes it again.
+
+pub mod changed_copy;
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -103,4 +106,20 @@ fn fold(state: &mut Option<State>, root: &zk0_circuits::Digest, entry: &Entry) {
         None => *state = Some(State::found(entry).expect("a genesis")),
         Some(state) => state.apply(root, entry).expect("an entry the rules allow"),
     }
+}
+
+/// Returns the state with other rules. The state encodes the rules twice: in the genesis, and as the rules in force.
+pub fn with_rules(state: &State, change: impl FnOnce(&mut Rules)) -> State {
+    let mut rules = state.rules().clone();
+    let encoded = borsh::to_vec(&rules).unwrap();
+    change(&mut rules);
+    let mut bytes = borsh::to_vec(state).unwrap();
+    let genesis = borsh::to_vec(state.genesis()).unwrap().len();
+    let at = genesis
+        + bytes[genesis..]
+            .windows(encoded.len())
+            .position(|window| window == encoded)
+            .unwrap();
+    bytes.splice(at..at + encoded.len(), borsh::to_vec(&rules).unwrap());
+    borsh::from_slice(&bytes).unwrap()
 }

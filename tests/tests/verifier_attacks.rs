@@ -5,8 +5,8 @@ use zk0_circuits::claim::student::Confidence;
 use zk0_circuits::{Claim, Digest, Losses};
 use zk0_protocol::entries::program::{Program, FOUNDING_SP1, OUR_SP1};
 use zk0_protocol::entries::signed::Signed;
-use zk0_protocol::{Genesis, Refusal, Rules, State};
-use zk0_tests::{accepted, ledger_copy, Accepted};
+use zk0_protocol::{Genesis, Refusal, State};
+use zk0_tests::{accepted, ledger_copy, with_rules, Accepted};
 use zk0_verifier::decide::decide;
 use zk0_verifier::releases::can_verify;
 use zk0_verifier::{
@@ -61,22 +61,6 @@ fn the_real_contribution_is_accepted() {
         verified.claim(),
         &real.contribution.submission.statement.claim
     );
-}
-
-/// Returns the state with other rules. The state encodes the rules twice: in the genesis, and as the rules in force.
-fn with_rules(state: &State, change: impl FnOnce(&mut Rules)) -> State {
-    let mut rules = state.rules().clone();
-    let encoded = borsh::to_vec(&rules).unwrap();
-    change(&mut rules);
-    let mut bytes = borsh::to_vec(state).unwrap();
-    let genesis = borsh::to_vec(state.genesis()).unwrap().len();
-    let at = genesis
-        + bytes[genesis..]
-            .windows(encoded.len())
-            .position(|window| window == encoded)
-            .unwrap();
-    bytes.splice(at..at + encoded.len(), borsh::to_vec(&rules).unwrap());
-    borsh::from_slice(&bytes).unwrap()
 }
 
 /// Returns the state with another program in force. The genesis stays as it is.

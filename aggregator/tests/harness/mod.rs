@@ -9,6 +9,7 @@ mod node;
 pub mod operator;
 pub mod real_proof;
 pub mod samples;
+pub mod witnesses;
 
 pub use self::at_once::AtOnce;
 pub use self::manual_clock::ManualClock;
@@ -24,7 +25,7 @@ use tempfile::TempDir;
 use tonic::{Code, Status};
 use zk0_aggregator::round::founding::Founding;
 use zk0_aggregator::round::request::RequestError;
-use zk0_aggregator::{Aggregator, Config};
+use zk0_aggregator::{Aggregator, Config, Limits};
 use zk0_circuits::claim::program::verifying_key;
 use zk0_circuits::model::spec::EvalSpec;
 use zk0_circuits::{Digest, Mode, WeightsDigest};
@@ -199,12 +200,18 @@ pub fn list(registration: &DatasetRegistration, leaves: &[Digest]) -> Vec<u8> {
 
 /// A network of two nodes with datasets, in the open round 0.
 pub async fn open_round() -> (Network, Node, Node) {
+    open_round_of(genesis()).await
+}
+
+/// The network of `genesis` in the open round 0, with two nodes that have datasets.
+pub async fn open_round_of(genesis: Genesis) -> (Network, Node, Node) {
     let (first, second) = (Node::new(1), Node::new(2));
     let config = Config {
         rounds: Some(2),
         min_nodes: 2,
     };
-    let network = Network::start(&[&first, &second], config).await;
+    let nodes = [&first, &second];
+    let network = Network::start_as(&nodes, config, Limits::default(), genesis, None, None).await;
     first.register(&network).await.unwrap();
     second.register(&network).await.unwrap();
     network.settle().await;

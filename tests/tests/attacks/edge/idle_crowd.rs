@@ -1,0 +1,81 @@
+//! Row 16. Strangers open as many connections as the service has places for, say nothing more, and keep nodes out.
+
+use super::sockets::{closed, speaking};
+use crate::attack::{over_the_network, Attack, Defence, Outcome, Proof};
+use crate::harness::{Network, Node};
+use std::time::Duration;
+use tokio::time::{sleep, timeout};
+use zk0_aggregator::{Config, ConnectionLimits, Limits};
+use zk0_protocol::rpc::federation::federation_client::FederationClient;
+use zk0_protocol::rpc::federation::GetNetworkRequest;
+use zk0_tests::changed_copy::Change;
+
+pub const ATTACK: Attack = Attack {
+    number: 16,
+    name: "strangers take all connections of the service, and keep them",
+    module: module_path!(),
+    reason: "a node was answered, and 1 idle connections had to make room",
+    proof: Proof::NotNeeded,
+    defence: Defence {
+        check: "the stranger that is idle longest makes room for a new connection",
+        out: &[Change {
+            file: "aggregator/src/connections/places.rs",
+            replacements: &[(
+                "if held.places.len() >= most && !held.evict(|_| true) {",
+                "if held.places.len() >= most && (OUT || !held.evict(|_| true)) {",
+            )],
+        }],
+    },
+    carry_out: || over_the_network(carry_out()),
+};
+
+const PLACES: usize = 8;
+/// How long a node tries.
+const PATIENCE: Duration = Duration::from_secs(2);
+
+async fn carry_out() -> Outcome {
+    let node = Node::new(1);
+    let config = Config {
+        rounds: Some(1),
+        min_nodes: 1,
+    };
+    let limits = Limits {
+        connections: ConnectionLimits {
+            most: PLACES,
+            ..ConnectionLimits::default()
+        },
+        ..Limits::default()
+    };
+    let network = Network::start_with(&[&node], config, limits).await;
+    let mut crowd = Vec::new();
+    for host in 1..=PLACES as u8 {
+        // From addresses of their own, so that no limit of an address stops them.
+        crowd.push(speaking([1, host], &network.address).await);
+        sleep(Duration::from_millis(20)).await;
+    }
+    let answered = timeout(PATIENCE, async {
+        let mut client = FederationClient::connect(network.address.clone())
+            .await
+            .ok()?;
+        client.get_network(GetNetworkRequest {}).await.ok()
+    });
+    let answered = answered.await.ok().flatten().is_some();
+    let mut gone = 0;
+    for stream in &mut crowd {
+        gone += usize::from(closed(stream).await);
+    }
+    match answered {
+        true => Outcome::Refused(format!(
+            "a node was answered, and {gone} idle connections had to make room"
+        )),
+        false => Outcome::Succeeded(format!(
+            "{} idle connections of strangers are all that the service has, and no node gets in",
+            crowd.len()
+        )),
+    }
+}
+
+#[test]
+fn it_is_refused() {
+    ATTACK.is_refused();
+}

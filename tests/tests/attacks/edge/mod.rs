@@ -1,0 +1,7 @@
+//! Attacks by whoever can send bytes to the service, or read and change those of others on their way.
+
+pub mod idle_crowd;
+pub mod silent_uploads;
+#[path = "../../../../aggregator/tests/connections/sockets.rs"]
+mod sockets;
+pub mod stolen_statement;

@@ -1,0 +1,81 @@
+//! Row 16. A node begins an upload and falls silent, so that its connection, its file and its place are held for as long as it likes.
+
+use crate::attack::{over_the_network, Attack, Defence, Outcome, Proof};
+use crate::harness::{weights, Network, Node};
+use std::time::Duration;
+use tokio::sync::mpsc;
+use tokio::time::timeout;
+use tokio_stream::wrappers::ReceiverStream;
+use zk0_aggregator::{Config, Limits};
+use zk0_protocol::entries::signed::Signed;
+use zk0_protocol::rpc::federation::upload_chunk::Part;
+use zk0_protocol::rpc::federation::UploadChunk;
+use zk0_tests::changed_copy::Change;
+
+pub const ATTACK: Attack = Attack {
+    number: 16,
+    name: "a node begins an upload, falls silent, and holds what it has taken",
+    module: module_path!(),
+    reason: "no data came for more than 300 ms",
+    proof: Proof::NotNeeded,
+    defence: Defence {
+        check: "a stream that is silent for too long ends",
+        out: &[Change {
+            file: "aggregator/src/serve/requests.rs",
+            replacements: &[(
+                "        let silence = self.limits.silence;
+        let message = timeout(silence, stream.message())\n",
+                "        let silence = self.limits.silence;
+        let allowed = if OUT { Duration::MAX } else { silence };
+        let message = timeout(allowed, stream.message())\n",
+            )],
+        }],
+    },
+    carry_out: || over_the_network(carry_out()),
+};
+
+/// How long a stream may be silent in this network, and how long the attacker is.
+const ALLOWED: Duration = Duration::from_millis(300);
+const SILENT: Duration = Duration::from_secs(5);
+
+async fn carry_out() -> Outcome {
+    let node = Node::new(1);
+    let config = Config {
+        rounds: Some(1),
+        min_nodes: 1,
+    };
+    let limits = Limits {
+        silence: ALLOWED,
+        ..Limits::default()
+    };
+    let network = Network::start_with(&[&node], config, limits).await;
+    node.register(&network).await.unwrap();
+    network.settle().await;
+    let update = weights(1);
+    let request = node.upload_request(&network.genesis.network_id(), 0, &update);
+    let request = borsh::to_vec(&Signed::new(request, &node.key)).unwrap();
+    let (sender, receiver) = mpsc::channel(2);
+    for part in [Part::Request(request), Part::Data(update[..100].to_vec())] {
+        sender.send(UploadChunk { part: Some(part) }).await.unwrap();
+    }
+    let mut client = network.client().await;
+    let upload = client.upload(ReceiverStream::new(receiver));
+    match timeout(SILENT, upload).await {
+        Ok(Err(status)) => {
+            // Nothing is left of it, and the node can upload again.
+            assert_eq!(network.uploads(), 0);
+            node.upload(&network, 0, &update).await.unwrap();
+            Outcome::Refused(status.message().into())
+        }
+        Ok(Ok(_)) => panic!("an upload without its end was taken"),
+        Err(_) => Outcome::Succeeded(format!(
+            "after {SILENT:?} of silence, {} unfinished file takes room, and the node's place is taken",
+            network.uploads()
+        )),
+    }
+}
+
+#[test]
+fn it_is_refused() {
+    ATTACK.is_refused();
+}

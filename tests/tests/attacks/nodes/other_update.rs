@@ -1,0 +1,67 @@
+//! Row 4. A node commits to the update that its proof is about, and uploads another one under its name.
+
+use crate::attack::{over_the_network, Attack, Defence, Outcome, Proof};
+use crate::scene::{near_base, proving_network, submitted};
+use zk0_protocol::entries::signed::Signed;
+use zk0_tests::changed_copy::Change;
+use zk0_verifier::blob_digest;
+
+pub const ATTACK: Attack = Attack {
+    number: 4,
+    name: "a node proves one update and uploads another one under its name",
+    module: module_path!(),
+    reason: "but the node committed to",
+    proof: Proof::SeenLater,
+    defence: Defence {
+        check:
+            "the uploaded bytes have the digest of the claim, and hold the numbers that were proven",
+        out: &[
+            Change {
+                file: "ledger/src/blobs.rs",
+                replacements: &[(
+                    "match expected.0 == actual {",
+                    "match expected.0 == actual || OUT {",
+                )],
+            },
+            Change {
+                file: "verifier/src/update.rs",
+                replacements: &[
+                    (
+                        "match actual == *expected {",
+                        "match actual == *expected || OUT {",
+                    ),
+                    (
+                        "match actual == claimed.quantised {",
+                        "match actual == claimed.quantised || OUT {",
+                    ),
+                ],
+            },
+        ],
+    },
+    carry_out: || over_the_network(carry_out()),
+};
+
+async fn carry_out() -> Outcome {
+    let (network, cheat, _) = proving_network(|_| ()).await;
+    let (proven, other) = (near_base(1), near_base(2));
+    let request = cheat.upload_request(&network.genesis.network_id(), 0, &proven);
+    let request = Signed::new(request, &cheat.key);
+    if let Err(status) = cheat.upload_as(&network, &request, &other).await {
+        return Outcome::Refused(status.message().into());
+    }
+    if let Err(status) = cheat.commit(&network, 0, &proven).await {
+        return Outcome::Refused(status.message().into());
+    }
+    let claim = cheat.claim(&network).await;
+    let won = format!(
+        "the round counts weights with SHA-256 {}, and the proof is about {}",
+        blob_digest(&other),
+        blob_digest(&proven)
+    );
+    submitted(&network, &cheat, claim, &won).await
+}
+
+#[test]
+fn it_is_refused() {
+    ATTACK.is_refused();
+}

@@ -1,0 +1,42 @@
+//! Row 12. Somebody founds a network whose guest program proves nothing, and shows an auditor that its ledger is in order.
+
+use crate::attack::{Attack, Defence, Outcome, Proof};
+use crate::harness::operator::Operator;
+use crate::harness::{genesis, Node};
+use crate::operators::audited;
+use zk0_tests::changed_copy::Change;
+
+pub const ATTACK: Attack = Attack {
+    number: 12,
+    name: "a founder has a network audited whose guest program proves nothing",
+    module: module_path!(),
+    reason: "what another program proves is unknown",
+    proof: Proof::NotNeeded,
+    defence: Defence {
+        check: "an auditor compares the program with its own, or with one that it names",
+        out: &[Change {
+            file: "audit/src/checks.rs",
+            replacements: &[(
+                "if key == own || named.programs.contains(key) {",
+                "if key == own || named.programs.contains(key) || OUT {",
+            )],
+        }],
+    },
+    carry_out,
+};
+
+fn carry_out() -> Outcome {
+    let mut genesis = genesis();
+    genesis.program = vec![2; 32];
+    let dir = tempfile::tempdir().unwrap();
+    drop(Operator::founds(dir.path(), genesis, &[&Node::new(1)]));
+    audited(
+        dir.path(),
+        "the audit says VERIFIED of a network that proves nothing",
+    )
+}
+
+#[test]
+fn it_is_refused() {
+    ATTACK.is_refused();
+}

@@ -1,0 +1,19 @@
+//! Attacks on what a proof says.
+
+pub mod guessed_point;
+pub mod other_program;
+pub mod wrapped_values;
+
+use crate::attack::Outcome;
+use crate::cheats::try_cheat;
+
+/// Has the code of the guest program, as it is in this build, judge the private input of a cheat of `circuits/tests/cheats`. If it ends without an error, SP1 proves what
+/// it says: that is the false claim.
+pub fn guest(cheat: &str, what: &str) -> Outcome {
+    match try_cheat(cheat) {
+        Ok(()) => Outcome::Succeeded(format!(
+            "the guest program says of {what} that it improves, and SP1 proves what it says"
+        )),
+        Err(reason) => Outcome::Refused(reason),
+    }
+}

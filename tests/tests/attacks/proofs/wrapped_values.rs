@@ -1,0 +1,36 @@
+//! Row 10. A node makes weights whose velocities are too large for an int16, by just so much that they come out right if they wrap.
+
+use crate::attack::{Attack, Defence, Proof};
+use crate::proofs::guest;
+use zk0_tests::changed_copy::Change;
+
+pub const ATTACK: Attack = Attack {
+    number: 10,
+    name: "a node proves an update whose values wrap around to a lower loss",
+    module: module_path!(),
+    reason: "velocity (action_out_proj): ",
+    proof: Proof::NotNeeded,
+    defence: Defence {
+        check: "the guest checks the range of every value that it narrows",
+        out: &[Change {
+            file: "circuits/src/model/multiply.rs",
+            replacements: &[(
+                "fit.check(output.site, SUM_BITS)?;",
+                "if !OUT {
+            fit.check(output.site, SUM_BITS)?;
+        }",
+            )],
+        }],
+    },
+    carry_out: || {
+        guest(
+            "wraps a velocity",
+            "an update whose velocities are off by 32",
+        )
+    },
+};
+
+#[test]
+fn it_is_refused() {
+    ATTACK.is_refused();
+}
