@@ -155,6 +155,15 @@ impl Aggregator {
         self.ledger.time_ms(self.clock.now_ms())
     }
 
+    /// Whether somebody belongs to the network: a node, a governor, or the operator who has the log's key.
+    pub fn is_member(&self, id: &NodeId) -> bool {
+        let state = self.state();
+        let governors = &state.rules().governance.governors;
+        state.node(id).is_some()
+            || state.genesis().log_key == id.0
+            || governors.iter().any(|governor| governor.key == *id)
+    }
+
     /// Enrols a node.
     pub fn enrol(&mut self, node: NodeId, name: String) -> Result<Receipt, RequestError> {
         self.append(Body::NodeEnrolled(NodeEnrolled { node, name }))

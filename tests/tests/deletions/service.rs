@@ -1,4 +1,4 @@
-//! Checks of the service: what arrived in time counts, and nobody is held up by others.
+//! Checks of the service: what arrived in time counts, nobody is held up by others, and the head of a request counts for that request alone.
 
 use crate::Removal;
 
@@ -14,6 +14,22 @@ const fn in_time(
         replacements,
         package: "zk0-aggregator",
         target: "in_time",
+        test,
+    }
+}
+
+const fn head(
+    check: &'static str,
+    file: &'static str,
+    replacements: &'static [(&'static str, &'static str)],
+    test: &'static str,
+) -> Removal {
+    Removal {
+        check,
+        file,
+        replacements,
+        package: "zk0-aggregator",
+        target: "request_heads",
         test,
     }
 }
@@ -52,4 +68,77 @@ pub const REMOVALS: &[Removal] = &[
         )],
         "a_submission_that_comes_several_times_at_once_is_decided_once",
     ),
+    head(
+        "a head is for this network",
+        "protocol/src/request_head.rs",
+        &[("if head.network != arrived.network {", "if false {")],
+        "each_field_of_a_head_is_compared_with_its_request",
+    ),
+    head(
+        "a head is for this run",
+        "protocol/src/request_head.rs",
+        &[("if head.run != arrived.run {", "if false {")],
+        "each_field_of_a_head_is_compared_with_its_request",
+    ),
+    head(
+        "a head is for this method",
+        "protocol/src/request_head.rs",
+        &[("if head.method != arrived.method {", "if false {")],
+        "each_field_of_a_head_is_compared_with_its_request",
+    ),
+    head(
+        "a head is for this round",
+        "protocol/src/request_head.rs",
+        &[("if head.round != arrived.round {", "if false {")],
+        "each_field_of_a_head_is_compared_with_its_request",
+    ),
+    head(
+        "a head is for this message",
+        "protocol/src/request_head.rs",
+        &[("if head.body != arrived.body {", "if false {")],
+        "each_field_of_a_head_is_compared_with_its_request",
+    ),
+    head(
+        "only the signer of a statement sends it",
+        "protocol/src/request_head.rs",
+        &[("if head.sender != arrived.signer {", "if false {")],
+        "each_field_of_a_head_is_compared_with_its_request",
+    ),
+    head(
+        "a head is neither old nor of the future",
+        "protocol/src/request_head.rs",
+        &[("if head.time_ms.abs_diff(arrived.now_ms) > arrived.skew_ms {", "if false {")],
+        "a_head_is_neither_old_nor_of_the_future",
+    ),
+    head(
+        "a head is signed by its sender",
+        "protocol/src/request_head.rs",
+        &[("        self.verify()?;\n        Ok(())", "        Ok(())")],
+        "a_head_is_signed_by_its_sender",
+    ),
+    head(
+        "the nonce of a head counts once",
+        "aggregator/src/serve/senders/replay_window.rs",
+        &[("if of_sender.is_some_and(|nonces| nonces.contains(&head.nonce)) {", "if false {")],
+        "a_head_counts_once",
+    ),
+    head(
+        "each start of the aggregator is another run",
+        "aggregator/src/serve/senders/heads.rs",
+        &[("getrandom::fill(&mut run).expect(\"the system gives random bytes\");", "run[0] = 1;")],
+        "a_restart_lets_no_head_count_again",
+    ),
+    Removal {
+        package: "zk0-aggregator",
+        target: "connections",
+        ..head(
+            "a replayed request gives nobody a place",
+            "aggregator/src/serve/senders/replay_window.rs",
+            &[(
+                "if of_sender.is_some_and(|nonces| nonces.contains(&head.nonce)) {",
+                "if false {",
+            )],
+            "a_request_that_somebody_else_has_sent_gives_nobody_a_place",
+        )
+    },
 ];

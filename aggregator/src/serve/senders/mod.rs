@@ -1,0 +1,4 @@
+//! Who sends a request.
+
+pub mod heads;
+mod replay_window;
