@@ -6,7 +6,7 @@ mod heads;
 pub mod watching;
 
 use crate::client::address::AggregatorAddress;
-use crate::client::heads::{run, About};
+use crate::client::heads::{run, About, For};
 use crate::client_error::NodeError;
 use ed25519_dalek::SigningKey;
 use sha2::{Digest as _, Sha256};
@@ -25,6 +25,7 @@ use zk0_protocol::entries::signed::{
 use zk0_protocol::request_head::Method;
 use zk0_protocol::rpc::federation as rpc;
 use zk0_protocol::rpc::federation::federation_client::FederationClient;
+use zk0_protocol::rpc::head_metadata::with_head;
 use zk0_protocol::tlog::checkpoint::Checkpoint;
 use zk0_protocol::tlog::receipt::Receipt;
 use zk0_protocol::{Refusal, Rules};
@@ -68,10 +69,9 @@ macro_rules! patiently {
 pub struct Node {
     pub(crate) client: FederationClient<transport::Channel>,
     key: SigningKey,
-    network: Digest,
     genesis: Genesis,
-    /// The run of the aggregator that the heads of requests name.
-    run: [u8; 16],
+    /// What the heads of requests are for.
+    heads: For,
 }
 
 /// What the aggregator decided on a submission.
@@ -139,9 +139,11 @@ impl Node {
         Ok(Self {
             client,
             key,
-            network,
             genesis,
-            run: run(&info.run)?,
+            heads: For {
+                network,
+                run: run(&info.run)?,
+            },
         })
     }
 
@@ -152,7 +154,7 @@ impl Node {
 
     /// The network's id.
     pub fn network(&self) -> &Digest {
-        &self.network
+        &self.heads.network
     }
 
     /// The node's key.
@@ -231,11 +233,27 @@ impl Node {
         program(&info.program)
     }
 
+    /// The number of the next round to open.
+    pub(crate) async fn next_round(&mut self) -> Result<u64, NodeError> {
+        let request = rpc::GetRoundRequest {
+            round: None,
+            node: Vec::new(),
+        };
+        let info = patiently!(self.client.get_round(request.clone()))?.into_inner();
+        let Some(opened) = info.opened else {
+            return Ok(0);
+        };
+        match self.entry(opened)?.1.body {
+            Body::RoundOpened(opened) => Ok(opened.round.saturating_add(1)),
+            _ => Err(unexpected("the opening of a round", "another entry")),
+        }
+    }
+
     /// Uploads an update. It stays private until the round closes.
     pub async fn upload(&mut self, round: u64, update: &[u8]) -> Result<(), NodeError> {
         use rpc::upload_chunk::Part;
         let request = UploadRequest {
-            network: self.network,
+            network: self.heads.network,
             round,
             node: self.id(),
             blob: Digest(Sha256::digest(update).into()),
@@ -278,7 +296,7 @@ impl Node {
         eval_samples: u32,
     ) -> Result<(Digest, Receipt), NodeError> {
         let statement = UpdateCommitment {
-            network: self.network,
+            network: self.heads.network,
             round,
             node: self.id(),
             dataset_root: *dataset_root,
@@ -384,6 +402,21 @@ impl Node {
             now_ms: info.now_ms,
             program: program(&info.program)?,
         })
+    }
+
+    /// A request for `message` with a new head.
+    fn headed<T>(&self, about: &About, message: T) -> Result<tonic::Request<T>, NodeError> {
+        let head = self.heads.head(about, &self.key)?;
+        Ok(with_head(message, &head))
+    }
+
+    /// Asks the aggregator for its run, because it may have been started again. If it does not answer, the next request shows that.
+    pub(crate) async fn learn_run(&mut self) {
+        if let Ok(info) = self.client.get_network(rpc::GetNetworkRequest {}).await {
+            if let Ok(run) = run(&info.into_inner().run) {
+                self.heads.run = run;
+            }
+        }
     }
 
     /// Checks that the entry of the receipt is `body`.

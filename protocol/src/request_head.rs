@@ -1,5 +1,5 @@
 //! The head of a request: who sends it, when, and which message it belongs to, signed by the sender. Each request that changes something
-//! has one.
+//! has one, and each `WatchRound` by which a node shows that it is present.
 //!
 //! A statement on the ledger is public, so its signature does not show who sends it. A head does: it counts once, for one message, at one
 //! aggregator, within minutes. Whoever has read a head cannot use it for another message, nor once more, nor after the aggregator was
@@ -28,6 +28,8 @@ pub enum Method {
     Record,
     /// `Enrol`.
     Enrol,
+    /// `WatchRound`, by a node that shows that it is present.
+    WatchRound,
 }
 
 impl fmt::Display for Method {
@@ -48,7 +50,7 @@ pub struct RequestHead {
     /// The round that the request is about, if it is about one.
     pub round: Option<u64>,
     /// SHA-256 of the signed statement that the request carries. The statement names the digest of whatever else the request carries: a
-    /// list of drawn frames, an update, a proof.
+    /// list of drawn frames, an update, a proof. `WatchRound` carries no statement: there it is the SHA-256 of the field `node`.
     pub body: Digest,
     /// Who sends the request.
     pub sender: NodeId,

@@ -9,7 +9,7 @@ use std::fs;
 use std::path::PathBuf;
 use zk0_protocol::entries::program::Program;
 use zk0_protocol::entries::proposal::Action;
-use zk0_protocol::entries::signed::{Enrolment, Proposal, Statement, UploadRequest};
+use zk0_protocol::entries::signed::{Enrolment, Leaving, Proposal, Statement, UploadRequest};
 use zk0_protocol::request_head::{Method, RequestHead};
 use zk0_protocol::tlog::checkpoint::Parsed;
 use zk0_protocol::tlog::cosigner::Cosigner;
@@ -110,6 +110,14 @@ fn statements() {
             node: id(0),
             blob: digest(0x10),
             size: 12345,
+        },
+    );
+    check_signed(
+        "signed/leaving",
+        Leaving {
+            network: *state.network(),
+            node: id(0),
+            round: 1,
         },
     );
     check_signed(

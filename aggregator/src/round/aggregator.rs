@@ -9,6 +9,7 @@ use crate::round::awaited_beacon::AwaitedBeacon;
 use crate::round::clock::Clock;
 use crate::round::dispute::Disputed;
 use crate::round::ledger_index::{self, LedgerIndex, RoundEntries};
+use crate::round::presence::Presence;
 use crate::round::public_samples::check_public_samples;
 use crate::round::recording::arrivals::Arrivals;
 use crate::round::recording::staging::Staging;
@@ -91,6 +92,9 @@ pub struct Aggregator {
     pub(super) staging: Staging,
     clock: Arc<dyn Clock>,
     arrivals: Arc<Arrivals>,
+    presence: Arc<Presence>,
+    /// How many nodes were present when a round last had to wait for more, so that the log says it once.
+    absence: Option<(usize, usize)>,
     config: Config,
     pub(super) index: LedgerIndex,
     /// What the open round accepted. Their weights are in the blobs.
@@ -116,6 +120,8 @@ impl Aggregator {
             staging: Staging::at(ledger.dir()),
             ledger,
             arrivals: Arc::new(Arrivals::new(clock.clone())),
+            presence: Arc::new(Presence::new(clock.clone())),
+            absence: None,
             clock,
             config,
             index,
@@ -136,6 +142,11 @@ impl Aggregator {
     /// The requests that are in progress.
     pub fn arrivals(&self) -> &Arc<Arrivals> {
         &self.arrivals
+    }
+
+    /// Who is present.
+    pub fn presence(&self) -> &Arc<Presence> {
+        &self.presence
     }
 
     /// The deadline of the open round that has passed by `now_ms`, and that nothing on the ledger reflects yet. What arrived after it waits
@@ -206,14 +217,37 @@ impl Aggregator {
         if ready.count() < self.config.min_nodes {
             return Ok(Progress::Waiting);
         }
+        if self.waits_for_more() {
+            return Ok(Progress::Waiting);
+        }
         if let Some(why) = self.blocked() {
             return Ok(Progress::Blocked(why));
         }
-        let opening = state.next_opening(now)?;
+        let opening = self.state().next_opening(now)?;
         let round = opening.round;
         self.append_at(now, Body::RoundOpened(opening))?;
         tracing::info!(round, "round opened");
         Ok(Progress::Opened(round))
+    }
+
+    /// Whether fewer nodes are present than the rules ask for.
+    fn waits_for_more(&mut self) -> bool {
+        let state = self.ledger.state();
+        let (round, least) = (state.next_round(), state.least_present());
+        let present = self.presence.among(state.expected());
+        if present >= least {
+            self.absence = None;
+            return false;
+        }
+        if self.absence.replace((present, least)) != Some((present, least)) {
+            tracing::info!(
+                round,
+                present,
+                least,
+                "the round waits: {present} nodes are present that may contribute, and the rules ask for {least}"
+            );
+        }
+        true
     }
 
     /// Why the next round cannot open here: nobody could verify its proofs, or nobody could train from its base weights.

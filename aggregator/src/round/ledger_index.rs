@@ -82,7 +82,8 @@ impl LedgerIndex {
             Body::NodeEnrolled(_)
             | Body::Voted(_)
             | Body::Disputed(_)
-            | Body::KeyRotated { .. } => {
+            | Body::KeyRotated { .. }
+            | Body::NodeLeft(_) => {
                 self.said.insert(key(body), index);
             }
             _ => {}

@@ -9,6 +9,7 @@ pub mod dispute;
 pub mod drawing;
 pub mod founding;
 pub mod ledger_index;
+pub mod presence;
 pub mod public_samples;
 pub mod recording;
 pub mod request;

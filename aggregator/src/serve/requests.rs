@@ -7,7 +7,8 @@ use crate::round::recording::statements::{
     decode, AllowedCommitment, AllowedRegistration, AllowedSaying, Begun, Said,
 };
 use crate::round::request::RequestError;
-use crate::serve::senders::heads::{read_hashed, sent_by, taken, Head, Message};
+use crate::serve::senders::heads::{sent_by, taken, Head, Message};
+use crate::serve::senders::sender::read_hashed;
 use crate::serve::service::{blocking, Service};
 use std::pin::Pin;
 use std::sync::Arc;
@@ -22,7 +23,7 @@ use zk0_protocol::entries::entry::Body;
 use zk0_protocol::entries::signed::{
     DatasetRegistration, Enrolment, Signed, Submission, UpdateCommitment, UploadRequest,
 };
-use zk0_protocol::request_head::Method;
+use zk0_protocol::request_head::{HeadRefusal, Method};
 use zk0_protocol::rpc::federation::federation_server::Federation;
 use zk0_protocol::rpc::federation::upload_chunk::Part;
 use zk0_protocol::rpc::federation::{
@@ -68,8 +69,24 @@ impl Federation for Service {
         &self,
         request: Request<GetRoundRequest>,
     ) -> Result<Response<Self::WatchRoundStream>, Status> {
-        let GetRoundRequest { round, node } = request.into_inner();
-        Ok(Response::new(self.watched_round(round, node_id(&node))))
+        let (head, GetRoundRequest { round, node }) = taken(request);
+        let node = node_id(&node);
+        // Anybody may follow a round. A node that signs the request shows that it is present.
+        let sender = match (node, head) {
+            (_, Err(HeadRefusal::Missing)) | (None, _) => None,
+            (Some(signer), head) => {
+                let message = Message {
+                    method: Method::WatchRound,
+                    round,
+                    signer,
+                    body: blob_digest(&signer.0),
+                };
+                self.sender(head, message, self.arrivals.now_ms()).await?
+            }
+        };
+        let present = sender.map(|node| self.presence.follow(node));
+        let rounds = self.watched_round(round, node, present);
+        Ok(sent_by(sender, rounds))
     }
 
     async fn record(&self, request: Request<RecordRequest>) -> Result<Response<Receipt>, Status> {

@@ -20,6 +20,7 @@ use crate::publish::cosigning::{Cosigned, Prove, Witnesses};
 use crate::round::aggregator::{Aggregator, Progress};
 use crate::round::drawing::ToCosign;
 use crate::round::ledger_index::RoundEntries;
+use crate::round::presence::Presence;
 use crate::round::recording::arrivals::Arrivals;
 use crate::round::request::RequestError;
 use crate::serve::grpc::Grpc;
@@ -70,6 +71,7 @@ pub struct Service {
     stepping: Arc<Mutex<()>>,
     /// The requests that are in progress.
     pub(super) arrivals: Arc<Arrivals>,
+    pub(super) presence: Arc<Presence>,
     pub(super) recorder: Recorder,
     pub(super) turns: NodeTurns,
     /// Places for verifying proofs and weights.
@@ -99,6 +101,7 @@ impl Service {
             limits,
             heads: Heads::new(*aggregator.state().network(), limits.skew),
             arrivals: aggregator.arrivals().clone(),
+            presence: aggregator.presence().clone(),
             aggregator: Arc::new(Mutex::new(aggregator)),
             panicked: Arc::default(),
             stepping: Arc::default(),

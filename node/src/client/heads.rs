@@ -1,13 +1,11 @@
-//! The signed heads of this node's requests.
+//! The signed heads of a node's requests.
 
-use crate::client::{unexpected, Node};
 use crate::client_error::NodeError;
+use ed25519_dalek::SigningKey;
 use sha2::{Digest as _, Sha256};
 use std::time::{SystemTime, UNIX_EPOCH};
-use zk0_circuits::Digest;
+use zk0_circuits::{Digest, NodeId};
 use zk0_protocol::request_head::{Method, RequestHead};
-use zk0_protocol::rpc::federation as rpc;
-use zk0_protocol::rpc::head_metadata::with_head;
 use zk0_protocol::Signed;
 
 /// What stays the same in all heads of one request, however often it is made.
@@ -15,6 +13,14 @@ pub(super) struct About {
     method: Method,
     round: Option<u64>,
     body: Digest,
+}
+
+/// The aggregator that heads are for.
+#[derive(Clone, Copy)]
+pub(super) struct For {
+    pub network: Digest,
+    /// The aggregator's run. A restart changes it.
+    pub run: [u8; 16],
 }
 
 impl About {
@@ -36,13 +42,9 @@ impl About {
     }
 }
 
-impl Node {
-    /// A request for `message` with a new head.
-    pub(super) fn headed<T>(
-        &self,
-        about: &About,
-        message: T,
-    ) -> Result<tonic::Request<T>, NodeError> {
+impl For {
+    /// A new head of a request of the holder of `key`.
+    pub fn head(&self, about: &About, key: &SigningKey) -> Result<Signed<RequestHead>, NodeError> {
         let mut nonce = [0; 16];
         getrandom::fill(&mut nonce).map_err(NodeError::Random)?;
         let now = SystemTime::now().duration_since(UNIX_EPOCH);
@@ -52,27 +54,18 @@ impl Node {
             method: about.method,
             round: about.round,
             body: about.body,
-            sender: self.id(),
+            sender: NodeId(key.verifying_key().to_bytes()),
             time_ms: now.map_or(0, |now| now.as_millis() as u64),
             nonce,
         };
-        Ok(with_head(message, &Signed::new(head, &self.key)))
-    }
-
-    /// Asks the aggregator for its run, because it may have been started again. If it does not answer, the next request shows that.
-    pub(super) async fn learn_run(&mut self) {
-        if let Ok(info) = self.client.get_network(rpc::GetNetworkRequest {}).await {
-            if let Ok(run) = run(&info.into_inner().run) {
-                self.run = run;
-            }
-        }
+        Ok(Signed::new(head, key))
     }
 }
 
 /// The run that an aggregator names.
 pub(super) fn run(bytes: &[u8]) -> Result<[u8; 16], NodeError> {
-    bytes.try_into().map_err(|_| {
-        let found = format!("{} bytes", bytes.len());
-        unexpected("a run of the aggregator, of 16 bytes", found)
+    bytes.try_into().map_err(|_| NodeError::Unexpected {
+        expected: "a run of the aggregator, of 16 bytes".into(),
+        found: format!("{} bytes", bytes.len()),
     })
 }

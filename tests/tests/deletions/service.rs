@@ -29,7 +29,7 @@ const fn head(
         file,
         replacements,
         package: "zk0-aggregator",
-        target: "request_heads",
+        target: "senders",
         test,
     }
 }
@@ -141,4 +141,22 @@ pub const REMOVALS: &[Removal] = &[
             "a_request_that_somebody_else_has_sent_gives_nobody_a_place",
         )
     },
+    head(
+        "a round waits until enough nodes are present",
+        "aggregator/src/round/aggregator.rs",
+        &[("        if self.waits_for_more() {\n", "        if false {\n")],
+        "a_round_waits_until_enough_nodes_are_present",
+    ),
+    head(
+        "only a signed request shows that a node is present",
+        "aggregator/src/serve/requests.rs",
+        &[("(_, Err(HeadRefusal::Missing)) | (None, _) => None,", "(node, Err(HeadRefusal::Missing)) => node,\n            (None, _) => None,")],
+        "nobody_is_present_in_the_name_of_another",
+    ),
+    head(
+        "a node that has gone is not present for long",
+        "aggregator/src/round/presence.rs",
+        &[("now.saturating_sub(seen.last) < AFTERWARDS", "now >= seen.last")],
+        "a_node_is_present_for_a_minute_after_it_has_gone",
+    ),
 ];

@@ -7,17 +7,12 @@
 //! not let an old head count again, whatever the clocks show, and nobody has to wait after a restart.
 
 use crate::connections::caller::Author;
-use crate::round::aggregator::Aggregator;
-use crate::round::recording::statements::read_signed;
-use crate::round::request::RequestError;
 use crate::serve::senders::replay_window::ReplayWindow;
-use crate::serve::service::{blocking, Service};
 use std::sync::Arc;
 use std::time::Duration;
 use tonic::{Request, Response};
 use zk0_circuits::{Digest, NodeId};
-use zk0_protocol::blob::blob_digest;
-use zk0_protocol::entries::signed::{Signed, Statement};
+use zk0_protocol::entries::signed::Signed;
 use zk0_protocol::request_head::{Arrived, HeadRefusal, Method, RequestHead};
 use zk0_protocol::rpc::head_metadata;
 
@@ -58,45 +53,24 @@ impl Heads {
             window: Arc::new(ReplayWindow::new(skew_ms)),
         }
     }
-}
 
-impl Service {
-    /// The run that heads of requests have to name.
-    pub fn run(&self) -> [u8; 16] {
-        self.heads.run
-    }
-
-    /// Who sends the request with this head and this message, which arrived at `arrived_ms`. `None` if the sender is no member of the
-    /// network: the rules then say what is wrong with the statement. Such a request changes nothing, so its nonce is not remembered.
-    pub(in crate::serve) async fn sender(
-        &self,
-        head: Head,
-        message: Message,
-        arrived_ms: u64,
-    ) -> Result<Option<NodeId>, RequestError> {
-        let head = head?;
-        let sender = head.statement.sender;
-        let arrived = Arrived {
-            network: self.heads.network,
-            run: self.heads.run,
+    /// What a head has to agree with, if it comes with this message at `arrived_ms`.
+    pub fn expected(&self, message: &Message, arrived_ms: u64) -> Arrived {
+        Arrived {
+            network: self.network,
+            run: self.run,
             method: message.method,
             round: message.round,
             body: message.body,
             signer: message.signer,
             now_ms: arrived_ms,
-            skew_ms: self.heads.window.skew_ms(),
-        };
-        let head = blocking(move || {
-            head.check(&arrived)?;
-            Ok(head.statement)
-        })
-        .await?;
-        let member = move |aggregator: &mut Aggregator| Ok(aggregator.is_member(&sender));
-        if !self.with(member).await? {
-            return Ok(None);
+            skew_ms: self.window.skew_ms(),
         }
-        self.heads.window.take(&head, arrived_ms)?;
-        Ok(Some(sender))
+    }
+
+    /// Takes a member's head that agrees with its message, if it has not come before.
+    pub fn take(&self, head: &RequestHead, now_ms: u64) -> Result<(), HeadRefusal> {
+        self.window.take(head, now_ms)
     }
 }
 
@@ -104,14 +78,6 @@ impl Service {
 pub(in crate::serve) fn taken<T>(request: Request<T>) -> (Head, T) {
     let head = head_metadata::head(request.metadata());
     (head, request.into_inner())
-}
-
-/// Decodes a signed statement, verifies its signature, and hashes it.
-pub(in crate::serve) async fn read_hashed<T: Statement + Send + 'static>(
-    what: &'static str,
-    bytes: Vec<u8>,
-) -> Result<(Signed<T>, Digest), RequestError> {
-    blocking(move || Ok((read_signed(what, &bytes)?, blob_digest(&bytes)))).await
 }
 
 /// An answer to a request of `sender`. Its connection is the sender's from then on, if it is a member.

@@ -2,3 +2,4 @@
 
 pub mod heads;
 mod replay_window;
+pub mod sender;
