@@ -5,10 +5,11 @@
 //! of it. The disk holds nothing but the ledger, its blobs and the waiting uploads. Everything in memory is computed from them, so
 //! an aggregator that was killed goes on where it was.
 
+use crate::round::accepted::Accepted;
 use crate::round::awaited_beacon::AwaitedBeacon;
 use crate::round::clock::Clock;
 use crate::round::dispute::Disputed;
-use crate::round::ledger_index::{self, LedgerIndex, RoundEntries};
+use crate::round::ledger_index::{self, FromLedger, LedgerIndex, RoundEntries};
 use crate::round::presence::Presence;
 use crate::round::public_samples::check_public_samples;
 use crate::round::recording::arrivals::Arrivals;
@@ -99,6 +100,8 @@ pub struct Aggregator {
     pub(super) index: LedgerIndex,
     /// What the open round accepted. Their weights are in the blobs.
     pub(super) contributions: Vec<VerifiedContribution>,
+    /// What the open round accepted too, and of which a blob was lost at the start.
+    pub(super) lost: Vec<Accepted>,
 }
 
 impl Aggregator {
@@ -115,7 +118,11 @@ impl Aggregator {
         check_open_round(ledger.state())?;
         let steady = clock.clone();
         ledger.watch_clock(clock.now_ms(), move || steady.steady())?;
-        let (index, contributions) = ledger_index::read(&ledger)?;
+        let FromLedger {
+            index,
+            contributions,
+            lost,
+        } = ledger_index::read(&ledger)?;
         Ok(Self {
             staging: Staging::at(ledger.dir()),
             ledger,
@@ -126,6 +133,7 @@ impl Aggregator {
             config,
             index,
             contributions,
+            lost,
         })
     }
 

@@ -159,4 +159,31 @@ pub const REMOVALS: &[Removal] = &[
         &[("now.saturating_sub(seen.last) < AFTERWARDS", "now >= seen.last")],
         "a_node_is_present_for_a_minute_after_it_has_gone",
     ),
+    Removal {
+        target: "lost_files",
+        ..head(
+            "a restarted aggregator verifies contributions on all cores",
+            "aggregator/src/round/accepted.rs",
+            &[("cores.min(accepted.len())", "1.min(accepted.len())")],
+            "a_restarted_aggregator_verifies_contributions_at_the_same_time",
+        )
+    },
+    Removal {
+        target: "lost_files",
+        ..head(
+            "an aggregator starts although a file of its open round is lost",
+            "aggregator/src/round/ledger_index.rs",
+            &[("            Err(unreadable) => {\n", "            Err(unreadable) if accepted.node().0.len() == 32 => return Err(unreadable.into()),\n            Err(unreadable) => {\n")],
+            "an_aggregator_starts_without_a_file_of_its_open_round_and_names_it",
+        )
+    },
+    Removal {
+        target: "lost_files",
+        ..head(
+            "a lost file keeps a round from closing",
+            "aggregator/src/round/closing.rs",
+            &[("            lost: self.lost.clone(),\n", "            lost: Vec::new(),\n")],
+            "an_aggregator_starts_without_a_file_of_its_open_round_and_names_it",
+        )
+    },
 ];
