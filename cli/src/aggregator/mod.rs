@@ -3,6 +3,7 @@
 mod enrolment;
 mod init;
 mod network_edge;
+mod policy_folders;
 mod public_samples;
 mod rules;
 mod serve;
