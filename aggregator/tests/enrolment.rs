@@ -2,12 +2,14 @@
 
 mod harness;
 
+use ed25519_dalek::SigningKey;
 use harness::*;
 use tonic::Code;
 use zk0_aggregator::{Config, Limits};
 use zk0_circuits::{Digest, NodeId};
 use zk0_protocol::entries::entry::Body;
 use zk0_protocol::entries::signed::{Enrolment, Signed};
+use zk0_protocol::request_head::Method;
 use zk0_protocol::rpc::federation as proto;
 use zk0_protocol::rules::network_rules::EnrolmentRule;
 
@@ -24,11 +26,14 @@ fn enrolment(network: &Digest, node: &Node) -> Enrolment {
 
 async fn enrol(
     network: &Network,
+    key: &SigningKey,
     signed: &Signed<Enrolment>,
 ) -> Result<proto::Receipt, tonic::Status> {
-    let request = proto::EnrolRequest {
-        enrolment: borsh::to_vec(signed).unwrap(),
+    let enrolment = borsh::to_vec(signed).unwrap();
+    let message = proto::EnrolRequest {
+        enrolment: enrolment.clone(),
     };
+    let request = network.request(key, Method::Enrol, None, &enrolment, message);
     Ok(network.client().await.enrol(request).await?.into_inner())
 }
 
@@ -48,11 +53,11 @@ async fn a_node_that_is_enrolled_while_the_aggregator_runs_takes_part() -> Test 
     refused(result, Code::PermissionDenied, "not enrolled");
     let id = network.genesis.network_id();
     let signed = Signed::new(enrolment(&id, &second), &log_key());
-    let receipt = enrol(&network, &signed).await?;
+    let receipt = enrol(&network, &log_key(), &signed).await?;
     let (_, _, entry) = network.opened(receipt.clone());
     assert!(matches!(entry.body, Body::NodeEnrolled(enrolled) if enrolled.node == second.id()));
     // Whoever has lost the answer asks again, and nothing is recorded twice.
-    assert_eq!(enrol(&network, &signed).await?, receipt);
+    assert_eq!(enrol(&network, &log_key(), &signed).await?, receipt);
     second.register(&network).await?;
     network.settle().await;
     assert!(network.round(None).await.opened.is_some());
@@ -67,12 +72,12 @@ async fn nobody_but_the_operator_enrols() -> Test {
     let before = network.entries().await.len();
     // Somebody signs in the operator's name.
     let forged = Signed::new(enrolment(&id, &second), &second.key);
-    let result = enrol(&network, &forged).await;
+    let result = enrol(&network, &log_key(), &forged).await;
     refused(result, Code::Unauthenticated, "signature");
     // Somebody signs in their own name.
     let mut own = enrolment(&id, &second);
     own.operator = second.id();
-    let result = enrol(&network, &Signed::new(own, &second.key)).await;
+    let result = enrol(&network, &second.key, &Signed::new(own, &second.key)).await;
     refused(
         result,
         Code::PermissionDenied,
@@ -80,7 +85,7 @@ async fn nobody_but_the_operator_enrols() -> Test {
     );
     // The operator has signed it for another network.
     let elsewhere = enrolment(&Digest([9; 32]), &second);
-    let result = enrol(&network, &Signed::new(elsewhere, &log_key())).await;
+    let result = enrol(&network, &log_key(), &Signed::new(elsewhere, &log_key())).await;
     refused(result, Code::FailedPrecondition, "network");
     assert_eq!(network.entries().await.len(), before);
     Ok(())
@@ -94,7 +99,7 @@ async fn where_a_vote_enrols_the_operator_does_not() -> Test {
     let network = Network::start_as(&[], config(), limits, genesis, None, None).await;
     let id = network.genesis.network_id();
     let signed = Signed::new(enrolment(&id, &Node::new(1)), &log_key());
-    let result = enrol(&network, &signed).await;
+    let result = enrol(&network, &log_key(), &signed).await;
     refused(result, Code::FailedPrecondition, "vote");
     Ok(())
 }

@@ -24,9 +24,7 @@ use zk0_protocol::{Refusal, Rules};
 type Test = Result<(), Box<dyn std::error::Error>>;
 
 async fn record(network: &Network, body: &Body) -> Result<u64, Status> {
-    let request = proto::RecordRequest {
-        body: borsh::to_vec(body).unwrap(),
-    };
+    let request = network.recording(body);
     let receipt = network.client().await.record(request).await?.into_inner();
     let (index, _, entry) = network.opened(receipt);
     assert_eq!(&entry.body, body);

@@ -9,7 +9,7 @@ use tokio_stream::wrappers::ReceiverStream;
 use tonic::Code;
 use zk0_aggregator::{Config, Limits};
 use zk0_circuits::Digest;
-use zk0_protocol::entries::signed::{Episode, Signed};
+use zk0_protocol::entries::signed::{Episode, Signed, UploadRequest};
 use zk0_protocol::rpc::federation as proto;
 use zk0_protocol::rpc::federation::upload_chunk::Part;
 use zk0_protocol::rules::apply::MAX_EPISODES;
@@ -75,10 +75,10 @@ async fn an_endless_upload_is_cut_at_its_announced_size() -> Test {
     let (network, first, _) = open_round().await;
     let mut request = first.upload_request(&network.genesis.network_id(), 0, b"");
     request.size = 100_000;
-    let first_part = part(Part::Request(borsh::to_vec(&Signed::new(
-        request, &first.key,
-    ))?));
+    let request = Signed::new(request, &first.key);
+    let first_part = part(Part::Request(borsh::to_vec(&request)?));
     let (sender, receiver) = mpsc::channel(1);
+    let endless_request = first.uploading(&network, &request, ReceiverStream::new(receiver));
     let endless = tokio::spawn(async move {
         let _ = sender.send(first_part).await;
         let mut sent = 0u64;
@@ -90,11 +90,7 @@ async fn an_endless_upload_is_cut_at_its_announced_size() -> Test {
         }
         sent
     });
-    let result = network
-        .client()
-        .await
-        .upload(ReceiverStream::new(receiver))
-        .await;
+    let result = network.client().await.upload(endless_request).await;
     refused(result, Code::ResourceExhausted, "the upload has");
     // The upload stops soon after. A few windows of HTTP/2 are on their way by then, not a gigabyte.
     let sent = tokio::time::timeout(Duration::from_secs(10), endless).await??;
@@ -174,7 +170,8 @@ async fn a_node_uploads_one_thing_at_a_time() -> Test {
         .await?;
     sender.send(part(Part::Data(slow[..100].to_vec()))).await?;
     let mut client = network.client().await;
-    let waiting = tokio::spawn(async move { client.upload(ReceiverStream::new(receiver)).await });
+    let request = first.uploading(&network, &request, ReceiverStream::new(receiver));
+    let waiting = tokio::spawn(async move { client.upload(request).await });
     // The slow upload has taken its place when its first bytes are on disk.
     let unfinished = network.dir.path().join("uploads");
     for _ in 0..200 {
@@ -251,13 +248,19 @@ async fn impatient(limits: Limits) -> (Network, Node) {
     (network, node)
 }
 
-fn begun(network: &Network, node: &Node, update: &[u8]) -> Vec<proto::UploadChunk> {
+fn begun(
+    network: &Network,
+    node: &Node,
+    update: &[u8],
+) -> (Signed<UploadRequest>, [proto::UploadChunk; 2]) {
     let request = node.upload_request(&network.genesis.network_id(), 0, update);
-    let request = borsh::to_vec(&Signed::new(request, &node.key)).unwrap();
-    vec![
-        part(Part::Request(request)),
+    let request = Signed::new(request, &node.key);
+    let statement = borsh::to_vec(&request).unwrap();
+    let parts = [
+        part(Part::Request(statement)),
         part(Part::Data(update[..100].to_vec())),
-    ]
+    ];
+    (request, parts)
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -269,7 +272,8 @@ async fn an_upload_that_trickles_is_cut() -> Test {
     let (network, node) = impatient(limits).await;
     let update = weights(1);
     let (sender, receiver) = mpsc::channel(4);
-    for part in begun(&network, &node, &update) {
+    let (request, parts) = begun(&network, &node, &update);
+    for part in parts {
         sender.send(part).await?;
     }
     let trickle = tokio::spawn(async move {
@@ -278,7 +282,8 @@ async fn an_upload_that_trickles_is_cut() -> Test {
         }
     });
     let mut client = network.client().await;
-    let result = client.upload(ReceiverStream::new(receiver)).await;
+    let request = node.uploading(&network, &request, ReceiverStream::new(receiver));
+    let result = client.upload(request).await;
     refused(result, Code::DeadlineExceeded, "the upload took");
     trickle.await?;
     assert_eq!(network.uploads(), 0);

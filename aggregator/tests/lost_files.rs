@@ -1,13 +1,20 @@
-//! No round opens that could not be closed, because a file that its strategy reads is lost.
+//! Lost files. No round opens that could not be closed, and an aggregator whose open round has lost a file starts, and says which one.
 
 mod harness;
 
 use harness::operator::Operator;
 use harness::*;
 use std::fs;
-use std::sync::Arc;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::sync::{mpsc, Arc};
+use std::thread;
+use std::time::Duration;
 use zk0_aggregator::{Aggregator, Config, Progress};
 use zk0_protocol::rules::network_rules::Strategy;
+use zk0_protocol::Body;
+use zk0_verifier::blob_digest;
 
 const CONFIG: Config = Config {
     rounds: None,
@@ -43,4 +50,84 @@ fn no_round_opens_without_the_weights_that_its_momentum_starts_from() {
         }
         assert_eq!(aggregator.step().unwrap(), Progress::Opened(1));
     }
+}
+
+/// A ledger whose open round has accepted an update of each node, and the time of its last entry. The operator has accepted proofs of nothing.
+fn accepted(dir: &Path, nodes: &[&Node]) -> u64 {
+    let mut operator = Operator::founds(dir, genesis(), nodes);
+    operator.open();
+    for (node, seed) in nodes.iter().zip(1..) {
+        operator.commit(node, &weights(seed));
+    }
+    operator.draw();
+    for (node, seed) in nodes.iter().zip(1..) {
+        let submission = operator.submission(node, seed, &[node.seed]);
+        operator.append(Body::ContributionAccepted(submission));
+    }
+    operator.time_ms
+}
+
+fn blob(dir: &Path, bytes: &[u8]) -> PathBuf {
+    dir.join("blobs/sha256")
+        .join(blob_digest(bytes).to_string())
+}
+
+#[test]
+fn an_aggregator_starts_without_a_file_of_its_open_round_and_names_it() {
+    let dir = tempfile::tempdir().unwrap();
+    let node = Node::new(1);
+    let time_ms = accepted(dir.path(), &[&node]);
+    for lost in [weights(1), vec![1]] {
+        let path = blob(dir.path(), &lost);
+        fs::rename(&path, dir.path().join("aside")).unwrap();
+        let clock = Arc::new(ManualClock::at(time_ms));
+        let mut aggregator = Aggregator::open(dir.path(), None, log_key(), clock, CONFIG).unwrap();
+        // The ledger goes on: members can register and vote.
+        assert_eq!(aggregator.state().round().unwrap().number(), 0);
+        let Progress::Blocked(why) = aggregator.go_on().unwrap() else {
+            panic!("the round closed");
+        };
+        let name = blob_digest(&lost).to_string();
+        assert!(why.contains(&name) && why.contains("cannot close"), "{why}");
+        assert!(why.contains(&node.id().to_string()), "{why}");
+        // Once the file is back, it is verified, and here that fails.
+        fs::rename(dir.path().join("aside"), &path).unwrap();
+        let why = aggregator.go_on().unwrap_err().to_string();
+        assert!(why.contains("does not verify any more"), "{why}");
+    }
+}
+
+#[test]
+fn a_restarted_aggregator_verifies_contributions_at_the_same_time() {
+    let dir = tempfile::tempdir().unwrap();
+    let nodes = [Node::new(1), Node::new(2)];
+    let time_ms = accepted(dir.path(), &[&nodes[0], &nodes[1]]);
+    // Whoever reads a named pipe waits for somebody who writes, and the other way round.
+    let pipes: Vec<_> = (1..=2)
+        .map(|seed| {
+            let file = weights(seed);
+            let path = blob(dir.path(), &file);
+            fs::remove_file(&path).unwrap();
+            let made = Command::new("mkfifo").arg(&path).status().unwrap();
+            assert!(made.success());
+            (path, file)
+        })
+        .collect();
+    let folder = dir.path().to_path_buf();
+    let opened = thread::spawn(move || {
+        let clock = Arc::new(ManualClock::at(time_ms));
+        Aggregator::open(&folder, None, log_key(), clock, CONFIG).map(drop)
+    });
+    // Both have a reader before either has content.
+    let open = |path: &PathBuf| fs::OpenOptions::new().write(true).open(path).unwrap();
+    let (sender, both) = mpsc::channel();
+    let paths: Vec<_> = pipes.iter().map(|(path, _)| path.clone()).collect();
+    thread::spawn(move || sender.send(paths.iter().map(open).collect::<Vec<_>>()));
+    let writers = both.recv_timeout(Duration::from_secs(20));
+    let writers = writers.expect("both contributions are read at the same time");
+    for (mut writer, (_, file)) in writers.into_iter().zip(pipes) {
+        writer.write_all(&file).unwrap();
+    }
+    let why = opened.join().unwrap().unwrap_err().to_string();
+    assert!(why.contains("does not verify any more"), "{why}");
 }

@@ -127,8 +127,7 @@ fn a_proof_of_the_program_before_is_refused() -> Test {
 async fn nodes_hear_which_program_a_round_is_of() -> Test {
     let (network, first, _) = open_round().await;
     let record = async |body: Body| -> Result<(), Status> {
-        let body = borsh::to_vec(&body).unwrap();
-        let request = proto::RecordRequest { body };
+        let request = network.recording(&body);
         network.client().await.record(request).await.map(drop)
     };
     let state = || async {

@@ -10,7 +10,6 @@ use zk0_circuits::Digest;
 use zk0_protocol::entries::entry::Body;
 use zk0_protocol::entries::signed::Signed;
 use zk0_protocol::evaluation_set::{list_bytes, DrawnLeaf};
-use zk0_protocol::rpc::federation::RegisterDatasetRequest;
 use zk0_protocol::Refusal;
 use zk0_verifier::blob_digest;
 
@@ -410,10 +409,8 @@ async fn datasets_are_checked_before_they_are_recorded() -> Test {
         .collect();
     let chosen = list_bytes(&chosen);
     longer.leaves = blob_digest(&chosen);
-    let request = RegisterDatasetRequest {
-        registration: borsh::to_vec(&Signed::new(longer, &first.key))?,
-        leaves: chosen,
-    };
+    let longer = Signed::new(longer, &first.key);
+    let request = first.registering(&network, &longer, chosen);
     let result = network.client().await.register_dataset(request).await;
     refused(
         result.map(drop),

@@ -325,6 +325,7 @@ impl Recheck for Auditor {
             | Body::NodeEnrolled(_)
             | Body::UpdateCommitted(_)
             | Body::KeyRotated { .. }
+            | Body::NodeLeft(_)
             | Body::Proposed(_)
             | Body::Voted(_)
             | Body::Disputed(_) => {}

@@ -17,32 +17,6 @@ use zk0_smolvla::policy::policy_file::{self, PolicyFile};
 use zk0_smolvla::policy::tokenizer::PolicyTokenizer;
 use zk0_smolvla::{Policy, Profile};
 
-/// LeRobot's fixture as `save_pretrained` leaves a policy, with a tokenizer of a few words.
-fn lerobot_folder(network: &LocalNetwork) -> String {
-    let folder = network.path("lerobot");
-    fs::create_dir(&folder).unwrap();
-    let fixture = root().join("tests/fixtures/smolvla_tiny");
-    for (from, to) in [
-        ("policy_config.json", "config.json"),
-        ("vlm_config.json", "vlm_config.json"),
-        ("weights.safetensors", "model.safetensors"),
-    ] {
-        fs::copy(fixture.join(from), Path::new(&folder).join(to)).unwrap();
-    }
-    let tokenizer = json!({
-        "version": "1.0", "truncation": null, "padding": null, "added_tokens": [],
-        "normalizer": {"type": "Lowercase"}, "pre_tokenizer": {"type": "Whitespace"},
-        "post_processor": null, "decoder": null,
-        "model": {
-            "type": "WordLevel", "unk_token": "?",
-            "vocab": {"?": 0, "pick": 11, "up": 12, "the": 13, "red": 14, "cube": 15, "and": 16, "place": 17, "it": 18}
-        }
-    });
-    let file = Path::new(&folder).join("tokenizer.json");
-    fs::write(file, tokenizer.to_string()).unwrap();
-    folder
-}
-
 /// Reads the same policy without the code under test.
 fn by_hand(folder: &str) -> PolicyFile {
     let policy = Policy::from_folder(&PolicyFolder::open(folder).unwrap()).unwrap();
@@ -57,7 +31,7 @@ fn by_hand(folder: &str) -> PolicyFile {
 #[test]
 fn a_network_of_a_lerobot_checkpoint_reads_instructions_with_its_tokenizer() {
     let network = LocalNetwork::new();
-    let folder = lerobot_folder(&network);
+    let folder = network.lerobot_folder();
     let said = network.found(&["--policy", &folder, "--mode", "succinct"]);
     assert!(said.contains("with its own tokenizer"), "{said}");
 
@@ -129,7 +103,7 @@ fn a_node_takes_no_other_policy_than_the_genesis_names() {
 #[test]
 fn calibration_reads_instructions_with_the_policy_s_tokenizer() {
     let network = LocalNetwork::new();
-    let folder = lerobot_folder(&network);
+    let folder = network.lerobot_folder();
     let calibrate = [
         "--policy",
         &folder,
@@ -258,7 +232,7 @@ fn the_best_mode_is_chosen_by_the_size_of_the_policy() {
 #[test]
 fn a_policy_that_cannot_be_used_founds_nothing() {
     let network = LocalNetwork::new();
-    let folder = lerobot_folder(&network);
+    let folder = network.lerobot_folder();
     let refused = |more: &[&str]| {
         let said = fails(&words(&network.founding(more)));
         assert!(!Path::new(&network.path("ledger")).exists(), "{said}");
@@ -280,7 +254,7 @@ fn a_policy_that_cannot_be_used_founds_nothing() {
 #[test]
 fn a_trained_policy_keeps_its_tokenizer() {
     let network = LocalNetwork::new();
-    let folder = lerobot_folder(&network);
+    let folder = network.lerobot_folder();
     let out = network.path("run");
     let cache = network.path("cache");
     logs(&[

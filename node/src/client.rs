@@ -2,10 +2,12 @@
 //! a receipt for whatever is recorded.
 
 pub mod address;
+mod heads;
 pub mod status;
 pub mod watching;
 
 use crate::client::address::AggregatorAddress;
+use crate::client::heads::{run, About, For};
 use crate::client_error::NodeError;
 use ed25519_dalek::SigningKey;
 use sha2::{Digest as _, Sha256};
@@ -21,8 +23,10 @@ use zk0_protocol::entries::program::Program;
 use zk0_protocol::entries::signed::{
     DatasetRegistration, Enrolment, Proposal, Signed, Submission, UpdateCommitment, UploadRequest,
 };
+use zk0_protocol::request_head::Method;
 use zk0_protocol::rpc::federation as rpc;
 use zk0_protocol::rpc::federation::federation_client::FederationClient;
+use zk0_protocol::rpc::head_metadata::with_head;
 use zk0_protocol::tlog::checkpoint::Checkpoint;
 use zk0_protocol::tlog::receipt::Receipt;
 use zk0_protocol::{Refusal, Rules};
@@ -39,12 +43,13 @@ pub(crate) const ATTEMPTS: u32 = 150;
 pub(crate) const APART: Duration = Duration::from_secs(2);
 
 /// Makes a request, and repeats it while the aggregator does not answer. That is safe, because a node that asks for the same thing twice
-/// gets the same receipt.
+/// gets the same receipt. `$request` makes the request anew for each attempt, because the head of a request counts once.
 macro_rules! patiently {
-    ($self:ident.client.$method:ident($request:ident)) => {{
+    ($self:ident.client.$method:ident($request:expr)) => {{
         let mut attempt = 1;
         loop {
-            match $self.client.$method($request.clone()).await {
+            let request = $request;
+            match $self.client.$method(request).await {
                 Err(status) if is_lost(&status) && attempt < ATTEMPTS => {
                     if attempt == 1 {
                         tracing::warn!(
@@ -53,6 +58,7 @@ macro_rules! patiently {
                     }
                     attempt += 1;
                     tokio::time::sleep(APART).await;
+                    $self.learn_run().await;
                 }
                 other => break other,
             }
@@ -64,8 +70,9 @@ macro_rules! patiently {
 pub struct Node {
     pub(crate) client: FederationClient<transport::Channel>,
     key: SigningKey,
-    network: Digest,
     genesis: Genesis,
+    /// What the heads of requests are for.
+    heads: For,
 }
 
 /// What the aggregator decided on a submission.
@@ -133,8 +140,11 @@ impl Node {
         Ok(Self {
             client,
             key,
-            network,
             genesis,
+            heads: For {
+                network,
+                run: run(&info.run)?,
+            },
         })
     }
 
@@ -145,7 +155,7 @@ impl Node {
 
     /// The network's id.
     pub fn network(&self) -> &Digest {
-        &self.network
+        &self.heads.network
     }
 
     /// The node's key.
@@ -176,7 +186,7 @@ impl Node {
         let request = rpc::DownloadRequest {
             blob: blob.0.to_vec(),
         };
-        let mut chunks = patiently!(self.client.download(request))?.into_inner();
+        let mut chunks = patiently!(self.client.download(request.clone()))?.into_inner();
         let (mut hash, mut left) = (Sha256::new(), limit);
         while let Some(chunk) = chunks.message().await? {
             left = left
@@ -202,11 +212,15 @@ impl Node {
         leaves: Vec<u8>,
     ) -> Result<Receipt, NodeError> {
         let signed = Signed::new(registration, &self.key);
-        let request = rpc::RegisterDatasetRequest {
+        let message = rpc::RegisterDatasetRequest {
             registration: encode(&signed),
             leaves,
         };
-        let receipt = patiently!(self.client.register_dataset(request))?.into_inner();
+        let about = About::message(Method::RegisterDataset, &message.registration);
+        let receipt = patiently!(self
+            .client
+            .register_dataset(self.headed(&about, message.clone())?))?;
+        let receipt = receipt.into_inner();
         self.recorded(receipt, Body::DatasetCommitted(signed))
     }
 
@@ -216,21 +230,38 @@ impl Node {
             round: None,
             node: Vec::new(),
         };
-        let info = patiently!(self.client.get_round(request))?.into_inner();
+        let info = patiently!(self.client.get_round(request.clone()))?.into_inner();
         program(&info.program)
+    }
+
+    /// The number of the next round to open.
+    pub(crate) async fn next_round(&mut self) -> Result<u64, NodeError> {
+        let request = rpc::GetRoundRequest {
+            round: None,
+            node: Vec::new(),
+        };
+        let info = patiently!(self.client.get_round(request.clone()))?.into_inner();
+        let Some(opened) = info.opened else {
+            return Ok(0);
+        };
+        match self.entry(opened)?.1.body {
+            Body::RoundOpened(opened) => Ok(opened.round.saturating_add(1)),
+            _ => Err(unexpected("the opening of a round", "another entry")),
+        }
     }
 
     /// Uploads an update. It stays private until the round closes.
     pub async fn upload(&mut self, round: u64, update: &[u8]) -> Result<(), NodeError> {
         use rpc::upload_chunk::Part;
         let request = UploadRequest {
-            network: self.network,
+            network: self.heads.network,
             round,
             node: self.id(),
             blob: Digest(Sha256::digest(update).into()),
             size: update.len() as u64,
         };
         let signed = encode(&Signed::new(request, &self.key));
+        let about = About::message(Method::Upload, &signed).in_round(round);
         let mut attempt = 1;
         loop {
             let first = Part::Request(signed.clone());
@@ -240,13 +271,15 @@ impl Node {
                 .chain(rest)
                 .map(|part| rpc::UploadChunk { part: Some(part) })
                 .collect();
-            match self.client.upload(tokio_stream::iter(parts)).await {
+            let request = self.headed(&about, tokio_stream::iter(parts))?;
+            match self.client.upload(request).await {
                 Err(status) if is_lost(&status) && attempt < ATTEMPTS => {
                     tracing::warn!(
                         "the upload was interrupted ({status}); the node begins it again"
                     );
                     attempt += 1;
                     tokio::time::sleep(APART).await;
+                    self.learn_run().await;
                 }
                 Err(status) => return Err(status.into()),
                 Ok(_) => return Ok(()),
@@ -264,7 +297,7 @@ impl Node {
         eval_samples: u32,
     ) -> Result<(Digest, Receipt), NodeError> {
         let statement = UpdateCommitment {
-            network: self.network,
+            network: self.heads.network,
             round,
             node: self.id(),
             dataset_root: *dataset_root,
@@ -273,16 +306,19 @@ impl Node {
         };
         let commitment = closing::commitment(&statement);
         let signed = Signed::new(statement, &self.key);
-        let request = rpc::CommitRequest {
+        let message = rpc::CommitRequest {
             commitment: encode(&signed),
         };
-        let receipt = patiently!(self.client.commit(request))?.into_inner();
+        let about = About::message(Method::Commit, &message.commitment).in_round(round);
+        let receipt = patiently!(self.client.commit(self.headed(&about, message.clone())?))?;
+        let receipt = receipt.into_inner();
         let receipt = self.recorded(receipt, Body::UpdateCommitted(signed))?;
         Ok((commitment, receipt))
     }
 
     /// Signs a claim and submits it with its proof.
     pub async fn submit(&mut self, claim: Claim, proof: Vec<u8>) -> Result<Decision, NodeError> {
+        let round = claim.terms.round;
         let signed = Signed::new(
             Submission {
                 claim,
@@ -291,8 +327,10 @@ impl Node {
             &self.key,
         );
         let submission = encode(&signed);
-        let request = rpc::SubmitRequest { submission, proof };
-        let reply = patiently!(self.client.submit(request))?.into_inner();
+        let about = About::message(Method::Submit, &submission).in_round(round);
+        let message = rpc::SubmitRequest { submission, proof };
+        let reply = patiently!(self.client.submit(self.headed(&about, message.clone())?))?;
+        let reply = reply.into_inner();
         let receipt = reply
             .receipt
             .ok_or_else(|| unexpected("a receipt of the decision", "none"))?;
@@ -318,10 +356,12 @@ impl Node {
 
     /// Puts a signed statement on the ledger: a proposal, a vote, a dispute, or a change of key. Returns the entry's index.
     pub async fn record(&mut self, body: Body) -> Result<u64, NodeError> {
-        let request = rpc::RecordRequest {
+        let message = rpc::RecordRequest {
             body: encode(&body),
         };
-        let receipt = patiently!(self.client.record(request))?.into_inner();
+        let about = About::message(Method::Record, &message.body);
+        let receipt = patiently!(self.client.record(self.headed(&about, message.clone())?))?;
+        let receipt = receipt.into_inner();
         Ok(self.recorded(receipt, body)?.index)
     }
 
@@ -331,10 +371,12 @@ impl Node {
         signed: &Signed<Enrolment>,
         body: Body,
     ) -> Result<u64, NodeError> {
-        let request = rpc::EnrolRequest {
+        let message = rpc::EnrolRequest {
             enrolment: encode(signed),
         };
-        let receipt = patiently!(self.client.enrol(request))?.into_inner();
+        let about = About::message(Method::Enrol, &message.enrolment);
+        let receipt = patiently!(self.client.enrol(self.headed(&about, message.clone())?))?;
+        let receipt = receipt.into_inner();
         Ok(self.recorded(receipt, body)?.index)
     }
 
@@ -361,6 +403,21 @@ impl Node {
             now_ms: info.now_ms,
             program: program(&info.program)?,
         })
+    }
+
+    /// A request for `message` with a new head.
+    fn headed<T>(&self, about: &About, message: T) -> Result<tonic::Request<T>, NodeError> {
+        let head = self.heads.head(about, &self.key)?;
+        Ok(with_head(message, &head))
+    }
+
+    /// Asks the aggregator for its run, because it may have been started again. If it does not answer, the next request shows that.
+    pub(crate) async fn learn_run(&mut self) {
+        if let Ok(info) = self.client.get_network(rpc::GetNetworkRequest {}).await {
+            if let Ok(run) = run(&info.into_inner().run) {
+                self.heads.run = run;
+            }
+        }
     }
 
     /// Checks that the entry of the receipt is `body`.

@@ -99,6 +99,9 @@ pub enum NodeError {
     /// What was downloaded cannot be written to disk.
     #[error("a download cannot be written to disk: {0}")]
     Write(std::io::Error),
+    /// There is no nonce for the head of a request.
+    #[error("the system gives no random bytes: {0}")]
+    Random(getrandom::Error),
     /// The new key of a node is its present one.
     #[error("the new key is the present one: make another with `zk0 node keygen`")]
     SameKey,

@@ -1,4 +1,5 @@
-//! What governors, nodes and the operator sign besides contributions: enrolments, proposals, votes, disputes, and the change of a key.
+//! What governors, nodes and the operator sign besides contributions: enrolments, proposals, votes, disputes, the change of a key, and that a
+//! node leaves.
 
 use crate::client::Node;
 use crate::client_error::NodeError;
@@ -8,7 +9,7 @@ use zk0_protocol::entries::entry::Body;
 use zk0_protocol::entries::member::NodeEnrolled;
 use zk0_protocol::entries::proposal::{Action, Ballot};
 use zk0_protocol::entries::signed::{
-    Dispute, Enrolment, Evidence, KeyRotation, KeyTakeover, Proposal, Signed, Vote,
+    Dispute, Enrolment, Evidence, KeyRotation, KeyTakeover, Leaving, Proposal, Signed, Vote,
 };
 
 /// A proposal that is on the ledger.
@@ -80,6 +81,17 @@ impl Node {
             evidence,
         };
         let body = Body::Disputed(Signed::new(dispute, self.key()));
+        self.record(body).await
+    }
+
+    /// Leaves the network. The next round is the first one without this node. Returns the index of the entry.
+    pub async fn leave(&mut self) -> Result<u64, NodeError> {
+        let leaving = Leaving {
+            network: *self.network(),
+            node: self.id(),
+            round: self.next_round().await?,
+        };
+        let body = Body::NodeLeft(Signed::new(leaving, self.key()));
         self.record(body).await
     }
 

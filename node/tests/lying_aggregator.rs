@@ -139,6 +139,7 @@ fn not_asked<T>() -> Answer<T> {
 impl Federation for Lying {
     async fn get_network(&self, _: Request<rpc::GetNetworkRequest>) -> Answer<rpc::NetworkInfo> {
         Ok(Response::new(rpc::NetworkInfo {
+            run: vec![7; 16],
             genesis: self.genesis.clone(),
             checkpoint: self.checkpoint.clone(),
         }))

@@ -9,7 +9,8 @@ use std::fs;
 use std::path::PathBuf;
 use zk0_protocol::entries::program::Program;
 use zk0_protocol::entries::proposal::Action;
-use zk0_protocol::entries::signed::{Enrolment, Proposal, Statement, UploadRequest};
+use zk0_protocol::entries::signed::{Enrolment, Leaving, Proposal, Statement, UploadRequest};
+use zk0_protocol::request_head::{Method, RequestHead};
 use zk0_protocol::tlog::checkpoint::Parsed;
 use zk0_protocol::tlog::cosigner::Cosigner;
 use zk0_protocol::tlog::witness::AddCheckpoint;
@@ -109,6 +110,27 @@ fn statements() {
             node: id(0),
             blob: digest(0x10),
             size: 12345,
+        },
+    );
+    check_signed(
+        "signed/leaving",
+        Leaving {
+            network: *state.network(),
+            node: id(0),
+            round: 1,
+        },
+    );
+    check_signed(
+        "signed/request-head",
+        RequestHead {
+            network: *state.network(),
+            run: [1; 16],
+            method: Method::Commit,
+            round: Some(0),
+            body: digest(0x20),
+            sender: id(0),
+            time_ms: T0,
+            nonce: [2; 16],
         },
     );
 }

@@ -16,8 +16,8 @@ pub(crate) struct Caller {
     pub(super) large: Arc<Semaphore>,
 }
 
-/// An answer with this extension says who signed the request. Whoever answers gives it only if the signature is valid, the signer is a
-/// member, and nobody else can have sent the request: the connection is the signer's from then on.
+/// An answer with this extension says who sent the request. Whoever answers gives it only if the request's head shows that, and the sender
+/// is a member: the connection is the sender's from then on.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Author(pub NodeId);
 

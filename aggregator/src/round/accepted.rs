@@ -1,14 +1,23 @@
-//! An accepted contribution, verified again on what the ledger was before it.
+//! Accepted contributions, verified again on what the ledger was before them.
 
-use crate::round::request::RequestError;
-use zk0_ledger::blobs::Blobs;
+use std::num::NonZero;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::thread::{self, available_parallelism};
+use zk0_circuits::NodeId;
+use zk0_ledger::blobs::{BlobError, Blobs};
 use zk0_protocol::entries::entry::{Body, Entry};
 use zk0_protocol::entries::signed::{Signed, Submission};
 use zk0_protocol::rules::state::State;
 use zk0_protocol::Refusal;
-use zk0_verifier::{authenticate, verify, UnverifiedContribution, VerifiedContribution};
+use zk0_verifier::{
+    authenticate, verify, Unreadable, UnverifiedContribution, VerifiedContribution,
+};
+
+/// What verification says of an acceptance: that it counts, why it does not, or which of its blobs cannot be read.
+pub type Verdict = Result<Result<VerifiedContribution, Refusal>, Unreadable<BlobError>>;
 
 /// An acceptance, and what its verification reads of the state that it was made on.
+#[derive(Clone)]
 pub struct Accepted {
     submission: Signed<Submission>,
     before: State,
@@ -28,19 +37,16 @@ impl Accepted {
         }
     }
 
-    /// The signed claim.
-    pub fn submission(&self) -> &Signed<Submission> {
-        &self.submission
+    /// Who contributed.
+    pub fn node(&self) -> NodeId {
+        self.submission.statement.claim.terms.node
     }
 
     /// What verification says now.
     ///
     /// # Errors
     /// A blob of the contribution cannot be read.
-    pub fn verify(
-        &self,
-        blobs: &Blobs,
-    ) -> Result<Result<VerifiedContribution, Refusal>, RequestError> {
+    pub fn verify(&self, blobs: &Blobs) -> Verdict {
         let Self {
             submission,
             before,
@@ -52,4 +58,32 @@ impl Accepted {
         let authentic = authenticate(read.submission, read.proof, before);
         Ok(authentic.and_then(|authentic| verify(&authentic, &read.weights, before, *time_ms)))
     }
+}
+
+/// Verifies acceptances on all cores. The verdicts are in the order of the acceptances.
+pub fn verify_all(accepted: &[Accepted], blobs: &Blobs) -> Vec<Verdict> {
+    let next = AtomicUsize::new(0);
+    let work = || {
+        let mut verdicts = Vec::new();
+        while let Some((at, one)) = {
+            let at = next.fetch_add(1, Ordering::Relaxed);
+            accepted.get(at).map(|one| (at, one))
+        } {
+            verdicts.push((at, one.verify(blobs)));
+        }
+        verdicts
+    };
+    let cores = available_parallelism().map_or(1, NonZero::get);
+    let mut verdicts = thread::scope(|scope| {
+        let workers: Vec<_> = (0..cores.min(accepted.len()))
+            .map(|_| scope.spawn(work))
+            .collect();
+        let done = workers.into_iter().flat_map(|worker| match worker.join() {
+            Ok(verdicts) => verdicts,
+            Err(panic) => std::panic::resume_unwind(panic),
+        });
+        done.collect::<Vec<_>>()
+    });
+    verdicts.sort_by_key(|(at, _)| *at);
+    verdicts.into_iter().map(|(_, verdict)| verdict).collect()
 }

@@ -5,10 +5,12 @@
 //! of it. The disk holds nothing but the ledger, its blobs and the waiting uploads. Everything in memory is computed from them, so
 //! an aggregator that was killed goes on where it was.
 
+use crate::round::accepted::Accepted;
 use crate::round::awaited_beacon::AwaitedBeacon;
 use crate::round::clock::Clock;
 use crate::round::dispute::Disputed;
-use crate::round::ledger_index::{self, LedgerIndex, RoundEntries};
+use crate::round::ledger_index::{self, FromLedger, LedgerIndex, RoundEntries};
+use crate::round::presence::Presence;
 use crate::round::public_samples::check_public_samples;
 use crate::round::recording::arrivals::Arrivals;
 use crate::round::recording::staging::Staging;
@@ -91,10 +93,15 @@ pub struct Aggregator {
     pub(super) staging: Staging,
     clock: Arc<dyn Clock>,
     arrivals: Arc<Arrivals>,
+    presence: Arc<Presence>,
+    /// How many nodes were present when a round last had to wait for more, so that the log says it once.
+    absence: Option<(usize, usize)>,
     config: Config,
     pub(super) index: LedgerIndex,
     /// What the open round accepted. Their weights are in the blobs.
     pub(super) contributions: Vec<VerifiedContribution>,
+    /// What the open round accepted too, and of which a blob was lost at the start.
+    pub(super) lost: Vec<Accepted>,
 }
 
 impl Aggregator {
@@ -111,15 +118,22 @@ impl Aggregator {
         check_open_round(ledger.state())?;
         let steady = clock.clone();
         ledger.watch_clock(clock.now_ms(), move || steady.steady())?;
-        let (index, contributions) = ledger_index::read(&ledger)?;
+        let FromLedger {
+            index,
+            contributions,
+            lost,
+        } = ledger_index::read(&ledger)?;
         Ok(Self {
             staging: Staging::at(ledger.dir()),
             ledger,
             arrivals: Arc::new(Arrivals::new(clock.clone())),
+            presence: Arc::new(Presence::new(clock.clone())),
+            absence: None,
             clock,
             config,
             index,
             contributions,
+            lost,
         })
     }
 
@@ -143,6 +157,11 @@ impl Aggregator {
         &self.arrivals
     }
 
+    /// Who is present.
+    pub fn presence(&self) -> &Arc<Presence> {
+        &self.presence
+    }
+
     /// The deadline of the open round that has passed by `now_ms`, and that nothing on the ledger reflects yet. What arrived after it waits
     /// for what arrived before it.
     pub fn passed_deadline(&self, now_ms: u64) -> Option<u64> {
@@ -158,6 +177,15 @@ impl Aggregator {
     /// The time that an entry recorded now gets.
     pub fn now_ms(&self) -> u64 {
         self.ledger.time_ms(self.clock.now_ms())
+    }
+
+    /// Whether somebody belongs to the network: a node, a governor, or the operator who has the log's key.
+    pub fn is_member(&self, id: &NodeId) -> bool {
+        let state = self.state();
+        let governors = &state.rules().governance.governors;
+        state.node(id).is_some()
+            || state.genesis().log_key == id.0
+            || governors.iter().any(|governor| governor.key == *id)
     }
 
     /// Enrols a node.
@@ -202,14 +230,37 @@ impl Aggregator {
         if ready.count() < self.config.min_nodes {
             return Ok(Progress::Waiting);
         }
+        if self.waits_for_more() {
+            return Ok(Progress::Waiting);
+        }
         if let Some(why) = self.blocked() {
             return Ok(Progress::Blocked(why));
         }
-        let opening = state.next_opening(now)?;
+        let opening = self.state().next_opening(now)?;
         let round = opening.round;
         self.append_at(now, Body::RoundOpened(opening))?;
         tracing::info!(round, "round opened");
         Ok(Progress::Opened(round))
+    }
+
+    /// Whether fewer nodes are present than the rules ask for.
+    fn waits_for_more(&mut self) -> bool {
+        let state = self.ledger.state();
+        let (round, least) = (state.next_round(), state.least_present());
+        let present = self.presence.among(state.expected());
+        if present >= least {
+            self.absence = None;
+            return false;
+        }
+        if self.absence.replace((present, least)) != Some((present, least)) {
+            tracing::info!(
+                round,
+                present,
+                least,
+                "the round waits: {present} nodes are present that may contribute, and the rules ask for {least}"
+            );
+        }
+        true
     }
 
     /// Why the next round cannot open here: nobody could verify its proofs, or nobody could train from its base weights.

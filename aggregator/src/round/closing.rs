@@ -1,7 +1,9 @@
 //! The end of a round. The contributions are combined and the result is evaluated away from the aggregator, because that takes long. The
 //! aggregator then records the end, if the round is still the same.
 
+use crate::round::accepted::{verify_all, Accepted};
 use crate::round::aggregator::{Aggregator, Progress};
+use crate::round::ledger_index::still_valid;
 use crate::round::request::RequestError;
 use std::fmt::Display;
 use std::path::PathBuf;
@@ -18,6 +20,8 @@ use zk0_verifier::{BaseFiles, ResultFiles, VerifiedContribution};
 pub struct ToClose {
     state: State,
     contributions: Vec<VerifiedContribution>,
+    /// Of these, a blob was lost when the aggregator was started.
+    lost: Vec<Accepted>,
     blobs: Blobs,
     /// The ledger's folder.
     dir: PathBuf,
@@ -36,7 +40,8 @@ impl ToClose {
     pub fn compute(self) -> Result<Result<ComputedClosing, String>, RequestError> {
         let Self {
             state,
-            contributions,
+            mut contributions,
+            lost,
             blobs,
             dir,
         } = self;
@@ -47,6 +52,15 @@ impl ToClose {
                 dir.display()
             )))
         };
+        for (accepted, verdict) in lost.iter().zip(verify_all(&lost, &blobs)) {
+            match verdict {
+                Ok(verified) => contributions.push(still_valid(accepted, verified)?),
+                Err(unreadable) => {
+                    let what = format!("a file of node {} is lost", accepted.node());
+                    return blocked(&what, &unreadable);
+                }
+            }
+        }
         // The rules ask for the strategy and for the evaluation, so the round waits for their files.
         let bases = match BaseFiles::read(&state, get) {
             Ok(bases) => bases,
@@ -80,6 +94,7 @@ impl Aggregator {
         ToClose {
             state: self.state().clone(),
             contributions: self.contributions.clone(),
+            lost: self.lost.clone(),
             blobs: self.ledger.blobs().clone(),
             dir: self.ledger.dir().into(),
         }
@@ -103,6 +118,7 @@ impl Aggregator {
         let outcome = closed.evaluated.as_ref().map(|one| one.outcome);
         self.append(Body::RoundClosed(closed))?;
         self.contributions.clear();
+        self.lost.clear();
         self.staging.clear()?;
         tracing::info!(round, contributors = contributors.len(), "round closed");
         match outcome {

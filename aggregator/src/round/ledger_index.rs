@@ -1,7 +1,7 @@
 //! What an aggregator has to know beside the ledger's state: where things are in the ledger, and what the open round accepted. A
 //! restarted aggregator reads both from the ledger again.
 
-use crate::round::accepted::Accepted;
+use crate::round::accepted::{verify_all, Accepted};
 use crate::round::request::RequestError;
 use std::collections::BTreeMap;
 use zk0_circuits::vm::digest::tagged_sha256;
@@ -12,6 +12,7 @@ use zk0_ledger::replay::{replay, Finding, Recheck, Verdict};
 use zk0_protocol::entries::entry::{Body, Entry};
 use zk0_protocol::rules::disclosed_blobs::DisclosedBlobs;
 use zk0_protocol::rules::state::State;
+use zk0_protocol::Refusal;
 use zk0_verifier::VerifiedContribution;
 
 /// Where things are in the ledger, as a fold over its entries.
@@ -82,7 +83,8 @@ impl LedgerIndex {
             Body::NodeEnrolled(_)
             | Body::Voted(_)
             | Body::Disputed(_)
-            | Body::KeyRotated { .. } => {
+            | Body::KeyRotated { .. }
+            | Body::NodeLeft(_) => {
                 self.said.insert(key(body), index);
             }
             _ => {}
@@ -115,8 +117,21 @@ impl LedgerIndex {
     }
 }
 
-/// Reads the whole ledger again: where things are, and what the open round accepted, which is verified again.
-pub fn read(ledger: &Ledger) -> Result<(LedgerIndex, Vec<VerifiedContribution>), RequestError> {
+/// What a restarted aggregator reads from its ledger.
+pub struct FromLedger {
+    /// Where things are.
+    pub index: LedgerIndex,
+    /// What the open round accepted, verified again.
+    pub contributions: Vec<VerifiedContribution>,
+    /// What the open round accepted and nobody can verify now, because a blob of it is lost. The round cannot close until it is back.
+    pub lost: Vec<Accepted>,
+}
+
+/// Reads the whole ledger again, and verifies on all cores what the open round accepted.
+///
+/// # Errors
+/// The ledger does not replay, or an accepted contribution does not verify any more.
+pub fn read(ledger: &Ledger) -> Result<FromLedger, RequestError> {
     let mut reader = Reader::default();
     let report = replay(ledger.dir(), Some(ledger.state().network()), &mut reader);
     if report.verdict != Verdict::Verified {
@@ -130,21 +145,41 @@ pub fn read(ledger: &Ledger) -> Result<(LedgerIndex, Vec<VerifiedContribution>),
             findings.join("; ")
         )));
     }
-    let contributions = reader
-        .accepted
-        .iter()
-        .map(|accepted| {
-            accepted.verify(ledger.blobs())?.map_err(|reason| {
-                RequestError::Internal(format!(
-                    "the accepted contribution of node {} does not verify any more: {reason}",
-                    accepted.submission().statement.claim.terms.node
-                ))
-            })
-        })
-        .collect::<Result<_, _>>()?;
+    let verdicts = verify_all(&reader.accepted, ledger.blobs());
+    let (mut contributions, mut lost) = (Vec::new(), Vec::new());
+    for (accepted, verdict) in reader.accepted.into_iter().zip(verdicts) {
+        match verdict {
+            Ok(verified) => contributions.push(still_valid(&accepted, verified)?),
+            Err(unreadable) => {
+                tracing::error!(
+                    node = %accepted.node(),
+                    "the open round has accepted a contribution, and {unreadable}; the round cannot close before the file is back among the blobs in {}",
+                    ledger.dir().display()
+                );
+                lost.push(accepted);
+            }
+        }
+    }
     let mut index = reader.index;
     index.observe(0, &Body::Genesis(ledger.state().genesis().clone()));
-    Ok((index, contributions))
+    Ok(FromLedger {
+        index,
+        contributions,
+        lost,
+    })
+}
+
+/// A contribution that was accepted has to verify again.
+pub(super) fn still_valid(
+    accepted: &Accepted,
+    verified: Result<VerifiedContribution, Refusal>,
+) -> Result<VerifiedContribution, RequestError> {
+    verified.map_err(|reason| {
+        RequestError::Internal(format!(
+            "the accepted contribution of node {} does not verify any more: {reason}",
+            accepted.node()
+        ))
+    })
 }
 
 #[derive(Default)]

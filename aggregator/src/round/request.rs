@@ -5,6 +5,7 @@ use tonic::{Code, Status};
 use zk0_ledger::blobs::BlobError;
 use zk0_ledger::error::LedgerError;
 use zk0_protocol::entries::signed::SignatureError;
+use zk0_protocol::request_head::HeadRefusal;
 use zk0_protocol::rules::violation::RuleViolation;
 use zk0_protocol::Refusal;
 use zk0_verifier::close::CloseError;
@@ -16,6 +17,9 @@ pub enum RequestError {
     /// The bytes are not what they should be.
     #[error("{0}")]
     Malformed(String),
+    /// The request's head does not count.
+    #[error(transparent)]
+    Head(#[from] HeadRefusal),
     /// The rules refuse a contribution.
     #[error(transparent)]
     Refused(#[from] Refusal),
@@ -125,6 +129,13 @@ impl RequestError {
     fn code(&self) -> Code {
         match self {
             Self::Malformed(_) => Code::InvalidArgument,
+            Self::Head(refusal) => match refusal {
+                // A client that asks again does better, with another head.
+                HeadRefusal::Run => Code::Unavailable,
+                HeadRefusal::Replayed | HeadRefusal::Forgotten { .. } => Code::AlreadyExists,
+                HeadRefusal::TooMany { .. } | HeadRefusal::NoRoom { .. } => Code::ResourceExhausted,
+                _ => Code::Unauthenticated,
+            },
             Self::Violation(_) | Self::LostWeights { .. } | Self::PublicSamples(_) => {
                 Code::FailedPrecondition
             }

@@ -19,6 +19,8 @@ pub struct Limits {
     pub message: Duration,
     /// Bytes of large messages that are received or answered at once. One half is for nodes, the other for strangers.
     pub message_memory: u64,
+    /// How much the clock of a request's sender may differ from the aggregator's.
+    pub skew: Duration,
 }
 
 impl Default for Limits {
@@ -29,6 +31,7 @@ impl Default for Limits {
             upload: Duration::from_secs(600),
             message: Duration::from_secs(60),
             message_memory: 512 << 20,
+            skew: Duration::from_secs(120),
         }
     }
 }

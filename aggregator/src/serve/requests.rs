@@ -4,11 +4,12 @@ use crate::file_parts::file_parts;
 use crate::round::recording::arrivals::Arrival;
 use crate::round::recording::group::ToRecord;
 use crate::round::recording::statements::{
-    read_signed, AllowedCommitment, AllowedRegistration, AllowedSaying, Begun, Said,
+    decode, AllowedCommitment, AllowedRegistration, AllowedSaying, Begun, Said,
 };
 use crate::round::request::RequestError;
+use crate::serve::senders::heads::{sent_by, taken, Head, Message};
+use crate::serve::senders::sender::read_hashed;
 use crate::serve::service::{blocking, Service};
-use crate::serve::signed_by::signed_by;
 use std::pin::Pin;
 use std::sync::Arc;
 use std::time::Duration;
@@ -17,10 +18,12 @@ use tokio_stream::wrappers::ReceiverStream;
 use tokio_stream::{Stream, StreamExt};
 use tonic::{Request, Response, Status, Streaming};
 use zk0_circuits::{Digest, NodeId};
+use zk0_protocol::blob::blob_digest;
 use zk0_protocol::entries::entry::Body;
 use zk0_protocol::entries::signed::{
-    DatasetRegistration, Enrolment, Signed, UpdateCommitment, UploadRequest,
+    DatasetRegistration, Enrolment, Signed, Submission, UpdateCommitment, UploadRequest,
 };
+use zk0_protocol::request_head::{HeadRefusal, Method};
 use zk0_protocol::rpc::federation::federation_server::Federation;
 use zk0_protocol::rpc::federation::upload_chunk::Part;
 use zk0_protocol::rpc::federation::{
@@ -45,6 +48,7 @@ impl Federation for Service {
             Ok(NetworkInfo {
                 genesis: ledger.receipt(0)?.entry,
                 checkpoint: String::from_utf8_lossy(&checkpoint).into_owned(),
+                run: service.heads.run.to_vec(),
             })
         });
         Ok(Response::new(info.await?))
@@ -66,14 +70,37 @@ impl Federation for Service {
         &self,
         request: Request<GetRoundRequest>,
     ) -> Result<Response<Self::WatchRoundStream>, Status> {
-        let GetRoundRequest { round, node } = request.into_inner();
-        Ok(Response::new(self.watched_round(round, node_id(&node))))
+        let (head, GetRoundRequest { round, node }) = taken(request);
+        let node = node_id(&node);
+        // Anybody may follow a round. A node that signs the request shows that it is present.
+        let sender = match (node, head) {
+            (_, Err(HeadRefusal::Missing)) | (None, _) => None,
+            (Some(signer), head) => {
+                let message = Message {
+                    method: Method::WatchRound,
+                    round,
+                    signer,
+                    body: blob_digest(&signer.0),
+                };
+                self.sender(head, message, self.arrivals.now_ms()).await?
+            }
+        };
+        let present = sender.map(|node| self.presence.follow(node));
+        let rounds = self.watched_round(round, node, present);
+        Ok(sent_by(sender, rounds))
     }
 
     async fn record(&self, request: Request<RecordRequest>) -> Result<Response<Receipt>, Status> {
         let arrival = self.arrivals.stamp();
-        let body = request.into_inner().body;
+        let (head, RecordRequest { body }) = taken(request);
         let said = Arc::new(Said::read(&body)?);
+        let message = Message {
+            method: Method::Record,
+            round: None,
+            signer: said.signer(),
+            body: blob_digest(&body),
+        };
+        let sender = self.sender(head, message, arrival.at_ms()).await?;
         let begin = || {
             let (said, arrived_ms) = (said.clone(), arrival.at_ms());
             self.with(move |aggregator| aggregator.begin_saying(&said, arrived_ms))
@@ -88,15 +115,21 @@ impl Federation for Service {
             },
             recorded => recorded?,
         };
-        Ok(self.answered(arrival, receipt).await?)
+        Ok(self.answered(arrival, sender, receipt).await?)
     }
 
     async fn enrol(&self, request: Request<EnrolRequest>) -> Result<Response<Receipt>, Status> {
         let arrival = self.arrivals.stamp();
-        let enrolment = request.into_inner().enrolment;
-        let signed: Signed<Enrolment> =
-            blocking(move || read_signed("enrolment", &enrolment)).await?;
+        let (head, EnrolRequest { enrolment }) = taken(request);
+        let (signed, body) = read_hashed::<Enrolment>("enrolment", enrolment).await?;
         let Enrolment { node, operator, .. } = signed.statement;
+        let message = Message {
+            method: Method::Enrol,
+            round: None,
+            signer: operator,
+            body,
+        };
+        let sender = self.sender(head, message, arrival.at_ms()).await?;
         let name = signed.statement.name.clone();
         let _turn = self.turns.take(operator).await;
         let arrived_ms = arrival.at_ms();
@@ -105,7 +138,7 @@ impl Federation for Service {
             .await?;
         let receipt = self.recorded(&arrival, begun, Ok).await?;
         tracing::info!(%node, name, "node enrolled");
-        Ok(self.answered(arrival, receipt).await?)
+        Ok(self.answered(arrival, sender, receipt).await?)
     }
 
     async fn get_governance(
@@ -163,13 +196,21 @@ impl Federation for Service {
         request: Request<RegisterDatasetRequest>,
     ) -> Result<Response<Receipt>, Status> {
         let arrival = self.arrivals.stamp();
+        let (head, request) = taken(request);
         let RegisterDatasetRequest {
             registration,
             leaves,
-        } = request.into_inner();
-        let signed: Signed<DatasetRegistration> =
-            blocking(move || read_signed("dataset registration", &registration)).await?;
+        } = request;
+        let (signed, body) =
+            read_hashed::<DatasetRegistration>("dataset registration", registration).await?;
         let (node, samples) = (signed.statement.node, signed.statement.dataset.samples);
+        let message = Message {
+            method: Method::RegisterDataset,
+            round: None,
+            signer: node,
+            body,
+        };
+        let sender = self.sender(head, message, arrival.at_ms()).await?;
         let _turn = self.turns.take(node).await;
         let arrived_ms = arrival.at_ms();
         let begun = self
@@ -178,30 +219,37 @@ impl Federation for Service {
         let keep = move |allowed: AllowedRegistration| allowed.keep(&leaves);
         let receipt = self.recorded(&arrival, begun, keep).await?;
         tracing::info!(%node, samples, "dataset registered");
-        Ok(self.answered(arrival, receipt).await?)
+        Ok(self.answered(arrival, sender, receipt).await?)
     }
 
     async fn upload(
         &self,
         request: Request<Streaming<UploadChunk>>,
     ) -> Result<Response<UploadReply>, Status> {
-        match timeout(self.limits.upload, self.receive(request.into_inner())).await {
-            Ok(received) => received.map(|node| signed_by(Some(node), UploadReply {})),
+        let (head, stream) = taken(request);
+        match timeout(self.limits.upload, self.receive(head, stream)).await {
+            Ok(received) => received.map(|sender| sent_by(sender, UploadReply {})),
             Err(_) => Err(too_long("the upload took", self.limits.upload)),
         }
     }
 
     async fn commit(&self, request: Request<CommitRequest>) -> Result<Response<Receipt>, Status> {
         let arrival = self.arrivals.stamp();
-        let commitment = request.into_inner().commitment;
-        let signed: Signed<UpdateCommitment> =
-            blocking(move || read_signed("commitment", &commitment)).await?;
+        let (head, CommitRequest { commitment }) = taken(request);
+        let (signed, body) = read_hashed::<UpdateCommitment>("commitment", commitment).await?;
         let UpdateCommitment {
             node,
             round,
             update,
             ..
         } = signed.statement;
+        let message = Message {
+            method: Method::Commit,
+            round: Some(round),
+            signer: node,
+            body,
+        };
+        let sender = self.sender(head, message, arrival.at_ms()).await?;
         let _turn = self.turns.take(node).await;
         let arrived_ms = arrival.at_ms();
         let begun = self
@@ -211,7 +259,7 @@ impl Federation for Service {
             .recorded(&arrival, begun, AllowedCommitment::keep)
             .await?;
         tracing::info!(%node, round, update = %update.blob, "update committed");
-        Ok(self.answered(arrival, receipt).await?)
+        Ok(self.answered(arrival, sender, receipt).await?)
     }
 
     async fn submit(
@@ -219,16 +267,24 @@ impl Federation for Service {
         request: Request<SubmitRequest>,
     ) -> Result<Response<SubmitReply>, Status> {
         let arrival = self.arrivals.stamp();
-        let SubmitRequest { submission, proof } = request.into_inner();
-        let decided = self.submitted(arrival, submission, proof).await?;
+        let (head, SubmitRequest { submission, proof }) = taken(request);
+        let signed: Signed<Submission> = decode("submission", &submission)?;
+        let terms = &signed.statement.claim.terms;
+        let message = Message {
+            method: Method::Submit,
+            round: Some(terms.round),
+            signer: terms.node,
+            body: blob_digest(&submission),
+        };
+        let sender = self.sender(head, message, arrival.at_ms()).await?;
+        let decided = self.submitted(arrival, signed, proof).await?;
         let reason = decided.rejected.as_ref().map(Refusal::to_string);
-        let author = self.entries.author(&decided.receipt);
         let reply = SubmitReply {
             accepted: reason.is_none(),
             reason: reason.unwrap_or_default(),
             receipt: Some(decided.receipt.into()),
         };
-        Ok(signed_by(author, reply))
+        Ok(sent_by(sender, reply))
     }
 }
 
@@ -254,30 +310,42 @@ impl Service {
     async fn answered(
         &self,
         arrival: Arrival,
+        sender: Option<NodeId>,
         receipt: receipt::Receipt,
     ) -> Result<Response<Receipt>, RequestError> {
         // Others may wait for what arrived before them. They need not wait for witnesses.
         drop(arrival);
         self.published(receipt.index + 1).await?;
-        Ok(signed_by(self.entries.author(&receipt), receipt.into()))
+        Ok(sent_by(sender, receipt.into()))
     }
 
-    /// Receives an upload to its end. Returns the node that signed its request.
-    async fn receive(&self, mut stream: Streaming<UploadChunk>) -> Result<NodeId, Status> {
+    /// Receives an upload to its end. Returns the node that sends it, if it is a member.
+    async fn receive(
+        &self,
+        head: Head,
+        mut stream: Streaming<UploadChunk>,
+    ) -> Result<Option<NodeId>, Status> {
         let Some(Part::Request(first)) = self.next(&mut stream).await? else {
             return Err(malformed(
                 "the first message of an upload holds its signed request",
             ));
         };
-        let signed: Signed<UploadRequest> =
-            blocking(move || read_signed("upload request", &first)).await?;
+        let (signed, body) = read_hashed::<UploadRequest>("upload request", first).await?;
         let upload = signed.statement;
+        let message = Message {
+            method: Method::Upload,
+            round: Some(upload.round),
+            signer: upload.node,
+            body,
+        };
+        let now_ms = self.arrivals.now_ms();
+        let sender = self.sender(head, message, now_ms).await?;
         let request = upload.clone();
         let writer = self
             .with(move |aggregator| aggregator.begin_upload(&request))
             .await?;
         let Some(mut writer) = writer else {
-            return Ok(upload.node);
+            return Ok(sender);
         };
         let _place = self.uploading.take(upload.node)?;
         while let Some(part) = self.next(&mut stream).await? {
@@ -301,7 +369,7 @@ impl Service {
         }
         blocking(move || writer.finish(&upload.blob).map_err(RequestError::upload)).await?;
         tracing::info!(node = %upload.node, update = %upload.blob, size = upload.size, "update uploaded");
-        Ok(upload.node)
+        Ok(sender)
     }
 
     /// The next part of an upload. It is an error if none comes for too long.

@@ -10,6 +10,7 @@
 //! | how long a message may take | [`Limits::message`] |
 //! | connections, and requests at once on each | [`Limits::connections`], [`crate::serve::limits::CONCURRENT`] |
 //! | memory for messages over 32 KiB | [`Limits::message_memory`] |
+//! | heads of requests that are remembered | 1,024 of a sender, 262,144 in all (`senders`) |
 //!
 //! `grpc` puts the limits of connections and messages into force. [`crate::serve::requests`] answers the requests. This file serves them,
 //! opens and closes the rounds in time, and has checkpoints cosigned and published.
@@ -20,13 +21,14 @@ use crate::publish::cosigning::{Cosigned, Prove, Witnesses};
 use crate::round::aggregator::{Aggregator, Progress};
 use crate::round::drawing::ToCosign;
 use crate::round::ledger_index::RoundEntries;
+use crate::round::presence::Presence;
 use crate::round::recording::arrivals::Arrivals;
 use crate::round::request::RequestError;
 use crate::serve::grpc::Grpc;
 use crate::serve::limits::Limits;
 use crate::serve::node_turns::NodeTurns;
 use crate::serve::recorder::Recorder;
-use crate::serve::signed_by::Entries;
+use crate::serve::senders::heads::Heads;
 use crate::serve::upload_places::UploadPlaces;
 use crate::tls::server_certificate::ServerCertificate;
 use std::future::Future;
@@ -70,6 +72,7 @@ pub struct Service {
     stepping: Arc<Mutex<()>>,
     /// The requests that are in progress.
     pub(super) arrivals: Arc<Arrivals>,
+    pub(super) presence: Arc<Presence>,
     pub(super) recorder: Recorder,
     pub(super) turns: NodeTurns,
     /// Places for verifying proofs and weights.
@@ -82,7 +85,7 @@ pub struct Service {
     /// Where beacons are fetched.
     pub(super) beacons: Arc<BeaconServers>,
     pub(super) uploading: UploadPlaces,
-    pub(super) entries: Entries,
+    pub(super) heads: Heads,
     certificate: Option<Arc<ServerCertificate>>,
     pub(super) limits: Limits,
     metrics: Metrics,
@@ -99,7 +102,9 @@ impl Service {
     pub fn with_limits(aggregator: Aggregator, limits: Limits) -> Self {
         Self {
             limits,
+            heads: Heads::new(*aggregator.state().network(), limits.skew),
             arrivals: aggregator.arrivals().clone(),
+            presence: aggregator.presence().clone(),
             aggregator: Arc::new(Mutex::new(aggregator)),
             panicked: Arc::default(),
             stepping: Arc::default(),
@@ -113,7 +118,6 @@ impl Service {
             publishing: None,
             beacons: Arc::new(BeaconServers::public(BEACON_PATIENCE)),
             uploading: UploadPlaces::default(),
-            entries: Entries::default(),
             certificate: None,
             metrics: Metrics::default(),
             started: Instant::now(),
@@ -177,15 +181,14 @@ impl Service {
         listener: TcpListener,
         stop: impl Future<Output = ()> + Send,
     ) -> Result<(), ServeError> {
-        let (max_proof_bytes, asked_for, size) = self
+        let (max_proof_bytes, asked_for) = self
             .with(|aggregator| {
-                let (rules, size) = (aggregator.state().rules(), aggregator.ledger().size());
-                Ok((rules.max_proof_bytes, rules.witness_policy.clone(), size))
+                let rules = aggregator.state().rules();
+                Ok((rules.max_proof_bytes, rules.witness_policy.clone()))
             })
             .await
             .map_err(ServeError::Round)?;
         self.check_witnesses(&asked_for)?;
-        self.entries.begin_at(size);
         let limit = max_proof_bytes
             .max(MIN_MESSAGE_BYTES)
             .saturating_add(MESSAGE_ROOM_BYTES);

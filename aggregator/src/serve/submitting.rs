@@ -3,7 +3,7 @@
 
 use crate::round::recording::arrivals::Arrival;
 use crate::round::recording::group::ToRecord;
-use crate::round::recording::statements::{decode, Begun};
+use crate::round::recording::statements::Begun;
 use crate::round::recording::submission::Decided;
 use crate::round::request::RequestError;
 use crate::serve::service::{blocking, Service};
@@ -15,10 +15,10 @@ impl Service {
     pub(super) async fn submitted(
         &self,
         arrival: Arrival,
-        submission: Vec<u8>,
+        submission: Signed<Submission>,
         proof: Vec<u8>,
     ) -> Result<Decided, RequestError> {
-        let decided = self.decided(&arrival, &submission, proof).await?;
+        let decided = self.decided(&arrival, submission, proof).await?;
         // Others may wait for what arrived before them. They need not wait for witnesses.
         drop(arrival);
         self.published(decided.receipt.index + 1).await?;
@@ -28,10 +28,9 @@ impl Service {
     async fn decided(
         &self,
         arrival: &Arrival,
-        submission: &[u8],
+        signed: Signed<Submission>,
         proof: Vec<u8>,
     ) -> Result<Decided, RequestError> {
-        let signed: Signed<Submission> = decode("submission", submission)?;
         let arrived_ms = arrival.at_ms();
         let begin = || {
             let signed = signed.clone();

@@ -1,6 +1,7 @@
 //! Nodes that follow a round. A node is told when the round has come further, so that it need not ask again and again.
 
 use crate::round::aggregator::Aggregator;
+use crate::round::presence::Following;
 use crate::round::request::RequestError;
 use crate::serve::requests::encode;
 use crate::serve::service::Service;
@@ -53,11 +54,12 @@ impl Service {
         })
     }
 
-    /// A round, or the last one, now and whenever it has come further, for [`WATCH`] at most.
+    /// A round, or the last one, now and whenever it has come further, for [`WATCH`] at most. Whoever is `present` is so for as long.
     pub(super) fn watched_round(
         &self,
         round: Option<u64>,
         node: Option<NodeId>,
+        present: Option<Following>,
     ) -> ReceiverStream<Result<RoundInfo, Status>> {
         let (sender, told) = mpsc::channel(1);
         let service = self.clone();
@@ -68,6 +70,7 @@ impl Service {
                 () = sleep(WATCH) => {}
                 () = sender.closed() => {}
             }
+            drop(present);
         });
         ReceiverStream::new(told)
     }

@@ -23,12 +23,13 @@ async fn a_peer_that_holds_a_stream_open_does_not_keep_the_server() -> Test {
     node.register(&network).await?;
     network.settle().await;
     let request = node.upload_request(&network.genesis.network_id(), 0, &weights(1));
-    let request = borsh::to_vec(&Signed::new(request, &node.key))?;
+    let request = Signed::new(request, &node.key);
     let (sender, receiver) = mpsc::channel(4);
-    let part = Some(Part::Request(request));
+    let part = Some(Part::Request(borsh::to_vec(&request)?));
     sender.send(proto::UploadChunk { part }).await?;
     let mut holder = network.client().await;
-    let holding = tokio::spawn(async move { holder.upload(ReceiverStream::new(receiver)).await });
+    let request = node.uploading(&network, &request, ReceiverStream::new(receiver));
+    let holding = tokio::spawn(async move { holder.upload(request).await });
     // Another peer sends nothing, and takes nothing.
     let _silent = speaking([1, 1], &network.address).await;
     let mut client = network.client().await;

@@ -5,6 +5,7 @@ use crate::sockets::{closed, closes, speaking};
 use crate::{registration, with, Test};
 use std::time::Duration;
 use tokio::time::sleep;
+use tonic::Code;
 use zk0_aggregator::ConnectionLimits;
 use zk0_protocol::rpc::federation as proto;
 
@@ -65,17 +66,23 @@ async fn nodes_keep_their_places_and_the_idlest_strangers_go() -> Test {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn a_statement_from_the_ledger_gives_nobody_a_place() -> Test {
+async fn a_request_that_somebody_else_has_sent_gives_nobody_a_place() -> Test {
     let (network, [node, _]) = with(ConnectionLimits {
         most: 4,
         ..ConnectionLimits::default()
     })
     .await;
-    let request = registration(&network, &node);
-    node.register(&network).await?;
-    // Anybody can read the registration, send it again, and get its receipt.
+    let head = registration(&network, &node).metadata().clone();
+    let seen = || {
+        let mut request = registration(&network, &node);
+        *request.metadata_mut() = head.clone();
+        request
+    };
+    network.client().await.register_dataset(seen()).await?;
+    // Somebody has read the request on its way, and sends it again.
     let mut thief = Counted::connect(&network.address).await;
-    thief.client.register_dataset(request).await?;
+    let refused = thief.client.register_dataset(seen()).await.unwrap_err();
+    assert_eq!(refused.code(), Code::AlreadyExists, "{refused}");
     let mut streams = Vec::new();
     for host in 1..=4 {
         streams.push(speaking([1, host], &network.address).await);

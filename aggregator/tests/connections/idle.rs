@@ -83,16 +83,18 @@ async fn a_request_in_progress_keeps_its_connection() -> Test {
     network.settle().await;
     let update = weights(1);
     let request = node.upload_request(&network.genesis.network_id(), 0, &update);
-    let request = borsh::to_vec(&Signed::new(request, &node.key))?;
+    let request = Signed::new(request, &node.key);
     let part = |part| proto::UploadChunk { part: Some(part) };
     let (sender, receiver) = mpsc::channel(4);
-    sender.send(part(Part::Request(request))).await?;
+    let first = Part::Request(borsh::to_vec(&request)?);
+    sender.send(part(first)).await?;
     sender
         .send(part(Part::Data(update[..100].to_vec())))
         .await?;
     let mut uploader = Counted::connect(&network.address).await;
     let mut client = uploader.client.clone();
-    let uploading = tokio::spawn(async move { client.upload(ReceiverStream::new(receiver)).await });
+    let request = node.uploading(&network, &request, ReceiverStream::new(receiver));
+    let uploading = tokio::spawn(async move { client.upload(request).await });
     sleep(Duration::from_millis(1000)).await;
     sender
         .send(part(Part::Data(update[100..].to_vec())))

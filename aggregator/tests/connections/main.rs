@@ -40,10 +40,7 @@ async fn with(connections: ConnectionLimits) -> (Network, [Node; 2]) {
     .await
 }
 
-fn registration(network: &Network, node: &Node) -> proto::RegisterDatasetRequest {
+fn registration(network: &Network, node: &Node) -> tonic::Request<proto::RegisterDatasetRequest> {
     let registration = node.registration(&network.genesis.network_id());
-    proto::RegisterDatasetRequest {
-        registration: borsh::to_vec(&registration).unwrap(),
-        leaves: node.list(),
-    }
+    node.registering(network, &registration, node.list())
 }

@@ -99,7 +99,7 @@ async fn who_waits_for_memory_for_too_long_is_told_to_come_again() -> Test {
     });
     let mut first = network.client().await;
     let mut request = registration(&network, &node);
-    request.leaves = vec![0; 3 << 20];
+    request.get_mut().leaves = vec![0; 3 << 20];
     let waiting = tokio::spawn(async move { first.register_dataset(request).await });
     sleep(Duration::from_millis(200)).await;
     let status = network.client().await.commit(large()).await.unwrap_err();

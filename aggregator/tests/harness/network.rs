@@ -1,6 +1,8 @@
 //! An aggregator that serves on loopback, and can be killed and started again.
 
 use super::{files, found, genesis, log_key, ManualClock, Node, COMMIT_MS, START_MS};
+use ed25519_dalek::SigningKey;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::Arc;
 use std::time::Duration;
 use tempfile::TempDir;
@@ -11,15 +13,20 @@ use tonic::transport::Channel;
 use tonic::Status;
 use zk0_aggregator::publish::beacon::BeaconServers;
 use zk0_aggregator::publish::cosigning::Witnesses;
-use zk0_aggregator::{Aggregator, Config, Limits, Service};
-use zk0_circuits::Digest;
+use zk0_aggregator::round::recording::statements::Said;
+use zk0_aggregator::{Aggregator, Clock, Config, Limits, Service};
+use zk0_circuits::{Digest, NodeId};
+use zk0_protocol::blob::blob_digest;
 use zk0_protocol::entries::entry::{Body, Entry};
 use zk0_protocol::entries::genesis::Genesis;
+use zk0_protocol::request_head::{Method, RequestHead};
 use zk0_protocol::rpc::federation as proto;
 use zk0_protocol::rpc::federation::federation_client::FederationClient;
+use zk0_protocol::rpc::head_metadata::with_head;
 use zk0_protocol::tlog::checkpoint::Checkpoint;
 use zk0_protocol::tlog::receipt::Receipt;
 use zk0_protocol::tlog::witness_policy::WitnessPolicy;
+use zk0_protocol::Signed;
 
 /// A running aggregator.
 pub struct Network {
@@ -207,6 +214,55 @@ impl Network {
         FederationClient::connect(self.address.clone())
             .await
             .unwrap()
+    }
+
+    /// A head that counts, for a request whose message carries this statement.
+    pub fn head(
+        &self,
+        key: &SigningKey,
+        method: Method,
+        round: Option<u64>,
+        statement: &[u8],
+    ) -> RequestHead {
+        static HEADS: AtomicU64 = AtomicU64::new(0);
+        let mut nonce = [0; 16];
+        nonce[..8].copy_from_slice(&HEADS.fetch_add(1, Ordering::SeqCst).to_le_bytes());
+        RequestHead {
+            network: self.genesis.network_id(),
+            run: self.service().run(),
+            method,
+            round,
+            body: blob_digest(statement),
+            sender: NodeId(key.verifying_key().to_bytes()),
+            time_ms: self.clock.now_ms(),
+            nonce,
+        }
+    }
+
+    /// A request with a head that counts.
+    pub fn request<T>(
+        &self,
+        key: &SigningKey,
+        method: Method,
+        round: Option<u64>,
+        statement: &[u8],
+        message: T,
+    ) -> tonic::Request<T> {
+        let head = self.head(key, method, round, statement);
+        with_head(message, &Signed::new(head, key))
+    }
+
+    /// The request that records `body`, sent by whoever has signed it.
+    pub fn recording(&self, body: &Body) -> tonic::Request<proto::RecordRequest> {
+        let body = borsh::to_vec(body).unwrap();
+        let message = proto::RecordRequest { body: body.clone() };
+        let signer = Said::read(&body).map(|said| said.signer());
+        let signers = signer.iter().flat_map(|signer| {
+            let nodes = (0..=255).map(Node::new);
+            nodes.filter(|node| node.id() == *signer)
+        });
+        let key = signers.map(|node| node.key).next().unwrap_or_else(log_key);
+        self.request(&key, Method::Record, None, &body, message)
     }
 
     pub async fn round(&self, round: Option<u64>) -> proto::RoundInfo {

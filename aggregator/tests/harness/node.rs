@@ -8,6 +8,7 @@ use zk0_circuits::{Claim, DatasetCommitment, Digest, Losses, NodeId};
 use zk0_protocol::entries::signed::{
     DatasetRegistration, Episode, Signed, Submission, UpdateCommitment, UploadRequest,
 };
+use zk0_protocol::request_head::Method;
 use zk0_protocol::rpc::federation as proto;
 use zk0_protocol::rpc::federation::upload_chunk::Part;
 use zk0_protocol::rules::bindings::ExpectedClaim;
@@ -82,12 +83,42 @@ impl Node {
         registration: &Signed<DatasetRegistration>,
         leaves: &[Digest],
     ) -> Result<proto::Receipt, Status> {
-        let request = proto::RegisterDatasetRequest {
-            registration: borsh::to_vec(registration).unwrap(),
-            leaves: list(&registration.statement, leaves),
-        };
+        let leaves = list(&registration.statement, leaves);
+        let request = self.registering(network, registration, leaves);
         let reply = network.client().await.register_dataset(request).await?;
         Ok(reply.into_inner())
+    }
+
+    pub fn registering(
+        &self,
+        network: &Network,
+        registration: &Signed<DatasetRegistration>,
+        leaves: Vec<u8>,
+    ) -> tonic::Request<proto::RegisterDatasetRequest> {
+        let statement = borsh::to_vec(registration).unwrap();
+        let message = proto::RegisterDatasetRequest {
+            registration: statement.clone(),
+            leaves,
+        };
+        network.request(
+            &self.key,
+            Method::RegisterDataset,
+            None,
+            &statement,
+            message,
+        )
+    }
+
+    /// A request that uploads `stream`, which begins with `request`.
+    pub fn uploading<T>(
+        &self,
+        network: &Network,
+        request: &Signed<UploadRequest>,
+        stream: T,
+    ) -> tonic::Request<T> {
+        let statement = borsh::to_vec(request).unwrap();
+        let round = Some(request.statement.round);
+        network.request(&self.key, Method::Upload, round, &statement, stream)
     }
 
     pub fn upload_request(&self, network: &Digest, round: u64, bytes: &[u8]) -> UploadRequest {
@@ -120,11 +151,8 @@ impl Node {
             .chain(data)
             .map(|part| proto::UploadChunk { part: Some(part) })
             .collect();
-        network
-            .client()
-            .await
-            .upload(tokio_stream::iter(parts))
-            .await?;
+        let request = self.uploading(network, request, tokio_stream::iter(parts));
+        network.client().await.upload(request).await?;
         Ok(())
     }
 
@@ -157,8 +185,12 @@ impl Node {
         network: &Network,
         commitment: &Signed<UpdateCommitment>,
     ) -> Result<proto::Receipt, Status> {
-        let commitment = borsh::to_vec(commitment).unwrap();
-        let request = proto::CommitRequest { commitment };
+        let statement = borsh::to_vec(commitment).unwrap();
+        let message = proto::CommitRequest {
+            commitment: statement.clone(),
+        };
+        let round = Some(commitment.statement.round);
+        let request = network.request(&self.key, Method::Commit, round, &statement, message);
         Ok(network.client().await.commit(request).await?.into_inner())
     }
 
@@ -205,10 +237,13 @@ impl Node {
         submission: &Signed<Submission>,
         proof: &[u8],
     ) -> Result<proto::SubmitReply, Status> {
-        let request = proto::SubmitRequest {
-            submission: borsh::to_vec(submission).unwrap(),
+        let statement = borsh::to_vec(submission).unwrap();
+        let message = proto::SubmitRequest {
+            submission: statement.clone(),
             proof: proof.to_vec(),
         };
+        let round = Some(submission.statement.claim.terms.round);
+        let request = network.request(&self.key, Method::Submit, round, &statement, message);
         Ok(network.client().await.submit(request).await?.into_inner())
     }
 }

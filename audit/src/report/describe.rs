@@ -63,6 +63,7 @@ pub fn describe(entry: &Entry) -> String {
             signed.statement.number,
             action(&signed.statement.action)
         ),
+        Body::NodeLeft(signed) => format!("node {} left", signed.statement.node),
         Body::Voted(signed) => format!(
             "{} voted {} on proposal {}",
             signed.statement.voter,
@@ -161,6 +162,7 @@ pub fn kind(body: &Body) -> &'static str {
         Body::ContributionRejected { .. } => "refused",
         Body::RoundClosed(_) => "round closed",
         Body::KeyRotated { .. } => "key changed",
+        Body::NodeLeft(_) => "left",
         Body::Proposed(_) => "proposal",
         Body::Voted(_) => "vote",
         Body::ProposalSettled(_) => "proposal settled",
@@ -188,6 +190,7 @@ fn about(body: &Body) -> (Option<u64>, Vec<NodeId>) {
         Body::NodeEnrolled(enrolled) => (None, vec![enrolled.node]),
         Body::DatasetCommitted(signed) => (None, vec![signed.statement.node]),
         Body::Voted(signed) => (None, vec![signed.statement.voter]),
+        Body::NodeLeft(signed) => (None, vec![signed.statement.node]),
         Body::Disputed(signed) => (None, vec![signed.statement.disputer]),
         Body::KeyRotated { rotation, .. } => {
             let rotation = &rotation.statement;
@@ -326,6 +329,7 @@ pub fn details(body: &Body) -> Vec<(&'static str, String)> {
             details
         }
         Body::KeyRotated { .. }
+        | Body::NodeLeft(_)
         | Body::Voted(_)
         | Body::ProposalSettled(_)
         | Body::DisputeResolved(_) => Vec::new(),

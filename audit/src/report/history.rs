@@ -162,7 +162,7 @@ pub struct Dispute {
 }
 
 /// A node.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, Default)]
 pub struct Node {
     /// Its identity.
     pub id: String,
@@ -266,7 +266,7 @@ impl History {
                     round.global = Some(closed.global.blob.to_string());
                 }
             }
-            Body::CommitmentsClosed(_) => {}
+            Body::CommitmentsClosed(_) | Body::NodeLeft(_) => {}
             Body::RandomnessDrawn(drawn) => {
                 if let Some(round) = self.rounds.last_mut() {
                     let value = describe::randomness(&drawn.drawing);
@@ -314,17 +314,17 @@ impl History {
     }
 
     fn enrolled(&mut self, index: u64, enrolled: &NodeEnrolled) {
+        if let Some(node) = self.node(&enrolled.node) {
+            // It had left, and comes back.
+            node.name = enrolled.name.clone();
+            return;
+        }
         self.places.insert(enrolled.node, self.nodes.len());
         self.nodes.push(Node {
             id: enrolled.node.to_string(),
             name: enrolled.name.clone(),
             enrolled_entry: index,
-            samples: 0,
-            committed: 0,
-            accepted: 0,
-            refused: 0,
-            unanswered: 0,
-            credits: 0,
+            ..Node::default()
         });
     }
 

@@ -4,6 +4,7 @@ mod enrolment;
 mod init;
 mod metrics;
 mod network_edge;
+mod policy_folders;
 mod public_samples;
 mod rules;
 mod serve;

@@ -35,6 +35,10 @@ pub struct NetworkEdge {
     /// Use at most this much memory for messages over 32 KiB that are received and answered. Half of it is for nodes.
     #[arg(long, value_name = "MIB", default_value_t = Limits::default().message_memory >> 20, value_parser = clap::value_parser!(u64).range(1..=1 << 20))]
     message_memory_mib: u64,
+    /// Refuse a request if the clock of its sender and the aggregator's differ by more than this. Requests that are on their way for longer are
+    /// refused, too.
+    #[arg(long, value_name = "SECONDS", default_value_t = Limits::default().skew.as_secs(), value_parser = clap::value_parser!(u64).range(1..=3600))]
+    clock_skew_seconds: u64,
     /// At the end, take at most so long to answer the requests that are in progress.
     #[arg(long, value_name = "SECONDS", default_value_t = ConnectionLimits::default().drain.as_secs())]
     drain_seconds: u64,
@@ -67,6 +71,7 @@ impl NetworkEdge {
         let limits = Limits {
             connections,
             message_memory: self.message_memory_mib << 20,
+            skew: Duration::from_secs(self.clock_skew_seconds),
             ..Limits::default()
         };
         (limits, log)

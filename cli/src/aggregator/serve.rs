@@ -2,6 +2,7 @@
 
 use super::metrics::MetricsOptions;
 use super::network_edge::NetworkEdge;
+use super::policy_folders::PolicyFolderOptions;
 use crate::keys;
 use crate::serve::{interrupted, listening, online_until};
 use anyhow::{Context, Result};
@@ -10,6 +11,7 @@ use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
+use tokio::sync::oneshot;
 use tokio::task::JoinHandle;
 use zk0_aggregator::publish::beacon::BeaconServers;
 use zk0_aggregator::publish::chosen_witnesses::chosen_witnesses;
@@ -56,6 +58,8 @@ pub struct Serve {
     #[command(flatten)]
     metrics: MetricsOptions,
     #[command(flatten)]
+    folders: PolicyFolderOptions,
+    #[command(flatten)]
     edge: NetworkEdge,
 }
 
@@ -75,6 +79,7 @@ pub fn serve(options: &Serve) -> Result<()> {
     let aggregator = Aggregator::open(&options.dir, None, key, Arc::new(SystemClock), config)?;
     let rules = aggregator.state().rules();
     let policy = chosen_witnesses(&options.dir, rules, options.witness_policy.as_deref())?;
+    let folders = options.folders.open(&aggregator, options.rounds)?;
     let certificate = options.edge.certificate()?;
     let (limits, log_limits) = options.edge.limits(options.log_listen.is_some());
     online_until(ENDING, async {
@@ -99,7 +104,13 @@ pub fn serve(options: &Serve) -> Result<()> {
         tracing::info!(listening = %address, "the aggregator of network {network} listens on {address}");
         let log = serve_log(options, certificate, log_limits).await?;
         let metrics = options.metrics.serve(&service).await?;
+        let (ended, stopped) = oneshot::channel();
+        let folders = folders.map(|folders| tokio::spawn(folders.follow(service.clone(), stopped)));
         let served = service.serve(listener, interrupted()).await;
+        drop(ended);
+        if let Some(folders) = folders {
+            folders.await?;
+        }
         for server in [log, metrics].into_iter().flatten() {
             server.abort();
         }

@@ -4,6 +4,7 @@ mod estimate;
 mod join;
 
 use crate::keys;
+use crate::network::Signer;
 use crate::serve::online;
 use anyhow::Result;
 use estimate::Estimate;
@@ -21,6 +22,9 @@ pub enum Command {
     },
     /// Say what a claim will cost on this machine, before you spend anything: guest cycles, memory, time.
     Estimate(Estimate),
+    /// Leave a network. The node is not invited any more, and no round waits for it. What it has contributed stays. To come back, it has to be
+    /// enrolled again.
+    Leave(Signer),
     /// Join a network: commit to a recording, and then train, prove and submit in each round.
     Join(Join),
 }
@@ -33,6 +37,11 @@ pub fn run(command: &Command) -> Result<()> {
             Ok(())
         }
         Command::Estimate(options) => online(estimate::run(options)),
+        Command::Leave(signer) => online(async {
+            let entry = signer.connect().await?.leave().await?;
+            println!("entry {entry}: the node has left");
+            Ok(())
+        }),
         Command::Join(options) => online(join::run(options)),
     }
 }

@@ -4,6 +4,7 @@ mod cache_options;
 pub mod calibration;
 mod device_options;
 mod source;
+pub mod whole_folder;
 
 pub use cache_options::{cache_failed, CacheOptions};
 pub use device_options::DeviceOptions;

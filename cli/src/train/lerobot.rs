@@ -1,10 +1,8 @@
 //! `lerobot/` in the folder of a run: the LeRobot policy folder that the run started from, with the trained weights. LeRobot's
 //! `from_pretrained` loads it.
 
-use crate::policy::PolicySource;
-use anyhow::{bail, Context, Result};
-use std::fs::{self, File};
-use std::io::{self, ErrorKind};
+use crate::policy::{whole_folder, PolicySource};
+use anyhow::{bail, Result};
 use std::path::{Path, PathBuf};
 use zk0_lerobot::dataset::Stats;
 use zk0_lerobot::policy_folder::Precision;
@@ -50,30 +48,6 @@ pub fn write(
     let Some(policy_folder) = source.lerobot()? else {
         return Ok(None);
     };
-    let folder = out.join(FOLDER);
-    let aside = |suffix: &str| out.join(format!("{FOLDER}.{suffix}"));
-    let (unfinished, replaced) = (aside("unfinished"), aside("replaced"));
-    // A killed process may have left these.
-    remove(&unfinished)?;
-    remove(&replaced)?;
-    policy_folder.write_trained(&unfinished, trained, stats, precision)?;
-    let placed = || -> io::Result<()> {
-        if folder.exists() {
-            fs::rename(&folder, &replaced)?;
-        }
-        fs::rename(&unfinished, &folder)?;
-        File::open(out)?.sync_all()
-    };
-    placed().with_context(|| format!("writing {}", folder.display()))?;
-    remove(&replaced)?;
-    Ok(Some(folder))
-}
-
-fn remove(folder: &Path) -> Result<()> {
-    match fs::remove_dir_all(folder) {
-        Err(error) if error.kind() != ErrorKind::NotFound => {
-            Err(error).with_context(|| format!("removing {}", folder.display()))
-        }
-        _ => Ok(()),
-    }
+    let write = |to: &Path| Ok(policy_folder.write_trained(to, trained, stats, precision)?);
+    Ok(Some(whole_folder::write(out, FOLDER, write)?))
 }

@@ -2,6 +2,7 @@
 //! so no contribution is accepted, and each round starts from the same weights.
 
 use super::{logged, logs, root, words, zk0, RECORDING};
+use serde_json::json;
 use std::fs;
 use std::path::Path;
 use std::process::Output;
@@ -41,6 +42,32 @@ impl LocalNetwork {
 
     pub fn path(&self, name: &str) -> String {
         self.dir.path().join(name).to_str().unwrap().into()
+    }
+
+    /// LeRobot's fixture as `save_pretrained` leaves a policy, with a tokenizer of a few words.
+    pub fn lerobot_folder(&self) -> String {
+        let folder = self.path("lerobot");
+        fs::create_dir(&folder).unwrap();
+        let fixture = root().join("tests/fixtures/smolvla_tiny");
+        for (from, to) in [
+            ("policy_config.json", "config.json"),
+            ("vlm_config.json", "vlm_config.json"),
+            ("weights.safetensors", "model.safetensors"),
+        ] {
+            fs::copy(fixture.join(from), Path::new(&folder).join(to)).unwrap();
+        }
+        let tokenizer = json!({
+            "version": "1.0", "truncation": null, "padding": null, "added_tokens": [],
+            "normalizer": {"type": "Lowercase"}, "pre_tokenizer": {"type": "Whitespace"},
+            "post_processor": null, "decoder": null,
+            "model": {
+                "type": "WordLevel", "unk_token": "?",
+                "vocab": {"?": 0, "pick": 11, "up": 12, "the": 13, "red": 14, "cube": 15, "and": 16, "place": 17, "it": 18}
+            }
+        });
+        let file = Path::new(&folder).join("tokenizer.json");
+        fs::write(file, tokenizer.to_string()).unwrap();
+        folder
     }
 
     /// The command that founds a network in `ledger`.
@@ -124,6 +151,22 @@ impl LocalNetwork {
         })
     }
 
+    /// A prover that serves until it is dropped.
+    pub fn prover(&self) -> Prover {
+        let runtime = Runtime::new().unwrap();
+        let address = runtime.block_on(async {
+            let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+            let address = format!("http://{}", listener.local_addr().unwrap());
+            let prover = ProvingService::start(NoProver, 4, Pace::of_cores(2));
+            tokio::spawn(async move { prover.serve(listener, std::future::pending()).await });
+            address
+        });
+        Prover {
+            address,
+            _runtime: runtime,
+        }
+    }
+
     /// Runs something with an aggregator and a prover, which end afterwards. It gets their addresses, and the network's id.
     pub fn served<T>(&self, run: impl FnOnce(&str, &str, &str) -> T) -> T {
         let runtime = Runtime::new().unwrap();
@@ -181,6 +224,12 @@ impl LocalNetwork {
         }
         panic!("the aggregator does not let go of its ledger");
     }
+}
+
+/// A prover on loopback that makes no real proofs.
+pub struct Prover {
+    pub address: String,
+    _runtime: Runtime,
 }
 
 /// The roots of all datasets on the ledger.

@@ -1,10 +1,12 @@
 //! Following a round: the aggregator tells the node when a round has come further, and the node asks again when the connection is lost.
 
+use crate::client::heads::About;
 use crate::client::{is_lost, program, unexpected, Node, APART, ATTEMPTS};
 use crate::client_error::NodeError;
 use tonic::Streaming;
 use zk0_protocol::entries::entry::{Body, RoundClosed, RoundOpened};
 use zk0_protocol::entries::program::Program;
+use zk0_protocol::request_head::Method;
 use zk0_protocol::rpc::federation as rpc;
 
 /// A round that the node follows, or whichever is the last one.
@@ -52,7 +54,7 @@ impl Node {
                         let number = opened.round;
                         if number >= round && left_out.replace(number) != Some(number) {
                             tracing::warn!(
-                                "round {number} is open, but this node may not contribute to it, and waits for a later one: it is not invited or not active, its dataset came too late or is too small, or it pauses because its last commitments ended without an accepted contribution"
+                                "round {number} is open, but this node may not contribute to it, and waits for a later one: it is not invited, or not active, or it has left; its dataset came too late or is too small, or it pauses because its last commitments ended without an accepted contribution"
                             );
                         }
                     }
@@ -75,6 +77,20 @@ impl Node {
         }
     }
 
+    /// The request that follows the round. If the node names itself, it shows that it is present.
+    fn watching(&self, watch: &Watch) -> Result<tonic::Request<rpc::GetRoundRequest>, NodeError> {
+        let message = watch.request.clone();
+        if message.node.is_empty() {
+            return Ok(tonic::Request::new(message));
+        }
+        let about = About::message(Method::WatchRound, &message.node);
+        let about = match message.round {
+            Some(round) => about.in_round(round),
+            None => about,
+        };
+        self.headed(&about, message)
+    }
+
     /// Waits until the round of `watch` has come further, and returns how far. The first call returns at once.
     pub(crate) async fn next_stage(
         &mut self,
@@ -83,7 +99,7 @@ impl Node {
         loop {
             let told = match &mut watch.stream {
                 Some(stream) => stream.message().await,
-                None => match self.client.watch_round(watch.request.clone()).await {
+                None => match self.client.watch_round(self.watching(watch)?).await {
                     Ok(stream) => {
                         watch.stream = Some(stream.into_inner());
                         continue;
@@ -111,6 +127,7 @@ impl Node {
             }
             watch.stream = None;
             tokio::time::sleep(APART).await;
+            self.learn_run().await;
         }
     }
 }

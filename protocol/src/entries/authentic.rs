@@ -29,6 +29,7 @@ impl Entry {
             Body::Proposed(signed) => verify(signed, keys)?,
             Body::Voted(signed) => verify(signed, keys)?,
             Body::Disputed(signed) => verify(signed, keys)?,
+            Body::NodeLeft(signed) => verify(signed, keys)?,
             Body::NodeEnrolled(enrolled) => {
                 let node = enrolled.node;
                 if keys.key(&node).is_none() {

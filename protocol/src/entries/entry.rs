@@ -7,7 +7,7 @@ use crate::entries::proposal::Outcome;
 use crate::entries::refusal::Refusal;
 use crate::entries::round_result::{EvaluatedResult, ResultOutcome};
 use crate::entries::signed::{
-    DatasetRegistration, Dispute, KeyRotation, KeyTakeover, Proposal, Signed, Submission,
+    DatasetRegistration, Dispute, KeyRotation, KeyTakeover, Leaving, Proposal, Signed, Submission,
     UpdateCommitment, Vote,
 };
 use crate::rules::network_rules::{Participation, Rules};
@@ -77,6 +77,8 @@ pub enum Body {
     CommitmentsClosed(CommitmentsClosed),
     /// The randomness of a round's challenges was drawn.
     RandomnessDrawn(RandomnessDrawn),
+    /// A node left.
+    NodeLeft(Signed<Leaving>),
 }
 
 /// The commitments of a round closed.

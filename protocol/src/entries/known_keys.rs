@@ -70,6 +70,7 @@ fn used_after(entry: &Entry) -> Option<NodeId> {
         Body::Proposed(signed) => Some(signed.statement.proposer),
         Body::Voted(signed) => Some(signed.statement.voter),
         Body::Disputed(signed) => Some(signed.statement.disputer),
+        Body::NodeLeft(signed) => Some(signed.statement.node),
         Body::Genesis(_)
         | Body::RoundOpened(_)
         | Body::RoundClosed(_)

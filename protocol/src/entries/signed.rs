@@ -205,6 +205,18 @@ pub struct KeyTakeover {
     pub rotation: KeyRotation,
 }
 
+/// A node leaves the network. It may be enrolled again.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
+pub struct Leaving {
+    /// The network.
+    pub network: Digest,
+    /// The node.
+    pub node: NodeId,
+    /// The next round to open when the node leaves: the first one without it. Because of this number, nobody can record the statement again in
+    /// a later round, after the node was enrolled again.
+    pub round: u64,
+}
+
 /// Somebody disputes an accepted contribution.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct Dispute {
@@ -248,3 +260,4 @@ statement!(Vote, "zk0:vote:v1", voter);
 statement!(KeyRotation, "zk0:key-rotation:v1", node);
 statement!(KeyTakeover, "zk0:key-takeover:v1", rotation.with);
 statement!(Dispute, "zk0:dispute:v1", disputer);
+statement!(Leaving, "zk0:leaving:v1", node);

@@ -1,6 +1,8 @@
-//! The gRPC messages of `proto/federation.proto` and `proto/health.proto`, generated once for clients and servers, and their conversions.
+//! The gRPC messages of `proto/federation.proto` and `proto/health.proto`, generated once for clients and servers, their conversions,
+//! and the signed heads of requests.
 
 pub mod conversions;
+pub mod head_metadata;
 
 /// The generated messages, the client and the server.
 #[allow(missing_docs, clippy::all)]

@@ -96,6 +96,7 @@ pub fn named_blobs(body: &Body) -> Vec<NamedBlob> {
         | Body::Disputed(_)
         | Body::DisputeResolved(_)
         | Body::CommitmentsClosed(_)
-        | Body::RandomnessDrawn(_) => Vec::new(),
+        | Body::RandomnessDrawn(_)
+        | Body::NodeLeft(_) => Vec::new(),
     }
 }

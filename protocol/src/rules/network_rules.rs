@@ -8,6 +8,7 @@ use crate::rules::closing::credits::CreditRule;
 use crate::rules::closing::public_samples::PublicSamples;
 use crate::rules::closing::shares::Shares;
 use crate::rules::governance::Governance;
+use crate::rules::upper_bounds::MAX_COMMITS;
 use crate::tlog::witness_policy::WitnessPolicy;
 use borsh::{BorshDeserialize, BorshSerialize};
 use serde::{Deserialize, Serialize};
@@ -149,6 +150,13 @@ pub enum Participation {
     Sampled {
         /// How many; at least 1.
         nodes: u32,
+    },
+    /// Every active node with a dataset, in rounds that open only while enough of them are present.
+    Present {
+        /// How many have to be present; 1 to [`MAX_COMMITS`](crate::rules::upper_bounds::MAX_COMMITS).
+        min_nodes: u32,
+        /// Which share of these nodes has to be present, too, in basis points, rounded up; at most 10,000.
+        fraction_bps: u32,
     },
 }
 
@@ -374,6 +382,23 @@ impl Strategy {
 impl Participation {
     fn check(&self) -> Result<(), String> {
         match self {
+            Self::Present {
+                min_nodes,
+                fraction_bps,
+            } => {
+                let most = MAX_COMMITS as u32;
+                if !(1..=most).contains(min_nodes) {
+                    return Err(format!(
+                        "rule participation has min_nodes {min_nodes}; it has to be 1 to {most}"
+                    ));
+                }
+                match *fraction_bps > BPS {
+                    true => Err(format!(
+                        "rule participation has fraction_bps {fraction_bps}; it can be at most {BPS}"
+                    )),
+                    false => Ok(()),
+                }
+            }
             Self::Sampled { nodes: 0 } => {
                 Err("rule participation samples 0 nodes; it has to sample at least 1".into())
             }

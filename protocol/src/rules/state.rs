@@ -6,6 +6,7 @@ use crate::entries::entry::{Contributor, RoundOpened};
 use crate::entries::genesis::Genesis;
 use crate::entries::program::Program;
 use crate::entries::signed::Evidence;
+use crate::rules::basis_points::BPS;
 use crate::rules::network_rules::{Participation, Rules};
 use crate::rules::open_proposal::OpenProposal;
 use crate::rules::recent_updates::Updates;
@@ -77,6 +78,8 @@ pub enum Standing {
     Suspended,
     /// The node may never contribute again.
     Revoked,
+    /// The node has left. It may be enrolled again.
+    Left,
 }
 
 /// An accepted contribution to a round that is over.
@@ -305,6 +308,33 @@ impl State {
         self.ready(id, round.number(), round.entry) && round.invites(id, &self.rules)
     }
 
+    /// Who may contribute to the next round, if it opens now. Of these, a round with a sample draws some.
+    pub fn expected(&self) -> impl Iterator<Item = &NodeId> {
+        let (round, entry) = (self.next_round, self.entries);
+        let listed = |node: &NodeId| match &self.rules.participation {
+            Participation::Listed(nodes) => nodes.binary_search(node).is_ok(),
+            _ => true,
+        };
+        let nodes = self.nodes.keys();
+        nodes.filter(move |node| self.ready(node, round, entry) && listed(node))
+    }
+
+    /// How many of the nodes in [`State::expected`] have to be present before the next round opens. Who is present is not on the ledger: the
+    /// aggregator sees it, and a replay does not check it.
+    pub fn least_present(&self) -> usize {
+        match self.rules.participation {
+            Participation::Present {
+                min_nodes,
+                fraction_bps,
+            } => {
+                let part = self.expected().count() as u64 * u64::from(fraction_bps);
+                let part = part.div_ceil(u64::from(BPS));
+                part.max(min_nodes.into()) as usize
+            }
+            _ => 0,
+        }
+    }
+
     /// Whether a node may commit in `round`, is active, and had a large enough dataset before entry `entry`.
     pub(crate) fn ready(&self, id: &NodeId, round: u64, entry: u64) -> bool {
         let least = self.rules.min_dataset_samples;
@@ -342,7 +372,7 @@ impl Round {
     /// Whether a node may contribute to this round by `rules`, without a look at its standing.
     pub fn invites(&self, node: &NodeId, rules: &Rules) -> bool {
         match &rules.participation {
-            Participation::All => true,
+            Participation::All | Participation::Present { .. } => true,
             Participation::Listed(nodes) => nodes.binary_search(node).is_ok(),
             Participation::Sampled { .. } => self
                 .sample

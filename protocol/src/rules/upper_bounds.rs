@@ -15,5 +15,9 @@ pub const MAX_UPDATE_BYTES: u64 = 64 << 30;
 /// The largest proof: 64 MiB, fifty times what a compressed SP1 proof has. A proof is in memory as a whole.
 pub const MAX_PROOF_BYTES: u64 = 64 << 20;
 
+/// Most nodes that may commit in one round. The entry that closes the round names each of them, in 44 bytes. So no rule can ask for more
+/// nodes to be present.
+pub const MAX_COMMITS: usize = 1300;
+
 /// The most credits for one contribution. The sum over a million such contributions still fits 64 bits.
 pub const MAX_CREDITS: u64 = 1 << 40;

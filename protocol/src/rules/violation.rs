@@ -88,6 +88,19 @@ pub enum RuleViolation {
     /// The node has used its key in the open round.
     #[error("node {node} cannot change its key: it has committed an update in round {round}, which is open")]
     KeyInUse { node: NodeId, round: u64 },
+    /// The node has committed in the open round.
+    #[error("node {node} cannot leave yet: it has committed an update in round {round}, which is open; leave when the round is over")]
+    LeavesRound { node: NodeId, round: u64 },
+    /// The node has signed that it leaves at another time.
+    #[error("node {node} has signed that round {round} is the first one without it, but the next round is {next}: sign again")]
+    OtherLeaving { node: NodeId, round: u64, next: u64 },
+    /// The rules ask for more nodes than there are.
+    #[error("round {round} cannot open: {nodes} nodes may contribute to it, and the rules ask for {least} that are present")]
+    TooFewNodes {
+        round: u64,
+        nodes: usize,
+        least: usize,
+    },
     /// The node has changed its key too often. A limit keeps the search for former keys short.
     #[error("node {node} has changed its key {limit} times: only a vote can give it another")]
     TooManyKeys { node: NodeId, limit: usize },
@@ -143,6 +156,7 @@ impl std::fmt::Display for Standing {
             Self::Active => "active",
             Self::Suspended => "suspended",
             Self::Revoked => "revoked",
+            Self::Left => "gone: it has left",
         })
     }
 }

@@ -148,6 +148,7 @@ fn happened(body: &Body, before: &State, after: &State) -> Vec<&'static str> {
                 Participation::All => "opened to all",
                 Participation::Listed(_) => "opened to a list",
                 Participation::Sampled { .. } => "opened to a sample",
+                Participation::Present { .. } => "opened to the present",
             }];
             what.extend((before.disputes().len() > after.disputes().len()).then_some("lapsed"));
             what
@@ -166,6 +167,7 @@ fn happened(body: &Body, before: &State, after: &State) -> Vec<&'static str> {
             what.extend(silent.then_some("closed with unanswered commitments"));
             what
         }
+        Body::NodeLeft(_) => vec!["left"],
         Body::CommitmentsClosed(_) => vec!["commitments closed"],
         Body::RandomnessDrawn(_) => vec!["drawn"],
         Body::KeyRotated { .. } => match before.round() {

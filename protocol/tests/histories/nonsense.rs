@@ -119,7 +119,7 @@ prop_compose! {
         numbers in (any_u64(), any_u64(), any_u64(), any_u64(), any_u64()),
         shares in (any::<u32>(), 0..10_001u32, 5_000..10_000u32, any::<u32>()),
         listed in prop::collection::vec(any_node(), 0..4),
-        invited in 0..3u8,
+        invited in 0..4u8,
         trim_bps in any::<u32>(),
         policy in "[a-z0-9 \n]{0,40}",
     ) -> Rules {
@@ -132,6 +132,10 @@ prop_compose! {
         rules.participation = match invited {
             0 => Participation::All,
             1 => Participation::Listed(listed),
+            2 => Participation::Present {
+                min_nodes: trim_bps,
+                fraction_bps: trim_bps,
+            },
             _ => Participation::Sampled { nodes: trim_bps },
         };
         rules.witness_policy = policy;

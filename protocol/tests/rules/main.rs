@@ -13,6 +13,7 @@ mod evaluation_sets;
 mod founding;
 mod full_rounds;
 mod members;
+mod presence;
 mod required_witnesses;
 mod results;
 mod rounds;

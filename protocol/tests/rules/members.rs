@@ -1,11 +1,14 @@
-//! A node keeps everything when its key changes, and an episode belongs to one node.
+//! A node keeps everything when its key changes, or when it leaves and comes back, and an episode belongs to one node.
 
 use crate::network::votes::*;
 use crate::network::*;
 use ed25519_dalek::SigningKey;
 use zk0_circuits::{Digest, NodeId};
+use zk0_protocol::entries::entry::DisputeResolved;
 use zk0_protocol::entries::proposal::{Action, Ballot, Outcome};
-use zk0_protocol::entries::signed::{Dispute, Evidence, KeyRotation, KeyTakeover, Proposal, Vote};
+use zk0_protocol::entries::signed::{
+    Dispute, Evidence, KeyRotation, KeyTakeover, Leaving, Proposal, Vote,
+};
 use zk0_protocol::rules::apply::MAX_ROTATIONS;
 use zk0_protocol::rules::network_rules::Participation;
 use zk0_protocol::rules::state::Standing;
@@ -335,4 +338,126 @@ fn an_episode_is_one_nodes_own() {
     chain.apply(with(0, vec![digest(9)]));
     assert!(said(chain.refusal(with(1, mixed))).contains("already registered"));
     chain.apply(with(1, vec![digest(1)]));
+}
+
+fn leaving(state: &State, node: u8) -> Leaving {
+    Leaving {
+        network: *state.network(),
+        node: id(node),
+        round: state.next_round(),
+    }
+}
+
+fn left(state: &State, node: u8) -> Body {
+    Body::NodeLeft(Signed::new(leaving(state, node), &key(node)))
+}
+
+#[test]
+fn a_node_that_has_left_takes_part_again_once_it_is_enrolled_again() {
+    let mut chain = earned();
+    let before = chain.state.node(&id(1)).unwrap().clone();
+    chain.apply(left(&chain.state, 1));
+    assert_eq!(chain.state.node(&id(1)).unwrap().standing, Standing::Left);
+    // It has no votes, is not waited for, and signs nothing more.
+    assert!(!chain.state.electorate().contains_key(&id(1)));
+    assert_eq!(chain.state.expected().collect::<Vec<_>>(), [&id(0)]);
+    let gone = |violation: RuleViolation| match violation {
+        RuleViolation::Refused(Refusal::NotActive { standing, .. }) => standing,
+        other => panic!("{other}"),
+    };
+    let again = chain.refusal(left(&chain.state, 1));
+    assert_eq!(gone(again), "gone: it has left");
+    chain.open();
+    let commitment = committed(&chain.state, 1, weights(0x12));
+    assert_eq!(gone(chain.refusal(commitment)), "gone: it has left");
+    chain.apply(committed(&chain.state, 0, weights(0x13)));
+    chain.draw();
+    chain.apply(accepted(&chain.state, 0));
+    chain.apply(Body::RoundClosed(closed(&chain.state, weights(0x51))));
+    chain.apply(enrolled(1));
+    assert_eq!(chain.state.node(&id(1)), Some(&before));
+    assert_eq!(
+        chain.refusal(enrolled(1)),
+        RuleViolation::AlreadyEnrolled(id(1))
+    );
+    chain.open();
+    chain.apply(committed(&chain.state, 1, weights(0x14)));
+}
+
+#[test]
+fn a_node_leaves_by_its_own_wish_of_this_time() {
+    let mut chain = earned();
+    let forged = Body::NodeLeft(Signed::new(leaving(&chain.state, 1), &key(0)));
+    assert!(matches!(
+        chain.refusal(forged),
+        RuleViolation::Refused(Refusal::Signature(_))
+    ));
+    let elsewhere = Leaving {
+        network: digest(1),
+        ..leaving(&chain.state, 1)
+    };
+    let elsewhere = Body::NodeLeft(Signed::new(elsewhere, &key(1)));
+    assert!(matches!(
+        chain.refusal(elsewhere),
+        RuleViolation::Refused(Refusal::WrongNetwork { .. })
+    ));
+    // Once it was enrolled again and a round has opened, the old statement does not count.
+    let old = left(&chain.state, 1);
+    chain.apply(old.clone());
+    chain.apply(enrolled(1));
+    chain.open();
+    assert_eq!(
+        chain.refusal(old),
+        RuleViolation::OtherLeaving {
+            node: id(1),
+            round: 1,
+            next: 2
+        }
+    );
+    chain.apply(committed(&chain.state, 1, weights(0x12)));
+    assert_eq!(
+        chain.refusal(left(&chain.state, 1)),
+        RuleViolation::LeavesRound {
+            node: id(1),
+            round: 1
+        }
+    );
+    // Whoever has not committed leaves, and the round does not wait for it.
+    chain.apply(left(&chain.state, 0));
+    let now = chain.time_ms + 1;
+    assert!(chain.state.next_commitments_closed(now).is_some());
+}
+
+#[test]
+fn nobody_escapes_a_judgement_by_leaving() {
+    let mut chain = earned();
+    let accepted = *chain.state.contributions().keys().next().unwrap();
+    let dispute = Dispute {
+        network: *chain.state.network(),
+        disputer: id(0),
+        contribution: accepted,
+        evidence: Evidence::Verification,
+    };
+    let raised = chain.state.entries();
+    chain.apply(Body::Disputed(Signed::new(dispute, &key(0))));
+    chain.apply(left(&chain.state, 1));
+    let resolved = DisputeResolved {
+        dispute: raised,
+        upheld: Some(invalid_proof()),
+    };
+    chain.apply(Body::DisputeResolved(resolved));
+    assert_eq!(
+        chain.state.node(&id(1)).unwrap().standing,
+        Standing::Suspended
+    );
+    assert_eq!(
+        chain.refusal(enrolled(1)),
+        RuleViolation::AlreadyEnrolled(id(1))
+    );
+    chain.apply(left(&chain.state, 0));
+    chain.decide(Action::Revoke(id(0)));
+    assert_eq!(
+        chain.state.node(&id(0)).unwrap().standing,
+        Standing::Revoked
+    );
 }

@@ -30,7 +30,7 @@ pub const REMOVALS: &[Removal] = &[
             "match u64::from(asked) <= held {",
         )],
         package: "zk0",
-        target: "eval_samples",
+        target: "nodes",
         test: "a_number_of_samples_that_does_not_fit_ends_the_node_before_it_trains",
     },
     Removal {
@@ -38,7 +38,7 @@ pub const REMOVALS: &[Removal] = &[
         file: "node/src/participant.rs",
         replacements: &[(" && u64::from(asked) <= held {", " {")],
         package: "zk0",
-        target: "eval_samples",
+        target: "nodes",
         test: "a_number_of_samples_that_does_not_fit_ends_the_node_before_it_trains",
     },
 ];

@@ -1,4 +1,5 @@
-//! Checks of the service: what arrived in time counts, nobody is held up by others, and nobody fills its memory.
+//! Checks of the service: what arrived in time counts, nobody is held up by others, nobody fills its memory, and the head of a request counts for
+//! that request alone.
 
 use crate::Removal;
 
@@ -14,6 +15,22 @@ const fn in_time(
         replacements,
         package: "zk0-aggregator",
         target: "in_time",
+        test,
+    }
+}
+
+const fn head(
+    check: &'static str,
+    file: &'static str,
+    replacements: &'static [(&'static str, &'static str)],
+    test: &'static str,
+) -> Removal {
+    Removal {
+        check,
+        file,
+        replacements,
+        package: "zk0-aggregator",
+        target: "senders",
         test,
     }
 }
@@ -59,5 +76,123 @@ pub const REMOVALS: &[Removal] = &[
         package: "zk0-aggregator",
         target: "connections",
         test: "requests_to_methods_that_do_not_exist_are_counted_together",
+    },
+    head(
+        "a head is for this network",
+        "protocol/src/request_head.rs",
+        &[("if head.network != arrived.network {", "if false {")],
+        "each_field_of_a_head_is_compared_with_its_request",
+    ),
+    head(
+        "a head is for this run",
+        "protocol/src/request_head.rs",
+        &[("if head.run != arrived.run {", "if false {")],
+        "each_field_of_a_head_is_compared_with_its_request",
+    ),
+    head(
+        "a head is for this method",
+        "protocol/src/request_head.rs",
+        &[("if head.method != arrived.method {", "if false {")],
+        "each_field_of_a_head_is_compared_with_its_request",
+    ),
+    head(
+        "a head is for this round",
+        "protocol/src/request_head.rs",
+        &[("if head.round != arrived.round {", "if false {")],
+        "each_field_of_a_head_is_compared_with_its_request",
+    ),
+    head(
+        "a head is for this message",
+        "protocol/src/request_head.rs",
+        &[("if head.body != arrived.body {", "if false {")],
+        "each_field_of_a_head_is_compared_with_its_request",
+    ),
+    head(
+        "only the signer of a statement sends it",
+        "protocol/src/request_head.rs",
+        &[("if head.sender != arrived.signer {", "if false {")],
+        "each_field_of_a_head_is_compared_with_its_request",
+    ),
+    head(
+        "a head is neither old nor of the future",
+        "protocol/src/request_head.rs",
+        &[("if head.time_ms.abs_diff(arrived.now_ms) > arrived.skew_ms {", "if false {")],
+        "a_head_is_neither_old_nor_of_the_future",
+    ),
+    head(
+        "a head is signed by its sender",
+        "protocol/src/request_head.rs",
+        &[("        self.verify()?;\n        Ok(())", "        Ok(())")],
+        "a_head_is_signed_by_its_sender",
+    ),
+    head(
+        "the nonce of a head counts once",
+        "aggregator/src/serve/senders/replay_window.rs",
+        &[("if of_sender.is_some_and(|nonces| nonces.contains(&head.nonce)) {", "if false {")],
+        "a_head_counts_once",
+    ),
+    head(
+        "each start of the aggregator is another run",
+        "aggregator/src/serve/senders/heads.rs",
+        &[("getrandom::fill(&mut run).expect(\"the system gives random bytes\");", "run[0] = 1;")],
+        "a_restart_lets_no_head_count_again",
+    ),
+    Removal {
+        package: "zk0-aggregator",
+        target: "connections",
+        ..head(
+            "a replayed request gives nobody a place",
+            "aggregator/src/serve/senders/replay_window.rs",
+            &[(
+                "if of_sender.is_some_and(|nonces| nonces.contains(&head.nonce)) {",
+                "if false {",
+            )],
+            "a_request_that_somebody_else_has_sent_gives_nobody_a_place",
+        )
+    },
+    head(
+        "a round waits until enough nodes are present",
+        "aggregator/src/round/aggregator.rs",
+        &[("        if self.waits_for_more() {\n", "        if false {\n")],
+        "a_round_waits_until_enough_nodes_are_present",
+    ),
+    head(
+        "only a signed request shows that a node is present",
+        "aggregator/src/serve/requests.rs",
+        &[("(_, Err(HeadRefusal::Missing)) | (None, _) => None,", "(node, Err(HeadRefusal::Missing)) => node,\n            (None, _) => None,")],
+        "nobody_is_present_in_the_name_of_another",
+    ),
+    head(
+        "a node that has gone is not present for long",
+        "aggregator/src/round/presence.rs",
+        &[("now.saturating_sub(seen.last) < AFTERWARDS", "now >= seen.last")],
+        "a_node_is_present_for_a_minute_after_it_has_gone",
+    ),
+    Removal {
+        target: "lost_files",
+        ..head(
+            "a restarted aggregator verifies contributions on all cores",
+            "aggregator/src/round/accepted.rs",
+            &[("cores.min(accepted.len())", "1.min(accepted.len())")],
+            "a_restarted_aggregator_verifies_contributions_at_the_same_time",
+        )
+    },
+    Removal {
+        target: "lost_files",
+        ..head(
+            "an aggregator starts although a file of its open round is lost",
+            "aggregator/src/round/ledger_index.rs",
+            &[("            Err(unreadable) => {\n", "            Err(unreadable) if accepted.node().0.len() == 32 => return Err(unreadable.into()),\n            Err(unreadable) => {\n")],
+            "an_aggregator_starts_without_a_file_of_its_open_round_and_names_it",
+        )
+    },
+    Removal {
+        target: "lost_files",
+        ..head(
+            "a lost file keeps a round from closing",
+            "aggregator/src/round/closing.rs",
+            &[("            lost: self.lost.clone(),\n", "            lost: Vec::new(),\n")],
+            "an_aggregator_starts_without_a_file_of_its_open_round_and_names_it",
+        )
     },
 ];

@@ -57,6 +57,11 @@ impl Arrivals {
         }
     }
 
+    /// The clock, in Unix milliseconds.
+    pub fn now_ms(&self) -> u64 {
+        self.clock.now_ms()
+    }
+
     /// Whether a request is in progress that arrived at `deadline_ms` or before.
     pub fn any_by(&self, deadline_ms: u64) -> bool {
         let first = self.pending().requests.first().copied();

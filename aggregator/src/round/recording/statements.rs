@@ -19,6 +19,7 @@ use zk0_protocol::entries::signed::{
     DatasetRegistration, Enrolment, Signed, Statement, UpdateCommitment, UploadRequest,
 };
 use zk0_protocol::rules::named_blobs::BlobKind;
+use zk0_protocol::rules::state::Standing;
 use zk0_protocol::tlog::receipt::Receipt;
 use zk0_protocol::Refusal;
 use zk0_verifier::dataset::check_leaf_list;
@@ -31,7 +32,7 @@ pub enum Begun<T, R = Receipt> {
     New(T),
 }
 
-/// What a member says about the network itself: a proposal, a vote, a dispute or a change of key, as it was signed.
+/// What a member says about the network itself: a proposal, a vote, a dispute, a change of key, or that it leaves, as it was signed.
 pub struct Said {
     body: Body,
     signer: NodeId,
@@ -69,9 +70,10 @@ impl Said {
             Body::Voted(signed) => signed.statement.signer(),
             Body::Disputed(signed) => signed.statement.signer(),
             Body::KeyRotated { rotation, .. } => rotation.statement.signer(),
+            Body::NodeLeft(signed) => signed.statement.signer(),
             _ => {
                 return Err(RequestError::Malformed(
-                    "the entry to record is neither a proposal nor a vote, a dispute or a change of key".into(),
+                    "the entry to record is neither a proposal nor a vote, a dispute, a change of key, or the leaving of a node".into(),
                 ))
             }
         };
@@ -137,7 +139,9 @@ impl Aggregator {
         said: &Said,
         arrived_ms: u64,
     ) -> Result<Begun<AllowedSaying>, RequestError> {
-        if let Some(index) = self.index.said(&said.body) {
+        // A node may leave, be enrolled again, and leave once more.
+        let undone = matches!(said.body, Body::NodeLeft(_)) && !self.has_left(&said.signer);
+        if let Some(index) = self.index.said(&said.body).filter(|_| !undone) {
             return Ok(Begun::Recorded(self.ledger.first_receipt(index)?));
         }
         self.check(arrived_ms, said.body.clone())?;
@@ -147,6 +151,11 @@ impl Aggregator {
             genesis: self.state().genesis().clone(),
             blobs: self.ledger.blobs().clone(),
         }))
+    }
+
+    fn has_left(&self, node: &NodeId) -> bool {
+        let known = self.state().node(node);
+        known.is_some_and(|known| known.standing == Standing::Left)
     }
 
     /// Refuses a proposal to go back to weights whose blob is lost, because no round could start from them.
@@ -218,7 +227,8 @@ impl Aggregator {
             node: *node,
             name: name.clone(),
         });
-        if let Some(index) = self.index.said(&body) {
+        let left = self.has_left(node);
+        if let Some(index) = self.index.said(&body).filter(|_| !left) {
             return Ok(Begun::Recorded(self.ledger.first_receipt(index)?));
         }
         self.check(arrived_ms, body.clone())?;

@@ -129,7 +129,8 @@ impl State {
         };
         if let Some(node) = self.nodes.get_mut(&contribution.node) {
             node.credits = node.credits.saturating_sub(contribution.credits);
-            if node.standing == Standing::Active {
+            // Whoever has left is suspended, too, so that nobody enrols the node again without a vote.
+            if matches!(node.standing, Standing::Active | Standing::Left) {
                 node.standing = Standing::Suspended;
             }
             self.weigh_anew(&contribution.node);

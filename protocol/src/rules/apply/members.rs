@@ -4,7 +4,7 @@ use crate::challenge::unanswered::CommitRecord;
 use crate::entries::identity::check_member_name;
 use crate::entries::member::NodeEnrolled;
 use crate::entries::refusal::Refusal;
-use crate::entries::signed::{DatasetRegistration, KeyRotation, KeyTakeover};
+use crate::entries::signed::{DatasetRegistration, KeyRotation, KeyTakeover, Leaving};
 use crate::rules::network_rules::EnrolmentRule;
 use crate::rules::state::{Dataset, Node, Standing, State};
 use crate::rules::violation::RuleViolation;
@@ -31,7 +31,8 @@ impl State {
             why,
         };
         check_member_name(&enrolled.name).map_err(refuse)?;
-        match self.is_used(&enrolled.node) {
+        let left = self.nodes.get(&enrolled.node).map(|node| node.standing) == Some(Standing::Left);
+        match self.is_used(&enrolled.node) && !left {
             true => Err(RuleViolation::AlreadyEnrolled(enrolled.node)),
             false => Ok(()),
         }
@@ -42,7 +43,14 @@ impl State {
         self.nodes.contains_key(key) || self.retired.contains_key(key)
     }
 
+    /// A node that has left and is enrolled again finds everything as it was: dataset, credits, and the record of its commitments. So it
+    /// gains nothing by that.
     pub(super) fn enrol(&mut self, enrolled: &NodeEnrolled) {
+        if let Some(node) = self.nodes.get_mut(&enrolled.node) {
+            node.name = enrolled.name.clone();
+            node.standing = Standing::Active;
+            return;
+        }
         self.nodes.insert(
             enrolled.node,
             Node {
@@ -85,6 +93,28 @@ impl State {
             });
         }
         self.check_replacement(&rotation.node, &rotation.with)
+    }
+
+    /// A node leaves between its contributions, because whoever has committed is counted when the round closes.
+    pub(super) fn check_leaving(&self, leaving: &Leaving) -> Result<(), RuleViolation> {
+        self.check_network(&leaving.network)?;
+        self.active(&leaving.node)?;
+        if leaving.round != self.next_round {
+            return Err(RuleViolation::OtherLeaving {
+                node: leaving.node,
+                round: leaving.round,
+                next: self.next_round,
+            });
+        }
+        match &self.round {
+            Some(round) if round.commits.contains_key(&leaving.node) => {
+                Err(RuleViolation::LeavesRound {
+                    node: leaving.node,
+                    round: round.number(),
+                })
+            }
+            _ => Ok(()),
+        }
     }
 
     /// Whether `with`, a key that was checked before, may replace the key of `node`. Nobody may have or have had it, and the node must

@@ -16,8 +16,8 @@ mod results;
 mod rounds;
 mod votes;
 
+pub use crate::rules::upper_bounds::MAX_COMMITS;
 pub use members::{MAX_EPISODES, MAX_ROTATIONS};
-pub use rounds::MAX_COMMITS;
 
 use crate::challenge::closing::Closing;
 use crate::entries::authentic::AuthenticEntry;
@@ -28,7 +28,7 @@ use crate::entries::program::Program;
 use crate::entries::refusal::Refusal;
 use crate::rules::recent_updates::Updates;
 use crate::rules::round_results::RoundResults;
-use crate::rules::state::State;
+use crate::rules::state::{Standing, State};
 use crate::rules::violation::RuleViolation;
 use std::collections::BTreeMap;
 use zk0_circuits::Digest;
@@ -125,6 +125,7 @@ impl State {
             Body::DisputeResolved(resolved) => self.check_resolved(resolved),
             Body::CommitmentsClosed(closed) => self.check_commitments_closed(closed, now),
             Body::RandomnessDrawn(drawn) => self.check_drawn(drawn, now),
+            Body::NodeLeft(signed) => self.check_leaving(&signed.statement),
         }
     }
 
@@ -161,6 +162,7 @@ impl State {
                 });
             }
             Body::RandomnessDrawn(drawn) => self.draw(drawn, index, now),
+            Body::NodeLeft(signed) => self.stand(&signed.statement.node, Standing::Left),
         }
         self.entries = index.saturating_add(1);
         self.time_ms = now;

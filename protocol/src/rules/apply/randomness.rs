@@ -7,8 +7,8 @@
 use crate::challenge::closing::{commitments, Closing};
 use crate::challenge::drawing::DrawContext;
 use crate::entries::entry::{CommitmentsClosed, RandomnessDrawn};
-use crate::rules::apply::rounds::MAX_COMMITS;
 use crate::rules::state::{Randomness, Round, State};
+use crate::rules::upper_bounds::MAX_COMMITS;
 use crate::rules::violation::RuleViolation;
 use zk0_circuits::{Digest, NodeId};
 

@@ -8,13 +8,11 @@ use crate::rules::bindings::{already_submitted, drawn, in_time, same};
 use crate::rules::closing::credits::improvement_bps;
 use crate::rules::network_rules::Participation;
 use crate::rules::state::{Commit, Contribution, Decision, OpenDispute, Round, State};
+use crate::rules::upper_bounds::MAX_COMMITS;
 use crate::rules::violation::RuleViolation;
 use std::collections::{BTreeMap, BTreeSet};
 use zk0_circuits::vm::digest::tagged_sha256;
 use zk0_circuits::{Claim, Digest, NodeId};
-
-/// Most nodes that may commit in one round. The entry that closes the round names each of them, in 44 bytes.
-pub const MAX_COMMITS: usize = 1300;
 
 impl State {
     pub(super) fn check_opened(
@@ -26,6 +24,7 @@ impl State {
             return Err(RuleViolation::RoundStillOpen(round.number()));
         }
         self.check_nothing_due(time_ms)?;
+        self.check_enough_nodes()?;
         let expected = self.next_opening(time_ms)?;
         if *opened == expected {
             return Ok(());
@@ -49,6 +48,19 @@ impl State {
                 expected,
             }),
             None => Ok(()),
+        }
+    }
+
+    /// Nodes that are not there cannot be present. This much of the rule about presence a replay can check.
+    fn check_enough_nodes(&self) -> Result<(), RuleViolation> {
+        let (nodes, least) = (self.expected().count(), self.least_present());
+        match nodes < least {
+            true => Err(RuleViolation::TooFewNodes {
+                round: self.next_round,
+                nodes,
+                least,
+            }),
+            false => Ok(()),
         }
     }
 

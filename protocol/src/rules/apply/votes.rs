@@ -221,7 +221,11 @@ impl State {
             }
             Action::Suspend(node) => standing(node, &[Standing::Active]),
             Action::Reinstate(node) => standing(node, &[Standing::Suspended]),
-            Action::Revoke(node) => standing(node, &[Standing::Active, Standing::Suspended]),
+            // Nobody escapes a revocation by leaving.
+            Action::Revoke(node) => standing(
+                node,
+                &[Standing::Active, Standing::Suspended, Standing::Left],
+            ),
             Action::ReplaceKey { node, with } => {
                 standing(node, &[Standing::Active, Standing::Suspended])
                     .or_else(|| no_key(with))

@@ -1,9 +1,7 @@
 //! `zk0 node join --eval-samples`: a node learns that its number of samples does not fit before it trains, not after it.
 
-mod harness;
-
-use harness::logged;
-use harness::network::LocalNetwork;
+use crate::harness::logged;
+use crate::harness::network::LocalNetwork;
 use std::path::Path;
 
 #[test]

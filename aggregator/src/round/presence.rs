@@ -1,0 +1,81 @@
+//! Which nodes are present: those that follow the rounds with a signed `WatchRound`, and those that did until a minute ago. A node that waits for
+//! a round does that all the time, so it is present while it runs.
+//!
+//! Only the aggregator sees this. So the ledger does not depend on it: rules that ask for present nodes bind the aggregator alone, and a replay
+//! checks only that there were as many nodes. An aggregator that breaks the rule opens a round to which fewer nodes contribute, as everybody
+//! then sees.
+
+use crate::round::clock::Clock;
+use std::collections::HashMap;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+use zk0_circuits::NodeId;
+
+/// How long a node stays present after it has followed the rounds. `WatchRound` ends every five minutes, and the node asks again after two
+/// seconds, or when its connection is back.
+pub const AFTERWARDS: Duration = Duration::from_secs(60);
+
+/// The nodes that have been seen. There are not more of them than members.
+pub struct Presence {
+    clock: Arc<dyn Clock>,
+    nodes: Mutex<HashMap<NodeId, Seen>>,
+}
+
+#[derive(Default)]
+struct Seen {
+    /// With how many requests the node follows the rounds now.
+    following: usize,
+    /// When it last ended one, by the clock that nobody can set.
+    last: Duration,
+}
+
+/// A node follows the rounds until this is dropped.
+pub struct Following {
+    node: NodeId,
+    all: Arc<Presence>,
+}
+
+impl Presence {
+    /// Nobody has been seen yet.
+    pub fn new(clock: Arc<dyn Clock>) -> Self {
+        Self {
+            clock,
+            nodes: Mutex::default(),
+        }
+    }
+
+    /// A member has shown that it follows the rounds.
+    pub fn follow(self: &Arc<Self>, node: NodeId) -> Following {
+        self.nodes().entry(node).or_default().following += 1;
+        Following {
+            node,
+            all: self.clone(),
+        }
+    }
+
+    /// How many of these nodes are present.
+    pub fn among<'a>(&self, nodes: impl Iterator<Item = &'a NodeId>) -> usize {
+        let (seen, now) = (self.nodes(), self.clock.steady());
+        let present = |node: &&NodeId| {
+            seen.get(node).is_some_and(|seen| {
+                seen.following > 0 || now.saturating_sub(seen.last) < AFTERWARDS
+            })
+        };
+        nodes.filter(present).count()
+    }
+
+    /// A panic elsewhere does not spoil the map: it is never half changed.
+    fn nodes(&self) -> MutexGuard<'_, HashMap<NodeId, Seen>> {
+        self.nodes.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Drop for Following {
+    fn drop(&mut self) {
+        let now = self.all.clock.steady();
+        if let Some(seen) = self.all.nodes().get_mut(&self.node) {
+            seen.following = seen.following.saturating_sub(1);
+            seen.last = now;
+        }
+    }
+}

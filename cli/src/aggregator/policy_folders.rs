@@ -1,0 +1,171 @@
+//! `zk0 aggregator serve --checkpoint-interval N`: after every N rounds and at the end, the global weights in a policy folder, which LeRobot's
+//! `from_pretrained` loads.
+//!
+//! The folders are written beside the rounds, which do not wait for them. If one cannot be written, the log says so, and it is tried again.
+
+use crate::policy::whole_folder;
+use anyhow::{bail, Context, Result};
+use std::fs;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::sync::oneshot;
+use tokio::task::spawn_blocking;
+use tokio::time::sleep;
+use zk0_aggregator::{Aggregator, Service};
+use zk0_circuits::{Digest, EvalSpec};
+use zk0_ledger::blobs::Blobs;
+use zk0_lerobot::policy_folder::{PolicyFolder, Precision};
+use zk0_node::exchanged_weights::Base;
+use zk0_smolvla::policy::policy_file;
+use zk0_smolvla::Policy;
+use zk0_weights::Format;
+
+/// How often the rounds are looked at.
+const TICK: Duration = Duration::from_secs(1);
+
+/// How long to wait after a folder could not be written.
+const RETRY: Duration = Duration::from_secs(60);
+
+/// When and where policy folders are written.
+#[derive(Debug, clap::Args)]
+pub struct PolicyFolderOptions {
+    /// Write the global weights as a policy folder, which LeRobot loads, after every N rounds and at the end.
+    #[arg(long, value_name = "N", requires = "checkpoints", requires = "checkpoint_policy", value_parser = clap::value_parser!(u64).range(1..))]
+    checkpoint_interval: Option<u64>,
+    /// Write these policy folders into this folder, as round-0, round-1 and so on. One that exists is kept.
+    #[arg(long, value_name = "FOLDER", requires = "checkpoint_interval")]
+    checkpoints: Option<PathBuf>,
+    /// The policy folder that the network was founded with (`zk0 aggregator init --policy FOLDER`). Whatever is not trained is copied from it.
+    #[arg(long, value_name = "FOLDER", requires = "checkpoint_interval")]
+    checkpoint_policy: Option<PathBuf>,
+}
+
+/// Writes policy folders.
+pub struct PolicyFolders {
+    interval: u64,
+    /// The number of rounds after which the aggregator opens no more.
+    rounds: u64,
+    writer: Arc<Writer>,
+    /// The rounds before this one are done.
+    next: u64,
+}
+
+struct Writer {
+    out: PathBuf,
+    source: PolicyFolder,
+    format: Format,
+    blobs: Blobs,
+    max_update_bytes: u64,
+}
+
+impl PolicyFolderOptions {
+    /// What writes the folders of this network, if the operator wants them.
+    ///
+    /// # Errors
+    /// The policy folder is not the one that the network was founded with, or cannot be read.
+    pub fn open(&self, aggregator: &Aggregator, rounds: u64) -> Result<Option<PolicyFolders>> {
+        let (Some(interval), Some(out), Some(policy)) = (
+            self.checkpoint_interval,
+            &self.checkpoints,
+            &self.checkpoint_policy,
+        ) else {
+            return Ok(None);
+        };
+        let state = aggregator.state();
+        let (genesis, blobs) = (state.genesis(), aggregator.ledger().blobs());
+        let source = PolicyFolder::open(policy)?;
+        blobs.check(&genesis.policy)?;
+        let founded = policy_file::load(&blobs.path(&genesis.policy))?.policy;
+        if founded != Policy::from_folder(&source)? {
+            bail!(
+                "{} is not the policy that the network was founded with: name the folder that `zk0 aggregator init --policy` had",
+                policy.display()
+            );
+        }
+        fs::create_dir_all(out).with_context(|| format!("creating {}", out.display()))?;
+        let closed = closed_rounds(aggregator);
+        Ok(Some(PolicyFolders {
+            interval,
+            rounds,
+            writer: Arc::new(Writer {
+                out: out.clone(),
+                source,
+                format: Format::new(&EvalSpec::decode(&genesis.evaluation)?)?,
+                blobs: blobs.clone(),
+                max_update_bytes: state.rules().max_update_bytes,
+            }),
+            // The last one that was due may be missing, because the aggregator was killed.
+            next: (closed - closed % interval).saturating_sub(1),
+        }))
+    }
+}
+
+impl PolicyFolders {
+    /// Writes the folders that are due, until `stopped` is ready, and then the last one.
+    pub async fn follow(mut self, service: Service, mut stopped: oneshot::Receiver<()>) {
+        let mut wait = TICK;
+        loop {
+            let ended = tokio::select! {
+                _ = &mut stopped => true,
+                () = sleep(wait) => false,
+            };
+            wait = match self.write_due(&service, ended).await {
+                Ok(()) => TICK,
+                Err(error) => {
+                    tracing::error!("a policy folder is not written: {error:#}");
+                    RETRY
+                }
+            };
+            if ended {
+                return;
+            }
+        }
+    }
+
+    async fn write_due(&mut self, service: &Service, ended: bool) -> Result<()> {
+        let (next, interval, rounds) = (self.next, self.interval, self.rounds);
+        let due = move |aggregator: &mut Aggregator| {
+            let closed = closed_rounds(aggregator);
+            let last = ended || closed >= rounds;
+            let due = (next..closed)
+                .filter(|round| (round + 1) % interval == 0 || (last && round + 1 == closed));
+            let results = aggregator.state().results();
+            let due = due.filter_map(|round| Some((round, results.of(round)?.blob)));
+            Ok((closed, due.collect::<Vec<_>>()))
+        };
+        let (closed, due) = service.with(due).await?;
+        for (round, weights) in due {
+            let writer = self.writer.clone();
+            spawn_blocking(move || writer.write(round, &weights)).await??;
+            self.next = round + 1;
+        }
+        // The round before the next one may still turn out to be the last.
+        self.next = self.next.max(closed.saturating_sub(1));
+        Ok(())
+    }
+}
+
+impl Writer {
+    fn write(&self, round: u64, weights: &Digest) -> Result<()> {
+        let name = format!("round-{round}");
+        if self.out.join(&name).exists() {
+            return Ok(());
+        }
+        let file = self.blobs.get(weights, self.max_update_bytes)?;
+        let config = &self.source.config().dims;
+        let base = Base::read(&self.format, config, &file)?;
+        let folder = whole_folder::write(&self.out, &name, |to| {
+            let tensors = base.weights.tensors();
+            Ok(self.source.write(to, tensors, Precision::Kept)?)
+        })?;
+        tracing::info!(round, "policy folder written: {}", folder.display());
+        Ok(())
+    }
+}
+
+/// How many rounds have closed.
+fn closed_rounds(aggregator: &Aggregator) -> u64 {
+    let state = aggregator.state();
+    state.next_round() - u64::from(state.round().is_some())
+}

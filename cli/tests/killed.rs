@@ -1,0 +1,227 @@
+//! The aggregator or the node is killed (SIGKILL) at each step of a round. It is started again with the same command, and both go on: nothing
+//! that was acknowledged is lost, and nothing is done twice. The prover of these tests makes no proofs, so the contribution is refused.
+
+mod harness;
+
+use harness::network::LocalNetwork;
+use harness::{words, zk0, RECORDING};
+use serde_json::Value;
+use std::collections::BTreeMap;
+use std::io::{BufRead, BufReader};
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::sync::mpsc::{channel, Receiver};
+use std::thread;
+use std::time::{Duration, Instant};
+use zk0::keys;
+use zk0_protocol::Body;
+
+/// How long anything may take here. A busy machine needs a minute for a round.
+const PATIENCE: Duration = Duration::from_secs(400);
+
+/// Who is killed.
+#[derive(Clone, Copy, PartialEq)]
+enum Killed {
+    Aggregator,
+    Node,
+}
+
+/// A process that is killed when it is dropped, and the lines of its log.
+struct Process {
+    child: Child,
+    log: Receiver<Value>,
+}
+
+impl Process {
+    fn start(arguments: &[String]) -> Self {
+        let mut command = zk0(&["--log", "json"]);
+        let command = command.args(words(arguments)).stderr(Stdio::piped());
+        let mut child = command.spawn().unwrap();
+        let lines = BufReader::new(child.stderr.take().unwrap()).lines();
+        let (sender, log) = channel();
+        thread::spawn(move || {
+            for line in lines.map_while(Result::ok) {
+                let Ok(line) = serde_json::from_str(&line) else {
+                    continue;
+                };
+                if sender.send(line).is_err() {
+                    break;
+                }
+            }
+        });
+        Self { child, log }
+    }
+
+    /// Waits until the log has a line with this message, and returns it.
+    fn says(&self, message: &str) -> Value {
+        let until = Instant::now() + PATIENCE;
+        loop {
+            let left = until.saturating_duration_since(Instant::now());
+            let line = self.log.recv_timeout(left);
+            let line = line.unwrap_or_else(|error| panic!("no log says '{message}': {error}"));
+            if line["message"]
+                .as_str()
+                .is_some_and(|said| said.starts_with(message))
+            {
+                return line;
+            }
+        }
+    }
+
+    /// The process gets no time to end its work.
+    fn kill(&mut self) {
+        self.child.kill().unwrap();
+        self.child.wait().unwrap();
+    }
+
+    /// Tells the process to end, and waits until it has.
+    fn terminate(&mut self) {
+        let pid = self.child.id().to_string();
+        let told = Command::new("kill").args(["-TERM", &pid]).status();
+        assert!(told.unwrap().success());
+        self.ends();
+    }
+
+    /// Waits until the process has ended by itself, with success.
+    fn ends(&mut self) {
+        let until = Instant::now() + PATIENCE;
+        let status = loop {
+            match self.child.try_wait().unwrap() {
+                Some(status) => break status,
+                None if Instant::now() > until => panic!("the process does not end"),
+                None => thread::sleep(Duration::from_millis(50)),
+            }
+        };
+        let said: Vec<_> = self.log.try_iter().map(|line| line.to_string()).collect();
+        assert!(status.success(), "{}", said.join("\n"));
+    }
+}
+
+impl Drop for Process {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+fn founded() -> LocalNetwork {
+    let network = LocalNetwork::new();
+    let node = keys::generate(Path::new(&network.path("node.key"))).unwrap();
+    let node = format!("node={node}");
+    let rules = [
+        ["--node", &node],
+        ["--commit-minutes", "10"],
+        ["--submit-minutes", "10"],
+        ["--min-eval-samples", "16"],
+        ["--min-improvement-bps", "1"],
+        ["--confidence", "95%"],
+    ];
+    harness::logs(&words(&network.founding(&rules.concat())));
+    network
+}
+
+/// Kills a process as soon as the aggregator's log says `step`, starts it again, and checks that the node ends its round.
+fn goes_on(killed: Killed, step: &str) {
+    let network = founded();
+    let prover = network.prover();
+    let id = network.genesis().network_id().to_string();
+    let serve = |listen: &str| {
+        let (ledger, key) = (network.path("ledger"), network.path("log.key"));
+        let arguments = [
+            "aggregator",
+            "serve",
+            &ledger,
+            "--key",
+            &key,
+            "--listen",
+            listen,
+        ];
+        Process::start(&arguments.map(str::to_owned))
+    };
+    let mut aggregator = serve("127.0.0.1:0");
+    let listening = aggregator.says("the aggregator of network");
+    let address = listening["listening"].as_str().unwrap().to_owned();
+    let url = format!("http://{address}");
+    let (key, state) = (network.path("node.key"), network.path("state"));
+    let join = [
+        ["--aggregator", &url],
+        ["--network", &id],
+        ["--prover", &prover.address],
+        ["--key", &key],
+        ["--state", &state],
+        ["--dataset", RECORDING],
+        ["--steps", "200"],
+        ["--batch-size", "16"],
+        ["--learning-rate", "5e-4"],
+    ];
+    let join = [&["node", "join"], &join.concat()[..]].concat();
+    let join: Vec<_> = join.into_iter().map(str::to_owned).collect();
+    let mut node = Process::start(&join);
+    aggregator.says(step);
+    match killed {
+        Killed::Aggregator => {
+            aggregator.kill();
+            aggregator = serve(&address);
+            aggregator.says("the aggregator of network");
+        }
+        Killed::Node => {
+            node.kill();
+            node = Process::start(&join);
+        }
+    }
+    node.ends();
+    // A process that is killed between a write and the publication of its checkpoint leaves a ledger that only its next start completes.
+    aggregator.terminate();
+
+    let entries = network.entries();
+    let (mut rounds, mut datasets) = (BTreeMap::<u64, [usize; 3]>::new(), 0);
+    let mut open = 0;
+    for entry in &entries {
+        let mut count = |what: usize| rounds.entry(open).or_default()[what] += 1;
+        match &entry.body {
+            Body::DatasetCommitted(_) => datasets += 1,
+            Body::RoundOpened(opened) => open = opened.round,
+            Body::UpdateCommitted(_) => count(0),
+            Body::ContributionRejected { .. } => count(1),
+            Body::RoundClosed(closed) => {
+                assert!(closed.unanswered.is_empty(), "{closed:?}");
+                count(2);
+            }
+            _ => {}
+        }
+    }
+    assert_eq!(datasets, 1);
+    assert_eq!(rounds.get(&0), Some(&[1, 1, 1]), "{rounds:?}");
+    // A node that was killed after its decision takes part in the next round.
+    assert!(rounds.values().all(|counts| counts[0] <= 1), "{rounds:?}");
+}
+
+macro_rules! killed {
+    ($($name:ident: $killed:ident, $step:literal;)*) => {
+        $(
+            #[test]
+            fn $name() {
+                goes_on(Killed::$killed, $step);
+            }
+        )*
+    };
+}
+
+killed! {
+    the_aggregator_is_killed_when_it_has_registered_a_dataset: Aggregator, "dataset registered";
+    the_aggregator_is_killed_when_a_round_has_opened: Aggregator, "round opened";
+    the_aggregator_is_killed_when_an_update_is_uploaded: Aggregator, "update uploaded";
+    the_aggregator_is_killed_when_an_update_is_committed: Aggregator, "update committed";
+    the_aggregator_is_killed_when_the_commitments_are_closed: Aggregator, "commitments closed";
+    the_aggregator_is_killed_when_the_randomness_is_drawn: Aggregator, "randomness drawn";
+    the_aggregator_is_killed_when_it_has_decided_and_the_round_closes: Aggregator, "contribution rejected";
+    the_aggregator_is_killed_when_the_round_has_closed: Aggregator, "round closed";
+    the_node_is_killed_when_its_dataset_is_registered: Node, "dataset registered";
+    the_node_is_killed_when_a_round_has_opened: Node, "round opened";
+    the_node_is_killed_when_its_update_is_uploaded: Node, "update uploaded";
+    the_node_is_killed_when_its_update_is_committed: Node, "update committed";
+    the_node_is_killed_when_the_commitments_are_closed: Node, "commitments closed";
+    the_node_is_killed_when_the_randomness_is_drawn: Node, "randomness drawn";
+    the_node_is_killed_when_its_claim_is_decided: Node, "contribution rejected";
+    the_node_is_killed_when_the_round_has_closed: Node, "round closed";
+}

@@ -1,0 +1,7 @@
+//! `zk0 node`: what a node is told before it trains, and how it leaves.
+
+#[path = "../harness/mod.rs"]
+mod harness;
+
+mod eval_samples;
+mod leaving;

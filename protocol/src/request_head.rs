@@ -1,0 +1,226 @@
+//! The head of a request: who sends it, when, and which message it belongs to, signed by the sender. Each request that changes something
+//! has one, and each `WatchRound` by which a node shows that it is present.
+//!
+//! A statement on the ledger is public, so its signature does not show who sends it. A head does: it counts once, for one message, at one
+//! aggregator, within minutes. Whoever has read a head cannot use it for another message, nor once more, nor after the aggregator was
+//! started again.
+
+use crate::entries::signed::{SignatureError, Signed, Statement};
+use borsh::{BorshDeserialize, BorshSerialize};
+use std::fmt;
+use zk0_circuits::{Digest, NodeId};
+
+/// The most bytes that an encoded head has.
+pub const MAX_HEAD_BYTES: usize = 512;
+
+/// The methods whose requests have heads.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, BorshSerialize, BorshDeserialize)]
+pub enum Method {
+    /// `RegisterDataset`.
+    RegisterDataset,
+    /// `Upload`.
+    Upload,
+    /// `Commit`.
+    Commit,
+    /// `Submit`.
+    Submit,
+    /// `Record`.
+    Record,
+    /// `Enrol`.
+    Enrol,
+    /// `WatchRound`, by a node that shows that it is present.
+    WatchRound,
+}
+
+impl fmt::Display for Method {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        fmt::Debug::fmt(self, f)
+    }
+}
+
+/// The head of one request.
+#[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
+pub struct RequestHead {
+    /// The network.
+    pub network: Digest,
+    /// What the aggregator was told apart by since it was started: 16 random bytes, which `GetNetwork` returns.
+    pub run: [u8; 16],
+    /// The method.
+    pub method: Method,
+    /// The round that the request is about, if it is about one.
+    pub round: Option<u64>,
+    /// SHA-256 of the signed statement that the request carries. The statement names the digest of whatever else the request carries: a
+    /// list of drawn frames, an update, a proof. `WatchRound` carries no statement: there it is the SHA-256 of the field `node`.
+    pub body: Digest,
+    /// Who sends the request.
+    pub sender: NodeId,
+    /// When the sender signed this, in Unix milliseconds.
+    pub time_ms: u64,
+    /// Random bytes. The sender uses them once.
+    pub nonce: [u8; 16],
+}
+
+impl Statement for RequestHead {
+    const TAG: &'static str = "zk0:request-head:v1";
+
+    fn signer(&self) -> NodeId {
+        self.sender
+    }
+}
+
+/// A request as it arrived, for comparison with its head.
+#[derive(Clone, Copy, Debug)]
+pub struct Arrived {
+    /// The network of the aggregator.
+    pub network: Digest,
+    /// The run of the aggregator.
+    pub run: [u8; 16],
+    /// The method that was called.
+    pub method: Method,
+    /// The round that the request's statement names, if it names one.
+    pub round: Option<u64>,
+    /// SHA-256 of the request's statement.
+    pub body: Digest,
+    /// Who signed the request's statement. Nobody else sends it.
+    pub signer: NodeId,
+    /// The aggregator's clock, in Unix milliseconds.
+    pub now_ms: u64,
+    /// How much the clocks of sender and aggregator may differ, in milliseconds.
+    pub skew_ms: u64,
+}
+
+/// Why a head does not count.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum HeadRefusal {
+    /// There is none.
+    #[error("the request has no signed head: use a client of this release of zk0, and a proxy that keeps the metadata")]
+    Missing,
+    /// The bytes are not a head.
+    #[error("the head of the request is not valid: {0}")]
+    Malformed(String),
+    /// It is for another network.
+    #[error("the head of the request is for network {head}, not for network {ours}")]
+    Network { head: Digest, ours: Digest },
+    /// It was signed for the aggregator before it was started again.
+    #[error("the aggregator was started again since the head of this request was signed: ask GetNetwork for its run, and sign again")]
+    Run,
+    /// It is for another method.
+    #[error("the head of the request is for {head}, not for {called}")]
+    Method { head: Method, called: Method },
+    /// It is for another round.
+    #[error("the head of the request is for {}, but its message is for {}", round(.head), round(.message))]
+    Round {
+        head: Option<u64>,
+        message: Option<u64>,
+    },
+    /// It is for another message.
+    #[error("the head of the request is for a message with SHA-256 {head}, not for this one with {message}")]
+    Body { head: Digest, message: Digest },
+    /// Somebody sends what another one has signed.
+    #[error("the head of the request names {sender} as the sender, but {signer} signed the message: only the signer sends it")]
+    Sender { sender: NodeId, signer: NodeId },
+    /// The clocks differ too much, or the request was on its way for too long.
+    #[error(
+        "the head of the request was signed at {sender_ms} by the clock of its sender, and the aggregator's clock shows {ours_ms} (Unix \
+         milliseconds): they differ by {} s, and {} s are allowed. Set the clock that is wrong",
+        seconds(.sender_ms.abs_diff(*.ours_ms)), seconds(*.skew_ms)
+    )]
+    Time {
+        sender_ms: u64,
+        ours_ms: u64,
+        skew_ms: u64,
+    },
+    /// The sender did not sign it.
+    #[error("the head of the request: {0}")]
+    Signature(#[from] SignatureError),
+    /// It has come before.
+    #[error("the head of the request has come before: a nonce counts once")]
+    Replayed,
+    /// The aggregator has forgotten the nonces of that time.
+    #[error("the head of the request was signed at {sender_ms} (Unix milliseconds), and the aggregator no longer knows which heads of that time have come: sign again")]
+    Forgotten { sender_ms: u64 },
+    /// The sender has sent too many requests.
+    #[error("{sender} has sent {limit} requests within the time for which the aggregator remembers them: wait a few minutes")]
+    TooMany { sender: NodeId, limit: usize },
+    /// All senders together have sent too many requests.
+    #[error("the aggregator remembers the heads of {limit} requests, and has no room for more: ask again later")]
+    NoRoom { limit: usize },
+}
+
+fn round(round: &Option<u64>) -> String {
+    match round {
+        Some(round) => format!("round {round}"),
+        None => "no round".into(),
+    }
+}
+
+fn seconds(ms: u64) -> String {
+    format!("{}.{:03}", ms / 1000, ms % 1000)
+}
+
+impl Signed<RequestHead> {
+    /// Reads a head from exactly these bytes.
+    ///
+    /// # Errors
+    /// [`HeadRefusal::Malformed`].
+    pub fn decode(bytes: &[u8]) -> Result<Self, HeadRefusal> {
+        if bytes.len() > MAX_HEAD_BYTES {
+            return Err(HeadRefusal::Malformed(format!(
+                "it has {} bytes, at most {MAX_HEAD_BYTES} are read",
+                bytes.len()
+            )));
+        }
+        borsh::from_slice(bytes).map_err(|error| HeadRefusal::Malformed(error.to_string()))
+    }
+
+    /// Compares a head with the request that it came with, and verifies its signature at last. Whether its nonce is new is another
+    /// question.
+    ///
+    /// # Errors
+    /// The first field that differs.
+    pub fn check(&self, arrived: &Arrived) -> Result<(), HeadRefusal> {
+        let head = &self.statement;
+        if head.network != arrived.network {
+            return Err(HeadRefusal::Network {
+                head: head.network,
+                ours: arrived.network,
+            });
+        }
+        if head.run != arrived.run {
+            return Err(HeadRefusal::Run);
+        }
+        if head.method != arrived.method {
+            return Err(HeadRefusal::Method {
+                head: head.method,
+                called: arrived.method,
+            });
+        }
+        if head.round != arrived.round {
+            return Err(HeadRefusal::Round {
+                head: head.round,
+                message: arrived.round,
+            });
+        }
+        if head.body != arrived.body {
+            return Err(HeadRefusal::Body {
+                head: head.body,
+                message: arrived.body,
+            });
+        }
+        if head.sender != arrived.signer {
+            return Err(HeadRefusal::Sender {
+                sender: head.sender,
+                signer: arrived.signer,
+            });
+        }
+        if head.time_ms.abs_diff(arrived.now_ms) > arrived.skew_ms {
+            return Err(HeadRefusal::Time {
+                sender_ms: head.time_ms,
+                ours_ms: arrived.now_ms,
+                skew_ms: arrived.skew_ms,
+            });
+        }
+        self.verify()?;
+        Ok(())
+    }
+}
