@@ -1,6 +1,8 @@
 //! Content-addressed blobs beside the log: proofs, weights, leaf lists. A blob's name is the SHA-256 of its bytes, which is verified
 //! whenever a blob is read.
 
+pub mod partial;
+
 use sha2::{Digest as _, Sha256};
 use std::fs::{self, File};
 use std::io::{self, Read, Write};
@@ -11,7 +13,8 @@ use zk0_circuits::Digest;
 use zk0_files::atomic_file::{folder_of, put_in_place, sync_folder};
 use zk0_protocol::blob::Blob;
 
-/// The blobs of one ledger folder: `blobs/sha256/<digest>`, unfinished ones in `blobs/unfinished/`.
+/// The blobs of one ledger folder: `blobs/sha256/<digest>`, unfinished ones in `blobs/unfinished/`, and those of which a part has come over a
+/// network in `blobs/partial/<digest>`.
 #[derive(Clone, Debug)]
 pub struct Blobs {
     dir: PathBuf,
@@ -26,6 +29,9 @@ pub enum BlobError {
     /// It is larger than the limit.
     #[error("the blob has at least {size} bytes; at most {limit} are allowed")]
     TooLarge { size: u64, limit: u64 },
+    /// Not all of its bytes are here.
+    #[error("the blob has {size} bytes, and {held} of them are here")]
+    Incomplete { held: u64, size: u64 },
     /// Its bytes are not those that were announced, or they have changed on disk.
     #[error("the blob has SHA-256 {actual}, not {expected}")]
     WrongDigest { expected: Digest, actual: Digest },
@@ -52,6 +58,15 @@ impl Blobs {
         self.path(digest).is_file()
     }
 
+    /// How many blobs there are, with those of which only a part is here.
+    pub fn count(&self) -> usize {
+        ["sha256", "partial"]
+            .iter()
+            .filter_map(|folder| fs::read_dir(self.dir.join(folder)).ok())
+            .map(Iterator::count)
+            .sum()
+    }
+
     fn open(&self, digest: &Digest) -> Result<(PathBuf, File), BlobError> {
         let path = self.path(digest);
         match File::open(&path) {
@@ -66,15 +81,26 @@ impl Blobs {
     fn begin(&self) -> Result<UnfinishedBlob, BlobError> {
         static UNFINISHED: AtomicU64 = AtomicU64::new(0);
         let number = UNFINISHED.fetch_add(1, Ordering::Relaxed);
-        for folder in [self.unfinished(), self.dir.join("sha256")] {
-            fs::create_dir_all(&folder).map_err(io_error(&folder))?;
-        }
         let path = self
             .unfinished()
             .join(format!("{}-{number}", std::process::id()));
+        self.make_folders(&path)?;
         let file = File::create(&path).map_err(io_error(&path))?;
         let blobs = self.clone();
-        Ok(UnfinishedBlob { blobs, path, file })
+        Ok(UnfinishedBlob {
+            blobs,
+            path,
+            file,
+            kept: false,
+        })
+    }
+
+    /// Makes the folders of a file that is to become a blob, and of the blob.
+    fn make_folders(&self, file: &Path) -> Result<(), BlobError> {
+        for folder in [folder_of(file), &self.dir.join("sha256")] {
+            fs::create_dir_all(folder).map_err(io_error(folder))?;
+        }
+        Ok(())
     }
 
     /// Starts a blob of at most `limit` bytes.
@@ -204,12 +230,13 @@ impl BlobWriter {
     }
 }
 
-/// A file that is not a blob yet. If it is dropped before [`UnfinishedBlob::finish`], nothing of it remains.
+/// A file that is not a blob yet. If it is dropped before [`UnfinishedBlob::finish`], nothing of it remains, unless it is kept.
 #[derive(Debug)]
 struct UnfinishedBlob {
     blobs: Blobs,
     path: PathBuf,
     file: File,
+    kept: bool,
 }
 
 impl UnfinishedBlob {
@@ -234,8 +261,10 @@ impl UnfinishedBlob {
 
 impl Drop for UnfinishedBlob {
     fn drop(&mut self) {
-        // After a successful finish the file has another path, and this removes nothing.
-        let _ = fs::remove_file(&self.path);
+        if !self.kept {
+            // After a successful finish the file has another path, and this removes nothing.
+            let _ = fs::remove_file(&self.path);
+        }
     }
 }
 

@@ -110,3 +110,70 @@ fn a_missing_blob_is_named() {
     let missing = Blobs::at(dir.path()).get(&digest(3), 10);
     assert!(matches!(missing, Err(BlobError::Missing(name)) if name == digest(3)));
 }
+
+#[test]
+fn a_part_of_a_blob_stays_until_the_rest_has_come() {
+    let dir = tempfile::tempdir().unwrap();
+    let blobs = Blobs::at(dir.path());
+    let bytes: Vec<u8> = (0..100_000u32).map(|at| (at % 251) as u8).collect();
+    let (elsewhere, size) = (tempfile::tempdir().unwrap(), bytes.len() as u64);
+    let digest = Blobs::at(elsewhere.path()).put(&bytes).unwrap();
+    let mut sent = 0;
+    for part in [1, 0, 40_000, 59_998] {
+        assert_eq!(blobs.held(&digest).unwrap(), sent as u64);
+        let mut partial = blobs.partial(&digest, size).unwrap();
+        assert_eq!(partial.held(), sent as u64);
+        partial.write(&bytes[sent..sent + part]).unwrap();
+        sent += part;
+        assert!(matches!(
+            partial.finish(),
+            Err(BlobError::Incomplete { size: 100_000, .. })
+        ));
+        assert!(!blobs.contains(&digest));
+    }
+    let mut partial = blobs.partial(&digest, size).unwrap();
+    partial.write(&bytes[sent..]).unwrap();
+    partial.finish().unwrap();
+    assert_eq!(blobs.get(&digest, size).unwrap(), bytes);
+    assert_eq!(blobs.held(&digest).unwrap(), size);
+    assert_eq!(parts(dir.path()), 0);
+}
+
+#[test]
+fn nothing_remains_of_parts_of_another_blob() {
+    let dir = tempfile::tempdir().unwrap();
+    let blobs = Blobs::at(dir.path());
+    let part_of_9 = || {
+        let mut partial = blobs.partial(&digest(1), 10).unwrap();
+        partial.write(b"one thing").unwrap();
+        partial
+    };
+    let refused = part_of_9().write(b"23");
+    assert!(matches!(
+        refused,
+        Err(BlobError::TooLarge {
+            size: 11,
+            limit: 10
+        })
+    ));
+    assert_eq!(parts(dir.path()), 0);
+    let mut partial = part_of_9();
+    partial.write(b"2").unwrap();
+    assert!(matches!(
+        partial.finish(),
+        Err(BlobError::WrongDigest { .. })
+    ));
+    assert_eq!(parts(dir.path()), 0);
+    // Somebody announces fewer bytes than have come.
+    drop(part_of_9());
+    assert_eq!(parts(dir.path()), 1);
+    assert!(matches!(
+        blobs.partial(&digest(1), 8),
+        Err(BlobError::TooLarge { size: 9, limit: 8 })
+    ));
+    assert_eq!(parts(dir.path()), 0);
+}
+
+fn parts(dir: &std::path::Path) -> usize {
+    fs::read_dir(dir.join("blobs/partial")).unwrap().count()
+}

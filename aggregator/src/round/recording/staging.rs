@@ -1,11 +1,14 @@
 //! Updates that nodes have uploaded and not yet committed to. They lie on disk, in a folder for each round and node, within a quota.
 //!
-//! A node can commit only to what it has uploaded itself. When a round ends, what no node committed to is removed.
+//! A node can commit only to what it has uploaded itself. What has come of an upload that was cut stays, so that the node goes on after it.
+//! When a round ends, what no node committed to is removed.
 
 use std::path::{Path, PathBuf};
 use std::{fs, io};
 use zk0_circuits::{Digest, NodeId};
-use zk0_ledger::blobs::{BlobError, BlobWriter, Blobs};
+use zk0_ledger::blobs::partial::PartialBlob;
+use zk0_ledger::blobs::{BlobError, Blobs};
+use zk0_protocol::entries::signed::UploadRequest;
 
 /// How many uploads of a node may wait in one round: the first one, and some for a node that changes its mind.
 pub const MAX_UPLOADS: usize = 4;
@@ -21,9 +24,14 @@ pub struct Staging {
 pub enum StagingError {
     /// The node has used up its quota.
     #[error(
-        "node {0} has already uploaded {MAX_UPLOADS} updates in this round: commit to one of them"
+        "node {0} has already uploaded {MAX_UPLOADS} updates in this round, or parts of them: commit to one of them"
     )]
     Quota(NodeId),
+    /// The data would leave a gap, or begin with bytes that are here.
+    #[error(
+        "the data of this upload begins at byte {begins}, and {held} bytes of the update are here: ask how many there are, and go on after them"
+    )]
+    OtherPlace { begins: u64, held: u64 },
     /// The blob cannot be written.
     #[error(transparent)]
     Blob(#[from] BlobError),
@@ -45,18 +53,23 @@ impl Staging {
         Blobs::at(&self.dir.join(round.to_string()).join(node.to_string()))
     }
 
-    /// Begins an upload of at most `size` bytes.
-    pub fn begin(&self, round: u64, node: &NodeId, size: u64) -> Result<BlobWriter, StagingError> {
-        let blobs = self.of(round, node);
-        let somewhere = blobs.path(&Digest::default());
-        let waiting = somewhere
-            .parent()
-            .and_then(|folder| fs::read_dir(folder).ok())
-            .map_or(0, Iterator::count);
-        match waiting {
-            MAX_UPLOADS.. => Err(StagingError::Quota(*node)),
-            _ => Ok(blobs.writer(size)?),
+    /// How many bytes of an update are here.
+    pub fn held(&self, request: &UploadRequest) -> Result<u64, StagingError> {
+        let blobs = self.of(request.round, &request.node);
+        Ok(blobs.held(&request.blob)?)
+    }
+
+    /// Goes on with an upload, whose data begins at byte `begins`. This reads what is here of it.
+    pub fn go_on(&self, request: &UploadRequest, begins: u64) -> Result<PartialBlob, StagingError> {
+        let blobs = self.of(request.round, &request.node);
+        let held = blobs.held(&request.blob)?;
+        if held == 0 && blobs.count() >= MAX_UPLOADS {
+            return Err(StagingError::Quota(request.node));
         }
+        if begins != held {
+            return Err(StagingError::OtherPlace { begins, held });
+        }
+        Ok(blobs.partial(&request.blob, request.size)?)
     }
 
     /// Removes all uploads.

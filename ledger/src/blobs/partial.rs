@@ -1,0 +1,109 @@
+//! Blobs that come over a network, and of which a part may be here already.
+
+use super::{check, io_error, BlobError, Blobs, UnfinishedBlob};
+use sha2::{Digest as _, Sha256};
+use std::fs::{self, File};
+use std::io;
+use std::path::PathBuf;
+use zk0_circuits::Digest;
+
+/// A blob of which a part is here. The part stays when this is dropped, and whoever opens the blob again goes on after it.
+///
+/// Nobody else may write the same blob at the same time.
+#[derive(Debug)]
+pub struct PartialBlob {
+    unfinished: UnfinishedBlob,
+    hasher: Sha256,
+    digest: Digest,
+    held: u64,
+    size: u64,
+}
+
+impl Blobs {
+    /// How many bytes of a blob are here, whether or not it is complete.
+    pub fn held(&self, digest: &Digest) -> Result<u64, BlobError> {
+        for path in [self.path(digest), self.partial_path(digest)] {
+            match fs::metadata(&path) {
+                Ok(found) => return Ok(found.len()),
+                Err(error) if error.kind() == io::ErrorKind::NotFound => {}
+                Err(error) => return Err(io_error(&path)(error)),
+            }
+        }
+        Ok(0)
+    }
+
+    /// Goes on with a blob of `size` bytes, from the part of it that is here. Reads that part.
+    pub fn partial(&self, digest: &Digest, size: u64) -> Result<PartialBlob, BlobError> {
+        let path = self.partial_path(digest);
+        self.make_folders(&path)?;
+        let mut options = File::options();
+        options.read(true).append(true).create(true);
+        let mut file = options.open(&path).map_err(io_error(&path))?;
+        let mut hasher = Sha256::new();
+        let held = io::copy(&mut file, &mut hasher).map_err(io_error(&path))?;
+        let unfinished = UnfinishedBlob {
+            blobs: self.clone(),
+            path,
+            file,
+            kept: true,
+        };
+        let mut partial = PartialBlob {
+            unfinished,
+            hasher,
+            digest: *digest,
+            held,
+            size,
+        };
+        match held > size {
+            true => Err(partial.refuse(held)),
+            false => Ok(partial),
+        }
+    }
+
+    fn partial_path(&self, digest: &Digest) -> PathBuf {
+        self.dir.join("partial").join(digest.to_string())
+    }
+}
+
+impl PartialBlob {
+    /// How many bytes are here.
+    pub fn held(&self) -> u64 {
+        self.held
+    }
+
+    /// Adds bytes. With more bytes than the blob has, nothing of it remains.
+    pub fn write(&mut self, bytes: &[u8]) -> Result<(), BlobError> {
+        let held = self.held.saturating_add(bytes.len() as u64);
+        if held > self.size {
+            return Err(self.refuse(held));
+        }
+        self.unfinished.write(bytes)?;
+        self.hasher.update(bytes);
+        self.held = held;
+        Ok(())
+    }
+
+    /// Stores the blob if all its bytes are here. It is on disk when this returns. If these are other bytes, nothing of it remains.
+    ///
+    /// # Errors
+    /// Bytes are missing, and the blob stays as it is; or it has another digest.
+    pub fn finish(mut self) -> Result<(), BlobError> {
+        if self.held < self.size {
+            return Err(BlobError::Incomplete {
+                held: self.held,
+                size: self.size,
+            });
+        }
+        self.unfinished.kept = false;
+        check(&self.digest, self.hasher.finalize().into())?;
+        self.unfinished.finish(&self.digest)
+    }
+
+    fn refuse(&mut self, size: u64) -> BlobError {
+        self.unfinished.kept = false;
+        BlobError::TooLarge {
+            size,
+            limit: self.size,
+        }
+    }
+}
