@@ -223,7 +223,7 @@ fn a_round_starts_from_restored_weights_once_their_blob_is_at_hand() -> Test {
     let request = borsh::to_vec(&Signed::new(request, &node.key))?;
     let mut writer = aggregator.upload(&request)?.ok_or("known")?;
     writer.write(&weights(3))?;
-    writer.finish(&blob_digest(&weights(3)))?;
+    writer.finish()?;
     aggregator.commit(&borsh::to_vec(&Signed::new(commitment, &node.key))?)?;
     assert_eq!(aggregator.step()?, Progress::CommitmentsClosed(2));
     assert_eq!(aggregator.step()?, Progress::Drawn(2));

@@ -156,6 +156,7 @@ async fn policy_weights_and_leaves_are_public() -> Test {
     );
     let request = zk0_protocol::rpc::federation::DownloadRequest {
         blob: b"../../checkpoint".to_vec(),
+        begins: 0,
     };
     refused(
         network.client().await.download(request).await.map(drop),
@@ -221,7 +222,7 @@ fn a_submission_after_the_deadline_of_an_open_round_is_recorded_as_late() -> Tes
     let writer = aggregator.upload(&borsh::to_vec(&request)?)?;
     let mut writer = writer.ok_or("there already")?;
     writer.write(&update)?;
-    writer.finish(&blob_digest(&update))?;
+    writer.finish()?;
     let commitment = Signed::new(node.commitment(&network, 0, &update), &node.key);
     aggregator.commit(&borsh::to_vec(&commitment)?)?;
     assert_eq!(aggregator.step()?, Progress::CommitmentsClosed(0));

@@ -4,6 +4,7 @@
 pub mod address;
 mod heads;
 pub mod status;
+mod transfers;
 pub mod watching;
 
 use crate::client::address::AggregatorAddress;
@@ -12,7 +13,6 @@ use crate::client_error::NodeError;
 use ed25519_dalek::SigningKey;
 use sha2::{Digest as _, Sha256};
 use std::error::Error as _;
-use std::io::Write;
 use std::time::Duration;
 use tonic::{transport, Code, Status};
 use zk0_circuits::{Claim, Digest, NodeId, WeightsDigest};
@@ -21,7 +21,7 @@ use zk0_protocol::entries::entry::{Body, Entry};
 use zk0_protocol::entries::genesis::Genesis;
 use zk0_protocol::entries::program::Program;
 use zk0_protocol::entries::signed::{
-    DatasetRegistration, Enrolment, Proposal, Signed, Submission, UpdateCommitment, UploadRequest,
+    DatasetRegistration, Enrolment, Proposal, Signed, Submission, UpdateCommitment,
 };
 use zk0_protocol::request_head::Method;
 use zk0_protocol::rpc::federation as rpc;
@@ -30,9 +30,6 @@ use zk0_protocol::rpc::head_metadata::with_head;
 use zk0_protocol::tlog::checkpoint::Checkpoint;
 use zk0_protocol::tlog::receipt::Receipt;
 use zk0_protocol::{Refusal, Rules};
-
-/// Bytes in one message of an upload. The aggregator reserves memory for messages over 32 KiB.
-const CHUNK_BYTES: usize = 16 << 10;
 
 /// Largest message that is read. A receipt or a chunk is far smaller.
 const MAX_MESSAGE_BYTES: usize = 4 << 20;
@@ -168,43 +165,6 @@ impl Node {
         NodeId(self.key.verifying_key().to_bytes())
     }
 
-    /// Downloads a public blob of at most `limit` bytes.
-    pub async fn download(&mut self, blob: &Digest, limit: u64) -> Result<Vec<u8>, NodeError> {
-        let mut bytes = Vec::new();
-        self.download_to(blob, limit, &mut bytes).await?;
-        Ok(bytes)
-    }
-
-    /// Downloads a public blob, as [`Self::download`] does, and writes it to `out` piece by piece. What was written is the blob only if
-    /// this returns without an error.
-    pub async fn download_to(
-        &mut self,
-        blob: &Digest,
-        limit: u64,
-        out: &mut (impl Write + Send),
-    ) -> Result<(), NodeError> {
-        let request = rpc::DownloadRequest {
-            blob: blob.0.to_vec(),
-        };
-        let mut chunks = patiently!(self.client.download(request.clone()))?.into_inner();
-        let (mut hash, mut left) = (Sha256::new(), limit);
-        while let Some(chunk) = chunks.message().await? {
-            left = left
-                .checked_sub(chunk.data.len() as u64)
-                .ok_or(NodeError::TooLarge { blob: *blob, limit })?;
-            hash.update(&chunk.data);
-            out.write_all(&chunk.data).map_err(NodeError::Write)?;
-        }
-        out.flush().map_err(NodeError::Write)?;
-        match Digest(hash.finalize().into()) {
-            actual if actual == *blob => Ok(()),
-            actual => Err(NodeError::OtherBlob {
-                asked: *blob,
-                actual,
-            }),
-        }
-    }
-
     /// Puts a dataset on the ledger. `leaves` is the list of drawn frames that the registration names. A node that was restarted gets the same receipt again.
     pub async fn register(
         &mut self,
@@ -247,43 +207,6 @@ impl Node {
         match self.entry(opened)?.1.body {
             Body::RoundOpened(opened) => Ok(opened.round.saturating_add(1)),
             _ => Err(unexpected("the opening of a round", "another entry")),
-        }
-    }
-
-    /// Uploads an update. It stays private until the round closes.
-    pub async fn upload(&mut self, round: u64, update: &[u8]) -> Result<(), NodeError> {
-        use rpc::upload_chunk::Part;
-        let request = UploadRequest {
-            network: self.heads.network,
-            round,
-            node: self.id(),
-            blob: Digest(Sha256::digest(update).into()),
-            size: update.len() as u64,
-        };
-        let signed = encode(&Signed::new(request, &self.key));
-        let about = About::message(Method::Upload, &signed).in_round(round);
-        let mut attempt = 1;
-        loop {
-            let first = Part::Request(signed.clone());
-            let rest = update.chunks(CHUNK_BYTES);
-            let rest = rest.map(|chunk| Part::Data(chunk.to_vec()));
-            let parts: Vec<_> = std::iter::once(first)
-                .chain(rest)
-                .map(|part| rpc::UploadChunk { part: Some(part) })
-                .collect();
-            let request = self.headed(&about, tokio_stream::iter(parts))?;
-            match self.client.upload(request).await {
-                Err(status) if is_lost(&status) && attempt < ATTEMPTS => {
-                    tracing::warn!(
-                        "the upload was interrupted ({status}); the node begins it again"
-                    );
-                    attempt += 1;
-                    tokio::time::sleep(APART).await;
-                    self.learn_run().await;
-                }
-                Err(status) => return Err(status.into()),
-                Ok(_) => return Ok(()),
-            }
         }
     }
 

@@ -190,7 +190,7 @@ impl Turn<'_> {
             blob: blob_digest(&file),
             quantised: update.digest(node.genesis().mode),
         };
-        node.upload(round, &file).await?;
+        node.upload(round, file).await?;
         let (commitment, receipt) = node
             .commit(round, &dataset.root, &update_digest, self.eval_samples)
             .await?;

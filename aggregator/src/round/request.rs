@@ -47,6 +47,9 @@ pub enum RequestError {
     /// The node asks for too much at once.
     #[error("{0}")]
     Busy(String),
+    /// The data of an upload does not begin where it has to.
+    #[error("{0}")]
+    OtherPlace(String),
     /// The request took too long.
     #[error("{0}")]
     TimedOut(String),
@@ -98,7 +101,8 @@ impl From<StagingError> for RequestError {
     fn from(error: StagingError) -> Self {
         match error {
             StagingError::Quota(_) => Self::Busy(error.to_string()),
-            StagingError::Blob(error) => error.into(),
+            StagingError::OtherPlace { .. } => Self::OtherPlace(error.to_string()),
+            StagingError::Blob(error) => Self::upload(error),
             StagingError::Io { .. } => Self::Internal(error.to_string()),
         }
     }
@@ -119,6 +123,9 @@ impl RequestError {
                 size,
                 limit,
             }),
+            BlobError::Incomplete { held, size } => {
+                Self::Malformed(format!("the upload ended after {held} of {size} bytes"))
+            }
             BlobError::WrongDigest { expected, actual } => {
                 Self::Refused(Refusal::UpdateDigest { expected, actual })
             }
@@ -142,6 +149,7 @@ impl RequestError {
             Self::HeldBack(_) | Self::NotOperator(_) => Code::PermissionDenied,
             Self::UnknownBlob(_) => Code::NotFound,
             Self::Busy(_) => Code::ResourceExhausted,
+            Self::OtherPlace(_) => Code::Aborted,
             Self::TimedOut(_) => Code::DeadlineExceeded,
             Self::NotPublished(_) => Code::Unavailable,
             Self::Internal(_) => Code::Internal,

@@ -11,5 +11,5 @@ pub mod requests;
 mod senders;
 pub mod service;
 mod submitting;
-mod upload_places;
+mod uploading;
 mod watching;

@@ -7,13 +7,13 @@ use crate::round::recording::statements::{
     decode, AllowedCommitment, AllowedRegistration, AllowedSaying, Begun, Said,
 };
 use crate::round::request::RequestError;
-use crate::serve::senders::heads::{sent_by, taken, Head, Message};
+use crate::serve::senders::heads::{sent_by, taken, Message};
 use crate::serve::senders::sender::read_hashed;
 use crate::serve::service::{blocking, Service};
+use std::io::SeekFrom;
 use std::pin::Pin;
 use std::sync::Arc;
-use std::time::Duration;
-use tokio::time::timeout;
+use tokio::io::AsyncSeekExt;
 use tokio_stream::wrappers::ReceiverStream;
 use tokio_stream::{Stream, StreamExt};
 use tonic::{Request, Response, Status, Streaming};
@@ -21,16 +21,15 @@ use zk0_circuits::{Digest, NodeId};
 use zk0_protocol::blob::blob_digest;
 use zk0_protocol::entries::entry::Body;
 use zk0_protocol::entries::signed::{
-    DatasetRegistration, Enrolment, Signed, Submission, UpdateCommitment, UploadRequest,
+    DatasetRegistration, Enrolment, Signed, Submission, UpdateCommitment,
 };
 use zk0_protocol::request_head::{HeadRefusal, Method};
 use zk0_protocol::rpc::federation::federation_server::Federation;
-use zk0_protocol::rpc::federation::upload_chunk::Part;
 use zk0_protocol::rpc::federation::{
     Chunk, CommitRequest, DownloadRequest, EnrolRequest, GetGovernanceRequest, GetNetworkRequest,
-    GetRoundRequest, GetStatusRequest, GovernanceInfo, NetworkInfo, OpenProposal, Receipt,
+    GetRoundRequest, GetStatusRequest, GetUploadRequest, GovernanceInfo, NetworkInfo, OpenProposal, Receipt,
     RecordRequest, RegisterDatasetRequest, RoundInfo, StatusInfo, SubmitReply, SubmitRequest,
-    UploadChunk, UploadReply,
+    UploadChunk, UploadInfo, UploadReply,
 };
 use zk0_protocol::tlog::receipt;
 use zk0_protocol::Refusal;
@@ -179,13 +178,21 @@ impl Federation for Service {
         &self,
         request: Request<DownloadRequest>,
     ) -> Result<Response<Self::DownloadStream>, Status> {
-        let blob = digest(&request.into_inner().blob)?;
+        let DownloadRequest { blob, begins } = request.into_inner();
+        let blob = digest(&blob)?;
         let path = self.with(move |aggregator| aggregator.blob(&blob)).await?;
         let name = path.display().to_string();
         let failed = move |error: std::io::Error| {
             Status::from(RequestError::Internal(format!("{name}: {error}")))
         };
-        let file = tokio::fs::File::open(path).await.map_err(&failed)?;
+        let mut file = tokio::fs::File::open(path).await.map_err(&failed)?;
+        let size = file.metadata().await.map_err(&failed)?.len();
+        if begins > size {
+            return Err(malformed(&format!(
+                "the blob has {size} bytes, and no byte {begins}"
+            )));
+        }
+        file.seek(SeekFrom::Start(begins)).await.map_err(&failed)?;
         let parts = file_parts(file, self.limits.silence)
             .map(move |part| part.map(|data| Chunk { data }).map_err(&failed));
         Ok(Response::new(Box::pin(parts)))
@@ -227,10 +234,16 @@ impl Federation for Service {
         request: Request<Streaming<UploadChunk>>,
     ) -> Result<Response<UploadReply>, Status> {
         let (head, stream) = taken(request);
-        match timeout(self.limits.upload, self.receive(head, stream)).await {
-            Ok(received) => received.map(|sender| sent_by(sender, UploadReply {})),
-            Err(_) => Err(too_long("the upload took", self.limits.upload)),
-        }
+        let sender = self.uploaded(head, stream).await?;
+        Ok(sent_by(sender, UploadReply {}))
+    }
+
+    async fn get_upload(
+        &self,
+        request: Request<GetUploadRequest>,
+    ) -> Result<Response<UploadInfo>, Status> {
+        let held = self.held(request.into_inner().request).await?;
+        Ok(Response::new(UploadInfo { held }))
     }
 
     async fn commit(&self, request: Request<CommitRequest>) -> Result<Response<Receipt>, Status> {
@@ -318,72 +331,6 @@ impl Service {
         self.published(receipt.index + 1).await?;
         Ok(sent_by(sender, receipt.into()))
     }
-
-    /// Receives an upload to its end. Returns the node that sends it, if it is a member.
-    async fn receive(
-        &self,
-        head: Head,
-        mut stream: Streaming<UploadChunk>,
-    ) -> Result<Option<NodeId>, Status> {
-        let Some(Part::Request(first)) = self.next(&mut stream).await? else {
-            return Err(malformed(
-                "the first message of an upload holds its signed request",
-            ));
-        };
-        let (signed, body) = read_hashed::<UploadRequest>("upload request", first).await?;
-        let upload = signed.statement;
-        let message = Message {
-            method: Method::Upload,
-            round: Some(upload.round),
-            signer: upload.node,
-            body,
-        };
-        let now_ms = self.arrivals.now_ms();
-        let sender = self.sender(head, message, now_ms).await?;
-        let request = upload.clone();
-        let writer = self
-            .with(move |aggregator| aggregator.begin_upload(&request))
-            .await?;
-        let Some(mut writer) = writer else {
-            return Ok(sender);
-        };
-        let _place = self.uploading.take(upload.node)?;
-        while let Some(part) = self.next(&mut stream).await? {
-            let Part::Data(data) = part else {
-                return Err(malformed(
-                    "an upload holds one request, and nothing but data after it",
-                ));
-            };
-            writer = blocking(move || {
-                writer.write(&data).map_err(RequestError::upload)?;
-                Ok(writer)
-            })
-            .await?;
-        }
-        if writer.size() != upload.size {
-            return Err(malformed(&format!(
-                "the upload ended after {} of {} bytes",
-                writer.size(),
-                upload.size
-            )));
-        }
-        blocking(move || writer.finish(&upload.blob).map_err(RequestError::upload)).await?;
-        tracing::info!(node = %upload.node, update = %upload.blob, size = upload.size, "update uploaded");
-        Ok(sender)
-    }
-
-    /// The next part of an upload. It is an error if none comes for too long.
-    async fn next(&self, stream: &mut Streaming<UploadChunk>) -> Result<Option<Part>, Status> {
-        let silence = self.limits.silence;
-        let message = timeout(silence, stream.message())
-            .await
-            .map_err(|_| too_long("no data came for", silence))??;
-        match message {
-            None => Ok(None),
-            Some(UploadChunk { part: Some(part) }) => Ok(Some(part)),
-            Some(UploadChunk { part: None }) => Err(malformed("a message of the upload is empty")),
-        }
-    }
 }
 
 fn node_id(bytes: &[u8]) -> Option<NodeId> {
@@ -401,10 +348,6 @@ fn digest(bytes: &[u8]) -> Result<Digest, Status> {
         .map_err(|_| malformed("the name of a blob is its SHA-256, of 32 bytes"))
 }
 
-fn too_long(what: &str, limit: Duration) -> Status {
-    RequestError::TimedOut(format!("{what} more than {} ms", limit.as_millis())).into()
-}
-
-fn malformed(what: &str) -> Status {
+pub(super) fn malformed(what: &str) -> Status {
     RequestError::Malformed(what.into()).into()
 }

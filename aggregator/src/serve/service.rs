@@ -4,7 +4,7 @@
 //! |---|---|
 //! | one message | the rules' largest proof, or 4 MiB for lists of leaves, and 64 KiB |
 //! | one upload | what its signed request says, at most the rules' largest update; streamed to disk, never in memory |
-//! | uploads | one at a time and [`crate::round::recording::staging::MAX_UPLOADS`] per node and round |
+//! | uploads | one at a time and [`crate::round::recording::staging::MAX_UPLOADS`] per node and round, with those that were cut |
 //! | how long a peer may be silent in the middle of a stream | [`Limits::silence`] |
 //! | how long an upload may take in all | [`Limits::upload`] |
 //! | how long a message may take | [`Limits::message`] |
@@ -29,7 +29,7 @@ use crate::serve::limits::Limits;
 use crate::serve::node_turns::NodeTurns;
 use crate::serve::recorder::Recorder;
 use crate::serve::senders::heads::Heads;
-use crate::serve::upload_places::UploadPlaces;
+use crate::serve::uploading::Uploads;
 use crate::tls::server_certificate::ServerCertificate;
 use std::future::Future;
 use std::num::NonZero;
@@ -84,7 +84,7 @@ pub struct Service {
     publishing: Option<Publishing>,
     /// Where beacons are fetched.
     pub(super) beacons: Arc<BeaconServers>,
-    pub(super) uploading: UploadPlaces,
+    pub(super) uploads: Uploads,
     pub(super) heads: Heads,
     certificate: Option<Arc<ServerCertificate>>,
     pub(super) limits: Limits,
@@ -117,7 +117,7 @@ impl Service {
             changed: Arc::new(Notify::new()),
             publishing: None,
             beacons: Arc::new(BeaconServers::public(BEACON_PATIENCE)),
-            uploading: UploadPlaces::default(),
+            uploads: Uploads::default(),
             certificate: None,
             metrics: Metrics::default(),
             started: Instant::now(),

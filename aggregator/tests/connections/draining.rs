@@ -26,7 +26,7 @@ async fn a_peer_that_holds_a_stream_open_does_not_keep_the_server() -> Test {
     let request = Signed::new(request, &node.key);
     let (sender, receiver) = mpsc::channel(4);
     let part = Some(Part::Request(borsh::to_vec(&request)?));
-    sender.send(proto::UploadChunk { part }).await?;
+    sender.send(proto::UploadChunk { part, begins: 0 }).await?;
     let mut holder = network.client().await;
     let request = node.uploading(&network, &request, ReceiverStream::new(receiver));
     let holding = tokio::spawn(async move { holder.upload(request).await });

@@ -84,7 +84,10 @@ async fn a_request_in_progress_keeps_its_connection() -> Test {
     let update = weights(1);
     let request = node.upload_request(&network.genesis.network_id(), 0, &update);
     let request = Signed::new(request, &node.key);
-    let part = |part| proto::UploadChunk { part: Some(part) };
+    let part = |part| proto::UploadChunk {
+        part: Some(part),
+        begins: 0,
+    };
     let (sender, receiver) = mpsc::channel(4);
     let first = Part::Request(borsh::to_vec(&request)?);
     sender.send(part(first)).await?;

@@ -93,7 +93,7 @@ impl Network {
         let writer = aggregator.upload(&bytes(&request)).unwrap();
         let mut writer = writer.unwrap();
         writer.write(&update).unwrap();
-        writer.finish(&blob_digest(&update)).unwrap();
+        writer.finish().unwrap();
         Self {
             dir,
             clock,

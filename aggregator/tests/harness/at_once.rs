@@ -5,7 +5,7 @@ use zk0_aggregator::round::recording::statements::{decode, read_signed, Begun, S
 use zk0_aggregator::round::recording::submission::Decided;
 use zk0_aggregator::round::request::RequestError;
 use zk0_aggregator::{Aggregator, Progress};
-use zk0_ledger::BlobWriter;
+use zk0_ledger::blobs::partial::PartialBlob;
 use zk0_protocol::entries::signed::{Signed, Submission, UploadRequest};
 use zk0_protocol::{Body, Receipt};
 
@@ -14,7 +14,7 @@ pub trait AtOnce {
     fn say(&mut self, body: &[u8]) -> Result<Receipt, RequestError>;
     fn let_in(&mut self, enrolment: &[u8]) -> Result<Receipt, RequestError>;
     fn register(&mut self, registration: &[u8], leaves: &[u8]) -> Result<Receipt, RequestError>;
-    fn upload(&self, request: &[u8]) -> Result<Option<BlobWriter>, RequestError>;
+    fn upload(&self, request: &[u8]) -> Result<Option<PartialBlob>, RequestError>;
     fn commit(&mut self, commitment: &[u8]) -> Result<Receipt, RequestError>;
     fn submit(&mut self, submission: &[u8], proof: Vec<u8>) -> Result<Decided, RequestError>;
     /// A step of the rounds, with what it needs to be computed.
@@ -46,9 +46,10 @@ impl AtOnce for Aggregator {
         }
     }
 
-    fn upload(&self, request: &[u8]) -> Result<Option<BlobWriter>, RequestError> {
+    fn upload(&self, request: &[u8]) -> Result<Option<PartialBlob>, RequestError> {
         let signed: Signed<UploadRequest> = read_signed("upload request", request)?;
-        self.begin_upload(&signed.statement)
+        let staging = self.begin_upload(&signed.statement)?;
+        Ok(staging.go_on(&signed.statement, 0)?)
     }
 
     fn commit(&mut self, commitment: &[u8]) -> Result<Receipt, RequestError> {

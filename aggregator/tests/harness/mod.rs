@@ -50,7 +50,16 @@ pub const SUBMIT_MS: u64 = 120_000;
 pub const EVALUATION_FRAMES: u32 = 10;
 pub const MAX_UPDATE_BYTES: u64 = 200_000;
 pub const MAX_PROOF_BYTES: u64 = 100_000;
-pub const POLICY: &[u8] = b"the whole initial policy";
+/// The whole initial policy: bytes that take several messages.
+pub const POLICY: &[u8] = &{
+    let mut bytes = [0; 200_000];
+    let mut at = 0;
+    while at < bytes.len() {
+        bytes[at] = (at % 251) as u8;
+        at += 1;
+    }
+    bytes
+};
 
 pub fn log_key() -> SigningKey {
     SigningKey::from_bytes(&[42; 32])

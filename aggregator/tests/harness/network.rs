@@ -300,6 +300,7 @@ impl Network {
     pub async fn download(&self, blob: Digest) -> Result<Vec<u8>, Status> {
         let request = proto::DownloadRequest {
             blob: blob.0.to_vec(),
+            begins: 0,
         };
         let mut stream = self.client().await.download(request).await?.into_inner();
         let mut bytes = Vec::new();

@@ -145,15 +145,42 @@ impl Node {
         request: &Signed<UploadRequest>,
         bytes: &[u8],
     ) -> Result<(), Status> {
-        let first = Part::Request(borsh::to_vec(request).unwrap());
-        let data = bytes.chunks(1000).map(|data| Part::Data(data.to_vec()));
-        let parts: Vec<_> = std::iter::once(first)
-            .chain(data)
-            .map(|part| proto::UploadChunk { part: Some(part) })
-            .collect();
+        self.go_on(network, request, bytes, 0).await
+    }
+
+    /// Uploads `bytes` from number `begins` on.
+    pub async fn go_on(
+        &self,
+        network: &Network,
+        request: &Signed<UploadRequest>,
+        bytes: &[u8],
+        begins: usize,
+    ) -> Result<(), Status> {
+        let first = proto::UploadChunk {
+            part: Some(Part::Request(borsh::to_vec(request).unwrap())),
+            begins: begins as u64,
+        };
+        let data = bytes[begins..].chunks(1000).map(|data| proto::UploadChunk {
+            part: Some(Part::Data(data.to_vec())),
+            begins: 0,
+        });
+        let parts: Vec<_> = std::iter::once(first).chain(data).collect();
         let request = self.uploading(network, request, tokio_stream::iter(parts));
         network.client().await.upload(request).await?;
         Ok(())
+    }
+
+    /// How many bytes of this upload the aggregator says that it has.
+    pub async fn held(
+        &self,
+        network: &Network,
+        request: &Signed<UploadRequest>,
+    ) -> Result<u64, Status> {
+        let request = proto::GetUploadRequest {
+            request: borsh::to_vec(request).unwrap(),
+        };
+        let info = network.client().await.get_upload(request).await?;
+        Ok(info.into_inner().held)
     }
 
     pub fn commitment(&self, network: &Digest, round: u64, update: &[u8]) -> UpdateCommitment {

@@ -234,7 +234,10 @@ async fn no_request_changes_anything_without_its_head() -> Test {
     let request = first.upload_request(&id, 0, &update);
     let request = borsh::to_vec(&Signed::new(request, &first.key))?;
     let part = proto::upload_chunk::Part::Request(request);
-    let parts = tokio_stream::iter([proto::UploadChunk { part: Some(part) }]);
+    let parts = tokio_stream::iter([proto::UploadChunk {
+        part: Some(part),
+        begins: 0,
+    }]);
     refused(client.upload(parts).await, Code::Unauthenticated, bare);
     assert_eq!(network.uploads(), 0);
 

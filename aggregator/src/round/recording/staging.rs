@@ -5,7 +5,7 @@
 
 use std::path::{Path, PathBuf};
 use std::{fs, io};
-use zk0_circuits::{Digest, NodeId};
+use zk0_circuits::NodeId;
 use zk0_ledger::blobs::partial::PartialBlob;
 use zk0_ledger::blobs::{BlobError, Blobs};
 use zk0_protocol::entries::signed::UploadRequest;
@@ -59,9 +59,16 @@ impl Staging {
         Ok(blobs.held(&request.blob)?)
     }
 
-    /// Goes on with an upload, whose data begins at byte `begins`. This reads what is here of it.
-    pub fn go_on(&self, request: &UploadRequest, begins: u64) -> Result<PartialBlob, StagingError> {
+    /// Goes on with an upload, whose data begins at byte `begins`. This reads what is here of it. `None` if all of it is here.
+    pub fn go_on(
+        &self,
+        request: &UploadRequest,
+        begins: u64,
+    ) -> Result<Option<PartialBlob>, StagingError> {
         let blobs = self.of(request.round, &request.node);
+        if blobs.contains(&request.blob) {
+            return Ok(None);
+        }
         let held = blobs.held(&request.blob)?;
         if held == 0 && blobs.count() >= MAX_UPLOADS {
             return Err(StagingError::Quota(request.node));
@@ -69,7 +76,7 @@ impl Staging {
         if begins != held {
             return Err(StagingError::OtherPlace { begins, held });
         }
-        Ok(blobs.partial(&request.blob, request.size)?)
+        Ok(Some(blobs.partial(&request.blob, request.size)?))
     }
 
     /// Removes all uploads.

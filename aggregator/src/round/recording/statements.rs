@@ -6,10 +6,11 @@
 
 use crate::round::aggregator::Aggregator;
 use crate::round::public_samples::check_public_samples;
+use crate::round::recording::staging::Staging;
 use crate::round::request::RequestError;
 use borsh::BorshDeserialize;
 use zk0_circuits::NodeId;
-use zk0_ledger::blobs::{BlobError, BlobWriter, Blobs};
+use zk0_ledger::blobs::{BlobError, Blobs};
 use zk0_protocol::blob::Blob;
 use zk0_protocol::entries::entry::{Body, MAX_ENTRY_BYTES};
 use zk0_protocol::entries::genesis::Genesis;
@@ -235,12 +236,8 @@ impl Aggregator {
         Ok(Begun::New(body))
     }
 
-    /// Begins an upload. The caller writes the blob, and calls [`BlobWriter::finish`] with the request's digest. The writer is
-    /// `None` if the node has uploaded the blob before.
-    pub fn begin_upload(
-        &self,
-        request: &UploadRequest,
-    ) -> Result<Option<BlobWriter>, RequestError> {
+    /// Says where an upload waits, if the ledger allows it. The caller reads and writes there, away from the aggregator.
+    pub fn begin_upload(&self, request: &UploadRequest) -> Result<Staging, RequestError> {
         let state = self.state();
         let limit = BlobKind::Update.max_bytes(state.rules());
         let refusal = if request.network != *state.network() {
@@ -267,16 +264,7 @@ impl Aggregator {
         if let Some(refusal) = refusal {
             return Err(refusal.into());
         }
-        let waiting = self.staging.of(request.round, &request.node);
-        match waiting.contains(&request.blob) {
-            true => Ok(None),
-            false => {
-                let writer = self
-                    .staging
-                    .begin(request.round, &request.node, request.size)?;
-                Ok(Some(writer))
-            }
-        }
+        Ok(self.staging.clone())
     }
 
     /// Begins to record a commitment to an uploaded update.

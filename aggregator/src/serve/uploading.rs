@@ -1,0 +1,228 @@
+//! Uploads. What has come of one stays when its connection is lost, and the node goes on after it.
+
+use crate::round::recording::staging::Staging;
+use crate::round::request::RequestError;
+use crate::serve::limits::Limits;
+use crate::serve::node_turns::NodeTurns;
+use crate::serve::requests::malformed;
+use crate::serve::senders::heads::{Head, Message};
+use crate::serve::senders::sender::read_hashed;
+use crate::serve::service::{blocking, Service};
+use std::collections::HashMap;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+use tokio::sync::{Notify, OwnedMutexGuard};
+use tokio::time::{timeout_at, Instant};
+use tonic::{Status, Streaming};
+use zk0_circuits::NodeId;
+use zk0_ledger::blobs::partial::PartialBlob;
+use zk0_protocol::entries::signed::UploadRequest;
+use zk0_protocol::request_head::Method;
+use zk0_protocol::rpc::federation::upload_chunk::Part;
+use zk0_protocol::rpc::federation::UploadChunk;
+
+/// Bytes that are written to disk at once.
+const BATCH_BYTES: usize = 256 << 10;
+
+/// The uploads in progress: one for each node. A newer upload of a node ends the one before, whose connection may be lost without anybody
+/// having noticed.
+#[derive(Clone, Default)]
+pub(super) struct Uploads {
+    turns: NodeTurns,
+    newest: Arc<Mutex<HashMap<NodeId, Arc<Notify>>>>,
+}
+
+/// The newest upload of a node, until it is dropped.
+struct Newest {
+    node: NodeId,
+    ended: Arc<Notify>,
+    uploads: Uploads,
+}
+
+/// An upload that is being written. The next upload of its node waits until this is dropped.
+struct Writing {
+    blob: PartialBlob,
+    _turn: OwnedMutexGuard<()>,
+}
+
+impl Uploads {
+    /// Ends the upload of the node that is in progress.
+    fn begin(&self, node: NodeId) -> Newest {
+        let ended = Arc::new(Notify::new());
+        if let Some(before) = self.newest().insert(node, ended.clone()) {
+            before.notify_one();
+        }
+        Newest {
+            node,
+            ended,
+            uploads: self.clone(),
+        }
+    }
+
+    /// A panic elsewhere does not spoil the map: it is never half changed.
+    fn newest(&self) -> MutexGuard<'_, HashMap<NodeId, Arc<Notify>>> {
+        self.newest.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Newest {
+    fn has_ended(&self) -> Status {
+        let node = self.node;
+        let why = format!("a newer upload of node {node} has begun, which ends this one");
+        RequestError::Busy(why).into()
+    }
+}
+
+impl Drop for Newest {
+    fn drop(&mut self) {
+        let mut newest = self.uploads.newest();
+        let ours = newest.get(&self.node);
+        if ours.is_some_and(|ours| Arc::ptr_eq(ours, &self.ended)) {
+            newest.remove(&self.node);
+        }
+    }
+}
+
+impl Service {
+    /// Receives an upload to its end. Returns the node that sends it, if it is a member.
+    pub(super) async fn uploaded(
+        &self,
+        head: Head,
+        stream: Streaming<UploadChunk>,
+    ) -> Result<Option<NodeId>, Status> {
+        // When the connection is lost, the server gives up its request. In a task of its own, what has come is written nevertheless.
+        let service = self.clone();
+        let received = tokio::spawn(async move { service.receive(head, stream).await }).await;
+        received.map_err(|error| RequestError::Internal(error.to_string()))?
+    }
+
+    async fn receive(
+        &self,
+        head: Head,
+        stream: Streaming<UploadChunk>,
+    ) -> Result<Option<NodeId>, Status> {
+        let mut incoming = Incoming {
+            stream,
+            limits: self.limits,
+            ends: Instant::now() + self.limits.upload,
+        };
+        let Some((begins, Part::Request(first))) = incoming.next().await? else {
+            return Err(malformed(
+                "the first message of an upload holds its signed request",
+            ));
+        };
+        let (signed, body) = read_hashed::<UploadRequest>("upload request", first).await?;
+        let upload = signed.statement;
+        let message = Message {
+            method: Method::Upload,
+            round: Some(upload.round),
+            signer: upload.node,
+            body,
+        };
+        let now_ms = self.arrivals.now_ms();
+        let sender = self.sender(head, message, now_ms).await?;
+        let staging = self.staging(upload.clone()).await?;
+        let newest = self.uploads.begin(upload.node);
+        self.receive_data(incoming, newest, staging, upload, begins)
+            .await?;
+        Ok(sender)
+    }
+
+    /// How many bytes of an upload are here.
+    pub(super) async fn held(&self, request: Vec<u8>) -> Result<u64, RequestError> {
+        let (signed, _) = read_hashed::<UploadRequest>("upload request", request).await?;
+        let staging = self.staging(signed.statement.clone()).await?;
+        blocking(move || Ok(staging.held(&signed.statement)?)).await
+    }
+
+    /// Where an upload waits, if the ledger allows it.
+    async fn staging(&self, request: UploadRequest) -> Result<Staging, RequestError> {
+        self.with(move |aggregator| aggregator.begin_upload(&request))
+            .await
+    }
+
+    async fn receive_data(
+        &self,
+        mut incoming: Incoming,
+        newest: Newest,
+        staging: Staging,
+        upload: UploadRequest,
+        begins: u64,
+    ) -> Result<(), Status> {
+        let turn = self.uploads.turns.take(upload.node).await;
+        let request = upload.clone();
+        let blob = blocking(move || Ok(staging.go_on(&request, begins)?)).await?;
+        let Some(blob) = blob else {
+            return Ok(());
+        };
+        let mut writing = Writing { blob, _turn: turn };
+        let mut ended = false;
+        while !ended {
+            let mut batch = vec![];
+            let mut failed = None;
+            while batch.len() < BATCH_BYTES && !ended && failed.is_none() {
+                let next = tokio::select! {
+                    next = incoming.next() => next,
+                    () = newest.ended.notified() => Err(newest.has_ended()),
+                };
+                match next {
+                    Ok(Some((_, Part::Data(data)))) => batch.extend(data),
+                    Ok(Some(_)) => {
+                        let why = "an upload holds one request, and nothing but data after it";
+                        failed = Some(malformed(why));
+                    }
+                    Ok(None) => ended = true,
+                    Err(status) => failed = Some(status),
+                }
+            }
+            // What has come stays, whatever comes after it.
+            writing = blocking(move || {
+                writing.blob.write(&batch).map_err(RequestError::upload)?;
+                Ok(writing)
+            })
+            .await?;
+            if let Some(status) = failed {
+                return Err(status);
+            }
+        }
+        blocking(move || writing.blob.finish().map_err(RequestError::upload)).await?;
+        tracing::info!(node = %upload.node, update = %upload.blob, size = upload.size, begins, "update uploaded");
+        Ok(())
+    }
+}
+
+/// The messages of an upload.
+struct Incoming {
+    stream: Streaming<UploadChunk>,
+    limits: Limits,
+    ends: Instant,
+}
+
+impl Incoming {
+    /// The next part, and where its data begins. It is an error if none comes for too long, or if the upload takes too long.
+    async fn next(&mut self) -> Result<Option<(u64, Part)>, Status> {
+        let Limits {
+            silence, upload, ..
+        } = self.limits;
+        let silent = Instant::now() + silence;
+        let message = timeout_at(silent.min(self.ends), self.stream.message());
+        let message = message.await.map_err(|_| match self.ends < silent {
+            true => too_long("the upload took", upload),
+            false => too_long("no data came for", silence),
+        })??;
+        match message {
+            None => Ok(None),
+            Some(UploadChunk {
+                part: Some(part),
+                begins,
+            }) => Ok(Some((begins, part))),
+            Some(UploadChunk { part: None, .. }) => {
+                Err(malformed("a message of the upload is empty"))
+            }
+        }
+    }
+}
+
+fn too_long(what: &str, limit: Duration) -> Status {
+    RequestError::TimedOut(format!("{what} more than {} ms", limit.as_millis())).into()
+}

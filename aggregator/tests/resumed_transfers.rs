@@ -1,0 +1,189 @@
+//! A transfer that was cut goes on after what has come.
+
+mod harness;
+
+use harness::*;
+use std::time::Duration;
+use tokio::sync::mpsc;
+use tokio::time::timeout;
+use tokio_stream::wrappers::ReceiverStream;
+use tonic::{Code, Status};
+use zk0_circuits::Digest;
+use zk0_protocol::entries::signed::{Signed, UploadRequest};
+use zk0_protocol::rpc::federation as proto;
+use zk0_protocol::rpc::federation::upload_chunk::Part;
+use zk0_verifier::blob_digest;
+
+type Test = Result<(), Box<dyn std::error::Error>>;
+
+fn signed(network: &Network, node: &Node, update: &[u8]) -> Signed<UploadRequest> {
+    let request = node.upload_request(&network.genesis.network_id(), 0, update);
+    Signed::new(request, &node.key)
+}
+
+/// An upload whose node has sent `sent` bytes and is silent then.
+async fn silent_after(
+    network: &Network,
+    node: &Node,
+    update: &[u8],
+    sent: usize,
+) -> (
+    mpsc::Sender<proto::UploadChunk>,
+    tokio::task::JoinHandle<Result<(), Status>>,
+) {
+    let request = signed(network, node, update);
+    let (sender, receiver) = mpsc::channel(4);
+    for part in [
+        Part::Request(borsh::to_vec(&request).unwrap()),
+        Part::Data(update[..sent].to_vec()),
+    ] {
+        let part = Some(part);
+        sender
+            .send(proto::UploadChunk { part, begins: 0 })
+            .await
+            .unwrap();
+    }
+    let uploading = node.uploading(network, &request, ReceiverStream::new(receiver));
+    let mut client = network.client().await;
+    let uploading = tokio::spawn(async move { client.upload(uploading).await.map(drop) });
+    (sender, uploading)
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn an_upload_goes_on_after_what_has_come_even_when_the_aggregator_was_killed() -> Test {
+    let (mut network, first, _) = open_round().await;
+    let update = weights(1);
+    let request = signed(&network, &first, &update);
+    assert_eq!(first.held(&network, &request).await?, 0);
+    let (sender, uploading) = silent_after(&network, &first, &update, 3000).await;
+    drop(sender);
+    refused(
+        uploading.await?,
+        Code::InvalidArgument,
+        "ended after 3000 of",
+    );
+    assert_eq!(first.held(&network, &request).await?, 3000);
+    network.restart().await;
+    assert_eq!(first.held(&network, &request).await?, 3000);
+    for begins in [0, 2999, 3001] {
+        refused(
+            first.go_on(&network, &request, &update, begins).await,
+            Code::Aborted,
+            "and 3000 bytes of the update are here",
+        );
+    }
+    first.go_on(&network, &request, &update, 3000).await?;
+    assert_eq!(first.held(&network, &request).await?, update.len() as u64);
+    assert_eq!(network.uploads(), 1);
+    first.commit(&network, 0, &update).await?;
+    Ok(())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_newer_upload_ends_the_one_before_whose_connection_is_lost() -> Test {
+    let (network, first, second) = open_round().await;
+    let (update, other) = (weights(1), weights(2));
+    let (_sender, lost) = silent_after(&network, &first, &update, 3000).await;
+    // Nobody notices that the connection is lost. Another node is not held up, and this one neither.
+    second.upload(&network, 0, &weights(3)).await?;
+    timeout(Duration::from_secs(10), first.upload(&network, 0, &other)).await??;
+    refused(
+        timeout(Duration::from_secs(10), lost).await??,
+        Code::ResourceExhausted,
+        "a newer upload",
+    );
+    first.commit(&network, 0, &other).await?;
+    Ok(())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn parts_count_as_uploads() -> Test {
+    let (network, first, _) = open_round().await;
+    for seed in 1..=4 {
+        let update = weights(seed);
+        let request = signed(&network, &first, &update);
+        let cut = first.upload_as(&network, &request, &update[..10]).await;
+        refused(cut, Code::InvalidArgument, "ended after 10 of");
+    }
+    refused(
+        first.upload(&network, 0, &weights(5)).await,
+        Code::ResourceExhausted,
+        "already uploaded 4",
+    );
+    let update = weights(4);
+    let request = signed(&network, &first, &update);
+    first.go_on(&network, &request, &update, 10).await?;
+    Ok(())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_part_that_is_damaged_is_removed() -> Test {
+    let (network, first, _) = open_round().await;
+    let update = weights(1);
+    let request = signed(&network, &first, &update);
+    let mut damaged = update.clone();
+    damaged[7] ^= 1;
+    let cut = first.upload_as(&network, &request, &damaged[..2000]).await;
+    refused(cut, Code::InvalidArgument, "ended after 2000 of");
+    refused(
+        first.go_on(&network, &request, &update, 2000).await,
+        Code::InvalidArgument,
+        "SHA-256",
+    );
+    assert_eq!(first.held(&network, &request).await?, 0);
+    first.upload_as(&network, &request, &update).await?;
+    Ok(())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn only_the_node_learns_how_much_has_come() -> Test {
+    let (network, first, second) = open_round().await;
+    let update = weights(1);
+    let (_sender, _uploading) = silent_after(&network, &first, &update, 3000).await;
+    let request = first.upload_request(&network.genesis.network_id(), 0, &update);
+    let forged = Signed::new(request, &second.key);
+    refused(
+        first.held(&network, &forged).await,
+        Code::Unauthenticated,
+        "signature",
+    );
+    let stranger = Node::new(9);
+    let request = signed(&network, &stranger, &update);
+    refused(
+        stranger.held(&network, &request).await,
+        Code::PermissionDenied,
+        "not enrolled",
+    );
+    Ok(())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_download_begins_where_it_is_told_to() -> Test {
+    let (network, ..) = open_round().await;
+    let base = weights(0);
+    let from = async |begins: usize| -> Result<Vec<u8>, Status> {
+        let request = proto::DownloadRequest {
+            blob: blob_digest(&base).0.to_vec(),
+            begins: begins as u64,
+        };
+        let mut parts = network.client().await.download(request).await?.into_inner();
+        let mut bytes = vec![];
+        while let Some(part) = parts.message().await? {
+            bytes.extend(part.data);
+        }
+        Ok(bytes)
+    };
+    for begins in [0, 1, 5000, base.len()] {
+        assert_eq!(from(begins).await?, base[begins..]);
+    }
+    refused(
+        from(base.len() + 1).await,
+        Code::InvalidArgument,
+        "and no byte",
+    );
+    assert_eq!(
+        network.download(Digest([9; 32])).await.unwrap_err().code(),
+        Code::NotFound
+    );
+    Ok(())
+}

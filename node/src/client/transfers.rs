@@ -1,0 +1,181 @@
+//! Uploads and downloads, which go on where they were cut.
+
+use crate::client::heads::About;
+use crate::client::{encode, is_lost, Node, APART, ATTEMPTS};
+use crate::client_error::NodeError;
+use sha2::{Digest as _, Sha256};
+use std::io::Write;
+use std::sync::Arc;
+use tonic::{Code, Status};
+use zk0_circuits::Digest;
+use zk0_protocol::entries::signed::{Signed, UploadRequest};
+use zk0_protocol::request_head::Method;
+use zk0_protocol::rpc::federation as rpc;
+use zk0_protocol::rpc::federation::upload_chunk::Part;
+
+/// Bytes in one message of an upload. The aggregator reserves memory for messages over 32 KiB.
+const CHUNK_BYTES: usize = 16 << 10;
+
+/// Attempts of a transfer. Those count that came no further than the attempt before.
+struct Attempts {
+    what: &'static str,
+    made: u32,
+    furthest: u64,
+}
+
+impl Attempts {
+    fn of(what: &'static str) -> Self {
+        Self {
+            what,
+            made: 0,
+            furthest: 0,
+        }
+    }
+
+    /// Waits before the next attempt, which begins at byte `begins` of `size`. The last failure is returned.
+    async fn again(&mut self, status: Status, begins: u64) -> Result<(), NodeError> {
+        if begins > self.furthest {
+            (self.made, self.furthest) = (0, begins);
+        }
+        self.made += 1;
+        if !is_cut(&status) || self.made >= ATTEMPTS {
+            return Err(status.into());
+        }
+        if self.made == 1 {
+            let what = self.what;
+            tracing::warn!("the {what} was cut after {begins} bytes ({status}); it goes on there");
+        }
+        tokio::time::sleep(APART).await;
+        Ok(())
+    }
+}
+
+/// Whether a transfer that failed so may go on: the connection was lost, it took too long, or somebody has to ask where it goes on.
+fn is_cut(status: &Status) -> bool {
+    is_lost(status) || matches!(status.code(), Code::DeadlineExceeded | Code::Aborted)
+}
+
+impl Node {
+    /// Downloads a public blob of at most `limit` bytes.
+    pub async fn download(&mut self, blob: &Digest, limit: u64) -> Result<Vec<u8>, NodeError> {
+        let mut bytes = Vec::new();
+        self.download_to(blob, limit, &mut bytes).await?;
+        Ok(bytes)
+    }
+
+    /// Downloads a public blob, as [`Self::download`] does, and writes it to `out` piece by piece. What was written is the blob only if
+    /// this returns without an error.
+    pub async fn download_to(
+        &mut self,
+        blob: &Digest,
+        limit: u64,
+        out: &mut (impl Write + Send),
+    ) -> Result<(), NodeError> {
+        let (mut hash, mut held) = (Sha256::new(), 0);
+        let mut attempts = Attempts::of("download");
+        loop {
+            let part = self.download_part(blob, limit, &mut hash, &mut held, out);
+            match part.await {
+                Ok(()) => break,
+                Err(NodeError::Refused(status)) => attempts.again(*status, held).await?,
+                Err(error) => return Err(error),
+            }
+        }
+        out.flush().map_err(NodeError::Write)?;
+        match Digest(hash.finalize().into()) {
+            actual if actual == *blob => Ok(()),
+            actual => Err(NodeError::OtherBlob {
+                asked: *blob,
+                actual,
+            }),
+        }
+    }
+
+    /// Downloads what follows the first `held` bytes, until all has come or the connection is lost.
+    async fn download_part(
+        &mut self,
+        blob: &Digest,
+        limit: u64,
+        hash: &mut Sha256,
+        held: &mut u64,
+        out: &mut (impl Write + Send),
+    ) -> Result<(), NodeError> {
+        let request = rpc::DownloadRequest {
+            blob: blob.0.to_vec(),
+            begins: *held,
+        };
+        let mut chunks = self.client.download(request).await?.into_inner();
+        while let Some(chunk) = chunks.message().await? {
+            let more = *held + chunk.data.len() as u64;
+            if more > limit {
+                return Err(NodeError::TooLarge { blob: *blob, limit });
+            }
+            hash.update(&chunk.data);
+            out.write_all(&chunk.data).map_err(NodeError::Write)?;
+            *held = more;
+        }
+        Ok(())
+    }
+
+    /// Uploads an update. It stays private until the round closes. What the aggregator has of it is not sent again.
+    pub async fn upload(&mut self, round: u64, update: Vec<u8>) -> Result<(), NodeError> {
+        let update: Arc<[u8]> = update.into();
+        let request = UploadRequest {
+            network: self.heads.network,
+            round,
+            node: self.id(),
+            blob: Digest(Sha256::digest(&update).into()),
+            size: update.len() as u64,
+        };
+        let signed = encode(&Signed::new(request, &self.key));
+        let about = About::message(Method::Upload, &signed).in_round(round);
+        let mut attempts = Attempts::of("upload");
+        let mut held = 0;
+        loop {
+            match self.upload_part(&about, &signed, &update, &mut held).await {
+                Ok(()) => return Ok(()),
+                // What the aggregator had was damaged, and it has removed all of it.
+                Err(NodeError::Refused(status))
+                    if held > 0 && status.code() == Code::InvalidArgument && attempts.made == 0 =>
+                {
+                    tracing::warn!("the upload begins again: {status}");
+                    attempts.made += 1;
+                }
+                Err(NodeError::Refused(status)) => {
+                    attempts.again(*status, held).await?;
+                    self.learn_run().await;
+                }
+                Err(error) => return Err(error),
+            }
+        }
+    }
+
+    /// Asks how many bytes the aggregator has, and sends the others.
+    async fn upload_part(
+        &mut self,
+        about: &About,
+        signed: &[u8],
+        update: &Arc<[u8]>,
+        held: &mut u64,
+    ) -> Result<(), NodeError> {
+        let request = rpc::GetUploadRequest {
+            request: signed.to_vec(),
+        };
+        *held = self.client.get_upload(request).await?.into_inner().held;
+        let first = rpc::UploadChunk {
+            part: Some(Part::Request(signed.to_vec())),
+            begins: *held,
+        };
+        let update = update.clone();
+        let rest = (*held as usize..update.len()).step_by(CHUNK_BYTES);
+        let rest = rest.map(move |at| rpc::UploadChunk {
+            part: Some(Part::Data(
+                update[at..update.len().min(at + CHUNK_BYTES)].to_vec(),
+            )),
+            begins: 0,
+        });
+        let parts = tokio_stream::iter(std::iter::once(first).chain(rest));
+        self.client.upload(self.headed(about, parts)?).await?;
+        Ok(())
+    }
+}
