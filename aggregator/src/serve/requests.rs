@@ -27,9 +27,9 @@ use zk0_protocol::request_head::{HeadRefusal, Method};
 use zk0_protocol::rpc::federation::federation_server::Federation;
 use zk0_protocol::rpc::federation::{
     Chunk, CommitRequest, DownloadRequest, EnrolRequest, GetGovernanceRequest, GetNetworkRequest,
-    GetRoundRequest, GetStatusRequest, GetUploadRequest, GovernanceInfo, NetworkInfo, OpenProposal, Receipt,
-    RecordRequest, RegisterDatasetRequest, RoundInfo, StatusInfo, SubmitReply, SubmitRequest,
-    UploadChunk, UploadInfo, UploadReply,
+    GetRoundRequest, GetStatusRequest, GetUploadRequest, GovernanceInfo, NetworkInfo, OpenProposal,
+    Receipt, RecordRequest, RegisterDatasetRequest, RoundInfo, StatusInfo, SubmitReply,
+    SubmitRequest, UploadChunk, UploadInfo, UploadReply,
 };
 use zk0_protocol::tlog::receipt;
 use zk0_protocol::Refusal;

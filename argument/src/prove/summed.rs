@@ -200,9 +200,8 @@ pub fn monomials(
     let mut all = vec![Table::from(repeated)];
     let (factors, terms) = factors_of(monomials);
     for factor in factors {
-        let of = |instance: &Instance| {
-            instance.with(|tables| elements(tables, factor, &monomials.axes))
-        };
+        let of =
+            |instance: &Instance| instance.with(|tables| elements(tables, factor, &monomials.axes));
         if at.len() == 1 || !differs(relations, factor) {
             all.push(of(&instances[0]).into());
             continue;

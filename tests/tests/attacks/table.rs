@@ -26,7 +26,7 @@ pub const ATTACKS: &[Attack] = &[
     operators::disclosed_losses::ATTACK,
     edge::silent_uploads::ATTACK,
     edge::idle_crowd::ATTACK,
-    edge::stolen_statement::ATTACK,
+    edge::stolen_request::ATTACK,
 ];
 
 #[test]

@@ -4,4 +4,4 @@ pub mod idle_crowd;
 pub mod silent_uploads;
 #[path = "../../../../aggregator/tests/connections/sockets.rs"]
 mod sockets;
-pub mod stolen_statement;
+pub mod stolen_request;

@@ -21,13 +21,11 @@ pub const ATTACK: Attack = Attack {
     defence: Defence {
         check: "a stream that is silent for too long ends",
         out: &[Change {
-            file: "aggregator/src/serve/requests.rs",
+            file: "aggregator/src/serve/uploading.rs",
             replacements: &[(
-                "        let silence = self.limits.silence;
-        let message = timeout(silence, stream.message())\n",
-                "        let silence = self.limits.silence;
-        let allowed = if OUT { Duration::MAX } else { silence };
-        let message = timeout(allowed, stream.message())\n",
+                "        let silent = Instant::now() + silence;\n",
+                "        let allowed = if OUT { upload } else { silence };
+        let silent = Instant::now() + allowed;\n",
             )],
         }],
     },
@@ -53,24 +51,24 @@ async fn carry_out() -> Outcome {
     network.settle().await;
     let update = weights(1);
     let request = node.upload_request(&network.genesis.network_id(), 0, &update);
-    let request = borsh::to_vec(&Signed::new(request, &node.key)).unwrap();
+    let request = Signed::new(request, &node.key);
+    let statement = borsh::to_vec(&request).unwrap();
     let (sender, receiver) = mpsc::channel(2);
-    for part in [Part::Request(request), Part::Data(update[..100].to_vec())] {
-        sender.send(UploadChunk { part: Some(part) }).await.unwrap();
+    for part in [Part::Request(statement), Part::Data(update[..100].to_vec())] {
+        let part = Some(part);
+        sender.send(UploadChunk { part, begins: 0 }).await.unwrap();
     }
     let mut client = network.client().await;
-    let upload = client.upload(ReceiverStream::new(receiver));
+    let upload = client.upload(node.uploading(&network, &request, ReceiverStream::new(receiver)));
     match timeout(SILENT, upload).await {
         Ok(Err(status)) => {
-            // Nothing is left of it, and the node can upload again.
-            assert_eq!(network.uploads(), 0);
-            node.upload(&network, 0, &update).await.unwrap();
+            // What has come stays, and the node can go on.
+            node.go_on(&network, &request, &update, 100).await.unwrap();
             Outcome::Refused(status.message().into())
         }
         Ok(Ok(_)) => panic!("an upload without its end was taken"),
         Err(_) => Outcome::Succeeded(format!(
-            "after {SILENT:?} of silence, {} unfinished file takes room, and the node's place is taken",
-            network.uploads()
+            "after {SILENT:?} of silence, the connection and the node's place are still taken"
         )),
     }
 }
