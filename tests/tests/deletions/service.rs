@@ -35,6 +35,18 @@ const fn head(
     }
 }
 
+const fn transfer(
+    check: &'static str,
+    file: &'static str,
+    replacements: &'static [(&'static str, &'static str)],
+    test: &'static str,
+) -> Removal {
+    Removal {
+        target: "transfers",
+        ..in_time(check, file, replacements, test)
+    }
+}
+
 pub const REMOVALS: &[Removal] = &[
     in_time(
         "a round does not close before what arrived in time is done",
@@ -195,4 +207,40 @@ pub const REMOVALS: &[Removal] = &[
             "an_aggregator_starts_without_a_file_of_its_open_round_and_names_it",
         )
     },
+    transfer(
+        "an upload goes on exactly after what has come",
+        "aggregator/src/round/recording/staging.rs",
+        &[("if begins != held {", "if false {")],
+        "an_upload_goes_on_after_what_has_come_even_when_the_aggregator_was_killed",
+    ),
+    transfer(
+        "parts of updates count as uploads",
+        "ledger/src/blobs.rs",
+        &[("[\"sha256\", \"partial\"]", "[\"sha256\"]")],
+        "parts_count_as_uploads",
+    ),
+    transfer(
+        "a newer upload ends the one before",
+        "aggregator/src/serve/uploading.rs",
+        &[("            before.notify_one();\n", "            drop(before);\n")],
+        "a_newer_upload_ends_the_one_before_whose_connection_is_lost",
+    ),
+    transfer(
+        "a part that is not the update's is removed",
+        "ledger/src/blobs/partial.rs",
+        &[(
+            "        self.unfinished.kept = false;\n        check(",
+            "        check(",
+        )],
+        "a_part_that_is_damaged_is_removed",
+    ),
+    transfer(
+        "how much has come is for the node that signed the upload",
+        "aggregator/src/serve/uploading.rs",
+        &[(
+            "        let (signed, _) = read_hashed::<UploadRequest>(\"upload request\", request).await?;\n",
+            "        let signed: zk0_protocol::Signed<UploadRequest> = crate::round::recording::statements::decode(\"upload request\", &request)?;\n",
+        )],
+        "only_the_node_learns_how_much_has_come",
+    ),
 ];

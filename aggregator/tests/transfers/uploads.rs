@@ -1,20 +1,15 @@
-//! A transfer that was cut goes on after what has come.
+//! Uploads that were cut.
 
-mod harness;
-
-use harness::*;
+use crate::harness::*;
+use crate::Test;
 use std::time::Duration;
 use tokio::sync::mpsc;
 use tokio::time::timeout;
 use tokio_stream::wrappers::ReceiverStream;
 use tonic::{Code, Status};
-use zk0_circuits::Digest;
 use zk0_protocol::entries::signed::{Signed, UploadRequest};
 use zk0_protocol::rpc::federation as proto;
 use zk0_protocol::rpc::federation::upload_chunk::Part;
-use zk0_verifier::blob_digest;
-
-type Test = Result<(), Box<dyn std::error::Error>>;
 
 fn signed(network: &Network, node: &Node, update: &[u8]) -> Signed<UploadRequest> {
     let request = node.upload_request(&network.genesis.network_id(), 0, update);
@@ -153,37 +148,6 @@ async fn only_the_node_learns_how_much_has_come() -> Test {
         stranger.held(&network, &request).await,
         Code::PermissionDenied,
         "not enrolled",
-    );
-    Ok(())
-}
-
-#[tokio::test(flavor = "multi_thread")]
-async fn a_download_begins_where_it_is_told_to() -> Test {
-    let (network, ..) = open_round().await;
-    let base = weights(0);
-    let from = async |begins: usize| -> Result<Vec<u8>, Status> {
-        let request = proto::DownloadRequest {
-            blob: blob_digest(&base).0.to_vec(),
-            begins: begins as u64,
-        };
-        let mut parts = network.client().await.download(request).await?.into_inner();
-        let mut bytes = vec![];
-        while let Some(part) = parts.message().await? {
-            bytes.extend(part.data);
-        }
-        Ok(bytes)
-    };
-    for begins in [0, 1, 5000, base.len()] {
-        assert_eq!(from(begins).await?, base[begins..]);
-    }
-    refused(
-        from(base.len() + 1).await,
-        Code::InvalidArgument,
-        "and no byte",
-    );
-    assert_eq!(
-        network.download(Digest([9; 32])).await.unwrap_err().code(),
-        Code::NotFound
     );
     Ok(())
 }
