@@ -17,13 +17,18 @@ use zk0_verifier::blob_digest;
 /// A node that signs what it is told to.
 pub struct Node {
     pub key: SigningKey,
-    pub seed: u8,
+    pub seed: u16,
 }
 
 impl Node {
     pub fn new(seed: u8) -> Self {
+        Self::numbered(seed.into())
+    }
+
+    /// One of more than 256 nodes.
+    pub fn numbered(seed: u16) -> Self {
         Self {
-            key: SigningKey::from_bytes(&[seed; 32]),
+            key: SigningKey::from_bytes(&bytes_of(seed, 0)),
             seed,
         }
     }
@@ -33,7 +38,7 @@ impl Node {
     }
 
     pub fn leaves(&self) -> Vec<Digest> {
-        (0..10).map(|at| Digest([self.seed ^ at; 32])).collect()
+        (0..10).map(|at| Digest(bytes_of(self.seed, at))).collect()
     }
 
     pub fn dataset(&self) -> DatasetCommitment {
@@ -42,7 +47,7 @@ impl Node {
             root: merkle::root(&leaves),
             samples: leaves.len() as u64,
             feature_spec: Digest([1; 32]),
-            salt_commitment: Digest([self.seed; 32]),
+            salt_commitment: Digest(bytes_of(self.seed, 0)),
         }
     }
 
@@ -54,7 +59,7 @@ impl Node {
             evaluation_frames: EVALUATION_FRAMES,
             leaves: Digest::default(),
             episodes: vec![Episode {
-                digest: Digest([self.seed; 32]),
+                digest: Digest(bytes_of(self.seed, 0)),
                 frames: EVALUATION_FRAMES,
             }],
         };
@@ -273,4 +278,12 @@ impl Node {
         let request = network.request(&self.key, Method::Submit, round, &statement, message);
         Ok(network.client().await.submit(request).await?.into_inner())
     }
+}
+
+/// Bytes that belong to a node.
+fn bytes_of(seed: u16, number: u8) -> [u8; 32] {
+    let [low, high] = seed.to_le_bytes();
+    let mut bytes = [low ^ number; 32];
+    bytes[0] ^= high;
+    bytes
 }
