@@ -25,7 +25,7 @@ pub enum ClockError {
     #[error(
         "the clock shows {clock_ms} (Unix milliseconds), but by the time since the ledger was opened it should show \
          {expected_ms}: it is {} s ahead. An entry with such a time could not be undone, so none is recorded. Set the clock. If it \
-         is right now, open the ledger again",
+         is right now, start this program again",
         (clock_ms - expected_ms) / 1000
     )]
     LeaptAhead { clock_ms: u64, expected_ms: u64 },

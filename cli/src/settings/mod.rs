@@ -81,7 +81,8 @@ fn settable(service: Command, group: &str) -> Command {
         .help("Read settings from this TOML file");
     let service = service.arg(file).after_help(ORDER);
     service.mut_args(|arg| {
-        let name = format!("ZK0_{group}_{}", arg.get_id()).to_uppercase();
+        let name = format!("ZK0_{group}_{}", key(&arg)).replace('-', "_");
+        let name = name.to_uppercase();
         // clap wants names that live as long as the process. There are some dozen.
         let arg = arg.env(&*name.leak()).hide_env_values(true);
         match arg.get_action() {

@@ -111,7 +111,7 @@ fn a_file_holds_arguments_lists_and_switches() {
 fn variables_hold_arguments_lists_switches_and_the_name_of_the_file() {
     let _alone = Variables::set(&[
         ("ZK0_WITNESS_DIR", "other"),
-        ("ZK0_WITNESS_SERVERS", "c,d"),
+        ("ZK0_WITNESS_SERVER", "c,d"),
         ("ZK0_WITNESS_QUIET", "false"),
     ]);
     let settings = parsed(ALL, &[]).unwrap();
