@@ -94,7 +94,8 @@ async fn a_request_says_what_its_strategy_asks_for() {
         (Strategy::Reserved, 2, limits, ArtifactType::PrivateStdin),
         (Strategy::Auction, 3, limits, ArtifactType::PrivateStdin),
     ] {
-        let network = Network::start(Answer::StaysAt(FulfillmentStatus::Expired as i32)).await;
+        let answer = Answer::StaysAt(FulfillmentStatus::Expired as i32);
+        let network = Network::start_for(strategy, answer).await;
         let prover = connected(&network, options(strategy, 60), Mode::Succinct).await;
         let error = ask(&prover).await.unwrap_err();
         assert!(matches!(error, NetworkError::Ended { .. }), "{error}");
@@ -141,7 +142,8 @@ async fn a_network_that_refuses_fails_or_answers_nonsense_gives_an_error_that_sa
 #[tokio::test]
 async fn a_request_that_is_never_fulfilled_is_withdrawn_after_the_time_out() {
     for (strategy, withdrawn) in [(Strategy::Auction, 1), (Strategy::Hosted, 0)] {
-        let network = Network::start(Answer::StaysAt(FulfillmentStatus::Requested as i32)).await;
+        let answer = Answer::StaysAt(FulfillmentStatus::Requested as i32);
+        let network = Network::start_for(strategy, answer).await;
         let prover = connected(&network, options(strategy, 3), Mode::Succinct).await;
         let error = ask(&prover).await.unwrap_err();
         assert!(matches!(error, NetworkError::TimedOut(3)), "{error}");

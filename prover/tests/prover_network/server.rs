@@ -8,6 +8,7 @@ use axum::routing::{get, post, put, MethodRouter};
 use axum::Router;
 use prost::Message;
 use sp1_sdk::network::proto::artifact::{CreateArtifactRequest, CreateArtifactResponse};
+use sp1_sdk::network::proto::base_types;
 use sp1_sdk::network::proto::types::*;
 use std::future::{ready, Ready};
 use std::sync::{Arc, Mutex};
@@ -38,13 +39,46 @@ pub enum Answer {
 #[derive(Default)]
 pub struct Heard {
     /// The requests for proofs.
-    pub requests: Vec<RequestProofRequestBody>,
+    pub requests: Vec<Requested>,
     /// The kinds of the artifacts that were to be uploaded.
     pub artifacts: Vec<i32>,
     /// The bytes that were uploaded.
     pub uploaded: usize,
     /// How many requests were withdrawn.
     pub withdrawn: usize,
+}
+
+/// What a request for a proof says. Auctions and reserved capacity have messages of their own for it.
+#[derive(Clone, Debug)]
+pub struct Requested {
+    pub strategy: i32,
+    pub cycle_limit: u64,
+    pub gas_limit: u64,
+    pub stdin_private: bool,
+}
+
+impl From<RequestProofRequest> for Requested {
+    fn from(asked: RequestProofRequest) -> Self {
+        let body = asked.body.unwrap();
+        Self {
+            strategy: body.strategy,
+            cycle_limit: body.cycle_limit,
+            gas_limit: body.gas_limit,
+            stdin_private: body.stdin_private,
+        }
+    }
+}
+
+impl From<base_types::RequestProofRequest> for Requested {
+    fn from(asked: base_types::RequestProofRequest) -> Self {
+        let body = asked.body.unwrap();
+        Self {
+            strategy: body.strategy,
+            cycle_limit: body.cycle_limit,
+            gas_limit: body.gas_limit,
+            stdin_private: body.stdin_private,
+        }
+    }
 }
 
 /// A network on this machine. Clones are the same one.
@@ -56,15 +90,30 @@ pub struct Network {
 }
 
 impl Network {
-    /// Listens on a free port.
+    /// A network of auctions, which listens on a free port.
     pub async fn start(answer: Answer) -> Self {
+        Self::of::<RequestProofRequest>(answer).await
+    }
+
+    /// The network that a strategy is for.
+    pub async fn start_for(strategy: Strategy, answer: Answer) -> Self {
+        match strategy {
+            Strategy::Auction => Self::start(answer).await,
+            Strategy::Reserved | Strategy::Hosted => {
+                Self::of::<base_types::RequestProofRequest>(answer).await
+            }
+        }
+    }
+
+    /// A network that reads requests for proofs as these messages.
+    async fn of<R: Message + Default + Into<Requested> + 'static>(answer: Answer) -> Self {
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
         let network = Self {
             address: format!("http://{}", listener.local_addr().unwrap()),
             answer: Arc::new(Mutex::new(answer)),
             heard: Arc::default(),
         };
-        let routes = Routes::from(network.clone().routes());
+        let routes = Routes::from(network.clone().routes::<R>());
         let server = Server::builder().accept_http1(true).add_routes(routes);
         tokio::spawn(server.serve_with_incoming(TcpListenerStream::new(listener)));
         network
@@ -94,7 +143,7 @@ impl Network {
         account(&self.address)
     }
 
-    fn routes(self) -> Router {
+    fn routes<R: Message + Default + Into<Requested> + 'static>(self) -> Router {
         let on = |network: &Self| network.clone();
         let (params, request, status) = (on(&self), on(&self), on(&self));
         let (cancel, create, upload, proof) = (on(&self), on(&self), on(&self), on(&self));
@@ -123,7 +172,7 @@ impl Network {
             )
             .route(
                 "/network.ProverNetwork/RequestProof",
-                method(move |asked: RequestProofRequest| request.request(asked)),
+                method(move |asked: R| request.request(asked.into())),
             )
             .route(
                 "/network.ProverNetwork/GetProofRequestStatus",
@@ -172,9 +221,9 @@ impl Network {
         })
     }
 
-    fn request(&self, asked: RequestProofRequest) -> Result<RequestProofResponse, Status> {
+    fn request(&self, asked: Requested) -> Result<RequestProofResponse, Status> {
         let mut heard = self.heard.lock().unwrap();
-        heard.requests.push(asked.body.unwrap());
+        heard.requests.push(asked);
         let request_id = match &*self.answer.lock().unwrap() {
             Answer::Refusal => return Err(Status::permission_denied("no credit left")),
             Answer::ShortNumber => vec![1; 2],
