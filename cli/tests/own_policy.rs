@@ -5,7 +5,7 @@ mod harness;
 
 use harness::network::{committed, LocalNetwork};
 use harness::{ends, fails, logs, root, words, zk0, RECORDING};
-use serde_json::{json, Value};
+use serde_json::Value;
 use std::fs;
 use std::path::Path;
 use zk0_circuits::{Digest, EvalSpec, Mode};
