@@ -51,7 +51,7 @@ deletions:
 	$(RUST) cargo test --release --workspace --locked --test deletions -- --include-ignored --nocapture --test-threads 1
 
 # Carries out each attack of docs/attacks.md, and then once more in a copy of the sources without the defence, where it has to succeed. Prints
-# one JSON line for each, and how many of the 17 rows hold. ZK0_ATTACKS="5;13" chooses rows. With the tests built, it took seven minutes on two
+# one JSON line for each, and how many of the 17 rows hold. ZK0_ATTACKS="5;13" chooses rows. With the tests built, it took eight minutes on two
 # cores on which four others built.
 attacks:
 	@$(RUST) cargo test --release --workspace --locked --quiet --test attacks -- --ignored --nocapture

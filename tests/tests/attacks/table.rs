@@ -27,6 +27,7 @@ pub const ATTACKS: &[Attack] = &[
     edge::silent_uploads::ATTACK,
     edge::idle_crowd::ATTACK,
     edge::stolen_request::ATTACK,
+    edge::changed_statement::ATTACK,
 ];
 
 #[test]
