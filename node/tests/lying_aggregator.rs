@@ -180,6 +180,10 @@ impl Federation for Lying {
         not_asked()
     }
 
+    async fn get_upload(&self, _: Request<rpc::GetUploadRequest>) -> Answer<rpc::UploadInfo> {
+        not_asked()
+    }
+
     async fn commit(&self, _: Request<rpc::CommitRequest>) -> Answer<rpc::Receipt> {
         not_asked()
     }
