@@ -28,6 +28,7 @@ pub const ATTACKS: &[Attack] = &[
     edge::idle_crowd::ATTACK,
     edge::stolen_request::ATTACK,
     edge::changed_statement::ATTACK,
+    edge::impostor::ATTACK,
 ];
 
 #[test]

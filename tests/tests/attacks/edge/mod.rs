@@ -2,6 +2,7 @@
 
 pub mod changed_statement;
 pub mod idle_crowd;
+pub mod impostor;
 pub mod silent_uploads;
 #[path = "../../../../aggregator/tests/connections/sockets.rs"]
 mod sockets;
