@@ -61,7 +61,7 @@ fn accepted(dir: &Path, nodes: &[&Node]) -> u64 {
     }
     operator.draw();
     for (node, seed) in nodes.iter().zip(1..) {
-        let submission = operator.submission(node, seed, &node.seed.to_le_bytes());
+        let submission = operator.submission(node, seed, &node.seed.to_le_bytes()[..1]);
         operator.append(Body::ContributionAccepted(submission));
     }
     operator.time_ms

@@ -228,7 +228,7 @@ fn a_mirror_takes_nothing_on_trust() {
         }
     }
     // This blob does not match its name.
-    let blob = b"the whole initial policy".to_vec();
+    let blob = POLICY.to_vec();
     Blobs::at(ours).put(&blob).unwrap();
     let out = out.join("blob");
     export(&Publication::open(ours, None).unwrap(), &out).unwrap();

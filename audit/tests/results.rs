@@ -79,7 +79,7 @@ impl Accepted {
         }
         operator.draw();
         for (node, update) in nodes.iter().zip(updates) {
-            submissions.push(operator.submission_of(node, update, &node.seed.to_le_bytes()));
+            submissions.push(operator.submission_of(node, update, &node.seed.to_le_bytes()[..1]));
         }
         for submission in submissions {
             operator.append(Body::ContributionAccepted(submission));

@@ -27,7 +27,7 @@ pub struct LedgerIndex {
     /// The entries that recorded what members and the operator said about the network itself, by the hash of the body: whoever says the
     /// same again gets the same receipt.
     said: BTreeMap<Digest, u64>,
-    /// The entries that decided on the submissions of the last round, by node.
+    /// The entries that decided on the newest submission of each node: a node that has lost the answer asks again, perhaps in a later round.
     decisions: BTreeMap<NodeId, u64>,
 }
 
@@ -59,7 +59,6 @@ impl LedgerIndex {
                     opened: index,
                     ..RoundEntries::default()
                 });
-                self.decisions.clear();
             }
             Body::ContributionAccepted(submission)
             | Body::ContributionRejected { submission, .. } => {
@@ -96,7 +95,7 @@ impl LedgerIndex {
         self.said.get(&key(body)).copied()
     }
 
-    /// The entry that decided on the submission of this node in the last round that opened.
+    /// The entry that decided on the newest submission of this node.
     pub fn decision(&self, node: &NodeId) -> Option<u64> {
         self.decisions.get(node).copied()
     }
