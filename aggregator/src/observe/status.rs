@@ -39,6 +39,7 @@ fn millis(time: Duration) -> u64 {
 fn of(aggregator: &Aggregator) -> StatusInfo {
     let (state, config) = (aggregator.state(), aggregator.config());
     let nodes = state.nodes().values();
+    let nodes = nodes.filter(|node| !matches!(node.standing, Standing::Left | Standing::Revoked));
     let ready = nodes
         .clone()
         .filter(|node| node.dataset.is_some() && node.standing == Standing::Active);
@@ -59,7 +60,7 @@ fn of(aggregator: &Aggregator) -> StatusInfo {
         committed: open.map_or(0, |round| round.commits.len() as u64),
         accepted: decided(|decision| matches!(decision, Decision::Accepted { .. })),
         refused: decided(|decision| matches!(decision, Decision::Rejected)),
-        enrolled: nodes.len() as u64,
+        enrolled: nodes.count() as u64,
         ready: ready.count() as u64,
         needed: config.min_nodes as u64,
         rounds: config.rounds,

@@ -162,6 +162,9 @@ async fn a_node_that_has_left_is_not_waited_for_until_it_is_enrolled_again() -> 
     let receipt = record(leave(0)).await?;
     // Whoever has lost the answer asks again.
     assert_eq!(record(leave(0)).await?, receipt);
+    let asked = proto::GetStatusRequest {};
+    let status = network.client().await.get_status(asked).await?.into_inner();
+    assert_eq!((status.enrolled, status.ready), (2, 2));
     let _first = follow(&network, &first).await?;
     let _second = follow(&network, &second).await?;
     assert!(opened(&network).await);
