@@ -305,7 +305,7 @@ async fn a_served_log_is_read_while_it_grows() {
     let copy = tempfile::tempdir().unwrap();
     let to = copy.path().to_owned();
     let fetch = move |url: String, to: std::path::PathBuf| {
-        spawn_blocking(move || mirrored(&Web::at(&url).unwrap(), &to).unwrap())
+        spawn_blocking(move || mirrored(&Web::at(&url, None).unwrap(), &to).unwrap())
     };
     assert!(fetch(url.clone(), to.clone()).await.unwrap() > 10);
     same_replay(&dir, &to);
@@ -424,7 +424,7 @@ async fn a_server_of_files_has_limits() {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn what_is_not_http_or_not_a_log_is_said_so() {
-    assert!(Web::at("ftp://x").is_err());
+    assert!(Web::at("ftp://x", None).is_err());
     let empty = tempfile::tempdir().unwrap();
     let (address, _server) = served(empty.path(), Limits::default()).await;
     let answer = get(&address, "checkpoint").await;
@@ -432,8 +432,9 @@ async fn what_is_not_http_or_not_a_log_is_said_so() {
     assert!(!answer.contains(empty.path().to_str().unwrap()), "{answer}");
     let copy = tempfile::tempdir().unwrap();
     let to = copy.path().join("mirror");
-    let failed =
-        spawn_blocking(move || mirrored(&Web::at(&format!("http://{address}")).unwrap(), &to));
+    let failed = spawn_blocking(move || {
+        mirrored(&Web::at(&format!("http://{address}"), None).unwrap(), &to)
+    });
     assert!(failed.await.unwrap().is_err());
     assert_eq!(files(copy.path()), 0);
 }

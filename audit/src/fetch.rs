@@ -70,7 +70,7 @@ pub fn locate(ledger: &str, keep: Option<&Path>, trust: &Trust, wanted: Wanted) 
             _made: None,
         });
     }
-    let source = source(ledger)?;
+    let source = source(ledger, trust.ca.as_deref())?;
     let network = trust.network.as_ref();
     let (dir, made) = match keep {
         Some(dir) => (dir.to_owned(), None),

@@ -9,14 +9,14 @@ use zk0_ledger::published::web::Web;
 use zk0_protocol::tlog::checkpoint::MAX_NOTE_BYTES;
 
 /// The text of a checkpoint. `from` is a file, a folder with a file `checkpoint`, the address of a served log, or the address of a
-/// checkpoint.
+/// checkpoint. `ca` is as in [`Trust::ca`](crate::log_source::Trust::ca).
 ///
 /// # Errors
 /// Nothing is there, it cannot be read, or it is too long for a checkpoint.
-pub fn known_checkpoint(from: &str) -> Result<Vec<u8>> {
+pub fn known_checkpoint(from: &str, ca: Option<&Path>) -> Result<Vec<u8>> {
     if from.starts_with("http://") || from.starts_with("https://") {
         let base = from.strip_suffix("/checkpoint").unwrap_or(from);
-        let text = Web::at(base)?.get("checkpoint", MAX_NOTE_BYTES as u64)?;
+        let text = Web::at(base, ca)?.get("checkpoint", MAX_NOTE_BYTES as u64)?;
         return text.with_context(|| format!("{base}/checkpoint does not exist"));
     }
     let path = match Path::new(from) {

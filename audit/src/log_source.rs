@@ -1,7 +1,7 @@
 //! Finds logs by their address or folder, and says whose signatures an auditor trusts.
 
 use anyhow::{bail, Result};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use zk0_circuits::Digest;
 use zk0_ledger::folder;
 use zk0_ledger::published::publication::Publication;
@@ -18,12 +18,14 @@ pub struct Trust {
     /// The witnesses whose cosignatures have to be on the checkpoint. `None` asks for those that the network's rules name, where the
     /// whole log is read.
     pub witness_policy: Option<WitnessPolicy>,
+    /// The PEM file with the authorities that count where a log is read over HTTPS; public authorities by default.
+    pub ca: Option<PathBuf>,
 }
 
-/// Finds a log by its address or folder.
-pub fn source(text: &str) -> Result<Box<dyn Source>> {
+/// Finds a log by its address or folder. `ca` is as in [`Trust::ca`].
+pub fn source(text: &str, ca: Option<&Path>) -> Result<Box<dyn Source>> {
     if text.starts_with("http://") || text.starts_with("https://") {
-        return Ok(Box::new(Web::at(text)?));
+        return Ok(Box::new(Web::at(text, ca)?));
     }
     let dir = Path::new(text);
     if !dir.is_dir() {
@@ -58,7 +60,7 @@ pub fn open_log<T, E>(
 where
     anyhow::Error: From<E>,
 {
-    let source = source(from)?;
+    let source = source(from, trust.ca.as_deref())?;
     let key = genesis(source.as_ref(), trust.network.as_ref())?.verifier_key()?;
     let policy = trust
         .witness_policy

@@ -124,11 +124,12 @@ impl Watch {
         let Trust {
             network,
             witness_policy,
+            ca,
         } = &self.options.trust;
         let dir = match &self.mirror {
             None => PathBuf::from(&self.options.ledger),
             Some(dir) => {
-                let source = source(&self.options.ledger)?;
+                let source = source(&self.options.ledger, ca.as_deref())?;
                 let fetched = fetch(
                     source.as_ref(),
                     dir,

@@ -2,20 +2,17 @@
 
 use crate::harness::REAL;
 use crate::Test;
-use rustls::crypto::ring;
-use rustls::pki_types::pem::PemObject;
-use rustls::pki_types::{CertificateDer, ServerName};
-use rustls::{ClientConfig, RootCertStore};
 use std::future::pending;
-use std::path::Path;
-use std::sync::Arc;
+use std::path::{Path, PathBuf};
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::{TcpListener, TcpStream};
-use tokio_rustls::TlsConnector;
+use tokio::task::spawn_blocking;
 use zk0_aggregator::publish::http::{self, Limits};
 use zk0_aggregator::publish::log_server::LogServer;
-use zk0_aggregator::tls::local_authority::{LocalAuthority, CERTIFICATE, KEY};
+use zk0_aggregator::tls::local_authority::{LocalAuthority, CA, CERTIFICATE, KEY};
 use zk0_aggregator::tls::server_certificate::ServerCertificate;
+use zk0_ledger::published::source::Source;
+use zk0_ledger::published::web::Web;
 
 const REQUEST: &[u8] = b"GET /checkpoint HTTP/1.1\r\nhost: x\r\nconnection: close\r\n\r\n";
 
@@ -34,21 +31,29 @@ async fn a_log_is_read_over_tls_and_not_without() -> Test {
         http::serve_encrypted(listener, router, limits, &certificate, pending()).await;
     });
 
-    let mut roots = RootCertStore::empty();
-    roots.add(CertificateDer::from_pem_slice(authority.ca.as_bytes())?)?;
-    let config = ClientConfig::builder_with_provider(Arc::new(ring::default_provider()))
-        .with_safe_default_protocol_versions()?
-        .with_root_certificates(roots)
-        .with_no_client_auth();
-    let stream = TcpStream::connect(address).await?;
-    let name = ServerName::IpAddress(address.ip().into());
-    let mut stream = TlsConnector::from(Arc::new(config))
-        .connect(name, stream)
-        .await?;
-    stream.write_all(REQUEST).await?;
-    let mut answer = String::new();
-    stream.read_to_string(&mut answer).await?;
-    assert!(answer.starts_with("HTTP/1.1 200"), "{answer}");
+    let url = format!("https://{address}");
+    let read = async |ca: Option<PathBuf>| {
+        let url = url.clone();
+        let read = move || Web::at(&url, ca.as_deref())?.get("checkpoint", 10_000);
+        spawn_blocking(read).await.unwrap()
+    };
+    let checkpoint = read(Some(dir.path().join(CA))).await?;
+    assert!(checkpoint.is_some());
+    // Public authorities have not signed this certificate, and neither has another one of a network's own.
+    let other = tempfile::tempdir()?;
+    LocalAuthority::new(&["127.0.0.1".into()])?.write(other.path())?;
+    for ca in [None, Some(other.path().join(CA))] {
+        let error = read(ca).await.unwrap_err().to_string();
+        assert!(error.contains("certificate"), "{error}");
+    }
+    let no_authority = read(Some(dir.path().join(KEY))).await.unwrap_err();
+    assert!(
+        no_authority.to_string().contains("no certificate"),
+        "{no_authority}"
+    );
+    let http = format!("http://{address}");
+    let error = Web::at(&http, Some(&dir.path().join(CA))).map(drop);
+    assert!(error.unwrap_err().to_string().contains("use https://"));
 
     let mut plain = TcpStream::connect(address).await?;
     plain.write_all(REQUEST).await?;

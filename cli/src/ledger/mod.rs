@@ -23,6 +23,9 @@ pub enum Command {
     Vkey {
         /// A ledger's folder, an export of one, or the address of a served log.
         from: String,
+        /// Where the log is read over HTTPS, accept only certificates that an authority in this PEM file has signed.
+        #[arg(long, value_name = "FILE")]
+        ca: Option<PathBuf>,
     },
     /// Write a ledger as plain files that any web server can serve (C2SP tlog-tiles). An earlier export is brought up to date.
     Export {
@@ -88,6 +91,9 @@ pub struct Restore {
         required_unless_present = "no_newer_checkpoint_exists"
     )]
     checkpoint: Vec<String>,
+    /// Where a checkpoint is read over HTTPS, accept only certificates that an authority in this PEM file has signed.
+    #[arg(long, value_name = "FILE")]
+    ca: Option<PathBuf>,
     /// Go on without a checkpoint. Use this only if you know that the log signed nothing after the backup was made.
     #[arg(long)]
     no_newer_checkpoint_exists: bool,
@@ -99,8 +105,8 @@ pub struct Restore {
 /// Runs the command. Returns `false` if the ledger is damaged.
 pub fn run(command: &Command) -> Result<bool> {
     match command {
-        Command::Vkey { from } => {
-            let genesis = genesis(source(from)?.as_ref(), None)?;
+        Command::Vkey { from, ca } => {
+            let genesis = genesis(source(from, ca.as_deref())?.as_ref(), None)?;
             println!("{}", genesis.verifier_key()?);
         }
         Command::Export { dir, out } => {
@@ -130,7 +136,7 @@ pub fn run(command: &Command) -> Result<bool> {
             let known = options
                 .checkpoint
                 .iter()
-                .map(|from| known_checkpoint(from))
+                .map(|from| known_checkpoint(from, options.ca.as_deref()))
                 .collect::<Result<Vec<_>>>()?;
             let network = options.network.as_ref();
             let done = backup::restore(&options.backup, &options.dir, network, &known)?;
@@ -152,8 +158,8 @@ pub fn run(command: &Command) -> Result<bool> {
 }
 
 fn import(options: &Import) -> Result<()> {
-    let source = source(&options.from)?;
     let trust = options.trust.read()?;
+    let source = source(&options.from, trust.ca.as_deref())?;
     let done = mirror(
         source.as_ref(),
         &options.dir,

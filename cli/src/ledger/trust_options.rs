@@ -16,6 +16,10 @@ pub struct TrustOptions {
     /// witnesses that the network's rules name must have cosigned it; only commands that read the whole log check that.
     #[arg(long, value_name = "FILE")]
     pub witness_policy: Option<PathBuf>,
+    /// Where the log is read over HTTPS, accept only certificates that an authority in this PEM file has signed. By default public authorities
+    /// count.
+    #[arg(long, value_name = "FILE")]
+    pub ca: Option<PathBuf>,
 }
 
 impl TrustOptions {
@@ -25,6 +29,7 @@ impl TrustOptions {
         Ok(Trust {
             network: self.network,
             witness_policy: policy.map(witness_policy_file::read).transpose()?,
+            ca: self.ca.clone(),
         })
     }
 }
