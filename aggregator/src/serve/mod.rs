@@ -12,4 +12,5 @@ mod senders;
 pub mod service;
 mod submitting;
 mod uploading;
+mod uploads;
 mod watching;

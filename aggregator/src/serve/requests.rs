@@ -348,6 +348,6 @@ fn digest(bytes: &[u8]) -> Result<Digest, Status> {
         .map_err(|_| malformed("the name of a blob is its SHA-256, of 32 bytes"))
 }
 
-pub(super) fn malformed(what: &str) -> Status {
+fn malformed(what: &str) -> Status {
     RequestError::Malformed(what.into()).into()
 }

@@ -29,7 +29,7 @@ use crate::serve::limits::Limits;
 use crate::serve::node_turns::NodeTurns;
 use crate::serve::recorder::Recorder;
 use crate::serve::senders::heads::Heads;
-use crate::serve::uploading::Uploads;
+use crate::serve::uploads::Uploads;
 use crate::tls::server_certificate::ServerCertificate;
 use std::future::Future;
 use std::num::NonZero;

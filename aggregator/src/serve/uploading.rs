@@ -3,15 +3,12 @@
 use crate::round::recording::staging::Staging;
 use crate::round::request::RequestError;
 use crate::serve::limits::Limits;
-use crate::serve::node_turns::NodeTurns;
-use crate::serve::requests::malformed;
 use crate::serve::senders::heads::{Head, Message};
 use crate::serve::senders::sender::read_hashed;
 use crate::serve::service::{blocking, Service};
-use std::collections::HashMap;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use crate::serve::uploads::Newest;
 use std::time::Duration;
-use tokio::sync::{Notify, OwnedMutexGuard};
+use tokio::sync::OwnedMutexGuard;
 use tokio::time::{timeout_at, Instant};
 use tonic::{Status, Streaming};
 use zk0_circuits::NodeId;
@@ -24,63 +21,10 @@ use zk0_protocol::rpc::federation::UploadChunk;
 /// Bytes that are written to disk at once.
 const BATCH_BYTES: usize = 256 << 10;
 
-/// The uploads in progress: one for each node. A newer upload of a node ends the one before, whose connection may be lost without anybody
-/// having noticed.
-#[derive(Clone, Default)]
-pub(super) struct Uploads {
-    turns: NodeTurns,
-    newest: Arc<Mutex<HashMap<NodeId, Arc<Notify>>>>,
-}
-
-/// The newest upload of a node, until it is dropped.
-struct Newest {
-    node: NodeId,
-    ended: Arc<Notify>,
-    uploads: Uploads,
-}
-
 /// An upload that is being written. The next upload of its node waits until this is dropped.
 struct Writing {
     blob: PartialBlob,
     _turn: OwnedMutexGuard<()>,
-}
-
-impl Uploads {
-    /// Ends the upload of the node that is in progress.
-    fn begin(&self, node: NodeId) -> Newest {
-        let ended = Arc::new(Notify::new());
-        if let Some(before) = self.newest().insert(node, ended.clone()) {
-            before.notify_one();
-        }
-        Newest {
-            node,
-            ended,
-            uploads: self.clone(),
-        }
-    }
-
-    /// A panic elsewhere does not spoil the map: it is never half changed.
-    fn newest(&self) -> MutexGuard<'_, HashMap<NodeId, Arc<Notify>>> {
-        self.newest.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-}
-
-impl Newest {
-    fn has_ended(&self) -> Status {
-        let node = self.node;
-        let why = format!("a newer upload of node {node} has begun, which ends this one");
-        RequestError::Busy(why).into()
-    }
-}
-
-impl Drop for Newest {
-    fn drop(&mut self) {
-        let mut newest = self.uploads.newest();
-        let ours = newest.get(&self.node);
-        if ours.is_some_and(|ours| Arc::ptr_eq(ours, &self.ended)) {
-            newest.remove(&self.node);
-        }
-    }
 }
 
 impl Service {
@@ -149,7 +93,7 @@ impl Service {
         upload: UploadRequest,
         begins: u64,
     ) -> Result<(), Status> {
-        let turn = self.uploads.turns.take(upload.node).await;
+        let turn = newest.turn().await;
         let request = upload.clone();
         let blob = blocking(move || Ok(staging.go_on(&request, begins)?)).await?;
         let Some(blob) = blob else {
@@ -163,7 +107,7 @@ impl Service {
             while batch.len() < BATCH_BYTES && !ended && failed.is_none() {
                 let next = tokio::select! {
                     next = incoming.next() => next,
-                    () = newest.ended.notified() => Err(newest.has_ended()),
+                    ended = newest.ended() => Err(ended.into()),
                 };
                 match next {
                     Ok(Some((_, Part::Data(data)))) => batch.extend(data),
@@ -221,6 +165,10 @@ impl Incoming {
             }
         }
     }
+}
+
+fn malformed(what: &str) -> Status {
+    RequestError::Malformed(what.into()).into()
 }
 
 fn too_long(what: &str, limit: Duration) -> Status {

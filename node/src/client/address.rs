@@ -153,18 +153,19 @@ impl AggregatorAddress {
 
     /// What the failure of the first request means: whoever does not speak HTTP/2 shows it only then.
     pub(crate) fn first_failure(&self, status: tonic::Status) -> NodeError {
-        let broken = causes(&status).any(|cause| {
-            let text = cause.to_string();
-            ["frame", "http2 error", "connection error"]
-                .iter()
-                .any(|word| text.contains(word))
-        });
-        match broken && !self.is_encrypted() {
-            true => NodeError::Connect {
-                url: self.url.clone(),
-                why: "it does not answer in plain HTTP/2: use https:// if it speaks TLS".into(),
-            },
-            false => status.into(),
+        // What an aggregator answers has no source. A lost connection has one, and how it was lost depends on who was faster.
+        let Some(cause) = status.source().and_then(|cause| causes(cause).last()) else {
+            return status.into();
+        };
+        let why = match self.is_encrypted() {
+            true => format!("the connection ended before it answered: {cause}"),
+            false => format!(
+                "it does not answer in plain HTTP/2 ({cause}): use https:// if it speaks TLS"
+            ),
+        };
+        NodeError::Connect {
+            url: self.url.clone(),
+            why,
         }
     }
 }

@@ -221,7 +221,7 @@ pub const REMOVALS: &[Removal] = &[
     ),
     transfer(
         "a newer upload ends the one before",
-        "aggregator/src/serve/uploading.rs",
+        "aggregator/src/serve/uploads.rs",
         &[("            before.notify_one();\n", "            drop(before);\n")],
         "a_newer_upload_ends_the_one_before_whose_connection_is_lost",
     ),
