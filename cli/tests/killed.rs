@@ -150,9 +150,9 @@ fn goes_on(killed: Killed, step: &str) {
         ["--key", &key],
         ["--state", &state],
         ["--dataset", RECORDING],
-        ["--steps", "200"],
+        ["--steps", "1000"],
         ["--batch-size", "16"],
-        ["--learning-rate", "5e-4"],
+        ["--learning-rate", "1e-3"],
     ];
     let join = [&["node", "join"], &join.concat()[..]].concat();
     let join: Vec<_> = join.into_iter().map(str::to_owned).collect();
