@@ -128,6 +128,11 @@ mod tests {
             .arg("60")
             .spawn()
             .unwrap();
+        // The system maps the program a moment after it has told that the process runs.
+        let maps = format!("/proc/{}/maps", running.id());
+        while !fs::read_to_string(&maps).unwrap().contains("/sp1_sleep") {
+            std::thread::sleep(Duration::from_millis(1));
+        }
         let later = SystemTime::now() + 2 * OLD;
         let found = find(folder.path(), later).unwrap();
         running.kill().unwrap();
