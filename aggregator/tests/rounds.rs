@@ -299,3 +299,16 @@ fn a_network_is_not_founded_on_other_bytes_than_its_genesis_names() -> Test {
     assert!(error.contains("verifying key"), "{error}");
     Ok(())
 }
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_node_that_has_lost_its_decision_gets_it_when_the_next_round_is_open() -> Test {
+    let (network, first, second) = open_round().await;
+    both_committed(&network, &first, &second).await;
+    let claim = first.claim(&network).await;
+    let decided = first.submit(&network, claim.clone(), b"no proof").await?;
+    network.clock.advance(SUBMIT_MS + 1);
+    network.settle().await;
+    assert!(network.round(Some(1)).await.opened.is_some());
+    assert_eq!(first.submit(&network, claim, b"no proof").await?, decided);
+    Ok(())
+}

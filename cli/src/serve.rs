@@ -38,23 +38,30 @@ pub async fn listening(listen: SocketAddr) -> Result<(TcpListener, SocketAddr)> 
 /// Serves a log's files or a witness until the process is told to end.
 pub fn serve_http(what: &str, listen: SocketAddr, router: Router, limits: Limits) -> Result<()> {
     online(async {
+        let stop = interrupted();
         let (listener, address) = listening(listen).await?;
         tracing::info!(listening = %address, "the {what} is served on http://{address}");
-        http::serve(listener, router, limits, interrupted()).await;
+        http::serve(listener, router, limits, stop).await;
         Ok(())
     })
 }
 
-/// Ready when the process is told to end, by Ctrl-C or by SIGTERM.
-pub async fn interrupted() {
+/// Ready when the process is told to end, by Ctrl-C or by SIGTERM. From the call on, neither ends the process by itself.
+pub fn interrupted() -> impl Future<Output = ()> {
     use tokio::signal::unix::{signal, SignalKind};
-    match signal(SignalKind::terminate()) {
-        Ok(mut terminate) => tokio::select! {
-            _ = tokio::signal::ctrl_c() => {}
-            _ = terminate.recv() => {}
-        },
-        Err(_) => {
-            let _ = tokio::signal::ctrl_c().await;
+    let told = [SignalKind::interrupt(), SignalKind::terminate()].map(signal);
+    async move {
+        let told = told.map(|signal| async move {
+            match signal {
+                Ok(mut signal) => drop(signal.recv().await),
+                // This signal ends the process without more ado.
+                Err(_) => std::future::pending().await,
+            }
+        });
+        let [interrupted, terminated] = told;
+        tokio::select! {
+            () = interrupted => {}
+            () = terminated => {}
         }
     }
 }

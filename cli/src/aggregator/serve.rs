@@ -83,6 +83,7 @@ pub fn serve(options: &Serve) -> Result<()> {
     let certificate = options.edge.certificate()?;
     let (limits, log_limits) = options.edge.limits(options.log_listen.is_some());
     online_until(ENDING, async {
+        let stop = interrupted();
         let (listener, address) = listening(options.listen).await?;
         let network = *aggregator.state().network();
         let patience = Duration::from_secs(options.beacon_seconds);
@@ -106,7 +107,7 @@ pub fn serve(options: &Serve) -> Result<()> {
         let metrics = options.metrics.serve(&service).await?;
         let (ended, stopped) = oneshot::channel();
         let folders = folders.map(|folders| tokio::spawn(folders.follow(service.clone(), stopped)));
-        let served = service.serve(listener, interrupted()).await;
+        let served = service.serve(listener, stop).await;
         drop(ended);
         if let Some(folders) = folders {
             folders.await?;
