@@ -26,12 +26,8 @@ const fn head(
     test: &'static str,
 ) -> Removal {
     Removal {
-        check,
-        file,
-        replacements,
-        package: "zk0-aggregator",
         target: "senders",
-        test,
+        ..in_time(check, file, replacements, test)
     }
 }
 
