@@ -202,7 +202,8 @@ pub mod prove {
                     .to_vec(),
             }
         });
-        let mut proving = Proving::new(prover, instances.collect(), shape.segments, tell);
+        let mut proving = Proving::new(prover, instances.collect(), shape.segments, tell)
+            .with_files_in(folder);
         let mut parts = Parts::default();
         let relations = &expert.builder.relations;
         if let Ok(claims) = argue(&mut proving, relations, &mut parts) {
@@ -215,6 +216,9 @@ pub mod prove {
                 let point = &point.own[..parameters.variables()];
                 open(&mut proving.prover, parameters, &segments, point, tell);
             }
+        }
+        if let Some(failure) = proving.take_failure() {
+            return Err(failure.into());
         }
         Ok(Some(proving.prover.finish()))
     }

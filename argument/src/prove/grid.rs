@@ -2,13 +2,16 @@
 //! values of all instances does for all their rounds.
 
 use super::joined::interpolate;
+use crate::commitment::prove::columns::Column;
 use crate::field::{Extension, Goldilocks};
 use crate::transcript::{Challenges, Prover};
-use core::ops::{Add, Mul, Sub};
+use core::ops::{Add, Mul, Range, Sub};
 use rayon::prelude::*;
 
 /// Indices that one core works on at a time.
 const PIECE: usize = 1 << 8;
+/// Pieces after which the pages of tables that are in files are dropped from memory.
+const PIECES: usize = 1 << 8;
 
 /// The values of a polynomial at {0, …, degree}^variables. The first coordinate changes fastest.
 pub struct Grid {
@@ -47,6 +50,44 @@ impl Element for Extension {
     }
 }
 
+/// A table, of which a piece is read at a time.
+pub trait Table<T>: Sync {
+    /// How many values it has.
+    fn size(&self) -> usize;
+    /// The values at these places.
+    fn piece(&self, places: Range<usize>) -> Vec<T>;
+    /// Drops what is in files from memory, until somebody reads it again.
+    fn release(&self);
+}
+
+impl Table<Extension> for [Extension] {
+    fn size(&self) -> usize {
+        self.len()
+    }
+
+    fn piece(&self, places: Range<usize>) -> Vec<Extension> {
+        self[places].to_vec()
+    }
+
+    fn release(&self) {}
+}
+
+impl Table<Goldilocks> for Column {
+    fn size(&self) -> usize {
+        self.len()
+    }
+
+    fn piece(&self, places: Range<usize>) -> Vec<Goldilocks> {
+        places
+            .map(|place| Goldilocks::from_i64(self.get(place)))
+            .collect()
+    }
+
+    fn release(&self) {
+        Column::release(self);
+    }
+}
+
 impl Grid {
     /// A polynomial that is zero.
     pub fn zero(variables: usize, degree: usize) -> Self {
@@ -70,19 +111,20 @@ impl Grid {
 
     /// `Σ_x weights(x) · Σ coefficient · Π factors(x)`, where each factor has a table for each of 2^`variables` instances, and is multilinear in
     /// their variables. Weights repeat.
-    pub fn of_tables<T: Element>(
+    pub fn of_tables<T: Element, R: Table<T> + ?Sized>(
         variables: usize,
         weights: &[Extension],
-        factors: &[Vec<&[T]>],
+        factors: &[Vec<&R>],
         terms: &[(i64, Vec<usize>)],
     ) -> Self {
         let degree = terms.iter().map(|(_, own)| own.len()).max().unwrap_or(0);
         let mut grid = Self::zero(variables, degree);
-        let size = factors.first().map_or(0, |tables| tables[0].len());
-        let pieces = (0..size.div_ceil(PIECE)).into_par_iter().map(|piece| {
+        let points = grid.values.len();
+        let size = factors.first().map_or(0, |tables| tables[0].size());
+        let of_piece = |piece: usize| {
             let places = piece * PIECE..size.min((piece + 1) * PIECE);
             let factors = factors.iter().map(|tables| {
-                let rows = tables.iter().map(|table| table[places.clone()].to_vec());
+                let rows = tables.iter().map(|table| table.piece(places.clone()));
                 extend(rows.collect(), variables, degree)
             });
             let factors: Vec<Vec<Vec<T>>> = factors.collect();
@@ -104,19 +146,21 @@ impl Grid {
                 let pairs = sums.iter().zip(weights());
                 pairs.map(|(sum, weight)| sum.weighted(weight)).sum()
             };
-            (0..grid.values.len())
-                .map(value)
-                .collect::<Vec<Extension>>()
-        });
+            (0..points).map(value).collect::<Vec<Extension>>()
+        };
         let add = |mut a: Vec<Extension>, b: Vec<Extension>| {
             for (a, b) in a.iter_mut().zip(b) {
                 *a += b;
             }
             a
         };
-        let zero = || vec![Extension::ZERO; grid.values.len()];
-        let values = pieces.reduce(zero, add);
-        grid.values = values;
+        let pieces = size.div_ceil(PIECE);
+        for first in (0..pieces).step_by(PIECES) {
+            let own = (first..pieces.min(first + PIECES)).into_par_iter();
+            let zero = || vec![Extension::ZERO; points];
+            grid.values = add(grid.values, own.map(of_piece).reduce(zero, add));
+            factors.iter().flatten().for_each(|table| table.release());
+        }
         grid
     }
 

@@ -18,6 +18,8 @@ use crate::sumcheck::JoinedPoint;
 use crate::transcript::{work, Challenges, Prover, Refused};
 use crate::verify::powers;
 use rayon::prelude::*;
+use std::io;
+use std::path::Path;
 
 /// A prover, and what it knows.
 pub struct Proving<'a> {
@@ -37,6 +39,10 @@ pub struct Proving<'a> {
     gathered: Vec<[Extension; 2]>,
     /// Is told how far it is.
     tell: Tell<'a>,
+    /// Where values are that it needs of all instances at once, and in memory if nowhere.
+    folder: Option<&'a Path>,
+    /// Why a file could not be written there.
+    failure: Option<io::Error>,
 }
 
 /// The share of the time of adding fractions that goes into adding them; the rest goes into gathering the claims that this leaves.
@@ -54,7 +60,19 @@ impl<'a> Proving<'a> {
             halves: vec![],
             gathered: vec![],
             tell,
+            folder: None,
+            failure: None,
         }
+    }
+
+    /// Keeps values in files in this folder that it needs of all instances at once.
+    pub fn with_files_in(self, folder: Option<&'a Path>) -> Self {
+        Self { folder, ..self }
+    }
+
+    /// Why a file could not be written, after which the argument was given up.
+    pub fn take_failure(&mut self) -> Option<io::Error> {
+        self.failure.take()
     }
 
     fn say(&mut self, value: Extension) -> Extension {
@@ -236,7 +254,12 @@ impl Party for Proving<'_> {
             }
             let (own, over) = match (sum, factors) {
                 (Sum::Monomials(number, weights), _) => {
-                    summed::grid(relations, instances, parts, (*number, weights), variables)
+                    let about = (*number, weights);
+                    let grid = summed::grid(relations, instances, parts, about, self.folder);
+                    grid.map_err(|failure| {
+                        self.failure = Some(failure);
+                        Refused::Equation("a sum whose values could not be kept in a file")
+                    })?
                 }
                 (_, Some(factors)) => (
                     factors.grid(variables),

@@ -5,11 +5,14 @@ use super::instance::Instance;
 use super::joined::{Joined, Table};
 use super::tables::Tables;
 use super::values::contract;
+use crate::commitment::prove::columns::Column;
 use crate::field::{Extension, Goldilocks};
 use crate::multilinear::outer;
 use crate::relation::{Axis, Factor, Index, Monomials, PartId, Parts, Relations};
 use crate::weights::Weights;
 use rayon::prelude::*;
+use std::io;
+use std::path::Path;
 
 /// The parts of all axes but that of instances, and the weights of instances: 1 where there is no such axis.
 pub fn own_weights(
@@ -157,30 +160,45 @@ fn elements(tables: &Tables<'_>, factor: Factor, axes: &[Axis]) -> Vec<Goldilock
     values.collect()
 }
 
-/// The sum of monomials with weights as a polynomial in the variables of instances, but for the weights of instances, which come beside it.
+/// The sum of monomials with weights as a polynomial in the variables of instances, but for the weights of instances, which come beside it. It
+/// needs the values of all instances at once: with a folder, they are in files there meanwhile.
+///
+/// # Errors
+/// A file cannot be written.
 pub fn grid(
     relations: &Relations,
     instances: &[Instance<'_>],
     parts: &Parts,
     (number, weights): (usize, &Weights),
-    variables: usize,
-) -> (Grid, Vec<Extension>) {
+    folder: Option<&Path>,
+) -> io::Result<(Grid, Vec<Extension>)> {
     let monomials = &relations.monomials[number];
     let (ids, over) = own_weights(relations, parts, weights);
     let (factors, terms) = factors_of(monomials);
-    let tables = |factor: &Factor| -> Vec<Vec<Goldilocks>> {
-        let of = |instance: &Instance| {
-            instance.with(|tables| elements(tables, *factor, &monomials.axes))
-        };
-        instances.iter().map(of).collect()
+    let column = |instance: &Instance, factor: Factor| {
+        let values = instance.with(|tables| tables.factor(factor, &monomials.axes));
+        let column = Column::of_integers(&values);
+        match folder {
+            Some(folder) => column.into_file(folder),
+            None => Ok(column),
+        }
     };
-    let tables: Vec<Vec<Vec<Goldilocks>>> = factors.iter().map(tables).collect();
-    let slices = tables
+    let columns = |factor: &Factor| -> io::Result<Vec<Column>> {
+        let different = match differs(relations, *factor) {
+            true => instances.len(),
+            false => 1,
+        };
+        let own = instances[..different].iter();
+        own.map(|instance| column(instance, *factor)).collect()
+    };
+    let columns: Vec<Vec<Column>> = factors.iter().map(columns).collect::<io::Result<_>>()?;
+    let tables = columns
         .iter()
-        .map(|of| of.iter().map(|table| &table[..]).collect());
-    let slices: Vec<Vec<&[Goldilocks]>> = slices.collect();
-    let grid = Grid::of_tables(variables, &outer_of(parts, &ids), &slices, &terms);
-    (grid, over)
+        .map(|own| own.iter().cycle().take(instances.len()).collect());
+    let tables: Vec<Vec<&Column>> = tables.collect();
+    let variables = instances.len().ilog2() as usize;
+    let grid = Grid::of_tables(variables, &outer_of(parts, &ids), &tables, &terms);
+    Ok((grid, over))
 }
 
 /// The sum of monomials with weights, where the variables of instances are at a point with these values of eq.

@@ -50,7 +50,7 @@ impl Column {
     }
 
     /// Integers of least magnitude that stand for elements.
-    fn of_integers(values: &[i64]) -> Self {
+    pub fn of_integers(values: &[i64]) -> Self {
         // The bits that differ from the sign, in any of the values.
         let bits = values
             .iter()
@@ -95,7 +95,8 @@ impl Column {
         }
     }
 
-    fn len(&self) -> usize {
+    /// How many values it has.
+    pub(crate) fn len(&self) -> usize {
         match self {
             Self::Narrow(values) => values.len(),
             Self::Medium(values) => values.len(),
