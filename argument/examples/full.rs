@@ -151,7 +151,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     });
     let samples = samples.collect::<Result<Vec<_>, Box<dyn Error>>>()?;
     last.set(Instant::now());
-    let (statement, kept) = measured("evaluation", || {
+    let statement = measured("evaluation", || {
         evaluate(Digest([4; 32]), &spec, models, &samples, &tell)
     })?;
     println!(
@@ -169,13 +169,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let folder = tempfile::tempdir()?;
     let witness = |number: usize| {
         measured("values of a sample", || {
-            Witness::new(
-                &statement,
-                &common,
-                number,
-                &samples[number].0,
-                &kept[number],
-            )
+            Witness::of(&statement, &common, number, models, &samples)
         })
     };
     let proof = measured("proof", || {

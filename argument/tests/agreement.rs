@@ -78,15 +78,14 @@ fn agrees(seed: u64) -> bool {
     scales(&mut spec, &mut random);
     let models = Models::new(&spec, 1 + seed as usize % 3, seed);
     let weights = [&models.base, &models.update];
-    let (statement, kept) =
-        match evaluate(Digest([7; 32]), &spec, weights, &models.samples, &silently) {
-            Ok(evaluated) => evaluated,
-            Err(Unprovable::Evaluation { .. }) => return false,
-            Err(error) => panic!("seed {seed}: {error}"),
-        };
+    let statement = match evaluate(Digest([7; 32]), &spec, weights, &models.samples, &silently) {
+        Ok(evaluated) => evaluated,
+        Err(Unprovable::Evaluation { .. }) => return false,
+        Err(error) => panic!("seed {seed}: {error}"),
+    };
     let common = Common::new(&statement, weights);
-    for (number, (sample, _)) in models.samples.iter().enumerate() {
-        let witness = Witness::new(&statement, &common, number, sample, &kept[number]);
+    for number in 0..models.samples.len() {
+        let witness = Witness::of(&statement, &common, number, weights, &models.samples);
         let witness = witness.unwrap_or_else(|error| panic!("seed {seed}: {error} ({spec:?})"));
         let tables = Tables {
             relations: &witness.expert.builder.relations,

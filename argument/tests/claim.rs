@@ -4,15 +4,20 @@ mod models;
 
 use models::claims::{honest, Honest, Node};
 use models::committed_to;
-use zk0_argument::claim::{check, committed, make, ClaimInput, NotMade, NotShown};
+use std::borrow::Cow;
+use std::{fs, io};
+use zk0_argument::claim::{check, committed, make, ClaimInput, ClaimSource, NotMade, NotShown};
+use zk0_argument::expert::witness::Unprovable;
 use zk0_argument::prove::progress::Phase;
 use zk0_argument::transcript::Refused;
-use zk0_circuits::claim::private_input::InputError;
+use zk0_circuits::claim::private_input::{Header, InputError};
 use zk0_circuits::claim::statement;
 use zk0_circuits::claim::statement_error::StatementError;
 use zk0_circuits::model::layout::Layout;
 use zk0_circuits::vm::merkle;
-use zk0_circuits::{Claim, Digest, Disclosure, EvalSpec, Losses, Mode};
+use zk0_circuits::{
+    Claim, Digest, Disclosure, EvalSpec, Losses, Mode, PrivateInput, QuantisedWeights, Sample,
+};
 
 /// A node of a network that proves in mode `succinct`.
 fn node() -> Honest {
@@ -37,6 +42,54 @@ fn a_claim_says_what_mode_direct_says() {
         statement::check(&direct.input).unwrap().losses
     );
     assert_eq!(claim.weight_check, Some(left.digest(&made.scales)));
+}
+
+/// A private input of which one sample cannot be read.
+struct Unreadable(PrivateInput);
+
+impl ClaimSource for Unreadable {
+    fn header(&self) -> &Header {
+        self.0.header()
+    }
+
+    fn models(&self) -> [&QuantisedWeights; 2] {
+        self.0.models()
+    }
+
+    fn places(&self) -> Vec<(u64, &[Digest])> {
+        self.0.places()
+    }
+
+    fn sample(&self, position: usize) -> io::Result<Cow<'_, Sample>> {
+        match position {
+            2 => Err(io::Error::other("the disk is broken")),
+            _ => self.0.sample(position),
+        }
+    }
+}
+
+#[test]
+fn a_sample_that_cannot_be_read_is_named() {
+    let error = make(&Unreadable(node().input), None, &mut |_| {}).unwrap_err();
+    let text = error.to_string();
+    assert!(
+        text.contains("sample 2") && text.contains("the disk is broken"),
+        "{text}"
+    );
+}
+
+/// The folder is gone after the samples were committed to, when the values of all samples are needed at once.
+#[test]
+fn a_folder_that_goes_away_ends_the_argument() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut remove = |share: f64| {
+        if share >= Phase::Claiming.of_all(1.0) && folder.path().exists() {
+            fs::remove_dir_all(folder.path()).unwrap();
+        }
+    };
+    let made = make(&node().input, Some(folder.path()), &mut remove);
+    let of_a_file = |error: &NotMade| matches!(error, NotMade::Unprovable(Unprovable::File(_)));
+    assert!(made.as_ref().is_err_and(of_a_file), "{made:?}");
 }
 
 /// Whoever waits for an argument is told after each piece of it, in all phases, and at the end that all is done.

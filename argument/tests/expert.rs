@@ -36,15 +36,13 @@ struct Made {
 impl Made {
     fn new(models: &Models) -> Self {
         let weights = [&models.base, &models.update];
-        let (statement, kept) =
+        let statement =
             evaluate(CONTEXT, &models.spec, weights, &models.samples, &silently).unwrap();
         let expert = Expert::new(&statement);
         let common = Common::new(&statement, weights);
-        let samples = models.samples.iter().zip(&kept).enumerate();
-        let witness = |(number, ((sample, _), kept)): (usize, (&(Sample, _), _))| {
-            Witness::new(&statement, &common, number, sample, kept).unwrap()
-        };
-        let witnesses = samples.map(witness).collect();
+        let witness =
+            |number| Witness::of(&statement, &common, number, weights, &models.samples).unwrap();
+        let witnesses = (0..models.samples.len()).map(witness).collect();
         Self {
             models: weights.map(Clone::clone),
             statement,

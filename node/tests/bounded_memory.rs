@@ -8,6 +8,7 @@ mod setting;
 use allocations::peak;
 use setting::{pickplace, Setting};
 use std::fs;
+use zk0_argument::claim::ClaimSource;
 use zk0_lerobot::dataset::Dataset;
 use zk0_node::recording::{prepare_samples, Recording};
 use zk0_smolvla::frames::batch::InMemory;
@@ -30,7 +31,7 @@ fn memory_does_not_grow_with_the_samples_of_the_evaluation_set() {
         let (expected, weights) = (setting.expected(&set, 1, 5), setting.weights());
         let update = weights.clone();
         let (input, opened) = peak(|| set.private_input(&frames, &expected, weights, update));
-        assert_eq!(input.unwrap().openings.len(), 5);
+        assert_eq!(input.unwrap().places().len(), 5);
         (prepared, opened, size)
     };
     measured(20);

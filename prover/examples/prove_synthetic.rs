@@ -17,10 +17,13 @@ use std::time::Instant;
 use std::{env, fs};
 use zk0_circuits::{Claim, EvalSpec, Mode};
 use zk0_prover::machine::{leftovers, peak_memory, Device, DeviceKind, ProverLock};
+use zk0_prover::program::synthetic::MadeAgain;
 use zk0_prover::program::{elf, synthetic, Executor, GuestInput, Prepared};
 use zk0_prover::prove::Sp1Prover;
 
 const USAGE: &str = "usage: prove_synthetic DEVICE MODEL MODE SAMPLES [FOLDER]";
+/// Everything follows from it.
+const SEED: u64 = 1;
 /// The last argument of the process that makes the input.
 const PREPARE: &str = "--prepare";
 
@@ -111,7 +114,8 @@ async fn main() -> Result<(), Box<dyn Error>> {
 /// Makes the input and what belongs to it.
 fn prepare(spec: &EvalSpec, mode: Mode, samples: u32, folder: &Path) -> Result<(), Box<dyn Error>> {
     let begin = Instant::now();
-    let private = synthetic::private_input(spec, mode, samples, 1)?;
+    let private = synthetic::private_input(spec, mode, samples, SEED)?;
+    let private = MadeAgain::of(private, SEED);
     eprintln!("a claim that holds: {:.0?}", begin.elapsed());
     let begin = Instant::now();
     let mut shown = 0;

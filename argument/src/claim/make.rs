@@ -2,14 +2,17 @@
 
 use super::check::{conclude, context};
 use super::input::{ClaimInput, SampleOpening};
+use super::source::ClaimSource;
 use crate::expert::argument::prove::prove;
-use crate::expert::witness::{evaluate, Common, Unprovable, Witness};
+use crate::expert::witness::{evaluate, Common, Samples, Unprovable, Witness};
 use crate::prove::progress::Phase;
+use std::borrow::Cow;
 use std::cell::RefCell;
+use std::io;
 use std::path::Path;
-use zk0_circuits::claim::private_input::PrivateInput;
 use zk0_circuits::claim::statement_error::StatementError;
-use zk0_circuits::model::draw::draw;
+use zk0_circuits::model::draw::{draw, Draw};
+use zk0_circuits::Sample;
 
 /// Why there is no argument.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -25,34 +28,44 @@ pub enum NotMade {
     TooSmall(#[from] super::TooSmall),
 }
 
+/// The opened samples of a claim, with their draws.
+struct Opened<'a, S: ?Sized> {
+    source: &'a S,
+    draws: Vec<Draw>,
+}
+
+impl<S: ClaimSource + ?Sized> Samples for Opened<'_, S> {
+    fn draws(&self) -> Vec<&Draw> {
+        self.draws.iter().collect()
+    }
+
+    fn sample(&self, number: usize) -> io::Result<Cow<'_, Sample>> {
+        self.source.sample(number)
+    }
+}
+
 /// Makes the input of the guest program. An update that does not pass the test is refused before the argument is made. With a folder, what is
-/// committed to is in files there that have no names, of half a gigabyte a sample at the published size: then memory does not grow with the number of samples.
+/// committed to is in files there that have no names, of half a gigabyte a sample at the published size: then memory hardly grows with the number of samples.
 ///
 /// `progress` is told which share of the work is done, from 0 to 1.
 pub fn make(
-    input: &PrivateInput,
+    source: &(impl ClaimSource + ?Sized),
     folder: Option<&Path>,
     progress: &mut dyn FnMut(f64),
 ) -> Result<ClaimInput<'static>, NotMade> {
-    let header = &input.header;
+    let header = source.header();
     let progress = RefCell::new(progress);
     let tell = |phase: Phase, share: f64| (progress.borrow_mut())(phase.of_all(share));
-    let samples = input
-        .openings
-        .iter()
-        .enumerate()
-        .map(|(position, opening)| {
-            let count = header.terms.eval_samples;
-            let drawn = draw(
-                &header.spec,
-                &header.terms.challenge,
-                position as u32,
-                count,
-            );
-            (opening.sample.clone(), drawn)
-        });
-    let samples: Vec<_> = samples.collect();
-    let models = [&input.base, &input.update];
+    let places = source.places();
+    let draws = (0..places.len() as u32).map(|position| {
+        let (challenge, count) = (&header.terms.challenge, header.terms.eval_samples);
+        draw(&header.spec, challenge, position, count)
+    });
+    let samples = Opened {
+        source,
+        draws: draws.collect(),
+    };
+    let models = source.models();
     let failed = |error| match error {
         Unprovable::Evaluation {
             model,
@@ -60,26 +73,23 @@ pub fn make(
             error,
         } => StatementError::Eval {
             model,
-            index: input.openings[sample].index,
+            index: places[sample].0,
             error,
         }
         .into(),
         error => NotMade::Unprovable(error),
     };
-    let (statement, kept) =
+    let statement =
         evaluate(context(header), &header.spec, models, &samples, &tell).map_err(failed)?;
     conclude(&statement, header, None)?;
     let common = Common::new(&statement, models);
-    let witness = |number: usize| {
-        let (sample, _) = &samples[number];
-        Witness::new(&statement, &common, number, sample, &kept[number])
-    };
+    let witness = |number| Witness::of(&statement, &common, number, models, &samples);
     let argument = prove(&statement, &common, folder, &tell, witness).map_err(failed)?;
     let argument = argument.ok_or(super::TooSmall)?;
-    let openings = input.openings.iter().zip(&statement.samples);
-    let openings = openings.map(|(opening, evaluated)| SampleOpening {
-        index: opening.index,
-        path: opening.path.clone(),
+    let openings = places.iter().zip(&statement.samples);
+    let openings = openings.map(|((index, path), evaluated)| SampleOpening {
+        index: *index,
+        path: path.to_vec(),
         prefix: evaluated.prefix as u32,
         frames: evaluated.frames as u32,
         losses: evaluated.losses,

@@ -2,6 +2,7 @@
 //!
 //! - [`input`]: what the guest program reads. It holds neither samples nor weights.
 //! - [`check`]: what the guest program does: it verifies the argument, opens the samples in the dataset, and tests the improvement.
+//! - `source`: what a claim is made of.
 //! - `make`: the node's side. It evaluates both models, and makes the argument natively.
 //! - `cost`: what that takes of time, memory and disk.
 //! - `committed`: what a node commits to of a sample, in each mode.
@@ -14,6 +15,8 @@ mod cost;
 mod input;
 #[cfg(feature = "prove")]
 mod make;
+#[cfg(feature = "prove")]
+mod source;
 
 pub use check::{check, context, NotShown};
 #[cfg(feature = "prove")]
@@ -23,3 +26,5 @@ pub use cost::Cost;
 pub use input::{ClaimInput, SampleOpening, CLAIM_BUFFERS};
 #[cfg(feature = "prove")]
 pub use make::{make, NotMade};
+#[cfg(feature = "prove")]
+pub use source::ClaimSource;

@@ -202,8 +202,8 @@ pub mod prove {
                     .to_vec(),
             }
         });
-        let mut proving = Proving::new(prover, instances.collect(), shape.segments, tell)
-            .with_files_in(folder);
+        let mut proving =
+            Proving::new(prover, instances.collect(), shape.segments, tell).with_files_in(folder);
         let mut parts = Parts::default();
         let relations = &expert.builder.relations;
         if let Ok(claims) = argue(&mut proving, relations, &mut parts) {

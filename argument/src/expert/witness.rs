@@ -11,12 +11,13 @@ use crate::prove::filling::Filling;
 use crate::prove::progress::{Phase, Tell};
 use crate::prove::{Computed, NotInTable, Values};
 use crate::relation::{Committed, Relations, Source};
+use std::borrow::Cow;
 use std::io;
 use std::rc::Rc;
 use zk0_circuits::claim::terms::Model;
 use zk0_circuits::model::arithmetic::fixed::Rescale;
 use zk0_circuits::model::draw::Draw;
-use zk0_circuits::model::eval::{EvalError, Evaluator};
+use zk0_circuits::model::eval::{EvalError, Evaluator, LossSum};
 use zk0_circuits::model::layout::Layout;
 use zk0_circuits::model::linear::{first_of_layer, output, place};
 use zk0_circuits::{Digest, EvalSpec, QuantisedWeights, Sample};
@@ -40,6 +41,14 @@ pub enum Unprovable {
     /// A value is beyond what the argument's tables hold.
     #[error(transparent)]
     NotInTable(#[from] NotInTable),
+    /// A sample cannot be read.
+    #[error("sample {sample} cannot be read: {reason}")]
+    Sample {
+        /// Which sample, from 0.
+        sample: usize,
+        /// Why.
+        reason: String,
+    },
     /// What is committed to does not go into a file: the disk is full, or the folder is not there.
     #[error("the committed values cannot be written to a file: {0}")]
     File(String),
@@ -85,35 +94,78 @@ pub struct Witness {
     pub data: Vec<i64>,
 }
 
-/// What is stated about two models and samples in a context ([`Statement::context`]), and what is kept of each evaluation: that of the base and of the update for each sample.
+/// The samples that an argument is about. They are read one at a time.
+pub trait Samples {
+    /// The draw of each sample.
+    fn draws(&self) -> Vec<&Draw>;
+
+    /// A sample.
+    ///
+    /// # Errors
+    /// It cannot be read.
+    fn sample(&self, number: usize) -> io::Result<Cow<'_, Sample>>;
+}
+
+impl Samples for Vec<(Sample, Draw)> {
+    fn draws(&self) -> Vec<&Draw> {
+        self.iter().map(|(_, draw)| draw).collect()
+    }
+
+    fn sample(&self, number: usize) -> io::Result<Cow<'_, Sample>> {
+        let own = self.get(number).map(|(sample, _)| Cow::Borrowed(sample));
+        own.ok_or_else(|| io::ErrorKind::NotFound.into())
+    }
+}
+
+fn read(samples: &impl Samples, number: usize) -> Result<Cow<'_, Sample>, Unprovable> {
+    let unreadable = |error: io::Error| Unprovable::Sample {
+        sample: number,
+        reason: error.to_string(),
+    };
+    samples.sample(number).map_err(unreadable)
+}
+
+/// The loss of one of the models on a sample, and what the evaluation leaves of the residual stream.
+fn traced(
+    spec: &EvalSpec,
+    models: Models<'_>,
+    model: usize,
+    number: usize,
+    (sample, draw): (&Sample, &Draw),
+) -> Result<(LossSum, Vec<Kept>), Unprovable> {
+    let evaluator = Evaluator::new(spec).map_err(EvalError::from);
+    let result = evaluator.and_then(|e| trace(&e, models[model], sample, draw));
+    result.map_err(|error| Unprovable::Evaluation {
+        model: [Model::Base, Model::Update][model],
+        sample: number,
+        error,
+    })
+}
+
+/// What is stated about two models and samples in a context ([`Statement::context`]).
+///
+/// # Errors
+/// A sample cannot be read, or the evaluation fails on it.
 pub fn evaluate(
     context: Digest,
     spec: &EvalSpec,
     models: Models<'_>,
-    samples: &[(Sample, Draw)],
+    samples: &impl Samples,
     tell: Tell<'_>,
-) -> Result<(Statement, Vec<[Vec<Kept>; 2]>), Unprovable> {
+) -> Result<Statement, Unprovable> {
     let mut evaluated = vec![];
-    let mut kept = vec![];
-    for (number, (sample, draw)) in samples.iter().enumerate() {
-        let run = |model: usize| {
-            let evaluator = Evaluator::new(spec).map_err(EvalError::from);
-            let result = evaluator.and_then(|e| trace(&e, models[model], sample, draw));
-            result.map_err(|error| Unprovable::Evaluation {
-                model: [Model::Base, Model::Update][model],
-                sample: number,
-                error,
-            })
-        };
-        let ((base, base_kept), (update, update_kept)) = (run(0)?, run(1)?);
+    let draws = samples.draws();
+    for (number, draw) in draws.iter().enumerate() {
+        let sample = read(samples, number)?;
+        let loss = |model| traced(spec, models, model, number, (&sample, draw));
+        let losses = [loss(0)?.0, loss(1)?.0].map(|loss| loss.squared_error);
         evaluated.push(Evaluated {
             prefix: sample.prefix(),
-            frames: frames(spec, sample),
-            draw: draw.clone(),
-            losses: [base.squared_error, update.squared_error],
+            frames: frames(spec, &sample),
+            draw: (*draw).clone(),
+            losses,
         });
-        kept.push([base_kept, update_kept]);
-        tell(Phase::Evaluating, kept.len() as f64 / samples.len() as f64);
+        tell(Phase::Evaluating, (number + 1) as f64 / draws.len() as f64);
     }
     let layout = Layout::new(&spec.dims);
     let scales = |weights: &QuantisedWeights| {
@@ -122,13 +174,12 @@ pub fn evaluate(
             .map(|index| weights.tensor(&layout, index).1)
             .collect()
     };
-    let statement = Statement {
+    Ok(Statement {
         context,
         spec: spec.clone(),
         scales: models.map(scales),
         samples: evaluated,
-    };
-    Ok((statement, kept))
+    })
 }
 
 impl Common {
@@ -167,13 +218,22 @@ impl Witness {
     }
 
     /// Computes all values of sample number `number`. They obey the relations, if the evaluation did not fail.
-    pub fn new(
+    ///
+    /// The models are evaluated once more, so that nothing of an evaluation has to be kept until then.
+    ///
+    /// # Errors
+    /// The sample cannot be read, or a value is beyond what the argument's tables hold.
+    pub fn of(
         statement: &Statement,
         common: &Common,
         number: usize,
-        sample: &Sample,
-        kept: &[Vec<Kept>; 2],
+        models: Models<'_>,
+        samples: &impl Samples,
     ) -> Result<Self, Unprovable> {
+        let sample = &*read(samples, number)?;
+        let draw = &statement.samples[number].draw;
+        let kept = |model| traced(&statement.spec, models, model, number, (sample, draw));
+        let kept = [kept(0)?.1, kept(1)?.1];
         let statement = statement.of(Some(number));
         let expert = Expert::new(&statement);
         let relations = &expert.builder.relations;

@@ -79,9 +79,8 @@ fn an_update_that_does_not_improve_is_refused() {
     });
     let samples: Vec<_> = samples.collect();
     let models = [&input.base, &input.update];
-    let (statement, kept) =
-        evaluate(context(header), &header.spec, models, &samples, &silently).unwrap();
-    let known = known(&statement, models, &samples, &kept);
+    let statement = evaluate(context(header), &header.spec, models, &samples, &silently).unwrap();
+    let known = known(&statement, models, &samples);
     let openings = input.openings.iter().zip(&statement.samples);
     let openings = openings.map(|(opening, evaluated)| SampleOpening {
         index: opening.index,
@@ -126,7 +125,7 @@ fn statement() -> Statement {
         &models.samples,
         &silently,
     );
-    evaluated.unwrap().0
+    evaluated.unwrap()
 }
 
 /// Something changes in a statement.

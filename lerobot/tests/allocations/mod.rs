@@ -47,6 +47,11 @@ pub fn largest() -> usize {
     LARGEST.load(Relaxed)
 }
 
+/// The bytes that are allocated now.
+pub fn held() -> usize {
+    HELD.load(Relaxed)
+}
+
 /// Returns the most bytes that were allocated at once while `run` ran, beyond those held before. The number is meaningful only if
 /// nothing else runs.
 pub fn peak<T>(run: impl FnOnce() -> T) -> (T, usize) {

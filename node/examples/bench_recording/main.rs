@@ -20,6 +20,7 @@ use std::fs;
 use std::path::Path;
 use std::process::Command;
 use std::time::Instant;
+use zk0_argument::claim::ClaimSource;
 use zk0_circuits::claim::challenge::sample_indices;
 use zk0_circuits::claim::student::Confidence;
 use zk0_circuits::claim::t_test::TTest;
@@ -200,11 +201,8 @@ fn measure(work: &Work, dir: &Path) -> Result<()> {
         set.commitment.samples,
         work.evaluated,
     )?;
-    assert!(input
-        .openings
-        .iter()
-        .map(|opening| opening.index)
-        .eq(indices));
+    let opened = input.places();
+    assert!(opened.iter().map(|(index, _)| *index).eq(indices));
     phase.done("the private input is made");
 
     // What all samples would take: in float32 as the cache's entries have them, and in fixed point.

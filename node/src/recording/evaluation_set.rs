@@ -4,6 +4,7 @@
 
 use crate::error::ParticipantError;
 use crate::progress::Progress;
+use crate::recording::opened_samples::{OpenedSample, OpenedSamples};
 use crate::recording::sample_files::SampleFiles;
 use crate::recording::Recording;
 use std::borrow::Cow;
@@ -11,11 +12,10 @@ use std::path::Path;
 use zk0_argument::claim::committed;
 use zk0_circuits::claim::challenge::sample_indices;
 use zk0_circuits::claim::dataset::{leaf, salt_commitment};
-use zk0_circuits::claim::private_input::{Header, Opening};
-use zk0_circuits::model::sample::Sample;
+use zk0_circuits::claim::private_input::Header;
 use zk0_circuits::model::weights::QuantisedWeights;
 use zk0_circuits::vm::merkle;
-use zk0_circuits::{DatasetCommitment, Digest, EvalSpec, Mode, NodeId, PrivateInput};
+use zk0_circuits::{DatasetCommitment, Digest, EvalSpec, Mode, NodeId};
 use zk0_protocol::entries::signed::{DatasetRegistration, Episode};
 use zk0_protocol::evaluation_set::{distinct, draw, list_bytes, DrawnLeaf};
 use zk0_protocol::rules::bindings::ExpectedClaim;
@@ -152,8 +152,8 @@ impl EvaluationSet {
         }
     }
 
-    /// All that is needed to prove `expected`: the challenged samples with their paths, and both sets of weights. The samples are read
-    /// from the disk. One that is damaged is made again, from `all` frames of the recording.
+    /// All that is needed to prove `expected`: the challenged samples with their paths, and both sets of weights. The samples stay on the
+    /// disk. One that is damaged is made again, from `all` frames of the recording.
     ///
     /// # Errors
     /// The challenge asks for more samples than there are. A sample is damaged, and cannot be made again.
@@ -163,7 +163,7 @@ impl EvaluationSet {
         expected: &ExpectedClaim,
         base: QuantisedWeights,
         update: QuantisedWeights,
-    ) -> Result<PrivateInput, ParticipantError> {
+    ) -> Result<OpenedSamples, ParticipantError> {
         let indices = sample_indices(
             &expected.terms.challenge,
             self.commitment.samples,
@@ -173,9 +173,10 @@ impl EvaluationSet {
         for index in indices {
             let at = usize::try_from(index).map_err(|_| missing(index))?;
             let kept = self.samples.get(at).ok_or_else(|| missing(index))?;
-            openings.push(Opening {
+            self.check(all, kept)?;
+            openings.push(OpenedSample {
                 index,
-                sample: self.read(all, kept)?,
+                file: self.files.path(&kept.key, &kept.digest),
                 path: merkle::path(&self.leaves, at).ok_or_else(|| missing(index))?,
             });
         }
@@ -185,7 +186,7 @@ impl EvaluationSet {
             disclosure: expected.disclosure,
             salt: self.by.salt,
         };
-        Ok(PrivateInput {
+        Ok(OpenedSamples {
             header,
             base,
             update,
@@ -193,14 +194,15 @@ impl EvaluationSet {
         })
     }
 
-    fn read(
+    /// Checks the file of a sample, and makes it again if it is damaged.
+    fn check(
         &self,
         all: &dyn SampleSource<PreparedSample>,
         kept: &Kept,
-    ) -> Result<Sample, ParticipantError> {
+    ) -> Result<(), ParticipantError> {
         let damaged = match self.files.read(&kept.key, &kept.digest) {
             Err(damaged @ ParticipantError::BrokenFile { .. }) => damaged,
-            other => return other,
+            other => return other.map(drop),
         };
         // The node has committed to its update. Without the sample it could not keep its promise.
         tracing::warn!("{damaged}; the node makes the sample again");
@@ -208,7 +210,7 @@ impl EvaluationSet {
         match committed(self.by.mode, &self.spec, &sample)? == kept.digest {
             true => {
                 self.files.put(&kept.key, &sample)?;
-                Ok(sample)
+                Ok(())
             }
             false => Err(ParticipantError::OtherSample {
                 frame: kept.frame,

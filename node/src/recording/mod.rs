@@ -1,10 +1,12 @@
 //! A node's own recording. It trains on all frames, and commits to the samples of those that are drawn.
 //!
 //! - [`Recording`]: the recording, open, and its frames as samples. Each sample is made when it is needed, or read from the cache.
-//! - [`evaluation_set`]: the drawn samples in fixed point, and the commitment to them; [`sample_files`]: these samples on disk.
+//! - [`evaluation_set`]: the drawn samples in fixed point, and the commitment to them; [`sample_files`]: these samples on disk;
+//!   [`opened_samples`]: those that a claim is about.
 //! - [`recompute`]: what an auditor does who has the recording.
 
 pub mod evaluation_set;
+pub mod opened_samples;
 pub mod recompute;
 pub mod sample_files;
 

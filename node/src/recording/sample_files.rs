@@ -11,6 +11,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use zk0_argument::claim::committed;
 use zk0_circuits::model::sample::Sample;
+use zk0_circuits::model::spec::Dims;
 use zk0_circuits::{Digest, EvalSpec, Mode};
 use zk0_files::atomic_file::UNFINISHED;
 use zk0_smolvla::frames::prefix_cache::Key;
@@ -70,20 +71,27 @@ impl SampleFiles {
     /// # Errors
     /// The file cannot be read. [`ParticipantError::BrokenFile`]: it is not there, or holds another sample.
     pub fn read(&self, key: &Key, digest: &Digest) -> Result<Sample, ParticipantError> {
-        let dims = &self.spec.dims;
         let path = self.path(key, digest);
-        let most = Sample::byte_len(dims, dims.max_prefix as usize) as u64;
-        let bytes = state_files::read(&path, most)?
-            .ok_or_else(|| broken(&path, "it is not there any more".into()))?;
-        let sample =
-            Sample::from_bytes(dims, &bytes).map_err(|error| broken(&path, error.to_string()))?;
+        let sample = Self::unchecked(&self.spec.dims, &path)?;
         match committed(self.mode, &self.spec, &sample)? {
             found if found == *digest => Ok(sample),
             found => Err(broken(&path, format!("its digest is {found}"))),
         }
     }
 
-    fn path(&self, key: &Key, digest: &Digest) -> PathBuf {
+    /// Reads a sample, and does not check its digest.
+    ///
+    /// # Errors
+    /// The file cannot be read. [`ParticipantError::BrokenFile`]: it is not there, or holds no sample.
+    pub fn unchecked(dims: &Dims, path: &Path) -> Result<Sample, ParticipantError> {
+        let most = Sample::byte_len(dims, dims.max_prefix as usize) as u64;
+        let bytes = state_files::read(path, most)?
+            .ok_or_else(|| broken(path, "it is not there any more".into()))?;
+        Sample::from_bytes(dims, &bytes).map_err(|error| broken(path, error.to_string()))
+    }
+
+    /// The file of a sample.
+    pub fn path(&self, key: &Key, digest: &Digest) -> PathBuf {
         self.folder.join(format!("{key}-{digest}.sample"))
     }
 }
@@ -99,7 +107,6 @@ fn parsed(name: &OsStr) -> Option<(Key, Digest)> {
 mod tests {
     use super::*;
     use zk0_circuits::model::sample::SampleParts;
-    use zk0_circuits::model::spec::Dims;
 
     const KEY: Key = Key([7; 32]);
 

@@ -2,12 +2,13 @@
 
 use crate::error::ParticipantError;
 use crate::progress::Progress;
+use crate::recording::opened_samples::OpenedSamples;
 use crate::state_files::at;
 use std::panic::resume_unwind;
 use std::path::{Path, PathBuf};
 use tokio::task::spawn_blocking;
 use zk0_argument::claim::Cost;
-use zk0_circuits::{EvalSpec, Mode, PrivateInput};
+use zk0_circuits::{EvalSpec, Mode};
 use zk0_prover::machine::{check_disk, check_memory, free_disk, Resources};
 use zk0_prover::program::Prepared;
 
@@ -50,7 +51,7 @@ pub fn check_room(
 /// The claim does not hold, or cannot be proven in this mode.
 pub async fn prepare(
     mode: Mode,
-    input: PrivateInput,
+    input: OpenedSamples,
     state: PathBuf,
 ) -> Result<Prepared, ParticipantError> {
     let prepared = spawn_blocking(move || {

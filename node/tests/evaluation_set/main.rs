@@ -11,6 +11,7 @@ use made_recording::{make, Episode};
 use serde_json::json;
 use setting::{pickplace, Setting};
 use std::fs;
+use zk0_argument::claim::ClaimSource;
 use zk0_circuits::model::sample::Sample;
 use zk0_circuits::Digest;
 use zk0_lerobot::dataset::Dataset;
@@ -137,7 +138,7 @@ fn a_still_recording_is_registered_with_its_distinct_samples() {
     let expected = setting.expected(&set, 0, found as u32);
     let weights = setting.weights();
     let input = set.private_input(&samples, &expected, weights.clone(), weights);
-    setting.check_openings(&input.unwrap());
+    setting.check_openings(&input.unwrap().whole().unwrap());
 }
 
 /// What goes to the prover is read from the disk, and is what would be there if all samples were in memory.
@@ -162,7 +163,7 @@ fn the_private_input_from_disk_is_that_from_memory() {
         let expected = setting.expected(&set, challenge, 7);
         let weights = setting.weights();
         let input = set.private_input(&samples, &expected, weights.clone(), weights);
-        let input = input.unwrap();
+        let input = input.unwrap().whole().unwrap().into_owned();
         assert_eq!(input.openings.len(), 7);
         for opening in &input.openings {
             let frame = recording.frame(drawn[opening.index as usize]).unwrap();

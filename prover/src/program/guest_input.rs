@@ -2,7 +2,7 @@
 
 use borsh::{BorshDeserialize, BorshSerialize};
 use std::path::Path;
-use zk0_argument::claim::{self, ClaimInput, NotMade, NotShown};
+use zk0_argument::claim::{self, ClaimInput, ClaimSource, NotMade, NotShown};
 use zk0_circuits::claim::private_input::InputError;
 use zk0_circuits::claim::statement::check;
 use zk0_circuits::claim::statement_error::StatementError;
@@ -35,6 +35,9 @@ pub enum NotProvable {
     /// It does not hold.
     #[error(transparent)]
     Statement(#[from] StatementError),
+    /// A sample cannot be read.
+    #[error("a sample of the claim cannot be read: {0}")]
+    Sample(String),
     /// There is no argument for it, in mode `succinct`.
     #[error(transparent)]
     Argument(NotMade),
@@ -67,7 +70,7 @@ pub enum GuestInputError {
 }
 
 impl Prepared {
-    /// The claim that `input` proves, and what the program reads. In mode `succinct`, this makes the argument that the program verifies; with a
+    /// The claim that `source` proves, and what the program reads. In mode `succinct`, this makes the argument that the program verifies; with a
     /// folder, values of samples are in files there meanwhile, and `progress` is told which share of the work is done, from 0 to 1. At the published
     /// size this takes minutes for each sample.
     ///
@@ -75,14 +78,18 @@ impl Prepared {
     /// The claim does not hold, or cannot be proven in this mode.
     pub fn of(
         mode: Mode,
-        input: &PrivateInput,
+        source: &impl ClaimSource,
         folder: Option<&Path>,
         progress: &mut dyn FnMut(f64),
     ) -> Result<Self, NotProvable> {
         let (claim, weight_check, buffers) = match mode {
-            Mode::Direct => (check(input)?, vec![], input.to_buffers().to_vec()),
+            Mode::Direct => {
+                let input = source.whole();
+                let input = input.map_err(|error| NotProvable::Sample(error.to_string()))?;
+                (check(&input)?, vec![], input.to_buffers().to_vec())
+            }
             Mode::Succinct => {
-                let made = claim::make(input, folder, progress)?;
+                let made = claim::make(source, folder, progress)?;
                 let (claim, left) = claim::check(&made).map_err(|error| match error {
                     NotShown::Statement(error) => NotProvable::Statement(error),
                     error => NotProvable::Unsound(error),

@@ -7,7 +7,9 @@ use super::elf::elf;
 use super::execute::{ExecuteError, Execution, Executor};
 use super::guest_input::{GuestInput, Prepared};
 use borsh::to_vec;
-use zk0_argument::claim::{committed, TooSmall};
+use std::borrow::Cow;
+use std::io;
+use zk0_argument::claim::{committed, ClaimSource, TooSmall};
 use zk0_circuits::claim::challenge::sample_indices;
 use zk0_circuits::claim::dataset::{leaf, salt_commitment};
 use zk0_circuits::claim::private_input::{Header, Opening};
@@ -47,6 +49,50 @@ pub fn private_input(
     let (mut input, dataset) = improving(spec, samples, seed)?;
     commit(&mut input, mode, &dataset)?;
     Ok(input)
+}
+
+/// A private input whose samples are made again when somebody reads them, so that they take no memory.
+pub struct MadeAgain {
+    header: Header,
+    models: [QuantisedWeights; 2],
+    places: Vec<(u64, Vec<Digest>)>,
+    seed: u64,
+}
+
+impl MadeAgain {
+    /// The input that [`private_input`] made with this seed.
+    pub fn of(input: PrivateInput, seed: u64) -> Self {
+        let openings = input.openings.into_iter();
+        Self {
+            header: input.header,
+            models: [input.base, input.update],
+            places: openings.map(|of| (of.index, of.path)).collect(),
+            seed,
+        }
+    }
+}
+
+impl ClaimSource for MadeAgain {
+    fn header(&self) -> &Header {
+        &self.header
+    }
+
+    fn models(&self) -> [&QuantisedWeights; 2] {
+        self.models.each_ref()
+    }
+
+    fn places(&self) -> Vec<(u64, &[Digest])> {
+        let places = self.places.iter();
+        places.map(|(index, path)| (*index, &path[..])).collect()
+    }
+
+    fn sample(&self, position: usize) -> io::Result<Cow<'_, Sample>> {
+        let (index, _) = self.places.get(position).ok_or(io::ErrorKind::NotFound)?;
+        let mut random = Random(self.seed);
+        random.skip(index * sample_words(&self.header.spec.dims));
+        let sample = sample(&self.header.spec, &mut random, *index as u32);
+        sample.map(Cow::Owned).map_err(io::Error::other)
+    }
 }
 
 /// Names weights and samples as nodes of a network do whose claims are proven in `mode`.
@@ -304,6 +350,13 @@ impl Random {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn samples_that_are_made_again_are_the_same() {
+        let input = private_input(&EvalSpec::micro(), Mode::Direct, 3, 5).unwrap();
+        let again = MadeAgain::of(input.clone(), 5);
+        assert_eq!(*again.whole().unwrap(), input);
+    }
 
     #[test]
     fn the_weights_of_an_input_are_among_those_tried() {

@@ -20,7 +20,6 @@ use zk0_argument::expert::argument::{verify, Verified};
 use zk0_argument::expert::evaluation::layers::Expert;
 use zk0_argument::expert::published::Published;
 use zk0_argument::expert::statement::Statement;
-use zk0_argument::expert::trace::Kept;
 use zk0_argument::expert::witness::{evaluate, Common, Witness};
 use zk0_argument::prove::progress::silently;
 use zk0_argument::prove::Values;
@@ -60,10 +59,10 @@ impl World {
     /// What these models make of these samples.
     pub fn of(models: Models) -> Self {
         let weights = [&models.base, &models.update];
-        let (statement, kept) =
+        let statement =
             evaluate(CONTEXT, &models.spec, weights, &models.samples, &silently).unwrap();
         let expert = Expert::new(&statement);
-        let known = known(&statement, weights, &models.samples, &kept);
+        let known = known(&statement, weights, &models.samples);
         Self {
             models,
             statement,
@@ -128,15 +127,11 @@ pub fn refused(equation: &'static str) -> Result<(), Refused> {
 pub fn known(
     statement: &Statement,
     models: [&QuantisedWeights; 2],
-    samples: &[(Sample, Draw)],
-    kept: &[[Vec<Kept>; 2]],
+    samples: &Vec<(Sample, Draw)>,
 ) -> Known {
     let common = Common::new(statement, models);
-    let samples = samples.iter().zip(kept).enumerate();
-    let witness = |(number, ((sample, _), kept)): (usize, (&(Sample, Draw), _))| {
-        Witness::new(statement, &common, number, sample, kept).unwrap()
-    };
-    let samples = samples.map(witness).collect();
+    let witness = |number| Witness::of(statement, &common, number, models, samples).unwrap();
+    let samples = (0..samples.len()).map(witness).collect();
     Known { common, samples }
 }
 
