@@ -23,12 +23,12 @@ pub struct Cost {
 // `cargo run --release -p zk0-argument --example full -- SIZE SAMPLES` prints what is expected beside what it took.
 
 /// Bytes for each look-up of a sample: fractions, and the layers above them.
-const BYTES_OF_A_LOOKUP: u64 = 55;
+const BYTES_OF_A_LOOKUP: u64 = 50;
 /// Bytes for each weight of both models, of which a node has the base in float32, too.
 const BYTES_OF_A_WEIGHT: u64 = 4;
 /// Bytes for each value of a table: its rows are counted.
 const BYTES_OF_A_TABLE: u64 = 200;
-/// Bytes for each value of each sample: its evaluation leaves something until the values are computed.
+/// Bytes for each value of each sample: what is left of it while the prover works on others. Trees of commitments are the largest part.
 const BYTES_OF_A_SAMPLE: u64 = 8;
 /// Bytes of a value in a file. Most have two, and some have eight.
 const BYTES_IN_A_FILE: u64 = 4;
@@ -72,14 +72,15 @@ mod tests {
     use super::*;
     use zk0_circuits::model::spec::Dims;
 
-    /// Measured at the published size on four samples: 435 s, 9.6 GB (`make prove-full`).
+    /// Measured at the published size: 435 s for four samples (`make prove-full`), and 8.6 GB for 16 (`make prove-full FULL_SAMPLES=16`), by a
+    /// program that does not have the base in float32.
     #[test]
     fn memory_hardly_grows_with_samples_and_the_rest_grows_like_them() {
         let cost = |samples| Cost::of(&EvalSpec::new(Dims::FULL), samples).unwrap();
         let (four, many) = (cost(4), cost(256));
         assert!((400.0..500.0).contains(&four.seconds), "{four:?}");
-        let memory = 9_600_000_000..11_000_000_000;
-        assert!(memory.contains(&four.memory), "{four:?}");
+        let memory = 8_600_000_000..10_000_000_000;
+        assert!(memory.contains(&cost(16).memory), "{four:?}");
         assert!(many.memory < 2 * four.memory, "{many:?}");
         assert_eq!(many.files, 64 * four.files);
         assert_eq!(many.seconds, 64.0 * four.seconds);
