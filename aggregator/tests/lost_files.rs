@@ -11,10 +11,14 @@ use std::process::Command;
 use std::sync::{mpsc, Arc};
 use std::thread;
 use std::time::Duration;
+use zk0_aggregator::round::closing::ComputedClosing;
 use zk0_aggregator::{Aggregator, Config, Progress};
+use zk0_circuits::Digest;
+use zk0_protocol::entries::entry::{MomentsComputed, RoundClosed};
 use zk0_protocol::rules::network_rules::Strategy;
 use zk0_protocol::Body;
 use zk0_verifier::blob_digest;
+use zk0_verifier::close::Closing;
 
 const CONFIG: Config = Config {
     rounds: None,
@@ -49,6 +53,95 @@ fn no_round_opens_without_the_weights_that_its_momentum_starts_from() {
             fs::write(&lost, file).unwrap();
         }
         assert_eq!(aggregator.step().unwrap(), Progress::Opened(1));
+    }
+}
+
+const FED_ADAM: Strategy = Strategy::FedAdam {
+    server_rate_billionths: 1_000_000,
+    beta1_bps: 9000,
+    beta2_bps: 9900,
+    tau_billionths: 1_000_000,
+};
+
+/// The entry that names these moments of the open round.
+fn computed(operator: &Operator, moments: Digest) -> Body {
+    Body::MomentsComputed(MomentsComputed {
+        round: operator.state().round().unwrap().number(),
+        moments,
+    })
+}
+
+#[test]
+fn no_round_opens_without_the_moments_that_it_goes_on_from() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut founded = genesis();
+    founded.rules.strategy = FED_ADAM;
+    let node = Node::new(1);
+    let mut operator = Operator::founds(dir.path(), founded, &[&node]);
+    let moments = operator.ledger.blobs().put(b"moments").unwrap();
+    operator.open();
+    let submission = operator.submission(&node, 1, &[1]);
+    operator.append(Body::ContributionAccepted(submission));
+    operator.append(computed(&operator, moments));
+    operator.close(1);
+    let lost = operator.ledger.blobs().path(&moments);
+    let clock = Arc::new(ManualClock::at(operator.time_ms));
+    drop(operator);
+    fs::remove_file(&lost).unwrap();
+    let mut aggregator = Aggregator::open(dir.path(), None, log_key(), clock, CONFIG).unwrap();
+    let Progress::Blocked(why) = aggregator.step().unwrap() else {
+        panic!("it opened a round");
+    };
+    let expected = format!("goes on from the moments {moments}");
+    assert!(why.contains(&expected), "{why}");
+    fs::write(&lost, b"moments").unwrap();
+    assert_eq!(aggregator.step().unwrap(), Progress::Opened(1));
+}
+
+/// The moments of a round and its closing are two entries. An aggregator that is killed between them records the second one after its start.
+#[test]
+fn an_aggregator_that_was_killed_after_the_moments_closes_the_round() {
+    for killed in [false, true] {
+        let dir = tempfile::tempdir().unwrap();
+        let mut founded = genesis();
+        founded.rules.strategy = FED_ADAM;
+        let node = Node::new(1);
+        let mut operator = Operator::founds(dir.path(), founded, &[&node]);
+        operator.open();
+        let submission = operator.submission(&node, 1, &[1]);
+        operator.append(Body::ContributionAccepted(submission));
+        let moments = blob_digest(b"moments");
+        let closing = Closing {
+            closed: RoundClosed {
+                round: 0,
+                global: digest(&weights(1)),
+                contributors: operator.state().contributors(),
+                unanswered: Vec::new(),
+                evaluated: None,
+            },
+            file: Some(weights(1)),
+            moments: Some(moments),
+        };
+        if killed {
+            operator.append(computed(&operator, moments));
+        }
+        let (entries, time_ms) = (operator.ledger.size(), operator.time_ms);
+        // The operator has accepted a proof of nothing, so the aggregator must not find it.
+        let proof = operator.ledger.blobs().path(&blob_digest(&[1]));
+        fs::remove_file(proof).unwrap();
+        drop(operator);
+        let clock = Arc::new(ManualClock::at(time_ms));
+        let mut aggregator = Aggregator::open(dir.path(), None, log_key(), clock, CONFIG).unwrap();
+        let contributors = closing.closed.contributors.clone();
+        let computed = ComputedClosing {
+            closing,
+            contributors,
+        };
+        assert_eq!(aggregator.close(computed).unwrap(), Progress::Closed(0));
+        let recorded = aggregator.ledger().size() - entries;
+        assert_eq!(recorded, if killed { 1 } else { 2 });
+        let kept = aggregator.state().moments().unwrap();
+        assert_eq!((kept.blob, kept.steps), (moments, 1));
     }
 }
 

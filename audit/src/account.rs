@@ -34,6 +34,8 @@ pub enum What {
     Results,
     /// The file of global weights is the one that the ledger names.
     Globals,
+    /// The file of a round's moments is the one that the ledger names.
+    Moments,
     /// A dispute that verification decides was decided rightly.
     Disputes,
 }
@@ -189,6 +191,7 @@ impl std::fmt::Display for NotChecked {
                 "evaluations of rounds' results",
             ),
             What::Globals => ("file of global weights", "files of global weights"),
+            What::Moments => ("file of a round's moments", "files of rounds' moments"),
             What::Disputes => ("decision of a dispute", "decisions of disputes"),
         };
         write!(f, "{}: ", counted(self.count, one, many))?;

@@ -318,6 +318,12 @@ impl Recheck for Auditor {
                     enter(&mut self.account, &mut self.found, index, check);
                 }
             }
+            Body::MomentsComputed(computed) => {
+                let (moments, blobs) = (computed.moments, blobs.clone());
+                self.check(index, move || {
+                    checks::whole(What::Moments, "the moments", &moments, depth, &blobs)
+                });
+            }
             // The replay verifies closings and randomness: they are rules of the state machine.
             Body::CommitmentsClosed(_)
             | Body::RandomnessDrawn(_)

@@ -230,6 +230,17 @@ impl BlobWriter {
     }
 }
 
+impl Write for BlobWriter {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        BlobWriter::write(self, bytes).map_err(io::Error::other)?;
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
 /// A file that is not a blob yet. If it is dropped before [`UnfinishedBlob::finish`], nothing of it remains, unless it is kept.
 #[derive(Debug)]
 struct UnfinishedBlob {

@@ -1,5 +1,6 @@
 //! One node's part in one round: it trains, commits to the update, proves the claim, and submits it.
 
+mod last_step;
 pub mod prepared_claim;
 pub mod unfinished;
 
@@ -26,7 +27,7 @@ use zk0_smolvla::frames::sample::PreparedSample;
 use zk0_smolvla::measure::fixed_point::dequantise_weights;
 use zk0_smolvla::train::adaptive::{adapted, Adaptation, Rates};
 use zk0_smolvla::train::measured_loss::loss_of;
-use zk0_smolvla::train::{train_on, Samples, TrainOptions};
+use zk0_smolvla::train::{train_on, FedCm, Samples, TrainOptions};
 use zk0_smolvla::{ExpertWeights, PolicyConfig};
 use zk0_weights::Format;
 
@@ -44,6 +45,8 @@ pub struct Training {
     pub learning_rate: f64,
     /// FedProx: weight of the pull towards the round's base weights.
     pub fedprox_mu: f64,
+    /// FedCM: how much of a step is the node's own; above 0, and 1 for all of it. The rest follows the last global step.
+    pub fedcm_alpha: f64,
     /// How mu and the learning rate change with the losses of the rounds' base weights.
     pub adaptation: Adaptation,
 }
@@ -98,7 +101,11 @@ impl Turn<'_> {
                 (format.read(&kept.file)?, kept.eval_samples)
             }
             None => {
-                let update = self.trained(training, node.network(), &base)?;
+                let earlier = match training.fedcm_alpha < 1.0 {
+                    true => self.earlier(node).await?,
+                    false => None,
+                };
+                let update = self.trained(training, node.network(), &base, earlier.as_ref())?;
                 let kept = UnfinishedUpdate {
                     of: part,
                     eval_samples: self.eval_samples,
@@ -159,10 +166,15 @@ impl Turn<'_> {
         training: &Training,
         network: &Digest,
         base: &Base,
+        earlier: Option<&ExpertWeights>,
     ) -> Result<QuantisedWeights, ParticipantError> {
         let (config, format) = (self.entered.config, &self.entered.format);
         let rates = self.rates(training, network, &base.weights)?;
-        let trained = self.train(&base.weights, training, rates)?;
+        let fedcm = earlier.map(|earlier| FedCm {
+            alpha: training.fedcm_alpha,
+            earlier,
+        });
+        let trained = self.train(&base.weights, training, rates, fedcm)?;
         let update = base.update(format, config, trained)?;
         let name = format!("round-{}.safetensors", self.opened.round);
         let lerobots = dequantise_weights(config, format.spec(), &update)?;
@@ -263,6 +275,7 @@ impl Turn<'_> {
         base: &ExpertWeights,
         training: &Training,
         rates: Rates,
+        fedcm: Option<FedCm<'_>>,
     ) -> Result<ExpertWeights, ParticipantError> {
         let round = self.opened.round;
         let options = TrainOptions {
@@ -281,6 +294,7 @@ impl Turn<'_> {
             base,
             Samples::Prepared(self.entered.samples),
             &options,
+            fedcm,
             &mut |step| {
                 progress.reached(step.step as u64);
             },

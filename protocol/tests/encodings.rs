@@ -7,6 +7,7 @@ use network::log::MemoryLog;
 use network::*;
 use std::fs;
 use std::path::PathBuf;
+use zk0_protocol::entries::entry::MomentsComputed;
 use zk0_protocol::entries::program::Program;
 use zk0_protocol::entries::proposal::Action;
 use zk0_protocol::entries::signed::{Enrolment, Leaving, Proposal, Statement, UploadRequest};
@@ -71,6 +72,13 @@ fn entries() {
     check_entry(
         "entries/commitments-closed",
         Body::CommitmentsClosed(commitments_closed(&state)),
+    );
+    check_entry(
+        "entries/moments-computed",
+        Body::MomentsComputed(MomentsComputed {
+            round: 3,
+            moments: digest(0x30),
+        }),
     );
     check_entry(
         "entries/randomness-drawn",

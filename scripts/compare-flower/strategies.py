@@ -15,6 +15,7 @@ import numpy as np
 from flwr.app import Array, ArrayRecord, Message, MetricRecord, RecordDict
 from flwr.serverapp.strategy import (
     DifferentialPrivacyServerSideFixedClipping,
+    FedAdam,
     FedAvg,
     FedAvgM,
     FedMedian,
@@ -29,6 +30,7 @@ EQUAL = [1] * len(SHARES)
 # Of 7 contributors, 2857 basis points are 1.9999 and 2900 are 2.03.
 MALICIOUS, KEPT, TRIMMED = 2, 4, 0.2
 MAX_NORM, SERVER_RATE, MOMENTUM = 0.9, 0.7, 0.9
+ADAM = {"eta": 0.1, "beta_1": 0.9, "beta_2": 0.99, "tau": 0.001}
 
 
 def read(path):
@@ -88,6 +90,16 @@ def with_momentum(earlier, base, updates):
     return combined(strategy, updates, SHARES)
 
 
+def adaptive(earlier, base, updates):
+    """Flower's second round. Its first one started from `earlier`, and its one update was `base`."""
+    strategy = FedAdam(**ADAM)
+    strategy.current_arrays = earlier
+    strategy.aggregate_train(1, list(replies([base], [1])))
+    strategy.current_arrays = base
+    arrays, _ = strategy.aggregate_train(2, list(replies(updates, SHARES)))
+    return {name: arrays[name].numpy() for name in base}
+
+
 def main():
     folder = Path(sys.argv[1])
     # A message belongs to a run.
@@ -104,6 +116,7 @@ def main():
         ),
         "norm-clipping": clipped(base, updates),
         "fed-avg-m": with_momentum(earlier, base, updates),
+        "fed-adam": adaptive(earlier, base, updates),
     }
     for name, tensors in results.items():
         write(folder / f"{name}.safetensors", tensors)

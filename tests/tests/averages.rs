@@ -1,7 +1,9 @@
 //! The result of a real round is the average of what the ledger accepted, and of nothing else.
 
 use std::fs;
+use std::io::sink;
 use tempfile::TempDir;
+use zk0_aggregator::round::closing::ToClose;
 use zk0_audit::account::{What, Why};
 use zk0_audit::checks::closings::average;
 use zk0_audit::checks::Check;
@@ -9,7 +11,8 @@ use zk0_audit::verified_entries::verified_entries;
 use zk0_audit::Depth;
 use zk0_circuits::{Digest, WeightsDigest};
 use zk0_ledger::blobs::Blobs;
-use zk0_protocol::entries::entry::{Body, RoundClosed};
+use zk0_protocol::entries::entry::{Body, Entry, MomentsComputed, RoundClosed, ENTRY_VERSION};
+use zk0_protocol::rules::closing::server_moments::ServerMoments;
 use zk0_protocol::rules::network_rules::Strategy;
 use zk0_protocol::{Refusal, State};
 use zk0_tests::{all_accepted, ledger_copy};
@@ -67,7 +70,13 @@ fn only_what_the_ledger_accepted_is_averaged() {
     let given = |contributions: &[VerifiedContribution]| {
         let blobs = Blobs::at(dir.path());
         let read_at = |digest: &_, place, buffer: &mut [u8]| blobs.read_at(digest, place, buffer);
-        combined(&state, contributions, &BaseFiles::default(), read_at)
+        combined(
+            &state,
+            contributions,
+            &BaseFiles::default(),
+            read_at,
+            &mut sink(),
+        )
     };
     assert!(given(&contributions).is_ok());
     let (one, others) = contributions.split_first().unwrap();
@@ -90,7 +99,13 @@ fn an_update_that_changed_on_disk_after_its_verification_is_not_averaged() {
     let (path, whole) = (blobs.path(&update), fs::read(blobs.path(&update)).unwrap());
     let combined = || {
         let read_at = |digest: &_, place, buffer: &mut [u8]| blobs.read_at(digest, place, buffer);
-        combined(&state, &contributions, &BaseFiles::default(), read_at)
+        combined(
+            &state,
+            &contributions,
+            &BaseFiles::default(),
+            read_at,
+            &mut sink(),
+        )
     };
     assert!(combined().is_ok());
     let mut changed = whole.clone();
@@ -113,12 +128,18 @@ fn an_update_that_changed_on_disk_after_its_verification_is_not_averaged() {
     assert!(combined().is_ok());
 }
 
-/// The state with another strategy, in a round that follows on one that started from `earlier`.
-fn with_strategy(state: &State, strategy: Strategy, earlier: WeightsDigest) -> State {
+/// The state with another strategy, in a round that follows on one that started from `earlier`, and from these moments.
+fn with_strategy(
+    state: &State,
+    strategy: Strategy,
+    earlier: Option<WeightsDigest>,
+    moments: Option<ServerMoments>,
+) -> State {
     let mut bytes = borsh::to_vec(state).unwrap();
-    // The last field says what the round before started from, and nothing does so before the first round.
+    // The last fields say what the round before started from, and the moments. Before the first round there is neither.
+    assert_eq!((state.moments(), bytes.pop()), (None, Some(0)));
     assert_eq!((state.earlier_base(), bytes.pop()), (None, Some(0)));
-    bytes.extend(borsh::to_vec(&Some(earlier)).unwrap());
+    bytes.extend(borsh::to_vec(&(earlier, moments)).unwrap());
     let rules = state.rules();
     let (before, mut after) = (borsh::to_vec(rules).unwrap(), rules.clone());
     after.strategy = strategy;
@@ -140,11 +161,11 @@ fn momentum_reads_the_base_of_the_round_before() {
     };
     // Any weights of the network will do.
     let earlier = contributions[1].claim().terms.update;
-    let state = with_strategy(&state, strategy, earlier);
+    let state = with_strategy(&state, strategy, Some(earlier), None);
     let files = || BaseFiles::read(&state, |digest, limit| blobs.get(digest, limit));
     let read_at = |digest: &_, place, buffer: &mut [u8]| blobs.read_at(digest, place, buffer);
     let bases = files().unwrap();
-    let result = combined(&state, &contributions, &bases, read_at)
+    let result = combined(&state, &contributions, &bases, read_at, &mut sink())
         .unwrap()
         .unwrap();
     match &mut closed.evaluated {
@@ -158,7 +179,7 @@ fn momentum_reads_the_base_of_the_round_before() {
         earlier: None,
         ..bases.clone()
     };
-    let refused = combined(&state, &contributions, &without, read_at);
+    let refused = combined(&state, &contributions, &without, read_at, &mut sink());
     let not_given = BaseError::NotGiven(earlier.blob);
     assert_eq!(refused, Err(CloseError::Base(not_given)));
     // Other weights than the ledger names are refused, although they are weights of the network.
@@ -166,7 +187,7 @@ fn momentum_reads_the_base_of_the_round_before() {
         earlier: bases.base.clone(),
         ..bases
     };
-    match combined(&state, &contributions, &other, read_at) {
+    match combined(&state, &contributions, &other, read_at, &mut sink()) {
         Err(CloseError::Base(BaseError::Other(Refusal::UpdateDigest { expected, .. }))) => {
             assert_eq!(expected, earlier.blob);
         }
@@ -188,5 +209,125 @@ fn momentum_reads_the_base_of_the_round_before() {
         fs::write(&path, b"something else").unwrap();
         assert!(matches!(audited(), Err(Check::Failed(_))));
         fs::write(&path, whole).unwrap();
+    }
+}
+
+const FED_ADAM: Strategy = Strategy::FedAdam {
+    server_rate_billionths: 1_000_000,
+    beta1_bps: 9000,
+    beta2_bps: 9900,
+    tau_billionths: 1_000_000,
+};
+
+/// The state after an entry that names these moments of its open round, at the end of the round.
+fn naming(state: &State, moments: Digest) -> State {
+    let mut state = state.clone();
+    let round = state.round().unwrap();
+    let computed = Entry {
+        version: ENTRY_VERSION,
+        time_ms: state
+            .time_ms()
+            .max(round.randomness.unwrap().submit_deadline_ms + 1),
+        body: Body::MomentsComputed(MomentsComputed {
+            round: round.number(),
+            moments,
+        }),
+    };
+    state.apply(&Digest::default(), &computed).unwrap();
+    state
+}
+
+/// What the round closes with by FedAdam, the state that names its moments, and the file of the moments.
+fn by_fed_adam(
+    state: &State,
+    contributions: &[VerifiedContribution],
+    closed: &RoundClosed,
+    blobs: &Blobs,
+) -> (RoundClosed, State, Vec<u8>) {
+    let bases = BaseFiles::read(state, |digest, limit| blobs.get(digest, limit)).unwrap();
+    let read_at = |digest: &_, place, buffer: &mut [u8]| blobs.read_at(digest, place, buffer);
+    let mut file = Vec::new();
+    let result = combined(state, contributions, &bases, read_at, &mut file);
+    let result = result.unwrap().unwrap();
+    let mut closed = closed.clone();
+    match &mut closed.evaluated {
+        Some(evaluated) => evaluated.weights = result.digest,
+        None => closed.global = result.digest,
+    }
+    (closed, naming(state, result.moments.unwrap()), file)
+}
+
+#[test]
+fn other_moments_than_those_of_the_round_are_a_fault() {
+    let (dir, state, contributions, closed) = round();
+    let blobs = Blobs::at(dir.path());
+    let state = with_strategy(&state, FED_ADAM, None, None);
+    let (closed, named, _) = by_fed_adam(&state, &contributions, &closed, &blobs);
+    assert!(closed.is_taken());
+    assert!(average(&named, &closed, &contributions, Depth::Full, &blobs).is_ok());
+    let other = naming(&state, Digest([3; 32]));
+    // A ledger whose rules were not kept has none at all.
+    for false_state in [other, state] {
+        match average(&false_state, &closed, &contributions, Depth::Full, &blobs) {
+            Err(Check::Failed(why)) => assert!(why.contains("closed with the moments"), "{why}"),
+            found => panic!("not found: {found:?}"),
+        }
+    }
+}
+
+#[test]
+fn an_audit_reads_the_moments_that_the_round_goes_on_from() {
+    let (dir, state, contributions, closed) = round();
+    let blobs = Blobs::at(dir.path());
+    let first = with_strategy(&state, FED_ADAM, None, None);
+    let (first, _, file) = by_fed_adam(&first, &contributions, &closed, &blobs);
+    let blob = blobs.put(&file).unwrap();
+    let moments = ServerMoments { blob, steps: 1 };
+    let second = with_strategy(&state, FED_ADAM, None, Some(moments));
+    let (second, named, _) = by_fed_adam(&second, &contributions, &closed, &blobs);
+    assert_ne!(first.evaluated, second.evaluated, "the moments count");
+    let audited = || average(&named, &second, &contributions, Depth::Full, &blobs);
+    assert!(audited().is_ok());
+    // The aggregator keeps the file of the moments among the blobs.
+    let computed = |state: &State| {
+        let to_close = ToClose {
+            state: state.clone(),
+            contributions: contributions.clone(),
+            lost: Vec::new(),
+            blobs: blobs.clone(),
+            dir: dir.path().into(),
+        };
+        to_close.compute().unwrap()
+    };
+    let state = with_strategy(&state, FED_ADAM, None, Some(moments));
+    let closing = computed(&state).map_err(drop).unwrap().closing;
+    assert_eq!(
+        closing.closed.evaluated.map(|one| one.weights),
+        second.evaluated.as_ref().map(|one| one.weights)
+    );
+    let later = closing.moments.unwrap();
+    assert_eq!(Some(later), named.round().unwrap().moments);
+    blobs.check(&later).unwrap();
+    // Without the file the average is not checked, and with another one in its place something is wrong.
+    let path = blobs.path(&blob);
+    fs::remove_file(&path).unwrap();
+    match audited() {
+        Err(Check::LeftOut(What::Averages, Why::NotAtHand, why)) => {
+            assert!(why.contains(&blob.to_string()), "{why}");
+        }
+        found => panic!("{found:?}"),
+    }
+    // Nor can the round close.
+    let why = computed(&state).err().unwrap();
+    assert!(
+        why.contains(&blob.to_string()) && why.contains("put the file back"),
+        "{why}"
+    );
+    let mut changed = file;
+    *changed.last_mut().unwrap() ^= 1;
+    fs::write(&path, &changed).unwrap();
+    match audited() {
+        Err(Check::Failed(why)) => assert!(why.contains("the ledger names"), "{why}"),
+        found => panic!("{found:?}"),
     }
 }

@@ -4,11 +4,13 @@
 use crate::combine::bases::{BaseError, BaseFiles};
 use crate::combine::contributions::Given;
 use crate::combine::error::CombineError;
+use crate::combine::optimizers::moments::{needed, Moments};
 use crate::combine::sealed::SealedFile;
 use crate::combine::strategy::{self, Global};
 use crate::result::{evaluate, ResultError, ResultFiles};
 use crate::{Evaluation, VerifiedContribution};
 use std::fmt::Display;
+use std::io::Write;
 use zk0_circuits::{Digest, NodeId};
 use zk0_protocol::entries::entry::{Contributor, RoundClosed};
 use zk0_protocol::rules::state::State;
@@ -21,6 +23,8 @@ pub struct Closing {
     pub closed: RoundClosed,
     /// The file of the new global weights; `None` when the base weights stay.
     pub file: Option<Vec<u8>>,
+    /// SHA-256 of the moments that the round ends with; `None` when the base weights stay, or when the strategy has none.
+    pub moments: Option<Digest>,
 }
 
 /// Why a round cannot be closed.
@@ -58,25 +62,29 @@ pub enum CloseError {
 }
 
 /// Computes the end of the open round from the state, all contributions that were accepted in it, in any order, and the files that
-/// this reads: those of the strategy ([`BaseFiles::read`]), of the contributions, from which `read_at` fills a buffer from a place on,
-/// and of the evaluation of their combination ([`ResultFiles::read`]).
+/// this reads: those of the strategy ([`BaseFiles::read`]), of the contributions and of the moments, from which `read_at` fills a buffer from
+/// a place on, and of the evaluation of their combination ([`ResultFiles::read`]). If the strategy has moments, those that the round ends
+/// with are written to `moments`.
 pub fn close<E: Display>(
     state: &State,
     contributions: &[VerifiedContribution],
     bases: &BaseFiles,
     read_at: impl Fn(&Digest, u64, &mut [u8]) -> Result<(), E> + Sync,
+    moments: &mut dyn Write,
     files: Option<&ResultFiles>,
 ) -> Result<Closing, CloseError> {
-    let combined = combined(state, contributions, bases, read_at)?;
+    let combined = combined(state, contributions, bases, read_at, moments)?;
     end(state, combined, files)
 }
 
-/// What the accepted contributions of the open round combine to; `None` if there are none.
+/// What the accepted contributions of the open round combine to; `None` if there are none. If the strategy has moments, those that the
+/// round ends with are written to `moments`.
 pub fn combined<E: Display>(
     state: &State,
     contributions: &[VerifiedContribution],
     bases: &BaseFiles,
     read_at: impl Fn(&Digest, u64, &mut [u8]) -> Result<(), E> + Sync,
+    moments: &mut dyn Write,
 ) -> Result<Option<Global>, CloseError> {
     let round = state.round().ok_or(CloseError::NotOpen)?;
     let contributors = state.contributors();
@@ -127,10 +135,23 @@ pub fn combined<E: Display>(
     });
     let given: Vec<_> = given.collect();
     let strategy = state.rules().strategy;
-    let file = strategy::combined(format, &given, strategy, &bases, first.unread())?;
-    let digest = evaluation.digest_of(&file).map_err(CombineError::from)?;
-    let file = file.into_bytes();
-    Ok(Some(Global { file, digest }))
+    let read_moments = |blob: &Digest, place, buffer: &mut [u8]| {
+        read_at(blob, place, buffer).map_err(|error| error.to_string())
+    };
+    let mut moments = match needed(state) {
+        Some(before) => Moments::from(*before, &read_moments, moments),
+        None => Moments::afresh(moments),
+    };
+    let unread = first.unread();
+    let combined = strategy::combined(format, &given, strategy, &bases, unread, &mut moments)?;
+    let digest = evaluation
+        .digest_of(&combined.file)
+        .map_err(CombineError::from)?;
+    Ok(Some(Global {
+        file: combined.file.into_bytes(),
+        digest,
+        moments: combined.moments,
+    }))
 }
 
 /// Computes the end of the open round, whose accepted contributions combine to `combined`.
@@ -149,7 +170,11 @@ pub fn end(
         evaluated: None,
     };
     let Some(result) = combined else {
-        return Ok(Closing { closed, file: None });
+        return Ok(Closing {
+            closed,
+            file: None,
+            moments: None,
+        });
     };
     closed.evaluated = evaluate(state, &base, &result, files)?;
     if closed.is_taken() {
@@ -157,11 +182,16 @@ pub fn end(
         return Ok(Closing {
             closed,
             file: Some(result.file),
+            moments: result.moments,
         });
     }
     closed
         .contributors
         .iter_mut()
         .for_each(|one| one.credits = 0);
-    Ok(Closing { closed, file: None })
+    Ok(Closing {
+        closed,
+        file: None,
+        moments: None,
+    })
 }

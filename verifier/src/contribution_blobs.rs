@@ -90,6 +90,7 @@ fn name(kind: &BlobKind) -> &'static str {
     match kind {
         BlobKind::Policy => "the initial policy",
         BlobKind::Weights => "the file of the base weights",
+        BlobKind::Moments => "the file of the moments",
         BlobKind::Leaves { .. } => "the list of drawn frames",
         BlobKind::PublicSamples => "the file of public samples",
         BlobKind::Update => "the update",

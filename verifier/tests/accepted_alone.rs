@@ -108,6 +108,7 @@ fn of_one(state: &State, one: &VerifiedContribution) -> Result<Option<Global>, C
         std::slice::from_ref(one),
         &BaseFiles::default(),
         read_at,
+        &mut std::io::sink(),
     )
 }
 

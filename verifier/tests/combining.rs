@@ -14,7 +14,6 @@ use zk0_verifier::combine::error::CombineError;
 use zk0_verifier::combine::fedavg::average;
 use zk0_verifier::combine::robust::{median, trimmed_mean};
 use zk0_verifier::combine::source::InMemory;
-use zk0_verifier::combine::strategy::combined;
 use zk0_weights::rounding::Unit;
 use zk0_weights::scale::{check, exact, narrowed};
 use zk0_weights::{Format, Tensor, Unread};
@@ -227,7 +226,7 @@ fn what_cannot_be_combined_is_named() {
     };
     for strategy in STRATEGIES {
         let refused =
-            |given: &[_]| combined(&format, given, strategy, &bases, &unread).unwrap_err();
+            |given: &[_]| made::combine(&format, given, strategy, &bases, &unread).unwrap_err();
         assert_eq!(refused(&[]), CombineError::Empty);
         assert_eq!(
             refused(&[one(1), one(2), one(1)]),
@@ -245,13 +244,13 @@ fn what_cannot_be_combined_is_named() {
         ..one(1)
     }];
     let refused = |strategy, bases: &Bases| {
-        combined(&format, &weightless, strategy, bases, &unread).unwrap_err()
+        made::combine(&format, &weightless, strategy, bases, &unread).unwrap_err()
     };
-    let [.., clipping, momentum] = STRATEGIES;
-    for strategy in [Strategy::FedAvg, clipping, momentum] {
+    let [.., clipping, momentum, adam] = STRATEGIES;
+    for strategy in [Strategy::FedAvg, clipping, momentum, adam] {
         assert_eq!(refused(strategy, &bases), CombineError::Empty);
     }
-    for strategy in [clipping, momentum] {
+    for strategy in [clipping, momentum, adam] {
         let refused = refused(strategy, &Bases::default());
         assert_eq!(refused, CombineError::NoBase);
     }
@@ -265,11 +264,11 @@ fn the_order_of_contributions_does_not_matter() {
     let given = all.iter().zip(&weights);
     let mut given: Vec<_> = given.map(|(of, weights)| one(of, weights)).collect();
     for strategy in STRATEGIES {
-        let straight = combined(&format, &given, strategy, &bases, &unread).unwrap();
+        let straight = made::combine(&format, &given, strategy, &bases, &unread).unwrap();
         for turn in 0..5 {
             given.rotate_left(1);
             given.swap(0, turn);
-            let turned = combined(&format, &given, strategy, &bases, &unread).unwrap();
+            let turned = made::combine(&format, &given, strategy, &bases, &unread).unwrap();
             assert!(turned == straight);
         }
         // It is a file that the next round can begin with.
@@ -289,7 +288,7 @@ fn results_have_the_bits_they_always_had() {
     let given = all.iter().zip(&weights);
     let given: Vec<_> = given.map(|(of, weights)| one(of, weights)).collect();
     let digests = STRATEGIES.map(|strategy| {
-        let result = combined(&format, &given, strategy, &bases, &unread).unwrap();
+        let result = made::combine(&format, &given, strategy, &bases, &unread).unwrap();
         format!("{}\n", blob_digest(result.bytes()))
     });
     assert_eq!(digests.concat(), include_str!("vectors/combined.sha256"));

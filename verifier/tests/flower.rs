@@ -7,12 +7,15 @@ mod made;
 
 use std::collections::BTreeSet;
 use std::fs;
+use std::io::sink;
 use std::path::{Path, PathBuf};
 use zk0_circuits::model::spec::Dims;
-use zk0_circuits::{EvalSpec, NodeId, QuantisedWeights};
+use zk0_circuits::{Digest, EvalSpec, NodeId, QuantisedWeights};
+use zk0_protocol::rules::closing::server_moments::ServerMoments;
 use zk0_protocol::rules::network_rules::Strategy;
 use zk0_verifier::combine::bases::Bases;
 use zk0_verifier::combine::contributions::Given;
+use zk0_verifier::combine::optimizers::moments::Moments;
 use zk0_verifier::combine::source::InMemory;
 use zk0_verifier::combine::strategy::combined;
 use zk0_weights::{Format, Unread};
@@ -21,7 +24,7 @@ use zk0_weights::{Format, Unread};
 const SHARES: [u64; 7] = [10_000, 20_000, 5_000, 10_000, 3_333, 12_345, 10_000];
 
 /// The strategies by the names of Flower's results. 2,900 basis points of 7 are 2, 6,000 are 4, and 2,000 are 1.
-const CASES: [(&str, Strategy); 7] = [
+const CASES: [(&str, Strategy); 8] = [
     ("fed-avg", Strategy::FedAvg),
     ("median", Strategy::Median),
     ("trimmed-mean", Strategy::TrimmedMean { trim_bps: 2000 }),
@@ -49,7 +52,19 @@ const CASES: [(&str, Strategy); 7] = [
             momentum_bps: 9000,
         },
     ),
+    (
+        "fed-adam",
+        Strategy::FedAdam {
+            server_rate_billionths: 100_000_000,
+            beta1_bps: 9000,
+            beta2_bps: 9900,
+            tau_billionths: 1_000_000,
+        },
+    ),
 ];
+
+/// FedAdam's moments are rounded to float32 in each of two rounds. Together these errors are below 2^−20 of its rate, which is 0.1.
+const MOMENTS_ERROR: f64 = 0.1 / (1u32 << 20) as f64;
 
 /// Flower computes in float64. Its sums of 7 numbers of magnitudes up to 8, and the factor of norm clipping, are off by less.
 const FLOAT_ERROR: f64 = 1e-13;
@@ -133,6 +148,28 @@ fn read(format: &Format, name: &str) -> QuantisedWeights {
     format.read(&file).unwrap()
 }
 
+/// The moments after a round that went from `earlier`, and whose one update was `base`.
+fn first_moments(format: &Format, strategy: Strategy, bases: &Bases, kept: &mut Vec<u8>) -> Digest {
+    let weights = InMemory {
+        format,
+        weights: bases.base.as_ref().unwrap(),
+    };
+    let update = Given {
+        node: NodeId([1; 32]),
+        weight: 1,
+        weights: &weights,
+    };
+    let start = Bases {
+        base: bases.earlier.clone(),
+        earlier: None,
+    };
+    let file = format.write(start.base.as_ref().unwrap());
+    let unread = Unread::of(format, &format.open(&file[..]).unwrap()).unwrap();
+    let mut moments = Moments::afresh(kept);
+    let result = combined(format, &[update], strategy, &start, &unread, &mut moments);
+    result.unwrap().moments.unwrap()
+}
+
 #[test]
 fn each_strategy_gives_what_flower_s_own_gives() {
     let format = made::format(&spec());
@@ -158,9 +195,23 @@ fn each_strategy_gives_what_flower_s_own_gives() {
         base: Some(base),
         earlier: Some(read(&format, "earlier")),
     };
+    // FedAdam is in its second round. Its first one went from `earlier`, and its one update was `base`.
+    let (_, fed_adam) = CASES[7];
+    let mut first = Vec::new();
+    let before = ServerMoments {
+        blob: first_moments(&format, fed_adam, &bases, &mut first),
+        steps: 1,
+    };
+    let read_moments = |_: &Digest, place, buffer: &mut [u8]| {
+        buffer.copy_from_slice(&first[place as usize..][..buffer.len()]);
+        Ok(())
+    };
     let mut files = BTreeSet::new();
     for (name, strategy) in CASES {
-        let file = combined(&format, &given, strategy, &bases, &unread).unwrap();
+        let mut nowhere = sink();
+        let mut moments = Moments::from(before, &read_moments, &mut nowhere);
+        let file = combined(&format, &given, strategy, &bases, &unread, &mut moments);
+        let file = file.unwrap().file;
         let result = format.read(file.bytes()).unwrap();
         let flower = fs::read(folder().join(format!("{name}.safetensors"))).unwrap();
         let flower = safetensors::SafeTensors::deserialize(&flower).unwrap();
@@ -174,13 +225,14 @@ fn each_strategy_gives_what_flower_s_own_gives() {
             let theirs = theirs.data().as_chunks::<8>().0;
             for (value, theirs) in values.iter().zip(theirs) {
                 let off = (f64::from(*value) * step - f64::from_le_bytes(*theirs)).abs();
-                let clipping = match strategy {
+                let own_error = match strategy {
                     Strategy::NormClipping { .. } => CLIPPING_ERROR,
+                    Strategy::FedAdam { .. } => MOMENTS_ERROR,
                     _ => 0.0,
                 };
                 // Half a unit of the last place of the result's scale, and the errors that are named above.
                 assert!(
-                    off <= step / 2.0 + FLOAT_ERROR + clipping,
+                    off <= step / 2.0 + FLOAT_ERROR + own_error,
                     "{name}, {}: {off} at a step of {step}",
                     tensor.name
                 );

@@ -15,7 +15,6 @@ use zk0_verifier::combine::contributions::Given;
 use zk0_verifier::combine::error::CombineError;
 use zk0_verifier::combine::sealed::{Sealed, SealedFile};
 use zk0_verifier::combine::source::{InMemory, Source, BLOCK};
-use zk0_verifier::combine::strategy::combined;
 use zk0_weights::scale::{exact, narrowed};
 use zk0_weights::{Format, Unread, WeightsError};
 
@@ -81,7 +80,7 @@ impl Setting {
             .map(|weights| InMemory { format, weights });
         let weights: Vec<_> = weights.collect();
         let given = given(weights.iter().map(|one| one as &dyn Source));
-        combined(format, &given, strategy, &self.bases, &self.unread)
+        made::combine(format, &given, strategy, &self.bases, &self.unread)
             .unwrap()
             .into_bytes()
     }
@@ -97,7 +96,7 @@ impl Setting {
             pairs.map(|((blob, _), sealed)| SealedFile::new(&self.format, sealed, *blob, read_at));
         let files: Vec<_> = files.collect();
         let given = given(files.iter().map(|one| one as &dyn Source));
-        let file = combined(&self.format, &given, strategy, &self.bases, &self.unread)?;
+        let file = made::combine(&self.format, &given, strategy, &self.bases, &self.unread)?;
         Ok(file.into_bytes())
     }
 

@@ -14,7 +14,6 @@ use zk0_protocol::{Refusal, Rules};
 use zk0_verifier::combine::bases::Bases;
 use zk0_verifier::combine::contributions::Given;
 use zk0_verifier::combine::source::InMemory;
-use zk0_verifier::combine::strategy::combined;
 use zk0_verifier::{CheckedUpdate, Evaluation, WeightFiles};
 use zk0_weights::Unread;
 
@@ -187,7 +186,7 @@ fn a_result_keeps_the_base_s_numbers() {
         earlier: Some(start.clone()),
     };
     for strategy in STRATEGIES {
-        let result = combined(&format, &given, strategy, &bases, &unread).unwrap();
+        let result = made::combine(&format, &given, strategy, &bases, &unread).unwrap();
         let result = format.read(result.bytes()).unwrap();
         assert_eq!(unread.check(&format, &result), Ok(()));
         for stretch in format.unread() {

@@ -28,6 +28,7 @@ use zk0_protocol::rules::state::{Standing, State};
 use zk0_protocol::tlog::receipt::Receipt;
 use zk0_protocol::Refusal;
 use zk0_verifier::combine::bases;
+use zk0_verifier::combine::optimizers::moments;
 use zk0_verifier::releases::{can_verify, releases};
 use zk0_verifier::{Evaluation, ProgramKey, VerifiedContribution};
 
@@ -280,6 +281,14 @@ impl Aggregator {
         if let Some(lost) = bases::earlier(state).filter(|earlier| !blobs.contains(&earlier.blob)) {
             return Some(format!(
                 "round {round} cannot open: its strategy reads the weights {} that the round before started from, and that blob is not in the ledger's folder; put the file back as {}",
+                lost.blob,
+                blobs.path(&lost.blob).display()
+            ));
+        }
+        if let Some(lost) = moments::needed(state).filter(|moments| !blobs.contains(&moments.blob))
+        {
+            return Some(format!(
+                "round {round} cannot open: its strategy goes on from the moments {}, and that blob is not in the ledger's folder; put the file back as {}",
                 lost.blob,
                 blobs.path(&lost.blob).display()
             ));

@@ -6,32 +6,39 @@ use crate::round::aggregator::{Aggregator, Progress};
 use crate::round::ledger_index::still_valid;
 use crate::round::request::RequestError;
 use std::fmt::Display;
+use std::io::{sink, Write};
 use std::path::PathBuf;
 use zk0_circuits::Digest;
 use zk0_ledger::blobs::Blobs;
-use zk0_protocol::entries::entry::{Body, Contributor};
+use zk0_protocol::entries::entry::{Body, Contributor, MomentsComputed};
 use zk0_protocol::entries::round_result::ResultOutcome;
+use zk0_protocol::rules::named_blobs::BlobKind;
 use zk0_protocol::rules::state::State;
 use zk0_verifier::close::{close, CloseError, Closing};
 use zk0_verifier::combine::error::CombineError;
+use zk0_verifier::combine::optimizers::moments::has_moments;
 use zk0_verifier::{BaseFiles, ResultFiles, VerifiedContribution};
 
 /// A round that may close: what its end follows from.
 pub struct ToClose {
-    state: State,
-    contributions: Vec<VerifiedContribution>,
-    /// Of these, a blob was lost when the aggregator was started.
-    lost: Vec<Accepted>,
-    blobs: Blobs,
+    /// The state of the ledger.
+    pub state: State,
+    /// What was accepted.
+    pub contributions: Vec<VerifiedContribution>,
+    /// What was accepted, too. Of these, a blob was lost when the aggregator was started.
+    pub lost: Vec<Accepted>,
+    /// The blobs of the ledger.
+    pub blobs: Blobs,
     /// The ledger's folder.
-    dir: PathBuf,
+    pub dir: PathBuf,
 }
 
 /// The end of a round, to be recorded.
 pub struct ComputedClosing {
-    closing: Closing,
+    /// The end.
+    pub closing: Closing,
     /// Who has contributed, as the end was computed from it.
-    contributors: Vec<Contributor>,
+    pub contributors: Vec<Contributor>,
 }
 
 impl ToClose {
@@ -72,12 +79,34 @@ impl ToClose {
         };
         let read_at =
             |digest: &Digest, place, buffer: &mut [u8]| blobs.read_at(digest, place, buffer);
-        let closing = match close(&state, &contributions, &bases, read_at, files.as_ref()) {
+        let mut moments = match has_moments(&state) && !contributions.is_empty() {
+            true => Some(blobs.writer(BlobKind::Moments.max_bytes(state.rules()))?),
+            false => None,
+        };
+        let mut nowhere = sink();
+        let kept: &mut dyn Write = match &mut moments {
+            Some(writer) => writer,
+            None => &mut nowhere,
+        };
+        let closing = match close(
+            &state,
+            &contributions,
+            &bases,
+            read_at,
+            kept,
+            files.as_ref(),
+        ) {
             Err(CloseError::Combine(
-                lost @ (CombineError::Unreadable { .. } | CombineError::Changed { .. }),
+                lost @ (CombineError::Unreadable { .. }
+                | CombineError::Changed { .. }
+                | CombineError::MomentsUnreadable { .. }
+                | CombineError::OtherMoments { .. }),
             )) => return blocked("its updates cannot be combined", &lost),
             closing => closing?,
         };
+        if let (Some(writer), Some(digest)) = (moments, &closing.moments) {
+            writer.finish(digest)?;
+        }
         if let Some(file) = &closing.file {
             blobs.put(file)?;
         }
@@ -109,13 +138,20 @@ impl Aggregator {
         } = computed;
         let mut closed = closing.closed;
         let round = closed.round;
-        let open = self.state().round().map(|open| open.number());
-        if open != Some(round) || self.state().contributors() != contributors {
+        let open = self.state().round();
+        let named = open.and_then(|open| open.moments);
+        if open.map(|open| open.number()) != Some(round)
+            || self.state().contributors() != contributors
+        {
             return Ok(Progress::NeedsClosing(round));
         }
         // What came too late was answered, too.
         closed.unanswered = self.state().unanswered();
         let outcome = closed.evaluated.as_ref().map(|one| one.outcome);
+        // An aggregator that was killed between the two entries has recorded the first one.
+        if let Some(moments) = closing.moments.filter(|moments| named != Some(*moments)) {
+            self.append(Body::MomentsComputed(MomentsComputed { round, moments }))?;
+        }
         self.append(Body::RoundClosed(closed))?;
         self.contributions.clear();
         self.lost.clear();

@@ -3,6 +3,7 @@
 use crate::account::{What, Why};
 use crate::checks::{not_at_hand, Check};
 use crate::depth::Depth;
+use std::io::sink;
 use zk0_circuits::{Digest, WeightsDigest};
 use zk0_ledger::blobs::{BlobError, Blobs};
 use zk0_protocol::entries::entry::RoundClosed;
@@ -10,6 +11,7 @@ use zk0_protocol::entries::round_result::EvaluatedResult;
 use zk0_protocol::rules::named_blobs::BlobKind;
 use zk0_protocol::rules::state::State;
 use zk0_verifier::close::{combined, end, CloseError};
+use zk0_verifier::combine::optimizers::moments::needed;
 use zk0_verifier::combine::strategy::Global;
 use zk0_verifier::{BaseFiles, ResultFiles, Unreadable, VerifiedContribution};
 
@@ -46,14 +48,34 @@ pub fn average(
         }
         Err(error) => return Err(Check::Failed(format!("{}: {error}", what()))),
     };
+    let lost = needed(before).filter(|moments| !blobs.contains(&moments.blob));
+    if let Some(lost) = lost.filter(|_| !contributions.is_empty()) {
+        let why = format!(
+            "{}: the moments {} that the strategy goes on from",
+            what(),
+            lost.blob
+        );
+        return Err(not_at_hand(What::Averages, why));
+    }
     let read_at = |digest: &Digest, place, buffer: &mut [u8]| blobs.read_at(digest, place, buffer);
-    match combined(before, contributions, &bases, read_at) {
+    let named = before.round().and_then(|round| round.moments);
+    match combined(before, contributions, &bases, read_at, &mut sink()) {
         Ok(Some(global)) if global.digest != recorded => Err(Check::Failed(format!(
             "round {} closed with the result {}, but its contributions give {}",
             closed.round,
             show(&recorded),
             show(&global.digest)
         ))),
+        Ok(Some(global)) if closed.is_taken() && global.moments != named => {
+            let show =
+                |moments: Option<Digest>| moments.map_or("none".into(), |one| one.to_string());
+            Err(Check::Failed(format!(
+                "round {} closed with the moments {}, but its contributions give {}",
+                closed.round,
+                show(named),
+                show(global.moments)
+            )))
+        }
         Ok(global) => Ok(global),
         Err(error) => Err(cannot_close(closed, &error)),
     }

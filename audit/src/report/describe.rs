@@ -64,6 +64,9 @@ pub fn describe(entry: &Entry) -> String {
             action(&signed.statement.action)
         ),
         Body::NodeLeft(signed) => format!("node {} left", signed.statement.node),
+        Body::MomentsComputed(computed) => {
+            format!("the moments of round {} were computed", computed.round)
+        }
         Body::Voted(signed) => format!(
             "{} voted {} on proposal {}",
             signed.statement.voter,
@@ -163,6 +166,7 @@ pub fn kind(body: &Body) -> &'static str {
         Body::RoundClosed(_) => "round closed",
         Body::KeyRotated { .. } => "key changed",
         Body::NodeLeft(_) => "left",
+        Body::MomentsComputed(_) => "moments",
         Body::Proposed(_) => "proposal",
         Body::Voted(_) => "vote",
         Body::ProposalSettled(_) => "proposal settled",
@@ -214,6 +218,7 @@ fn about(body: &Body) -> (Option<u64>, Vec<NodeId>) {
         Body::RoundOpened(opened) => (Some(opened.round), vec![]),
         Body::CommitmentsClosed(closed) => (Some(closed.round), vec![]),
         Body::RandomnessDrawn(drawn) => (Some(drawn.round), vec![]),
+        Body::MomentsComputed(computed) => (Some(computed.round), vec![]),
         Body::UpdateCommitted(signed) => {
             (Some(signed.statement.round), vec![signed.statement.node])
         }
@@ -311,6 +316,7 @@ pub fn details(body: &Body) -> Vec<(&'static str, String)> {
             details
         }
         Body::CommitmentsClosed(closed) => vec![("commitments", closed.commitments.to_string())],
+        Body::MomentsComputed(computed) => vec![("moments", computed.moments.to_string())],
         Body::RandomnessDrawn(drawn) => {
             let mut details = vec![
                 ("source", drawn.drawing.to_string()),

@@ -5,6 +5,7 @@ use anyhow::{Context, Result};
 use zk0_node::turn::Training;
 use zk0_prover::service::ProvingClient;
 use zk0_smolvla::train::adaptive::{Adaptation, Boost};
+use zk0_smolvla::train::optimizer::check_alpha;
 
 /// `zk0 node join`.
 #[derive(Debug, clap::Args)]
@@ -26,6 +27,10 @@ pub struct Join {
     /// Pull the weights towards the round's base weights with this strength (FedProx).
     #[arg(long, default_value_t = 0.0, value_name = "MU")]
     fedprox_mu: f64,
+    /// Take this part of each step from the node's own gradients, above 0 and at most 1, and the rest from the last global step (FedCM).
+    /// With 1, FedCM is off.
+    #[arg(long, default_value_t = 1.0, value_name = "ALPHA")]
+    fedcm_alpha: f64,
     /// Adapt the learning rate and the strength of FedProx to the loss of the rounds' base weights on this recording. If the loss stalls
     /// over three rounds, both are multiplied by 0.8. If it grows by 5 %, both are multiplied by 1.1.
     #[arg(long)]
@@ -44,11 +49,13 @@ pub async fn run(options: &Join) -> Result<()> {
     if let Some(boost) = boost {
         boost.check().context("--lr-boost")?;
     }
+    check_alpha(options.fedcm_alpha).context("--fedcm-alpha")?;
     let training = Training {
         steps: options.steps,
         batch_size: options.batch_size,
         learning_rate: options.learning_rate,
         fedprox_mu: options.fedprox_mu,
+        fedcm_alpha: options.fedcm_alpha,
         adaptation: Adaptation {
             follow: options.follow_losses,
             boost,

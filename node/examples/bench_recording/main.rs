@@ -188,7 +188,7 @@ fn measure(work: &Work, dir: &Path) -> Result<()> {
         ..TrainOptions::default()
     };
     let all = Samples::Prepared(&samples);
-    let trained = train_on(recording.config(), &base, all, &options, &mut |_| ())?;
+    let trained = train_on(recording.config(), &base, all, &options, None, &mut |_| ())?;
     samples.rest();
     phase.done("it is trained");
 

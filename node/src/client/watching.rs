@@ -77,6 +77,27 @@ impl Node {
         }
     }
 
+    /// How a round opened and closed that is over.
+    pub(crate) async fn closed_round(
+        &mut self,
+        round: u64,
+    ) -> Result<(RoundOpened, RoundClosed), NodeError> {
+        let mut watch = Watch::of(Some(round), Vec::new());
+        let info = self.next_stage(&mut watch).await?;
+        let wanted = "the opening and the close of a round that is over";
+        let (Some(opened), Some(closed)) = (info.opened, info.closed) else {
+            return Err(unexpected(wanted, "less"));
+        };
+        match (self.entry(opened)?.1.body, self.entry(closed)?.1.body) {
+            (Body::RoundOpened(opened), Body::RoundClosed(closed))
+                if opened.round == round && closed.round == round =>
+            {
+                Ok((opened, closed))
+            }
+            _ => Err(unexpected(wanted, "other entries")),
+        }
+    }
+
     /// The request that follows the round. If the node names itself, it shows that it is present.
     fn watching(&self, watch: &Watch) -> Result<tonic::Request<rpc::GetRoundRequest>, NodeError> {
         let message = watch.request.clone();

@@ -44,7 +44,8 @@ impl Entry {
             | Body::ProposalSettled(_)
             | Body::DisputeResolved(_)
             | Body::CommitmentsClosed(_)
-            | Body::RandomnessDrawn(_) => {}
+            | Body::RandomnessDrawn(_)
+            | Body::MomentsComputed(_) => {}
         }
         Ok(AuthenticEntry(self))
     }

@@ -79,6 +79,17 @@ pub enum Body {
     RandomnessDrawn(RandomnessDrawn),
     /// A node left.
     NodeLeft(Signed<Leaving>),
+    /// The moments of a round by FedAdam were computed. The closing of the round follows.
+    MomentsComputed(MomentsComputed),
+}
+
+/// The moments of a round by FedAdam were computed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
+pub struct MomentsComputed {
+    /// The round, whose result is taken.
+    pub round: u64,
+    /// SHA-256 of the file of the moments.
+    pub moments: Digest,
 }
 
 /// The commitments of a round closed.

@@ -77,7 +77,8 @@ fn used_after(entry: &Entry) -> Option<NodeId> {
         | Body::ProposalSettled(_)
         | Body::DisputeResolved(_)
         | Body::CommitmentsClosed(_)
-        | Body::RandomnessDrawn(_) => None,
+        | Body::RandomnessDrawn(_)
+        | Body::MomentsComputed(_) => None,
     }
 }
 

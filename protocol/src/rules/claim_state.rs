@@ -37,12 +37,14 @@ impl State {
             program: self.program.clone(),
             results: RoundResults::default(),
             earlier_base: self.earlier_base,
+            moments: self.moments,
             round: self.round.as_ref().map(|round| Round {
                 opened: round.opened.clone(),
                 entry: round.entry,
                 sample: own_place(round, node),
                 closing: round.closing,
                 randomness: round.randomness,
+                moments: round.moments,
                 commits: round
                     .commits
                     .iter()

@@ -10,6 +10,9 @@ use zk0_circuits::Digest;
 /// Largest initial policy that is fetched, in bytes. It has a limit of its own because no rule limits it.
 const MAX_INITIAL_POLICY_BYTES: u64 = 1 << 36;
 
+/// How much longer the header of a file of moments can be than four headers of a file of weights, in bytes.
+const MAX_MOMENTS_HEADER_BYTES: u64 = 1 << 16;
+
 /// A blob that an entry names by its SHA-256.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct NamedBlob {
@@ -26,6 +29,8 @@ pub enum BlobKind {
     Policy,
     /// Weights that a round starts from.
     Weights,
+    /// The moments of a round by FedAdam.
+    Moments,
     /// The samples on which the results of rounds are evaluated.
     PublicSamples,
     /// The drawn frames of a dataset, with their leaves.
@@ -47,6 +52,11 @@ impl BlobKind {
             Self::PublicSamples => MAX_PUBLIC_SAMPLES_BYTES,
             Self::Leaves { drawn } => drawn.saturating_mul(DRAWN_LEAF_BYTES as u64),
             Self::Weights | Self::Update => rules.max_update_bytes,
+            // A weight has 2 bytes, and its two moments have 8.
+            Self::Moments => rules
+                .max_update_bytes
+                .saturating_mul(4)
+                .saturating_add(MAX_MOMENTS_HEADER_BYTES),
             Self::Proof => rules.max_proof_bytes,
         }
     }
@@ -88,6 +98,7 @@ pub fn named_blobs(body: &Body) -> Vec<NamedBlob> {
             vec![blob(BlobKind::Proof, submission.statement.proof)]
         }
         Body::RoundClosed(closed) => vec![blob(BlobKind::Weights, closed.global.blob)],
+        Body::MomentsComputed(computed) => vec![blob(BlobKind::Moments, computed.moments)],
         Body::NodeEnrolled(_)
         | Body::RoundOpened(_)
         | Body::KeyRotated { .. }

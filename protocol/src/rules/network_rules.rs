@@ -129,6 +129,18 @@ pub enum Strategy {
         /// How much of the last round's movement is added, in basis points; less than 10,000.
         momentum_bps: u32,
     },
+    /// The mean, weighted by shares, as a step of Adam (Reddi et al. 2021, arXiv:2003.00295).
+    FedAdam {
+        /// The server's learning rate η, in billionths; 1 to 1,000,000,000.
+        server_rate_billionths: u32,
+        /// How much of the first moment is kept, β₁, in basis points; less than 10,000.
+        beta1_bps: u32,
+        /// How much of the second moment is kept, β₂, in basis points; less than 10,000.
+        beta2_bps: u32,
+        /// What is added to the root of the second moment, τ, in billionths; 1 to 1,000,000,000. The larger it is, the less the step of a
+        /// weight depends on how much the weight moved before.
+        tau_billionths: u32,
+    },
 }
 
 /// Longest difference that [`Strategy::NormClipping`] can allow: a hundred times the base's norm.
@@ -136,6 +148,9 @@ const MAX_CLIPPING_BPS: u32 = 100 * BPS;
 
 /// Fastest server rate of [`Strategy::FedAvgM`]: ten times the way to the mean.
 const MAX_SERVER_RATE_BPS: u32 = 10 * BPS;
+
+/// One in the units of [`Strategy::FedAdam`]'s rate and τ: the most that either can be.
+pub const BILLIONTHS: u32 = 1_000_000_000;
 
 /// Who may contribute to a round.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize, Serialize, Deserialize)]
@@ -374,6 +389,18 @@ impl Strategy {
             } => {
                 within("server_rate_bps", server_rate_bps, 1, MAX_SERVER_RATE_BPS)?;
                 within("momentum_bps", momentum_bps, 0, BPS - 1)
+            }
+            Self::FedAdam {
+                server_rate_billionths,
+                beta1_bps,
+                beta2_bps,
+                tau_billionths,
+            } => {
+                let rate = server_rate_billionths;
+                within("server_rate_billionths", rate, 1, BILLIONTHS)?;
+                within("beta1_bps", beta1_bps, 0, BPS - 1)?;
+                within("beta2_bps", beta2_bps, 0, BPS - 1)?;
+                within("tau_billionths", tau_billionths, 1, BILLIONTHS)
             }
         }
     }

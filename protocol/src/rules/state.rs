@@ -7,6 +7,7 @@ use crate::entries::genesis::Genesis;
 use crate::entries::program::Program;
 use crate::entries::signed::Evidence;
 use crate::rules::basis_points::BPS;
+use crate::rules::closing::server_moments::ServerMoments;
 use crate::rules::network_rules::{Participation, Rules};
 use crate::rules::open_proposal::OpenProposal;
 use crate::rules::recent_updates::Updates;
@@ -52,6 +53,8 @@ pub struct State {
     pub(crate) results: RoundResults,
     /// What the last closed round started from; `None` before the first one, and after a vote that restored weights.
     pub(crate) earlier_base: Option<WeightsDigest>,
+    /// The moments of FedAdam.
+    pub(crate) moments: Option<ServerMoments>,
 }
 
 /// An enrolled node.
@@ -136,6 +139,8 @@ pub struct Round {
     pub closing: Option<Closing>,
     /// The randomness of the challenges, once it is drawn.
     pub randomness: Option<Randomness>,
+    /// SHA-256 of the moments that the round ends with, once they are computed.
+    pub moments: Option<Digest>,
 }
 
 /// The randomness of the open round.
@@ -211,6 +216,12 @@ impl State {
     /// no training.
     pub fn earlier_base(&self) -> Option<&WeightsDigest> {
         self.earlier_base.as_ref()
+    }
+
+    /// The moments of FedAdam that the open round, or else the next one, starts with. It is `None` where they begin afresh, and where the
+    /// last round closed by another strategy.
+    pub fn moments(&self) -> Option<&ServerMoments> {
+        self.moments.as_ref()
     }
 
     /// Digest of the evaluation specification that rounds and claims name.
@@ -356,10 +367,10 @@ impl State {
         *self.retired.get(id).unwrap_or(id)
     }
 
-    /// The digest of the state: [`tagged_sha256`] of its borsh encoding under `zk0/state/v4`. Equal histories give equal digests.
+    /// The digest of the state: [`tagged_sha256`] of its borsh encoding under `zk0/state/v5`. Equal histories give equal digests.
     pub fn digest(&self) -> Digest {
         let bytes = borsh::to_vec(self).expect("writing to a Vec cannot fail");
-        tagged_sha256("zk0/state/v4", &[&bytes])
+        tagged_sha256("zk0/state/v5", &[&bytes])
     }
 }
 

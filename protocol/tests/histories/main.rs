@@ -168,6 +168,7 @@ fn happened(body: &Body, before: &State, after: &State) -> Vec<&'static str> {
             what
         }
         Body::NodeLeft(_) => vec!["left"],
+        Body::MomentsComputed(_) => vec!["moments"],
         Body::CommitmentsClosed(_) => vec!["commitments closed"],
         Body::RandomnessDrawn(_) => vec!["drawn"],
         Body::KeyRotated { .. } => match before.round() {
@@ -302,7 +303,7 @@ proptest! {
     #[test]
     fn decoding_any_bytes_is_an_entry_or_an_error(
         bytes in prop::collection::vec(any::<u8>(), 0..600),
-        body in 0..18u8,
+        body in 0..19u8,
     ) {
         let mut entry = vec![1, 0];
         entry.extend([0; 8]);

@@ -295,6 +295,7 @@ pub fn contributor(node: u8) -> Contributor {
 }
 
 /// A state that applies entries one after the other, with a made-up root for each.
+#[derive(Clone)]
 pub struct Chain {
     pub state: State,
     pub time_ms: u64,

@@ -7,6 +7,7 @@ mod network;
 
 mod challenges;
 mod claims;
+mod closings;
 mod datasets;
 mod disputes;
 mod evaluation_sets;
@@ -15,9 +16,7 @@ mod full_rounds;
 mod members;
 mod presence;
 mod required_witnesses;
-mod results;
 mod rounds;
-mod shares;
 mod unanswered;
 
 use zk0_protocol::{Refusal, RuleViolation};

@@ -27,6 +27,20 @@ fn momentum(server_rate_bps: u32, momentum_bps: u32) -> Strategy {
     }
 }
 
+fn adam(
+    server_rate_billionths: u32,
+    beta1_bps: u32,
+    beta2_bps: u32,
+    tau_billionths: u32,
+) -> Strategy {
+    Strategy::FedAdam {
+        server_rate_billionths,
+        beta1_bps,
+        beta2_bps,
+        tau_billionths,
+    }
+}
+
 /// The limits of the strategies' parameters are themselves allowed, and the names in a file of rules are these.
 #[test]
 fn every_strategy_can_be_written_in_a_file_of_rules() {
@@ -64,6 +78,14 @@ fn every_strategy_can_be_written_in_a_file_of_rules() {
         (
             momentum(1, 0),
             r#"{"fed-avg-m":{"server_rate_bps":1,"momentum_bps":0}}"#,
+        ),
+        (
+            adam(1, 0, 0, 1),
+            r#"{"fed-adam":{"server_rate_billionths":1,"beta1_bps":0,"beta2_bps":0,"tau_billionths":1}}"#,
+        ),
+        (
+            adam(1_000_000_000, 9999, 9999, 1_000_000_000),
+            r#"{"fed-adam":{"server_rate_billionths":1000000000,"beta1_bps":9999,"beta2_bps":9999,"tau_billionths":1000000000}}"#,
         ),
     ] {
         assert_eq!(serde_json::to_string(&strategy).unwrap(), text);
@@ -122,6 +144,30 @@ fn a_proposal_makes_sense_when_it_is_made() {
         (
             broken(|r| r.strategy = momentum(1, 10_000)),
             "momentum_bps 10000",
+        ),
+        (
+            broken(|r| r.strategy = adam(0, 0, 0, 1)),
+            "server_rate_billionths 0; it has to be 1 to 1000000000",
+        ),
+        (
+            broken(|r| r.strategy = adam(1_000_000_001, 0, 0, 1)),
+            "server_rate_billionths 1000000001",
+        ),
+        (
+            broken(|r| r.strategy = adam(1, 10_000, 0, 1)),
+            "beta1_bps 10000",
+        ),
+        (
+            broken(|r| r.strategy = adam(1, 0, 10_000, 1)),
+            "beta2_bps 10000; it has to be 0 to 9999",
+        ),
+        (
+            broken(|r| r.strategy = adam(1, 0, 0, 0)),
+            "tau_billionths 0",
+        ),
+        (
+            broken(|r| r.strategy = adam(1, 0, 0, 1_000_000_001)),
+            "tau_billionths 1000000001",
         ),
         (
             broken(|r| r.participation = Participation::Sampled { nodes: 0 }),

@@ -2,7 +2,9 @@
 
 use crate::network::votes::*;
 use crate::network::*;
+use zk0_protocol::entries::entry::MomentsComputed;
 use zk0_protocol::entries::proposal::{Action, Ballot, Outcome};
+use zk0_protocol::rules::network_rules::Strategy;
 use zk0_protocol::rules::round_results::REMEMBERED_RESULTS;
 use zk0_protocol::{Body, RuleViolation};
 
@@ -105,6 +107,44 @@ fn the_way_to_restored_weights_is_no_movement_of_a_round() {
     );
     chain.round_to(3);
     assert_eq!(chain.state.earlier_base(), Some(&weights(1)));
+}
+
+/// Moments are of the way to the last weights, so they begin afresh where a vote restores others.
+#[test]
+fn restored_weights_have_no_moments() {
+    let mut founded = genesis();
+    founded.rules.strategy = Strategy::FedAdam {
+        server_rate_billionths: 1_000_000,
+        beta1_bps: 9000,
+        beta2_bps: 9900,
+        tau_billionths: 1_000_000,
+    };
+    let mut chain = Chain::founded(founded);
+    chain.apply(enrolled(0));
+    chain.apply(registered(&chain.state.network().clone(), 0));
+    for round in 0..2 {
+        chain.open();
+        chain.apply(committed(&chain.state, 0, weights(0x10 + round)));
+        chain.draw();
+        chain.apply(accepted(&chain.state, 0));
+        chain.apply(Body::MomentsComputed(MomentsComputed {
+            round: round.into(),
+            moments: digest(0x30 + round),
+        }));
+        chain.close(weights(0x50 + round));
+    }
+    assert_eq!(chain.state.moments().map(|moments| moments.steps), Some(2));
+    let mut other = chain.state.rules().clone();
+    let mut restored = chain.clone();
+    restored.decide(restore(0));
+    assert_eq!(restored.state.moments(), None);
+    // Nor does another strategy keep them, once a round has closed by it.
+    other.strategy = Strategy::FedAvg;
+    chain.decide(Action::ChangeRules(Box::new(other)));
+    chain.open();
+    let base = *chain.state.global();
+    chain.close(base);
+    assert_eq!(chain.state.moments(), None);
 }
 
 #[test]

@@ -8,7 +8,7 @@ use crate::frames::sample::PreparedSample;
 use crate::policy::weights::ExpertWeights;
 use crate::train::learner::Samples;
 use crate::train::options::TrainOptions;
-use crate::train::trainer::{Step, Trainer};
+use crate::train::trainer::{FedCm, Step, Trainer};
 
 /// What training gives.
 #[derive(Clone, Debug, PartialEq)]
@@ -33,17 +33,12 @@ pub fn train(
 ) -> Result<Trained> {
     options.check()?;
     let samples = InMemory::new(config, samples)?;
-    train_on(
-        config,
-        start,
-        Samples::Prepared(&samples),
-        options,
-        progress,
-    )
+    let samples = Samples::Prepared(&samples);
+    train_on(config, start, samples, options, None, progress)
 }
 
 /// Trains the expert from `start` on `samples`, by `loss_valid_only` with t = 0.999 Beta(1.5, 1) + 0.001, from the first step
-/// to the last. `progress` is called after every step. Only the samples of one step are in memory.
+/// to the last. With `fedcm`, steps follow the last global step in part. `progress` is called after every step. Only the samples of one step are in memory.
 ///
 /// # Errors
 /// Those of [`Trainer::new`] and [`Trainer::step`].
@@ -52,9 +47,13 @@ pub fn train_on(
     start: &ExpertWeights,
     samples: Samples,
     options: &TrainOptions,
+    fedcm: Option<FedCm<'_>>,
     progress: &mut dyn FnMut(Step),
 ) -> Result<Trained> {
     let mut trainer = Trainer::new(config, start, samples, options.clone())?;
+    if let Some(fedcm) = fedcm {
+        trainer.follow(&fedcm)?;
+    }
     let mut losses = Vec::with_capacity(options.steps.min(1 << 20));
     while !trainer.is_done() {
         let step = trainer.step()?;

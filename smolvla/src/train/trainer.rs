@@ -12,7 +12,7 @@ use crate::policy::model::kernels::gradients::backward;
 use crate::policy::model::observe::ignore;
 use crate::policy::weights::ExpertWeights;
 use crate::train::learner::{EvaluationModels, Learner, Samples};
-use crate::train::optimizer::AdamW;
+use crate::train::optimizer::{check_alpha, AdamW, LastStep};
 use crate::train::options::{TrainOptions, TrainScope};
 use crate::train::order::{draws, Order};
 
@@ -34,6 +34,15 @@ pub struct Step {
     pub gradient_norm: f64,
     /// The learning rate of this step.
     pub learning_rate: f64,
+}
+
+/// FedCM: how much of a step is the node's own, and what the last global step came from.
+#[derive(Clone, Copy, Debug)]
+pub struct FedCm<'a> {
+    /// α, above 0 and at most 1. With 1, the last global step does not count.
+    pub alpha: f64,
+    /// The weights that the round before started from. The last global step went from them to the weights that this run starts from.
+    pub earlier: &'a ExpertWeights,
 }
 
 /// A run of training. Its state is its variables, the optimiser's moments, and the number of steps made.
@@ -95,6 +104,29 @@ impl<'a> Trainer<'a> {
             optimizer,
             step: 0,
         })
+    }
+
+    /// Lets the steps follow the last global step in part. The run has to be before its first step.
+    ///
+    /// # Errors
+    /// [`PolicyError::Options`] for an α that is not in (0, 1], or after a step.
+    pub fn follow(&mut self, fedcm: &FedCm<'_>) -> Result<()> {
+        check_alpha(fedcm.alpha)?;
+        if self.step > 0 {
+            let late = "FedCM begins with the first step, and this run has made steps";
+            return Err(PolicyError::Options(late.into()));
+        }
+        if fedcm.alpha == 1.0 {
+            return Ok(());
+        }
+        let (options, variables) = (&self.options, self.learner.variables());
+        let (peak, steps) = (options.learning_rate, options.steps);
+        let rate = |step| options.schedule.learning_rate(peak, step, steps);
+        let rates = (0..steps).map(rate).sum();
+        let earlier = fedcm.earlier.tensors();
+        let last_step = LastStep::new(variables, earlier, fedcm.alpha, rates)?;
+        self.optimizer.follow(last_step);
+        Ok(())
     }
 
     /// Makes a step.

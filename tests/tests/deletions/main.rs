@@ -13,6 +13,7 @@ mod audited;
 mod bounds;
 mod copy;
 mod ledger_rules;
+mod moments;
 mod nodes;
 mod service;
 
@@ -75,6 +76,7 @@ fn every_check_can_be_removed_from_the_sources() {
     let lists = [
         ledger_rules::REMOVALS,
         bounds::REMOVALS,
+        moments::REMOVALS,
         argument::REMOVALS,
         attestation::REMOVALS,
         audited::REMOVALS,
@@ -94,7 +96,7 @@ fn every_check_can_be_removed_from_the_sources() {
 
 #[test]
 fn the_ledgers_rules_and_files_have_a_test_for_each_check() {
-    removed(&[ledger_rules::REMOVALS, bounds::REMOVALS]);
+    removed(&[ledger_rules::REMOVALS, bounds::REMOVALS, moments::REMOVALS]);
 }
 
 #[test]

@@ -2,6 +2,7 @@
 
 use rayon::prelude::*;
 use std::fs::{self, File};
+use std::io::sink;
 use std::path::{Path, PathBuf};
 use zk0_circuits::{Digest, NodeId};
 use zk0_protocol::rules::network_rules::Strategy;
@@ -9,6 +10,7 @@ use zk0_verifier::combine::bases::Bases;
 use zk0_verifier::combine::blocks::{Combination, Integer};
 use zk0_verifier::combine::contributions::Given;
 use zk0_verifier::combine::fedavg::average;
+use zk0_verifier::combine::optimizers::moments::Moments;
 use zk0_verifier::combine::source::{Block, Rows, Source};
 use zk0_verifier::combine::strategy::combined;
 use zk0_verifier::{blob_digest, Evaluation};
@@ -93,7 +95,7 @@ impl<'a> Average<'a> {
                 numbers.clear();
                 numbers.resize(block.len, 0i32);
                 average
-                    .combine(block, numbers, rows)
+                    .combine(block, numbers, &mut [], rows)
                     .expect("they are in memory");
                 i32::largest(numbers)
             },
@@ -103,14 +105,15 @@ impl<'a> Average<'a> {
 
     /// The file of the result.
     pub fn file(&self) -> BuiltFile {
-        let bases = Bases::default();
-        combined(
+        let mut nowhere = sink();
+        let result = combined(
             self.format,
             &self.given,
             Strategy::FedAvg,
-            &bases,
+            &Bases::default(),
             &self.unread,
-        )
-        .expect("an average")
+            &mut Moments::afresh(&mut nowhere),
+        );
+        result.expect("an average").file
     }
 }

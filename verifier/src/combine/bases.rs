@@ -58,7 +58,9 @@ fn wanted(state: &State) -> (Option<&WeightsDigest>, Option<&WeightsDigest>) {
         | Strategy::TrimmedMean { .. }
         | Strategy::Krum { .. }
         | Strategy::MultiKrum { .. } => (None, None),
-        Strategy::NormClipping { .. } => (Some(&round.opened.base), None),
+        Strategy::NormClipping { .. } | Strategy::FedAdam { .. } => {
+            (Some(&round.opened.base), None)
+        }
         Strategy::FedAvgM { .. } => (Some(&round.opened.base), earlier(state)),
     }
 }

@@ -5,6 +5,7 @@
 //! weights of the contributions tell beforehand.
 
 use crate::combine::error::CombineError;
+use crate::combine::optimizers::moments::{Moment, Moments};
 use crate::combine::source::{Block, Rows, BLOCK};
 use bytemuck::Pod;
 use rayon::prelude::*;
@@ -29,7 +30,8 @@ pub trait Combination: Sync {
     /// What the numbers of this tensor will be.
     fn plan(&self, tensor: usize) -> Plan;
 
-    /// Computes the numbers of a block, which are zeros before.
+    /// Computes the numbers of a block, which are zeros before. `moments` are those that the round starts with, and those that it ends
+    /// with when this returns; there are none if the strategy has none.
     ///
     /// # Errors
     /// A contribution cannot be read.
@@ -37,6 +39,7 @@ pub trait Combination: Sync {
         &self,
         block: &Block,
         numbers: &mut [T],
+        moments: &mut [Moment],
         rows: &mut Rows,
     ) -> Result<(), CombineError>;
 }
@@ -45,6 +48,9 @@ pub trait Combination: Sync {
 pub trait Integer: Rounded + Pod + Send + Sync + Default {
     /// The integer, which fits.
     fn of(number: i128) -> Self;
+
+    /// The nearest float64, ties to even.
+    fn nearest(self) -> f64;
 
     /// Adds the products of each factor and the values of its row. All rows are as long as `numbers`.
     fn add_products(numbers: &mut [Self], factors: &[i128], rows: &[&[i16]]);
@@ -58,6 +64,10 @@ macro_rules! integer {
         impl Integer for $type {
             fn of(number: i128) -> Self {
                 number as $type
+            }
+
+            fn nearest(self) -> f64 {
+                self as f64
             }
 
             fn add_products(numbers: &mut [Self], factors: &[i128], rows: &[&[i16]]) {
@@ -90,36 +100,51 @@ integer!(i32);
 integer!(i64);
 integer!(i128);
 
-/// Makes the file of what `combination` gives. `unread` is what the base holds where the evaluation does not read.
+/// Makes the file of what `combination` gives. `unread` is what the base holds where the evaluation does not read. `moments` are those of
+/// a strategy that has some.
 pub fn file(
     format: &Format,
     combination: &impl Combination,
     unread: &Unread,
+    mut moments: Option<&mut Moments<'_>>,
 ) -> Result<BuiltFile, CombineError> {
     format.build(|mut places| {
         let longest = format.tensors().iter().map(|tensor| tensor.len()).max();
         // Every group uses the same memory, because fresh memory costs time.
         let mut memory = vec![0i128; longest.unwrap_or(0).max(WAITING)];
+        let mut kept = Vec::new();
         let mut scales = Vec::with_capacity(places.len());
         let mut rest = &mut places[..];
         while !rest.is_empty() {
             let count = group(rest);
             let (places, later) = rest.split_at_mut(count);
             let mut free = &mut memory[..];
+            if let Some(moments) = &mut moments {
+                let values = places.iter().map(|place| place.len() / 2).sum();
+                kept.resize(values, Moment::default());
+                moments.read(&mut kept)?;
+            }
+            let mut unassigned = &mut kept[..];
             let mut tensors = Vec::with_capacity(count);
             for (index, out) in (scales.len()..).zip(places) {
                 let (memory, others) = free.split_at_mut(out.len() / 2);
+                let own = unassigned.len().min(out.len() / 2);
+                let (moments, later) = unassigned.split_at_mut(own);
                 tensors.push(Tensor {
                     index,
                     limits: format.limits()[index],
                     memory,
+                    moments,
                     out,
                 });
-                free = others;
+                (free, unassigned) = (others, later);
             }
             let written = tensors.into_par_iter();
             let written = written.map(|tensor| tensor.write(combination, unread));
             scales.extend(written.collect::<Result<Vec<_>, _>>()?);
+            if let Some(moments) = &mut moments {
+                moments.write(&kept)?;
+            }
             rest = later;
         }
         Ok(scales)
@@ -142,6 +167,8 @@ struct Tensor<'a> {
     limits: (i16, i16),
     /// For its exact numbers.
     memory: &'a mut [i128],
+    /// Of its values, if the strategy has some.
+    moments: &'a mut [Moment],
     /// For its values.
     out: &'a mut [u8],
 }
@@ -168,7 +195,7 @@ impl Tensor<'_> {
     ) -> Result<i16, CombineError> {
         let numbers = bytemuck::cast_slice_mut::<i128, T>(self.memory);
         let numbers = &mut numbers[..self.out.len() / 2];
-        let largest = combine(self.index, combination, numbers)?;
+        let largest = combine(self.index, combination, numbers, self.moments)?;
         Ok(round(unit, self.limits, numbers, largest, self.out))
     }
 
@@ -179,7 +206,7 @@ impl Tensor<'_> {
         unread: &Unread,
     ) -> Result<i16, CombineError> {
         let numbers = self.memory;
-        combine(self.index, combination, numbers)?;
+        combine(self.index, combination, numbers, self.moments)?;
         let finest = Unit {
             bits: MAX_WEIGHT_BITS,
             ..unit
@@ -198,13 +225,20 @@ fn combine<T: Integer>(
     tensor: usize,
     combination: &impl Combination,
     numbers: &mut [T],
+    mut moments: &mut [Moment],
 ) -> Result<u128, CombineError> {
-    let blocks: Vec<_> = Block::of(tensor, numbers.len()).collect();
-    let largest = (numbers.par_chunks_mut(BLOCK).zip(&blocks)).map_init(
+    let blocks = Block::of(tensor, numbers.len()).map(|block| {
+        let own = block.len.min(moments.len());
+        let (own, later) = std::mem::take(&mut moments).split_at_mut(own);
+        moments = later;
+        (block, own)
+    });
+    let blocks: Vec<_> = blocks.collect();
+    let largest = (numbers.par_chunks_mut(BLOCK).zip(blocks)).map_init(
         Rows::default,
-        |rows, (numbers, block)| {
+        |rows, (numbers, (block, moments))| {
             numbers.fill(T::default());
-            combination.combine(block, numbers, rows)?;
+            combination.combine(&block, numbers, moments, rows)?;
             Ok(T::largest(numbers))
         },
     );

@@ -34,6 +34,25 @@ pub enum CombineError {
         /// Where.
         tensor: String,
     },
+    /// The moments that the strategy goes on from cannot be read.
+    #[error("the moments {blob} that the strategy goes on from cannot be read: {error}")]
+    MomentsUnreadable {
+        /// Their file.
+        blob: Digest,
+        /// Why.
+        error: String,
+    },
+    /// The file of the moments holds something else than the ledger names.
+    #[error("the file of the moments that the strategy goes on from has SHA-256 {actual}, and the ledger names {expected}")]
+    OtherMoments {
+        /// What the ledger names.
+        expected: Digest,
+        /// What was read.
+        actual: Digest,
+    },
+    /// The moments that the round ends with cannot be kept.
+    #[error("the moments that the round ends with cannot be written: {0}")]
+    MomentsUnwritten(String),
     /// The result is not among the weights that a network can have. No strategy can give that.
     #[error(transparent)]
     Weights(#[from] WeightsError),

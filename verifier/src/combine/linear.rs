@@ -1,7 +1,9 @@
-//! Sums of weights with integer coefficients, over one divisor. FedAvg, Krum, norm clipping and momentum are such sums.
+//! Sums of weights with integer coefficients, over one divisor. FedAvg, Krum, norm clipping and momentum are such sums, and so is what Adam
+//! takes for the gradient.
 
 use crate::combine::blocks::{Combination, Integer, Plan};
 use crate::combine::error::CombineError;
+use crate::combine::optimizers::moments::Moment;
 use crate::combine::source::{Block, Rows, Source};
 use zk0_weights::rounding::Unit;
 
@@ -82,6 +84,7 @@ impl Combination for Linear<'_> {
         &self,
         block: &Block,
         numbers: &mut [T],
+        _: &mut [Moment],
         rows: &mut Rows,
     ) -> Result<(), CombineError> {
         let bits = self.finest(block.tensor);

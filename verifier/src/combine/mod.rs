@@ -7,7 +7,8 @@
 //! - [`strategy`]: what the rules can ask for, and which of the following does it.
 //! - [`linear`]: sums of contributions with integer coefficients, which most strategies are.
 //! - [`robust`]: the median and the trimmed mean. [`krum`]: the contributions nearest to others, by their [`distance`]s.
-//! - [`clipping`], [`momentum`]: strategies that also read base weights ([`bases`]).
+//! - [`clipping`]: a strategy that also reads base weights ([`bases`]).
+//! - [`optimizers`]: strategies that step from the base by an optimiser. Adam keeps numbers of its own from round to round.
 
 pub mod bases;
 pub mod blocks;
@@ -18,7 +19,7 @@ pub mod error;
 pub mod fedavg;
 pub mod krum;
 pub mod linear;
-pub mod momentum;
+pub mod optimizers;
 pub mod robust;
 pub mod sealed;
 pub mod source;

@@ -7,6 +7,7 @@
 use crate::combine::blocks::{Combination, Integer, Plan};
 use crate::combine::contributions::Given;
 use crate::combine::error::CombineError;
+use crate::combine::optimizers::moments::Moment;
 use crate::combine::source::{Block, Rows, Source};
 use std::ops::Range;
 use zk0_protocol::rules::basis_points::BPS;
@@ -66,6 +67,7 @@ impl Combination for MiddleMean<'_> {
         &self,
         block: &Block,
         numbers: &mut [T],
+        _: &mut [Moment],
         rows: &mut Rows,
     ) -> Result<(), CombineError> {
         let rows = rows.read(&self.weights, block)?;

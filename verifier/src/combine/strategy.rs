@@ -1,5 +1,6 @@
 //! From a round's contributions to new global weights, as the rules say: by [`crate::combine::fedavg`], [`crate::combine::robust`],
-//! [`crate::combine::krum`], [`crate::combine::clipping`] or [`crate::combine::momentum`].
+//! [`crate::combine::krum`], [`crate::combine::clipping`], [`crate::combine::optimizers::momentum`] or
+//! [`crate::combine::optimizers::adam`].
 //!
 //! **Where it rounds**: each tensor's exact numbers are rounded once, to the nearest int16 at the one scale that they have
 //! ([`zk0_weights::scale`]); ties go to even. A mean is no larger than the largest of its values, so it always fits within the
@@ -12,10 +13,12 @@ use crate::combine::contributions::{aligned, Given};
 use crate::combine::error::CombineError;
 use crate::combine::fedavg::average;
 use crate::combine::krum::{krum, multi_krum};
-use crate::combine::momentum::with_momentum;
+use crate::combine::optimizers::adam::{adam, Parameters};
+use crate::combine::optimizers::moments::Moments;
+use crate::combine::optimizers::momentum::with_momentum;
 use crate::combine::robust::{median, trimmed_mean};
 use crate::combine::source::{InMemory, Source};
-use zk0_circuits::{QuantisedWeights, WeightsDigest};
+use zk0_circuits::{Digest, QuantisedWeights, WeightsDigest};
 use zk0_protocol::rules::network_rules::Strategy;
 use zk0_weights::{BuiltFile, Format, Unread};
 
@@ -26,38 +29,52 @@ pub struct Global {
     pub file: Vec<u8>,
     /// Its digests.
     pub digest: WeightsDigest,
+    /// SHA-256 of the moments that the round ends with, if the strategy has some.
+    pub moments: Option<Digest>,
+}
+
+/// What a strategy gives.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Combined {
+    /// The file of the new weights.
+    pub file: BuiltFile,
+    /// SHA-256 of the moments that the round ends with, if the strategy has some.
+    pub moments: Option<Digest>,
 }
 
 /// Combines weights to the file of new ones. The order they are given in does not matter. `unread` is what their base holds where the
-/// evaluation does not read, and `bases` are the base weights that the strategy reads.
+/// evaluation does not read, `bases` are the base weights that the strategy reads, and `moments` are for a strategy that has some.
 pub fn combined(
     format: &Format,
     given: &[Given<'_>],
     strategy: Strategy,
     bases: &Bases,
     unread: &Unread,
-) -> Result<BuiltFile, CombineError> {
+    moments: &mut Moments<'_>,
+) -> Result<Combined, CombineError> {
     let given = &aligned(format, given)?[..];
     let base = in_memory(format, &bases.base);
     let earlier = in_memory(format, &bases.earlier);
     let base = base.as_ref().ok_or(CombineError::NoBase);
-    match strategy {
-        Strategy::FedAvg => file(format, &average(given)?, unread),
-        Strategy::Median => file(format, &median(given), unread),
-        Strategy::TrimmedMean { trim_bps } => file(format, &trimmed_mean(given, trim_bps), unread),
+    let file = match strategy {
+        Strategy::FedAvg => file(format, &average(given)?, unread, None),
+        Strategy::Median => file(format, &median(given), unread, None),
+        Strategy::TrimmedMean { trim_bps } => {
+            file(format, &trimmed_mean(given, trim_bps), unread, None)
+        }
         Strategy::Krum { byzantine_bps } => {
-            file(format, &krum(format, given, byzantine_bps)?, unread)
+            file(format, &krum(format, given, byzantine_bps)?, unread, None)
         }
         Strategy::MultiKrum {
             byzantine_bps,
             keep_bps,
         } => {
             let best = multi_krum(format, given, byzantine_bps, keep_bps)?;
-            file(format, &best, unread)
+            file(format, &best, unread, None)
         }
         Strategy::NormClipping { max_norm_bps } => {
             let mean = clipped_mean(format, given, base?, max_norm_bps)?;
-            file(format, &mean, unread)
+            file(format, &mean, unread, None)
         }
         Strategy::FedAvgM {
             server_rate_bps,
@@ -65,9 +82,33 @@ pub fn combined(
         } => {
             let earlier = earlier.as_ref().map(|earlier| earlier as &dyn Source);
             let moved = with_momentum(given, base?, earlier, server_rate_bps, momentum_bps)?;
-            file(format, &moved, unread)
+            file(format, &moved, unread, None)
         }
-    }
+        Strategy::FedAdam {
+            server_rate_billionths,
+            beta1_bps,
+            beta2_bps,
+            tau_billionths,
+        } => {
+            let parameters = Parameters {
+                server_rate_billionths,
+                beta1_bps,
+                beta2_bps,
+                tau_billionths,
+            };
+            let moved = adam(given, base?, parameters, moments.steps())?;
+            moments.begin(format)?;
+            let file = file(format, &moved, unread, Some(&mut *moments))?;
+            return Ok(Combined {
+                file,
+                moments: Some(moments.finish()?),
+            });
+        }
+    };
+    Ok(Combined {
+        file: file?,
+        moments: None,
+    })
 }
 
 /// Base weights, if they are there and of this format.

@@ -2,6 +2,7 @@
 #![allow(dead_code)] // Every test file uses only a part of it
 
 use std::collections::BTreeMap;
+use std::io::sink;
 use zk0_circuits::claim::student::Confidence;
 use zk0_circuits::claim::t_test::TTest;
 use zk0_circuits::model::draw::Draw;
@@ -12,12 +13,16 @@ use zk0_circuits::{
     WeightsDigest,
 };
 use zk0_protocol::rules::network_rules::Strategy;
+use zk0_verifier::combine::bases::Bases;
 use zk0_verifier::combine::blocks::{Combination, Plan};
+use zk0_verifier::combine::contributions::Given;
 use zk0_verifier::combine::error::CombineError;
+use zk0_verifier::combine::optimizers::moments::Moments;
 use zk0_verifier::combine::source::{Block, Rows, Source};
+use zk0_verifier::combine::strategy::combined;
 use zk0_verifier::Evaluation;
 use zk0_weights::rounding::Unit;
-use zk0_weights::{Format, Tensor};
+use zk0_weights::{BuiltFile, Format, Tensor, Unread};
 
 /// Float32 weights by name.
 pub type Tensors = BTreeMap<String, Vec<f32>>;
@@ -135,8 +140,8 @@ pub fn terms(
     }
 }
 
-/// Each strategy; the last two read base weights.
-pub const STRATEGIES: [Strategy; 7] = [
+/// Each strategy; the last three read base weights, and the last one has moments.
+pub const STRATEGIES: [Strategy; 8] = [
     Strategy::FedAvg,
     Strategy::Median,
     Strategy::TrimmedMean { trim_bps: 2500 },
@@ -152,7 +157,29 @@ pub const STRATEGIES: [Strategy; 7] = [
         server_rate_bps: 7000,
         momentum_bps: 9000,
     },
+    FED_ADAM,
 ];
+
+/// FedAdam with steps as large as the weights that tests make.
+pub const FED_ADAM: Strategy = Strategy::FedAdam {
+    server_rate_billionths: 300_000_000,
+    beta1_bps: 9000,
+    beta2_bps: 9900,
+    tau_billionths: 1_000_000,
+};
+
+/// Combines weights where moments begin afresh and nobody keeps them.
+pub fn combine(
+    format: &Format,
+    given: &[Given<'_>],
+    strategy: Strategy,
+    bases: &Bases,
+    unread: &Unread,
+) -> Result<BuiltFile, CombineError> {
+    let mut nowhere = sink();
+    let moments = &mut Moments::afresh(&mut nowhere);
+    combined(format, given, strategy, bases, unread, moments).map(|combined| combined.file)
+}
 
 /// Weights of one tensor with one block.
 pub struct OneTensor(pub Tensor);
@@ -181,7 +208,7 @@ pub fn exact_numbers(combination: &impl Combination, len: usize) -> (Plan, Vec<i
     let mut numbers = vec![0; len];
     let mut rows = Rows::default();
     combination
-        .combine(&block, &mut numbers, &mut rows)
+        .combine(&block, &mut numbers, &mut [], &mut rows)
         .unwrap();
     (combination.plan(0), numbers)
 }

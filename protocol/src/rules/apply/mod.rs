@@ -4,6 +4,7 @@
 //! - this file: founding, versions, time, and which file is responsible for which entry;
 //! - [`members`]: nodes, their keys, their datasets;
 //! - [`rounds`]: openings, commitments, decisions, closings;
+//! - [`moments`]: the moments that a round by FedAdam ends with;
 //! - [`randomness`]: the closing of a round's commitments, and the randomness of its challenges;
 //! - [`results`]: whether a round's result was rightly taken, or rightly not;
 //! - [`votes`]: proposals and what they change;
@@ -11,6 +12,7 @@
 
 mod disputes;
 mod members;
+mod moments;
 mod randomness;
 mod results;
 mod rounds;
@@ -65,6 +67,7 @@ impl State {
             program: Program::founding(&genesis.program),
             results: RoundResults::default(),
             earlier_base: None,
+            moments: None,
             genesis: genesis.clone(),
         })
     }
@@ -126,6 +129,7 @@ impl State {
             Body::CommitmentsClosed(closed) => self.check_commitments_closed(closed, now),
             Body::RandomnessDrawn(drawn) => self.check_drawn(drawn, now),
             Body::NodeLeft(signed) => self.check_leaving(&signed.statement),
+            Body::MomentsComputed(computed) => self.check_moments(computed, now),
         }
     }
 
@@ -163,6 +167,7 @@ impl State {
             }
             Body::RandomnessDrawn(drawn) => self.draw(drawn, index, now),
             Body::NodeLeft(signed) => self.stand(&signed.statement.node, Standing::Left),
+            Body::MomentsComputed(computed) => self.compute_moments(computed),
         }
         self.entries = index.saturating_add(1);
         self.time_ms = now;

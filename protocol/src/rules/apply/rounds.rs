@@ -260,6 +260,7 @@ impl State {
                 show(&unanswered),
             ));
         }
+        self.check_closed_moments(round, closed)?;
         self.check_result(round, closed)
     }
 
@@ -271,7 +272,7 @@ impl State {
             .is_some_and(|round| self.check_may_close(round, time_ms).is_ok())
     }
 
-    fn check_may_close(&self, round: &Round, time_ms: u64) -> Result<(), RuleViolation> {
+    pub(super) fn check_may_close(&self, round: &Round, time_ms: u64) -> Result<(), RuleViolation> {
         let waiting_for = match (&round.closing, &round.randomness) {
             (None, _) => Some("its commitments are not closed".into()),
             (Some(_), _) if round.commits.is_empty() => None,
@@ -315,6 +316,7 @@ impl State {
             commits: BTreeMap::new(),
             closing: None,
             randomness: None,
+            moments: None,
         });
     }
 
@@ -385,6 +387,7 @@ impl State {
             return;
         };
         self.earlier_base = Some(round.opened.base);
+        self.keep_moments(&round);
         if round.randomness.is_some() {
             for (node, commit) in &round.commits {
                 let accepted = matches!(commit.decision, Some(Decision::Accepted { .. }));

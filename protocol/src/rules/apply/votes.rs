@@ -271,6 +271,7 @@ impl State {
                 if let Some(global) = self.results.of(round) {
                     self.global = *global;
                     self.earlier_base = None;
+                    self.moments = None;
                 }
             }
         }

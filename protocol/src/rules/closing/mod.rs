@@ -1,5 +1,6 @@
-//! The end of a round: how much each contribution counts, what it earns, and whether the result is taken.
+//! The end of a round: how much each contribution counts, what it earns, whether the result is taken, and what FedAdam keeps of it.
 
 pub mod credits;
 pub mod public_samples;
+pub mod server_moments;
 pub mod shares;

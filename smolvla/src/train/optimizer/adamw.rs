@@ -12,6 +12,7 @@ use crate::policy::model::kernels::serve;
 use crate::train::optimizer::device::{self, DeviceSlot};
 use crate::train::optimizer::factors::{AdamWOptions, Factors, Squares};
 use crate::train::optimizer::host::HostSlot;
+use crate::train::optimizer::last_step::LastStep;
 
 /// What a step found.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -27,6 +28,7 @@ pub struct AdamW {
     options: AdamWOptions,
     mu: f64,
     slots: BTreeMap<String, (Var, Slot)>,
+    last_step: Option<LastStep>,
     steps: u64,
 }
 
@@ -64,8 +66,14 @@ impl AdamW {
             options,
             mu,
             slots,
+            last_step: None,
             steps: 0,
         })
+    }
+
+    /// From now on, steps follow the last global step in part (FedCM).
+    pub fn follow(&mut self, last_step: LastStep) {
+        self.last_step = Some(last_step);
     }
 
     /// One step.
@@ -92,12 +100,13 @@ impl AdamW {
         let o = self.options;
         self.steps = self.steps.saturating_add(1);
         let step = i32::try_from(self.steps).unwrap_or(i32::MAX);
+        let own = self.last_step.as_ref().map_or(1.0, LastStep::own);
         let by = Factors {
             options: o,
             mu: self.mu,
             clip: (o.clip_norm / (norm + 1e-6)).min(1.0),
             keep: 1.0 - learning_rate * o.weight_decay,
-            rate: learning_rate / (1.0 - o.beta1.powi(step)),
+            rate: own * learning_rate / (1.0 - o.beta1.powi(step)),
             root_bias: (1.0 - o.beta2.powi(step)).sqrt(),
         };
         for (name, (variable, slot)) in &mut self.slots {
@@ -105,6 +114,9 @@ impl AdamW {
             match slot {
                 Slot::Host(slot) => slot.update(variable, &gradient, &by)?,
                 Slot::Device(slot) => slot.update(variable, &gradient, &by)?,
+            }
+            if let Some(last_step) = &self.last_step {
+                last_step.add(name, variable, learning_rate)?;
             }
         }
         Ok(Stepped {

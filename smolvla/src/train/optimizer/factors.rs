@@ -56,7 +56,7 @@ pub(super) struct Factors {
     pub clip: f64,
     /// `1 - learning_rate * weight_decay`.
     pub keep: f64,
-    /// The learning rate over the first moment's bias.
+    /// The learning rate over the first moment's bias, times what of a step is the node's own.
     pub rate: f64,
     /// Root of the second moment's bias.
     pub root_bias: f64,

@@ -1,4 +1,4 @@
-//! AdamW with gradient clipping, and the proximal term of FedProx.
+//! AdamW with gradient clipping, the proximal term of FedProx, and the last global step of FedCM ([`last_step`]).
 //!
 //! Steps agree with `torch.optim.AdamW` and `torch.nn.utils.clip_grad_norm_`. On the CPU a step is one pass over each tensor
 //! ([`host`]): ten tensor operations in a row would read and write the 98 million values of the published expert ten times.
@@ -10,6 +10,8 @@ mod adamw;
 mod device;
 mod factors;
 mod host;
+mod last_step;
 
 pub use adamw::{AdamW, Moment, Stepped};
 pub use factors::AdamWOptions;
+pub use last_step::{check_alpha, LastStep};

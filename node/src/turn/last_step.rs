@@ -1,0 +1,44 @@
+//! The last global step, for FedCM: what the round before started from. The ledger names it, and the node verifies the entries that say so.
+
+use crate::client::Node;
+use crate::error::ParticipantError;
+use crate::exchanged_weights::Base;
+use crate::turn::Turn;
+use zk0_smolvla::ExpertWeights;
+
+impl Turn<'_> {
+    /// The weights that the round before started from. It is `None` where there is no last global step: in the first round, in a round
+    /// whose base a vote restored, and in a round after one that kept its base. A file that cannot be downloaded is no reason to leave a round
+    /// out, so it is `None` then, too.
+    pub(super) async fn earlier(
+        &self,
+        node: &mut Node,
+    ) -> Result<Option<ExpertWeights>, ParticipantError> {
+        let round = self.opened.round;
+        let Some(before) = round.checked_sub(1) else {
+            tracing::info!("round {round}: it is the first, so FedCM has no last global step");
+            return Ok(None);
+        };
+        let (opened, closed) = node.closed_round(before).await?;
+        let why = match self.opened.base {
+            base if base != closed.global => "a vote restored the weights that it starts from",
+            base if base == opened.base => "the round before kept its base",
+            _ => {
+                let limit = self.opened.rules.max_update_bytes;
+                match node.download(&opened.base.blob, limit).await {
+                    Ok(file) => {
+                        let format = &self.entered.format;
+                        let base = Base::read(format, self.entered.config, &file)?;
+                        return Ok(Some(base.weights));
+                    }
+                    Err(error) => {
+                        tracing::warn!("round {round}: the weights {} that round {before} started from cannot be downloaded ({error}), so this round trains without FedCM", opened.base.blob);
+                        return Ok(None);
+                    }
+                }
+            }
+        };
+        tracing::info!("round {round}: FedCM has no last global step, because {why}");
+        Ok(None)
+    }
+}
