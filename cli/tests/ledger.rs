@@ -209,7 +209,6 @@ fn to_prune(scratch: &Path) -> (PathBuf, PathBuf) {
     fs::write(&key, "07".repeat(32)).unwrap();
     let mut made = Made::found(&dir, 1);
     made.round();
-    made.seed = 2;
     made.round();
     made.ledger.blobs().put(b"nobody's").unwrap();
     (dir, key)

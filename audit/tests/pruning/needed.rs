@@ -98,12 +98,13 @@ fn restored_weights_are_kept_as_the_base_of_the_rounds_after_them() {
     operator.decide(Action::RestoreWeights { round: 0 });
     assert_eq!(operator.state().global().blob, blob_digest(&global(0)));
     round(&mut operator, None);
-    let one_round = Keep {
-        rounds: Some(1),
+    round(&mut operator, None);
+    let two_rounds = Keep {
+        rounds: Some(2),
         ..NO_ROUND
     };
     // Round 4 started from what round 0 ended with.
-    assert_eq!(weights_after(operator, dir.path(), &one_round), [0, 4]);
+    assert_eq!(weights_after(operator, dir.path(), &two_rounds), [0, 4, 5]);
     let (report, _) = audit(dir.path(), Depth::Full);
     assert_eq!(faults(&report), [] as [&str; 0]);
 }
