@@ -50,6 +50,8 @@ pub enum Why {
     Light,
     /// A blob that the check reads is not at hand.
     NotAtHand,
+    /// A blob that the check reads is not at hand, and the log's operator has signed that it was pruned.
+    Pruned,
     /// The check needs something that was not verified.
     RestsOnOthers,
     /// The network's founder chose something that this release does not know.
@@ -197,6 +199,14 @@ impl std::fmt::Display for NotChecked {
         write!(f, "{}: ", counted(self.count, one, many))?;
         match self.why {
             Why::Light => f.write_str("this audit is light"),
+            Why::Pruned => {
+                let first = if self.count == 1 { "" } else { "the first, " };
+                write!(
+                    f,
+                    "the log's operator has pruned what this needs; {first}{} (entry {})",
+                    self.example, self.first_entry
+                )
+            }
             Why::NotAtHand | Why::RestsOnOthers | Why::OthersChoice | Why::NoVerifier => {
                 let first = if self.count == 1 { "" } else { "the first, " };
                 write!(f, "{first}{} (entry {})", self.example, self.first_entry)

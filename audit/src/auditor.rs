@@ -1,8 +1,8 @@
 //! What an auditor checks beyond the ledger's own rules: proofs, refusals, datasets and averages. The auditor uses the functions by
 //! which the aggregator decided, on the blobs that are at hand.
 //!
-//! Once a round has closed, it is a fault if the proof or the update of an accepted contribution is missing. Until then both are
-//! private, and only the aggregator has them. The audit reports everything else that is not at hand as not checked, and so it does
+//! Once a round has closed, it is a fault if the proof or the update of an accepted contribution is missing, unless the log's operator has
+//! signed that it was pruned. Until then both are private, and only the aggregator has them. The audit reports everything else that is not at hand as not checked, and so it does
 //! with what a light audit leaves out, one line for each kind. What was not checked is never called verified.
 //!
 //! Several threads verify proofs and weights while the replay goes on. At most twice as many contributions as there are threads
@@ -11,6 +11,7 @@
 
 use crate::account::{Account, Checked, NotChecked, What, Why};
 use crate::checks::closings;
+use crate::checks::excuse::{Excuse, Rounds};
 use crate::checks::{self, Check, Examined, Missing, Recorded};
 use crate::depth::Depth;
 use crate::named::Named;
@@ -25,6 +26,7 @@ use zk0_protocol::entries::entry::{Body, Entry, RoundClosed};
 use zk0_protocol::entries::genesis::Genesis;
 use zk0_protocol::entries::proposal::{self, Action};
 use zk0_protocol::entries::signed::{Signed, Submission};
+use zk0_protocol::pruning::Pruning;
 use zk0_protocol::rules::named_blobs::BlobKind;
 use zk0_protocol::rules::state::State;
 use zk0_protocol::Refusal;
@@ -47,6 +49,10 @@ pub struct Auditor {
     /// Accepted contributions that may still be disputed, and of which this audit has not found that they verify: what verification
     /// says, or `None` where not all of it was checked.
     doubtful: BTreeMap<u64, Option<Refusal>>,
+    /// What the log's operator says about blobs that are no longer kept.
+    pruning: Option<Pruning>,
+    /// The rounds whose average nobody can compute again from these blobs, because some of them were pruned.
+    unrepeatable: Rounds,
     queue: Queue<Outcome>,
     found: Vec<Finding>,
 }
@@ -58,6 +64,7 @@ type Saved = (
     Account,
     Vec<Recorded>,
     BTreeMap<u64, Option<Refusal>>,
+    Rounds,
 );
 
 /// The outcome of a job of the queue.
@@ -92,6 +99,8 @@ impl Auditor {
             contributions: Vec::new(),
             missing: Vec::new(),
             doubtful: BTreeMap::new(),
+            pruning: None,
+            unrepeatable: Rounds::default(),
             queue: Queue::new(threads),
             found: Vec::new(),
         }
@@ -105,8 +114,10 @@ impl Auditor {
     /// Goes on from what an audit of the same depth, by an auditor who named the same, has saved with [`Recheck::save`]. What the open round accepted is verified again,
     /// because the average takes only what was verified.
     pub fn go_on(depth: Depth, named: &Named, saved: &[u8], blobs: &Blobs) -> Result<Self, String> {
-        let (was, had_named, account, accepted, doubtful): Saved = borsh::from_slice(saved)
-            .map_err(|error| format!("another version of zk0 wrote the state file ({error})"))?;
+        let (was, had_named, account, accepted, doubtful, unrepeatable): Saved =
+            borsh::from_slice(saved).map_err(|error| {
+                format!("another version of zk0 wrote the state file ({error})")
+            })?;
         if was != depth {
             let name = |depth| match depth {
                 Depth::Light => "light",
@@ -128,6 +139,7 @@ impl Auditor {
             named: had_named,
             account,
             doubtful,
+            unrepeatable,
             ..Self::new(depth)
         };
         for recorded in accepted {
@@ -149,7 +161,10 @@ impl Auditor {
     fn whole_account(&self) -> Account {
         let mut account = self.account.clone();
         account.add(self.open.clone());
-        for Missing { what, index, name } in &self.missing {
+        for Missing {
+            what, index, name, ..
+        } in &self.missing
+        {
             let name = format!("{name} is not at hand; it has to be at hand once its round closes");
             account.left_out(*what, Why::NotAtHand, *index, name);
         }
@@ -215,19 +230,40 @@ impl Auditor {
     /// Checks the end of a round: the average over what it accepted, its evaluation, and that every accepted contribution has a proof and an update.
     fn closed(&mut self, before: &State, index: u64, closed: &RoundClosed, blobs: &Blobs) {
         self.finish_all();
-        for Missing { name, .. } in self.missing.drain(..) {
-            let why = format!("{name} is missing, and the round has closed");
-            self.found.push(Finding::fault(index, why));
-        }
+        let excuse = Excuse::of(self.pruning, closed.round, index);
         let open = std::mem::take(&mut self.open);
         self.account.add(open);
-        let average = closings::average(before, closed, &self.contributions, self.depth, blobs);
+        let mut pruned = false;
+        for missing in self.missing.drain(..) {
+            let Missing { what, name, .. } = missing;
+            if !excuse.covers(&missing.kind) {
+                let why = format!("{name} is missing, and the round has closed");
+                self.found.push(Finding::fault(index, why));
+                continue;
+            }
+            pruned = true;
+            let entry = missing.index;
+            if what == What::Proofs && self.depth == Depth::Full {
+                let what = format!("the update that belongs to {name}");
+                (self.account).left_out(What::Updates, Why::Pruned, entry, what);
+            }
+            self.account.left_out(what, Why::Pruned, entry, name);
+        }
+        let depth = self.depth;
+        let average = closings::average(before, closed, &self.contributions, depth, excuse, blobs);
         let (average, combined) = match average {
             Ok(combined) => (Check::Passed(What::Averages), Ok(combined)),
+            Err(Check::LeftOut(what, Why::RestsOnOthers, _)) if pruned => {
+                let name = format!("the average of round {}", closed.round);
+                (Check::LeftOut(what, Why::Pruned, name), Err(()))
+            }
             Err(check) => (check, Err(())),
         };
+        if let Check::LeftOut(_, Why::Pruned, _) = &average {
+            self.unrepeatable.add(closed.round);
+        }
         enter(&mut self.account, &mut self.found, index, average);
-        if let Some(result) = closings::result(before, closed, combined, self.depth, blobs) {
+        if let Some(result) = closings::result(before, closed, combined, depth, excuse, blobs) {
             enter(&mut self.account, &mut self.found, index, result);
         }
         self.forget_round();
@@ -253,13 +289,19 @@ impl Recheck for Auditor {
         }
         let (policy, depth, blobs) = (genesis.policy, self.depth, blobs.clone());
         self.check(0, move || {
-            checks::whole(What::Policy, "the initial policy", &policy, depth, &blobs)
+            let (name, excuse) = ("the initial policy", Excuse::default());
+            checks::whole(What::Policy, name, &policy, depth, excuse, &blobs)
         });
         std::mem::take(&mut self.found)
     }
 
+    fn pruned(&mut self, pruning: &Pruning) {
+        self.pruning = Some(*pruning);
+    }
+
     fn entry(&mut self, before: &State, index: u64, entry: &Entry, blobs: &Blobs) -> Vec<Finding> {
         let depth = self.depth;
+        let excuse = |round| Excuse::of(self.pruning, round, index);
         let recorded = |submission: &Signed<Submission>| Recorded {
             index,
             time_ms: entry.time_ms,
@@ -280,24 +322,27 @@ impl Recheck for Auditor {
                     .retain(|index, _| disputable.contains_key(index));
                 let evaluation = Evaluation::of(before);
                 let limit = BlobKind::Weights.max_bytes(before.rules());
-                let (base, blobs) = (opened.base, blobs.clone());
+                let (base, excuse, blobs) = (opened.base, excuse(opened.round), blobs.clone());
                 self.check(index, move || {
-                    checks::base(evaluation, limit, &base, depth, &blobs)
+                    checks::base(evaluation, limit, &base, depth, excuse, &blobs)
                 });
             }
             Body::ContributionAccepted(submission) => self.examine(recorded(submission), blobs),
             Body::ContributionRejected { submission, reason } => {
                 let (recorded, reason) = (recorded(submission), reason.clone());
+                let excuse = excuse(submission.statement.claim.terms.round);
                 let blobs = blobs.clone();
                 self.begin(move || {
-                    Outcome::Check(index, recorded.rejected(&reason, depth, &blobs))
+                    Outcome::Check(index, recorded.rejected(&reason, depth, excuse, &blobs))
                 });
             }
             Body::RoundClosed(closed) => {
+                let excuse = excuse(closed.round);
                 self.closed(before, index, closed, blobs);
                 let (global, blobs) = (closed.global.blob, blobs.clone());
                 self.check(index, move || {
-                    checks::whole(What::Globals, "the global weights", &global, depth, &blobs)
+                    let name = "the global weights";
+                    checks::whole(What::Globals, name, &global, depth, excuse, &blobs)
                 });
             }
             Body::DisputeResolved(resolved) => {
@@ -354,12 +399,24 @@ impl Recheck for Auditor {
             &self.account,
             &self.accepted,
             &self.doubtful,
+            &self.unrepeatable,
         ))
         .expect("writing to a Vec cannot fail")
     }
 
     fn summary(&mut self) -> Vec<Finding> {
-        self.not_checked().iter().map(NotChecked::finding).collect()
+        let mut found: Vec<_> = self.not_checked().iter().map(NotChecked::finding).collect();
+        if !self.unrepeatable.is_empty() {
+            found.push(Finding::not_checked(
+                None,
+                format!(
+                    "how the updates of {} were combined cannot be computed again, because their blobs were pruned",
+                    self.unrepeatable
+                ),
+            ));
+        }
+        found.extend((self.pruning).map(|pruning| Finding::note(None, pruning.to_string())));
+        found
     }
 }
 

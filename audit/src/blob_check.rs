@@ -1,41 +1,70 @@
 //! Checks the blobs in a ledger's folder: each has the SHA-256 that is its name. [`crate::auditor`] checks proofs and averages.
 
-use zk0_circuits::Digest;
+use crate::checks::excuse::Excuse;
 use zk0_ledger::blobs::{BlobError, Blobs};
 use zk0_ledger::replay::{Finding, Recheck};
+use zk0_protocol::counted::counted;
 use zk0_protocol::entries::entry::{Body, Entry};
 use zk0_protocol::entries::genesis::Genesis;
-use zk0_protocol::rules::named_blobs::named_blobs;
+use zk0_protocol::pruning::Pruning;
+use zk0_protocol::rules::named_blobs::{named_blobs, NamedBlob};
 use zk0_protocol::rules::state::State;
 
 /// Checks the blobs that the ledger names during a replay: hand it to [`zk0_ledger::replay::replay`].
 #[derive(Clone, Copy, Debug, Default)]
-pub struct BlobCheck;
+pub struct BlobCheck {
+    /// What the log's operator says about blobs that are no longer kept.
+    pruning: Option<Pruning>,
+    /// How many of those are not here.
+    pruned: u64,
+}
 
 impl Recheck for BlobCheck {
     fn genesis(&mut self, genesis: &Genesis, blobs: &Blobs) -> Vec<Finding> {
-        check(0, &Body::Genesis(genesis.clone()), blobs)
+        self.check(None, 0, &Body::Genesis(genesis.clone()), blobs)
     }
 
-    fn entry(&mut self, _: &State, index: u64, entry: &Entry, blobs: &Blobs) -> Vec<Finding> {
-        check(index, &entry.body, blobs)
+    fn pruned(&mut self, pruning: &Pruning) {
+        self.pruning = Some(*pruning);
+    }
+
+    fn entry(&mut self, before: &State, index: u64, entry: &Entry, blobs: &Blobs) -> Vec<Finding> {
+        let round = before.round().map(|round| round.number());
+        self.check(round, index, &entry.body, blobs)
+    }
+
+    fn summary(&mut self) -> Vec<Finding> {
+        let note = |pruning: Pruning| {
+            let pruned = counted(self.pruned, "such blob is", "such blobs are");
+            Finding::note(None, format!("{pruning}; {pruned} not in this folder"))
+        };
+        self.pruning.map(note).into_iter().collect()
     }
 }
 
-fn check(index: u64, body: &Body, blobs: &Blobs) -> Vec<Finding> {
-    named_blobs(body)
-        .iter()
-        .filter_map(|blob| whole(index, &blob.digest, blobs))
-        .collect()
-}
-
-fn whole(index: u64, digest: &Digest, blobs: &Blobs) -> Option<Finding> {
-    match blobs.check(digest) {
-        Ok(()) => None,
-        Err(BlobError::Missing(_)) => Some(Finding::note(
-            index,
-            format!("blob {digest} is not in this folder"),
-        )),
-        Err(error) => Some(Finding::fault(index, error.to_string())),
+impl BlobCheck {
+    fn check(
+        &mut self,
+        round: Option<u64>,
+        index: u64,
+        body: &Body,
+        blobs: &Blobs,
+    ) -> Vec<Finding> {
+        let mut found = Vec::new();
+        for NamedBlob { digest, kind } in named_blobs(body) {
+            let excuse = round.map(|round| Excuse::of(self.pruning, round, index));
+            match blobs.check(&digest) {
+                Ok(()) => {}
+                Err(BlobError::Missing(_)) if excuse.is_some_and(|one| one.covers(&kind)) => {
+                    self.pruned += 1;
+                }
+                Err(BlobError::Missing(_)) => found.push(Finding::note(
+                    index,
+                    format!("blob {digest} is not in this folder"),
+                )),
+                Err(error) => found.push(Finding::fault(index, error.to_string())),
+            }
+        }
+        found
     }
 }

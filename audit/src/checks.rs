@@ -1,9 +1,12 @@
-//! The checks themselves; [`closings`] has those of the end of a round. Each is a function of what the ledger says and of the blobs at
+//! The checks themselves; [`closings`] has those of the end of a round, and [`excuse`] says what is not
+//! called missing because it was pruned. Each is a function of what the ledger says and of the blobs at
 //! hand, and uses the functions by which the aggregator decided.
 
 pub mod closings;
+pub mod excuse;
 
 use crate::account::{What, Why};
+use crate::checks::excuse::Excuse;
 use crate::depth::Depth;
 use crate::named::Named;
 use borsh::{BorshDeserialize, BorshSerialize};
@@ -46,6 +49,8 @@ pub struct Recorded {
 pub struct Missing {
     /// The check that needs it.
     pub what: What,
+    /// What the blob holds.
+    pub kind: BlobKind,
     /// The contribution's entry.
     pub index: u64,
     /// The blob in words.
@@ -74,18 +79,28 @@ impl Recorded {
             ))],
             ..Examined::default()
         };
-        let missing = |what, kind: &str, blob: Digest| {
+        let missing = |what, Absent { kind, blob }| {
+            let name = match kind {
+                BlobKind::Weights => format!(
+                    "the file {blob} of the base weights of node {node}'s accepted contribution"
+                ),
+                BlobKind::Proof => {
+                    format!("the proof {blob} of node {node}'s accepted contribution")
+                }
+                _ => format!("the update {blob} of node {node}'s accepted contribution"),
+            };
             Some(Missing {
                 what,
+                kind,
                 index: self.index,
-                name: format!("the {kind} {blob} of node {node}'s accepted contribution"),
+                name,
             })
         };
         let proof = match self.proof(blobs) {
             Ok(Ok(proof)) => proof,
-            Ok(Err(blob)) => {
+            Ok(Err(absent)) => {
                 return Examined {
-                    missing: missing(What::Proofs, "proof", blob),
+                    missing: missing(What::Proofs, absent),
                     ..Examined::default()
                 }
             }
@@ -110,7 +125,7 @@ impl Recorded {
                     checks,
                     missing: weights
                         .err()
-                        .and_then(|blob| missing(What::Updates, "update", blob)),
+                        .and_then(|absent| missing(What::Updates, absent)),
                     ..Examined::default()
                 };
             }
@@ -132,7 +147,7 @@ impl Recorded {
                 checks.push(Check::LeftOut(What::Updates, Why::Light, what));
                 None
             }
-            Err(blob) => missing(What::Updates, "update", blob),
+            Err(absent) => missing(What::Updates, absent),
         };
         Examined {
             checks,
@@ -143,7 +158,7 @@ impl Recorded {
     }
 
     /// Checks that the recorded reason of a refusal is the one that verification gives.
-    pub fn rejected(&self, reason: &Refusal, depth: Depth, blobs: &Blobs) -> Check {
+    pub fn rejected(&self, reason: &Refusal, depth: Depth, excuse: Excuse, blobs: &Blobs) -> Check {
         let node = self.node();
         let failed = |found: &dyn Display| {
             Check::Failed(format!(
@@ -158,26 +173,28 @@ impl Recorded {
             }
             _ => {}
         }
-        let about_update = matches!(
-            reason,
-            Refusal::MalformedUpdate(_)
-                | Refusal::OtherWeights { .. }
-                | Refusal::OtherWeightCheck { .. }
-                | Refusal::OtherModels(_)
-                | Refusal::TooFar { .. }
-                | Refusal::UnreadWeights { .. }
-        );
+        let about_update = reason.rests_on_update();
         if about_update && depth == Depth::Light {
             let what = format!("node {node}'s update was refused");
             return Check::LeftOut(What::Refusals, Why::Light, what);
         }
-        let missing = |what: &str, blob: Digest| {
-            let what = format!("the refused {what} {blob} of node {node}");
-            not_at_hand(What::Refusals, what)
+        let missing = |absent: Absent| {
+            let Absent { kind, blob } = absent;
+            let what = match kind {
+                BlobKind::Weights if !excuse.covers(&kind) => {
+                    return failed(&format!("the file {blob} of the base weights is missing"))
+                }
+                BlobKind::Weights => {
+                    format!("the base weights {blob} of node {node}'s refused update")
+                }
+                BlobKind::Proof => format!("the refused proof {blob} of node {node}"),
+                _ => format!("the refused update {blob} of node {node}"),
+            };
+            not_at_hand(What::Refusals, what, excuse.why(&kind))
         };
         let proof = match self.proof(blobs) {
             Ok(Ok(proof)) => proof,
-            Ok(Err(blob)) => return missing("proof", blob),
+            Ok(Err(proof)) => return missing(proof),
             Err(error) => return failed(&error),
         };
         let weights = match about_update {
@@ -185,7 +202,7 @@ impl Recorded {
             false => None,
             true => match self.weights(blobs) {
                 Ok(Ok(weights)) => Some(weights),
-                Ok(Err(blob)) => return missing("update", blob),
+                Ok(Err(weights)) => return missing(weights),
                 Err(error) => return failed(&error),
             },
         };
@@ -210,7 +227,7 @@ impl Recorded {
     fn proof(&self, blobs: &Blobs) -> AtHand<Vec<u8>> {
         let get = |digest: &Digest, limit| blobs.get(digest, limit);
         let proof = read_proof(&self.submission, self.before.rules(), get);
-        at_hand(BlobKind::Proof, proof)
+        at_hand(proof)
     }
 
     fn weights(&self, blobs: &Blobs) -> AtHand<WeightFiles> {
@@ -218,7 +235,7 @@ impl Recorded {
         let get = |digest: &Digest, limit| blobs.get(digest, limit);
         let rules = self.before.rules();
         let weights = WeightFiles::read(&terms.update.blob, &terms.base.blob, rules, get);
-        at_hand(BlobKind::Update, weights)
+        at_hand(weights)
     }
 
     /// Verifies the contribution, or only its claim where the weights are not read.
@@ -236,16 +253,23 @@ impl Recorded {
     }
 }
 
-/// What was read, or the blob that is not at hand; it is an error if something else is wrong.
-type AtHand<T> = Result<Result<T, Digest>, Unreadable<BlobError>>;
+/// A blob that is not at hand.
+#[derive(Clone, Copy, Debug)]
+struct Absent {
+    kind: BlobKind,
+    blob: Digest,
+}
 
-/// What is said of a blob of this kind that is not at hand is for the caller to decide.
-fn at_hand<T>(expected: BlobKind, read: Result<T, Unreadable<BlobError>>) -> AtHand<T> {
+/// What was read, or the blob that is not at hand; it is an error if something else is wrong.
+type AtHand<T> = Result<Result<T, Absent>, Unreadable<BlobError>>;
+
+/// What is said of a blob that is not at hand is for the caller to decide.
+fn at_hand<T>(read: Result<T, Unreadable<BlobError>>) -> AtHand<T> {
     match read {
         Err(Unreadable {
             kind,
             error: BlobError::Missing(blob),
-        }) if kind == expected => Ok(Err(blob)),
+        }) => Ok(Err(Absent { kind, blob })),
         other => other.map(Ok),
     }
 }
@@ -322,13 +346,24 @@ pub fn evaluation(genesis: &Genesis, named: &Named) -> Check {
 }
 
 /// Checks that a blob is the one that the ledger names.
-pub fn whole(what: What, name: &str, blob: &Digest, depth: Depth, blobs: &Blobs) -> Check {
+pub fn whole(
+    what: What,
+    name: &str,
+    blob: &Digest,
+    depth: Depth,
+    excuse: Excuse,
+    blobs: &Blobs,
+) -> Check {
     if depth == Depth::Light {
         return Check::LeftOut(what, Why::Light, format!("{name} {blob}"));
     }
     match blobs.check(blob) {
         Ok(()) => Check::Passed(what),
-        Err(BlobError::Missing(blob)) => not_at_hand(what, format!("{name} {blob}")),
+        Err(BlobError::Missing(blob)) => not_at_hand(
+            what,
+            format!("{name} {blob}"),
+            excuse.why(&BlobKind::Weights),
+        ),
         Err(error) => Check::Failed(format!("{name} {blob} cannot be checked: {error}")),
     }
 }
@@ -354,6 +389,7 @@ pub fn dataset(
             return not_at_hand(
                 What::Datasets,
                 format!("the list {blob} of node {node}'s dataset"),
+                Why::NotAtHand,
             )
         }
         Err(error) => {
@@ -374,6 +410,7 @@ pub fn base(
     limit: u64,
     base: &WeightsDigest,
     depth: Depth,
+    excuse: Excuse,
     blobs: &Blobs,
 ) -> Check {
     if depth == Depth::Light {
@@ -386,7 +423,8 @@ pub fn base(
     let checked = match blobs.get(&base.blob, limit) {
         Ok(file) => evaluation.and_then(|evaluation| evaluation.check_update(&file, base)),
         Err(BlobError::Missing(blob)) => {
-            return not_at_hand(What::Bases, format!("the base weights {blob}"))
+            let why = excuse.why(&BlobKind::Weights);
+            return not_at_hand(What::Bases, format!("the base weights {blob}"), why);
         }
         Err(error) => return Check::Failed(format!("the base weights cannot be read: {error}")),
     };
@@ -396,6 +434,6 @@ pub fn base(
     }
 }
 
-pub(crate) fn not_at_hand(what: What, name: String) -> Check {
-    Check::LeftOut(what, Why::NotAtHand, format!("{name} is not at hand"))
+pub(crate) fn not_at_hand(what: What, name: String, why: Why) -> Check {
+    Check::LeftOut(what, why, format!("{name} is not at hand"))
 }

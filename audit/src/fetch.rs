@@ -140,6 +140,7 @@ pub fn is_wrong(error: &MirrorError) -> bool {
                 | LedgerError::Forked { .. }
                 | LedgerError::OtherNetwork { .. }
                 | LedgerError::BadEntry { .. }
+                | LedgerError::BadPruning { .. }
                 | LedgerError::Rule(_)
                 | LedgerError::CheckpointFile { .. }
                 | LedgerError::Blob(BlobError::WrongDigest { .. } | BlobError::TooLarge { .. })

@@ -23,7 +23,7 @@ impl Fsck {
 /// Checks the ledger in `dir`.
 pub fn fsck(dir: &Path) -> Fsck {
     Fsck {
-        report: replay(dir, None, &mut BlobCheck),
+        report: replay(dir, None, &mut BlobCheck::default()),
         published: Publication::open(dir, None).map(|view| view.checkpoint().size),
     }
 }

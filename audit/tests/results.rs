@@ -12,6 +12,7 @@ use harness::*;
 use tempfile::TempDir;
 use zk0_audit::account::{What, Why};
 use zk0_audit::checks::closings::result;
+use zk0_audit::checks::excuse::Excuse;
 use zk0_audit::checks::Check;
 use zk0_audit::report::history::History;
 use zk0_audit::report::html::page;
@@ -138,7 +139,7 @@ impl Accepted {
     fn audited(&self, closed: &RoundClosed, depth: Depth) -> Check {
         let combined = Ok(Some(self.combined.clone()));
         let (state, blobs) = (self.operator.state(), self.operator.ledger.blobs());
-        result(state, closed, combined, depth, blobs).unwrap()
+        result(state, closed, combined, depth, Excuse::default(), blobs).unwrap()
     }
 
     /// Records the closing, and opens the next round.

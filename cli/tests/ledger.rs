@@ -1,12 +1,17 @@
 //! `zk0 ledger` and `zk0 audit replay` on the committed ledger, which holds a real proof. The ledger is exported, served and mirrored, and
-//! each of these is audited; and an entry is proven offline.
+//! each of these is audited; and an entry is proven offline. Ledgers
+//! without real proofs are pruned.
 
 mod harness;
 
+use ed25519_dalek::SigningKey;
+use harness::made_ledger::Made;
 use harness::serving::Serving;
 use harness::{ends, logged, printed, prints, text, zk0, LEDGER};
 use std::fs;
-use std::path::Path;
+use std::net::TcpListener;
+use std::path::{Path, PathBuf};
+use zk0_ledger::Ledger;
 
 /// Runs a command that has to fail, and to say `words`.
 #[track_caller]
@@ -196,4 +201,98 @@ fn a_witness_is_made_and_served() {
         vkey.trim(),
     ];
     fails(&wrong, "that of a log");
+}
+
+/// A ledger of two closed rounds whose claims were refused, its key file, and a file that no entry names.
+fn to_prune(scratch: &Path) -> (PathBuf, PathBuf) {
+    let (dir, key) = (scratch.join("ledger"), scratch.join("log.key"));
+    fs::write(&key, "07".repeat(32)).unwrap();
+    let mut made = Made::found(&dir, 1);
+    made.round();
+    made.round();
+    made.ledger.blobs().put(b"nobody's").unwrap();
+    (dir, key)
+}
+
+fn with<'a>(prune: &[&'a str], more: &[&'a str]) -> Vec<&'a str> {
+    [prune, more].concat()
+}
+
+#[test]
+fn pruning_says_what_goes_before_it_goes() {
+    let scratch = tempfile::tempdir().unwrap();
+    let (dir, key) = to_prune(scratch.path());
+    let blobs = || fs::read_dir(dir.join("blobs/sha256")).unwrap().count();
+    // The nodes of both rounds submitted the same three files.
+    assert_eq!(blobs(), 4);
+    let prune = ["ledger", "prune", text(&dir)];
+    let older = ["--keep-rounds", "0", "--proofs-too"];
+    let said = prints(&with(&prune, &[&older[..], &["--dry-run"]].concat()));
+    for line in [
+        "closed       2 rounds",
+        "delete       15 bytes, 3 proofs of rounds 0 to 1",
+        "delete       8 bytes, 1 file that no entry names",
+        "keep         0 blobs, 0 bytes",
+        "afterwards   nobody can check the proofs of rounds 0 to 1",
+        "sign         the log's operator has pruned the updates of rounds 0 to 1, the proofs of rounds 0 to 1 (signed about the first",
+        "dry run      nothing was deleted",
+    ] {
+        assert!(said.contains(line), "{line}: {said}");
+    }
+    assert_eq!(blobs(), 4);
+    // Without the key nobody deletes, nor with another key.
+    ends(2, zk0(&prune));
+    ends(
+        2,
+        zk0(&with(&prune, &["--key", text(&key), "--proofs-too"])),
+    );
+    let other = scratch.path().join("other.key");
+    fs::write(&other, "08".repeat(32)).unwrap();
+    fails(&with(&prune, &["--key", text(&other)]), "not the log key");
+    assert_eq!(blobs(), 4);
+    // Only what no audit reads.
+    let said = prints(&with(&prune, &["--key", text(&key)]));
+    assert!(said.contains("deleted      1 blob, 8 bytes"), "{said}");
+    assert!(!said.contains("sign"), "{said}");
+    assert_eq!(blobs(), 3);
+    let audited = || ends(3, zk0(&["audit", "replay", text(&dir)]));
+    let before = printed(&audited());
+    assert!(!before.contains("pruned"), "{before}");
+    let with_key = [&older[..], &["--key", text(&key)]].concat();
+    let said = prints(&with(&prune, &with_key));
+    assert!(said.contains("deleted      3 blobs, 15 bytes"), "{said}");
+    assert_eq!(blobs(), 0);
+    let after = printed(&audited());
+    let line = "not checked  6 refusals' reasons: the log's operator has pruned what this needs; the first, the refused proof";
+    assert!(after.contains(line), "{after}");
+    let note = "note         the log's operator has pruned the updates of rounds 0 to 1, the proofs of rounds 0 to 1 (signed";
+    assert!(after.contains(note), "{after}");
+    // So does an aggregator that starts. This one ends at once, because its port is in use.
+    let taken = TcpListener::bind("127.0.0.1:0").unwrap();
+    let listen = taken.local_addr().unwrap().to_string();
+    let serve = ["aggregator", "serve", text(&dir), "--key", text(&key)];
+    let repeated = "how the updates of rounds 0 to 1 were combined cannot be computed again";
+    fails(&[&serve[..], &["--listen", &listen]].concat(), repeated);
+    // The six updates never were in this folder.
+    let said = prints(&["ledger", "fsck", text(&dir)]);
+    let note = "12 such blobs are not in this folder";
+    assert!(said.contains(note), "{said}");
+}
+
+#[test]
+fn nobody_prunes_a_ledger_that_is_in_use() {
+    let scratch = tempfile::tempdir().unwrap();
+    let (dir, key) = to_prune(scratch.path());
+    let writer = Ledger::open(&dir, None, SigningKey::from_bytes(&[7; 32])).unwrap();
+    let prune = ["ledger", "prune", text(&dir), "--key", text(&key)];
+    fails(
+        &prune,
+        "is in use by another process: stop that process first",
+    );
+    // Looking is allowed.
+    let said = prints(&["ledger", "prune", text(&dir), "--dry-run"]);
+    assert!(said.contains("1 file that no entry names"), "{said}");
+    drop(writer);
+    let said = prints(&prune);
+    assert!(said.contains("deleted      1 blob, 8 bytes"), "{said}");
 }

@@ -57,6 +57,7 @@ pub enum BackupError {
 /// A ledger's folder as the source of a copy, with all its content, public or not.
 struct Whole {
     text: Vec<u8>,
+    pruned: Option<Vec<u8>>,
     size: u64,
     store: Store,
     blobs: Blobs,
@@ -69,7 +70,9 @@ impl Whole {
         if !database.exists() {
             return Err(LedgerError::NoLedger(dir.into()).into());
         }
-        // The checkpoint's text is read first, because its entries were in the database before it was written.
+        // The checkpoint's text and the statement about pruned blobs are read first, because their entries were in the database before
+        // they were written.
+        let pruned = folder::read_pruned(dir)?;
         let path = folder::checkpoint(dir);
         let text = folder::read_checkpoint(dir)?;
         let text = text.ok_or_else(|| LedgerError::NoCheckpoint(path.clone()))?;
@@ -85,6 +88,7 @@ impl Whole {
         }
         Ok(Self {
             text,
+            pruned,
             size: signed.size,
             store,
             blobs: Blobs::at(dir),
@@ -107,6 +111,7 @@ impl Source for Whole {
                     Err(error) => Err(failed(&error)),
                 }
             }
+            Some(Resource::Pruned) => self.pruned.clone(),
             Some(Resource::Policy) | None => None,
         };
         Ok(bytes.map(|bytes| Box::new(Cursor::new(bytes)) as Box<dyn Read>))

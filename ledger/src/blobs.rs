@@ -50,7 +50,7 @@ impl Blobs {
 
     /// The path of a blob, whether or not it exists.
     pub fn path(&self, digest: &Digest) -> PathBuf {
-        self.dir.join("sha256").join(digest.to_string())
+        self.folder().join(digest.to_string())
     }
 
     /// Whether a blob exists. Its bytes are not checked.
@@ -65,6 +65,30 @@ impl Blobs {
             .filter_map(|folder| fs::read_dir(self.dir.join(folder)).ok())
             .map(Iterator::count)
             .sum()
+    }
+
+    /// The blobs, complete ones alone, each with its size in bytes. Their bytes are not checked.
+    pub(crate) fn all(&self) -> Result<Vec<(Digest, u64)>, BlobError> {
+        let folder = self.folder();
+        let found = match fs::read_dir(&folder) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
+            found => found.map_err(io_error(&folder))?,
+        };
+        let mut blobs = Vec::new();
+        for file in found {
+            let file = file.map_err(io_error(&folder))?;
+            let name = file.file_name();
+            if let Some(digest) = name.to_str().and_then(|name| name.parse().ok()) {
+                let about = file.metadata().map_err(io_error(&file.path()))?;
+                blobs.push((digest, about.len()));
+            }
+        }
+        Ok(blobs)
+    }
+
+    /// The folder of the complete blobs, whether or not it exists.
+    pub(crate) fn folder(&self) -> PathBuf {
+        self.dir.join("sha256")
     }
 
     fn open(&self, digest: &Digest) -> Result<(PathBuf, File), BlobError> {
@@ -97,7 +121,7 @@ impl Blobs {
 
     /// Makes the folders of a file that is to become a blob, and of the blob.
     fn make_folders(&self, file: &Path) -> Result<(), BlobError> {
-        for folder in [folder_of(file), &self.dir.join("sha256")] {
+        for folder in [folder_of(file), &self.folder()] {
             fs::create_dir_all(folder).map_err(io_error(folder))?;
         }
         Ok(())
@@ -260,10 +284,7 @@ impl UnfinishedBlob {
         let place = self.blobs.path(digest);
         put_in_place(&self.file, &self.path, &place).map_err(io_error(&place))?;
         // With the first blob, the folders above it are new too. If their names were lost, the blob would be lost with them.
-        for folder in [
-            folder_of(&self.blobs.dir.join("sha256")),
-            folder_of(&self.blobs.dir),
-        ] {
+        for folder in [folder_of(&self.blobs.folder()), folder_of(&self.blobs.dir)] {
             sync_folder(folder).map_err(io_error(folder))?;
         }
         Ok(())

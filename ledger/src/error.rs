@@ -63,6 +63,9 @@ pub enum LedgerError {
     /// The policy file does not hold a policy.
     #[error("{path}: {why}")]
     BadPolicy { path: PathBuf, why: String },
+    /// The statement about pruned blobs does not count.
+    #[error("{from} does not hold a statement about pruned blobs that counts: {why}. Put it back from an export or a mirror, or remove it and prune again")]
+    BadPruning { from: String, why: String },
     /// The checkpoint file does not hold the newest checkpoint of the database.
     #[error("{path} holds a checkpoint of {published} entries, but the database has {size} entries. If the aggregator was killed, start it once")]
     OtherPublished {

@@ -1,10 +1,11 @@
-//! A ledger's folder, and the small files in it: the newest signed checkpoint and, if witnesses cosign checkpoints, the witness policy
-//! and the newest checkpoint with its cosignatures.
+//! A ledger's folder, and the small files in it: the newest signed checkpoint; if witnesses cosign checkpoints, the witness policy and
+//! the newest checkpoint with its cosignatures; and if blobs were pruned, the statement that says so.
 
 use crate::error::{io_error, LedgerError};
 use std::path::{Path, PathBuf};
 use zk0_files::atomic_file::{self, sync_folder};
 use zk0_files::bounded_file;
+use zk0_protocol::pruning::PRUNING_BYTES;
 use zk0_protocol::tlog::checkpoint::{MAX_CHECKPOINT_BYTES, MAX_NOTE_BYTES};
 use zk0_protocol::tlog::witness_policy::{WitnessPolicy, MAX_POLICY_BYTES};
 
@@ -26,6 +27,11 @@ pub fn cosigned(dir: &Path) -> PathBuf {
 /// The witness policy in `dir`: the witnesses, and the quorum that a published checkpoint needs.
 pub fn policy(dir: &Path) -> PathBuf {
     dir.join("policy")
+}
+
+/// What the log's operator says about blobs that are no longer kept, in `dir`.
+pub fn pruned(dir: &Path) -> PathBuf {
+    dir.join("pruned")
 }
 
 /// The checkpoint file's content, if there is such a file.
@@ -52,6 +58,16 @@ pub fn read_policy(dir: &Path) -> Result<WitnessPolicy, LedgerError> {
             WitnessPolicy::parse(&text).map_err(|error| bad(error.to_string()))
         }
     }
+}
+
+/// The encoded statement about pruned blobs, if there is such a file.
+pub(crate) fn read_pruned(dir: &Path) -> Result<Option<Vec<u8>>, LedgerError> {
+    read(&pruned(dir), PRUNING_BYTES)
+}
+
+/// Replaces the statement about pruned blobs. It is on disk when this returns.
+pub(crate) fn write_pruned(dir: &Path, bytes: &[u8]) -> Result<(), LedgerError> {
+    replace(&pruned(dir), bytes)
 }
 
 /// Replaces the folder's policy. It is on disk when this returns.

@@ -5,6 +5,7 @@
 //!   beside the log, named by their SHA-256; [`clock`]: whether the writer's clock is right.
 //! - [`replay`]: an auditor reads and verifies everything again.
 //! - [`published`]: the log as others read it, and mirrors of it; [`backup`]: copies of a ledger's folder, and how one is restored.
+//! - [`prune`]: deletes blobs that no audit needs any more; [`pruned`]: the file that says so.
 //! - [`witness_store`]: the files of a witness.
 
 pub mod backup;
@@ -15,6 +16,8 @@ pub mod folder;
 pub mod group;
 mod history;
 pub mod log;
+pub mod prune;
+pub mod pruned;
 pub mod published;
 pub mod replay;
 pub mod store;

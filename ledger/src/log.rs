@@ -10,6 +10,7 @@
 //! | `log/` | the database ([`crate::store`]) |
 //! | `checkpoint` | the newest signed checkpoint, outside the database, so that a restored backup of the database is noticed |
 //! | `blobs/sha256/` | content-addressed proofs, weights and leaf lists ([`crate::blobs`]) |
+//! | `pruned` | which blobs are no longer kept, if some were pruned ([`crate::pruned`]) |
 //! | `policy` | the witness policy, if witnesses cosign checkpoints ([`zk0_protocol::tlog::witness_policy`]) |
 //! | `cosigned` | in that case, the newest checkpoint with its quorum of cosignatures: the one that is published |
 
@@ -30,6 +31,7 @@ use zk0_protocol::challenge::vrf::VrfProof;
 use zk0_protocol::entries::entry::{Body, Entry, ENTRY_VERSION};
 use zk0_protocol::entries::genesis::Genesis;
 use zk0_protocol::entries::known_keys::KnownKeys;
+use zk0_protocol::entries::signed::{Signed, Statement};
 use zk0_protocol::rules::state::State;
 use zk0_protocol::rules::violation::RuleViolation;
 use zk0_protocol::tlog::checkpoint::Checkpoint;
@@ -267,6 +269,11 @@ impl Ledger {
     /// Whether a write has failed. Then nothing more is written until the ledger is opened again.
     pub fn has_failed(&self) -> bool {
         self.poisoned
+    }
+
+    /// Signs a statement of the log's operator with the log's key.
+    pub(crate) fn sign<T: Statement>(&self, statement: T) -> Signed<T> {
+        Signed::new(statement, &self.key)
     }
 
     /// The log's verifiable random function for `input`, with its proof.

@@ -36,6 +36,7 @@ fn paths_are_those_of_the_specification() {
     };
     for (path, resource) in [
         ("checkpoint", Resource::Checkpoint),
+        ("zk0/pruned", Resource::Pruned),
         ("tile/0/000", tile(Kind::Hashes(0), 0, 256)),
         (
             "tile/3/x001/x234/067",

@@ -13,7 +13,8 @@
 //! - [`challenge`]: where the randomness of challenges comes from, and how it is verified.
 //! - [`evaluation_set`]: which frames of a recording a node commits to.
 //! - [`tlog`]: RFC 6962 trees, C2SP checkpoints, cosignatures, tiles, receipts.
-//! - [`request_head`]: what a sender signs for each request that changes something.
+//! - [`request_head`]: what a sender signs for each request that changes something. [`pruning`]: what an operator signs about blobs that are
+//!   no longer kept.
 //! - [`blob`]: bytes that are named by their SHA-256.
 //! - [`public_key`]: how ed25519 public keys are read; [`quote`]: how messages quote what a stranger wrote; [`counted`]: numbers of
 //!   things, for people.
@@ -24,6 +25,7 @@ pub mod challenge;
 pub mod counted;
 pub mod entries;
 pub mod evaluation_set;
+pub mod pruning;
 pub mod public_key;
 pub mod quote;
 pub mod request_head;

@@ -11,6 +11,7 @@ use zk0_protocol::entries::entry::MomentsComputed;
 use zk0_protocol::entries::program::Program;
 use zk0_protocol::entries::proposal::Action;
 use zk0_protocol::entries::signed::{Enrolment, Leaving, Proposal, Statement, UploadRequest};
+use zk0_protocol::pruning::Pruning;
 use zk0_protocol::request_head::{Method, RequestHead};
 use zk0_protocol::tlog::checkpoint::Parsed;
 use zk0_protocol::tlog::cosigner::Cosigner;
@@ -126,6 +127,17 @@ fn statements() {
             network: *state.network(),
             node: id(0),
             round: 1,
+        },
+    );
+    check_signed(
+        "signed/pruning",
+        Pruning {
+            network: digest(1),
+            operator: id(0),
+            entries: 57,
+            updates_before: 8,
+            proofs_before: 4,
+            weights_before: 2,
         },
     );
     check_signed(

@@ -6,6 +6,7 @@ use tempfile::TempDir;
 use zk0_aggregator::round::closing::ToClose;
 use zk0_audit::account::{What, Why};
 use zk0_audit::checks::closings::average;
+use zk0_audit::checks::excuse::Excuse;
 use zk0_audit::checks::Check;
 use zk0_audit::verified_entries::verified_entries;
 use zk0_audit::Depth;
@@ -51,13 +52,28 @@ fn round() -> (TempDir, State, Vec<VerifiedContribution>, RoundClosed) {
 fn another_result_than_the_average_is_a_fault() {
     let (dir, state, contributions, closed) = round();
     let blobs = Blobs::at(dir.path());
-    assert!(average(&state, &closed, &contributions, Depth::Full, &blobs).is_ok());
+    assert!(average(
+        &state,
+        &closed,
+        &contributions,
+        Depth::Full,
+        Excuse::default(),
+        &blobs
+    )
+    .is_ok());
     let mut other = closed;
     match &mut other.evaluated {
         Some(evaluated) => evaluated.weights.quantised.0[0] ^= 1,
         None => other.global.quantised.0[0] ^= 1,
     }
-    match average(&state, &other, &contributions, Depth::Full, &blobs) {
+    match average(
+        &state,
+        &other,
+        &contributions,
+        Depth::Full,
+        Excuse::default(),
+        &blobs,
+    ) {
         Err(Check::Failed(why)) => assert!(why.contains("but its contributions give"), "{why}"),
         found => panic!("not found: {found:?}"),
     }
@@ -117,7 +133,14 @@ fn an_update_that_changed_on_disk_after_its_verification_is_not_averaged() {
         }
         found => panic!("{found:?}"),
     }
-    match average(&state, &closed, &contributions, Depth::Full, &blobs) {
+    match average(
+        &state,
+        &closed,
+        &contributions,
+        Depth::Full,
+        Excuse::default(),
+        &blobs,
+    ) {
         Err(Check::Failed(why)) => assert!(why.contains("has changed since"), "{why}"),
         found => panic!("{found:?}"),
     }
@@ -172,7 +195,16 @@ fn momentum_reads_the_base_of_the_round_before() {
         Some(evaluated) => evaluated.weights = result.digest,
         None => closed.global = result.digest,
     }
-    let audited = || average(&state, &closed, &contributions, Depth::Full, &blobs);
+    let audited = || {
+        average(
+            &state,
+            &closed,
+            &contributions,
+            Depth::Full,
+            Excuse::default(),
+            &blobs,
+        )
+    };
     assert_eq!(audited().unwrap(), Some(result));
     // It is not left out where nobody gave the file.
     let without = BaseFiles {

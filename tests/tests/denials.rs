@@ -1,6 +1,7 @@
 //! An operator denies that a contribution with a real proof verifies: it refuses the contribution, or upholds a dispute of it. The audit
 //! finds both.
 
+use zk0_audit::checks::excuse::Excuse;
 use zk0_audit::checks::{disputed, Check, Recorded};
 use zk0_audit::Depth;
 use zk0_ledger::blobs::Blobs;
@@ -22,7 +23,7 @@ fn a_good_contribution_that_was_refused_is_a_fault() {
         Refusal::InvalidProof("because".into()),
         Refusal::MalformedUpdate("because".into()),
     ] {
-        match recorded.rejected(&reason, Depth::Full, &blobs) {
+        match recorded.rejected(&reason, Depth::Full, Excuse::default(), &blobs) {
             Check::Failed(why) => assert!(why.ends_with("nothing wrong with it"), "{why}"),
             found => panic!("not found: {found:?}"),
         }
@@ -31,7 +32,7 @@ fn a_good_contribution_that_was_refused_is_a_fault() {
     let others = Refusal::NoVerifier {
         sp1: "9.9.9".into(),
     };
-    match recorded.rejected(&others, Depth::Full, &blobs) {
+    match recorded.rejected(&others, Depth::Full, Excuse::default(), &blobs) {
         Check::Failed(why) => assert!(why.contains("not to blame"), "{why}"),
         found => panic!("not found: {found:?}"),
     }

@@ -70,7 +70,10 @@ impl LogServer {
     }
 
     fn content(&self, resource: &Resource) -> Result<Option<Content>, PublicationError> {
-        if matches!(resource, Resource::Checkpoint | Resource::Policy) {
+        if matches!(
+            resource,
+            Resource::Checkpoint | Resource::Policy | Resource::Pruned
+        ) {
             return Ok(self.newest()?.read(resource)?);
         }
         match self.recent()?.read(resource)? {
@@ -91,6 +94,7 @@ async fn read(
     };
     let (kind, cache) = match resource {
         Resource::Checkpoint | Resource::Policy => (TEXT, NO_CACHE),
+        Resource::Pruned => (BINARY, NO_CACHE),
         Resource::Tile(_) | Resource::Blob(_) => (BINARY, IMMUTABLE),
     };
     let failed = |error: &dyn std::fmt::Display| {

@@ -20,9 +20,11 @@ use std::path::Path;
 use std::sync::Arc;
 use zk0_circuits::{Digest, NodeId};
 use zk0_ledger::log::Ledger;
+use zk0_ledger::pruned;
 use zk0_protocol::entries::entry::{Body, DisputeResolved, Entry, ProposalSettled, ENTRY_VERSION};
 use zk0_protocol::entries::genesis::Genesis;
 use zk0_protocol::entries::member::NodeEnrolled;
+use zk0_protocol::pruning::rounds_before;
 use zk0_protocol::rules::disclosed_blobs::BlobAccess;
 use zk0_protocol::rules::state::{Standing, State};
 use zk0_protocol::tlog::receipt::Receipt;
@@ -117,6 +119,12 @@ impl Aggregator {
         let mut ledger = Ledger::open(dir, network, key)?;
         check_genesis(ledger.state().genesis())?;
         check_open_round(ledger.state())?;
+        if let Some(pruning) = pruned::read(dir, ledger.state().genesis())? {
+            tracing::info!(
+                "{pruning}; how the updates of {} were combined cannot be computed again from this folder",
+                rounds_before(pruning.updates_before)
+            );
+        }
         let steady = clock.clone();
         ledger.watch_clock(clock.now_ms(), move || steady.steady())?;
         let FromLedger {
@@ -341,6 +349,9 @@ impl Aggregator {
     /// Whether and where a blob may be read.
     pub fn blob(&self, digest: &Digest) -> Result<std::path::PathBuf, RequestError> {
         match self.index.disclosed.access(digest) {
+            BlobAccess::Public if !self.ledger.blobs().contains(digest) => {
+                Err(RequestError::NotKept(*digest))
+            }
             BlobAccess::Public => Ok(self.ledger.blobs().path(digest)),
             BlobAccess::HeldBack => Err(RequestError::HeldBack(*digest)),
             BlobAccess::Unknown => Err(RequestError::UnknownBlob(*digest)),

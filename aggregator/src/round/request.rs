@@ -32,6 +32,9 @@ pub enum RequestError {
     /// No entry names the blob.
     #[error("the ledger names no blob {0}")]
     UnknownBlob(zk0_circuits::Digest),
+    /// An entry names the blob, and it is not here.
+    #[error("this aggregator does not have blob {0} any more: it was pruned, or is lost")]
+    NotKept(zk0_circuits::Digest),
     /// Only the network's operator may do this.
     #[error("only the network's operator enrols nodes, with the log's key; this enrolment is signed by {0}")]
     NotOperator(zk0_circuits::NodeId),
@@ -147,7 +150,7 @@ impl RequestError {
                 Code::FailedPrecondition
             }
             Self::HeldBack(_) | Self::NotOperator(_) => Code::PermissionDenied,
-            Self::UnknownBlob(_) => Code::NotFound,
+            Self::UnknownBlob(_) | Self::NotKept(_) => Code::NotFound,
             Self::Busy(_) => Code::ResourceExhausted,
             Self::OtherPlace(_) => Code::Aborted,
             Self::TimedOut(_) => Code::DeadlineExceeded,

@@ -1,6 +1,7 @@
 //! The checks of the end of a round: the average over its accepted contributions, and the evaluation of the result.
 
 use crate::account::{What, Why};
+use crate::checks::excuse::Excuse;
 use crate::checks::{not_at_hand, Check};
 use crate::depth::Depth;
 use std::io::sink;
@@ -21,6 +22,7 @@ pub fn average(
     closed: &RoundClosed,
     contributions: &[VerifiedContribution],
     depth: Depth,
+    excuse: Excuse,
     blobs: &Blobs,
 ) -> Result<Option<Global>, Check> {
     let what = || format!("the average of round {}", closed.round);
@@ -37,14 +39,14 @@ pub fn average(
     let bases = match BaseFiles::read(before, get) {
         Ok(bases) => bases,
         Err(Unreadable {
+            kind,
             error: BlobError::Missing(blob),
-            ..
         }) => {
             let why = format!(
                 "{}: the base weights {blob} that the strategy reads",
                 what()
             );
-            return Err(not_at_hand(What::Averages, why));
+            return Err(not_at_hand(What::Averages, why, excuse.why(&kind)));
         }
         Err(error) => return Err(Check::Failed(format!("{}: {error}", what()))),
     };
@@ -88,6 +90,7 @@ pub fn result(
     closed: &RoundClosed,
     combined: Result<Option<Global>, ()>,
     depth: Depth,
+    excuse: Excuse,
     blobs: &Blobs,
 ) -> Option<Check> {
     let recorded = closed.evaluated.as_ref()?;
@@ -111,7 +114,7 @@ pub fn result(
                 _ => "the base weights",
             };
             let why = format!("{what}: {name} {blob}");
-            return Some(not_at_hand(What::Results, why));
+            return Some(not_at_hand(What::Results, why, excuse.why(&kind)));
         }
         Err(error) => return Some(Check::Failed(format!("{what}: {error}"))),
     };

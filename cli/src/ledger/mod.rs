@@ -1,5 +1,7 @@
-//! `zk0 ledger`: publish, mirror, back up and check a ledger as files.
+//! `zk0 ledger`: publish, mirror, back up, prune and check a ledger as files.
 
+#[cfg(feature = "full")]
+mod prune;
 mod trust_options;
 
 pub use trust_options::TrustOptions;
@@ -48,6 +50,10 @@ pub enum Command {
     /// Make a ledger's folder from a backup. If an aggregator goes on from a backup that is too old, it signs a second history of its
     /// log, and auditors will notice. So name the newest checkpoint that anybody has; the backup must contain all that it covers.
     Restore(Restore),
+    /// Delete blobs that audits of the chosen depth do not need, and free their disk. Says before what is deleted and what nobody can audit
+    /// afterwards. Kept is whatever the open round, the next one, an open vote or a dispute needs.
+    #[cfg(feature = "full")]
+    Prune(prune::Prune),
     /// Serve a ledger's files over HTTP, for reading (C2SP tlog-tiles).
     #[cfg(feature = "full")]
     Serve {
@@ -150,6 +156,8 @@ pub fn run(command: &Command) -> Result<bool> {
                 );
             }
         }
+        #[cfg(feature = "full")]
+        Command::Prune(options) => prune::prune(options)?,
         #[cfg(feature = "full")]
         Command::Serve { dir, listen } => serve(dir, *listen)?,
         Command::Fsck { dir } => return Ok(check(dir)),

@@ -87,7 +87,7 @@ pub fn export(view: &Publication, out: &Path) -> Result<Exported, ExportError> {
         writer.finish(digest)?;
         exported.blobs += 1;
     }
-    for resource in [Resource::Policy, Resource::Checkpoint] {
+    for resource in [Resource::Pruned, Resource::Policy, Resource::Checkpoint] {
         if let Some(Content::Bytes(bytes)) = view.read(&resource)? {
             write(&out.join(resource.to_string()), &bytes)?;
         }

@@ -9,6 +9,7 @@ use crate::blobs::{BlobError, Blobs};
 use crate::error::{io_error, LedgerError};
 use crate::folder;
 use crate::history::check_network;
+use crate::pruned;
 use crate::published::reader::{first_entry, PublishedError, PublishedLog};
 use crate::published::source::{Source, SourceError};
 use crate::store::{Batch, Store};
@@ -17,9 +18,11 @@ use std::io::Read;
 use std::path::Path;
 use tlog_tiles::tlog::{stored_hash_index, HashReader};
 use zk0_circuits::Digest;
+use zk0_files::bounded_file;
 use zk0_protocol::entries::codec::EntryError;
 use zk0_protocol::entries::entry::{needs_checkpoint, Body, Entry};
 use zk0_protocol::entries::genesis::Genesis;
+use zk0_protocol::pruning::{Pruning, PRUNING_BYTES};
 use zk0_protocol::rules::named_blobs::{named_blobs, NamedBlob};
 use zk0_protocol::rules::network_rules::Rules;
 use zk0_protocol::rules::required_witnesses::RequiredWitnesses;
@@ -28,6 +31,7 @@ use zk0_protocol::tlog::checkpoint::Checkpoint;
 use zk0_protocol::tlog::layout::{Resource, TILE_WIDTH};
 use zk0_protocol::tlog::tree::Frontier;
 use zk0_protocol::tlog::witness_policy::WitnessPolicy;
+use zk0_protocol::Signed;
 
 /// The result of mirroring.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -96,6 +100,8 @@ pub fn mirror(
     };
     let genesis = genesis(&known.map_or_else(|| first_entry(source), Ok)?)?;
     check_network(dir, &genesis.network_id(), network)?;
+    // This is read before the checkpoint, which then covers what it is about.
+    let pruned = served_pruning(source, &genesis)?;
     let key = genesis.verifier_key().map_err(PublishedError::from)?;
     let log = PublishedLog::open(source, &key, policy.unwrap_or(&WitnessPolicy::none()))?;
     fs::create_dir_all(dir).map_err(io_error(dir))?;
@@ -132,6 +138,9 @@ pub fn mirror(
         folder::write_policy(dir, &policy)?;
         folder::write_cosigned(dir, log.text())?;
     }
+    if let Some(signed) = pruned {
+        pruned::keep_newer(dir, &genesis, &signed)?;
+    }
     let (new_blobs, missing_blobs) = blobs(source, &store, &Blobs::at(dir), &genesis.rules, size)?;
     Ok(Mirrored {
         network: genesis.network_id(),
@@ -140,6 +149,20 @@ pub fn mirror(
         new_blobs,
         missing_blobs,
     })
+}
+
+/// What the log's operator says about pruned blobs, if they say something.
+fn served_pruning(
+    source: &dyn Source,
+    genesis: &Genesis,
+) -> Result<Option<Signed<Pruning>>, MirrorError> {
+    let path = Resource::Pruned.to_string();
+    let Some(file) = source.open(&path)? else {
+        return Ok(None);
+    };
+    let bytes = bounded_file::read_from(file, PRUNING_BYTES as u64)
+        .map_err(|error| SourceError::new(&path, error.to_string()))?;
+    Ok(Some(pruned::decode(&path, &bytes, genesis)?))
 }
 
 /// The genesis in a log's first entry.

@@ -8,6 +8,7 @@
 use crate::blobs::Blobs;
 use crate::error::LedgerError;
 use crate::folder;
+use crate::pruned;
 use crate::published::source::{Source, SourceError};
 use crate::published::tiles;
 use crate::store::Store;
@@ -203,6 +204,8 @@ impl Publication {
                 let text = self.policy.for_log(&self.key, &comment);
                 Some(Content::Bytes(text.into_bytes()))
             }
+            Resource::Pruned => pruned::read_signed(&self.dir, &self.genesis)?
+                .map(|signed| Content::Bytes(pruned::encode(&signed))),
             Resource::Tile(tile) => {
                 tiles::read(&self.store, self.checkpoint.size, tile)?.map(Content::Bytes)
             }

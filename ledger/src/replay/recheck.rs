@@ -2,6 +2,7 @@
 
 use super::report::Finding;
 use crate::blobs::Blobs;
+use zk0_protocol::pruning::Pruning;
 use zk0_protocol::{Entry, Genesis, State};
 
 /// The checks that an auditor adds to each entry: proofs, refusals, aggregation. The replay has verified the entry's bytes, the tree and
@@ -9,6 +10,9 @@ use zk0_protocol::{Entry, Genesis, State};
 pub trait Recheck: Send {
     /// The replay begins, and the log has so many entries.
     fn begin(&mut self, _entries: u64) {}
+
+    /// Before any entry but the genesis is checked: what the log's operator says about blobs that are no longer kept.
+    fn pruned(&mut self, _pruning: &Pruning) {}
 
     /// Checks the genesis.
     fn genesis(&mut self, _genesis: &Genesis, _blobs: &Blobs) -> Vec<Finding> {

@@ -6,6 +6,7 @@ use super::{Finding, Keep, Options, Recheck, Report, Saved, Severity, Verdict};
 use crate::blobs::Blobs;
 use crate::error::LedgerError;
 use crate::history::check_network;
+use crate::pruned;
 use crate::store::Store;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -69,14 +70,38 @@ impl<'a> Serial<'a> {
     pub fn begin(&mut self, store: &Store, size: u64) -> Result<u64, Finding> {
         self.size = size;
         self.recheck.begin(size);
-        match self.from.take() {
-            Some(saved) => self.resume(store, saved),
+        let next = match self.from.take() {
+            Some(saved) => self.resume(store, saved)?,
             None => {
                 let chunk = Chunk::read(store, 0..1, None);
                 let authentic = chunk.authenticate(&self.keys);
                 self.take(&chunk, &authentic)?;
-                Ok(1)
+                1
             }
+        };
+        self.read_pruning()?;
+        Ok(next)
+    }
+
+    /// Reads what the log's operator says about blobs that are no longer kept. It cannot be about more entries than the log has.
+    fn read_pruning(&mut self) -> Result<(), Finding> {
+        let Some(genesis) = self.state.as_ref().map(State::genesis) else {
+            return Ok(());
+        };
+        let fault = |error: LedgerError| Finding::fault(None, error.to_string());
+        match pruned::read(&self.dir, genesis).map_err(fault)? {
+            Some(pruning) if pruning.entries > self.size => Err(Finding::fault(
+                None,
+                format!(
+                    "ROLLED BACK: the log's operator has signed a statement about pruned blobs and {} entries, but there are {}",
+                    pruning.entries, self.size
+                ),
+            )),
+            Some(pruning) => {
+                self.recheck.pruned(&pruning);
+                Ok(())
+            }
+            None => Ok(()),
         }
     }
 

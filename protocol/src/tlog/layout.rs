@@ -1,4 +1,4 @@
-//! The files that a log serves: those of C2SP tlog-tiles, and two more kinds.
+//! The files that a log serves: those of C2SP tlog-tiles, and some more kinds.
 //!
 //! | path | content |
 //! |---|---|
@@ -7,9 +7,10 @@
 //! | `tile/entries/<N>[.p/<W>]` | 256 entries, each after its length (16 bits, big-endian) |
 //! | `zk0/checkpoints/<N>[.p/<W>]` | the log's checkpoints after these entries, each after its length; empty where there is none |
 //! | `zk0/policy` | the log's key and the witnesses that cosign its checkpoints (C2SP tlog-policy) |
+//! | `zk0/pruned` | what the operator says about blobs that are no longer kept ([`crate::pruning`]); missing if nothing was pruned |
 //! | `blobs/sha256/<digest>` | proofs and weights, once they are public |
 //!
-//! Only `checkpoint` and `zk0/policy` change. All other files stay as they are.
+//! Only `checkpoint`, `zk0/policy` and `zk0/pruned` change. All other files stay as they are.
 
 use crate::tlog::decimal::decimal;
 use std::fmt;
@@ -31,6 +32,8 @@ pub enum Resource {
     Checkpoint,
     /// The log's key and witnesses.
     Policy,
+    /// Which blobs are no longer kept.
+    Pruned,
     /// A tile, or a bundle.
     Tile(Tile),
     /// A blob.
@@ -141,6 +144,7 @@ impl fmt::Display for Resource {
         match self {
             Self::Checkpoint => f.write_str("checkpoint"),
             Self::Policy => f.write_str("zk0/policy"),
+            Self::Pruned => f.write_str("zk0/pruned"),
             Self::Tile(tile) => tile.fmt(f),
             Self::Blob(digest) => write!(f, "blobs/sha256/{digest}"),
         }
@@ -153,6 +157,7 @@ impl Resource {
         let found = match path {
             "checkpoint" => Self::Checkpoint,
             "zk0/policy" => Self::Policy,
+            "zk0/pruned" => Self::Pruned,
             _ => match path.strip_prefix("blobs/sha256/") {
                 Some(digest) => Self::Blob(digest.parse().ok()?),
                 None => Self::Tile(parse_tile(path)?),

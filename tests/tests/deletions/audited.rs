@@ -37,7 +37,7 @@ pub const REMOVALS: &[Removal] = &[
         check: "an accepted update is not withheld after its round",
         file: "audit/src/auditor.rs",
         replacements: &[
-            ("            self.found.push(Finding::fault(index, why));\n        }\n        let open", "            let _ = why;\n        }\n        let open"),
+            ("                self.found.push(Finding::fault(index, why));\n                continue;", "                let _ = why;\n                continue;"),
         ],
         package: "zk0-audit",
         target: "verdicts",
@@ -47,7 +47,7 @@ pub const REMOVALS: &[Removal] = &[
         check: "a missing policy, or missing global weights, are not called verified",
         file: "audit/src/checks.rs",
         replacements: &[
-            ("Err(BlobError::Missing(blob)) => not_at_hand(what, format!(\"{name} {blob}\")),", "Err(BlobError::Missing(_)) => Check::Passed(what),"),
+            ("Err(BlobError::Missing(blob)) => not_at_hand(\n            what,\n            format!(\"{name} {blob}\"),\n            excuse.why(&BlobKind::Weights),\n        ),", "Err(BlobError::Missing(_)) => Check::Passed(what),"),
         ],
         package: "zk0-audit",
         target: "verdicts",
@@ -57,7 +57,7 @@ pub const REMOVALS: &[Removal] = &[
         check: "a missing list of a dataset is not called verified",
         file: "audit/src/checks.rs",
         replacements: &[
-            ("            return not_at_hand(\n                What::Datasets,\n                format!(\"the list {blob} of node {node}'s dataset\"),\n            )", "            let _ = blob;\n            return Check::Passed(What::Datasets)"),
+            ("            return not_at_hand(\n                What::Datasets,\n                format!(\"the list {blob} of node {node}'s dataset\"),\n                Why::NotAtHand,\n            )", "            let _ = blob;\n            return Check::Passed(What::Datasets)"),
         ],
         package: "zk0-audit",
         target: "verdicts",
@@ -67,7 +67,7 @@ pub const REMOVALS: &[Removal] = &[
         check: "the missing proof of a refusal is not called verified",
         file: "audit/src/checks.rs",
         replacements: &[
-            ("Ok(Err(blob)) => return missing(\"proof\", blob),", "Ok(Err(_)) => return Check::Passed(What::Refusals),"),
+            ("Ok(Err(proof)) => return missing(proof),", "Ok(Err(_)) => return Check::Passed(What::Refusals),"),
         ],
         package: "zk0-audit",
         target: "dishonest_aggregator",
@@ -197,7 +197,7 @@ pub const REMOVALS: &[Removal] = &[
         check: "an average whose base weights are missing is not called verified",
         file: "audit/src/checks/closings.rs",
         replacements: &[
-            ("            return Err(not_at_hand(What::Averages, why));", "            let _ = not_at_hand(What::Averages, why);\n            return Ok(None);"),
+            ("            return Err(not_at_hand(What::Averages, why, excuse.why(&kind)));", "            let _ = (why, kind);\n            return Ok(None);"),
         ],
         package: "zk0-audit",
         target: "averages",
@@ -227,7 +227,7 @@ pub const REMOVALS: &[Removal] = &[
         check: "a result whose evaluation was not checked is not called verified",
         file: "audit/src/checks/closings.rs",
         replacements: &[
-            ("            return Some(not_at_hand(What::Results, why));", "            let _ = not_at_hand(What::Results, why);\n            return Some(Check::Passed(What::Results));"),
+            ("            return Some(not_at_hand(What::Results, why, excuse.why(&kind)));", "            let _ = why;\n            return Some(Check::Passed(What::Results));"),
         ],
         package: "zk0-audit",
         target: "results",

@@ -15,6 +15,7 @@ mod copy;
 mod ledger_rules;
 mod moments;
 mod nodes;
+mod pruned;
 mod service;
 
 use copy::{Copy, Outcome};
@@ -81,6 +82,7 @@ fn every_check_can_be_removed_from_the_sources() {
         attestation::REMOVALS,
         audited::REMOVALS,
         nodes::REMOVALS,
+        pruned::REMOVALS,
         service::REMOVALS,
     ];
     let wrong: Vec<_> = lists
@@ -112,6 +114,7 @@ fn verifier_ledger_and_audit_have_a_test_for_each_check() {
         attestation::REMOVALS,
         audited::REMOVALS,
         nodes::REMOVALS,
+        pruned::REMOVALS,
         service::REMOVALS,
     ]);
 }

@@ -139,6 +139,19 @@ impl State {
 }
 
 impl Refusal {
+    /// Whether a refusal rests on the update besides the proof, so that whoever repeats the check needs both.
+    pub fn rests_on_update(&self) -> bool {
+        matches!(
+            self,
+            Self::MalformedUpdate(_)
+                | Self::OtherWeights { .. }
+                | Self::OtherWeightCheck { .. }
+                | Self::OtherModels(_)
+                | Self::TooFar { .. }
+                | Self::UnreadWeights { .. }
+        )
+    }
+
     /// Whether a refusal follows from the proof and the weights, which are blobs beside the ledger, so that whoever has them can repeat the
     /// check. The other refusals follow from the ledger itself, or concern bytes that are never recorded.
     pub fn follows_from_blobs(&self) -> bool {

@@ -1,0 +1,96 @@
+//! What is not called missing, because the log's operator has signed that it was pruned; and of which rounds nobody can repeat the
+//! combination because of that.
+
+use crate::account::Why;
+use borsh::{BorshDeserialize, BorshSerialize};
+use std::fmt;
+use zk0_protocol::pruning::Pruning;
+use zk0_protocol::rules::named_blobs::BlobKind;
+
+/// Most ranges of rounds that a report lists.
+const LISTED: usize = 16;
+
+/// What the operator says of the blobs that one entry of one round needs.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Excuse(Option<(Pruning, u64, u64)>);
+
+impl Excuse {
+    /// What `pruning` says of the blobs that entry `index` needs, in this round.
+    pub fn of(pruning: Option<Pruning>, round: u64, index: u64) -> Self {
+        Self(pruning.map(|pruning| (pruning, round, index)))
+    }
+
+    /// Whether a blob of this kind may be missing.
+    pub fn covers(&self, kind: &BlobKind) -> bool {
+        self.0
+            .is_some_and(|(pruning, round, index)| pruning.excuses(kind, round, index))
+    }
+
+    /// Why a check is left out that needs a missing blob of this kind.
+    pub fn why(&self, kind: &BlobKind) -> Why {
+        match self.covers(kind) {
+            true => Why::Pruned,
+            false => Why::NotAtHand,
+        }
+    }
+}
+
+/// Rounds, as ranges in ascending order.
+#[derive(Clone, Debug, Default, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
+pub struct Rounds(Vec<(u64, u64)>);
+
+impl Rounds {
+    /// Adds a round that is later than those before.
+    pub fn add(&mut self, round: u64) {
+        match self.0.last_mut() {
+            Some((_, last)) if last.checked_add(1) == Some(round) => *last = round,
+            _ => self.0.push((round, round)),
+        }
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+}
+
+impl fmt::Display for Rounds {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let one = matches!(self.0[..], [(first, last)] if first == last);
+        f.write_str(if one { "round " } else { "rounds " })?;
+        for (number, (first, last)) in self.0.iter().take(LISTED).enumerate() {
+            if number > 0 {
+                f.write_str(", ")?;
+            }
+            match first == last {
+                true => write!(f, "{first}")?,
+                false => write!(f, "{first} to {last}")?,
+            }
+        }
+        match self.0.len().saturating_sub(LISTED) {
+            0 => Ok(()),
+            more => write!(f, " and {more} more ranges"),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rounds_are_listed_as_ranges() {
+        let mut rounds = Rounds::default();
+        assert!(rounds.is_empty());
+        rounds.add(3);
+        assert_eq!(rounds.to_string(), "round 3");
+        for round in [4, 5, 9, 11, 12] {
+            rounds.add(round);
+        }
+        assert_eq!(rounds.to_string(), "rounds 3 to 5, 9, 11 to 12");
+        for round in (20..).step_by(2).take(20) {
+            rounds.add(round);
+        }
+        assert!(rounds.to_string().ends_with(", 44 and 7 more ranges"));
+    }
+}

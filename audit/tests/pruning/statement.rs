@@ -1,0 +1,144 @@
+//! The statement about pruned blobs: whose it is, what it is about, and where it goes.
+
+use super::*;
+use std::fs;
+use zk0_audit::fetch::{fetch, Wanted};
+use zk0_audit::log_source::source;
+use zk0_ledger::backup::backup;
+use zk0_ledger::published::export::export;
+use zk0_ledger::published::publication::Publication;
+use zk0_protocol::pruning::Pruning;
+use zk0_protocol::Signed;
+
+/// The statement in `dir`.
+fn statement(dir: &Path) -> Pruning {
+    let bytes = fs::read(dir.join("pruned")).unwrap();
+    let signed: Signed<Pruning> = borsh::from_slice(&bytes).unwrap();
+    signed.verify().unwrap();
+    signed.statement
+}
+
+fn write(dir: &Path, statement: Pruning, key: &ed25519_dalek::SigningKey) {
+    let signed = Signed::new(statement, key);
+    fs::write(dir.join("pruned"), borsh::to_vec(&signed).unwrap()).unwrap();
+}
+
+#[test]
+fn only_a_statement_of_the_log_about_rounds_that_had_closed_counts() {
+    let (dir, now_ms) = four_rounds();
+    let dir = dir.path();
+    prune(dir, &TWO_ROUNDS, now_ms);
+    let true_one = statement(dir);
+    assert_eq!(true_one.updates_before, 2);
+    assert_eq!((true_one.proofs_before, true_one.weights_before), (0, 0));
+    let (report, _) = audit(dir, Depth::Full);
+    assert_eq!(faults(&report), [] as [&str; 0]);
+    let stranger = Node::new(7);
+    let fails = |words: &str| {
+        let (report, _) = audit(dir, Depth::Full);
+        assert_eq!(report.verdict, Verdict::Failed);
+        let faults = faults(&report);
+        let found = faults.iter().any(|fault| fault.contains(words));
+        assert!(found, "{words}: {faults:?}");
+    };
+    let of_the_stranger = Pruning {
+        operator: stranger.id(),
+        ..true_one
+    };
+    write(dir, of_the_stranger, &stranger.key);
+    fails("and not the log's key");
+    write(dir, true_one, &stranger.key);
+    fails("signature");
+    let of_another_network = Pruning {
+        network: Digest([1; 32]),
+        ..true_one
+    };
+    write(dir, of_another_network, &log_key());
+    fails("it is about network 0101");
+    fs::write(dir.join("pruned"), b"pruned").unwrap();
+    fails("does not hold a statement about pruned blobs that counts");
+    // An operator who signs once that nothing is ever kept has said nothing about rounds that close later.
+    let of_the_future = Pruning {
+        entries: true_one.entries - 1,
+        updates_before: u64::MAX,
+        ..true_one
+    };
+    write(dir, of_the_future, &log_key());
+    fails("is missing, and the round has closed");
+    let of_more_than_there_is = Pruning {
+        entries: u64::MAX,
+        ..of_the_future
+    };
+    write(dir, of_more_than_there_is, &log_key());
+    fails("ROLLED BACK");
+    fs::remove_file(dir.join("pruned")).unwrap();
+    fails("is missing, and the round has closed");
+}
+
+#[test]
+fn a_later_statement_includes_the_earlier_one() {
+    let (dir, now_ms) = four_rounds();
+    let dir = dir.path();
+    let of = |rounds| Keep {
+        rounds: Some(rounds),
+        ..TWO_ROUNDS
+    };
+    let without_proofs = Keep {
+        without_proofs: true,
+        ..of(3)
+    };
+    prune(dir, &of(2), now_ms);
+    let first = statement(dir);
+    prune(dir, &without_proofs, now_ms);
+    let second = statement(dir);
+    assert_eq!(second.and(&first), second);
+    assert_eq!((second.updates_before, second.proofs_before), (2, 1));
+    prune(dir, &of(0), now_ms);
+    let third = statement(dir);
+    assert_eq!((third.updates_before, third.proofs_before), (4, 1));
+    assert!(third.entries > second.entries);
+    let (report, _) = audit(dir, Depth::Full);
+    assert_eq!(faults(&report), [] as [&str; 0]);
+}
+
+#[test]
+fn every_copy_of_the_log_says_what_was_pruned() {
+    let (dir, now_ms) = four_rounds();
+    let dir = dir.path();
+    let scratch = tempfile::tempdir().unwrap();
+    let at = |name: &str| scratch.path().join(name);
+    // This mirror is older, and keeps what the log prunes later.
+    let follow = |from: &Path, to: &Path| {
+        let source = source(from.to_str().unwrap(), None).unwrap();
+        fetch(source.as_ref(), to, None, None, Wanted::Everything).unwrap();
+    };
+    follow(dir, &at("older"));
+    prune(dir, &TWO_ROUNDS, now_ms);
+    let said = statement(dir);
+    export(&Publication::open(dir, None).unwrap(), &at("export")).unwrap();
+    backup(dir, &at("backup")).unwrap();
+    follow(&at("export"), &at("mirror"));
+    follow(dir, &at("older"));
+    for copy in ["backup", "mirror", "older"] {
+        assert_eq!(statement(&at(copy)), said, "{copy}");
+        let (report, auditor) = audit(&at(copy), Depth::Full);
+        assert_eq!(faults(&report), [] as [&str; 0], "{copy}");
+        let pruned = left_out(&auditor, What::Updates);
+        assert_eq!(pruned, if copy == "older" { 0 } else { 3 }, "{copy}");
+    }
+    // A source without the statement does not take it away.
+    fs::remove_file(at("export").join("zk0/pruned")).unwrap();
+    follow(&at("export"), &at("mirror"));
+    assert_eq!(statement(&at("mirror")), said);
+    // One that does not count is refused.
+    fs::write(at("export").join("zk0/pruned"), b"pruned").unwrap();
+    let source = source(at("export").to_str().unwrap(), None).unwrap();
+    let refused = fetch(
+        source.as_ref(),
+        &at("mirror"),
+        None,
+        None,
+        Wanted::Everything,
+    );
+    assert!(zk0_audit::fetch::is_wrong(&refused.unwrap_err()));
+}

@@ -1,0 +1,138 @@
+//! Which blobs are needed: for audits of the rounds that are kept, and by the network itself.
+
+use super::Reason;
+use std::collections::{BTreeMap, BTreeSet};
+use zk0_circuits::Digest;
+use zk0_protocol::entries::entry::Body;
+use zk0_protocol::entries::proposal::Action;
+use zk0_protocol::rules::named_blobs::named_blobs;
+use zk0_protocol::rules::network_rules::Strategy;
+use zk0_protocol::rules::state::State;
+
+/// Which rounds are older than those that are kept, and what is kept of them.
+#[derive(Clone, Copy, Debug)]
+pub struct Older {
+    /// The first round of which everything is kept.
+    pub before: u64,
+    /// Whether their proofs go, too.
+    pub without_proofs: bool,
+    /// Whether their weights go, too.
+    pub without_weights: bool,
+}
+
+/// The blobs that are needed, gathered entry by entry.
+pub struct Needed {
+    older: Older,
+    /// The number of the open round.
+    open: Option<u64>,
+    /// The number of the round that the entries have come to, and what it started from.
+    round: u64,
+    base: Option<Digest>,
+    needed: BTreeSet<Digest>,
+    /// What the entries name besides. A blob that is here and needed all the same is kept.
+    others: BTreeMap<Digest, Reason>,
+}
+
+impl Needed {
+    /// What is needed beside the entries: by the next round, and by what is voted on.
+    pub fn beside(state: &State, older: Older) -> Self {
+        let mut needed: BTreeSet<_> = [state.global().blob].into();
+        needed.extend(state.earlier_base().map(|base| base.blob));
+        for open in state.proposals().values() {
+            if let Action::RestoreWeights { round } = open.action {
+                needed.extend(state.results().of(round).map(|result| result.blob));
+            }
+        }
+        Self {
+            older,
+            open: state.round().map(|round| round.number()),
+            round: 0,
+            base: None,
+            needed,
+            others: BTreeMap::new(),
+        }
+    }
+
+    /// Keeps the weights of the policy folder that was due last, after so many rounds: it may not be written yet.
+    pub fn keep_due(&mut self, state: &State, rounds: u64) {
+        let due = rounds.checked_sub(1);
+        let result = due.and_then(|round| state.results().of(round));
+        self.needed.extend(result.map(|result| result.blob));
+    }
+
+    /// Takes the next entry into account.
+    pub fn observe(&mut self, body: &Body) {
+        let older = self.round < self.older.before;
+        let open = self.open == Some(self.round);
+        match body {
+            Body::RoundOpened(opened) => {
+                self.round = opened.round;
+                let earlier = self.base.replace(opened.base.blob);
+                if self.keeps_weights() {
+                    self.needed.insert(opened.base.blob);
+                    if matches!(opened.rules.strategy, Strategy::FedAvgM { .. }) {
+                        self.needed.extend(earlier);
+                    }
+                }
+            }
+            Body::UpdateCommitted(signed) => {
+                self.take(open, signed.statement.update.blob, Reason::Unread);
+            }
+            Body::ContributionAccepted(submission) => {
+                let (proof, terms) = (
+                    submission.statement.proof,
+                    &submission.statement.claim.terms,
+                );
+                self.take(!older, terms.update.blob, Reason::Update);
+                self.take(!(older && self.older.without_proofs), proof, Reason::Proof);
+            }
+            Body::ContributionRejected { submission, reason } => {
+                let (proof, terms) = (
+                    submission.statement.proof,
+                    &submission.statement.claim.terms,
+                );
+                match reason.rests_on_update() {
+                    true => self.take(!older, terms.update.blob, Reason::Update),
+                    false => self.take(open, terms.update.blob, Reason::Unread),
+                }
+                match reason.follows_from_blobs() {
+                    true => self.take(!(older && self.older.without_proofs), proof, Reason::Proof),
+                    false => self.take(open, proof, Reason::Unread),
+                }
+            }
+            Body::RoundClosed(closed) => {
+                let keeps = self.keeps_weights();
+                self.take(keeps, closed.global.blob, Reason::Weights);
+            }
+            // The policy, the public samples, and the lists of datasets serve all rounds.
+            other => {
+                let named = named_blobs(other);
+                self.needed.extend(named.iter().map(|blob| blob.digest));
+            }
+        }
+    }
+
+    /// Whether the weights of the present round are kept.
+    fn keeps_weights(&self) -> bool {
+        self.round >= self.older.before || !self.older.without_weights
+    }
+
+    /// Notes a blob that is needed, or else is there for this reason. An audit's reason counts more than another.
+    fn take(&mut self, needed: bool, blob: Digest, reason: Reason) {
+        match needed {
+            true => drop(self.needed.insert(blob)),
+            false => {
+                let known = self.others.entry(blob).or_insert(reason);
+                *known = reason.min(*known);
+            }
+        }
+    }
+
+    /// Why a blob can be deleted; `None` if it is needed.
+    pub fn reason_to_delete(&self, blob: &Digest) -> Option<Reason> {
+        match self.needed.contains(blob) {
+            true => None,
+            false => Some(self.others.get(blob).copied().unwrap_or(Reason::Unnamed)),
+        }
+    }
+}

@@ -1,0 +1,77 @@
+//! The file `pruned` in a ledger's folder: what the log's operator has signed about blobs that are no longer kept ([`Pruning`]). It counts
+//! only with the signature of the log's key.
+
+use crate::error::LedgerError;
+use crate::folder;
+use std::path::Path;
+use zk0_protocol::pruning::Pruning;
+use zk0_protocol::{Genesis, Signed};
+
+/// What the operator of the log of `genesis` has signed in `dir`; `None` if nothing was pruned.
+///
+/// # Errors
+/// The file cannot be read, or its statement does not count.
+pub fn read(dir: &Path, genesis: &Genesis) -> Result<Option<Pruning>, LedgerError> {
+    Ok(read_signed(dir, genesis)?.map(|signed| signed.statement))
+}
+
+/// [`read`], with the signature.
+pub(crate) fn read_signed(
+    dir: &Path,
+    genesis: &Genesis,
+) -> Result<Option<Signed<Pruning>>, LedgerError> {
+    let bytes = folder::read_pruned(dir)?;
+    let from = folder::pruned(dir).display().to_string();
+    bytes
+        .map(|bytes| decode(&from, &bytes, genesis))
+        .transpose()
+}
+
+/// Reads the statement, which is from the file or the address `from`.
+pub(crate) fn decode(
+    from: &str,
+    bytes: &[u8],
+    genesis: &Genesis,
+) -> Result<Signed<Pruning>, LedgerError> {
+    let bad = |why: String| LedgerError::BadPruning {
+        from: from.into(),
+        why,
+    };
+    let signed: Signed<Pruning> =
+        borsh::from_slice(bytes).map_err(|error| bad(error.to_string()))?;
+    let statement = signed.verify().map_err(|error| bad(error.to_string()))?;
+    if statement.operator.0 != genesis.log_key {
+        return Err(bad(format!(
+            "{} has signed it, and not the log's key",
+            statement.operator
+        )));
+    }
+    if statement.network != genesis.network_id() {
+        return Err(bad(format!("it is about network {}", statement.network)));
+    }
+    Ok(signed)
+}
+
+/// The bytes of the file.
+pub(crate) fn encode(signed: &Signed<Pruning>) -> Vec<u8> {
+    borsh::to_vec(signed).expect("writing to a Vec cannot fail")
+}
+
+/// Writes the statement. It is on disk when this returns.
+pub(crate) fn write(dir: &Path, signed: &Signed<Pruning>) -> Result<(), LedgerError> {
+    folder::write_pruned(dir, &encode(signed))
+}
+
+/// Writes a statement of another copy of the log, unless this copy has a later one.
+pub(crate) fn keep_newer(
+    dir: &Path,
+    genesis: &Genesis,
+    signed: &Signed<Pruning>,
+) -> Result<(), LedgerError> {
+    let (offered, held) = (&signed.statement, read(dir, genesis)?);
+    // Each statement of an operator includes the earlier ones.
+    match held {
+        Some(held) if offered.and(&held) != *offered => Ok(()),
+        _ => write(dir, signed),
+    }
+}
