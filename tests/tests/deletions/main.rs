@@ -12,6 +12,7 @@ mod attestation;
 mod audited;
 mod bounds;
 mod copy;
+mod faults;
 mod ledger_rules;
 mod nodes;
 mod service;
@@ -80,6 +81,7 @@ fn every_check_can_be_removed_from_the_sources() {
         audited::REMOVALS,
         nodes::REMOVALS,
         service::REMOVALS,
+        faults::REMOVALS,
     ];
     let wrong: Vec<_> = lists
         .concat()
@@ -111,5 +113,6 @@ fn verifier_ledger_and_audit_have_a_test_for_each_check() {
         audited::REMOVALS,
         nodes::REMOVALS,
         service::REMOVALS,
+        faults::REMOVALS,
     ]);
 }
