@@ -48,7 +48,9 @@ async fn a_log_is_read_over_tls_and_not_without() -> Test {
     }
     let no_authority = read(Some(dir.path().join(KEY))).await.unwrap_err();
     assert!(
-        no_authority.to_string().contains("no certificate"),
+        no_authority
+            .to_string()
+            .contains("not a PEM file with certificates"),
         "{no_authority}"
     );
     let http = format!("http://{address}");
