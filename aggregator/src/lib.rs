@@ -19,7 +19,6 @@ pub mod observe;
 pub mod publish;
 pub mod round;
 pub mod serve;
-pub mod tls;
 
 pub use crate::connections::limits::ConnectionLimits;
 pub use crate::round::aggregator::{Aggregator, Config, Progress};

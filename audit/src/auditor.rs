@@ -364,9 +364,11 @@ impl Recheck for Auditor {
                 }
             }
             Body::MomentsComputed(computed) => {
+                let excuse = excuse(computed.round);
                 let (moments, blobs) = (computed.moments, blobs.clone());
                 self.check(index, move || {
-                    checks::whole(What::Moments, "the moments", &moments, depth, &blobs)
+                    let name = "the moments";
+                    checks::whole(What::Moments, name, &moments, depth, excuse, &blobs)
                 });
             }
             // The replay verifies closings and randomness: they are rules of the state machine.

@@ -18,7 +18,7 @@ pub struct Trust {
     /// The witnesses whose cosignatures have to be on the checkpoint. `None` asks for those that the network's rules name, where the
     /// whole log is read.
     pub witness_policy: Option<WitnessPolicy>,
-    /// The PEM file with the authorities that count where a log is read over HTTPS; public authorities by default.
+    /// The PEM file with the authorities that count where a log is read over HTTPS; by default those that the system trusts.
     pub ca: Option<PathBuf>,
 }
 

@@ -8,9 +8,9 @@ use ed25519_dalek::SigningKey;
 use std::fs;
 use std::path::PathBuf;
 use zk0_circuits::Digest;
-use zk0_node::client::address::AggregatorAddress;
 use zk0_node::client::Node;
 use zk0_node::participant::Participant;
+use zk0_tls::service_address::ServiceAddress;
 
 /// The network that is meant.
 #[derive(Debug, clap::Args)]
@@ -61,7 +61,7 @@ pub struct Membership {
 impl Network {
     /// Connects to the network.
     pub async fn connect(&self, key: SigningKey) -> Result<Node> {
-        let address = AggregatorAddress::from(self.aggregator.clone()).with_ca(self.ca.clone());
+        let address = ServiceAddress::from(self.aggregator.clone()).with_ca(self.ca.clone());
         Ok(Node::connect(address, self.network, key).await?)
     }
 }

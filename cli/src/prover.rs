@@ -1,5 +1,6 @@
 //! `zk0 prover`: the proving service that the nodes of one machine share, and what proving costs.
 
+use crate::certificate::{keep_current, CertificateOptions};
 use crate::serve::{interrupted, listening, online};
 use anyhow::{Context, Result};
 use std::net::SocketAddr;
@@ -15,10 +16,13 @@ use zk0_prover::service::{ProvingService, Sp1Backend};
 pub enum Command {
     /// Make proofs for the nodes of this machine, one at a time. On a CPU this needs 20 GiB of free memory.
     Serve {
-        /// Listen on this address; port 0 takes a free port. Requests carry a private input, which holds samples of a recording, and the
-        /// traffic is not encrypted. So listen only on this machine.
+        /// Listen on this address; port 0 takes a free port. Requests carry a private input, which holds samples of a recording, and traffic
+        /// is encrypted only with --tls-certificate. Whoever reaches the address can have proofs made, so listen only on this machine or on
+        /// a private network.
         #[arg(long, default_value = "127.0.0.1:7072")]
         listen: SocketAddr,
+        #[command(flatten)]
+        certificate: CertificateOptions,
         /// Let this many claims wait.
         #[arg(long, default_value_t = 16)]
         queue: usize,
@@ -51,10 +55,11 @@ pub fn run(command: &Command) -> Result<()> {
     match command {
         Command::Serve {
             listen,
+            certificate,
             queue,
             device,
             network,
-        } => online(serve(*listen, *queue, *device, network)),
+        } => online(serve(*listen, certificate, *queue, *device, network)),
         Command::Cycles => online(cycles()),
     }
 }
@@ -70,11 +75,14 @@ async fn cycles() -> Result<()> {
 
 async fn serve(
     listen: SocketAddr,
+    certificate: &CertificateOptions,
     queue: usize,
     device: DeviceKind,
     network: &NetworkArguments,
 ) -> Result<()> {
+    let certificate = certificate.load()?;
     let (listener, address) = listening(listen).await?;
+    keep_current(certificate.as_ref(), "proving service", address);
     let network = NetworkOptions {
         strategy: network.network_strategy,
         timeout: Duration::from_secs(60 * network.network_minutes),
@@ -83,8 +91,10 @@ async fn serve(
     let pace = backend.pace();
     let service = ProvingService::start(backend, queue, pace);
     tracing::info!(listening = %address, "the proving service listens on {address}, and SP1 is starting on the device {device}");
-    service
-        .serve(listener, interrupted())
-        .await
-        .context("the proving service")
+    let stop = interrupted();
+    let served = match &certificate {
+        Some(certificate) => service.serve_encrypted(listener, certificate, stop).await,
+        None => service.serve(listener, stop).await,
+    };
+    served.context("the proving service")
 }

@@ -1,5 +1,6 @@
 //! What the commands on the network share: a runtime, listening, serving over HTTP, and ending when they are told to.
 
+use crate::certificate::{keep_current, scheme, CertificateOptions};
 use anyhow::{bail, Context, Result};
 use std::future::Future;
 use std::io::ErrorKind;
@@ -36,12 +37,22 @@ pub async fn listening(listen: SocketAddr) -> Result<(TcpListener, SocketAddr)> 
 }
 
 /// Serves a log's files or a witness until the process is told to end.
-pub fn serve_http(what: &str, listen: SocketAddr, router: Router, limits: Limits) -> Result<()> {
+pub fn serve_http(
+    what: &str,
+    listen: SocketAddr,
+    certificate: &CertificateOptions,
+    router: Router,
+    limits: Limits,
+) -> Result<()> {
+    let certificate = certificate.load()?;
+    let certificate = certificate.as_ref();
     online(async {
         let stop = interrupted();
         let (listener, address) = listening(listen).await?;
-        tracing::info!(listening = %address, "the {what} is served on http://{address}");
-        http::serve(listener, router, limits, stop).await;
+        keep_current(certificate, what, address);
+        let scheme = scheme(certificate);
+        tracing::info!(listening = %address, "the {what} is served on {scheme}://{address}");
+        http::serve_with(listener, router, limits, certificate, stop).await;
         Ok(())
     })
 }

@@ -1,5 +1,6 @@
 //! `zk0 witness`: cosign the logs of others, so that none of them can show two histories (C2SP tlog-witness).
 
+use crate::certificate::CertificateOptions;
 use crate::keys;
 use crate::serve::serve_http;
 use anyhow::{Context, Result};
@@ -37,9 +38,11 @@ pub enum Command {
         /// Cosign the log with this verifier key, as `zk0 ledger vkey` prints it. Repeat the option for more logs.
         #[arg(long = "log-key", value_name = "KEY", required = true)]
         logs: Vec<String>,
-        /// Listen on this address; port 0 takes a free port. The traffic is not encrypted, so put a TLS proxy before it.
+        /// Listen on this address; port 0 takes a free port. Traffic is encrypted only with --tls-certificate.
         #[arg(long, default_value = "127.0.0.1:7074")]
         listen: SocketAddr,
+        #[command(flatten)]
+        certificate: CertificateOptions,
     },
 }
 
@@ -59,6 +62,7 @@ pub fn run(command: &Command) -> Result<()> {
             name,
             logs,
             listen,
+            certificate,
         } => {
             let cosigner = Cosigner::new(name, keys::read(key)?)?;
             let logs = logs
@@ -68,7 +72,8 @@ pub fn run(command: &Command) -> Result<()> {
             let witness = WitnessStore::open(dir, cosigner, logs)?;
             tracing::info!("the verifier key of this witness is {}", witness.key());
             let server = WitnessServer::new(witness, Arc::new(SystemClock));
-            serve_http("witness", *listen, server.router(), WitnessServer::limits())
+            let limits = WitnessServer::limits();
+            serve_http("witness", *listen, certificate, server.router(), limits)
         }
     }
 }

@@ -40,6 +40,19 @@ pub enum BlobError {
     Io { path: PathBuf, error: io::Error },
 }
 
+impl BlobError {
+    /// Whether the disk has no room for the blob.
+    pub fn is_full(&self) -> bool {
+        use io::ErrorKind::{FileTooLarge, QuotaExceeded, StorageFull};
+        match self {
+            Self::Io { error, .. } => {
+                matches!(error.kind(), StorageFull | QuotaExceeded | FileTooLarge)
+            }
+            _ => false,
+        }
+    }
+}
+
 impl Blobs {
     /// The blobs of the ledger in `dir`. This reads and writes nothing.
     pub fn at(dir: &Path) -> Self {

@@ -2,14 +2,18 @@
 //! time in the far future would end all of them at once, and it could not be undone. So a writer compares its clock with a second
 //! clock that nobody can set.
 //!
-//! A clock that was ahead before the ledger was opened is not noticed. After a small step back, an entry gets the time of the entry
-//! before it.
+//! A clock that jumps back is noticed, too: no deadline would pass until it shows the old time again. After a small step back, an entry
+//! gets the time of the entry before it. A clock that was ahead before the ledger was opened is not noticed.
 
 use std::fmt;
+use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
 /// How much the two clocks may differ, in milliseconds.
 pub const TOLERANCE_MS: u64 = 60_000;
+
+/// How often the watch follows the clock, if that is right. So the small steps of a time service do not add up to a jump.
+const FOLLOW: Duration = Duration::from_secs(3600);
 
 /// Why the clock seems to be wrong.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -29,22 +33,35 @@ pub enum ClockError {
         (clock_ms - expected_ms) / 1000
     )]
     LeaptAhead { clock_ms: u64, expected_ms: u64 },
+    /// The clock has moved less far than time has passed.
+    #[error(
+        "the clock shows {clock_ms} (Unix milliseconds), but by the time since the ledger was opened it should show \
+         {expected_ms}: it is {} s behind. No deadline would pass by it, so nothing is recorded. Set the clock. If it is right now, \
+         start this program again",
+        (expected_ms - clock_ms) / 1000
+    )]
+    LeaptBack { clock_ms: u64, expected_ms: u64 },
 }
 
 /// Compares a clock that can be set with one that cannot.
 pub struct ClockWatch {
-    /// The clock's time at the beginning, in Unix milliseconds.
-    clock_ms: u64,
-    /// The second clock's time at the beginning.
-    steady: Duration,
+    right: Mutex<Right>,
     read: Box<dyn Fn() -> Duration + Send + Sync>,
+}
+
+/// What the two clocks showed when the first one was right.
+#[derive(Clone, Copy, Debug)]
+struct Right {
+    /// The clock's time, in Unix milliseconds.
+    clock_ms: u64,
+    /// The second clock's time.
+    steady: Duration,
 }
 
 impl fmt::Debug for ClockWatch {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("ClockWatch")
-            .field("clock_ms", &self.clock_ms)
-            .field("steady", &self.steady)
+            .field("right", &self.right)
             .finish_non_exhaustive()
     }
 }
@@ -60,24 +77,56 @@ impl ClockWatch {
         match last_ms.saturating_sub(clock_ms) > TOLERANCE_MS {
             true => Err(ClockError::Behind { clock_ms, last_ms }),
             false => Ok(Self {
-                clock_ms,
-                steady: read(),
+                right: Mutex::new(Right {
+                    clock_ms,
+                    steady: read(),
+                }),
                 read: Box::new(read),
             }),
         }
     }
 
-    /// Checks that the clock may show `clock_ms` now.
-    pub fn check(&self, clock_ms: u64) -> Result<(), ClockError> {
-        let passed = (self.read)().saturating_sub(self.steady);
-        let passed = u64::try_from(passed.as_millis()).unwrap_or(u64::MAX);
-        let expected_ms = self.clock_ms.saturating_add(passed);
-        match clock_ms.saturating_sub(expected_ms) > TOLERANCE_MS {
-            true => Err(ClockError::LeaptAhead {
+    /// Checks that the clock shows `clock_ms` now, and is neither ahead nor behind.
+    pub fn check_now(&self, clock_ms: u64) -> Result<(), ClockError> {
+        // The lock is held from the second clock's reading on, so that nobody goes back to an older one.
+        let mut right = self.right.lock().unwrap_or_else(PoisonError::into_inner);
+        let steady = (self.read)();
+        let expected_ms = right.expected(steady);
+        ahead(clock_ms, expected_ms)?;
+        if expected_ms.saturating_sub(clock_ms) > TOLERANCE_MS {
+            return Err(ClockError::LeaptBack {
                 clock_ms,
                 expected_ms,
-            }),
-            false => Ok(()),
+            });
         }
+        if steady.saturating_sub(right.steady) >= FOLLOW {
+            *right = Right { clock_ms, steady };
+        }
+        Ok(())
+    }
+
+    /// Checks that an entry may have the time `time_ms`: it was read from the clock now or earlier, and the clock was not ahead.
+    pub fn check(&self, time_ms: u64) -> Result<(), ClockError> {
+        let right = *self.right.lock().unwrap_or_else(PoisonError::into_inner);
+        ahead(time_ms, right.expected((self.read)()))
+    }
+}
+
+impl Right {
+    /// What the clock should show when the second one shows `steady`.
+    fn expected(&self, steady: Duration) -> u64 {
+        let passed = steady.saturating_sub(self.steady);
+        let passed = u64::try_from(passed.as_millis()).unwrap_or(u64::MAX);
+        self.clock_ms.saturating_add(passed)
+    }
+}
+
+fn ahead(clock_ms: u64, expected_ms: u64) -> Result<(), ClockError> {
+    match clock_ms.saturating_sub(expected_ms) > TOLERANCE_MS {
+        true => Err(ClockError::LeaptAhead {
+            clock_ms,
+            expected_ms,
+        }),
+        false => Ok(()),
     }
 }

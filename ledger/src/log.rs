@@ -24,6 +24,7 @@ use crate::store::{Batch, Store};
 use ed25519_dalek::SigningKey;
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::Duration;
 use tlog_tiles::tlog::{prove_record, prove_tree};
 use zk0_circuits::Digest;
@@ -50,7 +51,7 @@ pub struct Ledger {
     /// A second copy of the state, made when the first group is appended. The next group is tried on it.
     trial: Option<Box<State>>,
     checkpoint: Vec<u8>,
-    clock: Option<ClockWatch>,
+    clock: Option<Arc<ClockWatch>>,
     poisoned: bool,
 }
 
@@ -240,15 +241,17 @@ impl Ledger {
     }
 
     /// From now on, the ledger refuses entries if the clock has moved further than time has passed ([`crate::clock`]). The clock shows
-    /// `clock_ms` now. If that is far before the last entry, this fails at once. `steady` reads a second clock that nobody can set.
+    /// `clock_ms` now. If that is far before the last entry, this fails at once. `steady` reads a second clock that nobody can set. Returns what
+    /// compares the clocks.
     pub fn watch_clock(
         &mut self,
         clock_ms: u64,
         steady: impl Fn() -> Duration + Send + Sync + 'static,
-    ) -> Result<(), LedgerError> {
+    ) -> Result<Arc<ClockWatch>, LedgerError> {
         let last_ms = self.state.time_ms();
-        self.clock = Some(ClockWatch::begin(clock_ms, last_ms, steady)?);
-        Ok(())
+        let watch = Arc::new(ClockWatch::begin(clock_ms, last_ms, steady)?);
+        self.clock = Some(watch.clone());
+        Ok(watch)
     }
 
     /// The time of an entry that is recorded now. It is the clock's time, but never before the last entry.

@@ -1,14 +1,12 @@
 //! A node's connection to an aggregator. The node believes nothing that the aggregator says: it knows the network by its id, and it demands
 //! a receipt for whatever is recorded.
 
-pub mod address;
 mod heads;
 pub mod status;
 mod transfers;
 pub mod watching;
 
-use crate::client::address::AggregatorAddress;
-use crate::client::heads::{run, About, For};
+use crate::client::heads::{run, system_clock, About, For};
 use crate::client_error::NodeError;
 use ed25519_dalek::SigningKey;
 use sha2::{Digest as _, Sha256};
@@ -30,6 +28,7 @@ use zk0_protocol::rpc::head_metadata::with_head;
 use zk0_protocol::tlog::checkpoint::Checkpoint;
 use zk0_protocol::tlog::receipt::Receipt;
 use zk0_protocol::{Refusal, Rules};
+use zk0_tls::service_address::ServiceAddress;
 
 /// Largest message that is read. A receipt or a chunk is far smaller.
 const MAX_MESSAGE_BYTES: usize = 4 << 20;
@@ -50,7 +49,8 @@ macro_rules! patiently {
                 Err(status) if is_lost(&status) && attempt < ATTEMPTS => {
                     if attempt == 1 {
                         tracing::warn!(
-                            "the aggregator does not answer; the node asks again every two seconds"
+                            "{}; the node asks again every two seconds",
+                            $crate::client::why_again(&status)
                         );
                     }
                     attempt += 1;
@@ -106,7 +106,7 @@ pub(crate) fn unexpected(expected: &str, found: impl Into<String>) -> NodeError 
 impl Node {
     /// Connects to the aggregator at `address`, which has to serve `network`.
     pub async fn connect(
-        address: impl Into<AggregatorAddress>,
+        address: impl Into<ServiceAddress>,
         network: Digest,
         key: SigningKey,
     ) -> Result<Self, NodeError> {
@@ -116,7 +116,10 @@ impl Node {
             FederationClient::new(channel).max_decoding_message_size(MAX_MESSAGE_BYTES);
         let info = client.get_network(rpc::GetNetworkRequest {}).await;
         let info = info
-            .map_err(|status| address.first_failure(status))?
+            .map_err(|status| match address.first_failure(&status) {
+                Some(error) => error.into(),
+                None => NodeError::from(status),
+            })?
             .into_inner();
         let entry = Entry::decode(&info.genesis)?;
         let Body::Genesis(genesis) = entry.body else {
@@ -141,8 +144,15 @@ impl Node {
             heads: For {
                 network,
                 run: run(&info.run)?,
+                clock: Box::new(system_clock),
             },
         })
+    }
+
+    /// From now on, the node signs the times of this clock, in Unix milliseconds, instead of the machine's.
+    pub fn by_clock(mut self, clock: impl Fn() -> u64 + Send + Sync + 'static) -> Self {
+        self.heads.clock = Box::new(clock);
+        self
     }
 
     /// The network's founding document.
@@ -379,6 +389,16 @@ pub(crate) fn is_lost(status: &Status) -> bool {
         Code::Unknown | Code::Internal | Code::Cancelled
     );
     status.code() == Code::Unavailable || (broken && status.source().is_some())
+}
+
+/// Why a request is repeated.
+pub(crate) fn why_again(status: &Status) -> String {
+    match status.source() {
+        None if !status.message().is_empty() => {
+            format!("the aggregator cannot do it now: {}", status.message())
+        }
+        _ => "the aggregator does not answer".into(),
+    }
 }
 
 pub(crate) fn program(bytes: &[u8]) -> Result<Program, NodeError> {

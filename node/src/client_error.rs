@@ -1,43 +1,19 @@
 //! Why a request to the aggregator fails.
 
-use std::path::PathBuf;
 use tonic::Status;
 use zk0_circuits::Digest;
 use zk0_protocol::challenge::drawing::DrawError;
 use zk0_protocol::entries::codec::EntryError;
 use zk0_protocol::tlog::checkpoint::CheckpointError;
 use zk0_protocol::tlog::receipt::ReceiptError;
+use zk0_tls::service_address::ConnectError;
 
 /// What goes wrong between a node and its aggregator.
 #[derive(Debug, thiserror::Error)]
 pub enum NodeError {
-    /// The text is not an address, nobody answers there, or whoever answers does not show the right certificate.
-    #[error("the aggregator at {url} cannot be reached: {why}")]
-    Connect {
-        /// The address.
-        url: String,
-        /// What is wrong.
-        why: String,
-    },
-    /// The file with the certificates that sign the aggregator's cannot be used.
-    #[error("{} cannot be used to check the aggregator's certificate: {error}", .path.display())]
-    Ca {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong with it.
-        error: std::io::Error,
-    },
-    /// There are certificates to check, but the connection would not be encrypted.
-    #[error("{} says whose certificates count, but {url} has none: use https://", .ca.display())]
-    NotEncrypted {
-        /// The address.
-        url: String,
-        /// The file with the certificates.
-        ca: PathBuf,
-    },
-    /// The system trusts nobody.
-    #[error("this system has no certificates of authorities: install the package ca-certificates, or name a file with --ca")]
-    NoRoots,
+    /// There is no connection.
+    #[error(transparent)]
+    Connect(#[from] ConnectError),
     /// The aggregator refuses, and gives the reason.
     #[error("{}", .0.message())]
     Refused(Box<Status>),

@@ -6,8 +6,7 @@
 //! - [`recording`]: the node's data, and the evaluation set that it commits to; [`samples`]: frames of recordings as samples, through the prefix cache;
 //!   [`progress`]: how long work reports how far it is.
 //! - [`exchanged_weights`]: between the float32 weights that a node trains and the int16 weights that travel.
-//! - [`client`]: the connection to the aggregator; [`client::address`]: where it is, and whose certificates count; `client::watching`: the node is
-//!   told when a round has come further; [`challenge`]: waits for the randomness and derives the challenge;
+//! - [`client`]: the connection to the aggregator; `client::watching`: the node is told when a round has come further; [`challenge`]: waits for the randomness and derives the challenge;
 //!   [`client_error`]: why it fails; [`governance`]: proposals, votes, disputes and new
 //!   keys.
 //! - [`state_files`]: the files that a node keeps; among them [`turn::unfinished`] (what an interrupted node goes on with), [`base_losses`] (the losses that its learning rate follows),

@@ -22,7 +22,7 @@ pub struct Pruning {
     pub operator: NodeId,
     /// The statement is about the first so many entries.
     pub entries: u64,
-    /// Updates of rounds before this one may be missing.
+    /// Updates of rounds before this one may be missing, and the moments that these rounds ended with.
     pub updates_before: u64,
     /// Proofs of rounds before this one may be missing.
     pub proofs_before: u64,
@@ -34,7 +34,7 @@ impl Pruning {
     /// Whether the statement says that a blob of this kind may be missing, which entry `index` needs, in this round.
     pub fn excuses(&self, kind: &BlobKind, round: u64, index: u64) -> bool {
         let before = match kind {
-            BlobKind::Update => self.updates_before,
+            BlobKind::Update | BlobKind::Moments => self.updates_before,
             BlobKind::Proof => self.proofs_before,
             BlobKind::Weights => self.weights_before,
             BlobKind::Policy | BlobKind::PublicSamples | BlobKind::Leaves { .. } => 0,

@@ -18,6 +18,7 @@ use zk0_prover::service::upload::{self, Announced, MAX_INPUT_BYTES};
 use zk0_prover::service::{
     Backend, ClientError, JobError, Pace, ProvingClient, ProvingService, Waiting,
 };
+use zk0_tls::service_address::ServiceAddress;
 
 fn input(buffers: Vec<Vec<u8>>) -> GuestInput {
     GuestInput {
@@ -104,6 +105,10 @@ async fn service(queue: usize, permits: usize) -> Service {
 }
 
 impl Service {
+    fn address(&self) -> ServiceAddress {
+        ProvingClient::address(self.address.clone())
+    }
+
     async fn prove(&self, claim: &str) -> Result<zk0_prover::rpc::Proof, ClientError> {
         self.prove_and_watch(claim, |_| {}).await
     }
@@ -113,7 +118,7 @@ impl Service {
         claim: &str,
         progress: impl FnMut(Progress),
     ) -> Result<zk0_prover::rpc::Proof, ClientError> {
-        let mut client = ProvingClient::connect(self.address.clone()).await?;
+        let mut client = ProvingClient::connect(self.address()).await?;
         client.prove(input(vec![claim.into()]), progress).await
     }
 }
@@ -147,9 +152,7 @@ async fn a_false_claim_is_told_at_once_and_never_reaches_the_prover() {
 #[tokio::test]
 async fn an_unreadable_private_input_is_an_invalid_argument() {
     let service = service(4, 0).await;
-    let mut client = ProvingClient::connect(service.address.clone())
-        .await
-        .unwrap();
+    let mut client = ProvingClient::connect(service.address()).await.unwrap();
     let (code, _) = refusal(client.prove(input(vec![]), |_| {}).await);
     assert_eq!(code, tonic::Code::InvalidArgument);
 }

@@ -6,7 +6,6 @@ use crate::connections::limits::ConnectionLimits;
 use crate::connections::places::{NoPlace, Places, Seat};
 use crate::connections::stream::CountedStream;
 use crate::observe::connections::{ConnectionMetrics, Lost};
-use crate::tls::server_certificate::Acceptor;
 use axum::body::Body;
 use axum::Router;
 use hyper::body::Incoming;
@@ -24,6 +23,7 @@ use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::watch;
 use tokio::task::JoinSet;
 use tokio::time::{sleep, sleep_until, timeout, timeout_at, Instant};
+use zk0_tls::server_certificate::Acceptor;
 
 /// How long a connection that was told to close may take.
 const CLOSING: Duration = Duration::from_secs(1);

@@ -3,7 +3,7 @@
 
 use serde::Deserialize;
 use std::time::Duration;
-use zk0_ledger::published::web::agent;
+use zk0_ledger::published::http_client::{HttpClient, HttpError};
 use zk0_protocol::challenge::drand::{BeaconSignature, DrandChain};
 use zk0_protocol::quote::short;
 
@@ -24,7 +24,7 @@ const MAX_ANSWER_BYTES: u64 = 4 << 10;
 #[derive(Clone, Debug)]
 pub struct BeaconServers {
     urls: Vec<String>,
-    agent: ureq::Agent,
+    client: HttpClient,
     retry: Duration,
 }
 
@@ -91,7 +91,7 @@ impl BeaconServers {
         let trimmed = urls.iter().map(|url| url.trim_end_matches('/').to_owned());
         Self {
             urls: trimmed.collect(),
-            agent: agent(patience),
+            client: HttpClient::of_system("SSL_CERT_FILE", patience),
             retry: RETRY,
         }
     }
@@ -183,10 +183,11 @@ impl BeaconServers {
     }
 
     fn get(&self, url: &str) -> Result<(u16, Vec<u8>), ServerError> {
-        let down = |error: ureq::Error| ServerError::Down(error.to_string());
-        let mut response = self.agent.get(url).call().map_err(down)?;
+        let down = |error: HttpError| ServerError::Down(error.to_string());
+        let mut response = self.client.get(url).map_err(down)?;
         let body = response.body_mut().with_config().limit(MAX_ANSWER_BYTES);
-        let body = body.read_to_vec().map_err(down)?;
+        let body = body.read_to_vec();
+        let body = body.map_err(|error| down(self.client.why(&error)))?;
         Ok((response.status().as_u16(), body))
     }
 }

@@ -6,13 +6,14 @@ use std::sync::{mpsc, Arc};
 use std::thread;
 use std::time::{Duration, Instant};
 use zk0_circuits::Digest;
-use zk0_ledger::published::web::agent;
+use zk0_ledger::published::http_client::{HttpClient, HttpError};
 use zk0_protocol::challenge::drawing::Cosignature;
 use zk0_protocol::quote::short;
 use zk0_protocol::tlog::checkpoint::{CheckpointError, Parsed};
 use zk0_protocol::tlog::cosigner;
 use zk0_protocol::tlog::witness::AddCheckpoint;
 use zk0_protocol::tlog::witness_policy::{Witness, WitnessPolicy};
+use zk0_tls::authorities::{Authorities, AuthoritiesError};
 
 /// Largest answer of a witness that is read, in bytes.
 const MAX_ANSWER_BYTES: u64 = 16 << 10;
@@ -31,7 +32,7 @@ pub struct Witnesses {
 }
 
 /// Why a checkpoint is not cosigned.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[derive(Debug, thiserror::Error)]
 pub enum CosigningError {
     /// The text is not a checkpoint.
     #[error(transparent)]
@@ -39,6 +40,16 @@ pub enum CosigningError {
     /// A witness cannot be asked.
     #[error("the witness policy has no address for witness {0}: add the address to the line of the witness")]
     NoAddress(String),
+    /// The address of a witness is not encrypted, and there is a file that says whose certificates count.
+    #[error("{file} says whose certificates count for witnesses, but witness {name} at {url} has none: use https:// in the witness policy")]
+    NotEncrypted {
+        name: String,
+        url: String,
+        file: String,
+    },
+    /// The file that says whose certificates count cannot be used.
+    #[error(transparent)]
+    Authorities(#[from] AuthoritiesError),
     /// Too few witnesses have cosigned in time.
     #[error("too few witnesses have cosigned: the policy asks for {wanted}; {}", .refused.join("; "))]
     NoQuorum {
@@ -59,7 +70,7 @@ pub struct Cosigned {
 struct Client {
     witness: Witness,
     url: String,
-    agent: ureq::Agent,
+    client: HttpClient,
     /// The size of the last checkpoint that the witness has cosigned, as far as we know.
     known: AtomicU64,
     /// The witness has not answered a request yet, which may be about an earlier checkpoint.
@@ -67,18 +78,38 @@ struct Client {
 }
 
 impl Witnesses {
-    /// The witnesses of `policy`. Each has `deadline` to answer.
+    /// The witnesses of `policy`. Each has `deadline` to answer. Certificates count that the system trusts.
     pub fn new(policy: WitnessPolicy, deadline: Duration) -> Result<Self, CosigningError> {
+        Self::believing(policy, deadline, &Authorities::of_system("--witness-ca"))
+    }
+
+    /// Like [`Self::new`], but certificates have to be signed by one of `authorities`.
+    ///
+    /// # Errors
+    /// A witness has no address, the authorities cannot be read, or they come from a file and a witness has no certificate.
+    pub fn believing(
+        policy: WitnessPolicy,
+        deadline: Duration,
+        authorities: &Authorities,
+    ) -> Result<Self, CosigningError> {
+        let http = HttpClient::new(authorities.clone(), deadline)?;
         let clients = policy
             .witnesses()
             .iter()
             .map(|witness| {
                 let missing = || CosigningError::NoAddress(witness.name.clone());
                 let url = witness.url.as_deref().ok_or_else(missing)?;
+                if let (Some(file), false) = (authorities.file(), url.starts_with("https://")) {
+                    return Err(CosigningError::NotEncrypted {
+                        name: witness.name.clone(),
+                        url: url.into(),
+                        file: file.display().to_string(),
+                    });
+                }
                 Ok(Arc::new(Client {
                     witness: witness.clone(),
                     url: format!("{}/add-checkpoint", url.trim_end_matches('/')),
-                    agent: agent(deadline),
+                    client: http.clone(),
                     known: AtomicU64::new(0),
                     busy: AtomicBool::new(false),
                 }))
@@ -224,10 +255,11 @@ impl Client {
     }
 
     /// Sends a body. Returns the status and the body of the answer.
-    fn post(&self, body: &[u8]) -> Result<(u16, Vec<u8>), ureq::Error> {
-        let mut response = self.agent.post(&self.url).send(body)?;
+    fn post(&self, body: &[u8]) -> Result<(u16, Vec<u8>), HttpError> {
+        let mut response = self.client.post(&self.url, body)?;
         let body = response.body_mut().with_config().limit(MAX_ANSWER_BYTES);
-        let body = body.read_to_vec()?;
+        let body = body.read_to_vec();
+        let body = body.map_err(|error| self.client.why(&error))?;
         Ok((response.status().as_u16(), body))
     }
 }

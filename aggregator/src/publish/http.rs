@@ -7,14 +7,13 @@
 //! | its body | [`Limits::body`] bytes, within [`Limits::silence`] |
 //! | a connection in all | [`Limits::lifetime`] |
 //!
-//! [`serve`] does not encrypt. [`serve_encrypted`] does.
+//! [`serve`] does not encrypt. [`serve_with`] does so if it has a certificate.
 
 use crate::connections::answer_body::keeping;
 use crate::connections::caller::Caller;
 use crate::connections::limits::ConnectionLimits;
 use crate::connections::serving::Serving;
 use crate::observe::connections::ConnectionMetrics;
-use crate::tls::server_certificate::{Acceptor, ServerCertificate};
 use axum::body::{to_bytes, Body};
 use axum::extract::Request;
 use axum::http::header::{CACHE_CONTROL, CONTENT_TYPE};
@@ -28,6 +27,7 @@ use std::sync::Arc;
 use std::time::Duration;
 use tokio::net::TcpListener;
 use tokio::time::timeout;
+use zk0_tls::server_certificate::ServerCertificate;
 
 pub use axum::Router;
 
@@ -97,25 +97,15 @@ pub async fn serve(
     serve_with(listener, router, limits, None, stop).await;
 }
 
-/// Serves on `listener` over TLS until `stop` is ready.
-pub async fn serve_encrypted(
+/// Serves on `listener` until `stop` is ready, over TLS if there is a certificate.
+pub async fn serve_with(
     listener: TcpListener,
     router: Router,
     limits: Limits,
-    certificate: &Arc<ServerCertificate>,
+    certificate: Option<&Arc<ServerCertificate>>,
     stop: impl Future<Output = ()>,
 ) {
-    let tls = Some(certificate.acceptor("http/1.1"));
-    serve_with(listener, router, limits, tls, stop).await;
-}
-
-async fn serve_with(
-    listener: TcpListener,
-    router: Router,
-    limits: Limits,
-    tls: Option<Acceptor>,
-    stop: impl Future<Output = ()>,
-) {
+    let tls = certificate.map(|certificate| certificate.acceptor("http/1.1"));
     let mut protocol = Builder::new(TokioExecutor::new()).http1_only();
     protocol
         .http1()

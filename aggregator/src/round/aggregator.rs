@@ -19,6 +19,7 @@ use ed25519_dalek::SigningKey;
 use std::path::Path;
 use std::sync::Arc;
 use zk0_circuits::{Digest, NodeId};
+use zk0_ledger::clock::ClockError;
 use zk0_ledger::log::Ledger;
 use zk0_ledger::pruned;
 use zk0_protocol::entries::entry::{Body, DisputeResolved, Entry, ProposalSettled, ENTRY_VERSION};
@@ -73,6 +74,8 @@ pub enum Progress {
     /// Nothing: the next round cannot open, or the open one cannot close, or a dispute cannot be decided, for this reason. What members send
     /// is still recorded.
     Blocked(String),
+    /// Nothing: the clock is wrong. It may be set right, and then the rounds go on.
+    WrongClock(ClockError),
     /// Nothing: all rounds are done.
     Finished,
 }
@@ -126,7 +129,7 @@ impl Aggregator {
             );
         }
         let steady = clock.clone();
-        ledger.watch_clock(clock.now_ms(), move || steady.steady())?;
+        let watch = ledger.watch_clock(clock.now_ms(), move || steady.steady())?;
         let FromLedger {
             index,
             contributions,
@@ -135,7 +138,7 @@ impl Aggregator {
         Ok(Self {
             staging: Staging::at(ledger.dir()),
             ledger,
-            arrivals: Arc::new(Arrivals::new(clock.clone())),
+            arrivals: Arc::new(Arrivals::new(clock.clone(), watch)),
             presence: Arc::new(Presence::new(clock.clone())),
             absence: None,
             clock,
@@ -204,6 +207,9 @@ impl Aggregator {
 
     /// Opens the next round, or takes the open one a step further, if it is time to.
     pub fn step(&mut self) -> Result<Progress, RequestError> {
+        if let Err(error) = self.arrivals.now_ms() {
+            return Ok(Progress::WrongClock(error));
+        }
         let now = self.now_ms();
         let state = self.state();
         if let Some(deadline_ms) = self.passed_deadline(now) {

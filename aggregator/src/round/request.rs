@@ -3,6 +3,7 @@
 use crate::round::recording::staging::StagingError;
 use tonic::{Code, Status};
 use zk0_ledger::blobs::BlobError;
+use zk0_ledger::clock::ClockError;
 use zk0_ledger::error::LedgerError;
 use zk0_protocol::entries::signed::SignatureError;
 use zk0_protocol::request_head::HeadRefusal;
@@ -59,6 +60,12 @@ pub enum RequestError {
     /// The entry is recorded, but not published: the witnesses have not cosigned a checkpoint that covers it.
     #[error("{0}")]
     NotPublished(String),
+    /// The disk has no room for an upload. Whoever asked is not told more: the log says it.
+    #[error("an upload cannot be kept: {0}")]
+    NoRoom(BlobError),
+    /// The aggregator's clock is wrong.
+    #[error(transparent)]
+    Clock(#[from] ClockError),
     /// The aggregator failed. Whoever asked is not told why, because that names paths: the log says it.
     #[error("{0}")]
     Internal(String),
@@ -83,6 +90,7 @@ impl From<LedgerError> for RequestError {
     fn from(error: LedgerError) -> Self {
         match error {
             LedgerError::Rule(violation) => violation.into(),
+            LedgerError::Clock(error) => error.into(),
             other => Self::Internal(other.to_string()),
         }
     }
@@ -132,6 +140,7 @@ impl RequestError {
             BlobError::WrongDigest { expected, actual } => {
                 Self::Refused(Refusal::UpdateDigest { expected, actual })
             }
+            full if full.is_full() => Self::NoRoom(full),
             other => other.into(),
         }
     }
@@ -140,8 +149,8 @@ impl RequestError {
         match self {
             Self::Malformed(_) => Code::InvalidArgument,
             Self::Head(refusal) => match refusal {
-                // A client that asks again does better, with another head.
-                HeadRefusal::Run => Code::Unavailable,
+                // A client that asks again does better, with another head. A clock may have jumped, and is set right soon.
+                HeadRefusal::Run | HeadRefusal::Time { .. } => Code::Unavailable,
                 HeadRefusal::Replayed | HeadRefusal::Forgotten { .. } => Code::AlreadyExists,
                 HeadRefusal::TooMany { .. } | HeadRefusal::NoRoom { .. } => Code::ResourceExhausted,
                 _ => Code::Unauthenticated,
@@ -154,7 +163,7 @@ impl RequestError {
             Self::Busy(_) => Code::ResourceExhausted,
             Self::OtherPlace(_) => Code::Aborted,
             Self::TimedOut(_) => Code::DeadlineExceeded,
-            Self::NotPublished(_) => Code::Unavailable,
+            Self::NotPublished(_) | Self::NoRoom(_) | Self::Clock(_) => Code::Unavailable,
             Self::Internal(_) => Code::Internal,
             Self::Refused(refusal) => match refusal {
                 Refusal::TooLarge { .. } => Code::ResourceExhausted,
@@ -180,6 +189,18 @@ impl RequestError {
 
 impl From<RequestError> for Status {
     fn from(error: RequestError) -> Self {
+        if let RequestError::NoRoom(_) = &error {
+            tracing::error!("{error}");
+            return Self::unavailable(
+                "the aggregator's disk is full, so it takes no uploads until there is room: ask again",
+            );
+        }
+        if let RequestError::Clock(_) = &error {
+            // The log says more, once.
+            return Self::unavailable(
+                "the aggregator's clock is wrong, so it records nothing until its operator has set it: ask again",
+            );
+        }
         if let RequestError::Internal(cause) = &error {
             tracing::error!(%cause, "request failed");
             return Self::internal("the aggregator failed; its log says why");

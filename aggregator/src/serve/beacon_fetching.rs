@@ -38,6 +38,8 @@ impl Service {
             Ok(()) => Ok(None),
             // It came too late: the round closes without it.
             Err(RequestError::Violation(why)) => Ok(Some(why.to_string())),
+            // The next step says more.
+            Err(RequestError::Clock(_)) => Ok(Some("the clock is wrong".into())),
             Err(error) => Err(error),
         }
     }

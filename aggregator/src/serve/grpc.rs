@@ -7,7 +7,6 @@ use crate::connections::serving::Serving;
 use crate::observe::metrics::Metrics;
 use crate::serve::health::InOrder;
 use crate::serve::limits::{Limits, CONCURRENT};
-use crate::tls::server_certificate::ServerCertificate;
 use axum::middleware::from_fn;
 use hyper_util::rt::{TokioExecutor, TokioTimer};
 use hyper_util::server::conn::auto::Builder;
@@ -19,6 +18,7 @@ use tonic::service::Routes;
 use tonic_reflection::server as reflection;
 use zk0_protocol::rpc::health::health_server::HealthServer;
 use zk0_protocol::rpc::SERVICES;
+use zk0_tls::server_certificate::ServerCertificate;
 
 /// How often the server asks a connection whether anybody is still there, and how long it waits for an answer.
 const KEEPALIVE: Duration = Duration::from_secs(60);

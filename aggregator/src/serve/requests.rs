@@ -81,7 +81,8 @@ impl Federation for Service {
                     signer,
                     body: blob_digest(&signer.0),
                 };
-                self.sender(head, message, self.arrivals.now_ms()).await?
+                let now_ms = self.arrivals.now_ms().map_err(RequestError::from)?;
+                self.sender(head, message, now_ms).await?
             }
         };
         let present = sender.map(|node| self.presence.follow(node));
@@ -90,7 +91,7 @@ impl Federation for Service {
     }
 
     async fn record(&self, request: Request<RecordRequest>) -> Result<Response<Receipt>, Status> {
-        let arrival = self.arrivals.stamp();
+        let arrival = self.arrivals.stamp()?;
         let (head, RecordRequest { body }) = taken(request);
         let said = Arc::new(Said::read(&body)?);
         let message = Message {
@@ -118,7 +119,7 @@ impl Federation for Service {
     }
 
     async fn enrol(&self, request: Request<EnrolRequest>) -> Result<Response<Receipt>, Status> {
-        let arrival = self.arrivals.stamp();
+        let arrival = self.arrivals.stamp()?;
         let (head, EnrolRequest { enrolment }) = taken(request);
         let (signed, body) = read_hashed::<Enrolment>("enrolment", enrolment).await?;
         let Enrolment { node, operator, .. } = signed.statement;
@@ -202,7 +203,7 @@ impl Federation for Service {
         &self,
         request: Request<RegisterDatasetRequest>,
     ) -> Result<Response<Receipt>, Status> {
-        let arrival = self.arrivals.stamp();
+        let arrival = self.arrivals.stamp()?;
         let (head, request) = taken(request);
         let RegisterDatasetRequest {
             registration,
@@ -247,7 +248,7 @@ impl Federation for Service {
     }
 
     async fn commit(&self, request: Request<CommitRequest>) -> Result<Response<Receipt>, Status> {
-        let arrival = self.arrivals.stamp();
+        let arrival = self.arrivals.stamp()?;
         let (head, CommitRequest { commitment }) = taken(request);
         let (signed, body) = read_hashed::<UpdateCommitment>("commitment", commitment).await?;
         let UpdateCommitment {
@@ -279,7 +280,7 @@ impl Federation for Service {
         &self,
         request: Request<SubmitRequest>,
     ) -> Result<Response<SubmitReply>, Status> {
-        let arrival = self.arrivals.stamp();
+        let arrival = self.arrivals.stamp()?;
         let (head, SubmitRequest { submission, proof }) = taken(request);
         let signed: Signed<Submission> = decode("submission", &submission)?;
         let terms = &signed.statement.claim.terms;

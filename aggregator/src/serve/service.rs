@@ -30,7 +30,6 @@ use crate::serve::node_turns::NodeTurns;
 use crate::serve::recorder::Recorder;
 use crate::serve::senders::heads::Heads;
 use crate::serve::uploads::Uploads;
-use crate::tls::server_certificate::ServerCertificate;
 use std::future::Future;
 use std::num::NonZero;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -45,6 +44,7 @@ use tonic::service::Routes;
 use zk0_ledger::error::LedgerError;
 use zk0_ledger::folder;
 use zk0_protocol::rpc::federation::federation_server::FederationServer;
+use zk0_tls::server_certificate::ServerCertificate;
 
 /// The limit of one message is never smaller. The largest list of drawn frames takes 164 kB.
 const MIN_MESSAGE_BYTES: u64 = 4 << 20;
@@ -274,6 +274,15 @@ impl Service {
                     | Progress::Settled(_)
                     | Progress::Resolved(_),
                 ) => said = None,
+                Ok(Progress::WrongClock(error)) => {
+                    // By the clock that jumped the text is another one each time, so the kind of the message counts.
+                    let kind = Some("the clock is wrong".to_owned());
+                    if said != kind {
+                        tracing::error!("{error}; this is tried again every {BLOCKED_RETRY:?}");
+                        said = kind;
+                    }
+                    sleep(BLOCKED_RETRY).await;
+                }
                 Ok(Progress::Blocked(why)) => {
                     // It stays blocked for long, so the log says it once.
                     if said.as_ref() != Some(&why) {
@@ -293,6 +302,14 @@ impl Service {
 
     /// Takes the rounds one step further, as [`Aggregator::step`] does. What takes long is done away from the aggregator.
     pub async fn step(&self) -> Result<Progress, RequestError> {
+        match self.whole_step().await {
+            // It has jumped since the step began.
+            Err(RequestError::Clock(error)) => Ok(Progress::WrongClock(error)),
+            done => done,
+        }
+    }
+
+    async fn whole_step(&self) -> Result<Progress, RequestError> {
         let _alone = self.stepping.lock().await;
         match self.with(Aggregator::step).await? {
             Progress::NeedsVerdict(disputed) => {
@@ -366,8 +383,14 @@ impl Service {
                     false => Ok(()),
                 }
             });
-            if let Err(error) = written.await {
-                return error;
+            match written.await {
+                Ok(()) => {}
+                // The rounds wait until the clock is right, and so does this.
+                Err(RequestError::Clock(_)) => {
+                    sleep(TICK).await;
+                    continue;
+                }
+                Err(error) => return error,
             }
             tracing::info!(size, "checkpoint cosigned and published");
             publishing.published.send_replace(size.max(published));

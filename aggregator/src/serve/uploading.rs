@@ -63,7 +63,7 @@ impl Service {
             signer: upload.node,
             body,
         };
-        let now_ms = self.arrivals.now_ms();
+        let now_ms = self.arrivals.now_ms().map_err(RequestError::from)?;
         let sender = self.sender(head, message, now_ms).await?;
         let staging = self.staging(upload.clone()).await?;
         let newest = self.uploads.begin(upload.node);

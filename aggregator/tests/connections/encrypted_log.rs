@@ -9,10 +9,10 @@ use tokio::net::{TcpListener, TcpStream};
 use tokio::task::spawn_blocking;
 use zk0_aggregator::publish::http::{self, Limits};
 use zk0_aggregator::publish::log_server::LogServer;
-use zk0_aggregator::tls::local_authority::{LocalAuthority, CA, CERTIFICATE, KEY};
-use zk0_aggregator::tls::server_certificate::ServerCertificate;
 use zk0_ledger::published::source::Source;
 use zk0_ledger::published::web::Web;
+use zk0_tls::local_authority::{LocalAuthority, CA, CERTIFICATE, KEY};
+use zk0_tls::server_certificate::ServerCertificate;
 
 const REQUEST: &[u8] = b"GET /checkpoint HTTP/1.1\r\nhost: x\r\nconnection: close\r\n\r\n";
 
@@ -28,7 +28,7 @@ async fn a_log_is_read_over_tls_and_not_without() -> Test {
     tokio::spawn(async move {
         let limits = Limits::default();
         let router = LogServer::new(Path::new(REAL)).router(limits);
-        http::serve_encrypted(listener, router, limits, &certificate, pending()).await;
+        http::serve_with(listener, router, limits, Some(&certificate), pending()).await;
     });
 
     let url = format!("https://{address}");
@@ -48,7 +48,9 @@ async fn a_log_is_read_over_tls_and_not_without() -> Test {
     }
     let no_authority = read(Some(dir.path().join(KEY))).await.unwrap_err();
     assert!(
-        no_authority.to_string().contains("no certificate"),
+        no_authority
+            .to_string()
+            .contains("not a PEM file with certificates"),
         "{no_authority}"
     );
     let http = format!("http://{address}");

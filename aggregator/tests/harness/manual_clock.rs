@@ -26,6 +26,14 @@ impl ManualClock {
         self.set_forward(by_ms);
     }
 
+    /// Sets the clock forward or back, though no time has passed.
+    pub fn jump(&self, by_ms: i64) {
+        let moved = |shown_ms: u64| Some(shown_ms.saturating_add_signed(by_ms));
+        let _ = self
+            .shown_ms
+            .fetch_update(Ordering::SeqCst, Ordering::SeqCst, moved);
+    }
+
     /// Sets the clock forward, though no time has passed.
     pub fn set_forward(&self, by_ms: u64) {
         self.shown_ms.fetch_add(by_ms, Ordering::SeqCst);

@@ -173,6 +173,7 @@ impl Network {
                 Progress::Waiting
                     | Progress::Finished
                     | Progress::Blocked(_)
+                    | Progress::WrongClock(_)
                     | Progress::NeedsBeacon(_)
             ) {
                 return;

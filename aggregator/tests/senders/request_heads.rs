@@ -125,7 +125,7 @@ async fn a_head_is_neither_old_nor_of_the_future() -> Test {
         ),
     ] {
         let result = commit(&network, at(time_ms)).await;
-        refused(result, Code::Unauthenticated, words);
+        refused(result, Code::Unavailable, words);
     }
     commit(&network, at(START_MS - 120_000)).await?;
     commit(&network, at(START_MS + 120_000)).await?;
@@ -148,7 +148,7 @@ async fn the_operator_chooses_how_much_clocks_may_differ() -> Test {
     let request = node.registering(&network, &registration, node.list());
     network.clock.advance(5001);
     let late = network.client().await.register_dataset(request).await;
-    refused(late, Code::Unauthenticated, "5.000 s are allowed");
+    refused(late, Code::Unavailable, "5.000 s are allowed");
     Ok(())
 }
 

@@ -57,7 +57,8 @@ pub fn average(
             what(),
             lost.blob
         );
-        return Err(not_at_hand(What::Averages, why));
+        let why_not = excuse.why(&BlobKind::Moments);
+        return Err(not_at_hand(What::Averages, why, why_not));
     }
     let read_at = |digest: &Digest, place, buffer: &mut [u8]| blobs.read_at(digest, place, buffer);
     let named = before.round().and_then(|round| round.moments);

@@ -3,6 +3,7 @@
 use super::*;
 use ed25519_dalek::SigningKey;
 use zk0_ledger::folder;
+use zk0_protocol::entries::entry::MomentsComputed;
 use zk0_protocol::entries::signed::{Dispute, Evidence, Signed};
 use zk0_protocol::rules::network_rules::Strategy;
 use zk0_protocol::tlog::cosigner::Cosigner;
@@ -59,6 +60,54 @@ fn the_newest_weights_are_kept_and_those_before_them_for_their_momentum() {
         let operator = after(4, genesis, dir.path());
         assert_eq!(weights_after(operator, dir.path(), &one_round), kept);
         let (report, _) = audit(dir.path(), Depth::Full);
+        assert_eq!(faults(&report), [] as [&str; 0]);
+    }
+}
+
+/// A round whose moments are this file.
+fn round_of_adam(operator: &mut Operator, moments: &[u8]) {
+    let number = operator.state().next_round() as u8;
+    operator.open();
+    let (node, update, proof) = (Node::new(1), update(number, 1), proof(number, 1));
+    operator.commit(&node, &update);
+    operator.draw();
+    let submission = operator.submission_of(&node, &update, &proof);
+    operator.append(Body::ContributionAccepted(submission));
+    operator.ledger.blobs().put(moments).unwrap();
+    operator.append(Body::MomentsComputed(MomentsComputed {
+        round: number.into(),
+        moments: blob_digest(moments),
+    }));
+    operator.close(seed(number, 9));
+    operator.time_ms += 2_000;
+}
+
+#[test]
+fn moments_are_kept_that_a_kept_round_goes_on_from() {
+    let mut genesis = genesis();
+    genesis.rules.strategy = Strategy::FedAdam {
+        server_rate_billionths: 1_000_000,
+        beta1_bps: 9_000,
+        beta2_bps: 9_900,
+        tau_billionths: 1_000_000,
+    };
+    for (rounds, kept) in [(0, vec![3]), (1, vec![2, 3]), (2, vec![1, 2, 3])] {
+        let dir = tempfile::tempdir().unwrap();
+        let mut operator = founded(dir.path(), genesis.clone());
+        (0..4).for_each(|number| round_of_adam(&mut operator, &[number, 9]));
+        let now_ms = operator.time_ms;
+        drop(operator);
+        let keep = Keep {
+            rounds: Some(rounds),
+            ..NO_ROUND
+        };
+        prune(dir.path(), &keep, now_ms);
+        let blobs = Blobs::at(dir.path());
+        let there = |number: &u8| blobs.contains(&blob_digest(&[*number, 9]));
+        let left: Vec<u8> = (0..4).filter(there).collect();
+        assert_eq!(left, kept, "{rounds} rounds");
+        // The operator has signed that the others are gone.
+        let (report, _) = audit(dir.path(), Depth::Light);
         assert_eq!(faults(&report), [] as [&str; 0]);
     }
 }

@@ -20,7 +20,7 @@ use public_samples::MakeSamples;
 use rules::{CommonRules, LEAST_UPDATE_LIMIT};
 use serve::Serve;
 use std::path::PathBuf;
-use zk0_aggregator::tls::local_authority::{LocalAuthority, CA, CA_KEY, CERTIFICATE, KEY};
+use zk0_tls::local_authority::{LocalAuthority, CA, CA_KEY, CERTIFICATE, KEY};
 
 /// What to do.
 #[derive(Debug, clap::Subcommand)]

@@ -1,24 +1,20 @@
 //! Options of `zk0 aggregator serve` that say who may connect, and how.
 
+use crate::certificate::CertificateOptions;
 use anyhow::Result;
-use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 use zk0_aggregator::connections::open_files;
 use zk0_aggregator::publish::http;
-use zk0_aggregator::tls::server_certificate::ServerCertificate;
 use zk0_aggregator::{ConnectionLimits, Limits};
+use zk0_tls::server_certificate::ServerCertificate;
 
 /// The edge to the network.
 #[derive(Debug, clap::Args)]
 pub struct NetworkEdge {
-    /// Encrypt with the certificate in this PEM file, which holds the server's certificate and then those that sign it. It is also for the
-    /// log's files. If the file changes, new connections are shown the new certificate.
-    #[arg(long, value_name = "FILE", requires = "tls_key")]
-    tls_certificate: Option<PathBuf>,
-    /// The PEM file with the key of the certificate.
-    #[arg(long, value_name = "FILE", requires = "tls_certificate")]
-    tls_key: Option<PathBuf>,
+    /// The certificate, which is also for the log's files.
+    #[command(flatten)]
+    certificate: CertificateOptions,
     /// Have at most this many connections. An eighth of them is always open to those who have not shown yet that they are a node.
     #[arg(long, value_name = "N", default_value_t = ConnectionLimits::default().most as u32, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     max_connections: u32,
@@ -47,10 +43,7 @@ pub struct NetworkEdge {
 impl NetworkEdge {
     /// The certificate, if connections are to be encrypted.
     pub fn certificate(&self) -> Result<Option<Arc<ServerCertificate>>> {
-        match (&self.tls_certificate, &self.tls_key) {
-            (Some(certificate), Some(key)) => Ok(Some(ServerCertificate::load(certificate, key)?)),
-            _ => Ok(None),
-        }
+        self.certificate.load()
     }
 
     /// The limits of the aggregator, and of the server of the log's files. The system has to allow as many open files.

@@ -3,6 +3,7 @@
 use super::metrics::MetricsOptions;
 use super::network_edge::NetworkEdge;
 use super::policy_folders::PolicyFolderOptions;
+use crate::certificate::{keep_current, scheme};
 use crate::keys;
 use crate::serve::{interrupted, listening, online_until};
 use anyhow::{Context, Result};
@@ -18,8 +19,9 @@ use zk0_aggregator::publish::chosen_witnesses::chosen_witnesses;
 use zk0_aggregator::publish::cosigning::Witnesses;
 use zk0_aggregator::publish::http;
 use zk0_aggregator::publish::log_server::LogServer;
-use zk0_aggregator::tls::server_certificate::ServerCertificate;
 use zk0_aggregator::{Aggregator, Config, Service, SystemClock};
+use zk0_tls::authorities::Authorities;
+use zk0_tls::server_certificate::ServerCertificate;
 
 /// `zk0 aggregator serve`.
 #[derive(Debug, clap::Args)]
@@ -42,6 +44,10 @@ pub struct Serve {
     /// The ledger's folder remembers the file's content. Leave this out if the network's rules name the witnesses.
     #[arg(long, value_name = "FILE")]
     witness_policy: Option<PathBuf>,
+    /// Believe only witnesses whose certificates are signed by one in this PEM file. All witnesses then need an address with https://
+    /// [default: the authorities that the system trusts]
+    #[arg(long, value_name = "FILE")]
+    witness_ca: Option<PathBuf>,
     /// Wait this many seconds for a witness to answer.
     #[arg(long, value_name = "SECONDS", default_value_t = 5)]
     witness_seconds: u64,
@@ -65,9 +71,6 @@ pub struct Serve {
 
 /// How long work that cannot be told to end may take after the connections have ended. Whatever was acknowledged is on disk.
 const ENDING: Duration = Duration::from_secs(2);
-
-/// How often the files of the certificate are looked at.
-const CERTIFICATE_CHECK: Duration = Duration::from_secs(5);
 
 /// Runs the command.
 pub fn serve(options: &Serve) -> Result<()> {
@@ -94,13 +97,14 @@ pub fn serve(options: &Serve) -> Result<()> {
         let mut service = Service::with_limits(aggregator, limits).with_beacons(beacons);
         if let Some(certificate) = &certificate {
             service = service.encrypted(certificate.clone());
-            tokio::spawn(certificate.clone().watch(CERTIFICATE_CHECK));
-        } else if !address.ip().is_loopback() {
-            tracing::warn!("nothing that the aggregator sends or receives is encrypted: use --tls-certificate, or put a TLS proxy before it");
         }
+        keep_current(certificate.as_ref(), "aggregator", address);
         if policy.wants_witnesses() {
             let patience = Duration::from_secs(options.witness_seconds);
-            service = service.witnessed(Witnesses::new(policy, patience)?).await?;
+            let authorities =
+                Authorities::of_system("--witness-ca").in_file(options.witness_ca.clone());
+            let witnesses = Witnesses::believing(policy, patience, &authorities)?;
+            service = service.witnessed(witnesses).await?;
         }
         tracing::info!(listening = %address, "the aggregator of network {network} listens on {address}");
         let log = serve_log(options, certificate, log_limits).await?;
@@ -130,19 +134,10 @@ async fn serve_log(
     };
     let (listener, address) = listening(listen).await?;
     let router = LogServer::new(&options.dir).router(limits);
-    let forever = future::pending();
-    let scheme = if certificate.is_some() {
-        "https"
-    } else {
-        "http"
-    };
+    let scheme = scheme(certificate.as_ref());
     tracing::info!("the log is served on {scheme}://{address}");
     Ok(Some(tokio::spawn(async move {
-        match certificate {
-            Some(certificate) => {
-                http::serve_encrypted(listener, router, limits, &certificate, forever).await
-            }
-            None => http::serve(listener, router, limits, forever).await,
-        }
+        let forever = future::pending();
+        http::serve_with(listener, router, limits, certificate.as_ref(), forever).await;
     })))
 }

@@ -6,6 +6,8 @@ mod trust_options;
 
 pub use trust_options::TrustOptions;
 
+#[cfg(feature = "full")]
+use crate::certificate::CertificateOptions;
 use anyhow::Result;
 use std::path::{Path, PathBuf};
 use zk0_audit::fsck::fsck;
@@ -59,9 +61,11 @@ pub enum Command {
     Serve {
         /// The ledger's folder. Its aggregator may be running.
         dir: PathBuf,
-        /// Listen on this address; port 0 takes a free port. The traffic is not encrypted, so put a TLS proxy before it.
+        /// Listen on this address; port 0 takes a free port. Traffic is encrypted only with --tls-certificate.
         #[arg(long, default_value = "127.0.0.1:7073")]
         listen: std::net::SocketAddr,
+        #[command(flatten)]
+        certificate: CertificateOptions,
     },
     /// Check that a ledger's folder is not damaged: its entries, tree and checkpoints, and all files of weights and proofs that are there.
     /// This checks no proofs; `zk0 audit replay` does. The exit code is 0 if the folder is whole, and 1 if it is not.
@@ -159,7 +163,11 @@ pub fn run(command: &Command) -> Result<bool> {
         #[cfg(feature = "full")]
         Command::Prune(options) => prune::prune(options)?,
         #[cfg(feature = "full")]
-        Command::Serve { dir, listen } => serve(dir, *listen)?,
+        Command::Serve {
+            dir,
+            listen,
+            certificate,
+        } => serve(dir, *listen, certificate)?,
         Command::Fsck { dir } => return Ok(check(dir)),
     }
     Ok(true)
@@ -217,7 +225,7 @@ fn check(dir: &Path) -> bool {
 }
 
 #[cfg(feature = "full")]
-fn serve(dir: &Path, listen: std::net::SocketAddr) -> Result<()> {
+fn serve(dir: &Path, listen: std::net::SocketAddr, certificate: &CertificateOptions) -> Result<()> {
     use zk0_aggregator::publish::http;
     use zk0_aggregator::publish::log_server::LogServer;
     use zk0_ledger::published::publication::PublicationError;
@@ -228,5 +236,5 @@ fn serve(dir: &Path, listen: std::net::SocketAddr) -> Result<()> {
         Err(error) => return Err(error.into()),
     }
     let limits = http::Limits::default();
-    crate::serve::serve_http("log", listen, server.router(limits), limits)
+    crate::serve::serve_http("log", listen, certificate, server.router(limits), limits)
 }

@@ -16,8 +16,8 @@ pub struct TrustOptions {
     /// witnesses that the network's rules name must have cosigned it; only commands that read the whole log check that.
     #[arg(long, value_name = "FILE")]
     pub witness_policy: Option<PathBuf>,
-    /// Where the log is read over HTTPS, accept only certificates that an authority in this PEM file has signed. By default public authorities
-    /// count.
+    /// Where the log is read over HTTPS, accept only certificates that an authority in this PEM file has signed
+    /// [default: the authorities that the system trusts]
     #[arg(long, value_name = "FILE")]
     pub ca: Option<PathBuf>,
 }

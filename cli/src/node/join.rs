@@ -2,6 +2,7 @@
 
 use crate::network::Membership;
 use anyhow::{Context, Result};
+use std::path::PathBuf;
 use zk0_node::turn::Training;
 use zk0_prover::service::ProvingClient;
 use zk0_smolvla::train::adaptive::{Adaptation, Boost};
@@ -12,9 +13,12 @@ use zk0_smolvla::train::optimizer::check_alpha;
 pub struct Join {
     #[command(flatten)]
     member: Membership,
-    /// The address of the proving service, such as http://127.0.0.1:7072. `zk0 prover serve` runs it.
+    /// The address of the proving service, such as http://127.0.0.1:7072. `zk0 prover serve` runs it. With http:// nothing is encrypted.
     #[arg(long, value_name = "ADDRESS")]
     prover: String,
+    /// Believe only a proving service whose certificate is signed by one in this PEM file [default: the authorities that the system trusts]
+    #[arg(long, value_name = "FILE")]
+    prover_ca: Option<PathBuf>,
     /// Train for this many optimiser steps in each round.
     #[arg(long, default_value_t = 600)]
     steps: usize,
@@ -62,7 +66,8 @@ pub async fn run(options: &Join) -> Result<()> {
         },
     };
     let (participant, mut node) = options.member.begin().await?;
-    let mut prover = ProvingClient::connect(options.prover.clone()).await?;
+    let prover = ProvingClient::address(options.prover.clone());
+    let mut prover = ProvingClient::connect(prover.with_ca(options.prover_ca.clone())).await?;
     Ok(participant
         .run(&mut node, &mut prover, &training, options.member.rounds)
         .await?)

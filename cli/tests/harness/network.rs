@@ -25,6 +25,7 @@ use zk0_prover::prove::Proof;
 use zk0_prover::service::{Backend, JobError, Pace, ProvingService, Waiting};
 use zk0_smolvla::frames::sample::PreparedSample;
 use zk0_smolvla::policy::policy_file::{self, PolicyFile};
+use zk0_tls::server_certificate::ServerCertificate;
 
 /// A folder for a ledger, a node and their keys.
 pub struct LocalNetwork {
@@ -153,13 +154,31 @@ impl LocalNetwork {
 
     /// A prover that serves until it is dropped.
     pub fn prover(&self) -> Prover {
+        self.prover_with(None)
+    }
+
+    /// A prover that serves until it is dropped, over TLS if there is a certificate.
+    pub fn prover_with(&self, certificate: Option<Arc<ServerCertificate>>) -> Prover {
         let runtime = Runtime::new().unwrap();
         let address = runtime.block_on(async {
             let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
-            let address = format!("http://{}", listener.local_addr().unwrap());
+            let address = listener.local_addr().unwrap();
             let prover = ProvingService::start(NoProver, 4, Pace::of_cores(2));
-            tokio::spawn(async move { prover.serve(listener, std::future::pending()).await });
-            address
+            let forever = std::future::pending();
+            match certificate {
+                Some(certificate) => {
+                    tokio::spawn(async move {
+                        prover
+                            .serve_encrypted(listener, &certificate, forever)
+                            .await
+                    });
+                    format!("https://{address}")
+                }
+                None => {
+                    tokio::spawn(async move { prover.serve(listener, forever).await });
+                    format!("http://{address}")
+                }
+            }
         });
         Prover {
             address,

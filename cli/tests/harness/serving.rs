@@ -3,11 +3,13 @@
 use super::zk0;
 use std::io::{BufRead, BufReader};
 use std::process::{Child, Command, ExitStatus, Stdio};
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 /// A serving process.
 pub struct Serving {
     process: Child,
+    log: Arc<Mutex<String>>,
     /// The address that it serves on.
     pub address: String,
 }
@@ -30,9 +32,18 @@ impl Serving {
             })
             .expect("it says where it listens");
         // It goes on to write its log.
-        std::thread::spawn(move || std::io::copy(&mut log, &mut std::io::sink()));
-        let address = format!("http://{address}");
-        Self { process, address }
+        let written = Arc::new(Mutex::new(String::new()));
+        let more = written.clone();
+        std::thread::spawn(move || {
+            for line in log.lines().map_while(Result::ok) {
+                *more.lock().unwrap() += &(line + "\n");
+            }
+        });
+        Self {
+            process,
+            log: written,
+            address: format!("http://{address}"),
+        }
     }
 
     /// Tells the process to end, and waits until it has.
@@ -45,6 +56,20 @@ impl Serving {
 }
 
 impl Serving {
+    /// Waits until its log holds these words. Panics after half a minute.
+    #[track_caller]
+    pub fn logs(&self, words: &str) {
+        let begun = Instant::now();
+        while !self.log.lock().unwrap().contains(words) {
+            let log = self.log.lock().unwrap().clone();
+            assert!(
+                begun.elapsed() < Duration::from_secs(30),
+                "{words:?} is not in the log: {log}"
+            );
+            std::thread::sleep(Duration::from_millis(50));
+        }
+    }
+
     /// Kills the process, as the system does when memory is short.
     pub fn kill(&mut self) {
         self.process.kill().unwrap();

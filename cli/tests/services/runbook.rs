@@ -116,8 +116,9 @@ fn a_node_that_is_not_enrolled_and_a_prover_that_nobody_reaches() {
         "cannot be reached: Connection refused (os error 111); `zk0 prover serve` runs it",
     );
     assert!(said.contains(nobody), "{said}");
-    // A server answers at the address of the prover, so the node comes as far as the aggregator.
-    let said = join(&stranger, &serving.address);
+    // With a proving service, the node comes as far as the aggregator.
+    let prover = network.prover();
+    let said = join(&stranger, &prover.address);
     as_in_the_runbook(&said, "is not enrolled in this network");
 }
 

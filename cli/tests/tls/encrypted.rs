@@ -8,13 +8,13 @@ use tempfile::TempDir;
 use tokio::net::TcpListener;
 use tokio::task::JoinHandle;
 use zk0::keys;
-use zk0_aggregator::tls::local_authority::{LocalAuthority, CA, CERTIFICATE, KEY};
-use zk0_aggregator::tls::server_certificate::ServerCertificate;
 use zk0_aggregator::{Aggregator, Config, ConnectionLimits, Limits, Service, SystemClock};
 use zk0_circuits::Digest;
-use zk0_node::client::address::AggregatorAddress;
 use zk0_node::client::Node;
 use zk0_node::client_error::NodeError;
+use zk0_tls::local_authority::{LocalAuthority, CA, CERTIFICATE, KEY};
+use zk0_tls::server_certificate::ServerCertificate;
+use zk0_tls::service_address::ServiceAddress;
 
 /// A running aggregator.
 pub struct Encrypted {
@@ -87,7 +87,7 @@ impl Encrypted {
     /// Connects to the aggregator by `scheme` as a node that believes the authorities in `ca`.
     pub async fn connect(&self, scheme: &str, ca: Option<PathBuf>) -> Result<Node, NodeError> {
         let url = format!("{scheme}://{}", self.address);
-        let address = AggregatorAddress::from(url).with_ca(ca);
+        let address = ServiceAddress::from(url).with_ca(ca);
         let key = keys::read(Path::new(&self.local.path("node.key"))).unwrap();
         Node::connect(address, self.network, key).await
     }

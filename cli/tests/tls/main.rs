@@ -1,4 +1,4 @@
-//! Connections between nodes and an aggregator: they are encrypted, nobody is believed who does not show the right certificate, and a node
+//! Connections between nodes and an aggregator, and to the other services: they are encrypted, nobody is believed who does not show the right certificate, and a node
 //! connects again when its connection is lost.
 
 #[path = "../harness/mod.rs"]
@@ -9,3 +9,4 @@ mod certificates;
 mod encrypted;
 mod lost_connection;
 mod renewal;
+mod services;

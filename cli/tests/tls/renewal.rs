@@ -4,7 +4,7 @@ use crate::encrypted::{Certificates, Encrypted};
 use std::fs;
 use std::time::Duration;
 use tokio::time::sleep;
-use zk0_aggregator::tls::local_authority::{CERTIFICATE, KEY};
+use zk0_tls::local_authority::{CERTIFICATE, KEY};
 
 const EVERY: Duration = Duration::from_millis(50);
 

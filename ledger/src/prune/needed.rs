@@ -28,6 +28,9 @@ pub struct Needed {
     /// The number of the round that the entries have come to, and what it started from.
     round: u64,
     base: Option<Digest>,
+    /// The moments that the next round goes on from, and those that were computed of the present one.
+    moments: Option<Digest>,
+    computed: Option<Digest>,
     needed: BTreeSet<Digest>,
     /// What the entries name besides. A blob that is here and needed all the same is kept.
     others: BTreeMap<Digest, Reason>,
@@ -38,6 +41,7 @@ impl Needed {
     pub fn beside(state: &State, older: Older) -> Self {
         let mut needed: BTreeSet<_> = [state.global().blob].into();
         needed.extend(state.earlier_base().map(|base| base.blob));
+        needed.extend(state.moments().map(|moments| moments.blob));
         for open in state.proposals().values() {
             if let Action::RestoreWeights { round } = open.action {
                 needed.extend(state.results().of(round).map(|result| result.blob));
@@ -48,6 +52,8 @@ impl Needed {
             open: state.round().map(|round| round.number()),
             round: 0,
             base: None,
+            moments: None,
+            computed: None,
             needed,
             others: BTreeMap::new(),
         }
@@ -68,6 +74,9 @@ impl Needed {
             Body::RoundOpened(opened) => {
                 self.round = opened.round;
                 let earlier = self.base.replace(opened.base.blob);
+                if self.round >= self.older.before {
+                    self.needed.extend(self.moments);
+                }
                 if self.keeps_weights() {
                     self.needed.insert(opened.base.blob);
                     if matches!(opened.rules.strategy, Strategy::FedAvgM { .. }) {
@@ -100,7 +109,15 @@ impl Needed {
                     false => self.take(open, proof, Reason::Unread),
                 }
             }
+            Body::MomentsComputed(computed) => {
+                self.computed = Some(computed.moments);
+                self.take(!older, computed.moments, Reason::Update);
+            }
             Body::RoundClosed(closed) => {
+                if closed.is_taken() {
+                    self.moments = self.computed;
+                }
+                self.computed = None;
                 let keeps = self.keeps_weights();
                 self.take(keeps, closed.global.blob, Reason::Weights);
             }

@@ -4,8 +4,10 @@
 //!   it as plain files.
 //! - [`source`]: where a published log is read from: a folder, or an address ([`web`]).
 //! - [`reader`]: a reader of such a log, who trusts none of its files; [`mirror`]: a ledger's folder made from one.
+//! - [`http_client`]: asks servers of logs, and others.
 
 pub mod export;
+pub mod http_client;
 pub mod mirror;
 pub mod publication;
 pub mod reader;

@@ -16,11 +16,18 @@ pub(super) struct About {
 }
 
 /// The aggregator that heads are for.
-#[derive(Clone, Copy)]
 pub(super) struct For {
     pub network: Digest,
     /// The aggregator's run. A restart changes it.
     pub run: [u8; 16],
+    /// The node's clock, in Unix milliseconds.
+    pub clock: Box<dyn Fn() -> u64 + Send + Sync>,
+}
+
+/// The clock of this machine, in Unix milliseconds.
+pub(super) fn system_clock() -> u64 {
+    let now = SystemTime::now().duration_since(UNIX_EPOCH);
+    now.map_or(0, |now| now.as_millis() as u64)
 }
 
 impl About {
@@ -47,7 +54,6 @@ impl For {
     pub fn head(&self, about: &About, key: &SigningKey) -> Result<Signed<RequestHead>, NodeError> {
         let mut nonce = [0; 16];
         getrandom::fill(&mut nonce).map_err(NodeError::Random)?;
-        let now = SystemTime::now().duration_since(UNIX_EPOCH);
         let head = RequestHead {
             network: self.network,
             run: self.run,
@@ -55,7 +61,7 @@ impl For {
             round: about.round,
             body: about.body,
             sender: NodeId(key.verifying_key().to_bytes()),
-            time_ms: now.map_or(0, |now| now.as_millis() as u64),
+            time_ms: (self.clock)(),
             nonce,
         };
         Ok(Signed::new(head, key))

@@ -4,9 +4,9 @@ use super::upload;
 use crate::program::GuestInput;
 use crate::rpc;
 use crate::rpc::prover_client::ProverClient;
-use std::error::Error;
 use std::time::Duration;
-use tonic::{transport, Status};
+use tonic::{transport, Code, Status};
+use zk0_tls::service_address::{ConnectError, ServiceAddress, Silence};
 
 /// A connection to a proving service.
 #[derive(Clone)]
@@ -17,16 +17,9 @@ pub struct ProvingClient {
 /// Why a service gave no proof.
 #[derive(Debug, thiserror::Error)]
 pub enum ClientError {
-    /// The text is not an address, or nobody answers there.
-    #[error(
-        "the proving service at {address} cannot be reached: {why}; `zk0 prover serve` runs it"
-    )]
-    Connect {
-        /// Where it is said to be.
-        address: String,
-        /// Why it cannot be reached.
-        why: String,
-    },
+    /// There is no connection.
+    #[error("{0}; `zk0 prover serve` runs it")]
+    Connect(#[from] ConnectError),
     /// The service refuses. Code and reason are those of `proto/prover.proto`.
     #[error("{}", .0.message())]
     Refused(Box<Status>),
@@ -35,30 +28,33 @@ pub enum ClientError {
     NoProof,
 }
 
-/// The last cause. Those before it only say that there is one.
-fn cause(error: &dyn Error) -> String {
-    match error.source() {
-        Some(source) => cause(source),
-        None => error.to_string(),
-    }
-}
-
 impl ProvingClient {
-    /// Connects to a service, such as `http://127.0.0.1:7072`.
-    pub async fn connect(address: String) -> Result<Self, ClientError> {
-        let unreachable = |error: transport::Error| ClientError::Connect {
-            address: address.clone(),
-            why: cause(&error),
-        };
-        let channel = transport::Endpoint::try_from(address.clone())
-            .map_err(unreachable)?
-            .connect_timeout(Duration::from_secs(10))
-            .connect()
-            .await
-            .map_err(unreachable)?;
-        let client = ProverClient::new(channel)
+    /// The address of a service, such as `http://127.0.0.1:7072`, to which [`Self::connect`] connects.
+    pub fn address(url: String) -> ServiceAddress {
+        // A proof takes all cores of its machine, so the service may be slow to answer. A lost connection would lose the proof.
+        ServiceAddress::new("proving service", url, "--prover-ca").with_silence(Silence {
+            asks_after: Duration::from_secs(60),
+            lost_after: Duration::from_secs(300),
+        })
+    }
+
+    /// Connects to a service.
+    pub async fn connect(address: ServiceAddress) -> Result<Self, ClientError> {
+        let channel = address.connect().await?;
+        let mut client = ProverClient::new(channel)
             .max_encoding_message_size(upload::MAX_MESSAGE_BYTES)
             .max_decoding_message_size(upload::MAX_EVENT_BYTES);
+        // Whether somebody speaks gRPC there shows only when a request is made, and a node trains before it has something to prove. So it
+        // makes a request without content. Every proving service refuses that, and takes nothing for it.
+        if let Err(status) = client.prove(tokio_stream::empty()).await {
+            if let Some(error) = address.first_failure(&status) {
+                return Err(error.into());
+            }
+            if status.code() == Code::Unimplemented {
+                let why = "whoever answers is not a proving service".into();
+                return Err(address.because(why).into());
+            }
+        }
         Ok(Self { client })
     }
 

@@ -8,12 +8,18 @@ use crate::program::GuestInput;
 use crate::rpc::progress::Phase;
 use crate::rpc::{self, prover_server};
 use std::future::Future;
+use std::io;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
+use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::TcpListener;
 use tokio::sync::{mpsc, watch, OwnedSemaphorePermit, Semaphore};
 use tokio_stream::wrappers::{ReceiverStream, TcpListenerStream};
+use tokio_stream::Stream;
+use tonic::transport::server::Connected;
 use tonic::{transport, Request, Response, Status, Streaming};
+use zk0_tls::incoming::encrypted;
+use zk0_tls::server_certificate::ServerCertificate;
 
 /// Memory for the private inputs of all requests, in MiB.
 const MEMORY_MIB: u32 = 4 << 10;
@@ -87,6 +93,29 @@ impl<B: Backend> ProvingService<B> {
         listener: TcpListener,
         shutdown: impl Future<Output = ()>,
     ) -> Result<(), transport::Error> {
+        self.serve_on(TcpListenerStream::new(listener), shutdown)
+            .await
+    }
+
+    /// Like [`Self::serve`], over TLS with this certificate.
+    pub async fn serve_encrypted(
+        self,
+        listener: TcpListener,
+        certificate: &Arc<ServerCertificate>,
+        shutdown: impl Future<Output = ()>,
+    ) -> Result<(), transport::Error> {
+        let connections = encrypted(listener, certificate.acceptor("h2"));
+        self.serve_on(connections, shutdown).await
+    }
+
+    async fn serve_on<C>(
+        self,
+        connections: impl Stream<Item = io::Result<C>>,
+        shutdown: impl Future<Output = ()>,
+    ) -> Result<(), transport::Error>
+    where
+        C: AsyncRead + AsyncWrite + Connected + Unpin + Send + 'static,
+    {
         let shared = self.shared.clone();
         let shutdown = async {
             shutdown.await;
@@ -98,7 +127,7 @@ impl<B: Backend> ProvingService<B> {
         transport::Server::builder()
             .concurrency_limit_per_connection(REQUESTS_PER_CONNECTION)
             .add_service(service)
-            .serve_with_incoming_shutdown(TcpListenerStream::new(listener), shutdown)
+            .serve_with_incoming_shutdown(connections, shutdown)
             .await?;
         // Work whose client has gone may still hold the turn, because it is being withdrawn elsewhere.
         let _ = shared.proving.acquire().await;
@@ -115,10 +144,11 @@ impl<B: Backend> prover_server::Prover for ProvingService<B> {
         request: Request<Streaming<rpc::ProvePart>>,
     ) -> Result<Response<Self::ProveStream>, Status> {
         let mut parts = request.into_inner();
+        // Whoever announces nothing takes nothing.
+        let announced = Announced::receive(&mut parts).await?;
         let slot = self.shared.slots.clone().try_acquire_owned().map_err(|_| {
             Status::resource_exhausted("the prover's queue is full: try again when a proof is done")
         })?;
-        let announced = Announced::receive(&mut parts).await?;
         let mebibytes = announced.bytes().div_ceil(1 << 20).min(MEMORY_MIB.into()) as u32;
         let memory = self.shared.memory.clone().try_acquire_many_owned(mebibytes);
         let memory = memory.map_err(|_| {

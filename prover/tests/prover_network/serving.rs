@@ -53,7 +53,9 @@ async fn service(network: &Network) -> Service {
 
 /// Asks the service for a proof, which it never gives here. Returns why not.
 async fn refusal(address: String, input: GuestInput, progress: impl FnMut(Progress)) -> String {
-    let mut client = ProvingClient::connect(address).await.unwrap();
+    let mut client = ProvingClient::connect(ProvingClient::address(address))
+        .await
+        .unwrap();
     match client.prove(input, progress).await {
         Err(ClientError::Refused(status)) => format!("{}: {}", status.code(), status.message()),
         other => panic!("not refused: {other:?}"),

@@ -12,6 +12,7 @@ mod attestation;
 mod audited;
 mod bounds;
 mod copy;
+mod faults;
 mod ledger_rules;
 mod moments;
 mod nodes;
@@ -84,6 +85,7 @@ fn every_check_can_be_removed_from_the_sources() {
         nodes::REMOVALS,
         pruned::REMOVALS,
         service::REMOVALS,
+        faults::REMOVALS,
     ];
     let wrong: Vec<_> = lists
         .concat()
@@ -116,5 +118,6 @@ fn verifier_ledger_and_audit_have_a_test_for_each_check() {
         nodes::REMOVALS,
         pruned::REMOVALS,
         service::REMOVALS,
+        faults::REMOVALS,
     ]);
 }

@@ -6,8 +6,9 @@ use std::collections::{BTreeMap, BTreeSet};
 type Dependencies<'a> = BTreeMap<&'a str, BTreeSet<&'a str>>;
 
 /// Each crate, and what its row of the map names.
-const MAP: [(&str, &[&str]); 15] = [
+const MAP: [(&str, &[&str]); 16] = [
     ("zk0-files", &[]),
+    ("zk0-tls", &["zk0-files"]),
     ("zk0-tensors", &[]),
     ("zk0-circuits", &[]),
     ("zk0-argument", &["zk0-circuits"]),
@@ -15,9 +16,9 @@ const MAP: [(&str, &[&str]); 15] = [
     ("zk0-smolvla", &["zk0-circuits", "zk0-lerobot"]),
     ("zk0-protocol", &["zk0-argument"]),
     ("zk0-weights", &["zk0-protocol", "zk0-tensors"]),
-    ("zk0-ledger", &["zk0-files", "zk0-protocol"]),
+    ("zk0-ledger", &["zk0-protocol", "zk0-tls"]),
     ("zk0-verifier", &["zk0-argument", "zk0-weights"]),
-    ("zk0-prover", &["zk0-argument"]),
+    ("zk0-prover", &["zk0-argument", "zk0-tls"]),
     ("zk0-node", &["zk0-smolvla", "zk0-weights", "zk0-prover"]),
     ("zk0-aggregator", &["zk0-ledger", "zk0-verifier"]),
     ("zk0-audit", &["zk0-ledger", "zk0-verifier"]),
@@ -33,6 +34,8 @@ const LIGHT: [(&str, &[&str]); 8] = [
             "sp1-prover",
             "candle-core",
             "tonic",
+            "tokio-rustls",
+            "rcgen",
             "zk0-smolvla",
             "zk0-prover",
             "zk0-node",

@@ -5,13 +5,16 @@
 //! deadline that has passed, and a request is stamped only when it is here as a whole.
 
 use crate::round::clock::Clock;
+use crate::round::request::RequestError;
 use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tokio::sync::Notify;
+use zk0_ledger::clock::{ClockError, ClockWatch};
 
 /// The requests that are in progress, with the times at which they arrived.
 pub struct Arrivals {
     clock: Arc<dyn Clock>,
+    watch: Arc<ClockWatch>,
     pending: Mutex<Pending>,
     /// Notified when a request is done.
     done: Notify,
@@ -32,34 +35,43 @@ pub struct Arrival {
 }
 
 impl Arrivals {
-    /// No requests yet.
-    pub fn new(clock: Arc<dyn Clock>) -> Self {
+    /// No requests yet. `watch` says whether the clock is right.
+    pub fn new(clock: Arc<dyn Clock>, watch: Arc<ClockWatch>) -> Self {
         Self {
             clock,
+            watch,
             pending: Mutex::default(),
             done: Notify::new(),
         }
     }
 
     /// A request has arrived, now.
-    pub fn stamp(self: &Arc<Self>) -> Arrival {
+    ///
+    /// # Errors
+    /// The clock is wrong. Then nobody can say whether the request is in time.
+    pub fn stamp(self: &Arc<Self>) -> Result<Arrival, RequestError> {
         let mut pending = self.pending();
         // The clock is read while the set is locked: whoever has seen a later time finds this request in the set.
-        let at_ms = self.clock.now_ms();
+        let at_ms = self.now_ms()?;
         let number = pending.next;
         pending.next += 1;
         pending.requests.insert((at_ms, number));
         drop(pending);
-        Arrival {
+        Ok(Arrival {
             at_ms,
             number,
             all: self.clone(),
-        }
+        })
     }
 
     /// The clock, in Unix milliseconds.
-    pub fn now_ms(&self) -> u64 {
-        self.clock.now_ms()
+    ///
+    /// # Errors
+    /// The clock is wrong: it has jumped.
+    pub fn now_ms(&self) -> Result<u64, ClockError> {
+        let now_ms = self.clock.now_ms();
+        self.watch.check_now(now_ms)?;
+        Ok(now_ms)
     }
 
     /// Whether a request is in progress that arrived at `deadline_ms` or before.

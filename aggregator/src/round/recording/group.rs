@@ -5,6 +5,7 @@
 use crate::round::aggregator::Aggregator;
 use crate::round::recording::submission::Judged;
 use crate::round::request::RequestError;
+use zk0_ledger::error::LedgerError;
 use zk0_ledger::group::Wanted;
 use zk0_protocol::entries::entry::Body;
 use zk0_protocol::tlog::receipt::Receipt;
@@ -30,7 +31,10 @@ impl Aggregator {
             Ok(outcomes) => outcomes,
             Err(error) => {
                 let why = error.to_string();
-                let failed = |_| Err(RequestError::Internal(why.clone()));
+                let failed = |_| match &error {
+                    LedgerError::Clock(error) => Err(error.clone().into()),
+                    _ => Err(RequestError::Internal(why.clone())),
+                };
                 return all.iter().map(failed).collect();
             }
         };

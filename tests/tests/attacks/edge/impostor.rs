@@ -7,12 +7,12 @@ use std::fs;
 use std::path::Path;
 use std::sync::Arc;
 use tokio::net::TcpListener;
-use zk0_aggregator::tls::local_authority::{LocalAuthority, CA, CERTIFICATE, KEY};
-use zk0_aggregator::tls::server_certificate::ServerCertificate;
 use zk0_aggregator::Config;
 use zk0_node::client;
-use zk0_node::client::address::AggregatorAddress;
 use zk0_tests::changed_copy::Change;
+use zk0_tls::local_authority::{LocalAuthority, CA, CERTIFICATE, KEY};
+use zk0_tls::server_certificate::ServerCertificate;
+use zk0_tls::service_address::ServiceAddress;
 
 pub const ATTACK: Attack = Attack {
     number: 17,
@@ -23,14 +23,14 @@ pub const ATTACK: Attack = Attack {
     defence: Defence {
         check: "a node believes the authorities that its operator named, and no others",
         out: &[Change {
-            file: "node/src/client/address.rs",
+            file: "tls/src/authorities.rs",
             replacements: &[(
-                "                let certificates = read(path).map_err(|error| NodeError::Ca {\n",
-                "                let path = &match OUT {
-                    true => path.with_file_name(\"impostor.pem\"),
-                    false => path.clone(),
-                };
-                let certificates = read(path).map_err(|error| NodeError::Ca {\n",
+                "            Some(path) => read(path).map_err(",
+                "            Some(path) => read(&match OUT {
+                true => path.with_file_name(\"impostor.pem\"),
+                false => path.clone(),
+            })
+            .map_err(",
             )],
         }],
     },
@@ -62,7 +62,7 @@ async fn carry_out() -> Outcome {
     let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
     let url = format!("https://{}", listener.local_addr().unwrap());
     let serving = tokio::spawn(impostor.serve(listener, std::future::pending()));
-    let address = AggregatorAddress::from(url).with_ca(Some(named.path().join(CA)));
+    let address = ServiceAddress::from(url).with_ca(Some(named.path().join(CA)));
     let connected = client::Node::connect(address, network.genesis.network_id(), node.key);
     let connected = connected.await;
     serving.abort();

@@ -143,7 +143,7 @@ impl ResolvesServerCert for ServerCertificate {
 
 impl Acceptor {
     /// The TLS handshake. Whoever does not speak TLS is told so.
-    pub(crate) async fn accept(&self, mut stream: TcpStream) -> io::Result<TlsStream<TcpStream>> {
+    pub async fn accept(&self, mut stream: TcpStream) -> io::Result<TlsStream<TcpStream>> {
         let mut first = [0];
         if stream.peek(&mut first).await? == 1 && first != [HANDSHAKE] {
             // What has come is taken, because the system discards an answer if something unread is left at the end.

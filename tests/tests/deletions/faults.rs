@@ -1,0 +1,125 @@
+//! Checks that hold when the machine or the network fails, and checks of certificates.
+
+use crate::Removal;
+
+const fn fault(
+    check: &'static str,
+    file: &'static str,
+    replacements: &'static [(&'static str, &'static str)],
+    test: &'static str,
+) -> Removal {
+    Removal {
+        check,
+        file,
+        replacements,
+        package: "zk0-tests",
+        target: "service_faults",
+        test,
+    }
+}
+
+const fn certificate(
+    check: &'static str,
+    file: &'static str,
+    replacements: &'static [(&'static str, &'static str)],
+    test: &'static str,
+) -> Removal {
+    Removal {
+        package: "zk0",
+        target: "tls",
+        ..fault(check, file, replacements, test)
+    }
+}
+
+pub const REMOVALS: &[Removal] = &[
+    fault(
+        "a client asks over a silent connection whether anybody is there",
+        "tls/src/service_address.rs",
+        &[("            .keep_alive_while_idle(true);", "            .http2_keep_alive_interval(Duration::from_secs(86_400));")],
+        "a_node_that_waits_for_a_round_learns_of_it_after_the_cut",
+    ),
+    fault(
+        "no request is judged by a clock that has jumped",
+        "aggregator/src/round/recording/arrivals.rs",
+        &[(
+            "let at_ms = self.now_ms()?;",
+            "let at_ms = self.clock.now_ms();",
+        )],
+        "the_aggregators_clock_jumps_a_day_ahead_and_back",
+    ),
+    fault(
+        "no round goes on by a clock that has jumped",
+        "aggregator/src/round/aggregator.rs",
+        &[(
+            "if let Err(error) = self.arrivals.now_ms() {",
+            "if let (true, Err(error)) = (false, self.arrivals.now_ms()) {",
+        )],
+        "the_aggregators_clock_jumps_a_day_ahead_and_back",
+    ),
+    fault(
+        "a clock that jumps back is noticed",
+        "ledger/src/clock.rs",
+        &[(
+            "if expected_ms.saturating_sub(clock_ms) > TOLERANCE_MS {",
+            "if false {",
+        )],
+        "the_aggregators_clock_jumps_a_day_back_and_ahead",
+    ),
+    fault(
+        "small steps of the clock do not add up to a jump",
+        "ledger/src/clock.rs",
+        &[(
+            "if steady.saturating_sub(right.steady) >= FOLLOW {",
+            "if false && steady.saturating_sub(right.steady) >= FOLLOW {",
+        )],
+        "small_steps_of_the_clock_are_no_jump",
+    ),
+    fault(
+        "a node whose clock is wrong asks again",
+        "aggregator/src/round/request.rs",
+        &[(
+            "HeadRefusal::Run | HeadRefusal::Time { .. } => Code::Unavailable,",
+            "HeadRefusal::Run => Code::Unavailable,",
+        )],
+        "a_nodes_clock_jumps_a_day_ahead",
+    ),
+    Removal {
+        target: "full_disk",
+        ..fault(
+            "a node whose upload finds no room asks again",
+            "aggregator/src/round/request.rs",
+            &[(
+                "            full if full.is_full() => Self::NoRoom(full),\n",
+                "",
+            )],
+            "an_upload_goes_on_when_there_is_room_again",
+        )
+    },
+    certificate(
+        "a reader of a log believes the authorities that it was told, and no others",
+        "ledger/src/published/http_client.rs",
+        &[(
+            "            .root_certs(RootCerts::from(roots))\n",
+            "            .root_certs(RootCerts::from(roots))\n            .disable_verification(true)\n",
+        )],
+        "a_log_is_served_and_read_over_tls",
+    ),
+    certificate(
+        "nothing is sent to a witness without encryption if authorities are named",
+        "aggregator/src/publish/cosigning.rs",
+        &[(
+            "if let (Some(file), false) = (authorities.file(), url.starts_with(\"https://\")) {",
+            "if let (Some(file), true) = (authorities.file(), url.is_empty()) {",
+        )],
+        "witnesses_are_asked_over_tls",
+    ),
+    certificate(
+        "whoever is slow with the handshake keeps nobody waiting",
+        "tls/src/incoming.rs",
+        &[(
+            "while handshakes.try_join_next().is_some() {}",
+            "while handshakes.join_next().await.is_some() {}",
+        )],
+        "a_proving_service_shows_its_certificate",
+    ),
+];

@@ -1,0 +1,202 @@
+//! A gRPC client connects to a service by its address, with TLS where the address begins with `https://`.
+
+use crate::authorities::{causes, tls_error, Authorities, AuthoritiesError};
+use rustls::RootCertStore;
+use std::error::Error;
+use std::net::IpAddr;
+use std::path::PathBuf;
+use std::time::Duration;
+use tonic::transport::{Channel, ClientTlsConfig, Endpoint};
+use tonic::Status;
+
+/// How long a connection, with its TLS handshake, may take.
+const PATIENCE: Duration = Duration::from_secs(10);
+
+/// The address of a service, `https://…` or `http://…`, and whose certificates count there.
+#[derive(Clone, Debug)]
+pub struct ServiceAddress {
+    service: &'static str,
+    url: String,
+    authorities: Authorities,
+    silence: Silence,
+}
+
+/// How a client finds out that the network between it and the service is cut. A cut connection looks like one on which nobody speaks.
+#[derive(Clone, Copy, Debug)]
+pub struct Silence {
+    /// After so much of it, the client asks whether anybody is there (a ping of HTTP/2).
+    pub asks_after: Duration,
+    /// If no answer comes for so long, the connection is lost.
+    pub lost_after: Duration,
+}
+
+/// Why there is no connection.
+#[derive(Debug, thiserror::Error)]
+pub enum ConnectError {
+    /// The text is not an address, nobody answers there, or whoever answers does not show the right certificate.
+    #[error("the {service} at {url} cannot be reached: {why}")]
+    Unreachable {
+        /// What the service is.
+        service: &'static str,
+        /// Its address.
+        url: String,
+        /// What is wrong.
+        why: String,
+    },
+    /// There are certificates to check, but the connection would not be encrypted.
+    #[error("{} says whose certificates count, but the {service} at {url} has none: use https://", .file.display())]
+    NotEncrypted {
+        /// What the service is.
+        service: &'static str,
+        /// The address.
+        url: String,
+        /// The file with the certificates.
+        file: PathBuf,
+    },
+    /// There are no certificates to check with.
+    #[error(transparent)]
+    Authorities(#[from] AuthoritiesError),
+}
+
+/// The address of an aggregator, which most clients speak to.
+impl From<String> for ServiceAddress {
+    fn from(url: String) -> Self {
+        Self::new("aggregator", url, "--ca")
+    }
+}
+
+impl ServiceAddress {
+    /// The address of a service, such as an "aggregator", where the certificates that the system trusts count. The option `option` names
+    /// others.
+    pub fn new(service: &'static str, url: String, option: &'static str) -> Self {
+        Self {
+            service,
+            url,
+            authorities: Authorities::of_system(option),
+            silence: Silence {
+                asks_after: Duration::from_secs(30),
+                lost_after: Duration::from_secs(30),
+            },
+        }
+    }
+
+    /// From now on, a silent connection is given up after these times.
+    pub fn with_silence(mut self, silence: Silence) -> Self {
+        self.silence = silence;
+        self
+    }
+
+    /// From now on, only the certificates in this PEM file count.
+    pub fn with_ca(mut self, file: Option<PathBuf>) -> Self {
+        self.authorities = self.authorities.in_file(file);
+        self
+    }
+
+    fn is_encrypted(&self) -> bool {
+        let scheme = self.url.split("://").next();
+        scheme.is_some_and(|scheme| scheme.eq_ignore_ascii_case("https"))
+    }
+
+    /// Connects.
+    pub async fn connect(&self) -> Result<Channel, ConnectError> {
+        let mut endpoint = Endpoint::try_from(self.url.clone())
+            .map_err(|error| self.unreachable(&error))?
+            .connect_timeout(PATIENCE)
+            .http2_keep_alive_interval(self.silence.asks_after)
+            .keep_alive_timeout(self.silence.lost_after)
+            .keep_alive_while_idle(true);
+        if self.is_encrypted() {
+            let tls = ClientTlsConfig::new()
+                .trust_anchors(self.roots()?.roots)
+                .timeout(PATIENCE);
+            let encrypted = endpoint.tls_config(tls);
+            endpoint = encrypted.map_err(|error| self.unreachable(&error))?;
+        } else {
+            if let Some(file) = self.authorities.file() {
+                return Err(ConnectError::NotEncrypted {
+                    service: self.service,
+                    url: self.url.clone(),
+                    file: file.into(),
+                });
+            }
+            if !is_loopback(endpoint.uri().host().unwrap_or_default()) {
+                let Self { service, url, .. } = self;
+                tracing::warn!(
+                    "nothing that travels between this machine and {url} is encrypted: use https:// if the {service} has a certificate"
+                );
+            }
+        }
+        let connected = endpoint.connect().await;
+        connected.map_err(|error| self.unreachable(&error))
+    }
+
+    fn roots(&self) -> Result<RootCertStore, AuthoritiesError> {
+        let mut roots = RootCertStore::empty();
+        let found = self.authorities.certificates()?;
+        let (added, _) = roots.add_parsable_certificates(found);
+        match added {
+            0 => Err(self.authorities.unusable()),
+            _ => Ok(roots),
+        }
+    }
+
+    /// Why the service cannot be reached, from the first cause that says something.
+    fn unreachable(&self, error: &(dyn Error + 'static)) -> ConnectError {
+        let why = match tls_error(error) {
+            Some(error) => self.authorities.meaning(error),
+            None => {
+                let last = causes(error).last();
+                let why = last.map_or_else(|| error.to_string(), |cause| cause.to_string());
+                match self.is_encrypted() && why.contains("tls handshake eof") {
+                    true => "the server ended the connection during the TLS handshake; perhaps it does not speak TLS".into(),
+                    false => why,
+                }
+            }
+        };
+        self.because(why)
+    }
+
+    /// What the failure of the first request means: whoever does not speak HTTP/2 shows it only then. `None` if the service itself refused.
+    pub fn first_failure(&self, status: &Status) -> Option<ConnectError> {
+        // What a service answers has no source. A lost connection has one, and how it was lost depends on who was faster.
+        let cause = status.source().and_then(|cause| causes(cause).last())?;
+        Some(self.because(match self.is_encrypted() {
+            true => format!("the connection ended before it answered: {cause}"),
+            false => format!(
+                "it does not answer in plain HTTP/2 ({cause}): use https:// if it speaks TLS"
+            ),
+        }))
+    }
+
+    /// The service cannot be reached, because of `why`.
+    pub fn because(&self, why: String) -> ConnectError {
+        ConnectError::Unreachable {
+            service: self.service,
+            url: self.url.clone(),
+            why,
+        }
+    }
+}
+
+fn is_loopback(host: &str) -> bool {
+    let address = host.trim_start_matches('[').trim_end_matches(']');
+    match address.parse::<IpAddr>() {
+        Ok(address) => address.is_loopback(),
+        Err(_) => host == "localhost",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn loopback_is_told_from_the_network() {
+        for host in ["127.0.0.1", "127.8.9.1", "localhost", "[::1]"] {
+            assert!(is_loopback(host), "{host}");
+        }
+        for host in ["192.0.2.1", "localhost.example", "[2001:db8::1]", ""] {
+            assert!(!is_loopback(host), "{host}");
+        }
+    }
+}
