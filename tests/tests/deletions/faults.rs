@@ -54,7 +54,7 @@ pub const REMOVALS: &[Removal] = &[
             "if let Err(error) = self.arrivals.now_ms() {",
             "if let (true, Err(error)) = (false, self.arrivals.now_ms()) {",
         )],
-        "the_aggregators_clock_jumps_a_day_ahead_and_back",
+        "the_aggregators_clock_jumps_a_day_back_and_ahead",
     ),
     fault(
         "a clock that jumps back is noticed",
@@ -103,15 +103,6 @@ pub const REMOVALS: &[Removal] = &[
             "            .root_certs(RootCerts::from(roots))\n            .disable_verification(true)\n",
         )],
         "a_log_is_served_and_read_over_tls",
-    ),
-    certificate(
-        "nothing is sent to a witness without encryption if authorities are named",
-        "aggregator/src/publish/cosigning.rs",
-        &[(
-            "if let (Some(file), false) = (authorities.file(), url.starts_with(\"https://\")) {",
-            "if let (Some(file), true) = (authorities.file(), url.is_empty()) {",
-        )],
-        "witnesses_are_asked_over_tls",
     ),
     certificate(
         "whoever is slow with the handshake keeps nobody waiting",
