@@ -296,11 +296,26 @@ fn other_moments_than_those_of_the_round_are_a_fault() {
     let state = with_strategy(&state, FED_ADAM, None, None);
     let (closed, named, _) = by_fed_adam(&state, &contributions, &closed, &blobs);
     assert!(closed.is_taken());
-    assert!(average(&named, &closed, &contributions, Depth::Full, &blobs).is_ok());
+    assert!(average(
+        &named,
+        &closed,
+        &contributions,
+        Depth::Full,
+        Excuse::default(),
+        &blobs
+    )
+    .is_ok());
     let other = naming(&state, Digest([3; 32]));
     // A ledger whose rules were not kept has none at all.
     for false_state in [other, state] {
-        match average(&false_state, &closed, &contributions, Depth::Full, &blobs) {
+        match average(
+            &false_state,
+            &closed,
+            &contributions,
+            Depth::Full,
+            Excuse::default(),
+            &blobs,
+        ) {
             Err(Check::Failed(why)) => assert!(why.contains("closed with the moments"), "{why}"),
             found => panic!("not found: {found:?}"),
         }
@@ -318,7 +333,16 @@ fn an_audit_reads_the_moments_that_the_round_goes_on_from() {
     let second = with_strategy(&state, FED_ADAM, None, Some(moments));
     let (second, named, _) = by_fed_adam(&second, &contributions, &closed, &blobs);
     assert_ne!(first.evaluated, second.evaluated, "the moments count");
-    let audited = || average(&named, &second, &contributions, Depth::Full, &blobs);
+    let audited = || {
+        average(
+            &named,
+            &second,
+            &contributions,
+            Depth::Full,
+            Excuse::default(),
+            &blobs,
+        )
+    };
     assert!(audited().is_ok());
     // The aggregator keeps the file of the moments among the blobs.
     let computed = |state: &State| {
