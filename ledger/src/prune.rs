@@ -26,6 +26,8 @@ use zk0_protocol::entries::entry::{Body, Entry};
 use zk0_protocol::pruning::Pruning;
 use zk0_protocol::rules::state::State;
 
+pub use needed::Reason;
+
 /// What is to be kept.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Keep {
@@ -37,21 +39,6 @@ pub struct Keep {
     pub without_weights: bool,
     /// The aggregator writes a policy folder after so many rounds, so the weights of the last one that was due are kept.
     pub checkpoint_interval: Option<u64>,
-}
-
-/// Why a blob is deleted.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Reason {
-    /// It is an update of an older round, which an audit reads.
-    Update,
-    /// It is a proof of an older round, which an audit reads.
-    Proof,
-    /// It is the global weights of an older round.
-    Weights,
-    /// It is an update or a proof that no audit reads, because its contribution was not decided, or was refused for another reason.
-    Unread,
-    /// No entry names it.
-    Unnamed,
 }
 
 /// A blob that is to be deleted.

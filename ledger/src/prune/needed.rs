@@ -1,6 +1,5 @@
 //! Which blobs are needed: for audits of the rounds that are kept, and by the network itself.
 
-use super::Reason;
 use std::collections::{BTreeMap, BTreeSet};
 use zk0_circuits::Digest;
 use zk0_protocol::entries::entry::Body;
@@ -8,6 +7,21 @@ use zk0_protocol::entries::proposal::Action;
 use zk0_protocol::rules::named_blobs::named_blobs;
 use zk0_protocol::rules::network_rules::Strategy;
 use zk0_protocol::rules::state::State;
+
+/// Why a blob is deleted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Reason {
+    /// It is an update of an older round, which an audit reads.
+    Update,
+    /// It is a proof of an older round, which an audit reads.
+    Proof,
+    /// It is the global weights of an older round.
+    Weights,
+    /// It is an update or a proof that no audit reads, because its contribution was not decided, or was refused for another reason.
+    Unread,
+    /// No entry names it.
+    Unnamed,
+}
 
 /// Which rounds are older than those that are kept, and what is kept of them.
 #[derive(Clone, Copy, Debug)]
