@@ -5,7 +5,7 @@ pub mod prepared_claim;
 pub mod unfinished;
 
 use crate::base_losses::BaseLosses;
-use crate::client::{Decision, Node};
+use crate::client::Node;
 use crate::error::ParticipantError;
 use crate::exchanged_weights::Base;
 use crate::progress::{self, Progress};
@@ -18,6 +18,7 @@ use zk0_protocol::blob::blob_digest;
 use zk0_protocol::counted::counted;
 use zk0_protocol::entries::entry::RoundOpened;
 use zk0_protocol::entries::proof_blob::ProofBlob;
+use zk0_protocol::entries::refusal::Refusal;
 use zk0_protocol::rules::bindings::ExpectedClaim;
 use zk0_prover::program::Prepared;
 use zk0_prover::rpc;
@@ -32,7 +33,7 @@ use zk0_smolvla::{ExpertWeights, PolicyConfig};
 use zk0_weights::Format;
 
 use prepared_claim::{check_room, prepare};
-use unfinished::{Part, UnfinishedUpdate};
+use unfinished::{Decided, Part, UnfinishedUpdate};
 
 /// Local training in each round.
 #[derive(Clone, Copy, Debug)]
@@ -76,24 +77,27 @@ pub struct Turn<'a> {
 }
 
 impl Turn<'_> {
-    /// Trains, commits, proves and submits.
+    /// Trains, commits, proves and submits. Returns why the contribution is refused, or `None` if it is accepted.
     pub async fn play(
         &self,
         training: &Training,
         node: &mut Node,
         prover: &mut ProvingClient,
-    ) -> Result<Decision, ParticipantError> {
+    ) -> Result<Option<Refusal>, ParticipantError> {
         let round = self.opened.round;
-        let (mode, spec) = (node.genesis().mode, self.entered.format.spec());
-        check_room(mode, spec, self.eval_samples, self.state)?;
-        let base = self.base(node).await?;
-        let format = &self.entered.format;
         let part = Part {
             network: *node.network(),
             round,
             base: self.opened.base.blob,
             dataset: self.entered.evaluation.commitment.root,
         };
+        if let Some(decided) = Decided::read(self.state, &part)? {
+            tracing::info!("round {round}: the node's contribution is decided already; it waits until the round has closed");
+            return Ok(decided.refusal);
+        }
+        let (mode, format) = (node.genesis().mode, &self.entered.format);
+        check_room(mode, format.spec(), self.eval_samples, self.state)?;
+        let base = self.base(node).await?;
         let limit = self.opened.rules.max_update_bytes;
         let (update, eval_samples) = match UnfinishedUpdate::read(self.state, &part, limit)? {
             Some(kept) => {
@@ -155,9 +159,10 @@ impl Turn<'_> {
             weight_check: &weight_check,
             sp1: &proof.proof,
         };
-        let decision = self.submit(node, claim, proof.join()).await?;
-        unfinished::remove(self.state)?;
-        Ok(decision)
+        let refusal = self.submit(node, claim, proof.join()).await?;
+        let decided = Decided { of: part, refusal };
+        decided.keep(self.state)?;
+        Ok(decided.refusal)
     }
 
     /// Trains an update. The node also keeps its weights as they travel, in the form that LeRobot reads.
@@ -229,16 +234,17 @@ impl Turn<'_> {
         })
     }
 
-    /// Submits a claim with its proof, and keeps the receipt of the decision.
+    /// Submits a claim with its proof, and keeps the receipt of the decision. Returns why the contribution is refused, or `None` if it is
+    /// accepted.
     pub async fn submit(
         &self,
         node: &mut Node,
         claim: Claim,
         proof: Vec<u8>,
-    ) -> Result<Decision, ParticipantError> {
+    ) -> Result<Option<Refusal>, ParticipantError> {
         let decision = node.submit(claim, proof).await?;
-        receipts::keep(self.state, decision.receipt.clone())?;
-        Ok(decision)
+        receipts::keep(self.state, decision.receipt)?;
+        Ok(decision.refusal)
     }
 
     /// The rates at which the round is trained. They follow the losses of the base weights so far, if the operator wants that.
