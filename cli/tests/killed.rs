@@ -135,23 +135,32 @@ fn founded(nodes: &[&str]) -> LocalNetwork {
 fn serve(network: &LocalNetwork, listen: &str, more: &[&str]) -> Process {
     let (ledger, key) = (network.path("ledger"), network.path("log.key"));
     let serve = ["aggregator", "serve", &ledger, "--key", &key];
-    let arguments = [&serve, &["--listen", listen], more].concat();
-    Process::start(&arguments.iter().map(|&word| word.into()).collect::<Vec<_>>())
+    let arguments = [&serve[..], &["--listen", listen], more].concat();
+    Process::start(
+        &arguments
+            .iter()
+            .map(|&word| word.into())
+            .collect::<Vec<_>>(),
+    )
 }
 
-/// The command by which a node joins.
+/// The command by which a node joins. The node `other` has another recording.
 fn join(network: &LocalNetwork, name: &str, aggregator: &str, prover: &str) -> Vec<String> {
     let id = network.genesis().network_id().to_string();
     let url = format!("http://{aggregator}");
     let key = network.path(&format!("{name}.key"));
     let state = network.path(&format!("{name}-state"));
+    let recording = match name {
+        "other" => "tests/fixtures/datasets/so100_stacking",
+        _ => RECORDING,
+    };
     let options = [
         ["--aggregator", &url],
         ["--network", &id],
         ["--prover", prover],
         ["--key", &key],
         ["--state", &state],
-        ["--dataset", RECORDING],
+        ["--dataset", recording],
         ["--steps", "1000"],
         ["--batch-size", "16"],
         ["--learning-rate", "1e-3"],

@@ -7,8 +7,8 @@ use borsh::{BorshDeserialize, BorshSerialize};
 use std::io;
 use std::path::{Path, PathBuf};
 use zk0_circuits::{Digest, Terms};
-use zk0_prover::program::Prepared;
 use zk0_protocol::entries::refusal::Refusal;
+use zk0_prover::program::Prepared;
 
 /// Room for the other fields of a file beside an update.
 const FIELDS_BYTES: u64 = 1 << 10;

@@ -1,4 +1,5 @@
-//! Checks of the node: it believes nothing that an aggregator says of a round's randomness, and does not train in vain.
+//! Checks of the node: it believes nothing that an aggregator says of a round's randomness, does not train in vain, and contributes
+//! to a round once.
 
 use crate::Removal;
 
@@ -40,5 +41,13 @@ pub const REMOVALS: &[Removal] = &[
         package: "zk0",
         target: "nodes",
         test: "a_number_of_samples_that_does_not_fit_ends_the_node_before_it_trains",
+    },
+    Removal {
+        check: "what is decided is decided once",
+        file: "node/src/turn.rs",
+        replacements: &[("Decided::read(self.state, &part)?", "None::<Decided>")],
+        package: "zk0",
+        target: "killed",
+        test: "a_node_that_was_killed_after_its_decision_waits_for_the_close",
     },
 ];
