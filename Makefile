@@ -10,7 +10,7 @@ export CARGO_TARGET_DIR ?= $(HOME)/.cache/zk0/target
 RUST := scripts/with-rust
 ZK0 := $(CARGO_TARGET_DIR)/release/zk0
 
-.PHONY: demo test deletions attacks quick lint coverage setup build guest fixtures cycles prove-full round-full bench-succinct fidelity power bench-ledger bench-recording bench-train bench-fedavg bench-load cuda network
+.PHONY: demo test deletions attacks quick lint coverage setup build guest fixtures cycles prove-full round-full bench-succinct fidelity power bench-ledger bench-recording bench-train bench-fedavg bench-load bench-simulate cuda network
 
 demo: build
 	$(ZK0) demo --rounds $(ROUNDS) --nodes $(NODES)
@@ -138,6 +138,11 @@ bench-load: setup
 	$(CARGO_TARGET_DIR)/release/examples/bench_load round 1300
 	$(CARGO_TARGET_DIR)/release/examples/bench_load crowd
 	$(CARGO_TARGET_DIR)/release/examples/bench_load uploads 16 400
+
+# Simulates small federations, ours beside Flower's simulation engine: softmax regressions of 10 and 100 nodes, and updates that do nothing.
+# Prints JSON lines. The first run installs Flower and Ray into ~/.cache/zk0.
+bench-simulate: setup
+	scripts/bench-simulate/run.sh
 
 # Compares our training steps of SmolVLA with LeRobot's on PyTorch. Twenty minutes on a machine that does nothing else; see the
 # script.

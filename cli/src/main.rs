@@ -67,6 +67,8 @@ enum Full {
     Prover(zk0::prover::Command),
     /// Train a policy on recordings.
     Train(Box<zk0::train::Options>),
+    /// Simulate a federation on this machine without proofs, to choose rounds, rates and strategies.
+    Simulate(Box<zk0::simulate::Options>),
     /// Measure policies on recordings.
     Eval(zk0::eval::Options),
     /// Look at recordings, and check them, before you train on them.
@@ -124,6 +126,7 @@ impl Full {
             Self::Status(options) => online(zk0::status::run(options))?,
             Self::Prover(command) => zk0::prover::run(command)?,
             Self::Train(options) => zk0::train::run(options)?,
+            Self::Simulate(options) => zk0::simulate::run(options)?,
             Self::Eval(options) => zk0::eval::run(options)?,
             Self::Dataset(command) => return zk0::dataset::run(command),
             Self::Fidelity(options) => zk0::fidelity::run(options)?,
