@@ -87,10 +87,11 @@ fn main() -> ExitCode {
     match run(&cli.command) {
         Ok(code) => code,
         Err(error) => {
+            let said = logging::with_causes(&error);
             match cli.log {
                 // A program that reads the JSON lines must learn the reason, too.
-                logging::LogFormat::Json => tracing::error!("{error:#}"),
-                logging::LogFormat::Text => eprintln!("error: {error:#}"),
+                logging::LogFormat::Json => tracing::error!("{said}"),
+                logging::LogFormat::Text => eprintln!("error: {said}"),
             }
             match &cli.command {
                 Command::Audit(command) => command.error_code(&error),
