@@ -13,6 +13,8 @@ use crate::recording::evaluation_set::EvaluationSet;
 use crate::training_history::TrainingHistory;
 use crate::{receipts, state_files};
 use std::path::Path;
+use tracing::field::Empty;
+use tracing::{instrument, Span};
 use zk0_circuits::{Claim, Digest, Mode, QuantisedWeights, Terms, WeightsDigest};
 use zk0_protocol::blob::blob_digest;
 use zk0_protocol::counted::counted;
@@ -77,6 +79,11 @@ pub struct Turn<'a> {
 
 impl Turn<'_> {
     /// Trains, commits, proves and submits.
+    #[instrument(name = "turn", skip_all, fields(
+        zk0.node = %node.id(),
+        zk0.round = self.opened.round,
+        zk0.outcome = Empty,
+    ))]
     pub async fn play(
         &self,
         training: &Training,
@@ -156,11 +163,14 @@ impl Turn<'_> {
             sp1: &proof.proof,
         };
         let decision = self.submit(node, claim, proof.join()).await?;
+        let outcome = decision.refusal.as_ref().map(ToString::to_string);
+        Span::current().record("zk0.outcome", outcome.as_deref().unwrap_or("accepted"));
         unfinished::remove(self.state)?;
         Ok(decision)
     }
 
     /// Trains an update. The node also keeps its weights as they travel, in the form that LeRobot reads.
+    #[instrument(name = "train", skip_all)]
     fn trained(
         &self,
         training: &Training,
