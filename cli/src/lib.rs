@@ -8,7 +8,7 @@
 //! - `simulate`: a federation without proofs.
 //! - `demo`: a whole network as processes on this machine.
 //! - [`settings`]: how services are configured, by flags, variables and files.
-//! - [`logging`], `certificate`, `chart`, `keys`, `network`, `serve`: what the commands share.
+//! - [`logging`], `certificate`, `chart`, `keys`, `network`, `otlp`, `serve`: what the commands share.
 
 pub mod audit;
 pub mod ledger;
@@ -37,6 +37,8 @@ pub mod keys;
 mod network;
 #[cfg(feature = "full")]
 pub mod node;
+#[cfg(feature = "full")]
+mod otlp;
 #[cfg(feature = "full")]
 mod policy;
 #[cfg(feature = "full")]

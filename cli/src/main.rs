@@ -6,6 +6,8 @@ use std::process::ExitCode;
 #[cfg(feature = "full")]
 use zk0::serve::online;
 use zk0::{audit, ledger, logging, settings};
+#[cfg(feature = "full")]
+use zk0_traces::export::Traces;
 
 #[cfg(feature = "full")]
 #[global_allocator]
@@ -83,8 +85,7 @@ enum Full {
 
 fn main() -> ExitCode {
     let cli: Cli = settings::parse();
-    logging::init(cli.log);
-    match run(&cli.command) {
+    match traced(&cli) {
         Ok(code) => code,
         Err(error) => {
             let said = logging::with_causes(&error);
@@ -99,6 +100,29 @@ fn main() -> ExitCode {
             }
         }
     }
+}
+
+/// Starts to log, and runs the command. Its traces are sent until it ends.
+#[cfg(feature = "full")]
+fn traced(cli: &Cli) -> anyhow::Result<ExitCode> {
+    let traces = match &cli.command {
+        Command::Full(command) => command.traces(),
+        _ => Ok(None),
+    };
+    let layer = traces.as_ref().ok().and_then(Option::as_ref);
+    logging::init(cli.log, layer.map(Traces::layer));
+    let traces = traces?;
+    if let Some(traces) = &traces {
+        traces.announce();
+    }
+    run(&cli.command)
+}
+
+/// Starts to log, and runs the command.
+#[cfg(not(feature = "full"))]
+fn traced(cli: &Cli) -> anyhow::Result<ExitCode> {
+    logging::init(cli.log, None::<tracing_subscriber::layer::Identity>);
+    run(&cli.command)
 }
 
 /// Runs the command. If something is wrong, the command has printed what.
@@ -117,6 +141,15 @@ fn run(command: &Command) -> anyhow::Result<ExitCode> {
 
 #[cfg(feature = "full")]
 impl Full {
+    fn traces(&self) -> anyhow::Result<Option<Traces>> {
+        match self {
+            Self::Aggregator(command) => command.traces(),
+            Self::Node(command) => command.traces(),
+            Self::Prover(command) => command.traces(),
+            _ => Ok(None),
+        }
+    }
+
     fn run(&self) -> anyhow::Result<bool> {
         match self {
             Self::Demo(options) => online(zk0::demo::run(options))?,

@@ -13,6 +13,8 @@ use crate::recording::evaluation_set::EvaluationSet;
 use crate::training_history::TrainingHistory;
 use crate::{receipts, state_files};
 use std::path::Path;
+use tracing::field::Empty;
+use tracing::{instrument, Span};
 use zk0_circuits::{Claim, Digest, Mode, QuantisedWeights, Terms, WeightsDigest};
 use zk0_protocol::blob::blob_digest;
 use zk0_protocol::counted::counted;
@@ -78,6 +80,11 @@ pub struct Turn<'a> {
 
 impl Turn<'_> {
     /// Trains, commits, proves and submits. Returns why the contribution is refused, or `None` if it is accepted.
+    #[instrument(name = "turn", skip_all, fields(
+        zk0.node = %node.id(),
+        zk0.round = self.opened.round,
+        zk0.outcome = Empty,
+    ))]
     pub async fn play(
         &self,
         training: &Training,
@@ -160,12 +167,15 @@ impl Turn<'_> {
             sp1: &proof.proof,
         };
         let refusal = self.submit(node, claim, proof.join()).await?;
+        let outcome = refusal.as_ref().map(ToString::to_string);
+        Span::current().record("zk0.outcome", outcome.as_deref().unwrap_or("accepted"));
         let decided = Decided { of: part, refusal };
         decided.keep(self.state)?;
         Ok(decided.refusal)
     }
 
     /// Trains an update. The node also keeps its weights as they travel, in the form that LeRobot reads.
+    #[instrument(name = "train", skip_all)]
     fn trained(
         &self,
         training: &Training,

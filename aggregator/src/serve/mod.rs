@@ -1,6 +1,7 @@
 //! The gRPC service in front of the rounds.
 
 pub mod beacon_fetching;
+mod closing;
 mod grpc;
 mod health;
 mod in_turn;

@@ -33,6 +33,7 @@ use zk0_protocol::rpc::federation::{
 };
 use zk0_protocol::tlog::receipt;
 use zk0_protocol::Refusal;
+use zk0_traces::request;
 
 #[tonic::async_trait]
 impl Federation for Service {
@@ -293,6 +294,7 @@ impl Federation for Service {
         let sender = self.sender(head, message, arrival.at_ms()).await?;
         let decided = self.submitted(arrival, signed, proof).await?;
         let reason = decided.rejected.as_ref().map(Refusal::to_string);
+        request::outcome(reason.as_deref().unwrap_or("accepted"));
         let reply = SubmitReply {
             accepted: reason.is_none(),
             reason: reason.unwrap_or_default(),

@@ -8,6 +8,7 @@ use crate::round::recording::submission::Decided;
 use crate::round::request::RequestError;
 use crate::serve::service::{blocking, Service};
 use tokio::sync::OwnedSemaphorePermit;
+use tracing::{info_span, Instrument, Span};
 use zk0_protocol::entries::signed::{Signed, Submission};
 
 impl Service {
@@ -42,7 +43,8 @@ impl Service {
         };
         let contribution = {
             let signed = signed.clone();
-            self.verified(move || undecided.authenticate(signed, proof))
+            let span = info_span!("check the signature");
+            self.verified(span, move || undecided.authenticate(signed, proof))
                 .await?
         };
         // It is the node itself that asks, and perhaps not for the first time.
@@ -51,16 +53,19 @@ impl Service {
             Begun::Recorded(decided) => return Ok(decided),
             Begun::New(undecided) => undecided,
         };
-        let judged = self.verified(move || undecided.judge(contribution)).await?;
+        let span = info_span!("verify the proof");
+        let judged = self.verified(span, move || undecided.judge(contribution));
+        let judged = judged.await?;
         let rejected = judged.rejected().cloned();
         let decision = ToRecord::Decision(Box::new(judged));
         let receipt = self.record_in_turn(arrival, decision).await?;
         Ok(Decided { rejected, receipt })
     }
 
-    /// Runs `work` when one of as many places as there are cores is free.
+    /// Runs `work` in `span`, when one of as many places as there are cores is free.
     async fn verified<T: Send + 'static>(
         &self,
+        span: Span,
         work: impl FnOnce() -> Result<T, RequestError> + Send + 'static,
     ) -> Result<T, RequestError> {
         let waiting = self.metrics().verification.wait();
@@ -68,14 +73,15 @@ impl Service {
             .verifying
             .clone()
             .acquire_owned()
+            .instrument(info_span!("wait for a core"))
             .await
             .map_err(|error| RequestError::Internal(error.to_string()))?;
         let running = waiting.begins();
-        blocking(move || {
+        let done = blocking(move || {
             let result = work();
             drop((running, place));
             result
-        })
-        .await
+        });
+        done.instrument(span).await
     }
 }

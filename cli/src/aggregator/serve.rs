@@ -5,6 +5,7 @@ use super::network_edge::NetworkEdge;
 use super::policy_folders::PolicyFolderOptions;
 use crate::certificate::{keep_current, scheme};
 use crate::keys;
+use crate::otlp::OtlpOptions;
 use crate::serve::{interrupted, listening, online_until};
 use anyhow::{Context, Result};
 use std::future;
@@ -63,6 +64,8 @@ pub struct Serve {
     log_listen: Option<SocketAddr>,
     #[command(flatten)]
     metrics: MetricsOptions,
+    #[command(flatten)]
+    pub otlp: OtlpOptions,
     #[command(flatten)]
     folders: PolicyFolderOptions,
     #[command(flatten)]

@@ -1,6 +1,7 @@
 //! `zk0 node join`: take part in the rounds of a network.
 
 use crate::network::Membership;
+use crate::otlp::OtlpOptions;
 use anyhow::{Context, Result};
 use std::path::PathBuf;
 use zk0_node::turn::Training;
@@ -42,6 +43,8 @@ pub struct Join {
     /// Multiply the learning rate by this factor, 1 to 10, in rounds that begin at more than twice the average loss so far.
     #[arg(long, value_name = "FACTOR")]
     lr_boost: Option<f64>,
+    #[command(flatten)]
+    pub otlp: OtlpOptions,
 }
 
 /// Runs the command.

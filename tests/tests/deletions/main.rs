@@ -18,6 +18,7 @@ mod moments;
 mod nodes;
 mod pruned;
 mod service;
+mod traces;
 
 use copy::{Copy, Outcome};
 use zk0_tests::changed_copy::Change;
@@ -86,6 +87,7 @@ fn every_check_can_be_removed_from_the_sources() {
         pruned::REMOVALS,
         service::REMOVALS,
         faults::REMOVALS,
+        traces::REMOVALS,
     ];
     let wrong: Vec<_> = lists
         .concat()
@@ -119,5 +121,6 @@ fn verifier_ledger_and_audit_have_a_test_for_each_check() {
         pruned::REMOVALS,
         service::REMOVALS,
         faults::REMOVALS,
+        traces::REMOVALS,
     ]);
 }
