@@ -19,7 +19,8 @@ pub struct Join {
     /// Believe only a proving service whose certificate is signed by one in this PEM file [default: the authorities that the system trusts]
     #[arg(long, value_name = "FILE")]
     prover_ca: Option<PathBuf>,
-    /// Train for this many optimiser steps in each round.
+    /// Train for this many optimiser steps in each round. Where the network's rules ask for SCAFFOLD, they say the steps and the learning
+    /// rate, and --fedprox-mu, --fedcm-alpha, --follow-losses and --lr-boost have to be off.
     #[arg(long, default_value_t = 600)]
     steps: usize,
     /// Use this many samples in each step.

@@ -1,12 +1,14 @@
 //! Training from the first step to the last.
 
 use zk0_lerobot::config::PolicyConfig;
+use zk0_tensors::TensorSet;
 
 use crate::error::Result;
 use crate::frames::batch::InMemory;
 use crate::frames::sample::PreparedSample;
 use crate::policy::weights::ExpertWeights;
 use crate::train::learner::Samples;
+use crate::train::optimizer::Optimizer;
 use crate::train::options::TrainOptions;
 use crate::train::trainer::{FedCm, Step, Trainer};
 
@@ -54,7 +56,30 @@ pub fn train_on(
     if let Some(fedcm) = fedcm {
         trainer.follow(&fedcm)?;
     }
-    let mut losses = Vec::with_capacity(options.steps.min(1 << 20));
+    all_steps(trainer, progress)
+}
+
+/// Trains the expert as [`train_on`] does, but by SGD, and with `correction` added to each gradient: that of SCAFFOLD.
+///
+/// # Errors
+/// Those of [`Trainer::by_sgd`] and [`Trainer::step`].
+pub fn train_by_sgd(
+    config: &PolicyConfig,
+    start: &ExpertWeights,
+    samples: Samples,
+    options: &TrainOptions,
+    correction: Option<&TensorSet>,
+    progress: &mut dyn FnMut(Step),
+) -> Result<Trained> {
+    let trainer = Trainer::by_sgd(config, start, samples, options.clone(), correction)?;
+    all_steps(trainer, progress)
+}
+
+fn all_steps<O: Optimizer>(
+    mut trainer: Trainer<'_, O>,
+    progress: &mut dyn FnMut(Step),
+) -> Result<Trained> {
+    let mut losses = Vec::with_capacity(trainer.options().steps.min(1 << 20));
     while !trainer.is_done() {
         let step = trainer.step()?;
         losses.push(step.loss);
