@@ -28,6 +28,7 @@ use zk0_prover::service::ProvingClient;
 use zk0_smolvla::frames::batch::SampleSource;
 use zk0_smolvla::frames::sample::PreparedSample;
 use zk0_smolvla::measure::fixed_point::dequantise_weights;
+use zk0_smolvla::policy::device::Device;
 use zk0_smolvla::train::adaptive::{adapted, Adaptation, Rates};
 use zk0_smolvla::train::measured_loss::loss_of;
 use zk0_smolvla::train::{train_on, FedCm, Samples, Step, TrainOptions, Trained};
@@ -38,8 +39,11 @@ use prepared_claim::{check_room, prepare};
 use unfinished::{Part, UnfinishedUpdate};
 
 /// Local training in each round.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct Training {
+    /// Where the expert is trained. Samples are prepared on the CPU on whatever device that is, because the dataset commitment is about the
+    /// CPU's numbers. What is committed to and proven is fixed point, on the CPU.
+    pub device: Device,
     /// Optimiser steps.
     pub steps: usize,
     /// Samples per step.
@@ -117,6 +121,8 @@ impl Turn<'_> {
                 (update, self.eval_samples)
             }
         };
+        // What comes takes the most memory of a round, and needs the base as it travels alone.
+        drop(base.weights);
         let turn = Turn {
             eval_samples,
             ..*self
@@ -174,7 +180,7 @@ impl Turn<'_> {
             Strategy::Scaffold(rule) => {
                 // The control variates themselves take memory, and are on disk.
                 let correction = self.control_variates(&rule, node, base).await?.correction();
-                self.train_by_scaffold(&rule, training.batch_size, base, correction.as_ref())?
+                self.train_by_scaffold(&rule, training, base, correction.as_ref())?
             }
             _ => {
                 let earlier = match training.fedcm_alpha < 1.0 {
@@ -303,6 +309,7 @@ impl Turn<'_> {
         let samples = Samples::Prepared(self.entered.samples);
         self.followed(training.steps, &mut |progress| {
             train_on(
+                &training.device,
                 self.entered.config,
                 base,
                 samples,

@@ -271,12 +271,12 @@ fn a_step_of_sgd_is_that_of_the_formula() {
             // The loss is Σ w³.
             let cube = (variable.sqr().unwrap() * variable.as_tensor()).unwrap();
             let gradients = cube.sum_all().unwrap().backward().unwrap();
-            let stepped = sgd.step(&gradients, 0.1).unwrap();
+            let stepped = sgd.step(&gradients, RATE).unwrap();
             let gradient = w.map(|w| 3.0 * w * w);
             let norm = gradient.iter().map(|g| g * g).sum::<f64>().sqrt();
             assert!((stepped.gradient_norm / norm - 1.0).abs() < 1e-5);
             let d = correction.unwrap_or_default();
-            w = std::array::from_fn(|at| w[at] - 0.1 * (gradient[at] + d[at]));
+            w = std::array::from_fn(|at| w[at] - RATE * (gradient[at] + d[at]));
             let found = variable.to_vec1::<f32>().unwrap();
             let found = std::array::from_fn(|at| f64::from(found[at]));
             near(&format!("step {step}"), found, w, 1e-6);

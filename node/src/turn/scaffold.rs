@@ -41,13 +41,13 @@ impl Turn<'_> {
     pub(super) fn train_by_scaffold(
         &self,
         rule: &Scaffold,
-        batch_size: usize,
+        training: &Training,
         base: &Base,
         correction: Option<&Correction>,
     ) -> Result<ExpertWeights, ParticipantError> {
         let options = TrainOptions {
             steps: rule.steps as usize,
-            batch_size,
+            batch_size: training.batch_size,
             learning_rate: rule.learning_rate(),
             schedule: Schedule::Constant,
             seed: self.opened.round,
@@ -57,6 +57,7 @@ impl Turn<'_> {
         let samples = Samples::Prepared(samples);
         self.followed(options.steps, &mut |progress| {
             train_by_sgd(
+                &training.device,
                 config,
                 &base.weights,
                 samples,

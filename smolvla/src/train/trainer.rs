@@ -136,12 +136,13 @@ impl<'a> Trainer<'a> {
 }
 
 impl<'a> Trainer<'a, Sgd> {
-    /// A run on the CPU that trains the expert from `start` by SGD. `correction` is added to each gradient, if there is one: that of
+    /// A run at `place` that trains the expert from `start` by SGD. `correction` is added to each gradient, if there is one: that of
     /// SCAFFOLD. Of the options, those of AdamW do not count.
     ///
     /// # Errors
     /// As [`Trainer::new`], and [`PolicyError::Options`] for FedProx's term, which SGD does not have here.
     pub fn by_sgd(
+        place: &FrozenPlace,
         config: &PolicyConfig,
         start: &ExpertWeights,
         samples: Samples<'a>,
@@ -154,10 +155,9 @@ impl<'a> Trainer<'a, Sgd> {
                 options.fedprox_mu
             )));
         }
-        let place = FrozenPlace::default();
         let optimizer =
             |learner: &Learner, _: &TrainOptions| Sgd::new(learner.variables(), correction);
-        Self::with(&place, config, start, None, samples, options, optimizer)
+        Self::with(place, config, start, None, samples, options, optimizer)
     }
 }
 

@@ -38,7 +38,7 @@ pub const REMOVALS: &[Removal] = &[
         file: "node/src/turn.rs",
         replacements: &[("            training.check_beside_scaffold(round)?;\n", "")],
         package: "zk0",
-        target: "scaffold",
+        target: "against_drift",
         test: "options_that_would_change_the_steps_end_the_node",
     },
     Removal {
@@ -46,7 +46,7 @@ pub const REMOVALS: &[Removal] = &[
         file: "node/src/turn/scaffold.rs",
         replacements: &[(" || closed.global != next_base {", " {")],
         package: "zk0",
-        target: "scaffold",
+        target: "against_drift",
         test: "control_variates_begin_again_after_restored_weights_and_with_other_rules",
     },
     Removal {
@@ -57,7 +57,7 @@ pub const REMOVALS: &[Removal] = &[
             "if closed.global != next_base {",
         )],
         package: "zk0",
-        target: "scaffold",
+        target: "against_drift",
         test: "control_variates_begin_again_after_restored_weights_and_with_other_rules",
     },
     Removal {
@@ -68,7 +68,7 @@ pub const REMOVALS: &[Removal] = &[
             "",
         )],
         package: "zk0",
-        target: "scaffold",
+        target: "against_drift",
         test: "a_node_computes_its_control_variates_from_the_ledger",
     },
     Removal {

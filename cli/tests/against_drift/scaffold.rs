@@ -1,10 +1,8 @@
 //! `zk0 node join` where the rules ask for SCAFFOLD: the node computes its control variates from the ledger, and trains with them.
 
-mod harness;
-
-use harness::accepting::{accept, ledger, now_ms};
-use harness::network::LocalNetwork;
-use harness::{logged, logs, prints, words};
+use crate::harness::accepting::{accept, ledger, now_ms};
+use crate::harness::network::LocalNetwork;
+use crate::harness::{logged, logs, prints, words};
 use std::collections::BTreeSet;
 use std::fs;
 use std::path::Path;
@@ -20,6 +18,7 @@ use zk0_protocol::rules::network_rules::{Scaffold, Strategy};
 use zk0_protocol::{Body, Signed};
 use zk0_smolvla::frames::batch::InMemory;
 use zk0_smolvla::measure::fixed_point::{dequantise_weights, quantise_weights};
+use zk0_smolvla::policy::device::Device;
 use zk0_smolvla::policy::init::init_policy;
 use zk0_smolvla::policy::policy_file::PolicyFile;
 use zk0_smolvla::train::scaffold::{ControlVariates, PastRound};
@@ -166,7 +165,7 @@ type Counted<'a> = (WeightsDigest, WeightsDigest, WeightsDigest, &'a [&'a str]);
 fn variates(network: &LocalNetwork, file: &PolicyFile, rounds: &[Counted<'_>]) -> ControlVariates {
     let read = |digest: &WeightsDigest| weights(network, file, digest).weights;
     let mut variates = ControlVariates::zero(read(&network.genesis().initial).tensors());
-    let mut before = BTreeSet::new();
+    let mut before = BTreeSet::<&str>::new();
     for (base, own, result, who) in rounds {
         let sat_out = before.iter().filter(|name| !who.contains(name)).count();
         let [base, own, result] = [base, own, result].map(read);
@@ -206,13 +205,13 @@ fn trained(
         ..TrainOptions::default()
     };
     let correction = variates.correction();
-    let correction = correction.as_ref();
     let trained = train_by_sgd(
+        &Device::Cpu,
         config,
         &base.weights,
         samples,
         &options,
-        correction,
+        correction.as_ref(),
         &mut |_| {},
     );
     let spec = EvalSpec::decode(&network.genesis().evaluation).unwrap();

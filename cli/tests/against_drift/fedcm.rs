@@ -1,9 +1,7 @@
 //! `zk0 node join --fedcm-alpha`: a node takes the last global step from the ledger, and trains with it.
 
-mod harness;
-
-use harness::accepting::accept;
-use harness::network::LocalNetwork;
+use crate::harness::accepting::accept;
+use crate::harness::network::LocalNetwork;
 use std::fs;
 use std::path::Path;
 use zk0_circuits::{EvalSpec, WeightsDigest};
@@ -12,6 +10,7 @@ use zk0_node::exchanged_weights::Base;
 use zk0_protocol::Body;
 use zk0_smolvla::frames::batch::InMemory;
 use zk0_smolvla::measure::fixed_point::dequantise_weights;
+use zk0_smolvla::policy::device::Device;
 use zk0_smolvla::policy::policy_file::PolicyFile;
 use zk0_smolvla::train::{train_on, FedCm, Samples, TrainOptions};
 use zk0_weights::Format;
@@ -59,7 +58,16 @@ fn trained(
         earlier: &earlier.weights,
     });
     let samples = Samples::Prepared(&samples);
-    let trained = train_on(config, &base.weights, samples, &options, fedcm, &mut |_| {});
+    let (on, base_weights) = (&Device::Cpu, &base.weights);
+    let trained = train_on(
+        on,
+        config,
+        base_weights,
+        samples,
+        &options,
+        fedcm,
+        &mut |_| {},
+    );
     let update = base.update(&format, config, trained.unwrap().weights);
     let kept = dequantise_weights(config, format.spec(), &update.unwrap()).unwrap();
     kept.to_safetensors().unwrap()
