@@ -113,7 +113,7 @@ pub enum ParticipantError {
         /// The file of the weights.
         blob: Digest,
         /// Why there is no download.
-        error: NodeError,
+        error: Box<NodeError>,
         /// The round in which the control variates begin again at the latest.
         begins: u64,
     },

@@ -177,7 +177,7 @@ impl Turn<'_> {
         let file = file.map_err(|error| ParticipantError::NoControlVariates {
             round,
             blob: *blob,
-            error,
+            error: error.into(),
             begins: rule.begins(round) + u64::from(rule.restart_rounds),
         })?;
         Ok(Base::read(&self.entered.format, self.entered.config, &file)?.weights)
