@@ -165,6 +165,9 @@ impl Participant {
                 Err(ParticipantError::Node(error @ NodeError::NoRandomness { .. })) => {
                     tracing::warn!("{error}");
                 }
+                Err(error @ ParticipantError::NoControlVariates { .. }) => {
+                    tracing::warn!("{error}");
+                }
                 Err(error) => return Err(error),
             }
             let closed = node.wait_for_close(round).await?;

@@ -24,6 +24,55 @@ pub const REMOVALS: &[Removal] = &[
         test: "other_entries_are_not_taken_for_the_closing_or_the_randomness",
     },
     Removal {
+        check: "control variates follow from the node's own contribution",
+        file: "node/src/client.rs",
+        replacements: &[(
+            "match of == (*self.network(), round, self.id()) && signed.verify().is_ok() {",
+            "match of.1 == round || signed.verify().is_ok() {",
+        )],
+        package: "zk0-node",
+        target: "lying_aggregator",
+        test: "the_contribution_of_somebody_else_is_not_the_node_s_own",
+    },
+    Removal {
+        check: "a round by SCAFFOLD is trained as the rules say",
+        file: "node/src/turn.rs",
+        replacements: &[("            training.check_beside_scaffold(round)?;\n", "")],
+        package: "zk0",
+        target: "against_drift",
+        test: "options_that_would_change_the_steps_end_the_node",
+    },
+    Removal {
+        check: "control variates begin again after restored weights",
+        file: "node/src/turn/scaffold.rs",
+        replacements: &[(" || closed.global != next_base {", " {")],
+        package: "zk0",
+        target: "against_drift",
+        test: "control_variates_begin_again_after_restored_weights_and_with_other_rules",
+    },
+    Removal {
+        check: "control variates begin again with other rules",
+        file: "node/src/turn/scaffold.rs",
+        replacements: &[(
+            "if opened.rules.strategy != Strategy::Scaffold(*rule) || closed.global != next_base {",
+            "if closed.global != next_base {",
+        )],
+        package: "zk0",
+        target: "against_drift",
+        test: "control_variates_begin_again_after_restored_weights_and_with_other_rules",
+    },
+    Removal {
+        check: "control variates on disk are those that the node wrote",
+        file: "node/src/turn/control_variates.rs",
+        replacements: &[(
+            "        let whole = whole.filter(|(bytes, hash)| Sha256::digest(bytes)[..] == hash[..]);\n",
+            "",
+        )],
+        package: "zk0",
+        target: "against_drift",
+        test: "a_node_computes_its_control_variates_from_the_ledger",
+    },
+    Removal {
         check: "a node's number of samples is within the bounds of the rules",
         file: "node/src/participant.rs",
         replacements: &[(
