@@ -138,6 +138,10 @@ impl Robots {
             ..Rules::default()
         };
         rules.check().map_err(SimulationError::Rules)?;
+        if let Strategy::Scaffold(_) = strategy {
+            let why = "SCAFFOLD is not simulated yet: its nodes compute control variates from a ledger";
+            return Err(SimulationError::Rules(why.into()));
+        }
         if nodes.is_empty() {
             return Err(SimulationError::Data("there are no nodes".into()));
         }
