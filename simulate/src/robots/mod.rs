@@ -139,7 +139,8 @@ impl Robots {
         };
         rules.check().map_err(SimulationError::Rules)?;
         if let Strategy::Scaffold(_) = strategy {
-            let why = "SCAFFOLD is not simulated yet: its nodes compute control variates from a ledger";
+            let why =
+                "SCAFFOLD is not simulated yet: its nodes compute control variates from a ledger";
             return Err(SimulationError::Rules(why.into()));
         }
         if nodes.is_empty() {
