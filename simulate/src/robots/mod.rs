@@ -8,7 +8,6 @@ pub mod saved;
 use crate::robots::data::NodeData;
 use crate::robots::outcome::Trained;
 use crate::rounds::Federation;
-use std::convert::Infallible;
 use std::io;
 use zk0_circuits::model::spec::SpecError;
 use zk0_circuits::{Digest, NodeId, QuantisedWeights};
@@ -40,14 +39,14 @@ pub enum SimulationError {
         /// The node's name.
         node: String,
         /// What is wrong.
-        error: ParticipantError,
+        error: Box<ParticipantError>,
     },
     /// The policy, a recording or an option does not fit.
     #[error(transparent)]
     Policy(#[from] PolicyError),
     /// Weights cannot be written as a network's.
     #[error(transparent)]
-    Participant(#[from] ParticipantError),
+    Participant(Box<ParticipantError>),
     /// As above.
     #[error(transparent)]
     Weights(#[from] WeightsError),
@@ -74,6 +73,12 @@ pub enum SimulationError {
         /// What is wrong.
         error: io::Error,
     },
+}
+
+impl From<ParticipantError> for SimulationError {
+    fn from(error: ParticipantError) -> Self {
+        Self::Participant(Box::new(error))
+    }
 }
 
 /// How nodes train in each round.
@@ -299,7 +304,7 @@ impl Federation for Robots {
         trained.map_err(|error| SimulationError::Node {
             round,
             node: self.nodes[node].name.clone(),
-            error,
+            error: Box::new(error),
         })
     }
 
@@ -330,11 +335,5 @@ impl Federation for Robots {
             moments,
             trained,
         })
-    }
-}
-
-impl From<Infallible> for SimulationError {
-    fn from(never: Infallible) -> Self {
-        match never {}
     }
 }
