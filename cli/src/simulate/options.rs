@@ -8,7 +8,7 @@ use std::path::PathBuf;
 use std::thread;
 use zk0_protocol::rules::network_rules::Strategy;
 use zk0_simulate::robots::data::Dealing;
-use zk0_simulate::robots::Training;
+use zk0_simulate::robots::federation::Training;
 use zk0_smolvla::Profile;
 
 /// Simulate a federation on this machine without proofs, to choose rounds, rates and strategies before you spend proofs. The folder `--out` gets

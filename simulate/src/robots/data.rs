@@ -1,6 +1,6 @@
 //! The data of simulated nodes: a recording each, or the episodes of some recordings, dealt out.
 
-use crate::robots::SimulationError;
+use crate::robots::error::SimulationError;
 use sha2::{Digest as _, Sha256};
 use std::ops::Range;
 use std::path::Path;

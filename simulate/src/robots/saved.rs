@@ -1,6 +1,7 @@
 //! A simulation on disk, so that it goes on where it was stopped.
 
-use crate::robots::{Global, Robots, SimulationError};
+use crate::robots::error::SimulationError;
+use crate::robots::federation::{Global, Robots};
 use borsh::{BorshDeserialize, BorshSerialize};
 use std::path::{Path, PathBuf};
 use zk0_circuits::Digest;
