@@ -53,7 +53,8 @@ def main(grid: Grid, context: Context):
         start = np.zeros((CLASSES, FEATURES + 1))
     else:
         start = np.full(-(-int(WHAT) // 8), 1.5)
-    strategy = FedAvg(fraction_train=1.0, fraction_evaluate=0.0, min_available_nodes=NODES)
+    # Without `min_train_nodes`, Flower starts with those nodes that happen to be connected.
+    strategy = FedAvg(fraction_train=1.0, fraction_evaluate=0.0, min_train_nodes=NODES, min_available_nodes=NODES)
     result = strategy.start(grid=grid, initial_arrays=ArrayRecord([start]), num_rounds=ROUNDS)
     weights = result.arrays.to_numpy_ndarrays()[0]
     if KIND == "softmax":

@@ -1,10 +1,11 @@
 """Runs a command, and prints its wall time and the peak memory of its whole process tree as a JSON line. The memory is the sum of the processes'
-proportional set sizes (PSS), so that shared pages count once.
+proportional set sizes (PSS), so that shared pages count once. It is no less than the most that one process has had resident.
 
     measured.py NAME COMMAND…
 """
 
 import json
+import resource
 import subprocess
 import sys
 import time
@@ -41,4 +42,5 @@ while child.poll() is None:
 seconds = time.monotonic() - began
 if child.returncode != 0:
     sys.exit(f"{' '.join(command)} ended with exit code {child.returncode}")
+peak = max(peak, resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss * 1024)
 print(json.dumps({"run": name, "seconds": seconds, "bytes": peak}), flush=True)

@@ -61,7 +61,7 @@ pub fn finish(out: &Path, history: &[Round]) -> Result<()> {
         let loss = |point: Option<&(f64, f64)>| point.map_or(f64::NAN, |point| point.1);
         let (before, after) = (loss(curve.points.first()), loss(curve.points.last()));
         println!(
-            "{:<24} loss of the global weights: {before:.4} -> {after:.4} in round {round}",
+            "{:<32} loss of the global weights: {before:.4} -> {after:.4} in round {round}",
             curve.name
         );
     }
