@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Runs a demo, and makes its ledger and a proof from it the fixtures that fast tests and later demos use. The demo's picture is that of
-# docs/demo.md.
+# docs/demo.md. The keys of the network are kept, too: with them, tests let its nodes commit again, and its proofs are proofs once more.
 set -euo pipefail
 zk0=$1
 fixtures=tests/fixtures
@@ -14,9 +14,17 @@ stolen=$fixtures/proof.bin
 
 results=$(echo "$out"/*)
 accepted=$(grep -A20 '"accepted": true' "$results/metrics.json" | sed -n 's/.*"proof": "\([0-9a-f]*\)".*/\1/p' | head -n 1)
-rm -rf "$fixtures/ledger"
+rm -rf "$fixtures/ledger" "$fixtures/keys" "$fixtures/node-1"
 cp -r "$results/network" "$fixtures/ledger"
 # RocksDB's own log and lock are not part of the ledger, and name this machine's folders.
 rm -f "$fixtures"/ledger/log/LOG* "$fixtures"/ledger/log/LOCK
 cp "$results/network/blobs/sha256/$accepted" "$fixtures/proof.bin"
 cp "$results/loss.png" docs/demo.png
+
+# What the network and its first node need to play the round again. Nobody else may use this network: everybody knows its keys.
+mkdir "$fixtures/keys" "$fixtures/node-1"
+cp "$results/log.key" "$fixtures/keys"
+for node in "$results"/nodes/*; do
+    cp "$node/node.key" "$fixtures/keys/$(basename "$node").key"
+done
+cp -r "$results"/nodes/node-1/salt "$results"/nodes/node-1/evaluation-set-* "$fixtures/node-1"

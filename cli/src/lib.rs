@@ -5,9 +5,10 @@
 //! - `status`: how an aggregator is doing.
 //! - `governance`: proposals, votes, disputes.
 //! - `train`, `eval`, `fidelity`, `dataset`: policies and recordings, without a network; `policy`: the options that they share.
+//! - `simulate`: a federation without proofs.
 //! - `demo`: a whole network as processes on this machine.
 //! - [`settings`]: how services are configured, by flags, variables and files.
-//! - [`logging`], `blob_store`, `certificate`, `chart`, `keys`, `network`, `serve`: what the commands share.
+//! - [`logging`], `blob_store`, `certificate`, `chart`, `keys`, `network`, `otlp`, `serve`: what the commands share.
 
 pub mod audit;
 pub mod ledger;
@@ -39,11 +40,15 @@ mod network;
 #[cfg(feature = "full")]
 pub mod node;
 #[cfg(feature = "full")]
+mod otlp;
+#[cfg(feature = "full")]
 mod policy;
 #[cfg(feature = "full")]
 pub mod prover;
 #[cfg(feature = "full")]
 pub mod serve;
+#[cfg(feature = "full")]
+pub mod simulate;
 #[cfg(feature = "full")]
 pub mod status;
 #[cfg(feature = "full")]

@@ -8,10 +8,11 @@ use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 use tracing::field::{Field, Visit};
 use tracing::{Event, Subscriber};
+use tracing_subscriber::filter::{filter_fn, FilterExt};
 use tracing_subscriber::layer::{Context, SubscriberExt};
 use tracing_subscriber::registry::LookupSpan;
 use tracing_subscriber::util::SubscriberInitExt;
-use tracing_subscriber::{EnvFilter, Layer};
+use tracing_subscriber::{EnvFilter, Layer, Registry};
 
 /// Target of progress events.
 pub const PROGRESS: &str = "zk0::progress";
@@ -26,11 +27,16 @@ pub enum LogFormat {
     Json,
 }
 
-/// Starts to log to standard error. The environment variable `RUST_LOG` sets the level.
-pub fn init(format: LogFormat) {
-    let filter =
-        || EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new("warn,zk0=info"));
-    let registry = tracing_subscriber::registry();
+/// Starts to log to standard error. The environment variable `RUST_LOG` sets the level. `traces` gets our spans, which do not stand in the log.
+pub fn init(format: LogFormat, traces: Option<impl Layer<Registry> + Send + Sync>) {
+    let filter = || {
+        let levels = EnvFilter::try_from_default_env();
+        let levels = levels.unwrap_or_else(|_| EnvFilter::new("warn,zk0=info"));
+        levels.and(filter_fn(|meta| {
+            meta.is_event() || !meta.target().starts_with("zk0")
+        }))
+    };
+    let registry = tracing_subscriber::registry().with(traces);
     match format {
         LogFormat::Json => registry
             .with(
@@ -46,9 +52,7 @@ pub fn init(format: LogFormat) {
                 tracing_subscriber::fmt::layer()
                     .with_target(false)
                     .with_writer(std::io::stderr)
-                    .with_filter(tracing_subscriber::filter::filter_fn(|meta| {
-                        meta.target() != PROGRESS
-                    }))
+                    .with_filter(filter_fn(|meta| meta.target() != PROGRESS))
                     .with_filter(filter()),
             )
             .with(
@@ -58,6 +62,19 @@ pub fn init(format: LogFormat) {
             )
             .init(),
     }
+}
+
+/// An error and its causes, as `{:#}` has them. A cause whose words are there already is left out: many errors say their cause themselves.
+pub fn with_causes(error: &anyhow::Error) -> String {
+    let mut said = String::new();
+    for cause in error.chain().map(ToString::to_string) {
+        match said.as_str() {
+            "" => said = cause,
+            so_far if so_far.contains(&cause) => {}
+            _ => said = format!("{said}: {cause}"),
+        }
+    }
+    said
 }
 
 /// One progress event.
@@ -156,5 +173,23 @@ impl<S: Subscriber + for<'a> LookupSpan<'a>> Layer<S> for BarLayer {
             event.record(&mut progress);
             self.0.show(&progress.phase.clone(), &progress);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use anyhow::Context;
+
+    #[test]
+    fn no_cause_is_said_twice() {
+        let refused = || Err::<(), _>(std::io::Error::other("refused"));
+        let once = "joining: the service cannot be reached: refused; start it";
+        let error = refused().context("the service cannot be reached: refused; start it");
+        let error = error.context("joining").unwrap_err();
+        assert_eq!(with_causes(&error), once);
+        assert_ne!(format!("{error:#}"), once);
+        let error = refused().context("reading it").unwrap_err();
+        assert_eq!(with_causes(&error), "reading it: refused");
     }
 }

@@ -6,6 +6,8 @@ use std::process::ExitCode;
 #[cfg(feature = "full")]
 use zk0::serve::online;
 use zk0::{audit, ledger, logging, settings};
+#[cfg(feature = "full")]
+use zk0_traces::export::Traces;
 
 #[cfg(feature = "full")]
 #[global_allocator]
@@ -67,6 +69,8 @@ enum Full {
     Prover(zk0::prover::Command),
     /// Train a policy on recordings.
     Train(Box<zk0::train::Options>),
+    /// Simulate a federation on this machine without proofs, to choose rounds, rates and strategies.
+    Simulate(Box<zk0::simulate::Options>),
     /// Measure policies on recordings.
     Eval(zk0::eval::Options),
     /// Look at recordings, and check them, before you train on them.
@@ -81,14 +85,14 @@ enum Full {
 
 fn main() -> ExitCode {
     let cli: Cli = settings::parse();
-    logging::init(cli.log);
-    match run(&cli.command) {
+    match traced(&cli) {
         Ok(code) => code,
         Err(error) => {
+            let said = logging::with_causes(&error);
             match cli.log {
                 // A program that reads the JSON lines must learn the reason, too.
-                logging::LogFormat::Json => tracing::error!("{error:#}"),
-                logging::LogFormat::Text => eprintln!("error: {error:#}"),
+                logging::LogFormat::Json => tracing::error!("{said}"),
+                logging::LogFormat::Text => eprintln!("error: {said}"),
             }
             match &cli.command {
                 Command::Audit(command) => command.error_code(&error),
@@ -96,6 +100,29 @@ fn main() -> ExitCode {
             }
         }
     }
+}
+
+/// Starts to log, and runs the command. Its traces are sent until it ends.
+#[cfg(feature = "full")]
+fn traced(cli: &Cli) -> anyhow::Result<ExitCode> {
+    let traces = match &cli.command {
+        Command::Full(command) => command.traces(),
+        _ => Ok(None),
+    };
+    let layer = traces.as_ref().ok().and_then(Option::as_ref);
+    logging::init(cli.log, layer.map(Traces::layer));
+    let traces = traces?;
+    if let Some(traces) = &traces {
+        traces.announce();
+    }
+    run(&cli.command)
+}
+
+/// Starts to log, and runs the command.
+#[cfg(not(feature = "full"))]
+fn traced(cli: &Cli) -> anyhow::Result<ExitCode> {
+    logging::init(cli.log, None::<tracing_subscriber::layer::Identity>);
+    run(&cli.command)
 }
 
 /// Runs the command. If something is wrong, the command has printed what.
@@ -114,6 +141,15 @@ fn run(command: &Command) -> anyhow::Result<ExitCode> {
 
 #[cfg(feature = "full")]
 impl Full {
+    fn traces(&self) -> anyhow::Result<Option<Traces>> {
+        match self {
+            Self::Aggregator(command) => command.traces(),
+            Self::Node(command) => command.traces(),
+            Self::Prover(command) => command.traces(),
+            _ => Ok(None),
+        }
+    }
+
     fn run(&self) -> anyhow::Result<bool> {
         match self {
             Self::Demo(options) => online(zk0::demo::run(options))?,
@@ -124,6 +160,7 @@ impl Full {
             Self::Status(options) => online(zk0::status::run(options))?,
             Self::Prover(command) => zk0::prover::run(command)?,
             Self::Train(options) => zk0::train::run(options)?,
+            Self::Simulate(options) => zk0::simulate::run(options)?,
             Self::Eval(options) => zk0::eval::run(options)?,
             Self::Dataset(command) => return zk0::dataset::run(command),
             Self::Fidelity(options) => zk0::fidelity::run(options)?,

@@ -1,6 +1,7 @@
 //! `zk0 prover`: the proving service that the nodes of one machine share, and what proving costs.
 
 use crate::certificate::{keep_current, CertificateOptions};
+use crate::otlp::OtlpOptions;
 use crate::serve::{interrupted, listening, online};
 use anyhow::{Context, Result};
 use std::net::SocketAddr;
@@ -10,6 +11,7 @@ use zk0_prover::measure::cycles;
 use zk0_prover::network::{NetworkOptions, Strategy};
 use zk0_prover::program::Executor;
 use zk0_prover::service::{ProvingService, Sp1Backend};
+use zk0_traces::export::Traces;
 
 /// What to do.
 #[derive(Debug, clap::Subcommand)]
@@ -33,6 +35,8 @@ pub enum Command {
         device: DeviceKind,
         #[command(flatten)]
         network: NetworkArguments,
+        #[command(flatten)]
+        otlp: OtlpOptions,
     },
     /// Print what claims cost, one JSON line for each profile and mode. The programs are executed, and no proof is made.
     Cycles,
@@ -50,6 +54,16 @@ pub struct NetworkArguments {
     network_minutes: u64,
 }
 
+impl Command {
+    /// The traces of the command, if it has any.
+    pub fn traces(&self) -> Result<Option<Traces>> {
+        match self {
+            Self::Serve { otlp, .. } => otlp.traces("zk0-prover"),
+            Self::Cycles => Ok(None),
+        }
+    }
+}
+
 /// Runs the command.
 pub fn run(command: &Command) -> Result<()> {
     match command {
@@ -59,6 +73,7 @@ pub fn run(command: &Command) -> Result<()> {
             queue,
             device,
             network,
+            otlp: _,
         } => online(serve(*listen, certificate, *queue, *device, network)),
         Command::Cycles => online(cycles()),
     }

@@ -6,6 +6,7 @@ use crate::client::watching::Watch;
 use crate::client::{unexpected, Node};
 use crate::client_error::NodeError;
 use std::time::{SystemTime, UNIX_EPOCH};
+use tracing::instrument;
 use zk0_circuits::claim::challenge::challenge;
 use zk0_circuits::Digest;
 use zk0_protocol::challenge::closing::Closing;
@@ -21,6 +22,7 @@ impl Node {
     ///
     /// # Errors
     /// The round closes without randomness, or what the aggregator shows is not what the rules determine.
+    #[instrument(name = "wait for the challenge", skip_all)]
     pub async fn wait_for_challenge(
         &mut self,
         opened: &RoundOpened,

@@ -12,7 +12,9 @@ use ed25519_dalek::SigningKey;
 use sha2::{Digest as _, Sha256};
 use std::error::Error as _;
 use std::time::Duration;
+use tonic::service::interceptor::InterceptedService;
 use tonic::{transport, Code, Status};
+use tracing::instrument;
 use zk0_circuits::{Claim, Digest, NodeId, WeightsDigest};
 use zk0_protocol::challenge::closing;
 use zk0_protocol::entries::entry::{Body, Entry};
@@ -29,6 +31,7 @@ use zk0_protocol::tlog::checkpoint::Checkpoint;
 use zk0_protocol::tlog::receipt::Receipt;
 use zk0_protocol::{Refusal, Rules};
 use zk0_tls::service_address::ServiceAddress;
+use zk0_traces::carried::Carrier;
 
 /// Largest message that is read. A receipt or a chunk is far smaller.
 const MAX_MESSAGE_BYTES: usize = 4 << 20;
@@ -65,7 +68,7 @@ macro_rules! patiently {
 
 /// A node of one network, connected to its aggregator.
 pub struct Node {
-    pub(crate) client: FederationClient<transport::Channel>,
+    pub(crate) client: FederationClient<InterceptedService<transport::Channel, Carrier>>,
     key: SigningKey,
     genesis: Genesis,
     /// What the heads of requests are for.
@@ -112,8 +115,8 @@ impl Node {
     ) -> Result<Self, NodeError> {
         let address = address.into();
         let channel = address.connect().await?;
-        let mut client =
-            FederationClient::new(channel).max_decoding_message_size(MAX_MESSAGE_BYTES);
+        let mut client = FederationClient::with_interceptor(channel, Carrier)
+            .max_decoding_message_size(MAX_MESSAGE_BYTES);
         let info = client.get_network(rpc::GetNetworkRequest {}).await;
         let info = info
             .map_err(|status| match address.first_failure(&status) {
@@ -204,6 +207,27 @@ impl Node {
         program(&info.program)
     }
 
+    /// The update that the ledger accepted of this node in a round by SCAFFOLD, of whose control variates it is a part.
+    pub async fn accepted_update(&mut self, round: u64) -> Result<WeightsDigest, NodeError> {
+        let request = rpc::GetRoundRequest {
+            round: Some(round),
+            node: self.id().0.to_vec(),
+        };
+        let wanted = "the contribution of this node that the round has accepted";
+        let info = patiently!(self.client.get_round(request.clone()))?.into_inner();
+        let contribution = info.contribution;
+        let contribution = contribution.ok_or_else(|| unexpected(wanted, "none"))?;
+        let Body::ContributionAccepted(signed) = self.entry(contribution)?.1.body else {
+            return Err(unexpected(wanted, "another entry"));
+        };
+        let terms = &signed.statement.claim.terms;
+        let of = (terms.network, terms.round, terms.node);
+        match of == (*self.network(), round, self.id()) && signed.verify().is_ok() {
+            true => Ok(terms.update),
+            false => Err(unexpected(wanted, "another contribution")),
+        }
+    }
+
     /// The number of the next round to open.
     pub(crate) async fn next_round(&mut self) -> Result<u64, NodeError> {
         let request = rpc::GetRoundRequest {
@@ -222,6 +246,7 @@ impl Node {
 
     /// Commits to an uploaded update that is to be evaluated on `eval_samples` samples. Returns the digest of the commitment, from which
     /// the challenge will follow, and the receipt.
+    #[instrument(name = "commit", skip_all)]
     pub async fn commit(
         &mut self,
         round: u64,
@@ -250,6 +275,7 @@ impl Node {
     }
 
     /// Signs a claim and submits it with its proof.
+    #[instrument(name = "submit", skip_all)]
     pub async fn submit(&mut self, claim: Claim, proof: Vec<u8>) -> Result<Decision, NodeError> {
         let round = claim.terms.round;
         let signed = Signed::new(

@@ -6,7 +6,7 @@ use std::error::Error;
 use std::net::IpAddr;
 use std::path::PathBuf;
 use std::time::Duration;
-use tonic::transport::{Channel, ClientTlsConfig, Endpoint};
+use tonic::transport::{Channel, ClientTlsConfig, Endpoint, Uri};
 use tonic::Status;
 
 /// How long a connection, with its TLS handshake, may take.
@@ -97,9 +97,32 @@ impl ServiceAddress {
         scheme.is_some_and(|scheme| scheme.eq_ignore_ascii_case("https"))
     }
 
+    /// The address, as it was given.
+    pub fn url(&self) -> &str {
+        &self.url
+    }
+
     /// Connects.
     pub async fn connect(&self) -> Result<Channel, ConnectError> {
-        let mut endpoint = Endpoint::try_from(self.url.clone())
+        let endpoint = self.endpoint()?;
+        self.warn_if_plain();
+        let connected = endpoint.connect().await;
+        connected.map_err(|error| self.unreachable(&error))
+    }
+
+    /// A channel that connects when it is first used, and again whenever it is used after its connection was lost. It belongs to the runtime in
+    /// which this is called.
+    pub fn connect_lazily(&self) -> Result<Channel, ConnectError> {
+        let endpoint = self.endpoint()?;
+        // Who connects at once hears it from whoever tries. Here nobody would hear it.
+        match endpoint.uri().scheme_str() {
+            Some("http" | "https") => Ok(endpoint.connect_lazy()),
+            _ => Err(self.because("an address begins with http:// or https://".into())),
+        }
+    }
+
+    fn endpoint(&self) -> Result<Endpoint, ConnectError> {
+        let endpoint = Endpoint::try_from(self.url.clone())
             .map_err(|error| self.unreachable(&error))?
             .connect_timeout(PATIENCE)
             .http2_keep_alive_interval(self.silence.asks_after)
@@ -110,24 +133,27 @@ impl ServiceAddress {
                 .trust_anchors(self.roots()?.roots)
                 .timeout(PATIENCE);
             let encrypted = endpoint.tls_config(tls);
-            endpoint = encrypted.map_err(|error| self.unreachable(&error))?;
-        } else {
-            if let Some(file) = self.authorities.file() {
-                return Err(ConnectError::NotEncrypted {
-                    service: self.service,
-                    url: self.url.clone(),
-                    file: file.into(),
-                });
-            }
-            if !is_loopback(endpoint.uri().host().unwrap_or_default()) {
-                let Self { service, url, .. } = self;
-                tracing::warn!(
-                    "nothing that travels between this machine and {url} is encrypted: use https:// if the {service} has a certificate"
-                );
-            }
+            return encrypted.map_err(|error| self.unreachable(&error));
         }
-        let connected = endpoint.connect().await;
-        connected.map_err(|error| self.unreachable(&error))
+        match self.authorities.file() {
+            None => Ok(endpoint),
+            Some(file) => Err(ConnectError::NotEncrypted {
+                service: self.service,
+                url: self.url.clone(),
+                file: file.into(),
+            }),
+        }
+    }
+
+    /// Warns if what travels to another machine is not encrypted.
+    pub fn warn_if_plain(&self) {
+        let Self { service, url, .. } = self;
+        let uri = url.parse::<Uri>().unwrap_or_default();
+        if !self.is_encrypted() && !is_loopback(uri.host().unwrap_or_default()) {
+            tracing::warn!(
+                "nothing that travels between this machine and {url} is encrypted: use https:// if the {service} has a certificate"
+            );
+        }
     }
 
     fn roots(&self) -> Result<RootCertStore, AuthoritiesError> {

@@ -11,6 +11,7 @@ use crate::result::{evaluate, ResultError, ResultFiles};
 use crate::{Evaluation, VerifiedContribution};
 use std::fmt::Display;
 use std::io::Write;
+use tracing::info_span;
 use zk0_circuits::{Digest, NodeId};
 use zk0_protocol::entries::entry::{Contributor, RoundClosed};
 use zk0_protocol::rules::state::State;
@@ -73,8 +74,10 @@ pub fn close<E: Display>(
     moments: &mut dyn Write,
     files: Option<&ResultFiles>,
 ) -> Result<Closing, CloseError> {
-    let combined = combined(state, contributions, bases, read_at, moments)?;
-    end(state, combined, files)
+    let combining = info_span!("combine");
+    let combined =
+        combining.in_scope(|| combined(state, contributions, bases, read_at, moments))?;
+    info_span!("evaluate").in_scope(|| end(state, combined, files))
 }
 
 /// What the accepted contributions of the open round combine to; `None` if there are none. If the strategy has moments, those that the

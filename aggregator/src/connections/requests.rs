@@ -17,6 +17,7 @@ use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 use tonic::Status;
+use tracing::{info_span, Instrument};
 
 /// What the requests of a service may take.
 #[derive(Clone)]
@@ -47,10 +48,11 @@ impl Requests {
         let Some(caller) = request.extensions().get::<Caller>().cloned() else {
             return Status::internal("a request has no connection").into_http();
         };
-        let turns = (
-            caller.turns.clone().acquire_owned().await,
-            self.turns.acquire_owned().await,
-        );
+        let turns = async {
+            let own = caller.turns.clone().acquire_owned().await;
+            (own, self.turns.clone().acquire_owned().await)
+        };
+        let turns = turns.instrument(info_span!("wait for a turn")).await;
         let (Ok(own), Ok(shared)) = turns else {
             return Status::unavailable("the aggregator ends").into_http();
         };
@@ -58,7 +60,7 @@ impl Requests {
             _progress: caller.begin(),
             _permits: [own, shared],
         };
-        let work = tokio::spawn(async move {
+        let work = async move {
             let held = Memory::default();
             let request = request.map(|body| {
                 let (caller, held) = (caller.clone(), held.clone());
@@ -76,8 +78,9 @@ impl Requests {
                 caller.is(*node);
             }
             keeping(response, turn)
-        });
-        work.await
+        };
+        tokio::spawn(work.in_current_span())
+            .await
             .unwrap_or_else(|_| Status::internal("the request failed").into_http())
     }
 }

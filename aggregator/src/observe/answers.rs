@@ -1,4 +1,4 @@
-//! Requests and their answers, counted and timed: by method, and by the status with which the answer ended. A caller that leaves before the end
+//! Requests and their answers, counted, timed and traced: by method, and by the status with which the answer ended. A caller that leaves before the end
 //! counts as `Cancelled`.
 
 use axum::body::{Body, Bytes};
@@ -20,7 +20,9 @@ use std::sync::Arc;
 use std::task::{ready, Context, Poll};
 use std::time::Instant;
 use tonic::Code;
+use tracing::{Instrument, Span};
 use zk0_protocol::rpc::SERVICES;
+use zk0_traces::request;
 
 /// What counts requests to a path that no service has. Otherwise strangers could fill the memory with names.
 const OTHER: &str = "other";
@@ -69,8 +71,8 @@ impl RequestMetrics {
 
     /// Has a request answered by `next`, and counts it.
     pub async fn answer(self, request: Request, next: Next) -> Response {
-        let counted = Counted::begin(self, request.uri().path());
-        let response = next.run(request).await;
+        let counted = Counted::begin(self, request.uri().path(), request.headers());
+        let response = next.run(request).instrument(counted.span.clone()).await;
         match status(response.headers()) {
             // The answer has no messages.
             Some(code) => {
@@ -112,22 +114,27 @@ fn status(headers: &HeaderMap) -> Option<Code> {
 struct Counted {
     metrics: RequestMetrics,
     method: Arc<str>,
+    span: Span,
     begun: Instant,
     code: Code,
 }
 
 impl Counted {
-    fn begin(metrics: RequestMetrics, path: &str) -> Self {
+    fn begin(metrics: RequestMetrics, path: &str, headers: &HeaderMap) -> Self {
         let known = metrics.methods.get(path.trim_start_matches('/'));
+        let known = known.and_then(|known| known.split_once('/'));
+        let service = known.map_or(OTHER, |(service, _)| service);
         let method: Arc<str> = match known {
-            Some(method) => method.rsplit('/').next().unwrap_or(OTHER).into(),
+            Some((_, method)) => method.into(),
             None => OTHER.into(),
         };
+        let span = request::begin(service, &method, headers);
         let of_method = [("method", method.clone())];
         metrics.in_progress.get_or_create(&of_method).inc();
         Self {
             metrics,
             method,
+            span,
             begun: Instant::now(),
             code: Code::Cancelled,
         }
@@ -148,6 +155,7 @@ impl Drop for Counted {
         let status = format!("{:?}", self.code).into();
         let ended = [("method", method.clone()), ("status", status)];
         metrics.ended.get_or_create(&ended).inc();
+        request::end(&self.span, self.code);
     }
 }
 

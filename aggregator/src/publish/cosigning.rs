@@ -5,6 +5,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{mpsc, Arc};
 use std::thread;
 use std::time::{Duration, Instant};
+use tracing::{info_span, instrument};
 use zk0_circuits::Digest;
 use zk0_ledger::published::http_client::{HttpClient, HttpError};
 use zk0_protocol::challenge::drawing::Cosignature;
@@ -147,6 +148,7 @@ impl Witnesses {
         self.collect(checkpoint, prove, all, wanted)
     }
 
+    #[instrument(name = "publish a checkpoint", skip_all)]
     fn collect(
         &self,
         checkpoint: &[u8],
@@ -164,8 +166,9 @@ impl Witnesses {
                 let _ = sender.send((at, Err("has not answered an earlier request".into())));
                 continue;
             }
+            let span = info_span!("ask a witness", zk0.witness = client.witness.name);
             thread::spawn(move || {
-                let answer = client.ask(&checkpoint, size, &prove);
+                let answer = span.in_scope(|| client.ask(&checkpoint, size, &prove));
                 client.busy.store(false, Ordering::Release);
                 let _ = sender.send((at, answer));
             });

@@ -6,11 +6,13 @@ use crate::round::request::RequestError;
 use crate::serve::service::Service;
 use std::time::Instant;
 use tokio::sync::oneshot::error::TryRecvError;
+use tracing::instrument;
 use zk0_protocol::tlog::receipt::Receipt;
 
 impl Service {
     /// Records what a request wants, and returns its receipt. It waits for requests that arrived before a deadline, if this one arrived
     /// after it.
+    #[instrument(name = "record", skip_all)]
     pub(super) async fn record_in_turn(
         &self,
         arrival: &Arrival,

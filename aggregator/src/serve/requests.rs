@@ -17,6 +17,7 @@ use tokio::io::AsyncSeekExt;
 use tokio_stream::wrappers::ReceiverStream;
 use tokio_stream::{Stream, StreamExt};
 use tonic::{Request, Response, Status, Streaming};
+use tracing::info_span;
 use zk0_circuits::{Digest, NodeId};
 use zk0_protocol::blob::blob_digest;
 use zk0_protocol::entries::entry::Body;
@@ -33,6 +34,7 @@ use zk0_protocol::rpc::federation::{
 };
 use zk0_protocol::tlog::receipt;
 use zk0_protocol::Refusal;
+use zk0_traces::request;
 
 #[tonic::async_trait]
 impl Federation for Service {
@@ -293,6 +295,7 @@ impl Federation for Service {
         let sender = self.sender(head, message, arrival.at_ms()).await?;
         let decided = self.submitted(arrival, signed, proof).await?;
         let reason = decided.rejected.as_ref().map(Refusal::to_string);
+        request::outcome(reason.as_deref().unwrap_or("accepted"));
         let reply = SubmitReply {
             accepted: reason.is_none(),
             reason: reason.unwrap_or_default(),
@@ -313,7 +316,8 @@ impl Service {
         match begun {
             Begun::Recorded(receipt) => Ok(receipt),
             Begun::New(new) => {
-                let body = self.storing(move || keep(new)).await?;
+                let span = info_span!("keep blobs");
+                let body = self.storing(span, move || keep(new)).await?;
                 let statement = ToRecord::Statement(Box::new(body));
                 self.record_in_turn(arrival, statement).await
             }

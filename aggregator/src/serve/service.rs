@@ -42,6 +42,7 @@ use tokio::sync::{watch, Mutex, Notify, Semaphore};
 use tokio::task::spawn_blocking;
 use tokio::time::{sleep, timeout};
 use tonic::service::Routes;
+use tracing::{info_span, Instrument, Span};
 use zk0_ledger::error::LedgerError;
 use zk0_ledger::folder;
 use zk0_protocol::rpc::federation::federation_server::FederationServer;
@@ -382,7 +383,8 @@ impl Service {
         publishing.wanted.notify_one();
         let mut published = publishing.published.subscribe();
         let patience = publishing.witnesses.patience();
-        let covered = timeout(patience, published.wait_for(|held| *held >= size)).await;
+        let covered = timeout(patience, published.wait_for(|held| *held >= size));
+        let covered = covered.instrument(info_span!("wait for witnesses")).await;
         match covered.is_ok_and(|covered| covered.is_ok()) {
             true => Ok(()),
             false => Err(RequestError::NotPublished(format!(
@@ -432,7 +434,8 @@ impl Service {
 pub(super) async fn blocking<T: Send + 'static>(
     work: impl FnOnce() -> Result<T, RequestError> + Send + 'static,
 ) -> Result<T, RequestError> {
-    spawn_blocking(work)
+    let span = Span::current();
+    spawn_blocking(move || span.in_scope(work))
         .await
         .unwrap_or_else(|error| Err(RequestError::Internal(error.to_string())))
 }

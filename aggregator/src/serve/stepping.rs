@@ -3,6 +3,7 @@
 use crate::round::aggregator::{Aggregator, Progress};
 use crate::round::request::RequestError;
 use crate::serve::service::{blocking, Service};
+use tracing::{info_span, instrument, Instrument};
 
 impl Service {
     /// Takes the rounds one step further, as [`Aggregator::step`] does. What takes long is done away from the aggregator.
@@ -29,13 +30,7 @@ impl Service {
                     ))),
                 }
             }
-            Progress::NeedsClosing(_) => {
-                let ended = self.with(|aggregator| Ok(aggregator.to_close())).await?;
-                match blocking(move || ended.compute()).await? {
-                    Ok(computed) => self.with(|aggregator| aggregator.close(computed)).await,
-                    Err(why) => Ok(Progress::Blocked(why)),
-                }
-            }
+            Progress::NeedsClosing(round) => self.close(round).await,
             Progress::NeedsBlobs(away) => match self.fetched(away.clone()).await {
                 Ok(()) => Ok(Progress::NeedsBlobs(away)),
                 Err(error) => Ok(Progress::Blocked(format!(
@@ -43,6 +38,18 @@ impl Service {
                 ))),
             },
             done => Ok(done),
+        }
+    }
+    /// Closes the open round, if its end can be computed. That is done away from the aggregator.
+    #[instrument(name = "close the round", skip_all, fields(zk0.round = round))]
+    async fn close(&self, round: u64) -> Result<Progress, RequestError> {
+        let ended = self.with(|aggregator| Ok(aggregator.to_close())).await?;
+        match blocking(move || ended.compute()).await? {
+            Ok(computed) => {
+                let recorded = self.with(|aggregator| aggregator.close(computed));
+                recorded.instrument(info_span!("record")).await
+            }
+            Err(why) => Ok(Progress::Blocked(why)),
         }
     }
 }

@@ -8,6 +8,7 @@ use crate::round::recording::submission::Decided;
 use crate::round::request::RequestError;
 use crate::serve::service::{blocking, Service};
 use tokio::sync::OwnedSemaphorePermit;
+use tracing::{info_span, Instrument, Span};
 use zk0_protocol::entries::signed::{Signed, Submission};
 
 impl Service {
@@ -42,7 +43,8 @@ impl Service {
         };
         let contribution = {
             let signed = signed.clone();
-            self.verified(move || undecided.authenticate(signed, proof))
+            let span = info_span!("check the signature");
+            self.verified(span, move || undecided.authenticate(signed, proof))
                 .await?
         };
         // It is the node itself that asks, and perhaps not for the first time.
@@ -52,20 +54,24 @@ impl Service {
             Begun::New(undecided) => undecided,
         };
         // Whoever waits for the store of the blobs holds no place for verifying.
-        let undecided = self
-            .storing(move || undecided.with_weights_at_hand())
-            .await?;
-        let unkept = self.verified(move || undecided.judge(contribution)).await?;
-        let judged = self.storing(move || unkept.keep()).await?;
+        let span = info_span!("fetch blobs");
+        let undecided = self.storing(span, move || undecided.with_weights_at_hand());
+        let undecided = undecided.await?;
+        let span = info_span!("verify the proof");
+        let unkept = self.verified(span, move || undecided.judge(contribution));
+        let unkept = unkept.await?;
+        let span = info_span!("keep blobs");
+        let judged = self.storing(span, move || unkept.keep()).await?;
         let rejected = judged.rejected().cloned();
         let decision = ToRecord::Decision(Box::new(judged));
         let receipt = self.record_in_turn(arrival, decision).await?;
         Ok(Decided { rejected, receipt })
     }
 
-    /// Runs `work` when one of as many places as there are cores is free.
+    /// Runs `work` in `span`, when one of as many places as there are cores is free.
     async fn verified<T: Send + 'static>(
         &self,
+        span: Span,
         work: impl FnOnce() -> Result<T, RequestError> + Send + 'static,
     ) -> Result<T, RequestError> {
         let waiting = self.metrics().verification.wait();
@@ -73,14 +79,15 @@ impl Service {
             .verifying
             .clone()
             .acquire_owned()
+            .instrument(info_span!("wait for a core"))
             .await
             .map_err(|error| RequestError::Internal(error.to_string()))?;
         let running = waiting.begins();
-        blocking(move || {
+        let done = blocking(move || {
             let result = work();
             drop((running, place));
             result
-        })
-        .await
+        });
+        done.instrument(span).await
     }
 }

@@ -11,6 +11,7 @@ use std::time::Duration;
 use tokio::sync::OwnedMutexGuard;
 use tokio::time::{timeout_at, Instant};
 use tonic::{Status, Streaming};
+use tracing::Instrument;
 use zk0_circuits::NodeId;
 use zk0_ledger::blobs::partial::PartialBlob;
 use zk0_protocol::entries::signed::UploadRequest;
@@ -36,7 +37,8 @@ impl Service {
     ) -> Result<Option<NodeId>, Status> {
         // When the connection is lost, the server gives up its request. In a task of its own, what has come is written nevertheless.
         let service = self.clone();
-        let received = tokio::spawn(async move { service.receive(head, stream).await }).await;
+        let receiving = async move { service.receive(head, stream).await };
+        let received = tokio::spawn(receiving.in_current_span()).await;
         received.map_err(|error| RequestError::Internal(error.to_string()))?
     }
 

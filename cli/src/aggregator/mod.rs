@@ -21,6 +21,7 @@ use rules::{CommonRules, LEAST_UPDATE_LIMIT};
 use serve::Serve;
 use std::path::PathBuf;
 use zk0_tls::local_authority::{LocalAuthority, CA, CA_KEY, CERTIFICATE, KEY};
+use zk0_traces::export::Traces;
 
 /// What to do.
 #[derive(Debug, clap::Subcommand)]
@@ -51,6 +52,16 @@ pub enum Command {
     },
     /// Run a network: open rounds, verify contributions, and average those that are accepted.
     Serve(Serve),
+}
+
+impl Command {
+    /// The traces of the command, if it has any.
+    pub fn traces(&self) -> Result<Option<Traces>> {
+        match self {
+            Self::Serve(options) => options.otlp.traces("zk0-aggregator"),
+            _ => Ok(None),
+        }
+    }
 }
 
 /// Runs the command.

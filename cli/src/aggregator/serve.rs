@@ -6,6 +6,7 @@ use super::policy_folders::PolicyFolderOptions;
 use crate::blob_store::BlobStoreOptions;
 use crate::certificate::{keep_current, scheme};
 use crate::keys;
+use crate::otlp::OtlpOptions;
 use crate::serve::{interrupted, listening, online_until};
 use anyhow::{Context, Result};
 use std::future;
@@ -71,6 +72,8 @@ pub struct Serve {
     blob_cache_bytes: Option<u64>,
     #[command(flatten)]
     metrics: MetricsOptions,
+    #[command(flatten)]
+    pub otlp: OtlpOptions,
     #[command(flatten)]
     folders: PolicyFolderOptions,
     #[command(flatten)]

@@ -10,6 +10,7 @@ use anyhow::Result;
 use estimate::Estimate;
 use join::Join;
 use std::path::PathBuf;
+use zk0_traces::export::Traces;
 
 /// What to do.
 #[derive(Debug, clap::Subcommand)]
@@ -27,6 +28,16 @@ pub enum Command {
     Leave(Signer),
     /// Join a network: commit to a recording, and then train, prove and submit in each round.
     Join(Join),
+}
+
+impl Command {
+    /// The traces of the command, if it has any.
+    pub fn traces(&self) -> Result<Option<Traces>> {
+        match self {
+            Self::Join(options) => options.otlp.traces("zk0-node"),
+            _ => Ok(None),
+        }
+    }
 }
 
 /// Runs the command.

@@ -17,8 +17,14 @@ pub struct Serving {
 impl Serving {
     /// Starts the binary, and waits until it says where it listens.
     pub fn start(arguments: &[&str]) -> Self {
+        Self::start_with(arguments, &[])
+    }
+
+    /// Like [`Self::start`], with these environment variables.
+    pub fn start_with(arguments: &[&str], variables: &[(&str, &str)]) -> Self {
         let mut process = zk0(&["--log", "json"])
             .args(arguments)
+            .envs(variables.iter().copied())
             .stderr(Stdio::piped())
             .spawn()
             .unwrap();
@@ -56,6 +62,11 @@ impl Serving {
 }
 
 impl Serving {
+    /// Its log so far, from the line after the one that says where it listens.
+    pub fn log(&self) -> String {
+        self.log.lock().unwrap().clone()
+    }
+
     /// Waits until its log holds these words. Panics after half a minute.
     #[track_caller]
     pub fn logs(&self, words: &str) {

@@ -7,6 +7,7 @@ use sha2::{Digest as _, Sha256};
 use std::io::Write;
 use std::sync::Arc;
 use tonic::{Code, Status};
+use tracing::instrument;
 use zk0_circuits::Digest;
 use zk0_protocol::entries::signed::{Signed, UploadRequest};
 use zk0_protocol::request_head::Method;
@@ -65,6 +66,7 @@ impl Node {
 
     /// Downloads a public blob, as [`Self::download`] does, and writes it to `out` piece by piece. What was written is the blob only if
     /// this returns without an error.
+    #[instrument(name = "download", skip_all)]
     pub async fn download_to(
         &mut self,
         blob: &Digest,
@@ -118,6 +120,7 @@ impl Node {
     }
 
     /// Uploads an update. It stays private until the round closes. What the aggregator has of it is not sent again.
+    #[instrument(name = "upload", skip_all)]
     pub async fn upload(&mut self, round: u64, update: Vec<u8>) -> Result<(), NodeError> {
         let update: Arc<[u8]> = update.into();
         let request = UploadRequest {

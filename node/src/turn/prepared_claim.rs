@@ -7,6 +7,7 @@ use crate::state_files::at;
 use std::panic::resume_unwind;
 use std::path::{Path, PathBuf};
 use tokio::task::spawn_blocking;
+use tracing::instrument;
 use zk0_argument::claim::Cost;
 use zk0_circuits::{EvalSpec, Mode};
 use zk0_prover::machine::{check_disk, check_memory, free_disk, Resources};
@@ -49,6 +50,7 @@ pub fn check_room(
 ///
 /// # Errors
 /// The claim does not hold, or cannot be proven in this mode.
+#[instrument(name = "make the argument", skip_all)]
 pub async fn prepare(
     mode: Mode,
     input: OpenedSamples,

@@ -5,13 +5,16 @@ use crate::program::GuestInput;
 use crate::rpc;
 use crate::rpc::prover_client::ProverClient;
 use std::time::Duration;
+use tonic::service::interceptor::InterceptedService;
 use tonic::{transport, Code, Status};
+use tracing::instrument;
 use zk0_tls::service_address::{ConnectError, ServiceAddress, Silence};
+use zk0_traces::carried::Carrier;
 
 /// A connection to a proving service.
 #[derive(Clone)]
 pub struct ProvingClient {
-    client: ProverClient<transport::Channel>,
+    client: ProverClient<InterceptedService<transport::Channel, Carrier>>,
 }
 
 /// Why a service gave no proof.
@@ -41,7 +44,7 @@ impl ProvingClient {
     /// Connects to a service.
     pub async fn connect(address: ServiceAddress) -> Result<Self, ClientError> {
         let channel = address.connect().await?;
-        let mut client = ProverClient::new(channel)
+        let mut client = ProverClient::with_interceptor(channel, Carrier)
             .max_encoding_message_size(upload::MAX_MESSAGE_BYTES)
             .max_decoding_message_size(upload::MAX_EVENT_BYTES);
         // Whether somebody speaks gRPC there shows only when a request is made, and a node trains before it has something to prove. So it
@@ -59,6 +62,7 @@ impl ProvingClient {
     }
 
     /// Has a claim proven. `progress` is called with every event on the way. The proof is not verified here.
+    #[instrument(name = "have it proven", skip_all)]
     pub async fn prove(
         &mut self,
         input: GuestInput,

@@ -17,9 +17,11 @@ use tokio::sync::{mpsc, watch, OwnedSemaphorePermit, Semaphore};
 use tokio_stream::wrappers::{ReceiverStream, TcpListenerStream};
 use tokio_stream::Stream;
 use tonic::transport::server::Connected;
-use tonic::{transport, Request, Response, Status, Streaming};
+use tonic::{transport, Code, Request, Response, Status, Streaming};
+use tracing::{info_span, Instrument, Span};
 use zk0_tls::incoming::encrypted;
 use zk0_tls::server_certificate::ServerCertificate;
+use zk0_traces::request;
 
 /// Memory for the private inputs of all requests, in MiB.
 const MEMORY_MIB: u32 = 4 << 10;
@@ -143,7 +145,33 @@ impl<B: Backend> prover_server::Prover for ProvingService<B> {
         &self,
         request: Request<Streaming<rpc::ProvePart>>,
     ) -> Result<Response<Self::ProveStream>, Status> {
-        let mut parts = request.into_inner();
+        let span = request::begin(
+            prover_server::SERVICE_NAME,
+            "Prove",
+            request.metadata().as_ref(),
+        );
+        let (events, stream) = mpsc::channel(4);
+        let taken = self.taken(request.into_inner(), events);
+        match taken.instrument(span.clone()).await {
+            Ok(job) => {
+                tokio::spawn(job.run().instrument(span));
+                Ok(Response::new(ReceiverStream::new(stream)))
+            }
+            Err(status) => {
+                request::end(&span, status.code());
+                Err(status)
+            }
+        }
+    }
+}
+
+impl<B> ProvingService<B> {
+    /// Receives a request, if there is room for it.
+    async fn taken(
+        &self,
+        mut parts: Streaming<rpc::ProvePart>,
+        events: mpsc::Sender<Result<rpc::ProveEvent, Status>>,
+    ) -> Result<Job<B>, Status> {
         // Whoever announces nothing takes nothing.
         let announced = Announced::receive(&mut parts).await?;
         let slot = self.shared.slots.clone().try_acquire_owned().map_err(|_| {
@@ -157,16 +185,13 @@ impl<B: Backend> prover_server::Prover for ProvingService<B> {
             )
         })?;
         let input = announced.rest(&mut parts).await?;
-        let (events, stream) = mpsc::channel(4);
-        let job = Job {
+        Ok(Job {
             shared: self.shared.clone(),
             input: Arc::new(input),
             events,
             came: Instant::now(),
             _taken: [slot, memory],
-        };
-        tokio::spawn(job.run());
-        Ok(Response::new(ReceiverStream::new(stream)))
+        })
     }
 }
 
@@ -202,9 +227,12 @@ impl<B: Backend> Job<B> {
             }
             Err(Gone) => {
                 tracing::info!("the client has gone; its request is dropped");
+                request::end(&Span::current(), Code::Cancelled);
                 return;
             }
         };
+        let code = last.as_ref().map_or_else(Status::code, |_| Code::Ok);
+        request::end(&Span::current(), code);
         let _ = self.events.send(last).await; // This fails, too, when the client has gone.
     }
 
@@ -214,6 +242,7 @@ impl<B: Backend> Job<B> {
             let _turn = shared.checking.acquire().await;
             shared.backend.check(&self.input).await
         };
+        let checked = checked.instrument(info_span!("check the claim"));
         let execution = match self.during(|| Phase::Checking, None, checked).await? {
             Ok(execution) => execution,
             Err(error) => return Ok(Err(error)),
@@ -229,6 +258,7 @@ impl<B: Backend> Job<B> {
         };
         let place = shared.schedule().join(work);
         let turn = shared.proving.clone().acquire_owned();
+        let turn = turn.instrument(info_span!("wait for the prover"));
         let turn = self.during(|| Phase::Queued, Some(place), turn).await;
         let turn = turn.inspect_err(|Gone| shared.schedule().leave(place))?;
 
@@ -239,7 +269,7 @@ impl<B: Backend> Job<B> {
         let waiting = Waiting::new(self.events.clone(), shared.stopping.subscribe());
         let waiting = Arc::new(waiting);
         let seen = waiting.clone();
-        let proving = tokio::spawn(async move {
+        let proving = async move {
             let _turn = turn;
             let result = prover.backend.prove(&input, &expected, &waiting).await;
             let mut schedule = prover.schedule();
@@ -250,7 +280,8 @@ impl<B: Backend> Job<B> {
                     Err(error)
                 }
             }
-        });
+        };
+        let proving = tokio::spawn(proving.instrument(info_span!("prove")));
         let proven = self.during(|| seen.phase(), Some(place), proving).await?;
         Ok(match proven {
             Ok(Ok((proof, _))) if proof.public_values != execution.public_values => Err(

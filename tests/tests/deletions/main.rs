@@ -19,6 +19,7 @@ mod moments;
 mod nodes;
 mod pruned;
 mod service;
+mod traces;
 
 use copy::{Copy, Outcome};
 use zk0_tests::changed_copy::Change;
@@ -87,6 +88,7 @@ fn every_check_can_be_removed_from_the_sources() {
         pruned::REMOVALS,
         service::REMOVALS,
         faults::REMOVALS,
+        traces::REMOVALS,
         kept_blobs::REMOVALS,
     ];
     let wrong: Vec<_> = lists
@@ -121,6 +123,7 @@ fn verifier_ledger_and_audit_have_a_test_for_each_check() {
         pruned::REMOVALS,
         service::REMOVALS,
         faults::REMOVALS,
+        traces::REMOVALS,
         kept_blobs::REMOVALS,
     ]);
 }

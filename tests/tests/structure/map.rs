@@ -6,9 +6,10 @@ use std::collections::{BTreeMap, BTreeSet};
 type Dependencies<'a> = BTreeMap<&'a str, BTreeSet<&'a str>>;
 
 /// Each crate, and what its row of the map names.
-const MAP: [(&str, &[&str]); 17] = [
+const MAP: [(&str, &[&str]); 19] = [
     ("zk0-files", &[]),
     ("zk0-tls", &["zk0-files"]),
+    ("zk0-traces", &["zk0-tls"]),
     ("zk0-tensors", &[]),
     ("zk0-circuits", &[]),
     ("zk0-argument", &["zk0-circuits"]),
@@ -19,13 +20,23 @@ const MAP: [(&str, &[&str]); 17] = [
     ("zk0-ledger", &["zk0-protocol", "zk0-tls"]),
     ("zk0-bucket", &["zk0-ledger"]),
     ("zk0-verifier", &["zk0-argument", "zk0-weights"]),
-    ("zk0-prover", &["zk0-argument", "zk0-tls"]),
+    ("zk0-prover", &["zk0-argument", "zk0-traces"]),
     ("zk0-node", &["zk0-smolvla", "zk0-weights", "zk0-prover"]),
-    ("zk0-aggregator", &["zk0-ledger", "zk0-verifier"]),
+    (
+        "zk0-aggregator",
+        &["zk0-ledger", "zk0-verifier", "zk0-traces"],
+    ),
     ("zk0-audit", &["zk0-ledger", "zk0-verifier"]),
+    ("zk0-simulate", &["zk0-node", "zk0-verifier"]),
     (
         "zk0",
-        &["zk0-node", "zk0-aggregator", "zk0-audit", "zk0-bucket"],
+        &[
+            "zk0-node",
+            "zk0-aggregator",
+            "zk0-audit",
+            "zk0-simulate",
+            "zk0-bucket",
+        ],
     ),
 ];
 
@@ -40,6 +51,7 @@ const LIGHT: [(&str, &[&str]); 8] = [
             "tonic",
             "tokio-rustls",
             "rcgen",
+            "opentelemetry_sdk",
             "zk0-smolvla",
             "zk0-prover",
             "zk0-node",

@@ -5,6 +5,7 @@ use crate::serve::service::{blocking, Service};
 use std::fs::File;
 use std::sync::Arc;
 use tokio::sync::Semaphore;
+use tracing::{Instrument, Span};
 use zk0_circuits::Digest;
 use zk0_ledger::blobs::Blobs;
 
@@ -16,12 +17,15 @@ impl Service {
         self
     }
 
-    /// Runs `work`, which stores blobs, when a place is free.
+    /// Runs `work`, which stores or fetches blobs, in `span`, when a place is free.
     pub(in crate::serve) async fn storing<T: Send + 'static>(
         &self,
+        span: Span,
         work: impl FnOnce() -> Result<T, RequestError> + Send + 'static,
     ) -> Result<T, RequestError> {
-        in_place(&self.blob_places.storing, work).await
+        in_place(&self.blob_places.storing, work)
+            .instrument(span)
+            .await
     }
 
     /// Reads these blobs into the ledger's folder.

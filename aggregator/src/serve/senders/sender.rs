@@ -8,6 +8,7 @@ use crate::serve::service::{blocking, Service};
 use zk0_circuits::{Digest, NodeId};
 use zk0_protocol::blob::blob_digest;
 use zk0_protocol::entries::signed::{Signed, Statement};
+use zk0_traces::request;
 
 impl Service {
     /// The run that heads of requests have to name.
@@ -36,6 +37,7 @@ impl Service {
             return Ok(None);
         }
         self.heads.take(&head, arrived_ms)?;
+        request::sent_by(sender, head.round);
         Ok(Some(sender))
     }
 }

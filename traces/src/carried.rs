@@ -1,0 +1,79 @@
+//! How a trace goes on in another process: a request has the header `traceparent` (W3C Trace Context), with the ids of the trace and of the span
+//! that makes the request.
+//!
+//! Anybody may send a header. So nothing but these two ids is taken from it, it has a fixed length, and whether a span is recorded does not depend on
+//! it.
+
+use opentelemetry::propagation::{Extractor, Injector, TextMapPropagator};
+use opentelemetry::trace::TraceContextExt;
+use opentelemetry::Context;
+use opentelemetry_sdk::propagation::TraceContextPropagator;
+use tonic::codegen::http::{HeaderMap, HeaderValue};
+use tonic::metadata::MetadataMap;
+use tonic::service::Interceptor;
+use tonic::{Request, Status};
+use tracing::Span;
+use tracing_opentelemetry::OpenTelemetrySpanExt;
+
+/// The name of the header.
+pub const TRACEPARENT: &str = "traceparent";
+
+/// The length of the header, in bytes: its version, two ids and a byte of flags, in hexadecimal digits with dashes in between.
+const LENGTH: usize = 55;
+
+/// Puts the current span into the requests of a client. It adds nothing where no traces are sent.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Carrier;
+
+impl Interceptor for Carrier {
+    fn call(&mut self, mut request: Request<()>) -> Result<Request<()>, Status> {
+        let context = Span::current().context();
+        TraceContextPropagator::new()
+            .inject_context(&context, &mut Outgoing(request.metadata_mut()));
+        Ok(request)
+    }
+}
+
+/// The metadata of a request that goes out.
+struct Outgoing<'a>(&'a mut MetadataMap);
+
+impl Injector for Outgoing<'_> {
+    fn set(&mut self, name: &str, value: String) {
+        // The state of a trace is for other programs' traces, and ours has none.
+        if let (TRACEPARENT, Ok(value)) = (name, value.parse()) {
+            self.0.insert(TRACEPARENT, value);
+        }
+    }
+}
+
+/// Where the trace of a request with these headers goes on; `None` if they do not say it, or say it more than once or in another form.
+pub fn parent(headers: &HeaderMap) -> Option<Context> {
+    let mut values = headers.get_all(TRACEPARENT).iter();
+    let (Some(value), None) = (values.next(), values.next()) else {
+        return None;
+    };
+    let named = Incoming::of(value)?;
+    let context = TraceContextPropagator::new().extract_with_context(&Context::new(), &named);
+    let valid = context.span().span_context().is_valid();
+    valid.then_some(context)
+}
+
+/// The one header that is read.
+struct Incoming<'a>(&'a str);
+
+impl<'a> Incoming<'a> {
+    fn of(value: &'a HeaderValue) -> Option<Self> {
+        let text = value.to_str().ok()?;
+        (text.len() == LENGTH).then_some(Self(text))
+    }
+}
+
+impl Extractor for Incoming<'_> {
+    fn get(&self, name: &str) -> Option<&str> {
+        (name == TRACEPARENT).then_some(self.0)
+    }
+
+    fn keys(&self) -> Vec<&str> {
+        vec![TRACEPARENT]
+    }
+}
