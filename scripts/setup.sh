@@ -2,7 +2,7 @@
 # Installs what building zk0 needs and this machine lacks: system packages, and a Rust toolchain where none is recent enough.
 # It knows Debian and Ubuntu, and uses sudo when it does not run as root. Arguments add to that:
 #
-#   guest      what rebuilds the guest programs, and what some tests want: Go and strace
+#   guest      what rebuilds the guest programs, and what some tests want: Go, strace and an S3 server
 #   lint       what scripts/lint runs: rustfmt, clippy and cargo-deny
 #   coverage   what scripts/coverage runs: cargo-llvm-cov and LLVM's tools
 #   cuda       what scripts/with-cuda needs
@@ -59,9 +59,10 @@ arguments=$*
 # than a quick program, outside the target folder.
 install_cargo() {
     "$here/with-rust" cargo "${1#cargo-}" --version >/dev/null 2>&1 && return
-    echo "setup: building $1 $2; this takes two minutes" >&2
+    [ -x "${CARGO_HOME:-$HOME/.cargo}/bin/$1" ] && return
+    echo "setup: building $*; this takes two minutes" >&2
     env -u CARGO_TARGET_DIR CARGO_PROFILE_RELEASE_LTO=off CARGO_PROFILE_RELEASE_CODEGEN_UNITS=16 \
-        CARGO_PROFILE_RELEASE_OPT_LEVEL=1 "$here/with-rust" cargo install --quiet --locked "$1" --version "$2"
+        CARGO_PROFILE_RELEASE_OPT_LEVEL=1 "$here/with-rust" cargo install --quiet --locked "$@"
 }
 
 # Installs a component of the toolchain in use: with rustup where it is rustup's, otherwise as the Debian packages named.
@@ -85,6 +86,9 @@ if wanted guest; then
         echo "setup: Go cannot be installed here, so only our own code verifies the log's formats" >&2
     # With strace, tests kill the ledger's writer at each of its writes, and make writes fail. Without it they say so.
     install strace || echo "setup: strace cannot be installed here, so the tests do not make the ledger's writes fail" >&2
+    # A real S3 server, which keeps objects as files. Without it the tests of buckets say that they did not run.
+    install_cargo s3s-fs --version 0.13.0 --features binary ||
+        echo "setup: s3s-fs cannot be installed here, so no blobs are kept in a bucket of S3 by the tests" >&2
 fi
 
 if wanted lint; then
@@ -92,14 +96,14 @@ if wanted lint; then
         echo "setup: rustfmt cannot be installed here, so the formatting is not checked" >&2
     "$here/with-rust" cargo clippy --version >/dev/null 2>&1 || install_component clippy rust-web-clippy ||
         echo "setup: clippy cannot be installed here, so its warnings are not looked for" >&2
-    install_cargo cargo-deny 0.20.2 ||
+    install_cargo cargo-deny --version 0.20.2 ||
         echo "setup: cargo-deny cannot be installed here, so the licences of dependencies are not checked" >&2
 fi
 
 if wanted coverage; then
     llvm=$("$here/with-rust" rustc -vV | sed -n 's/^LLVM version: \([0-9]*\).*/\1/p')
     install_component llvm-tools "llvm-$llvm" || install "llvm-$llvm"
-    install_cargo cargo-llvm-cov 0.9.1
+    install_cargo cargo-llvm-cov --version 0.9.1
 fi
 
 if wanted python || { wanted cuda && ! command -v nvcc >/dev/null; }; then

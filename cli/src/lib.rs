@@ -7,7 +7,7 @@
 //! - `train`, `eval`, `fidelity`, `dataset`: policies and recordings, without a network; `policy`: the options that they share.
 //! - `demo`: a whole network as processes on this machine.
 //! - [`settings`]: how services are configured, by flags, variables and files.
-//! - [`logging`], `certificate`, `chart`, `keys`, `network`, `serve`: what the commands share.
+//! - [`logging`], `blob_store`, `certificate`, `chart`, `keys`, `network`, `serve`: what the commands share.
 
 pub mod audit;
 pub mod ledger;
@@ -16,6 +16,8 @@ pub mod settings;
 
 #[cfg(feature = "full")]
 pub mod aggregator;
+#[cfg(feature = "full")]
+mod blob_store;
 #[cfg(feature = "full")]
 mod certificate;
 #[cfg(feature = "full")]

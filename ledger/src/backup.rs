@@ -13,9 +13,9 @@ use crate::published::mirror::{genesis, mirror, MirrorError, Mirrored};
 use crate::published::source::{Source, SourceError};
 use crate::published::tiles;
 use crate::store::Store;
-use crate::{folder, Blobs};
+use crate::{folder, BlobError, Blobs};
 use std::ffi::OsString;
-use std::fs::{self, File};
+use std::fs;
 use std::io::{self, Cursor, Read};
 use std::path::{Path, PathBuf};
 use zk0_circuits::Digest;
@@ -65,7 +65,7 @@ struct Whole {
 
 impl Whole {
     /// Opens the folder at its newest signed checkpoint. A writer may be using it at the same time.
-    fn open(dir: &Path) -> Result<Self, MirrorError> {
+    fn open(dir: &Path, blobs: Blobs) -> Result<Self, MirrorError> {
         let database = folder::database(dir);
         if !database.exists() {
             return Err(LedgerError::NoLedger(dir.into()).into());
@@ -91,7 +91,7 @@ impl Whole {
             pruned,
             size: signed.size,
             store,
-            blobs: Blobs::at(dir),
+            blobs,
         })
     }
 }
@@ -105,9 +105,9 @@ impl Source for Whole {
                 tiles::read(&self.store, self.size, &tile).map_err(|error| failed(&error))?
             }
             Some(Resource::Blob(digest)) => {
-                return match File::open(self.blobs.path(&digest)) {
+                return match self.blobs.file(&digest) {
                     Ok(file) => Ok(Some(Box::new(file))),
-                    Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
+                    Err(BlobError::Missing(_)) => Ok(None),
                     Err(error) => Err(failed(&error)),
                 }
             }
@@ -121,13 +121,18 @@ impl Source for Whole {
 /// Makes a backup of the ledger in `dir`, or brings the backup in `out` up to date. The ledger's writer may be using it at the same time.
 /// Every entry, checkpoint and blob is verified. A backup that has more entries, or another history, is not changed.
 pub fn backup(dir: &Path, out: &Path) -> Result<Mirrored, BackupError> {
+    backup_with(dir, Blobs::at(dir), out)
+}
+
+/// [`backup`] of a ledger whose `blobs` may be kept in a store. The backup holds them all.
+pub fn backup_with(dir: &Path, blobs: Blobs, out: &Path) -> Result<Mirrored, BackupError> {
     if fs::canonicalize(dir)
         .ok()
         .is_some_and(|dir| fs::canonicalize(out).ok() == Some(dir))
     {
         return Err(BackupError::Same(out.into()));
     }
-    copy(dir, out, None)
+    copy(dir, blobs, out, None)
 }
 
 /// Makes a ledger's folder in `dir`, which has to be missing or empty, from a backup. `known` holds the log's newest checkpoints as others
@@ -149,7 +154,7 @@ pub fn restore(
     }
     not_older(backup, known)?;
     let unfinished = unfinished(dir);
-    let done = copy(backup, &unfinished, network)?;
+    let done = copy(backup, Blobs::at(backup), &unfinished, network)?;
     // The whole history is checked, rules included, so that the restored ledger can be opened.
     let text = folder::read_checkpoint(&unfinished)?;
     History::read(
@@ -170,10 +175,15 @@ fn unfinished(dir: &Path) -> PathBuf {
     name.into()
 }
 
-fn copy(dir: &Path, out: &Path, network: Option<&Digest>) -> Result<Mirrored, BackupError> {
+fn copy(
+    dir: &Path,
+    blobs: Blobs,
+    out: &Path,
+    network: Option<&Digest>,
+) -> Result<Mirrored, BackupError> {
     // These files are read before the log, because the log then holds everything that was cosigned.
     let (policy, cosigned) = (folder::read_policy(dir)?, folder::read_cosigned(dir)?);
-    let whole = Whole::open(dir)?;
+    let whole = Whole::open(dir, blobs)?;
     let done = mirror(&whole, out, Some(&WitnessPolicy::none()), network)?;
     if folder::policy(dir).exists() {
         folder::write_policy(out, &policy)?;
@@ -186,7 +196,7 @@ fn copy(dir: &Path, out: &Path, network: Option<&Digest>) -> Result<Mirrored, Ba
 
 /// Refuses a backup that lacks entries that the log has signed.
 fn not_older(backup: &Path, known: &[Vec<u8>]) -> Result<(), BackupError> {
-    let whole = Whole::open(backup)?;
+    let whole = Whole::open(backup, Blobs::at(backup))?;
     let first = whole.store.entry(0).map_err(MirrorError::from)?;
     let genesis = genesis(&first.ok_or_else(|| LedgerError::NoLedger(backup.into()))?)?;
     let key = genesis.verifier_key()?;

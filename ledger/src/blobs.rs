@@ -1,73 +1,70 @@
 //! Content-addressed blobs beside the log: proofs, weights, leaf lists. A blob's name is the SHA-256 of its bytes, which is verified
 //! whenever a blob is read.
+//!
+//! - [`partial`]: blobs of which a part is here; [`error`]: why a blob cannot be stored or read.
+//! - [`store`]: a store outside the folder, in which blobs are kept; [`kept`]: blobs of such a store; [`cache`]: the folder as a bounded cache
+//!   of it.
 
+pub mod cache;
+pub mod error;
+pub mod kept;
 pub mod partial;
+pub mod store;
 
+use self::error::io_error;
+use self::store::Kept;
 use sha2::{Digest as _, Sha256};
+use std::collections::BTreeMap;
 use std::fs::{self, File};
 use std::io::{self, Read, Write};
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::Arc;
+use std::time::SystemTime;
 use zk0_circuits::Digest;
 use zk0_files::atomic_file::{folder_of, put_in_place, sync_folder};
 use zk0_protocol::blob::Blob;
 
+pub use self::error::BlobError;
+
 /// The blobs of one ledger folder: `blobs/sha256/<digest>`, unfinished ones in `blobs/unfinished/`, and those of which a part has come over a
-/// network in `blobs/partial/<digest>`.
+/// network in `blobs/partial/<digest>`. If they are kept in a store ([`Blobs::in_store`]), the folder is a cache of it.
 #[derive(Clone, Debug)]
 pub struct Blobs {
     dir: PathBuf,
+    kept: Option<Arc<Kept>>,
 }
 
-/// Why a blob cannot be stored or read.
-#[derive(Debug, thiserror::Error)]
-pub enum BlobError {
-    /// There is no such blob.
-    #[error("there is no blob {0}")]
-    Missing(Digest),
-    /// It is larger than the limit.
-    #[error("the blob has at least {size} bytes; at most {limit} are allowed")]
-    TooLarge { size: u64, limit: u64 },
-    /// Not all of its bytes are here.
-    #[error("the blob has {size} bytes, and {held} of them are here")]
-    Incomplete { held: u64, size: u64 },
-    /// Its bytes are not those that were announced, or they have changed on disk.
-    #[error("the blob has SHA-256 {actual}, not {expected}")]
-    WrongDigest { expected: Digest, actual: Digest },
-    /// The file system failed.
-    #[error("{path}: {error}")]
-    Io { path: PathBuf, error: io::Error },
-}
-
-impl BlobError {
-    /// Whether the disk has no room for the blob.
-    pub fn is_full(&self) -> bool {
-        use io::ErrorKind::{FileTooLarge, QuotaExceeded, StorageFull};
-        match self {
-            Self::Io { error, .. } => {
-                matches!(error.kind(), StorageFull | QuotaExceeded | FileTooLarge)
-            }
-            _ => false,
-        }
+impl PartialEq for Blobs {
+    fn eq(&self, other: &Self) -> bool {
+        self.dir == other.dir && self.store_address() == other.store_address()
     }
 }
+
+impl Eq for Blobs {}
 
 impl Blobs {
     /// The blobs of the ledger in `dir`. This reads and writes nothing.
     pub fn at(dir: &Path) -> Self {
         Self {
             dir: dir.join("blobs"),
+            kept: None,
         }
     }
 
-    /// The path of a blob, whether or not it exists.
+    /// The path of a blob in the folder, whether or not it is there.
     pub fn path(&self, digest: &Digest) -> PathBuf {
         self.folder().join(digest.to_string())
     }
 
-    /// Whether a blob exists. Its bytes are not checked.
+    /// Whether a blob exists, here or in the store. Its bytes are not checked, and nobody waits for the store.
     pub fn contains(&self, digest: &Digest) -> bool {
+        self.is_here(digest) || self.kept.as_ref().is_some_and(|kept| kept.knows(digest))
+    }
+
+    /// Whether a blob is in the folder. Its bytes are not checked.
+    pub fn is_here(&self, digest: &Digest) -> bool {
         self.path(digest).is_file()
     }
 
@@ -80,8 +77,15 @@ impl Blobs {
             .sum()
     }
 
-    /// The blobs, complete ones alone, each with its size in bytes. Their bytes are not checked.
+    /// The blobs here and in the store, complete ones alone, each with its size in bytes. Their bytes are not checked.
     pub(crate) fn all(&self) -> Result<Vec<(Digest, u64)>, BlobError> {
+        let mut all: BTreeMap<_, _> = self.all_here()?.into_iter().collect();
+        all.extend(self.kept.iter().flat_map(|kept| kept.all()));
+        Ok(all.into_iter().collect())
+    }
+
+    /// The blobs in the folder, complete ones alone, each with its size in bytes.
+    fn all_here(&self) -> Result<Vec<(Digest, u64)>, BlobError> {
         let folder = self.folder();
         let found = match fs::read_dir(&folder) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
@@ -104,14 +108,35 @@ impl Blobs {
         self.dir.join("sha256")
     }
 
+    /// The file of a blob, which is read from the store first if it is not here. Its bytes are not checked.
+    pub fn file(&self, digest: &Digest) -> Result<File, BlobError> {
+        Ok(self.open(digest)?.1)
+    }
+
     fn open(&self, digest: &Digest) -> Result<(PathBuf, File), BlobError> {
+        match self.open_here(digest) {
+            Err(BlobError::Missing(_)) if self.kept.is_some() => {
+                self.fetch(digest)?;
+                self.open_here(digest)
+            }
+            opened => opened,
+        }
+    }
+
+    fn open_here(&self, digest: &Digest) -> Result<(PathBuf, File), BlobError> {
         let path = self.path(digest);
         match File::open(&path) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => {
                 Err(BlobError::Missing(*digest))
             }
             Err(error) => Err(io_error(&path)(error)),
-            Ok(file) => Ok((path, file)),
+            Ok(file) => {
+                if self.kept.is_some() {
+                    // A cache removes first what nobody has read for longest. If the time cannot be set, it removes this one sooner.
+                    let _ = file.set_modified(SystemTime::now());
+                }
+                Ok((path, file))
+            }
         }
     }
 
@@ -150,11 +175,11 @@ impl Blobs {
         })
     }
 
-    /// Stores a blob, unless it is there already. It is on disk when this returns.
+    /// Stores a blob, unless it is there already. It is on disk, and in the store if there is one, when this returns.
     pub fn put<'a>(&self, blob: impl Into<Blob<'a>>) -> Result<Digest, BlobError> {
         let blob = blob.into();
         let digest = blob.digest();
-        if self.check(&digest).is_err() {
+        if !self.keeps(&digest)? {
             let mut unfinished = self.begin()?;
             unfinished.write(blob.bytes())?;
             unfinished.finish(&digest)?;
@@ -163,9 +188,10 @@ impl Blobs {
     }
 
     /// Takes over a blob of another folder without copying it, unless it is here already: afterwards both folders name one file. Where the
-    /// file system cannot do that, the blob is copied. Its digest is verified, and it is on disk when this returns.
+    /// file system cannot do that, the blob is copied. Its digest is verified, and it is on disk, and in the store if there is one, when
+    /// this returns.
     pub fn link(&self, other: &Self, digest: &Digest) -> Result<(), BlobError> {
-        if self.check(digest).is_ok() {
+        if self.keeps(digest)? {
             return Ok(());
         }
         other.check(digest)?;
@@ -210,10 +236,19 @@ impl Blobs {
 
     /// Verifies the digest of a blob of any size, without holding the blob in memory.
     pub fn check(&self, digest: &Digest) -> Result<(), BlobError> {
-        let (path, mut file) = self.open(digest)?;
-        let mut hasher = Sha256::new();
-        io::copy(&mut file, &mut hasher).map_err(io_error(&path))?;
-        check(digest, hasher.finalize().into())
+        check_file(digest, self.open(digest)?)
+    }
+
+    /// Whether a blob is in the folder, and what it should be. If there is a store, it is in the store afterwards.
+    pub fn keeps(&self, digest: &Digest) -> Result<bool, BlobError> {
+        let here = self.open_here(digest);
+        if here.and_then(|file| check_file(digest, file)).is_err() {
+            return Ok(false);
+        }
+        if let Some(kept) = self.kept.as_ref().filter(|kept| !kept.knows(digest)) {
+            kept.put(digest, &self.path(digest))?;
+        }
+        Ok(true)
     }
 
     /// Removes unfinished blobs that killed processes left behind. Only the ledger's writer may call this.
@@ -260,7 +295,7 @@ impl BlobWriter {
         self.size
     }
 
-    /// Stores the blob if its digest is `expected`. It is on disk when this returns.
+    /// Stores the blob if its digest is `expected`. It is on disk, and in the store if there is one, when this returns.
     pub fn finish(self, expected: &Digest) -> Result<(), BlobError> {
         check(expected, self.hasher.finalize().into())?;
         self.unfinished.finish(expected)
@@ -292,8 +327,16 @@ impl UnfinishedBlob {
         self.file.write_all(bytes).map_err(io_error(&self.path))
     }
 
-    /// Names it after its digest.
+    /// Puts it into the store, if there is one, and names it after its digest. So what has a name in the folder is in the store.
     fn finish(&self, digest: &Digest) -> Result<(), BlobError> {
+        if let Some(kept) = &self.blobs.kept {
+            kept.put(digest, &self.path)?;
+        }
+        self.finish_here(digest)
+    }
+
+    /// Names it after its digest.
+    fn finish_here(&self, digest: &Digest) -> Result<(), BlobError> {
         let place = self.blobs.path(digest);
         put_in_place(&self.file, &self.path, &place).map_err(io_error(&place))?;
         // With the first blob, the folders above it are new too. If their names were lost, the blob would be lost with them.
@@ -313,6 +356,12 @@ impl Drop for UnfinishedBlob {
     }
 }
 
+fn check_file(digest: &Digest, (path, mut file): (PathBuf, File)) -> Result<(), BlobError> {
+    let mut hasher = Sha256::new();
+    io::copy(&mut file, &mut hasher).map_err(io_error(&path))?;
+    check(digest, hasher.finalize().into())
+}
+
 fn check(expected: &Digest, actual: [u8; 32]) -> Result<(), BlobError> {
     match expected.0 == actual {
         true => Ok(()),
@@ -320,12 +369,5 @@ fn check(expected: &Digest, actual: [u8; 32]) -> Result<(), BlobError> {
             expected: *expected,
             actual: Digest(actual),
         }),
-    }
-}
-
-fn io_error(path: &Path) -> impl FnOnce(io::Error) -> BlobError + '_ {
-    |error| BlobError::Io {
-        path: path.into(),
-        error,
     }
 }

@@ -118,6 +118,16 @@ impl Ledger {
         network: Option<&Digest>,
         key: SigningKey,
     ) -> Result<Self, LedgerError> {
+        Self::open_with(dir, network, key, Blobs::at(dir))
+    }
+
+    /// [`Ledger::open`], with the blobs of `dir` as they are kept: in a store perhaps. Whatever is only in the folder is put into the store.
+    pub fn open_with(
+        dir: &Path,
+        network: Option<&Digest>,
+        key: SigningKey,
+        blobs: Blobs,
+    ) -> Result<Self, LedgerError> {
         let path = folder::database(dir);
         if !path.exists() {
             return Err(LedgerError::NoLedger(dir.into()));
@@ -145,8 +155,14 @@ impl Ledger {
         if published.as_deref() != Some(&history.checkpoint) {
             folder::write_checkpoint(dir, &history.checkpoint)?;
         }
-        let blobs = Blobs::at(dir);
         blobs.remove_unfinished()?;
+        let stored = blobs.store_all()?;
+        if let (Some(address), true) = (blobs.store_address(), stored > 0) {
+            tracing::info!(
+                "{stored} blobs of {} were put into the blob store {address}",
+                dir.display()
+            );
+        }
         Ok(Self {
             dir: dir.into(),
             store,

@@ -10,7 +10,7 @@
 mod needed;
 
 use crate::blobs::Blobs;
-use crate::error::{io_error, LedgerError};
+use crate::error::LedgerError;
 use crate::folder;
 use crate::history::History;
 use crate::log::Ledger;
@@ -18,8 +18,6 @@ use crate::pruned;
 use crate::published::publication::{Publication, PublicationError};
 use crate::store::Store;
 use needed::{Needed, Older};
-use std::fs;
-use std::io;
 use std::path::Path;
 use zk0_circuits::{Digest, NodeId};
 use zk0_protocol::entries::entry::{Body, Entry};
@@ -96,14 +94,22 @@ impl Plan {
     /// The ledger cannot be read.
     pub fn of(ledger: &Ledger, keep: &Keep, now_ms: u64) -> Result<Self, PruneError> {
         let entry = |index| ledger.entry(index);
-        plan(ledger.dir(), ledger.state(), entry, keep, now_ms)
+        plan(
+            ledger.dir(),
+            ledger.blobs(),
+            ledger.state(),
+            entry,
+            keep,
+            now_ms,
+        )
     }
 
-    /// The same for the folder `dir`, which its aggregator may be using. What it is about to record looks as if no entry named it.
+    /// The same for the folder `dir` and its `blobs`, which its aggregator may be using. What it is about to record looks as if no entry
+    /// named it.
     ///
     /// # Errors
     /// The ledger cannot be read.
-    pub fn look(dir: &Path, keep: &Keep, now_ms: u64) -> Result<Self, PruneError> {
+    pub fn look(dir: &Path, blobs: &Blobs, keep: &Keep, now_ms: u64) -> Result<Self, PruneError> {
         let database = folder::database(dir);
         if !database.exists() {
             return Err(LedgerError::NoLedger(dir.into()).into());
@@ -115,7 +121,7 @@ impl Plan {
             let bytes = store.entry(index)?.ok_or(LedgerError::NoEntry(index))?;
             Ok(Entry::decode(&bytes)?)
         };
-        plan(dir, &history.state, entry, keep, now_ms)
+        plan(dir, blobs, &history.state, entry, keep, now_ms)
     }
 
     /// How many bytes are to be deleted.
@@ -127,19 +133,13 @@ impl Plan {
     /// else writes to it.
     ///
     /// # Errors
-    /// The file system fails. What was signed by then is on disk, and some of the blobs may be deleted.
+    /// The file system or the store of the blobs fails. What was signed by then is on disk, and some of the blobs may be deleted.
     pub fn carry_out(&self, ledger: &Ledger) -> Result<(), LedgerError> {
         if let Some(statement) = self.statement {
             pruned::write(ledger.dir(), &ledger.sign(statement))?;
         }
         for blob in &self.doomed {
-            let path = ledger.blobs().path(&blob.digest);
-            match fs::remove_file(&path) {
-                Err(error) if error.kind() != io::ErrorKind::NotFound => {
-                    return Err(io_error(&path)(error));
-                }
-                _ => {}
-            }
+            ledger.blobs().remove(&blob.digest)?;
         }
         match ledger.blobs().folder() {
             folder if folder.is_dir() => folder::sync(&folder),
@@ -150,6 +150,7 @@ impl Plan {
 
 fn plan(
     dir: &Path,
+    blobs: &Blobs,
     state: &State,
     entry: impl Fn(u64) -> Result<Entry, LedgerError>,
     keep: &Keep,
@@ -191,7 +192,6 @@ fn plan(
     for index in 0..state.entries() {
         needed.observe(&entry(index)?.body);
     }
-    let blobs = Blobs::at(dir);
     let (mut doomed, mut kept) = (Vec::new(), (0, 0));
     for (digest, size) in blobs.all().map_err(LedgerError::from)? {
         match needed.reason_to_delete(&digest) {

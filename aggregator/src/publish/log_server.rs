@@ -14,16 +14,24 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 use tokio::fs::File;
+use tokio::sync::Semaphore;
 use tokio::task::spawn_blocking;
+use zk0_ledger::blobs::Blobs;
 use zk0_ledger::published::publication::{Content, Publication, PublicationError};
 use zk0_protocol::tlog::layout::Resource;
 
 /// The content type of tiles and blobs.
 const BINARY: &str = "application/octet-stream";
 
+/// How many requests may read blobs from the store at once. The others wait, and hold no thread.
+const READING: usize = 8;
+
 /// Serves one folder.
 pub struct LogServer {
     dir: PathBuf,
+    blobs: Blobs,
+    /// Places for requests that wait for the store of the blobs.
+    reading: Semaphore,
     held: Mutex<Option<Arc<Publication>>>,
 }
 
@@ -32,8 +40,15 @@ impl LogServer {
     pub fn new(dir: &Path) -> Self {
         Self {
             dir: dir.into(),
+            blobs: Blobs::at(dir),
+            reading: Semaphore::new(READING),
             held: Mutex::new(None),
         }
+    }
+
+    /// From now on, the blobs of the folder are read as they are kept: from a store perhaps.
+    pub fn with_blobs(self, blobs: Blobs) -> Self {
+        Self { blobs, ..self }
     }
 
     /// The log's routes.
@@ -50,7 +65,8 @@ impl LogServer {
             Some(publication) if publication.is_current()? => Ok(publication.clone()),
             before => {
                 let before = before.map(|publication| &**publication);
-                let new = Arc::new(Publication::open(&self.dir, before)?);
+                let new = Publication::open(&self.dir, before)?;
+                let new = Arc::new(new.with_blobs(self.blobs.clone()));
                 *held = Some(new.clone());
                 Ok(new)
             }
@@ -102,7 +118,18 @@ async fn read(
         tracing::error!("{error}");
         text(500, "the log cannot be read; its operator's log says why\n")
     };
-    let content = match spawn_blocking(move || server.content(&resource)).await {
+    let place = match &resource {
+        Resource::Blob(blob) if !server.blobs.is_here(blob) => match server.reading.acquire().await
+        {
+            Ok(place) => Some(place),
+            Err(error) => return failed(&error),
+        },
+        _ => None,
+    };
+    let reader = server.clone();
+    let content = spawn_blocking(move || reader.content(&resource)).await;
+    drop(place);
+    let content = match content {
         Ok(content) => content,
         Err(error) => return failed(&error),
     };

@@ -19,6 +19,7 @@ use ed25519_dalek::SigningKey;
 use std::path::Path;
 use std::sync::Arc;
 use zk0_circuits::{Digest, NodeId};
+use zk0_ledger::blobs::Blobs;
 use zk0_ledger::clock::ClockError;
 use zk0_ledger::log::Ledger;
 use zk0_ledger::pruned;
@@ -66,6 +67,9 @@ pub enum Progress {
     Closed(u64),
     /// It settled this proposal.
     Settled(u64),
+    /// Nothing: the next round needs these blobs, and they are only in the store. Somebody has to fetch them ([`Blobs::fetch`]), away from
+    /// the aggregator.
+    NeedsBlobs(Vec<Digest>),
     /// Nothing: this dispute waits for a verdict, which somebody has to compute with [`Disputed::verify_again`], away from the aggregator, and
     /// give to [`Aggregator::resolve`].
     NeedsVerdict(Disputed),
@@ -119,7 +123,19 @@ impl Aggregator {
         clock: Arc<dyn Clock>,
         config: Config,
     ) -> Result<Self, RequestError> {
-        let mut ledger = Ledger::open(dir, network, key)?;
+        Self::open_with(dir, network, key, clock, config, Blobs::at(dir))
+    }
+
+    /// [`Aggregator::open`], with the blobs of `dir` as they are kept: in a store perhaps.
+    pub fn open_with(
+        dir: &Path,
+        network: Option<&Digest>,
+        key: SigningKey,
+        clock: Arc<dyn Clock>,
+        config: Config,
+        blobs: Blobs,
+    ) -> Result<Self, RequestError> {
+        let mut ledger = Ledger::open_with(dir, network, key, blobs)?;
         check_genesis(ledger.state().genesis())?;
         check_open_round(ledger.state())?;
         if let Some(pruning) = pruned::read(dir, ledger.state().genesis())? {
@@ -228,6 +244,7 @@ impl Aggregator {
                 dispute: entry,
                 contribution: dispute.contribution,
                 dir: self.ledger.dir().into(),
+                blobs: self.ledger.blobs().clone(),
                 network: *state.network(),
             }));
         }
@@ -247,6 +264,10 @@ impl Aggregator {
         }
         if self.waits_for_more() {
             return Ok(Progress::Waiting);
+        }
+        let away = self.only_in_store();
+        if !away.is_empty() {
+            return Ok(Progress::NeedsBlobs(away));
         }
         if let Some(why) = self.blocked() {
             return Ok(Progress::Blocked(why));
@@ -352,13 +373,13 @@ impl Aggregator {
             .transpose()?)
     }
 
-    /// Whether and where a blob may be read.
-    pub fn blob(&self, digest: &Digest) -> Result<std::path::PathBuf, RequestError> {
+    /// Where a blob may be read, if it may be read.
+    pub fn blob(&self, digest: &Digest) -> Result<Blobs, RequestError> {
         match self.index.disclosed.access(digest) {
             BlobAccess::Public if !self.ledger.blobs().contains(digest) => {
                 Err(RequestError::NotKept(*digest))
             }
-            BlobAccess::Public => Ok(self.ledger.blobs().path(digest)),
+            BlobAccess::Public => Ok(self.ledger.blobs().clone()),
             BlobAccess::HeldBack => Err(RequestError::HeldBack(*digest)),
             BlobAccess::Unknown => Err(RequestError::UnknownBlob(*digest)),
         }

@@ -9,7 +9,7 @@ use std::fmt::Display;
 use std::io::{sink, Write};
 use std::path::PathBuf;
 use zk0_circuits::Digest;
-use zk0_ledger::blobs::Blobs;
+use zk0_ledger::blobs::{BlobError, Blobs};
 use zk0_protocol::entries::entry::{Body, Contributor, MomentsComputed};
 use zk0_protocol::entries::round_result::ResultOutcome;
 use zk0_protocol::rules::named_blobs::BlobKind;
@@ -54,9 +54,12 @@ impl ToClose {
         } = self;
         let get = |digest: &Digest, limit| blobs.get(digest, limit);
         let blocked = |what: &str, why: &dyn Display| {
+            let place = match blobs.store_address() {
+                None => format!("put the file back among the blobs in {}", dir.display()),
+                Some(address) => format!("the blob store {address} has to give the file back"),
+            };
             Ok(Err(format!(
-                "the open round cannot close, because {what}: {why}; put the file back among the blobs in {}",
-                dir.display()
+                "the open round cannot close, because {what}: {why}; {place}"
             )))
         };
         for (accepted, verdict) in lost.iter().zip(verify_all(&lost, &blobs)) {
@@ -104,11 +107,22 @@ impl ToClose {
             )) => return blocked("its updates cannot be combined", &lost),
             closing => closing?,
         };
-        if let (Some(writer), Some(digest)) = (moments, &closing.moments) {
-            writer.finish(digest)?;
-        }
-        if let Some(file) = &closing.file {
-            blobs.put(file)?;
+        let moments = match (moments, &closing.moments) {
+            (Some(writer), Some(digest)) => writer.finish(digest),
+            _ => Ok(()),
+        };
+        let kept = moments.and_then(|()| match &closing.file {
+            Some(file) => blobs.put(file).map(drop),
+            None => Ok(()),
+        });
+        match kept {
+            // The round waits for the store.
+            Err(BlobError::Store(failed)) => {
+                return Ok(Err(format!(
+                    "the open round cannot close, because its result cannot be kept: {failed}"
+                )))
+            }
+            kept => kept?,
         }
         Ok(Ok(ComputedClosing {
             closing,

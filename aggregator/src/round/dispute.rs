@@ -19,6 +19,8 @@ pub struct Disputed {
     pub contribution: u64,
     /// The ledger's folder.
     pub dir: PathBuf,
+    /// Its blobs.
+    pub blobs: Blobs,
     /// The network.
     pub network: Digest,
 }
@@ -32,7 +34,7 @@ impl Disputed {
         let report = replay(&self.dir, Some(&self.network), &mut search);
         match search.found {
             Some(accepted) if report.verdict == Verdict::Verified => {
-                Ok(accepted.verify(&Blobs::at(&self.dir))?.err())
+                Ok(accepted.verify(&self.blobs)?.err())
             }
             _ => Err(RequestError::Internal(format!(
                 "entry {index} is disputed, but it cannot be read again from the ledger"

@@ -10,6 +10,7 @@ pub mod drawing;
 pub mod founding;
 mod last_round;
 pub mod ledger_index;
+mod needed_blobs;
 pub mod presence;
 pub mod public_samples;
 pub mod recording;

@@ -63,6 +63,9 @@ pub enum RequestError {
     /// The disk has no room for an upload. Whoever asked is not told more: the log says it.
     #[error("an upload cannot be kept: {0}")]
     NoRoom(BlobError),
+    /// The store of the blobs failed, so nothing is recorded. Whoever asked is not told more: the log says it.
+    #[error("{0}")]
+    BlobStore(BlobError),
     /// The aggregator's clock is wrong.
     #[error(transparent)]
     Clock(#[from] ClockError),
@@ -98,13 +101,19 @@ impl From<LedgerError> for RequestError {
 
 impl From<BlobError> for RequestError {
     fn from(error: BlobError) -> Self {
-        Self::Internal(error.to_string())
+        match error {
+            failed @ BlobError::Store(_) => Self::BlobStore(failed),
+            other => Self::Internal(other.to_string()),
+        }
     }
 }
 
 impl From<Unreadable<BlobError>> for RequestError {
-    fn from(error: Unreadable<BlobError>) -> Self {
-        Self::Internal(error.to_string())
+    fn from(unreadable: Unreadable<BlobError>) -> Self {
+        match unreadable.error {
+            failed @ BlobError::Store(_) => Self::BlobStore(failed),
+            _ => Self::Internal(unreadable.to_string()),
+        }
     }
 }
 
@@ -163,7 +172,9 @@ impl RequestError {
             Self::Busy(_) => Code::ResourceExhausted,
             Self::OtherPlace(_) => Code::Aborted,
             Self::TimedOut(_) => Code::DeadlineExceeded,
-            Self::NotPublished(_) | Self::NoRoom(_) | Self::Clock(_) => Code::Unavailable,
+            Self::NotPublished(_) | Self::NoRoom(_) | Self::BlobStore(_) | Self::Clock(_) => {
+                Code::Unavailable
+            }
             Self::Internal(_) => Code::Internal,
             Self::Refused(refusal) => match refusal {
                 Refusal::TooLarge { .. } => Code::ResourceExhausted,
@@ -193,6 +204,12 @@ impl From<RequestError> for Status {
             tracing::error!("{error}");
             return Self::unavailable(
                 "the aggregator's disk is full, so it takes no uploads until there is room: ask again",
+            );
+        }
+        if let RequestError::BlobStore(_) = &error {
+            tracing::error!("{error}");
+            return Self::unavailable(
+                "the aggregator's blob store does not answer as it should, and nothing was recorded: ask again",
             );
         }
         if let RequestError::Clock(_) = &error {

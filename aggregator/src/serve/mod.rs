@@ -1,6 +1,7 @@
 //! The gRPC service in front of the rounds.
 
 pub mod beacon_fetching;
+mod blob_store;
 mod grpc;
 mod health;
 mod in_turn;
@@ -10,6 +11,7 @@ mod recorder;
 pub mod requests;
 mod senders;
 pub mod service;
+mod stepping;
 mod submitting;
 mod uploading;
 mod uploads;

@@ -9,7 +9,7 @@ use crate::round::recording::statements::{
 use crate::round::request::RequestError;
 use crate::serve::senders::heads::{sent_by, taken, Message};
 use crate::serve::senders::sender::read_hashed;
-use crate::serve::service::{blocking, Service};
+use crate::serve::service::Service;
 use std::io::SeekFrom;
 use std::pin::Pin;
 use std::sync::Arc;
@@ -181,12 +181,12 @@ impl Federation for Service {
     ) -> Result<Response<Self::DownloadStream>, Status> {
         let DownloadRequest { blob, begins } = request.into_inner();
         let blob = digest(&blob)?;
-        let path = self.with(move |aggregator| aggregator.blob(&blob)).await?;
-        let name = path.display().to_string();
+        let blobs = self.with(move |aggregator| aggregator.blob(&blob)).await?;
+        let name = blobs.path(&blob).display().to_string();
         let failed = move |error: std::io::Error| {
             Status::from(RequestError::Internal(format!("{name}: {error}")))
         };
-        let mut file = tokio::fs::File::open(path).await.map_err(&failed)?;
+        let mut file = tokio::fs::File::from_std(self.file(blobs, blob).await?);
         let size = file.metadata().await.map_err(&failed)?.len();
         if begins > size {
             return Err(malformed(&format!(
@@ -313,7 +313,7 @@ impl Service {
         match begun {
             Begun::Recorded(receipt) => Ok(receipt),
             Begun::New(new) => {
-                let body = blocking(move || keep(new)).await?;
+                let body = self.storing(move || keep(new)).await?;
                 let statement = ToRecord::Statement(Box::new(body));
                 self.record_in_turn(arrival, statement).await
             }

@@ -24,6 +24,7 @@ use crate::round::ledger_index::RoundEntries;
 use crate::round::presence::Presence;
 use crate::round::recording::arrivals::Arrivals;
 use crate::round::request::RequestError;
+use crate::serve::blob_store::places::BlobPlaces;
 use crate::serve::grpc::Grpc;
 use crate::serve::limits::Limits;
 use crate::serve::node_turns::NodeTurns;
@@ -69,7 +70,7 @@ pub struct Service {
     /// Whether some work on the aggregator has panicked. Then nobody knows what it is like.
     panicked: Arc<AtomicBool>,
     /// Whoever takes a step of the rounds holds this, so that nothing is computed twice.
-    stepping: Arc<Mutex<()>>,
+    pub(super) stepping: Arc<Mutex<()>>,
     /// The requests that are in progress.
     pub(super) arrivals: Arc<Arrivals>,
     pub(super) presence: Arc<Presence>,
@@ -77,6 +78,7 @@ pub struct Service {
     pub(super) turns: NodeTurns,
     /// Places for verifying proofs and weights.
     pub(super) verifying: Arc<Semaphore>,
+    pub(super) blob_places: BlobPlaces,
     /// How far the last round has come, as far as that is published. It is `None` before the first round.
     pub(super) stage: Arc<watch::Sender<Option<RoundEntries>>>,
     /// Something was recorded, and a round may be due.
@@ -113,6 +115,7 @@ impl Service {
             verifying: Arc::new(Semaphore::new(
                 available_parallelism().map_or(1, NonZero::get),
             )),
+            blob_places: BlobPlaces::default(),
             stage: Arc::new(watch::Sender::new(None)),
             changed: Arc::new(Notify::new()),
             publishing: None,
@@ -195,13 +198,15 @@ impl Service {
         let federation =
             FederationServer::new(self.clone()).max_decoding_message_size(limit as usize);
         let (rounds, publish) = (self.rounds(&asked_for), self.publish());
-        tokio::pin!(rounds, publish);
+        let shrink = self.shrink_cache();
+        tokio::pin!(rounds, publish, shrink);
         let mut failed = None;
         let stop = async {
             tokio::select! {
                 _ = stop => {}
                 error = &mut rounds => failed = Some(error),
                 error = &mut publish => failed = Some(error),
+                error = &mut shrink => failed = Some(error),
             }
         };
         let grpc = Grpc {
@@ -294,44 +299,11 @@ impl Service {
                 Ok(Progress::Waiting | Progress::Finished) => {
                     let _ = timeout(TICK, self.changed.notified()).await;
                 }
-                // What the last step computed is out of date, and the next step computes it again.
-                Ok(Progress::NeedsVerdict(_) | Progress::NeedsClosing(_)) => {}
+                // What the last step computed is out of date, or what it lacked is here now.
+                Ok(
+                    Progress::NeedsVerdict(_) | Progress::NeedsClosing(_) | Progress::NeedsBlobs(_),
+                ) => {}
             }
-        }
-    }
-
-    /// Takes the rounds one step further, as [`Aggregator::step`] does. What takes long is done away from the aggregator.
-    pub async fn step(&self) -> Result<Progress, RequestError> {
-        match self.whole_step().await {
-            // It has jumped since the step began.
-            Err(RequestError::Clock(error)) => Ok(Progress::WrongClock(error)),
-            done => done,
-        }
-    }
-
-    async fn whole_step(&self) -> Result<Progress, RequestError> {
-        let _alone = self.stepping.lock().await;
-        match self.with(Aggregator::step).await? {
-            Progress::NeedsVerdict(disputed) => {
-                let dispute = disputed.dispute;
-                match blocking(move || disputed.verify_again()).await {
-                    Ok(verdict) => {
-                        self.with(move |aggregator| aggregator.resolve(dispute, verdict))
-                            .await
-                    }
-                    Err(error) => Ok(Progress::Blocked(format!(
-                        "the dispute of entry {dispute} cannot be decided: {error}"
-                    ))),
-                }
-            }
-            Progress::NeedsClosing(_) => {
-                let ended = self.with(|aggregator| Ok(aggregator.to_close())).await?;
-                match blocking(move || ended.compute()).await? {
-                    Ok(computed) => self.with(|aggregator| aggregator.close(computed)).await,
-                    Err(why) => Ok(Progress::Blocked(why)),
-                }
-            }
-            done => Ok(done),
         }
     }
 

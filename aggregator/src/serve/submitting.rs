@@ -51,7 +51,12 @@ impl Service {
             Begun::Recorded(decided) => return Ok(decided),
             Begun::New(undecided) => undecided,
         };
-        let judged = self.verified(move || undecided.judge(contribution)).await?;
+        // Whoever waits for the store of the blobs holds no place for verifying.
+        let undecided = self
+            .storing(move || undecided.with_weights_at_hand())
+            .await?;
+        let unkept = self.verified(move || undecided.judge(contribution)).await?;
+        let judged = self.storing(move || unkept.keep()).await?;
         let rejected = judged.rejected().cloned();
         let decision = ToRecord::Decision(Box::new(judged));
         let receipt = self.record_in_turn(arrival, decision).await?;

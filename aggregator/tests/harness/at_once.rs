@@ -67,7 +67,7 @@ impl AtOnce for Aggregator {
             Begun::New(undecided) => undecided,
         };
         let contribution = undecided.authenticate(signed, proof)?;
-        let judged = undecided.judge(contribution)?;
+        let judged = undecided.judge(contribution)?.keep()?;
         let rejected = judged.rejected().cloned();
         let receipt = one(self, ToRecord::Decision(Box::new(judged)))?;
         Ok(Decided { rejected, receipt })

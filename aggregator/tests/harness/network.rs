@@ -2,6 +2,7 @@
 
 use super::{files, found, genesis, log_key, ManualClock, Node, COMMIT_MS, START_MS};
 use ed25519_dalek::SigningKey;
+use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::Arc;
 use std::time::Duration;
@@ -16,6 +17,7 @@ use zk0_aggregator::publish::cosigning::Witnesses;
 use zk0_aggregator::round::recording::statements::Said;
 use zk0_aggregator::{Aggregator, Clock, Config, Limits, Service};
 use zk0_circuits::{Digest, NodeId};
+use zk0_ledger::blobs::Blobs;
 use zk0_protocol::blob::blob_digest;
 use zk0_protocol::entries::entry::{Body, Entry};
 use zk0_protocol::entries::genesis::Genesis;
@@ -41,6 +43,10 @@ pub struct Network {
     /// Where the aggregator fetches beacons.
     pub beacons: Option<BeaconServers>,
     pub address: String,
+    /// How the blobs of a folder are kept, from the next start on.
+    kept: Box<dyn Fn(&Path) -> Blobs + Send + Sync>,
+    /// How many bytes of blobs the folder may hold, from the next start on.
+    pub blob_cache_bytes: Option<u64>,
     running: Option<(oneshot::Sender<()>, JoinHandle<()>)>,
 }
 
@@ -81,6 +87,8 @@ impl Network {
             policy,
             beacons,
             address: String::new(),
+            kept: Box::new(Blobs::at),
+            blob_cache_bytes: None,
             running: None,
         };
         network.service = Some(network.service_of(aggregator).await);
@@ -92,6 +100,9 @@ impl Network {
         let mut service = Service::with_limits(aggregator, self.limits);
         if let Some(beacons) = &self.beacons {
             service = service.with_beacons(beacons.clone());
+        }
+        if let Some(bytes) = self.blob_cache_bytes {
+            service = service.with_blob_cache(bytes);
         }
         if let Some(policy) = &self.policy {
             let witnesses = Witnesses::new(policy.clone(), Duration::from_secs(1)).unwrap();
@@ -150,13 +161,19 @@ impl Network {
     }
 
     fn open(&self) -> Result<Aggregator, zk0_aggregator::round::request::RequestError> {
-        Aggregator::open(
+        Aggregator::open_with(
             self.dir.path(),
             Some(&self.genesis.network_id()),
             log_key(),
             self.clock.clone(),
             self.config,
+            (self.kept)(self.dir.path()),
         )
+    }
+
+    /// From the next start on, blobs are kept like this.
+    pub fn keep_blobs(&mut self, kept: impl Fn(&Path) -> Blobs + Send + Sync + 'static) {
+        self.kept = Box::new(kept);
     }
 
     pub fn service(&self) -> &Service {

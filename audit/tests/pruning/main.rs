@@ -169,7 +169,7 @@ fn updates_of_older_rounds_go_and_audits_say_what_they_could_not_check() {
     let (before, auditor) = audit(dir, Depth::Full);
     assert_eq!(before.verdict, Verdict::Incomplete, "{:?}", before.findings);
     assert_eq!(left_out(&auditor, What::Updates), 0);
-    let dry = Plan::look(dir, &TWO_ROUNDS, now_ms).unwrap();
+    let dry = Plan::look(dir, &Blobs::at(dir), &TWO_ROUNDS, now_ms).unwrap();
     let all = files(&dir.join("blobs"));
     let plan = prune(dir, &TWO_ROUNDS, now_ms);
     assert_eq!(plan.doomed, dry.doomed);
@@ -335,7 +335,7 @@ fn nothing_is_pruned_that_may_still_be_disputed() {
         ..TWO_ROUNDS
     };
     let of = |now_ms| {
-        let plan = Plan::look(dir.path(), &keep, now_ms).unwrap();
+        let plan = Plan::look(dir.path(), &Blobs::at(dir.path()), &keep, now_ms).unwrap();
         (plan.first_kept, plan.longer)
     };
     assert_eq!(of(closed_ms), (1, Some(Longer::Disputable(1))));

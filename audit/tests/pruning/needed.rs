@@ -2,6 +2,7 @@
 
 use super::*;
 use ed25519_dalek::SigningKey;
+use zk0_ledger::blobs::Blobs;
 use zk0_ledger::folder;
 use zk0_protocol::entries::entry::MomentsComputed;
 use zk0_protocol::entries::signed::{Dispute, Evidence, Signed};
@@ -119,7 +120,7 @@ fn rounds_whose_end_no_witness_has_cosigned_are_kept() {
     let now_ms = operator.time_ms;
     drop(operator);
     let of = || {
-        let plan = Plan::look(dir.path(), &NO_ROUND, now_ms).unwrap();
+        let plan = Plan::look(dir.path(), &Blobs::at(dir.path()), &NO_ROUND, now_ms).unwrap();
         (plan.first_kept, plan.longer)
     };
     assert_eq!(of(), (2, None));

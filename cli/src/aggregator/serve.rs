@@ -3,6 +3,7 @@
 use super::metrics::MetricsOptions;
 use super::network_edge::NetworkEdge;
 use super::policy_folders::PolicyFolderOptions;
+use crate::blob_store::BlobStoreOptions;
 use crate::certificate::{keep_current, scheme};
 use crate::keys;
 use crate::serve::{interrupted, listening, online_until};
@@ -20,6 +21,7 @@ use zk0_aggregator::publish::cosigning::Witnesses;
 use zk0_aggregator::publish::http;
 use zk0_aggregator::publish::log_server::LogServer;
 use zk0_aggregator::{Aggregator, Config, Service, SystemClock};
+use zk0_ledger::blobs::Blobs;
 use zk0_tls::authorities::Authorities;
 use zk0_tls::server_certificate::ServerCertificate;
 
@@ -62,6 +64,12 @@ pub struct Serve {
     #[arg(long, value_name = "ADDRESS")]
     log_listen: Option<SocketAddr>,
     #[command(flatten)]
+    store: BlobStoreOptions,
+    /// With --blob-store: keep at most this many bytes of blobs in the ledger's folder, besides what the open round and the next one need.
+    /// The others are read from the store when somebody asks for them [default: no limit]
+    #[arg(long, value_name = "BYTES", requires = "blob_store")]
+    blob_cache_bytes: Option<u64>,
+    #[command(flatten)]
     metrics: MetricsOptions,
     #[command(flatten)]
     folders: PolicyFolderOptions,
@@ -79,7 +87,9 @@ pub fn serve(options: &Serve) -> Result<()> {
         min_nodes: options.min_nodes,
     };
     let key = keys::read(&options.key)?;
-    let aggregator = Aggregator::open(&options.dir, None, key, Arc::new(SystemClock), config)?;
+    let blobs = options.store.blobs(&options.dir)?;
+    let clock = Arc::new(SystemClock);
+    let aggregator = Aggregator::open_with(&options.dir, None, key, clock, config, blobs.clone())?;
     let rules = aggregator.state().rules();
     let policy = chosen_witnesses(&options.dir, rules, options.witness_policy.as_deref())?;
     let folders = options.folders.open(&aggregator, options.rounds)?;
@@ -95,6 +105,9 @@ pub fn serve(options: &Serve) -> Result<()> {
             false => BeaconServers::new(options.beacons.clone(), patience),
         };
         let mut service = Service::with_limits(aggregator, limits).with_beacons(beacons);
+        if let Some(bytes) = options.blob_cache_bytes {
+            service = service.with_blob_cache(bytes);
+        }
         if let Some(certificate) = &certificate {
             service = service.encrypted(certificate.clone());
         }
@@ -107,7 +120,7 @@ pub fn serve(options: &Serve) -> Result<()> {
             service = service.witnessed(witnesses).await?;
         }
         tracing::info!(listening = %address, "the aggregator of network {network} listens on {address}");
-        let log = serve_log(options, certificate, log_limits).await?;
+        let log = serve_log(options, blobs, certificate, log_limits).await?;
         let metrics = options.metrics.serve(&service).await?;
         let (ended, stopped) = oneshot::channel();
         let folders = folders.map(|folders| tokio::spawn(folders.follow(service.clone(), stopped)));
@@ -126,6 +139,7 @@ pub fn serve(options: &Serve) -> Result<()> {
 /// Starts to serve the log's files, if the operator wants that.
 async fn serve_log(
     options: &Serve,
+    blobs: Blobs,
     certificate: Option<Arc<ServerCertificate>>,
     limits: http::Limits,
 ) -> Result<Option<JoinHandle<()>>> {
@@ -133,7 +147,8 @@ async fn serve_log(
         return Ok(None);
     };
     let (listener, address) = listening(listen).await?;
-    let router = LogServer::new(&options.dir).router(limits);
+    let server = LogServer::new(&options.dir).with_blobs(blobs);
+    let router = server.router(limits);
     let scheme = scheme(certificate.as_ref());
     tracing::info!("the log is served on {scheme}://{address}");
     Ok(Some(tokio::spawn(async move {

@@ -7,6 +7,8 @@ mod trust_options;
 pub use trust_options::TrustOptions;
 
 #[cfg(feature = "full")]
+use crate::blob_store::BlobStoreOptions;
+#[cfg(feature = "full")]
 use crate::certificate::CertificateOptions;
 use anyhow::Result;
 use std::path::{Path, PathBuf};
@@ -37,6 +39,9 @@ pub enum Command {
         dir: PathBuf,
         /// Write the files into this folder.
         out: PathBuf,
+        #[cfg(feature = "full")]
+        #[command(flatten)]
+        store: BlobStoreOptions,
     },
     /// Make a ledger's folder from an export or a served log (a mirror). An earlier mirror is brought up to date. Everything is checked
     /// on the way, and the log must continue what was mirrored before.
@@ -48,6 +53,9 @@ pub enum Command {
         dir: PathBuf,
         /// The folder of the backup.
         out: PathBuf,
+        #[cfg(feature = "full")]
+        #[command(flatten)]
+        store: BlobStoreOptions,
     },
     /// Make a ledger's folder from a backup. If an aggregator goes on from a backup that is too old, it signs a second history of its
     /// log, and auditors will notice. So name the newest checkpoint that anybody has; the backup must contain all that it covers.
@@ -119,8 +127,15 @@ pub fn run(command: &Command) -> Result<bool> {
             let genesis = genesis(source(from, ca.as_deref())?.as_ref(), None)?;
             println!("{}", genesis.verifier_key()?);
         }
-        Command::Export { dir, out } => {
+        Command::Export {
+            dir,
+            out,
+            #[cfg(feature = "full")]
+            store,
+        } => {
             let view = Publication::open(dir, None)?;
+            #[cfg(feature = "full")]
+            let view = view.with_blobs(store.blobs(dir)?);
             let done = export(&view, out)?;
             println!(
                 "{} published; wrote {} and {} to {}",
@@ -137,8 +152,17 @@ pub fn run(command: &Command) -> Result<bool> {
             }
         }
         Command::Import(options) => import(options)?,
-        Command::Backup { dir, out } => {
-            let done = backup::backup(dir, out)?;
+        Command::Backup {
+            dir,
+            out,
+            #[cfg(feature = "full")]
+            store,
+        } => {
+            #[cfg(feature = "full")]
+            let blobs = store.blobs(dir)?;
+            #[cfg(not(feature = "full"))]
+            let blobs = zk0_ledger::Blobs::at(dir);
+            let done = backup::backup_with(dir, blobs, out)?;
             copied(&done);
             println!("backed up to {}", out.display());
         }

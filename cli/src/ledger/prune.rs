@@ -1,5 +1,6 @@
 //! `zk0 ledger prune`: says which blobs of a ledger's folder no audit of the chosen depth needs, and deletes them.
 
+use crate::blob_store::BlobStoreOptions;
 use crate::keys;
 use anyhow::{Context, Result};
 use std::path::PathBuf;
@@ -33,6 +34,8 @@ pub struct Prune {
     /// Only say what would be deleted.
     #[arg(long)]
     dry_run: bool,
+    #[command(flatten)]
+    store: BlobStoreOptions,
 }
 
 /// What the lines about deleted blobs call them.
@@ -69,13 +72,14 @@ pub fn prune(options: &Prune) -> Result<()> {
         now.context("the clock shows a time before 1970")?
             .as_millis(),
     )?;
+    let kept = options.store.blobs(&options.dir)?;
     let Some(key) = options.key.as_ref().filter(|_| !options.dry_run) else {
-        say(&Plan::look(&options.dir, &keep, now_ms)?);
+        say(&Plan::look(&options.dir, &kept, &keep, now_ms)?);
         println!("dry run      nothing was deleted");
         return Ok(());
     };
     // While the ledger is open here, no aggregator can open it.
-    let ledger = Ledger::open(&options.dir, None, keys::read(key)?)?;
+    let ledger = Ledger::open_with(&options.dir, None, keys::read(key)?, kept)?;
     let plan = Plan::of(&ledger, &keep, now_ms)?;
     say(&plan);
     plan.carry_out(&ledger)?;

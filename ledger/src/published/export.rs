@@ -4,7 +4,7 @@
 use crate::blobs::{BlobError, Blobs};
 use crate::error::{io_error, LedgerError};
 use crate::published::publication::{Content, Publication, PublicationError};
-use std::fs::{self, File};
+use std::fs;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use zk0_files::{atomic_file, bounded_file};
@@ -74,7 +74,7 @@ pub fn export(view: &Publication, out: &Path) -> Result<Exported, ExportError> {
             continue;
         }
         let path = from.path(digest);
-        let mut file = File::open(&path).map_err(io_error(&path))?;
+        let mut file = from.file(digest)?;
         let mut writer = to.writer(u64::MAX)?;
         let mut buffer = vec![0; 64 << 10];
         loop {

@@ -28,6 +28,7 @@ use zk0_protocol::tlog::witness_policy::WitnessPolicy;
 /// A folder's published log at one checkpoint.
 pub struct Publication {
     dir: PathBuf,
+    blobs: Blobs,
     store: Store,
     genesis: Genesis,
     key: VerifierKey,
@@ -143,6 +144,7 @@ impl Publication {
         }
         Ok(Self {
             dir: dir.into(),
+            blobs: before.map_or_else(|| Blobs::at(dir), Self::blobs),
             store,
             genesis,
             key,
@@ -152,6 +154,11 @@ impl Publication {
             checkpoint,
             gathered,
         })
+    }
+
+    /// The same log, with the blobs of its folder as they are kept: in a store perhaps.
+    pub fn with_blobs(self, blobs: Blobs) -> Self {
+        Self { blobs, ..self }
     }
 
     /// Whether the folder still publishes the same.
@@ -185,17 +192,17 @@ impl Publication {
         self.store.root(size)
     }
 
-    /// The blobs that anybody may read, whether or not the folder has them.
+    /// The blobs that anybody may read, whether or not they are kept.
     pub fn public_blobs(&self) -> impl Iterator<Item = &Digest> {
         self.gathered.disclosed.public()
     }
 
     /// The blobs beside the ledger.
     pub fn blobs(&self) -> Blobs {
-        Blobs::at(&self.dir)
+        self.blobs.clone()
     }
 
-    /// What is served for a resource; `None` if nothing is.
+    /// What is served for a resource; `None` if nothing is. A blob that is not in the folder is read from the store of the blobs first.
     pub fn read(&self, resource: &Resource) -> Result<Option<Content>, LedgerError> {
         Ok(match resource {
             Resource::Checkpoint => Some(Content::Bytes(self.text.clone())),
@@ -211,8 +218,11 @@ impl Publication {
             }
             Resource::Blob(digest) => {
                 let public = self.gathered.disclosed.access(digest) == BlobAccess::Public;
-                let blobs = self.blobs();
-                (public && blobs.contains(digest)).then(|| Content::File(blobs.path(digest)))
+                if !public || !self.blobs.contains(digest) {
+                    return Ok(None);
+                }
+                self.blobs.fetch(digest)?;
+                Some(Content::File(self.blobs.path(digest)))
             }
         })
     }

@@ -13,6 +13,7 @@ mod audited;
 mod bounds;
 mod copy;
 mod faults;
+mod kept_blobs;
 mod ledger_rules;
 mod moments;
 mod nodes;
@@ -86,6 +87,7 @@ fn every_check_can_be_removed_from_the_sources() {
         pruned::REMOVALS,
         service::REMOVALS,
         faults::REMOVALS,
+        kept_blobs::REMOVALS,
     ];
     let wrong: Vec<_> = lists
         .concat()
@@ -119,5 +121,6 @@ fn verifier_ledger_and_audit_have_a_test_for_each_check() {
         pruned::REMOVALS,
         service::REMOVALS,
         faults::REMOVALS,
+        kept_blobs::REMOVALS,
     ]);
 }

@@ -6,7 +6,7 @@ use std::collections::{BTreeMap, BTreeSet};
 type Dependencies<'a> = BTreeMap<&'a str, BTreeSet<&'a str>>;
 
 /// Each crate, and what its row of the map names.
-const MAP: [(&str, &[&str]); 16] = [
+const MAP: [(&str, &[&str]); 17] = [
     ("zk0-files", &[]),
     ("zk0-tls", &["zk0-files"]),
     ("zk0-tensors", &[]),
@@ -17,12 +17,16 @@ const MAP: [(&str, &[&str]); 16] = [
     ("zk0-protocol", &["zk0-argument"]),
     ("zk0-weights", &["zk0-protocol", "zk0-tensors"]),
     ("zk0-ledger", &["zk0-protocol", "zk0-tls"]),
+    ("zk0-bucket", &["zk0-ledger"]),
     ("zk0-verifier", &["zk0-argument", "zk0-weights"]),
     ("zk0-prover", &["zk0-argument", "zk0-tls"]),
     ("zk0-node", &["zk0-smolvla", "zk0-weights", "zk0-prover"]),
     ("zk0-aggregator", &["zk0-ledger", "zk0-verifier"]),
     ("zk0-audit", &["zk0-ledger", "zk0-verifier"]),
-    ("zk0", &["zk0-node", "zk0-aggregator", "zk0-audit"]),
+    (
+        "zk0",
+        &["zk0-node", "zk0-aggregator", "zk0-audit", "zk0-bucket"],
+    ),
 ];
 
 /// Builds that stay light: the arguments that choose one, and the crates that must not be in it.
@@ -40,6 +44,8 @@ const LIGHT: [(&str, &[&str]); 8] = [
             "zk0-prover",
             "zk0-node",
             "zk0-aggregator",
+            "zk0-bucket",
+            "object_store",
         ],
     ),
     (

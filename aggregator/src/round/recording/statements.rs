@@ -94,6 +94,10 @@ impl AllowedSaying {
             if let Action::ChangeRules(rules) = &signed.statement.action {
                 let checked = check_public_samples(&self.genesis, rules, &self.blobs);
                 checked.map_err(RequestError::PublicSamples)?;
+                // The operator puts the file into the ledger's folder.
+                if let Some(samples) = &rules.public_samples {
+                    self.blobs.keeps(&samples.blob)?;
+                }
             }
         }
         Ok(self.body)

@@ -4,7 +4,8 @@
 //!    here, before anybody hashes a proof or verifies a signature.
 //! 2. [`Undecided::authenticate`] checks that the node signed this claim and this proof.
 //! 3. [`Undecided::judge`] reads the weights, and verifies the SP1 proof and the weights.
-//! 4. [`crate::round::recording::group`] records the decision.
+//! 4. [`Unkept::keep`] keeps the proof.
+//! 5. [`crate::round::recording::group`] records the decision.
 
 use crate::round::aggregator::Aggregator;
 use crate::round::recording::statements::Begun;
@@ -40,7 +41,13 @@ pub struct Undecided {
     time_ms: u64,
 }
 
-/// A decision that is to be recorded.
+/// A decision whose proof is not among the ledger's blobs yet.
+pub struct Unkept {
+    judged: Judged,
+    blobs: Blobs,
+}
+
+/// A decision that is to be recorded. Its proof is kept.
 pub struct Judged {
     contribution: AuthenticContribution,
     decision: Decision,
@@ -116,17 +123,29 @@ impl Undecided {
         Ok(authenticate(submission, proof, &self.before)?)
     }
 
-    /// Decides on the contribution, and keeps its proof. The weights are read only if nothing is wrong with the claim by the ledger.
-    pub fn judge(self, contribution: AuthenticContribution) -> Result<Judged, RequestError> {
+    /// Reads the weights from the store of the blobs, if they are not in the ledger's folder.
+    pub fn with_weights_at_hand(self) -> Result<Self, RequestError> {
+        for blob in &self.weights {
+            if self.blobs.contains(blob) {
+                self.blobs.fetch(blob)?;
+            }
+        }
+        Ok(self)
+    }
+
+    /// Decides on the contribution. The weights are read only if nothing is wrong with the claim by the ledger.
+    pub fn judge(self, contribution: AuthenticContribution) -> Result<Unkept, RequestError> {
         let decision = match self.before.check_claim(contribution.claim(), self.time_ms) {
             Ok(()) => self.verify(&contribution)?,
             Err(reason) if is_recorded(&reason) => Decision::Rejected(reason),
             Err(reason) => return Err(reason.into()),
         };
-        self.blobs.put(contribution.proof())?;
-        Ok(Judged {
-            contribution,
-            decision,
+        Ok(Unkept {
+            judged: Judged {
+                contribution,
+                decision,
+            },
+            blobs: self.blobs,
         })
     }
 
@@ -135,6 +154,14 @@ impl Undecided {
         let get = |digest: &Digest, limit| self.blobs.get(digest, limit);
         let weights = WeightFiles::read(update, base, self.before.rules(), get)?;
         Ok(decide(&self.before, contribution, &weights, self.time_ms)?)
+    }
+}
+
+impl Unkept {
+    /// Keeps the proof among the ledger's blobs.
+    pub fn keep(self) -> Result<Judged, RequestError> {
+        self.blobs.put(self.judged.contribution.proof())?;
+        Ok(self.judged)
     }
 }
 

@@ -19,7 +19,7 @@ pub const ATTACK: Attack = Attack {
             file: "aggregator/src/round/aggregator.rs",
             replacements: &[(
                 "BlobAccess::Public => Ok(",
-                "BlobAccess::HeldBack if OUT => Ok(self.ledger.blobs().path(digest)),
+                "BlobAccess::HeldBack if OUT => Ok(self.ledger.blobs().clone()),
             BlobAccess::Public => Ok(",
             )],
         }],

@@ -1,0 +1,37 @@
+//! Which blobs the rounds read. If the blobs are in a store, these have to be in the ledger's folder.
+
+use crate::round::aggregator::Aggregator;
+use std::collections::BTreeSet;
+use zk0_circuits::Digest;
+use zk0_verifier::combine::bases;
+use zk0_verifier::combine::optimizers::moments;
+
+impl Aggregator {
+    /// What the next round needs: the weights that it starts from, what its strategy goes on from, and the public samples.
+    fn next_needs(&self) -> impl Iterator<Item = Digest> + '_ {
+        let state = self.state();
+        let earlier = bases::earlier(state).map(|earlier| earlier.blob);
+        let moments = moments::needed(state).map(|moments| moments.blob);
+        let samples = state.rules().public_samples.map(|samples| samples.blob);
+        [Some(state.global().blob), earlier, moments, samples]
+            .into_iter()
+            .flatten()
+    }
+
+    /// What of it is only in the store of the blobs.
+    pub(super) fn only_in_store(&self) -> Vec<Digest> {
+        let blobs = self.ledger.blobs();
+        self.next_needs()
+            .filter(|blob| blobs.contains(blob) && !blobs.is_here(blob))
+            .collect()
+    }
+
+    /// The blobs that the open round and the next one read. A bounded cache of the blobs keeps them.
+    pub fn needed_blobs(&self) -> BTreeSet<Digest> {
+        let round = self.state().round();
+        let commits = round.iter().flat_map(|round| round.commits.values());
+        let updates = commits.map(|commit| commit.update.blob);
+        let base = round.map(|round| round.opened.base.blob);
+        self.next_needs().chain(updates).chain(base).collect()
+    }
+}

@@ -1,0 +1,49 @@
+//! Keeps the ledger's folder small, if its blobs are in a store.
+
+use crate::round::request::RequestError;
+use crate::serve::service::{blocking, Service};
+use std::time::Duration;
+use tokio::time::sleep;
+
+/// How often the size of the folder is compared with its limit.
+const EVERY: Duration = Duration::from_secs(5);
+
+impl Service {
+    /// Removes from the ledger's folder what is over the limit. Returns only when the aggregator cannot go on.
+    pub(in crate::serve) async fn shrink_cache(&self) -> RequestError {
+        let Some(limit) = self.blob_places.cache_bytes else {
+            return std::future::pending().await;
+        };
+        let mut said = None;
+        loop {
+            if let Err(error) = self.shrink(limit).await {
+                // It is tried again and again, so the log says the same reason once.
+                let why = error.to_string();
+                if said.as_ref() != Some(&why) {
+                    tracing::error!("the blobs in the ledger's folder stay: {why}");
+                    said = Some(why);
+                }
+            }
+            sleep(EVERY).await;
+        }
+    }
+
+    async fn shrink(&self, limit: u64) -> Result<(), RequestError> {
+        let cached = self.with(|aggregator| {
+            Ok((
+                aggregator.ledger().blobs().clone(),
+                aggregator.needed_blobs(),
+            ))
+        });
+        let (blobs, needed) = cached.await?;
+        let shrunk = blocking(move || Ok(blobs.shrink(limit, &needed)?)).await?;
+        if shrunk.removed > 0 {
+            tracing::info!(
+                removed = shrunk.removed,
+                held = shrunk.held,
+                "blobs removed from the ledger's folder; the blob store keeps them"
+            );
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,83 @@
+//! How long a store is waited for. The ledger reads and writes blobs on threads of its own, which wait here for a small runtime.
+
+use object_store::{BackoffConfig, RetryConfig};
+use std::future::Future;
+use std::io;
+use std::panic::resume_unwind;
+use std::thread;
+use std::time::Duration;
+use tokio::runtime::{Builder, Runtime};
+
+/// A request that moves no faster than a part in this time is given up, and tried again.
+const LONGEST_REQUEST: Duration = Duration::from_secs(30);
+
+/// How long it takes at most until somebody takes the connection.
+const CONNECT: Duration = Duration::from_secs(5);
+
+/// The longest wait between two tries.
+const LONGEST_BACKOFF: Duration = Duration::from_secs(5);
+
+/// Enough tries that [`Patience::retries`] ends by its time.
+const TRIES: usize = 100;
+
+/// How long a request is tried again that fails, but may succeed later.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Patience(pub Duration);
+
+impl Patience {
+    /// One try may take so long.
+    pub(crate) fn request(self) -> Duration {
+        self.0.min(LONGEST_REQUEST)
+    }
+
+    /// A connection may take so long.
+    pub(crate) fn connect(self) -> Duration {
+        self.0.min(CONNECT)
+    }
+
+    /// Which tries there are after the first one.
+    pub(crate) fn retries(self) -> RetryConfig {
+        RetryConfig {
+            backoff: BackoffConfig {
+                init_backoff: Duration::from_millis(100),
+                max_backoff: LONGEST_BACKOFF,
+                base: 2.0,
+            },
+            max_retries: TRIES,
+            retry_timeout: self.0,
+        }
+    }
+}
+
+/// The threads that talk to the store.
+#[derive(Debug)]
+pub(crate) struct Waiting(Option<Runtime>);
+
+impl Waiting {
+    pub(crate) fn new() -> io::Result<Self> {
+        let mut builder = Builder::new_multi_thread();
+        let builder = builder.worker_threads(2).thread_name("blob-store");
+        Ok(Self(Some(builder.enable_all().build()?)))
+    }
+
+    /// Waits for `work`. It runs on a thread of its own, because a thread of another runtime must not wait for this one.
+    pub(crate) fn wait_for<T: Send>(&self, work: impl Future<Output = T> + Send) -> T {
+        let runtime = self
+            .0
+            .as_ref()
+            .expect("it is taken only when this is dropped");
+        thread::scope(|scope| {
+            let waiting = scope.spawn(|| runtime.block_on(work));
+            waiting.join().unwrap_or_else(|panic| resume_unwind(panic))
+        })
+    }
+}
+
+impl Drop for Waiting {
+    fn drop(&mut self) {
+        // A runtime that is dropped waits for its threads, which a thread of another runtime must not do.
+        if let Some(runtime) = self.0.take() {
+            runtime.shutdown_background();
+        }
+    }
+}

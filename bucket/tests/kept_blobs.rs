@@ -1,0 +1,250 @@
+//! Blobs that are kept in a bucket, and in a folder by its address: the ledger's folder is a cache of them.
+
+mod s3;
+
+use s3::S3;
+use std::collections::BTreeSet;
+use std::fs;
+use std::path::Path;
+use std::sync::Barrier;
+use std::thread;
+use std::time::Duration;
+use zk0_bucket::bucket::PART_BYTES;
+use zk0_bucket::waiting::Patience;
+use zk0_bucket::Bucket;
+use zk0_circuits::Digest;
+use zk0_ledger::blobs::{BlobError, Blobs};
+
+const LIMIT: u64 = 1 << 30;
+
+fn in_store(dir: &Path, address: &str, variables: &[(String, String)]) -> Blobs {
+    let patience = Patience(Duration::from_secs(10));
+    let bucket = Bucket::open(address, variables, patience).unwrap();
+    Blobs::in_store(dir, Box::new(bucket)).unwrap()
+}
+
+/// Runs a test with a bucket of S3, if there is a server, and with a folder.
+fn with_stores(test: impl Fn(&dyn Fn(&Path) -> Blobs, &Path)) {
+    if let Some(s3) = S3::start() {
+        let (address, variables) = (s3.address("a/net"), s3.variables());
+        test(
+            &|dir| in_store(dir, &address, &variables),
+            &s3.folder("a/net"),
+        );
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let address = format!("file://{}", folder.path().join("a/net").display());
+    let inside = folder.path().join("a/net/blobs/sha256");
+    test(&|dir| in_store(dir, &address, &[]), &inside);
+}
+
+fn emptied(dir: &Path) {
+    fs::remove_dir_all(dir.join("blobs")).unwrap();
+}
+
+/// How many files the folder holds, with those that are unfinished.
+fn held(dir: &Path) -> usize {
+    ["sha256", "unfinished"]
+        .iter()
+        .filter_map(|folder| fs::read_dir(dir.join("blobs").join(folder)).ok())
+        .map(Iterator::count)
+        .sum()
+}
+
+#[test]
+fn blobs_of_all_sizes_come_back_when_the_folder_is_lost() {
+    with_stores(|open, inside| {
+        let dir = tempfile::tempdir().unwrap();
+        let blobs = open(dir.path());
+        let sizes = [
+            0,
+            1,
+            PART_BYTES - 1,
+            PART_BYTES,
+            PART_BYTES + 1,
+            2 * PART_BYTES + 5,
+        ];
+        let contents: Vec<Vec<u8>> = sizes
+            .iter()
+            .map(|size| (0..*size).map(|at| (at % 253) as u8).collect())
+            .collect();
+        let names: Vec<_> = contents
+            .iter()
+            .map(|bytes| blobs.put(bytes).unwrap())
+            .collect();
+        for (name, bytes) in names.iter().zip(&contents) {
+            assert!(fs::read(inside.join(name.to_string())).unwrap() == *bytes);
+        }
+        // Another process, too, finds them.
+        for blobs in [blobs, open(dir.path())] {
+            emptied(dir.path());
+            for (name, bytes) in names.iter().zip(&contents) {
+                assert!(blobs.contains(name) && !blobs.is_here(name));
+                assert!(blobs.get(name, LIMIT).unwrap() == *bytes);
+                assert!(blobs.is_here(name));
+            }
+        }
+    });
+}
+
+#[test]
+fn a_blob_that_nobody_stored_is_missing_without_asking() {
+    let Some(s3) = S3::start() else { return };
+    let dir = tempfile::tempdir().unwrap();
+    let blobs = in_store(dir.path(), &s3.address("net"), &s3.variables());
+    s3.network.counted("GET");
+    let unknown = Digest([7; 32]);
+    assert!(!blobs.contains(&unknown));
+    assert!(matches!(blobs.get(&unknown, LIMIT), Err(BlobError::Missing(blob)) if blob == unknown));
+    assert_eq!(s3.network.counted("GET"), 0);
+}
+
+#[test]
+fn what_was_only_in_the_folder_is_put_into_the_store() {
+    with_stores(|open, inside| {
+        let dir = tempfile::tempdir().unwrap();
+        let before = Blobs::at(dir.path());
+        let kept = before.put(b"weights").unwrap();
+        let damaged = before.put(b"damaged").unwrap();
+        fs::write(before.path(&damaged), b"Damaged").unwrap();
+        let blobs = open(dir.path());
+        assert_eq!(blobs.store_all().unwrap(), 1);
+        assert_eq!(blobs.store_all().unwrap(), 0);
+        assert!(inside.join(kept.to_string()).exists());
+        assert!(!inside.join(damaged.to_string()).exists());
+        // A blob that is here, and that somebody stores again, is in the store afterwards.
+        let late = before.put(b"late").unwrap();
+        assert_eq!(blobs.put(b"late").unwrap(), late);
+        assert!(inside.join(late.to_string()).exists());
+    });
+}
+
+/// What is wrong with what the store gives is said, and nothing of it is kept.
+#[test]
+fn altered_bytes_are_refused_by_name() {
+    with_stores(|open, inside| {
+        let dir = tempfile::tempdir().unwrap();
+        let blobs = open(dir.path());
+        let bytes: Vec<u8> = (0..2 * PART_BYTES + 1000)
+            .map(|at| (at % 251) as u8)
+            .collect();
+        let blob = blobs.put(&bytes).unwrap();
+        emptied(dir.path());
+        let file = inside.join(blob.to_string());
+        let refused = |words: &str| {
+            let failed = blobs.get(&blob, LIMIT).unwrap_err();
+            assert!(matches!(failed, BlobError::Altered { .. }), "{failed}");
+            let said = failed.to_string();
+            assert!(
+                said.contains(&format!("does not hold blob {blob}")),
+                "{said}"
+            );
+            assert!(said.contains(blobs.store_address().unwrap()), "{said}");
+            assert!(said.contains(words), "{said}");
+            assert_eq!(held(dir.path()), 0);
+        };
+        let mut other = bytes.clone();
+        other[12_000_000] ^= 1;
+        fs::write(&file, &other).unwrap();
+        refused("bytes of SHA-256");
+        other.push(0);
+        fs::write(&file, &other).unwrap();
+        refused(&format!("{} bytes instead of {}", other.len(), bytes.len()));
+        other.truncate(100);
+        fs::write(&file, &other).unwrap();
+        refused("100 bytes instead of");
+        fs::remove_file(&file).unwrap();
+        refused("but nothing");
+
+        // The right file heals it.
+        fs::write(&file, &bytes).unwrap();
+        assert!(blobs.get(&blob, LIMIT).unwrap() == bytes);
+    });
+}
+
+#[test]
+fn a_removed_blob_is_in_neither_place() {
+    with_stores(|open, inside| {
+        let dir = tempfile::tempdir().unwrap();
+        let blobs = open(dir.path());
+        let blob = blobs.put(b"old").unwrap();
+        blobs.remove(&blob).unwrap();
+        assert!(!blobs.contains(&blob));
+        assert!(!inside.join(blob.to_string()).exists());
+        assert!(!open(dir.path()).contains(&blob));
+        blobs.remove(&blob).unwrap();
+    });
+}
+
+#[test]
+fn the_folder_shrinks_to_its_limit_and_keeps_what_is_needed_or_only_there() {
+    with_stores(|open, _| {
+        let dir = tempfile::tempdir().unwrap();
+        let blobs = open(dir.path());
+        let names: Vec<_> = (0..4u8)
+            .map(|number| {
+                // The times of files have to differ.
+                thread::sleep(Duration::from_millis(20));
+                blobs.put(&vec![number; 1000]).unwrap()
+            })
+            .collect();
+        thread::sleep(Duration::from_millis(20));
+        blobs.get(&names[0], LIMIT).unwrap();
+        let only_here = Blobs::at(dir.path()).put(&vec![9; 1000]).unwrap();
+        let needed = BTreeSet::from([names[1]]);
+        let shrunk = blobs.shrink(3000, &needed).unwrap();
+        assert_eq!((shrunk.removed, shrunk.held), (2, 3000));
+        // The second is needed, the first was read last.
+        let here: Vec<_> = names.iter().map(|name| blobs.is_here(name)).collect();
+        assert_eq!(here, [true, true, false, false]);
+        let shrunk = blobs.shrink(0, &needed).unwrap();
+        assert_eq!((shrunk.removed, shrunk.held), (1, 2000));
+        assert!(blobs.is_here(&only_here) && blobs.is_here(&names[1]));
+        for (number, name) in names.iter().enumerate() {
+            assert_eq!(blobs.get(name, LIMIT).unwrap(), vec![number as u8; 1000]);
+        }
+        // Without a store, nothing goes.
+        let alone = Blobs::at(dir.path());
+        assert_eq!(alone.shrink(0, &BTreeSet::new()).unwrap().removed, 0);
+        assert!(alone.is_here(&names[0]));
+    });
+}
+
+#[test]
+fn a_blob_that_many_ask_for_is_read_once() {
+    let Some(s3) = S3::start() else { return };
+    let dir = tempfile::tempdir().unwrap();
+    let blobs = in_store(dir.path(), &s3.address("net"), &s3.variables());
+    let blob = blobs.put(b"base").unwrap();
+    emptied(dir.path());
+    s3.network.counted("GET");
+    let barrier = Barrier::new(8);
+    thread::scope(|scope| {
+        for _ in 0..8 {
+            scope.spawn(|| {
+                barrier.wait();
+                assert_eq!(blobs.get(&blob, LIMIT).unwrap(), b"base");
+            });
+        }
+    });
+    assert_eq!(s3.network.counted("GET"), 1);
+}
+
+#[test]
+fn what_is_no_address_of_a_store_is_refused() {
+    let patience = Patience(Duration::from_secs(1));
+    for (address, words) in [
+        ("bucket", "is not the address of a blob store"),
+        ("http://example.com/x", "names no store of objects"),
+        ("memory:///x", "names no store of objects"),
+        ("s3://user:secret@bucket/x", "holds no credentials"),
+        ("az://container/x?sig=secret", "holds no credentials"),
+        ("az://container/x", "cannot be opened"),
+    ] {
+        let refused = Bucket::open(address, &[], patience)
+            .unwrap_err()
+            .to_string();
+        assert!(refused.contains(words), "{address}: {refused}");
+        assert!(!refused.contains("secret"), "{refused}");
+    }
+}

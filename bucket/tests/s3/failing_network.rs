@@ -1,0 +1,212 @@
+//! A network that fails on demand. It forwards one request per connection, and counts them.
+
+use std::collections::VecDeque;
+use std::io::{self, ErrorKind, Read, Write};
+use std::net::{Shutdown, TcpListener, TcpStream};
+use std::sync::{Arc, Mutex};
+use std::thread;
+use std::time::Duration;
+
+/// What happens to a request.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Fault {
+    /// The server answers with status 503.
+    Unavailable,
+    /// The connection is lost after so many bytes of the request.
+    CutRequest(usize),
+    /// The connection is lost after so many bytes of the answer.
+    CutAnswer(usize),
+    /// No answer comes.
+    Silent,
+}
+
+/// A network in front of a server.
+pub struct FailingNetwork {
+    port: u16,
+    state: Arc<Mutex<State>>,
+}
+
+#[derive(Default)]
+struct State {
+    /// The faults that come next, for requests of this method.
+    next: VecDeque<(String, Option<Fault>)>,
+    /// The fault of all requests, once there is no next one.
+    always: Option<Fault>,
+    /// The methods of the requests so far.
+    requests: Vec<String>,
+}
+
+impl FailingNetwork {
+    pub fn in_front_of(server: u16) -> Self {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let port = listener.local_addr().unwrap().port();
+        let state = Arc::<Mutex<State>>::default();
+        let shared = state.clone();
+        thread::spawn(move || {
+            for client in listener.incoming().map_while(Result::ok) {
+                let shared = shared.clone();
+                thread::spawn(move || forward(client, server, &shared));
+            }
+        });
+        Self { port, state }
+    }
+
+    pub fn address(&self) -> String {
+        format!("http://127.0.0.1:{}", self.port)
+    }
+
+    /// Lets the next `times` requests of this method fail.
+    pub fn fail_next(&self, method: &str, fault: Fault, times: usize) {
+        let mut state = self.state.lock().unwrap();
+        let faults = (0..times).map(|_| (method.to_owned(), Some(fault)));
+        state.next.extend(faults);
+    }
+
+    /// Lets the next `times` requests of this method pass, before those that fail.
+    pub fn pass_next(&self, method: &str, times: usize) {
+        let mut state = self.state.lock().unwrap();
+        let passes = (0..times).map(|_| (method.to_owned(), None));
+        state.next.extend(passes);
+    }
+
+    /// Lets all requests fail.
+    pub fn fail_always(&self, fault: Fault) {
+        self.state.lock().unwrap().always = Some(fault);
+    }
+
+    /// From now on, all requests pass.
+    pub fn mend(&self) {
+        let mut state = self.state.lock().unwrap();
+        state.next.clear();
+        state.always = None;
+    }
+
+    /// How many requests of this method came since the last call.
+    pub fn counted(&self, method: &str) -> usize {
+        let mut state = self.state.lock().unwrap();
+        let all = std::mem::take(&mut state.requests);
+        let (counted, others): (Vec<_>, Vec<_>) = all.into_iter().partition(|one| one == method);
+        state.requests = others;
+        counted.len()
+    }
+
+    /// Whether all faults have come to pass.
+    pub fn has_failed(&self) -> bool {
+        self.state.lock().unwrap().next.is_empty()
+    }
+}
+
+impl State {
+    fn fault(&mut self, method: &str) -> Option<Fault> {
+        let place = self.next.iter().position(|(of, _)| of == method);
+        let next = place.and_then(|place| self.next.remove(place));
+        next.map_or(self.always, |(_, fault)| fault)
+    }
+}
+
+fn forward(mut client: TcpStream, server: u16, state: &Mutex<State>) {
+    let Ok(Some((head, body))) = request_head(&mut client) else {
+        return;
+    };
+    let method = head.split(' ').next().unwrap_or_default().to_owned();
+    let fault = {
+        let mut state = state.lock().unwrap();
+        state.requests.push(method.clone());
+        state.fault(&method)
+    };
+    let done = match fault {
+        Some(Fault::Unavailable) => unavailable(client),
+        Some(Fault::Silent) => {
+            thread::sleep(Duration::from_secs(60));
+            Ok(())
+        }
+        fault => relay(client, server, &head, &body, fault),
+    };
+    drop(done);
+}
+
+/// Reads the head of a request, and what has come after it.
+fn request_head(client: &mut TcpStream) -> io::Result<Option<(String, Vec<u8>)>> {
+    let mut bytes = Vec::new();
+    let mut some = [0; 4096];
+    loop {
+        if let Some(end) = bytes.windows(4).position(|four| four == b"\r\n\r\n") {
+            let body = bytes.split_off(end + 4);
+            bytes.truncate(end);
+            let head = String::from_utf8(bytes);
+            return head
+                .map(|head| Some((head, body)))
+                .map_err(io::Error::other);
+        }
+        match client.read(&mut some)? {
+            0 => return Ok(None),
+            read => bytes.extend(&some[..read]),
+        }
+    }
+}
+
+fn unavailable(mut client: TcpStream) -> io::Result<()> {
+    client.write_all(
+        b"HTTP/1.1 503 Service Unavailable\r\ncontent-length: 8\r\nconnection: close\r\n\r\nSlowDown",
+    )?;
+    client.shutdown(Shutdown::Write)?;
+    // Whoever still sends a body can read the answer first.
+    client.set_read_timeout(Some(Duration::from_secs(2)))?;
+    io::copy(&mut client, &mut io::sink())?;
+    Ok(())
+}
+
+fn relay(
+    mut client: TcpStream,
+    server: u16,
+    head: &str,
+    body: &[u8],
+    fault: Option<Fault>,
+) -> io::Result<()> {
+    let mut server = TcpStream::connect(("127.0.0.1", server))?;
+    // Each request then has a connection of its own, and a fault concerns one request.
+    server.write_all(format!("{head}\r\nconnection: close\r\n\r\n").as_bytes())?;
+    let (mut from, mut to) = (client.try_clone()?, server.try_clone()?);
+    let of_request = match fault {
+        Some(Fault::CutRequest(bytes)) => Some(bytes),
+        _ => None,
+    };
+    let body = body.to_vec();
+    let sending = thread::spawn(move || -> io::Result<()> {
+        let mut left = of_request.unwrap_or(usize::MAX);
+        let first = body.len().min(left);
+        to.write_all(&body[..first])?;
+        left -= first;
+        copy_up_to(&mut from, &mut to, left)?;
+        if of_request.is_some() {
+            from.shutdown(Shutdown::Both)?;
+            to.shutdown(Shutdown::Both)?;
+        }
+        Ok(())
+    });
+    let left = match fault {
+        Some(Fault::CutAnswer(bytes)) => bytes,
+        _ => usize::MAX,
+    };
+    let answered = copy_up_to(&mut server, &mut client, left);
+    let _ = client.shutdown(Shutdown::Both);
+    let _ = server.shutdown(Shutdown::Both);
+    let _ = sending.join();
+    answered
+}
+
+fn copy_up_to(from: &mut TcpStream, to: &mut TcpStream, mut left: usize) -> io::Result<()> {
+    let mut some = vec![0; 16 << 10];
+    while left > 0 {
+        let most = some.len().min(left);
+        let read = match from.read(&mut some[..most]) {
+            Ok(0) => break,
+            Ok(read) => read,
+            Err(error) if error.kind() == ErrorKind::Interrupted => continue,
+            Err(error) => return Err(error),
+        };
+        to.write_all(&some[..read])?;
+        left -= read;
+    }
+    Ok(())
+}

@@ -1,0 +1,129 @@
+//! A real S3 server on loopback (`s3s-fs`, which keeps objects as files), and a network in front of it that fails.
+#![allow(dead_code)] // Every test uses only a part of it
+
+pub mod failing_network;
+
+use self::failing_network::FailingNetwork;
+use std::env;
+use std::fs;
+use std::net::{TcpListener, TcpStream};
+use std::path::PathBuf;
+use std::process::{Child, Command, Stdio};
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+use tempfile::TempDir;
+
+const ACCESS_KEY: &str = "zk0-tests";
+const SECRET_KEY: &str = "a secret of the tests";
+
+/// The bucket that exists.
+pub const BUCKET: &str = "blobs";
+
+/// A serving S3 server, ended when it is dropped.
+pub struct S3 {
+    process: Child,
+    root: TempDir,
+    /// The network between the server and its clients.
+    pub network: FailingNetwork,
+}
+
+/// Where the server's program is.
+fn program() -> Option<PathBuf> {
+    let home = env::var_os("CARGO_HOME").map(PathBuf::from);
+    let home = home.or_else(|| Some(PathBuf::from(env::var_os("HOME")?).join(".cargo")));
+    let installed = home.map(|home| home.join("bin"));
+    let path = env::var_os("PATH").unwrap_or_default();
+    env::split_paths(&path)
+        .chain(installed)
+        .map(|folder| folder.join("s3s-fs"))
+        .find(|program| program.is_file())
+}
+
+impl S3 {
+    /// Starts a server, or returns `None` after saying how to get it.
+    pub fn start() -> Option<Self> {
+        let Some(program) = program() else {
+            eprintln!("SKIPPED: there is no s3s-fs here; `scripts/setup.sh guest` installs it");
+            return None;
+        };
+        let root = tempfile::tempdir().unwrap();
+        fs::create_dir(root.path().join(BUCKET)).unwrap();
+        // The server cannot say which port it took, so it gets one that was free a moment ago.
+        let port = {
+            let free = TcpListener::bind("127.0.0.1:0").unwrap();
+            free.local_addr().unwrap().port()
+        };
+        let process = Command::new(program)
+            .args(["--host", "127.0.0.1", "--port", &port.to_string()])
+            .args(["--access-key", ACCESS_KEY, "--secret-key", SECRET_KEY])
+            .arg(root.path())
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        let begun = Instant::now();
+        while TcpStream::connect(("127.0.0.1", port)).is_err() {
+            assert!(
+                begun.elapsed() < Duration::from_secs(20),
+                "s3s-fs does not serve"
+            );
+            sleep(Duration::from_millis(20));
+        }
+        Some(Self {
+            process,
+            root,
+            network: FailingNetwork::in_front_of(port),
+        })
+    }
+
+    /// What tells a client where the server is, and who the client is.
+    pub fn variables(&self) -> Vec<(String, String)> {
+        self.variables_with(SECRET_KEY)
+    }
+
+    /// The same with another secret.
+    pub fn variables_with(&self, secret: &str) -> Vec<(String, String)> {
+        [
+            ("AWS_ACCESS_KEY_ID", ACCESS_KEY),
+            ("AWS_SECRET_ACCESS_KEY", secret),
+            ("AWS_ENDPOINT", &self.network.address()),
+            ("AWS_ALLOW_HTTP", "true"),
+        ]
+        .map(|(name, value)| (name.to_owned(), value.to_owned()))
+        .into()
+    }
+
+    /// The address of a prefix in the bucket.
+    pub fn address(&self, prefix: &str) -> String {
+        format!("s3://{BUCKET}/{prefix}")
+    }
+
+    /// The file in which the server keeps a blob.
+    pub fn file(&self, prefix: &str, blob: impl ToString) -> PathBuf {
+        self.folder(prefix).join(blob.to_string())
+    }
+
+    /// The folder in which the server keeps blobs.
+    pub fn folder(&self, prefix: &str) -> PathBuf {
+        let bucket = self.root.path().join(BUCKET);
+        bucket.join(prefix).join("blobs").join("sha256")
+    }
+
+    /// How many files of unfinished uploads the server has.
+    pub fn unfinished(&self) -> usize {
+        let files = fs::read_dir(self.root.path()).unwrap();
+        files
+            .filter(|file| {
+                let name = file.as_ref().unwrap().file_name();
+                name.to_string_lossy().contains(".part-")
+            })
+            .count()
+    }
+}
+
+impl Drop for S3 {
+    fn drop(&mut self) {
+        let _ = self.process.kill();
+        let _ = self.process.wait();
+    }
+}

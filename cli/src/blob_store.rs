@@ -1,0 +1,46 @@
+//! Options of commands that read or write the blobs of a ledger, which may be kept in a store.
+
+use anyhow::Result;
+use std::env;
+use std::path::Path;
+use std::time::Duration;
+use zk0_bucket::waiting::Patience;
+use zk0_bucket::Bucket;
+use zk0_ledger::blobs::Blobs;
+
+/// Where the blobs are kept.
+#[derive(Debug, clap::Args)]
+pub struct BlobStoreOptions {
+    /// Keep the ledger's weights and proofs in the store at this address, too: s3://BUCKET/PREFIX, gs://BUCKET/PREFIX, az://CONTAINER/PREFIX or
+    /// file:///FOLDER. The ledger's folder then is a cache of it. Credentials are in the variables AWS_…, GOOGLE_… or AZURE_… of the environment.
+    /// The store must not be public. Give each command about this ledger the same address [default: the ledger's folder alone]
+    #[arg(long, value_name = "ADDRESS")]
+    blob_store: Option<String>,
+    /// When the blob store fails, try again for this many seconds.
+    #[arg(
+        long,
+        value_name = "SECONDS",
+        default_value_t = 60,
+        value_parser = clap::value_parser!(u64).range(1..=600)
+    )]
+    blob_store_seconds: u64,
+}
+
+impl BlobStoreOptions {
+    /// The blobs of the ledger in `dir`.
+    ///
+    /// # Errors
+    /// The address or the credentials are wrong, or the store does not answer.
+    pub fn blobs(&self, dir: &Path) -> Result<Blobs> {
+        let Some(address) = &self.blob_store else {
+            return Ok(Blobs::at(dir));
+        };
+        // Names and values that are not text are not settings of a store.
+        let variables: Vec<_> = env::vars_os()
+            .filter_map(|(name, value)| Some((name.into_string().ok()?, value.into_string().ok()?)))
+            .collect();
+        let patience = Patience(Duration::from_secs(self.blob_store_seconds));
+        let bucket = Bucket::open(address, &variables, patience)?;
+        Ok(Blobs::in_store(dir, Box::new(bucket))?)
+    }
+}

@@ -1,0 +1,51 @@
+//! The folder as a bounded cache of the store: what was not read for longest is removed from the folder, and stays in the store.
+
+use super::error::{io_error, BlobError};
+use super::Blobs;
+use std::collections::BTreeSet;
+use std::fs;
+use std::io;
+use zk0_circuits::Digest;
+
+/// What [`Blobs::shrink`] did.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Shrunk {
+    /// How many blobs were removed from the folder.
+    pub removed: usize,
+    /// How many bytes the blobs in the folder have now.
+    pub held: u64,
+}
+
+impl Blobs {
+    /// Removes blobs from the folder until those that are left have at most `limit` bytes. Blobs that are not in the store stay, and so do
+    /// those in `needed`. Then more than `limit` bytes may be left.
+    pub fn shrink(&self, limit: u64, needed: &BTreeSet<Digest>) -> Result<Shrunk, BlobError> {
+        let Some(kept) = &self.kept else {
+            return Ok(Shrunk::default());
+        };
+        let mut found = Vec::new();
+        for (blob, size) in self.all_here()? {
+            let path = self.path(&blob);
+            match fs::metadata(&path).and_then(|about| about.modified()) {
+                Ok(read_last) => found.push((read_last, blob, size)),
+                Err(error) if error.kind() == io::ErrorKind::NotFound => {}
+                Err(error) => return Err(io_error(&path)(error)),
+            }
+        }
+        found.sort();
+        let held = found.iter().map(|(_, _, size)| size).sum();
+        let mut shrunk = Shrunk { removed: 0, held };
+        for (_, blob, size) in found {
+            if shrunk.held <= limit {
+                break;
+            }
+            if needed.contains(&blob) || !kept.knows(&blob) {
+                continue;
+            }
+            self.remove_here(&blob)?;
+            shrunk.removed += 1;
+            shrunk.held -= size;
+        }
+        Ok(shrunk)
+    }
+}
