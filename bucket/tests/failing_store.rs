@@ -12,7 +12,7 @@ use zk0_bucket::waiting::Patience;
 use zk0_bucket::Bucket;
 use zk0_ledger::blobs::{BlobError, Blobs};
 
-const PATIENCE: Patience = Patience(Duration::from_secs(20));
+const PATIENCE: Patience = Patience(Duration::from_secs(120));
 const SHORT: Patience = Patience(Duration::from_secs(2));
 const LIMIT: u64 = 1 << 30;
 
@@ -81,6 +81,7 @@ fn a_store_that_stays_unavailable_keeps_nothing_and_says_so() {
     assert_eq!(held(dir.path()), 0);
 
     s3.network.mend();
+    let blobs = self::blobs(&s3, dir.path(), PATIENCE);
     let blob = blobs.put(&large()).unwrap();
     emptied(dir.path());
     assert_eq!(blobs.get(&blob, LIMIT).unwrap(), large());
@@ -142,7 +143,7 @@ fn an_upload_that_is_cut_is_tried_again() {
 fn an_upload_that_fails_leaves_no_parts_behind() {
     let Some(s3) = S3::start() else { return };
     let dir = tempfile::tempdir().unwrap();
-    let blobs = blobs(&s3, dir.path(), SHORT);
+    let blobs = blobs(&s3, dir.path(), Patience(Duration::from_secs(6)));
     // The first part comes through, and no other.
     s3.network.pass_next("PUT", 1);
     s3.network.fail_next("PUT", Fault::Unavailable, 1000);

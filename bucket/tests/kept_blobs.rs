@@ -18,7 +18,7 @@ use zk0_ledger::blobs::{BlobError, Blobs};
 const LIMIT: u64 = 1 << 30;
 
 fn in_store(dir: &Path, address: &str, variables: &[(String, String)]) -> Blobs {
-    let patience = Patience(Duration::from_secs(10));
+    let patience = Patience(Duration::from_secs(120));
     let bucket = Bucket::open(address, variables, patience).unwrap();
     Blobs::in_store(dir, Box::new(bucket)).unwrap()
 }
