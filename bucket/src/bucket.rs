@@ -232,6 +232,20 @@ impl BlobStore for Bucket {
         self.waiting.wait_for(self.read(blob, size, take))
     }
 
+    fn size(&self, blob: &Digest) -> Result<Option<u64>, StoreError> {
+        let object = self.object(blob);
+        let asked = async {
+            match self.objects.head(&object).await {
+                Ok(found) => Ok(Some(found.size)),
+                Err(Error::NotFound { .. }) => Ok(None),
+                Err(error) => {
+                    Err(self.failed(&format!("asking for the size of blob {blob}"), &error))
+                }
+            }
+        };
+        self.waiting.wait_for(asked)
+    }
+
     fn remove(&self, blob: &Digest) -> Result<(), StoreError> {
         let object = self.object(blob);
         let removed = async {

@@ -10,6 +10,7 @@ use std::time::{Duration, Instant};
 use zk0_bucket::bucket::PART_BYTES;
 use zk0_bucket::waiting::Patience;
 use zk0_bucket::Bucket;
+use zk0_ledger::blobs::usage::Operation;
 use zk0_ledger::blobs::{BlobError, Blobs};
 
 const PATIENCE: Patience = Patience(Duration::from_secs(120));
@@ -79,8 +80,16 @@ fn a_store_that_stays_unavailable_keeps_nothing_and_says_so() {
         );
     }
     assert_eq!(held(dir.path()), 0);
+    let usage = blobs.usage().unwrap();
+    let put = usage.of(Operation::Put);
+    assert_eq!((put.done, put.failed, put.bytes), (0, 2, 0));
+    let failing = usage.failing().unwrap();
+    // It has failed since the first of them failed.
+    assert!(failing > Duration::from_secs(1), "{failing:?}");
 
     s3.network.mend();
+    blobs.put(b"proof").unwrap();
+    assert_eq!(blobs.usage().unwrap().failing(), None);
     let blobs = self::blobs(&s3, dir.path(), PATIENCE);
     let blob = blobs.put(&large()).unwrap();
     emptied(dir.path());

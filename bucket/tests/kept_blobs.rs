@@ -5,6 +5,7 @@ mod s3;
 use s3::S3;
 use std::collections::BTreeSet;
 use std::fs;
+use std::io::Read;
 use std::path::Path;
 use std::sync::Barrier;
 use std::thread;
@@ -13,6 +14,7 @@ use zk0_bucket::bucket::PART_BYTES;
 use zk0_bucket::waiting::Patience;
 use zk0_bucket::Bucket;
 use zk0_circuits::Digest;
+use zk0_ledger::blobs::usage::Operation;
 use zk0_ledger::blobs::{BlobError, Blobs};
 
 const LIMIT: u64 = 1 << 30;
@@ -36,6 +38,13 @@ fn with_stores(test: impl Fn(&dyn Fn(&Path) -> Blobs, &Path)) {
     let address = format!("file://{}", folder.path().join("a/net").display());
     let inside = folder.path().join("a/net/blobs/sha256");
     test(&|dir| in_store(dir, &address, &[]), &inside);
+}
+
+/// A reader of the same store, with another folder.
+fn reader(dir: &Path, address: &str, variables: &[(String, String)]) -> Blobs {
+    let patience = Patience(Duration::from_secs(120));
+    let bucket = Bucket::open(address, variables, patience).unwrap();
+    Blobs::beside_writer(dir, Box::new(bucket)).unwrap()
 }
 
 fn emptied(dir: &Path) {
@@ -228,6 +237,82 @@ fn a_blob_that_many_ask_for_is_read_once() {
         }
     });
     assert_eq!(s3.network.counted("GET"), 1);
+}
+
+#[test]
+fn a_reader_beside_the_writer_finds_what_comes_and_misses_what_goes() {
+    let folder = tempfile::tempdir().unwrap();
+    let local = (format!("file://{}", folder.path().display()), Vec::new());
+    let s3 = S3::start();
+    let remote = s3.as_ref().map(|s3| (s3.address("net"), s3.variables()));
+    for (address, variables) in [Some(local), remote].into_iter().flatten() {
+        let (here, there) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+        let writer = in_store(here.path(), &address, &variables);
+        let old = writer.put(b"old").unwrap();
+        let reader = reader(there.path(), &address, &variables);
+        let new = writer.put(b"new").unwrap();
+        assert_eq!(reader.get(&new, LIMIT).unwrap(), b"new");
+        writer.remove(&old).unwrap();
+        let gone = reader.get(&old, LIMIT);
+        assert!(
+            matches!(gone, Err(BlobError::Missing(blob)) if blob == old),
+            "{gone:?}"
+        );
+        // What it has read is in the store, so its folder may shrink.
+        assert_eq!(reader.shrink(0, &BTreeSet::new()).unwrap().removed, 1);
+    }
+}
+
+#[test]
+fn a_blob_that_is_read_once_is_verified_and_does_not_stay() {
+    with_stores(|open, inside| {
+        let dir = tempfile::tempdir().unwrap();
+        let blobs = open(dir.path());
+        let blob = blobs.put(b"weights").unwrap();
+        emptied(dir.path());
+        let mut bytes = Vec::new();
+        let mut file = blobs.file_once(&blob).unwrap();
+        file.read_to_end(&mut bytes).unwrap();
+        assert_eq!(bytes, b"weights");
+        assert_eq!(held(dir.path()), 0);
+        fs::write(inside.join(blob.to_string()), b"Weights").unwrap();
+        let refused = blobs.file_once(&blob);
+        assert!(
+            matches!(refused, Err(BlobError::Altered { .. })),
+            "{refused:?}"
+        );
+    });
+}
+
+#[test]
+fn what_a_store_was_asked_for_is_counted() {
+    with_stores(|open, inside| {
+        let dir = tempfile::tempdir().unwrap();
+        let blobs = open(dir.path());
+        let done = |operation| blobs.usage().unwrap().of(operation).done;
+        assert_eq!(done(Operation::List), 1);
+        let blob = blobs.put(b"weights").unwrap();
+        blobs.put(b"weights").unwrap();
+        let put = blobs.usage().unwrap().of(Operation::Put);
+        assert_eq!((put.done, put.failed, put.bytes), (1, 0, 7));
+        assert!(put.time > Duration::ZERO);
+        assert_eq!(blobs.stored(), Some(blobs.here().unwrap()));
+        assert_eq!(blobs.stored().unwrap().bytes, 7);
+
+        emptied(dir.path());
+        assert_eq!(blobs.here().unwrap().blobs, 0);
+        fs::write(inside.join(blob.to_string()), b"Weights").unwrap();
+        assert!(blobs.get(&blob, LIMIT).is_err());
+        fs::write(inside.join(blob.to_string()), b"weights").unwrap();
+        assert!(blobs.get(&blob, LIMIT).is_ok());
+        let get = blobs.usage().unwrap().of(Operation::Get);
+        assert_eq!((get.done, get.altered, get.bytes), (1, 1, 7));
+        assert_eq!(blobs.usage().unwrap().failing(), None);
+        blobs.remove(&blob).unwrap();
+        assert_eq!(done(Operation::Remove), 1);
+        assert_eq!(blobs.stored().unwrap().blobs, 0);
+    });
+    assert_eq!(Blobs::at(Path::new("/")).usage(), None);
 }
 
 #[test]

@@ -11,9 +11,9 @@ use zk0_ledger::blobs::Blobs;
 /// Where the blobs are kept.
 #[derive(Debug, clap::Args)]
 pub struct BlobStoreOptions {
-    /// Keep the ledger's weights and proofs in the store at this address, too: s3://BUCKET/PREFIX, gs://BUCKET/PREFIX, az://CONTAINER/PREFIX or
-    /// file:///FOLDER. The ledger's folder then is a cache of it. Credentials are in the variables AWS_…, GOOGLE_… or AZURE_… of the environment.
-    /// The store must not be public. Give each command about this ledger the same address [default: the ledger's folder alone]
+    /// The ledger's weights and proofs are kept in the store at this address, too: s3://BUCKET/PREFIX, gs://BUCKET/PREFIX, az://CONTAINER/PREFIX
+    /// or file:///FOLDER. The ledger's folder then is a cache of it. Credentials are in the variables AWS_…, GOOGLE_… or AZURE_… of the
+    /// environment. The store must not be public. Give each command about this ledger the same address [default: the ledger's folder alone]
     #[arg(long, value_name = "ADDRESS")]
     blob_store: Option<String>,
     /// When the blob store fails, try again for this many seconds.
@@ -32,15 +32,32 @@ impl BlobStoreOptions {
     /// # Errors
     /// The address or the credentials are wrong, or the store does not answer.
     pub fn blobs(&self, dir: &Path) -> Result<Blobs> {
+        Ok(match self.bucket()? {
+            None => Blobs::at(dir),
+            Some(bucket) => Blobs::in_store(dir, Box::new(bucket))?,
+        })
+    }
+
+    /// The same for a reader. The ledger's aggregator may be running.
+    ///
+    /// # Errors
+    /// The address or the credentials are wrong, or the store does not answer.
+    pub fn blobs_beside_writer(&self, dir: &Path) -> Result<Blobs> {
+        Ok(match self.bucket()? {
+            None => Blobs::at(dir),
+            Some(bucket) => Blobs::beside_writer(dir, Box::new(bucket))?,
+        })
+    }
+
+    fn bucket(&self) -> Result<Option<Bucket>> {
         let Some(address) = &self.blob_store else {
-            return Ok(Blobs::at(dir));
+            return Ok(None);
         };
         // Names and values that are not text are not settings of a store.
         let variables: Vec<_> = env::vars_os()
             .filter_map(|(name, value)| Some((name.into_string().ok()?, value.into_string().ok()?)))
             .collect();
         let patience = Patience(Duration::from_secs(self.blob_store_seconds));
-        let bucket = Bucket::open(address, &variables, patience)?;
-        Ok(Blobs::in_store(dir, Box::new(bucket))?)
+        Ok(Some(Bucket::open(address, &variables, patience)?))
     }
 }

@@ -119,6 +119,7 @@ struct Facts {
     waiting_to_verify: u64,
     verification_ms: u64,
     disk_free_percent: Option<u32>,
+    blob_store_failing_ms: Option<u64>,
 }
 
 impl Shown {
@@ -151,6 +152,7 @@ impl Shown {
             waiting_to_verify: now.waiting_to_verify,
             verification_ms: now.verification_ms,
             disk_free_percent: now.disk_free_percent,
+            blob_store_failing_ms: now.blob_store_failing_ms,
         }
     }
 
@@ -210,6 +212,14 @@ impl Shown {
             Some(percent) => format!("disk         {percent} % free"),
             None => "disk         the system does not say how full it is".into(),
         });
+        match now.blob_store_failing_ms {
+            None => {}
+            Some(0) => lines.push("blob store   answered last time".into()),
+            Some(ms) => lines.push(format!(
+                "blob store   has failed for {}; the aggregator's log says why",
+                duration(ms)
+            )),
+        }
         lines.join("\n") + "\n"
     }
 }

@@ -105,7 +105,7 @@ impl Source for Whole {
                 tiles::read(&self.store, self.size, &tile).map_err(|error| failed(&error))?
             }
             Some(Resource::Blob(digest)) => {
-                return match self.blobs.file(&digest) {
+                return match self.blobs.file_once(&digest) {
                     Ok(file) => Ok(Some(Box::new(file))),
                     Err(BlobError::Missing(_)) => Ok(None),
                     Err(error) => Err(failed(&error)),

@@ -3,13 +3,14 @@
 //!
 //! - [`partial`]: blobs of which a part is here; [`error`]: why a blob cannot be stored or read.
 //! - [`store`]: a store outside the folder, in which blobs are kept; [`kept`]: blobs of such a store; [`cache`]: the folder as a bounded cache
-//!   of it.
+//!   of it; [`usage`]: what the store was asked for.
 
 pub mod cache;
 pub mod error;
 pub mod kept;
 pub mod partial;
 pub mod store;
+pub mod usage;
 
 use self::error::io_error;
 use self::store::Kept;
@@ -27,6 +28,9 @@ use zk0_files::atomic_file::{folder_of, put_in_place, sync_folder};
 use zk0_protocol::blob::Blob;
 
 pub use self::error::BlobError;
+
+/// How often a blob is read from the store to open it.
+const TRIES: usize = 3;
 
 /// The blobs of one ledger folder: `blobs/sha256/<digest>`, unfinished ones in `blobs/unfinished/`, and those of which a part has come over a
 /// network in `blobs/partial/<digest>`. If they are kept in a store ([`Blobs::in_store`]), the folder is a cache of it.
@@ -114,12 +118,16 @@ impl Blobs {
     }
 
     fn open(&self, digest: &Digest) -> Result<(PathBuf, File), BlobError> {
-        match self.open_here(digest) {
-            Err(BlobError::Missing(_)) if self.kept.is_some() => {
-                self.fetch(digest)?;
-                self.open_here(digest)
+        let mut tries = 0;
+        loop {
+            match self.open_here(digest) {
+                // A small cache may remove a blob again before it is opened.
+                Err(BlobError::Missing(_)) if self.kept.is_some() && tries < TRIES => {
+                    self.fetch(digest)?;
+                    tries += 1;
+                }
+                opened => return opened,
             }
-            opened => opened,
         }
     }
 

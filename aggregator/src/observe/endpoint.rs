@@ -5,6 +5,7 @@ use crate::serve::service::Service;
 use axum::extract::State;
 use axum::response::Response;
 use axum::routing::get;
+use tokio::task::spawn_blocking;
 
 /// The format of the answer.
 const OPENMETRICS: &str = "application/openmetrics-text; version=1.0.0; charset=utf-8";
@@ -17,14 +18,21 @@ pub fn router(service: Service) -> Router {
 }
 
 async fn metrics(State(service): State<Service>) -> Response {
-    let dir = service.with(|aggregator| Ok(aggregator.ledger().dir().to_owned()));
-    let (status, dir) = match (service.status().await, dir.await) {
-        (Ok(status), Ok(dir)) => (status, dir),
+    let ledger = service.with(|aggregator| {
+        let ledger = aggregator.ledger();
+        Ok((ledger.dir().to_owned(), ledger.blobs().clone()))
+    });
+    let (status, (dir, blobs)) = match (service.status().await, ledger.await) {
+        (Ok(status), Ok(ledger)) => (status, ledger),
         (Err(error), _) | (_, Err(error)) => return text(503, format!("{error}\n")),
     };
     let metrics = service.metrics();
     let connections = metrics.connections.counts();
     metrics.sampled.take(&status, connections, &dir);
+    let sampled = metrics.blobs.clone();
+    if let Err(error) = spawn_blocking(move || sampled.take(&blobs)).await {
+        return text(500, format!("{error}\n"));
+    }
     match metrics.text() {
         Ok(text) => answer(200, OPENMETRICS, NO_CACHE, text),
         Err(error) => text(500, format!("{error}\n")),

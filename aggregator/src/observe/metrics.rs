@@ -1,6 +1,7 @@
 //! What the service counts, in Prometheus' format. `docs/services.md` lists all of it.
 
 use crate::observe::answers::RequestMetrics;
+use crate::observe::blob_store::BlobMetrics;
 use crate::observe::connections::ConnectionMetrics;
 use crate::observe::sample::Sampled;
 use prometheus_client::encoding::text::encode;
@@ -22,6 +23,7 @@ pub struct Metrics {
     pub(crate) verification: Verification,
     appending: Histogram,
     pub(super) sampled: Sampled,
+    pub(super) blobs: BlobMetrics,
 }
 
 impl Default for Metrics {
@@ -43,6 +45,7 @@ impl Default for Metrics {
             appending.clone(),
         );
         let sampled = Sampled::registered(&mut registry);
+        let blobs = BlobMetrics::registered(&mut registry);
         Self {
             registry: Arc::new(registry),
             requests,
@@ -51,6 +54,7 @@ impl Default for Metrics {
             verification,
             appending,
             sampled,
+            blobs,
         }
     }
 }

@@ -1,5 +1,5 @@
 //! The answer to `GetStatus`. Everybody may ask, so it holds nothing that is not on the ledger or would follow from it, but for how busy the
-//! aggregator is: counts of verifications, and how full the disk is, in per cent.
+//! aggregator is: counts of verifications, how full the disk is, in per cent, and for how long the store of the blobs has failed.
 
 use crate::observe::machine::Disk;
 use crate::round::aggregator::Aggregator;
@@ -51,6 +51,8 @@ fn of(aggregator: &Aggregator) -> StatusInfo {
     };
     let phase = open.map_or(Phase::BetweenRounds, phase);
     let disk = Disk::of(aggregator.ledger().dir());
+    let store = aggregator.ledger().blobs().usage();
+    let failing_ms = store.map(|usage| usage.failing().map_or(0, |since| millis(since).max(1)));
     StatusInfo {
         now_ms: aggregator.now_ms(),
         round: open.map_or(state.next_round(), Round::number),
@@ -68,6 +70,7 @@ fn of(aggregator: &Aggregator) -> StatusInfo {
         entries: aggregator.ledger().size(),
         last_entry_ms: state.time_ms(),
         disk_free_percent: disk.ok().map(Disk::free_percent),
+        blob_store_failing_ms: failing_ms,
         ..StatusInfo::default()
     }
 }

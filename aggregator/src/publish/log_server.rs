@@ -9,7 +9,7 @@ use axum::http::header::CONTENT_LENGTH;
 use axum::http::Uri;
 use axum::response::Response;
 use axum::routing::get;
-use std::io;
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
@@ -32,6 +32,8 @@ pub struct LogServer {
     blobs: Blobs,
     /// Places for requests that wait for the store of the blobs.
     reading: Semaphore,
+    /// How many bytes of blobs the folder may hold; `None` for no limit.
+    cache_bytes: Option<u64>,
     held: Mutex<Option<Arc<Publication>>>,
 }
 
@@ -42,6 +44,7 @@ impl LogServer {
             dir: dir.into(),
             blobs: Blobs::at(dir),
             reading: Semaphore::new(READING),
+            cache_bytes: None,
             held: Mutex::new(None),
         }
     }
@@ -49,6 +52,15 @@ impl LogServer {
     /// From now on, the blobs of the folder are read as they are kept: from a store perhaps.
     pub fn with_blobs(self, blobs: Blobs) -> Self {
         Self { blobs, ..self }
+    }
+
+    /// From now on, the folder holds at most so many bytes of blobs after one was read from the store. This is for a folder that no aggregator
+    /// uses.
+    pub fn with_blob_cache(self, bytes: u64) -> Self {
+        Self {
+            cache_bytes: Some(bytes),
+            ..self
+        }
     }
 
     /// The log's routes.
@@ -98,6 +110,16 @@ impl LogServer {
             None => Ok(self.newest()?.read(resource)?),
         }
     }
+
+    /// Keeps the folder small.
+    fn shrink(&self) {
+        let Some(limit) = self.cache_bytes else {
+            return;
+        };
+        if let Err(error) = self.blobs.shrink(limit, &BTreeSet::new()) {
+            tracing::error!("the blobs in the ledger's folder stay: {error}");
+        }
+    }
 }
 
 async fn read(
@@ -127,7 +149,16 @@ async fn read(
         _ => None,
     };
     let reader = server.clone();
-    let content = spawn_blocking(move || reader.content(&resource)).await;
+    let fetches = place.is_some();
+    let content = spawn_blocking(move || {
+        let content = reader.content(&resource);
+        if fetches {
+            // The blob that is answered is open by now.
+            reader.shrink();
+        }
+        content
+    });
+    let content = content.await;
     drop(place);
     let content = match content {
         Ok(content) => content,
@@ -135,14 +166,15 @@ async fn read(
     };
     match content {
         Ok(Some(Content::Bytes(bytes))) => answer(200, kind, cache, bytes),
-        Ok(Some(Content::File(path))) => match open(&path).await {
-            Ok((file, length)) => {
-                let parts = Body::from_stream(file_parts(file, silence));
+        Ok(Some(Content::File(file))) => match file.metadata() {
+            Ok(about) => {
+                let parts = Body::from_stream(file_parts(File::from_std(file), silence));
                 let mut response = answer(200, kind, cache, parts);
-                response.headers_mut().insert(CONTENT_LENGTH, length.into());
+                let length = about.len().into();
+                response.headers_mut().insert(CONTENT_LENGTH, length);
                 response
             }
-            Err(error) => failed(&format_args!("{}: {error}", path.display())),
+            Err(error) => failed(&format_args!("{path}: {error}")),
         },
         Ok(None) => text(404, "this file is not published, or not yet\n"),
         Err(PublicationError::NotCosigned(_)) => text(
@@ -151,10 +183,4 @@ async fn read(
         ),
         Err(error) => failed(&error),
     }
-}
-
-async fn open(path: &Path) -> io::Result<(File, u64)> {
-    let file = File::open(path).await?;
-    let length = file.metadata().await?.len();
-    Ok((file, length))
 }

@@ -1,5 +1,6 @@
 //! The samples on which a network evaluates the result of each round before it takes it: made from recordings with the network's policy.
 
+use crate::blob_store::BlobStoreOptions;
 use crate::dataset::RecordingName;
 use crate::policy::calibration::samples;
 use anyhow::{bail, Context, Result};
@@ -58,6 +59,8 @@ pub struct MakeSamples {
     recordings: Vec<RecordingName>,
     #[command(flatten)]
     extent: Extent,
+    #[command(flatten)]
+    store: BlobStoreOptions,
 }
 
 impl PublicSampleOptions {
@@ -129,8 +132,10 @@ impl Extent {
 
 /// Makes samples for a network that exists, puts them among the blobs of its ledger, and prints the rule to propose.
 pub fn make(options: &MakeSamples) -> Result<()> {
-    let (policy, spec) = founded(&options.dir)?;
+    let kept = options.store.blobs_beside_writer(&options.dir)?;
+    let (policy, spec) = founded(&options.dir, &kept)?;
     let (rule, file) = options.extent.make(&options.recordings, &policy, &spec)?;
+    // The aggregator puts it into the store of the blobs, if there is one, when the rule is proposed.
     Blobs::at(&options.dir).put(&file)?;
     let rules = serde_json::json!({ "public_samples": rule });
     println!("{}", serde_json::to_string_pretty(&rules)?);
@@ -138,13 +143,12 @@ pub fn make(options: &MakeSamples) -> Result<()> {
 }
 
 /// The policy and the evaluation of the network whose ledger is in `dir`.
-fn founded(dir: &Path) -> Result<(PolicyFile, EvalSpec)> {
+fn founded(dir: &Path, blobs: &Blobs) -> Result<(PolicyFile, EvalSpec)> {
     let store = Store::open_read_only(&folder::database(dir))?;
     let entry = store.entry(0)?.context("the ledger has no genesis")?;
     let Body::Genesis(genesis) = Entry::decode(&entry)?.body else {
         bail!("the ledger's first entry is not a genesis");
     };
-    let blobs = Blobs::at(dir);
     blobs.check(&genesis.policy)?;
     let policy = policy_file::load(&blobs.path(&genesis.policy))?;
     Ok((policy, EvalSpec::decode(&genesis.evaluation)?))

@@ -2,14 +2,14 @@
 
 #[cfg(feature = "full")]
 mod prune;
+#[cfg(feature = "full")]
+mod serve;
 mod trust_options;
 
 pub use trust_options::TrustOptions;
 
 #[cfg(feature = "full")]
 use crate::blob_store::BlobStoreOptions;
-#[cfg(feature = "full")]
-use crate::certificate::CertificateOptions;
 use anyhow::Result;
 use std::path::{Path, PathBuf};
 use zk0_audit::fsck::fsck;
@@ -66,15 +66,7 @@ pub enum Command {
     Prune(prune::Prune),
     /// Serve a ledger's files over HTTP, for reading (C2SP tlog-tiles).
     #[cfg(feature = "full")]
-    Serve {
-        /// The ledger's folder. Its aggregator may be running.
-        dir: PathBuf,
-        /// Listen on this address; port 0 takes a free port. Traffic is encrypted only with --tls-certificate.
-        #[arg(long, default_value = "127.0.0.1:7073")]
-        listen: std::net::SocketAddr,
-        #[command(flatten)]
-        certificate: CertificateOptions,
-    },
+    Serve(serve::Serve),
     /// Check that a ledger's folder is not damaged: its entries, tree and checkpoints, and all files of weights and proofs that are there.
     /// This checks no proofs; `zk0 audit replay` does. The exit code is 0 if the folder is whole, and 1 if it is not.
     Fsck {
@@ -159,7 +151,7 @@ pub fn run(command: &Command) -> Result<bool> {
             store,
         } => {
             #[cfg(feature = "full")]
-            let blobs = store.blobs(dir)?;
+            let blobs = store.blobs_beside_writer(dir)?;
             #[cfg(not(feature = "full"))]
             let blobs = zk0_ledger::Blobs::at(dir);
             let done = backup::backup_with(dir, blobs, out)?;
@@ -187,11 +179,7 @@ pub fn run(command: &Command) -> Result<bool> {
         #[cfg(feature = "full")]
         Command::Prune(options) => prune::prune(options)?,
         #[cfg(feature = "full")]
-        Command::Serve {
-            dir,
-            listen,
-            certificate,
-        } => serve(dir, *listen, certificate)?,
+        Command::Serve(options) => serve::serve(options)?,
         Command::Fsck { dir } => return Ok(check(dir)),
     }
     Ok(true)
@@ -246,19 +234,4 @@ fn check(dir: &Path) -> bool {
         }
     );
     found.is_whole()
-}
-
-#[cfg(feature = "full")]
-fn serve(dir: &Path, listen: std::net::SocketAddr, certificate: &CertificateOptions) -> Result<()> {
-    use zk0_aggregator::publish::http;
-    use zk0_aggregator::publish::log_server::LogServer;
-    use zk0_ledger::published::publication::PublicationError;
-    let server = LogServer::new(dir);
-    match server.newest() {
-        // A log that the witnesses have not cosigned yet can be served as soon as they have.
-        Ok(_) | Err(PublicationError::NotCosigned(_)) => {}
-        Err(error) => return Err(error.into()),
-    }
-    let limits = http::Limits::default();
-    crate::serve::serve_http("log", listen, certificate, server.router(limits), limits)
 }

@@ -5,6 +5,8 @@ mod harness;
 #[path = "../../../bucket/tests/s3/mod.rs"]
 mod s3;
 
+mod observed;
+
 use harness::network::LocalNetwork;
 use harness::serving::Serving;
 use harness::{fails, logs, printed, prints, words, zk0};
@@ -69,6 +71,11 @@ fn lives_from(address: &str, inside: &Path) {
     let copy = network.path("backup");
     with_store(&["ledger", "backup", &ledger, &copy]);
     assert!(prints(&["ledger", "fsck", &copy]).contains("WHOLE"));
+    // Neither of them fills the folder.
+    let held = |blob: &str| Path::new(&ledger).join("blobs/sha256").join(blob).exists();
+    assert!(!held(&policy));
+    served(&network, &store, &policy);
+    assert!(!held(&policy));
     fs::remove_dir_all(Path::new(&ledger).join("blobs")).unwrap();
     let alone = prints(&["ledger", "export", &ledger, &network.path("other")]);
     assert!(alone.contains("missing"), "{alone}");
@@ -105,6 +112,20 @@ fn lives_from(address: &str, inside: &Path) {
         sleep(Duration::from_millis(100));
     }
     assert!(aggregator.terminate().success());
+}
+
+/// Serves the log from the store alone, and mirrors it from there.
+fn served(network: &LocalNetwork, store: &[&str], policy: &str) {
+    let ledger = network.path("ledger");
+    let serve = ["ledger", "serve", &ledger, "--listen", "127.0.0.1:0"];
+    let cached = ["--blob-cache-bytes", "0"];
+    let mut server = Serving::start(&[&serve[..], store, &cached].concat());
+    let mirror = network.path("mirror");
+    let said = prints(&["ledger", "import", &server.address, &mirror]);
+    assert!(!said.contains("missing"), "{said}");
+    let mirrored = Path::new(&mirror).join("blobs/sha256").join(policy);
+    assert!(mirrored.exists());
+    assert!(server.terminate().success());
 }
 
 #[test]

@@ -2,13 +2,15 @@
 //! a blob that is not in the folder is read from the store.
 //!
 //! The store is trusted with nothing but keeping the bytes: whatever comes from it counts only if it has the digest in its name. Its list is
-//! read once, so that nobody waits for the network to learn whether a blob exists. Only the ledger's writer adds to the store.
+//! read once, so that nobody waits for the network to learn whether a blob exists. Only the ledger's writer adds to the store. A reader beside
+//! it ([`Blobs::beside_writer`]) asks the store about each blob that is not in the folder.
 
 use super::error::{io_error, BlobError};
 use super::store::{BlobStore, Kept};
-use super::{check, check_file, Blobs};
+use super::usage::{Amount, Usage};
+use super::{check, check_file, Blobs, UnfinishedBlob};
 use sha2::{Digest as _, Sha256};
-use std::fs;
+use std::fs::{self, File};
 use std::io;
 use std::path::Path;
 use std::sync::Arc;
@@ -18,9 +20,33 @@ impl Blobs {
     /// The blobs of the ledger in `dir`, which are kept in `store`. Reads the store's list.
     pub fn in_store(dir: &Path, store: Box<dyn BlobStore>) -> Result<Self, BlobError> {
         Ok(Self {
-            kept: Some(Arc::new(Kept::new(store)?)),
+            kept: Some(Arc::new(Kept::new(store, false)?)),
             ..Self::at(dir)
         })
+    }
+
+    /// The same for a reader. The ledger's writer may add blobs and remove some at the same time.
+    pub fn beside_writer(dir: &Path, store: Box<dyn BlobStore>) -> Result<Self, BlobError> {
+        Ok(Self {
+            kept: Some(Arc::new(Kept::new(store, true)?)),
+            ..Self::at(dir)
+        })
+    }
+
+    /// What the store was asked for; `None` if the folder is the only place.
+    pub fn usage(&self) -> Option<Usage> {
+        self.kept.as_ref().map(|kept| kept.usage())
+    }
+
+    /// What the folder holds.
+    pub fn here(&self) -> Result<Amount, BlobError> {
+        Ok(Amount::of(&self.all_here()?))
+    }
+
+    /// What the store holds, as far as this process knows; `None` if the folder is the only place. Nobody waits for the store.
+    pub fn stored(&self) -> Option<Amount> {
+        let kept = self.kept.as_ref();
+        kept.map(|kept| Amount::of(&kept.all()))
     }
 
     /// The address of the store; `None` if the folder is the only place.
@@ -65,29 +91,44 @@ impl Blobs {
         };
         kept.in_turn(blob, || match self.is_here(blob) {
             true => Ok(()),
-            false => self.read_from(kept, blob),
+            false => self.read_from(kept, blob)?.finish_here(blob),
         })
     }
 
-    fn read_from(&self, kept: &Kept, blob: &Digest) -> Result<(), BlobError> {
-        let size = kept.size(blob).ok_or(BlobError::Missing(*blob))?;
-        let mut unfinished = self.begin()?;
-        let (mut hasher, mut held) = (Sha256::new(), 0u64);
-        kept.get(blob, size, &mut |bytes| {
-            held = held.saturating_add(bytes.len() as u64);
-            if held > size {
-                return Err(kept.altered(blob, format!("more than {size} bytes")));
+    /// The file of a blob. If it is not in the folder, it is read from the store, and is not in the folder afterwards. Its digest is verified
+    /// then.
+    pub fn file_once(&self, blob: &Digest) -> Result<File, BlobError> {
+        match (self.open_here(blob), &self.kept) {
+            (Err(BlobError::Missing(_)), Some(kept)) => {
+                let unfinished = self.read_from(kept, blob)?;
+                File::open(&unfinished.path).map_err(io_error(&unfinished.path))
             }
-            hasher.update(bytes);
-            unfinished.write(bytes)
-        })?;
-        match check(blob, hasher.finalize().into()) {
-            Ok(()) => unfinished.finish_here(blob),
-            Err(BlobError::WrongDigest { actual, .. }) => {
-                Err(kept.altered(blob, format!("bytes of SHA-256 {actual}")))
-            }
-            Err(other) => Err(other),
+            (opened, _) => Ok(opened?.1),
         }
+    }
+
+    /// Reads a blob from the store, and verifies its digest.
+    fn read_from(&self, kept: &Kept, blob: &Digest) -> Result<UnfinishedBlob, BlobError> {
+        let size = kept.size(blob)?.ok_or(BlobError::Missing(*blob))?;
+        let mut unfinished = self.begin()?;
+        kept.get(size, |store| {
+            let (mut hasher, mut held) = (Sha256::new(), 0u64);
+            store.get(blob, size, &mut |bytes| {
+                held = held.saturating_add(bytes.len() as u64);
+                if held > size {
+                    return Err(kept.altered(blob, format!("more than {size} bytes")));
+                }
+                hasher.update(bytes);
+                unfinished.write(bytes)
+            })?;
+            match check(blob, hasher.finalize().into()) {
+                Err(BlobError::WrongDigest { actual, .. }) => {
+                    Err(kept.altered(blob, format!("bytes of SHA-256 {actual}")))
+                }
+                checked => checked,
+            }
+        })?;
+        Ok(unfinished)
     }
 
     /// Removes a blob, here and in the store. Only the ledger's writer may call this.
@@ -95,7 +136,7 @@ impl Blobs {
         // In this order, whoever is killed in between leaves a blob that is still listed.
         self.remove_here(blob)?;
         match &self.kept {
-            Some(kept) => Ok(kept.remove(blob)?),
+            Some(kept) => kept.remove(blob),
             None => Ok(()),
         }
     }

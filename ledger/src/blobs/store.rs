@@ -1,6 +1,7 @@
 //! A store outside the ledger's folder, such as a bucket of S3, in which blobs are kept, and what is known of its content.
 
 use super::error::{io_error, BlobError, StoreError};
+use super::usage::{Counting, Operation, Usage};
 use std::collections::BTreeMap;
 use std::fmt::Debug;
 use std::fs;
@@ -25,6 +26,9 @@ pub trait BlobStore: Debug + Send + Sync {
     /// The store has another number of bytes under this name, or nothing, or fails; or `take` fails.
     fn get(&self, blob: &Digest, size: u64, take: Take) -> Result<(), BlobError>;
 
+    /// How many bytes are stored under the name of a blob; `None` if there is no such object.
+    fn size(&self, blob: &Digest) -> Result<Option<u64>, StoreError>;
+
     /// Removes a blob, if it is there.
     fn remove(&self, blob: &Digest) -> Result<(), StoreError>;
 
@@ -39,6 +43,9 @@ pub(super) struct Kept {
     known: Mutex<BTreeMap<Digest, u64>>,
     /// The blobs that are being read. Whoever needs one of them waits, and need not read it too.
     reading: Mutex<BTreeMap<Digest, Arc<Mutex<()>>>>,
+    /// Whether another process may add to the store and remove from it.
+    shared: bool,
+    counting: Counting,
 }
 
 fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
@@ -47,14 +54,23 @@ fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 impl Kept {
-    /// A store with this content.
-    pub(super) fn new(store: Box<dyn BlobStore>) -> Result<Self, StoreError> {
-        let known = Mutex::new(store.all()?.into_iter().collect());
+    /// A store, whose list is read. If it is `shared`, another process may add to it and remove from it.
+    pub(super) fn new(store: Box<dyn BlobStore>, shared: bool) -> Result<Self, BlobError> {
+        let counting = Counting::default();
+        let list = || store.all().map_err(BlobError::from);
+        let list = counting.count(Operation::List, list, |_| 0)?;
         Ok(Self {
             store,
-            known,
+            known: Mutex::new(list.into_iter().collect()),
             reading: Mutex::default(),
+            shared,
+            counting,
         })
+    }
+
+    /// What the store was asked for.
+    pub(super) fn usage(&self) -> Usage {
+        self.counting.now()
     }
 
     pub(super) fn address(&self) -> &str {
@@ -73,24 +89,41 @@ impl Kept {
     /// Stores a file whose digest is verified.
     pub(super) fn put(&self, blob: &Digest, file: &Path) -> Result<(), BlobError> {
         let size = fs::metadata(file).map_err(io_error(file))?.len();
-        self.store.put(blob, file, size)?;
+        let put = || self.store.put(blob, file, size).map_err(BlobError::from);
+        self.counting.count(Operation::Put, put, |()| size)?;
         locked(&self.known).insert(*blob, size);
         Ok(())
     }
 
-    /// How many bytes a blob has.
-    pub(super) fn size(&self, blob: &Digest) -> Option<u64> {
-        locked(&self.known).get(blob).copied()
+    /// How many bytes a blob has; `None` if the store does not have it. Asks the store if it is shared.
+    pub(super) fn size(&self, blob: &Digest) -> Result<Option<u64>, BlobError> {
+        if !self.shared {
+            return Ok(locked(&self.known).get(blob).copied());
+        }
+        let ask = || self.store.size(blob).map_err(BlobError::from);
+        let found = self.counting.count(Operation::Size, ask, |_| 0)?;
+        let mut known = locked(&self.known);
+        match found {
+            Some(size) => known.insert(*blob, size),
+            None => known.remove(blob),
+        };
+        Ok(found)
     }
 
-    /// Gives the bytes of a blob of this size to `take`. They are not verified.
-    pub(super) fn get(&self, blob: &Digest, size: u64, take: Take) -> Result<(), BlobError> {
-        self.store.get(blob, size, take)
+    /// Does `read`, which reads a blob of this size from the store and verifies it.
+    pub(super) fn get(
+        &self,
+        size: u64,
+        read: impl FnOnce(&dyn BlobStore) -> Result<(), BlobError>,
+    ) -> Result<(), BlobError> {
+        let get = || read(&*self.store);
+        self.counting.count(Operation::Get, get, |()| size)
     }
 
     /// Removes a blob. If that fails, the blob is still known, so that it can be removed later.
-    pub(super) fn remove(&self, blob: &Digest) -> Result<(), StoreError> {
-        self.store.remove(blob)?;
+    pub(super) fn remove(&self, blob: &Digest) -> Result<(), BlobError> {
+        let remove = || self.store.remove(blob).map_err(BlobError::from);
+        self.counting.count(Operation::Remove, remove, |()| 0)?;
         locked(&self.known).remove(blob);
         Ok(())
     }

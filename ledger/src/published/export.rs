@@ -74,7 +74,7 @@ pub fn export(view: &Publication, out: &Path) -> Result<Exported, ExportError> {
             continue;
         }
         let path = from.path(digest);
-        let mut file = from.file(digest)?;
+        let mut file = from.file_once(digest)?;
         let mut writer = to.writer(u64::MAX)?;
         let mut buffer = vec![0; 64 << 10];
         loop {

@@ -5,7 +5,7 @@
 //! quorum of cosignatures. Later entries are on disk, but not published. Blobs of an open round are not public yet
 //! ([`zk0_protocol::rules::disclosed_blobs`]).
 
-use crate::blobs::Blobs;
+use crate::blobs::{BlobError, Blobs};
 use crate::error::LedgerError;
 use crate::folder;
 use crate::pruned;
@@ -56,12 +56,12 @@ struct Gathered {
 }
 
 /// Something that is handed out.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Debug)]
 pub enum Content {
     /// These bytes.
     Bytes(Vec<u8>),
     /// The bytes of this file.
-    File(PathBuf),
+    File(File),
 }
 
 /// Why a folder does not publish anything.
@@ -217,12 +217,13 @@ impl Publication {
                 tiles::read(&self.store, self.checkpoint.size, tile)?.map(Content::Bytes)
             }
             Resource::Blob(digest) => {
-                let public = self.gathered.disclosed.access(digest) == BlobAccess::Public;
-                if !public || !self.blobs.contains(digest) {
+                if self.gathered.disclosed.access(digest) != BlobAccess::Public {
                     return Ok(None);
                 }
-                self.blobs.fetch(digest)?;
-                Some(Content::File(self.blobs.path(digest)))
+                match self.blobs.file(digest) {
+                    Err(BlobError::Missing(_)) => None,
+                    file => Some(Content::File(file?)),
+                }
             }
         })
     }
@@ -239,10 +240,7 @@ impl Source for Publication {
         match found.map_err(|error| failed(error.to_string()))? {
             None => Ok(None),
             Some(Content::Bytes(bytes)) => Ok(Some(Box::new(Cursor::new(bytes)))),
-            Some(Content::File(file)) => match File::open(file) {
-                Ok(file) => Ok(Some(Box::new(file))),
-                Err(error) => Err(failed(error.to_string())),
-            },
+            Some(Content::File(file)) => Ok(Some(Box::new(file))),
         }
     }
 }

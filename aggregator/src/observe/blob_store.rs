@@ -1,0 +1,99 @@
+//! What the service says of its blobs: how many there are, and how their store answers.
+
+use prometheus_client::metrics::counter::Counter;
+use prometheus_client::metrics::family::Family;
+use prometheus_client::metrics::gauge::Gauge;
+use prometheus_client::registry::Registry;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
+use zk0_ledger::blobs::usage::{Amount, Operation};
+use zk0_ledger::blobs::Blobs;
+
+type Labels<const COUNT: usize> = [(&'static str, &'static str); COUNT];
+
+/// Metrics of the blobs.
+#[derive(Clone, Default)]
+pub(super) struct BlobMetrics {
+    blobs: Family<Labels<1>, Gauge>,
+    bytes: Family<Labels<1>, Gauge>,
+    operations: Family<Labels<2>, Counter>,
+    seconds: Family<Labels<1>, Counter<f64, AtomicU64>>,
+    moved: Family<Labels<1>, Counter>,
+    failing: Gauge,
+}
+
+impl BlobMetrics {
+    pub fn registered(registry: &mut Registry) -> Self {
+        let new = Self::default();
+        registry.register(
+            "blobs",
+            "Blobs: in the ledger's folder, and in the blob store",
+            new.blobs.clone(),
+        );
+        registry.register(
+            "blob_bytes",
+            "Bytes of the blobs: in the ledger's folder, and in the blob store",
+            new.bytes.clone(),
+        );
+        registry.register(
+            "blob_store_operations",
+            "What the blob store was asked for, and how that ended, after all tries",
+            new.operations.clone(),
+        );
+        registry.register(
+            "blob_store_operation_seconds",
+            "Time that the blob store took for it, with all tries",
+            new.seconds.clone(),
+        );
+        registry.register(
+            "blob_store_moved_bytes",
+            "Bytes of blobs that were stored and read",
+            new.moved.clone(),
+        );
+        registry.register(
+            "blob_store_failing_seconds",
+            "For how long the blob store has failed whatever it was asked for; 0 if it answered last, or if there is none",
+            new.failing.clone(),
+        );
+        new
+    }
+
+    /// Takes what is so now. Reads the folder.
+    pub fn take(&self, blobs: &Blobs) {
+        let whole = |value: u64| i64::try_from(value).unwrap_or(i64::MAX);
+        let held = |place: &'static str, amount: Amount| {
+            let label = [("are", place)];
+            self.blobs.get_or_create(&label).set(whole(amount.blobs));
+            self.bytes.get_or_create(&label).set(whole(amount.bytes));
+        };
+        // If the folder cannot be read, the last numbers stay.
+        if let Ok(here) = blobs.here() {
+            held("here", here);
+        }
+        let (Some(stored), Some(usage)) = (blobs.stored(), blobs.usage()) else {
+            return;
+        };
+        held("stored", stored);
+        let failing = usage.failing().map_or(0, |since| since.as_secs());
+        self.failing.set(whole(failing));
+        for operation in Operation::ALL {
+            let (name, count) = (operation.name(), usage.of(operation));
+            let ended = |how: &'static str, number: u64| {
+                let labels = [("operation", name), ("ended", how)];
+                let counter = self.operations.get_or_create(&labels);
+                counter.inner().store(number, Ordering::Relaxed);
+            };
+            ended("done", count.done);
+            ended("failed", count.failed);
+            ended("altered", count.altered);
+            let label = [("operation", name)];
+            let seconds = Duration::as_secs_f64(&count.time).to_bits();
+            let time = self.seconds.get_or_create(&label);
+            time.inner().store(seconds, Ordering::Relaxed);
+            if matches!(operation, Operation::Put | Operation::Get) {
+                let moved = self.moved.get_or_create(&label);
+                moved.inner().store(count.bytes, Ordering::Relaxed);
+            }
+        }
+    }
+}

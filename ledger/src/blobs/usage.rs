@@ -1,0 +1,136 @@
+//! What a store was asked for, and how it answered: counts for whoever watches it.
+
+use super::error::BlobError;
+use std::sync::{Mutex, PoisonError};
+use std::time::{Duration, Instant};
+use zk0_circuits::Digest;
+
+/// What a store can be asked for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Operation {
+    /// To store a blob.
+    Put,
+    /// To give a blob.
+    Get,
+    /// To say how large a blob is.
+    Size,
+    /// To remove a blob.
+    Remove,
+    /// To list the blobs.
+    List,
+}
+
+impl Operation {
+    /// All of them.
+    pub const ALL: [Self; 5] = [Self::Put, Self::Get, Self::Size, Self::Remove, Self::List];
+
+    /// Its name in one word.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Put => "put",
+            Self::Get => "get",
+            Self::Size => "size",
+            Self::Remove => "remove",
+            Self::List => "list",
+        }
+    }
+}
+
+/// How often a store was asked for one thing. A blob that is stored or read in many parts counts once.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Count {
+    /// It did what it was asked for.
+    pub done: u64,
+    /// It failed, and trying again did not help.
+    pub failed: u64,
+    /// It had something else under the name of the blob, or nothing.
+    pub altered: u64,
+    /// Bytes of the blobs that were stored or read.
+    pub bytes: u64,
+    /// The time that all of it took.
+    pub time: Duration,
+}
+
+/// What a store was asked for since the process began.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Usage {
+    counts: [Count; Operation::ALL.len()],
+    /// When it failed first after it had last answered.
+    failing: Option<Instant>,
+}
+
+impl Usage {
+    /// How often the store was asked for this.
+    pub fn of(&self, operation: Operation) -> Count {
+        self.counts[operation as usize]
+    }
+
+    /// For how long it has failed whatever it was asked for; `None` if it answered last.
+    pub fn failing(&self) -> Option<Duration> {
+        self.failing.map(|since| since.elapsed())
+    }
+}
+
+/// How many blobs a place holds.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Amount {
+    /// Their number.
+    pub blobs: u64,
+    /// Their bytes in all.
+    pub bytes: u64,
+}
+
+impl Amount {
+    pub(super) fn of(blobs: &[(Digest, u64)]) -> Self {
+        Self {
+            blobs: blobs.len() as u64,
+            bytes: blobs.iter().map(|(_, size)| size).sum(),
+        }
+    }
+}
+
+/// Counts what a store is asked for.
+#[derive(Debug, Default)]
+pub(super) struct Counting(Mutex<Usage>);
+
+impl Counting {
+    pub(super) fn now(&self) -> Usage {
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Does `work`, which asks the store, and counts it. `bytes` says how many bytes of a blob were moved.
+    pub(super) fn count<T>(
+        &self,
+        operation: Operation,
+        work: impl FnOnce() -> Result<T, BlobError>,
+        bytes: impl FnOnce(&T) -> u64,
+    ) -> Result<T, BlobError> {
+        let begun = Instant::now();
+        let done = work();
+        let mut usage = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let count = &mut usage.counts[operation as usize];
+        count.time = count.time.saturating_add(begun.elapsed());
+        let failing = match &done {
+            Ok(moved) => {
+                count.done += 1;
+                count.bytes = count.bytes.saturating_add(bytes(moved));
+                false
+            }
+            Err(BlobError::Store(_)) => {
+                count.failed += 1;
+                true
+            }
+            Err(BlobError::Altered { .. }) => {
+                count.altered += 1;
+                false
+            }
+            // The folder failed, and not the store.
+            Err(_) => return done,
+        };
+        usage.failing = match failing {
+            true => usage.failing.or(Some(Instant::now())),
+            false => None,
+        };
+        done
+    }
+}
