@@ -4,6 +4,7 @@ use anyhow::Result;
 use std::env;
 use std::path::Path;
 use std::time::Duration;
+use zk0_bucket::public_log::PublicLog;
 use zk0_bucket::waiting::Patience;
 use zk0_bucket::Bucket;
 use zk0_ledger::blobs::Blobs;
@@ -53,11 +54,25 @@ impl BlobStoreOptions {
         let Some(address) = &self.blob_store else {
             return Ok(None);
         };
-        // Names and values that are not text are not settings of a store.
-        let variables: Vec<_> = env::vars_os()
-            .filter_map(|(name, value)| Some((name.into_string().ok()?, value.into_string().ok()?)))
-            .collect();
-        let patience = Patience(Duration::from_secs(self.blob_store_seconds));
-        Ok(Some(Bucket::open(address, &variables, patience)?))
+        Ok(Some(Bucket::open(address, &variables(), self.patience())?))
     }
+
+    /// A published log in the store at `address`.
+    ///
+    /// # Errors
+    /// Those of [`Self::blobs`].
+    pub fn public_log(&self, address: &str) -> Result<PublicLog> {
+        Ok(PublicLog::open(address, &variables(), self.patience())?)
+    }
+
+    fn patience(&self) -> Patience {
+        Patience(Duration::from_secs(self.blob_store_seconds))
+    }
+}
+
+/// The environment. Names and values that are not text are not settings of a store.
+fn variables() -> Vec<(String, String)> {
+    env::vars_os()
+        .filter_map(|(name, value)| Some((name.into_string().ok()?, value.into_string().ok()?)))
+        .collect()
 }

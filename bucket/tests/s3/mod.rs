@@ -7,7 +7,7 @@ use self::failing_network::FailingNetwork;
 use std::env;
 use std::fs;
 use std::net::{TcpListener, TcpStream};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
@@ -39,6 +39,52 @@ fn program() -> Option<PathBuf> {
         .find(|program| program.is_file())
 }
 
+/// Starts a server of the buckets in `root`, and returns its port.
+fn started(program: &Path, credentials: &[&str], root: &Path) -> (Child, u16) {
+    // The server cannot say which port it took, so it gets one that was free a moment ago.
+    let port = {
+        let free = TcpListener::bind("127.0.0.1:0").unwrap();
+        free.local_addr().unwrap().port()
+    };
+    let process = Command::new(program)
+        .args(["--host", "127.0.0.1", "--port", &port.to_string()])
+        .args(credentials)
+        .arg(root)
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    let begun = Instant::now();
+    while TcpStream::connect(("127.0.0.1", port)).is_err() {
+        assert!(
+            begun.elapsed() < Duration::from_secs(20),
+            "s3s-fs does not serve"
+        );
+        sleep(Duration::from_millis(20));
+    }
+    (process, port)
+}
+
+/// A server of the same buckets that asks nobody who he is, ended when it is dropped.
+pub struct OpenToAll {
+    process: Child,
+    port: u16,
+}
+
+impl OpenToAll {
+    /// The address of what is under a prefix in the bucket.
+    pub fn url(&self, prefix: &str) -> String {
+        format!("http://127.0.0.1:{}/{BUCKET}/{prefix}", self.port)
+    }
+}
+
+impl Drop for OpenToAll {
+    fn drop(&mut self) {
+        let _ = self.process.kill();
+        let _ = self.process.wait();
+    }
+}
+
 impl S3 {
     /// Starts a server, or returns `None` after saying how to get it.
     pub fn start() -> Option<Self> {
@@ -48,27 +94,8 @@ impl S3 {
         };
         let root = tempfile::tempdir().unwrap();
         fs::create_dir(root.path().join(BUCKET)).unwrap();
-        // The server cannot say which port it took, so it gets one that was free a moment ago.
-        let port = {
-            let free = TcpListener::bind("127.0.0.1:0").unwrap();
-            free.local_addr().unwrap().port()
-        };
-        let process = Command::new(program)
-            .args(["--host", "127.0.0.1", "--port", &port.to_string()])
-            .args(["--access-key", ACCESS_KEY, "--secret-key", SECRET_KEY])
-            .arg(root.path())
-            .stdout(Stdio::null())
-            .stderr(Stdio::null())
-            .spawn()
-            .unwrap();
-        let begun = Instant::now();
-        while TcpStream::connect(("127.0.0.1", port)).is_err() {
-            assert!(
-                begun.elapsed() < Duration::from_secs(20),
-                "s3s-fs does not serve"
-            );
-            sleep(Duration::from_millis(20));
-        }
+        let credentials = ["--access-key", ACCESS_KEY, "--secret-key", SECRET_KEY];
+        let (process, port) = started(&program, &credentials, root.path());
         Some(Self {
             process,
             root,
@@ -105,8 +132,19 @@ impl S3 {
 
     /// The folder in which the server keeps blobs.
     pub fn folder(&self, prefix: &str) -> PathBuf {
-        let bucket = self.root.path().join(BUCKET);
-        bucket.join(prefix).join("blobs").join("sha256")
+        self.root(prefix).join("blobs").join("sha256")
+    }
+
+    /// The folder in which the server keeps what is under a prefix.
+    pub fn root(&self, prefix: &str) -> PathBuf {
+        self.root.path().join(BUCKET).join(prefix)
+    }
+
+    /// Lets anybody read what is in the bucket, as the owner of a real one may.
+    pub fn open_to_all(&self) -> OpenToAll {
+        let program = program().unwrap();
+        let (process, port) = started(&program, &[], self.root.path());
+        OpenToAll { process, port }
     }
 
     /// How many files of unfinished uploads the server has.

@@ -2,6 +2,7 @@
 
 mod enrolment;
 mod init;
+mod log_store;
 mod metrics;
 mod network_edge;
 mod policy_folders;

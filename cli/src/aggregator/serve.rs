@@ -1,5 +1,6 @@
 //! `zk0 aggregator serve`: run the rounds of a network.
 
+use super::log_store::LogStoreOptions;
 use super::metrics::MetricsOptions;
 use super::network_edge::NetworkEdge;
 use super::policy_folders::PolicyFolderOptions;
@@ -71,6 +72,8 @@ pub struct Serve {
     #[arg(long, value_name = "BYTES", requires = "blob_store")]
     blob_cache_bytes: Option<u64>,
     #[command(flatten)]
+    log_store: LogStoreOptions,
+    #[command(flatten)]
     metrics: MetricsOptions,
     #[command(flatten)]
     pub otlp: OtlpOptions,
@@ -96,6 +99,9 @@ pub fn serve(options: &Serve) -> Result<()> {
     let rules = aggregator.state().rules();
     let policy = chosen_witnesses(&options.dir, rules, options.witness_policy.as_deref())?;
     let folders = options.folders.open(&aggregator, options.rounds)?;
+    let log_store = options
+        .log_store
+        .open(&options.dir, &blobs, &options.store)?;
     let certificate = options.edge.certificate()?;
     let (limits, log_limits) = options.edge.limits(options.log_listen.is_some());
     online_until(ENDING, async {
@@ -125,12 +131,17 @@ pub fn serve(options: &Serve) -> Result<()> {
         tracing::info!(listening = %address, "the aggregator of network {network} listens on {address}");
         let log = serve_log(options, blobs, certificate, log_limits).await?;
         let metrics = options.metrics.serve(&service).await?;
+        let (log_ended, log_stopped) = oneshot::channel();
+        let log_store = log_store.map(|store| tokio::spawn(store.follow(log_stopped)));
         let (ended, stopped) = oneshot::channel();
         let folders = folders.map(|folders| tokio::spawn(folders.follow(service.clone(), stopped)));
         let served = service.serve(listener, stop).await;
-        drop(ended);
+        drop((ended, log_ended));
         if let Some(folders) = folders {
             folders.await?;
+        }
+        if let Some(log_store) = log_store {
+            log_store.await??;
         }
         for server in [log, metrics].into_iter().flatten() {
             server.abort();

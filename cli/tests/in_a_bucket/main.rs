@@ -6,6 +6,7 @@ mod harness;
 mod s3;
 
 mod observed;
+mod published;
 
 use harness::network::LocalNetwork;
 use harness::serving::Serving;

@@ -1,13 +1,11 @@
 //! Export: a ledger as plain files in the tlog-tiles layout. Any web server can serve them, any archive can keep them, and
 //! [`crate::published::mirror`] makes a ledger of them again.
 
-use crate::blobs::{BlobError, Blobs};
-use crate::error::{io_error, LedgerError};
+use crate::blobs::BlobError;
+use crate::error::LedgerError;
+use crate::published::place::{Folder, Place, PlaceError};
 use crate::published::publication::{Content, Publication, PublicationError};
-use std::fs;
-use std::io::Read;
-use std::path::{Path, PathBuf};
-use zk0_files::{atomic_file, bounded_file};
+use std::path::Path;
 use zk0_protocol::tlog::checkpoint::{CheckpointError, MAX_NOTE_BYTES};
 use zk0_protocol::tlog::layout::{tiles, Resource};
 use zk0_protocol::tlog::witness_policy::WitnessPolicy;
@@ -31,81 +29,79 @@ pub enum ExportError {
     /// The ledger publishes nothing.
     #[error(transparent)]
     Publication(#[from] PublicationError),
-    /// The ledger cannot be read, or the export cannot be written.
+    /// The ledger cannot be read.
     #[error(transparent)]
     Ledger(#[from] LedgerError),
-    /// A blob does not have the digest in its name.
+    /// A blob of the ledger cannot be read.
     #[error(transparent)]
     Blob(#[from] BlobError),
-    /// The folder holds another log.
-    #[error("{path} is not a checkpoint of this log ({error}): choose another folder")]
+    /// The export cannot be written.
+    #[error(transparent)]
+    Place(#[from] PlaceError),
+    /// There is an export of another log.
+    #[error("the checkpoint in {place} is not one of this log ({error}): choose another place")]
     Other {
-        path: PathBuf,
+        place: String,
         error: CheckpointError,
     },
 }
 
-/// Writes what `view` publishes to `out`, or brings an older export of the same log up to date. The checkpoint is written last, so a
-/// reader always finds everything that the checkpoint covers.
+/// Writes what `view` publishes to the folder `out`, as [`export_to`] does.
 pub fn export(view: &Publication, out: &Path) -> Result<Exported, ExportError> {
-    continues(view, out)?;
+    export_to(view, &mut Folder::at(out))
+}
+
+/// Writes what `view` publishes to `place`, or brings an older export of the same log up to date. The checkpoint is written last, so a
+/// reader always finds everything that the checkpoint covers.
+pub fn export_to(view: &Publication, place: &mut dyn Place) -> Result<Exported, ExportError> {
+    continues(view, place)?;
     let mut exported = Exported {
         entries: view.checkpoint().size,
         ..Exported::default()
     };
     for tile in tiles(view.checkpoint().size) {
-        let path = out.join(tile.to_string());
         // A tile never changes.
-        if path.exists() {
+        if place.holds_tile(&tile) {
             continue;
         }
-        if let Some(Content::Bytes(bytes)) = view.read(&Resource::Tile(tile))? {
-            write(&path, &bytes)?;
+        let resource = Resource::Tile(tile);
+        if let Some(Content::Bytes(bytes)) = view.read(&resource)? {
+            place.put(&resource, &bytes)?;
             exported.tiles += 1;
         }
     }
-    let (from, to) = (view.blobs(), Blobs::at(out));
-    for digest in view.public_blobs() {
-        if to.contains(digest) {
+    let blobs = view.blobs();
+    for blob in view.public_blobs() {
+        if place.holds_blob(blob) {
             continue;
         }
-        if !from.contains(digest) {
-            exported.missing_blobs += 1;
-            continue;
-        }
-        let path = from.path(digest);
-        let mut file = from.file_once(digest)?;
-        let mut writer = to.writer(u64::MAX)?;
-        let mut buffer = vec![0; 64 << 10];
-        loop {
-            let read = file.read(&mut buffer).map_err(io_error(&path))?;
-            if read == 0 {
-                break;
+        match blobs.file_once(blob) {
+            Err(BlobError::Missing(_)) => exported.missing_blobs += 1,
+            file => {
+                place.put_blob(blob, file?)?;
+                exported.blobs += 1;
             }
-            writer.write(&buffer[..read])?;
         }
-        writer.finish(digest)?;
-        exported.blobs += 1;
     }
     for resource in [Resource::Pruned, Resource::Policy, Resource::Checkpoint] {
         if let Some(Content::Bytes(bytes)) = view.read(&resource)? {
-            write(&out.join(resource.to_string()), &bytes)?;
+            place.put(&resource, &bytes)?;
         }
     }
     Ok(exported)
 }
 
 /// Refuses to change an export of another log, and an export that has more entries than the log has now.
-fn continues(view: &Publication, out: &Path) -> Result<(), ExportError> {
-    let path = out.join(Resource::Checkpoint.to_string());
-    let there = bounded_file::start_if_there(&path, MAX_NOTE_BYTES as u64 + 1);
-    let Some(text) = there.map_err(io_error(&path))? else {
+fn continues(view: &Publication, place: &dyn Place) -> Result<(), ExportError> {
+    let Some(text) = place.checkpoint(MAX_NOTE_BYTES as u64 + 1)? else {
         return Ok(());
     };
-    let there = WitnessPolicy::none()
-        .open(&text, view.key())
-        .map_err(|error| ExportError::Other { path, error })?
-        .checkpoint;
+    let other = |error| ExportError::Other {
+        place: place.name(),
+        error,
+    };
+    let there = WitnessPolicy::none().open(&text, view.key());
+    let there = there.map_err(other)?.checkpoint;
     if there.size > view.checkpoint().size {
         return Err(LedgerError::RolledBack {
             held: view.checkpoint().size,
@@ -123,11 +119,4 @@ fn continues(view: &Publication, out: &Path) -> Result<(), ExportError> {
         }
         .into()),
     }
-}
-
-/// Writes a file, and the folders above it where they are missing.
-fn write(path: &Path, bytes: &[u8]) -> Result<(), LedgerError> {
-    fs::create_dir_all(atomic_file::folder_of(path))
-        .and_then(|()| atomic_file::replace(path, bytes))
-        .map_err(io_error(path))
 }

@@ -1,7 +1,7 @@
 //! A log as it is published, and how others read and copy it.
 //!
 //! - [`publication`]: what a ledger's folder publishes at this moment; [`tiles`]: its bytes from the database; [`export`]: all of
-//!   it as plain files.
+//!   it as plain files; [`place`]: where these are written.
 //! - [`source`]: where a published log is read from: a folder, or an address ([`web`]).
 //! - [`reader`]: a reader of such a log, who trusts none of its files; [`mirror`]: a ledger's folder made from one.
 //! - [`http_client`]: asks servers of logs, and others.
@@ -9,6 +9,7 @@
 pub mod export;
 pub mod http_client;
 pub mod mirror;
+pub mod place;
 pub mod publication;
 pub mod reader;
 pub mod source;

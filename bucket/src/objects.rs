@@ -1,0 +1,217 @@
+//! The objects under one address: stored whole or in parts, listed, and with errors that say what failed and why.
+
+use crate::address::{self, AddressError};
+use crate::waiting::{Patience, Waiting};
+use object_store::path::Path as ObjectPath;
+use object_store::{
+    Attributes, Error, MultipartUpload, ObjectStore, PutMultipartOptions, PutOptions,
+};
+use std::error::Error as _;
+use std::fs::File;
+use std::future::Future;
+use std::io::{self, Read};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::time::timeout;
+use tokio_stream::StreamExt;
+use zk0_files::atomic_file::{folder_of, sync_folder};
+use zk0_ledger::blobs::error::StoreError;
+
+/// Larger objects are stored and read in parts of this size. A cut connection then costs one part, and one part is in memory.
+pub const PART_BYTES: u64 = 8 << 20;
+
+/// How long it is tried to remove the parts of an upload that failed.
+const ABORT: Duration = Duration::from_secs(5);
+
+/// An error's text is cut after so many characters. Servers answer with whole documents.
+const LONGEST_WHY: usize = 400;
+
+/// What errors of two kinds begin with.
+const REFUSED: &str = "it refuses the credentials, or they lack a permission: ";
+const NOTHING: &str = "there is no such bucket or object: ";
+
+/// The objects under one address.
+#[derive(Debug)]
+pub(crate) struct Objects {
+    pub(crate) address: String,
+    pub(crate) client: Arc<dyn ObjectStore>,
+    /// What the names of all objects begin with.
+    pub(crate) prefix: ObjectPath,
+    folder: Option<PathBuf>,
+    waiting: Waiting,
+}
+
+impl Objects {
+    /// The objects at `address`. Credentials are in `variables`, as names and values. This asks nobody.
+    pub(crate) fn open(
+        address: &str,
+        variables: &[(String, String)],
+        patience: Patience,
+    ) -> Result<Self, AddressError> {
+        let opened = address::open(address, variables, patience)?;
+        Ok(Self {
+            address: opened.address,
+            client: opened.objects,
+            prefix: opened.prefix,
+            folder: opened.folder,
+            waiting: Waiting::new().map_err(AddressError::Threads)?,
+        })
+    }
+
+    /// Whether this is a folder. Its client takes no attributes.
+    pub(crate) fn is_folder(&self) -> bool {
+        self.folder.is_some()
+    }
+
+    /// Waits for `work`.
+    pub(crate) fn wait_for<T: Send>(&self, work: impl Future<Output = T> + Send) -> T {
+        self.waiting.wait_for(work)
+    }
+
+    /// What failed, and why.
+    pub(crate) fn failed(&self, what: &str, error: &Error) -> StoreError {
+        let mut why = error.to_string();
+        let mut cause = error.source();
+        while let Some(error) = cause {
+            let text = error.to_string();
+            if !why.contains(&text) {
+                why = format!("{why}: {text}");
+            }
+            cause = error.source();
+        }
+        // Of a list that fails, the crate gives the status only in the text.
+        let has = |status: &str| why.contains(&format!("status code: {status}"));
+        let hint = match error {
+            Error::PermissionDenied { .. } | Error::Unauthenticated { .. } => REFUSED,
+            Error::NotFound { .. } => NOTHING,
+            _ if has("401") || has("403") => REFUSED,
+            _ if has("404") => NOTHING,
+            _ => "",
+        };
+        let one_line = why.split_whitespace().collect::<Vec<_>>().join(" ");
+        let mut why = format!("{hint}{one_line}");
+        if let Some((end, _)) = why.char_indices().nth(LONGEST_WHY) {
+            why.truncate(end);
+            why.push('…');
+        }
+        self.error(what, why)
+    }
+
+    /// What failed, and why.
+    pub(crate) fn error(&self, what: &str, why: String) -> StoreError {
+        StoreError {
+            address: self.address.clone(),
+            what: what.into(),
+            why,
+        }
+    }
+
+    /// Stores the `size` bytes of a file from its place on. They are durable when this returns. `what` says for errors what this is.
+    pub(crate) fn put(
+        &self,
+        what: &str,
+        object: &ObjectPath,
+        (file, size): (File, u64),
+        attributes: Attributes,
+    ) -> Result<(), StoreError> {
+        self.wait_for(self.stored(what, object, (file, size), attributes))?;
+        self.sync(object)
+            .map_err(|error| self.error(what, error.to_string()))
+    }
+
+    async fn stored(
+        &self,
+        what: &str,
+        object: &ObjectPath,
+        (mut file, size): (File, u64),
+        attributes: Attributes,
+    ) -> Result<(), StoreError> {
+        let unreadable = |error: io::Error| self.error(what, error.to_string());
+        let failed = |error: Error| self.failed(what, &error);
+        if size <= PART_BYTES {
+            let bytes = part(&mut file).map_err(unreadable)?;
+            let options = PutOptions::from(attributes);
+            let put = self.client.put_opts(object, bytes.into(), options);
+            return put.await.map(drop).map_err(failed);
+        }
+        let options = PutMultipartOptions::from(attributes);
+        let upload = self.client.put_multipart_opts(object, options);
+        let mut upload = upload.await.map_err(failed)?;
+        let stored = async {
+            loop {
+                let bytes = part(&mut file).map_err(unreadable)?;
+                if bytes.is_empty() {
+                    break;
+                }
+                upload.put_part(bytes.into()).await.map_err(failed)?;
+            }
+            upload.complete().await.map_err(failed)
+        };
+        match stored.await {
+            Ok(_) => Ok(()),
+            Err(error) => {
+                // What cannot be removed now, the bucket's own rules have to remove.
+                let _ = timeout(ABORT, upload.abort()).await;
+                Err(error)
+            }
+        }
+    }
+
+    /// Stores a few bytes. They are durable when this returns.
+    pub(crate) fn put_bytes(
+        &self,
+        what: &str,
+        object: &ObjectPath,
+        bytes: Vec<u8>,
+        attributes: Attributes,
+    ) -> Result<(), StoreError> {
+        let options = PutOptions::from(attributes);
+        let put = self.client.put_opts(object, bytes.into(), options);
+        self.wait_for(put)
+            .map_err(|error| self.failed(what, &error))?;
+        self.sync(object)
+            .map_err(|error| self.error(what, error.to_string()))
+    }
+
+    /// The client of a folder writes files, but does not wait for the disk.
+    fn sync(&self, object: &ObjectPath) -> io::Result<()> {
+        let Some(folder) = &self.folder else {
+            return Ok(());
+        };
+        let path = folder.join(object.as_ref());
+        File::open(&path)?.sync_all()?;
+        let mut above = folder_of(&path);
+        loop {
+            sync_folder(above)?;
+            if above == folder {
+                return Ok(());
+            }
+            above = folder_of(above);
+        }
+    }
+
+    /// All objects whose names begin with `place`, each with its size.
+    pub(crate) fn list(
+        &self,
+        what: &str,
+        place: &ObjectPath,
+    ) -> Result<Vec<(ObjectPath, u64)>, StoreError> {
+        self.wait_for(async {
+            let mut objects = self.client.list(Some(place));
+            let mut found = Vec::new();
+            while let Some(object) = objects.next().await {
+                let object = object.map_err(|error| self.failed(what, &error))?;
+                found.push((object.location, object.size));
+            }
+            Ok(found)
+        })
+    }
+}
+
+/// The next part of a file; nothing at its end.
+fn part(file: &mut File) -> io::Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    file.take(PART_BYTES).read_to_end(&mut bytes)?;
+    Ok(bytes)
+}

@@ -1,0 +1,168 @@
+//! A log as it is published, in a bucket that anybody may read: the files of an export, by the same paths. Whatever serves the bucket over
+//! HTTP serves the log.
+
+use crate::address::AddressError;
+use crate::objects::Objects;
+use crate::waiting::Patience;
+use object_store::path::Path as ObjectPath;
+use object_store::{Attribute, Attributes, Error, ObjectStoreExt};
+use sha2::{Digest as _, Sha256};
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs::File;
+use std::io::{self, Seek};
+use tokio_stream::StreamExt;
+use zk0_circuits::Digest;
+use zk0_ledger::blobs::error::{BlobError, StoreError};
+use zk0_ledger::published::place::{Place, PlaceError};
+use zk0_protocol::tlog::layout::{Resource, Tile};
+
+/// What a server of the bucket says to caches about files that never change, and about the others.
+const IMMUTABLE: &str = "public, max-age=31536000, immutable";
+const NO_CACHE: &str = "no-cache";
+
+/// The published log under one address. Nobody else may write there.
+#[derive(Debug)]
+pub struct PublicLog {
+    objects: Objects,
+    /// The paths of the files that are there.
+    there: BTreeSet<String>,
+    /// What was written of the files that change.
+    written: BTreeMap<String, Vec<u8>>,
+}
+
+/// Why the place of a log cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum PublicLogError {
+    /// The address or a setting is wrong.
+    #[error(transparent)]
+    Address(#[from] AddressError),
+    /// The store does not answer.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+}
+
+impl PublicLog {
+    /// The log at `address`. Credentials are in `variables`, as names and values. Reads the list of what is there.
+    pub fn open(
+        address: &str,
+        variables: &[(String, String)],
+        patience: Patience,
+    ) -> Result<Self, PublicLogError> {
+        let objects = Objects::open(address, variables, patience)?;
+        let listed = objects.list("listing the published log", &objects.prefix)?;
+        let inside = |(name, _): &(ObjectPath, u64)| {
+            let parts: Vec<_> = name.prefix_match(&objects.prefix)?.collect();
+            let parts: Vec<_> = parts.iter().map(|part| part.as_ref().to_owned()).collect();
+            Some(parts.join("/"))
+        };
+        Ok(Self {
+            there: listed.iter().filter_map(inside).collect(),
+            written: BTreeMap::new(),
+            objects,
+        })
+    }
+
+    fn object(&self, path: &str) -> ObjectPath {
+        let parts = path.split('/').map(str::to_owned);
+        parts.fold(self.objects.prefix.clone(), |above, part| above.join(part))
+    }
+
+    fn attributes(&self, resource: &Resource) -> Attributes {
+        let mut attributes = Attributes::new();
+        if self.objects.is_folder() {
+            return attributes;
+        }
+        let (cache, kind) = match resource {
+            Resource::Checkpoint | Resource::Policy => (NO_CACHE, "text/plain; charset=utf-8"),
+            Resource::Pruned => (NO_CACHE, "application/octet-stream"),
+            Resource::Tile(_) | Resource::Blob(_) => (IMMUTABLE, "application/octet-stream"),
+        };
+        attributes.insert(Attribute::CacheControl, cache.into());
+        attributes.insert(Attribute::ContentType, kind.into());
+        attributes
+    }
+
+    fn failed(&self, path: &str, error: &Error) -> PlaceError {
+        let failed = self.objects.failed(&format!("publishing {path}"), error);
+        BlobError::from(failed).into()
+    }
+}
+
+impl Place for PublicLog {
+    fn name(&self) -> String {
+        self.objects.address.clone()
+    }
+
+    fn checkpoint(&self, limit: u64) -> Result<Option<Vec<u8>>, PlaceError> {
+        let path = Resource::Checkpoint.to_string();
+        let object = self.object(&path);
+        let read = async {
+            let found = match self.objects.client.get(&object).await {
+                Err(Error::NotFound { .. }) => return Ok(None),
+                found => found?,
+            };
+            let (mut bytes, mut parts) = (Vec::new(), found.into_stream());
+            while let Some(part) = parts.next().await {
+                bytes.extend_from_slice(&part?);
+                // Nobody makes us read more than a checkpoint may have.
+                if bytes.len() as u64 >= limit {
+                    break;
+                }
+            }
+            Ok(Some(bytes))
+        };
+        let read = self.objects.wait_for(read);
+        read.map_err(|error: Error| self.failed(&path, &error))
+    }
+
+    fn holds_tile(&self, tile: &Tile) -> bool {
+        self.there.contains(&Resource::Tile(*tile).to_string())
+    }
+
+    fn holds_blob(&self, blob: &Digest) -> bool {
+        self.there.contains(&Resource::Blob(*blob).to_string())
+    }
+
+    fn put(&mut self, resource: &Resource, bytes: &[u8]) -> Result<(), PlaceError> {
+        let path = resource.to_string();
+        if self.written.get(&path).is_some_and(|there| there == bytes) {
+            return Ok(());
+        }
+        let (what, object) = (format!("publishing {path}"), self.object(&path));
+        let attributes = self.attributes(resource);
+        let put = self
+            .objects
+            .put_bytes(&what, &object, bytes.to_vec(), attributes);
+        put.map_err(BlobError::from)?;
+        if !matches!(resource, Resource::Tile(_)) {
+            self.written.insert(path.clone(), bytes.to_vec());
+        }
+        self.there.insert(path);
+        Ok(())
+    }
+
+    fn put_blob(&mut self, blob: &Digest, mut file: File) -> Result<(), PlaceError> {
+        let resource = Resource::Blob(*blob);
+        let path = resource.to_string();
+        let what = format!("publishing {path}");
+        let unreadable =
+            |error: io::Error| BlobError::from(self.objects.error(&what, error.to_string()));
+        // What has another digest is not published.
+        let mut hasher = Sha256::new();
+        let size = io::copy(&mut file, &mut hasher).map_err(unreadable)?;
+        let actual = Digest(hasher.finalize().into());
+        if actual != *blob {
+            return Err(BlobError::WrongDigest {
+                expected: *blob,
+                actual,
+            }
+            .into());
+        }
+        file.rewind().map_err(unreadable)?;
+        let (object, attributes) = (self.object(&path), self.attributes(&resource));
+        let put = self.objects.put(&what, &object, (file, size), attributes);
+        put.map_err(BlobError::from)?;
+        self.there.insert(path);
+        Ok(())
+    }
+}

@@ -1,0 +1,141 @@
+//! `zk0 aggregator serve --log-store ADDRESS`: the published log as files in a bucket that anybody may read.
+//!
+//! The files are written beside the rounds, which do not wait for them. If that fails, the log says so, and it is tried again.
+
+use crate::blob_store::BlobStoreOptions;
+use anyhow::{bail, Result};
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+use tokio::sync::oneshot;
+use tokio::task::spawn_blocking;
+use tokio::time::{sleep, timeout};
+use zk0_bucket::public_log::PublicLog;
+use zk0_ledger::blobs::Blobs;
+use zk0_ledger::published::export::export_to;
+use zk0_ledger::published::publication::{Publication, PublicationError};
+
+/// How often the log is looked at.
+const TICK: Duration = Duration::from_secs(1);
+
+/// How long to wait after the log could not be written.
+const RETRY: Duration = Duration::from_secs(10);
+
+/// How long the last files may take when the aggregator ends.
+const ENDING: Duration = Duration::from_secs(5);
+
+/// Where the published log is written.
+#[derive(Debug, clap::Args)]
+pub struct LogStoreOptions {
+    /// Also write the published log (checkpoint, tiles, and the weights and proofs that are public) as files into the store at this address, in
+    /// the form of --blob-store, and with the same credentials. Anybody may read them there: this must not be the address of --blob-store
+    #[arg(long, value_name = "ADDRESS")]
+    log_store: Option<String>,
+}
+
+/// Writes the published log.
+pub struct LogStore {
+    dir: PathBuf,
+    blobs: Blobs,
+    place: PublicLog,
+    /// What was written last.
+    before: Option<Publication>,
+}
+
+impl LogStoreOptions {
+    /// What writes the published log of the ledger in `dir`, if the operator wants that.
+    ///
+    /// # Errors
+    /// The address or the credentials are wrong, the store does not answer, or it is the one of the blobs.
+    pub fn open(
+        &self,
+        dir: &Path,
+        blobs: &Blobs,
+        store: &BlobStoreOptions,
+    ) -> Result<Option<LogStore>> {
+        let Some(address) = &self.log_store else {
+            return Ok(None);
+        };
+        let private = blobs.store_address().unwrap_or_default();
+        if format!("{private}/").starts_with(&format!("{}/", address.trim_end_matches('/'))) {
+            bail!(
+                "--log-store {address} would publish the blob store {private}, which also holds what is not public: use another bucket or prefix"
+            );
+        }
+        Ok(Some(LogStore {
+            dir: dir.into(),
+            blobs: blobs.clone(),
+            place: store.public_log(address)?,
+            before: None,
+        }))
+    }
+}
+
+impl LogStore {
+    /// Writes what is published, until `stopped` is ready, and then what is left.
+    pub async fn follow(mut self, mut stopped: oneshot::Receiver<()>) -> Result<()> {
+        let (mut wait, mut said) = (TICK, None);
+        loop {
+            let ended = tokio::select! {
+                _ = &mut stopped => true,
+                () = sleep(wait) => false,
+            };
+            let writing = spawn_blocking(move || {
+                let written = self.write();
+                (self, written)
+            });
+            let written = match ended {
+                false => writing.await,
+                true => match timeout(ENDING, writing).await {
+                    Ok(written) => written,
+                    Err(_) => {
+                        tracing::warn!("the newest entries are not in the store of the log: it took too long to end");
+                        return Ok(());
+                    }
+                },
+            };
+            let (this, written) = written?;
+            self = this;
+            wait = match written {
+                Ok(()) => {
+                    said = None;
+                    TICK
+                }
+                Err(error) => {
+                    // It is tried again and again, so the log says the same reason once.
+                    let why = format!("{error:#}");
+                    if said.as_ref() != Some(&why) {
+                        tracing::error!("the log is not published in its store: {why}; this is tried again every {RETRY:?}");
+                        said = Some(why);
+                    }
+                    RETRY
+                }
+            };
+            if ended {
+                return Ok(());
+            }
+        }
+    }
+
+    /// Writes what is new.
+    fn write(&mut self) -> Result<()> {
+        if let Some(before) = &self.before {
+            if before.is_current()? {
+                return Ok(());
+            }
+        }
+        let view = match Publication::open(&self.dir, self.before.as_ref()) {
+            // The witnesses have not cosigned anything yet.
+            Err(PublicationError::NotCosigned(_)) => return Ok(()),
+            view => view?.with_blobs(self.blobs.clone()),
+        };
+        let done = export_to(&view, &mut self.place)?;
+        tracing::info!(
+            entries = done.entries,
+            tiles = done.tiles,
+            blobs = done.blobs,
+            "the log is published in its store"
+        );
+        self.before = Some(view);
+        Ok(())
+    }
+}

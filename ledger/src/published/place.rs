@@ -1,0 +1,111 @@
+//! Where an export is written: a folder, or anything else that keeps files by path, such as a bucket.
+
+use crate::blobs::{BlobError, Blobs};
+use std::fs::{self, File};
+use std::io::Read;
+use std::path::{Path, PathBuf};
+use zk0_circuits::Digest;
+use zk0_files::{atomic_file, bounded_file};
+use zk0_protocol::tlog::layout::{Resource, Tile};
+
+/// Keeps the files of an export by the paths of [`zk0_protocol::tlog::layout`]. What it has stored is durable.
+pub trait Place {
+    /// What messages call it: a path, or an address without credentials.
+    fn name(&self) -> String;
+
+    /// The checkpoint that is there, at most `limit` bytes of it; `None` if there is none.
+    fn checkpoint(&self, limit: u64) -> Result<Option<Vec<u8>>, PlaceError>;
+
+    /// Whether this tile is there.
+    fn holds_tile(&self, tile: &Tile) -> bool;
+
+    /// Whether this blob is there.
+    fn holds_blob(&self, blob: &Digest) -> bool;
+
+    /// Writes a file, or replaces it.
+    fn put(&mut self, resource: &Resource, bytes: &[u8]) -> Result<(), PlaceError>;
+
+    /// Writes a blob, unless the bytes of `file` are others than its name says.
+    fn put_blob(&mut self, blob: &Digest, file: File) -> Result<(), PlaceError>;
+}
+
+/// An export cannot be written or read.
+#[derive(Debug, thiserror::Error)]
+pub enum PlaceError {
+    /// A blob cannot be read or written, or it does not have the digest in its name.
+    #[error(transparent)]
+    Blob(#[from] BlobError),
+    /// The place failed.
+    #[error("{name}: {why}")]
+    Failed {
+        /// The file, as messages call it.
+        name: String,
+        /// Why it failed.
+        why: String,
+    },
+}
+
+/// A folder.
+pub struct Folder {
+    dir: PathBuf,
+    blobs: Blobs,
+}
+
+impl Folder {
+    /// The export in `dir`. This reads and writes nothing.
+    pub fn at(dir: &Path) -> Self {
+        Self {
+            dir: dir.into(),
+            blobs: Blobs::at(dir),
+        }
+    }
+
+    fn path(&self, resource: &Resource) -> PathBuf {
+        self.dir.join(resource.to_string())
+    }
+}
+
+fn failed(path: &Path) -> impl FnOnce(std::io::Error) -> PlaceError + '_ {
+    |error| PlaceError::Failed {
+        name: path.display().to_string(),
+        why: error.to_string(),
+    }
+}
+
+impl Place for Folder {
+    fn name(&self) -> String {
+        self.dir.display().to_string()
+    }
+
+    fn checkpoint(&self, limit: u64) -> Result<Option<Vec<u8>>, PlaceError> {
+        let path = self.path(&Resource::Checkpoint);
+        bounded_file::start_if_there(&path, limit).map_err(failed(&path))
+    }
+
+    fn holds_tile(&self, tile: &Tile) -> bool {
+        self.path(&Resource::Tile(*tile)).exists()
+    }
+
+    fn holds_blob(&self, blob: &Digest) -> bool {
+        self.blobs.contains(blob)
+    }
+
+    fn put(&mut self, resource: &Resource, bytes: &[u8]) -> Result<(), PlaceError> {
+        let path = self.path(resource);
+        fs::create_dir_all(atomic_file::folder_of(&path))
+            .and_then(|()| atomic_file::replace(&path, bytes))
+            .map_err(failed(&path))
+    }
+
+    fn put_blob(&mut self, blob: &Digest, mut file: File) -> Result<(), PlaceError> {
+        let mut writer = self.blobs.writer(u64::MAX)?;
+        let mut buffer = vec![0; 64 << 10];
+        loop {
+            let read = file.read(&mut buffer);
+            match read.map_err(failed(&self.blobs.path(blob)))? {
+                0 => return Ok(writer.finish(blob)?),
+                read => writer.write(&buffer[..read])?,
+            }
+        }
+    }
+}
