@@ -6,10 +6,11 @@ use std::collections::{BTreeMap, BTreeSet};
 type Dependencies<'a> = BTreeMap<&'a str, BTreeSet<&'a str>>;
 
 /// Each crate, and what its row of the map names.
-const MAP: [(&str, &[&str]); 18] = [
+const MAP: [(&str, &[&str]); 19] = [
     ("zk0-files", &[]),
     ("zk0-tls", &["zk0-files"]),
     ("zk0-traces", &["zk0-tls"]),
+    ("zk0-tensorboard", &[]),
     ("zk0-tensors", &[]),
     ("zk0-circuits", &[]),
     ("zk0-argument", &["zk0-circuits"]),
@@ -20,7 +21,10 @@ const MAP: [(&str, &[&str]); 18] = [
     ("zk0-ledger", &["zk0-protocol", "zk0-tls"]),
     ("zk0-verifier", &["zk0-argument", "zk0-weights"]),
     ("zk0-prover", &["zk0-argument", "zk0-traces"]),
-    ("zk0-node", &["zk0-smolvla", "zk0-weights", "zk0-prover"]),
+    (
+        "zk0-node",
+        &["zk0-smolvla", "zk0-weights", "zk0-prover", "zk0-tensorboard"],
+    ),
     (
         "zk0-aggregator",
         &["zk0-ledger", "zk0-verifier", "zk0-traces"],
