@@ -78,7 +78,11 @@ fn a_run_does_not_begin_among_the_curves_of_another() {
 fn a_later_file_has_a_later_name_though_the_clock_was_set_back() {
     let dir = tempfile::tempdir().unwrap();
     let future = dir.path().join("events.out.tfevents.9000000000.elsewhere");
-    fs::write(&future, record(&Event::scalars(1.0, 7, &[("a", 1.0)]).bytes())).unwrap();
+    fs::write(
+        &future,
+        record(&Event::scalars(1.0, 7, &[("a", 1.0)]).bytes()),
+    )
+    .unwrap();
     let file = EventFile::go_on(dir.path()).unwrap();
     file.scalars(8, &[("a", 2.0)]);
     let files = files(dir.path());

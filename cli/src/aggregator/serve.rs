@@ -1,5 +1,6 @@
 //! `zk0 aggregator serve`: run the rounds of a network.
 
+use super::hub_uploads::HubUploadOptions;
 use super::metrics::MetricsOptions;
 use super::network_edge::NetworkEdge;
 use super::policy_folders::PolicyFolderOptions;
@@ -69,6 +70,8 @@ pub struct Serve {
     #[command(flatten)]
     folders: PolicyFolderOptions,
     #[command(flatten)]
+    uploads: HubUploadOptions,
+    #[command(flatten)]
     edge: NetworkEdge,
 }
 
@@ -86,6 +89,7 @@ pub fn serve(options: &Serve) -> Result<()> {
     let rules = aggregator.state().rules();
     let policy = chosen_witnesses(&options.dir, rules, options.witness_policy.as_deref())?;
     let folders = options.folders.open(&aggregator, options.rounds)?;
+    let uploads = options.uploads.open(options.folders.out())?;
     let certificate = options.edge.certificate()?;
     let (limits, log_limits) = options.edge.limits(options.log_listen.is_some());
     online_until(ENDING, async {
@@ -114,12 +118,13 @@ pub fn serve(options: &Serve) -> Result<()> {
         let metrics = options.metrics.serve(&service).await?;
         let (ended, stopped) = oneshot::channel();
         let folders = folders.map(|folders| tokio::spawn(folders.follow(service.clone(), stopped)));
+        let uploads = uploads.map(|uploads| tokio::spawn(uploads.follow(service.clone())));
         let served = service.serve(listener, stop).await;
         drop(ended);
         if let Some(folders) = folders {
             folders.await?;
         }
-        for server in [log, metrics].into_iter().flatten() {
+        for server in [log, metrics, uploads].into_iter().flatten() {
             server.abort();
         }
         served.context("the aggregator")

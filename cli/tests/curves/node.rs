@@ -14,10 +14,19 @@ fn the_curves_of_a_node_go_on_from_round_to_round() {
     network.found(&[]);
     let folder = network.path("curves");
     // With these, the claim holds for nearly every challenge, and the round ends at once.
-    let training = ["--steps", "200", "--batch-size", "16", "--learning-rate", "5e-4"];
+    let training = [
+        "--steps",
+        "200",
+        "--batch-size",
+        "16",
+        "--learning-rate",
+        "5e-4",
+    ];
     let options = [&training[..], &["--tensorboard", &folder]].concat();
     let said = [network.joins(1, &options), network.joins(1, &options)];
-    let proven = said.iter().filter(|said| said.contains("submits the claim"));
+    let proven = said
+        .iter()
+        .filter(|said| said.contains("submits the claim"));
     let proven = proven.count();
     let curves = curves(Path::new(&folder));
     let round = |number: usize| -> Vec<f32> {
@@ -32,7 +41,13 @@ fn the_curves_of_a_node_go_on_from_round_to_round() {
     assert_eq!(steps, (1..=400).collect::<Vec<_>>());
     assert_eq!(curves["zk0/round"][&200], 0.0);
     assert_eq!(curves["zk0/round"][&201], 1.0);
-    let of_training = ["train/grad_norm", "train/loss", "train/lr", "train/update_s", "zk0/round"];
+    let of_training = [
+        "train/grad_norm",
+        "train/loss",
+        "train/lr",
+        "train/update_s",
+        "zk0/round",
+    ];
     let of_claims = ["eval/base_loss", "eval/loss"];
     match proven {
         0 => assert_eq!(names(&curves), of_training),
@@ -52,6 +67,9 @@ fn a_node_whose_curves_cannot_be_written_ends_before_it_connects() {
     let output = network.join(1, &["--tensorboard", "/proc/nothing"]);
     let said = logged(&output);
     assert_eq!(output.status.code(), Some(1), "{said}");
-    assert!(said.contains("--tensorboard: ") && said.contains("/proc/nothing"), "{said}");
+    assert!(
+        said.contains("--tensorboard: ") && said.contains("/proc/nothing"),
+        "{said}"
+    );
     assert!(!Path::new(&network.path("state")).exists(), "{said}");
 }

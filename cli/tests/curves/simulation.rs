@@ -8,7 +8,14 @@ use std::fs;
 use std::path::Path;
 
 fn simulating<'a>(out: &'a str, folder: &'a str, more: &[&'a str]) -> Vec<&'a str> {
-    let mut arguments = vec!["simulate", "--no-cache", "--steps", "8", "--batch-size", "4"];
+    let mut arguments = vec![
+        "simulate",
+        "--no-cache",
+        "--steps",
+        "8",
+        "--batch-size",
+        "4",
+    ];
     arguments.extend(["--dataset", "tests/fixtures/datasets/so100_pickplace"]);
     arguments.extend(["--dataset", "tests/fixtures/datasets/so100_stacking"]);
     arguments.extend(["--unseen", "tests/fixtures/datasets/so100_sorting_two"]);
@@ -35,13 +42,22 @@ fn each_node_is_a_run_and_a_resumed_simulation_goes_on() {
     assert_eq!(files(&Path::new(&folder).join("global")).len(), 2);
     assert_eq!(
         names(&node),
-        ["eval/loss", "train/grad_norm", "train/loss", "train/lr", "zk0/round"]
+        [
+            "eval/loss",
+            "train/grad_norm",
+            "train/loss",
+            "train/lr",
+            "zk0/round"
+        ]
     );
     for made in 0..=2 {
         let (round, step) = (round(&out, made), 8 * made);
         assert_eq!(global["eval/loss"][&step], number(&round["mean_loss"]));
         assert_eq!(node["eval/loss"][&step], number(&round["nodes"][1]["loss"]));
-        assert_eq!(unseen["eval/loss"][&step], number(&round["unseen"][0]["loss"]));
+        assert_eq!(
+            unseen["eval/loss"][&step],
+            number(&round["unseen"][0]["loss"])
+        );
         assert_eq!(node["zk0/round"][&step], made as f32);
         if made > 0 {
             let told = &round["individual_client_metrics"][1];

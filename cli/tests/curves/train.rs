@@ -49,7 +49,10 @@ fn a_run_that_was_killed_has_the_curves_of_its_metrics() {
         sleep(Duration::from_millis(1));
     }
     process.kill().unwrap();
-    assert!(!process.wait().unwrap().success(), "it ended before the kill");
+    assert!(
+        !process.wait().unwrap().success(),
+        "it ended before the kill"
+    );
 
     let resumed = zk0(&training(&paths, &["--resume"])).output().unwrap();
     assert!(resumed.status.success(), "{}", logged(&resumed));
@@ -79,7 +82,10 @@ fn what_is_wrong_with_the_folder_is_said_before_the_first_step() {
     let file = text(&dir.path().join("file")).to_owned();
     fs::write(&file, "").unwrap();
     let said = fails(&training(&[out, cache.clone(), file.clone()], &[]));
-    assert!(said.contains("--tensorboard: ") && said.contains(&file), "{said}");
+    assert!(
+        said.contains("--tensorboard: ") && said.contains(&file),
+        "{said}"
+    );
     assert!(!dir.path().join("out/metrics.jsonl").exists());
 
     let [out, _, folder] = paths(dir.path());

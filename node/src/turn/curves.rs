@@ -63,7 +63,10 @@ impl<'a> Curves<'a> {
     /// The node has proven that the loss fell from `before` to `after`.
     pub fn proven(&self, before: f64, after: f64) {
         if let Some(file) = self.file {
-            let values = [(metrics::EVAL_BASE_LOSS, before), (metrics::EVAL_LOSS, after)];
+            let values = [
+                (metrics::EVAL_BASE_LOSS, before),
+                (metrics::EVAL_LOSS, after),
+            ];
             file.scalars(self.before, &values);
         }
     }

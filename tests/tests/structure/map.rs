@@ -6,7 +6,7 @@ use std::collections::{BTreeMap, BTreeSet};
 type Dependencies<'a> = BTreeMap<&'a str, BTreeSet<&'a str>>;
 
 /// Each crate, and what its row of the map names.
-const MAP: [(&str, &[&str]); 19] = [
+const MAP: [(&str, &[&str]); 20] = [
     ("zk0-files", &[]),
     ("zk0-tls", &["zk0-files"]),
     ("zk0-traces", &["zk0-tls"]),
@@ -14,6 +14,7 @@ const MAP: [(&str, &[&str]); 19] = [
     ("zk0-tensors", &[]),
     ("zk0-circuits", &[]),
     ("zk0-argument", &["zk0-circuits"]),
+    ("zk0-hub", &[]),
     ("zk0-lerobot", &["zk0-files", "zk0-tensors"]),
     ("zk0-smolvla", &["zk0-circuits", "zk0-lerobot"]),
     ("zk0-protocol", &["zk0-argument"]),
@@ -23,7 +24,12 @@ const MAP: [(&str, &[&str]); 19] = [
     ("zk0-prover", &["zk0-argument", "zk0-traces"]),
     (
         "zk0-node",
-        &["zk0-smolvla", "zk0-weights", "zk0-prover", "zk0-tensorboard"],
+        &[
+            "zk0-smolvla",
+            "zk0-weights",
+            "zk0-prover",
+            "zk0-tensorboard",
+        ],
     ),
     (
         "zk0-aggregator",
@@ -33,7 +39,13 @@ const MAP: [(&str, &[&str]); 19] = [
     ("zk0-simulate", &["zk0-node", "zk0-verifier"]),
     (
         "zk0",
-        &["zk0-node", "zk0-aggregator", "zk0-audit", "zk0-simulate"],
+        &[
+            "zk0-node",
+            "zk0-aggregator",
+            "zk0-audit",
+            "zk0-simulate",
+            "zk0-hub",
+        ],
     ),
 ];
 
