@@ -6,6 +6,7 @@
 //! - `governance`: proposals, votes, disputes.
 //! - `train`, `eval`, `fidelity`, `dataset`: policies and recordings, without a network; `policy`: the options that they share.
 //! - `simulate`: a federation without proofs.
+//! - `publish`: the policy of a round on the Hugging Face Hub.
 //! - `demo`: a whole network as processes on this machine.
 //! - [`settings`]: how services are configured, by flags, variables and files.
 //! - [`logging`], `blob_store`, `certificate`, `chart`, `keys`, `network`, `otlp`, `serve`: what the commands share.
@@ -45,6 +46,8 @@ mod otlp;
 mod policy;
 #[cfg(feature = "full")]
 pub mod prover;
+#[cfg(feature = "full")]
+pub mod publish;
 #[cfg(feature = "full")]
 pub mod serve;
 #[cfg(feature = "full")]

@@ -64,6 +64,9 @@ enum Full {
     Governance(Box<zk0::governance::Command>),
     /// Show how an aggregator is doing: its rounds, nodes, queue and disk.
     Status(zk0::status::Options),
+    /// Publish what a network has trained.
+    #[command(subcommand)]
+    Publish(zk0::publish::Command),
     /// Make proofs for the nodes of this machine.
     #[command(subcommand)]
     Prover(zk0::prover::Command),
@@ -158,6 +161,7 @@ impl Full {
             Self::Aggregator(command) => zk0::aggregator::run(command)?,
             Self::Governance(command) => zk0::governance::run(command)?,
             Self::Status(options) => online(zk0::status::run(options))?,
+            Self::Publish(command) => zk0::publish::run(command)?,
             Self::Prover(command) => zk0::prover::run(command)?,
             Self::Train(options) => zk0::train::run(options)?,
             Self::Simulate(options) => zk0::simulate::run(options)?,

@@ -3,6 +3,7 @@
 use crate::error::ParticipantError;
 use crate::state_files;
 use serde::{Deserialize, Serialize};
+use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Largest training history that is read.
@@ -26,5 +27,39 @@ impl TrainingHistory {
     /// The history that the node with this state folder wrote in `round`; `None` if it did not train.
     pub fn read(state: &Path, round: u64) -> Result<Option<Self>, ParticipantError> {
         state_files::read_json(&Self::path(state, round), MAX_HISTORY_BYTES)
+    }
+
+    /// How many steps the node with this state folder has made in the rounds before `round`. A history that is gone or cannot be read counts
+    /// for nothing.
+    pub fn steps_before(state: &Path, round: u64) -> u64 {
+        let entries = fs::read_dir(state).into_iter().flatten().flatten();
+        let rounds = entries.filter_map(|entry| {
+            let name = entry.file_name();
+            let number = name.to_str()?.strip_prefix("round-")?;
+            number.strip_suffix(".training.json")?.parse().ok()
+        });
+        let earlier = rounds.filter(|number: &u64| *number < round);
+        let histories = earlier.filter_map(|number| Self::read(state, number).ok().flatten());
+        histories.map(|history| history.losses.len() as u64).sum()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn steps_of_earlier_rounds_are_counted() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path();
+        for (round, steps) in [(2, 5), (9, 7), (10, 11)] {
+            let losses = vec![0.5; steps];
+            let history = TrainingHistory { round, losses };
+            state_files::write_json(&TrainingHistory::path(path, round), &history).unwrap();
+        }
+        fs::write(path.join("round-3.training.json"), "{").unwrap();
+        fs::write(path.join("round-4.safetensors"), "").unwrap();
+        let counted = [0, 3, 10, 11].map(|round| TrainingHistory::steps_before(path, round));
+        assert_eq!(counted, [0, 5, 12, 23]);
     }
 }

@@ -1,6 +1,7 @@
 //! One node's part in one round: it trains, commits to the update, proves the claim, and submits it.
 
 mod control_variates;
+mod curves;
 mod last_step;
 pub mod prepared_claim;
 mod scaffold;
@@ -15,6 +16,7 @@ use crate::recording::evaluation_set::EvaluationSet;
 use crate::training_history::TrainingHistory;
 use crate::{receipts, state_files};
 use std::path::Path;
+use std::sync::Arc;
 use tracing::field::Empty;
 use tracing::{instrument, Span};
 use zk0_circuits::{Claim, Digest, Mode, QuantisedWeights, Terms, WeightsDigest};
@@ -36,8 +38,10 @@ use zk0_smolvla::train::adaptive::{adapted, Adaptation, Rates};
 use zk0_smolvla::train::measured_loss::loss_of;
 use zk0_smolvla::train::{train_on, FedCm, Samples, Step, TrainOptions, Trained};
 use zk0_smolvla::{ExpertWeights, PolicyConfig, PolicyError};
+use zk0_tensorboard::EventFile;
 use zk0_weights::Format;
 
+use curves::Curves;
 use prepared_claim::{check_room, prepare};
 use unfinished::{Decided, Part, UnfinishedUpdate};
 
@@ -59,6 +63,8 @@ pub struct Training {
     pub fedcm_alpha: f64,
     /// How mu and the learning rate change with the losses of the rounds' base weights.
     pub adaptation: Adaptation,
+    /// Where the curves of training are written for TensorBoard.
+    pub curves: Option<Arc<EventFile>>,
 }
 
 /// What a node has prepared before its first round.
@@ -169,6 +175,7 @@ impl Turn<'_> {
         );
         if let Some((before, after)) = claim.losses.means(format.spec()) {
             tracing::info!("round {round}: the node submits the claim that the loss fell from {before:.4} to {after:.4}");
+            Curves::after(training, self.state, round).proven(before, after);
         }
         let proof = ProofBlob {
             weight_check: &weight_check,
@@ -323,7 +330,7 @@ impl Turn<'_> {
             ..TrainOptions::default()
         };
         let samples = Samples::Prepared(self.entered.samples);
-        self.followed(training.steps, &mut |progress| {
+        self.followed(training, training.steps, &mut |progress| {
             train_on(
                 &training.device,
                 self.entered.config,
@@ -339,6 +346,7 @@ impl Turn<'_> {
     /// Makes `steps` steps by `train`, shows how far it is, and keeps the losses.
     fn followed(
         &self,
+        training: &Training,
         steps: usize,
         train: &mut dyn FnMut(&mut dyn FnMut(Step)) -> Result<Trained, PolicyError>,
     ) -> Result<ExpertWeights, ParticipantError> {
@@ -346,7 +354,11 @@ impl Turn<'_> {
         let counted = counted(steps as u64, "step", "steps");
         tracing::info!("round {round}: training {counted}");
         let mut progress = Progress::start("training", steps as u64);
-        let trained = train(&mut |step| progress.reached(step.step as u64))?;
+        let mut curves = Curves::of(training, self.state, round);
+        let trained = train(&mut |step| {
+            progress.reached(step.step as u64);
+            curves.stepped(&step);
+        })?;
         // Nothing needs the frozen half of the policy until the next round. It takes gigabytes.
         self.entered.samples.rest();
         let history = TrainingHistory {

@@ -1,6 +1,7 @@
 //! `zk0 aggregator`: found a network, enrol nodes, run rounds.
 
 mod enrolment;
+mod hub_uploads;
 mod init;
 mod log_store;
 mod metrics;

@@ -1,5 +1,6 @@
 //! `zk0 aggregator serve`: run the rounds of a network.
 
+use super::hub_uploads::HubUploadOptions;
 use super::log_store::LogStoreOptions;
 use super::metrics::MetricsOptions;
 use super::network_edge::NetworkEdge;
@@ -80,6 +81,8 @@ pub struct Serve {
     #[command(flatten)]
     folders: PolicyFolderOptions,
     #[command(flatten)]
+    uploads: HubUploadOptions,
+    #[command(flatten)]
     edge: NetworkEdge,
 }
 
@@ -102,6 +105,7 @@ pub fn serve(options: &Serve) -> Result<()> {
     let log_store = options
         .log_store
         .open(&options.dir, &blobs, &options.store)?;
+    let uploads = options.uploads.open(options.folders.out())?;
     let certificate = options.edge.certificate()?;
     let (limits, log_limits) = options.edge.limits(options.log_listen.is_some());
     online_until(ENDING, async {
@@ -135,6 +139,7 @@ pub fn serve(options: &Serve) -> Result<()> {
         let log_store = log_store.map(|store| tokio::spawn(store.follow(log_stopped)));
         let (ended, stopped) = oneshot::channel();
         let folders = folders.map(|folders| tokio::spawn(folders.follow(service.clone(), stopped)));
+        let uploads = uploads.map(|uploads| tokio::spawn(uploads.follow(service.clone())));
         let served = service.serve(listener, stop).await;
         drop((ended, log_ended));
         if let Some(folders) = folders {
@@ -143,7 +148,7 @@ pub fn serve(options: &Serve) -> Result<()> {
         if let Some(log_store) = log_store {
             log_store.await??;
         }
-        for server in [log, metrics].into_iter().flatten() {
+        for server in [log, metrics, uploads].into_iter().flatten() {
             server.abort();
         }
         served.context("the aggregator")

@@ -4,11 +4,13 @@ use crate::network::Membership;
 use crate::otlp::OtlpOptions;
 use anyhow::{Context, Result};
 use std::path::PathBuf;
+use std::sync::Arc;
 use zk0_node::turn::Training;
 use zk0_prover::service::ProvingClient;
 use zk0_smolvla::policy::device::device;
 use zk0_smolvla::train::adaptive::{Adaptation, Boost};
 use zk0_smolvla::train::optimizer::check_alpha;
+use zk0_tensorboard::EventFile;
 
 /// `zk0 node join`.
 #[derive(Debug, clap::Args)]
@@ -49,6 +51,10 @@ pub struct Join {
     /// Multiply the learning rate by this factor, 1 to 10, in rounds that begin at more than twice the average loss so far.
     #[arg(long, value_name = "FACTOR")]
     lr_boost: Option<f64>,
+    /// Write the curves of training and of claims into this folder, as TensorBoard event files. Their steps are the optimiser steps that the
+    /// node has made in all rounds, by the training histories in its state folder.
+    #[arg(long, value_name = "FOLDER")]
+    tensorboard: Option<PathBuf>,
     #[command(flatten)]
     pub otlp: OtlpOptions,
 }
@@ -63,6 +69,8 @@ pub async fn run(options: &Join) -> Result<()> {
         boost.check().context("--lr-boost")?;
     }
     check_alpha(options.fedcm_alpha).context("--fedcm-alpha")?;
+    let curves = options.tensorboard.as_deref().map(EventFile::go_on);
+    let curves = curves.transpose().context("--tensorboard")?;
     let training = Training {
         device: device(&options.device).context("--device")?,
         steps: options.steps,
@@ -74,6 +82,7 @@ pub async fn run(options: &Join) -> Result<()> {
             follow: options.follow_losses,
             boost,
         },
+        curves: curves.map(Arc::new),
     };
     let (participant, mut node) = options.member.begin().await?;
     let prover = ProvingClient::address(options.prover.clone());

@@ -3,6 +3,7 @@
 mod cache_options;
 pub mod calibration;
 mod device_options;
+pub mod global_policy;
 mod source;
 pub mod whole_folder;
 

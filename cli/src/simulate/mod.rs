@@ -1,12 +1,14 @@
 //! `zk0 simulate`: a federation on one machine, without proofs. A run may be stopped at any moment and resumed: the results are the same, byte
 //! for byte.
 
+mod curves;
 mod options;
 mod report;
 
 pub use options::Options;
 
 use anyhow::{bail, Context, Result};
+use curves::Curves;
 use sha2::{Digest as _, Sha256};
 use std::fs;
 use std::time::Instant;
@@ -68,6 +70,7 @@ struct Simulation<'a> {
     /// What the simulation is of: policy, recordings and options.
     of: Digest,
     threads: usize,
+    curves: Option<Curves>,
 }
 
 impl<'a> Simulation<'a> {
@@ -93,11 +96,12 @@ impl<'a> Simulation<'a> {
             .collect::<Result<Vec<_>>>()?;
         let dealing = options.dealing();
         let nodes = deal(&recordings, &file, &dealing)?;
-        let unseen = others
+        let unseen: Vec<_> = others
             .iter()
             .map(|one| unseen(one, &file, &dealing))
             .collect();
         let robots = Robots::new(config, format, strategy, training, nodes)?;
+        let curves = options.curves(&robots, &unseen)?;
         let expert = file.policy.expert;
         let weights = expert
             .tensors()
@@ -121,6 +125,7 @@ impl<'a> Simulation<'a> {
             of: Digest(of.finalize().into()),
             threads: options.threads(weights),
             expert,
+            curves,
         })
     }
 
@@ -185,6 +190,9 @@ impl<'a> Simulation<'a> {
             weights: blob_digest(&self.robots.format().write(&global.base.quantised)).to_string(),
         };
         report::keep(&self.options.out, &round)?;
+        if let Some(curves) = &self.curves {
+            curves.add(&round);
+        }
         saved::keep(&self.options.out, self.of, rounds, &self.robots, global)?;
         tracing::debug!("round {rounds}: mean loss {:.4}", round.mean_loss);
         Ok(())

@@ -2,13 +2,14 @@
 
 use crate::dataset::RecordingName;
 use crate::policy::{self, CacheOptions, PolicySource};
+use crate::simulate::curves::Curves;
 use anyhow::{bail, Context, Result};
 use serde_json::json;
 use std::path::PathBuf;
 use std::thread;
 use zk0_protocol::rules::network_rules::Strategy;
-use zk0_simulate::robots::data::Dealing;
-use zk0_simulate::robots::federation::Training;
+use zk0_simulate::robots::data::{Dealing, NodeData};
+use zk0_simulate::robots::federation::{Robots, Training};
 use zk0_smolvla::Profile;
 
 /// Simulate a federation on this machine without proofs, to choose rounds, rates and strategies before you spend proofs. The folder `--out` gets
@@ -75,6 +76,10 @@ pub struct Options {
     /// Go on with the simulation in `--out`. More rounds than before are possible; everything else has to be as it was.
     #[arg(long)]
     pub resume: bool,
+    /// Write the curves into this folder, too, as TensorBoard event files: global/, and a folder for each node and each unseen recording. Steps
+    /// are optimiser steps of a node.
+    #[arg(long, value_name = "FOLDER")]
+    tensorboard: Option<PathBuf>,
     #[command(flatten)]
     pub cache: CacheOptions,
 }
@@ -129,6 +134,15 @@ impl Options {
         }
     }
 
+    /// Where the curves go, if the user wants them.
+    pub fn curves(&self, robots: &Robots, unseen: &[NodeData]) -> Result<Option<Curves>> {
+        let Some(folder) = &self.tensorboard else {
+            return Ok(None);
+        };
+        let (nodes, unseen) = (robots.nodes.iter().map(name), unseen.iter().map(name));
+        Curves::open(folder, self.resume, self.steps as u64, nodes, unseen).map(Some)
+    }
+
     /// What decides the results besides the recordings and the policy's weights.
     pub fn identity(&self) -> Result<String> {
         let identity = json!([
@@ -150,4 +164,8 @@ impl Options {
             None => cores(),
         }
     }
+}
+
+fn name(data: &NodeData) -> &str {
+    &data.name
 }

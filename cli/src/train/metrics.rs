@@ -1,4 +1,4 @@
-//! `metrics.jsonl`: a line for each step, and a line for each evaluation.
+//! `metrics.jsonl`: a line for each step, and a line for each evaluation. TensorBoard gets the same.
 
 use crate::chart::Curve;
 use anyhow::{Context, Result};
@@ -8,6 +8,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use zk0_files::atomic_file;
 use zk0_smolvla::train::Step;
+use zk0_tensorboard::{metrics, EventFile};
 
 /// A point of the training curve is the mean of this many steps, or of more: a long run has at most 400 points.
 const WINDOW: usize = 10;
@@ -60,6 +61,39 @@ impl Line {
         }
     }
 
+    /// The values as curves.
+    fn curves(&self) -> Vec<(&'static str, f64)> {
+        match *self {
+            Self::Step {
+                loss,
+                prox,
+                grad_norm,
+                lr,
+                seconds,
+                ..
+            } => {
+                let mut values = vec![
+                    (metrics::LOSS, loss),
+                    (metrics::GRAD_NORM, grad_norm),
+                    (metrics::LEARNING_RATE, lr),
+                    (metrics::STEP_SECONDS, seconds),
+                ];
+                if prox > 0.0 {
+                    values.push((metrics::FEDPROX, prox));
+                }
+                values
+            }
+            Self::Eval {
+                eval_loss,
+                eval_loss_plain,
+                ..
+            } => vec![
+                (metrics::EVAL_LOSS, eval_loss),
+                (metrics::EVAL_LOSS_PLAIN, eval_loss_plain),
+            ],
+        }
+    }
+
     fn step(&self) -> usize {
         match self {
             Self::Step { step, .. } | Self::Eval { step, .. } => *step,
@@ -71,12 +105,13 @@ impl Line {
 pub struct Metrics {
     path: PathBuf,
     file: File,
+    events: Option<EventFile>,
 }
 
 impl Metrics {
     /// Opens `path` for a run that has made `step` steps. Lines of later steps are removed, and so is a line that a stopped process left
-    /// unfinished.
-    pub fn open(path: &Path, step: usize) -> Result<Self> {
+    /// unfinished. TensorBoard reads `events`.
+    pub fn open(path: &Path, step: usize, events: Option<EventFile>) -> Result<Self> {
         let kept: Vec<Line> = match step {
             0 => Vec::new(),
             _ => read(path)?
@@ -95,6 +130,7 @@ impl Metrics {
             .map(|file| Self {
                 path: path.into(),
                 file,
+                events,
             })
     }
 
@@ -102,6 +138,9 @@ impl Metrics {
     pub fn add(&mut self, line: &Line) -> Result<()> {
         let mut text = serde_json::to_vec(line)?;
         text.push(b'\n');
+        if let Some(events) = &self.events {
+            events.scalars(line.step() as u64, &line.curves());
+        }
         let written = self.file.write_all(&text);
         written.with_context(|| format!("writing {}", self.path.display()))
     }
@@ -180,7 +219,7 @@ mod tests {
     fn a_resumed_run_goes_on_after_its_snapshot() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("metrics.jsonl");
-        let mut metrics = Metrics::open(&path, 0).unwrap();
+        let mut metrics = Metrics::open(&path, 0, None).unwrap();
         for line in [step(1), step(2), eval(2), step(3)] {
             metrics.add(&line).unwrap();
         }
@@ -191,12 +230,12 @@ mod tests {
         .unwrap();
         assert_eq!(read(&path).unwrap().len(), 4);
 
-        let mut metrics = Metrics::open(&path, 2).unwrap();
+        let mut metrics = Metrics::open(&path, 2, None).unwrap();
         metrics.add(&step(3)).unwrap();
         assert_eq!(read(&path).unwrap(), [step(1), step(2), eval(2), step(3)]);
         assert_eq!(fs::read_to_string(&path).unwrap().lines().count(), 4);
 
-        Metrics::open(&path, 0).unwrap();
+        Metrics::open(&path, 0, None).unwrap();
         assert_eq!(read(&path).unwrap(), []);
     }
 

@@ -54,6 +54,7 @@ fn train<S: SampleKind>(options: &Options) -> Result<()> {
     let out = &options.out;
     fs::create_dir_all(out).with_context(|| format!("creating {}", out.display()))?;
     let _lock = lock(out)?;
+    let events = options.event_file()?;
 
     let inference = source.inference()?;
     let datasets = options.datasets.iter().map(RecordingName::open);
@@ -135,7 +136,7 @@ fn train<S: SampleKind>(options: &Options) -> Result<()> {
     }
     report.write(out)?;
     let lines = out.join("metrics.jsonl");
-    let mut metrics = Metrics::open(&lines, resumed)?;
+    let mut metrics = Metrics::open(&lines, resumed, events)?;
     let clock = Instant::now();
     let evaluated = steps(
         options,

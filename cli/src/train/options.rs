@@ -2,7 +2,7 @@
 
 use crate::dataset::RecordingName;
 use crate::policy::{self, CacheOptions, DeviceOptions, PolicySource};
-use anyhow::Result;
+use anyhow::{Context, Result};
 use serde::Serialize;
 use std::path::PathBuf;
 use zk0_lerobot::policy_folder::Precision;
@@ -11,6 +11,7 @@ use zk0_smolvla::train::optimizer::AdamWOptions;
 use zk0_smolvla::train::schedule::Schedule;
 use zk0_smolvla::train::TrainOptions;
 use zk0_smolvla::Profile;
+use zk0_tensorboard::EventFile;
 
 /// Train a policy on recordings. The folder `--out` gets `model.safetensors`, `run.json`, `metrics.jsonl`, the loss chart, and snapshots of
 /// the run. If the run starts from a LeRobot policy folder, it also gets `lerobot/`, which LeRobot loads.
@@ -100,6 +101,10 @@ pub struct Options {
     /// The seed of the choice of held-out episodes, of the order of samples, of noise and times, and of random weights.
     #[arg(long, default_value_t = 0)]
     pub seed: u64,
+    /// Write the curves of the run into this folder, too, as TensorBoard event files with LeRobot's names of metrics. With --resume, a further
+    /// file goes on with the curves.
+    #[arg(long, value_name = "FOLDER")]
+    tensorboard: Option<PathBuf>,
     #[command(flatten)]
     pub device: DeviceOptions,
     #[command(flatten)]
@@ -171,6 +176,16 @@ impl Options {
         };
         options.check()?;
         Ok(options)
+    }
+
+    /// Where the curves go, if the user wants them.
+    pub fn event_file(&self) -> Result<Option<EventFile>> {
+        let open = match self.resume {
+            true => EventFile::go_on,
+            false => EventFile::begin,
+        };
+        let file = self.tensorboard.as_deref().map(open);
+        file.transpose().context("--tensorboard")
     }
 
     /// Steps between evaluations.

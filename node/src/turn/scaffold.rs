@@ -55,7 +55,7 @@ impl Turn<'_> {
         };
         let (config, samples) = (self.entered.config, self.entered.samples);
         let samples = Samples::Prepared(samples);
-        self.followed(options.steps, &mut |progress| {
+        self.followed(training, options.steps, &mut |progress| {
             train_by_sgd(
                 &training.device,
                 config,

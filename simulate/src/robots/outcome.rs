@@ -19,6 +19,9 @@ pub struct Trained {
     pub fedprox_loss: f64,
     /// The mean norm of its gradients, before clipping.
     pub grad_norm: f64,
+    /// The mean of its steps' learning rates.
+    #[serde(skip)]
+    pub learning_rate: f64,
     #[serde(skip)]
     steps: usize,
 }
@@ -33,6 +36,7 @@ impl Trained {
             loss: 0.0,
             fedprox_loss: 0.0,
             grad_norm: 0.0,
+            learning_rate: 0.0,
             steps: 0,
         }
     }
@@ -45,6 +49,7 @@ impl Trained {
         mean(&mut self.loss, step.loss.into());
         mean(&mut self.fedprox_loss, step.proximal);
         mean(&mut self.grad_norm, step.gradient_norm);
+        mean(&mut self.learning_rate, step.learning_rate);
     }
 }
 

@@ -6,13 +6,15 @@ use std::collections::{BTreeMap, BTreeSet};
 type Dependencies<'a> = BTreeMap<&'a str, BTreeSet<&'a str>>;
 
 /// Each crate, and what its row of the map names.
-const MAP: [(&str, &[&str]); 19] = [
+const MAP: [(&str, &[&str]); 21] = [
     ("zk0-files", &[]),
     ("zk0-tls", &["zk0-files"]),
     ("zk0-traces", &["zk0-tls"]),
+    ("zk0-tensorboard", &[]),
     ("zk0-tensors", &[]),
     ("zk0-circuits", &[]),
     ("zk0-argument", &["zk0-circuits"]),
+    ("zk0-hub", &[]),
     ("zk0-lerobot", &["zk0-files", "zk0-tensors"]),
     ("zk0-smolvla", &["zk0-circuits", "zk0-lerobot"]),
     ("zk0-protocol", &["zk0-argument"]),
@@ -21,7 +23,15 @@ const MAP: [(&str, &[&str]); 19] = [
     ("zk0-bucket", &["zk0-ledger"]),
     ("zk0-verifier", &["zk0-argument", "zk0-weights"]),
     ("zk0-prover", &["zk0-argument", "zk0-traces"]),
-    ("zk0-node", &["zk0-smolvla", "zk0-weights", "zk0-prover"]),
+    (
+        "zk0-node",
+        &[
+            "zk0-smolvla",
+            "zk0-weights",
+            "zk0-prover",
+            "zk0-tensorboard",
+        ],
+    ),
     (
         "zk0-aggregator",
         &["zk0-ledger", "zk0-verifier", "zk0-traces"],
@@ -36,6 +46,7 @@ const MAP: [(&str, &[&str]); 19] = [
             "zk0-audit",
             "zk0-simulate",
             "zk0-bucket",
+            "zk0-hub",
         ],
     ),
 ];

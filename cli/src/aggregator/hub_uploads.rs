@@ -1,0 +1,195 @@
+//! `zk0 aggregator serve --hf-repo-id`: the policy folders of `--checkpoint-interval`, published on the Hugging Face Hub with a model card.
+//!
+//! Uploads happen beside the rounds. If one fails, the log says why, and it is tried again, at first after seconds and at last every ten minutes.
+//! What is not uploaded when the aggregator ends is uploaded after its next start.
+
+use crate::publish::model_card::CardOptions;
+use crate::publish::round_facts::{Collector, RoundFacts};
+use crate::publish::{summary, target};
+use anyhow::{Context, Result};
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+use tokio::task::spawn_blocking;
+use tokio::time::sleep;
+use zk0_aggregator::round::request::RequestError;
+use zk0_aggregator::{Aggregator, Service};
+use zk0_circuits::NodeId;
+use zk0_files::{atomic_file, bounded_file};
+use zk0_hub::target::Patience;
+use zk0_hub::{publish, Repository, Target};
+use zk0_protocol::entries::genesis::Genesis;
+use zk0_protocol::Entry;
+
+/// How often the folders are looked at.
+const TICK: Duration = Duration::from_secs(1);
+/// How long to wait after an upload failed for the first time, and at most.
+const WAITS: [Duration; 2] = [Duration::from_secs(5), Duration::from_secs(600)];
+/// The file that says which round was published last.
+const PUBLISHED: &str = "published";
+/// Largest file of that name that is read.
+const MAX_PUBLISHED_BYTES: u64 = 1 << 10;
+
+/// Whether and how policy folders are published.
+#[derive(Debug, clap::Args)]
+pub struct HubUploadOptions {
+    /// Publish each policy folder of --checkpoint-interval as a commit of this model on the Hugging Face Hub, with a model card. HF_TOKEN holds a
+    /// token that may write, or `hf auth login` has left one. HF_ENDPOINT names another Hub.
+    #[arg(long, value_name = "OWNER/NAME", requires = "checkpoint_interval")]
+    hf_repo_id: Option<Repository>,
+    /// Make the model on the Hub private, if it is created.
+    #[arg(long)]
+    hf_private: bool,
+    #[command(flatten)]
+    card: CardOptions,
+}
+
+/// Publishes policy folders.
+pub struct HubUploads {
+    target: Target,
+    card: CardOptions,
+    /// Where the policy folders are.
+    folders: PathBuf,
+    /// The rounds before this one are done.
+    next: u64,
+}
+
+/// What an aggregator knows of a round, as it is read under its lock.
+struct OfRound {
+    genesis: Genesis,
+    names: Vec<(NodeId, String)>,
+    entries: Vec<(u64, Entry)>,
+}
+
+impl HubUploadOptions {
+    /// What publishes the policy folders in `folders`, if the operator wants that.
+    ///
+    /// # Errors
+    /// There is no token, or the folder cannot be read.
+    pub fn open(&self, folders: Option<&Path>) -> Result<Option<HubUploads>> {
+        let (Some(repository), Some(folders)) = (&self.hf_repo_id, folders) else {
+            return Ok(None);
+        };
+        let target = Target {
+            // The tries are counted here.
+            patience: Patience {
+                tries: 1,
+                ..Patience::default()
+            },
+            ..target(repository, self.hf_private).context("--hf-repo-id")?
+        };
+        let newest = rounds(folders)?.last().copied();
+        Ok(Some(HubUploads {
+            next: published(folders, repository)?
+                .map(|round| round + 1)
+                .or(newest)
+                .unwrap_or(0),
+            target,
+            card: self.card.clone(),
+            folders: folders.into(),
+        }))
+    }
+}
+
+impl HubUploads {
+    /// Publishes the folders as they come, for as long as the aggregator runs.
+    pub async fn follow(mut self, service: Service) {
+        let mut pause = WAITS[0];
+        loop {
+            sleep(TICK).await;
+            match self.upload_due(&service).await {
+                Ok(()) => pause = WAITS[0],
+                Err(error) => {
+                    tracing::error!(
+                        "a policy folder is not published on the Hub, and is tried again in {} s: {error:#}",
+                        pause.as_secs()
+                    );
+                    sleep(pause).await;
+                    pause = (pause * 2).min(WAITS[1]);
+                }
+            }
+        }
+    }
+
+    async fn upload_due(&mut self, service: &Service) -> Result<()> {
+        let due = rounds(&self.folders)?.into_iter();
+        for round in due.filter(|round| *round >= self.next).collect::<Vec<_>>() {
+            let facts = facts(service, round).await?;
+            let (target, card) = (self.target.clone(), self.card.clone());
+            let folder = self.folders.join(format!("round-{round}"));
+            let upload = move || -> Result<_> {
+                card.write(&folder, &target.repository, &facts)?;
+                Ok(publish(&target, &folder, &summary(round))?)
+            };
+            spawn_blocking(upload).await??;
+            let Target {
+                endpoint,
+                repository,
+                ..
+            } = &self.target;
+            tracing::info!(round, "published at {endpoint}/{repository}");
+            self.next = round + 1;
+            let path = self.folders.join(PUBLISHED);
+            atomic_file::replace(&path, format!("{repository} {round}\n").as_bytes())
+                .with_context(|| format!("writing {}", path.display()))?;
+        }
+        Ok(())
+    }
+}
+
+/// The rounds whose policy folders are in `folders`, in ascending order.
+fn rounds(folders: &Path) -> Result<Vec<u64>> {
+    let read = || -> std::io::Result<Vec<u64>> {
+        let mut rounds = Vec::new();
+        for entry in fs::read_dir(folders)? {
+            let name = entry?.file_name();
+            let number = name.to_str().and_then(|name| name.strip_prefix("round-"));
+            rounds.extend(number.and_then(|number| number.parse::<u64>().ok()));
+        }
+        rounds.sort_unstable();
+        Ok(rounds)
+    };
+    read().with_context(|| format!("reading {}", folders.display()))
+}
+
+/// The round that was published last in this repository.
+fn published(folders: &Path, repository: &Repository) -> Result<Option<u64>> {
+    let path = folders.join(PUBLISHED);
+    if !path.exists() {
+        return Ok(None);
+    }
+    let bytes = bounded_file::read(&path, MAX_PUBLISHED_BYTES)
+        .with_context(|| format!("reading {}", path.display()))?;
+    let text = String::from_utf8_lossy(&bytes);
+    let said = text.trim().split_once(' ');
+    let said = said.filter(|(name, _)| *name == repository.to_string());
+    Ok(said.and_then(|(_, round)| round.parse().ok()))
+}
+
+/// What the ledger says of a closed round. The lock is held only while its entries are read.
+async fn facts(service: &Service, round: u64) -> Result<RoundFacts> {
+    let read = move |aggregator: &mut Aggregator| {
+        let (state, ledger) = (aggregator.state(), aggregator.ledger());
+        let receipts = aggregator.round(Some(round), None, ledger.size())?;
+        let ends = receipts.opened.zip(receipts.closed);
+        let indices = ends.map_or(0..0, |(opened, closed)| opened.index..closed.index + 1);
+        let entry = |index| -> Result<_, RequestError> { Ok((index, ledger.entry(index)?)) };
+        let entries = indices.map(entry).collect::<Result<_, _>>()?;
+        Ok(OfRound {
+            genesis: state.genesis().clone(),
+            names: (state.nodes().iter())
+                .map(|(id, node)| (*id, node.name.clone()))
+                .collect(),
+            entries,
+        })
+    };
+    let of_round = service.with(read).await?;
+    let mut collector = Collector::new(&of_round.genesis, round)?;
+    for (node, name) in &of_round.names {
+        collector.named(*node, name);
+    }
+    for (index, entry) in &of_round.entries {
+        collector.observe(*index, entry);
+    }
+    collector.facts()
+}

@@ -1,0 +1,24 @@
+//! `zk0 publish`: what a network has trained, for those who look for it elsewhere.
+
+mod hub;
+pub mod model_card;
+pub mod round_facts;
+
+pub use hub::{facts, summary, target, Hub};
+
+use anyhow::Result;
+
+/// Where to publish.
+#[derive(Debug, clap::Subcommand)]
+pub enum Command {
+    /// Publish the global weights of a round on the Hugging Face Hub: a policy folder, which LeRobot loads, with a model card that says who contributed
+    /// and how anybody verifies it. HF_TOKEN holds a token that may write, or `hf auth login` has left one. HF_ENDPOINT names another Hub.
+    Hub(Hub),
+}
+
+/// Runs the command.
+pub fn run(command: &Command) -> Result<()> {
+    match command {
+        Command::Hub(options) => options.run(),
+    }
+}

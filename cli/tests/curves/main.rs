@@ -1,0 +1,19 @@
+//! `--tensorboard`: the curves of runs, nodes and simulations, as TensorBoard reads them.
+
+#[path = "../harness/mod.rs"]
+mod harness;
+mod node;
+#[path = "../../../tensorboard/tests/reader/mod.rs"]
+mod reader;
+mod simulation;
+mod train;
+
+use std::collections::BTreeMap;
+
+/// A curve: values by steps.
+type Curve = BTreeMap<i64, f32>;
+
+/// The names of curves.
+fn names(curves: &BTreeMap<String, Curve>) -> Vec<&str> {
+    curves.keys().map(String::as_str).collect()
+}

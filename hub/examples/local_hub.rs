@@ -1,0 +1,20 @@
+//! Serves the Hub of the tests on loopback until it is stopped, so that Python's `huggingface_hub` can publish there: what it accepts of that client
+//! is the Hub's API as others speak it. With an argument, it serves for so many seconds, and then prints what it holds.
+
+#[path = "../tests/local_hub/mod.rs"]
+mod local_hub;
+
+use local_hub::{LocalHub, TOKEN};
+use std::time::Duration;
+
+fn main() {
+    let seconds = std::env::args().nth(1).and_then(|given| given.parse().ok());
+    let hub = LocalHub::start();
+    println!("HF_ENDPOINT={} HF_TOKEN={TOKEN}", hub.address);
+    std::thread::sleep(Duration::from_secs(seconds.unwrap_or(u64::MAX)));
+    for (name, model) in &hub.held().models {
+        for commit in &model.commits {
+            println!("{name}: {:?} changed {:?}", commit.summary, commit.changed);
+        }
+    }
+}

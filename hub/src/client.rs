@@ -1,0 +1,214 @@
+//! Requests to the Hub, and what its answers mean.
+
+use crate::error::{Failure, PublishError};
+use crate::target::Target;
+use serde::de::DeserializeOwned;
+use serde_json::Value;
+use std::fs::File;
+use std::time::Duration;
+use ureq::http::{Response, StatusCode};
+use ureq::Body;
+
+/// How long a connection may take.
+const CONNECTING: Duration = Duration::from_secs(20);
+/// How long nothing may be sent or received.
+const SILENCE: Duration = Duration::from_secs(120);
+/// Largest answer that is read.
+const MAX_ANSWER: u64 = 4 << 20;
+/// How much of an error's text is shown.
+const MAX_SAID: usize = 300;
+
+/// Asks the Hub.
+pub struct Client<'t> {
+    agent: ureq::Agent,
+    /// Where everything goes.
+    pub target: &'t Target,
+}
+
+/// What is sent.
+pub struct Sent<'a> {
+    /// In words, for errors.
+    pub what: &'a str,
+    /// To which address.
+    pub url: &'a str,
+    /// As which type.
+    pub content_type: &'a str,
+    /// The content.
+    pub body: &'a [u8],
+}
+
+impl<'t> Client<'t> {
+    /// A client for this target.
+    pub fn new(target: &'t Target) -> Self {
+        let agent = ureq::Agent::config_builder()
+            .timeout_connect(Some(CONNECTING))
+            .timeout_per_read(Some(SILENCE))
+            .timeout_per_write(Some(SILENCE))
+            .timeout_recv_response(Some(SILENCE))
+            // An answer with an error status is an answer, and not an error of the client.
+            .http_status_as_error(false)
+            .user_agent(concat!("zk0/", env!("CARGO_PKG_VERSION")))
+            .build()
+            .into();
+        Self { agent, target }
+    }
+
+    /// An address of the Hub's API about the repository.
+    pub fn model(&self, rest: &str) -> String {
+        let Target {
+            endpoint,
+            repository,
+            ..
+        } = self.target;
+        format!("{endpoint}/api/models/{repository}{rest}")
+    }
+
+    /// Asks for the status of a GET.
+    pub fn status(&self, what: &str, url: &str) -> Result<StatusCode, Failure> {
+        let asked = self.agent.get(url).header("authorization", self.bearer());
+        let answer = asked.call().map_err(|error| failed(what, &error))?;
+        Ok(answer.status())
+    }
+
+    /// Posts to the Hub, with the token.
+    pub fn post(&self, sent: &Sent) -> Result<Response<Body>, Failure> {
+        let asked = self
+            .agent
+            .post(sent.url)
+            .header("authorization", self.bearer())
+            .header("content-type", sent.content_type);
+        // Git LFS asks for its own type back.
+        let asked = match sent.content_type.ends_with("lfs+json") {
+            true => asked.header("accept", sent.content_type),
+            false => asked,
+        };
+        asked
+            .send(sent.body)
+            .map_err(|error| failed(sent.what, &error))
+    }
+
+    /// Posts JSON to the Hub.
+    pub fn post_json(
+        &self,
+        what: &str,
+        url: &str,
+        body: &Value,
+    ) -> Result<Response<Body>, Failure> {
+        self.post(&Sent {
+            what,
+            url,
+            content_type: "application/json",
+            body: body.to_string().as_bytes(),
+        })
+    }
+
+    /// Puts a file where large files go. The address is signed; the token goes nowhere but to the Hub.
+    pub fn put(
+        &self,
+        what: &str,
+        url: &str,
+        headers: &[(String, String)],
+        file: &File,
+    ) -> Result<Response<Body>, Failure> {
+        let mut asked = self.agent.put(url);
+        for (name, value) in headers {
+            asked = asked.header(name, value);
+        }
+        asked.send(file).map_err(|error| failed(what, &error))
+    }
+
+    /// What a request came to that has to succeed.
+    pub fn succeeded(&self, what: &str, answer: Response<Body>) -> Result<Response<Body>, Failure> {
+        match answer.status().is_success() {
+            true => Ok(answer),
+            false => Err(self.refused(what, answer)),
+        }
+    }
+
+    /// The content of a successful answer.
+    pub fn json<T: DeserializeOwned>(
+        &self,
+        what: &str,
+        answer: Response<Body>,
+    ) -> Result<T, Failure> {
+        let bytes = read(self.succeeded(what, answer)?).map_err(|error| failed(what, &error))?;
+        serde_json::from_slice(&bytes).map_err(|error| self.unusable(what, error.to_string()))
+    }
+
+    /// The failure of an answer that the API does not allow.
+    pub fn unusable(&self, what: &str, why: String) -> Failure {
+        Failure::Final(PublishError::Answer {
+            endpoint: self.target.endpoint.clone(),
+            what: what.into(),
+            why,
+        })
+    }
+
+    /// The failure that an answer with an error's status stands for.
+    pub fn refused(&self, what: &str, answer: Response<Body>) -> Failure {
+        let status = answer.status();
+        let said = said(answer);
+        let (endpoint, repository) = (self.target.endpoint.clone(), self.target.repository.clone());
+        Failure::Final(match status.as_u16() {
+            401 => PublishError::Token {
+                endpoint,
+                repository,
+                said,
+            },
+            403 => PublishError::Forbidden {
+                endpoint,
+                repository,
+                said,
+            },
+            // The Hub is slow, limits requests, or fails.
+            408 | 429 | 500..=599 => {
+                return Failure::Temporary {
+                    what: what.into(),
+                    why: format!("{endpoint} answered with HTTP {status} ({said})"),
+                }
+            }
+            status => PublishError::Refused {
+                endpoint,
+                what: what.into(),
+                status,
+                said,
+            },
+        })
+    }
+
+    fn bearer(&self) -> String {
+        format!("Bearer {}", self.target.token)
+    }
+}
+
+/// No answer came, or not all of it.
+fn failed(what: &str, error: &ureq::Error) -> Failure {
+    Failure::Temporary {
+        what: what.into(),
+        why: error.to_string(),
+    }
+}
+
+fn read(answer: Response<Body>) -> Result<Vec<u8>, ureq::Error> {
+    let body = answer.into_body();
+    body.into_with_config().limit(MAX_ANSWER).read_to_vec()
+}
+
+/// What an error says, in one line.
+fn said(answer: Response<Body>) -> String {
+    let reason = answer.status().canonical_reason().unwrap_or("no reason");
+    let bytes = read(answer).unwrap_or_default();
+    let text = match serde_json::from_slice::<Value>(&bytes) {
+        Ok(value) => value["error"].as_str().unwrap_or_default().to_owned(),
+        Err(_) => String::new(),
+    };
+    let text: String = text
+        .chars()
+        .filter(|one| !one.is_control())
+        .take(MAX_SAID)
+        .collect();
+    match text.is_empty() {
+        true => reason.into(),
+        false => text,
+    }
+}

@@ -1,0 +1,216 @@
+//! Publishes a folder: creates the repository, uploads what is missing, and commits.
+
+use crate::client::{Client, Sent};
+use crate::error::{Failure, PublishError};
+use crate::lfs;
+use crate::local_file::{files_of, LocalFile};
+use crate::target::{Patience, Target};
+use base64::prelude::{Engine as _, BASE64_STANDARD};
+use serde::Deserialize;
+use serde_json::json;
+use std::fs;
+use std::path::Path;
+use std::thread::sleep;
+
+/// The most bytes of all files that travel within the commit. The Hub wants files of 10 MB and more apart from it.
+const MAX_INLINE: u64 = 64 << 20;
+
+/// What was published.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Published {
+    /// The commit; `None` if the repository had everything already.
+    pub commit: Option<String>,
+    /// Files that the commit changes.
+    pub changed: usize,
+    /// Large files that were uploaded, and not there before.
+    pub uploaded: usize,
+}
+
+/// What the Hub says of a file before the upload.
+#[derive(Deserialize)]
+#[serde(rename_all = "camelCase")]
+struct Mode {
+    path: String,
+    upload_mode: UploadMode,
+    #[serde(default)]
+    should_ignore: bool,
+    /// What the repository has under this name.
+    oid: Option<String>,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum UploadMode {
+    Lfs,
+    Regular,
+}
+
+#[derive(Deserialize)]
+struct Preupload {
+    files: Vec<Mode>,
+}
+
+#[derive(Deserialize)]
+#[serde(rename_all = "camelCase")]
+struct Committed {
+    commit_oid: String,
+}
+
+/// Publishes the files of `folder` as the newest commit of the repository. What may go better later is tried again, as often as the target's
+/// patience says.
+///
+/// # Errors
+/// See [`PublishError`]. The repository is then what it was before, or it has the whole commit.
+pub fn publish(target: &Target, folder: &Path, summary: &str) -> Result<Published, PublishError> {
+    let files = files_of(folder)?;
+    let client = Client::new(target);
+    let mut uploaded = 0;
+    let committed = patiently(target.patience, || {
+        once(&client, &files, summary, &mut uploaded)
+    })?;
+    let (commit, changed) = committed.map_or((None, 0), |(commit, files)| (Some(commit), files));
+    Ok(Published {
+        commit,
+        changed,
+        uploaded,
+    })
+}
+
+/// Calls `attempt` until it succeeds, fails for good, or has failed as often as it may.
+fn patiently<T>(
+    patience: Patience,
+    mut attempt: impl FnMut() -> Result<T, Failure>,
+) -> Result<T, PublishError> {
+    let mut wait = patience.first_wait;
+    let mut tries = 1;
+    loop {
+        let (what, why) = match attempt() {
+            Ok(value) => return Ok(value),
+            Err(Failure::Final(error)) => return Err(error),
+            Err(Failure::Temporary { what, why }) => (what, why),
+        };
+        if tries >= patience.tries {
+            return Err(PublishError::Unavailable { what, tries, why });
+        }
+        tracing::warn!("{what} failed: {why}; trying again in {wait:?}");
+        sleep(wait);
+        wait = wait.saturating_mul(2);
+        tries += 1;
+    }
+}
+
+/// A file that the repository does not have as it is here.
+struct Change<'f> {
+    file: &'f LocalFile,
+    /// Whether it goes where large files go. Otherwise it travels within the commit.
+    large: bool,
+}
+
+/// Each step may be repeated: it does nothing that was done already.
+fn once(
+    client: &Client,
+    files: &[LocalFile],
+    summary: &str,
+    uploaded: &mut usize,
+) -> Result<Option<(String, usize)>, Failure> {
+    create(client)?;
+    let changes = changes(client, files)?;
+    if changes.is_empty() {
+        return Ok(None);
+    }
+    let large = changes.iter().filter(|change| change.large);
+    let large: Vec<_> = large.map(|change| change.file).collect();
+    *uploaded += lfs::upload(client, &large)?;
+    let commit = commit(client, &changes, summary)?;
+    Ok(Some((commit, changes.len())))
+}
+
+/// Creates the repository, unless it is there.
+fn create(client: &Client) -> Result<(), Failure> {
+    let what = "creating the repository";
+    let target = client.target;
+    let mut body = json!({
+        "name": target.repository.name,
+        "organization": target.repository.owner,
+        "type": "model",
+    });
+    if target.private {
+        body["private"] = true.into();
+    }
+    let url = format!("{}/api/repos/create", target.endpoint);
+    let answer = client.post_json(what, &url, &body)?;
+    match answer.status().as_u16() {
+        // It is there already.
+        409 => Ok(()),
+        // A token may be allowed to write to a repository that is there, and not to create any.
+        403 if client.status(what, &client.model(""))?.is_success() => Ok(()),
+        _ => client.succeeded(what, answer).map(drop),
+    }
+}
+
+/// The files that the repository lacks, or has in another version.
+fn changes<'f>(client: &Client, files: &'f [LocalFile]) -> Result<Vec<Change<'f>>, Failure> {
+    let what = "asking how files are to be uploaded";
+    let asked = files.iter().map(|file| {
+        json!({
+            "path": file.name,
+            "sample": BASE64_STANDARD.encode(&file.sample),
+            "size": file.size,
+        })
+    });
+    let body = json!({ "files": asked.collect::<Vec<_>>() });
+    let answer = client.post_json(what, &client.model("/preupload/main"), &body)?;
+    let found: Preupload = client.json(what, answer)?;
+    let mut changes = Vec::new();
+    for file in files {
+        let Some(mode) = found.files.iter().find(|mode| mode.path == file.name) else {
+            return Err(client.unusable(what, format!("it lacks {}", file.name)));
+        };
+        // The storage of large files takes no empty ones.
+        let large = mode.upload_mode == UploadMode::Lfs && file.size > 0;
+        let here = match large {
+            true => &file.sha256,
+            false => &file.git_sha1,
+        };
+        // The repository's .gitignore may leave a file out.
+        if !mode.should_ignore && mode.oid.as_ref() != Some(here) {
+            changes.push(Change { file, large });
+        }
+    }
+    Ok(changes)
+}
+
+/// Commits the changes, all or none. Returns the commit's id.
+fn commit(client: &Client, changes: &[Change], summary: &str) -> Result<String, Failure> {
+    let what = "the commit";
+    let inline = changes.iter().filter(|change| !change.large);
+    let bytes: u64 = inline.map(|change| change.file.size).sum();
+    if bytes > MAX_INLINE {
+        let why = format!("it asks for {bytes} bytes within the commit");
+        return Err(client.unusable(what, why));
+    }
+    let header = json!({ "key": "header", "value": { "summary": summary, "description": "" } });
+    let mut lines = vec![header.to_string()];
+    for Change { file, large } in changes {
+        let line = match large {
+            true => json!({ "key": "lfsFile", "value": {
+                "path": file.name, "algo": "sha256", "oid": file.sha256, "size": file.size,
+            }}),
+            false => {
+                let content = fs::read(&file.path).map_err(PublishError::at(&file.path))?;
+                json!({ "key": "file", "value": {
+                    "content": BASE64_STANDARD.encode(content), "path": file.name, "encoding": "base64",
+                }})
+            }
+        };
+        lines.push(line.to_string());
+    }
+    let answer = client.post(&Sent {
+        what,
+        url: &client.model("/commit/main"),
+        content_type: "application/x-ndjson",
+        body: lines.join("\n").as_bytes(),
+    })?;
+    let committed: Committed = client.json(what, answer)?;
+    Ok(committed.commit_oid)
+}

@@ -1,0 +1,73 @@
+//! The curves of a node's training and claims, for TensorBoard. Their steps are the optimiser steps that the node has made in all rounds.
+
+use crate::training_history::TrainingHistory;
+use crate::turn::Training;
+use std::path::Path;
+use std::time::Instant;
+use zk0_smolvla::train::Step;
+use zk0_tensorboard::{metrics, EventFile};
+
+/// The curves in one round.
+pub(super) struct Curves<'a> {
+    /// `None` if the operator wants no curves.
+    file: Option<&'a EventFile>,
+    round: u64,
+    /// The steps that the node has made before.
+    before: u64,
+    /// When the last step ended.
+    clock: Instant,
+}
+
+impl<'a> Curves<'a> {
+    /// Of a round whose training begins.
+    pub fn of(training: &'a Training, state: &Path, round: u64) -> Self {
+        Self::from(training, state, round, round)
+    }
+
+    /// Of a round in which the node has trained.
+    pub fn after(training: &'a Training, state: &Path, round: u64) -> Self {
+        Self::from(training, state, round, round.saturating_add(1))
+    }
+
+    /// The steps of the rounds before `end` are made.
+    fn from(training: &'a Training, state: &Path, round: u64, end: u64) -> Self {
+        let file = training.curves.as_deref();
+        Self {
+            file,
+            round,
+            before: file.map_or(0, |_| TrainingHistory::steps_before(state, end)),
+            clock: Instant::now(),
+        }
+    }
+
+    /// After a step.
+    pub fn stepped(&mut self, step: &Step) {
+        let Some(file) = self.file else {
+            return;
+        };
+        let seconds = self.clock.elapsed().as_secs_f64();
+        self.clock = Instant::now();
+        let mut values = vec![
+            (metrics::LOSS, f64::from(step.loss)),
+            (metrics::GRAD_NORM, step.gradient_norm),
+            (metrics::LEARNING_RATE, step.learning_rate),
+            (metrics::STEP_SECONDS, seconds),
+            (metrics::ROUND, self.round as f64),
+        ];
+        if step.proximal > 0.0 {
+            values.push((metrics::FEDPROX, step.proximal));
+        }
+        file.scalars(self.before + step.step as u64, &values);
+    }
+
+    /// The node has proven that the loss fell from `before` to `after`.
+    pub fn proven(&self, before: f64, after: f64) {
+        if let Some(file) = self.file {
+            let values = [
+                (metrics::EVAL_BASE_LOSS, before),
+                (metrics::EVAL_LOSS, after),
+            ];
+            file.scalars(self.before, &values);
+        }
+    }
+}
