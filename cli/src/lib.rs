@@ -5,7 +5,7 @@
 //! - `status`: how an aggregator is doing.
 //! - `governance`: proposals, votes, disputes.
 //! - `train`, `eval`, `fidelity`, `dataset`: policies and recordings, without a network; `policy`: the options that they share.
-//! - `simulate`: a federation without proofs.
+//! - `simulate`: a federation without proofs; `compare`: the same against centralised training and nodes alone.
 //! - `demo`: a whole network as processes on this machine.
 //! - [`settings`]: how services are configured, by flags, variables and files.
 //! - [`logging`], `certificate`, `chart`, `keys`, `network`, `otlp`, `serve`: what the commands share.
@@ -21,6 +21,8 @@ pub mod aggregator;
 mod certificate;
 #[cfg(feature = "full")]
 mod chart;
+#[cfg(feature = "full")]
+pub mod compare;
 #[cfg(feature = "full")]
 pub mod dataset;
 #[cfg(feature = "full")]
