@@ -43,7 +43,7 @@ type Axes<'a, B> = ChartContext<'a, B, Cartesian2d<RangedCoordf64, RangedCoordf6
 
 /// Draws the axes of losses for these points.
 fn axes<'a, B: DrawingBackend + 'a>(
-    area: &DrawingArea<B, Shift>,
+    area: &'a DrawingArea<B, Shift>,
     [caption, x]: Titles,
     points: &[(f64, f64)],
 ) -> Drawn<B, Axes<'a, B>> {

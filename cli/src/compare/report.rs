@@ -139,7 +139,7 @@ fn print(summary: &Summary, seeds: u64) {
         .concat();
     println!("{:<44}{}", "measured on", kinds.trim_end());
     for row in summary.losses.chunks(Kind::ALL.len()) {
-        let on = row.first().map_or("", |loss| &loss.on);
+        let on = row.first().map_or("", |loss| &loss.on[..]);
         let losses = row.iter().map(|loss| {
             let Interval { mean, low, high } = loss.loss;
             format!("{:<26}", format!("{mean:.4} [{low:.4}, {high:.4}]"))

@@ -125,7 +125,7 @@ fn trial(
 
 /// Values as options of the command.
 pub fn in_words(values: &Values) -> Result<String> {
-    let mut words = format!("--learning-rate {:.3e}", values.learning_rate);
+    let mut words = format!("--learning-rate {}", values.learning_rate);
     if let Some(mu) = values.fedprox_mu {
         words += &format!(" --fedprox-mu {mu}");
     }

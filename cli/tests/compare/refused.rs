@@ -23,13 +23,13 @@ fn options_that_make_no_sense_are_named() {
         &["--search-minutes", "0"],
         "--search-minutes is 0; it has to be above 0",
     );
-    refused(&["--search-mu", "-1"], "mu of FedProx is -1");
+    refused(&["--search-mu=-1"], "mu of FedProx is -1");
     refused(
         &["--strategy", r#"{"trimmed-mean": {"trim_bps": 5000}}"#],
         "rule strategy leaves out 5000 basis points",
     );
     refused(
-        &["--learning-rate", "0"],
+        &["--learning-rate", "0", "--threads", "1"],
         "training with seed 0, federated: round 0, node-1: the policy:",
     );
     for (option, value, why) in [
@@ -101,7 +101,7 @@ fn a_folder_holds_one_comparison() {
             "--search-trials" => &["--search"][..],
             _ => &[],
         };
-        let said = again(&[&["--resume"], search, &other[..]].concat());
+        let said = again(&[&["--resume"][..], search, &other].concat());
         let why = "is a comparison with another policy, other recordings or other options";
         assert!(said.contains(why), "{said}");
     }

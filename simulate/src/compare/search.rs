@@ -68,7 +68,7 @@ impl Space {
         bytes[8..16].copy_from_slice(&(trials.len() as u64).to_le_bytes());
         bytes[16] = kind as u8;
         let mut rng = StdRng::from_seed(bytes);
-        let known = match trials.len() <= AT_RANDOM {
+        let known: &[Trial] = match trials.len() <= AT_RANDOM {
             true => &[],
             false => trials,
         };
@@ -80,7 +80,9 @@ impl Space {
             estimator: tpe::parzen_estimator,
         });
         if let Some(rate) = rate {
-            values.learning_rate = rate.exp();
+            // So many digits as are printed, so that whoever gives the printed rate gets the same result.
+            let digits = format!("{:.3e}", rate.exp());
+            values.learning_rate = digits.parse().unwrap_or(values.learning_rate);
         }
         if kind == Kind::Federated {
             let mu = ask(Searched {
