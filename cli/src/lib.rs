@@ -5,7 +5,7 @@
 //! - `status`: how an aggregator is doing.
 //! - `governance`: proposals, votes, disputes.
 //! - `train`, `eval`, `fidelity`, `dataset`: policies and recordings, without a network; `policy`: the options that they share.
-//! - `simulate`: a federation without proofs.
+//! - `simulate`: a federation without proofs; `compare`: the same against centralised training and nodes alone.
 //! - `publish`: the policy of a round on the Hugging Face Hub.
 //! - `demo`: a whole network as processes on this machine.
 //! - [`settings`]: how services are configured, by flags, variables and files.
@@ -24,6 +24,8 @@ mod blob_store;
 mod certificate;
 #[cfg(feature = "full")]
 mod chart;
+#[cfg(feature = "full")]
+pub mod compare;
 #[cfg(feature = "full")]
 pub mod dataset;
 #[cfg(feature = "full")]

@@ -74,6 +74,8 @@ enum Full {
     Train(Box<zk0::train::Options>),
     /// Simulate a federation on this machine without proofs, to choose rounds, rates and strategies.
     Simulate(Box<zk0::simulate::Options>),
+    /// Compare federated training with centralised training and with each node alone, without proofs.
+    Compare(Box<zk0::compare::Options>),
     /// Measure policies on recordings.
     Eval(zk0::eval::Options),
     /// Look at recordings, and check them, before you train on them.
@@ -165,6 +167,7 @@ impl Full {
             Self::Prover(command) => zk0::prover::run(command)?,
             Self::Train(options) => zk0::train::run(options)?,
             Self::Simulate(options) => zk0::simulate::run(options)?,
+            Self::Compare(options) => zk0::compare::run(options)?,
             Self::Eval(options) => zk0::eval::run(options)?,
             Self::Dataset(command) => return zk0::dataset::run(command),
             Self::Fidelity(options) => zk0::fidelity::run(options)?,

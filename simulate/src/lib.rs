@@ -2,8 +2,10 @@
 //!
 //! - [`rounds`]: makes rounds of any federation: nodes in parallel, their updates in order.
 //! - [`robots`]: nodes that train SmolVLA as `zk0 node join` does. Their updates are combined by the code that combines a network's.
+//! - [`compare`]: federated training against centralised training and against each node alone, over several seeds.
 //!
 //! Nothing here is proven, and nothing is signed or recorded.
 
+pub mod compare;
 pub mod robots;
 pub mod rounds;

@@ -2,6 +2,7 @@
 //! for byte.
 
 mod curves;
+pub mod federation_options;
 mod options;
 mod report;
 
@@ -9,6 +10,7 @@ pub use options::Options;
 
 use anyhow::{bail, Context, Result};
 use curves::Curves;
+use federation_options::Opened;
 use sha2::{Digest as _, Sha256};
 use std::fs;
 use std::time::Instant;
@@ -16,7 +18,7 @@ use zk0_circuits::{Digest, EvalSpec};
 use zk0_node::progress::Progress;
 use zk0_protocol::blob::blob_digest;
 use zk0_protocol::counted::counted;
-use zk0_simulate::robots::data::{deal, unseen, NodeData, Recorded};
+use zk0_simulate::robots::data::{deal, unseen, NodeData};
 use zk0_simulate::robots::error::SimulationError;
 use zk0_simulate::robots::federation::{Global, Robots};
 use zk0_simulate::robots::outcome::{Aggregated, Evaluated, Round};
@@ -38,13 +40,13 @@ pub fn run(options: &Options) -> Result<()> {
     let simulation = Simulation::prepare(options)?;
     let (done, mut global) = simulation.begin()?;
     let clock = Instant::now();
-    let made = options.rounds - done;
+    let made = options.federation.rounds - done;
     let mut progress = Progress::start("simulating", made);
-    for round in done..options.rounds {
+    for round in done..options.federation.rounds {
         global = simulation.round(round, global)?;
         progress.reached(round + 1 - done);
     }
-    let history = report::read(out, options.rounds)?;
+    let history = report::read(out, options.federation.rounds)?;
     report::finish(out, &history)?;
     let lerobot = global.base.weights.to_safetensors()?;
     report::write(&out.join("global.safetensors"), &lerobot)?;
@@ -75,46 +77,32 @@ struct Simulation<'a> {
 
 impl<'a> Simulation<'a> {
     fn prepare(options: &'a Options) -> Result<Self> {
-        let (strategy, training) = (options.strategy()?, options.training()?);
-        let file = options.source()?.load()?;
+        options.check()?;
+        let federation = &options.federation;
+        let Opened {
+            file,
+            recordings,
+            unseen: others,
+        } = federation.open()?;
         let config = file.policy.config.clone();
         let format = Format::new(&EvalSpec::new(dims(&config)?)).map_err(SimulationError::from)?;
-        let cache = options.cache.open()?;
-        let open = |name: &crate::dataset::RecordingName| {
-            let recorded = Recorded::open(&name.locate()?, &file, cache.as_ref());
-            recorded.with_context(|| format!("recording {name}"))
-        };
-        let recordings = options
-            .datasets
-            .iter()
-            .map(open)
-            .collect::<Result<Vec<_>>>()?;
-        let others = options
-            .unseen
-            .iter()
-            .map(open)
-            .collect::<Result<Vec<_>>>()?;
         let dealing = options.dealing();
         let nodes = deal(&recordings, &file, &dealing)?;
         let unseen: Vec<_> = others
             .iter()
             .map(|one| unseen(one, &file, &dealing))
             .collect();
-        let robots = Robots::new(config, format, strategy, training, nodes)?;
+        let (strategy, training) = (federation.strategy, federation.training());
+        let robots = Robots::new(config, format, strategy, training, nodes.into())?;
         let curves = options.curves(&robots, &unseen)?;
         let expert = file.policy.expert;
-        let weights = expert
-            .tensors()
-            .values()
-            .map(|tensor| tensor.data.len())
-            .sum();
         let mut of = Sha256::new();
         of.update(
             robots
                 .format()
                 .write(&robots.start(&expert)?.base.quantised),
         );
-        of.update(options.identity()?);
+        of.update(options.identity());
         for recorded in recordings.iter().chain(&others) {
             of.update(recorded.digest);
         }
@@ -123,7 +111,7 @@ impl<'a> Simulation<'a> {
             robots,
             unseen,
             of: Digest(of.finalize().into()),
-            threads: options.threads(weights),
+            threads: federation.threads(&expert),
             expert,
             curves,
         })
@@ -140,11 +128,11 @@ impl<'a> Simulation<'a> {
                 );
             }
             let (rounds, global) = saved::read(out, self.of, &self.robots)?;
-            if rounds > self.options.rounds {
+            if rounds > self.options.federation.rounds {
                 bail!(
                     "{} holds a simulation of {rounds} rounds, and --rounds is {}: ask for as many or for more",
                     out.display(),
-                    self.options.rounds
+                    self.options.federation.rounds
                 );
             }
             tracing::info!("the simulation goes on after round {rounds}");
@@ -158,7 +146,12 @@ impl<'a> Simulation<'a> {
     /// Makes a round, and keeps what it came to.
     fn round(&self, round: u64, global: Global) -> Result<Global> {
         let count = self.robots.nodes.len();
-        let chosen = rounds::sample(count, self.options.share, self.options.seed, round);
+        let chosen = rounds::sample(
+            count,
+            self.options.share,
+            self.options.federation.seed,
+            round,
+        );
         let before = global.base.weights.clone();
         let global = rounds::round(&self.robots, round, &chosen, global, self.threads)?;
         let moved = report::distance(&before, &global.base.weights);

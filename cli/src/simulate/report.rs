@@ -51,11 +51,12 @@ pub fn finish(out: &Path, history: &[Round]) -> Result<()> {
     for (place, node) in first.nodes.iter().enumerate() {
         curves.push(curve(&node.name, &|round| round.nodes[place].loss));
     }
+    let nodes = 1..curves.len();
     for (place, one) in first.unseen.iter().enumerate() {
         let name = format!("{} (unseen)", one.name);
         curves.push(curve(&name, &|round| round.unseen[place].loss));
     }
-    chart::draw_rounds(&out.join("loss"), &curves)?;
+    chart::draw_rounds(&out.join("loss"), &curves, nodes)?;
     let round = last.round;
     for curve in &curves {
         let loss = |point: Option<&(f64, f64)>| point.map_or(f64::NAN, |point| point.1);

@@ -5,7 +5,7 @@ mod harness;
 mod network;
 mod results;
 
-use harness::{fails, prints, root, text};
+use harness::{ends, fails, logged, prints, root, text, zk0};
 use serde_json::Value;
 use std::fs;
 use std::path::Path;

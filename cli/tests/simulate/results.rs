@@ -1,6 +1,6 @@
 //! Results of small simulations, and what is refused.
 
-use crate::{fails, folder, round, simulate, small, DATASETS, SMALL};
+use crate::{ends, fails, folder, logged, round, simulate, small, zk0, DATASETS, SMALL};
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
@@ -137,9 +137,10 @@ fn what_cannot_be_simulated_is_refused() {
         said.contains("--share is 0; it has to be above 0 and at most 1"),
         "{said}"
     );
-    let said = refused(&["--strategy", "best"]);
+    let wrong = zk0(&simulate(out.path(), &["--strategy", "best"]));
+    let said = logged(&ends(2, wrong));
     assert!(
-        said.contains("--strategy best: a strategy is fed-avg, median"),
+        said.contains("'best' for '--strategy <STRATEGY>': a strategy is fed-avg, median"),
         "{said}"
     );
     let said = refused(&["--strategy", r#"{"trimmed-mean": {"trim_bps": 5000}}"#]);

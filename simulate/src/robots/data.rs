@@ -6,6 +6,7 @@ use std::ops::Range;
 use std::path::Path;
 use zk0_lerobot::dataset::Dataset;
 use zk0_node::recording::prepare_samples;
+use zk0_protocol::counted::counted;
 use zk0_smolvla::frames::prefix_cache::DiskCache;
 use zk0_smolvla::frames::sample::PreparedSample;
 use zk0_smolvla::measure::evaluate::{fixed_draws, FlowDraw};
@@ -18,6 +19,8 @@ pub struct NodeData {
     pub name: String,
     /// The names of its recordings.
     pub recordings: Vec<String>,
+    /// The episodes that it does not train on and that losses are measured on, such as `so100_pickplace episode 3`.
+    pub held_out: Vec<String>,
     /// The frames that it trains on.
     pub trained_on: Vec<PreparedSample>,
     /// The frames that losses are measured on.
@@ -31,8 +34,11 @@ pub struct NodeData {
 pub struct Dealing {
     /// The number of nodes; `None` for one per recording.
     pub nodes: Option<usize>,
-    /// The share of each node's episodes that it does not train on.
+    /// The share of each node's episodes that it does not train on, and that losses are measured on.
     pub held_out: f64,
+    /// The share of each node's episodes that are set aside before: nobody trains on them, and nothing is measured on them. They are those
+    /// that are held out with this share and the same seed.
+    pub set_aside: f64,
     /// The most frames of a node that losses are measured on.
     pub evaluated: usize,
     /// Chooses the held-out episodes, noise and times.
@@ -45,6 +51,8 @@ pub struct Recorded {
     pub name: String,
     /// Digest of its episodes.
     pub digest: [u8; 32],
+    /// Digest of each episode.
+    pub episode_digests: Vec<[u8; 32]>,
     episodes: Vec<Range<usize>>,
     samples: Vec<PreparedSample>,
 }
@@ -61,11 +69,11 @@ impl Recorded {
     ) -> Result<Self, SimulationError> {
         let dataset = Dataset::open(path).map_err(zk0_node::error::ParticipantError::from)?;
         let name = path.file_name().unwrap_or(path.as_os_str());
-        let mut digest = Sha256::new();
-        dataset.episode_digests().for_each(|one| digest.update(one));
+        let episode_digests: Vec<_> = dataset.episode_digests().collect();
         let episodes = dataset.episodes().iter();
         Ok(Self {
-            digest: digest.finalize().into(),
+            digest: Sha256::digest(episode_digests.concat()).into(),
+            episode_digests,
             name: name.to_string_lossy().into_owned(),
             episodes: episodes.map(|episode| episode.frames.clone()).collect(),
             samples: prepare_samples(&dataset, file, cache)?,
@@ -79,7 +87,7 @@ type Dealt = (usize, usize);
 /// Deals the recordings out to nodes.
 ///
 /// # Errors
-/// There are fewer episodes than nodes, or the episodes of a node cannot be divided.
+/// There are fewer episodes than nodes, or a node has too few to divide.
 pub fn deal(
     recordings: &[Recorded],
     file: &PolicyFile,
@@ -87,24 +95,26 @@ pub fn deal(
 ) -> Result<Vec<NodeData>, SimulationError> {
     let shares = shares(recordings, dealing.nodes)?;
     let nodes = shares.into_iter().enumerate().map(|(number, episodes)| {
-        let split = Split::of(episodes.len(), dealing.held_out, dealing.seed)?;
-        let of = |chosen: &[usize]| {
-            let chosen = chosen.iter().map(|place| episodes[*place]);
-            frames(recordings, chosen)
-        };
-        let trained_on = of(&split.train);
-        let evaluated = match split.eval.is_empty() {
-            true => spread(&trained_on, dealing.evaluated),
-            false => spread(&of(&split.eval), dealing.evaluated),
-        };
+        let name = format!("node-{}", number + 1);
         let mut names: Vec<_> = episodes.iter().map(|(recording, _)| *recording).collect();
         names.dedup();
         let names = names
             .iter()
             .map(|recording| recordings[*recording].name.clone());
+        let names: Vec<_> = names.collect();
+        let (train, held_out) = divided(&episodes, dealing, &name, &names)?;
+        let trained_on = frames(recordings, &train);
+        let evaluated = match held_out.is_empty() {
+            true => spread(&trained_on, dealing.evaluated),
+            false => spread(&frames(recordings, &held_out), dealing.evaluated),
+        };
+        let held_out = held_out.iter().map(|(recording, episode)| {
+            format!("{} episode {episode}", recordings[*recording].name)
+        });
         Ok(NodeData {
-            name: format!("node-{}", number + 1),
-            recordings: names.collect(),
+            name,
+            recordings: names,
+            held_out: held_out.collect(),
             draws: fixed_draws(&file.policy.config, evaluated.len(), dealing.seed),
             trained_on,
             evaluated,
@@ -119,10 +129,44 @@ pub fn unseen(recorded: &Recorded, file: &PolicyFile, dealing: &Dealing) -> Node
     NodeData {
         name: recorded.name.clone(),
         recordings: vec![recorded.name.clone()],
+        held_out: Vec::new(),
         trained_on: Vec::new(),
         draws: fixed_draws(&file.policy.config, evaluated.len(), dealing.seed),
         evaluated,
     }
+}
+
+/// The episodes of a node that it trains on, and those that it holds out.
+fn divided(
+    episodes: &[Dealt],
+    dealing: &Dealing,
+    name: &str,
+    recordings: &[String],
+) -> Result<(Vec<Dealt>, Vec<Dealt>), SimulationError> {
+    let parts = [
+        (dealing.set_aside > 0.0, "one to set aside"),
+        (dealing.held_out > 0.0, "one to measure losses on"),
+        (true, "one to train on"),
+    ];
+    let needed: Vec<_> = parts.iter().filter(|part| part.0).map(|p| p.1).collect();
+    if episodes.len() < needed.len() {
+        return Err(SimulationError::Data(format!(
+            "{name} has {} of {}, and needs {} episodes: {}. Name longer recordings, or simulate fewer nodes",
+            counted(episodes.len() as u64, "episode", "episodes"),
+            recordings.join(", "),
+            needed.len(),
+            needed.join(", ")
+        )));
+    }
+    let of = |from: &[Dealt], chosen: &[usize]| -> Vec<Dealt> {
+        chosen.iter().map(|place| from[*place]).collect()
+    };
+    let rest = of(
+        episodes,
+        &Split::of(episodes.len(), dealing.set_aside, dealing.seed)?.train,
+    );
+    let split = Split::of(rest.len(), dealing.held_out, dealing.seed)?;
+    Ok((of(&rest, &split.train), of(&rest, &split.eval)))
 }
 
 /// The episodes of each node. With a number of nodes, the episodes of all recordings are counted through, and number `i` goes to node
@@ -151,10 +195,10 @@ fn shares(
     Ok(shares)
 }
 
-fn frames(recordings: &[Recorded], episodes: impl Iterator<Item = Dealt>) -> Vec<PreparedSample> {
-    let frames = episodes.flat_map(|(recording, episode)| {
-        let recording = &recordings[recording];
-        &recording.samples[recording.episodes[episode].clone()]
+fn frames(recordings: &[Recorded], episodes: &[Dealt]) -> Vec<PreparedSample> {
+    let frames = episodes.iter().flat_map(|(recording, episode)| {
+        let recording = &recordings[*recording];
+        &recording.samples[recording.episodes[*episode].clone()]
     });
     frames.cloned().collect()
 }
@@ -164,4 +208,97 @@ fn spread(samples: &[PreparedSample], most: usize) -> Vec<PreparedSample> {
     let count = samples.len().min(most.max(1));
     let places = (0..count).map(|number| number * samples.len() / count);
     places.map(|place| samples[place].clone()).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::BTreeSet;
+    use zk0_smolvla::policy::init::init_policy;
+    use zk0_smolvla::Profile;
+
+    fn recorded(name: &str, episodes: usize) -> Recorded {
+        let frame = |number: usize| PreparedSample {
+            prefix_tokens: 1,
+            keys: Vec::new(),
+            values: Vec::new(),
+            actions: vec![number as f32],
+            is_pad: Vec::new(),
+        };
+        Recorded {
+            name: name.into(),
+            digest: [0; 32],
+            episode_digests: vec![[0; 32]; episodes],
+            episodes: (0..episodes).map(|one| 3 * one..3 * one + 3).collect(),
+            samples: (0..3 * episodes).map(frame).collect(),
+        }
+    }
+
+    fn dealt(recordings: &[Recorded], dealing: &Dealing) -> Result<Vec<NodeData>, SimulationError> {
+        let policy = init_policy(&Profile::Micro.config(), 0).unwrap();
+        deal(recordings, &PolicyFile::hashing_words(policy), dealing)
+    }
+
+    const DEALING: Dealing = Dealing {
+        nodes: None,
+        held_out: 0.2,
+        set_aside: 0.0,
+        evaluated: 100,
+        seed: 5,
+    };
+
+    fn actions(samples: &[PreparedSample]) -> BTreeSet<u32> {
+        let all = samples.iter().map(|sample| sample.actions[0] as u32);
+        all.collect()
+    }
+
+    #[test]
+    fn what_a_comparison_measures_on_is_set_aside_in_its_search() {
+        let recordings = [recorded("a", 10), recorded("b", 3)];
+        let compared = dealt(&recordings, &DEALING).unwrap();
+        let searching = Dealing {
+            set_aside: 0.2,
+            ..DEALING
+        };
+        let searched = dealt(&recordings, &searching).unwrap();
+        for (compared, searched) in compared.iter().zip(&searched) {
+            assert!(!compared.held_out.is_empty() && !searched.held_out.is_empty());
+            let reported = actions(&compared.evaluated);
+            for other in [
+                &searched.evaluated,
+                &searched.trained_on,
+                &compared.trained_on,
+            ] {
+                assert!(!other.is_empty());
+                assert!(reported.is_disjoint(&actions(other)));
+            }
+            assert!(actions(&searched.evaluated).is_disjoint(&actions(&searched.trained_on)));
+        }
+    }
+
+    #[test]
+    fn a_node_with_too_few_episodes_is_named() {
+        let refused = |episodes, set_aside| {
+            let dealing = Dealing {
+                set_aside,
+                ..DEALING
+            };
+            let dealt = dealt(
+                &[recorded("long", 9), recorded("short", episodes)],
+                &dealing,
+            );
+            dealt.err().map(|error| error.to_string())
+        };
+        assert_eq!(refused(2, 0.0), None);
+        assert_eq!(refused(3, 0.2), None);
+        let said = refused(1, 0.0).unwrap();
+        assert!(said.starts_with("node-2 has 1 episode of short, and needs 2 episodes: one to measure losses on, one to train on."), "{said}");
+        let said = refused(2, 0.2).unwrap();
+        assert!(
+            said.starts_with(
+                "node-2 has 2 episodes of short, and needs 3 episodes: one to set aside"
+            ),
+            "{said}"
+        );
+    }
 }

@@ -4,6 +4,7 @@ use crate::robots::data::NodeData;
 use crate::robots::error::SimulationError;
 use crate::robots::outcome::Trained;
 use crate::rounds::Federation;
+use std::sync::Arc;
 use zk0_circuits::{Digest, NodeId, QuantisedWeights};
 use zk0_node::error::ParticipantError;
 use zk0_node::exchanged_weights::Base;
@@ -46,7 +47,7 @@ pub struct Robots {
     strategy: Strategy,
     training: Training,
     /// The nodes.
-    pub nodes: Vec<NodeData>,
+    pub nodes: Arc<[NodeData]>,
 }
 
 /// The weights after some rounds, and what the next round needs besides.
@@ -77,7 +78,7 @@ impl Robots {
         format: Format,
         strategy: Strategy,
         training: Training,
-        nodes: Vec<NodeData>,
+        nodes: Arc<[NodeData]>,
     ) -> Result<Self, SimulationError> {
         let rules = Rules {
             strategy,

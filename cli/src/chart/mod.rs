@@ -1,22 +1,27 @@
-//! Charts: training curves, the losses that proofs show, and bars that compare policies. Each chart is drawn as PNG and as SVG. The data
-//! of training curves is also written as JSON.
+//! Charts: training curves, the losses that proofs show, bars that compare policies, and differences with their intervals. Each chart is drawn
+//! as PNG and as SVG. The data of training curves is also written as JSON.
+
+mod bars;
+mod colours;
+mod curves;
+mod differences;
 
 use anyhow::{anyhow, Context, Result};
+use bars::bars;
+use colours::Drawn;
+use curves::{bands, lines, PROGRESS, ROUNDS, TRAINING};
+use differences::differences;
 use plotters::coord::Shift;
 use plotters::prelude::*;
 use plotters::style::register_font;
 use std::fs::File;
+use std::ops::Range;
 use std::path::Path;
 use zk0_files::atomic_file;
 
-/// A curve with a name: losses by step or by round.
-#[derive(Clone, Debug, serde::Serialize)]
-pub struct Curve {
-    /// What the curve shows.
-    pub name: String,
-    /// Training step or round, and the loss there.
-    pub points: Vec<(f64, f64)>,
-}
+pub use bars::Bars;
+pub use curves::{Band, Curve};
+pub use differences::Row;
 
 /// A proven pair of losses.
 #[derive(Clone, Debug, serde::Serialize)]
@@ -29,19 +34,6 @@ pub struct Proven {
     pub before: f64,
     /// Loss of the update on the same samples, noise and times.
     pub after: f64,
-}
-
-/// Groups of bars. What the groups are is the name of their axis, see [`Panel`].
-#[derive(Clone, Debug, serde::Serialize)]
-pub struct Bars {
-    /// The text above them.
-    pub caption: String,
-    /// What they measure.
-    pub unit: String,
-    /// Below each group.
-    pub groups: Vec<String>,
-    /// For each series its name, and its bar in every group.
-    pub series: Vec<(String, Vec<f64>)>,
 }
 
 /// Bars, and the name of the axis below them.
@@ -81,10 +73,17 @@ pub fn draw_training(stem: &Path, curves: &[Curve]) -> Result<()> {
     save(stem, (900, 500), &Picture::Training(curves))
 }
 
-/// Draws losses by round to `stem.png` and `stem.svg`, and writes them to `stem.json`.
-pub fn draw_rounds(stem: &Path, curves: &[Curve]) -> Result<()> {
+/// Draws losses by round to `stem.png` and `stem.svg`, and writes them to `stem.json`. The curves in `nodes` are those of single nodes: where there
+/// are many, they are drawn thin and in grey, behind the others.
+pub fn draw_rounds(stem: &Path, curves: &[Curve], nodes: Range<usize>) -> Result<()> {
     write_json(stem, &curves)?;
-    save(stem, (900, 500), &Picture::Rounds(curves))
+    save(stem, (900, 500), &Picture::Rounds(curves, nodes))
+}
+
+/// Draws losses by round with their intervals, and beside them differences with theirs, to `stem.png` and `stem.svg`.
+pub fn draw_comparison(stem: &Path, progress: &[Band], rows: &[Row]) -> Result<()> {
+    let height = 180 + 30 * rows.len().clamp(11, 100) as u32;
+    save(stem, (1500, height), &Picture::Comparison(progress, rows))
 }
 
 /// Draws rows of two groups of bars each to `stem.png` and `stem.svg`, the rows below one another.
@@ -104,11 +103,10 @@ enum Picture<'a> {
     /// The bars with the names of their axes.
     Federation(&'a [Curve], [(&'a str, &'a Bars); 2]),
     Training(&'a [Curve]),
-    Rounds(&'a [Curve]),
+    Rounds(&'a [Curve], Range<usize>),
     Rows(&'a [[Panel; 2]]),
+    Comparison(&'a [Band], &'a [Row]),
 }
-
-type Drawn<B> = Result<(), DrawingAreaErrorKind<<B as DrawingBackend>::ErrorType>>;
 
 impl Picture<'_> {
     fn draw<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>) -> Drawn<B> {
@@ -116,12 +114,17 @@ impl Picture<'_> {
             Self::Federation(curves, [proven, global]) => {
                 let (left, rest) = area.split_horizontally((42).percent_width());
                 let (middle, right) = rest.split_horizontally((50).percent_width());
-                lines(&left, TRAINING, curves)?;
+                lines(&left, TRAINING, curves, 0..0)?;
                 bars(&middle, proven.0, proven.1)?;
                 bars(&right, global.0, global.1)
             }
-            Self::Training(curves) => lines(area, TRAINING, curves),
-            Self::Rounds(curves) => lines(area, ROUNDS, curves),
+            Self::Training(curves) => lines(area, TRAINING, curves, 0..0),
+            Self::Rounds(curves, nodes) => lines(area, ROUNDS, curves, nodes.clone()),
+            Self::Comparison(progress, rows) => {
+                let (left, right) = area.split_horizontally((45).percent_width());
+                bands(&left, PROGRESS, progress)?;
+                differences(&right, rows)
+            }
             Self::Rows(rows) => {
                 let areas = area.split_evenly((rows.len().max(1), 1));
                 areas.iter().zip(*rows).try_for_each(|(area, row)| {
@@ -160,123 +163,6 @@ fn draw_on<B: DrawingBackend>(area: DrawingArea<B, Shift>, picture: &Picture) ->
     area.fill(&WHITE).map_err(|e| failed(e.to_string()))?;
     picture.draw(&area).map_err(|e| failed(e.to_string()))?;
     area.present().map_err(|e| failed(e.to_string()))
-}
-
-/// Eight colours that people with any kind of colour vision can tell apart (Okabe and Ito, Color Universal Design, 2008).
-struct PaletteForAll;
-
-impl Palette for PaletteForAll {
-    const COLORS: &'static [(u8, u8, u8)] = &[
-        (0, 114, 178),
-        (213, 94, 0),
-        (0, 158, 115),
-        (204, 121, 167),
-        (230, 159, 0),
-        (86, 180, 233),
-        (240, 228, 66),
-        (0, 0, 0),
-    ];
-}
-
-fn highest(values: impl Iterator<Item = f64>) -> f64 {
-    values
-        .filter(|v| v.is_finite())
-        .fold(0.0, f64::max)
-        .max(1e-6)
-        * 1.1
-}
-
-/// The text above curves, and the name of the axis below them.
-type Titles = [&'static str; 2];
-
-const TRAINING: Titles = ["Local training: mean over a window", "optimiser step"];
-const ROUNDS: Titles = ["Loss of the global weights", "round"];
-
-/// Draws curves of losses.
-fn lines<B: DrawingBackend>(
-    area: &DrawingArea<B, Shift>,
-    [caption, x]: Titles,
-    curves: &[Curve],
-) -> Drawn<B> {
-    let points = || curves.iter().flat_map(|curve| &curve.points);
-    let last = points().map(|p| p.0).fold(1.0, f64::max);
-    let mut chart = ChartBuilder::on(area)
-        .caption(caption, ("sans-serif", 20))
-        .margin(12)
-        .x_label_area_size(40)
-        .y_label_area_size(55)
-        .build_cartesian_2d(0.0..last, 0.0..highest(points().map(|p| p.1)))?;
-    chart
-        .configure_mesh()
-        .x_desc(x)
-        .y_desc("flow-matching loss (mean squared error)")
-        .light_line_style(WHITE)
-        .draw()?;
-    for (i, curve) in curves.iter().enumerate() {
-        let colour = PaletteForAll::pick(i).to_rgba();
-        chart
-            .draw_series(LineSeries::new(
-                curve.points.iter().copied(),
-                colour.stroke_width(2),
-            ))?
-            .label(curve.name.clone())
-            .legend(move |(x, y)| PathElement::new([(x, y), (x + 18, y)], colour.stroke_width(3)));
-    }
-    chart
-        .configure_series_labels()
-        .position(SeriesLabelPosition::UpperRight)
-        .background_style(WHITE.mix(0.8))
-        .border_style(BLACK.mix(0.3))
-        .draw()
-}
-
-/// Draws bars. `x` says what their groups are.
-fn bars<B: DrawingBackend>(area: &DrawingArea<B, Shift>, x: &str, bars: &Bars) -> Drawn<B> {
-    let count = bars.groups.len();
-    let values = bars.series.iter().flat_map(|(_, values)| values);
-    // The names of the series have room above the bars.
-    let top = highest(values.copied()) * (1.0 + 0.08 * bars.series.len() as f64);
-    let mut chart = ChartBuilder::on(area)
-        .caption(&bars.caption, ("sans-serif", 20))
-        .margin(12)
-        .x_label_area_size(40)
-        .y_label_area_size(55)
-        .build_cartesian_2d(0.0..count.max(1) as f64, 0.0..top)?;
-    chart
-        .configure_mesh()
-        .disable_x_mesh()
-        .x_labels(2 * count + 1)
-        .x_label_formatter(&|x| {
-            let middle = (x.fract() - 0.5).abs() < 1e-6;
-            let of = bars.groups.get(*x as usize).filter(|_| middle);
-            of.cloned().unwrap_or_default()
-        })
-        .x_desc(x)
-        .y_desc(&bars.unit)
-        .light_line_style(WHITE)
-        .draw()?;
-    // The other series are compared with the first one.
-    let width = 0.7 / bars.series.len().max(1) as f64;
-    for (i, (name, values)) in bars.series.iter().enumerate() {
-        let colour = match i {
-            0 => BLACK.mix(0.35),
-            _ => PaletteForAll::pick(i).mix(0.7),
-        };
-        let from = 0.15 + width * i as f64;
-        chart
-            .draw_series(values.iter().enumerate().map(|(group, value)| {
-                let x = group as f64 + from;
-                Rectangle::new([(x, 0.0), (x + width, *value)], colour.filled())
-            }))?
-            .label(name)
-            .legend(move |(x, y)| Rectangle::new([(x, y - 5), (x + 14, y + 5)], colour.filled()));
-    }
-    chart
-        .configure_series_labels()
-        .position(SeriesLabelPosition::UpperRight)
-        .background_style(WHITE.mix(0.8))
-        .border_style(BLACK.mix(0.3))
-        .draw()
 }
 
 #[cfg(test)]
@@ -343,5 +229,83 @@ mod tests {
         // A caption is a text of its own, so that each name is there twice.
         let joints = texts.iter().filter(|text| *text == "joint");
         assert_eq!(joints.count(), 2);
+    }
+
+    fn curve(name: &str) -> Curve {
+        Curve {
+            name: name.into(),
+            points: vec![(0.0, 2.0), (10.0, 1.0)],
+        }
+    }
+
+    /// Where a text begins, in pixels from the left.
+    fn place(svg: &Path, text: &str) -> i32 {
+        let all = std::fs::read_to_string(svg).unwrap();
+        let before = all.split(&format!("\n{text}\n")).next().unwrap();
+        assert!(before.len() < all.len(), "{text}");
+        let from = before.rfind("<text x=\"").unwrap() + "<text x=\"".len();
+        let number: String = before[from..].chars().take_while(|c| *c != '"').collect();
+        number.parse().unwrap()
+    }
+
+    /// The curves end where the last round is, and the names stand right of that.
+    #[test]
+    fn names_of_curves_stand_beside_them() {
+        let dir = tempfile::tempdir().unwrap();
+        let stem = dir.path().join("loss");
+        let names = [
+            "mean",
+            "node-1",
+            "node-2",
+            "a long name of a recording (unseen)",
+        ];
+        draw_rounds(&stem, &names.map(curve), 1..3).unwrap();
+        let svg = stem.with_extension("svg");
+        for name in names {
+            assert!(place(&svg, name) > place(&svg, "10.0"), "{name}");
+        }
+    }
+
+    #[test]
+    fn many_nodes_share_a_name() {
+        let dir = tempfile::tempdir().unwrap();
+        let stem = dir.path().join("loss");
+        let nodes = (1..=40).map(|node| curve(&format!("node-{node}")));
+        let mean = std::iter::once(curve("mean"));
+        let curves: Vec<_> = mean.chain(nodes).chain([curve("unseen")]).collect();
+        draw_rounds(&stem, &curves, 1..41).unwrap();
+        let texts = texts(&stem.with_extension("svg"));
+        assert_has(&texts, &["mean", "unseen", "each of 40 nodes"]);
+        assert!(!texts.iter().any(|text| text == "node-7"), "{texts:?}");
+    }
+
+    #[test]
+    fn a_comparison_names_its_rows_and_both_axes() {
+        let dir = tempfile::tempdir().unwrap();
+        let stem = dir.path().join("comparison");
+        let band = Band {
+            name: "federated".into(),
+            points: vec![(0.0, [2.0, 2.1, 2.2]), (10.0, [0.9, 1.0, 1.1])],
+        };
+        let row = |name: &str, [low, mean, high]: [f64; 3]| Row {
+            name: name.into(),
+            low,
+            mean,
+            high,
+        };
+        let rows = [
+            row("held out: minus alone", [-0.3, -0.2, -0.1]),
+            row("unseen: minus alone", [-0.1, 0.0, 0.1]),
+        ];
+        draw_comparison(&stem, &[band], &rows).unwrap();
+        let names = ["federated", "held out: minus alone", "unseen: minus alone"];
+        let axes = [
+            "round",
+            "difference of losses: below 0, the federation is better",
+        ];
+        assert_has(
+            &texts(&stem.with_extension("svg")),
+            &[&names[..], &axes].concat(),
+        );
     }
 }

@@ -1,0 +1,111 @@
+//! `zk0 compare`: federated training against centralised training and against each node alone, without proofs. A comparison may be stopped at any
+//! moment and resumed: the results are the same, byte for byte.
+
+mod kept;
+mod options;
+mod prepared;
+mod report;
+mod search;
+
+pub use options::Options;
+
+use anyhow::{Context, Result};
+use kept::Kept;
+use prepared::Prepared;
+use std::fs;
+use std::sync::Mutex;
+use std::time::Instant;
+use zk0_node::progress::Progress;
+use zk0_protocol::counted::counted;
+use zk0_simulate::compare::run::{measured_rounds, Run, Setting};
+use zk0_simulate::compare::variant::{Kind, Values, Variant};
+use zk0_simulate::rounds;
+
+/// Said at the beginning and at the end.
+const NOT_PROVEN: &str =
+    "nothing in this comparison is proven, signed or recorded: `zk0 demo` and real networks do that";
+
+/// Besides the start, losses are measured so many times in a run.
+const MEASURED: u64 = 10;
+
+/// Runs the command.
+pub fn run(options: &Options) -> Result<()> {
+    let out = &options.out;
+    options.check()?;
+    fs::create_dir_all(out).with_context(|| format!("creating {}", out.display()))?;
+    println!("{NOT_PROVEN}");
+    let clock = Instant::now();
+    let prepared = Prepared::open(options)?;
+    let measured = measured_rounds(options.federation.rounds, MEASURED);
+    let setting = prepared.setting(options, &options.dealing(), measured)?;
+    let kept = Kept::open(out, prepared.of, options.resume)?;
+    let (values, searched) = match options.search {
+        true => {
+            let (values, searched) = search::search(options, &prepared, &kept)?;
+            (values, Some(searched))
+        }
+        false => {
+            let space = options.space();
+            let given = Kind::ALL.map(|kind| space.given(kind));
+            (given.to_vec(), None)
+        }
+    };
+    let runs = make(options, &prepared, &setting, &kept, &values)?;
+    report::report(options, &setting, &values, &runs, searched)?;
+    println!(
+        "\n{} in {:.1} s; the results are in {}\n{NOT_PROVEN}",
+        counted(runs.len() as u64, "run", "runs"),
+        clock.elapsed().as_secs_f64(),
+        out.display()
+    );
+    Ok(())
+}
+
+/// Makes the runs that are not made yet, and gives all of them.
+fn make(
+    options: &Options,
+    prepared: &Prepared,
+    setting: &Setting,
+    kept: &Kept,
+    values: &[Values],
+) -> Result<Vec<Run>> {
+    let first = options.federation.seed;
+    let seeds = first..first + options.seeds;
+    let of_seed = |seed| {
+        Variant::all(setting.nodes.len())
+            .into_iter()
+            .map(move |one| (one, seed))
+    };
+    let all: Vec<(Variant, u64)> = seeds.flat_map(of_seed).collect();
+    let missing = all
+        .iter()
+        .filter(|(variant, seed)| !kept.has_run(*variant, *seed));
+    let missing: Vec<_> = missing.copied().collect();
+    let progress = Mutex::new((0, Progress::start("comparing", missing.len() as u64)));
+    rounds::parallel(missing.len(), prepared.threads, |number| {
+        let (variant, seed) = missing[number];
+        let values = Kind::ALL.iter().zip(values);
+        let values = values.filter(|(kind, _)| **kind == variant.kind());
+        let start = prepared.start(options, seed)?;
+        for (_, values) in values {
+            let run = setting.run(variant, values, seed, &start, 1);
+            let run = run.with_context(|| {
+                format!(
+                    "training with seed {seed}, {}",
+                    variant.name(&setting.nodes)
+                )
+            })?;
+            kept.keep_run(&run)?;
+        }
+        if let Ok(mut progress) = progress.lock() {
+            progress.0 += 1;
+            let done = progress.0;
+            progress.1.reached(done);
+        }
+        anyhow::Ok(())
+    })?;
+    // Runs come from disk, so that it makes no difference whether the comparison was interrupted.
+    all.iter()
+        .map(|(variant, seed)| kept.run(*variant, *seed))
+        .collect()
+}

@@ -1,0 +1,137 @@
+//! The search for values before a comparison. Its trials are measured on validation episodes, which are not those that the comparison reports on.
+
+use crate::compare::kept::Kept;
+use crate::compare::options::Options;
+use crate::compare::prepared::Prepared;
+use anyhow::{bail, Result};
+use std::time::Instant;
+use zk0_node::progress::Progress;
+use zk0_protocol::counted::counted;
+use zk0_simulate::compare::run::Setting;
+use zk0_simulate::compare::search::{best, Space, Trial};
+use zk0_simulate::compare::variant::{Kind, Values};
+use zk0_simulate::robots::error::SimulationError;
+use zk0_simulate::rounds;
+use zk0_smolvla::ExpertWeights;
+
+/// The seed of all trials: one that no comparison has.
+const SEED: u64 = u32::MAX as u64;
+
+/// What a search did.
+#[derive(serde::Serialize)]
+pub struct Searched {
+    /// What it tried.
+    pub space: Space,
+    /// The validation episodes of each node.
+    pub validation_episodes: Vec<Vec<String>>,
+    /// The trials of each kind, in the order in which they were made.
+    pub trials: Vec<Trial>,
+}
+
+/// Makes the trials that are not made yet, and gives the values of each kind, in the order of [`Kind::ALL`].
+pub fn search(
+    options: &Options,
+    prepared: &Prepared,
+    kept: &Kept,
+) -> Result<(Vec<Values>, Searched)> {
+    let space = options.space();
+    let measured = vec![options.federation.rounds];
+    let setting = prepared.setting(options, &options.searching(), measured)?;
+    let count = match kept.searched()? {
+        Some(count) => count,
+        None => make(options, prepared, kept, &space, &setting)?,
+    };
+    let (mut values, mut trials) = (Vec::new(), Vec::new());
+    for kind in Kind::ALL {
+        let of_kind = kept.trials(kind, count)?;
+        let Some(chosen) = best(&of_kind) else {
+            let why = of_kind.first().and_then(|trial| trial.failed.clone());
+            bail!(
+                "{} of {} failed, so there is nothing to choose from. The first one: {}. Try smaller learning rates",
+                counted(count, "trial", "trials"),
+                kind.name(),
+                why.unwrap_or_default()
+            );
+        };
+        println!(
+            "{:<12} chosen among {}, with the loss {:.4} on validation episodes: {}",
+            kind.name(),
+            counted(count, "trial", "trials"),
+            chosen.loss.unwrap_or(f64::NAN),
+            in_words(&chosen.values)?
+        );
+        values.push(chosen.values.clone());
+        trials.extend(of_kind);
+    }
+    let episodes = setting.nodes.iter().map(|node| node.held_out.clone());
+    let searched = Searched {
+        space,
+        validation_episodes: episodes.collect(),
+        trials,
+    };
+    Ok((values, searched))
+}
+
+/// Makes trials until there are enough, or the time is over. Each kind gets as many as the others.
+fn make(
+    options: &Options,
+    prepared: &Prepared,
+    kept: &Kept,
+    space: &Space,
+    setting: &Setting,
+) -> Result<u64> {
+    let start = prepared.start(options, SEED)?;
+    let clock = Instant::now();
+    let mut progress = Progress::start("searching", options.search_trials);
+    let mut made = 0;
+    while made < options.search_trials && (made == 0 || clock.elapsed() < options.search_time()) {
+        let missing = Kind::ALL.into_iter();
+        let missing: Vec<_> = missing
+            .filter(|kind| !kept.has_trial(*kind, made))
+            .collect();
+        rounds::parallel(missing.len(), prepared.threads, |number| {
+            let kind = missing[number];
+            // Trials come from disk, so that it makes no difference whether the search was interrupted.
+            let before = kept.trials(kind, made)?;
+            let values = space.next(kind, options.federation.seed, &before);
+            kept.keep_trial(made, &trial(kind, values, setting, &start)?)
+        })?;
+        made += 1;
+        progress.reached(made);
+    }
+    kept.keep_searched(made)?;
+    Ok(made)
+}
+
+/// Trains with some values. Training that diverges is a result, too.
+fn trial(
+    kind: Kind,
+    values: Values,
+    setting: &Setting,
+    start: &ExpertWeights,
+) -> Result<Trial, SimulationError> {
+    let (loss, failed) = match setting.own_loss(kind, &values, SEED, start) {
+        Ok(loss) => (Some(loss), None),
+        Err(error @ (SimulationError::Rules(_) | SimulationError::Data(_))) => return Err(error),
+        Err(error) => (None, Some(error.to_string())),
+    };
+    Ok(Trial {
+        kind,
+        values,
+        loss,
+        failed,
+    })
+}
+
+/// Values as options of the command.
+pub fn in_words(values: &Values) -> Result<String> {
+    let mut words = format!("--learning-rate {}", values.learning_rate);
+    if let Some(mu) = values.fedprox_mu {
+        words += &format!(" --fedprox-mu {mu}");
+    }
+    if let Some(strategy) = values.strategy {
+        let strategy = serde_json::to_string(&strategy)?;
+        words += &format!(" --strategy '{}'", strategy.trim_matches('"'));
+    }
+    Ok(words)
+}
