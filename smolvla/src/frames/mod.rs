@@ -5,10 +5,13 @@
 //! - [`recording`] prepares the frames of a recording, normalised by its statistics.
 //! - [`prefix_cache`] keeps samples on disk.
 //! - [`batch`] makes tensors of several samples, wherever they come from.
+//! - [`ahead`] makes samples in the background, before a step takes them. [`making`] is what it needs of a source for that.
 
+pub mod ahead;
 pub mod batch;
 pub mod cameras;
 pub mod image;
+pub mod making;
 pub mod prefix_cache;
 pub mod recording;
 pub mod sample;

@@ -32,7 +32,18 @@ impl Preparer<'_> {
         loader: &mut Loader,
         index: usize,
     ) -> std::result::Result<S, PrepareError> {
-        let mut frame = loader.frame(index)?;
+        Ok(self.prepare_decoded(dataset, loader.frame(index)?)?)
+    }
+
+    /// Makes a sample of a frame of `dataset` that is decoded.
+    ///
+    /// # Errors
+    /// The frame does not fit the policy.
+    pub fn prepare_decoded<S: FromFrame>(
+        &self,
+        dataset: &Dataset,
+        mut frame: Frame,
+    ) -> std::result::Result<S, PolicyError> {
         normalise(dataset, &mut frame);
         let cameras = dataset
             .cameras()
@@ -51,7 +62,7 @@ impl Preparer<'_> {
             is_pad: &frame.action_is_pad,
             task: &frame.task,
         };
-        Ok(S::from_frame(self, &observation)?)
+        S::from_frame(self, &observation)
     }
 }
 

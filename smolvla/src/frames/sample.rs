@@ -44,7 +44,7 @@ pub struct ObservedSample {
 }
 
 /// A kind of sample that a frame can be made into.
-pub trait FromFrame: Clone {
+pub trait FromFrame: Clone + Send + 'static {
     /// Runs the frozen part over one frame.
     ///
     /// # Errors
