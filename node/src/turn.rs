@@ -67,8 +67,10 @@ pub struct Entered<'a> {
     pub config: &'a PolicyConfig,
     /// How the network's weights look as files.
     pub format: Format,
-    /// All frames of the recording, for training.
+    /// All frames of the recording as they are recorded, for measuring losses and proving.
     pub samples: &'a dyn SampleSource<PreparedSample>,
+    /// The frames to train on, or transformed variants of them.
+    pub training: &'a dyn SampleSource<PreparedSample>,
     /// The samples that it has committed to, for proving.
     pub evaluation: EvaluationSet,
 }
@@ -322,7 +324,7 @@ impl Turn<'_> {
             seed: round,
             ..TrainOptions::default()
         };
-        let samples = Samples::Prepared(self.entered.samples);
+        let samples = Samples::Prepared(self.entered.training);
         self.followed(training.steps, &mut |progress| {
             train_on(
                 &training.device,
@@ -348,7 +350,7 @@ impl Turn<'_> {
         let mut progress = Progress::start("training", steps as u64);
         let trained = train(&mut |step| progress.reached(step.step as u64))?;
         // Nothing needs the frozen half of the policy until the next round. It takes gigabytes.
-        self.entered.samples.rest();
+        self.entered.training.rest();
         let history = TrainingHistory {
             round,
             losses: trained.losses,

@@ -4,8 +4,10 @@ mod cache_options;
 pub mod calibration;
 mod device_options;
 mod source;
+mod transform_options;
 pub mod whole_folder;
 
 pub use cache_options::{cache_failed, CacheOptions};
 pub use device_options::DeviceOptions;
 pub use source::{one, read, PolicySource};
+pub use transform_options::{TransformOptions, Transforms};

@@ -49,6 +49,7 @@ pub fn run(options: &Options) -> Result<()> {
 
 fn train<S: SampleKind>(options: &Options) -> Result<()> {
     let training = options.training()?;
+    let variants = options.transforms.variants(options.seed)?;
     let at = options.device.open()?;
     let source = options.source()?;
     let out = &options.out;
@@ -73,7 +74,11 @@ fn train<S: SampleKind>(options: &Options) -> Result<()> {
     let space = KeySpace::new::<S>(&policy, &at);
     let names = FrameNames::new(space, &config, tokenizer, cache.as_ref());
     let chosen = Chosen::of(options, &datasets, names)?;
-    let data = digest_of(chosen.train.iter().map(|frame| frame.key));
+    let trained_on = match &variants {
+        Some(variants) => variants.frames(&chosen.train),
+        None => chosen.train.clone(),
+    };
+    let data = digest_of(trained_on.iter().map(|frame| frame.key));
 
     // At the published size the frozen half has 1.4 GB, so nothing holds more of it, or for longer, than it needs.
     let frozen = mem::take(&mut policy.frozen);
@@ -83,7 +88,10 @@ fn train<S: SampleKind>(options: &Options) -> Result<()> {
         let policy = policy.map_err(|error| PolicyError::Sample(format!("{error:#}")))?;
         Preparer::at(&at, policy, tokenizer)
     });
-    let maker = maker.with_prefixes_by_asker(!at.device.is_cpu());
+    let by_asker = !at.device.is_cpu();
+    let maker = maker
+        .with_prefixes_by_asker(by_asker)
+        .with_variants(variants.clone());
     let held_out = match chosen.held_out.is_empty() {
         true => None,
         false => Some(HeldOut {
@@ -92,8 +100,14 @@ fn train<S: SampleKind>(options: &Options) -> Result<()> {
                 .map_err(cache_failed)?,
         }),
     };
-    let ours = samples::while_training::<S>(cache.as_ref(), &maker, chosen.train);
-    let ours = ours.map_err(cache_failed)?;
+    let prepare =
+        |frames| samples::while_training::<S>(cache.as_ref(), &maker, frames).map_err(cache_failed);
+    let ours = prepare(trained_on)?;
+    // Losses are measured on frames as they are recorded.
+    let recorded = match variants.is_some() && options.lr_boost.is_some() {
+        true => Some(prepare(chosen.train)?),
+        false => None,
+    };
 
     let lines = out.join("metrics.jsonl");
     let run = |samples: Samples<'_>| -> Result<Run> {
@@ -102,7 +116,8 @@ fn train<S: SampleKind>(options: &Options) -> Result<()> {
             Trainer::on(&at, &config, expert, frozen, samples, training)
         };
         let mut trainer = start(training.clone())?;
-        let boosted = boosted(options, &trainer, samples)?;
+        let measured = recorded.as_ref().map_or(samples, |some| S::samples(some));
+        let boosted = boosted(options, &trainer, measured)?;
         if boosted != 1.0 {
             let learning_rate = training.learning_rate * boosted;
             trainer = start(TrainOptions {

@@ -67,6 +67,7 @@ fn main() -> Result<(), Failure> {
         dataset: 0,
         index,
         key,
+        transformed: false,
     });
     let maker = FrameMaker::new(&datasets, policy.config.chunk_size, || {
         Preparer::new(&policy, &tokenizer)

@@ -3,16 +3,25 @@
 use zk0_lerobot::dataset::Frame;
 
 use crate::error::Result;
+use crate::frames::image_transforms::picture::Picture;
 
 /// The numbers of the samples that are asked for next, in order.
 pub type Coming = Box<dyn Iterator<Item = usize> + Send>;
+
+/// A frame that is read.
+pub struct Decoded {
+    /// The frame as it was recorded.
+    pub frame: Frame,
+    /// Its pictures transformed, camera after camera, if they are.
+    pub pictures: Option<Vec<Picture>>,
+}
 
 /// A sample that is there, or a frame to make it of.
 pub enum Begun<S> {
     /// It was at hand.
     Whole(S),
     /// The frame is decoded, and the frozen half of the policy has to run over it.
-    Decoded(Frame),
+    Decoded(Decoded),
 }
 
 /// What makes samples, on whatever thread.

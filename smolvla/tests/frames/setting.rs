@@ -39,6 +39,7 @@ pub fn frames(policy: &Policy, dataset: &Dataset, count: usize) -> Vec<FrameRef>
         dataset: 0,
         index,
         key,
+        transformed: false,
     })
     .collect()
 }

@@ -4,24 +4,15 @@ use std::sync::mpsc::{sync_channel, Receiver};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::thread::Scope;
 
-use zk0_lerobot::dataset::{Dataset, Frame, Loader};
+use zk0_lerobot::dataset::{Dataset, Loader};
 
-use crate::error::Result;
+use crate::error::{PolicyError, Result};
 use crate::frames::batch::missing;
-use crate::frames::prefix_cache::key::Key;
+use crate::frames::image_transforms::variants::Variants;
+use crate::frames::making::Decoded;
+use crate::frames::prefix_cache::key::FrameRef;
 use crate::frames::recording::PrepareError;
 use crate::frames::sample::{FromFrame, Preparer};
-
-/// A frame of one of several recordings.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct FrameRef {
-    /// Which recording.
-    pub dataset: usize,
-    /// Which of its frames.
-    pub index: usize,
-    /// The frame's name in the cache.
-    pub key: Key,
-}
 
 /// Reads the frozen half of a policy.
 type Load<'a> = dyn Fn() -> Result<Preparer<'a>> + Send + Sync + 'a;
@@ -35,6 +26,7 @@ pub struct FrameMaker<'a> {
     chunk: usize,
     load: Box<Load<'a>>,
     by_asker: bool,
+    variants: Option<Variants>,
     preparer: Mutex<Option<Preparer<'a>>>,
     loaders: Mutex<Vec<Option<Loader<'a>>>>,
 }
@@ -51,6 +43,7 @@ impl<'a> FrameMaker<'a> {
             chunk,
             load: Box::new(load),
             by_asker: false,
+            variants: None,
             preparer: Mutex::new(None),
             loaders: Mutex::new(datasets.iter().map(|_| None).collect()),
         }
@@ -60,6 +53,11 @@ impl<'a> FrameMaker<'a> {
     /// trains and does nothing else meanwhile.
     pub fn with_prefixes_by_asker(self, by_asker: bool) -> Self {
         Self { by_asker, ..self }
+    }
+
+    /// What makes the frames that [`Variants::frames`] named. All other frames stay as they are recorded.
+    pub fn with_variants(self, variants: Option<Variants>) -> Self {
+        Self { variants, ..self }
     }
 
     /// As [`Self::with_prefixes_by_asker`] said.
@@ -75,18 +73,31 @@ impl<'a> FrameMaker<'a> {
         self.sample_of(frame, self.decode(frame)?)
     }
 
-    /// The first part: reads a frame and its pictures.
+    /// The first part: reads a frame and its pictures, and transforms them if it is a variant.
     ///
     /// # Errors
     /// The recording is at fault.
-    pub fn decode(&self, frame: &FrameRef) -> std::result::Result<Frame, PrepareError> {
+    pub fn decode(&self, frame: &FrameRef) -> std::result::Result<Decoded, PrepareError> {
         let dataset = self.dataset(frame)?;
         let mut loaders = locked(&self.loaders);
         let loader = match &mut loaders[frame.dataset] {
             Some(loader) => loader,
             none => none.insert(dataset.loader(self.chunk)?),
         };
-        Ok(loader.frame(frame.index)?)
+        let decoded = loader.frame(frame.index)?;
+        drop(loaders);
+        let pictures = match (frame.transformed, &self.variants) {
+            (false, _) => None,
+            (true, Some(variants)) => Some(variants.pictures(&frame.key, &decoded.images)),
+            (true, None) => {
+                let why = "a transformed frame is asked for, and nothing says how to transform it";
+                return Err(PolicyError::Sample(why.into()).into());
+            }
+        };
+        Ok(Decoded {
+            frame: decoded,
+            pictures,
+        })
     }
 
     /// The second part: makes a sample of what [`Self::decode`] gave.
@@ -96,7 +107,7 @@ impl<'a> FrameMaker<'a> {
     pub fn sample_of<S: FromFrame>(
         &self,
         frame: &FrameRef,
-        decoded: Frame,
+        decoded: Decoded,
     ) -> std::result::Result<S, PrepareError> {
         let dataset = self.dataset(frame)?;
         let mut preparer = locked(&self.preparer);
@@ -112,7 +123,7 @@ impl<'a> FrameMaker<'a> {
         &'env self,
         scope: &'scope Scope<'scope, 'env>,
         frames: Vec<FrameRef>,
-    ) -> Receiver<std::result::Result<Frame, PrepareError>> {
+    ) -> Receiver<std::result::Result<Decoded, PrepareError>> {
         let (sender, receiver) = sync_channel(1);
         scope.spawn(move || {
             for frame in frames {

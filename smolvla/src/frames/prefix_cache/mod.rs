@@ -29,9 +29,9 @@ pub mod store;
 
 pub use error::CacheError;
 pub use files::FileDigests;
-pub use key::{digest_of, Key};
+pub use key::{digest_of, FrameRef, Key};
 pub use key_space::KeySpace;
-pub use maker::{FrameMaker, FrameRef};
+pub use maker::FrameMaker;
 pub use prepared::{FrameNames, PreparedFrames};
 pub use source::FrameSource;
 pub use store::DiskCache;

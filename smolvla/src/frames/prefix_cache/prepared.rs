@@ -13,8 +13,9 @@ use crate::frames::making::MakesSamples;
 use crate::frames::prefix_cache::entry::Entry;
 use crate::frames::prefix_cache::error::CacheError;
 use crate::frames::prefix_cache::files::FileDigests;
+use crate::frames::prefix_cache::key::FrameRef;
 use crate::frames::prefix_cache::key_space::KeySpace;
-use crate::frames::prefix_cache::maker::{FrameMaker, FrameRef};
+use crate::frames::prefix_cache::maker::FrameMaker;
 use crate::frames::prefix_cache::source::FrameSource;
 use crate::frames::prefix_cache::store::DiskCache;
 use crate::frames::sample::FromFrame;
@@ -68,6 +69,7 @@ impl<'a> FrameNames<'a> {
                 dataset: number,
                 index: *index,
                 key,
+                transformed: false,
             })
             .collect())
     }

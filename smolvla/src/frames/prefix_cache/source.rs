@@ -5,14 +5,13 @@ use std::marker::PhantomData;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::thread;
 
-use zk0_lerobot::dataset::Frame;
-
 use crate::error::{PolicyError, Result};
 use crate::frames::batch::{missing, SampleSource};
-use crate::frames::making::{Begun, MakesSamples};
+use crate::frames::making::{Begun, Decoded, MakesSamples};
 use crate::frames::prefix_cache::entry::Entry;
 use crate::frames::prefix_cache::error::CacheError;
-use crate::frames::prefix_cache::maker::{FrameMaker, FrameRef};
+use crate::frames::prefix_cache::key::FrameRef;
+use crate::frames::prefix_cache::maker::FrameMaker;
 use crate::frames::prefix_cache::store::DiskCache;
 use crate::frames::sample::FromFrame;
 
@@ -130,7 +129,7 @@ impl<'c, 'a, S: FromFrame + Entry> FrameSource<'c, 'a, S> {
         Ok(Begun::Decoded(self.maker.decode(frame)?))
     }
 
-    fn make(&self, frame: &FrameRef, decoded: Frame) -> std::result::Result<S, CacheError> {
+    fn make(&self, frame: &FrameRef, decoded: Decoded) -> std::result::Result<S, CacheError> {
         let sample = self.maker.sample_of(frame, decoded)?;
         let Some(cache) = self.cache else {
             return Ok(sample);
