@@ -1,8 +1,6 @@
 //! `zk0 train` with image transforms: training frames are transformed, held-out frames are not, and a run can be resumed.
 
-mod harness;
-
-use harness::{ends, logged, zk0, RECORDING};
+use crate::harness::{ends, logged, zk0, RECORDING};
 use serde_json::Value;
 use std::fs;
 use std::path::Path;

@@ -1,8 +1,6 @@
 //! `zk0 train` and `zk0 eval` as processes. A run that is killed at any moment and resumed ends with the same bytes.
 
-mod harness;
-
-use harness::{ends, logged, zk0, RECORDING};
+use crate::harness::{ends, logged, root, zk0, RECORDING};
 use serde_json::Value;
 use std::fs;
 use std::path::Path;
@@ -116,7 +114,7 @@ fn sigterm_ends_a_run_that_prepares_frames_in_the_background() {
     let inner = train(dir.path(), "stopped", &options);
     let mut run = Command::new("env");
     run.arg("--default-signal=TERM").arg(inner.get_program());
-    run.args(inner.get_args()).current_dir(harness::root());
+    run.args(inner.get_args()).current_dir(root());
     let mut run = run.stderr(Stdio::null()).spawn().unwrap();
     let metrics = dir.path().join("stopped/metrics.jsonl");
     while run.try_wait().unwrap().is_none() && steps(&metrics).is_empty() {
