@@ -83,6 +83,7 @@ impl Membership {
             state: state.clone(),
             cache: self.cache.open_in(state)?,
             eval_samples: self.eval_samples,
+            variants: None,
         };
         Ok((participant, self.signer.connect().await?))
     }

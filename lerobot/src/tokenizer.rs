@@ -11,8 +11,8 @@ use zk0_files::bounded_file;
 use crate::config::PolicyConfig;
 use crate::error::{Result, StoredPolicyError};
 
-/// Turns an instruction into token ids below the policy's vocabulary, at most `max_language_tokens` of them.
-pub trait Tokenizer {
+/// Turns an instruction into token ids below the policy's vocabulary, at most `max_language_tokens` of them. Threads share it.
+pub trait Tokenizer: Send + Sync {
     /// Token ids of one instruction, without padding.
     ///
     /// # Errors

@@ -23,6 +23,7 @@ use zk0_protocol::entries::round_result::ResultOutcome;
 use zk0_protocol::entries::signed::{DatasetRegistration, Episode};
 use zk0_prover::service::ProvingClient;
 use zk0_smolvla::frames::batch::SampleSource;
+use zk0_smolvla::frames::image_transforms::Variants;
 use zk0_smolvla::frames::prefix_cache::DiskCache;
 use zk0_smolvla::frames::sample::PreparedSample;
 use zk0_smolvla::measure::fixed_point::dims;
@@ -45,6 +46,8 @@ pub struct Participant {
     pub cache: Option<DiskCache>,
     /// On how many samples each claim is evaluated; `None` for as few as the rules allow.
     pub eval_samples: Option<u32>,
+    /// Transformed variants of frames to train on, if the operator wants them. Nothing else is transformed.
+    pub variants: Option<Variants>,
 }
 
 impl Participant {
@@ -60,7 +63,8 @@ impl Participant {
         Recording::open(&self.dataset, &policy, self.cache.as_ref())
     }
 
-    /// Prepares the evaluation set, and puts the commitment to it on the ledger. `samples` are all frames of the recording.
+    /// Prepares the evaluation set, and puts the commitment to it on the ledger. `samples` are all frames of the recording,
+    /// and `training` those to train on.
     ///
     /// # Errors
     /// The policy does not fit the network's evaluation specification, or the recording, the aggregator or the file system fails.
@@ -69,6 +73,7 @@ impl Participant {
         node: &mut Node,
         recording: &'a Recording<'_>,
         samples: &'a dyn SampleSource<PreparedSample>,
+        training: &'a dyn SampleSource<PreparedSample>,
     ) -> Result<Entered<'a>, ParticipantError> {
         let spec = EvalSpec::decode(&node.genesis().evaluation)?;
         check_dimensions(recording.config(), &spec)?;
@@ -97,6 +102,7 @@ impl Participant {
             config: recording.config(),
             format: Format::new(&spec)?,
             samples,
+            training,
             evaluation,
         })
     }
@@ -139,9 +145,10 @@ impl Participant {
         mut play: impl AsyncFnMut(&Turn<'_>, &mut Node) -> Result<Option<Refusal>, ParticipantError>,
     ) -> Result<(), ParticipantError> {
         let recording = self.open(node).await?;
-        let maker = recording.maker();
+        let maker = recording.maker().with_variants(self.variants.clone());
         let samples = recording.samples(&maker);
-        let entered = self.enter(node, &recording, &samples).await?;
+        let training = recording.training_samples(&maker, self.variants.as_ref());
+        let entered = self.enter(node, &recording, &samples, &training).await?;
         let mut next = 0;
         for _ in 0..rounds {
             let OpenRound { opened, program } = node.wait_for_round(next).await?;

@@ -27,6 +27,18 @@ impl SampleKind for ObservedSample {
     }
 }
 
+/// Samples for training. Those that `cache` lacks are made while the run trains; where there is no cache, all are made now.
+pub fn while_training<'c, 'a, S: FromFrame + Entry>(
+    cache: Option<&'c DiskCache>,
+    maker: &'c FrameMaker<'a>,
+    frames: Vec<FrameRef>,
+) -> Result<PreparedFrames<'c, 'a, S>, CacheError> {
+    let mut progress = Progress::start("preparing samples", frames.len() as u64);
+    PreparedFrames::while_training(cache, maker, frames, |done, _| {
+        progress.reached(done as u64)
+    })
+}
+
 /// Makes the samples that `cache` lacks; all of them where there is no cache.
 pub fn prepare<'c, 'a, S: FromFrame + Entry>(
     cache: Option<&'c DiskCache>,

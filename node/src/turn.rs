@@ -73,8 +73,10 @@ pub struct Entered<'a> {
     pub config: &'a PolicyConfig,
     /// How the network's weights look as files.
     pub format: Format,
-    /// All frames of the recording, for training.
+    /// All frames of the recording as they are recorded, for measuring losses and proving.
     pub samples: &'a dyn SampleSource<PreparedSample>,
+    /// The frames to train on, or transformed variants of them.
+    pub training: &'a dyn SampleSource<PreparedSample>,
     /// The samples that it has committed to, for proving.
     pub evaluation: EvaluationSet,
 }
@@ -329,7 +331,7 @@ impl Turn<'_> {
             seed: round,
             ..TrainOptions::default()
         };
-        let samples = Samples::Prepared(self.entered.samples);
+        let samples = Samples::Prepared(self.entered.training);
         self.followed(training, training.steps, &mut |progress| {
             train_on(
                 &training.device,
@@ -360,7 +362,7 @@ impl Turn<'_> {
             curves.stepped(&step);
         })?;
         // Nothing needs the frozen half of the policy until the next round. It takes gigabytes.
-        self.entered.samples.rest();
+        self.entered.training.rest();
         let history = TrainingHistory {
             round,
             losses: trained.losses,

@@ -24,7 +24,7 @@ if [ $device = cuda ]; then
     (cd "$root" && scripts/setup.sh cuda &&
         scripts/with-rust scripts/with-cuda cargo build --release -p zk0-smolvla --locked --features cuda --example train_step)
 else
-    (cd "$root" && scripts/setup.sh && scripts/with-rust cargo build --release --workspace --locked --example train_step --example step_floors)
+    (cd "$root" && scripts/setup.sh && scripts/with-rust cargo build --release --workspace --locked --example train_step --example step_floors --example made_ahead)
 fi
 
 results=$(mktemp)
@@ -44,3 +44,5 @@ for case in "$@"; do
 done
 [ $device = cuda ] || "$CARGO_TARGET_DIR/release/examples/step_floors" full 1
 python3 "$here/ratios.py" "$results"
+# Steps whose samples have to be made: one after another, and in the background.
+[ $device = cuda ] || "$CARGO_TARGET_DIR/release/examples/made_ahead" "$root/tests/fixtures/datasets/so100_pickplace" tiny 8 60

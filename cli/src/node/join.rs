@@ -2,9 +2,11 @@
 
 use crate::network::Membership;
 use crate::otlp::OtlpOptions;
+use crate::policy::TransformOptions;
 use anyhow::{Context, Result};
 use std::path::PathBuf;
 use std::sync::Arc;
+use zk0_node::participant::Participant;
 use zk0_node::turn::Training;
 use zk0_prover::service::ProvingClient;
 use zk0_smolvla::policy::device::device;
@@ -56,6 +58,8 @@ pub struct Join {
     #[arg(long, value_name = "FOLDER")]
     tensorboard: Option<PathBuf>,
     #[command(flatten)]
+    transforms: TransformOptions,
+    #[command(flatten)]
     pub otlp: OtlpOptions,
 }
 
@@ -84,7 +88,13 @@ pub async fn run(options: &Join) -> Result<()> {
         },
         curves: curves.map(Arc::new),
     };
+    // With one seed for all rounds, the cache holds the variants from the first round on.
+    let variants = options.transforms.variants(0)?;
     let (participant, mut node) = options.member.begin().await?;
+    let participant = Participant {
+        variants,
+        ..participant
+    };
     let prover = ProvingClient::address(options.prover.clone());
     let mut prover = ProvingClient::connect(prover.with_ca(options.prover_ca.clone())).await?;
     Ok(participant

@@ -5,8 +5,10 @@ pub mod calibration;
 mod device_options;
 pub mod global_policy;
 mod source;
+mod transform_options;
 pub mod whole_folder;
 
 pub use cache_options::{cache_failed, CacheOptions};
 pub use device_options::DeviceOptions;
 pub use source::{one, read, PolicySource};
+pub use transform_options::{TransformOptions, Transforms};

@@ -49,6 +49,7 @@ pub fn run(options: &Options) -> Result<()> {
 
 fn train<S: SampleKind>(options: &Options) -> Result<()> {
     let training = options.training()?;
+    let variants = options.transforms.variants(options.seed)?;
     let at = options.device.open()?;
     let source = options.source()?;
     let out = &options.out;
@@ -74,7 +75,11 @@ fn train<S: SampleKind>(options: &Options) -> Result<()> {
     let space = KeySpace::new::<S>(&policy, &at);
     let names = FrameNames::new(space, &config, tokenizer, cache.as_ref());
     let chosen = Chosen::of(options, &datasets, names)?;
-    let data = digest_of(chosen.train.iter().map(|frame| frame.key));
+    let trained_on = match &variants {
+        Some(variants) => variants.frames(&chosen.train),
+        None => chosen.train.clone(),
+    };
+    let data = digest_of(trained_on.iter().map(|frame| frame.key));
 
     // At the published size the frozen half has 1.4 GB, so nothing holds more of it, or for longer, than it needs.
     let frozen = mem::take(&mut policy.frozen);
@@ -84,71 +89,93 @@ fn train<S: SampleKind>(options: &Options) -> Result<()> {
         let policy = policy.map_err(|error| PolicyError::Sample(format!("{error:#}")))?;
         Preparer::at(&at, policy, tokenizer)
     });
-    let prepare =
-        |frames| samples::prepare::<S>(cache.as_ref(), &maker, frames).map_err(cache_failed);
-    let ours = prepare(chosen.train)?;
+    let by_asker = !at.device.is_cpu();
+    let maker = maker
+        .with_prefixes_by_asker(by_asker)
+        .with_variants(variants.clone());
     let held_out = match chosen.held_out.is_empty() {
         true => None,
         false => Some(HeldOut {
             draws: fixed_draws(&config, chosen.held_out.len(), options.seed),
-            samples: prepare(chosen.held_out)?,
+            samples: samples::prepare::<S>(cache.as_ref(), &maker, chosen.held_out)
+                .map_err(cache_failed)?,
         }),
     };
-
-    let start = |training: TrainOptions| {
-        let (samples, frozen) = (S::samples(&ours), frozen.as_ref());
-        let (place, expert) = (&at, &policy.expert);
-        Trainer::on(place, &config, expert, frozen, samples, training)
+    let prepare =
+        |frames| samples::while_training::<S>(cache.as_ref(), &maker, frames).map_err(cache_failed);
+    let ours = prepare(trained_on)?;
+    // Losses are measured on frames as they are recorded.
+    let recorded = match variants.is_some() && options.lr_boost.is_some() {
+        true => Some(prepare(chosen.train)?),
+        false => None,
     };
-    let mut trainer = start(training.clone())?;
-    let boosted = boosted(options, &trainer, S::samples(&ours))?;
-    if boosted != 1.0 {
-        let learning_rate = training.learning_rate * boosted;
-        trainer = start(TrainOptions {
-            learning_rate,
-            ..training
-        })?;
-    }
-    let identity = RunIdentity::of(&trainer, &data)?;
-    let mut report = Report::new(
-        options,
-        &at,
-        &trainer,
-        &identity,
-        chosen.recordings,
-        &inference,
-        boosted,
-    )?;
-    drop(frozen);
-    drop(policy);
 
-    let snapshots = Snapshots::new(&out.join("snapshots"), options.keep, identity)?;
-    let resumed = match options.resume {
-        true => snapshots.resume(&mut trainer)?.unwrap_or(0),
-        false if !snapshots.is_empty()? => bail!(
-            "{} holds the snapshots of a run: add --resume to go on with that run, or choose another --out",
-            out.display()
-        ),
-        false => 0,
-    };
-    if options.resume {
-        tracing::info!("the run goes on after step {resumed}");
-    }
-    report.write(out)?;
     let lines = out.join("metrics.jsonl");
-    let mut metrics = Metrics::open(&lines, resumed, events)?;
-    let clock = Instant::now();
-    let evaluated = steps(
-        options,
-        &mut trainer,
-        &snapshots,
-        held_out.as_ref(),
-        &mut metrics,
-    )?;
-    let seconds = clock.elapsed().as_secs_f64();
-    let made = trainer.steps_done() - resumed;
-    let values = trainer.values()?;
-    drop(trainer);
+    let run = |samples: Samples<'_>| -> Result<Run> {
+        let start = |training: TrainOptions| {
+            let (frozen, expert) = (frozen.as_ref(), &policy.expert);
+            Trainer::on(&at, &config, expert, frozen, samples, training)
+        };
+        let mut trainer = start(training.clone())?;
+        let measured = recorded.as_ref().map_or(samples, |some| S::samples(some));
+        let boosted = boosted(options, &trainer, measured)?;
+        if boosted != 1.0 {
+            let learning_rate = training.learning_rate * boosted;
+            trainer = start(TrainOptions {
+                learning_rate,
+                ..training
+            })?;
+        }
+        let identity = RunIdentity::of(&trainer, &data)?;
+        let report = Report::new(
+            options,
+            &at,
+            &trainer,
+            &identity,
+            chosen.recordings,
+            &inference,
+            boosted,
+        )?;
+        drop(frozen);
+        drop(policy);
+
+        let snapshots = Snapshots::new(&out.join("snapshots"), options.keep, identity)?;
+        let resumed = match options.resume {
+            true => snapshots.resume(&mut trainer)?.unwrap_or(0),
+            false if !snapshots.is_empty()? => bail!(
+                "{} holds the snapshots of a run: add --resume to go on with that run, or choose another --out",
+                out.display()
+            ),
+            false => 0,
+        };
+        if options.resume {
+            tracing::info!("the run goes on after step {resumed}");
+        }
+        report.write(out)?;
+        let mut metrics = Metrics::open(&lines, resumed, events)?;
+        let clock = Instant::now();
+        let evaluated = steps(
+            options,
+            &mut trainer,
+            &snapshots,
+            held_out.as_ref(),
+            &mut metrics,
+        )?;
+        Ok(Run {
+            seconds: clock.elapsed().as_secs_f64(),
+            steps: trainer.steps_done() - resumed,
+            values: trainer.values()?,
+            evaluated,
+            report,
+        })
+    };
+    let Run {
+        values,
+        mut report,
+        steps,
+        seconds,
+        evaluated,
+    } = S::samples(&ours).ahead(run)?;
 
     let precision = options.lerobot_precision();
     // If this fails, the trained policy is saved all the same.
@@ -159,10 +186,21 @@ fn train<S: SampleKind>(options: &Options) -> Result<()> {
     let digest = policy_file::save(&policy, tokenizer, Some(&inference), &model)?;
     let curves = metrics::curves(&metrics::read(&lines)?);
     chart::draw_training(&out.join("loss"), &curves)?;
-    report.ended(Ended::new(&digest, lerobot?, made, seconds, evaluated));
+    report.ended(Ended::new(&digest, lerobot?, steps, seconds, evaluated));
     report.write(out)?;
     println!("{}", report.summary(out));
     Ok(())
+}
+
+/// What making the steps gave.
+struct Run {
+    /// The trained tensors.
+    values: TensorSet,
+    report: Report,
+    /// Steps made, without those of the run that was resumed.
+    steps: usize,
+    seconds: f64,
+    evaluated: Option<Evaluated>,
 }
 
 /// The frames of all recordings that are trained on, and those that are held out.

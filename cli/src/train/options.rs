@@ -1,7 +1,7 @@
 //! The options of `zk0 train`.
 
 use crate::dataset::RecordingName;
-use crate::policy::{self, CacheOptions, DeviceOptions, PolicySource};
+use crate::policy::{self, CacheOptions, DeviceOptions, PolicySource, TransformOptions};
 use anyhow::{Context, Result};
 use serde::Serialize;
 use std::path::PathBuf;
@@ -98,7 +98,7 @@ pub struct Options {
     /// Go on from the newest snapshot in `--out`, or from the beginning if there is none.
     #[arg(long)]
     pub resume: bool,
-    /// The seed of the choice of held-out episodes, of the order of samples, of noise and times, and of random weights.
+    /// The seed of the choice of held-out episodes, of the order of samples, of noise and times, of image transforms, and of random weights.
     #[arg(long, default_value_t = 0)]
     pub seed: u64,
     /// Write the curves of the run into this folder, too, as TensorBoard event files with LeRobot's names of metrics. With --resume, a further
@@ -109,6 +109,8 @@ pub struct Options {
     pub device: DeviceOptions,
     #[command(flatten)]
     pub cache: CacheOptions,
+    #[command(flatten)]
+    pub transforms: TransformOptions,
 }
 
 /// Courses of the learning rate.

@@ -1,6 +1,7 @@
 //! `run.json`: what was trained, on which recordings, how, and with which result.
 
 use super::Options;
+use crate::policy::Transforms;
 use anyhow::{Context, Result};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -29,6 +30,8 @@ pub struct Report {
     /// The factor for the learning rate because of a high loss at the start.
     lr_boost: f64,
     recordings: Vec<Recording>,
+    /// How the pictures of training frames are transformed, if they are.
+    image_transforms: Option<Transforms>,
     /// How the policy is used afterwards. It contains the statistics that samples are normalised with.
     inference: Inference,
     identity: RunIdentity,
@@ -112,6 +115,7 @@ impl Report {
             trend: options.trend()?,
             lr_boost,
             recordings,
+            image_transforms: options.transforms.transforms()?,
             inference: inference.clone(),
             identity: identity.clone(),
             ended: None,

@@ -18,6 +18,7 @@ use std::slice;
 use zk0_circuits::Digest;
 use zk0_lerobot::dataset::Dataset;
 use zk0_protocol::entries::signed::Episode;
+use zk0_smolvla::frames::image_transforms::Variants;
 use zk0_smolvla::frames::prefix_cache::{
     DiskCache, FrameMaker, FrameNames, FrameRef, FrameSource, Key, KeySpace,
 };
@@ -142,6 +143,21 @@ impl<'c> Recording<'c> {
         'c: 'm,
     {
         FrameSource::new(self.cache, maker, self.frames.clone())
+    }
+
+    /// The frames to train on, as [`Self::samples`] gives them, or their `variants`, which `maker` has to make.
+    pub fn training_samples<'m, 's>(
+        &'s self,
+        maker: &'m FrameMaker<'s>,
+        variants: Option<&Variants>,
+    ) -> FrameSource<'m, 's, PreparedSample>
+    where
+        'c: 'm,
+    {
+        match variants {
+            Some(variants) => FrameSource::new(self.cache, maker, variants.frames(&self.frames)),
+            None => self.samples(maker),
+        }
     }
 }
 

@@ -53,7 +53,7 @@ impl Turn<'_> {
             seed: self.opened.round,
             ..TrainOptions::default()
         };
-        let (config, samples) = (self.entered.config, self.entered.samples);
+        let (config, samples) = (self.entered.config, self.entered.training);
         let samples = Samples::Prepared(samples);
         self.followed(training, options.steps, &mut |progress| {
             train_by_sgd(

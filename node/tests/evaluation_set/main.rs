@@ -6,6 +6,7 @@ mod auditing;
 mod made_recording;
 mod on_disk;
 mod setting;
+mod transforms;
 
 use made_recording::{make, Episode};
 use serde_json::json;

@@ -11,7 +11,7 @@ use zk0_lerobot::tokenizer::Tokenizer;
 use zk0_smolvla::frames::batch::SampleSource;
 use zk0_smolvla::frames::prefix_cache::entry::Entry;
 use zk0_smolvla::frames::prefix_cache::{DiskCache, Key};
-use zk0_smolvla::frames::sample::{CameraImage, FromFrame, Observation, Preparer};
+use zk0_smolvla::frames::sample::{CameraImage, FromFrame, Observation, Pixels, Preparer};
 use zk0_smolvla::policy::frozen::FrozenPlace;
 use zk0_smolvla::policy::init::init_policy;
 use zk0_smolvla::policy::profile::Profile;
@@ -126,7 +126,7 @@ fn sample<S: FromFrame>(
         name,
         height,
         width,
-        pixels,
+        pixels: Pixels::Bytes(pixels),
     };
     let seen = names
         .iter()

@@ -6,6 +6,7 @@ use candle_core::{Device, Tensor};
 use zk0_lerobot::config::PolicyConfig;
 
 use crate::error::{PolicyError, Result};
+use crate::frames::making::{Coming, MakesSamples};
 use crate::frames::sample::{FromFrame, ObservedSample, PreparedSample};
 use crate::policy::model::key_values::PrefixCache;
 
@@ -27,6 +28,15 @@ pub trait SampleSource<S: Clone> {
 
     /// Frees what only making samples needs, until it is needed again.
     fn rest(&self) {}
+
+    /// Takes note that the samples `coming` are asked for next, `at_once` at a time. Only a source of
+    /// [`ahead`](crate::frames::ahead::ahead) makes use of that.
+    fn expect(&self, _coming: Coming, _at_once: usize) {}
+
+    /// What makes the samples, for threads that make them before they are asked for; `None` if they need not be made.
+    fn makes(&self) -> Option<&dyn MakesSamples<S>> {
+        None
+    }
 }
 
 /// Samples that are in memory.

@@ -38,7 +38,12 @@ pub fn resize_with_pad(
 /// An 8-bit RGB picture (3, height, width) as the vision tower reads it: (3, size, size) in [-1, 1], padding at -1.
 pub fn vision_input(pixels: &[u8], shape: (usize, usize), size: usize) -> Vec<f32> {
     let unit: Vec<f32> = pixels.iter().map(|p| f32::from(*p) / 255.0).collect();
-    let mut resized = resize_with_pad(&unit, shape, (size, size));
+    unit_vision_input(&unit, shape, size)
+}
+
+/// As [`vision_input`], of a picture whose values are between 0 and 1.
+pub fn unit_vision_input(unit: &[f32], shape: (usize, usize), size: usize) -> Vec<f32> {
+    let mut resized = resize_with_pad(unit, shape, (size, size));
     resized.iter_mut().for_each(|x| *x = 2.0 * *x - 1.0);
     resized
 }

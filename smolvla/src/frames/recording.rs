@@ -3,7 +3,10 @@
 use zk0_lerobot::dataset::{Dataset, DatasetError, Frame, Loader};
 
 use crate::error::PolicyError;
-use crate::frames::sample::{CameraImage, FromFrame, Observation, PreparedSample, Preparer};
+use crate::frames::making::Decoded;
+use crate::frames::sample::{
+    CameraImage, FromFrame, Observation, Pixels, PreparedSample, Preparer,
+};
 
 impl Preparer<'_> {
     /// Prepares frames 0, `step`, 2 · `step`, … of a recording, normalised with [`Dataset::normalisation`]; a `step` of 0 is taken
@@ -32,17 +35,39 @@ impl Preparer<'_> {
         loader: &mut Loader,
         index: usize,
     ) -> std::result::Result<S, PrepareError> {
-        let mut frame = loader.frame(index)?;
+        let decoded = Decoded {
+            frame: loader.frame(index)?,
+            pictures: None,
+        };
+        Ok(self.prepare_decoded(dataset, decoded)?)
+    }
+
+    /// Makes a sample of a frame of `dataset` that is decoded.
+    ///
+    /// # Errors
+    /// The frame does not fit the policy.
+    pub fn prepare_decoded<S: FromFrame>(
+        &self,
+        dataset: &Dataset,
+        decoded: Decoded,
+    ) -> std::result::Result<S, PolicyError> {
+        let Decoded {
+            mut frame,
+            pictures,
+        } = decoded;
         normalise(dataset, &mut frame);
-        let cameras = dataset
-            .cameras()
-            .iter()
-            .zip(&frame.images)
-            .map(|(camera, image)| CameraImage {
+        let transformed = |place: usize| pictures.as_ref().and_then(|all| all.get(place));
+        let images = dataset.cameras().iter().zip(&frame.images);
+        let cameras = images
+            .enumerate()
+            .map(|(place, (camera, image))| CameraImage {
                 name: &camera.name,
                 height: image.height,
                 width: image.width,
-                pixels: &image.pixels,
+                pixels: match transformed(place) {
+                    Some(picture) => Pixels::Unit(&picture.values),
+                    None => Pixels::Bytes(&image.pixels),
+                },
             });
         let observation = Observation {
             cameras: cameras.collect(),
@@ -51,7 +76,7 @@ impl Preparer<'_> {
             is_pad: &frame.action_is_pad,
             task: &frame.task,
         };
-        Ok(S::from_frame(self, &observation)?)
+        S::from_frame(self, &observation)
     }
 }
 

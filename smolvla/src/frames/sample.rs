@@ -12,7 +12,7 @@ use zk0_lerobot::tokenizer::Tokenizer;
 
 use crate::error::{PolicyError, Result};
 use crate::frames::cameras::camera_slots;
-use crate::frames::image::vision_input;
+use crate::frames::image::{unit_vision_input, vision_input};
 use crate::policy::frozen::FrozenPlace;
 use crate::policy::model::key_values::PrefixCache;
 use crate::policy::model::prefix::{CameraInput, PrefixInput, PrefixModel};
@@ -44,7 +44,7 @@ pub struct ObservedSample {
 }
 
 /// A kind of sample that a frame can be made into.
-pub trait FromFrame: Clone {
+pub trait FromFrame: Clone + Send + 'static {
     /// Runs the frozen part over one frame.
     ///
     /// # Errors
@@ -140,8 +140,26 @@ pub struct CameraImage<'a> {
     pub height: usize,
     /// Pixels from left to right.
     pub width: usize,
-    /// 8-bit RGB (3, height, width).
-    pub pixels: &'a [u8],
+    /// RGB (3, height, width).
+    pub pixels: Pixels<'a>,
+}
+
+/// The pixels of a picture.
+#[derive(Clone, Copy, Debug)]
+pub enum Pixels<'a> {
+    /// As a camera recorded them, 8 bits each.
+    Bytes(&'a [u8]),
+    /// Between 0 and 1.
+    Unit(&'a [f32]),
+}
+
+impl Pixels<'_> {
+    fn len(&self) -> usize {
+        match self {
+            Self::Bytes(pixels) => pixels.len(),
+            Self::Unit(pixels) => pixels.len(),
+        }
+    }
 }
 
 /// One frame of a recording, with state and actions already normalised.
@@ -287,7 +305,11 @@ impl<'a> Preparer<'a> {
         let slots = camera_slots(&c.camera_names, c.cameras, 0, &names)?;
         let cameras = slots.into_iter().flatten().map(|i| {
             let camera = &cameras[i];
-            let pixels = vision_input(camera.pixels, (camera.height, camera.width), size);
+            let shape = (camera.height, camera.width);
+            let pixels = match camera.pixels {
+                Pixels::Bytes(pixels) => vision_input(pixels, shape, size),
+                Pixels::Unit(pixels) => unit_vision_input(pixels, shape, size),
+            };
             Ok(CameraInput {
                 pixels: Tensor::from_vec(pixels, (1, 3, size, size), device)?,
                 present: vec![true],
@@ -324,7 +346,7 @@ fn check_view(c: &PolicyConfig, cameras: &[CameraImage], state: &[f32]) -> Resul
             .and_then(|n| n.checked_mul(3));
         if pixels.is_none_or(|n| n == 0 || n != camera.pixels.len()) {
             return Err(PolicyError::Sample(format!(
-                "camera `{}`: {} bytes are not a {} x {} RGB picture",
+                "camera `{}`: {} values are not a {} x {} RGB picture",
                 camera.name,
                 camera.pixels.len(),
                 camera.height,

@@ -8,7 +8,9 @@ use zk0_lerobot::config::PolicyConfig;
 use zk0_tensors::{TensorData, TensorSet};
 
 use crate::error::{PolicyError, Result};
+use crate::frames::ahead::ahead;
 use crate::frames::batch::{pick, Batch, ObservedBatch, SampleSource};
+use crate::frames::making::Coming;
 use crate::frames::sample::{ObservedSample, PreparedSample};
 use crate::measure::evaluate::{losses_at, FlowDraw};
 use crate::policy::frozen::FrozenPlace;
@@ -58,6 +60,22 @@ impl Samples<'_> {
     /// Whether there are none.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
+    }
+
+    /// Does `work` with the same samples, and makes those that `work` takes next in the background, where samples have to be made.
+    pub fn ahead<R>(self, work: impl FnOnce(Samples<'_>) -> R) -> R {
+        match self {
+            Self::Prepared(source) => ahead(source, |source| work(Samples::Prepared(source))),
+            Self::Observed(source) => ahead(source, |source| work(Samples::Observed(source))),
+        }
+    }
+
+    /// As [`SampleSource::expect`].
+    pub(super) fn expect(&self, coming: Coming, at_once: usize) {
+        match self {
+            Self::Prepared(source) => source.expect(coming, at_once),
+            Self::Observed(source) => source.expect(coming, at_once),
+        }
     }
 }
 

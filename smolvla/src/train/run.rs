@@ -50,7 +50,8 @@ pub fn train(
 }
 
 /// Trains the expert on `device` from `start` on `samples`, by `loss_valid_only` with t = 0.999 Beta(1.5, 1) + 0.001, from the first step
-/// to the last. With `fedcm`, steps follow the last global step in part. `progress` is called after every step. Only the samples of one step are in memory.
+/// to the last. With `fedcm`, steps follow the last global step in part. `progress` is called after every step.
+/// In memory are the samples of one step, and those of the next one as far as they are [made ahead](crate::frames::ahead).
 ///
 /// # Errors
 /// Those of [`Trainer::new`] and [`Trainer::step`].
@@ -64,11 +65,13 @@ pub fn train_on(
     progress: &mut dyn FnMut(Step),
 ) -> Result<Trained> {
     let place = place(device);
-    let mut trainer = Trainer::on(&place, config, start, None, samples, options.clone())?;
-    if let Some(fedcm) = fedcm {
-        trainer.follow(&fedcm)?;
-    }
-    all_steps(trainer, progress)
+    samples.ahead(|samples| {
+        let mut trainer = Trainer::on(&place, config, start, None, samples, options.clone())?;
+        if let Some(fedcm) = fedcm {
+            trainer.follow(&fedcm)?;
+        }
+        all_steps(trainer, progress)
+    })
 }
 
 /// Trains the expert as [`train_on`] does, but by SGD, and with `correction` added to each gradient: that of SCAFFOLD.
@@ -85,8 +88,10 @@ pub fn train_by_sgd(
     progress: &mut dyn FnMut(Step),
 ) -> Result<Trained> {
     let (place, options) = (place(device), options.clone());
-    let trainer = Trainer::by_sgd(&place, config, start, samples, options, correction)?;
-    all_steps(trainer, progress)
+    samples.ahead(|samples| {
+        let trainer = Trainer::by_sgd(&place, config, start, samples, options, correction)?;
+        all_steps(trainer, progress)
+    })
 }
 
 /// Prepared samples come from the CPU, on whatever device the expert is trained.

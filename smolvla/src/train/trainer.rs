@@ -53,6 +53,8 @@ pub struct Trainer<'a, O = AdamW> {
     optimizer: O,
     order: Order,
     step: usize,
+    /// Whether the samples know which of them come.
+    announced: bool,
 }
 
 impl<'a> Trainer<'a> {
@@ -131,6 +133,7 @@ impl<'a> Trainer<'a> {
     ) -> Result<()> {
         restore(&self.learner, &mut self.optimizer)?;
         self.step = step;
+        self.announced = false;
         Ok(())
     }
 }
@@ -183,6 +186,7 @@ impl<'a, O: Optimizer> Trainer<'a, O> {
             options,
             learner,
             step: 0,
+            announced: false,
         })
     }
 
@@ -192,6 +196,7 @@ impl<'a, O: Optimizer> Trainer<'a, O> {
     /// [`PolicyError::Diverged`] and [`PolicyError::GradientNotFinite`]: the step was not made. [`PolicyError::Sample`] when
     /// a sample cannot be had or does not fit the policy.
     pub fn step(&mut self) -> Result<Step> {
+        self.announce();
         let (at, options) = (self.step, &self.options);
         let picked = self.order.batch(at, options.batch_size);
         let draws = draws(self.learner.config(), options.seed, at, options.batch_size);
@@ -221,6 +226,18 @@ impl<'a, O: Optimizer> Trainer<'a, O> {
             gradient_norm: stepped.gradient_norm,
             learning_rate,
         })
+    }
+
+    /// Says once which samples the steps that are left take.
+    fn announce(&mut self) {
+        if self.announced {
+            return;
+        }
+        self.announced = true;
+        let (steps, size) = (self.step..self.options.steps, self.options.batch_size);
+        let mut order = Order::new(self.options.seed, self.samples.len());
+        let coming = steps.flat_map(move |step| order.batch(step, size));
+        self.samples.expect(Box::new(coming), size);
     }
 
     /// Whether all steps are made.

@@ -1,54 +1,22 @@
 //! The prefix cache makes the samples of a recording once. They are the same as without the cache.
 
-use std::cell::Cell;
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 use candle_core::Device;
 use zk0_lerobot::dataset::Dataset;
 use zk0_smolvla::frames::batch::SampleSource;
 use zk0_smolvla::frames::prefix_cache::{
-    DiskCache, FileDigests, FrameMaker, FrameNames, FrameRef, FrameSource, Key, KeySpace,
-    PreparedFrames,
+    DiskCache, FileDigests, FrameMaker, FrameNames, FrameSource, Key, KeySpace, PreparedFrames,
 };
 use zk0_smolvla::frames::sample::{ObservedSample, PreparedSample, Preparer};
 use zk0_smolvla::policy::frozen::{FrozenPlace, FrozenPrecision};
-use zk0_smolvla::policy::init::init_policy;
-use zk0_smolvla::policy::profile::Profile;
 use zk0_smolvla::policy::tokenizer::WordHash;
 use zk0_smolvla::policy::weights::Policy;
 use zk0_smolvla::PolicyError;
 
-/// A size with room for everything.
-const PLENTY: u64 = 1 << 30;
-
-fn policy() -> Policy {
-    init_policy(&Profile::Micro.config(), 1).unwrap()
-}
-
-fn recording() -> PathBuf {
-    PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../tests/fixtures/datasets/so100_sorting")
-}
-
-/// Returns the first frames of a recording with their keys.
-fn frames(policy: &Policy, dataset: &Dataset, count: usize) -> Vec<FrameRef> {
-    let tokenizer = WordHash::new(&policy.config);
-    let indices: Vec<usize> = (0..count).collect();
-    let keys = KeySpace::new::<PreparedSample>(policy, &FrozenPlace::default()).keys(
-        &policy.config,
-        &tokenizer,
-        dataset,
-        &indices,
-        &mut FileDigests::default(),
-    );
-    let keys = keys.unwrap().into_iter().zip(indices);
-    keys.map(|(key, index)| FrameRef {
-        dataset: 0,
-        index,
-        key,
-    })
-    .collect()
-}
+use crate::setting::{copy, frames, policy, recording, PLENTY};
 
 fn direct(policy: &Policy, dataset: &Dataset, count: usize) -> Vec<PreparedSample> {
     let tokenizer = WordHash::new(&policy.config);
@@ -73,10 +41,10 @@ fn samples_are_made_once_and_come_back_bit_for_bit() {
     let frames = frames(&policy, &datasets[0], count);
     let expected = direct(&policy, &datasets[0], count);
     let dir = tempfile::tempdir().unwrap();
-    let loaded = Cell::new(0);
+    let loaded = AtomicUsize::new(0);
     let maker = || {
         FrameMaker::new(&datasets, policy.config.chunk_size, || {
-            loaded.set(loaded.get() + 1);
+            loaded.fetch_add(1, Ordering::Relaxed);
             Preparer::new(&policy, &tokenizer)
         })
     };
@@ -90,7 +58,7 @@ fn samples_are_made_once_and_come_back_bit_for_bit() {
         assert_eq!(all(&source), expected);
         cache.bytes()
     };
-    assert_eq!(loaded.get(), 1);
+    assert_eq!(loaded.load(Ordering::Relaxed), 1);
 
     // The next process needs neither the frozen half nor a video.
     let unneeded = FrameMaker::new(&datasets, policy.config.chunk_size, || {
@@ -114,7 +82,7 @@ fn samples_are_made_once_and_come_back_bit_for_bit() {
     let (cache, maker) = (DiskCache::open(dir.path(), PLENTY).unwrap(), maker());
     let source = FrameSource::<PreparedSample>::new(&cache, &maker, frames);
     assert_eq!(all(&source), expected);
-    assert_eq!(loaded.get(), 2);
+    assert_eq!(loaded.load(Ordering::Relaxed), 2);
     assert_eq!(fs::read(&path).unwrap(), good);
 }
 
@@ -178,9 +146,9 @@ fn without_a_cache_each_sample_is_made_whenever_it_is_needed() {
     let tokenizer = WordHash::new(&policy.config);
     let datasets = [Dataset::open(recording()).unwrap()];
     let expected = direct(&policy, &datasets[0], count);
-    let loaded = Cell::new(0);
+    let loaded = AtomicUsize::new(0);
     let maker = FrameMaker::new(&datasets, policy.config.chunk_size, || {
-        loaded.set(loaded.get() + 1);
+        loaded.fetch_add(1, Ordering::Relaxed);
         Preparer::new(&policy, &tokenizer)
     });
     let frames = frames(&policy, &datasets[0], count);
@@ -189,21 +157,9 @@ fn without_a_cache_each_sample_is_made_whenever_it_is_needed() {
     assert_eq!((filled.found, filled.made, filled.beyond), (0, 0, count));
     for time in 1..3 {
         assert_eq!(all(&source), expected);
-        assert_eq!(loaded.get(), time);
+        assert_eq!(loaded.load(Ordering::Relaxed), time);
         // The frozen half of the policy is read again after a rest.
         source.rest();
-    }
-}
-
-fn copy(from: &Path, to: &Path) {
-    fs::create_dir_all(to).unwrap();
-    for entry in fs::read_dir(from).unwrap() {
-        let entry = entry.unwrap();
-        let target = to.join(entry.file_name());
-        match entry.file_type().unwrap().is_dir() {
-            true => copy(&entry.path(), &target),
-            false => fs::copy(entry.path(), target).map(drop).unwrap(),
-        }
     }
 }
 

@@ -4,7 +4,7 @@ use candle_core::Device;
 use zk0_lerobot::dataset::{Normalizer, Stats};
 use zk0_lerobot::error::Result;
 use zk0_lerobot::tokenizer::Tokenizer;
-use zk0_smolvla::frames::sample::CameraImage;
+use zk0_smolvla::frames::sample::{CameraImage, Pixels};
 use zk0_smolvla::policy::model::Parameters;
 
 use crate::actor::{Actor, Scene};
@@ -115,7 +115,7 @@ pub fn action_chunks_from_observations() {
                     name: &camera.name,
                     height: camera.height,
                     width: camera.width,
-                    pixels: &camera.pixels[b],
+                    pixels: Pixels::Bytes(&camera.pixels[b]),
                 })
                 .collect(),
             state: &states[b * config.state_dim..][..config.state_dim],

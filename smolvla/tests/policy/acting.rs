@@ -4,7 +4,7 @@ use candle_core::Device;
 use zk0_lerobot::config::PolicyConfig;
 use zk0_lerobot::dataset::{Normalizer, Stats};
 use zk0_smolvla::error::Result;
-use zk0_smolvla::frames::sample::{CameraImage, Observation, PreparedSample, Preparer};
+use zk0_smolvla::frames::sample::{CameraImage, Observation, Pixels, PreparedSample, Preparer};
 use zk0_smolvla::policy::init::init_policy;
 use zk0_smolvla::policy::model::Parameters;
 use zk0_smolvla::policy::profile::Profile;
@@ -56,7 +56,7 @@ fn cameras<'a>(pictures: &'a [(&'a str, Vec<u8>)]) -> Vec<CameraImage<'a>> {
         name,
         height: 20,
         width: 30,
-        pixels,
+        pixels: Pixels::Bytes(pixels),
     };
     pictures.iter().map(camera).collect()
 }

@@ -4,7 +4,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha20Rng;
 use zk0_lerobot::config::PolicyConfig;
 use zk0_smolvla::frames::sample::{
-    CameraImage, FromFrame, Observation, ObservedSample, PreparedSample, Preparer,
+    CameraImage, FromFrame, Observation, ObservedSample, Pixels, PreparedSample, Preparer,
 };
 use zk0_smolvla::measure::evaluate::{evaluate, FlowDraw};
 use zk0_smolvla::policy::frozen::FrozenPlace;
@@ -85,7 +85,7 @@ impl Scene {
                 name,
                 height: *height,
                 width: *width,
-                pixels,
+                pixels: Pixels::Bytes(pixels),
             });
         let preparer = Preparer::at(place, policy.clone(), &tokenizer)?;
         let observation = Observation {

@@ -14,6 +14,20 @@ impl fmt::Display for Key {
     }
 }
 
+/// A frame of one of several recordings.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct FrameRef {
+    /// Which recording.
+    pub dataset: usize,
+    /// Which of its frames.
+    pub index: usize,
+    /// The frame's name in the cache.
+    pub key: Key,
+    /// Whether it is a variant, with transformed pictures. Only [`Variants::frames`](crate::frames::image_transforms::Variants::frames)
+    /// names such frames.
+    pub transformed: bool,
+}
+
 /// A digest of many keys, in order: names the samples of a run.
 pub fn digest_of(keys: impl IntoIterator<Item = Key>) -> [u8; 32] {
     let mut hash = Sha256::new();

@@ -10,6 +10,7 @@
 //!   A frame is named by its place in a video file and that file's digest, so that a second run decodes no video.
 //! - [`entry`]: a sample as bytes and back, bit for bit. A dataset commitment commits to exactly this sample.
 //! - [`store`]: the folder and its budget. It removes the entries that were not used for the longest time.
+//! - [`FrameMaker`]: makes samples of frames, in two parts that may run on two threads.
 //! - [`source`]: frames of recordings as samples. It takes them from the cache, and computes those that are not in it.
 //! - [`FrameNames`] and [`PreparedFrames`]: the one way to samples of chosen frames, with a cache or without.
 //!
@@ -21,14 +22,16 @@ mod error;
 pub mod files;
 pub mod key;
 pub mod key_space;
+mod maker;
 mod prepared;
 pub mod source;
 pub mod store;
 
 pub use error::CacheError;
 pub use files::FileDigests;
-pub use key::{digest_of, Key};
+pub use key::{digest_of, FrameRef, Key};
 pub use key_space::KeySpace;
+pub use maker::FrameMaker;
 pub use prepared::{FrameNames, PreparedFrames};
-pub use source::{FrameMaker, FrameRef, FrameSource};
+pub use source::FrameSource;
 pub use store::DiskCache;

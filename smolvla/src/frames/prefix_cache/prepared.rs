@@ -1,6 +1,7 @@
 //! The one way to samples of chosen frames, with a cache or without.
 
 use std::borrow::Cow;
+use std::thread;
 
 use zk0_lerobot::dataset::Dataset;
 use zk0_lerobot::tokenizer::Tokenizer;
@@ -8,11 +9,14 @@ use zk0_lerobot::PolicyConfig;
 
 use crate::error::Result;
 use crate::frames::batch::{missing, SampleSource};
+use crate::frames::making::MakesSamples;
 use crate::frames::prefix_cache::entry::Entry;
 use crate::frames::prefix_cache::error::CacheError;
 use crate::frames::prefix_cache::files::FileDigests;
+use crate::frames::prefix_cache::key::FrameRef;
 use crate::frames::prefix_cache::key_space::KeySpace;
-use crate::frames::prefix_cache::source::{FrameMaker, FrameRef, FrameSource};
+use crate::frames::prefix_cache::maker::FrameMaker;
+use crate::frames::prefix_cache::source::FrameSource;
 use crate::frames::prefix_cache::store::DiskCache;
 use crate::frames::sample::FromFrame;
 
@@ -65,6 +69,7 @@ impl<'a> FrameNames<'a> {
                 dataset: number,
                 index: *index,
                 key,
+                transformed: false,
             })
             .collect())
     }
@@ -88,16 +93,10 @@ impl<'c, 'a, S: FromFrame + Entry> PreparedFrames<'c, 'a, S> {
         cache: Option<&'c DiskCache>,
         maker: &'c FrameMaker<'a>,
         frames: Vec<FrameRef>,
-        mut progress: impl FnMut(usize, usize),
+        progress: impl FnMut(usize, usize),
     ) -> std::result::Result<Self, CacheError> {
         let Some(cache) = cache else {
-            let mut samples = Vec::with_capacity(frames.len());
-            for frame in &frames {
-                samples.push(maker.make(frame)?);
-                progress(samples.len(), frames.len());
-            }
-            maker.rest();
-            return Ok(Self::InMemory(samples));
+            return Self::in_memory(maker, frames, progress);
         };
         let source = FrameSource::new(cache, maker, frames);
         let filled = source.fill(progress)?;
@@ -115,6 +114,49 @@ impl<'c, 'a, S: FromFrame + Entry> PreparedFrames<'c, 'a, S> {
             );
         }
         Ok(Self::Cached(source))
+    }
+
+    /// As [`Self::prepare`], for samples that are taken in the order of training. With a cache, none is made yet: each is made when it is
+    /// asked for, or before that by [`ahead`](crate::frames::ahead::ahead). `progress` is called only if there is no cache.
+    ///
+    /// # Errors
+    /// A frame cannot be made.
+    pub fn while_training(
+        cache: Option<&'c DiskCache>,
+        maker: &'c FrameMaker<'a>,
+        frames: Vec<FrameRef>,
+        progress: impl FnMut(usize, usize),
+    ) -> std::result::Result<Self, CacheError> {
+        let Some(cache) = cache else {
+            return Self::in_memory(maker, frames, progress);
+        };
+        let source = FrameSource::new(cache, maker, frames);
+        tracing::info!(
+            "the prefix cache {} has {} of {} samples; the others are computed in the background while the run trains",
+            cache.root().display(),
+            source.in_cache(),
+            source.len()
+        );
+        Ok(Self::Cached(source))
+    }
+
+    /// Makes all samples. Another thread decodes the next frame meanwhile.
+    fn in_memory(
+        maker: &FrameMaker,
+        frames: Vec<FrameRef>,
+        mut progress: impl FnMut(usize, usize),
+    ) -> std::result::Result<Self, CacheError> {
+        let mut samples = Vec::with_capacity(frames.len());
+        thread::scope(|scope| {
+            let decoded = maker.decode_ahead(scope, frames.clone());
+            for (frame, decoded) in frames.iter().zip(decoded) {
+                samples.push(maker.sample_of(frame, decoded?)?);
+                progress(samples.len(), frames.len());
+            }
+            Ok::<_, CacheError>(())
+        })?;
+        maker.rest();
+        Ok(Self::InMemory(samples))
     }
 
     /// All samples in memory.
@@ -152,6 +194,13 @@ impl<S: FromFrame + Entry> SampleSource<S> for PreparedFrames<'_, '_, S> {
     fn rest(&self) {
         if let Self::Cached(source) = self {
             source.rest();
+        }
+    }
+
+    fn makes(&self) -> Option<&dyn MakesSamples<S>> {
+        match self {
+            Self::Cached(source) => source.makes(),
+            Self::InMemory(_) => None,
         }
     }
 }

@@ -1,86 +1,19 @@
 //! Frames of recordings as samples: from the cache where they are in it, computed where not.
 
 use std::borrow::Cow;
-use std::cell::RefCell;
 use std::marker::PhantomData;
-
-use zk0_lerobot::dataset::{Dataset, Loader};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::thread;
 
 use crate::error::{PolicyError, Result};
 use crate::frames::batch::{missing, SampleSource};
+use crate::frames::making::{Begun, Decoded, MakesSamples};
 use crate::frames::prefix_cache::entry::Entry;
 use crate::frames::prefix_cache::error::CacheError;
-use crate::frames::prefix_cache::key::Key;
+use crate::frames::prefix_cache::key::FrameRef;
+use crate::frames::prefix_cache::maker::FrameMaker;
 use crate::frames::prefix_cache::store::DiskCache;
-use crate::frames::recording::PrepareError;
-use crate::frames::sample::{FromFrame, Preparer};
-
-/// A frame of one of several recordings.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct FrameRef {
-    /// Which recording.
-    pub dataset: usize,
-    /// Which of its frames.
-    pub index: usize,
-    /// The frame's name in the cache.
-    pub key: Key,
-}
-
-/// Makes samples of frames. The frozen half of the policy is loaded when the first has to be made.
-pub struct FrameMaker<'a> {
-    datasets: &'a [Dataset],
-    chunk: usize,
-    load: Box<dyn Fn() -> Result<Preparer<'a>> + 'a>,
-    preparer: RefCell<Option<Preparer<'a>>>,
-    loaders: RefCell<Vec<Option<Loader<'a>>>>,
-}
-
-impl<'a> FrameMaker<'a> {
-    /// Of frames of `datasets`, with action chunks of `chunk`; `load` gives the policy's frozen half.
-    pub fn new(
-        datasets: &'a [Dataset],
-        chunk: usize,
-        load: impl Fn() -> Result<Preparer<'a>> + 'a,
-    ) -> Self {
-        Self {
-            datasets,
-            chunk,
-            load: Box::new(load),
-            preparer: RefCell::new(None),
-            loaders: RefCell::new(datasets.iter().map(|_| None).collect()),
-        }
-    }
-
-    /// The sample of a frame.
-    ///
-    /// # Errors
-    /// The recording or the policy is at fault.
-    pub fn make<S: FromFrame>(&self, frame: &FrameRef) -> std::result::Result<S, PrepareError> {
-        let mut preparer = self.preparer.borrow_mut();
-        let preparer = match &mut *preparer {
-            Some(preparer) => preparer,
-            none => none.insert((self.load)()?),
-        };
-        let Some(dataset) = self.datasets.get(frame.dataset) else {
-            return Err(missing(frame.dataset, self.datasets.len()).into());
-        };
-        let mut loaders = self.loaders.borrow_mut();
-        let loader = match &mut loaders[frame.dataset] {
-            Some(loader) => loader,
-            none => none.insert(dataset.loader(self.chunk)?),
-        };
-        preparer.prepare_frame(dataset, loader, frame.index)
-    }
-
-    /// Frees the frozen half and the decoders until they are needed again.
-    pub fn rest(&self) {
-        *self.preparer.borrow_mut() = None;
-        self.loaders
-            .borrow_mut()
-            .iter_mut()
-            .for_each(|loader| *loader = None);
-    }
-}
+use crate::frames::sample::FromFrame;
 
 /// What [`FrameSource::fill`] found and did, in frames.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -98,7 +31,11 @@ pub struct FrameSource<'c, 'a, S> {
     cache: Option<&'c DiskCache>,
     maker: &'c FrameMaker<'a>,
     frames: Vec<FrameRef>,
-    kind: PhantomData<S>,
+    /// All frames before this one are in the cache.
+    kept: AtomicUsize,
+    /// Whether the cache refused a sample for its budget, which is said once.
+    full: AtomicBool,
+    kind: PhantomData<fn() -> S>,
 }
 
 impl<'c, 'a, S: FromFrame + Entry> FrameSource<'c, 'a, S> {
@@ -116,12 +53,14 @@ impl<'c, 'a, S: FromFrame + Entry> FrameSource<'c, 'a, S> {
             cache,
             maker,
             frames,
+            kept: AtomicUsize::new(0),
+            full: AtomicBool::new(false),
             kind: PhantomData,
         }
     }
 
-    /// Computes and stores what is missing, as far as the budget goes. `progress` is called with the frames done and their
-    /// total.
+    /// Computes and stores what is missing, as far as the budget goes. Another thread decodes the next frame meanwhile. `progress` is
+    /// called with the frames done and their total.
     ///
     /// # Errors
     /// A frame cannot be made, or the cache not be written.
@@ -129,36 +68,131 @@ impl<'c, 'a, S: FromFrame + Entry> FrameSource<'c, 'a, S> {
         &self,
         mut progress: impl FnMut(usize, usize),
     ) -> std::result::Result<Filled, CacheError> {
+        let total = self.frames.len();
+        let Some(cache) = self.cache else {
+            (1..=total).for_each(|done| progress(done, total));
+            return Ok(Filled {
+                beyond: total,
+                ..Filled::default()
+            });
+        };
+        let places: Vec<usize> = (0..total)
+            .filter(|place| !cache.contains(&self.frames[*place].key))
+            .collect();
+        let lacking = places.iter().map(|place| self.frames[*place]).collect();
+        let mut places = places.into_iter().peekable();
         let mut filled = Filled::default();
-        for (done, frame) in self.frames.iter().enumerate() {
-            match self.cache {
-                Some(cache) if cache.contains(&frame.key) => filled.found += 1,
-                Some(cache) if filled.beyond == 0 => {
-                    match cache.put(&frame.key, &self.maker.make::<S>(frame)?)? {
-                        true => filled.made += 1,
-                        false => filled.beyond += 1,
+        thread::scope(|scope| {
+            let mut decoded = Some(self.maker.decode_ahead(scope, lacking));
+            for (place, frame) in self.frames.iter().enumerate() {
+                let lacks = places.next_if_eq(&place).is_some();
+                match decoded.as_ref().and_then(|decoded| match lacks {
+                    true => decoded.recv().ok(),
+                    false => None,
+                }) {
+                    Some(next) => {
+                        let sample = self.maker.sample_of::<S>(frame, next?)?;
+                        match cache.put(&frame.key, &sample)? {
+                            true => filled.made += 1,
+                            false => {
+                                filled.beyond += 1;
+                                // Nothing more is decoded.
+                                decoded = None;
+                            }
+                        }
                     }
+                    None if lacks => filled.beyond += 1,
+                    None => filled.found += 1,
                 }
-                _ => filled.beyond += 1,
+                progress(place + 1, total);
             }
-            progress(done + 1, self.frames.len());
-        }
+            Ok::<_, CacheError>(())
+        })?;
         if filled.beyond == 0 {
             self.maker.rest();
         }
         Ok(filled)
     }
 
-    fn get(&self, frame: &FrameRef) -> std::result::Result<S, CacheError> {
-        let Some(cache) = self.cache else {
-            return Ok(self.maker.make(frame)?);
-        };
-        if let Some(sample) = cache.get(&frame.key)? {
-            return Ok(sample);
+    /// How many of the frames are in the cache.
+    pub fn in_cache(&self) -> usize {
+        let cached = |frame: &&FrameRef| self.cache.is_some_and(|c| c.contains(&frame.key));
+        self.frames.iter().filter(cached).count()
+    }
+
+    fn get(&self, frame: &FrameRef) -> std::result::Result<Begun<S>, CacheError> {
+        if let Some(cache) = self.cache {
+            if let Some(sample) = cache.get(&frame.key)? {
+                return Ok(Begun::Whole(sample));
+            }
         }
-        let sample = self.maker.make(frame)?;
-        cache.put(&frame.key, &sample)?;
+        Ok(Begun::Decoded(self.maker.decode(frame)?))
+    }
+
+    fn make(&self, frame: &FrameRef, decoded: Decoded) -> std::result::Result<S, CacheError> {
+        let sample = self.maker.sample_of(frame, decoded)?;
+        let Some(cache) = self.cache else {
+            return Ok(sample);
+        };
+        match cache.put(&frame.key, &sample)? {
+            true => self.rest_when_all_are_kept(cache),
+            false if !self.full.swap(true, Ordering::Relaxed) => tracing::warn!(
+                "the prefix cache {} is full, so samples that are not in it are computed whenever they are needed; a larger cache \
+                 (--cache-budget) is faster",
+                cache.root().display()
+            ),
+            false => {}
+        }
         Ok(sample)
+    }
+
+    /// The frozen half takes gigabytes, and nothing needs it when all samples are in the cache.
+    fn rest_when_all_are_kept(&self, cache: &DiskCache) {
+        let before = self.kept.load(Ordering::Relaxed);
+        let more = self.frames[before..]
+            .iter()
+            .take_while(|frame| cache.contains(&frame.key));
+        let kept = before + more.count();
+        self.kept.fetch_max(kept, Ordering::Relaxed);
+        if kept == self.frames.len() {
+            self.maker.rest();
+        }
+    }
+
+    fn frame(&self, index: usize) -> Result<&FrameRef> {
+        let frame = self.frames.get(index);
+        frame.ok_or_else(|| missing(index, self.frames.len()))
+    }
+}
+
+/// An error with the name of the frame.
+fn named(frame: &FrameRef) -> impl Fn(CacheError) -> PolicyError + '_ {
+    move |error| {
+        PolicyError::Sample(format!(
+            "frame {} of recording {}: {error}",
+            frame.index, frame.dataset
+        ))
+    }
+}
+
+impl<S: FromFrame + Entry> MakesSamples<S> for FrameSource<'_, '_, S> {
+    fn begin(&self, index: usize) -> Result<Begun<S>> {
+        let frame = self.frame(index)?;
+        self.get(frame).map_err(named(frame))
+    }
+
+    fn finish(&self, index: usize, begun: Begun<S>) -> Result<S> {
+        match begun {
+            Begun::Whole(sample) => Ok(sample),
+            Begun::Decoded(decoded) => {
+                let frame = self.frame(index)?;
+                self.make(frame, decoded).map_err(named(frame))
+            }
+        }
+    }
+
+    fn finished_by_asker(&self) -> bool {
+        self.maker.prefixes_by_asker()
     }
 }
 
@@ -168,18 +202,14 @@ impl<S: FromFrame + Entry> SampleSource<S> for FrameSource<'_, '_, S> {
     }
 
     fn sample(&self, index: usize) -> Result<Cow<'_, S>> {
-        let frame = self.frames.get(index);
-        let frame = frame.ok_or_else(|| missing(index, self.frames.len()))?;
-        let sample = self.get(frame).map_err(|error| {
-            PolicyError::Sample(format!(
-                "frame {} of recording {}: {error}",
-                frame.index, frame.dataset
-            ))
-        })?;
-        Ok(Cow::Owned(sample))
+        Ok(Cow::Owned(self.finish(index, self.begin(index)?)?))
     }
 
     fn rest(&self) {
         self.maker.rest();
+    }
+
+    fn makes(&self) -> Option<&dyn MakesSamples<S>> {
+        Some(self)
     }
 }

@@ -1,14 +1,12 @@
 //! `zk0 train` and `zk0 eval` as processes. A run that is killed at any moment and resumed ends with the same bytes.
 
-mod harness;
-
-use harness::{ends, logged, zk0, RECORDING};
+use crate::harness::{ends, logged, root, zk0, RECORDING};
 use serde_json::Value;
 use std::fs;
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
 use std::thread::sleep;
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 /// `zk0 train` on a recording, micro profile, with a cache in `dir`.
 fn train(dir: &Path, out: &str, more: &[&str]) -> Command {
@@ -101,6 +99,46 @@ fn a_run_that_is_killed_again_and_again_ends_with_the_same_bytes() {
         // The metrics hold every step once, in order.
         assert_eq!(steps(&metrics), (1..=120).collect::<Vec<_>>());
     }
+}
+
+/// While frames are still prepared in the background, SIGTERM ends a run at once. What is in the cache is whole, and the run goes on.
+#[test]
+fn sigterm_ends_a_run_that_prepares_frames_in_the_background() {
+    let dir = tempfile::tempdir().unwrap();
+    let options = ["--profile", "tiny", "--steps", "200", "--batch-size", "8"];
+    let options = [&options[..], &["--snapshot-every", "20", "--resume"]].concat();
+    succeeds(train(dir.path(), "unbroken", &options));
+    fs::remove_dir_all(dir.path().join("cache")).unwrap();
+
+    // A shell that runs the tests in the background lets them ignore signals, and their children too.
+    let inner = train(dir.path(), "stopped", &options);
+    let mut run = Command::new("env");
+    run.arg("--default-signal=TERM").arg(inner.get_program());
+    run.args(inner.get_args()).current_dir(root());
+    let mut run = run.stderr(Stdio::null()).spawn().unwrap();
+    let metrics = dir.path().join("stopped/metrics.jsonl");
+    while run.try_wait().unwrap().is_none() && steps(&metrics).is_empty() {
+        sleep(Duration::from_millis(1));
+    }
+    let begin = Instant::now();
+    let pid = run.id().to_string();
+    let told = Command::new("kill").args(["-TERM", &pid]).status();
+    assert!(told.unwrap().success());
+    assert!(
+        !run.wait().unwrap().success(),
+        "it was faster than the signal"
+    );
+    assert!(begin.elapsed() < Duration::from_secs(2));
+    assert!(steps(&metrics).len() < 200);
+
+    let log = logged(&succeeds(train(dir.path(), "stopped", &options)));
+    assert!(
+        log.contains("in the background while the run trains"),
+        "{log}"
+    );
+    assert!(!log.contains("damaged"), "{log}");
+    let model = |out: &str| fs::read(dir.path().join(out).join("model.safetensors")).unwrap();
+    assert!(model("unbroken") == model("stopped"));
 }
 
 #[test]

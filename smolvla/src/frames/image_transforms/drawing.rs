@@ -1,0 +1,146 @@
+//! Which transforms a picture gets, and with which parameters: functions of a seed.
+//!
+//! The distributions are those of LeRobot's `RandomSubsetApply` and of torchvision's classes. The numbers of a seed are not PyTorch's.
+
+use rand_chacha::ChaCha20Rng;
+
+use crate::frames::image_transforms::affine::Affine;
+use crate::frames::image_transforms::transform::Transform;
+use crate::policy::random::{index, uniform};
+
+/// Bounds of a parameter, which is uniform between them.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Range {
+    /// The least value.
+    pub low: f64,
+    /// The greatest value.
+    pub high: f64,
+}
+
+impl Range {
+    fn draw(self, rng: &mut ChaCha20Rng) -> f64 {
+        self.low + (self.high - self.low) * uniform(rng)
+    }
+}
+
+/// A transform whose parameters are drawn.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Jitter {
+    /// Changes nothing.
+    Identity,
+    /// torchvision's `ColorJitter`.
+    Color {
+        /// Bounds of the factor.
+        brightness: Option<Range>,
+        /// Bounds of the factor.
+        contrast: Option<Range>,
+        /// Bounds of the factor.
+        saturation: Option<Range>,
+        /// Bounds of the share of a turn.
+        hue: Option<Range>,
+    },
+    /// LeRobot's `SharpnessJitter`.
+    Sharpness(Range),
+    /// torchvision's `RandomAffine`.
+    Affine {
+        /// Bounds of the angle.
+        degrees: Range,
+        /// The greatest shift to either side, as shares of the width and of the height.
+        translate: Option<[f64; 2]>,
+        /// Bounds of the scale.
+        scale: Option<Range>,
+        /// Bounds of the shear along x and along y, in degrees.
+        shear: [Option<Range>; 2],
+    },
+}
+
+/// Draws transforms.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Sampler {
+    /// Each with its weight, which is above 0.
+    pub choices: Vec<(f64, Jitter)>,
+    /// How many are chosen, at most all of them.
+    pub count: usize,
+    /// Whether they come in the order in which they are drawn, and not in that of [`Self::choices`].
+    pub random_order: bool,
+}
+
+impl Sampler {
+    /// The transforms of a picture of this size.
+    pub fn draw(&self, (height, width): (usize, usize), rng: &mut ChaCha20Rng) -> Vec<Transform> {
+        let mut left: Vec<usize> = (0..self.choices.len()).collect();
+        let mut chosen = Vec::with_capacity(self.count);
+        while chosen.len() < self.count && !left.is_empty() {
+            let total: f64 = left.iter().map(|choice| self.choices[*choice].0).sum();
+            let mut point = total * uniform(rng);
+            let past = |choice: &usize| {
+                point -= self.choices[*choice].0;
+                point < 0.0
+            };
+            let place = left.iter().position(past).unwrap_or(left.len() - 1);
+            chosen.push(left.remove(place));
+        }
+        if !self.random_order {
+            chosen.sort_unstable();
+        }
+        let mut transforms = Vec::new();
+        for choice in chosen {
+            self.choices[choice]
+                .1
+                .draw(height, width, rng, &mut transforms);
+        }
+        transforms
+    }
+}
+
+impl Jitter {
+    fn draw(&self, height: usize, width: usize, rng: &mut ChaCha20Rng, to: &mut Vec<Transform>) {
+        match self {
+            Self::Identity => {}
+            Self::Color {
+                brightness,
+                contrast,
+                saturation,
+                hue,
+            } => {
+                let mut parts: Vec<(Range, fn(f32) -> Transform)> = [
+                    (brightness, Transform::Brightness as fn(f32) -> Transform),
+                    (contrast, Transform::Contrast),
+                    (saturation, Transform::Saturation),
+                    (hue, Transform::Hue),
+                ]
+                .into_iter()
+                .filter_map(|(range, of)| Some(((*range)?, of)))
+                .collect();
+                // torchvision applies those that there are in a random order.
+                while !parts.is_empty() {
+                    let (range, of) = parts.remove(index(rng, parts.len()));
+                    to.push(of(range.draw(rng) as f32));
+                }
+            }
+            Self::Sharpness(range) => to.push(Transform::Sharpness(range.draw(rng) as f32)),
+            Self::Affine {
+                degrees,
+                translate,
+                scale,
+                shear,
+            } => {
+                let angle = degrees.draw(rng);
+                let mut shift = |share: f64, length: usize| {
+                    let high = share * length as f64;
+                    Range { low: -high, high }.draw(rng).round_ties_even()
+                };
+                let translate =
+                    translate.map_or([0.0; 2], |[x, y]| [shift(x, width), shift(y, height)]);
+                let scale = scale.map_or(1.0, |range| range.draw(rng));
+                let shear = shear.map(|range| range.map_or(0.0, |range| range.draw(rng)));
+                to.push(Transform::Affine(Affine {
+                    angle,
+                    translate,
+                    scale,
+                    shear,
+                }));
+            }
+        }
+    }
+}

@@ -1,0 +1,155 @@
+//! Makes samples of frames, in two parts that may run on two threads: decoding, and the frozen half of the policy.
+
+use std::sync::mpsc::{sync_channel, Receiver};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::thread::Scope;
+
+use zk0_lerobot::dataset::{Dataset, Loader};
+
+use crate::error::{PolicyError, Result};
+use crate::frames::batch::missing;
+use crate::frames::image_transforms::variants::Variants;
+use crate::frames::making::Decoded;
+use crate::frames::prefix_cache::key::FrameRef;
+use crate::frames::recording::PrepareError;
+use crate::frames::sample::{FromFrame, Preparer};
+
+/// Reads the frozen half of a policy.
+type Load<'a> = dyn Fn() -> Result<Preparer<'a>> + Send + Sync + 'a;
+
+/// Makes samples of frames. The frozen half of the policy is loaded when the first has to be made.
+///
+/// Threads may share it: one decodes while another runs the frozen half. Each part does one frame at a time, because there is one
+/// decoder per camera and one frozen half.
+pub struct FrameMaker<'a> {
+    datasets: &'a [Dataset],
+    chunk: usize,
+    load: Box<Load<'a>>,
+    by_asker: bool,
+    variants: Option<Variants>,
+    preparer: Mutex<Option<Preparer<'a>>>,
+    loaders: Mutex<Vec<Option<Loader<'a>>>>,
+}
+
+impl<'a> FrameMaker<'a> {
+    /// Of frames of `datasets`, with action chunks of `chunk`; `load` gives the policy's frozen half.
+    pub fn new(
+        datasets: &'a [Dataset],
+        chunk: usize,
+        load: impl Fn() -> Result<Preparer<'a>> + Send + Sync + 'a,
+    ) -> Self {
+        Self {
+            datasets,
+            chunk,
+            load: Box::new(load),
+            by_asker: false,
+            variants: None,
+            preparer: Mutex::new(None),
+            loaders: Mutex::new(datasets.iter().map(|_| None).collect()),
+        }
+    }
+
+    /// Whether only the thread that asks for a sample runs the frozen half, and other threads decode alone. That is for a GPU, which
+    /// trains and does nothing else meanwhile.
+    pub fn with_prefixes_by_asker(self, by_asker: bool) -> Self {
+        Self { by_asker, ..self }
+    }
+
+    /// What makes the frames that [`Variants::frames`] named. All other frames stay as they are recorded.
+    pub fn with_variants(self, variants: Option<Variants>) -> Self {
+        Self { variants, ..self }
+    }
+
+    /// As [`Self::with_prefixes_by_asker`] said.
+    pub(super) fn prefixes_by_asker(&self) -> bool {
+        self.by_asker
+    }
+
+    /// The sample of a frame.
+    ///
+    /// # Errors
+    /// The recording or the policy is at fault.
+    pub fn make<S: FromFrame>(&self, frame: &FrameRef) -> std::result::Result<S, PrepareError> {
+        self.sample_of(frame, self.decode(frame)?)
+    }
+
+    /// The first part: reads a frame and its pictures, and transforms them if it is a variant.
+    ///
+    /// # Errors
+    /// The recording is at fault.
+    pub fn decode(&self, frame: &FrameRef) -> std::result::Result<Decoded, PrepareError> {
+        let dataset = self.dataset(frame)?;
+        let mut loaders = locked(&self.loaders);
+        let loader = match &mut loaders[frame.dataset] {
+            Some(loader) => loader,
+            none => none.insert(dataset.loader(self.chunk)?),
+        };
+        let decoded = loader.frame(frame.index)?;
+        drop(loaders);
+        let pictures = match (frame.transformed, &self.variants) {
+            (false, _) => None,
+            (true, Some(variants)) => Some(variants.pictures(&frame.key, &decoded.images)),
+            (true, None) => {
+                let why = "a transformed frame is asked for, and nothing says how to transform it";
+                return Err(PolicyError::Sample(why.into()).into());
+            }
+        };
+        Ok(Decoded {
+            frame: decoded,
+            pictures,
+        })
+    }
+
+    /// The second part: makes a sample of what [`Self::decode`] gave.
+    ///
+    /// # Errors
+    /// The frame does not fit the policy, or the policy cannot be loaded.
+    pub fn sample_of<S: FromFrame>(
+        &self,
+        frame: &FrameRef,
+        decoded: Decoded,
+    ) -> std::result::Result<S, PrepareError> {
+        let dataset = self.dataset(frame)?;
+        let mut preparer = locked(&self.preparer);
+        let preparer = match &mut *preparer {
+            Some(preparer) => preparer,
+            none => none.insert((self.load)()?),
+        };
+        Ok(preparer.prepare_decoded(dataset, decoded)?)
+    }
+
+    /// Decodes `frames` in order on a thread of `scope`, two at most before they are taken. The thread ends when the receiver is gone.
+    pub(super) fn decode_ahead<'scope, 'env>(
+        &'env self,
+        scope: &'scope Scope<'scope, 'env>,
+        frames: Vec<FrameRef>,
+    ) -> Receiver<std::result::Result<Decoded, PrepareError>> {
+        let (sender, receiver) = sync_channel(1);
+        scope.spawn(move || {
+            for frame in frames {
+                if sender.send(self.decode(&frame)).is_err() {
+                    return;
+                }
+            }
+        });
+        receiver
+    }
+
+    /// Frees the frozen half and the decoders until they are needed again.
+    pub fn rest(&self) {
+        *locked(&self.preparer) = None;
+        locked(&self.loaders)
+            .iter_mut()
+            .for_each(|loader| *loader = None);
+    }
+
+    fn dataset(&self, frame: &FrameRef) -> Result<&'a Dataset> {
+        let found = self.datasets.get(frame.dataset);
+        found.ok_or_else(|| missing(frame.dataset, self.datasets.len()))
+    }
+}
+
+/// What a thread that panicked leaves is whole: it is either there or not.
+fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
