@@ -31,7 +31,7 @@ def test_only_the_ledger_says_who_has_contributed(ledger: Ledger) -> None:
     assert set(left_out) == {3, 4, 5, 6}
     assert left_out[3] == known.refused[refused]
     assert left_out[6] == NO_REPLY
-    said_of_it = metrics(outcome)
+    said_of_it = metrics(known, len(outcome.left_out))
     assert (said_of_it["accepted"], said_of_it["refused"], said_of_it["left-out"]) == (2, 1, 4)
     assert known.losses is not None and said_of_it["proven-loss-after"] == known.losses.after
 

@@ -12,7 +12,7 @@ from flwr.serverapp.strategy import Strategy
 
 from zk0_flower import weights
 from zk0_flower.aggregator import POLL_SECONDS, Aggregator
-from zk0_flower.ledger import Ledger, LedgerRound
+from zk0_flower.ledger import Ledger, LedgerRound, NotVerified
 from zk0_flower.messages import COMMIT, PROVE, Request
 from zk0_flower.outcome import RoundOutcome, claims, committed, errors, judged
 from zk0_flower.program import Program
@@ -123,18 +123,18 @@ class Zk0Strategy(Strategy):
     def aggregate_train(self, server_round: int, replies: Iterable[Message]) -> tuple[ArrayRecord | None, MetricRecord | None]:
         """Waits until the round has closed, and returns the global weights and what is proven of them.
 
-        Returns no weights if nothing was accepted. Raises `NotVerified` if the ledger does not pass its audit.
+        If nothing was accepted, these are the weights that the round started from. Raises `NotVerified` if the ledger does not pass its audit.
         """
         if self._round is not None:
             self._round = self._closed(self._round.number)
         outcome = judged(server_round, self._round, self._members, self._reasons, errors(replies))
         self.outcomes.append(outcome)
         self._tell(outcome)
-        if self._round is None or self._round.result is None:
-            return None, None
-        if self._round.accepted:
+        if self._round is None:
+            return self._arrays, None
+        if self._round.result is not None:
             self._arrays = weights.read(self.ledger.blob(self._round.result))
-        return self._arrays if self._round.accepted else None, metrics(outcome)
+        return self._arrays, metrics(self._round, len(outcome.left_out))
 
     def configure_evaluate(self, server_round: int, arrays: ArrayRecord, config: ConfigRecord, grid: Grid) -> Iterable[Message]:
         """Returns the messages of the strategy for the evaluation, without those to nodes that were left out of the round."""
@@ -193,15 +193,20 @@ class Zk0Strategy(Strategy):
         return [request.message(node, PROVE) for node in self._members]
 
     def _closed(self, number: int) -> LedgerRound:
-        """Waits until a round has closed, and returns it as the audited ledger has it."""
+        """Waits until a round has closed, and returns it as the audited ledger has it.
+
+        Raises `NotVerified` if the log does not show within `DECIDING_SECONDS` that it has closed.
+        """
         self.aggregator.wait(lambda now: now.round > number)
         end = time.monotonic() + DECIDING_SECONDS
         while True:
             self.ledger.audit()
             found = self.ledger.round(number)
-            # The aggregator publishes an entry after it has recorded it.
-            if found.result is not None or time.monotonic() > end:
+            if found.result is not None:
                 return found
+            # The aggregator publishes an entry after it has recorded it.
+            if time.monotonic() > end:
+                raise NotVerified(f"the aggregator says that round {number} has closed, and its log does not show that")
             time.sleep(POLL_SECONDS)
 
     def _tell(self, outcome: RoundOutcome) -> None:
@@ -218,21 +223,18 @@ class Zk0Strategy(Strategy):
             log(INFO, "zk0: on the public samples: %s", outcome.ledger_round.verdict)
 
 
-def metrics(outcome: RoundOutcome) -> MetricRecord:
-    """What the ledger says of a round that has closed, as Flower's metrics."""
-    round_ = outcome.ledger_round
-    if round_ is None:
-        return MetricRecord()
+def metrics(known: LedgerRound, left_out: int) -> MetricRecord:
+    """What the ledger says of a round that has closed, and how many Flower nodes were left out, as Flower's metrics."""
     said = MetricRecord(
         {
-            "zk0-round": round_.number,
-            "committed": len(round_.committed),
-            "accepted": len(round_.accepted),
-            "refused": len(round_.refused),
-            "left-out": len(outcome.left_out),
+            "zk0-round": known.number,
+            "committed": len(known.committed),
+            "accepted": len(known.accepted),
+            "refused": len(known.refused),
+            "left-out": left_out,
         }
     )
-    if round_.losses is not None:
-        said["proven-loss-before"] = round_.losses.before
-        said["proven-loss-after"] = round_.losses.after
+    if known.losses is not None:
+        said["proven-loss-before"] = known.losses.before
+        said["proven-loss-after"] = known.losses.after
     return said
