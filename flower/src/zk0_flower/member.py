@@ -2,6 +2,7 @@
 round goes on where it was.
 """
 
+import os
 import subprocess
 import time
 import tomllib
@@ -140,6 +141,8 @@ class Member:
                     stdin=subprocess.DEVNULL,
                     stdout=said,
                     stderr=said,
+                    # The last line becomes a reason that others read.
+                    env=os.environ | {"NO_COLOR": "1"},
                 )
             except OSError as error:
                 raise not_started(self.program.path, error) from error
