@@ -5,7 +5,8 @@ the nodes. A short tour:
 
 - `strategy`: one Flower round is one zk0 round with its phases commit, challenge and proof.
 - `commitments`, `outcome`: which Flower node stands for which contribution, and who is left out, with the reason.
-- `member`, `client`: a node's side. They run ``zk0 node join``.
+- `member`, `client`: a node's side. They run ``zk0 node join``. `left_behind`: what becomes of it when Flower kills the ClientApp.
+- `messages`: what the strategy and the nodes say to each other. `flower_release`: which releases of Flower will do.
 - `aggregator`, `ledger`, `weights`: what the aggregator says, and what the audited ledger says.
 - `program`: runs the program ``zk0``, which decides everything: nothing is verified in Python.
 """

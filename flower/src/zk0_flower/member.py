@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from zk0_flower.left_behind import the_only_one
 from zk0_flower.messages import Reply, Request
 from zk0_flower.program import Program, ProgramError, last_words, not_started
 
@@ -134,7 +135,7 @@ class Member:
     def _running(self) -> Iterator[subprocess.Popen[bytes]]:
         """Runs the node for one round. It is stopped at the end. What it says goes to ``flower.log`` in its state folder."""
         self.state.mkdir(parents=True, exist_ok=True)
-        with self._log.open("wb") as said:
+        with self._log.open("wb") as said, the_only_one(self.state / "flower.lock") as lock:
             try:
                 node = subprocess.Popen(
                     [self.program.path, *self.command, "--rounds", "1"],
@@ -143,18 +144,21 @@ class Member:
                     stderr=said,
                     # The last line becomes a reason that others read.
                     env=os.environ | {"NO_COLOR": "1"},
+                    pass_fds=[lock.fileno()],
                 )
             except OSError as error:
                 raise not_started(self.program.path, error) from error
-        try:
-            yield node
-        finally:
-            node.terminate()
+            lock.write(str(node.pid))
+            lock.flush()
             try:
-                node.wait(STOP_SECONDS)
-            except subprocess.TimeoutExpired:
-                node.kill()
-                node.wait()
+                yield node
+            finally:
+                node.terminate()
+                try:
+                    node.wait(STOP_SECONDS)
+                except subprocess.TimeoutExpired:
+                    node.kill()
+                    node.wait()
 
     def _last_words(self) -> str:
         return last_words(self._log.read_text(errors="replace"))
