@@ -10,7 +10,7 @@ export CARGO_TARGET_DIR ?= $(HOME)/.cache/zk0/target
 RUST := scripts/with-rust
 ZK0 := $(CARGO_TARGET_DIR)/release/zk0
 
-.PHONY: demo test deletions attacks quick lint coverage setup build guest fixtures cycles prove-full round-full bench-succinct fidelity power bench-ledger bench-recording bench-train bench-fedavg bench-load bench-simulate cuda network
+.PHONY: demo test deletions attacks quick lint coverage setup build guest fixtures cycles prove-full round-full bench-succinct fidelity power bench-ledger bench-recording bench-train bench-fedavg bench-load bench-simulate cuda network flower
 
 demo: build
 	$(ZK0) demo --rounds $(ROUNDS) --nodes $(NODES)
@@ -35,6 +35,11 @@ network: export CARGO_TARGET_DIR := $(CARGO_TARGET_DIR)-network
 network: setup
 	$(RUST) cargo build --release --workspace --locked --features zk0/network --bin zk0
 	$(RUST) cargo test --release --workspace --locked --features zk0/network --test prover_network
+
+# Tests the Python package for Flower federations: rounds of a SuperLink and three SuperNodes on this machine, up to the proof. The first run
+# installs Flower from PyPI into ~/.cache/zk0.
+flower: build
+	scripts/test-flower
 
 # Runs every check and test. The real proof comes last and alone, because it needs the memory for itself.
 test:
