@@ -6,6 +6,7 @@
 //! - `governance`: proposals, votes, disputes.
 //! - `train`, `eval`, `fidelity`, `dataset`: policies and recordings, without a network; `policy`: the options that they share.
 //! - `simulate`: a federation without proofs.
+//! - `export`: a round's policy out of a ledger, for LeRobot.
 //! - `demo`: a whole network as processes on this machine.
 //! - [`settings`]: how services are configured, by flags, variables and files.
 //! - [`logging`], `certificate`, `chart`, `keys`, `network`, `otlp`, `serve`: what the commands share.
@@ -27,6 +28,8 @@ pub mod dataset;
 pub mod demo;
 #[cfg(feature = "full")]
 pub mod eval;
+#[cfg(feature = "full")]
+pub mod export;
 #[cfg(feature = "full")]
 pub mod fidelity;
 #[cfg(feature = "full")]

@@ -3,8 +3,8 @@
 //!
 //! The folders are written beside the rounds, which do not wait for them. If one cannot be written, the log says so, and it is tried again.
 
-use crate::policy::whole_folder;
-use anyhow::{bail, Context, Result};
+use crate::policy::network_folder::NetworkFolder;
+use anyhow::{Context, Result};
 use std::fs;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -13,13 +13,7 @@ use tokio::sync::oneshot;
 use tokio::task::spawn_blocking;
 use tokio::time::sleep;
 use zk0_aggregator::{Aggregator, Service};
-use zk0_circuits::{Digest, EvalSpec};
-use zk0_ledger::blobs::Blobs;
-use zk0_lerobot::policy_folder::{PolicyFolder, Precision};
-use zk0_node::exchanged_weights::Base;
-use zk0_smolvla::policy::policy_file;
-use zk0_smolvla::Policy;
-use zk0_weights::Format;
+use zk0_circuits::Digest;
 
 /// How often the rounds are looked at.
 const TICK: Duration = Duration::from_secs(1);
@@ -53,10 +47,7 @@ pub struct PolicyFolders {
 
 struct Writer {
     out: PathBuf,
-    source: PolicyFolder,
-    format: Format,
-    blobs: Blobs,
-    max_update_bytes: u64,
+    folder: NetworkFolder,
 }
 
 impl PolicyFolderOptions {
@@ -73,16 +64,8 @@ impl PolicyFolderOptions {
             return Ok(None);
         };
         let state = aggregator.state();
-        let (genesis, blobs) = (state.genesis(), aggregator.ledger().blobs());
-        let source = PolicyFolder::open(policy)?;
-        blobs.check(&genesis.policy)?;
-        let founded = policy_file::load(&blobs.path(&genesis.policy))?.policy;
-        if founded != Policy::from_folder(&source)? {
-            bail!(
-                "{} is not the policy that the network was founded with: name the folder that `zk0 aggregator init --policy` had",
-                policy.display()
-            );
-        }
+        let blobs = aggregator.ledger().blobs();
+        let folder = NetworkFolder::open(policy, state.genesis(), blobs)?;
         fs::create_dir_all(out).with_context(|| format!("creating {}", out.display()))?;
         let closed = closed_rounds(aggregator);
         Ok(Some(PolicyFolders {
@@ -90,10 +73,7 @@ impl PolicyFolderOptions {
             rounds,
             writer: Arc::new(Writer {
                 out: out.clone(),
-                source,
-                format: Format::new(&EvalSpec::decode(&genesis.evaluation)?)?,
-                blobs: blobs.clone(),
-                max_update_bytes: state.rules().max_update_bytes,
+                folder,
             }),
             // The last one that was due may be missing, because the aggregator was killed.
             next: (closed - closed % interval).saturating_sub(1),
@@ -152,13 +132,7 @@ impl Writer {
         if self.out.join(&name).exists() {
             return Ok(());
         }
-        let file = self.blobs.get(weights, self.max_update_bytes)?;
-        let config = &self.source.config().dims;
-        let base = Base::read(&self.format, config, &file)?;
-        let folder = whole_folder::write(&self.out, &name, |to| {
-            let tensors = base.weights.tensors();
-            Ok(self.source.write(to, tensors, Precision::Kept)?)
-        })?;
+        let folder = self.folder.write(&self.out, &name, weights, |_| Ok(()))?;
         tracing::info!(round, "policy folder written: {}", folder.display());
         Ok(())
     }

@@ -3,6 +3,7 @@
 mod cache_options;
 pub mod calibration;
 mod device_options;
+pub mod network_folder;
 mod source;
 pub mod whole_folder;
 
