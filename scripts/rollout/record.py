@@ -10,9 +10,11 @@ to the way; the recorded action is the expert's. An episode ends when the expert
 import argparse
 from pathlib import Path
 
-import numpy as np
+# First, because these say what to do if something is not installed.
 import recording
 from simulator import FPS, Arm
+
+import numpy as np
 
 LONGEST = 8 * FPS
 STILL = FPS // 2

@@ -1,7 +1,19 @@
 """Episodes of the simulated arm as a LeRobotDataset."""
 
-from lerobot.datasets.lerobot_dataset import LeRobotDataset
+import os
+
 from simulator import CAMERA, FPS, JOINTS, SIDE, TASK
+
+# The video encoder then prints errors alone.
+os.environ.setdefault("SVT_LOG", "1")
+
+try:
+    from lerobot.datasets.lerobot_dataset import LeRobotDataset
+except ImportError as missing:
+    raise SystemExit(
+        f"error: LeRobot is not installed: {missing}. Run `make rollout`, which installs scripts/rollout/requirements.txt into ~/.cache/zk0/rollout, and "
+        "start this script with the Python of that folder"
+    ) from missing
 
 STATE, ACTION, IMAGE = "observation.state", "action", f"observation.images.{CAMERA}"
 VECTOR = {"dtype": "float32", "shape": (len(JOINTS),), "names": [f"{name}.pos" for name in JOINTS]}

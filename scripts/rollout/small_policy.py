@@ -11,13 +11,15 @@ import argparse
 import shutil
 from pathlib import Path
 
+# First, because these say what to do if something is not installed.
+from recording import ACTION, IMAGE, STATE
+from simulator import JOINTS, SIDE, TASK
+
 import torch
 from lerobot.configs.types import FeatureType, PolicyFeature
 from lerobot.policies.smolvla.configuration_smolvla import SmolVLAConfig
 from lerobot.policies.smolvla.modeling_smolvla import SmolVLAPolicy
 from lerobot.policies.smolvla.processor_smolvla import make_smolvla_pre_post_processors
-from recording import ACTION, IMAGE, STATE
-from simulator import JOINTS, SIDE, TASK
 from tokenizers import Tokenizer, models, normalizers, pre_tokenizers
 from transformers import PreTrainedTokenizerFast, SmolVLMConfig, SmolVLMImageProcessor, SmolVLMProcessor, SmolVLMVideoProcessor
 
