@@ -5,7 +5,7 @@ mod harness;
 use harness::network::LocalNetwork;
 use harness::serving::Serving;
 use harness::{ends, fails, logs, printed, prints, words, zk0};
-use serde_json::Value;
+use serde_json::{json, Value};
 use std::fs;
 use std::path::Path;
 use std::thread::sleep;
@@ -83,6 +83,24 @@ fn a_rounds_policy_is_exported_and_a_changed_one_is_not_believed() {
     assert!(said.contains("VERIFIED"), "{said}");
     assert!(fails(&export).contains("exists already"));
 
+    // The report says whether rollouts are of a policy of this ledger.
+    let page = report(&network, &receipt);
+    assert!(
+        page.contains("the ledger&#39;s weights after that round"),
+        "{page}"
+    );
+    assert!(
+        page.contains("Not proven.") && page.contains("7 of 20"),
+        "{page}"
+    );
+    let mut other = receipt.clone();
+    other["weights_sha256"] = "00".repeat(32).into();
+    let page = report(&network, &other);
+    assert!(
+        page.contains("NOT the ledger&#39;s weights after that round"),
+        "{page}"
+    );
+
     // Weights that the ledger does not name, with a receipt that fits them.
     let weights = Path::new(&out).join("model.safetensors");
     let source = fs::read(Path::new(&policy).join("model.safetensors")).unwrap();
@@ -111,6 +129,29 @@ fn a_rounds_policy_is_exported_and_a_changed_one_is_not_believed() {
         "export", "lerobot", &ledger, "--round", "7", "--policy", &policy, "--out", "never",
     ];
     assert!(fails(&late).contains("round 7 has not closed"));
+}
+
+/// The report of an audit, with rollouts of a policy that has this receipt.
+fn report(network: &LocalNetwork, receipt: &Value) -> String {
+    let (folder, page) = (network.path("rollouts"), network.path("report.html"));
+    fs::create_dir_all(&folder).unwrap();
+    let results = json!({
+        "proven": false, "task": "Reach.", "episodes": 20, "successes": 7,
+        "interval": {"method": "Wilson", "confidence": 0.95, "low": 0.18, "high": 0.57},
+        "policy": {"folder": "round-1", "model_sha256": "ab", "receipt": receipt},
+    });
+    fs::write(Path::new(&folder).join("results.json"), results.to_string()).unwrap();
+    let ledger = network.path("ledger");
+    prints(&[
+        "audit",
+        "replay",
+        &ledger,
+        "--html",
+        &page,
+        "--rollouts",
+        &folder,
+    ]);
+    fs::read_to_string(page).unwrap()
 }
 
 fn receipt_of(receipt: &Value, field: &str, value: Value) -> String {
