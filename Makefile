@@ -10,7 +10,7 @@ export CARGO_TARGET_DIR ?= $(HOME)/.cache/zk0/target
 RUST := scripts/with-rust
 ZK0 := $(CARGO_TARGET_DIR)/release/zk0
 
-.PHONY: demo test deletions attacks quick lint coverage setup build guest fixtures cycles prove-full round-full bench-succinct fidelity power bench-ledger bench-recording bench-train bench-fedavg bench-load bench-simulate cuda network flower
+.PHONY: demo test deletions attacks quick lint coverage setup build guest fixtures cycles prove-full round-full bench-succinct fidelity power bench-ledger bench-recording bench-train bench-fedavg bench-load bench-simulate cuda network flower rollout
 
 demo: build
 	$(ZK0) demo --rounds $(ROUNDS) --nodes $(NODES)
@@ -153,6 +153,12 @@ bench-simulate: setup
 # script.
 bench-train:
 	scripts/bench-train/run.sh
+
+# Trains a small policy on demonstrations in a simulator, takes it out of a ledger, and lets it drive a simulated SO-101 (docs/rollout.md). The first run
+# installs LeRobot, PyTorch and MuJoCo into ~/.cache/zk0, which takes 9 GB where PyTorch's own index cannot be reached.
+rollout: build
+	@scripts/setup.sh python rollout
+	scripts/rollout/example.sh $(ZK0) $(CARGO_TARGET_DIR)/rollout
 
 # Rebuilds the guest programs and their verifying keys from source.
 guest:

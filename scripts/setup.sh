@@ -7,6 +7,7 @@
 #   coverage   what scripts/coverage runs: cargo-llvm-cov and LLVM's tools
 #   cuda       what scripts/with-cuda needs
 #   python     what scripts/python-env needs
+#   rollout    what draws pictures for scripts/rollout without a display
 set -euo pipefail
 
 packages=(gcc g++ make pkg-config git protobuf-compiler libprotobuf-dev clang libclang-dev cmake nasm)
@@ -108,4 +109,8 @@ fi
 
 if wanted python || { wanted cuda && ! command -v nvcc >/dev/null; }; then
     python3 -c 'import ensurepip, venv' 2>/dev/null || install python3 python3-venv
+fi
+
+if wanted rollout; then
+    install libegl1 libegl-mesa0 libgl1-mesa-dri
 fi

@@ -318,7 +318,7 @@ fn the_report_draws_the_losses_of_each_round() {
     let data = serde_json::to_value(&history).unwrap();
     assert_eq!(data["rounds"][0]["public"]["taken"], false);
     assert!(data["rounds"][1]["public"].is_null());
-    let page = page(&audited, &history);
+    let page = page(&audited, &history, &[]);
     assert!(page.contains("not taken: worse"));
     assert!(page.contains(
         "Loss of each round&#39;s base and of its result on the network&#39;s public samples"

@@ -7,6 +7,7 @@
 //! - `train`, `eval`, `fidelity`, `dataset`: policies and recordings, without a network; `policy`: the options that they share.
 //! - `simulate`: a federation without proofs; `compare`: the same against centralised training and nodes alone.
 //! - `publish`: the policy of a round on the Hugging Face Hub.
+//! - `export`: a round's policy out of a ledger, for LeRobot.
 //! - `demo`: a whole network as processes on this machine.
 //! - [`settings`]: how services are configured, by flags, variables and files.
 //! - [`logging`], `blob_store`, `certificate`, `chart`, `keys`, `network`, `otlp`, `serve`: what the commands share.
@@ -32,6 +33,8 @@ pub mod dataset;
 pub mod demo;
 #[cfg(feature = "full")]
 pub mod eval;
+#[cfg(feature = "full")]
+pub mod export;
 #[cfg(feature = "full")]
 pub mod fidelity;
 #[cfg(feature = "full")]

@@ -83,6 +83,9 @@ enum Full {
     Dataset(zk0::dataset::Command),
     /// Compare the loss in fixed-point numbers, which proofs use, with the loss in floating-point numbers.
     Fidelity(zk0::fidelity::Options),
+    /// Take the policy of a round out of a ledger, for LeRobot, with a receipt that names the entry of the log.
+    #[command(subcommand)]
+    Export(zk0::export::Command),
     /// Cosign the logs of others, so that none of them can show two histories.
     #[command(subcommand)]
     Witness(zk0::witness::Command),
@@ -171,6 +174,7 @@ impl Full {
             Self::Eval(options) => zk0::eval::run(options)?,
             Self::Dataset(command) => return zk0::dataset::run(command),
             Self::Fidelity(options) => zk0::fidelity::run(options)?,
+            Self::Export(command) => return zk0::export::run(command),
             Self::Witness(command) => zk0::witness::run(command)?,
         }
         Ok(true)

@@ -6,6 +6,7 @@
 use crate::report::describe::time;
 use crate::report::history::{History, Network};
 use crate::report::page::Page;
+use crate::report::rollouts::Rollouts;
 use crate::report::verdict::{counts, sentence, Audited};
 use serde::Serialize;
 use zk0_ledger::replay::{Finding, Severity, Verdict};
@@ -21,6 +22,8 @@ pub struct Data<'a> {
     pub audit: &'a Audited,
     /// What happened.
     pub history: &'a History,
+    /// What exported policies did in a simulation, which nobody proved.
+    pub rollouts: &'a [Rollouts],
 }
 
 const STYLE: &str = "
@@ -41,7 +44,7 @@ figcaption { font-weight: 600; } .small { color: #555; font-size: .9rem; } .faul
 ";
 
 /// The page.
-pub fn page(audited: &Audited, history: &History) -> String {
+pub fn page(audited: &Audited, history: &History, rollouts: &[Rollouts]) -> String {
     let mut page = Page::default();
     page.markup("<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\
         <meta name=\"viewport\" content=\"width=device-width\">\
@@ -59,6 +62,7 @@ pub fn page(audited: &Audited, history: &History) -> String {
     page.findings(&audited.findings);
     page.charts(history);
     page.rounds(history);
+    page.rollouts(rollouts);
     page.nodes(history);
     page.governance(history);
     page.facts(audited, history);

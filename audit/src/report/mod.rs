@@ -7,5 +7,6 @@ pub mod html;
 mod page;
 pub mod program_in_force;
 pub mod public_losses;
+pub mod rollouts;
 mod svg;
 pub mod verdict;

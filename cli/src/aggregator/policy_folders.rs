@@ -3,8 +3,7 @@
 //!
 //! The folders are written beside the rounds, which do not wait for them. If one cannot be written, the log says so, and it is tried again.
 
-use crate::policy::global_policy::GlobalPolicy;
-use crate::policy::whole_folder;
+use crate::policy::network_folder::NetworkFolder;
 use anyhow::{Context, Result};
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -48,7 +47,7 @@ pub struct PolicyFolders {
 
 struct Writer {
     out: PathBuf,
-    policy: GlobalPolicy,
+    folder: NetworkFolder,
 }
 
 impl PolicyFolderOptions {
@@ -69,8 +68,9 @@ impl PolicyFolderOptions {
         ) else {
             return Ok(None);
         };
-        let (genesis, blobs) = (aggregator.state().genesis(), aggregator.ledger().blobs());
-        let policy = GlobalPolicy::open(policy, genesis, blobs)?;
+        let state = aggregator.state();
+        let blobs = aggregator.ledger().blobs();
+        let folder = NetworkFolder::open(policy, state.genesis(), blobs)?;
         fs::create_dir_all(out).with_context(|| format!("creating {}", out.display()))?;
         let closed = closed_rounds(aggregator);
         Ok(Some(PolicyFolders {
@@ -78,7 +78,7 @@ impl PolicyFolderOptions {
             rounds,
             writer: Arc::new(Writer {
                 out: out.clone(),
-                policy,
+                folder,
             }),
             // The last one that was due may be missing, because the aggregator was killed.
             next: (closed - closed % interval).saturating_sub(1),
@@ -137,7 +137,7 @@ impl Writer {
         if self.out.join(&name).exists() {
             return Ok(());
         }
-        let folder = whole_folder::write(&self.out, &name, |to| self.policy.write(to, weights))?;
+        let folder = self.folder.write(&self.out, &name, weights, |_| Ok(()))?;
         tracing::info!(round, "policy folder written: {}", folder.display());
         Ok(())
     }

@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
 use zk0_audit::fetch::locate;
+use zk0_audit::report::rollouts::Rollouts;
 use zk0_audit::report::verdict::{verdict, Audited};
 use zk0_audit::report::{history, html};
 use zk0_audit::run::Audit;
@@ -39,6 +40,10 @@ pub struct Options {
     /// Write a report to this file, for reading in a browser without a network. Its data goes beside it as JSON.
     #[arg(long, value_name = "FILE")]
     html: Option<PathBuf>,
+    /// List in that report what a policy did in a simulation: a folder that `scripts/rollout` wrote. The audit does not check it. Repeat the
+    /// option for more folders.
+    #[arg(long, value_name = "FOLDER", requires = "html")]
+    rollouts: Vec<PathBuf>,
     /// Use this many threads for reading and signatures, and as many for proofs [default: the number of cores]
     #[arg(long, value_name = "N")]
     threads: Option<NonZeroUsize>,
@@ -81,7 +86,7 @@ pub fn run(options: &Options) -> Result<ExitCode> {
         ));
     }
     if let Some(path) = &options.html {
-        write_page(path, &located.dir, &audited)?;
+        write_page(path, &options.rollouts, &located.dir, &audited)?;
     }
     match options.json {
         true => println!("{}", serde_json::to_string_pretty(&audited)?),
@@ -95,16 +100,20 @@ pub fn run(options: &Options) -> Result<ExitCode> {
 }
 
 /// Writes the report for browsers, and its data beside it.
-fn write_page(path: &Path, dir: &Path, audited: &Audited) -> Result<()> {
+fn write_page(path: &Path, rollouts: &[PathBuf], dir: &Path, audited: &Audited) -> Result<()> {
     let root = audited.root.as_deref().unwrap_or_default();
     let history = history::of(dir, audited.entries, root)?;
+    let rollouts = rollouts.iter();
+    let rollouts = rollouts.map(|folder| Rollouts::read(folder, dir, audited.entries, root));
+    let rollouts: Vec<Rollouts> = rollouts.collect::<Result<_>>()?;
     let data = path.with_extension("json");
     let json = serde_json::to_vec_pretty(&html::Data {
         audit: audited,
         history: &history,
+        rollouts: &rollouts,
     })?;
     atomic_file::replace(&data, &json).with_context(|| format!("writing {}", data.display()))?;
-    let page = html::page(audited, &history);
+    let page = html::page(audited, &history, &rollouts);
     atomic_file::replace(path, page.as_bytes())
         .with_context(|| format!("writing {}", path.display()))
 }

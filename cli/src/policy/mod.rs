@@ -3,7 +3,7 @@
 mod cache_options;
 pub mod calibration;
 mod device_options;
-pub mod global_policy;
+pub mod network_folder;
 mod source;
 mod transform_options;
 pub mod whole_folder;

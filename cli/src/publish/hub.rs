@@ -1,6 +1,6 @@
 //! `zk0 publish hub`: the policy of a round, on the Hugging Face Hub.
 
-use crate::policy::global_policy::GlobalPolicy;
+use crate::policy::network_folder::NetworkFolder;
 use crate::publish::model_card::CardOptions;
 use crate::publish::round_facts::{Collector, RoundFacts};
 use anyhow::{bail, Context, Result};
@@ -69,8 +69,8 @@ impl Hub {
     /// Writes what is to be published into a new or empty folder.
     fn write(&self, folder: &Path) -> Result<()> {
         let (genesis, facts) = facts(&self.ledger, self.network.as_ref(), self.round)?;
-        let policy = GlobalPolicy::open(&self.policy, &genesis, &Blobs::at(&self.ledger))?;
-        policy.write(folder, &facts.weights)?;
+        let policy = NetworkFolder::open(&self.policy, &genesis, &Blobs::at(&self.ledger))?;
+        policy.write_to(folder, &facts.weights)?;
         self.card.write(folder, &self.repo_id, &facts)
     }
 }

@@ -1,0 +1,106 @@
+//! `zk0 export check`: whether a policy folder is what a ledger says.
+
+use super::closing::Closing;
+use super::receipt::Receipt;
+use crate::ledger::TrustOptions;
+use crate::policy::network_folder::{founded_with, weights_of};
+use anyhow::{Context, Result};
+use std::path::PathBuf;
+use zk0_audit::fetch::{locate, Wanted};
+use zk0_audit::log_source::Trust;
+use zk0_circuits::EvalSpec;
+use zk0_ledger::blobs::Blobs;
+use zk0_lerobot::policy_folder::PolicyFolder;
+use zk0_smolvla::Policy;
+use zk0_tensors::encode;
+use zk0_weights::Format;
+
+/// `zk0 export check`.
+#[derive(Debug, clap::Args)]
+pub struct Options {
+    /// The policy folder.
+    folder: PathBuf,
+    /// The ledger's folder or a copy of it, an export, or the address of a served log. The latter two are fetched into a temporary folder first.
+    ledger: String,
+    #[command(flatten)]
+    trust: TrustOptions,
+}
+
+/// Compares them. Returns `false` if the folder does not hold the policy that its receipt names.
+pub fn run(options: &Options) -> Result<bool> {
+    let receipt = Receipt::read(&options.folder)?;
+    let trust = options.trust.read()?;
+    let located = locate(&options.ledger, None, &trust, Wanted::Everything)?;
+    let closing = Closing::find(&located.dir, &Trust { ca: None, ..trust }, receipt.round)?;
+    let wrong = wrong(options, &receipt, &closing, &Blobs::at(&located.dir))?;
+    for what in &wrong {
+        println!("FAILED       {what}");
+    }
+    if wrong.is_empty() {
+        println!("network      {}", receipt.network);
+        println!(
+            "round        {}, closed by entry {}",
+            receipt.round, receipt.entry
+        );
+        println!("VERIFIED     the folder holds the policy after that round. No proof was checked: `zk0 audit replay` does that");
+    }
+    Ok(wrong.is_empty())
+}
+
+/// What is not as the ledger says.
+fn wrong(
+    options: &Options,
+    receipt: &Receipt,
+    closing: &Closing,
+    blobs: &Blobs,
+) -> Result<Vec<String>> {
+    let mut wrong = Vec::new();
+    let found = Receipt::of(closing, &options.folder)?;
+    for (what, says, is) in [
+        ("network", &receipt.network, &found.network),
+        ("log", &receipt.log, &found.log),
+        (
+            "entry",
+            &receipt.entry.to_string(),
+            &found.entry.to_string(),
+        ),
+        ("weights", &receipt.weights_sha256, &found.weights_sha256),
+        (
+            "founding policy",
+            &receipt.policy_sha256,
+            &found.policy_sha256,
+        ),
+    ] {
+        if says != is {
+            wrong.push(format!(
+                "the receipt says {what} {says}, and the ledger says {is}"
+            ));
+        }
+    }
+    let names = receipt.files_sha256.keys().chain(found.files_sha256.keys());
+    let names: std::collections::BTreeSet<_> = names.collect();
+    for name in names {
+        if receipt.files_sha256.get(name) != found.files_sha256.get(name) {
+            wrong.push(format!(
+                "the file {name} is not the one that the receipt names"
+            ));
+        }
+    }
+    let folder = PolicyFolder::open(&options.folder)?;
+    if Policy::from_folder(&folder)?.frozen != founded_with(&closing.genesis, blobs)?.frozen {
+        wrong.push(
+            "the weights that are not trained differ from those of the network's policy".into(),
+        );
+    }
+    let format = Format::new(&EvalSpec::decode(&closing.genesis.evaluation)?)?;
+    for (name, expected) in weights_of(&format, &folder, blobs, &closing.weights())? {
+        let stored = folder.weights().info(&name);
+        let dtype = stored
+            .with_context(|| format!("the folder has no tensor {name}"))?
+            .dtype;
+        if encode(dtype, &expected.data) != encode(dtype, &folder.tensor(&name)?.data) {
+            wrong.push(format!("tensor {name} is not that of the round"));
+        }
+    }
+    Ok(wrong)
+}

@@ -1,0 +1,28 @@
+//! `zk0 export`: the policy of a round as a LeRobot policy folder, with a receipt that ties its files to the log.
+
+mod check;
+mod closing;
+mod lerobot;
+mod receipt;
+
+use anyhow::Result;
+
+/// What to do.
+#[derive(Debug, clap::Subcommand)]
+pub enum Command {
+    /// Write the global weights after a round as a policy folder, which LeRobot loads, with a receipt. This checks that the log's checkpoint is
+    /// signed, that the round's closing is in the log, and that the weights are those that it names. It checks no proofs; `zk0 audit replay`
+    /// does.
+    Lerobot(lerobot::Options),
+    /// Compare a policy folder that `zk0 export lerobot` wrote with a ledger: its receipt, its files, and each weight. The exit code is 0 if the
+    /// folder holds the policy of that round, and 1 if it does not.
+    Check(check::Options),
+}
+
+/// Runs the command. Returns `false` if a folder does not hold what its receipt says.
+pub fn run(command: &Command) -> Result<bool> {
+    match command {
+        Command::Lerobot(options) => lerobot::run(options).map(|()| true),
+        Command::Check(options) => check::run(options),
+    }
+}

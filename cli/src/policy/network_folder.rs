@@ -1,0 +1,93 @@
+//! The policy folder that a network was founded with, and copies of it with the weights of a round.
+
+use crate::policy::whole_folder;
+use anyhow::{bail, Result};
+use std::path::{Path, PathBuf};
+use zk0_circuits::{Digest, EvalSpec};
+use zk0_ledger::blobs::Blobs;
+use zk0_lerobot::policy_folder::{PolicyFolder, Precision};
+use zk0_node::exchanged_weights::Base;
+use zk0_protocol::Genesis;
+use zk0_smolvla::policy::policy_file;
+use zk0_smolvla::Policy;
+use zk0_tensors::TensorSet;
+use zk0_weights::Format;
+
+/// The policy folder that a network was founded with.
+pub struct NetworkFolder {
+    source: PolicyFolder,
+    format: Format,
+    blobs: Blobs,
+}
+
+impl NetworkFolder {
+    /// Opens `policy`, and compares it with the policy of the network.
+    ///
+    /// # Errors
+    /// The policy folder is not the one that the network was founded with, or cannot be read.
+    pub fn open(policy: &Path, genesis: &Genesis, blobs: &Blobs) -> Result<Self> {
+        let source = PolicyFolder::open(policy)?;
+        if founded_with(genesis, blobs)? != Policy::from_folder(&source)? {
+            bail!(
+                "{} is not the policy that the network was founded with: name the folder that `zk0 aggregator init --policy` had",
+                policy.display()
+            );
+        }
+        Ok(Self {
+            source,
+            format: Format::new(&EvalSpec::decode(&genesis.evaluation)?)?,
+            blobs: blobs.clone(),
+        })
+    }
+
+    /// Writes a copy of the founding folder with the weights of the blob `weights` to the new or empty folder `to`.
+    ///
+    /// # Errors
+    /// The weights cannot be read, or the folder cannot be written.
+    pub fn write_to(&self, to: &Path, weights: &Digest) -> Result<()> {
+        let tensors = weights_of(&self.format, &self.source, &self.blobs, weights)?;
+        Ok(self.source.write(to, &tensors, Precision::Kept)?)
+    }
+
+    /// Writes the folder `name` in `out`, whole or not at all: a copy of the founding one with the weights of the blob `weights`. `more` may
+    /// add files before it has its name.
+    ///
+    /// # Errors
+    /// The weights cannot be read, or the folder cannot be written.
+    pub fn write(
+        &self,
+        out: &Path,
+        name: &str,
+        weights: &Digest,
+        more: impl FnOnce(&Path) -> Result<()>,
+    ) -> Result<PathBuf> {
+        whole_folder::write(out, name, |to| {
+            self.write_to(to, weights)?;
+            more(to)
+        })
+    }
+}
+
+/// The policy that the genesis names.
+///
+/// # Errors
+/// Its blob is not there, is damaged, or holds no policy.
+pub fn founded_with(genesis: &Genesis, blobs: &Blobs) -> Result<Policy> {
+    blobs.check(&genesis.policy)?;
+    Ok(policy_file::load(&blobs.path(&genesis.policy))?.policy)
+}
+
+/// The weights of the blob `weights` in float32, for the policy of `folder`.
+///
+/// # Errors
+/// The blob is not there, is damaged, or holds other weights.
+pub fn weights_of(
+    format: &Format,
+    folder: &PolicyFolder,
+    blobs: &Blobs,
+    weights: &Digest,
+) -> Result<TensorSet> {
+    let file = blobs.get(weights, format.file_bytes())?;
+    let base = Base::read(format, &folder.config().dims, &file)?;
+    Ok(base.weights.into_tensors())
+}
