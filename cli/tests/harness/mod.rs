@@ -3,6 +3,7 @@
 
 pub mod made_ledger;
 pub mod network;
+pub mod recorded;
 pub mod serving;
 
 use std::fs;
