@@ -10,7 +10,7 @@ export CARGO_TARGET_DIR ?= $(HOME)/.cache/zk0/target
 RUST := scripts/with-rust
 ZK0 := $(CARGO_TARGET_DIR)/release/zk0
 
-.PHONY: demo test deletions attacks quick lint coverage setup build guest fixtures cycles prove-full bench-succinct fidelity power bench-ledger bench-recording bench-train bench-fedavg bench-load cuda network
+.PHONY: demo test deletions attacks quick lint coverage setup build guest fixtures cycles prove-full round-full bench-succinct fidelity power bench-ledger bench-recording bench-train bench-fedavg bench-load bench-simulate cuda network
 
 demo: build
 	$(ZK0) demo --rounds $(ROUNDS) --nodes $(NODES)
@@ -89,11 +89,18 @@ prove-full: build
 	$(RUST) cargo build --release --workspace --locked --example prove_synthetic
 	$(CARGO_TARGET_DIR)/release/examples/prove_synthetic cpu full succinct $(FULL_SAMPLES) $(CARGO_TARGET_DIR)/prove-full-$(FULL_SAMPLES)
 
+# Runs one whole round at the published size: an aggregator, a proving service and two nodes train, prove for real, combine and evaluate, and the
+# ledger is audited. Prints a JSON line for each step. Run it alone, because it needs 20 GiB of memory; it also takes 20 GB of disk. If it is
+# interrupted, run it again: what is done is kept. FULL_SAMPLES chooses the number of samples of a claim.
+round-full: build
+	@scripts/setup.sh python
+	scripts/round-full $(ZK0) $(CARGO_TARGET_DIR)/round-full --samples $(FULL_SAMPLES)
+
 # Measures what mode `succinct` costs at the published size, beside the SP1 proof: the native argument, the verifier's checks, guest cycles. Prints
 # JSON lines. Ten minutes, 10 GB of memory, and 3 GB of disk where temporary files go.
 bench-succinct: build
 	$(RUST) cargo build --release --workspace --locked --example bench_succinct
-	$(CARGO_TARGET_DIR)/release/examples/bench_succinct full 2
+	$(CARGO_TARGET_DIR)/release/examples/bench_succinct full 4
 
 # Compares fixed-point with float32 losses, untrained and trained, up to the published size, and prints every range. Ten minutes
 # and 5 GB.
@@ -131,6 +138,11 @@ bench-load: setup
 	$(CARGO_TARGET_DIR)/release/examples/bench_load round 1300
 	$(CARGO_TARGET_DIR)/release/examples/bench_load crowd
 	$(CARGO_TARGET_DIR)/release/examples/bench_load uploads 16 400
+
+# Simulates small federations, ours beside Flower's simulation engine: softmax regressions of 10 and 100 nodes, and updates that do nothing.
+# Prints JSON lines. The first run installs Flower and Ray into ~/.cache/zk0.
+bench-simulate: setup
+	scripts/bench-simulate/run.sh
 
 # Compares our training steps of SmolVLA with LeRobot's on PyTorch. Twenty minutes on a machine that does nothing else; see the
 # script.

@@ -3,6 +3,7 @@
 mod harness;
 
 use ed25519_dalek::SigningKey;
+use harness::operator::Operator;
 use harness::*;
 use std::io::Write;
 use std::sync::Arc;
@@ -13,6 +14,7 @@ use zk0_circuits::Digest;
 use zk0_ledger::replay::{replay, Verdict};
 use zk0_protocol::entries::entry::Body;
 use zk0_protocol::entries::signed::Signed;
+use zk0_protocol::rules::network_rules::{Scaffold, Strategy};
 use zk0_protocol::Refusal;
 use zk0_verifier::blob_digest;
 
@@ -311,4 +313,49 @@ async fn a_node_that_has_lost_its_decision_gets_it_when_the_next_round_is_open()
     assert!(network.round(Some(1)).await.opened.is_some());
     assert_eq!(first.submit(&network, claim, b"no proof").await?, decided);
     Ok(())
+}
+
+/// A node computes its control variates from its contributions since they began with 0. The aggregator remembers no others.
+#[test]
+fn a_node_is_shown_its_contributions_as_long_as_scaffold_reads_them() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut founded = genesis();
+    founded.rules.strategy = Strategy::Scaffold(Scaffold {
+        steps: 10,
+        learning_rate_millionths: 1000,
+        restart_rounds: 3,
+    });
+    let (node, other) = (Node::new(1), Node::new(2));
+    let mut operator = Operator::founds(dir.path(), founded, &[&node]);
+    let accepted: Vec<_> = (0..3)
+        .map(|round| operator.round(&node, round + 1, &[round as u8]))
+        .collect();
+    let clock = Arc::new(ManualClock::at(operator.time_ms));
+    drop(operator);
+    let config = Config {
+        rounds: None,
+        min_nodes: 1,
+    };
+    let mut aggregator = Aggregator::open(dir.path(), None, log_key(), clock, config).unwrap();
+    let shown = |aggregator: &Aggregator, round, node: Option<&Node>| {
+        let published = aggregator.ledger().size();
+        let node = node.map(Node::id);
+        let receipts = aggregator.round(Some(round), node, published).unwrap();
+        receipts.contribution.map(|receipt| receipt.index)
+    };
+    for (round, entry) in accepted.iter().enumerate() {
+        let round = round as u64;
+        assert_eq!(shown(&aggregator, round, Some(&node)), Some(*entry));
+        assert_eq!(shown(&aggregator, round, Some(&other)), None);
+        assert_eq!(shown(&aggregator, round, None), None);
+    }
+    // The control variates begin again.
+    assert_eq!(aggregator.step().unwrap(), Progress::Opened(3));
+    for round in 0..4 {
+        assert_eq!(
+            shown(&aggregator, round, Some(&node)),
+            None,
+            "round {round}"
+        );
+    }
 }

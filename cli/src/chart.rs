@@ -9,12 +9,12 @@ use std::fs::File;
 use std::path::Path;
 use zk0_files::atomic_file;
 
-/// A curve with a name: (step, loss).
+/// A curve with a name: losses by step or by round.
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct Curve {
     /// What the curve shows.
     pub name: String,
-    /// Training step and mean loss there.
+    /// Training step or round, and the loss there.
     pub points: Vec<(f64, f64)>,
 }
 
@@ -81,6 +81,12 @@ pub fn draw_training(stem: &Path, curves: &[Curve]) -> Result<()> {
     save(stem, (900, 500), &Picture::Training(curves))
 }
 
+/// Draws losses by round to `stem.png` and `stem.svg`, and writes them to `stem.json`.
+pub fn draw_rounds(stem: &Path, curves: &[Curve]) -> Result<()> {
+    write_json(stem, &curves)?;
+    save(stem, (900, 500), &Picture::Rounds(curves))
+}
+
 /// Draws rows of two groups of bars each to `stem.png` and `stem.svg`, the rows below one another.
 pub fn draw_bars(stem: &Path, rows: &[[Panel; 2]]) -> Result<()> {
     let height = 360 * rows.len().clamp(1, 50) as u32;
@@ -98,6 +104,7 @@ enum Picture<'a> {
     /// The bars with the names of their axes.
     Federation(&'a [Curve], [(&'a str, &'a Bars); 2]),
     Training(&'a [Curve]),
+    Rounds(&'a [Curve]),
     Rows(&'a [[Panel; 2]]),
 }
 
@@ -109,11 +116,12 @@ impl Picture<'_> {
             Self::Federation(curves, [proven, global]) => {
                 let (left, rest) = area.split_horizontally((42).percent_width());
                 let (middle, right) = rest.split_horizontally((50).percent_width());
-                training(&left, curves)?;
+                lines(&left, TRAINING, curves)?;
                 bars(&middle, proven.0, proven.1)?;
                 bars(&right, global.0, global.1)
             }
-            Self::Training(curves) => training(area, curves),
+            Self::Training(curves) => lines(area, TRAINING, curves),
+            Self::Rounds(curves) => lines(area, ROUNDS, curves),
             Self::Rows(rows) => {
                 let areas = area.split_evenly((rows.len().max(1), 1));
                 areas.iter().zip(*rows).try_for_each(|(area, row)| {
@@ -178,18 +186,29 @@ fn highest(values: impl Iterator<Item = f64>) -> f64 {
         * 1.1
 }
 
-fn training<B: DrawingBackend>(area: &DrawingArea<B, Shift>, curves: &[Curve]) -> Drawn<B> {
+/// The text above curves, and the name of the axis below them.
+type Titles = [&'static str; 2];
+
+const TRAINING: Titles = ["Local training: mean over a window", "optimiser step"];
+const ROUNDS: Titles = ["Loss of the global weights", "round"];
+
+/// Draws curves of losses.
+fn lines<B: DrawingBackend>(
+    area: &DrawingArea<B, Shift>,
+    [caption, x]: Titles,
+    curves: &[Curve],
+) -> Drawn<B> {
     let points = || curves.iter().flat_map(|curve| &curve.points);
     let last = points().map(|p| p.0).fold(1.0, f64::max);
     let mut chart = ChartBuilder::on(area)
-        .caption("Local training: mean over a window", ("sans-serif", 20))
+        .caption(caption, ("sans-serif", 20))
         .margin(12)
         .x_label_area_size(40)
         .y_label_area_size(55)
         .build_cartesian_2d(0.0..last, 0.0..highest(points().map(|p| p.1)))?;
     chart
         .configure_mesh()
-        .x_desc("optimiser step")
+        .x_desc(x)
         .y_desc("flow-matching loss (mean squared error)")
         .light_line_style(WHITE)
         .draw()?;

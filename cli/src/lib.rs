@@ -5,6 +5,7 @@
 //! - `status`: how an aggregator is doing.
 //! - `governance`: proposals, votes, disputes.
 //! - `train`, `eval`, `fidelity`, `dataset`: policies and recordings, without a network; `policy`: the options that they share.
+//! - `simulate`: a federation without proofs.
 //! - `demo`: a whole network as processes on this machine.
 //! - [`settings`]: how services are configured, by flags, variables and files.
 //! - [`logging`], `certificate`, `chart`, `keys`, `network`, `otlp`, `serve`: what the commands share.
@@ -44,6 +45,8 @@ mod policy;
 pub mod prover;
 #[cfg(feature = "full")]
 pub mod serve;
+#[cfg(feature = "full")]
+pub mod simulate;
 #[cfg(feature = "full")]
 pub mod status;
 #[cfg(feature = "full")]

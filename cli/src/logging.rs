@@ -64,6 +64,19 @@ pub fn init(format: LogFormat, traces: Option<impl Layer<Registry> + Send + Sync
     }
 }
 
+/// An error and its causes, as `{:#}` has them. A cause whose words are there already is left out: many errors say their cause themselves.
+pub fn with_causes(error: &anyhow::Error) -> String {
+    let mut said = String::new();
+    for cause in error.chain().map(ToString::to_string) {
+        match said.as_str() {
+            "" => said = cause,
+            so_far if so_far.contains(&cause) => {}
+            _ => said = format!("{said}: {cause}"),
+        }
+    }
+    said
+}
+
 /// One progress event.
 #[derive(Clone, Debug, Default, PartialEq, Eq, serde::Deserialize)]
 pub struct Progress {
@@ -160,5 +173,23 @@ impl<S: Subscriber + for<'a> LookupSpan<'a>> Layer<S> for BarLayer {
             event.record(&mut progress);
             self.0.show(&progress.phase.clone(), &progress);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use anyhow::Context;
+
+    #[test]
+    fn no_cause_is_said_twice() {
+        let refused = || Err::<(), _>(std::io::Error::other("refused"));
+        let once = "joining: the service cannot be reached: refused; start it";
+        let error = refused().context("the service cannot be reached: refused; start it");
+        let error = error.context("joining").unwrap_err();
+        assert_eq!(with_causes(&error), once);
+        assert_ne!(format!("{error:#}"), once);
+        let error = refused().context("reading it").unwrap_err();
+        assert_eq!(with_causes(&error), "reading it: refused");
     }
 }

@@ -69,6 +69,8 @@ enum Full {
     Prover(zk0::prover::Command),
     /// Train a policy on recordings.
     Train(Box<zk0::train::Options>),
+    /// Simulate a federation on this machine without proofs, to choose rounds, rates and strategies.
+    Simulate(Box<zk0::simulate::Options>),
     /// Measure policies on recordings.
     Eval(zk0::eval::Options),
     /// Look at recordings, and check them, before you train on them.
@@ -86,10 +88,11 @@ fn main() -> ExitCode {
     match traced(&cli) {
         Ok(code) => code,
         Err(error) => {
+            let said = logging::with_causes(&error);
             match cli.log {
                 // A program that reads the JSON lines must learn the reason, too.
-                logging::LogFormat::Json => tracing::error!("{error:#}"),
-                logging::LogFormat::Text => eprintln!("error: {error:#}"),
+                logging::LogFormat::Json => tracing::error!("{said}"),
+                logging::LogFormat::Text => eprintln!("error: {said}"),
             }
             match &cli.command {
                 Command::Audit(command) => command.error_code(&error),
@@ -157,6 +160,7 @@ impl Full {
             Self::Status(options) => online(zk0::status::run(options))?,
             Self::Prover(command) => zk0::prover::run(command)?,
             Self::Train(options) => zk0::train::run(options)?,
+            Self::Simulate(options) => zk0::simulate::run(options)?,
             Self::Eval(options) => zk0::eval::run(options)?,
             Self::Dataset(command) => return zk0::dataset::run(command),
             Self::Fidelity(options) => zk0::fidelity::run(options)?,

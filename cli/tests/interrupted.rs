@@ -4,7 +4,7 @@
 mod harness;
 
 use harness::network::LocalNetwork;
-use harness::{logged, zk0, RECORDING};
+use harness::{logged, root, zk0, RECORDING};
 use serde_json::Value;
 use std::fs;
 use std::io::{BufRead, BufReader};
@@ -65,7 +65,11 @@ fn an_interrupted_node_leaves_nothing_behind_and_goes_on_with_its_update() {
         join.extend(["--prover", prover, "--network", id, "--key", &key]);
         join.extend(["--dataset", RECORDING, "--state", &state]);
         join.extend(TRAINING);
-        let mut node = zk0(&join).stderr(Stdio::piped()).spawn().unwrap();
+        // A shell that runs the tests in the background lets them ignore the signal, and their children too.
+        let mut node = Command::new("env");
+        node.arg("--default-signal=INT").arg(zk0(&[]).get_program());
+        node.args(&join).current_dir(root()).stderr(Stdio::piped());
+        let mut node = node.spawn().unwrap();
         let (before, event) = until(&mut node, "making the argument");
         assert!(before.contains(&"training".to_owned()), "{before:?}");
         let (done, total) = (event["done"].as_u64(), event["total"].as_u64());

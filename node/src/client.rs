@@ -207,6 +207,27 @@ impl Node {
         program(&info.program)
     }
 
+    /// The update that the ledger accepted of this node in a round by SCAFFOLD, of whose control variates it is a part.
+    pub async fn accepted_update(&mut self, round: u64) -> Result<WeightsDigest, NodeError> {
+        let request = rpc::GetRoundRequest {
+            round: Some(round),
+            node: self.id().0.to_vec(),
+        };
+        let wanted = "the contribution of this node that the round has accepted";
+        let info = patiently!(self.client.get_round(request.clone()))?.into_inner();
+        let contribution = info.contribution;
+        let contribution = contribution.ok_or_else(|| unexpected(wanted, "none"))?;
+        let Body::ContributionAccepted(signed) = self.entry(contribution)?.1.body else {
+            return Err(unexpected(wanted, "another entry"));
+        };
+        let terms = &signed.statement.claim.terms;
+        let of = (terms.network, terms.round, terms.node);
+        match of == (*self.network(), round, self.id()) && signed.verify().is_ok() {
+            true => Ok(terms.update),
+            false => Err(unexpected(wanted, "another contribution")),
+        }
+    }
+
     /// The number of the next round to open.
     pub(crate) async fn next_round(&mut self) -> Result<u64, NodeError> {
         let request = rpc::GetRoundRequest {

@@ -5,6 +5,7 @@ use std::io;
 use std::path::PathBuf;
 use zk0_argument::claim::TooSmall;
 use zk0_circuits::claim::challenge::DrawError;
+use zk0_circuits::Digest;
 use zk0_protocol::entries::program::Program;
 use zk0_prover::machine::NoRoom;
 use zk0_prover::program::NotProvable;
@@ -96,6 +97,26 @@ pub enum ParticipantError {
     /// A request to the proving service fails.
     #[error("the proving service: {0}")]
     Prover(#[from] ClientError),
+    /// The rules ask for SCAFFOLD, and an option of the node does not go with it.
+    #[error("the rules of round {round} ask for SCAFFOLD, which does not go with {option}: start the node without it")]
+    BesideScaffold {
+        /// The round.
+        round: u64,
+        /// The option.
+        option: &'static str,
+    },
+    /// The control variates of a round by SCAFFOLD rest on weights that cannot be downloaded.
+    #[error("round {round}: the node leaves the round out, because it cannot compute its control variates for SCAFFOLD: the weights {blob} cannot be downloaded: {error}. It needs them until the control variates begin again, in round {begins}")]
+    NoControlVariates {
+        /// The round.
+        round: u64,
+        /// The file of the weights.
+        blob: Digest,
+        /// Why there is no download.
+        error: Box<NodeError>,
+        /// The round in which the control variates begin again at the latest.
+        begins: u64,
+    },
     /// A file of the node's own cannot be read or written.
     #[error("{path}: {error}")]
     File {

@@ -1,7 +1,7 @@
 //! Takes part in a network: registers the recording, and then trains, commits, proves and submits in each round.
 
 use crate::client::watching::OpenRound;
-use crate::client::{Decision, Node};
+use crate::client::Node;
 use crate::client_error::NodeError;
 use crate::error::ParticipantError;
 use crate::recording::evaluation_set::{Commitment, EvaluationSet};
@@ -18,6 +18,7 @@ use zk0_files::atomic_file::put_in_place;
 use zk0_protocol::counted::counted;
 use zk0_protocol::entries::entry::{RoundOpened, MAX_ENTRY_BYTES};
 use zk0_protocol::entries::program::{Program, OUR_SP1};
+use zk0_protocol::entries::refusal::Refusal;
 use zk0_protocol::entries::round_result::ResultOutcome;
 use zk0_protocol::entries::signed::{DatasetRegistration, Episode};
 use zk0_prover::service::ProvingClient;
@@ -135,7 +136,7 @@ impl Participant {
         &self,
         node: &mut Node,
         rounds: u64,
-        mut play: impl AsyncFnMut(&Turn<'_>, &mut Node) -> Result<Decision, ParticipantError>,
+        mut play: impl AsyncFnMut(&Turn<'_>, &mut Node) -> Result<Option<Refusal>, ParticipantError>,
     ) -> Result<(), ParticipantError> {
         let recording = self.open(node).await?;
         let maker = recording.maker();
@@ -155,13 +156,16 @@ impl Participant {
                 opened: &opened,
                 eval_samples: eval_samples(self.eval_samples, &opened, held)?,
             };
-            match play(&turn, node).await.map(|decision| decision.refusal) {
+            match play(&turn, node).await {
                 Ok(None) => tracing::info!("round {round}: accepted"),
                 Ok(Some(reason)) => tracing::warn!("round {round}: refused: {reason}"),
                 Err(ParticipantError::NotProvable(error)) => tracing::warn!(
                     "round {round}: the update cannot be proven and is not submitted: {error}"
                 ),
                 Err(ParticipantError::Node(error @ NodeError::NoRandomness { .. })) => {
+                    tracing::warn!("{error}");
+                }
+                Err(error @ ParticipantError::NoControlVariates { .. }) => {
                     tracing::warn!("{error}");
                 }
                 Err(error) => return Err(error),

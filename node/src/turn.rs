@@ -1,11 +1,13 @@
 //! One node's part in one round: it trains, commits to the update, proves the claim, and submits it.
 
+mod control_variates;
 mod last_step;
 pub mod prepared_claim;
+mod scaffold;
 pub mod unfinished;
 
 use crate::base_losses::BaseLosses;
-use crate::client::{Decision, Node};
+use crate::client::Node;
 use crate::error::ParticipantError;
 use crate::exchanged_weights::Base;
 use crate::progress::{self, Progress};
@@ -20,25 +22,31 @@ use zk0_protocol::blob::blob_digest;
 use zk0_protocol::counted::counted;
 use zk0_protocol::entries::entry::RoundOpened;
 use zk0_protocol::entries::proof_blob::ProofBlob;
+use zk0_protocol::entries::refusal::Refusal;
 use zk0_protocol::rules::bindings::ExpectedClaim;
+use zk0_protocol::rules::network_rules::Strategy;
 use zk0_prover::program::Prepared;
 use zk0_prover::rpc;
 use zk0_prover::service::ProvingClient;
 use zk0_smolvla::frames::batch::SampleSource;
 use zk0_smolvla::frames::sample::PreparedSample;
 use zk0_smolvla::measure::fixed_point::dequantise_weights;
+use zk0_smolvla::policy::device::Device;
 use zk0_smolvla::train::adaptive::{adapted, Adaptation, Rates};
 use zk0_smolvla::train::measured_loss::loss_of;
-use zk0_smolvla::train::{train_on, FedCm, Samples, TrainOptions};
-use zk0_smolvla::{ExpertWeights, PolicyConfig};
+use zk0_smolvla::train::{train_on, FedCm, Samples, Step, TrainOptions, Trained};
+use zk0_smolvla::{ExpertWeights, PolicyConfig, PolicyError};
 use zk0_weights::Format;
 
 use prepared_claim::{check_room, prepare};
-use unfinished::{Part, UnfinishedUpdate};
+use unfinished::{Decided, Part, UnfinishedUpdate};
 
 /// Local training in each round.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct Training {
+    /// Where the expert is trained. Samples are prepared on the CPU on whatever device that is, because the dataset commitment is about the
+    /// CPU's numbers. What is committed to and proven is fixed point, on the CPU.
+    pub device: Device,
     /// Optimiser steps.
     pub steps: usize,
     /// Samples per step.
@@ -78,7 +86,7 @@ pub struct Turn<'a> {
 }
 
 impl Turn<'_> {
-    /// Trains, commits, proves and submits.
+    /// Trains, commits, proves and submits. Returns why the contribution is refused, or `None` if it is accepted.
     #[instrument(name = "turn", skip_all, fields(
         zk0.node = %node.id(),
         zk0.round = self.opened.round,
@@ -89,18 +97,24 @@ impl Turn<'_> {
         training: &Training,
         node: &mut Node,
         prover: &mut ProvingClient,
-    ) -> Result<Decision, ParticipantError> {
+    ) -> Result<Option<Refusal>, ParticipantError> {
         let round = self.opened.round;
-        let (mode, spec) = (node.genesis().mode, self.entered.format.spec());
-        check_room(mode, spec, self.eval_samples, self.state)?;
-        let base = self.base(node).await?;
-        let format = &self.entered.format;
         let part = Part {
             network: *node.network(),
             round,
             base: self.opened.base.blob,
             dataset: self.entered.evaluation.commitment.root,
         };
+        if let Some(decided) = Decided::read(self.state, &part)? {
+            tracing::info!("round {round}: the node's contribution is decided already; it waits until the round has closed");
+            return Ok(decided.refusal);
+        }
+        if let Strategy::Scaffold(_) = self.opened.rules.strategy {
+            training.check_beside_scaffold(round)?;
+        }
+        let (mode, format) = (node.genesis().mode, &self.entered.format);
+        check_room(mode, format.spec(), self.eval_samples, self.state)?;
+        let base = self.base(node).await?;
         let limit = self.opened.rules.max_update_bytes;
         let (update, eval_samples) = match UnfinishedUpdate::read(self.state, &part, limit)? {
             Some(kept) => {
@@ -108,11 +122,7 @@ impl Turn<'_> {
                 (format.read(&kept.file)?, kept.eval_samples)
             }
             None => {
-                let earlier = match training.fedcm_alpha < 1.0 {
-                    true => self.earlier(node).await?,
-                    false => None,
-                };
-                let update = self.trained(training, node.network(), &base, earlier.as_ref())?;
+                let update = self.update(training, node, &base).await?;
                 let kept = UnfinishedUpdate {
                     of: part,
                     eval_samples: self.eval_samples,
@@ -122,6 +132,8 @@ impl Turn<'_> {
                 (update, self.eval_samples)
             }
         };
+        // What comes takes the most memory of a round, and needs the base as it travels alone.
+        drop(base.weights);
         let turn = Turn {
             eval_samples,
             ..*self
@@ -162,29 +174,42 @@ impl Turn<'_> {
             weight_check: &weight_check,
             sp1: &proof.proof,
         };
-        let decision = self.submit(node, claim, proof.join()).await?;
-        let outcome = decision.refusal.as_ref().map(ToString::to_string);
+        let refusal = self.submit(node, claim, proof.join()).await?;
+        let outcome = refusal.as_ref().map(ToString::to_string);
         Span::current().record("zk0.outcome", outcome.as_deref().unwrap_or("accepted"));
-        unfinished::remove(self.state)?;
-        Ok(decision)
+        let decided = Decided { of: part, refusal };
+        decided.keep(self.state)?;
+        Ok(decided.refusal)
     }
 
     /// Trains an update. The node also keeps its weights as they travel, in the form that LeRobot reads.
     #[instrument(name = "train", skip_all)]
-    fn trained(
+    async fn update(
         &self,
         training: &Training,
-        network: &Digest,
+        node: &mut Node,
         base: &Base,
-        earlier: Option<&ExpertWeights>,
     ) -> Result<QuantisedWeights, ParticipantError> {
         let (config, format) = (self.entered.config, &self.entered.format);
-        let rates = self.rates(training, network, &base.weights)?;
-        let fedcm = earlier.map(|earlier| FedCm {
-            alpha: training.fedcm_alpha,
-            earlier,
-        });
-        let trained = self.train(&base.weights, training, rates, fedcm)?;
+        let trained = match self.opened.rules.strategy {
+            Strategy::Scaffold(rule) => {
+                // The control variates themselves take memory, and are on disk.
+                let correction = self.control_variates(&rule, node, base).await?.correction();
+                self.train_by_scaffold(&rule, training, base, correction.as_ref())?
+            }
+            _ => {
+                let earlier = match training.fedcm_alpha < 1.0 {
+                    true => self.earlier(node).await?,
+                    false => None,
+                };
+                let rates = self.rates(training, node.network(), &base.weights)?;
+                let fedcm = earlier.as_ref().map(|earlier| FedCm {
+                    alpha: training.fedcm_alpha,
+                    earlier,
+                });
+                self.train(&base.weights, training, rates, fedcm)?
+            }
+        };
         let update = base.update(format, config, trained)?;
         let name = format!("round-{}.safetensors", self.opened.round);
         let lerobots = dequantise_weights(config, format.spec(), &update)?;
@@ -239,16 +264,17 @@ impl Turn<'_> {
         })
     }
 
-    /// Submits a claim with its proof, and keeps the receipt of the decision.
+    /// Submits a claim with its proof, and keeps the receipt of the decision. Returns why the contribution is refused, or `None` if it is
+    /// accepted.
     pub async fn submit(
         &self,
         node: &mut Node,
         claim: Claim,
         proof: Vec<u8>,
-    ) -> Result<Decision, ParticipantError> {
+    ) -> Result<Option<Refusal>, ParticipantError> {
         let decision = node.submit(claim, proof).await?;
-        receipts::keep(self.state, decision.receipt.clone())?;
-        Ok(decision)
+        receipts::keep(self.state, decision.receipt)?;
+        Ok(decision.refusal)
     }
 
     /// The rates at which the round is trained. They follow the losses of the base weights so far, if the operator wants that.
@@ -296,19 +322,31 @@ impl Turn<'_> {
             seed: round,
             ..TrainOptions::default()
         };
-        let steps = counted(training.steps as u64, "step", "steps");
-        tracing::info!("round {round}: training {steps}");
-        let mut progress = Progress::start("training", training.steps as u64);
-        let trained = train_on(
-            self.entered.config,
-            base,
-            Samples::Prepared(self.entered.samples),
-            &options,
-            fedcm,
-            &mut |step| {
-                progress.reached(step.step as u64);
-            },
-        )?;
+        let samples = Samples::Prepared(self.entered.samples);
+        self.followed(training.steps, &mut |progress| {
+            train_on(
+                &training.device,
+                self.entered.config,
+                base,
+                samples,
+                &options,
+                fedcm,
+                progress,
+            )
+        })
+    }
+
+    /// Makes `steps` steps by `train`, shows how far it is, and keeps the losses.
+    fn followed(
+        &self,
+        steps: usize,
+        train: &mut dyn FnMut(&mut dyn FnMut(Step)) -> Result<Trained, PolicyError>,
+    ) -> Result<ExpertWeights, ParticipantError> {
+        let round = self.opened.round;
+        let counted = counted(steps as u64, "step", "steps");
+        tracing::info!("round {round}: training {counted}");
+        let mut progress = Progress::start("training", steps as u64);
+        let trained = train(&mut |step| progress.reached(step.step as u64))?;
         // Nothing needs the frozen half of the policy until the next round. It takes gigabytes.
         self.entered.samples.rest();
         let history = TrainingHistory {

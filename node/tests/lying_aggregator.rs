@@ -146,7 +146,7 @@ impl Federation for Lying {
     }
 
     async fn get_round(&self, _: Request<rpc::GetRoundRequest>) -> Answer<rpc::RoundInfo> {
-        not_asked()
+        Ok(Response::new(self.round.clone()))
     }
 
     type WatchRoundStream = Pin<Box<dyn Stream<Item = Result<rpc::RoundInfo, Status>> + Send>>;
@@ -310,4 +310,54 @@ async fn a_node_that_the_rules_leave_out_waits_before_it_trains() {
             false => assert!(waited.is_err(), "invited: {invited}, from round {round} on"),
         }
     }
+}
+
+/// A node computes its control variates for SCAFFOLD from its own accepted updates alone.
+#[tokio::test(flavor = "multi_thread")]
+async fn the_contribution_of_somebody_else_is_not_the_node_s_own() {
+    let mut told = Told::new();
+    let drawing = Body::RandomnessDrawn(drawn(&told.chain.state));
+    told.chain.apply(drawing.clone());
+    told.record(drawing);
+    let right = submission(claim(&told.chain.state, 0), 0);
+    let of = |change: fn(&mut zk0_circuits::Terms), key_number| {
+        let mut claim = right.statement.claim.clone();
+        change(&mut claim.terms);
+        Body::ContributionAccepted(submission(claim, key_number))
+    };
+    let accepted = of(|_| {}, 0);
+    let entries = [
+        (accepted.clone(), true),
+        // Another node's, another round's, another network's, and one that another node has signed.
+        (of(|terms| terms.node = id(1), 1), false),
+        (of(|terms| terms.round = 7, 0), false),
+        (of(|terms| terms.network = digest(9), 0), false),
+        (of(|_| {}, 1), false),
+        (committed(&told.chain.state, 0, weights(0x10)), false),
+    ];
+    for (body, own) in entries {
+        let index = told.record(body.clone());
+        let all = told.leaves.len() as u64;
+        let info = rpc::RoundInfo {
+            contribution: told.receipt(index, all),
+            ..rpc::RoundInfo::default()
+        };
+        let (mut node, server) = told.connected(info).await;
+        let update = node.accepted_update(0).await;
+        server.abort();
+        match own {
+            true => assert_eq!(update.unwrap(), right.statement.claim.terms.update),
+            false => assert!(
+                matches!(update, Err(NodeError::Unexpected { .. })),
+                "{body:?}: {update:?}"
+            ),
+        }
+    }
+    let (mut node, server) = told.connected(rpc::RoundInfo::default()).await;
+    let update = node.accepted_update(0).await;
+    server.abort();
+    assert!(
+        matches!(update, Err(NodeError::Unexpected { .. })),
+        "{update:?}"
+    );
 }

@@ -13,6 +13,7 @@ use zk0_protocol::entries::proposal::Action;
 use zk0_protocol::entries::signed::{Enrolment, Leaving, Proposal, Statement, UploadRequest};
 use zk0_protocol::pruning::Pruning;
 use zk0_protocol::request_head::{Method, RequestHead};
+use zk0_protocol::rules::network_rules::{Scaffold, Strategy};
 use zk0_protocol::tlog::checkpoint::Parsed;
 use zk0_protocol::tlog::cosigner::Cosigner;
 use zk0_protocol::tlog::witness::AddCheckpoint;
@@ -153,6 +154,17 @@ fn statements() {
             nonce: [2; 16],
         },
     );
+}
+
+/// A strategy that was added has the next number, so that ledgers keep their encoding.
+#[test]
+fn strategies() {
+    let strategy = Strategy::Scaffold(Scaffold {
+        steps: 600,
+        learning_rate_millionths: 20_000,
+        restart_rounds: 20,
+    });
+    check("strategy-scaffold", &borsh::to_vec(&strategy).unwrap());
 }
 
 #[test]

@@ -20,7 +20,7 @@ use zk0_smolvla::policy::model::key_values::PrefixCache;
 use zk0_smolvla::policy::model::prefix::{CameraInput, PrefixInput, PrefixModel};
 use zk0_smolvla::policy::model::sampling::sample_actions;
 use zk0_smolvla::policy::model::{flow, Parameters};
-use zk0_smolvla::train::optimizer::{AdamW, AdamWOptions};
+use zk0_smolvla::train::optimizer::{AdamW, AdamWOptions, Optimizer};
 
 /// The results that are compared, all on the CPU.
 struct Results {

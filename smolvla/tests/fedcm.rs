@@ -2,7 +2,7 @@
 
 use candle_core::{Device, Var};
 use std::collections::BTreeMap;
-use zk0_smolvla::train::optimizer::{check_alpha, AdamW, AdamWOptions, LastStep};
+use zk0_smolvla::train::optimizer::{check_alpha, AdamW, AdamWOptions, LastStep, Optimizer};
 use zk0_tensors::{TensorData, TensorSet};
 
 const RATE: f64 = 1e-2;

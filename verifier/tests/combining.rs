@@ -5,7 +5,7 @@ mod made;
 use made::{OneTensor, STRATEGIES};
 use proptest::prelude::*;
 use zk0_circuits::{EvalSpec, NodeId, QuantisedWeights};
-use zk0_protocol::rules::network_rules::Strategy;
+use zk0_protocol::rules::network_rules::{Scaffold, Strategy};
 use zk0_verifier::blob_digest;
 use zk0_verifier::combine::bases::Bases;
 use zk0_verifier::combine::blocks::Combination;
@@ -277,6 +277,30 @@ fn the_order_of_contributions_does_not_matter() {
         assert_eq!(straight.weights(&spec), Ok(read));
         assert!(straight.clone().into_bytes() == straight.bytes());
     }
+}
+
+/// The control variates of SCAFFOLD follow from the bases only if the mean has equal weights.
+#[test]
+fn contributions_by_scaffold_count_alike() {
+    let (spec, format, unread, bases) = micro();
+    let all = five(&spec);
+    let weights = in_memory(&format, &all);
+    let given = all.iter().zip(&weights);
+    let given: Vec<_> = given.map(|(of, weights)| one(of, weights)).collect();
+    let alike: Vec<_> = given
+        .iter()
+        .map(|one| Given { weight: 1, ..*one })
+        .collect();
+    let scaffold = Strategy::Scaffold(Scaffold {
+        steps: 10,
+        learning_rate_millionths: 1000,
+        restart_rounds: 5,
+    });
+    let combine =
+        |given: &[_], strategy| made::combine(&format, given, strategy, &bases, &unread).unwrap();
+    let result = combine(&given, scaffold);
+    assert!(result == combine(&alike, Strategy::FedAvg));
+    assert!(result != combine(&given, Strategy::FedAvg));
 }
 
 #[test]

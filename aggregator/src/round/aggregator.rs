@@ -91,6 +91,8 @@ pub struct RoundReceipts {
     pub randomness: Option<Receipt>,
     /// It closed.
     pub closed: Option<Receipt>,
+    /// It accepted the contribution of the node that asks.
+    pub contribution: Option<Receipt>,
 }
 
 /// The owner of a ledger.
@@ -378,8 +380,13 @@ impl Aggregator {
     }
 
     /// The receipts of the entries about a round, as far as they are among the first `published` entries. `None` asks for the last
-    /// round.
-    pub fn round(&self, round: Option<u64>, published: u64) -> Result<RoundReceipts, RequestError> {
+    /// round. `node` asks for its contribution, too.
+    pub fn round(
+        &self,
+        round: Option<u64>,
+        node: Option<NodeId>,
+        published: u64,
+    ) -> Result<RoundReceipts, RequestError> {
         let receipt = |index: Option<u64>| {
             let index = index.filter(|index| *index < published);
             let receipt = index.map(|index| self.ledger.receipt_at(published, index));
@@ -397,6 +404,11 @@ impl Aggregator {
                 .transpose()?,
             randomness: receipt(entries.randomness)?,
             closed: receipt(entries.closed)?,
+            contribution: receipt(
+                round
+                    .zip(node)
+                    .and_then(|(round, node)| self.index.by_scaffold(round, &node)),
+            )?,
         })
     }
 

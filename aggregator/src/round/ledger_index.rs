@@ -9,8 +9,9 @@ use zk0_circuits::{Digest, NodeId};
 use zk0_ledger::blobs::Blobs;
 use zk0_ledger::log::Ledger;
 use zk0_ledger::replay::{replay, Finding, Recheck, Verdict};
-use zk0_protocol::entries::entry::{Body, Entry};
+use zk0_protocol::entries::entry::{Body, Entry, RoundOpened};
 use zk0_protocol::rules::disclosed_blobs::DisclosedBlobs;
+use zk0_protocol::rules::network_rules::Strategy;
 use zk0_protocol::rules::state::State;
 use zk0_protocol::Refusal;
 use zk0_verifier::VerifiedContribution;
@@ -29,6 +30,11 @@ pub struct LedgerIndex {
     said: BTreeMap<Digest, u64>,
     /// The entries that decided on the newest submission of each node: a node that has lost the answer asks again, perhaps in a later round.
     decisions: BTreeMap<NodeId, u64>,
+    /// The entries that accepted contributions, by round and node, in rounds by SCAFFOLD since its control variates began with 0: a node
+    /// computes its own from them.
+    by_scaffold: BTreeMap<(u64, NodeId), u64>,
+    /// The last round that opened, if it is by SCAFFOLD.
+    open_by_scaffold: Option<u64>,
 }
 
 /// The entries about one round.
@@ -54,16 +60,21 @@ impl LedgerIndex {
     pub fn observe(&mut self, index: u64, body: &Body) {
         self.disclosed.observe(body);
         match body {
-            Body::RoundOpened(_) => {
+            Body::RoundOpened(opened) => {
                 self.rounds.push(RoundEntries {
                     opened: index,
                     ..RoundEntries::default()
                 });
+                self.forget_what_scaffold_does_not_read(opened);
             }
             Body::ContributionAccepted(submission)
             | Body::ContributionRejected { submission, .. } => {
                 let node = submission.statement.claim.terms.node;
                 self.decisions.insert(node, index);
+                let accepted = matches!(body, Body::ContributionAccepted(_));
+                if let (true, Some(round)) = (accepted, self.open_by_scaffold) {
+                    self.by_scaffold.insert((round, node), index);
+                }
             }
             Body::CommitmentsClosed(_) | Body::RandomnessDrawn(_) | Body::RoundClosed(_) => {
                 if let Some(round) = self.rounds.last_mut() {
@@ -98,6 +109,26 @@ impl LedgerIndex {
     /// The entry that decided on the newest submission of this node.
     pub fn decision(&self, node: &NodeId) -> Option<u64> {
         self.decisions.get(node).copied()
+    }
+
+    /// The contributions of rounds that count no more for control variates. So their number does not grow with the history.
+    fn forget_what_scaffold_does_not_read(&mut self, opened: &RoundOpened) {
+        self.open_by_scaffold = match opened.rules.strategy {
+            Strategy::Scaffold(rule) => {
+                let first = (rule.begins(opened.round), NodeId([0; 32]));
+                self.by_scaffold = self.by_scaffold.split_off(&first);
+                Some(opened.round)
+            }
+            _ => {
+                self.by_scaffold.clear();
+                None
+            }
+        };
+    }
+
+    /// The entry that accepted the contribution of `node` to `round`, if control variates of SCAFFOLD still rest on it.
+    pub fn by_scaffold(&self, round: u64, node: &NodeId) -> Option<u64> {
+        self.by_scaffold.get(&(round, *node)).copied()
     }
 
     /// The entry that recorded a proposal.

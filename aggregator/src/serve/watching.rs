@@ -40,7 +40,7 @@ impl Service {
         round: Option<u64>,
         node: Option<NodeId>,
     ) -> Result<RoundInfo, RequestError> {
-        let receipts = aggregator.round(round, self.visible(aggregator)?)?;
+        let receipts = aggregator.round(round, node, self.visible(aggregator)?)?;
         let state = aggregator.state();
         let open = state.round().zip(node);
         Ok(RoundInfo {
@@ -49,6 +49,7 @@ impl Service {
             commitments_closed: receipts.commitments_closed.map(Into::into),
             randomness: receipts.randomness.map(Into::into),
             closed: receipts.closed.map(Into::into),
+            contribution: receipts.contribution.map(Into::into),
             now_ms: aggregator.now_ms(),
             program: encode(state.program())?,
         })

@@ -7,9 +7,10 @@ use anyhow::{Context, Result};
 use std::path::PathBuf;
 use zk0_circuits::{Disclosure, Losses};
 use zk0_files::bounded_file;
-use zk0_node::client::{Decision, Node};
+use zk0_node::client::Node;
 use zk0_node::error::ParticipantError;
 use zk0_node::turn::Turn;
+use zk0_protocol::entries::refusal::Refusal;
 
 /// Largest proof that is read. A compressed proof has 1.3 MB.
 const MAX_PROOF_BYTES: u64 = 16 << 20;
@@ -39,7 +40,7 @@ async fn play(
     turn: &Turn<'_>,
     node: &mut Node,
     proof: &[u8],
-) -> Result<Decision, ParticipantError> {
+) -> Result<Option<Refusal>, ParticipantError> {
     let base = turn.base(node).await?;
     let expected = turn.commit(node, &base.quantised).await?;
     // It claims that the loss is half of what it was.

@@ -6,6 +6,7 @@ use anyhow::{Context, Result};
 use std::path::PathBuf;
 use zk0_node::turn::Training;
 use zk0_prover::service::ProvingClient;
+use zk0_smolvla::policy::device::device;
 use zk0_smolvla::train::adaptive::{Adaptation, Boost};
 use zk0_smolvla::train::optimizer::check_alpha;
 
@@ -20,7 +21,12 @@ pub struct Join {
     /// Believe only a proving service whose certificate is signed by one in this PEM file [default: the authorities that the system trusts]
     #[arg(long, value_name = "FILE")]
     prover_ca: Option<PathBuf>,
-    /// Train for this many optimiser steps in each round.
+    /// Train on this device: cpu, cuda or cuda:N (only builds by `make cuda`). Samples are prepared, committed to and evaluated on the CPU all
+    /// the same.
+    #[arg(long, default_value = "cpu")]
+    device: String,
+    /// Train for this many optimiser steps in each round. Where the network's rules ask for SCAFFOLD, they say the steps and the learning
+    /// rate, and --fedprox-mu, --fedcm-alpha, --follow-losses and --lr-boost have to be off.
     #[arg(long, default_value_t = 600)]
     steps: usize,
     /// Use this many samples in each step.
@@ -58,6 +64,7 @@ pub async fn run(options: &Join) -> Result<()> {
     }
     check_alpha(options.fedcm_alpha).context("--fedcm-alpha")?;
     let training = Training {
+        device: device(&options.device).context("--device")?,
         steps: options.steps,
         batch_size: options.batch_size,
         learning_rate: options.learning_rate,

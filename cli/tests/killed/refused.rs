@@ -16,65 +16,79 @@ enum Killed {
     Node,
 }
 
-fn founded() -> LocalNetwork {
+/// A network of these nodes. The key of each is in the file `NAME.key`.
+fn founded(nodes: &[&str]) -> LocalNetwork {
     let network = LocalNetwork::new();
-    let node = keys::generate(Path::new(&network.path("node.key"))).unwrap();
-    let node = format!("node={node}");
-    let rules = [
-        ["--node", &node],
+    let mut rules = vec![
         ["--commit-minutes", "10"],
         ["--submit-minutes", "10"],
         ["--min-eval-samples", "16"],
         ["--min-improvement-bps", "1"],
         ["--confidence", "95%"],
     ];
+    let node = |name| {
+        let key = network.path(&format!("{name}.key"));
+        let identity = keys::generate(Path::new(&key)).unwrap();
+        format!("{name}={identity}")
+    };
+    let nodes: Vec<_> = nodes.iter().map(node).collect();
+    rules.extend(nodes.iter().map(|node| ["--node", node]));
     harness::logs(&words(&network.founding(&rules.concat())));
     network
 }
 
-/// Kills a process as soon as the aggregator's log says `step`, starts it again, and checks that the node ends its round.
-fn goes_on(killed: Killed, step: &str) {
-    let network = founded();
-    let prover = network.prover();
+/// Starts the aggregator of a network. `more` are further options.
+fn serve(network: &LocalNetwork, listen: &str, more: &[&str]) -> Process {
+    let (ledger, key) = (network.path("ledger"), network.path("log.key"));
+    let serve = ["aggregator", "serve", &ledger, "--key", &key];
+    let arguments = [&serve[..], &["--listen", listen], more].concat();
+    Process::start(
+        &arguments
+            .iter()
+            .map(|&word| word.into())
+            .collect::<Vec<_>>(),
+    )
+}
+
+/// The command by which a node joins. The node `other` has another recording.
+fn join(network: &LocalNetwork, name: &str, aggregator: &str, prover: &str) -> Vec<String> {
     let id = network.genesis().network_id().to_string();
-    let serve = |listen: &str| {
-        let (ledger, key) = (network.path("ledger"), network.path("log.key"));
-        let arguments = [
-            "aggregator",
-            "serve",
-            &ledger,
-            "--key",
-            &key,
-            "--listen",
-            listen,
-        ];
-        Process::start(&arguments.map(str::to_owned))
+    let url = format!("http://{aggregator}");
+    let key = network.path(&format!("{name}.key"));
+    let state = network.path(&format!("{name}-state"));
+    let recording = match name {
+        "other" => "tests/fixtures/datasets/so100_stacking",
+        _ => RECORDING,
     };
-    let mut aggregator = serve("127.0.0.1:0");
-    let listening = aggregator.says("the aggregator of network");
-    let address = listening["listening"].as_str().unwrap().to_owned();
-    let url = format!("http://{address}");
-    let (key, state) = (network.path("node.key"), network.path("state"));
-    let join = [
+    let options = [
         ["--aggregator", &url],
         ["--network", &id],
-        ["--prover", &prover.address],
+        ["--prover", prover],
         ["--key", &key],
         ["--state", &state],
-        ["--dataset", RECORDING],
+        ["--dataset", recording],
         ["--steps", "1000"],
         ["--batch-size", "16"],
         ["--learning-rate", "1e-3"],
     ];
-    let join = [&["node", "join"], &join.concat()[..]].concat();
-    let join: Vec<_> = join.into_iter().map(str::to_owned).collect();
+    let command = [&["node", "join"], &options.concat()[..]].concat();
+    command.into_iter().map(str::to_owned).collect()
+}
+
+/// Kills a process as soon as the aggregator's log says `step`, starts it again, and checks that the node ends its round.
+fn goes_on(killed: Killed, step: &str) {
+    let network = founded(&["node"]);
+    let prover = network.prover();
+    let mut aggregator = serve(&network, "127.0.0.1:0", &[]);
+    let address = aggregator.address();
+    let join = join(&network, "node", &address, &prover.address);
     let mut node = Process::start(&join);
     aggregator.says(step);
     match killed {
         Killed::Aggregator => {
             aggregator.kill();
-            aggregator = serve(&address);
-            aggregator.says("the aggregator of network");
+            aggregator = serve(&network, &address, &[]);
+            aggregator.address();
         }
         Killed::Node => {
             node.kill();
@@ -106,6 +120,26 @@ fn goes_on(killed: Killed, step: &str) {
     assert_eq!(rounds.get(&0), Some(&[1, 1, 1]), "{rounds:?}");
     // A node that was killed after its decision takes part in the next round.
     assert!(rounds.values().all(|counts| counts[0] <= 1), "{rounds:?}");
+}
+
+/// Its round is still open when it starts again, because another node has committed and submits nothing.
+#[test]
+fn a_node_that_was_killed_after_its_decision_waits_for_the_close() {
+    let network = founded(&["node", "other"]);
+    let prover = network.prover();
+    let aggregator = serve(&network, "127.0.0.1:0", &["--min-nodes", "2"]);
+    let address = aggregator.address();
+    let start = |name| Process::start(&join(&network, name, &address, &prover.address));
+    let (mut node, mut other) = (start("node"), start("other"));
+    other.says("round 0: committed to update");
+    other.kill();
+    aggregator.says("contribution rejected");
+    // The node has the answer, and has kept it.
+    node.says("round 0: refused");
+    node.kill();
+    node = start("node");
+    node.says("round 0: the node's contribution is decided already");
+    node.says("round 0: refused");
 }
 
 macro_rules! killed {

@@ -3,5 +3,6 @@
 #[path = "../harness/mod.rs"]
 mod harness;
 
+mod devices;
 mod eval_samples;
 mod leaving;

@@ -2,6 +2,7 @@
 
 use crate::harness::network::LocalNetwork;
 use std::path::{Path, PathBuf};
+use std::sync::mpsc::Receiver;
 use std::sync::Arc;
 use std::time::Duration;
 use tempfile::TempDir;
@@ -72,12 +73,12 @@ impl Encrypted {
         }
     }
 
-    /// Lets the aggregator answer nobody for so long.
-    pub fn busy_for(&self, time: Duration) -> JoinHandle<()> {
+    /// Lets the aggregator answer nobody until the other end of `released` sends, or is dropped.
+    pub fn busy_until(&self, released: Receiver<()>) -> JoinHandle<()> {
         let service = self.service.clone();
         tokio::spawn(async move {
             let work = move |_: &mut Aggregator| {
-                std::thread::sleep(time);
+                let _ = released.recv();
                 Ok(())
             };
             service.with(work).await.unwrap();

@@ -32,6 +32,7 @@ use zk0_protocol::Rules;
 use zk0_smolvla::frames::batch::SampleSource;
 use zk0_smolvla::frames::prefix_cache::DiskCache;
 use zk0_smolvla::measure::fixed_point::{dims, quantise_weights};
+use zk0_smolvla::policy::device::Device;
 use zk0_smolvla::policy::init::init_policy;
 use zk0_smolvla::policy::policy_file::{self, PolicyFile};
 use zk0_smolvla::train::{train_on, Samples, TrainOptions};
@@ -188,7 +189,16 @@ fn measure(work: &Work, dir: &Path) -> Result<()> {
         ..TrainOptions::default()
     };
     let all = Samples::Prepared(&samples);
-    let trained = train_on(recording.config(), &base, all, &options, None, &mut |_| ())?;
+    let config = recording.config();
+    let trained = train_on(
+        &Device::Cpu,
+        config,
+        &base,
+        all,
+        &options,
+        None,
+        &mut |_| (),
+    )?;
     samples.rest();
     phase.done("it is trained");
 

@@ -1,5 +1,5 @@
-//! What a node keeps of a round that it has not finished. A node that was interrupted goes on with it when it starts again in the same round:
-//! it cannot commit to another update there.
+//! What a node keeps of a round that is open. A node that was interrupted goes on with it when it starts again in the same round: it cannot
+//! commit to another update there, and what is decided is decided once.
 
 use crate::error::ParticipantError;
 use crate::state_files::{self, at, broken};
@@ -7,12 +7,15 @@ use borsh::{BorshDeserialize, BorshSerialize};
 use std::io;
 use std::path::{Path, PathBuf};
 use zk0_circuits::{Digest, Terms};
+use zk0_protocol::entries::refusal::Refusal;
 use zk0_prover::program::Prepared;
 
 /// Room for the other fields of a file beside an update.
 const FIELDS_BYTES: u64 = 1 << 10;
 /// Largest file of a claim that is read. The argument about 256 samples at the published size has a few megabytes.
 const MAX_CLAIM_BYTES: u64 = 256 << 20;
+/// Largest file of a decision that is read. The texts of a refusal have some hundred bytes.
+const MAX_DECIDED_BYTES: u64 = 1 << 20;
 
 /// An update that the node has committed to, or is about to commit to.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
@@ -55,6 +58,33 @@ impl UnfinishedUpdate {
     }
 }
 
+/// What the aggregator has decided on a node's contribution.
+#[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
+pub struct Decided {
+    /// What the contribution belongs to.
+    pub of: Part,
+    /// Why the contribution is refused; `None` if it is accepted.
+    pub refusal: Option<Refusal>,
+}
+
+impl Decided {
+    fn path(state: &Path) -> PathBuf {
+        state.join("decided")
+    }
+
+    /// What was decided on this part, if anything was.
+    pub fn read(state: &Path, of: &Part) -> Result<Option<Self>, ParticipantError> {
+        let kept: Option<Self> = read(&Self::path(state), MAX_DECIDED_BYTES)?;
+        Ok(kept.filter(|kept| kept.of == *of))
+    }
+
+    /// Keeps the decision, and removes what it makes unnecessary.
+    pub fn keep(&self, state: &Path) -> Result<(), ParticipantError> {
+        keep(&Self::path(state), self)?;
+        remove(state)
+    }
+}
+
 /// The claim of these terms that was kept, if there is one, and if its argument is whole.
 pub fn read_claim(state: &Path, terms: &Terms) -> Result<Option<Prepared>, ParticipantError> {
     let kept: Option<Prepared> = read(&claim_path(state), MAX_CLAIM_BYTES)?;
@@ -68,8 +98,8 @@ pub fn keep_claim(state: &Path, claim: &Prepared) -> Result<(), ParticipantError
     keep(&claim_path(state), claim)
 }
 
-/// Removes what was kept: the round is decided.
-pub fn remove(state: &Path) -> Result<(), ParticipantError> {
+/// Removes the update and the claim.
+fn remove(state: &Path) -> Result<(), ParticipantError> {
     for path in [UnfinishedUpdate::path(state), claim_path(state)] {
         match std::fs::remove_file(&path) {
             Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(at(&path)(error)),

@@ -141,6 +141,47 @@ pub enum Strategy {
         /// weight depends on how much the weight moved before.
         tau_billionths: u32,
     },
+    /// The mean, with equal weights, of updates that nodes train by SCAFFOLD, which these rules then ask for (Karimireddy et al. 2020,
+    /// arXiv:1910.06378, option II).
+    Scaffold(Scaffold),
+}
+
+/// How nodes train by SCAFFOLD. The control variates follow from the ledger only if all nodes train alike, so the rules say how.
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize, Serialize, Deserialize,
+)]
+#[serde(deny_unknown_fields)]
+pub struct Scaffold {
+    /// How many steps of SGD each node makes, K; 1 to 1,000,000.
+    pub steps: u32,
+    /// The learning rate of each step, η, in millionths; 1 to 100,000,000.
+    pub learning_rate_millionths: u32,
+    /// The control variates begin with 0 again in each round whose number is a multiple of this; 1 to 1,000.
+    pub restart_rounds: u32,
+}
+
+/// Most local steps of [`Strategy::Scaffold`].
+const MAX_LOCAL_STEPS: u32 = 1_000_000;
+
+/// One, in the units of [`Scaffold::learning_rate_millionths`].
+const MILLIONTHS: u32 = 1_000_000;
+
+/// Fastest learning rate of [`Strategy::Scaffold`].
+const MAX_LOCAL_RATE_MILLIONTHS: u32 = 100 * MILLIONTHS;
+
+/// Most rounds of [`Strategy::Scaffold`] until the control variates begin again.
+const MAX_RESTART_ROUNDS: u32 = 1_000;
+
+impl Scaffold {
+    /// The learning rate of each step, η.
+    pub fn learning_rate(&self) -> f64 {
+        f64::from(self.learning_rate_millionths) / f64::from(MILLIONTHS)
+    }
+
+    /// The round, up to `round`, in which the control variates of `round` began with 0 at the latest.
+    pub fn begins(&self, round: u64) -> u64 {
+        round - round % u64::from(self.restart_rounds.max(1))
+    }
 }
 
 /// Longest difference that [`Strategy::NormClipping`] can allow: a hundred times the base's norm.
@@ -401,6 +442,16 @@ impl Strategy {
                 within("beta1_bps", beta1_bps, 0, BPS - 1)?;
                 within("beta2_bps", beta2_bps, 0, BPS - 1)?;
                 within("tau_billionths", tau_billionths, 1, BILLIONTHS)
+            }
+            Self::Scaffold(Scaffold {
+                steps,
+                learning_rate_millionths: rate,
+                restart_rounds,
+            }) => {
+                within("steps", steps, 1, MAX_LOCAL_STEPS)?;
+                let name = "learning_rate_millionths";
+                within(name, rate, 1, MAX_LOCAL_RATE_MILLIONTHS)?;
+                within("restart_rounds", restart_rounds, 1, MAX_RESTART_ROUNDS)
             }
         }
     }

@@ -17,6 +17,7 @@ mod members;
 mod presence;
 mod required_witnesses;
 mod rounds;
+mod scaffold;
 mod unanswered;
 
 use zk0_protocol::{Refusal, RuleViolation};

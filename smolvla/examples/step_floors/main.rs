@@ -19,7 +19,7 @@ use zk0_lerobot::config::PolicyConfig;
 use zk0_lerobot::layout::trainable_layout;
 use zk0_smolvla::policy::memory::KeepFreed;
 use zk0_smolvla::policy::profile::Profile;
-use zk0_smolvla::train::optimizer::{AdamW, AdamWOptions};
+use zk0_smolvla::train::optimizer::{AdamW, AdamWOptions, Optimizer};
 
 /// The allocator is that of the `zk0` binary.
 #[global_allocator]

@@ -33,7 +33,7 @@ use zk0_smolvla::policy::model::key_values::PrefixCache;
 use zk0_smolvla::policy::model::prefix::{CameraInput, PrefixInput, PrefixModel};
 use zk0_smolvla::policy::model::Parameters;
 use zk0_smolvla::policy::profile::Profile;
-use zk0_smolvla::train::optimizer::{AdamW, AdamWOptions};
+use zk0_smolvla::train::optimizer::{AdamW, AdamWOptions, Optimizer};
 use zk0_smolvla::train::Samples;
 
 /// The allocator is that of the `zk0` binary.

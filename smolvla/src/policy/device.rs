@@ -2,7 +2,7 @@
 
 use std::panic::{self, UnwindSafe};
 
-use candle_core::Device;
+pub use candle_core::Device;
 
 use crate::error::{PolicyError, Result};
 

@@ -4,7 +4,8 @@
 //! - [`order`]: which samples a step takes, and with what noise. Both are functions of the seed and the step's number alone, so a
 //!   run is at every step fully described by its variables, its moments and that number.
 //! - [`learner`]: the trainable variables and the loss of a batch, for either [`TrainScope`].
-//! - [`optimizer`] is AdamW, with what FedProx and FedCM add to its steps.
+//! - [`optimizer`] is AdamW, with what FedProx and FedCM add to its steps; and SGD, for SCAFFOLD.
+//! - [`scaffold`]: the control variates of SCAFFOLD, which follow from the rounds before.
 //! - [`trainer`]: makes steps. [`train_on`] makes all of them.
 //! - [`snapshots`]: a run on disk. A run that is stopped at any moment resumes from its newest snapshot and ends with the same bytes.
 //! - [`measured_loss`]: the loss that learning rates follow. [`adaptive`] has the rules by which a federation's losses change its
@@ -20,6 +21,7 @@ pub mod optimizer;
 pub mod options;
 pub mod order;
 mod run;
+pub mod scaffold;
 pub mod schedule;
 pub mod snapshots;
 pub mod split;
@@ -27,5 +29,5 @@ pub mod trainer;
 
 pub use learner::Samples;
 pub use options::{TrainOptions, TrainScope};
-pub use run::{train, train_on, Trained};
+pub use run::{train, train_by_sgd, train_on, Trained};
 pub use trainer::{FedCm, Step, Trainer};

@@ -1,12 +1,16 @@
 //! Training from the first step to the last.
 
+use candle_core::Device;
 use zk0_lerobot::config::PolicyConfig;
+use zk0_tensors::TensorSet;
 
 use crate::error::Result;
 use crate::frames::batch::InMemory;
 use crate::frames::sample::PreparedSample;
+use crate::policy::frozen::FrozenPlace;
 use crate::policy::weights::ExpertWeights;
 use crate::train::learner::Samples;
+use crate::train::optimizer::Optimizer;
 use crate::train::options::TrainOptions;
 use crate::train::trainer::{FedCm, Step, Trainer};
 
@@ -34,15 +38,24 @@ pub fn train(
     options.check()?;
     let samples = InMemory::new(config, samples)?;
     let samples = Samples::Prepared(&samples);
-    train_on(config, start, samples, options, None, progress)
+    train_on(
+        &Device::Cpu,
+        config,
+        start,
+        samples,
+        options,
+        None,
+        progress,
+    )
 }
 
-/// Trains the expert from `start` on `samples`, by `loss_valid_only` with t = 0.999 Beta(1.5, 1) + 0.001, from the first step
+/// Trains the expert on `device` from `start` on `samples`, by `loss_valid_only` with t = 0.999 Beta(1.5, 1) + 0.001, from the first step
 /// to the last. With `fedcm`, steps follow the last global step in part. `progress` is called after every step. Only the samples of one step are in memory.
 ///
 /// # Errors
 /// Those of [`Trainer::new`] and [`Trainer::step`].
 pub fn train_on(
+    device: &Device,
     config: &PolicyConfig,
     start: &ExpertWeights,
     samples: Samples,
@@ -50,11 +63,45 @@ pub fn train_on(
     fedcm: Option<FedCm<'_>>,
     progress: &mut dyn FnMut(Step),
 ) -> Result<Trained> {
-    let mut trainer = Trainer::new(config, start, samples, options.clone())?;
+    let place = place(device);
+    let mut trainer = Trainer::on(&place, config, start, None, samples, options.clone())?;
     if let Some(fedcm) = fedcm {
         trainer.follow(&fedcm)?;
     }
-    let mut losses = Vec::with_capacity(options.steps.min(1 << 20));
+    all_steps(trainer, progress)
+}
+
+/// Trains the expert as [`train_on`] does, but by SGD, and with `correction` added to each gradient: that of SCAFFOLD.
+///
+/// # Errors
+/// Those of [`Trainer::by_sgd`] and [`Trainer::step`].
+pub fn train_by_sgd(
+    device: &Device,
+    config: &PolicyConfig,
+    start: &ExpertWeights,
+    samples: Samples,
+    options: &TrainOptions,
+    correction: Option<&TensorSet>,
+    progress: &mut dyn FnMut(Step),
+) -> Result<Trained> {
+    let (place, options) = (place(device), options.clone());
+    let trainer = Trainer::by_sgd(&place, config, start, samples, options, correction)?;
+    all_steps(trainer, progress)
+}
+
+/// Prepared samples come from the CPU, on whatever device the expert is trained.
+fn place(device: &Device) -> FrozenPlace {
+    FrozenPlace {
+        device: device.clone(),
+        ..FrozenPlace::default()
+    }
+}
+
+fn all_steps<O: Optimizer>(
+    mut trainer: Trainer<'_, O>,
+    progress: &mut dyn FnMut(Step),
+) -> Result<Trained> {
+    let mut losses = Vec::with_capacity(trainer.options().steps.min(1 << 20));
     while !trainer.is_done() {
         let step = trainer.step()?;
         losses.push(step.loss);

@@ -12,7 +12,7 @@ use crate::policy::model::kernels::gradients::backward;
 use crate::policy::model::observe::ignore;
 use crate::policy::weights::ExpertWeights;
 use crate::train::learner::{EvaluationModels, Learner, Samples};
-use crate::train::optimizer::{check_alpha, AdamW, LastStep};
+use crate::train::optimizer::{check_alpha, AdamW, LastStep, Optimizer, Sgd};
 use crate::train::options::{TrainOptions, TrainScope};
 use crate::train::order::{draws, Order};
 
@@ -45,12 +45,12 @@ pub struct FedCm<'a> {
     pub earlier: &'a ExpertWeights,
 }
 
-/// A run of training. Its state is its variables, the optimiser's moments, and the number of steps made.
-pub struct Trainer<'a> {
+/// A run of training. Its state is its variables, what the optimiser keeps, and the number of steps made.
+pub struct Trainer<'a, O = AdamW> {
     samples: Samples<'a>,
     options: TrainOptions,
     learner: Learner,
-    optimizer: AdamW,
+    optimizer: O,
     order: Order,
     step: usize,
 }
@@ -90,20 +90,10 @@ impl<'a> Trainer<'a> {
         samples: Samples<'a>,
         options: TrainOptions,
     ) -> Result<Self> {
-        options.check()?;
-        if samples.is_empty() {
-            return Err(PolicyError::Sample("there are no samples".into()));
-        }
-        let learner = Learner::new(config, start, frozen, place)?;
-        let optimizer = AdamW::proximal(learner.variables(), options.adamw, options.fedprox_mu)?;
-        Ok(Self {
-            order: Order::new(options.seed, samples.len()),
-            samples,
-            options,
-            learner,
-            optimizer,
-            step: 0,
-        })
+        let optimizer = |learner: &Learner, options: &TrainOptions| {
+            AdamW::proximal(learner.variables(), options.adamw, options.fedprox_mu)
+        };
+        Self::with(place, config, start, frozen, samples, options, optimizer)
     }
 
     /// Lets the steps follow the last global step in part. The run has to be before its first step.
@@ -127,6 +117,73 @@ impl<'a> Trainer<'a> {
         let last_step = LastStep::new(variables, earlier, fedcm.alpha, rates)?;
         self.optimizer.follow(last_step);
         Ok(())
+    }
+
+    pub(super) fn optimizer(&self) -> &AdamW {
+        &self.optimizer
+    }
+
+    /// Brings the trainer to the step of a snapshot.
+    pub(super) fn restored(
+        &mut self,
+        step: usize,
+        restore: impl FnOnce(&Learner, &mut AdamW) -> Result<()>,
+    ) -> Result<()> {
+        restore(&self.learner, &mut self.optimizer)?;
+        self.step = step;
+        Ok(())
+    }
+}
+
+impl<'a> Trainer<'a, Sgd> {
+    /// A run at `place` that trains the expert from `start` by SGD. `correction` is added to each gradient, if there is one: that of
+    /// SCAFFOLD. Of the options, those of AdamW do not count.
+    ///
+    /// # Errors
+    /// As [`Trainer::new`], and [`PolicyError::Options`] for FedProx's term, which SGD does not have here.
+    pub fn by_sgd(
+        place: &FrozenPlace,
+        config: &PolicyConfig,
+        start: &ExpertWeights,
+        samples: Samples<'a>,
+        options: TrainOptions,
+        correction: Option<&TensorSet>,
+    ) -> Result<Self> {
+        if options.fedprox_mu != 0.0 {
+            return Err(PolicyError::Options(format!(
+                "`fedprox_mu` is {}; training by SGD goes without FedProx",
+                options.fedprox_mu
+            )));
+        }
+        let optimizer =
+            |learner: &Learner, _: &TrainOptions| Sgd::new(learner.variables(), correction);
+        Self::with(place, config, start, None, samples, options, optimizer)
+    }
+}
+
+impl<'a, O: Optimizer> Trainer<'a, O> {
+    fn with(
+        place: &FrozenPlace,
+        config: &PolicyConfig,
+        start: &ExpertWeights,
+        frozen: Option<&TensorSet>,
+        samples: Samples<'a>,
+        options: TrainOptions,
+        optimizer: impl FnOnce(&Learner, &TrainOptions) -> Result<O>,
+    ) -> Result<Self> {
+        options.check()?;
+        if samples.is_empty() {
+            return Err(PolicyError::Sample("there are no samples".into()));
+        }
+        let learner = Learner::new(config, start, frozen, place)?;
+        Ok(Self {
+            order: Order::new(options.seed, samples.len()),
+            optimizer: optimizer(&learner, &options)?,
+            samples,
+            options,
+            learner,
+            step: 0,
+        })
     }
 
     /// Makes a step.
@@ -206,21 +263,6 @@ impl<'a> Trainer<'a> {
     /// The models as they are now.
     pub fn evaluation_models(&self) -> Result<EvaluationModels> {
         self.learner.evaluation_models()
-    }
-
-    pub(super) fn optimizer(&self) -> &AdamW {
-        &self.optimizer
-    }
-
-    /// Brings the trainer to the step of a snapshot.
-    pub(super) fn restored(
-        &mut self,
-        step: usize,
-        restore: impl FnOnce(&Learner, &mut AdamW) -> Result<()>,
-    ) -> Result<()> {
-        restore(&self.learner, &mut self.optimizer)?;
-        self.step = step;
-        Ok(())
     }
 }
 

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use serde_json::Value;
 use zk0_smolvla::policy::model::flow;
 use zk0_smolvla::policy::model::kernels::gradients::backward;
-use zk0_smolvla::train::optimizer::{AdamW, AdamWOptions};
+use zk0_smolvla::train::optimizer::{AdamW, AdamWOptions, Optimizer};
 use zk0_smolvla::train::schedule::Schedule;
 use zk0_smolvla::train::TrainOptions;
 

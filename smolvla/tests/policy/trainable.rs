@@ -14,7 +14,7 @@ use zk0_smolvla::policy::model::kernels::gradients::backward;
 use zk0_smolvla::policy::model::prefix::{CameraInput, PrefixInput, PrefixModel};
 use zk0_smolvla::policy::model::Parameters;
 use zk0_smolvla::policy::profile::Profile;
-use zk0_smolvla::train::optimizer::{AdamW, AdamWOptions};
+use zk0_smolvla::train::optimizer::{AdamW, AdamWOptions, Optimizer};
 use zk0_smolvla::PolicyError;
 use zk0_tensors::TensorError;
 

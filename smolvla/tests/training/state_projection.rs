@@ -8,7 +8,7 @@ use zk0_smolvla::policy::frozen::{FrozenPlace, FrozenPrecision};
 use zk0_smolvla::policy::model::kernels::gradients::backward;
 use zk0_smolvla::policy::model::key_values::PrefixCache;
 use zk0_smolvla::train::learner::{EvaluationModels, Learner, STATE_PROJECTION};
-use zk0_smolvla::train::optimizer::{AdamW, AdamWOptions};
+use zk0_smolvla::train::optimizer::{AdamW, AdamWOptions, Optimizer};
 use zk0_smolvla::train::trainer::evaluate_samples;
 use zk0_smolvla::train::{Samples, TrainScope, Trainer};
 use zk0_smolvla::PolicyError;

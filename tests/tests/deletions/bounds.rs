@@ -23,6 +23,15 @@ pub const REMOVALS: &[Removal] = &[
         "no_rule_asks_for_more_than_there_can_be",
     ),
     rule(
+        "the rules of SCAFFOLD have bounds",
+        "protocol/src/rules/network_rules.rs",
+        &[(
+            "                within(\"steps\", steps, 1, MAX_LOCAL_STEPS)?;\n",
+            "                let _ = (steps, MAX_LOCAL_STEPS);\n",
+        )],
+        "scaffold_by_which_nobody_could_train_founds_nothing",
+    ),
+    rule(
         "a node signs that it leaves",
         "protocol/src/entries/authentic.rs",
         &[(

@@ -1,4 +1,5 @@
-//! Checks of the node: it believes nothing that an aggregator says of a round's randomness, and does not train in vain.
+//! Checks of the node: it believes nothing that an aggregator says of a round's randomness, does not train in vain, and contributes
+//! to a round once.
 
 use crate::Removal;
 
@@ -23,6 +24,55 @@ pub const REMOVALS: &[Removal] = &[
         test: "other_entries_are_not_taken_for_the_closing_or_the_randomness",
     },
     Removal {
+        check: "control variates follow from the node's own contribution",
+        file: "node/src/client.rs",
+        replacements: &[(
+            "match of == (*self.network(), round, self.id()) && signed.verify().is_ok() {",
+            "match of.1 == round || signed.verify().is_ok() {",
+        )],
+        package: "zk0-node",
+        target: "lying_aggregator",
+        test: "the_contribution_of_somebody_else_is_not_the_node_s_own",
+    },
+    Removal {
+        check: "a round by SCAFFOLD is trained as the rules say",
+        file: "node/src/turn.rs",
+        replacements: &[("            training.check_beside_scaffold(round)?;\n", "")],
+        package: "zk0",
+        target: "against_drift",
+        test: "options_that_would_change_the_steps_end_the_node",
+    },
+    Removal {
+        check: "control variates begin again after restored weights",
+        file: "node/src/turn/scaffold.rs",
+        replacements: &[(" || closed.global != next_base {", " {")],
+        package: "zk0",
+        target: "against_drift",
+        test: "control_variates_begin_again_after_restored_weights_and_with_other_rules",
+    },
+    Removal {
+        check: "control variates begin again with other rules",
+        file: "node/src/turn/scaffold.rs",
+        replacements: &[(
+            "if opened.rules.strategy != Strategy::Scaffold(*rule) || closed.global != next_base {",
+            "if closed.global != next_base {",
+        )],
+        package: "zk0",
+        target: "against_drift",
+        test: "control_variates_begin_again_after_restored_weights_and_with_other_rules",
+    },
+    Removal {
+        check: "control variates on disk are those that the node wrote",
+        file: "node/src/turn/control_variates.rs",
+        replacements: &[(
+            "        let whole = whole.filter(|(bytes, hash)| Sha256::digest(bytes)[..] == hash[..]);\n",
+            "",
+        )],
+        package: "zk0",
+        target: "against_drift",
+        test: "a_node_computes_its_control_variates_from_the_ledger",
+    },
+    Removal {
         check: "a node's number of samples is within the bounds of the rules",
         file: "node/src/participant.rs",
         replacements: &[(
@@ -40,5 +90,13 @@ pub const REMOVALS: &[Removal] = &[
         package: "zk0",
         target: "nodes",
         test: "a_number_of_samples_that_does_not_fit_ends_the_node_before_it_trains",
+    },
+    Removal {
+        check: "what is decided is decided once",
+        file: "node/src/turn.rs",
+        replacements: &[("Decided::read(self.state, &part)?", "None::<Decided>")],
+        package: "zk0",
+        target: "killed",
+        test: "a_node_that_was_killed_after_its_decision_waits_for_the_close",
     },
 ];

@@ -6,7 +6,7 @@ use std::collections::{BTreeMap, BTreeSet};
 type Dependencies<'a> = BTreeMap<&'a str, BTreeSet<&'a str>>;
 
 /// Each crate, and what its row of the map names.
-const MAP: [(&str, &[&str]); 17] = [
+const MAP: [(&str, &[&str]); 18] = [
     ("zk0-files", &[]),
     ("zk0-tls", &["zk0-files"]),
     ("zk0-traces", &["zk0-tls"]),
@@ -26,7 +26,11 @@ const MAP: [(&str, &[&str]); 17] = [
         &["zk0-ledger", "zk0-verifier", "zk0-traces"],
     ),
     ("zk0-audit", &["zk0-ledger", "zk0-verifier"]),
-    ("zk0", &["zk0-node", "zk0-aggregator", "zk0-audit"]),
+    ("zk0-simulate", &["zk0-node", "zk0-verifier"]),
+    (
+        "zk0",
+        &["zk0-node", "zk0-aggregator", "zk0-audit", "zk0-simulate"],
+    ),
 ];
 
 /// Builds that stay light: the arguments that choose one, and the crates that must not be in it.

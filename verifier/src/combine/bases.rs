@@ -57,7 +57,8 @@ fn wanted(state: &State) -> (Option<&WeightsDigest>, Option<&WeightsDigest>) {
         | Strategy::Median
         | Strategy::TrimmedMean { .. }
         | Strategy::Krum { .. }
-        | Strategy::MultiKrum { .. } => (None, None),
+        | Strategy::MultiKrum { .. }
+        | Strategy::Scaffold(_) => (None, None),
         Strategy::NormClipping { .. } | Strategy::FedAdam { .. } => {
             (Some(&round.opened.base), None)
         }

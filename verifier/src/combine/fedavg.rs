@@ -16,6 +16,12 @@ pub fn average<'a>(given: &[Given<'a>]) -> Result<Linear<'a>, CombineError> {
     Ok(Linear::new(terms, whole(given)?))
 }
 
+/// The mean in which all contributions count alike.
+pub fn mean<'a>(given: &[Given<'a>]) -> Result<Linear<'a>, CombineError> {
+    let alike = |one: &Given<'a>| Given { weight: 1, ..*one };
+    average(&given.iter().map(alike).collect::<Vec<_>>())
+}
+
 /// The sum of the contributions' weights, which is at least 1.
 pub(crate) fn whole(given: &[Given<'_>]) -> Result<i128, CombineError> {
     match given.iter().map(|one| i128::from(one.weight)).sum() {

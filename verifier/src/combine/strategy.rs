@@ -11,7 +11,7 @@ use crate::combine::blocks::file;
 use crate::combine::clipping::clipped_mean;
 use crate::combine::contributions::{aligned, Given};
 use crate::combine::error::CombineError;
-use crate::combine::fedavg::average;
+use crate::combine::fedavg::{average, mean};
 use crate::combine::krum::{krum, multi_krum};
 use crate::combine::optimizers::adam::{adam, Parameters};
 use crate::combine::optimizers::moments::Moments;
@@ -58,6 +58,7 @@ pub fn combined(
     let base = base.as_ref().ok_or(CombineError::NoBase);
     let file = match strategy {
         Strategy::FedAvg => file(format, &average(given)?, unread, None),
+        Strategy::Scaffold(_) => file(format, &mean(given)?, unread, None),
         Strategy::Median => file(format, &median(given), unread, None),
         Strategy::TrimmedMean { trim_bps } => {
             file(format, &trimmed_mean(given, trim_bps), unread, None)

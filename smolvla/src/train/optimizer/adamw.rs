@@ -4,7 +4,7 @@ use std::borrow::Cow;
 use std::collections::BTreeMap;
 
 use candle_core::backprop::GradStore;
-use candle_core::{Tensor, Var};
+use candle_core::Var;
 use zk0_tensors::TensorError;
 
 use crate::error::{PolicyError, Result};
@@ -13,15 +13,7 @@ use crate::train::optimizer::device::{self, DeviceSlot};
 use crate::train::optimizer::factors::{AdamWOptions, Factors, Squares};
 use crate::train::optimizer::host::HostSlot;
 use crate::train::optimizer::last_step::LastStep;
-
-/// What a step found.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Stepped {
-    /// L2 norm of the gradient over all tensors, proximal term included, before clipping.
-    pub gradient_norm: f64,
-    /// The proximal term before the step, `mu / 2 * |w - w0|^2`; 0 without one.
-    pub proximal: f64,
-}
+use crate::train::optimizer::step::{gradient, Optimizer, Stepped};
 
 /// AdamW over named variables.
 pub struct AdamW {
@@ -74,55 +66,6 @@ impl AdamW {
     /// From now on, steps follow the last global step in part (FedCM).
     pub fn follow(&mut self, last_step: LastStep) {
         self.last_step = Some(last_step);
-    }
-
-    /// One step.
-    ///
-    /// # Errors
-    /// [`PolicyError::NoGradient`] when a variable has none: some operation between it and the loss has no backward pass.
-    /// [`PolicyError::GradientNotFinite`] when one is not a number; nothing has changed then.
-    pub fn step(&mut self, gradients: &GradStore, learning_rate: f64) -> Result<Stepped> {
-        let mut sums = Squares::default();
-        let mut on_device = Vec::new();
-        for (name, (variable, slot)) in &self.slots {
-            let gradient = gradient(gradients, name, variable)?;
-            match slot {
-                Slot::Host(slot) => sums.add(slot.squares(variable, &gradient, self.mu)?),
-                Slot::Device(slot) => on_device.push(slot.squares(variable, &gradient, self.mu)?),
-            }
-        }
-        sums.add(device::total(&on_device)?);
-        let norm = sums.gradient.sqrt();
-        if !norm.is_finite() {
-            return Err(PolicyError::GradientNotFinite { norm });
-        }
-
-        let o = self.options;
-        self.steps = self.steps.saturating_add(1);
-        let step = i32::try_from(self.steps).unwrap_or(i32::MAX);
-        let own = self.last_step.as_ref().map_or(1.0, LastStep::own);
-        let by = Factors {
-            options: o,
-            mu: self.mu,
-            clip: (o.clip_norm / (norm + 1e-6)).min(1.0),
-            keep: 1.0 - learning_rate * o.weight_decay,
-            rate: own * learning_rate / (1.0 - o.beta1.powi(step)),
-            root_bias: (1.0 - o.beta2.powi(step)).sqrt(),
-        };
-        for (name, (variable, slot)) in &mut self.slots {
-            let gradient = gradient(gradients, name, variable)?;
-            match slot {
-                Slot::Host(slot) => slot.update(variable, &gradient, &by)?,
-                Slot::Device(slot) => slot.update(variable, &gradient, &by)?,
-            }
-            if let Some(last_step) = &self.last_step {
-                last_step.add(name, variable, learning_rate)?;
-            }
-        }
-        Ok(Stepped {
-            gradient_norm: norm,
-            proximal: 0.5 * self.mu * sums.distance,
-        })
     }
 
     /// Steps made, over all resumptions.
@@ -185,6 +128,52 @@ impl AdamW {
     }
 }
 
+impl Optimizer for AdamW {
+    fn step(&mut self, gradients: &GradStore, learning_rate: f64) -> Result<Stepped> {
+        let mut sums = Squares::default();
+        let mut on_device = Vec::new();
+        for (name, (variable, slot)) in &self.slots {
+            let gradient = gradient(gradients, name, variable)?;
+            match slot {
+                Slot::Host(slot) => sums.add(slot.squares(variable, &gradient, self.mu)?),
+                Slot::Device(slot) => on_device.push(slot.squares(variable, &gradient, self.mu)?),
+            }
+        }
+        sums.add(device::total(&on_device)?);
+        let norm = sums.gradient.sqrt();
+        if !norm.is_finite() {
+            return Err(PolicyError::GradientNotFinite { norm });
+        }
+
+        let o = self.options;
+        self.steps = self.steps.saturating_add(1);
+        let step = i32::try_from(self.steps).unwrap_or(i32::MAX);
+        let own = self.last_step.as_ref().map_or(1.0, LastStep::own);
+        let by = Factors {
+            options: o,
+            mu: self.mu,
+            clip: (o.clip_norm / (norm + 1e-6)).min(1.0),
+            keep: 1.0 - learning_rate * o.weight_decay,
+            rate: own * learning_rate / (1.0 - o.beta1.powi(step)),
+            root_bias: (1.0 - o.beta2.powi(step)).sqrt(),
+        };
+        for (name, (variable, slot)) in &mut self.slots {
+            let gradient = gradient(gradients, name, variable)?;
+            match slot {
+                Slot::Host(slot) => slot.update(variable, &gradient, &by)?,
+                Slot::Device(slot) => slot.update(variable, &gradient, &by)?,
+            }
+            if let Some(last_step) = &self.last_step {
+                last_step.add(name, variable, learning_rate)?;
+            }
+        }
+        Ok(Stepped {
+            gradient_norm: norm,
+            proximal: 0.5 * self.mu * sums.distance,
+        })
+    }
+}
+
 const MEAN: &str = "exp_avg";
 const MEAN_SQUARE: &str = "exp_avg_sq";
 
@@ -196,12 +185,4 @@ pub struct Moment<'a> {
     pub shape: Vec<usize>,
     /// Row-major.
     pub values: Cow<'a, [f32]>,
-}
-
-fn gradient(gradients: &GradStore, name: &str, variable: &Var) -> Result<Tensor> {
-    let gradient = gradients
-        .get(variable.as_tensor())
-        .ok_or_else(|| PolicyError::NoGradient(name.into()))?;
-    // Without detaching, moments that are computed from it would keep the graph of every step in memory.
-    Ok(gradient.detach().contiguous()?)
 }

@@ -242,7 +242,7 @@ fn squares(values: &[f32]) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{AdamW, AdamWOptions};
+    use super::super::{AdamW, AdamWOptions, Optimizer};
     use super::*;
     use candle_core::Device;
     use std::collections::BTreeMap;

@@ -1,6 +1,7 @@
-//! AdamW with gradient clipping, the proximal term of FedProx, and the last global step of FedCM ([`last_step`]).
+//! AdamW with gradient clipping, the proximal term of FedProx, and the last global step of FedCM ([`last_step`]); and SGD with the correction
+//! of SCAFFOLD ([`sgd`]).
 //!
-//! Steps agree with `torch.optim.AdamW` and `torch.nn.utils.clip_grad_norm_`. On the CPU a step is one pass over each tensor
+//! Steps of AdamW agree with `torch.optim.AdamW` and `torch.nn.utils.clip_grad_norm_`. On the CPU a step is one pass over each tensor
 //! ([`host`]): ten tensor operations in a row would read and write the 98 million values of the published expert ten times.
 //! On other devices, and [without the kernels](crate::policy::model::kernels::without), it is made of tensor operations ([`device`]).
 //!
@@ -11,7 +12,11 @@ mod device;
 mod factors;
 mod host;
 mod last_step;
+mod sgd;
+mod step;
 
-pub use adamw::{AdamW, Moment, Stepped};
+pub use adamw::{AdamW, Moment};
 pub use factors::AdamWOptions;
 pub use last_step::{check_alpha, LastStep};
+pub use sgd::Sgd;
+pub use step::{Optimizer, Stepped};

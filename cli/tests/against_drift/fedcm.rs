@@ -1,21 +1,16 @@
 //! `zk0 node join --fedcm-alpha`: a node takes the last global step from the ledger, and trains with it.
 
-mod harness;
-
-use harness::network::LocalNetwork;
+use crate::harness::accepting::accept;
+use crate::harness::network::LocalNetwork;
 use std::fs;
 use std::path::Path;
-use std::time::{SystemTime, UNIX_EPOCH};
-use zk0::keys;
-use zk0_circuits::{EvalSpec, Losses, NodeId, WeightsDigest};
-use zk0_ledger::{Blobs, Ledger};
+use zk0_circuits::{EvalSpec, WeightsDigest};
+use zk0_ledger::Blobs;
 use zk0_node::exchanged_weights::Base;
-use zk0_protocol::challenge::drawing::Drawing;
-use zk0_protocol::entries::entry::{RandomnessDrawn, RoundClosed};
-use zk0_protocol::entries::signed::{Submission, UpdateCommitment};
-use zk0_protocol::{Body, Signed};
+use zk0_protocol::Body;
 use zk0_smolvla::frames::batch::InMemory;
 use zk0_smolvla::measure::fixed_point::dequantise_weights;
+use zk0_smolvla::policy::device::Device;
 use zk0_smolvla::policy::policy_file::PolicyFile;
 use zk0_smolvla::train::{train_on, FedCm, Samples, TrainOptions};
 use zk0_weights::Format;
@@ -63,7 +58,16 @@ fn trained(
         earlier: &earlier.weights,
     });
     let samples = Samples::Prepared(&samples);
-    let trained = train_on(config, &base.weights, samples, &options, fedcm, &mut |_| {});
+    let (on, base_weights) = (&Device::Cpu, &base.weights);
+    let trained = train_on(
+        on,
+        config,
+        base_weights,
+        samples,
+        &options,
+        fedcm,
+        &mut |_| {},
+    );
     let update = base.update(&format, config, trained.unwrap().weights);
     let kept = dequantise_weights(config, format.spec(), &update.unwrap()).unwrap();
     kept.to_safetensors().unwrap()
@@ -71,70 +75,6 @@ fn trained(
 
 fn update(network: &LocalNetwork, round: u64) -> Vec<u8> {
     fs::read(network.path(&format!("state/round-{round}.safetensors"))).unwrap()
-}
-
-/// The operator accepts the update `result` of the node in a round of its own, without a proof, and takes it as the result. Returns the number
-/// of the round.
-fn accept(network: &LocalNetwork, result: WeightsDigest) -> u64 {
-    let key = keys::read(Path::new(&network.path("log.key"))).unwrap();
-    let node = keys::read(Path::new(&network.path("node.key"))).unwrap();
-    let id = NodeId(node.verifying_key().to_bytes());
-    let mut ledger = Ledger::open(Path::new(&network.path("ledger")), None, key).unwrap();
-    let clock = SystemTime::now().duration_since(UNIX_EPOCH).unwrap();
-    let now = clock.as_millis() as u64;
-    let close = |ledger: &mut Ledger, global| {
-        let round = ledger.state().round().unwrap();
-        let closed = RoundClosed {
-            round: round.number(),
-            global,
-            contributors: ledger.state().contributors(),
-            unanswered: ledger.state().unanswered(),
-            evaluated: None,
-        };
-        ledger.append(now, Body::RoundClosed(closed)).unwrap();
-    };
-    // The aggregator may have ended before the round of the refused update was closed, or after it opened the next one.
-    if let Some(round) = ledger.state().round() {
-        if !round.commits.is_empty() {
-            let base = round.opened.base;
-            close(&mut ledger, base);
-        }
-    }
-    if ledger.state().round().is_none() {
-        let opening = ledger.state().next_opening(now).unwrap();
-        ledger.append(now, Body::RoundOpened(opening)).unwrap();
-    }
-    let state = ledger.state();
-    let round = state.round().unwrap().number();
-    let commitment = UpdateCommitment {
-        network: *state.network(),
-        round,
-        node: id,
-        dataset_root: state.node(&id).unwrap().dataset.unwrap().commitment.root,
-        update: result,
-        eval_samples: state.rules().min_eval_samples,
-    };
-    let commitment = Body::UpdateCommitted(Signed::new(commitment, &node));
-    ledger.append(now, commitment).unwrap();
-    let closed = ledger.state().next_commitments_closed(now).unwrap();
-    ledger.append(now, Body::CommitmentsClosed(closed)).unwrap();
-    let closing = ledger.state().round().unwrap().closing.unwrap();
-    let drawing = Drawing::LogVrf(ledger.vrf(&closing.commitments));
-    let drawn = RandomnessDrawn { round, drawing };
-    ledger.append(now, Body::RandomnessDrawn(drawn)).unwrap();
-    let claim = ledger.state().expected_claim(&id).unwrap();
-    let claim = claim.with(Losses::Disclosed {
-        before: 1000,
-        after: 500,
-        elements: 100,
-    });
-    let proof = ledger.blobs().put(b"no proof").unwrap();
-    let submission = Signed::new(Submission { claim, proof }, &node);
-    ledger
-        .append(now, Body::ContributionAccepted(submission))
-        .unwrap();
-    close(&mut ledger, result);
-    round
 }
 
 #[test]
@@ -157,7 +97,7 @@ fn a_node_follows_the_last_global_step_that_the_ledger_shows() {
             _ => None,
         });
     let result = committed.unwrap();
-    let accepted = accept(&network, result);
+    let accepted = accept(&network, &[("node.key", result)], result);
     network.join(1, &follow);
     let next = accepted + 1;
     let expected = trained(&network, &file, next, &result, Some(&initial));

@@ -1,0 +1,280 @@
+//! The nodes and the network as a federation.
+
+use crate::robots::data::NodeData;
+use crate::robots::error::SimulationError;
+use crate::robots::outcome::Trained;
+use crate::rounds::Federation;
+use zk0_circuits::{Digest, NodeId, QuantisedWeights};
+use zk0_node::error::ParticipantError;
+use zk0_node::exchanged_weights::Base;
+use zk0_protocol::rules::closing::server_moments::ServerMoments;
+use zk0_protocol::rules::network_rules::{Rules, Strategy};
+use zk0_smolvla::frames::batch::InMemory;
+use zk0_smolvla::measure::evaluate;
+use zk0_smolvla::measure::fixed_point::quantise_weights;
+use zk0_smolvla::train::{FedCm, Samples, TrainOptions, Trainer};
+use zk0_smolvla::{ExpertWeights, PolicyConfig};
+use zk0_verifier::combine::bases::Bases;
+use zk0_verifier::combine::contributions::Given;
+use zk0_verifier::combine::optimizers::moments::Moments;
+use zk0_verifier::combine::source;
+use zk0_verifier::combine::strategy::combined;
+use zk0_weights::{Format, Unread};
+
+/// How nodes train in each round.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct Training {
+    /// Optimiser steps.
+    pub steps: usize,
+    /// Samples a step.
+    pub batch_size: usize,
+    /// Learning rate.
+    pub learning_rate: f64,
+    /// FedProx: the strength of the pull towards the round's base.
+    pub fedprox_mu: f64,
+    /// FedCM: the part of each step that is the node's own; 1 for all of it.
+    pub fedcm_alpha: f64,
+    /// Decides the order of samples, noise and times. With 0, all are as in a network.
+    pub seed: u64,
+}
+
+/// Nodes with their data, and how their updates are combined.
+pub struct Robots {
+    /// The dimensions of the policy.
+    pub config: PolicyConfig,
+    format: Format,
+    strategy: Strategy,
+    training: Training,
+    /// The nodes.
+    pub nodes: Vec<NodeData>,
+}
+
+/// The weights after some rounds, and what the next round needs besides.
+pub struct Global {
+    /// The weights, as they travel and in float32.
+    pub base: Base,
+    /// What the last round started from; `None` before the first round.
+    pub earlier: Option<Base>,
+    /// FedAdam's moments and their file.
+    pub moments: Option<(ServerMoments, Vec<u8>)>,
+    /// What the nodes of the last round told.
+    pub trained: Vec<Trained>,
+}
+
+/// What a node sends, and what it tells about its training.
+pub struct Update {
+    weights: QuantisedWeights,
+    trained: Trained,
+}
+
+impl Robots {
+    /// Nodes of a network whose policy has these dimensions.
+    ///
+    /// # Errors
+    /// The strategy has a value that no network accepts, there is no node, or no network can have such a policy.
+    pub fn new(
+        config: PolicyConfig,
+        format: Format,
+        strategy: Strategy,
+        training: Training,
+        nodes: Vec<NodeData>,
+    ) -> Result<Self, SimulationError> {
+        let rules = Rules {
+            strategy,
+            ..Rules::default()
+        };
+        rules.check().map_err(SimulationError::Rules)?;
+        if let Strategy::Scaffold(_) = strategy {
+            let why =
+                "SCAFFOLD is not simulated yet: its nodes compute control variates from a ledger";
+            return Err(SimulationError::Rules(why.into()));
+        }
+        if nodes.is_empty() {
+            return Err(SimulationError::Data("there are no nodes".into()));
+        }
+        Ok(Self {
+            config,
+            format,
+            strategy,
+            training,
+            nodes,
+        })
+    }
+
+    /// How the weights look as files.
+    pub fn format(&self) -> &Format {
+        &self.format
+    }
+
+    /// What the first round starts from. It is rounded once, as founding a network does.
+    ///
+    /// # Errors
+    /// A weight is too large for every scale.
+    pub fn start(&self, expert: &ExpertWeights) -> Result<Global, SimulationError> {
+        let rounded =
+            quantise_weights(self.format.spec(), expert).map_err(ParticipantError::from)?;
+        Ok(Global {
+            base: Base::read(&self.format, &self.config, &self.format.write(&rounded))?,
+            earlier: None,
+            moments: None,
+            trained: Vec::new(),
+        })
+    }
+
+    /// The loss of weights on the evaluation samples of a node.
+    ///
+    /// # Errors
+    /// A sample does not fit the policy.
+    pub fn loss(&self, data: &NodeData, weights: &ExpertWeights) -> Result<f64, SimulationError> {
+        let pairs: Vec<_> = data.evaluated.iter().zip(&data.draws).collect();
+        Ok(evaluate::evaluate(&self.config, weights, &pairs)?.loss())
+    }
+
+    fn trained(
+        &self,
+        round: u64,
+        node: usize,
+        global: &Global,
+    ) -> Result<Update, ParticipantError> {
+        let (data, how) = (&self.nodes[node], &self.training);
+        let options = TrainOptions {
+            steps: how.steps,
+            batch_size: how.batch_size,
+            learning_rate: how.learning_rate,
+            fedprox_mu: how.fedprox_mu,
+            // A network's nodes take the number of the round.
+            seed: round.wrapping_add(how.seed << 32),
+            ..TrainOptions::default()
+        };
+        let samples = InMemory::new(&self.config, &data.trained_on)?;
+        let base = &global.base;
+        let mut trainer = Trainer::new(
+            &self.config,
+            &base.weights,
+            Samples::Prepared(&samples),
+            options,
+        )?;
+        if let Some(earlier) = &global.earlier {
+            trainer.follow(&FedCm {
+                alpha: how.fedcm_alpha,
+                earlier: &earlier.weights,
+            })?;
+        }
+        let mut trained = Trained::of(data);
+        while !trainer.is_done() {
+            trained.stepped(&trainer.step()?);
+        }
+        let weights = base.update(&self.format, &self.config, trainer.weights()?)?;
+        Ok(Update { weights, trained })
+    }
+
+    /// The new weights, and FedAdam's moments if it is the strategy.
+    fn combined(
+        &self,
+        global: &Global,
+        updates: &[(usize, QuantisedWeights)],
+    ) -> Result<(Vec<u8>, Option<(ServerMoments, Vec<u8>)>), SimulationError> {
+        let sources: Vec<_> = updates
+            .iter()
+            .map(|(_, weights)| source::InMemory {
+                format: &self.format,
+                weights,
+            })
+            .collect();
+        let given: Vec<_> = updates
+            .iter()
+            .zip(&sources)
+            .map(|((node, _), weights)| Given {
+                node: id(*node),
+                weight: 1,
+                weights,
+            })
+            .collect();
+        let bases = Bases {
+            base: Some(global.base.quantised.clone()),
+            earlier: global.earlier.as_ref().map(|base| base.quantised.clone()),
+        };
+        let file = self.format.write(&global.base.quantised);
+        let unread = Unread::of(&self.format, &self.format.open(&file[..])?)?;
+        let mut kept = Vec::new();
+        let read_at = |_: &Digest, place: u64, buffer: &mut [u8]| {
+            let all = global.moments.as_ref().map_or(&[][..], |(_, file)| file);
+            let from = usize::try_from(place).unwrap_or(usize::MAX);
+            let part = all.get(from..).and_then(|rest| rest.get(..buffer.len()));
+            let part = part.ok_or("the moments end too early")?;
+            buffer.copy_from_slice(part);
+            Ok::<_, String>(())
+        };
+        let mut moments = match &global.moments {
+            Some((before, _)) => Moments::from(*before, &read_at, &mut kept),
+            None => Moments::afresh(&mut kept),
+        };
+        let made = combined(
+            &self.format,
+            &given,
+            self.strategy,
+            &bases,
+            &unread,
+            &mut moments,
+        )?;
+        let steps = moments.steps();
+        let after = made.moments.map(|blob| {
+            let steps = steps + 1;
+            (ServerMoments { blob, steps }, kept)
+        });
+        Ok((made.file.into_bytes(), after))
+    }
+}
+
+/// The identity of a simulated node. Strategies that break ties do so by identities.
+fn id(node: usize) -> NodeId {
+    let mut id = [0; 32];
+    id[24..].copy_from_slice(&(node as u64).to_be_bytes());
+    NodeId(id)
+}
+
+impl Federation for Robots {
+    type Global = Global;
+    type Update = Update;
+    /// The strategies are exact, and some need all updates. They take 2 bytes for each weight.
+    type Collected = (Vec<(usize, QuantisedWeights)>, Vec<Trained>);
+    type Error = SimulationError;
+
+    fn train(&self, round: u64, node: usize, global: &Global) -> Result<Update, SimulationError> {
+        let trained = self.trained(round, node, global);
+        trained.map_err(|error| SimulationError::Node {
+            round,
+            node: self.nodes[node].name.clone(),
+            error: Box::new(error),
+        })
+    }
+
+    fn begin(&self, _: &Global) -> Self::Collected {
+        Self::Collected::default()
+    }
+
+    fn add(
+        &self,
+        (updates, told): &mut Self::Collected,
+        node: usize,
+        update: Update,
+    ) -> Result<(), SimulationError> {
+        updates.push((node, update.weights));
+        told.push(update.trained);
+        Ok(())
+    }
+
+    fn combine(
+        &self,
+        global: Global,
+        (updates, trained): Self::Collected,
+    ) -> Result<Global, SimulationError> {
+        let (file, moments) = self.combined(&global, &updates)?;
+        Ok(Global {
+            base: Base::read(&self.format, &self.config, &file)?,
+            earlier: Some(global.base),
+            moments,
+            trained,
+        })
+    }
+}

@@ -1,0 +1,117 @@
+//! What a round came to, as `round_N.json`. The fields that the Python zk0 has too have its names.
+
+use crate::robots::data::NodeData;
+use serde::{Deserialize, Serialize};
+use zk0_smolvla::train::Step;
+
+/// What a node tells about its training in a round.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Trained {
+    /// The node's name.
+    pub client_id: String,
+    /// Its recordings.
+    pub dataset_name: String,
+    /// The frames that it trains on.
+    pub num_examples: usize,
+    /// The mean of its steps' losses.
+    pub loss: f64,
+    /// The mean of FedProx's term.
+    pub fedprox_loss: f64,
+    /// The mean norm of its gradients, before clipping.
+    pub grad_norm: f64,
+    #[serde(skip)]
+    steps: usize,
+}
+
+impl Trained {
+    /// Before the first step.
+    pub fn of(data: &NodeData) -> Self {
+        Self {
+            client_id: data.name.clone(),
+            dataset_name: data.recordings.join(", "),
+            num_examples: data.trained_on.len(),
+            loss: 0.0,
+            fedprox_loss: 0.0,
+            grad_norm: 0.0,
+            steps: 0,
+        }
+    }
+
+    /// After a step.
+    pub fn stepped(&mut self, step: &Step) {
+        self.steps += 1;
+        let part = 1.0 / self.steps as f64;
+        let mean = |mean: &mut f64, value: f64| *mean += (value - *mean) * part;
+        mean(&mut self.loss, step.loss.into());
+        mean(&mut self.fedprox_loss, step.proximal);
+        mean(&mut self.grad_norm, step.gradient_norm);
+    }
+}
+
+/// The loss of weights on the evaluation samples of a node, or of a recording that no node has.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Evaluated {
+    /// The node, or the recording.
+    pub name: String,
+    /// The flow-matching loss: a mean squared error.
+    pub loss: f64,
+}
+
+/// What the nodes of a round told, together.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Aggregated {
+    /// The mean of the nodes' training losses.
+    pub avg_client_loss: f64,
+    /// Their standard deviation.
+    pub std_client_loss: f64,
+    /// The mean of FedProx's terms.
+    pub avg_client_proximal_loss: f64,
+    /// The mean norm of gradients.
+    pub avg_client_grad_norm: f64,
+    /// How many nodes took part.
+    pub num_clients: usize,
+    /// The Euclidean norm of the change of the global weights.
+    pub param_update_norm: f64,
+}
+
+/// A round. In round 0 nobody has trained yet.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Round {
+    /// Its number; the first round that trains is 1.
+    pub round: u64,
+    /// Always false: a simulation proves nothing.
+    pub proven: bool,
+    /// The mean loss of the global weights over all nodes.
+    pub mean_loss: f64,
+    /// Their loss on the evaluation samples of each node.
+    pub nodes: Vec<Evaluated>,
+    /// Their loss on recordings that no node has.
+    pub unseen: Vec<Evaluated>,
+    /// What the nodes told.
+    pub aggregated_client_metrics: Option<Aggregated>,
+    /// What each of them told.
+    pub individual_client_metrics: Vec<Trained>,
+    /// SHA-256 of the global weights, as a network's ledger would name them.
+    pub weights: String,
+}
+
+impl Aggregated {
+    /// Of the nodes that took part; `None` if nobody did.
+    pub fn of(trained: &[Trained], param_update_norm: f64) -> Option<Self> {
+        if trained.is_empty() {
+            return None;
+        }
+        let count = trained.len() as f64;
+        let mean = |of: fn(&Trained) -> f64| trained.iter().map(of).sum::<f64>() / count;
+        let loss = mean(|one| one.loss);
+        let squares = trained.iter().map(|one| (one.loss - loss).powi(2));
+        Some(Self {
+            avg_client_loss: loss,
+            std_client_loss: (squares.sum::<f64>() / count).sqrt(),
+            avg_client_proximal_loss: mean(|one| one.fedprox_loss),
+            avg_client_grad_norm: mean(|one| one.grad_norm),
+            num_clients: trained.len(),
+            param_update_norm,
+        })
+    }
+}
