@@ -293,6 +293,8 @@ impl Federation for Service {
             body: blob_digest(&submission),
         };
         let sender = self.sender(head, message, arrival.at_ms()).await?;
+        let (node, round) = (terms.node, terms.round);
+        tracing::info!(%node, round, "submission arrived");
         let decided = self.submitted(arrival, signed, proof).await?;
         let reason = decided.rejected.as_ref().map(Refusal::to_string);
         request::outcome(reason.as_deref().unwrap_or("accepted"));

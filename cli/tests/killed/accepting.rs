@@ -1,0 +1,267 @@
+//! The aggregator is killed (SIGKILL) at each step of accepting a contribution, and started again with the same command. The contribution is
+//! accepted exactly once, its node always gets the same receipt, and the round closes with it.
+
+use crate::harness::recorded::{Member, Recorded};
+use crate::process::Process;
+use crate::relay::Relay;
+use std::collections::BTreeSet;
+use std::path::Path;
+use std::sync::Arc;
+use tempfile::TempDir;
+use tokio::runtime::Runtime;
+use tokio::task::JoinHandle;
+use zk0_circuits::{Digest, NodeId};
+use zk0_node::client::{Decision, Node};
+use zk0_protocol::entries::entry::{Body, Entry, RoundClosed};
+
+/// The recorded network, served by a real process behind a relay.
+struct Served {
+    recorded: Recorded,
+    members: Arc<Vec<Member>>,
+    dir: TempDir,
+    aggregator: Process,
+    /// Where the aggregator listens, and goes on listening when it is started again.
+    address: String,
+    relay: Relay,
+    runtime: Runtime,
+}
+
+impl Served {
+    fn start() -> Self {
+        let recorded = Recorded::read();
+        let dir = tempfile::tempdir().unwrap();
+        recorded.found(dir.path());
+        let members = Arc::new(recorded.members());
+        let aggregator = serving(&recorded, dir.path(), "127.0.0.1:0", members.len());
+        let listening = aggregator.says("the aggregator of network");
+        let address = listening["listening"].as_str().unwrap().to_owned();
+        Self {
+            relay: Relay::to(&address),
+            recorded,
+            members,
+            dir,
+            aggregator,
+            address,
+            runtime: Runtime::new().unwrap(),
+        }
+    }
+
+    /// Kills the aggregator, if it runs, and starts it again.
+    fn restart(&mut self) {
+        self.aggregator.kill();
+        self.relay.let_through();
+        let (dir, count) = (self.dir.path(), self.members.len());
+        self.aggregator = serving(&self.recorded, dir, &self.address, count);
+        self.aggregator.says("the aggregator of network");
+    }
+
+    fn network(&self) -> Digest {
+        self.recorded.genesis().network_id()
+    }
+
+    /// Lets each member play its part in round 0.
+    fn play(&self) -> Vec<JoinHandle<Decision>> {
+        let members = 0..self.members.len();
+        let played = members.map(|number| {
+            let (members, url) = (self.members.clone(), self.relay.url.clone());
+            let (network, key) = (self.network(), self.recorded.key(&members[number]));
+            self.runtime.spawn(async move {
+                let mut node = Node::connect(url, network, key).await.unwrap();
+                part(&members[number], &mut node).await
+            })
+        });
+        played.collect()
+    }
+
+    /// Submits again what a member has submitted.
+    fn again(&self, member: &Member) -> Decision {
+        let (url, key) = (self.relay.url.clone(), self.recorded.key(member));
+        let network = self.network();
+        self.runtime.block_on(async {
+            let mut node = Node::connect(url, network, key).await.unwrap();
+            let claim = member.submission.claim.clone();
+            node.submit(claim, member.proof.clone()).await.unwrap()
+        })
+    }
+
+    /// How the round has closed, as a node learns it.
+    fn closed(&self) -> RoundClosed {
+        let (url, key) = (self.relay.url.clone(), self.recorded.key(&self.members[0]));
+        let network = self.network();
+        self.runtime.block_on(async {
+            let mut node = Node::connect(url, network, key).await.unwrap();
+            node.wait_for_close(0).await.unwrap()
+        })
+    }
+
+    /// The entries on disk, when the process has ended.
+    fn entries(&self) -> Vec<Entry> {
+        self.recorded.entries_of(self.dir.path())
+    }
+}
+
+fn serving(recorded: &Recorded, dir: &Path, listen: &str, nodes: usize) -> Process {
+    let (dir, key) = (dir.to_str().unwrap(), recorded.log_key());
+    let (key, nodes) = (key.to_str().unwrap(), nodes.to_string());
+    let words = ["aggregator", "serve", dir, "--key", key, "--listen", listen];
+    let more = ["--rounds", "1", "--min-nodes", &nodes];
+    let words: Vec<_> = words.iter().chain(&more).map(ToString::to_string).collect();
+    Process::start(&words)
+}
+
+/// A member's part in round 0, with the proof that it once made.
+async fn part(member: &Member, node: &mut Node) -> Decision {
+    let (registration, leaves) = (member.registration.clone(), member.leaves.clone());
+    node.register(registration, leaves).await.unwrap();
+    let opened = node.wait_for_round(0).await.unwrap().opened;
+    node.upload(0, member.update.clone()).await.unwrap();
+    let said = &member.commitment;
+    let committed = node.commit(0, &said.dataset_root, &said.update, said.eval_samples);
+    let (commitment, _) = committed.await.unwrap();
+    let (challenge, _) = node.wait_for_challenge(&opened, &commitment).await.unwrap();
+    // Otherwise the proof would be of another claim.
+    let claim = member.submission.claim.clone();
+    assert_eq!(challenge, claim.terms.challenge);
+    node.submit(claim, member.proof.clone()).await.unwrap()
+}
+
+/// Whose submissions are decided by these entries.
+fn decided(entries: &[Entry]) -> Vec<(NodeId, bool)> {
+    let decisions = entries.iter().filter_map(|entry| match &entry.body {
+        Body::ContributionAccepted(signed) => Some((signed, true)),
+        Body::ContributionRejected { submission, .. } => Some((submission, false)),
+        _ => None,
+    });
+    let whose = decisions.map(|(signed, accepted)| (signed.statement.claim.terms.node, accepted));
+    whose.collect()
+}
+
+fn closings(entries: &[Entry]) -> Vec<&RoundClosed> {
+    let closings = entries.iter().filter_map(|entry| match &entry.body {
+        Body::RoundClosed(closed) => Some(closed),
+        _ => None,
+    });
+    closings.collect()
+}
+
+impl Served {
+    /// Waits for the end of the round, and checks that it is what was recorded, once and for all.
+    fn ends(mut self, played: Vec<JoinHandle<Decision>>) {
+        let decisions: Vec<_> = played
+            .into_iter()
+            .map(|played| self.runtime.block_on(played).unwrap())
+            .collect();
+        let closed = self.closed();
+        let members = self.members.clone();
+        let accepted = members.iter().filter(|member| member.accepted);
+        let accepted: BTreeSet<_> = accepted.map(|member| member.id).collect();
+        assert!(!accepted.is_empty());
+        let contributors = closed.contributors.iter().map(|one| one.node);
+        assert_eq!(contributors.collect::<BTreeSet<_>>(), accepted);
+        // The weights are those of the recorded round, bit for bit.
+        assert_eq!(closed.global, self.recorded.closed().global);
+        for restarted in [false, true] {
+            for (member, decision) in members.iter().zip(&decisions) {
+                assert_eq!(decision.refusal.is_none(), member.accepted);
+                assert_eq!(self.again(member).receipt, decision.receipt, "{restarted}");
+            }
+            self.restart();
+        }
+        self.aggregator.terminate();
+        let entries = self.entries();
+        let mut once: Vec<_> = members.iter().map(|one| (one.id, one.accepted)).collect();
+        let mut found = decided(&entries);
+        once.sort();
+        found.sort();
+        assert_eq!(found, once);
+        assert_eq!(closings(&entries), [&closed]);
+    }
+}
+
+/// Kills the aggregator as soon as its log has said `step` so often, and checks that the round ends as it was recorded.
+fn goes_on(step: &str, times: usize) {
+    let mut served = Served::start();
+    let played = served.play();
+    for _ in 0..times {
+        served.aggregator.says(step);
+    }
+    served.restart();
+    served.ends(played);
+}
+
+/// Tries it until the aggregator is killed at the right moment, which is a short one: `right` says so of the entries on disk and of what nodes wait
+/// for.
+fn at_the_moment(
+    kill: impl Fn(&mut Served),
+    right: impl Fn(&[Entry], &[JoinHandle<Decision>]) -> bool,
+) {
+    for _ in 0..10 {
+        let mut served = Served::start();
+        let played = served.play();
+        kill(&mut served);
+        served.aggregator.kill();
+        if right(&served.entries(), &played) {
+            served.restart();
+            return served.ends(played);
+        }
+        played.iter().for_each(JoinHandle::abort);
+    }
+    panic!("the aggregator was never killed at the right moment");
+}
+
+#[test]
+fn the_aggregator_is_killed_when_an_update_is_uploaded() {
+    goes_on("update uploaded", 1);
+}
+
+#[test]
+fn the_aggregator_is_killed_when_an_update_is_committed() {
+    goes_on("update committed", 1);
+}
+
+#[test]
+fn the_aggregator_is_killed_when_the_commitments_are_closed() {
+    goes_on("commitments closed", 1);
+}
+
+#[test]
+fn the_aggregator_is_killed_when_the_randomness_is_drawn() {
+    goes_on("randomness drawn", 1);
+}
+
+#[test]
+fn the_aggregator_is_killed_when_a_submission_has_arrived_and_is_not_recorded() {
+    at_the_moment(
+        |served| drop(served.aggregator.says("submission arrived")),
+        |entries, _| decided(entries).is_empty(),
+    );
+}
+
+#[test]
+fn the_aggregator_is_killed_when_a_contribution_is_recorded_and_not_acknowledged() {
+    at_the_moment(
+        |served| {
+            served.aggregator.says("submission arrived");
+            served.relay.hold();
+            served.aggregator.says("contribution accepted");
+        },
+        |_, played| played.iter().all(|part| !part.is_finished()),
+    );
+}
+
+#[test]
+fn the_aggregator_is_killed_when_all_is_decided_and_the_round_closes() {
+    at_the_moment(
+        |served| {
+            for _ in 0..served.members.len() {
+                served.aggregator.says("contribution ");
+            }
+        },
+        |entries, _| closings(entries).is_empty(),
+    );
+}
+
+#[test]
+fn the_aggregator_is_killed_when_the_round_has_closed() {
+    goes_on("round closed", 1);
+}

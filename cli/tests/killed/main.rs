@@ -1,0 +1,9 @@
+//! Processes are killed (SIGKILL) at each step of a round, and started again.
+
+#[path = "../harness/mod.rs"]
+mod harness;
+
+mod accepting;
+mod process;
+mod refused;
+mod relay;
