@@ -177,7 +177,7 @@ impl Turn<'_> {
         );
         if let Some((before, after)) = claim.losses.means(format.spec()) {
             tracing::info!("round {round}: the node submits the claim that the loss fell from {before:.4} to {after:.4}");
-            Curves::after(training, self.state, round).proven(before, after);
+            Curves::after(training.curves.as_deref(), self.state, round).proven(before, after);
         }
         let proof = ProofBlob {
             weight_check: &weight_check,
@@ -356,7 +356,7 @@ impl Turn<'_> {
         let counted = counted(steps as u64, "step", "steps");
         tracing::info!("round {round}: training {counted}");
         let mut progress = Progress::start("training", steps as u64);
-        let mut curves = Curves::of(training, self.state, round);
+        let mut curves = Curves::of(training.curves.as_deref(), self.state, round);
         let trained = train(&mut |step| {
             progress.reached(step.step as u64);
             curves.stepped(&step);

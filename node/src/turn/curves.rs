@@ -1,7 +1,6 @@
 //! The curves of a node's training and claims, for TensorBoard. Their steps are the optimiser steps that the node has made in all rounds.
 
 use crate::training_history::TrainingHistory;
-use crate::turn::Training;
 use std::path::Path;
 use std::time::Instant;
 use zk0_smolvla::train::Step;
@@ -20,18 +19,17 @@ pub(super) struct Curves<'a> {
 
 impl<'a> Curves<'a> {
     /// Of a round whose training begins.
-    pub fn of(training: &'a Training, state: &Path, round: u64) -> Self {
-        Self::from(training, state, round, round)
+    pub fn of(file: Option<&'a EventFile>, state: &Path, round: u64) -> Self {
+        Self::from(file, state, round, round)
     }
 
     /// Of a round in which the node has trained.
-    pub fn after(training: &'a Training, state: &Path, round: u64) -> Self {
-        Self::from(training, state, round, round.saturating_add(1))
+    pub fn after(file: Option<&'a EventFile>, state: &Path, round: u64) -> Self {
+        Self::from(file, state, round, round.saturating_add(1))
     }
 
     /// The steps of the rounds before `end` are made.
-    fn from(training: &'a Training, state: &Path, round: u64, end: u64) -> Self {
-        let file = training.curves.as_deref();
+    fn from(file: Option<&'a EventFile>, state: &Path, round: u64, end: u64) -> Self {
         Self {
             file,
             round,
