@@ -4,110 +4,18 @@
 mod harness;
 
 use harness::network::LocalNetwork;
-use harness::{words, zk0, RECORDING};
-use serde_json::Value;
+use harness::process::Process;
+use harness::{words, RECORDING};
 use std::collections::BTreeMap;
-use std::io::{BufRead, BufReader};
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
-use std::sync::mpsc::{channel, Receiver};
-use std::thread;
-use std::time::{Duration, Instant};
 use zk0::keys;
 use zk0_protocol::Body;
-
-/// How long anything may take here. A busy machine needs a minute for a round.
-const PATIENCE: Duration = Duration::from_secs(400);
 
 /// Who is killed.
 #[derive(Clone, Copy, PartialEq)]
 enum Killed {
     Aggregator,
     Node,
-}
-
-/// A process that is killed when it is dropped, and the lines of its log.
-struct Process {
-    child: Child,
-    log: Receiver<Value>,
-}
-
-impl Process {
-    fn start(arguments: &[String]) -> Self {
-        let mut command = zk0(&["--log", "json"]);
-        let command = command.args(words(arguments)).stderr(Stdio::piped());
-        let mut child = command.spawn().unwrap();
-        let lines = BufReader::new(child.stderr.take().unwrap()).lines();
-        let (sender, log) = channel();
-        thread::spawn(move || {
-            for line in lines.map_while(Result::ok) {
-                let Ok(line) = serde_json::from_str(&line) else {
-                    continue;
-                };
-                if sender.send(line).is_err() {
-                    break;
-                }
-            }
-        });
-        Self { child, log }
-    }
-
-    /// Waits until the log has a line with this message, and returns it.
-    fn says(&self, message: &str) -> Value {
-        let until = Instant::now() + PATIENCE;
-        loop {
-            let left = until.saturating_duration_since(Instant::now());
-            let line = self.log.recv_timeout(left);
-            let line = line.unwrap_or_else(|error| panic!("no log says '{message}': {error}"));
-            if line["message"]
-                .as_str()
-                .is_some_and(|said| said.starts_with(message))
-            {
-                return line;
-            }
-        }
-    }
-
-    /// Waits until the process serves, and returns its address.
-    fn address(&self) -> String {
-        let listening = self.says("the aggregator of network");
-        listening["listening"].as_str().unwrap().to_owned()
-    }
-
-    /// The process gets no time to end its work.
-    fn kill(&mut self) {
-        self.child.kill().unwrap();
-        self.child.wait().unwrap();
-    }
-
-    /// Tells the process to end, and waits until it has.
-    fn terminate(&mut self) {
-        let pid = self.child.id().to_string();
-        let told = Command::new("kill").args(["-TERM", &pid]).status();
-        assert!(told.unwrap().success());
-        self.ends();
-    }
-
-    /// Waits until the process has ended by itself, with success.
-    fn ends(&mut self) {
-        let until = Instant::now() + PATIENCE;
-        let status = loop {
-            match self.child.try_wait().unwrap() {
-                Some(status) => break status,
-                None if Instant::now() > until => panic!("the process does not end"),
-                None => thread::sleep(Duration::from_millis(50)),
-            }
-        };
-        let said: Vec<_> = self.log.try_iter().map(|line| line.to_string()).collect();
-        assert!(status.success(), "{}", said.join("\n"));
-    }
-}
-
-impl Drop for Process {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
 }
 
 /// A network of these nodes. The key of each is in the file `NAME.key`.

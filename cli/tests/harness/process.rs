@@ -1,0 +1,105 @@
+//! A process of the binary that a test kills, or cuts off. It is followed by its log.
+
+use super::{words, zk0};
+use serde_json::Value;
+use std::io::{BufRead, BufReader};
+use std::process::{Child, Command, Stdio};
+use std::sync::mpsc::{channel, Receiver};
+use std::thread;
+use std::time::{Duration, Instant};
+
+/// How long anything may take here. A busy machine needs a minute for a round.
+const PATIENCE: Duration = Duration::from_secs(400);
+
+/// A process that is killed when it is dropped, and the lines of its log.
+pub struct Process {
+    child: Child,
+    log: Receiver<Value>,
+}
+
+impl Process {
+    /// Starts the binary.
+    pub fn start(arguments: &[String]) -> Self {
+        let mut command = zk0(&["--log", "json"]);
+        command.args(words(arguments));
+        Self::of(command)
+    }
+
+    /// Starts a command that runs the binary with `--log json`.
+    pub fn of(mut command: Command) -> Self {
+        let mut child = command.stderr(Stdio::piped()).spawn().unwrap();
+        let lines = BufReader::new(child.stderr.take().unwrap()).lines();
+        let (sender, log) = channel();
+        thread::spawn(move || {
+            for line in lines.map_while(Result::ok) {
+                let Ok(line) = serde_json::from_str(&line) else {
+                    continue;
+                };
+                if sender.send(line).is_err() {
+                    break;
+                }
+            }
+        });
+        Self { child, log }
+    }
+
+    /// Waits until the log has a line whose message begins with this, and returns it.
+    pub fn says(&self, message: &str) -> Value {
+        self.says_one_of(&[message])
+    }
+
+    /// Waits until the log has a line whose message begins with one of these, and returns it.
+    pub fn says_one_of(&self, messages: &[&str]) -> Value {
+        let until = Instant::now() + PATIENCE;
+        loop {
+            let left = until.saturating_duration_since(Instant::now());
+            let line = self.log.recv_timeout(left);
+            let line = line.unwrap_or_else(|error| panic!("no log says {messages:?}: {error}"));
+            let said = line["message"].as_str().unwrap_or_default();
+            if messages.iter().any(|begin| said.starts_with(begin)) {
+                return line;
+            }
+        }
+    }
+
+    /// Waits until the process serves, and returns its address.
+    pub fn address(&self) -> String {
+        let listening = self.says("the aggregator of network");
+        listening["listening"].as_str().unwrap().to_owned()
+    }
+
+    /// The process gets no time to end its work.
+    pub fn kill(&mut self) {
+        self.child.kill().unwrap();
+        self.child.wait().unwrap();
+    }
+
+    /// Tells the process to end, and waits until it has.
+    pub fn terminate(&mut self) {
+        let pid = self.child.id().to_string();
+        let told = Command::new("kill").args(["-TERM", &pid]).status();
+        assert!(told.unwrap().success());
+        self.ends();
+    }
+
+    /// Waits until the process has ended by itself, with success.
+    pub fn ends(&mut self) {
+        let until = Instant::now() + PATIENCE;
+        let status = loop {
+            match self.child.try_wait().unwrap() {
+                Some(status) => break status,
+                None if Instant::now() > until => panic!("the process does not end"),
+                None => thread::sleep(Duration::from_millis(50)),
+            }
+        };
+        let said: Vec<_> = self.log.try_iter().map(|line| line.to_string()).collect();
+        assert!(status.success(), "{}", said.join("\n"));
+    }
+}
+
+impl Drop for Process {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
