@@ -2,7 +2,7 @@
 # Installs what building zk0 needs and this machine lacks: system packages, and a Rust toolchain where none is recent enough.
 # It knows Debian and Ubuntu, and uses sudo when it does not run as root. Arguments add to that:
 #
-#   guest      what rebuilds the guest programs, and what some tests want: Go, strace and an S3 server
+#   guest      what rebuilds the guest programs, and what some tests want: Go, strace, iproute2 and an S3 server
 #   lint       what scripts/lint runs: rustfmt, clippy and cargo-deny
 #   coverage   what scripts/coverage runs: cargo-llvm-cov and LLVM's tools
 #   cuda       what scripts/with-cuda needs
@@ -87,6 +87,8 @@ if wanted guest; then
         echo "setup: Go cannot be installed here, so only our own code verifies the log's formats" >&2
     # With strace, tests kill the ledger's writer at each of its writes, and make writes fail. Without it they say so.
     install strace || echo "setup: strace cannot be installed here, so the tests do not make the ledger's writes fail" >&2
+    # With ip and unshare, a test cuts the network between an aggregator and a node. Without them it says so.
+    install iproute2 util-linux || echo "setup: iproute2 cannot be installed here, so no test cuts a network" >&2
     # A real S3 server, which keeps objects as files. Without it the tests of buckets say that they did not run.
     install_cargo s3s-fs --version 0.13.0 --features binary ||
         echo "setup: s3s-fs cannot be installed here, so no blobs are kept in a bucket of S3 by the tests" >&2

@@ -154,6 +154,7 @@ impl Full {
             Self::Aggregator(command) => command.traces(),
             Self::Node(command) => command.traces(),
             Self::Prover(command) => command.traces(),
+            Self::Witness(command) => command.traces(),
             _ => Ok(None),
         }
     }

@@ -2,6 +2,7 @@
 
 use crate::certificate::CertificateOptions;
 use crate::keys;
+use crate::otlp::OtlpOptions;
 use crate::serve::serve_http;
 use anyhow::{Context, Result};
 use std::net::SocketAddr;
@@ -12,6 +13,7 @@ use zk0_aggregator::round::clock::SystemClock;
 use zk0_ledger::witness_store::WitnessStore;
 use zk0_protocol::tlog::cosigner::Cosigner;
 use zk0_protocol::tlog::verifier_key::{Role, VerifierKey};
+use zk0_traces::export::Traces;
 
 /// What to do.
 #[derive(Debug, clap::Subcommand)]
@@ -43,7 +45,19 @@ pub enum Command {
         listen: SocketAddr,
         #[command(flatten)]
         certificate: CertificateOptions,
+        #[command(flatten)]
+        otlp: OtlpOptions,
     },
+}
+
+impl Command {
+    /// The traces of the command, if it has any.
+    pub fn traces(&self) -> Result<Option<Traces>> {
+        match self {
+            Self::Serve { otlp, .. } => otlp.traces("zk0-witness"),
+            Self::Keygen { .. } => Ok(None),
+        }
+    }
 }
 
 /// Runs the command.
@@ -63,6 +77,7 @@ pub fn run(command: &Command) -> Result<()> {
             logs,
             listen,
             certificate,
+            otlp: _,
         } => {
             let cosigner = Cosigner::new(name, keys::read(key)?)?;
             let logs = logs

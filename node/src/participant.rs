@@ -11,6 +11,7 @@ use crate::{receipts, state_files};
 use std::fs::File;
 use std::io::BufWriter;
 use std::path::PathBuf;
+use tonic::Code;
 use zk0_circuits::claim::program::verifying_key;
 use zk0_circuits::model::spec::EvalSpec;
 use zk0_circuits::Mode;
@@ -125,7 +126,8 @@ impl Participant {
         Ok(node.governance().await?.rules.evaluation_frames)
     }
 
-    /// Takes part in `rounds` rounds. If the update of a round cannot be proven, or is refused, the node goes on with the next round.
+    /// Takes part in `rounds` rounds. If the update of a round cannot be proven, is refused, or comes too late, the node goes on with the next
+    /// round.
     pub async fn run(
         &self,
         node: &mut Node,
@@ -174,6 +176,15 @@ impl Participant {
                 }
                 Err(error @ ParticipantError::NoControlVariates { .. }) => {
                     tracing::warn!("{error}");
+                }
+                Err(ParticipantError::Node(NodeError::Refused(status)))
+                    if status.code() == Code::FailedPrecondition
+                        && node.commits_no_more(round).await? =>
+                {
+                    tracing::warn!(
+                        "round {round}: the node came too late, and goes on with the next round: {}",
+                        status.message()
+                    );
                 }
                 Err(error) => return Err(error),
             }

@@ -46,6 +46,37 @@ impl Injector for Outgoing<'_> {
     }
 }
 
+/// The value of the header for a request that the current span makes with another protocol than gRPC; `None` where no traces are sent.
+pub fn traceparent() -> Option<String> {
+    let mut header = Header::default();
+    TraceContextPropagator::new().inject_context(&Span::current().context(), &mut header);
+    header.0
+}
+
+/// The header of one request that goes out.
+#[derive(Default)]
+struct Header(Option<String>);
+
+impl Injector for Header {
+    fn set(&mut self, name: &str, value: String) {
+        if name == TRACEPARENT {
+            self.0 = Some(value);
+        }
+    }
+}
+
+/// Lets `span`, which has just begun, belong to the trace of whoever makes the request with these headers, if they say which that is.
+pub fn follow(span: &Span, headers: &HeaderMap) {
+    // Without a collector there is no such span.
+    if span.is_disabled() {
+        return;
+    }
+    if let Some(parent) = parent(headers) {
+        // It fails only for a span that has begun to work.
+        let _ = span.set_parent(parent);
+    }
+}
+
 /// Where the trace of a request with these headers goes on; `None` if they do not say it, or say it more than once or in another form.
 pub fn parent(headers: &HeaderMap) -> Option<Context> {
     let mut values = headers.get_all(TRACEPARENT).iter();

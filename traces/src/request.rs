@@ -6,7 +6,6 @@ use tonic::codegen::http::HeaderMap;
 use tonic::Code;
 use tracing::field::{display, Empty};
 use tracing::{info_span, Span};
-use tracing_opentelemetry::OpenTelemetrySpanExt;
 
 /// Begins the span of a request to this method of this service, such as `Submit` of `zk0.v1.Federation`. It belongs to the trace of whoever makes
 /// the request, if the headers say which that is. The names must not come from the caller: otherwise strangers could fill the collector with names.
@@ -24,13 +23,7 @@ pub fn begin(service: &str, method: &str, headers: &HeaderMap) -> Span {
         zk0.round = Empty,
         zk0.outcome = Empty,
     );
-    // Without a collector there is no such span.
-    if !span.is_disabled() {
-        if let Some(parent) = carried::parent(headers) {
-            // It fails only for a span that has begun to work.
-            let _ = span.set_parent(parent);
-        }
-    }
+    carried::follow(&span, headers);
     span
 }
 

@@ -15,6 +15,7 @@ use zk0_protocol::tlog::cosigner;
 use zk0_protocol::tlog::witness::AddCheckpoint;
 use zk0_protocol::tlog::witness_policy::{Witness, WitnessPolicy};
 use zk0_tls::authorities::{Authorities, AuthoritiesError};
+use zk0_traces::carried::{self, TRACEPARENT};
 
 /// Largest answer of a witness that is read, in bytes.
 const MAX_ANSWER_BYTES: u64 = 16 << 10;
@@ -259,7 +260,10 @@ impl Client {
 
     /// Sends a body. Returns the status and the body of the answer.
     fn post(&self, body: &[u8]) -> Result<(u16, Vec<u8>), HttpError> {
-        let mut response = self.client.post(&self.url, body)?;
+        let parent = carried::traceparent();
+        let headers = parent.iter().map(|parent| (TRACEPARENT, &**parent));
+        let headers: Vec<_> = headers.collect();
+        let mut response = self.client.post(&self.url, &headers, body)?;
         let body = response.body_mut().with_config().limit(MAX_ANSWER_BYTES);
         let body = body.read_to_vec();
         let body = body.map_err(|error| self.client.why(&error))?;

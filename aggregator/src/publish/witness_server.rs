@@ -4,12 +4,16 @@ use crate::publish::http::{answer, text, Limits, Router, NO_CACHE, TEXT};
 use crate::round::clock::Clock;
 use axum::body::Bytes;
 use axum::extract::{Path, State};
+use axum::http::HeaderMap;
 use axum::response::Response;
 use axum::routing::{get, post};
 use std::sync::{Arc, Mutex};
 use tokio::task::spawn_blocking;
+use tracing::field::Empty;
+use tracing::{info_span, Span};
 use zk0_ledger::witness_store::{AddError, WitnessStore};
 use zk0_protocol::tlog::witness::{WitnessRefusal, MAX_REQUEST_BYTES};
+use zk0_traces::carried;
 
 /// Serves one witness.
 pub struct WitnessServer {
@@ -90,8 +94,26 @@ impl WitnessServer {
     }
 }
 
-async fn add(State(server): State<Arc<WitnessServer>>, body: Bytes) -> Response {
-    answered(move || server.add(&body)).await
+async fn add(
+    State(server): State<Arc<WitnessServer>>,
+    headers: HeaderMap,
+    body: Bytes,
+) -> Response {
+    let span = info_span!(
+        "cosign a checkpoint",
+        otel.kind = "server",
+        http.response.status_code = Empty,
+    );
+    carried::follow(&span, &headers);
+    answered(move || {
+        span.in_scope(|| {
+            let response = server.add(&body);
+            let status = response.status().as_u16();
+            Span::current().record("http.response.status_code", status);
+            response
+        })
+    })
+    .await
 }
 
 async fn last(State(server): State<Arc<WitnessServer>>, Path(log): Path<String>) -> Response {

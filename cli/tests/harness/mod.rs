@@ -4,6 +4,7 @@
 pub mod accepting;
 pub mod made_ledger;
 pub mod network;
+pub mod process;
 pub mod recorded;
 pub mod serving;
 

@@ -1,8 +1,8 @@
 //! The aggregator is killed (SIGKILL) at each step of accepting a contribution, and started again with the same command. The contribution is
 //! accepted exactly once, its node always gets the same receipt, and the round closes with it.
 
+use crate::harness::process::Process;
 use crate::harness::recorded::{Member, Recorded};
-use crate::process::Process;
 use crate::relay::Relay;
 use std::collections::BTreeSet;
 use std::path::Path;

@@ -4,6 +4,5 @@
 mod harness;
 
 mod accepting;
-mod process;
 mod refused;
 mod relay;

@@ -2,8 +2,8 @@
 //! on: nothing that was acknowledged is lost, and nothing is done twice. The prover of these tests makes no proofs, so the contribution is refused.
 
 use crate::harness::network::LocalNetwork;
+use crate::harness::process::Process;
 use crate::harness::{self, words, RECORDING};
-use crate::process::Process;
 use std::collections::BTreeMap;
 use std::path::Path;
 use zk0::keys;

@@ -9,3 +9,4 @@ mod lost;
 mod round;
 mod strangers;
 mod tls;
+mod witness;

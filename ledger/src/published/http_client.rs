@@ -75,9 +75,18 @@ impl HttpClient {
         self.agent.get(url).call().map_err(|error| self.why(&error))
     }
 
-    /// Sends `body` to `url`.
-    pub fn post(&self, url: &str, body: &[u8]) -> Result<Response<Body>, HttpError> {
-        let sent = self.agent.post(url).send(body);
+    /// Sends `body` to `url`, with these headers.
+    pub fn post(
+        &self,
+        url: &str,
+        headers: &[(&str, &str)],
+        body: &[u8],
+    ) -> Result<Response<Body>, HttpError> {
+        let request = self.agent.post(url);
+        let request = headers.iter().fold(request, |request, (name, value)| {
+            request.header(*name, *value)
+        });
+        let sent = request.send(body);
         sent.map_err(|error| self.why(&error))
     }
 

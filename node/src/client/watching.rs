@@ -77,6 +77,13 @@ impl Node {
         }
     }
 
+    /// Whether `round` takes no more commitments, as the aggregator says. It may have closed.
+    pub(crate) async fn commits_no_more(&mut self, round: u64) -> Result<bool, NodeError> {
+        let mut watch = Watch::of(Some(round), Vec::new());
+        let info = self.next_stage(&mut watch).await?;
+        Ok(info.commitments_closed.is_some() || info.closed.is_some())
+    }
+
     /// How a round opened and closed that is over.
     pub(crate) async fn closed_round(
         &mut self,

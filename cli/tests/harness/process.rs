@@ -1,6 +1,6 @@
-//! A process of the binary that a test kills.
+//! A process of the binary that a test kills, or cuts off. It is followed by its log.
 
-use crate::harness::{words, zk0};
+use super::{words, zk0};
 use serde_json::Value;
 use std::io::{BufRead, BufReader};
 use std::process::{Child, Command, Stdio};
@@ -18,10 +18,16 @@ pub struct Process {
 }
 
 impl Process {
+    /// Starts the binary.
     pub fn start(arguments: &[String]) -> Self {
         let mut command = zk0(&["--log", "json"]);
-        let command = command.args(words(arguments)).stderr(Stdio::piped());
-        let mut child = command.spawn().unwrap();
+        command.args(words(arguments));
+        Self::of(command)
+    }
+
+    /// Starts a command that runs the binary with `--log json`.
+    pub fn of(mut command: Command) -> Self {
+        let mut child = command.stderr(Stdio::piped()).spawn().unwrap();
         let lines = BufReader::new(child.stderr.take().unwrap()).lines();
         let (sender, log) = channel();
         thread::spawn(move || {
@@ -37,20 +43,29 @@ impl Process {
         Self { child, log }
     }
 
-    /// Waits until the log has a line with this message, and returns it.
+    /// Waits until the log has a line whose message begins with this, and returns it.
     pub fn says(&self, message: &str) -> Value {
+        self.says_one_of(&[message])
+    }
+
+    /// Waits until the log has a line whose message begins with one of these, and returns it.
+    pub fn says_one_of(&self, messages: &[&str]) -> Value {
         let until = Instant::now() + PATIENCE;
         loop {
             let left = until.saturating_duration_since(Instant::now());
             let line = self.log.recv_timeout(left);
-            let line = line.unwrap_or_else(|error| panic!("no log says '{message}': {error}"));
-            if line["message"]
-                .as_str()
-                .is_some_and(|said| said.starts_with(message))
-            {
+            let line = line.unwrap_or_else(|error| panic!("no log says {messages:?}: {error}"));
+            let said = line["message"].as_str().unwrap_or_default();
+            if messages.iter().any(|begin| said.starts_with(begin)) {
                 return line;
             }
         }
+    }
+
+    /// Waits until the process serves, and returns its address.
+    pub fn address(&self) -> String {
+        let listening = self.says("the aggregator of network");
+        listening["listening"].as_str().unwrap().to_owned()
     }
 
     /// The process gets no time to end its work.

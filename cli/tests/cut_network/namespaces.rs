@@ -1,0 +1,95 @@
+//! Two machines with a cable between them, as network namespaces of Linux. The test itself is on one of them.
+
+use std::env;
+use std::process::Command;
+
+/// Says that this process runs in namespaces of its own.
+const INSIDE: &str = "ZK0_TEST_INSIDE_NAMESPACES";
+
+/// Says that a check that cannot run is a failure.
+const ALL: &str = "ZK0_LINT_ALL";
+
+/// The other machine's name, and its address.
+const OTHER: &str = "other";
+pub const ADDRESS: &str = "10.71.0.1";
+
+/// Whether this process runs in namespaces of its own. If not, runs this test there, and waits for its end.
+pub fn inside(test: &str) -> bool {
+    if env::var_os(INSIDE).is_some() {
+        return true;
+    }
+    let unshare = |command: &str, arguments: &[&str]| {
+        let own = [
+            "--user",
+            "--map-root-user",
+            "--net",
+            "--mount",
+            "--kill-child",
+        ];
+        let mut unshare = Command::new("unshare");
+        unshare
+            .args(own)
+            .arg(command)
+            .args(arguments)
+            .env(INSIDE, "1");
+        unshare.status()
+    };
+    let possible = unshare("ip", &["link"]);
+    if !possible.as_ref().is_ok_and(|status| status.success()) {
+        assert!(env::var_os(ALL).is_none(), "{possible:?}");
+        eprintln!("{test}: this machine allows no network namespaces, so the network is not cut: {possible:?}");
+        return false;
+    }
+    let binary = env::current_exe().unwrap();
+    let status = unshare(binary.to_str().unwrap(), &["--exact", test, "--nocapture"]);
+    assert!(status.unwrap().success());
+    false
+}
+
+fn run(command: &str) {
+    let mut words = command.split(' ');
+    let status = Command::new(words.next().unwrap()).args(words).status();
+    assert!(status.unwrap().success(), "{command}");
+}
+
+/// The cable between this machine and the other.
+pub struct Cable;
+
+impl Cable {
+    /// Lays it.
+    pub fn lay() -> Self {
+        // `ip` keeps the names of namespaces there.
+        run("mount -t tmpfs tmpfs /run");
+        run(&format!("ip netns add {OTHER}"));
+        run(&format!(
+            "ip link add name here type veth peer name there netns {OTHER}"
+        ));
+        run("ip address add 10.71.0.2/24 dev here");
+        run(&format!("ip -n {OTHER} address add {ADDRESS}/24 dev there"));
+        run("ip link set lo up");
+        run("ip link set here up");
+        let cable = Self;
+        cable.mend();
+        cable
+    }
+
+    /// From now on, nothing gets through, and nobody is told.
+    pub fn cut(&self) {
+        run(&format!("ip -n {OTHER} link set there down"));
+    }
+
+    pub fn mend(&self) {
+        run(&format!("ip -n {OTHER} link set there up"));
+    }
+}
+
+/// A command that runs on the other machine.
+pub fn there(command: &Command) -> Command {
+    let mut there = Command::new("ip");
+    there.args(["netns", "exec", OTHER]);
+    there.arg(command.get_program()).args(command.get_args());
+    if let Some(folder) = command.get_current_dir() {
+        there.current_dir(folder);
+    }
+    there
+}
