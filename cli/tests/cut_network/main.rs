@@ -102,10 +102,11 @@ impl Remote {
     }
 }
 
-/// What a node says when it hears nothing from the aggregator any more.
-const LOST: [&str; 3] = [
+/// What a node says when it hears nothing from the aggregator any more. It depends on what the node does at that moment.
+const LOST: [&str; 4] = [
     "the connection to the aggregator is lost",
-    "the aggregator at",
+    "the aggregator does not answer",
+    "the download was cut",
     "the upload was cut",
 ];
 
