@@ -37,6 +37,9 @@ pub fn init(format: LogFormat, traces: Option<impl Layer<Registry> + Send + Sync
         }))
     };
     let registry = tracing_subscriber::registry().with(traces);
+    // Files and journals keep the codes of colours as they are.
+    let terminal = std::io::stderr().is_terminal();
+    let coloured = terminal && std::env::var_os("NO_COLOR").is_none_or(|value| value.is_empty());
     match format {
         LogFormat::Json => registry
             .with(
@@ -51,15 +54,12 @@ pub fn init(format: LogFormat, traces: Option<impl Layer<Registry> + Send + Sync
             .with(
                 tracing_subscriber::fmt::layer()
                     .with_target(false)
+                    .with_ansi(coloured)
                     .with_writer(std::io::stderr)
                     .with_filter(filter_fn(|meta| meta.target() != PROGRESS))
                     .with_filter(filter()),
             )
-            .with(
-                std::io::stderr()
-                    .is_terminal()
-                    .then(|| BarLayer(Bars::default())),
-            )
+            .with(terminal.then(|| BarLayer(Bars::default())))
             .init(),
     }
 }

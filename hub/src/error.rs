@@ -1,18 +1,12 @@
 //! Why a folder is not published, and what to do.
 
-use crate::target::Repository;
+use crate::repository::Repository;
 use std::io;
 use std::path::PathBuf;
 
 /// Why a folder is not published.
 #[derive(Debug, thiserror::Error)]
 pub enum PublishError {
-    /// The text is not the name of a repository.
-    #[error("{given:?} does not name a repository on the Hub; write owner/name")]
-    Name {
-        /// The text.
-        given: String,
-    },
     /// Nobody says who writes.
     #[error("there is no token for the Hub: set HF_TOKEN to one that may write to {repository} (https://huggingface.co/settings/tokens)")]
     NoToken {

@@ -1,50 +1,8 @@
 //! Which repository on which Hub, who writes, and how patiently.
 
 use crate::error::PublishError;
-use std::fmt;
-use std::str::FromStr;
+use crate::repository::Repository;
 use std::time::Duration;
-
-/// Longest name of an owner or of a model. The Hub allows 96 characters.
-const MAX_NAME: usize = 96;
-
-/// A model's repository: `owner/name`.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Repository {
-    /// A user or an organisation.
-    pub owner: String,
-    /// The model's name.
-    pub name: String,
-}
-
-impl FromStr for Repository {
-    type Err = PublishError;
-
-    fn from_str(given: &str) -> Result<Self, PublishError> {
-        let plain = |part: &str| {
-            let is_plain = |byte: u8| byte.is_ascii_alphanumeric() || b"._-".contains(&byte);
-            (1..=MAX_NAME).contains(&part.len())
-                && !part.contains("..")
-                && !part.starts_with(['.', '-'])
-                && part.bytes().all(is_plain)
-        };
-        match given.split_once('/') {
-            Some((owner, name)) if plain(owner) && plain(name) => Ok(Self {
-                owner: owner.into(),
-                name: name.into(),
-            }),
-            _ => Err(PublishError::Name {
-                given: given.into(),
-            }),
-        }
-    }
-}
-
-impl fmt::Display for Repository {
-    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        write!(f, "{}/{}", self.owner, self.name)
-    }
-}
 
 /// Where to publish.
 #[derive(Clone)]
@@ -101,24 +59,5 @@ impl Target {
             private: false,
             patience: Patience::default(),
         })
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn names_of_repositories_are_checked() {
-        let right: Repository = "robots/zk0_arm-1.2".parse().unwrap();
-        assert_eq!(right.to_string(), "robots/zk0_arm-1.2");
-        let long = format!("robots/{}", "a".repeat(97));
-        for wrong in [
-            "", "robots", "robots/", "/arm", "a/b/c", "a/..", "../a", "a/b c", "a/b?", "a/.b",
-            &long,
-        ] {
-            let error = wrong.parse::<Repository>().unwrap_err().to_string();
-            assert!(error.contains("owner/name"), "{wrong}: {error}");
-        }
     }
 }

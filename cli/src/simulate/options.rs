@@ -56,7 +56,14 @@ impl Options {
             return Ok(None);
         };
         let (nodes, unseen) = (robots.nodes.iter().map(name), unseen.iter().map(name));
-        Curves::open(folder, self.resume, self.federation.steps as u64, nodes, unseen).map(Some)
+        Curves::open(
+            folder,
+            self.resume,
+            self.federation.steps as u64,
+            nodes,
+            unseen,
+        )
+        .map(Some)
     }
 
     /// What decides the results besides the recordings and the policy's weights.

@@ -78,7 +78,7 @@ fn a_recording_that_does_not_fit_the_policy_is_named() {
     );
     refused(
         &["--policy", "tests/fixtures/smolvla_odd"],
-        "the state has 6 dimensions, the policy takes 5",
+        "42 action values and 7 padding flags, the policy takes 7 frames of 4 dimensions",
     );
 }
 

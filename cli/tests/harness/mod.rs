@@ -35,9 +35,12 @@ pub fn printed(output: &Output) -> String {
     String::from_utf8_lossy(&output.stdout).into_owned()
 }
 
-/// What a process wrote to its log, which is its standard error.
+/// What a process wrote to its log, which is its standard error. It is no terminal here, so it has no colours.
+#[track_caller]
 pub fn logged(output: &Output) -> String {
-    String::from_utf8_lossy(&output.stderr).into_owned()
+    let log = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(!log.contains('\x1b'), "{log:?}");
+    log
 }
 
 /// Runs a command that has to end with the exit code `code`.

@@ -3,7 +3,7 @@
 
 use crate::blobs::BlobError;
 use crate::error::LedgerError;
-use crate::published::place::{Folder, Place, PlaceError};
+use crate::published::export_place::{Folder, Place, PlaceError};
 use crate::published::publication::{Content, Publication, PublicationError};
 use std::path::Path;
 use zk0_protocol::tlog::checkpoint::{CheckpointError, MAX_NOTE_BYTES};

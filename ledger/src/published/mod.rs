@@ -7,9 +7,9 @@
 //! - [`http_client`]: asks servers of logs, and others.
 
 pub mod export;
+pub mod export_place;
 pub mod http_client;
 pub mod mirror;
-pub mod place;
 pub mod publication;
 pub mod reader;
 pub mod source;
