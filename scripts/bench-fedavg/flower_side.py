@@ -1,9 +1,10 @@
-"""Averages the updates in a folder with Flower's FedAvg, and prints one JSON line.
+"""Averages updates with Flower's FedAvg, from files to the new weights, and prints one JSON line.
 
-usage: FLWR_TELEMETRY_ENABLED=0 flower_side.py FOLDER
+usage: FLWR_TELEMETRY_ENABLED=0 flower_side.py make FOLDER      writes the updates of FOLDER once more, as float32
+       FLWR_TELEMETRY_ENABLED=0 flower_side.py average FOLDER   averages these
 
-The folder holds files of weights as zk0 exchanges them. Flower gets the same numbers as float32 arrays, in the messages that its server
-gets from its nodes. Only the averaging is timed: neither reading the files nor making the messages. The peak of memory is that of all.
+FOLDER holds files of weights as zk0 exchanges them. Flower gets the same numbers as float32, because its records hold float32. The time is that
+of mapping the files, making the messages that Flower's server gets from its nodes, and averaging. The peak of memory is that of all.
 """
 
 import json
@@ -18,16 +19,28 @@ from flwr.serverapp.strategy import FedAvg
 from flwr.supercore.task_identity import TaskIdentity
 
 
-def update(path):
-    """The tensors of a file of weights, as Flower holds them."""
+def make(path):
+    """Writes the tensors of a file of weights one after the other as float32, and a list of them beside."""
     data = np.memmap(path, np.uint8, "r")
     length = int(data[:8].view("<u8")[0])
     header, data = json.loads(data[8 : 8 + length].tobytes()), data[8 + length :]
     tensor = lambda about: data[slice(*about["data_offsets"])].view("<i2").reshape(about["shape"])
     bits = tensor(header.pop("fraction_bits"))
-    array = lambda about, scale: Array(np.ldexp(tensor(about).astype(np.float32), -int(scale)))
-    tensors = zip(header.items(), bits, strict=True)
-    return ArrayRecord({name: array(about, scale) for (name, about), scale in tensors})
+    with open(path.with_suffix(".f32"), "wb") as file:
+        for about, scale in zip(header.values(), bits, strict=True):
+            np.ldexp(tensor(about).astype(np.float32), -int(scale)).tofile(file)
+    shapes = {name: about["shape"] for name, about in header.items()}
+    path.with_suffix(".json").write_text(json.dumps(shapes))
+
+
+def update(path):
+    """The tensors of an update, as Flower holds them."""
+    values, at, arrays = np.memmap(path, np.float32, "r"), 0, {}
+    for name, shape in json.loads(path.with_suffix(".json").read_text()).items():
+        size = int(np.prod(shape))
+        arrays[name] = Array(values[at : at + size].reshape(shape))
+        at += size
+    return ArrayRecord(arrays)
 
 
 def replies(paths):
@@ -37,25 +50,32 @@ def replies(paths):
         yield Message(content=RecordDict(content), reply_to=asked)
 
 
-def main():
+def average(folder):
     TaskIdentity.task_id = TaskIdentity.run_id = TaskIdentity.node_id = 1
-    paths = sorted(Path(sys.argv[1]).glob("update-*.safetensors"))
-    messages = list(replies(paths))
+    paths = sorted(folder.glob("update-*.f32"))
     strategy = FedAvg()
     started = time.perf_counter()
+    messages = list(replies(paths))
+    made = time.perf_counter()
     arrays, _ = strategy.aggregate_train(1, messages)
-    seconds = time.perf_counter() - started
-    print(
-        json.dumps(
-            {
-                "side": "flower",
-                "updates": len(paths),
-                "seconds": seconds,
-                "peak_memory_bytes": 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss,
-                "tensors": len(arrays),
-            }
-        )
-    )
+    ended = time.perf_counter()
+    line = {
+        "side": "flower",
+        "updates": len(paths),
+        "seconds": ended - started,
+        "averaging_seconds": ended - made,
+        "peak_memory_bytes": 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss,
+        "tensors": len(arrays),
+    }
+    print(json.dumps(line))
+
+
+def main():
+    what, folder = sys.argv[1], Path(sys.argv[2])
+    if what == "average":
+        return average(folder)
+    for path in sorted(folder.glob("update-*.safetensors")):
+        make(path)
 
 
 main()
