@@ -35,7 +35,7 @@ struct Cli {
 enum Command {
     #[cfg(feature = "full")]
     #[command(flatten)]
-    Full(Full),
+    Full(Box<Full>),
     /// Check a ledger without trusting anybody.
     #[command(subcommand)]
     Audit(audit::Command),

@@ -53,7 +53,7 @@ pub enum Command {
         names: Vec<String>,
     },
     /// Run a network: open rounds, verify contributions, and average those that are accepted.
-    Serve(Serve),
+    Serve(Box<Serve>),
 }
 
 impl Command {

@@ -21,7 +21,7 @@ pub enum Begun<S> {
     /// It was at hand.
     Whole(S),
     /// The frame is decoded, and the frozen half of the policy has to run over it.
-    Decoded(Decoded),
+    Decoded(Box<Decoded>),
 }
 
 /// What makes samples, on whatever thread.

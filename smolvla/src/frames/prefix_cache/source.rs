@@ -126,7 +126,8 @@ impl<'c, 'a, S: FromFrame + Entry> FrameSource<'c, 'a, S> {
                 return Ok(Begun::Whole(sample));
             }
         }
-        Ok(Begun::Decoded(self.maker.decode(frame)?))
+        let decoded = self.maker.decode(frame)?;
+        Ok(Begun::Decoded(Box::new(decoded)))
     }
 
     fn make(&self, frame: &FrameRef, decoded: Decoded) -> std::result::Result<S, CacheError> {
@@ -186,7 +187,7 @@ impl<S: FromFrame + Entry> MakesSamples<S> for FrameSource<'_, '_, S> {
             Begun::Whole(sample) => Ok(sample),
             Begun::Decoded(decoded) => {
                 let frame = self.frame(index)?;
-                self.make(frame, decoded).map_err(named(frame))
+                self.make(frame, *decoded).map_err(named(frame))
             }
         }
     }
