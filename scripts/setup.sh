@@ -7,7 +7,7 @@
 #   coverage   what scripts/coverage runs: cargo-llvm-cov and LLVM's tools
 #   cuda       what scripts/with-cuda needs
 #   python     what scripts/python-env needs
-#   rollout    what draws pictures for scripts/rollout without a display
+#   rollout    what draws pictures for scripts/rollout without a display, and reads videos
 set -euo pipefail
 
 packages=(gcc g++ make pkg-config git protobuf-compiler libprotobuf-dev clang libclang-dev cmake nasm)
@@ -114,5 +114,6 @@ if wanted python || { wanted cuda && ! command -v nvcc >/dev/null; }; then
 fi
 
 if wanted rollout; then
-    install libegl1 libegl-mesa0 libgl1-mesa-dri
+    # LeRobot reads its videos by FFmpeg.
+    install libegl1 libegl-mesa0 libgl1-mesa-dri ffmpeg
 fi
