@@ -118,9 +118,13 @@ async fn an_aggregator_goes_on_when_its_folder_of_blobs_is_lost() {
     let claim = node.claim(&network).await;
     let reply = node.submit(&network, claim, b"not a proof").await.unwrap();
     assert!(!reply.accepted);
-    let Body::ContributionRejected { reason, .. } = network.last().await else {
-        panic!("nothing was decided");
-    };
+    // The round may have closed since.
+    let entries = network.entries().await.into_iter();
+    let mut reasons = entries.filter_map(|entry| match entry.body {
+        Body::ContributionRejected { reason, .. } => Some(reason),
+        _ => None,
+    });
+    let reason = reasons.next().expect("nothing was decided");
     assert!(
         matches!(
             reason,
