@@ -3,12 +3,13 @@
 //!
 //! - [`partial`]: blobs of which a part is here; [`error`]: why a blob cannot be stored or read.
 //! - [`store`]: a store outside the folder, in which blobs are kept; [`kept`]: blobs of such a store; [`cache`]: the folder as a bounded cache
-//!   of it; [`usage`]: what the store was asked for.
+//!   of it; [`sent`]: files that others put into the store by themselves; [`usage`]: what the store was asked for.
 
 pub mod cache;
 pub mod error;
 pub mod kept;
 pub mod partial;
+pub mod sent;
 pub mod store;
 pub mod usage;
 
