@@ -48,8 +48,8 @@ impl Bucket {
     }
 
     async fn read(&self, blob: &Digest, size: u64, take: Take<'_>) -> Result<(), BlobError> {
-        let what = format!("reading blob {blob}");
-        let read = self.objects.read(&what, &self.object(blob), size, take);
+        let (what, object) = (format!("reading blob {blob}"), self.object(blob));
+        let read = self.objects.read(&what, &object, size, take);
         read.await.map_err(|error| match error {
             ReadError::Other(found) => self.altered(blob, found),
             ReadError::Failed(error) => error,

@@ -92,7 +92,10 @@ fn what_a_node_has_put_there_becomes_a_blob_and_is_not_sent_again() {
     for bytes in [b"update".to_vec(), large()] {
         assert_eq!(send("PUT", &kept.address(MINUTE), &bytes), 200);
         kept.take(&bytes).unwrap();
-        assert_eq!(kept.staged().get(&blob_digest(&bytes), 1 << 30).unwrap(), bytes);
+        assert_eq!(
+            kept.staged().get(&blob_digest(&bytes), 1 << 30).unwrap(),
+            bytes
+        );
         // It is under no name of a blob before somebody says so.
         assert!(!kept.s3.file("net", blob_digest(&bytes)).exists());
         assert_eq!(kept.unverified(), 1);
@@ -139,7 +142,10 @@ fn what_is_not_the_update_is_refused_by_name_and_not_kept() {
     }
     assert_eq!(send("PUT", &address, b"Update"), 200);
     let refused = kept.take(b"update").unwrap_err();
-    assert!(matches!(refused, BlobError::WrongDigest { .. }), "{refused}");
+    assert!(
+        matches!(refused, BlobError::WrongDigest { .. }),
+        "{refused}"
+    );
     nothing_left();
     // The right bytes come through afterwards.
     assert_eq!(send("PUT", &address, b"update"), 200);
@@ -166,7 +172,9 @@ fn an_address_is_good_for_nothing_else() {
 
 #[test]
 fn a_store_that_fails_says_so_and_what_was_read_is_not_read_twice() {
-    let Some(kept) = Kept::with_patience(2) else { return };
+    let Some(kept) = Kept::with_patience(2) else {
+        return;
+    };
     let bytes = large();
     assert_eq!(send("PUT", &kept.address(MINUTE), &bytes), 200);
     kept.s3.network.fail_always(Fault::Unavailable);

@@ -3,7 +3,7 @@
 
 mod heads;
 pub mod status;
-mod stored_update;
+pub mod stored_update;
 mod transfers;
 pub mod watching;
 

@@ -76,7 +76,11 @@ async fn what_is_not_the_signed_update_is_refused_by_name_and_not_kept() {
     let network = opened(&s3, &node, 10).await;
     let update = weights(7);
     let missing = stored(&network, &node, &update).await;
-    refused(missing, Code::InvalidArgument, "nothing was put at the address");
+    refused(
+        missing,
+        Code::InvalidArgument,
+        "nothing was put at the address",
+    );
     let mut longer = update.clone();
     longer.push(0);
     let mut other = update.clone();

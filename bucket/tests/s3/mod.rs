@@ -22,7 +22,11 @@ pub const BUCKET: &str = "blobs";
 
 /// Sends a request with a body to an address of HTTP, and returns the status of the answer.
 pub fn send(method: &str, address: &str, body: &[u8]) -> u16 {
-    let (host, path) = address.strip_prefix("http://").unwrap().split_once('/').unwrap();
+    let (host, path) = address
+        .strip_prefix("http://")
+        .unwrap()
+        .split_once('/')
+        .unwrap();
     let mut server = TcpStream::connect(host).unwrap();
     let length = body.len();
     let head = format!(
@@ -166,7 +170,9 @@ impl S3 {
                 return 0;
             };
             let paths = found.map(|file| file.unwrap().path());
-            paths.map(|path| if path.is_dir() { files(&path) } else { 1 }).sum()
+            paths
+                .map(|path| if path.is_dir() { files(&path) } else { 1 })
+                .sum()
         }
         files(&self.root(prefix))
     }

@@ -28,9 +28,27 @@ impl Presigned {
         network.found(&[]);
         let variables = s3.variables();
         let variables: Vec<_> = variables.iter().map(|(a, b)| (&**a, &**b)).collect();
-        let (ledger, key, store) = (network.path("ledger"), network.path("log.key"), s3.address("net"));
-        let begin = ["aggregator", "serve", &ledger, "--key", &key, "--blob-store", &store];
-        let end = ["--listen", "127.0.0.1:0", "--metrics", "127.0.0.1:0", "--presigned-uploads"];
+        let (ledger, key, store) = (
+            network.path("ledger"),
+            network.path("log.key"),
+            s3.address("net"),
+        );
+        let begin = [
+            "aggregator",
+            "serve",
+            &ledger,
+            "--key",
+            &key,
+            "--blob-store",
+            &store,
+        ];
+        let end = [
+            "--listen",
+            "127.0.0.1:0",
+            "--metrics",
+            "127.0.0.1:0",
+            "--presigned-uploads",
+        ];
         let aggregator = Serving::start_with(&[&begin[..], &end, more].concat(), &variables);
         aggregator.logs("the metrics are at");
         let metrics = address_after(&aggregator.log(), "the metrics are at http://");
@@ -47,7 +65,14 @@ impl Presigned {
         let id = self.network.genesis().network_id().to_string();
         let (key, state) = (self.network.path("node.key"), self.network.path("state"));
         let join = ["node", "join", "--aggregator", &self.aggregator.address];
-        let with = ["--prover", &self.prover.address, "--network", &id, "--key", &key];
+        let with = [
+            "--prover",
+            &self.prover.address,
+            "--network",
+            &id,
+            "--key",
+            &key,
+        ];
         let of = ["--dataset", RECORDING, "--state", &state, "--steps", "1"];
         let all = [&join[..], &with, &of].concat();
         Process::start(&all.into_iter().map(str::to_owned).collect::<Vec<_>>())
@@ -57,10 +82,14 @@ impl Presigned {
     fn committed(&self) -> Digest {
         let begun = Instant::now();
         loop {
-            let committed = self.network.entries().into_iter().find_map(|entry| match entry.body {
-                Body::UpdateCommitted(signed) => Some(signed.statement.update.blob),
-                _ => None,
-            });
+            let committed = self
+                .network
+                .entries()
+                .into_iter()
+                .find_map(|entry| match entry.body {
+                    Body::UpdateCommitted(signed) => Some(signed.statement.update.blob),
+                    _ => None,
+                });
             if let Some(update) = committed {
                 return update;
             }
@@ -71,7 +100,10 @@ impl Presigned {
 
     /// How many updates came this way.
     fn came_from(&self, from: &str) -> f64 {
-        metric(&self.metrics, &format!("zk0_uploads_total{{from=\"{from}\"}}"))
+        metric(
+            &self.metrics,
+            &format!("zk0_uploads_total{{from=\"{from}\"}}"),
+        )
     }
 }
 
@@ -91,7 +123,11 @@ fn a_nodes_update_goes_straight_into_the_bucket() {
 #[test]
 fn a_node_that_cannot_use_its_address_sends_the_update_to_the_aggregator() {
     let late = Fault::Late(Duration::from_millis(2100));
-    for (fault, why) in [(late, "403"), (Fault::Unavailable, "503"), (Fault::CutRequest(100), "cannot be reached")] {
+    for (fault, why) in [
+        (late, "403"),
+        (Fault::Unavailable, "503"),
+        (Fault::CutRequest(100), "cannot be reached"),
+    ] {
         let Some(s3) = S3::start() else { return };
         let presigned = Presigned::start(&s3, &["--presigned-seconds", "1"]);
         s3.network.fail_next("PUT /blobs/net/uploads/", fault, 1);
@@ -113,6 +149,9 @@ fn a_folder_gives_no_addresses() {
     let store = format!("file://{}", network.path("store"));
     let more = ["--blob-store", &store, "--presigned-uploads"];
     let said = fails(&words(&serving(&network, &more)));
-    assert!(said.contains("--presigned-uploads needs a bucket"), "{said}");
+    assert!(
+        said.contains("--presigned-uploads needs a bucket"),
+        "{said}"
+    );
     assert!(said.contains(&store), "{said}");
 }

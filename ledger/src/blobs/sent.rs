@@ -153,7 +153,9 @@ impl Blobs {
         let Some((_, store)) = self.sent() else {
             return Ok(None);
         };
-        Ok(Some(store.address(&Unverified::Sent { round, node }, valid)?))
+        Ok(Some(
+            store.address(&Unverified::Sent { round, node }, valid)?,
+        ))
     }
 
     /// Reads into `partial` what a node has put into the store, and verifies it. `partial` is the blob of this digest and size, and nothing of it

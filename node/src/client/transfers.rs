@@ -217,7 +217,10 @@ impl Node {
         };
         let parts = tokio_stream::once(first);
         self.client.upload(self.headed(about, parts)?).await?;
-        tracing::info!(bytes = update.len(), "the update went straight to the aggregator's store");
+        tracing::info!(
+            bytes = update.len(),
+            "the update went straight to the aggregator's store"
+        );
         Ok(())
     }
 }

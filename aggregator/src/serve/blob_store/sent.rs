@@ -120,7 +120,10 @@ impl Service {
                 Ok(removed) => {
                     (done, said) = (Some(open), None);
                     if removed > 0 {
-                        tracing::info!(removed, "uploads of ended rounds removed from the blob store");
+                        tracing::info!(
+                            removed,
+                            "uploads of ended rounds removed from the blob store"
+                        );
                     }
                 }
                 Err(error) => {
