@@ -34,7 +34,7 @@ struct State {
     next: VecDeque<(String, Option<Fault>)>,
     /// The fault of all requests, once there is no next one.
     always: Option<Fault>,
-    /// The methods of the requests so far.
+    /// How the requests so far begin.
     requests: Vec<String>,
 }
 
@@ -83,11 +83,12 @@ impl FailingNetwork {
         state.always = None;
     }
 
-    /// How many requests of this method came since the last call.
-    pub fn counted(&self, method: &str) -> usize {
+    /// How many requests that begin like this came since the last call.
+    pub fn counted(&self, begin: &str) -> usize {
         let mut state = self.state.lock().unwrap();
         let all = std::mem::take(&mut state.requests);
-        let (counted, others): (Vec<_>, Vec<_>) = all.into_iter().partition(|one| one == method);
+        let (counted, others): (Vec<_>, Vec<_>) =
+            all.into_iter().partition(|one| one.starts_with(begin));
         state.requests = others;
         counted.len()
     }
@@ -110,10 +111,10 @@ fn forward(mut client: TcpStream, server: u16, state: &Mutex<State>) {
     let Ok(Some((head, body))) = request_head(&mut client) else {
         return;
     };
-    let method = head.split(' ').next().unwrap_or_default().to_owned();
+    let first_line = head.lines().next().unwrap_or_default().to_owned();
     let fault = {
         let mut state = state.lock().unwrap();
-        state.requests.push(method);
+        state.requests.push(first_line);
         state.fault(&head)
     };
     let done = match fault {
