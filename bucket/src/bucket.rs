@@ -10,8 +10,9 @@ use std::fs::File;
 use std::path::Path;
 use zk0_circuits::Digest;
 use zk0_ledger::blobs::error::{BlobError, StoreError};
-use zk0_ledger::blobs::sent::SentStore;
-use zk0_ledger::blobs::store::{BlobStore, Take};
+use zk0_ledger::blobs::store::BlobStore;
+use zk0_ledger::blobs::take::Take;
+use zk0_ledger::blobs::unverified::SentStore;
 
 pub use crate::objects::PART_BYTES;
 

@@ -5,7 +5,7 @@ use object_store::path::Path as ObjectPath;
 use object_store::{Error, GetOptions, GetRange, ObjectStore};
 use tokio_stream::StreamExt;
 use zk0_ledger::blobs::error::BlobError;
-use zk0_ledger::blobs::store::Take;
+use zk0_ledger::blobs::take::Take;
 
 /// Why an object is not read.
 pub(crate) enum ReadError {

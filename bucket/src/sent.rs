@@ -7,8 +7,8 @@ use object_store::ObjectStoreExt;
 use std::time::Duration;
 use zk0_circuits::Digest;
 use zk0_ledger::blobs::error::{BlobError, StoreError};
-use zk0_ledger::blobs::sent::{SentStore, Unverified};
-use zk0_ledger::blobs::store::Take;
+use zk0_ledger::blobs::take::Take;
+use zk0_ledger::blobs::unverified::{SentStore, Unverified};
 
 impl Bucket {
     /// Where the objects are that are no blobs yet.

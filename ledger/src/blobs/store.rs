@@ -1,7 +1,8 @@
 //! A store outside the ledger's folder, such as a bucket of S3, in which blobs are kept, and what is known of its content.
 
 use super::error::{io_error, BlobError, StoreError};
-use super::sent::{SentStore, VerifiedCopies};
+use super::take::Take;
+use super::unverified::{SentStore, VerifiedCopies};
 use super::usage::{Counting, Operation, Usage};
 use std::collections::BTreeMap;
 use std::fmt::Debug;
@@ -9,9 +10,6 @@ use std::fs;
 use std::path::Path;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use zk0_circuits::Digest;
-
-/// Takes the bytes of a blob, part after part.
-pub type Take<'a> = &'a mut (dyn FnMut(&[u8]) -> Result<(), BlobError> + Send);
 
 /// A store outside the folder. Each method waits for the network, and gives up after a bounded time.
 pub trait BlobStore: Debug + Send + Sync {

@@ -189,7 +189,7 @@ pub const REMOVALS: &[Removal] = &[
     ),
     kept(
         "what comes from the store has the size that was stored",
-        "bucket/src/bucket.rs",
+        "bucket/src/reading.rs",
         &[("if part.meta.size != size {", "if size > u64::MAX - 1 {")],
         "altered_bytes_are_refused_by_name",
     ),
