@@ -3,7 +3,7 @@
 use crate::harness::network::{LocalNetwork, Prover};
 use crate::harness::process::Process;
 use crate::harness::serving::Serving;
-use crate::harness::{fails, words, RECORDING};
+use crate::harness::{ends, fails, words, zk0, RECORDING};
 use crate::observed::{address_after, metric};
 use crate::s3::failing_network::Fault;
 use crate::s3::S3;
@@ -154,4 +154,6 @@ fn a_folder_gives_no_addresses() {
         "{said}"
     );
     assert!(said.contains(&store), "{said}");
+    let alone = zk0(&words(&serving(&network, &["--presigned-uploads"])));
+    ends(2, alone);
 }
