@@ -4,7 +4,11 @@ use std::io::{BufRead, BufReader, Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::sync::Arc;
 use std::thread::{self, JoinHandle};
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::task::spawn_blocking;
 use zk0_node::client::stored_update::{StoreClient, StoreError};
+use zk0_tls::local_authority::{LocalAuthority, CA, CERTIFICATE, KEY};
+use zk0_tls::server_certificate::ServerCertificate;
 use zk0_tls::service_address::ServiceAddress;
 
 fn beside(aggregator: &str) -> StoreClient {
@@ -98,6 +102,55 @@ fn an_update_does_not_leave_encryption() {
         let said = refused(&client, &format!("https://{host}/a?signature=secret"));
         assert!(said.contains("cannot be reached"), "{said}");
     }
+}
+
+/// The store's certificate has to be signed by an authority that the system trusts, or by the one of the aggregator's operator.
+#[tokio::test(flavor = "multi_thread")]
+async fn an_encrypted_store_shows_a_certificate_that_the_node_believes() {
+    let dir = tempfile::tempdir().unwrap();
+    let authority = LocalAuthority::new(&["127.0.0.1".to_owned()]).unwrap();
+    authority.write(dir.path()).unwrap();
+    let (certificate, key) = (dir.path().join(CERTIFICATE), dir.path().join(KEY));
+    let certificate = ServerCertificate::load(&certificate, &key).unwrap();
+    let acceptor = certificate.acceptor("http/1.1");
+    let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
+    let host = listener.local_addr().unwrap();
+    let got = tokio::spawn(async move {
+        loop {
+            let (stream, _) = listener.accept().await.unwrap();
+            // Who does not believe the certificate hangs up.
+            let Ok(mut stream) = acceptor.accept(stream).await else {
+                continue;
+            };
+            let (mut got, mut some) = (Vec::new(), [0; 4096]);
+            while !got.ends_with(b"update") {
+                match stream.read(&mut some).await {
+                    Ok(read @ 1..) => got.extend(&some[..read]),
+                    _ => break,
+                }
+            }
+            if got.ends_with(b"update") {
+                let answer = b"HTTP/1.1 200 OK\r\ncontent-length: 0\r\n\r\n";
+                stream.write_all(answer).await.unwrap();
+                stream.shutdown().await.unwrap();
+                return got;
+            }
+        }
+    });
+    let aggregator = ServiceAddress::from("https://zk0.example:1".to_owned());
+    let (without, with) = (
+        StoreClient::beside(&aggregator),
+        StoreClient::beside(&aggregator.with_ca(Some(dir.path().join(CA)))),
+    );
+    let address = format!("https://{host}/a?signature=secret");
+    let said = spawn_blocking(move || {
+        let said = refused(&without, &address);
+        put(&with, &address).unwrap();
+        said
+    });
+    let said = said.await.unwrap();
+    assert!(said.contains("certificate is not signed by"), "{said}");
+    assert!(got.await.unwrap().starts_with(b"PUT /a?signature=secret "));
 }
 
 #[test]

@@ -9,7 +9,7 @@ use std::time::Duration;
 use ureq::http::Uri;
 use ureq::tls::{Certificate, RootCerts, TlsConfig};
 use ureq::Agent;
-use zk0_tls::authorities::{causes, Authorities};
+use zk0_tls::authorities::{causes, tls_error, Authorities};
 use zk0_tls::service_address::ServiceAddress;
 
 /// Longest address that is used.
@@ -29,6 +29,9 @@ const MAX_ANSWER_BYTES: u64 = 2 << 10;
 
 /// How much of it is shown, in characters.
 const SHOWN: usize = 200;
+
+/// The option that names other authorities.
+const CA: &str = "--ca";
 
 /// Azure's stores ask which kind of object this is. The others ignore it.
 const KIND: (&str, &str) = ("x-ms-blob-type", "BlockBlob");
@@ -99,13 +102,12 @@ impl StoreClient {
     pub fn put(&self, address: &str, update: &Arc<[u8]>) -> Result<(), StoreError> {
         let host = self.host(address)?;
         let sent = self.agent().put(address).header(KIND.0, KIND.1);
-        let mut answer = sent.send(&update[..]).map_err(|error| {
-            let last = causes(&error).last().map(ToString::to_string);
-            StoreError::Unreachable {
+        let mut answer = sent
+            .send(&update[..])
+            .map_err(|error| StoreError::Unreachable {
                 host: host.clone(),
-                why: one_line(&last.unwrap_or_else(|| error.to_string())),
-            }
-        })?;
+                why: one_line(&why(&error)),
+            })?;
         if answer.status().is_success() {
             return Ok(());
         }
@@ -123,7 +125,7 @@ impl StoreClient {
 
     fn agent(&self) -> Agent {
         // A store has a certificate of a public authority, or of the one that the aggregator's operator runs.
-        let system = Authorities::of_system("--ca").certificates();
+        let system = Authorities::of_system(CA).certificates();
         let own = match self.authorities.file() {
             Some(_) => self.authorities.certificates(),
             None => Ok(Vec::new()),
@@ -149,6 +151,21 @@ impl StoreClient {
             .timeout_recv_response(Some(SILENCE))
             .timeout_recv_body(Some(CONNECTING));
         config.build().into()
+    }
+}
+
+/// Why there is no answer.
+fn why(error: &ureq::Error) -> String {
+    let of_tls = match error {
+        ureq::Error::Rustls(error) => Some(error),
+        ureq::Error::Io(error) => tls_error(error),
+        _ => None,
+    };
+    match of_tls {
+        Some(error) => Authorities::of_system(CA).meaning(error),
+        None => causes(error)
+            .last()
+            .map_or_else(|| error.to_string(), ToString::to_string),
     }
 }
 
