@@ -7,6 +7,7 @@ use object_store::azure::MicrosoftAzureBuilder;
 use object_store::gcp::GoogleCloudStorageBuilder;
 use object_store::local::LocalFileSystem;
 use object_store::path::Path as ObjectPath;
+use object_store::signer::Signer;
 use object_store::{ObjectStore, ObjectStoreScheme};
 use std::fs;
 use std::io;
@@ -53,6 +54,8 @@ pub enum AddressError {
 pub(crate) struct Opened {
     pub(crate) address: String,
     pub(crate) objects: Arc<dyn ObjectStore>,
+    /// What signs addresses for others; `None` if the store cannot.
+    pub(crate) signer: Option<Arc<dyn Signer>>,
     /// What the names of all objects begin with.
     pub(crate) prefix: ObjectPath,
     /// The folder, if the store is one.
@@ -79,7 +82,11 @@ macro_rules! client {
             .with_retry($patience.retries())
             .with_url($url.as_str())
             .build()
-            .map(|client| Arc::new(client) as Arc<dyn ObjectStore>)
+            .map(|client| {
+                let client = Arc::new(client);
+                let signer: Arc<dyn Signer> = client.clone();
+                (client as Arc<dyn ObjectStore>, Some(signer))
+            })
     }};
 }
 
@@ -137,7 +144,7 @@ pub(crate) fn open(
             })?;
             folder = Some(path.clone());
             LocalFileSystem::new_with_prefix(path)
-                .map(|client| Arc::new(client) as Arc<dyn ObjectStore>)
+                .map(|client| (Arc::new(client) as Arc<dyn ObjectStore>, None))
         }
         _ => {
             return Err(no_address(format!(
@@ -147,13 +154,14 @@ pub(crate) fn open(
         }
     };
     let address = text.trim_end_matches('/').to_owned();
-    let objects = objects.map_err(|error| AddressError::Settings {
+    let (objects, signer) = objects.map_err(|error| AddressError::Settings {
         address: address.clone(),
         error,
     })?;
     Ok(Opened {
         address,
         objects,
+        signer,
         // The client of a folder begins in it.
         prefix: folder.as_ref().map_or(prefix, |_| ObjectPath::default()),
         folder,

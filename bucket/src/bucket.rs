@@ -2,22 +2,24 @@
 
 use crate::address::AddressError;
 use crate::objects::Objects;
+use crate::reading::ReadError;
 use crate::waiting::Patience;
 use object_store::path::Path as ObjectPath;
-use object_store::{Attributes, Error, GetOptions, GetRange, ObjectStore, ObjectStoreExt};
+use object_store::Attributes;
 use std::fs::File;
 use std::path::Path;
-use tokio_stream::StreamExt;
 use zk0_circuits::Digest;
 use zk0_ledger::blobs::error::{BlobError, StoreError};
-use zk0_ledger::blobs::store::{BlobStore, Take};
+use zk0_ledger::blobs::store::BlobStore;
+use zk0_ledger::blobs::take::Take;
+use zk0_ledger::blobs::unverified::SentStore;
 
 pub use crate::objects::PART_BYTES;
 
 /// The blobs under one address.
 #[derive(Debug)]
 pub struct Bucket {
-    objects: Objects,
+    pub(crate) objects: Objects,
     /// Where the blobs are.
     place: ObjectPath,
 }
@@ -34,7 +36,7 @@ impl Bucket {
         Ok(Self { objects, place })
     }
 
-    fn object(&self, blob: &Digest) -> ObjectPath {
+    pub(crate) fn object(&self, blob: &Digest) -> ObjectPath {
         self.place.clone().join(blob.to_string())
     }
 
@@ -47,41 +49,12 @@ impl Bucket {
     }
 
     async fn read(&self, blob: &Digest, size: u64, take: Take<'_>) -> Result<(), BlobError> {
-        let what = format!("reading blob {blob}");
-        let failed = |error: Error| match error {
-            Error::NotFound { .. } => self.altered(blob, "nothing".into()),
-            error => self.objects.failed(&what, &error).into(),
-        };
-        let (object, mut held) = (self.object(blob), 0u64);
-        loop {
-            let end = held.saturating_add(PART_BYTES).min(size);
-            let options = GetOptions {
-                // No byte of an empty object can be asked for.
-                range: (size > 0).then_some(GetRange::Bounded(held..end)),
-                ..GetOptions::default()
-            };
-            let part = self.objects.client.get_opts(&object, options);
-            let part = part.await.map_err(failed)?;
-            if part.meta.size != size {
-                return Err(
-                    self.altered(blob, format!("{} bytes instead of {size}", part.meta.size))
-                );
-            }
-            let mut bytes = part.into_stream();
-            while let Some(some) = bytes.next().await {
-                let some = some.map_err(failed)?;
-                held = held.saturating_add(some.len() as u64);
-                take(&some)?;
-            }
-            if held != end {
-                let why =
-                    format!("the answer ended at byte {held}, and should have gone on to {end}");
-                return Err(self.objects.error(&what, why).into());
-            }
-            if held == size {
-                return Ok(());
-            }
-        }
+        let (what, object) = (format!("reading blob {blob}"), self.object(blob));
+        let read = self.objects.read(&what, &object, size, take);
+        read.await.map_err(|error| match error {
+            ReadError::Other(found) => self.altered(blob, found),
+            ReadError::Failed(error) => error,
+        })
     }
 }
 
@@ -104,40 +77,22 @@ impl BlobStore for Bucket {
     }
 
     fn size(&self, blob: &Digest) -> Result<Option<u64>, StoreError> {
-        let (object, client) = (self.object(blob), &self.objects.client);
-        let asked = async {
-            match client.head(&object).await {
-                Ok(found) => Ok(Some(found.size)),
-                Err(Error::NotFound { .. }) => Ok(None),
-                Err(error) => {
-                    let what = format!("asking for the size of blob {blob}");
-                    Err(self.objects.failed(&what, &error))
-                }
-            }
-        };
-        self.objects.wait_for(asked)
+        let what = format!("asking for the size of blob {blob}");
+        self.objects.size(&what, &self.object(blob))
     }
 
     fn remove(&self, blob: &Digest) -> Result<(), StoreError> {
-        let (object, client) = (self.object(blob), &self.objects.client);
-        let removed = async {
-            match client.delete(&object).await {
-                Ok(()) | Err(Error::NotFound { .. }) => Ok(()),
-                // Some servers answer in ways of their own that there is nothing to remove.
-                Err(error) => match client.head(&object).await {
-                    Err(Error::NotFound { .. }) => Ok(()),
-                    _ => Err(self
-                        .objects
-                        .failed(&format!("removing blob {blob}"), &error)),
-                },
-            }
-        };
-        self.objects.wait_for(removed)
+        let what = format!("removing blob {blob}");
+        self.objects.remove(&what, &self.object(blob))
     }
 
     fn all(&self) -> Result<Vec<(Digest, u64)>, StoreError> {
         let found = self.objects.list("listing the blobs", &self.place)?;
         let named = |(name, size): (ObjectPath, u64)| Some((name.filename()?.parse().ok()?, size));
         Ok(found.into_iter().filter_map(named).collect())
+    }
+
+    fn sent(&self) -> Option<&dyn SentStore> {
+        self.objects.signer.is_some().then_some(self)
     }
 }

@@ -3,7 +3,8 @@
 //!
 //! - [`address`]: which store an address names, and with which credentials it is opened; `objects`: what is stored there; [`waiting`]: how long
 //!   it is waited for, and where.
-//! - [`bucket`]: what [`zk0_ledger::blobs::store`] asks of a store; [`public_log`]: a published log in a bucket that anybody may read.
+//! - [`bucket`]: what [`zk0_ledger::blobs::store`] asks of a store, with `reading` and `sent`, what others put there by themselves;
+//!   [`public_log`]: a published log in a bucket that anybody may read.
 //!
 //! The protocols and their signatures are those of the crate `object_store`.
 
@@ -11,6 +12,8 @@ pub mod address;
 pub mod bucket;
 mod objects;
 pub mod public_log;
+mod reading;
+mod sent;
 pub mod waiting;
 
 pub use bucket::Bucket;

@@ -3,8 +3,10 @@
 use crate::address::{self, AddressError};
 use crate::waiting::{Patience, Waiting};
 use object_store::path::Path as ObjectPath;
+use object_store::signer::Signer;
 use object_store::{
-    Attributes, Error, MultipartUpload, ObjectStore, PutMultipartOptions, PutOptions,
+    Attributes, Error, MultipartUpload, ObjectStore, ObjectStoreExt, PutMultipartOptions,
+    PutOptions,
 };
 use std::error::Error as _;
 use std::fs::File;
@@ -36,6 +38,8 @@ const NOTHING: &str = "there is no such bucket or object: ";
 pub(crate) struct Objects {
     pub(crate) address: String,
     pub(crate) client: Arc<dyn ObjectStore>,
+    /// What signs addresses for others; `None` if the store cannot.
+    pub(crate) signer: Option<Arc<dyn Signer>>,
     /// What the names of all objects begin with.
     pub(crate) prefix: ObjectPath,
     folder: Option<PathBuf>,
@@ -53,6 +57,7 @@ impl Objects {
         Ok(Self {
             address: opened.address,
             client: opened.objects,
+            signer: opened.signer,
             prefix: opened.prefix,
             folder: opened.folder,
             waiting: Waiting::new().map_err(AddressError::Threads)?,
@@ -189,6 +194,31 @@ impl Objects {
             }
             above = folder_of(above);
         }
+    }
+
+    /// How many bytes an object has; `None` if there is no such object.
+    pub(crate) fn size(&self, what: &str, object: &ObjectPath) -> Result<Option<u64>, StoreError> {
+        self.wait_for(async {
+            match self.client.head(object).await {
+                Ok(found) => Ok(Some(found.size)),
+                Err(Error::NotFound { .. }) => Ok(None),
+                Err(error) => Err(self.failed(what, &error)),
+            }
+        })
+    }
+
+    /// Removes an object, if it is there.
+    pub(crate) fn remove(&self, what: &str, object: &ObjectPath) -> Result<(), StoreError> {
+        self.wait_for(async {
+            match self.client.delete(object).await {
+                Ok(()) | Err(Error::NotFound { .. }) => Ok(()),
+                // Some servers answer in ways of their own that there is nothing to remove.
+                Err(error) => match self.client.head(object).await {
+                    Err(Error::NotFound { .. }) => Ok(()),
+                    _ => Err(self.failed(what, &error)),
+                },
+            }
+        })
     }
 
     /// All objects whose names begin with `place`, each with its size.

@@ -3,13 +3,17 @@
 //!
 //! - [`partial`]: blobs of which a part is here; [`error`]: why a blob cannot be stored or read.
 //! - [`store`]: a store outside the folder, in which blobs are kept; [`kept`]: blobs of such a store; [`cache`]: the folder as a bounded cache
-//!   of it; [`usage`]: what the store was asked for.
+//!   of it; [`usage`]: what the store was asked for; [`take`]: how it hands over bytes.
+//! - [`sent`]: files that others put into the store by themselves, which are [`unverified`] objects there.
 
 pub mod cache;
 pub mod error;
 pub mod kept;
 pub mod partial;
+pub mod sent;
 pub mod store;
+pub mod take;
+pub mod unverified;
 pub mod usage;
 
 use self::error::io_error;

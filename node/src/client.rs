@@ -3,10 +3,12 @@
 
 mod heads;
 pub mod status;
+pub mod stored_update;
 mod transfers;
 pub mod watching;
 
 use crate::client::heads::{run, system_clock, About, For};
+use crate::client::stored_update::StoreClient;
 use crate::client_error::NodeError;
 use ed25519_dalek::SigningKey;
 use sha2::{Digest as _, Sha256};
@@ -73,6 +75,8 @@ pub struct Node {
     genesis: Genesis,
     /// What the heads of requests are for.
     heads: For,
+    /// Puts updates into the aggregator's store.
+    store: StoreClient,
 }
 
 /// What the aggregator decided on a submission.
@@ -144,6 +148,7 @@ impl Node {
             client,
             key,
             genesis,
+            store: StoreClient::beside(&address),
             heads: For {
                 network,
                 run: run(&info.run)?,

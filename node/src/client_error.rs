@@ -72,6 +72,9 @@ pub enum NodeError {
         /// The limit.
         limit: u64,
     },
+    /// The update cannot be put into the aggregator's store.
+    #[error("{0}")]
+    Store(String),
     /// What was downloaded cannot be written to disk.
     #[error("a download cannot be written to disk: {0}")]
     Write(std::io::Error),

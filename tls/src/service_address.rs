@@ -92,7 +92,13 @@ impl ServiceAddress {
         self
     }
 
-    fn is_encrypted(&self) -> bool {
+    /// Whose certificates count there.
+    pub fn authorities(&self) -> &Authorities {
+        &self.authorities
+    }
+
+    /// Whether what travels there is encrypted.
+    pub fn is_encrypted(&self) -> bool {
         let scheme = self.url.split("://").next();
         scheme.is_some_and(|scheme| scheme.eq_ignore_ascii_case("https"))
     }

@@ -20,6 +20,7 @@ pub(super) struct BlobMetrics {
     seconds: Family<Labels<1>, Counter<f64, AtomicU64>>,
     moved: Family<Labels<1>, Counter>,
     failing: Gauge,
+    uploads: Family<Labels<1>, Counter>,
 }
 
 impl BlobMetrics {
@@ -55,7 +56,17 @@ impl BlobMetrics {
             "For how long the blob store has failed whatever it was asked for; 0 if it answered last, or if there is none",
             new.failing.clone(),
         );
+        registry.register(
+            "uploads",
+            "Updates that came to their end: in messages of their nodes, and from the blob store, where nodes had put them",
+            new.uploads.clone(),
+        );
         new
+    }
+
+    /// An update came to its end.
+    pub fn uploaded(&self, from: &'static str) {
+        self.uploads.get_or_create(&[("from", from)]).inc();
     }
 
     /// Takes what is so now. Reads the folder.

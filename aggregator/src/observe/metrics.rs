@@ -67,6 +67,11 @@ impl Metrics {
         Ok(text)
     }
 
+    /// An update came to its end: in messages of its node, or from the blob store.
+    pub(crate) fn uploaded(&self, from: &'static str) {
+        self.blobs.uploaded(from);
+    }
+
     /// Something was appended to the ledger since `begun`.
     pub(crate) fn appended(&self, begun: Instant) {
         self.appending.observe(begun.elapsed().as_secs_f64());

@@ -149,6 +149,9 @@ impl RequestError {
             BlobError::WrongDigest { expected, actual } => {
                 Self::Refused(Refusal::UpdateDigest { expected, actual })
             }
+            unsent @ (BlobError::NotSent | BlobError::OtherSize { .. }) => {
+                Self::Malformed(unsent.to_string())
+            }
             full if full.is_full() => Self::NoRoom(full),
             other => other.into(),
         }

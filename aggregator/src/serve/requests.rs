@@ -245,8 +245,8 @@ impl Federation for Service {
         &self,
         request: Request<GetUploadRequest>,
     ) -> Result<Response<UploadInfo>, Status> {
-        let held = self.held(request.into_inner().request).await?;
-        Ok(Response::new(UploadInfo { held }))
+        let info = self.held(request.into_inner().request).await?;
+        Ok(Response::new(info))
     }
 
     async fn commit(&self, request: Request<CommitRequest>) -> Result<Response<Receipt>, Status> {

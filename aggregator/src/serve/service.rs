@@ -3,7 +3,7 @@
 //! | what | limit |
 //! |---|---|
 //! | one message | the rules' largest proof, or 4 MiB for lists of leaves, and 64 KiB |
-//! | one upload | what its signed request says, at most the rules' largest update; streamed to disk, never in memory |
+//! | one upload | what its signed request says, at most the rules' largest update; streamed to disk, never in memory; also from the blob store |
 //! | uploads | one at a time and [`crate::round::recording::staging::MAX_UPLOADS`] per node and round, with those that were cut |
 //! | how long a peer may be silent in the middle of a stream | [`Limits::silence`] |
 //! | how long an upload may take in all | [`Limits::upload`] |
@@ -199,8 +199,8 @@ impl Service {
         let federation =
             FederationServer::new(self.clone()).max_decoding_message_size(limit as usize);
         let (rounds, publish) = (self.rounds(&asked_for), self.publish());
-        let shrink = self.shrink_cache();
-        tokio::pin!(rounds, publish, shrink);
+        let (shrink, remove) = (self.shrink_cache(), self.remove_stored());
+        tokio::pin!(rounds, publish, shrink, remove);
         let mut failed = None;
         let stop = async {
             tokio::select! {
@@ -208,6 +208,7 @@ impl Service {
                 error = &mut rounds => failed = Some(error),
                 error = &mut publish => failed = Some(error),
                 error = &mut shrink => failed = Some(error),
+                error = &mut remove => failed = Some(error),
             }
         };
         let grpc = Grpc {

@@ -17,7 +17,7 @@ use zk0_ledger::blobs::partial::PartialBlob;
 use zk0_protocol::entries::signed::UploadRequest;
 use zk0_protocol::request_head::Method;
 use zk0_protocol::rpc::federation::upload_chunk::Part;
-use zk0_protocol::rpc::federation::UploadChunk;
+use zk0_protocol::rpc::federation::{UploadChunk, UploadInfo};
 
 /// Bytes that are written to disk at once.
 const BATCH_BYTES: usize = 256 << 10;
@@ -52,10 +52,14 @@ impl Service {
             limits: self.limits,
             ends: Instant::now() + self.limits.upload,
         };
-        let Some((begins, Part::Request(first))) = incoming.next().await? else {
-            return Err(malformed(
-                "the first message of an upload holds its signed request",
-            ));
+        let (begins, first, stored) = match incoming.next().await? {
+            Some((begins, Part::Request(first))) => (begins, first, false),
+            Some((_, Part::Stored(first))) => (0, first, true),
+            _ => {
+                return Err(malformed(
+                    "the first message of an upload holds its signed request",
+                ))
+            }
         };
         let (signed, body) = read_hashed::<UploadRequest>("upload request", first).await?;
         let upload = signed.statement;
@@ -69,16 +73,41 @@ impl Service {
         let sender = self.sender(head, message, now_ms).await?;
         let staging = self.staging(upload.clone()).await?;
         let newest = self.uploads.begin(upload.node);
-        self.receive_data(incoming, newest, staging, upload, begins)
-            .await?;
+        match stored {
+            false => {
+                self.receive_data(incoming, newest, staging, upload, begins)
+                    .await?;
+            }
+            true => match incoming.next().await? {
+                None => {
+                    self.take_stored(incoming.ends, newest, staging, upload)
+                        .await?;
+                }
+                Some(_) => {
+                    let why = "nothing follows the request of an update that is in the store";
+                    return Err(malformed(why));
+                }
+            },
+        }
         Ok(sender)
     }
 
-    /// How many bytes of an upload are here.
-    pub(super) async fn held(&self, request: Vec<u8>) -> Result<u64, RequestError> {
+    /// How many bytes of an upload are here, and where the node may put the update instead of sending it.
+    pub(super) async fn held(&self, request: Vec<u8>) -> Result<UploadInfo, RequestError> {
         let (signed, _) = read_hashed::<UploadRequest>("upload request", request).await?;
-        let staging = self.staging(signed.statement.clone()).await?;
-        blocking(move || Ok(staging.held(&signed.statement)?)).await
+        let upload = signed.statement;
+        let staging = self.staging(upload.clone()).await?;
+        let request = upload.clone();
+        let (held, begins) =
+            blocking(move || Ok((staging.held(&request)?, staging.begins(&request)?))).await?;
+        let address = match begins {
+            true => self.upload_address(&upload).await,
+            false => None,
+        };
+        Ok(UploadInfo {
+            held,
+            address: address.unwrap_or_default(),
+        })
     }
 
     /// Where an upload waits, if the ledger allows it.
@@ -132,6 +161,7 @@ impl Service {
             }
         }
         blocking(move || writing.blob.finish().map_err(RequestError::upload)).await?;
+        self.metrics().uploaded("message");
         tracing::info!(node = %upload.node, update = %upload.blob, size = upload.size, begins, "update uploaded");
         Ok(())
     }
@@ -173,6 +203,6 @@ fn malformed(what: &str) -> Status {
     RequestError::Malformed(what.into()).into()
 }
 
-fn too_long(what: &str, limit: Duration) -> Status {
+pub(super) fn too_long(what: &str, limit: Duration) -> Status {
     RequestError::TimedOut(format!("{what} more than {} ms", limit.as_millis())).into()
 }

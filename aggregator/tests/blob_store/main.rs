@@ -5,6 +5,8 @@ mod harness;
 #[path = "../../../bucket/tests/s3/mod.rs"]
 mod s3;
 
+mod presigned;
+
 use harness::*;
 use s3::failing_network::Fault;
 use s3::S3;

@@ -47,6 +47,8 @@ pub struct Network {
     kept: Box<dyn Fn(&Path) -> Blobs + Send + Sync>,
     /// How many bytes of blobs the folder may hold, from the next start on.
     pub blob_cache_bytes: Option<u64>,
+    /// For how long nodes get addresses of the store, from the next start on.
+    pub presigned: Option<Duration>,
     running: Option<(oneshot::Sender<()>, JoinHandle<()>)>,
 }
 
@@ -89,6 +91,7 @@ impl Network {
             address: String::new(),
             kept: Box::new(Blobs::at),
             blob_cache_bytes: None,
+            presigned: None,
             running: None,
         };
         network.service = Some(network.service_of(aggregator).await);
@@ -103,6 +106,9 @@ impl Network {
         }
         if let Some(bytes) = self.blob_cache_bytes {
             service = service.with_blob_cache(bytes);
+        }
+        if let Some(valid) = self.presigned {
+            service = service.with_presigned_uploads(valid);
         }
         if let Some(policy) = &self.policy {
             let witnesses = Witnesses::new(policy.clone(), Duration::from_secs(1)).unwrap();

@@ -181,11 +181,35 @@ impl Node {
         network: &Network,
         request: &Signed<UploadRequest>,
     ) -> Result<u64, Status> {
+        Ok(self.upload_info(network, request).await?.held)
+    }
+
+    /// What the aggregator says of this upload.
+    pub async fn upload_info(
+        &self,
+        network: &Network,
+        request: &Signed<UploadRequest>,
+    ) -> Result<proto::UploadInfo, Status> {
         let request = proto::GetUploadRequest {
             request: borsh::to_vec(request).unwrap(),
         };
         let info = network.client().await.get_upload(request).await?;
-        Ok(info.into_inner().held)
+        Ok(info.into_inner())
+    }
+
+    /// Says that the update is in the store.
+    pub async fn stored(
+        &self,
+        network: &Network,
+        request: &Signed<UploadRequest>,
+    ) -> Result<(), Status> {
+        let first = proto::UploadChunk {
+            part: Some(Part::Stored(borsh::to_vec(request).unwrap())),
+            begins: 0,
+        };
+        let request = self.uploading(network, request, tokio_stream::once(first));
+        network.client().await.upload(request).await?;
+        Ok(())
     }
 
     pub fn commitment(&self, network: &Digest, round: u64, update: &[u8]) -> UpdateCommitment {

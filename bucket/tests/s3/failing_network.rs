@@ -18,6 +18,8 @@ pub enum Fault {
     CutAnswer(usize),
     /// No answer comes.
     Silent,
+    /// The request is late by so much.
+    Late(Duration),
 }
 
 /// A network in front of a server.
@@ -28,11 +30,11 @@ pub struct FailingNetwork {
 
 #[derive(Default)]
 struct State {
-    /// The faults that come next, for requests of this method.
+    /// The faults that come next, for requests that begin like this: `PUT`, or `PUT /bucket/folder/`.
     next: VecDeque<(String, Option<Fault>)>,
     /// The fault of all requests, once there is no next one.
     always: Option<Fault>,
-    /// The methods of the requests so far.
+    /// How the requests so far begin.
     requests: Vec<String>,
 }
 
@@ -55,7 +57,7 @@ impl FailingNetwork {
         format!("http://127.0.0.1:{}", self.port)
     }
 
-    /// Lets the next `times` requests of this method fail.
+    /// Lets the next `times` requests of this method fail. More than a method says which of its requests are meant: `PUT /bucket/folder/`.
     pub fn fail_next(&self, method: &str, fault: Fault, times: usize) {
         let mut state = self.state.lock().unwrap();
         let faults = (0..times).map(|_| (method.to_owned(), Some(fault)));
@@ -81,11 +83,12 @@ impl FailingNetwork {
         state.always = None;
     }
 
-    /// How many requests of this method came since the last call.
-    pub fn counted(&self, method: &str) -> usize {
+    /// How many requests that begin like this came since the last call.
+    pub fn counted(&self, begin: &str) -> usize {
         let mut state = self.state.lock().unwrap();
         let all = std::mem::take(&mut state.requests);
-        let (counted, others): (Vec<_>, Vec<_>) = all.into_iter().partition(|one| one == method);
+        let (counted, others): (Vec<_>, Vec<_>) =
+            all.into_iter().partition(|one| one.starts_with(begin));
         state.requests = others;
         counted.len()
     }
@@ -97,8 +100,8 @@ impl FailingNetwork {
 }
 
 impl State {
-    fn fault(&mut self, method: &str) -> Option<Fault> {
-        let place = self.next.iter().position(|(of, _)| of == method);
+    fn fault(&mut self, head: &str) -> Option<Fault> {
+        let place = self.next.iter().position(|(of, _)| head.starts_with(of));
         let next = place.and_then(|place| self.next.remove(place));
         next.map_or(self.always, |(_, fault)| fault)
     }
@@ -108,11 +111,11 @@ fn forward(mut client: TcpStream, server: u16, state: &Mutex<State>) {
     let Ok(Some((head, body))) = request_head(&mut client) else {
         return;
     };
-    let method = head.split(' ').next().unwrap_or_default().to_owned();
+    let first_line = head.lines().next().unwrap_or_default().to_owned();
     let fault = {
         let mut state = state.lock().unwrap();
-        state.requests.push(method.clone());
-        state.fault(&method)
+        state.requests.push(first_line);
+        state.fault(&head)
     };
     let done = match fault {
         Some(Fault::Unavailable) => unavailable(client),
@@ -120,7 +123,12 @@ fn forward(mut client: TcpStream, server: u16, state: &Mutex<State>) {
             thread::sleep(Duration::from_secs(60));
             Ok(())
         }
-        fault => relay(client, server, &head, &body, fault),
+        fault => {
+            if let Some(Fault::Late(by)) = fault {
+                thread::sleep(by);
+            }
+            relay(client, server, &head, &body, fault)
+        }
     };
     drop(done);
 }

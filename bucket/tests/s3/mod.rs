@@ -6,6 +6,7 @@ pub mod failing_network;
 use self::failing_network::FailingNetwork;
 use std::env;
 use std::fs;
+use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
@@ -18,6 +19,28 @@ const SECRET_KEY: &str = "a secret of the tests";
 
 /// The bucket that exists.
 pub const BUCKET: &str = "blobs";
+
+/// Sends a request with a body to an address of HTTP, and returns the status of the answer.
+pub fn send(method: &str, address: &str, body: &[u8]) -> u16 {
+    let (host, path) = address
+        .strip_prefix("http://")
+        .unwrap()
+        .split_once('/')
+        .unwrap();
+    let mut server = TcpStream::connect(host).unwrap();
+    let length = body.len();
+    let head = format!(
+        "{method} /{path} HTTP/1.1\r\nhost: {host}\r\ncontent-length: {length}\r\nconnection: close\r\n\r\n"
+    );
+    server.write_all(head.as_bytes()).unwrap();
+    // Who is refused may be cut off before the end.
+    let _ = server.write_all(body);
+    let mut answer = Vec::new();
+    let _ = server.read_to_end(&mut answer);
+    let status = String::from_utf8_lossy(&answer);
+    let status = status.split(' ').nth(1).unwrap_or_default();
+    status.parse().unwrap_or(0)
+}
 
 /// A serving S3 server, ended when it is dropped.
 pub struct S3 {
@@ -138,6 +161,20 @@ impl S3 {
     /// The folder in which the server keeps what is under a prefix.
     pub fn root(&self, prefix: &str) -> PathBuf {
         self.root.path().join(BUCKET).join(prefix)
+    }
+
+    /// How many objects there are under a prefix.
+    pub fn objects(&self, prefix: &str) -> usize {
+        fn files(folder: &Path) -> usize {
+            let Ok(found) = fs::read_dir(folder) else {
+                return 0;
+            };
+            let paths = found.map(|file| file.unwrap().path());
+            paths
+                .map(|path| if path.is_dir() { files(&path) } else { 1 })
+                .sum()
+        }
+        files(&self.root(prefix))
     }
 
     /// Lets anybody read what is in the bucket, as the owner of a real one may.

@@ -10,7 +10,7 @@ use crate::certificate::{keep_current, scheme};
 use crate::keys;
 use crate::otlp::OtlpOptions;
 use crate::serve::{interrupted, listening, online_until};
-use anyhow::{Context, Result};
+use anyhow::{bail, Context, Result};
 use std::future;
 use std::net::SocketAddr;
 use std::path::PathBuf;
@@ -72,6 +72,20 @@ pub struct Serve {
     /// The others are read from the store when somebody asks for them [default: no limit]
     #[arg(long, value_name = "BYTES", requires = "blob_store")]
     blob_cache_bytes: Option<u64>,
+    /// With --blob-store s3://, gs:// or az://: let nodes put their updates straight into the bucket. A node gets an address that the bucket has
+    /// signed for it, and the aggregator reads and verifies what is there. The bucket has to be within the nodes' reach. A node that cannot use
+    /// its address sends the update to the aggregator.
+    #[arg(long, requires = "blob_store")]
+    presigned_uploads: bool,
+    /// With --presigned-uploads: an address is valid for this many seconds. What has begun then may end later.
+    #[arg(
+        long,
+        value_name = "SECONDS",
+        default_value_t = 300,
+        requires = "presigned_uploads",
+        value_parser = clap::value_parser!(u64).range(1..=3600)
+    )]
+    presigned_seconds: u64,
     #[command(flatten)]
     log_store: LogStoreOptions,
     #[command(flatten)]
@@ -97,6 +111,12 @@ pub fn serve(options: &Serve) -> Result<()> {
     };
     let key = keys::read(&options.key)?;
     let blobs = options.store.blobs(&options.dir)?;
+    if options.presigned_uploads && !blobs.takes_sent() {
+        let address = blobs.store_address().unwrap_or_default();
+        bail!(
+            "--presigned-uploads needs a bucket that signs addresses (s3://, gs:// or az://), and --blob-store {address} is a folder: leave --presigned-uploads out, or use a bucket"
+        );
+    }
     let clock = Arc::new(SystemClock);
     let aggregator = Aggregator::open_with(&options.dir, None, key, clock, config, blobs.clone())?;
     let rules = aggregator.state().rules();
@@ -120,6 +140,10 @@ pub fn serve(options: &Serve) -> Result<()> {
         let mut service = Service::with_limits(aggregator, limits).with_beacons(beacons);
         if let Some(bytes) = options.blob_cache_bytes {
             service = service.with_blob_cache(bytes);
+        }
+        if options.presigned_uploads {
+            let valid = Duration::from_secs(options.presigned_seconds);
+            service = service.with_presigned_uploads(valid);
         }
         if let Some(certificate) = &certificate {
             service = service.encrypted(certificate.clone());

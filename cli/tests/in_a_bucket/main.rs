@@ -6,6 +6,7 @@ mod harness;
 mod s3;
 
 mod observed;
+mod presigned;
 mod published;
 
 use harness::network::LocalNetwork;

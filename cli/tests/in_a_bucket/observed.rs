@@ -23,13 +23,13 @@ fn get(address: &str, path: &str) -> String {
 }
 
 /// The address after these words in a log.
-fn address_after(log: &str, words: &str) -> String {
+pub fn address_after(log: &str, words: &str) -> String {
     let (_, rest) = log.split_once(words).unwrap();
     let end = rest.find(|c: char| !c.is_ascii_digit() && c != '.' && c != ':');
     rest[..end.unwrap_or(rest.len())].to_owned()
 }
 
-fn metric(metrics: &str, name: &str) -> f64 {
+pub fn metric(metrics: &str, name: &str) -> f64 {
     let text = get(metrics, "metrics");
     let mut lines = text.lines();
     let value = lines.find_map(|line| line.strip_prefix(name)?.strip_prefix(' '));

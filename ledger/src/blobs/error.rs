@@ -26,6 +26,14 @@ pub enum BlobError {
         blob: Digest,
         found: String,
     },
+    /// Nobody has put anything at the address of an upload.
+    #[error("nothing was put at the address of this upload: put the update there before its time is over, or upload it to the aggregator")]
+    NotSent,
+    /// What somebody has put at the address of an upload has another size.
+    #[error(
+        "{found} bytes were put at the address of this upload, and its signed request says {size}"
+    )]
+    OtherSize { found: u64, size: u64 },
     /// The store failed.
     #[error(transparent)]
     Store(#[from] StoreError),

@@ -99,6 +99,11 @@ impl PartialBlob {
         self.unfinished.finish(&self.digest)
     }
 
+    /// Removes what is here of it.
+    pub(super) fn discard(mut self) {
+        self.unfinished.kept = false;
+    }
+
     fn refuse(&mut self, size: u64) -> BlobError {
         self.unfinished.kept = false;
         BlobError::TooLarge {

@@ -1,6 +1,8 @@
 //! A store outside the ledger's folder, such as a bucket of S3, in which blobs are kept, and what is known of its content.
 
 use super::error::{io_error, BlobError, StoreError};
+use super::take::Take;
+use super::unverified::{SentStore, VerifiedCopies};
 use super::usage::{Counting, Operation, Usage};
 use std::collections::BTreeMap;
 use std::fmt::Debug;
@@ -8,9 +10,6 @@ use std::fs;
 use std::path::Path;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use zk0_circuits::Digest;
-
-/// Takes the bytes of a blob, part after part.
-pub type Take<'a> = &'a mut (dyn FnMut(&[u8]) -> Result<(), BlobError> + Send);
 
 /// A store outside the folder. Each method waits for the network, and gives up after a bounded time.
 pub trait BlobStore: Debug + Send + Sync {
@@ -34,6 +33,9 @@ pub trait BlobStore: Debug + Send + Sync {
 
     /// All blobs, each with its size in bytes.
     fn all(&self) -> Result<Vec<(Digest, u64)>, StoreError>;
+
+    /// What it can do for those who put files into it by themselves; `None` if nobody else can.
+    fn sent(&self) -> Option<&dyn SentStore>;
 }
 
 /// A store, and what is in it.
@@ -45,6 +47,8 @@ pub(super) struct Kept {
     reading: Mutex<BTreeMap<Digest, Arc<Mutex<()>>>>,
     /// Whether another process may add to the store and remove from it.
     shared: bool,
+    /// What others have put into the store, and is verified.
+    pub(super) copies: VerifiedCopies,
     counting: Counting,
 }
 
@@ -64,6 +68,7 @@ impl Kept {
             known: Mutex::new(list.into_iter().collect()),
             reading: Mutex::default(),
             shared,
+            copies: VerifiedCopies::default(),
             counting,
         })
     }
@@ -77,6 +82,21 @@ impl Kept {
         self.store.address()
     }
 
+    /// What the store can do for those who put files into it by themselves.
+    pub(super) fn sent(&self) -> Option<&dyn SentStore> {
+        self.store.sent()
+    }
+
+    /// Does `work`, which asks the store, and counts it.
+    pub(super) fn counted<T>(
+        &self,
+        operation: Operation,
+        work: impl FnOnce() -> Result<T, BlobError>,
+        bytes: impl FnOnce(&T) -> u64,
+    ) -> Result<T, BlobError> {
+        self.counting.count(operation, work, bytes)
+    }
+
     pub(super) fn knows(&self, blob: &Digest) -> bool {
         locked(&self.known).contains_key(blob)
     }
@@ -86,10 +106,13 @@ impl Kept {
         known.iter().map(|(blob, size)| (*blob, *size)).collect()
     }
 
-    /// Stores a file whose digest is verified.
+    /// Stores a file whose digest is verified. If the store has a verified copy of it already, it need not be sent there.
     pub(super) fn put(&self, blob: &Digest, file: &Path) -> Result<(), BlobError> {
         let size = fs::metadata(file).map_err(io_error(file))?.len();
-        let put = || self.store.put(blob, file, size).map_err(BlobError::from);
+        let put = || match self.copies.make_blob(self.store.sent(), blob) {
+            true => Ok(()),
+            false => self.store.put(blob, file, size).map_err(BlobError::from),
+        };
         self.counting.count(Operation::Put, put, |()| size)?;
         locked(&self.known).insert(*blob, size);
         Ok(())

@@ -6,6 +6,7 @@ use crate::client_error::NodeError;
 use sha2::{Digest as _, Sha256};
 use std::io::Write;
 use std::sync::Arc;
+use tokio::task::spawn_blocking;
 use tonic::{Code, Status};
 use tracing::instrument;
 use zk0_circuits::Digest;
@@ -133,9 +134,11 @@ impl Node {
         let signed = encode(&Signed::new(request, &self.key));
         let about = About::message(Method::Upload, &signed).in_round(round);
         let mut attempts = Attempts::of("upload");
-        let mut held = 0;
+        // The store is tried once.
+        let (mut held, mut stored) = (0, false);
         loop {
-            match self.upload_part(&about, &signed, &update, &mut held).await {
+            let part = self.upload_part(&about, &signed, &update, &mut held, &mut stored);
+            match part.await {
                 Ok(()) => return Ok(()),
                 // What the aggregator had was damaged, and it has removed all of it.
                 Err(NodeError::Refused(status))
@@ -153,18 +156,30 @@ impl Node {
         }
     }
 
-    /// Asks how many bytes the aggregator has, and sends the others.
+    /// Asks how many bytes the aggregator has, and sends the others. If the aggregator has nothing and gives an address, the update goes there,
+    /// unless it was `stored` already, or could not be.
     async fn upload_part(
         &mut self,
         about: &About,
         signed: &[u8],
         update: &Arc<[u8]>,
         held: &mut u64,
+        stored: &mut bool,
     ) -> Result<(), NodeError> {
         let request = rpc::GetUploadRequest {
             request: signed.to_vec(),
         };
-        *held = self.client.get_upload(request).await?.into_inner().held;
+        let info = self.client.get_upload(request.clone()).await?.into_inner();
+        *held = info.held;
+        if *held == 0 && !info.address.is_empty() && !*stored {
+            *stored = true;
+            match self.store_update(about, signed, update, info.address).await {
+                Ok(()) => return Ok(()),
+                Err(why) => tracing::warn!("the update goes through the aggregator: {why}"),
+            }
+            // What the aggregator has read of it is not sent again.
+            *held = self.client.get_upload(request).await?.into_inner().held;
+        }
         let first = rpc::UploadChunk {
             part: Some(Part::Request(signed.to_vec())),
             begins: *held,
@@ -179,6 +194,33 @@ impl Node {
         });
         let parts = tokio_stream::iter(std::iter::once(first).chain(rest));
         self.client.upload(self.headed(about, parts)?).await?;
+        Ok(())
+    }
+
+    /// Puts the update at `address`, and tells the aggregator that it is there.
+    async fn store_update(
+        &mut self,
+        about: &About,
+        signed: &[u8],
+        update: &Arc<[u8]>,
+        address: String,
+    ) -> Result<(), NodeError> {
+        let (store, sent) = (self.store.clone(), update.clone());
+        let putting = spawn_blocking(move || store.put(&address, &sent));
+        match putting.await {
+            Ok(put) => put.map_err(|error| NodeError::Store(error.to_string()))?,
+            Err(error) => return Err(NodeError::Store(error.to_string())),
+        }
+        let first = rpc::UploadChunk {
+            part: Some(Part::Stored(signed.to_vec())),
+            begins: 0,
+        };
+        let parts = tokio_stream::once(first);
+        self.client.upload(self.headed(about, parts)?).await?;
+        tracing::info!(
+            bytes = update.len(),
+            "the update went straight to the aggregator's store"
+        );
         Ok(())
     }
 }

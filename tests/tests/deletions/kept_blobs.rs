@@ -34,7 +34,120 @@ const fn published(
     }
 }
 
+const fn sent(
+    check: &'static str,
+    file: &'static str,
+    replacements: &'static [(&'static str, &'static str)],
+    test: &'static str,
+) -> Removal {
+    Removal {
+        check,
+        file,
+        replacements,
+        package: "zk0-bucket",
+        target: "sent",
+        test,
+    }
+}
+
+const fn taken(
+    check: &'static str,
+    file: &'static str,
+    replacements: &'static [(&'static str, &'static str)],
+    test: &'static str,
+) -> Removal {
+    Removal {
+        check,
+        file,
+        replacements,
+        package: "zk0-aggregator",
+        target: "blob_store",
+        test,
+    }
+}
+
+const fn put_there(
+    check: &'static str,
+    replacements: &'static [(&'static str, &'static str)],
+    test: &'static str,
+) -> Removal {
+    Removal {
+        check,
+        file: "node/src/client/stored_update.rs",
+        replacements,
+        package: "zk0-node",
+        target: "stored_update",
+        test,
+    }
+}
+
 pub const REMOVALS: &[Removal] = &[
+    sent(
+        "what a node has put into the bucket is read from a copy that it cannot change",
+        "ledger/src/blobs/sent.rs",
+        &[(
+            "        store.copy(&sent, &copy)?;\n        removed(store, &sent);\n        Ok(copy)\n",
+            "        let _ = copy;\n        Ok(sent)\n",
+        )],
+        "what_changes_after_it_was_verified_does_not_become_the_blob",
+    ),
+    sent(
+        "what a node has put into the bucket has the signed size",
+        "ledger/src/blobs/sent.rs",
+        &[("Some(found) if found != size => {", "Some(found) if found > size + 9 => {")],
+        "what_is_not_the_update_is_refused_by_name_and_not_kept",
+    ),
+    sent(
+        "what a node has put into the bucket has the signed digest",
+        "ledger/src/blobs/partial.rs",
+        &[(
+            "check(&self.digest, self.hasher.finalize().into())?;",
+            "let _ = self.hasher;",
+        )],
+        "what_is_not_the_update_is_refused_by_name_and_not_kept",
+    ),
+    sent(
+        "what ended rounds leave in the bucket is removed",
+        "ledger/src/blobs/sent.rs",
+        &[(
+            "all.iter().filter(|object| old(object))",
+            "all.iter().filter(|object| old(object) && open.is_none())",
+        )],
+        "what_ended_rounds_leave_is_removed",
+    ),
+    taken(
+        "a node whose quota is used up gets no address of the bucket",
+        "aggregator/src/round/recording/staging.rs",
+        &[(" && blobs.count() < MAX_UPLOADS", "")],
+        "only_who_may_begin_an_upload_gets_an_address",
+    ),
+    taken(
+        "an aggregator that gives no addresses takes nothing from the bucket",
+        "aggregator/src/serve/blob_store/sent.rs",
+        &[(
+            "            let why = \"this aggregator has given no address for an update: send the update itself\";\n            return Err(RequestError::Malformed(why.into()).into());\n",
+            "",
+        )],
+        "only_who_may_begin_an_upload_gets_an_address",
+    ),
+    put_there(
+        "an update leaves no encryption on its way to the bucket",
+        &[(
+            "Some(\"http\") if !self.encrypted =>",
+            "Some(\"http\") if !address.is_empty() =>",
+        )],
+        "an_update_does_not_leave_encryption",
+    ),
+    put_there(
+        "a node follows no redirect with its update",
+        &[(".max_redirects(0)", ".max_redirects(9)")],
+        "nobody_leads_the_node_elsewhere",
+    ),
+    put_there(
+        "a node reads little of what the bucket answers",
+        &[("            .take(MAX_ANSWER_BYTES)\n", "")],
+        "an_endless_answer_is_read_and_shown_in_part",
+    ),
     published(
         "a log is not written over another one",
         "ledger/src/published/export.rs",
@@ -76,7 +189,7 @@ pub const REMOVALS: &[Removal] = &[
     ),
     kept(
         "what comes from the store has the size that was stored",
-        "bucket/src/bucket.rs",
+        "bucket/src/reading.rs",
         &[("if part.meta.size != size {", "if size > u64::MAX - 1 {")],
         "altered_bytes_are_refused_by_name",
     ),

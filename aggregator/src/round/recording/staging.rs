@@ -59,6 +59,12 @@ impl Staging {
         Ok(blobs.held(&request.blob)?)
     }
 
+    /// Whether the whole update may be uploaded: nothing of it is here, and the node's quota is not used up.
+    pub fn begins(&self, request: &UploadRequest) -> Result<bool, StagingError> {
+        let blobs = self.of(request.round, &request.node);
+        Ok(blobs.held(&request.blob)? == 0 && blobs.count() < MAX_UPLOADS)
+    }
+
     /// Goes on with an upload, whose data begins at byte `begins`. This reads what is here of it. `None` if all of it is here.
     pub fn go_on(
         &self,

@@ -1,6 +1,7 @@
 //! How many requests may wait for the store of the blobs at once.
 
 use std::sync::Arc;
+use std::time::Duration;
 use tokio::sync::Semaphore;
 
 /// How many requests may store blobs at once. Each of them holds some megabytes of its blob in memory.
@@ -16,6 +17,8 @@ pub(in crate::serve) struct BlobPlaces {
     pub(super) reading: Arc<Semaphore>,
     /// How many bytes of blobs the ledger's folder may hold; `None` for no limit.
     pub(super) cache_bytes: Option<u64>,
+    /// For how long nodes get addresses of the store; `None` for no addresses.
+    pub(super) addresses: Option<Duration>,
 }
 
 impl Default for BlobPlaces {
@@ -24,6 +27,7 @@ impl Default for BlobPlaces {
             storing: Arc::new(Semaphore::new(STORING)),
             reading: Arc::new(Semaphore::new(READING)),
             cache_bytes: None,
+            addresses: None,
         }
     }
 }

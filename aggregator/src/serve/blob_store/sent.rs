@@ -1,0 +1,141 @@
+//! Updates that nodes put into the store by themselves, at an address that the store signs for them (`zk0_ledger::blobs::sent`).
+//!
+//! Whoever may not begin an upload gets no address. What is in the store counts only once it was read and has the size and the digest that
+//! the node has signed. It then waits where all uploads wait.
+
+use crate::round::recording::staging::Staging;
+use crate::round::request::RequestError;
+use crate::serve::service::{blocking, Service};
+use crate::serve::uploading::too_long;
+use crate::serve::uploads::Newest;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::time::{sleep, sleep_until, timeout, Instant};
+use tonic::Status;
+use tracing::info_span;
+use zk0_protocol::entries::signed::UploadRequest;
+
+/// How long it may take to sign an address. Some stores ask others for that.
+const SIGNING: Duration = Duration::from_secs(10);
+
+/// How often it is looked whether a round has ended.
+const EVERY: Duration = Duration::from_secs(5);
+
+/// How long to wait after objects of earlier rounds could not be removed.
+const RETRY: Duration = Duration::from_secs(30);
+
+impl Service {
+    /// From now on, nodes get addresses at which they can put their updates into the store, for so long. The store has to give addresses
+    /// ([`zk0_ledger::blobs::Blobs::takes_sent`]); otherwise nodes get none.
+    pub fn with_presigned_uploads(mut self, valid: Duration) -> Self {
+        self.blob_places.addresses = Some(valid);
+        self
+    }
+
+    /// Where a node may put this update. `None` if nodes get no addresses, or if the store signs none now: then the node sends the update here.
+    pub(in crate::serve) async fn upload_address(&self, upload: &UploadRequest) -> Option<String> {
+        let valid = self.blob_places.addresses?;
+        let (round, node) = (upload.round, upload.node);
+        let signing = async {
+            let blobs = self.with(|aggregator| Ok(aggregator.ledger().blobs().clone()));
+            let blobs = blobs.await?;
+            let sign = move || Ok(blobs.address(round, node, valid)?);
+            self.storing(info_span!("sign an address"), sign).await
+        };
+        let why = match timeout(SIGNING, signing).await {
+            Ok(Ok(address)) => return address,
+            Ok(Err(error)) => error.to_string(),
+            Err(_) => format!("that took more than {SIGNING:?}"),
+        };
+        tracing::warn!(%node, round, "the node sends its update to the aggregator, because the blob store signs no address: {why}");
+        None
+    }
+
+    /// Takes the update that a node has put into the store, until `ends` at the latest.
+    pub(in crate::serve) async fn take_stored(
+        &self,
+        ends: Instant,
+        newest: Newest,
+        staging: Staging,
+        upload: UploadRequest,
+    ) -> Result<(), Status> {
+        if self.blob_places.addresses.is_none() {
+            let why = "this aggregator has given no address for an update: send the update itself";
+            return Err(RequestError::Malformed(why.into()).into());
+        }
+        let blobs = self.with(|aggregator| Ok(aggregator.ledger().blobs().clone()));
+        let blobs = blobs.await?;
+        let turn = newest.turn().await;
+        let stopped = Arc::new(AtomicBool::new(false));
+        let (request, stop) = (upload.clone(), stopped.clone());
+        let take = move || {
+            // Nobody else writes for this node until this has ended.
+            let _turn = turn;
+            let Some(partial) = staging.go_on(&request, 0)? else {
+                return Ok(false);
+            };
+            let (from, blob) = ((request.round, request.node), (&request.blob, request.size));
+            let taken = blobs.take_sent(from, blob, partial, &stop);
+            taken.map(|()| true).map_err(RequestError::upload)
+        };
+        let taking = self.storing(info_span!("take from the store"), take);
+        let taken = tokio::select! {
+            taken = taking => taken,
+            ended = newest.ended() => Err(ended),
+            () = sleep_until(ends) => {
+                stopped.store(true, Ordering::Relaxed);
+                return Err(too_long("taking the update from the store took", self.limits.upload));
+            }
+        };
+        stopped.store(true, Ordering::Relaxed);
+        // Who has lost the answer asks again for what is here.
+        if taken? {
+            self.metrics().uploaded("store");
+            tracing::info!(node = %upload.node, update = %upload.blob, size = upload.size, "update taken from the blob store");
+        }
+        Ok(())
+    }
+
+    /// Removes what nodes have put into the store in rounds that have ended. Returns only when the aggregator cannot go on.
+    pub(in crate::serve) async fn remove_stored(&self) -> RequestError {
+        if self.blob_places.addresses.is_none() {
+            return std::future::pending().await;
+        }
+        let (mut done, mut said) = (None, None);
+        loop {
+            let open = self.with(|aggregator| {
+                let round = aggregator.state().round().map(|round| round.number());
+                Ok((round, aggregator.ledger().blobs().clone()))
+            });
+            let (open, blobs) = match open.await {
+                Ok(open) => open,
+                Err(error) => return error,
+            };
+            if done == Some(open) {
+                sleep(EVERY).await;
+                continue;
+            }
+            match blocking(move || Ok(blobs.remove_sent(open)?)).await {
+                Ok(removed) => {
+                    (done, said) = (Some(open), None);
+                    if removed > 0 {
+                        tracing::info!(
+                            removed,
+                            "uploads of ended rounds removed from the blob store"
+                        );
+                    }
+                }
+                Err(error) => {
+                    // It is tried again and again, so the log says the same reason once.
+                    let why = error.to_string();
+                    if said.as_ref() != Some(&why) {
+                        tracing::error!("uploads of ended rounds stay in the blob store: {why}");
+                        said = Some(why);
+                    }
+                    sleep(RETRY).await;
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,61 @@
+//! Objects are read in parts, so that a cut connection costs one part, and no more than what somebody asked for.
+
+use crate::objects::{Objects, PART_BYTES};
+use object_store::path::Path as ObjectPath;
+use object_store::{Error, GetOptions, GetRange, ObjectStore};
+use tokio_stream::StreamExt;
+use zk0_ledger::blobs::error::BlobError;
+use zk0_ledger::blobs::take::Take;
+
+/// Why an object is not read.
+pub(crate) enum ReadError {
+    /// The store has something else than an object of the size that was asked for. This is what it has.
+    Other(String),
+    /// The store failed, or whoever takes the bytes.
+    Failed(BlobError),
+}
+
+impl Objects {
+    /// Gives the bytes of an object of `size` bytes to `take`, in order. `what` says for errors what this is.
+    pub(crate) async fn read(
+        &self,
+        what: &str,
+        object: &ObjectPath,
+        size: u64,
+        take: Take<'_>,
+    ) -> Result<(), ReadError> {
+        let failed = |error: Error| match error {
+            Error::NotFound { .. } => ReadError::Other("nothing".into()),
+            error => ReadError::Failed(self.failed(what, &error).into()),
+        };
+        let mut held = 0u64;
+        loop {
+            let end = held.saturating_add(PART_BYTES).min(size);
+            let options = GetOptions {
+                // No byte of an empty object can be asked for.
+                range: (size > 0).then_some(GetRange::Bounded(held..end)),
+                ..GetOptions::default()
+            };
+            let part = self.client.get_opts(object, options);
+            let part = part.await.map_err(failed)?;
+            if part.meta.size != size {
+                let found = format!("{} bytes instead of {size}", part.meta.size);
+                return Err(ReadError::Other(found));
+            }
+            let mut bytes = part.into_stream();
+            while let Some(some) = bytes.next().await {
+                let some = some.map_err(failed)?;
+                held = held.saturating_add(some.len() as u64);
+                take(&some).map_err(ReadError::Failed)?;
+            }
+            if held != end {
+                let why =
+                    format!("the answer ended at byte {held}, and should have gone on to {end}");
+                return Err(ReadError::Failed(self.error(what, why).into()));
+            }
+            if held == size {
+                return Ok(());
+            }
+        }
+    }
+}

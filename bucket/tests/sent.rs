@@ -1,0 +1,240 @@
+//! Files that others put into a bucket by themselves, at addresses that it has signed for them.
+
+mod s3;
+
+use s3::failing_network::Fault;
+use s3::{send, S3};
+use std::fs;
+use std::sync::atomic::AtomicBool;
+use std::thread::sleep;
+use std::time::Duration;
+use tempfile::TempDir;
+use zk0_bucket::bucket::PART_BYTES;
+use zk0_bucket::waiting::Patience;
+use zk0_bucket::Bucket;
+use zk0_circuits::NodeId;
+use zk0_ledger::blobs::usage::Operation;
+use zk0_ledger::blobs::{BlobError, Blobs};
+use zk0_protocol::blob::blob_digest;
+
+const NODE: NodeId = NodeId([7; 32]);
+const MINUTE: Duration = Duration::from_secs(60);
+
+/// A bucket, and the folder of a ledger whose blobs are kept there.
+struct Kept {
+    s3: S3,
+    dir: TempDir,
+    blobs: Blobs,
+}
+
+impl Kept {
+    fn with_patience(seconds: u64) -> Option<Self> {
+        let (s3, dir) = (S3::start()?, tempfile::tempdir().unwrap());
+        let patience = Patience(Duration::from_secs(seconds));
+        let bucket = Bucket::open(&s3.address("net"), &s3.variables(), patience).unwrap();
+        let blobs = Blobs::in_store(dir.path(), Box::new(bucket)).unwrap();
+        Some(Self { s3, dir, blobs })
+    }
+
+    fn new() -> Option<Self> {
+        Self::with_patience(120)
+    }
+
+    /// The same after a new start.
+    fn again(mut self) -> Self {
+        let patience = Patience(MINUTE);
+        let bucket = Bucket::open(&self.s3.address("net"), &self.s3.variables(), patience);
+        self.blobs = Blobs::in_store(self.dir.path(), Box::new(bucket.unwrap())).unwrap();
+        self
+    }
+
+    fn address(&self, valid: Duration) -> String {
+        self.blobs.address(0, NODE, valid).unwrap().unwrap()
+    }
+
+    /// Where uploads wait.
+    fn staged(&self) -> Blobs {
+        Blobs::at(&self.dir.path().join("staged"))
+    }
+
+    /// Takes what the node has sent, if it is this.
+    fn take(&self, expected: &[u8]) -> Result<(), BlobError> {
+        let (digest, size) = (blob_digest(expected), expected.len() as u64);
+        let partial = self.staged().partial(&digest, size).unwrap();
+        let stopped = AtomicBool::new(false);
+        self.blobs
+            .take_sent((0, NODE), (&digest, size), partial, &stopped)
+    }
+
+    /// How many objects of the bucket are no blobs yet.
+    fn unverified(&self) -> usize {
+        self.s3.objects("net/uploads")
+    }
+
+    /// Makes a blob of what waits, and returns what the bucket has then.
+    fn linked(&self, bytes: &[u8]) -> Vec<u8> {
+        let digest = blob_digest(bytes);
+        self.blobs.link(&self.staged(), &digest).unwrap();
+        fs::read(self.s3.file("net", digest)).unwrap()
+    }
+}
+
+/// Bytes that take two parts and a bit.
+fn large() -> Vec<u8> {
+    (0..2 * PART_BYTES + 1000)
+        .map(|at| (at % 251) as u8)
+        .collect()
+}
+
+#[test]
+fn what_a_node_has_put_there_becomes_a_blob_and_is_not_sent_again() {
+    let Some(kept) = Kept::new() else { return };
+    for bytes in [b"update".to_vec(), large()] {
+        assert_eq!(send("PUT", &kept.address(MINUTE), &bytes), 200);
+        kept.take(&bytes).unwrap();
+        assert_eq!(
+            kept.staged().get(&blob_digest(&bytes), 1 << 30).unwrap(),
+            bytes
+        );
+        // It is under no name of a blob before somebody says so.
+        assert!(!kept.s3.file("net", blob_digest(&bytes)).exists());
+        assert_eq!(kept.unverified(), 1);
+        assert!(kept.linked(&bytes) == bytes);
+        assert_eq!(kept.unverified(), 0);
+        // Large blobs are sent in parts, which begins with such a request.
+        let parts = "POST /blobs/net/blobs/";
+        assert_eq!(kept.s3.network.counted(parts), 0);
+    }
+    assert_eq!(kept.blobs.usage().unwrap().of(Operation::Put).done, 2);
+    // What nobody has put there is sent.
+    let mut bytes = large();
+    bytes[0] ^= 1;
+    kept.blobs.put(&bytes[..]).unwrap();
+    assert_eq!(kept.s3.network.counted("POST /blobs/net/blobs/"), 2);
+}
+
+/// The address is valid for minutes, and its node may go on to write there.
+#[test]
+fn what_changes_after_it_was_verified_does_not_become_the_blob() {
+    let Some(kept) = Kept::new() else { return };
+    let address = kept.address(MINUTE);
+    assert_eq!(send("PUT", &address, b"update"), 200);
+    kept.take(b"update").unwrap();
+    assert_eq!(send("PUT", &address, b"poison"), 200);
+    assert_eq!(kept.linked(b"update"), b"update");
+}
+
+#[test]
+fn what_is_not_the_update_is_refused_by_name_and_not_kept() {
+    let Some(kept) = Kept::new() else { return };
+    let nothing_left = || {
+        assert_eq!(kept.unverified(), 0);
+        assert_eq!(kept.staged().count(), 0);
+    };
+    let refused = kept.take(b"update").unwrap_err();
+    assert!(matches!(refused, BlobError::NotSent), "{refused}");
+    nothing_left();
+    let address = kept.address(MINUTE);
+    for other in [&b"updates"[..], b"updat", b""] {
+        assert_eq!(send("PUT", &address, other), 200);
+        let refused = kept.take(b"update").unwrap_err();
+        let found = other.len() as u64;
+        assert!(
+            matches!(refused, BlobError::OtherSize { found: one, size: 6 } if one == found),
+            "{refused}"
+        );
+        nothing_left();
+    }
+    assert_eq!(send("PUT", &address, b"Update"), 200);
+    let refused = kept.take(b"update").unwrap_err();
+    assert!(
+        matches!(refused, BlobError::WrongDigest { .. }),
+        "{refused}"
+    );
+    nothing_left();
+    // The right bytes come through afterwards.
+    assert_eq!(send("PUT", &address, b"update"), 200);
+    kept.take(b"update").unwrap();
+    assert_eq!(kept.linked(b"update"), b"update");
+}
+
+/// The tests' server does what S3 does: an address is for one method, one object and one time.
+#[test]
+fn an_address_is_good_for_nothing_else() {
+    let Some(kept) = Kept::new() else { return };
+    let address = kept.address(MINUTE);
+    let other = address.replace(&NODE.to_string(), &NodeId([8; 32]).to_string());
+    assert_eq!(send("PUT", &other, b"update"), 403);
+    for method in ["GET", "DELETE"] {
+        assert_eq!(send(method, &address, b""), 403);
+    }
+    let short = kept.address(Duration::from_secs(1));
+    sleep(Duration::from_millis(2100));
+    assert_eq!(send("PUT", &short, b"update"), 403);
+    assert!(matches!(kept.take(b"update"), Err(BlobError::NotSent)));
+    assert_eq!(kept.unverified(), 0);
+}
+
+#[test]
+fn a_store_that_fails_says_so_and_what_was_read_is_not_read_twice() {
+    let Some(kept) = Kept::with_patience(2) else {
+        return;
+    };
+    let bytes = large();
+    assert_eq!(send("PUT", &kept.address(MINUTE), &bytes), 200);
+    kept.s3.network.fail_always(Fault::Unavailable);
+    let failed = kept.take(&bytes).unwrap_err();
+    assert!(matches!(failed, BlobError::Store(_)), "{failed}");
+    assert!(failed.to_string().contains("upload 0/0707"), "{failed}");
+    assert_eq!(kept.staged().count(), 0);
+    kept.s3.network.mend();
+    kept.s3.network.pass_next("GET", 1);
+    kept.s3.network.fail_next("GET", Fault::Unavailable, 1000);
+    let failed = kept.take(&bytes).unwrap_err();
+    assert!(matches!(failed, BlobError::Store(_)), "{failed}");
+    kept.s3.network.mend();
+    assert_eq!(kept.unverified(), 0);
+    let held = kept.staged().held(&blob_digest(&bytes)).unwrap();
+    assert_eq!(held, PART_BYTES);
+}
+
+#[test]
+fn a_copy_that_is_lost_costs_one_more_transfer() {
+    let Some(kept) = Kept::new() else { return };
+    assert_eq!(send("PUT", &kept.address(MINUTE), b"update"), 200);
+    kept.take(b"update").unwrap();
+    fs::remove_dir_all(kept.s3.root("net/uploads")).unwrap();
+    assert_eq!(kept.linked(b"update"), b"update");
+    // So does a new start, after which nobody knows the copy.
+    assert_eq!(send("PUT", &kept.address(MINUTE), b"another"), 200);
+    kept.take(b"another").unwrap();
+    let kept = kept.again();
+    assert_eq!(kept.linked(b"another"), b"another");
+    assert_eq!(kept.unverified(), 1);
+    assert_eq!(kept.blobs.remove_sent(None).unwrap(), 1);
+    assert_eq!(kept.unverified(), 0);
+}
+
+#[test]
+fn what_ended_rounds_leave_is_removed() {
+    let Some(kept) = Kept::new() else { return };
+    for round in [3, 4] {
+        let address = kept.blobs.address(round, NODE, MINUTE).unwrap().unwrap();
+        assert_eq!(send("PUT", &address, b"update"), 200);
+    }
+    assert_eq!(kept.blobs.remove_sent(Some(4)).unwrap(), 1);
+    assert_eq!(kept.unverified(), 1);
+    assert_eq!(kept.blobs.remove_sent(None).unwrap(), 1);
+    assert_eq!(kept.unverified(), 0);
+}
+
+#[test]
+fn a_folder_signs_no_addresses() {
+    let (dir, folder) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    let address = format!("file://{}", folder.path().display());
+    let bucket = Bucket::open(&address, &[], Patience(MINUTE)).unwrap();
+    let blobs = Blobs::in_store(dir.path(), Box::new(bucket)).unwrap();
+    assert!(!blobs.takes_sent());
+    assert_eq!(blobs.address(0, NODE, MINUTE).unwrap(), None);
+    assert!(!Blobs::at(dir.path()).takes_sent());
+}

@@ -1,0 +1,159 @@
+//! `--presigned-uploads`: nodes put their updates straight into the bucket.
+
+use crate::harness::network::{LocalNetwork, Prover};
+use crate::harness::process::Process;
+use crate::harness::serving::Serving;
+use crate::harness::{ends, fails, words, zk0, RECORDING};
+use crate::observed::{address_after, metric};
+use crate::s3::failing_network::Fault;
+use crate::s3::S3;
+use crate::{founded, serving};
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+use zk0_circuits::Digest;
+use zk0_protocol::entries::entry::Body;
+
+/// A network whose aggregator gives its node addresses of the bucket.
+struct Presigned {
+    network: LocalNetwork,
+    aggregator: Serving,
+    /// Where its metrics are.
+    metrics: String,
+    prover: Prover,
+}
+
+impl Presigned {
+    fn start(s3: &S3, more: &[&str]) -> Self {
+        let network = LocalNetwork::new();
+        network.found(&[]);
+        let variables = s3.variables();
+        let variables: Vec<_> = variables.iter().map(|(a, b)| (&**a, &**b)).collect();
+        let (ledger, key, store) = (
+            network.path("ledger"),
+            network.path("log.key"),
+            s3.address("net"),
+        );
+        let begin = [
+            "aggregator",
+            "serve",
+            &ledger,
+            "--key",
+            &key,
+            "--blob-store",
+            &store,
+        ];
+        let end = [
+            "--listen",
+            "127.0.0.1:0",
+            "--metrics",
+            "127.0.0.1:0",
+            "--presigned-uploads",
+        ];
+        let aggregator = Serving::start_with(&[&begin[..], &end, more].concat(), &variables);
+        aggregator.logs("the metrics are at");
+        let metrics = address_after(&aggregator.log(), "the metrics are at http://");
+        Self {
+            prover: network.prover(),
+            network,
+            aggregator,
+            metrics,
+        }
+    }
+
+    /// Starts the node.
+    fn join(&self) -> Process {
+        let id = self.network.genesis().network_id().to_string();
+        let (key, state) = (self.network.path("node.key"), self.network.path("state"));
+        let join = ["node", "join", "--aggregator", &self.aggregator.address];
+        let with = [
+            "--prover",
+            &self.prover.address,
+            "--network",
+            &id,
+            "--key",
+            &key,
+        ];
+        let of = ["--dataset", RECORDING, "--state", &state, "--steps", "1"];
+        let all = [&join[..], &with, &of].concat();
+        Process::start(&all.into_iter().map(str::to_owned).collect::<Vec<_>>())
+    }
+
+    /// Waits until the node has committed to its update.
+    fn committed(&self) -> Digest {
+        let begun = Instant::now();
+        loop {
+            let committed = self
+                .network
+                .entries()
+                .into_iter()
+                .find_map(|entry| match entry.body {
+                    Body::UpdateCommitted(signed) => Some(signed.statement.update.blob),
+                    _ => None,
+                });
+            if let Some(update) = committed {
+                return update;
+            }
+            assert!(begun.elapsed() < Duration::from_secs(120), "no commitment");
+            sleep(Duration::from_millis(100));
+        }
+    }
+
+    /// How many updates came this way.
+    fn came_from(&self, from: &str) -> f64 {
+        metric(
+            &self.metrics,
+            &format!("zk0_uploads_total{{from=\"{from}\"}}"),
+        )
+    }
+}
+
+#[test]
+fn a_nodes_update_goes_straight_into_the_bucket() {
+    let Some(s3) = S3::start() else { return };
+    let presigned = Presigned::start(&s3, &[]);
+    let node = presigned.join();
+    node.says("the update went straight to the aggregator's store");
+    let update = presigned.committed();
+    assert!(s3.file("net", update).exists());
+    assert_eq!(presigned.came_from("store"), 1.0);
+    assert_eq!(s3.objects("net/uploads"), 0);
+}
+
+/// Where its address is of no use, the node sends the update to the aggregator, and says why.
+#[test]
+fn a_node_that_cannot_use_its_address_sends_the_update_to_the_aggregator() {
+    let late = Fault::Late(Duration::from_millis(2100));
+    for (fault, why) in [
+        (late, "403"),
+        (Fault::Unavailable, "503"),
+        (Fault::CutRequest(100), "cannot be reached"),
+    ] {
+        let Some(s3) = S3::start() else { return };
+        let presigned = Presigned::start(&s3, &["--presigned-seconds", "1"]);
+        s3.network.fail_next("PUT /blobs/net/uploads/", fault, 1);
+        let node = presigned.join();
+        let said = node.says("the update goes through the aggregator");
+        let said = said["message"].as_str().unwrap();
+        assert!(said.contains(why), "{said}");
+        assert!(!said.contains("Signature"), "{said}");
+        assert!(s3.network.has_failed());
+        let update = presigned.committed();
+        assert!(s3.file("net", update).exists());
+        assert_eq!(presigned.came_from("message"), 1.0);
+    }
+}
+
+#[test]
+fn a_folder_gives_no_addresses() {
+    let network = founded();
+    let store = format!("file://{}", network.path("store"));
+    let more = ["--blob-store", &store, "--presigned-uploads"];
+    let said = fails(&words(&serving(&network, &more)));
+    assert!(
+        said.contains("--presigned-uploads needs a bucket"),
+        "{said}"
+    );
+    assert!(said.contains(&store), "{said}");
+    let alone = zk0(&words(&serving(&network, &["--presigned-uploads"])));
+    ends(2, alone);
+}

@@ -1,0 +1,131 @@
+//! Files that others put into the store by themselves, by an address that the store has signed for them. They are no blobs yet.
+//!
+//! Whoever has the address can write there until its time is over, also while the file is read. So the file is copied inside the store first, to
+//! a name for which nobody has an address, and only the copy is read and verified. When the file becomes a blob, the copy is copied again,
+//! inside the store, to the blob's name.
+
+use super::error::BlobError;
+use super::partial::PartialBlob;
+use super::store::Kept;
+use super::unverified::{removed, SentStore, Unverified};
+use super::usage::Operation;
+use super::Blobs;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+use zk0_circuits::{Digest, NodeId};
+
+impl Blobs {
+    fn sent(&self) -> Option<(&Kept, &dyn SentStore)> {
+        let kept = self.kept.as_ref()?;
+        Some((kept, kept.sent()?))
+    }
+
+    /// Whether nodes can put files into the store by themselves.
+    pub fn takes_sent(&self) -> bool {
+        self.sent().is_some()
+    }
+
+    /// An address at which a node can put its update (HTTP, `PUT`), for so long from now; `None` if the store gives no addresses.
+    pub fn address(
+        &self,
+        round: u64,
+        node: NodeId,
+        valid: Duration,
+    ) -> Result<Option<String>, BlobError> {
+        let Some((_, store)) = self.sent() else {
+            return Ok(None);
+        };
+        Ok(Some(
+            store.address(&Unverified::Sent { round, node }, valid)?,
+        ))
+    }
+
+    /// Reads into `partial` what a node has put into the store, and verifies it. `partial` is the blob of this digest and size, and nothing of it
+    /// is here. What the node has put there is removed. When `stopped` is set, reading ends. What was read before the store failed stays, as with
+    /// any upload that is cut.
+    ///
+    /// # Errors
+    /// Nothing is there, or it has another size or digest, or the store fails.
+    pub fn take_sent(
+        &self,
+        (round, node): (u64, NodeId),
+        (blob, size): (&Digest, u64),
+        mut partial: PartialBlob,
+        stopped: &AtomicBool,
+    ) -> Result<(), BlobError> {
+        let (kept, store) = self.sent().ok_or(BlobError::NotSent)?;
+        let copied = kept.copied(store, Unverified::Sent { round, node }, size);
+        let copy = match copied {
+            Ok(copy) => copy,
+            Err(error) => {
+                partial.discard();
+                return Err(error);
+            }
+        };
+        let read = || {
+            store.get(&copy, size, &mut |bytes| {
+                if stopped.load(Ordering::Relaxed) {
+                    let held = partial.held();
+                    return Err(BlobError::Incomplete { held, size });
+                }
+                partial.write(bytes)
+            })
+        };
+        let read = kept.counted(Operation::Get, read, |()| size);
+        match read.and_then(|()| partial.finish()) {
+            Ok(()) => {
+                kept.copies.add(store, blob, copy);
+                Ok(())
+            }
+            Err(error) => {
+                removed(store, &copy);
+                Err(error)
+            }
+        }
+    }
+
+    /// Removes what nodes have put into the store in other rounds than `open`, and returns how many objects these were.
+    pub fn remove_sent(&self, open: Option<u64>) -> Result<usize, BlobError> {
+        let Some((kept, store)) = self.sent() else {
+            return Ok(0);
+        };
+        let old = |object: &Unverified| Some(object.round()) != open;
+        kept.copies.forget(old);
+        let list = || store.all().map_err(BlobError::from);
+        let all = kept.counted(Operation::List, list, |_| 0)?;
+        let mut removed = 0;
+        for object in all.iter().filter(|object| old(object)) {
+            let remove = || store.remove(object).map_err(BlobError::from);
+            kept.counted(Operation::Remove, remove, |()| 0)?;
+            removed += 1;
+        }
+        Ok(removed)
+    }
+}
+
+impl Kept {
+    /// Makes a copy of what a node has put into the store, if it has this size, and removes it.
+    fn copied(
+        &self,
+        store: &dyn SentStore,
+        sent: Unverified,
+        size: u64,
+    ) -> Result<Unverified, BlobError> {
+        let ask = || store.size(&sent).map_err(BlobError::from);
+        match self.counted(Operation::Size, ask, |_| 0)? {
+            None => return Err(BlobError::NotSent),
+            Some(found) if found != size => {
+                removed(store, &sent);
+                return Err(BlobError::OtherSize { found, size });
+            }
+            Some(_) => {}
+        }
+        let copy = Unverified::Copied {
+            round: sent.round(),
+            number: self.copies.number(),
+        };
+        store.copy(&sent, &copy)?;
+        removed(store, &sent);
+        Ok(copy)
+    }
+}

@@ -1,0 +1,145 @@
+//! Objects in the store that are no blobs yet, and what a store can do with them.
+
+use super::error::{BlobError, StoreError};
+use super::take::Take;
+use std::collections::BTreeMap;
+use std::fmt;
+use std::str::FromStr;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+use zk0_circuits::{Digest, NodeId};
+
+/// An object in the store that is no blob yet.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Unverified {
+    /// What a node puts there by itself. It has one such place in a round.
+    Sent {
+        /// The round.
+        round: u64,
+        /// The node.
+        node: NodeId,
+    },
+    /// A copy of it. Nobody has an address for it.
+    Copied {
+        /// The round.
+        round: u64,
+        /// Which copy this is.
+        number: u64,
+    },
+}
+
+impl Unverified {
+    /// Its round.
+    pub(super) fn round(&self) -> u64 {
+        match self {
+            Self::Sent { round, .. } | Self::Copied { round, .. } => *round,
+        }
+    }
+}
+
+/// Its name in the store: `ROUND/NODE` or `ROUND/copy-NUMBER`.
+impl fmt::Display for Unverified {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Sent { round, node } => write!(f, "{round}/{node}"),
+            Self::Copied { round, number } => write!(f, "{round}/copy-{number}"),
+        }
+    }
+}
+
+impl FromStr for Unverified {
+    type Err = ();
+
+    fn from_str(name: &str) -> Result<Self, ()> {
+        let (round, name) = name.split_once('/').ok_or(())?;
+        let round = round.parse().map_err(drop)?;
+        if let Some(number) = name.strip_prefix("copy-") {
+            let number = number.parse().map_err(drop)?;
+            return Ok(Self::Copied { round, number });
+        }
+        let node = name.parse().map_err(drop)?;
+        Ok(Self::Sent { round, node })
+    }
+}
+
+/// What a store can do for those who put files into it by themselves. Each method waits for the network, and gives up after a bounded time.
+pub trait SentStore: Send + Sync {
+    /// An address at which anybody who knows it can put this object (HTTP, `PUT`), for so long from now.
+    fn address(&self, object: &Unverified, valid: Duration) -> Result<String, StoreError>;
+
+    /// How many bytes an object has; `None` if there is no such object.
+    fn size(&self, object: &Unverified) -> Result<Option<u64>, StoreError>;
+
+    /// Copies an object inside the store.
+    fn copy(&self, from: &Unverified, to: &Unverified) -> Result<(), StoreError>;
+
+    /// Copies an object inside the store to the name of a blob. The blob is durable when this returns.
+    fn copy_to_blob(&self, from: &Unverified, blob: &Digest) -> Result<(), StoreError>;
+
+    /// Gives the bytes of an object of `size` bytes to `take`, in order.
+    ///
+    /// # Errors
+    /// The object has another size, or is not there, or the store fails; or `take` fails.
+    fn get(&self, object: &Unverified, size: u64, take: Take) -> Result<(), BlobError>;
+
+    /// Removes an object, if it is there.
+    fn remove(&self, object: &Unverified) -> Result<(), StoreError>;
+
+    /// All objects that are no blobs yet.
+    fn all(&self) -> Result<Vec<Unverified>, StoreError>;
+}
+
+/// The copies in the store whose digest is verified, and which are no blobs yet.
+#[derive(Debug, Default)]
+pub(super) struct VerifiedCopies {
+    verified: Mutex<BTreeMap<Digest, Unverified>>,
+    /// The number of the next copy.
+    next: AtomicU64,
+}
+
+impl VerifiedCopies {
+    fn verified(&self) -> MutexGuard<'_, BTreeMap<Digest, Unverified>> {
+        // A panic elsewhere does not spoil the map: it is never half changed.
+        self.verified.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// The number of the next copy.
+    pub fn number(&self) -> u64 {
+        self.next.fetch_add(1, Ordering::Relaxed)
+    }
+
+    /// Remembers the verified copy of a blob, and removes the one before.
+    pub fn add(&self, store: &dyn SentStore, blob: &Digest, copy: Unverified) {
+        let before = self.verified().insert(*blob, copy);
+        if let Some(before) = before {
+            removed(store, &before);
+        }
+    }
+
+    /// Forgets these copies.
+    pub fn forget(&self, these: impl Fn(&Unverified) -> bool) {
+        self.verified().retain(|_, copy| !these(copy));
+    }
+
+    /// Makes a blob of its verified copy, if there is one. Returns whether it did.
+    pub fn make_blob(&self, store: Option<&dyn SentStore>, blob: &Digest) -> bool {
+        let copy = self.verified().remove(blob);
+        let (Some(store), Some(copy)) = (store, copy) else {
+            return false;
+        };
+        let made = store.copy_to_blob(&copy, blob);
+        if let Err(error) = &made {
+            tracing::warn!("the update is sent to the blob store instead: {error}");
+        }
+        removed(store, &copy);
+        made.is_ok()
+    }
+}
+
+/// Removes what is not needed any more. If that fails, it goes when the round has ended.
+pub(super) fn removed(store: &dyn SentStore, object: &Unverified) {
+    if let Err(error) = store.remove(object) {
+        tracing::warn!("an object stays in the blob store until its round has ended: {error}");
+    }
+}

@@ -1,0 +1,224 @@
+//! Updates that a node puts into the store of its aggregator: where they go, and where they do not.
+
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::{TcpListener, TcpStream};
+use std::sync::Arc;
+use std::thread::{self, JoinHandle};
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::task::spawn_blocking;
+use zk0_node::client::stored_update::{StoreClient, StoreError};
+use zk0_tls::local_authority::{LocalAuthority, CA, CERTIFICATE, KEY};
+use zk0_tls::server_certificate::ServerCertificate;
+use zk0_tls::service_address::ServiceAddress;
+
+fn beside(aggregator: &str) -> StoreClient {
+    StoreClient::beside(&ServiceAddress::from(aggregator.to_owned()))
+}
+
+/// A client whose aggregator is not encrypted.
+fn plain() -> StoreClient {
+    beside("http://zk0.example:1")
+}
+
+/// What a store got: the head, in small letters, and the body.
+type Got = (String, Vec<u8>);
+
+/// A store that takes one update, and then lets `answer` speak. Returns an address at which it takes the update.
+fn store<T: Send + 'static>(
+    answer: impl FnOnce(TcpStream) -> T + Send + 'static,
+) -> (String, JoinHandle<(Got, T)>) {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let host = listener.local_addr().unwrap();
+    let got = thread::spawn(move || {
+        let (stream, _) = listener.accept().unwrap();
+        let mut reader = BufReader::new(stream.try_clone().unwrap());
+        let (mut head, mut length) = (String::new(), 0);
+        loop {
+            let mut line = String::new();
+            reader.read_line(&mut line).unwrap();
+            if line.trim().is_empty() {
+                break;
+            }
+            let line = line.to_lowercase();
+            if let Some(value) = line.strip_prefix("content-length:") {
+                length = value.trim().parse().unwrap();
+            }
+            head += &line;
+        }
+        let mut body = vec![0; length];
+        reader.read_exact(&mut body).unwrap();
+        ((head, body), answer(stream))
+    });
+    (format!("http://{host}/a?signature=secret"), got)
+}
+
+/// Answers with a status.
+fn says(status: &str, more: &str) -> impl FnOnce(TcpStream) + Send + 'static {
+    let answer =
+        format!("HTTP/1.1 {status}\r\n{more}content-length: 0\r\nconnection: close\r\n\r\n");
+    move |mut stream| stream.write_all(answer.as_bytes()).unwrap()
+}
+
+fn put(client: &StoreClient, address: &str) -> Result<(), StoreError> {
+    client.put(address, &Arc::from(&b"update"[..]))
+}
+
+/// Why an update is not put at this address, which may not show the signature.
+#[track_caller]
+fn refused(client: &StoreClient, address: &str) -> String {
+    let said = put(client, address).unwrap_err().to_string();
+    assert!(!said.contains("secret"), "{said}");
+    said
+}
+
+#[test]
+fn the_whole_update_is_put_with_its_length() {
+    let (address, got) = store(says("200 OK", ""));
+    let update: Arc<[u8]> = (0..300_000u32).map(|at| (at % 251) as u8).collect();
+    plain().put(&address, &update).unwrap();
+    let ((head, body), ()) = got.join().unwrap();
+    assert!(
+        head.starts_with("put /a?signature=secret http/1.1"),
+        "{head}"
+    );
+    assert!(head.contains("x-ms-blob-type: blockblob"), "{head}");
+    assert!(!head.contains("transfer-encoding"), "{head}");
+    assert!(body[..] == update[..]);
+}
+
+/// An update is private until its round closes.
+#[test]
+fn an_update_does_not_leave_encryption() {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    listener.set_nonblocking(true).unwrap();
+    let host = listener.local_addr().unwrap();
+    let encrypted = beside("https://zk0.example:1");
+    let said = refused(&encrypted, &format!("http://{host}/a?signature=secret"));
+    assert!(said.contains(&format!("http://{host}, is not")), "{said}");
+    assert!(listener.accept().is_err());
+    // With encryption, anybody may be the store, and has to show a certificate.
+    drop(listener);
+    for client in [encrypted, plain()] {
+        let said = refused(&client, &format!("https://{host}/a?signature=secret"));
+        assert!(said.contains("cannot be reached"), "{said}");
+    }
+}
+
+/// The store's certificate has to be signed by an authority that the system trusts, or by the one of the aggregator's operator.
+#[tokio::test(flavor = "multi_thread")]
+async fn an_encrypted_store_shows_a_certificate_that_the_node_believes() {
+    let dir = tempfile::tempdir().unwrap();
+    let authority = LocalAuthority::new(&["127.0.0.1".to_owned()]).unwrap();
+    authority.write(dir.path()).unwrap();
+    let (certificate, key) = (dir.path().join(CERTIFICATE), dir.path().join(KEY));
+    let certificate = ServerCertificate::load(&certificate, &key).unwrap();
+    let acceptor = certificate.acceptor("http/1.1");
+    let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
+    let host = listener.local_addr().unwrap();
+    let got = tokio::spawn(async move {
+        loop {
+            let (stream, _) = listener.accept().await.unwrap();
+            // Who does not believe the certificate hangs up.
+            let Ok(mut stream) = acceptor.accept(stream).await else {
+                continue;
+            };
+            let (mut got, mut some) = (Vec::new(), [0; 4096]);
+            while !got.ends_with(b"update") {
+                match stream.read(&mut some).await {
+                    Ok(read @ 1..) => got.extend(&some[..read]),
+                    _ => break,
+                }
+            }
+            if got.ends_with(b"update") {
+                let answer = b"HTTP/1.1 200 OK\r\ncontent-length: 0\r\n\r\n";
+                stream.write_all(answer).await.unwrap();
+                stream.shutdown().await.unwrap();
+                return got;
+            }
+        }
+    });
+    let aggregator = ServiceAddress::from("https://zk0.example:1".to_owned());
+    let (without, with) = (
+        StoreClient::beside(&aggregator),
+        StoreClient::beside(&aggregator.with_ca(Some(dir.path().join(CA)))),
+    );
+    let address = format!("https://{host}/a?signature=secret");
+    let said = spawn_blocking(move || {
+        let said = refused(&without, &address);
+        put(&with, &address).unwrap();
+        said
+    });
+    let said = said.await.unwrap();
+    assert!(said.contains("certificate is not signed by"), "{said}");
+    assert!(got.await.unwrap().starts_with(b"PUT /a?signature=secret "));
+}
+
+#[test]
+fn what_is_no_address_of_http_is_refused() {
+    let long = format!("http://127.0.0.1:9/{}", "a".repeat(8 << 10));
+    let none = [
+        "",
+        "s3.example",
+        "/a",
+        "ftp://127.0.0.1/a",
+        "file:///etc/passwd",
+    ];
+    for address in none.into_iter().chain([&*long]) {
+        let said = put(&plain(), address);
+        assert!(matches!(said, Err(StoreError::NoAddress)), "{said:?}");
+    }
+}
+
+#[test]
+fn nobody_leads_the_node_elsewhere() {
+    let elsewhere = TcpListener::bind("127.0.0.1:0").unwrap();
+    elsewhere.set_nonblocking(true).unwrap();
+    let location = format!("location: http://{}/b\r\n", elsewhere.local_addr().unwrap());
+    for status in [
+        "303 See Other",
+        "307 Temporary Redirect",
+        "308 Permanent Redirect",
+    ] {
+        let (address, got) = store(says(status, &location));
+        let said = refused(&plain(), &address);
+        assert!(said.contains(&status[..3]), "{said}");
+        got.join().unwrap();
+        let came = elsewhere.accept();
+        assert!(came.is_err(), "{came:?}");
+    }
+}
+
+#[test]
+fn an_endless_answer_is_read_and_shown_in_part() {
+    let endless = |mut stream: TcpStream| {
+        let begin = "HTTP/1.1 403 Forbidden\r\nconnection: close\r\n\r\n<Code>AccessDenied</Code>\x1b[31m\n";
+        stream.write_all(begin.as_bytes()).unwrap();
+        let (some, mut sent) = ([b'x'; 64 << 10], 0);
+        while sent < 1 << 30 && stream.write_all(&some).is_ok() {
+            sent += some.len();
+        }
+        sent
+    };
+    let (address, got) = store(endless);
+    let said = refused(&plain(), &address);
+    assert!(
+        said.contains("403 Forbidden <Code>AccessDenied</Code>"),
+        "{said}"
+    );
+    assert!(said.len() < 400, "{said}");
+    assert!(!said.contains(char::is_control), "{said:?}");
+    let (_, sent) = got.join().unwrap();
+    assert!(sent < 32 << 20, "{sent} bytes");
+}
+
+#[test]
+fn a_store_that_is_not_there_is_named() {
+    let free = TcpListener::bind("127.0.0.1:0").unwrap();
+    let host = free.local_addr().unwrap();
+    drop(free);
+    let said = refused(&plain(), &format!("http://{host}/a?signature=secret"));
+    let expected = format!("the store at {host} cannot be reached");
+    assert!(said.contains(&expected), "{said}");
+    let said = refused(&plain(), &format!("http://user:secret@{host}/a"));
+    assert!(said.contains(&expected), "{said}");
+}
