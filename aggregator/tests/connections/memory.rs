@@ -84,15 +84,16 @@ async fn strangers_wait_for_memory_and_nodes_do_not() -> Test {
 async fn who_waits_for_memory_for_too_long_is_told_to_come_again() -> Test {
     let (network, [node, _]) = network(Limits {
         message_memory: 0,
-        message: Duration::from_millis(500),
+        message: Duration::from_secs(3),
         ..Limits::default()
     })
     .await;
     // The aggregator is busy, so a large message keeps its memory although it has arrived.
     let service = network.service().clone();
+    let (end, ended) = std::sync::mpsc::channel::<()>();
     let busy = tokio::spawn(async move {
-        let work = |_: &mut Aggregator| {
-            std::thread::sleep(Duration::from_secs(2));
+        let work = move |_: &mut Aggregator| {
+            let _ = ended.recv();
             Ok(())
         };
         service.with(work).await
@@ -101,10 +102,11 @@ async fn who_waits_for_memory_for_too_long_is_told_to_come_again() -> Test {
     let mut request = registration(&network, &node);
     request.get_mut().leaves = vec![0; 3 << 20];
     let waiting = tokio::spawn(async move { first.register_dataset(request).await });
-    sleep(Duration::from_millis(200)).await;
+    sleep(Duration::from_secs(1)).await;
     let status = network.client().await.commit(large()).await.unwrap_err();
     assert_eq!(status.code(), Code::Unavailable, "{status}");
     assert!(status.message().contains("again later"), "{status}");
+    drop(end);
     let status = waiting.await?.unwrap_err();
     assert_eq!(status.code(), Code::InvalidArgument, "{status}");
     busy.await??;
