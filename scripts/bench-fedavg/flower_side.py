@@ -1,7 +1,7 @@
 """Averages updates with Flower's FedAvg, from files to the new weights, and prints one JSON line.
 
-usage: FLWR_TELEMETRY_ENABLED=0 flower_side.py make FOLDER      writes the updates of FOLDER once more, as float32
-       FLWR_TELEMETRY_ENABLED=0 flower_side.py average FOLDER   averages these
+usage: FLWR_TELEMETRY_ENABLED=0 flower_side.py make FOLDER COPIES   writes the updates of FOLDER to COPIES as float32
+       FLWR_TELEMETRY_ENABLED=0 flower_side.py average COPIES       averages these
 
 FOLDER holds files of weights as zk0 exchanges them. Flower gets the same numbers as float32, because its records hold float32. The time is that
 of mapping the files, making the messages that Flower's server gets from its nodes, and averaging. The peak of memory is that of all.
@@ -19,18 +19,19 @@ from flwr.serverapp.strategy import FedAvg
 from flwr.supercore.task_identity import TaskIdentity
 
 
-def make(path):
+def make(path, copies):
     """Writes the tensors of a file of weights one after the other as float32, and a list of them beside."""
     data = np.memmap(path, np.uint8, "r")
     length = int(data[:8].view("<u8")[0])
     header, data = json.loads(data[8 : 8 + length].tobytes()), data[8 + length :]
     tensor = lambda about: data[slice(*about["data_offsets"])].view("<i2").reshape(about["shape"])
     bits = tensor(header.pop("fraction_bits"))
-    with open(path.with_suffix(".f32"), "wb") as file:
+    copy = copies / path.name
+    with open(copy.with_suffix(".f32"), "wb") as file:
         for about, scale in zip(header.values(), bits, strict=True):
             np.ldexp(tensor(about).astype(np.float32), -int(scale)).tofile(file)
     shapes = {name: about["shape"] for name, about in header.items()}
-    path.with_suffix(".json").write_text(json.dumps(shapes))
+    copy.with_suffix(".json").write_text(json.dumps(shapes))
 
 
 def update(path):
@@ -75,7 +76,7 @@ def main():
     if what == "average":
         return average(folder)
     for path in sorted(folder.glob("update-*.safetensors")):
-        make(path)
+        make(path, Path(sys.argv[3]))
 
 
 main()

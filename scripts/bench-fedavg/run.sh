@@ -16,13 +16,13 @@ export CARGO_TARGET_DIR=${CARGO_TARGET_DIR:-$HOME/.cache/zk0/target} FLWR_TELEME
 (cd "$root" && scripts/with-rust cargo build --release --workspace --locked --example bench_fedavg)
 bench=$CARGO_TARGET_DIR/release/examples/bench_fedavg
 
-folder=$(mktemp -d) results=$(mktemp)
-trap 'rm -rf "$folder" "$results"' EXIT
+folder=$(mktemp -d) copies=$(mktemp -d) results=$(mktemp)
+trap 'rm -rf "$folder" "$copies" "$results"' EXIT
 "$bench" make "$profile" "$updates" "$folder" >&2
-"$cache/bin/python" "$here/flower_side.py" make "$folder"
+"$cache/bin/python" "$here/flower_side.py" make "$folder" "$copies"
 for _ in 1 2 3; do
     "$bench" average "$profile" "$folder" | tee -a "$results" >&2
     "$bench" bandwidth "$profile" "$folder" | tee -a "$results" >&2
-    "$cache/bin/python" "$here/flower_side.py" average "$folder" 2>/dev/null | tee -a "$results" >&2
+    "$cache/bin/python" "$here/flower_side.py" average "$copies" 2>/dev/null | tee -a "$results" >&2
 done
 python3 "$here/ratios.py" "$results"
