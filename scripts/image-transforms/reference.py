@@ -85,4 +85,5 @@ def main():
     out.write_bytes(struct.pack("<Q", len(text)) + text + body)
 
 
-main()
+if __name__ == "__main__":
+    main()
