@@ -10,7 +10,7 @@ export CARGO_TARGET_DIR ?= $(HOME)/.cache/zk0/target
 RUST := scripts/with-rust
 ZK0 := $(CARGO_TARGET_DIR)/release/zk0
 
-.PHONY: demo test deletions attacks quick lint coverage setup build guest fixtures cycles prove-full round-full bench-succinct fidelity power bench-ledger bench-recording bench-train bench-fedavg bench-load bench-simulate cuda network flower rollout
+.PHONY: demo test deletions attacks quick lint coverage setup build image guest fixtures cycles prove-full round-full bench-succinct fidelity power bench-ledger bench-recording bench-train bench-fedavg bench-load bench-simulate cuda network flower rollout
 
 demo: build
 	$(ZK0) demo --rounds $(ROUNDS) --nodes $(NODES)
@@ -35,6 +35,12 @@ network: export CARGO_TARGET_DIR := $(CARGO_TARGET_DIR)-network
 network: setup
 	$(RUST) cargo build --release --workspace --locked --features zk0/network --bin zk0
 	$(RUST) cargo test --release --workspace --locked --features zk0/network --test prover_network
+
+# Builds the container image `zk0` with Podman, and tries it as docs/services.md says to run it. All is compiled anew, which takes as long as
+# the first `make build`.
+image:
+	podman build --file packaging/Containerfile --tag zk0 .
+	scripts/try-image
 
 # Tests the Python package for Flower federations: rounds of a SuperLink and three SuperNodes on this machine, up to the proof. The first run
 # installs Flower from PyPI into ~/.cache/zk0.

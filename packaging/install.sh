@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Installs zk0 with its settings and its systemd units. The container file does the same.
+# Installs zk0 with its settings and its systemd units.
 #
 #   packaging/install.sh BINARY [ROOT]
 #
