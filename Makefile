@@ -136,13 +136,14 @@ bench-recording: setup
 bench-fedavg: setup
 	scripts/bench-fedavg/run.sh $(UPDATES)
 
-# Measures an aggregator under load, on loopback: a round of 1,300 nodes, honest nodes beside 2,300 connections that do harm, and 16 updates of
-# 400 MB at once. Prints JSON lines. 13 GB of disk where temporary files go.
+# Measures an aggregator under load, on loopback: a round of 1,300 nodes, honest nodes beside 2,300 connections that do harm, 16 updates of
+# 400 MB at once, and one of 200 MB from far away. Prints JSON lines. 13 GB of disk where temporary files go.
 bench-load: setup
 	$(RUST) cargo build --release --workspace --locked --example bench_load
 	$(CARGO_TARGET_DIR)/release/examples/bench_load round 1300
 	$(CARGO_TARGET_DIR)/release/examples/bench_load crowd
 	$(CARGO_TARGET_DIR)/release/examples/bench_load uploads 16 400
+	$(CARGO_TARGET_DIR)/release/examples/bench_load distance 200
 
 # Simulates small federations, ours beside Flower's simulation engine: softmax regressions of 10 and 100 nodes, and updates that do nothing.
 # Prints JSON lines. The first run installs Flower and Ray into ~/.cache/zk0.
