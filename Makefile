@@ -5,12 +5,14 @@ ROUNDS ?= 1
 NODES ?= 3
 CONFIDENCE ?= 99%
 FULL_SAMPLES ?= 4
+SUITE ?= trixie
 # Outside the clone, so that checkouts share one build.
 export CARGO_TARGET_DIR ?= $(HOME)/.cache/zk0/target
 RUST := scripts/with-rust
 ZK0 := $(CARGO_TARGET_DIR)/release/zk0
+SUDO := $(if $(filter-out 0,$(shell id -u)),sudo)
 
-.PHONY: demo test deletions attacks quick lint coverage setup build guest fixtures cycles prove-full round-full bench-succinct fidelity power bench-ledger bench-recording bench-train bench-fedavg bench-load bench-simulate cuda network flower rollout
+.PHONY: demo test deletions attacks quick lint coverage setup build guest fixtures cycles prove-full round-full bench-succinct fidelity power bench-ledger bench-recording bench-train bench-fedavg bench-load bench-simulate cuda network flower rollout units
 
 demo: build
 	$(ZK0) demo --rounds $(ROUNDS) --nodes $(NODES)
@@ -160,6 +162,13 @@ bench-train:
 rollout: build
 	@scripts/setup.sh python rollout
 	scripts/rollout/example.sh $(ZK0) $(CARGO_TARGET_DIR)/rollout
+
+# Starts the systemd units of packaging/ in a container with a Debian and a systemd of its own, by the commands of docs/services.md, and restarts the
+# container. It needs root, 20 GiB of free memory (the proving service refuses to start with less), and Debian's packages: 300 MB are fetched. That is why
+# `make test` does not do it. SUITE chooses another release of Debian. Ten minutes.
+units: build
+	@scripts/setup.sh units
+	$(SUDO) env SUITE=$(SUITE) scripts/try-units/run.sh $(ZK0)
 
 # Rebuilds the guest programs and their verifying keys from source.
 guest:
