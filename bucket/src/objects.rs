@@ -43,6 +43,7 @@ pub(crate) struct Objects {
     /// What the names of all objects begin with.
     pub(crate) prefix: ObjectPath,
     folder: Option<PathBuf>,
+    pub(crate) patience: Patience,
     waiting: Waiting,
 }
 
@@ -60,6 +61,7 @@ impl Objects {
             signer: opened.signer,
             prefix: opened.prefix,
             folder: opened.folder,
+            patience,
             waiting: Waiting::new().map_err(AddressError::Threads)?,
         })
     }
