@@ -169,7 +169,7 @@ rollout: build
 
 # Starts the systemd units of packaging/ in a container with a Debian and a systemd of its own, by the commands of docs/services.md, and restarts the
 # container. It needs root, 20 GiB of free memory (the proving service refuses to start with less), and Debian's packages: 300 MB are fetched. That is why
-# `make test` does not do it. SUITE chooses another release of Debian. Ten minutes.
+# `make test` does not do it. SUITE chooses another release of Debian. Five minutes.
 units: build
 	@scripts/setup.sh units
 	$(SUDO) env SUITE=$(SUITE) scripts/try-units/run.sh $(ZK0)

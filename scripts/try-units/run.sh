@@ -39,7 +39,7 @@ finish() {
     echo $$ >"$outside/cgroup.procs"
     find "$group" -depth -type d -exec rmdir {} \; 2>/dev/null || true
     ! mountpoint --quiet "$root" || umount "$root"
-    rm -rf "$work"
+    rm -rf --one-file-system "$work"
 }
 trap finish EXIT
 trap 'exit 1' INT TERM
@@ -53,6 +53,7 @@ fi
 # What the container writes goes into an overlay, so that the Debian stays as it is.
 mkdir "$work"/{upper,overlay,root}
 mount -t overlay -o "lowerdir=$debian,upperdir=$work/upper,workdir=$work/overlay" overlay "$root"
+echo zk0-units >"$root/etc/hostname"
 echo '127.0.0.1 localhost zk0-units' >"$root/etc/hosts"
 
 # Runs a command in the container, in the folder of the repository. The container's first process is a child of systemd-nspawn.
