@@ -34,7 +34,7 @@ impl Bucket {
         (from, to): (&ObjectPath, &ObjectPath),
         size: u64,
     ) -> Result<(), StoreError> {
-        let copied = self.objects.wait_for(self.objects.client.copy(from, to));
+        let copied = self.objects.wait_for(self.objects.long.copy(from, to));
         copied.map_err(|error| self.objects.failed(what, &error))?;
         let until = Instant::now() + self.objects.patience.request();
         loop {

@@ -193,6 +193,11 @@ impl S3 {
         .into()
     }
 
+    /// The number of the server's process.
+    pub fn process(&self) -> u32 {
+        self.process.id()
+    }
+
     /// The address of a prefix in the bucket.
     pub fn address(&self, prefix: &str) -> String {
         let scheme = match self.speaks {

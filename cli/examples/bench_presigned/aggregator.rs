@@ -26,6 +26,8 @@ pub struct Cost {
     pub memory: f64,
     /// What the aggregator wrote to its disk, in MB.
     pub written: f64,
+    /// Seconds of the S3 server's processors.
+    pub server_cpu: f64,
 }
 
 /// A serving aggregator, ended when it is dropped.
@@ -94,11 +96,6 @@ impl Aggregator {
         }
     }
 
-    fn file(&self, name: &str) -> String {
-        let path = format!("/proc/{}/{name}", self.process.id());
-        fs::read_to_string(path).expect("Linux has this file")
-    }
-
     /// How many updates came this way.
     pub fn came_from(&self, from: &str) -> f64 {
         let mut stream = TcpStream::connect(&self.metrics).expect("it serves metrics");
@@ -110,21 +107,32 @@ impl Aggregator {
     }
 
     /// What it has cost so far.
-    pub fn cost(&self, upload: f64, commit: f64) -> Cost {
-        let stat = self.file("stat");
-        let (_, after_name) = stat.rsplit_once(") ").expect("a name in brackets");
-        let ticks = after_name.split(' ').skip(11).take(2);
-        let ticks: f64 = ticks
-            .map(|ticks| ticks.parse::<f64>().expect("ticks"))
-            .sum();
+    pub fn cost(&self, upload: f64, commit: f64, s3: &S3) -> Cost {
+        let own = self.process.id();
         Cost {
             upload,
             commit,
-            cpu: ticks / TICKS,
-            memory: number(&self.file("status"), "VmHWM:") / 1024.0,
-            written: number(&self.file("io"), "write_bytes:") / 1e6,
+            cpu: cpu(own),
+            memory: number(&file(own, "status"), "VmHWM:") / 1024.0,
+            written: number(&file(own, "io"), "write_bytes:") / 1e6,
+            server_cpu: cpu(s3.process()),
         }
     }
+}
+
+/// What Linux says of a process.
+fn file(process: u32, name: &str) -> String {
+    let path = format!("/proc/{process}/{name}");
+    fs::read_to_string(path).expect("Linux has this file")
+}
+
+/// Seconds of the processors that a process has had.
+fn cpu(process: u32) -> f64 {
+    let stat = file(process, "stat");
+    let (_, after_name) = stat.rsplit_once(") ").expect("a name in brackets");
+    let ticks = after_name.split(' ').skip(11).take(2);
+    let ticks = ticks.map(|ticks| ticks.parse::<f64>().expect("ticks"));
+    ticks.sum::<f64>() / TICKS
 }
 
 /// The number after a name, in text with one name in a line.
