@@ -15,6 +15,11 @@ if [ "$(id -u)" != 0 ]; then
     echo "try-units: this makes a container, so it has to run as root: sudo $0 $zk0" >&2
     exit 1
 fi
+free=$(awk '/^MemAvailable:/{print int($2 / 1048576)}' /proc/meminfo)
+if [ "$free" -lt 20 ]; then
+    echo "try-units: the proving service needs 20 GiB of free memory to start, and $free GiB are free: close other programs" >&2
+    exit 1
+fi
 
 # systemd needs a hierarchy of control groups of version 2, and the container gets a group of its own there. In a mount namespace of its own, this
 # script sees one at the usual place, whatever the machine itself has there. Nobody else sees the mounts, and they end with the script.
