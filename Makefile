@@ -5,12 +5,14 @@ ROUNDS ?= 1
 NODES ?= 3
 CONFIDENCE ?= 99%
 FULL_SAMPLES ?= 4
+SUITE ?= trixie
 # Outside the clone, so that checkouts share one build.
 export CARGO_TARGET_DIR ?= $(HOME)/.cache/zk0/target
 RUST := scripts/with-rust
 ZK0 := $(CARGO_TARGET_DIR)/release/zk0
+SUDO := $(if $(filter-out 0,$(shell id -u)),sudo)
 
-.PHONY: demo test deletions attacks quick lint coverage setup build image guest fixtures cycles prove-full round-full bench-succinct fidelity power bench-ledger bench-recording bench-train bench-fedavg bench-load bench-simulate cuda network flower rollout
+.PHONY: demo test deletions attacks quick lint coverage setup build image guest fixtures cycles prove-full round-full bench-succinct fidelity power bench-ledger bench-recording bench-train bench-fedavg bench-load bench-simulate cuda network flower rollout units buckets
 
 demo: build
 	$(ZK0) demo --rounds $(ROUNDS) --nodes $(NODES)
@@ -142,13 +144,18 @@ bench-recording: setup
 bench-fedavg: setup
 	scripts/bench-fedavg/run.sh $(UPDATES)
 
-# Measures an aggregator under load, on loopback: a round of 1,300 nodes, honest nodes beside 2,300 connections that do harm, and 16 updates of
-# 400 MB at once. Prints JSON lines. 13 GB of disk where temporary files go.
-bench-load: setup
-	$(RUST) cargo build --release --workspace --locked --example bench_load
+# Measures an aggregator under load, on loopback: a round of 1,300 nodes, honest nodes beside 2,300 connections that do harm, 16 updates of
+# 400 MB at once, one of 200 MB from far away, and what `--presigned-uploads` saves. Prints JSON lines. 13 GB of disk where temporary files go, and
+# 4 GB of memory.
+bench-load: build
+	@scripts/setup.sh guest
+	$(RUST) cargo build --release --workspace --locked --example bench_load --example bench_presigned
 	$(CARGO_TARGET_DIR)/release/examples/bench_load round 1300
 	$(CARGO_TARGET_DIR)/release/examples/bench_load crowd
 	$(CARGO_TARGET_DIR)/release/examples/bench_load uploads 16 400
+	$(CARGO_TARGET_DIR)/release/examples/bench_load distance 200
+	$(CARGO_TARGET_DIR)/release/examples/bench_presigned $(ZK0) 4 400
+	$(CARGO_TARGET_DIR)/release/examples/bench_presigned $(ZK0) 16 200
 
 # Simulates small federations, ours beside Flower's simulation engine: softmax regressions of 10 and 100 nodes, and updates that do nothing.
 # Prints JSON lines. The first run installs Flower and Ray into ~/.cache/zk0.
@@ -166,12 +173,24 @@ rollout: build
 	@scripts/setup.sh python rollout
 	scripts/rollout/example.sh $(ZK0) $(CARGO_TARGET_DIR)/rollout
 
+# Starts the systemd units of packaging/ in a container with a Debian and a systemd of its own, by the commands of docs/services.md, and restarts the
+# container. It needs root, 20 GiB of free memory (the proving service refuses to start with less), and Debian's packages: 300 MB are fetched. That is why
+# `make test` does not do it. SUITE chooses another release of Debian. Five minutes.
+units: build
+	@scripts/setup.sh units
+	$(SUDO) env SUITE=$(SUITE) scripts/try-units/run.sh $(ZK0)
+
 # Rebuilds the guest programs and their verifying keys from source.
 guest:
 	@scripts/setup.sh guest
 	$(RUST) circuits/build-guest.sh
 	$(RUST) cargo build --release --workspace --locked --example record_guest
 	$(CARGO_TARGET_DIR)/release/examples/record_guest
+
+# Keeps the blobs of a network in an emulator of Azure's stores, publishes its log there, and lets nodes put updates there. Prints one line for each
+# step. The first run installs the emulator from npm into ~/.cache/zk0. `scripts/try-buckets ADDRESS` does so with a bucket of yours.
+buckets: setup
+	scripts/try-buckets
 
 # Runs a demo, and puts its ledger and a proof into tests/fixtures, and its picture into docs. Do this whenever the guest programs change.
 fixtures: build

@@ -7,6 +7,7 @@
 #   coverage   what scripts/coverage runs: cargo-llvm-cov and LLVM's tools
 #   cuda       what scripts/with-cuda needs
 #   python     what scripts/python-env needs
+#   units      what scripts/try-units needs: debootstrap and systemd-nspawn
 #   rollout    what draws pictures for scripts/rollout without a display, and reads videos
 set -euo pipefail
 
@@ -111,6 +112,10 @@ fi
 
 if wanted python || { wanted cuda && ! command -v nvcc >/dev/null; }; then
     python3 -c 'import ensurepip, venv' 2>/dev/null || install python3 python3-venv
+fi
+
+if wanted units; then
+    install debootstrap systemd-container util-linux procps
 fi
 
 if wanted rollout; then

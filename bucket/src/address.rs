@@ -54,6 +54,8 @@ pub enum AddressError {
 pub(crate) struct Opened {
     pub(crate) address: String,
     pub(crate) objects: Arc<dyn ObjectStore>,
+    /// The same for requests that the store may need long for.
+    pub(crate) long: Arc<dyn ObjectStore>,
     /// What signs addresses for others; `None` if the store cannot.
     pub(crate) signer: Option<Arc<dyn Signer>>,
     /// What the names of all objects begin with.
@@ -62,8 +64,15 @@ pub(crate) struct Opened {
     pub(crate) folder: Option<PathBuf>,
 }
 
-/// Makes the client of a store from its address, the variables that belong to it, and our own limits.
-macro_rules! client {
+/// The clients of a store: for most requests, for long ones, and what signs addresses, if there is such a thing.
+type Clients = (
+    Arc<dyn ObjectStore>,
+    Arc<dyn ObjectStore>,
+    Option<Arc<dyn Signer>>,
+);
+
+/// Makes the clients of a store from its address, the variables that belong to it, and our own limits.
+macro_rules! clients {
     ($builder:ty, $key:expr, $url:expr, $variables:expr, $prefix:expr, $patience:expr) => {{
         let mut builder = <$builder>::new();
         for (name, value) in $variables
@@ -76,17 +85,20 @@ macro_rules! client {
         }
         use object_store::ClientConfigKey::{ConnectTimeout, Timeout};
         let millis = |time: std::time::Duration| format!("{}ms", time.as_millis());
-        builder
-            .with_config(($key)(Timeout), millis($patience.request()))
+        let builder = builder
             .with_config(($key)(ConnectTimeout), millis($patience.connect()))
             .with_retry($patience.retries())
-            .with_url($url.as_str())
-            .build()
-            .map(|client| {
-                let client = Arc::new(client);
-                let signer: Arc<dyn Signer> = client.clone();
-                (client as Arc<dyn ObjectStore>, Some(signer))
-            })
+            .with_url($url.as_str());
+        let client = |longest| {
+            let limited = builder.clone();
+            let limited = limited.with_config(($key)(Timeout), millis(longest));
+            limited.build().map(Arc::new)
+        };
+        client($patience.request()).and_then(|usual| {
+            let signer: Arc<dyn Signer> = usual.clone();
+            let clients: Clients = (usual, client($patience.0)?, Some(signer));
+            Ok(clients)
+        })
     }};
 }
 
@@ -110,7 +122,7 @@ pub(crate) fn open(
         ObjectStoreScheme::parse(&url).map_err(|error| no_address(error.to_string()))?;
     let mut folder = None;
     let objects = match scheme {
-        ObjectStoreScheme::AmazonS3 => client!(
+        ObjectStoreScheme::AmazonS3 => clients!(
             AmazonS3Builder,
             object_store::aws::AmazonS3ConfigKey::Client,
             url,
@@ -118,7 +130,7 @@ pub(crate) fn open(
             "AWS_",
             patience
         ),
-        ObjectStoreScheme::GoogleCloudStorage => client!(
+        ObjectStoreScheme::GoogleCloudStorage => clients!(
             GoogleCloudStorageBuilder,
             object_store::gcp::GoogleConfigKey::Client,
             url,
@@ -126,7 +138,7 @@ pub(crate) fn open(
             "GOOGLE_",
             patience
         ),
-        ObjectStoreScheme::MicrosoftAzure => client!(
+        ObjectStoreScheme::MicrosoftAzure => clients!(
             MicrosoftAzureBuilder,
             object_store::azure::AzureConfigKey::Client,
             url,
@@ -143,8 +155,10 @@ pub(crate) fn open(
                 error,
             })?;
             folder = Some(path.clone());
-            LocalFileSystem::new_with_prefix(path)
-                .map(|client| (Arc::new(client) as Arc<dyn ObjectStore>, None))
+            LocalFileSystem::new_with_prefix(path).map(|client| {
+                let client: Arc<dyn ObjectStore> = Arc::new(client);
+                (client.clone(), client, None)
+            })
         }
         _ => {
             return Err(no_address(format!(
@@ -154,13 +168,14 @@ pub(crate) fn open(
         }
     };
     let address = text.trim_end_matches('/').to_owned();
-    let (objects, signer) = objects.map_err(|error| AddressError::Settings {
+    let (objects, long, signer) = objects.map_err(|error| AddressError::Settings {
         address: address.clone(),
         error,
     })?;
     Ok(Opened {
         address,
         objects,
+        long,
         signer,
         // The client of a folder begins in it.
         prefix: folder.as_ref().map_or(prefix, |_| ObjectPath::default()),

@@ -38,11 +38,14 @@ const NOTHING: &str = "there is no such bucket or object: ";
 pub(crate) struct Objects {
     pub(crate) address: String,
     pub(crate) client: Arc<dyn ObjectStore>,
+    /// The same for requests that the store may need long for: copies, and the end of an upload in parts.
+    pub(crate) long: Arc<dyn ObjectStore>,
     /// What signs addresses for others; `None` if the store cannot.
     pub(crate) signer: Option<Arc<dyn Signer>>,
     /// What the names of all objects begin with.
     pub(crate) prefix: ObjectPath,
     folder: Option<PathBuf>,
+    pub(crate) patience: Patience,
     waiting: Waiting,
 }
 
@@ -57,9 +60,11 @@ impl Objects {
         Ok(Self {
             address: opened.address,
             client: opened.objects,
+            long: opened.long,
             signer: opened.signer,
             prefix: opened.prefix,
             folder: opened.folder,
+            patience,
             waiting: Waiting::new().map_err(AddressError::Threads)?,
         })
     }
@@ -141,7 +146,7 @@ impl Objects {
             return put.await.map(drop).map_err(failed);
         }
         let options = PutMultipartOptions::from(attributes);
-        let upload = self.client.put_multipart_opts(object, options);
+        let upload = self.long.put_multipart_opts(object, options);
         let mut upload = upload.await.map_err(failed)?;
         let stored = async {
             loop {
@@ -151,10 +156,17 @@ impl Objects {
                 }
                 upload.put_part(bytes.into()).await.map_err(failed)?;
             }
-            upload.complete().await.map_err(failed)
+            let Err(error) = upload.complete().await else {
+                return Ok(());
+            };
+            // If the answer comes late or is lost, the parts are an object already, and the next try finds no parts.
+            match self.client.head(object).await {
+                Ok(found) if found.size == size => Ok(()),
+                _ => Err(failed(error)),
+            }
         };
         match stored.await {
-            Ok(_) => Ok(()),
+            Ok(()) => Ok(()),
             Err(error) => {
                 // What cannot be removed now, the bucket's own rules have to remove.
                 let _ = timeout(ABORT, upload.abort()).await;

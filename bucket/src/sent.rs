@@ -4,11 +4,15 @@ use crate::bucket::Bucket;
 use crate::reading::ReadError;
 use object_store::path::Path as ObjectPath;
 use object_store::ObjectStoreExt;
-use std::time::Duration;
+use std::thread::sleep;
+use std::time::{Duration, Instant};
 use zk0_circuits::Digest;
 use zk0_ledger::blobs::error::{BlobError, StoreError};
 use zk0_ledger::blobs::take::Take;
 use zk0_ledger::blobs::unverified::{SentStore, Unverified};
+
+/// How long to wait before it is looked again whether a copy has arrived.
+const APART: Duration = Duration::from_millis(100);
 
 impl Bucket {
     /// Where the objects are that are no blobs yet.
@@ -22,9 +26,29 @@ impl Bucket {
         parts.fold(self.uploads(), |above, part| above.join(part))
     }
 
-    fn copied(&self, what: &str, from: &ObjectPath, to: &ObjectPath) -> Result<(), StoreError> {
-        let copied = self.objects.wait_for(self.objects.client.copy(from, to));
-        copied.map_err(|error| self.objects.failed(what, &error))
+    /// Copies an object of `size` bytes, and looks whether the copy is there. What a store answers is not enough: S3 may answer with status 200 and
+    /// an error after it, and Azure may go on copying after its answer.
+    fn copied(
+        &self,
+        what: &str,
+        (from, to): (&ObjectPath, &ObjectPath),
+        size: u64,
+    ) -> Result<(), StoreError> {
+        let copied = self.objects.wait_for(self.objects.long.copy(from, to));
+        copied.map_err(|error| self.objects.failed(what, &error))?;
+        let until = Instant::now() + self.objects.patience.request();
+        loop {
+            let found = self.objects.size(what, to)?;
+            if found == Some(size) {
+                return Ok(());
+            }
+            if Instant::now() > until {
+                let found = found.map_or("nothing".into(), |found| format!("{found} bytes"));
+                let why = format!("it says that it has copied {size} bytes, and there is {found}");
+                return Err(self.objects.error(what, why));
+            }
+            sleep(APART);
+        }
     }
 }
 
@@ -49,14 +73,14 @@ impl SentStore for Bucket {
         self.objects.size(&what, &self.unverified(object))
     }
 
-    fn copy(&self, from: &Unverified, to: &Unverified) -> Result<(), StoreError> {
+    fn copy(&self, from: &Unverified, to: &Unverified, size: u64) -> Result<(), StoreError> {
         let what = format!("copying upload {from}");
-        self.copied(&what, &self.unverified(from), &self.unverified(to))
+        self.copied(&what, (&self.unverified(from), &self.unverified(to)), size)
     }
 
-    fn copy_to_blob(&self, from: &Unverified, blob: &Digest) -> Result<(), StoreError> {
+    fn copy_to_blob(&self, from: &Unverified, blob: &Digest, size: u64) -> Result<(), StoreError> {
         let what = format!("copying upload {from} to blob {blob}");
-        self.copied(&what, &self.unverified(from), &self.object(blob))
+        self.copied(&what, (&self.unverified(from), &self.object(blob)), size)
     }
 
     fn get(&self, object: &Unverified, size: u64, take: Take) -> Result<(), BlobError> {

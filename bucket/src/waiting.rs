@@ -8,7 +8,8 @@ use std::thread;
 use std::time::Duration;
 use tokio::runtime::{Builder, Runtime};
 
-/// A request that moves no faster than a part in this time is given up, and tried again.
+/// A request that moves no faster than a part in this time is given up, and tried again. Copies, and uploads in parts, have all of the time: at the
+/// end of an upload, a store puts its parts together.
 const LONGEST_REQUEST: Duration = Duration::from_secs(30);
 
 /// How long it takes at most until somebody takes the connection.

@@ -148,6 +148,24 @@ fn an_upload_that_is_cut_is_tried_again() {
     assert_eq!(blobs.get(&small, LIMIT).unwrap(), vec![7; 100_000]);
 }
 
+/// The parts are an object then, and whoever asks for that once more is told that there are no parts.
+#[test]
+fn an_answer_that_is_lost_at_the_end_of_an_upload_costs_nothing() {
+    let Some(s3) = S3::start() else { return };
+    let dir = tempfile::tempdir().unwrap();
+    let blobs = blobs(&s3, dir.path(), PATIENCE);
+    // The first such request begins the upload.
+    s3.network.pass_next("POST /blobs/net/blobs/", 1);
+    s3.network
+        .fail_next("POST /blobs/net/blobs/", Fault::CutAnswer(0), 1);
+    s3.network.counted("PUT");
+    let blob = blobs.put(&large()).unwrap();
+    assert!(s3.network.has_failed());
+    let parts = large().len().div_ceil(PART_BYTES as usize);
+    assert_eq!(s3.network.counted("PUT"), parts);
+    assert_eq!(fs::read(s3.file("net", blob)).unwrap(), large());
+}
+
 #[test]
 fn an_upload_that_fails_leaves_no_parts_behind() {
     let Some(s3) = S3::start() else { return };

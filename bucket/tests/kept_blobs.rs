@@ -25,13 +25,13 @@ fn in_store(dir: &Path, address: &str, variables: &[(String, String)]) -> Blobs 
     Blobs::in_store(dir, Box::new(bucket)).unwrap()
 }
 
-/// Runs a test with a bucket of S3, if there is a server, and with a folder.
+/// Runs a test with a bucket of S3 and one of Google Cloud Storage, if there is a server, and with a folder.
 fn with_stores(test: impl Fn(&dyn Fn(&Path) -> Blobs, &Path)) {
-    if let Some(s3) = S3::start() {
-        let (address, variables) = (s3.address("a/net"), s3.variables());
+    for bucket in [S3::start(), S3::start_as_google()].into_iter().flatten() {
+        let (address, variables) = (bucket.address("a/net"), bucket.variables());
         test(
             &|dir| in_store(dir, &address, &variables),
-            &s3.folder("a/net"),
+            &bucket.folder("a/net"),
         );
     }
     let folder = tempfile::tempdir().unwrap();

@@ -3,7 +3,7 @@
 mod s3;
 
 use s3::failing_network::Fault;
-use s3::{send, S3};
+use s3::{send, send_in_parts, S3};
 use std::fs;
 use std::sync::atomic::AtomicBool;
 use std::thread::sleep;
@@ -29,11 +29,15 @@ struct Kept {
 
 impl Kept {
     fn with_patience(seconds: u64) -> Option<Self> {
-        let (s3, dir) = (S3::start()?, tempfile::tempdir().unwrap());
+        Some(Self::of(S3::start()?, seconds))
+    }
+
+    fn of(s3: S3, seconds: u64) -> Self {
+        let dir = tempfile::tempdir().unwrap();
         let patience = Patience(Duration::from_secs(seconds));
         let bucket = Bucket::open(&s3.address("net"), &s3.variables(), patience).unwrap();
         let blobs = Blobs::in_store(dir.path(), Box::new(bucket)).unwrap();
-        Some(Self { s3, dir, blobs })
+        Self { s3, dir, blobs }
     }
 
     fn new() -> Option<Self> {
@@ -113,6 +117,23 @@ fn what_a_node_has_put_there_becomes_a_blob_and_is_not_sent_again() {
     assert_eq!(kept.s3.network.counted("POST /blobs/net/blobs/"), 2);
 }
 
+#[test]
+fn a_bucket_of_google_gives_addresses_and_copies() {
+    let Some(google) = S3::start_as_google() else {
+        return;
+    };
+    let kept = Kept::of(google, 60);
+    for bytes in [b"update".to_vec(), large()] {
+        let address = kept.address(MINUTE);
+        assert!(address.contains("X-Goog-Signature="), "{address}");
+        assert_eq!(send("PUT", &address, &bytes), 200);
+        kept.take(&bytes).unwrap();
+        assert_eq!(kept.unverified(), 1);
+        assert!(kept.linked(&bytes) == bytes);
+        assert_eq!(kept.unverified(), 0);
+    }
+}
+
 /// The address is valid for minutes, and its node may go on to write there.
 #[test]
 fn what_changes_after_it_was_verified_does_not_become_the_blob() {
@@ -175,9 +196,52 @@ fn an_address_is_good_for_nothing_else() {
     assert_eq!(kept.unverified(), 0);
 }
 
+/// S3 may answer with status 200 and an error after it, and Azure may go on copying after its answer.
+#[test]
+fn a_copy_that_is_only_said_to_be_made_is_none() {
+    let Some(kept) = Kept::with_patience(2) else {
+        return;
+    };
+    let (to_copies, to_blobs) = ("PUT /blobs/net/uploads/0/copy-", "PUT /blobs/net/blobs/");
+    assert_eq!(send("PUT", &kept.address(MINUTE), b"update"), 200);
+    kept.s3
+        .network
+        .fail_next(to_copies, Fault::Claimed(None), 1);
+    let failed = kept.take(b"update").unwrap_err().to_string();
+    assert!(
+        failed.contains("it says that it has copied 6 bytes, and there is nothing"),
+        "{failed}"
+    );
+    // What the node has put there stays.
+    assert_eq!(kept.unverified(), 1);
+    let later = Fault::Claimed(Some(Duration::from_millis(500)));
+    kept.s3.network.fail_next(to_copies, later, 1);
+    kept.take(b"update").unwrap();
+    kept.s3.network.counted("PUT");
+    kept.s3.network.fail_next(to_blobs, Fault::Claimed(None), 1);
+    assert_eq!(kept.linked(b"update"), b"update");
+    assert!(kept.s3.network.has_failed());
+    // The blob is sent instead.
+    assert_eq!(kept.s3.network.counted(to_blobs), 2);
+    assert_eq!(kept.unverified(), 0);
+}
+
+/// A slow node needs longer for its update than its address is valid.
+#[test]
+fn what_begins_in_time_may_end_later() {
+    let Some(kept) = Kept::new() else { return };
+    let bytes = large();
+    let address = kept.address(Duration::from_secs(1));
+    let (first, rest) = bytes.split_at(bytes.len() / 2);
+    let status = send_in_parts("PUT", &address, &[first, rest], Duration::from_millis(2100));
+    assert_eq!(status, 200);
+    assert_eq!(send("PUT", &address, &bytes), 403);
+    kept.take(&bytes).unwrap();
+}
+
 #[test]
 fn a_store_that_fails_says_so_and_what_was_read_is_not_read_twice() {
-    let Some(kept) = Kept::with_patience(2) else {
+    let Some(kept) = Kept::with_patience(5) else {
         return;
     };
     let bytes = large();

@@ -2,7 +2,7 @@
 
 use crate::certificate::{keep_current, CertificateOptions};
 use crate::otlp::OtlpOptions;
-use crate::serve::{interrupted, listening, online};
+use crate::serve::{interrupted, listening, online, online_until};
 use anyhow::{Context, Result};
 use std::net::SocketAddr;
 use std::time::Duration;
@@ -12,6 +12,9 @@ use zk0_prover::network::{NetworkOptions, Strategy};
 use zk0_prover::program::Executor;
 use zk0_prover::service::{ProvingService, Sp1Backend};
 use zk0_traces::export::Traces;
+
+/// How long what SP1 does may take at the end. It cannot be interrupted, and a proof takes minutes.
+const ENDING: Duration = Duration::from_secs(1);
 
 /// What to do.
 #[derive(Debug, clap::Subcommand)]
@@ -74,7 +77,10 @@ pub fn run(command: &Command) -> Result<()> {
             device,
             network,
             otlp: _,
-        } => online(serve(*listen, certificate, *queue, *device, network)),
+        } => {
+            let serving = serve(*listen, certificate, *queue, *device, network);
+            online_until(ENDING, serving)
+        }
         Command::Cycles => online(cycles()),
     }
 }

@@ -2,7 +2,6 @@
 
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::{TcpListener, TcpStream};
-use std::sync::Arc;
 use std::thread::{self, JoinHandle};
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::task::spawn_blocking;
@@ -60,7 +59,7 @@ fn says(status: &str, more: &str) -> impl FnOnce(TcpStream) + Send + 'static {
 }
 
 fn put(client: &StoreClient, address: &str) -> Result<(), StoreError> {
-    client.put(address, &Arc::from(&b"update"[..]))
+    client.put(address, b"update")
 }
 
 /// Why an update is not put at this address, which may not show the signature.
@@ -74,7 +73,7 @@ fn refused(client: &StoreClient, address: &str) -> String {
 #[test]
 fn the_whole_update_is_put_with_its_length() {
     let (address, got) = store(says("200 OK", ""));
-    let update: Arc<[u8]> = (0..300_000u32).map(|at| (at % 251) as u8).collect();
+    let update: Vec<u8> = (0..300_000u32).map(|at| (at % 251) as u8).collect();
     plain().put(&address, &update).unwrap();
     let ((head, body), ()) = got.join().unwrap();
     assert!(
@@ -84,6 +83,31 @@ fn the_whole_update_is_put_with_its_length() {
     assert!(head.contains("x-ms-blob-type: blockblob"), "{head}");
     assert!(!head.contains("transfer-encoding"), "{head}");
     assert!(body[..] == update[..]);
+}
+
+/// Nobody waits until hundreds of megabytes are sent that the store does not take, and the node learns why.
+#[test]
+fn a_store_that_refuses_gets_nothing_of_the_update() {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let host = listener.local_addr().unwrap();
+    let got = thread::spawn(move || {
+        let (mut stream, _) = listener.accept().unwrap();
+        let (mut got, mut some) = (Vec::new(), [0; 4096]);
+        while !got.ends_with(b"\r\n\r\n") {
+            let read = stream.read(&mut some).unwrap();
+            got.extend(&some[..read]);
+        }
+        // This closes the connection, as stores do that are asked for too much.
+        says("503 Slow Down", "")(stream);
+        String::from_utf8(got).unwrap().to_lowercase()
+    });
+    let update = vec![7; 32 << 20];
+    let address = format!("http://{host}/a?signature=secret");
+    let said = plain().put(&address, &update).unwrap_err().to_string();
+    assert!(said.contains("does not take the update: 503"), "{said}");
+    let head = got.join().unwrap();
+    assert!(head.contains("content-length: 33554432"), "{head}");
+    assert!(head.contains("expect: 100-continue"), "{head}");
 }
 
 /// An update is private until its round closes.

@@ -5,6 +5,7 @@ use crate::contribution_blobs::WeightFiles;
 use crate::norm::check_norm;
 use crate::weight_claims::check_weight_claims;
 use zk0_circuits::model::spec::{EvalSpec, SpecError};
+use zk0_circuits::model::weights::succinct_digest;
 use zk0_circuits::{Claim, Digest, Mode, QuantisedWeights, WeightsDigest};
 use zk0_protocol::blob::blob_digest;
 use zk0_protocol::entries::genesis::Genesis;
@@ -71,7 +72,11 @@ impl Evaluation {
 
     /// The digest of the weights of a file that was just made. Its two halves are computed at once.
     pub fn digest_of(&self, file: &BuiltFile) -> Result<WeightsDigest, WeightsError> {
-        let quantised = || Ok(file.weights(self.format.spec())?.digest(self.mode));
+        let quantised = || match self.mode {
+            // Without a copy of the numbers, which would take as long as the digest itself.
+            Mode::Succinct => Ok(succinct_digest(file.numbers())),
+            Mode::Direct => Ok(file.weights(self.format.spec())?.digest(self.mode)),
+        };
         let (blob, quantised) = rayon::join(|| blob_digest(file.bytes()), quantised);
         quantised.map(|quantised| WeightsDigest { blob, quantised })
     }

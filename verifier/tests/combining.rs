@@ -4,9 +4,8 @@ mod made;
 
 use made::{OneTensor, STRATEGIES};
 use proptest::prelude::*;
-use zk0_circuits::{EvalSpec, NodeId, QuantisedWeights};
+use zk0_circuits::{EvalSpec, Mode, NodeId, QuantisedWeights};
 use zk0_protocol::rules::network_rules::{Scaffold, Strategy};
-use zk0_verifier::blob_digest;
 use zk0_verifier::combine::bases::Bases;
 use zk0_verifier::combine::blocks::Combination;
 use zk0_verifier::combine::contributions::Given;
@@ -14,6 +13,7 @@ use zk0_verifier::combine::error::CombineError;
 use zk0_verifier::combine::fedavg::average;
 use zk0_verifier::combine::robust::{median, trimmed_mean};
 use zk0_verifier::combine::source::InMemory;
+use zk0_verifier::{blob_digest, Evaluation};
 use zk0_weights::rounding::Unit;
 use zk0_weights::scale::{check, exact, narrowed};
 use zk0_weights::{Format, Tensor, Unread};
@@ -274,6 +274,12 @@ fn the_order_of_contributions_does_not_matter() {
         // It is a file that the next round can begin with.
         let read = format.read(straight.bytes()).unwrap();
         assert!(format.write(&read) == straight.bytes());
+        // Its digests are those of every other file of weights.
+        for mode in [Mode::Direct, Mode::Succinct] {
+            let evaluation = Evaluation::new(&spec, mode).unwrap();
+            let digest = evaluation.digest(straight.bytes(), &read);
+            assert_eq!(evaluation.digest_of(&straight), Ok(digest));
+        }
         assert_eq!(straight.weights(&spec), Ok(read));
         assert!(straight.clone().into_bytes() == straight.bytes());
     }

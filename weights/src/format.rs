@@ -245,13 +245,17 @@ impl BuiltFile {
         self.bytes
     }
 
+    /// Its numbers, as [`QuantisedWeights::as_bytes`] gives them.
+    pub fn numbers(&self) -> &[u8] {
+        &self.bytes[self.numbers..]
+    }
+
     /// The weights in it, in the format of this specification. Their scales are right, because they are those that were built.
     ///
     /// # Errors
     /// The specification is another one than that of the format.
     pub fn weights(&self, spec: &EvalSpec) -> Result<QuantisedWeights, WeightsError> {
-        let numbers = &self.bytes[self.numbers..];
-        Ok(QuantisedWeights::from_bytes(spec, numbers)?)
+        Ok(QuantisedWeights::from_bytes(spec, self.numbers())?)
     }
 }
 

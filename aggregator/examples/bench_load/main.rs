@@ -4,6 +4,7 @@
 //! bench_load round NODES               one round of so many nodes, all at once
 //! bench_load crowd                     honest nodes beside connections that do harm
 //! bench_load uploads NODES MEGABYTES   large updates, all at once
+//! bench_load distance MEGABYTES        an update from far away
 //! ```
 //!
 //! Nodes and aggregator are in this one process, and share its cores. It prints one JSON line for each figure on standard output, and its
@@ -14,6 +15,7 @@
 mod harness;
 
 mod crowd;
+mod distance;
 mod figures;
 mod nodes;
 mod round;
@@ -30,7 +32,10 @@ async fn main() {
         ["uploads", nodes, megabytes] => {
             uploads::measure(number(nodes), number(megabytes).into()).await;
         }
-        _ => panic!("bench_load round NODES | crowd | uploads NODES MEGABYTES"),
+        ["distance", megabytes] => distance::measure(number(megabytes).into()).await,
+        _ => {
+            panic!("bench_load round NODES | crowd | uploads NODES MEGABYTES | distance MEGABYTES")
+        }
     }
 }
 

@@ -56,14 +56,14 @@ pub async fn measure(count: u16, megabytes: u64) {
 }
 
 /// Bytes that differ from node to node, which nobody has to keep in memory.
-struct Update {
+pub struct Update {
     seed: u16,
     bytes: u64,
     digest: Digest,
 }
 
 impl Update {
-    fn new(seed: u16, bytes: u64) -> Self {
+    pub fn new(seed: u16, bytes: u64) -> Self {
         let mut sha = Sha256::new();
         for chunk in chunks(seed, bytes) {
             sha.update(chunk);
@@ -76,7 +76,7 @@ impl Update {
         }
     }
 
-    async fn upload(&self, network: &Network, node: &Node) -> Result<(), Status> {
+    pub async fn upload(&self, network: &Network, node: &Node) -> Result<(), Status> {
         let request = UploadRequest {
             network: network.genesis.network_id(),
             round: 0,

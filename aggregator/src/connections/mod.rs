@@ -4,7 +4,8 @@
 //! - [`places`]: who holds a place. A connection is a stranger's until a node has shown on it who it is. A stranger's place goes to
 //!   whoever comes while all are taken; a node keeps its place.
 //! - [`caller`]: the connection that a request came on, as its handler sees it; a handler names the [`caller::Author`] of a request.
-//! - [`serving`]: accepts connections, closes those that are late or idle, and drains them at the end; [`stream`]: the bytes of one.
+//! - [`serving`]: accepts connections, closes those that are late or idle, and drains them at the end; [`stream`]: the bytes of one;
+//!   [`windows`]: how many of them may come before the service takes them.
 //! - [`requests`]: a bounded number of requests, whose messages arrive in time and fit into the [`message_memory`];
 //!   [`message_body`]: the messages of one request; [`answer_body`]: the answer, until it is sent.
 //! - [`open_files`]: as many connections as the process may have open files for.
@@ -19,3 +20,4 @@ pub(crate) mod places;
 pub(crate) mod requests;
 pub(crate) mod serving;
 mod stream;
+pub(crate) mod windows;

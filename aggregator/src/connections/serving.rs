@@ -5,6 +5,7 @@ use crate::connections::caller::Caller;
 use crate::connections::limits::ConnectionLimits;
 use crate::connections::places::{NoPlace, Places, Seat};
 use crate::connections::stream::CountedStream;
+use crate::connections::windows::Windows;
 use crate::observe::connections::{ConnectionMetrics, Lost};
 use axum::body::Body;
 use axum::Router;
@@ -36,6 +37,8 @@ pub(crate) struct Serving {
     pub limits: ConnectionLimits,
     /// What the connections speak.
     pub protocol: Builder<TokioExecutor>,
+    /// How much each may send before it is taken, if they speak HTTP/2.
+    pub windows: Windows,
     /// So many bytes come before the first request: if they do not come in time, the connection is closed.
     pub first_bytes: usize,
     /// How long a connection may last in all.
@@ -140,9 +143,12 @@ impl Serving {
             request.extensions_mut().insert(caller.clone());
             router.call(request.map(Body::new))
         });
-        let connection = self
-            .protocol
-            .serve_connection(TokioIo::new(stream), service);
+        let (mut protocol, window) = (self.protocol.clone(), self.windows.take());
+        protocol
+            .http2()
+            .initial_connection_window_size(window.bytes)
+            .initial_stream_window_size(window.bytes);
+        let connection = protocol.serve_connection(TokioIo::new(stream), service);
         let mut connection = pin!(connection);
         let spoke = || come.load(Ordering::Relaxed) >= self.first_bytes;
         loop {

@@ -13,6 +13,7 @@ use crate::connections::answer_body::keeping;
 use crate::connections::caller::Caller;
 use crate::connections::limits::ConnectionLimits;
 use crate::connections::serving::Serving;
+use crate::connections::windows::Windows;
 use crate::observe::connections::ConnectionMetrics;
 use axum::body::{to_bytes, Body};
 use axum::extract::Request;
@@ -115,6 +116,7 @@ pub async fn serve_with(
     let serving = Serving {
         limits: limits.connections,
         protocol,
+        windows: Windows::new(),
         first_bytes: 1,
         lifetime: Some(limits.lifetime),
         requests: 1,

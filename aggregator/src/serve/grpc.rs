@@ -4,6 +4,7 @@
 use crate::connections::message_memory::MessageMemory;
 use crate::connections::requests::Requests;
 use crate::connections::serving::Serving;
+use crate::connections::windows::Windows;
 use crate::observe::metrics::Metrics;
 use crate::serve::health::InOrder;
 use crate::serve::limits::{Limits, CONCURRENT};
@@ -25,9 +26,6 @@ const KEEPALIVE: Duration = Duration::from_secs(60);
 
 /// What HTTP/2 sends first.
 const PREFACE_BYTES: usize = 24;
-
-/// Bytes that a connection may send before the service has taken those that came before.
-const WINDOW_BYTES: u32 = 256 << 10;
 
 /// Bytes of an answer that wait for a slow reader.
 const SEND_BYTES: usize = 64 << 10;
@@ -55,8 +53,6 @@ impl Grpc {
             .http2()
             .timer(TokioTimer::new())
             .max_concurrent_streams(CONCURRENT as u32)
-            .initial_connection_window_size(WINDOW_BYTES)
-            .initial_stream_window_size(WINDOW_BYTES)
             .max_send_buf_size(SEND_BYTES)
             .keep_alive_interval(KEEPALIVE)
             .keep_alive_timeout(KEEPALIVE);
@@ -81,6 +77,7 @@ impl Grpc {
         let serving = Serving {
             limits: connections,
             protocol,
+            windows: Windows::new(),
             first_bytes: PREFACE_BYTES,
             lifetime: None,
             requests: CONCURRENT,

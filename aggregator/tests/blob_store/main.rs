@@ -14,11 +14,12 @@ use std::fs;
 use std::time::{Duration, Instant};
 use tokio::task::JoinSet;
 use tonic::Code;
-use zk0_aggregator::{Config, Progress};
+use zk0_aggregator::{Config, Limits, Progress};
 use zk0_bucket::waiting::Patience;
 use zk0_bucket::Bucket;
 use zk0_ledger::blobs::Blobs;
 use zk0_protocol::entries::entry::Body;
+use zk0_protocol::entries::genesis::Genesis;
 use zk0_protocol::rpc::federation as proto;
 use zk0_protocol::Refusal;
 use zk0_verifier::blob_digest;
@@ -30,7 +31,13 @@ const CONFIG: Config = Config {
 
 /// A network whose blobs are kept in the bucket, from its founding on.
 async fn started(s3: &S3, node: &Node, seconds: u64) -> Network {
-    let mut network = Network::start(&[node], CONFIG).await;
+    started_as(s3, &[node], genesis(), seconds).await
+}
+
+/// The network of `genesis` with these nodes.
+async fn started_as(s3: &S3, nodes: &[&Node], genesis: Genesis, seconds: u64) -> Network {
+    let limits = Limits::default();
+    let mut network = Network::start_as(nodes, CONFIG, limits, genesis, None, None).await;
     network.stop().await;
     let (address, variables) = (s3.address("net"), s3.variables());
     network.keep_blobs(move |dir| {

@@ -3,7 +3,8 @@
 use crate::harness::*;
 use crate::s3::failing_network::Fault;
 use crate::s3::{send, S3};
-use crate::{answers_at_once, started};
+use crate::{answers_at_once, started, started_as};
+use std::env;
 use std::fs;
 use std::time::{Duration, Instant};
 use tokio::task::spawn_blocking;
@@ -95,6 +96,46 @@ async fn what_is_not_the_signed_update_is_refused_by_name_and_not_kept() {
     }
     node.upload(&network, 0, &update).await.unwrap();
     node.commit(&network, 0, &update).await.unwrap();
+}
+
+/// Garbage of the right size is read once, and holds nobody. `ZK0_UPDATE_MB` says how much it is, in megabytes.
+#[tokio::test(flavor = "multi_thread")]
+async fn garbage_of_two_nodes_is_not_kept_and_holds_no_third() {
+    let Some(s3) = S3::start() else { return };
+    let megabytes = env::var("ZK0_UPDATE_MB").map_or(25, |text| text.parse().unwrap());
+    let size = megabytes * 1_000_000;
+    let mut genesis = genesis();
+    genesis.rules.max_update_bytes = size as u64;
+    let nodes = [1, 2, 3].map(Node::new);
+    let of: Vec<_> = nodes.iter().collect();
+    let mut network = started_as(&s3, &of, genesis, 60).await;
+    network.presigned = Some(Duration::from_secs(60));
+    network.restart().await;
+    for node in &nodes {
+        node.register(&network).await.unwrap();
+    }
+    network.settle().await;
+    let [first, second, honest] = &nodes;
+    let update = |seed: u8| vec![seed; size];
+    for (node, seed) in [(first, 1), (second, 2)] {
+        put(&network, node, &update(seed), &update(9)).await;
+    }
+    put(&network, honest, &update(3), &update(3)).await;
+    let said = |node, seed| signed(&network, node, &update(seed));
+    let said = [said(first, 1), said(second, 2), said(honest, 3)];
+    let (one, other, third, ()) = tokio::join!(
+        first.stored(&network, &said[0]),
+        second.stored(&network, &said[1]),
+        honest.stored(&network, &said[2]),
+        answers_at_once(&network),
+    );
+    refused(one, Code::InvalidArgument, "SHA-256");
+    refused(other, Code::InvalidArgument, "SHA-256");
+    third.unwrap();
+    // The honest one's is here, and as a copy there.
+    assert_eq!((network.uploads(), s3.objects("net/uploads")), (1, 1));
+    honest.commit(&network, 0, &update(3)).await.unwrap();
+    assert_eq!(s3.objects("net/uploads"), 0);
 }
 
 #[tokio::test(flavor = "multi_thread")]

@@ -20,6 +20,15 @@ pub enum Fault {
     Silent,
     /// The request is late by so much.
     Late(Duration),
+    /// The client is told at once that the request is done. The server gets it so much later, or never.
+    Claimed(Option<Duration>),
+}
+
+/// What becomes of the head of each request, and of each answer, between a client and a server that speak different protocols.
+#[derive(Clone, Copy)]
+pub struct Translation {
+    pub request: fn(&str) -> String,
+    pub answer: fn(&str) -> String,
 }
 
 /// A network in front of a server.
@@ -39,7 +48,8 @@ struct State {
 }
 
 impl FailingNetwork {
-    pub fn in_front_of(server: u16) -> Self {
+    /// A network in front of the server at this port.
+    pub fn in_front_of(server: u16, translation: Option<Translation>) -> Self {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let port = listener.local_addr().unwrap().port();
         let state = Arc::<Mutex<State>>::default();
@@ -47,7 +57,7 @@ impl FailingNetwork {
         thread::spawn(move || {
             for client in listener.incoming().map_while(Result::ok) {
                 let shared = shared.clone();
-                thread::spawn(move || forward(client, server, &shared));
+                thread::spawn(move || forward(client, (server, translation), &shared));
             }
         });
         Self { port, state }
@@ -107,8 +117,12 @@ impl State {
     }
 }
 
-fn forward(mut client: TcpStream, server: u16, state: &Mutex<State>) {
-    let Ok(Some((head, body))) = request_head(&mut client) else {
+fn forward(
+    mut client: TcpStream,
+    (server, translation): (u16, Option<Translation>),
+    state: &Mutex<State>,
+) {
+    let Ok((head, body)) = head_and_body(&mut client) else {
         return;
     };
     let first_line = head.lines().next().unwrap_or_default().to_owned();
@@ -123,18 +137,23 @@ fn forward(mut client: TcpStream, server: u16, state: &Mutex<State>) {
             thread::sleep(Duration::from_secs(60));
             Ok(())
         }
+        Some(Fault::Claimed(None)) => claimed(&mut client),
         fault => {
-            if let Some(Fault::Late(by)) = fault {
+            if let Some(Fault::Claimed(Some(_))) = fault {
+                // What the server answers later goes nowhere.
+                let _ = claimed(&mut client);
+            }
+            if let Some(Fault::Late(by) | Fault::Claimed(Some(by))) = fault {
                 thread::sleep(by);
             }
-            relay(client, server, &head, &body, fault)
+            relay(client, (server, translation), &head, &body, fault)
         }
     };
     drop(done);
 }
 
-/// Reads the head of a request, and what has come after it.
-fn request_head(client: &mut TcpStream) -> io::Result<Option<(String, Vec<u8>)>> {
+/// Reads a head, and what has come after it.
+fn head_and_body(from: &mut TcpStream) -> io::Result<(String, Vec<u8>)> {
     let mut bytes = Vec::new();
     let mut some = [0; 4096];
     loop {
@@ -142,15 +161,19 @@ fn request_head(client: &mut TcpStream) -> io::Result<Option<(String, Vec<u8>)>>
             let body = bytes.split_off(end + 4);
             bytes.truncate(end);
             let head = String::from_utf8(bytes);
-            return head
-                .map(|head| Some((head, body)))
-                .map_err(io::Error::other);
+            return head.map(|head| (head, body)).map_err(io::Error::other);
         }
-        match client.read(&mut some)? {
-            0 => return Ok(None),
+        match from.read(&mut some)? {
+            0 => return Err(ErrorKind::UnexpectedEof.into()),
             read => bytes.extend(&some[..read]),
         }
     }
+}
+
+/// Tells a client that its request is done.
+fn claimed(client: &mut TcpStream) -> io::Result<()> {
+    client.write_all(b"HTTP/1.1 200 OK\r\ncontent-length: 0\r\nconnection: close\r\n\r\n")?;
+    client.shutdown(Shutdown::Write)
 }
 
 fn unavailable(mut client: TcpStream) -> io::Result<()> {
@@ -166,11 +189,12 @@ fn unavailable(mut client: TcpStream) -> io::Result<()> {
 
 fn relay(
     mut client: TcpStream,
-    server: u16,
+    (server, translation): (u16, Option<Translation>),
     head: &str,
     body: &[u8],
     fault: Option<Fault>,
 ) -> io::Result<()> {
+    let head = translation.map_or(head.to_owned(), |of| (of.request)(head));
     let mut server = TcpStream::connect(("127.0.0.1", server))?;
     // Each request then has a connection of its own, and a fault concerns one request.
     server.write_all(format!("{head}\r\nconnection: close\r\n\r\n").as_bytes())?;
@@ -196,7 +220,15 @@ fn relay(
         Some(Fault::CutAnswer(bytes)) => bytes,
         _ => usize::MAX,
     };
-    let answered = copy_up_to(&mut server, &mut client, left);
+    let answered = match translation {
+        Some(of) => head_and_body(&mut server).and_then(|(head, body)| {
+            let head = (of.answer)(&head);
+            client.write_all(format!("{head}\r\n\r\n").as_bytes())?;
+            client.write_all(&body)
+        }),
+        None => Ok(()),
+    };
+    let answered = answered.and_then(|()| copy_up_to(&mut server, &mut client, left));
     let _ = client.shutdown(Shutdown::Both);
     let _ = server.shutdown(Shutdown::Both);
     let _ = sending.join();

@@ -1,7 +1,9 @@
-//! A real S3 server on loopback (`s3s-fs`, which keeps objects as files), and a network in front of it that fails.
+//! A real S3 server on loopback (`s3s-fs`, which keeps objects as files), and a network in front of it that fails. It can also stand for a server of
+//! Google Cloud Storage.
 #![allow(dead_code)] // Every test uses only a part of it
 
 pub mod failing_network;
+mod google;
 
 use self::failing_network::FailingNetwork;
 use std::env;
@@ -22,19 +24,27 @@ pub const BUCKET: &str = "blobs";
 
 /// Sends a request with a body to an address of HTTP, and returns the status of the answer.
 pub fn send(method: &str, address: &str, body: &[u8]) -> u16 {
+    send_in_parts(method, address, &[body], Duration::ZERO)
+}
+
+/// The same with so much time after each part of the body.
+pub fn send_in_parts(method: &str, address: &str, body: &[&[u8]], apart: Duration) -> u16 {
     let (host, path) = address
         .strip_prefix("http://")
         .unwrap()
         .split_once('/')
         .unwrap();
     let mut server = TcpStream::connect(host).unwrap();
-    let length = body.len();
+    let length: usize = body.iter().map(|part| part.len()).sum();
     let head = format!(
         "{method} /{path} HTTP/1.1\r\nhost: {host}\r\ncontent-length: {length}\r\nconnection: close\r\n\r\n"
     );
     server.write_all(head.as_bytes()).unwrap();
-    // Who is refused may be cut off before the end.
-    let _ = server.write_all(body);
+    for part in body {
+        // Who is refused may be cut off before the end.
+        let _ = server.write_all(part);
+        sleep(apart);
+    }
     let mut answer = Vec::new();
     let _ = server.read_to_end(&mut answer);
     let status = String::from_utf8_lossy(&answer);
@@ -46,8 +56,17 @@ pub fn send(method: &str, address: &str, body: &[u8]) -> u16 {
 pub struct S3 {
     process: Child,
     root: TempDir,
+    port: u16,
+    speaks: Speaks,
     /// The network between the server and its clients.
     pub network: FailingNetwork,
+}
+
+/// Whose protocol the clients of the server speak.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Speaks {
+    Amazons,
+    Googles,
 }
 
 /// Where the server's program is.
@@ -111,6 +130,17 @@ impl Drop for OpenToAll {
 impl S3 {
     /// Starts a server, or returns `None` after saying how to get it.
     pub fn start() -> Option<Self> {
+        Self::speaking(Speaks::Amazons)
+    }
+
+    /// Starts a server for clients of Google Cloud Storage, or returns `None` after saying how to get it. It asks nobody who he is, and verifies
+    /// no signature.
+    pub fn start_as_google() -> Option<Self> {
+        google::key()?;
+        Self::speaking(Speaks::Googles)
+    }
+
+    fn speaking(speaks: Speaks) -> Option<Self> {
         let Some(program) = program() else {
             eprintln!("SKIPPED: there is no s3s-fs here; `scripts/setup.sh guest` installs it");
             return None;
@@ -118,17 +148,37 @@ impl S3 {
         let root = tempfile::tempdir().unwrap();
         fs::create_dir(root.path().join(BUCKET)).unwrap();
         let credentials = ["--access-key", ACCESS_KEY, "--secret-key", SECRET_KEY];
-        let (process, port) = started(&program, &credentials, root.path());
+        let (credentials, translation): (&[&str], _) = match speaks {
+            Speaks::Amazons => (&credentials, None),
+            Speaks::Googles => (&[], Some(google::TO_S3)),
+        };
+        let (process, port) = started(&program, credentials, root.path());
         Some(Self {
             process,
             root,
-            network: FailingNetwork::in_front_of(port),
+            port,
+            speaks,
+            network: FailingNetwork::in_front_of(port, translation),
         })
     }
 
     /// What tells a client where the server is, and who the client is.
     pub fn variables(&self) -> Vec<(String, String)> {
-        self.variables_with(SECRET_KEY)
+        match self.speaks {
+            Speaks::Amazons => self.variables_with(SECRET_KEY),
+            Speaks::Googles => google::variables(&self.network.address()),
+        }
+    }
+
+    /// The same, past the network that fails. Nothing is between the server and its clients then.
+    pub fn variables_without_network(&self) -> Vec<(String, String)> {
+        let mut variables = self.variables();
+        for (name, value) in &mut variables {
+            if name == "AWS_ENDPOINT" {
+                *value = format!("http://127.0.0.1:{}", self.port);
+            }
+        }
+        variables
     }
 
     /// The same with another secret.
@@ -143,9 +193,18 @@ impl S3 {
         .into()
     }
 
+    /// The number of the server's process.
+    pub fn process(&self) -> u32 {
+        self.process.id()
+    }
+
     /// The address of a prefix in the bucket.
     pub fn address(&self, prefix: &str) -> String {
-        format!("s3://{BUCKET}/{prefix}")
+        let scheme = match self.speaks {
+            Speaks::Amazons => "s3",
+            Speaks::Googles => "gs",
+        };
+        format!("{scheme}://{BUCKET}/{prefix}")
     }
 
     /// The file in which the server keeps a blob.

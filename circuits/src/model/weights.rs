@@ -112,9 +112,14 @@ impl QuantisedWeights {
     pub fn digest(&self, mode: Mode) -> Digest {
         match mode {
             Mode::Direct => hash(Domain::Weights, &self.values),
-            Mode::Succinct => tagged_sha256("zk0/quantised/v1", &[self.as_bytes()]),
+            Mode::Succinct => succinct_digest(self.as_bytes()),
         }
     }
+}
+
+/// [`QuantisedWeights::digest`] in mode `succinct`, of [`QuantisedWeights::as_bytes`].
+pub fn succinct_digest(bytes: &[u8]) -> Digest {
+    tagged_sha256("zk0/quantised/v1", &[bytes])
 }
 
 /// Quantises the expert's tensors one at a time.

@@ -46,7 +46,7 @@ pub enum Command {
     /// Make a certificate authority for tests and local networks, and a certificate that it signs for a server (`serve --tls-certificate`).
     /// Nodes name the authority with `--ca`. For a server on the internet, take a certificate from a public authority instead.
     Certificate {
-        /// Write ca.pem, ca.key, server.pem and server.key into this folder. Existing files are kept.
+        /// Write ca.pem, ca.key, server.pem and server.key into this folder. Nothing there is overwritten.
         dir: PathBuf,
         /// The host name or IP address by which nodes reach the server. Repeat the option for more.
         #[arg(long = "name", value_name = "HOST", required = true)]

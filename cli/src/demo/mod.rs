@@ -54,6 +54,9 @@ pub struct Options {
     /// Honest nodes train this many steps in a round. The more, the surer their claims pass, and the further their weights drift apart.
     #[arg(long, default_value_t = 800)]
     steps: usize,
+    /// Train and prove on this device: cpu, or cuda for an NVIDIA GPU (only builds by `make cuda`).
+    #[arg(long, default_value = "cpu", value_parser = ["cpu", "cuda"])]
+    device: String,
     /// Write the results below this folder, into a folder that is named by the time.
     #[arg(long, default_value = "outputs")]
     out: PathBuf,
@@ -92,7 +95,8 @@ pub async fn run(options: &Options) -> Result<()> {
     };
     let free_port = ("--listen", &"127.0.0.1:0" as &dyn AsRef<OsStr>);
     // The prover starts first, because it takes longest.
-    let mut prover = start("prover", "prover serve", &[free_port])?;
+    let device = ("--device", &options.device as &dyn AsRef<OsStr>);
+    let mut prover = start("prover", "prover serve", &[free_port, device])?;
 
     let names: Vec<String> = (1..=count).map(|i| format!("node-{i}")).collect();
     let mut enrol = Vec::new();
@@ -154,6 +158,7 @@ pub async fn run(options: &Options) -> Result<()> {
         ];
         if i + 1 < count {
             join.extend([
+                device,
                 ("--steps", &steps as &dyn AsRef<OsStr>),
                 ("--learning-rate", &LEARNING_RATE),
             ]);

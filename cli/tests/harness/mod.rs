@@ -3,6 +3,7 @@
 
 pub mod accepting;
 pub mod made_ledger;
+pub mod members;
 pub mod network;
 pub mod process;
 pub mod recorded;

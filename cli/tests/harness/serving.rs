@@ -54,10 +54,15 @@ impl Serving {
 
     /// Tells the process to end, and waits until it has.
     pub fn terminate(&mut self) -> ExitStatus {
+        self.told_to_end();
+        self.process.wait().unwrap()
+    }
+
+    /// Tells the process to end.
+    pub fn told_to_end(&self) {
         let pid = self.process.id().to_string();
         let told = Command::new("kill").args(["-TERM", &pid]).status();
         assert!(told.unwrap().success());
-        self.process.wait().unwrap()
     }
 }
 

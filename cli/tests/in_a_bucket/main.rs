@@ -5,14 +5,18 @@ mod harness;
 #[path = "../../../bucket/tests/s3/mod.rs"]
 mod s3;
 
+mod any_store;
+mod large_updates;
 mod observed;
 mod presigned;
 mod published;
+mod seen;
 
 use harness::network::LocalNetwork;
 use harness::serving::Serving;
 use harness::{fails, logs, printed, prints, words, zk0};
 use s3::S3;
+use seen::Seen;
 use serde_json::Value;
 use std::env;
 use std::fs;
@@ -40,9 +44,9 @@ fn serving(network: &LocalNetwork, more: &[&str]) -> Vec<String> {
     all.into_iter().map(str::to_owned).collect()
 }
 
-/// Runs rounds, loses the folder of blobs, and does with the ledger what an operator does, all with the store at `address`. The store keeps
-/// its blobs in the folder `inside`.
-fn lives_from(address: &str, inside: &Path) {
+/// Runs rounds, loses the folder of blobs, and does with the ledger what an operator does, all with the store at `address`. `inside` looks into
+/// the store.
+fn lives_from(address: &str, inside: &dyn Seen) {
     let network = founded();
     let ledger = network.path("ledger");
     let store = ["--blob-store", address];
@@ -57,7 +61,7 @@ fn lives_from(address: &str, inside: &Path) {
     assert!(aggregator.terminate().success());
     let genesis = network.genesis();
     let policy = genesis.policy.to_string();
-    assert!(inside.join(&policy).exists());
+    assert!(inside.has(&policy));
     assert!(!Path::new(&ledger)
         .join("blobs/sha256")
         .join(&policy)
@@ -86,22 +90,18 @@ fn lives_from(address: &str, inside: &Path) {
     let junk = Blobs::at(Path::new(&ledger))
         .put(b"named by no entry")
         .unwrap();
-    fs::copy(
-        Path::new(&ledger)
-            .join("blobs/sha256")
-            .join(junk.to_string()),
-        inside.join(junk.to_string()),
-    )
-    .unwrap();
+    let file = Blobs::at(Path::new(&ledger)).path(&junk);
+    let junk = junk.to_string();
+    inside.add(&junk, &file);
     fs::remove_dir_all(Path::new(&ledger).join("blobs")).unwrap();
     let said = with_store(&["ledger", "prune", &ledger, "--dry-run"]);
     assert!(said.contains("file that no entry names"), "{said}");
-    assert!(inside.join(junk.to_string()).exists());
+    assert!(inside.has(&junk));
     let key = network.path("log.key");
     let said = with_store(&["ledger", "prune", &ledger, "--key", &key]);
     assert!(said.contains("deleted      1 blob"), "{said}");
-    assert!(!inside.join(junk.to_string()).exists());
-    assert!(inside.join(&policy).exists());
+    assert!(!inside.has(&junk));
+    assert!(inside.has(&policy));
 
     // The rounds go on from the store alone.
     fs::remove_dir_all(Path::new(&ledger).join("blobs")).ok();
@@ -145,6 +145,17 @@ fn a_network_lives_from_a_bucket_of_s3() {
         env::set_var(name, value);
     }
     lives_from(&s3.address("net"), &s3.folder("net"));
+}
+
+#[test]
+fn a_network_lives_from_a_bucket_of_google() {
+    let Some(google) = S3::start_as_google() else {
+        return;
+    };
+    for (name, value) in google.variables() {
+        env::set_var(name, value);
+    }
+    lives_from(&google.address("net"), &google.folder("net"));
 }
 
 #[test]

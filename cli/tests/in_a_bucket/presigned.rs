@@ -14,7 +14,7 @@ use zk0_circuits::Digest;
 use zk0_protocol::entries::entry::Body;
 
 /// A network whose aggregator gives its node addresses of the bucket.
-struct Presigned {
+pub struct Presigned {
     network: LocalNetwork,
     aggregator: Serving,
     /// Where its metrics are.
@@ -24,15 +24,15 @@ struct Presigned {
 
 impl Presigned {
     fn start(s3: &S3, more: &[&str]) -> Self {
+        Self::in_store(&s3.address("net"), &s3.variables(), more)
+    }
+
+    /// Starts it with the store at `store`.
+    pub fn in_store(store: &str, variables: &[(String, String)], more: &[&str]) -> Self {
         let network = LocalNetwork::new();
         network.found(&[]);
-        let variables = s3.variables();
         let variables: Vec<_> = variables.iter().map(|(a, b)| (&**a, &**b)).collect();
-        let (ledger, key, store) = (
-            network.path("ledger"),
-            network.path("log.key"),
-            s3.address("net"),
-        );
+        let (ledger, key) = (network.path("ledger"), network.path("log.key"));
         let begin = [
             "aggregator",
             "serve",
@@ -40,7 +40,7 @@ impl Presigned {
             "--key",
             &key,
             "--blob-store",
-            &store,
+            store,
         ];
         let end = [
             "--listen",
@@ -61,7 +61,7 @@ impl Presigned {
     }
 
     /// Starts the node.
-    fn join(&self) -> Process {
+    pub fn join(&self) -> Process {
         let id = self.network.genesis().network_id().to_string();
         let (key, state) = (self.network.path("node.key"), self.network.path("state"));
         let join = ["node", "join", "--aggregator", &self.aggregator.address];
@@ -79,7 +79,7 @@ impl Presigned {
     }
 
     /// Waits until the node has committed to its update.
-    fn committed(&self) -> Digest {
+    pub fn committed(&self) -> Digest {
         let begun = Instant::now();
         loop {
             let committed = self
@@ -99,7 +99,7 @@ impl Presigned {
     }
 
     /// How many updates came this way.
-    fn came_from(&self, from: &str) -> f64 {
+    pub fn came_from(&self, from: &str) -> f64 {
         metric(
             &self.metrics,
             &format!("zk0_uploads_total{{from=\"{from}\"}}"),

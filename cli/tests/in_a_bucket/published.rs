@@ -11,11 +11,16 @@ use std::time::{Duration, Instant};
 #[test]
 fn anybody_mirrors_the_log_from_its_bucket() {
     let Some(s3) = S3::start() else { return };
-    let variables = s3.variables();
+    let open = s3.open_to_all();
+    let stores = (&*s3.address("private"), &*s3.address("public"));
+    is_mirrored(stores, &s3.variables(), &open.url("public"));
+}
+
+/// Runs rounds, whose blobs are kept in one store and whose log is published in another one, and mirrors and audits the log from its web address.
+pub fn is_mirrored((blobs, log): (&str, &str), variables: &[(String, String)], url: &str) {
     let variables: Vec<_> = variables.iter().map(|(a, b)| (&**a, &**b)).collect();
     let network = founded();
-    let (blobs, log) = (s3.address("private"), s3.address("public"));
-    let more = ["--blob-store", &blobs, "--log-store", &log, "--rounds", "2"];
+    let more = ["--blob-store", blobs, "--log-store", log, "--rounds", "2"];
     let arguments = serving(&network, &more);
     let mut aggregator = Serving::start_with(&words(&arguments), &variables);
     let begun = Instant::now();
@@ -25,9 +30,8 @@ fn anybody_mirrors_the_log_from_its_bucket() {
     }
     // What is left is written when it ends.
     assert!(aggregator.terminate().success());
-    let open = s3.open_to_all();
     let mirror = network.path("mirror");
-    let said = prints(&["ledger", "import", &open.url("public"), &mirror]);
+    let said = prints(&["ledger", "import", url, &mirror]);
     let entries = network.entries().len();
     assert!(
         said.contains(&format!("{entries} entries, {entries} of them new")),
@@ -35,6 +39,7 @@ fn anybody_mirrors_the_log_from_its_bucket() {
     );
     assert!(!said.contains("missing"), "{said}");
     assert!(prints(&["ledger", "fsck", &mirror]).contains("WHOLE"));
+    assert!(prints(&["audit", "replay", url]).contains("VERIFIED"));
 }
 
 #[test]

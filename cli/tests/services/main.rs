@@ -9,3 +9,4 @@ mod observed;
 mod packaging;
 mod runbook;
 mod settings;
+mod stopped;

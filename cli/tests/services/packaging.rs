@@ -143,6 +143,9 @@ fn a_unit_waits_until_the_service_has_ended() {
     for service in SERVICES {
         let unit = self::unit(service);
         assert_eq!(value(&unit, "Restart"), "on-failure");
+        // It is started again as often as it takes, unless a setting is wrong.
+        assert_eq!(value(&unit, "StartLimitIntervalSec"), "0");
+        assert_eq!(value(&unit, "RestartPreventExitStatus"), "2");
         assert_eq!(value(&unit, "ProtectSystem"), "strict");
         assert_eq!(
             value(&unit, "EnvironmentFile"),

@@ -124,7 +124,7 @@ impl Kept {
             round: sent.round(),
             number: self.copies.number(),
         };
-        store.copy(&sent, &copy)?;
+        store.copy(&sent, &copy, size)?;
         removed(store, &sent);
         Ok(copy)
     }

@@ -109,7 +109,7 @@ impl Kept {
     /// Stores a file whose digest is verified. If the store has a verified copy of it already, it need not be sent there.
     pub(super) fn put(&self, blob: &Digest, file: &Path) -> Result<(), BlobError> {
         let size = fs::metadata(file).map_err(io_error(file))?.len();
-        let put = || match self.copies.make_blob(self.store.sent(), blob) {
+        let put = || match self.copies.make_blob(self.store.sent(), blob, size) {
             true => Ok(()),
             false => self.store.put(blob, file, size).map_err(BlobError::from),
         };

@@ -71,11 +71,11 @@ pub trait SentStore: Send + Sync {
     /// How many bytes an object has; `None` if there is no such object.
     fn size(&self, object: &Unverified) -> Result<Option<u64>, StoreError>;
 
-    /// Copies an object inside the store.
-    fn copy(&self, from: &Unverified, to: &Unverified) -> Result<(), StoreError>;
+    /// Copies an object of `size` bytes inside the store. All of the copy is there when this returns.
+    fn copy(&self, from: &Unverified, to: &Unverified, size: u64) -> Result<(), StoreError>;
 
-    /// Copies an object inside the store to the name of a blob. The blob is durable when this returns.
-    fn copy_to_blob(&self, from: &Unverified, blob: &Digest) -> Result<(), StoreError>;
+    /// Copies an object of `size` bytes inside the store to the name of a blob. The blob is there, and durable, when this returns.
+    fn copy_to_blob(&self, from: &Unverified, blob: &Digest, size: u64) -> Result<(), StoreError>;
 
     /// Gives the bytes of an object of `size` bytes to `take`, in order.
     ///
@@ -122,13 +122,13 @@ impl VerifiedCopies {
         self.verified().retain(|_, copy| !these(copy));
     }
 
-    /// Makes a blob of its verified copy, if there is one. Returns whether it did.
-    pub fn make_blob(&self, store: Option<&dyn SentStore>, blob: &Digest) -> bool {
+    /// Makes a blob of `size` bytes of its verified copy, if there is one. Returns whether it did.
+    pub fn make_blob(&self, store: Option<&dyn SentStore>, blob: &Digest, size: u64) -> bool {
         let copy = self.verified().remove(blob);
         let (Some(store), Some(copy)) = (store, copy) else {
             return false;
         };
-        let made = store.copy_to_blob(&copy, blob);
+        let made = store.copy_to_blob(&copy, blob, size);
         if let Err(error) = &made {
             tracing::warn!("the update is sent to the blob store instead: {error}");
         }

@@ -4,7 +4,6 @@
 //! aggregator says. So the node looks only whether what it sends is as secret on its way as it is on the way to the aggregator.
 
 use std::io::Read;
-use std::sync::Arc;
 use std::time::Duration;
 use ureq::http::Uri;
 use ureq::tls::{Certificate, RootCerts, TlsConfig};
@@ -35,6 +34,10 @@ const CA: &str = "--ca";
 
 /// Azure's stores ask which kind of object this is. The others ignore it.
 const KIND: (&str, &str) = ("x-ms-blob-type", "BlockBlob");
+
+/// A store that refuses the update says so before the node sends hundreds of megabytes. If it does not know this header, the node sends them
+/// after a second.
+const FIRST_ASK: (&str, &str) = ("expect", "100-continue");
 
 /// Why an update cannot be put at an address.
 #[derive(Debug, thiserror::Error)]
@@ -99,15 +102,16 @@ impl StoreClient {
     }
 
     /// Puts the update at this address. Waits for the network.
-    pub fn put(&self, address: &str, update: &Arc<[u8]>) -> Result<(), StoreError> {
+    pub fn put(&self, address: &str, update: &[u8]) -> Result<(), StoreError> {
         let host = self.host(address)?;
-        let sent = self.agent().put(address).header(KIND.0, KIND.1);
-        let mut answer = sent
-            .send(&update[..])
-            .map_err(|error| StoreError::Unreachable {
-                host: host.clone(),
-                why: one_line(&why(&error)),
-            })?;
+        let sent = self.agent().put(address);
+        let sent = [KIND, FIRST_ASK]
+            .into_iter()
+            .fold(sent, |sent, (name, value)| sent.header(name, value));
+        let mut answer = sent.send(update).map_err(|error| StoreError::Unreachable {
+            host: host.clone(),
+            why: one_line(&why(&error)),
+        })?;
         if answer.status().is_success() {
             return Ok(());
         }

@@ -123,12 +123,13 @@ impl Node {
     /// Uploads an update. It stays private until the round closes. What the aggregator has of it is not sent again.
     #[instrument(name = "upload", skip_all)]
     pub async fn upload(&mut self, round: u64, update: Vec<u8>) -> Result<(), NodeError> {
-        let update: Arc<[u8]> = update.into();
+        // It is not copied: an update of the published size has hundreds of megabytes.
+        let update = Arc::new(update);
         let request = UploadRequest {
             network: self.heads.network,
             round,
             node: self.id(),
-            blob: Digest(Sha256::digest(&update).into()),
+            blob: Digest(Sha256::digest(&*update).into()),
             size: update.len() as u64,
         };
         let signed = encode(&Signed::new(request, &self.key));
@@ -162,7 +163,7 @@ impl Node {
         &mut self,
         about: &About,
         signed: &[u8],
-        update: &Arc<[u8]>,
+        update: &Arc<Vec<u8>>,
         held: &mut u64,
         stored: &mut bool,
     ) -> Result<(), NodeError> {
@@ -202,7 +203,7 @@ impl Node {
         &mut self,
         about: &About,
         signed: &[u8],
-        update: &Arc<[u8]>,
+        update: &Arc<Vec<u8>>,
         address: String,
     ) -> Result<(), NodeError> {
         let (store, sent) = (self.store.clone(), update.clone());

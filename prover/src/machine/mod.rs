@@ -1,5 +1,6 @@
 //! What this machine can prove with. All of it is found out before any work that takes minutes.
 
+mod control_group;
 mod device;
 mod device_error;
 #[cfg(feature = "cuda")]

@@ -3,9 +3,9 @@
 //! SP1's defaults suit a server: four provers at a time over shards of 400 million trace elements. On a small machine, the kernel kills
 //! such a prover for want of memory after minutes of work. So the options are chosen, or proving is refused, before anything runs.
 
+use super::control_group;
 use sp1_core_executor::SP1CoreOpts;
 use std::fs;
-use std::path::Path;
 
 const GIB: u64 = 1 << 30;
 
@@ -43,14 +43,14 @@ fn gib(bytes: &u64) -> f64 {
 }
 
 impl Resources {
-    /// Reads them from the system: `MemAvailable`, the control group's limit where there is one, and the cores this
-    /// process may run on.
+    /// Reads them from the system: `MemAvailable`, the limits of the control groups that this process is in, and the cores that it may
+    /// run on.
     pub fn of_this_machine() -> Result<Self, OptionsError> {
         let meminfo = fs::read_to_string("/proc/meminfo")
             .map_err(|error| OptionsError::Unknown(format!("/proc/meminfo: {error}")))?;
         let available = bytes_of("MemAvailable:", &meminfo)
             .ok_or_else(|| OptionsError::Unknown("no MemAvailable in /proc/meminfo".into()))?;
-        let memory = match control_group_room(Path::new("/sys/fs/cgroup")) {
+        let memory = match control_group::room() {
             Some(room) => available.min(room),
             None => available,
         };
@@ -69,28 +69,6 @@ fn bytes_of(name: &str, text: &str) -> Option<u64> {
     let line = text.lines().find_map(|line| line.strip_prefix(name))?;
     let kibibytes: u64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
     kibibytes.checked_mul(1024)
-}
-
-/// Bytes left under the limit of a version 2 control group; `None` where there is no limit. The page cache counts as used there, but
-/// the kernel can drop it, so it counts as free here.
-fn control_group_room(group: &Path) -> Option<u64> {
-    let number = |file: &str| -> Option<u64> {
-        fs::read_to_string(group.join(file))
-            .ok()?
-            .trim()
-            .parse()
-            .ok()
-    };
-    let limit = number("memory.max")?; // "max" where there is no limit
-    let used = number("memory.current")?;
-    let cache: u64 = fs::read_to_string(group.join("memory.stat"))
-        .ok()?
-        .lines()
-        .find_map(|line| line.strip_prefix("inactive_file "))?
-        .trim()
-        .parse()
-        .ok()?;
-    Some(limit.saturating_sub(used.saturating_sub(cache)))
 }
 
 /// How SP1 proves on this machine's CPU.
@@ -261,18 +239,5 @@ mod tests {
         assert_eq!(bytes_of("MemAvailable:", text), Some(22_000_000 * 1024));
         assert_eq!(bytes_of("MemAvailable:", "MemTotal: 1 kB\n"), None);
         assert_eq!(bytes_of("MemAvailable:", "MemAvailable: lots\n"), None);
-    }
-
-    #[test]
-    fn a_control_group_limits_what_is_free() {
-        let group = tempfile::tempdir().unwrap();
-        let write = |file: &str, text: &str| fs::write(group.path().join(file), text).unwrap();
-        assert_eq!(control_group_room(group.path()), None);
-        write("memory.max", "1000\n");
-        write("memory.current", "700\n");
-        write("memory.stat", "anon 300\ninactive_file 300\n");
-        assert_eq!(control_group_room(group.path()), Some(600));
-        write("memory.max", "max\n");
-        assert_eq!(control_group_room(group.path()), None);
     }
 }

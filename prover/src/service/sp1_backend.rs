@@ -5,7 +5,7 @@ use super::backend::{Backend, JobError};
 use super::elsewhere::Elsewhere;
 use super::here::{Here, HereError};
 use super::schedule::Pace;
-use super::waiting::Waiting;
+use super::waiting::{GivenUp, Waiting};
 use crate::machine::{DeviceError, DeviceKind};
 #[cfg(feature = "network")]
 use crate::network::Account;
@@ -126,7 +126,7 @@ impl Backend for Sp1Backend {
         }
     }
 
-    // A prover of this machine needs neither the cost nor the client.
+    // A prover of this machine does not need the cost.
     #[cfg_attr(not(feature = "network"), allow(unused_variables))]
     async fn prove(
         &self,
@@ -136,11 +136,16 @@ impl Backend for Sp1Backend {
     ) -> Result<Proof, JobError> {
         match &self.place {
             Place::Here(here) => {
-                let prover = here.prover().await?;
-                prover
-                    .prove_compressed(input)
-                    .await
-                    .map_err(JobError::failed)
+                let proven = async {
+                    let prover = here.prover().await?;
+                    let proven = prover.prove_compressed(input).await;
+                    proven.map_err(JobError::failed)
+                };
+                tokio::select! {
+                    proven = proven => proven,
+                    // SP1 cannot be interrupted. It goes on until the process ends, and nothing waits for it.
+                    () = waiting.stopping() => Err(JobError::failed(GivenUp::Stopping)),
+                }
             }
             #[cfg(feature = "network")]
             Place::Elsewhere(network) => {

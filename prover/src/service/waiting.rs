@@ -38,12 +38,17 @@ impl Waiting {
 
     /// Ready as soon as nobody waits any more.
     pub async fn given_up(&self) -> GivenUp {
-        let mut stopping = self.stopping.clone();
         tokio::select! {
             () = self.events.closed() => GivenUp::ClientGone,
-            // An error says that the service itself is gone.
-            _ = stopping.wait_for(|stopping| *stopping) => GivenUp::Stopping,
+            () = self.stopping() => GivenUp::Stopping,
         }
+    }
+
+    /// Ready as soon as the process has been told to end.
+    pub async fn stopping(&self) {
+        let mut stopping = self.stopping.clone();
+        // An error says that the service itself is gone.
+        let _ = stopping.wait_for(|stopping| *stopping).await;
     }
 
     /// Tells the client whether a prover is at work on its claim, or the claim still waits for one. Until a backend calls this, it is at work.

@@ -50,6 +50,22 @@ const fn sent(
     }
 }
 
+const fn failing(
+    check: &'static str,
+    file: &'static str,
+    replacements: &'static [(&'static str, &'static str)],
+    test: &'static str,
+) -> Removal {
+    Removal {
+        check,
+        file,
+        replacements,
+        package: "zk0-bucket",
+        target: "failing_store",
+        test,
+    }
+}
+
 const fn taken(
     check: &'static str,
     file: &'static str,
@@ -86,7 +102,7 @@ pub const REMOVALS: &[Removal] = &[
         "what a node has put into the bucket is read from a copy that it cannot change",
         "ledger/src/blobs/sent.rs",
         &[(
-            "        store.copy(&sent, &copy)?;\n        removed(store, &sent);\n        Ok(copy)\n",
+            "        store.copy(&sent, &copy, size)?;\n        removed(store, &sent);\n        Ok(copy)\n",
             "        let _ = copy;\n        Ok(sent)\n",
         )],
         "what_changes_after_it_was_verified_does_not_become_the_blob",
@@ -105,6 +121,12 @@ pub const REMOVALS: &[Removal] = &[
             "let _ = self.hasher;",
         )],
         "what_is_not_the_update_is_refused_by_name_and_not_kept",
+    ),
+    sent(
+        "a copy inside the bucket counts when it is there",
+        "bucket/src/sent.rs",
+        &[("if found == Some(size) {", "if found.is_none_or(|found| found > 0) {")],
+        "a_copy_that_is_only_said_to_be_made_is_none",
     ),
     sent(
         "what ended rounds leave in the bucket is removed",
@@ -142,6 +164,11 @@ pub const REMOVALS: &[Removal] = &[
         "a node follows no redirect with its update",
         &[(".max_redirects(0)", ".max_redirects(9)")],
         "nobody_leads_the_node_elsewhere",
+    ),
+    put_there(
+        "a node sends no update to a bucket that refuses it",
+        &[("[KIND, FIRST_ASK]", "[KIND, (\"accept\", FIRST_ASK.1)]")],
+        "a_store_that_refuses_gets_nothing_of_the_update",
     ),
     put_there(
         "a node reads little of what the bucket answers",
@@ -219,6 +246,12 @@ pub const REMOVALS: &[Removal] = &[
         "ledger/src/blobs/store.rs",
         &[("if !self.shared {", "if !self.shared || !blob.0.is_empty() {")],
         "a_reader_beside_the_writer_finds_what_comes_and_misses_what_goes",
+    ),
+    failing(
+        "an upload whose last answer is lost is looked for",
+        "bucket/src/objects.rs",
+        &[("Ok(found) if found.size == size => Ok(()),", "Ok(found) if found.size > size => Ok(()),")],
+        "an_answer_that_is_lost_at_the_end_of_an_upload_costs_nothing",
     ),
     kept(
         "a bounded folder keeps what the rounds need",

@@ -1,0 +1,24 @@
+//! Services that are told to end, as `systemctl stop` does it.
+
+use crate::harness::serving::Serving;
+use crate::harness::text;
+use std::time::Duration;
+use zk0_prover::machine::{ProverOptions, Resources};
+
+/// SP1 starts for a minute or two, and cannot be interrupted.
+#[test]
+fn a_proving_service_that_starts_sp1_ends_in_time() {
+    let resources = Resources::of_this_machine().unwrap();
+    if let Err(error) = ProverOptions::choose(resources) {
+        eprintln!("skipped: {error}");
+        return;
+    }
+    // A folder of its own for temporary files, so that other provers of this machine do not matter.
+    let dir = tempfile::tempdir().unwrap();
+    let arguments = ["prover", "serve", "--listen", "127.0.0.1:0"];
+    let mut serving = Serving::start_with(&arguments, &[("TMPDIR", text(dir.path()))]);
+    std::thread::sleep(Duration::from_secs(1));
+    serving.told_to_end();
+    let ended = serving.ended_within(Duration::from_secs(15));
+    assert!(ended.expect("it ends").success());
+}
