@@ -155,7 +155,6 @@ bench-load: build
 	$(CARGO_TARGET_DIR)/release/examples/bench_load uploads 16 400
 	$(CARGO_TARGET_DIR)/release/examples/bench_load distance 200
 	$(CARGO_TARGET_DIR)/release/examples/bench_presigned $(ZK0) 4 400
-	$(CARGO_TARGET_DIR)/release/examples/bench_presigned $(ZK0) 16 200
 
 # Simulates small federations, ours beside Flower's simulation engine: softmax regressions of 10 and 100 nodes, and updates that do nothing.
 # Prints JSON lines. The first run installs Flower and Ray into ~/.cache/zk0.
