@@ -157,7 +157,7 @@ fn an_answer_that_is_lost_at_the_end_of_an_upload_costs_nothing() {
     // The first such request begins the upload.
     s3.network.pass_next("POST /blobs/net/blobs/", 1);
     s3.network
-        .fail_next("POST /blobs/net/blobs/", Fault::CutAnswer(0), 1);
+        .fail_next("POST /blobs/net/blobs/", Fault::CutAnswer(200), 1);
     s3.network.counted("PUT");
     let blob = blobs.put(&large()).unwrap();
     assert!(s3.network.has_failed());
