@@ -57,7 +57,7 @@ test:
 	$(RUST) cargo test --release --workspace --locked --test real_proof -- --ignored --nocapture
 
 # Removes each check of the protocol, the argument, the verifier, the ledger and the audit from a copy of the sources, and fails where no
-# test fails without it. `make test` does so for the protocol alone. SP1 is built for the copy, which takes half an hour. From then on, the
+# test fails without it. `make test` does so for the protocol and the guest alone. SP1 is built for the copy, which takes half an hour. From then on, the
 # argument takes a quarter of an hour, and all others 11 minutes.
 deletions:
 	@scripts/setup.sh guest
@@ -115,8 +115,8 @@ bench-succinct: build
 	$(RUST) cargo build --release --workspace --locked --example bench_succinct
 	$(CARGO_TARGET_DIR)/release/examples/bench_succinct full 4
 
-# Compares fixed-point with float32 losses, untrained and trained, up to the published size, and prints every range. Ten minutes
-# and 5 GB.
+# Compares fixed-point with float32 losses, untrained and trained, up to the published size, and prints every range. Four minutes
+# and 4.4 GB.
 fidelity: build
 	$(ZK0) fidelity --lerobot tests/fixtures/smolvla_tiny --profile micro --profile full --ranges \
 		tests/fixtures/datasets/so100_pickplace tests/fixtures/datasets/so100_stacking tests/fixtures/datasets/so101_pickplace

@@ -3,6 +3,7 @@
 use crate::chart::{self, Bars, Panel};
 use crate::dataset::RecordingName;
 use crate::policy::{cache_failed, CacheOptions, DeviceOptions, PolicySource};
+use anstream::{print, println};
 use anyhow::{bail, Context, Result};
 use serde::Serialize;
 use std::fmt::Write as _;

@@ -12,6 +12,9 @@
 //! - [`settings`]: how services are configured, by flags, variables and files.
 //! - [`logging`], `blob_store`, `certificate`, `chart`, `keys`, `network`, `otlp`, `serve`: what the commands share.
 
+// `println!` panics when its reader, such as `head`, has left. With the macros of `anstream`, the command does its work to the end.
+#![deny(clippy::print_stdout, clippy::print_stderr)]
+
 pub mod audit;
 pub mod ledger;
 pub mod logging;

@@ -1,6 +1,7 @@
 //! The one binary. Its exit codes are 0 for success, 1 for a failure (an audit that fails, a refusal, an error), and 2 for a wrong command
-//! line. `zk0 audit replay` also has 3 for an incomplete audit, and 4 for an error, which is no verdict.
+//! line. `zk0 audit replay` also has 3 for an incomplete audit. It and `zk0 audit watch` have 4 for an error, which is no verdict.
 
+use anstream::eprintln;
 use clap::{Parser, Subcommand};
 use std::process::ExitCode;
 #[cfg(feature = "full")]

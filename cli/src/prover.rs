@@ -3,6 +3,7 @@
 use crate::certificate::{keep_current, CertificateOptions};
 use crate::otlp::OtlpOptions;
 use crate::serve::{interrupted, listening, online, online_until};
+use anstream::println;
 use anyhow::{Context, Result};
 use std::net::SocketAddr;
 use std::time::Duration;

@@ -2,10 +2,10 @@
 
 use crate::keys;
 use crate::network::Network;
-use anyhow::Result;
+use anyhow::{Context, Result};
 use ed25519_dalek::SigningKey;
 use serde::Serialize;
-use std::io::{self, IsTerminal, Write};
+use std::io::{self, ErrorKind, IsTerminal, Write};
 use std::time::Duration;
 use tokio::time::sleep;
 use zk0_circuits::Digest;
@@ -35,8 +35,8 @@ pub async fn run(options: &Options) -> Result<()> {
     // Nothing is signed, so any key will do.
     let key = SigningKey::from_bytes(&keys::random()?);
     let mut node = options.network.connect(key.clone()).await?;
-    options.show(&mut node).await?;
-    if !options.watch {
+    let status = Shown::ask(&mut node).await?;
+    if !options.write(&status)? || !options.watch {
         return Ok(());
     }
     // It has a connection of its own, so that it can wait.
@@ -47,8 +47,13 @@ pub async fn run(options: &Options) -> Result<()> {
             changed = follower.changed(&mut watch) => changed?,
             () = sleep(REFRESH) => {}
         }
-        match options.show(&mut node).await {
-            Ok(()) => silent = false,
+        match Shown::ask(&mut node).await {
+            Ok(status) => {
+                silent = false;
+                if !options.write(&status)? {
+                    return Ok(());
+                }
+            }
             // It may be starting again.
             Err(error) if !silent => {
                 tracing::warn!("{error:#}; the aggregator is asked again every {REFRESH:?}");
@@ -60,25 +65,22 @@ pub async fn run(options: &Options) -> Result<()> {
 }
 
 impl Options {
-    async fn show(&self, node: &mut Node) -> Result<()> {
-        let status = Shown {
-            network: *node.network(),
-            name: node.genesis().name.clone(),
-            checkpoint: node.checkpoint().await?.size,
-            now: node.status().await?,
+    /// Prints a status. Returns `false` if its reader, such as `head`, has left.
+    fn write(&self, status: &Shown) -> Result<bool> {
+        let mut text = match self.json {
+            true => serde_json::to_string(&status.facts())? + "\n",
+            false => status.text(),
         };
         let mut out = io::stdout().lock();
-        match self.json {
-            true => writeln!(out, "{}", serde_json::to_string(&status.facts())?)?,
-            false => {
-                // On a terminal, the new status takes the place of the old one.
-                if self.watch && out.is_terminal() {
-                    write!(out, "\x1b[H\x1b[2J")?;
-                }
-                write!(out, "{}", status.text())?;
-            }
+        // On a terminal, the new status takes the place of the old one.
+        if !self.json && self.watch && out.is_terminal() {
+            text.insert_str(0, "\x1b[H\x1b[2J");
         }
-        Ok(out.flush()?)
+        match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
+            Ok(()) => Ok(true),
+            Err(error) if error.kind() == ErrorKind::BrokenPipe => Ok(false),
+            Err(error) => Err(error).context("writing to standard output"),
+        }
     }
 }
 
@@ -123,6 +125,15 @@ struct Facts {
 }
 
 impl Shown {
+    async fn ask(node: &mut Node) -> Result<Self> {
+        Ok(Self {
+            network: *node.network(),
+            name: node.genesis().name.clone(),
+            checkpoint: node.checkpoint().await?.size,
+            now: node.status().await?,
+        })
+    }
+
     fn facts(&self) -> Facts {
         let now = &self.now;
         let known = |moment: u64| Some(moment).filter(|moment| *moment > 0);

@@ -4,6 +4,7 @@ use crate::certificate::CertificateOptions;
 use crate::keys;
 use crate::otlp::OtlpOptions;
 use crate::serve::serve_http;
+use anstream::println;
 use anyhow::{Context, Result};
 use std::net::SocketAddr;
 use std::path::PathBuf;

@@ -6,7 +6,7 @@ come_up_again() {
     within 20 answers
     [ "$(entries)" -ge "$(cat /root/entries)" ]
     local service
-    for service in aggregator prover node; do
+    for service in aggregator prover node witness; do
         within 20 systemctl is-active --quiet zk0-$service
     done
 }
@@ -18,7 +18,7 @@ start_in_order() {
 }
 
 be_whole() {
-    systemctl stop zk0-node zk0-prover zk0-aggregator
+    systemctl stop zk0-node zk0-prover zk0-witness zk0-aggregator
     sudo -u zk0-aggregator zk0 ledger fsck /var/lib/zk0-aggregator/ledger
 }
 

@@ -11,7 +11,7 @@ may_not() { ! "$@" >/dev/null 2>&1 || { echo "it may: $*"; failed=1; }; }
 may touch "/var/lib/$1/probe" /tmp/probe
 may rm "/var/lib/$1/probe"
 may grep --quiet . "/etc/zk0/${1#zk0-}.toml"
-for other in zk0-aggregator zk0-node zk0-prover; do
+for other in zk0-aggregator zk0-node zk0-prover zk0-witness; do
     [ "$other" = "$1" ] || may_not ls "/var/lib/$other"
 done
 # Everybody else may do these.

@@ -160,6 +160,18 @@ begin_a_proof() {
     stops prover
 }
 
+start_a_witness() {
+    cat >/root/edits <<SED
+s|^log-key = .*|log-key = ["$(zk0 ledger vkey /var/lib/zk0-aggregator/ledger)"]|
+SED
+    documented 3
+    within 20 logged witness 'the verifier key of this witness is witness.example/w1'
+    within 20 reaches 127.0.0.1 7074
+    belongs 'zk0-witness 600' /etc/zk0/witness.key
+    stops witness
+    systemctl start zk0-witness
+}
+
 step 'a network is founded, and the aggregator starts, answers and logs' found_the_aggregator
 step 'keys and folders belong to their services' keys_belong_to_their_services
 step 'the aggregator takes TLS, a blob store and metrics' take_more_settings
@@ -175,5 +187,7 @@ step 'the proving service ends while SP1 starts, and the node finds it again' re
 step 'the node cannot do what it need not do' confined node
 step 'the proving service cannot do what it need not do' confined prover
 step 'SP1 starts, begins a proof, and is ended' begin_a_proof
+step 'a witness starts, and stops within its time' start_a_witness
+step 'the witness cannot do what it need not do' confined witness
 entries >/root/entries
 exit $failed

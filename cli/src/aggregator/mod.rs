@@ -11,6 +11,7 @@ mod public_samples;
 mod rules;
 mod serve;
 
+use anstream::println;
 use enrolment::Enrol;
 pub use enrolment::Enrolment;
 pub use rules::read_rules;

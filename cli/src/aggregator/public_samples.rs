@@ -3,6 +3,7 @@
 use crate::blob_store::BlobStoreOptions;
 use crate::dataset::RecordingName;
 use crate::policy::calibration::samples;
+use anstream::println;
 use anyhow::{bail, Context, Result};
 use std::path::{Path, PathBuf};
 use zk0_aggregator::round::founding::check_public_samples;

@@ -58,7 +58,7 @@ impl Command {
     /// The exit code of an error. If an audit cannot read the ledger, there is no verdict.
     pub fn error_code(&self, error: &anyhow::Error) -> ExitCode {
         match self {
-            Self::Replay(_) if !is_fault(error) => ExitCode::from(4),
+            Self::Replay(_) | Self::Watch(_) if !is_fault(error) => ExitCode::from(4),
             _ => ExitCode::FAILURE,
         }
     }

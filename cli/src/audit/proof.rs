@@ -1,6 +1,7 @@
 //! `zk0 audit prove` and `zk0 audit verify-proof`: a file that proves that an entry is in a log.
 
 use crate::ledger::TrustOptions;
+use anstream::println;
 use anyhow::{bail, Context, Result};
 use std::io::Write;
 use std::path::PathBuf;

@@ -3,6 +3,7 @@
 use super::named_options::NamedOptions;
 use super::progress_bar::Bar;
 use crate::ledger::TrustOptions;
+use anstream::{print, println};
 use anyhow::{Context, Result};
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};

@@ -5,9 +5,9 @@ use super::named_options::NamedOptions;
 use super::progress_bar::Bar;
 use super::show;
 use crate::ledger::TrustOptions;
-use anyhow::{bail, Result};
+use anyhow::{bail, Context, Result};
 use serde_json::json;
-use std::io::Write;
+use std::io::{self, Write};
 use std::path::PathBuf;
 use std::thread::sleep;
 use std::time::Duration;
@@ -50,6 +50,9 @@ pub struct Options {
 /// How many checks in a row may fail because nobody answers or a file is missing.
 const PATIENCE: u32 = 5;
 
+/// Why a watch ends whose standard output fails.
+const UNHEARD: &str = "what the watch finds cannot be written to standard output";
+
 /// Runs the command. Returns `false` if something is wrong with the log.
 pub fn run(options: &Options) -> Result<bool> {
     let watch = Watch::begin(WatchOptions {
@@ -66,10 +69,18 @@ pub fn run(options: &Options) -> Result<bool> {
         let bar = Bar::default();
         let progress = |done, total| bar.at(done, total);
         let progress = (!options.json).then_some(&progress as &(dyn Fn(u64, u64) + Sync));
-        match watch.look(progress, |seen| options.tell(seen)) {
+        let mut told = Ok(());
+        let looked = watch.look(progress, |seen| {
+            if told.is_ok() {
+                told = options.tell(seen);
+            }
+        });
+        // A watch that nobody hears is none.
+        told.context(UNHEARD)?;
+        match looked {
             Ok(Look::Continues) => failed = 0,
             Ok(Look::Alarm(why)) => {
-                options.say("ALARM", &why);
+                options.say("ALARM", &why).context(UNHEARD)?;
                 return Ok(false);
             }
             Err(error) => {
@@ -93,7 +104,7 @@ pub fn run(options: &Options) -> Result<bool> {
 }
 
 impl Options {
-    fn tell(&self, seen: Seen<'_>) {
+    fn tell(&self, seen: Seen<'_>) -> io::Result<()> {
         match seen {
             Seen::First {
                 verdict,
@@ -109,24 +120,26 @@ impl Options {
                     ),
                     Verdict::Failed => ("failed", ""),
                 };
-                self.say(label, &format!("{entries} of network {network}{left_out}"));
+                self.say(label, &format!("{entries} of network {network}{left_out}"))
             }
-            Seen::New { index, entry } => {
-                match self.json {
-                    true => println!("{}", show::as_json(index, entry)),
-                    false => println!("{}", show::line(index, entry)),
-                }
-                let _ = std::io::stdout().flush();
-            }
+            Seen::New { index, entry } => match self.json {
+                true => write(&show::as_json(index, entry).to_string()),
+                false => write(&show::line(index, entry)),
+            },
         }
     }
 
-    fn say(&self, label: &str, text: &str) {
+    fn say(&self, label: &str, text: &str) -> io::Result<()> {
         let text = printable(text);
-        match self.json {
-            true => println!("{}", json!({ "event": label.to_lowercase(), "text": text })),
-            false => println!("{label:<12} {text}"),
-        }
-        let _ = std::io::stdout().flush();
+        write(&match self.json {
+            true => json!({ "event": label.to_lowercase(), "text": text }).to_string(),
+            false => format!("{label:<12} {text}"),
+        })
     }
+}
+
+fn write(line: &str) -> io::Result<()> {
+    let mut out = io::stdout().lock();
+    writeln!(out, "{line}")?;
+    out.flush()
 }

@@ -9,6 +9,7 @@ mod search;
 
 pub use options::Options;
 
+use anstream::println;
 use anyhow::{Context, Result};
 use kept::Kept;
 use prepared::Prepared;

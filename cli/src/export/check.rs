@@ -4,6 +4,7 @@ use super::closing::Closing;
 use super::receipt::Receipt;
 use crate::ledger::TrustOptions;
 use crate::policy::network_folder::{founded_with, weights_of};
+use anstream::println;
 use anyhow::{Context, Result};
 use std::path::PathBuf;
 use zk0_audit::fetch::{locate, Wanted};

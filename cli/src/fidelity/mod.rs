@@ -6,6 +6,7 @@ mod report;
 use crate::dataset::RecordingName;
 use crate::policy::calibration::{calibrated, samples};
 use crate::policy::{self, PolicySource};
+use anstream::{eprint, println};
 use anyhow::{bail, Result};
 use report::{print_ranges, table, Outcome, Row};
 use std::path::PathBuf;

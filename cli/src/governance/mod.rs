@@ -6,6 +6,7 @@ mod status;
 use crate::keys;
 use crate::network::{Network, Signer};
 use crate::serve::online;
+use anstream::{print, println};
 use anyhow::{Context, Result};
 use change::Change;
 use ed25519_dalek::SigningKey;

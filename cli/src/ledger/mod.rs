@@ -8,8 +8,9 @@ mod trust_options;
 
 pub use trust_options::TrustOptions;
 
-#[cfg(feature = "full")]
 use crate::blob_store::BlobStoreOptions;
+#[cfg(feature = "full")]
+use anstream::println;
 use anyhow::Result;
 use std::path::{Path, PathBuf};
 use zk0_audit::fsck::fsck;

@@ -6,6 +6,7 @@ mod join;
 use crate::keys;
 use crate::network::Signer;
 use crate::serve::online;
+use anstream::println;
 use anyhow::Result;
 use estimate::Estimate;
 use join::Join;

@@ -3,6 +3,7 @@
 use crate::policy::network_folder::NetworkFolder;
 use crate::publish::model_card::CardOptions;
 use crate::publish::round_facts::{Collector, RoundFacts};
+use anstream::println;
 use anyhow::{bail, Context, Result};
 use std::path::{Path, PathBuf};
 use zk0_audit::report::history;

@@ -11,6 +11,7 @@ pub use options::Options;
 use crate::chart;
 use crate::dataset::RecordingName;
 use crate::policy::cache_failed;
+use anstream::println;
 use anyhow::{bail, Context, Result};
 use metrics::{Line, Metrics};
 use report::{Ended, Evaluated, Recording, Report};

@@ -6,6 +6,7 @@ mod harness;
 mod replay;
 mod report;
 mod show;
+mod unread;
 mod watch;
 mod witnesses;
 

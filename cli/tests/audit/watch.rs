@@ -72,7 +72,7 @@ fn a_watch_tells_what_is_new_and_remembers_what_it_saw() {
         "--state",
         text(&state),
     ];
-    let (_, why) = ends(1, &arguments);
+    let (_, why) = ends(4, &arguments);
     assert!(why.contains("remove it to start again"), "{why}");
     // If nobody answers, the watch raises no alarm, but it fails.
     fs::write(&state, kept).unwrap();
@@ -85,7 +85,7 @@ fn a_watch_tells_what_is_new_and_remembers_what_it_saw() {
         "--state",
         text(&state),
     ];
-    let (said, why) = ends(1, &arguments);
+    let (said, why) = ends(4, &arguments);
     assert!(
         !said.contains("ALARM") && why.contains("gave no answer"),
         "{said}{why}"

@@ -254,9 +254,18 @@ fn a_watched_status_is_shown_again() {
             status["uptime_ms"].as_u64().unwrap()
         })
         .collect();
-    watching.kill().unwrap();
-    watching.wait().unwrap();
     assert!(up[0] < up[2], "{up:?}");
+    // The reader has left, so the watch ends.
+    let until = Instant::now() + Duration::from_secs(60);
+    let ended = loop {
+        let ended = watching.try_wait().unwrap();
+        if ended.is_some() || Instant::now() > until {
+            break ended;
+        }
+        thread::sleep(Duration::from_millis(20));
+    };
+    watching.kill().unwrap();
+    assert!(ended.is_some_and(|status| status.success()), "{ended:?}");
 }
 
 #[test]

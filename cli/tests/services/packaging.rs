@@ -5,7 +5,7 @@ use std::fs;
 use std::path::Path;
 use std::process::{Command, Output};
 
-const SERVICES: [&str; 3] = ["aggregator", "node", "prover"];
+const SERVICES: [&str; 4] = ["aggregator", "node", "prover", "witness"];
 
 /// What a program prints in both its streams.
 fn said(output: &Output) -> String {

@@ -2,7 +2,9 @@
 
 use crate::Removal;
 
-const fn kept(
+/// A check that a test of `zk0-bucket` watches.
+const fn in_bucket(
+    target: &'static str,
     check: &'static str,
     file: &'static str,
     replacements: &'static [(&'static str, &'static str)],
@@ -13,55 +15,7 @@ const fn kept(
         file,
         replacements,
         package: "zk0-bucket",
-        target: "kept_blobs",
-        test,
-    }
-}
-
-const fn published(
-    check: &'static str,
-    file: &'static str,
-    replacements: &'static [(&'static str, &'static str)],
-    test: &'static str,
-) -> Removal {
-    Removal {
-        check,
-        file,
-        replacements,
-        package: "zk0-bucket",
-        target: "public_log",
-        test,
-    }
-}
-
-const fn sent(
-    check: &'static str,
-    file: &'static str,
-    replacements: &'static [(&'static str, &'static str)],
-    test: &'static str,
-) -> Removal {
-    Removal {
-        check,
-        file,
-        replacements,
-        package: "zk0-bucket",
-        target: "sent",
-        test,
-    }
-}
-
-const fn failing(
-    check: &'static str,
-    file: &'static str,
-    replacements: &'static [(&'static str, &'static str)],
-    test: &'static str,
-) -> Removal {
-    Removal {
-        check,
-        file,
-        replacements,
-        package: "zk0-bucket",
-        target: "failing_store",
+        target,
         test,
     }
 }
@@ -98,7 +52,8 @@ const fn put_there(
 }
 
 pub const REMOVALS: &[Removal] = &[
-    sent(
+    in_bucket(
+        "sent",
         "what a node has put into the bucket is read from a copy that it cannot change",
         "ledger/src/blobs/sent.rs",
         &[(
@@ -107,13 +62,15 @@ pub const REMOVALS: &[Removal] = &[
         )],
         "what_changes_after_it_was_verified_does_not_become_the_blob",
     ),
-    sent(
+    in_bucket(
+        "sent",
         "what a node has put into the bucket has the signed size",
         "ledger/src/blobs/sent.rs",
         &[("Some(found) if found != size => {", "Some(found) if found > size + 9 => {")],
         "what_is_not_the_update_is_refused_by_name_and_not_kept",
     ),
-    sent(
+    in_bucket(
+        "sent",
         "what a node has put into the bucket has the signed digest",
         "ledger/src/blobs/partial.rs",
         &[(
@@ -122,13 +79,15 @@ pub const REMOVALS: &[Removal] = &[
         )],
         "what_is_not_the_update_is_refused_by_name_and_not_kept",
     ),
-    sent(
+    in_bucket(
+        "sent",
         "a copy inside the bucket counts when it is there",
         "bucket/src/sent.rs",
         &[("if found == Some(size) {", "if found.is_none_or(|found| found > 0) {")],
         "a_copy_that_is_only_said_to_be_made_is_none",
     ),
-    sent(
+    in_bucket(
+        "sent",
         "what ended rounds leave in the bucket is removed",
         "ledger/src/blobs/sent.rs",
         &[(
@@ -175,19 +134,22 @@ pub const REMOVALS: &[Removal] = &[
         &[("            .take(MAX_ANSWER_BYTES)\n", "")],
         "an_endless_answer_is_read_and_shown_in_part",
     ),
-    published(
+    in_bucket(
+        "public_log",
         "a log is not written over another one",
         "ledger/src/published/export.rs",
         &[("    continues(view, place)?;\n", "    let _ = continues(view, place);\n")],
         "another_log_is_not_overwritten",
     ),
-    published(
+    in_bucket(
+        "public_log",
         "what is published has the digest in its name",
         "bucket/src/public_log.rs",
         &[("if actual != *blob {", "if actual.0.is_empty() {")],
         "a_damaged_blob_is_not_published",
     ),
-    published(
+    in_bucket(
+        "public_log",
         "a checkpoint is published after all that it covers",
         "ledger/src/published/export.rs",
         &[(
@@ -196,7 +158,8 @@ pub const REMOVALS: &[Removal] = &[
         )],
         "the_checkpoint_is_written_last",
     ),
-    kept(
+    in_bucket(
+        "kept_blobs",
         "a blob is in the store before it has its name in the folder",
         "ledger/src/blobs.rs",
         &[(
@@ -205,7 +168,8 @@ pub const REMOVALS: &[Removal] = &[
         )],
         "blobs_of_all_sizes_come_back_when_the_folder_is_lost",
     ),
-    kept(
+    in_bucket(
+        "kept_blobs",
         "what comes from the store has the digest in its name",
         "ledger/src/blobs/kept.rs",
         &[(
@@ -214,13 +178,15 @@ pub const REMOVALS: &[Removal] = &[
         )],
         "altered_bytes_are_refused_by_name",
     ),
-    kept(
+    in_bucket(
+        "kept_blobs",
         "what comes from the store has the size that was stored",
         "bucket/src/reading.rs",
         &[("if part.meta.size != size {", "if size > u64::MAX - 1 {")],
         "altered_bytes_are_refused_by_name",
     ),
-    kept(
+    in_bucket(
+        "kept_blobs",
         "what was only in the folder is put into the store",
         "ledger/src/blobs/kept.rs",
         &[(
@@ -229,37 +195,43 @@ pub const REMOVALS: &[Removal] = &[
         )],
         "what_was_only_in_the_folder_is_put_into_the_store",
     ),
-    kept(
+    in_bucket(
+        "kept_blobs",
         "a blob that is here and stored again is in the store",
         "ledger/src/blobs.rs",
         &[("            kept.put(digest, &self.path(digest))?;\n", "            let _ = kept;\n")],
         "what_was_only_in_the_folder_is_put_into_the_store",
     ),
-    kept(
+    in_bucket(
+        "kept_blobs",
         "a blob that is removed goes from the store",
         "ledger/src/blobs/kept.rs",
         &[("Some(kept) => kept.remove(blob),", "Some(_) => Ok(()),")],
         "a_removed_blob_is_in_neither_place",
     ),
-    kept(
+    in_bucket(
+        "kept_blobs",
         "a reader asks the store for what came after its list",
         "ledger/src/blobs/store.rs",
         &[("if !self.shared {", "if !self.shared || !blob.0.is_empty() {")],
         "a_reader_beside_the_writer_finds_what_comes_and_misses_what_goes",
     ),
-    failing(
+    in_bucket(
+        "failing_store",
         "an upload whose last answer is lost is looked for",
         "bucket/src/objects.rs",
         &[("Ok(found) if found.size == size => Ok(()),", "Ok(found) if found.size > size => Ok(()),")],
         "an_answer_that_is_lost_at_the_end_of_an_upload_costs_nothing",
     ),
-    kept(
+    in_bucket(
+        "kept_blobs",
         "a bounded folder keeps what the rounds need",
         "ledger/src/blobs/cache.rs",
         &[("needed.contains(&blob) || ", "")],
         "the_folder_shrinks_to_its_limit_and_keeps_what_is_needed_or_only_there",
     ),
-    kept(
+    in_bucket(
+        "kept_blobs",
         "a bounded folder keeps what is not in the store",
         "ledger/src/blobs/cache.rs",
         &[(" || !kept.knows(&blob)", "")],
