@@ -156,6 +156,48 @@ async fn what_arrives_late_waits_for_what_arrived_in_time() -> Test {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn a_late_request_does_not_hold_up_an_earlier_one_of_its_node() -> Test {
+    let (network, first, second) = open_round().await;
+    both_committed(&network, &first, &second).await;
+    let claim = first.claim(&network).await;
+    network.clock.advance(SUBMIT_MS);
+    let service = network.service().clone();
+    let arrivals = service.with(|aggregator| Ok(aggregator.arrivals().clone()));
+    let arrivals = arrivals.await?;
+    // Both requests are begun while nobody can have the aggregator.
+    let (let_go, held) = std::sync::mpsc::channel::<()>();
+    let holding = tokio::spawn(async move {
+        let hold = move |_: &mut zk0_aggregator::Aggregator| Ok(held.recv().unwrap());
+        service.with(hold).await
+    });
+    let network = std::sync::Arc::new(network);
+    let submitting = |proof: Vec<u8>| {
+        let (network, claim) = (network.clone(), claim.clone());
+        tokio::spawn(async move { Node::new(1).submit(&network, claim, &proof).await })
+    };
+    // The proof of the earlier one takes longer to hash, so that the late one is the first to ask for the turn of their node.
+    let early = submitting(vec![1; 2_000_000]);
+    timeout(SOON, async {
+        while !arrivals.any_by(u64::MAX) {
+            tokio::time::sleep(Duration::from_millis(5)).await;
+        }
+    })
+    .await?;
+    network.clock.advance(5);
+    let late = submitting(vec![2]);
+    tokio::time::sleep(A_MOMENT).await;
+    let_go.send(())?;
+    timeout(SOON, holding).await???;
+    let early = timeout(SOON, early).await???;
+    let reason = early.reason;
+    assert!(reason.contains("not an SP1 compressed proof"), "{reason}");
+    refused(timeout(SOON, late).await??, Code::AlreadyExists, "already");
+    network.settle().await;
+    assert!(network.round(Some(0)).await.closed.is_some());
+    Ok(())
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn a_submission_of_an_earlier_round_is_turned_away_before_its_signature_is_verified() -> Test
 {
     let (network, first, _) = open_round().await;

@@ -90,7 +90,7 @@ fn no_round_opens_until_the_samples_are_there() -> Test {
     let (_dir, mut aggregator) = ready(with_samples(rule), &samples);
     let path = aggregator.ledger().blobs().path(&rule.blob);
     std::fs::remove_file(&path)?;
-    let Progress::Blocked(why) = aggregator.step()? else {
+    let Progress::Blocked(why) = aggregator.go_on()? else {
         panic!("a round opened");
     };
     assert!(
@@ -98,9 +98,9 @@ fn no_round_opens_until_the_samples_are_there() -> Test {
         "{why}"
     );
     std::fs::write(&path, &samples[..samples.len() - 1])?;
-    assert!(matches!(aggregator.step()?, Progress::Blocked(_)));
+    assert!(matches!(aggregator.go_on()?, Progress::Blocked(_)));
     std::fs::write(&path, &samples)?;
-    assert_eq!(aggregator.step()?, Progress::Opened(0));
+    assert_eq!(aggregator.go_on()?, Progress::Opened(0));
     Ok(())
 }
 

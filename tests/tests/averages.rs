@@ -387,3 +387,33 @@ fn an_audit_reads_the_moments_that_the_round_goes_on_from() {
         found => panic!("{found:?}"),
     }
 }
+
+#[test]
+fn a_round_waits_while_its_result_cannot_be_kept() {
+    let (dir, state, contributions, closed) = round();
+    let blobs = Blobs::at(dir.path());
+    fs::remove_file(blobs.path(&closed.global.blob)).unwrap();
+    // With a file in place of the folder for what is unfinished, nothing can be written.
+    let unfinished = dir.path().join("blobs/unfinished");
+    let _ = fs::remove_dir_all(&unfinished);
+    fs::write(&unfinished, "").unwrap();
+    let with_moments = with_strategy(&state, FED_ADAM, None, None);
+    for state in [&state, &with_moments] {
+        let compute = || {
+            let to_close = ToClose {
+                state: state.clone(),
+                contributions: contributions.clone(),
+                lost: Vec::new(),
+                blobs: blobs.clone(),
+                dir: dir.path().into(),
+            };
+            to_close.compute().unwrap()
+        };
+        let why = compute().map(drop).unwrap_err();
+        assert!(why.contains("its result cannot be kept"), "{why}");
+        fs::remove_file(&unfinished).unwrap();
+        assert!(compute().is_ok());
+        let _ = fs::remove_dir_all(&unfinished);
+        fs::write(&unfinished, "").unwrap();
+    }
+}

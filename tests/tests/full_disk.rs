@@ -1,5 +1,5 @@
-//! The disk of an aggregator is full while a node uploads. The node waits, and goes on where it was when there is room. `zk0-ledger` tests
-//! what a full disk does to appends and checkpoints.
+//! The disk of an aggregator is full while a node uploads, and while it submits. The node waits, and goes on where it was when there is room.
+//! `zk0-ledger` tests what a full disk does to appends and checkpoints.
 //!
 //! The limit of a file's size stands for the full disk. It is of the whole process, so this test has one of its own.
 
@@ -24,7 +24,7 @@ const ROOM: u64 = 60_000;
 const SIGXFSZ: i32 = 25;
 
 #[tokio::test(flavor = "multi_thread")]
-async fn an_upload_goes_on_when_there_is_room_again() -> Test {
+async fn an_upload_and_a_submission_go_on_when_there_is_room_again() -> Test {
     // With a handler, the write fails, and the process goes on.
     let _ignored = signal(SignalKind::from_raw(SIGXFSZ))?;
     let first = harness::Node::new(1);
@@ -47,13 +47,28 @@ async fn an_upload_goes_on_when_there_is_room_again() -> Test {
     Resource::FSIZE.set(ROOM, hard)?;
     let request = first.upload_request(&id, 0, &update);
     let request = Signed::new(request, &first.key);
-    let mut uploading = tokio::spawn(async move { node.upload(0, update).await });
+    let sent = update.clone();
+    let mut uploading = tokio::spawn(async move { node.upload(0, sent).await.map(|()| node) });
     assert!(timeout(Duration::from_secs(3), &mut uploading)
         .await
         .is_err());
     assert_eq!(first.held(&network, &request).await?, ROOM);
     Resource::FSIZE.set(soft, hard)?;
-    timeout(Duration::from_secs(20), uploading).await???;
+    let mut node = timeout(Duration::from_secs(20), uploading).await???;
     assert_eq!(first.held(&network, &request).await?, size);
+
+    first.commit(&network, 0, &update).await?;
+    network.drawn().await;
+    let claim = first.claim(&network).await;
+    Resource::FSIZE.set(ROOM, hard)?;
+    let proof = vec![0; 2 * ROOM as usize];
+    let mut submitting = tokio::spawn(async move { node.submit(claim, proof).await });
+    assert!(timeout(Duration::from_secs(3), &mut submitting)
+        .await
+        .is_err());
+    Resource::FSIZE.set(soft, hard)?;
+    let decided = timeout(Duration::from_secs(20), submitting).await???;
+    let reason = decided.refusal.map(|reason| reason.to_string());
+    assert!(reason.is_some_and(|reason| reason.contains("not an SP1 compressed proof")));
     Ok(())
 }

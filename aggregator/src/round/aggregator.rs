@@ -11,7 +11,7 @@ use crate::round::clock::Clock;
 use crate::round::dispute::Disputed;
 use crate::round::ledger_index::{self, FromLedger, LedgerIndex, RoundEntries};
 use crate::round::presence::Presence;
-use crate::round::public_samples::check_public_samples;
+use crate::round::public_samples::UncheckedSamples;
 use crate::round::recording::arrivals::Arrivals;
 use crate::round::recording::staging::Staging;
 use crate::round::request::RequestError;
@@ -27,6 +27,7 @@ use zk0_protocol::entries::entry::{Body, DisputeResolved, Entry, ProposalSettled
 use zk0_protocol::entries::genesis::Genesis;
 use zk0_protocol::entries::member::NodeEnrolled;
 use zk0_protocol::pruning::rounds_before;
+use zk0_protocol::rules::closing::public_samples::PublicSamples;
 use zk0_protocol::rules::disclosed_blobs::BlobAccess;
 use zk0_protocol::rules::state::{Standing, State};
 use zk0_protocol::tlog::receipt::Receipt;
@@ -70,6 +71,9 @@ pub enum Progress {
     /// Nothing: the next round needs these blobs, and they are only in the store. Somebody has to fetch them ([`Blobs::fetch`]), away from
     /// the aggregator.
     NeedsBlobs(Vec<Digest>),
+    /// Nothing: somebody has to check these public samples of the next round with [`UncheckedSamples::check`], away from the aggregator, and then call
+    /// [`Aggregator::samples_checked`].
+    NeedsSamples(Box<UncheckedSamples>),
     /// Nothing: this dispute waits for a verdict, which somebody has to compute with [`Disputed::verify_again`], away from the aggregator, and
     /// give to [`Aggregator::resolve`].
     NeedsVerdict(Disputed),
@@ -114,6 +118,8 @@ pub struct Aggregator {
     pub(super) contributions: Vec<VerifiedContribution>,
     /// What the open round accepted too, and of which a blob was lost at the start.
     pub(super) lost: Vec<Accepted>,
+    /// The public samples that were checked for the next round.
+    pub(super) checked_samples: Option<PublicSamples>,
 }
 
 impl Aggregator {
@@ -164,6 +170,7 @@ impl Aggregator {
             index,
             contributions,
             lost,
+            checked_samples: None,
         })
     }
 
@@ -185,6 +192,11 @@ impl Aggregator {
     /// The requests that are in progress.
     pub fn arrivals(&self) -> &Arc<Arrivals> {
         &self.arrivals
+    }
+
+    /// The updates that nobody has committed to yet.
+    pub fn staging(&self) -> &Staging {
+        &self.staging
     }
 
     /// Who is present.
@@ -274,6 +286,9 @@ impl Aggregator {
         if let Some(why) = self.blocked() {
             return Ok(Progress::Blocked(why));
         }
+        if let Some(samples) = self.unchecked_samples() {
+            return Ok(Progress::NeedsSamples(Box::new(samples)));
+        }
         let opening = self.state().next_opening(now)?;
         let round = opening.round;
         self.append_at(now, Body::RoundOpened(opening))?;
@@ -330,9 +345,7 @@ impl Aggregator {
                 blobs.path(&lost.blob).display()
             ));
         }
-        // A vote can replace samples that cannot be used, but only between rounds.
-        let why = check_public_samples(state.genesis(), state.rules(), blobs).err()?;
-        Some(format!("round {round} cannot open: {why}"))
+        None
     }
 
     fn settle(&mut self, number: u64, now: u64) -> Result<Progress, RequestError> {

@@ -82,8 +82,17 @@ impl ToClose {
         };
         let read_at =
             |digest: &Digest, place, buffer: &mut [u8]| blobs.read_at(digest, place, buffer);
+        // The round waits for the disk, and for the store.
+        let not_kept = |why: &dyn Display| {
+            Ok(Err(format!(
+                "the open round cannot close, because its result cannot be kept: {why}"
+            )))
+        };
         let mut moments = match has_moments(&state) && !contributions.is_empty() {
-            true => Some(blobs.writer(BlobKind::Moments.max_bytes(state.rules()))?),
+            true => match blobs.writer(BlobKind::Moments.max_bytes(state.rules())) {
+                Ok(writer) => Some(writer),
+                Err(error) => return not_kept(&error),
+            },
             false => None,
         };
         let mut nowhere = sink();
@@ -105,6 +114,9 @@ impl ToClose {
                 | CombineError::MomentsUnreadable { .. }
                 | CombineError::OtherMoments { .. }),
             )) => return blocked("its updates cannot be combined", &lost),
+            Err(CloseError::Combine(unwritten @ CombineError::MomentsUnwritten(_))) => {
+                return not_kept(&unwritten)
+            }
             closing => closing?,
         };
         let moments = match (moments, &closing.moments) {
@@ -116,12 +128,7 @@ impl ToClose {
             None => Ok(()),
         });
         match kept {
-            // The round waits for the store.
-            Err(BlobError::Store(failed)) => {
-                return Ok(Err(format!(
-                    "the open round cannot close, because its result cannot be kept: {failed}"
-                )))
-            }
+            Err(failed @ (BlobError::Store(_) | BlobError::Io { .. })) => return not_kept(&failed),
             kept => kept?,
         }
         Ok(Ok(ComputedClosing {
@@ -169,7 +176,6 @@ impl Aggregator {
         self.append(Body::RoundClosed(closed))?;
         self.contributions.clear();
         self.lost.clear();
-        self.staging.clear()?;
         tracing::info!(round, contributors = contributors.len(), "round closed");
         match outcome {
             Some(ResultOutcome::Taken) | None => {}

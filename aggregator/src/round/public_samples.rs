@@ -1,7 +1,9 @@
 //! Whether the public samples that the rules name are at hand, and can be used.
 
+use crate::round::aggregator::Aggregator;
 use zk0_ledger::blobs::Blobs;
 use zk0_protocol::entries::genesis::Genesis;
+use zk0_protocol::rules::closing::public_samples::PublicSamples;
 use zk0_protocol::rules::named_blobs::BlobKind;
 use zk0_protocol::rules::network_rules::Rules;
 use zk0_verifier::public_samples::PublicSampleFile;
@@ -19,4 +21,44 @@ pub fn check_public_samples(genesis: &Genesis, rules: &Rules, blobs: &Blobs) -> 
     let evaluation = Evaluation::of_genesis(genesis).map_err(|error| error.to_string())?;
     let read = PublicSampleFile::read(evaluation.format().spec(), rule, &bytes);
     read.map(drop).map_err(|error| error.to_string())
+}
+
+/// The public samples of a round that is to open.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct UncheckedSamples {
+    rule: PublicSamples,
+    round: u64,
+    genesis: Genesis,
+    rules: Rules,
+    blobs: Blobs,
+}
+
+impl UncheckedSamples {
+    /// Reads and checks them. Returns why the round cannot open. The file may have a gigabyte, so nobody should wait for this.
+    pub fn check(&self) -> Result<(), String> {
+        let checked = check_public_samples(&self.genesis, &self.rules, &self.blobs);
+        checked.map_err(|why| format!("round {} cannot open: {why}", self.round))
+    }
+}
+
+impl Aggregator {
+    /// The public samples of the next round, unless they were just checked. A vote can replace samples that cannot be used, but only between rounds. Each
+    /// round has them checked anew, because the file may have been lost or damaged since.
+    pub(super) fn unchecked_samples(&mut self) -> Option<UncheckedSamples> {
+        let checked = self.checked_samples.take();
+        let state = self.ledger.state();
+        let rule = state.rules().public_samples?;
+        (checked != Some(rule)).then(|| UncheckedSamples {
+            rule,
+            round: state.next_round(),
+            genesis: state.genesis().clone(),
+            rules: state.rules().clone(),
+            blobs: self.ledger.blobs().clone(),
+        })
+    }
+
+    /// These samples hold what the next round needs.
+    pub fn samples_checked(&mut self, samples: &UncheckedSamples) {
+        self.checked_samples = Some(samples.rule);
+    }
 }

@@ -60,8 +60,8 @@ pub enum RequestError {
     /// The entry is recorded, but not published: the witnesses have not cosigned a checkpoint that covers it.
     #[error("{0}")]
     NotPublished(String),
-    /// The disk has no room for an upload. Whoever asked is not told more: the log says it.
-    #[error("an upload cannot be kept: {0}")]
+    /// The disk has no room for what was sent. Whoever asked is not told more: the log says it.
+    #[error("what was sent cannot be kept: {0}")]
     NoRoom(BlobError),
     /// The store of the blobs failed, so nothing is recorded. Whoever asked is not told more: the log says it.
     #[error("{0}")]
@@ -103,6 +103,7 @@ impl From<BlobError> for RequestError {
     fn from(error: BlobError) -> Self {
         match error {
             failed @ BlobError::Store(_) => Self::BlobStore(failed),
+            full if full.is_full() => Self::NoRoom(full),
             other => Self::Internal(other.to_string()),
         }
     }
@@ -110,9 +111,11 @@ impl From<BlobError> for RequestError {
 
 impl From<Unreadable<BlobError>> for RequestError {
     fn from(unreadable: Unreadable<BlobError>) -> Self {
+        let said = unreadable.to_string();
         match unreadable.error {
-            failed @ BlobError::Store(_) => Self::BlobStore(failed),
-            _ => Self::Internal(unreadable.to_string()),
+            // What is read from the store is written to the ledger's folder, so there may be no room for it.
+            error if matches!(error, BlobError::Store(_)) || error.is_full() => error.into(),
+            _ => Self::Internal(said),
         }
     }
 }
@@ -152,7 +155,6 @@ impl RequestError {
             unsent @ (BlobError::NotSent | BlobError::OtherSize { .. }) => {
                 Self::Malformed(unsent.to_string())
             }
-            full if full.is_full() => Self::NoRoom(full),
             other => other.into(),
         }
     }
@@ -206,7 +208,7 @@ impl From<RequestError> for Status {
         if let RequestError::NoRoom(_) = &error {
             tracing::error!("{error}");
             return Self::unavailable(
-                "the aggregator's disk is full, so it takes no uploads until there is room: ask again",
+                "the aggregator's disk is full, so it keeps nothing until there is room: ask again",
             );
         }
         if let RequestError::BlobStore(_) = &error {

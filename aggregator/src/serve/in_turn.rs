@@ -6,10 +6,24 @@ use crate::round::request::RequestError;
 use crate::serve::service::Service;
 use std::time::Instant;
 use tokio::sync::oneshot::error::TryRecvError;
+use tokio::sync::OwnedMutexGuard;
 use tracing::instrument;
+use zk0_circuits::NodeId;
 use zk0_protocol::tlog::receipt::Receipt;
 
 impl Service {
+    /// Waits for the turn of the node that has signed a request.
+    pub(super) async fn turn_of(
+        &self,
+        node: NodeId,
+        arrival: &Arrival,
+    ) -> Result<OwnedMutexGuard<()>, RequestError> {
+        let arrived_ms = arrival.at_ms();
+        let passed = self.with(move |aggregator| Ok(aggregator.passed_deadline(arrived_ms)));
+        let turn = self.turns.take_in_time(node, &self.arrivals, passed.await?);
+        Ok(turn.await)
+    }
+
     /// Records what a request wants, and returns its receipt. It waits for requests that arrived before a deadline, if this one arrived
     /// after it.
     #[instrument(name = "record", skip_all)]

@@ -1,6 +1,10 @@
 //! What a node asks for is done one request after the other. So when a node sends something again, because it has lost the connection, the second
 //! request finds what the first one has recorded, and nothing is verified twice.
+//!
+//! A request that came after a deadline waits until all that came before it are done ([`crate::round::recording::arrivals`]). It does so before it
+//! takes its node's turn: with the turn, it would wait for an earlier request of the same node, and that one for the turn.
 
+use crate::round::recording::arrivals::Arrivals;
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError, Weak};
 use tokio::sync::{Mutex as Turn, OwnedMutexGuard};
@@ -18,6 +22,19 @@ impl NodeTurns {
     /// hold the node up.
     pub async fn take(&self, node: NodeId) -> OwnedMutexGuard<()> {
         self.of(node).lock_owned().await
+    }
+
+    /// The same for a request that may wait for others. `passed` is the deadline after which it came, if there is one.
+    pub async fn take_in_time(
+        &self,
+        node: NodeId,
+        arrivals: &Arrivals,
+        passed: Option<u64>,
+    ) -> OwnedMutexGuard<()> {
+        if let Some(deadline_ms) = passed {
+            arrivals.done_by(deadline_ms).await;
+        }
+        self.take(node).await
     }
 
     fn of(&self, node: NodeId) -> Arc<Turn<()>> {

@@ -133,7 +133,7 @@ impl Federation for Service {
         };
         let sender = self.sender(head, message, arrival.at_ms()).await?;
         let name = signed.statement.name.clone();
-        let _turn = self.turns.take(operator).await;
+        let _turn = self.turn_of(operator, &arrival).await?;
         let arrived_ms = arrival.at_ms();
         let begun = self
             .with(move |aggregator| aggregator.begin_enrolment(&signed, arrived_ms))
@@ -221,7 +221,7 @@ impl Federation for Service {
             body,
         };
         let sender = self.sender(head, message, arrival.at_ms()).await?;
-        let _turn = self.turns.take(node).await;
+        let _turn = self.turn_of(node, &arrival).await?;
         let arrived_ms = arrival.at_ms();
         let begun = self
             .with(move |aggregator| aggregator.begin_registration(&signed, arrived_ms))
@@ -266,7 +266,7 @@ impl Federation for Service {
             body,
         };
         let sender = self.sender(head, message, arrival.at_ms()).await?;
-        let _turn = self.turns.take(node).await;
+        let _turn = self.turn_of(node, &arrival).await?;
         let arrived_ms = arrival.at_ms();
         let begun = self
             .with(move |aggregator| aggregator.begin_commitment(&signed, arrived_ms))

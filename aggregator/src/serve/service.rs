@@ -303,7 +303,10 @@ impl Service {
                 }
                 // What the last step computed is out of date, or what it lacked is here now.
                 Ok(
-                    Progress::NeedsVerdict(_) | Progress::NeedsClosing(_) | Progress::NeedsBlobs(_),
+                    Progress::NeedsVerdict(_)
+                    | Progress::NeedsClosing(_)
+                    | Progress::NeedsBlobs(_)
+                    | Progress::NeedsSamples(_),
                 ) => {}
             }
         }

@@ -37,9 +37,23 @@ impl Service {
                     "the next round cannot open: {error}"
                 ))),
             },
+            Progress::NeedsSamples(samples) => {
+                let unchecked = samples.clone();
+                match blocking(move || Ok(unchecked.check())).await? {
+                    Ok(()) => {
+                        let checked = move |aggregator: &mut Aggregator| {
+                            aggregator.samples_checked(&samples);
+                            Ok(Progress::NeedsSamples(samples))
+                        };
+                        self.with(checked).await
+                    }
+                    Err(why) => Ok(Progress::Blocked(why)),
+                }
+            }
             done => Ok(done),
         }
     }
+
     /// Closes the open round, if its end can be computed. That is done away from the aggregator.
     #[instrument(name = "close the round", skip_all, fields(zk0.round = round))]
     async fn close(&self, round: u64) -> Result<Progress, RequestError> {
@@ -47,9 +61,24 @@ impl Service {
         match blocking(move || ended.compute()).await? {
             Ok(computed) => {
                 let recorded = self.with(|aggregator| aggregator.close(computed));
-                recorded.instrument(info_span!("record")).await
+                let progress = recorded.instrument(info_span!("record")).await?;
+                if let Progress::Closed(round) = progress {
+                    self.clear_uploads(round).await?;
+                }
+                Ok(progress)
             }
             Err(why) => Ok(Progress::Blocked(why)),
         }
+    }
+
+    /// Removes what was uploaded in a round that has closed, and in those before it. The rounds go on if that fails.
+    async fn clear_uploads(&self, round: u64) -> Result<(), RequestError> {
+        let staging = self.with(|aggregator| Ok(aggregator.staging().clone()));
+        let staging = staging.await?;
+        let cleared = blocking(move || Ok(staging.clear(round)?));
+        if let Err(error) = cleared.await {
+            tracing::warn!(round, "uploads of ended rounds stay on the disk, and are removed when the next round closes: {error}");
+        }
+        Ok(())
     }
 }

@@ -48,7 +48,8 @@ impl Service {
                 .await?
         };
         // It is the node itself that asks, and perhaps not for the first time.
-        let _turn = self.turns.take(signed.statement.claim.terms.node).await;
+        let node = signed.statement.claim.terms.node;
+        let _turn = self.turn_of(node, arrival).await?;
         let undecided = match begin().await? {
             Begun::Recorded(decided) => return Ok(decided),
             Begun::New(undecided) => undecided,

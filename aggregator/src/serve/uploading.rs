@@ -116,6 +116,24 @@ impl Service {
             .await
     }
 
+    /// Waits until the ledger does not allow an upload any more, and returns why: nobody can commit to it then.
+    pub(super) async fn not_allowed(&self, upload: &UploadRequest) -> RequestError {
+        let mut stage = self.stage.subscribe();
+        loop {
+            if let Err(refused) = self.staging(upload.clone()).await {
+                return refused;
+            }
+            if stage.changed().await.is_err() {
+                return std::future::pending().await;
+            }
+        }
+    }
+
+    /// Why an upload has failed. When its round ends, its files are removed; then the node learns that, and not that a file is gone.
+    pub(super) async fn why(&self, upload: &UploadRequest, error: RequestError) -> RequestError {
+        self.staging(upload.clone()).await.err().unwrap_or(error)
+    }
+
     async fn receive_data(
         &self,
         mut incoming: Incoming,
@@ -132,6 +150,8 @@ impl Service {
         };
         let mut writing = Writing { blob, _turn: turn };
         let mut ended = false;
+        let not_allowed = self.not_allowed(&upload);
+        tokio::pin!(not_allowed);
         while !ended {
             let mut batch = vec![];
             let mut failed = None;
@@ -139,6 +159,7 @@ impl Service {
                 let next = tokio::select! {
                     next = incoming.next() => next,
                     ended = newest.ended() => Err(ended.into()),
+                    refused = &mut not_allowed => Err(refused.into()),
                 };
                 match next {
                     Ok(Some((_, Part::Data(data)))) => batch.extend(data),
@@ -151,16 +172,22 @@ impl Service {
                 }
             }
             // What has come stays, whatever comes after it.
-            writing = blocking(move || {
+            let written = blocking(move || {
                 writing.blob.write(&batch).map_err(RequestError::upload)?;
                 Ok(writing)
-            })
-            .await?;
+            });
+            writing = match written.await {
+                Ok(writing) => writing,
+                Err(error) => return Err(self.why(&upload, error).await.into()),
+            };
             if let Some(status) = failed {
                 return Err(status);
             }
         }
-        blocking(move || writing.blob.finish().map_err(RequestError::upload)).await?;
+        let finished = blocking(move || writing.blob.finish().map_err(RequestError::upload));
+        if let Err(error) = finished.await {
+            return Err(self.why(&upload, error).await.into());
+        }
         self.metrics().uploaded("message");
         tracing::info!(node = %upload.node, update = %upload.blob, size = upload.size, begins, "update uploaded");
         Ok(())

@@ -83,6 +83,13 @@ impl AtOnce for Aggregator {
                 Ok(computed) => self.close(computed),
                 Err(why) => Ok(Progress::Blocked(why)),
             },
+            Progress::NeedsSamples(samples) => match samples.check() {
+                Ok(()) => {
+                    self.samples_checked(&samples);
+                    self.go_on()
+                }
+                Err(why) => Ok(Progress::Blocked(why)),
+            },
             done => Ok(done),
         }
     }

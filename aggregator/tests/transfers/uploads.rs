@@ -151,3 +151,41 @@ async fn only_the_node_learns_how_much_has_come() -> Test {
     );
     Ok(())
 }
+
+#[tokio::test(flavor = "multi_thread")]
+async fn an_upload_whose_round_ends_is_told_so() -> Test {
+    let (network, first, _) = open_round().await;
+    let update = weights(1);
+    let (_sender, uploading) = silent_after(&network, &first, &update, 3000).await;
+    let request = signed(&network, &first, &update);
+    while first.held(&network, &request).await? < 3000 {
+        tokio::time::sleep(Duration::from_millis(5)).await;
+    }
+    network.clock.advance(COMMIT_MS + 1);
+    network.settle().await;
+    assert!(network.round(Some(0)).await.closed.is_some());
+    let told = timeout(Duration::from_secs(10), uploading).await??;
+    refused(told, Code::FailedPrecondition, "round 0");
+    Ok(())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_round_closes_although_its_uploads_cannot_be_removed() -> Test {
+    let (network, first, second) = open_round().await;
+    let unlike = network.dir.path().join("uploads/no-folder");
+    first.upload(&network, 0, &weights(1)).await?;
+    std::fs::write(&unlike, "nobody can remove this as a folder")?;
+    network.clock.advance(COMMIT_MS + 1);
+    network.settle().await;
+    assert!(network.round(Some(0)).await.closed.is_some());
+    assert!(unlike.exists());
+    // What is left of an ended round goes with the next one.
+    std::fs::remove_file(&unlike)?;
+    committed(&network, &second, 1, 2).await;
+    network.drawn().await;
+    network.clock.advance(SUBMIT_MS + 1);
+    network.settle().await;
+    assert!(network.round(Some(1)).await.closed.is_some());
+    assert_eq!(network.uploads(), 0);
+    Ok(())
+}

@@ -86,13 +86,13 @@ pub const REMOVALS: &[Removal] = &[
     Removal {
         target: "full_disk",
         ..fault(
-            "a node whose upload finds no room asks again",
+            "a node whose update or proof finds no room asks again",
             "aggregator/src/round/request.rs",
             &[(
                 "            full if full.is_full() => Self::NoRoom(full),\n",
                 "",
             )],
-            "an_upload_goes_on_when_there_is_room_again",
+            "an_upload_and_a_submission_go_on_when_there_is_room_again",
         )
     },
     certificate(

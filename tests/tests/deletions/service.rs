@@ -45,6 +45,30 @@ const fn transfer(
 
 pub const REMOVALS: &[Removal] = &[
     in_time(
+        "a late request waits before it takes the turn of its node",
+        "aggregator/src/serve/node_turns.rs",
+        &[(
+            "            arrivals.done_by(deadline_ms).await;\n",
+            "            let _ = (arrivals, deadline_ms);\n",
+        )],
+        "a_late_request_does_not_hold_up_an_earlier_one_of_its_node",
+    ),
+    transfer(
+        "a node whose upload outlives its round is told so",
+        "aggregator/src/serve/uploading.rs",
+        &[(
+            "                    refused = &mut not_allowed => Err(refused.into()),\n",
+            "",
+        )],
+        "an_upload_whose_round_ends_is_told_so",
+    ),
+    transfer(
+        "what cannot be removed does not stop the rounds",
+        "aggregator/src/serve/stepping.rs",
+        &[("if let Err(error) = cleared.await {", "cleared.await?;\n        if let Err(error) = Ok::<(), RequestError>(()) {")],
+        "a_round_closes_although_its_uploads_cannot_be_removed",
+    ),
+    in_time(
         "a round does not close before what arrived in time is done",
         "aggregator/src/round/aggregator.rs",
         &[("if self.arrivals.any_by(deadline_ms) {", "if false {")],

@@ -85,14 +85,26 @@ impl Staging {
         Ok(Some(blobs.partial(&request.blob, request.size)?))
     }
 
-    /// Removes all uploads.
-    pub fn clear(&self) -> Result<(), StagingError> {
-        match fs::remove_dir_all(&self.dir) {
-            Err(error) if error.kind() != io::ErrorKind::NotFound => Err(StagingError::Io {
-                path: self.dir.clone(),
-                error,
-            }),
-            _ => Ok(()),
+    /// Removes the uploads of the rounds up to `last`. That takes seconds where much was uploaded and little of it committed to. An upload of such
+    /// a round that is still in progress may leave something behind, which the next call removes.
+    pub fn clear(&self, last: u64) -> Result<(), StagingError> {
+        let failed = |path: &Path| {
+            let path = path.to_owned();
+            move |error| StagingError::Io { path, error }
+        };
+        let all = match fs::read_dir(&self.dir) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
+            all => all.map_err(failed(&self.dir))?,
+        };
+        for one in all {
+            let path = one.map_err(failed(&self.dir))?.path();
+            let round = path
+                .file_name()
+                .and_then(|name| name.to_str()?.parse().ok());
+            if round.is_none_or(|round: u64| round <= last) {
+                fs::remove_dir_all(&path).map_err(failed(&path))?;
+            }
         }
+        Ok(())
     }
 }

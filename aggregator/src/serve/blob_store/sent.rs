@@ -83,14 +83,19 @@ impl Service {
         let taken = tokio::select! {
             taken = taking => taken,
             ended = newest.ended() => Err(ended),
+            refused = self.not_allowed(&upload) => Err(refused),
             () = sleep_until(ends) => {
                 stopped.store(true, Ordering::Relaxed);
                 return Err(too_long("taking the update from the store took", self.limits.upload));
             }
         };
         stopped.store(true, Ordering::Relaxed);
+        let taken = match taken {
+            Ok(taken) => taken,
+            Err(error) => return Err(self.why(&upload, error).await.into()),
+        };
         // Who has lost the answer asks again for what is here.
-        if taken? {
+        if taken {
             self.metrics().uploaded("store");
             tracing::info!(node = %upload.node, update = %upload.blob, size = upload.size, "update taken from the blob store");
         }
