@@ -157,7 +157,9 @@ async fn what_arrives_late_waits_for_what_arrived_in_time() -> Test {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_late_request_does_not_hold_up_an_earlier_one_of_its_node() -> Test {
-    let (network, first, second) = open_round().await;
+    let mut genesis = genesis();
+    genesis.rules.max_proof_bytes = 2_000_000;
+    let (network, first, second) = open_round_of(genesis).await;
     both_committed(&network, &first, &second).await;
     let claim = first.claim(&network).await;
     network.clock.advance(SUBMIT_MS);
@@ -167,7 +169,10 @@ async fn a_late_request_does_not_hold_up_an_earlier_one_of_its_node() -> Test {
     // Both requests are begun while nobody can have the aggregator.
     let (let_go, held) = std::sync::mpsc::channel::<()>();
     let holding = tokio::spawn(async move {
-        let hold = move |_: &mut zk0_aggregator::Aggregator| Ok(held.recv().unwrap());
+        let hold = move |_: &mut zk0_aggregator::Aggregator| {
+            held.recv().unwrap();
+            Ok(())
+        };
         service.with(hold).await
     });
     let network = std::sync::Arc::new(network);

@@ -11,6 +11,7 @@ use rlimit::Resource;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 use tokio::signal::unix::{signal, SignalKind};
 use tokio::time::timeout;
+use tonic::Code;
 use zk0_aggregator::Config;
 use zk0_node::client::Node;
 use zk0_protocol::Signed;
@@ -27,15 +28,16 @@ const SIGXFSZ: i32 = 25;
 async fn an_upload_and_a_submission_go_on_when_there_is_room_again() -> Test {
     // With a handler, the write fails, and the process goes on.
     let _ignored = signal(SignalKind::from_raw(SIGXFSZ))?;
-    let first = harness::Node::new(1);
+    let (first, second) = (harness::Node::new(1), harness::Node::new(2));
     let config = Config {
         rounds: Some(1),
-        min_nodes: 1,
+        min_nodes: 2,
     };
-    let network = Network::start(&[&first], config).await;
+    let network = Network::start(&[&first, &second], config).await;
     let now = SystemTime::now().duration_since(UNIX_EPOCH)?;
     network.clock.advance(now.as_millis() as u64 - START_MS);
     first.register(&network).await?;
+    second.register(&network).await?;
     network.settle().await;
     let id = network.genesis.network_id();
     let mut node = Node::connect(network.address.clone(), id, first.key.clone()).await?;
@@ -47,28 +49,26 @@ async fn an_upload_and_a_submission_go_on_when_there_is_room_again() -> Test {
     Resource::FSIZE.set(ROOM, hard)?;
     let request = first.upload_request(&id, 0, &update);
     let request = Signed::new(request, &first.key);
-    let sent = update.clone();
-    let mut uploading = tokio::spawn(async move { node.upload(0, sent).await.map(|()| node) });
+    let mut uploading = tokio::spawn(async move { node.upload(0, update).await });
     assert!(timeout(Duration::from_secs(3), &mut uploading)
         .await
         .is_err());
     assert_eq!(first.held(&network, &request).await?, ROOM);
     Resource::FSIZE.set(soft, hard)?;
-    let mut node = timeout(Duration::from_secs(20), uploading).await???;
+    timeout(Duration::from_secs(20), uploading).await???;
     assert_eq!(first.held(&network, &request).await?, size);
 
-    first.commit(&network, 0, &update).await?;
+    harness::committed(&network, &second, 0, 1).await;
     network.drawn().await;
-    let claim = first.claim(&network).await;
+    let (claim, proof) = (second.claim(&network).await, [0; ROOM as usize + 1]);
     Resource::FSIZE.set(ROOM, hard)?;
-    let proof = vec![0; 2 * ROOM as usize];
-    let mut submitting = tokio::spawn(async move { node.submit(claim, proof).await });
-    assert!(timeout(Duration::from_secs(3), &mut submitting)
-        .await
-        .is_err());
+    harness::refused(
+        second.submit(&network, claim.clone(), &proof).await,
+        Code::Unavailable,
+        "disk is full",
+    );
     Resource::FSIZE.set(soft, hard)?;
-    let decided = timeout(Duration::from_secs(20), submitting).await???;
-    let reason = decided.refusal.map(|reason| reason.to_string());
-    assert!(reason.is_some_and(|reason| reason.contains("not an SP1 compressed proof")));
+    let reason = second.submit(&network, claim, &proof).await?.reason;
+    assert!(reason.contains("not an SP1 compressed proof"), "{reason}");
     Ok(())
 }

@@ -18,6 +18,7 @@ impl Service {
         node: NodeId,
         arrival: &Arrival,
     ) -> Result<OwnedMutexGuard<()>, RequestError> {
+        arrival.needs_turn_of(node);
         let arrived_ms = arrival.at_ms();
         let passed = self.with(move |aggregator| Ok(aggregator.passed_deadline(arrived_ms)));
         let turn = self.turns.take_in_time(node, &self.arrivals, passed.await?);

@@ -1,8 +1,8 @@
 //! What a node asks for is done one request after the other. So when a node sends something again, because it has lost the connection, the second
 //! request finds what the first one has recorded, and nothing is verified twice.
 //!
-//! A request that came after a deadline waits until all that came before it are done ([`crate::round::recording::arrivals`]). It does so before it
-//! takes its node's turn: with the turn, it would wait for an earlier request of the same node, and that one for the turn.
+//! A request that came after a deadline is recorded after all that came before it ([`crate::round::recording::arrivals`]). So it must not take its
+//! node's turn before an earlier request of the same node: each of the two would wait for the other.
 
 use crate::round::recording::arrivals::Arrivals;
 use std::collections::HashMap;
@@ -24,7 +24,7 @@ impl NodeTurns {
         self.of(node).lock_owned().await
     }
 
-    /// The same for a request that may wait for others. `passed` is the deadline after which it came, if there is one.
+    /// The same for a request that is recorded after others. `passed` is the deadline after which it came, if there is one.
     pub async fn take_in_time(
         &self,
         node: NodeId,
@@ -32,7 +32,7 @@ impl NodeTurns {
         passed: Option<u64>,
     ) -> OwnedMutexGuard<()> {
         if let Some(deadline_ms) = passed {
-            arrivals.done_by(deadline_ms).await;
+            arrivals.done_by_node(deadline_ms, node).await;
         }
         self.take(node).await
     }

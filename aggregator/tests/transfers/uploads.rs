@@ -157,8 +157,7 @@ async fn an_upload_whose_round_ends_is_told_so() -> Test {
     let (network, first, _) = open_round().await;
     let update = weights(1);
     let (_sender, uploading) = silent_after(&network, &first, &update, 3000).await;
-    let request = signed(&network, &first, &update);
-    while first.held(&network, &request).await? < 3000 {
+    while network.uploads() == 0 {
         tokio::time::sleep(Duration::from_millis(5)).await;
     }
     network.clock.advance(COMMIT_MS + 1);

@@ -45,10 +45,10 @@ const fn transfer(
 
 pub const REMOVALS: &[Removal] = &[
     in_time(
-        "a late request waits before it takes the turn of its node",
+        "a late request does not take its node's turn before an earlier one",
         "aggregator/src/serve/node_turns.rs",
         &[(
-            "            arrivals.done_by(deadline_ms).await;\n",
+            "            arrivals.done_by_node(deadline_ms, node).await;\n",
             "            let _ = (arrivals, deadline_ms);\n",
         )],
         "a_late_request_does_not_hold_up_an_earlier_one_of_its_node",

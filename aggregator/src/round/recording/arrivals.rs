@@ -6,9 +6,10 @@
 
 use crate::round::clock::Clock;
 use crate::round::request::RequestError;
-use std::collections::BTreeSet;
+use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tokio::sync::Notify;
+use zk0_circuits::NodeId;
 use zk0_ledger::clock::{ClockError, ClockWatch};
 
 /// The requests that are in progress, with the times at which they arrived.
@@ -16,14 +17,14 @@ pub struct Arrivals {
     clock: Arc<dyn Clock>,
     watch: Arc<ClockWatch>,
     pending: Mutex<Pending>,
-    /// Notified when a request is done.
+    /// Notified when a request is done, and when it is known whose turn one needs.
     done: Notify,
 }
 
-/// Times of arrival in Unix milliseconds, each with a number that makes it unique.
+/// Times of arrival in Unix milliseconds, each with a number that makes it unique, and whose turn the request needs, once that is known.
 #[derive(Default)]
 struct Pending {
-    requests: BTreeSet<(u64, u64)>,
+    requests: BTreeMap<(u64, u64), Option<NodeId>>,
     next: u64,
 }
 
@@ -55,7 +56,7 @@ impl Arrivals {
         let at_ms = self.now_ms()?;
         let number = pending.next;
         pending.next += 1;
-        pending.requests.insert((at_ms, number));
+        pending.requests.insert((at_ms, number), None);
         drop(pending);
         Ok(Arrival {
             at_ms,
@@ -76,17 +77,32 @@ impl Arrivals {
 
     /// Whether a request is in progress that arrived at `deadline_ms` or before.
     pub fn any_by(&self, deadline_ms: u64) -> bool {
-        let first = self.pending().requests.first().copied();
-        first.is_some_and(|(at_ms, _)| at_ms <= deadline_ms)
+        let pending = self.pending();
+        let first = pending.requests.keys().next();
+        first.is_some_and(|(at_ms, _)| *at_ms <= deadline_ms)
     }
 
     /// Waits until no request is in progress that arrived at `deadline_ms` or before.
     pub async fn done_by(&self, deadline_ms: u64) {
+        self.until(|| !self.any_by(deadline_ms)).await;
+    }
+
+    /// Waits until no request is in progress that arrived at `deadline_ms` or before and may need the turn of `node`.
+    pub async fn done_by_node(&self, deadline_ms: u64, node: NodeId) {
+        let any = || {
+            let pending = self.pending();
+            let mut by = pending.requests.range(..=(deadline_ms, u64::MAX));
+            by.any(|(_, needs)| needs.is_none_or(|needs| needs == node))
+        };
+        self.until(|| !any()).await;
+    }
+
+    async fn until(&self, is_so: impl Fn() -> bool) {
         loop {
             // Enabled before the check, so that no notification is missed between the two.
             let mut done = std::pin::pin!(self.done.notified());
             done.as_mut().enable();
-            if !self.any_by(deadline_ms) {
+            if is_so() {
                 return;
             }
             done.await;
@@ -103,6 +119,13 @@ impl Arrival {
     /// When the request arrived, in Unix milliseconds.
     pub fn at_ms(&self) -> u64 {
         self.at_ms
+    }
+
+    /// The request needs the turn of `node`, and of nobody else.
+    pub fn needs_turn_of(&self, node: NodeId) {
+        let key = (self.at_ms, self.number);
+        self.all.pending().requests.insert(key, Some(node));
+        self.all.done.notify_waiters();
     }
 }
 
