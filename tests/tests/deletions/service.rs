@@ -62,6 +62,16 @@ pub const REMOVALS: &[Removal] = &[
         )],
         "an_upload_whose_round_ends_is_told_so",
     ),
+    Removal {
+        package: "zk0-tests",
+        target: "averages",
+        ..in_time(
+            "a round waits while its result cannot be kept",
+            "aggregator/src/round/closing.rs",
+            &[("failed @ (BlobError::Store(_) | BlobError::Io { .. })", "failed @ BlobError::Store(_)")],
+            "a_round_waits_while_its_result_cannot_be_kept",
+        )
+    },
     transfer(
         "what cannot be removed does not stop the rounds",
         "aggregator/src/serve/stepping.rs",
