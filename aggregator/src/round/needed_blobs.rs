@@ -1,6 +1,7 @@
 //! Which blobs the rounds read. If the blobs are in a store, these have to be in the ledger's folder.
 
 use crate::round::aggregator::Aggregator;
+use crate::round::public_samples::UncheckedSamples;
 use std::collections::BTreeSet;
 use zk0_circuits::Digest;
 use zk0_verifier::combine::bases;
@@ -33,5 +34,18 @@ impl Aggregator {
         let updates = commits.map(|commit| commit.update.blob);
         let base = round.map(|round| round.opened.base.blob);
         self.next_needs().chain(updates).chain(base).collect()
+    }
+
+    /// The public samples of the next round, unless they were just checked. A vote can replace samples that cannot be used, but only between rounds.
+    /// Each round has them checked anew, because the file may have been lost or damaged since.
+    pub(super) fn unchecked_samples(&mut self) -> Option<UncheckedSamples> {
+        let checked = self.checked_samples.take();
+        let samples = UncheckedSamples::of(self.state(), self.ledger.blobs());
+        samples.filter(|samples| checked != Some(samples.rule()))
+    }
+
+    /// These samples hold what the next round needs.
+    pub fn samples_checked(&mut self, samples: &UncheckedSamples) {
+        self.checked_samples = Some(samples.rule());
     }
 }

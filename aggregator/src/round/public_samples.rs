@@ -1,11 +1,11 @@
 //! Whether the public samples that the rules name are at hand, and can be used.
 
-use crate::round::aggregator::Aggregator;
 use zk0_ledger::blobs::Blobs;
 use zk0_protocol::entries::genesis::Genesis;
 use zk0_protocol::rules::closing::public_samples::PublicSamples;
 use zk0_protocol::rules::named_blobs::BlobKind;
 use zk0_protocol::rules::network_rules::Rules;
+use zk0_protocol::rules::state::State;
 use zk0_verifier::public_samples::PublicSampleFile;
 use zk0_verifier::Evaluation;
 
@@ -34,31 +34,25 @@ pub struct UncheckedSamples {
 }
 
 impl UncheckedSamples {
+    /// The public samples of the round that comes after `state`, if the rules name some.
+    pub(super) fn of(state: &State, blobs: &Blobs) -> Option<Self> {
+        Some(Self {
+            rule: state.rules().public_samples?,
+            round: state.next_round(),
+            genesis: state.genesis().clone(),
+            rules: state.rules().clone(),
+            blobs: blobs.clone(),
+        })
+    }
+
+    /// What the rules say of them.
+    pub(super) fn rule(&self) -> PublicSamples {
+        self.rule
+    }
+
     /// Reads and checks them. Returns why the round cannot open. The file may have a gigabyte, so nobody should wait for this.
     pub fn check(&self) -> Result<(), String> {
         let checked = check_public_samples(&self.genesis, &self.rules, &self.blobs);
         checked.map_err(|why| format!("round {} cannot open: {why}", self.round))
-    }
-}
-
-impl Aggregator {
-    /// The public samples of the next round, unless they were just checked. A vote can replace samples that cannot be used, but only between rounds. Each
-    /// round has them checked anew, because the file may have been lost or damaged since.
-    pub(super) fn unchecked_samples(&mut self) -> Option<UncheckedSamples> {
-        let checked = self.checked_samples.take();
-        let state = self.ledger.state();
-        let rule = state.rules().public_samples?;
-        (checked != Some(rule)).then(|| UncheckedSamples {
-            rule,
-            round: state.next_round(),
-            genesis: state.genesis().clone(),
-            rules: state.rules().clone(),
-            blobs: self.ledger.blobs().clone(),
-        })
-    }
-
-    /// These samples hold what the next round needs.
-    pub fn samples_checked(&mut self, samples: &UncheckedSamples) {
-        self.checked_samples = Some(samples.rule);
     }
 }
