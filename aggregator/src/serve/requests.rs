@@ -1,5 +1,6 @@
 //! The requests of `proto/federation.proto`, answered by the rounds behind a [`Service`].
 
+use crate::connections::caller::Awaited;
 use crate::file_parts::file_parts;
 use crate::round::recording::arrivals::Arrival;
 use crate::round::recording::group::ToRecord;
@@ -181,6 +182,7 @@ impl Federation for Service {
         &self,
         request: Request<DownloadRequest>,
     ) -> Result<Response<Self::DownloadStream>, Status> {
+        let awaited: Awaited = of_connection(&request)?;
         let DownloadRequest { blob, begins } = request.into_inner();
         let blob = digest(&blob)?;
         let blobs = self.with(move |aggregator| aggregator.blob(&blob)).await?;
@@ -188,7 +190,7 @@ impl Federation for Service {
         let failed = move |error: std::io::Error| {
             Status::from(RequestError::Internal(format!("{name}: {error}")))
         };
-        let mut file = tokio::fs::File::from_std(self.file(blobs, blob).await?);
+        let mut file = tokio::fs::File::from_std(self.file(blobs, blob, awaited).await?);
         let size = file.metadata().await.map_err(&failed)?.len();
         if begins > size {
             return Err(malformed(&format!(
@@ -338,6 +340,14 @@ impl Service {
         self.published(receipt.index + 1).await?;
         Ok(sent_by(sender, receipt.into()))
     }
+}
+
+/// What a request has of its connection.
+fn of_connection<T: Clone + Send + Sync + 'static>(
+    request: &Request<DownloadRequest>,
+) -> Result<T, Status> {
+    let found = request.extensions().get::<T>().cloned();
+    found.ok_or_else(|| Status::internal("a request has no connection"))
 }
 
 fn node_id(bytes: &[u8]) -> Option<NodeId> {
