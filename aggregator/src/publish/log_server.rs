@@ -1,7 +1,7 @@
 //! Serves a ledger's folder as a tiled log (C2SP tlog-tiles), read-only. It can run beside the aggregator that writes the ledger,
 //! or without one.
 
-use crate::file_parts::file_parts;
+use crate::file_parts::{file_parts, Pace};
 use crate::line::Line;
 use crate::publish::http::{answer, text, Limits, Router, IMMUTABLE, NO_CACHE, TEXT};
 use axum::body::Body;
@@ -13,7 +13,6 @@ use axum::routing::get;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::Duration;
 use tokio::fs::File;
 use tokio::task::spawn_blocking;
 use zk0_ledger::blobs::Blobs;
@@ -70,7 +69,13 @@ impl LogServer {
     pub fn router(self, limits: Limits) -> Router {
         Router::new()
             .fallback(get(read).fallback(|| async { text(405, "a log can only be read\n") }))
-            .with_state((Arc::new(self), limits.silence))
+            .with_state((
+                Arc::new(self),
+                Pace {
+                    silence: limits.silence,
+                    all: limits.lifetime,
+                },
+            ))
     }
 
     /// What is published now.
@@ -125,10 +130,7 @@ impl LogServer {
     }
 }
 
-async fn read(
-    State((server, silence)): State<(Arc<LogServer>, Duration)>,
-    address: Uri,
-) -> Response {
+async fn read(State((server, pace)): State<(Arc<LogServer>, Pace)>, address: Uri) -> Response {
     let path = address.path();
     let Some(resource) = Resource::parse(path.strip_prefix('/').unwrap_or(path)) else {
         return text(404, "a log has no such file\n");
@@ -174,7 +176,8 @@ async fn read(
         Ok(Some(Content::Bytes(bytes))) => answer(200, kind, cache, bytes),
         Ok(Some(Content::File(file))) => match file.metadata() {
             Ok(about) => {
-                let parts = Body::from_stream(file_parts(File::from_std(file), silence));
+                // Each connection has one request at a time, so the connections bound the files that are being sent.
+                let parts = Body::from_stream(file_parts(File::from_std(file), pace, ()));
                 let mut response = answer(200, kind, cache, parts);
                 let length = about.len().into();
                 response.headers_mut().insert(CONTENT_LENGTH, length);
