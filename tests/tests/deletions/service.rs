@@ -222,6 +222,29 @@ pub const REMOVALS: &[Removal] = &[
             "a_download_ends_in_time_and_goes_on_where_it_was_cut",
         )
     },
+    Removal {
+        package: "zk0-tests",
+        target: "among_strangers",
+        ..head(
+            "a node shows who it is before its first large message",
+            "node/src/client.rs",
+            &[("        self.introduce().await;\n", "")],
+            "the_first_large_message_of_a_node_does_not_wait_for_those_of_strangers",
+        )
+    },
+    Removal {
+        package: "zk0-tests",
+        target: "among_strangers",
+        ..head(
+            "a node shows who it is before its first download",
+            "node/src/client/transfers.rs",
+            &[(
+                "        self.introduce().await;\n        let request = rpc::DownloadRequest {\n",
+                "        let request = rpc::DownloadRequest {\n",
+            )],
+            "the_first_download_of_a_node_does_not_wait_for_those_of_strangers",
+        )
+    },
     head(
         "a round waits until enough nodes are present",
         "aggregator/src/round/aggregator.rs",
