@@ -8,7 +8,7 @@ mod sockets;
 use harness::{Network, LONG_BYTES, START_MS};
 use sockets::{begin_large_message, from};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
-use tokio::time::sleep;
+use tokio::time::{sleep, timeout};
 use tonic::Code;
 use zk0_aggregator::{Config, ConnectionLimits, Limits};
 use zk0_node::client::Node;
@@ -75,20 +75,15 @@ async fn the_first_download_of_a_node_does_not_wait_for_those_of_strangers() -> 
     let request = network.long_download();
     let _held = stranger.download(request.clone()).await?;
     assert!(stranger.download(request).await.is_err());
-    let begun = Instant::now();
     let mut bytes = Vec::new();
     let policy = network.genesis.policy;
-    let downloaded = node.download_to(&policy, LONG_BYTES, &mut bytes).await;
+    let downloading = node.download_to(&policy, LONG_BYTES, &mut bytes);
+    let downloaded = timeout(Duration::from_secs(5), downloading).await?;
     // The file was made longer, so it has another digest.
     assert!(
         matches!(downloaded, Err(NodeError::OtherBlob { .. })),
         "{downloaded:?}"
     );
     assert_eq!(bytes.len() as u64, LONG_BYTES);
-    assert!(
-        begun.elapsed() < Duration::from_secs(2),
-        "{:?}",
-        begun.elapsed()
-    );
     Ok(())
 }
