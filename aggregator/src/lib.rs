@@ -9,12 +9,13 @@
 //!   ([`publish::witness_server`]), the client that asks witnesses for cosignatures ([`publish::cosigning`]), and the
 //!   one that asks servers for beacons ([`publish::beacon`]).
 //! - [`connections`]: a bounded number of connections for both servers, and who gets them; [`tls`]: the certificate that they show;
-//!   [`observe`]: metrics and status; `file_parts`: files sent in parts.
+//!   [`observe`]: metrics and status; `file_parts`: files sent in parts; `line`: a bounded line of those who wait.
 //!
 //! The decision on a submission and the end of a round are pure functions of [`zk0_verifier`].
 
 pub mod connections;
 mod file_parts;
+mod line;
 pub mod observe;
 pub mod publish;
 pub mod round;

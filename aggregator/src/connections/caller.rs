@@ -2,7 +2,7 @@
 
 use crate::connections::places::{Places, Seat};
 use std::sync::Arc;
-use tokio::sync::Semaphore;
+use tokio::sync::{watch, Semaphore};
 use zk0_circuits::NodeId;
 
 /// A handle on a connection. Each request has it among its extensions. It outlives the connection.
@@ -20,6 +20,23 @@ pub(crate) struct Caller {
 /// is a member: the connection is the sender's from then on.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Author(pub NodeId);
+
+/// Whether anybody waits for the answer to a request. Each request has it among its extensions, because it goes on when its caller has left.
+#[derive(Clone)]
+pub(crate) struct Awaited(watch::Receiver<()>);
+
+impl Awaited {
+    /// Somebody waits until the first of both is dropped.
+    pub(super) fn begin() -> (watch::Sender<()>, Self) {
+        let (waits, awaited) = watch::channel(());
+        (waits, Self(awaited))
+    }
+
+    /// Ready when nobody waits any more.
+    pub async fn no_more(mut self) {
+        while self.0.changed().await.is_ok() {}
+    }
+}
 
 /// A request in progress, until it is dropped.
 pub(crate) struct InProgress(Caller);

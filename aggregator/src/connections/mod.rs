@@ -8,7 +8,8 @@
 //!   [`windows`]: how many of them may come before the service takes them.
 //! - [`requests`]: a bounded number of requests, whose messages arrive in time and fit into the [`message_memory`];
 //!   [`message_body`]: the messages of one request; [`answer_body`]: the answer, until it is sent.
-//! - [`open_files`]: as many connections as the process may have open files for.
+//! - [`transfers`]: how many files are sent and received at once; [`open_files`]: as many connections and transfers as the process may have
+//!   open files for.
 
 pub(crate) mod answer_body;
 pub(crate) mod caller;
@@ -20,4 +21,5 @@ pub(crate) mod places;
 pub(crate) mod requests;
 pub(crate) mod serving;
 mod stream;
+pub(crate) mod transfers;
 pub(crate) mod windows;

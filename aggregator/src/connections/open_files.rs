@@ -1,14 +1,20 @@
-//! As many connections as the process may have open files for. Each connection is one, and the ledger needs files, too.
+//! As many connections as the process may have open files for. Each connection is one, each file that is sent or received on them is another
+//! one ([`super::transfers`] bounds these), and the ledger needs files, too.
 
 use crate::connections::limits::ConnectionLimits;
 
-/// Files that the process opens besides its connections: those of the database, of the log, and blobs that are being sent.
+/// Files that the process opens besides its connections and what is sent on them: those of the database, and blobs that are being read.
 const OTHER_FILES: u64 = 1024;
+
+/// A connection, and one file that is sent or received on it.
+const PER_CONNECTION: u64 = 2;
 
 /// Asks the system for enough open files for these connections, and for `log` more of the log's server. If the system allows fewer,
 /// there are fewer connections, and the log says so.
 pub fn fit(limits: &mut ConnectionLimits, log: usize) {
-    let wanted = (limits.most as u64).saturating_add(log as u64) + OTHER_FILES;
+    let others = log as u64 * PER_CONNECTION + OTHER_FILES;
+    let wanted = (limits.most as u64).saturating_mul(PER_CONNECTION);
+    let wanted = wanted.saturating_add(others);
     let allowed = match rlimit::increase_nofile_limit(wanted) {
         Ok(allowed) => allowed,
         Err(error) => {
@@ -17,8 +23,8 @@ pub fn fit(limits: &mut ConnectionLimits, log: usize) {
         }
     };
     if allowed < wanted {
-        // A quarter of the files at least is for connections.
-        let room = allowed.saturating_sub(OTHER_FILES + log as u64);
+        // A quarter of the files at least is for connections, and another one for what is sent on them.
+        let room = allowed.saturating_sub(others) / PER_CONNECTION;
         let room = usize::try_from(room.max(allowed / 4).max(1)).unwrap_or(usize::MAX);
         let most = limits.most.min(room);
         tracing::warn!(

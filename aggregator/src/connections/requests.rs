@@ -2,10 +2,11 @@
 //! into memory. An answer that names its author makes the connection the author's.
 //!
 //! Once a request has begun, it goes on although its caller is gone. Otherwise a caller could begin a request, leave, and begin the next,
-//! while the work of all of them waits for its turn and keeps their messages in memory.
+//! while the work of all of them waits for its turn and keeps their messages in memory. [`Awaited`] tells a request that its caller is gone: one
+//! that changes nothing and only waits gives up.
 
 use crate::connections::answer_body::keeping;
-use crate::connections::caller::{Author, Caller, InProgress};
+use crate::connections::caller::{Author, Awaited, Caller, InProgress};
 use crate::connections::limits::ConnectionLimits;
 use crate::connections::message_body::{Memory, MessageBody};
 use crate::connections::message_memory::MessageMemory;
@@ -44,7 +45,7 @@ impl Requests {
     }
 
     /// Answers a request by `next`.
-    pub async fn answer(self, request: Request, next: Next) -> Response {
+    pub async fn answer(self, mut request: Request, next: Next) -> Response {
         let Some(caller) = request.extensions().get::<Caller>().cloned() else {
             return Status::internal("a request has no connection").into_http();
         };
@@ -60,6 +61,8 @@ impl Requests {
             _progress: caller.begin(),
             _permits: [own, shared],
         };
+        let (_waits, awaited) = Awaited::begin();
+        request.extensions_mut().insert(awaited);
         let work = async move {
             let held = Memory::default();
             let request = request.map(|body| {

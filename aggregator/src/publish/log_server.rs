@@ -1,7 +1,8 @@
 //! Serves a ledger's folder as a tiled log (C2SP tlog-tiles), read-only. It can run beside the aggregator that writes the ledger,
 //! or without one.
 
-use crate::file_parts::file_parts;
+use crate::file_parts::{file_parts, Pace};
+use crate::line::Line;
 use crate::publish::http::{answer, text, Limits, Router, IMMUTABLE, NO_CACHE, TEXT};
 use axum::body::Body;
 use axum::extract::State;
@@ -12,9 +13,7 @@ use axum::routing::get;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::Duration;
 use tokio::fs::File;
-use tokio::sync::Semaphore;
 use tokio::task::spawn_blocking;
 use zk0_ledger::blobs::Blobs;
 use zk0_ledger::published::publication::{Content, Publication, PublicationError};
@@ -23,15 +22,18 @@ use zk0_protocol::tlog::layout::Resource;
 /// The content type of tiles and blobs.
 const BINARY: &str = "application/octet-stream";
 
-/// How many requests may read blobs from the store at once. The others wait, and hold no thread.
+/// How many requests may read blobs from the store at once.
 const READING: usize = 8;
+
+/// How many more may wait for that. They hold no thread.
+const WAITING: usize = 64;
 
 /// Serves one folder.
 pub struct LogServer {
     dir: PathBuf,
     blobs: Blobs,
     /// Places for requests that wait for the store of the blobs.
-    reading: Semaphore,
+    reading: Line,
     /// How many bytes of blobs the folder may hold; `None` for no limit.
     cache_bytes: Option<u64>,
     held: Mutex<Option<Arc<Publication>>>,
@@ -43,7 +45,7 @@ impl LogServer {
         Self {
             dir: dir.into(),
             blobs: Blobs::at(dir),
-            reading: Semaphore::new(READING),
+            reading: Line::new(READING, WAITING),
             cache_bytes: None,
             held: Mutex::new(None),
         }
@@ -67,7 +69,13 @@ impl LogServer {
     pub fn router(self, limits: Limits) -> Router {
         Router::new()
             .fallback(get(read).fallback(|| async { text(405, "a log can only be read\n") }))
-            .with_state((Arc::new(self), limits.silence))
+            .with_state((
+                Arc::new(self),
+                Pace {
+                    silence: limits.silence,
+                    all: limits.lifetime,
+                },
+            ))
     }
 
     /// What is published now.
@@ -122,10 +130,7 @@ impl LogServer {
     }
 }
 
-async fn read(
-    State((server, silence)): State<(Arc<LogServer>, Duration)>,
-    address: Uri,
-) -> Response {
+async fn read(State((server, pace)): State<(Arc<LogServer>, Pace)>, address: Uri) -> Response {
     let path = address.path();
     let Some(resource) = Resource::parse(path.strip_prefix('/').unwrap_or(path)) else {
         return text(404, "a log has no such file\n");
@@ -141,26 +146,29 @@ async fn read(
         text(500, "the log cannot be read; its operator's log says why\n")
     };
     let place = match &resource {
-        Resource::Blob(blob) if !server.blobs.is_here(blob) => match server.reading.acquire().await
-        {
-            Ok(place) => Some(place),
-            Err(error) => return failed(&error),
-        },
+        Resource::Blob(blob) if !server.blobs.is_here(blob) => {
+            match server.reading.place().await {
+                Some(place) => Some(place),
+                None => return text(
+                    503,
+                    "too many wait for files that are only in the blob store: ask again later\n",
+                ),
+            }
+        }
         _ => None,
     };
     let reader = server.clone();
-    let fetches = place.is_some();
     let content = spawn_blocking(move || {
         let content = reader.content(&resource);
-        if fetches {
+        if place.is_some() {
             // The blob that is answered is open by now.
             reader.shrink();
         }
+        // The place is taken until the thread is free, although the reader may have left.
+        drop(place);
         content
     });
-    let content = content.await;
-    drop(place);
-    let content = match content {
+    let content = match content.await {
         Ok(content) => content,
         Err(error) => return failed(&error),
     };
@@ -168,7 +176,8 @@ async fn read(
         Ok(Some(Content::Bytes(bytes))) => answer(200, kind, cache, bytes),
         Ok(Some(Content::File(file))) => match file.metadata() {
             Ok(about) => {
-                let parts = Body::from_stream(file_parts(File::from_std(file), silence));
+                // Each connection has one request at a time, so the connections bound the files that are being sent.
+                let parts = Body::from_stream(file_parts(File::from_std(file), pace, ()));
                 let mut response = answer(200, kind, cache, parts);
                 let length = about.len().into();
                 response.headers_mut().insert(CONTENT_LENGTH, length);

@@ -51,6 +51,9 @@ pub enum RequestError {
     /// The node asks for too much at once.
     #[error("{0}")]
     Busy(String),
+    /// Many ask for the same at once. There is room for this request later.
+    #[error("{0}")]
+    Crowded(String),
     /// The data of an upload does not begin where it has to.
     #[error("{0}")]
     OtherPlace(String),
@@ -177,9 +180,11 @@ impl RequestError {
             Self::Busy(_) => Code::ResourceExhausted,
             Self::OtherPlace(_) => Code::Aborted,
             Self::TimedOut(_) => Code::DeadlineExceeded,
-            Self::NotPublished(_) | Self::NoRoom(_) | Self::BlobStore(_) | Self::Clock(_) => {
-                Code::Unavailable
-            }
+            Self::Crowded(_)
+            | Self::NotPublished(_)
+            | Self::NoRoom(_)
+            | Self::BlobStore(_)
+            | Self::Clock(_) => Code::Unavailable,
             Self::Internal(_) => Code::Internal,
             Self::Refused(refusal) => match refusal {
                 Refusal::TooLarge { .. } => Code::ResourceExhausted,

@@ -15,6 +15,8 @@ pub struct Limits {
     pub silence: Duration,
     /// How long an upload may take in all.
     pub upload: Duration,
+    /// How long a download may take in all.
+    pub download: Duration,
     /// How long one message may take.
     pub message: Duration,
     /// Bytes of large messages that are received or answered at once. One half is for nodes, the other for strangers.
@@ -29,6 +31,8 @@ impl Default for Limits {
             connections: ConnectionLimits::default(),
             silence: Duration::from_secs(30),
             upload: Duration::from_secs(600),
+            // Nodes go on where they were cut. So even 2 GB at 1 Mbit/s arrive, in five requests.
+            download: Duration::from_secs(3600),
             message: Duration::from_secs(60),
             message_memory: 512 << 20,
             skew: Duration::from_secs(120),

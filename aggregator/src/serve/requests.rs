@@ -1,6 +1,7 @@
 //! The requests of `proto/federation.proto`, answered by the rounds behind a [`Service`].
 
-use crate::file_parts::file_parts;
+use crate::connections::caller::{Awaited, Caller};
+use crate::file_parts::{file_parts, Pace};
 use crate::round::recording::arrivals::Arrival;
 use crate::round::recording::group::ToRecord;
 use crate::round::recording::statements::{
@@ -10,7 +11,7 @@ use crate::round::request::RequestError;
 use crate::serve::senders::heads::{sent_by, taken, Message};
 use crate::serve::senders::sender::read_hashed;
 use crate::serve::service::Service;
-use std::io::SeekFrom;
+use std::io::{ErrorKind, SeekFrom};
 use std::pin::Pin;
 use std::sync::Arc;
 use tokio::io::AsyncSeekExt;
@@ -181,14 +182,18 @@ impl Federation for Service {
         &self,
         request: Request<DownloadRequest>,
     ) -> Result<Response<Self::DownloadStream>, Status> {
+        let caller: Caller = of_connection(&request)?;
+        let awaited: Awaited = of_connection(&request)?;
         let DownloadRequest { blob, begins } = request.into_inner();
         let blob = digest(&blob)?;
         let blobs = self.with(move |aggregator| aggregator.blob(&blob)).await?;
         let name = blobs.path(&blob).display().to_string();
-        let failed = move |error: std::io::Error| {
-            Status::from(RequestError::Internal(format!("{name}: {error}")))
+        let failed = move |error: std::io::Error| match error.kind() {
+            ErrorKind::TimedOut => Status::from(RequestError::TimedOut(error.to_string())),
+            _ => RequestError::Internal(format!("{name}: {error}")).into(),
         };
-        let mut file = tokio::fs::File::from_std(self.file(blobs, blob).await?);
+        let mut file = tokio::fs::File::from_std(self.file(blobs, blob, awaited).await?);
+        let place = self.transfer(!caller.is_stranger())?;
         let size = file.metadata().await.map_err(&failed)?.len();
         if begins > size {
             return Err(malformed(&format!(
@@ -196,7 +201,11 @@ impl Federation for Service {
             )));
         }
         file.seek(SeekFrom::Start(begins)).await.map_err(&failed)?;
-        let parts = file_parts(file, self.limits.silence)
+        let pace = Pace {
+            silence: self.limits.silence,
+            all: self.limits.download,
+        };
+        let parts = file_parts(file, pace, place)
             .map(move |part| part.map(|data| Chunk { data }).map_err(&failed));
         Ok(Response::new(Box::pin(parts)))
     }
@@ -338,6 +347,14 @@ impl Service {
         self.published(receipt.index + 1).await?;
         Ok(sent_by(sender, receipt.into()))
     }
+}
+
+/// What a request has of its connection.
+fn of_connection<T: Clone + Send + Sync + 'static>(
+    request: &Request<DownloadRequest>,
+) -> Result<T, Status> {
+    let found = request.extensions().get::<T>().cloned();
+    found.ok_or_else(|| Status::internal("a request has no connection"))
 }
 
 fn node_id(bytes: &[u8]) -> Option<NodeId> {

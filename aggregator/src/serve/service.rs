@@ -6,15 +6,17 @@
 //! | one upload | what its signed request says, at most the rules' largest update; streamed to disk, never in memory; also from the blob store |
 //! | uploads | one at a time and [`crate::round::recording::staging::MAX_UPLOADS`] per node and round, with those that were cut |
 //! | how long a peer may be silent in the middle of a stream | [`Limits::silence`] |
-//! | how long an upload may take in all | [`Limits::upload`] |
+//! | how long an upload and a download may take in all | [`Limits::upload`], [`Limits::download`] |
 //! | how long a message may take | [`Limits::message`] |
 //! | connections, and requests at once on each | [`Limits::connections`], [`crate::serve::limits::CONCURRENT`] |
+//! | files that are sent and received at once | as many as connections; strangers have the share that they have of those |
 //! | memory for messages over 32 KiB | [`Limits::message_memory`] |
 //! | heads of requests that are remembered | 1,024 of a sender, 262,144 in all (`senders`) |
 //!
 //! `grpc` puts the limits of connections and messages into force. [`crate::serve::requests`] answers the requests. This file serves them,
 //! opens and closes the rounds in time, and has checkpoints cosigned and published.
 
+use crate::connections::transfers::Transfers;
 use crate::observe::metrics::Metrics;
 use crate::publish::beacon::BeaconServers;
 use crate::publish::cosigning::{Cosigned, Prove, Witnesses};
@@ -88,6 +90,7 @@ pub struct Service {
     /// Where beacons are fetched.
     pub(super) beacons: Arc<BeaconServers>,
     pub(super) uploads: Uploads,
+    pub(super) transfers: Transfers,
     pub(super) heads: Heads,
     certificate: Option<Arc<ServerCertificate>>,
     pub(super) limits: Limits,
@@ -122,6 +125,7 @@ impl Service {
             publishing: None,
             beacons: Arc::new(BeaconServers::public(BEACON_PATIENCE)),
             uploads: Uploads::default(),
+            transfers: Transfers::new(&limits.connections),
             certificate: None,
             metrics: Metrics::default(),
             started: Instant::now(),

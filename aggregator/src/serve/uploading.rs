@@ -1,5 +1,6 @@
 //! Uploads. What has come of one stays when its connection is lost, and the node goes on after it.
 
+use crate::connections::transfers::Transfer;
 use crate::round::recording::staging::Staging;
 use crate::round::request::RequestError;
 use crate::serve::limits::Limits;
@@ -71,6 +72,7 @@ impl Service {
         };
         let now_ms = self.arrivals.now_ms().map_err(RequestError::from)?;
         let sender = self.sender(head, message, now_ms).await?;
+        let _place = self.transfer(true)?;
         let staging = self.staging(upload.clone()).await?;
         let newest = self.uploads.begin(upload.node);
         match stored {
@@ -90,6 +92,13 @@ impl Service {
             },
         }
         Ok(sender)
+    }
+
+    /// A place for a file that is sent or received.
+    pub(super) fn transfer(&self, of_node: bool) -> Result<Transfer, RequestError> {
+        let crowded = "too many files are sent and received at once: ask again later";
+        let place = self.transfers.begin(of_node);
+        place.ok_or_else(|| RequestError::Crowded(crowded.into()))
     }
 
     /// How many bytes of an upload are here, and where the node may put the update instead of sending it.

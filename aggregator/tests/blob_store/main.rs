@@ -5,6 +5,7 @@ mod harness;
 #[path = "../../../bucket/tests/s3/mod.rs"]
 mod s3;
 
+mod crowds;
 mod presigned;
 
 use harness::*;
@@ -36,7 +37,17 @@ async fn started(s3: &S3, node: &Node, seconds: u64) -> Network {
 
 /// The network of `genesis` with these nodes.
 async fn started_as(s3: &S3, nodes: &[&Node], genesis: Genesis, seconds: u64) -> Network {
-    let limits = Limits::default();
+    started_with(s3, nodes, genesis, Limits::default(), seconds).await
+}
+
+/// The same under these limits.
+async fn started_with(
+    s3: &S3,
+    nodes: &[&Node],
+    genesis: Genesis,
+    limits: Limits,
+    seconds: u64,
+) -> Network {
     let mut network = Network::start_as(nodes, CONFIG, limits, genesis, None, None).await;
     network.stop().await;
     let (address, variables) = (s3.address("net"), s3.variables());

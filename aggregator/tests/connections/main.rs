@@ -4,6 +4,7 @@
 mod harness;
 
 mod asked;
+mod downloads;
 mod draining;
 mod encrypted_log;
 mod evicting;

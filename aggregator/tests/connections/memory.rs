@@ -1,48 +1,16 @@
 //! The memory for large messages is bounded, and strangers cannot take what is for nodes.
 
 use crate::relay::Counted;
-use crate::sockets::from;
+use crate::sockets::{begin_large_message, from};
 use crate::{network, registration, Test};
 use std::net::IpAddr;
 use std::time::{Duration, Instant};
-use tokio::io::AsyncWriteExt;
-use tokio::net::TcpStream;
 use tokio::time::sleep;
 use tonic::transport::Endpoint;
 use tonic::Code;
 use zk0_aggregator::{Aggregator, Limits};
 use zk0_protocol::rpc::federation as proto;
 use zk0_protocol::rpc::federation::federation_client::FederationClient;
-
-/// Begins a request on `stream` with a message of 4 MiB, of which nothing more comes. The headers are in HPACK's literal form.
-async fn begin_large_message(stream: &mut TcpStream) {
-    let mut headers = Vec::new();
-    for (name, value) in [
-        (":method", "POST"),
-        (":scheme", "http"),
-        (":path", "/zk0.v1.Federation/Commit"),
-        (":authority", "x"),
-        ("content-type", "application/grpc"),
-        ("te", "trailers"),
-    ] {
-        headers.push(0);
-        for text in [name, value] {
-            headers.push(text.len() as u8);
-            headers.extend_from_slice(text.as_bytes());
-        }
-    }
-    let frame = |kind: u8, flags: u8, payload: &[u8]| {
-        let length = (payload.len() as u32).to_be_bytes();
-        [&length[1..], &[kind, flags, 0, 0, 0, 1], payload].concat()
-    };
-    let prefix = [&[0][..], &(4u32 << 20).to_be_bytes()].concat();
-    let begun = [
-        crate::sockets::PREFACE.to_vec(),
-        frame(1, 4, &headers),
-        frame(0, 0, &prefix),
-    ];
-    stream.write_all(&begun.concat()).await.unwrap();
-}
 
 /// A large message that the aggregator refuses after it has read it.
 fn large() -> proto::CommitRequest {

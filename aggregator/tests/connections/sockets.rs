@@ -1,5 +1,7 @@
 //! Connections without HTTP, from any address of loopback.
 
+#![allow(dead_code)] // Every test uses only a part of it
+
 use std::time::Duration;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::{TcpSocket, TcpStream};
@@ -36,4 +38,34 @@ pub async fn closes(stream: &mut TcpStream, within: Duration) -> bool {
 /// Whether the server has closed the connection, or does so at once.
 pub async fn closed(stream: &mut TcpStream) -> bool {
     closes(stream, Duration::from_millis(200)).await
+}
+
+/// Begins a request on `stream` with a message of 4 MiB, of which nothing more comes. The headers are in HPACK's literal form.
+pub async fn begin_large_message(stream: &mut TcpStream) {
+    let mut headers = Vec::new();
+    for (name, value) in [
+        (":method", "POST"),
+        (":scheme", "http"),
+        (":path", "/zk0.v1.Federation/Commit"),
+        (":authority", "x"),
+        ("content-type", "application/grpc"),
+        ("te", "trailers"),
+    ] {
+        headers.push(0);
+        for text in [name, value] {
+            headers.push(text.len() as u8);
+            headers.extend_from_slice(text.as_bytes());
+        }
+    }
+    let frame = |kind: u8, flags: u8, payload: &[u8]| {
+        let length = (payload.len() as u32).to_be_bytes();
+        [&length[1..], &[kind, flags, 0, 0, 0, 1], payload].concat()
+    };
+    let prefix = [&[0][..], &(4u32 << 20).to_be_bytes()].concat();
+    let begun = [
+        PREFACE.to_vec(),
+        frame(1, 4, &headers),
+        frame(0, 0, &prefix),
+    ];
+    stream.write_all(&begun.concat()).await.unwrap();
 }

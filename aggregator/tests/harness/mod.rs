@@ -50,6 +50,8 @@ pub const SUBMIT_MS: u64 = 120_000;
 pub const EVALUATION_FRAMES: u32 = 10;
 pub const MAX_UPDATE_BYTES: u64 = 200_000;
 pub const MAX_PROOF_BYTES: u64 = 100_000;
+/// Bytes of [`Network::long_download`].
+pub const LONG_BYTES: u64 = 8 << 20;
 /// The whole initial policy: bytes that take several messages.
 pub const POLICY: &[u8] = &{
     let mut bytes = [0; 200_000];

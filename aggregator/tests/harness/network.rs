@@ -1,7 +1,8 @@
 //! An aggregator that serves on loopback, and can be killed and started again.
 
-use super::{files, found, genesis, log_key, ManualClock, Node, COMMIT_MS, START_MS};
+use super::{files, found, genesis, log_key, ManualClock, Node, COMMIT_MS, LONG_BYTES, START_MS};
 use ed25519_dalek::SigningKey;
+use std::fs::File;
 use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::Arc;
@@ -10,7 +11,7 @@ use tempfile::TempDir;
 use tokio::net::TcpListener;
 use tokio::sync::oneshot;
 use tokio::task::JoinHandle;
-use tonic::transport::Channel;
+use tonic::transport::{Channel, Endpoint};
 use tonic::Status;
 use zk0_aggregator::publish::beacon::BeaconServers;
 use zk0_aggregator::publish::cosigning::Witnesses;
@@ -332,6 +333,28 @@ impl Network {
             bytes.extend(chunk.data);
         }
         Ok(bytes)
+    }
+
+    /// The request for a file of 8 MiB: more than what waits between a server and a client that reads little. The policy's file is made
+    /// longer for it. Nobody verifies a file before it is sent.
+    pub fn long_download(&self) -> proto::DownloadRequest {
+        let policy = self.genesis.policy;
+        let path = Blobs::at(self.dir.path()).path(&policy);
+        let file = File::options().write(true).open(path).unwrap();
+        file.set_len(LONG_BYTES).unwrap();
+        proto::DownloadRequest {
+            blob: policy.0.to_vec(),
+            begins: 0,
+        }
+    }
+
+    /// A client that has little in memory of what it does not read.
+    pub async fn slow_reader(&self) -> FederationClient<Channel> {
+        let endpoint = Endpoint::try_from(self.address.clone()).unwrap();
+        let endpoint = endpoint
+            .initial_stream_window_size(1 << 16)
+            .initial_connection_window_size(1 << 18);
+        FederationClient::new(endpoint.connect().await.unwrap())
     }
 
     pub fn uploads(&self) -> usize {

@@ -80,7 +80,10 @@ impl Node {
             let part = self.download_part(blob, limit, &mut hash, &mut held, out);
             match part.await {
                 Ok(()) => break,
-                Err(NodeError::Refused(status)) => attempts.again(*status, held).await?,
+                Err(NodeError::Refused(status)) => {
+                    attempts.again(*status, held).await?;
+                    self.learn_run().await;
+                }
                 Err(error) => return Err(error),
             }
         }
@@ -103,6 +106,7 @@ impl Node {
         held: &mut u64,
         out: &mut (impl Write + Send),
     ) -> Result<(), NodeError> {
+        self.introduce().await;
         let request = rpc::DownloadRequest {
             blob: blob.0.to_vec(),
             begins: *held,
@@ -167,6 +171,7 @@ impl Node {
         held: &mut u64,
         stored: &mut bool,
     ) -> Result<(), NodeError> {
+        self.introduce().await;
         let request = rpc::GetUploadRequest {
             request: signed.to_vec(),
         };

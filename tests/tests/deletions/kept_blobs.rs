@@ -111,6 +111,27 @@ pub const REMOVALS: &[Removal] = &[
         )],
         "only_who_may_begin_an_upload_gets_an_address",
     ),
+    taken(
+        "a download whose caller has left waits no more for the store",
+        "aggregator/src/serve/blob_store/waiting.rs",
+        &[(
+            "() = awaited.no_more() => None,",
+            "() = async { awaited.no_more().await; std::future::pending().await } => None,",
+        )],
+        "downloads_whose_callers_have_left_hold_no_turns",
+    ),
+    taken(
+        "few downloads wait for the store",
+        "aggregator/src/line.rs",
+        &[("                let _waits = self.waiting.try_acquire().ok()?;\n", "")],
+        "few_downloads_wait_for_the_store_and_the_others_are_told_to_come_again",
+    ),
+    taken(
+        "a reader of the log that has left keeps its place until its thread is free",
+        "aggregator/src/publish/log_server.rs",
+        &[("Some(place) => Some(place),", "Some(place) => Some(place).filter(|_| false),")],
+        "readers_of_the_log_who_have_left_hold_no_threads",
+    ),
     put_there(
         "an update leaves no encryption on its way to the bucket",
         &[(

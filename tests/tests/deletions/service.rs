@@ -192,6 +192,59 @@ pub const REMOVALS: &[Removal] = &[
             "a_request_that_somebody_else_has_sent_gives_nobody_a_place",
         )
     },
+    Removal {
+        target: "open_files",
+        ..head(
+            "the files that are sent at once are bounded",
+            "aggregator/src/serve/requests.rs",
+            &[("let place = self.transfer(!caller.is_stranger())?;", "let place = caller;")],
+            "downloads_that_nobody_reads_leave_files_for_the_ledger",
+        )
+    },
+    Removal {
+        target: "connections",
+        ..head(
+            "strangers leave downloads to nodes",
+            "aggregator/src/connections/transfers.rs",
+            &[("false => &self.strangers,", "false => &self.nodes,")],
+            "a_node_downloads_while_strangers_have_all_their_downloads",
+        )
+    },
+    Removal {
+        target: "connections",
+        ..head(
+            "a download ends in time",
+            "aggregator/src/file_parts.rs",
+            &[
+                ("ends.min(Instant::now() + pace.silence)", "Instant::now() + pace.silence"),
+                ("if Instant::now() >= ends {", "if false && Instant::now() >= ends {"),
+            ],
+            "a_download_ends_in_time_and_goes_on_where_it_was_cut",
+        )
+    },
+    Removal {
+        package: "zk0-tests",
+        target: "among_strangers",
+        ..head(
+            "a node shows who it is before its first large message",
+            "node/src/client.rs",
+            &[("        self.introduce().await;\n", "")],
+            "the_first_large_message_of_a_node_does_not_wait_for_those_of_strangers",
+        )
+    },
+    Removal {
+        package: "zk0-tests",
+        target: "among_strangers",
+        ..head(
+            "a node shows who it is before its first download",
+            "node/src/client/transfers.rs",
+            &[(
+                "        self.introduce().await;\n        let request = rpc::DownloadRequest {\n",
+                "        let request = rpc::DownloadRequest {\n",
+            )],
+            "the_first_download_of_a_node_does_not_wait_for_those_of_strangers",
+        )
+    },
     head(
         "a round waits until enough nodes are present",
         "aggregator/src/round/aggregator.rs",

@@ -1,5 +1,6 @@
 //! How many requests may wait for the store of the blobs at once.
 
+use crate::line::Line;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::Semaphore;
@@ -10,11 +11,14 @@ const STORING: usize = 16;
 /// How many downloads may read blobs from the store at once. Strangers may download, so these are places of their own.
 const READING: usize = 8;
 
+/// How many more downloads may wait for such a place.
+const WAITING: usize = 64;
+
 /// Places for work that waits for the store.
 #[derive(Clone)]
 pub(in crate::serve) struct BlobPlaces {
     pub(super) storing: Arc<Semaphore>,
-    pub(super) reading: Arc<Semaphore>,
+    pub(super) reading: Line,
     /// How many bytes of blobs the ledger's folder may hold; `None` for no limit.
     pub(super) cache_bytes: Option<u64>,
     /// For how long nodes get addresses of the store; `None` for no addresses.
@@ -25,7 +29,7 @@ impl Default for BlobPlaces {
     fn default() -> Self {
         Self {
             storing: Arc::new(Semaphore::new(STORING)),
-            reading: Arc::new(Semaphore::new(READING)),
+            reading: Line::new(READING, WAITING),
             cache_bytes: None,
             addresses: None,
         }

@@ -1,10 +1,9 @@
 //! Work that waits for the store of the blobs, in a place that is free.
 
+use crate::connections::caller::Awaited;
 use crate::round::request::RequestError;
 use crate::serve::service::{blocking, Service};
 use std::fs::File;
-use std::sync::Arc;
-use tokio::sync::Semaphore;
 use tracing::{Instrument, Span};
 use zk0_circuits::Digest;
 use zk0_ledger::blobs::Blobs;
@@ -23,9 +22,12 @@ impl Service {
         span: Span,
         work: impl FnOnce() -> Result<T, RequestError> + Send + 'static,
     ) -> Result<T, RequestError> {
-        in_place(&self.blob_places.storing, work)
-            .instrument(span)
-            .await
+        let stored = async {
+            let place = self.blob_places.storing.clone().acquire_owned().await;
+            let place = place.map_err(|error| RequestError::Internal(error.to_string()))?;
+            in_place(place, work).await
+        };
+        stored.instrument(span).await
     }
 
     /// Reads these blobs into the ledger's folder.
@@ -41,26 +43,31 @@ impl Service {
         blocking(fetch).await
     }
 
-    /// The file of a blob that somebody downloads.
+    /// The file of a blob that somebody downloads. Strangers may do so. If the store has to be read, few wait for that, and whoever is gone
+    /// waits no more: otherwise strangers who come and go would hold the turns of all requests.
     pub(in crate::serve) async fn file(
         &self,
         blobs: Blobs,
         blob: Digest,
+        awaited: Awaited,
     ) -> Result<File, RequestError> {
-        let places = &self.blob_places.reading;
-        match blobs.is_here(&blob) {
-            true => blocking(move || Ok(blobs.file(&blob)?)).await,
-            false => in_place(places, move || Ok(blobs.file(&blob)?)).await,
+        if blobs.is_here(&blob) {
+            return blocking(move || Ok(blobs.file(&blob)?)).await;
         }
+        let crowded = "too many wait for files that are only in the blob store: ask again later";
+        let place = tokio::select! {
+            place = self.blob_places.reading.place() => place,
+            () = awaited.no_more() => None,
+        };
+        let place = place.ok_or_else(|| RequestError::Crowded(crowded.into()))?;
+        in_place(place, move || Ok(blobs.file(&blob)?)).await
     }
 }
 
 async fn in_place<T: Send + 'static>(
-    places: &Arc<Semaphore>,
+    place: impl Send + 'static,
     work: impl FnOnce() -> Result<T, RequestError> + Send + 'static,
 ) -> Result<T, RequestError> {
-    let place = places.clone().acquire_owned().await;
-    let place = place.map_err(|error| RequestError::Internal(error.to_string()))?;
     // The place is free again when the work has ended, even if nobody waits for it any more.
     let work = move || {
         let done = work();

@@ -1,0 +1,72 @@
+//! A line in front of work of which little runs at once. It is as long as it may be: who comes when it is full is sent away, and has to
+//! come again. Otherwise those who come faster than the work is done would wait for hours, and hold what they have meanwhile.
+
+use std::sync::Arc;
+use tokio::sync::{OwnedSemaphorePermit, Semaphore};
+
+/// Places for work, and for those who wait for one.
+#[derive(Clone)]
+pub(crate) struct Line {
+    places: Arc<Semaphore>,
+    waiting: Arc<Semaphore>,
+}
+
+/// A place, until it is dropped. Give it to the work itself: whoever asked for the work may leave before its end.
+pub(crate) struct Place {
+    _permit: OwnedSemaphorePermit,
+}
+
+impl Line {
+    /// So many may be at work, and so many may wait for that.
+    pub fn new(places: usize, waiting: usize) -> Self {
+        Self {
+            places: Arc::new(Semaphore::new(places)),
+            waiting: Arc::new(Semaphore::new(waiting)),
+        }
+    }
+
+    /// Waits for a place. `None`, at once, if too many wait already.
+    pub async fn place(&self) -> Option<Place> {
+        let places = || self.places.clone();
+        let permit = match places().try_acquire_owned() {
+            Ok(permit) => permit,
+            Err(_) => {
+                let _waits = self.waiting.try_acquire().ok()?;
+                places().acquire_owned().await.ok()?
+            }
+        };
+        Some(Place { _permit: permit })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::time::Duration;
+    use tokio::time::timeout;
+
+    #[tokio::test]
+    async fn who_comes_when_the_line_is_full_is_sent_away() {
+        let line = Line::new(1, 1);
+        let first = line.place().await.unwrap();
+        let second = tokio::spawn({
+            let line = line.clone();
+            async move { line.place().await.is_some() }
+        });
+        tokio::task::yield_now().await;
+        assert!(line.place().await.is_none());
+        drop(first);
+        assert!(second.await.unwrap());
+        assert!(line.place().await.is_some());
+    }
+
+    #[tokio::test]
+    async fn who_leaves_the_line_makes_room_in_it() {
+        let line = Line::new(1, 1);
+        let _first = line.place().await.unwrap();
+        for _ in 0..3 {
+            let waiting = timeout(Duration::from_millis(10), line.place()).await;
+            assert!(waiting.is_err(), "it did not wait");
+        }
+    }
+}

@@ -1,0 +1,164 @@
+//! Crowds that ask for what is only in the store, and leave or wait. They hold nobody else.
+
+use crate::harness::*;
+use crate::s3::failing_network::Fault;
+use crate::s3::S3;
+use crate::{answers_at_once, emptied, started, started_with};
+use std::future::pending;
+use std::net::SocketAddr;
+use std::time::Duration;
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::net::{TcpListener, TcpStream};
+use tokio::task::JoinSet;
+use tokio::time::{sleep, timeout};
+use tonic::transport::Channel;
+use tonic::{Code, Status};
+use zk0_aggregator::publish::http::{self, Limits as HttpLimits};
+use zk0_aggregator::publish::log_server::LogServer;
+use zk0_aggregator::{ConnectionLimits, Limits};
+use zk0_circuits::Digest;
+use zk0_protocol::rpc::federation as proto;
+use zk0_protocol::rpc::federation::federation_client::FederationClient;
+
+/// For how long a request waits for the store.
+const SECONDS: u64 = 4;
+
+/// Begins four downloads on one connection.
+fn four(
+    client: &FederationClient<Channel>,
+    blob: Digest,
+    downloads: &mut JoinSet<Result<(), Status>>,
+) {
+    for _ in 0..4 {
+        let (mut client, blob) = (client.clone(), blob.0.to_vec());
+        downloads.spawn(async move {
+            let request = proto::DownloadRequest { blob, begins: 0 };
+            client.download(request).await.map(drop)
+        });
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn downloads_whose_callers_have_left_hold_no_turns() {
+    let Some(s3) = S3::start() else { return };
+    let node = Node::new(1);
+    let limits = Limits {
+        // So 16 requests may be in progress, on all connections together.
+        connections: ConnectionLimits {
+            most: 4,
+            ..ConnectionLimits::default()
+        },
+        ..Limits::default()
+    };
+    let network = started_with(&s3, &[&node], genesis(), limits, SECONDS).await;
+    emptied(&network);
+    s3.network.fail_always(Fault::Silent);
+    for _ in 0..10 {
+        let client = network.client().await;
+        let mut downloads = JoinSet::new();
+        four(&client, network.genesis.initial.blob, &mut downloads);
+        sleep(Duration::from_millis(50)).await;
+        downloads.shutdown().await;
+    }
+    answers_at_once(&network).await;
+    s3.network.mend();
+    let base = network.download(network.genesis.initial.blob).await;
+    assert!(base.unwrap() == weights(0));
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn few_downloads_wait_for_the_store_and_the_others_are_told_to_come_again() {
+    let Some(s3) = S3::start() else { return };
+    let network = started(&s3, &Node::new(1), SECONDS).await;
+    emptied(&network);
+    s3.network.fail_always(Fault::Silent);
+    let mut downloads = JoinSet::new();
+    for _ in 0..25 {
+        let client = network.client().await;
+        four(&client, network.genesis.initial.blob, &mut downloads);
+    }
+    sleep(Duration::from_millis(500)).await;
+    let mut sent_away = 0;
+    while let Some(ended) = downloads.try_join_next() {
+        refused(ended.unwrap(), Code::Unavailable, "ask again later");
+        sent_away += 1;
+    }
+    assert_eq!(sent_away, 100 - 8 - 64);
+    // When those who wait have left, there is room again.
+    downloads.shutdown().await;
+    sleep(Duration::from_millis(200)).await;
+    s3.network.mend();
+    let base = network.download(network.genesis.initial.blob).await;
+    assert!(base.unwrap() == weights(0));
+}
+
+/// Asks for a file of the log.
+async fn asking(log: SocketAddr, path: &str) -> TcpStream {
+    let mut stream = TcpStream::connect(log).await.unwrap();
+    let request = format!("GET /{path} HTTP/1.1\r\nhost: x\r\nconnection: close\r\n\r\n");
+    stream.write_all(request.as_bytes()).await.unwrap();
+    stream
+}
+
+/// How the answer begins, if it comes within a second.
+async fn answer(mut stream: TcpStream) -> String {
+    let mut answer = [0; 12];
+    let read = timeout(Duration::from_secs(1), stream.read_exact(&mut answer));
+    read.await.expect("nothing came").unwrap();
+    String::from_utf8_lossy(&answer).into_owned()
+}
+
+/// Here, the machine has few threads for reading the disk.
+#[test]
+fn readers_of_the_log_who_have_left_hold_no_threads() {
+    let Some(s3) = S3::start() else { return };
+    let mut runtime = tokio::runtime::Builder::new_multi_thread();
+    let runtime = runtime
+        .enable_all()
+        .max_blocking_threads(24)
+        .build()
+        .unwrap();
+    runtime.block_on(async {
+        let network = started(&s3, &Node::new(1), SECONDS).await;
+        let blobs = network
+            .service()
+            .with(|aggregator| Ok(aggregator.ledger().blobs().clone()));
+        let server = LogServer::new(network.dir.path()).with_blobs(blobs.await.unwrap());
+        let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+        let log = listener.local_addr().unwrap();
+        let limits = HttpLimits::default();
+        tokio::spawn(http::serve(
+            listener,
+            server.router(limits),
+            limits,
+            pending(),
+        ));
+        assert_eq!(
+            answer(asking(log, "checkpoint").await).await,
+            "HTTP/1.1 200"
+        );
+        emptied(&network);
+        s3.network.fail_always(Fault::Silent);
+        let path = format!("blobs/sha256/{}", network.genesis.initial.blob);
+        for _ in 0..5 {
+            let mut readers = Vec::new();
+            for _ in 0..8 {
+                readers.push(asking(log, &path).await);
+            }
+            sleep(Duration::from_millis(50)).await;
+        }
+        assert_eq!(
+            answer(asking(log, "checkpoint").await).await,
+            "HTTP/1.1 200"
+        );
+        answers_at_once(&network).await;
+        // Those who stay wait, up to a number.
+        let mut readers = Vec::new();
+        for _ in 0..64 {
+            readers.push(asking(log, &path).await);
+        }
+        sleep(Duration::from_millis(200)).await;
+        assert_eq!(answer(asking(log, &path).await).await, "HTTP/1.1 503");
+        s3.network.mend();
+    });
+}

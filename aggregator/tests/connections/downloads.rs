@@ -1,0 +1,100 @@
+//! Downloads that nobody reads, or too slowly. Each holds an open file, and strangers have a bounded share of these.
+
+use crate::relay::Counted;
+use crate::{harness::*, network, registration, with, Test};
+use std::time::{Duration, Instant};
+use tokio::time::sleep;
+use tonic::{Code, Status, Streaming};
+use zk0_aggregator::{ConnectionLimits, Limits};
+use zk0_protocol::rpc::federation as proto;
+
+/// Reads what is left, with a pause after each part. Returns how many bytes came, and how it ended.
+async fn read(mut stream: Streaming<proto::Chunk>, pause: Duration) -> (u64, Result<(), Status>) {
+    let mut bytes = 0;
+    loop {
+        match stream.message().await {
+            Ok(Some(chunk)) => bytes += chunk.data.len() as u64,
+            Ok(None) => return (bytes, Ok(())),
+            Err(status) => return (bytes, Err(status)),
+        }
+        sleep(pause).await;
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_node_downloads_while_strangers_have_all_their_downloads() -> Test {
+    // So strangers have two downloads at once, and nodes fourteen.
+    let (network, [node, _]) = with(ConnectionLimits {
+        most: 16,
+        ..ConnectionLimits::default()
+    })
+    .await;
+    let request = network.long_download();
+    let mut stranger = network.slow_reader().await;
+    let first = stranger.download(request.clone()).await?;
+    let _second = stranger.download(request.clone()).await?;
+    let third = stranger.download(request.clone()).await;
+    refused(third, Code::Unavailable, "ask again later");
+
+    let mut member = Counted::connect(&network.address).await;
+    let registration = registration(&network, &node);
+    member.client.register_dataset(registration).await?;
+    let download = member.client.download(request.clone()).await?.into_inner();
+    let (bytes, ended) = read(download, Duration::ZERO).await;
+    ended?;
+    assert_eq!(bytes, LONG_BYTES);
+
+    // A download whose reader has left makes room.
+    drop(first);
+    let begun = Instant::now();
+    while let Err(status) = stranger.download(request.clone()).await {
+        assert_eq!(status.code(), Code::Unavailable, "{status}");
+        assert!(begun.elapsed() < Duration::from_secs(2), "{status}");
+        sleep(Duration::from_millis(20)).await;
+    }
+    Ok(())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_download_ends_in_time_and_goes_on_where_it_was_cut() -> Test {
+    let (network, _) = network(Limits {
+        download: Duration::from_secs(1),
+        ..Limits::default()
+    })
+    .await;
+    let mut request = network.long_download();
+    let mut reader = network.slow_reader().await;
+    let download = reader.download(request.clone()).await?.into_inner();
+    let (first, ended) = read(download, Duration::from_millis(50)).await;
+    refused(
+        ended,
+        Code::DeadlineExceeded,
+        "taking the file took more than 1000 ms",
+    );
+    assert!(first > 0 && first < LONG_BYTES, "{first} bytes");
+    request.begins = first;
+    let (rest, ended) = read(reader.download(request).await?.into_inner(), Duration::ZERO).await;
+    ended?;
+    assert_eq!(first + rest, LONG_BYTES);
+    Ok(())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_reader_that_pauses_for_too_long_is_told_so() -> Test {
+    let (network, _) = network(Limits {
+        silence: Duration::from_millis(300),
+        ..Limits::default()
+    })
+    .await;
+    let mut reader = network.slow_reader().await;
+    let download = reader.download(network.long_download()).await?.into_inner();
+    sleep(Duration::from_millis(1000)).await;
+    let (bytes, ended) = read(download, Duration::ZERO).await;
+    refused(
+        ended,
+        Code::DeadlineExceeded,
+        "taking its next part took more than 300 ms",
+    );
+    assert!(bytes < LONG_BYTES, "{bytes} bytes");
+    Ok(())
+}
