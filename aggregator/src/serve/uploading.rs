@@ -1,6 +1,7 @@
 //! Uploads. What has come of one stays when its connection is lost, and the node goes on after it.
 
 use crate::round::recording::staging::Staging;
+use crate::round::recording::statements::Begun;
 use crate::round::request::RequestError;
 use crate::serve::limits::Limits;
 use crate::serve::senders::heads::{Head, Message};
@@ -71,7 +72,9 @@ impl Service {
         };
         let now_ms = self.arrivals.now_ms().map_err(RequestError::from)?;
         let sender = self.sender(head, message, now_ms).await?;
-        let staging = self.staging(upload.clone()).await?;
+        let Begun::New(staging) = self.begun(upload.clone()).await? else {
+            return Ok(sender);
+        };
         let newest = self.uploads.begin(upload.node);
         match stored {
             false => {
@@ -96,7 +99,12 @@ impl Service {
     pub(super) async fn held(&self, request: Vec<u8>) -> Result<UploadInfo, RequestError> {
         let (signed, _) = read_hashed::<UploadRequest>("upload request", request).await?;
         let upload = signed.statement;
-        let staging = self.staging(upload.clone()).await?;
+        let Begun::New(staging) = self.begun(upload.clone()).await? else {
+            return Ok(UploadInfo {
+                held: upload.size,
+                address: String::new(),
+            });
+        };
         let request = upload.clone();
         let (held, begins) =
             blocking(move || Ok((staging.held(&request)?, staging.begins(&request)?))).await?;
@@ -110,8 +118,8 @@ impl Service {
         })
     }
 
-    /// Where an upload waits, if the ledger allows it.
-    async fn staging(&self, request: UploadRequest) -> Result<Staging, RequestError> {
+    /// Begins an upload, if the ledger allows it.
+    async fn begun(&self, request: UploadRequest) -> Result<Begun<Staging, ()>, RequestError> {
         self.with(move |aggregator| aggregator.begin_upload(&request))
             .await
     }

@@ -240,35 +240,39 @@ impl Aggregator {
         Ok(Begun::New(body))
     }
 
-    /// Says where an upload waits, if the ledger allows it. The caller reads and writes there, away from the aggregator.
-    pub fn begin_upload(&self, request: &UploadRequest) -> Result<Staging, RequestError> {
-        let state = self.state();
-        let limit = BlobKind::Update.max_bytes(state.rules());
-        let refusal = if request.network != *state.network() {
-            Some(Refusal::WrongNetwork {
-                claimed: request.network,
-                ours: *state.network(),
-            })
-        } else if state.node(&request.node).is_none() {
-            Some(Refusal::NotEnrolled(request.node))
-        } else if state.round().map(|round| round.number()) != Some(request.round) {
-            Some(Refusal::WrongRound {
-                claimed: request.round,
-                open: state.round().map(|round| round.number()),
-            })
-        } else if request.size > limit {
-            Some(Refusal::TooLarge {
-                what: "the upload".into(),
-                size: request.size,
-                limit,
-            })
-        } else {
-            None
-        };
-        if let Some(refusal) = refusal {
-            return Err(refusal.into());
+    /// Begins an upload. Whoever may not commit may not upload. If it is new, this says where it waits. The caller reads and writes there, away
+    /// from the aggregator. If the node has committed to this very update, all of it is here: a node that was started again asks for that.
+    pub fn begin_upload(
+        &self,
+        request: &UploadRequest,
+    ) -> Result<Begun<Staging, ()>, RequestError> {
+        let (state, limit) = (
+            self.state(),
+            BlobKind::Update.max_bytes(self.state().rules()),
+        );
+        let UploadRequest {
+            network,
+            round,
+            node,
+            blob,
+            size,
+        } = request;
+        let open = state.round().filter(|open| open.number() == *round);
+        let committed = open.and_then(|open| open.commits.get(node));
+        let is_here = committed.is_some_and(|commit| commit.update.blob == *blob);
+        if is_here && network == state.network() {
+            return Ok(Begun::Recorded(()));
         }
-        Ok(self.staging.clone())
+        state.check_may_commit(network, *round, node)?;
+        if *size > limit {
+            return Err(Refusal::TooLarge {
+                what: "the upload".into(),
+                size: *size,
+                limit,
+            }
+            .into());
+        }
+        Ok(Begun::New(self.staging.clone()))
     }
 
     /// Begins to record a commitment to an uploaded update.
