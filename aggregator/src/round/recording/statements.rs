@@ -6,6 +6,7 @@
 
 use crate::round::aggregator::Aggregator;
 use crate::round::public_samples::check_public_samples;
+use crate::round::recording::registrations::{MAX_REGISTRATIONS, PERIOD_MS};
 use crate::round::recording::staging::Staging;
 use crate::round::request::RequestError;
 use borsh::BorshDeserialize;
@@ -183,6 +184,9 @@ impl Aggregator {
     }
 
     /// Begins to record a dataset commitment.
+    ///
+    /// # Errors
+    /// The rules do not allow it, or the node has registered too often ([`crate::round::recording::registrations`]).
     pub fn begin_registration(
         &self,
         signed: &Signed<DatasetRegistration>,
@@ -196,10 +200,26 @@ impl Aggregator {
             }
         }
         self.check(arrived_ms, body)?;
+        self.check_registrations(&signed.statement.node, arrived_ms)?;
         Ok(Begun::New(AllowedRegistration {
             signed: signed.clone(),
             blobs: self.ledger.blobs().clone(),
         }))
+    }
+
+    /// Refuses a node that has registered as often as it may.
+    fn check_registrations(&self, node: &NodeId, arrived_ms: u64) -> Result<(), RequestError> {
+        let Some(first) = self.index.registrations.first(node) else {
+            return Ok(());
+        };
+        let again_ms = (self.ledger.entry(first)?.time_ms).saturating_add(PERIOD_MS);
+        match again_ms.saturating_sub(self.ledger.time_ms(arrived_ms)) {
+            0 => Ok(()),
+            left_ms => Err(RequestError::Busy(format!(
+                "node {node} has registered {MAX_REGISTRATIONS} datasets within a day, and no round has closed since: it may register again when a round has closed, or in {} minutes",
+                left_ms.div_ceil(60_000)
+            ))),
+        }
     }
 
     /// Begins to enrol a node.
